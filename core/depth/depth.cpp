@@ -1,0 +1,200 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/depth/depth.h"
+
+#include <Eigen/LU>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "core/types/error.h"
+#include "core/types/parallel.h"
+
+namespace fringeslam {
+
+namespace {
+
+constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+
+struct Triangulated {
+  double depth = 0, sigma = 0;
+};
+
+// The triangulation of the header. Also returns where the point lies in the projector, for the
+// distortion iteration.
+class Triangulator {
+ public:
+  explicit Triangulator(const RigModel& rig) : rig_(rig) {}
+
+  Triangulated operator()(const Eigen::Vector3d& ray, double column, double sigma_px) const {
+    const Pinhole& projector = rig_.projector;
+    const Eigen::Vector3d direction = rig_.projector_from_camera.rotation * ray;
+    const Eigen::Vector3d& t = rig_.projector_from_camera.translation;
+    double x_p = (column - projector.cx) / projector.fx;
+    double depth = solve(direction, t, x_p);
+    if (!projector.distortion.is_zero()) {
+      for (int iteration = 0; iteration < 4; ++iteration) {
+        const Eigen::Vector3d point = direction * depth + t;
+        const double row = projector.project(point).y();
+        x_p = projector.undistort({column, row}).x();
+        depth = solve(direction, t, x_p);
+      }
+    }
+    const double denominator = direction.x() - x_p * direction.z();
+    const double slope =
+        (direction.x() * t.z() - direction.z() * t.x()) / (denominator * denominator * projector.fx);
+    return {depth, std::abs(slope) * sigma_px};
+  }
+
+ private:
+  static double solve(const Eigen::Vector3d& direction, const Eigen::Vector3d& t, double x_p) {
+    return (x_p * t.z() - t.x()) / (direction.x() - x_p * direction.z());
+  }
+  const RigModel& rig_;
+};
+
+// Largest depth step between neighbours that still is one surface: the footprint of a pixel on a
+// surface of the limiting slope, plus what noise can do.
+struct StepLimit {
+  double per_depth = 0;
+  double operator()(double depth, double sigma) const { return per_depth * depth + 6 * sigma; }
+};
+
+// A pixel that sees two surfaces mixes their phases and comes out somewhere between: it has a
+// step to both sides, along rows or along columns.
+cv::Mat1b flying_pixels(const cv::Mat3f& points, const cv::Mat1f& sigma, StepLimit limit) {
+  cv::Mat1b flying(points.size(), uchar{0});
+  const auto joined = [&](int row, int col, int row2, int col2) {
+    if (row2 < 0 || col2 < 0 || row2 >= points.rows || col2 >= points.cols) return false;
+    const float a = points(row, col)[2], b = points(row2, col2)[2];
+    return std::abs(a - b) <= limit(a, sigma(row, col));  // false for NaN
+  };
+  for_each_row(points.rows, [&](int row) {
+    for (int col = 0; col < points.cols; ++col) {
+      if (std::isnan(points(row, col)[2])) continue;
+      const bool along_row = joined(row, col, row, col - 1) || joined(row, col, row, col + 1);
+      const bool along_column = joined(row, col, row - 1, col) || joined(row, col, row + 1, col);
+      flying(row, col) = !(along_row && along_column);
+    }
+  });
+  return flying;
+}
+
+// Normal of the plane that fits the window best. Under perspective a plane n.P = d is linear in inverse
+// depth, 1/z = (n/d).(x, y, 1), so the fit is a 3 x 3 linear system.
+class NormalEstimator {
+ public:
+  NormalEstimator(const cv::Mat3f& points, const PixelRays& rays, const cv::Mat1f& sigma, StepLimit limit, int radius)
+      : points_(points), rays_(rays), sigma_(sigma), limit_(limit), radius_(radius) {}
+
+  cv::Vec3f operator()(int row, int col) const {
+    const float z0 = points_(row, col)[2];
+    const cv::Vec2f ray0 = rays_(row, col);
+    const double step = limit_(z0, sigma_(row, col));
+    double sxx = 0, sxy = 0, syy = 0, sx = 0, sy = 0, sw = 0, sxw = 0, syw = 0;
+    int count = 0;
+    for (int r = std::max(0, row - radius_); r <= std::min(points_.rows - 1, row + radius_); ++r) {
+      for (int c = std::max(0, col - radius_); c <= std::min(points_.cols - 1, col + radius_); ++c) {
+        const float z = points_(r, c)[2];
+        const int distance = std::max({std::abs(r - row), std::abs(c - col), 1});
+        if (!(std::abs(z - z0) <= step * distance)) continue;
+        const double x = rays_(r, c)[0] - ray0[0], y = rays_(r, c)[1] - ray0[1];
+        const double w = 1.0 / z - 1.0 / z0;
+        sxx += x * x, sxy += x * y, syy += y * y, sx += x, sy += y, sw += w, sxw += x * w, syw += y * w;
+        ++count;
+      }
+    }
+    const int window = (2 * radius_ + 1) * (2 * radius_ + 1);
+    if (count * 2 < window) return {kNaN, kNaN, kNaN};
+    Eigen::Matrix3d normal_matrix;
+    normal_matrix << sxx, sxy, sx, sxy, syy, sy, sx, sy, count;
+    const Eigen::Vector3d abc = normal_matrix.inverse() * Eigen::Vector3d(sxw, syw, sw);
+    // Back from coordinates relative to the centre: 1/z = a x + b y + (c + 1/z0 - a x0 - b y0).
+    Eigen::Vector3d n(abc.x(), abc.y(), abc.z() + 1.0 / z0 - abc.x() * ray0[0] - abc.y() * ray0[1]);
+    n.normalize();
+    if (!n.allFinite()) return {kNaN, kNaN, kNaN};
+    if (n.x() * ray0[0] + n.y() * ray0[1] + n.z() > 0) n = -n;
+    return {static_cast<float>(n.x()), static_cast<float>(n.y()), static_cast<float>(n.z())};
+  }
+
+ private:
+  const cv::Mat3f& points_;
+  const PixelRays& rays_;
+  const cv::Mat1f& sigma_;
+  StepLimit limit_;
+  int radius_;
+};
+
+}  // namespace
+
+PixelRays pixel_rays(const Pinhole& camera) {
+  PixelRays rays(camera.height, camera.width);
+  for_each_row(camera.height, [&](int row) {
+    for (int col = 0; col < camera.width; ++col) {
+      const Eigen::Vector2d xy = camera.undistort({col, row});
+      rays(row, col) = {static_cast<float>(xy.x()), static_cast<float>(xy.y())};
+    }
+  });
+  return rays;
+}
+
+cv::Mat1b depth_image(const cv::Mat3f& points_m, double near_m, double far_m) {
+  cv::Mat1b image(points_m.size());
+  for_each_row(points_m.rows, [&](int row) {
+    for (int col = 0; col < points_m.cols; ++col) {
+      const double z = points_m(row, col)[2];
+      const double grey = std::clamp(std::round(255 * (far_m - z) / (far_m - near_m)), 1.0, 255.0);
+      image(row, col) = std::isnan(z) ? uchar{0} : static_cast<uchar>(grey);
+    }
+  });
+  return image;
+}
+
+Frame reconstruct(const DecodedStack& decoded, const RigModel& rig, const PixelRays& rays,
+                  const DepthOptions& options) {
+  check_options(options, "depth");
+  const cv::Size size = decoded.coordinate_px.size();
+  if (size != rays.size() || size.width != rig.camera.width || size.height != rig.camera.height)
+    throw Error("depth: the images are " + std::to_string(size.width) + "x" + std::to_string(size.height) +
+                " but the rig's camera has " + std::to_string(rig.camera.width) + "x" +
+                std::to_string(rig.camera.height));
+  Frame frame;
+  frame.index = decoded.index;
+  frame.timestamp_s = decoded.timestamp_s;
+  frame.points_m = cv::Mat3f(size, cv::Vec3f::all(kNaN));
+  frame.sigma_m = cv::Mat1f(size, kNaN);
+  frame.normals = cv::Mat3f(size, cv::Vec3f::all(kNaN));
+  frame.texture = cv::Mat1b(size);
+
+  const Triangulator triangulate(rig);
+  for_each_row(size.height, [&](int row) {
+    for (int col = 0; col < size.width; ++col) {
+      const double grey = 255 * decoded.mean(row, col) / decoded.full_scale_dn;
+      frame.texture(row, col) = static_cast<uchar>(std::clamp(std::round(grey), 0.0, 255.0));
+      const double column = decoded.coordinate_px(row, col);
+      if (std::isnan(column)) continue;
+      const cv::Vec2f ray = rays(row, col);
+      const Triangulated point = triangulate({ray[0], ray[1], 1}, column, decoded.sigma_px(row, col));
+      if (!(point.depth >= options.near_m && point.depth <= options.far_m && point.sigma <= options.max_sigma_m))
+        continue;
+      const auto z = static_cast<float>(point.depth);
+      frame.points_m(row, col) = {z * ray[0], z * ray[1], z};
+      frame.sigma_m(row, col) = static_cast<float>(point.sigma);
+    }
+  });
+
+  const StepLimit limit{std::tan(options.max_slope_deg * std::numbers::pi / 180) / rig.camera.fx};
+  const cv::Mat1b flying = flying_pixels(frame.points_m, frame.sigma_m, limit);
+  frame.points_m.setTo(cv::Scalar::all(std::numeric_limits<double>::quiet_NaN()), flying);
+  frame.sigma_m.setTo(std::numeric_limits<double>::quiet_NaN(), flying);
+
+  const NormalEstimator normal(frame.points_m, rays, frame.sigma_m, limit, options.normal_radius_px);
+  for_each_row(size.height, [&](int row) {
+    for (int col = 0; col < size.width; ++col) {
+      if (frame.valid(row, col)) frame.normals(row, col) = normal(row, col);
+    }
+  });
+  frame.depth_image = depth_image(frame.points_m, rig.near_m, rig.far_m);
+  return frame;
+}
+
+}  // namespace fringeslam

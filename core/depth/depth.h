@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+// Projector coordinate + calibration -> Frame: points, sigma, normals, texture, 8-bit depth image.
+//
+// Triangulation (METHOD §1): with the undistorted camera ray d = (x, y, 1), X_p = R X_c + t the
+// projector's frame, a = (R d)_x, c = (R d)_z and the normalised undistorted projector column x_p,
+//
+//   z = (x_p t_z - t_x) / (a - x_p c),        P = z d
+//   dz/du = (a t_z - c t_x) / ((a - x_p c)^2 f_p),   sigma_z = |dz/du| sigma_u
+//
+// The projector's distortion needs the projector row as well; it is predicted from P and iterated.
+#pragma once
+
+#include "core/types/decoded_stack.h"
+#include "core/types/frame.h"
+#include "core/types/options.h"
+#include "core/types/rig_model.h"
+
+namespace fringeslam {
+
+struct DepthOptions {
+  double near_m = 0.4, far_m = 2.5;  // depths outside are dropped
+  double max_slope_deg = 82;         // steeper steps between neighbours are discontinuities
+  double max_sigma_m = 0.005;
+  int normal_radius_px = 3;
+
+  template <class Visitor>
+  void describe(Visitor& v) {
+    v.field("near_m", near_m, {0.01, 100}, "least depth that is kept, m");
+    v.field("far_m", far_m, {0.01, 100}, "largest depth that is kept, m");
+    v.field("max_slope_deg", max_slope_deg, {10, 89.9}, "slope beyond which a depth step is a discontinuity, degrees");
+    v.field("max_sigma_m", max_sigma_m, {0, 10}, "largest depth sigma that is kept, m");
+    v.field("normal_radius_px", normal_radius_px, {1, 15}, "half width of the window of the normals, px");
+  }
+};
+
+// Undistorted viewing rays of all pixels: H x W.
+PixelRays pixel_rays(const Pinhole& camera);
+
+// Throws Error when sizes differ or options are out of range.
+Frame reconstruct(const DecodedStack& decoded, const RigModel& rig, const PixelRays& rays, const DepthOptions& options);
+
+// 255 (far - z) / (far - near) rounded, from 1 (far or beyond) to 255 (near or nearer); 0 = no data (METHOD S5).
+cv::Mat1b depth_image(const cv::Mat3f& points_m, double near_m, double far_m);
+
+}  // namespace fringeslam

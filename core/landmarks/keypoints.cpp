@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/landmarks/keypoints.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <opencv2/features2d.hpp>
+#include <optional>
+
+#include "core/types/parallel.h"
+
+namespace fringeslam {
+
+namespace {
+
+// OpenCV's SIFT doubles the image with half-pixel centres but maps keypoints back as if by corners:
+// what it reports lies 1/4 px to the right of and below the truth (tests/core/landmarks_test.cpp).
+constexpr double kSiftShiftPx = 0.25;
+
+struct SurfacePoint {
+  Eigen::Vector3d point;
+  double sigma = 0;  // of z
+};
+
+// The point where the viewing ray of a sub-pixel position meets the surface: bilinear in inverse depth,
+// which is exact on planes; nothing across a discontinuity.
+std::optional<SurfacePoint> surface_point(const Frame& frame, const PixelRays& rays, const Eigen::Vector2d& pixel) {
+  const int col = static_cast<int>(std::floor(pixel.x())), row = static_cast<int>(std::floor(pixel.y()));
+  if (col < 0 || row < 0 || col + 1 >= frame.width() || row + 1 >= frame.height()) return std::nullopt;
+  const double wx = pixel.x() - col, wy = pixel.y() - row;
+  double inverse = 0, variance = 0, low = std::numeric_limits<double>::infinity(), high = 0;
+  Eigen::Vector2d ray = Eigen::Vector2d::Zero();
+  for (int i = 0; i < 4; ++i) {
+    const int r = row + i / 2, c = col + i % 2;
+    if (!frame.valid(r, c)) return std::nullopt;
+    const double weight = (i % 2 ? wx : 1 - wx) * (i / 2 ? wy : 1 - wy);
+    const double z = frame.points_m(r, c)[2], sigma = frame.sigma_m(r, c);
+    inverse += weight / z;
+    variance += weight * weight * sigma * sigma;
+    ray += weight * Eigen::Vector2d(rays(r, c)[0], rays(r, c)[1]);
+    low = std::min(low, z);
+    high = std::max(high, z);
+  }
+  // Four pixels of one surface of less than about 80 degrees of slope.
+  const double footprint = (rays(row, col + 1)[0] - rays(row, col)[0]) * high;
+  if (high - low > 8 * footprint + 6 * std::sqrt(variance)) return std::nullopt;
+  return SurfacePoint{ray.homogeneous() / inverse, std::sqrt(variance)};
+}
+
+// P = z (x, y, 1): localisation moves it along the surface, depth noise along the ray.
+Eigen::Matrix3d point_covariance(const SurfacePoint& surface, const Pinhole& camera, double pixel_sigma) {
+  const double z = surface.point.z();
+  const Eigen::Vector3d ray = surface.point / z;
+  const double lateral = pixel_sigma * z;
+  Eigen::Matrix3d covariance = surface.sigma * surface.sigma * ray * ray.transpose();
+  covariance(0, 0) += lateral * lateral / (camera.fx * camera.fx);
+  covariance(1, 1) += lateral * lateral / (camera.fy * camera.fy);
+  // Where a keypoint wanders over a slanted surface its depth changes too; a keypoint's patch is a few
+  // pixels, so half of its lateral spread stands for that.
+  const double along = 0.5 * lateral / camera.fx;
+  covariance(2, 2) += along * along;
+  return covariance;
+}
+
+}  // namespace
+
+Keypoints detect_keypoints(const Frame& frame, const RigModel& rig, const PixelRays& rays,
+                           const KeypointOptions& options) {
+  check_options(options, "keypoints");
+  const auto sift = cv::SIFT::create(options.max_keypoints, 3, options.contrast_threshold, options.edge_threshold, 1.6);
+  std::vector<cv::KeyPoint> found;
+  sift->detect(frame.texture, found);
+
+  Keypoints result;
+  result.detected = static_cast<int>(found.size());
+  std::vector<cv::KeyPoint> kept;
+  for (const cv::KeyPoint& k : found) {
+    const Eigen::Vector2d pixel(k.pt.x - kSiftShiftPx, k.pt.y - kSiftShiftPx);
+    const auto surface = surface_point(frame, rays, pixel);
+    if (!surface) continue;
+    Keypoint keypoint;
+    keypoint.pixel = pixel;
+    keypoint.scale = k.size / 2;
+    keypoint.angle_rad = k.angle * std::numbers::pi / 180;
+    keypoint.point_m = surface->point;
+    keypoint.covariance_m2 =
+        point_covariance(*surface, rig.camera, options.pixel_sigma * std::max(1.0, keypoint.scale / 1.6));
+    result.keypoints.push_back(keypoint);
+    kept.push_back(k);
+  }
+  if (kept.empty()) {
+    result.descriptors = cv::Mat1f(0, 128);
+    return result;
+  }
+  cv::Mat descriptors;
+  sift->compute(frame.texture, kept, descriptors);
+  result.descriptors = descriptors;
+  // RootSIFT: Euclidean distance of the roots compares the histograms by their overlap.
+  for (int i = 0; i < result.descriptors.rows; ++i) {
+    cv::Mat1f row = result.descriptors.row(i);
+    double sum = 0;
+    for (const float value : row) sum += value;
+    for (float& value : row) value = static_cast<float>(std::sqrt(value / std::max(sum, 1e-12)));
+  }
+  return result;
+}
+
+namespace {
+
+struct Nearest {
+  int index = -1;
+  double distance2 = std::numeric_limits<double>::infinity();
+  double second2 = std::numeric_limits<double>::infinity();
+};
+
+// Unit vectors: |a - b|^2 = 2 - 2 a.b, so the nearest is the one of largest dot product.
+std::vector<Nearest> nearest(const cv::Mat1f& queries, const cv::Mat1f& candidates) {
+  std::vector<Nearest> result(static_cast<size_t>(queries.rows));
+  for_each_row(queries.rows, [&](int q) {
+    const Eigen::Map<const Eigen::VectorXf> query(queries[q], queries.cols);
+    Nearest& best = result[static_cast<size_t>(q)];
+    for (int c = 0; c < candidates.rows; ++c) {
+      const Eigen::Map<const Eigen::VectorXf> candidate(candidates[c], candidates.cols);
+      const double distance2 = std::max(0.0, 2.0 - 2.0 * static_cast<double>(query.dot(candidate)));
+      if (distance2 < best.distance2) {
+        best = {c, distance2, best.distance2};
+      } else if (distance2 < best.second2) {
+        best.second2 = distance2;
+      }
+    }
+  });
+  return result;
+}
+
+}  // namespace
+
+std::vector<Match> match_keypoints(const Keypoints& previous, const Keypoints& current, const MatchOptions& options) {
+  check_options(options, "matching");
+  const std::vector<Nearest> forward = nearest(current.descriptors, previous.descriptors);
+  const std::vector<Nearest> backward = nearest(previous.descriptors, current.descriptors);
+  std::vector<Match> matches;
+  for (size_t i = 0; i < forward.size(); ++i) {
+    const Nearest& best = forward[i];
+    if (best.index < 0 || backward[static_cast<size_t>(best.index)].index != static_cast<int>(i)) continue;
+    const double ratio = std::sqrt(best.distance2 / std::max(best.second2, 1e-12));
+    if (ratio <= options.max_ratio)
+      matches.push_back({best.index, static_cast<int>(i), std::sqrt(best.distance2), ratio});
+  }
+  return matches;
+}
+
+}  // namespace fringeslam

@@ -1,0 +1,157 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/motion/ego_motion.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <random>
+
+#include "core/motion/refine.h"
+
+namespace fringeslam {
+
+namespace {
+
+double mahalanobis2(const PointPair& pair, const Pose& previous_from_current) {
+  const Eigen::Vector3d residual = pair.previous - previous_from_current * pair.current;
+  return residual.dot(pair_covariance(pair, previous_from_current).llt().solve(residual));
+}
+
+struct Support {
+  std::vector<char> is_inlier;
+  int count = 0;
+  double cost = 0;  // truncated sum of squares: breaks ties between equal counts
+};
+
+Support support_of(const Pose& hypothesis, const std::vector<PointPair>& pairs, double inlier_sigma) {
+  Support support;
+  support.is_inlier.resize(pairs.size());
+  const double limit = inlier_sigma * inlier_sigma;
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    const double d2 = mahalanobis2(pairs[i], hypothesis);
+    support.is_inlier[i] = d2 <= limit;
+    support.count += support.is_inlier[i];
+    support.cost += std::min(d2, limit);
+  }
+  return support;
+}
+
+// A rigid motion keeps distances: triples that do not are no hypothesis. Rejects most wrong triples
+// for the price of three square roots.
+bool congruent(const std::vector<PointPair>& pairs, const std::array<size_t, 3>& triple, double inlier_sigma) {
+  for (size_t i = 0; i < 3; ++i) {
+    const PointPair& a = pairs[triple[i]];
+    const PointPair& b = pairs[triple[(i + 1) % 3]];
+    const double spread = std::sqrt(a.previous_covariance.trace() + a.current_covariance.trace() +
+                                    b.previous_covariance.trace() + b.current_covariance.trace());
+    const double previous = (a.previous - b.previous).norm();
+    if (std::abs(previous - (a.current - b.current).norm()) > inlier_sigma * spread) return false;
+    if (previous < 4 * spread) return false;  // too close together to fix a rotation
+  }
+  return true;
+}
+
+// std::uniform_int_distribution differs between libraries; this does not.
+size_t draw(std::mt19937_64& random, size_t count) { return static_cast<size_t>(random() % count); }
+
+struct Hypothesis {
+  Pose pose;
+  Support support;
+  bool found = false;
+};
+
+Hypothesis best_hypothesis(const std::vector<PointPair>& pairs, const MotionOptions& options) {
+  std::mt19937_64 random(static_cast<uint64_t>(options.seed));
+  Hypothesis best;
+  int needed = options.max_hypotheses;
+  for (int trial = 0; trial < needed; ++trial) {
+    const std::array<size_t, 3> triple = {draw(random, pairs.size()), draw(random, pairs.size()),
+                                          draw(random, pairs.size())};
+    if (triple[0] == triple[1] || triple[1] == triple[2] || triple[0] == triple[2]) continue;
+    if (!congruent(pairs, triple, options.inlier_sigma)) continue;
+    std::vector<Eigen::Vector3d> previous, current;
+    for (const size_t i : triple) {
+      previous.push_back(pairs[i].previous);
+      current.push_back(pairs[i].current);
+    }
+    const Pose pose = align_points(previous, current);
+    // A hypothesis from three noisy points throws distant points off: judge it with a wider limit.
+    Support support = support_of(pose, pairs, 2 * options.inlier_sigma);
+    if (best.found && (support.count < best.support.count ||
+                       (support.count == best.support.count && support.cost >= best.support.cost)))
+      continue;
+    best = {pose, std::move(support), true};
+    // Enough trials that a triple of supporters was missed with a probability below 1e-6.
+    const double share = static_cast<double>(best.support.count) / static_cast<double>(pairs.size());
+    const double miss = std::log1p(-std::min(0.999999, share * share * share));
+    needed = std::min(options.max_hypotheses, std::max(trial + 1, static_cast<int>(std::ceil(-13.8 / miss))));
+  }
+  return best;
+}
+
+}  // namespace
+
+std::string to_string(MotionStatus status) {
+  switch (status) {
+    case MotionStatus::determined:
+      return "determined";
+    case MotionStatus::too_few_pairs:
+      return "too few pairs";
+    case MotionStatus::no_consensus:
+      return "no consensus";
+    case MotionStatus::degenerate:
+      return "degenerate";
+  }
+  return "unknown";
+}
+
+Eigen::Matrix3d pair_covariance(const PointPair& pair, const Pose& previous_from_current) {
+  const Eigen::Matrix3d& r = previous_from_current.rotation;
+  return pair.previous_covariance + r * pair.current_covariance * r.transpose();
+}
+
+MotionEstimate estimate_motion(const std::vector<PointPair>& pairs, const MotionOptions& options) {
+  check_options(options, "motion");
+  MotionEstimate result;
+  result.pairs = static_cast<int>(pairs.size());
+  result.is_inlier.assign(pairs.size(), 0);
+  if (result.pairs < std::max(3, options.min_inliers)) return result;
+
+  result.status = MotionStatus::no_consensus;
+  const Hypothesis best = best_hypothesis(pairs, options);
+  if (!best.found) return result;
+  Pose pose = best.pose;
+  Support support = best.support;
+  // Supporters and pose settle on one another in a few rounds.
+  for (int round = 0; round < 5; ++round) {
+    if (support.count < 3) return result;
+    const Refinement refined = refine_motion(pairs, support.is_inlier, pose);
+    result.iterations += refined.iterations;
+    pose = refined.previous_from_current;
+    result.covariance = refined.covariance;
+    Support next = support_of(pose, pairs, options.inlier_sigma);
+    const bool settled = next.is_inlier == support.is_inlier;
+    support = std::move(next);
+    if (settled) break;
+  }
+  result.previous_from_current = pose;
+  result.is_inlier = support.is_inlier;
+  result.inliers = support.count;
+  result.rank = static_cast<double>(support.count) / static_cast<double>(pairs.size());
+  if (support.count < options.min_inliers || result.rank <= options.min_rank) return result;
+
+  const auto worst = [&](int corner) {
+    const Eigen::Matrix3d block = result.covariance.block<3, 3>(corner, corner);
+    return std::sqrt(Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(block).eigenvalues().maxCoeff());
+  };
+  const bool determined = result.covariance.allFinite() &&
+                          worst(0) <= options.max_rotation_sigma_deg * std::numbers::pi / 180 &&
+                          worst(3) <= options.max_translation_sigma_m;
+  result.status = determined ? MotionStatus::determined : MotionStatus::degenerate;
+  return result;
+}
+
+}  // namespace fringeslam

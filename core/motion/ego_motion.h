@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+// Ego-motion from matched 3D points (METHOD S20; thesis 4.1.2).
+//
+// Hypotheses from three pairs each are ranked by r = l / m, the share of the m pairs that support them;
+// the best one is accepted when r > b. It is then refined by Levenberg-Marquardt over its supporters,
+//
+//   min sum rho(|| L_i^T (p_i - R q_i - t) ||^2),   L_i L_i^T = (Sigma_p + R Sigma_q R^T)^-1 .
+//
+// "Not determined" is an answer: too few pairs, no consensus, or pairs that leave a direction free.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "core/types/options.h"
+#include "core/types/pose.h"
+
+namespace fringeslam {
+
+// One matched point, in the camera frames of the previous and the current view.
+struct PointPair {
+  Eigen::Vector3d previous, current;                        // m
+  Eigen::Matrix3d previous_covariance, current_covariance;  // m^2
+};
+
+struct MotionOptions {
+  double min_rank = 0.1;         // b
+  int min_inliers = 8;
+  double inlier_sigma = 4;       // Mahalanobis distance of a supporting pair
+  int max_hypotheses = 20000;
+  double max_rotation_sigma_deg = 1;      // beyond these the motion counts as not determined
+  double max_translation_sigma_m = 0.01;
+  int seed = 1;
+
+  template <class Visitor>
+  void describe(Visitor& v) {
+    v.field("min_rank", min_rank, {0, 1}, "least share b of supporting pairs, r = l/m > b");
+    v.field("min_inliers", min_inliers, {3, 10000}, "least number of supporting pairs");
+    v.field("inlier_sigma", inlier_sigma, {0.1, 100}, "Mahalanobis distance within which a pair supports");
+    v.field("max_hypotheses", max_hypotheses, {1, 10000000}, "triples of pairs that are tried");
+    v.field("max_rotation_sigma_deg", max_rotation_sigma_deg, {1e-6, 180}, "largest sigma of a determined rotation");
+    v.field("max_translation_sigma_m", max_translation_sigma_m, {1e-9, 100}, "largest sigma of a determined translation");
+    v.field("seed", seed, {0, 2147483647}, "seed of the choice of triples");
+  }
+};
+
+enum class MotionStatus { determined, too_few_pairs, no_consensus, degenerate };
+std::string to_string(MotionStatus status);
+
+struct MotionEstimate {
+  MotionStatus status = MotionStatus::too_few_pairs;
+  Pose previous_from_current;
+  Matrix6d covariance = Matrix6d::Zero();  // of the tangent (omega, v) of retract()
+  int pairs = 0, inliers = 0;
+  double rank = 0;  // l / m
+  int iterations = 0;
+  std::vector<char> is_inlier;  // for each pair
+};
+
+MotionEstimate estimate_motion(const std::vector<PointPair>& pairs, const MotionOptions& options);
+
+}  // namespace fringeslam

@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+// Levenberg-Marquardt refinement of an ego-motion (Ceres); see ego_motion.h for the objective.
+#pragma once
+
+#include <vector>
+
+#include "core/motion/ego_motion.h"
+
+namespace fringeslam {
+
+struct Refinement {
+  Pose previous_from_current;
+  Matrix6d covariance = Matrix6d::Zero();  // NaN when the pairs leave a direction free
+  int iterations = 0;
+};
+
+// Covariance of a pair's residual p - R q - t: m^2.
+Eigen::Matrix3d pair_covariance(const PointPair& pair, const Pose& previous_from_current);
+
+Refinement refine_motion(const std::vector<PointPair>& pairs, const std::vector<char>& use, const Pose& initial);
+
+}  // namespace fringeslam

@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/rig/dataset.h"
+
+#include <cstdio>
+
+#include "core/rig/files.h"
+#include "core/rig/rig_file.h"
+#include "core/rig/yaml.h"
+
+namespace fringeslam {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr const char* kFormat = "fringeslam-dataset-1";
+
+fs::path stack_folder(const fs::path& dataset, int index) { return dataset / "stacks" / stack_name(index); }
+
+std::string image_name(size_t number, const std::string& extension) {
+  char name[32];
+  std::snprintf(name, sizeof name, "%02zu", number);
+  return name + extension;
+}
+
+// The image as it was recorded: .png, or .exr for unquantised images.
+fs::path image_file(const fs::path& stack, size_t number) {
+  const fs::path exr = stack / image_name(number, ".exr");
+  std::error_code ignored;
+  return fs::exists(exr, ignored) ? exr : stack / image_name(number, ".png");
+}
+
+}  // namespace
+
+std::string stack_name(int index) {
+  char name[32];
+  std::snprintf(name, sizeof name, "%06d", index);
+  return name;
+}
+
+DatasetInfo read_dataset_info(const fs::path& folder) {
+  const YamlMap map = YamlMap::load(folder / kDatasetFile);
+  if (map.text("format") != kFormat)
+    throw map.error("format", "format is not '" + std::string(kFormat) + "'; this version reads no other");
+  DatasetInfo info;
+  info.name = map.text("name");
+  const std::string seed = map.text("seed");
+  if (seed.size() > 19 || seed.find_first_not_of("0123456789") != std::string::npos)
+    throw map.error("seed", "'seed' must be a whole number from 0 to 9999999999999999999");
+  info.seed = std::stoull(seed);
+  info.stacks = map.integer("stacks", {1, 1e6});
+  info.has_truth = map.boolean_or("truth", false);
+  map.finish();
+  return info;
+}
+
+ReplayRig::ReplayRig(fs::path folder)
+    : folder_(std::move(folder)),
+      info_(read_dataset_info(folder_)),
+      model_(read_rig(folder_ / "rig.yaml")),
+      sequence_(read_patterns(folder_ / "patterns.yaml")) {
+  for (int index = 0; index < info_.stacks; ++index) {
+    for (size_t i = 0; i < sequence_.patterns.size(); ++i) {
+      const fs::path file = image_file(stack_folder(folder_, index), i);
+      if (!fs::exists(file))
+        throw Error(file.string() + ": is missing; " + kDatasetFile + " promises " + std::to_string(info_.stacks) +
+                    " stacks of " + std::to_string(sequence_.patterns.size()) + " images");
+    }
+  }
+}
+
+std::optional<FringeStack> ReplayRig::capture(const PatternSequence& sequence) {
+  if (!(sequence == sequence_))
+    throw Error((folder_ / "patterns.yaml").string() + ": the dataset was recorded with another pattern sequence");
+  if (next_ >= info_.stacks) return std::nullopt;
+  const fs::path folder = stack_folder(folder_, next_);
+  const YamlMap meta = YamlMap::load(folder / "stack.yaml");
+  FringeStack stack;
+  stack.index = next_;
+  stack.timestamp_s = meta.number("timestamp_s", {0, 1e12});
+  stack.exposure_s = meta.numbers("exposure_s", sequence_.patterns.size(), {1e-9, 1e3});
+  meta.finish();
+  for (size_t i = 0; i < sequence_.patterns.size(); ++i) {
+    const fs::path file = image_file(folder, i);
+    cv::Mat image = read_grey(file);
+    if (image.cols != model_.camera.width || image.rows != model_.camera.height)
+      throw Error(file.string() + ": is " + std::to_string(image.cols) + "x" + std::to_string(image.rows) +
+                  " but the camera of rig.yaml has " + std::to_string(model_.camera.width) + "x" +
+                  std::to_string(model_.camera.height));
+    if (!stack.images.empty() && image.type() != stack.images.front().type())
+      throw Error(file.string() + ": has another pixel type than the first image of its stack");
+    stack.images.push_back(std::move(image));
+  }
+  ++next_;
+  return stack;
+}
+
+RecordingRig::RecordingRig(Rig& inner, fs::path folder) : inner_(inner), folder_(std::move(folder)) {
+  write_text(folder_ / "rig.yaml", to_yaml(inner_.model()));
+}
+
+std::optional<FringeStack> RecordingRig::capture(const PatternSequence& sequence) {
+  if (!sequence_) write_text(folder_ / "patterns.yaml", to_yaml(sequence));
+  if (sequence_ && !(*sequence_ == sequence)) throw Error(folder_.string() + ": one dataset holds one pattern sequence");
+  sequence_ = sequence;
+  auto stack = inner_.capture(sequence);
+  if (!stack) return stack;
+
+  const fs::path folder = stack_folder(folder_, stacks_);
+  fs::create_directories(folder);
+  std::string exposures;
+  for (size_t i = 0; i < stack->images.size(); ++i) {
+    const cv::Mat& image = stack->images[i];
+    if (image.type() == CV_32FC1)
+      write_exr(folder / image_name(i, ".exr"), {{"Y", image}});
+    else
+      write_png(folder / image_name(i, ".png"), image);
+    exposures += (i ? ", " : "") + to_text(stack->exposure_s[i]);
+  }
+  write_text(folder / "stack.yaml",
+             "timestamp_s: " + to_text(stack->timestamp_s) + "\nexposure_s: [" + exposures + "]\n");
+  ++stacks_;
+  return stack;
+}
+
+void RecordingRig::finish(const std::string& name, uint64_t seed, bool has_truth) {
+  write_text(folder_ / kDatasetFile, std::string("format: ") + kFormat + "\nname: " + name +
+                                         "\nseed: " + std::to_string(seed) + "\nstacks: " + std::to_string(stacks_) +
+                                         "\ntruth: " + (has_truth ? "true" : "false") + "\n");
+}
+
+}  // namespace fringeslam

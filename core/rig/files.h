@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+// Files and folders written whole or not at all, and images through OpenImageIO.
+#pragma once
+
+#include <filesystem>
+#include <opencv2/core.hpp>
+#include <string>
+#include <vector>
+
+namespace fringeslam {
+
+// A folder under construction: lives under a temporary name beside its target, is renamed to it by
+// commit() and removed by the destructor when commit() was never reached. An existing target is
+// replaced only when it holds `marker` (it was written by us); otherwise the constructor throws.
+class StagedFolder {
+ public:
+  StagedFolder(std::filesystem::path target, const std::string& marker);
+  ~StagedFolder();
+  StagedFolder(const StagedFolder&) = delete;
+  StagedFolder& operator=(const StagedFolder&) = delete;
+
+  const std::filesystem::path& path() const { return staging_; }
+  void commit();
+
+ private:
+  std::filesystem::path target_, staging_;
+  bool committed_ = false;
+};
+
+void write_text(const std::filesystem::path& file, const std::string& text);
+
+// CV_8UC1, CV_8UC3 (BGR, as OpenCV keeps it) or CV_16UC1.
+void write_png(const std::filesystem::path& file, const cv::Mat& image);
+
+// One or more CV_32FC1 channels of one size, zip-compressed.
+struct ExrChannel {
+  std::string name;
+  cv::Mat image;
+};
+void write_exr(const std::filesystem::path& file, const std::vector<ExrChannel>& channels);
+
+// One channel of unsigned 8 or 16 bits (PNG, TIFF, BMP) or 32-bit float (EXR). Throws Error when the
+// file is missing, truncated, or has another number of channels.
+cv::Mat read_grey(const std::filesystem::path& file);
+
+}  // namespace fringeslam

@@ -1,0 +1,232 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/rig/yaml.h"
+
+#include <Eigen/Geometry>
+
+#include <yaml-cpp/yaml.h>
+
+#include <cmath>
+#include <fstream>
+#include <set>
+#include <sstream>
+
+namespace fringeslam {
+
+struct YamlMap::Node {
+  YAML::Node yaml;
+  std::string file;
+  std::set<std::string> asked;
+  std::vector<std::shared_ptr<Node>> children;
+
+  std::string where(const YAML::Node& node) const {
+    const YAML::Mark mark = node.Mark();
+    return file + (mark.is_null() ? "" : ":" + std::to_string(mark.line + 1)) + ": ";
+  }
+
+  // Lookup without yaml-cpp's habit of inserting missing keys.
+  YAML::Node find(const std::string& key) {
+    asked.insert(key);
+    for (const auto& entry : yaml) {
+      if (entry.first.IsScalar() && entry.first.Scalar() == key) return entry.second;
+    }
+    return YAML::Node(YAML::NodeType::Undefined);
+  }
+
+  YAML::Node require(const std::string& key) {
+    const YAML::Node value = find(key);
+    if (!value.IsDefined() || value.IsNull()) throw Error(where(yaml) + "'" + key + "' is missing; add it");
+    return value;
+  }
+
+  std::shared_ptr<Node> child(const YAML::Node& value) {
+    auto node = std::make_shared<Node>();
+    node->yaml.reset(value);
+    node->file = file;
+    children.push_back(node);
+    return node;
+  }
+
+  double to_number(const YAML::Node& value, const std::string& key, Range range) const {
+    double number = 0;
+    if (!value.IsScalar() || !YAML::convert<double>::decode(value, number))
+      throw Error(where(value) + "'" + key + "' must be a number");
+    if (!range.contains(number)) throw Error(where(value) + range_error("'" + key + "'", number, range));
+    return number;
+  }
+};
+
+namespace {
+
+constexpr Range kMetres{-1e4, 1e4};
+constexpr Range kDegrees{-360, 360};
+
+YAML::Node parse_yaml(const std::string& text, const std::string& name) {
+  try {
+    YAML::Node root = YAML::Load(text);
+    if (!root.IsMap()) throw Error(name + ":1: must be a YAML map of `key: value` lines");
+    return root;
+  } catch (const YAML::Exception& e) {
+    throw Error(name + ":" + std::to_string(e.mark.line + 1) + ": not valid YAML: " + e.msg);
+  }
+}
+
+void refuse_duplicates(const YAML::Node& node, const std::string& file) {
+  std::set<std::string> seen;
+  for (const auto& entry : node) {
+    const std::string line = file + ":" + std::to_string(entry.first.Mark().line + 1) + ": ";
+    if (!entry.first.IsScalar()) throw Error(line + "a key must be a plain word");
+    if (!seen.insert(entry.first.Scalar()).second)
+      throw Error(line + "'" + entry.first.Scalar() + "' stands here a second time; keep one of the two");
+  }
+}
+
+}  // namespace
+
+YamlMap::YamlMap(std::shared_ptr<Node> node) : node_(std::move(node)) { refuse_duplicates(node_->yaml, node_->file); }
+
+YamlMap YamlMap::load(const std::filesystem::path& file) {
+  std::error_code ignored;
+  if (std::filesystem::is_directory(file, ignored)) throw Error(file.string() + ": is a folder; give a YAML file");
+  std::ifstream in(file, std::ios::binary);
+  if (!in) throw Error(file.string() + ": cannot be opened; check the path");
+  std::stringstream content;
+  content << in.rdbuf();
+  return parse(content.str(), file.string());
+}
+
+YamlMap YamlMap::parse(const std::string& text, const std::string& name) {
+  auto node = std::make_shared<Node>();
+  node->yaml.reset(parse_yaml(text, name));
+  node->file = name;
+  return YamlMap(node);
+}
+
+bool YamlMap::has(const std::string& key) const { return node_->find(key).IsDefined(); }
+
+double YamlMap::number(const std::string& key, Range range) const {
+  return node_->to_number(node_->require(key), key, range);
+}
+
+double YamlMap::number_or(const std::string& key, double fallback, Range range) const {
+  return has(key) ? number(key, range) : fallback;
+}
+
+int YamlMap::integer(const std::string& key, Range range) const {
+  const double value = number(key, range);
+  if (value != std::floor(value)) throw error(key, "'" + key + "' must be a whole number");
+  return static_cast<int>(value);
+}
+
+int YamlMap::integer_or(const std::string& key, int fallback, Range range) const {
+  return has(key) ? integer(key, range) : fallback;
+}
+
+bool YamlMap::boolean_or(const std::string& key, bool fallback) const {
+  if (!has(key)) return fallback;
+  bool value = false;
+  if (!YAML::convert<bool>::decode(node_->require(key), value)) throw error(key, "'" + key + "' must be true or false");
+  return value;
+}
+
+std::string YamlMap::text(const std::string& key) const {
+  const YAML::Node value = node_->require(key);
+  if (!value.IsScalar() || value.Scalar().empty()) throw error(key, "'" + key + "' must be a text");
+  return value.Scalar();
+}
+
+std::string YamlMap::text_or(const std::string& key, const std::string& fallback) const {
+  return has(key) ? text(key) : fallback;
+}
+
+std::string YamlMap::choice(const std::string& key, const std::vector<std::string>& choices) const {
+  const std::string value = text(key);
+  std::string known;
+  for (const std::string& candidate : choices) {
+    if (candidate == value) return value;
+    known += (known.empty() ? "" : ", ") + candidate;
+  }
+  const std::string nearest = nearest_name(value, choices);
+  throw error(key, "'" + key + ": " + value + "' is not one of " + known +
+                       (nearest.empty() ? "" : "; did you mean '" + nearest + "'?"));
+}
+
+std::vector<double> YamlMap::numbers(const std::string& key, size_t count, Range range) const {
+  const YAML::Node value = node_->require(key);
+  if (!value.IsSequence() || value.size() == 0 || (count != 0 && value.size() != count))
+    throw error(key, "'" + key + "' must be a list of " + (count ? std::to_string(count) + " " : "") + "numbers");
+  std::vector<double> result;
+  for (const auto& element : value) result.push_back(node_->to_number(element, key, range));
+  return result;
+}
+
+Eigen::Vector3d YamlMap::vector3(const std::string& key, Range range) const {
+  return Eigen::Vector3d(numbers(key, 3, range).data());
+}
+
+Eigen::Vector3d YamlMap::vector3_or(const std::string& key, const Eigen::Vector3d& fallback, Range range) const {
+  return has(key) ? vector3(key, range) : fallback;
+}
+
+Pose YamlMap::pose(const std::string& key) const {
+  const YamlMap map = this->map(key);
+  const Eigen::Vector3d translation = map.vector3_or("translation_m", Eigen::Vector3d::Zero(), kMetres);
+  const Eigen::Vector3d angles = map.vector3_or("rotation_deg", Eigen::Vector3d::Zero(), kDegrees);
+  Pose pose = pose_from({Eigen::Vector3d::Zero(), angles});
+  if (map.has("rotation_matrix")) {
+    if (map.has("rotation_deg")) throw map.error("give rotation_deg or rotation_matrix, not both");
+    const std::vector<double> m = map.numbers("rotation_matrix", 9, {-1.001, 1.001});
+    pose.rotation << m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8];
+    const double defect = (pose.rotation.transpose() * pose.rotation - Eigen::Matrix3d::Identity()).norm();
+    const double handedness = pose.rotation.col(0).cross(pose.rotation.col(1)).dot(pose.rotation.col(2));
+    if (defect > 1e-6 || handedness < 0)
+      throw map.error("rotation_matrix", "rotation_matrix is not a right-handed rotation");
+  }
+  pose.translation = translation;
+  return pose;
+}
+
+YamlMap YamlMap::map(const std::string& key) const {
+  const YAML::Node value = node_->require(key);
+  if (!value.IsMap()) throw error(key, "'" + key + "' must be a map of `key: value` lines");
+  return YamlMap(node_->child(value));
+}
+
+std::vector<YamlMap> YamlMap::maps(const std::string& key) const {
+  const YAML::Node value = node_->require(key);
+  if (!value.IsSequence()) throw error(key, "'" + key + "' must be a list");
+  std::vector<YamlMap> result;
+  for (size_t i = 0; i < value.size(); ++i) {
+    const YAML::Node element = value[i];
+    if (!element.IsMap()) throw Error(node_->where(element) + "each entry of '" + key + "' must be a map");
+    result.push_back(YamlMap(node_->child(element)));
+  }
+  return result;
+}
+
+std::vector<std::string> YamlMap::keys() const {
+  std::vector<std::string> result;
+  for (const auto& entry : node_->yaml) result.push_back(entry.first.Scalar());
+  return result;
+}
+
+Error YamlMap::error(const std::string& key, const std::string& message) const {
+  for (const auto& entry : node_->yaml) {
+    if (entry.first.Scalar() == key) return Error(node_->where(entry.first) + message);
+  }
+  return error(message);
+}
+
+Error YamlMap::error(const std::string& message) const { return Error(node_->where(node_->yaml) + message); }
+
+std::filesystem::path YamlMap::folder() const { return std::filesystem::path(node_->file).parent_path(); }
+
+void YamlMap::finish() const {
+  for (const std::string& key : keys()) {
+    if (node_->asked.count(key)) continue;
+    const std::string nearest = nearest_name(key, {node_->asked.begin(), node_->asked.end()});
+    throw error(key, "unknown key '" + key + "'" + (nearest.empty() ? "" : "; did you mean '" + nearest + "'?"));
+  }
+  for (const auto& child : node_->children) YamlMap(child).finish();
+}
+
+}  // namespace fringeslam

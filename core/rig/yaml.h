@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: Apache-2.0
+// Strict reading of YAML files: every error says file:line, and a key that nobody asked for is an
+// error that names the nearest key that was asked for.
+//
+//   YamlMap file = YamlMap::load("rig.yaml");
+//   const int width = file.map("camera").integer("width_px", {1, 16384});
+//   file.finish();   // refuses unknown keys, here and in every map below
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/types/error.h"
+#include "core/types/options.h"
+#include "core/types/pose.h"
+
+namespace fringeslam {
+
+class YamlMap {
+ public:
+  static YamlMap load(const std::filesystem::path& file);
+  // `name` stands for the file name in errors.
+  static YamlMap parse(const std::string& text, const std::string& name);
+
+  bool has(const std::string& key) const;
+  double number(const std::string& key, Range range) const;
+  double number_or(const std::string& key, double fallback, Range range) const;
+  int integer(const std::string& key, Range range) const;
+  int integer_or(const std::string& key, int fallback, Range range) const;
+  bool boolean_or(const std::string& key, bool fallback) const;
+  std::string text(const std::string& key) const;
+  std::string text_or(const std::string& key, const std::string& fallback) const;
+  std::string choice(const std::string& key, const std::vector<std::string>& choices) const;
+  // `count` 0 accepts any length but none.
+  std::vector<double> numbers(const std::string& key, size_t count, Range range) const;
+  Eigen::Vector3d vector3(const std::string& key, Range range) const;
+  Eigen::Vector3d vector3_or(const std::string& key, const Eigen::Vector3d& fallback, Range range) const;
+  // {translation_m: [x, y, z], rotation_deg: [alpha, beta, gamma]}, or rotation_matrix: 9 numbers by row.
+  Pose pose(const std::string& key) const;
+
+  YamlMap map(const std::string& key) const;
+  std::vector<YamlMap> maps(const std::string& key) const;
+  std::vector<std::string> keys() const;
+
+  // Reads the fields that are present into an options struct (core/types/options.h).
+  template <class Options>
+  void read(Options& options) const {
+    FieldReader reader{*this};
+    options.describe(reader);
+  }
+
+  // "file:line: message", to be thrown for what is wrong with a key or with the whole map.
+  Error error(const std::string& key, const std::string& message) const;
+  Error error(const std::string& message) const;
+  // The folder of the file, against which paths in it are resolved.
+  std::filesystem::path folder() const;
+  std::filesystem::path path(const std::string& key) const { return folder() / text(key); }
+
+  void finish() const;
+
+ private:
+  struct FieldReader {
+    const YamlMap& map;
+    void field(const char* name, double& value, Range range, const char*) { value = map.number_or(name, value, range); }
+    void field(const char* name, int& value, Range range, const char*) { value = map.integer_or(name, value, range); }
+    void field(const char* name, bool& value, const char*) { value = map.boolean_or(name, value); }
+    void field(const char* name, std::string& value, const std::vector<std::string>& choices, const char*) {
+      if (map.has(name)) value = map.choice(name, choices);
+    }
+  };
+  struct Node;
+  explicit YamlMap(std::shared_ptr<Node> node);
+  std::shared_ptr<Node> node_;
+};
+
+// Writes `describe()`d options as the lines of a YAML map.
+class YamlOptionsWriter {
+ public:
+  explicit YamlOptionsWriter(int indent) : indent_(static_cast<size_t>(indent), ' ') {}
+  void field(const char* name, double& value, Range, const char*) { line(name, to_text(value)); }
+  void field(const char* name, int& value, Range, const char*) { line(name, std::to_string(value)); }
+  void field(const char* name, bool& value, const char*) { line(name, value ? "true" : "false"); }
+  void field(const char* name, std::string& value, const std::vector<std::string>&, const char*) { line(name, value); }
+  const std::string& str() const { return text_; }
+
+ private:
+  void line(const char* name, const std::string& value) { text_ += indent_ + name + ": " + value + "\n"; }
+  std::string indent_, text_;
+};
+
+}  // namespace fringeslam

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "core/types/error.h"
+#include "core/score/score.h"
+
+namespace fringeslam {
+
+double quantile_of(std::vector<double> values, double q) {
+  if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
+  const double position = q * static_cast<double>(values.size() - 1);
+  const auto low = static_cast<std::ptrdiff_t>(std::floor(position));
+  std::nth_element(values.begin(), values.begin() + low, values.end());
+  const double below = values[static_cast<size_t>(low)];
+  if (static_cast<size_t>(low) + 1 == values.size()) return below;
+  const double above = *std::min_element(values.begin() + low + 1, values.end());
+  return below + (position - static_cast<double>(low)) * (above - below);
+}
+
+double median_of(std::vector<double> values) { return quantile_of(std::move(values), 0.5); }
+
+DepthScore score_depth(const DepthEstimate& estimate, const TruthFrame& truth, double finest_period_px) {
+  if (estimate.depth_m.size() != truth.depth_m.size()) throw Error("score: depth and truth differ in size");
+  DepthScore score;
+  std::vector<double> errors;
+  double squares = 0;
+  int lit = 0, lit_valid = 0, wrong = 0;
+  for (int row = 0; row < truth.depth_m.rows; ++row) {
+    for (int col = 0; col < truth.depth_m.cols; ++col) {
+      const int mask = static_cast<int>(truth.mask(row, col));
+      const bool directly_lit = (mask & kTruthSurface) && (mask & kTruthInBeam) && !(mask & kTruthInShadow);
+      const double depth = estimate.depth_m(row, col);
+      lit += directly_lit;
+      if (std::isnan(depth)) continue;
+      if (!directly_lit) {
+        ++score.spurious;
+        continue;
+      }
+      ++lit_valid;
+      const double error = std::abs(depth - truth.depth_m(row, col));
+      errors.push_back(error);
+      squares += error * error;
+      wrong += std::abs(estimate.projector_column(row, col) - truth.projector_column(row, col)) > finest_period_px / 2;
+    }
+  }
+  score.compared = static_cast<int>(errors.size());
+  score.valid_fraction = lit ? static_cast<double>(lit_valid) / lit : 0;
+  if (errors.empty()) return score;
+  const auto n = static_cast<double>(errors.size());
+  score.rms_m = std::sqrt(squares / n);
+  score.wrong_order = wrong / n;
+  score.median_m = median_of(errors);
+  score.p99_m = quantile_of(std::move(errors), 0.99);
+  return score;
+}
+
+}  // namespace fringeslam

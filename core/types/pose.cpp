@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/types/pose.h"
+
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <Eigen/SVD>
+#include <cmath>
+#include <numbers>
+#include <numeric>
+
+namespace fringeslam {
+
+namespace {
+constexpr double kRadPerDeg = std::numbers::pi / 180.0;
+}
+
+Eigen::Matrix3d skew(const Eigen::Vector3d& v) {
+  Eigen::Matrix3d m;
+  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
+  return m;
+}
+
+Eigen::Matrix3d rotation_exp(const Eigen::Vector3d& omega) {
+  const double angle = omega.norm();
+  const Eigen::Matrix3d k = skew(omega);
+  // Series below 1e-4 rad: the closed form would divide rounding errors by the angle squared.
+  const double a = angle < 1e-4 ? 1.0 - angle * angle / 6.0 : std::sin(angle) / angle;
+  const double b = angle < 1e-4 ? 0.5 - angle * angle / 24.0 : (1.0 - std::cos(angle)) / (angle * angle);
+  return Eigen::Matrix3d::Identity() + a * k + b * k * k;
+}
+
+Eigen::Vector3d rotation_log(const Eigen::Matrix3d& rotation) {
+  // By quaternion, which stays well conditioned at 0 and at pi.
+  const Eigen::Vector4d q = quaternion_xyzw(rotation);
+  const Eigen::Vector3d axis = q.head<3>();
+  const double sine = axis.norm();
+  if (sine < 1e-12) return 2.0 * axis;
+  return axis * (2.0 * std::atan2(sine, q.w()) / sine);
+}
+
+Pose retract(const Pose& pose, const Vector6d& tangent) {
+  return {rotation_exp(tangent.head<3>()) * pose.rotation, pose.translation + tangent.tail<3>()};
+}
+
+Vector6d difference(const Pose& to, const Pose& from) {
+  Vector6d tangent;
+  tangent << rotation_log(to.rotation * from.rotation.transpose()), to.translation - from.translation;
+  return tangent;
+}
+
+Pose orthonormalised(const Pose& pose) {
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(pose.rotation, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  return {svd.matrixU() * svd.matrixV().transpose(), pose.translation};
+}
+
+Eigen::Vector4d quaternion_xyzw(const Eigen::Matrix3d& rotation) {
+  Eigen::Vector4d xyzw = Eigen::Quaterniond(rotation).normalized().coeffs();
+  return xyzw.w() < 0 ? Eigen::Vector4d(-xyzw) : xyzw;
+}
+
+Eigen::Matrix3d rotation_from_quaternion(const Eigen::Vector4d& xyzw) {
+  return Eigen::Quaterniond(xyzw).normalized().toRotationMatrix();
+}
+
+SixDof six_dof(const Pose& pose) {
+  const Eigen::Matrix3d& r = pose.rotation;
+  SixDof six;
+  six.translation_mm = pose.translation * 1e3;
+  const double alpha = std::atan2(r(2, 1), r(2, 2));
+  const double beta = std::atan2(-r(2, 0), std::hypot(r(2, 1), r(2, 2)));
+  const double gamma = std::atan2(r(1, 0), r(0, 0));
+  six.angles_deg = Eigen::Vector3d(alpha, beta, gamma) / kRadPerDeg;
+  return six;
+}
+
+Pose pose_from(const SixDof& six) {
+  const Eigen::Vector3d rad = six.angles_deg * kRadPerDeg;
+  const Eigen::Matrix3d rotation =
+      rotation_exp({0, 0, rad.z()}) * rotation_exp({0, rad.y(), 0}) * rotation_exp({rad.x(), 0, 0});
+  return {rotation, six.translation_mm * 1e-3};
+}
+
+Pose align_points(const std::vector<Eigen::Vector3d>& to, const std::vector<Eigen::Vector3d>& from) {
+  const auto n = static_cast<double>(to.size());
+  const Eigen::Vector3d zero = Eigen::Vector3d::Zero();
+  const Eigen::Vector3d to_mean = std::accumulate(to.begin(), to.end(), zero) / n;
+  const Eigen::Vector3d from_mean = std::accumulate(from.begin(), from.end(), zero) / n;
+  Eigen::Matrix3d correlation = Eigen::Matrix3d::Zero();
+  for (size_t i = 0; i < to.size(); ++i) correlation += (to[i] - to_mean) * (from[i] - from_mean).transpose();
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(correlation, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  // The nearest orthogonal matrix may be a mirror: then the weakest direction is turned round.
+  const double handedness = (svd.matrixU() * svd.matrixV().transpose()).determinant();
+  const Eigen::Vector3d signs(1, 1, handedness < 0 ? -1 : 1);
+  const Eigen::Matrix3d rotation = svd.matrixU() * signs.asDiagonal() * svd.matrixV().transpose();
+  return {rotation, to_mean - rotation * from_mean};
+}
+
+double translation_m(const Pose& pose) { return pose.translation.norm(); }
+
+double rotation_rad(const Pose& pose) { return rotation_log(pose.rotation).norm(); }
+
+}  // namespace fringeslam

@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/types/trajectory.h"
+
+#include <cmath>
+#include <cstdio>
+#include <fstream>
+#include <sstream>
+
+#include "core/types/error.h"
+
+namespace fringeslam {
+
+std::string to_tum(const Trajectory& trajectory) {
+  std::string text;
+  for (const TimedPose& pose : trajectory) {
+    const Eigen::Vector3d& t = pose.world_from_robot.translation;
+    const Eigen::Vector4d q = quaternion_xyzw(pose.world_from_robot.rotation);
+    char line[256];
+    std::snprintf(line, sizeof line, "%.9f %.12g %.12g %.12g %.15g %.15g %.15g %.15g\n", pose.timestamp_s, t.x(), t.y(),
+                  t.z(), q.x(), q.y(), q.z(), q.w());
+    text += line;
+  }
+  return text;
+}
+
+Trajectory read_tum(const std::filesystem::path& file) {
+  std::ifstream in(file);
+  if (!in) throw Error(file.string() + ": cannot be opened; give a TUM trajectory file");
+  Trajectory trajectory;
+  std::string line;
+  for (int number = 1; std::getline(in, line); ++number) {
+    if (const auto hash = line.find('#'); hash != std::string::npos) line.erase(hash);
+    if (line.find_first_not_of(" \t\r") == std::string::npos) continue;
+    const std::string where = file.string() + ":" + std::to_string(number) + ": ";
+    std::istringstream words(line);
+    double v[8];
+    std::string rest;
+    for (double& value : v) {
+      if (!(words >> value) || !std::isfinite(value))
+        throw Error(where + "needs eight finite numbers: timestamp tx ty tz qx qy qz qw");
+    }
+    if (words >> rest) throw Error(where + "has more than eight numbers: '" + rest + "'");
+    const Eigen::Vector4d q(v[4], v[5], v[6], v[7]);
+    if (std::abs(q.norm() - 1) > 1e-3) throw Error(where + "the quaternion is not of unit length");
+    if (!trajectory.empty() && v[0] <= trajectory.back().timestamp_s)
+      throw Error(where + "timestamps must increase from line to line");
+    trajectory.push_back({v[0], {rotation_from_quaternion(q), {v[1], v[2], v[3]}}});
+  }
+  if (trajectory.empty()) throw Error(file.string() + ": holds no pose");
+  return trajectory;
+}
+
+}  // namespace fringeslam

@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+// Counter-based random numbers (Philox 4x32-10, Random123): a number is a function of its address
+// (seed, stack, image, pixel), never of what was drawn before it or by which thread.
+#pragma once
+
+#include <Random123/philox.h>
+
+#include <cmath>
+#include <cstdint>
+#include <numbers>
+#include <utility>
+
+namespace fringeslam::sim {
+
+// What the numbers of one key are used for; keeps the streams of one seed apart.
+enum class Stream : uint32_t { sensor_noise = 1, placement = 2, shape = 3 };
+
+class Philox {
+ public:
+  Philox(uint64_t seed, Stream stream, uint32_t a, uint32_t b = 0)
+      : key_{{static_cast<uint32_t>(seed), static_cast<uint32_t>(seed >> 32)}},
+        counter_{{0, static_cast<uint32_t>(stream), a, b}} {}
+
+  // Two independent standard normal numbers at an address (Box-Muller).
+  std::pair<double, double> normal_pair(uint32_t address) const {
+    const auto block = at(address);
+    const double radius = std::sqrt(-2 * std::log(open_unit(block[0], block[1])));
+    const double angle = 2 * std::numbers::pi * open_unit(block[2], block[3]);
+    return {radius * std::cos(angle), radius * std::sin(angle)};
+  }
+
+  // The next uniform number in (0, 1), or in (low, high), of this object's own sequence.
+  double uniform() {
+    const auto block = at(next_++);
+    return open_unit(block[0], block[1]);
+  }
+  double uniform(double low, double high) { return low + (high - low) * uniform(); }
+
+ private:
+  r123::Philox4x32::ctr_type at(uint32_t address) const {
+    r123::Philox4x32::ctr_type counter = counter_;
+    counter[0] = address;
+    return r123::Philox4x32()(counter, key_);
+  }
+  // 53 bits, centred in their cells so that neither 0 nor 1 occurs.
+  static double open_unit(uint32_t high, uint32_t low) {
+    const uint64_t bits = (static_cast<uint64_t>(high) << 21) ^ (low >> 11);
+    return (static_cast<double>(bits) + 0.5) * 0x1p-53;
+  }
+
+  r123::Philox4x32::key_type key_;
+  r123::Philox4x32::ctr_type counter_;
+  uint32_t next_ = 0;
+};
+
+}  // namespace fringeslam::sim

@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "sim/scene/scatter.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "sim/random.h"
+
+namespace fringeslam::sim {
+
+namespace {
+
+// An upright cuboid around an object: centre, half sizes along its own axes, turned by yaw.
+struct Footprint {
+  double x = 0, y = 0, half_x = 0, half_y = 0, yaw = 0;
+  double top = 0;
+  bool flat_top = false;
+
+  Eigen::Vector2d axis(int i) const {
+    return i == 0 ? Eigen::Vector2d(std::cos(yaw), std::sin(yaw)) : Eigen::Vector2d(-std::sin(yaw), std::cos(yaw));
+  }
+  double extent_along(const Eigen::Vector2d& direction) const {
+    return half_x * std::abs(axis(0).dot(direction)) + half_y * std::abs(axis(1).dot(direction));
+  }
+};
+
+// Separating axes of two rectangles.
+bool overlap(const Footprint& a, const Footprint& b) {
+  const Eigen::Vector2d between(b.x - a.x, b.y - a.y);
+  for (const Footprint* f : {&a, &b}) {
+    for (int i = 0; i < 2; ++i) {
+      const Eigen::Vector2d axis = f->axis(i);
+      if (std::abs(between.dot(axis)) >= a.extent_along(axis) + b.extent_along(axis)) return false;
+    }
+  }
+  return true;
+}
+
+bool inside(const Footprint& inner, const Footprint& outer) {
+  const Eigen::Vector2d between(inner.x - outer.x, inner.y - outer.y);
+  return std::abs(between.dot(outer.axis(0))) + inner.extent_along(outer.axis(0)) <= outer.half_x &&
+         std::abs(between.dot(outer.axis(1))) + inner.extent_along(outer.axis(1)) <= outer.half_y;
+}
+
+// Height at which the footprint can rest: on the ground when it touches nothing, on a flat top when it
+// lies wholly on it and touches nothing else; negative when it can do neither.
+double rest_height(const Footprint& candidate, const std::vector<Footprint>& placed) {
+  double height = 0;
+  for (const Footprint& other : placed) {
+    if (other.flat_top && inside(candidate, other)) height = std::max(height, other.top);
+  }
+  for (const Footprint& other : placed) {
+    if (other.top > height && overlap(candidate, other)) return -1;
+  }
+  return height;
+}
+
+Mesh make_mesh(Shape shape, const Eigen::Vector3d& size, uint32_t seed) {
+  switch (shape) {
+    case Shape::cylinder:
+      return cylinder_mesh(size.x() / 2, size.z(), 64);
+    case Shape::sphere:
+      return sphere_mesh(size.x() / 2, 4);
+    case Shape::rock:
+      return rock_mesh(size, 4, 0.25, seed);
+    default:
+      return box_mesh(size);
+  }
+}
+
+}  // namespace
+
+std::vector<Object> scatter_objects(const Scatter& scatter, uint64_t seed, uint32_t generator) {
+  Philox random(seed, Stream::placement, generator);
+  double total_weight = 0;
+  for (const ScatterItem& item : scatter.items) total_weight += item.weight;
+
+  std::vector<Object> objects;
+  std::vector<Footprint> placed;
+  constexpr int kTriesPerObject = 60;
+  for (int n = 0; n < scatter.count; ++n) {
+    double pick = random.uniform() * total_weight;
+    size_t kind = 0;
+    while (kind + 1 < scatter.items.size() && pick >= scatter.items[kind].weight) pick -= scatter.items[kind++].weight;
+    const ScatterItem& item = scatter.items[kind];
+    Eigen::Vector3d size;
+    for (int i = 0; i < 3; ++i) size[i] = random.uniform(item.size_min[i], item.size_max[i]);
+    if (item.shape == Shape::cylinder || item.shape == Shape::sphere) size.y() = size.x();
+    if (item.shape == Shape::sphere) size.z() = size.x();
+    const auto shape_seed = static_cast<uint32_t>(random.uniform() * 4294967295.0);
+
+    for (int attempt = 0; attempt < kTriesPerObject; ++attempt) {
+      Footprint f;
+      f.x = random.uniform(-0.5, 0.5) * scatter.area_x;
+      f.y = random.uniform(-0.5, 0.5) * scatter.area_y;
+      f.yaw = random.uniform(0, 2 * std::numbers::pi);
+      f.half_x = size.x() / 2;
+      f.half_y = size.y() / 2;
+      f.flat_top = item.shape == Shape::box || item.shape == Shape::cylinder;
+      // A rock's noise may carry it past its nominal size.
+      if (item.shape == Shape::rock) f.half_x *= 1.25, f.half_y *= 1.25;
+      const double base = rest_height(f, placed);
+      if (base < 0 || base + size.z() > scatter.max_height) continue;
+      f.top = base + size.z();
+      placed.push_back(f);
+      Object object;
+      object.mesh = make_mesh(item.shape, size, shape_seed);
+      object.material = item.material;
+      object.texture_seed = shape_seed;
+      // Rocks are sunk a little, as they bed into what they lie on.
+      const double sink = item.shape == Shape::rock ? 0.1 * size.z() : 0;
+      object.world_from_object =
+          scatter.world_from_area *
+          Pose{rotation_exp({0, 0, f.yaw}), {f.x, f.y, base + size.z() / 2 - sink}};
+      objects.push_back(std::move(object));
+      break;
+    }
+  }
+  return objects;
+}
+
+}  // namespace fringeslam::sim

@@ -1,0 +1,182 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <cmath>
+#include <map>
+
+#include "core/rig/rig_file.h"
+#include "core/rig/yaml.h"
+#include "sim/random.h"
+#include "sim/scene/scatter.h"
+#include "sim/scene/scene.h"
+
+namespace fringeslam::sim {
+
+namespace {
+
+constexpr Range kLength{1e-4, 100};
+constexpr Range kMillimetres{-1e5, 1e5};
+constexpr Range kFraction{0, 1};
+
+using Materials = std::map<std::string, Material>;
+
+Grain read_grain(const YamlMap& map) {
+  const std::string name = map.choice("grain", {"plain", "cardboard", "foam", "wood", "stone"});
+  return name == "plain"       ? Grain::plain
+         : name == "cardboard" ? Grain::cardboard
+         : name == "foam"      ? Grain::foam
+         : name == "wood"      ? Grain::wood
+                               : Grain::stone;
+}
+
+Materials read_materials(const YamlMap& map) {
+  Materials materials;
+  for (const std::string& name : map.keys()) {
+    const YamlMap entry = map.map(name);
+    Material material;
+    material.grain = read_grain(entry);
+    material.albedo = entry.number("albedo", kFraction);
+    material.contrast = entry.number_or("contrast", 0.3, kFraction);
+    material.grain_m = entry.number_or("grain_m", 0.01, kLength);
+    materials[name] = material;
+  }
+  return materials;
+}
+
+Material find_material(const YamlMap& map, const Materials& materials) {
+  std::vector<std::string> names;
+  for (const auto& [name, material] : materials) names.push_back(name);
+  return materials.at(map.choice("material", names));
+}
+
+Shape read_shape(const std::string& name) {
+  static const std::map<std::string, Shape> shapes = {{"plane", Shape::plane},
+                                                      {"box", Shape::box},
+                                                      {"cylinder", Shape::cylinder},
+                                                      {"sphere", Shape::sphere},
+                                                      {"rock", Shape::rock}};
+  return shapes.at(name);
+}
+
+Object read_primitive(const YamlMap& map, const std::string& shape, const Materials& materials, uint32_t seed) {
+  Object object;
+  switch (read_shape(shape)) {
+    case Shape::plane: {
+      const std::vector<double> size = map.numbers("size_m", 2, kLength);
+      object.mesh = plane_mesh(size[0], size[1]);
+      break;
+    }
+    case Shape::box:
+      object.mesh = box_mesh(map.vector3("size_m", kLength));
+      break;
+    case Shape::cylinder:
+      object.mesh = cylinder_mesh(map.number("radius_m", kLength), map.number("length_m", kLength), 96);
+      break;
+    case Shape::sphere:
+      object.mesh = sphere_mesh(map.number("radius_m", kLength), 5);
+      break;
+    case Shape::rock:
+      object.mesh = rock_mesh(map.vector3("size_m", kLength), 4, map.number_or("roughness", 0.25, {0, 0.5}), seed);
+      break;
+  }
+  if (map.has("pose")) object.world_from_object = map.pose("pose");
+  object.material = find_material(map, materials);
+  object.texture_seed = seed;
+  return object;
+}
+
+Scatter read_scatter(const YamlMap& map, const Materials& materials) {
+  Scatter scatter;
+  scatter.count = map.integer("count", {1, 100000});
+  const std::vector<double> area = map.numbers("area_m", 2, kLength);
+  scatter.area_x = area[0];
+  scatter.area_y = area[1];
+  scatter.max_height = map.number("max_height_m", kLength);
+  if (map.has("pose")) scatter.world_from_area = map.pose("pose");
+  for (const YamlMap& entry : map.maps("items")) {
+    ScatterItem item;
+    item.shape = read_shape(entry.choice("shape", {"box", "cylinder", "sphere", "rock"}));
+    item.size_min = entry.vector3("size_min_m", kLength);
+    item.size_max = entry.vector3("size_max_m", kLength);
+    if ((item.size_max.array() < item.size_min.array()).any())
+      throw entry.error("size_max_m", "size_max_m must not be smaller than size_min_m");
+    item.material = find_material(entry, materials);
+    item.weight = entry.number_or("weight", 1, {1e-6, 1e6});
+    scatter.items.push_back(item);
+  }
+  if (scatter.items.empty()) throw map.error("items", "'items' is empty; say what to scatter");
+  return scatter;
+}
+
+std::vector<Object> read_objects(const YamlMap& scene, const Materials& materials, uint64_t seed) {
+  std::vector<Object> objects;
+  uint32_t number = 0;
+  for (const YamlMap& entry : scene.maps("objects")) {
+    const std::string shape = entry.choice("shape", {"plane", "box", "cylinder", "sphere", "rock", "scatter"});
+    if (shape == "scatter") {
+      for (Object& object : scatter_objects(read_scatter(entry, materials), seed, number))
+        objects.push_back(std::move(object));
+    } else {
+      const auto shape_seed = static_cast<uint32_t>(Philox(seed, Stream::shape, number).uniform() * 4294967295.0);
+      objects.push_back(read_primitive(entry, shape, materials, shape_seed));
+    }
+    ++number;
+  }
+  if (objects.empty()) throw scene.error("objects", "the scene has no object; add one under 'objects'");
+  for (size_t i = 0; i < objects.size(); ++i) objects[i].name = "object " + std::to_string(i + 1);
+  return objects;
+}
+
+PatternSequence read_scene_patterns(const YamlMap& map, const RigModel& rig) {
+  const std::vector<double> periods = map.numbers("periods_px", 0, {2, 1e5});
+  const int steps = map.integer("steps", {3, 64});
+  const Axis axis = map.has("axis") && map.choice("axis", {"columns", "rows"}) == "rows" ? Axis::rows : Axis::columns;
+  return phase_shift_sequence(rig.projector.width, rig.projector.height, periods, steps, axis,
+                              map.integer_or("bits", 8, {0, 16}));
+}
+
+// Robot poses: a start, then the papers' six numbers for each motion, `previous_from_current`.
+Trajectory read_trajectory(const YamlMap& map) {
+  const double interval = map.number_or("interval_s", 0.5, {1e-3, 1e4});
+  Trajectory trajectory(1);
+  if (map.has("start")) trajectory[0].world_from_robot = map.pose("start");
+  for (const YamlMap& entry : map.maps("motions")) {
+    SixDof motion;
+    motion.translation_mm = entry.vector3("translation_mm", kMillimetres);
+    motion.angles_deg = entry.vector3("rotation_deg", {-180, 180});
+    const TimedPose& last = trajectory.back();
+    trajectory.push_back({interval * static_cast<double>(trajectory.size()), last.world_from_robot * pose_from(motion)});
+  }
+  return trajectory;
+}
+
+RigModel read_scene_rig(const YamlMap& map) {
+  const std::filesystem::path file = map.path("file");
+  if (!std::filesystem::exists(file)) throw map.error("file", file.string() + " does not exist");
+  RigModel rig = read_rig(file);
+  if (map.has("robot_from_camera")) rig.robot_from_camera = map.pose("robot_from_camera");
+  return rig;
+}
+
+uint64_t read_seed(const YamlMap& map, std::optional<uint64_t> seed) {
+  const int written = map.integer_or("seed", 1, {0, 2147483647});
+  return seed.value_or(static_cast<uint64_t>(written));
+}
+
+}  // namespace
+
+Scene load_scene(const std::filesystem::path& file, std::optional<uint64_t> seed) {
+  const YamlMap map = YamlMap::load(file);
+  Scene scene;
+  scene.name = map.text("name");
+  map.text_or("description", "");
+  scene.seed = read_seed(map, seed);
+  scene.rig = read_scene_rig(map.map("rig"));
+  scene.patterns = read_scene_patterns(map.map("patterns"), scene.rig);
+  if (map.has("light")) scene.ambient_electrons = map.map("light").number_or("ambient_electrons", 0, {0, 1e9});
+  const Materials materials = read_materials(map.map("materials"));
+  scene.objects = read_objects(map, materials, scene.seed);
+  scene.trajectory = read_trajectory(map.map("trajectory"));
+  map.finish();
+  return scene;
+}
+
+}  // namespace fringeslam::sim

@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <cstdio>
+#include <exception>
+#include <opencv2/core.hpp>
+#include <opencv2/core/utility.hpp>
+#include <vector>
+
+#include "tools/verbs.h"
+
+using namespace fringeslam::tools;
+
+int main(int argc, char** argv) {
+  CLI::App app{"FringeSLAM: maps rubble in 3D with a structured-light sensor and scores the map against exact truth"};
+  app.name("fringeslam");
+  app.set_version_flag("--version", "fringeslam " FRINGESLAM_VERSION);
+  app.require_subcommand(1);
+  app.fallthrough();
+  Common common;
+  int threads = 0;
+  app.add_flag("--json", common.json, "Print one JSON document and nothing else");
+  app.add_flag("--quiet", common.quiet, "Print no progress");
+  app.add_option("--threads", threads, "Threads to use (0: all processors); never changes a result")
+      ->check(CLI::Range(0, 1024));
+
+  std::vector<std::pair<CLI::App*, Verb>> verbs;
+  for (const auto add : {add_run, add_render, add_score, add_info}) {
+    Verb verb = add(app, common);
+    verbs.emplace_back(app.get_subcommands({}).back(), std::move(verb));
+  }
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& e) {
+    if (e.get_exit_code() == 0) return app.exit(e);  // --help, --version
+    std::fprintf(stderr, "fringeslam: %s; see fringeslam --help\n", e.what());
+    return 2;
+  }
+  cv::setNumThreads(threads > 0 ? threads : -1);
+  try {
+    for (const auto& [subcommand, verb] : verbs) {
+      if (subcommand->parsed()) return verb();
+    }
+  } catch (const std::exception& e) {
+    std::fprintf(stderr, "fringeslam: %s\n", e.what());
+    return 2;
+  }
+  return 2;
+}

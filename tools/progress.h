@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+// One progress line on standard error, with rate and time left; plain lines, now and then, when that is
+// not a terminal.
+#pragma once
+
+#include <chrono>
+#include <string>
+
+namespace fringeslam::tools {
+
+class Progress {
+ public:
+  Progress(std::string what, int total, bool silent);
+  ~Progress();
+  void step();
+
+ private:
+  void print(bool last);
+  using Clock = std::chrono::steady_clock;
+  std::string what_;
+  int total_, done_ = 0;
+  bool silent_, terminal_;
+  Clock::time_point start_, printed_;
+};
+
+}  // namespace fringeslam::tools

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+// fringeslam render SCENE --out DATASET
+#include <cstdio>
+#include <memory>
+
+#include "core/rig/dataset.h"
+#include "core/rig/files.h"
+#include "tools/progress.h"
+#include "tools/source.h"
+#include "tools/verbs.h"
+
+namespace fringeslam::tools {
+
+Verb add_render(CLI::App& app, const Common& common) {
+  struct Arguments {
+    std::string scene, out;
+    std::vector<std::string> sets;
+    std::optional<uint64_t> seed;
+  };
+  auto arguments = std::make_shared<Arguments>();
+  CLI::App* verb = app.add_subcommand("render", "Render a scene's fringe images and their truth into a dataset");
+  verb->add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml")->required();
+  verb->add_option("--out", arguments->out, "Dataset folder to write")->required();
+  verb->add_option("--seed", arguments->seed, "Seed, instead of the scene's");
+  verb->add_option("--set", arguments->sets, "render.key=value; see `run --help`");
+  return [arguments, &common] {
+    const Settings settings = parse_settings(arguments->sets);
+    const auto source = open_source(arguments->scene, arguments->seed, settings, false);
+    StagedFolder folder(arguments->out, kDatasetFile);
+    const auto rig = source->open(folder.path());
+    RecordingRig recording(*rig, folder.path());
+    Progress progress("rendering", source->stacks(), common.quiet || common.json);
+    while (recording.capture(source->sequence())) progress.step();
+    recording.finish(source->name(), source->seed(), source->has_truth());
+    folder.commit();
+    if (common.json)
+      std::printf("{\"dataset\": \"%s\", \"stacks\": %d}\n", arguments->out.c_str(), source->stacks());
+    else if (!common.quiet)
+      std::printf("dataset: %s\n", arguments->out.c_str());
+    return 0;
+  };
+}
+
+}  // namespace fringeslam::tools

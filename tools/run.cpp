@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+// fringeslam run SCENE|DATASET
+#include <algorithm>
+#include <cstdio>
+#include <memory>
+
+#include "core/rig/files.h"
+#include "tools/progress.h"
+#include "tools/run_folder.h"
+#include "tools/source.h"
+#include "tools/verbs.h"
+
+namespace fringeslam::tools {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr const char* kConfigFile = "config.yaml";
+
+struct Arguments {
+  std::string source, out;
+  std::vector<std::string> sets;
+  std::optional<uint64_t> seed;
+};
+
+int run(const Arguments& arguments, const Common& common) {
+  const Settings settings = parse_settings(arguments.sets);
+  const bool uses_render = std::any_of(arguments.sets.begin(), arguments.sets.end(),
+                                       [](const std::string& set) { return set.rfind("render.", 0) == 0; });
+  const auto source = open_source(arguments.source, arguments.seed, settings, uses_render);
+  const std::string out =
+      arguments.out.empty() ? "runs/" + source->name() + "-" + std::to_string(source->seed()) : arguments.out;
+  StagedFolder folder(out, kConfigFile);
+  write_text(folder.path() / kConfigFile, "name: " + source->name() + "\nseed: " + std::to_string(source->seed()) +
+                                              "\nstacks: " + std::to_string(source->stacks()) + "\n" +
+                                              pipeline_yaml(settings));
+  const auto rig = source->open(folder.path());
+  // The map's world is the robot's frame at the first stack.
+  Pipeline pipeline(rig->model(), source->sequence(), settings.pipeline, Pose{});
+  RunFolder record(folder.path(), rig->model(), source->sequence());
+  {
+    Progress progress("mapping", source->stacks(), common.quiet || common.json);
+    while (const auto stack = rig->capture(source->sequence())) {
+      const std::optional<FrameResult> previous = pipeline.last_tracked();
+      const FrameResult result = pipeline.process(*stack);
+      record.add(*stack, result, previous ? &*previous : nullptr);
+      progress.step();
+    }
+  }
+  record.finish(pipeline.map());
+
+  std::optional<RunScore> score;
+  if (source->has_truth()) {
+    fs::copy_file(folder.path() / "truth" / "truth.tum", folder.path() / "truth.tum");
+    score = score_run(folder.path());
+    write_text(folder.path() / "score.json", to_json(*score).dump(2) + "\n");
+  }
+  record.draw_overview(pipeline.map(), score ? &*score : nullptr);
+  folder.commit();
+
+  if (common.json) {
+    nlohmann::ordered_json json = {{"run", out}};
+    json["score"] = score ? to_json(*score) : nlohmann::ordered_json();
+    std::printf("%s\n", json.dump(2).c_str());
+  } else {
+    if (score) std::printf("%s\n", to_table(*score).c_str());
+    std::printf("written: %s  (look at %s/overview.png)\n", out.c_str(), out.c_str());
+  }
+  return 0;
+}
+
+}  // namespace
+
+Verb add_run(CLI::App& app, const Common& common) {
+  auto arguments = std::make_shared<Arguments>();
+  CLI::App* verb = app.add_subcommand("run", "Map a scene or a recorded dataset, and score the map where the truth is known");
+  verb->add_option("source", arguments->source, "Scene file, folder with scene.yaml, or dataset folder")->required();
+  verb->add_option("--out", arguments->out, "Run folder to write (default: runs/NAME-SEED)");
+  verb->add_option("--seed", arguments->seed, "Seed, instead of the scene's");
+  verb->add_option("--set", arguments->sets, "Change a setting: stage.key=value (repeatable; listed below)");
+  verb->footer(settings_help());
+  return [arguments, &common] { return run(*arguments, common); };
+}
+
+}  // namespace fringeslam::tools

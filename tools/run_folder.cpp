@@ -1,0 +1,158 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/run_folder.h"
+
+#include <cmath>
+#include <cstdio>
+#include <numbers>
+#include <opencv2/imgproc.hpp>
+#include <sstream>
+
+#include "core/rig/dataset.h"
+#include "core/rig/files.h"
+#include "core/rig/rig_file.h"
+#include "core/score/truth_files.h"
+
+namespace fringeslam::tools {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+cv::Mat1f depth_of(const Frame& frame) {
+  cv::Mat1f depth;
+  cv::extractChannel(frame.points_m, depth, 2);
+  return depth;
+}
+
+int finest_image(const PatternSequence& sequence) {
+  size_t finest = 0;
+  for (size_t i = 0; i < sequence.patterns.size(); ++i) {
+    if (sequence.patterns[i].period_px < sequence.patterns[finest].period_px) finest = i;
+  }
+  return static_cast<int>(finest);
+}
+
+constexpr double kErrorLimitM = 0.3e-3;  // of the error pictures' colours
+
+std::string fixed(double value, int digits) {
+  char buffer[64];
+  std::snprintf(buffer, sizeof buffer, "%.*f", digits, value);
+  return buffer;
+}
+
+// The figures of the overview, in a few lines.
+std::vector<std::string> summary(const RunScore& score) {
+  std::vector<std::string> lines = {score.name + ", seed " + std::to_string(score.seed),
+                                    std::to_string(score.tracked) + " of " + std::to_string(score.stacks) + " views tracked",
+                                    "", "motion error      mm        deg    / bound"};
+  for (const PairScore& pair : score.pairs)
+    lines.push_back(std::to_string(pair.previous) + " -> " + std::to_string(pair.current) + "            " +
+                    fixed(pair.motion.translation_error_m * 1e3, 4) + "    " +
+                    fixed(pair.motion.rotation_error_rad * 180 / std::numbers::pi, 5) + "    " +
+                    fixed(pair.error_over_bound, 2));
+  lines.push_back("");
+  lines.push_back("depth error mm     median     99 %");
+  for (const FrameScore& frame : score.frames)
+    lines.push_back("view " + std::to_string(frame.index) + "               " + fixed(frame.depth.median_m * 1e3, 4) + "    " +
+                    fixed(frame.depth.p99_m * 1e3, 4));
+  lines.push_back("");
+  lines.push_back("ATE " + fixed(score.trajectory.ate_rmse_m * 1e3, 4) + " mm");
+  return lines;
+}
+
+}  // namespace
+
+RunFolder::RunFolder(fs::path folder, const RigModel& rig, const PatternSequence& sequence)
+    : folder_(std::move(folder)), rig_(rig), finest_image_(finest_image(sequence)) {
+  write_text(folder_ / "rig.yaml", to_yaml(rig));
+  write_text(folder_ / "patterns.yaml", to_yaml(sequence));
+}
+
+fs::path RunFolder::frame_folder(int index) const { return folder_ / "frames" / stack_name(index); }
+
+void RunFolder::add(const FringeStack& stack, const FrameResult& result, const FrameResult* previous) {
+  const fs::path folder = frame_folder(stack.index);
+  fs::create_directories(folder);
+  const Frame& frame = result.frame;
+  const cv::Mat1f depth = depth_of(frame);
+  // Only where a depth was kept: pixels that were dropped later are not claimed.
+  cv::Mat1f column = result.decoded.coordinate_px.clone();
+  column.setTo(std::nan(""), depth != depth);
+  write_exr(folder / "depth.exr", {{"depth_m", depth}, {"sigma_m", frame.sigma_m}, {"projector_column", column}});
+  write_png(folder / "texture.png", frame.texture);
+  write_png(folder / "depth.png", frame.depth_image);
+  const cv::Mat3b phase = false_colour(result.decoded.wrapped_phase, -std::numbers::pi, std::numbers::pi);
+  write_png(folder / "phase.png", phase);
+
+  const bool tracked = result.tracking != Tracking::lost;
+  frames_.push_back({{"index", stack.index},
+                     {"tracking", to_string(result.tracking)},
+                     {"valid_pixels", cv::countNonZero(depth == depth)},
+                     {"keypoints_detected", result.keypoints.detected},
+                     {"keypoints_with_depth", result.keypoints.keypoints.size()},
+                     {"matches", result.matches.size()},
+                     {"motion", to_string(result.motion.status)},
+                     {"inliers", result.motion.inliers},
+                     {"rank", result.motion.rank},
+                     {"icp_iterations", result.icp.iterations},
+                     {"icp_pairs", result.icp.pairs},
+                     {"icp_overlap", result.icp.overlap},
+                     {"icp_rms_sigma", result.icp.rms_sigma}});
+  if (tracked) {
+    trajectory_.push_back({stack.timestamp_s, result.world_from_robot});
+    tracked_.push_back(stack.index);
+  }
+  if (fringe_.empty() || (tracked && previous && matches_.empty())) {
+    shown_ = stack.index;
+    fringe_ = grey_picture(stack.images[static_cast<size_t>(finest_image_)], 0.8 * rig_.sensor.max_dn());
+    phase_ = phase;
+    depth_ = false_colour(depth, rig_.near_m, rig_.far_m);
+    double low = 0, high = 0;
+    cv::minMaxLoc(depth, &low, &high, nullptr, nullptr, depth == depth);
+    if (high > low) depth_ = false_colour(depth, low, high);
+  }
+  if (tracked && previous && matches_.empty()) {
+    matches_ = match_picture(*previous, result);
+    match_title_ = "matches, view " + std::to_string(previous->frame.index) + " to " + std::to_string(stack.index) + ": " +
+                   std::to_string(result.motion.inliers) + " of " + std::to_string(result.matches.size()) +
+                   " agree on one motion";
+  }
+}
+
+void RunFolder::finish(const CloudMap& map) {
+  write_text(folder_ / "trajectory.tum", to_tum(trajectory_));
+  write_text(folder_ / "map.ply", to_ply(map.points()));
+  write_text(folder_ / "frames.json", frames_.dump(1) + "\n");
+}
+
+void RunFolder::draw_overview(const CloudMap& map, const RunScore* score) const {
+  Panel error{"no truth: depth error unknown", {}, 1};
+  if (score) {
+    for (const int index : tracked_) {
+      const DepthEstimate estimate = read_depth_estimate(frame_folder(index) / "depth.exr");
+      const TruthFrame truth = read_truth_frame(folder_ / "truth" / (stack_name(index) + ".exr"));
+      cv::Mat1f difference;
+      cv::subtract(estimate.depth_m, truth.depth_m, difference);
+      const cv::Mat3b picture = false_colour(difference, -kErrorLimitM, kErrorLimitM);
+      write_png(frame_folder(index) / "error.png", picture);
+      if (index == shown_) error = {"depth error, -0.3 to 0.3 mm", picture, 1};
+    }
+  }
+  std::vector<Pose> cameras;
+  for (const TimedPose& pose : trajectory_) cameras.push_back(pose.world_from_robot * rig_.robot_from_camera);
+  const std::vector<CloudPoint> points = map.points();
+  const cv::Size cell(532, 500);
+  const std::vector<std::string> lines = score ? summary(*score) : std::vector<std::string>{"no truth, no score"};
+  write_png(folder_ / "overview.png",
+            sheet({{{"view " + std::to_string(shown_) + ": fringe image", fringe_, 1},
+                    {"wrapped phase", phase_, 1},
+                    {"depth, near = blue", depth_, 1},
+                    error},
+                   {{match_title_, matches_, 2},
+                    {"map from above, " + std::to_string(points.size()) + " points; cameras yellow",
+                     map_picture(points, cameras, cell), 1},
+                    {"score", text_picture(lines, cell), 1}}},
+                  cell));
+}
+
+}  // namespace fringeslam::tools

@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+// Writes what a run leaves behind (the layout is in tools/README.md).
+#pragma once
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <vector>
+
+#include "core/pipeline/pipeline.h"
+#include "tools/report/pictures.h"
+#include "tools/run_score.h"
+
+namespace fringeslam::tools {
+
+class RunFolder {
+ public:
+  RunFolder(std::filesystem::path folder, const RigModel& rig, const PatternSequence& sequence);
+
+  // The pictures and depth of one view, and one entry of frames.json.
+  void add(const FringeStack& stack, const FrameResult& result, const FrameResult* previous);
+
+  // trajectory.tum, map.ply, frames.json.
+  void finish(const CloudMap& map);
+
+  // error.png of each view and overview.png; `score` is null where there is no truth.
+  void draw_overview(const CloudMap& map, const RunScore* score) const;
+
+ private:
+  std::filesystem::path frame_folder(int index) const;
+
+  std::filesystem::path folder_;
+  RigModel rig_;
+  int finest_image_ = 0;  // of the sequence: shown in the overview
+  Trajectory trajectory_;
+  std::vector<int> tracked_;
+  nlohmann::ordered_json frames_ = nlohmann::ordered_json::array();
+  // Pictures of the last view that has matches, for the overview.
+  int shown_ = 0;
+  cv::Mat3b fringe_, phase_, depth_, matches_;
+  std::string match_title_;
+};
+
+}  // namespace fringeslam::tools

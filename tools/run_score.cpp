@@ -1,0 +1,167 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/run_score.h"
+
+#include <algorithm>
+#include <cstdarg>
+#include <cstdio>
+#include <numbers>
+
+#include "core/depth/depth.h"
+#include "core/patterns/patterns.h"
+#include "core/rig/dataset.h"
+#include "core/rig/rig_file.h"
+#include "core/rig/yaml.h"
+#include "core/score/truth_files.h"
+
+namespace fringeslam::tools {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr double kDegPerRad = 180 / std::numbers::pi;
+
+__attribute__((format(printf, 1, 2))) std::string format(const char* pattern, ...) {
+  char buffer[512];
+  va_list arguments;
+  va_start(arguments, pattern);
+  std::vsnprintf(buffer, sizeof buffer, pattern, arguments);
+  va_end(arguments);
+  return buffer;
+}
+
+nlohmann::ordered_json to_json(const SixDof& six) {
+  return {six.translation_mm.x(), six.translation_mm.y(), six.translation_mm.z(),
+          six.angles_deg.x(),     six.angles_deg.y(),     six.angles_deg.z()};
+}
+
+// One view of a run with its truth.
+struct View {
+  DepthEstimate estimate;
+  TruthFrame truth;
+};
+
+View read_view(const fs::path& folder, int index) {
+  return {read_depth_estimate(folder / "frames" / stack_name(index) / "depth.exr"),
+          read_truth_frame(folder / "truth" / (stack_name(index) + ".exr"))};
+}
+
+double finest_period(const PatternSequence& sequence) {
+  double finest = sequence.patterns.front().period_px;
+  for (const Pattern& pattern : sequence.patterns) finest = std::min(finest, pattern.period_px);
+  return finest;
+}
+
+}  // namespace
+
+RunScore score_run(const fs::path& folder) {
+  RunScore score;
+  const YamlMap config = YamlMap::load(folder / "config.yaml");
+  score.name = config.text("name");
+  score.seed = std::stoull(config.text("seed"));
+  score.stacks = config.integer("stacks", {1, 1e6});
+  const RigModel rig = read_rig(folder / "rig.yaml");
+  const double period = finest_period(read_patterns(folder / "patterns.yaml"));
+  const PixelRays rays = pixel_rays(rig.camera);
+  const Trajectory truth = read_tum(folder / "truth" / "truth.tum");
+  const Trajectory estimate = read_tum(folder / "trajectory.tum");
+  const auto pairs = associate(estimate, truth);
+  score.tracked = static_cast<int>(pairs.size());
+
+  View previous;
+  for (size_t k = 0; k < pairs.size(); ++k) {
+    const auto [i, j] = pairs[k];
+    const int index = static_cast<int>(j);
+    View current = read_view(folder, index);
+    score.frames.push_back({index, score_depth(current.estimate, current.truth, period)});
+    if (k > 0) {
+      const auto [last_i, last_j] = pairs[k - 1];
+      const Pose true_motion = truth[last_j].world_from_robot.inverse() * truth[j].world_from_robot;
+      const Pose motion = estimate[last_i].world_from_robot.inverse() * estimate[i].world_from_robot;
+      const Pose camera_from_robot = rig.robot_from_camera.inverse();
+      const Pose true_camera_motion = camera_from_robot * true_motion * rig.robot_from_camera;
+      const Pose camera_motion = camera_from_robot * motion * rig.robot_from_camera;
+      const Matrix6d information =
+          pose_information(previous.truth, previous.estimate.sigma_m, current.truth, current.estimate.sigma_m,
+                           rig.camera, rays, true_camera_motion);
+      score.pairs.push_back({static_cast<int>(last_j), index, score_motion(motion, true_motion),
+                             error_over_bound(camera_motion, true_camera_motion, information)});
+    }
+    previous = std::move(current);
+  }
+  if (pairs.size() >= 2) score.trajectory = score_trajectory(estimate, truth);
+  return score;
+}
+
+nlohmann::ordered_json to_json(const TrajectoryScore& score) {
+  return {{"poses", score.poses},
+          {"ate_rmse_mm", score.ate_rmse_m * 1e3},
+          {"ate_umeyama_rmse_mm", score.ate_umeyama_rmse_m * 1e3},
+          {"rpe_translation_rmse_mm", score.rpe_translation_rmse_m * 1e3},
+          {"rpe_rotation_rmse_deg", score.rpe_rotation_rmse_rad * kDegPerRad}};
+}
+
+nlohmann::ordered_json to_json(const RunScore& score) {
+  nlohmann::ordered_json json;
+  json["name"] = score.name;
+  json["seed"] = score.seed;
+  json["stacks"] = score.stacks;
+  json["tracked"] = score.tracked;
+  json["convention"] = "previous_from_current of the robot: X Y Z in mm, alpha beta gamma in degrees, R = Rz Ry Rx";
+  for (const PairScore& pair : score.pairs) {
+    json["pairs"].push_back({{"previous", pair.previous},
+                             {"current", pair.current},
+                             {"true", to_json(pair.motion.truth)},
+                             {"estimated", to_json(pair.motion.estimate)},
+                             {"error", to_json(pair.motion.error)},
+                             {"translation_error_mm", pair.motion.translation_error_m * 1e3},
+                             {"rotation_error_deg", pair.motion.rotation_error_rad * kDegPerRad},
+                             {"error_over_bound", pair.error_over_bound}});
+  }
+  for (const FrameScore& frame : score.frames) {
+    json["frames"].push_back({{"index", frame.index},
+                              {"compared", frame.depth.compared},
+                              {"depth_median_mm", frame.depth.median_m * 1e3},
+                              {"depth_rms_mm", frame.depth.rms_m * 1e3},
+                              {"depth_p99_mm", frame.depth.p99_m * 1e3},
+                              {"valid_fraction", frame.depth.valid_fraction},
+                              {"wrong_order", frame.depth.wrong_order},
+                              {"spurious", frame.depth.spurious}});
+  }
+  json["trajectory"] = to_json(score.trajectory);
+  return json;
+}
+
+std::string to_table(const TrajectoryScore& score) {
+  return format("trajectory over %d poses: ATE %.4f mm (best alignment %.4f mm), RPE %.4f mm, %.5f deg\n", score.poses,
+                score.ate_rmse_m * 1e3, score.ate_umeyama_rmse_m * 1e3, score.rpe_translation_rmse_m * 1e3,
+                score.rpe_rotation_rmse_rad * kDegPerRad);
+}
+
+std::string to_table(const RunScore& score) {
+  std::string text = format("%s, seed %llu: %d of %d views tracked\n\n", score.name.c_str(),
+                            static_cast<unsigned long long>(score.seed), score.tracked, score.stacks);
+  if (!score.pairs.empty())
+    text += "motion (previous from current)      dX mm     dY mm     dZ mm    da deg    db deg    dg deg   error/bound\n";
+  for (const PairScore& pair : score.pairs) {
+    const auto line = [&](const char* label, const SixDof& six, int digits) {
+      std::string row = format("  %d -> %d  %-20s", pair.previous, pair.current, label);
+      for (int i = 0; i < 3; ++i) row += format("%10.*f", digits, six.translation_mm[i]);
+      for (int i = 0; i < 3; ++i) row += format("%10.*f", digits + (digits > 3 ? 1 : 0), six.angles_deg[i]);
+      return row;
+    };
+    text += line("true", pair.motion.truth, 3) + "\n";
+    text += line("estimated", pair.motion.estimate, 3) + "\n";
+    text += line("error", pair.motion.error, 4) + format("%11.2f\n", pair.error_over_bound);
+  }
+  text += "\ndepth error mm      median       RMS      99 %   valid %   wrong order\n";
+  for (const FrameScore& frame : score.frames) {
+    const DepthScore& d = frame.depth;
+    text += format("  view %-11d %9.4f %9.4f %9.4f %9.2f %13.1e\n", frame.index, d.median_m * 1e3, d.rms_m * 1e3,
+                   d.p99_m * 1e3, d.valid_fraction * 100, d.wrong_order);
+  }
+  if (score.pairs.empty()) return text + "\nno motion was estimated\n";
+  return text + "\n" + to_table(score.trajectory);
+}
+
+}  // namespace fringeslam::tools

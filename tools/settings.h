@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+// All options of a run, and `--set stage.key=value`.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "core/pipeline/pipeline.h"
+#include "sim/virtual_rig.h"
+
+namespace fringeslam::tools {
+
+struct Settings {
+  PipelineOptions pipeline;
+  sim::RenderOptions render;
+
+  // visit(name, options) for each group of options.
+  template <class Visit>
+  void for_each_group(Visit&& visit) {
+    pipeline.for_each_stage(visit);
+    visit("render", render);
+  }
+};
+
+// Throws Error on a malformed, unknown or out-of-range setting, naming the nearest known one.
+Settings parse_settings(const std::vector<std::string>& sets);
+
+std::string pipeline_yaml(Settings settings);
+std::string render_yaml(Settings settings);
+
+// "decode.min_modulation_dn  3  least fringe amplitude …", one line each, for --help.
+std::string settings_help();
+
+}  // namespace fringeslam::tools

@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/source.h"
+
+#include "core/rig/dataset.h"
+#include "core/rig/files.h"
+
+namespace fringeslam::tools {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr const char* kSceneFile = "scene.yaml";
+constexpr const char* kRenderFile = "render.yaml";
+
+class SceneSource : public Source {
+ public:
+  SceneSource(const fs::path& file, std::optional<uint64_t> seed, const Settings& settings)
+      : scene_(sim::load_scene(file, seed)), settings_(settings) {}
+  const std::string& name() const override { return scene_.name; }
+  uint64_t seed() const override { return scene_.seed; }
+  int stacks() const override { return static_cast<int>(scene_.trajectory.size()); }
+  bool has_truth() const override { return true; }
+  const PatternSequence& sequence() const override { return scene_.patterns; }
+
+  std::unique_ptr<Rig> open(const fs::path& folder) override {
+    const fs::path truth = folder / "truth";
+    fs::create_directories(truth);
+    write_text(truth / "truth.tum", to_tum(scene_.trajectory));
+    write_text(folder / kRenderFile, render_yaml(settings_));
+    return std::make_unique<sim::VirtualRig>(
+        scene_, settings_.render, [truth](const TruthFrame& frame) { sim::write_truth(frame, truth); });
+  }
+
+ private:
+  sim::Scene scene_;
+  Settings settings_;
+};
+
+class DatasetSource : public Source {
+ public:
+  explicit DatasetSource(const fs::path& folder) : folder_(folder), rig_(std::make_unique<ReplayRig>(folder)) {
+    info_ = rig_->info();
+    sequence_ = rig_->sequence();
+    if (info_.has_truth && !fs::exists(folder_ / "truth" / "truth.tum"))
+      throw Error((folder_ / "truth" / "truth.tum").string() + ": is missing, though dataset.yaml promises truth");
+  }
+  const std::string& name() const override { return info_.name; }
+  uint64_t seed() const override { return info_.seed; }
+  int stacks() const override { return info_.stacks; }
+  bool has_truth() const override { return info_.has_truth; }
+  const PatternSequence& sequence() const override { return sequence_; }
+
+  std::unique_ptr<Rig> open(const fs::path& folder) override {
+    if (info_.has_truth) fs::copy(folder_ / "truth", folder / "truth", fs::copy_options::recursive);
+    if (fs::exists(folder_ / kRenderFile)) fs::copy_file(folder_ / kRenderFile, folder / kRenderFile);
+    return std::move(rig_);
+  }
+
+ private:
+  fs::path folder_;
+  std::unique_ptr<ReplayRig> rig_;
+  DatasetInfo info_;
+  PatternSequence sequence_;
+};
+
+}  // namespace
+
+std::unique_ptr<Source> open_source(const fs::path& path, std::optional<uint64_t> seed, const Settings& settings,
+                                    bool uses_render) {
+  std::error_code ignored;
+  if (!fs::exists(path, ignored)) throw Error(path.string() + ": does not exist; give a scene or a dataset folder");
+  if (fs::exists(path / kDatasetFile, ignored)) {
+    if (seed) throw Error(path.string() + ": --seed has no effect on a recorded dataset; leave it out");
+    if (uses_render) throw Error(path.string() + ": render.* settings have no effect on a recorded dataset");
+    return std::make_unique<DatasetSource>(path);
+  }
+  if (fs::is_directory(path, ignored)) {
+    if (!fs::exists(path / kSceneFile, ignored))
+      throw Error(path.string() + ": holds neither " + kSceneFile + " nor " + kDatasetFile);
+    return std::make_unique<SceneSource>(path / kSceneFile, seed, settings);
+  }
+  return std::make_unique<SceneSource>(path, seed, settings);
+}
+
+}  // namespace fringeslam::tools

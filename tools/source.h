@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a run takes its images from: a scene that is rendered, or a recorded dataset. Both leave the same
+// files in the run folder, so that a run of a rendered dataset equals a run of its scene byte for byte.
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "core/rig/rig.h"
+#include "tools/settings.h"
+
+namespace fringeslam::tools {
+
+class Source {
+ public:
+  virtual ~Source() = default;
+  virtual const std::string& name() const = 0;
+  virtual uint64_t seed() const = 0;
+  virtual int stacks() const = 0;
+  virtual bool has_truth() const = 0;
+  virtual const PatternSequence& sequence() const = 0;
+  // The rig; the files that tell where the images came from (render.yaml, truth/) are put into `folder`.
+  virtual std::unique_ptr<Rig> open(const std::filesystem::path& folder) = 0;
+};
+
+// `path`: a scene file, a folder with scene.yaml, or a dataset folder. `uses_render`: some render.* was set.
+std::unique_ptr<Source> open_source(const std::filesystem::path& path, std::optional<uint64_t> seed,
+                                    const Settings& settings, bool uses_render);
+
+}  // namespace fringeslam::tools

@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: Apache-2.0
+// The verbs of the command line. Each adds its subcommand to the application; the returned callback
+// runs it after parsing and returns the exit code.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <functional>
+
+namespace fringeslam::tools {
+
+// Options that every verb knows.
+struct Common {
+  bool json = false;   // one JSON document on standard output, nothing else
+  bool quiet = false;  // no progress
+};
+
+using Verb = std::function<int()>;
+
+Verb add_run(CLI::App& app, const Common& common);
+Verb add_render(CLI::App& app, const Common& common);
+Verb add_score(CLI::App& app, const Common& common);
+Verb add_info(CLI::App& app, const Common& common);
+
+}  // namespace fringeslam::tools
