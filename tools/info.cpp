@@ -41,8 +41,9 @@ Json describe_scene(const fs::path& file) {
   const sim::Scene scene = sim::load_scene(file);
   size_t triangles = 0;
   for (const sim::Object& object : scene.objects) triangles += object.mesh.triangles.size();
-  Json json = {{"kind", "scene"},          {"name", scene.name},         {"seed", scene.seed},
-               {"objects", scene.objects.size()}, {"triangles", triangles}, {"poses", scene.trajectory.size()}};
+  Json json = {{"kind", "scene"},        {"name", scene.name},
+               {"seed", scene.seed},     {"objects", scene.objects.size()},
+               {"triangles", triangles}, {"poses", scene.trajectory.size()}};
   json.update(describe(scene.rig));
   json.update(describe(scene.patterns));
   return json;
@@ -52,8 +53,11 @@ Json describe_path(const fs::path& path) {
   if (!fs::exists(path)) throw Error(path.string() + ": does not exist");
   if (fs::exists(path / kDatasetFile)) {
     const ReplayRig rig(path);
-    Json json = {{"kind", "dataset"}, {"name", rig.info().name}, {"seed", rig.info().seed},
-                 {"stacks", rig.info().stacks}, {"truth", rig.info().has_truth}};
+    Json json = {{"kind", "dataset"},
+                 {"name", rig.info().name},
+                 {"seed", rig.info().seed},
+                 {"stacks", rig.info().stacks},
+                 {"truth", rig.info().has_truth}};
     json.update(describe(rig.model()));
     json.update(describe(rig.sequence()));
     return json;
@@ -83,7 +87,8 @@ Verb add_info(CLI::App& app, const Common& common) {
       std::printf("%s\n", json.dump(2).c_str());
     } else {
       for (const auto& [key, value] : json.items())
-        std::printf("%-18s %s\n", key.c_str(), value.is_string() ? value.get<std::string>().c_str() : value.dump().c_str());
+        std::printf("%-18s %s\n", key.c_str(),
+                    value.is_string() ? value.get<std::string>().c_str() : value.dump().c_str());
     }
     return 0;
   };

@@ -8,8 +8,12 @@
 namespace fringeslam::tools {
 
 Progress::Progress(std::string what, int total, bool silent)
-    : what_(std::move(what)), total_(total), silent_(silent), terminal_(isatty(STDERR_FILENO) == 1),
-      start_(Clock::now()), printed_(start_) {}
+    : what_(std::move(what)),
+      total_(total),
+      silent_(silent),
+      terminal_(isatty(STDERR_FILENO) == 1),
+      start_(Clock::now()),
+      printed_(start_) {}
 
 Progress::~Progress() {
   if (!silent_ && terminal_ && done_ > 0) std::fputc('\n', stderr);

@@ -74,7 +74,8 @@ int run(const Arguments& arguments, const Common& common) {
 
 Verb add_run(CLI::App& app, const Common& common) {
   auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb = app.add_subcommand("run", "Map a scene or a recorded dataset, and score the map where the truth is known");
+  CLI::App* verb =
+      app.add_subcommand("run", "Map a scene or a recorded dataset, and score the map where the truth is known");
   verb->add_option("source", arguments->source, "Scene file, folder with scene.yaml, or dataset folder")->required();
   verb->add_option("--out", arguments->out, "Run folder to write (default: runs/NAME-SEED)");
   verb->add_option("--seed", arguments->seed, "Seed, instead of the scene's");

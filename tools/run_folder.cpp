@@ -42,9 +42,10 @@ std::string fixed(double value, int digits) {
 
 // The figures of the overview, in a few lines.
 std::vector<std::string> summary(const RunScore& score) {
-  std::vector<std::string> lines = {score.name + ", seed " + std::to_string(score.seed),
-                                    std::to_string(score.tracked) + " of " + std::to_string(score.stacks) + " views tracked",
-                                    "", "motion error      mm        deg    / bound"};
+  std::vector<std::string> lines = {
+      score.name + ", seed " + std::to_string(score.seed),
+      std::to_string(score.tracked) + " of " + std::to_string(score.stacks) + " views tracked", "",
+      "motion error      mm        deg    / bound"};
   for (const PairScore& pair : score.pairs)
     lines.push_back(std::to_string(pair.previous) + " -> " + std::to_string(pair.current) + "            " +
                     fixed(pair.motion.translation_error_m * 1e3, 4) + "    " +
@@ -53,8 +54,8 @@ std::vector<std::string> summary(const RunScore& score) {
   lines.push_back("");
   lines.push_back("depth error mm     median     99 %");
   for (const FrameScore& frame : score.frames)
-    lines.push_back("view " + std::to_string(frame.index) + "               " + fixed(frame.depth.median_m * 1e3, 4) + "    " +
-                    fixed(frame.depth.p99_m * 1e3, 4));
+    lines.push_back("view " + std::to_string(frame.index) + "               " + fixed(frame.depth.median_m * 1e3, 4) +
+                    "    " + fixed(frame.depth.p99_m * 1e3, 4));
   lines.push_back("");
   lines.push_back("ATE " + fixed(score.trajectory.ate_rmse_m * 1e3, 4) + " mm");
   return lines;
@@ -113,8 +114,8 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const F
   }
   if (tracked && previous && matches_.empty()) {
     matches_ = match_picture(*previous, result);
-    match_title_ = "matches, view " + std::to_string(previous->frame.index) + " to " + std::to_string(stack.index) + ": " +
-                   std::to_string(result.motion.inliers) + " of " + std::to_string(result.matches.size()) +
+    match_title_ = "matches, view " + std::to_string(previous->frame.index) + " to " + std::to_string(stack.index) +
+                   ": " + std::to_string(result.motion.inliers) + " of " + std::to_string(result.matches.size()) +
                    " agree on one motion";
   }
 }

@@ -81,9 +81,8 @@ RunScore score_run(const fs::path& folder) {
       const Pose camera_from_robot = rig.robot_from_camera.inverse();
       const Pose true_camera_motion = camera_from_robot * true_motion * rig.robot_from_camera;
       const Pose camera_motion = camera_from_robot * motion * rig.robot_from_camera;
-      const Matrix6d information =
-          pose_information(previous.truth, previous.estimate.sigma_m, current.truth, current.estimate.sigma_m,
-                           rig.camera, rays, true_camera_motion);
+      const Matrix6d information = pose_information(previous.truth, previous.estimate.sigma_m, current.truth,
+                                                    current.estimate.sigma_m, rig.camera, rays, true_camera_motion);
       score.pairs.push_back({static_cast<int>(last_j), index, score_motion(motion, true_motion),
                              error_over_bound(camera_motion, true_camera_motion, information)});
     }
@@ -142,7 +141,8 @@ std::string to_table(const RunScore& score) {
   std::string text = format("%s, seed %llu: %d of %d views tracked\n\n", score.name.c_str(),
                             static_cast<unsigned long long>(score.seed), score.tracked, score.stacks);
   if (!score.pairs.empty())
-    text += "motion (previous from current)      dX mm     dY mm     dZ mm    da deg    db deg    dg deg   error/bound\n";
+    text +=
+        "motion (previous from current)      dX mm     dY mm     dZ mm    da deg    db deg    dg deg   error/bound\n";
   for (const PairScore& pair : score.pairs) {
     const auto line = [&](const char* label, const SixDof& six, int digits) {
       std::string row = format("  %d -> %d  %-20s", pair.previous, pair.current, label);

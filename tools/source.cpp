@@ -28,8 +28,8 @@ class SceneSource : public Source {
     fs::create_directories(truth);
     write_text(truth / "truth.tum", to_tum(scene_.trajectory));
     write_text(folder / kRenderFile, render_yaml(settings_));
-    return std::make_unique<sim::VirtualRig>(
-        scene_, settings_.render, [truth](const TruthFrame& frame) { sim::write_truth(frame, truth); });
+    return std::make_unique<sim::VirtualRig>(scene_, settings_.render,
+                                             [truth](const TruthFrame& frame) { sim::write_truth(frame, truth); });
   }
 
  private:

@@ -15,6 +15,8 @@ namespace fringeslam {
 namespace {
 
 constexpr double kTwoPi = 2 * std::numbers::pi;
+// What the projector's grey levels add to the difference of two periods' phases, rad: 8 bits and a ratio of 8.
+constexpr double kPatternResidual = 0.03;
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
 // Least-squares estimator of one period: rows give (I', I'' cos phi, -I'' sin phi) from the samples.
@@ -111,8 +113,8 @@ DecodedStack decode(const FringeStack& stack, const PatternSequence& sequence, c
   out.timestamp_s = stack.timestamp_s;
   out.full_scale_dn = sensor.max_dn();
   out.finest_period_px = estimators.back().group.period_px;
-  for (cv::Mat1f* image : {&out.mean, &out.modulation, &out.wrapped_phase, &out.coordinate_px, &out.sigma_px,
-                           &out.confidence})
+  for (cv::Mat1f* image :
+       {&out.mean, &out.modulation, &out.wrapped_phase, &out.coordinate_px, &out.sigma_px, &out.confidence})
     *image = cv::Mat1f(size, kNaN);
   out.fringe_order = cv::Mat1i(size, -1);
 
@@ -140,6 +142,9 @@ DecodedStack decode(const FringeStack& stack, const PatternSequence& sequence, c
           const double ratio = estimators[g - 1].group.period_px / group.period_px;
           order = static_cast<int>(std::lround((ratio * absolute - phase.phase) / kTwoPi));
           const double spread = std::hypot(ratio * absolute_sigma, phase.sigma);
+          const double residual = ratio * absolute - (phase.phase + kTwoPi * order);
+          valid =
+              valid && std::abs(residual) <= options.max_order_residual_sigma * std::hypot(spread, kPatternResidual);
           right *= 1 - std::erfc(std::numbers::pi / (std::numbers::sqrt2 * spread));
         }
         absolute = phase.phase + kTwoPi * order;

@@ -20,11 +20,12 @@
 namespace fringeslam {
 
 struct DecodeOptions {
-  double min_modulation_dn = 3;     // I''
+  double min_modulation_dn = 3;       // I''
   double min_data_modulation = 0.05;  // I'' / I'
-  double saturation = 0.98;         // of full scale; any sample above it makes the pixel invalid
+  double saturation = 0.98;           // of full scale; any sample above it makes the pixel invalid
   double max_phase_sigma_rad = 0.35;
-  double max_order_failure = 1e-4;  // predicted probability of a wrong fringe order
+  double max_order_failure = 1e-4;      // predicted probability of a wrong fringe order
+  double max_order_residual_sigma = 4;  // disagreement of two periods; pixels that see two surfaces disagree
 
   template <class Visitor>
   void describe(Visitor& v) {
@@ -33,6 +34,8 @@ struct DecodeOptions {
     v.field("saturation", saturation, {0.1, 1}, "share of full scale above which a sample counts as clipped");
     v.field("max_phase_sigma_rad", max_phase_sigma_rad, {0, 3}, "largest predicted phase sigma, rad");
     v.field("max_order_failure", max_order_failure, {0, 1}, "largest predicted probability of a wrong fringe order");
+    v.field("max_order_residual_sigma", max_order_residual_sigma, {0.1, 1e6},
+            "largest disagreement of two periods, sigmas");
   }
 };
 

@@ -40,8 +40,7 @@ class Triangulator {
       }
     }
     const double denominator = direction.x() - x_p * direction.z();
-    const double slope =
-        (direction.x() * t.z() - direction.z() * t.x()) / (denominator * denominator * projector.fx);
+    const double slope = (direction.x() * t.z() - direction.z() * t.x()) / (denominator * denominator * projector.fx);
     return {depth, std::abs(slope) * sigma_px};
   }
 
@@ -80,17 +79,24 @@ cv::Mat1b flying_pixels(const cv::Mat3f& points, const cv::Mat1f& sigma, StepLim
 }
 
 // Normal of the plane that fits the window best. Under perspective a plane n.P = d is linear in inverse
-// depth, 1/z = (n/d).(x, y, 1), so the fit is a 3 x 3 linear system.
+// depth, 1/z = (n/d).(x, y, 1), so the fit is a 3 x 3 linear system. Where the window does not look like a
+// plane within the noise (an edge, a corner) there is no normal: a rounded one would bias registration.
 class NormalEstimator {
  public:
-  NormalEstimator(const cv::Mat3f& points, const PixelRays& rays, const cv::Mat1f& sigma, StepLimit limit, int radius)
-      : points_(points), rays_(rays), sigma_(sigma), limit_(limit), radius_(radius) {}
+  NormalEstimator(const cv::Mat3f& points, const PixelRays& rays, const cv::Mat1f& sigma, StepLimit limit,
+                  const DepthOptions& options)
+      : points_(points),
+        rays_(rays),
+        sigma_(sigma),
+        limit_(limit),
+        radius_(options.normal_radius_px),
+        max_chi2_(options.max_normal_chi2) {}
 
   cv::Vec3f operator()(int row, int col) const {
     const float z0 = points_(row, col)[2];
     const cv::Vec2f ray0 = rays_(row, col);
     const double step = limit_(z0, sigma_(row, col));
-    double sxx = 0, sxy = 0, syy = 0, sx = 0, sy = 0, sw = 0, sxw = 0, syw = 0;
+    double sxx = 0, sxy = 0, syy = 0, sx = 0, sy = 0, sw = 0, sxw = 0, syw = 0, sww = 0;
     int count = 0;
     for (int r = std::max(0, row - radius_); r <= std::min(points_.rows - 1, row + radius_); ++r) {
       for (int c = std::max(0, col - radius_); c <= std::min(points_.cols - 1, col + radius_); ++c) {
@@ -99,7 +105,7 @@ class NormalEstimator {
         if (!(std::abs(z - z0) <= step * distance)) continue;
         const double x = rays_(r, c)[0] - ray0[0], y = rays_(r, c)[1] - ray0[1];
         const double w = 1.0 / z - 1.0 / z0;
-        sxx += x * x, sxy += x * y, syy += y * y, sx += x, sy += y, sw += w, sxw += x * w, syw += y * w;
+        sxx += x * x, sxy += x * y, syy += y * y, sx += x, sy += y, sw += w, sxw += x * w, syw += y * w, sww += w * w;
         ++count;
       }
     }
@@ -107,7 +113,11 @@ class NormalEstimator {
     if (count * 2 < window) return {kNaN, kNaN, kNaN};
     Eigen::Matrix3d normal_matrix;
     normal_matrix << sxx, sxy, sx, sxy, syy, sy, sx, sy, count;
-    const Eigen::Vector3d abc = normal_matrix.inverse() * Eigen::Vector3d(sxw, syw, sw);
+    const Eigen::Vector3d right_side(sxw, syw, sw);
+    const Eigen::Vector3d abc = normal_matrix.inverse() * right_side;
+    const double sigma_w = sigma_(row, col) / (static_cast<double>(z0) * z0);
+    const double chi2 = (sww - abc.dot(right_side)) / (sigma_w * sigma_w * (count - 3));
+    if (!(chi2 <= max_chi2_)) return {kNaN, kNaN, kNaN};
     // Back from coordinates relative to the centre: 1/z = a x + b y + (c + 1/z0 - a x0 - b y0).
     Eigen::Vector3d n(abc.x(), abc.y(), abc.z() + 1.0 / z0 - abc.x() * ray0[0] - abc.y() * ray0[1]);
     n.normalize();
@@ -122,6 +132,7 @@ class NormalEstimator {
   const cv::Mat1f& sigma_;
   StepLimit limit_;
   int radius_;
+  double max_chi2_;
 };
 
 }  // namespace
@@ -187,7 +198,7 @@ Frame reconstruct(const DecodedStack& decoded, const RigModel& rig, const PixelR
   frame.points_m.setTo(cv::Scalar::all(std::numeric_limits<double>::quiet_NaN()), flying);
   frame.sigma_m.setTo(std::numeric_limits<double>::quiet_NaN(), flying);
 
-  const NormalEstimator normal(frame.points_m, rays, frame.sigma_m, limit, options.normal_radius_px);
+  const NormalEstimator normal(frame.points_m, rays, frame.sigma_m, limit, options);
   for_each_row(size.height, [&](int row) {
     for (int col = 0; col < size.width; ++col) {
       if (frame.valid(row, col)) frame.normals(row, col) = normal(row, col);

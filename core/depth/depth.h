@@ -19,9 +19,10 @@ namespace fringeslam {
 
 struct DepthOptions {
   double near_m = 0.4, far_m = 2.5;  // depths outside are dropped
-  double max_slope_deg = 82;         // steeper steps between neighbours are discontinuities
+  double max_slope_deg = 87;         // steeper steps between neighbours are discontinuities
   double max_sigma_m = 0.005;
   int normal_radius_px = 3;
+  double max_normal_chi2 = 2.5;  // of the plane fit, per degree of freedom
 
   template <class Visitor>
   void describe(Visitor& v) {
@@ -30,6 +31,8 @@ struct DepthOptions {
     v.field("max_slope_deg", max_slope_deg, {10, 89.9}, "slope beyond which a depth step is a discontinuity, degrees");
     v.field("max_sigma_m", max_sigma_m, {0, 10}, "largest depth sigma that is kept, m");
     v.field("normal_radius_px", normal_radius_px, {1, 15}, "half width of the window of the normals, px");
+    v.field("max_normal_chi2", max_normal_chi2, {0.1, 1e12},
+            "largest chi-square per degree of freedom of a normal's plane fit");
   }
 };
 

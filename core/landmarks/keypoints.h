@@ -39,9 +39,9 @@ struct MatchOptions {
 
 struct Keypoint {
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
-  double scale = 0;      // SIFT's sigma, px
+  double scale = 0;  // SIFT's sigma, px
   double angle_rad = 0;
-  Eigen::Vector3d point_m = Eigen::Vector3d::Zero();            // camera frame
+  Eigen::Vector3d point_m = Eigen::Vector3d::Zero();  // camera frame
   Eigen::Matrix3d covariance_m2 = Eigen::Matrix3d::Zero();
 };
 

@@ -40,13 +40,14 @@ struct Gates {
 class PointToPlane {
  public:
   PointToPlane(const Frame& target, const Frame& source, const Pinhole& camera, const IcpOptions& options)
-      : target_(target), source_(source), camera_(camera),
-        min_normal_cos_(std::cos(options.max_normal_deg * std::numbers::pi / 180)),
-        min_incidence_cos_(std::cos(options.min_incidence_deg * std::numbers::pi / 180)) {}
+      : target_(target),
+        source_(source),
+        camera_(camera),
+        min_normal_cos_(std::cos(options.max_normal_deg * std::numbers::pi / 180)) {}
 
   int source_points() const {
     int count = 0;
-    for (const cv::Vec3f& normal : source_.normals) count += normal[2] == normal[2];
+    for (const cv::Vec3f& point : source_.points_m) count += point[2] == point[2];
     return count;
   }
 
@@ -62,29 +63,30 @@ class PointToPlane {
 
  private:
   void accumulate(int row, int col, const Pose& pose, const Gates& gates, Sums& sums) const {
-    const cv::Vec3f& source_normal = source_.normals(row, col);
-    if (source_normal[2] != source_normal[2]) return;
+    if (!source_.valid(row, col)) return;
     const Eigen::Vector3d p = to_eigen(source_.points_m(row, col));
     const Eigen::Vector3d rotated = pose.rotation * p;
     const Eigen::Vector3d x = rotated + pose.translation;
     if (x.z() <= 0) return;
     const Eigen::Vector2d pixel = camera_.project(x);
     if (!camera_.contains(pixel)) return;
-    const int target_col = static_cast<int>(std::lround(pixel.x())), target_row = static_cast<int>(std::lround(pixel.y()));
-    const cv::Vec3f& target_normal = target_.normals(target_row, target_col);
-    if (target_normal[2] != target_normal[2]) return;
-
+    const int target_col = static_cast<int>(std::lround(pixel.x())),
+              target_row = static_cast<int>(std::lround(pixel.y()));
+    if (!target_.valid(target_row, target_col)) return;
     const Eigen::Vector3d q = to_eigen(target_.points_m(target_row, target_col));
-    const Eigen::Vector3d n = to_eigen(target_normal);
-    const Eigen::Vector3d n_source = to_eigen(source_normal);
-    const double residual = n.dot(x - q);
-    if (std::abs(residual) > gates.distance_m || (x - q).squaredNorm() > 4 * gates.distance_m * gates.distance_m) return;
-    if (n.dot(pose.rotation * n_source) < min_normal_cos_) return;
-    const double cos_q = -n.dot(q) / q.norm(), cos_p = -n_source.dot(p) / p.norm();
-    if (cos_q < min_incidence_cos_ || cos_p < min_incidence_cos_) return;
 
+    const Eigen::Vector3d n_q = to_eigen(target_.normals(target_row, target_col));
+    const Eigen::Vector3d n_p = pose.rotation * to_eigen(source_.normals(row, col));
+    const double facing_q = -n_q.dot(q) / q.norm(), facing_p = -n_p.dot(rotated) / p.norm();  // NaN without normal
+    if (n_q.dot(n_p) < min_normal_cos_) return;  // false when one is missing
+    const bool by_source = facing_p > facing_q || std::isnan(facing_q);
+    const Eigen::Vector3d& n = by_source ? n_p : n_q;
+    if (!(n.squaredNorm() > 0)) return;
+
+    const double residual = n.dot(x - q);
+    if (std::abs(residual) > gates.distance_m) return;
     const double sigma_q = n.dot(q) / q.z() * target_.sigma_m(target_row, target_col);
-    const double sigma_p = n_source.dot(p) / p.z() * source_.sigma_m(row, col);
+    const double sigma_p = n.dot(rotated) / p.z() * source_.sigma_m(row, col);
     const double variance = sigma_q * sigma_q + sigma_p * sigma_p;
     const double scaled = residual / (std::sqrt(variance) * gates.outlier_sigma);
     if (std::abs(scaled) >= 1) return;
@@ -101,7 +103,7 @@ class PointToPlane {
   const Frame& target_;
   const Frame& source_;
   const Pinhole& camera_;
-  double min_normal_cos_, min_incidence_cos_;
+  double min_normal_cos_;
 };
 
 }  // namespace
@@ -117,6 +119,7 @@ IcpResult point_to_plane_icp(const Frame& target, const Frame& source, const Pin
 
   // The residuals' gates start wide, in metres, and close to the noise: graduated non-convexity.
   constexpr double kFirstSigma = 1e3;
+  constexpr double kSettledSigmas = 0.05;
   Gates gates{options.max_distance_m, kFirstSigma};
   Sums sums;
   bool settled = false;
@@ -129,7 +132,8 @@ IcpResult point_to_plane_icp(const Frame& target, const Frame& source, const Pin
     result.target_from_source = retract(result.target_from_source, step);
     const double rms = std::sqrt(sums.squares_m2 / sums.pairs);
     const bool at_noise = gates.outlier_sigma <= options.outlier_sigma;
-    settled = at_noise && step.head<3>().norm() < 1e-8 && step.tail<3>().norm() < 1e-8;
+    // Partners flip between neighbouring pixels for ever; a step far below what noise can do ends it.
+    settled = at_noise && step.dot(sums.information * step) < kSettledSigmas * kSettledSigmas;
     const double rms_sigma = std::sqrt(sums.squares_sigma / sums.pairs);
     gates.outlier_sigma = std::max(options.outlier_sigma, std::min(0.6 * gates.outlier_sigma, 3 * rms_sigma));
     gates.distance_m = std::min(gates.distance_m, std::max(6 * rms, 1e-3));

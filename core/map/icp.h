@@ -3,9 +3,11 @@
 // the depth sigmas (METHOD S22, `point_to_plane`).
 //
 // A source point p is moved into the target's camera, x = T p, and projected; the pixel it falls on gives
-// the partner q with normal n. With r = n.(x - q) and
+// the partner q. The normal n is that of the view that sees the surface less obliquely: steep walls, which
+// alone hold a view of flat things in place sideways, often have a normal in one view only. With
+// r = n.(x - q) and
 //
-//   sigma^2 = (n.d_q)^2 sigma_q^2 + (n_p.d_p)^2 sigma_p^2        (d = the pixel's ray, d_z = 1)
+//   sigma^2 = (n.d_q)^2 sigma_q^2 + (n.R d_p)^2 sigma_p^2        (d = the pixel's ray, d_z = 1)
 //
 // Gauss-Newton minimises sum rho(r / sigma) over T, rho = Tukey's biweight. The information matrix
 // sum g g^T / sigma^2, g = (R p x n, n), is that of the tangent of retract().
@@ -20,19 +22,17 @@ namespace fringeslam {
 
 struct IcpOptions {
   int max_iterations = 40;
-  double max_distance_m = 0.02;   // of partners, in the first iteration; shrinks as the fit improves
-  double max_normal_deg = 30;     // between the normals of partners
-  double min_incidence_deg = 80;  // steeper views of a surface are left out
-  double outlier_sigma = 6;       // Tukey's cut-off, in sigmas
-  double min_overlap = 0.15;      // share of source points with a partner
-  double max_rms_sigma = 2.5;     // of the residuals in sigmas, for "converged"
+  double max_distance_m = 0.02;  // of partners, in the first iteration; shrinks as the fit improves
+  double max_normal_deg = 30;    // between the normals of partners
+  double outlier_sigma = 6;      // Tukey's cut-off, in sigmas
+  double min_overlap = 0.15;     // share of source points with a partner
+  double max_rms_sigma = 2.5;    // of the residuals in sigmas, for "converged"
 
   template <class Visitor>
   void describe(Visitor& v) {
     v.field("max_iterations", max_iterations, {1, 10000}, "Gauss-Newton iterations");
     v.field("max_distance_m", max_distance_m, {1e-6, 10}, "largest distance of partners at the start, m");
     v.field("max_normal_deg", max_normal_deg, {1, 180}, "largest angle between the normals of partners, degrees");
-    v.field("min_incidence_deg", min_incidence_deg, {10, 90}, "views of a surface steeper than this are left out, degrees");
     v.field("outlier_sigma", outlier_sigma, {1, 1000}, "Tukey cut-off of residuals, sigmas");
     v.field("min_overlap", min_overlap, {0, 1}, "least share of source points with a partner");
     v.field("max_rms_sigma", max_rms_sigma, {0.1, 1000}, "largest RMS residual of a good fit, sigmas");

@@ -25,11 +25,11 @@ struct PointPair {
 };
 
 struct MotionOptions {
-  double min_rank = 0.1;         // b
+  double min_rank = 0.1;  // b
   int min_inliers = 8;
-  double inlier_sigma = 4;       // Mahalanobis distance of a supporting pair
+  double inlier_sigma = 4;  // Mahalanobis distance of a supporting pair
   int max_hypotheses = 20000;
-  double max_rotation_sigma_deg = 1;      // beyond these the motion counts as not determined
+  double max_rotation_sigma_deg = 1;  // beyond these the motion counts as not determined
   double max_translation_sigma_m = 0.01;
   int seed = 1;
 
@@ -40,7 +40,8 @@ struct MotionOptions {
     v.field("inlier_sigma", inlier_sigma, {0.1, 100}, "Mahalanobis distance within which a pair supports");
     v.field("max_hypotheses", max_hypotheses, {1, 10000000}, "triples of pairs that are tried");
     v.field("max_rotation_sigma_deg", max_rotation_sigma_deg, {1e-6, 180}, "largest sigma of a determined rotation");
-    v.field("max_translation_sigma_m", max_translation_sigma_m, {1e-9, 100}, "largest sigma of a determined translation");
+    v.field("max_translation_sigma_m", max_translation_sigma_m, {1e-9, 100},
+            "largest sigma of a determined translation");
     v.field("seed", seed, {0, 2147483647}, "seed of the choice of triples");
   }
 };

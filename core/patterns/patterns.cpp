@@ -47,7 +47,8 @@ std::vector<FringeGroup> fringe_groups(const PatternSequence& sequence, Axis axi
       throw Error("patterns: period " + to_text(group.period_px) +
                   " px has fewer than three distinct phase shifts; add steps");
   }
-  std::stable_sort(groups.begin(), groups.end(), [](const auto& a, const auto& b) { return a.period_px > b.period_px; });
+  std::stable_sort(groups.begin(), groups.end(),
+                   [](const auto& a, const auto& b) { return a.period_px > b.period_px; });
   return groups;
 }
 

@@ -36,7 +36,11 @@ std::string to_string(Tracking tracking) {
 
 Pipeline::Pipeline(const RigModel& rig, const PatternSequence& sequence, const PipelineOptions& options,
                    const Pose& start)
-    : rig_(rig), sequence_(sequence), options_(options), rays_(pixel_rays(rig.camera)), map_(options.cloud),
+    : rig_(rig),
+      sequence_(sequence),
+      options_(options),
+      rays_(pixel_rays(rig.camera)),
+      map_(options.cloud),
       start_(start) {
   options_.for_each_stage([](const char* name, auto& stage) { check_options(stage, name); });
 }
@@ -76,9 +80,8 @@ void Pipeline::track(FrameResult& result) const {
     result.covariance = excess * result.icp.information.inverse();
   }
   // METHOD S21: world_from_robot(i+1) = world_from_robot(i) robot_from_camera motion camera_from_robot
-  result.world_from_robot =
-      orthonormalised(last_->world_from_robot * rig_.robot_from_camera * result.previous_from_current *
-                      rig_.robot_from_camera.inverse());
+  result.world_from_robot = orthonormalised(last_->world_from_robot * rig_.robot_from_camera *
+                                            result.previous_from_current * rig_.robot_from_camera.inverse());
 }
 
 }  // namespace fringeslam

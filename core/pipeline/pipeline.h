@@ -53,7 +53,7 @@ struct FrameResult {
   MotionEstimate motion;
   IcpResult icp;
   Tracking tracking = Tracking::lost;
-  Pose previous_from_current;  // camera motion since the last tracked frame
+  Pose previous_from_current;              // camera motion since the last tracked frame
   Matrix6d covariance = Matrix6d::Zero();  // of previous_from_current
   Pose world_from_robot;
 };

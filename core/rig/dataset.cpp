@@ -101,7 +101,8 @@ RecordingRig::RecordingRig(Rig& inner, fs::path folder) : inner_(inner), folder_
 
 std::optional<FringeStack> RecordingRig::capture(const PatternSequence& sequence) {
   if (!sequence_) write_text(folder_ / "patterns.yaml", to_yaml(sequence));
-  if (sequence_ && !(*sequence_ == sequence)) throw Error(folder_.string() + ": one dataset holds one pattern sequence");
+  if (sequence_ && !(*sequence_ == sequence))
+    throw Error(folder_.string() + ": one dataset holds one pattern sequence");
   sequence_ = sequence;
   auto stack = inner_.capture(sequence);
   if (!stack) return stack;

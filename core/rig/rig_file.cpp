@@ -136,7 +136,8 @@ PatternSequence read_patterns(const std::filesystem::path& file) {
     pattern.bits = entry.integer("bits", {0, 16});
     sequence.patterns.push_back(pattern);
   }
-  if (sequence.patterns.empty()) throw map.error("patterns", "'patterns' is empty; a sequence needs three images or more");
+  if (sequence.patterns.empty())
+    throw map.error("patterns", "'patterns' is empty; a sequence needs three images or more");
   map.finish();
   return sequence;
 }

@@ -3,8 +3,8 @@
 #include <cmath>
 #include <limits>
 
-#include "core/types/error.h"
 #include "core/score/score.h"
+#include "core/types/error.h"
 
 namespace fringeslam {
 

@@ -50,13 +50,12 @@ Matrix6d pose_information(const TruthFrame& previous, const cv::Mat1f& previous_
       const BoundPoint target = bound_point(previous, previous_sigma_m, rays, static_cast<int>(std::lround(pixel.y())),
                                             static_cast<int>(std::lround(pixel.x())));
       // The same surface in both views: the true plane of the one holds the point of the other.
-      if (!target.usable || std::abs(target.normal.dot(x - target.point)) > 5e-4 ||
-          (x - target.point).norm() > 5e-3)
+      if (!target.usable || std::abs(target.normal.dot(x - target.point)) > 5e-4 || (x - target.point).norm() > 5e-3)
         continue;
       Vector6d g;
       g << rotated.cross(target.normal), target.normal;
-      information += g * g.transpose() / (source.residual_sigma * source.residual_sigma +
-                                          target.residual_sigma * target.residual_sigma);
+      information += g * g.transpose() /
+                     (source.residual_sigma * source.residual_sigma + target.residual_sigma * target.residual_sigma);
     }
   }
   return information;
@@ -87,7 +86,8 @@ std::vector<std::pair<size_t, size_t>> associate(const Trajectory& estimate, con
   size_t j = 0;
   for (size_t i = 0; i < estimate.size(); ++i) {
     const double time = estimate[i].timestamp_s;
-    while (j + 1 < truth.size() && std::abs(truth[j + 1].timestamp_s - time) <= std::abs(truth[j].timestamp_s - time)) ++j;
+    while (j + 1 < truth.size() && std::abs(truth[j + 1].timestamp_s - time) <= std::abs(truth[j].timestamp_s - time))
+      ++j;
     if (j < truth.size() && std::abs(truth[j].timestamp_s - time) <= max_gap_s) pairs.emplace_back(i, j);
   }
   return pairs;
@@ -116,8 +116,7 @@ TrajectoryScore score_trajectory(const Trajectory& estimate, const Trajectory& t
   }
   TrajectoryScore score;
   score.poses = static_cast<int>(pairs.size());
-  const Pose by_origin =
-      truth[pairs[0].second].world_from_robot * estimate[pairs[0].first].world_from_robot.inverse();
+  const Pose by_origin = truth[pairs[0].second].world_from_robot * estimate[pairs[0].first].world_from_robot.inverse();
   score.ate_rmse_m = ate_rmse(true_positions, positions, by_origin);
   score.ate_umeyama_rmse_m = ate_rmse(true_positions, positions, align_points(true_positions, positions));
 

@@ -17,13 +17,13 @@ struct DepthEstimate {
 };
 
 struct DepthScore {
-  int compared = 0;       // pixels with both an estimate and a true depth
-  double median_m = 0;    // of |error|
+  int compared = 0;     // pixels with both an estimate and a true depth
+  double median_m = 0;  // of |error|
   double rms_m = 0;
-  double p99_m = 0;       // 99th percentile of |error|
-  double valid_fraction = 0;   // of the pixels that the projector lights
-  double wrong_order = 0;      // share of compared pixels more than half a fringe period off
-  int spurious = 0;            // estimates where the truth has no surface or no direct light
+  double p99_m = 0;           // 99th percentile of |error|
+  double valid_fraction = 0;  // of the pixels that the projector lights
+  double wrong_order = 0;     // share of compared pixels more than half a fringe period off
+  int spurious = 0;           // estimates where the truth has no surface or no direct light
 };
 
 DepthScore score_depth(const DepthEstimate& estimate, const TruthFrame& truth, double finest_period_px);
@@ -48,8 +48,8 @@ MotionScore score_motion(const Pose& estimate, const Pose& truth);
 
 // As evo computes them: APE/RPE of the poses associated by timestamp (within 10 ms).
 struct TrajectoryScore {
-  int poses = 0;                // associated
-  double ate_rmse_m = 0;        // translation, first poses aligned (evo_ape --align_origin)
+  int poses = 0;                  // associated
+  double ate_rmse_m = 0;          // translation, first poses aligned (evo_ape --align_origin)
   double ate_umeyama_rmse_m = 0;  // translation, best SE(3) alignment (evo_ape --align)
   double rpe_translation_rmse_m = 0, rpe_rotation_rmse_rad = 0;  // consecutive poses (evo_rpe, delta 1 frame)
 };

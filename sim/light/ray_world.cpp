@@ -53,8 +53,8 @@ struct RayWorld::Impl {
     for (const Eigen::Vector3d& v : mesh.vertices) {
       for (int i = 0; i < 3; ++i) *positions++ = static_cast<float>(v[i]);
     }
-    auto* indices = static_cast<unsigned*>(rtcSetNewGeometryBuffer(
-        geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 3 * sizeof(unsigned), mesh.triangles.size()));
+    auto* indices = static_cast<unsigned*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                                                                   3 * sizeof(unsigned), mesh.triangles.size()));
     for (const Eigen::Vector3i& t : mesh.triangles) {
       for (int i = 0; i < 3; ++i) *indices++ = static_cast<unsigned>(t[i]);
     }

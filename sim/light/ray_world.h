@@ -13,7 +13,7 @@
 namespace fringeslam::sim {
 
 struct Hit {
-  double distance = 0;  // in units of the direction's length
+  double distance = 0;                               // in units of the direction's length
   Eigen::Vector3d point = Eigen::Vector3d::Zero();   // world, m
   Eigen::Vector3d normal = Eigen::Vector3d::Zero();  // unit, world, towards the ray's origin
   int object = 0;                                    // index into Scene::objects

@@ -34,7 +34,8 @@ struct Lighting {
 class ProjectorLight {
  public:
   ProjectorLight(const RayWorld& world, const RigModel& rig, const Pose& world_from_camera)
-      : world_(world), projector_(rig.projector),
+      : world_(world),
+        projector_(rig.projector),
         projector_from_world_(rig.projector_from_camera * world_from_camera.inverse()),
         position_(projector_from_world_.inverse().translation) {}
 
@@ -146,8 +147,7 @@ TracedView trace_view(const RayWorld& world, const RigModel& rig, const SampleRa
 cv::Mat1f shade(const TracedView& view, int samples_per_pixel, const Pattern& pattern, const RigModel& rig,
                 double ambient_electrons) {
   const bool columns = pattern.axis == Axis::columns;
-  const std::vector<float> profile =
-      intensity_profile(pattern, columns ? rig.projector.width : rig.projector.height);
+  const std::vector<float> profile = intensity_profile(pattern, columns ? rig.projector.width : rig.projector.height);
   const auto black = static_cast<float>(rig.projector_black_level);
   const auto white = static_cast<float>(rig.white_electrons_at_1m);
   const auto ambient = static_cast<float>(ambient_electrons);
@@ -159,8 +159,9 @@ cv::Mat1f shade(const TracedView& view, int samples_per_pixel, const Pattern& pa
       for (size_t s = first; s < first + static_cast<size_t>(samples_per_pixel); ++s) {
         const Sample& sample = view.samples[s];
         const float coordinate = columns ? sample.column : sample.row;
-        const float intensity = pattern.bits == 0 ? static_cast<float>(ideal_intensity(pattern, static_cast<double>(coordinate)))
-                                                  : lookup(profile, coordinate);
+        const float intensity = pattern.bits == 0
+                                    ? static_cast<float>(ideal_intensity(pattern, static_cast<double>(coordinate)))
+                                    : lookup(profile, coordinate);
         sum += sample.ambient * ambient + sample.beam * white * (black + (1 - black) * intensity);
       }
       electrons(row, col) = sum / static_cast<float>(samples_per_pixel);

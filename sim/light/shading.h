@@ -20,8 +20,8 @@ namespace fringeslam::sim {
 
 // What a camera sample sees, all that shading needs of it.
 struct Sample {
-  float ambient = 0;  // albedo; 0 where nothing is seen
-  float beam = 0;     // albedo cos(theta) / r^2 (m^-2); 0 in shadow or out of the beam
+  float ambient = 0;          // albedo; 0 where nothing is seen
+  float beam = 0;             // albedo cos(theta) / r^2 (m^-2); 0 in shadow or out of the beam
   float column = 0, row = 0;  // projector coordinates, px
 };
 

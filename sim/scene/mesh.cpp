@@ -14,12 +14,12 @@ namespace {
 Mesh icosahedron() {
   const double g = std::numbers::phi;
   Mesh mesh;
-  mesh.vertices = {{-1, g, 0}, {1, g, 0}, {-1, -g, 0}, {1, -g, 0}, {0, -1, g}, {0, 1, g},
-                   {0, -1, -g}, {0, 1, -g}, {g, 0, -1}, {g, 0, 1}, {-g, 0, -1}, {-g, 0, 1}};
+  mesh.vertices = {{-1, g, 0},  {1, g, 0},  {-1, -g, 0}, {1, -g, 0}, {0, -1, g},  {0, 1, g},
+                   {0, -1, -g}, {0, 1, -g}, {g, 0, -1},  {g, 0, 1},  {-g, 0, -1}, {-g, 0, 1}};
   for (auto& v : mesh.vertices) v.normalize();
-  mesh.triangles = {{0, 11, 5}, {0, 5, 1}, {0, 1, 7},   {0, 7, 10}, {0, 10, 11}, {1, 5, 9}, {5, 11, 4},
-                    {11, 10, 2}, {10, 7, 6}, {7, 1, 8}, {3, 9, 4},  {3, 4, 2},   {3, 2, 6}, {3, 6, 8},
-                    {3, 8, 9},   {4, 9, 5}, {2, 4, 11}, {6, 2, 10}, {8, 6, 7},   {9, 8, 1}};
+  mesh.triangles = {{0, 11, 5},  {0, 5, 1},  {0, 1, 7},  {0, 7, 10}, {0, 10, 11}, {1, 5, 9}, {5, 11, 4},
+                    {11, 10, 2}, {10, 7, 6}, {7, 1, 8},  {3, 9, 4},  {3, 4, 2},   {3, 2, 6}, {3, 6, 8},
+                    {3, 8, 9},   {4, 9, 5},  {2, 4, 11}, {6, 2, 10}, {8, 6, 7},   {9, 8, 1}};
   return mesh;
 }
 
@@ -31,13 +31,13 @@ Mesh subdivided(const Mesh& mesh) {
   const auto midpoint = [&](int a, int b) {
     const auto [entry, is_new] = midpoints.try_emplace(std::minmax(a, b), static_cast<int>(fine.vertices.size()));
     if (is_new)
-      fine.vertices.push_back((mesh.vertices[static_cast<size_t>(a)] + mesh.vertices[static_cast<size_t>(b)]).normalized());
+      fine.vertices.push_back(
+          (mesh.vertices[static_cast<size_t>(a)] + mesh.vertices[static_cast<size_t>(b)]).normalized());
     return entry->second;
   };
   for (const Eigen::Vector3i& t : mesh.triangles) {
     const int ab = midpoint(t[0], t[1]), bc = midpoint(t[1], t[2]), ca = midpoint(t[2], t[0]);
-    for (const Eigen::Vector3i& part :
-         {Eigen::Vector3i(t[0], ab, ca), {t[1], bc, ab}, {t[2], ca, bc}, {ab, bc, ca}})
+    for (const Eigen::Vector3i& part : {Eigen::Vector3i(t[0], ab, ca), {t[1], bc, ab}, {t[2], ca, bc}, {ab, bc, ca}})
       fine.triangles.push_back(part);
   }
   return fine;
@@ -72,8 +72,8 @@ Mesh cylinder_mesh(double radius, double length, int sides) {
   }
   for (int i = 0; i < sides; ++i) {
     const int low = 2 + 2 * i, high = low + 1, next_low = 2 + 2 * ((i + 1) % sides), next_high = next_low + 1;
-    for (const Eigen::Vector3i& t : {Eigen::Vector3i(low, next_low, high), {next_low, next_high, high},
-                                     {0, next_low, low}, {1, high, next_high}})
+    for (const Eigen::Vector3i& t :
+         {Eigen::Vector3i(low, next_low, high), {next_low, next_high, high}, {0, next_low, low}, {1, high, next_high}})
       mesh.triangles.push_back(t);
   }
   return mesh;

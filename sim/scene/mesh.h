@@ -13,10 +13,10 @@ struct Mesh {
   std::vector<Eigen::Vector3i> triangles;  // counter-clockwise seen from outside
 };
 
-Mesh plane_mesh(double size_x, double size_y);              // z = 0, centred
-Mesh box_mesh(const Eigen::Vector3d& size);                 // centred
+Mesh plane_mesh(double size_x, double size_y);                // z = 0, centred
+Mesh box_mesh(const Eigen::Vector3d& size);                   // centred
 Mesh cylinder_mesh(double radius, double length, int sides);  // along z, centred
-Mesh sphere_mesh(double radius, int subdivisions);          // subdivided icosahedron
+Mesh sphere_mesh(double radius, int subdivisions);            // subdivided icosahedron
 
 // A sphere displaced by fractal noise and stretched to `size`.
 Mesh rock_mesh(const Eigen::Vector3d& size, int subdivisions, double roughness, uint32_t seed);

@@ -111,8 +111,7 @@ std::vector<Object> scatter_objects(const Scatter& scatter, uint64_t seed, uint3
       // Rocks are sunk a little, as they bed into what they lie on.
       const double sink = item.shape == Shape::rock ? 0.1 * size.z() : 0;
       object.world_from_object =
-          scatter.world_from_area *
-          Pose{rotation_exp({0, 0, f.yaw}), {f.x, f.y, base + size.z() / 2 - sink}};
+          scatter.world_from_area * Pose{rotation_exp({0, 0, f.yaw}), {f.x, f.y, base + size.z() / 2 - sink}};
       objects.push_back(std::move(object));
       break;
     }

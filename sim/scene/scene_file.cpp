@@ -143,7 +143,8 @@ Trajectory read_trajectory(const YamlMap& map) {
     motion.translation_mm = entry.vector3("translation_mm", kMillimetres);
     motion.angles_deg = entry.vector3("rotation_deg", {-180, 180});
     const TimedPose& last = trajectory.back();
-    trajectory.push_back({interval * static_cast<double>(trajectory.size()), last.world_from_robot * pose_from(motion)});
+    trajectory.push_back(
+        {interval * static_cast<double>(trajectory.size()), last.world_from_robot * pose_from(motion)});
   }
   return trajectory;
 }

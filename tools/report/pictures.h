@@ -18,7 +18,8 @@ cv::Mat3b grey_picture(const cv::Mat& image, double full_scale);
 // Matched keypoints of two textures side by side: supporters of the motion green, the rest red.
 cv::Mat3b match_picture(const FrameResult& previous, const FrameResult& current);
 
-// The map seen from where the first camera looks, in parallel projection, shaded by its normals, with the camera positions.
+// The map seen from where the first camera looks, in parallel projection, shaded by its normals, with the camera
+// positions.
 cv::Mat3b map_picture(const std::vector<CloudPoint>& points, const std::vector<Pose>& world_from_camera, cv::Size size);
 
 struct Panel {
