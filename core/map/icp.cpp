@@ -47,7 +47,7 @@ class PointToPlane {
 
   int source_points() const {
     int count = 0;
-    for (const cv::Vec3f& point : source_.points_m) count += point[2] == point[2];
+    for (const cv::Vec3f& normal : source_.normals) count += !std::isnan(normal[2]);
     return count;
   }
 
@@ -63,7 +63,7 @@ class PointToPlane {
 
  private:
   void accumulate(int row, int col, const Pose& pose, const Gates& gates, Sums& sums) const {
-    if (!source_.valid(row, col)) return;
+    if (std::isnan(source_.normals(row, col)[2])) return;
     const Eigen::Vector3d p = to_eigen(source_.points_m(row, col));
     const Eigen::Vector3d rotated = pose.rotation * p;
     const Eigen::Vector3d x = rotated + pose.translation;
@@ -72,16 +72,14 @@ class PointToPlane {
     if (!camera_.contains(pixel)) return;
     const int target_col = static_cast<int>(std::lround(pixel.x())),
               target_row = static_cast<int>(std::lround(pixel.y()));
-    if (!target_.valid(target_row, target_col)) return;
     const Eigen::Vector3d q = to_eigen(target_.points_m(target_row, target_col));
 
     const Eigen::Vector3d n_q = to_eigen(target_.normals(target_row, target_col));
     const Eigen::Vector3d n_p = pose.rotation * to_eigen(source_.normals(row, col));
-    const double facing_q = -n_q.dot(q) / q.norm(), facing_p = -n_p.dot(rotated) / p.norm();  // NaN without normal
-    if (n_q.dot(n_p) < min_normal_cos_) return;  // false when one is missing
-    const bool by_source = facing_p > facing_q || std::isnan(facing_q);
+    // False when a normal is missing: the pixel sees an edge, and its point may lie on either side of it.
+    if (!(n_q.dot(n_p) >= min_normal_cos_)) return;
+    const bool by_source = -n_p.dot(rotated) * q.norm() > -n_q.dot(q) * p.norm();
     const Eigen::Vector3d& n = by_source ? n_p : n_q;
-    if (!(n.squaredNorm() > 0)) return;
 
     const double residual = n.dot(x - q);
     if (std::abs(residual) > gates.distance_m) return;
@@ -117,10 +115,12 @@ IcpResult point_to_plane_icp(const Frame& target, const Frame& source, const Pin
   const int points = problem.source_points();
   if (points < 6) return result;
 
-  // The residuals' gates start wide, in metres, and close to the noise: graduated non-convexity.
-  constexpr double kFirstSigma = 1e3;
-  constexpr double kSettledSigmas = 0.05;
-  Gates gates{options.max_distance_m, kFirstSigma};
+  // The gates start wide and halve with each iteration down to the noise (graduated non-convexity). They
+  // must not follow the residuals down at once: those are mostly of flat ground, at the noise long before the
+  // few walls that hold the view sideways have been pulled in.
+  constexpr double kFirstSigma = 400;
+  constexpr double kSettledSigmas = 0.25;
+  Gates gates{options.max_distance_m, std::max(kFirstSigma, options.outlier_sigma)};
   Sums sums;
   bool settled = false;
   for (result.iterations = 0; result.iterations < options.max_iterations && !settled; ++result.iterations) {
@@ -134,9 +134,8 @@ IcpResult point_to_plane_icp(const Frame& target, const Frame& source, const Pin
     const bool at_noise = gates.outlier_sigma <= options.outlier_sigma;
     // Partners flip between neighbouring pixels for ever; a step far below what noise can do ends it.
     settled = at_noise && step.dot(sums.information * step) < kSettledSigmas * kSettledSigmas;
-    const double rms_sigma = std::sqrt(sums.squares_sigma / sums.pairs);
-    gates.outlier_sigma = std::max(options.outlier_sigma, std::min(0.6 * gates.outlier_sigma, 3 * rms_sigma));
-    gates.distance_m = std::min(gates.distance_m, std::max(6 * rms, 1e-3));
+    gates.outlier_sigma = std::max(options.outlier_sigma, 0.5 * gates.outlier_sigma);
+    gates.distance_m = std::min(gates.distance_m, std::max(6 * rms, 0.5 * gates.distance_m));
   }
   result.pairs = sums.pairs;
   result.overlap = static_cast<double>(sums.pairs) / points;

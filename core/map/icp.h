@@ -3,9 +3,8 @@
 // the depth sigmas (METHOD S22, `point_to_plane`).
 //
 // A source point p is moved into the target's camera, x = T p, and projected; the pixel it falls on gives
-// the partner q. The normal n is that of the view that sees the surface less obliquely: steep walls, which
-// alone hold a view of flat things in place sideways, often have a normal in one view only. With
-// r = n.(x - q) and
+// the partner q. Both must have normals that agree; n is that of the view that sees the surface less
+// obliquely. With r = n.(x - q) and
 //
 //   sigma^2 = (n.d_q)^2 sigma_q^2 + (n.R d_p)^2 sigma_p^2        (d = the pixel's ray, d_z = 1)
 //

@@ -23,7 +23,9 @@ struct BoundPoint {
 BoundPoint bound_point(const TruthFrame& truth, const cv::Mat1f& sigma_m, const PixelRays& rays, int row, int col) {
   BoundPoint result;
   const double depth = truth.depth_m(row, col), sigma = sigma_m(row, col);
-  if (std::isnan(depth) || std::isnan(sigma)) return result;
+  // The sigma of a pixel that sees an edge says nothing about where its point lies.
+  const bool mixed = (static_cast<int>(truth.mask(row, col)) & kTruthMixed) != 0;
+  if (std::isnan(depth) || std::isnan(sigma) || mixed) return result;
   const Eigen::Vector3d ray(rays(row, col)[0], rays(row, col)[1], 1);
   result.point = depth * ray;
   result.normal = to_eigen(truth.normals(row, col));

@@ -9,11 +9,12 @@
 
 namespace fringeslam {
 
-// What the projector's light does at a pixel's surface point; bit field.
+// What a pixel sees, and what the projector's light does there; bit field.
 enum TruthMask : int {
   kTruthSurface = 1,   // the pixel's central ray meets a surface
   kTruthInBeam = 2,    // the point lies in the projector's image area
   kTruthInShadow = 4,  // another surface is between the point and the projector
+  kTruthMixed = 8,     // the pixel's area holds an edge: its samples differ in object, in light, or by 30 degrees
 };
 
 // All images H x W, for the ray through the pixel's centre; NaN where it meets nothing.

@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include "core/types/parallel.h"
 #include "sim/random.h"
@@ -62,8 +63,7 @@ class ProjectorLight {
   Eigen::Vector3d position_;
 };
 
-Sample to_sample(const RayWorld& world, const ProjectorLight& light, const Hit& hit) {
-  const Lighting lighting = light(hit);
+Sample to_sample(const RayWorld& world, const Lighting& lighting, const Hit& hit) {
   const double albedo = world.albedo(hit);
   Sample sample;
   sample.ambient = static_cast<float>(albedo);
@@ -73,6 +73,21 @@ Sample to_sample(const RayWorld& world, const ProjectorLight& light, const Hit& 
     sample.row = static_cast<float>(lighting.pixel.y());
   }
   return sample;
+}
+
+// A ray's hit and its light; empty where the ray meets nothing.
+struct LitHit {
+  std::optional<Hit> hit;
+  Lighting lighting;
+};
+
+// Two rays of one pixel that do not see one smooth, evenly lit surface.
+bool differ(const LitHit& a, const LitHit& b) {
+  constexpr double kCosine30 = 0.866;
+  if (a.hit.has_value() != b.hit.has_value()) return true;
+  if (!a.hit) return false;
+  return a.hit->object != b.hit->object || a.lighting.in_shadow != b.lighting.in_shadow ||
+         a.lighting.in_beam != b.lighting.in_beam || a.hit->normal.dot(b.hit->normal) < kCosine30;
 }
 
 void set_truth(TruthFrame& truth, int row, int col, const Hit& hit, const Lighting& lighting,
@@ -130,15 +145,23 @@ TracedView trace_view(const RayWorld& world, const RigModel& rig, const SampleRa
   const Pose camera_from_world = world_from_camera.inverse();
   const Eigen::Vector3d& origin = world_from_camera.translation;
   const auto per_pixel = static_cast<size_t>(rays.per_pixel);
+  const auto cast = [&](const Eigen::Vector3d& ray) {
+    LitHit result{world.trace(origin, world_from_camera.rotation * ray), {}};
+    if (result.hit) result.lighting = light(*result.hit);
+    return result;
+  };
   for_each_row(size.height, [&](int row) {
     for (int col = 0; col < size.width; ++col) {
       const auto pixel = static_cast<size_t>(row * size.width + col);
-      if (const auto hit = world.trace(origin, world_from_camera.rotation * rays.centres[pixel]))
-        set_truth(truth, row, col, *hit, light(*hit), camera_from_world);
+      const LitHit centre = cast(rays.centres[pixel]);
+      if (centre.hit) set_truth(truth, row, col, *centre.hit, centre.lighting, camera_from_world);
+      bool mixed = false;
       for (size_t s = pixel * per_pixel; s < (pixel + 1) * per_pixel; ++s) {
-        if (const auto hit = world.trace(origin, world_from_camera.rotation * rays.samples[s]))
-          view.samples[s] = to_sample(world, light, *hit);
+        const LitHit sample = cast(rays.samples[s]);
+        if (sample.hit) view.samples[s] = to_sample(world, sample.lighting, *sample.hit);
+        mixed = mixed || differ(centre, sample);
       }
+      if (mixed) truth.mask(row, col) += static_cast<float>(kTruthMixed);
     }
   });
   return view;

@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: Apache-2.0
+// Prints the rows of the bench: id, value, n, 95 % interval, limit, verdict. Exit 0 when all pass, 1 when one does
+// not, 2 when it could not run.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cstdio>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "bench/row.h"
+#include "core/rig/files.h"
+#include "core/types/error.h"
+#include "core/types/options.h"
+
+namespace fringeslam::bench {
+namespace {
+
+// "pose" selects "pose", "pose.bound", …
+bool selects(const std::string& wanted, const std::string& id) {
+  return id == wanted || (id.size() > wanted.size() && id.compare(0, wanted.size(), wanted) == 0 && id[wanted.size()] == '.');
+}
+
+bool selected(const std::vector<std::string>& only, const std::string& id) {
+  return only.empty() || std::any_of(only.begin(), only.end(), [&](const auto& wanted) { return selects(wanted, id); });
+}
+
+void check_names(const std::vector<std::string>& only, const std::vector<Item>& items) {
+  std::vector<std::string> ids;
+  for (const Item& item : items) ids.insert(ids.end(), item.ids.begin(), item.ids.end());
+  for (const std::string& wanted : only) {
+    if (std::any_of(ids.begin(), ids.end(), [&](const std::string& id) { return selects(wanted, id); })) continue;
+    const std::string nearest = nearest_name(wanted, ids);
+    throw Error("no row '" + wanted + "'" + (nearest.empty() ? "; see --list" : "; did you mean '" + nearest + "'?"));
+  }
+}
+
+void print(const Row& row) {
+  char interval[64], value[64];
+  std::snprintf(value, sizeof value, "%.5g %s", row.value, row.unit.c_str());
+  std::snprintf(interval, sizeof interval, "[%.5g, %.5g]", row.interval_low, row.interval_high);
+  std::printf("%-28s %-16s n=%-6d %-26s limit %-10.5g %s\n", row.id.c_str(), value, row.n, interval, row.limit,
+              row.pass ? "pass" : "FAIL");
+  std::fflush(stdout);
+}
+
+nlohmann::ordered_json to_json(const Row& row) {
+  return {{"id", row.id},
+          {"value", row.value},
+          {"unit", row.unit},
+          {"n", row.n},
+          {"interval_95", {row.interval_low, row.interval_high}},
+          {"limit", row.limit},
+          {"pass", row.pass}};
+}
+
+int run(const std::vector<std::string>& only, const std::string& json_file, const Context& context,
+        const std::vector<Item>& items) {
+  check_names(only, items);
+  nlohmann::ordered_json json = nlohmann::ordered_json::array();
+  const bool table = json_file != "-";
+  bool all_pass = true;
+  for (const Item& item : items) {
+    if (std::none_of(item.ids.begin(), item.ids.end(), [&](const auto& id) { return selected(only, id); })) continue;
+    std::fprintf(stderr, "measuring %s\n", item.what.c_str());
+    for (const Row& row : item.run(context)) {
+      if (!selected(only, row.id)) continue;
+      if (table) print(row);
+      json.push_back(to_json(row));
+      all_pass &= row.pass;
+    }
+  }
+  if (json_file == "-")
+    std::printf("%s\n", json.dump(2).c_str());
+  else if (!json_file.empty())
+    write_text(json_file, json.dump(2) + "\n");
+  return all_pass ? 0 : 1;
+}
+
+}  // namespace
+}  // namespace fringeslam::bench
+
+int main(int argc, char** argv) {
+  using namespace fringeslam::bench;
+  CLI::App app{"FringeSLAM's figures: accuracy against exact truth, speed against peers"};
+  std::vector<std::string> only;
+  std::string json_file;
+  Context context;
+  bool list = false;
+  app.add_option("--only", only, "Rows to measure; an id also selects every id that continues it after a dot")
+      ->delimiter(',');
+  app.add_option("--json", json_file, "Write the rows as JSON to this file (- for standard output)");
+  app.add_flag("--quick", context.quick, "Fewer samples: a first impression");
+  app.add_flag("--list", list, "Name all rows");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& e) {
+    if (e.get_exit_code() == 0) return app.exit(e);
+    std::fprintf(stderr, "bench: %s; see --help\n", e.what());
+    return 2;
+  }
+  try {
+    std::vector<Item> items = accuracy_items();
+    for (Item& item : speed_items()) items.push_back(std::move(item));
+    if (list) {
+      for (const Item& item : items) {
+        for (const std::string& id : item.ids) std::printf("%s\n", id.c_str());
+      }
+      return 0;
+    }
+    return run(only, json_file, context, items);
+  } catch (const std::exception& e) {
+    std::fprintf(stderr, "bench: %s\n", e.what());
+    return 2;
+  }
+}

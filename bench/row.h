@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+// One row of the bench's table, and the items that print rows.
+#pragma once
+
+#include <functional>
+#include <string>
+#include <vector>
+
+namespace fringeslam::bench {
+
+struct Row {
+  std::string id;
+  double value = 0;
+  std::string unit;
+  int n = 0;  // samples behind the value
+  double interval_low = 0, interval_high = 0;  // 95 %
+  double limit = 0;
+  bool pass = false;
+};
+
+struct Context {
+  bool quick = false;  // fewer samples: a first impression, not the figure of record
+};
+
+// A measurement that prints one or more rows. It runs when --only selects any of its ids.
+struct Item {
+  std::vector<std::string> ids;
+  std::string what;
+  std::function<std::vector<Row>(const Context&)> run;
+};
+
+// The median with its 95 % bootstrap interval (2000 resamplings, fixed seed) against an upper limit.
+Row median_row(const std::string& id, const std::vector<double>& values, const std::string& unit, double limit);
+
+std::vector<Item> accuracy_items();
+std::vector<Item> speed_items();
+
+}  // namespace fringeslam::bench

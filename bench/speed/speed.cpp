@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+// Speed rows.
+#include <cstdio>
+#include <memory>
+
+#include "bench/row.h"
+#include "core/types/error.h"
+
+namespace fringeslam::bench {
+
+namespace {
+
+// Runs a measuring script of this folder; it prints one number, the seconds it took.
+double script_seconds(const std::string& script, const std::string& argument) {
+  const std::string command = std::string(FRINGESLAM_BENCH_SCRIPTS) + "/" + script + " " + argument;
+  const std::unique_ptr<FILE, int (*)(FILE*)> pipe(popen(command.c_str(), "r"), pclose);
+  double seconds = 0;
+  if (!pipe || std::fscanf(pipe.get(), "%lf", &seconds) != 1)
+    throw Error(script + " " + argument + " gave no figure; its own message is above");
+  return seconds;
+}
+
+Row minutes_row(const std::string& id, double seconds, double limit_minutes) {
+  Row row;
+  row.id = id;
+  row.value = row.interval_low = row.interval_high = seconds / 60;  // one sample has no spread
+  row.unit = "min";
+  row.n = 1;
+  row.limit = limit_minutes;
+  row.pass = row.value <= limit_minutes;
+  return row;
+}
+
+}  // namespace
+
+std::vector<Item> speed_items() {
+  return {{{"speed.start.build"}, "build from scratch, no compiler cache",
+           [](const Context&) { return std::vector<Row>{minutes_row("speed.start.build", script_seconds("start.sh", "build"), 6)}; }},
+          {{"speed.start.bare"}, "bare Debian 12 to the first report: tools/run in a fresh system",
+           [](const Context&) { return std::vector<Row>{minutes_row("speed.start.bare", script_seconds("start.sh", "bare"), 12)}; }}};
+}
+
+}  // namespace fringeslam::bench

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+# Installs BUILD_FOLDER into a prefix of its own, then configures, builds and runs the project of this
+# folder against it.
+cmake_minimum_required(VERSION 3.25)
+set(prefix ${WORK_FOLDER}/prefix)
+file(REMOVE_RECURSE ${WORK_FOLDER})
+
+function(must_run)
+  execute_process(COMMAND ${ARGN} RESULT_VARIABLE result OUTPUT_VARIABLE output ERROR_VARIABLE output)
+  if(NOT result EQUAL 0)
+    list(JOIN ARGN " " command)
+    message(FATAL_ERROR "${command}: ${result}\n${output}")
+  endif()
+endfunction()
+
+must_run(${CMAKE_COMMAND} --install ${BUILD_FOLDER} --prefix ${prefix} --config ${CONFIG})
+
+# The package may be moved to a machine that has neither the sources nor the build folder.
+file(GLOB_RECURSE package_files ${prefix}/*.cmake)
+if(NOT package_files)
+  message(FATAL_ERROR "no CMake package was installed into ${prefix}")
+endif()
+foreach(file ${package_files})
+  file(READ ${file} text)
+  string(FIND "${text}" "${SOURCE_FOLDER}" place)
+  if(NOT place EQUAL -1)
+    message(FATAL_ERROR "${file} names the source folder")
+  endif()
+endforeach()
+
+must_run(${CMAKE_COMMAND} -S ${CMAKE_CURRENT_LIST_DIR} -B ${WORK_FOLDER}/build -G ${GENERATOR}
+  -D CMAKE_PREFIX_PATH=${prefix} -D CMAKE_BUILD_TYPE=${CONFIG} -D CMAKE_CXX_COMPILER=${CXX}
+  -D CMAKE_CXX_FLAGS=${CXX_FLAGS} -D CMAKE_FIND_USE_PACKAGE_REGISTRY=OFF)
+must_run(${CMAKE_COMMAND} --build ${WORK_FOLDER}/build --config ${CONFIG})
+must_run(${WORK_FOLDER}/build/consumer)
+must_run(${prefix}/bin/fringeslam --version)

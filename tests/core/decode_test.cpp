@@ -1,0 +1,255 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/decode/decode.h"
+
+#include <gmock/gmock.h>
+
+#include <numbers>
+
+#include "tests/support/fringes.h"
+#include "tests/support/matchers.h"
+
+namespace fringeslam {
+namespace {
+
+using support::error_of;
+using support::fringe_stack;
+using support::FringeLight;
+using support::ramp;
+using support::Random;
+using testing::HasSubstr;
+
+constexpr double kPi = std::numbers::pi;
+constexpr int kWidth = 1024;
+
+PatternSequence columns(const std::vector<double>& periods, int steps = 3) {
+  return phase_shift_sequence(kWidth, 768, periods, steps, Axis::columns, 0);
+}
+
+SensorModel sensor_of(int bits) {
+  SensorModel sensor;
+  sensor.bits = bits;
+  sensor.gain_dn_per_electron = sensor.max_dn() / 40000;
+  return sensor;
+}
+
+// No noise but rounding, which every camera has: variance 1/12.
+SensorModel silent_sensor() {
+  SensorModel sensor;
+  sensor.gain_dn_per_electron = 0;
+  return sensor;
+}
+
+double share_valid(const cv::Mat1f& image) {
+  return static_cast<double>(std::count_if(image.begin(), image.end(), [](float x) { return !std::isnan(x); })) /
+         static_cast<double>(image.total());
+}
+
+TEST(Decode, ThreeStepsAreThePapersClosedForm) {
+  Random random(1);
+  FringeStack stack;
+  for (int k = 0; k < 3; ++k) {
+    cv::Mat1f image(20, 30);
+    for (float& grey : image) grey = static_cast<float>(random.uniform(20, 200));
+    stack.images.push_back(image);
+  }
+  const auto decoded =
+      decode(stack, columns({kWidth}), silent_sensor(), {.min_modulation_dn = 0, .min_data_modulation = 0});
+  for (int row = 0; row < 20; ++row) {
+    for (int col = 0; col < 30; ++col) {
+      const auto grey = [&](int k) { return static_cast<double>(stack.images[k].at<float>(row, col)); };
+      const double sine = std::sqrt(3.0) * (grey(0) - grey(2)), cosine = 2 * grey(1) - grey(0) - grey(2);
+      EXPECT_NEAR(decoded.mean(row, col), (grey(0) + grey(1) + grey(2)) / 3, 1e-4);
+      EXPECT_NEAR(decoded.modulation(row, col), std::hypot(sine, cosine) / 3, 1e-4);
+      if (std::hypot(sine, cosine) < 30) continue;  // too faint to be valid
+      EXPECT_NEAR(decoded.wrapped_phase(row, col), std::atan2(sine, cosine), 1e-6);
+    }
+  }
+}
+
+// Steps x (bits of the grey values, image type).
+class DecodeFormats : public testing::TestWithParam<std::tuple<int, std::pair<int, int>>> {
+ protected:
+  int steps() const { return std::get<0>(GetParam()); }
+  int bits() const { return std::get<1>(GetParam()).first; }
+  int type() const { return std::get<1>(GetParam()).second; }
+};
+INSTANTIATE_TEST_SUITE_P(StepsAndDepths, DecodeFormats,
+                         testing::Combine(testing::Values(3, 4, 5, 7),
+                                          testing::Values(std::pair(8, CV_8UC1), std::pair(12, CV_16UC1),
+                                                          std::pair(12, CV_32FC1))));
+
+TEST_P(DecodeFormats, RecoversTheCoordinateToWithinRounding) {
+  const SensorModel sensor = sensor_of(bits());
+  const FringeLight light{0.45 * sensor.max_dn(), 0.4 * sensor.max_dn()};
+  // Off the very borders, where rounding may carry a phase over the end of the coarsest period.
+  const cv::Mat1d truth = ramp(3, kWidth - 4, 3001);
+  const auto sequence = columns({1040, 131, 16.5}, steps());
+  const auto decoded = decode(fringe_stack(truth, sequence, light, type()), sequence, sensor, {});
+  // Half a grey value off in every sample moves the phase by 2/N sum |sin| 0.5 / I'' <= 1 / I''.
+  const double limit = type() == CV_32FC1 ? 1e-4 : 16.5 / (2 * kPi) / light.modulation_dn + 1e-4;
+  for (int i = 0; i < truth.cols; ++i) {
+    ASSERT_NEAR(decoded.coordinate_px(0, i), truth(0, i), limit) << i;
+    const double phase = absolute_phase(truth(0, i), 16.5);
+    EXPECT_NEAR(decoded.wrapped_phase(0, i) + 2 * kPi * decoded.fringe_order(0, i), phase, 2 * kPi * limit / 16.5);
+    EXPECT_NEAR(decoded.mean(0, i), light.mean_dn, 0.51);
+    EXPECT_NEAR(decoded.modulation(0, i), light.modulation_dn, 1.01);
+    EXPECT_GT(decoded.confidence(0, i), 1 - 1e-4);
+  }
+}
+
+TEST_P(DecodeFormats, PredictedSigmaIsTheEmpiricalScatter) {
+  const SensorModel sensor = sensor_of(bits());
+  const FringeLight light{0.3 * sensor.max_dn(), 0.2 * sensor.max_dn()};
+  const auto sequence = columns({1040, 131, 16.5}, steps());
+  cv::Mat1d truth(100, 300);
+  Random random(2);
+  for (double& u : truth) u = random.uniform(50, kWidth - 50);
+  const auto decoded = decode(fringe_stack(truth, sequence, light, type(), sensor, &random), sequence, sensor, {});
+  double sum = 0, squares = 0;
+  int count = 0;
+  for (int i = 0; i < static_cast<int>(truth.total()); ++i) {
+    const float u = decoded.coordinate_px(i / 300, i % 300);
+    if (std::isnan(u)) continue;
+    const double scaled = (u - truth(i / 300, i % 300)) / decoded.sigma_px(i / 300, i % 300);
+    ASSERT_LT(std::abs(scaled), 6) << "a wrong fringe order";
+    sum += scaled, squares += scaled * scaled, ++count;
+  }
+  EXPECT_GT(count, 0.998 * static_cast<double>(truth.total()));
+  EXPECT_NEAR(std::sqrt(squares / count), 1, 0.05);
+  EXPECT_NEAR(sum / count, 0, 5 / std::sqrt(count));
+}
+
+TEST(Decode, SigmaOfEqualNoiseIsRootTwoOverN) {
+  for (const int steps : {3, 4, 5, 7, 12}) {
+    const auto sequence = columns({kWidth}, steps);
+    const auto decoded =
+        decode(fringe_stack(ramp(0, 1023, 50), sequence, {100, 50}, CV_32FC1), sequence, silent_sensor(), {});
+    const double sigma_phase = std::sqrt(2.0 / steps) * std::sqrt(1.0 / 12) / 50;
+    for (const float sigma : decoded.sigma_px) EXPECT_NEAR(sigma, sigma_phase * kWidth / (2 * kPi), 1e-4);
+  }
+}
+
+TEST(Decode, ReadsTheShiftsOfThePatternsNotTheirOrder) {
+  PatternSequence sequence{kWidth, 768, {}};
+  for (const auto& [period, shift] : std::vector<std::pair<double, double>>{
+           {16, 3.0}, {1024, 0.2}, {128, 1.0}, {16, 0.4}, {128, 5.0}, {1024, 1.9}, {16, 1.1}, {128, 2.2}, {1024, 4.4}})
+    sequence.patterns.push_back({Axis::columns, period, shift, 0});
+  const cv::Mat1d truth = ramp(5, 1018, 500);
+  const auto decoded = decode(fringe_stack(truth, sequence, {}, CV_32FC1), sequence, silent_sensor(), {});
+  for (int i = 0; i < truth.cols; ++i) ASSERT_NEAR(decoded.coordinate_px(0, i), truth(0, i), 1e-3);
+}
+
+TEST(Decode, RowsOfTheProjector) {
+  const auto sequence = phase_shift_sequence(kWidth, 768, {768, 96, 12}, 4, Axis::rows, 0);
+  const cv::Mat1d truth = ramp(2, 765, 500);
+  const auto decoded = decode(fringe_stack(truth, sequence, {}, CV_32FC1), sequence, silent_sensor(), {}, Axis::rows);
+  for (int i = 0; i < truth.cols; ++i) ASSERT_NEAR(decoded.coordinate_px(0, i), truth(0, i), 1e-3);
+  EXPECT_THAT(error_of([&] { decode(fringe_stack(truth, sequence, {}, CV_32FC1), sequence, silent_sensor(), {}); }),
+              HasSubstr("no column fringe period covers the projector's 1024 px"));
+}
+
+TEST(Decode, NoiseDoesNotLoseTheBordersOfTheProjector) {
+  // The coarsest period is 16 px wider than the projector, so a phase just below 0 can only mean column 0.
+  const SensorModel sensor = sensor_of(8);
+  const auto sequence = columns({1040, 131, 16.5});
+  for (const double border : {0.0, kWidth - 1.0}) {
+    const cv::Mat1d truth(60, 60, border);
+    Random random(3);
+    const auto stack = fringe_stack(truth, sequence, {80, 50}, CV_8UC1, sensor, &random);
+    EXPECT_GT(share_valid(decode(stack, sequence, sensor, {}).coordinate_px), 0.99) << "column " << border;
+  }
+}
+
+// Decodes one pixel without noise; valid?
+bool accepts(const FringeLight& light, const DecodeOptions& options) {
+  const auto sequence = columns({kWidth});
+  // Column 511.5 has phase pi + 0: its largest sample is that of the shifts +-120 degrees.
+  const auto decoded =
+      decode(fringe_stack(cv::Mat1d(1, 1, 511.5), sequence, light, CV_32FC1), sequence, silent_sensor(), options);
+  EXPECT_FALSE(std::isnan(decoded.mean(0, 0)));
+  EXPECT_FALSE(std::isnan(decoded.modulation(0, 0)));
+  const bool valid = !std::isnan(decoded.coordinate_px(0, 0));
+  EXPECT_EQ(valid, !std::isnan(decoded.sigma_px(0, 0)));
+  EXPECT_EQ(valid, !std::isnan(decoded.wrapped_phase(0, 0)));
+  EXPECT_EQ(valid, decoded.fringe_order(0, 0) >= 0);
+  return valid;
+}
+
+TEST(Decode, ClippedSamplesHaveNoPhase) {
+  // Largest sample: 160 + 160 cos(60 degrees) = 240 of 255 grey values.
+  EXPECT_TRUE(accepts({160, 160}, {.saturation = 240.5 / 255}));
+  EXPECT_FALSE(accepts({160, 160}, {.saturation = 239.5 / 255}));
+}
+
+TEST(Decode, FaintFringesHaveNoPhase) {
+  EXPECT_TRUE(accepts({40, 5.01}, {.min_modulation_dn = 5}));
+  EXPECT_FALSE(accepts({40, 4.99}, {.min_modulation_dn = 5}));
+  EXPECT_TRUE(accepts({100, 10.1}, {.min_data_modulation = 0.1}));
+  EXPECT_FALSE(accepts({100, 9.9}, {.min_data_modulation = 0.1}));
+  // sqrt(2/3) sqrt(1/12) / 10 = 0.02357 rad
+  EXPECT_TRUE(accepts({100, 10}, {.max_phase_sigma_rad = 0.0237}));
+  EXPECT_FALSE(accepts({100, 10}, {.max_phase_sigma_rad = 0.0235}));
+}
+
+TEST(Decode, TwoSurfacesInOnePixelAreRejectedByTheirResidual) {
+  // Half the light from u, half from u + 96. The sum of two sinusoids has the phase of their middle, turned
+  // by pi where cos(half their difference) < 0: at period 1024 it is cos(0.29) > 0, at 128 cos(2.36) < 0.
+  const auto sequence = columns({1024, 128, 16});
+  const cv::Mat1d first = ramp(10, 900, 300), second = ramp(10 + 96, 900 + 96, 300);
+  FringeStack mixed = fringe_stack(first, sequence, {}, CV_32FC1);
+  const FringeStack other = fringe_stack(second, sequence, {}, CV_32FC1);
+  for (size_t k = 0; k < mixed.images.size(); ++k) mixed.images[k] = 0.5 * mixed.images[k] + 0.5 * other.images[k];
+  EXPECT_EQ(share_valid(decode(mixed, sequence, sensor_of(8), {}).coordinate_px), 0);
+  const DecodeOptions open{.max_order_failure = 1, .max_order_residual_sigma = 1e6};
+  EXPECT_GT(share_valid(decode(mixed, sequence, sensor_of(8), open).coordinate_px), 0.99);
+}
+
+TEST(Decode, ConfidenceIsTheShareOfRightOrders) {
+  // A ratio of 40 under noise of 0.03 rad: the sigma of 40 Phi_low - phi_high is near 1.3 rad, so that about
+  // one order in a hundred fails.
+  const SensorModel sensor = sensor_of(8);
+  const auto sequence = columns({1024, 25.6});
+  cv::Mat1d truth(200, 200);
+  Random random(4);
+  for (double& u : truth) u = random.uniform(100, kWidth - 100);
+  const auto stack = fringe_stack(truth, sequence, {60, 17.5}, CV_32FC1, sensor, &random);
+  const DecodeOptions open{.max_order_failure = 1, .max_order_residual_sigma = 1e6};
+  const auto decoded = decode(stack, sequence, sensor, open);
+  double wrong = 0, predicted = 0, count = 0;
+  for (int row = 0; row < truth.rows; ++row) {
+    for (int col = 0; col < truth.cols; ++col) {
+      if (std::isnan(decoded.coordinate_px(row, col))) continue;
+      wrong += std::abs(decoded.coordinate_px(row, col) - truth(row, col)) > 12.8;
+      predicted += 1 - decoded.confidence(row, col);
+      ++count;
+    }
+  }
+  ASSERT_GT(wrong, 200);
+  EXPECT_GT(count, 0.99 * static_cast<double>(truth.total()));
+  EXPECT_NEAR(wrong / predicted, 1, 0.05 + 3 / std::sqrt(wrong));
+}
+
+TEST(Decode, StacksThatDoNotFitTheSequenceAreErrors) {
+  const auto sequence = columns({1024, 128});
+  const auto error = [&](const FringeStack& stack) { return error_of([&] { decode(stack, sequence, {}, {}); }); };
+  const FringeStack good = fringe_stack(ramp(0, 100, 10), sequence, {}, CV_8UC1);
+  EXPECT_NO_THROW(decode(good, sequence, {}, {}));
+  FringeStack short_by_one = good;
+  short_by_one.images.pop_back();
+  EXPECT_THAT(error(short_by_one), HasSubstr("has 5 images but the pattern sequence has 6"));
+  FringeStack mixed_sizes = good;
+  mixed_sizes.images[3] = cv::Mat1b(1, 9, uchar{7});
+  EXPECT_THAT(error(mixed_sizes), HasSubstr("differ in size or type"));
+  FringeStack colour = good;
+  for (cv::Mat& image : colour.images) image = cv::Mat(1, 10, CV_8UC3, cv::Scalar::all(7));
+  EXPECT_THAT(error(colour), HasSubstr("must be grey"));
+}
+
+TEST(Decode, NoPeriodThatCoversTheProjectorIsAnError) {
+  const auto sequence = columns({1000, 128});
+  EXPECT_THAT(error_of([&] { decode(fringe_stack(ramp(0, 100, 10), sequence, {}, CV_8UC1), sequence, {}, {}); }),
+              HasSubstr("no column fringe period covers the projector's 1024 px"));
+}
+
+}  // namespace
+}  // namespace fringeslam

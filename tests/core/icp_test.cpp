@@ -1,0 +1,181 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/map/icp.h"
+
+#include <gmock/gmock.h>
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+#include <limits>
+#include <opencv2/core/utility.hpp>
+
+#include "core/depth/depth.h"
+#include "tests/support/matchers.h"
+#include "tests/support/scene.h"
+
+namespace fringeslam {
+namespace {
+
+using support::bumps;
+using support::corner;
+using support::MatrixNear;
+using support::observe;
+using support::plane;
+using support::PoseNear;
+using support::Random;
+using support::small_rig;
+using support::Surface;
+
+constexpr double kRadPerDeg = 0.017453292519943295;
+const Pose kTruth = pose_from({{20, -12, 15}, {1, -1.5, 3}});  // target_from_source
+
+// The start: the truth with the camera moved by metres and turned by degrees about a point 1 m in front of it.
+Pose disturbed(const Pose& truth, double metres, double degrees, Random& random) {
+  const Pose to_scene{Eigen::Matrix3d::Identity(), {0, 0, 1}};
+  const Pose offset{rotation_exp(degrees * kRadPerDeg * random.direction()), metres * random.direction()};
+  return truth * to_scene * offset * to_scene.inverse();
+}
+
+TEST(Icp, PlanesOfACornerAreExact) {
+  const RigModel rig = small_rig(false);
+  const Surface surface = corner({0.01, -0.01, 1.1});
+  const Frame target = observe(surface, rig, {}, 2e-5), source = observe(surface, rig, kTruth, 2e-5);
+  Random random(1);
+  for (int start = 0; start < 20; ++start) {
+    const Pose initial = disturbed(kTruth, 0.01, 2, random);
+    const IcpResult result = point_to_plane_icp(target, source, rig.camera, initial, {});
+    EXPECT_TRUE(result.converged) << "start " << start;
+    EXPECT_THAT(result.target_from_source, PoseNear(kTruth, 1e-6, 1e-6)) << "start " << start;
+    EXPECT_GT(result.overlap, 0.5);
+    EXPECT_GE(result.pairs, 6);
+  }
+}
+
+TEST(Icp, DistortedLensIsNoMatter) {
+  const RigModel rig = small_rig(true);
+  const Surface surface = corner({0.01, -0.01, 1.1});
+  Random random(2);
+  const IcpResult result = point_to_plane_icp(observe(surface, rig, {}, 2e-5), observe(surface, rig, kTruth, 2e-5),
+                                              rig.camera, disturbed(kTruth, 0.01, 2, random), {});
+  EXPECT_TRUE(result.converged);
+  EXPECT_THAT(result.target_from_source, PoseNear(kTruth, 1e-6, 1e-6));
+}
+
+TEST(Icp, CurvedSurfacesConvergeToWithinAPixelsCurvature) {
+  const RigModel rig = small_rig(false);
+  const Surface surface = bumps(1, 0.01, 0.15);
+  const Frame target = observe(surface, rig, {}, 2e-5), source = observe(surface, rig, kTruth, 2e-5);
+  Random random(3);
+  for (int start = 0; start < 20; ++start) {
+    const Pose initial = disturbed(kTruth, 0.01, 2, random);
+    const IcpResult result = point_to_plane_icp(target, source, rig.camera, initial, {});
+    EXPECT_TRUE(result.converged) << "start " << start;
+    // Partners are up to 1.4 mm apart; over a curvature of 0.01 (2 pi / 0.15)^2 = 17.5 / m that is up to 17 um
+    // of distance from the partner's plane, of either sign.
+    EXPECT_THAT(result.target_from_source, PoseNear(kTruth, 2e-5, 2e-5)) << "start " << start;
+  }
+}
+
+TEST(Icp, IdenticalFramesStayWhereTheyAre) {
+  const RigModel rig = small_rig(false);
+  const Frame frame = observe(bumps(1, 0.01, 0.15), rig, {}, 2e-5);
+  const IcpResult result = point_to_plane_icp(frame, frame, rig.camera, {}, {});
+  EXPECT_TRUE(result.converged);
+  EXPECT_THAT(result.target_from_source, PoseNear(Pose{}, 1e-12, 1e-12));
+  EXPECT_EQ(result.overlap, 1);
+  EXPECT_NEAR(result.rms_m, 0, 1e-12);
+}
+
+TEST(Icp, InformationIsHonestAndSigmasAreRight) {
+  constexpr int kDraws = 200;
+  const RigModel rig = small_rig(false);
+  const Surface surface = corner({0.01, -0.01, 1.1});
+  Random random(4);
+  double nees = 0, rms = 0;
+  for (int draw = 0; draw < kDraws; ++draw) {
+    const Frame target = observe(surface, rig, {}, 1e-4, &random),
+                source = observe(surface, rig, kTruth, 1e-4, &random);
+    const IcpResult result = point_to_plane_icp(target, source, rig.camera, disturbed(kTruth, 1e-3, 0.1, random), {});
+    ASSERT_TRUE(result.converged);
+    const Vector6d error = difference(result.target_from_source, kTruth);
+    nees += error.dot(result.information * error) / kDraws;
+    rms += result.rms_sigma / kDraws;
+  }
+  EXPECT_NEAR(nees, 6, 1.96 * std::sqrt(12.0 / kDraws));
+  EXPECT_NEAR(rms, 1, 0.02);
+}
+
+// Whether the result says that the pose is not known: no convergence, or a direction without information.
+bool says_unknown(const IcpResult& result, double sigma_m) {
+  if (!result.converged) return true;
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(result.information);
+  return eigen.eigenvalues().minCoeff() < 1 / (sigma_m * sigma_m);
+}
+
+TEST(Icp, ABarePlaneHoldsNothingSideways) {
+  const RigModel rig = small_rig(false);
+  const Surface wall = plane(Eigen::Vector3d(0.2, 0.1, -1).normalized(), -1);
+  const Pose start = kTruth * Pose{Eigen::Matrix3d::Identity(), {0.005, 0, 0}};
+  const IcpResult result =
+      point_to_plane_icp(observe(wall, rig, {}, 2e-5), observe(wall, rig, kTruth, 2e-5), rig.camera, start, {});
+  EXPECT_TRUE(says_unknown(result, 0.005));
+}
+
+TEST(Icp, ABarePlaneWithNoisyNormalsHoldsNothingSidewaysEither) {
+  // Measured normals scatter, which looks like information although every pair is of the same plane.
+  const RigModel rig = small_rig(false);
+  const Surface wall = plane(Eigen::Vector3d(0.2, 0.1, -1).normalized(), -1);
+  const PixelRays rays = pixel_rays(rig.camera);
+  const Pose start = kTruth * Pose{Eigen::Matrix3d::Identity(), {0.005, 0, 0}};
+  Random random(5);
+  for (int draw = 0; draw < 5; ++draw) {
+    const Frame target = reconstruct(seen_columns(wall, rig, {}, 0.03, &random), rig, rays, {});
+    const Frame source = reconstruct(seen_columns(wall, rig, kTruth, 0.03, &random), rig, rays, {});
+    const IcpResult result = point_to_plane_icp(target, source, rig.camera, start, {});
+    EXPECT_TRUE(says_unknown(result, 0.002))
+        << "converged " << 1e3 * (result.target_from_source.translation - kTruth.translation).norm()
+        << " mm off with translation sigmas of "
+        << 1e3 * result.information.inverse().diagonal().tail<3>().cwiseSqrt().transpose() << " mm";
+  }
+}
+
+TEST(Icp, FramesWithoutDepthDoNotConverge) {
+  const RigModel rig = small_rig(false);
+  const Frame good = observe(corner({0, 0, 1.1}), rig, {}, 2e-5);
+  const Frame nothing = observe(plane({0, 0, 1}, -1), rig, {}, 2e-5);  // behind the camera
+  for (const auto& [target, source] : {std::pair(good, nothing), {nothing, good}, {nothing, nothing}}) {
+    const IcpResult result = point_to_plane_icp(target, source, rig.camera, kTruth, {});
+    EXPECT_FALSE(result.converged);
+    EXPECT_TRUE(result.target_from_source.is_finite());
+  }
+}
+
+TEST(Icp, FramesThatDoNotOverlapDoNotConverge) {
+  const RigModel rig = small_rig(false);
+  const Frame frame = observe(corner({0, 0, 1.1}), rig, {}, 2e-5);
+  EXPECT_FALSE(point_to_plane_icp(frame, frame, rig.camera, pose_from({{5000, 0, 0}, {0, 0, 0}}), {}).converged);
+  // Another scene: what little fits is not a fit.
+  const Frame other = observe(bumps(1, 0.03, 0.08), rig, {}, 2e-5);
+  EXPECT_FALSE(point_to_plane_icp(frame, other, rig.camera, {}, {}).converged);
+}
+
+TEST(Icp, TheSameBytesWhateverTheThreads) {
+  const RigModel rig = small_rig(false);
+  Random random(6);
+  const Surface surface = bumps(1, 0.01, 0.15);
+  const Frame target = observe(surface, rig, {}, 1e-4, &random), source = observe(surface, rig, kTruth, 1e-4, &random);
+  const Pose start = disturbed(kTruth, 0.005, 1, random);
+  const int threads = cv::getNumThreads();
+  cv::setNumThreads(1);
+  const IcpResult one = point_to_plane_icp(target, source, rig.camera, start, {});
+  cv::setNumThreads(2);
+  const IcpResult two = point_to_plane_icp(target, source, rig.camera, start, {});
+  cv::setNumThreads(threads);
+  EXPECT_EQ(one.target_from_source.rotation, two.target_from_source.rotation);
+  EXPECT_EQ(one.target_from_source.translation, two.target_from_source.translation);
+  EXPECT_EQ(one.information, two.information);
+  EXPECT_EQ(one.iterations, two.iterations);
+  EXPECT_EQ(one.rms_sigma, two.rms_sigma);
+}
+
+}  // namespace
+}  // namespace fringeslam

@@ -1,0 +1,218 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "sim/light/ray_world.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <atomic>
+#include <chrono>
+#include <limits>
+#include <opencv2/core.hpp>
+#include <opencv2/core/utility.hpp>
+#include <thread>
+
+#include "sim/random.h"
+#include "tests/sim/worlds.h"
+
+namespace fringeslam::sim {
+namespace {
+
+RayWorld world_with(std::vector<Object> objects) { return RayWorld(world_of(std::move(objects), coaxial_rig())); }
+
+Eigen::Vector3d random_direction(Philox& random) {
+  const double z = random.uniform(-1, 1), angle = random.uniform(0, 2 * kPi), radius = std::sqrt(1 - z * z);
+  return {radius * std::cos(angle), radius * std::sin(angle), z};
+}
+
+// Distance along a ray to the first crossing of a sphere around the origin.
+double sphere_distance(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction, double radius) {
+  const double a = direction.squaredNorm(), b = origin.dot(direction), c = origin.squaredNorm() - radius * radius;
+  return (-b - std::sqrt(b * b - a * c)) / a;
+}
+
+// Least distance of a mesh's facets from the origin: the mesh lies between this sphere and the one
+// through its vertices.
+double inner_radius(const Mesh& mesh) {
+  double least = std::numeric_limits<double>::infinity();
+  for (const Eigen::Vector3i& t : mesh.triangles) {
+    const Eigen::Vector3d a = mesh.vertices.at(static_cast<size_t>(t[0]));
+    const Eigen::Vector3d b = mesh.vertices.at(static_cast<size_t>(t[1]));
+    const Eigen::Vector3d c = mesh.vertices.at(static_cast<size_t>(t[2]));
+    least = std::min(least, std::abs((b - a).cross(c - a).normalized().dot(a)));
+  }
+  return least;
+}
+
+TEST(RayWorld, MeetsATiltedPlaneAtItsExactDepth) {
+  const Pose world_from_plane = pose_from({{20, -30, 1000}, {25, -40, 10}});
+  const RayWorld world = world_with({grey_object(plane_mesh(4, 4), world_from_plane)});
+  const Eigen::Vector3d normal = world_from_plane.rotation.col(2);
+  for (double x = -0.3; x <= 0.3; x += 0.05) {
+    for (double y = -0.3; y <= 0.3; y += 0.05) {
+      const Eigen::Vector3d origin(0.1, 0.2, -0.3), direction(x, y, 1);
+      const auto hit = world.trace(origin, direction);
+      ASSERT_TRUE(hit) << x << ' ' << y;
+      const double truth = normal.dot(world_from_plane.translation - origin) / normal.dot(direction);
+      EXPECT_NEAR(hit->distance, truth, 1e-13);
+      EXPECT_LT((hit->point - (origin + truth * direction)).norm(), 1e-13);
+      EXPECT_LT(hit->normal.dot(direction), 0);
+      EXPECT_NEAR(std::abs(hit->normal.dot(normal)), 1, 1e-14);
+    }
+  }
+}
+
+TEST(RayWorld, DistanceIsInUnitsOfTheDirection) {
+  const RayWorld world = world_with({grey_object(plane_mesh(2, 2), {Eigen::Matrix3d::Identity(), {0, 0, 3}})});
+  for (const double length : {0.25, 1.0, 8.0}) {
+    const auto hit = world.trace({0, 0, 0}, Eigen::Vector3d(0.1, 0.05, 1) * length);
+    ASSERT_TRUE(hit);
+    EXPECT_NEAR(hit->distance, 3 / length, 1e-13);
+  }
+}
+
+TEST(RayWorld, NormalFacesTheRayFromBothSides) {
+  const RayWorld world = world_with({grey_object(plane_mesh(2, 2), Pose{})});
+  const auto above = world.trace({0.1, 0.2, 1}, {0, 0, -1}), below = world.trace({0.1, 0.2, -1}, {0, 0, 1});
+  ASSERT_TRUE(above && below);
+  EXPECT_EQ(above->normal, Eigen::Vector3d(0, 0, 1));
+  EXPECT_EQ(below->normal, Eigen::Vector3d(0, 0, -1));
+}
+
+TEST(RayWorld, MeetsASphereBetweenItsFacetsAndItsVertices) {
+  constexpr double kRadius = 0.2;
+  const Mesh sphere = sphere_mesh(kRadius, 5);
+  const double inner = inner_radius(sphere);
+  ASSERT_GT(inner, kRadius * (1 - 5e-4));  // otherwise the test below says little
+  const RayWorld world = world_with({grey_object(sphere, Pose{})});
+  Philox random(3, Stream::shape, 0);
+  for (int i = 0; i < 5000; ++i) {
+    const Eigen::Vector3d origin = random_direction(random);  // 1 m away
+    const Eigen::Vector3d aim = 0.99 * inner * random_direction(random);
+    const Eigen::Vector3d direction = (aim - origin).normalized();
+    const auto hit = world.trace(origin, direction);
+    ASSERT_TRUE(hit);
+    EXPECT_GE(hit->distance, sphere_distance(origin, direction, kRadius) - 1e-12);
+    EXPECT_LE(hit->distance, sphere_distance(origin, direction, inner) + 1e-12);
+    // A facet's normal is that of the sphere at its circumcentre, at most the facet's radius away.
+    EXPECT_GT(hit->normal.dot(hit->point.normalized()), 0.999);
+  }
+}
+
+TEST(RayWorld, ClosedSurfacesDoNotLeak) {
+  const Pose world_from_mesh = pose_from({{10, 20, 30}, {10, 20, 30}});
+  const Eigen::Vector3d inside(0.01, 0.02, 0.03);
+  for (const Mesh& mesh : {box_mesh({0.5, 0.4, 0.3}), sphere_mesh(0.2, 4), cylinder_mesh(0.2, 0.5, 64)}) {
+    const RayWorld world = world_with({grey_object(mesh, world_from_mesh)});
+    Philox random(4, Stream::shape, 0);
+    int leaks = 0;
+    for (int i = 0; i < 20000; ++i) leaks += !world.trace(inside, random_direction(random));
+    EXPECT_EQ(leaks, 0);
+    // Straight at the edges, where two triangles meet.
+    for (const Eigen::Vector3i& t : mesh.triangles) {
+      const Eigen::Vector3d a = world_from_mesh * mesh.vertices.at(static_cast<size_t>(t[0]));
+      const Eigen::Vector3d b = world_from_mesh * mesh.vertices.at(static_cast<size_t>(t[1]));
+      for (int i = 0; i < 10; ++i) leaks += !world.trace(inside, a + random.uniform() * (b - a) - inside);
+    }
+    EXPECT_EQ(leaks, 0);
+  }
+}
+
+TEST(RayWorld, TellsWhichObjectIsNearest) {
+  const Pose far{Eigen::Matrix3d::Identity(), {0, 0, 2}}, near{Eigen::Matrix3d::Identity(), {0, 0, 1}};
+  const RayWorld world =
+      world_with({grey_object(plane_mesh(2, 2), far, 0.2), grey_object(box_mesh({0.2, 0.2, 0.2}), near, 0.7)});
+  const auto box = world.trace({0, 0, 0}, {0, 0, 1}), plane = world.trace({0, 0, 0}, {0.2, 0, 1});
+  ASSERT_TRUE(box && plane);
+  EXPECT_EQ(box->object, 1);
+  EXPECT_NEAR(box->distance, 0.9, 1e-14);
+  EXPECT_DOUBLE_EQ(world.albedo(*box), 0.7);
+  EXPECT_EQ(plane->object, 0);
+  EXPECT_DOUBLE_EQ(world.albedo(*plane), 0.2);
+}
+
+TEST(RayWorld, TextureIsFixedToTheObject) {
+  Object object = grey_object(plane_mesh(1, 1), Pose{}, 0.5);
+  object.material = {Grain::stone, 0.5, 0.3, 0.02};
+  object.texture_seed = 9;
+  const RayWorld first = world_with({object});
+  object.world_from_object = pose_from({{300, -200, 500}, {0, 0, 90}});
+  const RayWorld second = world_with({object});
+  for (double x = -0.4; x < 0.4; x += 0.037) {
+    const auto a = first.trace({x, 0.1, 1}, {0, 0, -1});
+    const auto b = second.trace(object.world_from_object * Eigen::Vector3d(x, 0.1, 1), {0, 0, -1});
+    ASSERT_TRUE(a && b);
+    EXPECT_NEAR(first.albedo(*a), second.albedo(*b), 1e-9);
+  }
+}
+
+TEST(RayWorld, SeesNothingInAnEmptyWorldOrBesideTheObjects) {
+  EXPECT_FALSE(world_with({}).trace({0, 0, 0}, {0, 0, 1}));
+  const RayWorld world = world_with({grey_object(plane_mesh(1, 1), {Eigen::Matrix3d::Identity(), {0, 0, 1}})});
+  EXPECT_TRUE(world.trace({0, 0, 0}, {0.4999, 0, 1}));
+  EXPECT_FALSE(world.trace({0, 0, 0}, {0.5001, 0, 1}));
+  EXPECT_FALSE(world.trace({0, 0, 0}, {0, 0, -1}));  // behind
+}
+
+TEST(RayWorld, OccludedOnlyByWhatLiesBetween) {
+  // A floor, and a ball of radius 0.1 one metre above it.
+  const RayWorld world = world_with({grey_object(plane_mesh(6, 6), Pose{}),
+                                     grey_object(sphere_mesh(0.1, 4), {Eigen::Matrix3d::Identity(), {0, 0, 1}})});
+  const auto floor_at = [&](double x) { return world.trace({x, 0, 0.5}, {0, 0, -1}).value(); };
+  EXPECT_TRUE(world.occluded(floor_at(0), {0, 0, 2}));
+  EXPECT_FALSE(world.occluded(floor_at(0), {0, 0, 0.85})) << "the target lies before the ball";
+  EXPECT_FALSE(world.occluded(floor_at(1), {1, 0, 2}));
+  EXPECT_FALSE(world.occluded(floor_at(0), {2, 0, 1.5}));
+  // From the light at (0, 0, 2) the ball's silhouette has the half angle asin(0.1 / 1): its shadow on
+  // the floor has the radius 2 tan(asin(0.1)).
+  const double edge = 2 * std::tan(std::asin(0.1));
+  EXPECT_TRUE(world.occluded(floor_at(0.99 * edge), {0, 0, 2}));
+  EXPECT_FALSE(world.occluded(floor_at(1.01 * edge), {0, 0, 2}));
+}
+
+TEST(RayWorld, SurfacesDoNotShadowThemselves) {
+  const RayWorld world = world_with({grey_object(plane_mesh(6, 6), pose_from({{0, 0, 0}, {20, 30, 0}}))});
+  const Eigen::Vector3d normal = pose_from({{0, 0, 0}, {20, 30, 0}}).rotation.col(2);
+  Philox random(5, Stream::shape, 0);
+  int shadowed = 0;
+  for (int i = 0; i < 20000; ++i) {
+    const auto hit = world.trace(normal * 2, Eigen::Vector3d(-normal + 0.7 * random_direction(random)));
+    if (!hit) continue;
+    // Down to half a degree above the surface.
+    Eigen::Vector3d grazing = random_direction(random);
+    grazing = (grazing - grazing.dot(normal) * normal).normalized();
+    shadowed += world.occluded(*hit, hit->point + 2 * (grazing + 0.0087 * normal));
+  }
+  EXPECT_EQ(shadowed, 0);
+}
+
+// The images of a scene and of its recording must lead to the same bytes, and worker threads must
+// compute what the main thread computes: so tracing may not leave another floating-point mode behind.
+TEST(RayWorld, LeavesTheFloatingPointModeOfTheCallerAlone) {
+  volatile double tiny = std::numeric_limits<double>::min();
+  ASSERT_GT(tiny / 4, 0);
+  const RayWorld world = world_with({grey_object(plane_mesh(1, 1), Pose{})});
+  EXPECT_GT(tiny / 4, 0) << "numbers below 2.2e-308 are flushed to zero on this thread from now on";
+}
+
+// The most threads that are in the body of one parallel loop at a time.
+int parallel_threads() {
+  std::atomic<int> inside{0}, most{0};
+  cv::parallel_for_(
+      cv::Range(0, 8),
+      [&](const cv::Range&) {
+        most = std::max(most.load(), ++inside);
+        std::this_thread::sleep_for(std::chrono::milliseconds(20));
+        --inside;
+      },
+      8);
+  return most;
+}
+
+TEST(RayWorld, LeavesTheThreadsOfTheCallerAlone) {
+  if (parallel_threads() < 2) GTEST_SKIP() << "one processor";
+  const RayWorld world = world_with({grey_object(plane_mesh(1, 1), Pose{})});
+  EXPECT_GE(parallel_threads(), 2) << "as long as a world lives, parallel loops run on one thread";
+}
+
+}  // namespace
+}  // namespace fringeslam::sim

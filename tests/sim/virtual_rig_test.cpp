@@ -1,0 +1,158 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "sim/virtual_rig.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <filesystem>
+#include <opencv2/core.hpp>
+
+#include "core/decode/decode.h"
+#include "core/depth/depth.h"
+#include "core/rig/rig_file.h"
+#include "tests/sim/worlds.h"
+
+namespace fringeslam::sim {
+namespace {
+
+// A quarter of the thesis rig's pixels: the same lenses, distortions and angles.
+RigModel small_thesis_rig() {
+  RigModel rig = read_rig(std::filesystem::path(FRINGESLAM_SOURCE_DIR) / "scenes/rigs/thesis.yaml");
+  rig.robot_from_camera = Pose{};
+  Pinhole& camera = rig.camera;
+  camera = {camera.width / 2,      camera.height / 2,     camera.fx / 2,    camera.fy / 2,
+            (camera.cx - 0.5) / 2, (camera.cy - 0.5) / 2, camera.distortion};
+  return rig;
+}
+
+// A textured board, tilted, one metre before the camera; two poses.
+Scene board_scene() {
+  Object board = grey_object(plane_mesh(2, 2), pose_from({{0, 0, 1000}, {12, -18, 5}}));
+  board.material = {Grain::stone, 0.6, 0.3, 0.01};
+  Scene scene = world_of({board}, small_thesis_rig());
+  scene.seed = 5;
+  scene.ambient_electrons = 200;
+  scene.trajectory = {{0.0, Pose{}}, {0.5, pose_from({{20, 10, -30}, {2, 3, -4}})}};
+  return scene;
+}
+
+PatternSequence fringes(const RigModel& rig, int bits) {
+  return phase_shift_sequence(rig.projector.width, rig.projector.height, {1040, 131, 16.5}, 3, Axis::columns, bits);
+}
+
+double median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+int differing(const cv::Mat& a, const cv::Mat& b) { return cv::countNonZero(a != b); }
+
+// Without noise and rounding on either side what is decoded is what was rendered.
+TEST(VirtualRig, DecodedDepthIsTheTrueDepth) {
+  const Scene scene = board_scene();
+  const PatternSequence sequence = fringes(scene.rig, 0);
+  std::vector<TruthFrame> truth;
+  VirtualRig rig(scene, {1, false, false}, [&](const TruthFrame& frame) { truth.push_back(frame); });
+  const PixelRays rays = pixel_rays(scene.rig.camera);
+  while (const auto stack = rig.capture(sequence)) {
+    const DecodedStack decoded = decode(*stack, sequence, scene.rig.sensor, {});
+    const Frame frame = reconstruct(decoded, scene.rig, rays, {});
+    const TruthFrame& exact = truth.at(static_cast<size_t>(stack->index));
+    std::vector<double> depth_errors_m, column_errors_px;
+    for (int row = 0; row < frame.height(); ++row) {
+      for (int col = 0; col < frame.width(); ++col) {
+        if (!frame.valid(row, col)) continue;
+        depth_errors_m.push_back(std::abs(frame.points_m(row, col)[2] - exact.depth_m(row, col)));
+        column_errors_px.push_back(std::abs(decoded.coordinate_px(row, col) - exact.projector_column(row, col)));
+      }
+    }
+    ASSERT_GT(depth_errors_m.size(), 60000u);
+    EXPECT_LT(median(depth_errors_m), 1e-6);
+    EXPECT_LT(*std::max_element(depth_errors_m.begin(), depth_errors_m.end()), 5e-6);
+    EXPECT_LT(median(column_errors_px), 2e-4);
+  }
+  EXPECT_EQ(truth.size(), 2u);
+}
+
+TEST(VirtualRig, TruthIsThatOfThePlane) {
+  const Scene scene = board_scene();
+  std::vector<TruthFrame> truth;
+  VirtualRig rig(scene, {1, false, false}, [&](const TruthFrame& frame) { truth.push_back(frame); });
+  while (rig.capture(fringes(scene.rig, 0))) continue;
+  ASSERT_EQ(truth.size(), 2u);
+  for (const TruthFrame& frame : truth) {
+    const TimedPose& pose = scene.trajectory.at(static_cast<size_t>(frame.index));
+    EXPECT_EQ(frame.timestamp_s, pose.timestamp_s);
+    EXPECT_EQ(frame.world_from_robot.rotation, pose.world_from_robot.rotation);
+    EXPECT_EQ(frame.world_from_robot.translation, pose.world_from_robot.translation);
+    const Pose camera_from_board = pose.world_from_robot.inverse() * scene.objects[0].world_from_object;
+    const Eigen::Vector3d normal = -camera_from_board.rotation.col(2);
+    for (int row = 0; row < frame.depth_m.rows; row += 10) {
+      for (int col = 0; col < frame.depth_m.cols; col += 10) {
+        const Eigen::Vector3d ray = scene.rig.camera.undistort(Eigen::Vector2d(col, row)).homogeneous();
+        const double depth = normal.dot(camera_from_board.translation) / normal.dot(ray);
+        ASSERT_NEAR(frame.depth_m(row, col), depth, 1e-7);
+        const Eigen::Vector3d in_projector = scene.rig.projector_from_camera * Eigen::Vector3d(depth * ray);
+        ASSERT_NEAR(frame.projector_column(row, col), scene.rig.projector.project(in_projector).x(), 1e-4);
+        for (int i = 0; i < 3; ++i) ASSERT_NEAR(frame.normals(row, col)[i], normal[i], 1e-6);
+      }
+    }
+  }
+}
+
+TEST(VirtualRig, HandsOutOneStackAPoseAndThenNothing) {
+  const Scene scene = board_scene();
+  const PatternSequence sequence = fringes(scene.rig, 8);
+  VirtualRig rig(scene, {1, true, true});
+  for (int index = 0; index < 2; ++index) {
+    const auto stack = rig.capture(sequence);
+    ASSERT_TRUE(stack);
+    EXPECT_EQ(stack->index, index);
+    EXPECT_EQ(stack->timestamp_s, 0.5 * index);
+    EXPECT_EQ(stack->exposure_s.size(), 9u);
+    ASSERT_EQ(stack->images.size(), 9u);
+    for (const cv::Mat& image : stack->images) {
+      EXPECT_EQ(image.type(), CV_8UC1);
+      EXPECT_EQ(image.size(), cv::Size(266, 250));
+    }
+  }
+  EXPECT_FALSE(rig.capture(sequence));
+  EXPECT_FALSE(rig.capture(sequence));
+}
+
+TEST(VirtualRig, SameSeedSameImagesOtherSeedOtherNoise) {
+  Scene scene = board_scene();
+  const PatternSequence sequence = fringes(scene.rig, 8);
+  const auto first_stack = [&] { return VirtualRig(scene, {4, true, true}).capture(sequence).value(); };
+  const FringeStack first = first_stack(), second = first_stack();
+  scene.seed = 6;
+  const FringeStack other = first_stack();
+  for (size_t i = 0; i < first.images.size(); ++i) {
+    EXPECT_EQ(differing(first.images[i], second.images[i]), 0);
+    EXPECT_GT(differing(first.images[i], other.images[i]), 10000);
+  }
+}
+
+TEST(VirtualRig, ThreadsDoNotChangeAnImage) {
+  const Scene scene = board_scene();
+  const PatternSequence sequence = fringes(scene.rig, 8);
+  const int before = cv::getNumThreads();
+  std::vector<FringeStack> stacks;
+  for (const int threads : {1, 3}) {
+    cv::setNumThreads(threads);
+    stacks.push_back(VirtualRig(scene, {4, true, false}).capture(sequence).value());
+  }
+  cv::setNumThreads(before);
+  for (size_t i = 0; i < 9; ++i) EXPECT_EQ(differing(stacks[0].images[i], stacks[1].images[i]), 0);
+}
+
+TEST(RenderOptions, WantASquareNumberOfSamples) {
+  for (const int samples : {1, 4, 9, 16, 256}) EXPECT_NO_THROW((RenderOptions{samples, true, true}.check()));
+  for (const int samples : {-4, 0, 2, 3, 8, 257, 289})
+    EXPECT_THROW((RenderOptions{samples, true, true}.check()), Error) << samples;
+}
+
+}  // namespace
+}  // namespace fringeslam::sim

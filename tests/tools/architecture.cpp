@@ -1,0 +1,145 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/tools/architecture.h"
+
+#include <algorithm>
+#include <fstream>
+#include <map>
+#include <regex>
+#include <set>
+
+namespace fringeslam::test {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+using Names = std::set<std::string>;
+
+const Names kTops = {"core", "sim", "hw", "bench", "tools"};
+const Names kStages = {"core/decode", "core/depth", "core/landmarks", "core/motion", "core/map"};
+const Names kBasics = {"core/types", "core/patterns"};
+
+Names operator+(Names a, const Names& b) {
+  a.insert(b.begin(), b.end());
+  return a;
+}
+
+// The folders of this project that a folder may include; "core" and the like stand for all below them.
+const std::map<std::string, Names>& allowed_folders() {
+  static const std::map<std::string, Names> allowed = [] {
+    std::map<std::string, Names> table = {{"core/types", {"core/types"}},
+                                          {"core/patterns", {"core/types", "core/patterns"}},
+                                          {"core/rig", kBasics + Names{"core/rig"}},
+                                          {"core/pipeline", kStages + kBasics + Names{"core/pipeline"}},
+                                          {"sim", kBasics + Names{"core/rig", "sim"}},
+                                          {"hw", kBasics + Names{"core/rig", "hw"}},
+                                          {"bench", {"core", "sim", "bench"}},
+                                          {"tools", kTops}};
+    for (const std::string& stage : kStages + Names{"core/calibrate", "core/score"})
+      table[stage] = kBasics + Names{stage};
+    return table;
+  }();
+  return allowed;
+}
+
+// A library by the beginning of its headers' names.
+struct Library {
+  std::string prefix;
+  Names folders;           // that may use it; empty: all
+  bool in_headers = true;  // whether a .h may include it
+};
+
+const std::vector<Library>& libraries() {
+  static const std::vector<Library> all = {{"embree3/", {"sim"}, false},
+                                           {"assimp/", {"sim"}, false},
+                                           {"bullet/", {"sim"}, false},
+                                           {"btBullet", {"sim"}, false},
+                                           {"ceres/", {"core/motion", "core/map", "core/calibrate"}, false},
+                                           {"pcl/", {}, false},
+                                           {"OpenImageIO/", {}, false},
+                                           {"openvdb/", {}, false},
+                                           {"yaml-cpp/", {}, false},
+                                           {"arv.h", {"hw"}, false},
+                                           {"aravis", {"hw"}, false},
+                                           {"SDL", {"hw"}, false},
+                                           {"hidapi", {"hw"}, false}};
+  return all;
+}
+
+bool starts_with_any(const std::string& text, const Names& prefixes) {
+  return std::any_of(prefixes.begin(), prefixes.end(), [&](const std::string& p) { return text.starts_with(p); });
+}
+
+// "core/depth" of core/depth/depth.h, "sim" of sim/light/shading.h.
+std::string folder_of(const fs::path& file) {
+  auto part = file.begin();
+  const std::string top = part->string();
+  return top == "core" && std::distance(file.begin(), file.end()) > 2 ? top + "/" + (++part)->string() : top;
+}
+
+bool may_include(const std::string& folder, const std::string& other) {
+  const auto entry = allowed_folders().find(folder);
+  if (entry == allowed_folders().end()) return false;
+  return entry->second.count(other) || entry->second.count(other.substr(0, other.find('/')));
+}
+
+bool is_standard(const std::string& included) { return included.find_first_of("/.") == std::string::npos; }
+
+// Why `file` may not include a header of another project; empty when it may.
+std::string library_objection(const fs::path& file, const std::string& included) {
+  const bool header = file.extension() == ".h";
+  for (const Library& library : libraries()) {
+    if (!included.starts_with(library.prefix)) continue;
+    if (!library.folders.empty() && !library.folders.count(folder_of(file))) return "library of another folder";
+    if (header && !library.in_headers) return "heavy library in a header";
+  }
+  const bool matrices = included.starts_with("Eigen/") || included.starts_with("opencv2/");
+  if (header && matrices && included != "Eigen/Core" && !included.starts_with("opencv2/core"))
+    return "more than Eigen/Core and opencv2/core in a header";
+  if (folder_of(file) == "core/types" && !is_standard(included) &&
+      !starts_with_any(included, {"Eigen/", "opencv2/core"}))
+    return "core/types knows Eigen and OpenCV's core alone";
+  return "";
+}
+
+std::string objection(const fs::path& file, const std::string& included, bool in_quotes) {
+  const fs::path target(included);
+  if (kTops.count(target.begin()->string()))
+    return may_include(folder_of(file), folder_of(target)) ? ""
+                                                           : folder_of(file) + " may not include " + folder_of(target);
+  // Relative names would hide an arrow from this scan.
+  if (in_quotes) return "not from the root of the tree";
+  return library_objection(file, included);
+}
+
+void scan(const fs::path& root, const fs::path& file, std::vector<std::string>& found) {
+  static const std::regex kInclude(R"(^\s*#\s*include\s*([<"])([^>"]+)[>"].*)");
+  std::ifstream in(root / file);
+  std::string line;
+  std::smatch match;
+  for (int number = 1; std::getline(in, line); ++number) {
+    if (!std::regex_match(line, match, kInclude)) continue;
+    const std::string why = objection(file, match[2], match[1] == "\"");
+    if (!why.empty())
+      found.push_back(file.generic_string() + ":" + std::to_string(number) + ": " + match[2].str() + " (" + why + ")");
+  }
+}
+
+}  // namespace
+
+std::vector<std::string> violations(const fs::path& root) {
+  std::vector<fs::path> files;
+  for (const std::string& top : kTops) {
+    if (!fs::exists(root / top)) continue;
+    for (const auto& entry : fs::recursive_directory_iterator(root / top)) {
+      const std::string kind = entry.path().extension().string();
+      if (kind == ".h" || kind == ".cpp") files.push_back(fs::relative(entry.path(), root));
+    }
+  }
+  std::sort(files.begin(), files.end());
+  std::vector<std::string> found;
+  for (const fs::path& file : files) scan(root, file, found);
+  return found;
+}
+
+}  // namespace fringeslam::test

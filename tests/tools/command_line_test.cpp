@@ -1,0 +1,136 @@
+// SPDX-License-Identifier: Apache-2.0
+// The program from outside: what it writes is the same every time, what it prints is what was asked for.
+#include <gmock/gmock.h>
+
+#include <nlohmann/json.hpp>
+
+#include "tests/tools/child.h"
+
+namespace fringeslam {
+namespace {
+
+using nlohmann::json;
+using test::run_program;
+using test::run_well;
+using testing::HasSubstr;
+
+// One ray a pixel: the runs of these tests need speed, not beauty.
+const std::vector<std::string> kFast = {"--set", "render.samples_per_pixel=1"};
+
+std::vector<std::string> words(std::vector<std::string> first, const std::vector<std::string>& second) {
+  first.insert(first.end(), second.begin(), second.end());
+  return first;
+}
+
+std::string differing_files(const test::fs::path& a, const test::fs::path& b) {
+  std::string text;
+  for (const std::string& name : test::listing(a)) {
+    if (!test::fs::is_directory(a / name) && test::read_bytes(a / name) != test::read_bytes(b / name))
+      text += " " + name;
+  }
+  return text;
+}
+
+void expect_same_folders(const test::fs::path& a, const test::fs::path& b) {
+  EXPECT_EQ(test::listing(a), test::listing(b));
+  EXPECT_EQ(differing_files(a, b), "");
+}
+
+class CommandLine : public testing::Test {
+ protected:
+  void SetUp() override { test::write_small_scene(scene_); }
+  std::string at(const std::string& name) const { return (temp_ / name).string(); }
+  void run_scene(const std::string& out, const std::vector<std::string>& more = {}) const {
+    run_well(words(words({"run", scene_.string(), "--out", at(out), "--quiet"}, kFast), more));
+  }
+
+  test::TempFolder temp_;
+  test::fs::path scene_ = temp_ / "scene";
+};
+
+TEST_F(CommandLine, ThreadsDoNotChangeARun) {
+  run_scene("one", {"--threads", "1"});
+  run_scene("two", {"--threads", "2"});
+  // Both views must have been registered, or little of the pipeline was compared.
+  EXPECT_EQ(json::parse(test::read_bytes(temp_ / "one/score.json")).at("tracked"), 2);
+  expect_same_folders(temp_ / "one", temp_ / "two");
+}
+
+TEST_F(CommandLine, ARunOfARenderedDatasetIsARunOfItsScene) {
+  run_scene("direct");
+  run_well(words({"render", scene_.string(), "--out", at("dataset"), "--quiet"}, kFast));
+  run_well({"run", at("dataset"), "--out", at("replayed"), "--quiet"});
+  expect_same_folders(temp_ / "direct", temp_ / "replayed");
+}
+
+TEST_F(CommandLine, ScoringARunAgainGivesItsScore) {
+  run_scene("run");
+  const std::string written = test::read_bytes(temp_ / "run/score.json");
+  EXPECT_EQ(run_well({"score", at("run"), "--json"}).out, written);
+  EXPECT_EQ(run_well({"score", at("run"), "--json"}).out, written);
+  EXPECT_EQ(test::read_bytes(temp_ / "run/score.json"), written);
+  EXPECT_EQ(run_well({"score", at("run")}).out, run_well({"score", at("run")}).out);
+}
+
+TEST_F(CommandLine, ASecondRunReplacesTheFirst) {
+  run_scene("run");
+  test::write_bytes(temp_ / "run/left over", "old");
+  run_scene("run");
+  EXPECT_FALSE(test::fs::exists(temp_ / "run/left over"));
+  EXPECT_EQ(test::listing(temp_.path()).count("run.partial"), 0u);
+}
+
+// The whole of the output must be one JSON value: the parser refuses anything before or after it.
+json whole_json(const test::Finished& finished) {
+  EXPECT_EQ(finished.err, "");
+  const json document = json::parse(finished.out, nullptr, false);
+  EXPECT_FALSE(document.is_discarded()) << finished.out;
+  return document;
+}
+
+TEST_F(CommandLine, JsonIsOneDocument) {
+  const json rendered = whole_json(run_well(words({"render", scene_.string(), "--out", at("data"), "--json"}, kFast)));
+  EXPECT_EQ(rendered.at("stacks"), 2);
+  const json run = whole_json(run_well({"run", at("data"), "--out", at("run"), "--json"}));
+  EXPECT_EQ(run.at("run"), at("run"));
+  EXPECT_EQ(run.at("score"), json::parse(test::read_bytes(temp_ / "run/score.json")));
+  EXPECT_EQ(whole_json(run_well({"score", at("run"), "--json"})), run.at("score"));
+  EXPECT_EQ(whole_json(run_well({"score", at("run/trajectory.tum"), "--truth", at("run/truth.tum"), "--json"})),
+            run.at("score").at("trajectory"));
+  for (const std::string what : {"scene", "data", "run", "run/rig.yaml"})
+    EXPECT_EQ(whole_json(run_well({"info", at(what), "--json"})).at("camera_px"), json({266, 250})) << what;
+}
+
+TEST_F(CommandLine, JsonHoldsAnyFolderName) {
+  const std::string out = at("a \"quoted\\ name");
+  const json rendered = whole_json(run_well(words({"render", scene_.string(), "--out", out, "--json"}, kFast)));
+  if (!rendered.is_discarded()) {
+    EXPECT_EQ(rendered.at("dataset"), out);
+  }
+}
+
+// A scene's name is free text: it ends up in config.yaml and dataset.yaml, and in the name of the run folder.
+TEST_F(CommandLine, AnySceneNameCanBeRun) {
+  test::write_bytes(scene_ / "scene.yaml",
+                    test::replaced(test::kSmallScene, "name: small", "name: \"boxes: and foam #2\""));
+  run_scene("run");
+  EXPECT_EQ(json::parse(test::read_bytes(temp_ / "run/score.json"), nullptr, false).value("name", ""),
+            "boxes: and foam #2");
+}
+
+TEST(CommandLineHelp, OfEachVerbIsPrintedWithoutFailure) {
+  for (const std::string verb : {"run", "render", "score", "info"}) {
+    const test::Finished finished = run_program({verb, "--help"});
+    EXPECT_EQ(finished.exit_code, 0) << verb;
+    EXPECT_EQ(finished.err, "") << verb;
+    EXPECT_THAT(finished.out, HasSubstr(verb));
+  }
+  EXPECT_THAT(run_program({"run", "--help"}).out, HasSubstr("decode.min_modulation_dn"));
+  const test::Finished all = run_program({"--help"});
+  EXPECT_EQ(all.exit_code, 0);
+  for (const std::string verb : {"run", "render", "score", "info"}) EXPECT_THAT(all.out, HasSubstr(verb));
+  EXPECT_EQ(run_program({"--version"}).exit_code, 0);
+}
+
+}  // namespace
+}  // namespace fringeslam

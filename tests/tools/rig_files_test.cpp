@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: Apache-2.0
+// rig.yaml and patterns.yaml: what is written reads back to the last bit, and the impossible is refused.
+#include <gmock/gmock.h>
+
+#include <numbers>
+
+#include "core/rig/rig_file.h"
+#include "core/rig/yaml.h"
+#include "tests/tools/fake_rig.h"
+#include "tests/tools/temp_folder.h"
+
+namespace fringeslam {
+namespace {
+
+using test::message_of;
+using testing::HasSubstr;
+using testing::StartsWith;
+
+void expect_equal(const Pinhole& a, const Pinhole& b) {
+  EXPECT_EQ(a.width, b.width);
+  EXPECT_EQ(a.height, b.height);
+  const Distortion &c = a.distortion, &d = b.distortion;
+  EXPECT_EQ((std::vector{a.fx, a.fy, a.cx, a.cy, c.k1, c.k2, c.p1, c.p2, c.k3}),
+            (std::vector{b.fx, b.fy, b.cx, b.cy, d.k1, d.k2, d.p1, d.p2, d.k3}));
+}
+
+void expect_equal(const Pose& a, const Pose& b) {
+  EXPECT_EQ(a.rotation, b.rotation);
+  EXPECT_EQ(a.translation, b.translation);
+}
+
+void expect_equal(const RigModel& a, const RigModel& b) {
+  EXPECT_EQ(a.name, b.name);
+  expect_equal(a.camera, b.camera);
+  expect_equal(a.projector, b.projector);
+  expect_equal(a.projector_from_camera, b.projector_from_camera);
+  expect_equal(a.robot_from_camera, b.robot_from_camera);
+  EXPECT_EQ(a.sensor.bits, b.sensor.bits);
+  EXPECT_EQ((std::vector{a.sensor.gain_dn_per_electron, a.sensor.dark_noise_electrons, a.sensor.full_well_electrons,
+                         a.sensor.offset_dn, a.white_electrons_at_1m, a.projector_black_level, a.near_m, a.far_m}),
+            (std::vector{b.sensor.gain_dn_per_electron, b.sensor.dark_noise_electrons, b.sensor.full_well_electrons,
+                         b.sensor.offset_dn, b.white_electrons_at_1m, b.projector_black_level, b.near_m, b.far_m}));
+}
+
+RigModel read_back(const RigModel& rig) {
+  const test::TempFolder temp;
+  test::write_bytes(temp / "rig.yaml", to_yaml(rig));
+  return read_rig(temp / "rig.yaml");
+}
+
+// No field at a default, no number with a short decimal form.
+RigModel odd_rig() {
+  RigModel rig = test::thesis_rig();
+  const double pi = std::numbers::pi;
+  rig.name = "odd";
+  rig.near_m = 0.7 + 1e-15, rig.far_m = 1.0 + 1 / 3.0;
+  rig.camera = {
+      533, 501, 2046 + pi, 2045 + 1 / 7.0, 265 + 0.1, 249 + 0.2, {-0.1 / 3, 0.1 / 7, 1e-4 / 3, -1e-4 / 7, 1e-3 / 3}};
+  rig.projector.fx += 1 / 3.0, rig.projector.distortion.k3 = -1e-3 / 7;
+  rig.sensor = {12, 0.1 / 3, 25 + pi, 40000.0 / 3, 2 + 1 / 7.0};
+  rig.white_electrons_at_1m = 1e5 / 3, rig.projector_black_level = 0.001 / 3;
+  rig.projector_from_camera = retract(rig.projector_from_camera, Vector6d::Constant(1e-3 / 3));
+  rig.robot_from_camera = retract(rig.robot_from_camera, Vector6d::Constant(0.1 / 7));
+  return rig;
+}
+
+TEST(RigFile, ReadsBackToTheLastBit) { expect_equal(read_back(odd_rig()), odd_rig()); }
+
+TEST(RigFile, ShippedRigsReadBackToTheLastBit) {
+  for (const auto& entry : test::fs::directory_iterator(test::fs::path(FRINGESLAM_SOURCE_DIR) / "scenes/rigs")) {
+    if (entry.path().extension() != ".yaml") continue;
+    const RigModel rig = read_rig(entry.path());
+    expect_equal(read_back(rig), rig);
+  }
+}
+
+// The name of a rig is free text: in a quoted YAML string everything is allowed.
+TEST(RigFile, AnyNameReadsBack) {
+  for (const std::string name : {"lab: camera 2", "rig #2", "\"quoted\"", "it's", "- dash", "[1, 2]", "~", "null",
+                                 "ünï", "a\\b", "two\nlines", " spaces "}) {
+    RigModel rig = test::thesis_rig();
+    rig.name = name;
+    try {
+      EXPECT_EQ(read_back(rig).name, name);
+    } catch (const Error& error) {
+      ADD_FAILURE() << "name " << testing::PrintToString(name) << ": " << error.what();
+    }
+  }
+}
+
+std::string error_of(const std::string& from, const std::string& to, int* line = nullptr) {
+  const std::string text =
+      test::replaced(test::read_bytes(test::fs::path(FRINGESLAM_SOURCE_DIR) / "scenes/rigs/thesis.yaml"), from, to);
+  if (line) *line = test::line_of(text, to);
+  return message_of([&] { read_rig(YamlMap::parse(text, "rig.yaml")); });
+}
+
+void expect_error_at(const std::string& from, const std::string& to, const std::string& says) {
+  int line = 0;
+  const std::string message = error_of(from, to, &line);
+  EXPECT_THAT(message, StartsWith("rig.yaml:" + std::to_string(line) + ": "));
+  EXPECT_THAT(message, HasSubstr(says));
+}
+
+TEST(RigFile, RefusesTheImpossible) {
+  expect_error_at("far_m: 1.4", "far_m: 0.7", "far_m must be larger");
+  expect_error_at("width_px: 532", "width_px: 0", "'width_px' is 0");
+  expect_error_at("fx_px: 2046", "fx_px: -2046", "'fx_px' is -2046");
+  expect_error_at("bits: 8", "bits: 17", "'bits' is 17");
+  expect_error_at("full_well_electrons: 40000", "full_well_electrons: .nan", "is nan");
+  expect_error_at("[-0.12, 0.1, 0.0003, -0.0002, 0]", "[-9, 0, 0, 0, 0]", "cannot be inverted");
+}
+
+TEST(RigFile, RefusesARigThatCanMeasureNothing) {
+  EXPECT_THAT(error_of("rotation_deg: [0, 14.03624347, 0]", "rotation_deg: [0, 194, 0]"),
+              HasSubstr("lights nothing that the camera sees"));
+  EXPECT_THAT(error_of("rotation_deg: [0, 14.03624347, 0]", "rotation_deg: [0, -50, 0]"),
+              HasSubstr("lights nothing that the camera sees"));
+  EXPECT_THAT(error_of("[-0.24253563, 0, 0.06063391]", "[0, 0, 0]"), HasSubstr("in one place"));
+}
+
+TEST(RigFile, BeamMeetsViewOnlyInTheWorkingRange) {
+  RigModel rig = test::thesis_rig();
+  EXPECT_TRUE(beam_meets_view(rig));
+  // The axes cross at 1 m, so that far behind it view and beam have parted.
+  rig.near_m = 20, rig.far_m = 30;
+  EXPECT_FALSE(beam_meets_view(rig));
+}
+
+TEST(PatternsFile, ReadsBackToTheLastBit) {
+  PatternSequence sequence = phase_shift_sequence(1024, 768, {1040, 131, 100 / 6.0}, 5, Axis::columns, 8);
+  for (const Pattern& rows : phase_shift_sequence(1024, 768, {800, 33.3}, 3, Axis::rows, 0).patterns)
+    sequence.patterns.push_back(rows);
+  const test::TempFolder temp;
+  test::write_bytes(temp / "patterns.yaml", to_yaml(sequence));
+  EXPECT_TRUE(read_patterns(temp / "patterns.yaml") == sequence);
+}
+
+TEST(PatternsFile, ErrorsSayFileAndLine) {
+  const test::TempFolder temp;
+  const std::string good = to_yaml(phase_shift_sequence(1024, 768, {1040}, 3, Axis::columns, 8));
+  const std::string file = (temp / "patterns.yaml").string();
+  const auto error = [&](const std::string& text) {
+    test::write_bytes(file, text);
+    return message_of([&] { read_patterns(file); });
+  };
+  EXPECT_THAT(error(test::replaced(good, "period_px: 1040", "period_px: -3")), StartsWith(file + ":4: 'period_px'"));
+  EXPECT_THAT(error(test::replaced(good, "axis: columns", "axis: column")), HasSubstr("did you mean 'columns'"));
+  EXPECT_THAT(error(test::replaced(good, "bits: 8", "bit: 8")), StartsWith(file + ":4: "));
+  EXPECT_THAT(error("width_px: 1024\nheight_px: 768\npatterns: []\n"), StartsWith(file + ":3: "));
+}
+
+}  // namespace
+}  // namespace fringeslam

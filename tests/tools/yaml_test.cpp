@@ -1,0 +1,174 @@
+// SPDX-License-Identifier: Apache-2.0
+// Every error of the YAML reader says where it is and what to do.
+#include "core/rig/yaml.h"
+
+#include <gmock/gmock.h>
+
+#include <vector>
+
+#include "tests/tools/temp_folder.h"
+
+namespace fringeslam {
+namespace {
+
+using test::message_of;
+using testing::HasSubstr;
+using testing::Not;
+using testing::StartsWith;
+
+constexpr const char* kGood =
+    "# a comment, so that the first key is not on line 1\n"
+    "width_px: 640\n"
+    "scale: 0.5\n"
+    "name: thesis\n"
+    "lens:\n"
+    "  axis: columns\n"
+    "  bits: 8\n"
+    "  centre: [1, 2, 3]\n"
+    "parts:\n"
+    "  - {size: 1}\n"
+    "  - {size: 2}\n";
+
+// Reads a file with the keys above; `lens.bits` and `blur` may be left out.
+void read_all(const YamlMap& map) {
+  map.integer("width_px", {1, 1000});
+  map.number("scale", {0, 1});
+  map.text("name");
+  map.boolean_or("blur", false);
+  const YamlMap lens = map.map("lens");
+  lens.choice("axis", {"columns", "rows"});
+  lens.integer_or("bits", 8, {0, 16});
+  lens.numbers("centre", 3, {-10, 10});
+  for (const YamlMap& part : map.maps("parts")) part.number("size", {0, 10});
+  map.finish();
+}
+
+std::string error_of(const std::string& text) {
+  return message_of([&] { read_all(YamlMap::parse(text, "some/rig.yaml")); });
+}
+
+struct Broken {
+  std::string name, from, to;
+  int line;
+  std::string says;
+};
+
+class BrokenYaml : public testing::TestWithParam<Broken> {};
+
+TEST_P(BrokenYaml, SaysFileAndLine) {
+  const Broken& broken = GetParam();
+  const std::string message = error_of(test::replaced(kGood, broken.from, broken.to));
+  EXPECT_THAT(message, StartsWith("some/rig.yaml:" + std::to_string(broken.line) + ": "));
+  EXPECT_THAT(message, HasSubstr(broken.says));
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Yaml, BrokenYaml,
+    testing::Values(
+        Broken{"MissingKey", "width_px: 640\n", "", 2, "'width_px' is missing"},
+        Broken{"MissingKeyOfAMap", "  axis: columns\n", "", 6, "'axis' is missing"},
+        Broken{"EmptyValue", "width_px: 640", "width_px:", 2, "'width_px' is missing"},
+        Broken{"UnknownKey", "name: thesis", "name: thesis\nblurr: true", 5, "did you mean 'blur'"},
+        Broken{"UnknownKeyOfAMap", "  bits: 8", "  bitz: 8", 7, "'bitz'; did you mean 'bits'"},
+        Broken{"UnknownKeyOfAListEntry", "{size: 2}", "{size: 2, sise: 3}", 11, "'sise'; did you mean 'size'"},
+        Broken{"DuplicateKey", "name: thesis", "scale: 0.7", 4, "'scale' stands here a second time"},
+        Broken{"DuplicateKeyOfAMap", "  bits: 8", "  axis: rows", 7, "'axis' stands here a second time"},
+        Broken{"NotANumber", "scale: 0.5", "scale: .nan", 3, "'scale' is nan"},
+        Broken{"Infinite", "scale: 0.5", "scale: .inf", 3, "'scale' is inf"},
+        Broken{"NanInAList", "[1, 2, 3]", "[1, .nan, 3]", 8, "'centre' is nan"},
+        Broken{"Negative", "width_px: 640", "width_px: -640", 2, "'width_px' is -640; it must lie in [1, 1000]"},
+        Broken{"TooLarge", "width_px: 640", "width_px: 1001", 2, "[1, 1000]"},
+        Broken{"Fraction", "width_px: 640", "width_px: 640.5", 2, "whole number"},
+        Broken{"TextForANumber", "scale: 0.5", "scale: half", 3, "'scale' must be a number"},
+        Broken{"NumberWithAUnit", "scale: 0.5", "scale: 0.5 m", 3, "'scale' must be a number"},
+        Broken{"ListForANumber", "scale: 0.5", "scale: [0.5]", 3, "'scale' must be a number"},
+        Broken{"TextInAList", "[1, 2, 3]", "[1, two, 3]", 8, "'centre' must be a number"},
+        Broken{"ListTooShort", "[1, 2, 3]", "[1, 2]", 8, "list of 3 numbers"},
+        Broken{"NumberForAList", "[1, 2, 3]", "7", 8, "list of 3 numbers"},
+        Broken{"NotTrueOrFalse", "name: thesis", "name: thesis\nblur: maybe", 5, "true or false"},
+        Broken{"MapForAText", "name: thesis", "name: {a: 1}", 4, "'name' must be a text"},
+        Broken{"NoSuchChoice", "axis: columns", "axis: colums", 6, "did you mean 'columns'"},
+        Broken{"ListEntryIsNoMap", "{size: 2}", "2", 11, "must be a map"},
+        Broken{"OpenBracket", "[1, 2, 3]", "[1, 2, 3", 9, "not valid YAML"},
+        Broken{"BadIndent", "  bits: 8", " bits: 8", 7, "not valid YAML"},
+        Broken{"Tab", "  bits: 8", "\tbits: 8", 7, "not valid YAML"}),
+    [](const auto& test) { return test.param.name; });
+
+TEST(Yaml, ReadsAGoodFile) { EXPECT_NO_THROW(read_all(YamlMap::parse(kGood, "rig.yaml"))); }
+
+TEST(Yaml, AKeyLikeNoOtherGetsNoSuggestion) {
+  const std::string message = error_of(std::string(kGood) + "zzyzxqqq: 1\n");
+  EXPECT_THAT(message, StartsWith("some/rig.yaml:12: unknown key 'zzyzxqqq'"));
+  EXPECT_THAT(message, Not(HasSubstr("did you mean")));
+}
+
+// A required key that is misspelt is an unknown key: its line and the nearest known key are what helps.
+TEST(Yaml, AMisspeltRequiredKeyIsNamed) {
+  const std::string message = error_of(test::replaced(kGood, "scale: 0.5", "scael: 0.5"));
+  EXPECT_THAT(message, HasSubstr("'scale'"));
+  EXPECT_THAT(message, HasSubstr("'scael'"));
+}
+
+TEST(Yaml, AMapForAListAndAListForAMapAreRefused) {
+  const YamlMap map = YamlMap::parse("a: [1]\nb: {c: 1}\n", "f.yaml");
+  EXPECT_THAT(message_of([&] { map.map("a"); }), StartsWith("f.yaml:1: 'a' must be a map"));
+  EXPECT_THAT(message_of([&] { map.maps("b"); }), StartsWith("f.yaml:2: 'b' must be a list"));
+}
+
+TEST(Yaml, AFileThatIsNoMapIsRefused) {
+  for (const std::string& text : {std::string(), std::string("# nothing\n"), std::string("just text"),
+                                  std::string("- 1\n- 2\n"), std::string("42")})
+    EXPECT_THAT(error_of(text), StartsWith("some/rig.yaml:1: must be a YAML map")) << text;
+}
+
+TEST(Yaml, BinaryDataIsRefused) {
+  EXPECT_THAT(error_of(std::string("\x89PNG\r\n\x1a\n\0\0\0\rIHDR", 16)), StartsWith("some/rig.yaml:"));
+  EXPECT_THAT(error_of(std::string("\0\1\2\3\4\5\6\7", 8)), StartsWith("some/rig.yaml:"));
+}
+
+TEST(Yaml, MissingFileAndFolderAreNamed) {
+  const test::TempFolder temp;
+  const std::string missing = (temp / "none.yaml").string();
+  EXPECT_THAT(message_of([&] { YamlMap::load(missing); }), StartsWith(missing + ": cannot be opened"));
+  const std::string folder = temp.path().string();
+  EXPECT_THAT(message_of([&] { YamlMap::load(folder); }), StartsWith(folder + ": is a folder"));
+}
+
+TEST(Yaml, PosesAreChecked) {
+  const auto pose_error = [](const std::string& lines) {
+    return message_of([&] { YamlMap::parse("mount:\n" + lines, "f.yaml").pose("mount"); });
+  };
+  EXPECT_THAT(pose_error("  rotation_matrix: [1, 0, 0, 0, 1, 0, 0, 0, -1]\n"), StartsWith("f.yaml:2: "));
+  EXPECT_THAT(pose_error("  rotation_matrix: [1, 0, 0, 0, 1, 0.01, 0, 0, 1]\n"), HasSubstr("right-handed rotation"));
+  EXPECT_THAT(pose_error("  rotation_deg: [0, 0, 9]\n  rotation_matrix: [1, 0, 0, 0, 1, 0, 0, 0, 1]\n"),
+              HasSubstr("not both"));
+  EXPECT_THAT(pose_error("  translation_m: [0, .nan, 0]\n"), StartsWith("f.yaml:2: 'translation_m' is nan"));
+}
+
+TEST(Yaml, WrittenOptionsReadBackAsTheSame) {
+  struct Options {
+    double size_m = 1 / 3.0;
+    int count = 7;
+    bool fast = true;
+    std::string mode = "slow";
+    void describe(auto& v) {
+      v.field("size_m", size_m, {0, 1}, "");
+      v.field("count", count, {0, 100}, "");
+      v.field("fast", fast, "");
+      v.field("mode", mode, {"slow", "quick"}, "");
+    }
+  };
+  Options written{0.1 + 0.2, 12, false, "quick"}, read;
+  YamlOptionsWriter writer(2);
+  written.describe(writer);
+  const YamlMap map = YamlMap::parse("options:\n" + writer.str(), "config.yaml");
+  map.map("options").read(read);
+  map.finish();
+  EXPECT_EQ(read.size_m, written.size_m);
+  EXPECT_EQ(read.count, 12);
+  EXPECT_FALSE(read.fast);
+  EXPECT_EQ(read.mode, "quick");
+}
+
+}  // namespace
+}  // namespace fringeslam
