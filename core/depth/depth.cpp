@@ -134,7 +134,8 @@ class NormalEstimator {
   // The normal of the window centred `radius` px away, in the best of eight directions, whose plane holds this
   // pixel's point within the noise.
   cv::Vec3f adopt(const cv::Mat3f& fitted, int row, int col, int radius) const {
-    constexpr double kMaxSigmas = 2.5;
+    // Tight: what lies between one and three sigmas off the plane here is mostly pixels that see two surfaces.
+    constexpr double kMaxSigmas = 1;
     const cv::Vec3f point = points_(row, col);
     cv::Vec3f best = cv::Vec3f::all(kNaN);
     double best_sigmas = kMaxSigmas;

@@ -145,19 +145,22 @@ TEST(Yaml, PosesAreChecked) {
   EXPECT_THAT(pose_error("  translation_m: [0, .nan, 0]\n"), StartsWith("f.yaml:2: 'translation_m' is nan"));
 }
 
+struct Options {
+  double size_m = 1 / 3.0;
+  int count = 7;
+  bool fast = true;
+  std::string mode = "slow";
+
+  template <class Visitor>
+  void describe(Visitor& v) {
+    v.field("size_m", size_m, {0, 1}, "");
+    v.field("count", count, {0, 100}, "");
+    v.field("fast", fast, "");
+    v.field("mode", mode, {"slow", "quick"}, "");
+  }
+};
+
 TEST(Yaml, WrittenOptionsReadBackAsTheSame) {
-  struct Options {
-    double size_m = 1 / 3.0;
-    int count = 7;
-    bool fast = true;
-    std::string mode = "slow";
-    void describe(auto& v) {
-      v.field("size_m", size_m, {0, 1}, "");
-      v.field("count", count, {0, 100}, "");
-      v.field("fast", fast, "");
-      v.field("mode", mode, {"slow", "quick"}, "");
-    }
-  };
   Options written{0.1 + 0.2, 12, false, "quick"}, read;
   YamlOptionsWriter writer(2);
   written.describe(writer);

@@ -1,0 +1,56 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Seconds from nothing, on standard output; everything else on standard error.
+#   start.sh build   configure and build the Release program from a fresh clone, without compiler cache
+#   start.sh bare    a minimal Debian 12 (debootstrap, as root), then git clone and tools/run in it; the time
+#                    counts from the clone to the end of tools/run
+set -euo pipefail
+root=$(cd "$(dirname "$0")/../.." && pwd)
+work=$(mktemp -d /var/tmp/fringeslam-start.XXXXXX)
+mounted=()
+clean() {
+  for point in "${mounted[@]}"; do umount "$point" 2>/dev/null || umount -l "$point" || true; done
+  rm -rf --one-file-system "$work"
+}
+trap clean EXIT
+
+case "${1:-}" in
+  build)
+    git clone -q "$root" "$work/clone" >&2
+    cd "$work/clone"
+    start=$SECONDS
+    { CCACHE_DISABLE=1 cmake --preset release -DFRINGESLAM_TESTS=OFF -DFRINGESLAM_BENCH=OFF &&
+      CCACHE_DISABLE=1 cmake --build --preset release; } >"$work/log" 2>&1 || { tail -n 20 "$work/log" >&2; exit 2; }
+    echo $((SECONDS - start))
+    ;;
+  bare)
+    if ((EUID != 0)); then echo "start.sh bare: making a fresh system needs root" >&2; exit 2; fi
+    command -v debootstrap >/dev/null || apt-get install -y -qq --no-install-recommends debootstrap >&2
+    system=$work/system
+    mirror=$(apt-get indextargets --format '$(SITE)' 'Created-By: Packages' | head -n 1)
+    echo "start.sh: making a fresh Debian 12 from the configured mirror" >&2
+    debootstrap --variant=minbase --include=git,ca-certificates bookworm "$system" "$mirror" >"$work/log" 2>&1 ||
+      { tail -n 20 "$work/log" >&2; exit 2; }
+    # The network as this machine has it.
+    cp -L /etc/resolv.conf "$system/etc/resolv.conf"
+    cp -rL /etc/apt/. "$system/etc/apt/"
+    cp -L /etc/hosts "$system/etc/hosts"
+    cp -rL /usr/local/share/ca-certificates/. "$system/usr/local/share/ca-certificates/" 2>/dev/null || true
+    cp -L /etc/ssl/certs/ca-certificates.crt "$system/etc/ssl/certs/ca-certificates.crt" 2>/dev/null || true
+    for point in proc dev sys; do
+      mount --bind "/$point" "$system/$point"
+      mounted+=("$system/$point")
+    done
+    git clone -q --bare "$root" "$system/srv/fringeslam.git" >&2
+    start=$SECONDS
+    env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/root LC_ALL=C.UTF-8 \
+      ${http_proxy:+http_proxy="$http_proxy"} ${https_proxy:+https_proxy="$https_proxy"} \
+      chroot "$system" sh -c 'git clone -q /srv/fringeslam.git /srv/fringeslam && cd /srv/fringeslam && tools/run' >&2 ||
+      exit 2
+    echo $((SECONDS - start))
+    ;;
+  *)
+    echo "start.sh: give build or bare" >&2
+    exit 2
+    ;;
+esac
