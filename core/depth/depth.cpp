@@ -131,22 +131,36 @@ class NormalEstimator {
     return known;
   }
 
+  // Distance of one pixel's point from the plane through another's, in sigmas of the two.
+  double sigmas_off_plane(const cv::Vec3f& normal, int row, int col, int plane_row, int plane_col) const {
+    const cv::Vec3f& point = points_(row, col);
+    const cv::Vec3f& origin = points_(plane_row, plane_col);
+    const double own = normal.dot(point) / point[2] * sigma_(row, col);
+    const double other = normal.dot(origin) / origin[2] * sigma_(plane_row, plane_col);
+    return std::abs(normal.dot(point - origin)) / std::hypot(own, other);
+  }
+
+  // True when the pixel's four neighbours lie on the plane, too: then the pixel itself holds no edge.
+  bool inside_plane(const cv::Vec3f& normal, int row, int col, int plane_row, int plane_col) const {
+    constexpr double kMaxSigmas = 4.5;
+    if (row < 1 || col < 1 || row + 1 >= points_.rows || col + 1 >= points_.cols) return false;
+    const auto on_plane = [&](int r, int c) {
+      return sigmas_off_plane(normal, r, c, plane_row, plane_col) <= kMaxSigmas;  // false for NaN
+    };
+    return on_plane(row - 1, col) && on_plane(row + 1, col) && on_plane(row, col - 1) && on_plane(row, col + 1);
+  }
+
   // The normal of the window centred `radius` px away, in the best of eight directions, whose plane holds this
-  // pixel's point within the noise.
+  // pixel's point and its neighbours within the noise.
   cv::Vec3f adopt(const cv::Mat3f& fitted, int row, int col, int radius) const {
-    // Tight: what lies between one and three sigmas off the plane here is mostly pixels that see two surfaces.
-    constexpr double kMaxSigmas = 1;
-    const cv::Vec3f point = points_(row, col);
     cv::Vec3f best = cv::Vec3f::all(kNaN);
-    double best_sigmas = kMaxSigmas;
+    double best_sigmas = 2.5;
     for (int direction = 0; direction < 9; ++direction) {
       const int r = row + (direction / 3 - 1) * radius, c = col + (direction % 3 - 1) * radius;
       if (r < 0 || c < 0 || r >= points_.rows || c >= points_.cols || std::isnan(fitted(r, c)[2])) continue;
       const cv::Vec3f normal = fitted(r, c);
-      const double own = normal.dot(point) / point[2] * sigma_(row, col);
-      const double other = normal.dot(points_(r, c)) / points_(r, c)[2] * sigma_(r, c);
-      const double sigmas = std::abs(normal.dot(point - points_(r, c))) / std::hypot(own, other);
-      if (sigmas < best_sigmas) best = normal, best_sigmas = sigmas;
+      const double sigmas = sigmas_off_plane(normal, row, col, r, c);
+      if (sigmas < best_sigmas && inside_plane(normal, row, col, r, c)) best = normal, best_sigmas = sigmas;
     }
     return best;
   }

@@ -74,9 +74,10 @@ TEST_F(BadInput, MissingRigFile) { expect_scene_refused("file: rig.yaml", "file:
 TEST_F(BadInput, TooFewSteps) { expect_scene_refused("steps: 3", "steps: 2", "'steps' is 2"); }
 TEST_F(BadInput, NanMotion) { expect_scene_refused("[10, 5, -5]", "[10, .nan, -5]", "'translation_mm' is nan"); }
 
-// No period covers the projector: no absolute phase, whatever the images.
+// No period covers the projector: no absolute phase, whatever the images. They can be rendered nonetheless.
 TEST_F(BadInput, NoPeriodCoversTheProjector) {
-  expect_scene_refused("periods_px: [1040, 131, 16.5]", "periods_px: [131, 16.5]", "period");
+  test::write_bytes(scene_ / "scene.yaml", test::replaced(test::kSmallScene, "[1040, 131, 16.5]", "[131, 16.5]"));
+  expect_refused_by("run", scene_, {"period covers the projector"});
 }
 
 TEST_F(BadInput, EmptyScene) {
@@ -182,11 +183,14 @@ TEST_F(BadInput, UnknownVerbAndMissingArguments) {
 
 TEST_F(BadInput, WhatCannotBeScored) {
   expect_refused(run_program({"score", scene_.string()}), {scene_.string() + ": "});
-  const std::string none = (temp_ / "none.tum").string(), text = (temp_ / "text.tum").string();
-  test::write_bytes(text, "0 0 0 0 0 0 0 1\n0.5 0 0 0 0 0 0 nan\n");
-  expect_refused(run_program({"score", text}), {"--truth"});
-  expect_refused(run_program({"score", none, "--truth", text}), {none + ": "});
-  expect_refused(run_program({"score", text, "--truth", text}), {text + ":2: "});
+  const std::string none = (temp_ / "none.tum").string(), good = (temp_ / "good.tum").string();
+  const std::string bad = (temp_ / "bad.tum").string();
+  test::write_bytes(good, "0 0 0 0 0 0 0 1\n0.5 0 0 0 0 0 0 1\n");
+  test::write_bytes(bad, "0 0 0 0 0 0 0 1\n0.5 0 0 0 0 0 0 nan\n");
+  expect_refused(run_program({"score", good}), {"--truth"});
+  expect_refused(run_program({"score", none, "--truth", good}), {none + ": "});
+  expect_refused(run_program({"score", good, "--truth", none}), {none + ": "});
+  expect_refused(run_program({"score", bad, "--truth", good}), {bad + ":2: "});
   expect_refused(run_program({"info", none}), {none + ": does not exist"});
 }
 

@@ -108,6 +108,7 @@ TEST(RigFile, RefusesTheImpossible) {
   expect_error_at("fx_px: 2046", "fx_px: -2046", "'fx_px' is -2046");
   expect_error_at("bits: 8", "bits: 17", "'bits' is 17");
   expect_error_at("full_well_electrons: 40000", "full_well_electrons: .nan", "is nan");
+  // r (1 - 9 r^2) has its maximum 0.128 at r = 0.192, but the corners lie at 0.178.
   expect_error_at("[-0.12, 0.1, 0.0003, -0.0002, 0]", "[-9, 0, 0, 0, 0]", "cannot be inverted");
 }
 
@@ -122,8 +123,8 @@ TEST(RigFile, RefusesARigThatCanMeasureNothing) {
 TEST(RigFile, BeamMeetsViewOnlyInTheWorkingRange) {
   RigModel rig = test::thesis_rig();
   EXPECT_TRUE(beam_meets_view(rig));
-  // The axes cross at 1 m, so that far behind it view and beam have parted.
-  rig.near_m = 20, rig.far_m = 30;
+  // At 0.2 m the beam is still 0.15 m beside the view, which is 0.03 m wide to each side.
+  rig.near_m = 0.05, rig.far_m = 0.2;
   EXPECT_FALSE(beam_meets_view(rig));
 }
 
