@@ -195,7 +195,7 @@ TEST(PoseInformation, PixelsThatHoldAnEdgeAreLeftOut) {
   rig.camera = {1, 1, 500, 500, 0, 0, {}};
   const auto clear = truth_of(support::plane({0, 0, 1}, 2), rig, {});
   auto mixed = truth_of(support::plane({0, 0, 1}, 2), rig, {});
-  mixed.mask(0, 0) += kTruthMixed;
+  mixed.mask(0, 0) += static_cast<float>(kTruthMixed);
   const cv::Mat1f sigma = row_of({1e-4F});
   const PixelRays rays = pixel_rays(rig.camera);
   EXPECT_GT(pose_information(clear, sigma, clear, sigma, rig.camera, rays, {})(5, 5), 0);
