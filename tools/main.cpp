@@ -1,13 +1,31 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <cstdio>
 #include <exception>
 #include <opencv2/core.hpp>
 #include <opencv2/core/utility.hpp>
 #include <vector>
 
+#include "core/types/options.h"
 #include "tools/verbs.h"
 
 using namespace fringeslam::tools;
+
+namespace {
+
+// CLI11 only says that a subcommand is required.
+void refuse_unknown_verb(const CLI::App& app, int argc, char** argv) {
+  if (argc < 2 || argv[1][0] == '-') return;
+  const std::string word = argv[1];
+  std::vector<std::string> verbs;
+  for (const CLI::App* verb : app.get_subcommands({})) verbs.push_back(verb->get_name());
+  if (std::find(verbs.begin(), verbs.end(), word) != verbs.end()) return;
+  const std::string nearest = fringeslam::nearest_name(word, verbs);
+  throw fringeslam::Error("unknown verb '" + word + "'" +
+                          (nearest.empty() ? "; see fringeslam --help" : "; did you mean '" + nearest + "'?"));
+}
+
+}  // namespace
 
 int main(int argc, char** argv) {
   CLI::App app{"FringeSLAM: maps rubble in 3D with a structured-light sensor and scores the map against exact truth"};
@@ -28,7 +46,11 @@ int main(int argc, char** argv) {
     verbs.emplace_back(app.get_subcommands({}).back(), std::move(verb));
   }
   try {
+    refuse_unknown_verb(app, argc, argv);
     app.parse(argc, argv);
+  } catch (const fringeslam::Error& e) {
+    std::fprintf(stderr, "fringeslam: %s\n", e.what());
+    return 2;
   } catch (const CLI::ParseError& e) {
     if (e.get_exit_code() == 0) return app.exit(e);  // --help, --version
     std::fprintf(stderr, "fringeslam: %s; see fringeslam --help\n", e.what());

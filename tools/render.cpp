@@ -2,6 +2,7 @@
 // fringeslam render SCENE --out DATASET
 #include <cstdio>
 #include <memory>
+#include <nlohmann/json.hpp>
 
 #include "core/rig/dataset.h"
 #include "core/rig/files.h"
@@ -21,12 +22,12 @@ Verb add_render(CLI::App& app, const Common& common) {
   CLI::App* verb = app.add_subcommand("render", "Render a scene's fringe images and their truth into a dataset");
   verb->add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml")->required();
   verb->add_option("--out", arguments->out, "Dataset folder to write")->required();
-  verb->add_option("--seed", arguments->seed, "Seed, instead of the scene's");
+  verb->add_option("--seed", arguments->seed, "Seed, instead of the scene's")->check(CLI::NonNegativeNumber);
   verb->add_option("--set", arguments->sets, "render.key=value; see `run --help`");
   return [arguments, &common] {
     const Settings settings = parse_settings(arguments->sets);
     const auto source = open_source(arguments->scene, arguments->seed, settings, false);
-    StagedFolder folder(arguments->out, kDatasetFile);
+    StagedFolder folder(arguments->out, "dataset");
     const auto rig = source->open(folder.path());
     RecordingRig recording(*rig, folder.path());
     Progress progress("rendering", source->stacks(), common.quiet || common.json);
@@ -34,7 +35,7 @@ Verb add_render(CLI::App& app, const Common& common) {
     recording.finish(source->name(), source->seed(), source->has_truth());
     folder.commit();
     if (common.json)
-      std::printf("{\"dataset\": \"%s\", \"stacks\": %d}\n", arguments->out.c_str(), source->stacks());
+      std::printf("%s\n", nlohmann::json{{"dataset", arguments->out}, {"stacks", source->stacks()}}.dump().c_str());
     else if (!common.quiet)
       std::printf("dataset: %s\n", arguments->out.c_str());
     return 0;

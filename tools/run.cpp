@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // fringeslam run SCENE|DATASET
 #include <algorithm>
+#include <cctype>
 #include <cstdio>
 #include <memory>
 
 #include "core/rig/files.h"
+#include "core/rig/yaml.h"
 #include "tools/progress.h"
 #include "tools/run_folder.h"
 #include "tools/source.h"
@@ -24,17 +26,26 @@ struct Arguments {
   std::optional<uint64_t> seed;
 };
 
+// A scene's name as the name of a folder.
+std::string file_name(std::string name) {
+  for (char& c : name) {
+    if (!std::isalnum(static_cast<unsigned char>(c)) && c != '-' && c != '_') c = '_';
+  }
+  return name;
+}
+
 int run(const Arguments& arguments, const Common& common) {
   const Settings settings = parse_settings(arguments.sets);
   const bool uses_render = std::any_of(arguments.sets.begin(), arguments.sets.end(),
                                        [](const std::string& set) { return set.rfind("render.", 0) == 0; });
   const auto source = open_source(arguments.source, arguments.seed, settings, uses_render);
-  const std::string out =
-      arguments.out.empty() ? "runs/" + source->name() + "-" + std::to_string(source->seed()) : arguments.out;
-  StagedFolder folder(out, kConfigFile);
-  write_text(folder.path() / kConfigFile, "name: " + source->name() + "\nseed: " + std::to_string(source->seed()) +
-                                              "\nstacks: " + std::to_string(source->stacks()) + "\n" +
-                                              pipeline_yaml(settings));
+  const std::string out = arguments.out.empty()
+                              ? "runs/" + file_name(source->name()) + "-" + std::to_string(source->seed())
+                              : arguments.out;
+  StagedFolder folder(out, "run");
+  write_text(folder.path() / kConfigFile,
+             "name: " + yaml_quoted(source->name()) + "\nseed: " + std::to_string(source->seed()) +
+                 "\nstacks: " + std::to_string(source->stacks()) + "\n" + pipeline_yaml(settings));
   const auto rig = source->open(folder.path());
   // The map's world is the robot's frame at the first stack.
   Pipeline pipeline(rig->model(), source->sequence(), settings.pipeline, Pose{});
@@ -78,7 +89,7 @@ Verb add_run(CLI::App& app, const Common& common) {
       app.add_subcommand("run", "Map a scene or a recorded dataset, and score the map where the truth is known");
   verb->add_option("source", arguments->source, "Scene file, folder with scene.yaml, or dataset folder")->required();
   verb->add_option("--out", arguments->out, "Run folder to write (default: runs/NAME-SEED)");
-  verb->add_option("--seed", arguments->seed, "Seed, instead of the scene's");
+  verb->add_option("--seed", arguments->seed, "Seed, instead of the scene's")->check(CLI::NonNegativeNumber);
   verb->add_option("--set", arguments->sets, "Change a setting: stage.key=value (repeatable; listed below)");
   verb->footer(settings_help());
   return [arguments, &common] { return run(*arguments, common); };

@@ -58,7 +58,7 @@ RunScore score_run(const fs::path& folder) {
   RunScore score;
   const YamlMap config = YamlMap::load(folder / "config.yaml");
   score.name = config.text("name");
-  score.seed = std::stoull(config.text("seed"));
+  score.seed = config.seed("seed");
   score.stacks = config.integer("stacks", {1, 1e6});
   const RigModel rig = read_rig(folder / "rig.yaml");
   const double period = finest_period(read_patterns(folder / "patterns.yaml"));

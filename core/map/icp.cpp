@@ -118,7 +118,7 @@ IcpResult point_to_plane_icp(const Frame& target, const Frame& source, const Pin
   // The gates start wide and halve with each iteration down to the noise (graduated non-convexity). They
   // must not follow the residuals down at once: those are mostly of flat ground, at the noise long before the
   // few walls that hold the view sideways have been pulled in.
-  constexpr double kFirstSigma = 400;
+  constexpr double kFirstSigma = 2000;
   constexpr double kSettledSigmas = 0.25;
   Gates gates{options.max_distance_m, std::max(kFirstSigma, options.outlier_sigma)};
   Sums sums;

@@ -21,7 +21,7 @@ namespace fringeslam {
 
 struct IcpOptions {
   int max_iterations = 40;
-  double max_distance_m = 0.02;  // of partners, in the first iteration; shrinks as the fit improves
+  double max_distance_m = 0.08;  // of partners, in the first iteration; shrinks as the fit improves
   double max_normal_deg = 30;    // between the normals of partners
   double outlier_sigma = 6;      // Tukey's cut-off, in sigmas
   double min_overlap = 0.15;     // share of source points with a partner

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
-#include <set>
 
 #include "core/types/error.h"
 #include "core/types/options.h"
@@ -13,7 +12,20 @@ namespace fringeslam {
 
 namespace {
 constexpr double kTwoPi = 2 * std::numbers::pi;
+
+// Shifts that differ by whole turns show the same pattern.
+size_t distinct_shifts(const std::vector<double>& shifts_rad) {
+  std::vector<double> distinct;
+  for (const double shift : shifts_rad) {
+    const bool known = std::any_of(distinct.begin(), distinct.end(), [&](double other) {
+      return std::abs(std::remainder(shift - other, kTwoPi)) < 1e-6;
+    });
+    if (!known) distinct.push_back(shift);
+  }
+  return distinct.size();
 }
+
+}  // namespace
 
 double absolute_phase(double coordinate_px, double period_px) { return kTwoPi * (coordinate_px + 0.5) / period_px; }
 
@@ -43,7 +55,7 @@ std::vector<FringeGroup> fringe_groups(const PatternSequence& sequence, Axis axi
     group->shifts_rad.push_back(pattern.shift_rad);
   }
   for (const FringeGroup& group : groups) {
-    if (std::set<double>(group.shifts_rad.begin(), group.shifts_rad.end()).size() < 3)
+    if (distinct_shifts(group.shifts_rad) < 3)
       throw Error("patterns: period " + to_text(group.period_px) +
                   " px has fewer than three distinct phase shifts; add steps");
   }

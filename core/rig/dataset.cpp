@@ -44,10 +44,7 @@ DatasetInfo read_dataset_info(const fs::path& folder) {
     throw map.error("format", "format is not '" + std::string(kFormat) + "'; this version reads no other");
   DatasetInfo info;
   info.name = map.text("name");
-  const std::string seed = map.text("seed");
-  if (seed.size() > 19 || seed.find_first_not_of("0123456789") != std::string::npos)
-    throw map.error("seed", "'seed' must be a whole number from 0 to 9999999999999999999");
-  info.seed = std::stoull(seed);
+  info.seed = map.seed("seed");
   info.stacks = map.integer("stacks", {1, 1e6});
   info.has_truth = map.boolean_or("truth", false);
   map.finish();
@@ -125,7 +122,7 @@ std::optional<FringeStack> RecordingRig::capture(const PatternSequence& sequence
 }
 
 void RecordingRig::finish(const std::string& name, uint64_t seed, bool has_truth) {
-  write_text(folder_ / kDatasetFile, std::string("format: ") + kFormat + "\nname: " + name +
+  write_text(folder_ / kDatasetFile, std::string("format: ") + kFormat + "\nname: " + yaml_quoted(name) +
                                          "\nseed: " + std::to_string(seed) + "\nstacks: " + std::to_string(stacks_) +
                                          "\ntruth: " + (has_truth ? "true" : "false") + "\n");
 }

@@ -2,8 +2,12 @@
 #include "core/rig/files.h"
 
 #include <OpenImageIO/imageio.h>
+#include <stdlib.h>
+#include <zlib.h>
 
+#include <cstring>
 #include <fstream>
+#include <sstream>
 
 #include "core/types/error.h"
 
@@ -11,18 +15,43 @@ namespace fringeslam {
 
 namespace fs = std::filesystem;
 
-StagedFolder::StagedFolder(fs::path target, const std::string& marker) : target_(std::move(target)) {
+namespace {
+
+// In a folder that a StagedFolder put in place; says of which kind it is.
+constexpr const char* kMarkerFile = ".fringeslam";
+
+// A new folder beside `target`, which is thus on the same file system.
+fs::path sibling_folder(const fs::path& target) {
+  std::string name = target.string() + ".partial-XXXXXX";
+  if (!mkdtemp(name.data()))
+    throw Error(target.string() + ": no folder can be made beside it: " + std::strerror(errno));
+  return name;
+}
+
+std::string read_bytes(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  std::ostringstream bytes;
+  bytes << in.rdbuf();
+  return bytes.str();
+}
+
+}  // namespace
+
+StagedFolder::StagedFolder(fs::path target, std::string kind) : target_(std::move(target)), kind_(std::move(kind)) {
   if (target_.filename().empty()) target_ = target_.parent_path();
   std::error_code failed;
-  if (fs::exists(target_, failed) && !fs::exists(target_ / marker, failed) &&
-      !(fs::is_directory(target_, failed) && fs::is_empty(target_, failed)))
-    throw Error(target_.string() + ": exists and was not written by fringeslam (no " + marker +
-                " in it); choose another --out");
-  staging_ = target_;
-  staging_ += ".partial";
-  fs::remove_all(staging_, failed);
-  fs::create_directories(staging_, failed);
-  if (failed) throw Error(staging_.string() + ": cannot be created: " + failed.message());
+  const bool ours = read_bytes(target_ / kMarkerFile) == kind_ + "\n";
+  const bool empty = fs::is_directory(target_, failed) && fs::is_empty(target_, failed);
+  if (fs::exists(target_, failed) && !ours && !empty)
+    throw Error(target_.string() + ": exists and was not written by fringeslam as a " + kind_ +
+                "; choose another --out or remove it");
+  if (target_.has_parent_path()) {
+    failed.clear();
+    fs::create_directories(target_.parent_path(), failed);
+    if (failed) throw Error(target_.string() + ": its folder cannot be created: " + failed.message());
+  }
+  staging_ = sibling_folder(target_);
+  fs::permissions(staging_, fs::perms(0755), failed);
 }
 
 StagedFolder::~StagedFolder() {
@@ -31,17 +60,23 @@ StagedFolder::~StagedFolder() {
 }
 
 void StagedFolder::commit() {
+  write_text(staging_ / kMarkerFile, kind_ + "\n");
   std::error_code failed;
   // The old result steps aside first, so that a failed rename never costs both.
-  fs::path old = target_;
-  old += ".old";
-  fs::remove_all(old, failed);
-  const bool existed = fs::exists(target_, failed);
-  if (existed) fs::rename(target_, old, failed);
+  fs::path aside;
+  if (fs::exists(target_, failed)) {
+    aside = sibling_folder(target_);
+    fs::rename(target_, aside / "old", failed);
+  }
   if (!failed) fs::rename(staging_, target_, failed);
-  if (failed) throw Error(target_.string() + ": cannot be put in place: " + failed.message());
+  if (failed) {
+    std::error_code ignored;
+    if (!aside.empty()) fs::rename(aside / "old", target_, ignored);
+    if (!aside.empty()) fs::remove(aside, ignored);
+    throw Error(target_.string() + ": cannot be put in place: " + failed.message());
+  }
   committed_ = true;
-  fs::remove_all(old, failed);
+  if (!aside.empty()) fs::remove_all(aside, failed);
 }
 
 void write_text(const fs::path& file, const std::string& text) {
@@ -53,12 +88,15 @@ void write_text(const fs::path& file, const std::string& text) {
 
 namespace {
 
+// OpenImageIO's messages may have several lines; ours have one.
+std::string first_line(const std::string& text) { return text.substr(0, text.find('\n')); }
+
 void write_image(const fs::path& file, const OIIO::ImageSpec& spec, const void* pixels, size_t row_stride) {
   auto out = OIIO::ImageOutput::create(file.string());
   if (!out || !out->open(file.string(), spec) ||
       !out->write_image(spec.format, pixels, OIIO::AutoStride, static_cast<OIIO::stride_t>(row_stride)) ||
       !out->close())
-    throw Error(file.string() + ": cannot be written: " + (out ? out->geterror() : OIIO::geterror()));
+    throw Error(file.string() + ": cannot be written: " + first_line(out ? out->geterror() : OIIO::geterror()));
 }
 
 }  // namespace
@@ -84,14 +122,43 @@ void write_exr(const fs::path& file, const std::vector<ExrChannel>& channels) {
   spec.channelnames.clear();
   for (const ExrChannel& channel : channels) spec.channelnames.push_back(channel.name);
   spec.attribute("compression", "zips");
+  // OpenImageIO would note the time of writing, and equal results would differ.
+  spec.attribute("DateTime", "1970:01:01 00:00:00");
   write_image(file, spec, pixels.data, pixels.step);
 }
+
+namespace {
+
+uint32_t big_endian(const std::string& bytes, size_t at) {
+  uint32_t value = 0;
+  for (size_t i = 0; i < 4; ++i) value = value << 8 | static_cast<uint8_t>(bytes[at + i]);
+  return value;
+}
+
+// Whether all chunks of a PNG are there and whole (length, type, data, CRC of type and data). libpng would print its
+// own complaint on standard error.
+bool is_whole_png(const std::string& bytes) {
+  constexpr size_t kSignature = 8, kFrame = 12;
+  for (size_t at = kSignature; at + kFrame <= bytes.size();) {
+    const size_t length = big_endian(bytes, at);
+    if (length > bytes.size() - at - kFrame) return false;
+    const auto* type_and_data = reinterpret_cast<const Bytef*>(bytes.data()) + at + 4;
+    if (crc32(0, type_and_data, static_cast<uInt>(length + 4)) != big_endian(bytes, at + 8 + length)) return false;
+    if (bytes.compare(at + 4, 4, "IEND") == 0) return true;
+    at += kFrame + length;
+  }
+  return false;
+}
+
+}  // namespace
 
 cv::Mat read_grey(const fs::path& file) {
   std::error_code ignored;
   if (!fs::exists(file, ignored)) throw Error(file.string() + ": is missing");
+  if (file.extension() == ".png" && !is_whole_png(read_bytes(file)))
+    throw Error(file.string() + ": is truncated or damaged; record or render it again");
   auto in = OIIO::ImageInput::open(file.string());
-  if (!in) throw Error(file.string() + ": cannot be read as an image: " + OIIO::geterror());
+  if (!in) throw Error(file.string() + ": cannot be read as an image: " + first_line(OIIO::geterror()));
   const OIIO::ImageSpec& spec = in->spec();
   if (spec.nchannels != 1)
     throw Error(file.string() + ": has " + std::to_string(spec.nchannels) + " channels; a camera image has one");
@@ -102,7 +169,7 @@ cv::Mat read_grey(const fs::path& file) {
   cv::Mat image(spec.height, spec.width, type);
   const OIIO::TypeDesc wanted = type == CV_32FC1 ? OIIO::TypeDesc(OIIO::TypeDesc::FLOAT) : OIIO::TypeDesc(base);
   if (!in->read_image(0, 0, 0, 1, wanted, image.data))
-    throw Error(file.string() + ": is truncated or damaged: " + in->geterror());
+    throw Error(file.string() + ": is truncated or damaged: " + first_line(in->geterror()));
   return image;
 }
 

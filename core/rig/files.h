@@ -10,11 +10,12 @@
 namespace fringeslam {
 
 // A folder under construction: lives under a temporary name beside its target, is renamed to it by
-// commit() and removed by the destructor when commit() was never reached. An existing target is
-// replaced only when it holds `marker` (it was written by us); otherwise the constructor throws.
+// commit() and removed by the destructor when commit() was never reached. An existing target is replaced only
+// when it is empty or was put in place by us as the same kind of thing ("run", "dataset"); otherwise the
+// constructor throws.
 class StagedFolder {
  public:
-  StagedFolder(std::filesystem::path target, const std::string& marker);
+  StagedFolder(std::filesystem::path target, std::string kind);
   ~StagedFolder();
   StagedFolder(const StagedFolder&) = delete;
   StagedFolder& operator=(const StagedFolder&) = delete;
@@ -24,6 +25,7 @@ class StagedFolder {
 
  private:
   std::filesystem::path target_, staging_;
+  std::string kind_;
   bool committed_ = false;
 };
 

@@ -13,6 +13,21 @@ constexpr Range kPixels{1, 16384};
 constexpr Range kFocal{1, 1e6};
 constexpr Range kCentre{-1e5, 1e5};
 
+// Whether the lens maps the ray of this pixel, and those between it and the axis, one to one: the distorted radius
+// must grow all the way to it.
+bool distortion_is_monotonic(const Pinhole& p, const Eigen::Vector2d& pixel) {
+  const Eigen::Vector2d corner = p.undistort(pixel);
+  if (!corner.allFinite()) return false;
+  constexpr int kSteps = 64;
+  double last = 0;
+  for (int i = 1; i <= kSteps; ++i) {
+    const double radius = p.distort(corner * i / kSteps).norm();
+    if (radius <= last) return false;
+    last = radius;
+  }
+  return true;
+}
+
 Pinhole read_pinhole(const YamlMap& map) {
   Pinhole p;
   p.width = map.integer("width_px", kPixels);
@@ -27,7 +42,7 @@ Pinhole read_pinhole(const YamlMap& map) {
   }
   for (const double u : {-0.5, p.width - 0.5}) {
     for (const double v : {-0.5, p.height - 0.5}) {
-      if (!p.undistort({u, v}).allFinite())
+      if (!distortion_is_monotonic(p, {u, v}))
         throw map.error("distortion", "the distortion cannot be inverted at the image corners; check its coefficients");
     }
   }
@@ -114,8 +129,8 @@ RigModel read_rig(const std::filesystem::path& file) {
 
 std::string to_yaml(const RigModel& rig) {
   const SensorModel& s = rig.sensor;
-  return "name: " + rig.name + "\nnear_m: " + to_text(rig.near_m) + "\nfar_m: " + to_text(rig.far_m) + "\ncamera:\n" +
-         pinhole_lines(rig.camera) + "  sensor:\n    bits: " + std::to_string(s.bits) +
+  return "name: " + yaml_quoted(rig.name) + "\nnear_m: " + to_text(rig.near_m) + "\nfar_m: " + to_text(rig.far_m) +
+         "\ncamera:\n" + pinhole_lines(rig.camera) + "  sensor:\n    bits: " + std::to_string(s.bits) +
          "\n    gain_dn_per_electron: " + to_text(s.gain_dn_per_electron) +
          "\n    dark_noise_electrons: " + to_text(s.dark_noise_electrons) +
          "\n    full_well_electrons: " + to_text(s.full_well_electrons) + "\n    offset_dn: " + to_text(s.offset_dn) +

@@ -4,6 +4,7 @@
 #include <yaml-cpp/yaml.h>
 
 #include <Eigen/Geometry>
+#include <charconv>
 #include <cmath>
 #include <fstream>
 #include <set>
@@ -33,7 +34,15 @@ struct YamlMap::Node {
 
   YAML::Node require(const std::string& key) {
     const YAML::Node value = find(key);
-    if (!value.IsDefined() || value.IsNull()) throw Error(where(yaml) + "'" + key + "' is missing; add it");
+    if (!value.IsDefined() || value.IsNull()) {
+      std::vector<std::string> unasked;
+      for (const auto& entry : yaml) {
+        if (entry.first.IsScalar() && !asked.count(entry.first.Scalar())) unasked.push_back(entry.first.Scalar());
+      }
+      const std::string misspelt = nearest_name(key, unasked);
+      throw Error(where(yaml) + "'" + key + "' is missing; " +
+                  (misspelt.empty() ? "add it" : "is it what '" + misspelt + "' should say?"));
+    }
     return value;
   }
 
@@ -100,6 +109,12 @@ YamlMap YamlMap::parse(const std::string& text, const std::string& name) {
   return YamlMap(node);
 }
 
+std::string yaml_quoted(const std::string& text) {
+  YAML::Emitter out;
+  out << YAML::DoubleQuoted << text;
+  return out.c_str();
+}
+
 bool YamlMap::has(const std::string& key) const { return node_->find(key).IsDefined(); }
 
 double YamlMap::number(const std::string& key, Range range) const {
@@ -118,6 +133,15 @@ int YamlMap::integer(const std::string& key, Range range) const {
 
 int YamlMap::integer_or(const std::string& key, int fallback, Range range) const {
   return has(key) ? integer(key, range) : fallback;
+}
+
+uint64_t YamlMap::seed(const std::string& key) const {
+  const std::string digits = text(key);
+  uint64_t value = 0;
+  const auto [end, failure] = std::from_chars(digits.data(), digits.data() + digits.size(), value);
+  if (failure != std::errc() || end != digits.data() + digits.size())
+    throw error(key, "'" + key + "' must be a whole number from 0 to 18446744073709551615");
+  return value;
 }
 
 bool YamlMap::boolean_or(const std::string& key, bool fallback) const {

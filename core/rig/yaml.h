@@ -7,6 +7,7 @@
 //   file.finish();   // refuses unknown keys, here and in every map below
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -30,6 +31,8 @@ class YamlMap {
   double number_or(const std::string& key, double fallback, Range range) const;
   int integer(const std::string& key, Range range) const;
   int integer_or(const std::string& key, int fallback, Range range) const;
+  // A whole number from 0 to 2^64 - 1, to the last digit.
+  uint64_t seed(const std::string& key) const;
   bool boolean_or(const std::string& key, bool fallback) const;
   std::string text(const std::string& key) const;
   std::string text_or(const std::string& key, const std::string& fallback) const;
@@ -75,6 +78,9 @@ class YamlMap {
   explicit YamlMap(std::shared_ptr<Node> node);
   std::shared_ptr<Node> node_;
 };
+
+// A text as a YAML scalar that reads back as the same text.
+std::string yaml_quoted(const std::string& text);
 
 // Writes `describe()`d options as the lines of a YAML map.
 class YamlOptionsWriter {

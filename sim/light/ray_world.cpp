@@ -2,8 +2,7 @@
 #include "sim/light/ray_world.h"
 
 #include <embree3/rtcore.h>
-#include <pmmintrin.h>
-#include <xmmintrin.h>
+#include <tbb/task_arena.h>
 
 #include <Eigen/Geometry>
 #include <cmath>
@@ -68,18 +67,16 @@ struct RayWorld::Impl {
 };
 
 RayWorld::RayWorld(const Scene& scene) : impl_(std::make_unique<Impl>()) {
-  // Embree asks for denormals to be flushed; the build is repeatable for a fixed thread count only if
-  // it does not depend on it, so one thread builds.
-  _MM_SET_FLUSH_ZERO_MODE(_MM_FLUSH_ZERO_ON);
-  _MM_SET_DENORMALS_ZERO_MODE(_MM_DENORMALS_ZERO_ON);
-  impl_->device = rtcNewDevice("threads=1,set_affinity=0");
+  impl_->device = rtcNewDevice(nullptr);
   if (!impl_->device) throw Error("Embree: no device; this processor lacks what Embree needs (SSE2)");
   rtcSetDeviceErrorFunction(impl_->device, throw_embree_error, nullptr);
   impl_->scene = rtcNewScene(impl_->device);
   // Robust: rays never slip between the triangles of a closed surface.
   rtcSetSceneFlags(impl_->scene, RTC_SCENE_FLAG_ROBUST);
   for (const Object& object : scene.objects) impl_->add(object);
-  rtcCommitScene(impl_->scene);
+  // Built by one thread: the tree, and with it which of two triangles a ray on their common edge meets, must not
+  // depend on the number of threads.
+  tbb::task_arena(1).execute([this] { rtcCommitScene(impl_->scene); });
 }
 
 RayWorld::~RayWorld() = default;

@@ -157,11 +157,6 @@ RigModel read_scene_rig(const YamlMap& map) {
   return rig;
 }
 
-uint64_t read_seed(const YamlMap& map, std::optional<uint64_t> seed) {
-  const int written = map.integer_or("seed", 1, {0, 2147483647});
-  return seed.value_or(static_cast<uint64_t>(written));
-}
-
 }  // namespace
 
 Scene load_scene(const std::filesystem::path& file, std::optional<uint64_t> seed) {
@@ -169,7 +164,8 @@ Scene load_scene(const std::filesystem::path& file, std::optional<uint64_t> seed
   Scene scene;
   scene.name = map.text("name");
   map.text_or("description", "");
-  scene.seed = read_seed(map, seed);
+  const uint64_t written_seed = map.has("seed") ? map.seed("seed") : 1;
+  scene.seed = seed.value_or(written_seed);
   scene.rig = read_scene_rig(map.map("rig"));
   scene.patterns = read_scene_patterns(map.map("patterns"), scene.rig);
   if (map.has("light")) scene.ambient_electrons = map.map("light").number_or("ambient_electrons", 0, {0, 1e9});

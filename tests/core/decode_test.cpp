@@ -129,6 +129,23 @@ TEST(Decode, SigmaOfEqualNoiseIsRootTwoOverN) {
   }
 }
 
+TEST(Decode, SigmaOfThreeStepsVariesWithThePhaseUnderShotNoise) {
+  // Where the bright samples are the ones with the say, sigma is larger: six phases, each held by itself.
+  const SensorModel sensor = sensor_of(8);
+  const auto sequence = columns({kWidth});
+  Random random(5);
+  for (int sixth = 0; sixth < 6; ++sixth) {
+    const double truth = (sixth + 0.5) / 6 * kWidth - 0.5;
+    const auto stack = fringe_stack(cv::Mat1d(100, 200, truth), sequence, {120, 110}, CV_32FC1, sensor, &random);
+    const auto decoded = decode(stack, sequence, sensor, {});
+    double squares = 0;
+    for (const float u : decoded.coordinate_px) squares += std::pow(u - truth, 2) / 20000;
+    double predicted = 0;
+    for (const float sigma : decoded.sigma_px) predicted += sigma * sigma / 20000.0;
+    EXPECT_NEAR(std::sqrt(squares / predicted), 1, 0.03) << "phase " << 30 + 60 * sixth << " degrees";
+  }
+}
+
 TEST(Decode, ReadsTheShiftsOfThePatternsNotTheirOrder) {
   PatternSequence sequence{kWidth, 768, {}};
   for (const auto& [period, shift] : std::vector<std::pair<double, double>>{
@@ -157,6 +174,22 @@ TEST(Decode, NoiseDoesNotLoseTheBordersOfTheProjector) {
     Random random(3);
     const auto stack = fringe_stack(truth, sequence, {80, 50}, CV_8UC1, sensor, &random);
     EXPECT_GT(share_valid(decode(stack, sequence, sensor, {}).coordinate_px), 0.99) << "column " << border;
+  }
+}
+
+TEST(Decode, NoiseDoesNotCarryOneBorderToTheOther) {
+  // A coarsest period of just the projector's width leaves no gap: what it cannot tell apart must be left out.
+  const SensorModel sensor = sensor_of(8);
+  for (const std::vector<double>& periods : {std::vector<double>{1024, 128, 16}, {1040, 131, 16.5}}) {
+    const auto sequence = columns(periods);
+    for (const double truth : {-0.4, 0.0, 1.0, kWidth - 2.0, kWidth - 1.0, kWidth - 0.6}) {
+      Random random(6);
+      const auto stack = fringe_stack(cv::Mat1d(60, 60, truth), sequence, {80, 50}, CV_8UC1, sensor, &random);
+      const auto decoded = decode(stack, sequence, sensor, {});
+      const auto astray = std::count_if(decoded.coordinate_px.begin(), decoded.coordinate_px.end(),
+                                        [&](float u) { return std::abs(u - truth) > 1; });
+      EXPECT_EQ(astray, 0) << "column " << truth << ", period " << periods[0];
+    }
   }
 }
 

@@ -85,6 +85,18 @@ TEST_P(Triangulation, SigmaIsTheSlopeOfDepthTimesThatOfTheColumn) {
   }
 }
 
+TEST(Depth, StrongProjectorLensesAreIteratedToTheEnd) {
+  RigModel rig = small_rig(true);
+  rig.projector.distortion = {-0.2, 0.1, 0.004, -0.003, 0.05};
+  const Eigen::Vector3d normal = Eigen::Vector3d(0.5, -0.7, -1).normalized();
+  const Surface surface = plane(normal, normal.z());
+  const Frame frame = reconstruct(seen_columns(surface, rig, {}, 0.02), rig);
+  const TruthFrame truth = truth_of(surface, rig, {});
+  EXPECT_LT(cv::norm(frame.points_m.reshape(1, static_cast<int>(frame.points_m.total())).col(2),
+                     truth.depth_m.reshape(1, static_cast<int>(truth.depth_m.total())), cv::NORM_INF),
+            1e-6);
+}
+
 TEST(Depth, SigmaOfNoisyColumnsIsTheScatterOfTheDepths) {
   const RigModel rig = small_rig(true);
   support::Random random(1);

@@ -9,6 +9,7 @@
 #include <opencv2/core/utility.hpp>
 
 #include "core/depth/depth.h"
+#include "core/score/score.h"
 #include "tests/support/matchers.h"
 #include "tests/support/scene.h"
 
@@ -102,6 +103,20 @@ TEST(Icp, InformationIsHonestAndSigmasAreRight) {
   }
   EXPECT_NEAR(nees, 6, 1.96 * std::sqrt(12.0 / kDraws));
   EXPECT_NEAR(rms, 1, 0.02);
+}
+
+TEST(Icp, InformationIsThatOfTheBound) {
+  // Two independent sums of METHOD section 5, over a motion whose turn and shift are not small.
+  const RigModel rig = small_rig(false);
+  const Surface surface = corner({0.01, -0.01, 1.1});
+  const Pose motion = pose_from({{60, -40, 120}, {2, -3, 40}});
+  const IcpResult result =
+      point_to_plane_icp(observe(surface, rig, {}, 1e-4), observe(surface, rig, motion, 1e-4), rig.camera, motion, {});
+  ASSERT_TRUE(result.converged);
+  const cv::Mat1f sigma(rig.camera.height, rig.camera.width, 1e-4F);
+  const Matrix6d bound = pose_information(truth_of(surface, rig, {}), sigma, truth_of(surface, rig, motion), sigma,
+                                          rig.camera, pixel_rays(rig.camera), motion);
+  EXPECT_THAT(result.information, MatrixNear(bound, 0.01 * bound.cwiseAbs().maxCoeff()));
 }
 
 // Whether the result says that the pose is not known: no convergence, or a direction without information.

@@ -203,13 +203,18 @@ TEST(Matching, PairsAreEachOthersNearest) {
 }
 
 TEST(Matching, AmbiguousPairsFailTheRatioTest) {
-  // The nearest is 6 degrees away, the second nearest 9.
-  const Keypoints previous = with_descriptors({at_angle(0), at_angle(15)}), current = with_descriptors({at_angle(6)});
+  // The nearest is 6 degrees away, the second nearest 9; whichever is looked at first.
+  const Keypoints current = with_descriptors({at_angle(6)});
   const double ratio = std::sin(3 * 0.017453292519943295) / std::sin(4.5 * 0.017453292519943295);
-  EXPECT_EQ(match_keypoints(previous, current, {.max_ratio = ratio - 0.01}).size(), 0U);
-  const auto matches = match_keypoints(previous, current, {.max_ratio = ratio + 0.01});
-  ASSERT_EQ(matches.size(), 1U);
-  EXPECT_NEAR(matches[0].ratio, ratio, 1e-3);
+  for (const auto& [nearer, farther] : {std::pair{0.0, 15.0}, {12.0, -3.0}}) {
+    for (const Keypoints& previous : {with_descriptors({at_angle(nearer), at_angle(farther)}),
+                                      with_descriptors({at_angle(farther), at_angle(nearer)})}) {
+      EXPECT_EQ(match_keypoints(previous, current, {.max_ratio = ratio - 0.01}).size(), 0U);
+      const auto matches = match_keypoints(previous, current, {.max_ratio = ratio + 0.01});
+      ASSERT_EQ(matches.size(), 1U);
+      EXPECT_NEAR(matches[0].ratio, ratio, 1e-3);
+    }
+  }
 }
 
 }  // namespace

@@ -17,30 +17,31 @@ using test::message_of;
 using test::fs::exists;
 using testing::StartsWith;
 
-constexpr const char* kMarker = "config.yaml";
+constexpr const char* kKind = "run";
+constexpr const char* kFile = "config.yaml";
 
 // A folder as a run leaves it.
 void write_ours(const test::fs::path& folder, const std::string& content) {
-  StagedFolder staged(folder, kMarker);
-  write_text(staged.path() / kMarker, content);
+  StagedFolder staged(folder, kKind);
+  write_text(staged.path() / kFile, content);
   staged.commit();
 }
 
 TEST(StagedFolder, AppearsWholeOnCommit) {
   const test::TempFolder temp;
   const test::fs::path target = temp / "deep/er/out";
-  StagedFolder staged(target, kMarker);
-  write_text(staged.path() / kMarker, "a");
+  StagedFolder staged(target, kKind);
+  write_text(staged.path() / kFile, "a");
   EXPECT_FALSE(exists(target));
   staged.commit();
-  EXPECT_EQ(test::read_bytes(target / kMarker), "a");
-  EXPECT_EQ(test::listing(temp / "deep/er"), (std::set<std::string>{"out", "out/config.yaml"}));
+  EXPECT_EQ(test::read_bytes(target / kFile), "a");
+  EXPECT_EQ(test::listing(temp / "deep/er"), (std::set<std::string>{"out", "out/.fringeslam", "out/config.yaml"}));
 }
 
 TEST(StagedFolder, LeavesNothingBehindWithoutCommit) {
   const test::TempFolder temp;
   {
-    const StagedFolder staged(temp / "out", kMarker);
+    const StagedFolder staged(temp / "out", kKind);
     write_text(staged.path() / "half", "a");
     EXPECT_EQ(test::listing(temp.path()).size(), 2u);
   }
@@ -51,8 +52,8 @@ TEST(StagedFolder, KeepsTheOldResultUntilCommit) {
   const test::TempFolder temp;
   write_ours(temp / "out", "old");
   {
-    const StagedFolder staged(temp / "out", kMarker);
-    write_text(staged.path() / kMarker, "new");
+    const StagedFolder staged(temp / "out", kKind);
+    write_text(staged.path() / kFile, "new");
   }
   EXPECT_EQ(test::read_bytes(temp / "out/config.yaml"), "old");
 }
@@ -63,7 +64,7 @@ TEST(StagedFolder, ReplacesOurs) {
   write_text(temp / "out/left over", "old");
   write_ours(temp / "out", "new");
   EXPECT_EQ(test::read_bytes(temp / "out/config.yaml"), "new");
-  EXPECT_EQ(test::listing(temp.path()), (std::set<std::string>{"out", "out/config.yaml"}));
+  EXPECT_EQ(test::listing(temp.path()), (std::set<std::string>{"out", "out/.fringeslam", "out/config.yaml"}));
 }
 
 TEST(StagedFolder, FillsAnEmptyFolder) {
@@ -76,23 +77,31 @@ TEST(StagedFolder, FillsAnEmptyFolder) {
 TEST(StagedFolder, ATrailingSlashIsTheSameFolder) {
   const test::TempFolder temp;
   write_ours(temp / "out/", "new");
-  EXPECT_EQ(test::listing(temp.path()), (std::set<std::string>{"out", "out/config.yaml"}));
+  EXPECT_EQ(test::listing(temp.path()), (std::set<std::string>{"out", "out/.fringeslam", "out/config.yaml"}));
 }
 
 TEST(StagedFolder, RefusesAFolderThatIsNotOurs) {
   const test::TempFolder temp;
   test::write_bytes(temp / "out/thesis.txt", "precious");
   const std::string out = (temp / "out").string();
-  EXPECT_THAT(message_of([&] { StagedFolder(out, kMarker); }), StartsWith(out + ": exists and was not written by"));
+  EXPECT_THAT(message_of([&] { StagedFolder(out, kKind); }), StartsWith(out + ": exists and was not written by"));
   EXPECT_EQ(test::read_bytes(temp / "out/thesis.txt"), "precious");
   EXPECT_EQ(test::listing(temp.path()), (std::set<std::string>{"out", "out/thesis.txt"}));
+}
+
+TEST(StagedFolder, RefusesAFolderOfOursOfAnotherKind) {
+  const test::TempFolder temp;
+  write_ours(temp / "out", "a run");
+  const std::string out = (temp / "out").string();
+  EXPECT_THAT(message_of([&] { StagedFolder(out, "dataset"); }), StartsWith(out + ": exists and was not written by"));
+  EXPECT_EQ(test::read_bytes(temp / "out/config.yaml"), "a run");
 }
 
 TEST(StagedFolder, RefusesAFile) {
   const test::TempFolder temp;
   test::write_bytes(temp / "out", "precious");
   const std::string out = (temp / "out").string();
-  EXPECT_THAT(message_of([&] { StagedFolder(out, kMarker); }), StartsWith(out + ": "));
+  EXPECT_THAT(message_of([&] { StagedFolder(out, kKind); }), StartsWith(out + ": "));
   EXPECT_EQ(test::listing(temp.path()), std::set<std::string>{"out"});
 }
 
@@ -110,7 +119,7 @@ TEST(StagedFolder, SaysWhereItCannotBeMade) {
   const test::TempFolder temp;
   test::write_bytes(temp / "file", "");
   const std::string out = (temp / "file/out").string();
-  EXPECT_THAT(message_of([&] { StagedFolder(out, kMarker); }), StartsWith(out));
+  EXPECT_THAT(message_of([&] { StagedFolder(out, kKind); }), StartsWith(out));
 }
 
 TEST(Files, SayWhatCannotBeWritten) {
