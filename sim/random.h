@@ -42,7 +42,7 @@ class Philox {
     counter[0] = address;
     return r123::Philox4x32()(counter, key_);
   }
-  // 53 bits, centred in their cells so that neither 0 nor 1 occurs.
+  // 53 bits, centred in their cells, so that 0, whose logarithm is infinite, never occurs.
   static double open_unit(uint32_t high, uint32_t low) {
     const uint64_t bits = (static_cast<uint64_t>(high) << 21) ^ (low >> 11);
     return (static_cast<double>(bits) + 0.5) * 0x1p-53;

@@ -17,6 +17,7 @@ namespace {
 constexpr double kTwoPi = 2 * std::numbers::pi;
 // What the projector's grey levels add to the difference of two periods' phases, rad: 8 bits and a ratio of 8.
 constexpr double kPatternResidual = 0.03;
+constexpr double kWrapSigmas = 4.5;
 constexpr double kBorderPx = 0.5;  // how far noise may carry a coordinate past the projector's border
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
@@ -119,9 +120,12 @@ DecodedStack decode(const FringeStack& stack, const PatternSequence& sequence, c
     *image = cv::Mat1f(size, kNaN);
   out.fringe_order = cv::Mat1i(size, -1);
 
-  // The coarsest phase is unique over one period, which is a little longer than the projector: what noise moves
-  // past either border lies in the gap between the last column's phase and the first one's, half of it to each.
-  const double first_phase = -std::numbers::pi * (1 - length / estimators.front().group.period_px);
+  // The coarsest phase is unique over one period, which may be longer than the projector. What noise moves past a
+  // border lies in the gap between the last column's phase and the first one's, half of it to each; in the middle of
+  // the gap, or at the border where there is none, it cannot be told to which.
+  const double gap_px = estimators.front().group.period_px - length;
+  const double first_phase = -std::numbers::pi * gap_px / estimators.front().group.period_px;
+  const double border_px = std::min(kBorderPx, gap_px / 2);
   const RowReader read{stack};
   const double clip_level = options.saturation * sensor.max_dn();
   for_each_row(size.height, [&](int row) {
@@ -142,6 +146,10 @@ DecodedStack decode(const FringeStack& stack, const PatternSequence& sequence, c
                 phase.sigma <= options.max_phase_sigma_rad;
         if (g == 0) {
           order = phase.phase < first_phase ? 1 : 0;
+          // What noise would have had to do, had the light come from beyond the other border.
+          const double unwrapped = phase.phase + kTwoPi * order;
+          const double to_other_border = std::min(unwrapped - 2 * first_phase, kTwoPi - unwrapped);
+          valid = valid && to_other_border >= kWrapSigmas * phase.sigma;
         } else {
           const double ratio = estimators[g - 1].group.period_px / group.period_px;
           order = static_cast<int>(std::lround((ratio * absolute - phase.phase) / kTwoPi));
@@ -157,8 +165,8 @@ DecodedStack decode(const FringeStack& stack, const PatternSequence& sequence, c
       out.mean(row, col) = static_cast<float>(mean_sum / static_cast<double>(estimators.size()));
       out.modulation(row, col) = static_cast<float>(phase.modulation);
       const double coordinate = projector_coordinate(absolute, out.finest_period_px);
-      valid = valid && 1 - right <= options.max_order_failure && coordinate >= -0.5 - kBorderPx &&
-              coordinate < length - 0.5 + kBorderPx;
+      valid = valid && 1 - right <= options.max_order_failure && coordinate >= -0.5 - border_px &&
+              coordinate < length - 0.5 + border_px;
       if (!valid) continue;
       out.wrapped_phase(row, col) = static_cast<float>(phase.phase);
       out.fringe_order(row, col) = order;

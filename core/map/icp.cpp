@@ -3,7 +3,9 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <vector>
 
@@ -104,6 +106,14 @@ class PointToPlane {
   double min_normal_cos_;
 };
 
+double smallest_sigma(const Frame& frame) {
+  double smallest = std::numeric_limits<double>::infinity();
+  for (const float sigma : frame.sigma_m) {
+    if (sigma > 0) smallest = std::min(smallest, static_cast<double>(sigma));
+  }
+  return smallest;
+}
+
 }  // namespace
 
 IcpResult point_to_plane_icp(const Frame& target, const Frame& source, const Pinhole& camera, const Pose& initial,
@@ -118,9 +128,8 @@ IcpResult point_to_plane_icp(const Frame& target, const Frame& source, const Pin
   // The gates start wide and halve with each iteration down to the noise (graduated non-convexity). They
   // must not follow the residuals down at once: those are mostly of flat ground, at the noise long before the
   // few walls that hold the view sideways have been pulled in.
-  constexpr double kFirstSigma = 2000;
   constexpr double kSettledSigmas = 0.25;
-  Gates gates{options.max_distance_m, std::max(kFirstSigma, options.outlier_sigma)};
+  Gates gates{options.max_distance_m, std::max(options.max_distance_m / smallest_sigma(source), options.outlier_sigma)};
   Sums sums;
   bool settled = false;
   for (result.iterations = 0; result.iterations < options.max_iterations && !settled; ++result.iterations) {

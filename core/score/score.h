@@ -2,6 +2,7 @@
 // Errors against exact truth. All functions are of values; files are read by truth_files.h.
 #pragma once
 
+#include <limits>
 #include <vector>
 
 #include "core/types/frame.h"
@@ -16,14 +17,16 @@ struct DepthEstimate {
   cv::Mat1f depth_m, sigma_m, projector_column;
 };
 
+// The errors are NaN when nothing could be compared.
 struct DepthScore {
-  int compared = 0;     // pixels with both an estimate and a true depth
-  double median_m = 0;  // of |error|
-  double rms_m = 0;
-  double p99_m = 0;           // 99th percentile of |error|
-  double valid_fraction = 0;  // of the pixels that the projector lights
-  double wrong_order = 0;     // share of compared pixels more than half a fringe period off
-  int spurious = 0;           // estimates where the truth has no surface or no direct light
+  int compared = 0;                                            // pixels with both an estimate and a true depth
+  double median_m = std::numeric_limits<double>::quiet_NaN();  // of |error|
+  double rms_m = std::numeric_limits<double>::quiet_NaN();
+  double p99_m = std::numeric_limits<double>::quiet_NaN();  // 99th percentile of |error|
+  double valid_fraction = 0;                                // of the pixels that the projector lights
+  double wrong_order =
+      std::numeric_limits<double>::quiet_NaN();  // share of compared pixels more than half a fringe period off
+  int spurious = 0;                              // estimates where the truth has no surface or no direct light
 };
 
 DepthScore score_depth(const DepthEstimate& estimate, const TruthFrame& truth, double finest_period_px);

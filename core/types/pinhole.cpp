@@ -42,8 +42,13 @@ Eigen::Vector2d Pinhole::undistort(const Eigen::Vector2d& pixel) const {
   Eigen::Vector2d estimate = target;
   for (int iteration = 0; iteration < 20; ++iteration) {
     const Eigen::Vector2d error = distort(estimate) - target;
-    if (error.squaredNorm() < 1e-24) return estimate;
-    estimate -= distortion_jacobian(distortion, estimate.x(), estimate.y()).inverse() * error;
+    const Eigen::Matrix2d jacobian = distortion_jacobian(distortion, estimate.x(), estimate.y());
+    if (error.squaredNorm() < 1e-24) {
+      // Beyond a fold of the polynomial lie other roots, where it mirrors the image.
+      const bool mirrored = jacobian.determinant() <= 0 || estimate.dot(target) < 0;
+      return mirrored ? Eigen::Vector2d::Constant(std::numeric_limits<double>::quiet_NaN()) : estimate;
+    }
+    estimate -= jacobian.inverse() * error;
   }
   return Eigen::Vector2d::Constant(std::numeric_limits<double>::quiet_NaN());
 }

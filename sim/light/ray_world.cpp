@@ -71,7 +71,7 @@ RayWorld::RayWorld(const Scene& scene) : impl_(std::make_unique<Impl>()) {
   if (!impl_->device) throw Error("Embree: no device; this processor lacks what Embree needs (SSE2)");
   rtcSetDeviceErrorFunction(impl_->device, throw_embree_error, nullptr);
   impl_->scene = rtcNewScene(impl_->device);
-  // Robust: rays never slip between the triangles of a closed surface.
+  // Robust: rays do not slip between two triangles along their common edge.
   rtcSetSceneFlags(impl_->scene, RTC_SCENE_FLAG_ROBUST);
   for (const Object& object : scene.objects) impl_->add(object);
   // Built by one thread: the tree, and with it which of two triangles a ray on their common edge meets, must not

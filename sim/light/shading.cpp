@@ -104,6 +104,7 @@ void set_truth(TruthFrame& truth, int row, int col, const Hit& hit, const Lighti
 
 // Linear interpolation between projector pixel centres, clamped at the image border.
 float lookup(const std::vector<float>& profile, float coordinate) {
+  if (profile.size() == 1) return profile.front();
   const float clamped = std::clamp(coordinate, 0.0f, static_cast<float>(profile.size() - 1));
   const auto index = std::min(static_cast<size_t>(clamped), profile.size() - 2);
   const float weight = clamped - static_cast<float>(index);

@@ -61,6 +61,8 @@ TEST(Decode, ThreeStepsAreThePapersClosedForm) {
       EXPECT_NEAR(decoded.mean(row, col), (grey(0) + grey(1) + grey(2)) / 3, 1e-4);
       EXPECT_NEAR(decoded.modulation(row, col), std::hypot(sine, cosine) / 3, 1e-4);
       if (std::hypot(sine, cosine) < 30) continue;  // too faint to be valid
+      // This one period leaves no gap: close to phase 0 nobody can tell the first column from the last.
+      if (std::abs(std::atan2(sine, cosine)) < 0.1) continue;
       EXPECT_NEAR(decoded.wrapped_phase(row, col), std::atan2(sine, cosine), 1e-6);
     }
   }
@@ -123,7 +125,7 @@ TEST(Decode, SigmaOfEqualNoiseIsRootTwoOverN) {
   for (const int steps : {3, 4, 5, 7, 12}) {
     const auto sequence = columns({kWidth}, steps);
     const auto decoded =
-        decode(fringe_stack(ramp(0, 1023, 50), sequence, {100, 50}, CV_32FC1), sequence, silent_sensor(), {});
+        decode(fringe_stack(ramp(10, 1013, 50), sequence, {100, 50}, CV_32FC1), sequence, silent_sensor(), {});
     const double sigma_phase = std::sqrt(2.0 / steps) * std::sqrt(1.0 / 12) / 50;
     for (const float sigma : decoded.sigma_px) EXPECT_NEAR(sigma, sigma_phase * kWidth / (2 * kPi), 1e-4);
   }

@@ -4,6 +4,7 @@
 
 #include <gmock/gmock.h>
 
+#include <ostream>
 #include <vector>
 
 #include "tests/tools/temp_folder.h"
@@ -52,6 +53,9 @@ struct Broken {
   int line;
   std::string says;
 };
+
+// For the messages and names of gtest and ctest.
+void PrintTo(const Broken& broken, std::ostream* out) { *out << broken.name; }
 
 class BrokenYaml : public testing::TestWithParam<Broken> {};
 
