@@ -39,6 +39,11 @@ int run(const Arguments& arguments, const Common& common) {
   const bool uses_render = std::any_of(arguments.sets.begin(), arguments.sets.end(),
                                        [](const std::string& set) { return set.rfind("render.", 0) == 0; });
   const auto source = open_source(arguments.source, arguments.seed, settings, uses_render);
+  try {
+    check_decodable(source->sequence());
+  } catch (const Error& e) {
+    throw Error(arguments.source + ": " + e.what());
+  }
   const std::string out = arguments.out.empty()
                               ? "runs/" + file_name(source->name()) + "-" + std::to_string(source->seed())
                               : arguments.out;

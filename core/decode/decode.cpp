@@ -95,12 +95,8 @@ void check_stack(const FringeStack& stack, const PatternSequence& sequence) {
   }
 }
 
-}  // namespace
-
-DecodedStack decode(const FringeStack& stack, const PatternSequence& sequence, const SensorModel& sensor,
-                    const DecodeOptions& options, Axis axis) {
-  check_options(options, "decode");
-  check_stack(stack, sequence);
+// Coarsest period first.
+std::vector<StepEstimator> make_estimators(const PatternSequence& sequence, Axis axis) {
   std::vector<StepEstimator> estimators;
   for (FringeGroup& group : fringe_groups(sequence, axis)) estimators.emplace_back(std::move(group));
   const int length = axis == Axis::columns ? sequence.width : sequence.height;
@@ -108,6 +104,19 @@ DecodedStack decode(const FringeStack& stack, const PatternSequence& sequence, c
     throw Error("patterns: no " + std::string(axis == Axis::columns ? "column" : "row") +
                 " fringe period covers the projector's " + std::to_string(length) +
                 " px; absolute phase needs one that does");
+  return estimators;
+}
+
+}  // namespace
+
+void check_decodable(const PatternSequence& sequence, Axis axis) { make_estimators(sequence, axis); }
+
+DecodedStack decode(const FringeStack& stack, const PatternSequence& sequence, const SensorModel& sensor,
+                    const DecodeOptions& options, Axis axis) {
+  check_options(options, "decode");
+  check_stack(stack, sequence);
+  const std::vector<StepEstimator> estimators = make_estimators(sequence, axis);
+  const int length = axis == Axis::columns ? sequence.width : sequence.height;
 
   const cv::Size size = stack.images.front().size();
   DecodedStack out;

@@ -39,6 +39,9 @@ struct DecodeOptions {
   }
 };
 
+// Throws Error when decode() could make nothing of stacks of this sequence.
+void check_decodable(const PatternSequence& sequence, Axis axis = Axis::columns);
+
 // Throws Error when the stack does not fit the sequence, or when the sequence has no period of the
 // axis that covers the projector (no absolute phase without it).
 DecodedStack decode(const FringeStack& stack, const PatternSequence& sequence, const SensorModel& sensor,
