@@ -2,6 +2,8 @@
 #include "core/pipeline/pipeline.h"
 
 #include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
 
 namespace fringeslam {
 
@@ -16,6 +18,26 @@ std::vector<PointPair> point_pairs(const Keypoints& previous, const Keypoints& c
     pairs.push_back({p.point_m, c.point_m, p.covariance_m2, c.covariance_m2});
   }
   return pairs;
+}
+
+// How far off surfaces may be when registration starts from the landmarks' motion: six sigmas of a point at the given
+// distance, and not less than a few times what depth noise does. Wider, registration would pair things with what
+// stands behind them.
+double start_error_m(const MotionEstimate& motion, double distance_m) {
+  constexpr double kSigmas = 6, kLeast = 1e-3;
+  Eigen::Matrix<double, 3, 6> jacobian;
+  jacobian << -skew(motion.previous_from_current.rotation * Eigen::Vector3d(0, 0, distance_m)),
+      Eigen::Matrix3d::Identity();
+  const Eigen::Matrix3d covariance = jacobian * motion.covariance * jacobian.transpose();
+  return std::max(kLeast, kSigmas * std::sqrt(covariance.trace()));
+}
+
+// Whether registration stayed within what the landmarks' covariance allows (chi-square of six degrees of freedom, one
+// false alarm in 10^7): it refines their motion, it does not overrule it.
+bool agree(const Pose& refined, const MotionEstimate& motion) {
+  constexpr double kMaxSquare = 45;
+  const Vector6d offset = difference(refined, motion.previous_from_current);
+  return offset.dot(motion.covariance.inverse() * offset) <= kMaxSquare;
 }
 
 }  // namespace
@@ -71,8 +93,10 @@ void Pipeline::track(FrameResult& result) const {
   result.tracking = Tracking::landmarks;
   result.previous_from_current = result.motion.previous_from_current;
   result.covariance = result.motion.covariance;
-  result.icp = point_to_plane_icp(last_->frame, result.frame, rig_.camera, result.previous_from_current, options_.icp);
-  if (result.icp.converged) {
+  IcpOptions icp = options_.icp;
+  icp.max_distance_m = std::min(icp.max_distance_m, start_error_m(result.motion, 0.5 * (rig_.near_m + rig_.far_m)));
+  result.icp = point_to_plane_icp(last_->frame, result.frame, rig_.camera, result.previous_from_current, icp);
+  if (result.icp.converged && agree(result.icp.target_from_source, result.motion)) {
     result.tracking = Tracking::refined;
     result.previous_from_current = result.icp.target_from_source;
     // Residuals wider than the sigmas say that the sigmas are too small, by as much.
