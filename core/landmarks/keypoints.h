@@ -17,7 +17,7 @@ struct KeypointOptions {
   int max_keypoints = 1500;
   double contrast_threshold = 0.01;  // of SIFT's difference of Gaussians, image scaled to [0, 1]
   double edge_threshold = 10;
-  double pixel_sigma = 0.25;  // localisation of a keypoint of SIFT scale 1, px; grows with the scale
+  double pixel_sigma = 0.1;  // localisation of a keypoint of SIFT scale 1.6, px; grows with the scale
 
   template <class Visitor>
   void describe(Visitor& v) {

@@ -117,7 +117,7 @@ double smallest_sigma(const Frame& frame) {
 }  // namespace
 
 IcpResult point_to_plane_icp(const Frame& target, const Frame& source, const Pinhole& camera, const Pose& initial,
-                             const IcpOptions& options) {
+                             const IcpOptions& options, const Matrix6d& prior) {
   check_options(options, "icp");
   const PointToPlane problem(target, source, camera, options);
   IcpResult result;
@@ -135,6 +135,8 @@ IcpResult point_to_plane_icp(const Frame& target, const Frame& source, const Pin
   for (result.iterations = 0; result.iterations < options.max_iterations && !settled; ++result.iterations) {
     sums = problem.linearise(result.target_from_source, gates);
     if (sums.pairs < 6) return result;
+    sums.information += prior;
+    sums.gradient += prior * difference(result.target_from_source, initial);
     const Eigen::LDLT<Matrix6d> factor(sums.information);
     if (factor.info() != Eigen::Success || !(factor.rcond() > 1e-12)) return result;
     const Vector6d step = factor.solve(-sums.gradient);

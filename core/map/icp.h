@@ -49,7 +49,10 @@ struct IcpResult {
   Matrix6d information = Matrix6d::Zero();
 };
 
+// `prior` is the information of `initial`, in the tangent of retract(), where it comes from other measurements than
+// depth (landmarks' texture): it joins the normal equations, and with them the result's information. It decides the
+// directions in which the surfaces could slide. Zero: `initial` is only where to start.
 IcpResult point_to_plane_icp(const Frame& target, const Frame& source, const Pinhole& camera, const Pose& initial,
-                             const IcpOptions& options);
+                             const IcpOptions& options, const Matrix6d& prior = Matrix6d::Zero());
 
 }  // namespace fringeslam

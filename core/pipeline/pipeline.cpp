@@ -95,7 +95,8 @@ void Pipeline::track(FrameResult& result) const {
   result.covariance = result.motion.covariance;
   IcpOptions icp = options_.icp;
   icp.max_distance_m = std::min(icp.max_distance_m, start_error_m(result.motion, 0.5 * (rig_.near_m + rig_.far_m)));
-  result.icp = point_to_plane_icp(last_->frame, result.frame, rig_.camera, result.previous_from_current, icp);
+  result.icp = point_to_plane_icp(last_->frame, result.frame, rig_.camera, result.previous_from_current, icp,
+                                  result.motion.covariance.inverse());
   if (result.icp.converged && agree(result.icp.target_from_source, result.motion)) {
     result.tracking = Tracking::refined;
     result.previous_from_current = result.icp.target_from_source;
