@@ -153,6 +153,24 @@ TEST(Icp, ABarePlaneWithNoisyNormalsHoldsNothingSidewaysEither) {
   }
 }
 
+TEST(Icp, APriorDecidesWhatABarePlaneLeavesOpen) {
+  // The plane corrects the distance along its normal; sideways, the prior's pose stays.
+  const RigModel rig = small_rig(false);
+  const Eigen::Vector3d normal = Eigen::Vector3d(0.2, 0.1, -1).normalized();
+  const Surface wall = plane(normal, -1);
+  const Eigen::Vector3d sideways = 2e-3 * normal.cross(Eigen::Vector3d::UnitY()).normalized();
+  Pose start = kTruth;
+  start.translation += sideways + 1e-3 * normal;
+  const Matrix6d prior = Matrix6d::Identity() * 1e4;  // 10 mrad, 10 mm
+  const IcpResult result =
+      point_to_plane_icp(observe(wall, rig, {}, 2e-5), observe(wall, rig, kTruth, 2e-5), rig.camera, start, {}, prior);
+  EXPECT_TRUE(result.converged);
+  EXPECT_LT((result.target_from_source.translation - kTruth.translation - sideways).norm(), 2e-5);
+  EXPECT_LT(rotation_rad(result.target_from_source * kTruth.inverse()), 2e-5);
+  const Eigen::Vector3d sigmas = result.information.inverse().diagonal().tail<3>().cwiseSqrt();
+  EXPECT_LT(sigmas.maxCoeff(), 1.01e-2);
+}
+
 TEST(Icp, FramesWithoutDepthDoNotConverge) {
   const RigModel rig = small_rig(false);
   const Frame good = observe(corner({0, 0, 1.1}), rig, {}, 2e-5);
