@@ -142,7 +142,7 @@ void RunFolder::draw_overview(const CloudMap& map, const RunScore* score) const 
   std::vector<Pose> cameras;
   for (const TimedPose& pose : trajectory_) cameras.push_back(pose.world_from_robot * rig_.robot_from_camera);
   const std::vector<CloudPoint> points = map.points();
-  const cv::Size cell(532, 500);
+  const cv::Size cell(448, 421);
   const std::vector<std::string> lines = score ? summary(*score) : std::vector<std::string>{"no truth, no score"};
   write_png(folder_ / "overview.png",
             sheet({{{"view " + std::to_string(shown_) + ": fringe image", fringe_, 1},

@@ -2,6 +2,7 @@
 #include "tools/run_score.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdarg>
 #include <cstdio>
 #include <numbers>
@@ -29,6 +30,9 @@ __attribute__((format(printf, 1, 2))) std::string format(const char* pattern, ..
   va_end(arguments);
   return buffer;
 }
+
+// 0 for what would be printed as -0.000.
+double no_minus_zero(double value, int digits) { return std::abs(value) < 0.5 * std::pow(10.0, -digits) ? 0.0 : value; }
 
 nlohmann::ordered_json to_json(const SixDof& six) {
   return {six.translation_mm.x(), six.translation_mm.y(), six.translation_mm.z(),
@@ -146,8 +150,9 @@ std::string to_table(const RunScore& score) {
   for (const PairScore& pair : score.pairs) {
     const auto line = [&](const char* label, const SixDof& six, int digits) {
       std::string row = format("  %d -> %d  %-20s", pair.previous, pair.current, label);
-      for (int i = 0; i < 3; ++i) row += format("%10.*f", digits, six.translation_mm[i]);
-      for (int i = 0; i < 3; ++i) row += format("%10.*f", digits + (digits > 3 ? 1 : 0), six.angles_deg[i]);
+      for (int i = 0; i < 3; ++i) row += format("%10.*f", digits, no_minus_zero(six.translation_mm[i], digits));
+      const int angle_digits = digits + (digits > 3 ? 1 : 0);
+      for (int i = 0; i < 3; ++i) row += format("%10.*f", angle_digits, no_minus_zero(six.angles_deg[i], angle_digits));
       return row;
     };
     text += line("true", pair.motion.truth, 3) + "\n";
