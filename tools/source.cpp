@@ -42,8 +42,9 @@ class DatasetSource : public Source {
   explicit DatasetSource(const fs::path& folder) : folder_(folder), rig_(std::make_unique<ReplayRig>(folder)) {
     info_ = rig_->info();
     sequence_ = rig_->sequence();
-    if (info_.has_truth && !fs::exists(folder_ / "truth" / "truth.tum"))
-      throw Error((folder_ / "truth" / "truth.tum").string() + ": is missing, though dataset.yaml promises truth");
+    if (!info_.has_truth) return;
+    require_truth("truth.tum");
+    for (int index = 0; index < info_.stacks; ++index) require_truth(stack_name(index) + ".exr");
   }
   const std::string& name() const override { return info_.name; }
   uint64_t seed() const override { return info_.seed; }
@@ -58,6 +59,11 @@ class DatasetSource : public Source {
   }
 
  private:
+  void require_truth(const std::string& file) const {
+    const fs::path path = folder_ / "truth" / file;
+    if (!fs::exists(path)) throw Error(path.string() + ": is missing, though " + kDatasetFile + " promises truth");
+  }
+
   fs::path folder_;
   std::unique_ptr<ReplayRig> rig_;
   DatasetInfo info_;
