@@ -33,7 +33,7 @@ std::optional<FringeStack> VirtualRig::capture(const PatternSequence& sequence) 
   stack.timestamp_s = pose.timestamp_s;
   for (size_t i = 0; i < sequence.patterns.size(); ++i) {
     const cv::Mat1f electrons =
-        shade(view, options_.samples_per_pixel, sequence.patterns[i], rig, scene_.ambient_electrons);
+        shade(view, options_.samples_per_pixel, sequence.patterns[i], sequence, rig, scene_.ambient_electrons);
     stack.images.push_back(expose(electrons, rig.sensor,
                                   {options_.noise, options_.quantise, scene_.seed, stack.index, static_cast<int>(i)}));
     stack.exposure_s.push_back(1.0 / 360);  // one pattern of the papers' projector (METHOD S1)

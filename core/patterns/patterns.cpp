@@ -25,12 +25,39 @@ size_t distinct_shifts(const std::vector<double>& shifts_rad) {
   return distinct.size();
 }
 
+// Floyd and Steinberg's error diffusion, every other row from right to left so that no direction is preferred.
+cv::Mat1f diffused(cv::Mat1f wanted, double levels) {
+  const int rows = wanted.rows, cols = wanted.cols;
+  cv::Mat1f shown(wanted.size());
+  const auto pass_on = [&](int row, int col, double error) {
+    if (row < rows && col >= 0 && col < cols) wanted(row, col) += static_cast<float>(error);
+  };
+  for (int row = 0; row < rows; ++row) {
+    const int ahead = row % 2 == 0 ? 1 : -1;
+    for (int i = 0; i < cols; ++i) {
+      const int col = ahead > 0 ? i : cols - 1 - i;
+      const double value = std::clamp(std::round(wanted(row, col) * levels) / levels, 0.0, 1.0);
+      const double error = wanted(row, col) - value;
+      shown(row, col) = static_cast<float>(value);
+      pass_on(row, col + ahead, error * 7 / 16);
+      pass_on(row + 1, col - ahead, error * 3 / 16);
+      pass_on(row + 1, col, error * 5 / 16);
+      pass_on(row + 1, col + ahead, error * 1 / 16);
+    }
+  }
+  return shown;
+}
+
 }  // namespace
 
 double absolute_phase(double coordinate_px, double period_px) { return kTwoPi * (coordinate_px + 0.5) / period_px; }
 
 double projector_coordinate(double absolute_phase_rad, double period_px) {
   return absolute_phase_rad * period_px / kTwoPi - 0.5;
+}
+
+int gray_cell(double coordinate_px, double cell_px) {
+  return static_cast<int>(std::floor((coordinate_px + 0.5) / cell_px));
 }
 
 PatternSequence phase_shift_sequence(int width, int height, const std::vector<double>& periods_px, int steps, Axis axis,
@@ -43,11 +70,22 @@ PatternSequence phase_shift_sequence(int width, int height, const std::vector<do
   return sequence;
 }
 
+std::vector<Pattern> gray_patterns(Axis axis, double cell_px, int length_px, int bits) {
+  std::vector<Pattern> patterns;
+  // The bit of cell width c is constant over the first c px: it says nothing where the image is no longer.
+  for (double cell = cell_px; cell < length_px; cell *= 2) {
+    Pattern pattern{axis, cell, 0, bits};
+    pattern.coding = Coding::gray;
+    patterns.insert(patterns.begin(), pattern);
+  }
+  return patterns;
+}
+
 std::vector<FringeGroup> fringe_groups(const PatternSequence& sequence, Axis axis) {
   std::vector<FringeGroup> groups;
   for (size_t i = 0; i < sequence.patterns.size(); ++i) {
     const Pattern& pattern = sequence.patterns[i];
-    if (pattern.axis != axis) continue;
+    if (pattern.coding != Coding::fringe || pattern.axis != axis) continue;
     auto group = std::find_if(groups.begin(), groups.end(),
                               [&](const FringeGroup& g) { return g.period_px == pattern.period_px; });
     if (group == groups.end()) group = groups.insert(groups.end(), FringeGroup{axis, pattern.period_px, {}, {}});
@@ -64,29 +102,73 @@ std::vector<FringeGroup> fringe_groups(const PatternSequence& sequence, Axis axi
   return groups;
 }
 
+std::vector<GrayBit> gray_bits(const PatternSequence& sequence, Axis axis) {
+  std::vector<GrayBit> bits;
+  for (size_t i = 0; i < sequence.patterns.size(); ++i) {
+    const Pattern& pattern = sequence.patterns[i];
+    if (pattern.coding != Coding::gray || pattern.axis != axis) continue;
+    auto bit = std::find_if(bits.begin(), bits.end(), [&](const GrayBit& b) { return b.cell_px == pattern.period_px; });
+    if (bit == bits.end()) bit = bits.insert(bits.end(), GrayBit{pattern.period_px});
+    (pattern.inverted ? bit->inverted_image : bit->image) = static_cast<int>(i);
+  }
+  std::stable_sort(bits.begin(), bits.end(), [](const auto& a, const auto& b) { return a.cell_px > b.cell_px; });
+  return bits;
+}
+
 double ideal_intensity(const Pattern& pattern, double coordinate_px) {
-  return 0.5 + 0.5 * std::cos(absolute_phase(coordinate_px, pattern.period_px) + pattern.shift_rad);
+  switch (pattern.coding) {
+    case Coding::fringe:
+      return 0.5 + 0.5 * std::cos(absolute_phase(coordinate_px, pattern.period_px) + pattern.shift_rad);
+    case Coding::gray:
+      return ((gray_cell(coordinate_px, pattern.period_px) + 1) >> 1) % 2 != (pattern.inverted ? 1 : 0) ? 1 : 0;
+    case Coding::flat:
+      break;
+  }
+  return pattern.level;
 }
 
-std::vector<float> intensity_profile(const Pattern& pattern, int length_px) {
-  std::vector<float> profile(static_cast<size_t>(length_px));
-  const double levels = pattern.bits > 0 ? static_cast<double>((1 << pattern.bits) - 1) : 0;
-  for (int i = 0; i < length_px; ++i) {
-    const double ideal = ideal_intensity(pattern, i);
-    profile[static_cast<size_t>(i)] = static_cast<float>(levels > 0 ? std::round(ideal * levels) / levels : ideal);
-  }
-  return profile;
+cv::Mat1f pattern_levels(const Pattern& pattern, const PatternSequence& sequence) {
+  const bool columns = pattern.axis == Axis::columns, flat = pattern.coding == Coding::flat;
+  const cv::Size size(columns && !flat ? sequence.width : 1, !columns && !flat ? sequence.height : 1);
+  cv::Mat1f wanted(size);
+  for (int i = 0; i < static_cast<int>(wanted.total()); ++i)
+    wanted(i) = static_cast<float>(table_value(sequence.inverse_response, ideal_intensity(pattern, i)));
+  if (pattern.bits == 0) return wanted;
+  const double levels = (1 << pattern.bits) - 1;
+  if (pattern.dithered)
+    return diffused(cv::repeat(wanted, sequence.height / size.height, sequence.width / size.width), levels);
+  for (float& level : wanted) level = static_cast<float>(std::round(static_cast<double>(level) * levels) / levels);
+  return wanted;
 }
 
-cv::Mat1b pattern_image(const Pattern& pattern, int width, int height) {
-  const bool columns = pattern.axis == Axis::columns;
-  const std::vector<float> profile = intensity_profile(pattern, columns ? width : height);
-  cv::Mat1b image(height, width);
-  for (int row = 0; row < height; ++row) {
-    for (int col = 0; col < width; ++col)
-      image(row, col) = static_cast<uchar>(std::lround(255 * profile[static_cast<size_t>(columns ? col : row)]));
+cv::Mat pattern_image(const Pattern& pattern, const PatternSequence& sequence) {
+  const cv::Mat1f levels = pattern_levels(pattern, sequence);
+  const bool wide = pattern.bits > 8;
+  cv::Mat image;
+  levels.convertTo(image, wide ? CV_16U : CV_8U, wide ? 65535 : 255);
+  return cv::repeat(image, sequence.height / levels.rows, sequence.width / levels.cols);
+}
+
+double table_value(const std::vector<double>& table, double position) {
+  if (table.empty()) return position;
+  const double at = std::clamp(position, 0.0, 1.0) * static_cast<double>(table.size() - 1);
+  const size_t low = std::min(static_cast<size_t>(at), table.size() - 1), high = std::min(low + 1, table.size() - 1);
+  return table[low] + (at - static_cast<double>(low)) * (table[high] - table[low]);
+}
+
+std::vector<double> inverse_table(const std::vector<double>& table, int entries) {
+  std::vector<double> inverse;
+  for (int i = 0; i < entries; ++i) {
+    const double wanted = static_cast<double>(i) / (entries - 1);
+    const auto above = std::upper_bound(table.begin(), table.end(), wanted);
+    if (above == table.begin() || above == table.end()) {
+      inverse.push_back(above == table.begin() ? 0 : 1);
+      continue;
+    }
+    const double part = (wanted - above[-1]) / (above[0] - above[-1]);
+    inverse.push_back((static_cast<double>(above - table.begin()) - 1 + part) / static_cast<double>(table.size() - 1));
   }
-  return image;
+  return inverse;
 }
 
 }  // namespace fringeslam

@@ -2,6 +2,7 @@
 #include "core/rig/rig_file.h"
 
 #include <Eigen/Geometry>
+#include <cmath>
 
 #include "core/rig/yaml.h"
 
@@ -12,6 +13,9 @@ namespace {
 constexpr Range kPixels{1, 16384};
 constexpr Range kFocal{1, 1e6};
 constexpr Range kCentre{-1e5, 1e5};
+constexpr Range kPeriod{2, 1e5};
+constexpr Range kCell{0.5, 1e5};
+constexpr Range kFraction{0, 1};
 
 // Whether the lens maps the ray of this pixel, and those between it and the axis, one to one: the distorted radius
 // must grow all the way to it.
@@ -59,7 +63,32 @@ SensorModel read_sensor(const YamlMap& map) {
   return s;
 }
 
-std::string list(std::initializer_list<double> values) {
+// `response:` a table, or `gamma:` for short.
+std::vector<double> read_response(const YamlMap& projector) {
+  constexpr int kGammaEntries = 257;
+  if (projector.has("gamma")) {
+    if (projector.has("response")) throw projector.error("gamma", "give gamma or response, not both");
+    const double gamma = projector.number("gamma", {0.2, 5});
+    std::vector<double> response;
+    for (int i = 0; i < kGammaEntries; ++i) response.push_back(std::pow(i / (kGammaEntries - 1.0), gamma));
+    return response;
+  }
+  if (!projector.has("response")) return {};
+  const std::vector<double> response = projector.numbers("response", 0, {0, 1});
+  for (size_t i = 1; i < response.size(); ++i) {
+    if (response[i] <= response[i - 1])
+      throw projector.error("response",
+                            "the response must grow from entry to entry; entry " + std::to_string(i + 1) + " does not");
+  }
+  if (response.size() < 2) throw projector.error("response", "a response needs two entries or more");
+  return response;
+}
+
+PhaseCorrection read_phase_correction(const YamlMap& map) {
+  return {map.integer("steps", {3, 1000}), map.numbers("offset_rad", 0, {-1.5, 1.5})};
+}
+
+std::string list(const std::vector<double>& values) {
   std::string text;
   for (const double value : values) text += (text.empty() ? "[" : ", ") + to_text(value);
   return text + "]";
@@ -72,11 +101,51 @@ std::string pinhole_lines(const Pinhole& p) {
          "\n  cy_px: " + to_text(p.cy) + "\n  distortion: " + list({d.k1, d.k2, d.p1, d.p2, d.k3}) + "\n";
 }
 
+std::string response_lines(const RigModel& rig) {
+  std::string text;
+  if (!rig.projector_response.empty()) text += "  response: " + list(rig.projector_response) + "\n";
+  if (!rig.phase_correction.offset_rad.empty())
+    text += "  phase_correction:\n    steps: " + std::to_string(rig.phase_correction.steps) +
+            "\n    offset_rad: " + list(rig.phase_correction.offset_rad) + "\n";
+  return text;
+}
+
 std::string pose_lines(const Pose& p) {
   const Eigen::Matrix3d& r = p.rotation;
   return "  translation_m: " + list({p.translation.x(), p.translation.y(), p.translation.z()}) +
          "\n  rotation_matrix: " +
          list({r(0, 0), r(0, 1), r(0, 2), r(1, 0), r(1, 1), r(1, 2), r(2, 0), r(2, 1), r(2, 2)}) + "\n";
+}
+
+Pattern read_pattern(const YamlMap& entry) {
+  Pattern pattern;
+  const std::string coding = entry.has("coding") ? entry.choice("coding", {"fringe", "gray", "flat"}) : "fringe";
+  pattern.coding = coding == "fringe" ? Coding::fringe : coding == "gray" ? Coding::gray : Coding::flat;
+  if (pattern.coding == Coding::flat) {
+    pattern.level = entry.number("level", kFraction);
+  } else {
+    pattern.axis = entry.choice("axis", {"columns", "rows"}) == "columns" ? Axis::columns : Axis::rows;
+    pattern.period_px = entry.number("period_px", pattern.coding == Coding::fringe ? kPeriod : kCell);
+  }
+  if (pattern.coding == Coding::fringe) pattern.shift_rad = entry.number("shift_rad", {-1e3, 1e3});
+  if (pattern.coding == Coding::gray) pattern.inverted = entry.boolean_or("inverted", false);
+  pattern.bits = entry.integer_or("bits", 8, {0, 16});
+  pattern.dithered = entry.boolean_or("dithered", false);
+  return pattern;
+}
+
+std::string pattern_entry(const Pattern& p) {
+  std::string text;
+  if (p.coding == Coding::flat)
+    text = "coding: flat, level: " + to_text(p.level);
+  else
+    text = std::string(p.coding == Coding::gray ? "coding: gray, " : "") +
+           "axis: " + (p.axis == Axis::columns ? "columns" : "rows") + ", period_px: " + to_text(p.period_px);
+  if (p.coding == Coding::fringe) text += ", shift_rad: " + to_text(p.shift_rad);
+  if (p.inverted) text += ", inverted: true";
+  text += ", bits: " + std::to_string(p.bits);
+  if (p.dithered) text += ", dithered: true";
+  return text;
 }
 
 }  // namespace
@@ -100,6 +169,7 @@ bool beam_meets_view(const RigModel& rig) {
 RigModel read_rig(const YamlMap& map) {
   RigModel rig;
   rig.name = map.text("name");
+  rig.calibrated = map.boolean_or("calibrated", true);
   rig.near_m = map.number("near_m", {0.01, 100});
   rig.far_m = map.number("far_m", {0.01, 100});
   if (rig.far_m <= rig.near_m) throw map.error("far_m", "far_m must be larger than near_m");
@@ -110,6 +180,9 @@ RigModel read_rig(const YamlMap& map) {
   rig.projector = read_pinhole(projector);
   rig.white_electrons_at_1m = projector.number("white_electrons_at_1m", {1, 1e9});
   rig.projector_black_level = projector.number("black_level", {0, 0.5});
+  rig.projector_response = read_response(projector);
+  if (projector.has("phase_correction"))
+    rig.phase_correction = read_phase_correction(projector.map("phase_correction"));
   rig.projector_from_camera = map.pose("projector_from_camera");
   rig.robot_from_camera = map.pose("robot_from_camera");
   if (translation_m(rig.projector_from_camera) < 1e-3)
@@ -129,30 +202,48 @@ RigModel read_rig(const std::filesystem::path& file) {
 
 std::string to_yaml(const RigModel& rig) {
   const SensorModel& s = rig.sensor;
-  return "name: " + yaml_quoted(rig.name) + "\nnear_m: " + to_text(rig.near_m) + "\nfar_m: " + to_text(rig.far_m) +
-         "\ncamera:\n" + pinhole_lines(rig.camera) + "  sensor:\n    bits: " + std::to_string(s.bits) +
+  return "name: " + yaml_quoted(rig.name) + (rig.calibrated ? "" : "\ncalibrated: false") +
+         "\nnear_m: " + to_text(rig.near_m) + "\nfar_m: " + to_text(rig.far_m) + "\ncamera:\n" +
+         pinhole_lines(rig.camera) + "  sensor:\n    bits: " + std::to_string(s.bits) +
          "\n    gain_dn_per_electron: " + to_text(s.gain_dn_per_electron) +
          "\n    dark_noise_electrons: " + to_text(s.dark_noise_electrons) +
          "\n    full_well_electrons: " + to_text(s.full_well_electrons) + "\n    offset_dn: " + to_text(s.offset_dn) +
          "\nprojector:\n" + pinhole_lines(rig.projector) +
          "  white_electrons_at_1m: " + to_text(rig.white_electrons_at_1m) +
-         "\n  black_level: " + to_text(rig.projector_black_level) + "\nprojector_from_camera:\n" +
-         pose_lines(rig.projector_from_camera) + "robot_from_camera:\n" + pose_lines(rig.robot_from_camera);
+         "\n  black_level: " + to_text(rig.projector_black_level) + "\n" + response_lines(rig) +
+         "projector_from_camera:\n" + pose_lines(rig.projector_from_camera) + "robot_from_camera:\n" +
+         pose_lines(rig.robot_from_camera);
+}
+
+SequenceDesign read_design(const YamlMap& map, const RigModel& rig) {
+  SequenceDesign design;
+  design.width = rig.projector.width;
+  design.height = rig.projector.height;
+  const std::string axis = map.has("axis") ? map.choice("axis", {"columns", "rows", "both"}) : "columns";
+  design.columns = axis != "rows";
+  design.rows = axis != "columns";
+  design.ramp_levels = map.integer_or("ramp_levels", 0, {0, 65536});
+  if (map.has("periods_px") || design.ramp_levels == 0) design.periods_px = map.numbers("periods_px", 0, kPeriod);
+  if (!design.periods_px.empty()) design.steps = map.integer("steps", {3, 64});
+  const std::string gray = map.has("gray") ? map.choice("gray", {"none", "plain", "complementary"}) : "none";
+  design.gray = gray == "none" ? GrayCode::none : gray == "plain" ? GrayCode::plain : GrayCode::complementary;
+  design.gray_inverted = map.boolean_or("gray_inverted", false);
+  design.white_black = map.boolean_or("white_black", false);
+  design.bits = map.integer_or("bits", 8, {0, 16});
+  design.dithered = map.boolean_or("dithered", false);
+  if (design.dithered && design.bits == 0) throw map.error("dithered", "dithering is to a number of bits; bits is 0");
+  return design;
 }
 
 PatternSequence read_patterns(const std::filesystem::path& file) {
   const YamlMap map = YamlMap::load(file);
   PatternSequence sequence{map.integer("width_px", kPixels), map.integer("height_px", kPixels), {}};
   for (const YamlMap& entry : map.maps("patterns")) {
-    Pattern pattern;
-    pattern.axis = entry.choice("axis", {"columns", "rows"}) == "columns" ? Axis::columns : Axis::rows;
-    pattern.period_px = entry.number("period_px", {2, 1e5});
-    pattern.shift_rad = entry.number("shift_rad", {-1e3, 1e3});
-    pattern.bits = entry.integer("bits", {0, 16});
-    sequence.patterns.push_back(pattern);
+    sequence.patterns.push_back(read_pattern(entry));
   }
   if (sequence.patterns.empty())
     throw map.error("patterns", "'patterns' is empty; a sequence needs three images or more");
+  if (map.has("inverse_response")) sequence.inverse_response = map.numbers("inverse_response", 0, kFraction);
   map.finish();
   return sequence;
 }
@@ -160,11 +251,8 @@ PatternSequence read_patterns(const std::filesystem::path& file) {
 std::string to_yaml(const PatternSequence& sequence) {
   std::string text = "width_px: " + std::to_string(sequence.width) + "\nheight_px: " + std::to_string(sequence.height) +
                      "\npatterns:\n";
-  for (const Pattern& p : sequence.patterns) {
-    text += std::string("  - {axis: ") + (p.axis == Axis::columns ? "columns" : "rows") +
-            ", period_px: " + to_text(p.period_px) + ", shift_rad: " + to_text(p.shift_rad) +
-            ", bits: " + std::to_string(p.bits) + "}\n";
-  }
+  for (const Pattern& p : sequence.patterns) text += "  - {" + pattern_entry(p) + "}\n";
+  if (!sequence.inverse_response.empty()) text += "inverse_response: " + list(sequence.inverse_response) + "\n";
   return text;
 }
 

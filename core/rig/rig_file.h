@@ -6,7 +6,7 @@
 #include <filesystem>
 #include <string>
 
-#include "core/patterns/patterns.h"
+#include "core/patterns/design.h"
 #include "core/types/rig_model.h"
 
 namespace fringeslam {
@@ -16,6 +16,9 @@ class YamlMap;
 RigModel read_rig(const std::filesystem::path& file);
 RigModel read_rig(const YamlMap& map);
 std::string to_yaml(const RigModel& rig);
+
+// The `patterns:` section of a scene, and what `fringeslam patterns` reads.
+SequenceDesign read_design(const YamlMap& map, const RigModel& rig);
 
 PatternSequence read_patterns(const std::filesystem::path& file);
 std::string to_yaml(const PatternSequence& sequence);

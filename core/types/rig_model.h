@@ -4,6 +4,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "core/types/pinhole.h"
 #include "core/types/pose.h"
@@ -29,8 +30,17 @@ struct SensorModel {
   }
 };
 
+// What a projector whose light is no linear function of its input does to the phase of N equally spaced steps: offset
+// at equally spaced true phases over one turn, from 0, to be subtracted from the measured phase. Empty: none.
+struct PhaseCorrection {
+  int steps = 0;
+  std::vector<double> offset_rad;
+};
+
 struct RigModel {
   std::string name;
+  // False when lenses and poses are nominal: good to calibrate with, not to measure with.
+  bool calibrated = true;
   Pinhole camera;
   Pinhole projector;
   Pose projector_from_camera;
@@ -40,6 +50,9 @@ struct RigModel {
   // away, with every projector pixel on. Black level: the same with every pixel off, as a fraction.
   double white_electrons_at_1m = 30000.0;
   double projector_black_level = 0.002;
+  // Light, black to white as 0 to 1, at equally spaced input levels from 0 to 1; growing. Empty: linear.
+  std::vector<double> projector_response = {};
+  PhaseCorrection phase_correction = {};
   double near_m = 0.7, far_m = 1.4;  // working range along the camera's z
 };
 

@@ -102,14 +102,48 @@ void set_truth(TruthFrame& truth, int row, int col, const Hit& hit, const Lighti
                                             (lighting.in_shadow ? kTruthInShadow : 0));
 }
 
-// Linear interpolation between projector pixel centres, clamped at the image border.
-float lookup(const std::vector<float>& profile, float coordinate) {
-  if (profile.size() == 1) return profile.front();
-  const float clamped = std::clamp(coordinate, 0.0f, static_cast<float>(profile.size() - 1));
-  const auto index = std::min(static_cast<size_t>(clamped), profile.size() - 2);
-  const float weight = clamped - static_cast<float>(index);
-  return profile[index] + weight * (profile[index + 1] - profile[index]);
-}
+// The light of a pattern at a point of the projector's image: interpolated between pixel centres and clamped at the
+// border; patterns of continuous intensity are exact everywhere.
+class ShownPattern {
+ public:
+  ShownPattern(const Pattern& pattern, const PatternSequence& sequence, const std::vector<double>& response)
+      : pattern_(pattern),
+        sequence_(sequence),
+        response_(response),
+        light_(pattern.bits == 0 ? cv::Mat1f() : pattern_levels(pattern, sequence)) {
+    for (float& level : light_) level = static_cast<float>(table_value(response_, static_cast<double>(level)));
+  }
+
+  float at(float column, float row) const {
+    if (light_.empty()) {
+      const float along = pattern_.axis == Axis::columns ? column : row;
+      const double ideal = ideal_intensity(pattern_, static_cast<double>(along));
+      return static_cast<float>(table_value(response_, table_value(sequence_.inverse_response, ideal)));
+    }
+    const Place x = place(column, light_.cols), y = place(row, light_.rows);
+    const float* above = light_[y.low];
+    const float* below = light_[y.high];
+    const float top = above[x.low] + x.part * (above[x.high] - above[x.low]);
+    const float bottom = below[x.low] + x.part * (below[x.high] - below[x.low]);
+    return top + y.part * (bottom - top);
+  }
+
+ private:
+  struct Place {
+    int low, high;
+    float part;
+  };
+  static Place place(float coordinate, int size) {
+    const float clamped = std::clamp(coordinate, 0.0f, static_cast<float>(size - 1));
+    const int low = static_cast<int>(clamped);
+    return {low, std::min(low + 1, size - 1), clamped - static_cast<float>(low)};
+  }
+
+  const Pattern& pattern_;
+  const PatternSequence& sequence_;
+  const std::vector<double>& response_;
+  cv::Mat1f light_;
+};
 
 }  // namespace
 
@@ -168,10 +202,9 @@ TracedView trace_view(const RayWorld& world, const RigModel& rig, const SampleRa
   return view;
 }
 
-cv::Mat1f shade(const TracedView& view, int samples_per_pixel, const Pattern& pattern, const RigModel& rig,
-                double ambient_electrons) {
-  const bool columns = pattern.axis == Axis::columns;
-  const std::vector<float> profile = intensity_profile(pattern, columns ? rig.projector.width : rig.projector.height);
+cv::Mat1f shade(const TracedView& view, int samples_per_pixel, const Pattern& pattern, const PatternSequence& sequence,
+                const RigModel& rig, double ambient_electrons) {
+  const ShownPattern shown(pattern, sequence, rig.projector_response);
   const auto black = static_cast<float>(rig.projector_black_level);
   const auto white = static_cast<float>(rig.white_electrons_at_1m);
   const auto ambient = static_cast<float>(ambient_electrons);
@@ -182,11 +215,8 @@ cv::Mat1f shade(const TracedView& view, int samples_per_pixel, const Pattern& pa
       float sum = 0;
       for (size_t s = first; s < first + static_cast<size_t>(samples_per_pixel); ++s) {
         const Sample& sample = view.samples[s];
-        const float coordinate = columns ? sample.column : sample.row;
-        const float intensity = pattern.bits == 0
-                                    ? static_cast<float>(ideal_intensity(pattern, static_cast<double>(coordinate)))
-                                    : lookup(profile, coordinate);
-        sum += sample.ambient * ambient + sample.beam * white * (black + (1 - black) * intensity);
+        const float light = shown.at(sample.column, sample.row);
+        sum += sample.ambient * ambient + sample.beam * white * (black + (1 - black) * light);
       }
       electrons(row, col) = sum / static_cast<float>(samples_per_pixel);
     }

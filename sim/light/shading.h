@@ -43,9 +43,9 @@ struct TracedView {
 TracedView trace_view(const RayWorld& world, const RigModel& rig, const SampleRays& rays,
                       const Pose& world_from_camera);
 
-// Expected electrons of every pixel under one pattern: H x W.
-cv::Mat1f shade(const TracedView& view, int samples_per_pixel, const Pattern& pattern, const RigModel& rig,
-                double ambient_electrons);
+// Expected electrons of every pixel under one pattern of a sequence, through the projector's response: H x W.
+cv::Mat1f shade(const TracedView& view, int samples_per_pixel, const Pattern& pattern, const PatternSequence& sequence,
+                const RigModel& rig, double ambient_electrons);
 
 // The camera: electrons -> grey values. With noise: shot and dark noise as one normal deviate of
 // variance n + sigma_d^2 at the address (seed, stack, image, pixel). Quantised: CV_8U or CV_16U by the

@@ -126,11 +126,20 @@ std::vector<Object> read_objects(const YamlMap& scene, const Materials& material
 }
 
 PatternSequence read_scene_patterns(const YamlMap& map, const RigModel& rig) {
-  const std::vector<double> periods = map.numbers("periods_px", 0, {2, 1e5});
-  const int steps = map.integer("steps", {3, 64});
-  const Axis axis = map.has("axis") && map.choice("axis", {"columns", "rows"}) == "rows" ? Axis::rows : Axis::columns;
-  return phase_shift_sequence(rig.projector.width, rig.projector.height, periods, steps, axis,
-                              map.integer_or("bits", 8, {0, 16}));
+  PatternSequence sequence;
+  try {
+    sequence = design_sequence(read_design(map, rig));
+  } catch (const Error& e) {
+    throw map.error(e.what());
+  }
+  // What the rig's response bends is bent back beforehand.
+  if (map.boolean_or("linearised", false)) {
+    if (rig.projector_response.empty())
+      throw map.error("linearised",
+                      "the rig file has no projector.response to invert; run fringeslam calibrate response");
+    sequence.inverse_response = inverse_table(rig.projector_response, 1025);
+  }
+  return sequence;
 }
 
 // Robot poses: a start, then the papers' six numbers for each motion, `previous_from_current`.

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/patterns/patterns.h"
-
 #include <gmock/gmock.h>
 
+#include <map>
 #include <numbers>
 #include <numeric>
 
+#include "core/patterns/design.h"
 #include "tests/support/matchers.h"
 
 namespace fringeslam {
@@ -17,6 +17,12 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 
 constexpr double kPi = std::numbers::pi;
+
+// The levels along a pattern's axis, of a projector as long as asked for.
+std::vector<float> profile(const Pattern& pattern, int length) {
+  const cv::Mat1f levels = pattern_levels(pattern, {length, length, {}});
+  return {levels.begin(), levels.end()};
+}
 
 std::vector<double> shifts_of(const PatternSequence& sequence) {
   std::vector<double> shifts;
@@ -68,19 +74,18 @@ TEST(Patterns, ContinuousProfileIsTheSinusoid) {
   // Period 4: phases 45, 135, 225, 315 degrees at the pixel centres.
   const float high = static_cast<float>(0.5 + 0.5 * std::sqrt(0.5)), low = 1 - high;
   const auto near = [](float x) { return testing::FloatNear(x, 1e-7F); };
-  EXPECT_THAT(intensity_profile({Axis::columns, 4, 0, 0}, 5),
+  EXPECT_THAT(profile({Axis::columns, 4, 0, 0}, 5),
               ElementsAre(near(high), near(low), near(low), near(high), near(high)));
-  EXPECT_THAT(intensity_profile({Axis::columns, 4, kPi / 2, 0}, 4),
-              ElementsAre(near(low), near(low), near(high), near(high)));
+  EXPECT_THAT(profile({Axis::columns, 4, kPi / 2, 0}, 4), ElementsAre(near(low), near(low), near(high), near(high)));
   EXPECT_NEAR(ideal_intensity({Axis::columns, 64, kPi / 2, 0}, 15.5), 0, 1e-15);  // phase pi/2 + shift pi/2
 }
 
 TEST(Patterns, QuantisedProfileHasTheLevelsOfItsBits) {
-  EXPECT_THAT(intensity_profile({Axis::columns, 4, 0, 1}, 4), ElementsAre(1, 0, 0, 1));
+  EXPECT_THAT(profile({Axis::columns, 4, 0, 1}, 4), ElementsAre(1, 0, 0, 1));
   for (const int bits : {1, 2, 4, 8, 10}) {
     const double levels = (1 << bits) - 1;
-    const auto exact = intensity_profile({Axis::columns, 37, 0.4, 0}, 500);
-    const auto quantised = intensity_profile({Axis::columns, 37, 0.4, bits}, 500);
+    const auto exact = profile({Axis::columns, 37, 0.4, 0}, 500);
+    const auto quantised = profile({Axis::columns, 37, 0.4, bits}, 500);
     for (size_t i = 0; i < exact.size(); ++i) {
       EXPECT_NEAR(quantised[i], exact[i], 0.5 / levels + 1e-6);
       EXPECT_NEAR(quantised[i] * levels, std::round(quantised[i] * levels), 1e-3);
@@ -89,8 +94,8 @@ TEST(Patterns, QuantisedProfileHasTheLevelsOfItsBits) {
 }
 
 TEST(Patterns, ImageVariesAlongItsAxisOnly) {
-  const cv::Mat1b columns = pattern_image({Axis::columns, 4, 0, 1}, 8, 6);
-  const cv::Mat1b rows = pattern_image({Axis::rows, 4, 0, 1}, 6, 8);
+  const cv::Mat1b columns = pattern_image({Axis::columns, 4, 0, 1}, {8, 6, {}});
+  const cv::Mat1b rows = pattern_image({Axis::rows, 4, 0, 1}, {6, 8, {}});
   ASSERT_EQ(columns.size(), cv::Size(8, 6));
   for (int i = 0; i < 8; ++i) {
     const uchar expected = i % 4 == 0 || i % 4 == 3 ? 255 : 0;
@@ -99,6 +104,116 @@ TEST(Patterns, ImageVariesAlongItsAxisOnly) {
       EXPECT_EQ(rows(i, j), expected);
     }
   }
+}
+
+Pattern gray(double cell_px, bool inverted = false) {
+  Pattern pattern{Axis::columns, cell_px, 0, 1, Coding::gray};
+  pattern.inverted = inverted;
+  return pattern;
+}
+
+TEST(GrayCode, BitOfACellWidthIsTheReflectedCodesBit) {
+  for (int u = 0; u < 256; ++u) {
+    for (int bit = 0; bit < 5; ++bit) {
+      const int cell = u / 8, code = cell ^ (cell >> 1);
+      EXPECT_EQ(ideal_intensity(gray(8 << bit), u), (code >> bit) & 1) << u << ", bit " << bit;
+      EXPECT_EQ(ideal_intensity(gray(8 << bit, true), u), 1 - ((code >> bit) & 1));
+    }
+  }
+}
+
+TEST(GrayCode, PatternsTellAllCellsApartAndNeighboursDifferInOneBit) {
+  for (const double cell : {16.5, 30.0, 7.3}) {
+    const auto patterns = gray_patterns(Axis::columns, cell, 1024, 1);
+    std::map<std::vector<double>, int> cells;
+    std::vector<double> last;
+    for (int u = 0; u < 1024; ++u) {
+      std::vector<double> code;
+      for (const Pattern& pattern : patterns) code.push_back(ideal_intensity(pattern, u));
+      const auto [entry, fresh] = cells.insert({code, gray_cell(u, cell)});
+      EXPECT_EQ(entry->second, gray_cell(u, cell)) << "one code for two cells";
+      int changes = 0;
+      for (size_t i = 0; i < last.size(); ++i) changes += last[i] != code[i];
+      EXPECT_EQ(changes, fresh && u > 0 ? 1 : 0);
+      last = code;
+    }
+    EXPECT_EQ(cells.size(), static_cast<size_t>(gray_cell(1023, cell) + 1));
+  }
+}
+
+TEST(GrayCode, BitsAreFoundCoarsestFirstWithTheirInverses) {
+  const PatternSequence sequence{64, 64, {gray(8), gray(16, true), gray(16), {Axis::columns, 8, 0, 8}, gray(32)}};
+  const auto bits = gray_bits(sequence, Axis::columns);
+  ASSERT_EQ(bits.size(), 3U);
+  EXPECT_EQ(bits[0].cell_px, 32);
+  EXPECT_EQ(bits[0].image, 4);
+  EXPECT_EQ(bits[0].inverted_image, -1);
+  EXPECT_EQ(bits[1].image, 2);
+  EXPECT_EQ(bits[1].inverted_image, 1);
+  EXPECT_TRUE(gray_bits(sequence, Axis::rows).empty());
+  EXPECT_EQ(fringe_groups({64, 64, {gray(8), gray(16)}}, Axis::columns).size(), 0U) << "Gray bits are no fringes";
+}
+
+TEST(Design, SequenceHasWhatWasAskedFor) {
+  SequenceDesign design{1024, 768, true, true, {1040, 64}, 4, GrayCode::complementary, true, true};
+  const PatternSequence sequence = design_sequence(design);
+  // 64 px periods: 16 columns and 12 rows, so 4 bits each, and one more of half periods; each also inverted.
+  EXPECT_EQ(sequence.patterns.size(), 2 * (2 * 4 + 2 * 5) + 2U);
+  for (const Axis axis : {Axis::columns, Axis::rows}) {
+    EXPECT_EQ(fringe_groups(sequence, axis).size(), 2U);
+    ASSERT_EQ(gray_bits(sequence, axis).size(), 5U);
+    EXPECT_EQ(gray_bits(sequence, axis).back().cell_px, 32);
+    EXPECT_GE(gray_bits(sequence, axis).back().inverted_image, 0);
+  }
+  EXPECT_EQ(sequence.patterns.end()[-2].level, 1);
+  EXPECT_EQ(sequence.patterns.back().level, 0);
+}
+
+TEST(Design, EmptyOrUnnumberedIsAnError) {
+  EXPECT_THAT(error_of([] { design_sequence({1024, 768}); }), HasSubstr("the sequence is empty"));
+  EXPECT_THAT(error_of([] {
+                design_sequence({1024, 768, true, false, {}, 3, GrayCode::plain});
+              }),
+              HasSubstr("a Gray code numbers fringe periods"));
+}
+
+TEST(Dithering, KeepsTheMeanAndUsesOnlyItsLevels) {
+  Pattern pattern{Axis::columns, 64, 0.3, 1};
+  pattern.dithered = true;
+  const cv::Mat1f shown = pattern_levels(pattern, {256, 128, {}});
+  ASSERT_EQ(shown.size(), cv::Size(256, 128));
+  for (const float level : shown) EXPECT_TRUE(level == 0 || level == 1);
+  // Blurred over a few pixels, as a lens out of focus does, it is the sinusoid.
+  double worst = 0;
+  for (int col = 8; col < 248; ++col) {
+    double sum = 0, ideal = 0;
+    for (int c = col - 4; c < col + 4; ++c) {
+      ideal += ideal_intensity(pattern, c) / 8;
+      for (int row = 0; row < 128; ++row) sum += static_cast<double>(shown(row, c)) / (8 * 128);
+    }
+    worst = std::max(worst, std::abs(sum - ideal));
+  }
+  EXPECT_LT(worst, 0.01);
+}
+
+TEST(Packing, ChannelsAreTheImagesInTheOrderGiven) {
+  std::vector<cv::Mat1b> images;
+  for (int i = 0; i < 3; ++i) images.emplace_back(2, 3, static_cast<uchar>(10 * (i + 1)));
+  EXPECT_EQ(packed_image(images, "RGB")(0, 0), cv::Vec3b(30, 20, 10));  // OpenCV keeps blue, green, red
+  EXPECT_EQ(packed_image(images, "GBR")(1, 2), cv::Vec3b(20, 10, 30));
+  EXPECT_THAT(error_of([&] { packed_image(images, "RRB"); }), HasSubstr("must name each of R, G and B once"));
+}
+
+TEST(InverseResponse, PatternThroughTheProjectorIsTheSinusoid) {
+  std::vector<double> gamma;
+  for (int i = 0; i <= 512; ++i) gamma.push_back(std::pow(i / 512.0, 2.2));
+  PatternSequence sequence{64, 64, {}, inverse_table(gamma, 1025)};
+  for (double level = 0; level <= 1; level += 0.01)
+    EXPECT_NEAR(table_value(gamma, table_value(sequence.inverse_response, level)), level, 2e-3);
+  const Pattern pattern{Axis::columns, 32, 0.2, 0};
+  const cv::Mat1f shown = pattern_levels(pattern, sequence);
+  for (int u = 0; u < 64; ++u)
+    EXPECT_NEAR(std::pow(static_cast<double>(shown(u)), 2.2), ideal_intensity(pattern, u), 3e-3);
 }
 
 TEST(FringeGroups, SortCoarsestFirstAndKeepToTheirAxis) {

@@ -25,7 +25,8 @@ TracedView traced(const Scene& scene, int samples) {
 }
 
 cv::Mat1f electrons(const Scene& scene, const Pattern& pattern, int samples = 1, double ambient = 0) {
-  return shade(traced(scene, samples), samples, pattern, scene.rig, ambient);
+  return shade(traced(scene, samples), samples, pattern, {scene.rig.projector.width, scene.rig.projector.height, {}},
+               scene.rig, ambient);
 }
 
 float centre(const cv::Mat1f& image) { return image(kCentreRow, kCentreCol); }
@@ -86,7 +87,7 @@ TEST(Shading, OutOfTheBeamOnlyAmbientLightIsLeft) {
   rig.projector_black_level = 0.1;
   const Scene scene = board(1, 0, rig);
   const TracedView view = traced(scene, 1);
-  const cv::Mat1f image = shade(view, 1, constant_pattern(1), rig, 700);
+  const cv::Mat1f image = shade(view, 1, constant_pattern(1), {}, rig, 700);
   for (int col = 0; col < image.cols; ++col) {
     const bool lit = std::abs(col - kCentreCol) <= 16;
     EXPECT_EQ((static_cast<int>(view.truth.mask(kCentreRow, col)) & kTruthInBeam) != 0, lit) << col;
@@ -102,7 +103,7 @@ TEST(Shading, OutOfTheBeamOnlyAmbientLightIsLeft) {
 
 TEST(Shading, SeesNothingWhereThereIsNothing) {
   const TracedView view = traced(world_of({}, coaxial_rig()), 4);
-  const cv::Mat1f image = shade(view, 4, constant_pattern(1), coaxial_rig(), 700);
+  const cv::Mat1f image = shade(view, 4, constant_pattern(1), {}, coaxial_rig(), 700);
   EXPECT_EQ(cv::countNonZero(image), 0);
   EXPECT_EQ(cv::countNonZero(view.truth.mask), 0);
   EXPECT_EQ(cv::countNonZero(view.truth.object_id), 0);
@@ -115,7 +116,7 @@ TEST(Shading, ASurfaceThatFacesAwayFromTheLightIsInShadow) {
   rig.projector_from_camera = pose_from({{0, 0, 3000}, {0, 180, 0}});
   const TracedView view = traced(board(1, 0, rig), 1);
   EXPECT_EQ(static_cast<int>(view.truth.mask(kCentreRow, kCentreCol)), kTruthSurface | kTruthInBeam | kTruthInShadow);
-  EXPECT_EQ(centre(shade(view, 1, constant_pattern(1), rig, 0)), 0);
+  EXPECT_EQ(centre(shade(view, 1, constant_pattern(1), {}, rig, 0)), 0);
 }
 
 TEST(Shading, ShowsTheFringesWhereTheProjectorPutsThem) {

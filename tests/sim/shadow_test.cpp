@@ -84,7 +84,7 @@ TEST_F(BoxShadow, TopOfTheBoxIsLitAndItsDepthIsRight) {
 }
 
 TEST_F(BoxShadow, HoldsAmbientLightOnly) {
-  const cv::Mat1f image = shade(view_, 1, constant_pattern(1), rig(), 100);
+  const cv::Mat1f image = shade(view_, 1, constant_pattern(1), {}, rig(), 100);
   for (int col = 0; col < 401; ++col) {
     if (in_shadow(150, col)) {
       ASSERT_FLOAT_EQ(image(150, col), 0.5f * 100) << col;

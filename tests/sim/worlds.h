@@ -41,6 +41,12 @@ inline Scene world_of(std::vector<Object> objects, const RigModel& rig) {
 }
 
 // A pattern that shows one intensity everywhere: its period is far longer than the projector is wide.
-inline Pattern constant_pattern(double intensity) { return {Axis::columns, 1e15, std::acos(2 * intensity - 1), 0}; }
+inline Pattern constant_pattern(double intensity) {
+  Pattern pattern;
+  pattern.coding = Coding::flat;
+  pattern.level = intensity;
+  pattern.bits = 0;
+  return pattern;
+}
 
 }  // namespace fringeslam::sim
