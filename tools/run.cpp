@@ -40,7 +40,9 @@ int run(const Arguments& arguments, const Common& common) {
                                        [](const std::string& set) { return set.rfind("render.", 0) == 0; });
   const auto source = open_source(arguments.source, arguments.seed, settings, uses_render);
   try {
-    check_decodable(source->sequence());
+    if (!source->model().calibrated)
+      throw Error("its rig is not calibrated, so there is no depth; run fringeslam calibrate rig");
+    resolve_unwrapping(source->sequence(), source->model(), settings.pipeline.decode);
   } catch (const Error& e) {
     throw Error(arguments.source + ": " + e.what());
   }

@@ -22,6 +22,7 @@ class SceneSource : public Source {
   int stacks() const override { return static_cast<int>(scene_.trajectory.size()); }
   bool has_truth() const override { return true; }
   const PatternSequence& sequence() const override { return scene_.patterns; }
+  const RigModel& model() const override { return scene_.rig; }
 
   std::unique_ptr<Rig> open(const fs::path& folder) override {
     const fs::path truth = folder / "truth";
@@ -42,6 +43,7 @@ class DatasetSource : public Source {
   explicit DatasetSource(const fs::path& folder) : folder_(folder), rig_(std::make_unique<ReplayRig>(folder)) {
     info_ = rig_->info();
     sequence_ = rig_->sequence();
+    model_ = rig_->model();
     if (!info_.has_truth) return;
     require_truth("truth.tum");
     for (int index = 0; index < info_.stacks; ++index) require_truth(stack_name(index) + ".exr");
@@ -51,6 +53,7 @@ class DatasetSource : public Source {
   int stacks() const override { return info_.stacks; }
   bool has_truth() const override { return info_.has_truth; }
   const PatternSequence& sequence() const override { return sequence_; }
+  const RigModel& model() const override { return model_; }
 
   std::unique_ptr<Rig> open(const fs::path& folder) override {
     if (info_.has_truth) fs::copy(folder_ / "truth", folder / "truth", fs::copy_options::recursive);
@@ -68,6 +71,7 @@ class DatasetSource : public Source {
   std::unique_ptr<ReplayRig> rig_;
   DatasetInfo info_;
   PatternSequence sequence_;
+  RigModel model_;
 };
 
 }  // namespace

@@ -86,7 +86,7 @@ std::vector<Row> depth_numerics_rows(const Context& context) {
     TruthFrame truth;
     sim::VirtualRig rig(scene, {1, false, false}, [&](const TruthFrame& frame) { truth = frame; });
     const auto stack = rig.capture(scene.patterns);
-    const DecodedStack decoded = decode(*stack, scene.patterns, scene.rig.sensor, {});
+    const DecodedStack decoded = decode(*stack, scene.patterns, scene.rig, {});
     const Frame frame = reconstruct(decoded, scene.rig, pixel_rays(scene.rig.camera), {});
     cv::Mat1f depth;
     cv::extractChannel(frame.points_m, depth, 2);

@@ -3,10 +3,15 @@
 
 #include <Eigen/Core>
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <optional>
 
+#include "core/decode/gray.h"
+#include "core/decode/ladder.h"
+#include "core/decode/spatial.h"
 #include "core/types/error.h"
 #include "core/types/parallel.h"
 
@@ -15,73 +20,181 @@ namespace fringeslam {
 namespace {
 
 constexpr double kTwoPi = 2 * std::numbers::pi;
-// What the projector's grey levels add to the difference of two periods' phases, rad: 8 bits and a ratio of 8.
-constexpr double kPatternResidual = 0.03;
-constexpr double kWrapSigmas = 4.5;
-constexpr double kBorderPx = 0.5;  // how far noise may carry a coordinate past the projector's border
+constexpr size_t kMaxGroups = 16;
+constexpr double kGrayEdgePx = 1;  // how far the blur of an edge between Gray cells reaches into them
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
-// Least-squares estimator of one period: rows give (I', I'' cos phi, -I'' sin phi) from the samples.
-struct StepEstimator {
-  FringeGroup group;
-  Eigen::Matrix3Xd weights;
+int length_of(const PatternSequence& sequence, Axis axis) {
+  return axis == Axis::columns ? sequence.width : sequence.height;
+}
 
-  explicit StepEstimator(FringeGroup g) : group(std::move(g)) {
-    const auto steps = static_cast<Eigen::Index>(group.images.size());
-    Eigen::MatrixX3d basis(steps, 3);
-    for (Eigen::Index k = 0; k < steps; ++k) {
-      const double shift = group.shifts_rad[static_cast<size_t>(k)];
-      basis.row(k) << 1, std::cos(shift), std::sin(shift);
+std::string name_of(Axis axis) { return axis == Axis::columns ? "columns" : "rows"; }
+
+// Whether shifts are k 2 pi / N for k = 0 ... N - 1 in some order, up to a common one.
+bool equally_spaced(const std::vector<double>& shifts_rad) {
+  const auto count = static_cast<double>(shifts_rad.size());
+  std::vector<bool> seen(shifts_rad.size(), false);
+  for (const double shift : shifts_rad) {
+    const double place = (shift - shifts_rad.front()) * count / kTwoPi;
+    if (std::abs(place - std::round(place)) > 1e-3) return false;
+    const auto index = static_cast<long>(std::lround(place)) % static_cast<long>(shifts_rad.size());
+    seen[static_cast<size_t>(index < 0 ? index + static_cast<long>(shifts_rad.size()) : index)] = true;
+  }
+  return std::find(seen.begin(), seen.end(), false) == seen.end();
+}
+
+// Every n-th image of a group, so that `steps` equally spaced shifts remain.
+FringeGroup thinned(const FringeGroup& group, int steps) {
+  const size_t all = group.images.size(), wanted = static_cast<size_t>(steps);
+  if (steps == 0 || wanted == all) return group;
+  FringeGroup result{group.axis, group.period_px, {}, {}};
+  for (size_t k = 0; k < wanted; ++k) {
+    const double target = group.shifts_rad.front() + kTwoPi * static_cast<double>(k) / steps;
+    for (size_t i = 0; i < all; ++i) {
+      if (std::abs(std::remainder(group.shifts_rad[i] - target, kTwoPi)) > 1e-6) continue;
+      result.images.push_back(group.images[i]);
+      result.shifts_rad.push_back(group.shifts_rad[i]);
+      break;
     }
-    weights = (basis.transpose() * basis).inverse() * basis.transpose();
   }
-};
-
-struct PhaseSample {
-  double mean = 0, modulation = 0, phase = 0, sigma = 0;
-  bool clipped = false;
-};
-
-// Wrapped phase of one pixel and its sigma: phi = atan2(s, c) of the linear estimates s and c, so
-// d phi = (c ds - s dc) / I''^2 is again linear in the samples.
-PhaseSample estimate(const StepEstimator& estimator, const double* samples, const SensorModel& sensor,
-                     double clip_level) {
-  const Eigen::Index steps = estimator.weights.cols();
-  double mean = 0, c = 0, s = 0;
-  PhaseSample result;
-  for (Eigen::Index k = 0; k < steps; ++k) {
-    mean += estimator.weights(0, k) * samples[k];
-    c += estimator.weights(1, k) * samples[k];
-    s -= estimator.weights(2, k) * samples[k];
-    result.clipped |= samples[k] >= clip_level;
-  }
-  const double power = c * c + s * s;
-  double variance = 0;
-  for (Eigen::Index k = 0; k < steps; ++k) {
-    const double slope = (-c * estimator.weights(2, k) - s * estimator.weights(1, k)) / power;
-    variance += slope * slope * sensor.variance_dn2(samples[k]);
-  }
-  result.mean = mean;
-  result.modulation = std::sqrt(power);
-  result.phase = std::atan2(s, c);
-  result.sigma = std::sqrt(variance);
+  if (steps < 3 || result.images.size() != wanted)
+    throw Error("decode.steps is " + std::to_string(steps) + " but the " + std::to_string(all) + " shifts of period " +
+                to_text(group.period_px) + " px hold no " + std::to_string(steps) +
+                " equally spaced ones; use a divisor of their number, 3 or more");
   return result;
 }
 
-struct RowReader {
-  const FringeStack& stack;
-  double operator()(int image, int row, int col) const {
-    const cv::Mat& m = stack.images[static_cast<size_t>(image)];
-    switch (m.depth()) {
-      case CV_8U:
-        return m.at<uchar>(row, col);
-      case CV_16U:
-        return m.at<ushort>(row, col);
-      default:
-        return static_cast<double>(m.at<float>(row, col));
+StepEstimator least_squares(const FringeGroup& group) {
+  const auto steps = static_cast<Eigen::Index>(group.images.size());
+  Eigen::MatrixX3d basis(steps, 3);
+  for (Eigen::Index k = 0; k < steps; ++k) {
+    const double shift = group.shifts_rad[static_cast<size_t>(k)];
+    basis.row(k) << 1, std::cos(shift), std::sin(shift);
+  }
+  const Eigen::Matrix3Xd weights = (basis.transpose() * basis).inverse() * basis.transpose();
+  StepEstimator estimator;
+  estimator.images = group.images;
+  for (Eigen::Index k = 0; k < steps; ++k) {
+    estimator.mean.push_back(static_cast<float>(weights(0, k)));
+    estimator.cosine.push_back(static_cast<float>(weights(1, k)));
+    estimator.sine.push_back(static_cast<float>(-weights(2, k)));
+  }
+  return estimator;
+}
+
+// The rig's correction as a table over the measured phase. What N steps measure too much depends on phi + delta_0, so
+// a table of centred steps is shifted to others.
+std::vector<float> correction_of(const FringeGroup& group, const PhaseCorrection& correction) {
+  const auto steps = static_cast<double>(group.images.size());
+  if (correction.offset_rad.empty() || correction.steps != static_cast<int>(group.images.size()) ||
+      !equally_spaced(group.shifts_rad))
+    return {};
+  const double first = *std::min_element(group.shifts_rad.begin(), group.shifts_rad.end());
+  const double shift_turns = first / kTwoPi + 0.5 * (steps - 1) / steps;
+  std::vector<double> closed = correction.offset_rad;
+  closed.push_back(closed.front());
+  const auto offset_turns = [&](double turns) {
+    const double at = turns + shift_turns;
+    return table_value(closed, at - std::floor(at)) / kTwoPi;
+  };
+  constexpr int kEntries = 1024;
+  std::vector<float> table;
+  for (int i = 0; i < kEntries; ++i) {
+    const double measured = static_cast<double>(i) / kEntries;
+    double truth = measured;
+    for (int iteration = 0; iteration < 8; ++iteration) truth = measured - offset_turns(truth);
+    table.push_back(static_cast<float>(measured - truth));
+  }
+  return table;
+}
+
+std::vector<FringeGroup> used_groups(const PatternSequence& sequence, Axis axis, const DecodeOptions& options) {
+  std::vector<FringeGroup> groups;
+  for (const FringeGroup& group : fringe_groups(sequence, axis)) groups.push_back(thinned(group, options.steps));
+  if (groups.size() > kMaxGroups)
+    throw Error("patterns: more than " + std::to_string(kMaxGroups) + " fringe periods in one axis");
+  return groups;
+}
+
+// Whether the working range spans less than a period for most rays, so that `geometric` can tell.
+void check_geometric(const RigModel& rig, double period_px, Axis axis) {
+  constexpr int kGrid = 12;
+  Pinhole coarse = rig.camera;
+  coarse.width = coarse.height = kGrid;
+  PixelRays rays(kGrid, kGrid);
+  for (int row = 0; row < kGrid; ++row) {
+    for (int col = 0; col < kGrid; ++col) {
+      const Eigen::Vector2d ray = rig.camera.undistort(
+          {(col + 0.5) * rig.camera.width / kGrid - 0.5, (row + 0.5) * rig.camera.height / kGrid - 0.5});
+      rays(row, col) = {static_cast<float>(ray.x()), static_cast<float>(ray.y())};
     }
   }
-};
+  const ExpectedCoordinate bounds = coordinate_bounds(rig, rays, axis);
+  int in_beam = 0, served = 0;
+  double widest = 0;
+  for (int row = 0; row < kGrid; ++row) {
+    for (int col = 0; col < kGrid; ++col) {
+      if (std::isnan(bounds.coordinate_px(row, col))) continue;
+      const double width = 2.0 * static_cast<double>(bounds.half_width_px(row, col));
+      ++in_beam;
+      served += width < period_px;
+      widest = std::max(widest, width);
+    }
+  }
+  if (2 * served < in_beam || in_beam == 0)
+    throw Error("the range " + to_text(rig.near_m) + " to " + to_text(rig.far_m) + " m spans up to " +
+                std::to_string(std::lround(widest)) + " px of the projector, more than a period of " +
+                to_text(period_px) + " px; use a longer period or a narrower range");
+}
+
+// Says why a method cannot be used, or nothing.
+std::optional<std::string> obstacle(const std::string& method, const PatternSequence& sequence, const RigModel& rig,
+                                    const DecodeOptions& options, const DecodeContext& context) {
+  try {
+    const std::vector<FringeGroup> groups = used_groups(sequence, context.axis, options);
+    const int length = length_of(sequence, context.axis);
+    if (method == "gray") {
+      const StepEstimator any = groups.empty() ? StepEstimator{} : least_squares(groups.back());
+      const GrayDecoder decoder(sequence, context.axis, groups.empty() ? nullptr : &any);
+      if (!groups.empty() && decoder.cell_px() > groups.back().period_px * (1 + 1e-9))
+        throw Error("the Gray code's cells of " + to_text(decoder.cell_px()) +
+                    " px are wider than the finest period, " + to_text(groups.back().period_px) +
+                    " px; add finer bits");
+      return std::nullopt;
+    }
+    if (groups.empty()) throw Error("the sequence has no fringes along " + name_of(context.axis));
+    if (method == "multifrequency") multifrequency_ladder(groups, length);
+    if (method == "heterodyne") {
+      if (groups.size() < 2) throw Error("a beat needs two fringe periods; the sequence has one");
+      heterodyne_ladder(groups, length);
+    }
+    if (method == "geometric") check_geometric(rig, groups.back().period_px, context.axis);
+    if (method == "predicted" && !context.expected)
+      throw Error("no coordinate is expected: there is no map to predict from");
+  } catch (const Error& e) {
+    return e.what();
+  }
+  return std::nullopt;
+}
+
+// The first method that the sequence serves; empty when none does.
+std::string first_possible(const PatternSequence& sequence, const RigModel& rig, const DecodeOptions& options,
+                           const DecodeContext& context) {
+  for (const char* method : {"multifrequency", "gray", "heterodyne", "predicted", "geometric"}) {
+    if (!obstacle(method, sequence, rig, options, context)) return method;
+  }
+  return {};
+}
+
+std::string spatial_reference(const PatternSequence& sequence, const RigModel& rig, const DecodeOptions& options,
+                              const DecodeContext& context) {
+  const std::string& wanted = options.spatial_reference;
+  if (wanted == "none") return {};
+  if (wanted == "auto") return first_possible(sequence, rig, options, context);
+  if (const auto reason = obstacle(wanted, sequence, rig, options, context))
+    throw Error("decode.spatial_reference=" + wanted + ": " + *reason);
+  return wanted;
+}
 
 void check_stack(const FringeStack& stack, const PatternSequence& sequence) {
   if (stack.images.size() != sequence.patterns.size())
@@ -95,96 +208,235 @@ void check_stack(const FringeStack& stack, const PatternSequence& sequence) {
   }
 }
 
-// Coarsest period first.
-std::vector<StepEstimator> make_estimators(const PatternSequence& sequence, Axis axis) {
-  std::vector<StepEstimator> estimators;
-  for (FringeGroup& group : fringe_groups(sequence, axis)) estimators.emplace_back(std::move(group));
-  const int length = axis == Axis::columns ? sequence.width : sequence.height;
-  if (estimators.empty() || estimators.front().group.period_px < length)
-    throw Error("patterns: no " + std::string(axis == Axis::columns ? "column" : "row") +
-                " fringe period covers the projector's " + std::to_string(length) +
-                " px; absolute phase needs one that does");
-  return estimators;
+RowPlan make_plan(const std::vector<FringeGroup>& groups, int length_px, const RigModel& rig,
+                  const DecodeOptions& options) {
+  RowPlan plan;
+  for (const FringeGroup& group : groups) {
+    plan.groups.push_back(least_squares(group));
+    plan.groups.back().correction_turns = correction_of(group, rig.phase_correction);
+  }
+  plan.period_px = groups.empty() ? 0 : groups.back().period_px;
+  plan.length_px = length_px;
+  const SensorModel& sensor = rig.sensor;
+  plan.noise_constant = static_cast<float>(sensor.variance_dn2(sensor.offset_dn));
+  plan.noise_per_dn = static_cast<float>(sensor.gain_dn_per_electron);
+  plan.offset_dn = static_cast<float>(sensor.offset_dn);
+  plan.clip_dn = static_cast<float>(options.saturation * sensor.max_dn());
+  plan.min_modulation_dn = static_cast<float>(options.min_modulation_dn);
+  plan.min_data_modulation = static_cast<float>(options.min_data_modulation);
+  plan.max_sigma_turns = static_cast<float>(options.max_phase_sigma_rad / kTwoPi);
+  plan.max_order_failure = static_cast<float>(options.max_order_failure);
+  plan.max_residual_sigma = static_cast<float>(options.max_order_residual_sigma);
+  return plan;
+}
+
+// Rows of a stack's images as floats.
+class RowReader {
+ public:
+  RowReader(const FringeStack& stack, RowScratch& scratch) : stack_(stack), scratch_(scratch) {
+    scratch_.samples.resize(stack.images.size());
+    if (stack.images.front().depth() != CV_32F)
+      converted_.resize(stack.images.size() * static_cast<size_t>(stack.images.front().cols));
+  }
+
+  void read(int row) {
+    const auto width = static_cast<size_t>(stack_.images.front().cols);
+    for (size_t i = 0; i < stack_.images.size(); ++i) {
+      const cv::Mat& image = stack_.images[i];
+      if (image.depth() == CV_32F) {
+        scratch_.samples[i] = image.ptr<float>(row);
+        continue;
+      }
+      float* target = converted_.data() + i * width;
+      if (image.depth() == CV_8U)
+        std::copy_n(image.ptr<uchar>(row), width, target);
+      else
+        std::copy_n(image.ptr<ushort>(row), width, target);
+      scratch_.samples[i] = target;
+    }
+  }
+
+ private:
+  const FringeStack& stack_;
+  RowScratch& scratch_;
+  std::vector<float> converted_;
+};
+
+void expect_row(const ExpectedCoordinate& expected, int row, double period_px, RowAnchor& anchor) {
+  const auto per_turn = static_cast<float>(1 / period_px);
+  const float *coordinate = expected.coordinate_px[row], *half_width = expected.half_width_px[row],
+              *sigma = expected.sigma_px[row];
+  for (size_t i = 0; i < anchor.turns.size(); ++i) {
+    anchor.turns[i] = (coordinate[i] + 0.5f) * per_turn;
+    anchor.half_width[i] = half_width[i] * per_turn;
+    anchor.sigma[i] = sigma[i] * per_turn;
+    anchor.failure[i] = 0;
+  }
+}
+
+// On the edge between two cells noise decides for either; that does no harm to cells of half a period.
+void gray_row(const GrayDecoder& gray, const RowPlan& plan, const DecodeOptions& options, const float* const* samples,
+              RowAnchor& anchor) {
+  const double cell = gray.cell_px(), period = plan.period_px;
+  const bool neighbours_matter = cell > 0.51 * period;
+  for (size_t i = 0; i < anchor.turns.size(); ++i) {
+    const GrayDecoder::Reading reading = gray.read(plan, samples, static_cast<int>(i));
+    const double failure = reading.far + (neighbours_matter ? reading.neighbour : 0);
+    const bool dim = static_cast<double>(reading.contrast_dn) < 0.25 * options.min_modulation_dn;
+    anchor.turns[i] = dim ? kNaN : static_cast<float>((reading.cell + 0.5) * cell / period);
+    anchor.half_width[i] = static_cast<float>((0.5 * cell + kGrayEdgePx) / period);
+    anchor.sigma[i] = 0;
+    anchor.failure[i] = static_cast<float>(failure);
+  }
+}
+
+// No fringes: the coordinate is that of the cell's middle, evenly distributed over the cell.
+void gray_alone_row(const GrayDecoder& gray, const RowPlan& plan, const DecodeOptions& options,
+                    const float* const* samples, int images, int width, const RowOutput& out) {
+  const double cell = gray.cell_px();
+  for (int i = 0; i < width; ++i) {
+    const GrayDecoder::Reading reading = gray.read(plan, samples, i);
+    float sum = 0, largest = 0;
+    for (int k = 0; k < images; ++k) {
+      sum += samples[k][i];
+      largest = std::max(largest, samples[k][i]);
+    }
+    out.mean[i] = sum / static_cast<float>(images);
+    out.modulation[i] = reading.contrast_dn;
+    const double coordinate = (reading.cell + 0.5) * cell - 0.5;
+    const bool valid = static_cast<double>(reading.contrast_dn) >= options.min_modulation_dn &&
+                       largest < plan.clip_dn && reading.far <= options.max_order_failure &&
+                       coordinate < plan.length_px - 0.5;
+    out.wrapped_phase[i] = kNaN;
+    out.order[i] = valid ? reading.cell : -1;
+    out.coordinate[i] = valid ? static_cast<float>(coordinate) : kNaN;
+    out.sigma[i] = valid ? static_cast<float>(cell / std::sqrt(12.0)) : kNaN;
+    out.confidence[i] = valid ? static_cast<float>(1 - reading.far) : kNaN;
+  }
+}
+
+// Orders of components by vote. A pixel whose own order disagrees with its component's has none: one of the two is
+// wrong.
+void take_spatial_orders(DecodedStack& out, const DecodeOptions& options, double length_px) {
+  const SpatialOrders spatial = options.spatial_order == "quality"
+                                    ? unwrap_by_quality(out.wrapped_phase, out.sigma_px, options.max_spatial_step_rad)
+                                    : unwrap_by_reliability(out.wrapped_phase, options.max_spatial_step_rad);
+  const std::vector<ComponentOrder> components = vote(spatial, out.fringe_order, options.min_vote);
+  out.component = spatial.component;
+  out.components.clear();
+  for (const ComponentOrder& component : components) out.components.push_back(component.summary);
+  out.relative_phase.create(out.wrapped_phase.size());
+  const auto turn = static_cast<float>(kTwoPi);
+  const auto period = static_cast<float>(out.finest_period_px);
+  for_each_row(out.wrapped_phase.rows, [&](int row) {
+    for (int col = 0; col < out.wrapped_phase.cols; ++col) {
+      const int index = spatial.component(row, col), own = out.fringe_order(row, col);
+      out.fringe_order(row, col) = -1;
+      out.coordinate_px(row, col) = out.confidence(row, col) = out.relative_phase(row, col) = kNaN;
+      if (index < 0) continue;
+      const ComponentOrder& component = components[static_cast<size_t>(index)];
+      const int order = spatial.order(row, col) + component.shift;
+      const float phase = out.wrapped_phase(row, col);
+      out.relative_phase(row, col) = phase + turn * static_cast<float>(order);
+      const float coordinate = (phase / turn + static_cast<float>(order)) * period - 0.5f;
+      const bool agrees = component.summary.absolute && component.summary.pixels >= options.min_component_px &&
+                          (own < 0 || own == order) && coordinate >= -1 && coordinate < static_cast<float>(length_px);
+      if (!agrees) continue;
+      out.fringe_order(row, col) = order;
+      out.coordinate_px(row, col) = coordinate;
+      out.confidence(row, col) = static_cast<float>(component.summary.agreement);
+    }
+  });
 }
 
 }  // namespace
 
-void check_decodable(const PatternSequence& sequence, Axis axis) { make_estimators(sequence, axis); }
-
-DecodedStack decode(const FringeStack& stack, const PatternSequence& sequence, const SensorModel& sensor,
-                    const DecodeOptions& options, Axis axis) {
+std::string resolve_unwrapping(const PatternSequence& sequence, const RigModel& rig, const DecodeOptions& options,
+                               const DecodeContext& context) {
   check_options(options, "decode");
-  check_stack(stack, sequence);
-  const std::vector<StepEstimator> estimators = make_estimators(sequence, axis);
-  const int length = axis == Axis::columns ? sequence.width : sequence.height;
+  if (options.unwrapping == "spatial") {
+    if (const auto reason = obstacle("spatial", sequence, rig, options, context))
+      throw Error("decode.unwrapping=spatial: " + *reason);
+    spatial_reference(sequence, rig, options, context);
+    return "spatial";
+  }
+  if (options.unwrapping == "auto") {
+    const std::string method = first_possible(sequence, rig, options, context);
+    if (!method.empty()) return method;
+    const std::string reason = *obstacle("multifrequency", sequence, rig, options, context);
+    throw Error("patterns: " + reason +
+                (fringe_groups(sequence, context.axis).empty() ? "" : ", or a Gray code, or periods whose beat does"));
+  }
+  if (const auto reason = obstacle(options.unwrapping, sequence, rig, options, context))
+    throw Error("decode.unwrapping=" + options.unwrapping + ": " + *reason);
+  return options.unwrapping;
+}
 
-  const cv::Size size = stack.images.front().size();
+DecodedStack decode(const FringeStack& stack, const PatternSequence& sequence, const RigModel& rig,
+                    const DecodeOptions& options, const DecodeContext& context) {
   DecodedStack out;
+  decode_into(out, stack, sequence, rig, options, context);
+  return out;
+}
+
+void decode_into(DecodedStack& out, const FringeStack& stack, const PatternSequence& sequence, const RigModel& rig,
+                 const DecodeOptions& options, const DecodeContext& context) {
+  check_stack(stack, sequence);
+  out.unwrapping = resolve_unwrapping(sequence, rig, options, context);
+  const std::string method =
+      out.unwrapping == "spatial" ? spatial_reference(sequence, rig, options, context) : out.unwrapping;
+  const int length = length_of(sequence, context.axis);
+  const std::vector<FringeGroup> groups = used_groups(sequence, context.axis, options);
+  RowPlan plan = make_plan(groups, length, rig, options);
+  if (method == "multifrequency") plan.rungs = multifrequency_ladder(groups, length);
+  if (method == "heterodyne") plan.rungs = heterodyne_ladder(groups, length);
+  std::optional<GrayDecoder> gray;
+  if (method == "gray") gray.emplace(sequence, context.axis, groups.empty() ? nullptr : &plan.groups.back());
+  ExpectedCoordinate bounds;
+  const ExpectedCoordinate* expected = context.expected;
+  if (method == "geometric" && !expected) {
+    bounds = coordinate_bounds(rig, pixel_rays(rig.camera), context.axis);
+    expected = &bounds;
+  }
+  if (method != "geometric" && method != "predicted") expected = nullptr;
+  const cv::Size size = stack.images.front().size();
+  if (expected && expected->coordinate_px.size() != size)
+    throw Error("decode: the expected coordinates are not of the images' size");
+  plan.anchored = !groups.empty() && (gray || expected);
+
   out.index = stack.index;
   out.timestamp_s = stack.timestamp_s;
-  out.full_scale_dn = sensor.max_dn();
-  out.finest_period_px = estimators.back().group.period_px;
+  out.full_scale_dn = rig.sensor.max_dn();
+  out.finest_period_px = plan.period_px;
   for (cv::Mat1f* image :
        {&out.mean, &out.modulation, &out.wrapped_phase, &out.coordinate_px, &out.sigma_px, &out.confidence})
-    *image = cv::Mat1f(size, kNaN);
-  out.fringe_order = cv::Mat1i(size, -1);
+    image->create(size);
+  out.fringe_order.create(size);
+  out.component.release();
+  out.relative_phase.release();
+  out.components.clear();
 
-  // The coarsest phase is unique over one period, which may be longer than the projector. What noise moves past a
-  // border lies in the gap between the last column's phase and the first one's, half of it to each; in the middle of
-  // the gap, or at the border where there is none, it cannot be told to which.
-  const double gap_px = estimators.front().group.period_px - length;
-  const double first_phase = -std::numbers::pi * gap_px / estimators.front().group.period_px;
-  const double border_px = std::min(kBorderPx, gap_px / 2);
-  const RowReader read{stack};
-  const double clip_level = options.saturation * sensor.max_dn();
-  for_each_row(size.height, [&](int row) {
-    std::vector<double> samples(stack.images.size());
-    for (int col = 0; col < size.width; ++col) {
-      double absolute = 0, absolute_sigma = 0, right = 1;
-      bool valid = true;
-      PhaseSample phase;
-      int order = 0;
-      double mean_sum = 0;
-      for (size_t g = 0; g < estimators.size(); ++g) {
-        const FringeGroup& group = estimators[g].group;
-        for (size_t k = 0; k < group.images.size(); ++k) samples[k] = read(group.images[k], row, col);
-        phase = estimate(estimators[g], samples.data(), sensor, clip_level);
-        mean_sum += phase.mean;
-        valid = valid && !phase.clipped && phase.modulation >= options.min_modulation_dn &&
-                phase.modulation >= options.min_data_modulation * phase.mean &&
-                phase.sigma <= options.max_phase_sigma_rad;
-        if (g == 0) {
-          order = phase.phase < first_phase ? 1 : 0;
-          // What noise would have had to do, had the light come from beyond the other border.
-          const double unwrapped = phase.phase + kTwoPi * order;
-          const double to_other_border = std::min(unwrapped - 2 * first_phase, kTwoPi - unwrapped);
-          valid = valid && to_other_border >= kWrapSigmas * phase.sigma;
-        } else {
-          const double ratio = estimators[g - 1].group.period_px / group.period_px;
-          order = static_cast<int>(std::lround((ratio * absolute - phase.phase) / kTwoPi));
-          const double spread = std::hypot(ratio * absolute_sigma, phase.sigma);
-          const double residual = ratio * absolute - (phase.phase + kTwoPi * order);
-          valid =
-              valid && std::abs(residual) <= options.max_order_residual_sigma * std::hypot(spread, kPatternResidual);
-          right *= 1 - std::erfc(std::numbers::pi / (std::numbers::sqrt2 * spread));
-        }
-        absolute = phase.phase + kTwoPi * order;
-        absolute_sigma = phase.sigma;
+  cv::parallel_for_(cv::Range(0, size.height), [&](const cv::Range& range) {
+    RowScratch scratch;
+    RowReader reader(stack, scratch);
+    for (std::vector<float>* values :
+         {&scratch.anchor.turns, &scratch.anchor.half_width, &scratch.anchor.sigma, &scratch.anchor.failure})
+      values->resize(plan.anchored ? static_cast<size_t>(size.width) : 0);
+    for (int row = range.start; row < range.end; ++row) {
+      reader.read(row);
+      const RowOutput target{out.mean[row],     out.modulation[row], out.wrapped_phase[row], out.coordinate_px[row],
+                             out.sigma_px[row], out.confidence[row], out.fringe_order[row]};
+      if (groups.empty()) {
+        gray_alone_row(*gray, plan, options, scratch.samples.data(), static_cast<int>(stack.images.size()), size.width,
+                       target);
+        continue;
       }
-      out.mean(row, col) = static_cast<float>(mean_sum / static_cast<double>(estimators.size()));
-      out.modulation(row, col) = static_cast<float>(phase.modulation);
-      const double coordinate = projector_coordinate(absolute, out.finest_period_px);
-      valid = valid && 1 - right <= options.max_order_failure && coordinate >= -0.5 - border_px &&
-              coordinate < length - 0.5 + border_px;
-      if (!valid) continue;
-      out.wrapped_phase(row, col) = static_cast<float>(phase.phase);
-      out.fringe_order(row, col) = order;
-      out.coordinate_px(row, col) = static_cast<float>(coordinate);
-      out.sigma_px(row, col) = static_cast<float>(phase.sigma * out.finest_period_px / kTwoPi);
-      out.confidence(row, col) = static_cast<float>(right);
+      if (gray) gray_row(*gray, plan, options, scratch.samples.data(), scratch.anchor);
+      if (expected) expect_row(*expected, row, plan.period_px, scratch.anchor);
+      decode_row(plan, size.width, scratch, target, context.instruction_set);
     }
   });
-  return out;
+  if (out.unwrapping == "spatial") take_spatial_orders(out, options, length);
 }
 
 }  // namespace fringeslam

@@ -208,17 +208,6 @@ class NormalEstimator {
 
 }  // namespace
 
-PixelRays pixel_rays(const Pinhole& camera) {
-  PixelRays rays(camera.height, camera.width);
-  for_each_row(camera.height, [&](int row) {
-    for (int col = 0; col < camera.width; ++col) {
-      const Eigen::Vector2d xy = camera.undistort({col, row});
-      rays(row, col) = {static_cast<float>(xy.x()), static_cast<float>(xy.y())};
-    }
-  });
-  return rays;
-}
-
 cv::Mat1b depth_image(const cv::Mat3f& points_m, double near_m, double far_m) {
   cv::Mat1b image(points_m.size());
   for_each_row(points_m.rows, [&](int row) {

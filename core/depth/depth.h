@@ -36,9 +36,6 @@ struct DepthOptions {
   }
 };
 
-// Undistorted viewing rays of all pixels: H x W.
-PixelRays pixel_rays(const Pinhole& camera);
-
 // Throws Error when sizes differ or options are out of range.
 Frame reconstruct(const DecodedStack& decoded, const RigModel& rig, const PixelRays& rays, const DepthOptions& options);
 

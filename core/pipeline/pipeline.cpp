@@ -69,7 +69,7 @@ Pipeline::Pipeline(const RigModel& rig, const PatternSequence& sequence, const P
 
 FrameResult Pipeline::process(const FringeStack& stack) {
   FrameResult result;
-  result.decoded = decode(stack, sequence_, rig_.sensor, options_.decode);
+  result.decoded = decode(stack, sequence_, rig_, options_.decode);
   result.frame = reconstruct(result.decoded, rig_, rays_, options_.depth);
   result.keypoints = detect_keypoints(result.frame, rig_, rays_, options_.keypoints);
   if (last_) {

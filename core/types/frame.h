@@ -4,6 +4,8 @@
 
 #include <opencv2/core.hpp>
 
+#include "core/types/pinhole.h"
+
 namespace fringeslam {
 
 // All images are H x W and pixel for pixel the camera's. "No depth here" is NaN in every float image.
@@ -23,5 +25,8 @@ struct Frame {
 
 // Pixel -> (x, y) with the viewing ray (x, y, 1), distortion removed: H x W.
 using PixelRays = cv::Mat2f;
+
+// Undistorted viewing rays of all pixels; NaN where the lens has no inverse.
+PixelRays pixel_rays(const Pinhole& camera);
 
 }  // namespace fringeslam

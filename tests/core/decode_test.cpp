@@ -25,6 +25,13 @@ PatternSequence columns(const std::vector<double>& periods, int steps = 3) {
   return phase_shift_sequence(kWidth, 768, periods, steps, Axis::columns, 0);
 }
 
+DecodedStack decode(const FringeStack& stack, const PatternSequence& sequence, const SensorModel& sensor,
+                    const DecodeOptions& options, Axis axis = Axis::columns) {
+  RigModel rig;
+  rig.sensor = sensor;
+  return fringeslam::decode(stack, sequence, rig, options, {axis});
+}
+
 SensorModel sensor_of(int bits) {
   SensorModel sensor;
   sensor.bits = bits;
@@ -164,7 +171,7 @@ TEST(Decode, RowsOfTheProjector) {
   const auto decoded = decode(fringe_stack(truth, sequence, {}, CV_32FC1), sequence, silent_sensor(), {}, Axis::rows);
   for (int i = 0; i < truth.cols; ++i) ASSERT_NEAR(decoded.coordinate_px(0, i), truth(0, i), 1e-3);
   EXPECT_THAT(error_of([&] { decode(fringe_stack(truth, sequence, {}, CV_32FC1), sequence, silent_sensor(), {}); }),
-              HasSubstr("no column fringe period covers the projector's 1024 px"));
+              HasSubstr("the sequence has no fringes along columns"));
 }
 
 TEST(Decode, NoiseDoesNotLoseTheBordersOfTheProjector) {
@@ -266,9 +273,11 @@ TEST(Decode, ConfidenceIsTheShareOfRightOrders) {
 
 TEST(Decode, StacksThatDoNotFitTheSequenceAreErrors) {
   const auto sequence = columns({1024, 128});
-  const auto error = [&](const FringeStack& stack) { return error_of([&] { decode(stack, sequence, {}, {}); }); };
+  const auto error = [&](const FringeStack& stack) {
+    return error_of([&] { decode(stack, sequence, SensorModel{}, {}); });
+  };
   const FringeStack good = fringe_stack(ramp(0, 100, 10), sequence, {}, CV_8UC1);
-  EXPECT_NO_THROW(decode(good, sequence, {}, {}));
+  EXPECT_NO_THROW(decode(good, sequence, SensorModel{}, {}));
   FringeStack short_by_one = good;
   short_by_one.images.pop_back();
   EXPECT_THAT(error(short_by_one), HasSubstr("has 5 images but the pattern sequence has 6"));
@@ -282,8 +291,9 @@ TEST(Decode, StacksThatDoNotFitTheSequenceAreErrors) {
 
 TEST(Decode, NoPeriodThatCoversTheProjectorIsAnError) {
   const auto sequence = columns({1000, 128});
-  EXPECT_THAT(error_of([&] { decode(fringe_stack(ramp(0, 100, 10), sequence, {}, CV_8UC1), sequence, {}, {}); }),
-              HasSubstr("no column fringe period covers the projector's 1024 px"));
+  EXPECT_THAT(
+      error_of([&] { decode(fringe_stack(ramp(0, 100, 10), sequence, {}, CV_8UC1), sequence, SensorModel{}, {}); }),
+      HasSubstr("no fringe period covers the projector's 1024 px"));
 }
 
 }  // namespace

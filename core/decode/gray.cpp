@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/decode/gray.h"
+
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "core/types/error.h"
+#include "core/types/options.h"
+
+namespace fringeslam {
+
+namespace {
+
+float variance_of(const RowPlan& camera, float grey) {
+  return camera.noise_constant + camera.noise_per_dn * std::max(grey - camera.offset_dn, 0.0f);
+}
+
+int cell_of(unsigned code) {
+  for (unsigned shift = 1; shift < 32; shift *= 2) code ^= code >> shift;
+  return static_cast<int>(code);
+}
+
+int flat_image(const PatternSequence& sequence, double level) {
+  for (size_t i = 0; i < sequence.patterns.size(); ++i) {
+    const Pattern& pattern = sequence.patterns[i];
+    if (pattern.coding == Coding::flat && pattern.level == level) return static_cast<int>(i);
+  }
+  return -1;
+}
+
+}  // namespace
+
+GrayDecoder::GrayDecoder(const PatternSequence& sequence, Axis axis, const StepEstimator* fringes)
+    : bits_(gray_bits(sequence, axis)),
+      fringes_(fringes),
+      white_(flat_image(sequence, 1)),
+      black_(flat_image(sequence, 0)) {
+  const int length = axis == Axis::columns ? sequence.width : sequence.height;
+  if (bits_.empty()) throw Error("the sequence has no Gray code of this axis; add `gray: complementary`");
+  if (2 * bits_.front().cell_px < length * (1 - 1e-9))
+    throw Error("the Gray code tells apart " + to_text(2 * bits_.front().cell_px) + " px of the projector's " +
+                std::to_string(length) + "; add its coarser bits");
+  for (size_t i = 0; i < bits_.size(); ++i) {
+    const GrayBit& bit = bits_[i];
+    if (i > 0 && std::abs(bits_[i - 1].cell_px / bit.cell_px - 2) > 1e-6)
+      throw Error("the Gray code has no bit between cells of " + to_text(bits_[i - 1].cell_px) + " and " +
+                  to_text(bit.cell_px) + " px; each bit's cells must be half as wide as the one's before");
+    const bool comparable = (bit.image >= 0 && bit.inverted_image >= 0) || fringes_ || (white_ >= 0 && black_ >= 0);
+    if (!comparable)
+      throw Error("the Gray code has nothing to compare its bits with; add fringes, inverted bits, or white and black");
+  }
+}
+
+GrayDecoder::Comparison GrayDecoder::compare(const RowPlan& camera, const float* const* samples, int col,
+                                             const GrayBit& bit) const {
+  const auto grey = [&](int image) { return samples[image][col]; };
+  if (bit.image >= 0 && bit.inverted_image >= 0) {
+    const float a = grey(bit.image), b = grey(bit.inverted_image);
+    return {a - b, variance_of(camera, a) + variance_of(camera, b)};
+  }
+  float threshold = 0, variance = 0;
+  if (fringes_) {
+    for (size_t k = 0; k < fringes_->images.size(); ++k) {
+      const float sample = grey(fringes_->images[k]), weight = fringes_->mean[k];
+      threshold += weight * sample;
+      variance += weight * weight * variance_of(camera, sample);
+    }
+  } else {
+    threshold = 0.5f * (grey(white_) + grey(black_));
+    variance = 0.25f * (variance_of(camera, grey(white_)) + variance_of(camera, grey(black_)));
+  }
+  const float sample = grey(bit.image >= 0 ? bit.image : bit.inverted_image);
+  const float sign = bit.image >= 0 ? 1.0f : -1.0f;
+  return {sign * (sample - threshold), variance + variance_of(camera, sample)};
+}
+
+GrayDecoder::Reading GrayDecoder::read(const RowPlan& camera, const float* const* samples, int col) const {
+  unsigned code = 0;
+  double wrong[32];
+  float faintest = std::numeric_limits<float>::max(), next = faintest;
+  for (size_t i = 0; i < bits_.size(); ++i) {
+    const Comparison bit = compare(camera, samples, col, bits_[i]);
+    code = code << 1 | (bit.difference > 0 ? 1U : 0U);
+    const float contrast = std::abs(bit.difference);
+    wrong[i] = 0.5 * std::erfc(static_cast<double>(contrast) / std::sqrt(2.0 * static_cast<double>(bit.variance)));
+    if (contrast < faintest)
+      next = std::exchange(faintest, contrast);
+    else
+      next = std::min(next, contrast);
+  }
+  Reading reading;
+  reading.cell = cell_of(code);
+  reading.contrast_dn = next;
+  for (size_t i = 0; i < bits_.size(); ++i) {
+    const int other = cell_of(code ^ 1U << (bits_.size() - 1 - i));
+    (std::abs(other - reading.cell) == 1 ? reading.neighbour : reading.far) += wrong[i];
+  }
+  return reading;
+}
+
+}  // namespace fringeslam

@@ -1,0 +1,380 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/decode/row_kernels.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <utility>
+
+namespace fringeslam {
+
+namespace {
+
+#define FRINGESLAM_INLINE inline __attribute__((always_inline))
+
+constexpr float kTurn = 2 * std::numbers::pi_v<float>;
+// What the projector's grey levels add to the difference of two periods' phases, turns: 8 bits and a ratio of 8.
+constexpr float kPatternResidual = 0.03f / kTurn;
+constexpr float kWrapSigmas = 4.5f;
+constexpr float kBorderPx = 0.5f;  // how far noise may carry a coordinate past the projector's border
+constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+
+FRINGESLAM_INLINE float wrapped(float turns) { return turns - std::floor(turns + 0.5f); }
+
+// atan2(y, x) in turns: a minimax polynomial of degree 15 on [0, 1], good to 4e-8 rad before rounding.
+FRINGESLAM_INLINE float atan2_turns(float y, float x) {
+  const float ax = std::abs(x), ay = std::abs(y);
+  const float large = ax > ay ? ax : ay, small = ax > ay ? ay : ax;
+  const float q = small / (large > 1e-30f ? large : 1e-30f), q2 = q * q;
+  float sum = -6.4530303783e-04f;
+  sum = sum * q2 + 3.4795931326e-03f;
+  sum = sum * q2 - 8.8987169102e-03f;
+  sum = sum * q2 + 1.5346029490e-02f;
+  sum = sum * q2 - 2.2136270011e-02f;
+  sum = sum * q2 + 3.1745944977e-02f;
+  sum = sum * q2 - 5.3046120950e-02f;
+  sum = sum * q2 + 1.5915483735e-01f;
+  float turns = q * sum;
+  turns = ay > ax ? 0.25f - turns : turns;
+  turns = x < 0 ? 0.5f - turns : turns;
+  return y < 0 ? -turns : turns;
+}
+
+// Probability that a normal number exceeds x standard deviations, absolute error 3e-7 (Abramowitz and Stegun 7.1.28).
+FRINGESLAM_INLINE float normal_tail(float x) {
+  const float z = std::abs(x) * (1 / std::numbers::sqrt2_v<float>);
+  float sum = 0.0000430638f;
+  sum = sum * z + 0.0002765672f;
+  sum = sum * z + 0.0001520143f;
+  sum = sum * z + 0.0092705272f;
+  sum = sum * z + 0.0422820123f;
+  sum = sum * z + 0.0705230784f;
+  sum = sum * z + 1;
+  const float p2 = sum * sum, p4 = p2 * p2, p8 = p4 * p4;
+  const float tail = 0.5f / (p8 * p8);
+  return x < 0 ? 1 - tail : tail;
+}
+
+// Phase of one period, from linear estimates c of I'' cos phi and s of I'' sin phi. d phi = (c ds - s dc) / I''^2 is
+// again linear in the samples, which gives its variance.
+struct PhaseRow {
+  float *mean, *modulation, *turns, *variance;
+  int32_t* valid;
+};
+
+FRINGESLAM_INLINE void finish_phase(const RowPlan& plan, int i, float mean, float c, float s, float variance_sum,
+                                    float largest, const PhaseRow& out) {
+  const float power = c * c + s * s;
+  const float modulation = std::sqrt(power);
+  const float variance = variance_sum / (power * power * (kTurn * kTurn));
+  out.mean[i] = mean;
+  out.modulation[i] = modulation;
+  out.turns[i] = atan2_turns(s, c);
+  out.variance[i] = variance;
+  const float max_variance = plan.max_sigma_turns * plan.max_sigma_turns;
+  out.valid[i] = (largest < plan.clip_dn) & (modulation >= plan.min_modulation_dn) &
+                 (modulation >= plan.min_data_modulation * mean) & (variance <= max_variance);
+}
+
+FRINGESLAM_INLINE float grey_variance(const RowPlan& plan, float grey) {
+  const float signal = grey - plan.offset_dn;
+  return plan.noise_constant + plan.noise_per_dn * (signal > 0 ? signal : 0);
+}
+
+FRINGESLAM_INLINE void phase_of_three(const RowPlan& plan, const StepEstimator& e, const float* const* samples,
+                                      int width, const PhaseRow& out) {
+  const float* s0 = samples[e.images[0]];
+  const float* s1 = samples[e.images[1]];
+  const float* s2 = samples[e.images[2]];
+  const float m0 = e.mean[0], m1 = e.mean[1], m2 = e.mean[2];
+  const float c0 = e.cosine[0], c1 = e.cosine[1], c2 = e.cosine[2];
+  const float w0 = e.sine[0], w1 = e.sine[1], w2 = e.sine[2];
+#pragma GCC ivdep
+  for (int i = 0; i < width; ++i) {
+    const float a = s0[i], b = s1[i], d = s2[i];
+    const float mean = m0 * a + m1 * b + m2 * d;
+    const float c = c1 * (b - a) + c2 * (d - a);
+    const float s = w1 * (b - a) + w2 * (d - a);
+    const float slope0 = c * w0 - s * c0, slope1 = c * w1 - s * c1, slope2 = c * w2 - s * c2;
+    const float variance = slope0 * slope0 * grey_variance(plan, a) + slope1 * slope1 * grey_variance(plan, b) +
+                           slope2 * slope2 * grey_variance(plan, d);
+    const float ab = a > b ? a : b;
+    finish_phase(plan, i, mean, c, s, variance, ab > d ? ab : d, out);
+  }
+}
+
+FRINGESLAM_INLINE void phase_of_many(const RowPlan& plan, const StepEstimator& e, const float* const* samples,
+                                     int width, const PhaseRow& out) {
+  constexpr int kBlock = 128;
+  float mean[kBlock], c[kBlock], s[kBlock], variance[kBlock], largest[kBlock];
+  const float* first = samples[e.images[0]];
+  for (int begin = 0; begin < width; begin += kBlock) {
+    const int count = std::min(kBlock, width - begin);
+#pragma GCC ivdep
+    for (int i = 0; i < kBlock; ++i) mean[i] = c[i] = s[i] = variance[i] = largest[i] = 0;
+    for (size_t k = 0; k < e.images.size(); ++k) {
+      const float* grey = samples[e.images[k]] + begin;
+      const float wm = e.mean[k], wc = e.cosine[k], ws = e.sine[k];
+#pragma GCC ivdep
+      for (int i = 0; i < count; ++i) {
+        const float difference = grey[i] - first[begin + i];
+        mean[i] += wm * grey[i];
+        c[i] += wc * difference;
+        s[i] += ws * difference;
+        largest[i] = grey[i] > largest[i] ? grey[i] : largest[i];
+      }
+    }
+    for (size_t k = 0; k < e.images.size(); ++k) {
+      const float* grey = samples[e.images[k]] + begin;
+      const float wc = e.cosine[k], ws = e.sine[k];
+#pragma GCC ivdep
+      for (int i = 0; i < count; ++i) {
+        const float slope = c[i] * ws - s[i] * wc;
+        variance[i] += slope * slope * grey_variance(plan, grey[i]);
+      }
+    }
+#pragma GCC ivdep
+    for (int i = 0; i < count; ++i) finish_phase(plan, begin + i, mean[i], c[i], s[i], variance[i], largest[i], out);
+  }
+}
+
+FRINGESLAM_INLINE void correct_phase(const std::vector<float>& table, int width, float* turns) {
+  const float* entries = table.data();
+  const auto size = static_cast<int>(table.size());
+#pragma GCC ivdep
+  for (int i = 0; i < width; ++i) {
+    const float at = (turns[i] - std::floor(turns[i])) * static_cast<float>(size);
+    const int low = static_cast<int>(at) < size ? static_cast<int>(at) : size - 1;
+    const int high = low + 1 < size ? low + 1 : 0;
+    const float part = at - static_cast<float>(low);
+    turns[i] = wrapped(turns[i] - entries[low] - part * (entries[high] - entries[low]));
+  }
+}
+
+// Absolute phase so far, and what is known of it.
+struct AbsoluteRow {
+  float *turns, *order, *failure;
+  int32_t* valid;
+};
+
+FRINGESLAM_INLINE void rung_phase(const Rung& rung, const PhaseRow* groups, int width, float* turns) {
+#pragma GCC ivdep
+  for (int i = 0; i < width; ++i) turns[i] = 0;
+  int terms = 0;
+  for (size_t g = 0; g < rung.multiples.size(); ++g) {
+    const auto multiple = static_cast<float>(rung.multiples[g]);
+    if (multiple == 0) continue;
+    ++terms;
+    const float* group = groups[g].turns;
+#pragma GCC ivdep
+    for (int i = 0; i < width; ++i) turns[i] += multiple * group[i];
+  }
+  if (terms == 1) return;  // the phase of one period is wrapped already, and half a turn must stay half a turn
+#pragma GCC ivdep
+  for (int i = 0; i < width; ++i) turns[i] = wrapped(turns[i]);
+}
+
+// Variance of a combination of the groups' phases.
+FRINGESLAM_INLINE void combined_variance(const float* weights, size_t groups_count, const PhaseRow* groups, int width,
+                                         float* variance) {
+#pragma GCC ivdep
+  for (int i = 0; i < width; ++i) variance[i] = 0;
+  for (size_t g = 0; g < groups_count; ++g) {
+    const float square = weights[g] * weights[g];
+    if (square == 0) continue;
+    const float* group = groups[g].variance;
+#pragma GCC ivdep
+    for (int i = 0; i < width; ++i) variance[i] += square * group[i];
+  }
+}
+
+// The coarsest phase is unique over one period, which may be longer than the projector. What noise moves past a border
+// lies in the gap between the last column's phase and the first one's, half of it to each; in the middle of the gap, or
+// at the border where there is none, it cannot be told to which.
+FRINGESLAM_INLINE void first_rung(float first_turns, const float* phase, const float* variance, int width,
+                                  const AbsoluteRow& out) {
+#pragma GCC ivdep
+  for (int i = 0; i < width; ++i) {
+    const float order = phase[i] < first_turns ? 1.0f : 0.0f;
+    const float turns = phase[i] + order;
+    // What noise would have had to do, had the light come from beyond the other border.
+    const float below = turns - 2 * first_turns, above = 1 - turns;
+    const float to_other_border = below < above ? below : above;
+    out.turns[i] = turns;
+    out.order[i] = order;
+    out.failure[i] = 0;
+    out.valid[i] &= to_other_border >= kWrapSigmas * std::sqrt(variance[i]);
+  }
+}
+
+// METHOD S3: K = round(R t_low - theta_high), wrong with probability erfc(1/2 / (sqrt 2 sigma)).
+FRINGESLAM_INLINE void next_rung(float ratio, float max_residual_sigma, const float* phase, const float* variance,
+                                 int width, const AbsoluteRow& out) {
+  const float max_square = max_residual_sigma * max_residual_sigma;
+#pragma GCC ivdep
+  for (int i = 0; i < width; ++i) {
+    const float predicted = ratio * out.turns[i];
+    const float order = std::floor(predicted - phase[i] + 0.5f);
+    const float residual = predicted - phase[i] - order;
+    const float square = variance[i] + kPatternResidual * kPatternResidual;
+    out.valid[i] &= residual * residual <= max_square * square;
+    out.failure[i] += 2 * normal_tail(0.5f / std::sqrt(variance[i]));
+    out.order[i] = order;
+    out.turns[i] = phase[i] + order;
+  }
+}
+
+// K = round(t_anchor - theta). The next order would lie 1 - |r| from the anchor, this one lies |r| from it; each is as
+// likely as the anchor's uniform and normal uncertainty allow.
+FRINGESLAM_INLINE void anchored_order(const RowAnchor& anchor, float max_residual_sigma, const PhaseRow& finest,
+                                      int width, const AbsoluteRow& out) {
+  const float* expected = anchor.turns.data();
+  const float* half_width = anchor.half_width.data();
+  const float* sigma = anchor.sigma.data();
+  const float* failure = anchor.failure.data();
+#pragma GCC ivdep
+  for (int i = 0; i < width; ++i) {
+    const float order = std::floor(expected[i] - finest.turns[i] + 0.5f);
+    const float residual = std::abs(expected[i] - finest.turns[i] - order);
+    const float spread = std::sqrt(sigma[i] * sigma[i] + finest.variance[i]);
+    const float this_one = normal_tail((residual - half_width[i]) / spread);
+    const float next_one = normal_tail((1 - residual - half_width[i]) / spread);
+    out.valid[i] &= residual <= half_width[i] + max_residual_sigma * spread;
+    out.failure[i] = failure[i] + next_one / (this_one + next_one);
+    out.order[i] = order;
+    out.turns[i] = finest.turns[i] + order;
+  }
+}
+
+// `fringe` says where there is a phase at all; `absolute` where its order is known, too.
+FRINGESLAM_INLINE void write_row(const RowPlan& plan, const PhaseRow& finest, const int32_t* fringe,
+                                 const AbsoluteRow* absolute, int width, const RowOutput& out) {
+  const auto period = static_cast<float>(plan.period_px);
+#pragma GCC ivdep
+  for (int i = 0; i < width; ++i) {
+    out.modulation[i] = finest.modulation[i];
+    out.wrapped_phase[i] = fringe[i] ? kTurn * finest.turns[i] : kNaN;
+    out.sigma[i] = fringe[i] ? std::sqrt(finest.variance[i]) * period : kNaN;
+  }
+  if (!absolute) {
+#pragma GCC ivdep
+    for (int i = 0; i < width; ++i) out.coordinate[i] = out.confidence[i] = kNaN;
+#pragma GCC ivdep
+    for (int i = 0; i < width; ++i) out.order[i] = -1;
+    return;
+  }
+  const auto length = static_cast<float>(plan.length_px);
+  const float gap = plan.rungs.empty() ? 2 * kBorderPx : static_cast<float>(plan.rungs.front().period_px) - length;
+  const float border = std::min(kBorderPx, gap / 2);
+#pragma GCC ivdep
+  for (int i = 0; i < width; ++i) {
+    const float coordinate = absolute->turns[i] * period - 0.5f;
+    const int32_t valid = absolute->valid[i] & (absolute->failure[i] <= plan.max_order_failure) &
+                          (coordinate >= -0.5f - border) & (coordinate < length - 0.5f + border);
+    out.coordinate[i] = valid ? coordinate : kNaN;
+    out.confidence[i] = valid ? 1 - absolute->failure[i] : kNaN;
+    out.order[i] = valid ? static_cast<int32_t>(absolute->order[i]) : -1;
+  }
+}
+
+FRINGESLAM_INLINE void decode_row_body(const RowPlan& plan, int width, RowScratch& scratch, const RowOutput& out) {
+  const size_t groups_count = plan.groups.size(), stride = static_cast<size_t>(width);
+  scratch.floats.resize((4 * groups_count + 5) * stride);
+  scratch.masks.resize((groups_count + 1) * stride);
+  float* free_floats = scratch.floats.data();
+  const auto take = [&] { return std::exchange(free_floats, free_floats + stride); };
+
+  constexpr size_t kMaxGroups = 16;
+  PhaseRow groups[kMaxGroups];
+  for (size_t g = 0; g < groups_count; ++g) {
+    groups[g] = {take(), take(), take(), take(), scratch.masks.data() + g * stride};
+    const StepEstimator& estimator = plan.groups[g];
+    if (estimator.images.size() == 3)
+      phase_of_three(plan, estimator, scratch.samples.data(), width, groups[g]);
+    else
+      phase_of_many(plan, estimator, scratch.samples.data(), width, groups[g]);
+    if (!estimator.correction_turns.empty()) correct_phase(estimator.correction_turns, width, groups[g].turns);
+  }
+  const PhaseRow& finest = groups[groups_count - 1];
+
+#pragma GCC ivdep
+  for (int i = 0; i < width; ++i) out.mean[i] = groups[0].mean[i];
+  for (size_t g = 1; g < groups_count; ++g) {
+#pragma GCC ivdep
+    for (int i = 0; i < width; ++i) out.mean[i] += groups[g].mean[i];
+  }
+#pragma GCC ivdep
+  for (int i = 0; i < width; ++i) out.mean[i] *= 1 / static_cast<float>(groups_count);
+
+  const AbsoluteRow absolute{take(), take(), take(), scratch.masks.data() + groups_count * stride};
+#pragma GCC ivdep
+  for (int i = 0; i < width; ++i) absolute.valid[i] = finest.valid[i];
+  if (plan.anchored) {
+    anchored_order(scratch.anchor, plan.max_residual_sigma, finest, width, absolute);
+  } else if (!plan.rungs.empty()) {
+    for (size_t g = 0; g + 1 < groups_count; ++g) {
+#pragma GCC ivdep
+      for (int i = 0; i < width; ++i) absolute.valid[i] &= groups[g].valid[i];
+    }
+    float* phase = take();
+    float* variance = take();
+    float weights[kMaxGroups];
+    for (size_t r = 0; r < plan.rungs.size(); ++r) {
+      const Rung& rung = plan.rungs[r];
+      const auto ratio = static_cast<float>(r == 0 ? 0 : plan.rungs[r - 1].period_px / rung.period_px);
+      for (size_t g = 0; g < groups_count; ++g) {
+        const auto coarser = static_cast<float>(r == 0 ? 0 : plan.rungs[r - 1].multiples[g]);
+        weights[g] = ratio * coarser - static_cast<float>(rung.multiples[g]);
+      }
+      rung_phase(rung, groups, width, phase);
+      combined_variance(weights, groups_count, groups, width, variance);
+      const auto gap_turns = static_cast<float>(1 - plan.length_px / rung.period_px);
+      if (r == 0)
+        first_rung(-0.5f * gap_turns, phase, variance, width, absolute);
+      else
+        next_rung(ratio, plan.max_residual_sigma, phase, variance, width, absolute);
+    }
+  }
+  const bool has_absolute = plan.anchored || !plan.rungs.empty();
+  write_row(plan, finest, finest.valid, has_absolute ? &absolute : nullptr, width, out);
+}
+
+void decode_row_portable(const RowPlan& plan, int width, RowScratch& scratch, const RowOutput& out) {
+  decode_row_body(plan, width, scratch, out);
+}
+
+#if defined(__x86_64__)
+__attribute__((target("avx2"))) void decode_row_avx2(const RowPlan& plan, int width, RowScratch& scratch,
+                                                     const RowOutput& out) {
+  decode_row_body(plan, width, scratch, out);
+}
+
+__attribute__((target("avx512f,avx512dq,avx512vl,avx512bw"))) void decode_row_avx512(const RowPlan& plan, int width,
+                                                                                     RowScratch& scratch,
+                                                                                     const RowOutput& out) {
+  decode_row_body(plan, width, scratch, out);
+}
+#endif
+
+}  // namespace
+
+InstructionSet widest_instruction_set() {
+#if defined(__x86_64__)
+  if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl") &&
+      __builtin_cpu_supports("avx512bw"))
+    return InstructionSet::avx512;
+  if (__builtin_cpu_supports("avx2")) return InstructionSet::avx2;
+#endif
+  return InstructionSet::portable;
+}
+
+void decode_row(const RowPlan& plan, int width, RowScratch& scratch, const RowOutput& out, InstructionSet set) {
+#if defined(__x86_64__)
+  if (set == InstructionSet::avx512) return decode_row_avx512(plan, width, scratch, out);
+  if (set == InstructionSet::avx2) return decode_row_avx2(plan, width, scratch, out);
+#endif
+  decode_row_portable(plan, width, scratch, out);
+}
+
+}  // namespace fringeslam
