@@ -101,9 +101,13 @@ std::vector<float> correction_of(const FringeGroup& group, const PhaseCorrection
   std::vector<float> table;
   for (int i = 0; i < kEntries; ++i) {
     const double measured = static_cast<double>(i) / kEntries;
-    double truth = measured;
-    for (int iteration = 0; iteration < 8; ++iteration) truth = measured - offset_turns(truth);
-    table.push_back(static_cast<float>(measured - truth));
+    // truth + offset(truth) = measured grows with the truth: by bisection.
+    double low = measured - 0.25, high = measured + 0.25;
+    for (int iteration = 0; iteration < 40; ++iteration) {
+      const double middle = 0.5 * (low + high);
+      (middle + offset_turns(middle) < measured ? low : high) = middle;
+    }
+    table.push_back(static_cast<float>(measured - low));
   }
   return table;
 }

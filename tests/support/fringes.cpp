@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/support/fringes.h"
 
+#include <cmath>
 #include <numbers>
 
 namespace fringeslam::support {
@@ -15,7 +16,10 @@ FringeStack fringe_stack(const cv::Mat1d& coordinate_px, const PatternSequence& 
     for (int row = 0; row < exact.rows; ++row) {
       for (int col = 0; col < exact.cols; ++col) {
         const double phase = 2 * std::numbers::pi * (coordinate_px(row, col) + 0.5) / pattern.period_px;
-        const double grey = light.mean_dn + light.modulation_dn * std::cos(phase + pattern.shift_rad);
+        const double wave = pattern.coding == Coding::fringe
+                                ? std::cos(phase + pattern.shift_rad)
+                                : 2 * ideal_intensity(pattern, coordinate_px(row, col)) - 1;
+        const double grey = light.mean_dn + light.modulation_dn * wave;
         exact(row, col) = grey + (noise ? std::sqrt(sensor.variance_dn2(grey) - rounding) * noise->normal() : 0);
       }
     }

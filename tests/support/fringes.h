@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Fringe images straight from the equation I_k = I' + I'' cos(Phi + delta_k) [C eq. 1]: no optics.
+// Fringe images straight from the equation I_k = I' + I'' cos(Phi + delta_k) [C eq. 1], and Gray bits and flat
+// levels between the same extremes: no optics.
 #pragma once
 
 #include "core/patterns/patterns.h"

@@ -1,0 +1,444 @@
+// SPDX-License-Identifier: Apache-2.0
+// Every way to absolute phase, on fringes straight from their equation.
+#include <gmock/gmock.h>
+
+#include <cmath>
+#include <numbers>
+
+#include "core/decode/decode.h"
+#include "core/decode/ladder.h"
+#include "core/decode/spatial.h"
+#include "core/patterns/design.h"
+#include "tests/support/fringes.h"
+#include "tests/support/matchers.h"
+
+namespace fringeslam {
+namespace {
+
+using support::error_of;
+using support::fringe_stack;
+using support::Random;
+using testing::HasSubstr;
+
+constexpr double kPi = std::numbers::pi;
+
+SequenceDesign design_of(std::vector<double> periods, GrayCode gray = GrayCode::none) {
+  SequenceDesign design;
+  design.width = 1024;
+  design.height = 768;
+  design.periods_px = std::move(periods);
+  design.gray = gray;
+  return design;
+}
+
+RigModel plain_rig() {
+  RigModel rig;
+  rig.camera = {64, 48, 200, 200, 31.5, 23.5, {}};
+  rig.projector = {1024, 768, 2600, 2600, 511.5, 383.5, {}};
+  rig.projector_from_camera.translation = {-0.25, 0, 0};
+  rig.sensor.gain_dn_per_electron = 0.0068;
+  return rig;
+}
+
+DecodeOptions by(const std::string& unwrapping) {
+  DecodeOptions options;
+  options.unwrapping = unwrapping;
+  return options;
+}
+
+struct Method {
+  std::string name;
+  SequenceDesign design;
+};
+void PrintTo(const Method& method, std::ostream* out) { *out << method.name; }
+
+class AbsoluteMethods : public testing::TestWithParam<Method> {
+ protected:
+  // Smooth, all over the projector, and no pixel centre on an edge of a code.
+  static cv::Mat1d coordinates() {
+    cv::Mat1d u(48, 64);
+    for (int row = 0; row < u.rows; ++row) {
+      for (int col = 0; col < u.cols; ++col) u(row, col) = 3 + 15.87 * col + 0.21 * row;
+    }
+    return u;
+  }
+};
+INSTANTIATE_TEST_SUITE_P(Unwrapping, AbsoluteMethods,
+                         testing::Values(Method{"multifrequency", design_of({1040, 131, 16.5})},
+                                         Method{"heterodyne", design_of({19.3, 18.0, 16.9})},
+                                         Method{"heterodyne", design_of({66, 62.5})},
+                                         Method{"gray", design_of({16.5}, GrayCode::complementary)},
+                                         Method{"gray", design_of({30}, GrayCode::plain)}),
+                         [](const auto& test) { return test.param.name + std::to_string(test.index); });
+
+TEST_P(AbsoluteMethods, RecoverTheCoordinateUnderNoise) {
+  const PatternSequence sequence = design_sequence(GetParam().design);
+  const RigModel rig = plain_rig();
+  const cv::Mat1d truth = coordinates();
+  Random random(3);
+  const auto stack = fringe_stack(truth, sequence, {}, CV_8UC1, rig.sensor, &random);
+  const DecodedStack decoded = decode(stack, sequence, rig, by(GetParam().name));
+  EXPECT_EQ(decoded.unwrapping, GetParam().name);
+  int valid = 0;
+  double squares = 0;
+  for (int row = 0; row < truth.rows; ++row) {
+    for (int col = 0; col < truth.cols; ++col) {
+      if (decoded.fringe_order(row, col) < 0) continue;
+      ++valid;
+      const double sigmas = (decoded.coordinate_px(row, col) - truth(row, col)) / decoded.sigma_px(row, col);
+      EXPECT_LT(std::abs(sigmas), 5) << row << ", " << col;
+      EXPECT_GE(decoded.confidence(row, col), 1 - by("").max_order_failure - 1e-6);
+      squares += sigmas * sigmas;
+    }
+  }
+  EXPECT_GT(valid, 0.8 * static_cast<double>(truth.total()));
+  EXPECT_NEAR(squares / valid, 1, 0.15);  // the sigmas are honest
+}
+
+TEST_P(AbsoluteMethods, AutoFindsAMethodThatServes) {
+  const PatternSequence sequence = design_sequence(GetParam().design);
+  EXPECT_EQ(resolve_unwrapping(sequence, plain_rig(), {}), GetParam().name);
+}
+
+TEST_P(AbsoluteMethods, EveryInstructionSetGivesTheSameBits) {
+  const PatternSequence sequence = design_sequence(GetParam().design);
+  const RigModel rig = plain_rig();
+  Random random(4);
+  const auto stack = fringe_stack(coordinates(), sequence, {}, CV_8UC1, rig.sensor, &random);
+  const auto with = [&](InstructionSet set) {
+    return decode(stack, sequence, rig, by(GetParam().name), {Axis::columns, nullptr, set});
+  };
+  const DecodedStack portable = with(InstructionSet::portable), widest = with(widest_instruction_set());
+  const auto same = [](const cv::Mat& a, const cv::Mat& b) {
+    return std::memcmp(a.data, b.data, a.total() * a.elemSize()) == 0;
+  };
+  EXPECT_TRUE(same(portable.wrapped_phase, widest.wrapped_phase));
+  EXPECT_TRUE(same(portable.coordinate_px, widest.coordinate_px));
+  EXPECT_TRUE(same(portable.sigma_px, widest.sigma_px));
+  EXPECT_TRUE(same(portable.confidence, widest.confidence));
+  EXPECT_TRUE(same(portable.fringe_order, widest.fringe_order));
+}
+
+TEST(WrappedPhase, IsTheDoublePrecisionFormulaToAMicroradian) {
+  const PatternSequence sequence = phase_shift_sequence(1024, 768, {1040}, 3, Axis::columns, 8);
+  Random random(5);
+  FringeStack stack;
+  for (int k = 0; k < 3; ++k) {
+    cv::Mat1f image(40, 531);  // a width that no vector divides
+    for (float& grey : image) grey = static_cast<float>(random.uniform(0, 250));
+    stack.images.push_back(image);
+  }
+  DecodeOptions options;
+  options.min_modulation_dn = options.min_data_modulation = 0;
+  const auto decoded = decode(stack, sequence, plain_rig(), options);
+  for (int row = 0; row < 40; ++row) {
+    for (int col = 0; col < 531; ++col) {
+      const auto grey = [&](int k) { return static_cast<double>(stack.images[k].at<float>(row, col)); };
+      const double phase = std::atan2(std::sqrt(3.0) * (grey(0) - grey(2)), 2 * grey(1) - grey(0) - grey(2));
+      const double measured = decoded.wrapped_phase(row, col);
+      if (std::isnan(measured)) continue;
+      EXPECT_LT(std::abs(std::remainder(measured - phase, 2 * kPi)), 1e-6);
+    }
+  }
+}
+
+TEST(Heterodyne, BeatsHaveTheirClosedForm) {
+  const auto groups = [](const std::vector<double>& periods) {
+    return fringe_groups(phase_shift_sequence(1024, 768, periods, 3, Axis::columns, 8), Axis::columns);
+  };
+  const auto two = heterodyne_ladder(groups({66, 62}), 1000);
+  ASSERT_EQ(two.size(), 2U);
+  EXPECT_NEAR(two[0].period_px, 66 * 62 / 4.0, 1e-9);
+  EXPECT_EQ(two[1].period_px, 62);
+  for (const Rung& rung : heterodyne_ladder(groups({19.3, 18.0, 16.9}), 1024)) {
+    const double frequency = rung.multiples[0] / 19.3 + rung.multiples[1] / 18.0 + rung.multiples[2] / 16.9;
+    EXPECT_NEAR(1 / rung.period_px, frequency, 1e-12);
+  }
+  EXPECT_THAT(error_of([&] { heterodyne_ladder(groups({66, 62}), 1024); }), HasSubstr("the longest is 1023"));
+}
+
+TEST(Geometric, OrderFollowsFromTheDepthRange) {
+  const RigModel rig = plain_rig();
+  const PixelRays rays = pixel_rays(rig.camera);
+  const PatternSequence sequence = phase_shift_sequence(1024, 768, {480}, 3, Axis::columns, 8);
+  Random random(6);
+  for (const double depth : {0.75, 0.9, 1.1, 1.35}) {
+    const auto seen =
+        expected_coordinate(rig, rays, cv::Mat1f(48, 64, static_cast<float>(depth)), cv::Mat1f(48, 64, 0.0f));
+    cv::Mat1d truth;
+    seen.coordinate_px.convertTo(truth, CV_64F);
+    const auto stack = fringe_stack(truth, sequence, {}, CV_8UC1, rig.sensor, &random);
+    const DecodedStack decoded = decode(stack, sequence, rig, by("geometric"));
+    int valid = 0, in_beam = 0;
+    for (int row = 0; row < 48; ++row) {
+      for (int col = 0; col < 64; ++col) {
+        in_beam += truth(row, col) > 0 && truth(row, col) < 1023;
+        if (decoded.fringe_order(row, col) < 0) continue;
+        ++valid;
+        EXPECT_LT(std::abs(decoded.coordinate_px(row, col) - truth(row, col)), 6 * decoded.sigma_px(row, col));
+      }
+    }
+    EXPECT_GT(valid, 0.9 * in_beam) << depth << " m";
+  }
+  const PatternSequence fine = phase_shift_sequence(1024, 768, {16.5}, 3, Axis::columns, 8);
+  EXPECT_THAT(error_of([&] { resolve_unwrapping(fine, rig, by("geometric")); }),
+              HasSubstr("more than a period of 16.5 px"));
+}
+
+TEST(Predicted, RoundsToTheExpectedOrderAndRefusesWhatDoesNotFit) {
+  const RigModel rig = plain_rig();
+  const PatternSequence sequence = phase_shift_sequence(1024, 768, {16}, 3, Axis::columns, 8);
+  Random random(7);
+  const cv::Mat1d truth = support::ramp(100, 900, 2000);
+  const auto stack = fringe_stack(truth, sequence, {}, CV_8UC1, rig.sensor, &random);
+  ExpectedCoordinate expected{cv::Mat1f(1, 2000), cv::Mat1f(1, 2000, 0.0f), cv::Mat1f(1, 2000, 1.5f)};
+  const auto decode_with = [&](double error_px) {
+    for (int i = 0; i < 2000; ++i) expected.coordinate_px(i) = static_cast<float>(truth(i) + error_px);
+    return decode(stack, sequence, rig, by("predicted"), {Axis::columns, &expected});
+  };
+  for (const double error : {0.0, 2.0, -3.0}) {
+    const auto decoded = decode_with(error);
+    EXPECT_EQ(cv::countNonZero(decoded.fringe_order >= 0), 2000);
+    for (int i = 0; i < 2000; ++i) EXPECT_NEAR(decoded.coordinate_px(i), truth(i), 0.5);
+  }
+  // Near half a period the two orders are as likely as each other.
+  EXPECT_EQ(cv::countNonZero(decode_with(7.7).fringe_order >= 0), 0);
+  expected.coordinate_px(5) = std::numeric_limits<float>::quiet_NaN();
+  EXPECT_EQ(decode(stack, sequence, rig, by("predicted"), {Axis::columns, &expected}).fringe_order(5), -1);
+  EXPECT_THAT(error_of([&] { decode(stack, sequence, rig, by("predicted")); }), HasSubstr("no map to predict from"));
+}
+
+TEST(Gray, AloneGivesItsCells) {
+  PatternSequence sequence{1024, 768, gray_patterns(Axis::columns, 4, 1024, 8)};
+  for (Pattern pattern : gray_patterns(Axis::columns, 4, 1024, 8)) {
+    pattern.inverted = true;
+    sequence.patterns.push_back(pattern);
+  }
+  const RigModel rig = plain_rig();
+  FringeStack stack;
+  const cv::Mat1d truth = support::ramp(1.2, 1021, 600);
+  for (const Pattern& pattern : sequence.patterns) {
+    cv::Mat1b image(1, 600);
+    for (int i = 0; i < 600; ++i) image(i) = static_cast<uchar>(30 + 150 * ideal_intensity(pattern, truth(i)));
+    stack.images.push_back(image);
+  }
+  const DecodedStack decoded = decode(stack, sequence, rig, {});
+  for (int i = 0; i < 600; ++i) {
+    EXPECT_LE(std::abs(decoded.coordinate_px(i) - truth(i)), 2 + 1e-4);
+    EXPECT_NEAR(decoded.sigma_px(i), 4 / std::sqrt(12.0), 1e-6);
+  }
+}
+
+TEST(Gray, AFlatBitBetweenTwoFarCellsIsNotBelieved) {
+  const PatternSequence sequence = design_sequence(design_of({32}, GrayCode::complementary));
+  const RigModel rig = plain_rig();
+  auto stack = fringe_stack(cv::Mat1d(1, 1, 203.0), sequence, {}, CV_8UC1);
+  ASSERT_EQ(decode(stack, sequence, rig, by("gray")).fringe_order(0), 6);
+  stack.images[4].at<uchar>(0) = 120;  // the second coarsest bit at its threshold: cells far apart
+  EXPECT_EQ(decode(stack, sequence, rig, by("gray")).fringe_order(0), -1);
+}
+
+TEST(Errors, SayWhatTheSequenceLacks) {
+  const RigModel rig = plain_rig();
+  const auto error = [&](const std::string& method, const SequenceDesign& design) {
+    return error_of([&] { resolve_unwrapping(design_sequence(design), rig, by(method)); });
+  };
+  EXPECT_THAT(error("multifrequency", design_of({131, 16})),
+              HasSubstr("no fringe period covers the projector's 1024 px"));
+  EXPECT_THAT(error("heterodyne", design_of({1040})), HasSubstr("a beat needs two fringe periods"));
+  EXPECT_THAT(error("gray", design_of({1040})), HasSubstr("the sequence has no Gray code"));
+  EXPECT_THAT(error("auto", design_of({16})), HasSubstr("no fringe period covers"));
+  EXPECT_THAT(error("fast", design_of({16})), HasSubstr("decode.unwrapping"));
+  PatternSequence gap = design_sequence(design_of({32}, GrayCode::plain));
+  gap.patterns.erase(gap.patterns.begin() + 5);
+  EXPECT_THAT(error_of([&] { resolve_unwrapping(gap, rig, by("gray")); }), HasSubstr("no bit between cells of"));
+  DecodeOptions options;
+  options.steps = 5;
+  SequenceDesign twelve = design_of({1040});
+  twelve.steps = 12;
+  EXPECT_THAT(error_of([&] { resolve_unwrapping(design_sequence(twelve), rig, options); }),
+              HasSubstr("no 5 equally spaced ones"));
+}
+
+TEST(Steps, AFewOfManyGiveTheSamePhase) {
+  SequenceDesign design = design_of({1040, 100});
+  design.steps = 12;
+  design.bits = 0;
+  const PatternSequence sequence = design_sequence(design);
+  const auto stack = fringe_stack(support::ramp(20, 1000, 300), sequence, {}, CV_32FC1);
+  const DecodedStack all = decode(stack, sequence, plain_rig(), {});
+  for (const int steps : {3, 4, 6}) {
+    DecodeOptions options;
+    options.steps = steps;
+    const DecodedStack few = decode(stack, sequence, plain_rig(), options);
+    EXPECT_LT(cv::norm(few.coordinate_px, all.coordinate_px, cv::NORM_INF), 1e-3);
+    EXPECT_NEAR(cv::norm(few.sigma_px) / cv::norm(all.sigma_px), std::sqrt(12.0 / steps), 0.01);
+  }
+}
+
+// What three centred steps of a sinusoid raised to gamma measure too much, straight from the equation of the phase.
+double gamma_offset(double gamma, double phase) {
+  double sine = 0, cosine = 0;
+  for (const double shift : {-2 * kPi / 3, 0.0, 2 * kPi / 3}) {
+    const double grey = std::pow(0.5 + 0.5 * std::cos(phase + shift), gamma);
+    sine -= grey * std::sin(shift);
+    cosine += grey * std::cos(shift);
+  }
+  return std::remainder(std::atan2(sine, cosine) - phase, 2 * kPi);
+}
+
+TEST(PhaseCorrectionTable, UndoesWhatAGammaDoesToThreeSteps) {
+  constexpr double kGamma = 2.2;
+  RigModel rig = plain_rig();
+  rig.phase_correction.steps = 3;
+  for (int i = 0; i < 256; ++i) rig.phase_correction.offset_rad.push_back(gamma_offset(kGamma, 2 * kPi * i / 256));
+  // Shifts that start anywhere: what is measured too much depends on where they start.
+  for (const double first : {-2 * kPi / 3, 0.0, 1.1}) {
+    PatternSequence sequence = phase_shift_sequence(1024, 768, {1040}, 3, Axis::columns, 0);
+    for (size_t k = 0; k < 3; ++k) sequence.patterns[k].shift_rad = first + 2 * kPi * static_cast<double>(k) / 3;
+    const cv::Mat1d truth = support::ramp(50, 970, 500);
+    FringeStack stack;
+    for (const Pattern& pattern : sequence.patterns) {
+      cv::Mat1f image(1, 500);
+      for (int i = 0; i < 500; ++i)
+        image(i) = static_cast<float>(20 + 200 * std::pow(ideal_intensity(pattern, truth(i)), kGamma));
+      stack.images.push_back(image);
+    }
+    const auto rms = [&](const RigModel& with) {
+      cv::Mat1d measured;
+      decode(stack, sequence, with, {}).coordinate_px.convertTo(measured, CV_64F);
+      return cv::norm(measured, truth) / std::sqrt(500.0) * 2 * kPi / 1040;
+    };
+    RigModel bare = rig;
+    bare.phase_correction = {};
+    // METHOD, response curve: about 0.29 rad sin 3 phi.
+    EXPECT_NEAR(rms(bare), 0.29 / std::sqrt(2.0), 0.02) << first;
+    EXPECT_LT(rms(rig), 0.002 * rms(bare)) << first;
+  }
+}
+
+// --- spatial ---
+
+using Unwrap = SpatialOrders (*)(const cv::Mat1f&);
+SpatialOrders quality(const cv::Mat1f& phase) { return unwrap_by_quality(phase, cv::Mat1f(phase.size(), 0.1f), 1.6); }
+SpatialOrders reliability(const cv::Mat1f& phase) { return unwrap_by_reliability(phase, 1.6); }
+
+class Spatial : public testing::TestWithParam<Unwrap> {
+ protected:
+  static cv::Mat1f wrapped(const cv::Mat1d& phase) {
+    cv::Mat1f result(phase.size());
+    for (int i = 0; i < static_cast<int>(phase.total()); ++i)
+      result(i / phase.cols, i % phase.cols) =
+          static_cast<float>(std::remainder(phase(i / phase.cols, i % phase.cols), 2 * kPi));
+    return result;
+  }
+  // Largest distance of the unwrapped phase from the truth, each component shifted as a whole.
+  static double worst(const SpatialOrders& orders, const cv::Mat1f& phase, const cv::Mat1d& truth) {
+    std::vector<double> shift(static_cast<size_t>(orders.components), NAN);
+    double worst = 0;
+    for (int row = 0; row < truth.rows; ++row) {
+      for (int col = 0; col < truth.cols; ++col) {
+        if (orders.component(row, col) < 0) continue;
+        double& own = shift[static_cast<size_t>(orders.component(row, col))];
+        const double off = phase(row, col) + 2 * kPi * orders.order(row, col) - truth(row, col);
+        if (std::isnan(own)) own = std::round(off / (2 * kPi)) * 2 * kPi;
+        worst = std::max(worst, std::abs(off - own));
+      }
+    }
+    return worst;
+  }
+};
+INSTANTIATE_TEST_SUITE_P(Orders, Spatial, testing::Values(&quality, &reliability));
+
+TEST_P(Spatial, FollowsASmoothSurfaceWithAHole) {
+  cv::Mat1d truth(120, 160);
+  for (int row = 0; row < truth.rows; ++row) {
+    for (int col = 0; col < truth.cols; ++col)
+      truth(row, col) = 0.9 * col - 0.4 * row + 6 * std::sin(row * col / 2000.0);
+  }
+  cv::Mat1f phase = wrapped(truth);
+  phase(cv::Rect(40, 30, 50, 40)) = std::numeric_limits<float>::quiet_NaN();
+  const SpatialOrders orders = GetParam()(phase);
+  EXPECT_EQ(orders.components, 1);
+  EXPECT_LT(worst(orders, phase, truth), 1e-4);
+  EXPECT_EQ(orders.component(50, 60), -1);
+}
+
+TEST_P(Spatial, PartsThatDoNotTouchAreComponents) {
+  cv::Mat1d truth(40, 90);
+  for (int row = 0; row < 40; ++row) {
+    for (int col = 0; col < 90; ++col) truth(row, col) = 0.7 * col + (col > 60 ? 2.4 : 0);  // a step of 2.4 rad at 60
+  }
+  cv::Mat1f phase = wrapped(truth);
+  phase.col(30) = std::numeric_limits<float>::quiet_NaN();
+  const SpatialOrders orders = GetParam()(phase);
+  EXPECT_EQ(orders.components, 3);
+  EXPECT_EQ(orders.component(0, 0), 0);
+  EXPECT_EQ(orders.component(39, 31), 1);
+  EXPECT_EQ(orders.component(20, 61), 2);
+  EXPECT_LT(worst(orders, phase, truth), 1e-4);
+}
+
+TEST_P(Spatial, NoiseThatStaysBelowTheLimitDoesNoHarm) {
+  Random random(8);
+  cv::Mat1d truth(100, 100), noisy(100, 100);
+  for (int row = 0; row < 100; ++row) {
+    for (int col = 0; col < 100; ++col) {
+      truth(row, col) = 0.5 * col + 0.3 * row;
+      noisy(row, col) = truth(row, col) + 0.1 * random.normal();
+    }
+  }
+  const cv::Mat1f phase = wrapped(noisy);
+  EXPECT_LT(worst(GetParam()(phase), phase, truth), 0.6);
+}
+
+TEST(Vote, TakesTheCommonestOrderAndLeavesTheRestRelative) {
+  SpatialOrders orders{cv::Mat1i(1, 12), cv::Mat1i(1, 12), 3};
+  cv::Mat1i reference(1, 12, -1);
+  for (int i = 0; i < 12; ++i) {
+    orders.order(i) = i % 4;
+    orders.component(i) = i / 4;
+  }
+  for (int i = 0; i < 4; ++i) reference(i) = i + 5;      // four votes for 5
+  reference(4) = 2, reference(5) = 3, reference(6) = 0;  // two for 2, one for -2
+  const auto result = vote(orders, reference, 0.9);
+  EXPECT_TRUE(result[0].summary.absolute);
+  EXPECT_EQ(result[0].shift, 5);
+  EXPECT_FALSE(result[1].summary.absolute);
+  EXPECT_EQ(result[1].shift, 2);
+  EXPECT_NEAR(result[1].summary.agreement, 2.0 / 3, 1e-12);
+  EXPECT_EQ(result[2].summary.votes, 0);
+  EXPECT_FALSE(result[2].summary.absolute);
+}
+
+TEST(SpatialDecoding, ComponentsTakeTheirOrderFromTheReference) {
+  // Two plates side by side, 7.4 periods apart.
+  cv::Mat1d truth(60, 80);
+  for (int row = 0; row < 60; ++row) {
+    for (int col = 0; col < 80; ++col) truth(row, col) = 200 + 2.0 * col + (col >= 40 ? 7.4 * 16 : 0);
+  }
+  RigModel rig = plain_rig();
+  SequenceDesign design = design_of({1040, 130, 16});
+  const PatternSequence sequence = design_sequence(design);
+  Random random(9);
+  const auto stack = fringe_stack(truth, sequence, {}, CV_8UC1, rig.sensor, &random);
+  for (const char* order : {"quality", "reliability"}) {
+    DecodeOptions options = by("spatial");
+    options.spatial_order = order;
+    const DecodedStack decoded = decode(stack, sequence, rig, options);
+    ASSERT_EQ(decoded.components.size(), 2U);
+    EXPECT_TRUE(decoded.components[0].absolute && decoded.components[1].absolute);
+    for (int row = 0; row < 60; ++row) {
+      for (int col = 0; col < 80; ++col) EXPECT_NEAR(decoded.coordinate_px(row, col), truth(row, col), 0.5);
+    }
+    options.spatial_reference = "none";
+    const DecodedStack relative = decode(stack, sequence, rig, options);
+    EXPECT_FALSE(relative.components[0].absolute);
+    EXPECT_TRUE(std::isnan(relative.coordinate_px(3, 3)));
+    const double step = relative.relative_phase(3, 30) - relative.relative_phase(3, 3);
+    EXPECT_NEAR(step, 27 * 2.0 / 16 * 2 * kPi, 0.2);
+  }
+}
+
+}  // namespace
+}  // namespace fringeslam
