@@ -11,8 +11,6 @@ namespace fringeslam {
 
 namespace {
 
-#define FRINGESLAM_INLINE inline __attribute__((always_inline))
-
 constexpr float kTurn = 2 * std::numbers::pi_v<float>;
 // What the projector's grey levels add to the difference of two periods' phases, turns: 8 bits and a ratio of 8.
 constexpr float kPatternResidual = 0.03f / kTurn;
@@ -345,29 +343,16 @@ void decode_row_portable(const RowPlan& plan, int width, RowScratch& scratch, co
 }
 
 #if defined(__x86_64__)
-__attribute__((target("avx2"))) void decode_row_avx2(const RowPlan& plan, int width, RowScratch& scratch,
-                                                     const RowOutput& out) {
+FRINGESLAM_AVX2 void decode_row_avx2(const RowPlan& plan, int width, RowScratch& scratch, const RowOutput& out) {
   decode_row_body(plan, width, scratch, out);
 }
 
-__attribute__((target("avx512f,avx512dq,avx512vl,avx512bw"))) void decode_row_avx512(const RowPlan& plan, int width,
-                                                                                     RowScratch& scratch,
-                                                                                     const RowOutput& out) {
+FRINGESLAM_AVX512 void decode_row_avx512(const RowPlan& plan, int width, RowScratch& scratch, const RowOutput& out) {
   decode_row_body(plan, width, scratch, out);
 }
 #endif
 
 }  // namespace
-
-InstructionSet widest_instruction_set() {
-#if defined(__x86_64__)
-  if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl") &&
-      __builtin_cpu_supports("avx512bw"))
-    return InstructionSet::avx512;
-  if (__builtin_cpu_supports("avx2")) return InstructionSet::avx2;
-#endif
-  return InstructionSet::portable;
-}
 
 void decode_row(const RowPlan& plan, int width, RowScratch& scratch, const RowOutput& out, InstructionSet set) {
 #if defined(__x86_64__)
