@@ -64,18 +64,18 @@ TEST(Mesh, PlaneIsTwoTrianglesAPixelBlockThatFaceTheCamera) {
 }
 
 TEST(Mesh, NoTriangleCrossesAStep) {
-  // Two planes, 5 mm apart, between columns 2 and 3: 5 blocks a row, of which one bridges the step.
-  const std::vector<float> row = {1, 1, 1, 1.005F, 1.005F, 1.005F};
+  // Two planes, 10 mm apart, between columns 2 and 3: 5 blocks a row, of which one bridges the step.
+  const std::vector<float> row = {1, 1, 1, 1.01F, 1.01F, 1.01F};
   const Mesh mesh = frame_mesh(grid({row, row, row}), {});
   EXPECT_EQ(mesh.triangles.size(), 2U * 4 * 2);
   for (const auto& triangle : mesh.triangles) {
     const double z = corner(mesh, triangle, 0).z();
     for (size_t i = 1; i < 3; ++i) EXPECT_EQ(corner(mesh, triangle, i).z(), z);
   }
-  // 5 mm over 1 mm is a slope of 78.7 degrees.
-  EXPECT_EQ(frame_mesh(grid({row, row, row}), {.max_slope_deg = 78}).triangles.size(), 2U * 4 * 2);
-  EXPECT_EQ(frame_mesh(grid({row, row, row}), {.max_slope_deg = 82}).triangles.size(), 2U * 5 * 2);
-  EXPECT_EQ(frame_mesh(grid({row, row, row}), {.max_slope_deg = 82, .max_step_m = 0.004}).triangles.size(), 2U * 4 * 2);
+  // 10 mm over 1 mm is a slope of 84.3 degrees.
+  EXPECT_EQ(frame_mesh(grid({row, row, row}), {.max_slope_deg = 83}).triangles.size(), 2U * 4 * 2);
+  EXPECT_EQ(frame_mesh(grid({row, row, row}), {.max_slope_deg = 86}).triangles.size(), 2U * 5 * 2);
+  EXPECT_EQ(frame_mesh(grid({row, row, row}), {.max_slope_deg = 86, .max_step_m = 0.009}).triangles.size(), 2U * 4 * 2);
 }
 
 TEST(Mesh, BlockWithoutOneCornerIsTheTriangleOfTheOtherThree) {
