@@ -156,7 +156,10 @@ cv::Mat read_image(const fs::path& file) {
   if (!fs::exists(file, ignored)) throw Error(file.string() + ": is missing");
   if (file.extension() == ".png" && !is_whole_png(read_bytes(file)))
     throw Error(file.string() + ": is truncated or damaged; record or render it again");
-  auto in = OIIO::ImageInput::open(file.string());
+  // OpenImageIO would multiply the colours by alpha.
+  OIIO::ImageSpec as_stored;
+  as_stored.attribute("oiio:UnassociatedAlpha", 1);
+  auto in = OIIO::ImageInput::open(file.string(), &as_stored);
   if (!in) throw Error(file.string() + ": cannot be read as an image: " + first_line(OIIO::geterror()));
   const OIIO::ImageSpec& spec = in->spec();
   if (spec.width < 1 || spec.height < 1 || spec.width > 16384 || spec.height > 16384)
