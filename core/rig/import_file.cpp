@@ -12,6 +12,7 @@
 #include <set>
 
 #include "core/rig/opencv_calibration.h"
+#include "core/rig/rig_file.h"
 #include "core/rig/yaml.h"
 
 namespace fringeslam {
@@ -35,6 +36,7 @@ struct Entry {
   bool single = false;  // `file`, or else `files`
   std::vector<Pattern> patterns;
   std::vector<std::string> files;
+  std::vector<double> inverse_response;  // of `sequence`
 };
 
 // "img_{:02d}.png" or "img_%02d.png" with a number in it.
@@ -177,10 +179,20 @@ Pattern flat(double level) {
   return pattern;
 }
 
+// What `fringeslam patterns` wrote.
+PatternSequence read_sequence(const YamlMap& map, const cv::Size& projector) {
+  const PatternSequence sequence = read_patterns(map.path("sequence"));
+  if (sequence.width != projector.width || sequence.height != projector.height)
+    throw map.error("sequence", map.text("sequence") + " is for a projector of " + std::to_string(sequence.width) +
+                                    "x" + std::to_string(sequence.height) + " px, but this one has " +
+                                    std::to_string(projector.width) + "x" + std::to_string(projector.height));
+  return sequence;
+}
+
 std::vector<Pattern> read_coding(const YamlMap& map, bool single, const cv::Size& projector) {
   const bool white = map.boolean_or("white", false), black = map.boolean_or("black", false);
   if (map.has("fringe") + map.has("gray") + map.has("flat") + white + black != 1)
-    throw map.error("an entry of patterns is one of fringe, gray, flat, white: true and black: true");
+    throw map.error("an entry of patterns is one of fringe, gray, flat, white: true, black: true and sequence");
   if (map.has("fringe")) return read_fringe(map.map("fringe"), single, projector);
   if (map.has("gray")) return read_gray(map.map("gray"), single, projector);
   if (white || black) return {flat(white ? 1 : 0)};
@@ -193,10 +205,16 @@ std::vector<Pattern> read_coding(const YamlMap& map, bool single, const cv::Size
 std::vector<Entry> read_entries(const YamlMap& map, const cv::Size& projector) {
   std::vector<Entry> entries;
   for (const YamlMap& line : map.maps("patterns")) {
-    Entry entry{line, line.has("file"), {}, {}};
+    Entry entry{line, line.has("file"), {}, {}, {}};
     if (entry.single == line.has("files"))
       throw line.error("an entry of patterns needs `file` for one image, or `files` for several, and not both");
-    entry.patterns = read_coding(line, entry.single, projector);
+    if (!entry.single && line.has("sequence")) {
+      PatternSequence sequence = read_sequence(line, projector);
+      entry.patterns = std::move(sequence.patterns);
+      entry.inverse_response = std::move(sequence.inverse_response);
+    } else {
+      entry.patterns = read_coding(line, entry.single, projector);
+    }
     entry.files = entry_files(entry);
     entries.push_back(std::move(entry));
   }
@@ -208,13 +226,16 @@ PatternSequence sequence_of(const std::vector<Entry>& entries, const cv::Size& p
   PatternSequence sequence{projector.width, projector.height, {}};
   std::map<std::string, int> users;
   for (const Entry& entry : entries) {
+    if (!entry.inverse_response.empty()) sequence.inverse_response = entry.inverse_response;
     for (const std::string& file : entry.files) {
       if (++users[fs::path(file).lexically_normal().string()] > 1)
         throw entry.map.error(entry.single ? "file" : "files",
                               file + " is used a second time; each image is one pattern");
     }
     for (const Pattern& pattern : entry.patterns) {
-      if (std::find(sequence.patterns.begin(), sequence.patterns.end(), pattern) != sequence.patterns.end())
+      const bool known =
+          std::find(sequence.patterns.begin(), sequence.patterns.end(), pattern) != sequence.patterns.end();
+      if (known && pattern.coding != Coding::flat)
         throw entry.map.error("the same pattern stands here a second time; what differs between the two?");
       sequence.patterns.push_back(pattern);
     }

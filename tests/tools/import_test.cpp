@@ -296,6 +296,24 @@ TEST(Import, SingleFilesAndRangesSayTheSame) {
   EXPECT_TRUE(range.patterns[6].inverted);
 }
 
+// What `fringeslam patterns` showed is imported by the file that it left.
+TEST(Import, OurOwnPatternsAreImportedByTheirFile) {
+  const test::TempFolder temp;
+  test::run_well({"patterns", "--size", "64x32", "--periods", "16", "--gray", "complementary", "--white-black",
+                  "--ramp-levels", "3", "--out", (temp / "shown").string(), "--quiet"});
+  const auto config = [&](const std::string& width) {
+    test::write_bytes(temp / "import.yaml", "name: x\nprojector: {width_px: " + width +
+                                                ", height_px: 32}\npatterns:\n" +
+                                                "  - {files: \"%03d.png\", sequence: shown/patterns.yaml}\n");
+    return temp / "import.yaml";
+  };
+  const ImportPlan plan = read_import(config("64"), temp / "shown");
+  EXPECT_TRUE(plan.sequence == read_patterns(temp / "shown/patterns.yaml"));
+  EXPECT_EQ(plan.stacks[0].back().filename(), "010.png");
+  EXPECT_THAT(message_of([&] { read_import(config("63"), temp / "shown"); }),
+              HasSubstr("import.yaml:4: shown/patterns.yaml is for a projector of 64x32 px, but this one has 63x32"));
+}
+
 // --- images ---
 
 TEST(ReadAsGrey, EqualChannelsAreThemselvesOthersByTheRule) {
