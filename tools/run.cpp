@@ -24,6 +24,7 @@ struct Arguments {
   std::string source, out;
   std::vector<std::string> sets;
   std::optional<uint64_t> seed;
+  bool mesh = false;
 };
 
 // A scene's name as the name of a folder.
@@ -50,9 +51,10 @@ int run(const Arguments& arguments, const Common& common) {
                               ? "runs/" + file_name(source->name()) + "-" + std::to_string(source->seed())
                               : arguments.out;
   StagedFolder folder(out, "run");
-  write_text(folder.path() / kConfigFile,
-             "name: " + yaml_quoted(source->name()) + "\nseed: " + std::to_string(source->seed()) +
-                 "\nstacks: " + std::to_string(source->stacks()) + "\n" + pipeline_yaml(settings));
+  write_text(folder.path() / kConfigFile, "name: " + yaml_quoted(source->name()) +
+                                              "\nseed: " + std::to_string(source->seed()) +
+                                              "\nstacks: " + std::to_string(source->stacks()) + "\n" +
+                                              pipeline_yaml(settings) + (arguments.mesh ? mesh_yaml(settings) : ""));
   const auto rig = source->open(folder.path());
   // The map's world is the robot's frame at the first stack.
   Pipeline pipeline(rig->model(), source->sequence(), settings.pipeline, Pose{});
@@ -63,6 +65,7 @@ int run(const Arguments& arguments, const Common& common) {
       const std::optional<FrameResult> previous = pipeline.last_tracked();
       const FrameResult result = pipeline.process(*stack);
       record.add(*stack, result, previous ? &*previous : nullptr);
+      if (arguments.mesh) record.add_mesh(frame_mesh(result.frame, settings.mesh), stack->index);
       progress.step();
     }
   }
@@ -97,6 +100,7 @@ Verb add_run(CLI::App& app, const Common& common) {
   verb->add_option("source", arguments->source, "Scene file, folder with scene.yaml, or dataset folder")->required();
   verb->add_option("--out", arguments->out, "Run folder to write (default: runs/NAME-SEED)");
   verb->add_option("--seed", arguments->seed, "Seed, instead of the scene's")->check(CLI::NonNegativeNumber);
+  verb->add_flag("--mesh", arguments->mesh, "Write each view's surface mesh as frames/NNNNNN/mesh.ply too");
   verb->add_option("--set", arguments->sets, "Change a setting: stage.key=value (repeatable; listed below)");
   verb->footer(settings_help());
   return [arguments, &common] { return run(*arguments, common); };

@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <cstdio>
+#include <limits>
 #include <numbers>
 #include <opencv2/imgproc.hpp>
 #include <sstream>
@@ -24,10 +25,15 @@ cv::Mat1f depth_of(const Frame& frame) {
   return depth;
 }
 
+// The first image of the finest fringes, or of all where there are none.
 int finest_image(const PatternSequence& sequence) {
   size_t finest = 0;
+  double period_px = std::numeric_limits<double>::max();
   for (size_t i = 0; i < sequence.patterns.size(); ++i) {
-    if (sequence.patterns[i].period_px < sequence.patterns[finest].period_px) finest = i;
+    const Pattern& pattern = sequence.patterns[i];
+    if (pattern.coding != Coding::fringe || pattern.period_px >= period_px) continue;
+    finest = i;
+    period_px = pattern.period_px;
   }
   return static_cast<int>(finest);
 }
@@ -118,6 +124,10 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const F
                    ": " + std::to_string(result.motion.inliers) + " of " + std::to_string(result.matches.size()) +
                    " agree on one motion";
   }
+}
+
+void RunFolder::add_mesh(const Mesh& mesh, int index) const {
+  write_text(frame_folder(index) / "mesh.ply", to_ply(mesh));
 }
 
 void RunFolder::finish(const CloudMap& map) {

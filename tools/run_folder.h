@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <vector>
 
+#include "core/map/mesh.h"
 #include "core/pipeline/pipeline.h"
 #include "tools/report/pictures.h"
 #include "tools/run_score.h"
@@ -19,6 +20,9 @@ class RunFolder {
   // The pictures and depth of one view, and one entry of frames.json.
   void add(const FringeStack& stack, const FrameResult& result, const FrameResult* previous);
 
+  // mesh.ply of a view that was added.
+  void add_mesh(const Mesh& mesh, int index) const;
+
   // trajectory.tum, map.ply, frames.json.
   void finish(const CloudMap& map);
 
@@ -30,7 +34,7 @@ class RunFolder {
 
   std::filesystem::path folder_;
   RigModel rig_;
-  int finest_image_ = 0;  // of the sequence: shown in the overview
+  int finest_image_ = 0;  // of the finest fringes: shown in the overview
   Trajectory trajectory_;
   std::vector<int> tracked_;
   nlohmann::ordered_json frames_ = nlohmann::ordered_json::array();

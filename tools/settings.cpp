@@ -80,6 +80,8 @@ std::string pipeline_yaml(Settings settings) {
 
 std::string render_yaml(Settings settings) { return group_yaml("render", settings.render); }
 
+std::string mesh_yaml(Settings settings) { return group_yaml("mesh", settings.mesh); }
+
 std::string settings_help() {
   std::string text = "Settings for --set, with their defaults:\n";
   Settings().for_each_group([&](const char* name, auto& options) {

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "core/map/mesh.h"
 #include "core/pipeline/pipeline.h"
 #include "sim/virtual_rig.h"
 
@@ -13,12 +14,14 @@ namespace fringeslam::tools {
 struct Settings {
   PipelineOptions pipeline;
   sim::RenderOptions render;
+  MeshOptions mesh;
 
   // visit(name, options) for each group of options.
   template <class Visit>
   void for_each_group(Visit&& visit) {
     pipeline.for_each_stage(visit);
     visit("render", render);
+    visit("mesh", mesh);
   }
 };
 
@@ -27,6 +30,7 @@ Settings parse_settings(const std::vector<std::string>& sets);
 
 std::string pipeline_yaml(Settings settings);
 std::string render_yaml(Settings settings);
+std::string mesh_yaml(Settings settings);
 
 // "decode.min_modulation_dn  3  least fringe amplitude …", one line each, for --help.
 std::string settings_help();

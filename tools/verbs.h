@@ -20,5 +20,7 @@ Verb add_run(CLI::App& app, const Common& common);
 Verb add_render(CLI::App& app, const Common& common);
 Verb add_score(CLI::App& app, const Common& common);
 Verb add_info(CLI::App& app, const Common& common);
+Verb add_import(CLI::App& app, const Common& common);
+Verb add_patterns(CLI::App& app, const Common& common);
 
 }  // namespace fringeslam::tools

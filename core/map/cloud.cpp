@@ -4,16 +4,13 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/map/ply.h"
+
 namespace fringeslam {
 
 namespace {
 
 Eigen::Vector3d to_eigen(const cv::Vec3f& v) { return {v[0], v[1], v[2]}; }
-
-template <class Value>
-void append_binary(std::string& bytes, Value value) {
-  bytes.append(reinterpret_cast<const char*>(&value), sizeof value);
-}
 
 }  // namespace
 

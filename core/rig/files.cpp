@@ -150,27 +150,69 @@ bool is_whole_png(const std::string& bytes) {
   return false;
 }
 
-}  // namespace
-
-cv::Mat read_grey(const fs::path& file) {
+// All channels of an image as they are stored: unsigned 8 or 16 bits, or 32-bit float.
+cv::Mat read_image(const fs::path& file) {
   std::error_code ignored;
   if (!fs::exists(file, ignored)) throw Error(file.string() + ": is missing");
   if (file.extension() == ".png" && !is_whole_png(read_bytes(file)))
     throw Error(file.string() + ": is truncated or damaged; record or render it again");
-  auto in = OIIO::ImageInput::open(file.string());
+  // OpenImageIO would multiply the colours by alpha.
+  OIIO::ImageSpec as_stored;
+  as_stored.attribute("oiio:UnassociatedAlpha", 1);
+  auto in = OIIO::ImageInput::open(file.string(), &as_stored);
   if (!in) throw Error(file.string() + ": cannot be read as an image: " + first_line(OIIO::geterror()));
   const OIIO::ImageSpec& spec = in->spec();
-  if (spec.nchannels != 1)
-    throw Error(file.string() + ": has " + std::to_string(spec.nchannels) + " channels; a camera image has one");
   if (spec.width < 1 || spec.height < 1 || spec.width > 16384 || spec.height > 16384)
     throw Error(file.string() + ": impossible image size");
+  if (spec.nchannels < 1 || spec.nchannels > CV_CN_MAX)
+    throw Error(file.string() + ": has " + std::to_string(spec.nchannels) + " channels; a camera image has one");
   const auto base = static_cast<OIIO::TypeDesc::BASETYPE>(spec.format.basetype);
-  const int type = base == OIIO::TypeDesc::UINT8 ? CV_8UC1 : base == OIIO::TypeDesc::UINT16 ? CV_16UC1 : CV_32FC1;
-  cv::Mat image(spec.height, spec.width, type);
-  const OIIO::TypeDesc wanted = type == CV_32FC1 ? OIIO::TypeDesc(OIIO::TypeDesc::FLOAT) : OIIO::TypeDesc(base);
-  if (!in->read_image(0, 0, 0, 1, wanted, image.data))
+  const int depth = base == OIIO::TypeDesc::UINT8 ? CV_8U : base == OIIO::TypeDesc::UINT16 ? CV_16U : CV_32F;
+  cv::Mat image(spec.height, spec.width, CV_MAKETYPE(depth, spec.nchannels));
+  const OIIO::TypeDesc wanted = depth == CV_32F ? OIIO::TypeDesc(OIIO::TypeDesc::FLOAT) : OIIO::TypeDesc(base);
+  if (!in->read_image(0, 0, 0, spec.nchannels, wanted, image.data))
     throw Error(file.string() + ": is truncated or damaged: " + first_line(in->geterror()));
   return image;
+}
+
+bool same_values(const cv::Mat& a, const cv::Mat& b) { return cv::norm(a, b, cv::NORM_INF) == 0; }
+
+cv::Mat luminance(const cv::Mat& red, const cv::Mat& green, const cv::Mat& blue) {
+  cv::Mat sum = cv::Mat::zeros(red.size(), CV_32F);
+  cv::scaleAdd(cv::Mat1f(red), 0.299, sum, sum);
+  cv::scaleAdd(cv::Mat1f(green), 0.587, sum, sum);
+  cv::scaleAdd(cv::Mat1f(blue), 0.114, sum, sum);
+  sum.convertTo(sum, red.type());  // rounds
+  return sum;
+}
+
+}  // namespace
+
+cv::Mat read_grey(const fs::path& file) {
+  cv::Mat image = read_image(file);
+  if (image.channels() != 1)
+    throw Error(file.string() + ": has " + std::to_string(image.channels()) + " channels; a camera image has one");
+  return image;
+}
+
+cv::Mat read_as_grey(const fs::path& file, GreyFrom from) {
+  const cv::Mat image = read_image(file);
+  std::vector<cv::Mat> channels;
+  cv::split(image, channels);
+  if (channels.size() < 3) return channels[0];  // grey, or grey and alpha
+  const cv::Mat &red = channels[0], &green = channels[1], &blue = channels[2];
+  if (same_values(red, green) && same_values(red, blue)) return red;
+  switch (from) {
+    case GreyFrom::red:
+      return red;
+    case GreyFrom::green:
+      return green;
+    case GreyFrom::blue:
+      return blue;
+    case GreyFrom::luminance:
+      break;
+  }
+  return luminance(red, green, blue);
 }
 
 }  // namespace fringeslam

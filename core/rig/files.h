@@ -45,4 +45,11 @@ void write_exr(const std::filesystem::path& file, const std::vector<ExrChannel>&
 // file is missing, truncated, or has another number of channels.
 cv::Mat read_grey(const std::filesystem::path& file);
 
+enum class GreyFrom { luminance, red, green, blue };
+
+// The same of a file that may be in colour, then 8 or 16 bits. Alpha is ignored; where red, green and blue are equal
+// they are the grey value; else it is the channel asked for, or the luminance 0.299 R + 0.587 G + 0.114 B (Rec. 601),
+// rounded.
+cv::Mat read_as_grey(const std::filesystem::path& file, GreyFrom from);
+
 }  // namespace fringeslam

@@ -17,6 +17,10 @@ constexpr Range kPeriod{2, 1e5};
 constexpr Range kCell{0.5, 1e5};
 constexpr Range kFraction{0, 1};
 
+// Share of the image over which a lens must map rays and pixels one to one. Calibrated polynomials of real lenses may
+// fold in the extreme corners, where no board was seen: rays are NaN there, and nothing is measured.
+constexpr double kLeastShare = 0.95;
+
 // Whether the lens maps the ray of this pixel, and those between it and the axis, one to one: the distorted radius
 // must grow all the way to it.
 bool distortion_is_monotonic(const Pinhole& p, const Eigen::Vector2d& pixel) {
@@ -32,6 +36,16 @@ bool distortion_is_monotonic(const Pinhole& p, const Eigen::Vector2d& pixel) {
   return true;
 }
 
+double invertible_share(const Pinhole& p) {
+  constexpr int kGrid = 32;
+  int good = 0;
+  for (int i = 0; i < kGrid; ++i) {
+    for (int j = 0; j < kGrid; ++j)
+      good += distortion_is_monotonic(p, {p.width * (i + 0.5) / kGrid - 0.5, p.height * (j + 0.5) / kGrid - 0.5});
+  }
+  return static_cast<double>(good) / (kGrid * kGrid);
+}
+
 Pinhole read_pinhole(const YamlMap& map) {
   Pinhole p;
   p.width = map.integer("width_px", kPixels);
@@ -41,15 +55,12 @@ Pinhole read_pinhole(const YamlMap& map) {
   p.cx = map.number("cx_px", kCentre);
   p.cy = map.number("cy_px", kCentre);
   if (map.has("distortion")) {
-    const std::vector<double> d = map.numbers("distortion", 5, {-10, 10});
+    const std::vector<double> d = map.numbers("distortion", 5, {-1e4, 1e4});
     p.distortion = {d[0], d[1], d[2], d[3], d[4]};
   }
-  for (const double u : {-0.5, p.width - 0.5}) {
-    for (const double v : {-0.5, p.height - 0.5}) {
-      if (!distortion_is_monotonic(p, {u, v}))
-        throw map.error("distortion", "the distortion cannot be inverted at the image corners; check its coefficients");
-    }
-  }
+  if (const double share = p.distortion.is_zero() ? 1 : invertible_share(p); share < kLeastShare)
+    throw map.error("distortion", "the distortion cannot be inverted over " + to_text(std::round(100 * (1 - share))) +
+                                      " % of the image; check its coefficients");
   return p;
 }
 

@@ -208,6 +208,18 @@ Pose YamlMap::pose(const std::string& key) const {
   return pose;
 }
 
+std::vector<std::string> YamlMap::texts(const std::string& key) const {
+  const YAML::Node value = node_->require(key);
+  if (value.IsScalar()) return {text(key)};
+  std::vector<std::string> result;
+  for (const auto& element : value) {
+    if (!value.IsSequence() || !element.IsScalar()) throw error(key, "'" + key + "' must be a text or a list of texts");
+    result.push_back(element.Scalar());
+  }
+  if (result.empty()) throw error(key, "'" + key + "' must not be empty");
+  return result;
+}
+
 YamlMap YamlMap::map(const std::string& key) const {
   const YAML::Node value = node_->require(key);
   if (!value.IsMap()) throw error(key, "'" + key + "' must be a map of `key: value` lines");

@@ -44,6 +44,9 @@ class YamlMap {
   // {translation_m: [x, y, z], rotation_deg: [alpha, beta, gamma]}, or rotation_matrix: 9 numbers by row.
   Pose pose(const std::string& key) const;
 
+  // A list of texts, or one text for a list of one.
+  std::vector<std::string> texts(const std::string& key) const;
+
   YamlMap map(const std::string& key) const;
   std::vector<YamlMap> maps(const std::string& key) const;
   std::vector<std::string> keys() const;

@@ -119,7 +119,7 @@ TEST_F(CommandLine, AnySceneNameCanBeRun) {
 }
 
 TEST(CommandLineHelp, OfEachVerbIsPrintedWithoutFailure) {
-  for (const std::string verb : {"run", "render", "score", "info"}) {
+  for (const std::string verb : {"run", "render", "score", "info", "patterns", "import"}) {
     const test::Finished finished = run_program({verb, "--help"});
     EXPECT_EQ(finished.exit_code, 0) << verb;
     EXPECT_EQ(finished.err, "") << verb;
@@ -128,7 +128,8 @@ TEST(CommandLineHelp, OfEachVerbIsPrintedWithoutFailure) {
   EXPECT_THAT(run_program({"run", "--help"}).out, HasSubstr("decode.min_modulation_dn"));
   const test::Finished all = run_program({"--help"});
   EXPECT_EQ(all.exit_code, 0);
-  for (const std::string verb : {"run", "render", "score", "info"}) EXPECT_THAT(all.out, HasSubstr(verb));
+  for (const std::string verb : {"run", "render", "score", "info", "patterns", "import"})
+    EXPECT_THAT(all.out, HasSubstr(verb));
   EXPECT_EQ(run_program({"--version"}).exit_code, 0);
 }
 

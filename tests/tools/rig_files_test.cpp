@@ -6,6 +6,7 @@
 
 #include "core/rig/rig_file.h"
 #include "core/rig/yaml.h"
+#include "core/types/frame.h"
 #include "tests/tools/fake_rig.h"
 #include "tests/tools/temp_folder.h"
 
@@ -110,6 +111,29 @@ TEST(RigFile, RefusesTheImpossible) {
   expect_error_at("full_well_electrons: 40000", "full_well_electrons: .nan", "is nan");
   // r (1 - 9 r^2) has its maximum 0.128 at r = 0.192, but the corners lie at 0.178.
   expect_error_at("[-0.12, 0.1, 0.0003, -0.0002, 0]", "[-9, 0, 0, 0, 0]", "cannot be inverted");
+}
+
+// r (1 - 5.25 r^2) has its maximum 0.168 at r = 0.252, and the corners lie at 0.178: no rays there, but everywhere
+// else.
+TEST(RigFile, ALensMayFoldInTheExtremeCorners) {
+  const std::string text =
+      test::replaced(test::read_bytes(test::fs::path(FRINGESLAM_SOURCE_DIR) / "scenes/rigs/thesis.yaml"),
+                     "[-0.12, 0.1, 0.0003, -0.0002, 0]", "[-5.25, 0, 0, 0, 0]");
+  const RigModel rig = read_rig(YamlMap::parse(text, "rig.yaml"));
+  const PixelRays rays = pixel_rays(rig.camera);
+  int without_ray = 0;
+  for (int row = 0; row < rays.rows; ++row) {
+    for (int col = 0; col < rays.cols; ++col) {
+      const double x = (col - rig.camera.cx) / rig.camera.fx, y = (row - rig.camera.cy) / rig.camera.fy;
+      const bool has_ray = rays(row, col)[0] == rays(row, col)[0];
+      if (std::abs(std::hypot(x, y) - 0.168) > 1e-3) {
+        ASSERT_EQ(has_ray, std::hypot(x, y) < 0.168) << row << ", " << col;
+      }
+      without_ray += !has_ray;
+    }
+  }
+  EXPECT_GT(without_ray, 100);
+  EXPECT_LT(without_ray, 0.05 * static_cast<double>(rays.total()));
 }
 
 TEST(RigFile, RefusesARigThatCanMeasureNothing) {

@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/rig/import.h"
+
+#include <cmath>
+
+#include "core/rig/rig_file.h"
+#include "core/rig/yaml.h"
+
+namespace fringeslam {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+// An unknown industrial camera at its base gain: grey values reach full scale near its full well.
+constexpr double kFullScaleElectrons = 38250;
+
+int file_bits(const cv::Mat& image) { return image.depth() == CV_8U ? 8 : 16; }
+
+SensorModel sensor_of(const ImportCamera& camera, int bits) {
+  SensorModel sensor;
+  const auto given_or = [](double given, double fallback) { return given >= 0 ? given : fallback; };
+  sensor.bits = bits;
+  sensor.gain_dn_per_electron = given_or(camera.gain_dn_per_electron, sensor.max_dn() / kFullScaleElectrons);
+  sensor.dark_noise_electrons = given_or(camera.dark_noise_electrons, sensor.dark_noise_electrons);
+  sensor.full_well_electrons = given_or(camera.full_well_electrons, sensor.full_well_electrons);
+  sensor.offset_dn = given_or(camera.offset_dn, 0);
+  return sensor;
+}
+
+// Lenses of twice the image's width, side by side, looking at one point in the middle of the working range: something
+// that a calibration can start from.
+void make_nominal(RigModel& rig) {
+  for (Pinhole* device : {&rig.camera, &rig.projector}) {
+    device->fx = device->fy = 2.0 * device->width;
+    device->cx = 0.5 * (device->width - 1), device->cy = 0.5 * (device->height - 1);
+  }
+  const double distance_m = 0.5 * (rig.near_m + rig.far_m), baseline_m = 0.25 * distance_m;
+  rig.projector_from_camera.rotation = rotation_exp({0, std::atan2(baseline_m, distance_m), 0});
+  rig.projector_from_camera.translation = -(rig.projector_from_camera.rotation * Eigen::Vector3d(baseline_m, 0, 0));
+}
+
+std::string size_text(int width, int height) { return std::to_string(width) + "x" + std::to_string(height); }
+
+// The same checks as those of any rig file.
+void check_rig(const RigModel& rig, const fs::path& config) {
+  try {
+    read_rig(YamlMap::parse(to_yaml(rig), "rig.yaml"));
+  } catch (const Error& e) {
+    throw Error(config.string() + ": the rig that it describes is refused: " + e.what());
+  }
+}
+
+}  // namespace
+
+ImportedRig::ImportedRig(ImportPlan plan) : plan_(std::move(plan)), model_(plan_.rig), first_(plan_.stacks[0][0]) {
+  const cv::Mat image = read_as_grey(first_, plan_.camera.grey_from);
+  type_ = image.type();
+  Pinhole& camera = model_.camera;
+  if (camera.width > 0 && (camera.width != image.cols || camera.height != image.rows))
+    throw Error(first_.string() + ": is " + size_text(image.cols, image.rows) + " but the calibration is of a " +
+                size_text(camera.width, camera.height) + " camera; give the images it was made for");
+  camera.width = image.cols, camera.height = image.rows;
+  if (image.depth() == CV_32F && plan_.camera.bits == 0)
+    throw Error(plan_.config.string() +
+                ": the images hold floating-point numbers; add `camera: {bits: N}`, which says "
+                "that full scale is 2^N - 1");
+  const int bits = plan_.camera.bits > 0 ? plan_.camera.bits : file_bits(image);
+  if (bits > file_bits(image))
+    throw Error(first_.string() + ": has " + std::to_string(file_bits(image)) + " bits a pixel, but camera.bits is " +
+                std::to_string(bits));
+  model_.sensor = sensor_of(plan_.camera, bits);
+  if (!model_.calibrated) make_nominal(model_);
+  check_rig(model_, plan_.config);
+}
+
+cv::Mat ImportedRig::read(const fs::path& file) const {
+  cv::Mat image = read_as_grey(file, plan_.camera.grey_from);
+  if (image.cols != model_.camera.width || image.rows != model_.camera.height)
+    throw Error(file.string() + ": is " + size_text(image.cols, image.rows) + " but " + first_.string() + " is " +
+                size_text(model_.camera.width, model_.camera.height) + "; all images must have one size");
+  if (image.type() != type_)
+    throw Error(file.string() + ": has another pixel type than " + first_.string() + "; all must have one");
+  if (plan_.camera.msb_aligned && image.depth() == CV_16U) {
+    // Division would round: low bits may hold a copy of the high ones.
+    const int unused = file_bits(image) - model_.sensor.bits;
+    for (auto pixel = image.begin<uint16_t>(); pixel != image.end<uint16_t>(); ++pixel)
+      *pixel = static_cast<uint16_t>(*pixel >> unused);
+  }
+  double largest = 0;
+  cv::minMaxLoc(image, nullptr, &largest);
+  if (image.depth() != CV_32F && largest > model_.sensor.max_dn())
+    throw Error(file.string() + ": has a grey value of " + to_text(largest) + ", more than camera.bits: " +
+                std::to_string(model_.sensor.bits) + " can hold; correct bits, or say msb_aligned: true");
+  return image;
+}
+
+std::optional<FringeStack> ImportedRig::capture(const PatternSequence&) {
+  if (next_ == plan_.stacks.size()) return std::nullopt;
+  FringeStack stack;
+  stack.index = static_cast<int>(next_);
+  stack.timestamp_s = static_cast<double>(next_) * plan_.interval_s;
+  for (const fs::path& file : plan_.stacks[next_]) {
+    stack.images.push_back(read(file));
+    stack.exposure_s.push_back(plan_.exposure_s);
+  }
+  ++next_;
+  return stack;
+}
+
+}  // namespace fringeslam

@@ -1,0 +1,460 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/rig/import_file.h"
+
+#include <fnmatch.h>
+
+#include <algorithm>
+#include <cctype>
+#include <cmath>
+#include <map>
+#include <numbers>
+#include <optional>
+#include <set>
+
+#include "core/rig/opencv_calibration.h"
+#include "core/rig/rig_file.h"
+#include "core/rig/yaml.h"
+
+namespace fringeslam {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr Range kPixels{1, 16384};
+constexpr Range kPeriod{2, 1e5};
+constexpr Range kDegrees{-1e4, 1e4};
+constexpr int kMaxSteps = 1000, kMaxBits = 30, kMaxNumber = 1000000;
+
+double radians(double degrees) { return degrees * std::numbers::pi / 180; }
+
+// --- which image shows which pattern ---
+
+// One line of `patterns:`, with the images that it names, in their order.
+struct Entry {
+  YamlMap map;
+  bool single = false;  // `file`, or else `files`
+  std::vector<Pattern> patterns;
+  std::vector<std::string> files;
+  std::vector<double> inverse_response;  // of `sequence`
+};
+
+// "img_{:02d}.png" or "img_%02d.png" with a number in it.
+std::string numbered(const YamlMap& map, const std::string& format, int number) {
+  const size_t brace = format.find('{'), percent = format.find('%');
+  const bool python = brace != std::string::npos;
+  const size_t begin = python ? brace : percent, end = format.find_first_of(python ? "}" : "d", begin);
+  const Error malformed =
+      map.error("files", "'" + format + "' must hold one number, as {:02d} or %02d; or list the files");
+  if (begin == std::string::npos || end == std::string::npos) throw malformed;
+  std::string field = format.substr(begin + 1, end - begin - 1);  // ":02d", "02"
+  if (python) {
+    if (field.starts_with(":")) field.erase(0, 1);
+    if (field.ends_with("d")) field.pop_back();
+  }
+  const bool zeros = field.starts_with("0");
+  if (field.size() > 3 || !std::all_of(field.begin(), field.end(), [](unsigned char c) { return std::isdigit(c); }))
+    throw malformed;
+  const size_t width = field.empty() ? 0 : static_cast<size_t>(std::stoi(field));
+  std::string digits = std::to_string(number);
+  if (digits.size() < width) digits.insert(0, width - digits.size(), zeros ? '0' : ' ');
+  const std::string before = format.substr(0, begin), after = format.substr(end + 1);
+  if ((before + after).find_first_of("{}%") != std::string::npos) throw malformed;
+  return before + digits + after;
+}
+
+std::vector<std::string> entry_files(const Entry& entry) {
+  if (entry.single) return {entry.map.text("file")};
+  std::vector<std::string> files = entry.map.texts("files");
+  const size_t count = entry.patterns.size();
+  if (files.size() == 1) {
+    const std::string format = files[0];
+    const int first = entry.map.integer_or("first", 0, {0, kMaxNumber});
+    files.clear();
+    for (size_t i = 0; i < count; ++i) files.push_back(numbered(entry.map, format, first + static_cast<int>(i)));
+  }
+  if (files.size() != count)
+    throw entry.map.error("files", "'files' lists " + std::to_string(files.size()) +
+                                       " images, but the entry describes " + std::to_string(count) + " patterns");
+  return files;
+}
+
+Axis read_axis(const YamlMap& map) {
+  return map.choice("axis", {"columns", "rows"}) == "columns" ? Axis::columns : Axis::rows;
+}
+
+double read_period(const YamlMap& map, int length_px) {
+  if (!map.has("number_of_periods")) return map.number("period_px", kPeriod);
+  if (map.has("period_px")) throw map.error("number_of_periods", "give period_px or number_of_periods, not both");
+  const double period = length_px / map.number("number_of_periods", {1e-3, 1e4});
+  if (!kPeriod.contains(period)) throw map.error("number_of_periods", range_error("the period", period, kPeriod));
+  return period;
+}
+
+// What turns the rig's own phase into ours (see the header).
+double phase_offset_rad(const YamlMap& map, double period_px) {
+  double offset_deg = map.number_or("phase_offset_deg", 0, kDegrees);
+  if (map.has("wave") && map.choice("wave", {"cos", "sin"}) == "sin") offset_deg -= 90;
+  const bool at_edge =
+      map.has("coordinate_origin") && map.choice("coordinate_origin", {"pixel_centre", "pixel_edge"}) == "pixel_edge";
+  if (!at_edge) offset_deg -= 180 / period_px;
+  return radians(offset_deg);
+}
+
+std::vector<double> read_shifts_deg(const YamlMap& map, bool single) {
+  const double sign = map.has("shift_sign") ? map.number("shift_sign", {-1, 1}) : 1;
+  if (std::abs(sign) != 1) throw map.error("shift_sign", "'shift_sign' is 1 or -1");
+  if (map.has("shift_deg")) {
+    std::vector<double> shifts =
+        single ? std::vector{map.number("shift_deg", kDegrees)} : map.numbers("shift_deg", 0, kDegrees);
+    for (double& shift : shifts) shift *= sign;
+    return shifts;
+  }
+  const int steps = map.integer(single ? "of" : "steps", {3, kMaxSteps});
+  const double step_deg = sign * map.number_or("shift_step_deg", 360.0 / steps, kDegrees);
+  if (single) return {step_deg * map.integer("step", {0, kMaxSteps})};
+  std::vector<double> shifts;
+  for (int k = 0; k < steps; ++k) shifts.push_back(k * step_deg);
+  return shifts;
+}
+
+std::vector<Pattern> read_fringe(const YamlMap& map, bool single, const cv::Size& projector) {
+  Pattern pattern;
+  pattern.axis = read_axis(map);
+  pattern.period_px = read_period(map, pattern.axis == Axis::columns ? projector.width : projector.height);
+  const double offset = phase_offset_rad(map, pattern.period_px);
+  std::vector<Pattern> patterns;
+  for (const double shift_deg : read_shifts_deg(map, single)) {
+    pattern.shift_rad = std::remainder(offset + radians(shift_deg), 2 * std::numbers::pi);
+    patterns.push_back(pattern);
+  }
+  return patterns;
+}
+
+// Coarsest bit first.
+std::vector<double> read_cells(const YamlMap& map, bool single, double period_px, int length_px) {
+  // Bit 0 changes from period to period; bit -1, of half periods, is the complementary one.
+  if (single) return {period_px * std::exp2(map.integer("bit", {-1, kMaxBits}))};
+  const int needed = std::max(1, static_cast<int>(std::ceil(std::log2(length_px / period_px) - 1e-9)));
+  const int bits = map.integer_or("bits", needed, {1, kMaxBits});
+  const bool complementary = map.boolean_or("complementary", false);
+  std::vector<double> cells;
+  for (int bit = bits - 1; bit >= (complementary ? -1 : 0); --bit) cells.push_back(period_px * std::exp2(bit));
+  return cells;
+}
+
+std::vector<Pattern> read_gray(const YamlMap& map, bool single, const cv::Size& projector) {
+  Pattern pattern;
+  pattern.coding = Coding::gray;
+  pattern.axis = read_axis(map);
+  const int length_px = pattern.axis == Axis::columns ? projector.width : projector.height;
+  std::vector<double> cells = read_cells(map, single, read_period(map, length_px), length_px);
+  const bool inverted = !map.boolean_or("bright_is_one", true);
+  std::string inverse = "none";
+  if (!single) {
+    if (map.has("order") && map.choice("order", {"msb_first", "lsb_first"}) == "lsb_first")
+      std::reverse(cells.begin(), cells.end());
+    if (map.has("inverse")) inverse = map.choice("inverse", {"none", "after_each", "after_all"});
+  }
+  std::vector<Pattern> patterns;
+  const auto add = [&](double cell_px, bool is_inverted) {
+    pattern.period_px = cell_px;
+    pattern.inverted = is_inverted;
+    patterns.push_back(pattern);
+  };
+  for (const double cell : cells) {
+    add(cell, inverted);
+    if (inverse == "after_each") add(cell, !inverted);
+  }
+  if (inverse == "after_all") {
+    for (const double cell : cells) add(cell, !inverted);
+  }
+  return patterns;
+}
+
+Pattern flat(double level) {
+  Pattern pattern;
+  pattern.coding = Coding::flat;
+  pattern.level = level;
+  return pattern;
+}
+
+// What `fringeslam patterns` wrote.
+PatternSequence read_sequence(const YamlMap& map, const cv::Size& projector) {
+  const PatternSequence sequence = read_patterns(map.path("sequence"));
+  if (sequence.width != projector.width || sequence.height != projector.height)
+    throw map.error("sequence", map.text("sequence") + " is for a projector of " + std::to_string(sequence.width) +
+                                    "x" + std::to_string(sequence.height) + " px, but this one has " +
+                                    std::to_string(projector.width) + "x" + std::to_string(projector.height));
+  return sequence;
+}
+
+std::vector<Pattern> read_coding(const YamlMap& map, bool single, const cv::Size& projector) {
+  const bool white = map.boolean_or("white", false), black = map.boolean_or("black", false);
+  if (map.has("fringe") + map.has("gray") + map.has("flat") + white + black != 1)
+    throw map.error("an entry of patterns is one of fringe, gray, flat, white: true, black: true and sequence");
+  if (map.has("fringe")) return read_fringe(map.map("fringe"), single, projector);
+  if (map.has("gray")) return read_gray(map.map("gray"), single, projector);
+  if (white || black) return {flat(white ? 1 : 0)};
+  if (single) return {flat(map.number("flat", {0, 1}))};
+  std::vector<Pattern> patterns;
+  for (const double level : map.numbers("flat", 0, {0, 1})) patterns.push_back(flat(level));
+  return patterns;
+}
+
+std::vector<Entry> read_entries(const YamlMap& map, const cv::Size& projector) {
+  std::vector<Entry> entries;
+  for (const YamlMap& line : map.maps("patterns")) {
+    Entry entry{line, line.has("file"), {}, {}, {}};
+    if (entry.single == line.has("files"))
+      throw line.error("an entry of patterns needs `file` for one image, or `files` for several, and not both");
+    if (!entry.single && line.has("sequence")) {
+      PatternSequence sequence = read_sequence(line, projector);
+      entry.patterns = std::move(sequence.patterns);
+      entry.inverse_response = std::move(sequence.inverse_response);
+    } else {
+      entry.patterns = read_coding(line, entry.single, projector);
+    }
+    entry.files = entry_files(entry);
+    entries.push_back(std::move(entry));
+  }
+  if (entries.empty()) throw map.error("patterns", "'patterns' is empty; say which file shows which pattern");
+  return entries;
+}
+
+PatternSequence sequence_of(const std::vector<Entry>& entries, const cv::Size& projector, const YamlMap& map) {
+  PatternSequence sequence{projector.width, projector.height, {}};
+  std::map<std::string, int> users;
+  for (const Entry& entry : entries) {
+    if (!entry.inverse_response.empty()) sequence.inverse_response = entry.inverse_response;
+    for (const std::string& file : entry.files) {
+      if (++users[fs::path(file).lexically_normal().string()] > 1)
+        throw entry.map.error(entry.single ? "file" : "files",
+                              file + " is used a second time; each image is one pattern");
+    }
+    for (const Pattern& pattern : entry.patterns) {
+      const bool known =
+          std::find(sequence.patterns.begin(), sequence.patterns.end(), pattern) != sequence.patterns.end();
+      if (known && pattern.coding != Coding::flat)
+        throw entry.map.error("the same pattern stands here a second time; what differs between the two?");
+      sequence.patterns.push_back(pattern);
+    }
+  }
+  try {
+    for (const Axis axis : {Axis::columns, Axis::rows}) fringe_groups(sequence, axis);
+  } catch (const Error& e) {
+    throw map.error("patterns", e.what());
+  }
+  return sequence;
+}
+
+// --- where the images are ---
+
+// "pose2" before "pose10".
+bool naturally_less(const std::string& a, const std::string& b) {
+  size_t i = 0, j = 0;
+  const auto is_digit = [](char c) { return std::isdigit(static_cast<unsigned char>(c)) != 0; };
+  const auto number_at = [&](const std::string& text, size_t& at) {
+    std::string digits;
+    for (; at < text.size() && is_digit(text[at]); ++at) digits += text[at];
+    digits.erase(0, std::min(digits.find_first_not_of('0'), digits.size()));
+    return digits;
+  };
+  while (i < a.size() && j < b.size()) {
+    if (is_digit(a[i]) && is_digit(b[j])) {
+      const std::string left = number_at(a, i), right = number_at(b, j);
+      if (left.size() != right.size()) return left.size() < right.size();
+      if (left != right) return left < right;
+    } else if (a[i] != b[j]) {
+      return a[i] < b[j];
+    } else {
+      ++i, ++j;
+    }
+  }
+  return a.size() - i != b.size() - j ? a.size() - i < b.size() - j : a < b;
+}
+
+std::vector<std::string> matching_folders(const fs::path& folder, const std::string& glob) {
+  std::vector<std::string> names;
+  for (const auto& entry : fs::directory_iterator(folder)) {
+    const std::string name = entry.path().filename().string();
+    if (entry.is_directory() && fnmatch(glob.c_str(), name.c_str(), FNM_PERIOD) == 0) names.push_back(name);
+  }
+  std::sort(names.begin(), names.end(), naturally_less);
+  return names;
+}
+
+std::vector<fs::path> stack_folders(const YamlMap& map, const fs::path& folder) {
+  if (!map.has("stacks")) return {folder};
+  std::vector<std::string> names = map.texts("stacks");
+  const bool is_glob = names.size() == 1 && names[0].find_first_of("*?[") != std::string::npos;
+  if (is_glob) names = matching_folders(folder, names[0]);
+  if (names.empty())
+    throw map.error("stacks", folder.string() + " has no folder that matches '" + map.text("stacks") + "'");
+  std::vector<fs::path> folders;
+  for (const std::string& name : names) {
+    if (!fs::is_directory(folder / name)) throw map.error("stacks", (folder / name).string() + " is no folder");
+    if (std::find(folders.begin(), folders.end(), folder / name) != folders.end())
+      throw map.error("stacks", name + " is listed a second time");
+    folders.push_back(folder / name);
+  }
+  return folders;
+}
+
+std::vector<fs::path> images_of(const fs::path& stack, const std::vector<Entry>& entries) {
+  std::vector<fs::path> images;
+  for (const Entry& entry : entries) {
+    for (const std::string& file : entry.files) {
+      if (!fs::is_regular_file(stack / file))
+        throw entry.map.error(entry.single ? "file" : "files", (stack / file).string() + " is missing");
+      images.push_back(stack / file);
+    }
+  }
+  return images;
+}
+
+bool is_image(const fs::path& file) {
+  static const std::set<std::string> kExtensions = {".png", ".bmp",  ".tif", ".tiff", ".exr",
+                                                    ".jpg", ".jpeg", ".pgm", ".ppm",  ".webp"};
+  std::string extension = file.extension().string();
+  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return kExtensions.count(extension) > 0;
+}
+
+// An image that no entry names is more likely a mistake in the file than a picture of the cat.
+void refuse_unused(const fs::path& stack, const std::vector<fs::path>& used, const std::vector<std::string>& ignored,
+                   const YamlMap& map) {
+  constexpr size_t kShown = 5;
+  std::vector<std::string> unused;
+  for (const auto& entry : fs::directory_iterator(stack)) {
+    const std::string name = entry.path().filename().string();
+    const bool wanted = !entry.is_regular_file() || !is_image(entry.path()) ||
+                        std::any_of(used.begin(), used.end(),
+                                    [&](const fs::path& file) { return fs::equivalent(file, entry.path()); }) ||
+                        std::any_of(ignored.begin(), ignored.end(), [&](const std::string& glob) {
+                          return fnmatch(glob.c_str(), name.c_str(), 0) == 0;
+                        });
+    if (!wanted) unused.push_back(name);
+  }
+  if (unused.empty()) return;
+  std::sort(unused.begin(), unused.end(), naturally_less);
+  std::string list;
+  for (size_t i = 0; i < std::min(kShown, unused.size()); ++i) list += (i ? ", " : "") + unused[i];
+  if (unused.size() > kShown) list += " and " + std::to_string(unused.size() - kShown) + " more";
+  throw map.error("patterns", stack.string() + " has images that no entry uses: " + list +
+                                  "; describe them, or add `ignore: [...]` with their names or globs");
+}
+
+// --- the rig ---
+
+// Beside the YAML file, or else among the images.
+fs::path calibration_file(const YamlMap& map, const std::string& name, const fs::path& folder) {
+  for (const fs::path& candidate : {map.folder() / name, folder / name}) {
+    if (fs::is_regular_file(candidate)) return candidate;
+  }
+  throw map.error("file", name + " is neither beside this file nor in " + folder.string());
+}
+
+CalibrationFiles read_calibration_section(const YamlMap& map, const fs::path& folder) {
+  CalibrationFiles source;
+  for (const std::string& name : map.texts("file")) source.files.push_back(calibration_file(map, name, folder));
+  CalibrationNames& names = source.names;
+  for (const auto& [key, name] :
+       {std::pair("camera_matrix", &names.camera_matrix), std::pair("camera_distortion", &names.camera_distortion),
+        std::pair("projector_matrix", &names.projector_matrix),
+        std::pair("projector_distortion", &names.projector_distortion), std::pair("rotation", &names.rotation),
+        std::pair("translation", &names.translation), std::pair("camera_size", &names.camera_size),
+        std::pair("projector_size", &names.projector_size)})
+    *name = map.text_or(key, "");
+  if (map.has("direction"))
+    source.projector_from_camera =
+        map.choice("direction", {"projector_from_camera", "camera_from_projector"}) == "projector_from_camera";
+  // Nothing in an OpenCV file tells millimetres from metres.
+  source.unit_m = map.number("unit_m", {1e-6, 1e3});
+  return source;
+}
+
+void read_projector_size(const YamlMap& map, Pinhole& projector) {
+  if (!map.has("projector")) {
+    if (projector.width == 0)
+      throw map.error("'projector' is missing; add `projector: {width_px: ..., height_px: ...}`");
+    return;
+  }
+  const YamlMap section = map.map("projector");
+  const int width = section.integer("width_px", kPixels), height = section.integer("height_px", kPixels);
+  if (projector.width > 0 && (projector.width != width || projector.height != height))
+    throw map.error("projector", "the calibration is of a projector of " + std::to_string(projector.width) + "x" +
+                                     std::to_string(projector.height) + " px");
+  projector.width = width, projector.height = height;
+}
+
+RigModel read_rig_parts(const YamlMap& map, const std::string& name, const fs::path& folder) {
+  RigModel rig;
+  rig.name = name;
+  rig.near_m = map.number_or("near_m", 0.3, {0.01, 100});
+  rig.far_m = map.number_or("far_m", 3, {0.01, 100});
+  if (rig.far_m <= rig.near_m) throw map.error("far_m", "far_m must be larger than near_m");
+  rig.calibrated = map.has("calibration");
+  if (rig.calibrated) {
+    const RigCalibration calibration =
+        read_opencv_calibration(read_calibration_section(map.map("calibration"), folder));
+    rig.camera = calibration.camera;
+    rig.projector = calibration.projector;
+    rig.projector_from_camera = calibration.projector_from_camera;
+  }
+  read_projector_size(map, rig.projector);
+  return rig;
+}
+
+ImportCamera read_camera(const YamlMap& map) {
+  ImportCamera camera;
+  if (map.has("bits")) camera.bits = map.integer("bits", {8, 16});
+  camera.msb_aligned = map.boolean_or("msb_aligned", false);
+  if (camera.msb_aligned && camera.bits == 0) throw map.error("msb_aligned", "'msb_aligned' needs `bits`");
+  if (map.has("channel")) {
+    const std::string channel = map.choice("channel", {"luminance", "red", "green", "blue"});
+    camera.grey_from = channel == "red"     ? GreyFrom::red
+                       : channel == "green" ? GreyFrom::green
+                       : channel == "blue"  ? GreyFrom::blue
+                                            : GreyFrom::luminance;
+  }
+  camera.gain_dn_per_electron = map.number_or("gain_dn_per_electron", -1, {1e-6, 1e3});
+  camera.dark_noise_electrons = map.number_or("dark_noise_electrons", -1, {0, 1e5});
+  camera.full_well_electrons = map.number_or("full_well_electrons", -1, {1, 1e9});
+  camera.offset_dn = map.number_or("offset_dn", -1, {0, 3e4});
+  return camera;
+}
+
+std::string read_board(const YamlMap& map) {
+  const std::string kind = map.choice("kind", {"checkerboard", "circles", "asymmetric_circles"});
+  const int columns = map.integer("columns", {2, 1000}), rows = map.integer("rows", {2, 1000});
+  return "kind: " + kind + "\ncolumns: " + std::to_string(columns) + "\nrows: " + std::to_string(rows) +
+         "\nspacing_m: " + to_text(map.number("spacing_m", {1e-5, 10})) + "\n";
+}
+
+}  // namespace
+
+ImportPlan read_import(const fs::path& config, const fs::path& folder) {
+  if (!fs::is_directory(folder)) throw Error(folder.string() + ": is no folder; give the one with the images");
+  const YamlMap map = YamlMap::load(config);
+  ImportPlan plan;
+  plan.config = config;
+  plan.rig = read_rig_parts(map, map.text("name"), folder);
+  if (map.has("camera")) plan.camera = read_camera(map.map("camera"));
+  plan.interval_s = map.number_or("interval_s", plan.interval_s, {1e-6, 1e6});
+  plan.exposure_s = map.number_or("exposure_s", plan.exposure_s, {1e-9, 1e3});
+  if (map.has("board")) plan.board_yaml = read_board(map.map("board"));
+  const cv::Size projector(plan.rig.projector.width, plan.rig.projector.height);
+  const std::vector<Entry> entries = read_entries(map, projector);
+  const std::vector<std::string> ignored = map.has("ignore") ? map.texts("ignore") : std::vector<std::string>{};
+  const std::vector<fs::path> stacks = stack_folders(map, folder);
+  map.finish();  // a misspelt key before what it leads to
+  plan.sequence = sequence_of(entries, projector, map);
+  for (const fs::path& stack : stacks) {
+    plan.stacks.push_back(images_of(stack, entries));
+    refuse_unused(stack, plan.stacks.back(), ignored, map);
+  }
+  return plan;
+}
+
+}  // namespace fringeslam

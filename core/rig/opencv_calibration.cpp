@@ -1,0 +1,269 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/rig/opencv_calibration.h"
+
+#include <Eigen/LU>
+#include <cmath>
+#include <opencv2/core.hpp>
+#include <opencv2/core/persistence.hpp>
+
+#include "core/types/error.h"
+#include "core/types/options.h"
+
+namespace fringeslam {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+// A file with four digits after the point has rotations this far from orthonormal.
+constexpr double kRotationRounding = 1e-3;
+constexpr size_t kDistortionTerms = 5;
+
+using Names = std::vector<std::string>;
+
+const Names kCameraMatrix = {"camera_matrix", "cameraMatrix",    "camera_K", "cam_K", "cam_int", "M1", "K1",
+                             "cameraMatrix1", "camera_matrix_1", "K"};
+const Names kCameraDistortion = {"camera_distortion",
+                                 "cameraDistortion",
+                                 "distortion_coefficients",
+                                 "dist_coeffs",
+                                 "distCoeffs",
+                                 "cam_kc",
+                                 "cam_dist",
+                                 "D1",
+                                 "distCoeffs1",
+                                 "dist_coeffs_1"};
+const Names kProjectorMatrix = {"projector_matrix", "projectorMatrix", "projector_K", "proj_K", "proj_int", "M2", "K2",
+                                "cameraMatrix2",    "camera_matrix_2", "M4"};
+const Names kProjectorDistortion = {"projector_distortion",
+                                    "projectorDistortion",
+                                    "proj_dist_coeffs",
+                                    "proj_kc",
+                                    "proj_dist",
+                                    "D2",
+                                    "distCoeffs2",
+                                    "dist_coeffs_2",
+                                    "D4"};
+const Names kRotation = {"R", "rotation", "rotation_matrix", "Rlp"};
+const Names kTranslation = {"T", "t", "translation", "translation_vector", "Tlp"};
+const Names kCameraSize = {"camera_size", "cameraSize", "image_size", "imageSize"};
+const Names kProjectorSize = {"projector_size", "projectorSize"};
+
+// OpenCV prints its errors on standard error before it throws them; ours are one line, printed by whoever catches it.
+class QuietOpenCv {
+ public:
+  QuietOpenCv()
+      : previous_(cv::redirectError([](int, const char*, const char*, const char*, int, void*) { return 0; })) {}
+  ~QuietOpenCv() { cv::redirectError(previous_); }
+  QuietOpenCv(const QuietOpenCv&) = delete;
+  QuietOpenCv& operator=(const QuietOpenCv&) = delete;
+
+ private:
+  cv::ErrorCallback previous_;
+};
+
+// An entry of one of the files, as numbers by row.
+struct Entry {
+  std::string where;  // "calibration.yml: M1"
+  std::vector<double> values;
+
+  Error error(const std::string& message) const { return Error(where + " " + message); }
+};
+
+void append_numbers(const cv::FileNode& node, std::vector<double>& values) {
+  if (node.isMap()) {  // !!opencv-matrix
+    cv::Mat matrix;
+    node >> matrix;
+    cv::Mat1d numbers;
+    matrix.reshape(1, 1).convertTo(numbers, CV_64F);
+    values.insert(values.end(), numbers.begin(), numbers.end());
+  } else if (node.isSeq()) {
+    for (const auto& element : node) append_numbers(element, values);
+  } else if (node.isInt() || node.isReal()) {
+    values.push_back(node.real());
+  } else {
+    throw Error("is no number");
+  }
+}
+
+std::string joined(const Names& names) {
+  std::string text;
+  for (const std::string& name : names) text += (text.empty() ? "" : ", ") + name;
+  return text;
+}
+
+class Storage {
+ public:
+  explicit Storage(const std::vector<fs::path>& files) {
+    if (files.empty()) throw Error("no calibration file was given");
+    for (const fs::path& file : files) open(file);
+  }
+
+  // The entry that was named, or the first of the usual names that some file has; null when there is none.
+  std::unique_ptr<Entry> find(const std::string& named, const Names& usual) const {
+    if (!named.empty()) return find_named(named);
+    for (const std::string& name : usual) {
+      if (auto entry = find_in_all(name)) return entry;
+    }
+    return nullptr;
+  }
+
+  Entry require(const std::string& what, const std::string& named, const Names& usual) const {
+    if (const auto entry = find(named, usual)) return *entry;
+    const std::string tried = named.empty() ? "none of " + joined(usual) : "no '" + named + "'";
+    throw Error(all_names() + ": " + tried + " for the " + what + "; the entries are " + contents() +
+                (named.empty() ? ": say which of them it is" : ""));
+  }
+
+ private:
+  struct File {
+    fs::path path;
+    std::unique_ptr<cv::FileStorage> storage;
+  };
+
+  void open(const fs::path& path) {
+    std::error_code ignored;
+    if (!fs::is_regular_file(path, ignored)) throw Error(path.string() + ": no such calibration file");
+    auto storage = std::make_unique<cv::FileStorage>();
+    try {
+      storage->open(path.string(), cv::FileStorage::READ);
+    } catch (const cv::Exception&) {
+    }
+    if (!storage->isOpened() || storage->root().empty())
+      throw Error(path.string() + ": is no OpenCV file (cv::FileStorage YAML, XML or JSON)");
+    files_.push_back({path, std::move(storage)});
+  }
+
+  std::unique_ptr<Entry> find_named(const std::string& named) const {
+    for (const File& file : files_) {
+      const std::string prefix = file.path.filename().string() + ":";
+      if (named.starts_with(prefix)) return find_in(file, named.substr(prefix.size()));
+    }
+    return find_in_all(named);
+  }
+
+  std::unique_ptr<Entry> find_in_all(const std::string& name) const {
+    std::unique_ptr<Entry> found;
+    for (const File& file : files_) {
+      auto entry = find_in(file, name);
+      if (entry && found)
+        throw entry->error("stands in another file too; say which is meant as " + file.path.filename().string() + ":" +
+                           name);
+      if (entry) found = std::move(entry);
+    }
+    return found;
+  }
+
+  static std::unique_ptr<Entry> find_in(const File& file, const std::string& name) {
+    const cv::FileNode node = (*file.storage)[name];
+    if (node.empty() || node.isNone()) return nullptr;
+    auto entry = std::make_unique<Entry>(Entry{file.path.string() + ": " + name, {}});
+    try {
+      append_numbers(node, entry->values);
+    } catch (const std::exception&) {
+      throw entry->error("is no matrix or list of numbers");
+    }
+    for (const double value : entry->values) {
+      if (!std::isfinite(value)) throw entry->error("holds a number that is not finite");
+    }
+    return entry;
+  }
+
+  std::string all_names() const {
+    Names names;
+    for (const File& file : files_) names.push_back(file.path.string());
+    return joined(names);
+  }
+
+  std::string contents() const {
+    Names names;
+    for (const File& file : files_) {
+      for (const auto& node : file.storage->root()) names.push_back(node.name());
+    }
+    return joined(names);
+  }
+
+  std::vector<File> files_;
+};
+
+void read_matrix(const Entry& entry, Pinhole& device) {
+  const std::vector<double>& m = entry.values;
+  if (m.size() != 9) throw entry.error("must be a 3x3 camera matrix");
+  if (m[3] != 0 || m[6] != 0 || m[7] != 0 || m[8] != 1 || m[0] <= 0 || m[4] <= 0)
+    throw entry.error("must have the form [fx 0 cx; 0 fy cy; 0 0 1] with positive fx and fy");
+  if (m[1] != 0)
+    throw entry.error("has a skew of " + to_text(m[1]) + " px, which is not modelled; calibrate without skew");
+  device.fx = m[0], device.fy = m[4], device.cx = m[2], device.cy = m[5];
+}
+
+void read_distortion(const Entry& entry, Pinhole& device) {
+  std::vector<double> d = entry.values;
+  if (d.size() != 4 && d.size() != 5 && d.size() != 8 && d.size() != 12 && d.size() != 14)
+    throw entry.error("must be 4, 5, 8, 12 or 14 distortion coefficients, but has " + std::to_string(d.size()));
+  for (size_t i = kDistortionTerms; i < d.size(); ++i) {
+    if (d[i] != 0)
+      throw entry.error(
+          "has distortion terms beyond k1 k2 p1 p2 k3, which are not modelled; calibrate without "
+          "CALIB_RATIONAL_MODEL, CALIB_THIN_PRISM_MODEL and CALIB_TILTED_MODEL");
+  }
+  d.resize(kDistortionTerms);
+  device.distortion = {d[0], d[1], d[2], d[3], d[4]};
+}
+
+Eigen::Matrix3d read_rotation(const Entry& entry) {
+  const std::vector<double>& r = entry.values;
+  if (r.size() == 3) return rotation_exp({r[0], r[1], r[2]});
+  if (r.size() != 9) throw entry.error("must be a 3x3 rotation or a Rodrigues vector of 3");
+  const Eigen::Matrix3d rotation = Eigen::Matrix3d(r.data()).transpose();  // Eigen stores by column
+  const double defect = (rotation.transpose() * rotation - Eigen::Matrix3d::Identity()).norm();
+  if (defect > kRotationRounding || rotation.determinant() < 0)
+    throw entry.error("is not a right-handed rotation (it is " + to_text(defect) + " off orthonormal)");
+  return orthonormalised({rotation, Eigen::Vector3d::Zero()}).rotation;
+}
+
+Eigen::Vector3d read_translation(const Entry& entry, double unit_m) {
+  if (entry.values.size() != 3) throw entry.error("must be a vector of 3");
+  return unit_m * Eigen::Vector3d(entry.values.data());
+}
+
+void read_size(const Entry* entry, Pinhole& device) {
+  if (!entry) return;
+  constexpr double kMaxSize = 16384;
+  const std::vector<double>& size = entry->values;
+  const auto is_length = [](double v) { return v >= 1 && v <= kMaxSize && v == std::floor(v); };
+  if (size.size() != 2 || !is_length(size[0]) || !is_length(size[1]))
+    throw entry->error("must be a width and a height in px");
+  device.width = static_cast<int>(size[0]), device.height = static_cast<int>(size[1]);
+}
+
+Pinhole read_device(const Storage& storage, const std::string& what, const std::string& matrix,
+                    const Names& usual_matrix, const std::string& distortion, const Names& usual_distortion,
+                    const std::string& size, const Names& usual_size) {
+  Pinhole device;
+  read_matrix(storage.require(what + " matrix", matrix, usual_matrix), device);
+  if (distortion != "none")
+    read_distortion(storage.require(what + " distortion", distortion, usual_distortion), device);
+  if (!size.empty()) storage.require(what + " size", size, usual_size);
+  read_size(storage.find(size, usual_size).get(), device);
+  return device;
+}
+
+}  // namespace
+
+RigCalibration read_opencv_calibration(const CalibrationFiles& source) {
+  const QuietOpenCv quiet;
+  const Storage storage(source.files);
+  const CalibrationNames& names = source.names;
+  RigCalibration calibration;
+  calibration.camera = read_device(storage, "camera", names.camera_matrix, kCameraMatrix, names.camera_distortion,
+                                   kCameraDistortion, names.camera_size, kCameraSize);
+  calibration.projector =
+      read_device(storage, "projector", names.projector_matrix, kProjectorMatrix, names.projector_distortion,
+                  kProjectorDistortion, names.projector_size, kProjectorSize);
+  const Pose pose{read_rotation(storage.require("rotation", names.rotation, kRotation)),
+                  read_translation(storage.require("translation", names.translation, kTranslation), source.unit_m)};
+  calibration.projector_from_camera = source.projector_from_camera ? pose : pose.inverse();
+  return calibration;
+}
+
+}  // namespace fringeslam

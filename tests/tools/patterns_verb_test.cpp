@@ -1,0 +1,140 @@
+// SPDX-License-Identifier: Apache-2.0
+// fringeslam patterns: the pixels of the files are the patterns that patterns.yaml says they are.
+#include <gmock/gmock.h>
+
+#include "core/patterns/patterns.h"
+#include "core/rig/files.h"
+#include "core/rig/yaml.h"
+#include "tests/tools/child.h"
+
+namespace fringeslam {
+namespace {
+
+using test::run_program;
+using test::run_well;
+using testing::HasSubstr;
+
+class Patterns : public testing::Test {
+ protected:
+  std::string out() const { return (temp_ / "out").string(); }
+  void write(std::vector<std::string> arguments) const {
+    arguments.insert(arguments.begin(), {"patterns", "--out", out()});
+    run_well(arguments);
+  }
+  void expect_refused(std::vector<std::string> arguments, const std::string& says) const {
+    arguments.insert(arguments.begin(), {"patterns", "--out", out()});
+    const test::Finished finished = run_program(arguments);
+    EXPECT_EQ(finished.exit_code, 2);
+    EXPECT_THAT(finished.err, HasSubstr(says));
+    EXPECT_EQ(std::count(finished.err.begin(), finished.err.end(), '\n'), 1) << finished.err;
+    EXPECT_EQ(test::listing(temp_.path()).count("out"), 0U);
+  }
+  PatternSequence sequence() const { return read_patterns(temp_ / "out/patterns.yaml"); }
+  cv::Mat image(const std::string& name) const { return read_grey(temp_ / ("out/" + name)); }
+
+  test::TempFolder temp_;
+};
+
+// Level of a pixel, 0 to 1, before quantisation.
+double wanted(const Pattern& pattern, int row, int col) {
+  return ideal_intensity(pattern, pattern.axis == Axis::columns ? col : row);
+}
+
+std::string number(size_t i) { return std::string(i < 10 ? "00" : "0") + std::to_string(i) + ".png"; }
+
+TEST_F(Patterns, PixelsOfTheFilesAreTheIdealIntensities) {
+  write({"--size", "64x48", "--periods", "16,10.5", "--steps", "4", "--axis", "both", "--gray", "complementary",
+         "--gray-inverted", "--white-black", "--ramp-levels", "5"});
+  const PatternSequence written = sequence();
+  EXPECT_EQ(written.width, 64);
+  EXPECT_EQ(written.height, 48);
+  // 2 axes x 2 periods x 4 steps; bits for cells of 5.25 px: 4 and 4, twice; white, black, and the ramp.
+  ASSERT_EQ(written.patterns.size(), 16U + 2 * (4 + 4) + 2 + 5);
+  for (size_t i = 0; i < written.patterns.size(); ++i) {
+    const cv::Mat1b pixels = image(number(i));
+    ASSERT_EQ(pixels.size(), cv::Size(64, 48));
+    for (int row = 0; row < 48; ++row) {
+      for (int col = 0; col < 64; ++col)
+        ASSERT_NEAR(pixels(row, col), 255 * wanted(written.patterns[i], row, col), 0.5 + 1e-3) << i;
+    }
+  }
+}
+
+TEST_F(Patterns, MoreThanEightBitsAreSixteenBitFiles) {
+  write({"--size", "40x4", "--periods", "40", "--bits", "10"});
+  const cv::Mat1w pixels = image("001.png");
+  const Pattern pattern = sequence().patterns[1];
+  for (int col = 0; col < 40; ++col)
+    EXPECT_EQ(pixels(0, col), std::round(65535 * std::round(1023 * ideal_intensity(pattern, col)) / 1023));
+}
+
+TEST_F(Patterns, LinearisedPatternsUndoTheRigsResponse) {
+  RigModel rig = test::thesis_rig_reduced(2);
+  rig.projector.width = 64, rig.projector.height = 8;
+  rig.projector.fx /= 16, rig.projector.fy /= 96, rig.projector.cx = 31.5, rig.projector.cy = 3.5;
+  for (int i = 0; i <= 64; ++i) rig.projector_response.push_back(std::pow(i / 64.0, 2.2));
+  test::write_bytes(temp_ / "rig.yaml", to_yaml(rig));
+  write({"--rig", (temp_ / "rig.yaml").string(), "--periods", "32", "--linearise"});
+  const cv::Mat1b pixels = image("000.png");
+  const Pattern pattern = sequence().patterns[0];
+  for (int col = 0; col < 64; ++col) {
+    const double light = table_value(rig.projector_response, pixels(0, col) / 255.0);
+    EXPECT_NEAR(light, ideal_intensity(pattern, col), 2.2 / 255 + 1e-3)
+        << "half a level at the steepest, and the table";
+  }
+}
+
+TEST_F(Patterns, PackedImagesHoldThreePatternsInTheOrderAsked) {
+  const std::vector<std::string> design = {"--size", "64x8", "--periods", "64,16"};
+  write(design);
+  std::vector<cv::Mat> grey;
+  for (size_t i = 0; i < 6; ++i) grey.push_back(image(number(i)));
+  for (const std::string order : {"RGB", "GBR"}) {
+    std::vector<std::string> arguments = design;
+    arguments.insert(arguments.end(), {"--pack", order});
+    write(arguments);
+    EXPECT_EQ(test::listing(temp_ / "out"),
+              (std::set<std::string>{".fringeslam", "packed", "packed/000.png", "packed/001.png", "patterns.yaml",
+                                     "projection.yaml"}));
+    const YamlMap projection = YamlMap::load(temp_ / "out/projection.yaml");
+    EXPECT_EQ(projection.text("packing"), order);
+    for (const YamlMap& entry : projection.maps("images")) {
+      for (const auto& [channel, from] :
+           {std::pair("R", GreyFrom::red), std::pair("G", GreyFrom::green), std::pair("B", GreyFrom::blue)}) {
+        const cv::Mat packed = read_as_grey(entry.path("file"), from);
+        const auto pattern = static_cast<size_t>(entry.integer(channel, {0, 5}));
+        EXPECT_EQ(cv::norm(packed, grey[pattern], cv::NORM_INF), 0) << order << " " << channel;
+        EXPECT_EQ(pattern % 3, order.find(channel)) << order;
+      }
+    }
+  }
+}
+
+TEST_F(Patterns, OfASceneAreTheScenes) {
+  test::write_small_scene(temp_ / "scene");
+  write({"--scene", (temp_ / "scene").string()});
+  const PatternSequence wanted = phase_shift_sequence(1024, 768, {1040, 131, 16.5}, 3, Axis::columns, 8);
+  EXPECT_TRUE(sequence() == wanted);
+}
+
+TEST_F(Patterns, BadOptionsAreRefused) {
+  const std::string periods = "--periods";
+  expect_refused({periods, "16"}, "--size");
+  expect_refused({"--size", "64", periods, "16"}, "WIDTHxHEIGHT");
+  expect_refused({"--size", "64x-2", periods, "16"}, "WIDTHxHEIGHT");
+  expect_refused({"--size", "64x48", "--rig", "rig.yaml", periods, "16"}, "excludes");
+  expect_refused({"--size", "64x48", periods, "16", "--linearise"}, "needs --rig");
+  expect_refused({"--size", "64x48"}, "the sequence is empty");
+  expect_refused({"--size", "64x48", "--gray", "plain"}, "a Gray code numbers fringe periods");
+  expect_refused({"--size", "64x48", periods, "16", "--steps", "2"}, "--steps");
+  expect_refused({"--size", "64x48", periods, "1"}, "--periods");
+  expect_refused({"--size", "64x48", periods, "16", "--steps", "4", "--pack", "RGB"}, "there are 4; make their number");
+  expect_refused({"--size", "64x48", periods, "16", "--pack", "RGR"}, "--pack");
+  expect_refused({"--size", "64x48", periods, "16", "--bits", "10", "--pack", "RGB"}, "8 bits");
+  expect_refused({"--rig", (temp_ / "none.yaml").string(), periods, "16"}, "none.yaml: cannot be opened");
+  test::write_bytes(temp_ / "rig.yaml", to_yaml(test::thesis_rig()));
+  expect_refused({"--rig", (temp_ / "rig.yaml").string(), periods, "16", "--linearise"}, "no projector response");
+}
+
+}  // namespace
+}  // namespace fringeslam

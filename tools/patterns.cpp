@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: Apache-2.0
+// fringeslam patterns --out DIR: pattern images for a projector, with what each of them is.
+#include <cstdio>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "core/patterns/design.h"
+#include "core/rig/files.h"
+#include "core/rig/rig_file.h"
+#include "core/types/error.h"
+#include "sim/scene/scene.h"
+#include "tools/verbs.h"
+
+namespace fringeslam::tools {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr int kMaxSize = 16384;           // px
+constexpr int kResponseEntries = 1025;    // of the inverted response
+constexpr size_t kImagesInOneColour = 3;  // R, G, B
+
+struct Arguments {
+  std::string out, rig, size, scene, axis = "columns", gray = "none", pack;
+  std::vector<double> periods_px;
+  int steps = 3, ramp_levels = 0, bits = 8;
+  bool linearise = false, gray_inverted = false, white_black = false, dithered = false;
+};
+
+cv::Size read_size(const std::string& text) {
+  cv::Size size;
+  char end = 0;
+  if (std::sscanf(text.c_str(), "%dx%d%c", &size.width, &size.height, &end) != 2 || size.width < 1 || size.height < 1 ||
+      size.width > kMaxSize || size.height > kMaxSize)
+    throw Error("--size " + text + ": must be WIDTHxHEIGHT in pixels, such as 1920x1080");
+  return size;
+}
+
+SequenceDesign design_of(const Arguments& arguments, const cv::Size& size) {
+  SequenceDesign design;
+  design.width = size.width, design.height = size.height;
+  design.columns = arguments.axis != "rows";
+  design.rows = arguments.axis != "columns";
+  design.periods_px = arguments.periods_px;
+  design.steps = arguments.steps;
+  design.gray = arguments.gray == "none"    ? GrayCode::none
+                : arguments.gray == "plain" ? GrayCode::plain
+                                            : GrayCode::complementary;
+  design.gray_inverted = arguments.gray_inverted;
+  design.white_black = arguments.white_black;
+  design.ramp_levels = arguments.ramp_levels;
+  design.bits = arguments.bits;
+  design.dithered = arguments.dithered;
+  return design;
+}
+
+PatternSequence sequence_of(const Arguments& arguments) {
+  const int sources = !arguments.rig.empty() + !arguments.size.empty() + !arguments.scene.empty();
+  if (sources != 1)
+    throw Error("patterns: give the projector's size by one of --rig RIG.yaml, --size WxH or --scene SCENE");
+  if (arguments.linearise && arguments.rig.empty()) throw Error("--linearise: needs --rig, whose response it inverts");
+  if (!arguments.scene.empty()) {
+    const fs::path path(arguments.scene);
+    return sim::load_scene(fs::is_directory(path) ? path / "scene.yaml" : path).patterns;
+  }
+  if (!arguments.size.empty()) return design_sequence(design_of(arguments, read_size(arguments.size)));
+  const RigModel rig = read_rig(arguments.rig);
+  PatternSequence sequence = design_sequence(design_of(arguments, {rig.projector.width, rig.projector.height}));
+  if (arguments.linearise) {
+    if (rig.projector_response.empty())
+      throw Error(arguments.rig + ": has no projector response that --linearise could invert; measure it first");
+    sequence.inverse_response = inverse_table(rig.projector_response, kResponseEntries);
+  }
+  return sequence;
+}
+
+std::string image_name(size_t number) {
+  char name[32];
+  std::snprintf(name, sizeof name, "%03zu.png", number);
+  return name;
+}
+
+cv::Mat shown_image(const PatternSequence& sequence, size_t number) {
+  const Pattern& pattern = sequence.patterns[number];
+  if (pattern.bits == 0)
+    throw Error("patterns: an image file has levels, but pattern " + std::to_string(number) +
+                " has bits: 0 (continuous); give it 1 to 16");
+  return pattern_image(pattern, sequence);
+}
+
+// An image a pattern; returns the lines of projection.yaml.
+std::string write_images(const PatternSequence& sequence, const fs::path& folder) {
+  std::string lines;
+  for (size_t i = 0; i < sequence.patterns.size(); ++i) {
+    write_png(folder / image_name(i), shown_image(sequence, i));
+    lines += "  - {file: " + image_name(i) + ", grey: " + std::to_string(i) + "}\n";
+  }
+  return lines;
+}
+
+// A colour image for three patterns each.
+std::string write_packed(const PatternSequence& sequence, const std::string& order, const fs::path& folder) {
+  const size_t count = sequence.patterns.size();
+  if (count % kImagesInOneColour != 0)
+    throw Error("--pack " + order + ": packs three patterns into one image, but there are " + std::to_string(count) +
+                "; make their number a multiple of 3");
+  fs::create_directories(folder / "packed");
+  std::string lines;
+  for (size_t i = 0; i < count; i += kImagesInOneColour) {
+    std::vector<cv::Mat1b> images;
+    const std::string file = "packed/" + image_name(i / kImagesInOneColour);
+    lines += "  - {file: " + file;
+    for (size_t k = 0; k < kImagesInOneColour; ++k) {
+      if (sequence.patterns[i + k].bits > 8)
+        throw Error("--pack " + order + ": a channel of a colour image has 8 bits; give --bits 8 or less");
+      images.push_back(shown_image(sequence, i + k));
+      lines += std::string(", ") + order.substr(k, 1) + ": " + std::to_string(i + k);
+    }
+    write_png(folder / file, packed_image(images, order));
+    lines += "}\n";
+  }
+  return lines;
+}
+
+int write_patterns(const Arguments& arguments, const Common& common) {
+  const PatternSequence sequence = sequence_of(arguments);
+  StagedFolder folder(arguments.out, "patterns");
+  const bool packed = !arguments.pack.empty();
+  const std::string lines =
+      packed ? write_packed(sequence, arguments.pack, folder.path()) : write_images(sequence, folder.path());
+  write_text(folder.path() / "patterns.yaml", to_yaml(sequence));
+  write_text(folder.path() / "projection.yaml",
+             "width_px: " + std::to_string(sequence.width) + "\nheight_px: " + std::to_string(sequence.height) +
+                 "\npacking: " + (packed ? arguments.pack : "none") + "\nimages:\n" + lines);
+  folder.commit();
+  const size_t count = sequence.patterns.size();
+  if (common.json)
+    std::printf("%s\n", nlohmann::json{{"patterns", arguments.out}, {"count", count}}.dump().c_str());
+  else if (!common.quiet)
+    std::printf("patterns: %s (%zu patterns of %dx%d px)\n", arguments.out.c_str(), count, sequence.width,
+                sequence.height);
+  return 0;
+}
+
+}  // namespace
+
+Verb add_patterns(CLI::App& app, const Common& common) {
+  auto a = std::make_shared<Arguments>();
+  CLI::App* verb = app.add_subcommand("patterns", "Write the images that a projector shows, and what each of them is");
+  verb->add_option("--out", a->out, "Folder to write")->required();
+  CLI::Option* rig = verb->add_option("--rig", a->rig, "Rig file: the projector's size and response");
+  CLI::Option* size = verb->add_option("--size", a->size, "The projector's size, WIDTHxHEIGHT")->excludes(rig);
+  CLI::Option* scene = verb->add_option("--scene", a->scene, "The patterns of a scene")->excludes(rig)->excludes(size);
+  std::vector<CLI::Option*> design;
+  const auto note = [&](CLI::Option* option) {
+    design.push_back(option);
+    return option;
+  };
+  note(verb->add_flag("--linearise", a->linearise, "Invert the rig's projector response in the patterns"));
+  note(verb->add_option("--periods", a->periods_px, "Fringe periods, px")->delimiter(',')->check(CLI::Range(2.0, 1e5)));
+  note(verb->add_option("--steps", a->steps, "Phase shifts a period")->check(CLI::Range(3, 64)));
+  note(verb->add_option("--axis", a->axis, "Coded coordinate")->check(CLI::IsMember({"columns", "rows", "both"})));
+  note(verb->add_option("--gray", a->gray, "Gray code of the finest period's number")
+           ->check(CLI::IsMember({"none", "plain", "complementary"})));
+  note(verb->add_flag("--gray-inverted", a->gray_inverted, "Every Gray bit a second time, inverted"));
+  note(verb->add_flag("--white-black", a->white_black, "A white and a black image"));
+  note(verb->add_option("--ramp-levels", a->ramp_levels, "A grey ramp of so many flat images")
+           ->check(CLI::Range(0, 65536)));
+  note(verb->add_option("--bits", a->bits, "Grey levels of the projector, bits")->check(CLI::Range(1, 16)));
+  note(verb->add_flag("--dither", a->dithered, "Error diffusion between the grey levels"));
+  for (CLI::Option* option : design) option->excludes(scene);
+  verb->add_option("--pack", a->pack, "Three patterns in one colour image, by the order of its channels, such as RGB")
+      ->check(CLI::IsMember({"RGB", "RBG", "GRB", "GBR", "BRG", "BGR"}));
+  return [a, &common] { return write_patterns(*a, common); };
+}
+
+}  // namespace fringeslam::tools
