@@ -17,7 +17,8 @@ namespace {
 
 // "pose" selects "pose", "pose.bound", …
 bool selects(const std::string& wanted, const std::string& id) {
-  return id == wanted || (id.size() > wanted.size() && id.compare(0, wanted.size(), wanted) == 0 && id[wanted.size()] == '.');
+  return id == wanted ||
+         (id.size() > wanted.size() && id.compare(0, wanted.size(), wanted) == 0 && id[wanted.size()] == '.');
 }
 
 bool selected(const std::vector<std::string>& only, const std::string& id) {
@@ -100,7 +101,7 @@ int main(int argc, char** argv) {
   }
   try {
     std::vector<Item> items = accuracy_items();
-    for (Item& item : speed_items()) items.push_back(std::move(item));
+    for (const auto& more : {calibration_items(), speed_items()}) items.insert(items.end(), more.begin(), more.end());
     if (list) {
       for (const Item& item : items) {
         for (const std::string& id : item.ids) std::printf("%s\n", id.c_str());

@@ -33,6 +33,8 @@ struct Item {
 Row median_row(const std::string& id, const std::vector<double>& values, const std::string& unit, double limit);
 
 std::vector<Item> accuracy_items();
+std::vector<Item> calibration_items();
+std::vector<Item> sensor_items();
 std::vector<Item> speed_items();
 
 }  // namespace fringeslam::bench

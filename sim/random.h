@@ -13,7 +13,7 @@
 namespace fringeslam::sim {
 
 // What the numbers of one key are used for; keeps the streams of one seed apart.
-enum class Stream : uint32_t { sensor_noise = 1, placement = 2, shape = 3 };
+enum class Stream : uint32_t { sensor_noise = 1, placement = 2, shape = 3, views = 4 };
 
 class Philox {
  public:

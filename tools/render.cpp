@@ -6,6 +6,7 @@
 
 #include "core/rig/dataset.h"
 #include "core/rig/files.h"
+#include "tools/board_file.h"
 #include "tools/progress.h"
 #include "tools/source.h"
 #include "tools/verbs.h"
@@ -33,6 +34,8 @@ Verb add_render(CLI::App& app, const Common& common) {
     Progress progress("rendering", source->stacks(), common.quiet || common.json);
     while (recording.capture(source->sequence())) progress.step();
     recording.finish(source->name(), source->seed(), source->has_truth());
+    if (std::filesystem::exists(source->board_file()))
+      std::filesystem::copy_file(source->board_file(), folder.path() / kBoardFile);
     folder.commit();
     if (common.json)
       std::printf("%s\n", nlohmann::json{{"dataset", arguments->out}, {"stacks", source->stacks()}}.dump().c_str());

@@ -3,6 +3,7 @@
 
 #include "core/rig/dataset.h"
 #include "core/rig/files.h"
+#include "tools/board_file.h"
 
 namespace fringeslam::tools {
 
@@ -16,13 +17,14 @@ constexpr const char* kRenderFile = "render.yaml";
 class SceneSource : public Source {
  public:
   SceneSource(const fs::path& file, std::optional<uint64_t> seed, const Settings& settings)
-      : scene_(sim::load_scene(file, seed)), settings_(settings) {}
+      : scene_(sim::load_scene(file, seed)), settings_(settings), board_(file.parent_path() / kBoardFile) {}
   const std::string& name() const override { return scene_.name; }
   uint64_t seed() const override { return scene_.seed; }
   int stacks() const override { return static_cast<int>(scene_.trajectory.size()); }
   bool has_truth() const override { return true; }
   const PatternSequence& sequence() const override { return scene_.patterns; }
   const RigModel& model() const override { return scene_.rig; }
+  fs::path board_file() const override { return board_; }
 
   std::unique_ptr<Rig> open(const fs::path& folder) override {
     const fs::path truth = folder / "truth";
@@ -36,6 +38,7 @@ class SceneSource : public Source {
  private:
   sim::Scene scene_;
   Settings settings_;
+  fs::path board_;
 };
 
 class DatasetSource : public Source {
@@ -54,6 +57,7 @@ class DatasetSource : public Source {
   bool has_truth() const override { return info_.has_truth; }
   const PatternSequence& sequence() const override { return sequence_; }
   const RigModel& model() const override { return model_; }
+  fs::path board_file() const override { return folder_ / kBoardFile; }
 
   std::unique_ptr<Rig> open(const fs::path& folder) override {
     if (info_.has_truth) fs::copy(folder_ / "truth", folder / "truth", fs::copy_options::recursive);

@@ -22,6 +22,8 @@ class Source {
   virtual bool has_truth() const = 0;
   virtual const PatternSequence& sequence() const = 0;
   virtual const RigModel& model() const = 0;
+  // Of the board that a calibration scene or dataset shows; need not exist.
+  virtual std::filesystem::path board_file() const = 0;
   // The rig; the files that tell where the images came from (render.yaml, truth/) are put into `folder`.
   virtual std::unique_ptr<Rig> open(const std::filesystem::path& folder) = 0;
 };

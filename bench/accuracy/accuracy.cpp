@@ -35,9 +35,8 @@ PairError first_motion_error(const std::string& scene_name, uint64_t seed) {
   const Pose true_motion = truth[0].world_from_robot.inverse() * truth[1].world_from_robot;
   const Pose motion = first.world_from_robot.inverse() * second.world_from_robot;
   const Pose true_camera_motion = robot_from_camera.inverse() * true_motion * robot_from_camera;
-  const Matrix6d information =
-      pose_information(truth[0], first.frame.sigma_m, truth[1], second.frame.sigma_m, scene.rig.camera,
-                       pixel_rays(scene.rig.camera), true_camera_motion);
+  const Matrix6d information = pose_information(truth[0], first.frame.sigma_m, truth[1], second.frame.sigma_m,
+                                                scene.rig.camera, pixel_rays(scene.rig.camera), true_camera_motion);
   const MotionScore score = score_motion(motion, true_motion);
   return {score.translation_error_m, score.rotation_error_rad,
           error_over_bound(second.previous_from_current, true_camera_motion, information)};
@@ -69,7 +68,8 @@ std::vector<Row> experiment_rows(const std::string& id, const std::string& scene
                                  const Context& context) {
   const std::vector<PairError>& errors = first_motion_errors(scene, seeds(context));
   return {median_row(id + ".translation", collect(errors, &PairError::translation_m, 1e3), "mm", limit_mm),
-          median_row(id + ".rotation", collect(errors, &PairError::rotation_rad, 180 / std::numbers::pi), "deg", limit_deg)};
+          median_row(id + ".rotation", collect(errors, &PairError::rotation_rad, 180 / std::numbers::pi), "deg",
+                     limit_deg)};
 }
 
 std::vector<Row> bound_rows(const Context& context) {
@@ -90,7 +90,8 @@ std::vector<Row> depth_numerics_rows(const Context& context) {
     const Frame frame = reconstruct(decoded, scene.rig, pixel_rays(scene.rig.camera), {});
     cv::Mat1f depth;
     cv::extractChannel(frame.points_m, depth, 2);
-    const DepthScore score = score_depth({depth, frame.sigma_m, decoded.coordinate_px}, truth, decoded.finest_period_px);
+    const DepthScore score =
+        score_depth({depth, frame.sigma_m, decoded.coordinate_px}, truth, decoded.finest_period_px);
     medians.push_back(score.median_m * 1e6);
   }
   return {median_row("depth_numerics", medians, "um", 1)};
@@ -99,11 +100,12 @@ std::vector<Row> depth_numerics_rows(const Context& context) {
 }  // namespace
 
 std::vector<Item> accuracy_items() {
-  return {{{"depth_numerics"}, "depth against the ray tracer, every effect off", depth_numerics_rows},
-          {{"pose.thesis_a.translation", "pose.thesis_a.rotation"},
-           "thesis 5.2.1 a: boxes and foam on a stage",
-           [](const Context& context) { return experiment_rows("pose.thesis_a", "boxes_and_foam", 0.02, 0.005, context); }},
-          {{"pose.bound"}, "pose error over the Cramer-Rao bound", bound_rows}};
+  return {
+      {{"depth_numerics"}, "depth against the ray tracer, every effect off", depth_numerics_rows},
+      {{"pose.thesis_a.translation", "pose.thesis_a.rotation"},
+       "thesis 5.2.1 a: boxes and foam on a stage",
+       [](const Context& context) { return experiment_rows("pose.thesis_a", "boxes_and_foam", 0.02, 0.005, context); }},
+      {{"pose.bound"}, "pose error over the Cramer-Rao bound", bound_rows}};
 }
 
 }  // namespace fringeslam::bench

@@ -16,7 +16,7 @@
 
 namespace fringeslam::sim {
 
-enum class Grain { plain, cardboard, foam, wood, stone };
+enum class Grain { plain, cardboard, foam, wood, stone, checkerboard, circles, asymmetric_circles };
 
 // Lambertian, with a solid texture: the albedo at a point of the object's own frame.
 struct Material {
@@ -24,6 +24,10 @@ struct Material {
   double albedo = 0.5;    // mean
   double contrast = 0.3;  // peak deviation from the mean, as a fraction of it
   double grain_m = 0.01;  // size of the largest features
+  // Calibration boards, printed on the plane z = 0 about its middle: inner corners or circles, their spacing (of an
+  // asymmetric grid within a row), the circles' diameter, and the albedo of the print.
+  int columns = 0, rows = 0;
+  double spacing_m = 0.01, diameter_m = 0.005, print_albedo = 0.1;
 
   double albedo_at(const Eigen::Vector3d& point, uint32_t seed) const;
 };

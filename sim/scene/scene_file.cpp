@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <Eigen/Geometry>
 #include <cmath>
 #include <map>
+#include <numbers>
 
 #include "core/rig/rig_file.h"
 #include "core/rig/yaml.h"
@@ -19,12 +21,18 @@ constexpr Range kFraction{0, 1};
 using Materials = std::map<std::string, Material>;
 
 Grain read_grain(const YamlMap& map) {
-  const std::string name = map.choice("grain", {"plain", "cardboard", "foam", "wood", "stone"});
-  return name == "plain"       ? Grain::plain
-         : name == "cardboard" ? Grain::cardboard
-         : name == "foam"      ? Grain::foam
-         : name == "wood"      ? Grain::wood
-                               : Grain::stone;
+  static const std::map<std::string, Grain> grains = {
+      {"plain", Grain::plain},     {"cardboard", Grain::cardboard},
+      {"foam", Grain::foam},       {"wood", Grain::wood},
+      {"stone", Grain::stone},     {"checkerboard", Grain::checkerboard},
+      {"circles", Grain::circles}, {"asymmetric_circles", Grain::asymmetric_circles}};
+  std::vector<std::string> names;
+  for (const auto& [name, grain] : grains) names.push_back(name);
+  return grains.at(map.choice("grain", names));
+}
+
+bool is_board(Grain grain) {
+  return grain == Grain::checkerboard || grain == Grain::circles || grain == Grain::asymmetric_circles;
 }
 
 Materials read_materials(const YamlMap& map) {
@@ -34,6 +42,15 @@ Materials read_materials(const YamlMap& map) {
     Material material;
     material.grain = read_grain(entry);
     material.albedo = entry.number("albedo", kFraction);
+    if (is_board(material.grain)) {
+      material.columns = entry.integer("columns", {2, 1000});
+      material.rows = entry.integer("rows", {2, 1000});
+      material.spacing_m = entry.number("spacing_m", kLength);
+      if (material.grain != Grain::checkerboard) material.diameter_m = entry.number("diameter_m", kLength);
+      material.print_albedo = entry.number_or("print_albedo", 0.1, kFraction);
+      materials[name] = material;
+      continue;
+    }
     material.contrast = entry.number_or("contrast", 0.3, kFraction);
     material.grain_m = entry.number_or("grain_m", 0.01, kLength);
     materials[name] = material;
@@ -142,9 +159,54 @@ PatternSequence read_scene_patterns(const YamlMap& map, const RigModel& rig) {
   return sequence;
 }
 
+// Camera poses that look at a flat board in the plane z = 0 from z < 0: distances spread evenly, tilts in all
+// directions, the board anywhere in the image. Robot poses are returned.
+Trajectory board_views(const YamlMap& map, const RigModel& rig, uint64_t seed, double interval_s) {
+  const int count = map.integer("count", {1, 10000});
+  const std::vector<double> distance = map.numbers("distance_m", 2, kLength);
+  const double tilt = map.number("max_tilt_deg", {0, 70}), roll = map.number_or("max_roll_deg", 20, {0, 180});
+  const std::vector<double> extent = map.numbers("extent_m", 2, kLength);
+  constexpr double kRadians = std::numbers::pi / 180;
+  Philox random(seed, Stream::views, 0);
+  Trajectory trajectory;
+  for (int i = 0; i < count; ++i) {
+    // Neighbours in the list differ in everything; taken together each quantity is spread evenly.
+    const double z = distance[0] + (distance[1] - distance[0]) * (std::fmod(i * 0.618034, 1.0) + 0.5 / count);
+    const double azimuth = 2 * std::numbers::pi * (i + random.uniform()) / count * 3;
+    const double lean = tilt * kRadians * (0.35 + 0.65 * random.uniform());
+    const Eigen::Vector3d axis(std::cos(azimuth), std::sin(azimuth), 0);
+    Pose camera_from_board;
+    camera_from_board.rotation =
+        rotation_exp(lean * axis) * rotation_exp({0, 0, roll * kRadians * random.uniform(-1, 1)});
+    // Anywhere in the image, as long as the whole board is.
+    const auto in_view = [&] {
+      for (const double x : {-0.5, 0.5}) {
+        for (const double y : {-0.5, 0.5}) {
+          const Eigen::Vector3d corner = camera_from_board * Eigen::Vector3d(x * extent[0], y * extent[1], 0);
+          if (!rig.camera.contains(rig.camera.project(corner))) return false;
+        }
+      }
+      return true;
+    };
+    constexpr int kTries = 500;
+    for (int attempt = 0; attempt < kTries; ++attempt) {
+      const Eigen::Vector2d pixel(rig.camera.width * random.uniform(), rig.camera.height * random.uniform());
+      camera_from_board.translation = z * Eigen::Vector3d(rig.camera.undistort(pixel).homogeneous());
+      if (in_view()) break;
+      if (attempt + 1 == kTries)
+        throw map.error(
+            "extent_m",
+            "a board of this size does not fit into the camera's view; make it smaller or distance_m larger");
+    }
+    trajectory.push_back({interval_s * i, camera_from_board.inverse() * rig.robot_from_camera.inverse()});
+  }
+  return trajectory;
+}
+
 // Robot poses: a start, then the papers' six numbers for each motion, `previous_from_current`.
-Trajectory read_trajectory(const YamlMap& map) {
+Trajectory read_trajectory(const YamlMap& map, const RigModel& rig, uint64_t seed) {
   const double interval = map.number_or("interval_s", 0.5, {1e-3, 1e4});
+  if (map.has("board_views")) return board_views(map.map("board_views"), rig, seed, interval);
   Trajectory trajectory(1);
   if (map.has("start")) trajectory[0].world_from_robot = map.pose("start");
   for (const YamlMap& entry : map.maps("motions")) {
@@ -180,7 +242,7 @@ Scene load_scene(const std::filesystem::path& file, std::optional<uint64_t> seed
   if (map.has("light")) scene.ambient_electrons = map.map("light").number_or("ambient_electrons", 0, {0, 1e9});
   const Materials materials = read_materials(map.map("materials"));
   scene.objects = read_objects(map, materials, scene.seed);
-  scene.trajectory = read_trajectory(map.map("trajectory"));
+  scene.trajectory = read_trajectory(map.map("trajectory"), scene.rig, scene.seed);
   map.finish();
   return scene;
 }

@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: Apache-2.0
+// Calibration rows: boards rendered with a rig whose figures are known, and that rig estimated from them.
+#include <cmath>
+#include <cstdio>
+
+#include "bench/row.h"
+#include "core/calibrate/rig_calibration.h"
+#include "core/decode/decode.h"
+#include "core/depth/triangulation.h"
+#include "core/score/score.h"
+#include "sim/virtual_rig.h"
+
+namespace fringeslam::bench {
+
+namespace {
+
+// As scenes/calibration_checkerboard/board.yaml says.
+Board checkerboard() { return {BoardKind::checkerboard, 12, 10, 0.01, 0}; }
+
+// A camera pixel integrates over its area: corners are only as good as the renderer's idea of that.
+constexpr int kSamplesPerPixel = 16;
+
+RigCalibration calibrate_seed(uint64_t seed) {
+  const sim::Scene scene =
+      sim::load_scene(std::string(FRINGESLAM_SCENES) + "/calibration_checkerboard/scene.yaml", seed);
+  sim::VirtualRig rig(scene, {kSamplesPerPixel, true, true});
+  std::vector<BoardView> views;
+  while (const auto stack = rig.capture(scene.patterns)) {
+    const DecodedStack columns = decode(*stack, scene.patterns, scene.rig, {}, {Axis::columns});
+    const DecodedStack rows = decode(*stack, scene.patterns, scene.rig, {}, {Axis::rows});
+    cv::Mat1f texture;
+    cv::addWeighted(columns.mean, 0.5, rows.mean, 0.5, 0, texture);
+    views.push_back(observe_board("view " + std::to_string(stack->index), texture,
+                                  {columns.coordinate_px, rows.coordinate_px, columns.sigma_px, rows.sigma_px},
+                                  checkerboard(), {}));
+  }
+  return calibrate_rig(views, checkerboard(), scene.rig, {});
+}
+
+struct DepthBias {
+  double mean_m = 0;   // largest mean over the image of any depth
+  double shape_m = 0;  // RMS of all points after the best rigid alignment
+};
+
+// True points over the image and the range, triangulated with the estimated rig from where the true one sees and
+// lights them.
+DepthBias depth_bias(const RigModel& truth, const RigModel& estimate) {
+  constexpr int kDepths = 15, kStep = 19;
+  const PixelRays true_rays = pixel_rays(truth.camera);
+  const Triangulation triangulation(estimate, pixel_rays(estimate.camera), 0.4, 2.5);
+  const int width = true_rays.cols;
+  std::vector<float> column(width), sigma(width, 1e-6f), depth(width), depth_sigma(width);
+  DepthBias bias;
+  std::vector<Eigen::Vector3d> true_points, points;
+  for (int k = 0; k < kDepths; ++k) {
+    const double z = truth.near_m + (truth.far_m - truth.near_m) * k / (kDepths - 1);
+    double sum = 0;
+    int count = 0;
+    for (int row = 0; row < true_rays.rows; row += kStep) {
+      for (int col = 0; col < width; ++col) {
+        const cv::Vec2f ray = true_rays(row, col);
+        const Eigen::Vector2d pixel =
+            truth.projector.project(truth.projector_from_camera * (z * Eigen::Vector3d(ray[0], ray[1], 1)));
+        column[col] = truth.projector.contains(pixel) ? static_cast<float>(pixel.x()) : NAN;
+      }
+      triangulation.row(row, column.data(), sigma.data(), 1, depth.data(), depth_sigma.data(),
+                        widest_instruction_set());
+      for (int col = 0; col < width; col += kStep) {
+        if (std::isnan(depth[col])) continue;
+        const cv::Vec2f ray = true_rays(row, col), seen = triangulation.rays()(row, col);
+        true_points.push_back(z * Eigen::Vector3d(ray[0], ray[1], 1));
+        points.push_back(depth[col] * Eigen::Vector3d(seen[0], seen[1], 1));
+        sum += depth[col] - z;
+        ++count;
+      }
+    }
+    bias.mean_m = std::max(bias.mean_m, std::abs(sum / count));
+  }
+  const Pose alignment = align_points(true_points, points);
+  double squares = 0;
+  for (size_t i = 0; i < points.size(); ++i) squares += (alignment * points[i] - true_points[i]).squaredNorm();
+  bias.shape_m = std::sqrt(squares / static_cast<double>(points.size()));
+  return bias;
+}
+
+std::vector<Row> rig_rows(const Context& context) {
+  const RigModel truth = sim::load_scene(std::string(FRINGESLAM_SCENES) + "/calibration_checkerboard/scene.yaml").rig;
+  std::vector<double> camera, projector, mean, shape;
+  for (int seed = 1; seed <= (context.quick ? 2 : 8); ++seed) {
+    const RigCalibration calibration = calibrate_seed(static_cast<uint64_t>(seed));
+    const DepthBias bias = depth_bias(truth, calibration.rig);
+    camera.push_back(calibration.camera_rms_px);
+    projector.push_back(calibration.projector_rms_px);
+    mean.push_back(1e3 * bias.mean_m);
+    shape.push_back(1e3 * bias.shape_m);
+    std::fprintf(stderr, "  seed %d: %.4f and %.4f px, depth bias %.4f mm, shape %.4f mm\n", seed, camera.back(),
+                 projector.back(), mean.back(), shape.back());
+  }
+  return {median_row("calibration.rig.camera", camera, "px", 0.1),
+          median_row("calibration.rig.projector", projector, "px", 0.1),
+          median_row("calibration.rig.depth_bias", mean, "mm", 0.1),
+          median_row("calibration.rig.shape", shape, "mm", 0.1)};
+}
+
+}  // namespace
+
+std::vector<Item> calibration_items() {
+  return {
+      {{"calibration.rig.camera", "calibration.rig.projector", "calibration.rig.depth_bias", "calibration.rig.shape"},
+       "the rig from 15 rendered boards: reprojection, depth bias from 0.7 to 1.4 m",
+       rig_rows}};
+}
+
+}  // namespace fringeslam::bench

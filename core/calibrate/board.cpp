@@ -1,0 +1,183 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/calibrate/board.h"
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/calib3d.hpp>
+#include <opencv2/features2d.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "core/types/error.h"
+
+namespace fringeslam {
+
+namespace {
+
+// Grey values stretched from their 0.5 % to their 99.5 % quantile over 8 bits.
+cv::Mat1b stretched(const cv::Mat1f& image) {
+  std::vector<float> values(image.begin(), image.end());
+  values.erase(std::remove_if(values.begin(), values.end(), [](float x) { return std::isnan(x); }), values.end());
+  if (values.empty()) return cv::Mat1b(image.size(), uchar{0});
+  const auto quantile = [&](double q) {
+    const auto nth = values.begin() + static_cast<std::ptrdiff_t>(q * static_cast<double>(values.size() - 1));
+    std::nth_element(values.begin(), nth, values.end());
+    return static_cast<double>(*nth);
+  };
+  const double low = quantile(0.005), high = quantile(0.995);
+  cv::Mat1b result;
+  const double scale = 255 / std::max(1e-6, high - low);
+  image.convertTo(result, CV_8U, scale, -low * scale);
+  return result;
+}
+
+// The image as it is, then with its contrast evened out, then enlarged: squares of few pixels are found more surely.
+struct Attempt {
+  cv::Mat1b image;
+  double scale = 1;
+};
+std::vector<Attempt> attempts(const cv::Mat1f& image) {
+  std::vector<Attempt> result = {{stretched(image)}};
+  cv::Mat1b even;
+  cv::createCLAHE(4.0, {8, 8})->apply(result[0].image, even);
+  result.push_back({even});
+  if (image.total() < 1'000'000) {
+    cv::Mat1b large;
+    cv::resize(result[0].image, large, {}, 2, 2, cv::INTER_CUBIC);
+    result.push_back({large, 2});
+  }
+  return result;
+}
+
+// Least distance of neighbours in a row or in a column, px.
+double least_spacing(const std::vector<cv::Point2f>& corners, cv::Size size) {
+  double least = 1e9;
+  for (int row = 0; row < size.height; ++row) {
+    for (int col = 0; col < size.width; ++col) {
+      const auto i = static_cast<size_t>(row * size.width + col);
+      if (col + 1 < size.width) least = std::min(least, cv::norm(corners[i + 1] - corners[i]));
+      if (row + 1 < size.height)
+        least = std::min(least, cv::norm(corners[i + static_cast<size_t>(size.width)] - corners[i]));
+    }
+  }
+  return least;
+}
+
+std::vector<cv::Point2f> find_checkerboard(const Attempt& attempt, cv::Size size) {
+  std::vector<cv::Point2f> corners;
+  if (!cv::findChessboardCornersSB(attempt.image, size, corners,
+                                   cv::CALIB_CB_NORMALIZE_IMAGE | cv::CALIB_CB_EXHAUSTIVE) &&
+      !cv::findChessboardCorners(attempt.image, size, corners,
+                                 cv::CALIB_CB_ADAPTIVE_THRESH | cv::CALIB_CB_NORMALIZE_IMAGE))
+    return {};
+  return corners;
+}
+
+std::vector<cv::Point2f> find_circles(const Attempt& attempt, cv::Size size, bool asymmetric) {
+  cv::SimpleBlobDetector::Params params;
+  params.minThreshold = 10;
+  params.maxThreshold = 245;
+  params.thresholdStep = 5;
+  params.minDistBetweenBlobs = 4;
+  params.minArea = 12;
+  params.maxArea = static_cast<float>(attempt.image.total()) / 50;
+  params.filterByConvexity = true;
+  params.minConvexity = 0.85f;
+  params.filterByInertia = true;
+  params.minInertiaRatio = 0.2f;
+  params.filterByColor = true;
+  const int flags = asymmetric ? cv::CALIB_CB_ASYMMETRIC_GRID : cv::CALIB_CB_SYMMETRIC_GRID;
+  for (const uchar colour : {uchar{0}, uchar{255}}) {
+    params.blobColor = colour;
+    const auto detector = cv::SimpleBlobDetector::create(params);
+    std::vector<cv::Point2f> centres;
+    if (cv::findCirclesGrid(attempt.image, size, centres, flags, detector)) return centres;
+    if (cv::findCirclesGrid(attempt.image, size, centres, flags | cv::CALIB_CB_CLUSTERING, detector)) return centres;
+  }
+  return {};
+}
+
+// Centres of gravity of the darkness (or brightness) around each circle, over the background half-way to its
+// neighbours: finer than the outlines of a few thresholds.
+void refine_circles(const cv::Mat1f& image, double radius_px, std::vector<cv::Point2f>& centres) {
+  for (cv::Point2f& centre : centres) {
+    for (int iteration = 0; iteration < 3; ++iteration) {
+      const int reach = static_cast<int>(std::ceil(radius_px));
+      const int x0 = static_cast<int>(std::lround(centre.x)), y0 = static_cast<int>(std::lround(centre.y));
+      if (x0 < reach || y0 < reach || x0 + reach >= image.cols || y0 + reach >= image.rows) break;
+      std::vector<float> rim;
+      double inner = 0;
+      int inner_count = 0;
+      const auto distance = [&](int x, int y) {
+        return std::hypot(x - static_cast<double>(centre.x), y - static_cast<double>(centre.y));
+      };
+      for (int y = y0 - reach; y <= y0 + reach; ++y) {
+        for (int x = x0 - reach; x <= x0 + reach; ++x) {
+          const double d = distance(x, y);
+          if (d > radius_px - 1.5 && d <= radius_px) rim.push_back(image(y, x));
+          if (d <= 1.5) inner += image(y, x), ++inner_count;
+        }
+      }
+      if (rim.size() < 6 || inner_count == 0) break;
+      std::nth_element(rim.begin(), rim.begin() + static_cast<std::ptrdiff_t>(rim.size() / 2), rim.end());
+      const double background = rim[rim.size() / 2], depth = inner / inner_count - background;
+      double sum = 0, sum_x = 0, sum_y = 0;
+      for (int y = y0 - reach; y <= y0 + reach; ++y) {
+        for (int x = x0 - reach; x <= x0 + reach; ++x) {
+          const double weight = (image(y, x) - background) / depth;
+          if (distance(x, y) > radius_px || !(weight > 0.05)) continue;
+          sum += weight, sum_x += weight * x, sum_y += weight * y;
+        }
+      }
+      if (!(sum > 3)) break;
+      centre = {static_cast<float>(sum_x / sum), static_cast<float>(sum_y / sum)};
+    }
+  }
+}
+
+}  // namespace
+
+std::vector<Eigen::Vector3d> Board::points_m() const {
+  std::vector<Eigen::Vector3d> points;
+  const bool asymmetric = kind == BoardKind::asymmetric_circles;
+  const double middle_x = 0.5 * (columns - 1) * spacing_m + (asymmetric ? 0.25 * spacing_m : 0);
+  const double row_m = asymmetric ? 0.5 * spacing_m : spacing_m;
+  for (int row = 0; row < rows; ++row) {
+    const double shift = asymmetric && row % 2 == 1 ? 0.5 * spacing_m : 0;
+    for (int col = 0; col < columns; ++col)
+      points.emplace_back(col * spacing_m + shift - middle_x, (row - 0.5 * (rows - 1)) * row_m, 0);
+  }
+  return points;
+}
+
+BoardKind board_kind(const std::string& name) {
+  if (name == "checkerboard") return BoardKind::checkerboard;
+  if (name == "circles") return BoardKind::circles;
+  if (name == "asymmetric_circles") return BoardKind::asymmetric_circles;
+  throw Error("board kind '" + name + "' is none of checkerboard, circles, asymmetric_circles");
+}
+
+std::vector<cv::Point2f> detect_board(const cv::Mat1f& image, const Board& board) {
+  const cv::Size size(board.columns, board.rows);
+  cv::Mat1f finite = image.clone();
+  cv::patchNaNs(finite, 0);
+  for (const Attempt& attempt : attempts(finite)) {
+    std::vector<cv::Point2f> corners = board.kind == BoardKind::checkerboard
+                                           ? find_checkerboard(attempt, size)
+                                           : find_circles(attempt, size, board.kind == BoardKind::asymmetric_circles);
+    if (corners.size() != static_cast<size_t>(board.corners())) continue;
+    for (cv::Point2f& corner : corners)
+      corner = (corner + cv::Point2f(0.5f, 0.5f)) / attempt.scale - cv::Point2f(0.5f, 0.5f);
+    const double spacing = least_spacing(corners, size);
+    if (board.kind == BoardKind::checkerboard) {
+      const int window = std::clamp(static_cast<int>(0.42 * spacing), 2, 15);
+      cv::cornerSubPix(stretched(finite), corners, {window, window}, {-1, -1},
+                       {cv::TermCriteria::EPS | cv::TermCriteria::COUNT, 60, 1e-4});
+    } else {
+      refine_circles(finite, 0.5 * spacing, corners);
+    }
+    return corners;
+  }
+  return {};
+}
+
+}  // namespace fringeslam

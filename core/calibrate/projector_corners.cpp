@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/calibrate/projector_corners.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+namespace fringeslam {
+
+namespace {
+
+struct Sample {
+  Eigen::Vector2d camera, projector;  // relative to the window's middle, in radii; px
+  Eigen::Vector2d weight;             // 1 / sigma
+  bool used = true;
+};
+
+std::vector<Sample> collect(const ProjectorCoordinates& coordinates, const Eigen::Vector2d& corner, double radius,
+                            int& window_pixels) {
+  std::vector<Sample> samples;
+  window_pixels = 0;
+  const int reach = static_cast<int>(std::ceil(radius));
+  const int x0 = static_cast<int>(std::lround(corner.x())), y0 = static_cast<int>(std::lround(corner.y()));
+  for (int y = y0 - reach; y <= y0 + reach; ++y) {
+    for (int x = x0 - reach; x <= x0 + reach; ++x) {
+      const Eigen::Vector2d offset = Eigen::Vector2d(x, y) - corner;
+      if (offset.norm() > radius) continue;
+      ++window_pixels;
+      if (x < 0 || y < 0 || x >= coordinates.column_px.cols || y >= coordinates.column_px.rows) continue;
+      const double u = coordinates.column_px(y, x), v = coordinates.row_px(y, x);
+      if (std::isnan(u) || std::isnan(v)) continue;
+      const double su = std::max(1e-3, static_cast<double>(coordinates.column_sigma_px(y, x)));
+      const double sv = std::max(1e-3, static_cast<double>(coordinates.row_sigma_px(y, x)));
+      samples.push_back({offset / radius, {u, v}, {1 / su, 1 / sv}});
+    }
+  }
+  return samples;
+}
+
+// Weighted direct linear transform: u (h7 x + h8 y + h9) = h1 x + h2 y + h3 and the same for v; coordinates are
+// small around the window's middle, where the denominator is nearly h9, so the algebraic error is the geometric one.
+Eigen::Matrix3d direct_linear(const std::vector<Sample>& samples, const Eigen::Vector2d& middle, double scale) {
+  Eigen::Matrix<double, 9, 9> normal = Eigen::Matrix<double, 9, 9>::Zero();
+  for (const Sample& sample : samples) {
+    if (!sample.used) continue;
+    const double x = sample.camera.x(), y = sample.camera.y();
+    const Eigen::Vector2d p = (sample.projector - middle) / scale;
+    Eigen::Matrix<double, 2, 9> rows;
+    rows << x, y, 1, 0, 0, 0, -p.x() * x, -p.x() * y, -p.x(),  //
+        0, 0, 0, x, y, 1, -p.y() * x, -p.y() * y, -p.y();
+    rows = sample.weight.asDiagonal() * rows;
+    normal += rows.transpose() * rows;
+  }
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 9, 9>> solver(normal);
+  const Eigen::Matrix<double, 9, 1> h = solver.eigenvectors().col(0);
+  Eigen::Matrix3d result;
+  result << h(0), h(1), h(2), h(3), h(4), h(5), h(6), h(7), h(8);
+  Eigen::Matrix3d back = Eigen::Matrix3d::Identity();
+  back(0, 0) = back(1, 1) = scale;
+  back.block<2, 1>(0, 2) = middle;
+  return back * result;
+}
+
+double median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+// Known pixels on all four sides of the corner: a homography does not extrapolate well.
+bool surrounded(const std::vector<Sample>& samples) {
+  int quadrants[4] = {0, 0, 0, 0};
+  for (const Sample& s : samples) ++quadrants[(s.camera.x() > 0 ? 1 : 0) + (s.camera.y() > 0 ? 2 : 0)];
+  // A checkerboard's dark squares may be unknown: two opposite quadrants do.
+  return (quadrants[0] >= 4 && quadrants[3] >= 4) || (quadrants[1] >= 4 && quadrants[2] >= 4);
+}
+
+}  // namespace
+
+std::optional<LocalHomography> local_homography(const ProjectorCoordinates& coordinates,
+                                                const Eigen::Vector2d& corner_px, double radius_px) {
+  int window_pixels = 0;
+  std::vector<Sample> samples = collect(coordinates, corner_px, radius_px, window_pixels);
+  if (samples.size() < 20 || 3 * samples.size() < static_cast<size_t>(window_pixels) || !surrounded(samples))
+    return std::nullopt;
+  std::vector<double> us, vs;
+  for (const Sample& s : samples) us.push_back(s.projector.x()), vs.push_back(s.projector.y());
+  const Eigen::Vector2d middle(median(us), median(vs));
+  const double scale = std::max(1.0, (samples.front().projector - middle).norm());
+  // First without those far from the middle of things, then by their residuals.
+  Eigen::Matrix3d homography;
+  std::vector<Eigen::Vector2d> residuals(samples.size());
+  for (int round = 0; round < 4; ++round) {
+    homography = direct_linear(samples, middle, scale);
+    std::vector<double> sizes;
+    for (size_t i = 0; i < samples.size(); ++i) {
+      residuals[i] = (homography * samples[i].camera.homogeneous()).hnormalized() - samples[i].projector;
+      sizes.push_back(residuals[i].cwiseProduct(samples[i].weight).norm());
+    }
+    const double limit = 4 * std::max(median(sizes) / 1.18, 1e-6);  // 1.18: median of the norm of two normal numbers
+    for (size_t i = 0; i < samples.size(); ++i) samples[i].used = sizes[i] <= limit;
+  }
+  LocalHomography result;
+  Eigen::Vector2d squares = Eigen::Vector2d::Zero();
+  for (size_t i = 0; i < samples.size(); ++i) {
+    if (!samples[i].used) continue;
+    ++result.pixels;
+    squares += residuals[i].cwiseAbs2();
+  }
+  if (result.pixels < 20) return std::nullopt;
+  // The middle of a plane fit knows its value as well as a mean does, with a few degrees of freedom less.
+  result.sigma_px = (squares / (result.pixels * std::max(1, result.pixels - 8))).cwiseSqrt() * 2;
+  Eigen::Matrix3d to_window = Eigen::Matrix3d::Identity() / radius_px;
+  to_window.block<2, 1>(0, 2) = -corner_px / radius_px;
+  to_window(2, 2) = 1;
+  result.projector_from_camera = homography * to_window;
+  if (!result.projector_from_camera.allFinite()) return std::nullopt;
+  return result;
+}
+
+}  // namespace fringeslam

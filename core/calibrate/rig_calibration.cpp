@@ -1,0 +1,413 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/calibrate/rig_calibration.h"
+
+#include <ceres/ceres.h>
+#include <ceres/rotation.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "core/calibrate/initial_rig.h"
+#include "core/types/error.h"
+
+namespace fringeslam {
+
+namespace {
+
+constexpr int kLens = 9;  // fx fy cx cy k1 k2 p1 p2 k3
+constexpr double kCornerSigmaPx = 0.05;
+constexpr double kLeastProjectorSigmaPx = 0.01;  // curvature of the lenses within a window, grey levels of the pattern
+constexpr double kRobustSigmas = 3;
+const Eigen::Vector2d kNone = Eigen::Vector2d::Constant(std::numeric_limits<double>::quiet_NaN());
+
+// core/types/pinhole.h, for automatic differentiation.
+template <class T>
+void project(const T* lens, const T* point, T* pixel) {
+  const T x = point[0] / point[2], y = point[1] / point[2], r2 = x * x + y * y;
+  const T radial = 1.0 + r2 * (lens[4] + r2 * (lens[5] + r2 * lens[8]));
+  pixel[0] = lens[0] * (x * radial + 2.0 * lens[6] * x * y + lens[7] * (r2 + 2.0 * x * x)) + lens[2];
+  pixel[1] = lens[1] * (y * radial + lens[6] * (r2 + 2.0 * y * y) + 2.0 * lens[7] * x * y) + lens[3];
+}
+
+// A pose as angle-axis and translation.
+template <class T>
+void transform(const T* pose, const T* point, T* result) {
+  ceres::AngleAxisRotatePoint(pose, point, result);
+  for (int i = 0; i < 3; ++i) result[i] += pose[3 + i];
+}
+
+// What is left of a corner in the camera image, in sigmas.
+struct CameraResidual {
+  Eigen::Vector3d board;
+  Eigen::Vector2d pixel;
+
+  template <class T>
+  bool operator()(const T* lens, const T* camera_from_board, T* residual) const {
+    const T corner[3] = {T(board.x()), T(board.y()), T(board.z())};
+    T point[3], p[2];
+    transform(camera_from_board, corner, point);
+    project(lens, point, p);
+    for (int i = 0; i < 2; ++i) residual[i] = (p[i] - pixel[i]) / kCornerSigmaPx;
+    return true;
+  }
+};
+
+// The same in the projector image. Its corner was carried over from the camera's, error and all: what the camera's
+// residual does there, by the local homography's Jacobian, is taken off, and what remains is as small as the decoded
+// coordinates are exact. Together with the camera's residual this is the two errors' joint covariance, whitened.
+struct ProjectorResidual {
+  Eigen::Vector3d board;
+  Eigen::Vector2d camera_pixel, projector_pixel, sigma;
+  Eigen::Matrix2d projector_per_camera;
+
+  template <class T>
+  bool operator()(const T* camera, const T* projector, const T* projector_from_camera, const T* camera_from_board,
+                  T* residual) const {
+    const T corner[3] = {T(board.x()), T(board.y()), T(board.z())};
+    T in_camera[3], in_projector[3], c[2], p[2];
+    transform(camera_from_board, corner, in_camera);
+    transform(projector_from_camera, in_camera, in_projector);
+    project(camera, in_camera, c);
+    project(projector, in_projector, p);
+    const T off[2] = {c[0] - camera_pixel[0], c[1] - camera_pixel[1]};
+    for (int i = 0; i < 2; ++i) {
+      const T carried = projector_per_camera(i, 0) * off[0] + projector_per_camera(i, 1) * off[1];
+      residual[i] = (p[i] - projector_pixel[i] - carried) / sigma[i];
+    }
+    return true;
+  }
+};
+
+using Lens = std::array<double, kLens>;
+using PoseVector = std::array<double, 6>;
+
+Lens to_lens(const Pinhole& p) {
+  const Distortion& d = p.distortion;
+  return {p.fx, p.fy, p.cx, p.cy, d.k1, d.k2, d.p1, d.p2, d.k3};
+}
+
+Pinhole to_pinhole(const Lens& l, int width, int height) {
+  return {width, height, l[0], l[1], l[2], l[3], {l[4], l[5], l[6], l[7], l[8]}};
+}
+
+PoseVector to_vector(const Pose& pose) {
+  const Eigen::Vector3d r = rotation_log(pose.rotation), &t = pose.translation;
+  return {r.x(), r.y(), r.z(), t.x(), t.y(), t.z()};
+}
+
+Pose to_pose(const PoseVector& v) { return {rotation_exp({v[0], v[1], v[2]}), {v[3], v[4], v[5]}}; }
+
+// What is estimated, and from what.
+class Bundle {
+ public:
+  Bundle(const std::vector<BoardView>& views, const Board& board, const RigModel& rig,
+         const RigCalibrationOptions& options)
+      : views_(views), points_(board.points_m()), diameter_m_(board.diameter_m), rig_(rig), options_(options) {
+    offsets_.assign(views.size(), std::vector<Eigen::Vector2d>(points_.size(), Eigen::Vector2d::Zero()));
+    poses_.resize(views.size());
+  }
+
+  void start(const std::vector<size_t>& used) {
+    std::vector<std::vector<cv::Point2f>> corners;
+    for (const size_t v : used) corners.push_back(views_[v].corners_px);
+    std::vector<Pose> poses;
+    const Pinhole camera = initial_camera(corners, points_, {rig_.camera.width, rig_.camera.height}, poses);
+    std::vector<Eigen::Vector3d> points;
+    std::vector<Eigen::Vector2d> pixels;
+    for (size_t i = 0; i < used.size(); ++i) {
+      poses_[used[i]] = to_vector(poses[i]);
+      for (size_t j = 0; j < points_.size(); ++j) {
+        if (!views_[used[i]].homographies[j]) continue;
+        points.push_back(poses[i] * points_[j]);
+        pixels.push_back(projector_corner(used[i], j));
+      }
+    }
+    Pose relative;
+    const Pinhole projector =
+        initial_projector(points, pixels, {rig_.projector.width, rig_.projector.height}, relative);
+    camera_ = to_lens(camera);
+    projector_ = to_lens(projector);
+    relative_ = to_vector(relative);
+  }
+
+  // Least squares over the used views; returns the covariance of lenses and relative pose, empty when singular.
+  Eigen::MatrixXd refine(const std::vector<size_t>& used) {
+    ceres::Problem problem;
+    int residuals = 0;
+    for (const size_t v : used) {
+      for (size_t j = 0; j < points_.size(); ++j) {
+        auto* seen = new CameraResidual{points_[j], camera_corner(v, j)};
+        problem.AddResidualBlock(new ceres::AutoDiffCostFunction<CameraResidual, 2, kLens, 6>(seen),
+                                 new ceres::CauchyLoss(kRobustSigmas), camera_.data(), poses_[v].data());
+        residuals += 2;
+        const auto& local = views_[v].homographies[j];
+        if (!local) continue;
+        auto* lit = new ProjectorResidual{points_[j], camera_corner(v, j), projector_corner(v, j),
+                                          local->sigma_px.cwiseMax(kLeastProjectorSigmaPx),
+                                          local->jacobian(camera_corner(v, j))};
+        problem.AddResidualBlock(new ceres::AutoDiffCostFunction<ProjectorResidual, 2, kLens, kLens, 6, 6>(lit),
+                                 new ceres::CauchyLoss(kRobustSigmas), camera_.data(), projector_.data(),
+                                 relative_.data(), poses_[v].data());
+        residuals += 2;
+      }
+    }
+    std::vector<int> fixed;
+    for (int term = options_.radial_terms; term < 3; ++term) fixed.push_back(term == 0 ? 4 : term == 1 ? 5 : 8);
+    if (!options_.tangential) fixed.insert(fixed.end(), {6, 7});
+    for (Lens* lens : {&camera_, &projector_}) {
+      for (const int index : fixed) (*lens)[static_cast<size_t>(index)] = 0;
+      if (!fixed.empty()) problem.SetManifold(lens->data(), new ceres::SubsetManifold(kLens, fixed));
+    }
+    ceres::Solver::Options solver;
+    solver.linear_solver_type = ceres::SPARSE_SCHUR;
+    solver.max_num_iterations = 200;
+    solver.function_tolerance = 1e-12;
+    solver.logging_type = ceres::SILENT;
+    ceres::Solver::Summary summary;
+    ceres::Solve(solver, &problem, &summary);
+
+    ceres::Covariance::Options covariance_options;
+    covariance_options.algorithm_type = ceres::SPARSE_QR;
+    ceres::Covariance covariance(covariance_options);
+    const std::vector<const double*> blocks = {camera_.data(), projector_.data(), relative_.data()};
+    if (!summary.IsSolutionUsable() || !covariance.Compute(blocks, &problem)) return {};
+    Eigen::Matrix<double, 2 * kLens + 6, 2 * kLens + 6, Eigen::RowMajor> matrix;
+    if (!covariance.GetCovarianceMatrix(blocks, matrix.data())) return {};
+    // The corners' true sigma is what the residuals say it is.
+    const int parameters = 2 * (kLens - static_cast<int>(fixed.size())) + 6 + 6 * static_cast<int>(used.size());
+    const double excess = 2 * summary.final_cost / std::max(1, residuals - parameters);
+    return matrix * excess;
+  }
+
+  // The middle of a circle's image is not the image of its middle: moves the measured centres by the difference.
+  void correct_circles(const std::vector<size_t>& used) {
+    if (diameter_m_ <= 0) return;
+    for (const size_t v : used) {
+      const Pose pose = to_pose(poses_[v]);
+      for (size_t j = 0; j < points_.size(); ++j) offsets_[v][j] = -circle_bias(pose, points_[j]);
+    }
+  }
+
+  ViewResult result(size_t v, bool used) const {
+    ViewResult result;
+    result.name = views_[v].name;
+    result.used = used;
+    result.camera_from_board = to_pose(poses_[v]);
+    const Pinhole camera = camera_lens(), projector = projector_lens();
+    const Pose projector_from_board = to_pose(relative_) * result.camera_from_board;
+    double camera_squares = 0, projector_squares = 0;
+    int lit = 0;
+    for (size_t j = 0; j < points_.size(); ++j) {
+      result.camera_px.push_back(camera_corner(v, j));
+      result.camera_residual_px.push_back(result.camera_px[j] - camera.project(result.camera_from_board * points_[j]));
+      camera_squares += result.camera_residual_px[j].squaredNorm();
+      const bool known = views_[v].homographies[j].has_value();
+      result.projector_px.push_back(known ? projector_corner(v, j) : kNone);
+      result.projector_residual_px.push_back(
+          known ? Eigen::Vector2d(result.projector_px[j] - projector.project(projector_from_board * points_[j]))
+                : kNone);
+      if (!known) continue;
+      projector_squares += result.projector_residual_px[j].squaredNorm();
+      ++lit;
+    }
+    result.camera_rms_px = std::sqrt(camera_squares / static_cast<double>(points_.size()));
+    result.projector_rms_px = std::sqrt(projector_squares / std::max(1, lit));
+    return result;
+  }
+
+  Pinhole camera_lens() const { return to_pinhole(camera_, rig_.camera.width, rig_.camera.height); }
+  Pinhole projector_lens() const { return to_pinhole(projector_, rig_.projector.width, rig_.projector.height); }
+  Pose relative() const { return to_pose(relative_); }
+  Pose board_pose(size_t v) const { return to_pose(poses_[v]); }
+
+ private:
+  Eigen::Vector2d camera_corner(size_t v, size_t j) const {
+    const cv::Point2f& corner = views_[v].corners_px[j];
+    return Eigen::Vector2d(corner.x, corner.y) + offsets_[v][j];
+  }
+  Eigen::Vector2d projector_corner(size_t v, size_t j) const {
+    return (*views_[v].homographies[j])(camera_corner(v, j));
+  }
+
+  Eigen::Vector2d circle_bias(const Pose& camera_from_board, const Eigen::Vector3d& centre) const {
+    constexpr int kCorners = 64;
+    const Pinhole camera = camera_lens();
+    std::vector<Eigen::Vector2d> rim;
+    for (int i = 0; i < kCorners; ++i) {
+      const double angle = 2 * std::numbers::pi * i / kCorners;
+      const Eigen::Vector3d point = centre + 0.5 * diameter_m_ * Eigen::Vector3d(std::cos(angle), std::sin(angle), 0);
+      rim.push_back(camera.project(camera_from_board * point));
+    }
+    // Centre of gravity of the polygon.
+    const Eigen::Vector2d middle = camera.project(camera_from_board * centre);
+    double area = 0;
+    Eigen::Vector2d sum = Eigen::Vector2d::Zero();
+    for (int i = 0; i < kCorners; ++i) {
+      const Eigen::Vector2d a = rim[static_cast<size_t>(i)] - middle,
+                            b = rim[static_cast<size_t>((i + 1) % kCorners)] - middle;
+      const double cross = a.x() * b.y() - a.y() * b.x();
+      area += cross;
+      sum += cross * (a + b) / 3;
+    }
+    return sum / area;
+  }
+
+  const std::vector<BoardView>& views_;
+  std::vector<Eigen::Vector3d> points_;
+  double diameter_m_;
+  RigModel rig_;
+  RigCalibrationOptions options_;
+  std::vector<std::vector<Eigen::Vector2d>> offsets_;
+  Lens camera_{}, projector_{};
+  PoseVector relative_{};
+  std::vector<PoseVector> poses_;
+};
+
+double median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+std::string why_unusable(const BoardView& view, size_t corners) {
+  if (view.corners_px.size() != corners) return "the board was not found";
+  const auto lit =
+      std::count_if(view.homographies.begin(), view.homographies.end(), [](const auto& h) { return h.has_value(); });
+  const size_t wanted = std::max<size_t>(6, corners / 2);
+  if (static_cast<size_t>(lit) < wanted)
+    return "only " + std::to_string(lit) + " of " + std::to_string(corners) + " corners have projector coordinates";
+  return {};
+}
+
+std::string list_of(const std::vector<ViewResult>& views) {
+  std::string text;
+  for (const ViewResult& view : views) {
+    if (!view.reason.empty()) text += (text.empty() ? " (" : "; ") + view.name + ": " + view.reason;
+  }
+  return text.empty() ? "" : text + ")";
+}
+
+// Focal lengths come from foreshortening: boards that are all parallel have the same, whatever the focal length.
+void check_tilts(const Bundle& bundle, const std::vector<size_t>& used) {
+  double widest = 0;
+  for (const size_t a : used) {
+    for (const size_t b : used)
+      widest = std::max(
+          widest, std::acos(std::clamp(bundle.board_pose(a).rotation.col(2).dot(bundle.board_pose(b).rotation.col(2)),
+                                       -1.0, 1.0)));
+  }
+  constexpr double kLeastDegrees = 8;
+  const double degrees = widest * 180 / std::numbers::pi;
+  if (degrees < kLeastDegrees)
+    throw Error(
+        "the boards of all views are parallel to within " + std::to_string(static_cast<int>(std::ceil(degrees))) +
+        " degrees, from which no focal length can be had; tilt the board by 20 to 40 degrees, in several directions");
+}
+
+LensSigmas lens_sigmas(const Eigen::MatrixXd& covariance, int first) {
+  const Eigen::VectorXd s = covariance.diagonal().segment(first, kLens).cwiseMax(0).cwiseSqrt();
+  return {s(0), s(1), s(2), s(3), {s(4), s(5), s(6), s(7), s(8)}};
+}
+
+void check_determined(const RigCalibration& calibration, double max_focal_sigma) {
+  const auto check = [&](const std::string& device, const Pinhole& lens, const LensSigmas& sigma) {
+    const double relative = std::max(sigma.fx / lens.fx, sigma.fy / lens.fy);
+    if (relative <= max_focal_sigma) return;
+    throw Error(
+        "the views determine the " + device + "'s focal length only to " +
+        std::to_string(static_cast<int>(std::ceil(100 * relative))) +
+        " %; add views with the board tilted by 20 to 40 degrees, in several directions and at several distances");
+  };
+  check("camera", calibration.rig.camera, calibration.camera_sigma);
+  check("projector", calibration.rig.projector, calibration.projector_sigma);
+}
+
+}  // namespace
+
+BoardView observe_board(const std::string& name, const cv::Mat1f& texture, const ProjectorCoordinates& coordinates,
+                        const Board& board, const RigCalibrationOptions& options) {
+  BoardView view{name, detect_board(texture, board), {}};
+  if (view.corners_px.empty()) return view;
+  const auto columns = static_cast<size_t>(board.columns);
+  for (size_t j = 0; j < view.corners_px.size(); ++j) {
+    const cv::Point2f& corner = view.corners_px[j];
+    const size_t beside = j % columns + 1 < columns ? j + 1 : j - 1;
+    const double radius =
+        std::clamp(options.window * cv::norm(view.corners_px[beside] - corner), 3.0, options.max_window_px);
+    view.homographies.push_back(local_homography(coordinates, {corner.x, corner.y}, radius));
+  }
+  return view;
+}
+
+RigCalibration calibrate_rig(const std::vector<BoardView>& views, const Board& board, const RigModel& rig,
+                             const RigCalibrationOptions& options) {
+  check_options(options, "calibration");
+  RigCalibration calibration;
+  std::vector<size_t> used;
+  for (size_t v = 0; v < views.size(); ++v) {
+    ViewResult& view = calibration.views.emplace_back();
+    view.name = views[v].name;
+    view.reason = why_unusable(views[v], static_cast<size_t>(board.corners()));
+    if (view.reason.empty()) used.push_back(v);
+  }
+  Bundle bundle(views, board, rig, options);
+  bool started = false;
+  while (true) {
+    if (static_cast<int>(used.size()) < options.min_views)
+      throw Error(std::to_string(used.size()) + " of " + std::to_string(views.size()) + " views can be used; " +
+                  std::to_string(options.min_views) + " are the least, 10 to 15 a good number" +
+                  list_of(calibration.views));
+    if (!started) bundle.start(used);
+    started = true;
+    check_tilts(bundle, used);
+    calibration.covariance = bundle.refine(used);
+    bundle.correct_circles(used);
+    if (board.diameter_m > 0) calibration.covariance = bundle.refine(used);
+    if (calibration.covariance.size() == 0)
+      throw Error(
+          "the views do not determine all parameters of the lenses; add views with the board tilted by 20 to 40 "
+          "degrees, in several directions, or estimate fewer distortion terms");
+    std::vector<double> sizes;
+    for (const size_t v : used) {
+      calibration.views[v] = bundle.result(v, true);
+      sizes.push_back(std::max(calibration.views[v].camera_rms_px, calibration.views[v].projector_rms_px));
+    }
+    // The worst view goes when it is out of line with the others, and the rest is estimated anew.
+    const size_t worst = static_cast<size_t>(std::max_element(sizes.begin(), sizes.end()) - sizes.begin());
+    const double typical = median(sizes);
+    const bool out_of_line = sizes[worst] > std::max(3 * typical, 0.1);
+    if (!out_of_line && sizes[worst] <= options.max_reprojection_px) break;
+    ViewResult& view = calibration.views[used[worst]];
+    char reason[160];
+    std::snprintf(reason, sizeof reason, "reprojection error %.2f px in the %s, the median of the views is %.2f px",
+                  sizes[worst], view.camera_rms_px > view.projector_rms_px ? "camera" : "projector", typical);
+    view.used = false;
+    view.reason = reason;
+    used.erase(used.begin() + static_cast<std::ptrdiff_t>(worst));
+    started = false;
+  }
+
+  calibration.rig = rig;
+  calibration.rig.calibrated = true;
+  calibration.rig.camera = bundle.camera_lens();
+  calibration.rig.projector = bundle.projector_lens();
+  calibration.rig.projector_from_camera = bundle.relative();
+  calibration.camera_sigma = lens_sigmas(calibration.covariance, 0);
+  calibration.projector_sigma = lens_sigmas(calibration.covariance, kLens);
+  calibration.rotation_sigma_rad = calibration.covariance.diagonal().segment<3>(2 * kLens).cwiseSqrt();
+  calibration.translation_sigma_m = calibration.covariance.diagonal().segment<3>(2 * kLens + 3).cwiseSqrt();
+  double camera_squares = 0, projector_squares = 0;
+  for (const size_t v : used) {
+    camera_squares += std::pow(calibration.views[v].camera_rms_px, 2);
+    projector_squares += std::pow(calibration.views[v].projector_rms_px, 2);
+  }
+  calibration.camera_rms_px = std::sqrt(camera_squares / static_cast<double>(used.size()));
+  calibration.projector_rms_px = std::sqrt(projector_squares / static_cast<double>(used.size()));
+  check_determined(calibration, options.max_focal_sigma);
+  return calibration;
+}
+
+}  // namespace fringeslam

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/board_file.h"
+
+#include "core/rig/yaml.h"
+
+namespace fringeslam::tools {
+
+Board read_board(const std::filesystem::path& file) {
+  const YamlMap map = YamlMap::load(file);
+  Board board;
+  board.kind = board_kind(map.choice("kind", {"checkerboard", "circles", "asymmetric_circles"}));
+  board.columns = map.integer("columns", {3, 1000});
+  board.rows = map.integer("rows", {3, 1000});
+  board.spacing_m = map.number("spacing_m", {1e-5, 100});
+  if (board.kind != BoardKind::checkerboard) board.diameter_m = map.number_or("diameter_m", 0, {0, 100});
+  if (board.diameter_m >= board.spacing_m)
+    throw map.error("diameter_m", "circles of diameter_m would touch: it must be less than spacing_m");
+  map.finish();
+  return board;
+}
+
+Board board_of(const std::filesystem::path& dataset, const std::filesystem::path& given) {
+  if (!given.empty()) return read_board(given);
+  const std::filesystem::path own = dataset / kBoardFile;
+  if (!std::filesystem::exists(own))
+    throw Error(own.string() +
+                ": is missing; describe the board there, or give --board FILE (keys: kind, columns, rows, spacing_m)");
+  return read_board(own);
+}
+
+}  // namespace fringeslam::tools

@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+// fringeslam calibrate WHAT …: one subcommand for each thing that can be calibrated.
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "tools/verbs.h"
+
+namespace fringeslam::tools {
+
+Verb add_calibrate(CLI::App& app, const Common& common) {
+  CLI::App* group = app.add_subcommand("calibrate", "Measure what the rig is: lenses and poses, response, mount");
+  group->require_subcommand(1);
+  auto verbs = std::make_shared<std::vector<std::pair<CLI::App*, Verb>>>();
+  for (const auto add : {add_calibrate_rig}) {
+    Verb verb = add(*group, common);
+    verbs->emplace_back(group->get_subcommands({}).back(), std::move(verb));
+  }
+  return [verbs] {
+    for (const auto& [subcommand, verb] : *verbs) {
+      if (subcommand->parsed()) return verb();
+    }
+    return 2;
+  };
+}
+
+}  // namespace fringeslam::tools
