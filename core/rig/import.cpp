@@ -47,7 +47,9 @@ void check_rig(const RigModel& rig, const fs::path& config) {
   try {
     read_rig(YamlMap::parse(to_yaml(rig), "rig.yaml"));
   } catch (const Error& e) {
-    throw Error(config.string() + ": the rig that it describes is refused: " + e.what());
+    // The line is that of a text that nobody sees.
+    const std::string message = e.what();
+    throw Error(config.string() + ": the rig that it describes is refused: " + message.substr(message.find(": ") + 2));
   }
 }
 

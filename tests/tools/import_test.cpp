@@ -495,6 +495,8 @@ TEST_F(ImportErrors, Calibration) {
   EXPECT_THAT(write(good, camera, cv::Mat1d(1, 6, 0.0)), HasSubstr("but has 6"));
   EXPECT_THAT(write([&](cv::FileStorage& s) { good(s), s << "camera_size" << cv::Size(640, 480); }, camera, lens),
               HasSubstr("f00.png: is 8x6 but the calibration is of a 640x480 camera"));
+  EXPECT_THAT(import(test::replaced(kGood, "unit_m: 0.001", "unit_m: 0.000001")),
+              HasSubstr("the rig that it describes is refused: camera and projector stand in one place"));
   test::write_bytes(file, "cam_K: [1, 2\n");
   EXPECT_THAT(import(kGood), StartsWith(file + ": is no OpenCV file"));
 }
