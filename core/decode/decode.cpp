@@ -22,6 +22,8 @@ namespace {
 constexpr double kTwoPi = 2 * std::numbers::pi;
 constexpr size_t kMaxGroups = 16;
 constexpr double kGrayEdgePx = 1;  // how far the blur of an edge between Gray cells reaches into them
+// Least contrast of a bit as a share of the clearest one's: a pixel that sees two surfaces has bits in between.
+constexpr float kLeastGrayContrast = 0.75f;
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
 int length_of(const PatternSequence& sequence, Axis axis) {
@@ -279,14 +281,13 @@ void expect_row(const ExpectedCoordinate& expected, int row, double period_px, R
 }
 
 // On the edge between two cells noise decides for either; that does no harm to cells of half a period.
-void gray_row(const GrayDecoder& gray, const RowPlan& plan, const DecodeOptions& options, const float* const* samples,
-              RowAnchor& anchor) {
+void gray_row(const GrayDecoder& gray, const RowPlan& plan, const float* const* samples, RowAnchor& anchor) {
   const double cell = gray.cell_px(), period = plan.period_px;
   const bool neighbours_matter = cell > 0.51 * period;
   for (size_t i = 0; i < anchor.turns.size(); ++i) {
     const GrayDecoder::Reading reading = gray.read(plan, samples, static_cast<int>(i));
     const double failure = reading.far + (neighbours_matter ? reading.neighbour : 0);
-    const bool dim = static_cast<double>(reading.contrast_dn) < 0.25 * options.min_modulation_dn;
+    const bool dim = reading.contrast_dn < kLeastGrayContrast * reading.best_contrast_dn;
     anchor.turns[i] = dim ? kNaN : static_cast<float>((reading.cell + 0.5) * cell / period);
     anchor.half_width[i] = static_cast<float>((0.5 * cell + kGrayEdgePx) / period);
     anchor.sigma[i] = 0;
@@ -309,8 +310,8 @@ void gray_alone_row(const GrayDecoder& gray, const RowPlan& plan, const DecodeOp
     out.modulation[i] = reading.contrast_dn;
     const double coordinate = (reading.cell + 0.5) * cell - 0.5;
     const bool valid = static_cast<double>(reading.contrast_dn) >= options.min_modulation_dn &&
-                       largest < plan.clip_dn && reading.far <= options.max_order_failure &&
-                       coordinate < plan.length_px - 0.5;
+                       reading.contrast_dn >= kLeastGrayContrast * reading.best_contrast_dn && largest < plan.clip_dn &&
+                       reading.far <= options.max_order_failure && coordinate < plan.length_px - 0.5;
     out.wrapped_phase[i] = kNaN;
     out.order[i] = valid ? reading.cell : -1;
     out.coordinate[i] = valid ? static_cast<float>(coordinate) : kNaN;
@@ -322,9 +323,10 @@ void gray_alone_row(const GrayDecoder& gray, const RowPlan& plan, const DecodeOp
 // Orders of components by vote. A pixel whose own order disagrees with its component's has none: one of the two is
 // wrong.
 void take_spatial_orders(DecodedStack& out, const DecodeOptions& options, double length_px) {
-  const SpatialOrders spatial = options.spatial_order == "quality"
-                                    ? unwrap_by_quality(out.wrapped_phase, out.sigma_px, options.max_spatial_step_rad)
-                                    : unwrap_by_reliability(out.wrapped_phase, options.max_spatial_step_rad);
+  const SpatialOrders spatial =
+      options.spatial_order == "quality"
+          ? unwrap_by_quality(out.wrapped_phase, out.sigma_px, options.max_spatial_step_rad, out.fringe_order)
+          : unwrap_by_reliability(out.wrapped_phase, options.max_spatial_step_rad, out.fringe_order);
   const std::vector<ComponentOrder> components = vote(spatial, out.fringe_order, options.min_vote);
   out.component = spatial.component;
   out.components.clear();
@@ -435,7 +437,7 @@ void decode_into(DecodedStack& out, const FringeStack& stack, const PatternSeque
                        target);
         continue;
       }
-      if (gray) gray_row(*gray, plan, options, scratch.samples.data(), scratch.anchor);
+      if (gray) gray_row(*gray, plan, scratch.samples.data(), scratch.anchor);
       if (expected) expect_row(*expected, row, plan.period_px, scratch.anchor);
       decode_row(plan, size.width, scratch, target, context.instruction_set);
     }

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/decode/gray.h"
 
+#include <array>
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <utility>
 
 #include "core/types/error.h"
 #include "core/types/options.h"
@@ -41,6 +43,7 @@ GrayDecoder::GrayDecoder(const PatternSequence& sequence, Axis axis, const StepE
   if (2 * bits_.front().cell_px < length * (1 - 1e-9))
     throw Error("the Gray code tells apart " + to_text(2 * bits_.front().cell_px) + " px of the projector's " +
                 std::to_string(length) + "; add its coarser bits");
+  if (bits_.size() > 31) throw Error("the Gray code has more than 31 bits");
   for (size_t i = 0; i < bits_.size(); ++i) {
     const GrayBit& bit = bits_[i];
     if (i > 0 && std::abs(bits_[i - 1].cell_px / bit.cell_px - 2) > 1e-6)
@@ -76,27 +79,38 @@ GrayDecoder::Comparison GrayDecoder::compare(const RowPlan& camera, const float*
 }
 
 GrayDecoder::Reading GrayDecoder::read(const RowPlan& camera, const float* const* samples, int col) const {
+  constexpr size_t kMaxBits = 32;
   unsigned code = 0;
-  double wrong[32];
-  float faintest = std::numeric_limits<float>::max(), next = faintest;
+  std::array<Comparison, kMaxBits> bits;
   for (size_t i = 0; i < bits_.size(); ++i) {
-    const Comparison bit = compare(camera, samples, col, bits_[i]);
-    code = code << 1 | (bit.difference > 0 ? 1U : 0U);
-    const float contrast = std::abs(bit.difference);
-    wrong[i] = 0.5 * std::erfc(static_cast<double>(contrast) / std::sqrt(2.0 * static_cast<double>(bit.variance)));
-    if (contrast < faintest)
-      next = std::exchange(faintest, contrast);
-    else
-      next = std::min(next, contrast);
+    bits[i] = compare(camera, samples, col, bits_[i]);
+    code = code << 1 | (bits[i].difference > 0 ? 1U : 0U);
   }
   Reading reading;
   reading.cell = cell_of(code);
-  reading.contrast_dn = next;
+  float faintest = std::numeric_limits<float>::max(), next = faintest;
+  size_t which = 0;
   for (size_t i = 0; i < bits_.size(); ++i) {
-    const int other = cell_of(code ^ 1U << (bits_.size() - 1 - i));
-    (std::abs(other - reading.cell) == 1 ? reading.neighbour : reading.far) += wrong[i];
+    const float contrast = std::abs(bits[i].difference);
+    reading.best_contrast_dn = std::max(reading.best_contrast_dn, contrast);
+    if (contrast < faintest) {
+      next = std::exchange(faintest, contrast);
+      which = i;
+    } else {
+      next = std::min(next, contrast);
+    }
+    // Probability that noise turned the bit over; beyond six sigmas it is nothing.
+    const auto sigmas = static_cast<double>(contrast) / std::sqrt(static_cast<double>(bits[i].variance));
+    if (sigmas > 6) continue;
+    const double wrong = 0.5 * std::erfc(sigmas / std::numbers::sqrt2);
+    (is_neighbour(code, i) ? reading.neighbour : reading.far) += wrong;
   }
+  reading.contrast_dn = is_neighbour(code, which) ? next : faintest;
   return reading;
+}
+
+bool GrayDecoder::is_neighbour(unsigned code, size_t bit) const {
+  return std::abs(cell_of(code ^ 1U << (bits_.size() - 1 - bit)) - cell_of(code)) == 1;
 }
 
 }  // namespace fringeslam

@@ -22,7 +22,9 @@ class GrayDecoder {
     int cell = 0;
     // Probabilities that noise changed it: to a neighbouring cell, as happens on their edges, and to a far one.
     double neighbour = 0, far = 0;
-    float contrast_dn = 0;  // of the faintest bit but one: on an edge between cells one bit has none
+    // Of the faintest bit and of the clearest. A bit that tells neighbouring cells apart does not count as the
+    // faintest: on their edge it has no contrast. Pixels that see two surfaces have other bits in between.
+    float contrast_dn = 0, best_contrast_dn = 0;
   };
   // `samples`: grey values of the stack's images at one pixel.
   Reading read(const RowPlan& camera, const float* const* samples, int col) const;
@@ -31,6 +33,8 @@ class GrayDecoder {
   struct Comparison {
     float difference = 0, variance = 0;
   };
+  // Whether the code with one bit turned over names a neighbouring cell.
+  bool is_neighbour(unsigned code, size_t bit) const;
   Comparison compare(const RowPlan& camera, const float* const* samples, int col, const GrayBit& bit) const;
 
   std::vector<GrayBit> bits_;  // coarsest first, cells halving

@@ -11,11 +11,9 @@ namespace fringeslam {
 
 namespace {
 
-#define FRINGESLAM_INLINE inline __attribute__((always_inline))
-
 constexpr float kTurn = 2 * std::numbers::pi_v<float>;
-// What the projector's grey levels add to the difference of two periods' phases, turns: 8 bits and a ratio of 8.
-constexpr float kPatternResidual = 0.03f / kTurn;
+// What the projector's 256 grey levels add to the phase of each period, turns.
+constexpr float kPatternSigma = 0.0037f / kTurn;
 constexpr float kWrapSigmas = 4.5f;
 constexpr float kBorderPx = 0.5f;  // how far noise may carry a coordinate past the projector's border
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
@@ -185,7 +183,7 @@ FRINGESLAM_INLINE void combined_variance(const float* weights, size_t groups_cou
     if (square == 0) continue;
     const float* group = groups[g].variance;
 #pragma GCC ivdep
-    for (int i = 0; i < width; ++i) variance[i] += square * group[i];
+    for (int i = 0; i < width; ++i) variance[i] += square * (group[i] + kPatternSigma * kPatternSigma);
   }
 }
 
@@ -217,8 +215,7 @@ FRINGESLAM_INLINE void next_rung(float ratio, float max_residual_sigma, const fl
     const float predicted = ratio * out.turns[i];
     const float order = std::floor(predicted - phase[i] + 0.5f);
     const float residual = predicted - phase[i] - order;
-    const float square = variance[i] + kPatternResidual * kPatternResidual;
-    out.valid[i] &= residual * residual <= max_square * square;
+    out.valid[i] &= residual * residual <= max_square * variance[i];
     out.failure[i] += 2 * normal_tail(0.5f / std::sqrt(variance[i]));
     out.order[i] = order;
     out.turns[i] = phase[i] + order;
@@ -345,29 +342,16 @@ void decode_row_portable(const RowPlan& plan, int width, RowScratch& scratch, co
 }
 
 #if defined(__x86_64__)
-__attribute__((target("avx2"))) void decode_row_avx2(const RowPlan& plan, int width, RowScratch& scratch,
-                                                     const RowOutput& out) {
+FRINGESLAM_AVX2 void decode_row_avx2(const RowPlan& plan, int width, RowScratch& scratch, const RowOutput& out) {
   decode_row_body(plan, width, scratch, out);
 }
 
-__attribute__((target("avx512f,avx512dq,avx512vl,avx512bw"))) void decode_row_avx512(const RowPlan& plan, int width,
-                                                                                     RowScratch& scratch,
-                                                                                     const RowOutput& out) {
+FRINGESLAM_AVX512 void decode_row_avx512(const RowPlan& plan, int width, RowScratch& scratch, const RowOutput& out) {
   decode_row_body(plan, width, scratch, out);
 }
 #endif
 
 }  // namespace
-
-InstructionSet widest_instruction_set() {
-#if defined(__x86_64__)
-  if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl") &&
-      __builtin_cpu_supports("avx512bw"))
-    return InstructionSet::avx512;
-  if (__builtin_cpu_supports("avx2")) return InstructionSet::avx2;
-#endif
-  return InstructionSet::portable;
-}
 
 void decode_row(const RowPlan& plan, int width, RowScratch& scratch, const RowOutput& out, InstructionSet set) {
 #if defined(__x86_64__)

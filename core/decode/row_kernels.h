@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The arithmetic of decoding for one row of pixels: the hot loops of the pipeline. One source is compiled for
-// several instruction sets, and the machine's widest is taken at run time; contraction of products and sums is off,
-// so all give the same bits.
+// The arithmetic of decoding for one row of pixels.
 //
 // Phases are in turns here, theta = phi / 2 pi in (-1/2, 1/2], and an absolute phase is t = theta + K.
 #pragma once
@@ -9,10 +7,9 @@
 #include <cstdint>
 #include <vector>
 
-namespace fringeslam {
+#include "core/types/instruction_set.h"
 
-enum class InstructionSet { portable, avx2, avx512 };
-InstructionSet widest_instruction_set();
+namespace fringeslam {
 
 // One fringe period: weights of the least-squares estimators of I', I'' cos phi and I'' sin phi. The last two
 // give zero for equal samples, so they are applied to differences from the first sample.

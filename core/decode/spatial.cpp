@@ -2,10 +2,12 @@
 #include "core/decode/spatial.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <numbers>
+
+#include "core/types/parallel.h"
 
 namespace fringeslam {
 
@@ -13,16 +15,44 @@ namespace {
 
 constexpr float kTurn = 2 * std::numbers::pi_v<float>;
 
-// Difference of the orders of neighbours: phase_b + 2 pi k lies within half a turn of phase_a.
-inline int order_step(float phase_a, float phase_b) {
+// A joint of neighbours: by how much the order of the second one exceeds the first one's, -1, 0 or 1; or none.
+constexpr int8_t kCut = 2;
+
+struct Joints {
+  std::vector<int8_t> right, down;  // from each pixel; cut at the image's border
+};
+
+inline int8_t joint(float phase_a, float phase_b, float max_step) {
   const float difference = phase_a - phase_b;
-  return difference > 0.5f * kTurn ? 1 : difference < -0.5f * kTurn ? -1 : 0;
+  const int step = (difference > 0.5f * kTurn) - (difference < -0.5f * kTurn);
+  const bool near = std::abs(difference - kTurn * static_cast<float>(step)) <= max_step;  // false for NaN
+  return near ? static_cast<int8_t>(step) : kCut;
 }
 
-inline bool joined(float phase_a, float phase_b, float max_step) {
-  const float step = phase_a - phase_b - kTurn * static_cast<float>(order_step(phase_a, phase_b));
-  return std::abs(step) <= max_step;  // false for NaN
+Joints make_joints(const cv::Mat1f& phase, double max_step_rad) {
+  const auto max_step = static_cast<float>(max_step_rad);
+  Joints joints{std::vector<int8_t>(phase.total(), kCut), std::vector<int8_t>(phase.total(), kCut)};
+  for_each_row(phase.rows, [&](int row) {
+    const float* here = phase[row];
+    int8_t* right = joints.right.data() + static_cast<ptrdiff_t>(row) * phase.cols;
+    for (int col = 0; col + 1 < phase.cols; ++col) right[col] = joint(here[col], here[col + 1], max_step);
+    if (row + 1 == phase.rows) return;
+    const float* below = phase[row + 1];
+    int8_t* down = joints.down.data() + static_cast<ptrdiff_t>(row) * phase.cols;
+    for (int col = 0; col < phase.cols; ++col) down[col] = joint(here[col], below[col], max_step);
+  });
+  return joints;
 }
+
+// What a component's pixels that know their order say: by how much it exceeds the relative one.
+constexpr int kUnknown = std::numeric_limits<int>::min();
+
+// The known order of a pixel, or -1.
+struct Reference {
+  const int* known;
+  explicit Reference(const cv::Mat1i& reference) : known(reference.empty() ? nullptr : reference[0]) {}
+  int operator()(int pixel) const { return known ? known[pixel] : -1; }
+};
 
 // A key that grows with a positive float, a few per cent a step: exponent and three bits of the mantissa.
 inline unsigned log_key(float value) {
@@ -55,46 +85,51 @@ std::vector<int> counting_sort(const std::vector<uint16_t>& keys) {
 
 }  // namespace
 
-SpatialOrders unwrap_by_quality(const cv::Mat1f& wrapped_phase, const cv::Mat1f& sigma, double max_step_rad) {
-  const int rows = wrapped_phase.rows, cols = wrapped_phase.cols, total = rows * cols;
-  const auto max_step = static_cast<float>(max_step_rad);
+SpatialOrders unwrap_by_quality(const cv::Mat1f& wrapped_phase, const cv::Mat1f& sigma, double max_step_rad,
+                                const cv::Mat1i& reference) {
+  const int cols = wrapped_phase.cols, total = static_cast<int>(wrapped_phase.total());
+  const Joints joints = make_joints(wrapped_phase, max_step_rad);
   SpatialOrders orders{cv::Mat1i(wrapped_phase.size(), 0), cv::Mat1i(wrapped_phase.size(), -1), 0};
   const float* phase = wrapped_phase[0];
-  const float* spread = sigma[0];
   int* order = orders.order[0];
   int* component = orders.component[0];
+  const Reference known(reference);
 
   // Seeds and rim both go by sigma, a bucket a key. The rim of one component is empty before the next is begun.
-  std::vector<uint16_t> keys(static_cast<size_t>(total));
-  for (int i = 0; i < total; ++i)
-    keys[static_cast<size_t>(i)] = static_cast<uint16_t>(log_key(spread[i]) & (kKeys - 1));
+  std::vector<uint16_t> keys(wrapped_phase.total());
+  for (int i = 0; i < total; ++i) keys[static_cast<size_t>(i)] = static_cast<uint16_t>(log_key(sigma[0][i]) % kKeys);
   const std::vector<int> seeds = counting_sort(keys);
-  std::array<std::vector<int>, kKeys> rim;
+  std::vector<std::vector<int>> rim(kKeys);
   for (const int seed : seeds) {
     if (component[seed] >= 0 || std::isnan(phase[seed])) continue;
     component[seed] = seed;
+    int shift = known(seed) >= 0 ? known(seed) : kUnknown;
     size_t best = keys[static_cast<size_t>(seed)];
     rim[best].push_back(seed);
-    int waiting = 1;
-    while (waiting > 0) {
+    for (int waiting = 1; waiting > 0; --waiting) {
       while (rim[best].empty()) ++best;
       const int pixel = rim[best].back();
       rim[best].pop_back();
-      --waiting;
-      const int col = pixel % cols;
-      const auto visit = [&](int neighbour) {
-        if (component[neighbour] >= 0 || !joined(phase[pixel], phase[neighbour], max_step)) return;
+      const int own = order[pixel];
+      const auto visit = [&](int neighbour, int step) {
+        if (component[neighbour] >= 0) return;
+        if (known(neighbour) >= 0) {
+          const int says = known(neighbour) - own - step;
+          if (shift == kUnknown) shift = says;
+          if (says != shift) return;
+        }
         component[neighbour] = seed;
-        order[neighbour] = order[pixel] + order_step(phase[pixel], phase[neighbour]);
+        order[neighbour] = own + step;
         const size_t key = keys[static_cast<size_t>(neighbour)];
         rim[key].push_back(neighbour);
         best = std::min(best, key);
         ++waiting;
       };
-      if (col > 0) visit(pixel - 1);
-      if (col + 1 < cols) visit(pixel + 1);
-      if (pixel >= cols) visit(pixel - cols);
-      if (pixel + cols < total) visit(pixel + cols);
+      const auto p = static_cast<size_t>(pixel), c = static_cast<size_t>(cols);
+      if (joints.right[p] != kCut) visit(pixel + 1, joints.right[p]);
+      if (joints.down[p] != kCut) visit(pixel + cols, joints.down[p]);
+      if (p >= 1 && joints.right[p - 1] != kCut) visit(pixel - 1, -joints.right[p - 1]);
+      if (p >= c && joints.down[p - c] != kCut) visit(pixel - cols, -joints.down[p - c]);
     }
   }
   number_components(orders);
@@ -128,12 +163,14 @@ std::vector<uint16_t> unreliability(const cv::Mat1f& phase) {
   return keys;
 }
 
-// Union-find whose nodes carry their order relative to their parent.
+// Union-find whose nodes carry their order relative to their parent, and whose roots carry what is known of it.
 class OrderForest {
  public:
-  explicit OrderForest(int size)
-      : parent_(static_cast<size_t>(size)), offset_(parent_.size(), 0), size_(parent_.size(), 1) {
-    for (int i = 0; i < size; ++i) parent_[static_cast<size_t>(i)] = i;
+  OrderForest(int size, const Reference& known) : nodes_(static_cast<size_t>(size)), roots_(nodes_.size()) {
+    for (int i = 0; i < size; ++i) {
+      nodes_[static_cast<size_t>(i)].parent = i;
+      if (known(i) >= 0) roots_[static_cast<size_t>(i)].shift = known(i);
+    }
   }
 
   struct Place {
@@ -143,69 +180,81 @@ class OrderForest {
   Place find(int node) {
     int order = 0;
     while (true) {
-      const auto n = static_cast<size_t>(node);
-      const int up = parent_[n];
-      if (up == node) return {node, order};
-      const auto u = static_cast<size_t>(up);
-      if (parent_[u] != up) {
-        offset_[n] += offset_[u];
-        parent_[n] = parent_[u];
+      Node& n = nodes_[static_cast<size_t>(node)];
+      if (n.parent == node) return {node, order};
+      const Node& up = nodes_[static_cast<size_t>(n.parent)];
+      if (up.parent != n.parent) {
+        n.offset += up.offset;
+        n.parent = up.parent;
       }
-      order += offset_[n];
-      node = parent_[n];
+      order += n.offset;
+      node = n.parent;
     }
   }
 
-  // order(b) = order(a) + step from now on, unless the two are joined already.
+  // order(b) = order(a) + step from now on, unless the two are joined already or what is known of them contradicts it.
   void join(int a, int b, int step) {
     const Place pa = find(a), pb = find(b);
     if (pa.root == pb.root) return;
-    // order of b's root relative to a's: order(a) + step - order(b).
-    const int shift = pa.order + step - pb.order;
-    const auto ra = static_cast<size_t>(pa.root), rb = static_cast<size_t>(pb.root);
-    if (size_[ra] >= size_[rb]) {
-      parent_[rb] = pa.root, offset_[rb] = shift, size_[ra] += size_[rb];
+    Root &ra = roots_[static_cast<size_t>(pa.root)], &rb = roots_[static_cast<size_t>(pb.root)];
+    // Order of b's root relative to a's.
+    const int offset = pa.order + step - pb.order;
+    if (ra.shift != kUnknown && rb.shift != kUnknown && rb.shift != ra.shift + offset) return;
+    if (ra.size >= rb.size) {
+      nodes_[static_cast<size_t>(pb.root)] = {pa.root, offset};
+      ra.size += rb.size;
+      if (ra.shift == kUnknown && rb.shift != kUnknown) ra.shift = rb.shift - offset;
     } else {
-      parent_[ra] = pb.root, offset_[ra] = -shift, size_[rb] += size_[ra];
+      nodes_[static_cast<size_t>(pa.root)] = {pb.root, -offset};
+      rb.size += ra.size;
+      if (rb.shift == kUnknown && ra.shift != kUnknown) rb.shift = ra.shift + offset;
     }
   }
 
  private:
-  std::vector<int> parent_, offset_, size_;
+  struct Node {
+    int parent = 0, offset = 0;
+  };
+  struct Root {
+    int size = 1, shift = kUnknown;
+  };
+  std::vector<Node> nodes_;
+  std::vector<Root> roots_;
 };
 
 }  // namespace
 
-SpatialOrders unwrap_by_reliability(const cv::Mat1f& wrapped_phase, double max_step_rad) {
-  const int rows = wrapped_phase.rows, cols = wrapped_phase.cols, total = rows * cols;
-  const auto max_step = static_cast<float>(max_step_rad);
-  const float* phase = wrapped_phase[0];
+SpatialOrders unwrap_by_reliability(const cv::Mat1f& wrapped_phase, double max_step_rad, const cv::Mat1i& reference) {
+  const int cols = wrapped_phase.cols, total = static_cast<int>(wrapped_phase.total());
+  const Joints joints = make_joints(wrapped_phase, max_step_rad);
   const std::vector<uint16_t> pixel_keys = unreliability(wrapped_phase);
 
   // Joint 2 i goes from pixel i to the right, 2 i + 1 down.
   std::vector<uint16_t> keys;
-  std::vector<int> joints;
+  std::vector<int> indices;
   keys.reserve(2 * pixel_keys.size());
-  joints.reserve(2 * pixel_keys.size());
-  for (int i = 0; i < total; ++i) {
-    const auto add = [&](int joint, int neighbour) {
-      if (!joined(phase[i], phase[neighbour], max_step)) return;
-      joints.push_back(joint);
-      keys.push_back(
-          static_cast<uint16_t>(pixel_keys[static_cast<size_t>(i)] + pixel_keys[static_cast<size_t>(neighbour)]));
+  indices.reserve(2 * pixel_keys.size());
+  for (size_t i = 0; i < pixel_keys.size(); ++i) {
+    const auto add = [&](size_t index, size_t neighbour) {
+      indices.push_back(static_cast<int>(index));
+      keys.push_back(static_cast<uint16_t>(pixel_keys[i] + pixel_keys[neighbour]));
     };
-    if (i % cols + 1 < cols) add(2 * i, i + 1);
-    if (i + cols < total) add(2 * i + 1, i + cols);
+    if (joints.right[i] != kCut) add(2 * i, i + 1);
+    if (joints.down[i] != kCut) add(2 * i + 1, i + static_cast<size_t>(cols));
   }
-  OrderForest forest(total);
-  for (const int index : counting_sort(keys)) {
-    const int joint = joints[static_cast<size_t>(index)], a = joint / 2, b = joint % 2 == 0 ? a + 1 : a + cols;
-    forest.join(a, b, order_step(phase[a], phase[b]));
+  OrderForest forest(total, Reference(reference));
+  for (const int sorted : counting_sort(keys)) {
+    const int index = indices[static_cast<size_t>(sorted)], a = index / 2;
+    const auto pixel = static_cast<size_t>(a);
+    if (index % 2 == 0)
+      forest.join(a, a + 1, joints.right[pixel]);
+    else
+      forest.join(a, a + cols, joints.down[pixel]);
   }
 
   SpatialOrders orders{cv::Mat1i(wrapped_phase.size(), 0), cv::Mat1i(wrapped_phase.size(), -1), 0};
   for (int i = 0; i < total; ++i) {
-    if (std::isnan(phase[i])) continue;
+    if (std::isnan(wrapped_phase[0][i])) continue;
     const OrderForest::Place place = forest.find(i);
     orders.order[0][i] = place.order;
     orders.component[0][i] = place.root;

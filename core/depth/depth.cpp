@@ -15,68 +15,12 @@ namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
-struct Triangulated {
-  double depth = 0, sigma = 0;
-};
-
-// The triangulation of the header. Also returns where the point lies in the projector, for the
-// distortion iteration.
-class Triangulator {
- public:
-  explicit Triangulator(const RigModel& rig) : rig_(rig) {}
-
-  Triangulated operator()(const Eigen::Vector3d& ray, double column, double sigma_px) const {
-    const Pinhole& projector = rig_.projector;
-    const Eigen::Vector3d direction = rig_.projector_from_camera.rotation * ray;
-    const Eigen::Vector3d& t = rig_.projector_from_camera.translation;
-    double x_p = (column - projector.cx) / projector.fx;
-    double depth = solve(direction, t, x_p);
-    if (!projector.distortion.is_zero()) {
-      for (int iteration = 0; iteration < 4; ++iteration) {
-        const Eigen::Vector3d point = direction * depth + t;
-        const double row = projector.project(point).y();
-        x_p = projector.undistort({column, row}).x();
-        depth = solve(direction, t, x_p);
-      }
-    }
-    const double denominator = direction.x() - x_p * direction.z();
-    const double slope = (direction.x() * t.z() - direction.z() * t.x()) / (denominator * denominator * projector.fx);
-    return {depth, std::abs(slope) * sigma_px};
-  }
-
- private:
-  static double solve(const Eigen::Vector3d& direction, const Eigen::Vector3d& t, double x_p) {
-    return (x_p * t.z() - t.x()) / (direction.x() - x_p * direction.z());
-  }
-  const RigModel& rig_;
-};
-
 // Largest depth step between neighbours that still is one surface: the footprint of a pixel on a
 // surface of the limiting slope, plus what noise can do.
 struct StepLimit {
   double per_depth = 0;
   double operator()(double depth, double sigma) const { return per_depth * depth + 6 * sigma; }
 };
-
-// A pixel that sees two surfaces mixes their phases and comes out somewhere between: it has a
-// step to both sides, along rows or along columns.
-cv::Mat1b flying_pixels(const cv::Mat3f& points, const cv::Mat1f& sigma, StepLimit limit) {
-  cv::Mat1b flying(points.size(), uchar{0});
-  const auto joined = [&](int row, int col, int row2, int col2) {
-    if (row2 < 0 || col2 < 0 || row2 >= points.rows || col2 >= points.cols) return false;
-    const float a = points(row, col)[2], b = points(row2, col2)[2];
-    return std::abs(a - b) <= limit(a, sigma(row, col));  // false for NaN
-  };
-  for_each_row(points.rows, [&](int row) {
-    for (int col = 0; col < points.cols; ++col) {
-      if (std::isnan(points(row, col)[2])) continue;
-      const bool along_row = joined(row, col, row, col - 1) || joined(row, col, row, col + 1);
-      const bool along_column = joined(row, col, row - 1, col) || joined(row, col, row + 1, col);
-      flying(row, col) = !(along_row && along_column);
-    }
-  });
-  return flying;
-}
 
 // Normals by planes that fit windows. Under perspective a plane n.P = d is linear in inverse depth,
 // 1/z = (n/d).(x, y, 1), so a fit is a 3 x 3 linear system.
@@ -220,47 +164,63 @@ cv::Mat1b depth_image(const cv::Mat3f& points_m, double near_m, double far_m) {
   return image;
 }
 
+namespace {
+
+StepLimit step_limit(const Triangulation& triangulation, const DepthOptions& options) {
+  return {std::tan(options.max_slope_deg * std::numbers::pi / 180) * triangulation.pixel_angle()};
+}
+
+}  // namespace
+
+void triangulate(Frame& frame, const DecodedStack& decoded, const Triangulation& triangulation,
+                 const DepthOptions& options, InstructionSet set) {
+  const cv::Size size = decoded.coordinate_px.size();
+  if (size != triangulation.size())
+    throw Error("depth: the images are " + std::to_string(size.width) + "x" + std::to_string(size.height) +
+                " but the rig's camera has " + std::to_string(triangulation.size().width) + "x" +
+                std::to_string(triangulation.size().height));
+  frame.index = decoded.index;
+  frame.timestamp_s = decoded.timestamp_s;
+  frame.points_m.create(size);
+  frame.sigma_m.create(size);
+  frame.texture.create(size);
+  cv::Mat1f depth(size.height + 2, size.width), sigma(size);
+  depth.row(0).setTo(kNaN);
+  depth.row(size.height + 1).setTo(kNaN);
+  const auto per_depth = static_cast<float>(step_limit(triangulation, options).per_depth);
+  const auto max_sigma = static_cast<float>(options.max_sigma_m);
+  const auto to_grey = static_cast<float>(255 / decoded.full_scale_dn);
+  for_each_row(size.height, [&](int row) {
+    triangulation.row(row, decoded.coordinate_px[row], decoded.sigma_px[row], max_sigma, depth[row + 1], sigma[row],
+                      set);
+    const float* mean = decoded.mean[row];
+    for (int col = 0; col < size.width; ++col)
+      frame.texture[row][col] = static_cast<uchar>(std::clamp(to_grey * mean[col] + 0.5f, 0.0f, 255.0f));
+  });
+  cv::parallel_for_(cv::Range(0, size.height), [&](const cv::Range& range) {
+    std::vector<float> kept(static_cast<size_t>(size.width));
+    for (int row = range.start; row < range.end; ++row)
+      points_row({depth[row], depth[row + 1], depth[row + 2], sigma[row], triangulation.rays()[row]}, size.width,
+                 per_depth, kept.data(), frame.points_m[row], frame.sigma_m[row], set);
+  });
+}
+
+Frame reconstruct(const DecodedStack& decoded, const RigModel& rig, const Triangulation& triangulation,
+                  const DepthOptions& options) {
+  check_options(options, "depth");
+  Frame frame;
+  triangulate(frame, decoded, triangulation, options);
+  frame.normals =
+      NormalEstimator(frame.points_m, triangulation.rays(), frame.sigma_m, step_limit(triangulation, options), options)
+          .estimate(options.normal_radius_px);
+  frame.depth_image = depth_image(frame.points_m, rig.near_m, rig.far_m);
+  return frame;
+}
+
 Frame reconstruct(const DecodedStack& decoded, const RigModel& rig, const PixelRays& rays,
                   const DepthOptions& options) {
   check_options(options, "depth");
-  const cv::Size size = decoded.coordinate_px.size();
-  if (size != rays.size() || size.width != rig.camera.width || size.height != rig.camera.height)
-    throw Error("depth: the images are " + std::to_string(size.width) + "x" + std::to_string(size.height) +
-                " but the rig's camera has " + std::to_string(rig.camera.width) + "x" +
-                std::to_string(rig.camera.height));
-  Frame frame;
-  frame.index = decoded.index;
-  frame.timestamp_s = decoded.timestamp_s;
-  frame.points_m = cv::Mat3f(size, cv::Vec3f::all(kNaN));
-  frame.sigma_m = cv::Mat1f(size, kNaN);
-  frame.texture = cv::Mat1b(size);
-
-  const Triangulator triangulate(rig);
-  for_each_row(size.height, [&](int row) {
-    for (int col = 0; col < size.width; ++col) {
-      const double grey = 255 * decoded.mean(row, col) / decoded.full_scale_dn;
-      frame.texture(row, col) = static_cast<uchar>(std::clamp(std::round(grey), 0.0, 255.0));
-      const double column = decoded.coordinate_px(row, col);
-      if (std::isnan(column)) continue;
-      const cv::Vec2f ray = rays(row, col);
-      const Triangulated point = triangulate({ray[0], ray[1], 1}, column, decoded.sigma_px(row, col));
-      if (!(point.depth >= options.near_m && point.depth <= options.far_m && point.sigma <= options.max_sigma_m))
-        continue;
-      const auto z = static_cast<float>(point.depth);
-      frame.points_m(row, col) = {z * ray[0], z * ray[1], z};
-      frame.sigma_m(row, col) = static_cast<float>(point.sigma);
-    }
-  });
-
-  const StepLimit limit{std::tan(options.max_slope_deg * std::numbers::pi / 180) / rig.camera.fx};
-  const cv::Mat1b flying = flying_pixels(frame.points_m, frame.sigma_m, limit);
-  frame.points_m.setTo(cv::Scalar::all(std::numeric_limits<double>::quiet_NaN()), flying);
-  frame.sigma_m.setTo(std::numeric_limits<double>::quiet_NaN(), flying);
-
-  frame.normals =
-      NormalEstimator(frame.points_m, rays, frame.sigma_m, limit, options).estimate(options.normal_radius_px);
-  frame.depth_image = depth_image(frame.points_m, rig.near_m, rig.far_m);
-  return frame;
+  return reconstruct(decoded, rig, Triangulation(rig, rays, options.near_m, options.far_m), options);
 }
 
 }  // namespace fringeslam

@@ -1,15 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Projector coordinate + calibration -> Frame: points, sigma, normals, texture, 8-bit depth image.
-//
-// Triangulation (METHOD §1): with the undistorted camera ray d = (x, y, 1), X_p = R X_c + t the
-// projector's frame, a = (R d)_x, c = (R d)_z and the normalised undistorted projector column x_p,
-//
-//   z = (x_p t_z - t_x) / (a - x_p c),        P = z d
-//   dz/du = (a t_z - c t_x) / ((a - x_p c)^2 f_p),   sigma_z = |dz/du| sigma_u
-//
-// The projector's distortion needs the projector row as well; it is predicted from P and iterated.
+// triangulation.h has the equations.
 #pragma once
 
+#include "core/depth/triangulation.h"
 #include "core/types/decoded_stack.h"
 #include "core/types/frame.h"
 #include "core/types/options.h"
@@ -19,7 +13,7 @@ namespace fringeslam {
 
 struct DepthOptions {
   double near_m = 0.4, far_m = 2.5;  // depths outside are dropped
-  double max_slope_deg = 89;         // steeper steps between neighbours are discontinuities
+  double max_slope_deg = 88;        // steeper steps between neighbours are discontinuities
   double max_sigma_m = 0.005;
   int normal_radius_px = 5;      // of the largest window; smaller ones near edges
   double max_normal_chi2 = 2.5;  // of the plane fit, per degree of freedom
@@ -36,7 +30,14 @@ struct DepthOptions {
   }
 };
 
-// Throws Error when sizes differ or options are out of range.
+// Texture, points and sigmas alone; the images of `frame` are used again when they have the right size. Throws Error
+// when sizes differ.
+void triangulate(Frame& frame, const DecodedStack& decoded, const Triangulation& triangulation,
+                 const DepthOptions& options, InstructionSet set = widest_instruction_set());
+
+// The whole frame. Throws Error when sizes differ or options are out of range.
+Frame reconstruct(const DecodedStack& decoded, const RigModel& rig, const Triangulation& triangulation,
+                  const DepthOptions& options);
 Frame reconstruct(const DecodedStack& decoded, const RigModel& rig, const PixelRays& rays, const DepthOptions& options);
 
 // 255 (far - z) / (far - near) rounded, from 1 (far or beyond) to 255 (near or nearer); 0 = no data (METHOD S5).

@@ -62,6 +62,7 @@ Pipeline::Pipeline(const RigModel& rig, const PatternSequence& sequence, const P
       sequence_(sequence),
       options_(options),
       rays_(pixel_rays(rig.camera)),
+      triangulation_(rig, rays_, options.depth.near_m, options.depth.far_m),
       map_(options.cloud),
       start_(start) {
   options_.for_each_stage([](const char* name, auto& stage) { check_options(stage, name); });
@@ -70,7 +71,7 @@ Pipeline::Pipeline(const RigModel& rig, const PatternSequence& sequence, const P
 FrameResult Pipeline::process(const FringeStack& stack) {
   FrameResult result;
   result.decoded = decode(stack, sequence_, rig_, options_.decode);
-  result.frame = reconstruct(result.decoded, rig_, rays_, options_.depth);
+  result.frame = reconstruct(result.decoded, rig_, triangulation_, options_.depth);
   result.keypoints = detect_keypoints(result.frame, rig_, rays_, options_.keypoints);
   if (last_) {
     track(result);

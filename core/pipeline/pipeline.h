@@ -76,6 +76,7 @@ class Pipeline {
   PatternSequence sequence_;
   PipelineOptions options_;
   PixelRays rays_;
+  Triangulation triangulation_;
   CloudMap map_;
   Pose start_;
   std::optional<FrameResult> last_;

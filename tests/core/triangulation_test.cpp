@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/depth/triangulation.h"
+
+#include <gmock/gmock.h>
+
+#include <cmath>
+#include <cstring>
+
+#include "tests/support/random.h"
+#include "tests/support/scene.h"
+
+namespace fringeslam {
+namespace {
+
+using support::Random;
+using support::small_rig;
+
+// The exact solution: the projector coordinate of a point at a known depth.
+double coordinate_of(const RigModel& rig, const cv::Vec2f& ray, double depth, Axis axis) {
+  const Eigen::Vector3d point = rig.projector_from_camera * (depth * Eigen::Vector3d(ray[0], ray[1], 1));
+  const Eigen::Vector2d pixel = rig.projector.project(point);
+  return axis == Axis::columns ? pixel.x() : pixel.y();
+}
+
+double worst_relative_error(const RigModel& rig, Axis axis, double near_m, double far_m) {
+  const PixelRays rays = pixel_rays(rig.camera);
+  const Triangulation triangulation(rig, rays, near_m, far_m, axis);
+  const int width = rays.cols, length = axis == Axis::columns ? rig.projector.width : rig.projector.height;
+  std::vector<float> coordinate(width), sigma_px(width, 1e-6f), depth(width), sigma(width);
+  double worst = 0;
+  int checked = 0;
+  for (int step = 0; step <= 20; ++step) {
+    const double truth = near_m + (far_m - near_m) * (step + 0.5) / 21;
+    for (int row = 0; row < rays.rows; row += 7) {
+      for (int col = 0; col < width; ++col)
+        coordinate[col] = static_cast<float>(coordinate_of(rig, rays(row, col), truth, axis));
+      triangulation.row(row, coordinate.data(), sigma_px.data(), 1, depth.data(), sigma.data(),
+                        widest_instruction_set());
+      for (int col = 0; col < width; ++col) {
+        if (coordinate[col] < -0.5f || coordinate[col] > length - 0.5) continue;
+        ++checked;
+        EXPECT_FALSE(std::isnan(depth[col])) << row << ", " << col << ", " << truth;
+        worst = std::max(worst, std::abs(depth[col] - truth) / truth);
+      }
+    }
+  }
+  EXPECT_GT(checked, 5000);
+  return worst;
+}
+
+TEST(Triangulation, PolynomialIsTheExactSolution) {
+  for (const bool distorted : {false, true})
+    EXPECT_LT(worst_relative_error(small_rig(distorted), Axis::columns, 0.4, 2.5), 1e-6);
+}
+
+TEST(Triangulation, StrongLensesAndTurnedProjectors) {
+  RigModel rig = small_rig(true);
+  rig.projector.distortion = {-0.2, 0.1, 0.004, -0.003, 0.05};
+  EXPECT_LT(worst_relative_error(rig, Axis::columns, 0.5, 2), 1e-6);
+  SixDof turned;
+  turned.angles_deg = {8, -12, 25};
+  rig.projector_from_camera.rotation = pose_from(turned).rotation * rig.projector_from_camera.rotation;
+  rig.projector_from_camera.translation = {-0.2, 0.09, 0.1};
+  EXPECT_LT(worst_relative_error(rig, Axis::columns, 0.5, 2), 1e-6);
+}
+
+TEST(Triangulation, RowsOfAProjectorAboveTheCamera) {
+  RigModel rig = small_rig(false);
+  SixDof tilted;
+  tilted.angles_deg = {14, 0, 0};
+  rig.projector_from_camera = pose_from(tilted);
+  rig.projector_from_camera.translation = {0, 0.25, 0.06};
+  EXPECT_LT(worst_relative_error(rig, Axis::rows, 0.6, 1.6), 1e-6);
+}
+
+TEST(Triangulation, DepthsOutsideTheRangeAndNaNAreNone) {
+  const RigModel rig = small_rig(false);
+  const PixelRays rays = pixel_rays(rig.camera);
+  const Triangulation triangulation(rig, rays, 0.7, 1.4);
+  const int width = rays.cols, row = rays.rows / 2, middle = width / 2;
+  std::vector<float> coordinate(width, std::nanf("")), sigma_px(width, 0.02f), depth(width), sigma(width);
+  const auto depth_at = [&](double truth) {
+    coordinate[middle] = static_cast<float>(coordinate_of(rig, rays(row, middle), truth, Axis::columns));
+    triangulation.row(row, coordinate.data(), sigma_px.data(), 0.01f, depth.data(), sigma.data(),
+                      InstructionSet::portable);
+    return depth[middle];
+  };
+  EXPECT_NEAR(depth_at(0.71), 0.71, 1e-6);
+  EXPECT_NEAR(depth_at(1.39), 1.39, 1e-6);
+  for (const double outside : {0.3, 0.6999, 1.401, 3.0}) EXPECT_TRUE(std::isnan(depth_at(outside))) << outside;
+  EXPECT_TRUE(std::isnan(depth[middle - 1]) && std::isnan(sigma[middle - 1]));
+}
+
+TEST(Triangulation, EveryInstructionSetGivesTheSameBits) {
+  const RigModel rig = small_rig(true);
+  const PixelRays rays = pixel_rays(rig.camera);
+  const Triangulation triangulation(rig, rays, 0.4, 2.5);
+  Random random(2);
+  const int width = rays.cols;
+  std::vector<float> coordinate(width), sigma_px(width, 0.02f);
+  for (float& u : coordinate) u = static_cast<float>(random.uniform(-20, 1040));
+  const auto with = [&](InstructionSet set) {
+    std::vector<float> depth(width), sigma(width);
+    triangulation.row(60, coordinate.data(), sigma_px.data(), 0.01f, depth.data(), sigma.data(), set);
+    depth.insert(depth.end(), sigma.begin(), sigma.end());
+    return depth;
+  };
+  const auto portable = with(InstructionSet::portable), widest = with(widest_instruction_set());
+  EXPECT_EQ(std::memcmp(portable.data(), widest.data(), portable.size() * sizeof(float)), 0);
+}
+
+}  // namespace
+}  // namespace fringeslam
