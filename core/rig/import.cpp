@@ -97,7 +97,9 @@ cv::Mat ImportedRig::read(const fs::path& file) const {
   return image;
 }
 
-std::optional<FringeStack> ImportedRig::capture(const PatternSequence&) {
+std::optional<FringeStack> ImportedRig::capture(const PatternSequence& sequence) {
+  if (!(sequence == plan_.sequence))
+    throw Error(plan_.config.string() + ": the images are of another pattern sequence");
   if (next_ == plan_.stacks.size()) return std::nullopt;
   FringeStack stack;
   stack.index = static_cast<int>(next_);
