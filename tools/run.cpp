@@ -37,9 +37,12 @@ std::string file_name(std::string name) {
 
 int run(const Arguments& arguments, const Common& common) {
   const Settings settings = parse_settings(arguments.sets);
-  const bool uses_render = std::any_of(arguments.sets.begin(), arguments.sets.end(),
-                                       [](const std::string& set) { return set.rfind("render.", 0) == 0; });
-  const auto source = open_source(arguments.source, arguments.seed, settings, uses_render);
+  const auto sets_any_of = [&](const std::string& group) {
+    return std::any_of(arguments.sets.begin(), arguments.sets.end(),
+                       [&](const std::string& set) { return set.starts_with(group + "."); });
+  };
+  if (sets_any_of("mesh") && !arguments.mesh) throw Error("mesh.* settings have no effect without --mesh; add it");
+  const auto source = open_source(arguments.source, arguments.seed, settings, sets_any_of("render"));
   try {
     if (!source->model().calibrated)
       throw Error("its rig is not calibrated, so there is no depth; run fringeslam calibrate rig");

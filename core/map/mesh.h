@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The surface of one view as triangles [T 4.3; METHOD S23]: the camera's pixel grid tells which points are
+// The surface of one view as triangles (METHOD S23): the camera's pixel grid tells which points are
 // neighbours, so there is nothing to search. Each block of 2 x 2 pixels gives two triangles, cut along its shorter
 // diagonal, or one where a corner has no point.
 //

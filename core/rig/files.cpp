@@ -170,7 +170,8 @@ cv::Mat read_image(const fs::path& file) {
   const int depth = base == OIIO::TypeDesc::UINT8 ? CV_8U : base == OIIO::TypeDesc::UINT16 ? CV_16U : CV_32F;
   cv::Mat image(spec.height, spec.width, CV_MAKETYPE(depth, spec.nchannels));
   const OIIO::TypeDesc wanted = depth == CV_32F ? OIIO::TypeDesc(OIIO::TypeDesc::FLOAT) : OIIO::TypeDesc(base);
-  if (!in->read_image(0, 0, 0, spec.nchannels, wanted, image.data))
+  // Of what is missing at the end of a TIFF or JPEG it only leaves a message.
+  if (!in->read_image(0, 0, 0, spec.nchannels, wanted, image.data) || in->has_error())
     throw Error(file.string() + ": is truncated or damaged: " + first_line(in->geterror()));
   return image;
 }

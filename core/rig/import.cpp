@@ -47,7 +47,9 @@ void check_rig(const RigModel& rig, const fs::path& config) {
   try {
     read_rig(YamlMap::parse(to_yaml(rig), "rig.yaml"));
   } catch (const Error& e) {
-    throw Error(config.string() + ": the rig that it describes is refused: " + e.what());
+    // The line is that of a text that nobody sees.
+    const std::string message = e.what();
+    throw Error(config.string() + ": the rig that it describes is refused: " + message.substr(message.find(": ") + 2));
   }
 }
 
@@ -95,7 +97,9 @@ cv::Mat ImportedRig::read(const fs::path& file) const {
   return image;
 }
 
-std::optional<FringeStack> ImportedRig::capture(const PatternSequence&) {
+std::optional<FringeStack> ImportedRig::capture(const PatternSequence& sequence) {
+  if (!(sequence == plan_.sequence))
+    throw Error(plan_.config.string() + ": the images are of another pattern sequence");
   if (next_ == plan_.stacks.size()) return std::nullopt;
   FringeStack stack;
   stack.index = static_cast<int>(next_);

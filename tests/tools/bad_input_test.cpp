@@ -145,6 +145,10 @@ TEST_F(BadInput, SettingOutOfRange) {
     expect_refused_by(verb, scene_, {"samples_per_pixel", "square number"}, {"--set", "render.samples_per_pixel=3"});
 }
 
+TEST_F(BadInput, MeshSettingWithoutAMesh) {
+  expect_refused_by("run", scene_, {"mesh.* settings have no effect without --mesh"}, {"--set", "mesh.max_step_m=0.1"});
+}
+
 TEST_F(BadInput, SeedThatIsNone) {
   expect_refused_by("run", scene_, {"--seed"}, {"--seed", "-1"});
   expect_refused_by("run", scene_, {"--seed"}, {"--seed", "1.5"});

@@ -333,6 +333,23 @@ TEST(ReadAsGrey, EqualChannelsAreThemselvesOthersByTheRule) {
   EXPECT_EQ(value(GreyFrom::luminance), 120);  // 59.8 + 58.7 + 1.14 = 119.64
 }
 
+TEST(ReadAsGrey, TruncatedFilesOfEveryFormatAreRefused) {
+  const test::TempFolder temp;
+  cv::Mat1b noise(256, 64);
+  cv::RNG(5).fill(noise, cv::RNG::UNIFORM, 0, 256);
+  for (const std::string extension : {".png", ".bmp", ".tif", ".jpg"}) {
+    const fs::path file = temp / ("image" + extension);
+    write_image(file, noise);
+    EXPECT_EQ(read_as_grey(file, GreyFrom::luminance).size(), noise.size());
+    for (const double share : {0.0, 0.01, 0.5, 0.9}) {
+      write_image(file, noise);
+      test::truncate_file(file, share);
+      EXPECT_THAT(message_of([&] { read_as_grey(file, GreyFrom::luminance); }), StartsWith(file.string() + ": "))
+          << share;
+    }
+  }
+}
+
 // --- what is refused ---
 
 constexpr const char* kGood = R"(name: small
@@ -470,6 +487,8 @@ TEST_F(ImportErrors, Calibration) {
   const cv::Mat1d camera = matrix_of(rig.camera), lens = distortion_of(rig.camera);
   const std::string file = (temp_ / "in/calibration.yml").string();
 
+  EXPECT_THAT(import(test::replaced(kGood, "unit_m: 0.001", "unit_m: 0.000001")),
+              HasSubstr("the rig that it describes is refused: camera and projector stand in one place"));
   EXPECT_THAT(write([](cv::FileStorage&) {}, camera, lens), HasSubstr("for the rotation; the entries are cam_K"));
   cv::Mat1d stretched = good_rotation.clone();
   stretched *= 1.01;
