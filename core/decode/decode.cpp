@@ -23,7 +23,7 @@ constexpr double kTwoPi = 2 * std::numbers::pi;
 constexpr size_t kMaxGroups = 16;
 constexpr double kGrayEdgePx = 1;  // how far the blur of an edge between Gray cells reaches into them
 // Least contrast of a bit as a share of the clearest one's: a pixel that sees two surfaces has bits in between.
-constexpr float kLeastGrayContrast = 0.4f;
+constexpr float kLeastGrayContrast = 0.5f;
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
 int length_of(const PatternSequence& sequence, Axis axis) {
