@@ -39,8 +39,8 @@ void print(const Row& row) {
   char interval[64], value[64];
   std::snprintf(value, sizeof value, "%.5g %s", row.value, row.unit.c_str());
   std::snprintf(interval, sizeof interval, "[%.5g, %.5g]", row.interval_low, row.interval_high);
-  std::printf("%-28s %-16s n=%-6d %-26s limit %-10.5g %s\n", row.id.c_str(), value, row.n, interval, row.limit,
-              row.pass ? "pass" : "FAIL");
+  std::printf("%-28s %-16s n=%-6d %-26s limit %s %-10.5g %s\n", row.id.c_str(), value, row.n, interval,
+              row.direction == Limit::most ? "<=" : ">=", row.limit, row.pass ? "pass" : "FAIL");
   std::fflush(stdout);
 }
 
@@ -51,6 +51,7 @@ nlohmann::ordered_json to_json(const Row& row) {
           {"n", row.n},
           {"interval_95", {row.interval_low, row.interval_high}},
           {"limit", row.limit},
+          {"limit_is", row.direction == Limit::most ? "most" : "least"},
           {"pass", row.pass}};
 }
 
@@ -101,7 +102,8 @@ int main(int argc, char** argv) {
   }
   try {
     std::vector<Item> items = accuracy_items();
-    for (const auto& more : {calibration_items(), speed_items()}) items.insert(items.end(), more.begin(), more.end());
+    for (const auto& more : {sensor_items(), calibration_items(), speed_items()})
+      items.insert(items.end(), more.begin(), more.end());
     if (list) {
       for (const Item& item : items) {
         for (const std::string& id : item.ids) std::printf("%s\n", id.c_str());

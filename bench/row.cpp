@@ -7,7 +7,8 @@
 
 namespace fringeslam::bench {
 
-Row median_row(const std::string& id, const std::vector<double>& values, const std::string& unit, double limit) {
+Row median_row(const std::string& id, const std::vector<double>& values, const std::string& unit, double limit,
+               Limit direction) {
   std::mt19937_64 random(1);
   std::vector<double> medians;
   std::vector<double> sample(values.size());
@@ -23,7 +24,14 @@ Row median_row(const std::string& id, const std::vector<double>& values, const s
   row.interval_low = quantile_of(medians, 0.025);
   row.interval_high = quantile_of(medians, 0.975);
   row.limit = limit;
-  row.pass = row.value <= limit;
+  row.direction = direction;
+  row.pass = direction == Limit::most ? row.value <= limit : row.value >= limit;
+  return row;
+}
+
+Row bound_row(const std::string& id, double value, int n, const std::string& unit, double limit, Limit direction) {
+  Row row = median_row(id, {value}, unit, limit, direction);
+  row.n = n;
   return row;
 }
 

@@ -8,13 +8,16 @@
 
 namespace fringeslam::bench {
 
+enum class Limit { most, least };
+
 struct Row {
   std::string id;
   double value = 0;
   std::string unit;
-  int n = 0;  // samples behind the value
+  int n = 0;                                   // samples behind the value
   double interval_low = 0, interval_high = 0;  // 95 %
   double limit = 0;
+  Limit direction = Limit::most;
   bool pass = false;
 };
 
@@ -29,8 +32,12 @@ struct Item {
   std::function<std::vector<Row>(const Context&)> run;
 };
 
-// The median with its 95 % bootstrap interval (2000 resamplings, fixed seed) against an upper limit.
-Row median_row(const std::string& id, const std::vector<double>& values, const std::string& unit, double limit);
+// The median with its 95 % bootstrap interval (2000 resamplings, fixed seed) against a limit.
+Row median_row(const std::string& id, const std::vector<double>& values, const std::string& unit, double limit,
+               Limit direction = Limit::most);
+
+// One value, an extreme of n samples, which has no interval.
+Row bound_row(const std::string& id, double value, int n, const std::string& unit, double limit, Limit direction);
 
 std::vector<Item> accuracy_items();
 std::vector<Item> calibration_items();

@@ -214,12 +214,13 @@ void check_stack(const FringeStack& stack, const PatternSequence& sequence) {
   }
 }
 
+// `corrected`: the patterns undo the projector's response themselves.
 RowPlan make_plan(const std::vector<FringeGroup>& groups, int length_px, const RigModel& rig,
-                  const DecodeOptions& options) {
+                  const DecodeOptions& options, bool corrected) {
   RowPlan plan;
   for (const FringeGroup& group : groups) {
     plan.groups.push_back(least_squares(group));
-    plan.groups.back().correction_turns = correction_of(group, rig.phase_correction);
+    if (!corrected) plan.groups.back().correction_turns = correction_of(group, rig.phase_correction);
   }
   plan.period_px = groups.empty() ? 0 : groups.back().period_px;
   plan.length_px = length_px;
@@ -393,7 +394,7 @@ void decode_into(DecodedStack& out, const FringeStack& stack, const PatternSeque
       out.unwrapping == "spatial" ? spatial_reference(sequence, rig, options, context) : out.unwrapping;
   const int length = length_of(sequence, context.axis);
   const std::vector<FringeGroup> groups = used_groups(sequence, context.axis, options);
-  RowPlan plan = make_plan(groups, length, rig, options);
+  RowPlan plan = make_plan(groups, length, rig, options, !sequence.inverse_response.empty());
   if (method == "multifrequency") plan.rungs = multifrequency_ladder(groups, length);
   if (method == "heterodyne") plan.rungs = heterodyne_ladder(groups, length);
   std::optional<GrayDecoder> gray;

@@ -209,6 +209,7 @@ Trajectory read_trajectory(const YamlMap& map, const RigModel& rig, uint64_t see
   if (map.has("board_views")) return board_views(map.map("board_views"), rig, seed, interval);
   Trajectory trajectory(1);
   if (map.has("start")) trajectory[0].world_from_robot = map.pose("start");
+  if (!map.has("motions")) return trajectory;  // one view
   for (const YamlMap& entry : map.maps("motions")) {
     SixDof motion;
     motion.translation_mm = entry.vector3("translation_mm", kMillimetres);

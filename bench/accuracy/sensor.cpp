@@ -1,0 +1,286 @@
+// SPDX-License-Identifier: Apache-2.0
+// Sensor rows: noise, sigmas, fringe orders and the projector's response, on scenes whose truth is known.
+#include <Eigen/Dense>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <numbers>
+#include <optional>
+
+#include "bench/row.h"
+#include "core/calibrate/response.h"
+#include "core/decode/decode.h"
+#include "core/depth/depth.h"
+#include "core/patterns/design.h"
+#include "core/score/score.h"
+#include "sim/virtual_rig.h"
+
+namespace fringeslam::bench {
+
+namespace {
+
+sim::Scene scene_of(const std::string& name, uint64_t seed) {
+  return sim::load_scene(std::string(FRINGESLAM_SCENES) + "/" + name + "/scene.yaml", seed);
+}
+
+PatternSequence sequence_of(const RigModel& rig, std::vector<double> periods, GrayCode gray = GrayCode::none,
+                            int steps = 3) {
+  SequenceDesign design;
+  design.width = rig.projector.width;
+  design.height = rig.projector.height;
+  design.periods_px = std::move(periods);
+  design.gray = gray;
+  design.steps = steps;
+  return design_sequence(design);
+}
+
+// --- range noise ---
+
+// RMS distance of the points from the plane that fits them best.
+double rms_from_plane(const Frame& frame) {
+  std::vector<Eigen::Vector3d> points;
+  for (const cv::Vec3f& p : frame.points_m) {
+    if (!std::isnan(p[2])) points.emplace_back(p[0], p[1], p[2]);
+  }
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  for (const Eigen::Vector3d& p : points) mean += p / static_cast<double>(points.size());
+  Eigen::Matrix3d scatter = Eigen::Matrix3d::Zero();
+  for (const Eigen::Vector3d& p : points) scatter += (p - mean) * (p - mean).transpose();
+  const double least = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(scatter).eigenvalues()(0);
+  return std::sqrt(least / static_cast<double>(points.size()));
+}
+
+// Three images of the finest fringes; their order from knowing that the board is about 1 m away.
+std::vector<Row> range_noise_rows(const Context& context) {
+  std::vector<double> values;
+  for (int seed = 1; seed <= (context.quick ? 3 : 20); ++seed) {
+    const sim::Scene scene = scene_of("flat_board", static_cast<uint64_t>(seed));
+    const PatternSequence sequence = sequence_of(scene.rig, {16.5});
+    const auto stack = sim::VirtualRig(scene, {}).capture(sequence);
+    const PixelRays rays = pixel_rays(scene.rig.camera);
+    const auto expected =
+        expected_coordinate(scene.rig, rays, cv::Mat1f(rays.size(), 1.0f), cv::Mat1f(rays.size(), 0.002f));
+    DecodeOptions options;
+    options.unwrapping = "predicted";
+    const DecodedStack decoded = decode(*stack, sequence, scene.rig, options, {Axis::columns, &expected});
+    Frame frame;
+    triangulate(frame, decoded, Triangulation(scene.rig, rays, 0.4, 2.5), {});
+    values.push_back(1e3 * rms_from_plane(frame));
+  }
+  return {median_row("range_noise", values, "mm", 0.05)};
+}
+
+// --- honest sigmas ---
+
+struct Board {
+  double range_m, slope_deg, albedo;
+};
+
+// A board before the middle of the camera's view, as few pixels as statistics need.
+sim::Scene board_scene(const Board& board, uint64_t seed) {
+  sim::Scene scene = scene_of("flat_board", seed);
+  constexpr int kSize = 40;
+  Pinhole& camera = scene.rig.camera;
+  camera.cx -= 0.5 * (camera.width - kSize);
+  camera.cy -= 0.5 * (camera.height - kSize);
+  camera.width = camera.height = kSize;
+  scene.objects[0].material.albedo = board.albedo;
+  SixDof pose;
+  pose.translation_mm = {0, 0, 1e3 * board.range_m};
+  pose.angles_deg = {0.6 * board.slope_deg, board.slope_deg, 0};
+  scene.objects[0].world_from_object = pose_from(pose);
+  return scene;
+}
+
+// Standard deviation over the seeds at each pixel, over the predicted sigma; RMS over the pixels.
+double scatter_over_sigma(const Board& board, int seeds) {
+  cv::Mat1d sum, squares, variance, count;
+  for (int seed = 1; seed <= seeds; ++seed) {
+    const sim::Scene scene = board_scene(board, static_cast<uint64_t>(seed));
+    const auto stack = sim::VirtualRig(scene, {}).capture(scene.patterns);
+    Frame frame;
+    triangulate(frame, decode(*stack, scene.patterns, scene.rig, {}),
+                Triangulation(scene.rig, pixel_rays(scene.rig.camera), 0.4, 2.5), {});
+    if (sum.empty()) {
+      for (cv::Mat1d* image : {&sum, &squares, &variance, &count}) *image = cv::Mat1d::zeros(frame.points_m.size());
+    }
+    for (int row = 0; row < frame.height(); ++row) {
+      for (int col = 0; col < frame.width(); ++col) {
+        if (!frame.valid(row, col)) continue;
+        const double z = static_cast<double>(frame.points_m(row, col)[2]) - board.range_m;
+        sum(row, col) += z;
+        squares(row, col) += z * z;
+        variance(row, col) += std::pow(static_cast<double>(frame.sigma_m(row, col)), 2);
+        ++count(row, col);
+      }
+    }
+  }
+  double ratios = 0;
+  int pixels = 0;
+  for (int i = 0; i < static_cast<int>(sum.total()); ++i) {
+    const int row = i / sum.cols, col = i % sum.cols;
+    const double n = count(row, col);
+    if (n < 0.9 * seeds) continue;
+    const double scatter = (squares(row, col) - sum(row, col) * sum(row, col) / n) / (n - 1);
+    ratios += scatter / (variance(row, col) / n);
+    ++pixels;
+  }
+  return pixels > 0 ? std::sqrt(ratios / pixels) : NAN;
+}
+
+std::vector<Row> sigma_rows(const Context& context) {
+  std::vector<double> ratios;
+  for (const double range : {0.75, 1.0, 1.35}) {
+    for (const double slope : {0.0, 30.0, 55.0}) {
+      for (const double albedo : {0.85, 0.4, 0.12}) {
+        const double ratio = scatter_over_sigma({range, slope, albedo}, context.quick ? 12 : 50);
+        std::fprintf(stderr, "  %.2f m, %.0f degrees, albedo %.2f: scatter / sigma %.3f\n", range, slope, albedo,
+                     ratio);
+        ratios.push_back(ratio);
+      }
+    }
+  }
+  const auto [least, greatest] = std::minmax_element(ratios.begin(), ratios.end());
+  return {bound_row("sigma_honest.least", *least, static_cast<int>(ratios.size()), "x", 0.9, Limit::least),
+          bound_row("sigma_honest.greatest", *greatest, static_cast<int>(ratios.size()), "x", 1.1, Limit::most)};
+}
+
+// --- fringe orders ---
+
+struct Method {
+  std::string id, unwrapping, spatial_order;
+  std::vector<double> periods;
+  GrayCode gray;
+  double limit;
+};
+
+// Limits of TARGETS for multifrequency and gray; the others have none there and get what an honest method must keep.
+const std::vector<Method>& methods() {
+  static const std::vector<Method> all = {
+      {"multifrequency", "multifrequency", "quality", {1040, 131, 16.5}, GrayCode::none, 1e-4},
+      {"heterodyne", "heterodyne", "quality", {21.66, 18.9, 16.5}, GrayCode::none, 1e-3},
+      {"gray", "gray", "quality", {16.5}, GrayCode::complementary, 1e-4},
+      {"geometric", "geometric", "quality", {480}, GrayCode::none, 1e-3},
+      {"spatial_quality", "spatial", "quality", {1040, 131, 16.5}, GrayCode::none, 5e-3},
+      {"spatial_reliability", "spatial", "reliability", {1040, 131, 16.5}, GrayCode::none, 5e-3}};
+  return all;
+}
+
+DepthScore orders_of(const Method& method, uint64_t seed) {
+  const sim::Scene scene = scene_of("steps_and_holes", seed);
+  TruthFrame truth;
+  sim::VirtualRig rig(scene, {}, [&](const TruthFrame& frame) { truth = frame; });
+  const PatternSequence sequence = sequence_of(scene.rig, method.periods, method.gray);
+  const auto stack = rig.capture(sequence);
+  DecodeOptions options;
+  options.unwrapping = method.unwrapping;
+  options.spatial_order = method.spatial_order;
+  const DecodedStack decoded = decode(*stack, sequence, scene.rig, options);
+  Frame frame;
+  triangulate(frame, decoded, Triangulation(scene.rig, pixel_rays(scene.rig.camera), 0.4, 2.5), {});
+  cv::Mat1f depth;
+  cv::extractChannel(frame.points_m, depth, 2);
+  return score_depth({depth, frame.sigma_m, decoded.coordinate_px}, truth, decoded.finest_period_px);
+}
+
+std::vector<Row> wrong_order_rows(const Method& method, const Context& context) {
+  std::vector<double> wrong, valid;
+  for (int seed = 1; seed <= (context.quick ? 3 : 20); ++seed) {
+    const DepthScore score = orders_of(method, static_cast<uint64_t>(seed));
+    wrong.push_back(score.wrong_order);
+    valid.push_back(score.valid_fraction);
+  }
+  std::fprintf(stderr, "  %s: %.2f %% of the lit pixels have a depth; worst seed %.1e\n", method.id.c_str(),
+               100 * median_of(valid), *std::max_element(wrong.begin(), wrong.end()));
+  return {median_row("wrong_order." + method.id, wrong, "share", method.limit)};
+}
+
+// --- response ---
+
+// The systematic part of the phase error of three steps on a flat board: mean over pixels of the same phase, RMS over
+// the phase.
+double systematic_phase_error(const sim::Scene& scene, const RigModel& model, const std::vector<double>& inverse) {
+  PatternSequence sequence = sequence_of(scene.rig, {16.5});
+  sequence.inverse_response = inverse;
+  constexpr int kBins = 90;
+  std::array<double, kBins> sum{}, count{};
+  for (uint64_t seed = 1; seed <= 4; ++seed) {
+    sim::Scene noisy = scene;
+    noisy.seed = seed;
+    TruthFrame truth;
+    sim::VirtualRig rig(noisy, {}, [&](const TruthFrame& frame) { truth = frame; });
+    const auto stack = rig.capture(sequence);
+    DecodeOptions options;
+    options.unwrapping = "spatial";
+    options.spatial_reference = "none";
+    const DecodedStack decoded = decode(*stack, sequence, model, options);
+    for (int row = 0; row < truth.depth_m.rows; ++row) {
+      for (int col = 0; col < truth.depth_m.cols; ++col) {
+        const double phase = absolute_phase(static_cast<double>(truth.projector_column(row, col)), 16.5);
+        const double off =
+            std::remainder(static_cast<double>(decoded.wrapped_phase(row, col)) - phase, 2 * std::numbers::pi);
+        if (std::isnan(off)) continue;
+        const double turns = phase / (2 * std::numbers::pi);
+        const auto bin = static_cast<size_t>((turns - std::floor(turns)) * kBins);
+        sum[bin] += off;
+        ++count[bin];
+      }
+    }
+  }
+  double squares = 0;
+  for (size_t b = 0; b < kBins; ++b) squares += std::pow(sum[b] / count[b], 2) / kBins;
+  return std::sqrt(squares);
+}
+
+std::vector<cv::Mat1f> as_floats(const FringeStack& stack, size_t first, size_t last) {
+  std::vector<cv::Mat1f> images(last - first);
+  for (size_t i = first; i < last; ++i) stack.images[i].convertTo(images[i - first], CV_32F);
+  return images;
+}
+
+// Everything is measured from noisy 8-bit images of a ramp and of 12 steps, nothing taken from the rig file.
+std::vector<Row> response_rows(const Context& context) {
+  std::vector<double> by_inverse, by_table;
+  for (int seed = 1; seed <= (context.quick ? 1 : 5); ++seed) {
+    const sim::Scene scene = scene_of("response_ramp", static_cast<uint64_t>(seed));
+    const auto stack = sim::VirtualRig(scene, {}).capture(scene.patterns);
+    const FringeGroup steps = fringe_groups(scene.patterns, Axis::columns).front();
+    const size_t fringes = steps.images.size(), all = scene.patterns.patterns.size();
+    std::vector<double> levels;
+    for (size_t i = fringes; i < all; ++i) levels.push_back(scene.patterns.patterns[i].level);
+    const Response response = response_from_ramp(as_floats(*stack, fringes, all), levels, scene.rig.sensor, {});
+    RigModel plain = scene.rig;
+    plain.projector_response.clear();
+    RigModel corrected = plain;
+    corrected.phase_correction =
+        phase_correction_from_fringes(as_floats(*stack, 0, fringes), steps.shifts_rad, 3, scene.rig.sensor, {});
+    const double before = systematic_phase_error(scene, plain, {});
+    const double inverse = systematic_phase_error(scene, plain, inverse_table(response.table, 1025));
+    const double table = systematic_phase_error(scene, corrected, {});
+    std::fprintf(stderr, "  gamma %.3f; phase error %.4f rad, inverse response %.4f, phase table %.4f\n",
+                 response.gamma, before, inverse, table);
+    by_inverse.push_back(before / inverse);
+    by_table.push_back(before / table);
+  }
+  return {median_row("response.inverse_table", by_inverse, "x", 13, Limit::least),
+          median_row("response.phase_table", by_table, "x", 13, Limit::least)};
+}
+
+}  // namespace
+
+std::vector<Item> sensor_items() {
+  std::vector<Item> items = {{{"range_noise"}, "flat board at 1 m, three images, RMS from its plane", range_noise_rows},
+                             {{"sigma_honest.least", "sigma_honest.greatest"},
+                              "scatter over predicted sigma: 3 ranges, 3 slopes, 3 albedos",
+                              sigma_rows},
+                             {{"response.inverse_table", "response.phase_table"},
+                              "gamma 2.2: systematic phase error without over with the measured response",
+                              response_rows}};
+  for (const Method& method : methods())
+    items.push_back({{"wrong_order." + method.id},
+                     "wrong fringe orders by " + method.id + ", steps and holes",
+                     [method](const Context& context) { return wrong_order_rows(method, context); }});
+  return items;
+}
+
+}  // namespace fringeslam::bench

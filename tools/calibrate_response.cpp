@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: Apache-2.0
+// fringeslam calibrate response DATASET --out FOLDER
+#include <cstdio>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "core/calibrate/response.h"
+#include "core/rig/dataset.h"
+#include "core/rig/files.h"
+#include "core/rig/rig_file.h"
+#include "tools/report/curve.h"
+#include "tools/setting_groups.h"
+#include "tools/verbs.h"
+
+namespace fringeslam::tools {
+
+namespace {
+
+struct ResponseSettings {
+  ResponseOptions response;
+
+  template <class Visit>
+  void for_each_group(Visit&& visit) {
+    visit("response", response);
+  }
+};
+
+struct Arguments {
+  std::string dataset, out;
+  int steps = 3;
+  std::vector<std::string> sets;
+};
+
+// The mean of all stacks, which must show one view.
+std::vector<cv::Mat1f> mean_images(ReplayRig& replay) {
+  std::vector<cv::Mat1f> sums;
+  int stacks = 0;
+  while (const auto stack = replay.capture(replay.sequence())) {
+    ++stacks;
+    for (size_t i = 0; i < stack->images.size(); ++i) {
+      cv::Mat1f image;
+      stack->images[i].convertTo(image, CV_32F);
+      if (stacks == 1)
+        sums.push_back(image);
+      else
+        sums[i] += image;
+    }
+  }
+  for (cv::Mat1f& sum : sums) sum *= 1.0 / stacks;
+  return sums;
+}
+
+// The images of a sequence that a response can be had from.
+struct Ramp {
+  std::vector<size_t> images;
+  std::vector<double> levels;
+};
+Ramp ramp_of(const PatternSequence& sequence) {
+  Ramp ramp;
+  for (size_t i = 0; i < sequence.patterns.size(); ++i) {
+    if (sequence.patterns[i].coding != Coding::flat) continue;
+    ramp.images.push_back(i);
+    ramp.levels.push_back(sequence.patterns[i].level);
+  }
+  return ramp;
+}
+
+std::optional<FringeGroup> many_steps(const PatternSequence& sequence) {
+  for (const Axis axis : {Axis::columns, Axis::rows}) {
+    for (const FringeGroup& group : fringe_groups(sequence, axis)) {
+      if (group.images.size() >= 8) return group;
+    }
+  }
+  return std::nullopt;
+}
+
+template <class Indices>
+std::vector<cv::Mat1f> pick(const std::vector<cv::Mat1f>& images, const Indices& indices) {
+  std::vector<cv::Mat1f> picked;
+  for (const auto i : indices) picked.push_back(images[static_cast<size_t>(i)]);
+  return picked;
+}
+
+nlohmann::ordered_json to_json(const Response& response, const PhaseCorrection& correction) {
+  return {{"pixels", response.pixels},
+          {"gamma", response.gamma},
+          {"level", response.level},
+          {"light", response.light},
+          {"sigma", response.sigma},
+          {"phase_correction", {{"steps", correction.steps}, {"offset_rad", correction.offset_rad}}}};
+}
+
+std::string to_table(const Response& response, const PhaseCorrection& correction) {
+  std::string text = "level    light\n";
+  char line[128];
+  const size_t stride = std::max<size_t>(1, response.level.size() / 16);
+  for (size_t i = 0; i < response.level.size(); i += stride) {
+    std::snprintf(line, sizeof line, "%.4f   %.5f ± %.5f\n", response.level[i], response.light[i], response.sigma[i]);
+    text += line;
+  }
+  std::snprintf(line, sizeof line, "\nnearest gamma %.3f, from %d pixels\n", response.gamma, response.pixels);
+  text += line;
+  if (!correction.offset_rad.empty()) {
+    double largest = 0;
+    for (const double offset : correction.offset_rad) largest = std::max(largest, std::abs(offset));
+    std::snprintf(line, sizeof line, "phase of %d steps: off by up to %.4f rad\n", correction.steps, largest);
+    text += line;
+  }
+  return text;
+}
+
+int calibrate(const Arguments& arguments, const Common& common) {
+  ResponseSettings settings;
+  apply_settings(settings, arguments.sets);
+  ReplayRig replay(arguments.dataset);
+  const PatternSequence& sequence = replay.sequence();
+  const Ramp ramp = ramp_of(sequence);
+  const std::optional<FringeGroup> fringes = many_steps(sequence);
+  if (ramp.images.size() < 5 && !fringes)
+    throw Error(arguments.dataset +
+                ": holds neither a grey ramp of 5 levels or more nor 8 or more steps of a period; render or capture "
+                "patterns with `ramp_levels: 33` or `steps: 12`");
+  if (!sequence.inverse_response.empty())
+    throw Error(arguments.dataset + ": its patterns were corrected by an inverse response already; capture plain ones");
+  StagedFolder folder(arguments.out, "calibration");
+  RigModel rig = replay.model();
+  Response response;
+  try {
+    const std::vector<cv::Mat1f> images = mean_images(replay);
+    response =
+        ramp.images.size() >= 5
+            ? response_from_ramp(pick(images, ramp.images), ramp.levels, rig.sensor, settings.response)
+            : response_from_fringes(pick(images, fringes->images), fringes->shifts_rad, rig.sensor, settings.response);
+    rig.projector_response = response.table;
+    rig.phase_correction = {};
+    if (fringes && fringes->images.size() % static_cast<size_t>(arguments.steps) == 0)
+      rig.phase_correction = phase_correction_from_fringes(pick(images, fringes->images), fringes->shifts_rad,
+                                                           arguments.steps, rig.sensor, settings.response);
+  } catch (const Error& e) {
+    throw Error(arguments.dataset + ": " + e.what());
+  }
+  write_text(folder.path() / "rig.yaml", to_yaml(rig));
+  write_text(folder.path() / "response.json", to_json(response, rig.phase_correction).dump(2) + "\n");
+  write_png(folder.path() / "response.png", curve_picture(response));
+  folder.commit();
+  if (common.json)
+    std::printf("%s\n", to_json(response, rig.phase_correction).dump(2).c_str());
+  else
+    std::printf("%s\nwritten: %s  (rig.yaml, response.json, response.png)\n",
+                to_table(response, rig.phase_correction).c_str(), arguments.out.c_str());
+  return 0;
+}
+
+}  // namespace
+
+Verb add_calibrate_response(CLI::App& group, const Common& common) {
+  auto arguments = std::make_shared<Arguments>();
+  CLI::App* verb = group.add_subcommand("response", "The projector's response, from a grey ramp or many-step fringes");
+  verb->add_option("dataset", arguments->dataset, "Dataset of one view: flat patterns, or 8 or more steps of a period")
+      ->required();
+  verb->add_option("--out", arguments->out, "Folder for rig.yaml, response.json and response.png")->required();
+  verb->add_option("--steps", arguments->steps, "Steps that the phase correction is for, a divisor of the fringes' own")
+      ->check(CLI::Range(3, 1000))
+      ->capture_default_str();
+  verb->add_option("--set", arguments->sets, "response.key=value (repeatable; listed below)");
+  verb->footer(groups_help(ResponseSettings()));
+  return [arguments, &common] { return calibrate(*arguments, common); };
+}
+
+}  // namespace fringeslam::tools
