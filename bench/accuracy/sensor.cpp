@@ -154,15 +154,14 @@ struct Method {
   double limit;
 };
 
-// Limits of TARGETS for multifrequency and gray; the others have none there and get what an honest method must keep.
 const std::vector<Method>& methods() {
   static const std::vector<Method> all = {
       {"multifrequency", "multifrequency", "quality", {1040, 131, 16.5}, GrayCode::none, 1e-4},
-      {"heterodyne", "heterodyne", "quality", {21.66, 18.9, 16.5}, GrayCode::none, 1e-3},
+      {"heterodyne", "heterodyne", "quality", {21.66, 18.9, 16.5}, GrayCode::none, 1e-4},
       {"gray", "gray", "quality", {16.5}, GrayCode::complementary, 1e-4},
-      {"geometric", "geometric", "quality", {480}, GrayCode::none, 1e-3},
-      {"spatial_quality", "spatial", "quality", {1040, 131, 16.5}, GrayCode::none, 5e-3},
-      {"spatial_reliability", "spatial", "reliability", {1040, 131, 16.5}, GrayCode::none, 5e-3}};
+      {"geometric", "geometric", "quality", {480}, GrayCode::none, 1e-4},
+      {"spatial_quality", "spatial", "quality", {1040, 131, 16.5}, GrayCode::none, 1e-4},
+      {"spatial_reliability", "spatial", "reliability", {1040, 131, 16.5}, GrayCode::none, 1e-4}};
   return all;
 }
 

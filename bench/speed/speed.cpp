@@ -34,10 +34,14 @@ Row minutes_row(const std::string& id, double seconds, double limit_minutes) {
 }  // namespace
 
 std::vector<Item> speed_items() {
-  return {{{"speed.start.build"}, "build from scratch, no compiler cache",
-           [](const Context&) { return std::vector<Row>{minutes_row("speed.start.build", script_seconds("start.sh", "build"), 6)}; }},
-          {{"speed.start.bare"}, "bare Debian 12 to the first report: tools/run in a fresh system",
-           [](const Context&) { return std::vector<Row>{minutes_row("speed.start.bare", script_seconds("start.sh", "bare"), 12)}; }}};
+  return {{{"speed.start.build"},
+           "build from scratch, no compiler cache",
+           [](const Context&) {
+             return std::vector<Row>{minutes_row("speed.start.build", script_seconds("start.sh", "build"), 6)};
+           }},
+          {{"speed.start.bare"}, "bare Debian 12 to the first report: tools/run in a fresh system", [](const Context&) {
+             return std::vector<Row>{minutes_row("speed.start.bare", script_seconds("start.sh", "bare"), 12)};
+           }}};
 }
 
 }  // namespace fringeslam::bench

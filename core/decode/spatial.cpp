@@ -99,17 +99,22 @@ SpatialOrders unwrap_by_quality(const cv::Mat1f& wrapped_phase, const cv::Mat1f&
   std::vector<uint16_t> keys(wrapped_phase.total());
   for (int i = 0; i < total; ++i) keys[static_cast<size_t>(i)] = static_cast<uint16_t>(log_key(sigma[0][i]) % kKeys);
   const std::vector<int> seeds = counting_sort(keys);
-  std::vector<std::vector<int>> rim(kKeys);
+  // The pixels of a bucket are a list through `next`, last in, first out.
+  std::vector<int> rim(kKeys, -1), next(wrapped_phase.total());
+  const auto push = [&](size_t key, int pixel) {
+    next[static_cast<size_t>(pixel)] = rim[key];
+    rim[key] = pixel;
+  };
   for (const int seed : seeds) {
     if (component[seed] >= 0 || std::isnan(phase[seed])) continue;
     component[seed] = seed;
     int shift = known(seed) >= 0 ? known(seed) : kUnknown;
     size_t best = keys[static_cast<size_t>(seed)];
-    rim[best].push_back(seed);
+    push(best, seed);
     for (int waiting = 1; waiting > 0; --waiting) {
-      while (rim[best].empty()) ++best;
-      const int pixel = rim[best].back();
-      rim[best].pop_back();
+      while (rim[best] < 0) ++best;
+      const int pixel = rim[best];
+      rim[best] = next[static_cast<size_t>(pixel)];
       const int own = order[pixel];
       const auto visit = [&](int neighbour, int step) {
         if (component[neighbour] >= 0) return;
@@ -121,7 +126,7 @@ SpatialOrders unwrap_by_quality(const cv::Mat1f& wrapped_phase, const cv::Mat1f&
         component[neighbour] = seed;
         order[neighbour] = own + step;
         const size_t key = keys[static_cast<size_t>(neighbour)];
-        rim[key].push_back(neighbour);
+        push(key, neighbour);
         best = std::min(best, key);
         ++waiting;
       };

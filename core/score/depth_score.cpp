@@ -21,6 +21,26 @@ double quantile_of(std::vector<double> values, double q) {
 
 double median_of(std::vector<double> values) { return quantile_of(std::move(values), 0.5); }
 
+namespace {
+
+// Whether a coordinate is more than half a period from the true one. A pixel on an edge may rightly measure what its
+// centre does not see but its area does: there the neighbours' truth counts as well.
+bool wrong_order(const TruthFrame& truth, int row, int col, double column_px, double period_px) {
+  const auto agrees = [&](int r, int c) {
+    return std::abs(column_px - static_cast<double>(truth.projector_column(r, c))) <= period_px / 2;
+  };
+  if (agrees(row, col)) return false;
+  if (!(static_cast<int>(truth.mask(row, col)) & kTruthMixed)) return true;
+  for (int r = std::max(0, row - 1); r <= std::min(truth.mask.rows - 1, row + 1); ++r) {
+    for (int c = std::max(0, col - 1); c <= std::min(truth.mask.cols - 1, col + 1); ++c) {
+      if (agrees(r, c)) return false;
+    }
+  }
+  return true;
+}
+
+}  // namespace
+
 DepthScore score_depth(const DepthEstimate& estimate, const TruthFrame& truth, double finest_period_px) {
   if (estimate.depth_m.size() != truth.depth_m.size()) throw Error("score: depth and truth differ in size");
   DepthScore score;
@@ -42,7 +62,7 @@ DepthScore score_depth(const DepthEstimate& estimate, const TruthFrame& truth, d
       const double error = std::abs(depth - truth.depth_m(row, col));
       errors.push_back(error);
       squares += error * error;
-      wrong += std::abs(estimate.projector_column(row, col) - truth.projector_column(row, col)) > finest_period_px / 2;
+      wrong += wrong_order(truth, row, col, static_cast<double>(estimate.projector_column(row, col)), finest_period_px);
     }
   }
   score.compared = static_cast<int>(errors.size());

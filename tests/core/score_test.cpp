@@ -55,6 +55,20 @@ TEST(DepthScore, ByHand) {
   EXPECT_EQ(score.spurious, 3);
 }
 
+TEST(DepthScore, OnAnEdgeBothSurfacesAreRight) {
+  TruthFrame truth;
+  truth.depth_m = row_of({1, 1, 1, 2, 2});
+  truth.projector_column = row_of({100, 101, 102, 300, 301});
+  truth.mask = row_of({kLit, kLit | kTruthMixed, kLit | kTruthMixed, kLit | kTruthMixed, kLit});
+  const auto wrong = [&](const std::vector<float>& columns) {
+    return score_depth({truth.depth_m, row_of(std::vector<float>(5, 1e-4F)), row_of(columns)}, truth, 16).wrong_order;
+  };
+  EXPECT_EQ(wrong({100, 101, 299, 103, 301}), 0);    // either side of the edge, at the edge
+  EXPECT_EQ(wrong({100, 299, 102, 300, 301}), 0.2);  // the far side, two pixels away from it
+  EXPECT_EQ(wrong({100, 101, 200, 300, 301}), 0.2);  // neither
+  EXPECT_EQ(wrong({300, 101, 102, 300, 301}), 0.2);  // no edge there
+}
+
 TEST(DepthScore, NothingMeasured) {
   const DepthEstimate estimate = {row_of({kNaN}), row_of({kNaN}), row_of({kNaN})};
   TruthFrame truth;

@@ -1,0 +1,152 @@
+// SPDX-License-Identifier: Apache-2.0
+// Decoding beside OpenCV's, in one run: the two take turns, so that what the machine does meanwhile meets both.
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <functional>
+#include <opencv2/structured_light.hpp>
+
+#include "bench/row.h"
+#include "core/decode/decode.h"
+#include "core/decode/spatial.h"
+#include "core/depth/depth.h"
+#include "sim/virtual_rig.h"
+
+namespace fringeslam::bench {
+
+namespace {
+
+double seconds_of(const std::function<void()>& work) {
+  const auto start = std::chrono::steady_clock::now();
+  work();
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+// Median times of several works that take turns, after a turn that warms up.
+std::vector<std::vector<double>> take_turns(const std::vector<std::function<void()>>& works, int turns) {
+  std::vector<std::vector<double>> times(works.size());
+  for (int turn = -1; turn < turns; ++turn) {
+    for (size_t i = 0; i < works.size(); ++i) {
+      const double seconds = seconds_of(works[i]);
+      if (turn >= 0) times[i].push_back(seconds);
+    }
+  }
+  return times;
+}
+
+// Three images of fine fringes on rubble, 532 x 500, and what a map would let expect of them.
+struct ThreeImages {
+  sim::Scene scene = sim::load_scene(std::string(FRINGESLAM_SCENES) + "/steps_and_holes/scene.yaml");
+  PatternSequence sequence =
+      phase_shift_sequence(scene.rig.projector.width, scene.rig.projector.height, {16.5}, 3, Axis::columns, 8);
+  PixelRays rays = pixel_rays(scene.rig.camera);
+  Triangulation triangulation{scene.rig, rays, 0.4, 2.5};
+  FringeStack stack;
+  ExpectedCoordinate expected;
+  DecodeOptions options;
+  DecodedStack decoded;
+  Frame frame;
+
+  ThreeImages() {
+    TruthFrame truth;
+    sim::VirtualRig rig(scene, {}, [&](const TruthFrame& t) { truth = t; });
+    stack = *rig.capture(sequence);
+    expected = expected_coordinate(scene.rig, rays, truth.depth_m, cv::Mat1f(rays.size(), 1e-3f));
+    options.unwrapping = "predicted";
+    decode();
+  }
+  void decode() { decode_into(decoded, stack, sequence, scene.rig, options, {Axis::columns, &expected}); }
+};
+
+// OpenCV's three-step profilometry: wrapped phase, then spatial unwrapping by reliability.
+class OpenCvPsp {
+ public:
+  explicit OpenCvPsp(const ThreeImages& images) : images_(images.stack.images.begin(), images.stack.images.end()) {
+    const auto params = cv::makePtr<cv::structured_light::SinusoidalPattern::Params>();
+    params->width = images.sequence.width;
+    params->height = images.sequence.height;
+    params->nbrOfPeriods = 62;
+    params->setMarkers = false;
+    params->horizontal = false;
+    params->methodId = cv::structured_light::PSP;
+    pattern_ = cv::structured_light::SinusoidalPattern::create(params);
+  }
+  void operator()() {
+    pattern_->computePhaseMap(images_, wrapped_, shadow_);
+    pattern_->unwrapPhaseMap(wrapped_, unwrapped_, images_[0].size(), shadow_);
+  }
+
+ private:
+  std::vector<cv::Mat> images_;
+  cv::Ptr<cv::structured_light::SinusoidalPattern> pattern_;
+  cv::Mat wrapped_, shadow_, unwrapped_;
+};
+
+std::vector<double> ratios(const std::vector<double>& slow, const std::vector<double>& fast) {
+  std::vector<double> result;
+  for (size_t i = 0; i < slow.size(); ++i) result.push_back(slow[i] / fast[i]);
+  return result;
+}
+
+std::vector<double> in_ms(std::vector<double> seconds) {
+  for (double& s : seconds) s *= 1e3;
+  return seconds;
+}
+
+std::vector<Row> decode_rows(const Context& context) {
+  ThreeImages ours;
+  OpenCvPsp psp(ours);
+  const auto times = take_turns({[&] { psp(); }, [&] { ours.decode(); }}, context.quick ? 5 : 25);
+  const Row theirs = median_row("", in_ms(times[0]), "ms", 0), own = median_row("", in_ms(times[1]), "ms", 0);
+  std::fprintf(stderr, "  OpenCV PSP %.0f ms, ours with absolute phase and sigma %.2f ms\n", theirs.value, own.value);
+  return {median_row("speed.decode", ratios(times[0], times[1]), "x", 100, Limit::least)};
+}
+
+// Bytes that must be read and written, a pixel: grey values, expectation, the decoded images and the points'
+// polynomials.
+constexpr double kBytesPerPixel =
+    3 + 3 * 4 + 7 * 4 /* decoded */ + 2 * 4 + 8 * 4 + 2 * 4 /* read again */ + 1 + 3 * 4 + 4;
+
+std::vector<Row> points_rows(const Context& context) {
+  ThreeImages ours;
+  const auto pixels = static_cast<double>(ours.rays.total());
+  const auto bytes = static_cast<size_t>(kBytesPerPixel * pixels / 2);  // a copy reads and writes
+  std::vector<char> source(bytes, 1), target(bytes, 0);
+  const auto work = [&] {
+    ours.decode();
+    triangulate(ours.frame, ours.decoded, ours.triangulation, {});
+  };
+  const auto copy = [&] {
+    cv::parallel_for_(cv::Range(0, 16), [&](const cv::Range& range) {
+      const size_t part = bytes / 16;
+      for (int i = range.start; i < range.end; ++i)
+        std::copy_n(source.data() + part * static_cast<size_t>(i), part, target.data() + part * static_cast<size_t>(i));
+    });
+  };
+  const auto times = take_turns({work, copy}, context.quick ? 20 : 200);
+  const Row row = median_row("speed.points", in_ms(times[0]), "ms", 3);
+  const Row copied = median_row("", in_ms(times[1]), "ms", 0);
+  std::fprintf(stderr, "  %.0f bytes a pixel: a memory copy of as many takes %.2f ms, %.0f %% of ours\n",
+               kBytesPerPixel, copied.value, 100 * copied.value / row.value);
+  return {row};
+}
+
+std::vector<Row> spatial_rows(const Context& context) {
+  ThreeImages ours;
+  const auto times = take_turns({[&] { unwrap_by_quality(ours.decoded.wrapped_phase, ours.decoded.sigma_px, 1.6); },
+                                 [&] { unwrap_by_reliability(ours.decoded.wrapped_phase, 1.6); }},
+                                context.quick ? 10 : 60);
+  const Row reliability = median_row("", in_ms(times[1]), "ms", 0);
+  std::fprintf(stderr, "  by reliability: %.1f ms\n", reliability.value);
+  return {median_row("speed.spatial", in_ms(times[0]), "ms", 10)};
+}
+
+}  // namespace
+
+std::vector<Item> decoding_items() {
+  return {{{"speed.decode"}, "three images to absolute phase, beside OpenCV's SinusoidalPattern (PSP)", decode_rows},
+          {{"speed.points"}, "three images to points with sigma", points_rows},
+          {{"speed.spatial"}, "spatial unwrapping by quality, 532 x 500", spatial_rows}};
+}
+
+}  // namespace fringeslam::bench
