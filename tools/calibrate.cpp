@@ -12,7 +12,7 @@ Verb add_calibrate(CLI::App& app, const Common& common) {
   CLI::App* group = app.add_subcommand("calibrate", "Measure what the rig is: lenses and poses, response, mount");
   group->require_subcommand(1);
   auto verbs = std::make_shared<std::vector<std::pair<CLI::App*, Verb>>>();
-  for (const auto add : {add_calibrate_rig, add_calibrate_response}) {
+  for (const auto add : {add_calibrate_rig, add_calibrate_response, add_calibrate_stage}) {
     Verb verb = add(*group, common);
     verbs->emplace_back(group->get_subcommands({}).back(), std::move(verb));
   }

@@ -13,6 +13,9 @@
 
 namespace fringeslam::tools {
 
+// Poses that a rendered robot was told to take.
+constexpr const char* kStageFile = "stage.tum";
+
 class Source {
  public:
   virtual ~Source() = default;

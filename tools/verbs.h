@@ -23,6 +23,7 @@ Verb add_info(CLI::App& app, const Common& common);
 Verb add_calibrate(CLI::App& app, const Common& common);
 Verb add_calibrate_rig(CLI::App& group, const Common& common);
 Verb add_calibrate_response(CLI::App& group, const Common& common);
+Verb add_calibrate_stage(CLI::App& group, const Common& common);
 Verb add_import(CLI::App& app, const Common& common);
 Verb add_patterns(CLI::App& app, const Common& common);
 

@@ -180,4 +180,10 @@ std::vector<cv::Point2f> detect_board(const cv::Mat1f& image, const Board& board
   return {};
 }
 
+void orient_like(const std::vector<cv::Point2f>& reference, std::vector<cv::Point2f>& corners) {
+  if (reference.empty() || corners.empty()) return;
+  const cv::Point2f a = reference.back() - reference.front(), b = corners.back() - corners.front();
+  if (a.dot(b) < 0) std::reverse(corners.begin(), corners.end());
+}
+
 }  // namespace fringeslam

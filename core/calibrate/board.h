@@ -31,4 +31,8 @@ BoardKind board_kind(const std::string& name);
 // not found whole. `image`: evenly lit grey values of any scale.
 std::vector<cv::Point2f> detect_board(const cv::Mat1f& image, const Board& board);
 
+// A board that looks the same turned by 180 degrees may be found from either end: puts the corners into the order of
+// another view, between which it turned by less than 90 degrees.
+void orient_like(const std::vector<cv::Point2f>& reference, std::vector<cv::Point2f>& corners);
+
 }  // namespace fringeslam

@@ -48,6 +48,7 @@ struct Scene {
   PatternSequence patterns;
   double ambient_electrons = 0;  // from a white surface, in one exposure
   Trajectory trajectory;         // of the robot
+  bool commanded = false;        // whether the one who moves the robot knows the trajectory
 };
 
 // Throws Error with file:line on anything that is missing, unknown, not finite, out of range or

@@ -243,7 +243,9 @@ Scene load_scene(const std::filesystem::path& file, std::optional<uint64_t> seed
   if (map.has("light")) scene.ambient_electrons = map.map("light").number_or("ambient_electrons", 0, {0, 1e9});
   const Materials materials = read_materials(map.map("materials"));
   scene.objects = read_objects(map, materials, scene.seed);
-  scene.trajectory = read_trajectory(map.map("trajectory"), scene.rig, scene.seed);
+  const YamlMap trajectory = map.map("trajectory");
+  scene.commanded = trajectory.boolean_or("commanded", false);
+  scene.trajectory = read_trajectory(trajectory, scene.rig, scene.seed);
   map.finish();
   return scene;
 }
