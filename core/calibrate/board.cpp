@@ -7,6 +7,7 @@
 #include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "core/calibrate/saddle.h"
 #include "core/types/error.h"
 
 namespace fringeslam {
@@ -172,6 +173,7 @@ std::vector<cv::Point2f> detect_board(const cv::Mat1f& image, const Board& board
       const int window = std::clamp(static_cast<int>(0.42 * spacing), 2, 15);
       cv::cornerSubPix(stretched(finite), corners, {window, window}, {-1, -1},
                        {cv::TermCriteria::EPS | cv::TermCriteria::COUNT, 60, 1e-4});
+      refine_saddles(finite, board.columns, corners);
     } else {
       refine_circles(finite, 0.5 * spacing, corners);
     }

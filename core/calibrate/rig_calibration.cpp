@@ -18,7 +18,7 @@ namespace fringeslam {
 namespace {
 
 constexpr int kLens = 9;  // fx fy cx cy k1 k2 p1 p2 k3
-constexpr double kCornerSigmaPx = 0.05;
+constexpr double kCornerSigmaPx = 0.02;
 constexpr double kLeastProjectorSigmaPx = 0.01;  // curvature of the lenses within a window, grey levels of the pattern
 constexpr double kRobustSigmas = 3;
 const Eigen::Vector2d kNone = Eigen::Vector2d::Constant(std::numeric_limits<double>::quiet_NaN());

@@ -15,7 +15,7 @@ namespace fringeslam {
 
 namespace {
 
-constexpr double kCornerSigmaPx = 0.05;
+constexpr double kCornerSigmaPx = 0.02;
 
 struct Sighting {
   size_t view, corner;
@@ -145,9 +145,9 @@ void refine(const std::vector<StageView>& views, StageCalibration& result) {
         "the motions do not determine the transform; add rotations about two axes and translations along three");
   Eigen::Matrix<double, 6, 6, Eigen::RowMajor> matrix;
   covariance.GetCovarianceBlock(block, block, matrix.data());
-  // Residuals wider than the covariances say that these are too small, by as much.
+  // The corners' own covariances are right up to a factor, which the residuals tell.
   const double excess = 2 * summary.final_cost / std::max(1, residuals - 6 - 3 * used_corners);
-  result.covariance = std::max(1.0, excess) * matrix;
+  result.covariance = excess * matrix;
   result.robot_from_camera = {rotation_exp(tangent.head<3>()) * start.rotation, tangent.tail<3>()};
   result.corners = used_corners;
 
