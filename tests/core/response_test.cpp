@@ -1,0 +1,181 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/calibrate/response.h"
+
+#include <gmock/gmock.h>
+
+#include <cmath>
+#include <numbers>
+
+#include "core/patterns/patterns.h"
+#include "tests/support/matchers.h"
+#include "tests/support/random.h"
+
+namespace fringeslam {
+namespace {
+
+using support::error_of;
+using support::Random;
+using testing::HasSubstr;
+
+constexpr double kPi = std::numbers::pi;
+constexpr double kGamma = 2.2;
+
+SensorModel sensor() {
+  SensorModel s;
+  s.gain_dn_per_electron = 0.0068;
+  return s;
+}
+
+// Grey values of one image: a board whose brightness differs from pixel to pixel, in ambient light.
+template <class Light>
+cv::Mat1f image_of(const Light& light, Random& random, bool noise) {
+  cv::Mat1f image(60, 80);
+  for (int row = 0; row < image.rows; ++row) {
+    for (int col = 0; col < image.cols; ++col) {
+      const double white = 120 + 60 * std::sin(0.1 * row) * std::cos(0.07 * col);
+      const double grey = 8 + white * light(row, col);
+      const double noisy = grey + (noise ? std::sqrt(sensor().variance_dn2(grey)) * random.normal() : 0);
+      image(row, col) = static_cast<float>(noise ? std::round(noisy) : noisy);
+    }
+  }
+  return image;
+}
+
+struct Ramp {
+  std::vector<cv::Mat1f> images;
+  std::vector<double> levels;
+};
+Ramp ramp(int count, bool noise, uint64_t seed = 1) {
+  Random random(seed);
+  Ramp result;
+  for (int k = 0; k < count; ++k) {
+    const double level = k / (count - 1.0);
+    result.levels.push_back(level);
+    result.images.push_back(image_of([&](int, int) { return std::pow(level, kGamma); }, random, noise));
+  }
+  return result;
+}
+
+struct Fringes {
+  std::vector<cv::Mat1f> images;
+  std::vector<double> shifts;
+};
+Fringes fringes(int steps, bool noise, double first = -1.0) {
+  Random random(3);
+  Fringes result;
+  for (int k = 0; k < steps; ++k) {
+    result.shifts.push_back(first + 2 * kPi * k / steps);
+    result.images.push_back(image_of(
+        [&](int row, int col) {
+          return std::pow(0.5 + 0.5 * std::cos(0.37 * col + 0.05 * row + result.shifts.back()), kGamma);
+        },
+        random, noise));
+  }
+  return result;
+}
+
+double worst_off_gamma(const std::vector<double>& table) {
+  double worst = 0;
+  for (size_t i = 0; i < table.size(); ++i)
+    worst = std::max(
+        worst, std::abs(table[i] - std::pow(static_cast<double>(i) / static_cast<double>(table.size() - 1), kGamma)));
+  return worst;
+}
+
+TEST(ResponseFromRamp, RecoversAPowerLaw) {
+  const Ramp exact = ramp(33, false);
+  const Response response = response_from_ramp(exact.images, exact.levels, sensor(), {});
+  EXPECT_LT(worst_off_gamma(response.table), 5e-4);  // between the levels: monotone cubics
+  EXPECT_NEAR(response.gamma, kGamma, 1e-3);
+  EXPECT_EQ(response.table.front(), 0);
+  EXPECT_EQ(response.table.back(), 1);
+  const Ramp noisy = ramp(33, true);
+  EXPECT_LT(worst_off_gamma(response_from_ramp(noisy.images, noisy.levels, sensor(), {}).table), 2e-3);
+}
+
+TEST(ResponseFromRamp, ImagesInAnyOrderAndLevelsTwiceAreFine) {
+  Ramp shuffled = ramp(17, false);
+  std::reverse(shuffled.images.begin(), shuffled.images.end());
+  std::reverse(shuffled.levels.begin(), shuffled.levels.end());
+  shuffled.images.push_back(shuffled.images[4]);
+  shuffled.levels.push_back(shuffled.levels[4]);
+  EXPECT_LT(worst_off_gamma(response_from_ramp(shuffled.images, shuffled.levels, sensor(), {}).table), 2e-3);
+}
+
+TEST(ResponseFromRamp, SigmasAreTheScatterOverSeeds) {
+  std::vector<double> light;
+  double predicted = 0;
+  for (uint64_t seed = 1; seed <= 60; ++seed) {
+    const Ramp noisy = ramp(9, true, seed);
+    const Response response = response_from_ramp(noisy.images, noisy.levels, sensor(), {});
+    light.push_back(response.light[5]);
+    predicted += response.sigma[5] / 60;
+  }
+  double mean = 0, squares = 0;
+  for (const double x : light) mean += x / 60;
+  for (const double x : light) squares += (x - mean) * (x - mean) / 59;
+  EXPECT_NEAR(std::sqrt(squares) / predicted, 1, 0.35);
+}
+
+TEST(ResponseFromFringes, RecoversAPowerLaw) {
+  for (const int steps : {12, 16}) {
+    const Fringes seen = fringes(steps, false);
+    const Response response = response_from_fringes(seen.images, seen.shifts, sensor(), {});
+    EXPECT_LT(worst_off_gamma(response.table), 5e-3) << steps;
+  }
+  const Fringes noisy = fringes(12, true);
+  EXPECT_LT(worst_off_gamma(response_from_fringes(noisy.images, noisy.shifts, sensor(), {}).table), 1e-2);
+}
+
+TEST(PhaseCorrectionFromFringes, IsTheClosedFormOfThePowerLaw) {
+  // METHOD: d phi = (r4 - r2) sin 3 phi to first order; here the full arctangent for centred steps.
+  for (const double first : {-1.0, 0.3, -2 * kPi / 3}) {
+    const Fringes seen = fringes(12, false, first);
+    const PhaseCorrection table = phase_correction_from_fringes(seen.images, seen.shifts, 3, sensor(), {});
+    ASSERT_EQ(table.steps, 3);
+    double worst = 0, largest = 0;
+    for (size_t i = 0; i < table.offset_rad.size(); ++i) {
+      const double phase = 2 * kPi * static_cast<double>(i) / static_cast<double>(table.offset_rad.size());
+      double s = 0, c = 0;
+      for (const double shift : {-2 * kPi / 3, 0.0, 2 * kPi / 3}) {
+        const double grey = std::pow(0.5 + 0.5 * std::cos(phase + shift), kGamma);
+        s -= grey * std::sin(shift);
+        c += grey * std::cos(shift);
+      }
+      worst = std::max(worst, std::abs(std::remainder(std::atan2(s, c) - phase, 2 * kPi) - table.offset_rad[i]));
+      largest = std::max(largest, std::abs(table.offset_rad[i]));
+    }
+    EXPECT_LT(worst, 0.01) << first;
+    EXPECT_NEAR(largest, 0.29, 0.01);
+  }
+}
+
+TEST(ResponseErrors, SayWhatIsWrongWithTheImages) {
+  const auto error = [&](const Ramp& r) {
+    return error_of([&] { response_from_ramp(r.images, r.levels, sensor(), {}); });
+  };
+  Ramp bad = ramp(9, false);
+  for (cv::Mat1f& image : bad.images) image *= 3.0;
+  EXPECT_THAT(error(bad), HasSubstr("saturated"));
+  bad = ramp(9, false);
+  for (cv::Mat1f& image : bad.images) image *= 0.05;
+  EXPECT_THAT(error(bad), HasSubstr("too dark; lengthen the exposure"));
+  bad = ramp(9, false);
+  bad.levels.back() = 0.9;
+  EXPECT_THAT(error(bad), HasSubstr("end with white"));
+  bad = ramp(9, false);
+  std::swap(bad.images[3], bad.images[6]);
+  EXPECT_THAT(error(bad), HasSubstr("the light falls from"));
+  bad.images.resize(3);
+  bad.levels.resize(3);
+  EXPECT_THAT(error(bad), HasSubstr("5 images or more"));
+  const Fringes few = fringes(6, false);
+  EXPECT_THAT(error_of([&] { response_from_fringes(few.images, few.shifts, sensor(), {}); }),
+              HasSubstr("8 images or more"));
+  const Fringes ten = fringes(10, false);
+  EXPECT_THAT(error_of([&] { phase_correction_from_fringes(ten.images, ten.shifts, 3, sensor(), {}); }),
+              HasSubstr("needs a larger multiple"));
+}
+
+}  // namespace
+}  // namespace fringeslam
