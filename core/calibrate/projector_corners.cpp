@@ -13,7 +13,7 @@ namespace {
 struct Sample {
   Eigen::Vector2d camera, projector;  // relative to the window's middle, in radii; px
   Eigen::Vector2d weight;             // 1 / sigma
-  bool used = true;
+  double trust = 1;                   // robust weight; 0: left out
 };
 
 std::vector<Sample> collect(const ProjectorCoordinates& coordinates, const Eigen::Vector2d& corner, double radius,
@@ -43,13 +43,13 @@ std::vector<Sample> collect(const ProjectorCoordinates& coordinates, const Eigen
 Eigen::Matrix3d direct_linear(const std::vector<Sample>& samples, const Eigen::Vector2d& middle, double scale) {
   Eigen::Matrix<double, 9, 9> normal = Eigen::Matrix<double, 9, 9>::Zero();
   for (const Sample& sample : samples) {
-    if (!sample.used) continue;
+    if (sample.trust == 0) continue;
     const double x = sample.camera.x(), y = sample.camera.y();
     const Eigen::Vector2d p = (sample.projector - middle) / scale;
     Eigen::Matrix<double, 2, 9> rows;
     rows << x, y, 1, 0, 0, 0, -p.x() * x, -p.x() * y, -p.x(),  //
         0, 0, 0, x, y, 1, -p.y() * x, -p.y() * y, -p.y();
-    rows = sample.weight.asDiagonal() * rows;
+    rows = std::sqrt(sample.trust) * sample.weight.asDiagonal() * rows;
     normal += rows.transpose() * rows;
   }
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 9, 9>> solver(normal);
@@ -60,6 +60,22 @@ Eigen::Matrix3d direct_linear(const std::vector<Sample>& samples, const Eigen::V
   back(0, 0) = back(1, 1) = scale;
   back.block<2, 1>(0, 2) = middle;
   return back * result;
+}
+
+// The best affine map, which outliers cannot bend into a nearly singular homography.
+Eigen::Matrix3d affine_fit(const std::vector<Sample>& samples) {
+  Eigen::Matrix3d result = Eigen::Matrix3d::Identity();
+  for (int axis = 0; axis < 2; ++axis) {
+    Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
+    Eigen::Vector3d right = Eigen::Vector3d::Zero();
+    for (const Sample& sample : samples) {
+      const double weight = sample.trust * sample.weight[axis] * sample.weight[axis];
+      normal += weight * sample.camera.homogeneous() * sample.camera.homogeneous().transpose();
+      right += weight * sample.camera.homogeneous() * sample.projector[axis];
+    }
+    result.row(axis) = normal.ldlt().solve(right).transpose();
+  }
+  return result;
 }
 
 double median(std::vector<double> values) {
@@ -88,23 +104,28 @@ std::optional<LocalHomography> local_homography(const ProjectorCoordinates& coor
   for (const Sample& s : samples) us.push_back(s.projector.x()), vs.push_back(s.projector.y());
   const Eigen::Vector2d middle(median(us), median(vs));
   const double scale = std::max(1.0, (samples.front().projector - middle).norm());
-  // First without those far from the middle of things, then by their residuals.
+  // Least absolute deviations first, by reweighting, which a third of outliers does not move; then least squares
+  // without those that are out of line.
+  constexpr int kAbsolute = 8, kSquares = 3;
   Eigen::Matrix3d homography;
   std::vector<Eigen::Vector2d> residuals(samples.size());
-  for (int round = 0; round < 4; ++round) {
-    homography = direct_linear(samples, middle, scale);
+  for (int round = 0; round < kAbsolute + kSquares; ++round) {
+    homography = round < kAbsolute ? affine_fit(samples) : direct_linear(samples, middle, scale);
     std::vector<double> sizes;
     for (size_t i = 0; i < samples.size(); ++i) {
       residuals[i] = (homography * samples[i].camera.homogeneous()).hnormalized() - samples[i].projector;
       sizes.push_back(residuals[i].cwiseProduct(samples[i].weight).norm());
     }
-    const double limit = 4 * std::max(median(sizes) / 1.18, 1e-6);  // 1.18: median of the norm of two normal numbers
-    for (size_t i = 0; i < samples.size(); ++i) samples[i].used = sizes[i] <= limit;
+    const double typical = std::max(median(sizes) / 1.18, 1e-6);  // 1.18: median of the norm of two normal numbers
+    for (size_t i = 0; i < samples.size(); ++i)
+      samples[i].trust = round + 1 < kAbsolute     ? 1 / std::max(sizes[i], 0.1 * typical)
+                         : sizes[i] <= 4 * typical ? 1
+                                                   : 0;
   }
   LocalHomography result;
   Eigen::Vector2d squares = Eigen::Vector2d::Zero();
   for (size_t i = 0; i < samples.size(); ++i) {
-    if (!samples[i].used) continue;
+    if (samples[i].trust == 0) continue;
     ++result.pixels;
     squares += residuals[i].cwiseAbs2();
   }

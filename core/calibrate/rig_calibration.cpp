@@ -17,8 +17,9 @@ namespace fringeslam {
 
 namespace {
 
-constexpr int kLens = 9;  // fx fy cx cy k1 k2 p1 p2 k3
-constexpr double kCornerSigmaPx = 0.02;
+constexpr int kLens = 9;                      // fx fy cx cy k1 k2 p1 p2 k3
+constexpr double kFirstCornerSigmaPx = 0.05;  // until the residuals tell
+constexpr double kLeastCornerSigmaPx = 0.003;
 constexpr double kLeastProjectorSigmaPx = 0.01;  // curvature of the lenses within a window, grey levels of the pattern
 constexpr double kRobustSigmas = 3;
 const Eigen::Vector2d kNone = Eigen::Vector2d::Constant(std::numeric_limits<double>::quiet_NaN());
@@ -43,6 +44,7 @@ void transform(const T* pose, const T* point, T* result) {
 struct CameraResidual {
   Eigen::Vector3d board;
   Eigen::Vector2d pixel;
+  double sigma;
 
   template <class T>
   bool operator()(const T* lens, const T* camera_from_board, T* residual) const {
@@ -50,7 +52,7 @@ struct CameraResidual {
     T point[3], p[2];
     transform(camera_from_board, corner, point);
     project(lens, point, p);
-    for (int i = 0; i < 2; ++i) residual[i] = (p[i] - pixel[i]) / kCornerSigmaPx;
+    for (int i = 0; i < 2; ++i) residual[i] = (p[i] - pixel[i]) / sigma;
     return true;
   }
 };
@@ -100,6 +102,12 @@ PoseVector to_vector(const Pose& pose) {
 
 Pose to_pose(const PoseVector& v) { return {rotation_exp({v[0], v[1], v[2]}), {v[3], v[4], v[5]}}; }
 
+double median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
 // What is estimated, and from what.
 class Bundle {
  public:
@@ -136,22 +144,18 @@ class Bundle {
   // Least squares over the used views; returns the covariance of lenses and relative pose, empty when singular.
   Eigen::MatrixXd refine(const std::vector<size_t>& used) {
     ceres::Problem problem;
-    int residuals = 0;
     for (const size_t v : used) {
       for (size_t j = 0; j < points_.size(); ++j) {
-        auto* seen = new CameraResidual{points_[j], camera_corner(v, j)};
+        auto* seen = new CameraResidual{points_[j], camera_corner(v, j), corner_sigma_px_};
         problem.AddResidualBlock(new ceres::AutoDiffCostFunction<CameraResidual, 2, kLens, 6>(seen),
                                  new ceres::CauchyLoss(kRobustSigmas), camera_.data(), poses_[v].data());
-        residuals += 2;
         const auto& local = views_[v].homographies[j];
         if (!local) continue;
         auto* lit = new ProjectorResidual{points_[j], camera_corner(v, j), projector_corner(v, j),
-                                          local->sigma_px.cwiseMax(kLeastProjectorSigmaPx),
-                                          local->jacobian(camera_corner(v, j))};
+                                          projector_sigma(*local), local->jacobian(camera_corner(v, j))};
         problem.AddResidualBlock(new ceres::AutoDiffCostFunction<ProjectorResidual, 2, kLens, kLens, 6, 6>(lit),
                                  new ceres::CauchyLoss(kRobustSigmas), camera_.data(), projector_.data(),
                                  relative_.data(), poses_[v].data());
-        residuals += 2;
       }
     }
     std::vector<int> fixed;
@@ -176,10 +180,31 @@ class Bundle {
     if (!summary.IsSolutionUsable() || !covariance.Compute(blocks, &problem)) return {};
     Eigen::Matrix<double, 2 * kLens + 6, 2 * kLens + 6, Eigen::RowMajor> matrix;
     if (!covariance.GetCovarianceMatrix(blocks, matrix.data())) return {};
-    // The corners' true sigma is what the residuals say it is.
-    const int parameters = 2 * (kLens - static_cast<int>(fixed.size())) + 6 + 6 * static_cast<int>(used.size());
-    const double excess = 2 * summary.final_cost / std::max(1, residuals - parameters);
-    return matrix * excess;
+    return matrix;  // the sigmas are those that the residuals showed: see rescale()
+  }
+
+  // The sigmas that the residuals show, by their medians: those of corners in the camera image, and what the
+  // homographies' own are to be multiplied by.
+  void rescale(const std::vector<size_t>& used) {
+    constexpr double kMedianOfTwo = 1.1774;  // of the norm of two standard normal numbers
+    const Pinhole camera = camera_lens(), projector = projector_lens();
+    std::vector<double> in_camera, in_projector;
+    for (const size_t v : used) {
+      const Pose camera_from_board = to_pose(poses_[v]);
+      for (size_t j = 0; j < points_.size(); ++j) {
+        const Eigen::Vector2d off = camera.project(camera_from_board * points_[j]) - camera_corner(v, j);
+        in_camera.push_back(off.norm());
+        const auto& local = views_[v].homographies[j];
+        if (!local) continue;
+        const Eigen::Vector2d lit =
+            projector.project(relative() * (camera_from_board * points_[j])) - projector_corner(v, j);
+        const Eigen::Vector2d rest = lit - local->jacobian(camera_corner(v, j)) * off;
+        in_projector.push_back(rest.cwiseQuotient(projector_sigma(*local)).norm());
+      }
+    }
+    corner_sigma_px_ = std::max(kLeastCornerSigmaPx, median(in_camera) / kMedianOfTwo);
+    // Not below what the windows' systematic errors are.
+    projector_factor_ = std::max(0.5, projector_factor_ * median(in_projector) / kMedianOfTwo);
   }
 
   // The middle of a circle's image is not the image of its middle: moves the measured centres by the difference.
@@ -232,6 +257,10 @@ class Bundle {
     return (*views_[v].homographies[j])(camera_corner(v, j));
   }
 
+  Eigen::Vector2d projector_sigma(const LocalHomography& local) const {
+    return projector_factor_ * local.sigma_px.cwiseMax(kLeastProjectorSigmaPx);
+  }
+
   Eigen::Vector2d circle_bias(const Pose& camera_from_board, const Eigen::Vector3d& centre) const {
     constexpr int kCorners = 64;
     const Pinhole camera = camera_lens();
@@ -261,16 +290,11 @@ class Bundle {
   RigModel rig_;
   RigCalibrationOptions options_;
   std::vector<std::vector<Eigen::Vector2d>> offsets_;
+  double corner_sigma_px_ = kFirstCornerSigmaPx, projector_factor_ = 1;
   Lens camera_{}, projector_{};
   PoseVector relative_{};
   std::vector<PoseVector> poses_;
 };
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 std::string why_unusable(const BoardView& view, size_t corners) {
   if (view.corners_px.size() != corners) return "the board was not found";
@@ -363,9 +387,11 @@ RigCalibration calibrate_rig(const std::vector<BoardView>& views, const Board& b
     if (!started) bundle.start(used);
     started = true;
     check_tilts(bundle, used);
-    calibration.covariance = bundle.refine(used);
+    // Sigmas and the circles' perspective follow from a first solution.
+    bundle.refine(used);
     bundle.correct_circles(used);
-    if (board.diameter_m > 0) calibration.covariance = bundle.refine(used);
+    bundle.rescale(used);
+    calibration.covariance = bundle.refine(used);
     if (calibration.covariance.size() == 0)
       throw Error(
           "the views do not determine all parameters of the lenses; add views with the board tilted by 20 to 40 "
