@@ -404,7 +404,7 @@ RigCalibration calibrate_rig(const std::vector<BoardView>& views, const Board& b
     // The worst view goes when it is out of line with the others, and the rest is estimated anew.
     const size_t worst = static_cast<size_t>(std::max_element(sizes.begin(), sizes.end()) - sizes.begin());
     const double typical = median(sizes);
-    const bool out_of_line = sizes[worst] > std::max(3 * typical, 0.1);
+    const bool out_of_line = sizes[worst] > std::max(3 * typical, 0.25);
     if (!out_of_line && sizes[worst] <= options.max_reprojection_px) break;
     ViewResult& view = calibration.views[used[worst]];
     char reason[160];
