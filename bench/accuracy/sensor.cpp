@@ -132,7 +132,7 @@ std::vector<Row> sigma_rows(const Context& context) {
   std::vector<double> ratios;
   for (const double range : {0.75, 1.0, 1.35}) {
     for (const double slope : {0.0, 30.0, 55.0}) {
-      for (const double albedo : {0.6, 0.3, 0.15}) {
+      for (const double albedo : {0.6, 0.35, 0.2}) {
         const double ratio = scatter_over_sigma({range, slope, albedo}, context.quick ? 12 : 50);
         std::fprintf(stderr, "  %.2f m, %.0f degrees, albedo %.2f: scatter / sigma %.3f\n", range, slope, albedo,
                      ratio);

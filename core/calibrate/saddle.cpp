@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numbers>
 
 namespace fringeslam {
 
@@ -18,21 +19,35 @@ struct Pixel {
   double x, y, grey;
 };
 
+// erf(x / s), the edge as the lens blurs it, averaged over the half width h of a pixel on either side. For an edge
+// along the pixels' rows that average is nearly all the blur there is.
+template <class T>
+T pixel_edge(const T& x, const T& s, const T& h) {
+  using std::erf;
+  using std::exp;
+  const auto integral = [&](const T& at) {
+    const T q = at / s;
+    return at * erf(q) + s * (1 / std::sqrt(std::numbers::pi)) * exp(-q * q);
+  };
+  return (integral(x + h) - integral(x - h)) / (2.0 * h);
+}
+
 struct SaddleResidual {
   const std::vector<Pixel>& pixels;
 
   template <class T>
   bool operator()(const T* p, T* residuals) const {
+    using std::abs;
     using std::cos;
-    using std::erf;
     using std::exp;
     using std::sin;
     const T c1 = cos(p[2]), s1 = sin(p[2]), c2 = cos(p[3]), s2 = sin(p[3]);
-    const T sharpness = exp(-p[8]) / std::sqrt(2.0);
+    const T blur = exp(p[8]) * std::sqrt(2.0);
+    const T half1 = 0.5 * (abs(c1) + abs(s1)), half2 = 0.5 * (abs(c2) + abs(s2));
     for (size_t i = 0; i < pixels.size(); ++i) {
       const T x = pixels[i].x - p[0], y = pixels[i].y - p[1];
-      const T across1 = (c1 * y - s1 * x) * sharpness, across2 = (c2 * y - s2 * x) * sharpness;
-      residuals[i] = p[4] + p[5] * x + p[6] * y + p[7] * erf(across1) * erf(across2) - pixels[i].grey;
+      const T edge1 = pixel_edge(T(c1 * y - s1 * x), blur, half1), edge2 = pixel_edge(T(c2 * y - s2 * x), blur, half2);
+      residuals[i] = p[4] + p[5] * x + p[6] * y + p[7] * edge1 * edge2 - pixels[i].grey;
     }
     return true;
   }
@@ -68,7 +83,7 @@ cv::Point2f fitted(const cv::Mat1f& image, const cv::Point2f& corner, const cv::
     high = std::max(high, p.grey);
   }
   std::array<double, kParameters> start{
-      0, 0, angle_of(along_row), angle_of(along_column), mean, 0, 0, 0.4 * (high - low), 0};
+      0, 0, angle_of(along_row), angle_of(along_column), mean, 0, 0, 0.4 * (high - low), -0.7};
   // Which pair of opposite squares is bright.
   double sign = 0;
   for (const Pixel& p : pixels) {
@@ -83,7 +98,7 @@ cv::Point2f fitted(const cv::Mat1f& image, const cv::Point2f& corner, const cv::
   problem.AddResidualBlock(new ceres::AutoDiffCostFunction<SaddleResidual, ceres::DYNAMIC, kParameters>(
                                new SaddleResidual{pixels}, static_cast<int>(pixels.size())),
                            nullptr, p.data());
-  problem.SetParameterLowerBound(p.data(), 8, std::log(0.15));
+  problem.SetParameterLowerBound(p.data(), 8, std::log(0.05));
   problem.SetParameterUpperBound(p.data(), 8, std::log(0.5 * radius));
   ceres::Solver::Options options;
   options.linear_solver_type = ceres::DENSE_NORMAL_CHOLESKY;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Sub-pixel corners of a checkerboard by fitting what one looks like: two straight edges that cross, blurred,
 //
-//   I(x) = m + g.(x - c) + k erf(n_1.(x - c) / (sqrt 2 s)) erf(n_2.(x - c) / (sqrt 2 s))
+//   I(x) = m + g.(x - c) + k E(n_1.(x - c)) E(n_2.(x - c)),   E = erf(./(sqrt 2 s)) averaged over a pixel's width,
 //
 // over all pixels round the corner: several times finer than where gradients point.
 #pragma once

@@ -296,22 +296,19 @@ void gray_row(const GrayDecoder& gray, const RowPlan& plan, const float* const* 
   }
 }
 
-// No fringes: the coordinate is that of the cell's middle, evenly distributed over the cell.
+// No fringes: the coordinate is that of the cell's middle, evenly distributed over the cell. Bits of cells as fine as
+// the lenses resolve have little contrast, and only move the coordinate by a few cells when they are read wrongly.
 void gray_alone_row(const GrayDecoder& gray, const RowPlan& plan, const DecodeOptions& options,
                     const float* const* samples, int images, int width, const RowOutput& out) {
   const double cell = gray.cell_px();
   for (int i = 0; i < width; ++i) {
     const GrayDecoder::Reading reading = gray.read(plan, samples, i);
-    float sum = 0, largest = 0;
-    for (int k = 0; k < images; ++k) {
-      sum += samples[k][i];
-      largest = std::max(largest, samples[k][i]);
-    }
+    float sum = 0;
+    for (int k = 0; k < images; ++k) sum += samples[k][i];
     out.mean[i] = sum / static_cast<float>(images);
-    out.modulation[i] = reading.contrast_dn;
+    out.modulation[i] = reading.best_contrast_dn;
     const double coordinate = (reading.cell + 0.5) * cell - 0.5;
-    const bool valid = static_cast<double>(reading.contrast_dn) >= options.min_modulation_dn &&
-                       reading.contrast_dn >= kLeastGrayContrast * reading.best_contrast_dn && largest < plan.clip_dn &&
+    const bool valid = static_cast<double>(reading.best_contrast_dn) >= options.min_modulation_dn &&
                        reading.far <= options.max_order_failure && coordinate < plan.length_px - 0.5;
     out.wrapped_phase[i] = kNaN;
     out.order[i] = valid ? reading.cell : -1;

@@ -110,7 +110,8 @@ GrayDecoder::Reading GrayDecoder::read(const RowPlan& camera, const float* const
 }
 
 bool GrayDecoder::is_neighbour(unsigned code, size_t bit) const {
-  return std::abs(cell_of(code ^ 1U << (bits_.size() - 1 - bit)) - cell_of(code)) == 1;
+  constexpr int kFew = 4;
+  return std::abs(cell_of(code ^ 1U << (bits_.size() - 1 - bit)) - cell_of(code)) <= (fringes_ ? 1 : kFew);
 }
 
 }  // namespace fringeslam

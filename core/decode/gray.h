@@ -33,7 +33,7 @@ class GrayDecoder {
   struct Comparison {
     float difference = 0, variance = 0;
   };
-  // Whether the code with one bit turned over names a neighbouring cell.
+  // Whether the code with one bit turned over names a neighbouring cell; without fringes, one of the next few.
   bool is_neighbour(unsigned code, size_t bit) const;
   Comparison compare(const RowPlan& camera, const float* const* samples, int col, const GrayBit& bit) const;
 

@@ -15,13 +15,16 @@ namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
-// Positions of the samples in the unit pixel, relative to its centre; they add up to zero.
+// Positions of the samples in the unit pixel, relative to its centre; they add up to zero. A turned grid: no two samples
+// share a row or a column, so that an edge along either is shaded in as many steps as there are samples.
 std::vector<Eigen::Vector2d> sample_offsets(int per_pixel) {
   if (per_pixel == 4) return {{-0.125, -0.375}, {0.375, -0.125}, {0.125, 0.375}, {-0.375, 0.125}};
   const int side = static_cast<int>(std::lround(std::sqrt(per_pixel)));
   std::vector<Eigen::Vector2d> offsets;
-  for (int i = 0; i < side * side; ++i)
-    offsets.emplace_back((i % side + 0.5) / side - 0.5, (i / side + 0.5) / side - 0.5);
+  for (int i = 0; i < side * side; ++i) {
+    const int col = i % side, row = i / side;
+    offsets.emplace_back((col + (row + 0.5) / side) / side - 0.5, (row + (side - col - 0.5) / side) / side - 0.5);
+  }
   return offsets;
 }
 

@@ -58,9 +58,9 @@ TEST(SampleRays, SamplesAreSpreadOverTheirPixel) {
       ASSERT_LT(std::abs(ray.y()), 0.5);
       x2 += ray.x() * ray.x() / per_pixel, y2 += ray.y() * ray.y() / per_pixel;
     }
-    // n positions in the middle of n equal cells along an axis have the variance (1 - 1/n^2) / 12; the
-    // rotated grid of four has four of them along each axis, a square grid the root of its number.
-    const double n = per_pixel == 4 ? 4 : std::sqrt(per_pixel);
+    // n positions in the middle of n equal cells along an axis have the variance (1 - 1/n^2) / 12; a turned grid has
+    // as many along each axis as samples.
+    const double n = per_pixel;
     EXPECT_NEAR(x2, (1 - 1 / (n * n)) / 12, 1e-12) << per_pixel;
     EXPECT_NEAR(y2, (1 - 1 / (n * n)) / 12, 1e-12) << per_pixel;
   }
