@@ -40,7 +40,7 @@ inline Scene world_of(std::vector<Object> objects, const RigModel& rig) {
   return scene;
 }
 
-// A pattern that shows one intensity everywhere: its period is far longer than the projector is wide.
+// A pattern that shows one intensity everywhere.
 inline Pattern constant_pattern(double intensity) {
   Pattern pattern;
   pattern.coding = Coding::flat;
