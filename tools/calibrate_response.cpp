@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include "core/calibrate/response.h"
 #include "core/rig/dataset.h"
@@ -27,7 +28,7 @@ struct ResponseSettings {
 
 struct Arguments {
   std::string dataset, out;
-  int steps = 3;
+  std::optional<int> steps;
   std::vector<std::string> sets;
 };
 
@@ -133,9 +134,12 @@ int calibrate(const Arguments& arguments, const Common& common) {
             : response_from_fringes(pick(images, fringes->images), fringes->shifts_rad, rig.sensor, settings.response);
     rig.projector_response = response.table;
     rig.phase_correction = {};
-    if (fringes && fringes->images.size() % static_cast<size_t>(arguments.steps) == 0)
+    if (arguments.steps && !fringes)
+      throw Error("--steps: a phase correction needs fringes of 8 or more steps; the dataset has none");
+    // Unasked, for the papers' three steps where there are enough.
+    if (arguments.steps || (fringes && fringes->images.size() % 3 == 0))
       rig.phase_correction = phase_correction_from_fringes(pick(images, fringes->images), fringes->shifts_rad,
-                                                           arguments.steps, rig.sensor, settings.response);
+                                                           arguments.steps.value_or(3), rig.sensor, settings.response);
   } catch (const Error& e) {
     throw Error(arguments.dataset + ": " + e.what());
   }
@@ -159,9 +163,9 @@ Verb add_calibrate_response(CLI::App& group, const Common& common) {
   verb->add_option("dataset", arguments->dataset, "Dataset of one view: flat patterns, or 8 or more steps of a period")
       ->required();
   verb->add_option("--out", arguments->out, "Folder for rig.yaml, response.json and response.png")->required();
-  verb->add_option("--steps", arguments->steps, "Steps that the phase correction is for, a divisor of the fringes' own")
-      ->check(CLI::Range(3, 1000))
-      ->capture_default_str();
+  verb->add_option("--steps", arguments->steps,
+                   "Steps that the phase correction is for, a divisor of the fringes' own (default: 3 where it is one)")
+      ->check(CLI::Range(3, 1000));
   verb->add_option("--set", arguments->sets, "response.key=value (repeatable; listed below)");
   verb->footer(groups_help(ResponseSettings()));
   return [arguments, &common] { return calibrate(*arguments, common); };

@@ -368,8 +368,8 @@ std::string resolve_unwrapping(const PatternSequence& sequence, const RigModel& 
     const std::string method = first_possible(sequence, rig, options, context);
     if (!method.empty()) return method;
     const std::string reason = *obstacle("multifrequency", sequence, rig, options, context);
-    throw Error("patterns: " + reason +
-                (fringe_groups(sequence, context.axis).empty() ? "" : ", or a Gray code, or periods whose beat does"));
+    const bool too_short = reason.starts_with("no fringe period covers");
+    throw Error("patterns: " + reason + (too_short ? ", or a Gray code, or periods whose beat does" : ""));
   }
   if (const auto reason = obstacle(options.unwrapping, sequence, rig, options, context))
     throw Error("decode.unwrapping=" + options.unwrapping + ": " + *reason);
