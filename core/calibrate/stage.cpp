@@ -101,6 +101,44 @@ Eigen::Matrix3d whitening_of(const Eigen::Matrix3d& covariance) {
   return lower.triangularView<Eigen::Lower>().solve(Eigen::Matrix3d::Identity());
 }
 
+// How much farther the views stand apart, each taken as a rigid whole, than independent errors of their corners would
+// have it: mean chi-square of each view's own residual motion, the greater of that out of the image plane (tilt and
+// distance, learnt from depth) and that in it (learnt from the corners' places in the image). What a view's corners
+// have in common, such as the phase of the fringes under the print, does not average over them, and the transform is
+// learnt from the differences between views alone.
+double spread_of_views(const std::vector<StageView>& views, const Pose& robot_from_camera,
+                       const std::vector<Eigen::Vector3d>& corners) {
+  Eigen::Vector2d chi2 = Eigen::Vector2d::Zero();
+  int freedom = -6;  // of each: half of the transform's, and half of where the board lies
+  for (const StageView& view : views) {
+    const Pose camera_from_world = (view.world_from_robot * robot_from_camera).inverse();
+    Matrix6d normal = Matrix6d::Zero();
+    Vector6d right = Vector6d::Zero();
+    int seen = 0;
+    for (size_t j = 0; j < corners.size(); ++j) {
+      if (!view.corners[j] || corners[j].isZero()) continue;
+      const Eigen::Vector3d off = view.corners[j]->point_m - camera_from_world * corners[j];
+      const Eigen::Vector3d arm = camera_from_world.rotation * (corners[j] - corners.front());
+      // Columns: tilts, distance; roll, shifts.
+      Eigen::Matrix<double, 3, 6> jacobian;
+      jacobian << 0, arm.z(), 0, -arm.y(), 1, 0, -arm.z(), 0, 0, arm.x(), 0, 1, arm.y(), -arm.x(), 1, 0, 0, 0;
+      const Eigen::Matrix3d information = view.corners[j]->covariance_m2.inverse();
+      normal += jacobian.transpose() * information * jacobian;
+      right += jacobian.transpose() * information * off;
+      ++seen;
+    }
+    if (seen < 6) continue;
+    const Matrix6d covariance = normal.inverse();
+    const Vector6d motion = covariance * right;
+    for (int half = 0; half < 2; ++half) {
+      const Eigen::Vector3d part = motion.segment<3>(3 * half);
+      chi2[half] += part.dot(covariance.block<3, 3>(3 * half, 3 * half).inverse() * part);
+    }
+    freedom += 3;
+  }
+  return chi2.maxCoeff() / std::max(1, freedom);
+}
+
 void refine(const std::vector<StageView>& views, StageCalibration& result) {
   const Pose start = result.nearest_rigid;
   Vector6d tangent;
@@ -147,8 +185,8 @@ void refine(const std::vector<StageView>& views, StageCalibration& result) {
   covariance.GetCovarianceBlock(block, block, matrix.data());
   // The corners' own covariances are right up to a factor, which the residuals tell.
   const double excess = 2 * summary.final_cost / std::max(1, residuals - 6 - 3 * used_corners);
-  result.covariance = excess * matrix;
   result.robot_from_camera = {rotation_exp(tangent.head<3>()) * start.rotation, tangent.tail<3>()};
+  result.covariance = std::max(excess, spread_of_views(views, result.robot_from_camera, corners)) * matrix;
   result.corners = used_corners;
 
   double squares = 0;
