@@ -5,15 +5,26 @@
 
 #include <Random123/philox.h>
 
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <numbers>
+#include <span>
 #include <utility>
 
 namespace fringeslam::sim {
 
 // What the numbers of one key are used for; keeps the streams of one seed apart.
-enum class Stream : uint32_t { sensor_noise = 1, placement = 2, shape = 3, views = 4 };
+enum class Stream : uint32_t {
+  sensor_noise = 1,
+  placement = 2,
+  shape = 3,
+  views = 4,
+  paths = 5,
+  fixed_pattern = 6,
+  lens = 7,
+  air = 8
+};
 
 class Philox {
  public:
@@ -27,6 +38,14 @@ class Philox {
     const double radius = std::sqrt(-2 * std::log(open_unit(block[0], block[1])));
     const double angle = 2 * std::numbers::pi * open_unit(block[2], block[3]);
     return {radius * std::cos(angle), radius * std::sin(angle)};
+  }
+
+  // Four uniform numbers in (0, 1) at an address.
+  std::array<double, 4> uniforms(uint32_t address) const {
+    const auto block = at(address);
+    std::array<double, 4> result;
+    for (size_t i = 0; i < 4; ++i) result[i] = (static_cast<double>(block[i]) + 0.5) * 0x1p-32;
+    return result;
   }
 
   // The next uniform number in (0, 1), or in (low, high), of this object's own sequence.
@@ -51,6 +70,18 @@ class Philox {
   r123::Philox4x32::key_type key_;
   r123::Philox4x32::ctr_type counter_;
   uint32_t next_ = 0;
+};
+
+// Standard normal numbers for an image, in single precision and by whole rows (sim/random.cpp): those of one stack and
+// image, each a function of its row and column.
+class NormalField {
+ public:
+  NormalField(uint64_t seed, Stream stream, uint32_t a, uint32_t b);
+  void row(uint32_t row, std::span<float> values) const;
+
+ private:
+  uint32_t key_[2];
+  uint32_t counter_[3];
 };
 
 }  // namespace fringeslam::sim

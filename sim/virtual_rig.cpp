@@ -1,12 +1,43 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sim/virtual_rig.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "core/rig/dataset.h"
 #include "core/rig/files.h"
+#include "sim/light/beam.h"
 
 namespace fringeslam::sim {
+
+namespace {
+
+// Blurs are tabulated for points between these distances from the projector, as shares of the working range; nearer
+// and farther ones have the blur of the ends.
+constexpr double kNearest = 0.3, kFarthest = 3;
+
+std::vector<TruthOrder> fringe_orders(const PatternSequence& sequence, const TruthFrame& truth) {
+  std::vector<TruthOrder> orders;
+  for (const Axis axis : {Axis::columns, Axis::rows}) {
+    for (const Pattern& pattern : sequence.patterns) {
+      if (pattern.coding != Coding::fringe || pattern.axis != axis) continue;
+      const bool columns = axis == Axis::columns;
+      const bool known = std::any_of(orders.begin(), orders.end(), [&](const TruthOrder& order) {
+        return order.columns == columns && order.period_px == pattern.period_px;
+      });
+      if (known) continue;
+      const cv::Mat1f& coordinate = columns ? truth.projector_column : truth.projector_row;
+      TruthOrder order{columns, pattern.period_px, cv::Mat1f(coordinate.size())};
+      std::transform(coordinate.begin(), coordinate.end(), order.order.begin(), [&](float u) {
+        return static_cast<float>(std::floor((static_cast<double>(u) + 0.5) / pattern.period_px));
+      });
+      orders.push_back(std::move(order));
+    }
+  }
+  return orders;
+}
+
+}  // namespace
 
 void RenderOptions::check() const {
   check_options(*this, "render");
@@ -19,45 +50,110 @@ VirtualRig::VirtualRig(const Scene& scene, const RenderOptions& options, TruthSi
     : scene_(scene),
       options_((options.check(), options)),
       truth_(std::move(truth)),
-      world_(scene),
-      rays_(sample_rays(scene.rig.camera, options.samples_per_pixel)) {}
+      renderer_(scene, options.effects, options.samples_per_pixel),
+      camera_(scene.rig, options.effects, scene.seed) {}
+
+const std::vector<ShownPatterns>& VirtualRig::shown(const PatternSequence& sequence) {
+  if (!shown_.empty() && shown_sequence_ == sequence) return shown_;
+  const RigModel& rig = scene_.rig;
+  const double blur = Beam::largest_blur_px(rig, options_.effects, kNearest * rig.near_m, kFarthest * rig.far_m);
+  shown_.clear();
+  shown_sequence_ = sequence;
+  if (!moving()) {
+    shown_.emplace_back(sequence, rig, blur);
+    return shown_;
+  }
+  for (const Pattern& pattern : sequence.patterns) {
+    PatternSequence one = sequence;
+    one.patterns = {pattern};
+    shown_.emplace_back(one, rig, blur);
+  }
+  return shown_;
+}
+
+std::vector<Pose> VirtualRig::camera_poses(const TimedPose& pose, int image, int images) const {
+  const Timing& timing = scene_.rig.timing;
+  const int steps = options_.effects.exposure_steps;
+  const double middle_s = (image - 0.5 * (images - 1)) / timing.camera_rate_hz;
+  std::vector<Pose> poses;
+  for (int step = 0; step < steps; ++step) {
+    const double time_s = middle_s + ((step + 0.5) / steps - 0.5) * timing.exposure_s;
+    const Pose moved{rotation_exp(time_s * scene_.motion.angular_rad_s), time_s * scene_.motion.velocity_m_s};
+    poses.push_back(pose.world_from_robot * moved * scene_.rig.robot_from_camera);
+  }
+  return poses;
+}
+
+std::vector<cv::Mat1f> VirtualRig::light(const PatternSequence& sequence, const TimedPose& pose, TruthFrame* truth) {
+  const std::vector<ShownPatterns>& shown_patterns = shown(sequence);
+  const int stack = static_cast<int>(next_);
+  const Pose still = pose.world_from_robot * scene_.rig.robot_from_camera;
+  if (!moving()) return renderer_.render(shown_patterns.front(), {still}, stack, truth);
+  if (truth) {
+    PatternSequence nothing = sequence;
+    nothing.patterns.clear();
+    renderer_.render(ShownPatterns(nothing, scene_.rig, 0), {still}, stack, truth);
+  }
+  std::vector<cv::Mat1f> images;
+  const int count = static_cast<int>(sequence.patterns.size());
+  for (int i = 0; i < count; ++i)
+    images.push_back(renderer_.render(shown_patterns[static_cast<size_t>(i)], camera_poses(pose, i, count), stack)[0]);
+  return images;
+}
 
 std::optional<FringeStack> VirtualRig::capture(const PatternSequence& sequence) {
   if (next_ >= scene_.trajectory.size()) return std::nullopt;
   const TimedPose& pose = scene_.trajectory[next_];
-  const RigModel& rig = scene_.rig;
-  TracedView view = trace_view(world_, rig, rays_, pose.world_from_robot * rig.robot_from_camera);
+  TruthFrame truth;
+  std::vector<cv::Mat1f> images = light(sequence, pose, truth_ ? &truth : nullptr);
+  for (cv::Mat1f& image : images) image = camera_.electrons_per_s(image);
 
+  double exposure_s = scene_.rig.timing.exposure_s;
+  if (scene_.auto_exposure) {
+    cv::Mat1f brightest = images.front().clone();
+    for (const cv::Mat1f& image : images) brightest = cv::max(brightest, image);
+    exposure_s = camera_.auto_exposure_s(brightest, 1 / scene_.rig.timing.pattern_rate_hz);
+  }
   FringeStack stack;
   stack.index = static_cast<int>(next_);
   stack.timestamp_s = pose.timestamp_s;
-  for (size_t i = 0; i < sequence.patterns.size(); ++i) {
-    const cv::Mat1f electrons =
-        shade(view, options_.samples_per_pixel, sequence.patterns[i], sequence, rig, scene_.ambient_electrons);
-    stack.images.push_back(expose(electrons, rig.sensor,
-                                  {options_.noise, options_.quantise, scene_.seed, stack.index, static_cast<int>(i)}));
-    stack.exposure_s.push_back(1.0 / 360);  // one pattern of the papers' projector (METHOD S1)
+  for (size_t i = 0; i < images.size(); ++i) {
+    stack.images.push_back(camera_.expose(
+        images[i], exposure_s, {options_.noise, options_.quantise, scene_.seed, stack.index, static_cast<int>(i)}));
+    stack.exposure_s.push_back(exposure_s);
   }
   if (truth_) {
-    view.truth.index = stack.index;
-    view.truth.timestamp_s = pose.timestamp_s;
-    view.truth.world_from_robot = pose.world_from_robot;
-    truth_(view.truth);
+    truth.index = stack.index;
+    truth.timestamp_s = pose.timestamp_s;
+    truth.world_from_robot = pose.world_from_robot;
+    truth.fringe_orders = fringe_orders(sequence, truth);
+    truth_(truth);
   }
   ++next_;
   return stack;
 }
 
 void write_truth(const TruthFrame& truth, const std::filesystem::path& folder) {
-  std::vector<cv::Mat> normal(3);
+  std::vector<cv::Mat> normal(3), position(3);
   cv::split(truth.normals, normal);
-  write_exr(folder / (stack_name(truth.index) + ".exr"), {{"depth_m", truth.depth_m},
-                                                          {"normal.x", normal[0]},
-                                                          {"normal.y", normal[1]},
-                                                          {"normal.z", normal[2]},
-                                                          {"object_id", truth.object_id},
-                                                          {"projector_column", truth.projector_column},
-                                                          {"mask", truth.mask}});
+  cv::split(truth.position_m, position);
+  std::vector<ExrChannel> channels = {{"depth_m", truth.depth_m},
+                                      {"position.x", position[0]},
+                                      {"position.y", position[1]},
+                                      {"position.z", position[2]},
+                                      {"normal.x", normal[0]},
+                                      {"normal.y", normal[1]},
+                                      {"normal.z", normal[2]},
+                                      {"object_id", truth.object_id},
+                                      {"projector_column", truth.projector_column},
+                                      {"projector_row", truth.projector_row},
+                                      {"temperature_c", truth.temperature_c},
+                                      {"mask", truth.mask}};
+  for (const TruthOrder& order : truth.fringe_orders)
+    channels.push_back(
+        {std::string("fringe_order.") + (order.columns ? "columns." : "rows.") + to_text(order.period_px),
+         order.order});
+  write_exr(folder / (stack_name(truth.index) + ".exr"), channels);
 }
 
 }  // namespace fringeslam::sim

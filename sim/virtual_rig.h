@@ -4,10 +4,13 @@
 #pragma once
 
 #include <functional>
+#include <optional>
 
 #include "core/rig/rig.h"
 #include "core/types/options.h"
-#include "sim/light/shading.h"
+#include "core/types/truth.h"
+#include "sim/light/camera.h"
+#include "sim/light/renderer.h"
 #include "sim/scene/scene.h"
 
 namespace fringeslam::sim {
@@ -16,12 +19,14 @@ struct RenderOptions {
   int samples_per_pixel = 4;
   bool noise = true;
   bool quantise = true;
+  Effects effects = {};
 
   template <class Visitor>
   void describe(Visitor& v) {
     v.field("samples_per_pixel", samples_per_pixel, {1, 256}, "rays a pixel: 1, 4 or another square number");
     v.field("noise", noise, "shot and dark noise of the camera");
     v.field("quantise", quantise, "grey values of the camera's bits; off: float images");
+    effects.describe(v);
   }
   // Throws Error when out of range.
   void check() const;
@@ -29,6 +34,7 @@ struct RenderOptions {
 
 using TruthSink = std::function<void(const TruthFrame&)>;
 
+// The images of a stack are taken at the camera's rate, about the time of the pose; that is also the truth's.
 class VirtualRig : public Rig {
  public:
   VirtualRig(const Scene& scene, const RenderOptions& options, TruthSink truth = {});
@@ -36,11 +42,20 @@ class VirtualRig : public Rig {
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
 
  private:
+  // The patterns as light: all at once, or each alone when the robot moves between them.
+  const std::vector<ShownPatterns>& shown(const PatternSequence& sequence);
+  // Poses of the camera while image `image` of `images` is exposed.
+  std::vector<Pose> camera_poses(const TimedPose& pose, int image, int images) const;
+  std::vector<cv::Mat1f> light(const PatternSequence& sequence, const TimedPose& pose, TruthFrame* truth);
+  bool moving() const { return options_.effects.motion && !scene_.motion.still(); }
+
   const Scene& scene_;
   RenderOptions options_;
   TruthSink truth_;
-  RayWorld world_;
-  SampleRays rays_;
+  Renderer renderer_;
+  Camera camera_;
+  PatternSequence shown_sequence_;
+  std::vector<ShownPatterns> shown_;
   size_t next_ = 0;
 };
 

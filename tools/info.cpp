@@ -8,6 +8,7 @@
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
 #include "core/types/error.h"
+#include "sim/light/photometry.h"
 #include "sim/scene/scene.h"
 #include "tools/run_score.h"
 #include "tools/verbs.h"
@@ -27,6 +28,9 @@ Json describe(const RigModel& rig) {
           {"view_at_1m_mm", {1e3 * rig.camera.width / rig.camera.fx, 1e3 * rig.camera.height / rig.camera.fy}},
           {"projector_px", {rig.projector.width, rig.projector.height}},
           {"baseline_mm", 1e3 * translation_m(rig.projector_from_camera)},
+          {"exposure_ms", 1e3 * rig.timing.exposure_s},
+          {"projector_lux_at_1m", sim::projector_lux_at_1m(rig)},
+          {"white_electrons_at_1m", sim::white_electrons_at_1m(rig)},
           {"range_m", {rig.near_m, rig.far_m}}};
 }
 

@@ -71,7 +71,52 @@ SensorModel read_sensor(const YamlMap& map) {
   s.dark_noise_electrons = map.number("dark_noise_electrons", {0, 1e5});
   s.full_well_electrons = map.number("full_well_electrons", {1, 1e9});
   s.offset_dn = map.number("offset_dn", {0, 0.5 * s.max_dn()});
+  s.quantum_efficiency = map.number_or("quantum_efficiency", s.quantum_efficiency, {1e-3, 1});
+  s.dark_current_electrons_s = map.number_or("dark_current_electrons_s", s.dark_current_electrons_s, {0, 1e7});
+  s.dsnu_electrons = map.number_or("dsnu_electrons", s.dsnu_electrons, {0, 1e5});
+  s.prnu = map.number_or("prnu", s.prnu, {0, 0.5});
   return s;
+}
+
+constexpr Range kBlur{0, 50};
+constexpr Range kExponent{0, 20};
+constexpr Range kFocus{0.01, 1000};
+
+CameraLens read_camera_lens(const YamlMap& map) {
+  CameraLens lens;
+  lens.pixel_m = map.number_or("pixel_m", lens.pixel_m, {1e-7, 1e-3});
+  lens.f_number = map.number_or("f_number", lens.f_number, {0.5, 128});
+  lens.focus_m = map.number_or("focus_m", lens.focus_m, kFocus);
+  lens.transmission = map.number_or("transmission", lens.transmission, {1e-6, 1});
+  lens.blur_px = map.number_or("blur_px", lens.blur_px, kBlur);
+  lens.vignetting = map.number_or("vignetting", lens.vignetting, kExponent);
+  return lens;
+}
+
+ProjectorLens read_projector_lens(const YamlMap& map) {
+  ProjectorLens lens;
+  lens.flux_lm = map.number("flux_lm", {1e-6, 1e6});
+  lens.efficacy_lm_w = map.number_or("efficacy_lm_w", lens.efficacy_lm_w, {1, 683});
+  lens.wavelength_m = map.number_or("wavelength_m", lens.wavelength_m, {3e-7, 1.1e-6});
+  lens.aperture_m = map.number_or("aperture_m", lens.aperture_m, {0, 1});
+  lens.focus_m = map.number_or("focus_m", lens.focus_m, kFocus);
+  lens.blur_px = map.number_or("blur_px", lens.blur_px, kBlur);
+  lens.pixel_fill = map.number_or("pixel_fill", lens.pixel_fill, {0.1, 1});
+  lens.vignetting = map.number_or("vignetting", lens.vignetting, kExponent);
+  return lens;
+}
+
+Timing read_timing(const YamlMap& map) {
+  Timing timing;
+  timing.pattern_rate_hz = map.number_or("pattern_rate_hz", timing.pattern_rate_hz, {1e-3, 1e5});
+  timing.camera_rate_hz = map.number_or("camera_rate_hz", timing.camera_rate_hz, {1e-3, 1e5});
+  timing.exposure_s = map.number_or("exposure_s", 1 / timing.pattern_rate_hz, {1e-7, 1e3});
+  if (timing.camera_rate_hz > timing.pattern_rate_hz)
+    throw map.error("camera_rate_hz", "camera_rate_hz exceeds pattern_rate_hz: one pattern would be seen twice");
+  if (timing.exposure_s > (1 + 1e-9) / timing.pattern_rate_hz)
+    throw map.error("exposure_s", "exposure_s is longer than a pattern is shown, 1 / pattern_rate_hz = " +
+                                      to_text(1 / timing.pattern_rate_hz) + " s");
+  return timing;
 }
 
 // `response:` a table, or `gamma:` for short.
@@ -110,6 +155,19 @@ std::string pinhole_lines(const Pinhole& p) {
   return "  width_px: " + std::to_string(p.width) + "\n  height_px: " + std::to_string(p.height) +
          "\n  fx_px: " + to_text(p.fx) + "\n  fy_px: " + to_text(p.fy) + "\n  cx_px: " + to_text(p.cx) +
          "\n  cy_px: " + to_text(p.cy) + "\n  distortion: " + list({d.k1, d.k2, d.p1, d.p2, d.k3}) + "\n";
+}
+
+std::string lens_lines(const CameraLens& lens) {
+  return "  lens:\n    pixel_m: " + to_text(lens.pixel_m) + "\n    f_number: " + to_text(lens.f_number) +
+         "\n    focus_m: " + to_text(lens.focus_m) + "\n    transmission: " + to_text(lens.transmission) +
+         "\n    blur_px: " + to_text(lens.blur_px) + "\n    vignetting: " + to_text(lens.vignetting) + "\n";
+}
+
+std::string lens_lines(const ProjectorLens& lens) {
+  return "  lens:\n    flux_lm: " + to_text(lens.flux_lm) + "\n    efficacy_lm_w: " + to_text(lens.efficacy_lm_w) +
+         "\n    wavelength_m: " + to_text(lens.wavelength_m) + "\n    aperture_m: " + to_text(lens.aperture_m) +
+         "\n    focus_m: " + to_text(lens.focus_m) + "\n    blur_px: " + to_text(lens.blur_px) +
+         "\n    pixel_fill: " + to_text(lens.pixel_fill) + "\n    vignetting: " + to_text(lens.vignetting) + "\n";
 }
 
 std::string response_lines(const RigModel& rig) {
@@ -189,7 +247,9 @@ RigModel read_rig(const YamlMap& map) {
   rig.sensor = read_sensor(camera.map("sensor"));
   const YamlMap projector = map.map("projector");
   rig.projector = read_pinhole(projector);
-  rig.white_electrons_at_1m = projector.number("white_electrons_at_1m", {1, 1e9});
+  if (camera.has("lens")) rig.camera_lens = read_camera_lens(camera.map("lens"));
+  if (projector.has("lens")) rig.projector_lens = read_projector_lens(projector.map("lens"));
+  if (map.has("timing")) rig.timing = read_timing(map.map("timing"));
   rig.projector_black_level = projector.number("black_level", {0, 0.5});
   rig.projector_response = read_response(projector);
   if (projector.has("phase_correction"))
@@ -219,11 +279,15 @@ std::string to_yaml(const RigModel& rig) {
          "\n    gain_dn_per_electron: " + to_text(s.gain_dn_per_electron) +
          "\n    dark_noise_electrons: " + to_text(s.dark_noise_electrons) +
          "\n    full_well_electrons: " + to_text(s.full_well_electrons) + "\n    offset_dn: " + to_text(s.offset_dn) +
-         "\nprojector:\n" + pinhole_lines(rig.projector) +
-         "  white_electrons_at_1m: " + to_text(rig.white_electrons_at_1m) +
-         "\n  black_level: " + to_text(rig.projector_black_level) + "\n" + response_lines(rig) +
-         "projector_from_camera:\n" + pose_lines(rig.projector_from_camera) + "robot_from_camera:\n" +
-         pose_lines(rig.robot_from_camera);
+         "\n    quantum_efficiency: " + to_text(s.quantum_efficiency) +
+         "\n    dark_current_electrons_s: " + to_text(s.dark_current_electrons_s) +
+         "\n    dsnu_electrons: " + to_text(s.dsnu_electrons) + "\n    prnu: " + to_text(s.prnu) + "\n" +
+         lens_lines(rig.camera_lens) + "projector:\n" + pinhole_lines(rig.projector) + lens_lines(rig.projector_lens) +
+         "  black_level: " + to_text(rig.projector_black_level) + "\n" + response_lines(rig) +
+         "timing:\n  pattern_rate_hz: " + to_text(rig.timing.pattern_rate_hz) +
+         "\n  camera_rate_hz: " + to_text(rig.timing.camera_rate_hz) +
+         "\n  exposure_s: " + to_text(rig.timing.exposure_s) + "\nprojector_from_camera:\n" +
+         pose_lines(rig.projector_from_camera) + "robot_from_camera:\n" + pose_lines(rig.robot_from_camera);
 }
 
 SequenceDesign read_design(const YamlMap& map, const RigModel& rig) {

@@ -19,6 +19,10 @@ struct SensorModel {
   double dark_noise_electrons = 25.0;         // temporal, standard deviation
   double full_well_electrons = 40000.0;       // saturation capacity
   double offset_dn = 2.0;                     // black level
+  double quantum_efficiency = 0.5;            // electrons a photon, over the projector's light
+  double dark_current_electrons_s = 0.0;      // mean
+  double dsnu_electrons = 0.0;                // dark signal nonuniformity, standard deviation over the pixels
+  double prnu = 0.0;                          // photo response nonuniformity, the same, as a fraction
 
   double max_dn() const { return static_cast<double>((1 << bits) - 1); }
 
@@ -37,6 +41,32 @@ struct PhaseCorrection {
   std::vector<double> offset_rad;
 };
 
+// What lenses do beside projecting. Only the simulator reads this: decoding needs none of it.
+struct CameraLens {
+  double pixel_m = 10e-6;     // pitch of the sensor's pixels
+  double f_number = 8;        // focal length over entrance pupil
+  double focus_m = 1;         // distance in focus
+  double transmission = 0.9;  // of light, and the pixels' fill factor
+  double blur_px = 0;         // point spread in focus, standard deviation
+  double vignetting = 4;      // illuminance of the image falls with the field angle as cos^n; 4 is the natural law
+};
+struct ProjectorLens {
+  double aperture_m = 0;  // exit pupil; 0: in focus everywhere
+  double focus_m = 1;     // distance of the screen in focus
+  double blur_px = 0;     // point spread there, standard deviation, projector px
+  double pixel_fill = 1;  // of a pixel's width that gives light; the rest is gap
+  double vignetting = 3;  // illuminance of a flat screen falls as cos^n; 3: the same light in all directions
+  double flux_lm = 2500;  // luminous flux, all pixels on
+  // What camera sees of it: photons a second and lumen are wavelength / (h c efficacy).
+  double efficacy_lm_w = 300, wavelength_m = 550e-9;
+};
+
+// The projector shows a pattern for 1 / pattern_rate_hz; the camera takes one image every 1 / camera_rate_hz.
+struct Timing {
+  double pattern_rate_hz = 360, camera_rate_hz = 90;
+  double exposure_s = 1.0 / 360;
+};
+
 struct RigModel {
   std::string name;
   // False when lenses and poses are nominal: good to calibrate with, not to measure with.
@@ -46,10 +76,10 @@ struct RigModel {
   Pose projector_from_camera;
   Pose robot_from_camera;
   SensorModel sensor;
-  // Electrons that one exposure collects from a white Lambertian board facing the projector, 1 m
-  // away, with every projector pixel on. Black level: the same with every pixel off, as a fraction.
-  double white_electrons_at_1m = 30000.0;
-  double projector_black_level = 0.002;
+  CameraLens camera_lens = {};
+  ProjectorLens projector_lens = {};
+  Timing timing = {};
+  double projector_black_level = 0.002;  // light with every pixel off over light with every pixel on
   // Light, black to white as 0 to 1, at equally spaced input levels from 0 to 1; growing. Empty: linear.
   std::vector<double> projector_response = {};
   PhaseCorrection phase_correction = {};

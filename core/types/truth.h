@@ -4,6 +4,7 @@
 #pragma once
 
 #include <opencv2/core.hpp>
+#include <vector>
 
 #include "core/types/pose.h"
 
@@ -17,16 +18,28 @@ enum TruthMask : int {
   kTruthMixed = 8,     // the pixel's area holds an edge: its samples differ in object, in light, or by 30 degrees
 };
 
+// Fringe order of a period: how many whole periods lie before the point, floor(Phi / 2 pi).
+struct TruthOrder {
+  bool columns = true;  // the axis that is coded
+  double period_px = 0;
+  cv::Mat1f order;
+};
+
 // All images H x W, for the ray through the pixel's centre; NaN where it meets nothing.
 struct TruthFrame {
   int index = 0;
   double timestamp_s = 0;
   Pose world_from_robot;
-  cv::Mat1f depth_m;           // camera z                                channel depth_m
-  cv::Mat3f normals;           // unit, camera frame, facing the camera   channels normal.x .y .z
-  cv::Mat1f object_id;         // from 1, in the order of the scene       channel object_id
-  cv::Mat1f projector_column;  // px; NaN out of the beam                 channel projector_column
-  cv::Mat1f mask;              // sum of TruthMask bits                   channel mask
+  cv::Mat1f depth_m;                      // camera z                                       channel depth_m
+  cv::Mat3f position_m;                   // world                                          channels position.x .y .z
+  cv::Mat3f normals;                      // unit, camera frame, facing the camera          channels normal.x .y .z
+  cv::Mat1f object_id;                    // from 1, in the order of the scene; 0: nothing  channel object_id
+  cv::Mat1f projector_column;             // px; NaN out of the beam                        channel projector_column
+  cv::Mat1f projector_row;                // px; NaN out of the beam                        channel projector_row
+  cv::Mat1f temperature_c;                // of the surface                                 channel temperature_c
+  cv::Mat1f mask;                         // sum of TruthMask bits                          channel mask
+  std::vector<TruthOrder> fringe_orders;  // of every period shown; NaN out of the beam
+                                          // channels fringe_order.columns.16.5 and the like
 };
 
 }  // namespace fringeslam

@@ -14,11 +14,9 @@ namespace fringeslam::sim {
 
 namespace {
 
-// One object's triangles in the world frame, in double precision.
-struct WorldMesh {
-  std::vector<Eigen::Vector3d> vertices;
-  std::vector<Eigen::Vector3i> triangles;
-  Pose object_from_world;
+// n.x = offset on the triangle's plane; n of unit length, to the side from which it is counter-clockwise.
+struct Plane {
+  double x, y, z, offset;
 };
 
 void throw_embree_error(void*, RTCError code, const char* message) {
@@ -30,9 +28,7 @@ void throw_embree_error(void*, RTCError code, const char* message) {
 struct RayWorld::Impl {
   RTCDevice device = nullptr;
   RTCScene scene = nullptr;
-  std::vector<WorldMesh> meshes;
-  std::vector<Material> materials;
-  std::vector<uint32_t> texture_seeds;
+  std::vector<std::vector<Plane>> planes;  // by object and triangle
 
   ~Impl() {
     if (scene) rtcReleaseScene(scene);
@@ -40,29 +36,31 @@ struct RayWorld::Impl {
   }
 
   void add(const Object& object) {
-    WorldMesh mesh;
-    mesh.object_from_world = object.world_from_object.inverse();
-    mesh.triangles = object.mesh.triangles;
-    for (const Eigen::Vector3d& vertex : object.mesh.vertices)
-      mesh.vertices.push_back(object.world_from_object * vertex);
+    std::vector<Eigen::Vector3d> vertices;
+    vertices.reserve(object.mesh.vertices.size());
+    for (const Eigen::Vector3d& vertex : object.mesh.vertices) vertices.push_back(object.world_from_object * vertex);
 
     RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
     auto* positions = static_cast<float*>(rtcSetNewGeometryBuffer(
-        geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float), mesh.vertices.size()));
-    for (const Eigen::Vector3d& v : mesh.vertices) {
+        geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float), vertices.size()));
+    for (const Eigen::Vector3d& v : vertices) {
       for (int i = 0; i < 3; ++i) *positions++ = static_cast<float>(v[i]);
     }
     auto* indices = static_cast<unsigned*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
-                                                                   3 * sizeof(unsigned), mesh.triangles.size()));
-    for (const Eigen::Vector3i& t : mesh.triangles) {
+                                                                   3 * sizeof(unsigned), object.mesh.triangles.size()));
+    std::vector<Plane> object_planes;
+    object_planes.reserve(object.mesh.triangles.size());
+    for (const Eigen::Vector3i& t : object.mesh.triangles) {
       for (int i = 0; i < 3; ++i) *indices++ = static_cast<unsigned>(t[i]);
+      const Eigen::Vector3d& v0 = vertices[static_cast<size_t>(t[0])];
+      const Eigen::Vector3d n =
+          (vertices[static_cast<size_t>(t[1])] - v0).cross(vertices[static_cast<size_t>(t[2])] - v0).normalized();
+      object_planes.push_back({n.x(), n.y(), n.z(), n.dot(v0)});
     }
     rtcCommitGeometry(geometry);
-    rtcAttachGeometry(scene, geometry);  // ids count up from 0, as our meshes do
+    rtcAttachGeometry(scene, geometry);  // ids count up from 0, as our objects do
     rtcReleaseGeometry(geometry);
-    meshes.push_back(std::move(mesh));
-    materials.push_back(object.material);
-    texture_seeds.push_back(object.texture_seed);
+    planes.push_back(std::move(object_planes));
   }
 };
 
@@ -82,6 +80,59 @@ RayWorld::RayWorld(const Scene& scene) : impl_(std::make_unique<Impl>()) {
 RayWorld::~RayWorld() = default;
 RayWorld::RayWorld(RayWorld&&) noexcept = default;
 
+RTCSceneTy* RayWorld::embree_scene() const { return impl_->scene; }
+
+void RayWorld::trace(const RayPacket& rays, HitPacket& hits) const {
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  if (rays.coherent) context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+  alignas(64) RTCRayHit16 query;
+  alignas(64) int valid[kPacket];
+  for (int i = 0; i < kPacket; ++i) {
+    valid[i] = has(rays.active, i) ? -1 : 0;
+    query.ray.org_x[i] = static_cast<float>(rays.origin.x[i]);
+    query.ray.org_y[i] = static_cast<float>(rays.origin.y[i]);
+    query.ray.org_z[i] = static_cast<float>(rays.origin.z[i]);
+    query.ray.dir_x[i] = static_cast<float>(rays.direction.x[i]);
+    query.ray.dir_y[i] = static_cast<float>(rays.direction.y[i]);
+    query.ray.dir_z[i] = static_cast<float>(rays.direction.z[i]);
+    query.ray.tnear[i] = 0;
+    query.ray.tfar[i] = std::numeric_limits<float>::infinity();
+    query.ray.time[i] = 0;
+    query.ray.mask[i] = ~0u;
+    query.ray.flags[i] = 0;
+    query.hit.geomID[i] = RTC_INVALID_GEOMETRY_ID;
+    query.hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
+  }
+  rtcIntersect16(valid, impl_->scene, &context, &query);
+
+  alignas(64) Plane planes[kPacket];
+  hits.hit = 0;
+  for (int i = 0; i < kPacket; ++i) {
+    const bool met = valid[i] && query.hit.geomID[i] != RTC_INVALID_GEOMETRY_ID;
+    planes[i] = met ? impl_->planes[query.hit.geomID[i]][query.hit.primID[i]] : Plane{0, 0, 1, 0};
+    hits.object[i] = met ? static_cast<int>(query.hit.geomID[i]) : 0;
+    hits.hit |= static_cast<Lanes>(met) << i;
+  }
+  for (int i = 0; i < kPacket; ++i) {
+    const Points &o = rays.origin, &d = rays.direction;
+    const double along = planes[i].x * d.x[i] + planes[i].y * d.y[i] + planes[i].z * d.z[i];
+    const double height = planes[i].offset - (planes[i].x * o.x[i] + planes[i].y * o.y[i] + planes[i].z * o.z[i]);
+    const auto single = static_cast<double>(query.ray.tfar[i]);
+    double t = height / along;
+    // At grazing incidence the double-precision plane may be met far from the triangle that was hit.
+    if (!(std::abs(t - single) < 1e-4 * (1 + std::abs(t)))) t = single;
+    const double side = along > 0 ? -1.0 : 1.0;
+    hits.distance[i] = t;
+    hits.point.x[i] = o.x[i] + t * d.x[i];
+    hits.point.y[i] = o.y[i] + t * d.y[i];
+    hits.point.z[i] = o.z[i] + t * d.z[i];
+    hits.normal.x[i] = side * planes[i].x;
+    hits.normal.y[i] = side * planes[i].y;
+    hits.normal.z[i] = side * planes[i].z;
+  }
+}
+
 std::optional<Hit> RayWorld::trace(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const {
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
@@ -98,26 +149,66 @@ std::optional<Hit> RayWorld::trace(const Eigen::Vector3d& origin, const Eigen::V
   rtcIntersect1(impl_->scene, &context, &query);
   if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) return std::nullopt;
 
-  const WorldMesh& mesh = impl_->meshes[query.hit.geomID];
-  const Eigen::Vector3i& t = mesh.triangles[query.hit.primID];
-  const Eigen::Vector3d& v0 = mesh.vertices[static_cast<size_t>(t[0])];
-  const Eigen::Vector3d edge1 = mesh.vertices[static_cast<size_t>(t[1])] - v0;
-  const Eigen::Vector3d edge2 = mesh.vertices[static_cast<size_t>(t[2])] - v0;
+  const Plane& plane = impl_->planes[query.hit.geomID][query.hit.primID];
   Hit hit;
-  hit.normal = edge1.cross(edge2).normalized();
-  if (hit.normal.dot(direction) > 0) hit.normal = -hit.normal;
-  hit.distance = hit.normal.dot(v0 - origin) / hit.normal.dot(direction);
-  // At grazing incidence the double-precision plane may be met far from the triangle that was hit.
-  if (!(std::abs(hit.distance - static_cast<double>(query.ray.tfar)) < 1e-4 * (1 + std::abs(hit.distance))))
-    hit.distance = static_cast<double>(query.ray.tfar);
+  hit.normal = {plane.x, plane.y, plane.z};
+  const double along = hit.normal.dot(direction);
+  hit.distance = (plane.offset - hit.normal.dot(origin)) / along;
+  const auto single = static_cast<double>(query.ray.tfar);
+  if (!(std::abs(hit.distance - single) < 1e-4 * (1 + std::abs(hit.distance)))) hit.distance = single;
+  if (along > 0) hit.normal = -hit.normal;
   hit.point = origin + hit.distance * direction;
   hit.object = static_cast<int>(query.hit.geomID);
   return hit;
 }
 
+namespace {
+
+constexpr double kLift = 2e-6;  // of (1 m + distance from the world's origin)
+
+}  // namespace
+
+Points RayWorld::lifted(const HitPacket& hits) {
+  Points points;
+  for (int i = 0; i < kPacket; ++i) {
+    const double x = hits.point.x[i], y = hits.point.y[i], z = hits.point.z[i];
+    const double lift = kLift * (1 + std::sqrt(x * x + y * y + z * z));
+    points.x[i] = x + lift * hits.normal.x[i];
+    points.y[i] = y + lift * hits.normal.y[i];
+    points.z[i] = z + lift * hits.normal.z[i];
+  }
+  return points;
+}
+
+Lanes RayWorld::occluded(const Points& from, Lanes active, const Eigen::Vector3d& target) const {
+  if (active == 0) return 0;
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+  alignas(64) RTCRay16 query;
+  alignas(64) int valid[kPacket];
+  for (int i = 0; i < kPacket; ++i) {
+    valid[i] = has(active, i) ? -1 : 0;
+    query.org_x[i] = static_cast<float>(from.x[i]);
+    query.org_y[i] = static_cast<float>(from.y[i]);
+    query.org_z[i] = static_cast<float>(from.z[i]);
+    query.dir_x[i] = static_cast<float>(target.x() - from.x[i]);
+    query.dir_y[i] = static_cast<float>(target.y() - from.y[i]);
+    query.dir_z[i] = static_cast<float>(target.z() - from.z[i]);
+    query.tnear[i] = 0;
+    query.tfar[i] = 1;
+    query.time[i] = 0;
+    query.mask[i] = ~0u;
+    query.flags[i] = 0;
+  }
+  rtcOccluded16(valid, impl_->scene, &context, &query);
+  Lanes dark = 0;
+  for (int i = 0; i < kPacket; ++i) dark |= static_cast<Lanes>(valid[i] && query.tfar[i] < 0) << i;
+  return dark;
+}
+
 bool RayWorld::occluded(const Hit& from, const Eigen::Vector3d& target) const {
-  // Lift the start off the surface by more than single precision's resolution of the scene.
-  const Eigen::Vector3d origin = from.point + 2e-6 * (1 + from.point.norm()) * from.normal;
+  const Eigen::Vector3d origin = from.point + kLift * (1 + from.point.norm()) * from.normal;
   const Eigen::Vector3d direction = target - origin;
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
@@ -133,12 +224,6 @@ bool RayWorld::occluded(const Hit& from, const Eigen::Vector3d& target) const {
   ray.mask = ~0u;
   rtcOccluded1(impl_->scene, &context, &ray);
   return ray.tfar < 0;
-}
-
-double RayWorld::albedo(const Hit& hit) const {
-  const auto object = static_cast<size_t>(hit.object);
-  return impl_->materials[object].albedo_at(impl_->meshes[object].object_from_world * hit.point,
-                                            impl_->texture_seeds[object]);
 }
 
 }  // namespace fringeslam::sim

@@ -12,25 +12,10 @@
 #include "core/patterns/patterns.h"
 #include "core/types/rig_model.h"
 #include "core/types/trajectory.h"
+#include "sim/scene/material.h"
 #include "sim/scene/mesh.h"
 
 namespace fringeslam::sim {
-
-enum class Grain { plain, cardboard, foam, wood, stone, checkerboard, circles, asymmetric_circles };
-
-// Lambertian, with a solid texture: the albedo at a point of the object's own frame.
-struct Material {
-  Grain grain = Grain::plain;
-  double albedo = 0.5;    // mean
-  double contrast = 0.3;  // peak deviation from the mean, as a fraction of it
-  double grain_m = 0.01;  // size of the largest features
-  // Calibration boards, printed on the plane z = 0 about its middle: inner corners or circles, their spacing (of an
-  // asymmetric grid within a row), the circles' diameter, and the albedo of the print.
-  int columns = 0, rows = 0;
-  double spacing_m = 0.01, diameter_m = 0.005, print_albedo = 0.1;
-
-  double albedo_at(const Eigen::Vector3d& point, uint32_t seed) const;
-};
 
 struct Object {
   std::string name;  // shape and number, for messages
@@ -40,15 +25,42 @@ struct Object {
   uint32_t texture_seed = 0;
 };
 
+// Homogeneous haze: smoke, or dust in the air.
+struct Air {
+  double extinction_per_m = 0;  // sigma_t
+  double albedo = 0.9;          // share of the extinction that is scattering
+  double anisotropy = 0.5;      // mean cosine g of Henyey and Greenstein's phase function
+};
+
+// Grey dust that has settled: it covers colour and gloss of what faces upwards.
+struct Dust {
+  double cover = 0;  // of a horizontal surface, 0 to 1
+  double albedo = 0.35;
+  double max_slope_deg = 60;  // steeper surfaces stay clean
+  Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
+};
+
+// How the robot moves while a stack is taken.
+struct Motion {
+  Eigen::Vector3d velocity_m_s = Eigen::Vector3d::Zero();  // of the robot, in its own frame
+  Eigen::Vector3d angular_rad_s = Eigen::Vector3d::Zero();
+  bool still() const { return velocity_m_s.isZero() && angular_rad_s.isZero(); }
+};
+
 struct Scene {
   std::string name;
   uint64_t seed = 0;
   std::vector<Object> objects;
   RigModel rig;
   PatternSequence patterns;
-  double ambient_electrons = 0;  // from a white surface, in one exposure
-  Trajectory trajectory;         // of the robot
-  bool commanded = false;        // whether the one who moves the robot knows the trajectory
+  double ambient_lux = 0;      // even light from all sides
+  int bounces = 0;             // of light between surfaces
+  bool auto_exposure = false;  // else the rig's
+  Air air;
+  Dust dust;
+  Motion motion;
+  Trajectory trajectory;   // of the robot
+  bool commanded = false;  // whether the one who moves the robot knows the trajectory
 };
 
 // Throws Error with file:line on anything that is missing, unknown, not finite, out of range or

@@ -22,10 +22,12 @@ using Materials = std::map<std::string, Material>;
 
 Grain read_grain(const YamlMap& map) {
   static const std::map<std::string, Grain> grains = {
-      {"plain", Grain::plain},     {"cardboard", Grain::cardboard},
-      {"foam", Grain::foam},       {"wood", Grain::wood},
-      {"stone", Grain::stone},     {"checkerboard", Grain::checkerboard},
-      {"circles", Grain::circles}, {"asymmetric_circles", Grain::asymmetric_circles}};
+      {"plain", Grain::plain},       {"cardboard", Grain::cardboard},
+      {"concrete", Grain::concrete}, {"paper", Grain::paper},
+      {"brick", Grain::brick},       {"metal", Grain::metal},
+      {"foam", Grain::foam},         {"wood", Grain::wood},
+      {"stone", Grain::stone},       {"checkerboard", Grain::checkerboard},
+      {"circles", Grain::circles},   {"asymmetric_circles", Grain::asymmetric_circles}};
   std::vector<std::string> names;
   for (const auto& [name, grain] : grains) names.push_back(name);
   return grains.at(map.choice("grain", names));
@@ -35,25 +37,47 @@ bool is_board(Grain grain) {
   return grain == Grain::checkerboard || grain == Grain::circles || grain == Grain::asymmetric_circles;
 }
 
+Material read_material(const YamlMap& map) {
+  Material material;
+  if (map.has("texture")) {
+    if (map.has("grain")) throw map.error("texture", "give grain or texture, not both");
+    const std::filesystem::path file = map.path("texture");
+    if (!std::filesystem::exists(file)) throw map.error("texture", file.string() + " does not exist");
+    material.texture = file.string();
+    material.texture_m = map.number_or("texture_m", material.texture_m, kLength);
+    material.albedo = map.number_or("albedo", 1, kFraction);
+  } else {
+    material.grain = read_grain(map);
+    material.albedo = map.number("albedo", kFraction);
+  }
+  if (is_board(material.grain)) {
+    material.columns = map.integer("columns", {2, 1000});
+    material.rows = map.integer("rows", {2, 1000});
+    material.spacing_m = map.number("spacing_m", kLength);
+    if (material.grain != Grain::checkerboard) material.diameter_m = map.number("diameter_m", kLength);
+    material.print_albedo = map.number_or("print_albedo", 0.1, kFraction);
+  } else if (material.texture.empty()) {
+    material.contrast = map.number_or("contrast", 0.3, kFraction);
+    material.grain_m = map.number_or("grain_m", 0.01, kLength);
+  }
+  material.metal = map.boolean_or("metal", false);
+  material.reflectance = map.number_or("reflectance", 0, kFraction);
+  if (material.metal && material.reflectance > 0)
+    throw map.error("reflectance", "a metal reflects by its albedo; leave reflectance out");
+  material.roughness = map.number_or("roughness", material.roughness, {0.05, 1});
+  material.bump_m = map.number_or("bump_m", 0, {0, 0.1});
+  material.bump_size_m = map.number_or("bump_size_m", material.bump_size_m, kLength);
+  material.emission_lux = map.number_or("emission_lux", 0, {0, 1e7});
+  material.temperature_c = map.number_or("temperature_c", material.temperature_c, {-200, 2000});
+  material.dust = map.boolean_or("dust", true);
+  return material;
+}
+
 Materials read_materials(const YamlMap& map) {
   Materials materials;
   for (const std::string& name : map.keys()) {
     const YamlMap entry = map.map(name);
-    Material material;
-    material.grain = read_grain(entry);
-    material.albedo = entry.number("albedo", kFraction);
-    if (is_board(material.grain)) {
-      material.columns = entry.integer("columns", {2, 1000});
-      material.rows = entry.integer("rows", {2, 1000});
-      material.spacing_m = entry.number("spacing_m", kLength);
-      if (material.grain != Grain::checkerboard) material.diameter_m = entry.number("diameter_m", kLength);
-      material.print_albedo = entry.number_or("print_albedo", 0.1, kFraction);
-      materials[name] = material;
-      continue;
-    }
-    material.contrast = entry.number_or("contrast", 0.3, kFraction);
-    material.grain_m = entry.number_or("grain_m", 0.01, kLength);
-    materials[name] = material;
+    materials[name] = read_material(entry);
   }
   return materials;
 }
@@ -221,6 +245,44 @@ Trajectory read_trajectory(const YamlMap& map, const RigModel& rig, uint64_t see
   return trajectory;
 }
 
+Motion read_motion(const YamlMap& map) {
+  Motion motion;
+  motion.velocity_m_s = 1e-3 * map.vector3_or("velocity_mm_s", Eigen::Vector3d::Zero(), kMillimetres);
+  motion.angular_rad_s =
+      std::numbers::pi / 180 * map.vector3_or("rotation_deg_s", Eigen::Vector3d::Zero(), {-3600, 3600});
+  return motion;
+}
+
+void read_light(const YamlMap& map, Scene& scene) {
+  scene.ambient_lux = map.number_or("ambient_lux", 0, {0, 1e6});
+  scene.bounces = map.integer_or("bounces", 0, {0, 32});
+  scene.auto_exposure = map.boolean_or("auto_exposure", false);
+  if (map.has("exposure_s")) {
+    if (scene.auto_exposure) throw map.error("exposure_s", "give exposure_s or auto_exposure, not both");
+    const double longest = 1 / scene.rig.timing.pattern_rate_hz;
+    scene.rig.timing.exposure_s = map.number("exposure_s", {1e-7, longest});
+  }
+}
+
+Air read_air(const YamlMap& map) {
+  Air air;
+  air.extinction_per_m = map.number("extinction_per_m", {0, 100});
+  air.albedo = map.number_or("albedo", air.albedo, kFraction);
+  air.anisotropy = map.number_or("anisotropy", air.anisotropy, {-0.95, 0.95});
+  return air;
+}
+
+Dust read_dust(const YamlMap& map) {
+  Dust dust;
+  dust.cover = map.number("cover", kFraction);
+  dust.albedo = map.number_or("albedo", dust.albedo, kFraction);
+  dust.max_slope_deg = map.number_or("max_slope_deg", dust.max_slope_deg, {1, 90});
+  const Eigen::Vector3d up = map.vector3_or("up", dust.up, {-1, 1});
+  if (up.norm() < 1e-3) throw map.error("up", "'up' has no direction");
+  dust.up = up.normalized();
+  return dust;
+}
+
 RigModel read_scene_rig(const YamlMap& map) {
   const std::filesystem::path file = map.path("file");
   if (!std::filesystem::exists(file)) throw map.error("file", file.string() + " does not exist");
@@ -240,12 +302,15 @@ Scene load_scene(const std::filesystem::path& file, std::optional<uint64_t> seed
   scene.seed = seed.value_or(written_seed);
   scene.rig = read_scene_rig(map.map("rig"));
   scene.patterns = read_scene_patterns(map.map("patterns"), scene.rig);
-  if (map.has("light")) scene.ambient_electrons = map.map("light").number_or("ambient_electrons", 0, {0, 1e9});
+  if (map.has("light")) read_light(map.map("light"), scene);
+  if (map.has("air")) scene.air = read_air(map.map("air"));
+  if (map.has("dust")) scene.dust = read_dust(map.map("dust"));
   const Materials materials = read_materials(map.map("materials"));
   scene.objects = read_objects(map, materials, scene.seed);
   const YamlMap trajectory = map.map("trajectory");
   scene.commanded = trajectory.boolean_or("commanded", false);
   scene.trajectory = read_trajectory(trajectory, scene.rig, scene.seed);
+  if (trajectory.has("while_capturing")) scene.motion = read_motion(trajectory.map("while_capturing"));
   map.finish();
   return scene;
 }

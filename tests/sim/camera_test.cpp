@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The camera: sample positions, and electrons to grey values by EMVA 1288.
+#include "sim/light/camera.h"
+
 #include <gtest/gtest.h>
 
-#include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <opencv2/core.hpp>
 
-#include "sim/light/shading.h"
 #include "tests/sim/worlds.h"
 
 namespace fringeslam::sim {
@@ -15,6 +16,14 @@ SensorModel twelve_bits() { return {12, 0.1, 20, 40000, 50}; }
 
 cv::Mat1f flat(double electrons, int rows = 600, int cols = 800) {
   return cv::Mat1f(rows, cols, static_cast<float>(electrons));
+}
+
+// One second of such light on a sensor without a lens.
+cv::Mat expose(const cv::Mat1f& electrons, const SensorModel& sensor, const Exposure& exposure) {
+  RigModel rig;
+  rig.camera = {electrons.cols, electrons.rows, 100, 100, 0, 0, {}};
+  rig.sensor = sensor;
+  return Camera(rig, Effects::none(), 0).expose(electrons, 1, exposure);
 }
 
 struct Moments {
@@ -36,9 +45,9 @@ TEST(SampleRays, MeanOfTheSamplesIsThePixelCentre) {
     ASSERT_EQ(rays.centres.size(), 21u * 17u);
     ASSERT_EQ(rays.samples.size(), 21u * 17u * static_cast<size_t>(per_pixel));
     for (size_t pixel = 0; pixel < rays.centres.size(); ++pixel) {
-      const Eigen::Vector3d truth((static_cast<double>(pixel % 21) - 9.3) / 300,
-                                  (static_cast<double>(pixel / 21) - 8.1) / 310, 1);
-      Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+      const Eigen::Vector2d truth((static_cast<double>(pixel % 21) - 9.3) / 300,
+                                  (static_cast<double>(pixel / 21) - 8.1) / 310);
+      Eigen::Vector2d sum = Eigen::Vector2d::Zero();
       for (int s = 0; s < per_pixel; ++s)
         sum += rays.samples[pixel * static_cast<size_t>(per_pixel) + static_cast<size_t>(s)];
       ASSERT_LT((rays.centres[pixel] - truth).norm(), 1e-14);
@@ -53,7 +62,7 @@ TEST(SampleRays, SamplesAreSpreadOverTheirPixel) {
     const SampleRays rays = sample_rays(camera, per_pixel);
     double x2 = 0, y2 = 0;
     for (int s = 0; s < per_pixel; ++s) {
-      const Eigen::Vector3d& ray = rays.samples[static_cast<size_t>(s)];
+      const Eigen::Vector2d& ray = rays.samples[static_cast<size_t>(s)];
       ASSERT_LT(std::abs(ray.x()), 0.5);
       ASSERT_LT(std::abs(ray.y()), 0.5);
       x2 += ray.x() * ray.x() / per_pixel, y2 += ray.y() * ray.y() / per_pixel;
@@ -70,7 +79,7 @@ TEST(SampleRays, DistortionIsTakenOut) {
   const Pinhole camera{101, 81, 300, 300, 50, 40, {-0.2, 0.05, 0.001, -0.001, 0}};
   const SampleRays rays = sample_rays(camera, 1);
   for (size_t pixel = 0; pixel < rays.centres.size(); ++pixel) {
-    const Eigen::Vector2d back = camera.project(rays.centres[pixel]);
+    const Eigen::Vector2d back = camera.project(rays.centres[pixel].homogeneous());
     ASSERT_NEAR(back.x(), static_cast<double>(pixel % 101), 1e-9);
     ASSERT_NEAR(back.y(), static_cast<double>(pixel / 101), 1e-9);
   }

@@ -125,23 +125,37 @@ TEST(RayWorld, TellsWhichObjectIsNearest) {
   ASSERT_TRUE(box && plane);
   EXPECT_EQ(box->object, 1);
   EXPECT_NEAR(box->distance, 0.9, 1e-14);
-  EXPECT_DOUBLE_EQ(world.albedo(*box), 0.7);
   EXPECT_EQ(plane->object, 0);
-  EXPECT_DOUBLE_EQ(world.albedo(*plane), 0.2);
 }
 
-TEST(RayWorld, TextureIsFixedToTheObject) {
-  Object object = grey_object(plane_mesh(1, 1), Pose{}, 0.5);
-  object.material = {Grain::stone, 0.5, 0.3, 0.02};
-  object.texture_seed = 9;
-  const RayWorld first = world_with({object});
-  object.world_from_object = pose_from({{300, -200, 500}, {0, 0, 90}});
-  const RayWorld second = world_with({object});
-  for (double x = -0.4; x < 0.4; x += 0.037) {
-    const auto a = first.trace({x, 0.1, 1}, {0, 0, -1});
-    const auto b = second.trace(object.world_from_object * Eigen::Vector3d(x, 0.1, 1), {0, 0, -1});
-    ASSERT_TRUE(a && b);
-    EXPECT_NEAR(first.albedo(*a), second.albedo(*b), 1e-9);
+// A packet of rays is as many single rays.
+TEST(RayWorld, PacketsAgreeWithSingleRays) {
+  const RayWorld world = world_with({grey_object(sphere_mesh(0.3, 4), {Eigen::Matrix3d::Identity(), {0, 0, 1}}),
+                                     grey_object(plane_mesh(3, 3), pose_from({{0, 0, 1500}, {20, 10, 0}}))});
+  const Eigen::Vector3d light(0.5, 0.2, 0);
+  for (int turn = 0; turn < 20; ++turn) {
+    RayPacket rays;
+    for (int i = 0; i < kPacket; ++i) {
+      rays.origin.set(i, {0, 0, 0});
+      rays.direction.set(i, {0.0513 * (i % 4) - 0.3971 + 0.0397 * turn, 0.0517 * (i / 4) - 0.1013, 1});
+    }
+    rays.active = 0xfff7;
+    HitPacket hits;
+    world.trace(rays, hits);
+    const Lanes dark = world.occluded(RayWorld::lifted(hits), hits.hit, light);
+    for (int i = 0; i < kPacket; ++i) {
+      const auto single = world.trace(rays.origin.at(i), rays.direction.at(i));
+      if (i == 3) {
+        EXPECT_FALSE(has(hits.hit, i));
+        continue;
+      }
+      ASSERT_EQ(has(hits.hit, i), single.has_value());
+      if (!single) continue;
+      EXPECT_EQ(hits.object[i], single->object);
+      EXPECT_NEAR(hits.distance[i], single->distance, 1e-12);
+      EXPECT_LT((hits.normal.at(i) - single->normal).norm(), 1e-12);
+      EXPECT_EQ(has(dark, i), world.occluded(*single, light));
+    }
   }
 }
 

@@ -2,7 +2,6 @@
 // The shadow of a box on a plane against the ray over the box's edge.
 #include <gtest/gtest.h>
 
-#include "sim/light/shading.h"
 #include "tests/sim/worlds.h"
 
 namespace fringeslam::sim {
@@ -21,6 +20,7 @@ RigModel rig() {
   rig.camera = {401, 301, 400, 400, 200, 150, {}};
   rig.projector = {2001, 1501, 500, 500, 1000, 750, {}};
   rig.projector_from_camera.translation = {-kBaseline, 0, 0};
+  set_lux_at_1m(rig, kWhiteLux);
   return rig;
 }
 
@@ -30,19 +30,14 @@ Scene box_on_table() {
       {grey_object(plane_mesh(3, 3), Pose{}), grey_object(box_mesh({kBoxWidth, kBoxWidth, kBoxHeight}), box)}, rig());
 }
 
-TracedView traced(const Scene& scene) {
-  const RayWorld world(scene);
-  return trace_view(world, scene.rig, sample_rays(scene.rig.camera, 1), world_from_camera());
-}
-
 double table_column(double x) { return 200 + 400 * x / kHeight; }
 double top_column(double x) { return 200 + 400 * x / (kHeight - kBoxHeight); }
 
 class BoxShadow : public testing::Test {
  protected:
-  bool in_shadow(int row, int col) const { return static_cast<int>(view_.truth.mask(row, col)) & kTruthInShadow; }
-  int object(int row, int col) const { return static_cast<int>(view_.truth.object_id(row, col)); }
-  TracedView view_ = traced(box_on_table());
+  bool in_shadow(int row, int col) const { return static_cast<int>(truth_.mask(row, col)) & kTruthInShadow; }
+  int object(int row, int col) const { return static_cast<int>(truth_.object_id(row, col)); }
+  TruthFrame truth_ = truth_of(box_on_table(), 1, world_from_camera());
 };
 
 TEST_F(BoxShadow, EndsWhereTheRayOverTheEdgeMeetsTheTable) {
@@ -76,7 +71,7 @@ TEST_F(BoxShadow, TopOfTheBoxIsLitAndItsDepthIsRight) {
     if (std::abs(std::abs(col - 200) - half) < 1) continue;
     const bool on_box = std::abs(col - 200) < half;
     ASSERT_EQ(object(150, col), on_box ? kBoxId : kTableId) << col;
-    ASSERT_NEAR(view_.truth.depth_m(150, col), on_box ? kHeight - kBoxHeight : kHeight, 1e-7) << col;
+    ASSERT_NEAR(truth_.depth_m(150, col), on_box ? kHeight - kBoxHeight : kHeight, 1e-7) << col;
     if (on_box) {
       ASSERT_FALSE(in_shadow(150, col)) << col;
     }
@@ -84,7 +79,9 @@ TEST_F(BoxShadow, TopOfTheBoxIsLitAndItsDepthIsRight) {
 }
 
 TEST_F(BoxShadow, HoldsAmbientLightOnly) {
-  const cv::Mat1f image = shade(view_, 1, constant_pattern(1), {}, rig(), 100);
+  Scene scene = box_on_table();
+  scene.ambient_lux = 100;
+  const cv::Mat1f image = lux_of(scene, {constant_pattern(1)}, 1, Effects::none(), world_from_camera())[0];
   for (int col = 0; col < 401; ++col) {
     if (in_shadow(150, col)) {
       ASSERT_FLOAT_EQ(image(150, col), 0.5f * 100) << col;

@@ -29,10 +29,10 @@ RigModel small_thesis_rig() {
 // A textured board, tilted, one metre before the camera; two poses.
 Scene board_scene() {
   Object board = grey_object(plane_mesh(2, 2), pose_from({{0, 0, 1000}, {12, -18, 5}}));
-  board.material = {Grain::stone, 0.6, 0.3, 0.01};
+  board.material = {.grain = Grain::stone, .albedo = 0.6, .contrast = 0.3, .grain_m = 0.01};
   Scene scene = world_of({board}, small_thesis_rig());
   scene.seed = 5;
-  scene.ambient_electrons = 200;
+  scene.ambient_lux = 200;
   scene.trajectory = {{0.0, Pose{}}, {0.5, pose_from({{20, 10, -30}, {2, 3, -4}})}};
   return scene;
 }
@@ -54,7 +54,7 @@ TEST(VirtualRig, DecodedDepthIsTheTrueDepth) {
   const Scene scene = board_scene();
   const PatternSequence sequence = fringes(scene.rig, 0);
   std::vector<TruthFrame> truth;
-  VirtualRig rig(scene, {1, false, false}, [&](const TruthFrame& frame) { truth.push_back(frame); });
+  VirtualRig rig(scene, {1, false, false, Effects::none()}, [&](const TruthFrame& frame) { truth.push_back(frame); });
   const PixelRays rays = pixel_rays(scene.rig.camera);
   while (const auto stack = rig.capture(sequence)) {
     const DecodedStack decoded = decode(*stack, sequence, scene.rig, {});
@@ -79,7 +79,7 @@ TEST(VirtualRig, DecodedDepthIsTheTrueDepth) {
 TEST(VirtualRig, TruthIsThatOfThePlane) {
   const Scene scene = board_scene();
   std::vector<TruthFrame> truth;
-  VirtualRig rig(scene, {1, false, false}, [&](const TruthFrame& frame) { truth.push_back(frame); });
+  VirtualRig rig(scene, {1, false, false, Effects::none()}, [&](const TruthFrame& frame) { truth.push_back(frame); });
   while (rig.capture(fringes(scene.rig, 0))) continue;
   ASSERT_EQ(truth.size(), 2u);
   for (const TruthFrame& frame : truth) {

@@ -7,6 +7,10 @@
 #include <utility>
 #include <vector>
 
+#include "sim/light/beam.h"
+#include "sim/light/effects.h"
+#include "sim/light/photometry.h"
+#include "sim/light/renderer.h"
 #include "sim/scene/scene.h"
 
 namespace fringeslam::sim {
@@ -18,17 +22,23 @@ inline Object grey_object(Mesh mesh, const Pose& world_from_object, double albed
   Object object;
   object.mesh = std::move(mesh);
   object.world_from_object = world_from_object;
-  object.material = {Grain::plain, albedo, 0, 1};
+  object.material.albedo = albedo;
   return object;
 }
+
+// Illuminance of a white projector image at 1 m, on the axis, of these rigs.
+constexpr double kWhiteLux = 30000;
+
+inline void set_lux_at_1m(RigModel& rig, double lux) { rig.projector_lens.flux_lm *= lux / projector_lux_at_1m(rig); }
 
 // Camera and projector in one place, both without distortion: light falls where the camera looks.
 inline RigModel coaxial_rig() {
   RigModel rig;
   rig.camera = {65, 49, 200, 200, 32, 24, {}};
   rig.projector = {129, 97, 200, 200, 64, 48, {}};
-  rig.white_electrons_at_1m = 30000;
   rig.projector_black_level = 0;
+  rig.camera_lens.vignetting = 0;
+  set_lux_at_1m(rig, kWhiteLux);
   return rig;
 }
 
@@ -38,6 +48,30 @@ inline Scene world_of(std::vector<Object> objects, const RigModel& rig) {
   scene.rig = rig;
   scene.trajectory = {TimedPose{}};
   return scene;
+}
+
+// Albedo at one point of the object's frame.
+inline double albedo_at(const Material& material, const Eigen::Vector3d& point, uint32_t seed) {
+  NoisePoints points{};
+  points.x[0] = static_cast<float>(point.x());
+  points.y[0] = static_cast<float>(point.y());
+  points.z[0] = static_cast<float>(point.z());
+  return static_cast<double>(material.albedo_at(points, seed).value[0]);
+}
+
+// Light of each pattern as the camera at the origin, or at `pose`, sees it, lux.
+inline std::vector<cv::Mat1f> lux_of(const Scene& scene, const std::vector<Pattern>& patterns, int samples = 1,
+                                     const Effects& effects = Effects::none(), const Pose& pose = {},
+                                     TruthFrame* truth = nullptr) {
+  const PatternSequence sequence{scene.rig.projector.width, scene.rig.projector.height, patterns};
+  const double blur = Beam::largest_blur_px(scene.rig, effects, 0.3, 5);
+  return Renderer(scene, effects, samples).render(ShownPatterns(sequence, scene.rig, blur), {pose}, 0, truth);
+}
+
+inline TruthFrame truth_of(const Scene& scene, int samples = 1, const Pose& pose = {}) {
+  TruthFrame truth;
+  lux_of(scene, {}, samples, Effects::none(), pose, &truth);
+  return truth;
 }
 
 // A pattern that shows one intensity everywhere.

@@ -21,9 +21,10 @@ near_m: 0.7
 far_m: 1.4
 camera:
   {width_px: 266, height_px: 250, fx_px: 1023, fy_px: 1023, cx_px: 132.5, cy_px: 124.5, distortion: [-0.12, 0, 0, 0, 0],
+   lens: {f_number: 14},
    sensor: {bits: 8, gain_dn_per_electron: 0.0068, dark_noise_electrons: 25, full_well_electrons: 40000, offset_dn: 2}}
 projector:
-  {width_px: 1024, height_px: 768, fx_px: 2600, fy_px: 2600, cx_px: 511.5, cy_px: 383.5, white_electrons_at_1m: 30000,
+  {width_px: 1024, height_px: 768, fx_px: 2600, fy_px: 2600, cx_px: 511.5, cy_px: 383.5, lens: {flux_lm: 2500},
    black_level: 0.002, gamma: GAMMA}
 projector_from_camera: {translation_m: [-0.24253563, 0, 0.06063391], rotation_deg: [0, 14.03624347, 0]}
 robot_from_camera: {translation_m: [0.1, 0, 1], rotation_deg: [180, 0, 0]}
@@ -40,7 +41,7 @@ class Calibrate : public testing::Test {
     rig.replace(rig.find("GAMMA"), 5, gamma);
     test::write_bytes(folder / "rig.yaml", rig);
     test::write_bytes(folder / "scene.yaml",
-                      "name: " + name + "\nrig: {file: rig.yaml}\nlight: {ambient_electrons: 400}\npatterns: " +
+                      "name: " + name + "\nrig: {file: rig.yaml}\nlight: {ambient_lux: 290}\npatterns: " +
                           patterns + "\nmaterials:\n  board: " + material +
                           "\nobjects:\n  - {shape: plane, size_m: [0.2, 0.2], material: board}\n" +
                           "trajectory: " + trajectory + "\n");

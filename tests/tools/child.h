@@ -54,7 +54,7 @@ patterns:
   periods_px: [1040, 131, 16.5]
   bits: 8
 light:
-  ambient_electrons: 400
+  ambient_lux: 290
 materials:
   table: {grain: wood, albedo: 0.4, contrast: 0.35, grain_m: 0.012}
   cardboard: {grain: cardboard, albedo: 0.55, contrast: 0.35, grain_m: 0.01}

@@ -30,6 +30,34 @@ void expect_equal(const Pose& a, const Pose& b) {
   EXPECT_EQ(a.translation, b.translation);
 }
 
+// What the simulator alone reads.
+std::vector<double> numbers_of_light(const RigModel& rig) {
+  const CameraLens& c = rig.camera_lens;
+  const ProjectorLens& p = rig.projector_lens;
+  const SensorModel& s = rig.sensor;
+  return {c.pixel_m,
+          c.f_number,
+          c.focus_m,
+          c.transmission,
+          c.blur_px,
+          c.vignetting,
+          p.aperture_m,
+          p.focus_m,
+          p.blur_px,
+          p.pixel_fill,
+          p.vignetting,
+          p.flux_lm,
+          p.efficacy_lm_w,
+          p.wavelength_m,
+          rig.timing.pattern_rate_hz,
+          rig.timing.camera_rate_hz,
+          rig.timing.exposure_s,
+          s.quantum_efficiency,
+          s.dark_current_electrons_s,
+          s.dsnu_electrons,
+          s.prnu};
+}
+
 void expect_equal(const RigModel& a, const RigModel& b) {
   EXPECT_EQ(a.name, b.name);
   expect_equal(a.camera, b.camera);
@@ -38,9 +66,10 @@ void expect_equal(const RigModel& a, const RigModel& b) {
   expect_equal(a.robot_from_camera, b.robot_from_camera);
   EXPECT_EQ(a.sensor.bits, b.sensor.bits);
   EXPECT_EQ((std::vector{a.sensor.gain_dn_per_electron, a.sensor.dark_noise_electrons, a.sensor.full_well_electrons,
-                         a.sensor.offset_dn, a.white_electrons_at_1m, a.projector_black_level, a.near_m, a.far_m}),
+                         a.sensor.offset_dn, a.projector_black_level, a.near_m, a.far_m}),
             (std::vector{b.sensor.gain_dn_per_electron, b.sensor.dark_noise_electrons, b.sensor.full_well_electrons,
-                         b.sensor.offset_dn, b.white_electrons_at_1m, b.projector_black_level, b.near_m, b.far_m}));
+                         b.sensor.offset_dn, b.projector_black_level, b.near_m, b.far_m}));
+  EXPECT_EQ(numbers_of_light(a), numbers_of_light(b));
 }
 
 RigModel read_back(const RigModel& rig) {
@@ -58,8 +87,11 @@ RigModel odd_rig() {
   rig.camera = {
       533, 501, 2046 + pi, 2045 + 1 / 7.0, 265 + 0.1, 249 + 0.2, {-0.1 / 3, 0.1 / 7, 1e-4 / 3, -1e-4 / 7, 1e-3 / 3}};
   rig.projector.fx += 1 / 3.0, rig.projector.distortion.k3 = -1e-3 / 7;
-  rig.sensor = {12, 0.1 / 3, 25 + pi, 40000.0 / 3, 2 + 1 / 7.0};
-  rig.white_electrons_at_1m = 1e5 / 3, rig.projector_black_level = 0.001 / 3;
+  rig.sensor = {12, 0.1 / 3, 25 + pi, 40000.0 / 3, 2 + 1 / 7.0, 1 / 3.0, 10 / 7.0, 20 / 3.0, 0.01 / 3};
+  rig.camera_lens = {1e-5 / 3, 8 / 3.0, 1 / 3.0, 0.5 / 3, 1 / 7.0, 4 / 3.0};
+  rig.projector_lens = {0.01 / 3, 1 / 3.0, 1 / 7.0, 2 / 3.0, 10 / 3.0, 1e4 / 3, 1e3 / 3, 5e-7 / 3 + 4e-7};
+  rig.timing = {1000 / 3.0, 100 / 3.0, 0.001 / 3};
+  rig.projector_black_level = 0.001 / 3;
   rig.projector_from_camera = retract(rig.projector_from_camera, Vector6d::Constant(1e-3 / 3));
   rig.robot_from_camera = retract(rig.robot_from_camera, Vector6d::Constant(0.1 / 7));
   return rig;

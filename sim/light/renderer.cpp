@@ -1,0 +1,458 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "sim/light/renderer.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <numeric>
+
+#include "core/types/parallel.h"
+#include "sim/light/air.h"
+#include "sim/light/beam.h"
+#include "sim/light/photometry.h"
+#include "sim/random.h"
+
+namespace fringeslam::sim {
+
+namespace {
+
+constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+constexpr int kBlock = 4;  // px; a packet is a square of them
+static_assert(kBlock * kBlock == kPacket);
+
+// Positions of the samples in the unit pixel, relative to its centre; they add up to zero. A turned grid: no two
+// samples share a row or a column, so that an edge along either is shaded in as many steps as there are samples.
+std::vector<Eigen::Vector2d> sample_offsets(int per_pixel) {
+  if (per_pixel == 4) return {{-0.125, -0.375}, {0.375, -0.125}, {0.125, 0.375}, {-0.375, 0.125}};
+  const int side = static_cast<int>(std::lround(std::sqrt(per_pixel)));
+  std::vector<Eigen::Vector2d> offsets;
+  for (int i = 0; i < side * side; ++i) {
+    const int col = i % side, row = i / side;
+    offsets.emplace_back((col + (row + 0.5) / side) / side - 0.5, (row + (side - col - 0.5) / side) / side - 0.5);
+  }
+  return offsets;
+}
+
+// Two-dimensional points that fill the unit square evenly (additive recurrence of the plastic number).
+Eigen::Vector2d even_point(int index, double shift_x, double shift_y) {
+  const double x = shift_x + index * 0.7548776662466927, y = shift_y + index * 0.5698402909980532;
+  return {x - std::floor(x), y - std::floor(y)};
+}
+
+// Concentric map of the square [-1, 1]^2 to the unit disc.
+Eigen::Vector2d on_disc(double a, double b) {
+  if (a == 0 && b == 0) return {0, 0};
+  const bool wide = std::abs(a) > std::abs(b);
+  const double r = wide ? a : b;
+  const double phi = wide ? std::numbers::pi / 4 * (b / a) : std::numbers::pi / 2 - std::numbers::pi / 4 * (a / b);
+  return {r * std::cos(phi), r * std::sin(phi)};
+}
+
+// Where in the unit pupil the samples of a pixel start: the same in all pixels, and evenly about the middle, so that
+// fringes on a smooth surface out of focus are blurred, not shifted at random. Samples that are neighbours in the
+// pixel are none in the pupil.
+std::vector<Eigen::Vector2d> pupil_offsets(int per_pixel) {
+  const int side = static_cast<int>(std::lround(std::sqrt(per_pixel)));
+  int stride = std::max(1, static_cast<int>(std::lround(0.618 * per_pixel)));
+  while (std::gcd(stride, per_pixel) != 1) ++stride;
+  std::vector<Eigen::Vector2d> offsets;
+  for (int i = 0; i < per_pixel; ++i) {
+    const int cell = i * stride % per_pixel;
+    offsets.push_back(on_disc((2 * (cell % side) + 1.0) / side - 1, (2 * (cell / side) + 1.0) / side - 1));
+  }
+  return offsets;
+}
+
+// One pose of the camera, and the projector with it.
+struct Station {
+  Pose world_from_camera;
+  Beam beam;
+};
+
+}  // namespace
+
+SampleRays sample_rays(const Pinhole& camera, int per_pixel) {
+  const std::vector<Eigen::Vector2d> offsets = sample_offsets(per_pixel);
+  SampleRays rays;
+  rays.per_pixel = per_pixel;
+  rays.pupil = pupil_offsets(per_pixel);
+  const auto pixels = static_cast<size_t>(camera.width) * static_cast<size_t>(camera.height);
+  rays.centres.resize(pixels);
+  rays.samples.resize(pixels * offsets.size());
+  for_each_row(camera.height, [&](int row) {
+    for (int col = 0; col < camera.width; ++col) {
+      const auto pixel = static_cast<size_t>(row * camera.width + col);
+      const Eigen::Vector2d centre(col, row);
+      rays.centres[pixel] = camera.undistort(centre);
+      for (size_t s = 0; s < offsets.size(); ++s)
+        rays.samples[pixel * offsets.size() + s] = camera.undistort(centre + offsets[s]);
+    }
+  });
+  return rays;
+}
+
+// A square of pixels on its way through the scene.
+class BlockRenderer {
+ public:
+  BlockRenderer(const Renderer& renderer, const ShownPatterns& patterns, const std::vector<Station>& stations,
+                int stack)
+      : r_(renderer),
+        patterns_(patterns),
+        stations_(stations),
+        stack_(stack),
+        width_(renderer.scene_.rig.camera.width),
+        height_(renderer.scene_.rig.camera.height),
+        footprint_(1 / renderer.scene_.rig.camera.fx),
+        ambient_lux_(renderer.scene_.ambient_lux),
+        bounces_(renderer.effects_.interreflection ? renderer.scene_.bounces : 0),
+        haze_(renderer.effects_.air ? renderer.scene_.air : Air{}),
+        pupil_m_(renderer.effects_.depth_of_field ? camera_pupil_m(renderer.scene_.rig) : 0),
+        sums_(static_cast<size_t>(kPacket * patterns.stride())) {}
+
+  void render(int block_row, int block_col, std::vector<cv::Mat1f>& images, TruthFrame* truth) {
+    place(block_row, block_col);
+    std::fill(sums_.begin(), sums_.end(), 0.0f);
+    std::fill(std::begin(steady_), std::end(steady_), 0.0f);
+    if (truth) look_at_centres(*truth);
+    const int samples = r_.rays_.per_pixel;
+    for (int sample = 0; sample < samples; ++sample) take(sample, truth != nullptr);
+    if (truth) {
+      for (int i = 0; i < kPacket; ++i) {
+        if (has(mixed_, i)) truth->mask(row_[i], col_[i]) += static_cast<float>(kTruthMixed);
+      }
+    }
+    const float share = 1.0f / static_cast<float>(samples);
+    for (int i = 0; i < kPacket; ++i) {
+      if (!has(inside_, i)) continue;
+      const float* sums = sums_.data() + i * patterns_.stride();
+      for (int k = 0; k < patterns_.count(); ++k)
+        images[static_cast<size_t>(k)](row_[i], col_[i]) = share * (sums[patterns_.slot(k)] + steady_[i]);
+    }
+  }
+
+ private:
+  // What the samples of a pixel are compared with.
+  struct Centres {
+    HitPacket hits;
+    Lanes shadow = 0, in_beam = 0;
+  };
+
+  void place(int block_row, int block_col) {
+    inside_ = 0;
+    mixed_ = 0;
+    for (int i = 0; i < kPacket; ++i) {
+      row_[i] = block_row * kBlock + i / kBlock;
+      col_[i] = block_col * kBlock + i % kBlock;
+      inside_ |= static_cast<Lanes>(row_[i] < height_ && col_[i] < width_) << i;
+      // Lanes beyond the image follow a ray of it, and are thrown away.
+      row_[i] = std::min(row_[i], height_ - 1);
+      col_[i] = std::min(col_[i], width_ - 1);
+      pixel_[i] = static_cast<uint32_t>(row_[i] * width_ + col_[i]);
+    }
+  }
+
+  // World rays from directions (x, y, 1) in the camera and starts (x, y, 0) in its pupil.
+  static void aim(const Pose& pose, const Eigen::Vector2d (&slope)[kPacket], const Eigen::Vector2d (&start)[kPacket],
+                  RayPacket& rays) {
+    const Eigen::Matrix3d& r = pose.rotation;
+    const Eigen::Vector3d& t = pose.translation;
+    for (int i = 0; i < kPacket; ++i) {
+      const double x = slope[i].x(), y = slope[i].y(), a = start[i].x(), b = start[i].y();
+      rays.direction.x[i] = r(0, 0) * x + r(0, 1) * y + r(0, 2);
+      rays.direction.y[i] = r(1, 0) * x + r(1, 1) * y + r(1, 2);
+      rays.direction.z[i] = r(2, 0) * x + r(2, 1) * y + r(2, 2);
+      rays.origin.x[i] = r(0, 0) * a + r(0, 1) * b + t.x();
+      rays.origin.y[i] = r(1, 0) * a + r(1, 1) * b + t.y();
+      rays.origin.z[i] = r(2, 0) * a + r(2, 1) * b + t.z();
+    }
+  }
+
+  static Lanes facing(const HitPacket& hits, const BeamPacket& beam) {
+    Lanes result = 0;
+    for (int i = 0; i < kPacket; ++i) {
+      const double cosine = hits.normal.x[i] * beam.to_light.x[i] + hits.normal.y[i] * beam.to_light.y[i] +
+                            hits.normal.z[i] * beam.to_light.z[i];
+      result |= static_cast<Lanes>(cosine > 0) << i;
+    }
+    return result & hits.hit;
+  }
+
+  // The ray through each pixel's centre: truth.
+  void look_at_centres(TruthFrame& truth) {
+    const Station& station = stations_.front();
+    Eigen::Vector2d slope[kPacket], start[kPacket];
+    for (int i = 0; i < kPacket; ++i) slope[i] = r_.rays_.centres[pixel_[i]], start[i].setZero();
+    RayPacket rays;
+    rays.active = inside_;
+    aim(station.world_from_camera, slope, start, rays);
+    HitPacket& hits = centre_.hits;
+    r_.world_.trace(rays, hits);
+    BeamPacket beam;
+    station.beam.light(hits.point, hits.hit, beam);
+    const Lanes towards = facing(hits, beam);
+    const Lanes dark = r_.world_.occluded(RayWorld::lifted(hits), towards, station.beam.position());
+    centre_.shadow = hits.hit & ~(towards & ~dark);  // a surface that faces away from the light is in its own shadow
+    centre_.in_beam = beam.inside;
+    const Eigen::Matrix3d camera_from_world = station.world_from_camera.rotation.transpose();
+    for (int i = 0; i < kPacket; ++i) {
+      if (!has(hits.hit, i)) continue;
+      const int row = row_[i], col = col_[i];
+      const Eigen::Vector3f normal = (camera_from_world * hits.normal.at(i)).cast<float>();
+      const Eigen::Vector3f point = hits.point.at(i).cast<float>();
+      truth.depth_m(row, col) = static_cast<float>(hits.distance[i]);  // rays have d_z = 1
+      truth.position_m(row, col) = {point.x(), point.y(), point.z()};
+      truth.normals(row, col) = {normal.x(), normal.y(), normal.z()};
+      truth.object_id(row, col) = static_cast<float>(hits.object[i] + 1);
+      truth.temperature_c(row, col) = static_cast<float>(r_.surfaces_.temperature_c(hits.object[i]));
+      if (has(beam.inside, i)) {
+        truth.projector_column(row, col) = static_cast<float>(beam.column[i]);
+        truth.projector_row(row, col) = static_cast<float>(beam.row[i]);
+      }
+      truth.mask(row, col) = static_cast<float>(kTruthSurface + (has(beam.inside, i) ? kTruthInBeam : 0) +
+                                                (has(centre_.shadow, i) ? kTruthInShadow : 0));
+    }
+  }
+
+  // Pixels of which this sample and the centre do not see one smooth, evenly lit surface.
+  Lanes differing(const HitPacket& hits, Lanes shadow, Lanes in_beam) const {
+    constexpr double kCosine30 = 0.866;
+    const HitPacket& centre = centre_.hits;
+    Lanes result = (hits.hit ^ centre.hit) | (shadow ^ centre_.shadow) | (in_beam ^ centre_.in_beam);
+    for (int i = 0; i < kPacket; ++i) {
+      const double cosine = hits.normal.x[i] * centre.normal.x[i] + hits.normal.y[i] * centre.normal.y[i] +
+                            hits.normal.z[i] * centre.normal.z[i];
+      const bool other = hits.object[i] != centre.object[i] || cosine < kCosine30;
+      result |= static_cast<Lanes>(other && has(hits.hit & centre.hit, i)) << i;
+    }
+    return result & inside_;
+  }
+
+  void take(int sample, bool compare) {
+    const Station& station = stations_[static_cast<size_t>(sample) % stations_.size()];
+    const auto samples = static_cast<size_t>(r_.rays_.per_pixel);
+    Eigen::Vector2d slope[kPacket], start[kPacket];
+    for (int i = 0; i < kPacket; ++i) {
+      slope[i] = r_.rays_.samples[pixel_[i] * samples + static_cast<size_t>(sample)];
+      start[i].setZero();
+    }
+    if (pupil_m_ > 0) leave_from_pupil(sample, slope, start);
+    RayPacket rays;
+    rays.active = inside_;
+    aim(station.world_from_camera, slope, start, rays);
+    HitPacket hits;
+    r_.world_.trace(rays, hits);
+    SurfacePacket surface;
+    r_.surfaces_.at(hits, footprint_, surface);
+
+    Points to_viewer;
+    alignas(64) float weight[kPacket], length[kPacket];
+    for (int i = 0; i < kPacket; ++i) {
+      const double dx = rays.direction.x[i], dy = rays.direction.y[i], dz = rays.direction.z[i];
+      const double norm = std::sqrt(dx * dx + dy * dy + dz * dz);
+      to_viewer.x[i] = -dx / norm;
+      to_viewer.y[i] = -dy / norm;
+      to_viewer.z[i] = -dz / norm;
+      length[i] = static_cast<float>(hits.distance[i] * norm);
+      weight[i] = haze_.extinction_per_m > 0 ? std::exp(-static_cast<float>(haze_.extinction_per_m) * length[i]) : 1.0f;
+    }
+    BeamPacket beam;
+    const Lanes lit = add_direct(station, hits, surface, to_viewer, hits.hit, weight, true, beam);
+    if (compare) mixed_ |= differing(hits, hits.hit & ~lit, beam.inside);
+    if (bounces_ == 0) {
+      for (int i = 0; i < kPacket; ++i) {
+        if (!has(hits.hit, i)) continue;
+        const float back = surface.albedo[i] + surface.reflectance[i];
+        steady_[i] += weight[i] * static_cast<float>(ambient_lux_) * back;
+      }
+    } else {
+      follow_paths(station, sample, hits, surface, to_viewer, weight);
+    }
+    if (haze_.extinction_per_m > 0) scatter_in_air(station, sample, rays, hits, to_viewer, length);
+  }
+
+  // Thin lens: from a point of the pupil through the point in focus.
+  void leave_from_pupil(int sample, Eigen::Vector2d (&slope)[kPacket], Eigen::Vector2d (&start)[kPacket]) const {
+    const Eigen::Vector2d point = 0.5 * pupil_m_ * r_.rays_.pupil[static_cast<size_t>(sample)];
+    for (int i = 0; i < kPacket; ++i) {
+      start[i] = point;
+      slope[i] -= point / r_.scene_.rig.camera_lens.focus_m;
+    }
+  }
+
+  // The projector's light and the surfaces' own at points of surfaces, on its way to a viewer. Returns the lanes whose
+  // points see the projector; of those out of the beam it knows only when `everywhere`.
+  Lanes add_direct(const Station& station, const HitPacket& hits, const SurfacePacket& surface, const Points& to_viewer,
+                   Lanes active, const float* weight, bool everywhere, BeamPacket& beam) {
+    station.beam.light(hits.point, active, beam);
+    Lanes lit = facing(hits, beam) & active;
+    if (!everywhere) lit &= beam.inside;
+    lit &= ~r_.world_.occluded(RayWorld::lifted(hits), lit, station.beam.position());
+    for (int i = 0; i < kPacket; ++i) {
+      if (has(active, i)) steady_[i] += weight[i] * surface.emission_lux[i];
+      if (!has(lit & beam.inside, i)) continue;
+      const double cosine = surface.normal.x[i] * beam.to_light.x[i] + surface.normal.y[i] * beam.to_light.y[i] +
+                            surface.normal.z[i] * beam.to_light.z[i];
+      if (cosine <= 0) continue;
+      float back = surface.albedo[i];
+      if (has(surface.glossy, i))
+        back = static_cast<float>(
+            reflected(surface.reflection(i), surface.normal.at(i), beam.to_light.at(i), to_viewer.at(i)));
+      float lux = weight[i] * back * static_cast<float>(cosine) * beam.lux[i];
+      if (haze_.extinction_per_m > 0) lux *= static_cast<float>(std::exp(-haze_.extinction_per_m * beam.distance[i]));
+      patterns_.add(static_cast<float>(beam.column[i]), static_cast<float>(beam.row[i]), beam.blur_px[i], lux,
+                    sums_.data() + i * patterns_.stride());
+    }
+    return lit;
+  }
+
+  // Light that comes over other surfaces, and from around. Each path is continued as often as the scene says; at its
+  // last point the ambient light counts as unshadowed.
+  void follow_paths(const Station& station, int sample, const HitPacket& first, const SurfacePacket& first_surface,
+                    const Points& first_viewer, const float* first_weight) {
+    const int samples = r_.rays_.per_pixel;
+    const int paths = (r_.effects_.bounce_paths + samples - 1) / samples;
+    for (int path = 0; path < paths; ++path) {
+      HitPacket hits = first;
+      SurfacePacket surface = first_surface;
+      Points to_viewer = first_viewer;
+      Lanes active = first.hit;
+      alignas(64) float weight[kPacket];
+      for (int i = 0; i < kPacket; ++i) weight[i] = first_weight[i] / static_cast<float>(paths);
+      const int number = sample * paths + path;
+      for (int bounce = 1; bounce <= bounces_ && active != 0; ++bounce) {
+        // The first turn of a pixel's paths is spread evenly over the directions, the later ones are independent.
+        const Philox random(r_.scene_.seed, Stream::paths, static_cast<uint32_t>(stack_),
+                            bounce == 1 ? 0u : static_cast<uint32_t>(number * 64 + bounce));
+        RayPacket rays;
+        rays.origin = RayWorld::lifted(hits);
+        rays.coherent = false;
+        for (int i = 0; i < kPacket; ++i) {
+          rays.direction.set(i, Eigen::Vector3d::UnitZ());
+          if (!has(active, i)) continue;
+          auto u = random.uniforms(pixel_[i]);
+          if (bounce == 1) {
+            const Eigen::Vector2d even = even_point(number, u[0], u[1]);
+            const double choice = u[2] + number * 0.6180339887498949;
+            u = {even.x(), even.y(), choice - std::floor(choice), 0};
+          }
+          const ScatteredRay next =
+              scatter(surface.reflection(i), surface.normal.at(i), to_viewer.at(i), u[2], u[0], u[1]);
+          weight[i] *= static_cast<float>(next.weight);
+          // A shading normal may send a ray into the surface.
+          if (next.weight <= 0 || next.direction.dot(hits.normal.at(i)) <= 0) {
+            active &= ~(Lanes{1} << i);
+            continue;
+          }
+          rays.direction.set(i, next.direction);
+        }
+        rays.active = active;
+        r_.world_.trace(rays, hits);
+        for (int i = 0; i < kPacket; ++i) {
+          if (has(active & ~hits.hit, i)) steady_[i] += weight[i] * static_cast<float>(ambient_lux_);
+        }
+        active &= hits.hit;
+        for (int i = 0; i < kPacket; ++i) {
+          to_viewer.x[i] = -rays.direction.x[i];
+          to_viewer.y[i] = -rays.direction.y[i];
+          to_viewer.z[i] = -rays.direction.z[i];
+          if (haze_.extinction_per_m > 0 && has(active, i))
+            weight[i] *= static_cast<float>(std::exp(-haze_.extinction_per_m * hits.distance[i]));
+        }
+        r_.surfaces_.at(hits, footprint_, surface);
+        BeamPacket beam;
+        add_direct(station, hits, surface, to_viewer, active, weight, false, beam);
+        if (bounce < bounces_) continue;
+        for (int i = 0; i < kPacket; ++i) {
+          if (has(active, i))
+            steady_[i] += weight[i] * static_cast<float>(ambient_lux_) * (surface.albedo[i] + surface.reflectance[i]);
+        }
+      }
+    }
+  }
+
+  // One point of each camera ray at which the beam scatters towards the camera, drawn so that points near the projector
+  // are as likely as their light is strong; and the haze that ambient light makes.
+  void scatter_in_air(const Station& station, int sample, const RayPacket& rays, const HitPacket& hits,
+                      const Points& to_viewer, const float* length) {
+    const Philox random(r_.scene_.seed, Stream::air, static_cast<uint32_t>(stack_));
+    Points points;
+    alignas(64) double along[kPacket], density[kPacket];
+    for (int i = 0; i < kPacket; ++i) {
+      const double shift = random.uniforms(pixel_[i])[0] + sample * 0.6180339887498949;
+      const double end = has(hits.hit, i) ? static_cast<double>(length[i]) : kSkyDistance;
+      const AirSample drawn =
+          equiangular(rays.origin.at(i), -to_viewer.at(i), end, station.beam.position(), shift - std::floor(shift));
+      along[i] = drawn.distance_m;
+      density[i] = drawn.density_per_m;
+      points.set(i, rays.origin.at(i) - drawn.distance_m * to_viewer.at(i));
+      const double veil = haze_.albedo * (1 - std::exp(-haze_.extinction_per_m * end));
+      if (has(inside_, i)) steady_[i] += static_cast<float>(veil * ambient_lux_);
+    }
+    BeamPacket beam;
+    station.beam.light(points, inside_, beam);
+    const Lanes lit = beam.inside & ~r_.world_.occluded(points, beam.inside, station.beam.position());
+    for (int i = 0; i < kPacket; ++i) {
+      if (!has(lit, i)) continue;
+      // Light goes from the projector to the point and on to the camera: forwards is where it was going.
+      const double cosine = -beam.to_light.at(i).dot(to_viewer.at(i));
+      const double scattered = std::numbers::pi * haze_.albedo * haze_.extinction_per_m *
+                               henyey_greenstein(haze_.anisotropy, cosine) *
+                               std::exp(-haze_.extinction_per_m * (along[i] + beam.distance[i])) / density[i];
+      patterns_.add(static_cast<float>(beam.column[i]), static_cast<float>(beam.row[i]), beam.blur_px[i],
+                    static_cast<float>(scattered) * beam.lux[i], sums_.data() + i * patterns_.stride());
+    }
+  }
+
+  const Renderer& r_;
+  const ShownPatterns& patterns_;
+  const std::vector<Station>& stations_;
+  int stack_, width_, height_;
+  double footprint_, ambient_lux_;
+  int bounces_;
+  Air haze_;
+  double pupil_m_;
+
+  int row_[kPacket], col_[kPacket];
+  uint32_t pixel_[kPacket];
+  Lanes inside_ = 0, mixed_ = 0;
+  Centres centre_;
+  std::vector<float> sums_;            // by lane, then pattern
+  alignas(64) float steady_[kPacket];  // what no pattern changes
+};
+
+Renderer::Renderer(const Scene& scene, const Effects& effects, int samples_per_pixel)
+    : scene_(scene),
+      effects_(effects),
+      world_(scene),
+      surfaces_(scene, effects),
+      rays_(sample_rays(scene.rig.camera, samples_per_pixel)) {}
+
+int64_t Renderer::rays_a_view() const {
+  return static_cast<int64_t>(rays_.samples.size()) + static_cast<int64_t>(rays_.centres.size());
+}
+
+std::vector<cv::Mat1f> Renderer::render(const ShownPatterns& patterns, const std::vector<Pose>& world_from_camera,
+                                        int stack, TruthFrame* truth) const {
+  const RigModel& rig = scene_.rig;
+  const cv::Size size(rig.camera.width, rig.camera.height);
+  std::vector<Station> stations;
+  for (const Pose& pose : world_from_camera) stations.push_back({pose, Beam(rig, effects_, pose)});
+  std::vector<cv::Mat1f> images(static_cast<size_t>(patterns.count()));
+  for (cv::Mat1f& image : images) image.create(size);
+  if (truth) {
+    for (cv::Mat1f* image : {&truth->depth_m, &truth->projector_column, &truth->projector_row, &truth->temperature_c})
+      *image = cv::Mat1f(size, kNaN);
+    for (cv::Mat1f* image : {&truth->object_id, &truth->mask}) *image = cv::Mat1f(size, 0.0f);
+    for (cv::Mat3f* image : {&truth->position_m, &truth->normals}) *image = cv::Mat3f(size, cv::Vec3f::all(kNaN));
+  }
+  const int across = (size.width + kBlock - 1) / kBlock, down = (size.height + kBlock - 1) / kBlock;
+  for_each_row(down, [&](int block_row) {
+    BlockRenderer block(*this, patterns, stations, stack);
+    for (int block_col = 0; block_col < across; ++block_col) block.render(block_row, block_col, images, truth);
+  });
+  return images;
+}
+
+}  // namespace fringeslam::sim

@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+// A sequence of patterns as light: at a point of the projector's image, the light of all of them at once, 0 black to 1
+// white, through the projector's response and with its black level. So a lit point is looked up once, whatever the
+// number of patterns, and adds to the sums of all of them.
+//
+// Without blur the light is interpolated between pixel centres and clamped at the image's border. With it a pixel is
+// an even square, blurred by a Gaussian: tables for a ladder of sigmas hold the result four times a pixel, and are
+// interpolated in sigma^2. Fringes of continuous intensity are exact everywhere: their modulation is multiplied
+// by exp(-2 pi^2 sigma^2 / p^2).
+#pragma once
+
+#include <opencv2/core.hpp>
+#include <vector>
+
+#include "core/patterns/patterns.h"
+#include "core/types/rig_model.h"
+
+namespace fringeslam::sim {
+
+class ShownPatterns {
+ public:
+  // `largest_blur_px` 0: no blur, not even that of square pixels.
+  ShownPatterns(const PatternSequence& sequence, const RigModel& rig, double largest_blur_px);
+
+  int count() const { return count_; }
+  // Floats of one set of sums: `count` and what pads them.
+  int stride() const { return stride_; }
+  // Where in the sums pattern `i` of the sequence is.
+  int slot(int i) const { return slots_[static_cast<size_t>(i)]; }
+
+  // sums[slot(i)] += weight * light_i(column, row).
+  void add(float column, float row, float blur_px, float weight, float* sums) const;
+
+ private:
+  // Patterns that change along one axis alone, or not at all.
+  struct Profile {
+    bool along_columns = true;
+    int first = 0, width = 0;                // of the sums
+    int positions = 0;                       // entries along the axis
+    std::vector<std::vector<float>> levels;  // by blur; position-major
+  };
+  struct Image {  // dithered patterns change along both
+    int slot = 0;
+    std::vector<cv::Mat1f> levels;  // by blur
+  };
+  struct Wave {  // of continuous intensity
+    int slot = 0;
+    Axis axis = Axis::columns;
+    double turns_per_px = 0, shift_turns = 0;
+  };
+
+  void add_profile(const PatternSequence& sequence, Axis axis, const std::vector<int>& patterns, const RigModel& rig);
+
+  int count_ = 0, stride_ = 0, per_px_ = 1;
+  float black_ = 0;
+  std::vector<int> slots_;
+  std::vector<float> blur_variances_;  // of the levels, growing
+  std::vector<Profile> profiles_;
+  std::vector<Image> images_;
+  std::vector<Wave> waves_;
+};
+
+}  // namespace fringeslam::sim

@@ -1,0 +1,206 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "sim/light/surfaces.h"
+
+#include <OpenImageIO/texture.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <numbers>
+
+#include "core/types/error.h"
+
+namespace fringeslam::sim {
+
+namespace {
+
+struct Covering {
+  Material material;
+  Pose object_from_world;
+  uint32_t seed = 0;
+  OIIO::TextureSystem::TextureHandle* texture = nullptr;
+  bool texture_is_srgb = false;  // files of integers are; floats are linear
+};
+
+float linear_from_srgb(float value) {
+  return value <= 0.04045f ? value / 12.92f : std::pow((value + 0.055f) / 1.055f, 2.4f);
+}
+
+float smoothstep(float low, float high, float x) {
+  const float t = std::clamp((x - low) / (high - low), 0.0f, 1.0f);
+  return t * t * (3 - 2 * t);
+}
+
+NoisePoints transformed(const Pose& pose, const Points& points, double scale, double offset) {
+  const Eigen::Matrix3d r = scale * pose.rotation;
+  const Eigen::Vector3d t = scale * pose.translation + Eigen::Vector3d::Constant(offset);
+  NoisePoints result;
+  for (int i = 0; i < kPacket; ++i) {
+    const double x = points.x[i], y = points.y[i], z = points.z[i];
+    result.x[i] = static_cast<float>(r(0, 0) * x + r(0, 1) * y + r(0, 2) * z + t.x());
+    result.y[i] = static_cast<float>(r(1, 0) * x + r(1, 1) * y + r(1, 2) * z + t.y());
+    result.z[i] = static_cast<float>(r(2, 0) * x + r(2, 1) * y + r(2, 2) * z + t.z());
+  }
+  return result;
+}
+
+}  // namespace
+
+struct Surfaces::Impl {
+  std::vector<Covering> coverings;
+  Effects effects;
+  Dust dust;
+  OIIO::TextureSystem* textures = nullptr;
+
+  ~Impl() {
+    if (textures) OIIO::TextureSystem::destroy(textures);
+  }
+
+  float texel(const Covering& covering, const Eigen::Vector3d& point, const Eigen::Vector3d& normal,
+              double footprint_m) const {
+    // Laid on from the side of the object that the surface faces most.
+    int axis = 0;
+    normal.cwiseAbs().maxCoeff(&axis);
+    const double s = point[(axis + 1) % 3] / covering.material.texture_m;
+    const double t = point[(axis + 2) % 3] / covering.material.texture_m;
+    const auto width = static_cast<float>(footprint_m / covering.material.texture_m);
+    OIIO::TextureOpt options;
+    options.swrap = options.twrap = OIIO::TextureOpt::WrapPeriodic;
+    options.fill = 0;
+    float rgb[3] = {0, 0, 0};
+    textures->texture(covering.texture, textures->get_perthread_info(), options, static_cast<float>(s),
+                      static_cast<float>(1 - t), width, 0, 0, width, 3, rgb);
+    if (covering.texture_is_srgb) {
+      for (float& channel : rgb) channel = linear_from_srgb(channel);
+    }
+    return 0.2126f * rgb[0] + 0.7152f * rgb[1] + 0.0722f * rgb[2];  // luminance, Rec. 709
+  }
+
+  // The lanes of one object.
+  void cover(const Covering& covering, Lanes lanes, const HitPacket& hits, double footprint_m,
+             SurfacePacket& result) const {
+    const Material& m = covering.material;
+    NoiseValues albedo;
+    if (covering.texture) {
+      for (int i = 0; i < kPacket; ++i) {
+        if (!has(lanes, i)) continue;
+        const Eigen::Vector3d normal = hits.normal.at(i);
+        albedo.value[i] =
+            std::clamp(static_cast<float>(m.albedo) * texel(covering, covering.object_from_world * hits.point.at(i),
+                                                            covering.object_from_world.rotation * normal,
+                                                            hits.distance[i] * footprint_m),
+                       0.0f, 1.0f);
+      }
+    } else {
+      albedo = m.albedo_at(transformed(covering.object_from_world, hits.point, 1, 0), covering.seed);
+    }
+    const bool glossy = effects.gloss && (m.metal || m.reflectance > 0);
+    for (int i = 0; i < kPacket; ++i) {
+      if (!has(lanes, i)) continue;
+      result.albedo[i] = glossy && m.metal ? 0 : albedo.value[i];
+      result.reflectance[i] = !glossy ? 0 : m.metal ? albedo.value[i] : static_cast<float>(m.reflectance);
+      result.alpha[i] = static_cast<float>(m.roughness * m.roughness);
+      result.emission_lux[i] = static_cast<float>(m.emission_lux);
+    }
+    if (effects.relief && m.bump_m > 0) roughen(covering, lanes, hits, result);
+    if (effects.dust && dust.cover > 0 && m.dust) settle(lanes, hits, covering.seed, result);
+    if (glossy) {
+      for (int i = 0; i < kPacket; ++i)
+        result.glossy |= static_cast<Lanes>(has(lanes, i) && result.reflectance[i] > 0) << i;
+    }
+  }
+
+  // The normal of the surface raised by h = bump * noise: n - grad h, the gradient along the surface.
+  void roughen(const Covering& covering, Lanes lanes, const HitPacket& hits, SurfacePacket& result) const {
+    const Material& m = covering.material;
+    const NoisePoints p = transformed(covering.object_from_world, hits.point, 1 / m.bump_size_m, 500);
+    constexpr float kStep = 0.02f;
+    constexpr int kOctaves = 3;
+    NoisePoints px = p, py = p, pz = p;
+    for (int i = 0; i < kPacket; ++i) px.x[i] += kStep, py.y[i] += kStep, pz.z[i] += kStep;
+    const uint32_t seed = covering.seed + 977;
+    const NoiseValues h = fractal_noise(p, kOctaves, seed), hx = fractal_noise(px, kOctaves, seed),
+                      hy = fractal_noise(py, kOctaves, seed), hz = fractal_noise(pz, kOctaves, seed);
+    const double slope = m.bump_m / (m.bump_size_m * static_cast<double>(kStep));
+    const Eigen::Matrix3d world_from_object = covering.object_from_world.rotation.transpose();
+    for (int i = 0; i < kPacket; ++i) {
+      if (!has(lanes, i)) continue;
+      const Eigen::Vector3d gradient =
+          slope * (world_from_object *
+                   Eigen::Vector3f(hx.value[i] - h.value[i], hy.value[i] - h.value[i], hz.value[i] - h.value[i])
+                       .cast<double>());
+      const Eigen::Vector3d n = hits.normal.at(i);
+      result.normal.set(i, (n - (gradient - n * n.dot(gradient))).normalized());
+    }
+  }
+
+  void settle(Lanes lanes, const HitPacket& hits, uint32_t seed, SurfacePacket& result) const {
+    NoisePoints p;
+    constexpr double kPatch = 0.004;  // m
+    for (int i = 0; i < kPacket; ++i) {
+      p.x[i] = static_cast<float>(hits.point.x[i] / kPatch) + 300;
+      p.y[i] = static_cast<float>(hits.point.y[i] / kPatch) + 300;
+      p.z[i] = static_cast<float>(hits.point.z[i] / kPatch) + 300;
+    }
+    const NoiseValues patches = fractal_noise(p, 3, seed + 31);
+    const auto least = static_cast<float>(std::cos(dust.max_slope_deg * std::numbers::pi / 180));
+    for (int i = 0; i < kPacket; ++i) {
+      if (!has(lanes, i)) continue;
+      const auto upward = static_cast<float>(hits.normal.at(i).dot(dust.up));
+      const float thickness = static_cast<float>(dust.cover) * smoothstep(least, 1, upward);
+      const float covered = std::clamp(thickness * (1.5f + 0.5f * patches.value[i]), 0.0f, 1.0f);
+      result.albedo[i] += covered * (static_cast<float>(dust.albedo) - result.albedo[i]);
+      result.reflectance[i] *= 1 - covered;
+    }
+  }
+};
+
+Surfaces::Surfaces(const Scene& scene, const Effects& effects) : impl_(std::make_unique<Impl>()) {
+  impl_->effects = effects;
+  impl_->dust = scene.dust;
+  for (const Object& object : scene.objects) {
+    Covering covering{object.material, object.world_from_object.inverse(), object.texture_seed};
+    if (!object.material.texture.empty()) {
+      if (!impl_->textures) {
+        impl_->textures = OIIO::TextureSystem::create(false);
+        impl_->textures->attribute("automip", 1);
+        impl_->textures->attribute("max_memory_MB", 512.0f);
+      }
+      const OIIO::ustring name(object.material.texture);
+      covering.texture = impl_->textures->get_texture_handle(name);
+      int resolution[2] = {0, 0};
+      if (!covering.texture || !impl_->textures->get_texture_info(name, 0, OIIO::ustring("resolution"),
+                                                                  OIIO::TypeDesc(OIIO::TypeDesc::INT, 2), resolution)) {
+        impl_->textures->geterror();
+        throw Error(object.material.texture + ": no image that can be read as a texture");
+      }
+      int format = 0;
+      impl_->textures->get_texture_info(name, 0, OIIO::ustring("format"), OIIO::TypeDesc::INT, &format);
+      covering.texture_is_srgb = format == OIIO::TypeDesc::UINT8 || format == OIIO::TypeDesc::UINT16;
+    }
+    impl_->coverings.push_back(std::move(covering));
+  }
+}
+
+Surfaces::~Surfaces() = default;
+Surfaces::Surfaces(Surfaces&&) noexcept = default;
+
+void Surfaces::at(const HitPacket& hits, double footprint_m, SurfacePacket& result) const {
+  result.normal = hits.normal;
+  result.glossy = 0;
+  Lanes left = hits.hit;
+  while (left != 0) {
+    const int object = hits.object[std::countr_zero(left)];
+    Lanes same = 0;
+    for (int i = 0; i < kPacket; ++i) same |= static_cast<Lanes>(has(left, i) && hits.object[i] == object) << i;
+    impl_->cover(impl_->coverings[static_cast<size_t>(object)], same, hits, footprint_m, result);
+    left &= ~same;
+  }
+}
+
+double Surfaces::temperature_c(int object) const {
+  return impl_->coverings[static_cast<size_t>(object)].material.temperature_c;
+}
+
+}  // namespace fringeslam::sim
