@@ -43,6 +43,7 @@ std::vector<Item> accuracy_items();
 std::vector<Item> calibration_items();
 std::vector<Item> sensor_items();
 std::vector<Item> decoding_items();
+std::vector<Item> rendering_items();
 std::vector<Item> speed_items();
 
 }  // namespace fringeslam::bench

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Decoding beside OpenCV's, in one run: the two take turns, so that what the machine does meanwhile meets both.
 #include <algorithm>
-#include <chrono>
 #include <cstdio>
-#include <functional>
 #include <opencv2/structured_light.hpp>
 
 #include "bench/row.h"
+#include "bench/speed/turns.h"
 #include "core/decode/decode.h"
 #include "core/decode/spatial.h"
 #include "core/depth/depth.h"
@@ -15,24 +14,6 @@
 namespace fringeslam::bench {
 
 namespace {
-
-double seconds_of(const std::function<void()>& work) {
-  const auto start = std::chrono::steady_clock::now();
-  work();
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
-
-// Median times of several works that take turns, after a turn that warms up.
-std::vector<std::vector<double>> take_turns(const std::vector<std::function<void()>>& works, int turns) {
-  std::vector<std::vector<double>> times(works.size());
-  for (int turn = -1; turn < turns; ++turn) {
-    for (size_t i = 0; i < works.size(); ++i) {
-      const double seconds = seconds_of(works[i]);
-      if (turn >= 0) times[i].push_back(seconds);
-    }
-  }
-  return times;
-}
 
 // Three images of fine fringes on rubble, 532 x 500, and what a map would let expect of them.
 struct ThreeImages {
@@ -81,12 +62,6 @@ class OpenCvPsp {
   cv::Ptr<cv::structured_light::SinusoidalPattern> pattern_;
   cv::Mat wrapped_, shadow_, unwrapped_;
 };
-
-std::vector<double> ratios(const std::vector<double>& slow, const std::vector<double>& fast) {
-  std::vector<double> result;
-  for (size_t i = 0; i < slow.size(); ++i) result.push_back(slow[i] / fast[i]);
-  return result;
-}
 
 std::vector<double> in_ms(std::vector<double> seconds) {
   for (double& s : seconds) s *= 1e3;

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sim/light/beam.h"
 
+#include <bit>
 #include <cmath>
 #include <numbers>
 
+#include "core/types/instruction_set.h"
 #include "sim/light/photometry.h"
 
 namespace fringeslam::sim {
@@ -11,72 +13,170 @@ namespace fringeslam::sim {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
+// Even the sharpest lens leaves no more than three harmonics of the pixels' comb.
+constexpr float kLeastCombBlur = 0.2f;
 
 double blur_at(const ProjectorLens& lens, double fx, double z) {
   const double circle_px = lens.aperture_m * fx * std::abs(1 / z - 1 / lens.focus_m);
   return std::sqrt(lens.blur_px * lens.blur_px + circle_px * circle_px / 16);
 }
 
-// The comb of pixels of the given fill, blurred; its mean is 1.
-float comb(double coordinate, double fill, double sigma) {
-  // Even the sharpest lens leaves no more than three harmonics.
-  const double blur = std::max(sigma, 0.2);
-  double sum = 1;
-  for (int k = 1; k <= 3; ++k) {
-    const double harmonic = 2 * std::sin(kPi * k * fill) / (kPi * k * fill);
-    sum += harmonic * std::exp(-2 * kPi * kPi * k * k * blur * blur) * std::cos(2 * kPi * k * coordinate);
+// e^x for x <= 0, to 2e-7 of it.
+FRINGESLAM_INLINE float exponential(float x) {
+  const float t = std::max(x, -80.0f) * 1.44269504f;
+  const auto whole = static_cast<int32_t>(t - 0.5f);
+  const float r = (t - static_cast<float>(whole)) * 0.69314718f;  // in [-ln 2 / 2, ln 2 / 2]
+  const float p = 1 + r * (1 + r * (0.5f + r * (1 / 6.0f + r * (1 / 24.0f + r * (1 / 120.0f + r * (1 / 720.0f))))));
+  return p * std::bit_cast<float>((whole + 127) << 23);
+}
+
+// cos(2 pi u), to 1e-7.
+FRINGESLAM_INLINE float cosine_of_turns(float u) {
+  const float shifted = u - static_cast<float>(static_cast<int32_t>(u));  // u >= -1/2: in (-1, 1)
+  const float part = std::abs(shifted);                                   // even function
+  const float folded = part > 0.5f ? 1 - part : part;                     // [0, 1/2], cosine falls from 1 to -1
+  const float x = (0.25f - folded) * 6.2831853f;                          // sine of it, |x| <= pi / 2
+  const float x2 = x * x;
+  return x * (1 - x2 * (1 / 6.0f - x2 * (1 / 120.0f - x2 * (1 / 5040.0f - x2 * (1 / 362880.0f - x2 / 39916800.0f)))));
+}
+
+}  // namespace
+
+// What Beam::light needs, as plain numbers.
+struct BeamKernel {
+  double r[9], t[3], position[3];
+  double fx, fy, cx, cy, k1, k2, k3, p1, p2;
+  double lux_at_1m;
+  double left, right, top, bottom;  // of the image
+  double max_r2;                    // of rays that may hit it
+  bool defocus, gap;
+  float blur2, circle_px_m, inverse_focus;  // sigma^2 = blur2 + (circle |1/z - 1/focus|)^2
+  float comb[3];                            // amplitudes of the harmonics
+
+  FRINGESLAM_INLINE void light(const Points& points, BeamPacket& result, double* z, double* margin) const {
+#pragma GCC ivdep
+    for (int i = 0; i < kPacket; ++i) {
+      const double px = points.x[i], py = points.y[i], pz = points.z[i];
+      const double tx = position[0] - px, ty = position[1] - py, tz = position[2] - pz;
+      const double distance = std::sqrt(tx * tx + ty * ty + tz * tz), nearness = 1 / distance;
+      result.distance[i] = distance;
+      result.to_light.x[i] = tx * nearness;
+      result.to_light.y[i] = ty * nearness;
+      result.to_light.z[i] = tz * nearness;
+      z[i] = r[6] * px + r[7] * py + r[8] * pz + t[2];
+      const double shrink = 1 / z[i];
+      const double x = (r[0] * px + r[1] * py + r[2] * pz + t[0]) * shrink;
+      const double y = (r[3] * px + r[4] * py + r[5] * pz + t[1]) * shrink;
+      const double r2 = x * x + y * y;
+      const double radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3));
+      const double column = fx * (x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)) + cx;
+      const double row = fy * (y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y) + cy;
+      result.column[i] = column;
+      result.row[i] = row;
+      // Distance to the nearest border, positive inside: comparisons alone would keep this loop from becoming vectors.
+      // Far off the axis, distortion may fold rays back into the image.
+      const double width = std::min(column - left, right - column), height = std::min(row - top, bottom - row);
+      margin[i] = std::min(std::min(width, height), std::min(z[i], max_r2 - r2));
+      result.lux[i] = static_cast<float>(lux_at_1m * nearness * nearness);
+      result.blur_px[i] = 0;
+    }
+    if (defocus) {
+#pragma GCC ivdep
+      for (int i = 0; i < kPacket; ++i) {
+        const float circle = circle_px_m * (1 / static_cast<float>(z[i]) - inverse_focus);
+        result.blur_px[i] = std::sqrt(blur2 + circle * circle);
+      }
+    }
+    if (gap) {
+#pragma GCC ivdep
+      for (int i = 0; i < kPacket; ++i) {
+        const float blur = std::max(result.blur_px[i], kLeastCombBlur);
+        const float q = exponential(static_cast<float>(-2 * kPi * kPi) * blur * blur), q4 = q * q * q * q;
+        const float a1 = comb[0] * q, a2 = comb[1] * q4, a3 = comb[2] * (q4 * q4 * q);
+        // Coordinates beyond the image are of no use, but must not overflow.
+        const float c = cosine_of_turns(static_cast<float>(std::min(std::max(result.column[i], left), right)));
+        const float d = cosine_of_turns(static_cast<float>(std::min(std::max(result.row[i], top), bottom)));
+        const float along = 1 + a1 * c + a2 * (2 * c * c - 1) + a3 * c * (4 * c * c - 3);
+        const float across = 1 + a1 * d + a2 * (2 * d * d - 1) + a3 * d * (4 * d * d - 3);
+        result.lux[i] *= along * across;
+      }
+    }
   }
-  return static_cast<float>(sum);
+};
+
+namespace {
+
+void light_portable(const BeamKernel& kernel, const Points& points, BeamPacket& result, double* z, double* margin) {
+  kernel.light(points, result, z, margin);
+}
+#if defined(__x86_64__)
+FRINGESLAM_AVX2 void light_avx2(const BeamKernel& kernel, const Points& points, BeamPacket& result, double* z,
+                                double* margin) {
+  kernel.light(points, result, z, margin);
+}
+FRINGESLAM_AVX512 void light_avx512(const BeamKernel& kernel, const Points& points, BeamPacket& result, double* z,
+                                    double* margin) {
+  kernel.light(points, result, z, margin);
+}
+#endif
+
+using Kernel = void (*)(const BeamKernel&, const Points&, BeamPacket&, double*, double*);
+
+Kernel widest_kernel() {
+#if defined(__x86_64__)
+  if (widest_instruction_set() == InstructionSet::avx512) return light_avx512;
+  if (widest_instruction_set() == InstructionSet::avx2) return light_avx2;
+#endif
+  return light_portable;
 }
 
 }  // namespace
 
 Beam::Beam(const RigModel& rig, const Effects& effects, const Pose& world_from_camera)
-    : projector_(rig.projector),
-      lens_(rig.projector_lens),
-      defocus_(effects.defocus),
-      gap_(effects.pixel_gap && rig.projector_lens.pixel_fill < 1),
-      vignetting_(effects.vignetting && rig.projector_lens.vignetting != 3),
-      lux_at_1m_(projector_lux_at_1m(rig)),
-      projector_from_world_(rig.projector_from_camera * world_from_camera.inverse()),
-      position_(projector_from_world_.inverse().translation) {}
+    : kernel_(std::make_shared<BeamKernel>()) {
+  const ProjectorLens& lens = rig.projector_lens;
+  const Pinhole& p = rig.projector;
+  const Pose projector_from_world = rig.projector_from_camera * world_from_camera.inverse();
+  position_ = projector_from_world.inverse().translation;
+  excess_falloff_ = effects.vignetting ? lens.vignetting - 3 : 0;
+  BeamKernel& k = *kernel_;
+  for (int i = 0; i < 9; ++i) k.r[i] = projector_from_world.rotation(i / 3, i % 3);
+  for (int i = 0; i < 3; ++i) k.t[i] = projector_from_world.translation[i], k.position[i] = position_[i];
+  const Distortion& d = p.distortion;
+  k.fx = p.fx, k.fy = p.fy, k.cx = p.cx, k.cy = p.cy;
+  k.k1 = d.k1, k.k2 = d.k2, k.k3 = d.k3, k.p1 = d.p1, k.p2 = d.p2;
+  k.lux_at_1m = projector_lux_at_1m(rig);
+  k.left = k.top = -0.5, k.right = p.width - 0.5, k.bottom = p.height - 0.5;
+  k.max_r2 = 0;
+  for (const double x : {k.left, k.right}) {
+    for (const double y : {k.top, k.bottom}) {
+      const double r2 = 1.2 * p.undistort({x, y}).squaredNorm();
+      k.max_r2 = std::isnan(r2) ? 1e9 : std::max(k.max_r2, r2);
+    }
+  }
+  k.defocus = effects.defocus;
+  k.gap = effects.pixel_gap && lens.pixel_fill < 1;
+  k.blur2 = static_cast<float>(lens.blur_px * lens.blur_px);
+  k.circle_px_m = static_cast<float>(lens.aperture_m * p.fx / 4);
+  k.inverse_focus = static_cast<float>(1 / lens.focus_m);
+  for (int i = 0; i < 3; ++i) {
+    const double x = kPi * (i + 1) * lens.pixel_fill;
+    k.comb[i] = static_cast<float>(2 * std::sin(x) / x);
+  }
+}
 
 void Beam::light(const Points& points, Lanes active, BeamPacket& result) const {
-  const Eigen::Matrix3d& r = projector_from_world_.rotation;
-  const Eigen::Vector3d& t = projector_from_world_.translation;
-  const Pinhole p = projector_;
-  const Distortion d = p.distortion;
-  alignas(64) double z[kPacket], cosine[kPacket];
-  for (int i = 0; i < kPacket; ++i) {
-    const double px = points.x[i], py = points.y[i], pz = points.z[i];
-    const double tx = position_.x() - px, ty = position_.y() - py, tz = position_.z() - pz;
-    const double distance = std::sqrt(tx * tx + ty * ty + tz * tz);
-    result.distance[i] = distance;
-    result.to_light.x[i] = tx / distance;
-    result.to_light.y[i] = ty / distance;
-    result.to_light.z[i] = tz / distance;
-    z[i] = r(2, 0) * px + r(2, 1) * py + r(2, 2) * pz + t.z();
-    cosine[i] = z[i] / distance;
-    const double x = (r(0, 0) * px + r(0, 1) * py + r(0, 2) * pz + t.x()) / z[i];
-    const double y = (r(1, 0) * px + r(1, 1) * py + r(1, 2) * pz + t.y()) / z[i];
-    const double r2 = x * x + y * y;
-    const double radial = 1 + r2 * (d.k1 + r2 * (d.k2 + r2 * d.k3));
-    result.column[i] = p.fx * (x * radial + 2 * d.p1 * x * y + d.p2 * (r2 + 2 * x * x)) + p.cx;
-    result.row[i] = p.fy * (y * radial + d.p1 * (r2 + 2 * y * y) + 2 * d.p2 * x * y) + p.cy;
-    result.lux[i] = static_cast<float>(lux_at_1m_ / (distance * distance));
-    result.blur_px[i] = 0;
-  }
+  static const Kernel kernel = widest_kernel();
+  alignas(64) double z[kPacket];
+  alignas(64) double margin[kPacket];
+  kernel(*kernel_, points, result, z, margin);
   result.inside = 0;
+  for (int i = 0; i < kPacket; ++i) result.inside |= static_cast<Lanes>(margin[i] > 0) << i;
+  result.inside &= active;
+  if (excess_falloff_ == 0) return;
   for (int i = 0; i < kPacket; ++i) {
-    const bool inside = has(active, i) && z[i] > 0 && p.contains({result.column[i], result.row[i]});
-    result.inside |= static_cast<Lanes>(inside) << i;
-    if (!inside) continue;
-    if (vignetting_) result.lux[i] *= static_cast<float>(std::pow(cosine[i], lens_.vignetting - 3));
-    if (defocus_) result.blur_px[i] = static_cast<float>(blur_at(lens_, p.fx, z[i]));
-    if (gap_) {
-      const auto blur = static_cast<double>(result.blur_px[i]);
-      result.lux[i] *= comb(result.column[i], lens_.pixel_fill, blur) * comb(result.row[i], lens_.pixel_fill, blur);
-    }
+    if (has(result.inside, i))
+      result.lux[i] *= static_cast<float>(std::pow(z[i] / result.distance[i], excess_falloff_));
   }
 }
 

@@ -13,6 +13,8 @@
 // axes: it multiplies the light, since patterns hardly change over a pixel.
 #pragma once
 
+#include <memory>
+
 #include "core/types/rig_model.h"
 #include "sim/light/effects.h"
 #include "sim/light/ray_world.h"
@@ -29,6 +31,8 @@ struct BeamPacket {
   Lanes inside = 0;                                  // within the projector's image
 };
 
+struct BeamKernel;
+
 class Beam {
  public:
   Beam(const RigModel& rig, const Effects& effects, const Pose& world_from_camera);
@@ -40,11 +44,8 @@ class Beam {
   static double largest_blur_px(const RigModel& rig, const Effects& effects, double near_m, double far_m);
 
  private:
-  Pinhole projector_;
-  ProjectorLens lens_;
-  bool defocus_, gap_, vignetting_;
-  double lux_at_1m_;
-  Pose projector_from_world_;
+  std::shared_ptr<BeamKernel> kernel_;
+  double excess_falloff_ = 0;  // n - 3
   Eigen::Vector3d position_;
 };
 

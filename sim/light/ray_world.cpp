@@ -9,6 +9,7 @@
 #include <limits>
 
 #include "core/types/error.h"
+#include "core/types/instruction_set.h"
 
 namespace fringeslam::sim {
 
@@ -82,14 +83,15 @@ RayWorld::RayWorld(RayWorld&&) noexcept = default;
 
 RTCSceneTy* RayWorld::embree_scene() const { return impl_->scene; }
 
-void RayWorld::trace(const RayPacket& rays, HitPacket& hits) const {
-  RTCIntersectContext context;
-  rtcInitIntersectContext(&context);
-  if (rays.coherent) context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
-  alignas(64) RTCRayHit16 query;
-  alignas(64) int valid[kPacket];
+namespace {
+
+constexpr double kLift = 2e-6;  // of (1 m + distance from the world's origin)
+
+// The packets' arithmetic, for each instruction set.
+FRINGESLAM_INLINE void to_query(const RayPacket& rays, RTCRayHit16& query, int* valid) {
+#pragma GCC ivdep
   for (int i = 0; i < kPacket; ++i) {
-    valid[i] = has(rays.active, i) ? -1 : 0;
+    valid[i] = -static_cast<int>(rays.active >> i & 1);
     query.ray.org_x[i] = static_cast<float>(rays.origin.x[i]);
     query.ray.org_y[i] = static_cast<float>(rays.origin.y[i]);
     query.ray.org_z[i] = static_cast<float>(rays.origin.z[i]);
@@ -104,33 +106,124 @@ void RayWorld::trace(const RayPacket& rays, HitPacket& hits) const {
     query.hit.geomID[i] = RTC_INVALID_GEOMETRY_ID;
     query.hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
   }
-  rtcIntersect16(valid, impl_->scene, &context, &query);
+}
 
-  alignas(64) Plane planes[kPacket];
-  hits.hit = 0;
-  for (int i = 0; i < kPacket; ++i) {
-    const bool met = valid[i] && query.hit.geomID[i] != RTC_INVALID_GEOMETRY_ID;
-    planes[i] = met ? impl_->planes[query.hit.geomID[i]][query.hit.primID[i]] : Plane{0, 0, 1, 0};
-    hits.object[i] = met ? static_cast<int>(query.hit.geomID[i]) : 0;
-    hits.hit |= static_cast<Lanes>(met) << i;
-  }
+// Planes of the triangles that were met, by coordinate.
+struct alignas(64) PlanePacket {
+  double x[kPacket], y[kPacket], z[kPacket], offset[kPacket];
+};
+
+FRINGESLAM_INLINE void refine(const RayPacket& rays, const PlanePacket& planes, const float* single, HitPacket& hits) {
+#pragma GCC ivdep
   for (int i = 0; i < kPacket; ++i) {
     const Points &o = rays.origin, &d = rays.direction;
-    const double along = planes[i].x * d.x[i] + planes[i].y * d.y[i] + planes[i].z * d.z[i];
-    const double height = planes[i].offset - (planes[i].x * o.x[i] + planes[i].y * o.y[i] + planes[i].z * o.z[i]);
-    const auto single = static_cast<double>(query.ray.tfar[i]);
-    double t = height / along;
+    const double nx = planes.x[i], ny = planes.y[i], nz = planes.z[i];
+    const double along = nx * d.x[i] + ny * d.y[i] + nz * d.z[i];
+    const double height = planes.offset[i] - (nx * o.x[i] + ny * o.y[i] + nz * o.z[i]);
+    const auto coarse = static_cast<double>(single[i]);
+    const double exact = height / along;
     // At grazing incidence the double-precision plane may be met far from the triangle that was hit.
-    if (!(std::abs(t - single) < 1e-4 * (1 + std::abs(t)))) t = single;
+    const double t = std::abs(exact - coarse) < 1e-4 * (1 + std::abs(exact)) ? exact : coarse;
     const double side = along > 0 ? -1.0 : 1.0;
     hits.distance[i] = t;
     hits.point.x[i] = o.x[i] + t * d.x[i];
     hits.point.y[i] = o.y[i] + t * d.y[i];
     hits.point.z[i] = o.z[i] + t * d.z[i];
-    hits.normal.x[i] = side * planes[i].x;
-    hits.normal.y[i] = side * planes[i].y;
-    hits.normal.z[i] = side * planes[i].z;
+    hits.normal.x[i] = side * nx;
+    hits.normal.y[i] = side * ny;
+    hits.normal.z[i] = side * nz;
   }
+}
+
+FRINGESLAM_INLINE void lift(const HitPacket& hits, Points& points) {
+#pragma GCC ivdep
+  for (int i = 0; i < kPacket; ++i) {
+    const double x = hits.point.x[i], y = hits.point.y[i], z = hits.point.z[i];
+    const double height = kLift * (1 + std::sqrt(x * x + y * y + z * z));
+    points.x[i] = x + height * hits.normal.x[i];
+    points.y[i] = y + height * hits.normal.y[i];
+    points.z[i] = z + height * hits.normal.z[i];
+  }
+}
+
+FRINGESLAM_INLINE void to_shadow_query(const Points& from, const double* target, Lanes active, RTCRay16& query,
+                                       int* valid) {
+#pragma GCC ivdep
+  for (int i = 0; i < kPacket; ++i) {
+    valid[i] = -static_cast<int>(active >> i & 1);
+    query.org_x[i] = static_cast<float>(from.x[i]);
+    query.org_y[i] = static_cast<float>(from.y[i]);
+    query.org_z[i] = static_cast<float>(from.z[i]);
+    query.dir_x[i] = static_cast<float>(target[0] - from.x[i]);
+    query.dir_y[i] = static_cast<float>(target[1] - from.y[i]);
+    query.dir_z[i] = static_cast<float>(target[2] - from.z[i]);
+    query.tnear[i] = 0;
+    query.tfar[i] = 1;
+    query.time[i] = 0;
+    query.mask[i] = ~0u;
+    query.flags[i] = 0;
+  }
+}
+
+struct PacketKernels {
+  void (*to_query)(const RayPacket&, RTCRayHit16&, int*);
+  void (*refine)(const RayPacket&, const PlanePacket&, const float*, HitPacket&);
+  void (*lift)(const HitPacket&, Points&);
+  void (*to_shadow_query)(const Points&, const double*, Lanes, RTCRay16&, int*);
+};
+
+#define FRINGESLAM_PACKET_KERNELS(NAME, TARGET)                                                                     \
+  TARGET void NAME##_query(const RayPacket& rays, RTCRayHit16& query, int* valid) { to_query(rays, query, valid); } \
+  TARGET void NAME##_refine(const RayPacket& rays, const PlanePacket& planes, const float* single, HitPacket& h) {  \
+    refine(rays, planes, single, h);                                                                                \
+  }                                                                                                                 \
+  TARGET void NAME##_lift(const HitPacket& hits, Points& points) { lift(hits, points); }                            \
+  TARGET void NAME##_shadow(const Points& from, const double* to, Lanes active, RTCRay16& query, int* valid) {      \
+    to_shadow_query(from, to, active, query, valid);                                                                \
+  }                                                                                                                 \
+  constexpr PacketKernels NAME##_kernels{NAME##_query, NAME##_refine, NAME##_lift, NAME##_shadow};
+
+FRINGESLAM_PACKET_KERNELS(portable, )
+#if defined(__x86_64__)
+FRINGESLAM_PACKET_KERNELS(avx2, FRINGESLAM_AVX2)
+FRINGESLAM_PACKET_KERNELS(avx512, FRINGESLAM_AVX512)
+#endif
+
+const PacketKernels& kernels() {
+#if defined(__x86_64__)
+  static const InstructionSet widest = widest_instruction_set();
+  if (widest == InstructionSet::avx512) return avx512_kernels;
+  if (widest == InstructionSet::avx2) return avx2_kernels;
+#endif
+  return portable_kernels;
+}
+
+}  // namespace
+
+void RayWorld::trace(const RayPacket& rays, HitPacket& hits) const {
+  const PacketKernels& kernel = kernels();
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  if (rays.coherent) context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+  alignas(64) RTCRayHit16 query;
+  alignas(64) int valid[kPacket];
+  kernel.to_query(rays, query, valid);
+  rtcIntersect16(valid, impl_->scene, &context, &query);
+
+  PlanePacket planes;
+  hits.hit = 0;
+  for (int i = 0; i < kPacket; ++i) {
+    const bool met = valid[i] && query.hit.geomID[i] != RTC_INVALID_GEOMETRY_ID;
+    static constexpr Plane kNone{0, 0, 1, 0};
+    const Plane& plane = met ? impl_->planes[query.hit.geomID[i]][query.hit.primID[i]] : kNone;
+    planes.x[i] = plane.x;
+    planes.y[i] = plane.y;
+    planes.z[i] = plane.z;
+    planes.offset[i] = plane.offset;
+    hits.object[i] = met ? static_cast<int>(query.hit.geomID[i]) : 0;
+    hits.hit |= static_cast<Lanes>(met) << i;
+  }
+  kernel.refine(rays, planes, query.ray.tfar, hits);
 }
 
 std::optional<Hit> RayWorld::trace(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const {
@@ -162,21 +255,9 @@ std::optional<Hit> RayWorld::trace(const Eigen::Vector3d& origin, const Eigen::V
   return hit;
 }
 
-namespace {
-
-constexpr double kLift = 2e-6;  // of (1 m + distance from the world's origin)
-
-}  // namespace
-
 Points RayWorld::lifted(const HitPacket& hits) {
   Points points;
-  for (int i = 0; i < kPacket; ++i) {
-    const double x = hits.point.x[i], y = hits.point.y[i], z = hits.point.z[i];
-    const double lift = kLift * (1 + std::sqrt(x * x + y * y + z * z));
-    points.x[i] = x + lift * hits.normal.x[i];
-    points.y[i] = y + lift * hits.normal.y[i];
-    points.z[i] = z + lift * hits.normal.z[i];
-  }
+  kernels().lift(hits, points);
   return points;
 }
 
@@ -187,20 +268,7 @@ Lanes RayWorld::occluded(const Points& from, Lanes active, const Eigen::Vector3d
   context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
   alignas(64) RTCRay16 query;
   alignas(64) int valid[kPacket];
-  for (int i = 0; i < kPacket; ++i) {
-    valid[i] = has(active, i) ? -1 : 0;
-    query.org_x[i] = static_cast<float>(from.x[i]);
-    query.org_y[i] = static_cast<float>(from.y[i]);
-    query.org_z[i] = static_cast<float>(from.z[i]);
-    query.dir_x[i] = static_cast<float>(target.x() - from.x[i]);
-    query.dir_y[i] = static_cast<float>(target.y() - from.y[i]);
-    query.dir_z[i] = static_cast<float>(target.z() - from.z[i]);
-    query.tnear[i] = 0;
-    query.tfar[i] = 1;
-    query.time[i] = 0;
-    query.mask[i] = ~0u;
-    query.flags[i] = 0;
-  }
+  kernels().to_shadow_query(from, target.data(), active, query, valid);
   rtcOccluded16(valid, impl_->scene, &context, &query);
   Lanes dark = 0;
   for (int i = 0; i < kPacket; ++i) dark |= static_cast<Lanes>(valid[i] && query.tfar[i] < 0) << i;

@@ -8,6 +8,7 @@
 #include <numbers>
 #include <numeric>
 
+#include "core/types/instruction_set.h"
 #include "core/types/parallel.h"
 #include "sim/light/air.h"
 #include "sim/light/beam.h"
@@ -289,21 +290,34 @@ class BlockRenderer {
     Lanes lit = facing(hits, beam) & active;
     if (!everywhere) lit &= beam.inside;
     lit &= ~r_.world_.occluded(RayWorld::lifted(hits), lit, station.beam.position());
+    ShownPatterns::Points points;
+    Lanes bright = 0;
     for (int i = 0; i < kPacket; ++i) {
-      if (has(active, i)) steady_[i] += weight[i] * surface.emission_lux[i];
-      if (!has(lit & beam.inside, i)) continue;
       const double cosine = surface.normal.x[i] * beam.to_light.x[i] + surface.normal.y[i] * beam.to_light.y[i] +
                             surface.normal.z[i] * beam.to_light.z[i];
-      if (cosine <= 0) continue;
-      float back = surface.albedo[i];
-      if (has(surface.glossy, i))
-        back = static_cast<float>(
-            reflected(surface.reflection(i), surface.normal.at(i), beam.to_light.at(i), to_viewer.at(i)));
-      float lux = weight[i] * back * static_cast<float>(cosine) * beam.lux[i];
-      if (haze_.extinction_per_m > 0) lux *= static_cast<float>(std::exp(-haze_.extinction_per_m * beam.distance[i]));
-      patterns_.add(static_cast<float>(beam.column[i]), static_cast<float>(beam.row[i]), beam.blur_px[i], lux,
-                    sums_.data() + i * patterns_.stride());
+      points.column[i] = static_cast<float>(beam.column[i]);
+      points.row[i] = static_cast<float>(beam.row[i]);
+      points.blur_px[i] = beam.blur_px[i];
+      points.weight[i] = weight[i] * surface.albedo[i] * static_cast<float>(cosine) * beam.lux[i];
+      bright |= static_cast<Lanes>(cosine > 0) << i;
     }
+    bright &= lit & beam.inside;
+    for (int i = 0; i < kPacket; ++i) {
+      if (has(active, i)) steady_[i] += weight[i] * surface.emission_lux[i];
+    }
+    if ((surface.glossy & bright) != 0) {
+      for (int i = 0; i < kPacket; ++i) {
+        if (!has(surface.glossy & bright, i)) continue;
+        const Eigen::Vector3d normal = surface.normal.at(i), to_light = beam.to_light.at(i);
+        const double back = reflected(surface.reflection(i), normal, to_light, to_viewer.at(i));
+        points.weight[i] = weight[i] * static_cast<float>(back * normal.dot(to_light)) * beam.lux[i];
+      }
+    }
+    if (haze_.extinction_per_m > 0) {
+      for (int i = 0; i < kPacket; ++i)
+        points.weight[i] *= static_cast<float>(std::exp(-haze_.extinction_per_m * beam.distance[i]));
+    }
+    patterns_.add(points, bright, sums_.data());
     return lit;
   }
 
@@ -393,6 +407,7 @@ class BlockRenderer {
     BeamPacket beam;
     station.beam.light(points, inside_, beam);
     const Lanes lit = beam.inside & ~r_.world_.occluded(points, beam.inside, station.beam.position());
+    ShownPatterns::Points lit_points{};
     for (int i = 0; i < kPacket; ++i) {
       if (!has(lit, i)) continue;
       // Light goes from the projector to the point and on to the camera: forwards is where it was going.
@@ -400,9 +415,12 @@ class BlockRenderer {
       const double scattered = std::numbers::pi * haze_.albedo * haze_.extinction_per_m *
                                henyey_greenstein(haze_.anisotropy, cosine) *
                                std::exp(-haze_.extinction_per_m * (along[i] + beam.distance[i])) / density[i];
-      patterns_.add(static_cast<float>(beam.column[i]), static_cast<float>(beam.row[i]), beam.blur_px[i],
-                    static_cast<float>(scattered) * beam.lux[i], sums_.data() + i * patterns_.stride());
+      lit_points.column[i] = static_cast<float>(beam.column[i]);
+      lit_points.row[i] = static_cast<float>(beam.row[i]);
+      lit_points.blur_px[i] = beam.blur_px[i];
+      lit_points.weight[i] = static_cast<float>(scattered) * beam.lux[i];
     }
+    patterns_.add(lit_points, lit, sums_.data());
   }
 
   const Renderer& r_;
@@ -421,6 +439,35 @@ class BlockRenderer {
   std::vector<float> sums_;            // by lane, then pattern
   alignas(64) float steady_[kPacket];  // what no pattern changes
 };
+
+namespace {
+
+// Everything of a block that is in this file, for each instruction set.
+using RenderBlock = void (*)(BlockRenderer&, int, int, std::vector<cv::Mat1f>&, TruthFrame*);
+
+void render_portable(BlockRenderer& block, int row, int col, std::vector<cv::Mat1f>& images, TruthFrame* truth) {
+  block.render(row, col, images, truth);
+}
+#if defined(__x86_64__)
+FRINGESLAM_AVX2 [[gnu::flatten]] void render_avx2(BlockRenderer& block, int row, int col,
+                                                  std::vector<cv::Mat1f>& images, TruthFrame* truth) {
+  block.render(row, col, images, truth);
+}
+FRINGESLAM_AVX512 [[gnu::flatten]] void render_avx512(BlockRenderer& block, int row, int col,
+                                                      std::vector<cv::Mat1f>& images, TruthFrame* truth) {
+  block.render(row, col, images, truth);
+}
+#endif
+
+RenderBlock widest_render() {
+#if defined(__x86_64__)
+  if (widest_instruction_set() == InstructionSet::avx512) return render_avx512;
+  if (widest_instruction_set() == InstructionSet::avx2) return render_avx2;
+#endif
+  return render_portable;
+}
+
+}  // namespace
 
 Renderer::Renderer(const Scene& scene, const Effects& effects, int samples_per_pixel)
     : scene_(scene),
@@ -448,9 +495,10 @@ std::vector<cv::Mat1f> Renderer::render(const ShownPatterns& patterns, const std
     for (cv::Mat3f* image : {&truth->position_m, &truth->normals}) *image = cv::Mat3f(size, cv::Vec3f::all(kNaN));
   }
   const int across = (size.width + kBlock - 1) / kBlock, down = (size.height + kBlock - 1) / kBlock;
+  static const RenderBlock render_block = widest_render();
   for_each_row(down, [&](int block_row) {
     BlockRenderer block(*this, patterns, stations, stack);
-    for (int block_col = 0; block_col < across; ++block_col) block.render(block_row, block_col, images, truth);
+    for (int block_col = 0; block_col < across; ++block_col) render_block(block, block_row, block_col, images, truth);
   });
   return images;
 }

@@ -2,9 +2,12 @@
 #include "sim/light/shown_patterns.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <numbers>
 #include <opencv2/imgproc.hpp>
+
+#include "core/types/instruction_set.h"
 
 namespace fringeslam::sim {
 
@@ -151,66 +154,136 @@ void ShownPatterns::add_profile(const PatternSequence& sequence, Axis axis, cons
   profiles_.push_back(std::move(profile));
 }
 
-void ShownPatterns::add(float column, float row, float blur_px, float weight, float* sums) const {
-  // The two levels of blur between which the point lies, and the weight of the upper.
-  const float variance = blur_px * blur_px;
-  int level = 0;
-  float upper = 0;
-  if (blur_variances_.size() > 1) {
-    const float last = blur_variances_.back();
-    const auto n = static_cast<float>(blur_variances_.size() - 1);
-    level = std::min(static_cast<int>(std::sqrt(std::min(variance / last, 1.0f)) * n),
-                     static_cast<int>(blur_variances_.size()) - 2);
-    const float low = blur_variances_[static_cast<size_t>(level)],
-                high = blur_variances_[static_cast<size_t>(level) + 1];
-    upper = std::clamp((variance - low) / (high - low), 0.0f, 1.0f);
+namespace {
+
+constexpr int kLanes = 16;
+
+// Where on an axis a lane looks: two entries of two tables, each with its weight.
+struct Places {
+  alignas(64) int level[kLanes], low[kLanes], high[kLanes];
+  alignas(64) float sharp_low[kLanes], sharp_high[kLanes], soft_low[kLanes], soft_high[kLanes];
+};
+
+// The two levels of blur about a point, and the share of the softer: the levels' sigmas are k / n of the largest.
+FRINGESLAM_INLINE void find_levels(const ShownPatterns::Points& points, int levels, float largest_variance,
+                                   Places& places, float* softer) {
+  const auto n = static_cast<float>(levels - 1);
+  const float scale = levels > 1 ? n / std::sqrt(largest_variance) : 0;
+#pragma GCC ivdep
+  for (int i = 0; i < kLanes; ++i) {
+    const float sigma = std::min(points.blur_px[i] * scale, n);  // in steps
+    const float level = static_cast<float>(static_cast<int>(std::min(sigma, std::max(n - 1, 0.0f))));
+    places.level[i] = static_cast<int>(level);
+    softer[i] = (sigma * sigma - level * level) / (2 * level + 1);
   }
+}
+
+FRINGESLAM_INLINE void find_places(const float* coordinate, const float* weight, const float* softer, float per_px,
+                                   int positions, Places& places) {
+#pragma GCC ivdep
+  for (int i = 0; i < kLanes; ++i) {
+    const float at = std::min(std::max(coordinate[i] * per_px, 0.0f), static_cast<float>(positions - 1));
+    const int low = static_cast<int>(at);
+    const float part = at - static_cast<float>(low);
+    places.low[i] = low;
+    places.high[i] = std::min(low + 1, positions - 1);
+    const float high = weight[i] * part, rest = weight[i] - high;
+    places.soft_low[i] = rest * softer[i];
+    places.soft_high[i] = high * softer[i];
+    places.sharp_low[i] = rest - places.soft_low[i];
+    places.sharp_high[i] = high - places.soft_high[i];
+  }
+}
+
+FRINGESLAM_INLINE void both(const ShownPatterns::Points& points, int levels, float largest_variance, bool columns,
+                            float per_px, int positions, Places& places) {
+  alignas(64) float softer[kLanes];
+  find_levels(points, levels, largest_variance, places, softer);
+  find_places(columns ? points.column : points.row, points.weight, softer, per_px, positions, places);
+}
+
+void find_portable(const ShownPatterns::Points& points, int levels, float largest_variance, bool columns, float per_px,
+                   int positions, Places& places) {
+  both(points, levels, largest_variance, columns, per_px, positions, places);
+}
+#if defined(__x86_64__)
+FRINGESLAM_AVX2 void find_avx2(const ShownPatterns::Points& points, int levels, float largest_variance, bool columns,
+                               float per_px, int positions, Places& places) {
+  both(points, levels, largest_variance, columns, per_px, positions, places);
+}
+FRINGESLAM_AVX512 void find_avx512(const ShownPatterns::Points& points, int levels, float largest_variance,
+                                   bool columns, float per_px, int positions, Places& places) {
+  both(points, levels, largest_variance, columns, per_px, positions, places);
+}
+#endif
+
+using Find = void (*)(const ShownPatterns::Points&, int, float, bool, float, int, Places&);
+
+Find widest_find() {
+#if defined(__x86_64__)
+  if (widest_instruction_set() == InstructionSet::avx512) return find_avx512;
+  if (widest_instruction_set() == InstructionSet::avx2) return find_avx2;
+#endif
+  return find_portable;
+}
+
+}  // namespace
+
+void ShownPatterns::add(const Points& points, uint32_t lanes, float* sums) const {
+  static const Find find = widest_find();
+  const int levels = static_cast<int>(blur_variances_.size());
   for (const Profile& profile : profiles_) {
-    const Place at = place((profile.along_columns ? column : row) * static_cast<float>(per_px_), profile.positions);
+    Places places;
+    find(points, levels, blur_variances_.back(), profile.along_columns, static_cast<float>(per_px_), profile.positions,
+         places);
     const auto width = static_cast<size_t>(profile.width);
-    const float b = weight * at.part, a = weight - b;
-    float* out = sums + profile.first;
-    const std::vector<float>& table = profile.levels[static_cast<size_t>(level)];
-    const float* low = table.data() + static_cast<size_t>(at.low) * width;
-    const float* high = table.data() + static_cast<size_t>(at.high) * width;
-    if (upper == 0) {
-      for (size_t i = 0; i < width; i += kVector) {
-        for (size_t k = i; k < i + kVector; ++k) out[k] += a * low[k] + b * high[k];
+    for (uint32_t left = lanes; left != 0; left &= left - 1) {
+      const int i = std::countr_zero(left);
+      float* out = sums + i * stride_ + profile.first;
+      const size_t low = static_cast<size_t>(places.low[i]) * width, high = static_cast<size_t>(places.high[i]) * width;
+      const auto level = static_cast<size_t>(places.level[i]);
+      const float* sharp = profile.levels[level].data();
+      const float* soft = profile.levels[std::min(level + 1, profile.levels.size() - 1)].data();
+      const float a = places.sharp_low[i], b = places.sharp_high[i], c = places.soft_low[i], d = places.soft_high[i];
+      for (size_t k = 0; k < width; k += kVector) {
+        for (size_t j = k; j < k + kVector; ++j)
+          out[j] += (a * sharp[low + j] + b * sharp[high + j]) + (c * soft[low + j] + d * soft[high + j]);
       }
-      continue;
-    }
-    const std::vector<float>& soft_table = profile.levels[static_cast<size_t>(level) + 1];
-    const float* soft_low = soft_table.data() + static_cast<size_t>(at.low) * width;
-    const float* soft_high = soft_table.data() + static_cast<size_t>(at.high) * width;
-    const float a1 = a * upper, b1 = b * upper, a0 = a - a1, b0 = b - b1;
-    for (size_t i = 0; i < width; i += kVector) {
-      for (size_t k = i; k < i + kVector; ++k)
-        out[k] += (a0 * low[k] + b0 * high[k]) + (a1 * soft_low[k] + b1 * soft_high[k]);
     }
   }
-  for (const Image& image : images_) {
-    const Place x = place(column, image.levels[0].cols), y = place(row, image.levels[0].rows);
-    float light = 0;
-    if (image.levels.size() == 1) {
-      light = bilinear(image.levels[0], x, y);
-    } else {
-      const auto n = static_cast<float>(image.levels.size() - 1);
-      const float position = std::min(std::sqrt(variance / blur_variances_.back()), 1.0f) * n;
-      const auto lower = std::min(static_cast<size_t>(position), image.levels.size() - 2);
-      const float part = position - static_cast<float>(lower);
-      light = (1 - part) * bilinear(image.levels[lower], x, y) + part * bilinear(image.levels[lower + 1], x, y);
+  if (!images_.empty()) add_images(points, lanes, sums);
+  if (!waves_.empty()) add_waves(points, lanes, sums);
+}
+
+void ShownPatterns::add_images(const Points& points, uint32_t lanes, float* sums) const {
+  for (uint32_t left = lanes; left != 0; left &= left - 1) {
+    const int i = std::countr_zero(left);
+    for (const Image& image : images_) {
+      const Place x = place(points.column[i], image.levels[0].cols), y = place(points.row[i], image.levels[0].rows);
+      float light = bilinear(image.levels[0], x, y);
+      if (image.levels.size() > 1) {
+        const auto n = static_cast<float>(image.levels.size() - 1);
+        const float position = std::min(points.blur_px[i] / std::sqrt(blur_variances_.back()), 1.0f) * n;
+        const auto lower = std::min(static_cast<size_t>(position), image.levels.size() - 2);
+        const float part = position - static_cast<float>(lower);
+        light = (1 - part) * bilinear(image.levels[lower], x, y) + part * bilinear(image.levels[lower + 1], x, y);
+      }
+      sums[i * stride_ + image.slot] += points.weight[i] * light;
     }
-    sums[image.slot] += weight * light;
   }
-  for (const Wave& wave : waves_) {
-    const auto along = static_cast<double>(wave.axis == Axis::columns ? column : row) + 0.5;
-    const double turns = along * wave.turns_per_px + wave.shift_turns;
-    const double kept =
-        variance == 0
-            ? 1
-            : std::exp(-2 * kPi * kPi * static_cast<double>(variance) * wave.turns_per_px * wave.turns_per_px);
-    const double light = 0.5 + 0.5 * kept * std::cos(2 * kPi * (turns - std::floor(turns)));
-    sums[wave.slot] += weight * (black_ + (1 - black_) * static_cast<float>(light));
+}
+
+void ShownPatterns::add_waves(const Points& points, uint32_t lanes, float* sums) const {
+  for (uint32_t left = lanes; left != 0; left &= left - 1) {
+    const int i = std::countr_zero(left);
+    const auto variance = static_cast<double>(points.blur_px[i] * points.blur_px[i]);
+    for (const Wave& wave : waves_) {
+      const auto along = static_cast<double>(wave.axis == Axis::columns ? points.column[i] : points.row[i]) + 0.5;
+      const double turns = along * wave.turns_per_px + wave.shift_turns;
+      const double kept = std::exp(-2 * kPi * kPi * variance * wave.turns_per_px * wave.turns_per_px);
+      const double light = 0.5 + 0.5 * kept * std::cos(2 * kPi * (turns - std::floor(turns)));
+      sums[i * stride_ + wave.slot] += points.weight[i] * (black_ + (1 - black_) * static_cast<float>(light));
+    }
   }
 }
 

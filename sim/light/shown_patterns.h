@@ -9,6 +9,7 @@
 // by exp(-2 pi^2 sigma^2 / p^2).
 #pragma once
 
+#include <cstdint>
 #include <opencv2/core.hpp>
 #include <vector>
 
@@ -28,8 +29,12 @@ class ShownPatterns {
   // Where in the sums pattern `i` of the sequence is.
   int slot(int i) const { return slots_[static_cast<size_t>(i)]; }
 
-  // sums[slot(i)] += weight * light_i(column, row).
-  void add(float column, float row, float blur_px, float weight, float* sums) const;
+  // Points of the projector's image that a packet's lanes are lit from.
+  struct Points {
+    alignas(64) float column[16], row[16], blur_px[16], weight[16];
+  };
+  // sums[lane * stride + slot(i)] += weight * light_i(column, row) for the lanes whose bit is set.
+  void add(const Points& points, uint32_t lanes, float* sums) const;
 
  private:
   // Patterns that change along one axis alone, or not at all.
@@ -49,6 +54,8 @@ class ShownPatterns {
     double turns_per_px = 0, shift_turns = 0;
   };
 
+  void add_images(const Points& points, uint32_t lanes, float* sums) const;
+  void add_waves(const Points& points, uint32_t lanes, float* sums) const;
   void add_profile(const PatternSequence& sequence, Axis axis, const std::vector<int>& patterns, const RigModel& rig);
 
   int count_ = 0, stride_ = 0, per_px_ = 1;

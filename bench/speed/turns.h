@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+// Times of several works that take turns, so that what the machine does meanwhile meets all of them.
+#pragma once
+
+#include <algorithm>
+#include <chrono>
+#include <functional>
+#include <vector>
+
+namespace fringeslam::bench {
+
+inline double seconds_of(const std::function<void()>& work) {
+  const auto start = std::chrono::steady_clock::now();
+  work();
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+// Seconds of each work in each turn, after a turn that warms up.
+inline std::vector<std::vector<double>> take_turns(const std::vector<std::function<void()>>& works, int turns) {
+  std::vector<std::vector<double>> times(works.size());
+  for (int turn = -1; turn < turns; ++turn) {
+    for (size_t i = 0; i < works.size(); ++i) {
+      const double seconds = seconds_of(works[i]);
+      if (turn >= 0) times[i].push_back(seconds);
+    }
+  }
+  return times;
+}
+
+inline double median(std::vector<double> values) {
+  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2), values.end());
+  return values[values.size() / 2];
+}
+
+// Turn by turn.
+inline std::vector<double> ratios(const std::vector<double>& slow, const std::vector<double>& fast) {
+  std::vector<double> result;
+  for (size_t i = 0; i < slow.size(); ++i) result.push_back(slow[i] / fast[i]);
+  return result;
+}
+
+}  // namespace fringeslam::bench
