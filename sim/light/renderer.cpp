@@ -52,17 +52,15 @@ Eigen::Vector2d on_disc(double a, double b) {
 }
 
 // Where in the unit pupil the samples of a pixel start: the same in all pixels, and evenly about the middle, so that
-// fringes on a smooth surface out of focus are blurred, not shifted at random. Samples that are neighbours in the
-// pixel are none in the pupil.
+// fringes on a smooth surface out of focus are blurred, not shifted at random. Rows of the pixel's grid become columns
+// of the pupil's, shuffled, so that neither blur knows of the other.
 std::vector<Eigen::Vector2d> pupil_offsets(int per_pixel) {
   const int side = static_cast<int>(std::lround(std::sqrt(per_pixel)));
-  int stride = std::max(1, static_cast<int>(std::lround(0.618 * per_pixel)));
-  while (std::gcd(stride, per_pixel) != 1) ++stride;
+  int stride = std::max(1, static_cast<int>(std::lround(0.382 * side)));
+  while (std::gcd(stride, side) != 1) ++stride;
+  const auto place = [&](int i) { return (2 * (i * stride % side) + 1.0) / side - 1; };
   std::vector<Eigen::Vector2d> offsets;
-  for (int i = 0; i < per_pixel; ++i) {
-    const int cell = i * stride % per_pixel;
-    offsets.push_back(on_disc((2 * (cell % side) + 1.0) / side - 1, (2 * (cell / side) + 1.0) / side - 1));
-  }
+  for (int i = 0; i < per_pixel; ++i) offsets.push_back(on_disc(place(i / side), place(i % side)));
   return offsets;
 }
 

@@ -20,6 +20,7 @@ struct Covering {
   Pose object_from_world;
   uint32_t seed = 0;
   OIIO::TextureSystem::TextureHandle* texture = nullptr;
+  int texture_channels = 3;      // 1: grey
   bool texture_is_srgb = false;  // files of integers are; floats are linear
 };
 
@@ -70,10 +71,11 @@ struct Surfaces::Impl {
     options.fill = 0;
     float rgb[3] = {0, 0, 0};
     textures->texture(covering.texture, textures->get_perthread_info(), options, static_cast<float>(s),
-                      static_cast<float>(1 - t), width, 0, 0, width, 3, rgb);
+                      static_cast<float>(1 - t), width, 0, 0, width, covering.texture_channels, rgb);
     if (covering.texture_is_srgb) {
       for (float& channel : rgb) channel = linear_from_srgb(channel);
     }
+    if (covering.texture_channels == 1) return rgb[0];
     return 0.2126f * rgb[0] + 0.7152f * rgb[1] + 0.0722f * rgb[2];  // luminance, Rec. 709
   }
 
@@ -175,6 +177,9 @@ Surfaces::Surfaces(const Scene& scene, const Effects& effects) : impl_(std::make
         impl_->textures->geterror();
         throw Error(object.material.texture + ": no image that can be read as a texture");
       }
+      int channels = 3;
+      impl_->textures->get_texture_info(name, 0, OIIO::ustring("channels"), OIIO::TypeDesc::INT, &channels);
+      covering.texture_channels = channels < 3 ? 1 : 3;
       int format = 0;
       impl_->textures->get_texture_info(name, 0, OIIO::ustring("format"), OIIO::TypeDesc::INT, &format);
       covering.texture_is_srgb = format == OIIO::TypeDesc::UINT8 || format == OIIO::TypeDesc::UINT16;
