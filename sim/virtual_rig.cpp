@@ -56,7 +56,7 @@ VirtualRig::VirtualRig(const Scene& scene, const RenderOptions& options, TruthSi
 const std::vector<ShownPatterns>& VirtualRig::shown(const PatternSequence& sequence) {
   if (!shown_.empty() && shown_sequence_ == sequence) return shown_;
   const RigModel& rig = scene_.rig;
-  const double blur = Beam::largest_blur_px(rig, options_.effects, kNearest * rig.near_m, kFarthest * rig.far_m);
+  const BlurRange blur = Beam::blur_range(rig, options_.effects, kNearest * rig.near_m, kFarthest * rig.far_m);
   shown_.clear();
   shown_sequence_ = sequence;
   if (!moving()) {
@@ -92,7 +92,7 @@ std::vector<cv::Mat1f> VirtualRig::light(const PatternSequence& sequence, const 
   if (truth) {
     PatternSequence nothing = sequence;
     nothing.patterns.clear();
-    renderer_.render(ShownPatterns(nothing, scene_.rig, 0), {still}, stack, truth);
+    renderer_.render(ShownPatterns(nothing, scene_.rig, {}), {still}, stack, truth);
   }
   std::vector<cv::Mat1f> images;
   const int count = static_cast<int>(sequence.patterns.size());

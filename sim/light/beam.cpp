@@ -180,10 +180,11 @@ void Beam::light(const Points& points, Lanes active, BeamPacket& result) const {
   }
 }
 
-double Beam::largest_blur_px(const RigModel& rig, const Effects& effects, double near_m, double far_m) {
-  if (!effects.defocus) return 0;
+BlurRange Beam::blur_range(const RigModel& rig, const Effects& effects, double near_m, double far_m) {
+  if (!effects.defocus) return {};
   const double fx = rig.projector.fx;
-  return std::max(blur_at(rig.projector_lens, fx, near_m), blur_at(rig.projector_lens, fx, far_m));
+  return {rig.projector_lens.blur_px,
+          std::max(blur_at(rig.projector_lens, fx, near_m), blur_at(rig.projector_lens, fx, far_m))};
 }
 
 }  // namespace fringeslam::sim

@@ -18,6 +18,7 @@
 #include "core/types/rig_model.h"
 #include "sim/light/effects.h"
 #include "sim/light/ray_world.h"
+#include "sim/light/shown_patterns.h"
 
 namespace fringeslam::sim {
 
@@ -40,8 +41,8 @@ class Beam {
   const Eigen::Vector3d& position() const { return position_; }
   void light(const Points& points, Lanes active, BeamPacket& result) const;
 
-  // Largest blur between the given distances from the projector, px.
-  static double largest_blur_px(const RigModel& rig, const Effects& effects, double near_m, double far_m);
+  // Blurs between the given distances from the projector.
+  static BlurRange blur_range(const RigModel& rig, const Effects& effects, double near_m, double far_m);
 
  private:
   std::shared_ptr<BeamKernel> kernel_;

@@ -15,7 +15,7 @@ namespace {
 
 constexpr double kPi = std::numbers::pi;
 constexpr int kVector = 4;  // floats; sums are padded to it
-constexpr int kBlurLevels = 16, kImageBlurLevels = 8;
+constexpr int kBlurLevels = 16;
 constexpr int kPerPixel = 4;
 
 int padded(int n) { return (n + kVector - 1) / kVector * kVector; }
@@ -83,15 +83,16 @@ float bilinear(const cv::Mat1f& image, const Place& x, const Place& y) {
 
 }  // namespace
 
-ShownPatterns::ShownPatterns(const PatternSequence& sequence, const RigModel& rig, double largest_blur_px)
+ShownPatterns::ShownPatterns(const PatternSequence& sequence, const RigModel& rig, const BlurRange& blur)
     : count_(static_cast<int>(sequence.patterns.size())),
-      per_px_(largest_blur_px > 0 ? kPerPixel : 1),
+      per_px_(blur.largest > 0 ? kPerPixel : 1),
       black_(static_cast<float>(rig.projector_black_level)),
-      slots_(sequence.patterns.size()) {
-  const int levels = largest_blur_px > 0 ? kBlurLevels : 1;
+      slots_(sequence.patterns.size()),
+      blur_(blur) {
+  const int levels = blur.largest > 0 ? kBlurLevels : 1;
   for (int k = 0; k < levels; ++k) {
-    const double sigma = levels == 1 ? 0 : largest_blur_px * k / (levels - 1);
-    blur_variances_.push_back(static_cast<float>(sigma * sigma));
+    const double part = levels == 1 ? 0 : static_cast<double>(k) / (levels - 1);
+    sigmas_.push_back(blur.least + (blur.largest - blur.least) * part * part);
   }
   std::vector<int> columns, rows, plane;
   for (int i = 0; i < count_; ++i) {
@@ -107,10 +108,8 @@ ShownPatterns::ShownPatterns(const PatternSequence& sequence, const RigModel& ri
   for (const int i : plane) {
     Image image{stride_, {}};
     const cv::Mat1f light = light_of(sequence.patterns[static_cast<size_t>(i)], sequence, rig);
-    const int image_levels = levels == 1 ? 1 : kImageBlurLevels;
-    for (int k = 0; k < image_levels; ++k) {
+    for (const double sigma : sigmas_) {
       // Square pixels have a variance of 1/12 px^2, of which interpolation between them gives 1/6 on average.
-      const double sigma = image_levels == 1 ? 0 : largest_blur_px * k / (image_levels - 1);
       cv::Mat1f soft = light;
       if (sigma > 0.3) cv::GaussianBlur(light, soft, {}, std::sqrt(sigma * sigma - 1.0 / 12), 0, cv::BORDER_REPLICATE);
       image.levels.push_back(soft);
@@ -136,15 +135,13 @@ void ShownPatterns::add_profile(const PatternSequence& sequence, Axis axis, cons
   profile.first = stride_;
   profile.width = padded(static_cast<int>(patterns.size()));
   profile.positions = (std::max(length, 1) - 1) * per_px_ + 1;
-  profile.levels.assign(blur_variances_.size(),
-                        std::vector<float>(static_cast<size_t>(profile.positions * profile.width)));
+  profile.levels.assign(sigmas_.size(), std::vector<float>(static_cast<size_t>(profile.positions * profile.width)));
   for (size_t i = 0; i < patterns.size(); ++i) {
     cv::Mat1f light = light_of(sequence.patterns[static_cast<size_t>(patterns[i])], sequence, rig);
     if (light.total() == 1) light = cv::Mat1f(1, std::max(length, 1), light(0, 0));
     for (size_t level = 0; level < profile.levels.size(); ++level) {
       const std::vector<float> line =
-          per_px_ == 1 ? std::vector<float>(light.begin(), light.end())
-                       : blurred(light, std::sqrt(static_cast<double>(blur_variances_[level])), per_px_);
+          per_px_ == 1 ? std::vector<float>(light.begin(), light.end()) : blurred(light, sigmas_[level], per_px_);
       for (size_t x = 0; x < line.size(); ++x)
         profile.levels[level][x * static_cast<size_t>(profile.width) + i] = line[x];
     }
@@ -164,17 +161,23 @@ struct Places {
   alignas(64) float sharp_low[kLanes], sharp_high[kLanes], soft_low[kLanes], soft_high[kLanes];
 };
 
-// The two levels of blur about a point, and the share of the softer: the levels' sigmas are k / n of the largest.
-FRINGESLAM_INLINE void find_levels(const ShownPatterns::Points& points, int levels, float largest_variance,
-                                   Places& places, float* softer) {
-  const auto n = static_cast<float>(levels - 1);
-  const float scale = levels > 1 ? n / std::sqrt(largest_variance) : 0;
+// The ladder of blurs: sigma = least + step k^2, up to `last`.
+struct Ladder {
+  float least, step, inverse_step, last;
+};
+
+// The two levels of blur about a point, and the share of the softer by the variance.
+FRINGESLAM_INLINE void find_levels(const ShownPatterns::Points& points, const Ladder& ladder, Places& places,
+                                   float* softer) {
 #pragma GCC ivdep
   for (int i = 0; i < kLanes; ++i) {
-    const float sigma = std::min(points.blur_px[i] * scale, n);  // in steps
-    const float level = static_cast<float>(static_cast<int>(std::min(sigma, std::max(n - 1, 0.0f))));
+    const float excess = std::max(points.blur_px[i] - ladder.least, 0.0f) * ladder.inverse_step;
+    const float level = static_cast<float>(static_cast<int>(std::min(std::sqrt(excess), ladder.last)));
+    const float low = ladder.least + ladder.step * level * level;
+    const float high = ladder.least + ladder.step * (level + 1) * (level + 1);
+    const float sigma = std::min(std::max(points.blur_px[i], low), high);
     places.level[i] = static_cast<int>(level);
-    softer[i] = (sigma * sigma - level * level) / (2 * level + 1);
+    softer[i] = (sigma * sigma - low * low) / std::max(high * high - low * low, 1e-12f);
   }
 }
 
@@ -195,29 +198,29 @@ FRINGESLAM_INLINE void find_places(const float* coordinate, const float* weight,
   }
 }
 
-FRINGESLAM_INLINE void both(const ShownPatterns::Points& points, int levels, float largest_variance, bool columns,
-                            float per_px, int positions, Places& places) {
+FRINGESLAM_INLINE void both(const ShownPatterns::Points& points, const Ladder& ladder, bool columns, float per_px,
+                            int positions, Places& places) {
   alignas(64) float softer[kLanes];
-  find_levels(points, levels, largest_variance, places, softer);
+  find_levels(points, ladder, places, softer);
   find_places(columns ? points.column : points.row, points.weight, softer, per_px, positions, places);
 }
 
-void find_portable(const ShownPatterns::Points& points, int levels, float largest_variance, bool columns, float per_px,
-                   int positions, Places& places) {
-  both(points, levels, largest_variance, columns, per_px, positions, places);
+void find_portable(const ShownPatterns::Points& points, const Ladder& ladder, bool columns, float per_px, int positions,
+                   Places& places) {
+  both(points, ladder, columns, per_px, positions, places);
 }
 #if defined(__x86_64__)
-FRINGESLAM_AVX2 void find_avx2(const ShownPatterns::Points& points, int levels, float largest_variance, bool columns,
-                               float per_px, int positions, Places& places) {
-  both(points, levels, largest_variance, columns, per_px, positions, places);
+FRINGESLAM_AVX2 void find_avx2(const ShownPatterns::Points& points, const Ladder& ladder, bool columns, float per_px,
+                               int positions, Places& places) {
+  both(points, ladder, columns, per_px, positions, places);
 }
-FRINGESLAM_AVX512 void find_avx512(const ShownPatterns::Points& points, int levels, float largest_variance,
-                                   bool columns, float per_px, int positions, Places& places) {
-  both(points, levels, largest_variance, columns, per_px, positions, places);
+FRINGESLAM_AVX512 void find_avx512(const ShownPatterns::Points& points, const Ladder& ladder, bool columns,
+                                   float per_px, int positions, Places& places) {
+  both(points, ladder, columns, per_px, positions, places);
 }
 #endif
 
-using Find = void (*)(const ShownPatterns::Points&, int, float, bool, float, int, Places&);
+using Find = void (*)(const ShownPatterns::Points&, const Ladder&, bool, float, int, Places&);
 
 Find widest_find() {
 #if defined(__x86_64__)
@@ -231,11 +234,14 @@ Find widest_find() {
 
 void ShownPatterns::add(const Points& points, uint32_t lanes, float* sums) const {
   static const Find find = widest_find();
-  const int levels = static_cast<int>(blur_variances_.size());
+  const auto n = static_cast<float>(sigmas_.size() - 1);
+  const auto least = static_cast<float>(blur_.least), range = static_cast<float>(blur_.largest - blur_.least);
+  const bool ladder_has_steps = n > 0 && range > 0;
+  const Ladder ladder{least, ladder_has_steps ? range / (n * n) : 0, ladder_has_steps ? n * n / range : 0,
+                      ladder_has_steps ? n - 1 : 0};
   for (const Profile& profile : profiles_) {
     Places places;
-    find(points, levels, blur_variances_.back(), profile.along_columns, static_cast<float>(per_px_), profile.positions,
-         places);
+    find(points, ladder, profile.along_columns, static_cast<float>(per_px_), profile.positions, places);
     const auto width = static_cast<size_t>(profile.width);
     for (uint32_t left = lanes; left != 0; left &= left - 1) {
       const int i = std::countr_zero(left);
@@ -262,11 +268,12 @@ void ShownPatterns::add_images(const Points& points, uint32_t lanes, float* sums
       const Place x = place(points.column[i], image.levels[0].cols), y = place(points.row[i], image.levels[0].rows);
       float light = bilinear(image.levels[0], x, y);
       if (image.levels.size() > 1) {
-        const auto n = static_cast<float>(image.levels.size() - 1);
-        const float position = std::min(points.blur_px[i] / std::sqrt(blur_variances_.back()), 1.0f) * n;
-        const auto lower = std::min(static_cast<size_t>(position), image.levels.size() - 2);
-        const float part = position - static_cast<float>(lower);
-        light = (1 - part) * bilinear(image.levels[lower], x, y) + part * bilinear(image.levels[lower + 1], x, y);
+        const auto above = std::upper_bound(sigmas_.begin(), sigmas_.end(), static_cast<double>(points.blur_px[i]));
+        const size_t upper = std::clamp<size_t>(static_cast<size_t>(above - sigmas_.begin()), 1, sigmas_.size() - 1);
+        const double low = sigmas_[upper - 1], high = sigmas_[upper];
+        const double sigma = std::clamp(static_cast<double>(points.blur_px[i]), low, high);
+        const auto part = static_cast<float>((sigma * sigma - low * low) / std::max(high * high - low * low, 1e-12));
+        light = (1 - part) * bilinear(image.levels[upper - 1], x, y) + part * bilinear(image.levels[upper], x, y);
       }
       sums[i * stride_ + image.slot] += points.weight[i] * light;
     }

@@ -4,9 +4,9 @@
 // number of patterns, and adds to the sums of all of them.
 //
 // Without blur the light is interpolated between pixel centres and clamped at the image's border. With it a pixel is
-// an even square, blurred by a Gaussian: tables for a ladder of sigmas hold the result four times a pixel, and are
-// interpolated in sigma^2. Fringes of continuous intensity are exact everywhere: their modulation is multiplied
-// by exp(-2 pi^2 sigma^2 / p^2).
+// an even square, blurred by a Gaussian: tables for a ladder of sigmas, dense at the sharp end, hold the result four
+// times a pixel, and are interpolated in sigma^2. Fringes of continuous intensity are exact everywhere: their
+// modulation is multiplied by exp(-2 pi^2 sigma^2 / p^2).
 #pragma once
 
 #include <cstdint>
@@ -18,10 +18,14 @@
 
 namespace fringeslam::sim {
 
+// Sigmas of the blur that points of a scene may have, px. Both 0: none, not even that of square pixels.
+struct BlurRange {
+  double least = 0, largest = 0;
+};
+
 class ShownPatterns {
  public:
-  // `largest_blur_px` 0: no blur, not even that of square pixels.
-  ShownPatterns(const PatternSequence& sequence, const RigModel& rig, double largest_blur_px);
+  ShownPatterns(const PatternSequence& sequence, const RigModel& rig, const BlurRange& blur);
 
   int count() const { return count_; }
   // Floats of one set of sums: `count` and what pads them.
@@ -61,7 +65,9 @@ class ShownPatterns {
   int count_ = 0, stride_ = 0, per_px_ = 1;
   float black_ = 0;
   std::vector<int> slots_;
-  std::vector<float> blur_variances_;  // of the levels, growing
+  // Level k of n + 1 has sigma least + (largest - least) (k / n)^2.
+  BlurRange blur_;
+  std::vector<double> sigmas_;
   std::vector<Profile> profiles_;
   std::vector<Image> images_;
   std::vector<Wave> waves_;

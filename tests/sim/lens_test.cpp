@@ -57,6 +57,31 @@ TEST(Defocus, KeepsTheModulationOfAGaussian) {
   }
 }
 
+// Between two sigmas of the tables, too, the staircase of square pixels is as smooth as its own sigma makes it: what is
+// left of its first images beside the fringe is (1/p) / (1 -+ 1/p) exp(-2 pi^2 sigma^2 (1 -+ 1/p)^2) of the fringe.
+TEST(Defocus, SmoothsTheStaircaseOfPixels) {
+  constexpr double kPeriod = 16.5;
+  RigModel rig = coaxial_rig();
+  rig.camera = {65, 49, 3200, 3200, 32, 24, {}};  // sixteen camera pixels a projector pixel
+  rig.projector_lens.aperture_m = 0.06;
+  for (const double sigma : {0.45, 0.5, 0.63}) {
+    // The lens itself is sharper: at 1 m, out of focus, there is more blur than in its tables' first level.
+    rig.projector_lens.blur_px = 0.4;
+    const double circle = 4 * std::sqrt(sigma * sigma - 0.16);
+    rig.projector_lens.focus_m = 1 / (1 + circle / (0.06 * 200));
+    const auto images = lux_of(board(rig), three_steps(kPeriod, 16), 1, only(&Effects::defocus));
+    double left = 0;
+    for (const double image : {1 - 1 / kPeriod, 1 + 1 / kPeriod})
+      left += 1 / kPeriod / image * std::exp(-2 * kPi * kPi * sigma * sigma * image * image);
+    double largest = 0;
+    for (int col = 0; col < 65; ++col) {
+      const double phase = 2 * kPi * (64 + (col - 32) / 16.0 + 0.5) / kPeriod;
+      largest = std::max(largest, std::abs(std::arg(fringe(images, 24, col) * std::polar(1.0, -phase))));
+    }
+    EXPECT_NEAR(largest, left, 0.25 * left + 3e-4) << sigma;
+  }
+}
+
 TEST(Defocus, DoesNotMoveTheFringes) {
   RigModel rig = coaxial_rig();
   rig.projector_lens.aperture_m = 0.05;

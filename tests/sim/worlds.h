@@ -64,7 +64,7 @@ inline std::vector<cv::Mat1f> lux_of(const Scene& scene, const std::vector<Patte
                                      const Effects& effects = Effects::none(), const Pose& pose = {},
                                      TruthFrame* truth = nullptr) {
   const PatternSequence sequence{scene.rig.projector.width, scene.rig.projector.height, patterns};
-  const double blur = Beam::largest_blur_px(scene.rig, effects, 0.3, 5);
+  const BlurRange blur = Beam::blur_range(scene.rig, effects, 0.3, 5);
   return Renderer(scene, effects, samples).render(ShownPatterns(sequence, scene.rig, blur), {pose}, 0, truth);
 }
 

@@ -75,6 +75,50 @@ TEST_F(BadInput, TooFewSteps) { expect_scene_refused("steps: 3", "steps: 2", "'s
 TEST_F(BadInput, NanMotion) { expect_scene_refused("[10, 5, -5]", "[10, .nan, -5]", "'translation_mm' is nan"); }
 
 // No period covers the projector: no absolute phase, whatever the images. They can be rendered nonetheless.
+TEST_F(BadInput, LightThatCannotBe) {
+  const std::string ambient = "  ambient_lux: 290";
+  expect_scene_refused(ambient, "  ambient_lux: -1", "'ambient_lux' is -1");
+  expect_scene_refused(ambient, "  bounces: -2", "'bounces' is -2");
+  expect_scene_refused(ambient, "  exposure_s: 1", "'exposure_s' is 1");
+  expect_scene_refused("patterns:\n", "air: {extinction_per_m: -0.1}\npatterns:\n", "'extinction_per_m' is -0.1");
+  expect_scene_refused("patterns:\n", "air: {density: 1}\npatterns:\n", "'extinction_per_m' is missing");
+  expect_scene_refused("patterns:\n", "dust: {cover: 2}\npatterns:\n", "'cover' is 2");
+  expect_scene_refused("patterns:\n", "dust: {cover: 1, up: [0, 0, 0]}\npatterns:\n", "'up' has no direction");
+}
+
+TEST_F(BadInput, MaterialThatCannotBe) {
+  const std::string table = "grain: wood, albedo: 0.4,";
+  expect_scene_refused(table, "grain: wood, albedo: 1.4,", "'albedo' is 1.4");
+  expect_scene_refused(table, "grain: wood, albedo: 0.4, roughness: 0,", "'roughness' is 0");
+  expect_scene_refused(table, "grain: wood, albedo: 0.4, metal: true, reflectance: 0.5,",
+                       "a metal reflects by its albedo");
+  expect_scene_refused(table, "grain: wood, albedo: 0.4, texture: no.png,", "give grain or texture, not both");
+  expect_scene_refused("{grain: wood, albedo: 0.4, contrast: 0.35, grain_m: 0.012}", "{texture: no.png}",
+                       "no.png does not exist");
+}
+
+TEST_F(BadInput, RigThatCannotBe) {
+  const std::string good = test::read_bytes(scene_ / "rig.yaml");
+  const auto refused = [&](const std::string& from, const std::string& to, const std::string& says) {
+    const size_t at = good.find(from);
+    ASSERT_NE(at, std::string::npos) << from;
+    std::string text = good;
+    text.replace(at, text.find('\n', at) - at, to);
+    test::write_bytes(scene_ / "rig.yaml", text);
+    const std::string place = (scene_ / "rig.yaml").string() + ":" + std::to_string(test::line_of(text, to)) + ": ";
+    for (const std::string verb : {"run", "render"}) expect_refused_by(verb, scene_, {place, says});
+  };
+  refused("bits: 8", "bits: 17", "'bits' is 17");
+  refused("gain_dn_per_electron:", "gain_dn_per_electron: 0", "'gain_dn_per_electron' is 0");
+  refused("quantum_efficiency:", "quantum_efficiency: 1.2", "'quantum_efficiency' is 1.2");
+  refused("prnu:", "prnu: -0.1", "'prnu' is -0.1");
+  refused("f_number:", "f_number: 0", "'f_number' is 0");
+  refused("flux_lm:", "flux_lm: -5", "'flux_lm' is -5");
+  refused("pixel_fill:", "pixel_fill: 0", "'pixel_fill' is 0");
+  refused("camera_rate_hz:", "camera_rate_hz: 500", "camera_rate_hz exceeds pattern_rate_hz");
+  refused("exposure_s:", "exposure_s: 0.5", "exposure_s is longer than a pattern is shown");
+}
+
 TEST_F(BadInput, NoPeriodCoversTheProjector) {
   test::write_bytes(scene_ / "scene.yaml", test::replaced(test::kSmallScene, "[1040, 131, 16.5]", "[131, 16.5]"));
   expect_refused_by("run", scene_, {"period covers the projector"});

@@ -41,8 +41,8 @@ class Calibrate : public testing::Test {
     rig.replace(rig.find("GAMMA"), 5, gamma);
     test::write_bytes(folder / "rig.yaml", rig);
     test::write_bytes(folder / "scene.yaml",
-                      "name: " + name + "\nrig: {file: rig.yaml}\nlight: {ambient_lux: 290}\npatterns: " +
-                          patterns + "\nmaterials:\n  board: " + material +
+                      "name: " + name + "\nrig: {file: rig.yaml}\nlight: {ambient_lux: 290}\npatterns: " + patterns +
+                          "\nmaterials:\n  board: " + material +
                           "\nobjects:\n  - {shape: plane, size_m: [0.2, 0.2], material: board}\n" +
                           "trajectory: " + trajectory + "\n");
     if (!board_.empty()) test::write_bytes(folder / "board.yaml", board_);

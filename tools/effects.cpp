@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+// fringeslam effects SCENE --out PICTURE
+#include "tools/report/effects.h"
+
+#include <cstdio>
+#include <memory>
+
+#include "core/rig/files.h"
+#include "tools/settings.h"
+#include "tools/verbs.h"
+
+namespace fringeslam::tools {
+
+Verb add_effects(CLI::App& app, const Common& common) {
+  struct Arguments {
+    std::string scene, out;
+    std::vector<std::string> sets;
+  };
+  auto arguments = std::make_shared<Arguments>();
+  CLI::App* verb = app.add_subcommand("effects", "Picture of a scene with each effect of light on its own");
+  verb->add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml")->required();
+  verb->add_option("--out", arguments->out, "PNG file to write")->required();
+  verb->add_option("--set", arguments->sets, "render.key=value; see `run --help`");
+  return [arguments, &common] {
+    const Settings settings = parse_settings(arguments->sets);
+    const std::filesystem::path path(arguments->scene);
+    const sim::Scene scene = sim::load_scene(std::filesystem::is_directory(path) ? path / "scene.yaml" : path);
+    write_png(arguments->out, effects_picture(scene, settings.render));
+    if (!common.quiet) std::printf("written: %s\n", arguments->out.c_str());
+    return 0;
+  };
+}
+
+}  // namespace fringeslam::tools
