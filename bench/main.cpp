@@ -62,6 +62,7 @@ int run(const std::vector<std::string>& only, const std::string& json_file, cons
   const bool table = json_file != "-";
   bool all_pass = true;
   for (const Item& item : items) {
+    if (only.empty() && item.on_request) continue;
     if (std::none_of(item.ids.begin(), item.ids.end(), [&](const auto& id) { return selected(only, id); })) continue;
     std::fprintf(stderr, "measuring %s\n", item.what.c_str());
     for (const Row& row : item.run(context)) {
@@ -102,7 +103,8 @@ int main(int argc, char** argv) {
   }
   try {
     std::vector<Item> items = accuracy_items();
-    for (const auto& more : {sensor_items(), calibration_items(), decoding_items(), rendering_items(), speed_items()})
+    for (const auto& more :
+         {sensor_items(), calibration_items(), decoding_items(), rendering_items(), cycles_items(), speed_items()})
       items.insert(items.end(), more.begin(), more.end());
     if (list) {
       for (const Item& item : items) {

@@ -30,6 +30,7 @@ struct Item {
   std::vector<std::string> ids;
   std::string what;
   std::function<std::vector<Row>(const Context&)> run;
+  bool on_request = false;  // only when --only names it: it installs something
 };
 
 // The median with its 95 % bootstrap interval (2000 resamplings, fixed seed) against a limit.
@@ -43,6 +44,7 @@ std::vector<Item> accuracy_items();
 std::vector<Item> calibration_items();
 std::vector<Item> sensor_items();
 std::vector<Item> decoding_items();
+std::vector<Item> cycles_items();
 std::vector<Item> rendering_items();
 std::vector<Item> speed_items();
 

@@ -84,7 +84,8 @@ std::vector<Row> depth_numerics_rows(const Context& context) {
     sim::Scene scene = sim::load_scene(scene_file("boxes_and_foam"), static_cast<uint64_t>(seed));
     for (Pattern& pattern : scene.patterns.patterns) pattern.bits = 0;
     TruthFrame truth;
-    sim::VirtualRig rig(scene, {1, false, false, sim::Effects::none()}, [&](const TruthFrame& frame) { truth = frame; });
+    sim::VirtualRig rig(scene, {1, false, false, sim::Effects::none()},
+                        [&](const TruthFrame& frame) { truth = frame; });
     const auto stack = rig.capture(scene.patterns);
     const DecodedStack decoded = decode(*stack, scene.patterns, scene.rig, {});
     const Frame frame = reconstruct(decoded, scene.rig, pixel_rays(scene.rig.camera), {});

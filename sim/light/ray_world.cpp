@@ -72,6 +72,7 @@ RayWorld::RayWorld(const Scene& scene) : impl_(std::make_unique<Impl>()) {
   impl_->scene = rtcNewScene(impl_->device);
   // Robust: rays do not slip between two triangles along their common edge.
   rtcSetSceneFlags(impl_->scene, RTC_SCENE_FLAG_ROBUST);
+  rtcSetSceneBuildQuality(impl_->scene, RTC_BUILD_QUALITY_HIGH);
   for (const Object& object : scene.objects) impl_->add(object);
   // Built by one thread: the tree, and with it which of two triangles a ray on their common edge meets, must not
   // depend on the number of threads.

@@ -19,6 +19,7 @@ namespace fringeslam::sim {
 
 inline constexpr int kPacket = 16;
 using Lanes = uint32_t;  // a bit a lane
+inline constexpr Lanes kAllLanes = (1u << kPacket) - 1;
 inline bool has(Lanes lanes, int lane) { return (lanes >> lane & 1) != 0; }
 
 struct Hit {

@@ -64,6 +64,25 @@ std::vector<Eigen::Vector2d> pupil_offsets(int per_pixel) {
   return offsets;
 }
 
+// The lanes for which a condition without branches holds; both loops become vectors.
+template <class Condition>
+FRINGESLAM_INLINE Lanes lanes_where(const Condition& condition) {
+  alignas(64) uint32_t flags[kPacket];
+#pragma GCC ivdep
+  for (int i = 0; i < kPacket; ++i) flags[i] = condition(i) ? 1u : 0u;
+  uint32_t sum = 0;
+  for (int i = 0; i < kPacket; ++i) sum += flags[i] << i;
+  return sum;
+}
+
+// 1 in the lanes that are set.
+struct alignas(64) LaneWeights {
+  float value[kPacket];
+  explicit LaneWeights(Lanes lanes) {
+    for (int i = 0; i < kPacket; ++i) value[i] = static_cast<float>(lanes >> i & 1);
+  }
+};
+
 // One pose of the camera, and the projector with it.
 struct Station {
   Pose world_from_camera;
@@ -123,11 +142,12 @@ class BlockRenderer {
       }
     }
     const float share = 1.0f / static_cast<float>(samples);
-    for (int i = 0; i < kPacket; ++i) {
-      if (!has(inside_, i)) continue;
-      const float* sums = sums_.data() + i * patterns_.stride();
-      for (int k = 0; k < patterns_.count(); ++k)
-        images[static_cast<size_t>(k)](row_[i], col_[i]) = share * (sums[patterns_.slot(k)] + steady_[i]);
+    for (int k = 0; k < patterns_.count(); ++k) {
+      cv::Mat1f& image = images[static_cast<size_t>(k)];
+      const float* sums = sums_.data() + patterns_.slot(k);
+      for (int i = 0; i < kPacket; ++i) {
+        if (has(inside_, i)) image(row_[i], col_[i]) = share * (sums[i * patterns_.stride()] + steady_[i]);
+      }
     }
   }
 
@@ -169,13 +189,11 @@ class BlockRenderer {
   }
 
   static Lanes facing(const HitPacket& hits, const BeamPacket& beam) {
-    Lanes result = 0;
-    for (int i = 0; i < kPacket; ++i) {
-      const double cosine = hits.normal.x[i] * beam.to_light.x[i] + hits.normal.y[i] * beam.to_light.y[i] +
-                            hits.normal.z[i] * beam.to_light.z[i];
-      result |= static_cast<Lanes>(cosine > 0) << i;
-    }
-    return result & hits.hit;
+    return hits.hit & lanes_where([&](int i) {
+             return hits.normal.x[i] * beam.to_light.x[i] + hits.normal.y[i] * beam.to_light.y[i] +
+                        hits.normal.z[i] * beam.to_light.z[i] >
+                    0;
+           });
   }
 
   // The ray through each pixel's centre: truth.
@@ -218,14 +236,13 @@ class BlockRenderer {
   Lanes differing(const HitPacket& hits, Lanes shadow, Lanes in_beam) const {
     constexpr double kCosine30 = 0.866;
     const HitPacket& centre = centre_.hits;
-    Lanes result = (hits.hit ^ centre.hit) | (shadow ^ centre_.shadow) | (in_beam ^ centre_.in_beam);
-    for (int i = 0; i < kPacket; ++i) {
+    const Lanes border = (hits.hit ^ centre.hit) | (shadow ^ centre_.shadow) | (in_beam ^ centre_.in_beam);
+    const Lanes other = lanes_where([&](int i) {
       const double cosine = hits.normal.x[i] * centre.normal.x[i] + hits.normal.y[i] * centre.normal.y[i] +
                             hits.normal.z[i] * centre.normal.z[i];
-      const bool other = hits.object[i] != centre.object[i] || cosine < kCosine30;
-      result |= static_cast<Lanes>(other && has(hits.hit & centre.hit, i)) << i;
-    }
-    return result & inside_;
+      return static_cast<int>(hits.object[i] != centre.object[i]) | static_cast<int>(cosine < kCosine30);
+    });
+    return (border | (other & hits.hit & centre.hit)) & inside_;
   }
 
   void take(int sample, bool compare) {
@@ -260,10 +277,10 @@ class BlockRenderer {
     const Lanes lit = add_direct(station, hits, surface, to_viewer, hits.hit, weight, true, beam);
     if (compare) mixed_ |= differing(hits, hits.hit & ~lit, beam.inside);
     if (bounces_ == 0) {
+      const LaneWeights seen(hits.hit);
       for (int i = 0; i < kPacket; ++i) {
-        if (!has(hits.hit, i)) continue;
         const float back = surface.albedo[i] + surface.reflectance[i];
-        steady_[i] += weight[i] * static_cast<float>(ambient_lux_) * back;
+        steady_[i] += seen.value[i] * weight[i] * static_cast<float>(ambient_lux_) * back;
       }
     } else {
       follow_paths(station, sample, hits, surface, to_viewer, weight);
@@ -289,20 +306,19 @@ class BlockRenderer {
     if (!everywhere) lit &= beam.inside;
     lit &= ~r_.world_.occluded(RayWorld::lifted(hits), lit, station.beam.position());
     ShownPatterns::Points points;
-    Lanes bright = 0;
+    alignas(64) double cosine[kPacket];
+#pragma GCC ivdep
     for (int i = 0; i < kPacket; ++i) {
-      const double cosine = surface.normal.x[i] * beam.to_light.x[i] + surface.normal.y[i] * beam.to_light.y[i] +
-                            surface.normal.z[i] * beam.to_light.z[i];
+      cosine[i] = surface.normal.x[i] * beam.to_light.x[i] + surface.normal.y[i] * beam.to_light.y[i] +
+                  surface.normal.z[i] * beam.to_light.z[i];
       points.column[i] = static_cast<float>(beam.column[i]);
       points.row[i] = static_cast<float>(beam.row[i]);
       points.blur_px[i] = beam.blur_px[i];
-      points.weight[i] = weight[i] * surface.albedo[i] * static_cast<float>(cosine) * beam.lux[i];
-      bright |= static_cast<Lanes>(cosine > 0) << i;
+      points.weight[i] = weight[i] * surface.albedo[i] * static_cast<float>(cosine[i]) * beam.lux[i];
     }
-    bright &= lit & beam.inside;
-    for (int i = 0; i < kPacket; ++i) {
-      if (has(active, i)) steady_[i] += weight[i] * surface.emission_lux[i];
-    }
+    const Lanes bright = lit & beam.inside & lanes_where([&](int i) { return cosine[i] > 0; });
+    const LaneWeights seen(active);
+    for (int i = 0; i < kPacket; ++i) steady_[i] += seen.value[i] * weight[i] * surface.emission_lux[i];
     if ((surface.glossy & bright) != 0) {
       for (int i = 0; i < kPacket; ++i) {
         if (!has(surface.glossy & bright, i)) continue;

@@ -194,6 +194,11 @@ Surfaces::Surfaces(Surfaces&&) noexcept = default;
 void Surfaces::at(const HitPacket& hits, double footprint_m, SurfacePacket& result) const {
   result.normal = hits.normal;
   result.glossy = 0;
+  if (hits.hit != kAllLanes) {  // lanes without a surface give no light
+    std::fill_n(result.albedo, kPacket, 0.0f);
+    std::fill_n(result.reflectance, kPacket, 0.0f);
+    std::fill_n(result.emission_lux, kPacket, 0.0f);
+  }
   Lanes left = hits.hit;
   while (left != 0) {
     const int object = hits.object[std::countr_zero(left)];

@@ -8,7 +8,7 @@
 #include "core/rig/files.h"
 #include "sim/virtual_rig.h"
 #include "tests/sim/worlds.h"
-#include "tests/tools/temp_folder.h"
+#include "tests/support/temp_folder.h"
 
 namespace fringeslam::sim {
 namespace {

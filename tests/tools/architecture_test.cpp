@@ -3,7 +3,7 @@
 
 #include <gmock/gmock.h>
 
-#include "tests/tools/temp_folder.h"
+#include "tests/support/temp_folder.h"
 
 namespace fringeslam {
 namespace {

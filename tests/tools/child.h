@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "tests/tools/fake_rig.h"
-#include "tests/tools/temp_folder.h"
+#include "tests/support/temp_folder.h"
 
 namespace fringeslam::test {
 

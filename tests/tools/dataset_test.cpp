@@ -8,8 +8,8 @@
 #include <opencv2/core.hpp>
 
 #include "core/rig/files.h"
+#include "tests/support/temp_folder.h"
 #include "tests/tools/fake_rig.h"
-#include "tests/tools/temp_folder.h"
 
 namespace fringeslam {
 namespace {

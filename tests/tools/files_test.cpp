@@ -8,7 +8,7 @@
 #include <opencv2/core.hpp>
 #include <thread>
 
-#include "tests/tools/temp_folder.h"
+#include "tests/support/temp_folder.h"
 
 namespace fringeslam {
 namespace {

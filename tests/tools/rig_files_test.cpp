@@ -7,8 +7,8 @@
 #include "core/rig/rig_file.h"
 #include "core/rig/yaml.h"
 #include "core/types/frame.h"
+#include "tests/support/temp_folder.h"
 #include "tests/tools/fake_rig.h"
-#include "tests/tools/temp_folder.h"
 
 namespace fringeslam {
 namespace {

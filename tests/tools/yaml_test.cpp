@@ -7,7 +7,7 @@
 #include <ostream>
 #include <vector>
 
-#include "tests/tools/temp_folder.h"
+#include "tests/support/temp_folder.h"
 
 namespace fringeslam {
 namespace {

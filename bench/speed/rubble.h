@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the rendering rows render.
+#pragma once
+
+#include <memory>
+
+#include "sim/virtual_rig.h"
+
+namespace fringeslam::bench {
+
+// The default scene's table with 36 rocks on it, of 20 * 4^subdivisions triangles each: 184,000 for 4.
+sim::Scene rubble(int subdivisions);
+
+// Everything from a pose to the grey values of so many patterns of one period, again and again.
+class Stack {
+ public:
+  Stack(const sim::Scene& scene, int patterns, const sim::RenderOptions& options = {}, bool truth = true);
+  void operator()() { rig_->capture(sequence_); }
+
+ private:
+  sim::Scene scene_;
+  PatternSequence sequence_;
+  std::unique_ptr<sim::VirtualRig> rig_;
+};
+
+}  // namespace fringeslam::bench
