@@ -10,7 +10,8 @@ struct Effects {
   bool vignetting = true, defocus = true, pixel_gap = true, lens_blur = true, depth_of_field = true;
   bool interreflection = true, gloss = true, relief = true, dust = true, air = true;
   bool motion = true, fixed_pattern = true;
-  int bounce_paths = 16;
+  bool share_paths = true;
+  int bounce_paths = 8;
   int exposure_steps = 1;
 
   template <class Visitor>
@@ -27,6 +28,8 @@ struct Effects {
     v.field("air", air, "haze");
     v.field("motion", motion, "motion of the robot while a stack is taken");
     v.field("fixed_pattern", fixed_pattern, "nonuniformities and dark current of the camera's pixels");
+    v.field("share_paths", share_paths,
+            "light over other surfaces and out of the air is smoothed over pixels that see one surface");
     v.field("bounce_paths", bounce_paths, {1, 65536}, "paths a pixel of interreflected light");
     v.field("exposure_steps", exposure_steps, {1, 256}, "poses within an exposure, when moving; 1: no motion blur");
   }
@@ -35,7 +38,7 @@ struct Effects {
   static Effects none() {
     Effects e;
     for (bool* effect : {&e.vignetting, &e.defocus, &e.pixel_gap, &e.lens_blur, &e.depth_of_field, &e.interreflection,
-                         &e.gloss, &e.relief, &e.dust, &e.air, &e.motion, &e.fixed_pattern})
+                         &e.gloss, &e.relief, &e.dust, &e.air, &e.motion, &e.fixed_pattern, &e.share_paths})
       *effect = false;
     return e;
   }

@@ -89,7 +89,7 @@ ScatteredRay scatter(const Reflection& surface, const Eigen::Vector3d& normal, c
   if (local.z() <= 0) return {};
   const double lv = lambda(surface.alpha, view.z()), ll = lambda(surface.alpha, local.z());
   const double weight = fresnel(surface.reflectance, view.dot(facet)) * (1 + lv) / (1 + lv + ll) / gloss_share;
-  return {frame * local, weight};
+  return {frame * local, weight, true};
 }
 
 }  // namespace fringeslam::sim

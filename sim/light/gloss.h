@@ -27,6 +27,7 @@ double reflected(const Reflection& surface, const Eigen::Vector3d& normal, const
 struct ScatteredRay {
   Eigen::Vector3d direction = Eigen::Vector3d::Zero();
   double weight = 0;
+  bool glossy = false;  // drawn from the glossy lobe
 };
 ScatteredRay scatter(const Reflection& surface, const Eigen::Vector3d& normal, const Eigen::Vector3d& to_viewer,
                      double choice, double u1, double u2);

@@ -7,11 +7,13 @@
 #include <limits>
 #include <numbers>
 #include <numeric>
+#include <optional>
 
 #include "core/types/instruction_set.h"
 #include "core/types/parallel.h"
 #include "sim/light/air.h"
 #include "sim/light/beam.h"
+#include "sim/light/indirect.h"
 #include "sim/light/photometry.h"
 #include "sim/random.h"
 
@@ -115,11 +117,13 @@ SampleRays sample_rays(const Pinhole& camera, int per_pixel) {
 class BlockRenderer {
  public:
   BlockRenderer(const Renderer& renderer, const ShownPatterns& patterns, const std::vector<Station>& stations,
-                int stack)
+                int stack, IndirectLight* indirect, IndirectLight* veil)
       : r_(renderer),
         patterns_(patterns),
         stations_(stations),
         stack_(stack),
+        indirect_(indirect),
+        veil_(veil),
         width_(renderer.scene_.rig.camera.width),
         height_(renderer.scene_.rig.camera.height),
         footprint_(1 / renderer.scene_.rig.camera.fx),
@@ -127,12 +131,19 @@ class BlockRenderer {
         bounces_(renderer.effects_.interreflection ? renderer.scene_.bounces : 0),
         haze_(renderer.effects_.air ? renderer.scene_.air : Air{}),
         pupil_m_(renderer.effects_.depth_of_field ? camera_pupil_m(renderer.scene_.rig) : 0),
-        sums_(static_cast<size_t>(kPacket * patterns.stride())) {}
+        sums_(static_cast<size_t>(kPacket * patterns.stride())),
+        soft_sums_(indirect ? sums_.size() : 0),
+        veil_sums_(veil ? sums_.size() : 0) {}
 
   void render(int block_row, int block_col, std::vector<cv::Mat1f>& images, TruthFrame* truth) {
     place(block_row, block_col);
     std::fill(sums_.begin(), sums_.end(), 0.0f);
     std::fill(std::begin(steady_), std::end(steady_), 0.0f);
+    if (indirect_) {
+      std::fill(soft_sums_.begin(), soft_sums_.end(), 0.0f);
+      std::fill(std::begin(soft_steady_), std::end(soft_steady_), 0.0f);
+    }
+    std::fill(veil_sums_.begin(), veil_sums_.end(), 0.0f);
     if (truth) look_at_centres(*truth);
     const int samples = r_.rays_.per_pixel;
     for (int sample = 0; sample < samples; ++sample) take(sample, truth != nullptr);
@@ -148,6 +159,11 @@ class BlockRenderer {
       for (int i = 0; i < kPacket; ++i) {
         if (has(inside_, i)) image(row_[i], col_[i]) = share * (sums[i * patterns_.stride()] + steady_[i]);
       }
+    }
+    if (indirect_) hand_over(*indirect_, soft_sums_, soft_steady_, share);
+    if (veil_) {
+      constexpr float kNone[kPacket] = {};
+      hand_over(*veil_, veil_sums_, kNone, share);
     }
   }
 
@@ -169,6 +185,30 @@ class BlockRenderer {
       row_[i] = std::min(row_[i], height_ - 1);
       col_[i] = std::min(col_[i], width_ - 1);
       pixel_[i] = static_cast<uint32_t>(row_[i] * width_ + col_[i]);
+    }
+  }
+
+  // To be smoothed when all blocks are done.
+  void hand_over(IndirectLight& indirect, const std::vector<float>& sums, const float* steady, float share) {
+    for (int i = 0; i < kPacket; ++i) {
+      if (!has(inside_, i)) continue;
+      float* light = indirect.at(row_[i], col_[i]);
+      for (int k = 0; k < patterns_.count(); ++k)
+        light[k] = share * sums[static_cast<size_t>(i * patterns_.stride() + patterns_.slot(k))];
+      light[patterns_.count()] = share * steady[i];
+    }
+  }
+
+  // Share by which indirect light counts, normal and place of what a sample sees, for the smoothing; normals and places
+  // are those of the last one.
+  void note_surface(IndirectLight& indirect, const HitPacket& hits, const float* weight) const {
+    for (int i = 0; i < kPacket; ++i) {
+      if (!has(inside_, i)) continue;
+      const size_t pixel = pixel_[i];
+      indirect.albedo[pixel] += weight[i] / static_cast<float>(r_.rays_.per_pixel);
+      if (!has(hits.hit, i)) continue;
+      indirect.normal[pixel] = hits.normal.at(i).cast<float>();
+      indirect.position[pixel] = hits.point.at(i).cast<float>();
     }
   }
 
@@ -283,9 +323,21 @@ class BlockRenderer {
         steady_[i] += seen.value[i] * weight[i] * static_cast<float>(ambient_lux_) * back;
       }
     } else {
+      if (indirect_) {
+        alignas(64) float matt[kPacket];
+        for (int i = 0; i < kPacket; ++i) matt[i] = weight[i] * surface.albedo[i];
+        note_surface(*indirect_, hits, matt);
+      }
       follow_paths(station, sample, hits, surface, to_viewer, weight);
     }
-    if (haze_.extinction_per_m > 0) scatter_in_air(station, sample, rays, hits, to_viewer, length);
+    if (haze_.extinction_per_m > 0) {
+      if (veil_) {
+        alignas(64) float whole[kPacket];
+        std::fill_n(whole, kPacket, 1.0f);
+        note_surface(*veil_, hits, whole);
+      }
+      scatter_in_air(station, sample, rays, hits, to_viewer, length);
+    }
   }
 
   // Thin lens: from a point of the pupil through the point in focus.
@@ -318,7 +370,7 @@ class BlockRenderer {
     }
     const Lanes bright = lit & beam.inside & lanes_where([&](int i) { return cosine[i] > 0; });
     const LaneWeights seen(active);
-    for (int i = 0; i < kPacket; ++i) steady_[i] += seen.value[i] * weight[i] * surface.emission_lux[i];
+    for (int i = 0; i < kPacket; ++i) add_steady(i, seen.value[i] * weight[i] * surface.emission_lux[i]);
     if ((surface.glossy & bright) != 0) {
       for (int i = 0; i < kPacket; ++i) {
         if (!has(surface.glossy & bright, i)) continue;
@@ -331,9 +383,12 @@ class BlockRenderer {
       for (int i = 0; i < kPacket; ++i)
         points.weight[i] *= static_cast<float>(std::exp(-haze_.extinction_per_m * beam.distance[i]));
     }
-    patterns_.add(points, bright, sums_.data());
+    patterns_.add(points, bright & ~soft_, sums_.data());
+    if (soft_ != 0) patterns_.add(points, bright & soft_, soft_sums_.data());
     return lit;
   }
+
+  void add_steady(int lane, float lux) { (has(soft_, lane) ? soft_steady_ : steady_)[lane] += lux; }
 
   // Light that comes over other surfaces, and from around. Each path is continued as often as the scene says; at its
   // last point the ambient light counts as unshadowed.
@@ -348,6 +403,7 @@ class BlockRenderer {
       Lanes active = first.hit;
       alignas(64) float weight[kPacket];
       for (int i = 0; i < kPacket; ++i) weight[i] = first_weight[i] / static_cast<float>(paths);
+      soft_ = 0;
       const int number = sample * paths + path;
       for (int bounce = 1; bounce <= bounces_ && active != 0; ++bounce) {
         // The first turn of a pixel's paths is spread evenly over the directions, the later ones are independent.
@@ -368,6 +424,11 @@ class BlockRenderer {
           const ScatteredRay next =
               scatter(surface.reflection(i), surface.normal.at(i), to_viewer.at(i), u[2], u[0], u[1]);
           weight[i] *= static_cast<float>(next.weight);
+          if (bounce == 1 && indirect_ && !next.glossy && surface.albedo[i] > 0) {
+            // Irradiance: what the matt lobe makes of it is known when it has been smoothed.
+            weight[i] /= first_weight[i] * surface.albedo[i];
+            soft_ |= Lanes{1} << i;
+          }
           // A shading normal may send a ray into the surface.
           if (next.weight <= 0 || next.direction.dot(hits.normal.at(i)) <= 0) {
             active &= ~(Lanes{1} << i);
@@ -378,7 +439,7 @@ class BlockRenderer {
         rays.active = active;
         r_.world_.trace(rays, hits);
         for (int i = 0; i < kPacket; ++i) {
-          if (has(active & ~hits.hit, i)) steady_[i] += weight[i] * static_cast<float>(ambient_lux_);
+          if (has(active & ~hits.hit, i)) add_steady(i, weight[i] * static_cast<float>(ambient_lux_));
         }
         active &= hits.hit;
         for (int i = 0; i < kPacket; ++i) {
@@ -394,10 +455,11 @@ class BlockRenderer {
         if (bounce < bounces_) continue;
         for (int i = 0; i < kPacket; ++i) {
           if (has(active, i))
-            steady_[i] += weight[i] * static_cast<float>(ambient_lux_) * (surface.albedo[i] + surface.reflectance[i]);
+            add_steady(i, weight[i] * static_cast<float>(ambient_lux_) * (surface.albedo[i] + surface.reflectance[i]));
         }
       }
     }
+    soft_ = 0;
   }
 
   // One point of each camera ray at which the beam scatters towards the camera, drawn so that points near the projector
@@ -434,13 +496,15 @@ class BlockRenderer {
       lit_points.blur_px[i] = beam.blur_px[i];
       lit_points.weight[i] = static_cast<float>(scattered) * beam.lux[i];
     }
-    patterns_.add(lit_points, lit, sums_.data());
+    patterns_.add(lit_points, lit, veil_ ? veil_sums_.data() : sums_.data());
   }
 
   const Renderer& r_;
   const ShownPatterns& patterns_;
   const std::vector<Station>& stations_;
-  int stack_, width_, height_;
+  int stack_;
+  IndirectLight *indirect_, *veil_;  // light over other surfaces, and out of the air; none: no smoothing
+  int width_, height_;
   double footprint_, ambient_lux_;
   int bounces_;
   Air haze_;
@@ -452,6 +516,11 @@ class BlockRenderer {
   Centres centre_;
   std::vector<float> sums_;            // by lane, then pattern
   alignas(64) float steady_[kPacket];  // what no pattern changes
+  // The same of light over other surfaces, as irradiance; and the lanes whose paths carry such light.
+  std::vector<float> soft_sums_;
+  alignas(64) float soft_steady_[kPacket];
+  Lanes soft_ = 0;
+  std::vector<float> veil_sums_;
 };
 
 namespace {
@@ -494,6 +563,21 @@ int64_t Renderer::rays_a_view() const {
   return static_cast<int64_t>(rays_.samples.size()) + static_cast<int64_t>(rays_.centres.size());
 }
 
+namespace {
+
+void add(IndirectLight& indirect, std::vector<cv::Mat1f>& images) {
+  const int steady = indirect.channels - 1;
+  for_each_row(indirect.size.height, [&](int row) {
+    for (int col = 0; col < indirect.size.width; ++col) {
+      const float* lux = indirect.at(row, col);
+      const float albedo = indirect.albedo[indirect.index(row, col)];
+      for (int k = 0; k < steady; ++k) images[static_cast<size_t>(k)](row, col) += albedo * (lux[k] + lux[steady]);
+    }
+  });
+}
+
+}  // namespace
+
 std::vector<cv::Mat1f> Renderer::render(const ShownPatterns& patterns, const std::vector<Pose>& world_from_camera,
                                         int stack, TruthFrame* truth) const {
   const RigModel& rig = scene_.rig;
@@ -509,11 +593,20 @@ std::vector<cv::Mat1f> Renderer::render(const ShownPatterns& patterns, const std
     for (cv::Mat3f* image : {&truth->position_m, &truth->normals}) *image = cv::Mat3f(size, cv::Vec3f::all(kNaN));
   }
   const int across = (size.width + kBlock - 1) / kBlock, down = (size.height + kBlock - 1) / kBlock;
+  std::optional<IndirectLight> indirect, veil;
+  const bool share = effects_.share_paths && patterns.count() > 0;
+  if (share && effects_.interreflection && scene_.bounces > 0) indirect.emplace(size, patterns.count() + 1);
+  if (share && effects_.air && scene_.air.extinction_per_m > 0) veil.emplace(size, patterns.count() + 1);
   static const RenderBlock render_block = widest_render();
   for_each_row(down, [&](int block_row) {
-    BlockRenderer block(*this, patterns, stations, stack);
+    BlockRenderer block(*this, patterns, stations, stack, indirect ? &*indirect : nullptr, veil ? &*veil : nullptr);
     for (int block_col = 0; block_col < across; ++block_col) render_block(block, block_row, block_col, images, truth);
   });
+  for (auto* light : {&indirect, &veil}) {
+    if (!*light) continue;
+    smooth(**light, 1 / rig.camera.fx, world_from_camera.front().translation);
+    add(**light, images);
+  }
   return images;
 }
 

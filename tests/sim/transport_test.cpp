@@ -7,6 +7,7 @@
 #include "sim/light/air.h"
 #include "sim/light/gloss.h"
 #include "sim/random.h"
+#include "sim/virtual_rig.h"
 #include "tests/sim/worlds.h"
 
 namespace fringeslam::sim {
@@ -97,6 +98,63 @@ TEST(Interreflection, MorePathsAreLessNoiseAboutTheSameMean) {
     spread[many] = std::sqrt(squares);
   }
   EXPECT_LT(spread[1], spread[0] / 4);
+}
+
+// The noise that is left in a pixel, of fringes over boxes, over the camera's own: what two stacks of one pose differ
+// by.
+double noise_of_paths(Scene scene, bool share) {
+  scene.trajectory.assign(2, TimedPose{});
+  RenderOptions options{4, false, false, Effects::none()};
+  options.effects.interreflection = options.effects.air = true;
+  options.effects.share_paths = share;
+  options.effects.bounce_paths = 8;
+  VirtualRig rig(scene, options);
+  const PatternSequence sequence{129, 97, {{Axis::columns, 16, 0, 8}}};
+  const cv::Mat1f a = rig.capture(sequence)->images[0], b = rig.capture(sequence)->images[0];
+  double squares = 0, variance = 0;
+  for (int i = 0; i < a.rows * a.cols; ++i) {
+    squares += std::pow(static_cast<double>(a(i) - b(i)), 2) / 2;
+    variance += scene.rig.sensor.variance_dn2(static_cast<double>(a(i)));
+  }
+  return std::sqrt(squares / variance);
+}
+
+TEST(Interreflection, SharedPathsLeaveTheCameraTheGreaterNoise) {
+  RigModel rig = coaxial_rig();
+  rig.near_m = 0.5, rig.far_m = 2;
+  rig.projector_from_camera.translation = {-0.2, 0, 0};
+  rig.projector_lens.flux_lm *= 0.5;
+  Scene scene = world_of({grey_object(plane_mesh(4, 4), pose_from({{0, 0, 1000}, {0, 30, 0}}), 0.6),
+                          grey_object(box_mesh({0.12, 0.1, 0.3}), pose_from({{50, 20, 900}, {20, 10, 0}}), 0.5)},
+                         rig);
+  scene.rig.sensor.gain_dn_per_electron = 0.003;
+  scene.bounces = 2;
+  EXPECT_LT(noise_of_paths(scene, true), 0.6);
+  EXPECT_GT(noise_of_paths(scene, false), 2 * noise_of_paths(scene, true));
+  scene.bounces = 0;
+  scene.air = {0.3, 0.9, 0.5};
+  EXPECT_LT(noise_of_paths(scene, true), 0.6);
+  EXPECT_GT(noise_of_paths(scene, false), 2 * noise_of_paths(scene, true));
+}
+
+// Smoothing moves no light: its mean over a room is that of the paths.
+TEST(Interreflection, SharingKeepsTheMean) {
+  RigModel rig = coaxial_rig();
+  rig.projector_from_camera.translation = {-0.2, 0, 0};
+  Scene scene = world_of({grey_object(box_mesh({1.6, 1.2, 2}), Pose{}, 0.7),
+                          grey_object(sphere_mesh(0.15, 4), pose_from({{100, 50, 800}, {0, 0, 0}}), 0.4)},
+                         rig);
+  scene.bounces = 3;
+  scene.air = {0.2, 0.9, 0.4};
+  Effects effects = Effects::none();
+  effects.interreflection = effects.air = true;
+  effects.bounce_paths = 256;
+  const std::vector<Pattern> patterns = {constant_pattern(1), constant_pattern(0)};
+  const auto plain = lux_of(scene, patterns, 4, effects);
+  effects.share_paths = true;
+  const auto shared = lux_of(scene, patterns, 4, effects);
+  EXPECT_NEAR(mean(shared[0]), mean(plain[0]), 2e-3 * mean(plain[0]));
+  EXPECT_GT(cv::countNonZero(shared[0] != plain[0]), 1000);
 }
 
 // --- air ---
