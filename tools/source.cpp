@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/source.h"
 
+#include <cstdio>
+
 #include "core/rig/dataset.h"
 #include "core/rig/files.h"
 #include "tools/board_file.h"
@@ -17,7 +19,9 @@ constexpr const char* kRenderFile = "render.yaml";
 class SceneSource : public Source {
  public:
   SceneSource(const fs::path& file, std::optional<uint64_t> seed, const Settings& settings)
-      : scene_(sim::load_scene(file, seed)), settings_(settings), board_(file.parent_path() / kBoardFile) {}
+      : scene_(sim::load_scene(file, seed)), settings_(settings), board_(file.parent_path() / kBoardFile) {
+    for (const std::string& note : scene_.notes) std::fprintf(stderr, "%s\n", note.c_str());
+  }
   const std::string& name() const override { return scene_.name; }
   uint64_t seed() const override { return scene_.seed; }
   int stacks() const override { return static_cast<int>(scene_.trajectory.size()); }

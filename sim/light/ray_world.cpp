@@ -222,6 +222,9 @@ void RayWorld::trace(const RayPacket& rays, HitPacket& hits) const {
     planes.z[i] = plane.z;
     planes.offset[i] = plane.offset;
     hits.object[i] = met ? static_cast<int>(query.hit.geomID[i]) : 0;
+    hits.triangle[i] = met ? static_cast<int>(query.hit.primID[i]) : 0;
+    hits.u[i] = query.hit.u[i];
+    hits.v[i] = query.hit.v[i];
     hits.hit |= static_cast<Lanes>(met) << i;
   }
   kernel.refine(rays, planes, query.ray.tfar, hits);

@@ -45,8 +45,9 @@ struct RayPacket {
 struct HitPacket {
   alignas(64) double distance[kPacket];
   Points point, normal;
-  int object[kPacket];
-  Lanes hit = 0;  // the rest is undefined in the other lanes
+  int object[kPacket], triangle[kPacket];
+  float u[kPacket], v[kPacket];  // barycentric, of the triangle's second and third vertex
+  Lanes hit = 0;                 // the rest is undefined in the other lanes
 };
 
 class RayWorld {

@@ -19,6 +19,7 @@ struct Covering {
   Material material;
   Pose object_from_world;
   uint32_t seed = 0;
+  const Mesh* mesh = nullptr;
   OIIO::TextureSystem::TextureHandle* texture = nullptr;
   int texture_channels = 3;      // 1: grey
   bool texture_is_srgb = false;  // files of integers are; floats are linear
@@ -58,20 +59,43 @@ struct Surfaces::Impl {
     if (textures) OIIO::TextureSystem::destroy(textures);
   }
 
-  float texel(const Covering& covering, const Eigen::Vector3d& point, const Eigen::Vector3d& normal,
-              double footprint_m) const {
-    // Laid on from the side of the object that the surface faces most.
+  // Where on the texture a hit lies, and how wide one metre of the surface is on it.
+  struct TexturePoint {
+    float s = 0, t = 0, per_m = 0;
+  };
+
+  static TexturePoint by_mesh(const Mesh& mesh, const HitPacket& hits, int lane) {
+    const Eigen::Vector3i& t = mesh.triangles[static_cast<size_t>(hits.triangle[lane])];
+    const auto coordinate = [&](int i) { return mesh.texture_coordinates[static_cast<size_t>(t[i])]; };
+    const auto vertex = [&](int i) { return mesh.vertices[static_cast<size_t>(t[i])]; };
+    const Eigen::Vector2f a = coordinate(1) - coordinate(0), b = coordinate(2) - coordinate(0);
+    const Eigen::Vector2f at = coordinate(0) + hits.u[lane] * a + hits.v[lane] * b;
+    const double area = (vertex(1) - vertex(0)).cross(vertex(2) - vertex(0)).norm();
+    const double share = std::abs(static_cast<double>(a.x() * b.y() - a.y() * b.x()));
+    return {at.x(), 1 - at.y(), static_cast<float>(std::sqrt(share / area))};
+  }
+
+  // Laid on from the side of the object that the surface faces most.
+  static TexturePoint by_side(const Covering& covering, const HitPacket& hits, int lane) {
+    const Eigen::Vector3d point = covering.object_from_world * hits.point.at(lane);
+    const Eigen::Vector3d normal = covering.object_from_world.rotation * hits.normal.at(lane);
     int axis = 0;
     normal.cwiseAbs().maxCoeff(&axis);
-    const double s = point[(axis + 1) % 3] / covering.material.texture_m;
-    const double t = point[(axis + 2) % 3] / covering.material.texture_m;
-    const auto width = static_cast<float>(footprint_m / covering.material.texture_m);
+    const Eigen::Vector3d tiles = point / covering.material.texture_m;
+    return {static_cast<float>(tiles[(axis + 1) % 3]), static_cast<float>(1 - tiles[(axis + 2) % 3]),
+            static_cast<float>(1 / covering.material.texture_m)};
+  }
+
+  float texel(const Covering& covering, const HitPacket& hits, int lane, double footprint_m) const {
+    const TexturePoint at = covering.mesh->texture_coordinates.empty() ? by_side(covering, hits, lane)
+                                                                       : by_mesh(*covering.mesh, hits, lane);
+    const float width = static_cast<float>(footprint_m) * at.per_m;
     OIIO::TextureOpt options;
     options.swrap = options.twrap = OIIO::TextureOpt::WrapPeriodic;
     options.fill = 0;
     float rgb[3] = {0, 0, 0};
-    textures->texture(covering.texture, textures->get_perthread_info(), options, static_cast<float>(s),
-                      static_cast<float>(1 - t), width, 0, 0, width, covering.texture_channels, rgb);
+    textures->texture(covering.texture, textures->get_perthread_info(), options, at.s, at.t, width, 0, 0, width,
+                      covering.texture_channels, rgb);
     if (covering.texture_is_srgb) {
       for (float& channel : rgb) channel = linear_from_srgb(channel);
     }
@@ -87,12 +111,8 @@ struct Surfaces::Impl {
     if (covering.texture) {
       for (int i = 0; i < kPacket; ++i) {
         if (!has(lanes, i)) continue;
-        const Eigen::Vector3d normal = hits.normal.at(i);
-        albedo.value[i] =
-            std::clamp(static_cast<float>(m.albedo) * texel(covering, covering.object_from_world * hits.point.at(i),
-                                                            covering.object_from_world.rotation * normal,
-                                                            hits.distance[i] * footprint_m),
-                       0.0f, 1.0f);
+        const float value = texel(covering, hits, i, hits.distance[i] * footprint_m);
+        albedo.value[i] = std::clamp(static_cast<float>(m.albedo) * value, 0.0f, 1.0f);
       }
     } else {
       albedo = m.albedo_at(transformed(covering.object_from_world, hits.point, 1, 0), covering.seed);
@@ -162,7 +182,7 @@ Surfaces::Surfaces(const Scene& scene, const Effects& effects) : impl_(std::make
   impl_->effects = effects;
   impl_->dust = scene.dust;
   for (const Object& object : scene.objects) {
-    Covering covering{object.material, object.world_from_object.inverse(), object.texture_seed};
+    Covering covering{object.material, object.world_from_object.inverse(), object.texture_seed, &object.mesh};
     if (!object.material.texture.empty()) {
       if (!impl_->textures) {
         impl_->textures = OIIO::TextureSystem::create(false);

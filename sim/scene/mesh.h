@@ -11,6 +11,8 @@ namespace fringeslam::sim {
 struct Mesh {
   std::vector<Eigen::Vector3d> vertices;
   std::vector<Eigen::Vector3i> triangles;  // counter-clockwise seen from outside
+  std::vector<Eigen::Vector2f> texture_coordinates =
+      {};  // of each vertex, v upwards; empty: textures are laid on from the sides
 };
 
 Mesh plane_mesh(double size_x, double size_y);                // z = 0, centred

@@ -59,8 +59,9 @@ struct Scene {
   Air air;
   Dust dust;
   Motion motion;
-  Trajectory trajectory;   // of the robot
-  bool commanded = false;  // whether the one who moves the robot knows the trajectory
+  Trajectory trajectory;                // of the robot
+  std::vector<std::string> notes = {};  // what imported files turned out to be, for people
+  bool commanded = false;               // whether the one who moves the robot knows the trajectory
 };
 
 // Throws Error with file:line on anything that is missing, unknown, not finite, out of range or

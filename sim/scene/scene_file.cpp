@@ -7,6 +7,7 @@
 #include "core/rig/rig_file.h"
 #include "core/rig/yaml.h"
 #include "sim/random.h"
+#include "sim/scene/mesh_import.h"
 #include "sim/scene/scatter.h"
 #include "sim/scene/scene.h"
 
@@ -147,16 +148,57 @@ Scatter read_scatter(const YamlMap& map, const Materials& materials) {
   return scatter;
 }
 
-std::vector<Object> read_objects(const YamlMap& scene, const Materials& materials, uint64_t seed) {
+// The parts of a mesh file, each an object; `material` replaces those of the file.
+std::vector<Object> read_mesh(const YamlMap& map, const Materials& materials, uint32_t seed,
+                              std::vector<std::string>& notes) {
+  const std::filesystem::path file = map.path("file");
+  if (!std::filesystem::exists(file)) throw map.error("file", file.string() + " does not exist");
+  MeshImportOptions options;
+  if (map.has("unit_m")) options.unit_m = map.number("unit_m", {1e-6, 1e6});
+  if (map.has("up")) options.up = map.choice("up", {"x", "y", "z"});
+  const std::optional<Material> material =
+      map.has("material") ? std::optional(find_material(map, materials)) : std::nullopt;
+  const Pose pose = map.has("pose") ? map.pose("pose") : Pose{};
+  MeshImport import;
+  try {
+    import = import_mesh(file, options);
+  } catch (const Error& e) {
+    throw map.error("file", e.what());
+  }
+  notes.push_back(import.summary(file));
+  std::vector<Object> objects;
+  for (ImportedPart& part : import.parts) {
+    Object object;
+    object.mesh = std::move(part.mesh);
+    object.world_from_object = pose;
+    object.material.albedo = part.albedo;
+    if (!part.texture.empty() && !material) {
+      if (!std::filesystem::exists(part.texture))
+        throw map.error("file", part.texture.string() + ", its texture, does not exist; give a material");
+      object.material.texture = part.texture.string();
+      object.material.albedo = 1;
+    }
+    if (material) object.material = *material;
+    object.texture_seed = seed;
+    objects.push_back(std::move(object));
+  }
+  return objects;
+}
+
+std::vector<Object> read_objects(const YamlMap& scene, const Materials& materials, uint64_t seed,
+                                 std::vector<std::string>& notes) {
   std::vector<Object> objects;
   uint32_t number = 0;
   for (const YamlMap& entry : scene.maps("objects")) {
-    const std::string shape = entry.choice("shape", {"plane", "box", "cylinder", "sphere", "rock", "scatter"});
+    const std::string shape = entry.choice("shape", {"plane", "box", "cylinder", "sphere", "rock", "mesh", "scatter"});
     if (shape == "scatter") {
       for (Object& object : scatter_objects(read_scatter(entry, materials), seed, number))
         objects.push_back(std::move(object));
+    } else if (const auto shape_seed =
+                   static_cast<uint32_t>(Philox(seed, Stream::shape, number).uniform() * 4294967295.0);
+               shape == "mesh") {
+      for (Object& object : read_mesh(entry, materials, shape_seed, notes)) objects.push_back(std::move(object));
     } else {
-      const auto shape_seed = static_cast<uint32_t>(Philox(seed, Stream::shape, number).uniform() * 4294967295.0);
       objects.push_back(read_primitive(entry, shape, materials, shape_seed));
     }
     ++number;
@@ -305,8 +347,8 @@ Scene load_scene(const std::filesystem::path& file, std::optional<uint64_t> seed
   if (map.has("light")) read_light(map.map("light"), scene);
   if (map.has("air")) scene.air = read_air(map.map("air"));
   if (map.has("dust")) scene.dust = read_dust(map.map("dust"));
-  const Materials materials = read_materials(map.map("materials"));
-  scene.objects = read_objects(map, materials, scene.seed);
+  const Materials materials = map.has("materials") ? read_materials(map.map("materials")) : Materials{};
+  scene.objects = read_objects(map, materials, scene.seed, scene.notes);
   const YamlMap trajectory = map.map("trajectory");
   scene.commanded = trajectory.boolean_or("commanded", false);
   scene.trajectory = read_trajectory(trajectory, scene.rig, scene.seed);

@@ -1,0 +1,309 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "sim/scene/mesh_reader.h"
+
+#include <assimp/config.h>
+#include <assimp/postprocess.h>
+#include <assimp/scene.h>
+#include <fcntl.h>
+#include <poll.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <assimp/Importer.hpp>
+#include <chrono>
+#include <cmath>
+#include <csignal>
+#include <cstdio>
+#include <cstring>
+
+#include "core/types/error.h"
+
+namespace fringeslam::sim {
+
+namespace {
+
+// --- one side of the pipe: plain values one after the other ---
+
+class Writer {
+ public:
+  template <class T>
+  void value(const T& v) {
+    bytes_.append(reinterpret_cast<const char*>(&v), sizeof v);
+  }
+  template <class T>
+  void list(const std::vector<T>& v) {
+    value(static_cast<uint64_t>(v.size()));
+    bytes_.append(reinterpret_cast<const char*>(v.data()), v.size() * sizeof(T));
+  }
+  void text(const std::string& t) { list(std::vector<char>(t.begin(), t.end())); }
+  const std::string& bytes() const { return bytes_; }
+
+ private:
+  std::string bytes_;
+};
+
+class Reader {
+ public:
+  explicit Reader(const std::string& bytes) : bytes_(bytes) {}
+  template <class T>
+  T value() {
+    T v;
+    take(&v, sizeof v);
+    return v;
+  }
+  template <class T>
+  std::vector<T> list() {
+    const auto count = value<uint64_t>();
+    if (count > (bytes_.size() - at_) / sizeof(T)) throw Error("the reader's answer is cut off");
+    std::vector<T> v(count);
+    if (count > 0) take(v.data(), count * sizeof(T));
+    return v;
+  }
+  std::string text() {
+    const std::vector<char> t = list<char>();
+    return {t.begin(), t.end()};
+  }
+
+ private:
+  void take(void* to, size_t size) {
+    if (size > bytes_.size() - at_) throw Error("the reader's answer is cut off");
+    std::memcpy(to, bytes_.data() + at_, size);
+    at_ += size;
+  }
+  const std::string& bytes_;
+  size_t at_ = 0;
+};
+
+std::string packed(const RawModel& model) {
+  Writer out;
+  out.value(model.unit_m);
+  out.value(model.y_up);
+  out.value(static_cast<uint64_t>(model.meshes.size()));
+  for (const RawMesh& mesh : model.meshes) {
+    out.text(mesh.name);
+    out.value(mesh.material);
+    out.list(mesh.positions);
+    out.list(mesh.coordinates);
+    out.list(mesh.indices);
+  }
+  out.value(static_cast<uint64_t>(model.instances.size()));
+  for (const RawInstance& instance : model.instances) {
+    out.text(instance.name);
+    out.value(instance.mesh);
+    out.value(instance.transform);
+  }
+  out.value(static_cast<uint64_t>(model.materials.size()));
+  for (const RawMaterial& material : model.materials) {
+    out.text(material.name);
+    out.text(material.texture);
+    out.value(material.colour);
+  }
+  return out.bytes();
+}
+
+RawModel unpacked(const std::string& bytes) {
+  Reader in(bytes);
+  RawModel model;
+  model.unit_m = in.value<double>();
+  model.y_up = in.value<uint32_t>();
+  for (auto left = in.value<uint64_t>(); left > 0; --left) {
+    RawMesh mesh;
+    mesh.name = in.text();
+    mesh.material = in.value<uint32_t>();
+    mesh.positions = in.list<float>();
+    mesh.coordinates = in.list<float>();
+    mesh.indices = in.list<uint32_t>();
+    model.meshes.push_back(std::move(mesh));
+  }
+  for (auto left = in.value<uint64_t>(); left > 0; --left) {
+    RawInstance instance;
+    instance.name = in.text();
+    instance.mesh = in.value<uint32_t>();
+    instance.transform = in.value<std::array<double, 16>>();
+    model.instances.push_back(std::move(instance));
+  }
+  for (auto left = in.value<uint64_t>(); left > 0; --left) {
+    RawMaterial material;
+    material.name = in.text();
+    material.texture = in.text();
+    material.colour = in.value<std::array<float, 3>>();
+    model.materials.push_back(std::move(material));
+  }
+  return model;
+}
+
+// --- the child: assimp ---
+
+RawMesh raw_mesh(const aiMesh& mesh) {
+  RawMesh raw;
+  raw.name = mesh.mName.C_Str();
+  raw.material = mesh.mMaterialIndex;
+  for (unsigned i = 0; i < mesh.mNumVertices; ++i) {
+    for (const float value : {mesh.mVertices[i].x, mesh.mVertices[i].y, mesh.mVertices[i].z})
+      raw.positions.push_back(value);
+    if (!mesh.HasTextureCoords(0)) continue;
+    raw.coordinates.push_back(mesh.mTextureCoords[0][i].x);
+    raw.coordinates.push_back(mesh.mTextureCoords[0][i].y);
+  }
+  for (unsigned i = 0; i < mesh.mNumFaces; ++i) {
+    if (mesh.mFaces[i].mNumIndices != 3) continue;  // points and lines
+    for (int k = 0; k < 3; ++k) raw.indices.push_back(mesh.mFaces[i].mIndices[k]);
+  }
+  return raw;
+}
+
+void add_instances(const aiNode& node, const aiMatrix4x4& parent, RawModel& model) {
+  const aiMatrix4x4 here = parent * node.mTransformation;
+  for (unsigned i = 0; i < node.mNumMeshes; ++i) {
+    RawInstance instance{node.mName.C_Str(), node.mMeshes[i], {}};
+    for (unsigned k = 0; k < 16; ++k) instance.transform[k] = static_cast<double>(here[k / 4][k % 4]);
+    model.instances.push_back(std::move(instance));
+  }
+  for (unsigned i = 0; i < node.mNumChildren; ++i) add_instances(*node.mChildren[i], here, model);
+}
+
+RawMaterial raw_material(const aiMaterial& material) {
+  RawMaterial raw;
+  raw.name = material.GetName().C_Str();
+  aiColor4D colour(0.5f, 0.5f, 0.5f, 1);
+  if (material.Get(AI_MATKEY_BASE_COLOR, colour) != aiReturn_SUCCESS) material.Get(AI_MATKEY_COLOR_DIFFUSE, colour);
+  raw.colour = {colour.r, colour.g, colour.b};
+  aiString texture;
+  for (const aiTextureType type : {aiTextureType_BASE_COLOR, aiTextureType_DIFFUSE}) {
+    if (raw.texture.empty() && material.GetTexture(type, 0, &texture) == aiReturn_SUCCESS)
+      raw.texture = texture.C_Str();
+  }
+  return raw;
+}
+
+// FBX says how many centimetres a unit is; assimp itself turns COLLADA into metres, and glTF is in metres.
+double unit_of(const aiScene& scene, const std::string& extension) {
+  if (extension == ".dae" || extension == ".gltf" || extension == ".glb") return 1;
+  if (!scene.mMetaData) return 0;
+  float single = 0;
+  double whole = 0;
+  if (scene.mMetaData->Get("UnitScaleFactor", single) && single > 0) return 0.01 * static_cast<double>(single);
+  if (scene.mMetaData->Get("UnitScaleFactor", whole) && whole > 0) return 0.01 * whole;
+  return 0;
+}
+
+std::string lower_extension(const std::filesystem::path& file) {
+  std::string extension = file.extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return std::tolower(c); });
+  return extension;
+}
+
+// 'm' and the model, or 'e' and a message.
+std::string answer(const std::filesystem::path& file) {
+  Assimp::Importer importer;
+  importer.SetPropertyInteger(AI_CONFIG_PP_SBP_REMOVE, aiPrimitiveType_POINT | aiPrimitiveType_LINE);
+  const aiScene* scene = importer.ReadFile(file.string(), aiProcess_Triangulate | aiProcess_SortByPType);
+  if (!scene || !scene->mRootNode) return std::string("e") + importer.GetErrorString();
+  RawModel model;
+  for (unsigned i = 0; i < scene->mNumMeshes; ++i) model.meshes.push_back(raw_mesh(*scene->mMeshes[i]));
+  for (unsigned i = 0; i < scene->mNumMaterials; ++i) model.materials.push_back(raw_material(*scene->mMaterials[i]));
+  add_instances(*scene->mRootNode, aiMatrix4x4(), model);
+  const std::string extension = lower_extension(file);
+  model.unit_m = unit_of(*scene, extension);
+  model.y_up = extension == ".dae" || extension == ".gltf" || extension == ".glb" || extension == ".fbx";
+  return "m" + packed(model);
+}
+
+void write_all(int descriptor, const std::string& bytes) {
+  for (size_t done = 0; done < bytes.size();) {
+    const ssize_t written = ::write(descriptor, bytes.data() + done, bytes.size() - done);
+    if (written <= 0) return;
+    done += static_cast<size_t>(written);
+  }
+}
+
+void limit_resources(double time_limit_s, double memory_limit_gib) {
+  const auto seconds = static_cast<rlim_t>(std::ceil(time_limit_s));
+  const rlimit time{seconds, seconds};
+  setrlimit(RLIMIT_CPU, &time);
+  const rlimit no_core{0, 0};
+  setrlimit(RLIMIT_CORE, &no_core);
+#ifndef __SANITIZE_ADDRESS__  // whose shadow memory is larger than any limit
+  long pages = 0;
+  if (FILE* statm = std::fopen("/proc/self/statm", "r")) {
+    if (std::fscanf(statm, "%ld", &pages) != 1) pages = 0;
+    std::fclose(statm);
+  }
+  const auto bytes = static_cast<rlim_t>(pages) * static_cast<rlim_t>(sysconf(_SC_PAGESIZE)) +
+                     static_cast<rlim_t>(memory_limit_gib * 1024 * 1024 * 1024);
+  const rlimit memory{bytes, bytes};
+  setrlimit(RLIMIT_AS, &memory);
+#endif
+}
+
+[[noreturn]] void work_as_child(int descriptor, const std::filesystem::path& file, double time_limit_s,
+                                double memory_limit_gib) {
+  // What our handlers would do on a crash is none of the child's business; nor is anybody's terminal.
+  for (const int signal : {SIGSEGV, SIGABRT, SIGBUS, SIGFPE, SIGILL, SIGINT, SIGTERM}) std::signal(signal, SIG_DFL);
+  const int nowhere = open("/dev/null", O_RDWR);
+  for (const int standard : {0, 1, 2}) dup2(nowhere, standard);
+  limit_resources(time_limit_s, memory_limit_gib);
+  std::string result;
+  try {
+    result = answer(file);
+  } catch (const std::bad_alloc&) {
+    result = "ereading it takes more memory than is allowed";
+  } catch (const std::exception& e) {
+    result = std::string("e") + e.what();
+  }
+  write_all(descriptor, result);
+  _exit(0);
+}
+
+// Everything the child says until it closes the pipe; empty time left: nothing more.
+bool read_all(int descriptor, double time_limit_s, std::string& bytes) {
+  const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(time_limit_s);
+  std::vector<char> buffer(1 << 20);
+  while (true) {
+    const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(end - std::chrono::steady_clock::now());
+    if (left.count() <= 0) return false;
+    pollfd waiting{descriptor, POLLIN, 0};
+    const int ready = poll(&waiting, 1, static_cast<int>(left.count()));
+    if (ready == 0) return false;
+    if (ready < 0) continue;  // a signal
+    const ssize_t count = ::read(descriptor, buffer.data(), buffer.size());
+    if (count <= 0) return true;
+    bytes.append(buffer.data(), static_cast<size_t>(count));
+  }
+}
+
+}  // namespace
+
+RawModel read_model(const std::filesystem::path& file, double time_limit_s, double memory_limit_gib) {
+  int ends[2];
+  if (pipe2(ends, O_CLOEXEC) != 0) throw Error(file.string() + ": no pipe to the mesh reader");
+  const pid_t child = fork();
+  if (child < 0) throw Error(file.string() + ": no process for the mesh reader");
+  if (child == 0) {
+    close(ends[0]);
+    work_as_child(ends[1], file, time_limit_s, memory_limit_gib);
+  }
+  close(ends[1]);
+  std::string bytes;
+  const bool in_time = read_all(ends[0], time_limit_s, bytes);
+  close(ends[0]);
+  if (!in_time) kill(child, SIGKILL);
+  int status = 0;
+  while (waitpid(child, &status, 0) < 0 && errno == EINTR) continue;
+  if (!in_time || (WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU))
+    throw Error(file.string() + ": reading it takes longer than " + std::to_string(static_cast<int>(time_limit_s)) +
+                " s; the file is broken or very large");
+  if (!WIFEXITED(status) || bytes.empty())
+    throw Error(file.string() + ": the mesh reader crashed on it; the file is broken, export it again");
+  if (bytes[0] == 'e') {
+    std::string message = bytes.substr(1);
+    std::replace(message.begin(), message.end(), '\n', ' ');
+    throw Error(file.string() + ": is no mesh that can be read: " + message);
+  }
+  return unpacked(bytes.substr(1));
+}
+
+}  // namespace fringeslam::sim
