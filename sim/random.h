@@ -22,8 +22,8 @@ enum class Stream : uint32_t {
   views = 4,
   paths = 5,
   fixed_pattern = 6,
-  lens = 7,
-  air = 8
+  air = 7,
+  draws = 8
 };
 
 class Philox {

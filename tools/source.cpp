@@ -15,6 +15,7 @@ namespace {
 
 constexpr const char* kSceneFile = "scene.yaml";
 constexpr const char* kRenderFile = "render.yaml";
+constexpr const char* kResolvedFile = "resolved_scene.yaml";
 
 class SceneSource : public Source {
  public:
@@ -35,6 +36,7 @@ class SceneSource : public Source {
     fs::create_directories(truth);
     write_text(truth / "truth.tum", to_tum(scene_.trajectory));
     write_text(folder / kRenderFile, render_yaml(settings_));
+    write_text(folder / kResolvedFile, scene_.resolved);
     if (scene_.commanded) write_text(folder / kStageFile, to_tum(scene_.trajectory));
     return std::make_unique<sim::VirtualRig>(scene_, settings_.render,
                                              [truth](const TruthFrame& frame) { sim::write_truth(frame, truth); });
@@ -67,7 +69,9 @@ class DatasetSource : public Source {
   std::unique_ptr<Rig> open(const fs::path& folder) override {
     if (info_.has_truth) fs::copy(folder_ / "truth", folder / "truth", fs::copy_options::recursive);
     if (fs::exists(folder_ / kStageFile)) fs::copy_file(folder_ / kStageFile, folder / kStageFile);
-    if (fs::exists(folder_ / kRenderFile)) fs::copy_file(folder_ / kRenderFile, folder / kRenderFile);
+    for (const char* file : {kRenderFile, kResolvedFile}) {
+      if (fs::exists(folder_ / file)) fs::copy_file(folder_ / file, folder / file);
+    }
     return std::move(rig_);
   }
 

@@ -12,9 +12,17 @@
 
 namespace fringeslam {
 
+namespace {
+
+constexpr Range kAnything{-1e300, 1e300};
+
+}  // namespace
+
 struct YamlMap::Node {
   YAML::Node yaml;
   std::string file;
+  std::string path;  // of this map in the file, the address of what is drawn in it
+  std::shared_ptr<const Draws> draws;
   std::set<std::string> asked;
   std::vector<std::shared_ptr<Node>> children;
 
@@ -46,22 +54,84 @@ struct YamlMap::Node {
     return value;
   }
 
-  std::shared_ptr<Node> child(const YAML::Node& value) {
+  std::shared_ptr<Node> child(const YAML::Node& value, const std::string& name) {
     auto node = std::make_shared<Node>();
     node->yaml.reset(value);
     node->file = file;
+    node->path = path + "/" + name;
+    node->draws = draws;
     children.push_back(node);
     return node;
   }
 
-  double to_number(const YAML::Node& value, const std::string& key, Range range) const {
+  // A number, or a distribution in its place, which is drawn and replaced by what came out.
+  double to_number(YAML::Node value, const std::string& key, Range range, bool whole = false,
+                   const std::string& element = "") const {
+    if (value.IsMap() && draws) {
+      const double drawn = draw(value, key, range, whole, path + "/" + key + element);
+      value = to_text(drawn);
+      return drawn;
+    }
     double number = 0;
     if (!value.IsScalar() || !YAML::convert<double>::decode(value, number))
       throw Error(where(value) + "'" + key + "' must be a number");
     if (!range.contains(number)) throw Error(where(value) + range_error("'" + key + "'", number, range));
     return number;
   }
+
+  double draw(const YAML::Node& value, const std::string& key, Range range, bool whole, const std::string& place) const;
 };
+
+namespace {
+
+// FNV-1a: the same address for the same place in the file, on every machine.
+uint64_t address_of(const std::string& path) {
+  uint64_t hash = 14695981039346656037ull;
+  for (const char c : path) hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211ull;
+  return hash;
+}
+
+}  // namespace
+
+double YamlMap::Node::draw(const YAML::Node& value, const std::string& key, Range range, bool whole,
+                           const std::string& place) const {
+  constexpr const char* kKinds = "uniform: [a, b], log_uniform: [a, b], normal: [mean, sigma] or choice: [...]";
+  if (value.size() != 1 || !value.begin()->first.IsScalar() || !value.begin()->second.IsSequence())
+    throw Error(where(value) + "'" + key + "' must be a number or a distribution, " + kKinds);
+  const std::string kind = value.begin()->first.Scalar();
+  std::vector<double> given;
+  for (const auto& entry : value.begin()->second)
+    given.push_back(to_number(entry, key, kind == "normal" ? kAnything : range));
+  const uint64_t address = address_of(place);
+  if (kind == "choice") {
+    if (given.empty()) throw Error(where(value) + "'choice' must not be empty");
+    const auto n = static_cast<double>(given.size());
+    return given[static_cast<size_t>(std::min(n - 1, std::floor(n * draws->uniform(address, 0))))];
+  }
+  if (given.size() != 2) throw Error(where(value) + "'" + kind + "' takes two numbers");
+  const double a = given[0], b = given[1];
+  if (kind == "uniform" || kind == "log_uniform") {
+    if (b < a) throw Error(where(value) + "'" + kind + "' must have its smaller number first");
+    if (kind == "log_uniform" && a <= 0) throw Error(where(value) + "'log_uniform' takes numbers above 0");
+    const double u = draws->uniform(address, 0);
+    if (whole && kind == "uniform")
+      return std::min(std::floor(b), std::ceil(a) + std::floor(u * (std::floor(b) - std::ceil(a) + 1)));
+    const double drawn = kind == "uniform" ? a + u * (b - a) : a * std::pow(b / a, u);
+    return whole ? std::round(drawn) : drawn;
+  }
+  if (kind != "normal") throw Error(where(value) + "'" + kind + "' is no distribution; there are " + kKinds);
+  if (b < 0) throw Error(where(value) + "'normal' takes a mean and a sigma that is not negative");
+  // Truncated to what the key permits.
+  constexpr uint32_t kTries = 1000;
+  for (uint32_t attempt = 0; attempt < kTries; ++attempt) {
+    double drawn = a + b * draws->normal(address, attempt);
+    if (whole) drawn = std::round(drawn);
+    if (range.contains(drawn)) return drawn;
+  }
+  throw Error(where(value) + "'" + key +
+              "' drawn from this normal distribution is hardly ever permitted; the range is [" + to_text(range.low) +
+              ", " + to_text(range.high) + "]");
+}
 
 namespace {
 
@@ -126,7 +196,7 @@ double YamlMap::number_or(const std::string& key, double fallback, Range range) 
 }
 
 int YamlMap::integer(const std::string& key, Range range) const {
-  const double value = number(key, range);
+  const double value = node_->to_number(node_->require(key), key, range, true);
   if (value != std::floor(value)) throw error(key, "'" + key + "' must be a whole number");
   return static_cast<int>(value);
 }
@@ -152,7 +222,15 @@ bool YamlMap::boolean_or(const std::string& key, bool fallback) const {
 }
 
 std::string YamlMap::text(const std::string& key) const {
-  const YAML::Node value = node_->require(key);
+  YAML::Node value = node_->require(key);
+  if (node_->draws && value.IsMap() && value.size() == 1 && value["choice"].IsSequence() &&
+      value["choice"].size() > 0) {
+    const YAML::Node choices = value["choice"];
+    const auto n = static_cast<double>(choices.size());
+    const double u = node_->draws->uniform(address_of(node_->path + "/" + key), 0);
+    const YAML::Node chosen = choices[static_cast<size_t>(std::min(n - 1, std::floor(n * u)))];
+    if (chosen.IsScalar()) value = chosen.Scalar();
+  }
   if (!value.IsScalar() || value.Scalar().empty()) throw error(key, "'" + key + "' must be a text");
   return value.Scalar();
 }
@@ -178,7 +256,8 @@ std::vector<double> YamlMap::numbers(const std::string& key, size_t count, Range
   if (!value.IsSequence() || value.size() == 0 || (count != 0 && value.size() != count))
     throw error(key, "'" + key + "' must be a list of " + (count ? std::to_string(count) + " " : "") + "numbers");
   std::vector<double> result;
-  for (const auto& element : value) result.push_back(node_->to_number(element, key, range));
+  for (size_t i = 0; i < value.size(); ++i)
+    result.push_back(node_->to_number(value[i], key, range, false, "/" + std::to_string(i)));
   return result;
 }
 
@@ -223,7 +302,7 @@ std::vector<std::string> YamlMap::texts(const std::string& key) const {
 YamlMap YamlMap::map(const std::string& key) const {
   const YAML::Node value = node_->require(key);
   if (!value.IsMap()) throw error(key, "'" + key + "' must be a map of `key: value` lines");
-  return YamlMap(node_->child(value));
+  return YamlMap(node_->child(value, key));
 }
 
 std::vector<YamlMap> YamlMap::maps(const std::string& key) const {
@@ -233,7 +312,7 @@ std::vector<YamlMap> YamlMap::maps(const std::string& key) const {
   for (size_t i = 0; i < value.size(); ++i) {
     const YAML::Node element = value[i];
     if (!element.IsMap()) throw Error(node_->where(element) + "each entry of '" + key + "' must be a map");
-    result.push_back(YamlMap(node_->child(element)));
+    result.push_back(YamlMap(node_->child(element, key + "/" + std::to_string(i))));
   }
   return result;
 }
@@ -254,6 +333,14 @@ Error YamlMap::error(const std::string& key, const std::string& message) const {
 Error YamlMap::error(const std::string& message) const { return Error(node_->where(node_->yaml) + message); }
 
 std::filesystem::path YamlMap::folder() const { return std::filesystem::path(node_->file).parent_path(); }
+
+void YamlMap::draw_from(std::shared_ptr<const Draws> draws) { node_->draws = std::move(draws); }
+
+std::string YamlMap::dump() const {
+  YAML::Emitter out;
+  out << node_->yaml;
+  return std::string(out.c_str()) + "\n";
+}
 
 void YamlMap::finish() const {
   for (const std::string& key : keys()) {

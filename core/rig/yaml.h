@@ -20,6 +20,14 @@
 
 namespace fringeslam {
 
+// Random numbers by address, for the distributions that may stand in place of numbers.
+class Draws {
+ public:
+  virtual ~Draws() = default;
+  virtual double uniform(uint64_t address, uint32_t attempt) const = 0;  // in (0, 1)
+  virtual double normal(uint64_t address, uint32_t attempt) const = 0;   // standard
+};
+
 class YamlMap {
  public:
   static YamlMap load(const std::filesystem::path& file);
@@ -66,6 +74,13 @@ class YamlMap {
   std::filesystem::path path(const std::string& key) const { return folder() / text(key); }
 
   void finish() const;
+
+  // From now on a number in this map, or below it, may be {uniform: [a, b]}, {log_uniform: [a, b]}, {normal: [mean,
+  // sigma]} (truncated to what is permitted) or {choice: [...]}, and a text a choice. What is drawn depends on the
+  // place in the file and nothing else.
+  void draw_from(std::shared_ptr<const Draws> draws);
+  // The map as YAML, with what was drawn in place of distributions.
+  std::string dump() const;
 
  private:
   struct FieldReader {

@@ -60,6 +60,7 @@ struct Scene {
   Dust dust;
   Motion motion;
   Trajectory trajectory;                // of the robot
+  std::string resolved = {};            // the scene file, with what was drawn in place of distributions
   std::vector<std::string> notes = {};  // what imported files turned out to be, for people
   bool commanded = false;               // whether the one who moves the robot knows the trajectory
 };

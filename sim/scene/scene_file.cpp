@@ -333,15 +333,30 @@ RigModel read_scene_rig(const YamlMap& map) {
   return rig;
 }
 
+// The distributions of a scene file, drawn from its seed.
+class SceneDraws : public Draws {
+ public:
+  explicit SceneDraws(uint64_t seed) : seed_(seed) {}
+  double uniform(uint64_t address, uint32_t attempt) const override { return at(address).uniforms(attempt)[0]; }
+  double normal(uint64_t address, uint32_t attempt) const override { return at(address).normal_pair(attempt).first; }
+
+ private:
+  Philox at(uint64_t address) const {
+    return Philox(seed_, Stream::draws, static_cast<uint32_t>(address), static_cast<uint32_t>(address >> 32));
+  }
+  uint64_t seed_;
+};
+
 }  // namespace
 
 Scene load_scene(const std::filesystem::path& file, std::optional<uint64_t> seed) {
-  const YamlMap map = YamlMap::load(file);
+  YamlMap map = YamlMap::load(file);
   Scene scene;
   scene.name = map.text("name");
   map.text_or("description", "");
   const uint64_t written_seed = map.has("seed") ? map.seed("seed") : 1;
   scene.seed = seed.value_or(written_seed);
+  map.draw_from(std::make_shared<SceneDraws>(scene.seed));
   scene.rig = read_scene_rig(map.map("rig"));
   scene.patterns = read_scene_patterns(map.map("patterns"), scene.rig);
   if (map.has("light")) read_light(map.map("light"), scene);
@@ -354,6 +369,7 @@ Scene load_scene(const std::filesystem::path& file, std::optional<uint64_t> seed
   scene.trajectory = read_trajectory(trajectory, scene.rig, scene.seed);
   if (trajectory.has("while_capturing")) scene.motion = read_motion(trajectory.map("while_capturing"));
   map.finish();
+  scene.resolved = map.dump();
   return scene;
 }
 

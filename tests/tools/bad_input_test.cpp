@@ -97,6 +97,16 @@ TEST_F(BadInput, MaterialThatCannotBe) {
                        "no.png does not exist");
 }
 
+TEST_F(BadInput, MeshThatCannotBe) {
+  const std::string plane = "{shape: plane, size_m: [0.8, 0.8], material: table}";
+  expect_scene_refused(plane, "{shape: mesh, file: no.obj}", "no.obj does not exist");
+  test::write_bytes(scene_ / "junk.obj", "v 0 0 0\nf 1 2 3\n");
+  expect_scene_refused(plane, "{shape: mesh, file: junk.obj}", "junk.obj: ");
+  test::write_bytes(scene_ / "good.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+  expect_scene_refused(plane, "{shape: mesh, file: good.obj, unit_m: 0}", "'unit_m' is 0");
+  expect_scene_refused(plane, "{shape: mesh, file: good.obj, up: w}", "'up: w' is not one of");
+}
+
 TEST_F(BadInput, RigThatCannotBe) {
   const std::string good = test::read_bytes(scene_ / "rig.yaml");
   const auto refused = [&](const std::string& from, const std::string& to, const std::string& says) {

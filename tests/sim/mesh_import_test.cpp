@@ -1,0 +1,306 @@
+// SPDX-License-Identifier: Apache-2.0
+// Mesh files of each format, whole and broken.
+#include "sim/scene/mesh_import.h"
+
+#include <gmock/gmock.h>
+
+#include <Eigen/Geometry>
+#include <bit>
+#include <cmath>
+
+#include "core/rig/files.h"
+#include "core/types/error.h"
+#include "sim/scene/scene.h"
+#include "tests/sim/worlds.h"
+#include "tests/support/matchers.h"
+#include "tests/support/temp_folder.h"
+
+namespace fringeslam::sim {
+namespace {
+
+using support::error_of;
+using testing::HasSubstr;
+
+// A roof: two triangles over a base of 4 x 2 units, its ridge 3 units up along the file's up axis (here z).
+const char* const kObj = R"(mtllib roof.mtl
+o roof
+v 0 0 0
+v 4 0 0
+v 4 2 3
+v 0 2 3
+usemtl tiles
+f 1 2 3
+f 1 3 4
+)";
+const char* const kMtl = "newmtl tiles\nKd 0.8 0.4 0.2\n";
+const char* const kPly = R"(ply
+format ascii 1.0
+element vertex 4
+property float x
+property float y
+property float z
+element face 2
+property list uchar int vertex_indices
+end_header
+0 0 0
+4 0 0
+4 2 3
+0 2 3
+3 0 1 2
+3 0 2 3
+)";
+const char* const kStl = R"(solid roof
+facet normal 0 -1 1
+outer loop
+vertex 0 0 0
+vertex 4 0 0
+vertex 4 2 3
+endloop
+endfacet
+facet normal 0 -1 1
+outer loop
+vertex 0 0 0
+vertex 4 2 3
+vertex 0 2 3
+endloop
+endfacet
+endsolid roof
+)";
+// COLLADA in inches, z up.
+const char* const kDae = R"(<?xml version="1.0" encoding="utf-8"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit name="inch" meter="0.0254"/><up_axis>Z_UP</up_axis></asset>
+<library_geometries><geometry id="g" name="g"><mesh>
+<source id="p"><float_array id="a" count="12">0 0 0 4 0 0 4 2 3 0 2 3</float_array>
+<technique_common><accessor source="#a" count="4" stride="3"><param name="X" type="float"/><param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+<triangles count="2"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2 0 2 3</p></triangles>
+</mesh></geometry></library_geometries>
+<library_visual_scenes><visual_scene id="s"><node id="n" name="house"><scale>100 100 100</scale><instance_geometry url="#g"/></node></visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#s"/></scene>
+</COLLADA>
+)";
+const char* const kFbx = R"(; FBX 7.4.0 project file
+FBXHeaderExtension:  {
+	FBXHeaderVersion: 1003
+	FBXVersion: 7400
+}
+GlobalSettings:  {
+	Version: 1000
+	Properties70:  {
+		P: "UpAxis", "int", "Integer", "",1
+		P: "UpAxisSign", "int", "Integer", "",1
+		P: "FrontAxis", "int", "Integer", "",2
+		P: "FrontAxisSign", "int", "Integer", "",1
+		P: "CoordAxis", "int", "Integer", "",0
+		P: "CoordAxisSign", "int", "Integer", "",1
+		P: "UnitScaleFactor", "double", "Number", "",2.54
+	}
+}
+Objects:  {
+	Geometry: 1000, "Geometry::roof", "Mesh" {
+		Vertices: *12 {
+			a: 0,0,0,4,0,0,4,3,-2,0,3,-2
+		}
+		PolygonVertexIndex: *6 {
+			a: 0,1,-3,0,2,-4
+		}
+		GeometryVersion: 124
+	}
+	Model: 2000, "Model::roof", "Mesh" {
+		Version: 232
+	}
+}
+Connections:  {
+	C: "OO",2000,0
+	C: "OO",1000,2000
+}
+)";
+
+std::string base64(const std::string& bytes) {
+  static const char* const kDigits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  std::string text;
+  for (size_t i = 0; i < bytes.size(); i += 3) {
+    uint32_t three = 0;
+    for (size_t k = 0; k < 3; ++k)
+      three = three << 8 | (i + k < bytes.size() ? static_cast<unsigned char>(bytes[i + k]) : 0u);
+    for (int k = 3; k >= 0; --k) text += kDigits[three >> (6 * k) & 63];
+  }
+  for (size_t k = 0; k < (3 - bytes.size() % 3) % 3; ++k) text[text.size() - 1 - k] = '=';
+  return text;
+}
+
+// glTF: metres, y up; the node moves it by (0, 10, 0). `largest` index of the last triangle.
+std::string gltf(uint16_t largest = 3, int count = 6) {
+  std::string bytes;
+  for (const float x : {0.f, 0.f, 0.f, 4.f, 0.f, 0.f, 4.f, 3.f, -2.f, 0.f, 3.f, -2.f})
+    bytes.append(reinterpret_cast<const char*>(&x), 4);
+  for (const uint16_t i : {uint16_t{0}, uint16_t{1}, uint16_t{2}, uint16_t{0}, uint16_t{2}, largest})
+    bytes.append(reinterpret_cast<const char*>(&i), 2);
+  return R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0,"translation":[0,10,0]}],)"
+         R"("meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":1}]}],)"
+         R"("bufferViews":[{"buffer":0,"byteOffset":0,"byteLength":48},{"buffer":0,"byteOffset":48,"byteLength":12}],)"
+         R"("accessors":[{"bufferView":0,"componentType":5126,"type":"VEC3","count":4,"min":[0,0,-2],"max":[4,3,0]},)"
+         R"({"bufferView":1,"componentType":5123,"type":"SCALAR","count":)" +
+         std::to_string(count) + R"(}],"buffers":[{"byteLength":60,"uri":"data:application/octet-stream;base64,)" +
+         base64(bytes) + "\"}]}";
+}
+
+std::string binary_stl(uint32_t says, int holds) {
+  std::string bytes(80, ' ');
+  bytes.append(reinterpret_cast<const char*>(&says), 4);
+  for (int i = 0; i < holds; ++i) {
+    for (const float x : {0.f, 0.f, 1.f, 0.f, 0.f, 0.f, 4.f, 0.f, 0.f, 4.f, 2.f, 3.f})
+      bytes.append(reinterpret_cast<const char*>(&x), 4);
+    bytes.append(2, '\0');
+  }
+  return bytes;
+}
+
+class Import : public testing::Test {
+ protected:
+  std::filesystem::path file(const std::string& name, const std::string& bytes) const {
+    write_text(temp_ / name, bytes);
+    return temp_ / name;
+  }
+  test::TempFolder temp_;
+};
+
+void expect_roof(const MeshImport& roof, double unit, const Eigen::Vector3d& low = Eigen::Vector3d::Zero()) {
+  EXPECT_EQ(roof.triangles, 2u);
+  EXPECT_EQ(roof.degenerate, 0u);
+  EXPECT_NEAR((roof.low - low).norm(), 0, 1e-5 * unit);
+  EXPECT_NEAR((roof.high - low - unit * Eigen::Vector3d(4, 2, 3)).norm(), 0, 1e-5 * unit);
+  // Counter-clockwise from above the roof.
+  const Mesh& mesh = roof.parts[0].mesh;
+  const Eigen::Vector3i t = mesh.triangles[0];
+  const Eigen::Vector3d a = mesh.vertices[static_cast<size_t>(t[0])];
+  const Eigen::Vector3d normal =
+      (mesh.vertices[static_cast<size_t>(t[1])] - a).cross(mesh.vertices[static_cast<size_t>(t[2])] - a);
+  EXPECT_GT(normal.z(), 0);
+}
+
+TEST_F(Import, WavefrontWithItsMaterial) {
+  file("roof.mtl", kMtl);
+  const MeshImport roof = import_mesh(file("roof.obj", kObj));
+  expect_roof(roof, 1);
+  EXPECT_NEAR(roof.parts[0].albedo, 0.2126 * 0.8 + 0.7152 * 0.4 + 0.0722 * 0.2, 1e-6);
+  EXPECT_THAT(roof.summary("roof.obj"), HasSubstr("1 m a unit, z up; 1 part, 2 triangles, 4 x 2 x 3 m"));
+}
+TEST_F(Import, UnitAndUpAxisAsAsked) {
+  MeshImportOptions options;
+  options.unit_m = 0.001;
+  expect_roof(import_mesh(file("roof.ply", kPly), options), 0.001);
+  options.up = "y";
+  const MeshImport turned = import_mesh(file("roof.ply", kPly), options);
+  EXPECT_NEAR((turned.high - turned.low - 0.001 * Eigen::Vector3d(4, 3, 2)).norm(), 0, 1e-9);
+}
+TEST_F(Import, Polygons) { expect_roof(import_mesh(file("roof.ply", kPly)), 1); }
+TEST_F(Import, StereolithographyInText) { expect_roof(import_mesh(file("roof.stl", kStl)), 1); }
+TEST_F(Import, StereolithographyInBinary) { EXPECT_EQ(import_mesh(file("roof.stl", binary_stl(3, 3))).triangles, 3u); }
+TEST_F(Import, GltfMovesItsNodesAndIsTurnedUpright) {
+  expect_roof(import_mesh(file("roof.gltf", gltf())), 1, {0, 0, 10});
+}
+// A house of 400 by 200 by 300 inches is one of 10 by 5 by 7.6 m.
+TEST_F(Import, ColladaInInchesIsHouseSized) {
+  const MeshImport house = import_mesh(file("house.dae", kDae));
+  expect_roof(house, 2.54);
+  EXPECT_EQ(house.parts[0].name, "house");
+}
+TEST_F(Import, FbxInInches) { expect_roof(import_mesh(file("roof.fbx", kFbx)), 0.0254); }
+
+TEST_F(Import, DegenerateTrianglesAreCountedAndDropped) {
+  const std::string more = std::string(kObj) + "f 1 1 2\nv 8 0 0\nf 1 2 5\n";
+  const MeshImport roof = import_mesh(file("roof.obj", more));
+  EXPECT_EQ(roof.triangles, 2u);
+  EXPECT_EQ(roof.degenerate, 2u);
+}
+
+// Whatever is wrong with a file: one line that names it, in bounded time, and the program goes on.
+TEST_F(Import, BrokenFilesAreRefused) {
+  const std::string obj = kObj, ply = kPly, stl = kStl, dae = kDae, fbx = kFbx, good_gltf = gltf();
+  const auto without = [](std::string text, const std::string& part) {
+    return text.replace(text.find(part), part.size(), "");
+  };
+  const auto with = [](std::string text, const std::string& from, const std::string& to) {
+    return text.replace(text.find(from), from.size(), to);
+  };
+  const std::string junk = [] {
+    std::string bytes;
+    for (uint32_t i = 0; i < 5000; ++i) bytes += static_cast<char>(i * 2654435761u >> 21);
+    return bytes;
+  }();
+  std::string nested;
+  for (int i = 0; i < 20000; ++i) nested += "[";
+  const std::vector<std::pair<std::string, std::string>> files = {
+      {"empty.obj", ""},
+      {"empty.ply", ""},
+      {"empty.stl", ""},
+      {"empty.glb", ""},
+      {"junk.obj", junk},
+      {"junk.ply", junk},
+      {"junk.glb", junk},
+      {"junk.fbx", junk},
+      {"junk.dae", junk},
+      {"points.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\n"},
+      {"flat.obj", "v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"},
+      {"index.obj", with(obj, "f 1 3 4", "f 1 3 99")},
+      {"index.ply", with(ply, "3 0 2 3\n", "3 0 2 77\n")},
+      {"nan.ply", with(ply, "4 2 3", "nan 2 3")},
+      {"cut.ply", ply.substr(0, ply.find("4 2 3"))},
+      {"lies.ply", with(ply, "element vertex 4", "element vertex 400000000")},
+      {"lies.stl", binary_stl(4000000000u, 2)},
+      {"cut.gltf", good_gltf.substr(0, good_gltf.size() / 2)},
+      {"overrun.gltf", gltf(3, 6000000)},
+      {"nested.gltf", nested},
+      {"nothing.gltf", R"({"asset":{"version":"2.0"},"scenes":[{}],"scene":0})"},
+      {"cut.dae", dae.substr(0, dae.find("<triangles"))},
+      {"missing.dae", without(dae, "<library_visual_scenes>")},
+      {"index.dae", with(dae, "0 1 2 0 2 3", "0 1 2 0 2 99")},
+      {"cut.fbx", fbx.substr(0, fbx.find("PolygonVertexIndex"))},
+      {"index.fbx", with(fbx, "0,1,-3,0,2,-4", "0,1,-3,0,2,-400")},
+      {"text.xyz", "no format at all"},
+  };
+  MeshImportOptions options;
+  options.time_limit_s = 20;
+  options.memory_limit_gib = 1;
+  for (const auto& [name, bytes] : files) {
+    const std::filesystem::path path = file(name, bytes);
+    const std::string message = error_of([&] { import_mesh(path, options); });
+    EXPECT_THAT(message, testing::StartsWith(path.string() + ": ")) << name;
+    EXPECT_EQ(message.find('\n'), std::string::npos) << message;
+  }
+  EXPECT_THAT(error_of([&] { import_mesh(temp_.path()); }), HasSubstr("is no file"));
+}
+
+// What assimp drops on its own is not seen, but nothing that points nowhere comes through.
+TEST_F(Import, IndicesAreWithinTheirMesh) {
+  const MeshImport roof = import_mesh(file("index.gltf", gltf(60000)));
+  EXPECT_LT(roof.triangles, 2u);
+  for (const Eigen::Vector3i& t : roof.parts[0].mesh.triangles)
+    EXPECT_LT(t.maxCoeff(), static_cast<int>(roof.parts[0].mesh.vertices.size()));
+}
+
+// A texture is laid on by the mesh's own coordinates.
+TEST_F(Import, TextureCoordinatesComeAlong) {
+  cv::Mat1b image(64, 64, static_cast<uchar>(255));
+  image.rowRange(0, 32) = 0;  // the upper half, v > 1/2
+  write_png(temp_ / "half.png", image);
+  file("board.mtl", "newmtl m\nKd 1 1 1\nmap_Kd half.png\n");
+  const MeshImport board =
+      import_mesh(file("board.obj",
+                       "mtllib board.mtl\nv -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\n"
+                       "vt 0 1\nusemtl m\nf 1/1 2/2 3/3\nf 1/1 3/3 4/4\n"));
+  ASSERT_EQ(board.parts[0].texture.filename(), "half.png");
+  Object object;
+  object.mesh = board.parts[0].mesh;
+  object.world_from_object = pose_from({{0, 0, 1000}, {0, 0, 0}});
+  object.material.texture = board.parts[0].texture.string();
+  object.material.albedo = 1;
+  const cv::Mat1f lux = lux_of(world_of({object}, coaxial_rig()), {constant_pattern(1)})[0];
+  EXPECT_GT(lux(10, 32), 0.9 * kWhiteLux);  // y down: small rows are small y, small v
+  EXPECT_LT(lux(38, 32), 0.05 * kWhiteLux);
+}
+
+}  // namespace
+}  // namespace fringeslam::sim
