@@ -47,5 +47,6 @@ std::vector<Item> decoding_items();
 std::vector<Item> cycles_items();
 std::vector<Item> rendering_items();
 std::vector<Item> speed_items();
+std::vector<Item> world_items();
 
 }  // namespace fringeslam::bench

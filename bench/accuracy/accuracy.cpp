@@ -106,6 +106,17 @@ std::vector<Item> accuracy_items() {
       {{"pose.thesis_a.translation", "pose.thesis_a.rotation"},
        "thesis 5.2.1 a: boxes and foam on a stage",
        [](const Context& context) { return experiment_rows("pose.thesis_a", "boxes_and_foam", 0.02, 0.005, context); }},
+      {{"pose.thesis_b.translation", "pose.thesis_b.rotation"},
+       "thesis 5.2.1 b: a face mask on a stage",
+       [](const Context& context) { return experiment_rows("pose.thesis_b", "face_mask", 0.02, 0.005, context); }},
+      {{"pose.thesis_rubble.translation", "pose.thesis_rubble.rotation"},
+       "thesis 5.2.2: rubble under dust",
+       [](const Context& context) {
+         return experiment_rows("pose.thesis_rubble", "rubble_under_dust", 0.02, 0.005, context);
+       }},
+      {{"pose.paper.translation", "pose.paper.rotation"},
+       "conference paper IV: boxes, 70 cm",
+       [](const Context& context) { return experiment_rows("pose.paper", "paper_boxes", 0.1, 0.01, context); }},
       {{"pose.bound"}, "pose error over the Cramer-Rao bound", bound_rows}};
 }
 

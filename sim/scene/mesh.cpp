@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sim/scene/mesh.h"
 
+#include <algorithm>
 #include <cmath>
 #include <map>
 #include <numbers>
@@ -91,6 +92,60 @@ Mesh rock_mesh(const Eigen::Vector3d& size, int subdivisions, double roughness, 
   for (auto& v : mesh.vertices) {
     const double radius = 1 + roughness * fractal_noise(v * 2.0 + Eigen::Vector3d::Constant(10), 5, seed);
     v = (v * radius).cwiseProduct(size) / 2;
+  }
+  return mesh;
+}
+
+namespace {
+
+// Height of the face over the unit disc, x to its left eye, y to its brow; 1 at the middle of a bare half ellipsoid.
+double face_height(double x, double y) {
+  const auto bump = [&](double cx, double cy, double wx, double wy) {
+    const double dx = (x - cx) / wx, dy = (y - cy) / wy;
+    return std::exp(-0.5 * (dx * dx + dy * dy));
+  };
+  const double rim = std::max(0.0, 1 - x * x - y * y);
+  double height = std::pow(rim, 0.4);
+  const double side = std::abs(x);  // a face is symmetric
+  const auto pair = [&](double cx, double cy, double wx, double wy) {
+    const double dx = (side - cx) / wx, dy = (y - cy) / wy;
+    return std::exp(-0.5 * (dx * dx + dy * dy));
+  };
+  // The nose widens and rises from between the eyes to its tip.
+  const double along = std::clamp((0.28 - y) / 0.38, 0.0, 1.0);
+  height +=
+      0.42 * along * bump(0, y, 0.05 + 0.07 * along, 1) * (y < -0.1 ? std::exp(-std::pow((y + 0.1) / 0.05, 2)) : 1);
+  height += 0.10 * pair(0.36, 0.40, 0.20, 0.07);   // brows
+  height -= 0.22 * pair(0.36, 0.22, 0.13, 0.08);   // sockets
+  height += 0.10 * pair(0.36, 0.21, 0.07, 0.04);   // lids
+  height += 0.10 * pair(0.48, -0.10, 0.16, 0.16);  // cheeks
+  height += 0.12 * bump(0, -0.36, 0.20, 0.045);    // lips
+  height += 0.11 * bump(0, -0.46, 0.16, 0.04);
+  height -= 0.06 * bump(0, -0.41, 0.20, 0.015);
+  height += 0.10 * bump(0, -0.72, 0.18, 0.12);  // chin
+  return std::min(1.0, 4 * rim) * height;
+}
+
+}  // namespace
+
+Mesh face_mask_mesh(const Eigen::Vector3d& size, int rings) {
+  const int spokes = 4 * rings;
+  Mesh mesh;
+  const auto add = [&](double radius, double angle) {
+    const double x = radius * std::cos(angle), y = radius * std::sin(angle);
+    mesh.vertices.emplace_back(0.5 * size.x() * x, 0.5 * size.y() * y, size.z() / 1.4 * face_height(x, y));
+  };
+  add(0, 0);
+  for (int ring = 1; ring <= rings; ++ring) {
+    for (int spoke = 0; spoke < spokes; ++spoke)
+      add(static_cast<double>(ring) / rings, 2 * std::numbers::pi * spoke / spokes);
+  }
+  const auto at = [&](int ring, int spoke) { return ring == 0 ? 0 : 1 + (ring - 1) * spokes + spoke % spokes; };
+  for (int ring = 0; ring < rings; ++ring) {
+    for (int spoke = 0; spoke < spokes; ++spoke) {
+      mesh.triangles.emplace_back(at(ring, spoke), at(ring + 1, spoke), at(ring + 1, spoke + 1));
+      if (ring > 0) mesh.triangles.emplace_back(at(ring, spoke), at(ring + 1, spoke + 1), at(ring, spoke + 1));
+    }
   }
   return mesh;
 }

@@ -23,4 +23,7 @@ Mesh sphere_mesh(double radius, int subdivisions);            // subdivided icos
 // A sphere displaced by fractal noise and stretched to `size`.
 Mesh rock_mesh(const Eigen::Vector3d& size, int subdivisions, double roughness, uint32_t seed);
 
+// A face mask lying on z = 0, chin towards -y: a half ellipsoid with brows, eye sockets, nose and lips (thesis 5.2.1).
+Mesh face_mask_mesh(const Eigen::Vector3d& size, int rings);
+
 }  // namespace fringeslam::sim

@@ -90,11 +90,9 @@ Material find_material(const YamlMap& map, const Materials& materials) {
 }
 
 Shape read_shape(const std::string& name) {
-  static const std::map<std::string, Shape> shapes = {{"plane", Shape::plane},
-                                                      {"box", Shape::box},
-                                                      {"cylinder", Shape::cylinder},
-                                                      {"sphere", Shape::sphere},
-                                                      {"rock", Shape::rock}};
+  static const std::map<std::string, Shape> shapes = {{"plane", Shape::plane},       {"box", Shape::box},
+                                                      {"cylinder", Shape::cylinder}, {"sphere", Shape::sphere},
+                                                      {"rock", Shape::rock},         {"face_mask", Shape::face_mask}};
   return shapes.at(name);
 }
 
@@ -114,6 +112,9 @@ Object read_primitive(const YamlMap& map, const std::string& shape, const Materi
       break;
     case Shape::sphere:
       object.mesh = sphere_mesh(map.number("radius_m", kLength), 5);
+      break;
+    case Shape::face_mask:
+      object.mesh = face_mask_mesh(map.vector3("size_m", kLength), 60);
       break;
     case Shape::rock:
       object.mesh = rock_mesh(map.vector3("size_m", kLength), 4, map.number_or("roughness", 0.25, {0, 0.5}), seed);
@@ -190,7 +191,8 @@ std::vector<Object> read_objects(const YamlMap& scene, const Materials& material
   std::vector<Object> objects;
   uint32_t number = 0;
   for (const YamlMap& entry : scene.maps("objects")) {
-    const std::string shape = entry.choice("shape", {"plane", "box", "cylinder", "sphere", "rock", "mesh", "scatter"});
+    const std::string shape =
+        entry.choice("shape", {"plane", "box", "cylinder", "sphere", "rock", "face_mask", "mesh", "scatter"});
     if (shape == "scatter") {
       for (Object& object : scatter_objects(read_scatter(entry, materials), seed, number))
         objects.push_back(std::move(object));

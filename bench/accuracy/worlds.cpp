@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+// Every named scene through the whole pipeline.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+
+#include "bench/row.h"
+#include "core/pipeline/pipeline.h"
+#include "core/score/score.h"
+#include "core/types/error.h"
+#include "sim/virtual_rig.h"
+
+namespace fringeslam::bench {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+std::vector<std::string> named_scenes() {
+  std::vector<std::string> names;
+  for (const auto& entry : fs::directory_iterator(FRINGESLAM_SCENES)) {
+    if (fs::exists(entry.path() / "scene.yaml")) names.push_back(entry.path().filename().string());
+  }
+  std::sort(names.begin(), names.end());
+  return names;
+}
+
+// Its fringes tell no absolute depth, or what it shows is a board whose corners repeat: made for calibration.
+bool for_calibration(const std::string& name) {
+  return fs::exists(fs::path(FRINGESLAM_SCENES) / name / "board.yaml") || name == "response_ramp";
+}
+
+struct Outcome {
+  int views = 0, lost = 0;
+  double valid = 1;          // least share of lit pixels with a depth
+  double depth_m = 0;        // median depth error of the worst view
+  double translation_m = 0;  // largest error of a motion
+};
+
+Outcome run(const std::string& name) {
+  const sim::Scene scene = sim::load_scene(std::string(FRINGESLAM_SCENES) + "/" + name + "/scene.yaml");
+  std::vector<TruthFrame> truth;
+  sim::VirtualRig rig(scene, {}, [&](const TruthFrame& frame) { truth.push_back(frame); });
+  Pipeline pipeline(scene.rig, scene.patterns, {}, scene.trajectory[0].world_from_robot);
+  Outcome outcome;
+  std::optional<Pose> last;
+  while (const auto stack = rig.capture(scene.patterns)) {
+    const FrameResult result = pipeline.process(*stack);
+    cv::Mat1f z;
+    cv::extractChannel(result.frame.points_m, z, 2);
+    const DepthScore depth = score_depth({z, result.frame.sigma_m, result.decoded.coordinate_px}, truth.back(),
+                                         result.decoded.finest_period_px);
+    outcome.valid = std::min(outcome.valid, depth.valid_fraction);
+    outcome.depth_m = std::max(outcome.depth_m, depth.median_m);
+    ++outcome.views;
+    if (result.tracking == Tracking::lost) {
+      ++outcome.lost;
+      last.reset();
+      continue;
+    }
+    if (last) {
+      const Pose true_motion = truth[truth.size() - 2].world_from_robot.inverse() * truth.back().world_from_robot;
+      const MotionScore score = score_motion(last->inverse() * result.world_from_robot, true_motion);
+      outcome.translation_m = std::max(outcome.translation_m, score.translation_error_m);
+    }
+    last = result.world_from_robot;
+  }
+  return outcome;
+}
+
+std::vector<Row> score_rows(const Context&) {
+  int failed = 0, count = 0;
+  std::fprintf(stderr, "  %-26s %6s %6s %8s %10s %10s\n", "scene", "views", "lost", "valid %", "depth mm", "motion mm");
+  for (const std::string& name : named_scenes()) {
+    if (for_calibration(name)) continue;
+    ++count;
+    const Outcome o = run(name);
+    const bool good = o.lost == 0 && o.valid > 0.8 && o.translation_m < 1e-3;
+    failed += !good;
+    std::fprintf(stderr, "  %-26s %6d %6d %8.2f %10.4f %10.4f %s\n", name.c_str(), o.views, o.lost, 100 * o.valid,
+                 1e3 * o.depth_m, 1e3 * o.translation_m, good ? "" : "FAILED");
+  }
+  return {bound_row("worlds.scores", failed, count, "failed", 0, Limit::most)};
+}
+
+}  // namespace
+
+std::vector<Item> world_items() {
+  return {{{"worlds.scores"}, "every named scene through the whole pipeline", score_rows}};
+}
+
+}  // namespace fringeslam::bench
