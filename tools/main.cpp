@@ -42,7 +42,7 @@ int main(int argc, char** argv) {
 
   std::vector<std::pair<CLI::App*, Verb>> verbs;
   for (const auto add :
-       {add_run, add_render, add_effects, add_score, add_info, add_patterns, add_import, add_calibrate}) {
+       {add_run, add_render, add_effects, add_scene, add_score, add_info, add_patterns, add_import, add_calibrate}) {
     Verb verb = add(app, common);
     verbs.emplace_back(app.get_subcommands({}).back(), std::move(verb));
   }

@@ -19,6 +19,7 @@ using Verb = std::function<int()>;
 Verb add_run(CLI::App& app, const Common& common);
 Verb add_effects(CLI::App& app, const Common& common);
 Verb add_render(CLI::App& app, const Common& common);
+Verb add_scene(CLI::App& app, const Common& common);
 Verb add_score(CLI::App& app, const Common& common);
 Verb add_info(CLI::App& app, const Common& common);
 Verb add_calibrate(CLI::App& app, const Common& common);

@@ -133,5 +133,25 @@ TEST(CommandLineHelp, OfEachVerbIsPrintedWithoutFailure) {
   EXPECT_EQ(run_program({"--version"}).exit_code, 0);
 }
 
+TEST(CommandLineScene, AreListedAndChecked) {
+  const test::TempFolder temp;
+  test::write_small_scene(temp / "scenes/small");
+  const auto list = test::run_program({"scene", "list", "--in", (temp / "scenes").string()});
+  EXPECT_EQ(list.exit_code, 0);
+  EXPECT_THAT(list.out, testing::HasSubstr("Two views of a few boxes"));
+  const auto check = test::run_program({"--json", "scene", "check", (temp / "scenes/small").string()});
+  ASSERT_EQ(check.exit_code, 0) << check.err;
+  const auto printed = json::parse(check.out);
+  EXPECT_EQ(printed.at("views").size(), 2u);
+  EXPECT_GT(printed.at("views")[1].at("overlap"), 0.5);
+  EXPECT_TRUE(printed.at("warnings").empty());
+  for (const std::string& what : {std::string("list"), std::string("check")}) {
+    const auto refused = test::run_program({"scene", what, what == "list" ? "--in" : (temp / "none").string(),
+                                            what == "list" ? (temp / "none").string() : "--quiet"});
+    EXPECT_EQ(refused.exit_code, 2) << what;
+    EXPECT_THAT(refused.err, testing::HasSubstr((temp / "none").string() + ": "));
+  }
+}
+
 }  // namespace
 }  // namespace fringeslam

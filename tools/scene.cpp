@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: Apache-2.0
+// fringeslam scene list | check SCENE
+#include <algorithm>
+#include <cstdio>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "core/rig/yaml.h"
+#include "sim/scene_check.h"
+#include "tools/verbs.h"
+
+namespace fringeslam::tools {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+int list(const fs::path& folder, const Common& common) {
+  if (!fs::is_directory(folder)) throw Error(folder.string() + ": is no folder of scenes; say which with --in");
+  std::vector<fs::path> scenes;
+  for (const auto& entry : fs::directory_iterator(folder)) {
+    if (fs::exists(entry.path() / "scene.yaml")) scenes.push_back(entry.path());
+  }
+  if (scenes.empty()) throw Error(folder.string() + ": holds no folder with a scene.yaml");
+  std::sort(scenes.begin(), scenes.end());
+  Json json = Json::array();
+  for (const fs::path& scene : scenes) {
+    const std::string description = YamlMap::load(scene / "scene.yaml").text_or("description", "");
+    json.push_back({{"scene", scene.string()}, {"description", description}});
+    if (!common.json) std::printf("%-36s %s\n", scene.string().c_str(), description.c_str());
+  }
+  if (common.json) std::printf("%s\n", json.dump(2).c_str());
+  return 0;
+}
+
+int check(const fs::path& path, std::optional<uint64_t> seed, const Common& common) {
+  const sim::Scene scene = sim::load_scene(fs::is_directory(path) ? path / "scene.yaml" : path, seed);
+  const sim::SceneCheck result = sim::check_scene(scene);
+  if (common.json) {
+    Json views = Json::array();
+    for (const sim::ViewCheck& view : result.views)
+      views.push_back(
+          {{"surface", view.surface}, {"lit", view.lit}, {"in_range", view.in_range}, {"overlap", view.overlap}});
+    std::printf("%s\n", Json{{"scene", scene.name}, {"views", views}, {"warnings", result.warnings}}.dump(2).c_str());
+    return 0;
+  }
+  for (const std::string& note : scene.notes) std::printf("%s\n", note.c_str());
+  std::printf("%s, seed %llu: %zu objects, %zu views\n", scene.name.c_str(),
+              static_cast<unsigned long long>(scene.seed), scene.objects.size(), result.views.size());
+  std::printf("%-8s %10s %10s %10s %10s\n", "", "surface %", "lit %", "in range %", "overlap %");
+  for (size_t i = 0; i < result.views.size(); ++i) {
+    const sim::ViewCheck& view = result.views[i];
+    std::printf("view %-3zu %10.1f %10.1f %10.1f %10.1f\n", i, 100 * view.surface, 100 * view.lit, 100 * view.in_range,
+                100 * view.overlap);
+  }
+  for (const std::string& warning : result.warnings) std::printf("warning: %s\n", warning.c_str());
+  return 0;
+}
+
+}  // namespace
+
+Verb add_scene(CLI::App& app, const Common& common) {
+  struct Arguments {
+    std::string folder = "scenes", scene;
+    std::optional<uint64_t> seed;
+  };
+  auto arguments = std::make_shared<Arguments>();
+  CLI::App* group = app.add_subcommand("scene", "Look at test worlds");
+  group->require_subcommand(1);
+  CLI::App* lists = group->add_subcommand("list", "The scenes of a folder");
+  lists->add_option("--in", arguments->folder, "Folder of scenes")->capture_default_str();
+  CLI::App* checks = group->add_subcommand("check", "What each view sees, and what is likely to go wrong");
+  checks->add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml")->required();
+  checks->add_option("--seed", arguments->seed, "Seed, instead of the scene's")->check(CLI::NonNegativeNumber);
+  return [arguments, lists, &common] {
+    return lists->parsed() ? list(arguments->folder, common) : check(arguments->scene, arguments->seed, common);
+  };
+}
+
+}  // namespace fringeslam::tools
