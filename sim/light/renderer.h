@@ -17,21 +17,11 @@
 #include "core/types/truth.h"
 #include "sim/light/effects.h"
 #include "sim/light/ray_world.h"
+#include "sim/light/sample_rays.h"
 #include "sim/light/shown_patterns.h"
 #include "sim/light/surfaces.h"
 
 namespace fringeslam::sim {
-
-// Undistorted viewing rays of all samples of all pixels, camera frame, as (x, y) with z = 1; computed once a rig.
-struct SampleRays {
-  int per_pixel = 1;
-  std::vector<Eigen::Vector2d> samples;  // pixel-major
-  std::vector<Eigen::Vector2d> centres;
-  std::vector<Eigen::Vector2d> pupil;  // start of each sample in the unit pupil
-};
-
-// A square number of samples; their mean is the pixel's centre.
-SampleRays sample_rays(const Pinhole& camera, int per_pixel);
 
 class Renderer {
  public:

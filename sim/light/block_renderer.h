@@ -1,0 +1,465 @@
+// SPDX-License-Identifier: Apache-2.0
+// A square of pixels on its way through the scene: the arithmetic of renderer.cpp, and included by it alone, so that
+// all of it is compiled for each instruction set.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "core/types/instruction_set.h"
+#include "core/types/parallel.h"
+#include "sim/light/air.h"
+#include "sim/light/beam.h"
+#include "sim/light/indirect.h"
+#include "sim/light/photometry.h"
+#include "sim/light/renderer.h"
+#include "sim/random.h"
+
+namespace fringeslam::sim {
+
+inline constexpr int kBlock = 4;  // px; a packet is a square of them
+static_assert(kBlock * kBlock == kPacket);
+
+// Two-dimensional points that fill the unit square evenly (additive recurrence of the plastic number).
+inline Eigen::Vector2d even_point(int index, double shift_x, double shift_y) {
+  const double x = shift_x + index * 0.7548776662466927, y = shift_y + index * 0.5698402909980532;
+  return {x - std::floor(x), y - std::floor(y)};
+}
+
+// The lanes for which a condition without branches holds; both loops become vectors.
+template <class Condition>
+FRINGESLAM_INLINE Lanes lanes_where(const Condition& condition) {
+  alignas(64) uint32_t flags[kPacket];
+#pragma GCC ivdep
+  for (int i = 0; i < kPacket; ++i) flags[i] = condition(i) ? 1u : 0u;
+  uint32_t sum = 0;
+  for (int i = 0; i < kPacket; ++i) sum += flags[i] << i;
+  return sum;
+}
+
+// 1 in the lanes that are set.
+struct alignas(64) LaneWeights {
+  float value[kPacket];
+  explicit LaneWeights(Lanes lanes) {
+    for (int i = 0; i < kPacket; ++i) value[i] = static_cast<float>(lanes >> i & 1);
+  }
+};
+
+// One pose of the camera, and the projector with it.
+struct Station {
+  Pose world_from_camera;
+  Beam beam;
+};
+
+// A square of pixels on its way through the scene.
+class BlockRenderer {
+ public:
+  BlockRenderer(const Renderer& renderer, const ShownPatterns& patterns, const std::vector<Station>& stations,
+                int stack, IndirectLight* indirect, IndirectLight* veil)
+      : r_(renderer),
+        patterns_(patterns),
+        stations_(stations),
+        stack_(stack),
+        indirect_(indirect),
+        veil_(veil),
+        width_(renderer.scene_.rig.camera.width),
+        height_(renderer.scene_.rig.camera.height),
+        footprint_(1 / renderer.scene_.rig.camera.fx),
+        ambient_lux_(renderer.scene_.ambient_lux),
+        bounces_(renderer.effects_.interreflection ? renderer.scene_.bounces : 0),
+        haze_(renderer.effects_.air ? renderer.scene_.air : Air{}),
+        pupil_m_(renderer.effects_.depth_of_field ? camera_pupil_m(renderer.scene_.rig) : 0),
+        sums_(static_cast<size_t>(kPacket * patterns.stride())),
+        soft_sums_(indirect ? sums_.size() : 0),
+        veil_sums_(veil ? sums_.size() : 0) {}
+
+  void render(int block_row, int block_col, std::vector<cv::Mat1f>& images, TruthFrame* truth) {
+    place(block_row, block_col);
+    std::fill(sums_.begin(), sums_.end(), 0.0f);
+    std::fill(std::begin(steady_), std::end(steady_), 0.0f);
+    if (indirect_) {
+      std::fill(soft_sums_.begin(), soft_sums_.end(), 0.0f);
+      std::fill(std::begin(soft_steady_), std::end(soft_steady_), 0.0f);
+    }
+    std::fill(veil_sums_.begin(), veil_sums_.end(), 0.0f);
+    if (truth) look_at_centres(*truth);
+    const int samples = r_.rays_.per_pixel;
+    for (int sample = 0; sample < samples; ++sample) take(sample, truth != nullptr);
+    if (truth) {
+      for (int i = 0; i < kPacket; ++i) {
+        if (has(mixed_, i)) truth->mask(row_[i], col_[i]) += static_cast<float>(kTruthMixed);
+      }
+    }
+    const float share = 1.0f / static_cast<float>(samples);
+    for (int k = 0; k < patterns_.count(); ++k) {
+      cv::Mat1f& image = images[static_cast<size_t>(k)];
+      const float* sums = sums_.data() + patterns_.slot(k);
+      for (int i = 0; i < kPacket; ++i) {
+        if (has(inside_, i)) image(row_[i], col_[i]) = share * (sums[i * patterns_.stride()] + steady_[i]);
+      }
+    }
+    if (indirect_) hand_over(*indirect_, soft_sums_, soft_steady_, share);
+    if (veil_) {
+      constexpr float kNone[kPacket] = {};
+      hand_over(*veil_, veil_sums_, kNone, share);
+    }
+  }
+
+ private:
+  // What the samples of a pixel are compared with.
+  struct Centres {
+    HitPacket hits;
+    Lanes shadow = 0, in_beam = 0;
+  };
+
+  void place(int block_row, int block_col) {
+    inside_ = 0;
+    mixed_ = 0;
+    for (int i = 0; i < kPacket; ++i) {
+      row_[i] = block_row * kBlock + i / kBlock;
+      col_[i] = block_col * kBlock + i % kBlock;
+      inside_ |= static_cast<Lanes>(row_[i] < height_ && col_[i] < width_) << i;
+      // Lanes beyond the image follow a ray of it, and are thrown away.
+      row_[i] = std::min(row_[i], height_ - 1);
+      col_[i] = std::min(col_[i], width_ - 1);
+      pixel_[i] = static_cast<uint32_t>(row_[i] * width_ + col_[i]);
+    }
+  }
+
+  // To be smoothed when all blocks are done.
+  void hand_over(IndirectLight& indirect, const std::vector<float>& sums, const float* steady, float share) {
+    for (int i = 0; i < kPacket; ++i) {
+      if (!has(inside_, i)) continue;
+      float* light = indirect.at(row_[i], col_[i]);
+      for (int k = 0; k < patterns_.count(); ++k)
+        light[k] = share * sums[static_cast<size_t>(i * patterns_.stride() + patterns_.slot(k))];
+      light[patterns_.count()] = share * steady[i];
+    }
+  }
+
+  // Share by which indirect light counts, normal and place of what a sample sees, for the smoothing; normals and places
+  // are those of the last one.
+  void note_surface(IndirectLight& indirect, const HitPacket& hits, const float* weight) const {
+    for (int i = 0; i < kPacket; ++i) {
+      if (!has(inside_, i)) continue;
+      const size_t pixel = pixel_[i];
+      indirect.albedo[pixel] += weight[i] / static_cast<float>(r_.rays_.per_pixel);
+      if (!has(hits.hit, i)) continue;
+      indirect.normal[pixel] = hits.normal.at(i).cast<float>();
+      indirect.position[pixel] = hits.point.at(i).cast<float>();
+    }
+  }
+
+  // World rays from directions (x, y, 1) in the camera and starts (x, y, 0) in its pupil.
+  static void aim(const Pose& pose, const Eigen::Vector2d (&slope)[kPacket], const Eigen::Vector2d (&start)[kPacket],
+                  RayPacket& rays) {
+    const Eigen::Matrix3d& r = pose.rotation;
+    const Eigen::Vector3d& t = pose.translation;
+    for (int i = 0; i < kPacket; ++i) {
+      const double x = slope[i].x(), y = slope[i].y(), a = start[i].x(), b = start[i].y();
+      rays.direction.x[i] = r(0, 0) * x + r(0, 1) * y + r(0, 2);
+      rays.direction.y[i] = r(1, 0) * x + r(1, 1) * y + r(1, 2);
+      rays.direction.z[i] = r(2, 0) * x + r(2, 1) * y + r(2, 2);
+      rays.origin.x[i] = r(0, 0) * a + r(0, 1) * b + t.x();
+      rays.origin.y[i] = r(1, 0) * a + r(1, 1) * b + t.y();
+      rays.origin.z[i] = r(2, 0) * a + r(2, 1) * b + t.z();
+    }
+  }
+
+  static Lanes facing(const HitPacket& hits, const BeamPacket& beam) {
+    return hits.hit & lanes_where([&](int i) {
+             return hits.normal.x[i] * beam.to_light.x[i] + hits.normal.y[i] * beam.to_light.y[i] +
+                        hits.normal.z[i] * beam.to_light.z[i] >
+                    0;
+           });
+  }
+
+  // The ray through each pixel's centre: truth.
+  void look_at_centres(TruthFrame& truth) {
+    const Station& station = stations_.front();
+    Eigen::Vector2d slope[kPacket], start[kPacket];
+    for (int i = 0; i < kPacket; ++i) slope[i] = r_.rays_.centres[pixel_[i]], start[i].setZero();
+    RayPacket rays;
+    rays.active = inside_;
+    aim(station.world_from_camera, slope, start, rays);
+    HitPacket& hits = centre_.hits;
+    r_.world_.trace(rays, hits);
+    BeamPacket beam;
+    station.beam.light(hits.point, hits.hit, beam);
+    const Lanes towards = facing(hits, beam);
+    const Lanes dark = r_.world_.occluded(RayWorld::lifted(hits), towards, station.beam.position());
+    centre_.shadow = hits.hit & ~(towards & ~dark);  // a surface that faces away from the light is in its own shadow
+    centre_.in_beam = beam.inside;
+    const Eigen::Matrix3d camera_from_world = station.world_from_camera.rotation.transpose();
+    for (int i = 0; i < kPacket; ++i) {
+      if (!has(hits.hit, i)) continue;
+      const int row = row_[i], col = col_[i];
+      const Eigen::Vector3f normal = (camera_from_world * hits.normal.at(i)).cast<float>();
+      const Eigen::Vector3f point = hits.point.at(i).cast<float>();
+      truth.depth_m(row, col) = static_cast<float>(hits.distance[i]);  // rays have d_z = 1
+      truth.position_m(row, col) = {point.x(), point.y(), point.z()};
+      truth.normals(row, col) = {normal.x(), normal.y(), normal.z()};
+      truth.object_id(row, col) = static_cast<float>(hits.object[i] + 1);
+      truth.temperature_c(row, col) = static_cast<float>(r_.surfaces_.temperature_c(hits.object[i]));
+      if (has(beam.inside, i)) {
+        truth.projector_column(row, col) = static_cast<float>(beam.column[i]);
+        truth.projector_row(row, col) = static_cast<float>(beam.row[i]);
+      }
+      truth.mask(row, col) = static_cast<float>(kTruthSurface + (has(beam.inside, i) ? kTruthInBeam : 0) +
+                                                (has(centre_.shadow, i) ? kTruthInShadow : 0));
+    }
+  }
+
+  // Pixels of which this sample and the centre do not see one smooth, evenly lit surface.
+  Lanes differing(const HitPacket& hits, Lanes shadow, Lanes in_beam) const {
+    constexpr double kCosine30 = 0.866;
+    const HitPacket& centre = centre_.hits;
+    const Lanes border = (hits.hit ^ centre.hit) | (shadow ^ centre_.shadow) | (in_beam ^ centre_.in_beam);
+    const Lanes other = lanes_where([&](int i) {
+      const double cosine = hits.normal.x[i] * centre.normal.x[i] + hits.normal.y[i] * centre.normal.y[i] +
+                            hits.normal.z[i] * centre.normal.z[i];
+      return static_cast<int>(hits.object[i] != centre.object[i]) | static_cast<int>(cosine < kCosine30);
+    });
+    return (border | (other & hits.hit & centre.hit)) & inside_;
+  }
+
+  void take(int sample, bool compare) {
+    const Station& station = stations_[static_cast<size_t>(sample) % stations_.size()];
+    const auto samples = static_cast<size_t>(r_.rays_.per_pixel);
+    Eigen::Vector2d slope[kPacket], start[kPacket];
+    for (int i = 0; i < kPacket; ++i) {
+      slope[i] = r_.rays_.samples[pixel_[i] * samples + static_cast<size_t>(sample)];
+      start[i].setZero();
+    }
+    if (pupil_m_ > 0) leave_from_pupil(sample, slope, start);
+    RayPacket rays;
+    rays.active = inside_;
+    aim(station.world_from_camera, slope, start, rays);
+    HitPacket hits;
+    r_.world_.trace(rays, hits);
+    SurfacePacket surface;
+    r_.surfaces_.at(hits, footprint_, surface);
+
+    Points to_viewer;
+    alignas(64) float weight[kPacket], length[kPacket];
+    for (int i = 0; i < kPacket; ++i) {
+      const double dx = rays.direction.x[i], dy = rays.direction.y[i], dz = rays.direction.z[i];
+      const double norm = std::sqrt(dx * dx + dy * dy + dz * dz);
+      to_viewer.x[i] = -dx / norm;
+      to_viewer.y[i] = -dy / norm;
+      to_viewer.z[i] = -dz / norm;
+      length[i] = static_cast<float>(hits.distance[i] * norm);
+      weight[i] = haze_.extinction_per_m > 0 ? std::exp(-static_cast<float>(haze_.extinction_per_m) * length[i]) : 1.0f;
+    }
+    BeamPacket beam;
+    const Lanes lit = add_direct(station, hits, surface, to_viewer, hits.hit, weight, true, beam);
+    if (compare) mixed_ |= differing(hits, hits.hit & ~lit, beam.inside);
+    if (bounces_ == 0) {
+      const LaneWeights seen(hits.hit);
+      for (int i = 0; i < kPacket; ++i) {
+        const float back = surface.albedo[i] + surface.reflectance[i];
+        steady_[i] += seen.value[i] * weight[i] * static_cast<float>(ambient_lux_) * back;
+      }
+    } else {
+      if (indirect_) {
+        alignas(64) float matt[kPacket];
+        for (int i = 0; i < kPacket; ++i) matt[i] = weight[i] * surface.albedo[i];
+        note_surface(*indirect_, hits, matt);
+      }
+      follow_paths(station, sample, hits, surface, to_viewer, weight);
+    }
+    if (haze_.extinction_per_m > 0) {
+      if (veil_) {
+        alignas(64) float whole[kPacket];
+        std::fill_n(whole, kPacket, 1.0f);
+        note_surface(*veil_, hits, whole);
+      }
+      scatter_in_air(station, sample, rays, hits, to_viewer, length);
+    }
+  }
+
+  // Thin lens: from a point of the pupil through the point in focus.
+  void leave_from_pupil(int sample, Eigen::Vector2d (&slope)[kPacket], Eigen::Vector2d (&start)[kPacket]) const {
+    const Eigen::Vector2d point = 0.5 * pupil_m_ * r_.rays_.pupil[static_cast<size_t>(sample)];
+    for (int i = 0; i < kPacket; ++i) {
+      start[i] = point;
+      slope[i] -= point / r_.scene_.rig.camera_lens.focus_m;
+    }
+  }
+
+  // The projector's light and the surfaces' own at points of surfaces, on its way to a viewer. Returns the lanes whose
+  // points see the projector; of those out of the beam it knows only when `everywhere`.
+  Lanes add_direct(const Station& station, const HitPacket& hits, const SurfacePacket& surface, const Points& to_viewer,
+                   Lanes active, const float* weight, bool everywhere, BeamPacket& beam) {
+    station.beam.light(hits.point, active, beam);
+    Lanes lit = facing(hits, beam) & active;
+    if (!everywhere) lit &= beam.inside;
+    lit &= ~r_.world_.occluded(RayWorld::lifted(hits), lit, station.beam.position());
+    ShownPatterns::Points points;
+    alignas(64) double cosine[kPacket];
+#pragma GCC ivdep
+    for (int i = 0; i < kPacket; ++i) {
+      cosine[i] = surface.normal.x[i] * beam.to_light.x[i] + surface.normal.y[i] * beam.to_light.y[i] +
+                  surface.normal.z[i] * beam.to_light.z[i];
+      points.column[i] = static_cast<float>(beam.column[i]);
+      points.row[i] = static_cast<float>(beam.row[i]);
+      points.blur_px[i] = beam.blur_px[i];
+      points.weight[i] = weight[i] * surface.albedo[i] * static_cast<float>(cosine[i]) * beam.lux[i];
+    }
+    const Lanes bright = lit & beam.inside & lanes_where([&](int i) { return cosine[i] > 0; });
+    const LaneWeights seen(active);
+    for (int i = 0; i < kPacket; ++i) add_steady(i, seen.value[i] * weight[i] * surface.emission_lux[i]);
+    if ((surface.glossy & bright) != 0) {
+      for (int i = 0; i < kPacket; ++i) {
+        if (!has(surface.glossy & bright, i)) continue;
+        const Eigen::Vector3d normal = surface.normal.at(i), to_light = beam.to_light.at(i);
+        const double back = reflected(surface.reflection(i), normal, to_light, to_viewer.at(i));
+        points.weight[i] = weight[i] * static_cast<float>(back * normal.dot(to_light)) * beam.lux[i];
+      }
+    }
+    if (haze_.extinction_per_m > 0) {
+      for (int i = 0; i < kPacket; ++i)
+        points.weight[i] *= static_cast<float>(std::exp(-haze_.extinction_per_m * beam.distance[i]));
+    }
+    patterns_.add(points, bright & ~soft_, sums_.data());
+    if (soft_ != 0) patterns_.add(points, bright & soft_, soft_sums_.data());
+    return lit;
+  }
+
+  void add_steady(int lane, float lux) { (has(soft_, lane) ? soft_steady_ : steady_)[lane] += lux; }
+
+  // Light that comes over other surfaces, and from around. Each path is continued as often as the scene says; at its
+  // last point the ambient light counts as unshadowed.
+  void follow_paths(const Station& station, int sample, const HitPacket& first, const SurfacePacket& first_surface,
+                    const Points& first_viewer, const float* first_weight) {
+    const int samples = r_.rays_.per_pixel;
+    const int paths = (r_.effects_.bounce_paths + samples - 1) / samples;
+    for (int path = 0; path < paths; ++path) {
+      HitPacket hits = first;
+      SurfacePacket surface = first_surface;
+      Points to_viewer = first_viewer;
+      Lanes active = first.hit;
+      alignas(64) float weight[kPacket];
+      for (int i = 0; i < kPacket; ++i) weight[i] = first_weight[i] / static_cast<float>(paths);
+      soft_ = 0;
+      const int number = sample * paths + path;
+      for (int bounce = 1; bounce <= bounces_ && active != 0; ++bounce) {
+        // The first turn of a pixel's paths is spread evenly over the directions, the later ones are independent.
+        const Philox random(r_.scene_.seed, Stream::paths, static_cast<uint32_t>(stack_),
+                            bounce == 1 ? 0u : static_cast<uint32_t>(number * 64 + bounce));
+        RayPacket rays;
+        rays.origin = RayWorld::lifted(hits);
+        rays.coherent = false;
+        for (int i = 0; i < kPacket; ++i) {
+          rays.direction.set(i, Eigen::Vector3d::UnitZ());
+          if (!has(active, i)) continue;
+          auto u = random.uniforms(pixel_[i]);
+          if (bounce == 1) {
+            const Eigen::Vector2d even = even_point(number, u[0], u[1]);
+            const double choice = u[2] + number * 0.6180339887498949;
+            u = {even.x(), even.y(), choice - std::floor(choice), 0};
+          }
+          const ScatteredRay next =
+              scatter(surface.reflection(i), surface.normal.at(i), to_viewer.at(i), u[2], u[0], u[1]);
+          weight[i] *= static_cast<float>(next.weight);
+          if (bounce == 1 && indirect_ && !next.glossy && surface.albedo[i] > 0) {
+            // Irradiance: what the matt lobe makes of it is known when it has been smoothed.
+            weight[i] /= first_weight[i] * surface.albedo[i];
+            soft_ |= Lanes{1} << i;
+          }
+          // A shading normal may send a ray into the surface.
+          if (next.weight <= 0 || next.direction.dot(hits.normal.at(i)) <= 0) {
+            active &= ~(Lanes{1} << i);
+            continue;
+          }
+          rays.direction.set(i, next.direction);
+        }
+        rays.active = active;
+        r_.world_.trace(rays, hits);
+        for (int i = 0; i < kPacket; ++i) {
+          if (has(active & ~hits.hit, i)) add_steady(i, weight[i] * static_cast<float>(ambient_lux_));
+        }
+        active &= hits.hit;
+        for (int i = 0; i < kPacket; ++i) {
+          to_viewer.x[i] = -rays.direction.x[i];
+          to_viewer.y[i] = -rays.direction.y[i];
+          to_viewer.z[i] = -rays.direction.z[i];
+          if (haze_.extinction_per_m > 0 && has(active, i))
+            weight[i] *= static_cast<float>(std::exp(-haze_.extinction_per_m * hits.distance[i]));
+        }
+        r_.surfaces_.at(hits, footprint_, surface);
+        BeamPacket beam;
+        add_direct(station, hits, surface, to_viewer, active, weight, false, beam);
+        if (bounce < bounces_) continue;
+        for (int i = 0; i < kPacket; ++i) {
+          if (has(active, i))
+            add_steady(i, weight[i] * static_cast<float>(ambient_lux_) * (surface.albedo[i] + surface.reflectance[i]));
+        }
+      }
+    }
+    soft_ = 0;
+  }
+
+  // One point of each camera ray at which the beam scatters towards the camera, drawn so that points near the projector
+  // are as likely as their light is strong; and the haze that ambient light makes.
+  void scatter_in_air(const Station& station, int sample, const RayPacket& rays, const HitPacket& hits,
+                      const Points& to_viewer, const float* length) {
+    const Philox random(r_.scene_.seed, Stream::air, static_cast<uint32_t>(stack_));
+    Points points;
+    alignas(64) double along[kPacket], density[kPacket];
+    for (int i = 0; i < kPacket; ++i) {
+      const double shift = random.uniforms(pixel_[i])[0] + sample * 0.6180339887498949;
+      const double end = has(hits.hit, i) ? static_cast<double>(length[i]) : kSkyDistance;
+      const AirSample drawn =
+          equiangular(rays.origin.at(i), -to_viewer.at(i), end, station.beam.position(), shift - std::floor(shift));
+      along[i] = drawn.distance_m;
+      density[i] = drawn.density_per_m;
+      points.set(i, rays.origin.at(i) - drawn.distance_m * to_viewer.at(i));
+      const double veil = haze_.albedo * (1 - std::exp(-haze_.extinction_per_m * end));
+      if (has(inside_, i)) steady_[i] += static_cast<float>(veil * ambient_lux_);
+    }
+    BeamPacket beam;
+    station.beam.light(points, inside_, beam);
+    const Lanes lit = beam.inside & ~r_.world_.occluded(points, beam.inside, station.beam.position());
+    ShownPatterns::Points lit_points{};
+    for (int i = 0; i < kPacket; ++i) {
+      if (!has(lit, i)) continue;
+      // Light goes from the projector to the point and on to the camera: forwards is where it was going.
+      const double cosine = -beam.to_light.at(i).dot(to_viewer.at(i));
+      const double scattered = std::numbers::pi * haze_.albedo * haze_.extinction_per_m *
+                               henyey_greenstein(haze_.anisotropy, cosine) *
+                               std::exp(-haze_.extinction_per_m * (along[i] + beam.distance[i])) / density[i];
+      lit_points.column[i] = static_cast<float>(beam.column[i]);
+      lit_points.row[i] = static_cast<float>(beam.row[i]);
+      lit_points.blur_px[i] = beam.blur_px[i];
+      lit_points.weight[i] = static_cast<float>(scattered) * beam.lux[i];
+    }
+    patterns_.add(lit_points, lit, veil_ ? veil_sums_.data() : sums_.data());
+  }
+
+  const Renderer& r_;
+  const ShownPatterns& patterns_;
+  const std::vector<Station>& stations_;
+  int stack_;
+  IndirectLight *indirect_, *veil_;  // light over other surfaces, and out of the air; none: no smoothing
+  int width_, height_;
+  double footprint_, ambient_lux_;
+  int bounces_;
+  Air haze_;
+  double pupil_m_;
+
+  int row_[kPacket], col_[kPacket];
+  uint32_t pixel_[kPacket];
+  Lanes inside_ = 0, mixed_ = 0;
+  Centres centre_;
+  std::vector<float> sums_;            // by lane, then pattern
+  alignas(64) float steady_[kPacket];  // what no pattern changes
+  // The same of light over other surfaces, as irradiance; and the lanes whose paths carry such light.
+  std::vector<float> soft_sums_;
+  alignas(64) float soft_steady_[kPacket];
+  Lanes soft_ = 0;
+  std::vector<float> veil_sums_;
+};
+
+}  // namespace fringeslam::sim
