@@ -100,8 +100,8 @@ double YamlMap::Node::draw(const YAML::Node& value, const std::string& key, Rang
     throw Error(where(value) + "'" + key + "' must be a number or a distribution, " + kKinds);
   const std::string kind = value.begin()->first.Scalar();
   std::vector<double> given;
-  for (const auto& entry : value.begin()->second)
-    given.push_back(to_number(entry, key, kind == "normal" ? kAnything : range));
+  const YAML::Node list = value.begin()->second;  // kept: the iterator gives a passing copy
+  for (const auto& entry : list) given.push_back(to_number(entry, key, kind == "normal" ? kAnything : range));
   const uint64_t address = address_of(place);
   if (kind == "choice") {
     if (given.empty()) throw Error(where(value) + "'choice' must not be empty");
