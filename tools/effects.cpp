@@ -7,6 +7,7 @@
 
 #include "core/rig/files.h"
 #include "tools/settings.h"
+#include "tools/source.h"
 #include "tools/verbs.h"
 
 namespace fringeslam::tools {
@@ -23,8 +24,7 @@ Verb add_effects(CLI::App& app, const Common& common) {
   verb->add_option("--set", arguments->sets, "render.key=value; see `run --help`");
   return [arguments, &common] {
     const Settings settings = parse_settings(arguments->sets);
-    const std::filesystem::path path(arguments->scene);
-    const sim::Scene scene = sim::load_scene(std::filesystem::is_directory(path) ? path / "scene.yaml" : path);
+    const sim::Scene scene = sim::load_scene(scene_file(arguments->scene));
     write_png(arguments->out, effects_picture(scene, settings.render));
     if (!common.quiet) std::printf("written: %s\n", arguments->out.c_str());
     return 0;

@@ -9,6 +9,7 @@
 #include "core/rig/rig_file.h"
 #include "core/types/error.h"
 #include "sim/scene/scene.h"
+#include "tools/source.h"
 #include "tools/verbs.h"
 
 namespace fringeslam::tools {
@@ -62,7 +63,7 @@ PatternSequence sequence_of(const Arguments& arguments) {
   if (arguments.linearise && arguments.rig.empty()) throw Error("--linearise: needs --rig, whose response it inverts");
   if (!arguments.scene.empty()) {
     const fs::path path(arguments.scene);
-    return sim::load_scene(fs::is_directory(path) ? path / "scene.yaml" : path).patterns;
+    return sim::load_scene(scene_file(path)).patterns;
   }
   if (!arguments.size.empty()) return design_sequence(design_of(arguments, read_size(arguments.size)));
   const RigModel rig = read_rig(arguments.rig);

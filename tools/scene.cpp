@@ -7,6 +7,7 @@
 
 #include "core/rig/yaml.h"
 #include "sim/scene_check.h"
+#include "tools/source.h"
 #include "tools/verbs.h"
 
 namespace fringeslam::tools {
@@ -21,13 +22,13 @@ int list(const fs::path& folder, const Common& common) {
   if (!fs::is_directory(folder)) throw Error(folder.string() + ": is no folder of scenes; say which with --in");
   std::vector<fs::path> scenes;
   for (const auto& entry : fs::directory_iterator(folder)) {
-    if (fs::exists(entry.path() / "scene.yaml")) scenes.push_back(entry.path());
+    if (fs::exists(entry.path() / kSceneFile)) scenes.push_back(entry.path());
   }
   if (scenes.empty()) throw Error(folder.string() + ": holds no folder with a scene.yaml");
   std::sort(scenes.begin(), scenes.end());
   Json json = Json::array();
   for (const fs::path& scene : scenes) {
-    const std::string description = YamlMap::load(scene / "scene.yaml").text_or("description", "");
+    const std::string description = YamlMap::load(scene / kSceneFile).text_or("description", "");
     json.push_back({{"scene", scene.string()}, {"description", description}});
     if (!common.json) std::printf("%-36s %s\n", scene.string().c_str(), description.c_str());
   }
@@ -36,7 +37,7 @@ int list(const fs::path& folder, const Common& common) {
 }
 
 int check(const fs::path& path, std::optional<uint64_t> seed, const Common& common) {
-  const sim::Scene scene = sim::load_scene(fs::is_directory(path) ? path / "scene.yaml" : path, seed);
+  const sim::Scene scene = sim::load_scene(scene_file(path), seed);
   const sim::SceneCheck result = sim::check_scene(scene);
   if (common.json) {
     Json views = Json::array();

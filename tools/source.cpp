@@ -13,7 +13,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-constexpr const char* kSceneFile = "scene.yaml";
 constexpr const char* kRenderFile = "render.yaml";
 constexpr const char* kResolvedFile = "resolved_scene.yaml";
 
@@ -89,6 +88,11 @@ class DatasetSource : public Source {
 };
 
 }  // namespace
+
+fs::path scene_file(const fs::path& path) {
+  std::error_code ignored;
+  return fs::is_directory(path, ignored) ? path / kSceneFile : path;
+}
 
 std::unique_ptr<Source> open_source(const fs::path& path, std::optional<uint64_t> seed, const Settings& settings,
                                     bool uses_render) {

@@ -16,6 +16,10 @@ namespace fringeslam::tools {
 // Poses that a rendered robot was told to take.
 constexpr const char* kStageFile = "stage.tum";
 
+// The scene file that a path means: itself, or scene.yaml in a folder.
+constexpr const char* kSceneFile = "scene.yaml";
+std::filesystem::path scene_file(const std::filesystem::path& path);
+
 class Source {
  public:
   virtual ~Source() = default;

@@ -36,11 +36,13 @@ struct Effects {
 
   // All of them off.
   static Effects none() {
-    Effects e;
-    for (bool* effect : {&e.vignetting, &e.defocus, &e.pixel_gap, &e.lens_blur, &e.depth_of_field, &e.interreflection,
-                         &e.gloss, &e.relief, &e.dust, &e.air, &e.motion, &e.fixed_pattern, &e.share_paths})
-      *effect = false;
-    return e;
+    struct Off {
+      void field(const char*, bool& effect, const char*) { effect = false; }
+      void field(const char*, int&, Range, const char*) {}
+    } off;
+    Effects effects;
+    effects.describe(off);
+    return effects;
   }
 };
 

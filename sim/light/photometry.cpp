@@ -37,8 +37,4 @@ double white_electrons_at_1m(const RigModel& rig) {
   return projector_lux_at_1m(rig) * photons_per_lux_s(rig) * rig.timing.exposure_s * rig.sensor.quantum_efficiency;
 }
 
-void set_white_electrons_at_1m(RigModel& rig, double electrons) {
-  rig.projector_lens.flux_lm *= electrons / white_electrons_at_1m(rig);
-}
-
 }  // namespace fringeslam::sim

@@ -26,7 +26,4 @@ double projector_lux_at_1m(const RigModel& rig);
 // Electrons of one exposure from a white board facing the projector at 1 m.
 double white_electrons_at_1m(const RigModel& rig);
 
-// Scales the flux so that there are as many.
-void set_white_electrons_at_1m(RigModel& rig, double electrons);
-
 }  // namespace fringeslam::sim

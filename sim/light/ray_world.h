@@ -3,7 +3,7 @@
 // where it meets it is then computed in double precision, t = (n.v0 - n.o) / (n.d), so that depth is
 // exact to rounding and figures of the pipeline are not limited by the renderer.
 //
-// Neighbouring rays travel in packets of kPacket; rays that scatter go one by one.
+// Rays travel in packets of kPacket.
 #pragma once
 
 #include <Eigen/Core>

@@ -46,10 +46,6 @@ Renderer::Renderer(const Scene& scene, const Effects& effects, int samples_per_p
       surfaces_(scene, effects),
       rays_(sample_rays(scene.rig.camera, samples_per_pixel)) {}
 
-int64_t Renderer::rays_a_view() const {
-  return static_cast<int64_t>(rays_.samples.size()) + static_cast<int64_t>(rays_.centres.size());
-}
-
 namespace {
 
 void add(IndirectLight& indirect, std::vector<cv::Mat1f>& images) {

@@ -33,9 +33,6 @@ class Renderer {
   std::vector<cv::Mat1f> render(const ShownPatterns& patterns, const std::vector<Pose>& world_from_camera, int stack,
                                 TruthFrame* truth = nullptr) const;
 
-  // Rays of one such call without bounces and air: to surfaces, and at most as many to the projector.
-  int64_t rays_a_view() const;
-
   const RayWorld& world() const { return world_; }
   const SampleRays& rays() const { return rays_; }
 

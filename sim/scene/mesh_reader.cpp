@@ -24,7 +24,7 @@ namespace fringeslam::sim {
 
 namespace {
 
-// --- one side of the pipe: plain values one after the other ---
+// --- the pipe: plain values one after the other, described once for both of its ends ---
 
 class Writer {
  public:
@@ -38,6 +38,11 @@ class Writer {
     bytes_.append(reinterpret_cast<const char*>(v.data()), v.size() * sizeof(T));
   }
   void text(const std::string& t) { list(std::vector<char>(t.begin(), t.end())); }
+  template <class T>
+  void items(std::vector<T>& v) {
+    value(static_cast<uint64_t>(v.size()));
+    for (T& item : v) exchange(*this, item);
+  }
   const std::string& bytes() const { return bytes_; }
 
  private:
@@ -48,22 +53,26 @@ class Reader {
  public:
   explicit Reader(const std::string& bytes) : bytes_(bytes) {}
   template <class T>
-  T value() {
-    T v;
+  void value(T& v) {
     take(&v, sizeof v);
-    return v;
   }
   template <class T>
-  std::vector<T> list() {
-    const auto count = value<uint64_t>();
+  void list(std::vector<T>& v) {
+    uint64_t count = 0;
+    value(count);
     if (count > (bytes_.size() - at_) / sizeof(T)) throw Error("the reader's answer is cut off");
-    std::vector<T> v(count);
+    v.resize(count);
     if (count > 0) take(v.data(), count * sizeof(T));
-    return v;
   }
-  std::string text() {
-    const std::vector<char> t = list<char>();
-    return {t.begin(), t.end()};
+  void text(std::string& t) {
+    std::vector<char> letters;
+    list(letters);
+    t.assign(letters.begin(), letters.end());
+  }
+  template <class T>
+  void items(std::vector<T>& v) {
+    uint64_t left = 0;
+    for (value(left); left > 0; --left) exchange(*this, v.emplace_back());
   }
 
  private:
@@ -76,62 +85,36 @@ class Reader {
   size_t at_ = 0;
 };
 
-std::string packed(const RawModel& model) {
-  Writer out;
-  out.value(model.unit_m);
-  out.value(model.y_up);
-  out.value(static_cast<uint64_t>(model.meshes.size()));
-  for (const RawMesh& mesh : model.meshes) {
-    out.text(mesh.name);
-    out.value(mesh.material);
-    out.list(mesh.positions);
-    out.list(mesh.coordinates);
-    out.list(mesh.indices);
-  }
-  out.value(static_cast<uint64_t>(model.instances.size()));
-  for (const RawInstance& instance : model.instances) {
-    out.text(instance.name);
-    out.value(instance.mesh);
-    out.value(instance.transform);
-  }
-  out.value(static_cast<uint64_t>(model.materials.size()));
-  for (const RawMaterial& material : model.materials) {
-    out.text(material.name);
-    out.text(material.texture);
-    out.value(material.colour);
-  }
-  return out.bytes();
+template <class Pipe>
+void exchange(Pipe& pipe, RawMesh& mesh) {
+  pipe.text(mesh.name);
+  pipe.value(mesh.material);
+  pipe.list(mesh.positions);
+  pipe.list(mesh.coordinates);
+  pipe.list(mesh.indices);
 }
 
-RawModel unpacked(const std::string& bytes) {
-  Reader in(bytes);
-  RawModel model;
-  model.unit_m = in.value<double>();
-  model.y_up = in.value<uint32_t>();
-  for (auto left = in.value<uint64_t>(); left > 0; --left) {
-    RawMesh mesh;
-    mesh.name = in.text();
-    mesh.material = in.value<uint32_t>();
-    mesh.positions = in.list<float>();
-    mesh.coordinates = in.list<float>();
-    mesh.indices = in.list<uint32_t>();
-    model.meshes.push_back(std::move(mesh));
-  }
-  for (auto left = in.value<uint64_t>(); left > 0; --left) {
-    RawInstance instance;
-    instance.name = in.text();
-    instance.mesh = in.value<uint32_t>();
-    instance.transform = in.value<std::array<double, 16>>();
-    model.instances.push_back(std::move(instance));
-  }
-  for (auto left = in.value<uint64_t>(); left > 0; --left) {
-    RawMaterial material;
-    material.name = in.text();
-    material.texture = in.text();
-    material.colour = in.value<std::array<float, 3>>();
-    model.materials.push_back(std::move(material));
-  }
-  return model;
+template <class Pipe>
+void exchange(Pipe& pipe, RawInstance& instance) {
+  pipe.text(instance.name);
+  pipe.value(instance.mesh);
+  pipe.value(instance.transform);
+}
+
+template <class Pipe>
+void exchange(Pipe& pipe, RawMaterial& material) {
+  pipe.text(material.name);
+  pipe.text(material.texture);
+  pipe.value(material.colour);
+}
+
+template <class Pipe>
+void exchange(Pipe& pipe, RawModel& model) {
+  pipe.value(model.unit_m);
+  pipe.value(model.y_up);
+  pipe.items(model.meshes);
+  pipe.items(model.instances);
+  pipe.items(model.materials);
 }
 
 // --- the child: assimp ---
@@ -210,7 +193,9 @@ std::string answer(const std::filesystem::path& file) {
   const std::string extension = lower_extension(file);
   model.unit_m = unit_of(*scene, extension);
   model.y_up = extension == ".dae" || extension == ".gltf" || extension == ".glb" || extension == ".fbx";
-  return "m" + packed(model);
+  Writer out;
+  exchange(out, model);
+  return "m" + out.bytes();
 }
 
 void write_all(int descriptor, const std::string& bytes) {
@@ -304,7 +289,11 @@ RawModel read_model(const std::filesystem::path& file, double time_limit_s, doub
     std::replace(message.begin(), message.end(), '\n', ' ');
     throw Error(file.string() + ": is no mesh that can be read: " + message);
   }
-  return unpacked(bytes.substr(1));
+  const std::string packed = bytes.substr(1);
+  Reader in(packed);
+  RawModel model;
+  exchange(in, model);
+  return model;
 }
 
 }  // namespace fringeslam::sim
