@@ -44,7 +44,7 @@ Json describe(const PatternSequence& sequence) {
 Json describe_scene(const fs::path& file) {
   const sim::Scene scene = sim::load_scene(file);
   size_t triangles = 0;
-  for (const sim::Object& object : scene.objects) triangles += object.mesh.triangles.size();
+  for (const sim::Object& object : scene.objects) triangles += object.mesh->triangles.size();
   Json json = {{"kind", "scene"},        {"name", scene.name},
                {"seed", scene.seed},     {"objects", scene.objects.size()},
                {"triangles", triangles}, {"poses", scene.trajectory.size()}};

@@ -32,13 +32,13 @@ void write_glb(const sim::Scene& scene, const fs::path& file) {
   for (const sim::Object& object : scene.objects) {
     const size_t index = gltf["nodes"].size(), vertices_at = bytes.size();
     Eigen::Vector3f low = Eigen::Vector3f::Constant(1e9f), high = -low;
-    for (const Eigen::Vector3d& v : object.mesh.vertices) {
+    for (const Eigen::Vector3d& v : object.mesh->vertices) {
       const Eigen::Vector3f p = (object.world_from_object * v).cast<float>();
       low = low.cwiseMin(p), high = high.cwiseMax(p);
       bytes.append(reinterpret_cast<const char*>(p.data()), 12);
     }
     const size_t indices_at = bytes.size();
-    for (const Eigen::Vector3i& t : object.mesh.triangles) bytes.append(reinterpret_cast<const char*>(t.data()), 12);
+    for (const Eigen::Vector3i& t : object.mesh->triangles) bytes.append(reinterpret_cast<const char*>(t.data()), 12);
     gltf["bufferViews"].push_back(
         {{"buffer", 0}, {"byteOffset", vertices_at}, {"byteLength", indices_at - vertices_at}, {"target", kVertices}});
     gltf["bufferViews"].push_back(
@@ -46,13 +46,13 @@ void write_glb(const sim::Scene& scene, const fs::path& file) {
     gltf["accessors"].push_back({{"bufferView", 2 * index},
                                  {"componentType", kFloat},
                                  {"type", "VEC3"},
-                                 {"count", object.mesh.vertices.size()},
+                                 {"count", object.mesh->vertices.size()},
                                  {"min", {low.x(), low.y(), low.z()}},
                                  {"max", {high.x(), high.y(), high.z()}}});
     gltf["accessors"].push_back({{"bufferView", 2 * index + 1},
                                  {"componentType", kUnsigned},
                                  {"type", "SCALAR"},
-                                 {"count", 3 * object.mesh.triangles.size()}});
+                                 {"count", 3 * object.mesh->triangles.size()}});
     gltf["meshes"].push_back(
         {{"primitives", {{{"attributes", {{"POSITION", 2 * index}}}, {"indices", 2 * index + 1}}}}});
     gltf["nodes"].push_back({{"mesh", index}});

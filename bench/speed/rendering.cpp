@@ -51,7 +51,7 @@ std::vector<Row> scaling_rows(const Context& context) {
   for (const int subdivisions : {2, 4, 5, context.quick ? 6 : 7}) {
     const sim::Scene scene = rubble(subdivisions);
     double triangles = 0;
-    for (const sim::Object& object : scene.objects) triangles += static_cast<double>(object.mesh.triangles.size());
+    for (const sim::Object& object : scene.objects) triangles += static_cast<double>(object.mesh->triangles.size());
     const double before = resident_mib();
     const auto build_start = std::chrono::steady_clock::now();
     const sim::RayWorld world(scene);

@@ -11,7 +11,8 @@ sim::Scene rubble(int subdivisions) {
   scene.objects.resize(1);
   for (int i = 0; i < 36; ++i) {
     sim::Object rock;
-    rock.mesh = sim::rock_mesh({0.07, 0.05 + 0.001 * i, 0.06}, subdivisions, 0.3, static_cast<uint32_t>(i));
+    rock.mesh = std::make_shared<const sim::Mesh>(
+        sim::rock_mesh({0.07, 0.05 + 0.001 * i, 0.06}, subdivisions, 0.3, static_cast<uint32_t>(i)));
     rock.world_from_object =
         pose_from({{60.0 * (i % 6) - 150, 60.0 * (i / 6) - 150, 20.0 + (i % 5)}, {20.0 * i, 7.0 * i, 31.0 * i}});
     rock.material = stone;

@@ -7,6 +7,7 @@
 #include <Eigen/Geometry>
 #include <cmath>
 #include <limits>
+#include <map>
 
 #include "core/types/error.h"
 #include "core/types/instruction_set.h"
@@ -24,22 +25,60 @@ void throw_embree_error(void*, RTCError code, const char* message) {
   throw Error("Embree: error " + std::to_string(code) + ": " + (message ? message : "no message"));
 }
 
+// Planes of a mesh's triangles, in the frame in which Embree holds the mesh.
+using Planes = std::vector<Plane>;
+
+// Below this many triangles a copy of the mesh is cheaper to trace than an instance of it.
+constexpr size_t kLeastInstanced = 64;
+
 }  // namespace
 
 struct RayWorld::Impl {
+  // A mesh that several objects show, held once in its own frame.
+  struct Shared {
+    RTCScene scene = nullptr;
+    std::shared_ptr<const Planes> planes;
+  };
+  struct Placed {
+    std::shared_ptr<const Planes> planes;
+    std::optional<Pose> world_from_planes;  // none: the planes are in the world's frame
+  };
+
   RTCDevice device = nullptr;
   RTCScene scene = nullptr;
-  std::vector<std::vector<Plane>> planes;  // by object and triangle
+  std::map<const Mesh*, Shared> shared;
+  std::vector<Placed> placed;  // by object
 
   ~Impl() {
     if (scene) rtcReleaseScene(scene);
+    for (const auto& [mesh, part] : shared) rtcReleaseScene(part.scene);
     if (device) rtcReleaseDevice(device);
   }
 
-  void add(const Object& object) {
+  RTCScene new_scene() const {
+    RTCScene made = rtcNewScene(device);
+    // Robust: rays do not slip between two triangles along their common edge.
+    rtcSetSceneFlags(made, RTC_SCENE_FLAG_ROBUST);
+    rtcSetSceneBuildQuality(made, RTC_BUILD_QUALITY_HIGH);
+    return made;
+  }
+
+  // Built by one thread: the tree, and with it which of two triangles a ray on their common edge meets, must not
+  // depend on the number of threads.
+  static void build(RTCScene scene) {
+    tbb::task_arena(1).execute([scene] { rtcCommitScene(scene); });
+  }
+
+  void attach(RTCScene to, RTCGeometry geometry) const {
+    rtcCommitGeometry(geometry);
+    rtcAttachGeometry(to, geometry);  // ids count up from 0, as our objects do
+    rtcReleaseGeometry(geometry);
+  }
+
+  std::shared_ptr<const Planes> add_mesh(RTCScene to, const Mesh& mesh, const Pose& pose) const {
     std::vector<Eigen::Vector3d> vertices;
-    vertices.reserve(object.mesh.vertices.size());
-    for (const Eigen::Vector3d& vertex : object.mesh.vertices) vertices.push_back(object.world_from_object * vertex);
+    vertices.reserve(mesh.vertices.size());
+    for (const Eigen::Vector3d& vertex : mesh.vertices) vertices.push_back(pose * vertex);
 
     RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
     auto* positions = static_cast<float*>(rtcSetNewGeometryBuffer(
@@ -48,20 +87,46 @@ struct RayWorld::Impl {
       for (int i = 0; i < 3; ++i) *positions++ = static_cast<float>(v[i]);
     }
     auto* indices = static_cast<unsigned*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
-                                                                   3 * sizeof(unsigned), object.mesh.triangles.size()));
-    std::vector<Plane> object_planes;
-    object_planes.reserve(object.mesh.triangles.size());
-    for (const Eigen::Vector3i& t : object.mesh.triangles) {
+                                                                   3 * sizeof(unsigned), mesh.triangles.size()));
+    auto planes = std::make_shared<Planes>();
+    planes->reserve(mesh.triangles.size());
+    for (const Eigen::Vector3i& t : mesh.triangles) {
       for (int i = 0; i < 3; ++i) *indices++ = static_cast<unsigned>(t[i]);
       const Eigen::Vector3d& v0 = vertices[static_cast<size_t>(t[0])];
       const Eigen::Vector3d n =
           (vertices[static_cast<size_t>(t[1])] - v0).cross(vertices[static_cast<size_t>(t[2])] - v0).normalized();
-      object_planes.push_back({n.x(), n.y(), n.z(), n.dot(v0)});
+      planes->push_back({n.x(), n.y(), n.z(), n.dot(v0)});
     }
-    rtcCommitGeometry(geometry);
-    rtcAttachGeometry(scene, geometry);  // ids count up from 0, as our objects do
-    rtcReleaseGeometry(geometry);
-    planes.push_back(std::move(object_planes));
+    attach(to, geometry);
+    return planes;
+  }
+
+  void add_instance(const std::shared_ptr<const Mesh>& mesh, const Pose& pose) {
+    Shared& part = shared[mesh.get()];
+    if (!part.scene) {
+      part.scene = new_scene();
+      part.planes = add_mesh(part.scene, *mesh, Pose{});
+      build(part.scene);
+    }
+    RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_INSTANCE);
+    rtcSetGeometryInstancedScene(geometry, part.scene);
+    float transform[12];
+    for (int col = 0; col < 4; ++col) {
+      for (int row = 0; row < 3; ++row)
+        transform[3 * col + row] = static_cast<float>(col < 3 ? pose.rotation(row, col) : pose.translation[row]);
+    }
+    rtcSetGeometryTransform(geometry, 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, transform);
+    attach(scene, geometry);
+    placed.push_back({part.planes, pose});
+  }
+
+  // In the world's frame.
+  Plane plane(int object, unsigned triangle) const {
+    const Placed& here = placed[static_cast<size_t>(object)];
+    const Plane& plane = (*here.planes)[triangle];
+    if (!here.world_from_planes) return plane;
+    const Eigen::Vector3d n = here.world_from_planes->rotation * Eigen::Vector3d(plane.x, plane.y, plane.z);
+    return {n.x(), n.y(), n.z(), plane.offset + n.dot(here.world_from_planes->translation)};
   }
 };
 
@@ -69,14 +134,16 @@ RayWorld::RayWorld(const Scene& scene) : impl_(std::make_unique<Impl>()) {
   impl_->device = rtcNewDevice(nullptr);
   if (!impl_->device) throw Error("Embree: no device; this processor lacks what Embree needs (SSE2)");
   rtcSetDeviceErrorFunction(impl_->device, throw_embree_error, nullptr);
-  impl_->scene = rtcNewScene(impl_->device);
-  // Robust: rays do not slip between two triangles along their common edge.
-  rtcSetSceneFlags(impl_->scene, RTC_SCENE_FLAG_ROBUST);
-  rtcSetSceneBuildQuality(impl_->scene, RTC_BUILD_QUALITY_HIGH);
-  for (const Object& object : scene.objects) impl_->add(object);
-  // Built by one thread: the tree, and with it which of two triangles a ray on their common edge meets, must not
-  // depend on the number of threads.
-  tbb::task_arena(1).execute([this] { rtcCommitScene(impl_->scene); });
+  impl_->scene = impl_->new_scene();
+  std::map<const Mesh*, int> uses;
+  for (const Object& object : scene.objects) ++uses[object.mesh.get()];
+  for (const Object& object : scene.objects) {
+    if (uses[object.mesh.get()] > 1 && object.mesh->triangles.size() >= kLeastInstanced)
+      impl_->add_instance(object.mesh, object.world_from_object);
+    else
+      impl_->placed.push_back({impl_->add_mesh(impl_->scene, *object.mesh, object.world_from_object), std::nullopt});
+  }
+  Impl::build(impl_->scene);
 }
 
 RayWorld::~RayWorld() = default;
@@ -85,6 +152,10 @@ RayWorld::RayWorld(RayWorld&&) noexcept = default;
 RTCSceneTy* RayWorld::embree_scene() const { return impl_->scene; }
 
 namespace {
+
+int object_of(unsigned instance, unsigned geometry) {
+  return static_cast<int>(instance == RTC_INVALID_GEOMETRY_ID ? geometry : instance);
+}
 
 constexpr double kLift = 2e-6;  // of (1 m + distance from the world's origin)
 
@@ -215,13 +286,13 @@ void RayWorld::trace(const RayPacket& rays, HitPacket& hits) const {
   hits.hit = 0;
   for (int i = 0; i < kPacket; ++i) {
     const bool met = valid[i] && query.hit.geomID[i] != RTC_INVALID_GEOMETRY_ID;
-    static constexpr Plane kNone{0, 0, 1, 0};
-    const Plane& plane = met ? impl_->planes[query.hit.geomID[i]][query.hit.primID[i]] : kNone;
+    const int object = met ? object_of(query.hit.instID[0][i], query.hit.geomID[i]) : 0;
+    const Plane plane = met ? impl_->plane(object, query.hit.primID[i]) : Plane{0, 0, 1, 0};
     planes.x[i] = plane.x;
     planes.y[i] = plane.y;
     planes.z[i] = plane.z;
     planes.offset[i] = plane.offset;
-    hits.object[i] = met ? static_cast<int>(query.hit.geomID[i]) : 0;
+    hits.object[i] = object;
     hits.triangle[i] = met ? static_cast<int>(query.hit.primID[i]) : 0;
     hits.u[i] = query.hit.u[i];
     hits.v[i] = query.hit.v[i];
@@ -243,10 +314,12 @@ std::optional<Hit> RayWorld::trace(const Eigen::Vector3d& origin, const Eigen::V
   query.ray.tfar = std::numeric_limits<float>::infinity();
   query.ray.mask = ~0u;
   query.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+  query.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
   rtcIntersect1(impl_->scene, &context, &query);
   if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) return std::nullopt;
 
-  const Plane& plane = impl_->planes[query.hit.geomID][query.hit.primID];
+  const int object = object_of(query.hit.instID[0], query.hit.geomID);
+  const Plane plane = impl_->plane(object, query.hit.primID);
   Hit hit;
   hit.normal = {plane.x, plane.y, plane.z};
   const double along = hit.normal.dot(direction);
@@ -255,7 +328,7 @@ std::optional<Hit> RayWorld::trace(const Eigen::Vector3d& origin, const Eigen::V
   if (!(std::abs(hit.distance - single) < 1e-4 * (1 + std::abs(hit.distance)))) hit.distance = single;
   if (along > 0) hit.normal = -hit.normal;
   hit.point = origin + hit.distance * direction;
-  hit.object = static_cast<int>(query.hit.geomID);
+  hit.object = object;
   return hit;
 }
 

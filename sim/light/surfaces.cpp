@@ -182,7 +182,7 @@ Surfaces::Surfaces(const Scene& scene, const Effects& effects) : impl_(std::make
   impl_->effects = effects;
   impl_->dust = scene.dust;
   for (const Object& object : scene.objects) {
-    Covering covering{object.material, object.world_from_object.inverse(), object.texture_seed, &object.mesh};
+    Covering covering{object.material, object.world_from_object.inverse(), object.texture_seed, object.mesh.get()};
     if (!object.material.texture.empty()) {
       if (!impl_->textures) {
         impl_->textures = OIIO::TextureSystem::create(false);

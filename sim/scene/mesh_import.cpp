@@ -2,12 +2,16 @@
 #include "sim/scene/mesh_import.h"
 
 #include <Eigen/Geometry>
+#include <Eigen/SVD>
 #include <algorithm>
+#include <cctype>
+#include <charconv>
 #include <cmath>
 #include <cstdio>
 #include <limits>
 
 #include "core/types/error.h"
+#include "sim/scene/cache.h"
 #include "sim/scene/mesh_reader.h"
 
 namespace fringeslam::sim {
@@ -42,35 +46,88 @@ void check_mesh(const std::filesystem::path& file, const RawModel& model, const 
                 std::to_string(model.materials.size()));
 }
 
-// Triangles of an instance with an area, in our frame.
-ImportedPart part_of(const RawMesh& mesh, const Eigen::Affine3d& ours_from_mesh, size_t& degenerate) {
-  ImportedPart part;
-  const bool mapped = mesh.coordinates.size() / 2 == mesh.positions.size() / 3;
-  for (size_t i = 0; i + 2 < mesh.positions.size(); i += 3)
-    part.mesh.vertices.push_back(
-        ours_from_mesh *
-        Eigen::Vector3f(mesh.positions[i], mesh.positions[i + 1], mesh.positions[i + 2]).cast<double>());
-  if (mapped) {
-    for (size_t i = 0; i + 1 < mesh.coordinates.size(); i += 2)
-      part.mesh.texture_coordinates.emplace_back(mesh.coordinates[i], mesh.coordinates[i + 1]);
+// x -> rotation * (stretch * x) + translation, the rotation proper; a mirror is in the stretch (polar decomposition).
+struct Decomposed {
+  Eigen::Matrix3d stretch;
+  Pose pose;
+};
+
+Decomposed decomposed(const Eigen::Affine3d& transform) {
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(transform.linear(), Eigen::ComputeFullU | Eigen::ComputeFullV);
+  Eigen::Matrix3d rotation = svd.matrixU() * svd.matrixV().transpose();
+  if (rotation.determinant() < 0) rotation = -rotation;
+  return {rotation.transpose() * transform.linear(), {rotation, transform.translation()}};
+}
+
+// A mesh of the file in one size, as several nodes may show it.
+struct Stretched {
+  Eigen::Matrix3d stretch;
+  std::shared_ptr<const Mesh> mesh;
+  size_t degenerate = 0;
+};
+
+// Its triangles that have an area.
+Stretched stretched(const RawMesh& raw, const Eigen::Matrix3d& stretch) {
+  Mesh mesh;
+  for (size_t i = 0; i + 2 < raw.positions.size(); i += 3)
+    mesh.vertices.push_back(
+        stretch * Eigen::Vector3f(raw.positions[i], raw.positions[i + 1], raw.positions[i + 2]).cast<double>());
+  if (raw.coordinates.size() / 2 == raw.positions.size() / 3) {
+    for (size_t i = 0; i + 1 < raw.coordinates.size(); i += 2)
+      mesh.texture_coordinates.emplace_back(raw.coordinates[i], raw.coordinates[i + 1]);
   }
-  // A mirrored instance turns its triangles inside out.
-  const bool mirrored = ours_from_mesh.linear().determinant() < 0;
-  for (size_t i = 0; i + 2 < mesh.indices.size(); i += 3) {
-    Eigen::Vector3i t(static_cast<int>(mesh.indices[i]), static_cast<int>(mesh.indices[i + 1]),
-                      static_cast<int>(mesh.indices[i + 2]));
+  Stretched result{stretch, nullptr};
+  // A mirrored mesh has its triangles inside out.
+  const bool mirrored = stretch.determinant() < 0;
+  for (size_t i = 0; i + 2 < raw.indices.size(); i += 3) {
+    Eigen::Vector3i t(static_cast<int>(raw.indices[i]), static_cast<int>(raw.indices[i + 1]),
+                      static_cast<int>(raw.indices[i + 2]));
     if (mirrored) std::swap(t[1], t[2]);
-    const Eigen::Vector3d& a = part.mesh.vertices[static_cast<size_t>(t[0])];
-    const Eigen::Vector3d ab = part.mesh.vertices[static_cast<size_t>(t[1])] - a,
-                          ac = part.mesh.vertices[static_cast<size_t>(t[2])] - a;
+    const Eigen::Vector3d& a = mesh.vertices[static_cast<size_t>(t[0])];
+    const Eigen::Vector3d ab = mesh.vertices[static_cast<size_t>(t[1])] - a,
+                          ac = mesh.vertices[static_cast<size_t>(t[2])] - a;
     const double area = ab.cross(ac).norm();
-    if (!(area > 1e-12 * ab.norm() * ac.norm()) || area == 0) {
-      ++degenerate;
-      continue;
-    }
-    part.mesh.triangles.push_back(t);
+    if (area > 1e-12 * ab.norm() * ac.norm() && area > 0)
+      mesh.triangles.push_back(t);
+    else
+      ++result.degenerate;
   }
-  return part;
+  result.mesh = std::make_shared<const Mesh>(std::move(mesh));
+  return result;
+}
+
+// The mesh in that size, made once; sizes that differ by rounding are one.
+const Stretched& find_or_make(std::vector<Stretched>& sizes, const RawMesh& raw, const Eigen::Matrix3d& stretch) {
+  for (const Stretched& size : sizes) {
+    if ((size.stretch - stretch).norm() <= 1e-6 * stretch.norm()) return size;
+  }
+  return sizes.emplace_back(stretched(raw, stretch));
+}
+
+// A picture inside the file, as a file of the cache.
+std::filesystem::path unpacked(const std::filesystem::path& file, const RawTexture& texture) {
+  std::string bytes(texture.bytes.begin(), texture.bytes.end());
+  std::string extension = texture.format.empty() ? "ppm" : texture.format;
+  if (!std::all_of(extension.begin(), extension.end(), [](unsigned char c) { return std::isalnum(c); }))
+    throw Error(file.string() + ": a picture inside it is of no known format");
+  if (texture.format.empty()) {
+    bytes = "P6\n" + std::to_string(texture.width) + " " +
+            std::to_string(texture.width == 0 ? 0 : texture.bytes.size() / 4 / texture.width) + "\n255\n";
+    for (size_t i = 0; i + 3 < texture.bytes.size(); i += 4) {
+      for (const size_t channel : {2, 1, 0}) bytes += static_cast<char>(texture.bytes[i + channel]);
+    }
+  }
+  return cached_file("textures/" + content_hash(bytes) + "." + extension, bytes);
+}
+
+// The texture that a material names: a file, or *N for the Nth picture inside the model; empty for none.
+std::filesystem::path texture_file(const std::filesystem::path& file, const RawModel& model, const std::string& name) {
+  if (name.empty()) return {};
+  if (name[0] != '*') return file.parent_path() / name;
+  size_t number = model.textures.size();
+  std::from_chars(name.data() + 1, name.data() + name.size(), number);
+  if (number >= model.textures.size()) throw Error(file.string() + ": has no picture " + name + " inside");
+  return unpacked(file, model.textures[number]);
 }
 
 }  // namespace
@@ -78,8 +135,9 @@ ImportedPart part_of(const RawMesh& mesh, const Eigen::Affine3d& ours_from_mesh,
 std::string MeshImport::summary(const std::filesystem::path& file) const {
   const Eigen::Vector3d size = high - low;
   char text[256];
-  std::snprintf(text, sizeof text, "%g m a unit, %s up; %zu part%s, %zu triangles%s, %.4g x %.4g x %.4g m", unit_m,
-                up.c_str(), parts.size(), parts.size() == 1 ? "" : "s", triangles,
+  std::snprintf(text, sizeof text, "%g m a unit, %s up; %zu part%s%s, %zu triangles%s, %.4g x %.4g x %.4g m", unit_m,
+                up.c_str(), parts.size(), parts.size() == 1 ? "" : "s",
+                meshes == parts.size() ? "" : (" of " + std::to_string(meshes) + " meshes").c_str(), triangles,
                 degenerate == 0 ? "" : (" (" + std::to_string(degenerate) + " degenerate ones dropped)").c_str(),
                 size.x(), size.y(), size.z());
   return file.filename().string() + ": " + text;
@@ -95,6 +153,7 @@ MeshImport import_mesh(const std::filesystem::path& file, const MeshImportOption
   const Eigen::Matrix3d turned = ours_from_file(result.up);
   result.low.setConstant(std::numeric_limits<double>::infinity());
   result.high = -result.low;
+  std::vector<std::vector<Stretched>> sizes(model.meshes.size());
   for (const RawInstance& instance : model.instances) {
     if (instance.mesh >= model.meshes.size())
       throw Error(file.string() + ": node '" + instance.name + "' shows a mesh that is not there");
@@ -106,8 +165,13 @@ MeshImport import_mesh(const std::filesystem::path& file, const MeshImportOption
     Eigen::Affine3d ours_from_mesh;
     ours_from_mesh.linear() = result.unit_m * turned * transform.topLeftCorner<3, 3>();
     ours_from_mesh.translation() = result.unit_m * turned * transform.topRightCorner<3, 1>();
-    ImportedPart part = part_of(mesh, ours_from_mesh, result.degenerate);
-    if (part.mesh.triangles.empty()) continue;
+    const auto [stretch, pose] = decomposed(ours_from_mesh);
+    const Stretched& size = find_or_make(sizes[instance.mesh], mesh, stretch);
+    result.degenerate += size.degenerate;
+    if (size.mesh->triangles.empty()) continue;
+    ImportedPart part;
+    part.mesh = size.mesh;
+    part.world_from_part = pose;
     part.name = instance.name.empty() ? mesh.name : instance.name;
     if (mesh.material < model.materials.size()) {
       const RawMaterial& material = model.materials[mesh.material];
@@ -116,14 +180,16 @@ MeshImport import_mesh(const std::filesystem::path& file, const MeshImportOption
                                    0.7152 * static_cast<double>(material.colour[1]) +
                                    0.0722 * static_cast<double>(material.colour[2]),
                                0.0, 1.0);
-      // Textures inside the file, named *0, are not read.
-      if (!material.texture.empty() && material.texture[0] != '*') part.texture = file.parent_path() / material.texture;
+      part.texture = texture_file(file, model, material.texture);
     }
-    for (const Eigen::Vector3d& v : part.mesh.vertices)
+    for (const Eigen::Vector3d& vertex : part.mesh->vertices) {
+      const Eigen::Vector3d v = pose * vertex;
       result.low = result.low.cwiseMin(v), result.high = result.high.cwiseMax(v);
-    result.triangles += part.mesh.triangles.size();
+    }
+    result.triangles += part.mesh->triangles.size();
     result.parts.push_back(std::move(part));
   }
+  for (const auto& of_mesh : sizes) result.meshes += of_mesh.size();
   if (result.parts.empty()) throw Error(file.string() + ": holds no triangle with an area");
   return result;
 }

@@ -5,10 +5,12 @@
 #pragma once
 
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "core/types/pose.h"
 #include "sim/scene/mesh.h"
 
 namespace fringeslam::sim {
@@ -20,10 +22,12 @@ struct MeshImportOptions {
   double memory_limit_gib = 4;
 };
 
-// What one node of the file shows: triangles of one material, world-sized, z up.
+// What one node of the file shows: triangles of one material, world-sized, z up. Nodes that show the same mesh in the
+// same size share it.
 struct ImportedPart {
   std::string name, material;
-  Mesh mesh;
+  std::shared_ptr<const Mesh> mesh;
+  Pose world_from_part;
   double albedo = 0.5;                 // luminance of the diffuse colour
   std::filesystem::path texture = {};  // empty: none
 };
@@ -33,6 +37,7 @@ struct MeshImport {
   double unit_m = 1;
   std::string up;
   size_t triangles = 0, degenerate = 0;  // the latter were dropped
+  size_t meshes = 0;                     // different ones
   Eigen::Vector3d low = Eigen::Vector3d::Zero(), high = Eigen::Vector3d::Zero();
 
   // "house.dae: 0.0254 m a unit, z up; 12 parts, 3210 triangles (4 degenerate ones dropped), 12.10 x 9.30 x 6.00 m"

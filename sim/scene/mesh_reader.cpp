@@ -109,12 +109,20 @@ void exchange(Pipe& pipe, RawMaterial& material) {
 }
 
 template <class Pipe>
+void exchange(Pipe& pipe, RawTexture& texture) {
+  pipe.text(texture.format);
+  pipe.value(texture.width);
+  pipe.list(texture.bytes);
+}
+
+template <class Pipe>
 void exchange(Pipe& pipe, RawModel& model) {
   pipe.value(model.unit_m);
   pipe.value(model.y_up);
   pipe.items(model.meshes);
   pipe.items(model.instances);
   pipe.items(model.materials);
+  pipe.items(model.textures);
 }
 
 // --- the child: assimp ---
@@ -161,6 +169,19 @@ RawMaterial raw_material(const aiMaterial& material) {
   return raw;
 }
 
+RawTexture raw_texture(const aiTexture& texture) {
+  RawTexture raw;
+  const auto* bytes = reinterpret_cast<const uint8_t*>(texture.pcData);
+  if (texture.mHeight == 0) {  // encoded; the width is its length
+    raw.format = texture.achFormatHint;
+    raw.bytes.assign(bytes, bytes + texture.mWidth);
+  } else {
+    raw.width = texture.mWidth;
+    raw.bytes.assign(bytes, bytes + sizeof(aiTexel) * texture.mWidth * texture.mHeight);
+  }
+  return raw;
+}
+
 // FBX says how many centimetres a unit is; assimp itself turns COLLADA into metres, and glTF is in metres.
 double unit_of(const aiScene& scene, const std::string& extension) {
   if (extension == ".dae" || extension == ".gltf" || extension == ".glb") return 1;
@@ -189,6 +210,7 @@ std::string answer(const std::filesystem::path& file) {
   RawModel model;
   for (unsigned i = 0; i < scene->mNumMeshes; ++i) model.meshes.push_back(raw_mesh(*scene->mMeshes[i]));
   for (unsigned i = 0; i < scene->mNumMaterials; ++i) model.materials.push_back(raw_material(*scene->mMaterials[i]));
+  for (unsigned i = 0; i < scene->mNumTextures; ++i) model.textures.push_back(raw_texture(*scene->mTextures[i]));
   add_instances(*scene->mRootNode, aiMatrix4x4(), model);
   const std::string extension = lower_extension(file);
   model.unit_m = unit_of(*scene, extension);

@@ -26,10 +26,17 @@ struct RawMaterial {
   std::string name, texture;
   std::array<float, 3> colour{};
 };
+// A picture inside the file; materials name the first one *0.
+struct RawTexture {
+  std::string format;          // of an encoded one: png, jpg …; empty: texels
+  uint32_t width = 0;          // of texels
+  std::vector<uint8_t> bytes;  // texels: blue green red alpha
+};
 struct RawModel {
   std::vector<RawMesh> meshes;
   std::vector<RawInstance> instances;
   std::vector<RawMaterial> materials;
+  std::vector<RawTexture> textures;
   double unit_m = 0;  // 0: the file does not say
   uint32_t y_up = 0;  // whether the coordinates are y up after reading
 };

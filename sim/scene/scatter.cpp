@@ -105,7 +105,7 @@ std::vector<Object> scatter_objects(const Scatter& scatter, uint64_t seed, uint3
       f.top = base + size.z();
       placed.push_back(f);
       Object object;
-      object.mesh = make_mesh(item.shape, size, shape_seed);
+      object.mesh = std::make_shared<const Mesh>(make_mesh(item.shape, size, shape_seed));
       object.material = item.material;
       object.texture_seed = shape_seed;
       // Rocks are sunk a little, as they bed into what they lie on.

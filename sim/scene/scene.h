@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -18,8 +19,8 @@
 namespace fringeslam::sim {
 
 struct Object {
-  std::string name;  // shape and number, for messages
-  Mesh mesh;
+  std::string name;                  // shape and number, for messages
+  std::shared_ptr<const Mesh> mesh;  // of several objects perhaps, which is then held once
   Pose world_from_object;
   Material material;
   uint32_t texture_seed = 0;

@@ -98,28 +98,30 @@ Shape read_shape(const std::string& name) {
 
 Object read_primitive(const YamlMap& map, const std::string& shape, const Materials& materials, uint32_t seed) {
   Object object;
+  Mesh mesh;
   switch (read_shape(shape)) {
     case Shape::plane: {
       const std::vector<double> size = map.numbers("size_m", 2, kLength);
-      object.mesh = plane_mesh(size[0], size[1]);
+      mesh = plane_mesh(size[0], size[1]);
       break;
     }
     case Shape::box:
-      object.mesh = box_mesh(map.vector3("size_m", kLength));
+      mesh = box_mesh(map.vector3("size_m", kLength));
       break;
     case Shape::cylinder:
-      object.mesh = cylinder_mesh(map.number("radius_m", kLength), map.number("length_m", kLength), 96);
+      mesh = cylinder_mesh(map.number("radius_m", kLength), map.number("length_m", kLength), 96);
       break;
     case Shape::sphere:
-      object.mesh = sphere_mesh(map.number("radius_m", kLength), 5);
+      mesh = sphere_mesh(map.number("radius_m", kLength), 5);
       break;
     case Shape::face_mask:
-      object.mesh = face_mask_mesh(map.vector3("size_m", kLength), 60);
+      mesh = face_mask_mesh(map.vector3("size_m", kLength), 60);
       break;
     case Shape::rock:
-      object.mesh = rock_mesh(map.vector3("size_m", kLength), 4, map.number_or("roughness", 0.25, {0, 0.5}), seed);
+      mesh = rock_mesh(map.vector3("size_m", kLength), 4, map.number_or("roughness", 0.25, {0, 0.5}), seed);
       break;
   }
+  object.mesh = std::make_shared<const Mesh>(std::move(mesh));
   if (map.has("pose")) object.world_from_object = map.pose("pose");
   object.material = find_material(map, materials);
   object.texture_seed = seed;
@@ -171,7 +173,7 @@ std::vector<Object> read_mesh(const YamlMap& map, const Materials& materials, ui
   for (ImportedPart& part : import.parts) {
     Object object;
     object.mesh = std::move(part.mesh);
-    object.world_from_object = pose;
+    object.world_from_object = pose * part.world_from_part;
     object.material.albedo = part.albedo;
     if (!part.texture.empty() && !material) {
       if (!std::filesystem::exists(part.texture))
@@ -180,7 +182,7 @@ std::vector<Object> read_mesh(const YamlMap& map, const Materials& materials, ui
       object.material.albedo = 1;
     }
     if (material) object.material = *material;
-    object.texture_seed = seed;
+    object.texture_seed = seed + static_cast<uint32_t>(objects.size());
     objects.push_back(std::move(object));
   }
   return objects;

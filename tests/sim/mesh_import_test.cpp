@@ -7,6 +7,8 @@
 #include <Eigen/Geometry>
 #include <bit>
 #include <cmath>
+#include <cstdlib>
+#include <fstream>
 
 #include "core/rig/files.h"
 #include "core/types/error.h"
@@ -172,10 +174,11 @@ void expect_roof(const MeshImport& roof, double unit, const Eigen::Vector3d& low
   EXPECT_NEAR((roof.low - low).norm(), 0, 1e-5 * unit);
   EXPECT_NEAR((roof.high - low - unit * Eigen::Vector3d(4, 2, 3)).norm(), 0, 1e-5 * unit);
   // Counter-clockwise from above the roof.
-  const Mesh& mesh = roof.parts[0].mesh;
+  const Mesh& mesh = *roof.parts[0].mesh;
   const Eigen::Vector3i t = mesh.triangles[0];
   const Eigen::Vector3d a = mesh.vertices[static_cast<size_t>(t[0])];
   const Eigen::Vector3d normal =
+      roof.parts[0].world_from_part.rotation *
       (mesh.vertices[static_cast<size_t>(t[1])] - a).cross(mesh.vertices[static_cast<size_t>(t[2])] - a);
   EXPECT_GT(normal.z(), 0);
 }
@@ -208,6 +211,29 @@ TEST_F(Import, ColladaInInchesIsHouseSized) {
   EXPECT_EQ(house.parts[0].name, "house");
 }
 TEST_F(Import, FbxInInches) { expect_roof(import_mesh(file("roof.fbx", kFbx)), 0.0254); }
+
+// Nodes that show one mesh in one size share it, wherever they put it; another size or a mirror is another mesh.
+TEST_F(Import, RepeatedMeshesAreShared) {
+  std::string text = gltf();
+  const std::string one = R"("scenes":[{"nodes":[0]}],"nodes":[{"mesh":0,"translation":[0,10,0]}])";
+  text.replace(text.find(one), one.size(),
+               R"("scenes":[{"nodes":[0,1,2,3]}],"nodes":[{"mesh":0,"translation":[0,10,0]},)"
+               R"({"mesh":0,"rotation":[0,0.70710678,0,0.70710678]},{"mesh":0,"scale":[2,2,2]},)"
+               R"({"mesh":0,"scale":[-1,1,1]}])");
+  const MeshImport roofs = import_mesh(file("roofs.gltf", text));
+  ASSERT_EQ(roofs.parts.size(), 4u);
+  EXPECT_EQ(roofs.meshes, 3u);
+  EXPECT_EQ(roofs.parts[0].mesh, roofs.parts[1].mesh);
+  EXPECT_NE(roofs.parts[0].mesh, roofs.parts[3].mesh);
+  EXPECT_THAT(roofs.summary("roofs.gltf"), HasSubstr("4 parts of 3 meshes, 8 triangles"));
+  for (const ImportedPart& part : roofs.parts) {
+    EXPECT_NEAR(part.world_from_part.rotation.determinant(), 1, 1e-12);
+    const Mesh& mesh = *part.mesh;
+    const Eigen::Vector3i t = mesh.triangles[0];
+    const auto at = [&](int i) { return part.world_from_part * mesh.vertices[static_cast<size_t>(t[i])]; };
+    EXPECT_GT((at(1) - at(0)).cross(at(2) - at(0)).z(), 0) << part.name;  // the roof from above
+  }
+}
 
 TEST_F(Import, DegenerateTrianglesAreCountedAndDropped) {
   const std::string more = std::string(kObj) + "f 1 1 2\nv 8 0 0\nf 1 2 5\n";
@@ -277,8 +303,30 @@ TEST_F(Import, BrokenFilesAreRefused) {
 TEST_F(Import, IndicesAreWithinTheirMesh) {
   const MeshImport roof = import_mesh(file("index.gltf", gltf(60000)));
   EXPECT_LT(roof.triangles, 2u);
-  for (const Eigen::Vector3i& t : roof.parts[0].mesh.triangles)
-    EXPECT_LT(t.maxCoeff(), static_cast<int>(roof.parts[0].mesh.vertices.size()));
+  for (const Eigen::Vector3i& t : roof.parts[0].mesh->triangles)
+    EXPECT_LT(t.maxCoeff(), static_cast<int>(roof.parts[0].mesh->vertices.size()));
+}
+
+// A picture inside the file is the texture; the same one is unpacked once.
+TEST_F(Import, PicturesInsideTheFileAreUnpacked) {
+  setenv("FRINGESLAM_CACHE", (temp_ / "cache").c_str(), 1);
+  const std::string image = [&] {
+    write_png(temp_ / "grey.png", cv::Mat1b(2, 2, uchar{77}));
+    std::ifstream in(temp_ / "grey.png", std::ios::binary);
+    return std::string(std::istreambuf_iterator<char>(in), {});
+  }();
+  std::string text = gltf();
+  text.insert(text.find(R"("indices":1)"), R"("material":0,)");
+  text.insert(text.find(R"("bufferViews")"),
+              R"("materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}],"textures":[{"source":0}],)"
+              R"("images":[{"mimeType":"image/png","uri":"data:image/png;base64,)" +
+                  base64(image) + "\"}],");
+  const auto path = file("roof.gltf", text);
+  const std::filesystem::path texture = import_mesh(path).parts[0].texture;
+  ASSERT_TRUE(std::filesystem::exists(texture)) << texture;
+  EXPECT_EQ(read_grey(texture).at<uchar>(1, 1), 77);
+  EXPECT_EQ(import_mesh(path).parts[0].texture, texture);
+  unsetenv("FRINGESLAM_CACHE");
 }
 
 // A texture is laid on by the mesh's own coordinates.

@@ -228,5 +228,41 @@ TEST(RayWorld, LeavesTheThreadsOfTheCallerAlone) {
   EXPECT_GE(parallel_threads(), 2) << "as long as a world lives, parallel loops run on one thread";
 }
 
+// A mesh that objects share is met where copies of it would be, by single rays and by packets.
+TEST(RayWorld, SharedMeshesAreMetWhereCopiesAre) {
+  const auto rock = std::make_shared<const Mesh>(rock_mesh({0.2, 0.3, 0.25}, 3, 0.3, 5));
+  std::vector<Object> shared, copies;
+  Philox random(3, Stream::placement, 0);
+  for (int i = 0; i < 40; ++i) {
+    Object object;
+    object.mesh = rock;
+    object.world_from_object = {rotation_exp(3 * random_direction(random)), 2 * random_direction(random)};
+    shared.push_back(object);
+    object.mesh = std::make_shared<const Mesh>(*rock);
+    copies.push_back(object);
+  }
+  const RayWorld one = world_with(shared), other = world_with(copies);
+  int hits = 0;
+  for (int i = 0; i < 10000; ++i) {
+    RayPacket rays;
+    rays.active = 1;
+    const Eigen::Vector3d origin = 4 * random_direction(random);
+    const Eigen::Vector3d target = 1.5 * random_direction(random);
+    for (int lane = 0; lane < kPacket; ++lane) rays.origin.set(lane, origin), rays.direction.set(lane, target - origin);
+    HitPacket packet;
+    one.trace(rays, packet);
+    const auto a = one.trace(origin, target - origin), b = other.trace(origin, target - origin);
+    ASSERT_EQ(a.has_value(), has(packet.hit, 0));
+    if (!a || !b || a->object != b->object) continue;  // rims may fall to either side
+    ++hits;
+    EXPECT_NEAR((a->point - b->point).norm(), 0, 1e-9);
+    EXPECT_NEAR((a->normal - b->normal).norm(), 0, 1e-9);
+    EXPECT_NEAR((a->point - packet.point.at(0)).norm(), 0, 1e-12);
+    EXPECT_EQ(a->object, packet.object[0]);
+    EXPECT_EQ(one.occluded(*a, origin), other.occluded(*b, origin));
+  }
+  EXPECT_GT(hits, 500);
+}
+
 }  // namespace
 }  // namespace fringeslam::sim

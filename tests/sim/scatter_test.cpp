@@ -41,7 +41,7 @@ struct Interval {
 
 Interval along(const Object& object, const Eigen::Vector3d& direction) {
   Interval interval;
-  for (const Eigen::Vector3d& v : object.mesh.vertices) {
+  for (const Eigen::Vector3d& v : object.mesh->vertices) {
     const double x = direction.dot(object.world_from_object * v);
     interval.low = std::min(interval.low, x);
     interval.high = std::max(interval.high, x);
@@ -63,7 +63,7 @@ bool cuboids_apart(const Object& a, const Object& b) {
 
 bool equal(const std::vector<Object>& a, const std::vector<Object>& b) {
   return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](const Object& x, const Object& y) {
-    return x.mesh.vertices == y.mesh.vertices && x.texture_seed == y.texture_seed &&
+    return x.mesh->vertices == y.mesh->vertices && x.texture_seed == y.texture_seed &&
            x.world_from_object.rotation == y.world_from_object.rotation &&
            x.world_from_object.translation == y.world_from_object.translation;
   });
@@ -111,7 +111,7 @@ TEST(Scatter, StaysWithinItsHeightAndArea) {
 TEST(Scatter, SizesLieBetweenTheirCorners) {
   const ScatterItem boxes = item(Shape::box, {0.04, 0.03, 0.02}, {0.05, 0.035, 0.06});
   for (const Object& object : scatter_objects(crowd({boxes}), 3, 0)) {
-    const Eigen::Vector3d size = 2 * object.mesh.vertices.back();
+    const Eigen::Vector3d size = 2 * object.mesh->vertices.back();
     for (int i = 0; i < 3; ++i) {
       EXPECT_GE(size[i], boxes.size_min[i]);
       EXPECT_LE(size[i], boxes.size_max[i]);
@@ -149,7 +149,7 @@ TEST(Scatter, WeightsAreShares) {
   const std::vector<Object> objects = scatter_objects(scatter, 1, 0);
   ASSERT_EQ(objects.size(), 2000u);
   const auto boxes = std::count_if(objects.begin(), objects.end(),
-                                   [](const Object& object) { return object.mesh.vertices.size() == 8; });
+                                   [](const Object& object) { return object.mesh->vertices.size() == 8; });
   EXPECT_NEAR(static_cast<double>(boxes), 1500, 5 * std::sqrt(2000 * 0.75 * 0.25));
 }
 

@@ -87,7 +87,7 @@ TEST_F(SceneDraws, SameSeedSameWorldAndPlacesAreIndependent) {
     EXPECT_EQ(scene.ambient_lux, again.ambient_lux);
     EXPECT_EQ(scene.resolved, again.resolved);
     albedos.insert(scene.objects[0].material.albedo);
-    const Eigen::Vector3d corner = scene.objects[0].mesh.vertices[2].cwiseAbs();
+    const Eigen::Vector3d corner = scene.objects[0].mesh->vertices[2].cwiseAbs();
     x += corner.x() / kSeeds, y += corner.y() / kSeeds, product += corner.x() * corner.y() / kSeeds;
   }
   EXPECT_EQ(albedos, (std::set<double>{0.2, 0.8}));
@@ -103,7 +103,7 @@ TEST_F(SceneDraws, TheResolvedSceneIsThatWorld) {
   for (const uint64_t seed : {7, 8}) {
     const Scene read = load_scene(temp_ / "scene.yaml", seed);
     EXPECT_EQ(read.ambient_lux, scene.ambient_lux);
-    EXPECT_EQ(read.objects[0].mesh.vertices, scene.objects[0].mesh.vertices);
+    EXPECT_EQ(read.objects[0].mesh->vertices, scene.objects[0].mesh->vertices);
     EXPECT_EQ(read.objects[0].material.albedo, scene.objects[0].material.albedo);
   }
 }

@@ -20,7 +20,7 @@ constexpr double kPi = std::numbers::pi;
 // A matt grey object: every point has the same albedo.
 inline Object grey_object(Mesh mesh, const Pose& world_from_object, double albedo = 0.5) {
   Object object;
-  object.mesh = std::move(mesh);
+  object.mesh = std::make_shared<const Mesh>(std::move(mesh));
   object.world_from_object = world_from_object;
   object.material.albedo = albedo;
   return object;

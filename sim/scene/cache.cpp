@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "sim/scene/cache.h"
+
+#include <unistd.h>
+
+#include <cstdlib>
+#include <fstream>
+#include <sstream>
+
+#include "core/types/error.h"
+
+namespace fringeslam::sim {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+std::string read_all(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  std::stringstream bytes;
+  bytes << in.rdbuf();
+  return bytes.str();
+}
+
+// Under a name of its own first: several processes may fill the cache at once.
+bool write_whole(const fs::path& file, const std::string& bytes) {
+  std::error_code failure;
+  fs::create_directories(file.parent_path(), failure);
+  const fs::path partial = file.string() + "." + std::to_string(getpid());
+  std::ofstream out(partial, std::ios::binary);
+  out << bytes;
+  out.close();
+  if (out) fs::rename(partial, file, failure);
+  if (!out || failure) {
+    fs::remove(partial, failure);
+    return false;
+  }
+  return true;
+}
+
+fs::path file_of(const std::string& content) { return cache_folder() / "baked" / content_hash(content); }
+
+// The content's length, a line end, the content, the result, its hash: a file that was cut off does not pass.
+std::string sealed(const std::string& content, const std::string& result) {
+  return std::to_string(content.size()) + "\n" + content + result + content_hash(result);
+}
+
+}  // namespace
+
+fs::path cache_folder() {
+  const auto variable = [](const char* name) {
+    const char* value = std::getenv(name);
+    return value ? fs::path(value) : fs::path();
+  };
+  if (const fs::path own = variable("FRINGESLAM_CACHE"); !own.empty()) return own;
+  if (const fs::path xdg = variable("XDG_CACHE_HOME"); !xdg.empty()) return xdg / "fringeslam";
+  if (const fs::path home = variable("HOME"); !home.empty()) return home / ".cache" / "fringeslam";
+  return fs::temp_directory_path() / "fringeslam";
+}
+
+std::string content_hash(const std::string& content) {
+  uint64_t hash = 14695981039346656037ull;
+  for (const char c : content) hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211ull;
+  std::string text;
+  for (int shift = 60; shift >= 0; shift -= 4) text += "0123456789abcdef"[hash >> shift & 15];
+  return text;
+}
+
+fs::path cached_file(const std::string& name, const std::string& bytes) {
+  const fs::path file = cache_folder() / name;
+  std::error_code ignored;
+  if (fs::is_regular_file(file, ignored) && read_all(file) == bytes) return file;
+  if (!write_whole(file, bytes))
+    throw Error(file.string() + ": cannot be written; set FRINGESLAM_CACHE to a folder that can");
+  return file;
+}
+
+std::optional<std::string> cached(const std::string& content) {
+  const std::string bytes = read_all(file_of(content));
+  const std::string head = sealed(content, "").substr(0, std::to_string(content.size()).size() + 1 + content.size());
+  constexpr size_t kHash = 16;
+  if (bytes.size() < head.size() + kHash || bytes.compare(0, head.size(), head) != 0) return std::nullopt;
+  const std::string result = bytes.substr(head.size(), bytes.size() - head.size() - kHash);
+  if (content_hash(result) != bytes.substr(bytes.size() - kHash)) return std::nullopt;
+  return result;
+}
+
+bool store(const std::string& content, const std::string& result) {
+  return write_whole(file_of(content), sealed(content, result));
+}
+
+}  // namespace fringeslam::sim
