@@ -37,7 +37,7 @@ int list(const fs::path& folder, const Common& common) {
 }
 
 int check(const fs::path& path, std::optional<uint64_t> seed, const Common& common) {
-  const sim::Scene scene = sim::load_scene(scene_file(path), seed);
+  const sim::Scene scene = sim::load_scene(scene_file(path), {seed});
   const sim::SceneCheck result = sim::check_scene(scene);
   if (common.json) {
     Json views = Json::array();

@@ -19,7 +19,7 @@ constexpr const char* kResolvedFile = "resolved_scene.yaml";
 class SceneSource : public Source {
  public:
   SceneSource(const fs::path& file, std::optional<uint64_t> seed, const Settings& settings)
-      : scene_(sim::load_scene(file, seed)), settings_(settings), board_(file.parent_path() / kBoardFile) {
+      : scene_(sim::load_scene(file, {seed})), settings_(settings), board_(file.parent_path() / kBoardFile) {
     for (const std::string& note : scene_.notes) std::fprintf(stderr, "%s\n", note.c_str());
   }
   const std::string& name() const override { return scene_.name; }

@@ -23,7 +23,7 @@ std::string scene_file(const std::string& name) { return std::string(FRINGESLAM_
 // The first motion of a scene, estimated from freshly rendered images. A motion that is not found is an
 // infinite error: it can only raise a median.
 PairError first_motion_error(const std::string& scene_name, uint64_t seed) {
-  const sim::Scene scene = sim::load_scene(scene_file(scene_name), seed);
+  const sim::Scene scene = sim::load_scene(scene_file(scene_name), {seed});
   std::vector<TruthFrame> truth;
   sim::VirtualRig rig(scene, {}, [&](const TruthFrame& frame) { truth.push_back(frame); });
   Pipeline pipeline(scene.rig, scene.patterns, {}, scene.trajectory[0].world_from_robot);
@@ -81,7 +81,7 @@ std::vector<Row> bound_rows(const Context& context) {
 std::vector<Row> depth_numerics_rows(const Context& context) {
   std::vector<double> medians;
   for (int seed = 1; seed <= (context.quick ? 1 : 5); ++seed) {
-    sim::Scene scene = sim::load_scene(scene_file("boxes_and_foam"), static_cast<uint64_t>(seed));
+    sim::Scene scene = sim::load_scene(scene_file("boxes_and_foam"), {static_cast<uint64_t>(seed)});
     for (Pattern& pattern : scene.patterns.patterns) pattern.bits = 0;
     TruthFrame truth;
     sim::VirtualRig rig(scene, {1, false, false, sim::Effects::none()},

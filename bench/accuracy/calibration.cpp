@@ -25,7 +25,7 @@ constexpr int kSamplesPerPixel = 16;
 
 RigCalibration calibrate_seed(uint64_t seed) {
   const sim::Scene scene =
-      sim::load_scene(std::string(FRINGESLAM_SCENES) + "/calibration_checkerboard/scene.yaml", seed);
+      sim::load_scene(std::string(FRINGESLAM_SCENES) + "/calibration_checkerboard/scene.yaml", {seed});
   sim::VirtualRig rig(scene, {kSamplesPerPixel, true, true});
   std::vector<BoardView> views;
   while (const auto stack = rig.capture(scene.patterns)) {
@@ -90,7 +90,7 @@ std::vector<Row> rig_rows(const Context& context) {
   const RigModel truth = sim::load_scene(std::string(FRINGESLAM_SCENES) + "/calibration_checkerboard/scene.yaml").rig;
   std::vector<double> camera, projector, mean, shape;
   for (int seed = 1; seed <= (context.quick ? 2 : 8); ++seed) {
-    const RigCalibration calibration = calibrate_seed(static_cast<uint64_t>(seed));
+    const RigCalibration calibration = calibrate_seed({static_cast<uint64_t>(seed)});
     const DepthBias bias = depth_bias(truth, calibration.rig);
     camera.push_back(calibration.camera_rms_px);
     projector.push_back(calibration.projector_rms_px);
@@ -134,7 +134,7 @@ std::vector<Row> stage_rows(const Context& context) {
   std::vector<double> translation, rotation, nees;
   for (int seed = 1; seed <= (context.quick ? 3 : 12); ++seed) {
     const sim::Scene scene =
-        sim::load_scene(std::string(FRINGESLAM_SCENES) + "/stage_checkerboard/scene.yaml", static_cast<uint64_t>(seed));
+        sim::load_scene(std::string(FRINGESLAM_SCENES) + "/stage_checkerboard/scene.yaml", {static_cast<uint64_t>(seed)});
     const StageCalibration calibration = calibrate_stage_seed(scene);
     const Vector6d off = difference(calibration.robot_from_camera, scene.rig.robot_from_camera);
     nees.push_back(off.dot(calibration.covariance.inverse() * off));

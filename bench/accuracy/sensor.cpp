@@ -20,7 +20,7 @@ namespace fringeslam::bench {
 namespace {
 
 sim::Scene scene_of(const std::string& name, uint64_t seed) {
-  return sim::load_scene(std::string(FRINGESLAM_SCENES) + "/" + name + "/scene.yaml", seed);
+  return sim::load_scene(std::string(FRINGESLAM_SCENES) + "/" + name + "/scene.yaml", {seed});
 }
 
 PatternSequence sequence_of(const RigModel& rig, std::vector<double> periods, GrayCode gray = GrayCode::none,

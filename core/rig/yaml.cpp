@@ -4,6 +4,7 @@
 #include <yaml-cpp/yaml.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <fstream>
@@ -16,6 +17,14 @@ namespace {
 
 constexpr Range kAnything{-1e300, 1e300};
 
+double nearest_to_zero(Range range) { return std::clamp(0.0, range.low, range.high); }
+
+// A text of the file that was read as a path, and the file that it means.
+struct AskedPath {
+  YAML::Node text;
+  std::filesystem::path file;
+};
+
 }  // namespace
 
 struct YamlMap::Node {
@@ -23,8 +32,23 @@ struct YamlMap::Node {
   std::string file;
   std::string path;  // of this map in the file, the address of what is drawn in it
   std::shared_ptr<const Draws> draws;
+  std::shared_ptr<std::vector<AskedPath>> asked_paths = std::make_shared<std::vector<AskedPath>>();
+  std::vector<std::string>* errors = nullptr;  // where they are collected; null: they are thrown
+  bool absent = false;                         // stands in for a map that was reported missing
   std::set<std::string> asked;
   std::vector<std::shared_ptr<Node>> children;
+
+  // What `read` gives, or the stand-in when it fails while errors are collected.
+  template <class Value, class Read>
+  Value tolerant(Value stand_in, const Read& read) const {
+    if (!errors) return read();
+    try {
+      return read();
+    } catch (const Error& e) {
+      if (!absent) errors->push_back(e.what());
+      return stand_in;
+    }
+  }
 
   std::string where(const YAML::Node& node) const {
     const YAML::Mark mark = node.Mark();
@@ -60,6 +84,9 @@ struct YamlMap::Node {
     node->file = file;
     node->path = path + "/" + name;
     node->draws = draws;
+    node->asked_paths = asked_paths;
+    node->errors = errors;
+    node->absent = absent;
     children.push_back(node);
     return node;
   }
@@ -69,7 +96,7 @@ struct YamlMap::Node {
                    const std::string& element = "") const {
     if (value.IsMap() && draws) {
       const double drawn = draw(value, key, range, whole, path + "/" + key + element);
-      value = to_text(drawn);
+      value = fringeslam::to_text(drawn);
       return drawn;
     }
     double number = 0;
@@ -78,6 +105,9 @@ struct YamlMap::Node {
     if (!range.contains(number)) throw Error(where(value) + range_error("'" + key + "'", number, range));
     return number;
   }
+
+  // A text, or a choice of texts in its place, which is drawn and replaced likewise.
+  std::string to_text(const std::string& key);
 
   double draw(const YAML::Node& value, const std::string& key, Range range, bool whole, const std::string& place) const;
 };
@@ -129,8 +159,8 @@ double YamlMap::Node::draw(const YAML::Node& value, const std::string& key, Rang
     if (range.contains(drawn)) return drawn;
   }
   throw Error(where(value) + "'" + key +
-              "' drawn from this normal distribution is hardly ever permitted; the range is [" + to_text(range.low) +
-              ", " + to_text(range.high) + "]");
+              "' drawn from this normal distribution is hardly ever permitted; the range is [" +
+              fringeslam::to_text(range.low) + ", " + fringeslam::to_text(range.high) + "]");
 }
 
 namespace {
@@ -188,7 +218,7 @@ std::string yaml_quoted(const std::string& text) {
 bool YamlMap::has(const std::string& key) const { return node_->find(key).IsDefined(); }
 
 double YamlMap::number(const std::string& key, Range range) const {
-  return node_->to_number(node_->require(key), key, range);
+  return node_->tolerant(nearest_to_zero(range), [&] { return node_->to_number(node_->require(key), key, range); });
 }
 
 double YamlMap::number_or(const std::string& key, double fallback, Range range) const {
@@ -196,9 +226,11 @@ double YamlMap::number_or(const std::string& key, double fallback, Range range) 
 }
 
 int YamlMap::integer(const std::string& key, Range range) const {
-  const double value = node_->to_number(node_->require(key), key, range, true);
-  if (value != std::floor(value)) throw error(key, "'" + key + "' must be a whole number");
-  return static_cast<int>(value);
+  return node_->tolerant(static_cast<int>(nearest_to_zero(range)), [&] {
+    const double value = node_->to_number(node_->require(key), key, range, true);
+    if (value != std::floor(value)) throw error(key, "'" + key + "' must be a whole number");
+    return static_cast<int>(value);
+  });
 }
 
 int YamlMap::integer_or(const std::string& key, int fallback, Range range) const {
@@ -206,33 +238,41 @@ int YamlMap::integer_or(const std::string& key, int fallback, Range range) const
 }
 
 uint64_t YamlMap::seed(const std::string& key) const {
-  const std::string digits = text(key);
-  uint64_t value = 0;
-  const auto [end, failure] = std::from_chars(digits.data(), digits.data() + digits.size(), value);
-  if (failure != std::errc() || end != digits.data() + digits.size())
-    throw error(key, "'" + key + "' must be a whole number from 0 to 18446744073709551615");
-  return value;
+  return node_->tolerant(uint64_t{0}, [&] {
+    const std::string digits = text(key);
+    uint64_t value = 0;
+    const auto [end, failure] = std::from_chars(digits.data(), digits.data() + digits.size(), value);
+    if (failure != std::errc() || end != digits.data() + digits.size())
+      throw error(key, "'" + key + "' must be a whole number from 0 to 18446744073709551615");
+    return value;
+  });
 }
 
 bool YamlMap::boolean_or(const std::string& key, bool fallback) const {
   if (!has(key)) return fallback;
-  bool value = false;
-  if (!YAML::convert<bool>::decode(node_->require(key), value)) throw error(key, "'" + key + "' must be true or false");
-  return value;
+  return node_->tolerant(fallback, [&] {
+    bool value = false;
+    if (!YAML::convert<bool>::decode(node_->require(key), value))
+      throw error(key, "'" + key + "' must be true or false");
+    return value;
+  });
 }
 
-std::string YamlMap::text(const std::string& key) const {
-  YAML::Node value = node_->require(key);
-  if (node_->draws && value.IsMap() && value.size() == 1 && value["choice"].IsSequence() &&
-      value["choice"].size() > 0) {
+std::string YamlMap::Node::to_text(const std::string& key) {
+  YAML::Node value = require(key);
+  if (draws && value.IsMap() && value.size() == 1 && value["choice"].IsSequence() && value["choice"].size() > 0) {
     const YAML::Node choices = value["choice"];
     const auto n = static_cast<double>(choices.size());
-    const double u = node_->draws->uniform(address_of(node_->path + "/" + key), 0);
+    const double u = draws->uniform(address_of(path + "/" + key), 0);
     const YAML::Node chosen = choices[static_cast<size_t>(std::min(n - 1, std::floor(n * u)))];
     if (chosen.IsScalar()) value = chosen.Scalar();
   }
-  if (!value.IsScalar() || value.Scalar().empty()) throw error(key, "'" + key + "' must be a text");
+  if (!value.IsScalar() || value.Scalar().empty()) throw Error(where(value) + "'" + key + "' must be a text");
   return value.Scalar();
+}
+
+std::string YamlMap::text(const std::string& key) const {
+  return node_->tolerant(std::string(), [&] { return node_->to_text(key); });
 }
 
 std::string YamlMap::text_or(const std::string& key, const std::string& fallback) const {
@@ -240,25 +280,29 @@ std::string YamlMap::text_or(const std::string& key, const std::string& fallback
 }
 
 std::string YamlMap::choice(const std::string& key, const std::vector<std::string>& choices) const {
-  const std::string value = text(key);
-  std::string known;
-  for (const std::string& candidate : choices) {
-    if (candidate == value) return value;
-    known += (known.empty() ? "" : ", ") + candidate;
-  }
-  const std::string nearest = nearest_name(value, choices);
-  throw error(key, "'" + key + ": " + value + "' is not one of " + known +
-                       (nearest.empty() ? "" : "; did you mean '" + nearest + "'?"));
+  return node_->tolerant(choices.empty() ? std::string() : choices.front(), [&] {
+    const std::string value = node_->to_text(key);
+    std::string known;
+    for (const std::string& candidate : choices) {
+      if (candidate == value) return value;
+      known += (known.empty() ? "" : ", ") + candidate;
+    }
+    const std::string nearest = nearest_name(value, choices);
+    throw error(key, "'" + key + ": " + value + "' is not one of " + (known.empty() ? "(none)" : known) +
+                         (nearest.empty() ? "" : "; did you mean '" + nearest + "'?"));
+  });
 }
 
 std::vector<double> YamlMap::numbers(const std::string& key, size_t count, Range range) const {
-  const YAML::Node value = node_->require(key);
-  if (!value.IsSequence() || value.size() == 0 || (count != 0 && value.size() != count))
-    throw error(key, "'" + key + "' must be a list of " + (count ? std::to_string(count) + " " : "") + "numbers");
-  std::vector<double> result;
-  for (size_t i = 0; i < value.size(); ++i)
-    result.push_back(node_->to_number(value[i], key, range, false, "/" + std::to_string(i)));
-  return result;
+  return node_->tolerant(std::vector<double>(std::max<size_t>(count, 1), nearest_to_zero(range)), [&] {
+    const YAML::Node value = node_->require(key);
+    if (!value.IsSequence() || value.size() == 0 || (count != 0 && value.size() != count))
+      throw error(key, "'" + key + "' must be a list of " + (count ? std::to_string(count) + " " : "") + "numbers");
+    std::vector<double> result;
+    for (size_t i = 0; i < value.size(); ++i)
+      result.push_back(node_->to_number(value[i], key, range, false, "/" + std::to_string(i)));
+    return result;
+  });
 }
 
 Eigen::Vector3d YamlMap::vector3(const std::string& key, Range range) const {
@@ -269,52 +313,72 @@ Eigen::Vector3d YamlMap::vector3_or(const std::string& key, const Eigen::Vector3
   return has(key) ? vector3(key, range) : fallback;
 }
 
-Pose YamlMap::pose(const std::string& key) const {
-  const YamlMap map = this->map(key);
-  const Eigen::Vector3d translation = map.vector3_or("translation_m", Eigen::Vector3d::Zero(), kMetres);
-  const Eigen::Vector3d angles = map.vector3_or("rotation_deg", Eigen::Vector3d::Zero(), kDegrees);
-  Pose pose = pose_from({Eigen::Vector3d::Zero(), angles});
-  if (map.has("rotation_matrix")) {
-    if (map.has("rotation_deg")) throw map.error("give rotation_deg or rotation_matrix, not both");
-    const std::vector<double> m = map.numbers("rotation_matrix", 9, {-1.001, 1.001});
-    pose.rotation << m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8];
-    const double defect = (pose.rotation.transpose() * pose.rotation - Eigen::Matrix3d::Identity()).norm();
-    const double handedness = pose.rotation.col(0).cross(pose.rotation.col(1)).dot(pose.rotation.col(2));
-    if (defect > 1e-6 || handedness < 0)
-      throw map.error("rotation_matrix", "rotation_matrix is not a right-handed rotation");
-  }
-  pose.translation = translation;
-  return pose;
+Pose YamlMap::pose(const std::string& key) const { return map(key).as_pose(); }
+
+Pose YamlMap::as_pose() const {
+  return node_->tolerant(Pose{}, [&] {
+    const Eigen::Vector3d translation = vector3_or("translation_m", Eigen::Vector3d::Zero(), kMetres);
+    const Eigen::Vector3d angles = vector3_or("rotation_deg", Eigen::Vector3d::Zero(), kDegrees);
+    Pose pose = pose_from({Eigen::Vector3d::Zero(), angles});
+    if (has("rotation_matrix")) {
+      if (has("rotation_deg")) throw error("give rotation_deg or rotation_matrix, not both");
+      const std::vector<double> m = numbers("rotation_matrix", 9, {-1.001, 1.001});
+      pose.rotation << m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8];
+      const double defect = (pose.rotation.transpose() * pose.rotation - Eigen::Matrix3d::Identity()).norm();
+      const double handedness = pose.rotation.col(0).cross(pose.rotation.col(1)).dot(pose.rotation.col(2));
+      if (defect > 1e-6 || handedness < 0)
+        throw error("rotation_matrix", "rotation_matrix is not a right-handed rotation");
+    }
+    pose.translation = translation;
+    return pose;
+  });
 }
 
 std::vector<std::string> YamlMap::texts(const std::string& key) const {
-  const YAML::Node value = node_->require(key);
-  if (value.IsScalar()) return {text(key)};
-  std::vector<std::string> result;
-  for (const auto& element : value) {
-    if (!value.IsSequence() || !element.IsScalar()) throw error(key, "'" + key + "' must be a text or a list of texts");
-    result.push_back(element.Scalar());
-  }
-  if (result.empty()) throw error(key, "'" + key + "' must not be empty");
-  return result;
+  return node_->tolerant(std::vector<std::string>(), [&] {
+    const YAML::Node value = node_->require(key);
+    if (value.IsScalar()) return std::vector<std::string>{node_->to_text(key)};
+    std::vector<std::string> result;
+    for (const auto& element : value) {
+      if (!value.IsSequence() || !element.IsScalar())
+        throw error(key, "'" + key + "' must be a text or a list of texts");
+      result.push_back(element.Scalar());
+    }
+    if (result.empty()) throw error(key, "'" + key + "' must not be empty");
+    return result;
+  });
+}
+
+YamlMap YamlMap::absent_map(const std::string& key) const {
+  auto node = node_->child(YAML::Node(YAML::NodeType::Map), key);
+  node->absent = true;
+  return YamlMap(node);
 }
 
 YamlMap YamlMap::map(const std::string& key) const {
-  const YAML::Node value = node_->require(key);
-  if (!value.IsMap()) throw error(key, "'" + key + "' must be a map of `key: value` lines");
-  return YamlMap(node_->child(value, key));
+  const auto read = [&] {
+    const YAML::Node value = node_->require(key);
+    if (!value.IsMap()) throw error(key, "'" + key + "' must be a map of `key: value` lines");
+    return std::optional(YamlMap(node_->child(value, key)));
+  };
+  const std::optional<YamlMap> found = node_->tolerant(std::optional<YamlMap>(), read);
+  return found ? *found : absent_map(key);
 }
 
 std::vector<YamlMap> YamlMap::maps(const std::string& key) const {
-  const YAML::Node value = node_->require(key);
-  if (!value.IsSequence()) throw error(key, "'" + key + "' must be a list");
-  std::vector<YamlMap> result;
-  for (size_t i = 0; i < value.size(); ++i) {
-    const YAML::Node element = value[i];
-    if (!element.IsMap()) throw Error(node_->where(element) + "each entry of '" + key + "' must be a map");
-    result.push_back(YamlMap(node_->child(element, key + "/" + std::to_string(i))));
-  }
-  return result;
+  return node_->tolerant(std::vector<YamlMap>(), [&] {
+    const YAML::Node value = node_->require(key);
+    if (!value.IsSequence()) throw error(key, "'" + key + "' must be a list");
+    std::vector<YamlMap> result;
+    for (size_t i = 0; i < value.size(); ++i) {
+      const YAML::Node element = value[i];
+      attempt([&] {
+        if (!element.IsMap()) throw Error(node_->where(element) + "each entry of '" + key + "' must be a map");
+        result.push_back(YamlMap(node_->child(element, key + "/" + std::to_string(i))));
+      });
+    }
+    return result;
+  });
 }
 
 std::vector<std::string> YamlMap::keys() const {
@@ -334,19 +398,61 @@ Error YamlMap::error(const std::string& message) const { return Error(node_->whe
 
 std::filesystem::path YamlMap::folder() const { return std::filesystem::path(node_->file).parent_path(); }
 
-void YamlMap::draw_from(std::shared_ptr<const Draws> draws) { node_->draws = std::move(draws); }
+std::filesystem::path YamlMap::path(const std::string& key) const {
+  const std::filesystem::path file = folder() / text(key);
+  node_->asked_paths->push_back({node_->find(key), file});
+  return file;
+}
 
-std::string YamlMap::dump() const {
+std::vector<std::filesystem::path> YamlMap::paths(const std::string& key) const {
+  std::vector<std::filesystem::path> files;
+  for (const std::string& name : texts(key)) files.push_back(folder() / name);
+  return files;
+}
+
+void YamlMap::draw_from(std::shared_ptr<const Draws> draws, const std::string& place) {
+  node_->draws = std::move(draws);
+  node_->path = place;
+}
+
+std::string YamlMap::dump(const std::vector<std::string>& keys, const std::filesystem::path& folder) const {
+  const auto whole = [](const std::filesystem::path& path) {
+    return std::filesystem::absolute(path).lexically_normal();
+  };
+  for (AskedPath& path : *node_->asked_paths) {
+    if (path.text.IsDefined()) path.text = whole(path.file).lexically_relative(whole(folder / "")).string();
+  }
+  YAML::Node chosen(YAML::NodeType::Map);
+  for (const auto& entry : node_->yaml) {
+    if (std::find(keys.begin(), keys.end(), entry.first.Scalar()) != keys.end())
+      chosen.force_insert(entry.first, entry.second);
+  }
   YAML::Emitter out;
-  out << node_->yaml;
-  return std::string(out.c_str()) + "\n";
+  out << chosen;
+  return keys.empty() ? "" : std::string(out.c_str()) + "\n";
+}
+
+void YamlMap::collect_errors(std::vector<std::string>& errors) { node_->errors = &errors; }
+
+void YamlMap::attempt(const std::function<void()>& read) const {
+  if (!node_->errors) return read();
+  const size_t before = node_->errors->size();
+  try {
+    read();
+  } catch (const Error& e) {
+    if (!node_->absent && node_->errors->size() == before) node_->errors->push_back(e.what());
+  }
 }
 
 void YamlMap::finish() const {
+  if (node_->absent) return;
   for (const std::string& key : keys()) {
     if (node_->asked.count(key)) continue;
     const std::string nearest = nearest_name(key, {node_->asked.begin(), node_->asked.end()});
-    throw error(key, "unknown key '" + key + "'" + (nearest.empty() ? "" : "; did you mean '" + nearest + "'?"));
+    const Error unknown =
+        error(key, "unknown key '" + key + "'" + (nearest.empty() ? "" : "; did you mean '" + nearest + "'?"));
+    if (!node_->errors) throw unknown;
+    node_->errors->push_back(unknown.what());
   }
   for (const auto& child : node_->children) YamlMap(child).finish();
 }

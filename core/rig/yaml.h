@@ -9,6 +9,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -51,6 +52,7 @@ class YamlMap {
   Eigen::Vector3d vector3_or(const std::string& key, const Eigen::Vector3d& fallback, Range range) const;
   // {translation_m: [x, y, z], rotation_deg: [alpha, beta, gamma]}, or rotation_matrix: 9 numbers by row.
   Pose pose(const std::string& key) const;
+  Pose as_pose() const;  // this map itself
 
   // A list of texts, or one text for a list of one.
   std::vector<std::string> texts(const std::string& key) const;
@@ -71,16 +73,26 @@ class YamlMap {
   Error error(const std::string& message) const;
   // The folder of the file, against which paths in it are resolved.
   std::filesystem::path folder() const;
-  std::filesystem::path path(const std::string& key) const { return folder() / text(key); }
+  std::filesystem::path path(const std::string& key) const;
+  std::vector<std::filesystem::path> paths(const std::string& key) const;
 
   void finish() const;
+
+  // From now on what is wrong with this map, or with one below it, is added to `errors` and a permitted value stands in
+  // for it, so that one reading finds all that is wrong.
+  void collect_errors(std::vector<std::string>& errors);
+  // Runs `read`; while errors are collected, what it throws is added to them, unless others came up in it before, of
+  // which it may be a consequence.
+  void attempt(const std::function<void()>& read) const;
 
   // From now on a number in this map, or below it, may be {uniform: [a, b]}, {log_uniform: [a, b]}, {normal: [mean,
   // sigma]} (truncated to what is permitted) or {choice: [...]}, and a text a choice. What is drawn depends on the
   // place in the file and nothing else.
-  void draw_from(std::shared_ptr<const Draws> draws);
-  // The map as YAML, with what was drawn in place of distributions.
-  std::string dump() const;
+  // `place` is put before the places in this file: that of the file itself among several.
+  void draw_from(std::shared_ptr<const Draws> draws, const std::string& place = "");
+  // These keys of the map as YAML, with what was drawn in place of distributions; what was read as a path is written
+  // relative to `folder`.
+  std::string dump(const std::vector<std::string>& keys, const std::filesystem::path& folder) const;
 
  private:
   struct FieldReader {
@@ -94,6 +106,7 @@ class YamlMap {
   };
   struct Node;
   explicit YamlMap(std::shared_ptr<Node> node);
+  YamlMap absent_map(const std::string& key) const;
   std::shared_ptr<Node> node_;
 };
 

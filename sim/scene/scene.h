@@ -66,8 +66,14 @@ struct Scene {
   bool commanded = false;               // whether the one who moves the robot knows the trajectory
 };
 
-// Throws Error with file:line on anything that is missing, unknown, not finite, out of range or
-// impossible. `seed` replaces the file's.
-Scene load_scene(const std::filesystem::path& file, std::optional<uint64_t> seed = std::nullopt);
+struct SceneReading {
+  std::optional<uint64_t> seed = {};           // replaces the file's
+  std::vector<std::string>* errors = nullptr;  // all that is wrong goes there, and the scene is not to be used then
+  std::filesystem::path resolved_for = {};     // folder of Scene::resolved, to which paths in it are relative; empty:
+                                               // that of the file
+};
+
+// Throws Error with file:line on anything that is missing, unknown, not finite, out of range or impossible.
+Scene load_scene(const std::filesystem::path& file, const SceneReading& reading = {});
 
 }  // namespace fringeslam::sim

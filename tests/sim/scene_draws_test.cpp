@@ -31,7 +31,7 @@ class SceneDraws : public testing::Test {
                    size + ", material: " + material + "}\ntrajectory: {}\n");
     return temp_ / "scene.yaml";
   }
-  double ambient(const std::string& text, uint64_t seed) const { return load_scene(file(text), seed).ambient_lux; }
+  double ambient(const std::string& text, uint64_t seed) const { return load_scene(file(text), {seed}).ambient_lux; }
 
   test::TempFolder temp_;
 };
@@ -83,7 +83,7 @@ TEST_F(SceneDraws, SameSeedSameWorldAndPlacesAreIndependent) {
   double product = 0, x = 0, y = 0;
   constexpr int kSeeds = 200;
   for (uint64_t seed = 1; seed <= kSeeds; ++seed) {
-    const Scene scene = load_scene(path, seed), again = load_scene(path, seed);
+    const Scene scene = load_scene(path, {seed}), again = load_scene(path, {seed});
     EXPECT_EQ(scene.ambient_lux, again.ambient_lux);
     EXPECT_EQ(scene.resolved, again.resolved);
     albedos.insert(scene.objects[0].material.albedo);
@@ -96,12 +96,12 @@ TEST_F(SceneDraws, SameSeedSameWorldAndPlacesAreIndependent) {
 
 // What is written with a run has no distribution left, and is the same world.
 TEST_F(SceneDraws, TheResolvedSceneIsThatWorld) {
-  const Scene scene = load_scene(file("{normal: [300, 50]}", "{choice: [a, b]}", "[{uniform: [0.5, 1]}, 1]"), 7);
+  const Scene scene = load_scene(file("{normal: [300, 50]}", "{choice: [a, b]}", "[{uniform: [0.5, 1]}, 1]"), {7});
   EXPECT_EQ(scene.resolved.find("normal"), std::string::npos);
   EXPECT_EQ(scene.resolved.find("choice"), std::string::npos);
   write_text(temp_ / "scene.yaml", scene.resolved);
   for (const uint64_t seed : {7, 8}) {
-    const Scene read = load_scene(temp_ / "scene.yaml", seed);
+    const Scene read = load_scene(temp_ / "scene.yaml", {seed});
     EXPECT_EQ(read.ambient_lux, scene.ambient_lux);
     EXPECT_EQ(read.objects[0].mesh->vertices, scene.objects[0].mesh->vertices);
     EXPECT_EQ(read.objects[0].material.albedo, scene.objects[0].material.albedo);
