@@ -4,6 +4,7 @@
 #include <numbers>
 
 #include "sim/random.h"
+#include "sim/scene/routes.h"
 #include "sim/scene/scene_parts.h"
 
 namespace fringeslam::sim {
@@ -54,23 +55,117 @@ Trajectory board_views(const YamlMap& map, const RigModel& rig, uint64_t seed, d
   return trajectory;
 }
 
-}  // namespace
+constexpr double kRadian = std::numbers::pi / 180;
+constexpr Range kAngle{-36000, 36000};
+constexpr Range kCount{1, 100000};
 
-// Robot poses: a start, then the papers' six numbers for each motion, `previous_from_current`.
-Trajectory read_trajectory(const YamlMap& map, const RigModel& rig, uint64_t seed) {
-  const double interval = map.number_or("interval_s", 0.5, {1e-3, 1e4});
-  if (map.has("board_views")) return board_views(map.map("board_views"), rig, seed, interval);
-  Trajectory trajectory(1);
-  if (map.has("start")) trajectory[0].world_from_robot = map.pose("start");
-  if (!map.has("motions")) return trajectory;  // one view
+// A pose of the robot, or where its camera is and what it looks at: {camera_m, look_at_m}.
+Pose read_robot_pose(const YamlMap& map, const RigModel& rig) {
+  if (!map.has("camera_m") && !map.has("look_at_m")) return map.as_pose();
+  for (const char* key : {"translation_m", "rotation_deg", "rotation_matrix"}) {
+    if (map.has(key)) throw map.error(key, std::string("give camera_m and look_at_m, or a pose by ") + key);
+  }
+  const Eigen::Vector3d eye = map.vector3("camera_m", {-1e4, 1e4}), target = map.vector3("look_at_m", {-1e4, 1e4});
+  if ((target - eye).norm() < 1e-6) throw map.error("look_at_m", "the camera stands on what it is to look at");
+  return looking_at(eye, target) * rig.robot_from_camera.inverse();
+}
+
+// The papers' six numbers for each motion, `previous_from_current`.
+std::vector<Pose> stage_motions(const YamlMap& map, const Pose& start) {
+  std::vector<Pose> route = {start};
   for (const YamlMap& entry : map.maps("motions")) {
     SixDof motion;
     motion.translation_mm = entry.vector3("translation_mm", kMillimetres);
     motion.angles_deg = entry.vector3("rotation_deg", {-180, 180});
-    const TimedPose& last = trajectory.back();
-    trajectory.push_back(
-        {interval * static_cast<double>(trajectory.size()), last.world_from_robot * pose_from(motion)});
+    route.push_back(route.back() * pose_from(motion));
   }
+  return route;
+}
+
+std::vector<Pose> listed_poses(const YamlMap& map, const std::string& key, const RigModel& rig, size_t least) {
+  std::vector<Pose> poses;
+  for (const YamlMap& entry : map.maps(key)) {
+    entry.attempt([&] { poses.push_back(read_robot_pose(entry, rig)); });
+  }
+  if (poses.size() < least)
+    throw map.error(key,
+                    "'" + key + "' must list at least " + std::to_string(least) + (least == 1 ? " pose" : " poses"));
+  return poses;
+}
+
+std::vector<Pose> read_spline(const YamlMap& map, const RigModel& rig) {
+  const std::vector<Pose> waypoints = listed_poses(map, "waypoints", rig, 2);
+  const int count = map.integer("count", kCount);
+  return spline_route(waypoints, count, map.boolean_or("closed", false),
+                      map.number_or("turn_m_per_rad", 0.5, {0, 100}));
+}
+
+std::vector<Pose> read_orbit(const YamlMap& map, const RigModel& rig) {
+  Orbit orbit;
+  orbit.centre = map.vector3("centre_m", {-1e4, 1e4});
+  orbit.radius = map.number("radius_m", kLength);
+  orbit.height = map.number("height_m", {-100, 100});
+  orbit.from = kRadian * map.number_or("from_deg", 0, kAngle);
+  orbit.to = kRadian * map.number_or("to_deg", 360, kAngle);
+  orbit.count = map.integer("count", kCount);
+  std::vector<Pose> route;
+  for (const Pose& world_from_camera : orbit_route(orbit))
+    route.push_back(world_from_camera * rig.robot_from_camera.inverse());
+  return route;
+}
+
+std::vector<Pose> read_random_walk(const YamlMap& map, const Pose& start, uint64_t seed) {
+  RandomWalk walk;
+  walk.start = start;
+  walk.count = map.integer("count", kCount);
+  walk.step = 1e-3 * map.vector3("step_mm", {0, 1e4});
+  walk.turn = kRadian * map.vector3_or("turn_deg", Eigen::Vector3d::Zero(), {0, 90});
+  walk.max_turn = kRadian * map.number_or("max_turn_deg", 20, {0, 170});
+  const std::vector<double> low = map.numbers("low_m", 3, {-1e4, 1e4}), high = map.numbers("high_m", 3, {-1e4, 1e4});
+  for (int i = 0; i < 3; ++i) {
+    walk.low[i] = low[static_cast<size_t>(i)];
+    walk.high[i] = high[static_cast<size_t>(i)];
+    const double here = start.translation[i];
+    if (!(walk.low[i] <= here && here <= walk.high[i]))
+      throw map.error("low_m", std::string("the walk must start between low_m and high_m, but its ") + "xyz"[i] +
+                                   " is " + to_text(here));
+  }
+  return random_walk(walk, seed);
+}
+
+Trajectory read_file(const YamlMap& map) {
+  const std::filesystem::path file = map.path("file");
+  if (!std::filesystem::exists(file)) throw map.error("file", file.string() + " does not exist");
+  const Trajectory trajectory = read_tum(file);
+  if (trajectory.empty()) throw map.error("file", file.string() + " has no pose");
+  return trajectory;
+}
+
+}  // namespace
+
+Trajectory read_trajectory(const YamlMap& map, const RigModel& rig, uint64_t seed) {
+  const std::vector<std::string> kinds = {"motions", "poses", "spline", "orbit", "random_walk", "file", "board_views"};
+  std::vector<std::string> given;
+  for (const std::string& kind : kinds) {
+    if (map.has(kind)) given.push_back(kind);
+  }
+  if (given.size() > 1) throw map.error(given[1], "give " + given[0] + " or " + given[1] + ", not both");
+  const std::string kind = given.empty() ? "" : given[0];
+  const double interval = map.number_or("interval_s", 0.5, {1e-3, 1e4});
+  if (kind == "board_views") return board_views(map.map(kind), rig, seed, interval);
+  if (kind == "file") return read_file(map);
+  const bool starts = kind.empty() || kind == "motions" || kind == "random_walk";
+  if (map.has("start") && !starts) throw map.error("start", "'start' has no effect with " + kind);
+  const Pose start = starts && map.has("start") ? read_robot_pose(map.map("start"), rig) : Pose{};
+  const std::vector<Pose> route = kind == "motions"       ? stage_motions(map, start)
+                                  : kind == "poses"       ? listed_poses(map, kind, rig, 1)
+                                  : kind == "spline"      ? read_spline(map.map(kind), rig)
+                                  : kind == "orbit"       ? read_orbit(map.map(kind), rig)
+                                  : kind == "random_walk" ? read_random_walk(map.map(kind), start, seed)
+                                                          : std::vector<Pose>{start};
+  Trajectory trajectory;
+  for (const Pose& pose : route)
+    trajectory.push_back({interval * static_cast<double>(trajectory.size()), orthonormalised(pose)});
   return trajectory;
 }
 
