@@ -23,7 +23,8 @@ enum class Stream : uint32_t {
   paths = 5,
   fixed_pattern = 6,
   air = 7,
-  draws = 8
+  draws = 8,
+  settling = 9
 };
 
 class Philox {

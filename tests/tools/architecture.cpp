@@ -52,7 +52,8 @@ struct Library {
 const std::vector<Library>& libraries() {
   static const std::vector<Library> all = {{"embree3/", {"sim"}, false},
                                            {"assimp/", {"sim"}, false},
-                                           {"bullet/", {"sim"}, false},
+                                           {"BulletCollision/", {"sim"}, false},
+                                           {"LinearMath/", {"sim"}, false},
                                            {"btBullet", {"sim"}, false},
                                            {"ceres/", {"core/motion", "core/map", "core/calibrate"}, false},
                                            {"pcl/", {}, false},

@@ -1,0 +1,354 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "sim/scene/settle.h"
+
+#include <LinearMath/btConvexHullComputer.h>
+#include <btBulletDynamicsCommon.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <numbers>
+
+#include "core/types/error.h"
+#include "sim/random.h"
+
+namespace fringeslam::sim {
+
+namespace {
+
+// Bullet likes bodies of about one unit: a unit is 10 cm.
+constexpr double kUnit = 0.1;
+constexpr double kGravity = 9.81 / kUnit;
+// Around each hull, kept between surfaces at rest: what the solver leaves of a contact is taken from it.
+constexpr double kMargin = 0.0005 / kUnit;
+constexpr double kStep_s = 1.0 / 240;
+
+btVector3 to_bullet(const Eigen::Vector3d& m) {
+  const Eigen::Vector3d p = m / kUnit;
+  return {static_cast<btScalar>(p.x()), static_cast<btScalar>(p.y()), static_cast<btScalar>(p.z())};
+}
+
+Eigen::Vector3d from_bullet(const btVector3& v) {
+  return kUnit * Eigen::Vector3d(static_cast<double>(v.x()), static_cast<double>(v.y()), static_cast<double>(v.z()));
+}
+
+// Volume (m^3) and centre of mass of a convex hull.
+struct Bulk {
+  double volume = 0;
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();
+};
+
+Bulk bulk_of(const Hull& hull) {
+  std::vector<btVector3> points;
+  for (const Eigen::Vector3d& p : hull) points.push_back(to_bullet(p));
+  btConvexHullComputer computer;
+  computer.compute(&points[0].x(), sizeof(btVector3), static_cast<int>(points.size()), 0, 0);
+  Bulk bulk;
+  const auto vertex = [&](int i) { return from_bullet(computer.vertices[i]); };
+  const Eigen::Vector3d inside = hull.front();
+  for (int f = 0; f < computer.faces.size(); ++f) {
+    const btConvexHullComputer::Edge* first = &computer.edges[computer.faces[f]];
+    const Eigen::Vector3d a = vertex(first->getSourceVertex()) - inside;
+    for (const auto* e = first->getNextEdgeOfFace(); e->getTargetVertex() != first->getSourceVertex();
+         e = e->getNextEdgeOfFace()) {
+      const Eigen::Vector3d b = vertex(e->getSourceVertex()) - inside, c = vertex(e->getTargetVertex()) - inside;
+      const double volume = std::abs(a.dot(b.cross(c))) / 6;
+      bulk.volume += volume;
+      bulk.centre += volume * (inside + (a + b + c) / 4);
+    }
+  }
+  if (bulk.volume > 0) bulk.centre /= bulk.volume;
+  return bulk;
+}
+
+// A body in Bullet's world; its origin there is the centre of mass.
+struct Loose {
+  std::vector<std::unique_ptr<btConvexHullShape>> hulls;
+  btCompoundShape shape;
+  std::unique_ptr<btRigidBody> body;
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // of mass, in the body's own frame
+  double radius = 0;                                 // about the centre of mass
+
+  explicit Loose(const Body& from) {
+    double volume = 0;
+    for (const Hull& hull : from.hulls) {
+      const Bulk bulk = bulk_of(hull);
+      volume += bulk.volume;
+      centre += bulk.volume * bulk.centre;
+    }
+    if (!(volume > 0)) throw Error("a body without volume cannot be dropped");
+    centre /= volume;
+    for (const Hull& hull : from.hulls) {
+      auto part = std::make_unique<btConvexHullShape>();
+      for (const Eigen::Vector3d& p : hull) {
+        part->addPoint(to_bullet(p - centre), false);
+        radius = std::max(radius, (p - centre).norm());
+      }
+      part->recalcLocalAabb();
+      part->setMargin(static_cast<btScalar>(kMargin));
+      part->initializePolyhedralFeatures();
+      btTransform here;
+      here.setIdentity();
+      shape.addChildShape(here, part.get());
+      hulls.push_back(std::move(part));
+    }
+    shape.setMargin(static_cast<btScalar>(kMargin));
+    const double litres = volume * 1e3;  // masses near 1 whatever the density
+    const auto mass = static_cast<btScalar>(std::max(1e-3, litres * from.density_kg_m3 * 1e-3));
+    btVector3 inertia(0, 0, 0);
+    shape.calculateLocalInertia(mass, inertia);
+    btRigidBody::btRigidBodyConstructionInfo info(mass, nullptr, &shape, inertia);
+    info.m_friction = static_cast<btScalar>(from.friction);
+    info.m_rollingFriction = info.m_spinningFriction = 0.01f;
+    info.m_restitution = 0;
+    body = std::make_unique<btRigidBody>(info);
+    body->setSleepingThresholds(static_cast<btScalar>(0.01 / kUnit), 0.2f);
+  }
+
+  Pose pose() const {
+    const btTransform& at = body->getWorldTransform();
+    Pose pose;
+    for (int row = 0; row < 3; ++row) {
+      for (int col = 0; col < 3; ++col) pose.rotation(row, col) = static_cast<double>(at.getBasis()[row][col]);
+    }
+    pose.translation = from_bullet(at.getOrigin());
+    pose = orthonormalised(pose);
+    pose.translation -= pose.rotation * centre;
+    return pose;
+  }
+
+  // v^2/2 + w I w/2m, J/kg.
+  double energy() const {
+    const btVector3 v = body->getLinearVelocity(), w = body->getAngularVelocity();
+    const btVector3 spin = body->getWorldTransform().getBasis().transpose() * w;
+    const btVector3 inertia = body->getLocalInertia();
+    const btScalar turning = (spin * spin * inertia).dot(btVector3(1, 1, 1)) * body->getInvMass();
+    return 0.5 * kUnit * kUnit * static_cast<double>(v.length2() + turning);
+  }
+};
+
+class Tumbling {
+ public:
+  Tumbling(const std::vector<Body>& bodies, const DropArea& area, uint64_t seed)
+      : dispatcher_(&configuration_),
+        world_(&dispatcher_, &broadphase_, &solver_, &configuration_),
+        area_(area),
+        random_(seed, Stream::settling, 0) {
+    world_.setGravity(btVector3(0, 0, static_cast<btScalar>(-kGravity)));
+    dispatcher_.setDispatcherFlags(0);
+    world_.getDispatchInfo().m_deterministicOverlappingPairs = true;
+    btContactSolverInfo& info = world_.getSolverInfo();
+    info.m_numIterations = 30;
+    info.m_splitImpulse = 1;
+    info.m_splitImpulsePenetrationThreshold = 0;
+    info.m_erp2 = 0.3f;
+    solver_.setConstraintRowSolverGeneric(solver_.getScalarConstraintRowSolverGeneric());
+    solver_.setConstraintRowSolverLowerLimit(solver_.getScalarConstraintRowSolverLowerLimit());
+    add_static(btVector3(0, 0, 1), 0);
+    if (area.wall_height > 0) {
+      const auto x = static_cast<btScalar>(area.size_x / 2 / kUnit), y = static_cast<btScalar>(area.size_y / 2 / kUnit);
+      add_wall(btVector3(1, 0, 0), x, y);
+      add_wall(btVector3(-1, 0, 0), x, y);
+      add_wall(btVector3(0, 1, 0), x, y);
+      add_wall(btVector3(0, -1, 0), x, y);
+    }
+    for (const Body& body : bodies) loose_.push_back(std::make_unique<Loose>(body));
+  }
+  ~Tumbling() {
+    for (const auto& loose : loose_) world_.removeRigidBody(loose->body.get());
+    for (const auto& fixed : fixed_) world_.removeRigidBody(fixed.get());
+  }
+  Tumbling(const Tumbling&) = delete;
+  Tumbling& operator=(const Tumbling&) = delete;
+
+  Settled run() {
+    std::vector<size_t> waiting(loose_.size());
+    for (size_t i = 0; i < waiting.size(); ++i) waiting[i] = i;
+    Settled settled;
+    constexpr int kRounds = 8;
+    for (int round = 0; round < kRounds; ++round) {
+      drop(waiting);
+      come_to_rest();
+      waiting = inside_others();
+      if (waiting.empty()) {
+        for (const auto& loose : loose_) {
+          settled.ground_from_body.push_back(loose->pose());
+          settled.energy_j_per_kg = std::max(settled.energy_j_per_kg, loose->energy());
+        }
+        settled.penetration_m = deepest();
+        settled.time_s = time_s_;
+        return settled;
+      }
+      settled.dropped_again += static_cast<int>(waiting.size());
+      for (const size_t i : waiting) world_.removeRigidBody(loose_[i]->body.get());
+    }
+    throw Error(std::to_string(waiting.size()) + " of " + std::to_string(loose_.size()) +
+                " bodies always come to rest inside others; drop fewer or smaller ones, or into a larger area");
+  }
+
+ private:
+  static constexpr double kAllowed = 0.0008;  // m, of penetration; below the 1 mm that are promised
+
+  void add_static(const btVector3& normal, btScalar offset) {
+    shapes_.push_back(std::make_unique<btStaticPlaneShape>(normal, offset));
+    shapes_.back()->setMargin(static_cast<btScalar>(kMargin));
+    add_fixed(shapes_.back().get(), btVector3(0, 0, 0));
+  }
+  // A thick box outside the area, whose inner side faces along `normal`.
+  void add_wall(const btVector3& normal, btScalar x, btScalar y) {
+    constexpr btScalar kThick = 2;
+    const auto half_height = static_cast<btScalar>(0.5 * area_.wall_height / kUnit);
+    const bool across = normal.x() != 0;
+    shapes_.push_back(std::make_unique<btBoxShape>(across ? btVector3(kThick, y + 2 * kThick, half_height)
+                                                          : btVector3(x + 2 * kThick, kThick, half_height)));
+    shapes_.back()->setMargin(static_cast<btScalar>(kMargin));
+    btVector3 centre = -normal * (across ? x + kThick : y + kThick);
+    centre.setZ(half_height);
+    add_fixed(shapes_.back().get(), centre);
+  }
+  void add_fixed(btCollisionShape* shape, const btVector3& centre) {
+    btRigidBody::btRigidBodyConstructionInfo info(0, nullptr, shape);
+    info.m_startWorldTransform.setOrigin(centre);
+    info.m_friction = 0.8f;
+    info.m_restitution = 0;
+    fixed_.push_back(std::make_unique<btRigidBody>(info));
+    world_.addRigidBody(fixed_.back().get());
+  }
+
+  void step() {
+    world_.stepSimulation(static_cast<btScalar>(kStep_s), 0);
+    time_s_ += kStep_s;
+  }
+
+  double top() const {
+    double highest = 0;
+    for (const auto& loose : loose_) {
+      if (!loose->body->isInWorld()) continue;
+      btVector3 low, high;
+      loose->body->getAabb(low, high);
+      highest = std::max(highest, kUnit * static_cast<double>(high.z()));
+    }
+    return highest;
+  }
+
+  // Layer by layer, as many at once as find room beside each other, each layer just above what is there.
+  void drop(const std::vector<size_t>& bodies) {
+    constexpr int kTries = 20, kStepsBetween = 48;
+    size_t next = 0;
+    while (next < bodies.size()) {
+      std::vector<std::pair<Eigen::Vector2d, double>> taken;
+      const double above = top();
+      for (int attempt = 0; attempt < kTries && next < bodies.size();) {
+        Loose& loose = *loose_[bodies[next]];
+        const auto room = [&](double size) { return std::max(0.0, size / 2 - loose.radius); };
+        const Eigen::Vector2d at(random_.uniform(-1, 1) * room(area_.size_x),
+                                 random_.uniform(-1, 1) * room(area_.size_y));
+        const bool free = std::none_of(taken.begin(), taken.end(), [&](const auto& other) {
+          return (other.first - at).norm() < other.second + loose.radius;
+        });
+        if (!free) {
+          ++attempt;
+          continue;
+        }
+        attempt = 0;
+        taken.emplace_back(at, loose.radius);
+        release(loose, {at.x(), at.y(), above + loose.radius + 0.01});
+        ++next;
+      }
+      for (int i = 0; i < kStepsBetween; ++i) step();
+    }
+  }
+
+  void release(Loose& loose, const Eigen::Vector3d& at) {
+    // A random rotation, all alike (Shoemake 1992).
+    const double u = random_.uniform(), a = 2 * std::numbers::pi * random_.uniform(),
+                 b = 2 * std::numbers::pi * random_.uniform();
+    const double r1 = std::sqrt(1 - u), r2 = std::sqrt(u);
+    const btQuaternion turned(static_cast<btScalar>(r1 * std::sin(a)), static_cast<btScalar>(r1 * std::cos(a)),
+                              static_cast<btScalar>(r2 * std::sin(b)), static_cast<btScalar>(r2 * std::cos(b)));
+    btRigidBody& body = *loose.body;
+    body.setWorldTransform(btTransform(turned, to_bullet(at)));
+    body.setInterpolationWorldTransform(body.getWorldTransform());
+    body.setLinearVelocity(btVector3(0, 0, 0));
+    body.setAngularVelocity(btVector3(0, 0, 0));
+    body.clearForces();
+    body.setDamping(0.05f, 0.2f);
+    world_.addRigidBody(&body);
+  }
+
+  // Friction alone lets things creep; the air grows thicker until all lie still.
+  void come_to_rest() {
+    constexpr double kStill = 2e-6;  // J/kg: 2 mm/s
+    constexpr int kStillSteps = 60, kMostSteps = 60 * 240;
+    int still = 0;
+    for (int i = 0; i < kMostSteps && still < kStillSteps; ++i) {
+      const auto kept = static_cast<btScalar>(1 - 0.2 * std::clamp(i * kStep_s / 2 - 0.25, 0.0, 1.0));
+      for (const auto& loose : loose_) {
+        btRigidBody& body = *loose->body;
+        if (!body.isActive()) continue;
+        body.setLinearVelocity(kept * body.getLinearVelocity());
+        body.setAngularVelocity(kept * body.getAngularVelocity());
+      }
+      step();
+      const bool all = std::all_of(loose_.begin(), loose_.end(), [&](const auto& l) { return !l->body->isActive() || l->energy() < kStill; });
+if (i % 240 == 0 && getenv("DBG")) { int act = 0; double e = 0; for (auto& l : loose_) act += l->body->isActive(), e = std::max(e, l->energy()); printf("%d: active %d energy %.2g\n", i, act, e); }
+      still = all ? still + 1 : 0;
+    }
+    if (still < kStillSteps) throw Error("the pile does not come to rest; drop fewer bodies or other ones");
+  }
+
+  // How deep each contact is, without the margins, m.
+  template <class Visit>
+  void visit_contacts(const Visit& visit) {
+    for (int i = 0; i < dispatcher_.getNumManifolds(); ++i) {
+      const btPersistentManifold* manifold = dispatcher_.getManifoldByIndexInternal(i);
+      for (int k = 0; k < manifold->getNumContacts(); ++k) {
+        const double gap = static_cast<double>(manifold->getContactPoint(k).getDistance()) + 2 * kMargin;
+        visit(*manifold, -kUnit * gap);
+      }
+    }
+  }
+  double deepest() {
+    double depth = -1;
+    visit_contacts([&](const btPersistentManifold&, double d) { depth = std::max(depth, d); });
+    return depth;
+  }
+
+  // Of two that are in each other the one that came later.
+  std::vector<size_t> inside_others() {
+    std::vector<size_t> found;
+    visit_contacts([&](const btPersistentManifold& manifold, double depth) {
+      if (depth < kAllowed) return;
+      for (size_t i = loose_.size(); i-- > 0;) {
+        const btRigidBody* body = loose_[i]->body.get();
+        if (manifold.getBody0() != body && manifold.getBody1() != body) continue;
+        if (std::find(found.begin(), found.end(), i) == found.end()) found.push_back(i);
+        return;
+      }
+    });
+    std::sort(found.begin(), found.end());
+    return found;
+  }
+
+  btDefaultCollisionConfiguration configuration_;
+  btCollisionDispatcher dispatcher_;
+  btDbvtBroadphase broadphase_;
+  btSequentialImpulseConstraintSolver solver_;
+  btDiscreteDynamicsWorld world_;
+  std::vector<std::unique_ptr<btCollisionShape>> shapes_;
+  std::vector<std::unique_ptr<btRigidBody>> fixed_;
+  std::vector<std::unique_ptr<Loose>> loose_;
+  DropArea area_;
+  Philox random_;
+  double time_s_ = 0;
+};
+
+}  // namespace
+
+Settled settle(const std::vector<Body>& bodies, const DropArea& area, uint64_t seed) {
+  if (bodies.empty()) return {};
+  return Tumbling(bodies, area, seed).run();
+}
+
+}  // namespace fringeslam::sim

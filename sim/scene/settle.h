@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// Bodies dropped onto level ground until they lie still: rigid bodies with friction (Bullet), each a union of convex
+// hulls. The ground is z = 0, up is z; lengths in m.
+//
+// The same bodies, area and seed give the same poses, to the last bit: the steps are of one length, bodies are taken
+// in their order, and the solver is the one that does not ask what the processor can do.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <vector>
+
+#include "core/types/pose.h"
+
+namespace fringeslam::sim {
+
+using Hull = std::vector<Eigen::Vector3d>;  // corner points of a convex body
+
+struct Body {
+  std::vector<Hull> hulls;  // of its own frame
+  double density_kg_m3 = 1000;
+  double friction = 0.6;
+};
+
+struct DropArea {
+  double size_x = 1, size_y = 1;  // about the origin
+  double wall_height = 0;         // of unseen walls around the area; 0: none, what rolls away is gone
+};
+
+struct Settled {
+  std::vector<Pose> ground_from_body;
+  double energy_j_per_kg = 0;  // greatest kinetic energy of a body by its mass
+  double penetration_m = 0;    // deepest of two bodies, or of one and the ground; negative: a gap everywhere
+  double time_s = 0;           // simulated, from the first drop to rest
+  int dropped_again = 0;       // bodies that had come to rest within others
+};
+
+// Throws Error when they do not come to rest.
+Settled settle(const std::vector<Body>& bodies, const DropArea& area, uint64_t seed);
+
+}  // namespace fringeslam::sim
