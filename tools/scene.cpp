@@ -76,14 +76,11 @@ Verb add_scene(CLI::App& app, const Common& common) {
   CLI::App* checks = group->add_subcommand("check", "What each view sees, and what is likely to go wrong");
   checks->add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml")->required();
   checks->add_option("--seed", arguments->seed, "Seed, instead of the scene's")->check(CLI::NonNegativeNumber);
-  const std::vector<std::pair<CLI::App*, Verb>> others = [&] {
-    std::vector<std::pair<CLI::App*, Verb>> verbs;
-    for (const auto add : {add_scene_preview, add_scene_export}) {
-      Verb verb = add(*group, common);
-      verbs.emplace_back(group->get_subcommands({}).back(), std::move(verb));
-    }
-    return verbs;
-  }();
+  std::vector<std::pair<CLI::App*, Verb>> others;
+  for (const auto add : {add_scene_preview, add_scene_export}) {
+    Verb verb = add(*group, common);
+    others.emplace_back(group->get_subcommands({}).back(), std::move(verb));
+  }
   return [arguments, lists, others, &common] {
     for (const auto& [verb, run] : others) {
       if (verb->parsed()) return run();

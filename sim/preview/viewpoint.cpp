@@ -154,7 +154,7 @@ Candidate best_direction(const Scene& scene, const Interest& interest, const Ope
       Candidate here{direction_of(azimuth, elevation), {}, 0};
       here.sight = judge.sight(here.to_viewer);
       here.score = here.sight.spots + 0.5 * here.sight.facing + 0.5 * here.sight.devices +
-                   0.25 * across(camera.rotation.col(2), here.to_viewer) + 0.2 * across(baseline, here.to_viewer) -
+                   0.25 * across(camera.rotation.col(2), here.to_viewer) + 0.4 * across(baseline, here.to_viewer) -
                    0.5 * fill(interest, here.to_viewer, slope) - 0.003 * std::abs(elevation - 45);
       if (here.score > best.score + 1e-9) best = here;
     }
