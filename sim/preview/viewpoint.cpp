@@ -143,6 +143,11 @@ double across(const Eigen::Vector3d& v, const Eigen::Vector3d& to_viewer) {
   return v.norm() == 0 ? 0 : v.normalized().cross(to_viewer).norm();
 }
 
+// How much of a vector goes to the left or right of the picture.
+double sideways(const Eigen::Vector3d& v, const Eigen::Vector3d& to_viewer) {
+  return v.norm() == 0 ? 0 : std::abs(v.normalized().dot(world_from_view(to_viewer).col(0)));
+}
+
 Candidate best_direction(const Scene& scene, const Interest& interest, const OpenedWorld& world,
                          const Eigen::Vector2d& slope) {
   const Judge judge(interest, world);
@@ -154,7 +159,7 @@ Candidate best_direction(const Scene& scene, const Interest& interest, const Ope
       Candidate here{direction_of(azimuth, elevation), {}, 0};
       here.sight = judge.sight(here.to_viewer);
       here.score = here.sight.spots + 0.5 * here.sight.facing + 0.5 * here.sight.devices +
-                   0.25 * across(camera.rotation.col(2), here.to_viewer) + 0.4 * across(baseline, here.to_viewer) -
+                   0.25 * across(camera.rotation.col(2), here.to_viewer) + 0.35 * sideways(baseline, here.to_viewer) +
                    0.5 * fill(interest, here.to_viewer, slope) - 0.003 * std::abs(elevation - 45);
       if (here.score > best.score + 1e-9) best = here;
     }
