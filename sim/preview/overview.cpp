@@ -6,7 +6,6 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <numbers>
 
 #include "core/types/parallel.h"
 #include "sim/light/beam.h"
@@ -55,8 +54,7 @@ class Light {
         beam_(scene.rig, Effects::none(), world_from_camera(scene, 0)) {
     const Eigen::Matrix3d& axes = viewpoint.world_from_camera.rotation;
     to_lamp_ = (-0.75 * axes.col(0) - 0.35 * axes.col(2) + 1.1 * up_).normalized();
-    const Box box = interest_box(viewpoint, scene, world);
-    reach_m_ = 0.35 * (box.high - box.low).norm();
+    reach_m_ = 0.35 * viewpoint.interest_m;
     // The roof of an opened world would darken all of it.
     lamp_reach_m_ = viewpoint.window ? reach_m_ : std::numeric_limits<double>::infinity();
     reference_lux_ = projector_lux_at_1m(scene.rig);
@@ -80,19 +78,15 @@ class Light {
       const auto to_lamp = static_cast<float>(std::max(0.0, surface.normal.at(i).dot(to_lamp_)));
       const float plain = static_cast<float>(kAmbient) + static_cast<float>(kSky) * sky[i] +
                           static_cast<float>(kLamp) * to_lamp * lamp[static_cast<size_t>(i)];
-      light[i] = plain * kNeutral + static_cast<float>(kProjector) * projected_weight(projector, i) * kWarm;
+      light[i] = plain * kNeutral + static_cast<float>(kProjector) * projector[static_cast<size_t>(i)] * kWarm;
     }
   }
 
+  // Of a surface that sends out light of its own.
   float glow(float emission_lux) const { return std::min(1.0f, emission_lux / static_cast<float>(reference_lux_) * 3); }
 
  private:
   using Values = std::array<float, kPacket>;
-
-  static Box interest_box(const Viewpoint& viewpoint, const Scene& scene, const RayWorld& world) {
-    return viewpoint.window ? *viewpoint.window : interest_of(scene, world).box();
-  }
-  static float projected_weight(const Values& values, int lane) { return values[static_cast<size_t>(lane)]; }
 
   // 1 where nothing is met within `reach_m`, less the nearer it is.
   Values openness(const Points& lifted, const HitPacket& hits, const Eigen::Vector3d& direction, double reach_m) const {

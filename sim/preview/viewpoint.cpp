@@ -242,6 +242,7 @@ Viewpoint choose_viewpoint(const Scene& scene, const RayWorld& world, const Inte
   const Eigen::Vector2d slope(kHalfHeight * width / height, kHalfHeight);
   Candidate best = best_direction(scene, interest, OpenedWorld(scene, world), kMargin * slope);
   Viewpoint view;
+  view.interest_m = (window.high - window.low).norm();
   if (best.sight.spots < 0.6 || best.sight.devices < 0.6) {
     const Candidate opened = best_direction(scene, interest, OpenedWorld(scene, world, window), kMargin * slope);
     if (opened.score > best.score + 0.1) {

@@ -35,6 +35,7 @@ Interest interest_of(const Scene& scene, const RayWorld& world);
 struct Viewpoint {
   Pinhole camera;
   Pose world_from_camera;
+  double interest_m = 1;                          // diagonal of the box around the interest
   std::optional<Box> window;                      // through which the world must be opened (sim/preview/opened_world.h)
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();  // the side of the world from which the picture is taken
 };
