@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// fringeslam scene list | check SCENE
+// fringeslam scene list | check SCENE | preview SCENE | export SCENE
 #include <algorithm>
 #include <cstdio>
 #include <memory>
@@ -7,6 +7,7 @@
 
 #include "core/rig/yaml.h"
 #include "sim/scene_check.h"
+#include "tools/scene_verbs.h"
 #include "tools/source.h"
 #include "tools/verbs.h"
 
@@ -75,7 +76,15 @@ Verb add_scene(CLI::App& app, const Common& common) {
   CLI::App* checks = group->add_subcommand("check", "What each view sees, and what is likely to go wrong");
   checks->add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml")->required();
   checks->add_option("--seed", arguments->seed, "Seed, instead of the scene's")->check(CLI::NonNegativeNumber);
-  return [arguments, lists, &common] {
+  std::vector<std::pair<CLI::App*, Verb>> others;
+  for (const auto add : {add_scene_preview, add_scene_export}) {
+    Verb verb = add(*group, common);
+    others.emplace_back(group->get_subcommands({}).back(), std::move(verb));
+  }
+  return [arguments, lists, others, &common] {
+    for (const auto& [verb, run] : others) {
+      if (verb->parsed()) return run();
+    }
     return lists->parsed() ? list(arguments->folder, common) : check(arguments->scene, arguments->seed, common);
   };
 }

@@ -79,6 +79,34 @@ void StagedFolder::commit() {
   if (!aside.empty()) fs::remove_all(aside, failed);
 }
 
+StagedFile::StagedFile(fs::path target) : target_(std::move(target)) {
+  std::string name = target_.string() + ".partial-XXXXXX";
+  if (target_.filename().empty() || fs::is_directory(target_))
+    throw Error(target_.string() + ": cannot be written: is a folder");
+  if (!mkdtemp(name.data())) throw Error(target_.string() + ": cannot be written: " + std::strerror(errno));
+  staging_ = name;
+}
+
+StagedFile::~StagedFile() {
+  std::error_code ignored;
+  fs::remove_all(staging_, ignored);
+}
+
+void StagedFile::commit() {
+  const auto put_in_place = [&](const fs::path& file) {
+    std::error_code failed;
+    fs::rename(file, target_.parent_path() / file.filename(), failed);
+    if (failed)
+      throw Error((target_.parent_path() / file.filename()).string() + ": cannot be written: " + failed.message());
+  };
+  std::vector<fs::path> others;
+  for (const auto& entry : fs::directory_iterator(staging_)) {
+    if (entry.path() != path()) others.push_back(entry.path());
+  }
+  for (const fs::path& file : others) put_in_place(file);
+  put_in_place(path());
+}
+
 void write_text(const fs::path& file, const std::string& text) {
   std::ofstream out(file, std::ios::binary);
   out << text;
@@ -92,11 +120,13 @@ namespace {
 std::string first_line(const std::string& text) { return text.substr(0, text.find('\n')); }
 
 void write_image(const fs::path& file, const OIIO::ImageSpec& spec, const void* pixels, size_t row_stride) {
+  StagedFile staged(file);
   auto out = OIIO::ImageOutput::create(file.string());
-  if (!out || !out->open(file.string(), spec) ||
+  if (!out || !out->open(staged.path().string(), spec) ||
       !out->write_image(spec.format, pixels, OIIO::AutoStride, static_cast<OIIO::stride_t>(row_stride)) ||
       !out->close())
     throw Error(file.string() + ": cannot be written: " + first_line(out ? out->geterror() : OIIO::geterror()));
+  staged.commit();
 }
 
 }  // namespace

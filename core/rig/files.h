@@ -29,6 +29,23 @@ class StagedFolder {
   bool committed_ = false;
 };
 
+// A file, and others that belong beside it, under construction: they are written under their own names into a temporary
+// folder beside the target. commit() moves them to the target's folder, the target last; what never got there is
+// removed by the destructor.
+class StagedFile {
+ public:
+  explicit StagedFile(std::filesystem::path target);
+  ~StagedFile();
+  StagedFile(const StagedFile&) = delete;
+  StagedFile& operator=(const StagedFile&) = delete;
+
+  std::filesystem::path path() const { return staging_ / target_.filename(); }
+  void commit();
+
+ private:
+  std::filesystem::path target_, staging_;
+};
+
 void write_text(const std::filesystem::path& file, const std::string& text);
 
 // CV_8UC1, CV_8UC3 (BGR, as OpenCV keeps it) or CV_16UC1.

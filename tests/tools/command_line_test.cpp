@@ -153,5 +153,44 @@ TEST(CommandLineScene, AreListedAndChecked) {
   }
 }
 
+TEST_F(CommandLine, ScenesArePictured) {
+  const std::string out = at("preview.png");
+  run_well({"scene", "preview", scene_.string(), "--out", out, "--size", "420x280", "--quiet"});
+  const std::string first = test::read_bytes(out);
+  run_well({"scene", "preview", scene_.string(), "--out", out, "--size", "420", "--quiet", "--threads", "1"});
+  EXPECT_TRUE(test::read_bytes(out) == first) << "a width stands for a height of two thirds of it";
+  run_well({"scene", "preview", scene_.string(), "--out", out, "--size", "420", "--seed", "8", "--quiet"});
+  EXPECT_FALSE(test::read_bytes(out) == first);
+  EXPECT_EQ(whole_json(run_well({"--json", "scene", "preview", scene_.string(), "--out", out})).at("written"), out);
+  for (const std::string size : {"12", "420x", "420x280x", "axb", "99999", "420x-3"}) {
+    const auto refused = run_program({"scene", "preview", scene_.string(), "--out", at("none.png"), "--size", size});
+    EXPECT_EQ(refused.exit_code, 2) << size;
+    EXPECT_THAT(refused.err, HasSubstr("--size " + size + ": is no size"));
+  }
+  const auto refused = run_program({"scene", "preview", scene_.string(), "--out", at("none/preview.png")});
+  EXPECT_EQ(refused.exit_code, 2);
+  EXPECT_THAT(refused.err, HasSubstr(at("none/preview.png") + ": cannot be written"));
+  EXPECT_THAT(test::listing(temp_.path()), testing::Not(testing::Contains(HasSubstr("none"))));
+}
+
+TEST_F(CommandLine, ScenesAreExported) {
+  for (const std::string name : {"a.glb", "a.gltf", "a.ply", "a.obj"}) {
+    const json written = whole_json(run_well({"--json", "scene", "export", scene_.string(), "--out", at(name)}));
+    EXPECT_EQ(written.at("written"), at(name));
+    EXPECT_GT(written.at("objects"), 2);
+    EXPECT_TRUE(test::fs::exists(at(name)));
+  }
+  const auto refused = [&](const std::vector<std::string>& more, const std::string& why) {
+    const auto finished = run_program(words({"scene", "export", scene_.string()}, more));
+    EXPECT_EQ(finished.exit_code, 2) << why;
+    EXPECT_THAT(finished.err, HasSubstr(why));
+  };
+  refused({"--out", at("b.stl")}, at("b.stl") + ": ends in none of");
+  refused({"--out", at("b.ply"), "--format", "gltf"}, at("b.ply") + ": is no name of a file in the format gltf");
+  refused({"--out", at("b.stl"), "--format", "stl"}, "--format");
+  refused({"--out", at("none/b.glb")}, at("none/b.glb") + ": cannot be written");
+  EXPECT_FALSE(test::fs::exists(temp_ / "b.ply"));
+}
+
 }  // namespace
 }  // namespace fringeslam

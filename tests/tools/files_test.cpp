@@ -132,6 +132,27 @@ TEST(Files, SayWhatCannotBeWritten) {
   EXPECT_THAT(message_of([&] { write_exr(exr, {{"Y", cv::Mat1f(4, 4, 1.f)}}); }), StartsWith(exr + ": cannot be"));
 }
 
+TEST(Files, ThatCannotBePutInPlaceLeaveNothingBehind) {
+  const test::TempFolder temp;
+  test::fs::create_directory(temp / "a.png");
+  const std::string file = (temp / "a.png").string();
+  EXPECT_THAT(message_of([&] { write_png(file, cv::Mat1b(4, 4, uchar{1})); }),
+              StartsWith(file + ": cannot be written"));
+  EXPECT_EQ(test::listing(temp.path()), std::set<std::string>{"a.png"});
+  {
+    StagedFile staged(temp / "b.obj");
+    write_text(staged.path(), "o");
+    write_text(staged.path().parent_path() / "b.mtl", "m");
+  }
+  EXPECT_EQ(test::listing(temp.path()), std::set<std::string>{"a.png"});
+  StagedFile staged(temp / "b.obj");
+  write_text(staged.path(), "o");
+  write_text(staged.path().parent_path() / "b.mtl", "m");
+  staged.commit();
+  EXPECT_EQ(test::read_bytes(temp / "b.obj"), "o");
+  EXPECT_EQ(test::read_bytes(temp / "b.mtl"), "m");
+}
+
 // Formats that note the time of writing would make equal results differ.
 TEST(Files, SameContentGivesTheSameBytesLater) {
   const test::TempFolder temp;

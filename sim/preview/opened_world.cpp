@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "sim/preview/opened_world.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <limits>
+
+namespace fringeslam::sim {
+
+namespace {
+
+// Where a ray enters a box, 0 when it starts inside; none when it misses it.
+std::optional<double> entry(const Box& box, const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) {
+  double first = 0, last = std::numeric_limits<double>::infinity();
+  for (int i = 0; i < 3; ++i) {
+    const double a = (box.low[i] - origin[i]) / direction[i], b = (box.high[i] - origin[i]) / direction[i];
+    first = std::max(first, std::min(a, b));
+    last = std::min(last, std::max(a, b));
+  }
+  if (!(first <= last)) return std::nullopt;
+  return first;
+}
+
+void copy_lane(const HitPacket& from, int lane, HitPacket& to) {
+  to.distance[lane] = from.distance[lane];
+  to.point.set(lane, from.point.at(lane));
+  to.normal.set(lane, from.normal.at(lane));
+  to.object[lane] = from.object[lane];
+  to.triangle[lane] = from.triangle[lane];
+  to.u[lane] = from.u[lane];
+  to.v[lane] = from.v[lane];
+}
+
+}  // namespace
+
+bool OpenedWorld::shows_its_back(const HitPacket& hits, int lane, const Eigen::Vector3d& direction) const {
+  const Object& object = scene_.objects[static_cast<size_t>(hits.object[lane])];
+  const Eigen::Vector3i& t = object.mesh->triangles[static_cast<size_t>(hits.triangle[lane])];
+  const auto vertex = [&](int i) -> const Eigen::Vector3d& { return object.mesh->vertices[static_cast<size_t>(t[i])]; };
+  const Eigen::Vector3d outside = (vertex(1) - vertex(0)).cross(vertex(2) - vertex(0));
+  return (object.world_from_object.rotation * outside).dot(direction) > 0;
+}
+
+void OpenedWorld::trace(const RayPacket& rays, HitPacket& hits) const {
+  if (!window_) return world_.trace(rays, hits);
+  constexpr int kMostBacks = 16;
+  RayPacket from = rays;
+  double start[kPacket] = {}, middle[kPacket] = {};
+  for (int i = 0; i < kPacket; ++i) {
+    const Eigen::Vector3d origin = rays.origin.at(i), direction = rays.direction.at(i);
+    const auto enters = entry(*window_, origin, direction);
+    if (!has(rays.active, i) || !enters) continue;
+    start[i] = *enters;
+    middle[i] = direction.dot(window_->centre() - origin);
+    from.origin.set(i, origin + start[i] * direction);
+  }
+  world_.trace(from, hits);
+  const auto turned_away = [&](Lanes lanes) {
+    Lanes backs = 0;
+    for (int i = 0; i < kPacket; ++i) {
+      if (has(lanes & hits.hit, i) && start[i] + hits.distance[i] < middle[i] &&
+          shows_its_back(hits, i, rays.direction.at(i)))
+        backs |= 1u << i;
+    }
+    return backs;
+  };
+  Lanes backs = turned_away(kAllLanes);
+  for (int round = 0; backs != 0 && round < kMostBacks; ++round) {
+    const Points lifted = RayWorld::lifted(hits);  // to the viewer's side: as far to the other one
+    for (int i = 0; i < kPacket; ++i) {
+      if (!has(backs, i)) continue;
+      start[i] += hits.distance[i] + 2 * (lifted.at(i) - hits.point.at(i)).norm();
+      from.origin.set(i, rays.origin.at(i) + start[i] * rays.direction.at(i));
+    }
+    from.active = backs;
+    HitPacket behind;
+    world_.trace(from, behind);
+    for (int i = 0; i < kPacket; ++i) {
+      if (has(backs, i)) copy_lane(behind, i, hits);
+    }
+    hits.hit = (hits.hit & ~backs) | (behind.hit & backs);
+    backs = turned_away(backs);
+  }
+  for (int i = 0; i < kPacket; ++i) hits.distance[i] += start[i];
+}
+
+}  // namespace fringeslam::sim

@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+// fringeslam scene export SCENE --format FORMAT --out FILE
+#include <cstdio>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "core/types/error.h"
+#include "sim/scene/mesh_export.h"
+#include "tools/scene_verbs.h"
+#include "tools/source.h"
+
+namespace fringeslam::tools {
+
+namespace {
+
+const std::map<std::string, sim::MeshFormat> kFormats = {
+    {"gltf", sim::MeshFormat::gltf}, {"ply", sim::MeshFormat::ply}, {"obj", sim::MeshFormat::obj}};
+
+struct Arguments {
+  std::string scene, format, out;
+  std::optional<uint64_t> seed;
+};
+
+int export_scene(const Arguments& arguments, const Common& common) {
+  if (!arguments.format.empty() && sim::mesh_format_of(arguments.out) != kFormats.at(arguments.format))
+    throw Error(arguments.out + ": is no name of a file in the format " + arguments.format +
+                "; glTF ends in .glb or .gltf, PLY in .ply, OBJ in .obj");
+  const sim::Scene scene = sim::load_scene(scene_file(arguments.scene), {arguments.seed});
+  const sim::MeshExport written = sim::export_mesh(scene, arguments.out);
+  if (common.json) {
+    const nlohmann::ordered_json json = {{"written", arguments.out},
+                                         {"objects", written.objects},
+                                         {"meshes", written.meshes},
+                                         {"triangles", written.triangles}};
+    std::printf("%s\n", json.dump(2).c_str());
+  } else if (!common.quiet) {
+    std::printf("written: %s: %zu objects, %zu meshes, %zu triangles\n", arguments.out.c_str(), written.objects,
+                written.meshes, written.triangles);
+  }
+  return 0;
+}
+
+}  // namespace
+
+Verb add_scene_export(CLI::App& group, const Common& common) {
+  auto arguments = std::make_shared<Arguments>();
+  CLI::App* verb = group.add_subcommand("export", "The objects as a mesh file, for Blender, MeshLab and others");
+  verb->add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml")->required();
+  verb->add_option("--out", arguments->out, "File to write: .glb, .gltf, .ply or .obj")->required();
+  verb->add_option("--format", arguments->format, "gltf, ply or obj; by the end of the file's name when not given")
+      ->check(CLI::IsMember(kFormats));
+  verb->add_option("--seed", arguments->seed, "Seed, instead of the scene's")->check(CLI::NonNegativeNumber);
+  return [arguments, &common] { return export_scene(*arguments, common); };
+}
+
+}  // namespace fringeslam::tools

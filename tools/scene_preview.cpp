@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+// fringeslam scene preview SCENE --out PICTURE
+#include <charconv>
+#include <cstdio>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "core/rig/files.h"
+#include "core/types/error.h"
+#include "sim/preview.h"
+#include "tools/scene_verbs.h"
+#include "tools/source.h"
+
+namespace fringeslam::tools {
+
+namespace {
+
+struct Arguments {
+  std::string scene, out, size = "1200x800";
+  std::optional<uint64_t> seed;
+};
+
+// WxH, or a width, to which the height is two thirds.
+cv::Size size_of(const std::string& text) {
+  cv::Size size;
+  const char* end = text.data() + text.size();
+  auto [rest, failure] = std::from_chars(text.data(), end, size.width);
+  size.height = size.width * 2 / 3;
+  if (failure == std::errc() && rest != end && *rest == 'x')
+    std::tie(rest, failure) = [&] {
+      const auto result = std::from_chars(rest + 1, end, size.height);
+      return std::pair(result.ptr, result.ec);
+    }();
+  if (failure != std::errc() || rest != end || size.width < 320 || size.height < 200 || size.width > 8192 ||
+      size.height > 8192)
+    throw Error("--size " + text + ": is no size such as 1200x800, or a width, from 320x200 to 8192x8192 px");
+  return size;
+}
+
+int preview(const Arguments& arguments, const Common& common) {
+  const cv::Size size = size_of(arguments.size);
+  const sim::Scene scene = sim::load_scene(scene_file(arguments.scene), {arguments.seed});
+  write_png(arguments.out, sim::preview_picture(scene, size));
+  if (common.json)
+    std::printf("%s\n", nlohmann::ordered_json{{"written", arguments.out}}.dump(2).c_str());
+  else if (!common.quiet)
+    std::printf("written: %s\n", arguments.out.c_str());
+  return 0;
+}
+
+}  // namespace
+
+Verb add_scene_preview(CLI::App& group, const Common& common) {
+  auto arguments = std::make_shared<Arguments>();
+  CLI::App* verb = group.add_subcommand("preview", "One picture: the world from outside, and what the first view sees");
+  verb->add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml")->required();
+  verb->add_option("--out", arguments->out, "PNG file to write")->required();
+  verb->add_option("--size", arguments->size, "Of the picture: WxH, or its width")->capture_default_str();
+  verb->add_option("--seed", arguments->seed, "Seed, instead of the scene's")->check(CLI::NonNegativeNumber);
+  return [arguments, &common] { return preview(*arguments, common); };
+}
+
+}  // namespace fringeslam::tools

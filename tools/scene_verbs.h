@@ -1,0 +1,13 @@
+// SPDX-License-Identifier: Apache-2.0
+// The verbs below `fringeslam scene`. Each adds its subcommand to the group; the returned callback runs it when it was
+// the one that was asked for.
+#pragma once
+
+#include "tools/verbs.h"
+
+namespace fringeslam::tools {
+
+Verb add_scene_export(CLI::App& group, const Common& common);
+Verb add_scene_preview(CLI::App& group, const Common& common);
+
+}  // namespace fringeslam::tools
