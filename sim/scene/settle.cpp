@@ -66,7 +66,7 @@ Bulk bulk_of(const Hull& hull) {
 // A body in Bullet's world; its origin there is the centre of mass.
 struct Loose {
   std::vector<std::unique_ptr<btConvexHullShape>> hulls;
-  btCompoundShape shape;
+  btCompoundShape compound;  // of several hulls
   std::unique_ptr<btRigidBody> body;
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // of mass, in the body's own frame
   double radius = 0;                                 // about the centre of mass
@@ -90,10 +90,11 @@ struct Loose {
       part->setMargin(static_cast<btScalar>(kMargin));
       btTransform here;
       here.setIdentity();
-      shape.addChildShape(here, part.get());
+      compound.addChildShape(here, part.get());
       hulls.push_back(std::move(part));
     }
-    shape.setMargin(static_cast<btScalar>(kMargin));
+    compound.setMargin(static_cast<btScalar>(kMargin));
+    btCollisionShape& shape = hulls.size() == 1 ? static_cast<btCollisionShape&>(*hulls[0]) : compound;
     const double litres = volume * 1e3;  // masses near 1 whatever the density
     const auto mass = static_cast<btScalar>(std::max(1e-3, litres * from.density_kg_m3 * 1e-3));
     btVector3 inertia(0, 0, 0);
@@ -103,7 +104,7 @@ struct Loose {
     info.m_rollingFriction = info.m_spinningFriction = 0.01f;
     info.m_restitution = 0;
     body = std::make_unique<btRigidBody>(info);
-    body->setSleepingThresholds(static_cast<btScalar>(0.01 / kUnit), 0.2f);
+    body->setActivationState(DISABLE_DEACTIVATION);
   }
 
   Pose pose() const {
@@ -174,10 +175,8 @@ class Tumbling {
       come_to_rest();
       waiting = inside_others();
       if (waiting.empty()) {
-        for (const auto& loose : loose_) {
-          settled.ground_from_body.push_back(loose->pose());
-          settled.energy_j_per_kg = std::max(settled.energy_j_per_kg, loose->energy());
-        }
+        settled.ground_from_body = poses();
+        for (const auto& loose : loose_) settled.energy_j_per_kg = std::max(settled.energy_j_per_kg, loose->energy());
         settled.penetration_m = deepest();
         settled.time_s = time_s_;
         return settled;
@@ -187,6 +186,20 @@ class Tumbling {
     }
     throw Error(std::to_string(waiting.size()) + " of " + std::to_string(loose_.size()) +
                 " bodies always come to rest inside others; drop fewer or smaller ones, or into a larger area");
+  }
+
+  // Puts the bodies there and lets them go for a while; how far each goes, m.
+  std::vector<double> drift(const std::vector<Pose>& ground_from_body, double seconds) {
+    for (size_t i = 0; i < loose_.size(); ++i) {
+      const Pose& pose = ground_from_body[i];
+      btMatrix3x3 turned;
+      for (int row = 0; row < 3; ++row) {
+        for (int col = 0; col < 3; ++col) turned[row][col] = static_cast<btScalar>(pose.rotation(row, col));
+      }
+      put(*loose_[i], btTransform(turned, to_bullet(pose * loose_[i]->centre)));
+    }
+    step_on(seconds);
+    return distances_from(ground_from_body);
   }
 
  private:
@@ -218,9 +231,27 @@ class Tumbling {
     world_.addRigidBody(fixed_.back().get());
   }
 
+  void step_on(double seconds) {
+    for (int i = 0; i < steps_in(seconds); ++i) step();
+  }
   void step() {
     world_.stepSimulation(static_cast<btScalar>(kStep_s), 0);
     time_s_ += kStep_s;
+  }
+
+  std::vector<Pose> poses() const {
+    std::vector<Pose> result;
+    for (const auto& loose : loose_) result.push_back(loose->pose());
+    return result;
+  }
+  // Of the centres of mass, m.
+  std::vector<double> distances_from(const std::vector<Pose>& ground_from_body) const {
+    std::vector<double> distances;
+    for (size_t i = 0; i < loose_.size(); ++i) {
+      const Loose& loose = *loose_[i];
+      distances.push_back((loose.pose() * loose.centre - ground_from_body[i] * loose.centre).norm());
+    }
+    return distances;
   }
 
   double top() const {
@@ -237,7 +268,6 @@ class Tumbling {
   // Layer by layer, as many at once as find room beside each other, each layer just above what is there.
   void drop(const std::vector<size_t>& bodies) {
     constexpr int kTries = 20;
-    constexpr int kStepsBetween = steps_in(0.2);
     size_t next = 0;
     while (next < bodies.size()) {
       std::vector<std::pair<Eigen::Vector2d, double>> taken;
@@ -259,7 +289,7 @@ class Tumbling {
         release(loose, {at.x(), at.y(), above + loose.radius + 0.01});
         ++next;
       }
-      for (int i = 0; i < kStepsBetween; ++i) step();
+      step_on(0.2);
     }
   }
 
@@ -270,8 +300,12 @@ class Tumbling {
     const double r1 = std::sqrt(1 - u), r2 = std::sqrt(u);
     const btQuaternion turned(static_cast<btScalar>(r1 * std::sin(a)), static_cast<btScalar>(r1 * std::cos(a)),
                               static_cast<btScalar>(r2 * std::sin(b)), static_cast<btScalar>(r2 * std::cos(b)));
+    put(loose, btTransform(turned, to_bullet(at)));
+  }
+
+  void put(Loose& loose, const btTransform& at) {
     btRigidBody& body = *loose.body;
-    body.setWorldTransform(btTransform(turned, to_bullet(at)));
+    body.setWorldTransform(at);
     body.setInterpolationWorldTransform(body.getWorldTransform());
     body.setLinearVelocity(btVector3(0, 0, 0));
     body.setAngularVelocity(btVector3(0, 0, 0));
@@ -280,25 +314,46 @@ class Tumbling {
     world_.addRigidBody(&body);
   }
 
-  // Friction alone lets things creep and rock for long: after a second the air grows thick.
+  // Things left alone creep and rock for long, so between whiles the air grows thick and weight dwindles, for the
+  // solver leaves over a share of it in each step. At rest is what then stays where it is under its full weight.
   void come_to_rest() {
+    constexpr double kStays = 0.003;  // m, in a second; the solver lets what rests creep by about one millimetre
+    constexpr int kRounds = 12;
+    for (int round = 0; round < kRounds; ++round) {
+      const std::vector<Pose> before = poses();
+      set_gravity(1);
+      step_on(1);
+      const std::vector<double> moved = distances_from(before);
+      calm_down();
+      if (*std::max_element(moved.begin(), moved.end()) < kStays) return;
+    }
+    throw Error("the pile does not come to rest; drop fewer bodies or other ones");
+  }
+
+  void calm_down() {
     constexpr double kStill = 2e-6;  // J/kg: 2 mm/s
-    constexpr int kStillSteps = steps_in(0.25), kMostSteps = steps_in(60);
+    constexpr int kStillSteps = steps_in(0.25), kMostSteps = steps_in(10);
     int still = 0;
     for (int i = 0; i < kMostSteps && still < kStillSteps; ++i) {
-      const double thickness = std::clamp(0.5 * i * kStep_s - 0.5, 0.0, 1.0);
+      const double thickness = std::min(1.0, 0.5 * i * kStep_s);
       slow_down(1 - 0.3 * thickness);
+      set_gravity(1 - 0.95 * thickness);
       step();
       const bool all = std::all_of(loose_.begin(), loose_.end(), [&](const auto& l) { return l->energy() < kStill; });
       still = all ? still + 1 : 0;
     }
-    if (still < kStillSteps) throw Error("the pile does not come to rest; drop fewer bodies or other ones");
+  }
+
+  void set_gravity(double share) {
+    for (const auto& loose : loose_) {
+      if (loose->body->isInWorld()) loose->body->setGravity(btVector3(0, 0, static_cast<btScalar>(-share * kGravity)));
+    }
   }
 
   void slow_down(double kept) {
     for (const auto& loose : loose_) {
       btRigidBody& body = *loose->body;
-      if (!body.isActive()) continue;
+
       body.setLinearVelocity(static_cast<btScalar>(kept) * body.getLinearVelocity());
       body.setAngularVelocity(static_cast<btScalar>(kept) * body.getAngularVelocity());
     }
@@ -355,6 +410,11 @@ class Tumbling {
 Settled settle(const std::vector<Body>& bodies, const DropArea& area, uint64_t seed) {
   if (bodies.empty()) return {};
   return Tumbling(bodies, area, seed).run();
+}
+
+std::vector<double> drifts_m(const std::vector<Body>& bodies, const DropArea& area,
+                             const std::vector<Pose>& ground_from_body, double seconds) {
+  return Tumbling(bodies, area, 0).drift(ground_from_body, seconds);
 }
 
 }  // namespace fringeslam::sim
