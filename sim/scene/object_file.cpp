@@ -1,8 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <cmath>
+#include <cstdio>
+#include <functional>
 #include <map>
+#include <numbers>
+#include <set>
 
 #include "sim/random.h"
+#include "sim/scene/cache.h"
+#include "sim/scene/furniture.h"
 #include "sim/scene/mesh_import.h"
+#include "sim/scene/pile.h"
 #include "sim/scene/scatter.h"
 #include "sim/scene/scene_parts.h"
 
@@ -10,43 +18,93 @@ namespace fringeslam::sim {
 
 namespace {
 
+constexpr Range kDetail{0, 7};  // 20 * 4^7 triangles
+
 Shape read_shape(const std::string& name) {
-  static const std::map<std::string, Shape> shapes = {{"plane", Shape::plane},       {"box", Shape::box},
-                                                      {"cylinder", Shape::cylinder}, {"sphere", Shape::sphere},
-                                                      {"rock", Shape::rock},         {"face_mask", Shape::face_mask}};
+  static const std::map<std::string, Shape> shapes = {
+      {"box", Shape::box}, {"cylinder", Shape::cylinder}, {"sphere", Shape::sphere}, {"rock", Shape::rock}};
   return shapes.at(name);
 }
 
-Object read_primitive(const YamlMap& map, const std::string& shape, const Materials& materials, uint32_t seed) {
+using MeshReader = std::function<Mesh(const YamlMap&, uint32_t seed)>;
+
+Eigen::Vector3d read_size(const YamlMap& map) { return map.vector3("size_m", kLength); }
+
+// Objects of a shape of their own: what each takes, and its mesh.
+const std::map<std::string, MeshReader>& mesh_readers() {
+  static const std::map<std::string, MeshReader> readers = {
+      {"plane",
+       [](const YamlMap& map, uint32_t) {
+         const std::vector<double> size = map.numbers("size_m", 2, kLength);
+         return plane_mesh(size[0], size[1]);
+       }},
+      {"box", [](const YamlMap& map, uint32_t) { return box_mesh(read_size(map)); }},
+      {"cylinder",
+       [](const YamlMap& map, uint32_t) {
+         return cylinder_mesh(map.number("radius_m", kLength), map.number("length_m", kLength), 96);
+       }},
+      {"sphere", [](const YamlMap& map, uint32_t) { return sphere_mesh(map.number("radius_m", kLength), 5); }},
+      {"face_mask", [](const YamlMap& map, uint32_t) { return face_mask_mesh(read_size(map), 60); }},
+      {"rock",
+       [](const YamlMap& map, uint32_t seed) {
+         return rock_mesh(read_size(map), map.integer_or("detail", 4, kDetail),
+                          map.number_or("roughness", 0.25, {0, 0.5}), seed);
+       }},
+      {"wedge", [](const YamlMap& map, uint32_t) { return wedge_mesh(read_size(map)); }},
+      {"stairs",
+       [](const YamlMap& map, uint32_t) {
+         return stairs_mesh(read_size(map), map.integer("steps", {1, 1000}));
+       }},
+      {"blinds",
+       [](const YamlMap& map, uint32_t) {
+         const std::vector<double> size = map.numbers("size_m", 2, kLength);
+         const int slats = map.integer("slats", {1, 1000});
+         const double angle = map.number("slat_angle_deg", {-90, 90}) * std::numbers::pi / 180;
+         const double thickness = map.number_or("thickness_m", 0.002, kLength);
+         if (thickness * slats >= 0.5 * size[1]) throw map.error("slats", "so many slats fill the blind");
+         return blinds_mesh(size[0], size[1], slats, angle, thickness);
+       }},
+      {"lattice", [](const YamlMap& map, uint32_t) {
+         const Eigen::Vector3d size = read_size(map);
+         return lattice_mesh(size.x(), size.y(), size.z(), map.integer("columns", {1, 500}),
+                             map.integer("rows", {1, 500}), map.number("hole_share", {0.01, 0.95}));
+       }}};
+  return readers;
+}
+
+// The pieces of piles, alone: those that are not among the shapes above.
+Mesh read_piece(const YamlMap& map, const std::string& kind, uint32_t seed) {
+  const int detail = kind == "stone" ? map.integer_or("detail", 4, kDetail) : 0;
+  return make_piece(kind, read_size(map), detail, seed).mesh;
+}
+
+Object read_single(const YamlMap& map, const std::string& shape, const Materials& materials, uint32_t seed) {
   Object object;
-  Mesh mesh;
-  switch (read_shape(shape)) {
-    case Shape::plane: {
-      const std::vector<double> size = map.numbers("size_m", 2, kLength);
-      mesh = plane_mesh(size[0], size[1]);
-      break;
-    }
-    case Shape::box:
-      mesh = box_mesh(map.vector3("size_m", kLength));
-      break;
-    case Shape::cylinder:
-      mesh = cylinder_mesh(map.number("radius_m", kLength), map.number("length_m", kLength), 96);
-      break;
-    case Shape::sphere:
-      mesh = sphere_mesh(map.number("radius_m", kLength), 5);
-      break;
-    case Shape::face_mask:
-      mesh = face_mask_mesh(map.vector3("size_m", kLength), 60);
-      break;
-    case Shape::rock:
-      mesh = rock_mesh(map.vector3("size_m", kLength), 4, map.number_or("roughness", 0.25, {0, 0.5}), seed);
-      break;
-  }
-  object.mesh = std::make_shared<const Mesh>(std::move(mesh));
+  const auto reader = mesh_readers().find(shape);
+  object.mesh = std::make_shared<const Mesh>(reader != mesh_readers().end() ? reader->second(map, seed)
+                                                                            : read_piece(map, shape, seed));
   if (map.has("pose")) object.world_from_object = map.pose("pose");
   object.material = find_material(map, materials);
   object.texture_seed = seed;
   return object;
+}
+
+std::vector<std::string> shape_names() {
+  std::set<std::string> names = {"mesh", "scatter", "pile"};
+  for (const auto& [name, reader] : mesh_readers()) names.insert(name);
+  names.insert(piece_kinds().begin(), piece_kinds().end());
+  return {names.begin(), names.end()};
+}
+
+// What scatters and piles have in common of an item: its range of sizes and its share.
+template <class Item>
+void read_item(const YamlMap& map, const Materials& materials, Item& item) {
+  item.size_min = map.vector3("size_min_m", kLength);
+  item.size_max = map.vector3("size_max_m", kLength);
+  if ((item.size_max.array() < item.size_min.array()).any())
+    throw map.error("size_max_m", "size_max_m must not be smaller than size_min_m");
+  item.material = find_material(map, materials);
+  item.weight = map.number_or("weight", 1, {1e-6, 1e6});
 }
 
 Scatter read_scatter(const YamlMap& map, const Materials& materials) {
@@ -58,18 +116,54 @@ Scatter read_scatter(const YamlMap& map, const Materials& materials) {
   scatter.max_height = map.number("max_height_m", kLength);
   if (map.has("pose")) scatter.world_from_area = map.pose("pose");
   for (const YamlMap& entry : map.maps("items")) {
-    ScatterItem item;
+    ScatterItem& item = scatter.items.emplace_back();
     item.shape = read_shape(entry.choice("shape", {"box", "cylinder", "sphere", "rock"}));
-    item.size_min = entry.vector3("size_min_m", kLength);
-    item.size_max = entry.vector3("size_max_m", kLength);
-    if ((item.size_max.array() < item.size_min.array()).any())
-      throw entry.error("size_max_m", "size_max_m must not be smaller than size_min_m");
-    item.material = find_material(entry, materials);
-    item.weight = entry.number_or("weight", 1, {1e-6, 1e6});
-    scatter.items.push_back(item);
+    read_item(entry, materials, item);
   }
   if (scatter.items.empty()) throw map.error("items", "'items' is empty; say what to scatter");
   return scatter;
+}
+
+Pile read_pile(const YamlMap& map, const Materials& materials) {
+  Pile pile;
+  const std::vector<double> area = map.numbers("area_m", 2, kLength);
+  pile.area = {area[0], area[1], map.number_or("walls_m", 0, {0, 100})};
+  if (map.has("count") == map.has("per_m2")) throw map.error("give count or per_m2, one of the two");
+  constexpr Range kPieces{1, 5000};
+  if (map.has("count")) {
+    pile.count = map.integer("count", kPieces);
+  } else {
+    const double wanted = std::round(map.number("per_m2", {1e-3, 1e7}) * area[0] * area[1]);
+    if (!kPieces.contains(wanted)) throw map.error("per_m2", range_error("pieces on this area", wanted, kPieces));
+    pile.count = static_cast<int>(wanted);
+  }
+  if (map.has("pose")) pile.world_from_area = map.pose("pose");
+  for (const YamlMap& entry : map.maps("items")) {
+    PileItem& item = pile.items.emplace_back();
+    item.kind = entry.choice("shape", piece_kinds());
+    read_item(entry, materials, item);
+    item.variants = entry.integer_or("variants", 0, {0, 100000});
+    if (item.kind == "stone") item.detail = entry.integer_or("detail", item.detail, kDetail);
+  }
+  if (pile.items.empty()) throw map.error("items", "'items' is empty; say what to pile up");
+  return pile;
+}
+
+std::vector<Object> read_pile_objects(const YamlMap& map, uint32_t number, const ObjectContext& context) {
+  const Pile pile = read_pile(map, context.materials);
+  PileObjects result;
+  try {
+    result = pile_objects(pile, context.seed, number);
+  } catch (const Error& e) {
+    throw map.error(e.what());
+  }
+  if (!result.from_cache) {
+    char text[128];
+    std::snprintf(text, sizeof text, "pile of %d pieces settled in %.1f s of their time; kept in %s", pile.count,
+                  result.settled.time_s, cache_folder().c_str());
+    context.notes.push_back(text);
+  }
+  return std::move(result.objects);
 }
 
 // The parts of a mesh file, each an object; `material` replaces those of the file.
@@ -112,12 +206,12 @@ std::vector<Object> read_mesh(const YamlMap& map, const Materials& materials, ui
 }  // namespace
 
 std::vector<Object> read_objects(const YamlMap& entry, uint32_t number, const ObjectContext& context) {
-  const std::string shape =
-      entry.choice("shape", {"plane", "box", "cylinder", "sphere", "rock", "face_mask", "mesh", "scatter"});
+  const std::string shape = entry.choice("shape", shape_names());
   if (shape == "scatter") return scatter_objects(read_scatter(entry, context.materials), context.seed, number);
+  if (shape == "pile") return read_pile_objects(entry, number, context);
   const auto shape_seed = static_cast<uint32_t>(Philox(context.seed, Stream::shape, number).uniform() * 4294967295.0);
   if (shape == "mesh") return read_mesh(entry, context.materials, shape_seed, context.notes);
-  return {read_primitive(entry, shape, context.materials, shape_seed)};
+  return {read_single(entry, shape, context.materials, shape_seed)};
 }
 
 }  // namespace fringeslam::sim

@@ -12,7 +12,7 @@
 
 namespace fringeslam::sim {
 
-enum class Shape { plane, box, cylinder, sphere, rock, face_mask };
+enum class Shape { box, cylinder, sphere, rock };
 
 // One kind of thing to scatter; sizes are drawn uniformly between the two corners.
 struct ScatterItem {
