@@ -310,38 +310,44 @@ class Tumbling {
     body.setLinearVelocity(btVector3(0, 0, 0));
     body.setAngularVelocity(btVector3(0, 0, 0));
     body.clearForces();
-    body.setDamping(0.05f, 0.2f);
+    body.setDamping(0.2f, 0.5f);
     world_.addRigidBody(&body);
   }
 
-  // Things left alone creep and rock for long, so between whiles the air grows thick and weight dwindles, for the
-  // solver leaves over a share of it in each step. At rest is what then stays where it is under its full weight.
+  // Things left alone creep and rock for long, so they are calmed down; at rest is what then stays where it is under
+  // its full weight.
   void come_to_rest() {
     constexpr double kStays = 0.003;  // m, in a second; the solver lets what rests creep by about one millimetre
-    constexpr int kRounds = 12;
-    for (int round = 0; round < kRounds; ++round) {
+    constexpr int kSeconds = 60;
+    bool calm = false;
+    for (int second = 0; second < kSeconds; ++second) {
       const std::vector<Pose> before = poses();
       set_gravity(1);
       step_on(1);
       const std::vector<double> moved = distances_from(before);
-      calm_down();
-      if (*std::max_element(moved.begin(), moved.end()) < kStays) return;
+      const bool stayed = *std::max_element(moved.begin(), moved.end()) < kStays;
+      const bool still = (stayed || second % 4 == 3) && calm_down();
+      if (stayed && still && calm) return;
+      calm = stayed;
     }
     throw Error("the pile does not come to rest; drop fewer bodies or other ones");
   }
 
-  void calm_down() {
+  // The air grows thick and weight dwindles, for the solver leaves over a share of it in each step.
+  // Whether all lie still then.
+  bool calm_down() {
     constexpr double kStill = 2e-6;  // J/kg: 2 mm/s
-    constexpr int kStillSteps = steps_in(0.25), kMostSteps = steps_in(10);
+    constexpr int kStillSteps = steps_in(0.25), kMostSteps = steps_in(2);
     int still = 0;
     for (int i = 0; i < kMostSteps && still < kStillSteps; ++i) {
-      const double thickness = std::min(1.0, 0.5 * i * kStep_s);
+      const double thickness = std::min(1.0, 2 * i * kStep_s);
       slow_down(1 - 0.3 * thickness);
       set_gravity(1 - 0.95 * thickness);
       step();
       const bool all = std::all_of(loose_.begin(), loose_.end(), [&](const auto& l) { return l->energy() < kStill; });
       still = all ? still + 1 : 0;
     }
+    return still == kStillSteps;
   }
 
   void set_gravity(double share) {
