@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// fringeslam scene list | check SCENE | preview SCENE | export SCENE
+// fringeslam scene list | check SCENE, and the verbs of tools/scene_verbs.h | preview SCENE | export SCENE
 #include <algorithm>
 #include <cstdio>
 #include <memory>
@@ -37,8 +37,15 @@ int list(const fs::path& folder, const Common& common) {
   return 0;
 }
 
+// All that is wrong with the file, else what each view sees.
 int check(const fs::path& path, std::optional<uint64_t> seed, const Common& common) {
-  const sim::Scene scene = sim::load_scene(scene_file(path), {seed});
+  std::vector<std::string> errors;
+  const sim::Scene scene = sim::load_scene(scene_file(path), {seed, &errors});
+  if (!errors.empty()) {
+    if (common.json) std::printf("%s\n", Json{{"errors", errors}}.dump(2).c_str());
+    for (const std::string& error : errors) std::fprintf(stderr, "fringeslam: %s\n", error.c_str());
+    return 2;
+  }
   const sim::SceneCheck result = sim::check_scene(scene);
   if (common.json) {
     Json views = Json::array();
@@ -61,31 +68,40 @@ int check(const fs::path& path, std::optional<uint64_t> seed, const Common& comm
   return 0;
 }
 
-}  // namespace
+Verb add_list(CLI::App& group, const Common& common) {
+  auto folder = std::make_shared<std::string>("scenes");
+  CLI::App* verb = group.add_subcommand("list", "The scenes of a folder");
+  verb->add_option("--in", *folder, "Folder of scenes")->capture_default_str();
+  return [folder, &common] { return list(*folder, common); };
+}
 
-Verb add_scene(CLI::App& app, const Common& common) {
+Verb add_check(CLI::App& group, const Common& common) {
   struct Arguments {
-    std::string folder = "scenes", scene;
+    std::string scene;
     std::optional<uint64_t> seed;
   };
   auto arguments = std::make_shared<Arguments>();
-  CLI::App* group = app.add_subcommand("scene", "Look at test worlds");
+  CLI::App* verb = group.add_subcommand("check", "All that is wrong with a scene file; what each view sees");
+  verb->add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml")->required();
+  verb->add_option("--seed", arguments->seed, "Seed, instead of the scene's")->check(CLI::NonNegativeNumber);
+  return [arguments, &common] { return check(arguments->scene, arguments->seed, common); };
+}
+
+}  // namespace
+
+Verb add_scene(CLI::App& app, const Common& common) {
+  CLI::App* group = app.add_subcommand("scene", "Make and look at test worlds");
   group->require_subcommand(1);
-  CLI::App* lists = group->add_subcommand("list", "The scenes of a folder");
-  lists->add_option("--in", arguments->folder, "Folder of scenes")->capture_default_str();
-  CLI::App* checks = group->add_subcommand("check", "What each view sees, and what is likely to go wrong");
-  checks->add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml")->required();
-  checks->add_option("--seed", arguments->seed, "Seed, instead of the scene's")->check(CLI::NonNegativeNumber);
-  std::vector<std::pair<CLI::App*, Verb>> others;
-  for (const auto add : {add_scene_preview, add_scene_export}) {
+  std::vector<std::pair<CLI::App*, Verb>> verbs;
+  for (const auto add : {add_list, add_scene_new, add_check, add_scene_preview, add_scene_export, add_scene_generate}) {
     Verb verb = add(*group, common);
-    others.emplace_back(group->get_subcommands({}).back(), std::move(verb));
+    verbs.emplace_back(group->get_subcommands({}).back(), std::move(verb));
   }
-  return [arguments, lists, others, &common] {
-    for (const auto& [verb, run] : others) {
+  return [verbs] {
+    for (const auto& [verb, run] : verbs) {
       if (verb->parsed()) return run();
     }
-    return lists->parsed() ? list(arguments->folder, common) : check(arguments->scene, arguments->seed, common);
+    return 0;
   };
 }
 

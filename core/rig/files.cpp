@@ -40,10 +40,11 @@ std::string read_bytes(const fs::path& file) {
 StagedFolder::StagedFolder(fs::path target, std::string kind) : target_(std::move(target)), kind_(std::move(kind)) {
   if (target_.filename().empty()) target_ = target_.parent_path();
   std::error_code failed;
-  const bool ours = read_bytes(target_ / kMarkerFile) == kind_ + "\n";
+  const bool ours = !kind_.empty() && read_bytes(target_ / kMarkerFile) == kind_ + "\n";
   const bool empty = fs::is_directory(target_, failed) && fs::is_empty(target_, failed);
   if (fs::exists(target_, failed) && !ours && !empty)
-    throw Error(target_.string() + ": exists and was not written by fringeslam as a " + kind_ +
+    throw Error(target_.string() + ": exists" +
+                (kind_.empty() ? "" : " and was not written by fringeslam as a " + kind_) +
                 "; choose another --out or remove it");
   if (target_.has_parent_path()) {
     failed.clear();
@@ -60,7 +61,7 @@ StagedFolder::~StagedFolder() {
 }
 
 void StagedFolder::commit() {
-  write_text(staging_ / kMarkerFile, kind_ + "\n");
+  if (!kind_.empty()) write_text(staging_ / kMarkerFile, kind_ + "\n");
   std::error_code failed;
   // The old result steps aside first, so that a failed rename never costs both.
   fs::path aside;

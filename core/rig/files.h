@@ -12,7 +12,7 @@ namespace fringeslam {
 // A folder under construction: lives under a temporary name beside its target, is renamed to it by
 // commit() and removed by the destructor when commit() was never reached. An existing target is replaced only
 // when it is empty or was put in place by us as the same kind of thing ("run", "dataset"); otherwise the
-// constructor throws.
+// constructor throws. Without a kind nothing but an empty folder is ever replaced.
 class StagedFolder {
  public:
   StagedFolder(std::filesystem::path target, std::string kind);

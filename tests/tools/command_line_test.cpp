@@ -153,6 +153,66 @@ TEST(CommandLineScene, AreListedAndChecked) {
   }
 }
 
+// Every error of a scene file at once, each with its line.
+TEST(CommandLineScene, AllErrorsAreFoundAtOnce) {
+  const test::TempFolder temp;
+  test::write_small_scene(temp / "scene");
+  std::string text = test::read_bytes(temp / "scene/scene.yaml");
+  text.insert(text.find("ambient_lux"), "bounce: 3\n  ");
+  text.insert(text.find("ambient_lux: ") + 13, "-");
+  text += "dust: {}\nwhatever: 1\n";
+  test::write_bytes(temp / "scene/scene.yaml", text);
+  const auto refused = run_program({"scene", "check", (temp / "scene").string()});
+  EXPECT_EQ(refused.exit_code, 2);
+  for (const std::string what : {"'ambient_lux' is -", "unknown key 'bounce'; did you mean 'bounces'?",
+                                 "'cover' is missing", "unknown key 'whatever'"})
+    EXPECT_THAT(refused.err, HasSubstr(what));
+  EXPECT_EQ(std::count(refused.err.begin(), refused.err.end(), '\n'), 4) << refused.err;
+  EXPECT_EQ(run_program({"run", (temp / "scene").string(), "--out", (temp / "run").string()}).exit_code, 2);
+}
+
+// A new scene is its template but for the name, wherever it is put; what exists is left alone.
+TEST(CommandLineScene, AreMadeFromOthers) {
+  const test::TempFolder temp;
+  test::write_small_scene(temp / "scenes/small");
+  test::fs::create_directory(temp / "scenes/rigs");
+  test::fs::rename(temp / "scenes/small/rig.yaml", temp / "scenes/rigs/rig.yaml");
+  std::string text = test::read_bytes(temp / "scenes/small/scene.yaml");
+  text.replace(text.find("rig.yaml"), 8, "../rigs/rig.yaml");
+  test::write_bytes(temp / "scenes/small/scene.yaml", text);
+  const auto made = run_program({"scene", "new", "mine", "--from", "small", "--in", (temp / "scenes").string()});
+  ASSERT_EQ(made.exit_code, 0) << made.err;
+  const std::string elsewhere = (temp / "a/b/own").string();
+  ASSERT_EQ(run_program({"scene", "new", elsewhere, "--from", (temp / "scenes/small").string()}).exit_code, 0);
+  for (const std::string& folder : {(temp / "scenes/mine").string(), elsewhere}) {
+    const json checked = whole_json(run_well({"--json", "scene", "check", folder}));
+    EXPECT_EQ(checked.at("scene"), test::fs::path(folder).filename().string());
+  }
+  const auto again = run_program({"scene", "new", elsewhere, "--from", (temp / "scenes/small").string()});
+  EXPECT_EQ(again.exit_code, 2);
+  EXPECT_THAT(again.err, HasSubstr("own: exists"));
+  EXPECT_EQ(run_program({"scene", "new", (temp / "x").string(), "--from", (temp / "none").string()}).exit_code, 2);
+}
+
+// Generated scenes are the template drawn with their seeds, and say so without it.
+TEST(CommandLineScene, AreGenerated) {
+  const test::TempFolder temp;
+  test::write_small_scene(temp / "small");
+  std::string text = test::read_bytes(temp / "small/scene.yaml");
+  text.replace(text.find("seed: "), 7, "dust: {cover: {uniform: [0.1, 0.9]}}");
+  test::write_bytes(temp / "small/scene.yaml", text);
+  const std::string out = (temp / "many").string();
+  run_well({"scene", "generate", (temp / "small").string(), "--count", "3", "--seed", "5", "--out", out, "--quiet"});
+  for (const std::string seed : {"5", "6", "7"}) {
+    const std::string one = out + "/00000" + seed;
+    EXPECT_EQ(test::read_bytes(one + "/scene.yaml").find("uniform"), std::string::npos);
+    run_well({"scene", "preview", one, "--size", "360", "--out", (temp / "one.png").string(), "--quiet"});
+    run_well({"scene", "preview", (temp / "small").string(), "--seed", seed, "--size", "360", "--out",
+              (temp / "other.png").string(), "--quiet"});
+    EXPECT_EQ(test::read_bytes(temp / "one.png"), test::read_bytes(temp / "other.png")) << seed;
+  }
+}
+
 TEST_F(CommandLine, ScenesArePictured) {
   const std::string out = at("preview.png");
   run_well({"scene", "preview", scene_.string(), "--out", out, "--size", "420x280", "--quiet"});

@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: Apache-2.0
+// fringeslam scene new NAME --from TEMPLATE
+// fringeslam scene generate SCENE --count N --out FOLDER
+#include <cstdio>
+#include <fstream>
+#include <iterator>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <regex>
+
+#include "core/rig/files.h"
+#include "core/rig/yaml.h"
+#include "tools/progress.h"
+#include "tools/scene_verbs.h"
+#include "tools/source.h"
+
+namespace fringeslam::tools {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+std::string read_text(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+// Words of the text that name files outside the template's folder, as seen from the new one. Comments are left alone.
+std::string with_moved_paths(const std::string& text, const fs::path& from, const fs::path& to) {
+  static const std::regex word("#[^\\n]*|\"[^\"\\n]*\"|'[^'\\n]*'|[^\\s\\[\\]{},:#\"']+");
+  std::string result;
+  auto rest = text.cbegin();
+  for (std::sregex_iterator it(text.begin(), text.end(), word), end; it != end; ++it) {
+    std::string found = it->str(), quote;
+    result.append(rest, (*it)[0].first);
+    rest = (*it)[0].second;
+    if (found.size() > 2 && (found[0] == '"' || found[0] == '\'')) {
+      quote = found[0];
+      found = found.substr(1, found.size() - 2);
+    }
+    std::error_code ignored;
+    if (found.starts_with("../") && fs::is_regular_file(from / found, ignored))
+      found = fs::absolute(from / found)
+                  .lexically_normal()
+                  .lexically_relative(fs::absolute(to).lexically_normal())
+                  .string();
+    result += quote + found + quote;
+  }
+  return result.append(rest, text.cend());
+}
+
+std::string with_name(std::string text, const std::string& name) {
+  static const std::regex line("(^|\\n)name:[^\\n]*");
+  return std::regex_replace(text, line, "$1name: " + yaml_quoted(name), std::regex_constants::format_first_only);
+}
+
+struct NewArguments {
+  std::string name, from, in = "scenes";
+};
+
+// A path as it stands, or a name in the folder of scenes.
+fs::path in_folder(const std::string& name, const fs::path& folder) {
+  return name.find('/') == std::string::npos ? folder / name : fs::path(name);
+}
+
+int new_scene(const NewArguments& arguments, const Common& common) {
+  const fs::path from = fs::exists(arguments.from) ? fs::path(arguments.from) : in_folder(arguments.from, arguments.in);
+  const fs::path file = scene_file(from);
+  if (!fs::is_regular_file(file))
+    throw Error(from.string() + ": holds no " + kSceneFile + "; `fringeslam scene list` names scenes to start from");
+  fs::path target = in_folder(arguments.name, arguments.in);
+  if (target.filename().empty()) target = target.parent_path();
+  const std::string name = target.filename().string();
+  StagedFolder staged(target, "");
+  const fs::path source = file.parent_path();
+  write_text(staged.path() / kSceneFile, with_name(with_moved_paths(read_text(file), source, target), name));
+  for (const auto& entry : fs::directory_iterator(source)) {
+    const fs::path part = entry.path().filename();
+    if (part == file.filename() || part == "README.md" || part == "overview.png") continue;
+    fs::copy(entry.path(), staged.path() / part, fs::copy_options::recursive);
+  }
+  staged.commit();
+  if (common.json)
+    std::printf("%s\n", nlohmann::ordered_json{{"written", target.string()}}.dump(2).c_str());
+  else if (!common.quiet)
+    std::printf("written: %s\nedit %s, then: fringeslam scene check %s\n", target.c_str(),
+                (target / kSceneFile).c_str(), target.c_str());
+  return 0;
+}
+
+struct GenerateArguments {
+  std::string scene, out;
+  int count = 1;
+  uint64_t seed = 1;
+};
+
+int generate(const GenerateArguments& arguments, const Common& common) {
+  const fs::path file = scene_file(arguments.scene);
+  StagedFolder staged(arguments.out, "scenes");
+  {
+    Progress progress("scenes", arguments.count, common.quiet || common.json);
+    for (int i = 0; i < arguments.count; ++i) {
+      const uint64_t seed = arguments.seed + static_cast<uint64_t>(i);
+      char folder[32];
+      std::snprintf(folder, sizeof folder, "%06llu", static_cast<unsigned long long>(seed));
+      // Where it will be in the end, beside its sisters: paths are relative to that.
+      const sim::Scene scene = sim::load_scene(file, {seed, nullptr, fs::path(arguments.out) / folder});
+      fs::create_directory(staged.path() / folder);
+      write_text(staged.path() / folder / kSceneFile, scene.resolved);
+      progress.step();
+    }
+  }
+  staged.commit();
+  if (common.json)
+    std::printf("%s\n",
+                nlohmann::ordered_json{{"written", arguments.out}, {"scenes", arguments.count}}.dump(2).c_str());
+  else if (!common.quiet)
+    std::printf("written: %s: %d scenes\n", arguments.out.c_str(), arguments.count);
+  return 0;
+}
+
+}  // namespace
+
+Verb add_scene_new(CLI::App& group, const Common& common) {
+  auto arguments = std::make_shared<NewArguments>();
+  CLI::App* verb = group.add_subcommand("new", "A scene of your own, made from another");
+  verb->add_option("name", arguments->name, "Its name in the folder of scenes, or a path")->required();
+  verb->add_option("--from", arguments->from, "Scene to start from")->required();
+  verb->add_option("--in", arguments->in, "Folder of scenes")->capture_default_str();
+  return [arguments, &common] { return new_scene(*arguments, common); };
+}
+
+Verb add_scene_generate(CLI::App& group, const Common& common) {
+  auto arguments = std::make_shared<GenerateArguments>();
+  CLI::App* verb =
+      group.add_subcommand("generate", "Many scenes from one: its distributions drawn from seed after seed");
+  verb->add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml")->required();
+  verb->add_option("--count", arguments->count, "How many")->required()->check(CLI::Range(1, 1000000));
+  verb->add_option("--out", arguments->out, "Folder to write")->required();
+  verb->add_option("--seed", arguments->seed, "Seed of the first")->capture_default_str();
+  return [arguments, &common] { return generate(*arguments, common); };
+}
+
+}  // namespace fringeslam::tools
