@@ -35,6 +35,7 @@ struct YamlMap::Node {
   std::shared_ptr<std::vector<AskedPath>> asked_paths = std::make_shared<std::vector<AskedPath>>();
   std::vector<std::string>* errors = nullptr;  // where they are collected; null: they are thrown
   bool absent = false;                         // stands in for a map that was reported missing
+  bool given_up = false;                       // something in it kept the rest from being read
   std::set<std::string> asked;
   std::vector<std::shared_ptr<Node>> children;
 
@@ -280,17 +281,19 @@ std::string YamlMap::text_or(const std::string& key, const std::string& fallback
 }
 
 std::string YamlMap::choice(const std::string& key, const std::vector<std::string>& choices) const {
-  return node_->tolerant(choices.empty() ? std::string() : choices.front(), [&] {
-    const std::string value = node_->to_text(key);
-    std::string known;
-    for (const std::string& candidate : choices) {
-      if (candidate == value) return value;
-      known += (known.empty() ? "" : ", ") + candidate;
-    }
-    const std::string nearest = nearest_name(value, choices);
-    throw error(key, "'" + key + ": " + value + "' is not one of " + (known.empty() ? "(none)" : known) +
-                         (nearest.empty() ? "" : "; did you mean '" + nearest + "'?"));
-  });
+  return node_->tolerant(choices.empty() ? std::string() : choices.front(), [&] { return kind(key, choices); });
+}
+
+std::string YamlMap::kind(const std::string& key, const std::vector<std::string>& choices) const {
+  const std::string value = node_->to_text(key);
+  std::string known;
+  for (const std::string& candidate : choices) {
+    if (candidate == value) return value;
+    known += (known.empty() ? "" : ", ") + candidate;
+  }
+  const std::string nearest = nearest_name(value, choices);
+  throw error(key, "'" + key + ": " + value + "' is not one of " + (known.empty() ? "(none)" : known) +
+                       (nearest.empty() ? "" : "; did you mean '" + nearest + "'?"));
 }
 
 std::vector<double> YamlMap::numbers(const std::string& key, size_t count, Range range) const {
@@ -372,10 +375,10 @@ std::vector<YamlMap> YamlMap::maps(const std::string& key) const {
     std::vector<YamlMap> result;
     for (size_t i = 0; i < value.size(); ++i) {
       const YAML::Node element = value[i];
-      attempt([&] {
-        if (!element.IsMap()) throw Error(node_->where(element) + "each entry of '" + key + "' must be a map");
+      if (element.IsMap())
         result.push_back(YamlMap(node_->child(element, key + "/" + std::to_string(i))));
-      });
+      else
+        report(Error(node_->where(element) + "each entry of '" + key + "' must be a map"));
     }
     return result;
   });
@@ -440,19 +443,24 @@ void YamlMap::attempt(const std::function<void()>& read) const {
   try {
     read();
   } catch (const Error& e) {
+    node_->given_up = true;
     if (!node_->absent && node_->errors->size() == before) node_->errors->push_back(e.what());
   }
 }
 
+void YamlMap::report(const Error& error) const {
+  if (!node_->errors) throw error;
+  if (!node_->absent) node_->errors->push_back(error.what());
+}
+
 void YamlMap::finish() const {
-  if (node_->absent) return;
+  if (node_->absent || node_->given_up) return;
   for (const std::string& key : keys()) {
     if (node_->asked.count(key)) continue;
     const std::string nearest = nearest_name(key, {node_->asked.begin(), node_->asked.end()});
     const Error unknown =
         error(key, "unknown key '" + key + "'" + (nearest.empty() ? "" : "; did you mean '" + nearest + "'?"));
-    if (!node_->errors) throw unknown;
-    node_->errors->push_back(unknown.what());
+    report(unknown);
   }
   for (const auto& child : node_->children) YamlMap(child).finish();
 }

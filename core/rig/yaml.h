@@ -46,6 +46,8 @@ class YamlMap {
   std::string text(const std::string& key) const;
   std::string text_or(const std::string& key, const std::string& fallback) const;
   std::string choice(const std::string& key, const std::vector<std::string>& choices) const;
+  // A choice on which depends what else is read: throws even while errors are collected, to be caught by attempt().
+  std::string kind(const std::string& key, const std::vector<std::string>& choices) const;
   // `count` 0 accepts any length but none.
   std::vector<double> numbers(const std::string& key, size_t count, Range range) const;
   Eigen::Vector3d vector3(const std::string& key, Range range) const;
@@ -81,9 +83,11 @@ class YamlMap {
   // From now on what is wrong with this map, or with one below it, is added to `errors` and a permitted value stands in
   // for it, so that one reading finds all that is wrong.
   void collect_errors(std::vector<std::string>& errors);
-  // Runs `read`; while errors are collected, what it throws is added to them, unless others came up in it before, of
-  // which it may be a consequence.
+  // Runs `read` on this map; while errors are collected, what it throws is added to them, unless others came up in it
+  // before, of which it may be a consequence. The rest of the map is then not looked at.
   void attempt(const std::function<void()>& read) const;
+  // Throws it, or adds it to those that are collected.
+  void report(const Error& error) const;
 
   // From now on a number in this map, or below it, may be {uniform: [a, b]}, {log_uniform: [a, b]}, {normal: [mean,
   // sigma]} (truncated to what is permitted) or {choice: [...]}, and a text a choice. What is drawn depends on the

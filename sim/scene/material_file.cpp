@@ -15,8 +15,10 @@ Grain read_grain(const YamlMap& map) {
       {"foam", Grain::foam},         {"wood", Grain::wood},
       {"stone", Grain::stone},       {"checkerboard", Grain::checkerboard},
       {"circles", Grain::circles},   {"asymmetric_circles", Grain::asymmetric_circles}};
-  std::vector<std::string> names;
-  for (const auto& [name, grain] : grains) names.push_back(name);
+  std::vector<std::string> names = {"plain"};  // the first stands in for a wrong one
+  for (const auto& [name, grain] : grains) {
+    if (name != names[0]) names.push_back(name);
+  }
   return grains.at(map.choice("grain", names));
 }
 

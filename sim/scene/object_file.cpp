@@ -117,7 +117,7 @@ Scatter read_scatter(const YamlMap& map, const Materials& materials) {
   if (map.has("pose")) scatter.world_from_area = map.pose("pose");
   for (const YamlMap& entry : map.maps("items")) {
     ScatterItem& item = scatter.items.emplace_back();
-    item.shape = read_shape(entry.choice("shape", {"box", "cylinder", "sphere", "rock"}));
+    item.shape = read_shape(entry.kind("shape", {"box", "cylinder", "sphere", "rock"}));
     read_item(entry, materials, item);
   }
   if (scatter.items.empty()) throw map.error("items", "'items' is empty; say what to scatter");
@@ -140,7 +140,7 @@ Pile read_pile(const YamlMap& map, const Materials& materials) {
   if (map.has("pose")) pile.world_from_area = map.pose("pose");
   for (const YamlMap& entry : map.maps("items")) {
     PileItem& item = pile.items.emplace_back();
-    item.kind = entry.choice("shape", piece_kinds());
+    item.kind = entry.kind("shape", piece_kinds());
     read_item(entry, materials, item);
     item.variants = entry.integer_or("variants", 0, {0, 100000});
     if (item.kind == "stone") item.detail = entry.integer_or("detail", item.detail, kDetail);
@@ -206,7 +206,7 @@ std::vector<Object> read_mesh(const YamlMap& map, const Materials& materials, ui
 }  // namespace
 
 std::vector<Object> read_objects(const YamlMap& entry, uint32_t number, const ObjectContext& context) {
-  const std::string shape = entry.choice("shape", shape_names());
+  const std::string shape = entry.kind("shape", shape_names());
   if (shape == "scatter") return scatter_objects(read_scatter(entry, context.materials), context.seed, number);
   if (shape == "pile") return read_pile_objects(entry, number, context);
   const auto shape_seed = static_cast<uint32_t>(Philox(context.seed, Stream::shape, number).uniform() * 4294967295.0);

@@ -34,8 +34,7 @@ class SceneLayers {
  public:
   SceneLayers(const fs::path& file, const SceneReading& reading) : reading_(reading) {
     add(file, "");
-    YamlMap& own = layers_.front();
-    seed = reading.seed.value_or(own.has("seed") ? own.seed("seed") : 1);
+    seed = reading.seed.value_or(has("seed") ? with("seed").seed("seed") : 1);
     const auto draws = std::make_shared<SceneDraws>(seed);
     for (size_t i = 0; i < layers_.size(); ++i) layers_[i].draw_from(draws, places_[i]);
   }
@@ -74,10 +73,10 @@ class SceneLayers {
     const std::vector<std::string> names = map.texts("include");
     const std::vector<fs::path> files = map.paths("include");
     for (size_t i = 0; i < files.size(); ++i) {
-      map.attempt([&] {
-        if (!fs::is_regular_file(files[i])) throw map.error("include", files[i].string() + " does not exist");
+      if (fs::is_regular_file(files[i]))
         add(files[i], place + "/" + names[i]);
-      });
+      else
+        map.report(map.error("include", files[i].string() + " does not exist"));
     }
   }
 
@@ -135,8 +134,9 @@ Materials read_materials(const SceneLayers& layers) {
     const YamlMap map = layer.map("materials");
     for (const std::string& name : map.keys()) {
       const bool first = materials.try_emplace(name).second;  // known by name even if it cannot be read
-      map.attempt([&] {
-        const Material material = read_material(map.map(name));
+      const YamlMap entry = map.map(name);
+      entry.attempt([&] {
+        const Material material = read_material(entry);
         if (first) materials[name] = material;
       });
     }
@@ -159,9 +159,7 @@ std::vector<Object> read_all_objects(const SceneLayers& layers, const Materials&
     }
   }
   const YamlMap& own = layers.all().front();
-  own.attempt([&] {
-    if (number == 0) throw own.error("objects", "the scene has no object; add one under 'objects'");
-  });
+  if (number == 0) own.report(own.error("objects", "the scene has no object; add one under 'objects'"));
   for (size_t i = 0; i < objects.size(); ++i) objects[i].name = "object " + std::to_string(i + 1);
   return objects;
 }
@@ -233,23 +231,26 @@ RigModel read_scene_rig(const YamlMap& map) {
 
 Scene load_scene(const fs::path& file, const SceneReading& reading) {
   const SceneLayers layers(file, reading);
-  const YamlMap& own = layers.all().front();
+  // Runs `read` on a section of that name.
+  const auto section = [&](const std::string& name, const auto& read) {
+    const YamlMap map = layers.section(name);
+    map.attempt([&] { read(map); });
+  };
   Scene scene;
-  scene.name = own.text("name");
-  own.text_or("description", "");
+  scene.name = layers.with("name").text("name");
+  layers.with("description").text_or("description", "");
   scene.seed = layers.seed;
-  own.attempt([&] { scene.rig = read_scene_rig(layers.section("rig")); });
-  own.attempt([&] { scene.patterns = read_scene_patterns(layers.section("patterns"), scene.rig); });
-  if (layers.has("light")) own.attempt([&] { read_light(layers.section("light"), scene); });
-  if (layers.has("air")) own.attempt([&] { scene.air = read_air(layers.section("air")); });
-  if (layers.has("dust")) own.attempt([&] { scene.dust = read_dust(layers.section("dust")); });
+  section("rig", [&](const YamlMap& map) { scene.rig = read_scene_rig(map); });
+  section("patterns", [&](const YamlMap& map) { scene.patterns = read_scene_patterns(map, scene.rig); });
+  if (layers.has("light")) section("light", [&](const YamlMap& map) { read_light(map, scene); });
+  if (layers.has("air")) section("air", [&](const YamlMap& map) { scene.air = read_air(map); });
+  if (layers.has("dust")) section("dust", [&](const YamlMap& map) { scene.dust = read_dust(map); });
   const Materials materials = read_materials(layers);
   scene.objects = read_all_objects(layers, materials, scene.notes);
-  own.attempt([&] {
-    const YamlMap trajectory = layers.section("trajectory");
-    scene.commanded = trajectory.boolean_or("commanded", false);
-    scene.trajectory = read_trajectory(trajectory, scene.rig, scene.seed);
-    if (trajectory.has("while_capturing")) scene.motion = read_motion(trajectory.map("while_capturing"));
+  section("trajectory", [&](const YamlMap& map) {
+    scene.commanded = map.boolean_or("commanded", false);
+    scene.trajectory = read_trajectory(map, scene.rig, scene.seed);
+    if (map.has("while_capturing")) scene.motion = read_motion(map.map("while_capturing"));
   });
   layers.finish();
   scene.resolved = layers.resolved(reading.resolved_for.empty() ? file.parent_path() : reading.resolved_for);
