@@ -45,6 +45,7 @@ std::vector<Item> calibration_items();
 std::vector<Item> sensor_items();
 std::vector<Item> decoding_items();
 std::vector<Item> cycles_items();
+std::vector<Item> large_world_items();
 std::vector<Item> rendering_items();
 std::vector<Item> speed_items();
 std::vector<Item> world_items();

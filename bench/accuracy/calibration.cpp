@@ -133,8 +133,8 @@ StageCalibration calibrate_stage_seed(const sim::Scene& scene) {
 std::vector<Row> stage_rows(const Context& context) {
   std::vector<double> translation, rotation, nees;
   for (int seed = 1; seed <= (context.quick ? 3 : 12); ++seed) {
-    const sim::Scene scene =
-        sim::load_scene(std::string(FRINGESLAM_SCENES) + "/stage_checkerboard/scene.yaml", {static_cast<uint64_t>(seed)});
+    const sim::Scene scene = sim::load_scene(std::string(FRINGESLAM_SCENES) + "/stage_checkerboard/scene.yaml",
+                                             {static_cast<uint64_t>(seed)});
     const StageCalibration calibration = calibrate_stage_seed(scene);
     const Vector6d off = difference(calibration.robot_from_camera, scene.rig.robot_from_camera);
     nees.push_back(off.dot(calibration.covariance.inverse() * off));

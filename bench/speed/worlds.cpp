@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: Apache-2.0
+// Large worlds, from the scene file to the ray tracer's tree: time, and memory at its peak.
+#include <chrono>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+#include "bench/row.h"
+#include "bench/speed/turns.h"
+#include "core/rig/files.h"
+#include "sim/light/ray_world.h"
+#include "sim/scene/scene.h"
+
+namespace fringeslam::bench {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+// A pile of stones of 20 * 4^detail triangles each.
+fs::path stone_scene(int count, int detail, int variants) {
+  const fs::path file = fs::temp_directory_path() / "fringeslam-bench-pile.yaml";
+  std::ostringstream text;
+  text << "name: stones\nrig: {file: " << FRINGESLAM_SCENES << "/rigs/thesis.yaml}\n"
+       << "patterns: {steps: 3, periods_px: [16.5]}\nmaterials: {stone: {grain: stone, albedo: 0.5}}\n"
+       << "objects:\n  - {shape: plane, size_m: [2, 2], material: stone}\n"
+       << "  - {shape: pile, count: " << count
+       << ", area_m: [1, 1], walls_m: 0.3, items: [{shape: stone, detail: " << detail << ", variants: " << variants
+       << ", size_min_m: [0.05, 0.04, 0.03], size_max_m: [0.1, 0.09, 0.07], material: stone}]}\ntrajectory: {}\n";
+  write_text(file, text.str());
+  return file;
+}
+
+double peak_mib() {
+  std::ifstream status("/proc/self/status");
+  for (std::string line; std::getline(status, line);) {
+    if (line.starts_with("VmHWM:")) return std::stod(line.substr(6)) / 1024;
+  }
+  return 0;
+}
+void reset_peak() { std::ofstream("/proc/self/clear_refs") << 5; }
+
+struct Loading {
+  double seconds = 0, mib = 0, triangles = 0;
+};
+
+Loading loading(const fs::path& file) {
+  reset_peak();
+  const double before = peak_mib();
+  Loading result;
+  result.seconds = seconds_of([&] {
+    const sim::Scene scene = sim::load_scene(file);
+    const sim::RayWorld world(scene);
+    for (const sim::Object& object : scene.objects)
+      result.triangles += static_cast<double>(object.mesh->triangles.size());
+    result.mib = peak_mib() - before;
+  });
+  return result;
+}
+
+std::vector<Row> world_rows(const Context& context) {
+  const auto measured = [&](const char* what, const fs::path& file) {
+    const double first = seconds_of([&] { sim::load_scene(file); });  // settles, unless that is in the cache
+    std::vector<double> seconds;
+    Loading last;
+    for (int i = 0; i < (context.quick ? 1 : 5); ++i) seconds.push_back((last = loading(file)).seconds);
+    last.seconds = median(seconds);
+    std::fprintf(stderr, "  %s: %.2f million triangles; first reading %.1f s, then %.2f s to the tree, %.0f MiB\n",
+                 what, 1e-6 * last.triangles, first, last.seconds, last.mib);
+    return last;
+  };
+  const Loading pile = measured("196 different stones", stone_scene(196, 4, 0));
+  const Loading shared = measured("128 stones of 10 kinds", stone_scene(128, 6, 10));
+  return {bound_row("speed.worlds.pile", pile.seconds, 5, "s", 5, Limit::most),
+          bound_row("speed.worlds.memory", pile.mib, 5, "MiB", 1024, Limit::most),
+          bound_row("speed.worlds.shared", shared.mib, 5, "MiB", 2048, Limit::most)};
+}
+
+}  // namespace
+
+std::vector<Item> large_world_items() {
+  return {{{"speed.worlds.pile", "speed.worlds.memory", "speed.worlds.shared"},
+           "a pile of a million triangles from its file to the tree; ten million in shared meshes",
+           world_rows}};
+}
+
+}  // namespace fringeslam::bench
