@@ -44,7 +44,7 @@ const std::map<std::string, Kind>& kinds() {
       {"slab", {[](const Size& s, int, uint32_t seed, Philox&) { return slab_solid(s, seed); }, 2400}},
       {"pipe",
        {[](const Size& s, int, uint32_t, Philox&) {
-          return pipe_solid(s.x() / 2, std::max(0.001, 0.06 * s.x()), s.z(), 48);
+          return pipe_solid(s.x() / 2, std::min(0.3 * s.x(), std::max(0.001, 0.06 * s.x())), s.z(), 48);
         },
         1000}},
       {"plank", {[](const Size& s, int, uint32_t seed, Philox&) { return plank_solid(s, seed); }, 600}},
