@@ -95,8 +95,7 @@ struct Loose {
     }
     compound.setMargin(static_cast<btScalar>(kMargin));
     btCollisionShape& shape = hulls.size() == 1 ? static_cast<btCollisionShape&>(*hulls[0]) : compound;
-    const double litres = volume * 1e3;  // masses near 1 whatever the density
-    const auto mass = static_cast<btScalar>(std::max(1e-3, litres * from.density_kg_m3 * 1e-3));
+    const auto mass = static_cast<btScalar>(std::max(1e-3, volume * from.density_kg_m3));
     btVector3 inertia(0, 0, 0);
     shape.calculateLocalInertia(mass, inertia);
     btRigidBody::btRigidBodyConstructionInfo info(mass, nullptr, &shape, inertia);
