@@ -299,6 +299,9 @@ SequenceDesign read_design(const YamlMap& map, const RigModel& rig) {
   design.rows = axis != "columns";
   design.ramp_levels = map.integer_or("ramp_levels", 0, {0, 65536});
   if (map.has("periods_px") || design.ramp_levels == 0) design.periods_px = map.numbers("periods_px", 0, kPeriod);
+  constexpr size_t kMostPeriods = 100;
+  if (design.periods_px.size() > kMostPeriods)
+    throw map.error("periods_px", "'periods_px' lists more than " + std::to_string(kMostPeriods) + " periods");
   if (!design.periods_px.empty()) design.steps = map.integer("steps", {3, 64});
   const std::string gray = map.has("gray") ? map.choice("gray", {"none", "plain", "complementary"}) : "none";
   design.gray = gray == "none" ? GrayCode::none : gray == "plain" ? GrayCode::plain : GrayCode::complementary;

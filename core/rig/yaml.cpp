@@ -11,6 +11,8 @@
 #include <set>
 #include <sstream>
 
+#include "core/rig/yaml_guard.h"
+
 namespace fringeslam {
 
 namespace {
@@ -24,6 +26,11 @@ struct AskedPath {
   YAML::Node text;
   std::filesystem::path file;
 };
+struct AskedPaths {
+  std::vector<AskedPath> all;
+  size_t relative = 0;           // that many of them have been made relative already
+  std::filesystem::path folder;  // to this folder
+};
 
 }  // namespace
 
@@ -32,7 +39,7 @@ struct YamlMap::Node {
   std::string file;
   std::string path;  // of this map in the file, the address of what is drawn in it
   std::shared_ptr<const Draws> draws;
-  std::shared_ptr<std::vector<AskedPath>> asked_paths = std::make_shared<std::vector<AskedPath>>();
+  std::shared_ptr<AskedPaths> asked_paths = std::make_shared<AskedPaths>();
   std::vector<std::string>* errors = nullptr;  // where they are collected; null: they are thrown
   bool absent = false;                         // stands in for a map that was reported missing
   bool given_up = false;                       // something in it kept the rest from being read
@@ -171,6 +178,7 @@ constexpr Range kDegrees{-360, 360};
 
 YAML::Node parse_yaml(const std::string& text, const std::string& name) {
   try {
+    check_yaml(text, name);
     YAML::Node root = YAML::Load(text);
     if (!root.IsMap()) throw Error(name + ":1: must be a YAML map of `key: value` lines");
     return root;
@@ -196,6 +204,9 @@ YamlMap::YamlMap(std::shared_ptr<Node> node) : node_(std::move(node)) { refuse_d
 YamlMap YamlMap::load(const std::filesystem::path& file) {
   std::error_code ignored;
   if (std::filesystem::is_directory(file, ignored)) throw Error(file.string() + ": is a folder; give a YAML file");
+  // A device or a pipe may never end.
+  if (std::filesystem::exists(file, ignored) && !std::filesystem::is_regular_file(file, ignored))
+    throw Error(file.string() + ": is no file; give a YAML file");
   std::ifstream in(file, std::ios::binary);
   if (!in) throw Error(file.string() + ": cannot be opened; check the path");
   std::stringstream content;
@@ -402,8 +413,9 @@ Error YamlMap::error(const std::string& message) const { return Error(node_->whe
 std::filesystem::path YamlMap::folder() const { return std::filesystem::path(node_->file).parent_path(); }
 
 std::filesystem::path YamlMap::path(const std::string& key) const {
-  const std::filesystem::path file = folder() / text(key);
-  node_->asked_paths->push_back({node_->find(key), file});
+  const std::string name = text(key);
+  const std::filesystem::path file = folder() / name;
+  if (!name.empty()) node_->asked_paths->all.push_back({node_->find(key), file});
   return file;
 }
 
@@ -411,6 +423,14 @@ std::vector<std::filesystem::path> YamlMap::paths(const std::string& key) const 
   std::vector<std::filesystem::path> files;
   for (const std::string& name : texts(key)) files.push_back(folder() / name);
   return files;
+}
+
+std::filesystem::path YamlMap::file(const std::string& key) const {
+  const std::filesystem::path file = path(key);
+  std::error_code ignored;  // of a name that is too long, say: such a file does not exist either
+  if (!std::filesystem::exists(file, ignored)) throw error(key, file.string() + " does not exist");
+  if (!std::filesystem::is_regular_file(file, ignored)) throw error(key, file.string() + " is no file");
+  return file;
 }
 
 void YamlMap::draw_from(std::shared_ptr<const Draws> draws, const std::string& place) {
@@ -422,8 +442,13 @@ std::string YamlMap::dump(const std::vector<std::string>& keys, const std::files
   const auto whole = [](const std::filesystem::path& path) {
     return std::filesystem::absolute(path).lexically_normal();
   };
-  for (AskedPath& path : *node_->asked_paths) {
-    if (path.text.IsDefined()) path.text = whole(path.file).lexically_relative(whole(folder / "")).string();
+  // Those of the whole file: once, not for each map of it.
+  AskedPaths& asked = *node_->asked_paths;
+  if (asked.folder != folder) asked.relative = 0;
+  asked.folder = folder;
+  for (; asked.relative < asked.all.size(); ++asked.relative) {
+    AskedPath& path = asked.all[asked.relative];
+    path.text = whole(path.file).lexically_relative(whole(folder / "")).string();
   }
   YAML::Node chosen(YAML::NodeType::Map);
   for (const auto& entry : node_->yaml) {

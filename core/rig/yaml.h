@@ -77,6 +77,8 @@ class YamlMap {
   std::filesystem::path folder() const;
   std::filesystem::path path(const std::string& key) const;
   std::vector<std::filesystem::path> paths(const std::string& key) const;
+  // The path of a file that is there: neither a folder nor a device.
+  std::filesystem::path file(const std::string& key) const;
 
   void finish() const;
 

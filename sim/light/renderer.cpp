@@ -19,11 +19,11 @@ void render_portable(BlockRenderer& block, int row, int col, std::vector<cv::Mat
   block.render(row, col, images, truth);
 }
 #if defined(__x86_64__)
-FRINGESLAM_AVX2 [[gnu::flatten]] void render_avx2(BlockRenderer& block, int row, int col,
+[[gnu::flatten]] FRINGESLAM_AVX2 void render_avx2(BlockRenderer& block, int row, int col,
                                                   std::vector<cv::Mat1f>& images, TruthFrame* truth) {
   block.render(row, col, images, truth);
 }
-FRINGESLAM_AVX512 [[gnu::flatten]] void render_avx512(BlockRenderer& block, int row, int col,
+[[gnu::flatten]] FRINGESLAM_AVX512 void render_avx512(BlockRenderer& block, int row, int col,
                                                       std::vector<cv::Mat1f>& images, TruthFrame* truth) {
   block.render(row, col, images, truth);
 }

@@ -32,9 +32,7 @@ Material read_material(const YamlMap& map) {
   Material material;
   if (map.has("texture")) {
     if (map.has("grain")) throw map.error("texture", "give grain or texture, not both");
-    const std::filesystem::path file = map.path("texture");
-    if (!std::filesystem::exists(file)) throw map.error("texture", file.string() + " does not exist");
-    material.texture = file.string();
+    material.texture = map.file("texture").string();
     material.texture_m = map.number_or("texture_m", material.texture_m, kLength);
     material.albedo = map.number_or("albedo", 1, kFraction);
   } else {

@@ -107,9 +107,9 @@ void read_item(const YamlMap& map, const Materials& materials, Item& item) {
   item.weight = map.number_or("weight", 1, {1e-6, 1e6});
 }
 
-Scatter read_scatter(const YamlMap& map, const Materials& materials) {
+Scatter read_scatter(const YamlMap& map, const Materials& materials, int most) {
   Scatter scatter;
-  scatter.count = map.integer("count", {1, 100000});
+  scatter.count = map.integer("count", {1, static_cast<double>(most)});
   const std::vector<double> area = map.numbers("area_m", 2, kLength);
   scatter.area_x = area[0];
   scatter.area_y = area[1];
@@ -169,8 +169,7 @@ std::vector<Object> read_pile_objects(const YamlMap& map, uint32_t number, const
 // The parts of a mesh file, each an object; `material` replaces those of the file.
 std::vector<Object> read_mesh(const YamlMap& map, const Materials& materials, uint32_t seed,
                               std::vector<std::string>& notes) {
-  const std::filesystem::path file = map.path("file");
-  if (!std::filesystem::exists(file)) throw map.error("file", file.string() + " does not exist");
+  const std::filesystem::path file = map.file("file");
   MeshImportOptions options;
   if (map.has("unit_m")) options.unit_m = map.number("unit_m", {1e-6, 1e6});
   if (map.has("up")) options.up = map.choice("up", {"x", "y", "z"});
@@ -191,7 +190,8 @@ std::vector<Object> read_mesh(const YamlMap& map, const Materials& materials, ui
     object.world_from_object = pose * part.world_from_part;
     object.material.albedo = part.albedo;
     if (!part.texture.empty() && !material) {
-      if (!std::filesystem::exists(part.texture))
+      std::error_code ignored;
+      if (!std::filesystem::exists(part.texture, ignored))
         throw map.error("file", part.texture.string() + ", its texture, does not exist; give a material");
       object.material.texture = part.texture.string();
       object.material.albedo = 1;
@@ -207,7 +207,8 @@ std::vector<Object> read_mesh(const YamlMap& map, const Materials& materials, ui
 
 std::vector<Object> read_objects(const YamlMap& entry, uint32_t number, const ObjectContext& context) {
   const std::string shape = entry.kind("shape", shape_names());
-  if (shape == "scatter") return scatter_objects(read_scatter(entry, context.materials), context.seed, number);
+  if (shape == "scatter")
+    return scatter_objects(read_scatter(entry, context.materials, context.limits.scattered), context.seed, number);
   if (shape == "pile") return read_pile_objects(entry, number, context);
   const auto shape_seed = static_cast<uint32_t>(Philox(context.seed, Stream::shape, number).uniform() * 4294967295.0);
   if (shape == "mesh") return read_mesh(entry, context.materials, shape_seed, context.notes);

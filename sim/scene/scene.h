@@ -66,11 +66,20 @@ struct Scene {
   bool commanded = false;               // whether the one who moves the robot knows the trajectory
 };
 
+// What a scene may hold. Files that ask for more would take all of the memory, or days.
+struct SceneLimits {
+  size_t objects = 100000;
+  int scattered = 10000;          // of them by one scatter, whose time grows with the square
+  size_t triangles = 30'000'000;  // of all their meshes
+  int views = 100000;
+};
+
 struct SceneReading {
   std::optional<uint64_t> seed = {};           // replaces the file's
   std::vector<std::string>* errors = nullptr;  // all that is wrong goes there, and the scene is not to be used then
   std::filesystem::path resolved_for = {};     // folder of Scene::resolved, to which paths in it are relative; empty:
                                                // that of the file
+  SceneLimits limits = {};
 };
 
 // Throws Error with file:line on anything that is missing, unknown, not finite, out of range or impossible.

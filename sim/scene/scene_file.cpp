@@ -73,7 +73,8 @@ class SceneLayers {
     const std::vector<std::string> names = map.texts("include");
     const std::vector<fs::path> files = map.paths("include");
     for (size_t i = 0; i < files.size(); ++i) {
-      if (fs::is_regular_file(files[i]))
+      std::error_code ignored;
+      if (fs::is_regular_file(files[i], ignored))
         add(files[i], place + "/" + names[i]);
       else
         map.report(map.error("include", files[i].string() + " does not exist"));
@@ -144,22 +145,36 @@ Materials read_materials(const SceneLayers& layers) {
   return materials;
 }
 
-std::vector<Object> read_all_objects(const SceneLayers& layers, const Materials& materials,
+std::vector<Object> read_all_objects(const SceneLayers& layers, const Materials& materials, const SceneLimits& limits,
                                      std::vector<std::string>& notes) {
   std::vector<Object> objects;
   uint32_t number = 0;
+  std::set<const Mesh*> meshes;
+  size_t triangles = 0;
   for (const YamlMap& layer : layers.all()) {
     if (!layer.has("objects")) continue;
     for (const YamlMap& entry : layer.maps("objects")) {
       entry.attempt([&] {
-        for (Object& object : read_objects(entry, number, {materials, layers.seed, notes}))
+        for (Object& object : read_objects(entry, number, {materials, layers.seed, notes, limits})) {
+          if (meshes.insert(object.mesh.get()).second) triangles += object.mesh->triangles.size();
           objects.push_back(std::move(object));
+        }
       });
       ++number;
+      // Outside of `attempt`: nothing more is read, not for the sake of its errors either.
+      if (objects.size() > limits.objects)
+        throw entry.error("up to here the scene has " + std::to_string(objects.size()) + " objects; " +
+                          std::to_string(limits.objects) + " are permitted");
+      if (triangles > limits.triangles)
+        throw entry.error("up to here the scene has " + std::to_string(triangles) + " triangles; " +
+                          std::to_string(limits.triangles) + " are permitted");
     }
   }
   const YamlMap& own = layers.all().front();
-  if (number == 0) own.report(own.error("objects", "the scene has no object; add one under 'objects'"));
+  if (number == 0)
+    own.report(own.error("objects", "the scene has no object; add one under 'objects'"));
+  else if (objects.empty())
+    own.report(own.error("objects", "no object came of the scene's entries; nothing that is scattered fits"));
   for (size_t i = 0; i < objects.size(); ++i) objects[i].name = "object " + std::to_string(i + 1);
   return objects;
 }
@@ -220,9 +235,7 @@ Dust read_dust(const YamlMap& map) {
 }
 
 RigModel read_scene_rig(const YamlMap& map) {
-  const std::filesystem::path file = map.path("file");
-  if (!std::filesystem::exists(file)) throw map.error("file", file.string() + " does not exist");
-  RigModel rig = read_rig(file);
+  RigModel rig = read_rig(map.file("file"));
   if (map.has("robot_from_camera")) rig.robot_from_camera = map.pose("robot_from_camera");
   return rig;
 }
@@ -246,10 +259,10 @@ Scene load_scene(const fs::path& file, const SceneReading& reading) {
   if (layers.has("air")) section("air", [&](const YamlMap& map) { scene.air = read_air(map); });
   if (layers.has("dust")) section("dust", [&](const YamlMap& map) { scene.dust = read_dust(map); });
   const Materials materials = read_materials(layers);
-  scene.objects = read_all_objects(layers, materials, scene.notes);
+  scene.objects = read_all_objects(layers, materials, reading.limits, scene.notes);
   section("trajectory", [&](const YamlMap& map) {
     scene.commanded = map.boolean_or("commanded", false);
-    scene.trajectory = read_trajectory(map, scene.rig, scene.seed);
+    scene.trajectory = read_trajectory(map, scene.rig, scene.seed, reading.limits);
     if (map.has("while_capturing")) scene.motion = read_motion(map.map("while_capturing"));
   });
   layers.finish();

@@ -27,10 +27,11 @@ struct ObjectContext {
   const Materials& materials;
   uint64_t seed = 0;
   std::vector<std::string>& notes;
+  SceneLimits limits = {};
 };
 // One entry of `objects`, the `number`th of the scene; several objects when it scatters, piles up or imports.
 std::vector<Object> read_objects(const YamlMap& entry, uint32_t number, const ObjectContext& context);
 
-Trajectory read_trajectory(const YamlMap& map, const RigModel& rig, uint64_t seed);
+Trajectory read_trajectory(const YamlMap& map, const RigModel& rig, uint64_t seed, const SceneLimits& limits);
 
 }  // namespace fringeslam::sim

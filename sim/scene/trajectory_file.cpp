@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -13,8 +14,8 @@ namespace {
 
 // Camera poses that look at a flat board in the plane z = 0 from z < 0: distances spread evenly, tilts in all
 // directions, the board anywhere in the image. Robot poses are returned.
-Trajectory board_views(const YamlMap& map, const RigModel& rig, uint64_t seed, double interval_s) {
-  const int count = map.integer("count", {1, 10000});
+Trajectory board_views(const YamlMap& map, const RigModel& rig, uint64_t seed, double interval_s, int most) {
+  const int count = map.integer("count", {1, std::min(10000.0, static_cast<double>(most))});
   const std::vector<double> distance = map.numbers("distance_m", 2, kLength);
   const double tilt = map.number("max_tilt_deg", {0, 70}), roll = map.number_or("max_roll_deg", 20, {0, 180});
   const std::vector<double> extent = map.numbers("extent_m", 2, kLength);
@@ -57,7 +58,6 @@ Trajectory board_views(const YamlMap& map, const RigModel& rig, uint64_t seed, d
 
 constexpr double kRadian = std::numbers::pi / 180;
 constexpr Range kAngle{-36000, 36000};
-constexpr Range kCount{1, 100000};
 
 // A pose of the robot, or where its camera is and what it looks at: {camera_m, look_at_m}.
 Pose read_robot_pose(const YamlMap& map, const RigModel& rig) {
@@ -71,9 +71,12 @@ Pose read_robot_pose(const YamlMap& map, const RigModel& rig) {
 }
 
 // The papers' six numbers for each motion, `previous_from_current`.
-std::vector<Pose> stage_motions(const YamlMap& map, const Pose& start) {
+std::vector<Pose> stage_motions(const YamlMap& map, const Pose& start, size_t most) {
   std::vector<Pose> route = {start};
-  for (const YamlMap& entry : map.maps("motions")) {
+  const std::vector<YamlMap> entries = map.maps("motions");
+  if (entries.size() >= most)
+    throw map.error("motions", "'motions' must list fewer than " + std::to_string(most) + " motions");
+  for (const YamlMap& entry : entries) {
     SixDof motion;
     motion.translation_mm = entry.vector3("translation_mm", kMillimetres);
     motion.angles_deg = entry.vector3("rotation_deg", {-180, 180});
@@ -82,9 +85,12 @@ std::vector<Pose> stage_motions(const YamlMap& map, const Pose& start) {
   return route;
 }
 
-std::vector<Pose> listed_poses(const YamlMap& map, const std::string& key, const RigModel& rig, size_t least) {
+std::vector<Pose> listed_poses(const YamlMap& map, const std::string& key, const RigModel& rig, size_t least,
+                               size_t most) {
   std::vector<Pose> poses;
-  for (const YamlMap& entry : map.maps(key)) {
+  const std::vector<YamlMap> entries = map.maps(key);
+  if (entries.size() > most) throw map.error(key, "'" + key + "' must list at most " + std::to_string(most) + " poses");
+  for (const YamlMap& entry : entries) {
     entry.attempt([&] { poses.push_back(read_robot_pose(entry, rig)); });
   }
   if (poses.size() < least)
@@ -93,31 +99,32 @@ std::vector<Pose> listed_poses(const YamlMap& map, const std::string& key, const
   return poses;
 }
 
-std::vector<Pose> read_spline(const YamlMap& map, const RigModel& rig) {
-  const std::vector<Pose> waypoints = listed_poses(map, "waypoints", rig, 2);
-  const int count = map.integer("count", kCount);
+std::vector<Pose> read_spline(const YamlMap& map, const RigModel& rig, Range counts) {
+  constexpr size_t kMostWaypoints = 10000;  // of 64 poses each while it is measured
+  const std::vector<Pose> waypoints = listed_poses(map, "waypoints", rig, 2, kMostWaypoints);
+  const int count = map.integer("count", counts);
   return spline_route(waypoints, count, map.boolean_or("closed", false),
                       map.number_or("turn_m_per_rad", 0.5, {0, 100}));
 }
 
-std::vector<Pose> read_orbit(const YamlMap& map, const RigModel& rig) {
+std::vector<Pose> read_orbit(const YamlMap& map, const RigModel& rig, Range counts) {
   Orbit orbit;
   orbit.centre = map.vector3("centre_m", {-1e4, 1e4});
   orbit.radius = map.number("radius_m", kLength);
   orbit.height = map.number("height_m", {-100, 100});
   orbit.from = kRadian * map.number_or("from_deg", 0, kAngle);
   orbit.to = kRadian * map.number_or("to_deg", 360, kAngle);
-  orbit.count = map.integer("count", kCount);
+  orbit.count = map.integer("count", counts);
   std::vector<Pose> route;
   for (const Pose& world_from_camera : orbit_route(orbit))
     route.push_back(world_from_camera * rig.robot_from_camera.inverse());
   return route;
 }
 
-std::vector<Pose> read_random_walk(const YamlMap& map, const Pose& start, uint64_t seed) {
+std::vector<Pose> read_random_walk(const YamlMap& map, const Pose& start, uint64_t seed, Range counts) {
   RandomWalk walk;
   walk.start = start;
-  walk.count = map.integer("count", kCount);
+  walk.count = map.integer("count", counts);
   walk.step = 1e-3 * map.vector3("step_mm", {0, 1e4});
   walk.turn = kRadian * map.vector3_or("turn_deg", Eigen::Vector3d::Zero(), {0, 90});
   walk.max_turn = kRadian * map.number_or("max_turn_deg", 20, {0, 170});
@@ -134,8 +141,7 @@ std::vector<Pose> read_random_walk(const YamlMap& map, const Pose& start, uint64
 }
 
 Trajectory read_file(const YamlMap& map) {
-  const std::filesystem::path file = map.path("file");
-  if (!std::filesystem::exists(file)) throw map.error("file", file.string() + " does not exist");
+  const std::filesystem::path file = map.file("file");
   const Trajectory trajectory = read_tum(file);
   if (trajectory.empty()) throw map.error("file", file.string() + " has no pose");
   return trajectory;
@@ -143,7 +149,7 @@ Trajectory read_file(const YamlMap& map) {
 
 }  // namespace
 
-Trajectory read_trajectory(const YamlMap& map, const RigModel& rig, uint64_t seed) {
+Trajectory read_trajectory(const YamlMap& map, const RigModel& rig, uint64_t seed, const SceneLimits& limits) {
   const std::vector<std::string> kinds = {"motions", "poses", "spline", "orbit", "random_walk", "file", "board_views"};
   std::vector<std::string> given;
   for (const std::string& kind : kinds) {
@@ -152,16 +158,18 @@ Trajectory read_trajectory(const YamlMap& map, const RigModel& rig, uint64_t see
   if (given.size() > 1) throw map.error(given[1], "give " + given[0] + " or " + given[1] + ", not both");
   const std::string kind = given.empty() ? "" : given[0];
   const double interval = map.number_or("interval_s", 0.5, {1e-3, 1e4});
-  if (kind == "board_views") return board_views(map.map(kind), rig, seed, interval);
+  if (kind == "board_views") return board_views(map.map(kind), rig, seed, interval, limits.views);
   if (kind == "file") return read_file(map);
   const bool starts = kind.empty() || kind == "motions" || kind == "random_walk";
   if (map.has("start") && !starts) throw map.error("start", "'start' has no effect with " + kind);
   const Pose start = starts && map.has("start") ? read_robot_pose(map.map("start"), rig) : Pose{};
-  const std::vector<Pose> route = kind == "motions"       ? stage_motions(map, start)
-                                  : kind == "poses"       ? listed_poses(map, kind, rig, 1)
-                                  : kind == "spline"      ? read_spline(map.map(kind), rig)
-                                  : kind == "orbit"       ? read_orbit(map.map(kind), rig)
-                                  : kind == "random_walk" ? read_random_walk(map.map(kind), start, seed)
+  const Range counts{1, static_cast<double>(limits.views)};
+  const auto most = static_cast<size_t>(limits.views);
+  const std::vector<Pose> route = kind == "motions"       ? stage_motions(map, start, most)
+                                  : kind == "poses"       ? listed_poses(map, kind, rig, 1, most)
+                                  : kind == "spline"      ? read_spline(map.map(kind), rig, counts)
+                                  : kind == "orbit"       ? read_orbit(map.map(kind), rig, counts)
+                                  : kind == "random_walk" ? read_random_walk(map.map(kind), start, seed, counts)
                                                           : std::vector<Pose>{start};
   Trajectory trajectory;
   for (const Pose& pose : route)

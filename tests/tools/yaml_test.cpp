@@ -13,6 +13,7 @@ namespace fringeslam {
 namespace {
 
 using test::message_of;
+using testing::AllOf;
 using testing::HasSubstr;
 using testing::Not;
 using testing::StartsWith;
@@ -128,6 +129,38 @@ TEST(Yaml, AFileThatIsNoMapIsRefused) {
 TEST(Yaml, BinaryDataIsRefused) {
   EXPECT_THAT(error_of(std::string("\x89PNG\r\n\x1a\n\0\0\0\rIHDR", 16)), StartsWith("some/rig.yaml:"));
   EXPECT_THAT(error_of(std::string("\0\1\2\3\4\5\6\7", 8)), StartsWith("some/rig.yaml:"));
+}
+
+// What would take all of the stack, the memory or the afternoon, or be left out without a word.
+TEST(Yaml, WhatIsBeyondMeasureIsRefused) {
+  const auto refused = [](const std::string& text, int line, const std::string& says) {
+    EXPECT_THAT(message_of([&] { YamlMap::parse(text, "f.yaml"); }),
+                AllOf(StartsWith("f.yaml:" + std::to_string(line) + ": "), HasSubstr(says)));
+  };
+  refused("a:\n  " + std::string(100000, '['), 2, "more than 64 maps and lists within one another");
+  refused("a: 1\nb: &b [1, 2]\nc: 3\n", 2, "anchors and aliases (&name, *name) are not read");
+  refused("a: 1\n--- # the next\nb: 2\n", 2, "a second document");
+  std::string list = "a: [";
+  for (int i = 0; i < 1000000; ++i) list += "1,";
+  refused(list + "]\n", 1, "more than 1000000 values");
+  std::string keys;
+  for (int i = 0; i <= 1000; ++i) keys += "key" + std::to_string(i) + ": 1\n";
+  refused(keys, 1001, "a map of more than 1000 keys");
+  EXPECT_THAT(message_of([&] { YamlMap::parse("a: " + std::string(17 << 20, 'x') + "\n", "f.yaml"); }),
+              HasSubstr("f.yaml: is larger than 16 MiB"));
+  EXPECT_THAT(message_of([&] { YamlMap::load("/dev/zero"); }), StartsWith("/dev/zero: is no file"));
+}
+
+TEST(Yaml, WhatIsMerelyLargeIsRead) {
+  EXPECT_NO_THROW(YamlMap::parse("a: " + std::string(62, '[') + std::string(62, ']') + "\n", "f.yaml"));
+  std::string keys;
+  for (int i = 0; i < 1000; ++i) keys += "key" + std::to_string(i) + ": 1\n";
+  EXPECT_NO_THROW(YamlMap::parse(keys, "f.yaml"));
+}
+
+TEST(Yaml, AMessageIsOneLineWhateverItQuotes) {
+  EXPECT_EQ(message_of([] { YamlMap::parse("\"a\\n\\e[2Jb\\0\": 1\n", "f.yaml").finish(); }),
+            "f.yaml:1: unknown key 'a  [2Jb '");
 }
 
 TEST(Yaml, MissingFileAndFolderAreNamed) {

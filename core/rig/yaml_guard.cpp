@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/rig/yaml_guard.h"
+
+#include <yaml-cpp/eventhandler.h>
+#include <yaml-cpp/yaml.h>
+
+#include <sstream>
+#include <vector>
+
+#include "core/types/error.h"
+
+namespace fringeslam {
+
+namespace {
+
+constexpr size_t kMostNodes = 1000000;
+constexpr size_t kDeepest = 64;
+constexpr size_t kMostKeys = 1000;  // of one map; they are looked up one by one
+
+class Guard : public YAML::EventHandler {
+ public:
+  explicit Guard(const std::string& name) : name_(name) {}
+
+  void OnDocumentStart(const YAML::Mark& mark) override {
+    if (documents_++ > 0) refuse(mark, "a second document begins here; keep one in a file");
+  }
+  void OnDocumentEnd() override {}
+  void OnNull(const YAML::Mark& mark, YAML::anchor_t anchor) override { add(mark, anchor); }
+  void OnScalar(const YAML::Mark& mark, const std::string&, YAML::anchor_t anchor, const std::string&) override {
+    add(mark, anchor);
+  }
+  void OnAlias(const YAML::Mark& mark, YAML::anchor_t anchor) override { add(mark, anchor); }
+  void OnSequenceStart(const YAML::Mark& mark, const std::string&, YAML::anchor_t anchor,
+                       YAML::EmitterStyle::value) override {
+    open(mark, anchor, false);
+  }
+  void OnSequenceEnd() override { open_.pop_back(); }
+  void OnMapStart(const YAML::Mark& mark, const std::string&, YAML::anchor_t anchor,
+                  YAML::EmitterStyle::value) override {
+    open(mark, anchor, true);
+  }
+  void OnMapEnd() override { open_.pop_back(); }
+
+ private:
+  // A map or list that has not ended yet.
+  struct Open {
+    bool map = false;
+    size_t children = 0;  // of a map, keys and values
+  };
+
+  [[noreturn]] void refuse(const YAML::Mark& mark, const std::string& message) const {
+    throw Error(name_ + ":" + std::to_string(mark.line + 1) + ": " + message);
+  }
+  void add(const YAML::Mark& mark, YAML::anchor_t anchor) {
+    if (anchor != YAML::NullAnchor) refuse(mark, "anchors and aliases (&name, *name) are not read; write it out");
+    if (++nodes_ > kMostNodes) refuse(mark, "the file holds more than " + std::to_string(kMostNodes) + " values");
+    if (open_.empty()) return;
+    Open& parent = open_.back();
+    if (++parent.children > 2 * kMostKeys && parent.map)
+      refuse(mark, "a map of more than " + std::to_string(kMostKeys) + " keys");
+  }
+  void open(const YAML::Mark& mark, YAML::anchor_t anchor, bool map) {
+    add(mark, anchor);
+    if (open_.size() == kDeepest)
+      refuse(mark, "more than " + std::to_string(kDeepest) + " maps and lists within one another");
+    open_.push_back({map});
+  }
+
+  const std::string& name_;
+  std::vector<Open> open_;
+  size_t nodes_ = 0, documents_ = 0;
+};
+
+}  // namespace
+
+void check_yaml(const std::string& text, const std::string& name) {
+  if (text.size() > kMostYamlBytes)
+    throw Error(name + ": is larger than " + std::to_string(kMostYamlBytes >> 20) + " MiB; no such file is read");
+  std::istringstream stream(text);
+  YAML::Parser parser(stream);
+  Guard guard(name);
+  while (parser.HandleNextDocument(guard)) {
+  }
+}
+
+}  // namespace fringeslam

@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: Apache-2.0
+// Any bytes for a scene file (libFuzzer; tools/fuzz runs it): it gives a sane scene, or an Error of one line that names
+// the file. A second reading collects errors, and must find some exactly if the first refuses the file.
+
+#include <unistd.h>
+
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <set>
+#include <string>
+#include <string_view>
+
+#include "core/types/error.h"
+#include "sim/scene/mesh_reader.h"
+#include "sim/scene/scene.h"
+
+namespace fringeslam::sim {
+
+namespace fs = std::filesystem;
+
+// Instead of that of the library, which this one keeps out of the program: assimp in a child process is not what is
+// tried here, and would take a hundred times as long. Every mesh file is a triangle.
+RawModel read_model(const fs::path& file, double, double) {
+  if (file.extension() != ".obj") throw Error(file.string() + ": is no mesh that can be read");
+  RawModel model;
+  model.meshes.push_back({"triangle", 0, {0, 0, 0, 1, 0, 0, 0, 1, 0}, {}, {0, 1, 2}});
+  model.instances.push_back({"node", 0, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}});
+  return model;
+}
+
+namespace {
+
+[[noreturn]] void fail(const std::string& what) {
+  std::fprintf(stderr, "scene_file_fuzz: %s\n", what.c_str());
+  std::abort();
+}
+
+void require(bool holds, const std::string& what) {
+  if (!holds) fail(what);
+}
+
+void write(const fs::path& file, std::string_view bytes) {
+  std::ofstream out(file, std::ios::binary);
+  out << bytes;
+  out.close();
+  if (!out) fail(file.string() + " cannot be written");
+}
+
+// What a scene file may name: rigs beside its folder, files of other kinds in it.
+class Workplace {
+ public:
+  Workplace() {
+    std::string name =
+        (fs::is_directory("/dev/shm") ? "/dev/shm" : fs::temp_directory_path()) / "fringeslam-fuzz-XXXXXX";
+    if (!mkdtemp(name.data())) fail("no temporary folder " + name);
+    root_ = name;
+    fs::create_directories(root_ / "scene");
+    fs::create_directories(root_ / "rigs");
+    for (const char* rig : {"thesis.yaml", "wide.yaml", "gamma.yaml"}) {
+      // Without their distortion, which takes longer to check than all of a scene.
+      std::ifstream in(std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/rigs/" + rig);
+      std::string text;
+      for (std::string line; std::getline(in, line);) {
+        if (line.find("distortion") == std::string::npos) text += line + "\n";
+      }
+      write(root_ / "rigs" / rig, text);
+    }
+    write(root_ / "scene/mesh.obj", "");
+    write(root_ / "scene/texture.png", "");
+    write(root_ / "scene/route.tum", "0 0 0 1 0 0 0 1\n0.5 0.1 0 1 0 0 0 1\n");
+    setenv("FRINGESLAM_CACHE", (root_ / "cache").c_str(), 1);
+  }
+  ~Workplace() {
+    std::error_code ignored;
+    fs::remove_all(root_, ignored);
+  }
+  Workplace(const Workplace&) = delete;
+  Workplace& operator=(const Workplace&) = delete;
+
+  // What follows a line of three equals signs is another file, part.yaml, to be included or to be the rig.
+  void lay_out(std::string_view bytes) const {
+    constexpr std::string_view kCut = "\n===\n";
+    const size_t cut = bytes.find(kCut);
+    write(scene(), bytes.substr(0, cut));
+    write(root_ / "scene/part.yaml", cut == std::string_view::npos ? "" : bytes.substr(cut + kCut.size()));
+  }
+  fs::path scene() const { return root_ / "scene/scene.yaml"; }
+  const fs::path& root() const { return root_; }
+
+ private:
+  fs::path root_;
+};
+
+void check_scene(const Scene& scene) {
+  require(!scene.name.empty(), "a scene without a name");
+  require(!scene.objects.empty(), "a scene without objects");
+  require(!scene.trajectory.empty(), "a scene without views");
+  require(!scene.patterns.patterns.empty(), "a scene without patterns");
+  for (const TimedPose& pose : scene.trajectory)
+    require(pose.world_from_robot.is_finite() && std::isfinite(pose.timestamp_s), "a view that is not finite");
+  std::set<const Mesh*> seen;
+  for (const Object& object : scene.objects) {
+    require(object.world_from_object.is_finite(), "an object's pose that is not finite");
+    require(object.mesh != nullptr, "an object without a mesh");
+    if (!seen.insert(object.mesh.get()).second) continue;
+    const auto vertices = static_cast<int>(object.mesh->vertices.size());
+    require(!object.mesh->triangles.empty(), "a mesh without triangles");
+    for (const Eigen::Vector3d& vertex : object.mesh->vertices) require(vertex.allFinite(), "a vertex is not finite");
+    for (const Eigen::Vector3i& triangle : object.mesh->triangles)
+      require(triangle.minCoeff() >= 0 && triangle.maxCoeff() < vertices, "a triangle of a vertex that is not there");
+  }
+}
+
+// Of the same kind as those of everyday, but reached in a moment.
+constexpr SceneLimits kSmall{50, 20, 100'000, 100};
+
+// What it is refused for; empty: it is not.
+std::string refusal(const Workplace& place, std::vector<std::string>* errors) {
+  SceneReading reading;
+  reading.errors = errors;
+  reading.limits = kSmall;
+  try {
+    const Scene scene = load_scene(place.scene(), reading);
+    if (!errors) check_scene(scene);
+  } catch (const Error& error) {
+    require(*error.what() != 0, "an error that says nothing");
+    return error.what();
+  }
+  return errors && !errors->empty() ? errors->front() : "";
+}
+
+void check_message(const std::string& message, const Workplace& place) {
+  require(message.find(place.root().string()) != std::string::npos, "an error that names no file: " + message);
+  require(message.find('\n') == std::string::npos, "an error of several lines: " + message);
+}
+
+}  // namespace
+
+}  // namespace fringeslam::sim
+
+extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
+  using namespace fringeslam::sim;
+  static const Workplace place;
+  place.lay_out({reinterpret_cast<const char*>(data), size});
+  std::vector<std::string> errors;
+  const std::string plain = refusal(place, nullptr), collected = refusal(place, &errors);
+  require(plain.empty() == collected.empty(),
+          "read plainly: '" + plain + "'; while errors are collected: '" + collected + "'");
+  if (!plain.empty()) check_message(plain, place);
+  for (const std::string& error : errors) check_message(error, place);
+  return 0;
+}

@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+// Scene files that nobody would write, most of them found by tests/fuzz.
+#include <gmock/gmock.h>
+
+#include "core/rig/files.h"
+#include "sim/scene/scene.h"
+#include "tests/support/matchers.h"
+#include "tests/support/temp_folder.h"
+
+namespace fringeslam::sim {
+namespace {
+
+using support::error_of;
+using testing::HasSubstr;
+using testing::IsEmpty;
+using testing::Not;
+using testing::SizeIs;
+
+// A board before the thesis rig, parts of which are said otherwise.
+struct Said {
+  std::string rig = FRINGESLAM_SOURCE_DIR "/scenes/rigs/thesis.yaml";
+  std::string patterns = "{steps: 3, periods_px: [16.5]}";
+  std::string material = "{grain: plain, albedo: 0.5}";
+  std::string object = "{shape: plane, size_m: [1, 1], material: a}";
+  std::string trajectory = "{}";
+  std::string more = "";
+};
+
+class SceneFile : public testing::Test {
+ protected:
+  std::filesystem::path file(const Said& said) const {
+    write_text(temp_ / "scene.yaml", "name: odd\nrig: {file: " + said.rig + "}\npatterns: " + said.patterns +
+                                         "\nmaterials: {a: " + said.material + "}\nobjects:\n  - " + said.object +
+                                         "\ntrajectory: " + said.trajectory + "\n" + said.more);
+    return temp_ / "scene.yaml";
+  }
+  // Refused at this line, and known to be wrong when errors are collected.
+  void refused(const Said& said, int line, const std::string& says, const SceneLimits& limits = {}) const {
+    const auto place = file(said).string() + ":" + std::to_string(line) + ": ";
+    SceneReading reading;
+    reading.limits = limits;
+    EXPECT_THAT(error_of([&] { load_scene(file(said), reading); }),
+                testing::AllOf(testing::StartsWith(place), HasSubstr(says)));
+    std::vector<std::string> errors;
+    reading.errors = &errors;
+    try {
+      load_scene(file(said), reading);
+    } catch (const Error& error) {
+      errors.push_back(error.what());
+    }
+    EXPECT_THAT(errors, Not(IsEmpty()));
+  }
+
+  test::TempFolder temp_;
+};
+
+TEST_F(SceneFile, ThatIsPlainIsRead) { EXPECT_THAT(load_scene(file({})).objects, SizeIs(1)); }
+
+// The operating system refuses such names by other exceptions than ours, and devices never end.
+TEST_F(SceneFile, ThatNamesWhatCannotBeAFileIsRefused) {
+  const std::string endless(5000, 'x');
+  refused({.rig = endless}, 2, "does not exist");
+  refused({.rig = "/dev/zero"}, 2, "is no file");
+  refused({.rig = "."}, 2, "is no file");
+  refused({.material = "{texture: " + endless + "}"}, 4, "does not exist");
+  refused({.material = "{texture: .}"}, 4, "is no file");
+  refused({.object = "{shape: mesh, file: " + endless + "}"}, 6, "does not exist");
+  refused({.trajectory = "{file: " + endless + "}"}, 7, "does not exist");
+  refused({.trajectory = "{file: /dev/zero}"}, 7, "is no file");
+  refused({.more = "include: " + endless + "\n"}, 8, "does not exist");
+}
+
+TEST_F(SceneFile, InWhichNothingFitsIsRefused) {
+  refused({.object = "{shape: scatter, count: 3, area_m: [1, 1], max_height_m: 0.1, items: "
+                     "[{shape: box, size_min_m: [1, 1, 1], size_max_m: [1, 1, 1], material: a}]}"},
+          5, "no object");
+}
+
+TEST_F(SceneFile, ThatAsksForTooMuchIsRefused) {
+  const Said boxes{.object =
+                       "{shape: scatter, count: 9, area_m: [9, 9], max_height_m: 1, items: "
+                       "[{shape: box, size_min_m: [1, 1, 1], size_max_m: [1, 1, 1], material: a}]}"};
+  EXPECT_NO_THROW(load_scene(file(boxes)));
+  refused(boxes, 6, "'count' is 9", {.scattered = 8});
+  refused(boxes, 6, "triangles; 20 are permitted", {.triangles = 20});
+  refused(boxes, 6, "objects; 1 are permitted", {.objects = 1});
+  const SceneLimits two_views{.views = 2};
+  const std::string motion = "{translation_mm: [0, 0, 1], rotation_deg: [0, 0, 0]}";
+  refused({.trajectory = "{motions: [" + motion + ", " + motion + "]}"}, 7, "fewer than 2 motions", two_views);
+  refused({.trajectory = "{poses: [{}, {}, {}]}"}, 7, "at most 2 poses", two_views);
+  refused({.trajectory = "{spline: {waypoints: [{}, {translation_m: [1, 0, 0]}], count: 3}}"}, 7, "'count' is 3",
+          two_views);
+  refused({.trajectory = "{orbit: {centre_m: [0, 0, 0], radius_m: 1, height_m: 1, count: 3}}"}, 7, "'count' is 3",
+          two_views);
+  refused({.trajectory = "{random_walk: {count: 3, step_mm: [1, 1, 1], low_m: [-1, -1, -1], high_m: [1, 1, 1]}}"}, 7,
+          "'count' is 3", two_views);
+  refused({.trajectory = "{board_views: {count: 3, distance_m: [1, 1], max_tilt_deg: 1, extent_m: [0.1, 0.1]}}"}, 7,
+          "'count' is 3", two_views);
+  std::string periods = "16.5";
+  for (int i = 0; i < 100; ++i) periods += ", 16.5";
+  refused({.patterns = "{steps: 3, periods_px: [" + periods + "]}"}, 3, "more than 100 periods");
+}
+
+}  // namespace
+}  // namespace fringeslam::sim
