@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <mutex>
 #include <numbers>
 
 #include "sim/scene/noise.h"
@@ -44,6 +45,15 @@ Mesh subdivided(const Mesh& mesh) {
   return fine;
 }
 
+// Kept once it is made: rubble is of many stones, and subdividing takes most of the time of each.
+Mesh unit_sphere(int subdivisions) {
+  static std::mutex mutex;
+  static std::vector<Mesh> spheres = {icosahedron()};
+  const std::lock_guard lock(mutex);
+  while (static_cast<int>(spheres.size()) <= subdivisions) spheres.push_back(subdivided(spheres.back()));
+  return spheres[static_cast<size_t>(subdivisions)];
+}
+
 }  // namespace
 
 Mesh plane_mesh(double size_x, double size_y) {
@@ -81,8 +91,7 @@ Mesh cylinder_mesh(double radius, double length, int sides) {
 }
 
 Mesh sphere_mesh(double radius, int subdivisions) {
-  Mesh mesh = icosahedron();
-  for (int i = 0; i < subdivisions; ++i) mesh = subdivided(mesh);
+  Mesh mesh = unit_sphere(subdivisions);
   for (auto& v : mesh.vertices) v *= radius;
   return mesh;
 }

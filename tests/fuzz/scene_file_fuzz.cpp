@@ -1,16 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 // Any bytes for a scene file (libFuzzer; tools/fuzz runs it): it gives a sane scene, or an Error of one line that names
-// the file. A second reading collects errors, and must find some exactly if the first refuses the file.
-
+// the file. Another reading collects errors, and must find some exactly if the file is refused. What is written with a
+// run, Scene::resolved, is read in turn.
 #include <unistd.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
+#include <random>
 #include <set>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "core/types/error.h"
 #include "sim/scene/mesh_reader.h"
@@ -52,8 +55,7 @@ void write(const fs::path& file, std::string_view bytes) {
 class Workplace {
  public:
   Workplace() {
-    std::string name =
-        (fs::is_directory("/dev/shm") ? "/dev/shm" : fs::temp_directory_path()) / "fringeslam-fuzz-XXXXXX";
+    std::string name = fs::temp_directory_path() / "fringeslam-fuzz-XXXXXX";
     if (!mkdtemp(name.data())) fail("no temporary folder " + name);
     root_ = name;
     fs::create_directories(root_ / "scene");
@@ -107,14 +109,31 @@ void check_scene(const Scene& scene) {
     if (!seen.insert(object.mesh.get()).second) continue;
     const auto vertices = static_cast<int>(object.mesh->vertices.size());
     require(!object.mesh->triangles.empty(), "a mesh without triangles");
-    for (const Eigen::Vector3d& vertex : object.mesh->vertices) require(vertex.allFinite(), "a vertex is not finite");
-    for (const Eigen::Vector3i& triangle : object.mesh->triangles)
-      require(triangle.minCoeff() >= 0 && triangle.maxCoeff() < vertices, "a triangle of a vertex that is not there");
+    bool finite = true, there = true;
+    for (const Eigen::Vector3d& v : object.mesh->vertices) finite &= std::isfinite(v[0] + v[1] + v[2]);
+    for (const Eigen::Vector3i& t : object.mesh->triangles) {
+      for (int corner = 0; corner < 3; ++corner) there &= t[corner] >= 0 && t[corner] < vertices;
+    }
+    require(finite, "a vertex that is not finite");
+    require(there, "a triangle of a vertex that is not there");
   }
 }
 
 // Of the same kind as those of everyday, but reached in a moment.
 constexpr SceneLimits kSmall{50, 20, 100'000, 100};
+
+// The file that is written with a run says the same.
+void check_resolved(const Scene& scene, const Workplace& place, const SceneReading& reading) {
+  write(place.scene(), scene.resolved);
+  try {
+    const Scene again = load_scene(place.scene(), reading);
+    require(again.objects.size() == scene.objects.size() && again.trajectory.size() == scene.trajectory.size() &&
+                again.seed == scene.seed,
+            "the resolved scene is another one:\n" + scene.resolved);
+  } catch (const Error& error) {
+    fail("the resolved scene is refused: " + std::string(error.what()) + "\n" + scene.resolved);
+  }
+}
 
 // What it is refused for; empty: it is not.
 std::string refusal(const Workplace& place, std::vector<std::string>* errors) {
@@ -123,7 +142,10 @@ std::string refusal(const Workplace& place, std::vector<std::string>* errors) {
   reading.limits = kSmall;
   try {
     const Scene scene = load_scene(place.scene(), reading);
-    if (!errors) check_scene(scene);
+    if (!errors) {
+      check_scene(scene);
+      check_resolved(scene, place, reading);
+    }
   } catch (const Error& error) {
     require(*error.what() != 0, "an error that says nothing");
     return error.what();
@@ -145,10 +167,61 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   static const Workplace place;
   place.lay_out({reinterpret_cast<const char*>(data), size});
   std::vector<std::string> errors;
-  const std::string plain = refusal(place, nullptr), collected = refusal(place, &errors);
+  const std::string collected = refusal(place, &errors);
+  const std::string plain = refusal(place, nullptr);  // the last, as it overwrites the file
   require(plain.empty() == collected.empty(),
           "read plainly: '" + plain + "'; while errors are collected: '" + collected + "'");
   if (!plain.empty()) check_message(plain, place);
   for (const std::string& error : errors) check_message(error, place);
   return 0;
+}
+
+extern "C" size_t LLVMFuzzerMutate(uint8_t* data, size_t size, size_t max_size);
+
+// Every other time the bytes change as libFuzzer has it, which mostly leaves no YAML; else one value of the file does.
+extern "C" size_t LLVMFuzzerCustomMutator(uint8_t* data, size_t size, size_t max_size, unsigned seed) {
+  static const std::vector<std::string> values = {"0",
+                                                  "-0.0",
+                                                  "1",
+                                                  "-1",
+                                                  "3",
+                                                  "0.5",
+                                                  "1e-4",
+                                                  "1e-7",
+                                                  "100",
+                                                  "360",
+                                                  "1e4",
+                                                  "99999",
+                                                  "1e300",
+                                                  "-1e300",
+                                                  "4294967296",
+                                                  ".nan",
+                                                  ".inf",
+                                                  "true",
+                                                  "~",
+                                                  "''",
+                                                  "[]",
+                                                  "{}",
+                                                  "[0, 0, 0]",
+                                                  "[1, 1, 1]",
+                                                  "[1e-4, 100]",
+                                                  "[-1e4, 1e4, 0]",
+                                                  "{uniform: [0, 1]}",
+                                                  "{uniform: [1, 9]}",
+                                                  "{log_uniform: [1e-4, 100]}",
+                                                  "{normal: [0, 100]}",
+                                                  "{choice: [0, 1]}",
+                                                  "{choice: [plane, sphere]}",
+                                                  "{rotation_deg: [0, 0, {uniform: [-180, 180]}]}",
+                                                  "{translation_m: [1e4, 1e4, 1e4]}"};
+  std::mt19937 random(seed);
+  if (random() % 2 == 0 || size == 0) return LLVMFuzzerMutate(data, size, max_size);
+  std::string text(reinterpret_cast<const char*>(data), size);
+  const size_t before = text.find_first_of(":[,", random() % size);
+  if (before == std::string::npos) return LLVMFuzzerMutate(data, size, max_size);
+  const size_t begin = std::min(size, before + 1), end = std::min(size, text.find_first_of(",]}\n", begin));
+  text.replace(begin, end - begin, " " + values[random() % values.size()]);
+  text.resize(std::min(text.size(), max_size));
+  std::copy(text.begin(), text.end(), data);
+  return text.size();
 }
