@@ -450,13 +450,14 @@ std::string YamlMap::dump(const std::vector<std::string>& keys, const std::files
     AskedPath& path = asked.all[asked.relative];
     path.text = whole(path.file).lexically_relative(whole(folder / "")).string();
   }
-  YAML::Node chosen(YAML::NodeType::Map);
+  // Not by way of a new node: it would take over all the nodes of the file.
+  YAML::Emitter out;
+  out << YAML::BeginMap;
   for (const auto& entry : node_->yaml) {
     if (std::find(keys.begin(), keys.end(), entry.first.Scalar()) != keys.end())
-      chosen.force_insert(entry.first, entry.second);
+      out << YAML::Key << entry.first << YAML::Value << entry.second;
   }
-  YAML::Emitter out;
-  out << chosen;
+  out << YAML::EndMap;
   return keys.empty() ? "" : std::string(out.c_str()) + "\n";
 }
 

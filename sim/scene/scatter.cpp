@@ -16,10 +16,19 @@ struct Footprint {
   double x = 0, y = 0, half_x = 0, half_y = 0, yaw = 0;
   double top = 0;
   bool flat_top = false;
+  Eigen::Vector2d axes[2] = {};
+  double reach = 0;  // no point of it is farther from its centre
 
-  Eigen::Vector2d axis(int i) const {
-    return i == 0 ? Eigen::Vector2d(std::cos(yaw), std::sin(yaw)) : Eigen::Vector2d(-std::sin(yaw), std::cos(yaw));
+  // Once the rest is known; every attempt compares one with all that have been placed.
+  void measure() {
+    axes[0] = {std::cos(yaw), std::sin(yaw)}, axes[1] = {-std::sin(yaw), std::cos(yaw)};
+    reach = 1.000001 * std::hypot(half_x, half_y);
   }
+  bool far_from(const Footprint& other) const {
+    const double dx = other.x - x, dy = other.y - y, reaches = reach + other.reach;
+    return dx * dx + dy * dy > reaches * reaches;
+  }
+  const Eigen::Vector2d& axis(int i) const { return axes[i]; }
   double extent_along(const Eigen::Vector2d& direction) const {
     return half_x * std::abs(axis(0).dot(direction)) + half_y * std::abs(axis(1).dot(direction));
   }
@@ -48,10 +57,10 @@ bool inside(const Footprint& inner, const Footprint& outer) {
 double rest_height(const Footprint& candidate, const std::vector<Footprint>& placed) {
   double height = 0;
   for (const Footprint& other : placed) {
-    if (other.flat_top && inside(candidate, other)) height = std::max(height, other.top);
+    if (other.flat_top && !candidate.far_from(other) && inside(candidate, other)) height = std::max(height, other.top);
   }
   for (const Footprint& other : placed) {
-    if (other.top > height && overlap(candidate, other)) return -1;
+    if (other.top > height && !candidate.far_from(other) && overlap(candidate, other)) return -1;
   }
   return height;
 }
@@ -100,6 +109,7 @@ std::vector<Object> scatter_objects(const Scatter& scatter, uint64_t seed, uint3
       f.flat_top = item.shape == Shape::box || item.shape == Shape::cylinder;
       // A rock's noise may carry it past its nominal size.
       if (item.shape == Shape::rock) f.half_x *= 1.25, f.half_y *= 1.25;
+      f.measure();
       const double base = rest_height(f, placed);
       if (base < 0 || base + size.z() > scatter.max_height) continue;
       f.top = base + size.z();

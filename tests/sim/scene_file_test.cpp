@@ -70,6 +70,22 @@ TEST_F(SceneFile, ThatNamesWhatCannotBeAFileIsRefused) {
   refused({.more = "include: " + endless + "\n"}, 8, "does not exist");
 }
 
+// It would be drawn for ever.
+TEST_F(SceneFile, WithADistributionOfItselfIsRefused) {
+  refused({.more = "light: {ambient_lux: &lux {choice: [*lux]}}\n"}, 8, "anchors and aliases");
+}
+
+// Time must not grow with the square of what a file holds.
+TEST_F(SceneFile, ThatIsLongIsReadInAMoment) {
+  std::string object = "{shape: box, size_m: [1, 1, 1], material: a}";
+  std::string objects = object;
+  for (int i = 1; i < 5000; ++i) objects += "\n  - " + object;
+  EXPECT_THAT(load_scene(file({.object = objects})).objects, SizeIs(5000));
+  const std::string name(300000, 'x');
+  refused({.material = "{grain: " + name + "}"}, 4, "is not one of");
+  refused({.more = "? " + name + "\n: 1\n"}, 8, "unknown key");
+}
+
 TEST_F(SceneFile, InWhichNothingFitsIsRefused) {
   refused({.object = "{shape: scatter, count: 3, area_m: [1, 1], max_height_m: 0.1, items: "
                      "[{shape: box, size_min_m: [1, 1, 1], size_max_m: [1, 1, 1], material: a}]}"},
