@@ -124,17 +124,17 @@ Scatter read_scatter(const YamlMap& map, const Materials& materials, int most) {
   return scatter;
 }
 
-Pile read_pile(const YamlMap& map, const Materials& materials) {
+Pile read_pile(const YamlMap& map, const Materials& materials, int most) {
   Pile pile;
   const std::vector<double> area = map.numbers("area_m", 2, kLength);
   pile.area = {area[0], area[1], map.number_or("walls_m", 0, {0, 100})};
   if (map.has("count") == map.has("per_m2")) throw map.error("give count or per_m2, one of the two");
-  constexpr Range kPieces{1, 5000};
+  const Range pieces{1, std::min(5000.0, static_cast<double>(most))};
   if (map.has("count")) {
-    pile.count = map.integer("count", kPieces);
+    pile.count = map.integer("count", pieces);
   } else {
     const double wanted = std::round(map.number("per_m2", {1e-3, 1e7}) * area[0] * area[1]);
-    if (!kPieces.contains(wanted)) throw map.error("per_m2", range_error("pieces on this area", wanted, kPieces));
+    if (!pieces.contains(wanted)) throw map.error("per_m2", range_error("pieces on this area", wanted, pieces));
     pile.count = static_cast<int>(wanted);
   }
   if (map.has("pose")) pile.world_from_area = map.pose("pose");
@@ -150,7 +150,7 @@ Pile read_pile(const YamlMap& map, const Materials& materials) {
 }
 
 std::vector<Object> read_pile_objects(const YamlMap& map, uint32_t number, const ObjectContext& context) {
-  const Pile pile = read_pile(map, context.materials);
+  const Pile pile = read_pile(map, context.materials, context.limits.scattered);
   PileObjects result;
   try {
     result = pile_objects(pile, context.seed, number);

@@ -69,7 +69,7 @@ struct Scene {
 // What a scene may hold. Files that ask for more would take all of the memory, or days.
 struct SceneLimits {
   size_t objects = 100000;
-  int scattered = 10000;          // of them by one scatter, whose time grows with the square
+  int scattered = 10000;          // of them by one scatter or pile, whose time grows with the square
   size_t triangles = 30'000'000;  // of all their meshes
   int views = 100000;
 };

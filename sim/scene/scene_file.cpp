@@ -148,7 +148,7 @@ Materials read_materials(const SceneLayers& layers) {
 std::vector<Object> read_all_objects(const SceneLayers& layers, const Materials& materials, const SceneLimits& limits,
                                      std::vector<std::string>& notes) {
   std::vector<Object> objects;
-  uint32_t number = 0;
+  uint32_t number = 0, read = 0;
   std::set<const Mesh*> meshes;
   size_t triangles = 0;
   for (const YamlMap& layer : layers.all()) {
@@ -159,6 +159,7 @@ std::vector<Object> read_all_objects(const SceneLayers& layers, const Materials&
           if (meshes.insert(object.mesh.get()).second) triangles += object.mesh->triangles.size();
           objects.push_back(std::move(object));
         }
+        ++read;
       });
       ++number;
       // Outside of `attempt`: nothing more is read, not for the sake of its errors either.
@@ -173,7 +174,7 @@ std::vector<Object> read_all_objects(const SceneLayers& layers, const Materials&
   const YamlMap& own = layers.all().front();
   if (number == 0)
     own.report(own.error("objects", "the scene has no object; add one under 'objects'"));
-  else if (objects.empty())
+  else if (objects.empty() && read == number)
     own.report(own.error("objects", "no object came of the scene's entries; nothing that is scattered fits"));
   for (size_t i = 0; i < objects.size(); ++i) objects[i].name = "object " + std::to_string(i + 1);
   return objects;

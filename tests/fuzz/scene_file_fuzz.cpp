@@ -18,20 +18,11 @@
 #include "core/types/error.h"
 #include "sim/scene/mesh_reader.h"
 #include "sim/scene/scene.h"
+#include "sim/scene/settle.h"
 
 namespace fringeslam::sim {
 
 namespace fs = std::filesystem;
-
-// Instead of that of the library, which this one keeps out of the program: assimp in a child process is not what is
-// tried here, and would take a hundred times as long. Every mesh file is a triangle.
-RawModel read_model(const fs::path& file, double, double) {
-  if (file.extension() != ".obj") throw Error(file.string() + ": is no mesh that can be read");
-  RawModel model;
-  model.meshes.push_back({"triangle", 0, {0, 0, 0, 1, 0, 0, 0, 1, 0}, {}, {0, 1, 2}});
-  model.instances.push_back({"node", 0, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}});
-  return model;
-}
 
 namespace {
 
@@ -43,6 +34,33 @@ namespace {
 void require(bool holds, const std::string& what) {
   if (!holds) fail(what);
 }
+
+}  // namespace
+
+// Instead of those of the library, which these keep out of the program: assimp in a child process and rigid bodies are
+// not what is tried here, and would take a hundred times as long. Every mesh file is a triangle, every pile a row.
+RawModel read_model(const fs::path& file, double, double) {
+  if (file.extension() != ".obj") throw Error(file.string() + ": is no mesh that can be read");
+  RawModel model;
+  model.meshes.push_back({"triangle", 0, {0, 0, 0, 1, 0, 0, 0, 1, 0}, {}, {0, 1, 2}});
+  model.instances.push_back({"node", 0, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}});
+  return model;
+}
+
+Settled settle(const std::vector<Body>& bodies, const DropArea& area, uint64_t) {
+  Settled settled;
+  for (const Body& body : bodies) {
+    for (const Hull& hull : body.hulls) require(!hull.empty(), "a body of a hull without corners");
+    settled.ground_from_body.push_back({Eigen::Matrix3d::Identity(), {area.size_x, area.size_y, 0}});
+  }
+  return settled;
+}
+
+std::vector<double> drifts_m(const std::vector<Body>& bodies, const DropArea&, const std::vector<Pose>&, double) {
+  return std::vector<double>(bodies.size());
+}
+
+namespace {
 
 void write(const fs::path& file, std::string_view bytes) {
   std::ofstream out(file, std::ios::binary);
@@ -59,20 +77,22 @@ class Workplace {
     if (!mkdtemp(name.data())) fail("no temporary folder " + name);
     root_ = name;
     fs::create_directories(root_ / "scene");
-    fs::create_directories(root_ / "rigs");
-    for (const char* rig : {"thesis.yaml", "wide.yaml", "gamma.yaml"}) {
-      // Without their distortion, which takes longer to check than all of a scene.
-      std::ifstream in(std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/rigs/" + rig);
-      std::string text;
-      for (std::string line; std::getline(in, line);) {
-        if (line.find("distortion") == std::string::npos) text += line + "\n";
+    for (const std::string folder : {"rigs", "common"}) {
+      fs::create_directories(root_ / folder);
+      for (const auto& entry : fs::directory_iterator(FRINGESLAM_SOURCE_DIR "/scenes/" + folder)) {
+        // Rigs without their distortion, which takes longer to check than all of a scene.
+        std::ifstream in(entry.path());
+        std::string text;
+        for (std::string line; std::getline(in, line);) {
+          if (line.find("distortion") == std::string::npos) text += line + "\n";
+        }
+        write(root_ / folder / entry.path().filename(), text);
       }
-      write(root_ / "rigs" / rig, text);
     }
     write(root_ / "scene/mesh.obj", "");
     write(root_ / "scene/texture.png", "");
     write(root_ / "scene/route.tum", "0 0 0 1 0 0 0 1\n0.5 0.1 0 1 0 0 0 1\n");
-    setenv("FRINGESLAM_CACHE", (root_ / "cache").c_str(), 1);
+    setenv("FRINGESLAM_CACHE", (root_ / "scene/mesh.obj").c_str(), 1);  // no folder: nothing is kept
   }
   ~Workplace() {
     std::error_code ignored;
@@ -120,7 +140,7 @@ void check_scene(const Scene& scene) {
 }
 
 // Of the same kind as those of everyday, but reached in a moment.
-constexpr SceneLimits kSmall{50, 20, 100'000, 100};
+constexpr SceneLimits kSmall{50, 10, 100'000, 100};
 
 // The file that is written with a run says the same.
 void check_resolved(const Scene& scene, const Workplace& place, const SceneReading& reading) {
