@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <functional>
@@ -124,12 +125,24 @@ Scatter read_scatter(const YamlMap& map, const Materials& materials, int most) {
   return scatter;
 }
 
-Pile read_pile(const YamlMap& map, const Materials& materials, int most) {
+// About how many triangles its stones have; those of other pieces do not grow without bounds.
+double stone_triangles(const Pile& pile) {
+  double weights = 0, triangles = 0;
+  for (const PileItem& item : pile.items) weights += item.weight;
+  for (const PileItem& item : pile.items) {
+    const double pieces = pile.count * item.weight / weights;
+    const double different = item.variants == 0 ? pieces : std::min<double>(pieces, item.variants);
+    if (item.kind == "stone") triangles += different * 20 * std::pow(4, item.detail);
+  }
+  return triangles;
+}
+
+Pile read_pile(const YamlMap& map, const Materials& materials, const SceneLimits& limits) {
   Pile pile;
   const std::vector<double> area = map.numbers("area_m", 2, kLength);
   pile.area = {area[0], area[1], map.number_or("walls_m", 0, {0, 100})};
   if (map.has("count") == map.has("per_m2")) throw map.error("give count or per_m2, one of the two");
-  const Range pieces{1, std::min(5000.0, static_cast<double>(most))};
+  const Range pieces{1, std::min(5000.0, static_cast<double>(limits.scattered))};
   if (map.has("count")) {
     pile.count = map.integer("count", pieces);
   } else {
@@ -146,11 +159,15 @@ Pile read_pile(const YamlMap& map, const Materials& materials, int most) {
     if (item.kind == "stone") item.detail = entry.integer_or("detail", item.detail, kDetail);
   }
   if (pile.items.empty()) throw map.error("items", "'items' is empty; say what to pile up");
+  // Beforehand: they would take all of the memory.
+  if (const double triangles = stone_triangles(pile); triangles > static_cast<double>(limits.triangles))
+    throw map.error("items", "the stones of the pile have about " + to_text(std::round(triangles)) + " triangles; " +
+                                 std::to_string(limits.triangles) + " are permitted: take variants, or less detail");
   return pile;
 }
 
 std::vector<Object> read_pile_objects(const YamlMap& map, uint32_t number, const ObjectContext& context) {
-  const Pile pile = read_pile(map, context.materials, context.limits.scattered);
+  const Pile pile = read_pile(map, context.materials, context.limits);
   PileObjects result;
   try {
     result = pile_objects(pile, context.seed, number);

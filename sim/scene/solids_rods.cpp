@@ -177,7 +177,8 @@ Solid wire_solid(double radius, double extent, int loops, uint32_t seed) {
   constexpr int kPieces = 40;
   const int per_piece = std::max(4, 48 * loops / kPieces);
   Points3d curve = tangled_curve(loops, kPieces * per_piece, seed);
-  fit_into_cube(curve, extent - 2 * radius, random);
+  // A wire as thick as all of it still goes some way.
+  fit_into_cube(curve, std::max(extent - 2 * radius, 0.1 * extent), random);
   const auto round = [&](size_t, double angle) {
     return Eigen::Vector3d(radius * std::cos(angle), radius * std::sin(angle), 0);
   };

@@ -86,6 +86,20 @@ TEST_F(SceneFile, ThatIsLongIsReadInAMoment) {
   refused({.more = "? " + name + "\n: 1\n"}, 8, "unknown key");
 }
 
+// Every shape that takes size_m, as a cube: a wire as thick as all of it had no middle line.
+TEST_F(SceneFile, WithCubesOfAllKindsHasFiniteMeshes) {
+  for (const char* shape : {"box", "face_mask", "rock", "wedge", "stone", "brick", "slab", "pipe", "plank", "rebar",
+                            "paper", "carton", "foam", "arm", "wire", "bag"}) {
+    for (const char* size : {"[1e-4, 1e-4, 1e-4]", "[0.1, 0.1, 0.1]", "[100, 100, 100]", "[100, 1e-4, 100]"}) {
+      SCOPED_TRACE(std::string(shape) + " " + size);
+      const Said said{.object = std::string("{shape: ") + shape + ", size_m: " + size + ", material: a}"};
+      const Scene scene = load_scene(file(said));
+      EXPECT_FALSE(scene.objects.at(0).mesh->triangles.empty());
+      for (const Eigen::Vector3d& vertex : scene.objects.at(0).mesh->vertices) ASSERT_TRUE(vertex.allFinite());
+    }
+  }
+}
+
 TEST_F(SceneFile, InWhichNothingFitsIsRefused) {
   refused({.object = "{shape: scatter, count: 3, area_m: [1, 1], max_height_m: 0.1, items: "
                      "[{shape: box, size_min_m: [1, 1, 1], size_max_m: [1, 1, 1], material: a}]}"},
@@ -100,6 +114,10 @@ TEST_F(SceneFile, ThatAsksForTooMuchIsRefused) {
   refused(boxes, 6, "'count' is 9", {.scattered = 8});
   refused(boxes, 6, "triangles; 20 are permitted", {.triangles = 20});
   refused(boxes, 6, "objects; 1 are permitted", {.objects = 1});
+  const Said stones{.object =
+                        "{shape: pile, count: 5000, area_m: [9, 9], items: [{shape: stone, detail: 7, "
+                        "size_min_m: [1, 1, 1], size_max_m: [1, 1, 1], material: a}]}"};
+  refused(stones, 6, "the stones of the pile have about 1638400000 triangles; 30000000 are permitted");
   const SceneLimits two_views{.views = 2};
   const std::string motion = "{translation_mm: [0, 0, 1], rotation_deg: [0, 0, 0]}";
   refused({.trajectory = "{motions: [" + motion + ", " + motion + "]}"}, 7, "fewer than 2 motions", two_views);
