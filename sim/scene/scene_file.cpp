@@ -34,8 +34,11 @@ class SceneLayers {
  public:
   SceneLayers(const fs::path& file, const SceneReading& reading) : reading_(reading) {
     add(file, "");
-    YamlMap& own = layers_.front();
-    seed = reading.seed.value_or(own.has("seed") ? own.seed("seed") : 1);
+    // Included files may be scenes themselves: their names are not this scene's.
+    for (const YamlMap& layer : layers_) {
+      for (const char* key : {"name", "description"}) layer.has(key);
+    }
+    seed = reading.seed.value_or(has("seed") ? with("seed").seed("seed") : 1);
     const auto draws = std::make_shared<SceneDraws>(seed);
     for (size_t i = 0; i < layers_.size(); ++i) layers_[i].draw_from(draws, places_[i]);
   }
