@@ -342,7 +342,8 @@ Lanes RayWorld::occluded(const Points& from, Lanes active, const Eigen::Vector3d
   if (active == 0) return 0;
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
-  context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+  // Embree 3 may not return from a coherent packet's shadow rays among instances.
+  if (impl_->shared.empty()) context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
   alignas(64) RTCRay16 query;
   alignas(64) int valid[kPacket];
   kernels().to_shadow_query(from, target.data(), active, query, valid);
