@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Convex polytopes around points (solid_parts.h). A quickhull that takes first the point that asks for the greatest
 // enlargement, so that it may stop at any number of corners.
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>

@@ -4,7 +4,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <Eigen/Geometry>
 #include <array>
 #include <functional>
 #include <span>
@@ -44,7 +43,7 @@ std::vector<double> even_ticks(double size, int cells);
 std::vector<double> bordered_ticks(const std::vector<double>& breaks, double cell, double border);
 
 void append(Mesh& mesh, const Mesh& part);
-void transform(Points3d& points, const Eigen::Isometry3d& pose);
+void transform(Points3d& points, const Eigen::Transform<double, 3, Eigen::Isometry>& pose);
 
 // Scaled along the axes and moved so that the bounding box is centred and has this size.
 void fit(Mesh& mesh, const Eigen::Vector3d& size);

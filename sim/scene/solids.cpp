@@ -2,6 +2,7 @@
 // Massive solids: stone, brick, concrete, foam.
 #include "sim/scene/solids.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A mannequin's forearm and hand.
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>

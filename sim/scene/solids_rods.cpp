@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Solids swept along a line: pipe, reinforcing bar, wire.
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>

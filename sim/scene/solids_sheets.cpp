@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Boards, sheets and bags: plank, paper, carton, plastic bag.
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
