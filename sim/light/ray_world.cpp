@@ -120,6 +120,9 @@ struct RayWorld::Impl {
     placed.push_back({part.planes, pose});
   }
 
+  // Embree 3 may not return from a coherent packet of shadow rays among instances.
+  bool coherent_packets() const { return shared.empty(); }
+
   // In the world's frame.
   Plane plane(int object, unsigned triangle) const {
     const Placed& here = placed[static_cast<size_t>(object)];
@@ -276,7 +279,7 @@ void RayWorld::trace(const RayPacket& rays, HitPacket& hits) const {
   const PacketKernels& kernel = kernels();
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
-  if (rays.coherent) context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+  if (rays.coherent && impl_->coherent_packets()) context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
   alignas(64) RTCRayHit16 query;
   alignas(64) int valid[kPacket];
   kernel.to_query(rays, query, valid);
@@ -342,8 +345,7 @@ Lanes RayWorld::occluded(const Points& from, Lanes active, const Eigen::Vector3d
   if (active == 0) return 0;
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
-  // Embree 3 may not return from a coherent packet's shadow rays among instances.
-  if (impl_->shared.empty()) context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+  if (impl_->coherent_packets()) context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
   alignas(64) RTCRay16 query;
   alignas(64) int valid[kPacket];
   kernels().to_shadow_query(from, target.data(), active, query, valid);

@@ -264,5 +264,42 @@ TEST(RayWorld, SharedMeshesAreMetWhereCopiesAre) {
   EXPECT_GT(hits, 500);
 }
 
+// Packets of shadow rays among shared meshes return, and say what single rays say.
+TEST(RayWorld, ShadowPacketsAmongSharedMeshes) {
+  const auto rock = std::make_shared<const Mesh>(rock_mesh({0.1, 0.1, 0.1}, 3, 0.3, 5));
+  std::vector<Object> objects = {grey_object(plane_mesh(2, 2), {})};
+  Philox random(3, Stream::placement, 0);
+  for (int i = 0; i < 30; ++i) {
+    Object object;
+    object.mesh = rock;
+    object.world_from_object = {rotation_exp(3 * random_direction(random)),
+                                {random.uniform(-0.5, 0.5), random.uniform(-0.5, 0.5), random.uniform(0.05, 0.3)}};
+    objects.push_back(object);
+  }
+  const RayWorld world = world_with(objects);
+  const Eigen::Vector3d eye(0, 0, 1), lamp(-0.25, 0, 1);
+  int agree = 0, asked = 0;
+  for (int i = 0; i < 1000; ++i) {
+    RayPacket rays;
+    rays.active = kAllLanes;
+    const Eigen::Vector3d middle(random.uniform(-0.5, 0.5), random.uniform(-0.5, 0.5), 0);
+    for (int lane = 0; lane < kPacket; ++lane) {
+      rays.origin.set(lane, eye);
+      rays.direction.set(lane, middle + Eigen::Vector3d(0.002 * (lane % 4), 0.002 * (lane / 4), 0) - eye);
+    }
+    HitPacket hits;
+    world.trace(rays, hits);
+    const Lanes dark = world.occluded(RayWorld::lifted(hits), hits.hit, lamp);
+    for (int lane = 0; lane < kPacket; ++lane) {
+      const auto hit = world.trace(eye, rays.direction.at(lane));
+      if (!hit || !has(hits.hit, lane)) continue;
+      ++asked;
+      agree += world.occluded(*hit, lamp) == has(dark, lane);
+    }
+  }
+  EXPECT_GT(asked, 15000);
+  EXPECT_GT(agree, asked - 20);  // rims may fall to either side
+}
+
 }  // namespace
 }  // namespace fringeslam::sim
