@@ -56,6 +56,10 @@ class Philox {
   }
   double uniform(double low, double high) { return low + (high - low) * uniform(); }
 
+  // A seed for something that has numbers of its own; from a uniform number, or the next of this sequence.
+  static uint32_t seed_from(double uniform) { return static_cast<uint32_t>(uniform * 4294967295.0); }
+  uint32_t seed() { return seed_from(uniform()); }
+
  private:
   r123::Philox4x32::ctr_type at(uint32_t address) const {
     r123::Philox4x32::ctr_type counter = counter_;

@@ -26,7 +26,7 @@ Verb add_effects(CLI::App& app, const Common& common) {
     const Settings settings = parse_settings(arguments->sets);
     const sim::Scene scene = sim::load_scene(scene_file(arguments->scene));
     write_png(arguments->out, effects_picture(scene, settings.render));
-    if (!common.quiet) std::printf("written: %s\n", arguments->out.c_str());
+    say(common, {{"written", arguments->out}}, "written: " + arguments->out);
     return 0;
   };
 }

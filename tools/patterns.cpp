@@ -136,11 +136,9 @@ int write_patterns(const Arguments& arguments, const Common& common) {
                  "\npacking: " + (packed ? arguments.pack : "none") + "\nimages:\n" + lines);
   folder.commit();
   const size_t count = sequence.patterns.size();
-  if (common.json)
-    std::printf("%s\n", nlohmann::json{{"patterns", arguments.out}, {"count", count}}.dump().c_str());
-  else if (!common.quiet)
-    std::printf("patterns: %s (%zu patterns of %dx%d px)\n", arguments.out.c_str(), count, sequence.width,
-                sequence.height);
+  say(common, {{"patterns", arguments.out}, {"count", count}},
+      "patterns: " + arguments.out + " (" + std::to_string(count) + " patterns of " + std::to_string(sequence.width) +
+          "x" + std::to_string(sequence.height) + " px)");
   return 0;
 }
 

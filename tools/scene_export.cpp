@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // fringeslam scene export SCENE --format FORMAT --out FILE
-#include <cstdio>
 #include <memory>
-#include <nlohmann/json.hpp>
 
 #include "core/types/error.h"
 #include "sim/scene/mesh_export.h"
@@ -27,16 +25,13 @@ int export_scene(const Arguments& arguments, const Common& common) {
                 "; glTF ends in .glb or .gltf, PLY in .ply, OBJ in .obj");
   const sim::Scene scene = sim::load_scene(scene_file(arguments.scene), {arguments.seed});
   const sim::MeshExport written = sim::export_mesh(scene, arguments.out);
-  if (common.json) {
-    const nlohmann::ordered_json json = {{"written", arguments.out},
-                                         {"objects", written.objects},
-                                         {"meshes", written.meshes},
-                                         {"triangles", written.triangles}};
-    std::printf("%s\n", json.dump(2).c_str());
-  } else if (!common.quiet) {
-    std::printf("written: %s: %zu objects, %zu meshes, %zu triangles\n", arguments.out.c_str(), written.objects,
-                written.meshes, written.triangles);
-  }
+  say(common,
+      {{"written", arguments.out},
+       {"objects", written.objects},
+       {"meshes", written.meshes},
+       {"triangles", written.triangles}},
+      "written: " + arguments.out + ": " + std::to_string(written.objects) + " objects, " +
+          std::to_string(written.meshes) + " meshes, " + std::to_string(written.triangles) + " triangles");
   return 0;
 }
 

@@ -5,7 +5,6 @@
 #include <fstream>
 #include <iterator>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <regex>
 
 #include "core/rig/files.h"
@@ -80,11 +79,9 @@ int new_scene(const NewArguments& arguments, const Common& common) {
     fs::copy(entry.path(), staged.path() / part, fs::copy_options::recursive);
   }
   staged.commit();
-  if (common.json)
-    std::printf("%s\n", nlohmann::ordered_json{{"written", target.string()}}.dump(2).c_str());
-  else if (!common.quiet)
-    std::printf("written: %s\nedit %s, then: fringeslam scene check %s\n", target.c_str(),
-                (target / kSceneFile).c_str(), target.c_str());
+  say(common, {{"written", target.string()}},
+      "written: " + target.string() + "\nedit " + (target / kSceneFile).string() + ", then: fringeslam scene check " +
+          target.string());
   return 0;
 }
 
@@ -111,11 +108,8 @@ int generate(const GenerateArguments& arguments, const Common& common) {
     }
   }
   staged.commit();
-  if (common.json)
-    std::printf("%s\n",
-                nlohmann::ordered_json{{"written", arguments.out}, {"scenes", arguments.count}}.dump(2).c_str());
-  else if (!common.quiet)
-    std::printf("written: %s: %d scenes\n", arguments.out.c_str(), arguments.count);
+  say(common, {{"written", arguments.out}, {"scenes", arguments.count}},
+      "written: " + arguments.out + ": " + std::to_string(arguments.count) + " scenes");
   return 0;
 }
 

@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // fringeslam scene preview SCENE --out PICTURE
 #include <charconv>
-#include <cstdio>
 #include <memory>
-#include <nlohmann/json.hpp>
 
 #include "core/rig/files.h"
 #include "core/types/error.h"
@@ -41,10 +39,7 @@ int preview(const Arguments& arguments, const Common& common) {
   const cv::Size size = size_of(arguments.size);
   const sim::Scene scene = sim::load_scene(scene_file(arguments.scene), {arguments.seed});
   write_png(arguments.out, sim::preview_picture(scene, size));
-  if (common.json)
-    std::printf("%s\n", nlohmann::ordered_json{{"written", arguments.out}}.dump(2).c_str());
-  else if (!common.quiet)
-    std::printf("written: %s\n", arguments.out.c_str());
+  say(common, {{"written", arguments.out}}, "written: " + arguments.out);
   return 0;
 }
 

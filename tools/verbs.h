@@ -4,7 +4,10 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <cstdio>
 #include <functional>
+#include <nlohmann/json.hpp>
+#include <string>
 
 namespace fringeslam::tools {
 
@@ -14,6 +17,14 @@ struct Common {
   bool quiet = false;  // no progress
 };
 
+// What a verb tells when it is done: the document under --json, else the line unless --quiet.
+inline void say(const Common& common, const nlohmann::ordered_json& document, const std::string& line) {
+  if (common.json)
+    std::printf("%s\n", document.dump(2).c_str());
+  else if (!common.quiet)
+    std::printf("%s\n", line.c_str());
+}
+
 using Verb = std::function<int()>;
 
 Verb add_run(CLI::App& app, const Common& common);
@@ -21,6 +32,7 @@ Verb add_effects(CLI::App& app, const Common& common);
 Verb add_render(CLI::App& app, const Common& common);
 Verb add_scene(CLI::App& app, const Common& common);
 Verb add_score(CLI::App& app, const Common& common);
+Verb add_landmarks(CLI::App& app, const Common& common);
 Verb add_info(CLI::App& app, const Common& common);
 Verb add_calibrate(CLI::App& app, const Common& common);
 Verb add_calibrate_rig(CLI::App& group, const Common& common);

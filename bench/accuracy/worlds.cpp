@@ -88,7 +88,7 @@ std::vector<Row> score_rows(const Context&) {
 }
 
 // What is amiss with one generated world: warnings of its check, light that is not finite, pixels that nothing bounds.
-std::vector<std::string> complaints(const fs::path& file, uint64_t seed) {
+std::vector<std::string> complaints(const fs::path& file, uint64_t seed) try {
   const sim::Scene scene = sim::load_scene(file, {seed});
   std::vector<std::string> found = sim::check_scene(scene).warnings;
   sim::VirtualRig rig(scene, {});
@@ -101,13 +101,20 @@ std::vector<std::string> complaints(const fs::path& file, uint64_t seed) {
   }
   if (saturated > total / 20) found.push_back("more than 5 % of the pixels are saturated");
   return found;
+} catch (const Error& e) {
+  return {e.what()};
 }
 
-// Piles are settled two at a time, and are in the cache then.
+// Piles are settled two at a time, and are in the cache then; what is wrong with one is told when it is checked.
 void settle_all(const fs::path& file, int count) {
   std::atomic<int> next = 1;
   const auto work = [&] {
-    for (int seed = next++; seed <= count; seed = next++) sim::load_scene(file, {static_cast<uint64_t>(seed)});
+    for (int seed = next++; seed <= count; seed = next++) {
+      try {
+        sim::load_scene(file, {static_cast<uint64_t>(seed)});
+      } catch (const Error&) {
+      }
+    }
   };
   std::thread other(work);
   work();

@@ -60,11 +60,12 @@ Loading loading(const fs::path& file) {
 }
 
 std::vector<Row> world_rows(const Context& context) {
+  const int repeats = context.quick ? 1 : 5;
   const auto measured = [&](const char* what, const fs::path& file) {
     const double first = seconds_of([&] { sim::load_scene(file); });  // settles, unless that is in the cache
     std::vector<double> seconds;
     Loading last;
-    for (int i = 0; i < (context.quick ? 1 : 5); ++i) seconds.push_back((last = loading(file)).seconds);
+    for (int i = 0; i < repeats; ++i) seconds.push_back((last = loading(file)).seconds);
     last.seconds = median(seconds);
     std::fprintf(stderr, "  %s: %.2f million triangles; first reading %.1f s, then %.2f s to the tree, %.0f MiB\n",
                  what, 1e-6 * last.triangles, first, last.seconds, last.mib);
@@ -72,9 +73,9 @@ std::vector<Row> world_rows(const Context& context) {
   };
   const Loading pile = measured("196 different stones", stone_scene(196, 4, 0));
   const Loading shared = measured("128 stones of 10 kinds", stone_scene(128, 6, 10));
-  return {bound_row("speed.worlds.pile", pile.seconds, 5, "s", 5, Limit::most),
-          bound_row("speed.worlds.memory", pile.mib, 5, "MiB", 1024, Limit::most),
-          bound_row("speed.worlds.shared", shared.mib, 5, "MiB", 2048, Limit::most)};
+  return {bound_row("speed.worlds.pile", pile.seconds, repeats, "s", 5, Limit::most),
+          bound_row("speed.worlds.memory", pile.mib, repeats, "MiB", 1024, Limit::most),
+          bound_row("speed.worlds.shared", shared.mib, repeats, "MiB", 2048, Limit::most)};
 }
 
 }  // namespace

@@ -12,6 +12,7 @@
 #include <sstream>
 
 #include "core/rig/yaml_guard.h"
+#include "core/types/fnv.h"
 
 namespace fringeslam {
 
@@ -120,17 +121,6 @@ struct YamlMap::Node {
   double draw(const YAML::Node& value, const std::string& key, Range range, bool whole, const std::string& place) const;
 };
 
-namespace {
-
-// FNV-1a: the same address for the same place in the file, on every machine.
-uint64_t address_of(const std::string& path) {
-  uint64_t hash = 14695981039346656037ull;
-  for (const char c : path) hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211ull;
-  return hash;
-}
-
-}  // namespace
-
 double YamlMap::Node::draw(const YAML::Node& value, const std::string& key, Range range, bool whole,
                            const std::string& place) const {
   constexpr const char* kKinds = "uniform: [a, b], log_uniform: [a, b], normal: [mean, sigma] or choice: [...]";
@@ -140,7 +130,7 @@ double YamlMap::Node::draw(const YAML::Node& value, const std::string& key, Rang
   std::vector<double> given;
   const YAML::Node list = value.begin()->second;  // kept: the iterator gives a passing copy
   for (const auto& entry : list) given.push_back(to_number(entry, key, kind == "normal" ? kAnything : range));
-  const uint64_t address = address_of(place);
+  const uint64_t address = fnv1a(place);
   if (kind == "choice") {
     if (given.empty()) throw Error(where(value) + "'choice' must not be empty");
     const auto n = static_cast<double>(given.size());
@@ -275,7 +265,7 @@ std::string YamlMap::Node::to_text(const std::string& key) {
   if (draws && value.IsMap() && value.size() == 1 && value["choice"].IsSequence() && value["choice"].size() > 0) {
     const YAML::Node choices = value["choice"];
     const auto n = static_cast<double>(choices.size());
-    const double u = draws->uniform(address_of(path + "/" + key), 0);
+    const double u = draws->uniform(fnv1a(path + "/" + key), 0);
     const YAML::Node chosen = choices[static_cast<size_t>(std::min(n - 1, std::floor(n * u)))];
     if (chosen.IsScalar()) value = chosen.Scalar();
   }

@@ -8,6 +8,7 @@
 #include <sstream>
 
 #include "core/types/error.h"
+#include "core/types/fnv.h"
 
 namespace fringeslam::sim {
 
@@ -59,8 +60,7 @@ fs::path cache_folder() {
 }
 
 std::string content_hash(const std::string& content) {
-  uint64_t hash = 14695981039346656037ull;
-  for (const char c : content) hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211ull;
+  const uint64_t hash = fnv1a(content);
   std::string text;
   for (int shift = 60; shift >= 0; shift -= 4) text += "0123456789abcdef"[hash >> shift & 15];
   return text;

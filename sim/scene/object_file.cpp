@@ -90,11 +90,14 @@ Object read_single(const YamlMap& map, const std::string& shape, const Materials
   return object;
 }
 
-std::vector<std::string> shape_names() {
-  std::set<std::string> names = {"mesh", "scatter", "pile"};
-  for (const auto& [name, reader] : mesh_readers()) names.insert(name);
-  names.insert(piece_kinds().begin(), piece_kinds().end());
-  return {names.begin(), names.end()};
+const std::vector<std::string>& shape_names() {
+  static const std::vector<std::string> all = [] {
+    std::set<std::string> names = {"mesh", "scatter", "pile"};
+    for (const auto& [name, reader] : mesh_readers()) names.insert(name);
+    names.insert(piece_kinds().begin(), piece_kinds().end());
+    return std::vector<std::string>(names.begin(), names.end());
+  }();
+  return all;
 }
 
 // What scatters and piles have in common of an item: its range of sizes and its share.
@@ -227,7 +230,7 @@ std::vector<Object> read_objects(const YamlMap& entry, uint32_t number, const Ob
   if (shape == "scatter")
     return scatter_objects(read_scatter(entry, context.materials, context.limits.scattered), context.seed, number);
   if (shape == "pile") return read_pile_objects(entry, number, context);
-  const auto shape_seed = static_cast<uint32_t>(Philox(context.seed, Stream::shape, number).uniform() * 4294967295.0);
+  const uint32_t shape_seed = Philox(context.seed, Stream::shape, number).seed();
   if (shape == "mesh") return read_mesh(entry, context.materials, shape_seed, context.notes);
   return {read_single(entry, shape, context.materials, shape_seed)};
 }

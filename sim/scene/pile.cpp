@@ -10,6 +10,7 @@
 #include "core/types/error.h"
 #include "sim/random.h"
 #include "sim/scene/cache.h"
+#include "sim/scene/draw_item.h"
 #include "sim/scene/solid_parts.h"
 
 namespace fringeslam::sim {
@@ -80,10 +81,9 @@ struct Variant {
 
 std::shared_ptr<const Variant> make_variant(const PileItem& item, uint64_t seed, uint32_t generator, uint32_t number) {
   Philox random(seed, Stream::shape, generator, number + 1);
-  Eigen::Vector3d size;
-  for (int i = 0; i < 3; ++i) size[i] = random.uniform(item.size_min[i], item.size_max[i]);
+  const Eigen::Vector3d size = draw_size(item, random);
   auto variant = std::make_shared<Variant>();
-  variant->solid = make_piece(item.kind, size, item.detail, static_cast<uint32_t>(random.uniform() * 4294967295.0));
+  variant->solid = make_piece(item.kind, size, item.detail, random.seed());
   variant->mesh = std::make_shared<const Mesh>(std::move(variant->solid.mesh));
   return variant;
 }
@@ -95,14 +95,10 @@ struct Piece {
 
 std::vector<Piece> draw_pieces(const Pile& pile, uint64_t seed, uint32_t generator) {
   Philox random(seed, Stream::placement, generator);
-  double total_weight = 0;
-  for (const PileItem& item : pile.items) total_weight += item.weight;
   std::map<std::pair<size_t, int>, std::shared_ptr<const Variant>> variants;
   std::vector<Piece> pieces;
   for (int n = 0; n < pile.count; ++n) {
-    double pick = random.uniform() * total_weight;
-    size_t kind = 0;
-    while (kind + 1 < pile.items.size() && pick >= pile.items[kind].weight) pick -= pile.items[kind++].weight;
+    const size_t kind = draw_item(pile.items, random);
     const PileItem& item = pile.items[kind];
     const double which = random.uniform();
     const int variant = item.variants == 0 ? n : static_cast<int>(which * item.variants);
@@ -122,7 +118,7 @@ void append_bytes(std::string& bytes, const T& value) {
 }
 
 std::string description(const std::vector<Body>& bodies, const DropArea& area, uint64_t seed) {
-  std::string bytes = "settled, version 1\n";
+  std::string bytes = "settled, version 2\n";
   append_bytes(bytes, seed);
   for (const double value : {area.size_x, area.size_y, area.wall_height}) append_bytes(bytes, value);
   for (const Body& body : bodies) {
@@ -202,13 +198,13 @@ PileObjects pile_objects(const Pile& pile, uint64_t seed, uint32_t generator) {
     store(content, baked(*settled));
   }
   result.settled = std::move(*settled);
+  const Philox textures(seed, Stream::shape, generator, 0);
   for (size_t i = 0; i < pieces.size(); ++i) {
     Object object;
     object.mesh = pieces[i].variant->mesh;
     object.material = pieces[i].item->material;
     object.world_from_object = pile.world_from_area * result.settled.ground_from_body[i];
-    object.texture_seed = static_cast<uint32_t>(
-        Philox(seed, Stream::shape, generator, 0).uniforms(static_cast<uint32_t>(i))[0] * 4294967295.0);
+    object.texture_seed = Philox::seed_from(textures.uniforms(static_cast<uint32_t>(i))[0]);
     result.objects.push_back(std::move(object));
   }
   return result;

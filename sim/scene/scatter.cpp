@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "sim/random.h"
+#include "sim/scene/draw_item.h"
 
 namespace fringeslam::sim {
 
@@ -82,22 +83,15 @@ Mesh make_mesh(Shape shape, const Eigen::Vector3d& size, uint32_t seed) {
 
 std::vector<Object> scatter_objects(const Scatter& scatter, uint64_t seed, uint32_t generator) {
   Philox random(seed, Stream::placement, generator);
-  double total_weight = 0;
-  for (const ScatterItem& item : scatter.items) total_weight += item.weight;
-
   std::vector<Object> objects;
   std::vector<Footprint> placed;
   constexpr int kTriesPerObject = 60;
   for (int n = 0; n < scatter.count; ++n) {
-    double pick = random.uniform() * total_weight;
-    size_t kind = 0;
-    while (kind + 1 < scatter.items.size() && pick >= scatter.items[kind].weight) pick -= scatter.items[kind++].weight;
-    const ScatterItem& item = scatter.items[kind];
-    Eigen::Vector3d size;
-    for (int i = 0; i < 3; ++i) size[i] = random.uniform(item.size_min[i], item.size_max[i]);
+    const ScatterItem& item = scatter.items[draw_item(scatter.items, random)];
+    Eigen::Vector3d size = draw_size(item, random);
     if (item.shape == Shape::cylinder || item.shape == Shape::sphere) size.y() = size.x();
     if (item.shape == Shape::sphere) size.z() = size.x();
-    const auto shape_seed = static_cast<uint32_t>(random.uniform() * 4294967295.0);
+    const uint32_t shape_seed = random.seed();
 
     for (int attempt = 0; attempt < kTriesPerObject; ++attempt) {
       Footprint f;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sim/scene/settle.h"
 
-#include <LinearMath/btConvexHullComputer.h>
 #include <btBulletDynamicsCommon.h>
 
 #include <Eigen/Geometry>
@@ -12,6 +11,7 @@
 
 #include "core/types/error.h"
 #include "sim/random.h"
+#include "sim/scene/bulk.h"
 
 namespace fringeslam::sim {
 
@@ -19,11 +19,8 @@ namespace {
 
 // Bullet likes bodies of about one unit: a unit is 10 cm.
 constexpr double kUnit = 0.1;
-constexpr double kGravity = 9.81 / kUnit;
 // Around each hull, kept between surfaces at rest: what the solver leaves of a contact is taken from it.
 constexpr double kMargin = 0.0002 / kUnit;
-constexpr double kStep_s = 1.0 / 120;
-constexpr int steps_in(double seconds) { return static_cast<int>(seconds / kStep_s + 0.5); }
 
 btVector3 to_bullet(const Eigen::Vector3d& m) {
   const Eigen::Vector3d p = m / kUnit;
@@ -32,35 +29,6 @@ btVector3 to_bullet(const Eigen::Vector3d& m) {
 
 Eigen::Vector3d from_bullet(const btVector3& v) {
   return kUnit * Eigen::Vector3d(static_cast<double>(v.x()), static_cast<double>(v.y()), static_cast<double>(v.z()));
-}
-
-// Volume (m^3) and centre of mass of a convex hull.
-struct Bulk {
-  double volume = 0;
-  Eigen::Vector3d centre = Eigen::Vector3d::Zero();
-};
-
-Bulk bulk_of(const Hull& hull) {
-  std::vector<btVector3> points;
-  for (const Eigen::Vector3d& p : hull) points.push_back(to_bullet(p));
-  btConvexHullComputer computer;
-  computer.compute(&points[0].x(), sizeof(btVector3), static_cast<int>(points.size()), 0, 0);
-  Bulk bulk;
-  const auto vertex = [&](int i) { return from_bullet(computer.vertices[i]); };
-  const Eigen::Vector3d inside = hull.front();
-  for (int f = 0; f < computer.faces.size(); ++f) {
-    const btConvexHullComputer::Edge* first = &computer.edges[computer.faces[f]];
-    const Eigen::Vector3d a = vertex(first->getSourceVertex()) - inside;
-    for (const auto* e = first->getNextEdgeOfFace(); e->getTargetVertex() != first->getSourceVertex();
-         e = e->getNextEdgeOfFace()) {
-      const Eigen::Vector3d b = vertex(e->getSourceVertex()) - inside, c = vertex(e->getTargetVertex()) - inside;
-      const double volume = std::abs(a.dot(b.cross(c))) / 6;
-      bulk.volume += volume;
-      bulk.centre += volume * (inside + (a + b + c) / 4);
-    }
-  }
-  if (bulk.volume > 0) bulk.centre /= bulk.volume;
-  return bulk;
 }
 
 // A body in Bullet's world; its origin there is the centre of mass.
@@ -128,6 +96,10 @@ struct Loose {
   }
 };
 
+constexpr double kGravity = 9.81 / kUnit;
+constexpr double kStep_s = 1.0 / 120;
+constexpr int steps_in(double seconds) { return static_cast<int>(seconds / kStep_s + 0.5); }
+
 class Tumbling {
  public:
   Tumbling(const std::vector<Body>& bodies, const DropArea& area, uint64_t seed)
@@ -147,7 +119,7 @@ class Tumbling {
     info.m_solverMode |= SOLVER_USE_2_FRICTION_DIRECTIONS;
     solver_.setConstraintRowSolverGeneric(solver_.getScalarConstraintRowSolverGeneric());
     solver_.setConstraintRowSolverLowerLimit(solver_.getScalarConstraintRowSolverLowerLimit());
-    add_static(btVector3(0, 0, 1), 0);
+    add_fixed(plane(btVector3(0, 0, 1), 0), btVector3(0, 0, 0));
     if (area.wall_height > 0) {
       const auto x = static_cast<btScalar>(area.size_x / 2 / kUnit), y = static_cast<btScalar>(area.size_y / 2 / kUnit);
       add_wall(btVector3(1, 0, 0), x, y);
@@ -159,7 +131,9 @@ class Tumbling {
   }
   ~Tumbling() {
     for (const auto& loose : loose_) world_.removeRigidBody(loose->body.get());
-    for (const auto& fixed : fixed_) world_.removeRigidBody(fixed.get());
+    for (const auto& fixed : fixed_) {
+      if (fixed->isInWorld()) world_.removeRigidBody(fixed.get());
+    }
   }
   Tumbling(const Tumbling&) = delete;
   Tumbling& operator=(const Tumbling&) = delete;
@@ -171,8 +145,9 @@ class Tumbling {
     constexpr int kRounds = 8;
     for (int round = 0; round < kRounds; ++round) {
       drop(waiting);
-      come_to_rest();
-      waiting = inside_others();
+      open_chute();
+      waiting = restless();
+      if (waiting.empty()) waiting = inside_others();
       if (waiting.empty()) {
         settled.ground_from_body = poses();
         for (const auto& loose : loose_) settled.energy_j_per_kg = std::max(settled.energy_j_per_kg, loose->energy());
@@ -184,7 +159,7 @@ class Tumbling {
       for (const size_t i : waiting) world_.removeRigidBody(loose_[i]->body.get());
     }
     throw Error(std::to_string(waiting.size()) + " of " + std::to_string(loose_.size()) +
-                " bodies always come to rest inside others; drop fewer or smaller ones, or into a larger area");
+                " bodies never come to rest outside the others; drop fewer or smaller ones, or into a larger area");
   }
 
   // Puts the bodies there and lets them go for a while; how far each goes, m.
@@ -204,12 +179,13 @@ class Tumbling {
  private:
   static constexpr double kAllowed = 0.0008;  // m, of penetration; below the 1 mm that are promised
 
-  void add_static(const btVector3& normal, btScalar offset) {
+  btCollisionShape* plane(const btVector3& normal, btScalar offset) {
     shapes_.push_back(std::make_unique<btStaticPlaneShape>(normal, offset));
     shapes_.back()->setMargin(static_cast<btScalar>(kMargin));
-    add_fixed(shapes_.back().get(), btVector3(0, 0, 0));
+    return shapes_.back().get();
   }
-  // A thick box outside the area, whose inner side faces along `normal`.
+  // A thick box outside the area, whose inner side faces along `normal`; and a plane over it without an end, there
+  // only while bodies fall.
   void add_wall(const btVector3& normal, btScalar x, btScalar y) {
     constexpr btScalar kThick = 2;
     const auto half_height = static_cast<btScalar>(0.5 * area_.wall_height / kUnit);
@@ -220,14 +196,20 @@ class Tumbling {
     btVector3 centre = -normal * (across ? x + kThick : y + kThick);
     centre.setZ(half_height);
     add_fixed(shapes_.back().get(), centre);
+    chute_.push_back(add_fixed(plane(normal, across ? -x : -y), btVector3(0, 0, 0)));
   }
-  void add_fixed(btCollisionShape* shape, const btVector3& centre) {
+  btRigidBody* add_fixed(btCollisionShape* shape, const btVector3& centre) {
     btRigidBody::btRigidBodyConstructionInfo info(0, nullptr, shape);
     info.m_startWorldTransform.setOrigin(centre);
     info.m_friction = 0.8f;
     info.m_restitution = 0;
     fixed_.push_back(std::make_unique<btRigidBody>(info));
     world_.addRigidBody(fixed_.back().get());
+    return fixed_.back().get();
+  }
+  void open_chute() {
+    for (btRigidBody* wall : chute_) world_.removeRigidBody(wall);
+    chute_.clear();
   }
 
   void step_on(double seconds) {
@@ -267,6 +249,7 @@ class Tumbling {
   // Layer by layer, as many at once as find room beside each other, each layer just above what is there.
   void drop(const std::vector<size_t>& bodies) {
     constexpr int kTries = 20;
+    set_gravity(1);
     size_t next = 0;
     while (next < bodies.size()) {
       std::vector<std::pair<Eigen::Vector2d, double>> taken;
@@ -314,39 +297,56 @@ class Tumbling {
   }
 
   // Things left alone creep and rock for long, so they are calmed down; at rest is what then stays where it is under
-  // its full weight.
-  void come_to_rest() {
+  // its full weight. Those that do not after a while.
+  std::vector<size_t> restless() {
     constexpr double kStays = 0.003;  // m, in a second; the solver lets what rests creep by about one millimetre
-    constexpr int kSeconds = 60;
+    constexpr int kSeconds = 30;
     bool calm = false;
+    std::vector<size_t> moving;
     for (int second = 0; second < kSeconds; ++second) {
       const std::vector<Pose> before = poses();
       set_gravity(1);
       step_on(1);
       const std::vector<double> moved = distances_from(before);
-      const bool stayed = *std::max_element(moved.begin(), moved.end()) < kStays;
-      const bool still = (stayed || second % 4 == 3) && calm_down();
-      if (stayed && still && calm) return;
+      moving = those([&](size_t i) { return moved[i] >= kStays; });
+      const bool stayed = moving.empty();
+      if (stayed || second % 4 == 3) {
+        const std::vector<size_t> stirred = calm_down();
+        if (stayed && stirred.empty() && calm) return {};
+        if (stayed) moving = stirred;
+      }
       calm = stayed;
     }
-    throw Error("the pile does not come to rest; drop fewer bodies or other ones");
+    return moving;
   }
 
-  // The air grows thick and weight dwindles, for the solver leaves over a share of it in each step.
-  // Whether all lie still then.
-  bool calm_down() {
+  // The air grows thick and weight dwindles, for the solver leaves over a share of it in each step. Those that do not
+  // lie still even then.
+  std::vector<size_t> calm_down() {
     constexpr double kStill = 2e-6;  // J/kg: 2 mm/s
     constexpr int kStillSteps = steps_in(0.25), kMostSteps = steps_in(2);
+    std::vector<size_t> stirred;
     int still = 0;
     for (int i = 0; i < kMostSteps && still < kStillSteps; ++i) {
       const double thickness = std::min(1.0, 2 * i * kStep_s);
       slow_down(1 - 0.3 * thickness);
       set_gravity(1 - 0.95 * thickness);
       step();
-      const bool all = std::all_of(loose_.begin(), loose_.end(), [&](const auto& l) { return l->energy() < kStill; });
-      still = all ? still + 1 : 0;
+      const auto stirs = those([&](size_t k) { return loose_[k]->energy() >= kStill; });
+      still = stirs.empty() ? still + 1 : 0;
+      if (!stirs.empty()) stirred = stirs;
     }
-    return still == kStillSteps;
+    if (still == kStillSteps) stirred.clear();
+    return stirred;
+  }
+
+  template <class Is>
+  std::vector<size_t> those(const Is& is) const {
+    std::vector<size_t> found;
+    for (size_t i = 0; i < loose_.size(); ++i) {
+      if (is(i)) found.push_back(i);
+    }
+    return found;
   }
 
   void set_gravity(double share) {
@@ -358,7 +358,6 @@ class Tumbling {
   void slow_down(double kept) {
     for (const auto& loose : loose_) {
       btRigidBody& body = *loose->body;
-
       body.setLinearVelocity(static_cast<btScalar>(kept) * body.getLinearVelocity());
       body.setAngularVelocity(static_cast<btScalar>(kept) * body.getAngularVelocity());
     }
@@ -404,6 +403,7 @@ class Tumbling {
   btDiscreteDynamicsWorld world_;
   std::vector<std::unique_ptr<btCollisionShape>> shapes_;
   std::vector<std::unique_ptr<btRigidBody>> fixed_;
+  std::vector<btRigidBody*> chute_;  // those of them that are taken away when everything has been dropped
   std::vector<std::unique_ptr<Loose>> loose_;
   DropArea area_;
   Philox random_;

@@ -24,7 +24,7 @@ struct Body {
 
 struct DropArea {
   double size_x = 1, size_y = 1;  // about the origin
-  double wall_height = 0;         // of unseen walls around the area; 0: none, what rolls away is gone
+  double wall_height = 0;         // of unseen walls around the area, without an end while bodies fall; 0: none at all
 };
 
 struct Settled {
@@ -32,7 +32,7 @@ struct Settled {
   double energy_j_per_kg = 0;  // greatest kinetic energy of a body by its mass
   double penetration_m = 0;    // deepest of two bodies, or of one and the ground; negative: a gap everywhere
   double time_s = 0;           // simulated, from the first drop to rest
-  int dropped_again = 0;       // bodies that had come to rest within others
+  int dropped_again = 0;       // bodies that had come to rest within others, or not at all
 };
 
 // Throws Error when they do not come to rest.

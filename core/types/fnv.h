@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: Apache-2.0
+// FNV-1a, 64 bits: the same number for the same bytes on every machine. No defence against somebody who wants two
+// texts to agree.
+#pragma once
+
+#include <cstdint>
+#include <string_view>
+
+namespace fringeslam {
+
+constexpr uint64_t fnv1a(std::string_view bytes) {
+  uint64_t hash = 14695981039346656037ull;
+  for (const char c : bytes) hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211ull;
+  return hash;
+}
+
+}  // namespace fringeslam
