@@ -44,6 +44,8 @@ std::vector<Item> accuracy_items();
 std::vector<Item> calibration_items();
 std::vector<Item> sensor_items();
 std::vector<Item> decoding_items();
+std::vector<Item> landmark_items();
+std::vector<Item> landmark_speed_items();
 std::vector<Item> cycles_items();
 std::vector<Item> large_world_items();
 std::vector<Item> rendering_items();

@@ -64,12 +64,34 @@ Eigen::Matrix3d point_covariance(const SurfacePoint& surface, const Pinhole& cam
   return covariance;
 }
 
+// Unit vectors. Euclidean distance of the roots compares the histograms by their overlap (RootSIFT, Arandjelovic and
+// Zisserman 2012).
+cv::Mat1f normalised(cv::Mat1f descriptors, bool root_sift) {
+  for (int i = 0; i < descriptors.rows; ++i) {
+    cv::Mat1f row = descriptors.row(i);
+    double sum = 0;
+    for (const float value : row) sum += root_sift ? value : value * value;
+    const double unit = std::max(sum, 1e-12);
+    for (float& value : row) value = static_cast<float>(root_sift ? std::sqrt(value / unit) : value / std::sqrt(unit));
+  }
+  return descriptors;
+}
+
+cv::Ptr<cv::SIFT> sift_of(int max_keypoints, double contrast_threshold, double edge_threshold) {
+  constexpr int kScalesPerOctave = 3;
+  constexpr double kFinestSigma = 1.6;
+  return cv::SIFT::create(max_keypoints, kScalesPerOctave, contrast_threshold, edge_threshold, kFinestSigma);
+}
+
+Eigen::Vector2d pixel_of(const cv::KeyPoint& k) { return {k.pt.x - kSiftShiftPx, k.pt.y - kSiftShiftPx}; }
+double radians(double degrees) { return degrees * std::numbers::pi / 180; }
+
 }  // namespace
 
 Keypoints detect_keypoints(const Frame& frame, const RigModel& rig, const PixelRays& rays,
                            const KeypointOptions& options) {
   check_options(options, "keypoints");
-  const auto sift = cv::SIFT::create(options.max_keypoints, 3, options.contrast_threshold, options.edge_threshold, 1.6);
+  const auto sift = sift_of(options.max_keypoints, options.contrast_threshold, options.edge_threshold);
   std::vector<cv::KeyPoint> found;
   sift->detect(frame.texture, found);
 
@@ -77,13 +99,14 @@ Keypoints detect_keypoints(const Frame& frame, const RigModel& rig, const PixelR
   result.detected = static_cast<int>(found.size());
   std::vector<cv::KeyPoint> kept;
   for (const cv::KeyPoint& k : found) {
-    const Eigen::Vector2d pixel(k.pt.x - kSiftShiftPx, k.pt.y - kSiftShiftPx);
+    const Eigen::Vector2d pixel = pixel_of(k);
     const auto surface = surface_point(frame, rays, pixel);
     if (!surface) continue;
     Keypoint keypoint;
     keypoint.pixel = pixel;
     keypoint.scale = k.size / 2;
-    keypoint.angle_rad = k.angle * std::numbers::pi / 180;
+    keypoint.angle_rad = radians(k.angle);
+    keypoint.strength = k.response;
     keypoint.point_m = surface->point;
     keypoint.covariance_m2 =
         point_covariance(*surface, rig.camera, options.pixel_sigma * std::max(1.0, keypoint.scale / 1.6));
@@ -96,13 +119,52 @@ Keypoints detect_keypoints(const Frame& frame, const RigModel& rig, const PixelR
   }
   cv::Mat descriptors;
   sift->compute(frame.texture, kept, descriptors);
-  result.descriptors = descriptors;
-  // RootSIFT: Euclidean distance of the roots compares the histograms by their overlap.
-  for (int i = 0; i < result.descriptors.rows; ++i) {
-    cv::Mat1f row = result.descriptors.row(i);
-    double sum = 0;
-    for (const float value : row) sum += value;
-    for (float& value : row) value = static_cast<float>(std::sqrt(value / std::max(sum, 1e-12)));
+  result.descriptors = normalised(descriptors, options.root_sift);
+  return result;
+}
+
+namespace {
+
+// The levels between the first and the last hundredth over all of 8 bits.
+cv::Mat1b stretched(const cv::Mat1f& levels) {
+  std::vector<float> sorted(levels.begin(), levels.end());
+  const auto quantile = [&](double q) {
+    const auto at = sorted.begin() + static_cast<std::ptrdiff_t>(q * static_cast<double>(sorted.size() - 1));
+    std::nth_element(sorted.begin(), at, sorted.end());
+    return static_cast<double>(*at);
+  };
+  const double low = quantile(0.01), high = quantile(0.99);
+  const double scale = 255 / std::max(high - low, 1.0);
+  cv::Mat1b result;
+  levels.convertTo(result, CV_8U, scale, -scale * low);
+  return result;
+}
+
+}  // namespace
+
+std::vector<DepthKeypoint> detect_depth_keypoints(const cv::Mat1f& levels, const KeypointOptions& options) {
+  check_options(options, "keypoints");
+  std::vector<cv::KeyPoint> found;
+  if (!levels.empty())
+    sift_of(options.max_depth_keypoints, options.depth_contrast_threshold, options.depth_edge_threshold)
+        ->detect(stretched(levels), found);
+  std::vector<DepthKeypoint> result;
+  for (const cv::KeyPoint& k : found) {
+    DepthKeypoint keypoint;
+    keypoint.pixel = pixel_of(k);
+    keypoint.scale = k.size / 2;
+    keypoint.angle_rad = radians(k.angle);
+    keypoint.strength = k.response;
+    const int row = static_cast<int>(std::lround(keypoint.pixel.y()));
+    const int col = static_cast<int>(std::lround(keypoint.pixel.x()));
+    const cv::Rect around = cv::Rect(col - 1, row - 1, 3, 3) & cv::Rect(0, 0, levels.cols, levels.rows);
+    double nearest = 0;
+    cv::minMaxLoc(levels(around), nullptr, &nearest);
+    keypoint.level = static_cast<int>(std::clamp(nearest, 0.0, 255.0));
+    // One of several orientations at a place is enough: nothing is matched here.
+    const bool again =
+        !result.empty() && result.back().pixel == keypoint.pixel && result.back().scale == keypoint.scale;
+    if (!again) result.push_back(keypoint);
   }
   return result;
 }
@@ -136,11 +198,12 @@ std::vector<Nearest> nearest(const cv::Mat1f& queries, const cv::Mat1f& candidat
 
 }  // namespace
 
-std::vector<Match> match_keypoints(const Keypoints& previous, const Keypoints& current, const MatchOptions& options) {
+std::vector<KeypointMatch> match_keypoints(const Keypoints& earlier, const Keypoints& current,
+                                           const MatchOptions& options) {
   check_options(options, "matching");
-  const std::vector<Nearest> forward = nearest(current.descriptors, previous.descriptors);
-  const std::vector<Nearest> backward = nearest(previous.descriptors, current.descriptors);
-  std::vector<Match> matches;
+  const std::vector<Nearest> forward = nearest(current.descriptors, earlier.descriptors);
+  const std::vector<Nearest> backward = nearest(earlier.descriptors, current.descriptors);
+  std::vector<KeypointMatch> matches;
   for (size_t i = 0; i < forward.size(); ++i) {
     const Nearest& best = forward[i];
     if (best.index < 0 || backward[static_cast<size_t>(best.index)].index != static_cast<int>(i)) continue;

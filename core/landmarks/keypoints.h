@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// SIFT keypoints of the texture (METHOD S11) with the 3D point that the sensor measured at each, and
-// repeatable matching of their descriptors (METHOD S18; brute force, the oracle of any faster search).
+// SIFT keypoints (METHOD S11) of the texture, with the 3D point that the sensor measured at each, and of the depth
+// image; repeatable matching of descriptors by brute force, the oracle of any faster search (METHOD S18).
 #pragma once
 
 #include <Eigen/Core>
@@ -8,21 +8,32 @@
 #include <vector>
 
 #include "core/types/frame.h"
+#include "core/types/landmark.h"
 #include "core/types/options.h"
 #include "core/types/rig_model.h"
 
 namespace fringeslam {
 
 struct KeypointOptions {
-  int max_keypoints = 1500;
-  double contrast_threshold = 0.01;  // of SIFT's difference of Gaussians, image scaled to [0, 1]
+  int max_keypoints = 2500;
+  double contrast_threshold = 0.003;  // of SIFT's difference of Gaussians, image scaled to [0, 1]
   double edge_threshold = 10;
   double pixel_sigma = 0.1;  // localisation of a keypoint of SIFT scale 1.6, px; grows with the scale
+  int max_depth_keypoints = 600;
+  double depth_contrast_threshold = 0.001;
+  double depth_edge_threshold = 100;
+  bool root_sift = true;
 
   template <class Visitor>
   void describe(Visitor& v) {
     v.field("max_keypoints", max_keypoints, {10, 100000}, "strongest keypoints that are kept");
+    v.field("max_depth_keypoints", max_depth_keypoints, {10, 100000}, "strongest keypoints of the depth image");
     v.field("contrast_threshold", contrast_threshold, {1e-5, 1}, "SIFT contrast threshold");
+    v.field("depth_contrast_threshold", depth_contrast_threshold, {1e-5, 1},
+            "the same for the depth image, stretched over the depths that occur in it");
+    v.field("depth_edge_threshold", depth_edge_threshold, {1, 1000},
+            "the same for the depth image, whose corners lie on edges");
+    v.field("root_sift", root_sift, "descriptors compared by their overlap instead of their Euclidean distance");
     v.field("edge_threshold", edge_threshold, {1, 1000}, "SIFT edge threshold");
     v.field("pixel_sigma", pixel_sigma, {0.01, 10}, "localisation sigma of the finest keypoints, px");
   }
@@ -37,29 +48,16 @@ struct MatchOptions {
   }
 };
 
-struct Keypoint {
-  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
-  double scale = 0;  // SIFT's sigma, px
-  double angle_rad = 0;
-  Eigen::Vector3d point_m = Eigen::Vector3d::Zero();  // camera frame
-  Eigen::Matrix3d covariance_m2 = Eigen::Matrix3d::Zero();
-};
-
-struct Keypoints {
-  std::vector<Keypoint> keypoints;  // only those where a depth was measured
-  cv::Mat1f descriptors;            // N x 128, unit length
-  int detected = 0;                 // with and without depth
-};
-
-struct Match {
-  int previous = 0, current = 0;  // indices
-  double distance = 0, ratio = 0;
-};
-
 Keypoints detect_keypoints(const Frame& frame, const RigModel& rig, const PixelRays& rays,
                            const KeypointOptions& options);
 
+// SIFT keypoints of a depth image of 255 levels, bright near: the rows of matrix A (thesis Table 1). SIFT sees the
+// levels that occur, but for the hundredth that is darkest and the one that is brightest, stretched over all 256, so
+// that a shallow scene has keypoints as well.
+std::vector<DepthKeypoint> detect_depth_keypoints(const cv::Mat1f& levels, const KeypointOptions& options);
+
 // Pairs that are each other's nearest descriptor and pass the ratio test, in the order of `current`.
-std::vector<Match> match_keypoints(const Keypoints& previous, const Keypoints& current, const MatchOptions& options);
+std::vector<KeypointMatch> match_keypoints(const Keypoints& earlier, const Keypoints& current,
+                                           const MatchOptions& options);
 
 }  // namespace fringeslam

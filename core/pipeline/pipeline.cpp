@@ -10,10 +10,10 @@ namespace fringeslam {
 namespace {
 
 std::vector<PointPair> point_pairs(const Keypoints& previous, const Keypoints& current,
-                                   const std::vector<Match>& matches) {
+                                   const std::vector<KeypointMatch>& matches) {
   std::vector<PointPair> pairs;
-  for (const Match& match : matches) {
-    const Keypoint& p = previous.keypoints[static_cast<size_t>(match.previous)];
+  for (const KeypointMatch& match : matches) {
+    const Keypoint& p = previous.keypoints[static_cast<size_t>(match.earlier)];
     const Keypoint& c = current.keypoints[static_cast<size_t>(match.current)];
     pairs.push_back({p.point_m, c.point_m, p.covariance_m2, c.covariance_m2});
   }
@@ -63,6 +63,7 @@ Pipeline::Pipeline(const RigModel& rig, const PatternSequence& sequence, const P
       options_(options),
       rays_(pixel_rays(rig.camera)),
       triangulation_(rig, rays_, options.depth.near_m, options.depth.far_m),
+      database_(rig.camera, options.recognition),
       map_(options.cloud),
       start_(start) {
   options_.for_each_stage([](const char* name, auto& stage) { check_options(stage, name); });
@@ -73,6 +74,7 @@ FrameResult Pipeline::process(const FringeStack& stack) {
   result.decoded = decode(stack, sequence_, rig_, options_.decode);
   result.frame = reconstruct(result.decoded, rig_, triangulation_, options_.depth);
   result.keypoints = detect_keypoints(result.frame, rig_, rays_, options_.keypoints);
+  find_landmarks(result, stack.index);
   if (last_) {
     track(result);
   } else {
@@ -84,6 +86,13 @@ FrameResult Pipeline::process(const FringeStack& stack) {
     last_ = result;
   }
   return result;
+}
+
+void Pipeline::find_landmarks(FrameResult& result, int index) {
+  result.landmarks = identify_landmarks(result.frame, result.keypoints, rig_, options_.keypoints, options_.conditioning,
+                                        options_.clusters, options_.landmarks, &result.landmark_stages);
+  result.recognitions = database_.recognise(result.landmarks);
+  database_.add(index, result.landmarks);
 }
 
 void Pipeline::track(FrameResult& result) const {

@@ -9,6 +9,8 @@
 #include "core/decode/decode.h"
 #include "core/depth/depth.h"
 #include "core/landmarks/keypoints.h"
+#include "core/landmarks/landmarks.h"
+#include "core/landmarks/recognition.h"
 #include "core/map/cloud.h"
 #include "core/map/icp.h"
 #include "core/motion/ego_motion.h"
@@ -20,6 +22,10 @@ struct PipelineOptions {
   DepthOptions depth;
   KeypointOptions keypoints;
   MatchOptions matching;
+  ConditioningOptions conditioning;
+  ClusterOptions clusters;
+  LandmarkOptions landmarks;
+  RecognitionOptions recognition;
   MotionOptions motion;
   IcpOptions icp;
   CloudOptions cloud;
@@ -31,6 +37,10 @@ struct PipelineOptions {
     visit("depth", depth);
     visit("keypoints", keypoints);
     visit("matching", matching);
+    visit("conditioning", conditioning);
+    visit("clusters", clusters);
+    visit("landmarks", landmarks);
+    visit("recognition", recognition);
     visit("motion", motion);
     visit("icp", icp);
     visit("cloud", cloud);
@@ -49,7 +59,10 @@ struct FrameResult {
   DecodedStack decoded;
   Frame frame;
   Keypoints keypoints;
-  std::vector<Match> matches;  // against the last tracked frame
+  std::vector<KeypointMatch> matches;  // against the last tracked frame
+  Landmarks landmarks;
+  LandmarkStages landmark_stages;
+  std::vector<Recognition> recognitions;  // of landmarks of earlier frames, by FringeStack::index
   MotionEstimate motion;
   IcpResult icp;
   Tracking tracking = Tracking::lost;
@@ -70,6 +83,7 @@ class Pipeline {
   const CloudMap& map() const { return map_; }
 
  private:
+  void find_landmarks(FrameResult& result, int index);
   void track(FrameResult& result) const;
 
   RigModel rig_;
@@ -77,6 +91,7 @@ class Pipeline {
   PipelineOptions options_;
   PixelRays rays_;
   Triangulation triangulation_;
+  LandmarkDatabase database_;
   CloudMap map_;
   Pose start_;
   std::optional<FrameResult> last_;

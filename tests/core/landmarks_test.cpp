@@ -178,7 +178,7 @@ TEST(Matching, IdentityAndPermutation) {
     ASSERT_EQ(matches.size(), 150U);
     for (int i = 0; i < 150; ++i) {
       EXPECT_EQ(matches[static_cast<size_t>(i)].current, i);
-      EXPECT_EQ(matches[static_cast<size_t>(i)].previous, (7 * i + shift) % 150);
+      EXPECT_EQ(matches[static_cast<size_t>(i)].earlier, (7 * i + shift) % 150);
       EXPECT_NEAR(matches[static_cast<size_t>(i)].distance, 0, 1e-3);
     }
   }
@@ -197,7 +197,7 @@ TEST(Matching, PairsAreEachOthersNearest) {
   const auto matches = match_keypoints(with_descriptors({at_angle(10), at_angle(80)}),
                                        with_descriptors({at_angle(16), at_angle(12)}), {.max_ratio = 1});
   ASSERT_EQ(matches.size(), 1U);
-  EXPECT_EQ(matches[0].previous, 0);
+  EXPECT_EQ(matches[0].earlier, 0);
   EXPECT_EQ(matches[0].current, 1);
   EXPECT_NEAR(matches[0].distance, 2 * std::sin(0.017453292519943295), 1e-3);
 }

@@ -51,7 +51,7 @@ cv::Mat3b match_picture(const FrameResult& previous, const FrameResult& current)
   for (const char wanted : {char{0}, char{1}}) {
     for (size_t i = 0; i < current.matches.size(); ++i) {
       if (current.motion.is_inlier[i] != wanted) continue;
-      const Eigen::Vector2d p = previous.keypoints.keypoints[static_cast<size_t>(current.matches[i].previous)].pixel;
+      const Eigen::Vector2d p = previous.keypoints.keypoints[static_cast<size_t>(current.matches[i].earlier)].pixel;
       const Eigen::Vector2d c = current.keypoints.keypoints[static_cast<size_t>(current.matches[i].current)].pixel;
       const cv::Point2d from(p.x(), p.y()), to(c.x() + shift, c.y());
       const cv::Scalar colour = wanted ? kGreen : kRed;

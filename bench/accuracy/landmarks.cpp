@@ -1,0 +1,174 @@
+// SPDX-License-Identifier: Apache-2.0
+// Landmarks of generated scenes, recognised in the next view and judged by the truth.
+#include <cmath>
+#include <cstdio>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "bench/accuracy/method_chart.h"
+#include "bench/landmark_pairs.h"
+#include "bench/row.h"
+#include "core/score/landmark_score.h"
+
+namespace fringeslam::bench {
+
+namespace {
+
+struct Sample {
+  LandmarkScore score;
+  int depth_keypoints = 0, texture_keypoints = 0;  // of the second view, in the foreground and with a depth
+};
+
+Sample sample(const LandmarkPair& pair, const LandmarkMethod& method) {
+  const Landmarks first = landmarks_of(pair, pair.views[0], method), second = landmarks_of(pair, pair.views[1], method);
+  LandmarkDatabase database(pair.rig.camera, method.recognition);
+  database.add(0, first);
+  const auto judged = [&](const Landmarks& landmarks, const LandmarkView& view) {
+    return JudgedView{&landmarks, &view.truth, view.truth.world_from_robot * pair.rig.robot_from_camera};
+  };
+  return {score_landmarks({judged(first, pair.views[0])}, judged(second, pair.views[1]), database.recognise(second),
+                          pair.rig.camera),
+          static_cast<int>(second.depth_keypoints.size()), static_cast<int>(second.keypoints.keypoints.size())};
+}
+
+double percent(double part, double whole) { return whole > 0 ? 100 * part / whole : NAN; }
+
+// Sums over pairs.
+struct Total {
+  int pairs = 0, depth_keypoints = 0, texture_keypoints = 0;
+  LandmarkScore sum;
+  std::vector<double> recognised_shares;  // of each pair, %
+  std::vector<double> right_shares;
+
+  void add(const Sample& s) {
+    ++pairs;
+    depth_keypoints += s.depth_keypoints;
+    texture_keypoints += s.texture_keypoints;
+    sum.landmarks += s.score.landmarks;
+    sum.covisible += s.score.covisible;
+    sum.recognised += s.score.recognised;
+    sum.repeated += s.score.repeated;
+    sum.false_recognitions += s.score.false_recognitions;
+    sum.matches += s.score.matches;
+    sum.right += s.score.right;
+    sum.purity.insert(sum.purity.end(), s.score.purity.begin(), s.score.purity.end());
+  }
+  double per_pair(int count) const { return static_cast<double>(count) / pairs; }
+  double recognised() const { return percent(sum.recognised, sum.covisible); }
+  double precision() const { return percent(sum.right, sum.matches); }
+  double repeated() const { return percent(sum.repeated, sum.covisible); }
+  double purity() const {
+    double all = 0;
+    for (const double p : sum.purity) all += p;
+    return percent(all, static_cast<double>(sum.purity.size()));
+  }
+};
+
+void print_head() {
+  std::fprintf(stderr, "  %-34s %6s %8s %9s %9s %9s %8s %8s %7s %8s\n", "mean of a pair", "depth", "texture",
+               "landmarks", "covisible", "recogn. %", "repeat %", "matches", "right %", "purity %");
+}
+void print(const std::string& name, const Total& t) {
+  std::fprintf(stderr, "  %-34s %6.0f %8.0f %9.1f %9.1f %9.1f %8.1f %8.1f %7.2f %8.1f\n", name.c_str(),
+               t.per_pair(t.depth_keypoints), t.per_pair(t.texture_keypoints), t.per_pair(t.sum.landmarks),
+               t.per_pair(t.sum.covisible), t.recognised(), t.repeated(), t.per_pair(t.sum.matches), t.precision(),
+               t.purity());
+}
+
+// The papers' experiments: 15 degrees of rotation, a face mask, gray dust and dim light, 70 cm of motion.
+const std::vector<std::string> kExperiments = {"boxes_and_foam", "face_mask", "rubble_under_dust", "paper_boxes"};
+// What the papers found in them: keypoints of the depth image and the texture, landmarks, recognised ones.
+const char* const kPapers[] = {"269 / 1074 keypoints, 5 of 7 landmarks", "177 / 766 keypoints, 4 of 9 landmarks",
+                               "197 / 1124 keypoints, 4 of 6 landmarks", "264 / 1073 keypoints, 8 landmarks matched"};
+
+std::vector<Row> experiment_rows(const Context& context) {
+  const int seeds = context.quick ? 3 : 15;
+  Total all;
+  print_head();
+  for (size_t i = 0; i < kExperiments.size(); ++i) {
+    Total total;
+    for (int seed = 1; seed <= seeds; ++seed) {
+      const Sample s = sample(rendered_pair(kExperiments[i], static_cast<uint64_t>(seed)), {});
+      total.add(s);
+      all.add(s);
+    }
+    print(kExperiments[i], total);
+    std::fprintf(stderr, "    (the paper: %s)\n", kPapers[i]);
+  }
+  print("all", all);
+  const auto row = [&](const char* id, double value, int n, double limit) {
+    return bound_row(id, value, n, "%", limit, Limit::least);
+  };
+  return {row("landmarks.recognised", all.recognised(), all.sum.covisible, 80),
+          row("landmarks.precision", all.precision(), all.sum.matches, 99)};
+}
+
+using Variant = std::pair<std::string, LandmarkMethod>;
+
+// S16: the ways to bound a landmark, the edge detectors, and each thing beyond the papers left out in turn.
+std::vector<Variant> variants() {
+  std::vector<Variant> all = {{"default", {}}};
+  const auto vary = [&](const std::string& name, const auto& change) {
+    LandmarkMethod method;
+    change(method);
+    all.emplace_back(name, method);
+  };
+  for (const char* method : {"depth_sampling", "convex_hull", "both"})
+    vary(std::string("clusters: ") + method, [&](LandmarkMethod& m) {
+      m.landmarks.outlines = "clusters";
+      m.clusters.method = method;
+    });
+  for (const std::string& edges : edge_detectors()) {
+    if (edges != ConditioningOptions().edges)
+      vary("edges: " + edges, [&](LandmarkMethod& m) { m.conditioning.edges = edges; });
+  }
+  vary("not guided by the motion", [](LandmarkMethod& m) { m.recognition.guided = false; });
+  vary("SIFT instead of RootSIFT", [](LandmarkMethod& m) { m.keypoints.root_sift = false; });
+  vary("brute force", [](LandmarkMethod& m) { m.recognition.search = "brute_force"; });
+  vary("1500 keypoints of contrast 0.01", [](LandmarkMethod& m) {
+    m.keypoints.max_keypoints = 1500;
+    m.keypoints.contrast_threshold = 0.01;
+  });
+  vary("papers' way, as published", [](LandmarkMethod& m) {
+    m.landmarks.outlines = "clusters";
+    m.landmarks.within_foreground = false;
+    m.recognition.guided = false;
+    m.keypoints.root_sift = false;
+  });
+  return all;
+}
+
+std::vector<Row> method_rows(const Context& context) {
+  const int seeds = context.quick ? 2 : 13;
+  std::vector<std::string> scenes = kExperiments;
+  scenes.push_back("rubble_pile");
+  const std::vector<Variant> methods = variants();
+  std::vector<Total> totals(methods.size());
+  for (const std::string& scene : scenes) {
+    for (int seed = 1; seed <= seeds; ++seed) {
+      const LandmarkPair pair = rendered_pair(scene, static_cast<uint64_t>(seed));
+      for (size_t i = 0; i < methods.size(); ++i) totals[i].add(sample(pair, methods[i].second));
+    }
+  }
+  print_head();
+  std::vector<MethodBar> bars;
+  for (size_t i = 0; i < methods.size(); ++i) {
+    print(methods[i].first, totals[i]);
+    bars.push_back({methods[i].first, totals[i].recognised(), totals[i].repeated(), totals[i].precision()});
+  }
+  if (!context.quick)
+    write_method_chart(FRINGESLAM_SCENES "/../bench/accuracy/landmark_methods.png", bars, totals[0].pairs);
+  return {bound_row("landmarks.methods", totals[0].recognised(), totals[0].sum.covisible, "%", 80, Limit::least)};
+}
+
+}  // namespace
+
+std::vector<Item> landmark_items() {
+  return {{{"landmarks.recognised", "landmarks.precision"},
+           "the papers' experiments: landmarks recognised in the second view, and how many matches are right",
+           experiment_rows},
+          {{"landmarks.methods"}, "ways to bound and to recognise landmarks, over generated scenes", method_rows}};
+}
+
+}  // namespace fringeslam::bench

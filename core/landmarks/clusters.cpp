@@ -1,0 +1,374 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/landmarks/clusters.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <random>
+
+#include "core/types/error.h"
+
+namespace fringeslam {
+
+namespace {
+
+using Eigen::Vector2d;
+
+struct Line {
+  Vector2d from, to;
+};
+
+bool boxes_apart(const Line& a, const Line& b) {
+  return std::max(a.from.x(), a.to.x()) < std::min(b.from.x(), b.to.x()) ||
+         std::max(b.from.x(), b.to.x()) < std::min(a.from.x(), a.to.x()) ||
+         std::max(a.from.y(), a.to.y()) < std::min(b.from.y(), b.to.y()) ||
+         std::max(b.from.y(), b.to.y()) < std::min(a.from.y(), a.to.y());
+}
+
+double side(const Line& line, const Vector2d& p) {
+  const Vector2d u = line.to - line.from, v = p - line.from;
+  return u.x() * v.y() - u.y() * v.x();
+}
+
+// Lines that share an end, or only touch, do not cross.
+bool cross(const Line& a, const Line& b) {
+  return !boxes_apart(a, b) && side(a, b.from) * side(a, b.to) < 0 && side(b, a.from) * side(b, a.to) < 0;
+}
+
+// The search's state: who belongs to which cluster, and the lines drawn so far.
+class Search {
+ public:
+  Search(std::vector<DepthKeypoint>& keypoints, const cv::Mat1b& levels, const cv::Mat1b& edges,
+         const ClusterOptions& options)
+      : keypoints_(keypoints),
+        levels_(levels),
+        edges_(edges),
+        options_(options),
+        by_depth_(options.method != "convex_hull") {
+    for (size_t i = 0; i < keypoints.size(); ++i) {
+      DepthKeypoint& k = keypoints[i];
+      k.cluster = k.order = -1;
+      k.connections = 0;
+      k.samples.clear();
+      if (inside(k.pixel)) free_.push_back(static_cast<int>(i));
+    }
+    // The strongest; of equals the first.
+    const auto most = static_cast<size_t>(options.max_keypoints);
+    if (free_.size() > most) {
+      std::stable_sort(free_.begin(), free_.end(), [&](int a, int b) { return at(a).strength > at(b).strength; });
+      free_.resize(most);
+      std::sort(free_.begin(), free_.end());
+    }
+  }
+
+  Clusters run() {
+    for (const Vector2d& start : starts()) grow_from(start);
+    if (by_depth_) join_left_over();
+    // What is left over starts clusters of its own.
+    const std::vector<int> left_over = free_;
+    for (const int k : left_over) {
+      if (at(k).cluster < 0) grow(k);
+    }
+    return std::move(found_);
+  }
+
+ private:
+  DepthKeypoint& at(int i) { return keypoints_[static_cast<size_t>(i)]; }
+
+  bool inside(const Vector2d& p) const {
+    return p.x() > -0.5 && p.y() > -0.5 && p.x() < levels_.cols - 0.5 && p.y() < levels_.rows - 0.5;  // not for NaN
+  }
+
+  std::vector<Vector2d> starts() const {
+    std::vector<Vector2d> starts;
+    const double right = levels_.cols - 1, bottom = levels_.rows - 1;
+    if (options_.starts != "random") starts = {{0, 0}, {right, 0}, {0, bottom}, {right, bottom}};
+    if (options_.starts != "corners") {
+      std::mt19937 random(static_cast<uint32_t>(options_.seed));
+      const auto below = [&](int size) { return static_cast<double>(random() % static_cast<uint32_t>(size)); };
+      for (int i = 0; i < options_.random_starts; ++i) {
+        const double x = below(levels_.cols), y = below(levels_.rows);
+        starts.emplace_back(x, y);
+      }
+    }
+    return starts;
+  }
+
+  // From the free keypoint that is nearest by the growing square and that a line reaches.
+  void grow_from(const Vector2d& start) {
+    for (const int k : in_growing_square(start, levels_.cols + levels_.rows)) {
+      if (!crosses_edge({start, at(k).pixel}, options_.line_end_px)) return grow(k);
+    }
+  }
+
+  void grow(int first) { by_depth_ ? grow_by_depth(first) : grow_region(first); }
+
+  // --- region search ---
+
+  void grow_region(int first) {
+    std::vector<int> members = {first};
+    take(first);
+    for (size_t next = 0; next < members.size(); ++next) {
+      const int from = members[next];
+      double blocked_at = -1;  // the square's size at which only edges were met
+      bool reached = true;
+      for (const int k : in_growing_square(at(from).pixel, options_.max_radius_px)) {
+        const double size = (at(k).pixel - at(from).pixel).cwiseAbs().maxCoeff();
+        // The square has grown past a ring in which every line crosses an edge.
+        if (!reached && size > blocked_at + kGrowth_px) break;
+        const Line line{at(from).pixel, at(k).pixel};
+        if (crosses_edge(line, options_.line_end_px)) {
+          if (reached) blocked_at = size;
+          reached = false;
+          continue;
+        }
+        reached = true;
+        take(k);
+        connect(from, k);
+        members.push_back(k);
+      }
+    }
+    keep(members);
+  }
+
+  // --- depth sampling ---
+
+  void grow_by_depth(int first) {
+    std::vector<int> members = {first}, path = {first};
+    take(first);
+    int low = at(first).level, high = low;
+    while (!path.empty()) {
+      const int next = nearest_by_depth(path.back(), low, high);
+      if (next < 0) {
+        path.pop_back();
+        continue;
+      }
+      take(next);
+      at(next).samples = sampled({at(path.back()).pixel, at(next).pixel});
+      connect(path.back(), next);
+      low = std::min(low, at(next).level);
+      high = std::max(high, at(next).level);
+      members.push_back(next);
+      path.push_back(next);
+    }
+    give_second_connections(members);
+    drop_loose(members);
+    keep(members);
+  }
+
+  // Eq. 4 and 5, among those in the square that first holds one that is admissible. -1: none.
+  int nearest_by_depth(int from, int low, int high) {
+    int best = -1, best_change = 256;
+    double reach = 0;
+    for (const int k : in_growing_square(at(from).pixel, options_.max_radius_px)) {
+      const double size = (at(k).pixel - at(from).pixel).cwiseAbs().maxCoeff();
+      if (best >= 0 && size > reach + kGrowth_px) break;
+      const int change = std::abs(at(k).level - at(from).level);
+      if (change >= best_change) continue;
+      if (std::max(high, at(k).level) - std::min(low, at(k).level) > options_.max_depth_change) continue;
+      if (!admissible(from, k)) continue;
+      if (best < 0) reach = size;
+      best = k;
+      best_change = change;
+    }
+    return best;
+  }
+
+  bool admissible(int from, int to) {
+    const Line line{at(from).pixel, at(to).pixel};
+    if (crosses_edge(line, options_.line_end_px)) return false;
+    const int low = std::min(at(from).level, at(to).level) - options_.sample_threshold;
+    const int high = std::max(at(from).level, at(to).level) + options_.sample_threshold;
+    for (const uchar sample : sampled(line)) {
+      if (sample < low || sample > high) return false;
+    }
+    return std::none_of(lines_.begin(), lines_.end(), [&](const Line& other) { return cross(line, other); });
+  }
+
+  // Levels between the two ends, which belong to keypoints and often to edges.
+  std::vector<uchar> sampled(const Line& line) const {
+    std::vector<uchar> samples;
+    for (int i = 1; i <= options_.samples; ++i) {
+      const Vector2d p = line.from + (line.to - line.from) * i / (options_.samples + 1);
+      samples.push_back(levels_(static_cast<int>(std::lround(p.y())), static_cast<int>(std::lround(p.x()))));
+    }
+    return samples;
+  }
+
+  // Each member that hangs on one line gets another, to the nearest member that it can reach.
+  void give_second_connections(const std::vector<int>& members) {
+    for (const int k : members) {
+      if (at(k).connections >= 2) continue;
+      std::vector<int> others;
+      for (const int other : members) {
+        if (other != k && !connected(k, other)) others.push_back(other);
+      }
+      sort_by_size(others, at(k).pixel);
+      for (const int other : others) {
+        if (size_of(other, at(k).pixel) > options_.max_radius_px) break;
+        if (!admissible(k, other)) continue;
+        connect(k, other);
+        break;
+      }
+    }
+  }
+
+  // A member needs two connections; to lose one may leave its neighbour with one.
+  void drop_loose(std::vector<int>& members) {
+    for (bool changed = true; changed;) {
+      changed = false;
+      for (const int k : members) {
+        if (at(k).connections >= 2 || at(k).cluster < 0) continue;
+        disconnect(k);
+        release(k);
+        changed = true;
+      }
+      std::erase_if(members, [&](int k) { return at(k).cluster < 0; });
+    }
+  }
+
+  // What is left over joins an old cluster where it gets two connections.
+  void join_left_over() {
+    const std::vector<int> left_over = free_;
+    for (const int k : left_over) {
+      for (size_t c = 0; c < found_.members.size(); ++c) {
+        std::vector<int>& members = found_.members[c];
+        std::vector<int> near = members;
+        sort_by_size(near, at(k).pixel);
+        std::vector<int> reached;
+        for (const int m : near) {
+          if (size_of(m, at(k).pixel) > options_.max_radius_px || reached.size() == 2) break;
+          if (std::abs(at(m).level - at(k).level) <= options_.max_depth_change && admissible(k, m))
+            reached.push_back(m);
+        }
+        if (reached.size() < 2 || !within_depth(members, at(k).level)) continue;
+        take(k);
+        at(k).cluster = static_cast<int>(c);
+        at(k).order = static_cast<int>(members.size());
+        at(k).samples = sampled({at(reached[0]).pixel, at(k).pixel});
+        members.push_back(k);
+        for (const int m : reached) connect(m, k);
+        break;
+      }
+    }
+  }
+
+  bool within_depth(const std::vector<int>& members, int level) {
+    int low = level, high = level;
+    for (const int m : members) low = std::min(low, at(m).level), high = std::max(high, at(m).level);
+    return high - low <= options_.max_depth_change;
+  }
+
+  // --- lines ---
+
+  // Whether the line enters a pixel of an edge, apart from its last pixels. Every pixel that it enters is looked at, so
+  // that it cannot slip through between two pixels of an edge that touch at their corners.
+  bool crosses_edge(const Line& line, double line_end) const {
+    const Vector2d way = line.to - line.from;
+    const double length = way.norm();
+    if (length <= 2 * line_end) return false;
+    const Vector2d from = line.from + way * (line_end / length), to = line.to - way * (line_end / length);
+    int x = static_cast<int>(std::lround(from.x())), y = static_cast<int>(std::lround(from.y()));
+    const int last_x = static_cast<int>(std::lround(to.x())), last_y = static_cast<int>(std::lround(to.y()));
+    const int step_x = to.x() > from.x() ? 1 : -1, step_y = to.y() > from.y() ? 1 : -1;
+    const double dx = std::abs(to.x() - from.x()), dy = std::abs(to.y() - from.y());
+    // The share of the line at which it enters the next column or row of pixels.
+    double next_x = dx > 0 ? (0.5 + step_x * (x - from.x())) / dx : 2;
+    double next_y = dy > 0 ? (0.5 + step_y * (y - from.y())) / dy : 2;
+    const auto on_edge = [&] { return x >= 0 && y >= 0 && x < edges_.cols && y < edges_.rows && edges_(y, x) != 0; };
+    for (int left = std::abs(last_x - x) + std::abs(last_y - y);; --left) {
+      if (on_edge()) return true;
+      if (left <= 0) return false;
+      if (next_x < next_y) {
+        x += step_x;
+        next_x += 1 / dx;
+      } else {
+        y += step_y;
+        next_y += dy > 0 ? 1 / dy : 0;
+      }
+    }
+  }
+
+  bool connected(int a, int b) const {
+    return std::any_of(found_.connections.begin() + static_cast<std::ptrdiff_t>(own_connections_),
+                       found_.connections.end(),
+                       [&](const cv::Vec2i& c) { return (c[0] == a && c[1] == b) || (c[0] == b && c[1] == a); });
+  }
+  void connect(int a, int b) {
+    found_.connections.emplace_back(a, b);
+    lines_.push_back({at(a).pixel, at(b).pixel});
+    ++at(a).connections;
+    ++at(b).connections;
+  }
+  void disconnect(int k) {
+    for (size_t i = found_.connections.size(); i-- > own_connections_;) {
+      const cv::Vec2i c = found_.connections[i];
+      if (c[0] != k && c[1] != k) continue;
+      --at(c[0]).connections;
+      --at(c[1]).connections;
+      found_.connections.erase(found_.connections.begin() + static_cast<std::ptrdiff_t>(i));
+      lines_.erase(lines_.begin() + static_cast<std::ptrdiff_t>(i));
+    }
+  }
+
+  // --- keypoints ---
+
+  double size_of(int k, const Vector2d& centre) { return (at(k).pixel - centre).cwiseAbs().maxCoeff(); }
+  void sort_by_size(std::vector<int>& list, const Vector2d& centre) {
+    std::vector<std::pair<double, int>> sizes;
+    for (const int k : list) sizes.emplace_back(size_of(k, centre), k);
+    std::sort(sizes.begin(), sizes.end());
+    for (size_t i = 0; i < list.size(); ++i) list[i] = sizes[i].second;
+  }
+  // Free keypoints in the order in which a growing square around the centre meets them.
+  std::vector<int> in_growing_square(const Vector2d& centre, int most_px) {
+    std::vector<std::pair<double, int>> sizes;
+    for (const int k : free_) {
+      const double size = size_of(k, centre);
+      if (size <= most_px) sizes.emplace_back(size, k);
+    }
+    std::sort(sizes.begin(), sizes.end());
+    std::vector<int> result;
+    for (const auto& [size, k] : sizes) result.push_back(k);
+    return result;
+  }
+
+  void take(int k) {
+    at(k).cluster = static_cast<int>(found_.members.size());
+    free_.erase(std::lower_bound(free_.begin(), free_.end(), k));
+  }
+  void release(int k) {
+    at(k).cluster = -1;
+    at(k).samples.clear();
+    free_.insert(std::lower_bound(free_.begin(), free_.end(), k), k);
+  }
+  // Ends a cluster: one without members was none.
+  void keep(const std::vector<int>& members) {
+    own_connections_ = found_.connections.size();
+    if (members.empty()) return;
+    for (size_t i = 0; i < members.size(); ++i) at(members[i]).order = static_cast<int>(i);
+    found_.members.push_back(members);
+  }
+
+  static constexpr double kGrowth_px = 8;
+
+  std::vector<DepthKeypoint>& keypoints_;
+  const cv::Mat1b &levels_, &edges_;
+  const ClusterOptions& options_;
+  const bool by_depth_;
+  std::vector<int> free_;  // of no cluster, in ascending order
+  Clusters found_;
+  std::vector<Line> lines_;     // of the connections
+  size_t own_connections_ = 0;  // those before are of earlier clusters
+};
+
+}  // namespace
+
+Clusters find_clusters(std::vector<DepthKeypoint>& keypoints, const cv::Mat1b& levels, const cv::Mat1b& edges,
+                       const ClusterOptions& options) {
+  check_options(options, "clusters");
+  if (levels.size() != edges.size()) throw Error("clusters: the depth image and its edges differ in size");
+  return Search(keypoints, levels, edges, options).run();
+}
+
+}  // namespace fringeslam

@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+// Best-bin-first search among descriptors (METHOD S18; Beis and Lowe, CVPR 1997): a kd-tree whose leaves are visited in
+// the order of their least possible distance, up to a bound. Descriptors are of 128 unsigned bytes, so that distances
+// are integers and the same on every machine; of equal distances the descriptor that was given first is the nearer.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <opencv2/core.hpp>
+#include <vector>
+
+namespace fringeslam {
+
+constexpr int kDescriptorSize = 128;
+
+// Unit vectors as bytes: 255 stands for 0.5, and what is greater.
+cv::Mat1b quantised(const cv::Mat1f& descriptors);
+
+// Of two descriptors of kDescriptorSize bytes.
+int squared_distance(const uchar* a, const uchar* b);
+
+class DescriptorTree {
+ public:
+  DescriptorTree() = default;
+  // N x 128; copied in the order of the leaves.
+  explicit DescriptorTree(const cv::Mat1b& descriptors);
+
+  int size() const { return descriptors_.rows; }
+
+  // Calls visit(index, squared distance) for the descriptors of the nearest leaves, at most `most_leaves` of them.
+  template <class Visit>
+  void visit_near(const uchar* query, int most_leaves, const Visit& visit) const;
+
+ private:
+  struct Node {
+    int dimension = -1;  // -1: a leaf
+    int split = 0;       // values from here on are in the second child
+    int child = 0;       // the first; the second follows it
+    int first = 0, last = 0;
+  };
+  struct Bin {
+    int distance, node;
+    bool operator>(const Bin& other) const {
+      return distance != other.distance ? distance > other.distance : node > other.node;
+    }
+  };
+  void build(int node, std::vector<int>& order, const cv::Mat1b& descriptors);
+
+  cv::Mat1b descriptors_;
+  std::vector<int> index_;  // of each row as it was given
+  std::vector<Node> nodes_;
+};
+
+template <class Visit>
+void DescriptorTree::visit_near(const uchar* query, int most_leaves, const Visit& visit) const {
+  if (nodes_.empty()) return;
+  // A heap of what was passed by, nearest first. The distance is a bound from below, but for dimensions that were
+  // split more than once on the way, where it counts each split.
+  std::vector<Bin> heap = {{0, 0}};
+  const auto later = [](const Bin& a, const Bin& b) { return a > b; };
+  for (int leaves = 0; leaves < most_leaves && !heap.empty(); ++leaves) {
+    std::pop_heap(heap.begin(), heap.end(), later);
+    Bin bin = heap.back();
+    heap.pop_back();
+    const Node* node = &nodes_[static_cast<size_t>(bin.node)];
+    while (node->dimension >= 0) {
+      const int offset = query[node->dimension] - node->split;
+      const int near = offset >= 0 ? 1 : 0;
+      heap.push_back({bin.distance + offset * offset, node->child + 1 - near});
+      std::push_heap(heap.begin(), heap.end(), later);
+      node = &nodes_[static_cast<size_t>(node->child + near)];
+    }
+    for (int i = node->first; i < node->last; ++i)
+      visit(index_[static_cast<size_t>(i)], squared_distance(query, descriptors_[i]));
+  }
+}
+
+}  // namespace fringeslam

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+// Edges of a depth image (METHOD S7; thesis 3.1.2). The strength of an edge is the step that would cause it, in the
+// image's own levels, whichever operator measured it. NaN is not allowed: fill what has no depth first.
+#pragma once
+
+#include <opencv2/core.hpp>
+#include <string>
+#include <vector>
+
+namespace fringeslam {
+
+// Gradient of each pixel, H x W, in levels of an ideal step across the pixel.
+struct Gradient {
+  cv::Mat1f x, y;
+};
+
+// The mean of three central differences, or the cross of two diagonal differences.
+Gradient prewitt_gradient(const cv::Mat1f& levels);
+Gradient roberts_gradient(const cv::Mat1f& levels);
+
+// R. Deriche, Using Canny's criteria to derive a recursively implemented optimal edge detector, IJCV 1 (1987):
+// smoothing by k (alpha |n| + 1) exp(-alpha |n|) along one axis, derivative by -c n exp(-alpha |n|) along the other,
+// each by a causal and an anticausal recursion of second order. The border's values go on beyond it.
+Gradient deriche_gradient(const cv::Mat1f& levels, double alpha);
+
+// 255 where the gradient's length is at least `low`, not exceeded by either of the two values one pixel to both sides
+// along the gradient (Canny's non-maximum suppression), and linked by such pixels to one of at least `high`.
+cv::Mat1b ridges(const Gradient& gradient, double low, double high);
+
+// Zero crossings of the Laplacian of a Gaussian of `sigma` px whose slope is that of a step of at least `threshold`.
+cv::Mat1b log_edges(const cv::Mat1f& levels, double sigma, double threshold);
+
+// The names of the four detectors.
+const std::vector<std::string>& edge_detectors();
+
+cv::Mat1b detect_edges(const cv::Mat1f& levels, const std::string& detector, double alpha, double low, double high);
+
+}  // namespace fringeslam

@@ -1,0 +1,347 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/landmarks/recognition.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <numeric>
+#include <set>
+#include <tuple>
+
+#include "core/types/parallel.h"
+
+namespace fringeslam {
+
+namespace {
+
+constexpr double kUnitLength = 510;  // of a quantised unit vector
+constexpr double kFinal_px = 0.1;    // by which a keypoint that is kept may sit elsewhere, beside its sigma
+
+template <class List>
+auto& at(List& list, int i) {
+  return list[static_cast<size_t>(i)];
+}
+
+// Nearest and second nearest descriptor of one view.
+struct Nearest {
+  int view = 0, entry = -1;
+  int distance2 = 0, second2 = 0;  // second2 is 0 when there is none
+};
+
+void note(std::vector<Nearest>& nearest, int view, int entry, int distance2) {
+  for (Nearest& n : nearest) {
+    if (n.view != view) continue;
+    // The one that was given first, of equals.
+    if (distance2 < n.distance2 || (distance2 == n.distance2 && entry < n.entry)) {
+      n = {view, entry, distance2, n.distance2};
+    } else if (n.second2 == 0 || distance2 < n.second2) {
+      n.second2 = distance2;
+    }
+    return;
+  }
+  nearest.push_back({view, entry, distance2, 0});
+}
+
+double footprint_m(const Eigen::Vector3d& point, const Pinhole& camera) {
+  return std::max(0.0, point.z()) / std::min(camera.fx, camera.fy);
+}
+
+// Numbers of places: the keypoint's own, or that of the first one with its position.
+std::vector<int> places_of(const std::vector<Keypoint>& keypoints) {
+  std::vector<int> order(keypoints.size()), place(keypoints.size());
+  std::iota(order.begin(), order.end(), 0);
+  const auto key = [&](int i) { return std::tuple(at(keypoints, i).pixel.x(), at(keypoints, i).pixel.y(), i); };
+  std::sort(order.begin(), order.end(), [&](int a, int b) { return key(a) < key(b); });
+  for (size_t i = 0; i < order.size(); ++i) {
+    const bool again = i > 0 && at(keypoints, order[i]).pixel == at(keypoints, order[i - 1]).pixel;
+    at(place, order[i]) = again ? at(place, order[i - 1]) : order[i];
+  }
+  return place;
+}
+
+}  // namespace
+
+LandmarkDatabase::LandmarkDatabase(const Pinhole& camera, const RecognitionOptions& options)
+    : camera_(camera), options_(options) {
+  check_options(options, "recognition");
+}
+
+LandmarkDatabase::View LandmarkDatabase::view_of(int frame, const Landmarks& landmarks) const {
+  View view;
+  view.frame = frame;
+  view.landmarks = landmarks.landmarks.size();
+  view.keypoints = landmarks.keypoints.keypoints;
+  view.descriptors = quantised(landmarks.keypoints.descriptors);
+  view.place = places_of(view.keypoints);
+  view.landmarks_of.resize(view.keypoints.size());
+  std::set<int> strongest;
+  for (size_t l = 0; l < landmarks.landmarks.size(); ++l) {
+    std::vector<int> own = landmarks.landmarks[l].keypoints;
+    for (const int k : own) at(view.landmarks_of, k).push_back(static_cast<int>(l));
+    std::stable_sort(own.begin(), own.end(),
+                     [&](int a, int b) { return at(view.keypoints, a).strength > at(view.keypoints, b).strength; });
+    own.resize(std::min(own.size(), static_cast<size_t>(options_.strongest)));
+    strongest.insert(own.begin(), own.end());
+  }
+  view.strongest.assign(strongest.begin(), strongest.end());
+  for (size_t k = 0; k < view.keypoints.size(); ++k) {
+    if (!view.landmarks_of[k].empty()) view.owned.push_back(static_cast<int>(k));
+  }
+  std::stable_sort(view.owned.begin(), view.owned.end(),
+                   [&](int a, int b) { return at(view.keypoints, a).point_m.x() < at(view.keypoints, b).point_m.x(); });
+  return view;
+}
+
+void LandmarkDatabase::add(int frame, const Landmarks& landmarks) {
+  const int number = static_cast<int>(views_.size()), first = keypoints();
+  views_.push_back(view_of(frame, landmarks));
+  const View& view = views_.back();
+  for (const int k : view.strongest) {
+    entries_.push_back({number, k});
+    descriptors_.push_back(view.descriptors.row(k));
+  }
+  landmark_count_ += static_cast<int>(view.landmarks);
+  if (keypoints() == first) return;
+  Run run{first, {}};
+  while (!runs_.empty() && runs_.back().tree.size() < 2 * (keypoints() - run.first)) {
+    run.first = runs_.back().first;
+    runs_.pop_back();
+  }
+  run.tree = DescriptorTree(descriptors_.rowRange(run.first, keypoints()));
+  runs_.push_back(std::move(run));
+}
+
+std::vector<LandmarkDatabase::Matches> LandmarkDatabase::matches_by_view(const View& current) const {
+  const int queries = static_cast<int>(current.strongest.size());
+  std::vector<std::vector<Nearest>> nearest(current.strongest.size());
+  for_each_row(queries, [&](int q) {
+    const uchar* descriptor = current.descriptors[at(current.strongest, q)];
+    std::vector<Nearest>& own = at(nearest, q);
+    const auto note_entry = [&](int entry, int distance2) { note(own, at(entries_, entry).view, entry, distance2); };
+    if (options_.search == "brute_force") {
+      for (int e = 0; e < keypoints(); ++e) note_entry(e, squared_distance(descriptor, descriptors_[e]));
+      return;
+    }
+    for (const Run& run : runs_) {
+      // Each tree's share of the leaves, by its size.
+      const int leaves = std::max(2, options_.max_leaves * run.tree.size() / keypoints());
+      run.tree.visit_near(descriptor, leaves, [&](int i, int d2) { note_entry(run.first + i, d2); });
+    }
+  });
+  std::vector<Matches> matches(views_.size());
+  const double most = options_.max_ratio * options_.max_ratio;
+  for (int q = 0; q < queries; ++q) {
+    for (const Nearest& n : at(nearest, q)) {
+      if (n.second2 > 0 && n.distance2 > most * n.second2) continue;
+      at(matches, n.view)
+          .push_back({at(entries_, n.entry).keypoint, at(current.strongest, q), std::sqrt(n.distance2) / kUnitLength,
+                      n.second2 > 0 ? std::sqrt(static_cast<double>(n.distance2) / n.second2) : 0});
+    }
+  }
+  return matches;
+}
+
+// Each place of both views once, in the order of the distances.
+LandmarkDatabase::Matches LandmarkDatabase::one_to_one(Matches matches, const View& earlier,
+                                                       const View& current) const {
+  std::sort(matches.begin(), matches.end(), [](const KeypointMatch& a, const KeypointMatch& b) {
+    return std::tie(a.distance, a.current, a.earlier) < std::tie(b.distance, b.current, b.earlier);
+  });
+  std::vector<char> earlier_taken(earlier.keypoints.size()), current_taken(current.keypoints.size());
+  std::erase_if(matches, [&](const KeypointMatch& match) {
+    char &e = at(earlier_taken, at(earlier.place, match.earlier)),
+         &c = at(current_taken, at(current.place, match.current));
+    const bool taken = e || c;
+    if (!taken) e = c = 1;
+    return taken;
+  });
+  return matches;
+}
+
+RigidConsensus LandmarkDatabase::consensus(const View& earlier, const View& current, const Matches& matches,
+                                           double spread_px, int random_triples) const {
+  std::vector<SpreadPair> pairs;
+  for (const KeypointMatch& match : matches) {
+    const Keypoint &e = at(earlier.keypoints, match.earlier), &c = at(current.keypoints, match.current);
+    const double noise = std::sqrt((e.covariance_m2 + c.covariance_m2).trace() / 3);
+    pairs.push_back({e.point_m, c.point_m, std::hypot(noise, spread_px * footprint_m(e.point_m, camera_))});
+  }
+  return rigid_consensus(pairs, options_.inlier_sigma, random_triples);
+}
+
+// Keypoints of the current landmarks that come to lie near one of the earlier ones when they are moved: of those near
+// the one of the least distance of descriptors, if its scale is what the depths make of it.
+LandmarkDatabase::Matches LandmarkDatabase::guided_matches(const View& earlier, const View& current,
+                                                           const Pose& earlier_from_current, double distance_px) const {
+  constexpr double kMostScale = 1.5;  // an octave has three scales
+  const double most = options_.max_guided_ratio * kUnitLength;
+  Matches matches;
+  for (const int q : current.owned) {
+    const Keypoint& keypoint = at(current.keypoints, q);
+    const Eigen::Vector3d expected = earlier_from_current * keypoint.point_m;
+    const double distance_m = distance_px * footprint_m(expected, camera_);
+    const auto first = std::lower_bound(earlier.owned.begin(), earlier.owned.end(), expected.x() - distance_m,
+                                        [&](int k, double x) { return at(earlier.keypoints, k).point_m.x() < x; });
+    int best = -1;
+    double best_distance2 = most * most;
+    for (auto k = first; k != earlier.owned.end(); ++k) {
+      const Keypoint& other = at(earlier.keypoints, *k);
+      if (other.point_m.x() > expected.x() + distance_m) break;
+      if ((other.point_m - expected).squaredNorm() > distance_m * distance_m) continue;
+      const double scale = other.scale * other.point_m.z() / (keypoint.scale * keypoint.point_m.z());
+      if (scale > kMostScale || scale < 1 / kMostScale) continue;
+      const int distance2 = squared_distance(current.descriptors[q], earlier.descriptors[*k]);
+      if (distance2 < best_distance2) best_distance2 = distance2, best = *k;
+    }
+    if (best >= 0) matches.push_back({best, q, std::sqrt(best_distance2) / kUnitLength, 0});
+  }
+  return one_to_one(std::move(matches), earlier, current);
+}
+
+// Of all keypoints of landmarks, those that are each other's nearest and pass the ratio test.
+LandmarkDatabase::Matches LandmarkDatabase::all_matches(const View& earlier, const View& current) const {
+  constexpr int kFar = std::numeric_limits<int>::max();
+  struct Best {
+    int index = -1, distance2 = kFar, second2 = kFar;
+  };
+  const auto nearest = [](const View& from, const View& to) {
+    std::vector<Best> result(from.owned.size());
+    for_each_row(static_cast<int>(from.owned.size()), [&](int i) {
+      Best& best = at(result, i);
+      for (size_t k = 0; k < to.owned.size(); ++k) {
+        const int d2 = squared_distance(from.descriptors[at(from.owned, i)], to.descriptors[to.owned[k]]);
+        if (d2 < best.distance2)
+          best = {static_cast<int>(k), d2, best.distance2};
+        else
+          best.second2 = std::min(best.second2, d2);
+      }
+    });
+    return result;
+  };
+  const std::vector<Best> back = nearest(current, earlier), forth = nearest(earlier, current);
+  Matches matches;
+  for (size_t i = 0; i < back.size(); ++i) {
+    const Best& best = back[i];
+    if (best.index < 0 || at(forth, best.index).index != static_cast<int>(i)) continue;
+    const double ratio = std::sqrt(static_cast<double>(best.distance2) / std::max(1, best.second2));
+    if (ratio <= options_.max_ratio)
+      matches.push_back(
+          {at(earlier.owned, best.index), current.owned[i], std::sqrt(best.distance2) / kUnitLength, ratio});
+  }
+  return matches;
+}
+
+// Where enough matches agree on the motion since a view, it tells where to look for all keypoints. Whether they do.
+bool LandmarkDatabase::search_guided(const View& earlier, const View& current, Matches& matches) const {
+  constexpr int kTriples = 4000;  // enough where one match in ten is right
+  RigidConsensus motion =
+      consensus(earlier, current, one_to_one(matches, earlier, current), options_.viewpoint_px, kTriples);
+  Matches found;
+  // The second time by the motion that what was found the first time tells better.
+  for (const double share : {1.0, 0.5}) {
+    if (static_cast<int>(motion.inliers.size()) < options_.min_consensus) return false;
+    found = guided_matches(earlier, current, motion.earlier_from_current, share * options_.guided_distance_px);
+    motion = consensus(earlier, current, found, share == 1 ? options_.viewpoint_px : kFinal_px, kTriples);
+  }
+  matches.clear();
+  for (const int i : motion.inliers) matches.push_back(at(found, i));
+  return true;
+}
+
+// The earlier landmarks that a landmark may be, the most promising first, each with the matches that agree on one
+// motion.
+std::vector<Recognition> LandmarkDatabase::candidates_of(int landmark, const std::vector<Matches>& matches,
+                                                         const View& current) const {
+  struct Candidate {
+    int view;
+    Recognition recognition;
+  };
+  std::vector<Candidate> candidates;
+  for (size_t v = 0; v < matches.size(); ++v) {
+    const View& seen = views_[v];
+    std::map<int, Matches> by_landmark;
+    for (const KeypointMatch& match : matches[v]) {
+      const std::vector<int>& owners = at(current.landmarks_of, match.current);
+      if (std::find(owners.begin(), owners.end(), landmark) == owners.end()) continue;
+      for (const int earlier : at(seen.landmarks_of, match.earlier)) by_landmark[earlier].push_back(match);
+    }
+    for (auto& [earlier, list] : by_landmark) {
+      Matches once = one_to_one(std::move(list), seen, current);
+      if (static_cast<int>(once.size()) >= options_.min_matches)
+        candidates.push_back({static_cast<int>(v), {landmark, seen.frame, earlier, std::move(once), {}}});
+    }
+  }
+  // Of equals the latest view.
+  std::stable_sort(candidates.begin(), candidates.end(), [](const Candidate& a, const Candidate& b) {
+    const size_t x = a.recognition.matches.size(), y = b.recognition.matches.size();
+    return x != y ? x > y : a.view > b.view;
+  });
+  candidates.resize(std::min(candidates.size(), static_cast<size_t>(options_.max_candidates)));
+  std::vector<Recognition> verified;
+  for (Candidate& candidate : candidates) {
+    Recognition& r = candidate.recognition;
+    const RigidConsensus motion = consensus(at(views_, candidate.view), current, r.matches, kFinal_px, 400);
+    if (static_cast<int>(motion.inliers.size()) < options_.min_matches) continue;
+    Matches kept;
+    for (const int i : motion.inliers) kept.push_back(at(r.matches, i));
+    r.matches = std::move(kept);
+    r.earlier_from_current = motion.earlier_from_current;
+    verified.push_back(std::move(r));
+  }
+  return verified;
+}
+
+std::vector<Recognition> LandmarkDatabase::recognise(const Landmarks& landmarks) const {
+  const View current = view_of(0, landmarks);
+  std::vector<Matches> matches = matches_by_view(current);
+  if (options_.guided) {
+    std::vector<int> order(views_.size());
+    std::iota(order.begin(), order.end(), 0);
+    std::stable_sort(order.begin(), order.end(),
+                     [&](int a, int b) { return at(matches, a).size() > at(matches, b).size(); });
+    order.resize(std::min(order.size(), static_cast<size_t>(options_.max_views)));
+    std::vector<char> known(order.size(), 0);
+    for_each_row(static_cast<int>(order.size()), [&](int i) {
+      const int view = at(order, i);
+      at(known, i) = search_guided(at(views_, view), current, at(matches, view));
+    });
+    // From far aside few of the strongest keypoints look alike: all of the last view's then.
+    if (!views_.empty() && std::find(known.begin(), known.end(), char{1}) == known.end()) {
+      Matches all = one_to_one(all_matches(views_.back(), current), views_.back(), current);
+      if (search_guided(views_.back(), current, all)) matches.back() = std::move(all);
+    }
+  }
+  std::vector<std::vector<Recognition>> candidates(current.landmarks);
+  for_each_row(static_cast<int>(current.landmarks),
+               [&](int landmark) { at(candidates, landmark) = candidates_of(landmark, matches, current); });
+
+  // The best supported first. A landmark may have been seen as part of a larger one; its keypoints are no other's.
+  std::vector<Recognition*> all;
+  for (auto& own : candidates) {
+    for (Recognition& candidate : own) all.push_back(&candidate);
+  }
+  std::stable_sort(all.begin(), all.end(),
+                   [](const Recognition* a, const Recognition* b) { return a->matches.size() > b->matches.size(); });
+  std::map<int, const View*> by_frame;
+  for (const View& view : views_) by_frame[view.frame] = &view;
+  std::set<int> recognised;
+  std::set<std::pair<int, int>> taken;  // frames and places
+  std::vector<Recognition> result;
+  for (Recognition* r : all) {
+    if (recognised.contains(r->landmark)) continue;
+    const auto place = [&](const KeypointMatch& match) {
+      return std::pair(r->earlier_frame, at(by_frame.at(r->earlier_frame)->place, match.earlier));
+    };
+    std::erase_if(r->matches, [&](const KeypointMatch& match) { return taken.contains(place(match)); });
+    if (static_cast<int>(r->matches.size()) < options_.min_matches) continue;
+    recognised.insert(r->landmark);
+    for (const KeypointMatch& match : r->matches) taken.insert(place(match));
+    result.push_back(std::move(*r));
+  }
+  std::sort(result.begin(), result.end(),
+            [](const Recognition& a, const Recognition& b) { return a.landmark < b.landmark; });
+  return result;
+}
+
+}  // namespace fringeslam

@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/landmarks/rigid_consensus.h"
+
+#include <Eigen/Geometry>
+#include <Eigen/SVD>
+#include <algorithm>
+#include <cmath>
+#include <random>
+
+namespace fringeslam {
+
+namespace {
+
+using Pair = SpreadPair;
+
+// Axes along and across a triangle; false when it is too thin to tell a rotation.
+bool triangle_axes(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Eigen::Vector3d& c, double least,
+                   Eigen::Matrix3d& axes) {
+  const Eigen::Vector3d u = b - a;
+  Eigen::Vector3d n = u.cross(c - a);
+  const double length = u.norm(), height = n.norm() / std::max(length, 1e-12);
+  if (length < least || height < least) return false;
+  axes.col(0) = u / length;
+  axes.col(2) = n.normalized();
+  axes.col(1) = axes.col(2).cross(axes.col(0));
+  return true;
+}
+
+// Of three pairs, by the two triangles; none when their sides differ by more than noise.
+bool motion_of_three(const Pair& a, const Pair& b, const Pair& c, double inlier_sigma, Pose& motion) {
+  const auto same_side = [&](const Pair& p, const Pair& q) {
+    const double difference = (p.earlier - q.earlier).norm() - (p.current - q.current).norm();
+    return std::abs(difference) <= inlier_sigma * std::hypot(p.sigma, q.sigma);
+  };
+  if (!same_side(a, b) || !same_side(b, c) || !same_side(a, c)) return false;
+  const double least = 4 * std::max({a.sigma, b.sigma, c.sigma});
+  Eigen::Matrix3d earlier, current;
+  if (!triangle_axes(a.earlier, b.earlier, c.earlier, least, earlier) ||
+      !triangle_axes(a.current, b.current, c.current, least, current))
+    return false;
+  motion.rotation = earlier * current.transpose();
+  motion.translation =
+      (a.earlier + b.earlier + c.earlier) / 3 - motion.rotation * ((a.current + b.current + c.current) / 3);
+  return true;
+}
+
+std::vector<int> inliers_of(const std::vector<Pair>& pairs, const Pose& motion, double inlier_sigma) {
+  std::vector<int> inliers;
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    const Pair& pair = pairs[i];
+    const double gate = inlier_sigma * pair.sigma;
+    if ((pair.earlier - motion * pair.current).squaredNorm() <= gate * gate) inliers.push_back(static_cast<int>(i));
+  }
+  return inliers;
+}
+
+// Least squares weighted by the sigmas (Arun, Huang and Blostein 1987).
+Pose fitted(const std::vector<Pair>& pairs, const std::vector<int>& chosen) {
+  double weights = 0;
+  Eigen::Vector3d earlier = Eigen::Vector3d::Zero(), current = Eigen::Vector3d::Zero();
+  for (const int i : chosen) {
+    const Pair& pair = pairs[static_cast<size_t>(i)];
+    const double weight = 1 / (pair.sigma * pair.sigma);
+    weights += weight;
+    earlier += weight * pair.earlier;
+    current += weight * pair.current;
+  }
+  earlier /= weights;
+  current /= weights;
+  Eigen::Matrix3d moment = Eigen::Matrix3d::Zero();
+  for (const int i : chosen) {
+    const Pair& pair = pairs[static_cast<size_t>(i)];
+    moment += (pair.earlier - earlier) * (pair.current - current).transpose() / (pair.sigma * pair.sigma);
+  }
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(moment, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  Eigen::Matrix3d reflection = Eigen::Matrix3d::Identity();
+  reflection(2, 2) = (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0 ? -1 : 1;
+  Pose pose;
+  pose.rotation = svd.matrixU() * reflection * svd.matrixV().transpose();
+  pose.translation = earlier - pose.rotation * current;
+  return pose;
+}
+
+// So many that one of them is of right pairs only, but for a chance of 10^-4, if no more pairs are right than found.
+int triples_enough(size_t inliers, size_t pairs) {
+  const double share = static_cast<double>(inliers) / static_cast<double>(pairs), right = share * share * share;
+  return right > 0.999 ? 1 : right > 1e-6 ? static_cast<int>(std::log(1e-4) / std::log(1 - right)) : 10000000;
+}
+
+}  // namespace
+
+RigidConsensus rigid_consensus(const std::vector<SpreadPair>& pairs, double inlier_sigma, int random_triples) {
+  constexpr size_t kAllTriples = 14;
+  RigidConsensus best;
+  const auto try_triple = [&](size_t i, size_t j, size_t k) {
+    Pose motion;
+    if (!motion_of_three(pairs[i], pairs[j], pairs[k], inlier_sigma, motion)) return;
+    std::vector<int> inliers = inliers_of(pairs, motion, inlier_sigma);
+    if (inliers.size() > best.inliers.size()) best = {motion, std::move(inliers)};
+  };
+  const size_t n = pairs.size();
+  if (n <= kAllTriples) {
+    for (size_t i = 0; i < n; ++i) {
+      for (size_t j = i + 1; j < n; ++j) {
+        for (size_t k = j + 1; k < n; ++k) try_triple(i, j, k);
+      }
+    }
+  } else {
+    std::mt19937 random(1);
+    for (int t = 0; t < random_triples && t < triples_enough(best.inliers.size(), n); ++t) {
+      const size_t i = random() % n, j = random() % n, k = random() % n;
+      if (i != j && j != k && i != k) try_triple(i, j, k);
+    }
+  }
+  for (int round = 0; round < 3 && best.inliers.size() >= 3; ++round) {
+    best.earlier_from_current = fitted(pairs, best.inliers);
+    best.inliers = inliers_of(pairs, best.earlier_from_current, inlier_sigma);
+  }
+  return best;
+}
+
+}  // namespace fringeslam

@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+// fringeslam landmarks SCENE|DATASET --out FOLDER
+#include <cstdio>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "core/rig/dataset.h"
+#include "core/rig/files.h"
+#include "tools/landmark_files.h"
+#include "tools/progress.h"
+#include "tools/report/landmark_pictures.h"
+#include "tools/source.h"
+#include "tools/verbs.h"
+
+namespace fringeslam::tools {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+struct Arguments {
+  std::string source, out;
+  std::vector<std::string> sets;
+  std::optional<uint64_t> seed;
+};
+
+void write_pictures(const fs::path& folder, const FrameResult& view) {
+  const Conditioned& c = view.landmark_stages.conditioned;
+  const std::pair<const char*, cv::Mat> pictures[] = {{"depth", view.landmark_stages.levels},
+                                                      {"foreground", c.foreground},
+                                                      {"edges", c.edges},
+                                                      {"dilated", c.dilated},
+                                                      {"thinned", c.thinned},
+                                                      {"cleaned", c.cleaned},
+                                                      {"texture_keypoints", texture_keypoints_picture(view)},
+                                                      {"depth_keypoints", depth_keypoints_picture(view)},
+                                                      {"clusters", cluster_picture(view)},
+                                                      {"landmarks", landmark_picture(view)},
+                                                      {"stages", landmark_sheet(view)}};
+  for (const auto& [name, picture] : pictures) write_png(folder / (std::string(name) + ".png"), picture);
+}
+
+int landmarks(const Arguments& arguments, const Common& common) {
+  const Settings settings = parse_settings(arguments.sets);
+  const auto source = open_source(arguments.source, arguments.seed, settings, false);
+  StagedFolder folder(arguments.out, "landmarks");
+  const auto rig = source->open(folder.path());
+  Pipeline pipeline(rig->model(), source->sequence(), settings.pipeline, Pose{});
+  nlohmann::ordered_json frames = nlohmann::ordered_json::array();
+  std::optional<FrameResult> before;
+  int before_index = 0, found = 0, recognised = 0;
+  {
+    Progress progress("landmarks", source->stacks(), common.quiet || common.json);
+    while (const auto stack = rig->capture(source->sequence())) {
+      FrameResult view = pipeline.process(*stack);
+      const fs::path here = folder.path() / "frames" / stack_name(stack->index);
+      fs::create_directories(here);
+      write_pictures(here, view);
+      write_text(here / "keypoints.csv", keypoint_table(view.landmarks));
+      if (before) write_png(here / "matches.png", recognition_picture(*before, before_index, view));
+      frames.push_back(landmarks_json(stack->index, view));
+      found += static_cast<int>(view.landmarks.landmarks.size());
+      recognised += static_cast<int>(view.recognitions.size());
+      before = std::move(view);
+      before_index = stack->index;
+      progress.step();
+    }
+  }
+  write_text(folder.path() / "landmarks.json", frames.dump(2) + "\n");
+  folder.commit();
+  say(common, {{"written", arguments.out}, {"landmarks", found}, {"recognised", recognised}},
+      "written: " + arguments.out + ": " + std::to_string(found) + " landmarks in " + std::to_string(frames.size()) +
+          " views, " + std::to_string(recognised) +
+          " of them seen before  (look at frames/*/stages.png and matches.png)");
+  return 0;
+}
+
+}  // namespace
+
+Verb add_landmarks(CLI::App& app, const Common& common) {
+  auto arguments = std::make_shared<Arguments>();
+  CLI::App* verb = app.add_subcommand("landmarks", "Pictures and tables of how landmarks are found and recognised");
+  verb->add_option("source", arguments->source, "Scene file, folder with scene.yaml, or dataset folder")->required();
+  verb->add_option("--out", arguments->out, "Folder to write")->required();
+  verb->add_option("--seed", arguments->seed, "Seed, instead of the scene's")->check(CLI::NonNegativeNumber);
+  verb->add_option("--set", arguments->sets, "Change a setting: stage.key=value; see `run --help`");
+  return [arguments, &common] { return landmarks(*arguments, common); };
+}
+
+}  // namespace fringeslam::tools
