@@ -12,6 +12,7 @@
 #include "core/rig/files.h"
 #include "core/rig/rig_file.h"
 #include "core/score/truth_files.h"
+#include "tools/landmark_files.h"
 
 namespace fringeslam::tools {
 
@@ -105,6 +106,7 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const F
                      {"icp_pairs", result.icp.pairs},
                      {"icp_overlap", result.icp.overlap},
                      {"icp_rms_sigma", result.icp.rms_sigma}});
+  landmarks_.push_back(landmarks_json(stack.index, result));
   if (tracked) {
     trajectory_.push_back({stack.timestamp_s, result.world_from_robot});
     tracked_.push_back(stack.index);
@@ -134,6 +136,7 @@ void RunFolder::finish(const CloudMap& map) {
   write_text(folder_ / "trajectory.tum", to_tum(trajectory_));
   write_text(folder_ / "map.ply", to_ply(map.points()));
   write_text(folder_ / "frames.json", frames_.dump(1) + "\n");
+  write_text(folder_ / "landmarks.json", landmarks_.dump(1) + "\n");
 }
 
 void RunFolder::draw_overview(const CloudMap& map, const RunScore* score) const {

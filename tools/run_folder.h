@@ -23,7 +23,7 @@ class RunFolder {
   // mesh.ply of a view that was added.
   void add_mesh(const Mesh& mesh, int index) const;
 
-  // trajectory.tum, map.ply, frames.json.
+  // trajectory.tum, map.ply, frames.json, landmarks.json.
   void finish(const CloudMap& map);
 
   // error.png of each view and overview.png; `score` is null where there is no truth.
@@ -37,7 +37,7 @@ class RunFolder {
   int finest_image_ = 0;  // of the finest fringes: shown in the overview
   Trajectory trajectory_;
   std::vector<int> tracked_;
-  nlohmann::ordered_json frames_ = nlohmann::ordered_json::array();
+  nlohmann::ordered_json frames_ = nlohmann::ordered_json::array(), landmarks_ = nlohmann::ordered_json::array();
   // Pictures of the last view that has matches, for the overview.
   int shown_ = 0;
   cv::Mat3b fringe_, phase_, depth_, matches_;

@@ -62,6 +62,8 @@ class Search {
   }
 
   Clusters run() {
+    clustered_ = free_;
+    around_.resize(keypoints_.size());
     for (const Vector2d& start : starts()) grow_from(start);
     if (by_depth_) join_left_over();
     // What is left over starts clusters of its own.
@@ -112,7 +114,8 @@ class Search {
       const int from = members[next];
       double blocked_at = -1;  // the square's size at which only edges were met
       bool reached = true;
-      for (const int k : in_growing_square(at(from).pixel, options_.max_radius_px)) {
+      for (const int k : around(from)) {
+        if (at(k).cluster >= 0) continue;
         const double size = (at(k).pixel - at(from).pixel).cwiseAbs().maxCoeff();
         // The square has grown past a ring in which every line crosses an edge.
         if (!reached && size > blocked_at + kGrowth_px) break;
@@ -160,7 +163,8 @@ class Search {
   int nearest_by_depth(int from, int low, int high) {
     int best = -1, best_change = 256;
     double reach = 0;
-    for (const int k : in_growing_square(at(from).pixel, options_.max_radius_px)) {
+    for (const int k : around(from)) {
+      if (at(k).cluster >= 0) continue;
       const double size = (at(k).pixel - at(from).pixel).cwiseAbs().maxCoeff();
       if (best >= 0 && size > reach + kGrowth_px) break;
       const int change = std::abs(at(k).level - at(from).level);
@@ -179,19 +183,21 @@ class Search {
     if (crosses_edge(line, options_.line_end_px)) return false;
     const int low = std::min(at(from).level, at(to).level) - options_.sample_threshold;
     const int high = std::max(at(from).level, at(to).level) + options_.sample_threshold;
-    for (const uchar sample : sampled(line)) {
-      if (sample < low || sample > high) return false;
+    for (int i = 1; i <= options_.samples; ++i) {
+      const int level = sample(line, i);
+      if (level < low || level > high) return false;
     }
     return std::none_of(lines_.begin(), lines_.end(), [&](const Line& other) { return cross(line, other); });
   }
 
   // Levels between the two ends, which belong to keypoints and often to edges.
+  uchar sample(const Line& line, int i) const {
+    const Vector2d p = line.from + (line.to - line.from) * i / (options_.samples + 1);
+    return levels_(static_cast<int>(p.y() + 0.5), static_cast<int>(p.x() + 0.5));
+  }
   std::vector<uchar> sampled(const Line& line) const {
     std::vector<uchar> samples;
-    for (int i = 1; i <= options_.samples; ++i) {
-      const Vector2d p = line.from + (line.to - line.from) * i / (options_.samples + 1);
-      samples.push_back(levels_(static_cast<int>(std::lround(p.y())), static_cast<int>(std::lround(p.x()))));
-    }
+    for (int i = 1; i <= options_.samples; ++i) samples.push_back(sample(line, i));
     return samples;
   }
 
@@ -332,6 +338,21 @@ class Search {
     for (const auto& [size, k] : sizes) result.push_back(k);
     return result;
   }
+  // The same around a keypoint, up to the largest square. What is taken meanwhile is still among them.
+  const std::vector<int>& around(int k) {
+    std::vector<int>& list = around_[static_cast<size_t>(k)];
+    // Others come free again when a cluster lets them go, so that the list of all is kept.
+    if (list.empty()) {
+      std::vector<std::pair<double, int>> sizes;
+      for (const int other : clustered_) {
+        const double size = size_of(other, at(k).pixel);
+        if (other != k && size <= options_.max_radius_px) sizes.emplace_back(size, other);
+      }
+      std::sort(sizes.begin(), sizes.end());
+      for (const auto& [size, other] : sizes) list.push_back(other);
+    }
+    return list;
+  }
 
   void take(int k) {
     at(k).cluster = static_cast<int>(found_.members.size());
@@ -356,7 +377,9 @@ class Search {
   const cv::Mat1b &levels_, &edges_;
   const ClusterOptions& options_;
   const bool by_depth_;
-  std::vector<int> free_;  // of no cluster, in ascending order
+  std::vector<int> clustered_;  // those that may be, in ascending order
+  std::vector<int> free_;       // of them those of no cluster
+  std::vector<std::vector<int>> around_;
   Clusters found_;
   std::vector<Line> lines_;     // of the connections
   size_t own_connections_ = 0;  // those before are of earlier clusters

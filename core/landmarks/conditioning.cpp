@@ -27,12 +27,19 @@ struct Plane {
 };
 
 // Points of every sixteenth pixel of every eighth row.
-std::vector<cv::Vec3f> sampled_points(const Frame& frame) {
+struct Sampled {
+  std::vector<float> x, y, z;
+  size_t size() const { return x.size(); }
+  Eigen::Vector3f point(size_t i) const { return {x[i], y[i], z[i]}; }
+};
+Sampled sampled_points(const Frame& frame) {
   constexpr int kEvery = 8, kEveryColumn = 16;
-  std::vector<cv::Vec3f> points;
+  Sampled points;
   for (int r = kEvery / 2; r < frame.height(); r += kEvery) {
     for (int c = kEvery; c < frame.width(); c += kEveryColumn) {
-      if (frame.valid(r, c)) points.push_back(frame.points_m(r, c));
+      if (!frame.valid(r, c)) continue;
+      const cv::Vec3f& p = frame.points_m(r, c);
+      points.x.push_back(p[0]), points.y.push_back(p[1]), points.z.push_back(p[2]);
     }
   }
   return points;
@@ -43,18 +50,15 @@ std::vector<cv::Vec3f> sampled_points(const Frame& frame) {
 std::optional<Plane> plane_behind(const Frame& frame, double clearance_m) {
   constexpr int kHypotheses = 200;
   constexpr double kMostBehind = 0.02, kLeastOn = 0.04;
-  const std::vector<cv::Vec3f> points = sampled_points(frame);
+  const Sampled points = sampled_points(frame);
   const size_t count = points.size();
   if (count < 30) return std::nullopt;
   std::mt19937 random(1);
-  const auto pick = [&] {
-    const cv::Vec3f& p = points[random() % count];
-    return Eigen::Vector3f(p[0], p[1], p[2]);
-  };
+  const auto pick = [&] { return points.point(random() % count); };
   const auto clearance = static_cast<float>(clearance_m);
-  const size_t most_behind = static_cast<size_t>(kMostBehind * static_cast<double>(count)) + 1;
+  const int most_behind = static_cast<int>(kMostBehind * static_cast<double>(count)) + 1;
   std::optional<Plane> best;
-  size_t best_on = static_cast<size_t>(kLeastOn * static_cast<double>(count));
+  int best_on = static_cast<int>(kLeastOn * static_cast<double>(count));
   for (int i = 0; i < kHypotheses; ++i) {
     const Eigen::Vector3f a = pick(), b = pick(), c = pick();
     Eigen::Vector3f normal = (b - a).cross(c - a);
@@ -62,12 +66,11 @@ std::optional<Plane> plane_behind(const Frame& frame, double clearance_m) {
     if (!(length > 1e-4f)) continue;
     normal /= normal.dot(a) > 0 ? -length : length;
     const Plane plane{normal, normal.dot(a)};
-    size_t on = 0, behind = 0;
-    for (const cv::Vec3f& p : points) {
-      const float height = plane.height(p);
+    int on = 0, behind = 0;
+    for (size_t k = 0; k < count; ++k) {
+      const float height = plane.height({points.x[k], points.y[k], points.z[k]});
       on += std::abs(height) < 0.5f * clearance;
       behind += height < -clearance;
-      if (behind > most_behind) break;
     }
     if (behind <= most_behind && on > best_on) best = plane, best_on = on;
   }

@@ -73,36 +73,35 @@ Recursion derivative(double alpha) {
   return {0, static_cast<float>(-c), static_cast<float>(c), 0, static_cast<float>(2 * q), static_cast<float>(-q * q)};
 }
 
-constexpr int kLanes = 16;  // recursions side by side
-
-// Along `count` steps of kLanes values each, `stride` values apart. What is beyond the border is its value, to which
+// Along `count` steps of `lanes` values each, `stride` values apart. What is beyond the border is its value, to which
 // the recursions have settled.
+template <int lanes>
 FRINGESLAM_INLINE void filter_lanes(const float* __restrict in, float* __restrict out, int count, size_t stride,
                                     const Recursion& f) {
   const float gain = 1 / (1 - f.b1 - f.b2), down = (f.a0 + f.a1) * gain, up = (f.a2 + f.a3) * gain;
-  float x1[kLanes], x2[kLanes], y1[kLanes], y2[kLanes];
-  for (int i = 0; i < kLanes; ++i) {
+  float x1[lanes], x2[lanes], y1[lanes], y2[lanes];
+  for (int i = 0; i < lanes; ++i) {
     x1[i] = in[i];
     y1[i] = y2[i] = down * x1[i];
   }
   for (int n = 0; n < count; ++n) {
     const float* x = in + static_cast<size_t>(n) * stride;
     float* y = out + static_cast<size_t>(n) * stride;
-    for (int i = 0; i < kLanes; ++i) {
+    for (int i = 0; i < lanes; ++i) {
       const float value = f.a0 * x[i] + f.a1 * x1[i] + f.b1 * y1[i] + f.b2 * y2[i];
       y2[i] = y1[i], y1[i] = value, x1[i] = x[i];
       y[i] = value;
     }
   }
   const float* last = in + static_cast<size_t>(count - 1) * stride;
-  for (int i = 0; i < kLanes; ++i) {
+  for (int i = 0; i < lanes; ++i) {
     x1[i] = x2[i] = last[i];
     y1[i] = y2[i] = up * x1[i];
   }
   for (int n = count - 1; n >= 0; --n) {
     const float* x = in + static_cast<size_t>(n) * stride;
     float* y = out + static_cast<size_t>(n) * stride;
-    for (int i = 0; i < kLanes; ++i) {
+    for (int i = 0; i < lanes; ++i) {
       const float value = f.a2 * x1[i] + f.a3 * x2[i] + f.b1 * y1[i] + f.b2 * y2[i];
       y2[i] = y1[i], y1[i] = value, x2[i] = x1[i], x1[i] = x[i];
       y[i] += value;
@@ -110,58 +109,68 @@ FRINGESLAM_INLINE void filter_lanes(const float* __restrict in, float* __restric
   }
 }
 
-void lanes_portable(const float* in, float* out, int count, size_t stride, const Recursion& f) {
-  filter_lanes(in, out, count, stride, f);
+// Columns are filtered many at once, so that their rows come from memory in long runs; rows, which go through a copy
+// that stays in the nearest cache, in fewer.
+constexpr int kColumns = 64, kRows = 16;
+
+FRINGESLAM_INLINE void filter_body(const float* in, float* out, int count, size_t stride, int lanes,
+                                   const Recursion& f) {
+  if (lanes == kColumns)
+    filter_lanes<kColumns>(in, out, count, stride, f);
+  else
+    filter_lanes<kRows>(in, out, count, stride, f);
 }
-FRINGESLAM_AVX2 void lanes_avx2(const float* in, float* out, int count, size_t stride, const Recursion& f) {
-  filter_lanes(in, out, count, stride, f);
+void filter_portable(const float* in, float* out, int count, size_t stride, int lanes, const Recursion& f) {
+  filter_body(in, out, count, stride, lanes, f);
 }
-FRINGESLAM_AVX512 void lanes_avx512(const float* in, float* out, int count, size_t stride, const Recursion& f) {
-  filter_lanes(in, out, count, stride, f);
+FRINGESLAM_AVX2 void filter_avx2(const float* in, float* out, int count, size_t stride, int lanes, const Recursion& f) {
+  filter_body(in, out, count, stride, lanes, f);
+}
+FRINGESLAM_AVX512 void filter_avx512(const float* in, float* out, int count, size_t stride, int lanes,
+                                     const Recursion& f) {
+  filter_body(in, out, count, stride, lanes, f);
 }
 
-using Filter = void (*)(const float*, float*, int, size_t, const Recursion&);
+using Filter = void (*)(const float*, float*, int, size_t, int, const Recursion&);
 Filter widest_filter() {
   switch (widest_instruction_set()) {
     case InstructionSet::avx512:
-      return lanes_avx512;
+      return filter_avx512;
     case InstructionSet::avx2:
-      return lanes_avx2;
+      return filter_avx2;
     default:
-      return lanes_portable;
+      return filter_portable;
   }
 }
 const Filter filter = widest_filter();
 
-int groups_of(int size) { return (size + kLanes - 1) / kLanes; }
-
-// The last group overlaps the one before, so that all are whole; narrower images go through a copy.
-int first_of(int group, int size) { return std::min(group * kLanes, size - kLanes); }
+// Groups of columns or rows. What is left of them is done again with some of the last group, once that is finished.
+template <class Visit>
+void for_each_group(int size, int lanes, const Visit& visit) {
+  for_each_row(size / lanes, [&](int group) { visit(group * lanes); });
+  if (size % lanes != 0) visit(size - lanes);
+}
 
 cv::Mat1f filtered_columns(const cv::Mat1f& in, const Recursion& f) {
   cv::Mat1f out(in.size());
-  for_each_row(groups_of(in.cols), [&](int group) {
-    const int first = first_of(group, in.cols);
-    filter(in[0] + first, out[0] + first, in.rows, in.step1(), f);
-  });
+  for_each_group(in.cols, kColumns,
+                 [&](int first) { filter(in[0] + first, out[0] + first, in.rows, in.step1(), kColumns, f); });
   return out;
 }
 
-// Kept narrow: a group's rows, as columns, stay in the nearest cache.
 cv::Mat1f filtered_rows(const cv::Mat1f& in, const Recursion& f) {
   cv::Mat1f out(in.size());
-  for_each_row(groups_of(in.rows), [&](int group) {
-    const int first = first_of(group, in.rows);
-    const auto size = static_cast<size_t>(in.cols) * kLanes;
+  for_each_group(in.rows, kRows, [&](int first) {
+    const auto size = static_cast<size_t>(in.cols) * kRows;
     std::vector<float> columns(2 * size);
-    for (int lane = 0; lane < kLanes; ++lane) {
+    for (int lane = 0; lane < kRows; ++lane) {
       const float* row = in[first + lane];
-      for (int c = 0; c < in.cols; ++c) columns[static_cast<size_t>(c * kLanes + lane)] = row[c];
+      for (int c = 0; c < in.cols; ++c) columns[static_cast<size_t>(c * kRows + lane)] = row[c];
     }
-    filter(columns.data(), columns.data() + size, in.cols, kLanes, f);
-    for (int lane = 0; lane < kLanes; ++lane) {
+    filter(columns.data(), columns.data() + size, in.cols, kRows, kRows, f);
+    for (int lane = 0; lane < kRows; ++lane) {
       float* row = out[first + lane];
-      for (int c = 0; c < in.cols; ++c) row[c] = columns[size + static_cast<size_t>(c * kLanes + lane)];
+      for (int c = 0; c < in.cols; ++c) row[c] = columns[size + static_cast<size_t>(c * kRows + lane)];
     }
   });
   return out;
@@ -171,9 +180,9 @@ cv::Mat1f filtered_rows(const cv::Mat1f& in, const Recursion& f) {
 
 Gradient deriche_gradient(const cv::Mat1f& levels, double alpha) {
   if (levels.empty()) return {};
-  if (levels.cols < kLanes || levels.rows < kLanes) {
+  if (levels.cols < kColumns || levels.rows < kRows) {
     // The border goes on beyond the image; far enough for the recursions to forget that.
-    const int border = kLanes + static_cast<int>(30 / alpha);
+    const int border = kColumns + static_cast<int>(30 / alpha);
     cv::Mat1f padded;
     cv::copyMakeBorder(levels, padded, border, border, border, border, cv::BORDER_REPLICATE);
     const Gradient gradient = deriche_gradient(padded, alpha);

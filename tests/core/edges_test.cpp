@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <opencv2/core/utility.hpp>
 
 #include "tests/support/random.h"
 
@@ -52,6 +53,21 @@ TEST(Edges, DericheIsItsSum) {
       EXPECT_NEAR(gradient.y(r, c), direct(image, r, c, 0.8, false), 2e-3) << size << r << " " << c;
     }
   }
+}
+
+TEST(Edges, TheSameWhateverTheThreads) {
+  Random random(5);
+  cv::Mat1f image(211, 333);
+  for (float& value : image) value = static_cast<float>(random.uniform(0, 255));
+  const int before = cv::getNumThreads();
+  cv::setNumThreads(1);
+  const Gradient one = deriche_gradient(image, 1);
+  cv::setNumThreads(4);
+  for (int run = 0; run < 50; ++run) {
+    const Gradient many = deriche_gradient(image, 1);
+    ASSERT_EQ(cv::countNonZero(one.x != many.x) + cv::countNonZero(one.y != many.y), 0);
+  }
+  cv::setNumThreads(before);
 }
 
 TEST(Edges, AStepHasItsHeight) {
