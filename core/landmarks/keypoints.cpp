@@ -93,12 +93,15 @@ Keypoints detect_keypoints(const Frame& frame, const RigModel& rig, const PixelR
   check_options(options, "keypoints");
   const auto sift = sift_of(options.max_keypoints, options.contrast_threshold, options.edge_threshold);
   std::vector<cv::KeyPoint> found;
-  sift->detect(frame.texture, found);
+  cv::Mat1f descriptors;
+  // Both at once: the pyramid, half of the work, is built only once.
+  sift->detectAndCompute(frame.texture, {}, found, descriptors);
 
   Keypoints result;
   result.detected = static_cast<int>(found.size());
-  std::vector<cv::KeyPoint> kept;
-  for (const cv::KeyPoint& k : found) {
+  result.descriptors = cv::Mat1f(0, 128);
+  for (size_t i = 0; i < found.size(); ++i) {
+    const cv::KeyPoint& k = found[i];
     const Eigen::Vector2d pixel = pixel_of(k);
     const auto surface = surface_point(frame, rays, pixel);
     if (!surface) continue;
@@ -111,15 +114,9 @@ Keypoints detect_keypoints(const Frame& frame, const RigModel& rig, const PixelR
     keypoint.covariance_m2 =
         point_covariance(*surface, rig.camera, options.pixel_sigma * std::max(1.0, keypoint.scale / 1.6));
     result.keypoints.push_back(keypoint);
-    kept.push_back(k);
+    result.descriptors.push_back(descriptors.row(static_cast<int>(i)));
   }
-  if (kept.empty()) {
-    result.descriptors = cv::Mat1f(0, 128);
-    return result;
-  }
-  cv::Mat descriptors;
-  sift->compute(frame.texture, kept, descriptors);
-  result.descriptors = normalised(descriptors, options.root_sift);
+  result.descriptors = normalised(result.descriptors, options.root_sift);
   return result;
 }
 
@@ -127,7 +124,12 @@ namespace {
 
 // The levels between the first and the last hundredth over all of 8 bits.
 cv::Mat1b stretched(const cv::Mat1f& levels) {
-  std::vector<float> sorted(levels.begin(), levels.end());
+  constexpr int kEvery = 11;  // pixel of a row is enough to tell the range by
+  std::vector<float> sorted;
+  for (int r = 0; r < levels.rows; ++r) {
+    for (int c = r % kEvery; c < levels.cols; c += kEvery) sorted.push_back(levels(r, c));
+  }
+  if (sorted.empty()) sorted.assign(levels.begin(), levels.end());
   const auto quantile = [&](double q) {
     const auto at = sorted.begin() + static_cast<std::ptrdiff_t>(q * static_cast<double>(sorted.size() - 1));
     std::nth_element(sorted.begin(), at, sorted.end());
