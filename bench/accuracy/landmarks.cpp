@@ -118,6 +118,7 @@ std::vector<Variant> variants() {
     vary(std::string("clusters: ") + method, [&](LandmarkMethod& m) {
       m.landmarks.outlines = "clusters";
       m.clusters.method = method;
+      m.keypoints.depth_halved = false;
     });
   for (const std::string& edges : edge_detectors()) {
     if (edges != ConditioningOptions().edges)
@@ -125,6 +126,7 @@ std::vector<Variant> variants() {
   }
   vary("not guided by the motion", [](LandmarkMethod& m) { m.recognition.guided = false; });
   vary("SIFT instead of RootSIFT", [](LandmarkMethod& m) { m.keypoints.root_sift = false; });
+  vary("depth keypoints at full resolution", [](LandmarkMethod& m) { m.keypoints.depth_halved = false; });
   vary("brute force", [](LandmarkMethod& m) { m.recognition.search = "brute_force"; });
   vary("1500 keypoints of contrast 0.01", [](LandmarkMethod& m) {
     m.keypoints.max_keypoints = 1500;
@@ -132,6 +134,7 @@ std::vector<Variant> variants() {
   });
   vary("papers' way, as published", [](LandmarkMethod& m) {
     m.landmarks.outlines = "clusters";
+    m.keypoints.depth_halved = false;
     m.landmarks.within_foreground = false;
     m.recognition.guided = false;
     m.keypoints.root_sift = false;

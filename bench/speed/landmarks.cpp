@@ -34,12 +34,12 @@ std::vector<Row> conditioning_rows(const Context& context) {
 }
 
 // So many depth keypoints, evenly over a depth image with its edges.
-std::vector<DepthKeypoint> spread_keypoints(const LandmarkPair& pair, const cv::Mat1f& levels, size_t count) {
+std::vector<DepthKeypoint> spread_keypoints(const cv::Mat1f& levels, size_t count) {
   KeypointOptions options;
   options.max_depth_keypoints = static_cast<int>(count);
   options.depth_contrast_threshold = 1e-4;
   options.depth_edge_threshold = 1000;
-  (void)pair;
+  options.depth_halved = false;
   std::vector<DepthKeypoint> keypoints = detect_depth_keypoints(levels, options);
   if (keypoints.size() > count) keypoints.resize(count);
   return keypoints;
@@ -52,7 +52,7 @@ std::vector<Row> cluster_rows(const Context& context) {
   cv::Mat1b rounded;
   levels.convertTo(rounded, CV_8U);
   const cv::Mat1b edges = condition(frame, {}).cleaned;
-  std::vector<DepthKeypoint> keypoints = spread_keypoints(pair, levels, 300);
+  std::vector<DepthKeypoint> keypoints = spread_keypoints(levels, 300);
   std::vector<std::function<void()>> works;
   ClusterOptions methods[2];
   methods[1].method = "convex_hull";

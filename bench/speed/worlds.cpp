@@ -43,7 +43,7 @@ void reset_peak() { std::ofstream("/proc/self/clear_refs") << 5; }
 
 struct Loading {
   double seconds = 0, triangles = 0;
-  double peak_mib = 0;  // of the process since the file was read first
+  double peak_mib = 0;  // of the whole process, since the file was read first
 };
 
 Loading loading(const fs::path& file) {
@@ -61,13 +61,12 @@ std::vector<Row> world_rows(const Context& context) {
   const int repeats = context.quick ? 1 : 5;
   const auto measured = [&](const char* what, const fs::path& file) {
     reset_peak();
-    const double before = peak_mib();
     const double first = seconds_of([&] { sim::load_scene(file); });  // settles, unless that is in the cache
     std::vector<double> seconds;
     Loading last;
     for (int i = 0; i < repeats; ++i) seconds.push_back((last = loading(file)).seconds);
     last.seconds = median(seconds);
-    last.peak_mib = peak_mib() - before;
+    last.peak_mib = peak_mib();
     std::fprintf(stderr, "  %s: %.2f million triangles; first reading %.1f s, then %.2f s to the tree, %.0f MiB\n",
                  what, 1e-6 * last.triangles, first, last.seconds, last.peak_mib);
     return last;

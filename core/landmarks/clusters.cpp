@@ -64,6 +64,7 @@ class Search {
   Clusters run() {
     clustered_ = free_;
     around_.resize(keypoints_.size());
+    on_surface_.resize(keypoints_.size());
     for (const Vector2d& start : starts()) grow_from(start);
     if (by_depth_) join_left_over();
     // What is left over starts clusters of its own.
@@ -180,14 +181,28 @@ class Search {
 
   bool admissible(int from, int to) {
     const Line line{at(from).pixel, at(to).pixel};
-    if (crosses_edge(line, options_.line_end_px)) return false;
-    const int low = std::min(at(from).level, at(to).level) - options_.sample_threshold;
-    const int high = std::max(at(from).level, at(to).level) + options_.sample_threshold;
-    for (int i = 1; i <= options_.samples; ++i) {
-      const int level = sample(line, i);
-      if (level < low || level > high) return false;
+    return stays_on_surface(from, to) &&
+           std::none_of(lines_.begin(), lines_.end(), [&](const Line& other) { return cross(line, other); });
+  }
+
+  // What of a line does not depend on the others: asked again and again, and worked out once.
+  bool stays_on_surface(int from, int to) {
+    enum : char { kUnknown, kNo, kYes };
+    std::vector<char>& known = on_surface_[static_cast<size_t>(std::min(from, to))];
+    if (known.empty()) known.resize(keypoints_.size(), kUnknown);
+    char& answer = known[static_cast<size_t>(std::max(from, to))];
+    if (answer == kUnknown) {
+      const Line line{at(std::min(from, to)).pixel, at(std::max(from, to)).pixel};
+      const int low = std::min(at(from).level, at(to).level) - options_.sample_threshold;
+      const int high = std::max(at(from).level, at(to).level) + options_.sample_threshold;
+      answer = kYes;
+      for (int i = 1; i <= options_.samples && answer == kYes; ++i) {
+        const int level = sample(line, i);
+        if (level < low || level > high) answer = kNo;
+      }
+      if (answer == kYes && crosses_edge(line, options_.line_end_px)) answer = kNo;
     }
-    return std::none_of(lines_.begin(), lines_.end(), [&](const Line& other) { return cross(line, other); });
+    return answer == kYes;
   }
 
   // Levels between the two ends, which belong to keypoints and often to edges.
@@ -380,6 +395,7 @@ class Search {
   std::vector<int> clustered_;  // those that may be, in ascending order
   std::vector<int> free_;       // of them those of no cluster
   std::vector<std::vector<int>> around_;
+  std::vector<std::vector<char>> on_surface_;  // of each keypoint with those after it
   Clusters found_;
   std::vector<Line> lines_;     // of the connections
   size_t own_connections_ = 0;  // those before are of earlier clusters

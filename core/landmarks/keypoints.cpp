@@ -7,6 +7,7 @@
 #include <limits>
 #include <numbers>
 #include <opencv2/features2d.hpp>
+#include <opencv2/imgproc.hpp>
 #include <optional>
 
 #include "core/types/parallel.h"
@@ -147,14 +148,23 @@ cv::Mat1b stretched(const cv::Mat1f& levels) {
 std::vector<DepthKeypoint> detect_depth_keypoints(const cv::Mat1f& levels, const KeypointOptions& options) {
   check_options(options, "keypoints");
   std::vector<cv::KeyPoint> found;
-  if (!levels.empty())
+  const bool halved = options.depth_halved && levels.rows > 1 && levels.cols > 1;
+  if (!levels.empty()) {
+    cv::Mat1b image = stretched(levels);
+    if (halved) cv::resize(image, image, {}, 0.5, 0.5, cv::INTER_AREA);
     sift_of(options.max_depth_keypoints, options.depth_contrast_threshold, options.depth_edge_threshold)
-        ->detect(stretched(levels), found);
+        ->detect(image, found);
+  }
   std::vector<DepthKeypoint> result;
   for (const cv::KeyPoint& k : found) {
     DepthKeypoint keypoint;
     keypoint.pixel = pixel_of(k);
     keypoint.scale = k.size / 2;
+    if (halved) {
+      // A pixel of the half image has its centre between two of the whole one's.
+      keypoint.pixel = 2 * keypoint.pixel + Eigen::Vector2d(0.5, 0.5);
+      keypoint.scale *= 2;
+    }
     keypoint.angle_rad = radians(k.angle);
     keypoint.strength = k.response;
     const int row = static_cast<int>(std::lround(keypoint.pixel.y()));

@@ -75,7 +75,7 @@ LandmarkDatabase::View LandmarkDatabase::view_of(int frame, const Landmarks& lan
   view.descriptors = quantised(landmarks.keypoints.descriptors);
   view.place = places_of(view.keypoints);
   view.landmarks_of.resize(view.keypoints.size());
-  std::set<int> strongest;
+  std::set<int> strongest, queried;
   for (size_t l = 0; l < landmarks.landmarks.size(); ++l) {
     std::vector<int> own = landmarks.landmarks[l].keypoints;
     for (const int k : own) at(view.landmarks_of, k).push_back(static_cast<int>(l));
@@ -83,7 +83,10 @@ LandmarkDatabase::View LandmarkDatabase::view_of(int frame, const Landmarks& lan
                      [&](int a, int b) { return at(view.keypoints, a).strength > at(view.keypoints, b).strength; });
     own.resize(std::min(own.size(), static_cast<size_t>(options_.strongest)));
     strongest.insert(own.begin(), own.end());
+    own.resize(std::min(own.size(), static_cast<size_t>(options_.strongest / 2)));
+    queried.insert(own.begin(), own.end());
   }
+  view.queried.assign(queried.begin(), queried.end());
   view.strongest.assign(strongest.begin(), strongest.end());
   for (size_t k = 0; k < view.keypoints.size(); ++k) {
     if (!view.landmarks_of[k].empty()) view.owned.push_back(static_cast<int>(k));
@@ -113,10 +116,10 @@ void LandmarkDatabase::add(int frame, const Landmarks& landmarks) {
 }
 
 std::vector<LandmarkDatabase::Matches> LandmarkDatabase::matches_by_view(const View& current) const {
-  const int queries = static_cast<int>(current.strongest.size());
-  std::vector<std::vector<Nearest>> nearest(current.strongest.size());
+  const int queries = static_cast<int>(current.queried.size());
+  std::vector<std::vector<Nearest>> nearest(current.queried.size());
   for_each_row(queries, [&](int q) {
-    const uchar* descriptor = current.descriptors[at(current.strongest, q)];
+    const uchar* descriptor = current.descriptors[at(current.queried, q)];
     std::vector<Nearest>& own = at(nearest, q);
     const auto note_entry = [&](int entry, int distance2) { note(own, at(entries_, entry).view, entry, distance2); };
     if (options_.search == "brute_force") {
@@ -135,7 +138,7 @@ std::vector<LandmarkDatabase::Matches> LandmarkDatabase::matches_by_view(const V
     for (const Nearest& n : at(nearest, q)) {
       if (n.second2 > 0 && n.distance2 > most * n.second2) continue;
       at(matches, n.view)
-          .push_back({at(entries_, n.entry).keypoint, at(current.strongest, q), std::sqrt(n.distance2) / kUnitLength,
+          .push_back({at(entries_, n.entry).keypoint, at(current.queried, q), std::sqrt(n.distance2) / kUnitLength,
                       n.second2 > 0 ? std::sqrt(static_cast<double>(n.distance2) / n.second2) : 0});
     }
   }

@@ -34,8 +34,8 @@ struct RecognitionOptions {
   void describe(Visitor& v) {
     v.field("search", search, {"best_bin_first", "brute_force"}, "how the nearest descriptors are found");
     v.field("max_leaves", max_leaves, {1, 1000000}, "bins of the trees that are looked at for a keypoint");
-    v.field("strongest", strongest, {1, 100000},
-            "keypoints of a landmark that are looked up; the others are found guided");
+    v.field("strongest", strongest, {2, 100000},
+            "keypoints of a landmark that others are compared with; half as many are looked up, the rest found guided");
     v.field("max_ratio", max_ratio, {0.1, 1}, "largest ratio of nearest to second nearest descriptor of a frame");
     v.field("min_matches", min_matches, {3, 1000}, "matches by which a landmark is recognised");
     v.field("inlier_sigma", inlier_sigma, {0.1, 100}, "sigmas by which a match may miss the landmark's motion");
@@ -77,6 +77,7 @@ class LandmarkDatabase {
     std::vector<int> place;                      // the same for a place's keypoints of several orientations
     std::vector<int> owned;                      // keypoints of landmarks, by the x of their points
     std::vector<int> strongest;                  // of each landmark, together, ascending
+    std::vector<int> queried;                    // the stronger half of them
   };
   struct Entry {
     int view = 0, keypoint = 0;
