@@ -38,8 +38,6 @@ double percent(double part, double whole) { return whole > 0 ? 100 * part / whol
 struct Total {
   int pairs = 0, depth_keypoints = 0, texture_keypoints = 0;
   LandmarkScore sum;
-  std::vector<double> recognised_shares;  // of each pair, %
-  std::vector<double> right_shares;
 
   void add(const Sample& s) {
     ++pairs;

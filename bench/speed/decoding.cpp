@@ -63,11 +63,6 @@ class OpenCvPsp {
   cv::Mat wrapped_, shadow_, unwrapped_;
 };
 
-std::vector<double> in_ms(std::vector<double> seconds) {
-  for (double& s : seconds) s *= 1e3;
-  return seconds;
-}
-
 std::vector<Row> decode_rows(const Context& context) {
   ThreeImages ours;
   OpenCvPsp psp(ours);

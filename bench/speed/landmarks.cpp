@@ -12,11 +12,6 @@ namespace fringeslam::bench {
 
 namespace {
 
-std::vector<double> in_ms(std::vector<double> seconds) {
-  for (double& s : seconds) s *= 1e3;
-  return seconds;
-}
-
 std::vector<Row> conditioning_rows(const Context& context) {
   const LandmarkPair pair = rendered_pair("rubble_pile", 2);
   const Frame& frame = pair.views[0].frame;

@@ -32,6 +32,11 @@ inline double median(std::vector<double> values) {
   return values[values.size() / 2];
 }
 
+inline std::vector<double> in_ms(std::vector<double> seconds) {
+  for (double& s : seconds) s *= 1e3;
+  return seconds;
+}
+
 // Turn by turn.
 inline std::vector<double> ratios(const std::vector<double>& slow, const std::vector<double>& fast) {
   std::vector<double> result;

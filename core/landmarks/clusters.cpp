@@ -99,7 +99,7 @@ class Search {
 
   // From the free keypoint that is nearest by the growing square and that a line reaches.
   void grow_from(const Vector2d& start) {
-    for (const int k : in_growing_square(start, levels_.cols + levels_.rows)) {
+    for (const int k : in_growing_square(start)) {
       if (!crosses_edge({start, at(k).pixel}, options_.line_end_px)) return grow(k);
     }
   }
@@ -117,7 +117,7 @@ class Search {
       bool reached = true;
       for (const int k : around(from)) {
         if (at(k).cluster >= 0) continue;
-        const double size = (at(k).pixel - at(from).pixel).cwiseAbs().maxCoeff();
+        const double size = size_of(k, at(from).pixel);
         // The square has grown past a ring in which every line crosses an edge.
         if (!reached && size > blocked_at + kGrowth_px) break;
         const Line line{at(from).pixel, at(k).pixel};
@@ -166,7 +166,7 @@ class Search {
     double reach = 0;
     for (const int k : around(from)) {
       if (at(k).cluster >= 0) continue;
-      const double size = (at(k).pixel - at(from).pixel).cwiseAbs().maxCoeff();
+      const double size = size_of(k, at(from).pixel);
       if (best >= 0 && size > reach + kGrowth_px) break;
       const int change = std::abs(at(k).level - at(from).level);
       if (change >= best_change) continue;
@@ -342,29 +342,19 @@ class Search {
     for (size_t i = 0; i < list.size(); ++i) list[i] = sizes[i].second;
   }
   // Free keypoints in the order in which a growing square around the centre meets them.
-  std::vector<int> in_growing_square(const Vector2d& centre, int most_px) {
-    std::vector<std::pair<double, int>> sizes;
-    for (const int k : free_) {
-      const double size = size_of(k, centre);
-      if (size <= most_px) sizes.emplace_back(size, k);
-    }
-    std::sort(sizes.begin(), sizes.end());
-    std::vector<int> result;
-    for (const auto& [size, k] : sizes) result.push_back(k);
-    return result;
+  std::vector<int> in_growing_square(const Vector2d& centre) {
+    std::vector<int> list = free_;
+    sort_by_size(list, centre);
+    return list;
   }
-  // The same around a keypoint, up to the largest square. What is taken meanwhile is still among them.
+  // The same around a keypoint, up to the largest square, of all: some come free again when a cluster lets them go.
   const std::vector<int>& around(int k) {
     std::vector<int>& list = around_[static_cast<size_t>(k)];
-    // Others come free again when a cluster lets them go, so that the list of all is kept.
     if (list.empty()) {
-      std::vector<std::pair<double, int>> sizes;
       for (const int other : clustered_) {
-        const double size = size_of(other, at(k).pixel);
-        if (other != k && size <= options_.max_radius_px) sizes.emplace_back(size, other);
+        if (other != k && size_of(other, at(k).pixel) <= options_.max_radius_px) list.push_back(other);
       }
-      std::sort(sizes.begin(), sizes.end());
-      for (const auto& [size, other] : sizes) list.push_back(other);
+      sort_by_size(list, at(k).pixel);
     }
     return list;
   }
