@@ -78,23 +78,11 @@ FRINGESLAM_INLINE void normals(const uint32_t* key, const uint32_t* counter, uin
 void normals_portable(const uint32_t* key, const uint32_t* counter, uint32_t first, float* out) {
   normals(key, counter, first, out);
 }
-#if defined(__x86_64__)
 FRINGESLAM_AVX2 void normals_avx2(const uint32_t* key, const uint32_t* counter, uint32_t first, float* out) {
   normals(key, counter, first, out);
 }
 FRINGESLAM_AVX512 void normals_avx512(const uint32_t* key, const uint32_t* counter, uint32_t first, float* out) {
   normals(key, counter, first, out);
-}
-#endif
-
-using Kernel = void (*)(const uint32_t*, const uint32_t*, uint32_t, float*);
-
-Kernel widest_kernel() {
-#if defined(__x86_64__)
-  if (widest_instruction_set() == InstructionSet::avx512) return normals_avx512;
-  if (widest_instruction_set() == InstructionSet::avx2) return normals_avx2;
-#endif
-  return normals_portable;
 }
 
 }  // namespace
@@ -104,7 +92,7 @@ NormalField::NormalField(uint64_t seed, Stream stream, uint32_t a, uint32_t b)
       counter_{static_cast<uint32_t>(stream), a, b} {}
 
 void NormalField::row(uint32_t row, std::span<float> values) const {
-  static const Kernel kernel = widest_kernel();
+  static const auto kernel = widest(normals_portable, normals_avx2, normals_avx512);
   // Rows of up to 2^16 blocks do not share numbers.
   uint32_t block = row << 16;
   alignas(64) float numbers[kNumbers];

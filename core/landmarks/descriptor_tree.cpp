@@ -28,18 +28,6 @@ int portable_distance(const uchar* a, const uchar* b) { return distance_body(a, 
 FRINGESLAM_AVX2 int avx2_distance(const uchar* a, const uchar* b) { return distance_body(a, b); }
 FRINGESLAM_AVX512 int avx512_distance(const uchar* a, const uchar* b) { return distance_body(a, b); }
 
-using Distance = int (*)(const uchar*, const uchar*);
-Distance widest_distance() {
-  switch (widest_instruction_set()) {
-    case InstructionSet::avx512:
-      return avx512_distance;
-    case InstructionSet::avx2:
-      return avx2_distance;
-    default:
-      return portable_distance;
-  }
-}
-
 // The dimension that tells most among [first, last), and its mean.
 std::pair<int, int> split_of(const cv::Mat1b& descriptors, const std::vector<int>& order, int first, int last) {
   const int step = std::max(1, (last - first) / kSampled);
@@ -67,7 +55,7 @@ cv::Mat1b quantised(const cv::Mat1f& descriptors) {
 }
 
 int squared_distance(const uchar* a, const uchar* b) {
-  static const Distance distance = widest_distance();
+  static const auto distance = widest(portable_distance, avx2_distance, avx512_distance);
   return distance(a, b);
 }
 

@@ -131,18 +131,7 @@ FRINGESLAM_AVX512 void filter_avx512(const float* in, float* out, int count, siz
   filter_body(in, out, count, stride, lanes, f);
 }
 
-using Filter = void (*)(const float*, float*, int, size_t, int, const Recursion&);
-Filter widest_filter() {
-  switch (widest_instruction_set()) {
-    case InstructionSet::avx512:
-      return filter_avx512;
-    case InstructionSet::avx2:
-      return filter_avx2;
-    default:
-      return filter_portable;
-  }
-}
-const Filter filter = widest_filter();
+const auto filter = widest(filter_portable, filter_avx2, filter_avx512);
 
 // Groups of columns or rows. What is left of them is done again with some of the last group, once that is finished.
 template <class Visit>

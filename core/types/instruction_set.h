@@ -4,8 +4,13 @@
 #pragma once
 
 #define FRINGESLAM_INLINE inline __attribute__((always_inline))
+#if defined(__x86_64__)
 #define FRINGESLAM_AVX2 __attribute__((target("avx2")))
 #define FRINGESLAM_AVX512 __attribute__((target("avx512f,avx512dq,avx512vl,avx512bw")))
+#else
+#define FRINGESLAM_AVX2
+#define FRINGESLAM_AVX512
+#endif
 
 namespace fringeslam {
 
@@ -19,6 +24,19 @@ inline InstructionSet widest_instruction_set() {
   if (__builtin_cpu_supports("avx2")) return InstructionSet::avx2;
 #endif
   return InstructionSet::portable;
+}
+
+// Of one function compiled for each of them the one to call.
+template <class Function>
+Function* widest(Function* portable, Function* avx2, Function* avx512) {
+  switch (widest_instruction_set()) {
+    case InstructionSet::avx512:
+      return avx512;
+    case InstructionSet::avx2:
+      return avx2;
+    default:
+      return portable;
+  }
 }
 
 }  // namespace fringeslam

@@ -109,7 +109,6 @@ namespace {
 void light_portable(const BeamKernel& kernel, const Points& points, BeamPacket& result, double* z, double* margin) {
   kernel.light(points, result, z, margin);
 }
-#if defined(__x86_64__)
 FRINGESLAM_AVX2 void light_avx2(const BeamKernel& kernel, const Points& points, BeamPacket& result, double* z,
                                 double* margin) {
   kernel.light(points, result, z, margin);
@@ -117,17 +116,6 @@ FRINGESLAM_AVX2 void light_avx2(const BeamKernel& kernel, const Points& points, 
 FRINGESLAM_AVX512 void light_avx512(const BeamKernel& kernel, const Points& points, BeamPacket& result, double* z,
                                     double* margin) {
   kernel.light(points, result, z, margin);
-}
-#endif
-
-using Kernel = void (*)(const BeamKernel&, const Points&, BeamPacket&, double*, double*);
-
-Kernel widest_kernel() {
-#if defined(__x86_64__)
-  if (widest_instruction_set() == InstructionSet::avx512) return light_avx512;
-  if (widest_instruction_set() == InstructionSet::avx2) return light_avx2;
-#endif
-  return light_portable;
 }
 
 }  // namespace
@@ -166,7 +154,7 @@ Beam::Beam(const RigModel& rig, const Effects& effects, const Pose& world_from_c
 }
 
 void Beam::light(const Points& points, Lanes active, BeamPacket& result) const {
-  static const Kernel kernel = widest_kernel();
+  static const auto kernel = widest(light_portable, light_avx2, light_avx512);
   alignas(64) double z[kPacket];
   alignas(64) double margin[kPacket];
   kernel(*kernel_, points, result, z, margin);

@@ -18,7 +18,6 @@ using RenderBlock = void (*)(BlockRenderer&, int, int, std::vector<cv::Mat1f>&, 
 void render_portable(BlockRenderer& block, int row, int col, std::vector<cv::Mat1f>& images, TruthFrame* truth) {
   block.render(row, col, images, truth);
 }
-#if defined(__x86_64__)
 [[gnu::flatten]] FRINGESLAM_AVX2 void render_avx2(BlockRenderer& block, int row, int col,
                                                   std::vector<cv::Mat1f>& images, TruthFrame* truth) {
   block.render(row, col, images, truth);
@@ -26,15 +25,6 @@ void render_portable(BlockRenderer& block, int row, int col, std::vector<cv::Mat
 [[gnu::flatten]] FRINGESLAM_AVX512 void render_avx512(BlockRenderer& block, int row, int col,
                                                       std::vector<cv::Mat1f>& images, TruthFrame* truth) {
   block.render(row, col, images, truth);
-}
-#endif
-
-RenderBlock widest_render() {
-#if defined(__x86_64__)
-  if (widest_instruction_set() == InstructionSet::avx512) return render_avx512;
-  if (widest_instruction_set() == InstructionSet::avx2) return render_avx2;
-#endif
-  return render_portable;
 }
 
 }  // namespace
@@ -80,7 +70,7 @@ std::vector<cv::Mat1f> Renderer::render(const ShownPatterns& patterns, const std
   const bool share = effects_.share_paths && patterns.count() > 0;
   if (share && effects_.interreflection && scene_.bounces > 0) indirect.emplace(size, patterns.count() + 1);
   if (share && effects_.air && scene_.air.extinction_per_m > 0) veil.emplace(size, patterns.count() + 1);
-  static const RenderBlock render_block = widest_render();
+  static const RenderBlock render_block = widest(render_portable, render_avx2, render_avx512);
   for_each_row(down, [&](int block_row) {
     BlockRenderer block(*this, patterns, stations, stack, indirect ? &*indirect : nullptr, veil ? &*veil : nullptr);
     for (int block_col = 0; block_col < across; ++block_col) render_block(block, block_row, block_col, images, truth);

@@ -209,7 +209,6 @@ void find_portable(const ShownPatterns::Points& points, const Ladder& ladder, bo
                    Places& places) {
   both(points, ladder, columns, per_px, positions, places);
 }
-#if defined(__x86_64__)
 FRINGESLAM_AVX2 void find_avx2(const ShownPatterns::Points& points, const Ladder& ladder, bool columns, float per_px,
                                int positions, Places& places) {
   both(points, ladder, columns, per_px, positions, places);
@@ -218,22 +217,11 @@ FRINGESLAM_AVX512 void find_avx512(const ShownPatterns::Points& points, const La
                                    float per_px, int positions, Places& places) {
   both(points, ladder, columns, per_px, positions, places);
 }
-#endif
-
-using Find = void (*)(const ShownPatterns::Points&, const Ladder&, bool, float, int, Places&);
-
-Find widest_find() {
-#if defined(__x86_64__)
-  if (widest_instruction_set() == InstructionSet::avx512) return find_avx512;
-  if (widest_instruction_set() == InstructionSet::avx2) return find_avx2;
-#endif
-  return find_portable;
-}
 
 }  // namespace
 
 void ShownPatterns::add(const Points& points, uint32_t lanes, float* sums) const {
-  static const Find find = widest_find();
+  static const auto find = widest(find_portable, find_avx2, find_avx512);
   const auto n = static_cast<float>(sigmas_.size() - 1);
   const auto least = static_cast<float>(blur_.least), range = static_cast<float>(blur_.largest - blur_.least);
   const bool ladder_has_steps = n > 0 && range > 0;
