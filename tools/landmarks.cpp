@@ -28,9 +28,9 @@ void write_pictures(const fs::path& folder, const FrameResult& view) {
   const Conditioned& c = view.landmark_stages.conditioned;
   const std::pair<const char*, cv::Mat> pictures[] = {{"depth", view.landmark_stages.levels},
                                                       {"foreground", c.foreground},
-                                                      {"edges", c.edges},
-                                                      {"dilated", c.dilated},
-                                                      {"thinned", c.thinned},
+                                                      {"edges", c.edges.mask()},
+                                                      {"dilated", c.dilated.mask()},
+                                                      {"thinned", c.thinned.mask()},
                                                       {"cleaned", c.cleaned},
                                                       {"texture_keypoints", texture_keypoints_picture(view)},
                                                       {"depth_keypoints", depth_keypoints_picture(view)},

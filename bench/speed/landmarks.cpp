@@ -17,12 +17,12 @@ std::vector<Row> conditioning_rows(const Context& context) {
   const Frame& frame = pair.views[0].frame;
   const ConditioningOptions options;
   const Conditioned conditioned = condition(frame, options);
+  const cv::Mat1b dilated = conditioned.dilated.mask();
   cv::Mat theirs;
   BitImage ours(0, 0);
-  const auto times =
-      take_turns({[&] { condition(frame, options); }, [&] { cv::ximgproc::thinning(conditioned.dilated, theirs); },
-                  [&] { ours = thinned(BitImage::from(conditioned.dilated)); }},
-                 context.quick ? 5 : 50);
+  const auto times = take_turns({[&] { condition(frame, options); }, [&] { cv::ximgproc::thinning(dilated, theirs); },
+                                 [&] { ours = thinned(conditioned.dilated); }},
+                                context.quick ? 5 : 50);
   std::fprintf(stderr, "  thinning: OpenCV's (Zhang-Suen) %.1f ms, ours %.2f ms\n", 1e3 * median(times[1]),
                1e3 * median(times[2]));
   return {median_row("speed.conditioning", in_ms(times[0]), "ms", 3)};

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Binary images of 64 pixels a word, for morphology (METHOD S8-S10): a word holds pixels of one row, the least bit the
-// leftmost. Pixels beyond the border are 0.
+// leftmost. Pixels beyond the border are 0. There is a word of zeros between rows and a row of zeros above and below
+// the image, so that neighbours of every word can be read, and many rows as one run of words.
 #pragma once
 
 #include <bit>
@@ -16,7 +17,7 @@ class BitImage {
       : width_(width),
         height_(height),
         words_((width + 63) / 64),
-        bits_(static_cast<size_t>(words_) * static_cast<size_t>(height)) {}
+        bits_(static_cast<size_t>(words_ + 1) * static_cast<size_t>(height + 2)) {}
 
   // Every pixel that is not 0.
   static BitImage from(const cv::Mat1b& mask);
@@ -25,7 +26,9 @@ class BitImage {
 
   int width() const { return width_; }
   int height() const { return height_; }
-  int words() const { return words_; }  // of a row
+  int words() const { return words_; }       // of a row
+  int stride() const { return words_ + 1; }  // from row to row
+  // Of [-1, height].
   uint64_t* row(int row) { return bits_.data() + offset(row); }
   const uint64_t* row(int row) const { return bits_.data() + offset(row); }
 
@@ -52,7 +55,7 @@ class BitImage {
   bool operator==(const BitImage&) const = default;
 
  private:
-  size_t offset(int row) const { return static_cast<size_t>(row) * static_cast<size_t>(words_); }
+  size_t offset(int row) const { return static_cast<size_t>(row + 1) * static_cast<size_t>(words_ + 1); }
 
   int width_ = 0, height_ = 0, words_ = 0;
   std::vector<uint64_t> bits_;

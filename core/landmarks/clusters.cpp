@@ -4,7 +4,9 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <limits>
 #include <random>
+#include <tuple>
 
 #include "core/types/error.h"
 
@@ -64,7 +66,8 @@ class Search {
   Clusters run() {
     clustered_ = free_;
     around_.resize(keypoints_.size());
-    on_surface_.resize(keypoints_.size());
+    taken_.resize(keypoints_.size());
+    between_.resize(keypoints_.size());
     for (const Vector2d& start : starts()) grow_from(start);
     if (by_depth_) join_left_over();
     // What is left over starts clusters of its own.
@@ -77,6 +80,7 @@ class Search {
 
  private:
   DepthKeypoint& at(int i) { return keypoints_[static_cast<size_t>(i)]; }
+  const DepthKeypoint& at(int i) const { return keypoints_[static_cast<size_t>(i)]; }
 
   bool inside(const Vector2d& p) const {
     return p.x() > -0.5 && p.y() > -0.5 && p.x() < levels_.cols - 0.5 && p.y() < levels_.rows - 0.5;  // not for NaN
@@ -115,9 +119,8 @@ class Search {
       const int from = members[next];
       double blocked_at = -1;  // the square's size at which only edges were met
       bool reached = true;
-      for (const int k : around(from)) {
-        if (at(k).cluster >= 0) continue;
-        const double size = size_of(k, at(from).pixel);
+      for (const auto& [size, k, level] : around(from)) {
+        if (taken_[static_cast<size_t>(k)]) continue;
         // The square has grown past a ring in which every line crosses an edge.
         if (!reached && size > blocked_at + kGrowth_px) break;
         const Line line{at(from).pixel, at(k).pixel};
@@ -163,46 +166,71 @@ class Search {
   // Eq. 4 and 5, among those in the square that first holds one that is admissible. -1: none.
   int nearest_by_depth(int from, int low, int high) {
     int best = -1, best_change = 256;
-    double reach = 0;
-    for (const int k : around(from)) {
-      if (at(k).cluster >= 0) continue;
-      const double size = size_of(k, at(from).pixel);
-      if (best >= 0 && size > reach + kGrowth_px) break;
-      const int change = std::abs(at(k).level - at(from).level);
+    double reach = std::numeric_limits<double>::infinity();
+    const int level = at(from).level;
+    for (const Near& near : around(from)) {
+      if (near.size > reach) break;
+      if (taken_[static_cast<size_t>(near.keypoint)]) continue;
+      const int change = std::abs(near.level - level);
       if (change >= best_change) continue;
-      if (std::max(high, at(k).level) - std::min(low, at(k).level) > options_.max_depth_change) continue;
-      if (!admissible(from, k)) continue;
-      if (best < 0) reach = size;
-      best = k;
+      if (std::max(high, near.level) - std::min(low, near.level) > options_.max_depth_change) continue;
+      if (!admissible(from, near.keypoint)) continue;
+      if (best < 0) reach = near.size + kGrowth_px;
+      best = near.keypoint;
       best_change = change;
     }
     return best;
   }
 
-  bool admissible(int from, int to) {
-    const Line line{at(from).pixel, at(to).pixel};
-    return stays_on_surface(from, to) &&
-           std::none_of(lines_.begin(), lines_.end(), [&](const Line& other) { return cross(line, other); });
+  // What is known of the straight line between two keypoints: asked again and again, and worked out once.
+  struct Between {
+    enum : char { kUnknown, kNo, kYes } on_surface = kUnknown;
+    bool crossed = false;    // by a line of the present cluster, or for good
+    int epoch = 0;           // of the lines when it was asked last
+    int kept = 0, free = 0;  // lines that stay whatever happens; lines, from the first on, that do not cross it
+  };
+  Between& between(int a, int b) {
+    std::vector<Between>& known = between_[static_cast<size_t>(std::min(a, b))];
+    if (known.empty()) known.resize(keypoints_.size());
+    return known[static_cast<size_t>(std::max(a, b))];
   }
 
-  // What of a line does not depend on the others: asked again and again, and worked out once.
-  bool stays_on_surface(int from, int to) {
-    enum : char { kUnknown, kNo, kYes };
-    std::vector<char>& known = on_surface_[static_cast<size_t>(std::min(from, to))];
-    if (known.empty()) known.resize(keypoints_.size(), kUnknown);
-    char& answer = known[static_cast<size_t>(std::max(from, to))];
-    if (answer == kUnknown) {
+  bool admissible(int from, int to) {
+    Between& known = between(from, to);
+    return stays_on_surface(from, to, known) && !crosses_line({at(from).pixel, at(to).pixel}, known);
+  }
+
+  // Only lines that were drawn since it was asked last are looked at; when some were taken back, those of clusters that
+  // were complete then still stand.
+  bool crosses_line(const Line& line, Between& known) const {
+    if (known.epoch != epoch_) {
+      known.crossed = known.crossed && known.free < known.kept;
+      known.free = std::min(known.free, known.kept);
+      known.epoch = epoch_;
+    }
+    known.kept = static_cast<int>(own_connections_);
+    const int drawn = static_cast<int>(lines_.size());
+    while (!known.crossed && known.free < drawn) {
+      known.crossed = cross(line, lines_[static_cast<size_t>(known.free)]);
+      known.free += !known.crossed;
+    }
+    return known.crossed;
+  }
+
+  bool stays_on_surface(int from, int to, Between& known) const {
+    if (known.on_surface == Between::kUnknown) {
       const Line line{at(std::min(from, to)).pixel, at(std::max(from, to)).pixel};
       const int low = std::min(at(from).level, at(to).level) - options_.sample_threshold;
       const int high = std::max(at(from).level, at(to).level) + options_.sample_threshold;
-      answer = kYes;
-      for (int i = 1; i <= options_.samples && answer == kYes; ++i) {
+      known.on_surface = Between::kYes;
+      for (int i = 1; i <= options_.samples && known.on_surface == Between::kYes; ++i) {
         const int level = sample(line, i);
-        if (level < low || level > high) answer = kNo;
+        if (level < low || level > high) known.on_surface = Between::kNo;
       }
-      if (answer == kYes && crosses_edge(line, options_.line_end_px)) answer = kNo;
+      if (known.on_surface == Between::kYes && crosses_edge(line, options_.line_end_px))
+        known.on_surface = Between::kNo;
     }
-    return answer == kYes;
+    return known.on_surface == Between::kYes;
   }
 
   // Levels between the two ends, which belong to keypoints and often to edges.
@@ -220,14 +248,12 @@ class Search {
   void give_second_connections(const std::vector<int>& members) {
     for (const int k : members) {
       if (at(k).connections >= 2) continue;
-      std::vector<int> others;
-      for (const int other : members) {
-        if (other != k && !connected(k, other)) others.push_back(other);
-      }
-      sort_by_size(others, at(k).pixel);
-      for (const int other : others) {
-        if (size_of(other, at(k).pixel) > options_.max_radius_px) break;
-        if (!admissible(k, other)) continue;
+      const std::vector<int> partners = connected_to(k);
+      for (const Near& near : around(k)) {
+        const int other = near.keypoint;
+        if (at(other).cluster != at(k).cluster ||
+            std::find(partners.begin(), partners.end(), other) != partners.end() || !admissible(k, other))
+          continue;
         connect(k, other);
         break;
       }
@@ -254,13 +280,12 @@ class Search {
     for (const int k : left_over) {
       for (size_t c = 0; c < found_.members.size(); ++c) {
         std::vector<int>& members = found_.members[c];
-        std::vector<int> near = members;
-        sort_by_size(near, at(k).pixel);
         std::vector<int> reached;
-        for (const int m : near) {
-          if (size_of(m, at(k).pixel) > options_.max_radius_px || reached.size() == 2) break;
-          if (std::abs(at(m).level - at(k).level) <= options_.max_depth_change && admissible(k, m))
-            reached.push_back(m);
+        for (const Near& near : around(k)) {
+          const int m = near.keypoint;
+          if (at(m).cluster != static_cast<int>(c)) continue;
+          if (std::abs(near.level - at(k).level) <= options_.max_depth_change && admissible(k, m)) reached.push_back(m);
+          if (reached.size() == 2) break;
         }
         if (reached.size() < 2 || !within_depth(members, at(k).level)) continue;
         take(k);
@@ -310,10 +335,14 @@ class Search {
     }
   }
 
-  bool connected(int a, int b) const {
-    return std::any_of(found_.connections.begin() + static_cast<std::ptrdiff_t>(own_connections_),
-                       found_.connections.end(),
-                       [&](const cv::Vec2i& c) { return (c[0] == a && c[1] == b) || (c[0] == b && c[1] == a); });
+  // Within the present cluster.
+  std::vector<int> connected_to(int k) const {
+    std::vector<int> partners;
+    for (size_t i = own_connections_; i < found_.connections.size(); ++i) {
+      const cv::Vec2i& c = found_.connections[i];
+      if (c[0] == k || c[1] == k) partners.push_back(c[0] == k ? c[1] : c[0]);
+    }
+    return partners;
   }
   void connect(int a, int b) {
     found_.connections.emplace_back(a, b);
@@ -322,6 +351,7 @@ class Search {
     ++at(b).connections;
   }
   void disconnect(int k) {
+    ++epoch_;
     for (size_t i = found_.connections.size(); i-- > own_connections_;) {
       const cv::Vec2i c = found_.connections[i];
       if (c[0] != k && c[1] != k) continue;
@@ -335,36 +365,38 @@ class Search {
   // --- keypoints ---
 
   double size_of(int k, const Vector2d& centre) { return (at(k).pixel - centre).cwiseAbs().maxCoeff(); }
-  void sort_by_size(std::vector<int>& list, const Vector2d& centre) {
-    std::vector<std::pair<double, int>> sizes;
-    for (const int k : list) sizes.emplace_back(size_of(k, centre), k);
-    std::sort(sizes.begin(), sizes.end());
-    for (size_t i = 0; i < list.size(); ++i) list[i] = sizes[i].second;
-  }
   // Free keypoints in the order in which a growing square around the centre meets them.
   std::vector<int> in_growing_square(const Vector2d& centre) {
     std::vector<int> list = free_;
-    sort_by_size(list, centre);
+    std::stable_sort(list.begin(), list.end(), [&](int a, int b) { return size_of(a, centre) < size_of(b, centre); });
     return list;
   }
   // The same around a keypoint, up to the largest square, of all: some come free again when a cluster lets them go.
-  const std::vector<int>& around(int k) {
-    std::vector<int>& list = around_[static_cast<size_t>(k)];
+  struct Near {
+    double size;
+    int keypoint, level;
+    bool operator<(const Near& other) const { return std::tie(size, keypoint) < std::tie(other.size, other.keypoint); }
+  };
+  const std::vector<Near>& around(int k) {
+    std::vector<Near>& list = around_[static_cast<size_t>(k)];
     if (list.empty()) {
       for (const int other : clustered_) {
-        if (other != k && size_of(other, at(k).pixel) <= options_.max_radius_px) list.push_back(other);
+        const double size = size_of(other, at(k).pixel);
+        if (other != k && size <= options_.max_radius_px) list.push_back({size, other, at(other).level});
       }
-      sort_by_size(list, at(k).pixel);
+      std::sort(list.begin(), list.end());
     }
     return list;
   }
 
   void take(int k) {
     at(k).cluster = static_cast<int>(found_.members.size());
+    taken_[static_cast<size_t>(k)] = 1;
     free_.erase(std::lower_bound(free_.begin(), free_.end(), k));
   }
   void release(int k) {
     at(k).cluster = -1;
+    taken_[static_cast<size_t>(k)] = 0;
     at(k).samples.clear();
     free_.insert(std::lower_bound(free_.begin(), free_.end(), k), k);
   }
@@ -384,10 +416,12 @@ class Search {
   const bool by_depth_;
   std::vector<int> clustered_;  // those that may be, in ascending order
   std::vector<int> free_;       // of them those of no cluster
-  std::vector<std::vector<int>> around_;
-  std::vector<std::vector<char>> on_surface_;  // of each keypoint with those after it
+  std::vector<char> taken_;     // by a cluster
+  std::vector<std::vector<Near>> around_;
+  std::vector<std::vector<Between>> between_;  // of each keypoint with those after it
   Clusters found_;
   std::vector<Line> lines_;     // of the connections
+  int epoch_ = 0;               // how often some were taken back
   size_t own_connections_ = 0;  // those before are of earlier clusters
 };
 

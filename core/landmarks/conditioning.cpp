@@ -8,9 +8,11 @@
 #include <limits>
 #include <optional>
 #include <random>
+#include <utility>
 #include <vector>
 
 #include "core/landmarks/morphology.h"
+#include "core/types/instruction_set.h"
 #include "core/types/parallel.h"
 
 namespace fringeslam {
@@ -77,19 +79,40 @@ std::optional<Plane> plane_behind(const Frame& frame, double clearance_m) {
   return best;
 }
 
+// 255 for each of so many points that is nearer than that and stands out that far from the plane; 0 for NaN.
+FRINGESLAM_INLINE void stands_out_body(const cv::Vec3f* points, int count, const Plane& plane, float farthest,
+                                       float clearance, uchar* __restrict out) {
+  const float x = plane.normal.x(), y = plane.normal.y(), z = plane.normal.z(), offset = plane.offset;
+  for (int i = 0; i < count; ++i) {
+    const float depth = points[i][2], height = x * points[i][0] + y * points[i][1] + z * depth - offset;
+    out[i] = ((depth < farthest) & (height > clearance)) ? 255 : 0;
+  }
+}
+void stands_out_portable(const cv::Vec3f* points, int count, const Plane& plane, float farthest, float clearance,
+                         uchar* out) {
+  stands_out_body(points, count, plane, farthest, clearance, out);
+}
+FRINGESLAM_AVX2 void stands_out_avx2(const cv::Vec3f* points, int count, const Plane& plane, float farthest,
+                                     float clearance, uchar* out) {
+  stands_out_body(points, count, plane, farthest, clearance, out);
+}
+FRINGESLAM_AVX512 void stands_out_avx512(const cv::Vec3f* points, int count, const Plane& plane, float farthest,
+                                         float clearance, uchar* out) {
+  stands_out_body(points, count, plane, farthest, clearance, out);
+}
+
 cv::Mat1b foreground_of(const Frame& frame, const ConditioningOptions& options) {
-  const auto clearance = static_cast<float>(options.plane_clearance_m);
-  const std::optional<Plane> plane =
-      options.background == "plane" ? plane_behind(frame, options.plane_clearance_m) : std::nullopt;
-  const auto farthest =
-      options.background == "depth" ? static_cast<float>(options.background_m) : std::numeric_limits<float>::infinity();
+  static const auto stands_out = widest(stands_out_portable, stands_out_avx2, stands_out_avx512);
+  constexpr float kEverywhere = std::numeric_limits<float>::infinity();
+  const Plane infinitely_far{Eigen::Vector3f::Zero(), -kEverywhere};
+  const Plane plane = options.background == "plane"
+                          ? plane_behind(frame, options.plane_clearance_m).value_or(infinitely_far)
+                          : infinitely_far;
+  const float farthest = options.background == "depth" ? static_cast<float>(options.background_m) : kEverywhere;
   cv::Mat1b foreground(frame.height(), frame.width());
   for_each_row(frame.height(), [&](int r) {
-    for (int c = 0; c < frame.width(); ++c) {
-      const cv::Vec3f& p = frame.points_m(r, c);
-      const bool stands_out = p[2] < farthest && (!plane || plane->height(p) > clearance);  // false for NaN
-      foreground(r, c) = stands_out ? 255 : 0;
-    }
+    stands_out(frame.points_m[r], frame.width(), plane, farthest, static_cast<float>(options.plane_clearance_m),
+               foreground[r]);
   });
   return foreground;
 }
@@ -100,23 +123,19 @@ cv::Mat1f depth_levels(const Frame& frame, double near_m, double far_m) {
   const auto scale = static_cast<float>(255 / (far_m - near_m)), far = static_cast<float>(far_m);
   cv::Mat1f levels(frame.height(), frame.width());
   for_each_row(frame.height(), [&](int r) {
+    const cv::Vec3f* points = frame.points_m[r];
     float* out = levels[r];
     const int width = frame.width();
-    int filled = 0;  // how many have a level
-    float last = std::numeric_limits<float>::quiet_NaN();
-    const auto fill_to = [&](int end, float next) {
-      // NaN when the row has nothing on one side: the other side then.
-      const float value = std::isnan(last) ? next : std::isnan(next) ? last : std::min(last, next);
-      for (; filled < end; ++filled) out[filled] = std::isnan(value) ? 0 : value;
-    };
+    for (int c = 0; c < width; ++c) out[c] = scale * (far - points[c][2]);
+    // Where there is none the lesser of the levels to both sides, or the only one.
     for (int c = 0; c < width; ++c) {
-      const float z = frame.points_m(r, c)[2];
-      if (std::isnan(z)) continue;
-      const float level = scale * (far - z);
-      fill_to(c, level);
-      out[filled++] = last = level;
+      if (!std::isnan(out[c])) continue;
+      int end = c;
+      while (end < width && std::isnan(out[end])) ++end;
+      const float last = c > 0 ? out[c - 1] : end < width ? out[end] : 0;
+      const float next = end < width ? out[end] : last;
+      std::fill(out + c, out + end, std::min(last, next));
     }
-    fill_to(width, std::numeric_limits<float>::quiet_NaN());
   });
   return levels;
 }
@@ -126,17 +145,15 @@ Conditioned condition(const Frame& frame, const ConditioningOptions& options) {
   const double levels_per_m = 255 / (kFar - kNear);
   Conditioned result;
   result.foreground = foreground_of(frame, options);
-  BitImage edges = BitImage::from(detect_edges(depth_levels(frame, kNear, kFar), options.edges, options.deriche_alpha,
-                                               options.low_step_m * levels_per_m, options.high_step_m * levels_per_m));
+  result.edges = detect_edges(depth_levels(frame, kNear, kFar), options.edges, options.deriche_alpha,
+                              options.low_step_m * levels_per_m, options.high_step_m * levels_per_m);
   // Edges of background alone, such as those of shadows on the ground, bound nothing.
-  edges &= dilated(BitImage::from(result.foreground));
-  const Closing closing = dilated_until_closed(edges, options.max_dilations);
-  const BitImage thin = thinned(closing.image);
-  result.edges = edges.mask();
+  result.edges &= dilated(BitImage::from(result.foreground));
+  Closing closing = dilated_until_closed(result.edges, options.max_dilations);
   result.dilations = closing.dilations;
-  result.dilated = closing.image.mask();
-  result.thinned = thin.mask();
-  result.cleaned = without_loose_ends(thin).mask();
+  result.dilated = std::move(closing.image);
+  result.thinned = thinned(result.dilated);
+  result.cleaned = without_loose_ends(result.thinned).mask();
   return result;
 }
 

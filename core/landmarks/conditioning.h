@@ -5,6 +5,7 @@
 #include <opencv2/core.hpp>
 #include <string>
 
+#include "core/landmarks/bit_image.h"
 #include "core/landmarks/edges.h"
 #include "core/types/frame.h"
 #include "core/types/options.h"
@@ -34,13 +35,13 @@ struct ConditioningOptions {
   }
 };
 
-// The stages as the thesis shows them, each H x W, 255 or 0.
+// The stages as the thesis shows them, each H x W; masks are 255 or 0.
 struct Conditioned {
-  cv::Mat1b foreground;  // has a depth and is no background (S6)
-  cv::Mat1b edges;       // of the depth image (S7), where the foreground is or touches
-  cv::Mat1b dilated;     // until gaps are closed (S8)
-  cv::Mat1b thinned;     // back to one pixel (S9)
-  cv::Mat1b cleaned;     // without what does not connect (S10)
+  cv::Mat1b foreground;       // has a depth and is no background (S6)
+  BitImage edges = {0, 0};    // of the depth image (S7), where the foreground is or touches
+  BitImage dilated = {0, 0};  // until gaps are closed (S8)
+  BitImage thinned = {0, 0};  // back to one pixel (S9)
+  cv::Mat1b cleaned;          // without what does not connect (S10)
   int dilations = 0;
 };
 

@@ -7,6 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "core/landmarks/bit_image.h"
+
 namespace fringeslam {
 
 // Gradient of each pixel, H x W, in levels of an ideal step across the pixel.
@@ -20,19 +22,20 @@ Gradient roberts_gradient(const cv::Mat1f& levels);
 
 // R. Deriche, Using Canny's criteria to derive a recursively implemented optimal edge detector, IJCV 1 (1987):
 // smoothing by k (alpha |n| + 1) exp(-alpha |n|) along one axis, derivative by -c n exp(-alpha |n|) along the other,
-// each by a causal and an anticausal recursion of second order. The border's values go on beyond it.
-Gradient deriche_gradient(const cv::Mat1f& levels, double alpha);
+// each by a causal and an anticausal recursion of second order. The border's values go on beyond it. Of the given rows,
+// which differ by less than 1e-5 of the levels from what they are in the gradient of all.
+Gradient deriche_gradient(const cv::Mat1f& levels, double alpha, cv::Range rows = cv::Range::all());
 
-// 255 where the gradient's length is at least `low`, not exceeded by either of the two values one pixel to both sides
+// Set where the gradient's length is at least `low`, not exceeded by either of the two values one pixel to both sides
 // along the gradient (Canny's non-maximum suppression), and linked by such pixels to one of at least `high`.
-cv::Mat1b ridges(const Gradient& gradient, double low, double high);
+BitImage ridges(const Gradient& gradient, double low, double high);
 
 // Zero crossings of the Laplacian of a Gaussian of `sigma` px whose slope is that of a step of at least `threshold`.
-cv::Mat1b log_edges(const cv::Mat1f& levels, double sigma, double threshold);
+BitImage log_edges(const cv::Mat1f& levels, double sigma, double threshold);
 
 // The names of the four detectors.
 const std::vector<std::string>& edge_detectors();
 
-cv::Mat1b detect_edges(const cv::Mat1f& levels, const std::string& detector, double alpha, double low, double high);
+BitImage detect_edges(const cv::Mat1f& levels, const std::string& detector, double alpha, double low, double high);
 
 }  // namespace fringeslam

@@ -3,7 +3,10 @@
 
 #include <algorithm>
 #include <array>
+#include <cstddef>
 #include <cstring>
+
+#include "core/types/instruction_set.h"
 
 namespace fringeslam {
 
@@ -58,70 +61,105 @@ cv::Mat1b BitImage::mask() const {
 namespace {
 
 // The bits of the pixels' left or right neighbours.
-inline uint64_t from_left(const uint64_t* row, int w) { return row[w] << 1 | (w > 0 ? row[w - 1] >> 63 : 0); }
-inline uint64_t from_right(const uint64_t* row, int w, int words) {
-  return row[w] >> 1 | (w + 1 < words ? row[w + 1] << 63 : 0);
-}
+FRINGESLAM_INLINE uint64_t from_left(const uint64_t* word) { return word[0] << 1 | word[-1] >> 63; }
+FRINGESLAM_INLINE uint64_t from_right(const uint64_t* word) { return word[0] >> 1 | word[1] << 63; }
 
 // Which bits of the last word are pixels.
 uint64_t last_word(int width) { return width % 64 == 0 ? ~uint64_t{0} : (uint64_t{1} << (width % 64)) - 1; }
 
-// The rows above, of, and below a row; zeros beyond the border.
-struct Rows {
-  const uint64_t *above, *here, *below;
-};
-class Bordered {
- public:
-  explicit Bordered(const BitImage& image) : image_(image), zeros_(static_cast<size_t>(image.words())) {}
-  Rows around(int row) const {
-    return {row > 0 ? image_.row(row - 1) : zeros_.data(), image_.row(row),
-            row + 1 < image_.height() ? image_.row(row + 1) : zeros_.data()};
-  }
-
- private:
-  const BitImage& image_;
-  std::vector<uint64_t> zeros_;
-};
-
 }  // namespace
 
 BitImage dilated(const BitImage& image) {
-  const int words = image.words();
+  const int words = image.words(), stride = image.stride();
   BitImage result(image.width(), image.height());
   if (words == 0) return result;
-  const Bordered source(image);
-  std::vector<uint64_t> column(static_cast<size_t>(words));
   const uint64_t last = last_word(image.width());
+  std::vector<uint64_t> column(static_cast<size_t>(words) + 2);
   for (int r = 0; r < image.height(); ++r) {
-    const Rows rows = source.around(r);
-    for (int w = 0; w < words; ++w) column[static_cast<size_t>(w)] = rows.above[w] | rows.here[w] | rows.below[w];
-    uint64_t* out = result.row(r);
-    for (int w = 0; w < words; ++w)
-      out[w] = column[static_cast<size_t>(w)] | from_left(column.data(), w) | from_right(column.data(), w, words);
+    const uint64_t* here = image.row(r);
+    uint64_t *out = result.row(r), *high = column.data() + 1;
+    for (int w = 0; w < words; ++w) high[w] = here[w - stride] | here[w] | here[w + stride];
+    for (int w = 0; w < words; ++w) out[w] = high[w] | from_left(high + w) | from_right(high + w);
     out[words - 1] &= last;
   }
   return result;
 }
 
-// By bit quads (Gray 1971): 4 E = quads with one pixel - quads with three - 2 * diagonal quads.
-int euler_number(const BitImage& image) {
-  const int words = image.words();
-  const std::vector<uint64_t> zeros(static_cast<size_t>(words));
-  int sum = 0;
-  for (int r = 0; r <= image.height(); ++r) {
-    const uint64_t* above = r > 0 ? image.row(r - 1) : zeros.data();
-    const uint64_t* below = r < image.height() ? image.row(r) : zeros.data();
-    // Quads whose right column is the pixel's; the one behind the last column has it as its left.
-    const auto count = [&](uint64_t a, uint64_t b, uint64_t c, uint64_t d) {
-      const uint64_t odd = a ^ b ^ c ^ d;
-      const uint64_t three = odd & ((a & b) | (c & d));
-      const uint64_t diagonal = (a & d & ~b & ~c) | (b & c & ~a & ~d);
-      sum += std::popcount(odd ^ three) - std::popcount(three) - 2 * std::popcount(diagonal);
-    };
-    for (int w = 0; w < words; ++w) count(from_left(above, w), above[w], from_left(below, w), below[w]);
-    if (words > 0 && image.width() % 64 == 0) count(above[words - 1] >> 63, 0, below[words - 1] >> 63, 0);
+namespace {
+
+// Seeds spread along the mask's runs of one word, to both sides (Kogge-Stone).
+uint64_t spread(uint64_t seeds, uint64_t mask) {
+  uint64_t up = mask, down = mask;
+  for (int shift = 1; shift < 64; shift *= 2) {
+    seeds |= (up & seeds << shift) | (down & seeds >> shift);
+    up &= up << shift;
+    down &= down >> shift;
   }
-  return sum / 4;
+  return seeds & mask;
+}
+
+// Spreads what is set into a row of the mask, from the row before it and along the row. Whether anything was added.
+bool spread_row(BitImage& set, const BitImage& mask, int row, int from) {
+  const uint64_t *allowed = mask.row(row), *before = set.row(from);
+  uint64_t *out = set.row(row), added = 0;
+  for (const int step : {1, -1}) {
+    for (int i = 0, w = step > 0 ? 0 : mask.words() - 1; i < mask.words(); ++i, w += step) {
+      if (allowed[w] == 0) continue;
+      const uint64_t beside = before[w] | from_left(before + w) | from_right(before + w) | from_left(out + w) |
+                              from_right(out + w) | out[w];
+      const uint64_t filled = (beside & allowed[w]) == out[w] ? out[w] : spread(beside & allowed[w], allowed[w]);
+      added |= filled ^ out[w];
+      out[w] = filled;
+    }
+  }
+  return added != 0;
+}
+
+}  // namespace
+
+BitImage reconstructed(const BitImage& seeds, const BitImage& mask) {
+  BitImage set = seeds;
+  set &= mask;
+  for (bool changed = true; changed;) {
+    changed = false;
+    for (int r = 0; r < mask.height(); ++r) changed |= spread_row(set, mask, r, r - 1);
+    for (int r = mask.height() - 1; r >= 0; --r) changed |= spread_row(set, mask, r, r + 1);
+  }
+  return set;
+}
+
+namespace {
+
+// Of the quads whose lower right pixels are in these words, with the words above them: 4 E of bit quads (Gray 1971),
+// which is those with one pixel less those with three less twice the diagonal ones.
+FRINGESLAM_INLINE int quads_body(const uint64_t* words, std::ptrdiff_t stride, std::ptrdiff_t count) {
+  int sum = 0;
+  for (const uint64_t* below = words; below != words + count; ++below) {
+    const uint64_t* above = below - stride;
+    const uint64_t a = from_left(above), b = above[0], c = from_left(below), d = below[0];
+    const uint64_t odd = a ^ b ^ c ^ d;
+    const uint64_t three = odd & ((a & b) | (c & d));
+    const uint64_t diagonal = (a & d & ~b & ~c) | (b & c & ~a & ~d);
+    sum += std::popcount(odd ^ three) - std::popcount(three) - 2 * std::popcount(diagonal);
+  }
+  return sum;
+}
+int quads_portable(const uint64_t* words, std::ptrdiff_t stride, std::ptrdiff_t count) {
+  return quads_body(words, stride, count);
+}
+FRINGESLAM_AVX2 int quads_avx2(const uint64_t* words, std::ptrdiff_t stride, std::ptrdiff_t count) {
+  return quads_body(words, stride, count);
+}
+FRINGESLAM_AVX512 int quads_avx512(const uint64_t* words, std::ptrdiff_t stride, std::ptrdiff_t count) {
+  return quads_body(words, stride, count);
+}
+
+}  // namespace
+
+int euler_number(const BitImage& image) {
+  static const auto quads = widest(quads_portable, quads_avx2, quads_avx512);
+  // With the row below the image, and the words of zeros between rows, in which the last columns are the quads' left.
+  return quads(image.row(0), image.stride(), std::ptrdiff_t{image.stride()} * (image.height() + 1)) / 4;
 }
 
 Closing dilated_until_closed(const BitImage& image, int most) {
@@ -140,28 +178,34 @@ Closing dilated_until_closed(const BitImage& image, int most) {
 
 namespace {
 
-// A pixel's eight neighbours, 64 pixels at once, clockwise from north.
-using Neighbours = std::array<uint64_t, 8>;
-
-inline Neighbours neighbours(const Rows& rows, int w, int words) {
-  return {rows.above[w],
-          from_right(rows.above, w, words),
-          from_right(rows.here, w, words),
-          from_right(rows.below, w, words),
-          rows.below[w],
-          from_left(rows.below, w),
-          from_left(rows.here, w),
-          from_left(rows.above, w)};
-}
-
 // Golay's L, turned by 45 degrees times `turn`: three pixels of the background in a row, and opposite to them three of
-// the foreground, or two where it is a corner.
+// the foreground, or two where it is a corner. Of a run of words, those that are hit.
 template <int turn>
-inline uint64_t hits(const Neighbours& n) {
-  constexpr auto at = [](int i) { return static_cast<size_t>((i + turn) % 8); };
-  if constexpr (turn % 2 == 0) return ~n[at(7)] & ~n[at(0)] & ~n[at(1)] & n[at(3)] & n[at(4)] & n[at(5)];
-  // The corner's free sides, and the two that hold it together.
-  return ~n[at(7)] & ~n[at(0)] & ~n[at(1)] & n[at(3)] & n[at(5)];
+FRINGESLAM_INLINE void hits_body(const uint64_t* image, std::ptrdiff_t stride, std::ptrdiff_t count,
+                                 uint64_t* __restrict hit) {
+  for (std::ptrdiff_t i = 0; i < count; ++i) {
+    const uint64_t *here = image + i, *above = here - stride, *below = here + stride;
+    // Clockwise from north, 64 pixels at once.
+    const uint64_t n[8] = {above[0], from_right(above), from_right(here), from_right(below),
+                           below[0], from_left(below),  from_left(here),  from_left(above)};
+    const uint64_t free = ~(n[(7 + turn) % 8] | n[turn % 8] | n[(1 + turn) % 8]);
+    uint64_t held = n[(3 + turn) % 8] & n[(5 + turn) % 8];
+    // A corner is held together by its two sides alone.
+    if constexpr (turn % 2 == 0) held &= n[(4 + turn) % 8];
+    hit[i] = here[0] & free & held;
+  }
+}
+template <int turn>
+void hits_portable(const uint64_t* image, std::ptrdiff_t stride, std::ptrdiff_t count, uint64_t* hit) {
+  hits_body<turn>(image, stride, count, hit);
+}
+template <int turn>
+FRINGESLAM_AVX2 void hits_avx2(const uint64_t* image, std::ptrdiff_t stride, std::ptrdiff_t count, uint64_t* hit) {
+  hits_body<turn>(image, stride, count, hit);
+}
+template <int turn>
+FRINGESLAM_AVX512 void hits_avx512(const uint64_t* image, std::ptrdiff_t stride, std::ptrdiff_t count, uint64_t* hit) {
+  hits_body<turn>(image, stride, count, hit);
 }
 
 // Rows in which something may go: those beside which something went in the last round.
@@ -169,7 +213,15 @@ class ActiveRows {
  public:
   explicit ActiveRows(int rows)
       : active_(static_cast<size_t>(rows) + 2, 1), changed_(static_cast<size_t>(rows) + 2, 0) {}
-  bool operator[](int row) const { return active_[static_cast<size_t>(row) + 1]; }
+  std::vector<cv::Range> runs() const {
+    std::vector<cv::Range> runs;
+    for (int r = 0; r + 2 < static_cast<int>(active_.size()); ++r) {
+      if (!active_[static_cast<size_t>(r) + 1]) continue;
+      if (runs.empty() || runs.back().end < r) runs.emplace_back(r, r);
+      runs.back().end = r + 1;
+    }
+    return runs;
+  }
   void note(int row) {
     changed_[static_cast<size_t>(row) + 1] = 1;
     // For the rest of this round as well.
@@ -191,25 +243,21 @@ class ActiveRows {
 };
 
 template <int turn>
-void thin_once(BitImage& image, BitImage& removed, ActiveRows& active) {
-  const int words = image.words(), height = image.height();
-  const Bordered source(image);
-  std::vector<int> rows_hit;
-  for (int r = 0; r < height; ++r) {
-    if (!active[r]) continue;
-    const Rows rows = source.around(r);
-    uint64_t* out = removed.row(r);
-    uint64_t any = 0;
-    for (int w = 0; w < words; ++w) {
-      out[w] = rows.here[w] == 0 ? 0 : rows.here[w] & hits<turn>(neighbours(rows, w, words));
-      any |= out[w];
+void thin_once(BitImage& image, BitImage& hit, ActiveRows& active) {
+  static const auto find_hits = widest(hits_portable<turn>, hits_avx2<turn>, hits_avx512<turn>);
+  const int stride = image.stride();
+  const std::vector<cv::Range> runs = active.runs();
+  for (const cv::Range& rows : runs)
+    find_hits(image.row(rows.start), stride, std::ptrdiff_t{stride} * rows.size(), hit.row(rows.start));
+  for (const cv::Range& rows : runs) {
+    for (int r = rows.start; r < rows.end; ++r) {
+      uint64_t *row = image.row(r), any = 0;
+      const uint64_t* gone = hit.row(r);
+      for (int w = 0; w < stride; ++w) any |= gone[w];
+      if (any == 0) continue;
+      for (int w = 0; w < stride; ++w) row[w] &= ~gone[w];
+      active.note(r);
     }
-    if (any != 0) rows_hit.push_back(r);
-  }
-  for (const int r : rows_hit) {
-    uint64_t* out = image.row(r);
-    for (int w = 0; w < words; ++w) out[w] &= ~removed.row(r)[w];
-    active.note(r);
   }
 }
 
@@ -230,7 +278,7 @@ void thin_blocks(BitImage& image, ActiveRows& active) {
   for (int r = 0; r + 1 < image.height(); ++r) {
     const uint64_t *here = image.row(r), *below = image.row(r + 1);
     for (int w = 0; w < words; ++w) {
-      uint64_t blocks = here[w] & from_right(here, w, words) & below[w] & from_right(below, w, words);
+      uint64_t blocks = here[w] & from_right(here + w) & below[w] & from_right(below + w);
       for (; blocks != 0; blocks &= blocks - 1) {
         const int c = 64 * w + std::countr_zero(blocks);
         // An earlier block may have lost a pixel of this one.

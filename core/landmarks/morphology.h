@@ -9,6 +9,9 @@ namespace fringeslam {
 // A (+) B with B the 3x3 square (thesis eq. 1, Fig. 3-4).
 BitImage dilated(const BitImage& image);
 
+// The mask's 8-connected components that hold a seed (morphological reconstruction by dilation).
+BitImage reconstructed(const BitImage& seeds, const BitImage& mask);
+
 // Components less holes, of 8-connected sets.
 int euler_number(const BitImage& image);
 

@@ -5,8 +5,8 @@
 
 #define FRINGESLAM_INLINE inline __attribute__((always_inline))
 #if defined(__x86_64__)
-#define FRINGESLAM_AVX2 __attribute__((target("avx2")))
-#define FRINGESLAM_AVX512 __attribute__((target("avx512f,avx512dq,avx512vl,avx512bw")))
+#define FRINGESLAM_AVX2 __attribute__((target("avx2,popcnt")))
+#define FRINGESLAM_AVX512 __attribute__((target("avx512f,avx512dq,avx512vl,avx512bw,popcnt")))
 #else
 #define FRINGESLAM_AVX2
 #define FRINGESLAM_AVX512

@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <opencv2/imgproc.hpp>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -129,6 +131,26 @@ TEST(Morphology, DilationIsTheUnionOfShiftedImages) {
     for (int r = 0; r < image.height(); ++r) {
       for (int c = 0; c < image.width(); ++c)
         ASSERT_EQ(wide.at(r, c), image.at(r, c) || neighbours(image, r, c) > 0) << r << " " << c;
+    }
+  }
+}
+
+TEST(Morphology, ReconstructionKeepsComponentsWithASeed) {
+  for (uint64_t seed = 1; seed <= 12; ++seed) {
+    const BitImage mask =
+        seed % 2 ? thinned(random_shapes(seed, 200)) : random_specks(seed, 0.03 * static_cast<double>(seed));
+    const BitImage seeds = random_specks(seed + 100, 0.01, mask.width(), mask.height());
+    cv::Mat labels;
+    cv::connectedComponents(mask.mask(), labels, 8, CV_32S);
+    std::set<int> seeded;
+    mask.for_each([&](int r, int c) {
+      if (seeds.at(r, c)) seeded.insert(labels.at<int>(r, c));
+    });
+    const BitImage kept = reconstructed(seeds, mask);
+    for (int r = 0; r < mask.height(); ++r) {
+      for (int c = 0; c < mask.width(); ++c)
+        ASSERT_EQ(kept.at(r, c), mask.at(r, c) && seeded.contains(labels.at<int>(r, c)))
+            << seed << ": " << r << " " << c;
     }
   }
 }

@@ -111,9 +111,9 @@ cv::Mat3b landmark_sheet(const FrameResult& view) {
   const auto title = [](const std::string& what, size_t count) { return std::to_string(count) + " " + what; };
   return sheet({{{"depth", dimmed(view.landmark_stages.levels, 1)},
                  {"foreground", grey_picture(c.foreground, 255)},
-                 {"edges", grey_picture(c.edges, 255)}},
-                {{"dilated " + std::to_string(c.dilations) + " times", grey_picture(c.dilated, 255)},
-                 {"thinned", grey_picture(c.thinned, 255)},
+                 {"edges", grey_picture(c.edges.mask(), 255)}},
+                {{"dilated " + std::to_string(c.dilations) + " times", grey_picture(c.dilated.mask(), 255)},
+                 {"thinned", grey_picture(c.thinned.mask(), 255)},
                  {"without what does not connect", grey_picture(c.cleaned, 255)}},
                 {{title("depth keypoints in the foreground, clustered", view.landmarks.depth_keypoints.size()),
                   cluster_picture(view)},
