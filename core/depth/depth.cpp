@@ -166,6 +166,30 @@ cv::Mat1b depth_image(const cv::Mat3f& points_m, double near_m, double far_m) {
 
 namespace {
 
+// A pixel measures the mean phase of its area, weighted by brightness. Where texture is finer than pixels nobody knows
+// where in the area that is: an error in proportion to the depth's change over the pixel, of no weight beside the
+// camera's noise but where surfaces are seen at a grazing angle.
+cv::Mat1f with_footprint_noise(const Frame& frame, double share, StepLimit limit) {
+  cv::Mat1f sigma = frame.sigma_m.clone();
+  const auto per_px = static_cast<float>(share);
+  for_each_row(frame.height(), [&](int row) {
+    for (int col = 0; col < frame.width(); ++col) {
+      const float z = frame.points_m(row, col)[2], own = sigma(row, col);
+      if (std::isnan(z)) continue;
+      const float most = static_cast<float>(limit(z, own));
+      const auto change = [&](int r, int c) {
+        if (r < 0 || c < 0 || r >= frame.height() || c >= frame.width()) return 0.0f;
+        const float step = std::abs(frame.points_m(r, c)[2] - z);
+        return step <= most ? step : 0.0f;  // 0 for NaN
+      };
+      const float across = std::max(change(row, col - 1), change(row, col + 1)),
+                  along = std::max(change(row - 1, col), change(row + 1, col));
+      sigma(row, col) = std::sqrt(own * own + per_px * per_px * (across * across + along * along));
+    }
+  });
+  return sigma;
+}
+
 StepLimit step_limit(const Triangulation& triangulation, const DepthOptions& options) {
   return {std::tan(options.max_slope_deg * std::numbers::pi / 180) * triangulation.pixel_angle()};
 }
@@ -213,6 +237,7 @@ Frame reconstruct(const DecodedStack& decoded, const RigModel& rig, const Triang
   frame.normals =
       NormalEstimator(frame.points_m, triangulation.rays(), frame.sigma_m, step_limit(triangulation, options), options)
           .estimate(options.normal_radius_px);
+  frame.sigma_m = with_footprint_noise(frame, options.footprint_noise, step_limit(triangulation, options));
   frame.depth_image = depth_image(frame.points_m, rig.near_m, rig.far_m);
   return frame;
 }

@@ -15,6 +15,7 @@ struct DepthOptions {
   double near_m = 0.4, far_m = 2.5;  // depths outside are dropped
   double max_slope_deg = 89;        // steeper steps between neighbours are discontinuities
   double max_sigma_m = 0.005;
+  double footprint_noise = 0.03;
   int normal_radius_px = 5;      // of the largest window; smaller ones near edges
   double max_normal_chi2 = 2.5;  // of the plane fit, per degree of freedom
 
@@ -24,6 +25,8 @@ struct DepthOptions {
     v.field("far_m", far_m, {0.01, 100}, "largest depth that is kept, m");
     v.field("max_slope_deg", max_slope_deg, {10, 89.9}, "slope beyond which a depth step is a discontinuity, degrees");
     v.field("max_sigma_m", max_sigma_m, {0, 10}, "largest depth sigma that is kept, m");
+    v.field("footprint_noise", footprint_noise, {0, 1},
+            "sigma by what a pixel sees of brightness within itself, of the depth's change over the pixel");
     v.field("normal_radius_px", normal_radius_px, {1, 15}, "half width of the largest window of the normals, px");
     v.field("max_normal_chi2", max_normal_chi2, {0.1, 1e12},
             "largest chi-square per degree of freedom of a normal's plane fit");

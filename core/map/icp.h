@@ -3,13 +3,13 @@
 // the depth sigmas (METHOD S22, `point_to_plane`).
 //
 // A source point p is moved into the target's camera, x = T p, and projected; the pixel it falls on gives
-// the partner q. Both must have normals that agree; n is that of the view that sees the surface less
-// obliquely. With r = n.(x - q) and
+// the partner q. Both must have normals that agree; n is the mean of the two, so that curvature does not pull (S.
+// Rusinkiewicz, A symmetric objective function for ICP, 2019). With r = n.(x - q), m source points that fall on q, and
 //
-//   sigma^2 = (n.d_q)^2 sigma_q^2 + (n.R d_p)^2 sigma_p^2        (d = the pixel's ray, d_z = 1)
+//   sigma^2 = m (n.d_q)^2 sigma_q^2 + (n.R d_p)^2 sigma_p^2      (d = the pixel's ray, d_z = 1)
 //
 // Gauss-Newton minimises sum rho(r / sigma) over T, rho = Tukey's biweight. The information matrix
-// sum g g^T / sigma^2, g = (R p x n, n), is that of the tangent of retract().
+// sum g g^T / sigma^2, g = (R p x n, n), is that of the tangent of retract(): a mean over m points knows q once.
 #pragma once
 
 #include "core/types/frame.h"
@@ -54,5 +54,10 @@ struct IcpResult {
 // directions in which the surfaces could slide. Zero: `initial` is only where to start.
 IcpResult point_to_plane_icp(const Frame& target, const Frame& source, const Pinhole& camera, const Pose& initial,
                              const IcpOptions& options, const Matrix6d& prior = Matrix6d::Zero());
+
+// The same from no start at all: the frames are of one place, turned against each other by up to about 20 degrees and
+// moved by up to 15 cm, and nothing else is known. Starts all round are followed with few points; the pose at which
+// most points of both frames lie on one another is refined.
+IcpResult register_frames(const Frame& target, const Frame& source, const Pinhole& camera, const IcpOptions& options);
 
 }  // namespace fringeslam

@@ -39,7 +39,13 @@ BoundPoint bound_point(const TruthFrame& truth, const cv::Mat1f& sigma_m, const 
 Matrix6d pose_information(const TruthFrame& previous, const cv::Mat1f& previous_sigma_m, const TruthFrame& current,
                           const cv::Mat1f& current_sigma_m, const Pinhole& camera, const PixelRays& rays,
                           const Pose& true_previous_from_current) {
-  Matrix6d information = Matrix6d::Zero();
+  struct Pair {
+    Vector6d g;
+    double source_variance, target_variance;
+    cv::Point target;
+  };
+  std::vector<Pair> pairs;
+  cv::Mat1i uses(previous.depth_m.size(), 0);
   for (int row = 0; row < current.depth_m.rows; ++row) {
     for (int col = 0; col < current.depth_m.cols; ++col) {
       const BoundPoint source = bound_point(current, current_sigma_m, rays, row, col);
@@ -49,17 +55,22 @@ Matrix6d pose_information(const TruthFrame& previous, const cv::Mat1f& previous_
       if (x.z() <= 0) continue;
       const Eigen::Vector2d pixel = camera.project(x);
       if (!camera.contains(pixel)) continue;
-      const BoundPoint target = bound_point(previous, previous_sigma_m, rays, static_cast<int>(std::lround(pixel.y())),
-                                            static_cast<int>(std::lround(pixel.x())));
+      const cv::Point at(static_cast<int>(std::lround(pixel.x())), static_cast<int>(std::lround(pixel.y())));
+      const BoundPoint target = bound_point(previous, previous_sigma_m, rays, at.y, at.x);
       // The same surface in both views: the true plane of the one holds the point of the other.
       if (!target.usable || std::abs(target.normal.dot(x - target.point)) > 5e-4 || (x - target.point).norm() > 5e-3)
         continue;
       Vector6d g;
       g << rotated.cross(target.normal), target.normal;
-      information += g * g.transpose() /
-                     (source.residual_sigma * source.residual_sigma + target.residual_sigma * target.residual_sigma);
+      ++uses(at);
+      pairs.push_back(
+          {g, source.residual_sigma * source.residual_sigma, target.residual_sigma * target.residual_sigma, at});
     }
   }
+  // A pixel of the previous view on which several of the current one fall was measured once all the same.
+  Matrix6d information = Matrix6d::Zero();
+  for (const Pair& pair : pairs)
+    information += pair.g * pair.g.transpose() / (pair.source_variance + uses(pair.target) * pair.target_variance);
   return information;
 }
 

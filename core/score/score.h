@@ -33,7 +33,8 @@ DepthScore score_depth(const DepthEstimate& estimate, const TruthFrame& truth, d
 
 // Fisher information of `previous_from_current` in the tangent of retract(), of the two frames' depth
 // over their overlap (METHOD §5): J = sum g g^T / (sigma_A^2 + sigma_B^2), g = (R p x n, n), each sigma
-// that of the residual along the normal, |n.d| sigma_z. Pixels that hold an edge (kTruthMixed) are left out:
+// that of the residual along the normal, |n.d| sigma_z, and sigma_A^2 times the number of points of B that fall on the
+// same pixel of A: their mean knows no more of it. Pixels that hold an edge (kTruthMixed) are left out:
 // their error is not of zero mean with that sigma. Geometry from the truth, sigmas as estimated.
 Matrix6d pose_information(const TruthFrame& previous, const cv::Mat1f& previous_sigma_m, const TruthFrame& current,
                           const cv::Mat1f& current_sigma_m, const Pinhole& camera, const PixelRays& rays,

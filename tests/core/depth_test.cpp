@@ -65,10 +65,37 @@ TEST_P(Triangulated, TiltedPlanesAreExact) {
   }
 }
 
+TEST(Depth, SteepSurfacesAreLessSureThanTheirPhase) {
+  // sigma^2 = that of the phase and 3 % of the depth's change over the pixel, squared.
+  const RigModel rig = small_rig(false);
+  const Eigen::Vector3d normal = Eigen::Vector3d(0.9, 0.1, -0.4).normalized();
+  const DecodedStack decoded = seen_columns(plane(normal, normal.z()), rig, {}, 0.03);
+  DepthOptions phase_alone;
+  phase_alone.footprint_noise = 0;
+  const Frame frame = reconstruct(decoded, rig);
+  const Frame plain = reconstruct(decoded, rig, phase_alone);
+  int compared = 0;
+  for (int row = 1; row + 1 < frame.height(); row += 5) {
+    for (int col = 1; col + 1 < frame.width(); col += 5) {
+      const auto depth = [&](int r, int c) { return static_cast<double>(frame.points_m(r, c)[2]); };
+      const double across = std::abs(depth(row, col + 1) - depth(row, col - 1)) / 2,
+                   along = std::abs(depth(row + 1, col) - depth(row - 1, col)) / 2;
+      if (std::isnan(across + along)) continue;
+      const double expected = std::hypot(plain.sigma_m(row, col), 0.03 * std::hypot(across, along));
+      EXPECT_NEAR(frame.sigma_m(row, col), expected, 0.02 * expected);
+      EXPECT_GT(frame.sigma_m(row, col), 1.01 * plain.sigma_m(row, col));
+      ++compared;
+    }
+  }
+  EXPECT_GT(compared, 100);
+}
+
 TEST_P(Triangulated, SigmaIsTheSlopeOfDepthTimesThatOfTheColumn) {
   const Eigen::Vector3d normal = Eigen::Vector3d(0.5, -0.7, -1).normalized();
   const DecodedStack decoded = seen_columns(plane(normal, normal.z()), rig_, {}, 0.03);
-  const Frame frame = reconstruct(decoded, rig_);
+  DepthOptions phase_alone;
+  phase_alone.footprint_noise = 0;
+  const Frame frame = reconstruct(decoded, rig_, phase_alone);
   const auto shifted = [&](float by_px) {
     DecodedStack moved = decoded;
     moved.coordinate_px = cv::Mat1f(cv::Mat(decoded.coordinate_px + by_px));

@@ -1,0 +1,273 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/map/plane_pairs.h"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <numeric>
+
+#include "core/types/instruction_set.h"
+#include "core/types/parallel.h"
+
+namespace fringeslam {
+
+namespace {
+
+constexpr int kLanes = 16;
+constexpr int kChunk = 512;  // points whose sums are kept in single precision
+constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+
+// A pose and a camera as the kernels want them.
+struct Projection {
+  float r[9], t[3];
+  float fx, fy, cx, cy, k1, k2, p1, p2, k3;
+  int width, height;
+
+  Projection(const Pose& pose, const Pinhole& camera)
+      : fx(static_cast<float>(camera.fx)),
+        fy(static_cast<float>(camera.fy)),
+        cx(static_cast<float>(camera.cx)),
+        cy(static_cast<float>(camera.cy)),
+        k1(static_cast<float>(camera.distortion.k1)),
+        k2(static_cast<float>(camera.distortion.k2)),
+        p1(static_cast<float>(camera.distortion.p1)),
+        p2(static_cast<float>(camera.distortion.p2)),
+        k3(static_cast<float>(camera.distortion.k3)),
+        width(camera.width),
+        height(camera.height) {
+    for (int i = 0; i < 9; ++i) r[i] = static_cast<float>(pose.rotation(i / 3, i % 3));
+    for (int i = 0; i < 3; ++i) t[i] = static_cast<float>(pose.translation[i]);
+  }
+};
+
+struct PointArrays {
+  const float *x, *y, *z, *nx, *ny, *nz, *sigma;
+};
+
+// For each point the target pixel that it falls on, or -1 out of the image.
+FRINGESLAM_INLINE void associate_body(PointArrays source, int count, Projection p, int32_t* __restrict pixel) {
+  for (int i = 0; i < count; ++i) {
+    const float sx = source.x[i], sy = source.y[i], sz = source.z[i];
+    const float x = p.r[0] * sx + p.r[1] * sy + p.r[2] * sz + p.t[0];
+    const float y = p.r[3] * sx + p.r[4] * sy + p.r[5] * sz + p.t[1];
+    const float z = p.r[6] * sx + p.r[7] * sy + p.r[8] * sz + p.t[2];
+    const float a = x / z, b = y / z, r2 = a * a + b * b, radial = 1 + r2 * (p.k1 + r2 * (p.k2 + r2 * p.k3));
+    const float u = p.fx * (a * radial + 2 * p.p1 * a * b + p.p2 * (r2 + 2 * a * a)) + p.cx + 0.5f;
+    const float v = p.fy * (b * radial + p.p1 * (r2 + 2 * b * b) + 2 * p.p2 * a * b) + p.cy + 0.5f;
+    const bool inside =
+        (z > 0) & (u >= 0) & (v >= 0) & (u < static_cast<float>(p.width)) & (v < static_cast<float>(p.height));
+    const int col = static_cast<int>(inside ? u : 0), row = static_cast<int>(inside ? v : 0);
+    pixel[i] = inside ? row * p.width + col : -1;
+  }
+}
+
+// Which points are no pairs.
+struct Gates {
+  float distance, outlier_sigma, normal_cos;
+};
+
+constexpr int kSums = 21 + 6 + 3;
+struct alignas(64) Lanes {
+  float value[kLanes];
+  float& operator[](int lane) { return value[lane]; }
+};
+using LaneSums = std::array<Lanes, kSums>;
+
+// The sums of a chunk of points, lane by lane. `count` is a multiple of the lanes.
+FRINGESLAM_INLINE void linearise_body(PointArrays source, const int32_t* pixel, int count, Projection p,
+                                      PointArrays target, const uint16_t* uses, Gates gates, LaneSums& sums) {
+  for (Lanes& lanes : sums) {
+    for (float& value : lanes.value) value = 0;
+  }
+  const float cut_off = gates.outlier_sigma * gates.outlier_sigma;
+  for (int first = 0; first < count; first += kLanes) {
+    alignas(64) float g[6][kLanes], weight[kLanes], pull[kLanes], residual2[kLanes], square2[kLanes], paired[kLanes];
+    for (int lane = 0; lane < kLanes; ++lane) {
+      const int i = first + lane, at = pixel[i] > 0 ? pixel[i] : 0;
+      const float sx = source.x[i], sy = source.y[i], sz = source.z[i];
+      const float mx = source.nx[i], my = source.ny[i], mz = source.nz[i];
+      const float rx = p.r[0] * sx + p.r[1] * sy + p.r[2] * sz, px = p.r[0] * mx + p.r[1] * my + p.r[2] * mz;
+      const float ry = p.r[3] * sx + p.r[4] * sy + p.r[5] * sz, py = p.r[3] * mx + p.r[4] * my + p.r[5] * mz;
+      const float rz = p.r[6] * sx + p.r[7] * sy + p.r[8] * sz, pz = p.r[6] * mx + p.r[7] * my + p.r[8] * mz;
+      const float qx = target.x[at], qy = target.y[at], qz = target.z[at], q_sigma = target.sigma[at];
+      const float q_nx = target.nx[at], q_ny = target.ny[at], q_nz = target.nz[at];
+      // Both normals alike: two points of a round surface are as far from one another's tangent planes to opposite
+      // sides, and the mean plane holds both (Rusinkiewicz, A symmetric objective function for ICP, 2019).
+      const float cosine = px * q_nx + py * q_ny + pz * q_nz, scale = 1 / std::sqrt(2 + 2 * cosine);
+      const float nx = scale * (px + q_nx), ny = scale * (py + q_ny), nz = scale * (pz + q_nz);
+      const float residual = nx * (rx + p.t[0] - qx) + ny * (ry + p.t[1] - qy) + nz * (rz + p.t[2] - qz);
+      const float sigma_q = (nx * qx + ny * qy + nz * qz) / qz * q_sigma;
+      const float sigma_p = (nx * rx + ny * ry + nz * rz) / sz * source.sigma[i];
+      // What several points fall on was measured once all the same.
+      const float variance = static_cast<float>(uses[i]) * sigma_q * sigma_q + sigma_p * sigma_p;
+      const float square = residual * residual / variance, scaled = square / cut_off;
+      // No pair when a normal is missing: the pixel sees an edge, and its point may lie on either side of it.
+      const bool is_pair =
+          (pixel[i] >= 0) & (cosine >= gates.normal_cos) & (std::abs(residual) <= gates.distance) & (scaled < 1);
+      const float robust = (1 - scaled) * (1 - scaled);  // Tukey's weight
+      weight[lane] = is_pair ? robust / variance : 0;
+      pull[lane] = is_pair ? robust / variance * residual : 0;
+      residual2[lane] = is_pair ? residual * residual : 0;
+      square2[lane] = is_pair ? square : 0;
+      paired[lane] = is_pair ? 1.0f : 0.0f;
+      g[0][lane] = is_pair ? ry * nz - rz * ny : 0;
+      g[1][lane] = is_pair ? rz * nx - rx * nz : 0;
+      g[2][lane] = is_pair ? rx * ny - ry * nx : 0;
+      g[3][lane] = is_pair ? nx : 0;
+      g[4][lane] = is_pair ? ny : 0;
+      g[5][lane] = is_pair ? nz : 0;
+    }
+    size_t k = 0;
+    for (int a = 0; a < 6; ++a) {
+      alignas(64) float weighted[kLanes];
+      for (int lane = 0; lane < kLanes; ++lane) weighted[lane] = weight[lane] * g[a][lane];
+      for (int b = a; b < 6; ++b, ++k) {
+        for (int lane = 0; lane < kLanes; ++lane) sums[k][lane] += weighted[lane] * g[b][lane];
+      }
+    }
+    for (int a = 0; a < 6; ++a, ++k) {
+      for (int lane = 0; lane < kLanes; ++lane) sums[k][lane] += pull[lane] * g[a][lane];
+    }
+    for (int lane = 0; lane < kLanes; ++lane) {
+      sums[k][lane] += residual2[lane];
+      sums[k + 1][lane] += square2[lane];
+      sums[k + 2][lane] += paired[lane];
+    }
+  }
+}
+
+void associate_portable(const PointArrays& source, int count, const Projection& p, int32_t* pixel) {
+  associate_body(source, count, p, pixel);
+}
+FRINGESLAM_AVX2 void associate_avx2(const PointArrays& source, int count, const Projection& p, int32_t* pixel) {
+  associate_body(source, count, p, pixel);
+}
+FRINGESLAM_AVX512 void associate_avx512(const PointArrays& source, int count, const Projection& p, int32_t* pixel) {
+  associate_body(source, count, p, pixel);
+}
+void linearise_portable(const PointArrays& s, const int32_t* pixel, int n, const Projection& p, const PointArrays& t,
+                        const uint16_t* uses, Gates gates, LaneSums& sums) {
+  linearise_body(s, pixel, n, p, t, uses, gates, sums);
+}
+FRINGESLAM_AVX2 void linearise_avx2(const PointArrays& s, const int32_t* pixel, int n, const Projection& p,
+                                    const PointArrays& t, const uint16_t* uses, Gates gates, LaneSums& sums) {
+  linearise_body(s, pixel, n, p, t, uses, gates, sums);
+}
+FRINGESLAM_AVX512 void linearise_avx512(const PointArrays& s, const int32_t* pixel, int n, const Projection& p,
+                                        const PointArrays& t, const uint16_t* uses, Gates gates, LaneSums& sums) {
+  linearise_body(s, pixel, n, p, t, uses, gates, sums);
+}
+
+void add(const LaneSums& lanes, PlaneSums& total) {
+  std::array<double, kSums> sums{};
+  for (size_t k = 0; k < kSums; ++k) {
+    for (const float lane : lanes[k].value) sums[k] += static_cast<double>(lane);
+  }
+  size_t k = 0;
+  for (int a = 0; a < 6; ++a) {
+    for (int b = a; b < 6; ++b) total.information(a, b) += sums[k++];
+  }
+  for (int a = 0; a < 6; ++a) total.gradient[a] += sums[k++];
+  total.squares_m2 += sums[k++];
+  total.squares_sigma += sums[k++];
+  total.pairs += static_cast<int>(sums[k]);
+}
+
+}  // namespace
+
+PlanePairs::PlanePairs(const Frame& target, const Frame& source, const Pinhole& camera, double max_normal_deg)
+    : camera_(camera),
+      min_normal_cos_(static_cast<float>(std::cos(max_normal_deg * std::numbers::pi / 180))),
+      target_(all(target)),
+      levels_(5),
+      source_(source) {}
+
+void PlanePairs::Points::resize(size_t size) {
+  for (auto* array : {&x, &y, &z, &nx, &ny, &nz, &sigma}) array->resize(size, kNaN);
+}
+
+void PlanePairs::Points::set(size_t i, const Frame& frame, int row, int col) {
+  const cv::Vec3f &p = frame.points_m(row, col), &n = frame.normals(row, col);
+  x[i] = p[0], y[i] = p[1], z[i] = p[2];
+  nx[i] = n[0], ny[i] = n[1], nz[i] = n[2];
+  sigma[i] = frame.sigma_m(row, col);
+}
+
+PlanePairs::Points PlanePairs::all(const Frame& frame) {
+  Points points;
+  points.count = frame.width() * frame.height();
+  points.resize(static_cast<size_t>(points.count));
+  for_each_row(frame.height(), [&](int row) {
+    for (int col = 0; col < frame.width(); ++col)
+      points.set(static_cast<size_t>(row * frame.width() + col), frame, row, col);
+  });
+  return points;
+}
+
+PlanePairs::Points PlanePairs::sampled(const Frame& frame, int stride) {
+  // Where each row's points start.
+  const int rows = (frame.height() + stride - 1) / stride;
+  std::vector<int> first(static_cast<size_t>(rows) + 1, 0);
+  const auto for_each_point = [&](int row, const auto& visit) {
+    for (int col = 0; col < frame.width(); col += stride) {
+      if (!std::isnan(frame.normals(row * stride, col)[2])) visit(col);
+    }
+  };
+  for_each_row(rows, [&](int row) { for_each_point(row, [&](int) { ++first[static_cast<size_t>(row) + 1]; }); });
+  std::partial_sum(first.begin(), first.end(), first.begin());
+  Points points;
+  points.count = first.back();
+  points.resize(static_cast<size_t>((points.count + kLanes - 1) / kLanes * kLanes));
+  for_each_row(rows, [&](int row) {
+    auto i = static_cast<size_t>(first[static_cast<size_t>(row)]);
+    for_each_point(row, [&](int col) { points.set(i++, frame, row * stride, col); });
+  });
+  return points;
+}
+
+const PlanePairs::Points& PlanePairs::level(int stride) const {
+  Points& points = levels_[static_cast<size_t>(std::countr_zero(static_cast<unsigned>(stride)))];
+  if (points.x.empty()) points = sampled(source_, stride);
+  return points;
+}
+
+PlaneSums PlanePairs::linearise(const Pose& target_from_source, const PlaneGates& gates, int stride) const {
+  static const auto associate = widest(associate_portable, associate_avx2, associate_avx512);
+  static const auto linearise_chunk = widest(linearise_portable, linearise_avx2, linearise_avx512);
+  const Points& points = level(stride);
+  const auto from = [](const Points& all, int first) {
+    const auto at = [&](const std::vector<float>& values) { return values.data() + first; };
+    return PointArrays{at(all.x), at(all.y), at(all.z), at(all.nx), at(all.ny), at(all.nz), at(all.sigma)};
+  };
+  const Projection projection(target_from_source, camera_);
+  const Gates limits{static_cast<float>(gates.distance_m), static_cast<float>(gates.outlier_sigma), min_normal_cos_};
+  const int padded = static_cast<int>(points.x.size()), chunks = (padded + kChunk - 1) / kChunk;
+  std::vector<int32_t> pixel(points.x.size());
+  for_each_row(chunks, [&](int chunk) {
+    const int first = chunk * kChunk;
+    associate(from(points, first), std::min(kChunk, padded - first), projection, pixel.data() + first);
+  });
+  std::vector<uint16_t> uses(target_.x.size());
+  for (const int32_t at : pixel) {
+    if (at >= 0 && uses[static_cast<size_t>(at)] < 65535) ++uses[static_cast<size_t>(at)];
+  }
+  std::vector<uint16_t> shared(pixel.size(), 1);
+  for (size_t i = 0; i < pixel.size(); ++i) {
+    if (pixel[i] >= 0) shared[i] = uses[static_cast<size_t>(pixel[i])];
+  }
+  std::vector<LaneSums> sums(static_cast<size_t>(chunks));
+  for_each_row(chunks, [&](int chunk) {
+    const int first = chunk * kChunk;
+    linearise_chunk(from(points, first), pixel.data() + first, std::min(kChunk, padded - first), projection,
+                    from(target_, 0), shared.data() + first, limits, sums[static_cast<size_t>(chunk)]);
+  });
+  PlaneSums total;
+  for (const LaneSums& chunk : sums) add(chunk, total);
+  total.information.triangularView<Eigen::StrictlyLower>() = total.information.transpose();
+  return total;
+}
+
+}  // namespace fringeslam

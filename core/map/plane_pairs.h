@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+// Pairs of a source point and the target pixel that it falls on, and what they say of the motion; see icp.h for the
+// equations. Sixteen points at a time, in single precision: residuals are of 1e-5 m where positions are of 1e-7 m.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "core/types/frame.h"
+#include "core/types/pinhole.h"
+#include "core/types/pose.h"
+
+namespace fringeslam {
+
+// Normal equations over all pairs, with what tells how well they fit.
+struct PlaneSums {
+  Matrix6d information = Matrix6d::Zero();
+  Vector6d gradient = Vector6d::Zero();
+  double squares_m2 = 0, squares_sigma = 0;
+  int pairs = 0;
+};
+
+struct PlaneGates {
+  double distance_m = 0;     // residuals beyond are no pairs
+  double outlier_sigma = 0;  // Tukey's cut-off
+};
+
+class PlanePairs {
+ public:
+  // Every `stride`-th source pixel of every `stride`-th row that has a normal.
+  PlanePairs(const Frame& target, const Frame& source, const Pinhole& camera, double max_normal_deg);
+
+  // How many points the source has at a stride of 1, 2, 4, 8 or 16.
+  int points(int stride) const { return level(stride).count; }
+
+  PlaneSums linearise(const Pose& target_from_source, const PlaneGates& gates, int stride) const;
+
+ private:
+  // Arrays of `count` values, then NaN up to a multiple of the kernels' lanes.
+  struct Points {
+    int count = 0;
+    std::vector<float> x, y, z, nx, ny, nz, sigma;
+    void resize(size_t size);
+    void set(size_t i, const Frame& frame, int row, int col);
+  };
+  static Points all(const Frame& frame);  // pixel by pixel
+  static Points sampled(const Frame& frame, int stride);
+  const Points& level(int stride) const;
+
+  Pinhole camera_;
+  float min_normal_cos_;
+  Points target_;
+  mutable std::vector<Points> levels_;
+  const Frame& source_;
+};
+
+}  // namespace fringeslam
