@@ -48,6 +48,8 @@ std::vector<Item> landmark_items();
 std::vector<Item> landmark_speed_items();
 std::vector<Item> cycles_items();
 std::vector<Item> large_world_items();
+std::vector<Item> registration_items();
+std::vector<Item> registration_speed_items();
 std::vector<Item> rendering_items();
 std::vector<Item> speed_items();
 std::vector<Item> world_items();

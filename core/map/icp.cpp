@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <random>
 #include <vector>
 
 #include "core/map/plane_pairs.h"
@@ -22,10 +23,6 @@ double smallest_sigma(const Frame& frame) {
   }
   return smallest;
 }
-
-}  // namespace
-
-namespace {
 
 IcpResult refined(const PlanePairs& problem, double least_sigma_m, const Pose& initial, const IcpOptions& options,
                   const Matrix6d& prior) {
@@ -72,26 +69,33 @@ IcpResult refined(const PlanePairs& problem, double least_sigma_m, const Pose& i
   return result;
 }
 
-// A few steps with wide gates that narrow to `last_m`, and how many points have a partner then.
+// A pose with how well the frames agree there: the points that have a partner, less for those that contradict. Where
+// one view looks through what the other sees, the pose is wrong.
 struct Candidate {
   Pose target_from_source;
-  int pairs = 0;
+  double score = -1, consistency = 0;
 };
+
+// A few steps with gates that narrow.
 Candidate followed(const PlanePairs& problem, double least_sigma_m, Pose pose, double first_m, double last_m, int steps,
                    int stride) {
+  const auto linearised = [&](double gate_m) {
+    return problem.linearise(pose, {gate_m, gate_m / least_sigma_m}, stride);
+  };
   for (int i = 0; i < steps; ++i) {
-    const double gate = first_m * std::pow(last_m / first_m, static_cast<double>(i) / (steps - 1));
-    const PlaneSums sums = problem.linearise(pose, {gate, gate / least_sigma_m}, stride);
-    if (sums.pairs < 20) return {pose, 0};
+    const PlaneSums sums = linearised(first_m * std::pow(last_m / first_m, static_cast<double>(i) / (steps - 1)));
+    if (sums.pairs < 20) return {pose};
     // Directions in which the few points could slide stay where they are.
     const double hold = 1e-4 * sums.information.diagonal().maxCoeff();
     pose = retract(pose, (sums.information + hold * Matrix6d::Identity()).ldlt().solve(-sums.gradient));
   }
-  return {pose, problem.linearise(pose, {last_m, last_m / least_sigma_m}, stride).pairs};
+  const PlaneSums sums = linearised(last_m);
+  const double consistency = sums.pairs / std::max(1.0, static_cast<double>(sums.seen));
+  return {pose, sums.pairs * consistency * consistency, consistency};
 }
 
-// Turns about a point amid the source's surfaces, to all sides.
-std::vector<Pose> starts(const Frame& source) {
+// A point amid the source's surfaces.
+Pose to_middle(const Frame& source) {
   std::vector<float> depths;
   for (int row = 0; row < source.height(); row += 8) {
     for (int col = 0; col < source.width(); col += 8) {
@@ -99,23 +103,35 @@ std::vector<Pose> starts(const Frame& source) {
     }
   }
   if (depths.empty()) return {};
-  std::nth_element(depths.begin(), depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2), depths.end());
-  const Pose to_middle{Eigen::Matrix3d::Identity(), {0, 0, depths[depths.size() / 2]}};
-  std::vector<Pose> poses;
+  const auto middle = depths.begin() + static_cast<std::ptrdiff_t>(depths.size() / 2);
+  std::nth_element(depths.begin(), middle, depths.end());
+  return {Eigen::Matrix3d::Identity(), {0, 0, *middle}};
+}
+
+// Turns about it to all sides, each with shifts.
+std::vector<Pose> starts(const Frame& source) {
   constexpr double kTurn = 10 * std::numbers::pi / 180, kShift_m = 0.06;
-  for (const double x : {0.0, -kTurn, kTurn}) {
-    for (const double y : {0.0, -kTurn, kTurn}) {
-      for (const double z : {0.0, -kTurn, kTurn}) {
-        for (const double a : {0.0, -kShift_m, kShift_m}) {
-          for (const double b : {0.0, -kShift_m, kShift_m}) {
-            const Pose turn{rotation_exp({x, y, z}), {a, b, 0}};
-            poses.push_back(to_middle * turn * to_middle.inverse());
-          }
-        }
-      }
-    }
+  const Pose middle = to_middle(source), back = middle.inverse();
+  std::vector<Pose> poses;
+  for (int i = 0; i < 3 * 3 * 3 * 5 * 5; ++i) {
+    const auto digit = [&](int below, int base) { return i / below % base - base / 2; };
+    const Eigen::Vector3d turn(digit(1, 3), digit(3, 3), digit(9, 3));
+    const Eigen::Vector3d shift(digit(27, 5), digit(135, 5), 0);
+    poses.push_back(middle * Pose{rotation_exp(kTurn * turn), kShift_m * shift} * back);
   }
   return poses;
+}
+
+// A small motion about it.
+Pose nudge(const Frame& source, std::mt19937& random) {
+  constexpr double kTurn = 0.04, kShift_m = 0.012;
+  const auto within = [&](double most) { return most * (2 * (static_cast<double>(random()) / 4294967295.0) - 1); };
+  Pose motion;
+  const double x = within(kTurn), y = within(kTurn), z = within(kTurn);
+  motion.rotation = rotation_exp({x, y, z});
+  for (int i = 0; i < 3; ++i) motion.translation[i] = within(kShift_m);
+  const Pose middle = to_middle(source);
+  return middle * motion * middle.inverse();
 }
 
 }  // namespace
@@ -129,23 +145,38 @@ IcpResult point_to_plane_icp(const Frame& target, const Frame& source, const Pin
 
 IcpResult register_frames(const Frame& target, const Frame& source, const Pinhole& camera, const IcpOptions& options) {
   check_options(options, "icp");
-  constexpr double kWide = 0.06, kNarrow = 0.01, kClose = 2e-3;
-  constexpr size_t kFollowed = 8;
+  constexpr double kWide_m = 0.05, kNarrow_m = 0.015, kClose_m = 2e-3, kConsistent = 0.96;
+  constexpr size_t kFollowed = 12, kNudged = 2;
+  constexpr int kNudges = 200;
   const double least_sigma = smallest_sigma(source);
   const PlanePairs problem(target, source, camera, options.max_normal_deg);
-  std::vector<Candidate> candidates;
-  for (const Pose& start : starts(source))
-    candidates.push_back(followed(problem, least_sigma, start, kWide, kNarrow, 8, 16));
-  if (candidates.empty()) return {};
-  const auto by_pairs = [](const Candidate& a, const Candidate& b) { return a.pairs > b.pairs; };
-  std::stable_sort(candidates.begin(), candidates.end(), by_pairs);
-  candidates.resize(std::min(candidates.size(), kFollowed));
-  for (Candidate& candidate : candidates)
-    candidate = followed(problem, least_sigma, candidate.target_from_source, kNarrow, kClose, 8, 8);
-  const Pose best = std::min_element(candidates.begin(), candidates.end(), by_pairs)->target_from_source;
+  const auto better = [](const Candidate& a, const Candidate& b) { return a.score > b.score; };
+  const auto closer = [&](const Pose& pose) { return followed(problem, least_sigma, pose, kNarrow_m, kClose_m, 8, 8); };
+  // Small motions are found from where the cameras are.
+  Candidate best = closer(followed(problem, least_sigma, {}, kWide_m, kNarrow_m, 10, 8).target_from_source);
+  if (best.consistency < kConsistent) {
+    std::vector<Candidate> candidates = {best};
+    for (const Pose& start : starts(source))
+      candidates.push_back(followed(problem, least_sigma, start, kWide_m, kNarrow_m, 8, 16));
+    std::stable_sort(candidates.begin(), candidates.end(), better);
+    candidates.resize(std::min(candidates.size(), kFollowed));
+    for (Candidate& candidate : candidates) candidate = closer(candidate.target_from_source);
+    std::stable_sort(candidates.begin(), candidates.end(), better);
+    candidates.resize(std::min(candidates.size(), kNudged));
+    // What slid to rest beside its place, as a ground with few things on it does, is nudged out of there.
+    std::mt19937 random(1);
+    for (int i = 0; i < kNudges && candidates[0].consistency < kConsistent; ++i) {
+      Candidate& from = candidates[static_cast<size_t>(i) % candidates.size()];
+      const Candidate nudged = closer(from.target_from_source * nudge(source, random));
+      if (better(nudged, from)) from = nudged;
+      std::stable_sort(candidates.begin(), candidates.end(), better);
+    }
+    best = candidates[0];
+  }
   IcpOptions fine = options;
-  fine.max_distance_m = std::min(options.max_distance_m, kClose);
-  return refined(problem, least_sigma, best, fine, Matrix6d::Zero());
+  fine.max_distance_m = std::min(options.max_distance_m, 0.01);
+  fine.max_iterations = 2 * options.max_iterations;
+  return refined(problem, least_sigma, best.target_from_source, fine, Matrix6d::Zero());
 }
 
 }  // namespace fringeslam

@@ -69,7 +69,7 @@ struct Gates {
   float distance, outlier_sigma, normal_cos;
 };
 
-constexpr int kSums = 21 + 6 + 3;
+constexpr int kSums = 21 + 6 + 4;
 struct alignas(64) Lanes {
   float value[kLanes];
   float& operator[](int lane) { return value[lane]; }
@@ -84,7 +84,8 @@ FRINGESLAM_INLINE void linearise_body(PointArrays source, const int32_t* pixel, 
   }
   const float cut_off = gates.outlier_sigma * gates.outlier_sigma;
   for (int first = 0; first < count; first += kLanes) {
-    alignas(64) float g[6][kLanes], weight[kLanes], pull[kLanes], residual2[kLanes], square2[kLanes], paired[kLanes];
+    alignas(64) float g[6][kLanes], weight[kLanes], pull[kLanes], residual2[kLanes], square2[kLanes], paired[kLanes],
+        seen[kLanes];
     for (int lane = 0; lane < kLanes; ++lane) {
       const int i = first + lane, at = pixel[i] > 0 ? pixel[i] : 0;
       const float sx = source.x[i], sy = source.y[i], sz = source.z[i];
@@ -113,6 +114,7 @@ FRINGESLAM_INLINE void linearise_body(PointArrays source, const int32_t* pixel, 
       residual2[lane] = is_pair ? residual * residual : 0;
       square2[lane] = is_pair ? square : 0;
       paired[lane] = is_pair ? 1.0f : 0.0f;
+      seen[lane] = (pixel[i] >= 0) & (cosine >= -2) ? 1.0f : 0.0f;  // not NaN
       g[0][lane] = is_pair ? ry * nz - rz * ny : 0;
       g[1][lane] = is_pair ? rz * nx - rx * nz : 0;
       g[2][lane] = is_pair ? rx * ny - ry * nx : 0;
@@ -135,6 +137,7 @@ FRINGESLAM_INLINE void linearise_body(PointArrays source, const int32_t* pixel, 
       sums[k][lane] += residual2[lane];
       sums[k + 1][lane] += square2[lane];
       sums[k + 2][lane] += paired[lane];
+      sums[k + 3][lane] += seen[lane];
     }
   }
 }
@@ -173,7 +176,8 @@ void add(const LaneSums& lanes, PlaneSums& total) {
   for (int a = 0; a < 6; ++a) total.gradient[a] += sums[k++];
   total.squares_m2 += sums[k++];
   total.squares_sigma += sums[k++];
-  total.pairs += static_cast<int>(sums[k]);
+  total.pairs += static_cast<int>(sums[k++]);
+  total.seen += static_cast<int>(sums[k]);
 }
 
 }  // namespace

@@ -18,6 +18,7 @@ struct PlaneSums {
   Vector6d gradient = Vector6d::Zero();
   double squares_m2 = 0, squares_sigma = 0;
   int pairs = 0;
+  int seen = 0;  // points that fall on a target pixel with a normal, whether a pair or not
 };
 
 struct PlaneGates {

@@ -56,7 +56,7 @@ const std::vector<Library>& libraries() {
                                            {"LinearMath/", {"sim"}, false},
                                            {"btBullet", {"sim"}, false},
                                            {"ceres/", {"core/motion", "core/map", "core/calibrate"}, false},
-                                           {"pcl/", {}, false},
+                                           {"pcl/", {"core/map"}, false},
                                            {"OpenImageIO/", {}, false},
                                            {"openvdb/", {}, false},
                                            {"yaml-cpp/", {}, false},

@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+// Two views of a generated scene with any motion of the camera between them.
+#pragma once
+
+#include <string>
+
+#include "core/types/frame.h"
+#include "core/types/rig_model.h"
+#include "core/types/truth.h"
+
+namespace fringeslam::bench {
+
+struct FramePair {
+  RigModel rig;
+  PixelRays rays;
+  Frame target, source;
+  TruthFrame target_truth, source_truth;
+  Pose target_from_source;  // the truth, of the cameras
+};
+
+// From the scene's first pose.
+FramePair rendered_frames(const std::string& scene_name, uint64_t seed, const Pose& target_from_source);
+
+// The camera is turned by an angle about a random axis through a point amid its working range, and shifted.
+Pose random_motion(double degrees, double metres, double amid_m, uint64_t seed);
+
+}  // namespace fringeslam::bench
