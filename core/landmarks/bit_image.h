@@ -19,8 +19,8 @@ class BitImage {
         words_((width + 63) / 64),
         bits_(static_cast<size_t>(words_ + 1) * static_cast<size_t>(height + 2)) {}
 
-  // Every pixel that is not 0.
-  static BitImage from(const cv::Mat1b& mask);
+  // Every pixel in which one of these bits is set.
+  static BitImage from(const cv::Mat1b& mask, uchar bits = 255);
   // 255 where a bit is set.
   cv::Mat1b mask() const;
 

@@ -59,22 +59,31 @@ std::optional<Plane> plane_behind(const Frame& frame, double clearance_m) {
   const auto pick = [&] { return points.point(random() % count); };
   const auto clearance = static_cast<float>(clearance_m);
   const int most_behind = static_cast<int>(kMostBehind * static_cast<double>(count)) + 1;
-  std::optional<Plane> best;
-  int best_on = static_cast<int>(kLeastOn * static_cast<double>(count));
+  std::vector<Plane> planes;
   for (int i = 0; i < kHypotheses; ++i) {
     const Eigen::Vector3f a = pick(), b = pick(), c = pick();
     Eigen::Vector3f normal = (b - a).cross(c - a);
     const float length = normal.norm();
     if (!(length > 1e-4f)) continue;
     normal /= normal.dot(a) > 0 ? -length : length;
-    const Plane plane{normal, normal.dot(a)};
-    int on = 0, behind = 0;
+    planes.push_back({normal, normal.dot(a)});
+  }
+  std::vector<int> on(planes.size(), 0), behind(planes.size(), 0);
+  for_each_row(static_cast<int>(planes.size()), [&](int i) {
+    const Plane plane = planes[static_cast<size_t>(i)];
+    int on_it = 0, behind_it = 0;
     for (size_t k = 0; k < count; ++k) {
       const float height = plane.height({points.x[k], points.y[k], points.z[k]});
-      on += std::abs(height) < 0.5f * clearance;
-      behind += height < -clearance;
+      on_it += std::abs(height) < 0.5f * clearance;
+      behind_it += height < -clearance;
     }
-    if (behind <= most_behind && on > best_on) best = plane, best_on = on;
+    on[static_cast<size_t>(i)] = on_it;
+    behind[static_cast<size_t>(i)] = behind_it;
+  });
+  std::optional<Plane> best;
+  int best_on = static_cast<int>(kLeastOn * static_cast<double>(count));
+  for (size_t i = 0; i < planes.size(); ++i) {
+    if (behind[i] <= most_behind && on[i] > best_on) best = planes[i], best_on = on[i];
   }
   return best;
 }

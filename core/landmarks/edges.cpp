@@ -50,7 +50,8 @@ Gradient roberts_gradient(const cv::Mat1f& levels) {
 
 namespace {
 
-enum : uchar { kNone, kWeak, kStrong };
+// Of a strong one both bits are set.
+enum : uchar { kNone = 0, kWeak = 1, kStrong = 3 };
 
 // The lengths of a row's gradients with those above and below it.
 struct LengthRows {
@@ -112,7 +113,7 @@ void classify_rows(const Gradient& gradient, double low, double high, cv::Mat1b 
 // Of a whole image, by strips that stay in a core's cache: strips of the gradient, each with a row above and below.
 template <class GradientOf>
 BitImage linked_ridges(cv::Size size, double low, double high, const GradientOf& gradient_of_rows) {
-  constexpr int kStrip = 62;
+  constexpr int kStrip = 126;
   // Nothing is known beyond the border.
   const int inner = size.height - 2;
   cv::Mat1b kinds(size, uchar{kNone});
@@ -120,8 +121,7 @@ BitImage linked_ridges(cv::Size size, double low, double high, const GradientOf&
     const cv::Range rows(1 + strip * kStrip, 1 + std::min(inner, (strip + 1) * kStrip));
     classify_rows(gradient_of_rows(cv::Range(rows.start - 1, rows.end + 1)), low, high, kinds.rowRange(rows));
   });
-  const cv::Mat1b strong(kinds == uchar{kStrong});
-  return reconstructed(BitImage::from(strong), BitImage::from(kinds));
+  return reconstructed(BitImage::from(kinds, kStrong & ~kWeak), BitImage::from(kinds));
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 #include <cstring>
 
 #include "core/types/instruction_set.h"
+#include "core/types/parallel.h"
 
 namespace fringeslam {
 
@@ -21,20 +22,21 @@ uint64_t bits_of_bytes(uint64_t bytes) {
 
 }  // namespace
 
-BitImage BitImage::from(const cv::Mat1b& mask) {
+BitImage BitImage::from(const cv::Mat1b& mask, uchar bits) {
+  const uint64_t wanted = bits * 0x0101010101010101;
   static_assert(std::endian::native == std::endian::little);
   BitImage image(mask.cols, mask.rows);
-  for (int r = 0; r < mask.rows; ++r) {
+  for_each_row(mask.rows, [&](int r) {
     const uchar* pixels = mask[r];
     uint64_t* words = image.row(r);
     int c = 0;
     for (; c + 8 <= mask.cols; c += 8) {
       uint64_t bytes;
       std::memcpy(&bytes, pixels + c, sizeof bytes);
-      words[c / 64] |= bits_of_bytes(bytes) << (c % 64);
+      words[c / 64] |= bits_of_bytes(bytes & wanted) << (c % 64);
     }
-    for (; c < mask.cols; ++c) words[c / 64] |= static_cast<uint64_t>(pixels[c] != 0) << (c % 64);
-  }
+    for (; c < mask.cols; ++c) words[c / 64] |= static_cast<uint64_t>((pixels[c] & bits) != 0) << (c % 64);
+  });
   return image;
 }
 
@@ -327,9 +329,24 @@ BitImage without_loose_ends(BitImage image) {
     }
     return count;
   };
-  std::vector<Pixel> edge;
-  image.for_each([&](int r, int c) { edge.push_back({r, c}); });
-  for (Pixel pixel : edge) {
+  // Where to begin: pixels with fewer than two neighbours, 64 at once.
+  BitImage ends(image.width(), image.height());
+  const int stride = image.stride();
+  for (int r = 0; r < image.height(); ++r) {
+    for (int w = 0; w < image.words(); ++w) {
+      const uint64_t *here = image.row(r) + w, *above = here - stride, *below = here + stride;
+      uint64_t one = 0, two = 0;
+      for (const uint64_t n : {above[0], from_right(above), from_right(here), from_right(below), below[0],
+                               from_left(below), from_left(here), from_left(above)}) {
+        two |= one & n;
+        one |= n;
+      }
+      ends.row(r)[w] = here[0] & ~two;
+    }
+  }
+  std::vector<Pixel> begin;
+  ends.for_each([&](int r, int c) { begin.push_back({r, c}); });
+  for (Pixel pixel : begin) {
     Pixel next{};
     for (; image.at(pixel.row, pixel.col); pixel = next) {
       const int count = neighbours_of(pixel, next);
