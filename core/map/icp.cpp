@@ -36,15 +36,19 @@ IcpResult refined(const PlanePairs& problem, double least_sigma_m, const Pose& i
   // few walls that hold the view sideways have been pulled in. All points are needed at the end only.
   constexpr double kSettledSigmas = 0.25;
   PlaneGates gates{options.max_distance_m, std::max(options.max_distance_m / least_sigma_m, options.outlier_sigma)};
+  const auto linearised = [&](int stride) {
+    PlaneSums sums = problem.linearise(result.target_from_source, gates, stride);
+    sums.information += prior;
+    sums.gradient += prior * difference(result.target_from_source, initial);
+    return sums;
+  };
   PlaneSums sums;
   int stride = 4;
   bool settled = false;
   for (result.iterations = 0; result.iterations < options.max_iterations && !settled; ++result.iterations) {
     if (gates.outlier_sigma < 16 * options.outlier_sigma) stride = std::min(stride, 2);
-    sums = problem.linearise(result.target_from_source, gates, stride);
+    sums = linearised(stride);
     if (sums.pairs < 6) return result;
-    sums.information += prior;
-    sums.gradient += prior * difference(result.target_from_source, initial);
     const Eigen::LDLT<Matrix6d> factor(sums.information);
     if (factor.info() != Eigen::Success || !(factor.rcond() > 1e-12)) return result;
     const Vector6d step = factor.solve(-sums.gradient);
@@ -59,7 +63,7 @@ IcpResult refined(const PlanePairs& problem, double least_sigma_m, const Pose& i
     gates.outlier_sigma = std::max(options.outlier_sigma, 0.5 * gates.outlier_sigma);
     gates.distance_m = std::min(gates.distance_m, std::max(6 * rms, 0.5 * gates.distance_m));
   }
-  if (stride > 1) sums = problem.linearise(result.target_from_source, gates, 1);
+  if (stride > 1) sums = linearised(1);
   result.pairs = sums.pairs;
   result.overlap = static_cast<double>(sums.pairs) / points;
   result.rms_m = std::sqrt(sums.squares_m2 / sums.pairs);

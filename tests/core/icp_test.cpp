@@ -171,6 +171,19 @@ TEST(Icp, APriorDecidesWhatABarePlaneLeavesOpen) {
   EXPECT_LT(sigmas.maxCoeff(), 1.01e-2);
 }
 
+TEST(Icp, APriorIsInTheInformationBeforeTheFitHasSettled) {
+  const RigModel rig = small_rig(false);
+  const Surface wall = plane(Eigen::Vector3d(0.2, 0.1, -1).normalized(), -1);
+  const Matrix6d prior = Matrix6d::Identity() * 1e4;
+  IcpOptions options;
+  options.max_iterations = 1;
+  const IcpResult result = point_to_plane_icp(observe(wall, rig, {}, 2e-5), observe(wall, rig, kTruth, 2e-5),
+                                              rig.camera, kTruth, options, prior);
+  EXPECT_FALSE(result.converged);
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(result.information);
+  EXPECT_GT(eigen.eigenvalues().minCoeff(), 0.99e4);
+}
+
 TEST(Icp, FramesWithoutDepthDoNotConverge) {
   const RigModel rig = small_rig(false);
   const Frame good = observe(corner({0, 0, 1.1}), rig, {}, 2e-5);
