@@ -24,7 +24,7 @@ double smallest_sigma(const Frame& frame) {
   return smallest;
 }
 
-IcpResult refined(const PlanePairs& problem, double least_sigma_m, const Pose& initial, const IcpOptions& options,
+IcpResult refined(PlanePairs& problem, double least_sigma_m, const Pose& initial, const IcpOptions& options,
                   const Matrix6d& prior) {
   IcpResult result;
   result.target_from_source = initial;
@@ -81,7 +81,7 @@ struct Candidate {
 };
 
 // A few steps with gates that narrow.
-Candidate followed(const PlanePairs& problem, double least_sigma_m, Pose pose, double first_m, double last_m, int steps,
+Candidate followed(PlanePairs& problem, double least_sigma_m, Pose pose, double first_m, double last_m, int steps,
                    int stride) {
   const auto linearised = [&](double gate_m) {
     return problem.linearise(pose, {gate_m, gate_m / least_sigma_m}, stride);
@@ -112,10 +112,10 @@ Pose to_middle(const Frame& source) {
   return {Eigen::Matrix3d::Identity(), {0, 0, *middle}};
 }
 
-// Turns about it to all sides, each with shifts.
-std::vector<Pose> starts(const Frame& source) {
+// Turns about the middle to all sides, each with shifts.
+std::vector<Pose> starts(const Pose& middle) {
   constexpr double kTurn = 10 * std::numbers::pi / 180, kShift_m = 0.06;
-  const Pose middle = to_middle(source), back = middle.inverse();
+  const Pose back = middle.inverse();
   std::vector<Pose> poses;
   for (int i = 0; i < 3 * 3 * 3 * 5 * 5; ++i) {
     const auto digit = [&](int below, int base) { return i / below % base - base / 2; };
@@ -126,15 +126,14 @@ std::vector<Pose> starts(const Frame& source) {
   return poses;
 }
 
-// A small motion about it.
-Pose nudge(const Frame& source, std::mt19937& random) {
+// A small motion about the middle.
+Pose nudge(const Pose& middle, std::mt19937& random) {
   constexpr double kTurn = 0.04, kShift_m = 0.012;
   const auto within = [&](double most) { return most * (2 * (static_cast<double>(random()) / 4294967295.0) - 1); };
   Pose motion;
   const double x = within(kTurn), y = within(kTurn), z = within(kTurn);
   motion.rotation = rotation_exp({x, y, z});
   for (int i = 0; i < 3; ++i) motion.translation[i] = within(kShift_m);
-  const Pose middle = to_middle(source);
   return middle * motion * middle.inverse();
 }
 
@@ -143,8 +142,8 @@ Pose nudge(const Frame& source, std::mt19937& random) {
 IcpResult point_to_plane_icp(const Frame& target, const Frame& source, const Pinhole& camera, const Pose& initial,
                              const IcpOptions& options, const Matrix6d& prior) {
   check_options(options, "icp");
-  return refined(PlanePairs(target, source, camera, options.max_normal_deg), smallest_sigma(source), initial, options,
-                 prior);
+  PlanePairs problem(target, source, camera, options.max_normal_deg);
+  return refined(problem, smallest_sigma(source), initial, options, prior);
 }
 
 IcpResult register_frames(const Frame& target, const Frame& source, const Pinhole& camera, const IcpOptions& options) {
@@ -153,14 +152,15 @@ IcpResult register_frames(const Frame& target, const Frame& source, const Pinhol
   constexpr size_t kFollowed = 12, kNudged = 2;
   constexpr int kNudges = 200;
   const double least_sigma = smallest_sigma(source);
-  const PlanePairs problem(target, source, camera, options.max_normal_deg);
+  PlanePairs problem(target, source, camera, options.max_normal_deg);
   const auto better = [](const Candidate& a, const Candidate& b) { return a.score > b.score; };
   const auto closer = [&](const Pose& pose) { return followed(problem, least_sigma, pose, kNarrow_m, kClose_m, 8, 8); };
   // Small motions are found from where the cameras are.
   Candidate best = closer(followed(problem, least_sigma, {}, kWide_m, kNarrow_m, 10, 8).target_from_source);
   if (best.consistency < kConsistent) {
+    const Pose middle = to_middle(source);
     std::vector<Candidate> candidates = {best};
-    for (const Pose& start : starts(source))
+    for (const Pose& start : starts(middle))
       candidates.push_back(followed(problem, least_sigma, start, kWide_m, kNarrow_m, 8, 16));
     std::stable_sort(candidates.begin(), candidates.end(), better);
     candidates.resize(std::min(candidates.size(), kFollowed));
@@ -171,7 +171,7 @@ IcpResult register_frames(const Frame& target, const Frame& source, const Pinhol
     std::mt19937 random(1);
     for (int i = 0; i < kNudges && candidates[0].consistency < kConsistent; ++i) {
       Candidate& from = candidates[static_cast<size_t>(i) % candidates.size()];
-      const Candidate nudged = closer(from.target_from_source * nudge(source, random));
+      const Candidate nudged = closer(from.target_from_source * nudge(middle, random));
       if (better(nudged, from)) from = nudged;
       std::stable_sort(candidates.begin(), candidates.end(), better);
     }

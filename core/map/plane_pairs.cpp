@@ -186,6 +186,7 @@ PlanePairs::PlanePairs(const Frame& target, const Frame& source, const Pinhole& 
     : camera_(camera),
       min_normal_cos_(static_cast<float>(std::cos(max_normal_deg * std::numbers::pi / 180))),
       target_(all(target)),
+      uses_(target_.x.size()),
       levels_(5),
       source_(source) {}
 
@@ -232,13 +233,13 @@ PlanePairs::Points PlanePairs::sampled(const Frame& frame, int stride) {
   return points;
 }
 
-const PlanePairs::Points& PlanePairs::level(int stride) const {
+const PlanePairs::Points& PlanePairs::level(int stride) {
   Points& points = levels_[static_cast<size_t>(std::countr_zero(static_cast<unsigned>(stride)))];
   if (points.x.empty()) points = sampled(source_, stride);
   return points;
 }
 
-PlaneSums PlanePairs::linearise(const Pose& target_from_source, const PlaneGates& gates, int stride) const {
+PlaneSums PlanePairs::linearise(const Pose& target_from_source, const PlaneGates& gates, int stride) {
   static const auto associate = widest(associate_portable, associate_avx2, associate_avx512);
   static const auto linearise_chunk = widest(linearise_portable, linearise_avx2, linearise_avx512);
   const Points& points = level(stride);
@@ -254,13 +255,15 @@ PlaneSums PlanePairs::linearise(const Pose& target_from_source, const PlaneGates
     const int first = chunk * kChunk;
     associate(from(points, first), std::min(kChunk, padded - first), projection, pixel.data() + first);
   });
-  std::vector<uint16_t> uses(target_.x.size());
-  for (const int32_t at : pixel) {
-    if (at >= 0 && uses[static_cast<size_t>(at)] < 65535) ++uses[static_cast<size_t>(at)];
-  }
   std::vector<uint16_t> shared(pixel.size(), 1);
+  for (const int32_t at : pixel) {
+    if (at >= 0 && uses_[static_cast<size_t>(at)] < 65535) ++uses_[static_cast<size_t>(at)];
+  }
   for (size_t i = 0; i < pixel.size(); ++i) {
-    if (pixel[i] >= 0) shared[i] = uses[static_cast<size_t>(pixel[i])];
+    if (pixel[i] >= 0) shared[i] = uses_[static_cast<size_t>(pixel[i])];
+  }
+  for (const int32_t at : pixel) {
+    if (at >= 0) uses_[static_cast<size_t>(at)] = 0;
   }
   std::vector<LaneSums> sums(static_cast<size_t>(chunks));
   for_each_row(chunks, [&](int chunk) {

@@ -28,13 +28,11 @@ struct PlaneGates {
 
 class PlanePairs {
  public:
-  // Every `stride`-th source pixel of every `stride`-th row that has a normal.
   PlanePairs(const Frame& target, const Frame& source, const Pinhole& camera, double max_normal_deg);
 
-  // How many points the source has at a stride of 1, 2, 4, 8 or 16.
-  int points(int stride) const { return level(stride).count; }
-
-  PlaneSums linearise(const Pose& target_from_source, const PlaneGates& gates, int stride) const;
+  // Points are every `stride`-th source pixel of every `stride`-th row that has a normal; strides are 1, 2, 4, 8 or 16.
+  int points(int stride) { return level(stride).count; }
+  PlaneSums linearise(const Pose& target_from_source, const PlaneGates& gates, int stride);
 
  private:
   // Arrays of `count` values, then NaN up to a multiple of the kernels' lanes.
@@ -46,12 +44,13 @@ class PlanePairs {
   };
   static Points all(const Frame& frame);  // pixel by pixel
   static Points sampled(const Frame& frame, int stride);
-  const Points& level(int stride) const;
+  const Points& level(int stride);  // made when first asked for
 
   Pinhole camera_;
   float min_normal_cos_;
   Points target_;
-  mutable std::vector<Points> levels_;
+  std::vector<uint16_t> uses_;  // how many points fall on each target pixel; zeros but within linearise()
+  std::vector<Points> levels_;
   const Frame& source_;
 };
 
