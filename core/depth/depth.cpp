@@ -234,10 +234,10 @@ Frame reconstruct(const DecodedStack& decoded, const RigModel& rig, const Triang
   check_options(options, "depth");
   Frame frame;
   triangulate(frame, decoded, triangulation, options);
-  frame.normals =
-      NormalEstimator(frame.points_m, triangulation.rays(), frame.sigma_m, step_limit(triangulation, options), options)
-          .estimate(options.normal_radius_px);
-  frame.sigma_m = with_footprint_noise(frame, options.footprint_noise, step_limit(triangulation, options));
+  const StepLimit limit = step_limit(triangulation, options);
+  frame.normals = NormalEstimator(frame.points_m, triangulation.rays(), frame.sigma_m, limit, options)
+                      .estimate(options.normal_radius_px);
+  frame.sigma_m = with_footprint_noise(frame, options.footprint_noise, limit);
   frame.depth_image = depth_image(frame.points_m, rig.near_m, rig.far_m);
   return frame;
 }

@@ -66,6 +66,13 @@ namespace {
 FRINGESLAM_INLINE uint64_t from_left(const uint64_t* word) { return word[0] << 1 | word[-1] >> 63; }
 FRINGESLAM_INLINE uint64_t from_right(const uint64_t* word) { return word[0] >> 1 | word[1] << 63; }
 
+// The bits of the eight neighbours, clockwise from north.
+FRINGESLAM_INLINE std::array<uint64_t, 8> neighbour_words(const uint64_t* here, std::ptrdiff_t stride) {
+  const uint64_t *above = here - stride, *below = here + stride;
+  return {above[0], from_right(above), from_right(here), from_right(below),
+          below[0], from_left(below),  from_left(here),  from_left(above)};
+}
+
 // Which bits of the last word are pixels.
 uint64_t last_word(int width) { return width % 64 == 0 ? ~uint64_t{0} : (uint64_t{1} << (width % 64)) - 1; }
 
@@ -186,15 +193,12 @@ template <int turn>
 FRINGESLAM_INLINE void hits_body(const uint64_t* image, std::ptrdiff_t stride, std::ptrdiff_t count,
                                  uint64_t* __restrict hit) {
   for (std::ptrdiff_t i = 0; i < count; ++i) {
-    const uint64_t *here = image + i, *above = here - stride, *below = here + stride;
-    // Clockwise from north, 64 pixels at once.
-    const uint64_t n[8] = {above[0], from_right(above), from_right(here), from_right(below),
-                           below[0], from_left(below),  from_left(here),  from_left(above)};
+    const auto n = neighbour_words(image + i, stride);
     const uint64_t free = ~(n[(7 + turn) % 8] | n[turn % 8] | n[(1 + turn) % 8]);
     uint64_t held = n[(3 + turn) % 8] & n[(5 + turn) % 8];
     // A corner is held together by its two sides alone.
     if constexpr (turn % 2 == 0) held &= n[(4 + turn) % 8];
-    hit[i] = here[0] & free & held;
+    hit[i] = image[i] & free & held;
   }
 }
 template <int turn>
@@ -334,10 +338,9 @@ BitImage without_loose_ends(BitImage image) {
   const int stride = image.stride();
   for (int r = 0; r < image.height(); ++r) {
     for (int w = 0; w < image.words(); ++w) {
-      const uint64_t *here = image.row(r) + w, *above = here - stride, *below = here + stride;
+      const uint64_t* here = image.row(r) + w;
       uint64_t one = 0, two = 0;
-      for (const uint64_t n : {above[0], from_right(above), from_right(here), from_right(below), below[0],
-                               from_left(below), from_left(here), from_left(above)}) {
+      for (const uint64_t n : neighbour_words(here, stride)) {
         two |= one & n;
         one |= n;
       }
