@@ -4,33 +4,15 @@
 #include <cmath>
 #include <numbers>
 #include <random>
+#include <utility>
 
-#include "core/decode/decode.h"
-#include "core/depth/depth.h"
-#include "sim/virtual_rig.h"
+#include "bench/view_pairs.h"
 
 namespace fringeslam::bench {
 
 FramePair rendered_frames(const std::string& scene_name, uint64_t seed, const Pose& target_from_source) {
-  sim::Scene scene = sim::load_scene(std::string(FRINGESLAM_SCENES) + "/" + scene_name + "/scene.yaml", {seed});
-  const Pose& mount = scene.rig.robot_from_camera;
-  scene.trajectory.resize(1);
-  scene.trajectory.push_back(scene.trajectory[0]);
-  scene.trajectory[1].timestamp_s += 1;
-  scene.trajectory[1].world_from_robot =
-      scene.trajectory[0].world_from_robot * mount * target_from_source * mount.inverse();
-  FramePair pair{scene.rig, pixel_rays(scene.rig.camera), {}, {}, {}, {}, target_from_source};
-  TruthFrame truth;
-  sim::VirtualRig rig(scene, {}, [&](const TruthFrame& frame) { truth = frame; });
-  const DepthOptions depth;
-  const Triangulation triangulation(scene.rig, pair.rays, depth.near_m, depth.far_m);
-  for (const bool first : {true, false}) {
-    const auto stack = rig.capture(scene.patterns);
-    (first ? pair.target : pair.source) =
-        reconstruct(decode(*stack, scene.patterns, scene.rig, {}), scene.rig, triangulation, depth);
-    (first ? pair.target_truth : pair.source_truth) = truth;
-  }
-  return pair;
+  ViewPair pair = rendered_pair(scene_name, seed, target_from_source);
+  return {pair.rig, std::move(pair.views[0].frame), std::move(pair.views[1].frame), target_from_source};
 }
 
 Pose random_motion(double degrees, double metres, double amid_m, uint64_t seed) {

@@ -6,15 +6,12 @@
 
 #include "core/types/frame.h"
 #include "core/types/rig_model.h"
-#include "core/types/truth.h"
 
 namespace fringeslam::bench {
 
 struct FramePair {
   RigModel rig;
-  PixelRays rays;
   Frame target, source;
-  TruthFrame target_truth, source_truth;
   Pose target_from_source;  // the truth, of the cameras
 };
 

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "bench/accuracy/method_chart.h"
-#include "bench/landmark_pairs.h"
+#include "bench/landmark_method.h"
 #include "bench/row.h"
 #include "core/score/landmark_score.h"
 
@@ -20,11 +20,11 @@ struct Sample {
   int depth_keypoints = 0, texture_keypoints = 0;  // of the second view, in the foreground and with a depth
 };
 
-Sample sample(const LandmarkPair& pair, const LandmarkMethod& method) {
+Sample sample(const ViewPair& pair, const LandmarkMethod& method) {
   const Landmarks first = landmarks_of(pair, pair.views[0], method), second = landmarks_of(pair, pair.views[1], method);
   LandmarkDatabase database(pair.rig.camera, method.recognition);
   database.add(0, first);
-  const auto judged = [&](const Landmarks& landmarks, const LandmarkView& view) {
+  const auto judged = [&](const Landmarks& landmarks, const View& view) {
     return JudgedView{&landmarks, &view.truth, view.truth.world_from_robot * pair.rig.robot_from_camera};
   };
   return {score_landmarks({judged(first, pair.views[0])}, judged(second, pair.views[1]), database.recognise(second),
@@ -148,7 +148,7 @@ std::vector<Row> method_rows(const Context& context) {
   std::vector<Total> totals(methods.size());
   for (const std::string& scene : scenes) {
     for (int seed = 1; seed <= seeds; ++seed) {
-      const LandmarkPair pair = rendered_pair(scene, static_cast<uint64_t>(seed));
+      const ViewPair pair = rendered_pair(scene, static_cast<uint64_t>(seed));
       for (size_t i = 0; i < methods.size(); ++i) totals[i].add(sample(pair, methods[i].second));
     }
   }

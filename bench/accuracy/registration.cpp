@@ -1,19 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
 // Registration of frames without landmarks: from how far it finds the motion, engine by engine, and whether its
 // covariance is honest.
-#include <Eigen/LU>
 #include <cmath>
 #include <cstdio>
+#include <functional>
 #include <numbers>
 #include <numeric>
 #include <opencv2/rgbd.hpp>
 #include <optional>
+#include <string>
+#include <vector>
 
 #include "bench/frame_pairs.h"
 #include "bench/row.h"
 #include "bench/speed/turns.h"
 #include "core/map/engines.h"
-#include "core/score/score.h"
 
 namespace fringeslam::bench {
 
@@ -63,21 +64,22 @@ struct Contender {
 };
 
 std::vector<Contender> contenders() {
-  const auto by = [](const std::string& engine) {
-    return [engine](const FramePair& pair) -> std::optional<Pose> {
+  std::vector<Contender> all;
+  const auto add = [&](const std::string& name, const auto& run) {
+    all.push_back({name, [run](const FramePair& pair) -> std::optional<Pose> {
+                     const IcpResult result = run(pair);
+                     if (!result.converged) return std::nullopt;
+                     return result.target_from_source;
+                   }});
+  };
+  add("cold", [](const FramePair& pair) { return register_frames(pair.target, pair.source, pair.rig.camera, {}); });
+  for (const std::string& engine : registration_engines()) {
+    add(engine, [engine](const FramePair& pair) {
       IcpOptions options;
       options.max_distance_m = 0.1;
-      const IcpResult result = register_by(engine, pair.target, pair.source, pair.rig.camera, {}, options);
-      if (!result.converged) return std::nullopt;
-      return result.target_from_source;
-    };
-  };
-  std::vector<Contender> all = {{"cold", [](const FramePair& pair) -> std::optional<Pose> {
-                                   const IcpResult r = register_frames(pair.target, pair.source, pair.rig.camera, {});
-                                   if (!r.converged) return std::nullopt;
-                                   return r.target_from_source;
-                                 }}};
-  for (const std::string& engine : registration_engines()) all.push_back({engine, by(engine)});
+      return register_by(engine, pair.target, pair.source, pair.rig.camera, {}, options);
+    });
+  }
   all.push_back({"opencv_fast_icp", fast_icp});
   return all;
 }

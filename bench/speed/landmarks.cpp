@@ -3,7 +3,7 @@
 #include <cstdio>
 #include <opencv2/ximgproc.hpp>
 
-#include "bench/landmark_pairs.h"
+#include "bench/landmark_method.h"
 #include "bench/row.h"
 #include "bench/speed/turns.h"
 #include "core/landmarks/morphology.h"
@@ -13,7 +13,7 @@ namespace fringeslam::bench {
 namespace {
 
 std::vector<Row> conditioning_rows(const Context& context) {
-  const LandmarkPair pair = rendered_pair("rubble_pile", 2);
+  const ViewPair pair = rendered_pair("rubble_pile", 2);
   const Frame& frame = pair.views[0].frame;
   const ConditioningOptions options;
   const Conditioned conditioned = condition(frame, options);
@@ -41,7 +41,7 @@ std::vector<DepthKeypoint> spread_keypoints(const cv::Mat1f& levels, size_t coun
 }
 
 std::vector<Row> cluster_rows(const Context& context) {
-  const LandmarkPair pair = rendered_pair("rubble_pile", 2);
+  const ViewPair pair = rendered_pair("rubble_pile", 2);
   const Frame& frame = pair.views[0].frame;
   const cv::Mat1f levels = depth_levels(frame, pair.rig.near_m, pair.rig.far_m);
   cv::Mat1b rounded;
@@ -62,14 +62,14 @@ std::vector<Row> cluster_rows(const Context& context) {
 // A database of 200 landmarks of other views, and the view of one of them again.
 std::vector<Row> recognition_rows(const Context& context) {
   const LandmarkMethod method;
-  const LandmarkPair pair = rendered_pair("boxes_and_foam", 1);
+  const ViewPair pair = rendered_pair("boxes_and_foam", 1);
   LandmarkDatabase database(pair.rig.camera, method.recognition);
   LandmarkMethod unguided = method;
   unguided.recognition.guided = false;
   LandmarkDatabase plain(pair.rig.camera, unguided.recognition);
   for (uint64_t seed = 2; database.landmarks() < 200; ++seed) {
-    const LandmarkPair other = rendered_pair("boxes_and_foam", seed);
-    for (const LandmarkView& view : other.views) {
+    const ViewPair other = rendered_pair("boxes_and_foam", seed);
+    for (const View& view : other.views) {
       const Landmarks landmarks = landmarks_of(other, view, method);
       database.add(database.landmarks(), landmarks);
       plain.add(plain.landmarks(), landmarks);
@@ -89,7 +89,7 @@ std::vector<Row> recognition_rows(const Context& context) {
 }
 
 std::vector<Row> keypoint_rows(const Context& context) {
-  const LandmarkPair pair = rendered_pair("rubble_pile", 2);
+  const ViewPair pair = rendered_pair("rubble_pile", 2);
   const Frame& frame = pair.views[0].frame;
   const cv::Mat1f levels = depth_levels(frame, pair.rig.near_m, pair.rig.far_m);
   const KeypointOptions options;
