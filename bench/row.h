@@ -48,6 +48,7 @@ std::vector<Item> landmark_items();
 std::vector<Item> landmark_speed_items();
 std::vector<Item> cycles_items();
 std::vector<Item> large_world_items();
+std::vector<Item> mapping_speed_items();
 std::vector<Item> registration_items();
 std::vector<Item> registration_speed_items();
 std::vector<Item> rendering_items();

@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: Apache-2.0
+// The pose graph of a long run.
+#include <cmath>
+#include <cstdio>
+#include <numbers>
+
+#include "bench/row.h"
+#include "bench/speed/turns.h"
+#include "core/map/pose_graph.h"
+#include "sim/random.h"
+
+namespace fringeslam::bench {
+
+namespace {
+
+struct Run {
+  std::vector<Pose> dead_reckoning;
+  std::vector<PoseEdge> edges;
+  std::vector<double> truths;  // of each edge: 1 = true
+};
+
+// Laps of a field of 4 m with a keyframe every decimetre; one loop closure in five is off by centimetres to metres.
+Run long_run(int keyframes, int keyframes_per_lap, int loops) {
+  constexpr double kTurnSigma = 3e-4, kShiftSigma_m = 5e-4;
+  const sim::Philox random(1, sim::Stream::draws, 0);
+  uint32_t drawn = 0;
+  const auto normals = [&](double turn, double shift) {
+    Vector6d result;
+    for (int i = 0; i < 6; ++i) result[i] = (i < 3 ? turn : shift) * random.normal_pair(drawn++).first;
+    return result;
+  };
+  Vector6d diagonal;
+  diagonal << Eigen::Vector3d::Constant(std::pow(kTurnSigma, -2)),
+      Eigen::Vector3d::Constant(std::pow(kShiftSigma_m, -2));
+  std::vector<Pose> truth;
+  for (int i = 0; i < keyframes; ++i) {
+    const double angle = 2 * std::numbers::pi * i / keyframes_per_lap;
+    truth.push_back(
+        {rotation_exp({0, 0, angle}), {2 * std::cos(angle), 2 * std::sin(angle), 0.1 * std::sin(3 * angle)}});
+  }
+  Run run{{truth[0]}, {}, {}};
+  const auto measure = [&](int from, int to, bool loop, bool right) {
+    Pose pose = retract(truth[from].inverse() * truth[to], normals(kTurnSigma, kShiftSigma_m));
+    if (!right) pose = retract(pose, run.edges.size() % 2 ? normals(0.3, 1) : normals(0.01, 0.03));
+    run.edges.push_back({from, to, pose, diagonal.asDiagonal(), loop});
+    run.truths.push_back(right);
+  };
+  for (int i = 0; i + 1 < keyframes; ++i) {
+    measure(i, i + 1, false, true);
+    run.dead_reckoning.push_back(run.dead_reckoning.back() * run.edges.back().from_from_to);
+  }
+  for (int i = 0; i < loops; ++i) {
+    const int from = keyframes_per_lap + (keyframes - keyframes_per_lap) * i / loops;
+    measure(from, from - keyframes_per_lap, true, i % 5 != 0);
+  }
+  return run;
+}
+
+std::vector<Row> pose_graph_rows(const Context& context) {
+  const Run run = long_run(1000, 125, 100);
+  PoseGraphResult result;
+  const auto times =
+      take_turns({[&] { result = optimise_poses(run.dead_reckoning, run.edges, {}); }}, context.quick ? 3 : 9);
+  std::fprintf(stderr, "  %d iterations, cost %.4g -> %.4g, every loop %s\n", result.iterations, result.initial_cost,
+               result.cost, result.converged && result.weights == run.truths ? "judged right" : "NOT judged right");
+  return {median_row("speed.pose_graph", in_ms(times[0]), "ms", 1000)};
+}
+
+}  // namespace
+
+std::vector<Item> mapping_speed_items() {
+  return {
+      {{"speed.pose_graph"}, "pose graph of 1,000 keyframes and 100 loop closures, 20 of them false", pose_graph_rows}};
+}
+
+}  // namespace fringeslam::bench

@@ -1,0 +1,167 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/map/pose_edges.h"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/SparseCholesky>
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+namespace fringeslam {
+
+namespace {
+
+using SparseMatrix = Eigen::SparseMatrix<double>;
+using Rows6 = Eigen::Matrix<double, Eigen::Dynamic, 6, Eigen::RowMajor>;
+
+// d log(Exp(a) R) = J_l^-1(log R) a.
+Eigen::Matrix3d inverse_left_jacobian(const Eigen::Vector3d& log) {
+  const double angle = log.norm();
+  const double square = angle < 1e-3 ? 1.0 / 12 : 1 / (angle * angle) - 1 / (2 * angle * std::tan(angle / 2));
+  const Eigen::Matrix3d k = skew(log);
+  return Eigen::Matrix3d::Identity() - 0.5 * k + square * k * k;
+}
+
+// P^T L L^T P = sum J^T J over the edges in use, of the nodes' tangents but those of the held nodes.
+class Factor {
+ public:
+  Factor(const std::vector<LinearEdge>& linear, const std::vector<PoseEdge>& edges, const std::vector<char>& use,
+         const std::vector<int>& parts)
+      : first_row_(parts.size(), -1) {
+    int rows = 0;
+    for (size_t node = 0; node < parts.size(); ++node) {
+      if (parts[node] == static_cast<int>(node)) continue;  // each part's first node is held
+      first_row_[node] = rows;
+      rows += 6;
+    }
+    std::vector<Eigen::Triplet<double>> entries;
+    const auto add = [&](int a, int b, const Matrix6d& block) {
+      if (first_row_[a] < first_row_[b]) return;  // the lower triangle is enough
+      for (int col = 0; col < 6; ++col) {
+        for (int row = a == b ? col : 0; row < 6; ++row)
+          entries.emplace_back(first_row_[a] + row, first_row_[b] + col, block(row, col));
+      }
+    };
+    for (size_t i = 0; i < edges.size(); ++i) {
+      if (!use[i]) continue;
+      const auto [from, to] = std::pair(edges[i].from, edges[i].to);
+      const Matrix6d &a = linear[i].by_from, &b = linear[i].by_to;
+      if (first_row_[from] >= 0) add(from, from, a.transpose() * a);
+      if (first_row_[to] >= 0) add(to, to, b.transpose() * b);
+      if (first_row_[from] < 0 || first_row_[to] < 0) continue;
+      add(from, to, a.transpose() * b);
+      add(to, from, b.transpose() * a);
+    }
+    SparseMatrix normal(rows, rows);
+    normal.setFromTriplets(entries.begin(), entries.end());
+    // Directions that singular informations leave open are closed just so far that the factor exists.
+    llt_.analyzePattern(normal);
+    for (double damping = 1e-13; damping < 1; damping *= 100) {
+      SparseMatrix damped = normal;
+      for (int i = 0; i < rows; ++i) damped.coeffRef(i, i) += std::max(damping * normal.coeff(i, i), 1e-12);
+      llt_.factorize(damped);
+      if (llt_.info() == Eigen::Success) return;
+    }
+  }
+
+  // J (sum J^T J)^-1 J^T of an edge: 6 x 6. The right side is sparse, and so is most of the way of its substitution.
+  Matrix6d leverage(const PoseEdge& edge, const LinearEdge& linear) {
+    const SparseMatrix& lower = llt_.matrixL().nestedExpression();
+    const auto& order = llt_.permutationP().indices();
+    solution_.setZero(lower.rows(), 6);
+    Eigen::Index first = lower.rows();
+    const auto place = [&](int node, const Matrix6d& jacobian) {
+      if (first_row_[node] < 0) return;
+      for (int i = 0; i < 6; ++i) {
+        const Eigen::Index row = order[first_row_[node] + i];
+        solution_.row(row) = jacobian.col(i).transpose();
+        first = std::min(first, row);
+      }
+    };
+    place(edge.from, linear.by_from);
+    place(edge.to, linear.by_to);
+    Matrix6d sum = Matrix6d::Zero();
+    for (Eigen::Index col = first; col < lower.cols(); ++col) {
+      if (solution_.row(col).isZero(0)) continue;
+      SparseMatrix::InnerIterator entry(lower, col);
+      const Eigen::Matrix<double, 1, 6> x = solution_.row(col) / entry.value();
+      sum.noalias() += x.transpose() * x;
+      for (++entry; entry; ++entry) solution_.row(entry.row()) -= entry.value() * x;
+    }
+    return sum;
+  }
+
+ private:
+  std::vector<int> first_row_;
+  Eigen::SimplicialLLT<SparseMatrix> llt_;
+  Rows6 solution_;
+};
+
+}  // namespace
+
+Matrix6d information_root(const Matrix6d& information, size_t edge) {
+  const auto fail = [&](const std::string& what) {
+    throw Error("pose graph: the information matrix of edge " + std::to_string(edge) + " " + what);
+  };
+  if (!information.allFinite()) fail("is not finite");
+  const double size = information.cwiseAbs().maxCoeff();
+  if ((information - information.transpose()).cwiseAbs().maxCoeff() > 1e-9 * size) fail("is not symmetric");
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(0.5 * (information + information.transpose()));
+  if (eigen.eigenvalues().minCoeff() < -1e-9 * size) fail("has a negative eigenvalue");
+  const Vector6d roots = eigen.eigenvalues().cwiseMax(0).cwiseSqrt();
+  return eigen.eigenvectors() * roots.asDiagonal() * eigen.eigenvectors().transpose();
+}
+
+LinearEdge linearise(const PoseEdge& edge, const Matrix6d& root, const Pose& world_from_from,
+                     const Pose& world_from_to) {
+  const Eigen::Matrix3d back = world_from_from.rotation.transpose();
+  const Eigen::Vector3d apart = world_from_to.translation - world_from_from.translation;
+  const Vector6d off = difference({back * world_from_to.rotation, back * apart}, edge.from_from_to);
+  Matrix6d by_to = Matrix6d::Zero();
+  by_to.topLeftCorner<3, 3>() = inverse_left_jacobian(off.head<3>()) * back;
+  by_to.bottomRightCorner<3, 3>() = back;
+  Matrix6d by_from = -by_to;
+  by_from.bottomLeftCorner<3, 3>() = back * skew(apart);
+  return {root * off, root * by_from, root * by_to};
+}
+
+std::vector<int> connected_parts(size_t nodes, const std::vector<PoseEdge>& edges, const std::vector<char>& use) {
+  std::vector<int> parent(nodes);
+  std::iota(parent.begin(), parent.end(), 0);
+  const auto lowest = [&](int node) {
+    while (parent[node] != node) node = parent[node] = parent[parent[node]];
+    return node;
+  };
+  for (size_t i = 0; i < edges.size(); ++i) {
+    if (!use[i]) continue;
+    const int a = lowest(edges[i].from), b = lowest(edges[i].to);
+    parent[std::max(a, b)] = std::min(a, b);
+  }
+  for (size_t node = 0; node < nodes; ++node) parent[node] = lowest(static_cast<int>(node));
+  return parent;
+}
+
+std::vector<double> loop_chi2(const std::vector<Pose>& poses, const std::vector<PoseEdge>& edges,
+                              const std::vector<Matrix6d>& roots, const std::vector<char>& use) {
+  const std::vector<int> parts = connected_parts(poses.size(), edges, use);
+  std::vector<LinearEdge> linear;
+  for (size_t i = 0; i < edges.size(); ++i)
+    linear.push_back(linearise(edges[i], roots[i], poses[edges[i].from], poses[edges[i].to]));
+  Factor factor(linear, edges, use, parts);
+  std::vector<double> chi2(edges.size(), 0);
+  for (size_t i = 0; i < edges.size(); ++i) {
+    if (!edges[i].loop || parts[edges[i].from] != parts[edges[i].to]) continue;
+    const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(factor.leverage(edges[i], linear[i]));
+    const Vector6d along = eigen.eigenvectors().transpose() * linear[i].residual;
+    for (int k = 0; k < 6; ++k) {
+      // In sigmas of the edge, the residual varies by 1 + g against a solution without it, by 1 - g within its own;
+      // where that is nothing, no other edge has a say.
+      const double g = std::max(0.0, eigen.eigenvalues()[k]);
+      const double variance = use[i] ? 1 - g : 1 + g;
+      if (variance > 1e-8) chi2[i] += along[k] * along[k] / variance;
+    }
+  }
+  return chi2;
+}
+
+}  // namespace fringeslam
