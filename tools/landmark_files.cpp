@@ -44,7 +44,7 @@ nlohmann::ordered_json landmarks_json(int index, const FrameResult& view) {
                                     {"centre_m", {centre.x(), centre.y(), centre.z()}},
                                     {"outline_px", outline}};
     if (const auto r = recognitions.find(static_cast<int>(l)); r != recognitions.end())
-      entry["recognised"] = {{"frame", r->second->earlier_frame},
+      entry["recognised"] = {{"keyframe", r->second->earlier_frame},
                              {"landmark", r->second->earlier_landmark},
                              {"matches", r->second->matches.size()}};
     list.push_back(std::move(entry));

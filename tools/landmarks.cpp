@@ -41,14 +41,15 @@ void write_pictures(const fs::path& folder, const FrameResult& view) {
 }
 
 int landmarks(const Arguments& arguments, const Common& common) {
-  const Settings settings = parse_settings(arguments.sets);
+  Settings settings = parse_settings(arguments.sets);
+  settings.pipeline.tracking.landmarks = "every_frame";
   const auto source = open_source(arguments.source, arguments.seed, settings, false);
   StagedFolder folder(arguments.out, "landmarks");
   const auto rig = source->open(folder.path());
   Pipeline pipeline(rig->model(), source->sequence(), settings.pipeline, Pose{});
   nlohmann::ordered_json frames = nlohmann::ordered_json::array();
   std::optional<FrameResult> before;
-  int before_index = 0, found = 0, recognised = 0;
+  int before_number = 0, found = 0, recognised = 0;
   {
     Progress progress("landmarks", source->stacks(), common.quiet || common.json);
     while (const auto stack = rig->capture(source->sequence())) {
@@ -57,12 +58,14 @@ int landmarks(const Arguments& arguments, const Common& common) {
       fs::create_directories(here);
       write_pictures(here, view);
       write_text(here / "keypoints.csv", keypoint_table(view.landmarks));
-      if (before) write_png(here / "matches.png", recognition_picture(*before, before_index, view));
+      if (before) write_png(here / "matches.png", recognition_picture(*before, before_number, view));
       frames.push_back(landmarks_json(stack->index, view));
       found += static_cast<int>(view.landmarks.landmarks.size());
       recognised += static_cast<int>(view.recognitions.size());
-      before = std::move(view);
-      before_index = stack->index;
+      if (view.keyframe >= 0) {
+        before = std::move(view);
+        before_number = before->keyframe;
+      }
       progress.step();
     }
   }

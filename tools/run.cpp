@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <memory>
 
+#include "core/map/map_file.h"
 #include "core/rig/files.h"
 #include "core/rig/yaml.h"
 #include "tools/progress.h"
@@ -19,12 +20,14 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr const char* kConfigFile = "config.yaml";
+constexpr const char* kMapFile = "saved.map";
 
 struct Arguments {
   std::string source, out;
   std::vector<std::string> sets;
   std::optional<uint64_t> seed;
-  bool mesh = false;
+  std::string map;
+  bool mesh = false, save_map = false;
 };
 
 // A scene's name as the name of a folder.
@@ -60,19 +63,24 @@ int run(const Arguments& arguments, const Common& common) {
                                               pipeline_yaml(settings) + (arguments.mesh ? mesh_yaml(settings) : ""));
   const auto rig = source->open(folder.path());
   // The map's world is the robot's frame at the first stack.
-  Pipeline pipeline(rig->model(), source->sequence(), settings.pipeline, Pose{});
+  Pipeline pipeline =
+      arguments.map.empty()
+          ? Pipeline(rig->model(), source->sequence(), settings.pipeline, Pose{})
+          : Pipeline(map_from_bytes(read_bytes(arguments.map), arguments.map, rig->model(), settings.pipeline.mapping),
+                     source->sequence(), settings.pipeline);
   RunFolder record(folder.path(), rig->model(), source->sequence());
   {
     Progress progress("mapping", source->stacks(), common.quiet || common.json);
     while (const auto stack = rig->capture(source->sequence())) {
-      const std::optional<FrameResult> previous = pipeline.last_tracked();
       const FrameResult result = pipeline.process(*stack);
-      record.add(*stack, result, previous ? &*previous : nullptr);
+      record.add(*stack, result, pipeline.map());
       if (arguments.mesh) record.add_mesh(frame_mesh(result.frame, settings.mesh), stack->index);
       progress.step();
     }
   }
-  record.finish(pipeline.map());
+  const std::vector<CloudPoint> cloud = pipeline.map().cloud(settings.pipeline.cloud).points();
+  record.finish(pipeline.trajectory(), cloud);
+  if (arguments.save_map) write_text(folder.path() / kMapFile, to_bytes(pipeline.map()));
 
   std::optional<RunScore> score;
   if (source->has_truth()) {
@@ -80,7 +88,7 @@ int run(const Arguments& arguments, const Common& common) {
     score = score_run(folder.path());
     write_text(folder.path() / "score.json", to_json(*score).dump(2) + "\n");
   }
-  record.draw_overview(pipeline.map(), score ? &*score : nullptr);
+  record.draw_overview(cloud, score ? &*score : nullptr);
   folder.commit();
 
   if (common.json) {
@@ -104,6 +112,8 @@ Verb add_run(CLI::App& app, const Common& common) {
   verb->add_option("--out", arguments->out, "Run folder to write (default: runs/NAME-SEED)");
   verb->add_option("--seed", arguments->seed, "Seed, instead of the scene's")->check(CLI::NonNegativeNumber);
   verb->add_flag("--mesh", arguments->mesh, "Write each view's surface mesh as frames/NNNNNN/mesh.ply too");
+  verb->add_option("--map", arguments->map, "Go on in the map that an earlier run saved")->check(CLI::ExistingFile);
+  verb->add_flag("--save-map", arguments->save_map, "Write saved.map, in which a later run can go on, too");
   verb->add_option("--set", arguments->sets, "Change a setting: stage.key=value (repeatable; listed below)");
   verb->footer(settings_help());
   return [arguments, &common] { return run(*arguments, common); };

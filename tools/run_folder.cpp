@@ -78,7 +78,7 @@ RunFolder::RunFolder(fs::path folder, const RigModel& rig, const PatternSequence
 
 fs::path RunFolder::frame_folder(int index) const { return folder_ / "frames" / stack_name(index); }
 
-void RunFolder::add(const FringeStack& stack, const FrameResult& result, const FrameResult* previous) {
+void RunFolder::add(const FringeStack& stack, const FrameResult& result, const KeyframeMap& map) {
   const fs::path folder = frame_folder(stack.index);
   fs::create_directories(folder);
   const Frame& frame = result.frame;
@@ -93,25 +93,32 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const F
   write_png(folder / "phase.png", phase);
 
   const bool tracked = result.tracking != Tracking::lost;
+  const MotionEstimate& motion = result.registration.motion;
+  const IcpResult& icp = result.registration.icp;
   frames_.push_back({{"index", stack.index},
                      {"tracking", to_string(result.tracking)},
                      {"valid_pixels", cv::countNonZero(depth == depth)},
                      {"keypoints_detected", result.keypoints.detected},
                      {"keypoints_with_depth", result.keypoints.keypoints.size()},
                      {"matches", result.matches.size()},
-                     {"motion", to_string(result.motion.status)},
-                     {"inliers", result.motion.inliers},
-                     {"rank", result.motion.rank},
-                     {"icp_iterations", result.icp.iterations},
-                     {"icp_pairs", result.icp.pairs},
-                     {"icp_overlap", result.icp.overlap},
-                     {"icp_rms_sigma", result.icp.rms_sigma}});
+                     {"motion", result.matches.empty() ? "" : to_string(motion.status)},
+                     {"inliers", motion.inliers},
+                     {"rank", motion.rank},
+                     {"icp_iterations", icp.iterations},
+                     {"icp_pairs", icp.pairs},
+                     {"icp_overlap", icp.overlap},
+                     {"icp_consistency", icp.consistency},
+                     {"icp_rms_sigma", icp.rms_sigma}});
+  auto& entry = frames_.back();
+  if (result.found_again) entry["found_again"] = true;
+  if (result.reference >= 0) entry["reference"] = result.reference;
+  if (result.keyframe >= 0) entry["keyframe"] = result.keyframe;
+  if (result.loops > 0) entry["loops"] = result.loops;
+  if (result.corrected) entry["corrected"] = true;
   landmarks_.push_back(landmarks_json(stack.index, result));
-  if (tracked) {
-    trajectory_.push_back({stack.timestamp_s, result.world_from_robot});
-    tracked_.push_back(stack.index);
-  }
-  if (fringe_.empty() || (tracked && previous && matches_.empty())) {
+  (tracked ? tracked_ : lost_).push_back(stack.index);
+  const bool first_matches = tracked && !result.matches.empty() && matches_.empty();
+  if (fringe_.empty() || first_matches) {
     shown_ = stack.index;
     fringe_ = grey_picture(stack.images[static_cast<size_t>(finest_image_)], 0.8 * rig_.sensor.max_dn());
     phase_ = phase;
@@ -120,10 +127,11 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const F
     cv::minMaxLoc(depth, &low, &high, nullptr, nullptr, depth == depth);
     if (high > low) depth_ = false_colour(depth, low, high);
   }
-  if (tracked && previous && matches_.empty()) {
-    matches_ = match_picture(*previous, result);
-    match_title_ = "matches, view " + std::to_string(previous->frame.index) + " to " + std::to_string(stack.index) +
-                   ": " + std::to_string(result.motion.inliers) + " of " + std::to_string(result.matches.size()) +
+  if (first_matches) {
+    const Keyframe& reference = map.keyframes()[static_cast<size_t>(result.reference)];
+    matches_ = match_picture(reference, result);
+    match_title_ = "matches, view " + std::to_string(reference.index) + " to " + std::to_string(stack.index) + ": " +
+                   std::to_string(motion.inliers) + " of " + std::to_string(result.matches.size()) +
                    " agree on one motion";
   }
 }
@@ -132,14 +140,17 @@ void RunFolder::add_mesh(const Mesh& mesh, int index) const {
   write_text(frame_folder(index) / "mesh.ply", to_ply(mesh));
 }
 
-void RunFolder::finish(const CloudMap& map) {
-  write_text(folder_ / "trajectory.tum", to_tum(trajectory_));
-  write_text(folder_ / "map.ply", to_ply(map.points()));
+void RunFolder::finish(const Trajectory& trajectory, const std::vector<CloudPoint>& cloud) {
+  trajectory_ = trajectory;
+  std::string lost;
+  for (const int index : lost_) lost += (lost.empty() ? "# lost: stacks " : ", ") + std::to_string(index);
+  write_text(folder_ / "trajectory.tum", (lost.empty() ? lost : lost + "\n") + to_tum(trajectory_));
+  write_text(folder_ / "map.ply", to_ply(cloud));
   write_text(folder_ / "frames.json", frames_.dump(1) + "\n");
   write_text(folder_ / "landmarks.json", landmarks_.dump(1) + "\n");
 }
 
-void RunFolder::draw_overview(const CloudMap& map, const RunScore* score) const {
+void RunFolder::draw_overview(const std::vector<CloudPoint>& cloud, const RunScore* score) const {
   Panel error{"no truth: depth error unknown", {}, 1};
   if (score) {
     for (const int index : tracked_) {
@@ -154,7 +165,6 @@ void RunFolder::draw_overview(const CloudMap& map, const RunScore* score) const 
   }
   std::vector<Pose> cameras;
   for (const TimedPose& pose : trajectory_) cameras.push_back(pose.world_from_robot * rig_.robot_from_camera);
-  const std::vector<CloudPoint> points = map.points();
   const cv::Size cell(448, 421);
   const std::vector<std::string> lines = score ? summary(*score) : std::vector<std::string>{"no truth, no score"};
   write_png(folder_ / "overview.png",
@@ -163,8 +173,8 @@ void RunFolder::draw_overview(const CloudMap& map, const RunScore* score) const 
                     {"depth, near = blue", depth_, 1},
                     error},
                    {{match_title_, matches_, 2},
-                    {"map from above, " + std::to_string(points.size()) + " points; cameras yellow",
-                     map_picture(points, cameras, cell), 1},
+                    {"map from above, " + std::to_string(cloud.size()) + " points; cameras yellow",
+                     map_picture(cloud, cameras, cell), 1},
                     {"score", text_picture(lines, cell), 1}}},
                   cell));
 }

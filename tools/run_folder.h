@@ -18,16 +18,16 @@ class RunFolder {
   RunFolder(std::filesystem::path folder, const RigModel& rig, const PatternSequence& sequence);
 
   // The pictures and depth of one view, and one entry of frames.json.
-  void add(const FringeStack& stack, const FrameResult& result, const FrameResult* previous);
+  void add(const FringeStack& stack, const FrameResult& result, const KeyframeMap& map);
 
   // mesh.ply of a view that was added.
   void add_mesh(const Mesh& mesh, int index) const;
 
   // trajectory.tum, map.ply, frames.json, landmarks.json.
-  void finish(const CloudMap& map);
+  void finish(const Trajectory& trajectory, const std::vector<CloudPoint>& cloud);
 
   // error.png of each view and overview.png; `score` is null where there is no truth.
-  void draw_overview(const CloudMap& map, const RunScore* score) const;
+  void draw_overview(const std::vector<CloudPoint>& cloud, const RunScore* score) const;
 
  private:
   std::filesystem::path frame_folder(int index) const;
@@ -36,7 +36,7 @@ class RunFolder {
   RigModel rig_;
   int finest_image_ = 0;  // of the finest fringes: shown in the overview
   Trajectory trajectory_;
-  std::vector<int> tracked_;
+  std::vector<int> tracked_, lost_;
   nlohmann::ordered_json frames_ = nlohmann::ordered_json::array(), landmarks_ = nlohmann::ordered_json::array();
   // Pictures of the last view that has matches, for the overview.
   int shown_ = 0;

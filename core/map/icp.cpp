@@ -27,7 +27,7 @@ double smallest_sigma(const Frame& frame) {
 IcpResult refined(PlanePairs& problem, double least_sigma_m, const Pose& initial, const IcpOptions& options,
                   const Matrix6d& prior) {
   IcpResult result;
-  result.target_from_source = initial;
+  result.target_from_source = orthonormalised(initial);
   const int points = problem.points(1);
   if (points < 6) return result;
 
@@ -66,6 +66,7 @@ IcpResult refined(PlanePairs& problem, double least_sigma_m, const Pose& initial
   if (stride > 1) sums = linearised(1);
   result.pairs = sums.pairs;
   result.overlap = static_cast<double>(sums.pairs) / points;
+  result.consistency = static_cast<double>(sums.pairs) / std::max(1, sums.seen);
   result.rms_m = std::sqrt(sums.squares_m2 / sums.pairs);
   result.rms_sigma = std::sqrt(sums.squares_sigma / sums.pairs);
   result.information = sums.information;

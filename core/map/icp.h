@@ -43,9 +43,10 @@ struct IcpResult {
   bool converged = false;
   int iterations = 0;
   int pairs = 0;
-  double overlap = 0;    // pairs / valid source points
-  double rms_m = 0;      // of the point-to-plane distances
-  double rms_sigma = 0;  // of r / sigma; 1 when the sigmas are right
+  double overlap = 0;      // pairs / valid source points
+  double consistency = 0;  // pairs / source points that fall where the target has a surface: others look through it
+  double rms_m = 0;        // of the point-to-plane distances
+  double rms_sigma = 0;    // of r / sigma; 1 when the sigmas are right
   Matrix6d information = Matrix6d::Zero();
 };
 

@@ -3,41 +3,34 @@
 
 #include <Eigen/LU>
 #include <algorithm>
-#include <cmath>
+#include <map>
+#include <utility>
 
 namespace fringeslam {
 
 namespace {
 
-std::vector<PointPair> point_pairs(const Keypoints& previous, const Keypoints& current,
-                                   const std::vector<KeypointMatch>& matches) {
-  std::vector<PointPair> pairs;
-  for (const KeypointMatch& match : matches) {
-    const Keypoint& p = previous.keypoints[static_cast<size_t>(match.earlier)];
-    const Keypoint& c = current.keypoints[static_cast<size_t>(match.current)];
-    pairs.push_back({p.point_m, c.point_m, p.covariance_m2, c.covariance_m2});
+double middle_m(const RigModel& rig) { return 0.5 * (rig.near_m + rig.far_m); }
+
+// A motion continued for `share` of its duration.
+Pose continued(const Pose& motion, double share) {
+  return {rotation_exp(share * rotation_log(motion.rotation)), share * motion.translation};
+}
+
+// Matches of all landmarks by the view in which they were seen, that of most matches first.
+std::vector<std::pair<int, std::vector<KeypointMatch>>> matches_by_keyframe(
+    const std::vector<Recognition>& recognitions) {
+  std::map<int, std::vector<KeypointMatch>> by_keyframe;
+  for (const Recognition& r : recognitions) {
+    auto& matches = by_keyframe[r.earlier_frame];
+    matches.insert(matches.end(), r.matches.begin(), r.matches.end());
   }
-  return pairs;
-}
-
-// How far off surfaces may be when registration starts from the landmarks' motion: six sigmas of a point at the given
-// distance, and not less than a few times what depth noise does. Wider, registration would pair things with what
-// stands behind them.
-double start_error_m(const MotionEstimate& motion, double distance_m) {
-  constexpr double kSigmas = 6, kLeast = 1e-3;
-  Eigen::Matrix<double, 3, 6> jacobian;
-  jacobian << -skew(motion.previous_from_current.rotation * Eigen::Vector3d(0, 0, distance_m)),
-      Eigen::Matrix3d::Identity();
-  const Eigen::Matrix3d covariance = jacobian * motion.covariance * jacobian.transpose();
-  return std::max(kLeast, kSigmas * std::sqrt(covariance.trace()));
-}
-
-// Whether registration stayed within what the landmarks' covariance allows (chi-square of six degrees of freedom, one
-// false alarm in 10^7): it refines their motion, it does not overrule it.
-bool agree(const Pose& refined, const MotionEstimate& motion) {
-  constexpr double kMaxSquare = 45;
-  const Vector6d offset = difference(refined, motion.previous_from_current);
-  return offset.dot(motion.covariance.inverse() * offset) <= kMaxSquare;
+  std::vector<std::pair<int, std::vector<KeypointMatch>>> list(by_keyframe.begin(), by_keyframe.end());
+  // Of equals the latest.
+  std::stable_sort(list.begin(), list.end(), [](const auto& a, const auto& b) {
+    return a.second.size() != b.second.size() ? a.second.size() > b.second.size() : a.first > b.first;
+  });
+  return list;
 }
 
 }  // namespace
@@ -46,6 +39,8 @@ std::string to_string(Tracking tracking) {
   switch (tracking) {
     case Tracking::first:
       return "first";
+    case Tracking::followed:
+      return "followed";
     case Tracking::refined:
       return "refined";
     case Tracking::landmarks:
@@ -58,65 +53,191 @@ std::string to_string(Tracking tracking) {
 
 Pipeline::Pipeline(const RigModel& rig, const PatternSequence& sequence, const PipelineOptions& options,
                    const Pose& start)
-    : rig_(rig),
+    : Pipeline(KeyframeMap(rig, options.mapping), sequence, options) {
+  start_ = start;
+}
+
+Pipeline::Pipeline(KeyframeMap map, const PatternSequence& sequence, const PipelineOptions& options)
+    : rig_(map.rig()),
       sequence_(sequence),
       options_(options),
-      rays_(pixel_rays(rig.camera)),
-      triangulation_(rig, rays_, options.depth.near_m, options.depth.far_m),
-      database_(rig.camera, options.recognition),
-      map_(options.cloud),
-      start_(start) {
+      rays_(map.rays()),
+      triangulation_(rig_, rays_, options.depth.near_m, options.depth.far_m),
+      database_(rig_.camera, options.recognition),
+      map_(std::move(map)) {
   options_.for_each_stage([](const char* name, auto& stage) { check_options(stage, name); });
+  for (size_t i = 0; i < map_.keyframes().size(); ++i)
+    database_.add(static_cast<int>(i), map_.keyframes()[i].landmarks);
 }
 
 FrameResult Pipeline::process(const FringeStack& stack) {
   FrameResult result;
   result.decoded = decode(stack, sequence_, rig_, options_.decode);
   result.frame = reconstruct(result.decoded, rig_, triangulation_, options_.depth);
-  result.keypoints = detect_keypoints(result.frame, rig_, rays_, options_.keypoints);
-  find_landmarks(result, stack.index);
-  if (last_) {
-    track(result);
-  } else {
+  const bool every_frame = options_.tracking.landmarks == "every_frame";
+  if (every_frame) find_landmarks(result);
+  if (map_.keyframes().empty()) {
     result.tracking = Tracking::first;
-    result.world_from_robot = start_;
+    add_keyframe(result, start_ * rig_.robot_from_camera);
+  } else {
+    const std::optional<Pose> predicted = predicted_camera(stack.timestamp_s);
+    if (!(predicted && follow(result, *predicted)) && !locate(result)) {
+      lost_ = true;
+      return result;
+    }
+    track_.push_back({stack.timestamp_s, result.reference, result.registration.earlier_from_current});
+    result.found_again = std::exchange(lost_, false);
+    extend_map(result);
   }
-  if (result.tracking != Tracking::lost) {
-    map_.add(result.frame, result.world_from_robot * rig_.robot_from_camera);
-    last_ = result;
-  }
+  // METHOD S21: world_from_robot(i+1) = world_from_robot(i) robot_from_camera motion camera_from_robot
+  const Pose world_from_current = world_from_camera(track_.back());
+  result.world_from_robot = orthonormalised(world_from_current * rig_.robot_from_camera.inverse());
+  if (track_.size() > 1)
+    result.previous_from_current = world_from_camera(track_[track_.size() - 2]).inverse() * world_from_current;
+  last_ = result;
   return result;
 }
 
-void Pipeline::find_landmarks(FrameResult& result, int index) {
+Trajectory Pipeline::trajectory() const {
+  Trajectory trajectory;
+  for (const Located& located : track_)
+    trajectory.push_back(
+        {located.timestamp_s, orthonormalised(world_from_camera(located) * rig_.robot_from_camera.inverse())});
+  return trajectory;
+}
+
+Pose Pipeline::world_from_camera(const Located& located) const {
+  return map_.keyframes()[static_cast<size_t>(located.keyframe)].world_from_camera * located.keyframe_from_camera;
+}
+
+// Where the camera is if it moves on as it did between the last two frames.
+std::optional<Pose> Pipeline::predicted_camera(double timestamp_s) const {
+  constexpr double kFarthest = 3;  // times as long as between those
+  if (!options_.tracking.predict || lost_ || track_.size() < 2) return std::nullopt;
+  const Located &before = track_[track_.size() - 2], &last = track_.back();
+  const double share = (timestamp_s - last.timestamp_s) / (last.timestamp_s - before.timestamp_s);
+  if (!(share >= 0 && share <= kFarthest)) return std::nullopt;
+  const Pose from = world_from_camera(last);
+  // Extrapolation doubles whatever rounding left of the rotations, each time.
+  return orthonormalised(from * continued(orthonormalised(world_from_camera(before).inverse() * from), share));
+}
+
+const Frame& Pipeline::reference_image(int keyframe) {
+  if (reference_ != keyframe) reference_frame_ = map_.keyframe_image(keyframe);
+  reference_ = keyframe;
+  return reference_frame_;
+}
+
+void Pipeline::find_landmarks(FrameResult& result) const {
+  result.keypoints = detect_keypoints(result.frame, rig_, rays_, options_.keypoints);
   result.landmarks = identify_landmarks(result.frame, result.keypoints, rig_, options_.keypoints, options_.conditioning,
                                         options_.clusters, options_.landmarks, &result.landmark_stages);
   result.recognitions = database_.recognise(result.landmarks);
-  database_.add(index, result.landmarks);
 }
 
-void Pipeline::track(FrameResult& result) const {
-  result.matches = match_keypoints(last_->keypoints, result.keypoints, options_.matching);
-  result.motion = estimate_motion(point_pairs(last_->keypoints, result.keypoints, result.matches), options_.motion);
-  if (result.motion.status != MotionStatus::determined) return;
+// From the keyframe that shows most of the view; the one before is kept unless another shows clearly more.
+bool Pipeline::follow(FrameResult& result, const Pose& predicted) {
+  constexpr double kClearly = 0.1;
+  const std::vector<int> candidates = map_.overlapping(result.frame, predicted);
+  if (candidates.empty()) return false;
+  const int last = track_.back().keyframe, most = candidates.front();
+  const bool change = map_.expected_overlap(result.frame, predicted, most) >
+                      map_.expected_overlap(result.frame, predicted, last) + kClearly;
+  result.reference = change ? most : last;
+  const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera;
+  result.registration =
+      follow_view(reference_image(result.reference), result.frame, world_from_reference.inverse() * predicted,
+                  rig_.camera, middle_m(rig_), registration_options());
+  result.covariance = result.registration.covariance;
+  if (result.registration.found) result.tracking = Tracking::followed;
+  return result.registration.found;
+}
 
-  result.tracking = Tracking::landmarks;
-  result.previous_from_current = result.motion.previous_from_current;
-  result.covariance = result.motion.covariance;
-  IcpOptions icp = options_.icp;
-  icp.max_distance_m = std::min(icp.max_distance_m, start_error_m(result.motion, 0.5 * (rig_.near_m + rig_.far_m)));
-  result.icp = point_to_plane_icp(last_->frame, result.frame, rig_.camera, result.previous_from_current, icp,
-                                  result.motion.covariance.inverse());
-  if (result.icp.converged && agree(result.icp.target_from_source, result.motion)) {
-    result.tracking = Tracking::refined;
-    result.previous_from_current = result.icp.target_from_source;
-    // Residuals wider than the sigmas say that the sigmas are too small, by as much.
-    const double excess = std::max(1.0, result.icp.rms_sigma * result.icp.rms_sigma);
-    result.covariance = excess * result.icp.information.inverse();
+// By landmarks, wherever in the map they were seen; where those do not tell, by all keypoints of the last keyframe.
+bool Pipeline::locate(FrameResult& result) {
+  constexpr size_t kMostViews = 3;
+  const bool by_landmarks = options_.tracking.correspondences == "landmarks";
+  if (result.keypoints.detected == 0) find_landmarks(result);
+  auto candidates = matches_by_keyframe(result.recognitions);
+  candidates.resize(by_landmarks ? std::min(candidates.size(), kMostViews) : 0);
+  const int last = track_.empty() ? static_cast<int>(map_.keyframes().size()) - 1 : track_.back().keyframe;
+  const auto attempt = [&](int keyframe, std::vector<KeypointMatch> matches) {
+    const Keypoints& earlier = map_.keyframes()[static_cast<size_t>(keyframe)].landmarks.keypoints;
+    ViewRegistration registration =
+        register_views(reference_image(keyframe), result.frame, point_pairs(earlier, result.keypoints, matches),
+                       rig_.camera, middle_m(rig_), registration_options());
+    if (result.registration.found && !registration.refined) return registration.found;
+    result.reference = keyframe;
+    result.matches = std::move(matches);
+    result.registration = std::move(registration);
+    return result.registration.refined;
+  };
+  for (auto& [keyframe, matches] : candidates) {
+    if (attempt(keyframe, std::move(matches))) break;
   }
-  // METHOD S21: world_from_robot(i+1) = world_from_robot(i) robot_from_camera motion camera_from_robot
-  result.world_from_robot = orthonormalised(last_->world_from_robot * rig_.robot_from_camera *
-                                            result.previous_from_current * rig_.robot_from_camera.inverse());
+  if (!result.registration.refined)
+    attempt(last, match_keypoints(map_.keyframes()[static_cast<size_t>(last)].landmarks.keypoints, result.keypoints,
+                                  options_.matching));
+  if (!result.registration.found) return false;
+  result.covariance = result.registration.covariance;
+  result.tracking = result.registration.refined ? Tracking::refined : Tracking::landmarks;
+  return true;
+}
+
+void Pipeline::extend_map(FrameResult& result) {
+  // Where depth did not confirm the landmarks' motion the frame tells where the robot is, but the map stays as it was.
+  if (!result.registration.refined) return;
+  const Located here = track_.back();
+  const Pose current = world_from_camera(here);
+  const bool leaves = map_.expected_overlap(result.frame, current, here.keyframe) < options_.mapping.keyframe_overlap;
+  if (leaves || options_.tracking.landmarks == "every_frame")
+    add_keyframe(result, current);
+  else
+    map_.add_frame(result.frame, here.keyframe, here.keyframe_from_camera);
+}
+
+void Pipeline::add_keyframe(FrameResult& result, const Pose& world_from_camera) {
+  if (result.keypoints.detected == 0) find_landmarks(result);
+  const int number = map_.add_keyframe(result.frame, result.landmarks, world_from_camera);
+  database_.add(number, result.landmarks);
+  result.keyframe = number;
+  if (result.tracking == Tracking::first) {
+    track_.push_back({result.frame.timestamp_s, number, {}});
+    return;
+  }
+  track_.back() = {track_.back().timestamp_s, number, {}};
+  map_.link({result.reference, number, result.registration.earlier_from_current, result.covariance.inverse(), false});
+  result.loops = close_loops(result);
+  if (result.loops > 0) result.corrected = map_.correct(options_.pose_graph, options_.mapping.significant_m);
+}
+
+// Links the new keyframe with earlier ones beside its reference: those that it overlaps by what is known, and those
+// whose landmarks it shows. How many.
+int Pipeline::close_loops(const FrameResult& result) {
+  const Pose current = map_.keyframes().back().world_from_camera;
+  std::vector<int> near = map_.overlapping(result.frame, current);
+  std::map<int, std::vector<KeypointMatch>> recognised;
+  for (auto& [keyframe, matches] : matches_by_keyframe(result.recognitions)) {
+    recognised[keyframe] = matches;
+    if (std::find(near.begin(), near.end(), keyframe) == near.end()) near.push_back(keyframe);
+  }
+  int links = 0;
+  for (const int keyframe : near) {
+    if (links >= options_.mapping.max_links) break;
+    if (keyframe == result.keyframe || keyframe == result.reference) continue;
+    const Keyframe& earlier = map_.keyframes()[static_cast<size_t>(keyframe)];
+    const Frame image = map_.keyframe_image(keyframe);
+    ViewRegistration registration = follow_view(image, result.frame, earlier.world_from_camera.inverse() * current,
+                                                rig_.camera, middle_m(rig_), registration_options());
+    if (!registration.refined && recognised.contains(keyframe))
+      registration = register_views(image, result.frame,
+                                    point_pairs(earlier.landmarks.keypoints, result.keypoints, recognised[keyframe]),
+                                    rig_.camera, middle_m(rig_), registration_options());
+    if (!registration.refined) continue;
+    map_.link({keyframe, result.keyframe, registration.earlier_from_current, registration.covariance.inverse(), true});
+    ++links;
+  }
+  return links;
 }
 
 }  // namespace fringeslam

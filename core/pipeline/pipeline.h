@@ -11,9 +11,9 @@
 #include "core/landmarks/keypoints.h"
 #include "core/landmarks/landmarks.h"
 #include "core/landmarks/recognition.h"
-#include "core/map/cloud.h"
-#include "core/map/icp.h"
-#include "core/motion/ego_motion.h"
+#include "core/map/keyframe_map.h"
+#include "core/pipeline/view_registration.h"
+#include "core/types/trajectory.h"
 
 namespace fringeslam {
 
@@ -28,6 +28,9 @@ struct PipelineOptions {
   RecognitionOptions recognition;
   MotionOptions motion;
   IcpOptions icp;
+  TrackingOptions tracking;
+  MappingOptions mapping;
+  PoseGraphOptions pose_graph;
   CloudOptions cloud;
 
   // visit(name, options) for each stage, in order.
@@ -43,12 +46,16 @@ struct PipelineOptions {
     visit("recognition", recognition);
     visit("motion", motion);
     visit("icp", icp);
+    visit("tracking", tracking);
+    visit("mapping", mapping);
+    visit("pose_graph", pose_graph);
     visit("cloud", cloud);
   }
 };
 
 enum class Tracking {
   first,      // nothing to register against
+  followed,   // ICP from where constant velocity let expect it
   refined,    // landmarks, then ICP
   landmarks,  // ICP did not settle; the pose is the landmarks'
   lost        // no pose; the frame is left out of trajectory and map
@@ -58,33 +65,57 @@ std::string to_string(Tracking tracking);
 struct FrameResult {
   DecodedStack decoded;
   Frame frame;
-  Keypoints keypoints;
-  std::vector<KeypointMatch> matches;  // against the last tracked frame
+  Keypoints keypoints;  // where landmarks were looked for
   Landmarks landmarks;
   LandmarkStages landmark_stages;
-  std::vector<Recognition> recognitions;  // of landmarks of earlier frames, by FringeStack::index
-  MotionEstimate motion;
-  IcpResult icp;
+  std::vector<Recognition> recognitions;  // of landmarks of earlier views, by the number of their keyframe
+  std::vector<KeypointMatch> matches;     // with the reference; none where it was followed
+  ViewRegistration registration;          // with the reference
   Tracking tracking = Tracking::lost;
+  bool found_again = false;                // tracked, after one that was lost
+  int reference = -1;                      // keyframe
+  int keyframe = -1;                       // its own number where it became one
+  int loops = 0;                           // earlier keyframes that it was linked with then, beside the reference
+  bool corrected = false;                  // by which the map moved
   Pose previous_from_current;              // camera motion since the last tracked frame
-  Matrix6d covariance = Matrix6d::Zero();  // of previous_from_current
-  Pose world_from_robot;
+  Matrix6d covariance = Matrix6d::Zero();  // of the camera's motion since the reference
+  Pose world_from_robot;                   // as known when it was processed; see Pipeline::trajectory()
 };
 
 class Pipeline {
  public:
   // `start`: where the robot is when the first stack is taken.
   Pipeline(const RigModel& rig, const PatternSequence& sequence, const PipelineOptions& options, const Pose& start);
+  // Goes on in a map; the robot has to be found in it.
+  Pipeline(KeyframeMap map, const PatternSequence& sequence, const PipelineOptions& options);
 
   FrameResult process(const FringeStack& stack);
 
-  // The frame that the next one is registered against; empty before the first.
+  // The last tracked frame; empty before the first.
   const std::optional<FrameResult>& last_tracked() const { return last_; }
-  const CloudMap& map() const { return map_; }
+  const KeyframeMap& map() const { return map_; }
+  // Of all tracked frames, in the order of their stacks, by what is known now.
+  Trajectory trajectory() const;
 
  private:
-  void find_landmarks(FrameResult& result, int index);
-  void track(FrameResult& result) const;
+  // A tracked frame and where it is, whatever becomes of its keyframe.
+  struct Located {
+    double timestamp_s = 0;
+    int keyframe = 0;
+    Pose keyframe_from_camera;
+  };
+
+  RegistrationOptions registration_options() const { return {options_.motion, options_.icp, options_.tracking}; }
+  Pose world_from_camera(const Located& located) const;
+  std::optional<Pose> predicted_camera(double timestamp_s) const;
+  const Frame& reference_image(int keyframe);
+
+  void find_landmarks(FrameResult& result) const;
+  bool follow(FrameResult& result, const Pose& predicted);
+  bool locate(FrameResult& result);
+  void extend_map(FrameResult& result);
+  void add_keyframe(FrameResult& result, const Pose& world_from_camera);
+  int close_loops(const FrameResult& result);
 
   RigModel rig_;
   PatternSequence sequence_;
@@ -92,8 +123,12 @@ class Pipeline {
   PixelRays rays_;
   Triangulation triangulation_;
   LandmarkDatabase database_;
-  CloudMap map_;
+  KeyframeMap map_;
   Pose start_;
+  std::vector<Located> track_;
+  bool lost_ = false;  // since the last one of track_
+  int reference_ = -1;
+  Frame reference_frame_;
   std::optional<FrameResult> last_;
 };
 

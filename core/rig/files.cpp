@@ -28,14 +28,14 @@ fs::path sibling_folder(const fs::path& target) {
   return name;
 }
 
+}  // namespace
+
 std::string read_bytes(const fs::path& file) {
   std::ifstream in(file, std::ios::binary);
   std::ostringstream bytes;
   bytes << in.rdbuf();
   return bytes.str();
 }
-
-}  // namespace
 
 StagedFolder::StagedFolder(fs::path target, std::string kind) : target_(std::move(target)), kind_(std::move(kind)) {
   if (target_.filename().empty()) target_ = target_.parent_path();

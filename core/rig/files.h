@@ -48,6 +48,9 @@ class StagedFile {
 
 void write_text(const std::filesystem::path& file, const std::string& text);
 
+// The whole file; empty when there is none.
+std::string read_bytes(const std::filesystem::path& file);
+
 // CV_8UC1, CV_8UC3 (BGR, as OpenCV keeps it) or CV_16UC1.
 void write_png(const std::filesystem::path& file, const cv::Mat& image);
 

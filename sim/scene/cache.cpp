@@ -5,8 +5,8 @@
 
 #include <cstdlib>
 #include <fstream>
-#include <sstream>
 
+#include "core/rig/files.h"
 #include "core/types/error.h"
 #include "core/types/fnv.h"
 
@@ -15,13 +15,6 @@ namespace fringeslam::sim {
 namespace fs = std::filesystem;
 
 namespace {
-
-std::string read_all(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  std::stringstream bytes;
-  bytes << in.rdbuf();
-  return bytes.str();
-}
 
 // Under a name of its own first: several processes may fill the cache at once.
 bool write_whole(const fs::path& file, const std::string& bytes) {
@@ -69,14 +62,14 @@ std::string content_hash(const std::string& content) {
 fs::path cached_file(const std::string& name, const std::string& bytes) {
   const fs::path file = cache_folder() / name;
   std::error_code ignored;
-  if (fs::is_regular_file(file, ignored) && read_all(file) == bytes) return file;
+  if (fs::is_regular_file(file, ignored) && read_bytes(file) == bytes) return file;
   if (!write_whole(file, bytes))
     throw Error(file.string() + ": cannot be written; set FRINGESLAM_CACHE to a folder that can");
   return file;
 }
 
 std::optional<std::string> cached(const std::string& content) {
-  const std::string bytes = read_all(file_of(content));
+  const std::string bytes = read_bytes(file_of(content));
   const std::string head = sealed(content, "").substr(0, std::to_string(content.size()).size() + 1 + content.size());
   constexpr size_t kHash = 16;
   if (bytes.size() < head.size() + kHash || bytes.compare(0, head.size(), head) != 0) return std::nullopt;

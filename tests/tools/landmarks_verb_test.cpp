@@ -39,7 +39,7 @@ TEST(LandmarksVerb, WritesPicturesAndTables) {
     EXPECT_NEAR(landmark["centre_m"][2].get<double>(), 1.0, 0.3);
     if (!landmark.contains("recognised")) continue;
     ++recognised;
-    EXPECT_EQ(landmark["recognised"]["frame"], 0);
+    EXPECT_EQ(landmark["recognised"]["keyframe"], 0);
     EXPECT_GE(landmark["recognised"]["matches"].get<int>(), 4);
   }
   EXPECT_GE(recognised, 2);

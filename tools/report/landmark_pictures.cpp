@@ -84,7 +84,7 @@ cv::Mat3b landmark_picture(const FrameResult& view) {
   return picture;
 }
 
-cv::Mat3b recognition_picture(const FrameResult& earlier, int earlier_index, const FrameResult& current) {
+cv::Mat3b recognition_picture(const FrameResult& earlier, int earlier_keyframe, const FrameResult& current) {
   cv::Mat3b picture;
   cv::hconcat(grey_picture(earlier.frame.texture, kTextureWhite), grey_picture(current.frame.texture, kTextureWhite),
               picture);
@@ -92,7 +92,7 @@ cv::Mat3b recognition_picture(const FrameResult& earlier, int earlier_index, con
   for (const Landmark& landmark : earlier.landmarks.landmarks) draw_outline(picture, landmark, kUnclustered);
   for (const Landmark& landmark : current.landmarks.landmarks) draw_outline(picture, landmark, kUnclustered, shift);
   for (const Recognition& r : current.recognitions) {
-    if (r.earlier_frame != earlier_index) continue;
+    if (r.earlier_frame != earlier_keyframe) continue;
     const cv::Scalar colour = colour_of(r.landmark);
     draw_outline(picture, earlier.landmarks.landmarks[static_cast<size_t>(r.earlier_landmark)], colour);
     draw_outline(picture, current.landmarks.landmarks[static_cast<size_t>(r.landmark)], colour, shift);

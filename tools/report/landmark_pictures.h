@@ -20,7 +20,7 @@ cv::Mat3b cluster_picture(const FrameResult& view);
 cv::Mat3b landmark_picture(const FrameResult& view);
 
 // A view's recognised landmarks beside an earlier view's, with lines between matched keypoints.
-cv::Mat3b recognition_picture(const FrameResult& earlier, int earlier_index, const FrameResult& current);
+cv::Mat3b recognition_picture(const FrameResult& earlier, int earlier_keyframe, const FrameResult& current);
 
 // Depth, foreground, edges, dilated, thinned, cleaned; keypoints, clusters, landmarks.
 cv::Mat3b landmark_sheet(const FrameResult& view);

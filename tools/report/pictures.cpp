@@ -43,15 +43,16 @@ cv::Mat3b grey_picture(const cv::Mat& image, double full_scale) {
   return colours;
 }
 
-cv::Mat3b match_picture(const FrameResult& previous, const FrameResult& current) {
+cv::Mat3b match_picture(const Keyframe& reference, const FrameResult& current) {
   cv::Mat3b picture;
-  cv::hconcat(grey_picture(previous.frame.texture, 160), grey_picture(current.frame.texture, 160), picture);
-  const double shift = previous.frame.width();
+  cv::hconcat(grey_picture(reference.frame.texture, 160), grey_picture(current.frame.texture, 160), picture);
+  const double shift = reference.frame.texture.cols;
+  const std::vector<Keypoint>& earlier = reference.landmarks.keypoints.keypoints;
   // Wrong ones first, so that they never hide a right one.
   for (const char wanted : {char{0}, char{1}}) {
     for (size_t i = 0; i < current.matches.size(); ++i) {
-      if (current.motion.is_inlier[i] != wanted) continue;
-      const Eigen::Vector2d p = previous.keypoints.keypoints[static_cast<size_t>(current.matches[i].earlier)].pixel;
+      if (current.registration.motion.is_inlier[i] != wanted) continue;
+      const Eigen::Vector2d p = earlier[static_cast<size_t>(current.matches[i].earlier)].pixel;
       const Eigen::Vector2d c = current.keypoints.keypoints[static_cast<size_t>(current.matches[i].current)].pixel;
       const cv::Point2d from(p.x(), p.y()), to(c.x() + shift, c.y());
       const cv::Scalar colour = wanted ? kGreen : kRed;

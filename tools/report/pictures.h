@@ -16,7 +16,7 @@ cv::Mat3b false_colour(const cv::Mat1f& values, double low, double high);
 cv::Mat3b grey_picture(const cv::Mat& image, double full_scale);
 
 // Matched keypoints of two textures side by side: supporters of the motion green, the rest red.
-cv::Mat3b match_picture(const FrameResult& previous, const FrameResult& current);
+cv::Mat3b match_picture(const Keyframe& reference, const FrameResult& current);
 
 // The map seen from where the first camera looks, in parallel projection, shaded by its normals, with the camera
 // positions.

@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/map/keyframe_map.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace fringeslam {
+
+namespace {
+
+template <class List>
+auto& at(List& list, int i) {
+  return list[static_cast<size_t>(i)];
+}
+
+double middle_m(const RigModel& rig) { return 0.5 * (rig.near_m + rig.far_m); }
+
+}  // namespace
+
+KeyframeMap::KeyframeMap(const RigModel& rig, const MappingOptions& options)
+    : rig_(rig), options_(options), rays_(pixel_rays(rig.camera)) {
+  check_options(options, "mapping");
+}
+
+Frame KeyframeMap::keyframe_image(int keyframe) const { return restored(at(keyframes_, keyframe).frame, rays_); }
+
+// How far apart two cameras see the same things, in widths of the image: the mean over a few points at mid range.
+double KeyframeMap::view_change(const Pose& one_from_other) const {
+  const double distance = middle_m(rig_), half_width = 0.5 * rig_.camera.width / rig_.camera.fx;
+  double change = 0;
+  for (const double x : {-half_width, half_width}) {
+    for (const double y : {-half_width, half_width}) {
+      const Eigen::Vector3d point(distance * x, distance * y, distance);
+      change += (one_from_other * point - point).norm() / (2 * half_width * distance) / 4;
+    }
+  }
+  return change;
+}
+
+int KeyframeMap::add_keyframe(const Frame& frame, Landmarks landmarks, const Pose& world_from_camera) {
+  const int number = static_cast<int>(keyframes_.size());
+  keyframes_.push_back({frame.index, frame.timestamp_s, world_from_camera, std::move(landmarks), stored(frame)});
+  frames_.push_back({number, {}, keyframes_.back().frame});  // shares the images
+  return number;
+}
+
+bool KeyframeMap::add_frame(const Frame& frame, int keyframe, const Pose& keyframe_from_camera) {
+  const Pose world_from_camera = at(keyframes_, keyframe).world_from_camera * keyframe_from_camera;
+  for (const MapFrame& known : frames_) {
+    const Pose world_from_known = at(keyframes_, known.keyframe).world_from_camera * known.keyframe_from_camera;
+    if (view_change(world_from_known.inverse() * world_from_camera) < options_.min_view_change) return false;
+  }
+  frames_.push_back({keyframe, keyframe_from_camera, stored(frame)});
+  return true;
+}
+
+bool KeyframeMap::correct(const PoseGraphOptions& options, double significant_m) {
+  std::vector<Pose> poses;
+  for (const Keyframe& keyframe : keyframes_) poses.push_back(keyframe.world_from_camera);
+  const PoseGraphResult result = optimise_poses(poses, links_, options);
+  const Eigen::Vector3d before(0, 0, middle_m(rig_));
+  bool significant = false;
+  for (size_t i = 0; i < poses.size(); ++i) {
+    significant |= (result.poses[i] * before - poses[i] * before).norm() > significant_m;
+    keyframes_[i].world_from_camera = orthonormalised(result.poses[i]);
+  }
+  return significant;
+}
+
+double KeyframeMap::expected_overlap(const Frame& frame, const Pose& world_from_camera, int keyframe) const {
+  constexpr int kEvery = 16;
+  constexpr float kSameSurface_m = 0.03f;
+  const Keyframe& other = at(keyframes_, keyframe);
+  const Pose other_from_camera = other.world_from_camera.inverse() * world_from_camera;
+  int points = 0, seen = 0;
+  for (int row = kEvery / 2; row < frame.height(); row += kEvery) {
+    for (int col = kEvery / 2; col < frame.width(); col += kEvery) {
+      if (!frame.valid(row, col)) continue;
+      ++points;
+      const cv::Vec3f& p = frame.points_m(row, col);
+      const Eigen::Vector3d point = other_from_camera * Eigen::Vector3d(p[0], p[1], p[2]);
+      if (!(point.z() > 0)) continue;
+      const Eigen::Vector2d pixel = rig_.camera.project(point);
+      if (!rig_.camera.contains(pixel)) continue;
+      const float depth = other.frame.depth_m(static_cast<int>(pixel.y() + 0.5), static_cast<int>(pixel.x() + 0.5));
+      seen += std::abs(depth - static_cast<float>(point.z())) < kSameSurface_m;
+    }
+  }
+  return static_cast<double>(seen) / std::max(1, points);
+}
+
+std::vector<int> KeyframeMap::overlapping(const Frame& frame, const Pose& world_from_camera) const {
+  std::vector<std::pair<double, int>> shares;
+  for (int i = 0; i < static_cast<int>(keyframes_.size()); ++i) {
+    // Two views farther apart than this share next to nothing; it saves looking.
+    if (view_change(at(keyframes_, i).world_from_camera.inverse() * world_from_camera) > 1.5) continue;
+    const double share = expected_overlap(frame, world_from_camera, i);
+    if (share >= options_.min_loop_overlap) shares.emplace_back(-share, i);
+  }
+  std::sort(shares.begin(), shares.end());
+  std::vector<int> numbers;
+  for (const auto& [share, number] : shares) numbers.push_back(number);
+  return numbers;
+}
+
+CloudMap KeyframeMap::cloud(const CloudOptions& options) const {
+  CloudMap cloud(options);
+  for (const MapFrame& frame : frames_)
+    cloud.add(restored(frame.frame, rays_),
+              at(keyframes_, frame.keyframe).world_from_camera * frame.keyframe_from_camera);
+  return cloud;
+}
+
+size_t KeyframeMap::memory_bytes() const {
+  size_t bytes = 0;
+  for (const MapFrame& frame : frames_) bytes += bytes_of(frame.frame);
+  for (const Keyframe& keyframe : keyframes_)
+    bytes += keyframe.landmarks.keypoints.descriptors.total() * sizeof(float) +
+             keyframe.landmarks.keypoints.keypoints.size() * sizeof(Keypoint);
+  return bytes;
+}
+
+void KeyframeMap::restore(std::vector<Keyframe> keyframes, std::vector<MapFrame> frames, std::vector<PoseEdge> links) {
+  keyframes_ = std::move(keyframes);
+  frames_ = std::move(frames);
+  links_ = std::move(links);
+}
+
+}  // namespace fringeslam

@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: Apache-2.0
+// The motion between two views, by what both are known to show: S20 from matched keypoints, then S22 from all depth;
+// or S22 alone, from a predicted motion. And when to believe it: a motion that may be wrong is no motion.
+#pragma once
+
+#include <vector>
+
+#include "core/map/icp.h"
+#include "core/motion/ego_motion.h"
+#include "core/types/frame.h"
+#include "core/types/landmark.h"
+
+namespace fringeslam {
+
+struct TrackingOptions {
+  bool predict = true;
+  double max_prediction_error_m = 0.03;
+  std::string correspondences = "landmarks";
+  std::string landmarks = "keyframes";
+  std::string engine = "point_to_plane";
+  double min_overlap = 0.25;
+  double min_consistency = 0.8;
+  double max_rms_sigma = 2;
+  double max_displacement_sigma_m = 1e-3;
+
+  template <class Visitor>
+  void describe(Visitor& v) {
+    v.field("predict", predict, "views are registered from where constant velocity lets expect them");
+    v.field("max_prediction_error_m", max_prediction_error_m, {1e-6, 10}, "by how much surfaces may be off there, m");
+    v.field("correspondences", correspondences, {"landmarks", "keypoints"},
+            "whose keypoints tell the motion where it is not predicted: of landmarks that are recognised, and of all "
+            "where those do not suffice, or of all at once");
+    v.field("landmarks", landmarks, {"keyframes", "every_frame"}, "which views are searched for landmarks");
+    v.field("engine", engine, {"point_to_plane", "besl_mckay", "zhang", "pcl_icp", "pcl_gicp"},
+            "registration that refines the landmarks' motion");
+    v.field("min_overlap", min_overlap, {0, 1}, "least share of a view that is followed without landmarks");
+    v.field("min_consistency", min_consistency, {0, 1},
+            "least share of points that agree with the surface where they fall on one");
+    v.field("max_rms_sigma", max_rms_sigma, {0.1, 1000}, "largest RMS residual of a followed view, sigmas");
+    v.field("max_displacement_sigma_m", max_displacement_sigma_m, {1e-9, 10},
+            "largest sigma of where surfaces come to lie, m");
+  }
+};
+
+struct ViewRegistration {
+  bool found = false;    // the motion is known
+  bool refined = false;  // by all depth
+  Pose earlier_from_current;
+  Matrix6d covariance = Matrix6d::Zero();  // of the tangent of retract()
+  MotionEstimate motion;                   // by keypoints
+  IcpResult icp;
+};
+
+struct RegistrationOptions {
+  MotionOptions motion;
+  IcpOptions icp;
+  TrackingOptions tracking;
+};
+
+std::vector<PointPair> point_pairs(const Keypoints& earlier, const Keypoints& current,
+                                   const std::vector<KeypointMatch>& matches);
+
+// From matched keypoints; both frames by one camera, surfaces about `distance_m` away.
+ViewRegistration register_views(const Frame& earlier, const Frame& current, const std::vector<PointPair>& pairs,
+                                const Pinhole& camera, double distance_m, const RegistrationOptions& options);
+
+// From a motion that may be off by up to max_prediction_error_m at the surfaces. Found only if the surfaces alone
+// determine the motion, and agree wherever both views see one.
+ViewRegistration follow_view(const Frame& earlier, const Frame& current, const Pose& predicted, const Pinhole& camera,
+                             double distance_m, const RegistrationOptions& options);
+
+}  // namespace fringeslam

@@ -1,0 +1,151 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/map/keyframe_map.h"
+
+#include <gmock/gmock.h>
+
+#include "core/map/map_file.h"
+#include "tests/support/matchers.h"
+#include "tests/support/scene.h"
+
+namespace fringeslam {
+namespace {
+
+using support::bumps;
+using support::observe;
+using support::PoseNear;
+using support::Random;
+using support::small_rig;
+
+const RigModel kRig = small_rig(true);
+const support::Surface kSurface = bumps(1, 0.03, 0.2);
+
+Pose shifted(double x_m, double y_m = 0) { return {Eigen::Matrix3d::Identity(), {x_m, y_m, 0}}; }
+Frame view(const Pose& world_from_camera) {
+  Random noise(3);
+  Frame frame = observe(kSurface, kRig, world_from_camera, 1e-4, &noise);
+  frame.texture.create(frame.points_m.size());
+  for (int i = 0; i < static_cast<int>(frame.texture.total()); ++i) frame.texture(i) = static_cast<uchar>(i % 251);
+  return frame;
+}
+
+template <class Pixel>
+bool same_bits(const cv::Mat_<Pixel>& a, const cv::Mat_<Pixel>& b) {
+  for (int row = 0; row < a.rows; ++row) {
+    if (std::memcmp(a[row], b[row], sizeof(Pixel) * static_cast<size_t>(a.cols)) != 0) return false;
+  }
+  return a.size() == b.size();
+}
+
+TEST(StoredFrame, KeepsWhatRegistrationNeeds) {
+  const PixelRays rays = pixel_rays(kRig.camera);
+  const Frame frame = view({}), again = restored(stored(frame), rays);
+  EXPECT_TRUE(same_bits(again.texture, frame.texture));
+  int normals = 0;
+  for (int i = 0; i < static_cast<int>(frame.points_m.total()); ++i) {
+    ASSERT_EQ(std::isnan(again.points_m(i)[2]), std::isnan(frame.points_m(i)[2]));
+    ASSERT_EQ(std::isnan(again.normals(i)[2]), std::isnan(frame.normals(i)[2]));
+    if (std::isnan(frame.normals(i)[2])) continue;
+    ++normals;
+    ASSERT_EQ(again.points_m(i)[2], frame.points_m(i)[2]);
+    ASSERT_LT(cv::norm(again.points_m(i) - frame.points_m(i)), 1e-6);
+    ASSERT_NEAR(again.sigma_m(i) / frame.sigma_m(i), 1, 5e-4);
+    ASSERT_LT(cv::norm(again.normals(i) - frame.normals(i)), 1e-4);
+    ASSERT_NEAR(cv::norm(again.normals(i)), 1, 1e-6);
+  }
+  EXPECT_GT(normals, 1000);
+}
+
+// All directions, those of the octahedron's folded half and its edges among them.
+TEST(StoredFrame, NormalsOfAllDirections) {
+  Random random(1);
+  Frame frame = view({});
+  for (int i = 0; i < static_cast<int>(frame.normals.total()); ++i) {
+    Eigen::Vector3d n = random.direction();
+    if (i < 6) n = (i % 2 ? -1 : 1) * Eigen::Vector3d::Unit(i / 2);
+    frame.normals(i) = {float(n.x()), float(n.y()), float(n.z())};
+  }
+  const Frame again = restored(stored(frame), pixel_rays(kRig.camera));
+  for (int i = 0; i < static_cast<int>(frame.normals.total()); ++i)
+    ASSERT_LT(cv::norm(again.normals(i) - frame.normals(i)), 1e-4) << frame.normals(i);
+}
+
+TEST(KeyframeMap, KeepsOnlyViewsThatDiffer) {
+  KeyframeMap map(kRig, {});
+  map.add_keyframe(view({}), {}, {});
+  EXPECT_FALSE(map.add_frame(view({}), 0, {}));
+  EXPECT_FALSE(map.add_frame(view(shifted(1e-3)), 0, shifted(1e-3)));
+  EXPECT_TRUE(map.add_frame(view(shifted(0.05)), 0, shifted(0.05)));
+  const size_t bytes = map.memory_bytes();
+  for (int i = 0; i < 10; ++i) EXPECT_FALSE(map.add_frame(view(shifted(0.05)), 0, shifted(0.05)));
+  EXPECT_EQ(map.memory_bytes(), bytes);
+  EXPECT_EQ(map.frames().size(), 2u);
+}
+
+TEST(KeyframeMap, OverlapIsTheShareThatBothSee) {
+  const RigModel rig = small_rig(false);
+  KeyframeMap map(rig, {});
+  const support::Surface wall = support::plane({0, 0, 1}, 1.0);
+  map.add_keyframe(observe(wall, rig, {}, 1e-4), {}, {});
+  const double width_m = rig.camera.width / rig.camera.fx;
+  for (const double share : {0.0, 0.25, 0.5, 1.0}) {
+    const Pose pose = shifted(share * width_m);
+    EXPECT_NEAR(map.expected_overlap(observe(wall, rig, pose, 1e-4), pose, 0), 1 - share, 0.08) << share;
+  }
+  // What lies elsewhere in depth is not the same surface.
+  EXPECT_EQ(map.expected_overlap(observe(support::plane({0, 0, 1}, 1.2), rig, {}, 1e-4), {}, 0), 0);
+}
+
+// Frames go with their keyframe when a loop is closed.
+TEST(KeyframeMap, CorrectionMovesKeyframesAndTheirFrames) {
+  KeyframeMap map(kRig, {});
+  map.add_keyframe(view({}), {}, {});
+  map.add_keyframe(view(shifted(0.1)), {}, shifted(0.102));  // drifted by 2 mm
+  map.add_frame(view(shifted(0.2)), 1, shifted(0.1));
+  map.link({0, 1, shifted(0.102), 1e4 * Matrix6d::Identity(), false});
+  map.link({0, 1, shifted(0.1), 1e10 * Matrix6d::Identity(), true});
+  EXPECT_TRUE(map.correct({}, 1e-4));
+  EXPECT_THAT(map.keyframes()[1].world_from_camera, PoseNear(shifted(0.1), 1e-6, 1e-6));
+  EXPECT_THAT(map.keyframes()[0].world_from_camera, PoseNear(Pose{}, 1e-12, 1e-12));
+  EXPECT_FALSE(map.correct({}, 1e-4)) << "it is right by now";
+  // All of the cloud lies on the surface then.
+  const double before = 2e-3;
+  for (const CloudPoint& point : map.cloud({}).points()) {
+    const Eigen::Vector3d p = point.position_m.cast<double>();
+    const auto hit = kSurface(Eigen::Vector3d(p.x(), p.y(), 0), Eigen::Vector3d(0, 0, 1));
+    ASSERT_TRUE(hit);
+    ASSERT_LT(std::abs(hit->point.z() - p.z()), before);
+  }
+}
+
+TEST(MapFile, IsReadAsItWasWritten) {
+  KeyframeMap map(kRig, {});
+  Landmarks landmarks;
+  Random random(5);
+  for (int i = 0; i < 30; ++i) {
+    Keypoint keypoint;
+    keypoint.pixel = random.direction().head<2>();
+    keypoint.point_m = random.direction();
+    keypoint.scale = 2;
+    landmarks.keypoints.keypoints.push_back(keypoint);
+  }
+  landmarks.keypoints.descriptors = cv::Mat1f(30, 128, 0.125f);
+  landmarks.landmarks = {{{}, {{1, 2}, {30, 4}, {5, 60}}, {0, 4, 29}}};
+  map.add_keyframe(view({}), landmarks, shifted(1, 2));
+  map.add_keyframe(view(shifted(0.1)), {}, shifted(1.1, 2));
+  map.add_frame(view(shifted(0.05)), 1, shifted(-0.05));
+  map.link({0, 1, shifted(0.1), 7 * Matrix6d::Identity(), true});
+
+  const std::string bytes = to_bytes(map);
+  const KeyframeMap again = map_from_bytes(bytes, "it", kRig, {});
+  EXPECT_EQ(to_bytes(again), bytes);
+  ASSERT_EQ(again.keyframes().size(), 2u);
+  EXPECT_EQ(again.frames().size(), map.frames().size());
+  EXPECT_EQ(again.memory_bytes(), map.memory_bytes());
+  EXPECT_THAT(again.keyframes()[0].world_from_camera, PoseNear(shifted(1, 2), 0, 0));
+  EXPECT_TRUE(same_bits(again.keyframes()[1].frame.depth_m, map.keyframes()[1].frame.depth_m));
+  EXPECT_EQ(again.keyframes()[0].landmarks.landmarks[0].keypoints, (std::vector<int>{0, 4, 29}));
+  EXPECT_EQ(again.keyframes()[0].landmarks.keypoints.descriptors.rows, 30);
+}
+
+}  // namespace
+}  // namespace fringeslam

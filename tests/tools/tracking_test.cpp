@@ -1,0 +1,141 @@
+// SPDX-License-Identifier: Apache-2.0
+// A run over many views: followed, lost, found again, the loop closed, the map saved and gone on in.
+#include <gmock/gmock.h>
+
+#include <nlohmann/json.hpp>
+
+#include "core/score/score.h"
+#include "tests/tools/child.h"
+
+namespace fringeslam {
+namespace {
+
+using nlohmann::json;
+using test::run_program;
+using test::run_well;
+using testing::HasSubstr;
+
+constexpr const char* kStep = "    - {translation_mm: [6, 4, 0], rotation_deg: [0, 0, 1]}\n";
+constexpr const char* kBack = "    - {translation_mm: [-6, -4, 0], rotation_deg: [0, 0, -1]}\n";
+
+std::string repeated(const std::string& text, int times) {
+  std::string all;
+  for (int i = 0; i < times; ++i) all += text;
+  return all;
+}
+
+class ManyViews : public testing::Test {
+ protected:
+  std::string at(const std::string& name) const { return (temp_ / name).string(); }
+
+  // The small scene with other motions.
+  std::string scene(const std::string& name, const std::string& motions) const {
+    test::write_small_scene(temp_ / name);
+    const std::string text(test::kSmallScene);
+    const size_t first = text.find("    - {translation_mm");
+    test::write_bytes(temp_ / name / "scene.yaml", text.substr(0, first) + motions);
+    return at(name);
+  }
+  json run(const std::string& scene, const std::string& out, const std::vector<std::string>& more = {}) const {
+    std::vector<std::string> words = {"run", scene, "--out", at(out), "--quiet", "--set", "render.samples_per_pixel=1"};
+    words.insert(words.end(), more.begin(), more.end());
+    run_well(words);
+    return read(out + "/frames.json");
+  }
+  json read(const std::string& name) const { return json::parse(test::read_bytes(temp_ / name)); }
+  std::vector<std::string> tracking(const json& frames) const {
+    std::vector<std::string> states;
+    for (const json& frame : frames) states.push_back(frame.at("tracking"));
+    return states;
+  }
+
+  test::TempFolder temp_;
+};
+
+TEST_F(ManyViews, AreFollowedWithoutLandmarks) {
+  const json frames = run(scene("straight", repeated(kStep, 4)), "run");
+  EXPECT_THAT(tracking(frames), testing::ElementsAre("first", "refined", "followed", "followed", "followed"));
+  for (const json& frame : frames) {
+    if (frame["tracking"] == "followed") {
+      EXPECT_EQ(frame["keypoints_detected"], 0);
+    }
+  }
+  EXPECT_LT(read("run/score.json")["trajectory"]["ate_rmse_mm"], 0.05);
+}
+
+TEST_F(ManyViews, OneThatShowsNothingIsLostAndTheNextFoundAgain) {
+  const std::string away = "    - {translation_mm: [3000, 0, 0], rotation_deg: [0, 0, 0]}\n";
+  const std::string back = "    - {translation_mm: [-3000, 0, 0], rotation_deg: [0, 0, 0]}\n";
+  const json frames = run(scene("away", repeated(kStep, 2) + away + back + kStep), "run");
+  EXPECT_EQ(tracking(frames)[3], "lost");
+  EXPECT_EQ(tracking(frames)[4], "refined");
+  EXPECT_TRUE(frames[4].value("found_again", false));
+  EXPECT_FALSE(frames[5].value("found_again", false));
+  EXPECT_EQ(read("run/score.json")["tracked"], 5);
+  EXPECT_LT(read("run/score.json")["trajectory"]["ate_rmse_mm"], 0.05);
+  EXPECT_THAT(test::read_bytes(temp_ / "run/trajectory.tum"), testing::StartsWith("# lost: stacks 3\n"));
+}
+
+// The camera hangs upside down: registered as it is, or not at all.
+TEST_F(ManyViews, OneThatIsUpsideDownIsNotMistaken) {
+  const json frames = run(scene("turned", "    - {translation_mm: [0, 0, 0], rotation_deg: [0, 0, 180]}\n"), "run");
+  const json score = read("run/score.json");
+  if (tracking(frames)[1] == "lost")
+    EXPECT_EQ(score["tracked"], 1);
+  else
+    EXPECT_LT(score["trajectory"]["ate_rmse_mm"], 0.1);
+}
+
+TEST_F(ManyViews, IdenticalOnesDoNotFillTheMap) {
+  const std::string still = "    - {translation_mm: [0, 0, 0], rotation_deg: [0, 0, 0]}\n";
+  run(scene("one", still), "few", {"--save-map"});
+  const json frames = run(scene("many", repeated(still, 6)), "more", {"--save-map"});
+  EXPECT_LT(read("more/score.json")["trajectory"]["ate_rmse_mm"], 0.01);
+  EXPECT_EQ(test::fs::file_size(temp_ / "few/saved.map"), test::fs::file_size(temp_ / "more/saved.map"));
+  EXPECT_EQ(test::read_bytes(temp_ / "few/map.ply"), test::read_bytes(temp_ / "more/map.ply"));
+}
+
+TEST_F(ManyViews, GoOnInASavedMap) {
+  run(scene("out", repeated(kStep, 3)), "before", {"--save-map"});
+  const std::string saved = at("before/saved.map");
+  // The way back: its first view is the last of the way out, in the other's world.
+  const std::string motions = repeated(kBack, 3);
+  const std::string other = scene("back", repeated(kStep, 3) + motions);
+  const json frames = run(other, "after", {"--map", saved});
+  EXPECT_EQ(tracking(frames)[0], "refined");
+  for (const json& frame : frames) EXPECT_NE(frame["tracking"], "lost");
+  const Trajectory before = read_tum(temp_ / "before/trajectory.tum"), after = read_tum(temp_ / "after/trajectory.tum");
+  ASSERT_EQ(after.size(), 7u);
+  for (size_t i = 0; i < before.size(); ++i) {
+    const Pose offset = before[i].world_from_robot.inverse() * after[i].world_from_robot;
+    EXPECT_LT(translation_m(offset), 5e-5) << "view " << i;
+  }
+}
+
+TEST_F(ManyViews, AMapThatIsNoneIsRefused) {
+  const std::string here = scene("scene", kStep);
+  run(here, "run", {"--save-map"});
+  const std::string map = test::read_bytes(temp_ / "run/saved.map");
+  const auto refusal = [&](const std::string& bytes) {
+    test::write_bytes(temp_ / "broken.map", bytes);
+    const test::Finished finished = run_program({"run", here, "--out", at("refused"), "--map", at("broken.map")});
+    EXPECT_EQ(finished.exit_code, 2);
+    EXPECT_FALSE(test::fs::exists(temp_ / "refused"));
+    EXPECT_THAT(finished.err, HasSubstr(at("broken.map") + ": "));
+    return finished.err;
+  };
+  EXPECT_THAT(refusal(""), HasSubstr("is no map"));
+  EXPECT_THAT(refusal("solid cube"), HasSubstr("is no map"));
+  EXPECT_THAT(refusal("FringeSLAM map 9\n" + map.substr(17)), HasSubstr("another version"));
+  EXPECT_THAT(refusal(map.substr(0, 20)), HasSubstr("it ends early"));
+  EXPECT_THAT(refusal(map.substr(0, map.size() / 2)), HasSubstr("checksum"));
+  std::string flipped = map;
+  flipped[map.size() / 3] = static_cast<char>(flipped[map.size() / 3] ^ 1);
+  EXPECT_THAT(refusal(flipped), HasSubstr("checksum"));
+
+  test::write_bytes(temp_ / "scene/rig.yaml", to_yaml(test::thesis_rig_reduced(4)));
+  EXPECT_THAT(refusal(map), HasSubstr("another camera"));
+}
+
+}  // namespace
+}  // namespace fringeslam
