@@ -15,6 +15,12 @@ namespace fringeslam {
 
 namespace {
 
+bool usable(const PointPair& pair) {
+  return pair.previous.allFinite() && pair.current.allFinite() && pair.previous_covariance.allFinite() &&
+         pair.current_covariance.allFinite() &&
+         (pair.previous_covariance + pair.current_covariance).llt().info() == Eigen::Success;
+}
+
 double mahalanobis2(const PointPair& pair, const Pose& previous_from_current) {
   const Eigen::Vector3d residual = pair.previous - previous_from_current * pair.current;
   return residual.dot(pair_covariance(pair, previous_from_current).llt().solve(residual));
@@ -86,10 +92,69 @@ Hypothesis best_hypothesis(const std::vector<PointPair>& pairs, const MotionOpti
     best = {pose, std::move(support), true};
     // Enough trials that a triple of supporters was missed with a probability below 1e-6.
     const double share = static_cast<double>(best.support.count) / static_cast<double>(pairs.size());
-    const double miss = std::log1p(-std::min(0.999999, share * share * share));
-    needed = std::min(options.max_hypotheses, std::max(trial + 1, static_cast<int>(std::ceil(-13.8 / miss))));
+    const double enough = std::ceil(-13.8 / std::log1p(-std::min(0.999999, share * share * share)));
+    if (enough < needed) needed = std::max(trial + 1, static_cast<int>(enough));
   }
   return best;
+}
+
+// What `options` call not determined. The lever makes their two limits one. Where it is not the scene whose place is
+// open, it is the camera's, far from what it sees.
+std::vector<FreeDirection> undetermined(const std::vector<PointPair>& pairs, const MotionEstimate& estimate,
+                                        const Matrix6d& information, const MotionOptions& options) {
+  const double lever_m = options.max_translation_sigma_m / (options.max_rotation_sigma_deg * std::numbers::pi / 180);
+  const Pose& pose = estimate.previous_from_current;
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    if (estimate.is_inlier[i]) centre += pose * pairs[i].current / estimate.inliers;
+  }
+  const ObservabilityOptions limits{.max_displacement_sigma_m = options.max_translation_sigma_m};
+  std::vector<FreeDirection> directions = free_directions(information, pose, centre, lever_m, limits);
+  if (directions.empty()) directions = free_directions(information, pose, pose.translation, lever_m, limits);
+  return directions;
+}
+
+MotionEstimate estimate_from(const std::vector<PointPair>& pairs, const MotionOptions& options) {
+  MotionEstimate result;
+  result.pairs = static_cast<int>(pairs.size());
+  result.is_inlier.assign(pairs.size(), 0);
+  if (result.pairs < std::max(3, options.min_inliers)) return result;
+
+  result.status = MotionStatus::no_consensus;
+  const Hypothesis best = best_hypothesis(pairs, options);
+  if (!best.found) return result;
+  Pose pose = best.pose;
+  Support support = best.support;
+  Matrix6d information = Matrix6d::Zero();
+  // Supporters and pose settle on one another in a few rounds.
+  for (int round = 0; round < 5; ++round) {
+    if (support.count < 3) return result;
+    const Refinement refined = refine_motion(pairs, support.is_inlier, pose);
+    result.iterations += refined.iterations;
+    pose = refined.previous_from_current;
+    result.covariance = refined.covariance;
+    information = refined.information;
+    Support next = support_of(pose, pairs, options.inlier_sigma);
+    const bool settled = next.is_inlier == support.is_inlier;
+    support = std::move(next);
+    if (settled) break;
+  }
+  result.previous_from_current = pose;
+  result.is_inlier = support.is_inlier;
+  result.inliers = support.count;
+  result.rank = static_cast<double>(support.count) / static_cast<double>(pairs.size());
+  if (support.count < options.min_inliers || result.rank <= options.min_rank) return result;
+
+  const auto worst = [&](int corner) {
+    const Eigen::Matrix3d block = result.covariance.block<3, 3>(corner, corner);
+    return std::sqrt(Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(block).eigenvalues().maxCoeff());
+  };
+  const bool determined = result.covariance.allFinite() &&
+                          worst(0) <= options.max_rotation_sigma_deg * std::numbers::pi / 180 &&
+                          worst(3) <= options.max_translation_sigma_m;
+  result.status = determined ? MotionStatus::determined : MotionStatus::degenerate;
+  if (!determined) result.undetermined = undetermined(pairs, result, information, options);
+  return result;
 }
 
 }  // namespace
@@ -115,42 +180,17 @@ Eigen::Matrix3d pair_covariance(const PointPair& pair, const Pose& previous_from
 
 MotionEstimate estimate_motion(const std::vector<PointPair>& pairs, const MotionOptions& options) {
   check_options(options, "motion");
-  MotionEstimate result;
-  result.pairs = static_cast<int>(pairs.size());
-  result.is_inlier.assign(pairs.size(), 0);
-  if (result.pairs < std::max(3, options.min_inliers)) return result;
-
-  result.status = MotionStatus::no_consensus;
-  const Hypothesis best = best_hypothesis(pairs, options);
-  if (!best.found) return result;
-  Pose pose = best.pose;
-  Support support = best.support;
-  // Supporters and pose settle on one another in a few rounds.
-  for (int round = 0; round < 5; ++round) {
-    if (support.count < 3) return result;
-    const Refinement refined = refine_motion(pairs, support.is_inlier, pose);
-    result.iterations += refined.iterations;
-    pose = refined.previous_from_current;
-    result.covariance = refined.covariance;
-    Support next = support_of(pose, pairs, options.inlier_sigma);
-    const bool settled = next.is_inlier == support.is_inlier;
-    support = std::move(next);
-    if (settled) break;
+  std::vector<size_t> which;
+  std::vector<PointPair> usable_pairs;
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    if (!usable(pairs[i])) continue;
+    which.push_back(i);
+    usable_pairs.push_back(pairs[i]);
   }
-  result.previous_from_current = pose;
-  result.is_inlier = support.is_inlier;
-  result.inliers = support.count;
-  result.rank = static_cast<double>(support.count) / static_cast<double>(pairs.size());
-  if (support.count < options.min_inliers || result.rank <= options.min_rank) return result;
-
-  const auto worst = [&](int corner) {
-    const Eigen::Matrix3d block = result.covariance.block<3, 3>(corner, corner);
-    return std::sqrt(Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(block).eigenvalues().maxCoeff());
-  };
-  const bool determined = result.covariance.allFinite() &&
-                          worst(0) <= options.max_rotation_sigma_deg * std::numbers::pi / 180 &&
-                          worst(3) <= options.max_translation_sigma_m;
-  result.status = determined ? MotionStatus::determined : MotionStatus::degenerate;
+  MotionEstimate result = estimate_from(usable_pairs, options);
+  std::vector<char> is_inlier(pairs.size(), 0);
+  for (size_t i = 0; i < which.size(); ++i) is_inlier[which[i]] = result.is_inlier[i];
+  result.is_inlier = std::move(is_inlier);
   return result;
 }
 

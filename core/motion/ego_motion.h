@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "core/motion/observability.h"
 #include "core/types/options.h"
 #include "core/types/pose.h"
 
@@ -56,9 +57,12 @@ struct MotionEstimate {
   int pairs = 0, inliers = 0;
   double rank = 0;  // l / m
   int iterations = 0;
-  std::vector<char> is_inlier;  // for each pair
+  std::vector<char> is_inlier;              // for each pair
+  std::vector<FreeDirection> undetermined;  // when degenerate: what is free, in the previous camera's frame
 };
 
+// Pairs that are not finite, or whose covariances leave a direction exact, are none: they do not count in `pairs` and
+// support nothing.
 MotionEstimate estimate_motion(const std::vector<PointPair>& pairs, const MotionOptions& options);
 
 }  // namespace fringeslam

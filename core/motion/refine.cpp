@@ -40,17 +40,12 @@ Eigen::Matrix3d whitening_of(const Eigen::Matrix3d& covariance) {
 
 Refinement refine_motion(const std::vector<PointPair>& pairs, const std::vector<char>& use, const Pose& initial) {
   Vector6d tangent = Vector6d::Zero();
-  Matrix6d information = Matrix6d::Zero();
   ceres::Problem problem;
   for (size_t i = 0; i < pairs.size(); ++i) {
     if (!use[i]) continue;
     const PointPair& pair = pairs[i];
     auto* residual = new PairResidual{pair.previous, initial.rotation * pair.current, initial.translation,
                                       whitening_of(pair_covariance(pair, initial))};
-    Eigen::Matrix<double, 3, 6> jacobian;
-    jacobian << -skew(residual->rotated_current), Eigen::Matrix3d::Identity();
-    jacobian = residual->whitening * jacobian;
-    information += jacobian.transpose() * jacobian;
     problem.AddResidualBlock(new ceres::AutoDiffCostFunction<PairResidual, 3, 6>(residual), new ceres::HuberLoss(2.5),
                              tangent.data());
   }
@@ -66,7 +61,16 @@ Refinement refine_motion(const std::vector<PointPair>& pairs, const std::vector<
   Refinement result;
   result.previous_from_current = retract(initial, tangent);
   result.iterations = static_cast<int>(summary.iterations.size());
-  const Eigen::LDLT<Matrix6d> factor(information);
+  // At the result: where a direction is free it may be far from the start.
+  const Pose& pose = result.previous_from_current;
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    if (!use[i]) continue;
+    Eigen::Matrix<double, 3, 6> jacobian;
+    jacobian << -skew(pose.rotation * pairs[i].current), Eigen::Matrix3d::Identity();
+    jacobian = whitening_of(pair_covariance(pairs[i], pose)) * jacobian;
+    result.information += jacobian.transpose() * jacobian;
+  }
+  const Eigen::LDLT<Matrix6d> factor(result.information);
   if (factor.info() == Eigen::Success && factor.rcond() > 1e-14)
     result.covariance = factor.solve(Matrix6d::Identity());
   else

@@ -10,7 +10,8 @@ namespace fringeslam {
 
 struct Refinement {
   Pose previous_from_current;
-  Matrix6d covariance = Matrix6d::Zero();  // NaN when the pairs leave a direction free
+  Matrix6d information = Matrix6d::Zero();
+  Matrix6d covariance = Matrix6d::Zero();  // its inverse; NaN when the pairs leave a direction free
   int iterations = 0;
 };
 
