@@ -57,18 +57,9 @@ std::vector<CloudPoint> CloudMap::points() const {
 }
 
 std::string to_ply(const std::vector<CloudPoint>& points) {
-  std::string bytes =
-      "ply\nformat binary_little_endian 1.0\ncomment world frame, metres\nelement vertex " +
-      std::to_string(points.size()) +
-      "\nproperty float x\nproperty float y\nproperty float z\nproperty float nx\nproperty float ny\nproperty float "
-      "nz\n"
-      "property uchar red\nproperty uchar green\nproperty uchar blue\nproperty float sigma\nend_header\n";
-  for (const CloudPoint& p : points) {
-    for (int i = 0; i < 3; ++i) append_binary(bytes, p.position_m[i]);
-    for (int i = 0; i < 3; ++i) append_binary(bytes, p.normal[i]);
-    for (int i = 0; i < 3; ++i) append_binary(bytes, p.grey);
-    append_binary(bytes, p.sigma_m);
-  }
+  std::string bytes = "ply\nformat binary_little_endian 1.0\ncomment world frame, metres\nelement vertex " +
+                      std::to_string(points.size()) + "\n" + kPlyPoint + "end_header\n";
+  for (const CloudPoint& point : points) append_point(bytes, point);
   return bytes;
 }
 

@@ -58,7 +58,7 @@ const std::vector<Library>& libraries() {
                                            {"ceres/", {"core/motion", "core/map", "core/calibrate"}, false},
                                            {"pcl/", {"core/map"}, false},
                                            {"OpenImageIO/", {}, false},
-                                           {"openvdb/", {}, false},
+                                           {"openvdb/", {"core/map"}, false},
                                            {"yaml-cpp/", {}, false},
                                            {"arv.h", {"hw"}, false},
                                            {"aravis", {"hw"}, false},

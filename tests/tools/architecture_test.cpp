@@ -78,7 +78,7 @@ TEST(Architecture, WrongArrowsAreReported) {
 
 TEST(Architecture, LibrariesInTheWrongPlaceAreReported) {
   Tree tree;
-  tree.add("core/depth/depth.cpp", "#include <ceres/ceres.h>\n");
+  tree.add("core/depth/depth.cpp", "#include <ceres/ceres.h>\n#include <openvdb/openvdb.h>\n");
   tree.add("core/map/mesh.h", "#include <Eigen/SVD>\n#include <openvdb/openvdb.h>\n#include <pcl/point_cloud.h>\n");
   tree.add("core/motion/refine.h", "#include <ceres/ceres.h>\n");
   tree.add("core/rig/files.h", "#include <OpenImageIO/imageio.h>\n#include <yaml-cpp/yaml.h>\n");
@@ -90,6 +90,7 @@ TEST(Architecture, LibrariesInTheWrongPlaceAreReported) {
   EXPECT_THAT(
       tree.violations(),
       ElementsAre("core/depth/depth.cpp:1: ceres/ceres.h (library of another folder)",
+                  "core/depth/depth.cpp:2: openvdb/openvdb.h (library of another folder)",
                   "core/map/mesh.h:1: Eigen/SVD (more than Eigen/Core and opencv2/core in a header)",
                   "core/map/mesh.h:2: openvdb/openvdb.h (heavy library in a header)",
                   "core/map/mesh.h:3: pcl/point_cloud.h (heavy library in a header)",

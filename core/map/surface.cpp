@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/map/surface.h"
+
+#include <openvdb/openvdb.h>
+
+#include <algorithm>
+#include <numeric>
+
+#include "core/map/surface_fusion.h"
+#include "core/map/surface_nets.h"
+#include "core/types/parallel.h"
+
+namespace fringeslam {
+
+namespace {
+
+using Tree = openvdb::Int64Tree;
+using Leaf = Tree::LeafNodeType;
+static_assert(Leaf::DIM == kBrickEdge);
+
+constexpr int kTogether = 16;  // bricks of one piece of parallel work
+
+openvdb::Coord first_voxel(const BrickIndex& brick) {
+  return {kBrickEdge * brick[0], kBrickEdge * brick[1], kBrickEdge * brick[2]};
+}
+
+VoxelScale scale_of(const RigModel& rig, const SurfaceOptions& options) {
+  check_options(options, "surface");
+  const double pixel_m = (rig.near_m + rig.far_m) / (rig.camera.fx + rig.camera.fy);
+  const double voxel_m = options.voxel_m > 0 ? options.voxel_m : pixel_m;
+  return {voxel_m, options.truncation_voxels * voxel_m};
+}
+
+// Calls body(i) for every i of [0, count), several at a time.
+template <class Body>
+void for_each(size_t count, const Body& body) {
+  for_each_row(static_cast<int>((count + kTogether - 1) / kTogether), [&](int piece) {
+    const size_t first = static_cast<size_t>(piece) * kTogether;
+    for (size_t i = first; i < std::min(first + kTogether, count); ++i) body(i);
+  });
+}
+
+}  // namespace
+
+class SurfaceModel::Grid {
+ public:
+  Grid(const RigModel& rig, const SurfaceOptions& options)
+      : camera(rig.camera),
+        scale(scale_of(rig, options)),
+        min_weight(1 / (options.max_sigma_m * options.max_sigma_m)),
+        fusion(rig.camera, scale, options.max_slope_deg, options.min_sigma_m),
+        tree(0) {}
+
+  // In the order of their coordinates.
+  std::vector<const Leaf*> leaves() const {
+    std::vector<const Leaf*> all;
+    tree.getNodes(all);
+    return all;
+  }
+
+  Pinhole camera;
+  VoxelScale scale;
+  double min_weight;
+  FrameFusion fusion;
+  Tree tree;
+};
+
+SurfaceModel::SurfaceModel(const RigModel& rig, const SurfaceOptions& options)
+    : grid_(std::make_unique<Grid>(rig, options)) {}
+SurfaceModel::~SurfaceModel() = default;
+SurfaceModel::SurfaceModel(SurfaceModel&&) noexcept = default;
+SurfaceModel& SurfaceModel::operator=(SurfaceModel&&) noexcept = default;
+
+void SurfaceModel::add(const Frame& frame, const Pose& world_from_camera) {
+  const Pinhole& camera = grid_->camera;
+  if (frame.width() != camera.width || frame.height() != camera.height)
+    throw Error("surface: the frame is " + std::to_string(frame.width()) + "x" + std::to_string(frame.height()) +
+                ", the camera " + std::to_string(camera.width) + "x" + std::to_string(camera.height));
+  // Half of the bricks that have a key: the other half is for what the camera sees from there.
+  const double reach_m = kMaxBrick / 2 * kBrickEdge * grid_->scale.voxel_m;
+  if (!(world_from_camera.translation.cwiseAbs().maxCoeff() <= reach_m) || !world_from_camera.is_finite())
+    throw Error("surface: a pose is not within " + to_text(reach_m) + " m of the origin");
+  const std::vector<uint64_t>& bricks = grid_->fusion.begin(frame, world_from_camera);
+  // Searching the tree is safe in parallel, changing it is not: new leaves join it at the end.
+  std::vector<std::unique_ptr<Leaf>> fresh(bricks.size());
+  for_each(bricks.size(), [&](size_t i) {
+    const BrickIndex brick = brick_of(bricks[i]);
+    const openvdb::Coord corner = first_voxel(brick);
+    Leaf* leaf = grid_->tree.probeLeaf(corner);
+    if (leaf == nullptr) {
+      fresh[i] = std::make_unique<Leaf>(corner, 0);
+      leaf = fresh[i].get();
+    }
+    const bool seen = grid_->fusion.fuse(brick, leaf->buffer().data());
+    if (!seen) fresh[i].reset();
+  });
+  for (auto& leaf : fresh) {
+    if (leaf) grid_->tree.addLeaf(leaf.release());
+  }
+}
+
+void SurfaceModel::clear() { grid_->tree.clear(); }
+
+SurfaceMesh SurfaceModel::mesh() const {
+  std::vector<Brick> bricks;
+  for (const Leaf* leaf : grid_->leaves()) {
+    const openvdb::Coord& corner = leaf->origin();
+    bricks.push_back({{corner.x() >> 3, corner.y() >> 3, corner.z() >> 3}, leaf->buffer().data()});
+  }
+  return surface_nets(bricks, grid_->scale, grid_->min_weight);
+}
+
+double SurfaceModel::voxel_m() const { return grid_->scale.voxel_m; }
+
+size_t SurfaceModel::voxels() const {
+  const std::vector<const Leaf*> leaves = grid_->leaves();
+  std::vector<size_t> counts(leaves.size());
+  for_each(leaves.size(), [&](size_t i) {
+    const int64_t* const voxels = leaves[i]->buffer().data();
+    counts[i] = static_cast<size_t>(std::count_if(
+        voxels, voxels + kBrickVoxels, [](int64_t voxel) { return voxel_weight(static_cast<uint64_t>(voxel)) > 0; }));
+  });
+  return std::accumulate(counts.begin(), counts.end(), size_t{0});
+}
+
+size_t SurfaceModel::memory_bytes() const { return grid_->tree.memUsage(); }
+
+}  // namespace fringeslam

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+// The surface that all frames saw, as a truncated signed distance function in OpenVDB's sparse grid (METHOD S23;
+// Museth, VDB: high-resolution sparse volumes with dynamic topology, 2013). surface_fusion.h says what a frame adds to
+// it, surface_nets.h how it becomes triangles, surface_bricks.h what is stored.
+#pragma once
+
+#include <memory>
+
+#include "core/map/surface_mesh.h"
+#include "core/types/frame.h"
+#include "core/types/options.h"
+#include "core/types/pose.h"
+#include "core/types/rig_model.h"
+
+namespace fringeslam {
+
+struct SurfaceOptions {
+  double voxel_m = 0;
+  double truncation_voxels = 3;
+  double max_slope_deg = 80;
+  double min_sigma_m = 1e-6;
+  double max_sigma_m = 1e-3;
+
+  template <class Visitor>
+  void describe(Visitor& v) {
+    v.field("voxel_m", voxel_m, {0, 1}, "edge of a voxel, m; 0: what a pixel of the camera sees amid its range");
+    // Cells on the surface reach sqrt(3) voxels from it.
+    v.field("truncation_voxels", truncation_voxels, {1.8, 16}, "distance from the surface that is written, voxels");
+    v.field("max_slope_deg", max_slope_deg, {1, 89}, "largest angle between a pixel's ray and normal that is used");
+    v.field("min_sigma_m", min_sigma_m, {1e-9, 1}, "standard deviation that is added to each pixel's, m");
+    v.field("max_sigma_m", max_sigma_m, {1e-9, 1}, "largest standard deviation of what becomes a triangle, m");
+  }
+};
+
+class SurfaceModel {
+ public:
+  // Throws Error when options are out of range.
+  SurfaceModel(const RigModel& rig, const SurfaceOptions& options);
+  ~SurfaceModel();
+  SurfaceModel(SurfaceModel&&) noexcept;
+  SurfaceModel& operator=(SurfaceModel&&) noexcept;
+
+  // Fuses what a frame of the rig's camera saw. The order of frames matters by rounding alone, and the number of
+  // threads not at all. Throws Error when the frame is not of the camera's size, or its pose not within the model's
+  // reach (a million bricks of voxels from the origin).
+  void add(const Frame& frame, const Pose& world_from_camera);
+
+  // Forgets all frames: corrected poses need their frames fused again.
+  void clear();
+
+  SurfaceMesh mesh() const;
+
+  double voxel_m() const;
+  size_t voxels() const;        // that were observed
+  size_t memory_bytes() const;  // of the grid
+
+ private:
+  class Grid;
+  std::unique_ptr<Grid> grid_;
+};
+
+}  // namespace fringeslam

@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: Apache-2.0
+// What one frame says of the voxels near its surface (after Curless and Levoy, A volumetric method for building complex
+// models from range images, 1996). A voxel v (camera frame) belongs to the pixel that it projects on, through the lens'
+// distortion; of that pixel's point p, unit normal n and viewing ray r = p / z it takes
+//
+//   d = n . (v - p)                      distance, positive on the camera's side
+//   w = 1 / ((n . r)^2 sigma_z^2 + s^2)  weight; s guards against sigmas too small to be true
+//
+// and is averaged: D' = D + (d - D) w / (W + w), W' = W + w; the grey value alike. Only |d| < truncation is written.
+//
+// The distance is that to the pixel's tangent plane, not the difference of depths: a voxel lies up to half a pixel off
+// the pixel's ray, where the depth has changed by slope * footprint / 2. To the plane it is exact wherever the surface
+// is flat, and no depth is interpolated, so nothing is made up across a step. Pixels without a normal see an edge and
+// are left out, and so are those that look along their surface.
+//
+// Space in front of the band stays unwritten: free space beside an outline would meet the voxels behind the outline,
+// and the model would close every shadow with a wall.
+#pragma once
+
+#include <vector>
+
+#include "core/map/surface_bricks.h"
+#include "core/types/frame.h"
+#include "core/types/pinhole.h"
+#include "core/types/pose.h"
+
+namespace fringeslam {
+
+// The set of keys in the order of their first insertion.
+class BrickSet {
+ public:
+  void clear();
+  void insert(uint64_t key);
+  const std::vector<uint64_t>& keys() const { return keys_; }
+
+ private:
+  void grow();
+  std::vector<uint64_t> keys_, slots_;  // a slot holds a key + 1, or 0
+};
+
+class FrameFusion {
+ public:
+  FrameFusion(const Pinhole& camera, const VoxelScale& scale, double max_slope_deg, double min_sigma_m);
+
+  // Takes in a frame. Returns the bricks that hold voxels of its band, and some that only border on it; their order
+  // depends on the frame and its pose alone.
+  const std::vector<uint64_t>& begin(const Frame& frame, const Pose& world_from_camera);
+
+  // Fuses that frame into a brick's voxels. Whether any of them was in its band.
+  bool fuse(const BrickIndex& brick, int64_t* voxels, InstructionSet set = widest_instruction_set()) const;
+
+ private:
+  void begin_row(const Frame& frame, int row, const float world_from_camera[12], BrickSet& touched);
+
+  Pinhole camera_;
+  VoxelScale scale_;
+  float min_slope_cos_, min_variance_;
+  Pose camera_from_world_;
+  std::vector<float> pixels_;  // normal, n . p, weight, grey, and two of padding for each pixel
+  std::vector<BrickSet> rows_;
+  BrickSet bricks_;
+};
+
+}  // namespace fringeslam

@@ -1,0 +1,244 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/map/surface_nets.h"
+
+#include <algorithm>
+#include <cmath>
+#include <unordered_map>
+
+#include "core/types/parallel.h"
+
+namespace fringeslam {
+
+namespace {
+
+constexpr int kPatch = kBrickEdge + 1;  // a brick and the next voxels of its neighbours
+constexpr float kMaxStep = 1.5f;        // change of distance over one edge, in voxels
+constexpr int16_t kNoVertex = -1;
+
+constexpr int patch_at(int x, int y, int z) { return (x * kPatch + y) * kPatch + z; }
+constexpr int cell_at(int x, int y, int z) { return (x * kBrickEdge + y) * kBrickEdge + z; }
+
+struct CellVertex {
+  int16_t cell = 0;
+  // For each axis whether the edge from the cell's first corner crosses the surface: outwards 1, inwards -1.
+  std::array<int8_t, 3> crossing{};
+};
+
+// What the first pass finds in a brick.
+struct BrickSurface {
+  std::vector<CellVertex> cells;
+  std::vector<CloudPoint> vertices;
+  std::vector<std::array<uint32_t, 3>> triangles;
+  std::array<int16_t, kBrickVoxels> vertex_of_cell;
+};
+
+class Netter {
+ public:
+  Netter(const std::vector<Brick>& bricks, const VoxelScale& scale, double min_weight)
+      : bricks_(bricks), scale_(scale), min_weight_(static_cast<float>(min_weight)), surfaces_(bricks.size()) {
+    number_.reserve(bricks.size());
+    for (size_t i = 0; i < bricks.size(); ++i) number_.emplace(brick_key(bricks[i].index), i);
+  }
+
+  SurfaceMesh mesh() {
+    const int count = static_cast<int>(bricks_.size());
+    for_each_row(count, [&](int i) { find_vertices(static_cast<size_t>(i)); });
+    first_.assign(bricks_.size() + 1, 0);
+    for (size_t i = 0; i < bricks_.size(); ++i)
+      first_[i + 1] = first_[i] + static_cast<uint32_t>(surfaces_[i].vertices.size());
+    for_each_row(count, [&](int i) { find_triangles(static_cast<size_t>(i)); });
+    return collected();
+  }
+
+ private:
+  // Without the vertices of no triangle.
+  SurfaceMesh collected() const {
+    constexpr uint32_t kUnused = UINT32_MAX;
+    std::vector<uint32_t> place(first_.back(), kUnused);
+    for (const BrickSurface& surface : surfaces_) {
+      for (const auto& triangle : surface.triangles) {
+        for (const uint32_t vertex : triangle) place[vertex] = 0;
+      }
+    }
+    SurfaceMesh mesh;
+    mesh.vertices.reserve(place.size());
+    size_t number = 0;
+    for (const BrickSurface& surface : surfaces_) {
+      for (const CloudPoint& vertex : surface.vertices) {
+        uint32_t& at = place[number++];
+        if (at == kUnused) continue;
+        at = static_cast<uint32_t>(mesh.vertices.size());
+        mesh.vertices.push_back(vertex);
+      }
+    }
+    for (const BrickSurface& surface : surfaces_) {
+      for (const auto& triangle : surface.triangles)
+        mesh.triangles.push_back({place[triangle[0]], place[triangle[1]], place[triangle[2]]});
+    }
+    return mesh;
+  }
+
+  struct Patch {
+    std::array<float, kPatch * kPatch * kPatch> distance, grey, weight;  // distance in voxels, grey of 255
+  };
+
+  const Brick* neighbour(size_t brick, int x, int y, int z) const {
+    const BrickIndex& at = bricks_[brick].index;
+    const auto found = number_.find(brick_key({at[0] + x, at[1] + y, at[2] + z}));
+    return found == number_.end() ? nullptr : &bricks_[found->second];
+  }
+
+  void fill(Patch& patch, size_t brick) const {
+    const float voxels_per_step = static_cast<float>(scale_.truncation_m / scale_.voxel_m) / kDistanceSteps;
+    for (int side = 0; side < 8; ++side) {
+      const int sx = side >> 2, sy = side >> 1 & 1, sz = side & 1;
+      const Brick* const from = neighbour(brick, sx, sy, sz);
+      const auto end = [](int s) { return s ? 1 : kBrickEdge; };
+      for (int x = 0; x < end(sx); ++x) {
+        for (int y = 0; y < end(sy); ++y) {
+          for (int z = 0; z < end(sz); ++z) {
+            const auto at =
+                static_cast<size_t>(patch_at(x + sx * kBrickEdge, y + sy * kBrickEdge, z + sz * kBrickEdge));
+            const uint64_t voxel = from ? static_cast<uint64_t>(from->voxels[cell_at(x, y, z)]) : 0;
+            patch.distance[at] = voxels_per_step * voxel_distance(voxel);
+            patch.grey[at] = voxel_grey(voxel) / kGreySteps;
+            patch.weight[at] = voxel_weight(voxel);
+          }
+        }
+      }
+    }
+  }
+
+  void find_vertices(size_t brick) {
+    BrickSurface& surface = surfaces_[brick];
+    surface.vertex_of_cell.fill(kNoVertex);
+    Patch patch;
+    fill(patch, brick);
+    for (int x = 0; x < kBrickEdge; ++x) {
+      for (int y = 0; y < kBrickEdge; ++y) {
+        for (int z = 0; z < kBrickEdge; ++z) add_cell(surface, patch, bricks_[brick].index, {x, y, z});
+      }
+    }
+  }
+
+  // Corner i of a cell is (i >> 2, i >> 1 & 1, i & 1).
+  void add_cell(BrickSurface& surface, const Patch& patch, const BrickIndex& brick, const std::array<int, 3>& cell) {
+    std::array<size_t, 8> at;
+    int inside = 0;
+    bool observed = true;
+    for (int i = 0; i < 8; ++i) {
+      at[static_cast<size_t>(i)] =
+          static_cast<size_t>(patch_at(cell[0] + (i >> 2), cell[1] + (i >> 1 & 1), cell[2] + (i & 1)));
+      observed &= patch.weight[at[static_cast<size_t>(i)]] >= min_weight_;
+      inside += patch.distance[at[static_cast<size_t>(i)]] < 0 ? 1 : 0;
+    }
+    if (!observed || inside == 0 || inside == 8) return;
+    const auto distance = [&](int i) { return patch.distance[at[static_cast<size_t>(i)]]; };
+    CellVertex vertex{static_cast<int16_t>(cell_at(cell[0], cell[1], cell[2])), {}};
+    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+    int crossings = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+      const int step = 4 >> axis;
+      for (int i = 0; i < 8; ++i) {
+        if ((i & step) != 0) continue;
+        const float from = distance(i), to = distance(i + step);
+        if ((from < 0) == (to < 0)) continue;
+        if (std::abs(from - to) > kMaxStep) return;
+        Eigen::Vector3d crossing(i >> 2, i >> 1 & 1, i & 1);
+        crossing[axis] = static_cast<double>(from) / (static_cast<double>(from) - static_cast<double>(to));
+        sum += crossing;
+        ++crossings;
+        if (i == 0) vertex.crossing[static_cast<size_t>(axis)] = from < 0 ? 1 : -1;
+      }
+    }
+    surface.vertex_of_cell[static_cast<size_t>(vertex.cell)] = static_cast<int16_t>(surface.cells.size());
+    surface.cells.push_back(vertex);
+    const Eigen::Vector3d in_cell = sum / crossings;
+    surface.vertices.push_back(vertex_at(patch, at, in_cell));
+    surface.vertices.back().position_m =
+        (scale_.voxel_m * (in_cell + Eigen::Vector3d(kBrickEdge * brick[0] + cell[0], kBrickEdge * brick[1] + cell[1],
+                                                     kBrickEdge * brick[2] + cell[2])))
+            .cast<float>();
+  }
+
+  // Grey and weight trilinearly between the corners, and the normal as the gradient of the distances so interpolated.
+  static CloudPoint vertex_at(const Patch& patch, const std::array<size_t, 8>& at, const Eigen::Vector3d& in_cell) {
+    Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
+    double grey = 0, weight = 0;
+    for (int i = 0; i < 8; ++i) {
+      const size_t corner = at[static_cast<size_t>(i)];
+      const Eigen::Array3i side(i >> 2, i >> 1 & 1, i & 1);
+      const Eigen::Array3d sign = (2 * side - 1).cast<double>();
+      const Eigen::Array3d part =
+          side.cast<double>() * in_cell.array() + (1 - side.cast<double>()) * (1 - in_cell.array());
+      grey += part.prod() * static_cast<double>(patch.grey[corner]);
+      weight += part.prod() * static_cast<double>(patch.weight[corner]);
+      gradient += static_cast<double>(patch.distance[corner]) *
+                  (sign * Eigen::Array3d(part[1] * part[2], part[0] * part[2], part[0] * part[1])).matrix();
+    }
+    CloudPoint point;
+    point.normal = gradient.normalized().cast<float>();
+    point.grey = static_cast<uint8_t>(std::lround(std::clamp(grey, 0.0, 255.0)));
+    point.sigma_m = static_cast<float>(1 / std::sqrt(weight));
+    return point;
+  }
+
+  // The quads of the edges from the cells' first corners: an edge's other three cells come before its own.
+  void find_triangles(size_t brick) {
+    BrickSurface& surface = surfaces_[brick];
+    std::array<const Brick*, 8> before{};
+    for (int side = 0; side < 8; ++side)
+      before[static_cast<size_t>(side)] = neighbour(brick, -(side >> 2), -(side >> 1 & 1), -(side & 1));
+    for (const CellVertex& vertex : surface.cells) {
+      for (int axis = 0; axis < 3; ++axis) {
+        const int crossing = vertex.crossing[static_cast<size_t>(axis)];
+        if (crossing == 0) continue;
+        // Counter-clockwise about the axis.
+        static constexpr std::array<std::array<int, 2>, 4> kRound = {{{1, 1}, {0, 1}, {0, 0}, {1, 0}}};
+        std::array<uint32_t, 4> quad{};
+        bool complete = true;
+        for (size_t i = 0; i < 4 && complete; ++i) {
+          std::array<int, 3> cell = {vertex.cell >> 6, vertex.cell >> 3 & 7, vertex.cell & 7};
+          cell[static_cast<size_t>((axis + 1) % 3)] -= kRound[i][0];
+          cell[static_cast<size_t>((axis + 2) % 3)] -= kRound[i][1];
+          complete = find(before, cell, quad[i]);
+        }
+        if (!complete) continue;
+        if (crossing < 0) std::swap(quad[1], quad[3]);
+        surface.triangles.push_back({quad[0], quad[1], quad[2]});
+        surface.triangles.push_back({quad[0], quad[2], quad[3]});
+      }
+    }
+  }
+
+  // The vertex of a cell, whose coordinates may reach into the bricks before.
+  bool find(const std::array<const Brick*, 8>& before, std::array<int, 3> cell, uint32_t& vertex) const {
+    int side = 0;
+    for (int& c : cell) {
+      side = 2 * side + (c < 0 ? 1 : 0);
+      c &= kBrickEdge - 1;
+    }
+    const Brick* const brick = before[static_cast<size_t>(side)];
+    if (brick == nullptr) return false;
+    const auto number = static_cast<size_t>(brick - bricks_.data());
+    const int16_t found = surfaces_[number].vertex_of_cell[static_cast<size_t>(cell_at(cell[0], cell[1], cell[2]))];
+    if (found == kNoVertex) return false;
+    vertex = first_[number] + static_cast<uint32_t>(found);
+    return true;
+  }
+
+  const std::vector<Brick>& bricks_;
+  VoxelScale scale_;
+  float min_weight_;
+  std::unordered_map<uint64_t, size_t> number_;
+  std::vector<BrickSurface> surfaces_;
+  std::vector<uint32_t> first_;
+};
+
+}  // namespace
+
+SurfaceMesh surface_nets(const std::vector<Brick>& bricks, const VoxelScale& scale, double min_weight) {
+  return Netter(bricks, scale, min_weight).mesh();
+}
+
+}  // namespace fringeslam
