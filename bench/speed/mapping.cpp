@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// The pose graph of a long run.
+// The map of a long run: its pose graph and its fused surface.
 #include <cmath>
 #include <cstdio>
 #include <numbers>
 
+#include "bench/frame_pairs.h"
 #include "bench/row.h"
 #include "bench/speed/turns.h"
 #include "core/map/pose_graph.h"
+#include "core/map/surface.h"
 #include "sim/random.h"
 
 namespace fringeslam::bench {
@@ -66,11 +68,41 @@ std::vector<Row> pose_graph_rows(const Context& context) {
   return {median_row("speed.pose_graph", in_ms(times[0]), "ms", 1000)};
 }
 
+// One frame from poses that differ as those of a slow robot do.
+std::vector<Row> surface_rows(const Context& context) {
+  const FramePair pair = rendered_frames("rubble_pile", 3, {});
+  const int repeats = context.quick ? 5 : 25;
+  SurfaceModel model(pair.rig, {});
+  std::vector<double> first, steady;
+  for (int i = 0; i < repeats; ++i) {
+    model.clear();
+    first.push_back(seconds_of([&] { model.add(pair.target, {}); }));
+  }
+  for (int i = 0; i < repeats; ++i) {
+    const Pose pose = random_motion(0.05, 0.0005, 1, static_cast<uint64_t>(i));
+    steady.push_back(seconds_of([&] { model.add(pair.target, pose); }));
+  }
+  SurfaceMesh mesh;
+  const double extraction_s = seconds_of([&] { mesh = model.mesh(); });
+  double area_m2 = 0;
+  for (const auto& triangle : mesh.triangles) {
+    const auto at = [&](size_t i) { return Eigen::Vector3d(mesh.vertices[triangle[i]].position_m.cast<double>()); };
+    const Eigen::Vector3d a = at(1) - at(0), b = at(2) - at(0);
+    area_m2 += std::sqrt(a.squaredNorm() * b.squaredNorm() - a.dot(b) * a.dot(b)) / 2;
+  }
+  std::fprintf(stderr,
+               "  first frame %.1f ms, further ones %.1f ms, %zu triangles in %.0f ms; %.2f MiB/dm^2 of %.1f dm^2\n",
+               1e3 * median(first), 1e3 * median(steady), mesh.triangles.size(), 1e3 * extraction_s,
+               static_cast<double>(model.memory_bytes()) / (100 * area_m2) / 1048576, 100 * area_m2);
+  return {median_row("speed.surface", in_ms(steady), "ms", 15)};
+}
+
 }  // namespace
 
 std::vector<Item> mapping_speed_items() {
   return {
-      {{"speed.pose_graph"}, "pose graph of 1,000 keyframes and 100 loop closures, 20 of them false", pose_graph_rows}};
+      {{"speed.pose_graph"}, "pose graph of 1,000 keyframes and 100 loop closures, 20 of them false", pose_graph_rows},
+      {{"speed.surface"}, "a frame of 532 x 500 into the fused surface (S23)", surface_rows}};
 }
 
 }  // namespace fringeslam::bench

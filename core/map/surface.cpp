@@ -80,18 +80,17 @@ void SurfaceModel::add(const Frame& frame, const Pose& world_from_camera) {
   const double reach_m = kMaxBrick / 2 * kBrickEdge * grid_->scale.voxel_m;
   if (!(world_from_camera.translation.cwiseAbs().maxCoeff() <= reach_m) || !world_from_camera.is_finite())
     throw Error("surface: a pose is not within " + to_text(reach_m) + " m of the origin");
-  const std::vector<uint64_t>& bricks = grid_->fusion.begin(frame, world_from_camera);
+  const std::vector<TouchedBrick>& bricks = grid_->fusion.begin(frame, world_from_camera);
   // Searching the tree is safe in parallel, changing it is not: new leaves join it at the end.
   std::vector<std::unique_ptr<Leaf>> fresh(bricks.size());
   for_each(bricks.size(), [&](size_t i) {
-    const BrickIndex brick = brick_of(bricks[i]);
-    const openvdb::Coord corner = first_voxel(brick);
+    const openvdb::Coord corner = first_voxel(brick_of(bricks[i].key));
     Leaf* leaf = grid_->tree.probeLeaf(corner);
     if (leaf == nullptr) {
       fresh[i] = std::make_unique<Leaf>(corner, 0);
       leaf = fresh[i].get();
     }
-    const bool seen = grid_->fusion.fuse(brick, leaf->buffer().data());
+    const bool seen = grid_->fusion.fuse(bricks[i], leaf->buffer().data());
     if (!seen) fresh[i].reset();
   });
   for (auto& leaf : fresh) {

@@ -26,16 +26,32 @@
 
 namespace fringeslam {
 
-// The set of keys in the order of their first insertion.
+// A brick that a frame touches, and which of its eight octants of 4 x 4 x 4 voxels: bit 4 x + 2 y + z.
+struct TouchedBrick {
+  uint64_t key = 0;
+  uint8_t octants = 0;
+};
+
+// Touched bricks in the order of their first insertion.
 class BrickSet {
  public:
   void clear();
-  void insert(uint64_t key);
-  const std::vector<uint64_t>& keys() const { return keys_; }
+  void insert(const TouchedBrick& brick);
+  const std::vector<TouchedBrick>& bricks() const { return bricks_; }
 
  private:
   void grow();
-  std::vector<uint64_t> keys_, slots_;  // a slot holds a key + 1, or 0
+  std::vector<TouchedBrick> bricks_;
+  std::vector<uint32_t> slots_;  // a slot holds a brick's number + 1, or 0
+};
+
+// What voxels take from a pixel, in one load: grey value and normal are in steps of 1 and of 1/32767. The plane's
+// offset is that of the rounded normal, so that the plane holds the pixel's point.
+struct alignas(16) PixelPlane {
+  uint32_t normal_xy;  // x in the lower half
+  uint32_t normal_z_grey;
+  float offset_m;  // n . p; NaN: of no use
+  float weight;    // 1/m^2
 };
 
 class FrameFusion {
@@ -44,19 +60,17 @@ class FrameFusion {
 
   // Takes in a frame. Returns the bricks that hold voxels of its band, and some that only border on it; their order
   // depends on the frame and its pose alone.
-  const std::vector<uint64_t>& begin(const Frame& frame, const Pose& world_from_camera);
+  const std::vector<TouchedBrick>& begin(const Frame& frame, const Pose& world_from_camera);
 
-  // Fuses that frame into a brick's voxels. Whether any of them was in its band.
-  bool fuse(const BrickIndex& brick, int64_t* voxels, InstructionSet set = widest_instruction_set()) const;
+  // Fuses that frame into the voxels of a brick that it touches. Whether any of them was in its band.
+  bool fuse(const TouchedBrick& brick, int64_t* voxels, InstructionSet set = widest_instruction_set()) const;
 
  private:
-  void begin_row(const Frame& frame, int row, const float world_from_camera[12], BrickSet& touched);
-
   Pinhole camera_;
   VoxelScale scale_;
   float min_slope_cos_, min_variance_;
   Pose camera_from_world_;
-  std::vector<float> pixels_;  // normal, n . p, weight, grey, and two of padding for each pixel
+  std::vector<PixelPlane> pixels_;
   std::vector<BrickSet> rows_;
   BrickSet bricks_;
 };

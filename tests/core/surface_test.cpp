@@ -365,8 +365,8 @@ TEST(Surface, InstructionSetsGiveTheSameBits) {
   if (widest_instruction_set() == InstructionSet::avx512) sets.push_back(InstructionSet::avx512);
   std::map<uint64_t, std::array<std::array<int64_t, kBrickVoxels>, 3>> bricks;
   for (const auto& [frame, pose] : views) {
-    for (const uint64_t key : fusion.begin(frame, pose)) {
-      for (size_t i = 0; i < sets.size(); ++i) fusion.fuse(brick_of(key), bricks[key][i].data(), sets[i]);
+    for (const TouchedBrick& brick : fusion.begin(frame, pose)) {
+      for (size_t i = 0; i < sets.size(); ++i) fusion.fuse(brick, bricks[brick.key][i].data(), sets[i]);
     }
   }
   ASSERT_GT(bricks.size(), 100U);
