@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "core/decode/decode.h"
+#include "core/types/instruction_set.h"
 #include "core/types/parallel.h"
 
 namespace fringeslam {
@@ -34,19 +35,78 @@ class CoordinateOfDepth {
   Axis axis_;
 };
 
+// The projector as a kernel wants it, for the coordinate a of the normalised ones: x for columns, y for rows, whose
+// equations are the same with x and y, and p1 and p2, exchanged.
+struct CoordinateKernel {
+  float a[4], b[4], z[4];  // rows of projector_from_camera
+  float f, centre, k1, k2, k3, across, along;
+
+  CoordinateKernel(const RigModel& rig, Axis axis) {
+    const bool columns = axis == Axis::columns;
+    const Pinhole& lens = rig.projector;
+    const Pose& pose = rig.projector_from_camera;
+    for (int i = 0; i < 4; ++i) {
+      const Eigen::Vector3d column = i < 3 ? Eigen::Vector3d(pose.rotation.col(i)) : pose.translation;
+      a[i] = static_cast<float>(column[columns ? 0 : 1]);
+      b[i] = static_cast<float>(column[columns ? 1 : 0]);
+      z[i] = static_cast<float>(column[2]);
+    }
+    f = static_cast<float>(columns ? lens.fx : lens.fy);
+    centre = static_cast<float>(columns ? lens.cx : lens.cy);
+    k1 = static_cast<float>(lens.distortion.k1);
+    k2 = static_cast<float>(lens.distortion.k2);
+    k3 = static_cast<float>(lens.distortion.k3);
+    across = static_cast<float>(columns ? lens.distortion.p1 : lens.distortion.p2);
+    along = static_cast<float>(columns ? lens.distortion.p2 : lens.distortion.p1);
+  }
+};
+
+// Coordinates of depths, and by the derivative of that what the depths' sigmas make of them.
+FRINGESLAM_INLINE void coordinate_body(CoordinateKernel p, const cv::Vec2f* rays, const float* depth,
+                                       const float* sigma_m, int width, float* coordinate, float* sigma_px) {
+  const float* ray = &rays[0][0];
+#pragma GCC ivdep
+  for (int i = 0; i < width; ++i) {
+    const float x = ray[2 * i], y = ray[2 * i + 1];
+    const float slope_a = p.a[0] * x + p.a[1] * y + p.a[2], slope_b = p.b[0] * x + p.b[1] * y + p.b[2],
+                slope_z = p.z[0] * x + p.z[1] * y + p.z[2];
+    const float z = depth[i] * slope_z + p.z[3], per_z = 1 / z;
+    const float a = (depth[i] * slope_a + p.a[3]) * per_z, b = (depth[i] * slope_b + p.b[3]) * per_z;
+    const float da = (slope_a - a * slope_z) * per_z, db = (slope_b - b * slope_z) * per_z;  // by the depth
+    const float r2 = a * a + b * b, radial = 1 + r2 * (p.k1 + r2 * (p.k2 + r2 * p.k3));
+    const float radial_slope = p.k1 + r2 * (2 * p.k2 + r2 * 3 * p.k3);  // by r2
+    const float by_a = radial + 2 * a * a * radial_slope + 2 * p.across * b + 6 * p.along * a;
+    const float by_b = 2 * a * b * radial_slope + 2 * p.across * a + 2 * p.along * b;
+    const float u = p.f * (a * radial + 2 * p.across * a * b + p.along * (r2 + 2 * a * a)) + p.centre;
+    const bool before = z > 0;  // false for NaN
+    coordinate[i] = before ? u : kNaN;
+    sigma_px[i] = before ? std::abs(p.f * (by_a * da + by_b * db)) * sigma_m[i] : kNaN;
+  }
+}
+
+void coordinate_portable(const CoordinateKernel& p, const cv::Vec2f* rays, const float* depth, const float* sigma_m,
+                         int width, float* coordinate, float* sigma_px) {
+  coordinate_body(p, rays, depth, sigma_m, width, coordinate, sigma_px);
+}
+FRINGESLAM_AVX2 void coordinate_avx2(const CoordinateKernel& p, const cv::Vec2f* rays, const float* depth,
+                                     const float* sigma_m, int width, float* coordinate, float* sigma_px) {
+  coordinate_body(p, rays, depth, sigma_m, width, coordinate, sigma_px);
+}
+FRINGESLAM_AVX512 void coordinate_avx512(const CoordinateKernel& p, const cv::Vec2f* rays, const float* depth,
+                                         const float* sigma_m, int width, float* coordinate, float* sigma_px) {
+  coordinate_body(p, rays, depth, sigma_m, width, coordinate, sigma_px);
+}
+
 }  // namespace
 
 ExpectedCoordinate expected_coordinate(const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m,
                                        const cv::Mat1f& sigma_m, Axis axis) {
-  ExpectedCoordinate expected = nothing_expected(rays.size());
-  const CoordinateOfDepth coordinate(rig, axis);
+  static const auto coordinates = widest(coordinate_portable, coordinate_avx2, coordinate_avx512);
+  ExpectedCoordinate expected{cv::Mat1f(rays.size()), cv::Mat1f(rays.size(), 0.0f), cv::Mat1f(rays.size())};
+  const CoordinateKernel kernel(rig, axis);
   for_each_row(rays.rows, [&](int row) {
-    for (int col = 0; col < rays.cols; ++col) {
-      const double depth = depth_m(row, col), sigma = sigma_m(row, col);
-      const double low = coordinate(rays(row, col), depth - sigma), high = coordinate(rays(row, col), depth + sigma);
-      expected.coordinate_px(row, col) = static_cast<float>(coordinate(rays(row, col), depth));
-      expected.sigma_px(row, col) = static_cast<float>(0.5 * std::abs(high - low));
-    }
+    coordinates(kernel, rays[row], depth_m[row], sigma_m[row], rays.cols, expected.coordinate_px[row],
+                expected.sigma_px[row]);
   });
   return expected;
 }

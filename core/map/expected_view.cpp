@@ -1,0 +1,369 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/map/expected_view.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <opencv2/imgproc.hpp>
+
+#include "core/types/error.h"
+#include "core/types/instruction_set.h"
+#include "core/types/parallel.h"
+
+namespace fringeslam {
+
+namespace {
+
+constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+constexpr float kNowhere = -1e6f;      // of points that are not seen
+constexpr float kLeastCosine = 0.05f;  // of the angle under which a plane is seen; flatter ones are no pixel's
+constexpr int kBandRows = 16;
+// A plane through a point and its two neighbours, 1.5 pixels off in both directions: its variance over the point's.
+constexpr float kRoughSigmas = 2.3f;
+
+// A pose and a camera as the kernel wants them.
+struct Projection {
+  float r[9], t[3];
+  float fx, fy, cx, cy, k1, k2, p1, p2, k3;
+
+  Projection(const Pose& pose, const Pinhole& camera)
+      : fx(static_cast<float>(camera.fx)),
+        fy(static_cast<float>(camera.fy)),
+        cx(static_cast<float>(camera.cx)),
+        cy(static_cast<float>(camera.cy)),
+        k1(static_cast<float>(camera.distortion.k1)),
+        k2(static_cast<float>(camera.distortion.k2)),
+        p1(static_cast<float>(camera.distortion.p1)),
+        p2(static_cast<float>(camera.distortion.p2)),
+        k3(static_cast<float>(camera.distortion.k3)) {
+    for (int i = 0; i < 9; ++i) r[i] = static_cast<float>(pose.rotation(i / 3, i % 3));
+    for (int i = 0; i < 3; ++i) t[i] = static_cast<float>(pose.translation[i]);
+  }
+};
+
+// Where points fall, their tangent planes m, and the standard deviation of 1/z over 1/z by the points' noise.
+struct Splats {
+  float *u, *v, *mx, *my, *mz, *noise;
+  Splats from(size_t first) const { return {u + first, v + first, mx + first, my + first, mz + first, noise + first}; }
+};
+
+FRINGESLAM_INLINE void splat_body(const cv::Vec3f* points, const cv::Vec3f* normals, const float* sigma, int width,
+                                  Projection p, Splats out) {
+  const float *point = &points[0][0], *normal = &normals[0][0];
+#pragma GCC ivdep
+  for (int i = 0; i < width; ++i) {
+    const float sx = point[3 * i], sy = point[3 * i + 1], sz = point[3 * i + 2];
+    const float ax = normal[3 * i], ay = normal[3 * i + 1], az = normal[3 * i + 2];
+    const float rx = p.r[0] * sx + p.r[1] * sy + p.r[2] * sz, nx = p.r[0] * ax + p.r[1] * ay + p.r[2] * az;
+    const float ry = p.r[3] * sx + p.r[4] * sy + p.r[5] * sz, ny = p.r[3] * ax + p.r[4] * ay + p.r[5] * az;
+    const float rz = p.r[6] * sx + p.r[7] * sy + p.r[8] * sz, nz = p.r[6] * ax + p.r[7] * ay + p.r[8] * az;
+    const float x = rx + p.t[0], y = ry + p.t[1], z = rz + p.t[2];
+    const float offset = nx * x + ny * y + nz * z;
+    const bool seen =
+        (z > 0) & (offset < 0) & (offset * offset > kLeastCosine * kLeastCosine * (x * x + y * y + z * z));
+    const float a = x / z, b = y / z, r2 = a * a + b * b, radial = 1 + r2 * (p.k1 + r2 * (p.k2 + r2 * p.k3));
+    const float u = p.fx * (a * radial + 2 * p.p1 * a * b + p.p2 * (r2 + 2 * a * a)) + p.cx;
+    const float v = p.fy * (b * radial + p.p1 * (r2 + 2 * b * b) + 2 * p.p2 * a * b) + p.cy;
+    out.u[i] = seen ? u : kNowhere;
+    out.v[i] = seen ? v : kNowhere;
+    out.mx[i] = nx / offset;
+    out.my[i] = ny / offset;
+    out.mz[i] = nz / offset;
+    out.noise[i] = sigma[i] * std::abs((nx * rx + ny * ry + nz * rz) / (sz * offset));
+  }
+}
+
+void splat_portable(const cv::Vec3f* points, const cv::Vec3f* normals, const float* sigma, int width,
+                    const Projection& p, const Splats& out) {
+  splat_body(points, normals, sigma, width, p, out);
+}
+FRINGESLAM_AVX2 void splat_avx2(const cv::Vec3f* points, const cv::Vec3f* normals, const float* sigma, int width,
+                                const Projection& p, const Splats& out) {
+  splat_body(points, normals, sigma, width, p, out);
+}
+FRINGESLAM_AVX512 void splat_avx512(const cv::Vec3f* points, const cv::Vec3f* normals, const float* sigma, int width,
+                                    const Projection& p, const Splats& out) {
+  splat_body(points, normals, sigma, width, p, out);
+}
+
+// The normal of the plane through a point and the nearer in depth of its neighbours to both sides; NaN where it has
+// none along its row or its column. Edges leave points without a better one.
+cv::Vec3f rough_normal(const cv::Mat3f& points, int row, int col) {
+  const cv::Vec3f& here = points(row, col);
+  const auto towards = [&](int r1, int c1, int r2, int c2) {
+    const auto at = [&](int r, int c) {
+      return r < 0 || c < 0 || r >= points.rows || c >= points.cols ? cv::Vec3f::all(kNaN) : points(r, c);
+    };
+    const cv::Vec3f back = here - at(r1, c1), forth = at(r2, c2) - here;
+    return std::abs(back[2]) <= std::abs(forth[2]) || std::isnan(forth[2]) ? back : forth;
+  };
+  const cv::Vec3f normal = towards(row, col - 1, row, col + 1).cross(towards(row - 1, col, row + 1, col));
+  return normal * (static_cast<float>(normal.dot(here) > 0 ? -1 : 1) / static_cast<float>(cv::norm(normal)));
+}
+
+// A row of a known frame, and which rows of the image it falls on.
+struct SourceRow {
+  int view = 0, row = 0;
+  size_t first = 0;  // of its splats
+  int width = 0;
+  float lowest_v = 0, highest_v = 0;
+};
+
+// What the final pass wants to know of a view.
+struct ViewError {
+  std::array<float, 3> translation{};
+  std::array<std::array<float, 6>, 6> root{};  // columns of a root of the covariance: cov = root root^T
+  float relative_sigma = 0;                    // greatest sigma of 1/z over 1/z by the pose
+};
+
+// How far the view's pose error shifts the image, standard deviations in px: the greatest over a grid of its points.
+Eigen::Vector2d image_shift_px(const KnownView& view, const Pinhole& camera, double& relative_depth) {
+  constexpr int kStep = 32;
+  Eigen::Vector2d shift = Eigen::Vector2d::Zero();
+  for (int row = kStep / 2; row < view.frame->height(); row += kStep) {
+    for (int col = kStep / 2; col < view.frame->width(); col += kStep) {
+      if (!view.frame->valid(row, col)) continue;
+      const cv::Vec3f& p = view.frame->points_m(row, col);
+      const Eigen::Vector3d turned = view.current_from_known.rotation * Eigen::Vector3d(p[0], p[1], p[2]);
+      const Eigen::Vector3d x = turned + view.current_from_known.translation;
+      if (!(x.z() > 0) || !camera.contains(camera.project(x))) continue;
+      Eigen::Matrix<double, 3, 6> moved;
+      moved << -skew(turned), Eigen::Matrix3d::Identity();
+      Eigen::Matrix<double, 2, 3> seen;
+      seen << camera.fx / x.z(), 0, -camera.fx * x.x() / (x.z() * x.z()), 0, camera.fy / x.z(),
+          -camera.fy * x.y() / (x.z() * x.z());
+      const Eigen::Matrix3d covariance = moved * view.covariance * moved.transpose();
+      shift = shift.cwiseMax((seen * covariance * seen.transpose()).diagonal().cwiseMax(0).cwiseSqrt());
+      relative_depth = std::max(relative_depth, std::sqrt(std::max(0.0, covariance.trace())) / x.z());
+    }
+  }
+  return shift;
+}
+
+ViewError error_of(const KnownView& view, double relative_sigma) {
+  ViewError error;
+  const Eigen::LDLT<Matrix6d> factors(view.covariance);  // which may be singular
+  const Vector6d spread = factors.vectorD().cwiseMax(0).cwiseSqrt();
+  const Matrix6d lower = factors.matrixL();
+  const Matrix6d root = factors.transpositionsP().transpose() * Matrix6d(lower * spread.asDiagonal());
+  for (size_t i = 0; i < 36; ++i)
+    error.root[i / 6][i % 6] = static_cast<float>(root(static_cast<int>(i % 6), static_cast<int>(i / 6)));
+  for (size_t i = 0; i < 3; ++i)
+    error.translation[i] = static_cast<float>(view.current_from_known.translation[static_cast<int>(i)]);
+  error.relative_sigma = static_cast<float>(relative_sigma);
+  return error;
+}
+
+class Rendering {
+ public:
+  Rendering(const std::vector<KnownView>& known, const Pinhole& camera, const PixelRays& rays,
+            const ExpectedViewOptions& options)
+      : known_(known), camera_(camera), rays_(rays), surface_sigmas_(static_cast<float>(options.surface_sigmas)) {
+    Eigen::Vector2d shift = Eigen::Vector2d::Zero();
+    size_t points = 0;
+    for (size_t v = 0; v < known.size(); ++v) {
+      const Frame& frame = *known[v].frame;
+      double relative_depth = 0;
+      shift = shift.cwiseMax(image_shift_px(known[v], camera, relative_depth));
+      errors_.push_back(error_of(known[v], relative_depth));
+      for (int row = 0; row < frame.height(); ++row, points += static_cast<size_t>(frame.width()))
+        rows_.push_back({static_cast<int>(v), row, points, frame.width()});
+    }
+    // A pixel more than the shift: the splats' own size.
+    reach_ = {1 + static_cast<int>(std::ceil(options.shift_sigmas * shift.x())),
+              1 + static_cast<int>(std::ceil(options.shift_sigmas * shift.y()))};
+    arrays_.resize(6 * points);
+    float* free_floats = arrays_.data();
+    for (float** array : {&splats_.u, &splats_.v, &splats_.mx, &splats_.my, &splats_.mz, &splats_.noise}) {
+      *array = free_floats;
+      free_floats += points;
+    }
+  }
+
+  ExpectedView render() {
+    for_each_row(static_cast<int>(rows_.size()), [&](int row) { project(rows_[static_cast<size_t>(row)]); });
+    ExpectedView view{cv::Mat1f(rays_.size(), kNaN), cv::Mat1f(rays_.size(), kNaN)};
+    winner_ = cv::Mat1i(rays_.size(), -1);
+    const int bands = (rays_.rows + kBandRows - 1) / kBandRows;
+    for_each_row(bands, [&](int band) { cover(band * kBandRows, view); });
+    widen_at_steps(view);
+    return view;
+  }
+
+ private:
+  void project(SourceRow& source) {
+    static const auto splat = widest(splat_portable, splat_avx2, splat_avx512);
+    const KnownView& view = known_[static_cast<size_t>(source.view)];
+    const Frame& frame = *view.frame;
+    const Projection projection(view.current_from_known, camera_);
+    const Splats out = splats_.from(source.first);
+    const cv::Vec3f* normals = frame.normals[source.row];
+    splat(frame.points_m[source.row], normals, frame.sigma_m[source.row], source.width, projection, out);
+    source.lowest_v = std::numeric_limits<float>::max();
+    source.highest_v = std::numeric_limits<float>::lowest();
+    for (int i = 0; i < source.width; ++i) {
+      if (std::isnan(normals[i][2]) && frame.valid(source.row, i)) {
+        const cv::Vec3f rough = rough_normal(frame.points_m, source.row, i);
+        const float sigma = kRoughSigmas * frame.sigma_m(source.row, i);
+        splat(&frame.points_m(source.row, i), &rough, &sigma, 1, projection,
+              splats_.from(source.first + static_cast<size_t>(i)));
+      }
+      if (out.u[i] == kNowhere) continue;
+      source.lowest_v = std::min(source.lowest_v, out.v[i]);
+      source.highest_v = std::max(source.highest_v, out.v[i]);
+    }
+  }
+
+  float inverse_depth(size_t splat, const cv::Vec2f& ray) const {
+    return splats_.mx[splat] * ray[0] + splats_.my[splat] * ray[1] + splats_.mz[splat];
+  }
+
+  // All that falls on a band of rows, which no other thread writes to.
+  void cover(int first_row, ExpectedView& view) {
+    const int rows = std::min(kBandRows, rays_.rows - first_row), cols = rays_.cols;
+    struct Candidate {
+      size_t splat;
+      int view;
+      int row, col;
+    };
+    std::vector<Candidate> candidates;
+    const float low = static_cast<float>(first_row) - 1.5f, high = static_cast<float>(first_row + rows) + 0.5f;
+    const float right = static_cast<float>(cols) + 0.5f;
+    for (const SourceRow& source : rows_) {
+      if (source.highest_v < low || source.lowest_v > high) continue;
+      for (size_t i = source.first; i < source.first + static_cast<size_t>(source.width); ++i) {
+        const float u = splats_.u[i], v = splats_.v[i];
+        if (!(v >= low && v <= high && u >= -1.5f && u <= right)) continue;
+        candidates.push_back({i, source.view, static_cast<int>(std::floor(v + 0.5f)) - first_row,
+                              static_cast<int>(std::floor(u + 0.5f))});
+      }
+    }
+    const auto for_each_covered = [&](const Candidate& c, const auto& use) {
+      for (int row = std::max(0, c.row - 1); row <= std::min(rows - 1, c.row + 1); ++row) {
+        for (int col = std::max(0, c.col - 1); col <= std::min(cols - 1, c.col + 1); ++col)
+          use(row, col, inverse_depth(c.splat, rays_(first_row + row, col)));
+      }
+    };
+    cv::Mat1f nearest(rows, cols, 0.0f), distance(rows, cols, std::numeric_limits<float>::max());
+    cv::Mat1i source_view(rows, cols, -1);
+    for (const Candidate& c : candidates) {
+      for_each_covered(c, [&](int row, int col, float inverse) {
+        nearest(row, col) = std::max(nearest(row, col), inverse);  // not NaN
+      });
+    }
+    const bool several = known_.size() > 1;
+    for (const Candidate& c : candidates) {
+      // Errors of poses only matter between views.
+      const float other = several ? errors_[static_cast<size_t>(c.view)].relative_sigma : 0;
+      const float noise = splats_.noise[c.splat];
+      const float share = 1 - surface_sigmas_ * std::sqrt(noise * noise + other * other) - 1e-6f;
+      const float u = splats_.u[c.splat], v = splats_.v[c.splat] - static_cast<float>(first_row);
+      for_each_covered(c, [&](int row, int col, float inverse) {
+        if (!(inverse >= share * nearest(row, col))) return;
+        const float du = u - static_cast<float>(col), dv = v - static_cast<float>(row), square = du * du + dv * dv;
+        if (square >= distance(row, col)) return;
+        distance(row, col) = square;
+        winner_(first_row + row, col) = static_cast<int>(c.splat);
+        source_view(row, col) = c.view;
+      });
+    }
+    for (int row = 0; row < rows; ++row) {
+      for (int col = 0; col < cols; ++col) {
+        if (source_view(row, col) >= 0)
+          finish(first_row + row, col, errors_[static_cast<size_t>(source_view(row, col))], view);
+      }
+    }
+  }
+
+  // Depth and sigma of a pixel from the splat that covers it.
+  void finish(int row, int col, const ViewError& error, ExpectedView& view) const {
+    const auto splat = static_cast<size_t>(winner_(row, col));
+    const cv::Vec2f& ray = rays_(row, col);
+    const float inverse = inverse_depth(splat, ray);
+    const float depth = 1 / inverse;
+    const float mx = splats_.mx[splat], my = splats_.my[splat], mz = splats_.mz[splat];
+    const float x = depth * ray[0] - error.translation[0], y = depth * ray[1] - error.translation[1],
+                z = depth - error.translation[2];
+    // With m for n, g becomes g / D, and n.d is D / z.
+    const float g[6] = {y * mz - z * my, z * mx - x * mz, x * my - y * mx, mx, my, mz};
+    float by_pose = 0;
+    for (const std::array<float, 6>& column : error.root) {
+      float along = 0;
+      for (size_t i = 0; i < 6; ++i) along += column[i] * g[i];
+      by_pose += along * along;
+    }
+    const float by_noise = splats_.noise[splat];
+    view.depth_m(row, col) = depth;
+    view.sigma_m(row, col) = depth * std::sqrt(by_pose + by_noise * by_noise);
+  }
+
+  // How far two pixels are from one another's planes, m; 0 where noise may do that.
+  float step(const ExpectedView& view, int row, int col, int other_row, int other_col) const {
+    const auto here = static_cast<size_t>(winner_(row, col)),
+               there = static_cast<size_t>(winner_(other_row, other_col));
+    const float z_here = view.depth_m(row, col), z_there = view.depth_m(other_row, other_col);
+    const float off_there = std::abs(1 - z_there * inverse_depth(here, rays_(other_row, other_col)));
+    const float off_here = std::abs(1 - z_here * inverse_depth(there, rays_(row, col)));
+    const float a = splats_.noise[here], b = splats_.noise[there];
+    const float noise = surface_sigmas_ * std::sqrt(a * a + b * b) + 1e-5f;
+    return std::min(off_here, off_there) <= noise ? 0 : std::min(off_here * z_here, off_there * z_there);
+  }
+
+  void widen_at_steps(ExpectedView& view) const {
+    cv::Mat1f steps(view.depth_m.size(), 0.0f);
+    for_each_row(steps.rows, [&](int row) {
+      const auto compare = [&](int col, int other_row, int other_col) {
+        const float size = step(view, row, col, other_row, other_col);
+        steps(row, col) = std::max(steps(row, col), size);
+        if (other_row == row) steps(row, other_col) = std::max(steps(row, other_col), size);
+      };
+      for (int col = 0, last = -1; col < steps.cols; ++col) {
+        if (winner_(row, col) < 0) continue;
+        if (last >= 0) compare(col, row, last);
+        last = col;
+        for (const int way : {-1, 1}) {
+          int other = row + way;
+          while (other >= 0 && other < steps.rows && winner_(other, col) < 0) other += way;
+          if (other >= 0 && other < steps.rows) compare(col, other, col);
+        }
+      }
+    });
+    cv::dilate(steps, steps, cv::getStructuringElement(cv::MORPH_RECT, {2 * reach_.width + 1, 2 * reach_.height + 1}));
+    for_each_row(steps.rows, [&](int row) {
+      for (int col = 0; col < steps.cols; ++col)
+        view.sigma_m(row, col) = std::hypot(view.sigma_m(row, col), steps(row, col));
+    });
+  }
+
+  const std::vector<KnownView>& known_;
+  const Pinhole& camera_;
+  const PixelRays& rays_;
+  float surface_sigmas_;
+  cv::Size reach_;
+  std::vector<ViewError> errors_;
+  std::vector<SourceRow> rows_;
+  std::vector<float> arrays_;
+  Splats splats_{};
+  cv::Mat1i winner_;
+};
+
+}  // namespace
+
+ExpectedView expected_view(const std::vector<KnownView>& known, const Pinhole& camera, const PixelRays& rays,
+                           const ExpectedViewOptions& options) {
+  check_options(options, "expected_view");
+  if (rays.size() != cv::Size(camera.width, camera.height))
+    throw Error("expected view: the rays are not of the camera's size");
+  for (const KnownView& view : known) {
+    if (view.frame->normals.size() != view.frame->points_m.size() ||
+        view.frame->sigma_m.size() != view.frame->points_m.size())
+      throw Error("expected view: points, sigmas and normals of frame " + std::to_string(view.frame->index) +
+                  " differ in size");
+  }
+  return Rendering(known, camera, rays, options).render();
+}
+
+}  // namespace fringeslam
