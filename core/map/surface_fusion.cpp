@@ -17,6 +17,8 @@ constexpr int kOctant = 64;    // voxels
 constexpr int kRun = 64;       // pixels that are prepared together
 constexpr int kBandRows = 16;  // rows of pixels that are searched for bricks together
 constexpr float kNormalSteps = 32767;
+// In octants: where bricks have keys, and what a pixel that is not much larger than a voxel can touch.
+constexpr float kMaxOctant = 2 * kMaxBrick - 64, kMaxReach = 32;
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
 // A brick seen from the camera, and the camera, as the kernels want them.
@@ -121,6 +123,8 @@ struct PixelRun {
 // The octants from low to high, counted over all bricks; none when high < low.
 struct OctantBoxes {
   alignas(64) int32_t low[3][kRun], high[3][kRun];
+  // 0 where a pixel touches the same as the one before or the one above, as most do.
+  alignas(64) int32_t is_new[kRun];
 };
 
 FRINGESLAM_INLINE int floor_of(float value) {
@@ -133,7 +137,8 @@ FRINGESLAM_INLINE int in_steps(float value) {
 
 // The voxels of a pixel's band have their feet on its tangent plane, half a pixel's diagonal away at most. A pixel's
 // step across the ray is the footprint, and along the ray the footprint times the slope.
-FRINGESLAM_INLINE void prepare_body(PixelRun run, uint32_t* __restrict planes, OctantBoxes& __restrict boxes) {
+FRINGESLAM_INLINE void prepare_body(PixelRun run, uint32_t* __restrict planes, OctantBoxes& __restrict boxes,
+                                    const OctantBoxes& __restrict above) {
   const float* const m = run.octants_from_camera;
   alignas(64) float low[3][kRun], high[3][kRun], numbers[2][kRun];
   alignas(64) uint32_t words[2][kRun];
@@ -162,14 +167,29 @@ FRINGESLAM_INLINE void prepare_body(PixelRun run, uint32_t* __restrict planes, O
       const float normal = m[3 * k] * nx + m[3 * k + 1] * ny + m[3 * k + 2] * nz;
       const float centre = ray * run.octants_per_m + m[9 + k];
       const float reach = run.truncation * std::abs(normal) + across + slope * std::abs(ray);
-      low[k][i] = usable ? centre - reach : 0;
-      high[k][i] = usable ? centre + reach : -1;
+      const bool fits = usable & (std::abs(centre) < kMaxOctant) & (reach < kMaxReach);
+      low[k][i] = fits ? centre - reach : 0;
+      high[k][i] = fits ? centre + reach : -1;
     }
   }
   for (int k = 0; k < 3; ++k) {
     for (int i = 0; i < run.count; ++i) boxes.low[k][i] = floor_of(low[k][i]);
     for (int i = 0; i < run.count; ++i) boxes.high[k][i] = floor_of(high[k][i]);
   }
+  alignas(64) int32_t from_left[kRun], from_above[kRun];
+  from_left[0] = 1;
+  for (int i = 1; i < run.count; ++i) {
+    int differs = 0;
+    for (int k = 0; k < 3; ++k)
+      differs |= (boxes.low[k][i] ^ boxes.low[k][i - 1]) | (boxes.high[k][i] ^ boxes.high[k][i - 1]);
+    from_left[i] = differs;
+  }
+  for (int i = 0; i < run.count; ++i) {
+    int differs = 0;
+    for (int k = 0; k < 3; ++k) differs |= (boxes.low[k][i] ^ above.low[k][i]) | (boxes.high[k][i] ^ above.high[k][i]);
+    from_above[i] = differs;
+  }
+  for (int i = 0; i < run.count; ++i) boxes.is_new[i] = (from_left[i] != 0) & (from_above[i] != 0) ? 1 : 0;
   for (int i = 0; i < run.count; ++i) {
     planes[4 * i] = words[0][i], planes[4 * i + 1] = words[1][i];
     std::memcpy(planes + 4 * i + 2, &numbers[0][i], sizeof(float));
@@ -177,12 +197,15 @@ FRINGESLAM_INLINE void prepare_body(PixelRun run, uint32_t* __restrict planes, O
   }
 }
 
-void prepare_portable(const PixelRun& run, uint32_t* planes, OctantBoxes& boxes) { prepare_body(run, planes, boxes); }
-FRINGESLAM_AVX2 void prepare_avx2(const PixelRun& run, uint32_t* planes, OctantBoxes& boxes) {
-  prepare_body(run, planes, boxes);
+void prepare_portable(const PixelRun& run, uint32_t* planes, OctantBoxes& boxes, const OctantBoxes& above) {
+  prepare_body(run, planes, boxes, above);
 }
-FRINGESLAM_AVX512 void prepare_avx512(const PixelRun& run, uint32_t* planes, OctantBoxes& boxes) {
-  prepare_body(run, planes, boxes);
+FRINGESLAM_AVX2 void prepare_avx2(const PixelRun& run, uint32_t* planes, OctantBoxes& boxes, const OctantBoxes& above) {
+  prepare_body(run, planes, boxes, above);
+}
+FRINGESLAM_AVX512 void prepare_avx512(const PixelRun& run, uint32_t* planes, OctantBoxes& boxes,
+                                      const OctantBoxes& above) {
+  prepare_body(run, planes, boxes, above);
 }
 
 bool fuse_portable(const BrickView& view, const PixelPlane* pixels, uint8_t octants, uint64_t* voxels) {
@@ -195,14 +218,7 @@ FRINGESLAM_AVX512 bool fuse_avx512(const BrickView& view, const PixelPlane* pixe
   return fuse_body(view, pixels, octants, voxels);
 }
 
-// Neighbouring pixels mostly touch the same bricks.
 void touch(const OctantBoxes& boxes, int count, BrickSet& touched) {
-  const auto is_as_before = [&](int i) {
-    bool same = true;
-    for (int k = 0; k < 3; ++k)
-      same &= (boxes.low[k][i] == boxes.low[k][i - 1]) & (boxes.high[k][i] == boxes.high[k][i - 1]);
-    return same;
-  };
   // Which octants of brick b, of the lower and the upper ones along an axis, lie from low to high.
   const auto halves = [](int b, int low, int high) {
     return ((low <= 2 * b) & (2 * b <= high) ? 1 : 0) | ((low <= 2 * b + 1) & (2 * b + 1 <= high) ? 2 : 0);
@@ -210,7 +226,7 @@ void touch(const OctantBoxes& boxes, int count, BrickSet& touched) {
   static constexpr std::array<int, 4> kX = {0, 0x0f, 0xf0, 0xff}, kY = {0, 0x33, 0xcc, 0xff},
                                       kZ = {0, 0x55, 0xaa, 0xff};
   for (int i = 0; i < count; ++i) {
-    if (i > 0 && is_as_before(i)) continue;
+    if (boxes.is_new[i] == 0) continue;
     const BrickIndex low = {boxes.low[0][i], boxes.low[1][i], boxes.low[2][i]};
     const BrickIndex high = {boxes.high[0][i], boxes.high[1][i], boxes.high[2][i]};
     for (int x = low[0] >> 1; x <= high[0] >> 1; ++x) {
@@ -280,7 +296,9 @@ const std::vector<TouchedBrick>& FrameFusion::begin(const Frame& frame, const Po
   for_each_row(static_cast<int>(rows_.size()), [&](int band) {
     BrickSet& touched = rows_[static_cast<size_t>(band)];
     touched.clear();
-    OctantBoxes boxes;
+    std::vector<OctantBoxes> boxes(static_cast<size_t>((frame.width() + kRun - 1) / kRun));
+    for (OctantBoxes& first : boxes) std::fill_n(first.low[0], kRun, INT32_MAX);  // like no row's
+    OctantBoxes above;
     for (int row = band * kBandRows; row < std::min((band + 1) * kBandRows, frame.height()); ++row) {
       for (int col = 0; col < frame.width(); col += kRun) {
         PixelRun run = all;
@@ -290,8 +308,10 @@ const std::vector<TouchedBrick>& FrameFusion::begin(const Frame& frame, const Po
         run.sigma = frame.sigma_m[row] + col;
         run.grey = frame.texture[row] + col;
         PixelPlane* const planes = pixels_.data() + row * frame.width() + col;
-        prepare(run, reinterpret_cast<uint32_t*>(planes), boxes);
-        touch(boxes, run.count, touched);
+        OctantBoxes& here = boxes[static_cast<size_t>(col / kRun)];
+        above = here;
+        prepare(run, reinterpret_cast<uint32_t*>(planes), here, above);
+        touch(here, run.count, touched);
       }
     }
   });

@@ -58,8 +58,8 @@ class FrameFusion {
  public:
   FrameFusion(const Pinhole& camera, const VoxelScale& scale, double max_slope_deg, double min_sigma_m);
 
-  // Takes in a frame. Returns the bricks that hold voxels of its band, and some that only border on it; their order
-  // depends on the frame and its pose alone.
+  // Takes in a frame. Returns the bricks about its points that its band reaches, and some that only border on it; their
+  // order depends on the frame and its pose alone. Pixels that see more than a hundred voxels at once touch none.
   const std::vector<TouchedBrick>& begin(const Frame& frame, const Pose& world_from_camera);
 
   // Fuses that frame into the voxels of a brick that it touches. Whether any of them was in its band.

@@ -420,6 +420,23 @@ TEST(Surface, FrameWithoutPointsAddsNothing) {
   EXPECT_TRUE(model.mesh().triangles.empty());
 }
 
+TEST(Surface, WorldMayBeAnywhere) {
+  // Around the world's origin and far from it: the same surface, but for the rounding of coordinates.
+  const RigModel rig = support::small_rig(false);
+  const Frame frame = support::observe(support::plane({0, 0, 1}, 1.05), rig, {}, 1e-4);
+  for (const double x : {0.0, 50.0, -300.0}) {
+    const Eigen::Vector3d shift(x, 0, -1.05);
+    SurfaceModel model(rig, {});
+    model.add(frame, {Eigen::Matrix3d::Identity(), shift});
+    const SurfaceMesh mesh = model.mesh();
+    const auto parts = parts_of(mesh);
+    ASSERT_EQ(parts.size(), 1U);
+    EXPECT_EQ(parts[0].euler, 1);
+    EXPECT_GT(mesh.vertices.size(), 15000U);
+    for (const CloudPoint& vertex : mesh.vertices) ASSERT_NEAR(vertex.position_m.z(), 0, 1e-6);
+  }
+}
+
 TEST(Surface, VoxelIsAPixelAmidTheRange) {
   RigModel rig = support::small_rig(false);
   EXPECT_NEAR(SurfaceModel(rig, {}).voxel_m(), 1.05 / 511.5, 1e-12);
