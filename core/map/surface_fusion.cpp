@@ -46,6 +46,10 @@ FRINGESLAM_INLINE bool fuse_body(BrickView view, const PixelPlane* __restrict pi
   for (int octant = 0; octant < 8; ++octant) {
     if ((octants >> octant & 1) == 0) continue;
     const int first_x = octant & 4, first_y = octant << 1 & 4, first_z = octant << 2 & 4;
+    // Sixteen runs of four along z, on their way to the cache while the pixels are found.
+    uint64_t* const corner = voxels + (first_x * kBrickEdge + first_y) * kBrickEdge + first_z;
+    const auto run_at = [](int run) { return ((run >> 2) * kBrickEdge + (run & 3)) * kBrickEdge; };
+    for (int run = 0; run < 16; ++run) __builtin_prefetch(corner + run_at(run), 1);
     const float x0 = static_cast<float>(first_x), y0 = static_cast<float>(first_y), z0 = static_cast<float>(first_z);
     const float ox = x0 * view.dx[0] + y0 * view.dy[0] + z0 * view.dz[0];
     const float oy = x0 * view.dx[1] + y0 * view.dy[1] + z0 * view.dz[1];
@@ -80,9 +84,7 @@ FRINGESLAM_INLINE bool fuse_body(BrickView view, const PixelPlane* __restrict pi
     for (int lane = 0; lane < kOctant; ++lane) any |= in_band[lane];
     if (any == 0) continue;
     seen = true;
-    // Sixteen runs of four along z, and the two halves of each voxel apart: as 32 bits they fill the vectors.
-    uint64_t* const corner = voxels + (first_x * kBrickEdge + first_y) * kBrickEdge + first_z;
-    const auto run_at = [](int run) { return ((run >> 2) * kBrickEdge + (run & 3)) * kBrickEdge; };
+    // The two halves of each voxel apart: as 32 bits they fill the vectors.
     alignas(64) uint64_t old[kOctant];
     for (int run = 0; run < 16; ++run) std::memcpy(old + 4 * run, corner + run_at(run), 4 * sizeof(uint64_t));
     alignas(64) uint32_t low[kOctant], high[kOctant];
