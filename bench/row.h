@@ -45,6 +45,7 @@ std::vector<Item> calibration_items();
 std::vector<Item> sensor_items();
 std::vector<Item> decoding_items();
 std::vector<Item> landmark_items();
+std::vector<Item> prediction_items();
 std::vector<Item> landmark_speed_items();
 std::vector<Item> cycles_items();
 std::vector<Item> large_world_items();

@@ -2,7 +2,6 @@
 #include "core/decode/decode.h"
 
 #include <Eigen/Core>
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -12,6 +11,7 @@
 #include "core/decode/gray.h"
 #include "core/decode/ladder.h"
 #include "core/decode/spatial.h"
+#include "core/decode/steps.h"
 #include "core/types/error.h"
 #include "core/types/parallel.h"
 
@@ -20,7 +20,6 @@ namespace fringeslam {
 namespace {
 
 constexpr double kTwoPi = 2 * std::numbers::pi;
-constexpr size_t kMaxGroups = 16;
 constexpr double kGrayEdgePx = 1;  // how far the blur of an edge between Gray cells reaches into them
 // Least contrast of a bit as a share of the clearest one's: a pixel that sees two surfaces has bits in between.
 constexpr float kLeastGrayContrast = 0.5f;
@@ -43,45 +42,6 @@ bool equally_spaced(const std::vector<double>& shifts_rad) {
     seen[static_cast<size_t>(index < 0 ? index + static_cast<long>(shifts_rad.size()) : index)] = true;
   }
   return std::find(seen.begin(), seen.end(), false) == seen.end();
-}
-
-// Every n-th image of a group, so that `steps` equally spaced shifts remain.
-FringeGroup thinned(const FringeGroup& group, int steps) {
-  const size_t all = group.images.size(), wanted = static_cast<size_t>(steps);
-  if (steps == 0 || wanted == all) return group;
-  FringeGroup result{group.axis, group.period_px, {}, {}};
-  for (size_t k = 0; k < wanted; ++k) {
-    const double target = group.shifts_rad.front() + kTwoPi * static_cast<double>(k) / steps;
-    for (size_t i = 0; i < all; ++i) {
-      if (std::abs(std::remainder(group.shifts_rad[i] - target, kTwoPi)) > 1e-6) continue;
-      result.images.push_back(group.images[i]);
-      result.shifts_rad.push_back(group.shifts_rad[i]);
-      break;
-    }
-  }
-  if (steps < 3 || result.images.size() != wanted)
-    throw Error("decode.steps is " + std::to_string(steps) + " but the " + std::to_string(all) + " shifts of period " +
-                to_text(group.period_px) + " px hold no " + std::to_string(steps) +
-                " equally spaced ones; use a divisor of their number, 3 or more");
-  return result;
-}
-
-StepEstimator least_squares(const FringeGroup& group) {
-  const auto steps = static_cast<Eigen::Index>(group.images.size());
-  Eigen::MatrixX3d basis(steps, 3);
-  for (Eigen::Index k = 0; k < steps; ++k) {
-    const double shift = group.shifts_rad[static_cast<size_t>(k)];
-    basis.row(k) << 1, std::cos(shift), std::sin(shift);
-  }
-  const Eigen::Matrix3Xd weights = (basis.transpose() * basis).inverse() * basis.transpose();
-  StepEstimator estimator;
-  estimator.images = group.images;
-  for (Eigen::Index k = 0; k < steps; ++k) {
-    estimator.mean.push_back(static_cast<float>(weights(0, k)));
-    estimator.cosine.push_back(static_cast<float>(weights(1, k)));
-    estimator.sine.push_back(static_cast<float>(-weights(2, k)));
-  }
-  return estimator;
 }
 
 // The rig's correction as a table over the measured phase. What N steps measure too much depends on phi + delta_0, so
@@ -112,14 +72,6 @@ std::vector<float> correction_of(const FringeGroup& group, const PhaseCorrection
     table.push_back(static_cast<float>(measured - low));
   }
   return table;
-}
-
-std::vector<FringeGroup> used_groups(const PatternSequence& sequence, Axis axis, const DecodeOptions& options) {
-  std::vector<FringeGroup> groups;
-  for (const FringeGroup& group : fringe_groups(sequence, axis)) groups.push_back(thinned(group, options.steps));
-  if (groups.size() > kMaxGroups)
-    throw Error("patterns: more than " + std::to_string(kMaxGroups) + " fringe periods in one axis");
-  return groups;
 }
 
 // Whether the working range spans less than a period for most rays, so that `geometric` can tell.
@@ -390,7 +342,9 @@ void decode_into(DecodedStack& out, const FringeStack& stack, const PatternSeque
   const std::string method =
       out.unwrapping == "spatial" ? spatial_reference(sequence, rig, options, context) : out.unwrapping;
   const int length = length_of(sequence, context.axis);
-  const std::vector<FringeGroup> groups = used_groups(sequence, context.axis, options);
+  std::vector<FringeGroup> groups = used_groups(sequence, context.axis, options);
+  // Coarser periods, if there are any, may have been taken from elsewhere.
+  if (method == "predicted") groups.erase(groups.begin(), groups.end() - 1);
   RowPlan plan = make_plan(groups, length, rig, options, !sequence.inverse_response.empty());
   if (method == "multifrequency") plan.rungs = multifrequency_ladder(groups, length);
   if (method == "heterodyne") plan.rungs = heterodyne_ladder(groups, length);

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "core/decode/coordinate_of_depth.h"
 #include "core/decode/decode.h"
 #include "core/types/instruction_set.h"
 #include "core/types/parallel.h"
@@ -61,9 +62,9 @@ struct CoordinateKernel {
   }
 };
 
-// Coordinates of depths, and by the derivative of that what the depths' sigmas make of them.
-FRINGESLAM_INLINE void coordinate_body(CoordinateKernel p, const cv::Vec2f* rays, const float* depth,
-                                       const float* sigma_m, int width, float* coordinate, float* sigma_px) {
+// Coordinates of depths, and their derivatives by the depth.
+FRINGESLAM_INLINE void coordinate_body(CoordinateKernel p, const cv::Vec2f* rays, const float* depth, int width,
+                                       float* coordinate, float* per_m) {
   const float* ray = &rays[0][0];
 #pragma GCC ivdep
   for (int i = 0; i < width; ++i) {
@@ -80,33 +81,42 @@ FRINGESLAM_INLINE void coordinate_body(CoordinateKernel p, const cv::Vec2f* rays
     const float u = p.f * (a * radial + 2 * p.across * a * b + p.along * (r2 + 2 * a * a)) + p.centre;
     const bool before = z > 0;  // false for NaN
     coordinate[i] = before ? u : kNaN;
-    sigma_px[i] = before ? std::abs(p.f * (by_a * da + by_b * db)) * sigma_m[i] : kNaN;
+    per_m[i] = before ? p.f * (by_a * da + by_b * db) : kNaN;
   }
 }
 
-void coordinate_portable(const CoordinateKernel& p, const cv::Vec2f* rays, const float* depth, const float* sigma_m,
-                         int width, float* coordinate, float* sigma_px) {
-  coordinate_body(p, rays, depth, sigma_m, width, coordinate, sigma_px);
+void coordinate_portable(const CoordinateKernel& p, const cv::Vec2f* rays, const float* depth, int width,
+                         float* coordinate, float* per_m) {
+  coordinate_body(p, rays, depth, width, coordinate, per_m);
 }
-FRINGESLAM_AVX2 void coordinate_avx2(const CoordinateKernel& p, const cv::Vec2f* rays, const float* depth,
-                                     const float* sigma_m, int width, float* coordinate, float* sigma_px) {
-  coordinate_body(p, rays, depth, sigma_m, width, coordinate, sigma_px);
+FRINGESLAM_AVX2 void coordinate_avx2(const CoordinateKernel& p, const cv::Vec2f* rays, const float* depth, int width,
+                                     float* coordinate, float* per_m) {
+  coordinate_body(p, rays, depth, width, coordinate, per_m);
 }
 FRINGESLAM_AVX512 void coordinate_avx512(const CoordinateKernel& p, const cv::Vec2f* rays, const float* depth,
-                                         const float* sigma_m, int width, float* coordinate, float* sigma_px) {
-  coordinate_body(p, rays, depth, sigma_m, width, coordinate, sigma_px);
+                                         int width, float* coordinate, float* per_m) {
+  coordinate_body(p, rays, depth, width, coordinate, per_m);
 }
 
 }  // namespace
 
-ExpectedCoordinate expected_coordinate(const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m,
-                                       const cv::Mat1f& sigma_m, Axis axis) {
+DepthCoordinate coordinate_of_depth(const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m, Axis axis) {
   static const auto coordinates = widest(coordinate_portable, coordinate_avx2, coordinate_avx512);
-  ExpectedCoordinate expected{cv::Mat1f(rays.size()), cv::Mat1f(rays.size(), 0.0f), cv::Mat1f(rays.size())};
+  DepthCoordinate result{cv::Mat1f(rays.size()), cv::Mat1f(rays.size())};
   const CoordinateKernel kernel(rig, axis);
   for_each_row(rays.rows, [&](int row) {
-    coordinates(kernel, rays[row], depth_m[row], sigma_m[row], rays.cols, expected.coordinate_px[row],
-                expected.sigma_px[row]);
+    coordinates(kernel, rays[row], depth_m[row], rays.cols, result.coordinate_px[row], result.per_m[row]);
+  });
+  return result;
+}
+
+ExpectedCoordinate expected_coordinate(const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m,
+                                       const cv::Mat1f& sigma_m, Axis axis) {
+  DepthCoordinate of_depth = coordinate_of_depth(rig, rays, depth_m, axis);
+  ExpectedCoordinate expected{of_depth.coordinate_px, cv::Mat1f(rays.size(), 0.0f), of_depth.per_m};
+  for_each_row(rays.rows, [&](int row) {
+    float* sigma_px = expected.sigma_px[row];
+    for (int col = 0; col < rays.cols; ++col) sigma_px[col] = std::abs(sigma_px[col]) * sigma_m(row, col);
   });
   return expected;
 }

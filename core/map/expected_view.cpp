@@ -89,21 +89,6 @@ FRINGESLAM_AVX512 void splat_avx512(const cv::Vec3f* points, const cv::Vec3f* no
   splat_body(points, normals, sigma, width, p, out);
 }
 
-// The normal of the plane through a point and the nearer in depth of its neighbours to both sides; NaN where it has
-// none along its row or its column. Edges leave points without a better one.
-cv::Vec3f rough_normal(const cv::Mat3f& points, int row, int col) {
-  const cv::Vec3f& here = points(row, col);
-  const auto towards = [&](int r1, int c1, int r2, int c2) {
-    const auto at = [&](int r, int c) {
-      return r < 0 || c < 0 || r >= points.rows || c >= points.cols ? cv::Vec3f::all(kNaN) : points(r, c);
-    };
-    const cv::Vec3f back = here - at(r1, c1), forth = at(r2, c2) - here;
-    return std::abs(back[2]) <= std::abs(forth[2]) || std::isnan(forth[2]) ? back : forth;
-  };
-  const cv::Vec3f normal = towards(row, col - 1, row, col + 1).cross(towards(row - 1, col, row + 1, col));
-  return normal * (static_cast<float>(normal.dot(here) > 0 ? -1 : 1) / static_cast<float>(cv::norm(normal)));
-}
-
 // A row of a known frame, and which rows of the image it falls on.
 struct SourceRow {
   int view = 0, row = 0;
@@ -172,9 +157,9 @@ class Rendering {
       for (int row = 0; row < frame.height(); ++row, points += static_cast<size_t>(frame.width()))
         rows_.push_back({static_cast<int>(v), row, points, frame.width()});
     }
-    // A pixel more than the shift: the splats' own size.
-    reach_ = {1 + static_cast<int>(std::ceil(options.shift_sigmas * shift.x())),
-              1 + static_cast<int>(std::ceil(options.shift_sigmas * shift.y()))};
+    // Half a pixel more than the shift: the splats' own size.
+    reach_ = {static_cast<int>(std::ceil(0.5 + options.shift_sigmas * shift.x())),
+              static_cast<int>(std::ceil(0.5 + options.shift_sigmas * shift.y()))};
     arrays_.resize(6 * points);
     float* free_floats = arrays_.data();
     for (float** array : {&splats_.u, &splats_.v, &splats_.mx, &splats_.my, &splats_.mz, &splats_.noise}) {
@@ -206,7 +191,7 @@ class Rendering {
     source.highest_v = std::numeric_limits<float>::lowest();
     for (int i = 0; i < source.width; ++i) {
       if (std::isnan(normals[i][2]) && frame.valid(source.row, i)) {
-        const cv::Vec3f rough = rough_normal(frame.points_m, source.row, i);
+        const cv::Vec3f rough = neighbour_normal(frame.points_m, source.row, i);
         const float sigma = kRoughSigmas * frame.sigma_m(source.row, i);
         splat(&frame.points_m(source.row, i), &rough, &sigma, 1, projection,
               splats_.from(source.first + static_cast<size_t>(i)));
@@ -221,37 +206,54 @@ class Rendering {
     return splats_.mx[splat] * ray[0] + splats_.my[splat] * ray[1] + splats_.mz[splat];
   }
 
-  // All that falls on a band of rows, which no other thread writes to.
+  // All that falls on a band of rows, which no other thread writes to. Its images have a border of two pixels, so that
+  // whatever covers a pixel of the band lies in them as a whole.
   void cover(int first_row, ExpectedView& view) {
-    const int rows = std::min(kBandRows, rays_.rows - first_row), cols = rays_.cols;
+    constexpr int kBorder = 2;
+    const int rows = std::min(kBandRows, rays_.rows - first_row), cols = rays_.cols, stride = cols + 2 * kBorder;
+    const auto size = static_cast<size_t>((rows + 2 * kBorder) * stride);
+    std::vector<float> ray_x(size), ray_y(size), nearest(size), distance(size, std::numeric_limits<float>::max());
+    std::vector<int> winner(size, -1), winning_view(size);
+    for (int row = 0; row < rows; ++row) {
+      const auto first = static_cast<size_t>((row + kBorder) * stride + kBorder);
+      for (size_t col = 0; col < static_cast<size_t>(cols); ++col) {
+        const cv::Vec2f& ray = rays_(first_row + row, static_cast<int>(col));
+        ray_x[first + col] = ray[0], ray_y[first + col] = ray[1];
+      }
+    }
     struct Candidate {
-      size_t splat;
-      int view;
-      int row, col;
+      int splat, view, corner;  // the first of the pixels that it covers
+      float u, v;               // from there
     };
     std::vector<Candidate> candidates;
+    candidates.reserve(size);
     const float low = static_cast<float>(first_row) - 1.5f, high = static_cast<float>(first_row + rows) + 0.5f;
     const float right = static_cast<float>(cols) + 0.5f;
     for (const SourceRow& source : rows_) {
       if (source.highest_v < low || source.lowest_v > high) continue;
       for (size_t i = source.first; i < source.first + static_cast<size_t>(source.width); ++i) {
         const float u = splats_.u[i], v = splats_.v[i];
-        if (!(v >= low && v <= high && u >= -1.5f && u <= right)) continue;
-        candidates.push_back({i, source.view, static_cast<int>(std::floor(v + 0.5f)) - first_row,
-                              static_cast<int>(std::floor(u + 0.5f))});
+        if (!((v >= low) & (v < high) & (u >= -1.5f) & (u < right))) continue;
+        // Of positive numbers, so that the conversion rounds down.
+        const int col = static_cast<int>(u + 2.5f) - 1,
+                  row = static_cast<int>(v - static_cast<float>(first_row) + 2.5f) - 1;
+        candidates.push_back({static_cast<int>(i), source.view, row * stride + col,
+                              u - static_cast<float>(col - kBorder),
+                              v - static_cast<float>(first_row + row - kBorder)});
       }
     }
     const auto for_each_covered = [&](const Candidate& c, const auto& use) {
-      for (int row = std::max(0, c.row - 1); row <= std::min(rows - 1, c.row + 1); ++row) {
-        for (int col = std::max(0, c.col - 1); col <= std::min(cols - 1, c.col + 1); ++col)
-          use(row, col, inverse_depth(c.splat, rays_(first_row + row, col)));
+      const auto splat = static_cast<size_t>(c.splat);
+      const float mx = splats_.mx[splat], my = splats_.my[splat], mz = splats_.mz[splat];
+      for (int row = 0; row < 3; ++row) {
+        const auto first = static_cast<size_t>(c.corner + row * stride);
+        for (size_t col = 0; col < 3; ++col)
+          use(first + col, row, col, mx * ray_x[first + col] + my * ray_y[first + col] + mz);
       }
     };
-    cv::Mat1f nearest(rows, cols, 0.0f), distance(rows, cols, std::numeric_limits<float>::max());
-    cv::Mat1i source_view(rows, cols, -1);
     for (const Candidate& c : candidates) {
-      for_each_covered(c, [&](int row, int col, float inverse) {
-        nearest(row, col) = std::max(nearest(row, col), inverse);  // not NaN
+      for_each_covered(c, [&](size_t at, int, size_t, float inverse) {
+        nearest[at] = inverse > nearest[at] ? inverse : nearest[at];  // not NaN
       });
     }
     const bool several = known_.size() > 1;
@@ -260,20 +262,20 @@ class Rendering {
       const float other = several ? errors_[static_cast<size_t>(c.view)].relative_sigma : 0;
       const float noise = splats_.noise[c.splat];
       const float share = 1 - surface_sigmas_ * std::sqrt(noise * noise + other * other) - 1e-6f;
-      const float u = splats_.u[c.splat], v = splats_.v[c.splat] - static_cast<float>(first_row);
-      for_each_covered(c, [&](int row, int col, float inverse) {
-        if (!(inverse >= share * nearest(row, col))) return;
-        const float du = u - static_cast<float>(col), dv = v - static_cast<float>(row), square = du * du + dv * dv;
-        if (square >= distance(row, col)) return;
-        distance(row, col) = square;
-        winner_(first_row + row, col) = static_cast<int>(c.splat);
-        source_view(row, col) = c.view;
+      for_each_covered(c, [&](size_t at, int row, size_t col, float inverse) {
+        const float du = c.u - static_cast<float>(col), dv = c.v - static_cast<float>(row), square = du * du + dv * dv;
+        if (!((inverse >= share * nearest[at]) & (square < distance[at]))) return;
+        distance[at] = square;
+        winner[at] = c.splat;
+        winning_view[at] = c.view;
       });
     }
     for (int row = 0; row < rows; ++row) {
       for (int col = 0; col < cols; ++col) {
-        if (source_view(row, col) >= 0)
-          finish(first_row + row, col, errors_[static_cast<size_t>(source_view(row, col))], view);
+        const auto at = static_cast<size_t>((row + kBorder) * stride + col + kBorder);
+        if (winner[at] < 0) continue;
+        winner_(first_row + row, col) = winner[at];
+        finish(first_row + row, col, errors_[static_cast<size_t>(winning_view[at])], view);
       }
     }
   }

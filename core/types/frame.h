@@ -23,6 +23,10 @@ struct Frame {
   bool valid(int row, int col) const { return points_m(row, col)[2] == points_m(row, col)[2]; }
 };
 
+// The normal of the plane through a point and the nearer in depth of its neighbours to both sides, facing the camera;
+// NaN where it has none along its row or its column. Rough, but there is one at edges, where frames have no normals.
+cv::Vec3f neighbour_normal(const cv::Mat3f& points_m, int row, int col);
+
 // Pixel -> (x, y) with the viewing ray (x, y, 1), distortion removed: H x W.
 using PixelRays = cv::Mat2f;
 

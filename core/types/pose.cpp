@@ -48,6 +48,13 @@ Vector6d difference(const Pose& to, const Pose& from) {
   return tangent;
 }
 
+Matrix6d covariance_of_inverse(const Pose& pose, const Matrix6d& covariance) {
+  Matrix6d jacobian = Matrix6d::Zero();
+  jacobian.topLeftCorner<3, 3>() = jacobian.bottomRightCorner<3, 3>() = -pose.rotation.transpose();
+  jacobian.bottomLeftCorner<3, 3>() = -pose.rotation.transpose() * skew(pose.translation);
+  return jacobian * covariance * jacobian.transpose();
+}
+
 Pose orthonormalised(const Pose& pose) {
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(pose.rotation, Eigen::ComputeFullU | Eigen::ComputeFullV);
   return {svd.matrixU() * svd.matrixV().transpose(), pose.translation};

@@ -37,6 +37,10 @@ Pose retract(const Pose& pose, const Vector6d& tangent);
 // The tangent with retract(from, difference) == to.
 Vector6d difference(const Pose& to, const Pose& from);
 
+// Covariance of pose.inverse() from that of pose, both in the tangent of retract(): omega' = -R^T omega,
+// v' = -R^T (v + t x omega).
+Matrix6d covariance_of_inverse(const Pose& pose, const Matrix6d& covariance);
+
 // Removes rounding drift from a product of many rotations.
 Pose orthonormalised(const Pose& pose);
 

@@ -73,6 +73,18 @@ TEST(Pose, RetractTurnsAndShiftsFromTheLeft) {
   EXPECT_THAT(retract(pose, tangent), PoseNear(Pose{rotation_exp({0, 0, 0.7}), {1.1, 2.2, 3.3}}, 1e-15, 1e-15));
 }
 
+TEST(Pose, CovarianceOfTheInverseIsThatOfItsTangents) {
+  Random random(12);
+  const Pose pose{rotation_exp(1.1 * random.direction()), {0.4, -0.7, 1.3}};
+  // For a covariance of one direction alone, the tangent of the inverse is the root.
+  for (int axis = 0; axis < 6; ++axis) {
+    const Vector6d tangent = 1e-6 * Vector6d::Unit(axis);
+    const Vector6d moved = difference(retract(pose, tangent).inverse(), pose.inverse());
+    EXPECT_THAT(covariance_of_inverse(pose, tangent * tangent.transpose()),
+                MatrixNear(Matrix6d(moved * moved.transpose()), 1e-17));
+  }
+}
+
 TEST(Pose, SixDofIsRzRyRxInMillimetresAndDegrees) {
   // 90 degrees about each axis in turn: x -> x, then -> -z (Ry), then stays; by hand.
   const Pose pose = pose_from({{30, 10, -15}, {0, 90, 90}});

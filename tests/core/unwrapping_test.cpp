@@ -208,6 +208,24 @@ TEST(Predicted, RoundsToTheExpectedOrderAndRefusesWhatDoesNotFit) {
   EXPECT_THAT(error_of([&] { decode(stack, sequence, rig, by("predicted")); }), HasSubstr("no map to predict from"));
 }
 
+TEST(Predicted, LooksAtTheFinestPeriodAlone) {
+  const RigModel rig = plain_rig();
+  const PatternSequence all = design_sequence(design_of({1040, 131, 16})),
+                        fine = phase_shift_sequence(1024, 768, {16}, 3, Axis::columns, 8);
+  const cv::Mat1d truth = support::ramp(100, 900, 500);
+  FringeStack stack = fringe_stack(truth, all, {}, CV_8UC1);
+  for (size_t i = 0; i < 6; ++i) stack.images[i].setTo(255);  // the coarse ones
+  FringeStack last = stack;
+  last.images.erase(last.images.begin(), last.images.begin() + 6);
+  ExpectedCoordinate expected{cv::Mat1f(1, 500), cv::Mat1f(1, 500, 0.0f), cv::Mat1f(1, 500, 1.0f)};
+  truth.convertTo(expected.coordinate_px, CV_32F);
+  const DecodedStack by_all = decode(stack, all, rig, by("predicted"), {Axis::columns, &expected}),
+                     by_fine = decode(last, fine, rig, by("predicted"), {Axis::columns, &expected});
+  EXPECT_EQ(cv::countNonZero(by_fine.fringe_order >= 0), 500);
+  EXPECT_EQ(cv::norm(by_all.coordinate_px, by_fine.coordinate_px, cv::NORM_INF), 0);
+  EXPECT_EQ(cv::norm(by_all.mean, by_fine.mean, cv::NORM_INF), 0);
+}
+
 TEST(Gray, AloneGivesItsCells) {
   PatternSequence sequence{1024, 768, gray_patterns(Axis::columns, 4, 1024, 8)};
   for (Pattern pattern : gray_patterns(Axis::columns, 4, 1024, 8)) {

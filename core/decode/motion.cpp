@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/decode/motion.h"
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "core/decode/coordinate_of_depth.h"
+#include "core/decode/steps.h"
+#include "core/types/error.h"
+#include "core/types/parallel.h"
+
+namespace fringeslam {
+
+namespace {
+
+constexpr double kTurn = 2 * std::numbers::pi;
+constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+
+// What drift does to the phase of one group of images.
+class DriftedPhase {
+ public:
+  DriftedPhase(const FringeGroup& group, const std::vector<double>& times_s) : estimator_(least_squares(group)) {
+    for (const int image : group.images)
+      mean_s_ += times_s[static_cast<size_t>(image)] / static_cast<double>(group.images.size());
+    for (size_t k = 0; k < group.images.size(); ++k) {
+      times_s_.push_back(times_s[static_cast<size_t>(group.images[k])] - mean_s_);
+      shifts_.push_back(group.shifts_rad[k]);
+    }
+  }
+
+  // By how much the phase is measured too large when it drifts by `rate` rad/s. The mean of the times comes off as a
+  // whole: it may be more than half a turn.
+  double offset(double measured, double rate) const {
+    double cc = 0, cs = 0, sc = 0, ss = 0;
+    for (size_t k = 0; k < times_s_.size(); ++k) {
+      const double at = shifts_[k] + rate * times_s_[k], cosine = std::cos(at), sine = std::sin(at);
+      const auto c = static_cast<double>(estimator_.cosine[k]), s = static_cast<double>(estimator_.sine[k]);
+      cc += c * cosine, cs -= c * sine, sc += s * cosine, ss -= s * sine;
+    }
+    // The adjugate serves for the inverse: only the ratio counts, and the determinant is positive for small drifts.
+    const double x = std::cos(measured), y = std::sin(measured);
+    const double phase = std::atan2(cc * y - sc * x, ss * x - cs * y);
+    return std::remainder(measured - phase, kTurn) + rate * mean_s_;
+  }
+
+ private:
+  StepEstimator estimator_;
+  std::vector<double> times_s_, shifts_;
+  double mean_s_ = 0;
+};
+
+}  // namespace
+
+std::vector<double> image_times_s(size_t images, const Timing& timing) {
+  std::vector<double> times(images);
+  for (size_t i = 0; i < images; ++i)
+    times[i] = (static_cast<double>(i) - 0.5 * (static_cast<double>(images) - 1)) / timing.camera_rate_hz;
+  return times;
+}
+
+cv::Mat1f coordinate_rate(const Frame& frame, const RigModel& rig, const PixelRays& rays, const CameraTwist& twist,
+                          Axis axis) {
+  if (frame.points_m.size() != rays.size()) throw Error("motion: the frame is not of the camera's size");
+  cv::Mat1f depth;
+  cv::extractChannel(frame.points_m, depth, 2);
+  cv::Mat1f rate = coordinate_of_depth(rig, rays, depth, axis).per_m;
+  for_each_row(rate.rows, [&](int row) {
+    for (int col = 0; col < rate.cols; ++col) {
+      if (!frame.valid(row, col)) continue;
+      const cv::Vec3f& p = frame.points_m(row, col);
+      cv::Vec3f normal = frame.normals(row, col);
+      if (std::isnan(normal[2])) normal = neighbour_normal(frame.points_m, row, col);
+      const Eigen::Vector3d point(p[0], p[1], p[2]), n(normal[0], normal[1], normal[2]);
+      const Eigen::Vector3d velocity = -(twist.angular_rad_s.cross(point) + twist.velocity_m_s);
+      rate(row, col) *= static_cast<float>(n.dot(velocity) * point.z() / n.dot(point));
+    }
+  });
+  return rate;
+}
+
+void compensate_motion(DecodedStack& decoded, const PatternSequence& sequence, const DecodeOptions& options,
+                       const cv::Mat1f& rate_px_s, const std::vector<double>& times_s, Axis axis) {
+  if (times_s.size() != sequence.patterns.size())
+    throw Error("motion: " + std::to_string(times_s.size()) + " times for " + std::to_string(sequence.patterns.size()) +
+                " images");
+  if (rate_px_s.size() != decoded.coordinate_px.size()) throw Error("motion: rates and coordinates differ in size");
+  const std::vector<FringeGroup> groups = used_groups(sequence, axis, options);
+  if (groups.empty()) return;  // the coordinate is a Gray code's
+  const double period = groups.back().period_px;
+  const DriftedPhase drifted(groups.back(), times_s);
+  for_each_row(rate_px_s.rows, [&](int row) {
+    for (int col = 0; col < rate_px_s.cols; ++col) {
+      const double rate = static_cast<double>(rate_px_s(row, col)) * kTurn / period;
+      const double measured = decoded.wrapped_phase(row, col);
+      if (rate == 0 || std::isnan(rate) || std::isnan(measured)) continue;
+      const double offset = drifted.offset(measured, rate);
+      const double wrapped = std::remainder(measured - offset, kTurn);
+      // Of the order, so that coordinate = (phase / 2 pi + order) period - 1/2 still holds.
+      const auto turned = static_cast<int>(std::lround((measured - offset - wrapped) / kTurn));
+      decoded.wrapped_phase(row, col) = static_cast<float>(wrapped);
+      decoded.coordinate_px(row, col) -= static_cast<float>(offset / kTurn * period);  // NaN stays
+      if (!decoded.relative_phase.empty()) decoded.relative_phase(row, col) -= static_cast<float>(offset);
+      int& order = decoded.fringe_order(row, col);
+      if (order < 0) continue;
+      order += turned;
+      if (order < 0) decoded.coordinate_px(row, col) = decoded.confidence(row, col) = kNaN;  // out of the projector
+    }
+  });
+}
+
+}  // namespace fringeslam

@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/decode/steps.h"
+
+#include <Eigen/Core>
+#include <Eigen/LU>
+#include <cmath>
+#include <numbers>
+
+#include "core/types/error.h"
+
+namespace fringeslam {
+
+namespace {
+
+constexpr double kTwoPi = 2 * std::numbers::pi;
+constexpr size_t kMaxGroups = 16;
+
+// Every n-th image of a group, so that `steps` equally spaced shifts remain.
+FringeGroup thinned(const FringeGroup& group, int steps) {
+  const size_t all = group.images.size(), wanted = static_cast<size_t>(steps);
+  if (steps == 0 || wanted == all) return group;
+  FringeGroup result{group.axis, group.period_px, {}, {}};
+  for (size_t k = 0; k < wanted; ++k) {
+    const double target = group.shifts_rad.front() + kTwoPi * static_cast<double>(k) / steps;
+    for (size_t i = 0; i < all; ++i) {
+      if (std::abs(std::remainder(group.shifts_rad[i] - target, kTwoPi)) > 1e-6) continue;
+      result.images.push_back(group.images[i]);
+      result.shifts_rad.push_back(group.shifts_rad[i]);
+      break;
+    }
+  }
+  if (steps < 3 || result.images.size() != wanted)
+    throw Error("decode.steps is " + std::to_string(steps) + " but the " + std::to_string(all) + " shifts of period " +
+                to_text(group.period_px) + " px hold no " + std::to_string(steps) +
+                " equally spaced ones; use a divisor of their number, 3 or more");
+  return result;
+}
+
+}  // namespace
+
+std::vector<FringeGroup> used_groups(const PatternSequence& sequence, Axis axis, const DecodeOptions& options) {
+  std::vector<FringeGroup> groups;
+  for (const FringeGroup& group : fringe_groups(sequence, axis)) groups.push_back(thinned(group, options.steps));
+  if (groups.size() > kMaxGroups)
+    throw Error("patterns: more than " + std::to_string(kMaxGroups) + " fringe periods in one axis");
+  return groups;
+}
+
+StepEstimator least_squares(const FringeGroup& group) {
+  const auto steps = static_cast<Eigen::Index>(group.images.size());
+  Eigen::MatrixX3d basis(steps, 3);
+  for (Eigen::Index k = 0; k < steps; ++k) {
+    const double shift = group.shifts_rad[static_cast<size_t>(k)];
+    basis.row(k) << 1, std::cos(shift), std::sin(shift);
+  }
+  const Eigen::Matrix3Xd weights = (basis.transpose() * basis).inverse() * basis.transpose();
+  StepEstimator estimator;
+  estimator.images = group.images;
+  for (Eigen::Index k = 0; k < steps; ++k) {
+    estimator.mean.push_back(static_cast<float>(weights(0, k)));
+    estimator.cosine.push_back(static_cast<float>(weights(1, k)));
+    estimator.sine.push_back(static_cast<float>(-weights(2, k)));
+  }
+  return estimator;
+}
+
+}  // namespace fringeslam
