@@ -49,7 +49,9 @@ int run(const Arguments& arguments, const Common& common) {
   try {
     if (!source->model().calibrated)
       throw Error("its rig is not calibrated, so there is no depth; run fringeslam calibrate rig");
-    resolve_unwrapping(source->sequence(), source->model(), settings.pipeline.decode);
+    DecodeOptions first = settings.pipeline.decode;
+    if (first.unwrapping == "predicted") first.unwrapping = "auto";  // there is no map to predict from yet
+    resolve_unwrapping(source->sequence(), source->model(), first);
   } catch (const Error& e) {
     throw Error(arguments.source + ": " + e.what());
   }
@@ -71,7 +73,7 @@ int run(const Arguments& arguments, const Common& common) {
   RunFolder record(folder.path(), rig->model(), source->sequence());
   {
     Progress progress("mapping", source->stacks(), common.quiet || common.json);
-    while (const auto stack = rig->capture(source->sequence())) {
+    while (const auto stack = rig->capture(pipeline.next_patterns())) {
       const FrameResult result = pipeline.process(*stack);
       record.add(*stack, result, pipeline.map());
       if (arguments.mesh) record.add_mesh(frame_mesh(result.frame, settings.mesh), stack->index);
@@ -79,7 +81,7 @@ int run(const Arguments& arguments, const Common& common) {
     }
   }
   const std::vector<CloudPoint> cloud = pipeline.map().cloud(settings.pipeline.cloud).points();
-  record.finish(pipeline.trajectory(), cloud);
+  record.finish(pipeline.trajectory(), cloud, pipeline.surface().mesh());
   if (arguments.save_map) write_text(folder.path() / kMapFile, to_bytes(pipeline.map()));
 
   std::optional<RunScore> score;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/run_folder.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <limits>
@@ -97,6 +98,8 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const K
   const IcpResult& icp = result.registration.icp;
   frames_.push_back({{"index", stack.index},
                      {"tracking", to_string(result.tracking)},
+                     {"images", result.images},
+                     {"unwrapping", result.decoded.unwrapping},
                      {"valid_pixels", cv::countNonZero(depth == depth)},
                      {"keypoints_detected", result.keypoints.detected},
                      {"keypoints_with_depth", result.keypoints.keypoints.size()},
@@ -110,6 +113,9 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const K
                      {"icp_consistency", icp.consistency},
                      {"icp_rms_sigma", icp.rms_sigma}});
   auto& entry = frames_.back();
+  for (const auto& directions : {motion.undetermined, result.registration.undetermined}) {
+    for (const FreeDirection& free : directions) entry["undetermined"].push_back(to_string(free));
+  }
   if (result.found_again) entry["found_again"] = true;
   if (result.reference >= 0) entry["reference"] = result.reference;
   if (result.keyframe >= 0) entry["keyframe"] = result.keyframe;
@@ -120,7 +126,8 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const K
   const bool first_matches = tracked && !result.matches.empty() && matches_.empty();
   if (fringe_.empty() || first_matches) {
     shown_ = stack.index;
-    fringe_ = grey_picture(stack.images[static_cast<size_t>(finest_image_)], 0.8 * rig_.sensor.max_dn());
+    fringe_ = grey_picture(stack.images[std::min(static_cast<size_t>(finest_image_), stack.images.size() - 1)],
+                           0.8 * rig_.sensor.max_dn());
     phase_ = phase;
     depth_ = false_colour(depth, rig_.near_m, rig_.far_m);
     double low = 0, high = 0;
@@ -140,12 +147,14 @@ void RunFolder::add_mesh(const Mesh& mesh, int index) const {
   write_text(frame_folder(index) / "mesh.ply", to_ply(mesh));
 }
 
-void RunFolder::finish(const Trajectory& trajectory, const std::vector<CloudPoint>& cloud) {
+void RunFolder::finish(const Trajectory& trajectory, const std::vector<CloudPoint>& cloud, const SurfaceMesh& mesh) {
   trajectory_ = trajectory;
   std::string lost;
   for (const int index : lost_) lost += (lost.empty() ? "# lost: stacks " : ", ") + std::to_string(index);
   write_text(folder_ / "trajectory.tum", (lost.empty() ? lost : lost + "\n") + to_tum(trajectory_));
   write_text(folder_ / "map.ply", to_ply(cloud));
+  write_text(folder_ / "mesh.ply", to_ply(mesh));
+  write_text(folder_ / "mesh.glb", to_glb(mesh));
   write_text(folder_ / "frames.json", frames_.dump(1) + "\n");
   write_text(folder_ / "landmarks.json", landmarks_.dump(1) + "\n");
 }

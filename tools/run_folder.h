@@ -23,8 +23,8 @@ class RunFolder {
   // mesh.ply of a view that was added.
   void add_mesh(const Mesh& mesh, int index) const;
 
-  // trajectory.tum, map.ply, frames.json, landmarks.json.
-  void finish(const Trajectory& trajectory, const std::vector<CloudPoint>& cloud);
+  // trajectory.tum, map.ply, mesh.ply, mesh.glb, frames.json, landmarks.json.
+  void finish(const Trajectory& trajectory, const std::vector<CloudPoint>& cloud, const SurfaceMesh& mesh);
 
   // error.png of each view and overview.png; `score` is null where there is no truth.
   void draw_overview(const std::vector<CloudPoint>& cloud, const RunScore* score) const;
@@ -34,7 +34,7 @@ class RunFolder {
 
   std::filesystem::path folder_;
   RigModel rig_;
-  int finest_image_ = 0;  // of the finest fringes: shown in the overview
+  int finest_image_ = 0;  // of the finest fringes in a whole sequence: shown in the overview
   Trajectory trajectory_;
   std::vector<int> tracked_, lost_;
   nlohmann::ordered_json frames_ = nlohmann::ordered_json::array(), landmarks_ = nlohmann::ordered_json::array();

@@ -19,7 +19,7 @@ namespace fringeslam {
 
 struct MappingOptions {
   double min_view_change = 0.05;
-  double keyframe_overlap = 0.6;
+  double keyframe_overlap = 0.7;
   double min_loop_overlap = 0.3;
   int max_links = 4;
   double significant_m = 5e-5;

@@ -102,6 +102,15 @@ std::vector<FringeGroup> fringe_groups(const PatternSequence& sequence, Axis axi
   return groups;
 }
 
+PatternSequence finest_patterns(const PatternSequence& sequence, Axis axis) {
+  const std::vector<FringeGroup> groups = fringe_groups(sequence, axis);
+  PatternSequence finest = sequence;
+  finest.patterns.clear();
+  if (groups.empty()) return finest;
+  for (const int image : groups.back().images) finest.patterns.push_back(sequence.patterns[static_cast<size_t>(image)]);
+  return finest;
+}
+
 std::vector<GrayBit> gray_bits(const PatternSequence& sequence, Axis axis) {
   std::vector<GrayBit> bits;
   for (size_t i = 0; i < sequence.patterns.size(); ++i) {

@@ -72,6 +72,9 @@ std::vector<Pattern> gray_patterns(Axis axis, double cell_px, int length_px, int
 // fewer than three distinct shifts, from which no phase can be had.
 std::vector<FringeGroup> fringe_groups(const PatternSequence& sequence, Axis axis);
 
+// The images of the finest fringes alone: what is left to project where fringe orders are known already.
+PatternSequence finest_patterns(const PatternSequence& sequence, Axis axis);
+
 // Gray bits of one axis, coarsest first.
 std::vector<GrayBit> gray_bits(const PatternSequence& sequence, Axis axis);
 

@@ -3,8 +3,12 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <cmath>
 #include <map>
+#include <numbers>
 #include <utility>
+
+#include "core/map/expected_view.h"
 
 namespace fringeslam {
 
@@ -60,29 +64,36 @@ Pipeline::Pipeline(const RigModel& rig, const PatternSequence& sequence, const P
 Pipeline::Pipeline(KeyframeMap map, const PatternSequence& sequence, const PipelineOptions& options)
     : rig_(map.rig()),
       sequence_(sequence),
+      finest_(finest_patterns(sequence, Axis::columns)),
       options_(options),
       rays_(map.rays()),
       triangulation_(rig_, rays_, options.depth.near_m, options.depth.far_m),
       database_(rig_.camera, options.recognition),
-      map_(std::move(map)) {
+      map_(std::move(map)),
+      surface_(rig_, options.surface) {
   options_.for_each_stage([](const char* name, auto& stage) { check_options(stage, name); });
   for (size_t i = 0; i < map_.keyframes().size(); ++i)
     database_.add(static_cast<int>(i), map_.keyframes()[i].landmarks);
+  fuse_again();
 }
 
 FrameResult Pipeline::process(const FringeStack& stack) {
   FrameResult result;
-  result.decoded = decode(stack, sequence_, rig_, options_.decode);
-  result.frame = reconstruct(result.decoded, rig_, triangulation_, options_.depth);
+  const std::optional<Pose> predicted = predicted_camera(stack.timestamp_s);
+  const bool by_prediction = stack.images.size() < sequence_.patterns.size();
+  result.images = static_cast<int>(stack.images.size());
+  if (!by_prediction) see(result, stack, nullptr);
   const bool every_frame = options_.tracking.landmarks == "every_frame";
   if (every_frame) find_landmarks(result);
   if (map_.keyframes().empty()) {
     result.tracking = Tracking::first;
     add_keyframe(result, start_ * rig_.robot_from_camera);
   } else {
-    const std::optional<Pose> predicted = predicted_camera(stack.timestamp_s);
-    if (!(predicted && follow(result, *predicted)) && !locate(result)) {
-      lost_ = true;
+    const bool followed =
+        predicted && (by_prediction ? see_by_prediction(result, stack, *predicted) : follow(result, *predicted));
+    if (!followed && (by_prediction || !locate(result))) {
+      lost_ = wants_all_ = true;
+      prediction_failed_ |= by_prediction;
       return result;
     }
     track_.push_back({stack.timestamp_s, result.reference, result.registration.earlier_from_current});
@@ -94,6 +105,8 @@ FrameResult Pipeline::process(const FringeStack& stack) {
   result.world_from_robot = orthonormalised(world_from_current * rig_.robot_from_camera.inverse());
   if (track_.size() > 1)
     result.previous_from_current = world_from_camera(track_[track_.size() - 2]).inverse() * world_from_current;
+  if (result.tracking == Tracking::followed) note_innovation(*predicted, world_from_current);
+  plan_next(result);
   last_ = result;
   return result;
 }
@@ -128,6 +141,76 @@ const Frame& Pipeline::reference_image(int keyframe) {
   return reference_frame_;
 }
 
+void Pipeline::see(FrameResult& result, const FringeStack& stack, const ExpectedCoordinate* expected) const {
+  const PatternSequence& sequence = expected ? finest_ : sequence_;
+  DecodeOptions options = options_.decode;
+  if (options.unwrapping == "predicted" && !expected) options.unwrapping = "auto";
+  if (expected) options.unwrapping = "predicted";
+  result.decoded = decode(stack, sequence, rig_, options, {Axis::columns, expected});
+  result.frame = reconstruct(result.decoded, rig_, triangulation_, options_.depth);
+  if (!options_.tracking.moving || lost_ || track_.size() < 2) return;
+  compensate_motion(result.decoded, sequence, options, coordinate_rate(result.frame, rig_, rays_, twist()),
+                    image_times_s(stack.images.size(), rig_.timing));
+  result.frame = reconstruct(result.decoded, rig_, triangulation_, options_.depth);
+}
+
+// METHOD S3, `predicted`: where the map lets expect an order the fringes have it. What is seen so tells the pose, and
+// that lets expect more.
+bool Pipeline::see_by_prediction(FrameResult& result, const FringeStack& stack, const Pose& predicted) {
+  const ExpectedCoordinate first = expected(predicted, prediction_covariance_, false);
+  see(result, stack, &first);
+  // Where a step may be no order is told yet, and walls may be all that holds the view sideways: the prediction helps.
+  if (!follow(result, predicted, prediction_covariance_.inverse())) return false;
+  const Keyframe& reference = map_.keyframes()[static_cast<size_t>(result.reference)];
+  const ExpectedCoordinate second =
+      expected(reference.world_from_camera * result.registration.earlier_from_current, result.covariance, true);
+  see(result, stack, &second);
+  return follow(result, reference.world_from_camera * result.registration.earlier_from_current);
+}
+
+// From the last view, and from its keyframe what that did not show. `covariance`: of the camera's pose against them.
+ExpectedCoordinate Pipeline::expected(const Pose& world_from_current, const Matrix6d& covariance, bool by_reference) {
+  const Pose current_from_world = world_from_current.inverse();
+  const auto known = [&](const Frame& frame, const Pose& world_from_known) {
+    const Pose current_from_known = current_from_world * world_from_known;
+    return KnownView{&frame, current_from_known, covariance_of_inverse(current_from_known.inverse(), covariance)};
+  };
+  std::vector<KnownView> views = {known(last_->frame, world_from_camera(track_.back()))};
+  if (by_reference && last_->keyframe != reference_)
+    views.push_back(known(reference_frame_, map_.keyframes()[static_cast<size_t>(reference_)].world_from_camera));
+  const ExpectedView view = expected_view(views, rig_.camera, rays_);
+  return expected_coordinate(rig_, rays_, view.depth_m, view.sigma_m);
+}
+
+// How far off constant velocity may be next time: twice as far as this time, and not less than a slow robot's jerks.
+void Pipeline::note_innovation(const Pose& predicted, const Pose& found) {
+  constexpr double kTurn = 0.03 * std::numbers::pi / 180, kShift_m = 0.3e-3;
+  const Vector6d error = difference(found, predicted);
+  const double turn = std::max(kTurn, 2 * error.head<3>().norm());
+  const double shift = std::max(kShift_m, 2 * error.tail<3>().norm());
+  Vector6d sigmas;
+  sigmas << Eigen::Vector3d::Constant(turn), Eigen::Vector3d::Constant(shift);
+  prediction_covariance_ = sigmas.cwiseAbs2().asDiagonal();
+}
+
+// All patterns again where the prediction is not to be had, or left too many fringes without an order.
+void Pipeline::plan_next(const FrameResult& result) {
+  const double fringes = cv::countNonZero(result.decoded.wrapped_phase == result.decoded.wrapped_phase);
+  const double orders = cv::countNonZero(result.decoded.coordinate_px == result.decoded.coordinate_px);
+  const bool leaves = result.keyframe < 0 && result.registration.icp.overlap < options_.mapping.keyframe_overlap;
+  if (result.keyframe >= 0) prediction_failed_ = false;
+  wants_all_ = options_.decode.unwrapping != "predicted" || prediction_failed_ ||
+               result.tracking != Tracking::followed || leaves || orders < options_.tracking.min_predicted * fringes;
+}
+
+// Of the camera between the last two frames.
+CameraTwist Pipeline::twist() const {
+  const Located &before = track_[track_.size() - 2], &last = track_.back();
+  const double duration_s = last.timestamp_s - before.timestamp_s;
+  const Pose motion = world_from_camera(before).inverse() * world_from_camera(last);
+  return {rotation_log(motion.rotation) / duration_s, motion.translation / duration_s};
+}
+
 void Pipeline::find_landmarks(FrameResult& result) const {
   result.keypoints = detect_keypoints(result.frame, rig_, rays_, options_.keypoints);
   result.landmarks = identify_landmarks(result.frame, result.keypoints, rig_, options_.keypoints, options_.conditioning,
@@ -136,7 +219,7 @@ void Pipeline::find_landmarks(FrameResult& result) const {
 }
 
 // From the keyframe that shows most of the view; the one before is kept unless another shows clearly more.
-bool Pipeline::follow(FrameResult& result, const Pose& predicted) {
+bool Pipeline::follow(FrameResult& result, const Pose& predicted, const Matrix6d& prior) {
   constexpr double kClearly = 0.1;
   const std::vector<int> candidates = map_.overlapping(result.frame, predicted);
   if (candidates.empty()) return false;
@@ -147,7 +230,7 @@ bool Pipeline::follow(FrameResult& result, const Pose& predicted) {
   const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera;
   result.registration =
       follow_view(reference_image(result.reference), result.frame, world_from_reference.inverse() * predicted,
-                  rig_.camera, middle_m(rig_), registration_options());
+                  rig_.camera, middle_m(rig_), registration_options(), prior);
   result.covariance = result.registration.covariance;
   if (result.registration.found) result.tracking = Tracking::followed;
   return result.registration.found;
@@ -166,7 +249,7 @@ bool Pipeline::locate(FrameResult& result) {
     ViewRegistration registration =
         register_views(reference_image(keyframe), result.frame, point_pairs(earlier, result.keypoints, matches),
                        rig_.camera, middle_m(rig_), registration_options());
-    if (result.registration.found && !registration.refined) return registration.found;
+    if (result.registration.found && !registration.refined) return false;
     result.reference = keyframe;
     result.matches = std::move(matches);
     result.registration = std::move(registration);
@@ -190,15 +273,17 @@ void Pipeline::extend_map(FrameResult& result) {
   const Located here = track_.back();
   const Pose current = world_from_camera(here);
   const bool leaves = map_.expected_overlap(result.frame, current, here.keyframe) < options_.mapping.keyframe_overlap;
-  if (leaves || options_.tracking.landmarks == "every_frame")
+  const bool whole = result.images == static_cast<int>(sequence_.patterns.size());
+  if ((leaves && whole) || options_.tracking.landmarks == "every_frame")
     add_keyframe(result, current);
-  else
-    map_.add_frame(result.frame, here.keyframe, here.keyframe_from_camera);
+  else if (map_.add_frame(result.frame, here.keyframe, here.keyframe_from_camera))
+    surface_.add(result.frame, current);
 }
 
 void Pipeline::add_keyframe(FrameResult& result, const Pose& world_from_camera) {
   if (result.keypoints.detected == 0) find_landmarks(result);
   const int number = map_.add_keyframe(result.frame, result.landmarks, world_from_camera);
+  surface_.add(result.frame, world_from_camera);
   database_.add(number, result.landmarks);
   result.keyframe = number;
   if (result.tracking == Tracking::first) {
@@ -209,6 +294,7 @@ void Pipeline::add_keyframe(FrameResult& result, const Pose& world_from_camera) 
   map_.link({result.reference, number, result.registration.earlier_from_current, result.covariance.inverse(), false});
   result.loops = close_loops(result);
   if (result.loops > 0) result.corrected = map_.correct(options_.pose_graph, options_.mapping.significant_m);
+  if (result.corrected) fuse_again();
 }
 
 // Links the new keyframe with earlier ones beside its reference: those that it overlaps by what is known, and those
@@ -238,6 +324,13 @@ int Pipeline::close_loops(const FrameResult& result) {
     ++links;
   }
   return links;
+}
+
+void Pipeline::fuse_again() {
+  surface_.clear();
+  for (const MapFrame& frame : map_.frames())
+    surface_.add(restored(frame.frame, rays_),
+                 map_.keyframes()[static_cast<size_t>(frame.keyframe)].world_from_camera * frame.keyframe_from_camera);
 }
 
 }  // namespace fringeslam

@@ -7,11 +7,13 @@
 #include <vector>
 
 #include "core/decode/decode.h"
+#include "core/decode/motion.h"
 #include "core/depth/depth.h"
 #include "core/landmarks/keypoints.h"
 #include "core/landmarks/landmarks.h"
 #include "core/landmarks/recognition.h"
 #include "core/map/keyframe_map.h"
+#include "core/map/surface.h"
 #include "core/pipeline/view_registration.h"
 #include "core/types/trajectory.h"
 
@@ -32,6 +34,7 @@ struct PipelineOptions {
   MappingOptions mapping;
   PoseGraphOptions pose_graph;
   CloudOptions cloud;
+  SurfaceOptions surface;
 
   // visit(name, options) for each stage, in order.
   template <class Visit>
@@ -50,6 +53,7 @@ struct PipelineOptions {
     visit("mapping", mapping);
     visit("pose_graph", pose_graph);
     visit("cloud", cloud);
+    visit("surface", surface);
   }
 };
 
@@ -75,6 +79,7 @@ struct FrameResult {
   bool found_again = false;                // tracked, after one that was lost
   int reference = -1;                      // keyframe
   int keyframe = -1;                       // its own number where it became one
+  int images = 0;                          // that it was decoded from
   int loops = 0;                           // earlier keyframes that it was linked with then, beside the reference
   bool corrected = false;                  // by which the map moved
   Pose previous_from_current;              // camera motion since the last tracked frame
@@ -89,11 +94,17 @@ class Pipeline {
   // Goes on in a map; the robot has to be found in it.
   Pipeline(KeyframeMap map, const PatternSequence& sequence, const PipelineOptions& options);
 
+  // What to project next: all patterns, or with `predicted` unwrapping the finest fringes alone where the map tells the
+  // fringe orders.
+  const PatternSequence& next_patterns() const { return wants_all_ ? sequence_ : finest_; }
+
+  // The stack's images are those of the whole sequence, or of the finest fringes. Throws Error when they are neither.
   FrameResult process(const FringeStack& stack);
 
   // The last tracked frame; empty before the first.
   const std::optional<FrameResult>& last_tracked() const { return last_; }
   const KeyframeMap& map() const { return map_; }
+  const SurfaceModel& surface() const { return surface_; }
   // Of all tracked frames, in the order of their stacks, by what is known now.
   Trajectory trajectory() const;
 
@@ -110,23 +121,34 @@ class Pipeline {
   std::optional<Pose> predicted_camera(double timestamp_s) const;
   const Frame& reference_image(int keyframe);
 
+  void see(FrameResult& result, const FringeStack& stack, const ExpectedCoordinate* expected) const;
+  bool see_by_prediction(FrameResult& result, const FringeStack& stack, const Pose& predicted);
+  ExpectedCoordinate expected(const Pose& world_from_current, const Matrix6d& covariance, bool by_reference);
+  void note_innovation(const Pose& predicted, const Pose& found);
+  void plan_next(const FrameResult& result);
+  CameraTwist twist() const;
   void find_landmarks(FrameResult& result) const;
-  bool follow(FrameResult& result, const Pose& predicted);
+  bool follow(FrameResult& result, const Pose& predicted, const Matrix6d& prior = Matrix6d::Zero());
   bool locate(FrameResult& result);
   void extend_map(FrameResult& result);
   void add_keyframe(FrameResult& result, const Pose& world_from_camera);
   int close_loops(const FrameResult& result);
+  void fuse_again();
 
   RigModel rig_;
-  PatternSequence sequence_;
+  PatternSequence sequence_, finest_;
   PipelineOptions options_;
   PixelRays rays_;
   Triangulation triangulation_;
   LandmarkDatabase database_;
   KeyframeMap map_;
+  SurfaceModel surface_;
   Pose start_;
   std::vector<Located> track_;
   bool lost_ = false;  // since the last one of track_
+  bool wants_all_ = true;
+  bool prediction_failed_ = false;  // since the last keyframe
+  Matrix6d prediction_covariance_ = Matrix6d::Zero();
   int reference_ = -1;
   Frame reference_frame_;
   std::optional<FrameResult> last_;

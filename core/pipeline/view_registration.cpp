@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/pipeline/view_registration.h"
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
@@ -12,32 +11,15 @@ namespace fringeslam {
 
 namespace {
 
-// How a point moves with the tangent: d x = J (omega, v).
-Eigen::Matrix<double, 3, 6> displacement(const Pose& pose, const Eigen::Vector3d& point) {
-  Eigen::Matrix<double, 3, 6> jacobian;
-  jacobian << -skew(pose.rotation * point), Eigen::Matrix3d::Identity();
-  return jacobian;
-}
-
-Eigen::Matrix3d displacement_covariance(const Pose& pose, const Matrix6d& covariance, const Eigen::Vector3d& point) {
-  const auto jacobian = displacement(pose, point);
-  return jacobian * covariance * jacobian.transpose();
-}
-
-// Points at the distance that a view shows on its axis and in two of its corners.
-std::vector<Eigen::Vector3d> seen_points(const Pinhole& camera, double distance_m) {
-  const double x = 0.5 * camera.width / camera.fx, y = 0.5 * camera.height / camera.fy;
-  return {distance_m * Eigen::Vector3d(0, 0, 1), distance_m * Eigen::Vector3d(x, y, 1),
-          distance_m * Eigen::Vector3d(-x, y, 1)};
-}
-
 // How far off surfaces may be when registration starts from the landmarks' motion: six sigmas of a point at the given
 // distance, and not less than a few times what depth noise does. Wider, registration would pair things with what
 // stands behind them.
 double start_error_m(const MotionEstimate& motion, double distance_m) {
   constexpr double kSigmas = 6, kLeast = 1e-3;
-  const Eigen::Matrix3d covariance =
-      displacement_covariance(motion.previous_from_current, motion.covariance, {0, 0, distance_m});
+  Eigen::Matrix<double, 3, 6> jacobian;
+  jacobian << -skew(motion.previous_from_current.rotation * Eigen::Vector3d(0, 0, distance_m)),
+      Eigen::Matrix3d::Identity();
+  const Eigen::Matrix3d covariance = jacobian * motion.covariance * jacobian.transpose();
   return std::max(kLeast, kSigmas * std::sqrt(covariance.trace()));
 }
 
@@ -50,14 +32,12 @@ bool agree(const Pose& refined, const MotionEstimate& motion) {
 }
 
 // Residuals wider than the sigmas say that the sigmas are too small, by as much.
-Matrix6d covariance_of(const IcpResult& icp) {
-  return std::max(1.0, icp.rms_sigma * icp.rms_sigma) * icp.information.inverse();
-}
+double excess(const IcpResult& icp) { return std::max(1.0, icp.rms_sigma * icp.rms_sigma); }
 
 void take(ViewRegistration& result, const IcpResult& icp) {
   result.found = result.refined = true;
   result.earlier_from_current = orthonormalised(icp.target_from_source);
-  result.covariance = covariance_of(icp);
+  result.covariance = excess(icp) * icp.information.inverse();
 }
 
 }  // namespace
@@ -93,23 +73,22 @@ ViewRegistration register_views(const Frame& earlier, const Frame& current, cons
 }
 
 ViewRegistration follow_view(const Frame& earlier, const Frame& current, const Pose& predicted, const Pinhole& camera,
-                             double distance_m, const RegistrationOptions& options) {
+                             double distance_m, const RegistrationOptions& options, const Matrix6d& prior) {
   const TrackingOptions& limits = options.tracking;
   ViewRegistration result;
   IcpOptions icp = options.icp;
   icp.max_distance_m = std::min(icp.max_distance_m, limits.max_prediction_error_m);
-  result.icp = point_to_plane_icp(earlier, current, camera, predicted, icp);
+  result.icp = point_to_plane_icp(earlier, current, camera, predicted, icp, prior);
   const IcpResult& found = result.icp;
   if (!found.converged || found.overlap < limits.min_overlap || found.consistency < limits.min_consistency ||
       found.rms_sigma > limits.max_rms_sigma)
     return result;
-  const Matrix6d covariance = covariance_of(found);
-  for (const Eigen::Vector3d& point : seen_points(camera, distance_m)) {
-    const double off = (predicted * point - found.target_from_source * point).norm();
-    const Eigen::Matrix3d spread = displacement_covariance(found.target_from_source, covariance, point);
-    const double sigma = std::sqrt(Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(spread).eigenvalues().maxCoeff());
-    if (!(off <= limits.max_prediction_error_m && sigma <= limits.max_displacement_sigma_m)) return result;
-  }
+  const Eigen::Vector3d middle(0, 0, distance_m);
+  const double spread_m = 0.5 * distance_m * std::hypot(camera.width / camera.fx, camera.height / camera.fy);
+  if ((predicted * middle - found.target_from_source * middle).norm() > limits.max_prediction_error_m) return result;
+  result.undetermined = free_directions(found.information / excess(found), found.target_from_source,
+                                        found.target_from_source * middle, spread_m, {limits.max_displacement_sigma_m});
+  if (!result.undetermined.empty()) return result;
   take(result, found);
   return result;
 }

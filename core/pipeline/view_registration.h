@@ -7,6 +7,7 @@
 
 #include "core/map/icp.h"
 #include "core/motion/ego_motion.h"
+#include "core/motion/observability.h"
 #include "core/types/frame.h"
 #include "core/types/landmark.h"
 
@@ -22,6 +23,8 @@ struct TrackingOptions {
   double min_consistency = 0.8;
   double max_rms_sigma = 2;
   double max_displacement_sigma_m = 1e-3;
+  double min_predicted = 0.75;
+  bool moving = false;
 
   template <class Visitor>
   void describe(Visitor& v) {
@@ -39,6 +42,9 @@ struct TrackingOptions {
     v.field("max_rms_sigma", max_rms_sigma, {0.1, 1000}, "largest RMS residual of a followed view, sigmas");
     v.field("max_displacement_sigma_m", max_displacement_sigma_m, {1e-9, 10},
             "largest sigma of where surfaces come to lie, m");
+    v.field("min_predicted", min_predicted, {0, 1},
+            "share of the fringes whose order is predicted, below which the next view takes all patterns");
+    v.field("moving", moving, "the robot moves while a sequence is taken: its velocity corrects the phase");
   }
 };
 
@@ -49,6 +55,7 @@ struct ViewRegistration {
   Matrix6d covariance = Matrix6d::Zero();  // of the tangent of retract()
   MotionEstimate motion;                   // by keypoints
   IcpResult icp;
+  std::vector<FreeDirection> undetermined;  // why surfaces alone did not do, in the earlier camera's frame
 };
 
 struct RegistrationOptions {
@@ -64,9 +71,10 @@ std::vector<PointPair> point_pairs(const Keypoints& earlier, const Keypoints& cu
 ViewRegistration register_views(const Frame& earlier, const Frame& current, const std::vector<PointPair>& pairs,
                                 const Pinhole& camera, double distance_m, const RegistrationOptions& options);
 
-// From a motion that may be off by up to max_prediction_error_m at the surfaces. Found only if the surfaces alone
-// determine the motion, and agree wherever both views see one.
+// `prior`: information of `predicted`, as in icp.h. From a motion that may be off by up to max_prediction_error_m at
+// the surfaces. Found only if the surfaces alone determine the motion, and agree wherever both views see one.
 ViewRegistration follow_view(const Frame& earlier, const Frame& current, const Pose& predicted, const Pinhole& camera,
-                             double distance_m, const RegistrationOptions& options);
+                             double distance_m, const RegistrationOptions& options,
+                             const Matrix6d& prior = Matrix6d::Zero());
 
 }  // namespace fringeslam

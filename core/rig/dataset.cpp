@@ -66,19 +66,32 @@ ReplayRig::ReplayRig(fs::path folder)
   }
 }
 
-std::optional<FringeStack> ReplayRig::capture(const PatternSequence& sequence) {
-  if (!(sequence == sequence_))
+// Which of the recorded images a sequence asks for.
+std::vector<size_t> ReplayRig::images_of(const PatternSequence& sequence) const {
+  PatternSequence same = sequence;
+  same.patterns = sequence_.patterns;
+  std::vector<size_t> images;
+  for (size_t i = 0; i < sequence_.patterns.size() && images.size() < sequence.patterns.size(); ++i) {
+    if (sequence_.patterns[i] == sequence.patterns[images.size()]) images.push_back(i);
+  }
+  if (!(same == sequence_) || images.empty() || images.size() < sequence.patterns.size())
     throw Error((folder_ / "patterns.yaml").string() + ": the dataset was recorded with another pattern sequence");
+  return images;
+}
+
+std::optional<FringeStack> ReplayRig::capture(const PatternSequence& sequence) {
+  const std::vector<size_t> wanted = images_of(sequence);
   if (next_ >= info_.stacks) return std::nullopt;
   const fs::path folder = stack_folder(folder_, next_);
   const YamlMap meta = YamlMap::load(folder / "stack.yaml");
   FringeStack stack;
   stack.index = next_;
   stack.timestamp_s = meta.number("timestamp_s", {0, 1e12});
-  stack.exposure_s = meta.numbers("exposure_s", sequence_.patterns.size(), {1e-9, 1e3});
+  const std::vector<double> exposures = meta.numbers("exposure_s", sequence_.patterns.size(), {1e-9, 1e3});
   meta.finish();
-  for (size_t i = 0; i < sequence_.patterns.size(); ++i) {
+  for (const size_t i : wanted) {
     const fs::path file = image_file(folder, i);
+    stack.exposure_s.push_back(exposures[i]);
     cv::Mat image = read_grey(file);
     if (image.cols != model_.camera.width || image.rows != model_.camera.height)
       throw Error(file.string() + ": is " + std::to_string(image.cols) + "x" + std::to_string(image.rows) +

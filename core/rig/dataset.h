@@ -38,10 +38,12 @@ class ReplayRig : public Rig {
   const RigModel& model() const override { return model_; }
   const PatternSequence& sequence() const { return sequence_; }
   const DatasetInfo& info() const { return info_; }
-  // Throws Error when `sequence` is not the recorded one.
+  // Throws Error when `sequence` is neither the recorded one nor part of it, in its order.
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
 
  private:
+  std::vector<size_t> images_of(const PatternSequence& sequence) const;
+
   std::filesystem::path folder_;
   DatasetInfo info_;
   RigModel model_;

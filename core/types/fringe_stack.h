@@ -10,7 +10,7 @@ namespace fringeslam {
 
 struct FringeStack {
   int index = 0;                   // position in the recording, from 0
-  double timestamp_s = 0;          // of the first exposure
+  double timestamp_s = 0;          // of the middle of the sequence
   std::vector<cv::Mat> images;     // H x W each, CV_8UC1, CV_16UC1 or CV_32FC1 (unquantised), grey values in DN
   std::vector<double> exposure_s;  // one for each image
 };

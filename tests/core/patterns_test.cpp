@@ -30,6 +30,15 @@ std::vector<double> shifts_of(const PatternSequence& sequence) {
   return shifts;
 }
 
+TEST(Patterns, TheFinestAreThoseOfTheLeastPeriodInTheirOrder) {
+  const PatternSequence sequence = phase_shift_sequence(1024, 768, {1040, 131, 16.5}, 3, Axis::columns, 8);
+  const PatternSequence finest = finest_patterns(sequence, Axis::columns);
+  ASSERT_EQ(finest.patterns.size(), 3u);
+  for (size_t i = 0; i < 3; ++i) EXPECT_EQ(finest.patterns[i], sequence.patterns[6 + i]);
+  EXPECT_EQ(finest.width, sequence.width);
+  EXPECT_TRUE(finest_patterns(sequence, Axis::rows).patterns.empty());
+}
+
 TEST(Patterns, AbsolutePhaseStartsAtTheImageBorder) {
   EXPECT_EQ(absolute_phase(-0.5, 16), 0);
   EXPECT_NEAR(absolute_phase(15.5, 16), 2 * kPi, 1e-15);

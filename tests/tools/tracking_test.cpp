@@ -63,6 +63,40 @@ TEST_F(ManyViews, AreFollowedWithoutLandmarks) {
   EXPECT_LT(read("run/score.json")["trajectory"]["ate_rmse_mm"], 0.05);
 }
 
+// METHOD S3, predicted: three images where the map tells the orders, all nine where it does not.
+TEST_F(ManyViews, TakeTheFinestFringesAloneWhereTheMapTellsTheirOrders) {
+  // Stones: with boxes on a bare table the walls, near which no order is told at first, are all that holds the view.
+  const std::string here = scene("stones", repeated(kStep, 5));
+  std::string text = test::read_bytes(temp_ / "stones/scene.yaml");
+  text = test::replaced(test::replaced(text, "shape: box", "shape: rock"), "count: 12", "count: 20");
+  test::write_bytes(temp_ / "stones/scene.yaml", text);
+  const json frames = run(here, "run", {"--set", "decode.unwrapping=predicted"});
+  std::vector<int> images;
+  for (const json& frame : frames) images.push_back(frame["images"]);
+  EXPECT_THAT(images, testing::ElementsAre(9, 9, 9, 3, 3, 3));
+  EXPECT_EQ(frames[4]["unwrapping"], "predicted");
+  const json score = read("run/score.json");
+  EXPECT_EQ(score["tracked"], 6);
+  EXPECT_LT(score["trajectory"]["ate_rmse_mm"], 0.05);
+  for (const json& frame : score["frames"]) {
+    EXPECT_LT(frame["wrong_order"], 1e-3);
+    EXPECT_GT(frame["valid_fraction"], 0.6);
+  }
+  // A recording of all nine serves as well.
+  run_well({"render", here, "--out", at("dataset"), "--quiet", "--set", "render.samples_per_pixel=1"});
+  run_well({"run", at("dataset"), "--out", at("replayed"), "--quiet", "--set", "decode.unwrapping=predicted"});
+  EXPECT_EQ(read("replayed/frames.json")[4]["images"], 3);
+  EXPECT_LT(read("replayed/score.json")["trajectory"]["ate_rmse_mm"], 0.05);
+}
+
+TEST_F(ManyViews, LeaveASurfaceThatViewersOpen) {
+  run(scene("straight", repeated(kStep, 2)), "run");
+  EXPECT_THAT(test::read_bytes(temp_ / "run/mesh.ply"), testing::StartsWith("ply\nformat binary_little_endian 1.0\n"));
+  const std::string glb = test::read_bytes(temp_ / "run/mesh.glb");
+  EXPECT_THAT(glb, testing::StartsWith("glTF"));
+  EXPECT_GT(glb.size(), 100000u);
+}
+
 TEST_F(ManyViews, OneThatShowsNothingIsLostAndTheNextFoundAgain) {
   const std::string away = "    - {translation_mm: [3000, 0, 0], rotation_deg: [0, 0, 0]}\n";
   const std::string back = "    - {translation_mm: [-3000, 0, 0], rotation_deg: [0, 0, 0]}\n";
