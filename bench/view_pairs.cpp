@@ -7,8 +7,40 @@
 
 namespace fringeslam::bench {
 
+namespace {
+
+sim::Scene scene_of(const std::string& name, uint64_t seed) {
+  return sim::load_scene(std::string(FRINGESLAM_SCENES) + "/" + name + "/scene.yaml", {seed});
+}
+
+// From the first poses of the trajectory.
+Views views_of(const sim::Scene& scene, size_t count) {
+  Views result{scene.rig, pixel_rays(scene.rig.camera), std::vector<View>(count)};
+  TruthFrame truth;
+  sim::VirtualRig rig(scene, {}, [&](const TruthFrame& frame) { truth = frame; });
+  const DepthOptions depth;
+  const Triangulation triangulation(scene.rig, result.rays, depth.near_m, depth.far_m);
+  for (View& view : result.views) {
+    const auto stack = rig.capture(scene.patterns);
+    view.frame = reconstruct(decode(*stack, scene.patterns, scene.rig, {}), scene.rig, triangulation, depth);
+    view.truth = truth;
+  }
+  return result;
+}
+
+}  // namespace
+
+Views rendered_views(const std::string& scene_name, uint64_t seed, const std::vector<Pose>& world_from_camera) {
+  sim::Scene scene = scene_of(scene_name, seed);
+  const Pose camera_from_robot = scene.rig.robot_from_camera.inverse();
+  scene.trajectory.clear();
+  for (const Pose& pose : world_from_camera)
+    scene.trajectory.push_back({static_cast<double>(scene.trajectory.size()), pose * camera_from_robot});
+  return views_of(scene, world_from_camera.size());
+}
+
 ViewPair rendered_pair(const std::string& scene_name, uint64_t seed, const std::optional<Pose>& first_from_second) {
-  sim::Scene scene = sim::load_scene(std::string(FRINGESLAM_SCENES) + "/" + scene_name + "/scene.yaml", {seed});
+  sim::Scene scene = scene_of(scene_name, seed);
   if (first_from_second) {
     const Pose& mount = scene.rig.robot_from_camera;
     scene.trajectory.resize(1);
@@ -17,17 +49,7 @@ ViewPair rendered_pair(const std::string& scene_name, uint64_t seed, const std::
     scene.trajectory[1].world_from_robot =
         scene.trajectory[0].world_from_robot * mount * *first_from_second * mount.inverse();
   }
-  ViewPair pair{scene.rig, pixel_rays(scene.rig.camera), {}};
-  TruthFrame truth;
-  sim::VirtualRig rig(scene, {}, [&](const TruthFrame& frame) { truth = frame; });
-  const DepthOptions depth;
-  const Triangulation triangulation(scene.rig, pair.rays, depth.near_m, depth.far_m);
-  for (View& view : pair.views) {
-    const auto stack = rig.capture(scene.patterns);
-    view.frame = reconstruct(decode(*stack, scene.patterns, scene.rig, {}), scene.rig, triangulation, depth);
-    view.truth = truth;
-  }
-  return pair;
+  return views_of(scene, 2);
 }
 
 }  // namespace fringeslam::bench

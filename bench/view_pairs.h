@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Two views of a generated scene as the pipeline sees them, with their truth.
+// Views of a generated scene as the pipeline sees them, with their truth.
 #pragma once
 
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "core/types/frame.h"
 #include "core/types/rig_model.h"
@@ -16,11 +17,17 @@ struct View {
   TruthFrame truth;
 };
 
-struct ViewPair {
+struct Views {
   RigModel rig;
   PixelRays rays;
-  View views[2];
+  std::vector<View> views;
+
+  Pose world_from_camera(size_t view) const { return views[view].truth.world_from_robot * rig.robot_from_camera; }
 };
+using ViewPair = Views;  // of two
+
+// From where the camera is put.
+Views rendered_views(const std::string& scene_name, uint64_t seed, const std::vector<Pose>& world_from_camera);
 
 // The first two views of the scene's trajectory; or the first, and one from where `first_from_second` puts the camera.
 ViewPair rendered_pair(const std::string& scene_name, uint64_t seed,

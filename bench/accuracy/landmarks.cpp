@@ -6,7 +6,7 @@
 #include <utility>
 #include <vector>
 
-#include "bench/accuracy/method_chart.h"
+#include "bench/accuracy/percent_chart.h"
 #include "bench/landmark_method.h"
 #include "bench/row.h"
 #include "core/score/landmark_score.h"
@@ -153,13 +153,15 @@ std::vector<Row> method_rows(const Context& context) {
     }
   }
   print_head();
-  std::vector<MethodBar> bars;
+  std::vector<BarGroup> bars;
   for (size_t i = 0; i < methods.size(); ++i) {
     print(methods[i].first, totals[i]);
-    bars.push_back({methods[i].first, totals[i].recognised(), totals[i].repeated(), totals[i].precision()});
+    bars.push_back({methods[i].first, {totals[i].recognised(), totals[i].repeated(), totals[i].precision()}});
   }
   if (!context.quick)
-    write_method_chart(FRINGESLAM_SCENES "/../bench/accuracy/landmark_methods.png", bars, totals[0].pairs);
+    write_percent_chart(FRINGESLAM_SCENES "/../bench/accuracy/landmark_methods.png",
+                        "landmarks of " + std::to_string(totals[0].pairs) + " generated pairs of views, %",
+                        {"recognised", "repeated", "right matches"}, bars);
   return {bound_row("landmarks.methods", totals[0].recognised(), totals[0].sum.covisible, "%", 80, Limit::least)};
 }
 

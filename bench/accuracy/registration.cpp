@@ -6,12 +6,14 @@
 #include <functional>
 #include <numbers>
 #include <numeric>
-#include <opencv2/rgbd.hpp>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "bench/accuracy/percent_chart.h"
+#include "bench/fast_icp.h"
 #include "bench/frame_pairs.h"
+#include "bench/landmark_method.h"
 #include "bench/row.h"
 #include "bench/speed/turns.h"
 #include "core/map/engines.h"
@@ -29,33 +31,14 @@ struct Band {
 };
 constexpr Band kBands[] = {{"2deg", 2, 0.02, 100}, {"6deg", 6, 0.05, 100}, {"15deg", 15, 0.12, 99}};
 
-FramePair pair_of(const Band& band, int number) {
-  // Motions of half the band's size and more.
+// Half the band's size and more.
+Pose motion_of(const Band& band, int number) {
   const double size = 0.5 + 0.5 * std::fmod(number * 0.618, 1);
-  const auto seed = static_cast<uint64_t>(number);
-  return rendered_frames(kScenes[number % 2], seed, random_motion(size * band.degrees, size * band.metres, 1, seed));
+  return random_motion(size * band.degrees, size * band.metres, 1, static_cast<uint64_t>(number));
 }
 
-// OpenCV's FastICPOdometry; not found: nothing.
-std::optional<Pose> fast_icp(const FramePair& pair) {
-  cv::Mat1f depth[2];
-  const Frame* frames[2] = {&pair.target, &pair.source};
-  for (int i = 0; i < 2; ++i) cv::extractChannel(frames[i]->points_m, depth[i], 2);
-  const Pinhole& camera = pair.rig.camera;
-  const cv::Matx33f matrix(static_cast<float>(camera.fx), 0, static_cast<float>(camera.cx), 0,
-                           static_cast<float>(camera.fy), static_cast<float>(camera.cy), 0, 0, 1);
-  const auto odometry = cv::rgbd::FastICPOdometry::create(cv::Mat(matrix), 0.1f);
-  cv::Mat found;
-  const cv::Mat none;
-  // From the first frame's camera to the second's.
-  if (!odometry->compute(none, depth[1], none, none, depth[0], none, found) || found.empty()) return std::nullopt;
-  const cv::Mat1d rt = cv::Mat1d(found);
-  Pose pose;
-  for (int r = 0; r < 3; ++r) {
-    for (int c = 0; c < 3; ++c) pose.rotation(r, c) = rt(r, c);
-    pose.translation[r] = rt(r, 3);
-  }
-  return pose;
+FramePair pair_of(const Band& band, int number) {
+  return rendered_frames(kScenes[number % 2], static_cast<uint64_t>(number), motion_of(band, number));
 }
 
 struct Contender {
@@ -80,7 +63,7 @@ std::vector<Contender> contenders() {
       return register_by(engine, pair.target, pair.source, pair.rig.camera, {}, options);
     });
   }
-  all.push_back({"opencv_fast_icp", fast_icp});
+  all.push_back({"opencv_fast_icp", opencv_fast_icp});
   return all;
 }
 
@@ -94,8 +77,10 @@ std::vector<Row> basin_rows(const Context& context) {
   std::vector<Row> rows;
   std::fprintf(stderr, "  success (below 1 mm and 0.1 deg) without landmarks; the others than ours on %d pairs each\n",
                peers_on);
+  const auto all = contenders();
+  std::vector<BarGroup> bars;
+  for (const Contender& contender : all) bars.push_back({contender.name, {}});
   for (const Band& band : kBands) {
-    const auto all = contenders();
     std::vector<int> found(all.size(), 0), tried(all.size(), 0);
     std::vector<std::vector<double>> seconds(all.size());
     for (int number = 1; number <= pairs; ++number) {
@@ -110,13 +95,53 @@ std::vector<Row> basin_rows(const Context& context) {
         if (i == 0 && !success) std::fprintf(stderr, "  missed: %s pair %d\n", band.name, number);
       }
     }
-    for (size_t i = 0; i < all.size(); ++i)
+    for (size_t i = 0; i < all.size(); ++i) {
+      bars[i].percents.push_back(100.0 * found[i] / tried[i]);
       std::fprintf(stderr, "  %-6s %-16s %5.1f %% of %d, %8.1f ms\n", band.name, all[i].name.c_str(),
-                   100.0 * found[i] / tried[i], tried[i], 1e3 * median(seconds[i]));
+                   bars[i].percents.back(), tried[i], 1e3 * median(seconds[i]));
+    }
     rows.push_back(bound_row(std::string("pose.basin.") + band.name, 100.0 * found[0] / tried[0], tried[0], "%",
                              band.least_percent, Limit::least));
   }
+  if (!context.quick)
+    write_percent_chart(FRINGESLAM_SCENES "/../bench/accuracy/registration_basin.png",
+                        "frames registered without landmarks, % by how far apart they are",
+                        {"to 2 deg, 2 cm", "to 6 deg, 5 cm", "to 15 deg, 12 cm"}, bars);
   return rows;
+}
+
+// Motions of the last band, from landmarks.
+std::vector<Row> seeded_rows(const Context& context) {
+  const Band& band = kBands[2];
+  const int pairs = context.quick ? 6 : 50;
+  std::vector<double> errors_mm;
+  int found = 0;
+  for (int number = 1; number <= pairs; ++number) {
+    const Pose truth = motion_of(band, number);
+    const ViewPair pair = rendered_pair(kScenes[number % 2], static_cast<uint64_t>(number), truth);
+    const std::vector<Landmarks> landmarks = landmarks_of(pair, {});
+    LandmarkDatabase database(pair.rig.camera, {});
+    database.add(0, landmarks[0]);
+    const std::vector<Recognition> recognitions = database.recognise(landmarks[1]);
+    const ViewRegistration registration = registered(pair, landmarks, 0, 1, recognitions);
+    // What is not found is off by infinity: it can only raise the median.
+    const double off_m =
+        registration.found ? (registration.earlier_from_current.translation - truth.translation).norm() : INFINITY;
+    errors_mm.push_back(1e3 * off_m);
+    const bool success = registration.found && succeeds(registration.earlier_from_current, truth);
+    found += success;
+    if (success) continue;
+    int matches = 0;
+    for (const Recognition& recognition : recognitions) matches += static_cast<int>(recognition.matches.size());
+    std::fprintf(stderr,
+                 "  missed: %s pair %d, %.2f mm; %zu and %zu landmarks, %zu recognised by %d matches; of %d pairs of "
+                 "keypoints %d agree (%s)%s\n",
+                 kScenes[number % 2], number, 1e3 * off_m, landmarks[0].landmarks.size(), landmarks[1].landmarks.size(),
+                 recognitions.size(), matches, registration.motion.pairs, registration.motion.inliers,
+                 to_string(registration.motion.status).c_str(), registration.refined ? "" : ", not refined by depth");
+  }
+  return {median_row("pose.seeded.translation", errors_mm, "mm", 0.02),
+          bound_row("pose.seeded.success", 100.0 * found / pairs, pairs, "%", 100, Limit::least)};
 }
 
 // Of 6 degrees of freedom, over pairs of both scenes: 6 when the covariance is right.
@@ -148,6 +173,9 @@ std::vector<Item> registration_items() {
   return {{{"pose.basin.2deg", "pose.basin.6deg", "pose.basin.15deg"},
            "how far off registration without landmarks may start",
            basin_rows},
+          {{"pose.seeded.translation", "pose.seeded.success"},
+           "frames registered from landmarks, motions to 15 deg and 12 cm",
+           seeded_rows},
           {{"pose.nees.least", "pose.nees.most"}, "normalised error squared of refined motions", nees_rows}};
 }
 

@@ -74,6 +74,13 @@ IcpResult refined(PlanePairs& problem, double least_sigma_m, const Pose& initial
   return result;
 }
 
+double reopened_sigma(PlanePairs& problem, double least_sigma_m, const IcpResult& result) {
+  constexpr double kOpen_m = 5e-3;
+  const PlaneSums sums = problem.linearise(result.target_from_source, {kOpen_m, kOpen_m / least_sigma_m}, 1);
+  const Vector6d step = sums.information.ldlt().solve(-sums.gradient);
+  return std::sqrt(step.dot(result.information * step));
+}
+
 // A pose with how well the frames agree there: the points that have a partner, less for those that contradict. Where
 // one view looks through what the other sees, the pose is wrong.
 struct Candidate {
@@ -144,7 +151,10 @@ IcpResult point_to_plane_icp(const Frame& target, const Frame& source, const Pin
                              const IcpOptions& options, const Matrix6d& prior) {
   check_options(options, "icp");
   PlanePairs problem(target, source, camera, options.max_normal_deg);
-  return refined(problem, smallest_sigma(source), initial, options, prior);
+  const double least_sigma = smallest_sigma(source);
+  IcpResult result = refined(problem, least_sigma, initial, options, prior);
+  if (result.converged) result.reopened_sigma = reopened_sigma(problem, least_sigma, result);
+  return result;
 }
 
 IcpResult register_frames(const Frame& target, const Frame& source, const Pinhole& camera, const IcpOptions& options) {

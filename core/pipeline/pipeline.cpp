@@ -21,22 +21,6 @@ Pose continued(const Pose& motion, double share) {
   return {rotation_exp(share * rotation_log(motion.rotation)), share * motion.translation};
 }
 
-// Matches of all landmarks by the view in which they were seen, that of most matches first.
-std::vector<std::pair<int, std::vector<KeypointMatch>>> matches_by_keyframe(
-    const std::vector<Recognition>& recognitions) {
-  std::map<int, std::vector<KeypointMatch>> by_keyframe;
-  for (const Recognition& r : recognitions) {
-    auto& matches = by_keyframe[r.earlier_frame];
-    matches.insert(matches.end(), r.matches.begin(), r.matches.end());
-  }
-  std::vector<std::pair<int, std::vector<KeypointMatch>>> list(by_keyframe.begin(), by_keyframe.end());
-  // Of equals the latest.
-  std::stable_sort(list.begin(), list.end(), [](const auto& a, const auto& b) {
-    return a.second.size() != b.second.size() ? a.second.size() > b.second.size() : a.first > b.first;
-  });
-  return list;
-}
-
 }  // namespace
 
 std::string to_string(Tracking tracking) {
@@ -238,29 +222,16 @@ bool Pipeline::follow(FrameResult& result, const Pose& predicted, const Matrix6d
 
 // By landmarks, wherever in the map they were seen; where those do not tell, by all keypoints of the last keyframe.
 bool Pipeline::locate(FrameResult& result) {
-  constexpr size_t kMostViews = 3;
-  const bool by_landmarks = options_.tracking.correspondences == "landmarks";
   if (result.keypoints.detected == 0) find_landmarks(result);
-  auto candidates = matches_by_keyframe(result.recognitions);
-  candidates.resize(by_landmarks ? std::min(candidates.size(), kMostViews) : 0);
   const int last = track_.empty() ? static_cast<int>(map_.keyframes().size()) - 1 : track_.back().keyframe;
-  const auto attempt = [&](int keyframe, std::vector<KeypointMatch> matches) {
-    const Keypoints& earlier = map_.keyframes()[static_cast<size_t>(keyframe)].landmarks.keypoints;
-    ViewRegistration registration =
-        register_views(reference_image(keyframe), result.frame, point_pairs(earlier, result.keypoints, matches),
-                       rig_.camera, middle_m(rig_), registration_options());
-    if (result.registration.found && !registration.refined) return false;
-    result.reference = keyframe;
-    result.matches = std::move(matches);
-    result.registration = std::move(registration);
-    return result.registration.refined;
+  const auto known = [&](int keyframe) -> SeenView {
+    return {reference_image(keyframe), map_.keyframes()[static_cast<size_t>(keyframe)].landmarks.keypoints};
   };
-  for (auto& [keyframe, matches] : candidates) {
-    if (attempt(keyframe, std::move(matches))) break;
-  }
-  if (!result.registration.refined)
-    attempt(last, match_keypoints(map_.keyframes()[static_cast<size_t>(last)].landmarks.keypoints, result.keypoints,
-                                  options_.matching));
+  LocatedView located = locate_view(known, last, {result.frame, result.keypoints}, result.recognitions, rig_.camera,
+                                    middle_m(rig_), registration_options());
+  result.reference = located.with.earlier;
+  result.matches = std::move(located.with.matches);
+  result.registration = std::move(located.registration);
   if (!result.registration.found) return false;
   result.covariance = result.registration.covariance;
   result.tracking = result.registration.refined ? Tracking::refined : Tracking::landmarks;
@@ -303,8 +274,8 @@ int Pipeline::close_loops(const FrameResult& result) {
   const Pose current = map_.keyframes().back().world_from_camera;
   std::vector<int> near = map_.overlapping(result.frame, current);
   std::map<int, std::vector<KeypointMatch>> recognised;
-  for (auto& [keyframe, matches] : matches_by_keyframe(result.recognitions)) {
-    recognised[keyframe] = matches;
+  for (auto& [keyframe, matches] : matches_by_view(result.recognitions)) {
+    recognised[keyframe] = std::move(matches);
     if (std::find(near.begin(), near.end(), keyframe) == near.end()) near.push_back(keyframe);
   }
   int links = 0;

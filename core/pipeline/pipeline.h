@@ -116,7 +116,9 @@ class Pipeline {
     Pose keyframe_from_camera;
   };
 
-  RegistrationOptions registration_options() const { return {options_.motion, options_.icp, options_.tracking}; }
+  RegistrationOptions registration_options() const {
+    return {options_.matching, options_.motion, options_.icp, options_.tracking};
+  }
   Pose world_from_camera(const Located& located) const;
   std::optional<Pose> predicted_camera(double timestamp_s) const;
   const Frame& reference_image(int keyframe);

@@ -4,6 +4,8 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <utility>
 
 #include "core/map/engines.h"
 
@@ -11,15 +13,22 @@ namespace fringeslam {
 
 namespace {
 
-// How far off surfaces may be when registration starts from the landmarks' motion: six sigmas of a point at the given
+// What shifts keypoints of one surface that is seen from another place shifts them together: it does not average out,
+// as ego-motion takes it to. Where views overlap little its motions are off by twice their sigmas.
+Matrix6d covariance_of(const MotionEstimate& motion) {
+  constexpr double kTogether = 4;
+  return kTogether * motion.covariance;
+}
+
+// How far off surfaces may be when registration starts from the landmarks' motion: three sigmas of a point at the given
 // distance, and not less than a few times what depth noise does. Wider, registration would pair things with what
 // stands behind them.
 double start_error_m(const MotionEstimate& motion, double distance_m) {
-  constexpr double kSigmas = 6, kLeast = 1e-3;
+  constexpr double kSigmas = 3, kLeast = 1e-3;
   Eigen::Matrix<double, 3, 6> jacobian;
   jacobian << -skew(motion.previous_from_current.rotation * Eigen::Vector3d(0, 0, distance_m)),
       Eigen::Matrix3d::Identity();
-  const Eigen::Matrix3d covariance = jacobian * motion.covariance * jacobian.transpose();
+  const Eigen::Matrix3d covariance = jacobian * covariance_of(motion) * jacobian.transpose();
   return std::max(kLeast, kSigmas * std::sqrt(covariance.trace()));
 }
 
@@ -28,7 +37,7 @@ double start_error_m(const MotionEstimate& motion, double distance_m) {
 bool agree(const Pose& refined, const MotionEstimate& motion) {
   constexpr double kMaxSquare = 45;
   const Vector6d offset = difference(refined, motion.previous_from_current);
-  return offset.dot(motion.covariance.inverse() * offset) <= kMaxSquare;
+  return offset.dot(covariance_of(motion).inverse() * offset) <= kMaxSquare;
 }
 
 // Residuals wider than the sigmas say that the sigmas are too small, by as much.
@@ -41,6 +50,21 @@ void take(ViewRegistration& result, const IcpResult& icp) {
 }
 
 }  // namespace
+
+std::vector<ViewMatches> matches_by_view(const std::vector<Recognition>& recognitions) {
+  std::map<int, std::vector<KeypointMatch>> by_view;
+  for (const Recognition& r : recognitions) {
+    auto& matches = by_view[r.earlier_frame];
+    matches.insert(matches.end(), r.matches.begin(), r.matches.end());
+  }
+  std::vector<ViewMatches> list;
+  for (auto& [view, matches] : by_view) list.push_back({view, std::move(matches)});
+  // Of equals the latest.
+  std::stable_sort(list.begin(), list.end(), [](const ViewMatches& a, const ViewMatches& b) {
+    return a.matches.size() != b.matches.size() ? a.matches.size() > b.matches.size() : a.earlier > b.earlier;
+  });
+  return list;
+}
 
 std::vector<PointPair> point_pairs(const Keypoints& earlier, const Keypoints& current,
                                    const std::vector<KeypointMatch>& matches) {
@@ -60,14 +84,14 @@ ViewRegistration register_views(const Frame& earlier, const Frame& current, cons
   if (result.motion.status != MotionStatus::determined) return result;
   result.found = true;
   result.earlier_from_current = result.motion.previous_from_current;
-  result.covariance = result.motion.covariance;
+  result.covariance = covariance_of(result.motion);
 
   IcpOptions icp = options.icp;
   icp.max_distance_m = std::min(icp.max_distance_m, start_error_m(result.motion, distance_m));
-  result.icp = options.tracking.engine == "point_to_plane"
-                   ? point_to_plane_icp(earlier, current, camera, result.earlier_from_current, icp,
-                                        result.motion.covariance.inverse())
-                   : register_by(options.tracking.engine, earlier, current, camera, result.earlier_from_current, icp);
+  result.icp =
+      options.tracking.engine == "point_to_plane"
+          ? point_to_plane_icp(earlier, current, camera, result.earlier_from_current, icp, result.covariance.inverse())
+          : register_by(options.tracking.engine, earlier, current, camera, result.earlier_from_current, icp);
   if (result.icp.converged && agree(result.icp.target_from_source, result.motion)) take(result, result.icp);
   return result;
 }
@@ -81,7 +105,7 @@ ViewRegistration follow_view(const Frame& earlier, const Frame& current, const P
   result.icp = point_to_plane_icp(earlier, current, camera, predicted, icp, prior);
   const IcpResult& found = result.icp;
   if (!found.converged || found.overlap < limits.min_overlap || found.consistency < limits.min_consistency ||
-      found.rms_sigma > limits.max_rms_sigma)
+      found.rms_sigma > limits.max_rms_sigma || !(found.reopened_sigma <= limits.max_reopened_sigma))
     return result;
   const Eigen::Vector3d middle(0, 0, distance_m);
   const double spread_m = 0.5 * distance_m * std::hypot(camera.width / camera.fx, camera.height / camera.fy);
@@ -90,6 +114,34 @@ ViewRegistration follow_view(const Frame& earlier, const Frame& current, const P
                                         found.target_from_source * middle, spread_m, {limits.max_displacement_sigma_m});
   if (!result.undetermined.empty()) return result;
   take(result, found);
+  return result;
+}
+
+LocatedView locate_view(const std::function<SeenView(int)>& earlier, int last, const SeenView& current,
+                        const std::vector<Recognition>& recognitions, const Pinhole& camera, double distance_m,
+                        const RegistrationOptions& options) {
+  constexpr size_t kMostViews = 3;
+  LocatedView result;
+  const auto attempt = [&](const SeenView& view, ViewMatches with) {
+    ViewRegistration registration =
+        register_views(view.frame, current.frame, point_pairs(view.keypoints, current.keypoints, with.matches), camera,
+                       distance_m, options);
+    if (result.registration.found && !registration.refined) return false;
+    result = {std::move(with), std::move(registration)};
+    return result.registration.refined;
+  };
+  if (options.tracking.correspondences == "landmarks") {
+    std::vector<ViewMatches> candidates = matches_by_view(recognitions);
+    candidates.resize(std::min(candidates.size(), kMostViews));
+    for (ViewMatches& with : candidates) {
+      const int number = with.earlier;
+      if (attempt(earlier(number), std::move(with))) break;
+    }
+  }
+  if (!result.registration.refined) {
+    const SeenView view = earlier(last);
+    attempt(view, {last, match_keypoints(view.keypoints, current.keypoints, options.matching)});
+  }
   return result;
 }
 

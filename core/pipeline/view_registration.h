@@ -3,8 +3,11 @@
 // or S22 alone, from a predicted motion. And when to believe it: a motion that may be wrong is no motion.
 #pragma once
 
+#include <functional>
+#include <string>
 #include <vector>
 
+#include "core/landmarks/keypoints.h"
 #include "core/map/icp.h"
 #include "core/motion/ego_motion.h"
 #include "core/motion/observability.h"
@@ -22,6 +25,7 @@ struct TrackingOptions {
   double min_overlap = 0.25;
   double min_consistency = 0.8;
   double max_rms_sigma = 2;
+  double max_reopened_sigma = 8;
   double max_displacement_sigma_m = 1e-3;
   double min_predicted = 0.75;
   bool moving = false;
@@ -40,6 +44,8 @@ struct TrackingOptions {
     v.field("min_consistency", min_consistency, {0, 1},
             "least share of points that agree with the surface where they fall on one");
     v.field("max_rms_sigma", max_rms_sigma, {0.1, 1000}, "largest RMS residual of a followed view, sigmas");
+    v.field("max_reopened_sigma", max_reopened_sigma, {0.1, 1e6},
+            "by how much a followed view may still move if partners that were given up count again, sigmas");
     v.field("max_displacement_sigma_m", max_displacement_sigma_m, {1e-9, 10},
             "largest sigma of where surfaces come to lie, m");
     v.field("min_predicted", min_predicted, {0, 1},
@@ -59,10 +65,20 @@ struct ViewRegistration {
 };
 
 struct RegistrationOptions {
+  MatchOptions matching;
   MotionOptions motion;
   IcpOptions icp;
   TrackingOptions tracking;
 };
+
+// Keypoints of the current view that are known from an earlier one.
+struct ViewMatches {
+  int earlier = 0;  // its number
+  std::vector<KeypointMatch> matches;
+};
+
+// Of all recognised landmarks, the view of most matches first.
+std::vector<ViewMatches> matches_by_view(const std::vector<Recognition>& recognitions);
 
 std::vector<PointPair> point_pairs(const Keypoints& earlier, const Keypoints& current,
                                    const std::vector<KeypointMatch>& matches);
@@ -76,5 +92,22 @@ ViewRegistration register_views(const Frame& earlier, const Frame& current, cons
 ViewRegistration follow_view(const Frame& earlier, const Frame& current, const Pose& predicted, const Pinhole& camera,
                              double distance_m, const RegistrationOptions& options,
                              const Matrix6d& prior = Matrix6d::Zero());
+
+// What is known of a view.
+struct SeenView {
+  const Frame& frame;
+  const Keypoints& keypoints;
+};
+
+struct LocatedView {
+  ViewMatches with;  // the view that it was registered with last, or for good
+  ViewRegistration registration;
+};
+
+// By landmarks, in the views where most of their keypoints were seen; where depth confirms none of those motions, by
+// all keypoints of the view `last`. `earlier` gives the views by their numbers, each until the next is asked for.
+LocatedView locate_view(const std::function<SeenView(int)>& earlier, int last, const SeenView& current,
+                        const std::vector<Recognition>& recognitions, const Pinhole& camera, double distance_m,
+                        const RegistrationOptions& options);
 
 }  // namespace fringeslam

@@ -86,6 +86,22 @@ TEST(Icp, IdenticalFramesStayWhereTheyAre) {
   EXPECT_NEAR(result.rms_m, 0, 1e-12);
 }
 
+// Held 2 mm beside its place, where narrow gates leave nothing that pulls it back.
+TEST(Icp, WhatSlidToRestBesideItsPlaceMovesWhenPartnersCountAgain) {
+  const RigModel rig = small_rig(false);
+  const Frame frame = observe(bumps(1.0, 0.003, 0.2), rig, {}, 2e-5);
+  IcpOptions options;
+  options.max_distance_m = 1e-4;
+  options.min_overlap = 0;
+  options.max_rms_sigma = 1000;
+  const IcpResult slid = point_to_plane_icp(frame, frame, rig.camera, {Eigen::Matrix3d::Identity(), {2e-3, 0, 0}},
+                                            options, 1e10 * Matrix6d::Identity());
+  const IcpResult right = point_to_plane_icp(frame, frame, rig.camera, {}, options);
+  ASSERT_TRUE(slid.converged && right.converged);
+  EXPECT_GT(slid.reopened_sigma, 20);
+  EXPECT_LT(right.reopened_sigma, 1);
+}
+
 TEST(Icp, InformationIsHonestAndSigmasAreRight) {
   constexpr int kDraws = 200;
   const RigModel rig = small_rig(false);
@@ -98,6 +114,7 @@ TEST(Icp, InformationIsHonestAndSigmasAreRight) {
     const IcpResult result = point_to_plane_icp(target, source, rig.camera, disturbed(kTruth, 1e-3, 0.1, random), {});
     ASSERT_TRUE(result.converged);
     const Vector6d error = difference(result.target_from_source, kTruth);
+    EXPECT_LT(result.reopened_sigma, 5);
     nees += error.dot(result.information * error) / kDraws;
     rms += result.rms_sigma / kDraws;
   }
