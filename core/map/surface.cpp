@@ -48,7 +48,7 @@ class SurfaceModel::Grid {
       : camera(rig.camera),
         scale(scale_of(rig, options)),
         min_weight(1 / (options.max_sigma_m * options.max_sigma_m)),
-        fusion(rig.camera, scale, options.max_slope_deg, options.min_sigma_m),
+        fusion(rig.camera, scale, options.max_slope_deg, options.min_sigma_m, options.max_off_plane_sigma),
         tree(0) {}
 
   // In the order of their coordinates.

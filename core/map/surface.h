@@ -18,6 +18,7 @@ struct SurfaceOptions {
   double voxel_m = 0;
   double truncation_voxels = 3;
   double max_slope_deg = 80;
+  double max_off_plane_sigma = 2.5;
   double min_sigma_m = 1e-6;
   double max_sigma_m = 1e-3;
 
@@ -27,6 +28,10 @@ struct SurfaceOptions {
     // Cells on the surface reach sqrt(3) voxels from it.
     v.field("truncation_voxels", truncation_voxels, {1.8, 16}, "distance from the surface that is written, voxels");
     v.field("max_slope_deg", max_slope_deg, {1, 89}, "largest angle between a pixel's ray and normal that is used");
+    v.field(
+        "max_off_plane_sigma", max_off_plane_sigma, {0, 10},
+        "pixels without a normal, beside edges, take a neighbour's within so many sigmas of whose plane they lie; 0: "
+        "they are left out");
     v.field("min_sigma_m", min_sigma_m, {1e-9, 1}, "standard deviation that is added to each pixel's, m");
     v.field("max_sigma_m", max_sigma_m, {1e-9, 1}, "largest standard deviation of what becomes a triangle, m");
   }

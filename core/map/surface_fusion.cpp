@@ -220,6 +220,32 @@ FRINGESLAM_AVX512 bool fuse_avx512(const BrickView& view, const PixelPlane* pixe
   return fuse_body(view, pixels, octants, voxels);
 }
 
+// Of the neighbour on whose plane a pixel's point lies best, sigmas along that normal; NaN where none holds it.
+cv::Vec3f adopted_normal(const Frame& frame, int row, int col, float max_sigmas) {
+  cv::Vec3f best = cv::Vec3f::all(kNaN);
+  float best2 = max_sigmas * max_sigmas;
+  const cv::Vec3f& point = frame.points_m(row, col);
+  for (int r = std::max(0, row - 1); r <= std::min(row + 1, frame.height() - 1); ++r) {
+    for (int c = std::max(0, col - 1); c <= std::min(col + 1, frame.width() - 1); ++c) {
+      const cv::Vec3f &normal = frame.normals(r, c), &origin = frame.points_m(r, c);
+      const auto along = [&](const cv::Vec3f& p) { return normal[0] * p[0] + normal[1] * p[1] + normal[2] * p[2]; };
+      const float own = along(point) / point[2] * frame.sigma_m(row, col);
+      const float other = along(origin) / origin[2] * frame.sigma_m(r, c);
+      const float off = along(point - origin), sigmas2 = off * off / (own * own + other * other);
+      if (sigmas2 < best2) best = normal, best2 = sigmas2;  // not for NaN
+    }
+  }
+  return best;
+}
+
+void fill_normals(const Frame& frame, int row, float max_sigmas, std::vector<cv::Vec3f>& normals) {
+  normals.assign(frame.normals[row], frame.normals[row] + frame.width());
+  for (int col = 0; col < frame.width(); ++col) {
+    if (std::isnan(normals[static_cast<size_t>(col)][2]) && frame.valid(row, col))
+      normals[static_cast<size_t>(col)] = adopted_normal(frame, row, col, max_sigmas);
+  }
+}
+
 void touch(const OctantBoxes& boxes, int count, BrickSet& touched) {
   // Which octants of brick b, of the lower and the upper ones along an axis, lie from low to high.
   const auto halves = [](int b, int low, int high) {
@@ -274,11 +300,13 @@ void BrickSet::grow() {
   for (const TouchedBrick& brick : bricks) insert(brick);
 }
 
-FrameFusion::FrameFusion(const Pinhole& camera, const VoxelScale& scale, double max_slope_deg, double min_sigma_m)
+FrameFusion::FrameFusion(const Pinhole& camera, const VoxelScale& scale, double max_slope_deg, double min_sigma_m,
+                         double max_off_plane_sigma)
     : camera_(camera),
       scale_(scale),
       min_slope_cos_(static_cast<float>(std::cos(max_slope_deg * std::numbers::pi / 180))),
-      min_variance_(static_cast<float>(min_sigma_m * min_sigma_m)) {}
+      min_variance_(static_cast<float>(min_sigma_m * min_sigma_m)),
+      max_off_plane_sigma_(static_cast<float>(max_off_plane_sigma)) {}
 
 const std::vector<TouchedBrick>& FrameFusion::begin(const Frame& frame, const Pose& world_from_camera) {
   static const auto prepare = widest(prepare_portable, prepare_avx2, prepare_avx512);
@@ -301,12 +329,14 @@ const std::vector<TouchedBrick>& FrameFusion::begin(const Frame& frame, const Po
     std::vector<OctantBoxes> boxes(static_cast<size_t>((frame.width() + kRun - 1) / kRun));
     for (OctantBoxes& first : boxes) std::fill_n(first.low[0], kRun, INT32_MAX);  // like no row's
     OctantBoxes above;
+    std::vector<cv::Vec3f> normals;
     for (int row = band * kBandRows; row < std::min((band + 1) * kBandRows, frame.height()); ++row) {
+      fill_normals(frame, row, max_off_plane_sigma_, normals);
       for (int col = 0; col < frame.width(); col += kRun) {
         PixelRun run = all;
         run.count = std::min(kRun, frame.width() - col);
         run.points = frame.points_m[row][col].val;
-        run.normals = frame.normals[row][col].val;
+        run.normals = normals[static_cast<size_t>(col)].val;
         run.sigma = frame.sigma_m[row] + col;
         run.grey = frame.texture[row] + col;
         PixelPlane* const planes = pixels_.data() + row * frame.width() + col;

@@ -10,8 +10,9 @@
 //
 // The distance is that to the pixel's tangent plane, not the difference of depths: a voxel lies up to half a pixel off
 // the pixel's ray, where the depth has changed by slope * footprint / 2. To the plane it is exact wherever the surface
-// is flat, and no depth is interpolated, so nothing is made up across a step. Pixels without a normal see an edge and
-// are left out, and so are those that look along their surface.
+// is flat, and no depth is interpolated, so nothing is made up across a step. A pixel without a normal sees an edge, or
+// is too close to one for a window of its own: it takes the normal of the neighbour on whose plane it lies best, within
+// the noise of both, else it is left out. So are pixels that look along their surface.
 //
 // Space in front of the band stays unwritten: free space beside an outline would meet the voxels behind the outline,
 // and the model would close every shadow with a wall.
@@ -56,7 +57,8 @@ struct alignas(16) PixelPlane {
 
 class FrameFusion {
  public:
-  FrameFusion(const Pinhole& camera, const VoxelScale& scale, double max_slope_deg, double min_sigma_m);
+  FrameFusion(const Pinhole& camera, const VoxelScale& scale, double max_slope_deg, double min_sigma_m,
+              double max_off_plane_sigma);
 
   // Takes in a frame. Returns the bricks about its points that its band reaches, and some that only border on it; their
   // order depends on the frame and its pose alone. Pixels that see more than a hundred voxels at once touch none.
@@ -68,7 +70,7 @@ class FrameFusion {
  private:
   Pinhole camera_;
   VoxelScale scale_;
-  float min_slope_cos_, min_variance_;
+  float min_slope_cos_, min_variance_, max_off_plane_sigma_;
   Pose camera_from_world_;
   std::vector<PixelPlane> pixels_;
   std::vector<BrickSet> rows_;

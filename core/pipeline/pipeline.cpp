@@ -84,6 +84,7 @@ FrameResult Pipeline::process(const FringeStack& stack) {
     result.found_again = std::exchange(lost_, false);
     extend_map(result);
   }
+  enter("other");
   // METHOD S21: world_from_robot(i+1) = world_from_robot(i) robot_from_camera motion camera_from_robot
   const Pose world_from_current = world_from_camera(track_.back());
   result.world_from_robot = orthonormalised(world_from_current * rig_.robot_from_camera.inverse());
@@ -130,7 +131,9 @@ void Pipeline::see(FrameResult& result, const FringeStack& stack, const Expected
   DecodeOptions options = options_.decode;
   if (options.unwrapping == "predicted" && !expected) options.unwrapping = "auto";
   if (expected) options.unwrapping = "predicted";
+  enter("decode");
   result.decoded = decode(stack, sequence, rig_, options, {Axis::columns, expected});
+  enter("depth");
   result.frame = reconstruct(result.decoded, rig_, triangulation_, options_.depth);
   if (!options_.tracking.moving || lost_ || track_.size() < 2) return;
   compensate_motion(result.decoded, sequence, options, coordinate_rate(result.frame, rig_, rays_, twist()),
@@ -154,6 +157,7 @@ bool Pipeline::see_by_prediction(FrameResult& result, const FringeStack& stack, 
 
 // From the last view, and from its keyframe what that did not show. `covariance`: of the camera's pose against them.
 ExpectedCoordinate Pipeline::expected(const Pose& world_from_current, const Matrix6d& covariance, bool by_reference) {
+  enter("expected view");
   const Pose current_from_world = world_from_current.inverse();
   const auto known = [&](const Frame& frame, const Pose& world_from_known) {
     const Pose current_from_known = current_from_world * world_from_known;
@@ -196,6 +200,7 @@ CameraTwist Pipeline::twist() const {
 }
 
 void Pipeline::find_landmarks(FrameResult& result) const {
+  enter("landmarks");
   result.keypoints = detect_keypoints(result.frame, rig_, rays_, options_.keypoints);
   result.landmarks = identify_landmarks(result.frame, result.keypoints, rig_, options_.keypoints, options_.conditioning,
                                         options_.clusters, options_.landmarks, &result.landmark_stages);
@@ -205,6 +210,7 @@ void Pipeline::find_landmarks(FrameResult& result) const {
 // From the keyframe that shows most of the view; the one before is kept unless another shows clearly more.
 bool Pipeline::follow(FrameResult& result, const Pose& predicted, const Matrix6d& prior) {
   constexpr double kClearly = 0.1;
+  enter("follow");
   const std::vector<int> candidates = map_.overlapping(result.frame, predicted);
   if (candidates.empty()) return false;
   const int last = track_.back().keyframe, most = candidates.front();
@@ -223,6 +229,7 @@ bool Pipeline::follow(FrameResult& result, const Pose& predicted, const Matrix6d
 // By landmarks, wherever in the map they were seen; where those do not tell, by all keypoints of the last keyframe.
 bool Pipeline::locate(FrameResult& result) {
   if (result.keypoints.detected == 0) find_landmarks(result);
+  enter("locate");
   const int last = track_.empty() ? static_cast<int>(map_.keyframes().size()) - 1 : track_.back().keyframe;
   const auto known = [&](int keyframe) -> SeenView {
     return {reference_image(keyframe), map_.keyframes()[static_cast<size_t>(keyframe)].landmarks.keypoints};
@@ -241,6 +248,7 @@ bool Pipeline::locate(FrameResult& result) {
 void Pipeline::extend_map(FrameResult& result) {
   // Where depth did not confirm the landmarks' motion the frame tells where the robot is, but the map stays as it was.
   if (!result.registration.refined) return;
+  enter("map");
   const Located here = track_.back();
   const Pose current = world_from_camera(here);
   const bool leaves = map_.expected_overlap(result.frame, current, here.keyframe) < options_.mapping.keyframe_overlap;
@@ -253,6 +261,7 @@ void Pipeline::extend_map(FrameResult& result) {
 
 void Pipeline::add_keyframe(FrameResult& result, const Pose& world_from_camera) {
   if (result.keypoints.detected == 0) find_landmarks(result);
+  enter("map");
   const int number = map_.add_keyframe(result.frame, result.landmarks, world_from_camera);
   surface_.add(result.frame, world_from_camera);
   database_.add(number, result.landmarks);
@@ -271,6 +280,7 @@ void Pipeline::add_keyframe(FrameResult& result, const Pose& world_from_camera) 
 // Links the new keyframe with earlier ones beside its reference: those that it overlaps by what is known, and those
 // whose landmarks it shows. How many.
 int Pipeline::close_loops(const FrameResult& result) {
+  enter("loops");
   const Pose current = map_.keyframes().back().world_from_camera;
   std::vector<int> near = map_.overlapping(result.frame, current);
   std::map<int, std::vector<KeypointMatch>> recognised;

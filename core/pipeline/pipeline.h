@@ -14,6 +14,7 @@
 #include "core/landmarks/recognition.h"
 #include "core/map/keyframe_map.h"
 #include "core/map/surface.h"
+#include "core/pipeline/stage_clock.h"
 #include "core/pipeline/view_registration.h"
 #include "core/types/trajectory.h"
 
@@ -100,6 +101,8 @@ class Pipeline {
 
   // The stack's images are those of the whole sequence, or of the finest fringes. Throws Error when they are neither.
   FrameResult process(const FringeStack& stack);
+  // Tells `clock` from now on which stage is at work; it has to outlive the pipeline.
+  void time_stages(StageClock& clock) { clock_ = &clock; }
 
   // The last tracked frame; empty before the first.
   const std::optional<FrameResult>& last_tracked() const { return last_; }
@@ -129,6 +132,9 @@ class Pipeline {
   void note_innovation(const Pose& predicted, const Pose& found);
   void plan_next(const FrameResult& result);
   CameraTwist twist() const;
+  void enter(const char* stage) const {
+    if (clock_ != nullptr) clock_->enter(stage);
+  }
   void find_landmarks(FrameResult& result) const;
   bool follow(FrameResult& result, const Pose& predicted, const Matrix6d& prior = Matrix6d::Zero());
   bool locate(FrameResult& result);
@@ -154,6 +160,7 @@ class Pipeline {
   int reference_ = -1;
   Frame reference_frame_;
   std::optional<FrameResult> last_;
+  StageClock* clock_ = nullptr;
 };
 
 }  // namespace fringeslam

@@ -9,8 +9,8 @@
 #include <limits>
 #include <map>
 
-#include "core/types/error.h"
 #include "core/types/instruction_set.h"
+#include "sim/light/embree_device.h"
 
 namespace fringeslam::sim {
 
@@ -20,10 +20,6 @@ namespace {
 struct Plane {
   double x, y, z, offset;
 };
-
-void throw_embree_error(void*, RTCError code, const char* message) {
-  throw Error("Embree: error " + std::to_string(code) + ": " + (message ? message : "no message"));
-}
 
 // Planes of a mesh's triangles, in the frame in which Embree holds the mesh.
 using Planes = std::vector<Plane>;
@@ -134,9 +130,7 @@ struct RayWorld::Impl {
 };
 
 RayWorld::RayWorld(const Scene& scene) : impl_(std::make_unique<Impl>()) {
-  impl_->device = rtcNewDevice(nullptr);
-  if (!impl_->device) throw Error("Embree: no device; this processor lacks what Embree needs (SSE2)");
-  rtcSetDeviceErrorFunction(impl_->device, throw_embree_error, nullptr);
+  impl_->device = new_embree_device();
   impl_->scene = impl_->new_scene();
   std::map<const Mesh*, int> uses;
   for (const Object& object : scene.objects) ++uses[object.mesh.get()];

@@ -162,6 +162,34 @@ TEST(Surface, ObliquePlaneIsReproduced) {
   EXPECT_EQ(parts[0].euler, 1);
 }
 
+// A column of pixels that are too close to an edge for a normal of their own, on its surface or off it.
+TEST(Surface, PixelsWithoutANormalAreUsedWhereTheyLieOnANeighboursPlane) {
+  const RigModel rig = support::small_rig(true);
+  const Eigen::Vector3d normal = Eigen::Vector3d(0.4, -0.2, -1).normalized();
+  constexpr float kSigma = 1e-4f;
+  const Frame whole = support::observe(support::plane(normal, -1), rig, {}, static_cast<double>(kSigma));
+  const auto voxels = [&](float off_sigmas, double max_off_plane_sigma) {
+    Frame frame = whole;
+    frame.points_m = whole.points_m.clone();
+    frame.normals = whole.normals.clone();
+    const int col = rig.camera.width / 2;
+    for (int row = 0; row < rig.camera.height; ++row) {
+      frame.points_m(row, col) *= 1 + off_sigmas * kSigma / frame.points_m(row, col)[2];
+      frame.normals(row, col) = cv::Vec3f::all(kNaN);
+    }
+    SurfaceModel model(rig, {.max_off_plane_sigma = max_off_plane_sigma});
+    model.add(frame, {});
+    return model.voxels();
+  };
+  SurfaceModel model(rig, {});
+  model.add(whole, {});
+  EXPECT_EQ(voxels(0, 2.5), model.voxels());
+  EXPECT_LT(voxels(0, 0), model.voxels());
+  // The two share the distance: sqrt(2) times as many sigmas of one.
+  EXPECT_GT(voxels(3.4f, 2.5), voxels(0, 0));
+  EXPECT_EQ(voxels(3.7f, 2.5), voxels(0, 0));
+}
+
 TEST(Surface, SphereIsReproducedToTheSquareOfTheVoxel) {
   // Up to 60 degrees off the ray, with a = voxel^2 / radius: a pixel's tangent plane is left by half a diagonal
   // (1.41 voxels on the slope), 1.0 a at most; a voxel's distance to it, at one voxel's depth and that slope, is 1.5 a
@@ -359,7 +387,7 @@ TEST(Surface, NumberOfThreadsDoesNotMatterAndClearForgets) {
 TEST(Surface, InstructionSetsGiveTheSameBits) {
   const RigModel rig = support::small_rig(true);
   const auto views = views_of_a_corner(rig);
-  FrameFusion fusion(rig.camera, {0.002, 0.006}, 80, 1e-6);
+  FrameFusion fusion(rig.camera, {0.002, 0.006}, 80, 1e-6, 2.5);
   std::vector<InstructionSet> sets = {InstructionSet::portable};
   if (widest_instruction_set() != InstructionSet::portable) sets.push_back(InstructionSet::avx2);
   if (widest_instruction_set() == InstructionSet::avx512) sets.push_back(InstructionSet::avx512);
