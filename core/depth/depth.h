@@ -13,7 +13,7 @@ namespace fringeslam {
 
 struct DepthOptions {
   double near_m = 0.4, far_m = 2.5;  // depths outside are dropped
-  double max_slope_deg = 89;        // steeper steps between neighbours are discontinuities
+  double max_slope_deg = 89;         // steeper steps between neighbours are discontinuities
   double max_sigma_m = 0.005;
   double footprint_noise = 0.03;
   int normal_radius_px = 5;      // of the largest window; smaller ones near edges

@@ -34,7 +34,7 @@ IcpResult refined(PlanePairs& problem, double least_sigma_m, const Pose& initial
   // The gates start wide and halve with each iteration down to the noise (graduated non-convexity). They
   // must not follow the residuals down at once: those are mostly of flat ground, at the noise long before the
   // few walls that hold the view sideways have been pulled in. All points are needed at the end only.
-  constexpr double kSettledSigmas = 0.25;
+  constexpr double kSettledSigmas = 0.25, kCycleSigmas = 1;
   PlaneGates gates{options.max_distance_m, std::max(options.max_distance_m / least_sigma_m, options.outlier_sigma)};
   const auto linearised = [&](int stride) {
     PlaneSums sums = problem.linearise(result.target_from_source, gates, stride);
@@ -45,6 +45,8 @@ IcpResult refined(PlanePairs& problem, double least_sigma_m, const Pose& initial
   PlaneSums sums;
   int stride = 4;
   bool settled = false;
+  double damping = 1;
+  Vector6d last_step = Vector6d::Zero();
   for (result.iterations = 0; result.iterations < options.max_iterations && !settled; ++result.iterations) {
     if (gates.outlier_sigma < 16 * options.outlier_sigma) stride = std::min(stride, 2);
     sums = linearised(stride);
@@ -52,11 +54,14 @@ IcpResult refined(PlanePairs& problem, double least_sigma_m, const Pose& initial
     const Eigen::LDLT<Matrix6d> factor(sums.information);
     if (factor.info() != Eigen::Success || !(factor.rcond() > 1e-12)) return result;
     const Vector6d step = factor.solve(-sums.gradient);
-    result.target_from_source = retract(result.target_from_source, step);
+    // Partners flip between neighbouring pixels for ever, and steps back and forth with them. Shorter ones end between,
+    // where they are far below what noise can do.
+    damping = step.dot(sums.information * last_step) < 0 ? 0.5 * damping : 1;
+    result.target_from_source = retract(result.target_from_source, damping * step);
+    last_step = step;
     const double rms = std::sqrt(sums.squares_m2 / sums.pairs);
-    // Partners flip between neighbouring pixels for ever; a step far below what noise can do ends it.
-    if (gates.outlier_sigma <= options.outlier_sigma &&
-        step.dot(sums.information * step) < kSettledSigmas * kSettledSigmas) {
+    const double sigmas = std::sqrt(step.dot(sums.information * step));
+    if (gates.outlier_sigma <= options.outlier_sigma && sigmas < kCycleSigmas && damping * sigmas < kSettledSigmas) {
       settled = stride == 1;
       stride = 1;
     }
@@ -161,15 +166,22 @@ IcpResult register_frames(const Frame& target, const Frame& source, const Pinhol
   check_options(options, "icp");
   constexpr double kWide_m = 0.05, kNarrow_m = 0.015, kClose_m = 2e-3, kConsistent = 0.96;
   constexpr size_t kFollowed = 12, kNudged = 2;
-  constexpr int kNudges = 200;
+  constexpr int kFirstNudges = 24, kNudges = 200;
   const double least_sigma = smallest_sigma(source);
   PlanePairs problem(target, source, camera, options.max_normal_deg);
   const auto better = [](const Candidate& a, const Candidate& b) { return a.score > b.score; };
   const auto closer = [&](const Pose& pose) { return followed(problem, least_sigma, pose, kNarrow_m, kClose_m, 8, 8); };
+  const Pose middle = to_middle(source);
+  std::mt19937 random(1);
+  // What slid to rest beside its place, as a ground with few things on it does, is nudged out of there.
+  const auto nudged_out = [&](Candidate& candidate) {
+    const Candidate nudged = closer(candidate.target_from_source * nudge(middle, random));
+    if (better(nudged, candidate)) candidate = nudged;
+  };
   // Small motions are found from where the cameras are.
   Candidate best = closer(followed(problem, least_sigma, {}, kWide_m, kNarrow_m, 10, 8).target_from_source);
+  for (int i = 0; i < kFirstNudges && best.consistency < kConsistent; ++i) nudged_out(best);
   if (best.consistency < kConsistent) {
-    const Pose middle = to_middle(source);
     std::vector<Candidate> candidates = {best};
     for (const Pose& start : starts(middle))
       candidates.push_back(followed(problem, least_sigma, start, kWide_m, kNarrow_m, 8, 16));
@@ -178,12 +190,8 @@ IcpResult register_frames(const Frame& target, const Frame& source, const Pinhol
     for (Candidate& candidate : candidates) candidate = closer(candidate.target_from_source);
     std::stable_sort(candidates.begin(), candidates.end(), better);
     candidates.resize(std::min(candidates.size(), kNudged));
-    // What slid to rest beside its place, as a ground with few things on it does, is nudged out of there.
-    std::mt19937 random(1);
     for (int i = 0; i < kNudges && candidates[0].consistency < kConsistent; ++i) {
-      Candidate& from = candidates[static_cast<size_t>(i) % candidates.size()];
-      const Candidate nudged = closer(from.target_from_source * nudge(middle, random));
-      if (better(nudged, from)) from = nudged;
+      nudged_out(candidates[static_cast<size_t>(i) % candidates.size()]);
       std::stable_sort(candidates.begin(), candidates.end(), better);
     }
     best = candidates[0];

@@ -9,6 +9,7 @@
 #include <numbers>
 #include <numeric>
 
+#include "core/types/error.h"
 #include "core/types/instruction_set.h"
 #include "core/types/parallel.h"
 
@@ -47,6 +48,12 @@ struct PointArrays {
   const float *x, *y, *z, *nx, *ny, *nz, *sigma;
 };
 
+// The target's images, and how many points fall on each of its pixels.
+struct TargetImages {
+  const float *points, *normals, *sigma;  // three values a pixel, three, one
+  const int32_t* uses;
+};
+
 // For each point the target pixel that it falls on, or -1 out of the image.
 FRINGESLAM_INLINE void associate_body(PointArrays source, int count, Projection p, int32_t* __restrict pixel) {
   for (int i = 0; i < count; ++i) {
@@ -78,7 +85,7 @@ using LaneSums = std::array<Lanes, kSums>;
 
 // The sums of a chunk of points, lane by lane. `count` is a multiple of the lanes.
 FRINGESLAM_INLINE void linearise_body(PointArrays source, const int32_t* pixel, int count, Projection p,
-                                      PointArrays target, const uint16_t* uses, Gates gates, LaneSums& sums) {
+                                      TargetImages target, Gates gates, LaneSums& sums) {
   for (Lanes& lanes : sums) {
     for (float& value : lanes.value) value = 0;
   }
@@ -86,15 +93,25 @@ FRINGESLAM_INLINE void linearise_body(PointArrays source, const int32_t* pixel, 
   for (int first = 0; first < count; first += kLanes) {
     alignas(64) float g[6][kLanes], weight[kLanes], pull[kLanes], residual2[kLanes], square2[kLanes], paired[kLanes],
         seen[kLanes];
+    alignas(64) float partner[8][kLanes];
     for (int lane = 0; lane < kLanes; ++lane) {
-      const int i = first + lane, at = pixel[i] > 0 ? pixel[i] : 0;
+      const int at = pixel[first + lane] > 0 ? pixel[first + lane] : 0;
+      for (int k = 0; k < 3; ++k) {
+        partner[k][lane] = target.points[3 * at + k];
+        partner[3 + k][lane] = target.normals[3 * at + k];
+      }
+      partner[6][lane] = target.sigma[at];
+      partner[7][lane] = static_cast<float>(target.uses[at]);
+    }
+    for (int lane = 0; lane < kLanes; ++lane) {
+      const int i = first + lane;
       const float sx = source.x[i], sy = source.y[i], sz = source.z[i];
       const float mx = source.nx[i], my = source.ny[i], mz = source.nz[i];
       const float rx = p.r[0] * sx + p.r[1] * sy + p.r[2] * sz, px = p.r[0] * mx + p.r[1] * my + p.r[2] * mz;
       const float ry = p.r[3] * sx + p.r[4] * sy + p.r[5] * sz, py = p.r[3] * mx + p.r[4] * my + p.r[5] * mz;
       const float rz = p.r[6] * sx + p.r[7] * sy + p.r[8] * sz, pz = p.r[6] * mx + p.r[7] * my + p.r[8] * mz;
-      const float qx = target.x[at], qy = target.y[at], qz = target.z[at], q_sigma = target.sigma[at];
-      const float q_nx = target.nx[at], q_ny = target.ny[at], q_nz = target.nz[at];
+      const float qx = partner[0][lane], qy = partner[1][lane], qz = partner[2][lane], q_sigma = partner[6][lane];
+      const float q_nx = partner[3][lane], q_ny = partner[4][lane], q_nz = partner[5][lane];
       // Both normals alike: two points of a round surface are as far from one another's tangent planes to opposite
       // sides, and the mean plane holds both (Rusinkiewicz, A symmetric objective function for ICP, 2019).
       const float cosine = px * q_nx + py * q_ny + pz * q_nz, scale = 1 / std::sqrt(2 + 2 * cosine);
@@ -103,7 +120,7 @@ FRINGESLAM_INLINE void linearise_body(PointArrays source, const int32_t* pixel, 
       const float sigma_q = (nx * qx + ny * qy + nz * qz) / qz * q_sigma;
       const float sigma_p = (nx * rx + ny * ry + nz * rz) / sz * source.sigma[i];
       // What several points fall on was measured once all the same.
-      const float variance = static_cast<float>(uses[i]) * sigma_q * sigma_q + sigma_p * sigma_p;
+      const float variance = partner[7][lane] * sigma_q * sigma_q + sigma_p * sigma_p;
       const float square = residual * residual / variance, scaled = square / cut_off;
       // No pair when a normal is missing: the pixel sees an edge, and its point may lie on either side of it.
       const bool is_pair =
@@ -151,17 +168,17 @@ FRINGESLAM_AVX2 void associate_avx2(const PointArrays& source, int count, const 
 FRINGESLAM_AVX512 void associate_avx512(const PointArrays& source, int count, const Projection& p, int32_t* pixel) {
   associate_body(source, count, p, pixel);
 }
-void linearise_portable(const PointArrays& s, const int32_t* pixel, int n, const Projection& p, const PointArrays& t,
-                        const uint16_t* uses, Gates gates, LaneSums& sums) {
-  linearise_body(s, pixel, n, p, t, uses, gates, sums);
+void linearise_portable(const PointArrays& s, const int32_t* pixel, int n, const Projection& p, const TargetImages& t,
+                        Gates gates, LaneSums& sums) {
+  linearise_body(s, pixel, n, p, t, gates, sums);
 }
 FRINGESLAM_AVX2 void linearise_avx2(const PointArrays& s, const int32_t* pixel, int n, const Projection& p,
-                                    const PointArrays& t, const uint16_t* uses, Gates gates, LaneSums& sums) {
-  linearise_body(s, pixel, n, p, t, uses, gates, sums);
+                                    const TargetImages& t, Gates gates, LaneSums& sums) {
+  linearise_body(s, pixel, n, p, t, gates, sums);
 }
 FRINGESLAM_AVX512 void linearise_avx512(const PointArrays& s, const int32_t* pixel, int n, const Projection& p,
-                                        const PointArrays& t, const uint16_t* uses, Gates gates, LaneSums& sums) {
-  linearise_body(s, pixel, n, p, t, uses, gates, sums);
+                                        const TargetImages& t, Gates gates, LaneSums& sums) {
+  linearise_body(s, pixel, n, p, t, gates, sums);
 }
 
 void add(const LaneSums& lanes, PlaneSums& total) {
@@ -185,31 +202,25 @@ void add(const LaneSums& lanes, PlaneSums& total) {
 PlanePairs::PlanePairs(const Frame& target, const Frame& source, const Pinhole& camera, double max_normal_deg)
     : camera_(camera),
       min_normal_cos_(static_cast<float>(std::cos(max_normal_deg * std::numbers::pi / 180))),
-      target_(all(target)),
-      uses_(target_.x.size()),
+      target_(target),
+      uses_(target.points_m.total(), 0),
       levels_(5),
-      source_(source) {}
-
-void PlanePairs::Points::resize(size_t size) {
-  for (auto* array : {&x, &y, &z, &nx, &ny, &nz, &sigma}) array->resize(size, kNaN);
+      source_(source) {
+  if (!target.points_m.isContinuous() || !target.normals.isContinuous() || !target.sigma_m.isContinuous())
+    throw Error("registration: the target frame's images are parts of larger ones; clone them");
 }
 
-void PlanePairs::Points::set(size_t i, const Frame& frame, int row, int col) {
+PlanePairs::Points::Points(int points)
+    : count(points),
+      padded((points + kLanes - 1) / kLanes * kLanes),
+      values_(std::make_unique_for_overwrite<float[]>(static_cast<size_t>(7 * padded))) {
+  for (int k = 0; k < 7; ++k) std::fill(array(k) + count, array(k) + padded, kNaN);
+}
+
+void PlanePairs::Points::set(int i, const Frame& frame, int row, int col) {
   const cv::Vec3f &p = frame.points_m(row, col), &n = frame.normals(row, col);
-  x[i] = p[0], y[i] = p[1], z[i] = p[2];
-  nx[i] = n[0], ny[i] = n[1], nz[i] = n[2];
-  sigma[i] = frame.sigma_m(row, col);
-}
-
-PlanePairs::Points PlanePairs::all(const Frame& frame) {
-  Points points;
-  points.count = frame.width() * frame.height();
-  points.resize(static_cast<size_t>(points.count));
-  for_each_row(frame.height(), [&](int row) {
-    for (int col = 0; col < frame.width(); ++col)
-      points.set(static_cast<size_t>(row * frame.width() + col), frame, row, col);
-  });
-  return points;
+  for (int k = 0; k < 3; ++k) array(k)[i] = p[k], array(3 + k)[i] = n[k];
+  array(6)[i] = frame.sigma_m(row, col);
 }
 
 PlanePairs::Points PlanePairs::sampled(const Frame& frame, int stride) {
@@ -223,54 +234,50 @@ PlanePairs::Points PlanePairs::sampled(const Frame& frame, int stride) {
   };
   for_each_row(rows, [&](int row) { for_each_point(row, [&](int) { ++first[static_cast<size_t>(row) + 1]; }); });
   std::partial_sum(first.begin(), first.end(), first.begin());
-  Points points;
-  points.count = first.back();
-  points.resize(static_cast<size_t>((points.count + kLanes - 1) / kLanes * kLanes));
+  Points points(first.back());
   for_each_row(rows, [&](int row) {
-    auto i = static_cast<size_t>(first[static_cast<size_t>(row)]);
+    int i = first[static_cast<size_t>(row)];
     for_each_point(row, [&](int col) { points.set(i++, frame, row * stride, col); });
   });
   return points;
 }
 
 const PlanePairs::Points& PlanePairs::level(int stride) {
-  Points& points = levels_[static_cast<size_t>(std::countr_zero(static_cast<unsigned>(stride)))];
-  if (points.x.empty()) points = sampled(source_, stride);
-  return points;
+  std::optional<Points>& points = levels_[static_cast<size_t>(std::countr_zero(static_cast<unsigned>(stride)))];
+  if (!points) points = sampled(source_, stride);
+  return *points;
 }
 
 PlaneSums PlanePairs::linearise(const Pose& target_from_source, const PlaneGates& gates, int stride) {
   static const auto associate = widest(associate_portable, associate_avx2, associate_avx512);
   static const auto linearise_chunk = widest(linearise_portable, linearise_avx2, linearise_avx512);
   const Points& points = level(stride);
-  const auto from = [](const Points& all, int first) {
-    const auto at = [&](const std::vector<float>& values) { return values.data() + first; };
-    return PointArrays{at(all.x), at(all.y), at(all.z), at(all.nx), at(all.ny), at(all.nz), at(all.sigma)};
+  const auto from = [&](int first) {
+    const auto at = [&](int quantity) { return points.array(quantity) + first; };
+    return PointArrays{at(0), at(1), at(2), at(3), at(4), at(5), at(6)};
   };
   const Projection projection(target_from_source, camera_);
   const Gates limits{static_cast<float>(gates.distance_m), static_cast<float>(gates.outlier_sigma), min_normal_cos_};
-  const int padded = static_cast<int>(points.x.size()), chunks = (padded + kChunk - 1) / kChunk;
-  std::vector<int32_t> pixel(points.x.size());
+  const int chunks = (points.padded + kChunk - 1) / kChunk;
+  pixel_.resize(static_cast<size_t>(points.padded));
   for_each_row(chunks, [&](int chunk) {
     const int first = chunk * kChunk;
-    associate(from(points, first), std::min(kChunk, padded - first), projection, pixel.data() + first);
+    associate(from(first), std::min(kChunk, points.padded - first), projection, pixel_.data() + first);
   });
-  std::vector<uint16_t> shared(pixel.size(), 1);
-  for (const int32_t at : pixel) {
-    if (at >= 0 && uses_[static_cast<size_t>(at)] < 65535) ++uses_[static_cast<size_t>(at)];
+  for (const int32_t at : pixel_) {
+    if (at >= 0) ++uses_[static_cast<size_t>(at)];
   }
-  for (size_t i = 0; i < pixel.size(); ++i) {
-    if (pixel[i] >= 0) shared[i] = uses_[static_cast<size_t>(pixel[i])];
-  }
-  for (const int32_t at : pixel) {
-    if (at >= 0) uses_[static_cast<size_t>(at)] = 0;
-  }
+  const TargetImages target{target_.points_m.ptr<float>(), target_.normals.ptr<float>(), target_.sigma_m.ptr<float>(),
+                            uses_.data()};
   std::vector<LaneSums> sums(static_cast<size_t>(chunks));
   for_each_row(chunks, [&](int chunk) {
     const int first = chunk * kChunk;
-    linearise_chunk(from(points, first), pixel.data() + first, std::min(kChunk, padded - first), projection,
-                    from(target_, 0), shared.data() + first, limits, sums[static_cast<size_t>(chunk)]);
+    linearise_chunk(from(first), pixel_.data() + first, std::min(kChunk, points.padded - first), projection, target,
+                    limits, sums[static_cast<size_t>(chunk)]);
   });
+  for (const int32_t at : pixel_) {
+    if (at >= 0) uses_[static_cast<size_t>(at)] = 0;
+  }
   PlaneSums total;
   for (const LaneSums& chunk : sums) add(chunk, total);
   total.information.triangularView<Eigen::StrictlyLower>() = total.information.transpose();

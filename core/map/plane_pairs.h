@@ -4,6 +4,8 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
+#include <optional>
 #include <vector>
 
 #include "core/types/frame.h"
@@ -35,22 +37,27 @@ class PlanePairs {
   PlaneSums linearise(const Pose& target_from_source, const PlaneGates& gates, int stride);
 
  private:
-  // Arrays of `count` values, then NaN up to a multiple of the kernels' lanes.
-  struct Points {
-    int count = 0;
-    std::vector<float> x, y, z, nx, ny, nz, sigma;
-    void resize(size_t size);
-    void set(size_t i, const Frame& frame, int row, int col);
+  // x, y, z, the normal's three and sigma of `count` points, then NaN up to a multiple of the kernels' lanes.
+  class Points {
+   public:
+    explicit Points(int points);
+    int count, padded;
+    float* array(int quantity) { return values_.get() + quantity * padded; }
+    const float* array(int quantity) const { return values_.get() + quantity * padded; }
+    void set(int i, const Frame& frame, int row, int col);
+
+   private:
+    std::unique_ptr<float[]> values_;
   };
-  static Points all(const Frame& frame);  // pixel by pixel
   static Points sampled(const Frame& frame, int stride);
   const Points& level(int stride);  // made when first asked for
 
   Pinhole camera_;
   float min_normal_cos_;
-  Points target_;
-  std::vector<uint16_t> uses_;  // how many points fall on each target pixel; zeros but within linearise()
-  std::vector<Points> levels_;
+  const Frame& target_;
+  // Within linearise(): the target pixel of each point, and how many fall on each; zeros outside of it.
+  std::vector<int32_t> pixel_, uses_;
+  std::vector<std::optional<Points>> levels_;
   const Frame& source_;
 };
 
