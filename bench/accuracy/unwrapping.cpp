@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: Apache-2.0
+// The ways to find fringe orders, each through the whole pipeline over one trajectory: what they cost in images and
+// what they give.
+#include <cmath>
+#include <cstdio>
+
+#include "bench/row.h"
+#include "core/pipeline/pipeline.h"
+#include "core/score/score.h"
+#include "sim/virtual_rig.h"
+
+namespace fringeslam::bench {
+
+namespace {
+
+struct Way {
+  const char* unwrapping;
+  std::vector<double> periods_px;  // three steps each
+};
+
+struct Totals {
+  int views = 0, lost = 0;
+  double images = 0, valid_fraction = 0, pixels = 0, wrong = 0;
+  std::vector<double> median_mm;
+  double ate_mm = 0;  // of the views that were not lost
+};
+
+void add(const FrameResult& view, const TruthFrame& truth, double finest_period_px, Totals& totals) {
+  ++totals.views;
+  totals.lost += view.tracking == Tracking::lost;
+  totals.images += view.images;
+  cv::Mat1f depth;
+  cv::extractChannel(view.frame.points_m, depth, 2);
+  const DepthScore score =
+      score_depth({depth, view.frame.sigma_m, view.decoded.coordinate_px}, truth, finest_period_px);
+  totals.valid_fraction += score.valid_fraction;
+  if (score.compared == 0) return;
+  totals.pixels += score.compared;
+  totals.wrong += score.wrong_order * score.compared;
+  totals.median_mm.push_back(1e3 * score.median_m);
+}
+
+Totals over_loop(const Way& way, size_t views) {
+  sim::Scene scene = sim::load_scene(std::string(FRINGESLAM_SCENES) + "/loop/scene.yaml", {3});
+  scene.trajectory.resize(std::min(views, scene.trajectory.size()));
+  const Pinhole& projector = scene.rig.projector;
+  const PatternSequence sequence =
+      phase_shift_sequence(projector.width, projector.height, way.periods_px, 3, Axis::columns, 8);
+  PipelineOptions options;
+  options.decode.unwrapping = way.unwrapping;
+  Pipeline pipeline(scene.rig, sequence, options, scene.trajectory[0].world_from_robot);
+  TruthFrame truth;
+  sim::VirtualRig rig(scene, {}, [&](const TruthFrame& frame) { truth = frame; });
+  Totals totals;
+  while (const auto stack = rig.capture(pipeline.next_patterns()))
+    add(pipeline.process(*stack), truth, way.periods_px.back(), totals);
+  totals.ate_mm = 1e3 * score_trajectory(pipeline.trajectory(), scene.trajectory).ate_rmse_m;
+  return totals;
+}
+
+std::vector<Row> unwrapping_rows(const Context& context) {
+  const Way ways[] = {{"multifrequency", {1040, 131, 16.5}},
+                      {"spatial", {1040, 131, 16.5}},
+                      {"geometric", {480}},
+                      {"predicted", {1040, 131, 16.5}}};
+  double predicted = INFINITY;
+  int views = 0;
+  for (const Way& way : ways) {
+    const Totals t = over_loop(way, context.quick ? 26 : 1000);
+    const double wrong = t.wrong / std::max(1.0, t.pixels);
+    std::fprintf(
+        stderr,
+        "  %-14s %4.1f images a view, %5.1f %% of the lit pixels, %.1e of %.1f million wrong, median error %.4f "
+        "mm, %d of %d views lost, ATE %.4f mm\n",
+        way.unwrapping, t.images / t.views, 100 * t.valid_fraction / t.views, wrong, 1e-6 * t.pixels,
+        median_of(t.median_mm), t.lost, t.views, t.ate_mm);
+    if (std::string(way.unwrapping) == "predicted") predicted = wrong, views = t.views;
+  }
+  return {bound_row("wrong_order.predicted", predicted, views, "share", 1e-3, Limit::most)};
+}
+
+}  // namespace
+
+std::vector<Item> unwrapping_items() {
+  return {{{"wrong_order.predicted"}, "fringe orders over a loop, by all ways to find them", unwrapping_rows}};
+}
+
+}  // namespace fringeslam::bench
