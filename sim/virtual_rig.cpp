@@ -53,10 +53,15 @@ VirtualRig::VirtualRig(const Scene& scene, const RenderOptions& options, TruthSi
       renderer_(scene, options.effects, options.samples_per_pixel),
       camera_(scene.rig, options.effects, scene.seed) {}
 
+BlurRange VirtualRig::blur_range() const {
+  const RigModel& rig = scene_.rig;
+  return Beam::blur_range(rig, options_.effects, kNearest * rig.near_m, kFarthest * rig.far_m);
+}
+
 const std::vector<ShownPatterns>& VirtualRig::shown(const PatternSequence& sequence) {
   if (!shown_.empty() && shown_sequence_ == sequence) return shown_;
   const RigModel& rig = scene_.rig;
-  const BlurRange blur = Beam::blur_range(rig, options_.effects, kNearest * rig.near_m, kFarthest * rig.far_m);
+  const BlurRange blur = blur_range();
   shown_.clear();
   shown_sequence_ = sequence;
   if (!moving()) {
@@ -131,6 +136,22 @@ std::optional<FringeStack> VirtualRig::capture(const PatternSequence& sequence) 
   }
   ++next_;
   return stack;
+}
+
+cv::Mat VirtualRig::look(const cv::Mat1b& screen, size_t pose, double exposure_s, int number) {
+  const RigModel& rig = scene_.rig;
+  if (screen.size() != cv::Size(rig.projector.width, rig.projector.height))
+    throw Error("look: the screen is " + std::to_string(screen.cols) + "x" + std::to_string(screen.rows) +
+                ", the rig's projector " + std::to_string(rig.projector.width) + "x" +
+                std::to_string(rig.projector.height));
+  cv::Mat1f levels;
+  screen.convertTo(levels, CV_32F, 1.0 / 255);
+  const Pose world_from_camera = scene_.trajectory.at(pose).world_from_robot * rig.robot_from_camera;
+  const auto stack = static_cast<int>(pose);
+  const cv::Mat1f light =
+      renderer_.render(ShownPatterns(std::vector<cv::Mat1f>{levels}, rig, blur_range()), {world_from_camera}, stack)[0];
+  return camera_.expose(camera_.electrons_per_s(light), exposure_s,
+                        {options_.noise, options_.quantise, scene_.seed, stack, number});
 }
 
 void write_truth(const TruthFrame& truth, const std::filesystem::path& folder) {

@@ -40,8 +40,12 @@ class VirtualRig : public Rig {
   VirtualRig(const Scene& scene, const RenderOptions& options, TruthSink truth = {});
   const RigModel& model() const override { return scene_.rig; }
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
+  // One image from pose `pose` of the trajectory, exposed for exposure_s, while the projector shows `screen` (8 bits,
+  // of its size). `number` keys the noise.
+  cv::Mat look(const cv::Mat1b& screen, size_t pose, double exposure_s, int number);
 
  private:
+  BlurRange blur_range() const;
   // The patterns as light: all at once, or each alone when the robot moves between them.
   const std::vector<ShownPatterns>& shown(const PatternSequence& sequence);
   // Poses of the camera while image `image` of `images` is exposed.

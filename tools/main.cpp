@@ -41,8 +41,13 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(0, 1024));
 
   std::vector<std::pair<CLI::App*, Verb>> verbs;
-  for (const auto add : {add_run, add_render, add_effects, add_scene, add_score, add_info, add_landmarks, add_patterns,
-                         add_import, add_calibrate}) {
+  std::vector<Verb (*)(CLI::App&, const Common&)> adders = {add_run,    add_render,   add_effects,   add_scene,
+                                                            add_score,  add_info,     add_landmarks, add_patterns,
+                                                            add_import, add_calibrate};
+#if FRINGESLAM_HW
+  adders.insert(adders.end(), {add_capture, add_rig});
+#endif
+  for (const auto add : adders) {
     Verb verb = add(app, common);
     verbs.emplace_back(app.get_subcommands({}).back(), std::move(verb));
   }

@@ -109,6 +109,25 @@ RecordingRig::RecordingRig(Rig& inner, fs::path folder) : inner_(inner), folder_
   write_text(folder_ / "rig.yaml", to_yaml(inner_.model()));
 }
 
+namespace {
+
+void write_stack(const fs::path& folder, const FringeStack& stack) {
+  fs::create_directories(folder);
+  std::string exposures;
+  for (size_t i = 0; i < stack.images.size(); ++i) {
+    const cv::Mat& image = stack.images[i];
+    if (image.type() == CV_32FC1)
+      write_exr(folder / image_name(i, ".exr"), {{"Y", image}});
+    else
+      write_png(folder / image_name(i, ".png"), image);
+    exposures += (i ? ", " : "") + to_text(stack.exposure_s[i]);
+  }
+  write_text(folder / "stack.yaml",
+             "timestamp_s: " + to_text(stack.timestamp_s) + "\nexposure_s: [" + exposures + "]\n");
+}
+
+}  // namespace
+
 std::optional<FringeStack> RecordingRig::capture(const PatternSequence& sequence) {
   if (!sequence_) write_text(folder_ / "patterns.yaml", to_yaml(sequence));
   if (sequence_ && !(*sequence_ == sequence))
@@ -118,26 +137,24 @@ std::optional<FringeStack> RecordingRig::capture(const PatternSequence& sequence
   if (!stack) return stack;
 
   const fs::path folder = stack_folder(folder_, stacks_);
-  fs::create_directories(folder);
-  std::string exposures;
-  for (size_t i = 0; i < stack->images.size(); ++i) {
-    const cv::Mat& image = stack->images[i];
-    if (image.type() == CV_32FC1)
-      write_exr(folder / image_name(i, ".exr"), {{"Y", image}});
-    else
-      write_png(folder / image_name(i, ".png"), image);
-    exposures += (i ? ", " : "") + to_text(stack->exposure_s[i]);
+  try {
+    write_stack(folder, *stack);
+  } catch (...) {
+    std::error_code ignored;
+    fs::remove_all(folder, ignored);  // no half of a stack stays
+    throw;
   }
-  write_text(folder / "stack.yaml",
-             "timestamp_s: " + to_text(stack->timestamp_s) + "\nexposure_s: [" + exposures + "]\n");
   ++stacks_;
   return stack;
 }
 
 void RecordingRig::finish(const std::string& name, uint64_t seed, bool has_truth) {
-  write_text(folder_ / kDatasetFile, std::string("format: ") + kFormat + "\nname: " + yaml_quoted(name) +
-                                         "\nseed: " + std::to_string(seed) + "\nstacks: " + std::to_string(stacks_) +
-                                         "\ntruth: " + (has_truth ? "true" : "false") + "\n");
+  // In one step: a dataset that grows is valid at any moment.
+  StagedFile staged(folder_ / kDatasetFile);
+  write_text(staged.path(), std::string("format: ") + kFormat + "\nname: " + yaml_quoted(name) +
+                                "\nseed: " + std::to_string(seed) + "\nstacks: " + std::to_string(stacks_) +
+                                "\ntruth: " + (has_truth ? "true" : "false") + "\n");
+  staged.commit();
 }
 
 }  // namespace fringeslam

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/rig/files.h"
 
+#include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
 #include <stdlib.h>
 #include <zlib.h>
@@ -141,7 +142,17 @@ void write_png(const fs::path& file, const cv::Mat& image) {
   const OIIO::TypeDesc type = image.depth() == CV_16U ? OIIO::TypeDesc::UINT16 : OIIO::TypeDesc::UINT8;
   OIIO::ImageSpec spec(image.cols, image.rows, image.channels(), type);
   spec.attribute("png:compressionLevel", 3);
-  write_image(file, spec, pixels.data, pixels.step);
+  // By way of memory: OpenImageIO's PNG writer does not notice that the disk is full.
+  OIIO::Filesystem::IOVecOutput memory;
+  void* proxy = &memory;
+  spec.attribute("oiio:ioproxy", OIIO::TypeDesc::PTR, &proxy);
+  auto out = OIIO::ImageOutput::create("memory.png");
+  if (!out || !out->open("memory.png", spec) ||
+      !out->write_image(type, pixels.data, OIIO::AutoStride, static_cast<OIIO::stride_t>(pixels.step)) || !out->close())
+    throw Error(file.string() + ": cannot be written: " + first_line(out ? out->geterror() : OIIO::geterror()));
+  StagedFile staged(file);
+  write_text(staged.path(), std::string(memory.buffer().begin(), memory.buffer().end()));
+  staged.commit();
 }
 
 void write_exr(const fs::path& file, const std::vector<ExrChannel>& channels) {

@@ -238,6 +238,7 @@ bool beam_meets_view(const RigModel& rig) {
 RigModel read_rig(const YamlMap& map) {
   RigModel rig;
   rig.name = map.text("name");
+  (void)map.has("hardware");  // of devices, which whoever opens them reads
   rig.calibrated = map.boolean_or("calibrated", true);
   rig.near_m = map.number("near_m", {0.01, 100});
   rig.far_m = map.number("far_m", {0.01, 100});

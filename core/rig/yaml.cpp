@@ -430,7 +430,7 @@ void YamlMap::draw_from(std::shared_ptr<const Draws> draws, const std::string& p
 
 std::string YamlMap::dump(const std::vector<std::string>& keys, const std::filesystem::path& folder) const {
   const auto whole = [](const std::filesystem::path& path) {
-    return std::filesystem::absolute(path).lexically_normal();
+    return std::filesystem::absolute(path.empty() ? "." : path).lexically_normal();
   };
   // Those of the whole file: once, not for each map of it.
   AskedPaths& asked = *node_->asked_paths;

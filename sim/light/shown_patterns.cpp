@@ -25,13 +25,18 @@ bool is_wave(const Pattern& pattern, const PatternSequence& sequence, const RigM
          rig.projector_response.empty();
 }
 
-// Light of the projector's pixels; a dimension along which the pattern does not change has size 1.
-cv::Mat1f light_of(const Pattern& pattern, const PatternSequence& sequence, const RigModel& rig) {
-  cv::Mat1f light = pattern_levels(pattern, sequence).clone();
+// Light of the projector's pixels at input levels from 0 to 1.
+cv::Mat1f light_at(const cv::Mat1f& levels, const RigModel& rig) {
+  cv::Mat1f light = levels.clone();
   const double black = rig.projector_black_level;
   for (float& level : light)
     level = static_cast<float>(black + (1 - black) * table_value(rig.projector_response, static_cast<double>(level)));
   return light;
+}
+
+// The same of a pattern; a dimension along which it does not change has size 1.
+cv::Mat1f light_of(const Pattern& pattern, const PatternSequence& sequence, const RigModel& rig) {
+  return light_at(pattern_levels(pattern, sequence), rig);
 }
 
 // A row of square pixels through a Gaussian: at x, sum_i l_i (G(x - i + 1/2) - G(x - i - 1/2)), G its integral.
@@ -83,17 +88,27 @@ float bilinear(const cv::Mat1f& image, const Place& x, const Place& y) {
 
 }  // namespace
 
-ShownPatterns::ShownPatterns(const PatternSequence& sequence, const RigModel& rig, const BlurRange& blur)
-    : count_(static_cast<int>(sequence.patterns.size())),
+ShownPatterns::ShownPatterns(int count, const RigModel& rig, const BlurRange& blur)
+    : count_(count),
       per_px_(blur.largest > 0 ? kPerPixel : 1),
       black_(static_cast<float>(rig.projector_black_level)),
-      slots_(sequence.patterns.size()),
+      slots_(static_cast<size_t>(count)),
       blur_(blur) {
   const int levels = blur.largest > 0 ? kBlurLevels : 1;
   for (int k = 0; k < levels; ++k) {
     const double part = levels == 1 ? 0 : static_cast<double>(k) / (levels - 1);
     sigmas_.push_back(blur.least + (blur.largest - blur.least) * part * part);
   }
+}
+
+ShownPatterns::ShownPatterns(const std::vector<cv::Mat1f>& images, const RigModel& rig, const BlurRange& blur)
+    : ShownPatterns(static_cast<int>(images.size()), rig, blur) {
+  for (int i = 0; i < count_; ++i) add_image(i, light_at(images[static_cast<size_t>(i)], rig));
+  stride_ = padded(stride_);
+}
+
+ShownPatterns::ShownPatterns(const PatternSequence& sequence, const RigModel& rig, const BlurRange& blur)
+    : ShownPatterns(static_cast<int>(sequence.patterns.size()), rig, blur) {
   std::vector<int> columns, rows, plane;
   for (int i = 0; i < count_; ++i) {
     const Pattern& pattern = sequence.patterns[static_cast<size_t>(i)];
@@ -105,18 +120,7 @@ ShownPatterns::ShownPatterns(const PatternSequence& sequence, const RigModel& ri
   }
   add_profile(sequence, Axis::columns, columns, rig);
   add_profile(sequence, Axis::rows, rows, rig);
-  for (const int i : plane) {
-    Image image{stride_, {}};
-    const cv::Mat1f light = light_of(sequence.patterns[static_cast<size_t>(i)], sequence, rig);
-    for (const double sigma : sigmas_) {
-      // Square pixels have a variance of 1/12 px^2, of which interpolation between them gives 1/6 on average.
-      cv::Mat1f soft = light;
-      if (sigma > 0.3) cv::GaussianBlur(light, soft, {}, std::sqrt(sigma * sigma - 1.0 / 12), 0, cv::BORDER_REPLICATE);
-      image.levels.push_back(soft);
-    }
-    slots_[static_cast<size_t>(i)] = stride_++;
-    images_.push_back(std::move(image));
-  }
+  for (const int i : plane) add_image(i, light_of(sequence.patterns[static_cast<size_t>(i)], sequence, rig));
   for (int i = 0; i < count_; ++i) {
     const Pattern& pattern = sequence.patterns[static_cast<size_t>(i)];
     if (!is_wave(pattern, sequence, rig)) continue;
@@ -124,6 +128,18 @@ ShownPatterns::ShownPatterns(const PatternSequence& sequence, const RigModel& ri
     slots_[static_cast<size_t>(i)] = stride_++;
   }
   stride_ = padded(stride_);
+}
+
+void ShownPatterns::add_image(int i, const cv::Mat1f& light) {
+  Image image{stride_, {}};
+  for (const double sigma : sigmas_) {
+    // Square pixels have a variance of 1/12 px^2, of which interpolation between them gives 1/6 on average.
+    cv::Mat1f soft = light.clone();  // each level from the sharp image
+    if (sigma > 0.3) cv::GaussianBlur(light, soft, {}, std::sqrt(sigma * sigma - 1.0 / 12), 0, cv::BORDER_REPLICATE);
+    image.levels.push_back(soft);
+  }
+  slots_[static_cast<size_t>(i)] = stride_++;
+  images_.push_back(std::move(image));
 }
 
 void ShownPatterns::add_profile(const PatternSequence& sequence, Axis axis, const std::vector<int>& patterns,

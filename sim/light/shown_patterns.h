@@ -26,6 +26,8 @@ struct BlurRange {
 class ShownPatterns {
  public:
   ShownPatterns(const PatternSequence& sequence, const RigModel& rig, const BlurRange& blur);
+  // Any images of the projector's size, input levels from 0 to 1.
+  ShownPatterns(const std::vector<cv::Mat1f>& images, const RigModel& rig, const BlurRange& blur);
 
   int count() const { return count_; }
   // Floats of one set of sums: `count` and what pads them.
@@ -60,6 +62,8 @@ class ShownPatterns {
 
   void add_images(const Points& points, uint32_t lanes, float* sums) const;
   void add_waves(const Points& points, uint32_t lanes, float* sums) const;
+  ShownPatterns(int count, const RigModel& rig, const BlurRange& blur);
+  void add_image(int i, const cv::Mat1f& light);
   void add_profile(const PatternSequence& sequence, Axis axis, const std::vector<int>& patterns, const RigModel& rig);
 
   int count_ = 0, stride_ = 0, per_px_ = 1;

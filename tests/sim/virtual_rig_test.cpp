@@ -148,6 +148,23 @@ TEST(VirtualRig, ThreadsDoNotChangeAnImage) {
   for (size_t i = 0; i < 9; ++i) EXPECT_EQ(differing(stacks[0].images[i], stacks[1].images[i]), 0);
 }
 
+TEST(VirtualRig, LooksAtAScreenAsAtThePatternThatItShows) {
+  const Scene scene = board_scene();
+  const PatternSequence sequence = fringes(scene.rig, 8);
+  const RenderOptions options{4, false, true, {}};
+  const auto stack = VirtualRig(scene, options).capture(sequence);
+  VirtualRig rig(scene, options);
+  for (size_t i = 0; i < stack->images.size(); ++i) {
+    cv::Mat line = pattern_image(sequence.patterns[i], sequence), screen;
+    cv::repeat(line, sequence.height / line.rows, sequence.width / line.cols, screen);
+    const cv::Mat seen = rig.look(screen, 0, stack->exposure_s[i], static_cast<int>(i));
+    // Blur is sampled at other places: less than a grey value.
+    EXPECT_LE(cv::norm(seen, stack->images[i], cv::NORM_INF), 1) << i;
+    EXPECT_GT(cv::mean(seen)[0], 20) << i;
+  }
+  EXPECT_THROW(rig.look(cv::Mat1b(10, 10, uchar{0}), 0, 0.01, 0), Error);
+}
+
 TEST(RenderOptions, WantASquareNumberOfSamples) {
   for (const int samples : {1, 4, 9, 16, 256}) EXPECT_NO_THROW((RenderOptions{samples, true, true}.check()));
   for (const int samples : {-4, 0, 2, 3, 8, 257, 289})

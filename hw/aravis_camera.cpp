@@ -1,0 +1,337 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "hw/aravis_camera.h"
+
+#include <arv.h>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <functional>
+#include <optional>
+#include <thread>
+#include <utility>
+
+#include "core/types/error.h"
+#include "core/types/options.h"
+#include "hw/pixel_formats.h"
+#include "hw/words.h"
+
+namespace fringeslam {
+
+namespace {
+
+constexpr int kSocketBytes = 4 << 20;
+constexpr int kBuffers = 8;
+
+struct Unreference {
+  void operator()(void* object) const { g_object_unref(object); }
+};
+template <class Object>
+using Reference = std::unique_ptr<Object, Unreference>;
+
+std::string text(const char* value) { return value ? value : ""; }
+
+// A command that the camera refused or did not answer.
+struct CommandFailed : Error {
+  using Error::Error;
+};
+
+// Calls an Aravis function with where to put what went wrong, and throws that as CommandFailed.
+template <class Call>
+auto checked(const std::string& what, const Call& call) {
+  GError* error = nullptr;
+  const auto rethrow = [&] {
+    if (!error) return;
+    const std::string reason = error->message;
+    g_error_free(error);
+    throw CommandFailed("camera: " + what + ": " + reason);
+  };
+  if constexpr (std::is_void_v<decltype(call(&error))>) {
+    call(&error);
+    rethrow();
+  } else {
+    auto result = call(&error);
+    rethrow();
+    return result;
+  }
+}
+
+std::string to_words(const std::vector<FoundCamera>& cameras) {
+  std::string words;
+  for (const FoundCamera& camera : cameras) words += (words.empty() ? "" : ", ") + camera.id;
+  return words;
+}
+
+FoundCamera find(const std::string& id) {
+  const std::vector<FoundCamera> cameras = find_cameras();
+  if (cameras.empty())
+    throw Error(
+        "camera: none found; is it powered and plugged in, in the computer's subnet, and let through by the firewall?");
+  if (id.empty()) {
+    if (cameras.size() == 1) return cameras.front();
+    throw Error("camera: there are several, say which: hardware.camera.id: " + to_words(cameras));
+  }
+  for (const FoundCamera& camera : cameras) {
+    if (camera.id == id) return camera;
+  }
+  throw Error("camera: there is no '" + id + "', but " + to_words(cameras));
+}
+
+bool is_loopback(const FoundCamera& camera) { return camera.address.starts_with("127."); }
+
+const char* to_words(ArvBufferStatus status) {
+  switch (status) {
+    case ARV_BUFFER_STATUS_TIMEOUT:
+      return "packets did not come in time";
+    case ARV_BUFFER_STATUS_MISSING_PACKETS:
+      return "packets are missing";
+    case ARV_BUFFER_STATUS_WRONG_PACKET_ID:
+      return "packets came in the wrong order";
+    case ARV_BUFFER_STATUS_SIZE_MISMATCH:
+      return "it is of another size than asked for";
+    case ARV_BUFFER_STATUS_ABORTED:
+      return "it was broken off";
+    default:
+      return "it never came";
+  }
+}
+
+}  // namespace
+
+std::vector<FoundCamera> find_cameras() {
+  arv_disable_interface("Fake");
+  arv_update_device_list();
+  std::vector<FoundCamera> cameras;
+  for (unsigned i = 0; i < arv_get_n_devices(); ++i)
+    cameras.push_back({text(arv_get_device_id(i)), text(arv_get_device_vendor(i)), text(arv_get_device_model(i)),
+                       text(arv_get_device_serial_nbr(i)), text(arv_get_device_address(i)),
+                       text(arv_get_device_protocol(i))});
+  return cameras;
+}
+
+class AravisCamera::Connection {
+ public:
+  explicit Connection(const CameraSettings& settings)
+      : settings_(settings), found_(find(settings.id)), format_(pixel_format(settings.pixel_format)) {
+    camera_.reset(checked("opening " + found_.id, [&](GError** e) { return arv_camera_new(found_.id.c_str(), e); }));
+    ArvDevice* device = arv_camera_get_device(camera_.get());
+    if (ARV_IS_GV_DEVICE(device) && !arv_gv_device_is_controller(ARV_GV_DEVICE(device)))
+      throw Error("camera: " + found_.id + " is controlled by another program; close that first");
+    g_signal_connect(device, "control-lost",
+                     G_CALLBACK(+[](ArvDevice*, gpointer lost) { static_cast<std::atomic<bool>*>(lost)->store(true); }),
+                     &lost_);
+    arv_camera_set_range_check_policy(camera_.get(), ARV_RANGE_CHECK_POLICY_ENABLE);
+    configure();
+    open_stream();
+  }
+
+  ~Connection() {
+    // A camera that is gone cannot be told anything, and Aravis would wait for its answers.
+    if (!lost_) {
+      arv_camera_stop_acquisition(camera_.get(), nullptr);
+      if (settings_.trigger != "free") arv_camera_clear_triggers(camera_.get(), nullptr);
+    }
+    g_signal_handlers_disconnect_by_data(arv_camera_get_device(camera_.get()), &lost_);
+  }
+
+  const std::string& name() const { return found_.id; }
+  bool lost() const { return lost_; }
+  void give_up() { lost_ = true; }
+
+  // A whole image, or the reason why there is none.
+  std::optional<GreyImage> take(std::string& reason) {
+    const bool free = settings_.trigger == "free";
+    const bool by_software = settings_.trigger == "software";
+    drain();
+    if (by_software) checked("trigger", [&](GError** e) { arv_camera_software_trigger(camera_.get(), e); });
+    // What comes by itself may have begun before the call.
+    if (free) (void)receive(reason);
+    auto image = receive(reason);
+    ++(image ? statistics_.images : statistics_.refused);
+    if (!image && !lost_) restart();
+    return image;
+  }
+
+  CameraStatistics statistics() const {
+    CameraStatistics all = statistics_;
+    if (ARV_IS_GV_STREAM(stream_.get())) {
+      guint64 resent = 0, missing = 0;
+      arv_gv_stream_get_statistics(ARV_GV_STREAM(stream_.get()), &resent, &missing);
+      all.resent_packets = resent;
+      all.missing_packets = missing;
+    }
+    return all;
+  }
+
+ private:
+  void configure() {
+    ArvCamera* camera = camera_.get();
+    checked("image region", [&](GError** e) {
+      arv_camera_set_region(camera, settings_.offset.x, settings_.offset.y, settings_.size.width, settings_.size.height,
+                            e);
+    });
+    checked("pixel format " + format_.name,
+            [&](GError** e) { arv_camera_set_pixel_format_from_string(camera, format_.name.c_str(), e); });
+    if (arv_camera_is_exposure_auto_available(camera, nullptr))
+      checked("automatic exposure", [&](GError** e) { arv_camera_set_exposure_time_auto(camera, ARV_AUTO_OFF, e); });
+    checked("exposure", [&](GError** e) { arv_camera_set_exposure_time(camera, 1e6 * settings_.exposure_s, e); });
+    if (settings_.gain > 0) {
+      if (arv_camera_is_gain_auto_available(camera, nullptr))
+        checked("automatic gain", [&](GError** e) { arv_camera_set_gain_auto(camera, ARV_AUTO_OFF, e); });
+      checked("gain", [&](GError** e) { arv_camera_set_gain(camera, settings_.gain, e); });
+    }
+    read_back();
+    if (settings_.trigger == "free")
+      checked("trigger", [&](GError** e) { arv_camera_clear_triggers(camera, e); });
+    else
+      checked("trigger " + settings_.trigger, [&](GError** e) {
+        arv_camera_set_trigger(camera, settings_.trigger == "software" ? "Software" : settings_.trigger.c_str(), e);
+      });
+    checked("acquisition mode",
+            [&](GError** e) { arv_camera_set_acquisition_mode(camera, ARV_ACQUISITION_MODE_CONTINUOUS, e); });
+  }
+
+  // Cameras round to what they can, and some take what they cannot.
+  void read_back() {
+    ArvCamera* camera = camera_.get();
+    int x = 0, y = 0, width = 0, height = 0;
+    checked("image region", [&](GError** e) { arv_camera_get_region(camera, &x, &y, &width, &height, e); });
+    if (cv::Size(width, height) != settings_.size || cv::Point(x, y) != settings_.offset)
+      throw Error("camera: it reads " + to_words({width, height}) + " at (" + std::to_string(x) + ", " +
+                  std::to_string(y) + "), not " + to_words(settings_.size) + " at (" +
+                  std::to_string(settings_.offset.x) + ", " + std::to_string(settings_.offset.y) +
+                  "); choose a region that it has");
+    const std::string format =
+        checked("pixel format", [&](GError** e) { return text(arv_camera_get_pixel_format_as_string(camera, e)); });
+    if (format != format_.name) throw Error("camera: it sends " + format + ", not " + format_.name);
+    exposure_s_ = 1e-6 * checked("exposure", [&](GError** e) { return arv_camera_get_exposure_time(camera, e); });
+    if (std::abs(exposure_s_ - settings_.exposure_s) > 0.05 * settings_.exposure_s)
+      throw Error("camera: it exposes for " + to_text(exposure_s_) + " s, not " + to_text(settings_.exposure_s) +
+                  " s; choose an exposure that it has");
+  }
+
+  void open_stream() {
+    ArvCamera* camera = camera_.get();
+    if (arv_camera_is_gv_device(camera)) {
+      if (is_loopback(found_)) arv_camera_gv_set_stream_options(camera, ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED);
+      if (settings_.packet_bytes > 0)
+        checked("packet size", [&](GError** e) { arv_camera_gv_set_packet_size(camera, settings_.packet_bytes, e); });
+      else if (!is_loopback(found_))
+        checked("packet size", [&](GError** e) { return arv_camera_gv_auto_packet_size(camera, e); });
+    }
+    stream_.reset(checked("stream", [&](GError** e) { return arv_camera_create_stream(camera, nullptr, nullptr, e); }));
+    if (ARV_IS_GV_STREAM(stream_.get()))
+      g_object_set(stream_.get(), "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED, "socket-buffer-size",
+                   kSocketBytes, nullptr);
+    const guint payload = checked("payload", [&](GError** e) { return arv_camera_get_payload(camera, e); });
+    for (int i = 0; i < kBuffers; ++i) arv_stream_push_buffer(stream_.get(), arv_buffer_new_allocate(payload));
+    checked("start", [&](GError** e) { arv_camera_start_acquisition(camera, e); });
+  }
+
+  void give_back(ArvBuffer* buffer) { arv_stream_push_buffer(stream_.get(), buffer); }
+
+  void drain() {
+    while (ArvBuffer* old = arv_stream_try_pop_buffer(stream_.get())) give_back(old);
+  }
+
+  // After an image that failed: what may still be on its way must not pass for the next one.
+  void restart() {
+    arv_camera_stop_acquisition(camera_.get(), nullptr);
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    drain();
+    checked("start", [&](GError** e) { arv_camera_start_acquisition(camera_.get(), e); });
+  }
+
+  std::optional<GreyImage> receive(std::string& reason) {
+    const auto timeout_us = static_cast<guint64>(1e6 * (settings_.timeout_s + exposure_s_));
+    ArvBuffer* buffer = arv_stream_timeout_pop_buffer(stream_.get(), timeout_us);
+    if (!buffer) {
+      reason = to_words(ARV_BUFFER_STATUS_UNKNOWN);
+      return std::nullopt;
+    }
+    const std::unique_ptr<ArvBuffer, std::function<void(ArvBuffer*)>> returned(buffer,
+                                                                               [this](ArvBuffer* b) { give_back(b); });
+    const ArvBufferStatus status = arv_buffer_get_status(buffer);
+    if (status != ARV_BUFFER_STATUS_SUCCESS) {
+      reason = to_words(status);
+      return std::nullopt;
+    }
+    const cv::Size size(arv_buffer_get_image_width(buffer), arv_buffer_get_image_height(buffer));
+    if (size != settings_.size)
+      throw Error("camera: an image of " + to_words(size) + " came, not " + to_words(settings_.size) +
+                  "; did another program set the camera?");
+    if (arv_buffer_get_image_pixel_format(buffer) != format_.code)
+      throw Error("camera: an image in another pixel format than " + format_.name +
+                  " came; did another program set the camera?");
+    size_t bytes = 0;
+    const void* data = arv_buffer_get_image_data(buffer, &bytes);
+    bytes = std::min(bytes, image_bytes(format_, size));  // buffers may end in padding
+    return GreyImage{unpacked(format_, size, data, bytes),
+                     1e-9 * static_cast<double>(arv_buffer_get_system_timestamp(buffer)), exposure_s_};
+  }
+
+  CameraSettings settings_;
+  FoundCamera found_;
+  PixelFormat format_;
+  double exposure_s_ = 0;
+  std::atomic<bool> lost_ = false;
+  CameraStatistics statistics_;
+  Reference<ArvCamera> camera_;
+  Reference<ArvStream> stream_;  // goes before the camera
+};
+
+AravisCamera::AravisCamera(const CameraSettings& settings)
+    : settings_(settings), connection_(std::make_unique<Connection>(settings)) {
+  settings_.id = connection_->name();  // the same again after a lost connection
+}
+
+AravisCamera::~AravisCamera() = default;
+
+cv::Size AravisCamera::size() const { return settings_.size; }
+
+CameraStatistics AravisCamera::statistics() const {
+  CameraStatistics all = before_;
+  if (!connection_) return all;
+  const CameraStatistics now = connection_->statistics();
+  all.images += now.images, all.refused += now.refused;
+  all.resent_packets += now.resent_packets, all.missing_packets += now.missing_packets;
+  return all;
+}
+
+void AravisCamera::reopen() {
+  using Clock = std::chrono::steady_clock;
+  before_ = statistics();
+  ++before_.reopened;
+  connection_.reset();
+  const auto end = Clock::now() + std::chrono::duration<double>(settings_.reopen_s);
+  for (double pause_s = 0.1;; pause_s = std::min(2.0, 2 * pause_s)) {
+    try {
+      connection_ = std::make_unique<Connection>(settings_);
+      return;
+    } catch (const Error& e) {
+      if (Clock::now() + std::chrono::duration<double>(pause_s) > end)
+        throw Error("camera: " + settings_.id + " was lost and did not come back within " +
+                    to_text(settings_.reopen_s) + " s (" + e.what() + ")");
+    }
+    std::this_thread::sleep_for(std::chrono::duration<double>(pause_s));
+  }
+}
+
+GreyImage AravisCamera::take() {
+  std::string reason;
+  for (int attempt = 0; attempt < settings_.attempts; ++attempt) {
+    if (!connection_ || connection_->lost()) reopen();
+    try {
+      if (auto image = connection_->take(reason)) return *image;
+    } catch (const CommandFailed& e) {
+      // The camera is gone, or has a new master, and the heartbeat has not told yet: seconds may pass until it does.
+      reason = e.what();
+      connection_->give_up();
+    }
+  }
+  throw Error("camera: no whole image of " + settings_.id + " in " + std::to_string(settings_.attempts) +
+              " attempts: " + reason);
+}
+
+}  // namespace fringeslam

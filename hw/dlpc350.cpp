@@ -1,0 +1,148 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "hw/dlpc350.h"
+
+#include <utility>
+
+#include "core/types/error.h"
+
+namespace fringeslam {
+
+namespace {
+
+// CMD2 and CMD3 of DLPU010G, section 2.
+enum Command : uint16_t {
+  kLedCurrent = 0x0B01,
+  kHardwareStatus = 0x1A0A,
+  kSystemStatus = 0x1A0B,
+  kMainStatus = 0x1A0C,
+  kValidate = 0x1A1A,
+  kDisplayMode = 0x1A1B,
+  kPatternSource = 0x1A22,
+  kTriggerMode = 0x1A23,
+  kStartStop = 0x1A24,
+  kExposurePeriod = 0x1A29,
+  kPatternConfig = 0x1A31,
+  kMailboxAddress = 0x1A32,
+  kMailbox = 0x1A33,
+  kMailboxData = 0x1A34
+};
+
+constexpr uint8_t kReadFlags = 0xC0, kWriteFlags = 0x00, kRefused = 0x20;
+constexpr double kAnswer_s = 2;
+
+std::string joined(const std::string& words, const std::string& more) {
+  return words.empty() ? more : words + "; " + more;
+}
+
+std::vector<uint8_t> bytes_of(uint32_t value) {
+  return {static_cast<uint8_t>(value), static_cast<uint8_t>(value >> 8), static_cast<uint8_t>(value >> 16),
+          static_cast<uint8_t>(value >> 24)};
+}
+
+}  // namespace
+
+std::string validation_faults(uint8_t status) {
+  static const char* const kFaults[] = {"the exposure or the period is not one that it can do",
+                                        "a pattern's number is not one that there is",
+                                        "trigger output 1 would be on all the time, or black overlaps",
+                                        "black is missing before a pattern that waits for a trigger",
+                                        "the period is longer than the exposure, but not by 230 us"};
+  std::string faults;
+  for (int bit = 0; bit < 5; ++bit) {
+    if (status >> bit & 1) faults = joined(faults, kFaults[bit]);
+  }
+  return faults;
+}
+
+Dlpc350::Dlpc350(std::unique_ptr<ByteTransport> transport) : transport_(std::move(transport)) {}
+
+Dlpc350::~Dlpc350() {
+  if (!patterns_) return;
+  try {
+    write(kStartStop, {0});
+    write(kDisplayMode, {0});
+  } catch (const Error&) {  // unplugged: nothing to restore
+  }
+}
+
+void Dlpc350::write(uint16_t command, const std::vector<uint8_t>& data) {
+  const size_t length = data.size() + 2;
+  std::vector<uint8_t> report = {kWriteFlags,
+                                 sequence_++,
+                                 static_cast<uint8_t>(length),
+                                 static_cast<uint8_t>(length >> 8),
+                                 static_cast<uint8_t>(command),
+                                 static_cast<uint8_t>(command >> 8)};
+  report.insert(report.end(), data.begin(), data.end());
+  transport_->write(report);
+}
+
+std::vector<uint8_t> Dlpc350::read(uint16_t command) {
+  const uint8_t number = sequence_++;
+  transport_->write({kReadFlags, number, 2, 0, static_cast<uint8_t>(command), static_cast<uint8_t>(command >> 8)});
+  // Answers to earlier questions that nobody waited for go by.
+  for (int i = 0; i < 8; ++i) {
+    std::vector<uint8_t> report = transport_->read(kAnswer_s);
+    if (report.size() < 5) throw Error("projector: its controller's answer is too short");
+    if (report[1] != number) continue;
+    if (report[0] & kRefused) throw Error("projector: its controller refuses a question");
+    return {report.begin() + 4, report.end()};
+  }
+  throw Error("projector: its controller answers other questions than were asked");
+}
+
+void Dlpc350::show_video_as_patterns(const Dlpc350Settings& settings, const std::function<void()>& wait) {
+  if (settings.led_current >= 0) {
+    const auto current = static_cast<uint8_t>(settings.led_current);
+    write(kLedCurrent, {current, current, current});
+  }
+  write(kStartStop, {0});
+  write(kDisplayMode, {1});
+  patterns_ = true;
+  write(kPatternSource, {0});           // the video port
+  write(kPatternConfig, {0, 1, 0, 0});  // one entry, again and again; each number less one
+  std::vector<uint8_t> times = bytes_of(static_cast<uint32_t>(settings.exposure_us));
+  const std::vector<uint8_t> period = bytes_of(static_cast<uint32_t>(settings.period_us));
+  times.insert(times.end(), period.begin(), period.end());
+  write(kExposurePeriod, times);
+  write(kTriggerMode, {0});  // vertical sync
+  // Triggered by it, pattern 0 (the eight bits of green), 8 bits, all LEDs, new data with each.
+  write(kMailbox, {2});
+  write(kMailboxAddress, {0});
+  write(kMailboxData, {0x01, 0x78, 0x04});
+  write(kMailbox, {0});
+  write(kValidate, {});
+  constexpr int kMostLooks = 100;
+  constexpr uint8_t kBusy = 0x80;
+  for (int look = 0; look < kMostLooks; ++look) {
+    const uint8_t found = read(kValidate).front();
+    if (found & kBusy) {
+      wait();
+      continue;
+    }
+    if (const std::string faults = validation_faults(found); !faults.empty())
+      throw Error("projector: its controller does not take the patterns: " + faults);
+    write(kStartStop, {2});
+    return;
+  }
+  throw Error("projector: its controller does not come to an end with validating the patterns");
+}
+
+Dlpc350Status Dlpc350::status() {
+  const uint8_t hardware = read(kHardwareStatus).front(), system = read(kSystemStatus).front(),
+                main = read(kMainStatus).front();
+  Dlpc350Status status;
+  status.initialised = hardware & 0x01;
+  status.sequence_running = main & 0x02;
+  status.frozen = main & 0x04;
+  if (!status.initialised) status.faults = joined(status.faults, "it did not start");
+  if (hardware & 0x04) status.faults = joined(status.faults, "its mirrors' driver reports an error");
+  if (hardware & 0x08) status.faults = joined(status.faults, "its mirrors are forced to swap");
+  if (hardware & 0x40) status.faults = joined(status.faults, "its sequencer was aborted");
+  if (hardware & 0x80) status.faults = joined(status.faults, "its sequencer reports an error");
+  if (!(system & 0x01)) status.faults = joined(status.faults, "its memory test failed");
+  if (main & 0x01) status.faults = joined(status.faults, "its mirrors are parked");
+  return status;
+}
+
+}  // namespace fringeslam

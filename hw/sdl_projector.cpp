@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "hw/sdl_projector.h"
+
+#include <SDL.h>
+
+#include <algorithm>
+#include <chrono>
+#include <thread>
+#include <vector>
+
+#include "core/types/error.h"
+#include "hw/words.h"
+
+namespace fringeslam {
+
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+
+[[noreturn]] void fail(const std::string& what) { throw Error("projector: " + what + ": " + SDL_GetError()); }
+
+// SDL's video as long as anybody needs it.
+class Video {
+ public:
+  Video() {
+    SDL_SetMainReady();
+    SDL_SetHint(SDL_HINT_NO_SIGNAL_HANDLERS, "1");
+    SDL_SetHint(SDL_HINT_VIDEO_MINIMIZE_ON_FOCUS_LOSS, "0");
+    if (SDL_InitSubSystem(SDL_INIT_VIDEO) != 0) fail("no desktop to show a window on (is DISPLAY set?)");
+    // Where no desktop answers SDL may draw into memory that nobody sees.
+    const std::string driver = SDL_GetCurrentVideoDriver();
+    if (driver == "dummy" || driver == "offscreen" || driver == "evdev") {
+      SDL_QuitSubSystem(SDL_INIT_VIDEO);
+      throw Error("projector: no desktop to show a window on (is DISPLAY set?)");
+    }
+  }
+  ~Video() { SDL_QuitSubSystem(SDL_INIT_VIDEO); }
+  Video(const Video&) = delete;
+  Video& operator=(const Video&) = delete;
+};
+
+struct Destroy {
+  void operator()(SDL_Window* window) const { SDL_DestroyWindow(window); }
+  void operator()(SDL_Renderer* renderer) const { SDL_DestroyRenderer(renderer); }
+  void operator()(SDL_Texture* texture) const { SDL_DestroyTexture(texture); }
+};
+
+FoundDisplay display_of(int number) {
+  SDL_Rect area{};
+  SDL_DisplayMode mode{};
+  if (SDL_GetDisplayBounds(number, &area) != 0 || SDL_GetDesktopDisplayMode(number, &mode) != 0)
+    fail("display " + std::to_string(number));
+  const char* name = SDL_GetDisplayName(number);
+  return {number, name ? name : "", {area.x, area.y, area.w, area.h}, static_cast<double>(mode.refresh_rate)};
+}
+
+std::vector<FoundDisplay> displays() {
+  std::vector<FoundDisplay> found;
+  for (int i = 0; i < SDL_GetNumVideoDisplays(); ++i) found.push_back(display_of(i));
+  return found;
+}
+
+}  // namespace
+
+std::vector<FoundDisplay> find_displays() {
+  const Video video;
+  return displays();
+}
+
+class SdlProjector::Window {
+ public:
+  Window(int number, cv::Size size) {
+    const std::vector<FoundDisplay> found = displays();
+    if (number < 0 || number >= static_cast<int>(found.size()))
+      throw Error("projector: there is no display " + std::to_string(number) + ", but " + std::to_string(found.size()) +
+                  (found.size() == 1 ? ": 0" : ", from 0") + "; see fringeslam rig list");
+    display_ = found[static_cast<size_t>(number)];
+    if (display_.area.size() != size)
+      throw Error("projector: display " + std::to_string(number) + " has " + to_words(display_.area.size()) +
+                  ", the rig's projector " + to_words(size) + "; set the display to that mode");
+    window_.reset(SDL_CreateWindow("FringeSLAM", SDL_WINDOWPOS_CENTERED_DISPLAY(number),
+                                   SDL_WINDOWPOS_CENTERED_DISPLAY(number), size.width, size.height,
+                                   SDL_WINDOW_FULLSCREEN_DESKTOP | SDL_WINDOW_BORDERLESS | SDL_WINDOW_ALWAYS_ON_TOP));
+    if (!window_) fail("window");
+    renderer_.reset(SDL_CreateRenderer(window_.get(), -1, SDL_RENDERER_PRESENTVSYNC));
+    if (!renderer_) renderer_.reset(SDL_CreateRenderer(window_.get(), -1, SDL_RENDERER_SOFTWARE));
+    if (!renderer_) fail("window");
+    texture_.reset(SDL_CreateTexture(renderer_.get(), SDL_PIXELFORMAT_ARGB8888, SDL_TEXTUREACCESS_STREAMING, size.width,
+                                     size.height));
+    if (!texture_) fail("window");
+    SDL_ShowCursor(SDL_DISABLE);
+    SDL_RaiseWindow(window_.get());
+    check();
+  }
+
+  cv::Size size() const { return display_.area.size(); }
+  double refresh_s() const { return 1 / (display_.refresh_hz > 0 ? display_.refresh_hz : 60); }
+
+  void show(const cv::Mat1b& image) {
+    check();
+    upload(image);
+    const Clock::time_point start = Clock::now();
+    intervals_.clear();
+    // Drivers hold up to two images back, however slowly they take them.
+    constexpr int kLeastPresents = 3;
+    for (int i = 0; i < kLeastPresents || seconds_since(start) < 2 * refresh_s(); ++i) {
+      const Clock::time_point before = Clock::now();
+      if (SDL_RenderCopy(renderer_.get(), texture_.get(), nullptr, nullptr) != 0) fail("drawing");
+      SDL_RenderPresent(renderer_.get());
+      intervals_.push_back(seconds_since(before));
+      // A driver that does not wait is asked again after what the display takes.
+      if (intervals_.back() < 0.5 * refresh_s())
+        std::this_thread::sleep_for(std::chrono::duration<double>(refresh_s()));
+    }
+    // A question to the desktop that it answers when it has done all that was asked before.
+    SDL_GetGlobalMouseState(nullptr, nullptr);
+  }
+
+  double present_interval_s() const {
+    std::vector<double> sorted = intervals_;
+    if (sorted.empty()) return 0;
+    std::sort(sorted.begin(), sorted.end());
+    return sorted[sorted.size() / 2];
+  }
+
+ private:
+  // Windows are moved, covered and closed by people and by their managers.
+  void check() {
+    SDL_PumpEvents();
+    SDL_Event event;
+    while (SDL_PollEvent(&event)) {
+      if (event.type == SDL_QUIT || (event.type == SDL_WINDOWEVENT && event.window.event == SDL_WINDOWEVENT_CLOSE))
+        throw Error("projector: the window was closed");
+    }
+    int width = 0, height = 0;
+    if (SDL_GetRendererOutputSize(renderer_.get(), &width, &height) != 0) fail("window");
+    if (cv::Size(width, height) != size())
+      throw Error("projector: the window has " + to_words({width, height}) + ", not the display's " + to_words(size()));
+    const int at = SDL_GetWindowDisplayIndex(window_.get());
+    if (at != display_.number)
+      throw Error("projector: the window is on display " + std::to_string(at) + ", not on " +
+                  std::to_string(display_.number) + "; the desktop moved it");
+  }
+
+  void upload(const cv::Mat1b& image) {
+    void* pixels = nullptr;
+    int pitch = 0;
+    if (SDL_LockTexture(texture_.get(), nullptr, &pixels, &pitch) != 0) fail("drawing");
+    for (int row = 0; row < image.rows; ++row) {
+      auto* line = reinterpret_cast<uint32_t*>(static_cast<uint8_t*>(pixels) + row * pitch);
+      for (int col = 0; col < image.cols; ++col) line[col] = 0xff000000u | 0x010101u * image(row, col);
+    }
+    SDL_UnlockTexture(texture_.get());
+  }
+
+  Video video_;
+  FoundDisplay display_;
+  std::unique_ptr<SDL_Window, Destroy> window_;  // each goes after what is made for it
+  std::unique_ptr<SDL_Renderer, Destroy> renderer_;
+  std::unique_ptr<SDL_Texture, Destroy> texture_;
+  std::vector<double> intervals_;
+};
+
+SdlProjector::SdlProjector(int display, cv::Size size) : window_(std::make_unique<Window>(display, size)) {}
+SdlProjector::~SdlProjector() = default;
+cv::Size SdlProjector::size() const { return window_->size(); }
+double SdlProjector::refresh_s() const { return window_->refresh_s(); }
+double SdlProjector::present_interval_s() const { return window_->present_interval_s(); }
+
+void SdlProjector::show(const cv::Mat1b& image) {
+  if (image.size() != size())
+    throw Error("projector: an image of " + to_words(image.size()) + " does not fill its " + to_words(size()));
+  window_->show(image);
+}
+
+}  // namespace fringeslam

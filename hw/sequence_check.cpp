@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "hw/sequence_check.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <optional>
+#include <utility>
+
+#include "core/types/error.h"
+#include "core/types/options.h"
+
+namespace fringeslam {
+
+namespace {
+
+constexpr double kTurn = 2 * std::numbers::pi;
+
+// Levels of the pixels that tell white from black, image by image.
+struct Levels {
+  std::vector<std::vector<float>> of;  // image, pixel
+  size_t pixels = 0;
+};
+
+Levels levels_of(const std::vector<cv::Mat>& images, const cv::Mat& white, const cv::Mat& black,
+                 const SequenceCheckOptions& options) {
+  cv::Mat1f w, k;
+  white.convertTo(w, CV_32F);
+  black.convertTo(k, CV_32F);
+  const double saturated = white.depth() == CV_8U ? 254.5 : std::numeric_limits<double>::infinity();
+  std::vector<int> tell;
+  for (int i = 0; i < static_cast<int>(w.total()); ++i) {
+    if (w(i) - k(i) >= options.min_contrast_dn && w(i) < saturated) tell.push_back(i);
+  }
+  Levels levels;
+  levels.pixels = tell.size();
+  for (const cv::Mat& image : images) {
+    cv::Mat1f grey;
+    image.convertTo(grey, CV_32F);
+    std::vector<float> line;
+    line.reserve(tell.size());
+    for (const int i : tell) line.push_back((grey(i) - k(i)) / (w(i) - k(i)));
+    levels.of.push_back(std::move(line));
+  }
+  return levels;
+}
+
+class Check {
+ public:
+  Check(const PatternSequence& sequence, const Levels& levels, const SequenceCheckOptions& options)
+      : sequence_(sequence), levels_(levels), options_(options) {}
+
+  SequenceVerdict verdict() const {
+    for (const Axis axis : {Axis::columns, Axis::rows}) {
+      if (auto fault = fringes(axis)) return {false, *fault};
+    }
+    for (size_t i = 0; i < sequence_.patterns.size(); ++i) {
+      if (auto fault = single(i)) return {false, *fault};
+    }
+    return {true, ""};
+  }
+
+ private:
+  // Whether too many pixels contradict.
+  template <class Contradicts>
+  bool too_many(const Contradicts& contradicts) const {
+    size_t count = 0;
+    for (size_t p = 0; p < levels_.pixels; ++p) count += contradicts(p);
+    return static_cast<double>(count) > options_.max_outliers * static_cast<double>(levels_.pixels);
+  }
+
+  static std::string image(size_t i) { return "image " + std::to_string(i) + " of the sequence"; }
+
+  std::optional<std::string> single(size_t i) const {
+    const Pattern& pattern = sequence_.patterns[i];
+    const std::vector<float>& level = levels_.of[i];
+    if (pattern.coding == Coding::flat && sequence_.inverse_response.empty() &&
+        (pattern.level == 0 || pattern.level == 1) &&
+        too_many([&](size_t p) { return std::abs(level[p] - pattern.level) > options_.tolerance; }))
+      return image(i) + " should be all " + (pattern.level > 0 ? "white" : "black") + " and is not";
+    if (pattern.coding != Coding::gray) return std::nullopt;
+    if (too_many(
+            [&](size_t p) { return std::min(std::abs(level[p]), std::abs(1 - level[p])) > 2 * options_.tolerance; }))
+      return image(i) + " should be a Gray code's bit and is not black and white";
+    for (size_t j = 0; j < sequence_.patterns.size(); ++j) {
+      const Pattern& other = sequence_.patterns[j];
+      if (j == i || other.coding != Coding::gray || other.axis != pattern.axis) continue;
+      const bool inverse = other.period_px == pattern.period_px && other.inverted != pattern.inverted;
+      if (inverse &&
+          too_many([&](size_t p) { return std::abs(level[p] + levels_.of[j][p] - 1) > 2 * options_.tolerance; }))
+        return image(i) + " and image " + std::to_string(j) + " should be inverse to one another and are not";
+      if (!inverse && !too_many([&](size_t p) { return std::abs(level[p] - levels_.of[j][p]) > 0.5; }) &&
+          same_everywhere(i, j))
+        return image(i) + " and image " + std::to_string(j) + " show the same bit";
+    }
+    return std::nullopt;
+  }
+
+  bool same_everywhere(size_t i, size_t j) const {
+    size_t differ = 0;
+    for (size_t p = 0; p < levels_.pixels; ++p) differ += std::abs(levels_.of[i][p] - levels_.of[j][p]) > 0.5f;
+    return static_cast<double>(differ) < 0.005 * static_cast<double>(levels_.pixels);
+  }
+
+  struct Phases {
+    double period_px = 0;
+    std::vector<float> turns;  // wrapped, a pixel
+  };
+
+  std::optional<std::string> fringes(Axis axis) const {
+    std::optional<Phases> coarser;
+    for (const FringeGroup& group : fringe_groups(sequence_, axis)) {
+      if (evenly_spaced(group) &&
+          too_many([&](size_t p) { return std::abs(mean(group, p) - 0.5) > options_.tolerance; }))
+        return "the " + std::to_string(group.images.size()) + " images of period " + to_text(group.period_px) +
+               " px do not belong together";
+      Phases phases = phases_of(group);
+      // The coarsest period's phase is absolute; each finer one's order is told by the one before.
+      if (coarser) {
+        const double ratio = coarser->period_px / phases.period_px;
+        std::vector<float> off(levels_.pixels);
+        for (size_t p = 0; p < levels_.pixels; ++p) {
+          const double turns = ratio * coarser->turns[p] - phases.turns[p], order = std::round(turns);
+          off[p] = static_cast<float>(std::abs(turns - order));
+          phases.turns[p] += static_cast<float>(order);
+        }
+        // Noise of the coarser phase times the ratio; beyond a third of a turn nothing can be told.
+        const double most = 0.1 + 0.01 * ratio;
+        if (most < 0.33 && too_many([&](size_t p) { return off[p] > most; }))
+          return "the images of period " + to_text(phases.period_px) + " px do not fit those of " +
+                 to_text(coarser->period_px) + " px";
+      } else if (phases.period_px < length(axis)) {
+        continue;
+      }
+      coarser = std::move(phases);
+    }
+    return std::nullopt;
+  }
+
+  double length(Axis axis) const { return axis == Axis::columns ? sequence_.width : sequence_.height; }
+
+  static bool evenly_spaced(const FringeGroup& group) {
+    double x = 0, y = 0;
+    for (const double shift : group.shifts_rad) x += std::cos(shift), y += std::sin(shift);
+    return std::hypot(x, y) < 1e-6;
+  }
+
+  double mean(const FringeGroup& group, size_t p) const {
+    double sum = 0;
+    for (const int i : group.images) sum += static_cast<double>(levels_.of[static_cast<size_t>(i)][p]);
+    return sum / static_cast<double>(group.images.size());
+  }
+
+  Phases phases_of(const FringeGroup& group) const {
+    Phases phases{group.period_px, std::vector<float>(levels_.pixels)};
+    for (size_t p = 0; p < levels_.pixels; ++p) {
+      double sine = 0, cosine = 0;
+      for (size_t n = 0; n < group.images.size(); ++n) {
+        const double level = static_cast<double>(levels_.of[static_cast<size_t>(group.images[n])][p]);
+        sine -= level * std::sin(group.shifts_rad[n]);
+        cosine += level * std::cos(group.shifts_rad[n]);
+      }
+      const double turns = std::atan2(sine, cosine) / kTurn;
+      phases.turns[p] = static_cast<float>(turns - std::floor(turns));
+    }
+    return phases;
+  }
+
+  const PatternSequence& sequence_;
+  const Levels& levels_;
+  const SequenceCheckOptions& options_;
+};
+
+}  // namespace
+
+SequenceVerdict check_sequence(const PatternSequence& sequence, const std::vector<cv::Mat>& images,
+                               const cv::Mat& white, const cv::Mat& black, const SequenceCheckOptions& options) {
+  if (images.size() != sequence.patterns.size())
+    throw Error("sequence: " + std::to_string(images.size()) + " images of " +
+                std::to_string(sequence.patterns.size()) + " patterns");
+  const Levels levels = levels_of(images, white, black, options);
+  if (static_cast<double>(levels.pixels) < options.min_pixels * static_cast<double>(white.total()))
+    return {false, "hardly a pixel tells white from black: is the projector on, its lens open, the scene in its beam?"};
+  return Check(sequence, levels, options).verdict();
+}
+
+}  // namespace fringeslam

@@ -1,0 +1,14 @@
+// SPDX-License-Identifier: Apache-2.0
+// What messages of this folder say in the same words.
+#pragma once
+
+#include <opencv2/core.hpp>
+#include <string>
+
+namespace fringeslam {
+
+inline std::string to_words(cv::Size size) {
+  return std::to_string(size.width) + "x" + std::to_string(size.height) + " px";
+}
+
+}  // namespace fringeslam

@@ -1,0 +1,320 @@
+// SPDX-License-Identifier: Apache-2.0
+// The whole backend without a device: a full-screen window under Xvfb, and in another process a GigE Vision camera on
+// the loopback interface that looks at a simulated scene, lit by what that display shows.
+#include <fcntl.h>
+#include <gmock/gmock.h>
+#include <signal.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <cmath>
+#include <cstdlib>
+#include <fstream>
+#include <thread>
+
+#include "core/decode/decode.h"
+#include "core/depth/depth.h"
+#include "core/score/score.h"
+#include "hw/rig_hardware.h"
+#include "sim/virtual_rig.h"
+#include "tests/support/matchers.h"
+#include "tests/tools/child.h"
+
+namespace fringeslam {
+namespace {
+
+using support::error_of;
+using test::TempFolder;
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+
+template <class Done>
+bool wait_until(double seconds, const Done& done) {
+  for (int i = 0; i < seconds * 50; ++i) {
+    if (done()) return true;
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  }
+  return done();
+}
+
+// A program that is killed when this ends.
+class Child {
+ public:
+  explicit Child(const std::vector<std::string>& command, const fs::path& log) {
+    pid_ = fork();
+    if (pid_ != 0) return;
+    const int file = open(log.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0644);
+    dup2(file, 1);
+    dup2(file, 2);
+    std::vector<char*> words;
+    for (const std::string& word : command) words.push_back(const_cast<char*>(word.c_str()));
+    words.push_back(nullptr);
+    execvp(words[0], words.data());
+    _exit(127);
+  }
+  ~Child() { stop(SIGKILL); }
+  Child(const Child&) = delete;
+  Child& operator=(const Child&) = delete;
+
+  // Exit code, or 128 + signal.
+  int stop(int signal_number) {
+    if (pid_ > 0) kill(pid_, signal_number);
+    return wait();
+  }
+  int wait() {
+    if (pid_ <= 0) return -1;
+    int status = 0;
+    waitpid(pid_, &status, 0);
+    pid_ = -1;
+    return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+  }
+
+ private:
+  pid_t pid_ = -1;
+};
+
+// One display for all tests; each has a camera of its own.
+class ClosedLoop : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = new TempFolder;
+    const fs::path& at = folder_->path();
+    test::write_small_scene(at);
+    const RigModel rig = read_rig(at / "rig.yaml");
+    test::write_bytes(
+        at / "rig.yaml",
+        to_yaml(rig) + "hardware: {settle_s: 0.01, camera: {timeout_s: 1.5, reopen_s: 6, attempts: 4}}\n");
+    fs::create_directories(at / "screen");
+    for (int number = 90; number < 130; ++number) {
+      const std::string display = ":" + std::to_string(number);
+      xvfb_ = new Child(
+          {"Xvfb", display, "-screen", "0", "1024x768x24", "-fbdir", (at / "screen").string(), "-nocursor", "-noreset"},
+          at / "xvfb.log");
+      const fs::path socket = "/tmp/.X11-unix/X" + std::to_string(number);
+      std::this_thread::sleep_for(std::chrono::milliseconds(300));
+      if (wait_until(3, [&] { return fs::exists(socket) && fs::exists(framebuffer()); })) {
+        setenv("DISPLAY", display.c_str(), 1);
+        return;
+      }
+      delete xvfb_;  // the number is taken
+      xvfb_ = nullptr;
+    }
+  }
+  static void TearDownTestSuite() {
+    delete xvfb_;
+    delete folder_;
+  }
+
+  void SetUp() override {
+    ASSERT_TRUE(xvfb_) << "no display: is xvfb installed?";
+    control("");
+    start_camera();
+  }
+
+  static fs::path framebuffer() { return folder_->path() / "screen" / "Xvfb_screen0"; }
+  fs::path at(const std::string& name) const { return *folder_ / name; }
+  void control(const std::string& words) const { test::write_bytes(at("control"), words); }
+
+  void start_camera() {
+    camera_.reset();
+    fs::remove(at("camera.log"));
+    camera_ = std::make_unique<Child>(
+        std::vector<std::string>{FRINGESLAM_FAKE_CAMERA, "T1", at("scene.yaml"), framebuffer(), at("control")},
+        at("camera.log"));
+    ASSERT_TRUE(wait_until(20, [&] { return log_of("camera").find("ready") != std::string::npos; }))
+        << log_of("camera");
+  }
+
+  std::string log_of(const std::string& who) const {
+    return fs::exists(at(who + ".log")) ? test::read_bytes(at(who + ".log")) : "";
+  }
+
+  static PatternSequence sequence() { return phase_shift_sequence(1024, 768, {1040, 131, 16.5}, 3, Axis::columns, 8); }
+
+  // What the simulator itself sees.
+  const FringeStack& simulated() const {
+    static const FringeStack stack = [&] {
+      const sim::Scene scene = sim::load_scene(at("scene.yaml"));
+      sim::RenderOptions options;
+      options.noise = false;
+      return *sim::VirtualRig(scene, options).capture(sequence());
+    }();
+    return stack;
+  }
+
+  // Blur of screens is sampled elsewhere than that of patterns: up to two grey values.
+  void expect_right(const FringeStack& stack) const {
+    ASSERT_EQ(stack.images.size(), simulated().images.size());
+    for (size_t i = 0; i < stack.images.size(); ++i)
+      EXPECT_LE(cv::norm(stack.images[i], simulated().images[i], cv::NORM_INF), 2) << "image " << i;
+  }
+
+  Child program(const std::vector<std::string>& arguments) const {
+    std::vector<std::string> command = {FRINGESLAM_PROGRAM};
+    command.insert(command.end(), arguments.begin(), arguments.end());
+    return Child(command, at("program.log"));
+  }
+
+  static inline TempFolder* folder_ = nullptr;
+  static inline Child* xvfb_ = nullptr;
+  std::unique_ptr<Child> camera_;
+};
+
+TEST_F(ClosedLoop, DepthIsThatOfTheSimulator) {
+  const auto rig = open_hardware(at("rig.yaml"));
+  const auto stack = rig->capture(sequence());
+  EXPECT_EQ(rig->retaken(), 0);
+  expect_right(*stack);
+  const auto frame_of = [&](const FringeStack& images) {
+    return reconstruct(decode(images, sequence(), rig->model(), {}), rig->model(), pixel_rays(rig->model().camera), {});
+  };
+  const Frame captured = frame_of(*stack), expected = frame_of(simulated());
+  std::vector<double> off;
+  for (int row = 0; row < expected.height(); ++row) {
+    for (int col = 0; col < expected.width(); ++col) {
+      if (expected.valid(row, col) && captured.valid(row, col))
+        off.push_back(std::abs(captured.points_m(row, col)[2] - expected.points_m(row, col)[2]) /
+                      static_cast<double>(expected.sigma_m(row, col)));
+    }
+  }
+  EXPECT_GT(off.size(), 20000u);
+  EXPECT_LT(median_of(off), 0.25) << "sigmas";
+}
+
+TEST_F(ClosedLoop, LostPacketsCostTimeAndNoImage) {
+  for (const char* ratio : {"0.005", "0.02"}) {
+    control(std::string("lost ") + ratio);
+    // The fake camera sends no packet again, and of its 49 an image at 2 % has all in one case of three.
+    test::write_bytes(at("patient.yaml"),
+                      to_yaml(read_rig(at("rig.yaml"))) + "hardware: {settle_s: 0.01, camera: {attempts: 40}}\n");
+    const auto rig = open_hardware(at("patient.yaml"));
+    expect_right(*rig->capture(sequence()));
+    const CameraStatistics statistics = rig->camera().statistics();
+    RecordProperty(std::string("lost ") + ratio, std::to_string(statistics.resent_packets) + " resent, " +
+                                                     std::to_string(statistics.refused) + " images taken again");
+  }
+}
+
+TEST_F(ClosedLoop, APatternThatTheProjectorDropsIsTakenAgain) {
+  for (const int image : {1, 3, 6, 10}) {
+    const auto rig = open_hardware(at("rig.yaml"));
+    control("fault repeat " + std::to_string(image));
+    expect_right(*rig->capture(sequence()));
+    EXPECT_EQ(rig->retaken(), 1) << "image " << image;
+    control("");
+  }
+}
+
+TEST_F(ClosedLoop, ACameraThatComesBackGoesOn) {
+  const auto rig = open_hardware(at("rig.yaml"));
+  expect_right(*rig->capture(sequence()));
+  std::thread again([&] {
+    std::this_thread::sleep_for(std::chrono::milliseconds(300));
+    camera_->stop(SIGKILL);
+    std::this_thread::sleep_for(std::chrono::milliseconds(500));
+    start_camera();
+  });
+  const auto stack = rig->capture(sequence());
+  again.join();
+  expect_right(*stack);
+  expect_right(*rig->capture(sequence()));
+  EXPECT_GE(rig->camera().statistics().reopened, 1u);
+}
+
+TEST_F(ClosedLoop, ACameraThatIsGoneIsNamed) {
+  const auto rig = open_hardware(at("rig.yaml"));
+  camera_->stop(SIGKILL);
+  EXPECT_THAT(error_of([&] { (void)rig->capture(sequence()); }),
+              HasSubstr("Aravis-Fake-T1 was lost and did not come back within 6 s"));
+}
+
+TEST_F(ClosedLoop, ASlowCameraIsWaitedForButNotForEver) {
+  const auto rig = open_hardware(at("rig.yaml"));
+  control("delay_ms 200");
+  PatternSequence coarse = sequence();
+  coarse.patterns.resize(3);
+  const auto stack = rig->capture(coarse);
+  for (size_t i = 0; i < 3; ++i)
+    EXPECT_LE(cv::norm(stack->images[i], simulated().images[i], cv::NORM_INF), 2) << "image " << i;
+  control("delay_ms 4000");
+  EXPECT_THAT(error_of([&] { (void)rig->capture(coarse); }), HasSubstr("no whole image of Aravis-Fake-T1"));
+}
+
+TEST_F(ClosedLoop, OnlyOneProgramControlsACamera) {
+  const auto rig = open_hardware(at("rig.yaml"));
+  Child second = program({"rig", "check", "--rig", at("rig.yaml")});
+  EXPECT_EQ(second.wait(), 2);
+  EXPECT_THAT(log_of("program"), HasSubstr("controlled by another program"));
+}
+
+TEST_F(ClosedLoop, WhatTheCameraCannotDoIsSaid) {
+  const std::string rig = to_yaml(read_rig(at("rig.yaml")));
+  const auto opened_with = [&](const std::string& hardware) {
+    test::write_bytes(at("wrong.yaml"), rig + "hardware: " + hardware + "\n");
+    return error_of([&] { (void)open_hardware(at("wrong.yaml")); });
+  };
+  EXPECT_THAT(opened_with("{camera: {pixel_format: Mono12p}}"), HasSubstr("has 12 bits, but camera.sensor.bits is 8"));
+  EXPECT_THAT(opened_with("{camera: {pixel_format: Mono88}}"), HasSubstr("did you mean 'Mono8'"));
+  EXPECT_THAT(opened_with("{camera: {id: nobody}}"), HasSubstr("there is no 'nobody', but Aravis-Fake-T1"));
+  EXPECT_THAT(opened_with("{camera: {offset_px: [3000, 0]}}"), HasSubstr("camera: "));
+  EXPECT_THAT(opened_with("{camera: {exposure_s: 59}}"), HasSubstr("camera: "));
+  EXPECT_THAT(opened_with("{projector: {display: 3}}"), HasSubstr("no display 3"));
+  EXPECT_THAT(opened_with("{camera: {exposure: 1}}"), HasSubstr("unknown key 'exposure'"));
+  // It is opened for certain after all that.
+  EXPECT_NO_THROW((void)open_hardware(at("rig.yaml")));
+}
+
+TEST_F(ClosedLoop, WithoutADesktopNothingIsShown) {
+  Child nowhere({"env", "DISPLAY=:4711", FRINGESLAM_PROGRAM, "rig", "check", "--rig", at("rig.yaml")},
+                at("program.log"));
+  EXPECT_EQ(nowhere.wait(), 2);
+  EXPECT_THAT(log_of("program"), HasSubstr("no desktop to show a window on"));
+}
+
+TEST_F(ClosedLoop, ADisplayOfAnotherSizeIsRefused) {
+  RigModel rig = read_rig(at("rig.yaml"));
+  rig.projector.width = 912;
+  test::write_bytes(at("wrong.yaml"), to_yaml(rig) + "hardware: {}\n");
+  EXPECT_THAT(error_of([&] { (void)open_hardware(at("wrong.yaml")); }),
+              HasSubstr("display 0 has 1024x768 px, the rig's projector 912x768 px"));
+}
+
+int stacks_in(const fs::path& dataset) {
+  return fs::exists(dataset / kDatasetFile) ? read_dataset_info(dataset).stacks : 0;
+}
+
+TEST_F(ClosedLoop, AKilledCaptureLeavesWhatItHad) {
+  Child capture = program({"capture", "--rig", at("rig.yaml"), "--out", at("killed"), "--count", "50"});
+  ASSERT_TRUE(wait_until(60, [&] { return stacks_in(at("killed")) >= 2; })) << log_of("program");
+  std::this_thread::sleep_for(std::chrono::milliseconds(700));
+  capture.stop(SIGKILL);
+  ReplayRig replay(at("killed"));
+  const int stacks = replay.info().stacks;
+  EXPECT_GE(stacks, 2);
+  for (int i = 0; i < stacks; ++i) EXPECT_TRUE(replay.capture(replay.sequence()).has_value()) << i;
+}
+
+TEST_F(ClosedLoop, AnInterruptedCaptureIsADataset) {
+  Child capture = program({"capture", "--rig", at("rig.yaml"), "--out", at("interrupted"), "--count", "50"});
+  ASSERT_TRUE(wait_until(60, [&] { return stacks_in(at("interrupted")) >= 1; })) << log_of("program");
+  EXPECT_EQ(capture.stop(SIGINT), 0);
+  EXPECT_THAT(log_of("program"), HasSubstr("interrupted"));
+  const int stacks = stacks_in(at("interrupted"));
+  EXPECT_GE(stacks, 1);
+  EXPECT_LT(stacks, 50);
+  EXPECT_EQ(std::distance(fs::directory_iterator(at("interrupted/stacks")), fs::directory_iterator()), stacks);
+}
+
+TEST_F(ClosedLoop, AFullDiskIsSaidAndLeavesNoHalf) {
+  // Files beyond 4 KiB cannot be written, as if the disk were full: the images of a stack are larger.
+  const std::string command = "trap '' XFSZ; ulimit -f 4; exec " + test::quoted(FRINGESLAM_PROGRAM) +
+                              " capture --rig " + test::quoted(at("rig.yaml")) + " --out " + test::quoted(at("full"));
+  Child capture({"bash", "-c", command}, at("program.log"));
+  EXPECT_EQ(capture.wait(), 2);
+  EXPECT_THAT(log_of("program"), HasSubstr("cannot be written"));
+  EXPECT_FALSE(fs::exists(at("full")));
+}
+
+}  // namespace
+}  // namespace fringeslam

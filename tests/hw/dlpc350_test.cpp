@@ -1,0 +1,127 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "hw/dlpc350.h"
+
+#include <gmock/gmock.h>
+
+#include <deque>
+
+#include "core/types/error.h"
+#include "tests/support/matchers.h"
+
+namespace fringeslam {
+namespace {
+
+using support::error_of;
+using testing::HasSubstr;
+using Bytes = std::vector<uint8_t>;
+
+// Both sides of a talk: what the controller is told is kept, what it says is given.
+struct Talk {
+  std::vector<Bytes> told;
+  std::deque<Bytes> says;
+};
+
+class Transcript : public ByteTransport {
+ public:
+  explicit Transcript(Talk& talk) : talk_(talk) {}
+  void write(const Bytes& report) override { talk_.told.push_back(report); }
+  Bytes read(double) override {
+    if (talk_.says.empty()) throw Error("nothing comes");
+    Bytes report = talk_.says.front();
+    talk_.says.pop_front();
+    report[1] = talk_.told.back()[1];
+    return report;
+  }
+
+ private:
+  Talk& talk_;
+};
+
+Bytes answer(uint8_t value) { return {0xC0, 0, 3, 0, value}; }
+
+// Without the sequence number.
+Bytes plain(Bytes report) {
+  report.erase(report.begin() + 1);
+  return report;
+}
+
+TEST(Dlpc350, VideoAsPatternsIsThisTalk) {
+  Talk talk;
+  talk.says = {answer(0x80), answer(0x00)};
+  int waits = 0;
+  {
+    Dlpc350 controller(std::make_unique<Transcript>(talk));
+    controller.show_video_as_patterns({.exposure_us = 16000, .period_us = 16666, .led_current = 100}, [&] { ++waits; });
+  }
+  EXPECT_EQ(waits, 1);
+  const std::vector<Bytes> expected = {
+      {0x00, 5, 0, 0x01, 0x0B, 100, 100, 100},                        // LED currents
+      {0x00, 3, 0, 0x24, 0x1A, 0},                                    // stop
+      {0x00, 3, 0, 0x1B, 0x1A, 1},                                    // pattern display mode
+      {0x00, 3, 0, 0x22, 0x1A, 0},                                    // from the video port
+      {0x00, 6, 0, 0x31, 0x1A, 0, 1, 0, 0},                           // one entry, repeated
+      {0x00, 10, 0, 0x29, 0x1A, 0x80, 0x3E, 0, 0, 0x1A, 0x41, 0, 0},  // 16000 us of 16666 us
+      {0x00, 3, 0, 0x23, 0x1A, 0},                                    // vertical sync
+      {0x00, 3, 0, 0x33, 0x1A, 2},                                    // mailbox: pattern definitions
+      {0x00, 3, 0, 0x32, 0x1A, 0},                                    // at 0
+      {0x00, 5, 0, 0x34, 0x1A, 0x01, 0x78, 0x04},                     // pattern 0, 8 bits, white, buffer swap
+      {0x00, 3, 0, 0x33, 0x1A, 0},                                    // close
+      {0x00, 2, 0, 0x1A, 0x1A},                                       // validate
+      {0xC0, 2, 0, 0x1A, 0x1A},                                       // done?
+      {0xC0, 2, 0, 0x1A, 0x1A},                                       // and now?
+      {0x00, 3, 0, 0x24, 0x1A, 2},                                    // start
+      {0x00, 3, 0, 0x24, 0x1A, 0},                                    // at the end: stop
+      {0x00, 3, 0, 0x1B, 0x1A, 0}};                                   // video again
+  ASSERT_EQ(talk.told.size(), expected.size());
+  for (size_t i = 0; i < expected.size(); ++i) {
+    EXPECT_EQ(plain(talk.told[i]), expected[i]) << i;
+    EXPECT_EQ(talk.told[i][1], i) << "sequence number";
+  }
+}
+
+TEST(Dlpc350, WhatItFindsInvalidIsSaidInWords) {
+  for (const auto& [status, words] : std::vector<std::pair<uint8_t, const char*>>{
+           {0x01, "exposure or the period"}, {0x02, "pattern's number"}, {0x10, "not by 230 us"}}) {
+    Talk talk;
+    talk.says = {answer(status)};
+    Dlpc350 controller(std::make_unique<Transcript>(talk));
+    EXPECT_THAT(error_of([&] { controller.show_video_as_patterns({}, [] {}); }), HasSubstr(words));
+    EXPECT_NE(plain(talk.told.back()), (Bytes{0x00, 3, 0, 0x24, 0x1A, 2})) << "started all the same";
+  }
+  EXPECT_EQ(validation_faults(0), "");
+  EXPECT_THAT(validation_faults(0x03), HasSubstr("; "));
+}
+
+TEST(Dlpc350, EndlessValidationEnds) {
+  Talk talk;
+  talk.says.assign(1000, answer(0x80));
+  Dlpc350 controller(std::make_unique<Transcript>(talk));
+  EXPECT_THAT(error_of([&] { controller.show_video_as_patterns({}, [] {}); }), HasSubstr("does not come to an end"));
+}
+
+TEST(Dlpc350, StatusInWords) {
+  Talk talk;
+  talk.says = {answer(0x01), answer(0x01), answer(0x02)};
+  Dlpc350 controller(std::make_unique<Transcript>(talk));
+  const Dlpc350Status good = controller.status();
+  EXPECT_TRUE(good.initialised && good.sequence_running && !good.frozen);
+  EXPECT_EQ(good.faults, "");
+  talk.says = {answer(0x84), answer(0x00), answer(0x01)};
+  const Dlpc350Status bad = controller.status();
+  EXPECT_FALSE(bad.initialised);
+  for (const char* words : {"did not start", "driver reports an error", "sequencer reports", "memory test", "parked"})
+    EXPECT_THAT(bad.faults, HasSubstr(words));
+}
+
+TEST(Dlpc350, RefusalsSilenceAndTornAnswers) {
+  Talk talk;
+  Dlpc350 controller(std::make_unique<Transcript>(talk));
+  EXPECT_THAT(error_of([&] { (void)controller.status(); }), HasSubstr("nothing comes"));
+  talk.says = {{0xE0, 0, 3, 0, 1}};
+  EXPECT_THAT(error_of([&] { (void)controller.status(); }), HasSubstr("refuses"));
+  talk.says = {{0xC0, 0}};
+  EXPECT_THAT(error_of([&] { (void)controller.status(); }), HasSubstr("too short"));
+}
+
+}  // namespace
+}  // namespace fringeslam

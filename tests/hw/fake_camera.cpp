@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: Apache-2.0
+// A GigE Vision camera on the loopback interface that looks at a simulated scene, lit by what is in the framebuffer of
+// an Xvfb display at the moment of the exposure:
+//
+//   fake_camera SERIAL SCENE FRAMEBUFFER CONTROL
+//
+// CONTROL is a file of words that is read at each exposure, `key value` a line:
+//   pose N        of the scene's trajectory
+//   delay_ms N    before the image is sent
+//   lost R        share of the packets that are dropped
+//   fault KIND K  the K-th exposure from now on sees another screen: `repeat` the one before, as if the projector had
+//                 not changed; `black` none
+#include <arv.h>
+#include <sys/stat.h>
+
+#include <chrono>
+#include <csignal>
+#include <cstdio>
+#include <cstring>
+#include <fstream>
+#include <mutex>
+#include <sstream>
+#include <thread>
+
+#include "core/types/error.h"
+#include "sim/virtual_rig.h"
+
+namespace {
+
+using namespace fringeslam;
+
+// An X window dump as Xvfb keeps it (X11's XWDFile.h): a header of big-endian words, then colours, then the pixels.
+cv::Mat1b read_screen(const std::string& file) {
+  std::ifstream in(file, std::ios::binary);
+  const std::string bytes{std::istreambuf_iterator<char>(in), {}};
+  const auto word = [&](size_t index) {
+    uint32_t value = 0;
+    for (size_t i = 0; i < 4; ++i) value = value << 8 | static_cast<uint8_t>(bytes.at(4 * index + i));
+    return value;
+  };
+  const size_t header = word(0), width = word(4), height = word(5), bits = word(11), line = word(12),
+               colours = word(19);
+  if (bits != 32) throw Error(file + ": is not a framebuffer of 32 bits a pixel");
+  const size_t start = header + 12 * colours;
+  if (bytes.size() < start + line * height) throw Error(file + ": ends early");
+  cv::Mat1b screen(static_cast<int>(height), static_cast<int>(width));
+  for (size_t row = 0; row < height; ++row) {
+    for (size_t col = 0; col < width; ++col)  // the green of blue, green, red, nothing
+      screen(static_cast<int>(row), static_cast<int>(col)) =
+          static_cast<uchar>(bytes[start + row * line + 4 * col + 1]);
+  }
+  return screen;
+}
+
+class Eye {
+ public:
+  Eye(const std::string& scene, std::string framebuffer, std::string control)
+      : scene_(sim::load_scene(scene)),
+        rig_(scene_, options()),
+        framebuffer_(std::move(framebuffer)),
+        control_(std::move(control)) {}
+
+  void see(ArvBuffer* buffer, double exposure_s, ArvGvFakeCamera* camera) {
+    const std::lock_guard lock(mutex_);
+    read_control(camera);
+    cv::Mat1b screen = read_screen(framebuffer_);
+    if (fault_in_ == 0 && fault_ == "black") screen = uchar{0};
+    if (fault_in_ == 0 && fault_ == "repeat" && !last_.empty()) screen = last_;
+    last_ = screen.clone();
+    if (fault_in_ >= 0) --fault_in_;
+    const cv::Mat image = rig_.look(screen, pose_, exposure_s, number_++);
+    // The buffer's own size counts what was received, which here is nothing.
+    const size_t size = arv_fake_camera_get_payload(arv_gv_fake_camera_get_fake_camera(camera));
+    auto* data = static_cast<uint8_t*>(const_cast<void*>(arv_buffer_get_data(buffer, nullptr)));
+    const size_t bytes = image.total() * image.elemSize();
+    std::memset(data, 0, size);
+    std::memcpy(data, image.data, std::min(size, bytes));
+    std::this_thread::sleep_for(std::chrono::milliseconds(delay_ms_));
+  }
+
+ private:
+  static sim::RenderOptions options() {
+    sim::RenderOptions options;
+    options.noise = false;
+    return options;
+  }
+
+  void read_control(ArvGvFakeCamera* camera) {
+    std::ifstream in(control_);
+    std::string text{std::istreambuf_iterator<char>(in), {}};
+    if (text == known_) return;
+    known_ = text;
+    std::istringstream words(text);
+    std::string key;
+    while (words >> key) {
+      if (key == "pose") words >> pose_;
+      if (key == "delay_ms") words >> delay_ms_;
+      if (key == "fault") words >> fault_ >> fault_in_;
+      double lost = 0;
+      if (key == "lost" && words >> lost) g_object_set(camera, "gvsp-lost-ratio", lost, nullptr);
+    }
+  }
+
+  sim::Scene scene_;
+  sim::VirtualRig rig_;
+  std::string framebuffer_, control_, known_, fault_;
+  std::mutex mutex_;
+  cv::Mat1b last_;
+  size_t pose_ = 0;
+  int delay_ms_ = 0, fault_in_ = -1, number_ = 0;
+};
+
+struct Fill {
+  Eye* eye;
+  ArvGvFakeCamera* camera;
+};
+
+void fill(ArvBuffer* buffer, void* data, guint32 exposure_us, guint32, ArvPixelFormat) {
+  const auto* self = static_cast<Fill*>(data);
+  try {
+    self->eye->see(buffer, 1e-6 * exposure_us, self->camera);
+  } catch (const std::exception& e) {
+    std::fprintf(stderr, "fake_camera: %s\n", e.what());
+    std::_Exit(1);
+  }
+}
+
+volatile std::sig_atomic_t stop = 0;
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc != 5) {
+    std::fprintf(stderr, "usage: fake_camera SERIAL SCENE FRAMEBUFFER CONTROL\n");
+    return 2;
+  }
+  try {
+    Eye eye(argv[2], argv[3], argv[4]);
+    ArvGvFakeCamera* camera = arv_gv_fake_camera_new("127.0.0.1", argv[1]);
+    if (!arv_gv_fake_camera_is_running(camera)) throw Error("the camera's port on 127.0.0.1 is taken");
+    Fill data{&eye, camera};
+    arv_fake_camera_set_fill_pattern(arv_gv_fake_camera_get_fake_camera(camera), fill, &data);
+    std::signal(SIGTERM, [](int) { stop = 1; });
+    std::printf("ready\n");
+    std::fflush(stdout);
+    while (!stop) std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    g_object_unref(camera);
+  } catch (const std::exception& e) {
+    std::fprintf(stderr, "fake_camera: %s\n", e.what());
+    return 1;
+  }
+  return 0;
+}

@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "hw/sequence_check.h"
+
+#include <gmock/gmock.h>
+
+#include <algorithm>
+
+#include "core/patterns/design.h"
+#include "tests/support/random.h"
+
+namespace fringeslam {
+namespace {
+
+constexpr int kWidth = 160, kHeight = 120, kScreen = 1024;
+
+// Steps and slopes of changing albedo: a camera pixel sees projector column 3 + 6 x, with jumps, at any contrast.
+struct Scene {
+  cv::Mat1f column, row, contrast;
+  Scene() : column(kHeight, kWidth), row(kHeight, kWidth), contrast(kHeight, kWidth) {
+    support::Random random(5);
+    for (int r = 0; r < kHeight; ++r) {
+      for (int c = 0; c < kWidth; ++c) {
+        column(r, c) = static_cast<float>(3 + 6 * c + 25 * (r / 20 % 2) + 0.3 * r);
+        row(r, c) = static_cast<float>(5 + 6 * r + 0.2 * c);
+        contrast(r, c) = static_cast<float>(40 + 140 * random.uniform(0, 1));
+      }
+    }
+  }
+
+  // Noise of 1 DN, rounded to 8 bits.
+  cv::Mat seen(const Pattern& pattern, uint64_t seed) const {
+    support::Random random(seed);
+    cv::Mat1b image(kHeight, kWidth);
+    for (int r = 0; r < kHeight; ++r) {
+      for (int c = 0; c < kWidth; ++c) {
+        const double at = static_cast<double>(pattern.axis == Axis::columns ? column(r, c) : row(r, c));
+        image(r, c) = cv::saturate_cast<uchar>(10 + contrast(r, c) * ideal_intensity(pattern, at) + random.normal());
+      }
+    }
+    return image;
+  }
+
+  std::vector<cv::Mat> seen(const std::vector<Pattern>& patterns) const {
+    std::vector<cv::Mat> images;
+    for (const Pattern& pattern : patterns) images.push_back(seen(pattern, 100 + images.size()));
+    return images;
+  }
+};
+
+const Pattern kWhite{.coding = Coding::flat, .level = 1}, kBlack{.coding = Coding::flat, .level = 0};
+
+struct Taken {
+  std::vector<Pattern> shown;  // white, black, then the sequence, as the camera sees it
+  SequenceVerdict judged(const PatternSequence& sequence) const {
+    static const Scene scene;
+    std::vector<cv::Mat> images = scene.seen(shown);
+    const cv::Mat white = images[0], black = images[1];
+    images.erase(images.begin(), images.begin() + 2);
+    return check_sequence(sequence, images, white, black);
+  }
+};
+
+std::vector<Pattern> all_of(const PatternSequence& sequence) {
+  std::vector<Pattern> all = {kWhite, kBlack};
+  all.insert(all.end(), sequence.patterns.begin(), sequence.patterns.end());
+  return all;
+}
+
+class Sequences : public testing::TestWithParam<SequenceDesign> {
+ protected:
+  PatternSequence sequence_ = design_sequence(GetParam());
+};
+
+SequenceDesign design(std::vector<double> periods, GrayCode gray = GrayCode::none, int steps = 3) {
+  SequenceDesign wanted;
+  wanted.width = kScreen, wanted.height = 768;
+  wanted.periods_px = std::move(periods);
+  wanted.steps = steps;
+  wanted.gray = gray;
+  wanted.gray_inverted = gray != GrayCode::none;
+  return wanted;
+}
+
+INSTANTIATE_TEST_SUITE_P(Designs, Sequences,
+                         testing::Values(design({1040, 131, 16.5}), design({1040, 130, 16.25}, GrayCode::none, 4),
+                                         design({64}, GrayCode::complementary), design({1040})));
+
+TEST_P(Sequences, AsAskedForAreGood) {
+  const SequenceVerdict verdict = Taken{all_of(sequence_)}.judged(sequence_);
+  EXPECT_TRUE(verdict.good) << verdict.reason;
+}
+
+TEST_P(Sequences, ARepeatedPatternIsFoundOut) {
+  for (size_t i = 1; i < sequence_.patterns.size() + 2; ++i) {
+    std::vector<Pattern> shown = all_of(sequence_);
+    shown[i] = shown[i - 1];  // the projector has not changed
+    EXPECT_FALSE(Taken{shown}.judged(sequence_).good) << "image " << i;
+  }
+}
+
+TEST_P(Sequences, ASkippedPatternIsFoundOut) {
+  for (size_t i = 0; i < sequence_.patterns.size() + 1; ++i) {
+    std::vector<Pattern> shown = all_of(sequence_);
+    shown.erase(shown.begin() + static_cast<std::ptrdiff_t>(i));  // all that follow come one too early
+    shown.push_back(kWhite);                                      // and then the next sequence begins
+    EXPECT_FALSE(Taken{shown}.judged(sequence_).good) << "image " << i;
+  }
+}
+
+TEST_P(Sequences, ALateSequenceIsFoundOut) {
+  std::vector<Pattern> shown = all_of(sequence_);
+  std::rotate(shown.rbegin(), shown.rbegin() + 1, shown.rend());
+  EXPECT_FALSE(Taken{shown}.judged(sequence_).good);
+}
+
+TEST(SequenceCheck, DarknessIsNoSequence) {
+  const PatternSequence sequence = design_sequence(design({1040, 131, 16.5}));
+  const cv::Mat dark(kHeight, kWidth, CV_8UC1, cv::Scalar(3));
+  const SequenceVerdict verdict = check_sequence(sequence, std::vector<cv::Mat>(9, dark), dark, dark);
+  EXPECT_FALSE(verdict.good);
+  EXPECT_THAT(verdict.reason, testing::HasSubstr("is the projector on"));
+}
+
+}  // namespace
+}  // namespace fringeslam

@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+// fringeslam capture --rig RIG.yaml --out DATASET: a dataset from a camera and a projector.
+#include <atomic>
+#include <chrono>
+#include <csignal>
+#include <memory>
+#include <thread>
+
+#include "core/patterns/design.h"
+#include "core/rig/dataset.h"
+#include "core/rig/files.h"
+#include "core/rig/rig_file.h"
+#include "core/types/error.h"
+#include "hw/rig_hardware.h"
+#include "tools/progress.h"
+#include "tools/verbs.h"
+
+namespace fringeslam::tools {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+std::atomic<bool> interrupted = false;
+
+struct Arguments {
+  std::string rig, out, patterns;
+  int count = 1;
+  double interval_s = 0;
+};
+
+// Three frequencies, each an eighth of the one before, the coarsest a little wider than the projector.
+PatternSequence default_sequence(const RigModel& rig) {
+  const double widest = rig.projector.width + 16;
+  return phase_shift_sequence(rig.projector.width, rig.projector.height, {widest, widest / 8, widest / 64}, 3,
+                              Axis::columns, 8);
+}
+
+PatternSequence sequence_of(const Arguments& arguments, const RigModel& rig) {
+  if (arguments.patterns.empty()) return default_sequence(rig);
+  const fs::path path = arguments.patterns;
+  return read_patterns(fs::is_directory(path) ? path / "patterns.yaml" : path);
+}
+
+// A dataset that grows: valid after every stack, whatever happens next.
+int capture(const Arguments& arguments, const Common& common) {
+  if (fs::exists(arguments.out) && !(fs::is_directory(arguments.out) && fs::is_empty(arguments.out)))
+    throw Error(arguments.out + ": exists; choose another --out or remove it");
+  const RigModel model = read_rig(arguments.rig);
+  const PatternSequence sequence = sequence_of(arguments, model);
+  const auto rig = open_hardware(arguments.rig);
+  fs::create_directories(arguments.out);
+  RecordingRig recording(*rig, arguments.out);
+  std::signal(SIGINT, [](int) { interrupted = true; });
+  std::signal(SIGTERM, [](int) { interrupted = true; });
+
+  int stacks = 0;
+  const auto kept = [&] { return std::to_string(stacks) + (stacks == 1 ? " stack" : " stacks"); };
+  {
+    Progress progress("capturing", arguments.count, common.quiet || common.json);
+    try {
+      for (; stacks < arguments.count && !interrupted; ++stacks) {
+        if (stacks > 0) std::this_thread::sleep_for(std::chrono::duration<double>(arguments.interval_s));
+        recording.capture(sequence);
+        recording.finish(model.name, 0, false);
+        progress.step();
+      }
+    } catch (const std::exception& e) {
+      if (stacks == 0) {
+        std::error_code ignored;
+        fs::remove_all(arguments.out, ignored);
+        throw;
+      }
+      throw Error(std::string(e.what()) + "; " + kept() + " before that are in " + arguments.out);
+    }
+  }
+  if (stacks == 0) fs::remove_all(arguments.out);
+  const CameraStatistics camera = rig->camera().statistics();
+  say(common,
+      {{"dataset", arguments.out},
+       {"stacks", stacks},
+       {"interrupted", interrupted.load()},
+       {"sequences_retaken", rig->retaken()},
+       {"images", camera.images},
+       {"images_refused", camera.refused},
+       {"packets_resent", camera.resent_packets},
+       {"packets_missing", camera.missing_packets},
+       {"camera_reopened", camera.reopened}},
+      "dataset: " + arguments.out + " (" + kept() + (interrupted ? ", interrupted" : "") +
+          (rig->retaken() ? ", " + std::to_string(rig->retaken()) + " sequences taken again" : "") +
+          (camera.refused ? ", " + std::to_string(camera.refused) + " images taken again" : "") + ")");
+  return interrupted && stacks == 0 ? 2 : 0;
+}
+
+}  // namespace
+
+Verb add_capture(CLI::App& app, const Common& common) {
+  auto arguments = std::make_shared<Arguments>();
+  CLI::App* verb = app.add_subcommand("capture", "Capture a dataset with a camera and a projector");
+  verb->add_option("--rig", arguments->rig, "Rig file with a hardware: section")->required();
+  verb->add_option("--out", arguments->out, "Dataset folder to write")->required();
+  verb->add_option("--count", arguments->count, "Stacks to capture")->check(CLI::Range(1, 1000000));
+  verb->add_option("--interval", arguments->interval_s, "Seconds between them")->check(CLI::Range(0.0, 86400.0));
+  verb->add_option("--patterns", arguments->patterns, "patterns.yaml, or the folder that `fringeslam patterns` wrote");
+  return [arguments, &common] { return capture(*arguments, common); };
+}
+
+}  // namespace fringeslam::tools

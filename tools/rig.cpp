@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+// fringeslam rig list|check|latency: the camera and the projector that are there.
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <memory>
+
+#include "core/rig/rig_file.h"
+#include "core/types/error.h"
+#include "core/types/options.h"
+#include "hw/rig_hardware.h"
+#include "hw/sdl_projector.h"
+#include "tools/verbs.h"
+
+namespace fringeslam::tools {
+
+namespace {
+
+using nlohmann::ordered_json;
+
+int list(const Common& common) {
+  ordered_json document{{"cameras", ordered_json::array()}, {"displays", ordered_json::array()}};
+  std::string text = "cameras:";
+  const std::vector<FoundCamera> cameras = find_cameras();
+  for (const FoundCamera& c : cameras) {
+    document["cameras"].push_back({{"id", c.id},
+                                   {"vendor", c.vendor},
+                                   {"model", c.model},
+                                   {"serial", c.serial},
+                                   {"address", c.address},
+                                   {"protocol", c.protocol}});
+    text += "\n  id: " + c.id + "  (" + c.vendor + " " + c.model + ", " + c.protocol + " at " + c.address + ")";
+  }
+  if (cameras.empty())
+    text += "\n  none; is one powered and plugged in, in this computer's subnet, and let through by the firewall?";
+  text += "\ndisplays:";
+  try {
+    for (const FoundDisplay& d : find_displays()) {
+      document["displays"].push_back({{"display", d.number},
+                                      {"name", d.name},
+                                      {"width_px", d.area.width},
+                                      {"height_px", d.area.height},
+                                      {"refresh_hz", d.refresh_hz}});
+      text += "\n  display: " + std::to_string(d.number) + "  (" + d.name + ", " + std::to_string(d.area.width) + "x" +
+              std::to_string(d.area.height) + " px at " + to_text(d.refresh_hz) + " Hz)";
+    }
+  } catch (const Error& e) {
+    text += std::string("\n  none: ") + e.what();
+  }
+  say(common, document, text);
+  return 0;
+}
+
+int check(const std::string& rig_file, const Common& common) {
+  const RigModel model = read_rig(rig_file);
+  const auto rig = open_hardware(rig_file);
+  const PatternSequence sequence = phase_shift_sequence(model.projector.width, model.projector.height,
+                                                        {model.projector.width + 16.0}, 3, Axis::columns, 8);
+  const auto stack = rig->capture(sequence);
+  cv::Mat brightest = stack->images.front().clone();
+  for (const cv::Mat& image : stack->images) brightest = cv::max(brightest, image);
+  const double full = model.sensor.max_dn();
+  const double saturated =
+      static_cast<double>(cv::countNonZero(brightest >= full)) / static_cast<double>(brightest.total());
+  const double mean = cv::mean(brightest)[0] / full;
+  say(common, {{"saturated", saturated}, {"brightness", mean}, {"sequences_retaken", rig->retaken()}},
+      "camera and projector work together: brightest image at " + std::to_string(std::lround(100 * mean)) +
+          " % of full scale on average, " + to_text(std::round(1e4 * saturated) / 100) + " % saturated" +
+          (saturated > 0.01 ? "; lower exposure or gain, or close the aperture"
+           : mean < 0.05    ? "; raise exposure or gain"
+                            : ""));
+  return 0;
+}
+
+// How long after show() the camera sees the new image, from black to white, in steps of the settle time.
+int latency(const std::string& rig_file, const Common& common) {
+  const RigModel model = read_rig(rig_file);
+  const HardwareSettings settings = read_hardware(rig_file, model);
+  const auto projector = open_projector(settings, model);
+  AravisCamera camera(settings.camera);
+  using Clock = std::chrono::steady_clock;
+  const cv::Mat1b black(projector->size(), uchar{0}), white(projector->size(), uchar{255});
+  const auto level = [&] { return cv::mean(camera.take().image)[0]; };
+  const auto settled = [&](const cv::Mat1b& image) {
+    projector->show(image);
+    double last = level();
+    for (int i = 0; i < 20; ++i) last = level();
+    return last;
+  };
+  const double low = settled(black), high = settled(white);
+  if (high - low < 3)
+    throw Error("rig: white and black look the same to the camera; is the projector on and the scene in its beam?");
+  std::vector<double> delays_s;
+  double image_s = 0;
+  for (int i = 0; i < 10; ++i) {
+    const bool up = i % 2 != 0;
+    projector->show(up ? white : black);
+    const Clock::time_point shown = Clock::now();
+    double begun_s = 0;
+    for (int k = 0; k < 100; ++k) {
+      begun_s = std::chrono::duration<double>(Clock::now() - shown).count();
+      const double share = (level() - low) / (high - low);
+      image_s = std::chrono::duration<double>(Clock::now() - shown).count() - begun_s;
+      if (std::abs(share - (up ? 1 : 0)) < 0.02) break;
+    }
+    delays_s.push_back(begun_s);
+  }
+  std::sort(delays_s.begin(), delays_s.end());
+  const double worst_s = delays_s.back(),
+               settle_s = std::ceil(1e3 * (1.5 * worst_s + 0.5 * projector->refresh_s())) / 1e3;
+  say(common,
+      {{"delay_s", delays_s[delays_s.size() / 2]},
+       {"largest_delay_s", worst_s},
+       {"image_s", image_s},
+       {"present_interval_s", projector->present_interval_s()},
+       {"refresh_s", projector->refresh_s()},
+       {"settle_s", settle_s}},
+      "a pattern is seen whole by an exposure that begins " + std::to_string(std::lround(1e3 * worst_s)) +
+          " ms after it was shown; an image takes " + std::to_string(std::lround(1e3 * image_s)) +
+          " ms\nfor the rig file:\n  hardware: {settle_s: " + to_text(settle_s) + "}");
+  return 0;
+}
+
+}  // namespace
+
+Verb add_rig(CLI::App& app, const Common& common) {
+  CLI::App* group = app.add_subcommand("rig", "The camera and the projector that are there");
+  group->require_subcommand(1);
+  CLI::App* list_verb = group->add_subcommand("list", "Cameras and displays");
+  CLI::App* check_verb = group->add_subcommand("check", "Whether the rig's camera and projector work together");
+  CLI::App* latency_verb = group->add_subcommand("latency", "How long a pattern takes to be seen");
+  auto file = std::make_shared<std::string>();
+  for (CLI::App* verb : {check_verb, latency_verb})
+    verb->add_option("--rig", *file, "Rig file with a hardware: section")->required();
+  return [=, &common] {
+    if (list_verb->parsed()) return list(common);
+    return check_verb->parsed() ? check(*file, common) : latency(*file, common);
+  };
+}
+
+}  // namespace fringeslam::tools
