@@ -14,6 +14,7 @@
 
 #include "core/types/error.h"
 #include "core/types/options.h"
+#include "hw/network.h"
 #include "hw/pixel_formats.h"
 #include "hw/words.h"
 
@@ -114,6 +115,9 @@ class AravisCamera::Connection {
  public:
   explicit Connection(const CameraSettings& settings)
       : settings_(settings), found_(find(settings.id)), format_(pixel_format(settings.pixel_format)) {
+    if (const std::string fault = network_fault(found_.address, settings.packet_bytes, network_interfaces());
+        !fault.empty())
+      throw Error("camera: " + found_.id + ": " + fault);
     camera_.reset(checked("opening " + found_.id, [&](GError** e) { return arv_camera_new(found_.id.c_str(), e); }));
     ArvDevice* device = arv_camera_get_device(camera_.get());
     if (ARV_IS_GV_DEVICE(device) && !arv_gv_device_is_controller(ARV_GV_DEVICE(device)))
@@ -139,17 +143,22 @@ class AravisCamera::Connection {
   bool lost() const { return lost_; }
   void give_up() { lost_ = true; }
 
-  // A whole image, or the reason why there is none.
+  // A whole image that was exposed after the call, or the reason why there is none.
   std::optional<GreyImage> take(std::string& reason) {
-    const bool free = settings_.trigger == "free";
     const bool by_software = settings_.trigger == "software";
     drain();
-    if (by_software) checked("trigger", [&](GError** e) { arv_camera_software_trigger(camera_.get(), e); });
-    // What comes by itself may have begun before the call.
-    if (free) (void)receive(reason);
+    if (by_software)
+      checked("trigger", [&](GError** e) { arv_camera_software_trigger(camera_.get(), e); });
+    else
+      for (int begun_before = 0; begun_before < 2; ++begun_before) (void)receive(reason);
+    auto image = next(reason);
+    if (!image && by_software && !lost_) restart();
+    return image;
+  }
+
+  std::optional<GreyImage> next(std::string& reason) {
     auto image = receive(reason);
     ++(image ? statistics_.images : statistics_.refused);
-    if (!image && !lost_) restart();
     return image;
   }
 
@@ -235,7 +244,7 @@ class AravisCamera::Connection {
     while (ArvBuffer* old = arv_stream_try_pop_buffer(stream_.get())) give_back(old);
   }
 
-  // After an image that failed: what may still be on its way must not pass for the next one.
+  // After an image that failed: what may still be on its way must not pass for the next trigger's.
   void restart() {
     arv_camera_stop_acquisition(camera_.get(), nullptr);
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
@@ -268,7 +277,8 @@ class AravisCamera::Connection {
     const void* data = arv_buffer_get_image_data(buffer, &bytes);
     bytes = std::min(bytes, image_bytes(format_, size));  // buffers may end in padding
     return GreyImage{unpacked(format_, size, data, bytes),
-                     1e-9 * static_cast<double>(arv_buffer_get_system_timestamp(buffer)), exposure_s_};
+                     1e-9 * static_cast<double>(arv_buffer_get_system_timestamp(buffer)), exposure_s_,
+                     arv_buffer_get_frame_id(buffer)};
   }
 
   CameraSettings settings_;
@@ -318,12 +328,13 @@ void AravisCamera::reopen() {
   }
 }
 
-GreyImage AravisCamera::take() {
+template <class Get>
+GreyImage AravisCamera::patiently(const Get& get) {
   std::string reason;
   for (int attempt = 0; attempt < settings_.attempts; ++attempt) {
     if (!connection_ || connection_->lost()) reopen();
     try {
-      if (auto image = connection_->take(reason)) return *image;
+      if (auto image = get(*connection_, reason)) return *image;
     } catch (const CommandFailed& e) {
       // The camera is gone, or has a new master, and the heartbeat has not told yet: seconds may pass until it does.
       reason = e.what();
@@ -332,6 +343,14 @@ GreyImage AravisCamera::take() {
   }
   throw Error("camera: no whole image of " + settings_.id + " in " + std::to_string(settings_.attempts) +
               " attempts: " + reason);
+}
+
+GreyImage AravisCamera::take() {
+  return patiently([](Connection& camera, std::string& reason) { return camera.take(reason); });
+}
+
+GreyImage AravisCamera::next() {
+  return patiently([](Connection& camera, std::string& reason) { return camera.next(reason); });
 }
 
 }  // namespace fringeslam

@@ -4,6 +4,10 @@
 // Cameras keep what they are set to: the trigger is switched off again when this ends. On a lost connection the camera
 // is looked for again, at longer and longer intervals. A network interface in the same machine (127.0.0.1) has no
 // packet socket; the socket buffer is fixed and large, as small ones lose most of an image's packets.
+//
+// Exposures that nobody asked for (trigger "free", or an input line) may have begun before take(), and one may be on
+// its way while the next is exposed; so the first two images go by. That takes a camera whose images arrive within one
+// exposure's interval.
 #pragma once
 
 #include <memory>
@@ -43,11 +47,14 @@ class AravisCamera : public GreyCamera {
 
   cv::Size size() const override;
   GreyImage take() override;
+  GreyImage next() override;
   CameraStatistics statistics() const override;
 
  private:
   class Connection;
   void reopen();
+  template <class Get>
+  GreyImage patiently(const Get& get);
 
   CameraSettings settings_;
   CameraStatistics before_;  // of connections that are gone

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "hw/dlpc350.h"
 
+#include <array>
 #include <utility>
 
 #include "core/types/error.h"
@@ -17,6 +18,7 @@ enum Command : uint16_t {
   kMainStatus = 0x1A0C,
   kValidate = 0x1A1A,
   kDisplayMode = 0x1A1B,
+  kTriggerOutput1 = 0x1A1D,
   kPatternSource = 0x1A22,
   kTriggerMode = 0x1A23,
   kStartStop = 0x1A24,
@@ -29,9 +31,26 @@ enum Command : uint16_t {
 
 constexpr uint8_t kReadFlags = 0xC0, kWriteFlags = 0x00, kRefused = 0x20;
 constexpr double kAnswer_s = 2;
+constexpr uint8_t kNoDelay = 0xBB;
 
 std::string joined(const std::string& words, const std::string& more) {
   return words.empty() ? more : words + "; " + more;
+}
+
+// An entry a pattern: what starts it and its number; bits and LEDs; flags. The numbers of patterns of 7 or 8 bits are 0
+// green, 1 red, 2 blue. The first waits for the vertical sync and takes the frame, the others follow.
+std::vector<std::array<uint8_t, 3>> pattern_table(const std::string& packing) {
+  constexpr uint8_t kBySync = 1, kByPrevious = 3, kAllLeds = 7 << 4, kNewFrame = 1 << 2;
+  if (packing.empty()) return {{kBySync, kAllLeds | 8, kNewFrame}};
+  std::vector<std::array<uint8_t, 3>> table;
+  for (const char channel : packing) {
+    const size_t number = std::string("GRB").find(channel);
+    if (number == std::string::npos) throw Error("projector: packing " + packing + " has a channel that is not one");
+    const bool first = table.empty();
+    table.push_back({static_cast<uint8_t>(number << 2 | (first ? kBySync : kByPrevious)), kAllLeds | 7,
+                     first ? kNewFrame : uint8_t{0}});
+  }
+  return table;
 }
 
 std::vector<uint8_t> bytes_of(uint32_t value) {
@@ -53,6 +72,8 @@ std::string validation_faults(uint8_t status) {
   }
   return faults;
 }
+
+Dlpc350 open_dlpc350() { return Dlpc350(open_hid(Dlpc350::kVendor, Dlpc350::kProduct, "projector's controller")); }
 
 Dlpc350::Dlpc350(std::unique_ptr<ByteTransport> transport) : transport_(std::move(transport)) {}
 
@@ -99,17 +120,21 @@ void Dlpc350::show_video_as_patterns(const Dlpc350Settings& settings, const std:
   write(kStartStop, {0});
   write(kDisplayMode, {1});
   patterns_ = true;
-  write(kPatternSource, {0});           // the video port
-  write(kPatternConfig, {0, 1, 0, 0});  // one entry, again and again; each number less one
+  const std::vector<std::array<uint8_t, 3>> table = pattern_table(settings.packing);
+  const auto last = static_cast<uint8_t>(table.size() - 1);
+  write(kPatternSource, {0});                       // the video port
+  write(kPatternConfig, {last, 1, last, 0});        // the whole table, again and again; each number less one
+  write(kTriggerOutput1, {0, kNoDelay, kNoDelay});  // high from the pattern's begin to its end
   std::vector<uint8_t> times = bytes_of(static_cast<uint32_t>(settings.exposure_us));
-  const std::vector<uint8_t> period = bytes_of(static_cast<uint32_t>(settings.period_us));
+  const std::vector<uint8_t> period = bytes_of(static_cast<uint32_t>(settings.pattern_period_us()));
   times.insert(times.end(), period.begin(), period.end());
   write(kExposurePeriod, times);
   write(kTriggerMode, {0});  // vertical sync
-  // Triggered by it, pattern 0 (the eight bits of green), 8 bits, all LEDs, new data with each.
   write(kMailbox, {2});
   write(kMailboxAddress, {0});
-  write(kMailboxData, {0x01, 0x78, 0x04});
+  std::vector<uint8_t> entries;
+  for (const auto& entry : table) entries.insert(entries.end(), entry.begin(), entry.end());
+  write(kMailboxData, entries);
   write(kMailbox, {0});
   write(kValidate, {});
   constexpr int kMostLooks = 100;

@@ -16,9 +16,12 @@
 namespace fringeslam {
 
 struct Dlpc350Settings {
-  int exposure_us = 16000;  // of the pattern of each frame: at least 8333 for 8 bits
-  int period_us = 16666;    // of the frames of the video port; equal to the exposure or 230 longer
-  int led_current = -1;     // 0 to 255 of each; -1: left as it is
+  int period_us = 16666;     // of the frames of the video port
+  int exposure_us = 16666;   // of a pattern: at least 8333 for 8 bits, 4500 for 7; its period, or 230 less
+  int led_current = -1;      // 0 to 255 of each; -1: left as it is
+  std::string packing = {};  // such as "RGB": a frame is three patterns of 7 bits, these channels; empty: one of 8 bits
+
+  int pattern_period_us() const { return packing.empty() ? period_us : period_us / 3; }
 };
 
 struct Dlpc350Status {
@@ -36,7 +39,8 @@ class Dlpc350 {
   Dlpc350(const Dlpc350&) = delete;
   Dlpc350& operator=(const Dlpc350&) = delete;
 
-  // Shows each frame of the video port as one pattern of 8 bits, by all LEDs, from its vertical sync on. Throws Error
+  // Shows each frame of the video port as one pattern or three, by all LEDs, from its vertical sync on, each with a
+  // pulse on trigger output 1 for as long as it is shown. Throws Error
   // when the controller refuses, with what it finds invalid in words. `wait`: between looks at whether it is done.
   void show_video_as_patterns(const Dlpc350Settings& settings, const std::function<void()>& wait);
 
@@ -50,6 +54,9 @@ class Dlpc350 {
   uint8_t sequence_ = 0;
   bool patterns_ = false;
 };
+
+// The one on USB. Throws Error when there is none, or when the user may not open it.
+Dlpc350 open_dlpc350();
 
 // What the controller says of a pattern sequence; empty: nothing is wrong.
 std::string validation_faults(uint8_t status);

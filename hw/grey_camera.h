@@ -11,6 +11,7 @@ struct GreyImage {
   cv::Mat image;           // H x W, CV_8UC1 or CV_16UC1, grey values in DN
   double timestamp_s = 0;  // when it arrived, by the system's clock since 1970
   double exposure_s = 0;
+  uint64_t number = 0;  // of the exposure, counted by the camera, whether its image arrived or not
 };
 
 struct CameraStatistics {
@@ -26,6 +27,8 @@ class GreyCamera {
   virtual cv::Size size() const = 0;
   // Exposed entirely after the call. Never an incomplete image: throws Error when none can be had.
   virtual GreyImage take() = 0;
+  // Of a camera that exposes by itself: the next whole image after the one that was taken last. Throws Error likewise.
+  virtual GreyImage next() = 0;
   virtual CameraStatistics statistics() const = 0;
 };
 

@@ -1,16 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "hw/hardware_rig.h"
 
+#include <algorithm>
 #include <chrono>
 #include <thread>
 #include <utility>
 
+#include "core/patterns/design.h"
 #include "core/types/error.h"
 #include "hw/words.h"
 
 namespace fringeslam {
 
 namespace {
+
+const Pattern kWhite{.coding = Coding::flat, .level = 1}, kBlack{.coding = Coding::flat, .level = 0};
 
 // The whole of the projector's image, 8 bits.
 cv::Mat1b screen_of(const Pattern& pattern, const PatternSequence& sequence) {
@@ -36,10 +40,61 @@ HardwareRig::HardwareRig(const RigModel& model, std::unique_ptr<GreyCamera> came
                 to_words(projector_size));
 }
 
-GreyImage HardwareRig::image_of(const Pattern& pattern, const PatternSequence& sequence) {
-  projector_->show(screen_of(pattern, sequence));
+GreyImage HardwareRig::image_of(const cv::Mat1b& screen) {
+  projector_->show(screen);
   std::this_thread::sleep_for(std::chrono::duration<double>(options_.settle_s));
   return camera_->take();
+}
+
+HardwareRig::Taken HardwareRig::take_one_by_one(const PatternSequence& sequence) {
+  Taken taken;
+  taken.white = image_of(screen_of(kWhite, sequence)).image;
+  taken.black = image_of(screen_of(kBlack, sequence)).image;
+  for (const Pattern& pattern : sequence.patterns) taken.images.push_back(image_of(screen_of(pattern, sequence)));
+  return taken;
+}
+
+// By the exposure's number modulo 3.
+std::array<GreyImage, 3> HardwareRig::images_of(const std::vector<cv::Mat1b>& screens) {
+  constexpr int kMostExposures = 60;  // of which some get lost
+  projector_->show(packed_image(screens, options_.packing));
+  std::this_thread::sleep_for(std::chrono::duration<double>(options_.settle_s));
+  std::array<GreyImage, 3> images;
+  GreyImage image = camera_->take();
+  for (int i = 0; i < kMostExposures; ++i) {
+    images[image.number % 3] = image;
+    if (std::none_of(images.begin(), images.end(), [](const GreyImage& of) { return of.image.empty(); })) return images;
+    image = camera_->next();
+  }
+  throw Error("camera: its exposures do not follow one another: after " + std::to_string(kMostExposures) +
+              " one of three numbers never came; does its trigger follow the projector's?");
+}
+
+HardwareRig::Taken HardwareRig::take_packed(const PatternSequence& sequence) {
+  const cv::Mat1b white = screen_of(kWhite, sequence), black = screen_of(kBlack, sequence);
+  const auto brightest = [](const std::array<GreyImage, 3>& images) {
+    const auto light = [](const GreyImage& image) { return cv::mean(image.image)[0]; };
+    return static_cast<size_t>(std::max_element(images.begin(), images.end(),
+                                                [&](const auto& a, const auto& b) { return light(a) < light(b); }) -
+                               images.begin());
+  };
+  const uint64_t reopened = camera_->statistics().reopened;
+  const std::array<GreyImage, 3> reference = images_of({white, black, black});
+  const size_t first = brightest(reference);
+
+  Taken taken;
+  taken.white = reference[first].image;
+  taken.black = reference[(first + 1) % 3].image;
+  for (size_t i = 0; i < sequence.patterns.size(); i += 3) {
+    std::vector<cv::Mat1b> screens;
+    for (size_t k = i; k < i + 3; ++k)
+      screens.push_back(k < sequence.patterns.size() ? screen_of(sequence.patterns[k], sequence) : black);
+    const std::array<GreyImage, 3> images = images_of(screens);
+    for (size_t k = 0; k < 3 && i + k < sequence.patterns.size(); ++k) taken.images.push_back(images[(first + k) % 3]);
+  }
+  if (camera_->statistics().reopened != reopened || brightest(images_of({white, black, black})) != first)
+    taken.fault = "the camera missed an exposure, or took one too many";
+  return taken;
 }
 
 std::optional<FringeStack> HardwareRig::capture(const PatternSequence& sequence) {
@@ -49,21 +104,20 @@ std::optional<FringeStack> HardwareRig::capture(const PatternSequence& sequence)
   std::string reason;
   for (int attempt = 0; attempt < options_.attempts; ++attempt) {
     retaken_ += attempt > 0;
-    const cv::Mat white = image_of({.coding = Coding::flat, .level = 1}, sequence).image;
-    const cv::Mat black = image_of({.coding = Coding::flat, .level = 0}, sequence).image;
+    const Taken taken = options_.packing.empty() ? take_one_by_one(sequence) : take_packed(sequence);
     FringeStack stack;
-    for (const Pattern& pattern : sequence.patterns) {
-      const GreyImage taken = image_of(pattern, sequence);
-      stack.images.push_back(taken.image);
-      stack.exposure_s.push_back(taken.exposure_s);
-      stack.timestamp_s += taken.timestamp_s / static_cast<double>(sequence.patterns.size());
+    for (const GreyImage& image : taken.images) {
+      stack.images.push_back(image.image);
+      stack.exposure_s.push_back(image.exposure_s);
+      stack.timestamp_s += image.timestamp_s / static_cast<double>(taken.images.size());
     }
-    const SequenceVerdict verdict = check_sequence(sequence, stack.images, white, black, options_.check);
-    if (verdict.good) {
+    reason = taken.fault.empty()
+                 ? check_sequence(sequence, stack.images, taken.white, taken.black, options_.check).reason
+                 : taken.fault;
+    if (reason.empty()) {
       stack.index = next_++;
       return stack;
     }
-    reason = verdict.reason;
   }
   throw Error("rig: no good sequence in " + std::to_string(options_.attempts) + " attempts: " + reason);
 }

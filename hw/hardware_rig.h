@@ -1,12 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// A rig of a camera and a projector that are there: implements Rig. Steps through the patterns itself: shows one, waits
-// until it has settled, takes an image. Before a sequence it shows white and black, by which check_sequence() tells
-// from the images alone whether every pattern was shown when it should have been; a sequence that fails is taken again,
-// and refused when that does not help.
+// A rig of a camera and a projector that are there: implements Rig. Before a sequence it shows white and black, by
+// which check_sequence() tells from the images alone whether every pattern was shown when it should have been; a
+// sequence that fails is taken again, and refused when that does not help. Patterns are shown in one of two ways:
+//
+//   one by one  shows a pattern, waits until it has settled, takes an image;
+//   packed      three patterns are the channels of one colour image, which the projector shows one after the other,
+//   again
+//               and again, each for one exposure of a camera that follows its trigger [C III.A]. Exposure n sees
+//               channel (n - n0) mod 3. A frame of white, black, black before the sequence tells n0, and another one
+//               after it that no exposure was missed.
 #pragma once
 
-#include <functional>
+#include <array>
 #include <memory>
+#include <string>
+#include <vector>
 
 #include "core/rig/rig.h"
 #include "hw/grey_camera.h"
@@ -16,8 +24,9 @@
 namespace fringeslam {
 
 struct HardwareOptions {
-  double settle_s = 0.05;  // from when the projector says that an image is out until the camera may expose
-  int attempts = 3;        // to take a sequence
+  double settle_s = 0.05;    // from when the projector says that an image is out until the camera may expose
+  int attempts = 3;          // to take a sequence
+  std::string packing = {};  // empty: one by one; such as "RGB": packed, the channels as the projector shows them
   SequenceCheckOptions check;
 };
 
@@ -34,7 +43,15 @@ class HardwareRig : public Rig {
   const GreyCamera& camera() const { return *camera_; }
 
  private:
-  GreyImage image_of(const Pattern& pattern, const PatternSequence& sequence);
+  struct Taken {
+    cv::Mat white, black;
+    std::vector<GreyImage> images;  // of the sequence
+    std::string fault;              // empty: none
+  };
+  Taken take_one_by_one(const PatternSequence& sequence);
+  Taken take_packed(const PatternSequence& sequence);
+  GreyImage image_of(const cv::Mat1b& screen);
+  std::array<GreyImage, 3> images_of(const std::vector<cv::Mat1b>& screens);
 
   RigModel model_;
   std::unique_ptr<GreyCamera> camera_;

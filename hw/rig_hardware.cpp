@@ -16,6 +16,8 @@ namespace fs = std::filesystem;
 
 namespace {
 
+const std::vector<std::string> kPackings = {"RGB", "RBG", "GRB", "GBR", "BRG", "BGR"};
+
 CameraSettings read_camera(const YamlMap& map, const RigModel& rig) {
   CameraSettings camera;
   camera.size = {rig.camera.width, rig.camera.height};
@@ -44,10 +46,11 @@ CameraSettings read_camera(const YamlMap& map, const RigModel& rig) {
   return camera;
 }
 
-Dlpc350Settings read_dlpc350(const YamlMap& map) {
+Dlpc350Settings read_dlpc350(const YamlMap& map, const std::string& packing) {
   Dlpc350Settings settings;
-  settings.exposure_us = map.integer_or("exposure_us", settings.exposure_us, {8333, 2000000});
+  settings.packing = packing;
   settings.period_us = map.integer_or("period_us", settings.period_us, {8333, 2000000});
+  settings.exposure_us = map.integer_or("exposure_us", settings.pattern_period_us(), {4500, 2000000});
   settings.led_current = map.integer_or("led_current", settings.led_current, {-1, 255});
   return settings;
 }
@@ -56,11 +59,13 @@ Dlpc350Settings read_dlpc350(const YamlMap& map) {
 class LightCrafter : public Projector {
  public:
   LightCrafter(std::unique_ptr<Projector> display, const Dlpc350Settings& settings)
-      : display_(std::move(display)), controller_(open_hid(Dlpc350::kVendor, Dlpc350::kProduct, "projector")) {
+      : display_(std::move(display)), controller_(open_dlpc350()) {
     controller_.show_video_as_patterns(settings, [] { std::this_thread::sleep_for(std::chrono::milliseconds(20)); });
+    if (const std::string faults = controller_.status().faults; !faults.empty())
+      throw Error("projector: its controller reports: " + faults);
   }
   cv::Size size() const override { return display_->size(); }
-  void show(const cv::Mat1b& image) override { display_->show(image); }
+  void show(const cv::Mat& image) override { display_->show(image); }
   double refresh_s() const override { return display_->refresh_s(); }
   double present_interval_s() const override { return display_->present_interval_s(); }
 
@@ -83,7 +88,13 @@ HardwareSettings read_hardware(const fs::path& rig_file, const RigModel& rig) {
   if (map.has("projector")) {
     const YamlMap projector = map.map("projector");
     settings.display = projector.integer_or("display", -1, {-1, 63});
-    if (projector.has("dlpc350")) settings.dlpc350 = read_dlpc350(projector.map("dlpc350"));
+    if (projector.has("packing")) settings.rig.packing = projector.choice("packing", kPackings);
+    if (projector.has("dlpc350")) settings.dlpc350 = read_dlpc350(projector.map("dlpc350"), settings.rig.packing);
+    if (!settings.rig.packing.empty() && settings.camera.trigger == "software")
+      throw map.error(
+          "projector",
+          "packed patterns are shown in the projector's own time; set camera.trigger to the input line that its "
+          "trigger output is wired to");
   }
   settings.rig.settle_s = map.number_or("settle_s", settings.rig.settle_s, {0, 60});
   settings.rig.attempts = map.integer_or("attempts", settings.rig.attempts, {1, 1000});

@@ -77,6 +77,7 @@ class SdlProjector::Window {
       throw Error("projector: there is no display " + std::to_string(number) + ", but " + std::to_string(found.size()) +
                   (found.size() == 1 ? ": 0" : ", from 0") + "; see fringeslam rig list");
     display_ = found[static_cast<size_t>(number)];
+    at_ = display_.area.tl();
     if (display_.area.size() != size)
       throw Error("projector: display " + std::to_string(number) + " has " + to_words(display_.area.size()) +
                   ", the rig's projector " + to_words(size) + "; set the display to that mode");
@@ -98,7 +99,7 @@ class SdlProjector::Window {
   cv::Size size() const { return display_.area.size(); }
   double refresh_s() const { return 1 / (display_.refresh_hz > 0 ? display_.refresh_hz : 60); }
 
-  void show(const cv::Mat1b& image) {
+  void show(const cv::Mat& image) {
     check();
     upload(image);
     const Clock::time_point start = Clock::now();
@@ -133,30 +134,43 @@ class SdlProjector::Window {
     while (SDL_PollEvent(&event)) {
       if (event.type == SDL_QUIT || (event.type == SDL_WINDOWEVENT && event.window.event == SDL_WINDOWEVENT_CLOSE))
         throw Error("projector: the window was closed");
+      // Of a full-screen window SDL itself says that it is where it was asked to be.
+      if (event.type == SDL_WINDOWEVENT && event.window.event == SDL_WINDOWEVENT_MOVED)
+        at_ = {event.window.data1, event.window.data2};
     }
     int width = 0, height = 0;
     if (SDL_GetRendererOutputSize(renderer_.get(), &width, &height) != 0) fail("window");
     if (cv::Size(width, height) != size())
       throw Error("projector: the window has " + to_words({width, height}) + ", not the display's " + to_words(size()));
-    const int at = SDL_GetWindowDisplayIndex(window_.get());
-    if (at != display_.number)
-      throw Error("projector: the window is on display " + std::to_string(at) + ", not on " +
-                  std::to_string(display_.number) + "; the desktop moved it");
+    if (at_ != display_.area.tl())
+      throw Error("projector: the window is at (" + std::to_string(at_.x) + ", " + std::to_string(at_.y) +
+                  ") of the desktop and does not fill display " + std::to_string(display_.number) +
+                  "; the desktop or somebody moved it");
   }
 
-  void upload(const cv::Mat1b& image) {
+  void upload(const cv::Mat& image) {
+    const bool grey = image.type() == CV_8UC1;
+    CV_Assert(grey || image.type() == CV_8UC3);
     void* pixels = nullptr;
     int pitch = 0;
     if (SDL_LockTexture(texture_.get(), nullptr, &pixels, &pitch) != 0) fail("drawing");
     for (int row = 0; row < image.rows; ++row) {
       auto* line = reinterpret_cast<uint32_t*>(static_cast<uint8_t*>(pixels) + row * pitch);
-      for (int col = 0; col < image.cols; ++col) line[col] = 0xff000000u | 0x010101u * image(row, col);
+      for (int col = 0; col < image.cols; ++col) {
+        if (grey) {
+          line[col] = 0xff000000u | 0x010101u * image.at<uchar>(row, col);
+        } else {
+          const auto& bgr = image.at<cv::Vec3b>(row, col);
+          line[col] = 0xff000000u | static_cast<uint32_t>(bgr[2] << 16 | bgr[1] << 8 | bgr[0]);
+        }
+      }
     }
     SDL_UnlockTexture(texture_.get());
   }
 
   Video video_;
   FoundDisplay display_;
+  cv::Point at_;                                 // of the desktop
   std::unique_ptr<SDL_Window, Destroy> window_;  // each goes after what is made for it
   std::unique_ptr<SDL_Renderer, Destroy> renderer_;
   std::unique_ptr<SDL_Texture, Destroy> texture_;
@@ -169,7 +183,7 @@ cv::Size SdlProjector::size() const { return window_->size(); }
 double SdlProjector::refresh_s() const { return window_->refresh_s(); }
 double SdlProjector::present_interval_s() const { return window_->present_interval_s(); }
 
-void SdlProjector::show(const cv::Mat1b& image) {
+void SdlProjector::show(const cv::Mat& image) {
   if (image.size() != size())
     throw Error("projector: an image of " + to_words(image.size()) + " does not fill its " + to_words(size()));
   window_->show(image);

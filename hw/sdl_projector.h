@@ -32,7 +32,7 @@ class SdlProjector : public Projector {
   ~SdlProjector() override;
 
   cv::Size size() const override;
-  void show(const cv::Mat1b& image) override;
+  void show(const cv::Mat& image) override;
   double refresh_s() const override;
   // Below half a refresh period the driver does not wait for the display.
   double present_interval_s() const override;

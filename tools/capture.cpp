@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // fringeslam capture --rig RIG.yaml --out DATASET: a dataset from a camera and a projector.
+#include <sys/wait.h>
+
 #include <atomic>
 #include <chrono>
 #include <csignal>
+#include <cstdlib>
 #include <memory>
 #include <thread>
 
@@ -27,7 +30,20 @@ struct Arguments {
   std::string rig, out, patterns;
   int count = 1;
   double interval_s = 0;
+  std::string before;
 };
+
+// What moves the sensor between views: a stage, a robot, or a person who presses a key.
+void run_before(const std::string& command, int stack) {
+  if (command.empty()) return;
+  setenv("FRINGESLAM_STACK", std::to_string(stack).c_str(), 1);
+  const int status = std::system(command.c_str());
+  // While a command runs Ctrl-C is the command's.
+  if ((WIFSIGNALED(status) && WTERMSIG(status) == SIGINT) || (WIFEXITED(status) && WEXITSTATUS(status) == 128 + SIGINT))
+    interrupted = true;
+  else if (status != 0)
+    throw Error("--before " + command + ": failed before stack " + std::to_string(stack));
+}
 
 // Three frequencies, each an eighth of the one before, the coarsest a little wider than the projector.
 PatternSequence default_sequence(const RigModel& rig) {
@@ -55,13 +71,18 @@ int capture(const Arguments& arguments, const Common& common) {
   std::signal(SIGTERM, [](int) { interrupted = true; });
 
   int stacks = 0;
+  double capturing_s = 0;
   const auto kept = [&] { return std::to_string(stacks) + (stacks == 1 ? " stack" : " stacks"); };
   {
     Progress progress("capturing", arguments.count, common.quiet || common.json);
     try {
       for (; stacks < arguments.count && !interrupted; ++stacks) {
         if (stacks > 0) std::this_thread::sleep_for(std::chrono::duration<double>(arguments.interval_s));
+        run_before(arguments.before, stacks);
+        if (interrupted) break;
+        const auto start = std::chrono::steady_clock::now();
         recording.capture(sequence);
+        capturing_s += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
         recording.finish(model.name, 0, false);
         progress.step();
       }
@@ -80,6 +101,7 @@ int capture(const Arguments& arguments, const Common& common) {
       {{"dataset", arguments.out},
        {"stacks", stacks},
        {"interrupted", interrupted.load()},
+       {"stack_s", stacks > 0 ? capturing_s / stacks : 0},
        {"sequences_retaken", rig->retaken()},
        {"images", camera.images},
        {"images_refused", camera.refused},
@@ -101,6 +123,9 @@ Verb add_capture(CLI::App& app, const Common& common) {
   verb->add_option("--out", arguments->out, "Dataset folder to write")->required();
   verb->add_option("--count", arguments->count, "Stacks to capture")->check(CLI::Range(1, 1000000));
   verb->add_option("--interval", arguments->interval_s, "Seconds between them")->check(CLI::Range(0.0, 86400.0));
+  verb->add_option("--before", arguments->before,
+                   "Command to run before each stack, whose number is in FRINGESLAM_STACK: what moves the sensor; "
+                   "'read _' waits for Enter");
   verb->add_option("--patterns", arguments->patterns, "patterns.yaml, or the folder that `fringeslam patterns` wrote");
   return [arguments, &common] { return capture(*arguments, common); };
 }

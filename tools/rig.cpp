@@ -9,6 +9,7 @@
 #include "core/rig/rig_file.h"
 #include "core/types/error.h"
 #include "core/types/options.h"
+#include "hw/network.h"
 #include "hw/rig_hardware.h"
 #include "hw/sdl_projector.h"
 #include "tools/verbs.h"
@@ -20,9 +21,11 @@ namespace {
 using nlohmann::ordered_json;
 
 int list(const Common& common) {
-  ordered_json document{{"cameras", ordered_json::array()}, {"displays", ordered_json::array()}};
+  ordered_json document{
+      {"cameras", ordered_json::array()}, {"displays", ordered_json::array()}, {"controllers", ordered_json::array()}};
   std::string text = "cameras:";
   const std::vector<FoundCamera> cameras = find_cameras();
+  const std::vector<NetworkInterface> interfaces = network_interfaces();
   for (const FoundCamera& c : cameras) {
     document["cameras"].push_back({{"id", c.id},
                                    {"vendor", c.vendor},
@@ -31,6 +34,7 @@ int list(const Common& common) {
                                    {"address", c.address},
                                    {"protocol", c.protocol}});
     text += "\n  id: " + c.id + "  (" + c.vendor + " " + c.model + ", " + c.protocol + " at " + c.address + ")";
+    if (const std::string fault = network_fault(c.address, 0, interfaces); !fault.empty()) text += "\n    but " + fault;
   }
   if (cameras.empty())
     text += "\n  none; is one powered and plugged in, in this computer's subnet, and let through by the firewall?";
@@ -45,6 +49,14 @@ int list(const Common& common) {
       text += "\n  display: " + std::to_string(d.number) + "  (" + d.name + ", " + std::to_string(d.area.width) + "x" +
               std::to_string(d.area.height) + " px at " + to_text(d.refresh_hz) + " Hz)";
     }
+  } catch (const Error& e) {
+    text += std::string("\n  none: ") + e.what();
+  }
+  text += "\nprojector controllers:";
+  try {
+    const std::string faults = open_dlpc350().status().faults;
+    document["controllers"].push_back({{"controller", "dlpc350"}, {"faults", faults}});
+    text += "\n  dlpc350: " + (faults.empty() ? "ready" : faults);
   } catch (const Error& e) {
     text += std::string("\n  none: ") + e.what();
   }
@@ -127,7 +139,7 @@ int latency(const std::string& rig_file, const Common& common) {
 Verb add_rig(CLI::App& app, const Common& common) {
   CLI::App* group = app.add_subcommand("rig", "The camera and the projector that are there");
   group->require_subcommand(1);
-  CLI::App* list_verb = group->add_subcommand("list", "Cameras and displays");
+  CLI::App* list_verb = group->add_subcommand("list", "Cameras, displays and projector controllers");
   CLI::App* check_verb = group->add_subcommand("check", "Whether the rig's camera and projector work together");
   CLI::App* latency_verb = group->add_subcommand("latency", "How long a pattern takes to be seen");
   auto file = std::make_shared<std::string>();

@@ -18,6 +18,7 @@
 #include "core/score/score.h"
 #include "hw/rig_hardware.h"
 #include "sim/virtual_rig.h"
+#include "tests/hw/desktop.h"
 #include "tests/support/matchers.h"
 #include "tests/tools/child.h"
 
@@ -150,6 +151,12 @@ class ClosedLoop : public testing::Test {
       EXPECT_LE(cv::norm(stack.images[i], simulated().images[i], cv::NORM_INF), 2) << "image " << i;
   }
 
+  // The rig with another `hardware:` section.
+  fs::path rig_with(const std::string& hardware) const {
+    test::write_bytes(at("other.yaml"), to_yaml(read_rig(at("rig.yaml"))) + "hardware: " + hardware + "\n");
+    return at("other.yaml");
+  }
+
   Child program(const std::vector<std::string>& arguments) const {
     std::vector<std::string> command = {FRINGESLAM_PROGRAM};
     command.insert(command.end(), arguments.begin(), arguments.end());
@@ -186,9 +193,7 @@ TEST_F(ClosedLoop, LostPacketsCostTimeAndNoImage) {
   for (const char* ratio : {"0.005", "0.02"}) {
     control(std::string("lost ") + ratio);
     // The fake camera sends no packet again, and of its 49 an image at 2 % has all in one case of three.
-    test::write_bytes(at("patient.yaml"),
-                      to_yaml(read_rig(at("rig.yaml"))) + "hardware: {settle_s: 0.01, camera: {attempts: 40}}\n");
-    const auto rig = open_hardware(at("patient.yaml"));
+    const auto rig = open_hardware(rig_with("{settle_s: 0.01, camera: {attempts: 40}}"));
     expect_right(*rig->capture(sequence()));
     const CameraStatistics statistics = rig->camera().statistics();
     RecordProperty(std::string("lost ") + ratio, std::to_string(statistics.resent_packets) + " resent, " +
@@ -204,6 +209,46 @@ TEST_F(ClosedLoop, APatternThatTheProjectorDropsIsTakenAgain) {
     EXPECT_EQ(rig->retaken(), 1) << "image " << image;
     control("");
   }
+}
+
+TEST_F(ClosedLoop, ExposuresThatNobodyAskedForAreTakenAfterTheyBegan) {
+  const auto rig = open_hardware(rig_with("{settle_s: 0.01, camera: {trigger: free}}"));
+  expect_right(*rig->capture(sequence()));
+}
+
+// The camera exposes by its own clock, and each exposure sees another channel of what the display shows, as if a
+// projector triggered it that shows the channels one after the other.
+TEST_F(ClosedLoop, PackedPatternsOfAProjectorThatStepsByItself) {
+  for (const std::string packing : {"RGB", "BGR"}) {
+    control("packed " + packing);
+    const auto rig =
+        open_hardware(rig_with("{settle_s: 0.01, camera: {trigger: free}, projector: {packing: " + packing + "}}"));
+    expect_right(*rig->capture(sequence()));
+    const PatternSequence uneven = phase_shift_sequence(1024, 768, {1040}, 4, Axis::columns, 8);
+    const auto stack = rig->capture(uneven);  // the last frame is not full
+    ASSERT_EQ(stack->images.size(), 4u);
+    cv::Mat opposite = stack->images[0] + stack->images[2], other = stack->images[1] + stack->images[3];
+    EXPECT_LE(cv::norm(opposite, other, cv::NORM_INF), 4) << "cos + cos(. + pi) = 0";
+  }
+}
+
+TEST_F(ClosedLoop, AMissedExposureOfPackedPatternsIsNoticed) {
+  const auto rig =
+      open_hardware(rig_with("{settle_s: 0.01, attempts: 5, camera: {trigger: free}, projector: {packing: RGB}}"));
+  for (const int exposure : {12, 20, 28}) {
+    control("packed RGB fault missed " + std::to_string(exposure));
+    expect_right(*rig->capture(sequence()));
+  }
+  // How many exposures pass before the sequence begins is a matter of timing: one of the three hits it at least.
+  EXPECT_GE(rig->retaken(), 1);
+}
+
+TEST_F(ClosedLoop, AWindowThatWasMovedIsRefused) {
+  const auto rig = open_hardware(at("rig.yaml"));
+  expect_right(*rig->capture(sequence()));
+  ASSERT_TRUE(test::move_window("FringeSLAM", 300, 0));
+  EXPECT_THAT(error_of([&] { (void)rig->capture(sequence()); }),
+              HasSubstr("the window is at (300, 0) of the desktop and does not fill display 0"));
 }
 
 TEST_F(ClosedLoop, ACameraThatComesBackGoesOn) {
@@ -249,10 +294,8 @@ TEST_F(ClosedLoop, OnlyOneProgramControlsACamera) {
 }
 
 TEST_F(ClosedLoop, WhatTheCameraCannotDoIsSaid) {
-  const std::string rig = to_yaml(read_rig(at("rig.yaml")));
   const auto opened_with = [&](const std::string& hardware) {
-    test::write_bytes(at("wrong.yaml"), rig + "hardware: " + hardware + "\n");
-    return error_of([&] { (void)open_hardware(at("wrong.yaml")); });
+    return error_of([&] { (void)open_hardware(rig_with(hardware)); });
   };
   EXPECT_THAT(opened_with("{camera: {pixel_format: Mono12p}}"), HasSubstr("has 12 bits, but camera.sensor.bits is 8"));
   EXPECT_THAT(opened_with("{camera: {pixel_format: Mono88}}"), HasSubstr("did you mean 'Mono8'"));
@@ -260,6 +303,9 @@ TEST_F(ClosedLoop, WhatTheCameraCannotDoIsSaid) {
   EXPECT_THAT(opened_with("{camera: {offset_px: [3000, 0]}}"), HasSubstr("camera: "));
   EXPECT_THAT(opened_with("{camera: {exposure_s: 59}}"), HasSubstr("camera: "));
   EXPECT_THAT(opened_with("{projector: {display: 3}}"), HasSubstr("no display 3"));
+  EXPECT_THAT(opened_with("{projector: {packing: RGBW}}"), HasSubstr("RGBW"));
+  EXPECT_THAT(opened_with("{projector: {packing: RGB}}"), HasSubstr("set camera.trigger to the input line"));
+  EXPECT_THAT(opened_with("{projector: {dlpc350: {}}}"), HasSubstr("not found on USB"));
   EXPECT_THAT(opened_with("{camera: {exposure: 1}}"), HasSubstr("unknown key 'exposure'"));
   // It is opened for certain after all that.
   EXPECT_NO_THROW((void)open_hardware(at("rig.yaml")));

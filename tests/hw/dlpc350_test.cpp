@@ -51,7 +51,7 @@ TEST(Dlpc350, VideoAsPatternsIsThisTalk) {
   int waits = 0;
   {
     Dlpc350 controller(std::make_unique<Transcript>(talk));
-    controller.show_video_as_patterns({.exposure_us = 16000, .period_us = 16666, .led_current = 100}, [&] { ++waits; });
+    controller.show_video_as_patterns({.period_us = 16666, .exposure_us = 16000, .led_current = 100}, [&] { ++waits; });
   }
   EXPECT_EQ(waits, 1);
   const std::vector<Bytes> expected = {
@@ -60,6 +60,7 @@ TEST(Dlpc350, VideoAsPatternsIsThisTalk) {
       {0x00, 3, 0, 0x1B, 0x1A, 1},                                    // pattern display mode
       {0x00, 3, 0, 0x22, 0x1A, 0},                                    // from the video port
       {0x00, 6, 0, 0x31, 0x1A, 0, 1, 0, 0},                           // one entry, repeated
+      {0x00, 5, 0, 0x1D, 0x1A, 0, 0xBB, 0xBB},                        // trigger output 1, no delays
       {0x00, 10, 0, 0x29, 0x1A, 0x80, 0x3E, 0, 0, 0x1A, 0x41, 0, 0},  // 16000 us of 16666 us
       {0x00, 3, 0, 0x23, 0x1A, 0},                                    // vertical sync
       {0x00, 3, 0, 0x33, 0x1A, 2},                                    // mailbox: pattern definitions
@@ -77,6 +78,21 @@ TEST(Dlpc350, VideoAsPatternsIsThisTalk) {
     EXPECT_EQ(plain(talk.told[i]), expected[i]) << i;
     EXPECT_EQ(talk.told[i][1], i) << "sequence number";
   }
+}
+
+TEST(Dlpc350, AFrameOfThreePatternsShowsItsChannelsInOrder) {
+  Talk talk;
+  talk.says = {answer(0x00)};
+  Dlpc350 controller(std::make_unique<Transcript>(talk));
+  controller.show_video_as_patterns({.period_us = 16666, .exposure_us = 5300, .packing = "RGB"}, [] {});
+  std::vector<Bytes> told;
+  for (const Bytes& report : talk.told) told.push_back(plain(report));
+  EXPECT_THAT(told,
+              testing::IsSupersetOf(std::vector<Bytes>{
+                  {0x00, 6, 0, 0x31, 0x1A, 2, 1, 2, 0},                           // three entries
+                  {0x00, 10, 0, 0x29, 0x1A, 0xB4, 0x14, 0, 0, 0xB3, 0x15, 0, 0},  // 5300 us of a third of 16666 us
+                  // 7 bits, white light: red at the sync with a new frame, then green, then blue
+                  {0x00, 11, 0, 0x34, 0x1A, 0x05, 0x77, 0x04, 0x03, 0x77, 0x00, 0x0B, 0x77, 0x00}}));
 }
 
 TEST(Dlpc350, WhatItFindsInvalidIsSaidInWords) {

@@ -6,10 +6,12 @@
 //
 // CONTROL is a file of words that is read at each exposure, `key value` a line:
 //   pose N        of the scene's trajectory
+//   next_after N  the next pose after every N exposures
+//   packed RGB    the projector shows the screen's channels one after the other, an exposure each; else the green one
 //   delay_ms N    before the image is sent
 //   lost R        share of the packets that are dropped
 //   fault KIND K  the K-th exposure from now on sees another screen: `repeat` the one before, as if the projector had
-//                 not changed; `black` none
+//                 not changed; `black` none; `missed`: the camera sleeps through one of the projector's triggers
 #include <arv.h>
 #include <sys/stat.h>
 
@@ -30,7 +32,7 @@ namespace {
 using namespace fringeslam;
 
 // An X window dump as Xvfb keeps it (X11's XWDFile.h): a header of big-endian words, then colours, then the pixels.
-cv::Mat1b read_screen(const std::string& file) {
+cv::Mat3b read_screen(const std::string& file) {
   std::ifstream in(file, std::ios::binary);
   const std::string bytes{std::istreambuf_iterator<char>(in), {}};
   const auto word = [&](size_t index) {
@@ -43,11 +45,10 @@ cv::Mat1b read_screen(const std::string& file) {
   if (bits != 32) throw Error(file + ": is not a framebuffer of 32 bits a pixel");
   const size_t start = header + 12 * colours;
   if (bytes.size() < start + line * height) throw Error(file + ": ends early");
-  cv::Mat1b screen(static_cast<int>(height), static_cast<int>(width));
+  cv::Mat3b screen(static_cast<int>(height), static_cast<int>(width));
   for (size_t row = 0; row < height; ++row) {
-    for (size_t col = 0; col < width; ++col)  // the green of blue, green, red, nothing
-      screen(static_cast<int>(row), static_cast<int>(col)) =
-          static_cast<uchar>(bytes[start + row * line + 4 * col + 1]);
+    for (size_t col = 0; col < width; ++col)  // blue, green, red, nothing
+      std::memcpy(screen(static_cast<int>(row), static_cast<int>(col)).val, &bytes[start + row * line + 4 * col], 3);
   }
   return screen;
 }
@@ -63,12 +64,16 @@ class Eye {
   void see(ArvBuffer* buffer, double exposure_s, ArvGvFakeCamera* camera) {
     const std::lock_guard lock(mutex_);
     read_control(camera);
-    cv::Mat1b screen = read_screen(framebuffer_);
+    if (fault_in_ == 0 && fault_ == "missed") ++shown_;
+    cv::Mat1b screen;
+    cv::extractChannel(read_screen(framebuffer_), screen, channel());
     if (fault_in_ == 0 && fault_ == "black") screen = uchar{0};
     if (fault_in_ == 0 && fault_ == "repeat" && !last_.empty()) screen = last_;
     last_ = screen.clone();
     if (fault_in_ >= 0) --fault_in_;
-    const cv::Mat image = rig_.look(screen, pose_, exposure_s, number_++);
+    const size_t pose = (pose_ + (next_after_ > 0 ? number_ / next_after_ : 0)) % scene_.trajectory.size();
+    const cv::Mat image = rig_.look(screen, pose, exposure_s, static_cast<int>(number_++));
+    ++shown_;
     // The buffer's own size counts what was received, which here is nothing.
     const size_t size = arv_fake_camera_get_payload(arv_gv_fake_camera_get_fake_camera(camera));
     auto* data = static_cast<uint8_t*>(const_cast<void*>(arv_buffer_get_data(buffer, nullptr)));
@@ -94,6 +99,8 @@ class Eye {
     std::string key;
     while (words >> key) {
       if (key == "pose") words >> pose_;
+      if (key == "next_after") words >> next_after_;
+      if (key == "packed") words >> packed_;
       if (key == "delay_ms") words >> delay_ms_;
       if (key == "fault") words >> fault_ >> fault_in_;
       double lost = 0;
@@ -101,13 +108,19 @@ class Eye {
     }
   }
 
+  int channel() const {
+    if (packed_.empty()) return 1;
+    return static_cast<int>(std::string("BGR").find(packed_[shown_ % packed_.size()]));
+  }
+
   sim::Scene scene_;
   sim::VirtualRig rig_;
-  std::string framebuffer_, control_, known_, fault_;
+  std::string framebuffer_, control_, known_, fault_, packed_;
   std::mutex mutex_;
   cv::Mat1b last_;
-  size_t pose_ = 0;
-  int delay_ms_ = 0, fault_in_ = -1, number_ = 0;
+  size_t pose_ = 0, next_after_ = 0, number_ = 0;
+  size_t shown_ = 0;  // channels, when packed
+  int delay_ms_ = 0, fault_in_ = -1;
 };
 
 struct Fill {
