@@ -48,6 +48,7 @@ void RenderOptions::check() const {
 
 VirtualRig::VirtualRig(const Scene& scene, const RenderOptions& options, TruthSink truth)
     : scene_(scene),
+      calibration_(calibration_of(scene)),
       options_((options.check(), options)),
       truth_(std::move(truth)),
       renderer_(scene, options.effects, options.samples_per_pixel),

@@ -38,7 +38,7 @@ using TruthSink = std::function<void(const TruthFrame&)>;
 class VirtualRig : public Rig {
  public:
   VirtualRig(const Scene& scene, const RenderOptions& options, TruthSink truth = {});
-  const RigModel& model() const override { return scene_.rig; }
+  const RigModel& model() const override { return calibration_; }
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
   // One image from pose `pose` of the trajectory, exposed for exposure_s, while the projector shows `screen` (8 bits,
   // of its size). `number` keys the noise.
@@ -54,6 +54,7 @@ class VirtualRig : public Rig {
   bool moving() const { return options_.effects.motion && !scene_.motion.still(); }
 
   const Scene& scene_;
+  RigModel calibration_;
   RenderOptions options_;
   TruthSink truth_;
   Renderer renderer_;

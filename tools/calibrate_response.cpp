@@ -9,8 +9,8 @@
 #include "core/rig/dataset.h"
 #include "core/rig/files.h"
 #include "core/rig/rig_file.h"
+#include "core/rig/setting_groups.h"
 #include "tools/report/curve.h"
-#include "tools/setting_groups.h"
 #include "tools/verbs.h"
 
 namespace fringeslam::tools {

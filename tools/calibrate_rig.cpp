@@ -10,10 +10,10 @@
 #include "core/rig/dataset.h"
 #include "core/rig/files.h"
 #include "core/rig/rig_file.h"
+#include "core/rig/setting_groups.h"
 #include "tools/board_file.h"
 #include "tools/progress.h"
 #include "tools/report/coverage.h"
-#include "tools/setting_groups.h"
 #include "tools/verbs.h"
 
 namespace fringeslam::tools {

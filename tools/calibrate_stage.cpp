@@ -12,10 +12,10 @@
 #include "core/rig/dataset.h"
 #include "core/rig/files.h"
 #include "core/rig/rig_file.h"
+#include "core/rig/setting_groups.h"
 #include "core/types/trajectory.h"
 #include "tools/board_file.h"
 #include "tools/progress.h"
-#include "tools/setting_groups.h"
 #include "tools/source.h"
 #include "tools/verbs.h"
 

@@ -21,7 +21,7 @@ namespace {
 struct Arguments {
   std::string source, out;
   std::vector<std::string> sets;
-  std::optional<uint64_t> seed;
+  SceneVariant variant;
 };
 
 void write_pictures(const fs::path& folder, const FrameResult& view) {
@@ -43,7 +43,7 @@ void write_pictures(const fs::path& folder, const FrameResult& view) {
 int landmarks(const Arguments& arguments, const Common& common) {
   Settings settings = parse_settings(arguments.sets);
   settings.pipeline.tracking.landmarks = "every_frame";
-  const auto source = open_source(arguments.source, arguments.seed, settings, false);
+  const auto source = open_source(arguments.source, arguments.variant, settings, false);
   StagedFolder folder(arguments.out, "landmarks");
   const auto rig = source->open(folder.path());
   Pipeline pipeline(rig->model(), source->sequence(), settings.pipeline, Pose{});
@@ -85,7 +85,7 @@ Verb add_landmarks(CLI::App& app, const Common& common) {
   CLI::App* verb = app.add_subcommand("landmarks", "Pictures and tables of how landmarks are found and recognised");
   verb->add_option("source", arguments->source, "Scene file, folder with scene.yaml, or dataset folder")->required();
   verb->add_option("--out", arguments->out, "Folder to write")->required();
-  verb->add_option("--seed", arguments->seed, "Seed, instead of the scene's")->check(CLI::NonNegativeNumber);
+  arguments->variant.add_to(*verb);
   verb->add_option("--set", arguments->sets, "Change a setting: stage.key=value; see `run --help`");
   return [arguments, &common] { return landmarks(*arguments, common); };
 }

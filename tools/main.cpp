@@ -41,9 +41,9 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(0, 1024));
 
   std::vector<std::pair<CLI::App*, Verb>> verbs;
-  std::vector<Verb (*)(CLI::App&, const Common&)> adders = {add_run,    add_render,   add_effects,   add_scene,
-                                                            add_score,  add_info,     add_landmarks, add_patterns,
-                                                            add_import, add_calibrate};
+  std::vector<Verb (*)(CLI::App&, const Common&)> adders = {add_run,    add_render,    add_effects,   add_scene,
+                                                            add_score,  add_info,      add_landmarks, add_patterns,
+                                                            add_import, add_calibrate, add_study};
 #if FRINGESLAM_HW
   adders.insert(adders.end(), {add_capture, add_rig});
 #endif

@@ -19,21 +19,21 @@ Progress::~Progress() {
   if (!silent_ && terminal_ && done_ > 0) std::fputc('\n', stderr);
 }
 
-void Progress::step() {
+void Progress::step(const std::string& more) {
   ++done_;
   const bool last = done_ == total_;
   const auto interval = terminal_ ? std::chrono::milliseconds(100) : std::chrono::seconds(5);
-  if (!silent_ && (last || Clock::now() - printed_ >= interval)) print(last);
+  if (!silent_ && (last || Clock::now() - printed_ >= interval)) print(last, more);
 }
 
-void Progress::print(bool last) {
+void Progress::print(bool last, const std::string& more) {
   printed_ = Clock::now();
   const double elapsed_s = std::chrono::duration<double>(printed_ - start_).count();
   const double rate = done_ / elapsed_s;
   std::string tail = last ? std::to_string(elapsed_s) : std::to_string((total_ - done_) / rate);
   tail.resize(tail.find('.') + 2);
-  std::fprintf(stderr, "%s%s %d/%d  %.1f/s  %s s%s%s", terminal_ ? "\r" : "", what_.c_str(), done_, total_, rate,
-               tail.c_str(), last ? "" : " left", terminal_ ? "   " : "\n");
+  std::fprintf(stderr, "%s%s %d/%d  %.1f/s  %s s%s%s%s", terminal_ ? "\r" : "", what_.c_str(), done_, total_, rate,
+               tail.c_str(), last ? "" : " left", more.c_str(), terminal_ ? "   " : "\n");
   std::fflush(stderr);
 }
 

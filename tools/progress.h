@@ -12,10 +12,10 @@ class Progress {
  public:
   Progress(std::string what, int total, bool silent);
   ~Progress();
-  void step();
+  void step(const std::string& more = "");  // more: said behind the rate
 
  private:
-  void print(bool last);
+  void print(bool last, const std::string& more);
   using Clock = std::chrono::steady_clock;
   std::string what_;
   int total_, done_ = 0;

@@ -17,17 +17,17 @@ Verb add_render(CLI::App& app, const Common& common) {
   struct Arguments {
     std::string scene, out;
     std::vector<std::string> sets;
-    std::optional<uint64_t> seed;
+    SceneVariant variant;
   };
   auto arguments = std::make_shared<Arguments>();
   CLI::App* verb = app.add_subcommand("render", "Render a scene's fringe images and their truth into a dataset");
   verb->add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml")->required();
   verb->add_option("--out", arguments->out, "Dataset folder to write")->required();
-  verb->add_option("--seed", arguments->seed, "Seed, instead of the scene's")->check(CLI::NonNegativeNumber);
+  arguments->variant.add_to(*verb);
   verb->add_option("--set", arguments->sets, "render.key=value; see `run --help`");
   return [arguments, &common] {
     const Settings settings = parse_settings(arguments->sets);
-    const auto source = open_source(arguments->scene, arguments->seed, settings, false);
+    const auto source = open_source(arguments->scene, arguments->variant, settings, false);
     StagedFolder folder(arguments->out, "dataset");
     const auto rig = source->open(folder.path());
     RecordingRig recording(*rig, folder.path());

@@ -25,7 +25,7 @@ constexpr const char* kMapFile = "saved.map";
 struct Arguments {
   std::string source, out;
   std::vector<std::string> sets;
-  std::optional<uint64_t> seed;
+  SceneVariant variant;
   std::string map;
   bool mesh = false, save_map = false;
 };
@@ -45,7 +45,7 @@ int run(const Arguments& arguments, const Common& common) {
                        [&](const std::string& set) { return set.starts_with(group + "."); });
   };
   if (sets_any_of("mesh") && !arguments.mesh) throw Error("mesh.* settings have no effect without --mesh; add it");
-  const auto source = open_source(arguments.source, arguments.seed, settings, sets_any_of("render"));
+  const auto source = open_source(arguments.source, arguments.variant, settings, sets_any_of("render"));
   try {
     if (!source->model().calibrated)
       throw Error("its rig is not calibrated, so there is no depth; run fringeslam calibrate rig");
@@ -112,7 +112,7 @@ Verb add_run(CLI::App& app, const Common& common) {
       app.add_subcommand("run", "Map a scene or a recorded dataset, and score the map where the truth is known");
   verb->add_option("source", arguments->source, "Scene file, folder with scene.yaml, or dataset folder")->required();
   verb->add_option("--out", arguments->out, "Run folder to write (default: runs/NAME-SEED)");
-  verb->add_option("--seed", arguments->seed, "Seed, instead of the scene's")->check(CLI::NonNegativeNumber);
+  arguments->variant.add_to(*verb);
   verb->add_flag("--mesh", arguments->mesh, "Write each view's surface mesh as frames/NNNNNN/mesh.ply too");
   verb->add_option("--map", arguments->map, "Go on in the map that an earlier run saved")->check(CLI::ExistingFile);
   verb->add_flag("--save-map", arguments->save_map, "Write saved.map, in which a later run can go on, too");

@@ -15,7 +15,7 @@ namespace {
 
 struct Arguments {
   std::string scene, out, size = "1200x800";
-  std::optional<uint64_t> seed;
+  SceneVariant variant;
 };
 
 // WxH, or a width, to which the height is two thirds.
@@ -37,7 +37,7 @@ cv::Size size_of(const std::string& text) {
 
 int preview(const Arguments& arguments, const Common& common) {
   const cv::Size size = size_of(arguments.size);
-  const sim::Scene scene = sim::load_scene(scene_file(arguments.scene), {arguments.seed});
+  const sim::Scene scene = sim::load_scene(scene_file(arguments.scene), arguments.variant.reading());
   write_png(arguments.out, sim::preview_picture(scene, size));
   say(common, {{"written", arguments.out}}, "written: " + arguments.out);
   return 0;
@@ -51,7 +51,7 @@ Verb add_scene_preview(CLI::App& group, const Common& common) {
   verb->add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml")->required();
   verb->add_option("--out", arguments->out, "PNG file to write")->required();
   verb->add_option("--size", arguments->size, "Of the picture: WxH, or its width")->capture_default_str();
-  verb->add_option("--seed", arguments->seed, "Seed, instead of the scene's")->check(CLI::NonNegativeNumber);
+  arguments->variant.add_to(*verb);
   return [arguments, &common] { return preview(*arguments, common); };
 }
 

@@ -18,8 +18,11 @@ constexpr const char* kResolvedFile = "resolved_scene.yaml";
 
 class SceneSource : public Source {
  public:
-  SceneSource(const fs::path& file, std::optional<uint64_t> seed, const Settings& settings)
-      : scene_(sim::load_scene(file, {seed})), settings_(settings), board_(file.parent_path() / kBoardFile) {
+  SceneSource(const fs::path& file, const SceneVariant& variant, const Settings& settings)
+      : scene_(sim::load_scene(file, variant.reading())),
+        model_(sim::calibration_of(scene_)),
+        settings_(settings),
+        board_(file.parent_path() / kBoardFile) {
     for (const std::string& note : scene_.notes) std::fprintf(stderr, "%s\n", note.c_str());
   }
   const std::string& name() const override { return scene_.name; }
@@ -27,7 +30,7 @@ class SceneSource : public Source {
   int stacks() const override { return static_cast<int>(scene_.trajectory.size()); }
   bool has_truth() const override { return true; }
   const PatternSequence& sequence() const override { return scene_.patterns; }
-  const RigModel& model() const override { return scene_.rig; }
+  const RigModel& model() const override { return model_; }
   fs::path board_file() const override { return board_; }
 
   std::unique_ptr<Rig> open(const fs::path& folder) override {
@@ -43,6 +46,7 @@ class SceneSource : public Source {
 
  private:
   sim::Scene scene_;
+  RigModel model_;
   Settings settings_;
   fs::path board_;
 };
@@ -94,21 +98,40 @@ fs::path scene_file(const fs::path& path) {
   return fs::is_directory(path, ignored) ? path / kSceneFile : path;
 }
 
-std::unique_ptr<Source> open_source(const fs::path& path, std::optional<uint64_t> seed, const Settings& settings,
+void SceneVariant::add_to(CLI::App& verb) {
+  verb.add_option("--seed", seed, "Seed, instead of the scene's")->check(CLI::NonNegativeNumber);
+  verb.add_option("--with", with,
+                  "A value instead of the scene's: light.ambient_lux=2000, objects.2.count=30, "
+                  "rig.camera.sensor.dark_noise_electrons=50 (repeatable)");
+}
+
+sim::SceneReading SceneVariant::reading() const {
+  sim::SceneReading reading{seed};
+  for (const std::string& change : with) {
+    const size_t equals = change.find('=');
+    if (equals == std::string::npos || equals == 0 || equals + 1 == change.size())
+      throw Error("--with " + change + ": must look like section.key=value, for example light.ambient_lux=2000");
+    reading.changes.emplace_back(change.substr(0, equals), change.substr(equals + 1));
+  }
+  return reading;
+}
+
+std::unique_ptr<Source> open_source(const fs::path& path, const SceneVariant& variant, const Settings& settings,
                                     bool uses_render) {
   std::error_code ignored;
   if (!fs::exists(path, ignored)) throw Error(path.string() + ": does not exist; give a scene or a dataset folder");
   if (fs::exists(path / kDatasetFile, ignored)) {
-    if (seed) throw Error(path.string() + ": --seed has no effect on a recorded dataset; leave it out");
+    if (variant.seed || !variant.with.empty())
+      throw Error(path.string() + ": --seed and --with have no effect on a recorded dataset; leave them out");
     if (uses_render) throw Error(path.string() + ": render.* settings have no effect on a recorded dataset");
     return std::make_unique<DatasetSource>(path);
   }
   if (fs::is_directory(path, ignored)) {
     if (!fs::exists(path / kSceneFile, ignored))
       throw Error(path.string() + ": holds neither " + kSceneFile + " nor " + kDatasetFile);
-    return std::make_unique<SceneSource>(path / kSceneFile, seed, settings);
+    return std::make_unique<SceneSource>(path / kSceneFile, variant, settings);
   }
-  return std::make_unique<SceneSource>(path, seed, settings);
+  return std::make_unique<SceneSource>(path, variant, settings);
 }
 
 }  // namespace fringeslam::tools

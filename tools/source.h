@@ -3,10 +3,12 @@
 // files in the run folder, so that a run of a rendered dataset equals a run of its scene byte for byte.
 #pragma once
 
+#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "core/rig/rig.h"
 #include "tools/settings.h"
@@ -35,8 +37,18 @@ class Source {
   virtual std::unique_ptr<Rig> open(const std::filesystem::path& folder) = 0;
 };
 
+// What of a scene is other than its file says.
+struct SceneVariant {
+  std::optional<uint64_t> seed;
+  std::vector<std::string> with;  // light.ambient_lux=2000
+
+  void add_to(CLI::App& verb);
+  // Throws Error when one of `with` is no assignment.
+  sim::SceneReading reading() const;
+};
+
 // `path`: a scene file, a folder with scene.yaml, or a dataset folder. `uses_render`: some render.* was set.
-std::unique_ptr<Source> open_source(const std::filesystem::path& path, std::optional<uint64_t> seed,
+std::unique_ptr<Source> open_source(const std::filesystem::path& path, const SceneVariant& variant,
                                     const Settings& settings, bool uses_render);
 
 }  // namespace fringeslam::tools

@@ -39,6 +39,7 @@ Verb add_calibrate_rig(CLI::App& group, const Common& common);
 Verb add_calibrate_response(CLI::App& group, const Common& common);
 Verb add_calibrate_stage(CLI::App& group, const Common& common);
 Verb add_import(CLI::App& app, const Common& common);
+Verb add_study(CLI::App& app, const Common& common);
 Verb add_patterns(CLI::App& app, const Common& common);
 #if FRINGESLAM_HW
 Verb add_capture(CLI::App& app, const Common& common);

@@ -46,6 +46,19 @@ struct YamlMap::Node {
   bool given_up = false;                       // something in it kept the rest from being read
   std::set<std::string> asked;
   std::vector<std::shared_ptr<Node>> children;
+  // Values that come from another file than the rest.
+  struct Foreign {
+    YAML::Node value;
+    std::string file;
+  };
+  std::vector<Foreign> foreign;
+
+  const std::string& file_of(const YAML::Node& node) const {
+    for (const Foreign& other : foreign) {
+      if (node.is(other.value)) return other.file;
+    }
+    return file;
+  }
 
   // What `read` gives, or the stand-in when it fails while errors are collected.
   template <class Value, class Read>
@@ -61,7 +74,7 @@ struct YamlMap::Node {
 
   std::string where(const YAML::Node& node) const {
     const YAML::Mark mark = node.Mark();
-    return file + (mark.is_null() ? "" : ":" + std::to_string(mark.line + 1)) + ": ";
+    return file_of(node) + (mark.is_null() ? "" : ":" + std::to_string(mark.line + 1)) + ": ";
   }
 
   // Lookup without yaml-cpp's habit of inserting missing keys.
@@ -90,7 +103,8 @@ struct YamlMap::Node {
   std::shared_ptr<Node> child(const YAML::Node& value, const std::string& name) {
     auto node = std::make_shared<Node>();
     node->yaml.reset(value);
-    node->file = file;
+    node->file = file_of(value);
+    node->foreign = foreign;
     node->path = path + "/" + name;
     node->draws = draws;
     node->asked_paths = asked_paths;
@@ -393,7 +407,8 @@ std::vector<std::string> YamlMap::keys() const {
 
 Error YamlMap::error(const std::string& key, const std::string& message) const {
   for (const auto& entry : node_->yaml) {
-    if (entry.first.Scalar() == key) return Error(node_->where(entry.first) + message);
+    const bool own = node_->file_of(entry.second) == node_->file;
+    if (entry.first.Scalar() == key) return Error(node_->where(own ? entry.first : entry.second) + message);
   }
   return error(message);
 }
@@ -421,6 +436,92 @@ std::filesystem::path YamlMap::file(const std::string& key) const {
   if (!std::filesystem::exists(file, ignored)) throw error(key, file.string() + " does not exist");
   if (!std::filesystem::is_regular_file(file, ignored)) throw error(key, file.string() + " is no file");
   return file;
+}
+
+namespace {
+
+// The same value as if no line of a file had it.
+YAML::Node without_marks(const YAML::Node& node) {
+  if (node.IsScalar()) return YAML::Node(node.Scalar());
+  YAML::Node copy(node.Type());
+  for (const auto& entry : node) {
+    if (node.IsMap())
+      copy[entry.first.Scalar()] = without_marks(entry.second);
+    else
+      copy.push_back(without_marks(entry));
+  }
+  return copy;
+}
+
+bool is_pose(const YAML::Node& node) {
+  return node.IsMap() && (node["translation_m"] || node["rotation_deg"] || node["rotation_matrix"]);
+}
+
+}  // namespace
+
+void YamlMap::set(const std::string& path, const std::string& value) {
+  const YAML::Node parsed = parse_yaml("value: " + value, path + "=" + value);
+  YAML::Node at;
+  at.reset(node_->yaml);
+  size_t begin = 0;
+  while (true) {
+    const size_t end = std::min(path.find('.', begin), path.size());
+    const std::string step = path.substr(begin, end - begin);
+    const auto missing = [&](const std::string& what) {
+      return Error(node_->file + ": " + path + ": " + (begin > 0 ? path.substr(0, begin - 1) + " " : "") + what);
+    };
+    if (step.empty()) throw missing("is followed by no name");
+    size_t number = 0;
+    if (at.IsSequence()) {
+      const auto [stop, failure] = std::from_chars(step.data(), step.data() + step.size(), number);
+      if (failure != std::errc() || stop != step.data() + step.size() || number >= at.size())
+        throw missing("is a list of " + std::to_string(at.size()) + "; its entries are numbered from 0");
+    } else if (!at.IsMap()) {
+      throw missing("is a value and has nothing below it");
+    }
+    if (end == path.size()) {
+      if (at.IsSequence())
+        at[number] = without_marks(parsed["value"]);
+      else
+        at[step] = without_marks(parsed["value"]);
+      return;
+    }
+    if (at.IsMap() && !at[step]) at[step] = YAML::Node(YAML::NodeType::Map);
+    const YAML::Node next = at.IsSequence() ? at[number] : at[step];
+    at.reset(next);
+    begin = end + 1;
+  }
+}
+
+YamlMap YamlMap::changed_by(const YamlMap& changes, const std::vector<std::string>& except) const {
+  auto node = std::make_shared<Node>();
+  node->yaml.reset(node_->yaml);  // a clone would not know its lines
+  node->file = node_->file;
+  node->path = changes.node_->path;
+  node->draws = changes.node_->draws;
+  node->errors = changes.node_->errors;
+  node->asked_paths = changes.node_->asked_paths;
+  const std::function<void(YAML::Node, const YAML::Node&)> put = [&](YAML::Node under, const YAML::Node& over) {
+    for (const auto& entry : over) {
+      const std::string key = entry.first.Scalar();
+      const YAML::Node value = entry.second;
+      if (under[key] && under[key].IsMap() && value.IsMap() && !is_pose(value)) {
+        put(under[key], value);
+      } else {
+        under[key] = value;  // the node itself: what is drawn in its place shows in both
+        node->foreign.push_back({value, changes.node_->file});
+      }
+    }
+  };
+  for (const auto& entry : changes.node_->yaml) {
+    const std::string key = entry.first.Scalar();
+    changes.node_->asked.insert(key);
+    if (std::find(except.begin(), except.end(), key) != except.end()) continue;
+    YAML::Node one(YAML::NodeType::Map);
+    one[key] = entry.second;
+    put(node->yaml, one);
+  }
+  return YamlMap(node);
 }
 
 void YamlMap::draw_from(std::shared_ptr<const Draws> draws, const std::string& place) {

@@ -82,6 +82,13 @@ class YamlMap {
 
   void finish() const;
 
+  // Replaces the value at a path such as light.ambient_lux or objects.2.count by a YAML value; maps on the way that are
+  // missing are made. Throws Error when something on the way has no such entry.
+  void set(const std::string& path, const std::string& value);
+  // This map with `changes` over it, except some of their keys: maps come together, everything else, and poses, is
+  // replaced, in this map too. What is drawn and what errors do goes by `changes`, whose other keys count as read.
+  YamlMap changed_by(const YamlMap& changes, const std::vector<std::string>& except) const;
+
   // From now on what is wrong with this map, or with one below it, is added to `errors` and a permitted value stands in
   // for it, so that one reading finds all that is wrong.
   void collect_errors(std::vector<std::string>& errors);

@@ -8,6 +8,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "core/patterns/patterns.h"
@@ -48,6 +49,13 @@ struct Motion {
   bool still() const { return velocity_m_s.isZero() && angular_rad_s.isZero(); }
 };
 
+// By how much the calibration that the pipeline is given is off the rig that takes the images.
+struct CalibrationError {
+  Eigen::Vector3d translation_m = Eigen::Vector3d::Zero();  // of the projector, in the camera's frame
+  Eigen::Vector3d angles_deg = Eigen::Vector3d::Zero();     // likewise
+  double focal = 0;                                         // of the camera, relative
+};
+
 struct Scene {
   std::string name;
   uint64_t seed = 0;
@@ -60,6 +68,7 @@ struct Scene {
   Air air;
   Dust dust;
   Motion motion;
+  CalibrationError calibration_error;
   Trajectory trajectory;                // of the robot
   std::string resolved = {};            // the scene file, with what was drawn in place of distributions
   std::vector<std::string> notes = {};  // what imported files turned out to be, for people
@@ -80,7 +89,12 @@ struct SceneReading {
   std::filesystem::path resolved_for = {};     // folder of Scene::resolved, to which paths in it are relative; empty:
                                                // that of the file
   SceneLimits limits = {};
+  // Values in place of the file's: a path such as light.ambient_lux or objects.2.count, and YAML.
+  std::vector<std::pair<std::string, std::string>> changes = {};
 };
+
+// The rig as its calibration has it.
+RigModel calibration_of(const Scene& scene);
 
 // Throws Error with file:line on anything that is missing, unknown, not finite, out of range or impossible.
 Scene load_scene(const std::filesystem::path& file, const SceneReading& reading = {});

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <set>
@@ -34,6 +35,7 @@ class SceneLayers {
  public:
   SceneLayers(const fs::path& file, const SceneReading& reading) : reading_(reading) {
     add(file, "");
+    for (const auto& [path, value] : reading_.changes) owner(path.substr(0, path.find('.'))).set(path, value);
     seed = reading.seed.value_or(has("seed") ? with("seed").seed("seed") : 1);
     const auto draws = std::make_shared<SceneDraws>(seed);
     for (size_t i = 0; i < layers_.size(); ++i) layers_[i].draw_from(draws, places_[i]);
@@ -61,6 +63,12 @@ class SceneLayers {
   uint64_t seed = 1;
 
  private:
+  YamlMap& owner(const std::string& section) {
+    const auto has = [&](const YamlMap& layer) { return layer.has(section); };
+    const auto found = std::find_if(layers_.begin(), layers_.end(), has);
+    return found == layers_.end() ? layers_.front() : *found;
+  }
+
   void add(const fs::path& file, const std::string& place) {
     constexpr size_t kMost = 100;
     if (layers_.size() == kMost) throw Error(file.string() + ": more than 100 files include one another");
@@ -205,6 +213,14 @@ Motion read_motion(const YamlMap& map) {
   return motion;
 }
 
+CalibrationError read_calibration_error(const YamlMap& map) {
+  CalibrationError error;
+  error.translation_m = 1e-3 * map.vector3_or("translation_mm", Eigen::Vector3d::Zero(), {-100, 100});
+  error.angles_deg = map.vector3_or("rotation_deg", Eigen::Vector3d::Zero(), {-10, 10});
+  error.focal = 0.01 * map.number_or("focal_percent", 0, {-10, 10});
+  return error;
+}
+
 void read_light(const YamlMap& map, Scene& scene) {
   scene.ambient_lux = map.number_or("ambient_lux", 0, {0, 1e6});
   scene.bounces = map.integer_or("bounces", 0, {0, 32});
@@ -236,12 +252,25 @@ Dust read_dust(const YamlMap& map) {
 }
 
 RigModel read_scene_rig(const YamlMap& map) {
-  RigModel rig = read_rig(map.file("file"));
-  if (map.has("robot_from_camera")) rig.robot_from_camera = map.pose("robot_from_camera");
+  const YamlMap changed = YamlMap::load(map.file("file")).changed_by(map, {"file"});
+  const RigModel rig = read_rig(changed);
+  changed.finish();
   return rig;
 }
 
 }  // namespace
+
+RigModel calibration_of(const Scene& scene) {
+  RigModel rig = scene.rig;
+  const CalibrationError& error = scene.calibration_error;
+  if (error.translation_m.isZero() && error.angles_deg.isZero() && error.focal == 0) return rig;  // to the last bit
+  const Pose turned = pose_from({1e3 * error.translation_m, error.angles_deg});
+  // Of the projector as seen from the camera.
+  rig.projector_from_camera = (rig.projector_from_camera.inverse() * turned).inverse();
+  rig.camera.fx *= 1 + error.focal;
+  rig.camera.fy *= 1 + error.focal;
+  return rig;
+}
 
 Scene load_scene(const fs::path& file, const SceneReading& reading) {
   const SceneLayers layers(file, reading);
@@ -259,6 +288,8 @@ Scene load_scene(const fs::path& file, const SceneReading& reading) {
   if (layers.has("light")) section("light", [&](const YamlMap& map) { read_light(map, scene); });
   if (layers.has("air")) section("air", [&](const YamlMap& map) { scene.air = read_air(map); });
   if (layers.has("dust")) section("dust", [&](const YamlMap& map) { scene.dust = read_dust(map); });
+  if (layers.has("calibration_error"))
+    section("calibration_error", [&](const YamlMap& map) { scene.calibration_error = read_calibration_error(map); });
   const Materials materials = read_materials(layers);
   scene.objects = read_all_objects(layers, materials, reading.limits, scene.notes);
   section("trajectory", [&](const YamlMap& map) {

@@ -10,7 +10,7 @@
 
 #include "core/rig/yaml.h"
 
-namespace fringeslam::tools {
+namespace fringeslam {
 
 // Writes one help line a field.
 class HelpWriter {
@@ -72,4 +72,4 @@ std::string groups_help(S settings) {
   return text;
 }
 
-}  // namespace fringeslam::tools
+}  // namespace fringeslam

@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "bench/studies/results.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <charconv>
+#include <nlohmann/json.hpp>
+
+#include "core/rig/files.h"
+#include "core/types/error.h"
+
+namespace fringeslam::studies {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+std::string name_of(Shard shard) { return std::to_string(shard.index) + "-of-" + std::to_string(shard.count); }
+
+std::string hash_text(const Study& study) {
+  char hash[17];
+  std::snprintf(hash, sizeof hash, "%016llx", static_cast<unsigned long long>(study.hash));
+  return hash;
+}
+
+// Adds the lines of a file. A last line without its end was being written when its writer died, and does not count.
+void read_lines(const fs::path& file, const Study& study, std::map<int, std::string>& lines) {
+  const std::string text = read_bytes(file);
+  int number = 0;
+  for (size_t begin = 0, end; (end = text.find('\n', begin)) != std::string::npos; begin = end + 1) {
+    const std::string where = file.string() + ":" + std::to_string(++number) + ": ";
+    const std::string line = text.substr(begin, end - begin);
+    const auto json = nlohmann::json::parse(line, nullptr, false);
+    if (!json.is_object() || !json.contains("trial") || !json["trial"].is_number_integer() || !json.contains("study"))
+      throw Error(where + "is no trial's result; move the file away");
+    if (json["study"] != hash_text(study))
+      throw Error(where + "is of another study, or of this one before " + study.file.string() +
+                  " or its scene changed; give another --out");
+    const int trial = json["trial"].get<int>();
+    if (trial < 0 || trial >= study.trials) throw Error(where + "there is no trial " + std::to_string(trial));
+    const auto [known, is_new] = lines.emplace(trial, line);
+    if (!is_new && known->second != line)
+      throw Error(where + "trial " + std::to_string(trial) +
+                  " has another result elsewhere in the folder; the machines do not compute alike, or one has another "
+                  "version");
+  }
+}
+
+std::vector<fs::path> files_in(const fs::path& folder, const std::string& begin) {
+  std::vector<fs::path> files;
+  std::error_code none;
+  for (const auto& entry : fs::directory_iterator(folder / "shards", none)) {
+    const std::string name = entry.path().filename().string();
+    if (name.starts_with(begin) && (name.ends_with(".jsonl") || name.ends_with(".partial"))) files.push_back(entry);
+  }
+  std::sort(files.begin(), files.end());
+  return files;
+}
+
+}  // namespace
+
+Shard shard_of(const std::string& text) {
+  Shard shard;
+  const char* end = text.data() + text.size();
+  const auto first = std::from_chars(text.data(), end, shard.index);
+  if (first.ec == std::errc() && first.ptr != end && *first.ptr == '/') {
+    const auto second = std::from_chars(first.ptr + 1, end, shard.count);
+    if (second.ec == std::errc() && second.ptr == end && shard.index >= 0 && shard.index < shard.count) return shard;
+  }
+  throw Error("--shard " + text + ": must look like 2/8, from 0/8 to 7/8");
+}
+
+ShardFile::ShardFile(fs::path folder, const Study& study, Shard shard)
+    : folder_(std::move(folder)), study_(study), shard_(shard) {
+  fs::create_directories(folder_ / "shards");
+  for (const fs::path& file : files_in(folder_, name_of(shard) + ".")) read_lines(file, study, lines_);
+  if (missing().empty()) return;
+  char host[256] = "";
+  gethostname(host, sizeof host - 1);
+  partial_ = folder_ / "shards" / (name_of(shard) + "." + host + "." + std::to_string(getpid()) + ".partial");
+  // Another machine's process may have had this name: appended to, never begun again.
+  file_ = open(partial_.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0644);
+  if (file_ < 0) throw Error(partial_.string() + ": cannot be written");
+  const std::string before = read_bytes(partial_);
+  if (!before.empty() && before.back() != '\n' && ftruncate(file_, static_cast<off_t>(before.rfind('\n') + 1)) != 0)
+    throw Error(partial_.string() + ": cannot be written");
+}
+
+ShardFile::~ShardFile() {
+  if (file_ < 0) return;
+  close(file_);
+  std::error_code ignored;
+  if (fs::file_size(partial_, ignored) == 0) fs::remove(partial_, ignored);
+}
+
+std::vector<int> ShardFile::missing() const {
+  std::vector<int> trials;
+  for (int trial = shard_.index; trial < study_.trials; trial += shard_.count) {
+    if (!lines_.count(trial)) trials.push_back(trial);
+  }
+  return trials;
+}
+
+void ShardFile::add(int trial, const std::string& line) {
+  const std::string bytes = line + "\n";
+  // In one piece: whoever is killed in it leaves a line without an end.
+  if (write(file_, bytes.data(), bytes.size()) != static_cast<ssize_t>(bytes.size()))
+    throw Error(partial_.string() + ": cannot be written; is the disk full?");
+  lines_.emplace(trial, line);
+}
+
+void ShardFile::finish() {
+  const fs::path target = folder_ / "shards" / (name_of(shard_) + ".jsonl");
+  if (!fs::exists(target)) {
+    std::string text;
+    for (const auto& [trial, line] : lines_) text += line + "\n";
+    StagedFile staged(target);
+    write_text(staged.path(), text);
+    staged.commit();
+  }
+  for (const fs::path& file : files_in(folder_, name_of(shard_) + ".")) {
+    if (file.extension() == ".partial") fs::remove(file);
+  }
+  if (file_ >= 0) close(file_);
+  file_ = -1;
+}
+
+std::map<int, std::string> merged_lines(const fs::path& folder, const Study& study) {
+  const std::vector<fs::path> files = files_in(folder, "");
+  if (files.empty()) throw Error(folder.string() + ": holds no shards; run fringeslam study run first");
+  std::map<int, std::string> lines;
+  for (const fs::path& file : files) read_lines(file, study, lines);
+  return lines;
+}
+
+}  // namespace fringeslam::studies

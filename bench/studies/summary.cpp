@@ -1,0 +1,331 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "bench/studies/summary.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "core/score/score.h"
+#include "core/types/options.h"
+
+namespace fringeslam::studies {
+
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+constexpr int kClasses = 8;
+constexpr size_t kWorst = 10;
+
+struct Row {
+  int trial = 0;
+  bool success = false;
+  std::string outcome, cause;
+  double translation_mm = kNaN;
+  std::vector<std::string> values;
+  std::vector<double> numbers;  // of the values; NaN for those that are none
+};
+
+std::vector<Row> rows_of(const Study& study, const std::map<int, std::string>& lines) {
+  std::vector<Row> rows;
+  for (const auto& [trial, line] : lines) {
+    const Json json = Json::parse(line);
+    Row row;
+    row.trial = trial;
+    row.outcome = json.at("outcome");
+    row.success = row.outcome == "success";
+    row.cause = json.value("cause", "");
+    if (json.contains("metrics") && json["metrics"].value("translation_mm", Json()).is_number())
+      row.translation_mm = json["metrics"]["translation_mm"];
+    for (const Parameter& parameter : study.parameters) {
+      row.values.push_back(json.at("values").at(parameter.name));
+      const Json number = Json::parse(row.values.back(), nullptr, false);
+      row.numbers.push_back(number.is_number() ? number.get<double>() : kNaN);
+    }
+    rows.push_back(std::move(row));
+  }
+  return rows;
+}
+
+void close(Class& of, const std::vector<const Row*>& rows) {
+  std::vector<double> errors;
+  for (const Row* row : rows) {
+    ++of.trials;
+    of.successes += row->success;
+    if (std::isfinite(row->translation_mm)) errors.push_back(row->translation_mm);
+  }
+  of.rate_95 = wilson(of.successes, of.trials);
+  of.median_mm = errors.empty() ? kNaN : quantile_of(errors, 0.5);
+  of.p90_mm = errors.empty() ? kNaN : quantile_of(errors, 0.9);
+}
+
+std::vector<Class> classes_of(const Parameter& parameter, size_t p, const std::vector<Row>& rows) {
+  std::vector<Class> classes;
+  if (!parameter.values.empty()) {
+    for (const std::string& value : parameter.values) {
+      std::vector<const Row*> inside;
+      for (const Row& row : rows) {
+        if (row.values[p] == value) inside.push_back(&row);
+      }
+      classes.push_back({.label = value, .rate_95 = {}});
+      close(classes.back(), inside);
+    }
+    return classes;
+  }
+  // Equally many trials each: no class is too small to say something.
+  std::vector<const Row*> order;
+  for (const Row& row : rows) order.push_back(&row);
+  std::sort(order.begin(), order.end(), [&](const Row* a, const Row* b) { return a->numbers[p] < b->numbers[p]; });
+  for (size_t c = 0; c < kClasses; ++c) {
+    const std::vector<const Row*> inside(order.begin() + static_cast<long>(c * order.size() / kClasses),
+                                         order.begin() + static_cast<long>((c + 1) * order.size() / kClasses));
+    if (inside.empty()) continue;
+    classes.push_back(
+        {.label = "", .low = inside.front()->numbers[p], .high = inside.back()->numbers[p], .rate_95 = {}});
+    close(classes.back(), inside);
+  }
+  return classes;
+}
+
+// Sensitivities of an output; rows without one are left out.
+template <class Output>
+SobolIndex sensitivity(const Study& study, size_t p, const std::vector<Row>& rows, const Output& output) {
+  if (study.design == Design::saltelli) {
+    const auto length = static_cast<size_t>(row_length(study));
+    std::vector<double> a, b, a_with_b;
+    for (size_t begin = 0; begin + length <= rows.size(); begin += length) {
+      if (rows[begin].trial % static_cast<int>(length) != 0 ||
+          rows[begin + length - 1].trial != rows[begin].trial + static_cast<int>(length) - 1)
+        continue;  // a trial of it is missing
+      const double of_a = output(rows[begin]), of_b = output(rows[begin + 1]), of_ab = output(rows[begin + 2 + p]);
+      if (!std::isfinite(of_a + of_b + of_ab)) continue;
+      a.push_back(of_a), b.push_back(of_b), a_with_b.push_back(of_ab);
+    }
+    return sobol(a, b, a_with_b);
+  }
+  std::vector<double> in, out;
+  for (const Row& row : rows) {
+    const auto place = std::find(study.parameters[p].values.begin(), study.parameters[p].values.end(), row.values[p]);
+    const double value = study.parameters[p].values.empty()
+                             ? row.numbers[p]
+                             : static_cast<double>(place - study.parameters[p].values.begin());
+    if (!std::isfinite(value + output(row))) continue;
+    in.push_back(value), out.push_back(output(row));
+  }
+  return first_order(in, out);
+}
+
+// The box of the envelope, over the parameters that are numbers.
+struct Box {
+  std::vector<double> low, high;
+  bool holds(const Row& row) const {
+    for (size_t p = 0; p < low.size(); ++p) {
+      if (row.numbers[p] < low[p] || row.numbers[p] > high[p]) return false;
+    }
+    return true;
+  }
+};
+
+void find_envelope(const std::vector<Row>& rows, Summary& summary) {
+  constexpr double kWanted = 0.99, kPeel = 0.05;
+  constexpr size_t kLeast = 30;
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  const size_t count = summary.parameters.size();
+  std::vector<const Row*> inside, proof;
+  for (size_t i = 0; i < rows.size(); ++i) (i % 2 == 0 ? inside : proof).push_back(&rows[i]);
+  Box box{std::vector<double>(count, -kInfinity), std::vector<double>(count, kInfinity)};
+  const auto rate = [](const std::vector<const Row*>& of) {
+    return static_cast<double>(std::count_if(of.begin(), of.end(), [](const Row* row) { return row->success; })) /
+           static_cast<double>(of.size());
+  };
+  while (!inside.empty() && rate(inside) < kWanted) {
+    double best = rate(inside);
+    std::optional<Box> next;
+    for (size_t p = 0; p < count; ++p) {
+      std::vector<double> values;
+      for (const Row* row : inside) values.push_back(row->numbers[p]);
+      if (!std::isfinite(values.front())) continue;
+      for (const bool from_below : {true, false}) {
+        Box peeled = box;
+        (from_below ? peeled.low : peeled.high)[p] = quantile_of(values, from_below ? kPeel : 1 - kPeel);
+        std::vector<const Row*> left;
+        for (const Row* row : inside) {
+          if (peeled.holds(*row)) left.push_back(row);
+        }
+        if (left.size() < kLeast || left.size() == inside.size() || rate(left) <= best) continue;
+        best = rate(left);
+        next = peeled;
+      }
+    }
+    if (!next) return;
+    box = *next;
+    std::erase_if(inside, [&](const Row* row) { return !box.holds(*row); });
+  }
+  if (inside.size() < kLeast) return;
+  summary.envelope = true;
+  for (const Row* row : proof) {
+    if (!box.holds(*row)) continue;
+    ++summary.envelope_trials;
+    summary.envelope_successes += row->success;
+  }
+  summary.envelope_95 = wilson(summary.envelope_successes, summary.envelope_trials);
+  for (size_t p = 0; p < count; ++p)
+    summary.parameters[p].safe_low = box.low[p], summary.parameters[p].safe_high = box.high[p];
+}
+
+void find_worst(const Study& study, const std::vector<Row>& rows, Summary& summary) {
+  static const std::vector<std::string> severity = {
+      "crashed", "timed_out", "confidently_wrong", "refused", "inaccurate", "lost", "success"};
+  const auto rank = [&](const Row* row) {
+    return std::find(severity.begin(), severity.end(), row->outcome) - severity.begin();
+  };
+  std::vector<const Row*> order;
+  for (const Row& row : rows) {
+    if (!row.success) order.push_back(&row);
+  }
+  std::stable_sort(order.begin(), order.end(), [&](const Row* a, const Row* b) {
+    if (rank(a) != rank(b)) return rank(a) < rank(b);
+    return (std::isfinite(a->translation_mm) ? a->translation_mm : 0) >
+           (std::isfinite(b->translation_mm) ? b->translation_mm : 0);
+  });
+  for (size_t i = 0; i < std::min(order.size(), kWorst); ++i)
+    summary.worst.push_back({order[i]->trial, order[i]->outcome, order[i]->cause,
+                             command_of(study, trial_of(study, order[i]->trial)), order[i]->translation_mm});
+}
+
+Json to_json(const Interval& interval) { return {interval.low, interval.high}; }
+
+Json to_json(const SobolIndex& index) {
+  return {{"first", index.first},
+          {"first_95", to_json(index.first_95)},
+          {"total", index.total},
+          {"total_95", to_json(index.total_95)}};
+}
+
+std::string percent(double share) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.1f %%", 100 * share);
+  return text;
+}
+
+std::string percent(const Interval& interval) {
+  return "[" + percent(interval.low) + ", " + percent(interval.high) + "]";
+}
+
+}  // namespace
+
+Summary summarise(const Study& study, const std::map<int, std::string>& lines) {
+  const std::vector<Row> rows = rows_of(study, lines);
+  Summary summary;
+  summary.name = study.name;
+  summary.trials = static_cast<int>(rows.size());
+  summary.missing = study.trials - summary.trials;
+  std::vector<double> errors;
+  for (const Row& row : rows) {
+    summary.successes += row.success;
+    ++summary.outcomes[row.outcome];
+    if (!row.cause.empty()) ++summary.causes[row.cause];
+    if (std::isfinite(row.translation_mm)) errors.push_back(row.translation_mm);
+  }
+  summary.rate_95 = wilson(summary.successes, summary.trials);
+  for (const double q : {0.5, 0.9, 0.95, 0.99, 1.0}) {
+    if (!errors.empty()) summary.error_percentiles_mm.emplace_back(100 * q, quantile_of(errors, q));
+  }
+  const auto success = [](const Row& row) { return row.success ? 1.0 : 0.0; };
+  const auto log_error = [](const Row& row) { return std::log10(row.translation_mm); };
+  for (size_t p = 0; p < study.parameters.size(); ++p) {
+    summary.parameters.push_back({study.parameters[p].name, classes_of(study.parameters[p], p, rows),
+                                  sensitivity(study, p, rows, success), sensitivity(study, p, rows, log_error), kNaN,
+                                  kNaN});
+  }
+  find_envelope(rows, summary);
+  find_worst(study, rows, summary);
+  return summary;
+}
+
+Json to_json(const Summary& summary) {
+  Json json = {{"name", summary.name},
+               {"trials", summary.trials},
+               {"missing", summary.missing},
+               {"successes", summary.successes},
+               {"success_95", to_json(summary.rate_95)},
+               {"outcomes", summary.outcomes},
+               {"causes", summary.causes}};
+  for (const auto& [percentile, error] : summary.error_percentiles_mm)
+    json["translation_percentiles_mm"].push_back({percentile, error});
+  for (const ParameterSummary& parameter : summary.parameters) {
+    Json entry = {{"name", parameter.name},
+                  {"of_success", to_json(parameter.of_success)},
+                  {"of_error", to_json(parameter.of_error)}};
+    for (const Class& c : parameter.classes)
+      entry["classes"].push_back({{"label", c.label},
+                                  {"range", {c.low, c.high}},
+                                  {"trials", c.trials},
+                                  {"successes", c.successes},
+                                  {"success_95", to_json(c.rate_95)},
+                                  {"translation_median_mm", c.median_mm},
+                                  {"translation_p90_mm", c.p90_mm}});
+    if (summary.envelope) entry["envelope"] = {parameter.safe_low, parameter.safe_high};
+    json["parameters"].push_back(entry);
+  }
+  if (summary.envelope)
+    json["envelope"] = {{"trials", summary.envelope_trials},
+                        {"successes", summary.envelope_successes},
+                        {"success_95", to_json(summary.envelope_95)}};
+  json["worst"] = Json::array();
+  for (const WorstTrial& worst : summary.worst)
+    json["worst"].push_back({{"trial", worst.trial},
+                             {"outcome", worst.outcome},
+                             {"cause", worst.cause},
+                             {"translation_mm", worst.translation_mm},
+                             {"command", worst.command}});
+  return json;
+}
+
+std::string to_text(const Summary& summary) {
+  const double rate = summary.trials > 0 ? static_cast<double>(summary.successes) / summary.trials : 0;
+  std::string text = summary.name + ": " + std::to_string(summary.trials) + " trials, " + percent(rate) + " succeed " +
+                     percent(summary.rate_95) + "\n";
+  if (summary.missing > 0) text += std::to_string(summary.missing) + " trials are missing\n";
+  for (const auto& [cause, count] : summary.causes) text += "  " + std::to_string(count) + " " + cause + "\n";
+  text += "translation error, mm:";
+  for (const auto& [percentile, error] : summary.error_percentiles_mm) {
+    char part[64];
+    std::snprintf(part, sizeof part, "  %g %%: %.4g", percentile, error);
+    text += part;
+  }
+  text += "\n\nshare of the variance of success that a parameter explains by itself (and with others)\n";
+  for (const ParameterSummary& parameter : summary.parameters) {
+    text += "  " + parameter.name + ": " + percent(parameter.of_success.first) + " " +
+            percent(parameter.of_success.first_95);
+    if (std::isfinite(parameter.of_success.total))
+      text += " (" + percent(parameter.of_success.total) + " " + percent(parameter.of_success.total_95) + ")";
+    text += "\n";
+    for (const Class& c : parameter.classes) {
+      const std::string label =
+          c.label.empty() ? fringeslam::to_text(c.low) + " to " + fringeslam::to_text(c.high) : c.label;
+      text += "    " + label + ": " + percent(c.trials > 0 ? static_cast<double>(c.successes) / c.trials : 0) + " " +
+              percent(c.rate_95) + " of " + std::to_string(c.trials) + "\n";
+    }
+  }
+  if (!summary.envelope) return text + "\nno envelope in which 99 % succeed was found\n";
+  text +=
+      "\nenvelope: " +
+      percent(summary.envelope_trials > 0 ? static_cast<double>(summary.envelope_successes) / summary.envelope_trials
+                                          : 0) +
+      " " + percent(summary.envelope_95) + " of " + std::to_string(summary.envelope_trials) +
+      " other trials succeed where\n";
+  for (const ParameterSummary& parameter : summary.parameters) {
+    if (std::isfinite(parameter.safe_low))
+      text += "  " + parameter.name + " >= " + fringeslam::to_text(parameter.safe_low) + "\n";
+    if (std::isfinite(parameter.safe_high))
+      text += "  " + parameter.name + " <= " + fringeslam::to_text(parameter.safe_high) + "\n";
+  }
+  return text;
+}
+
+}  // namespace fringeslam::studies

@@ -1,0 +1,274 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "bench/studies/trial_run.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <numbers>
+
+#include "bench/studies/trial_settings.h"
+#include "core/score/score.h"
+
+namespace fringeslam::studies {
+
+namespace {
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+constexpr double kDegPerRad = 180 / std::numbers::pi;
+
+// Thresholds by which a failure is put down to a cause, the first that holds.
+constexpr double kMostSaturated = 0.1, kLeastModulation = 6, kLeastValid = 0.2, kMostWrongOrders = 0.01,
+                 kLeastOverlap = 0.2;
+constexpr int kLeastMatches = 8;
+
+// What was seen, worst view first.
+struct Seen {
+  double valid = 1, wrong_order = 0, saturated = 0, modulation = kNaN, depth_m = 0;
+  int views = 0, tracked = 0, matches = std::numeric_limits<int>::max();
+  double translation_m = 0, rotation_rad = 0, over_bound = kNaN, nees = 0, overlap = 1;
+  bool confidently_wrong = false;
+};
+
+double saturated_share(const FringeStack& stack, double full_dn) {
+  cv::Mat any;
+  for (const cv::Mat& image : stack.images) {
+    const cv::Mat full = image >= full_dn;
+    any = any.empty() ? full : cv::Mat(any | full);
+  }
+  return static_cast<double>(cv::countNonZero(any)) / static_cast<double>(any.total());
+}
+
+// Share of the current view's lit surface that the previous view sees too, from the truth alone.
+double true_overlap(const TruthFrame& previous, const TruthFrame& current, const RigModel& rig) {
+  const Pose previous_from_current = (previous.world_from_robot * rig.robot_from_camera).inverse() *
+                                     (current.world_from_robot * rig.robot_from_camera);
+  const PixelRays rays = pixel_rays(rig.camera);
+  int seen = 0, both = 0;
+  constexpr int kStep = 4;
+  for (int row = 0; row < current.depth_m.rows; row += kStep) {
+    for (int col = 0; col < current.depth_m.cols; col += kStep) {
+      const auto z = static_cast<double>(current.depth_m(row, col));
+      if (!(z > 0)) continue;
+      ++seen;
+      const cv::Vec2f ray = rays(row, col);
+      const Eigen::Vector3d point =
+          previous_from_current * (z * Eigen::Vector3d(static_cast<double>(ray[0]), static_cast<double>(ray[1]), 1));
+      if (point.z() <= 0) continue;
+      const Eigen::Vector2d pixel = rig.camera.project(point);
+      const int u = static_cast<int>(std::lround(pixel.x())), v = static_cast<int>(std::lround(pixel.y()));
+      if (u < 0 || v < 0 || u >= current.depth_m.cols || v >= current.depth_m.rows) continue;
+      both += std::abs(static_cast<double>(previous.depth_m(v, u)) - point.z()) < 0.01;
+    }
+  }
+  return seen > 0 ? static_cast<double>(both) / seen : 0;
+}
+
+double finest_period_px(const PatternSequence& sequence) {
+  double finest = std::numeric_limits<double>::max();
+  for (const Pattern& pattern : sequence.patterns) {
+    if (pattern.coding == Coding::fringe) finest = std::min(finest, pattern.period_px);
+  }
+  return finest;
+}
+
+// e^T C^-1 e of a motion's error in the tangent of retract().
+double squared_sigmas(const Pose& estimate, const Pose& truth, const Matrix6d& covariance) {
+  const Vector6d error = difference(estimate, truth);
+  return error.dot(covariance.ldlt().solve(error));
+}
+
+std::string cause_of(const Seen& seen) {
+  if (seen.saturated > kMostSaturated) return "saturated";
+  if (seen.modulation < kLeastModulation) return "too_dark";
+  if (seen.wrong_order > kMostWrongOrders) return "wrong_fringe_order";
+  if (seen.valid < kLeastValid) return "little_depth";
+  if (seen.overlap < kLeastOverlap) return "too_little_overlap";
+  if (seen.tracked < seen.views) return seen.matches < kLeastMatches ? "too_few_landmarks" : "not_registered";
+  return "inaccurate_registration";
+}
+
+// Views as the pipeline processed them, beside their truth.
+class Record {
+ public:
+  Record(const Study& study, const sim::Scene& scene) : study_(study), scene_(scene) { seen_.over_bound = 0; }
+
+  void add(const FringeStack& stack, const FrameResult& result, const TruthFrame& truth, const KeyframeMap& map,
+           const RigModel& told) {
+    note_images(stack, result);
+    const cv::Mat1f depth = depth_of(result.frame);
+    const DepthScore score = score_depth({depth, result.frame.sigma_m, result.decoded.coordinate_px}, truth,
+                                         finest_period_px(scene_.patterns));
+    seen_.valid = std::min(seen_.valid, score.valid_fraction);
+    if (score.compared > 0) {
+      seen_.wrong_order = std::max(seen_.wrong_order, score.wrong_order);
+      seen_.depth_m = std::max(seen_.depth_m, score.median_m);
+    }
+    ++seen_.views;
+    seen_.tracked += result.tracking != Tracking::lost;
+    if (result.reference >= 0) {
+      seen_.matches = std::min(seen_.matches, static_cast<int>(result.matches.size()));
+      if (result.tracking != Tracking::lost)
+        note_motion(result, truth, map.keyframes()[static_cast<size_t>(result.reference)].index);
+    }
+    if (!truths_.empty()) seen_.overlap = std::min(seen_.overlap, true_overlap(truths_.back(), truth, scene_.rig));
+    if (result.tracking != Tracking::lost && last_tracked_ + 1 == static_cast<int>(truths_.size()) &&
+        last_tracked_ >= 0)
+      note_bound(result, truth, told);
+    if (result.tracking != Tracking::lost) {
+      last_tracked_ = static_cast<int>(truths_.size());
+      last_sigma_m_ = result.frame.sigma_m.clone();
+    }
+    truths_.push_back(truth);
+  }
+
+  TrialResult result(const Trajectory& trajectory) {
+    for (const auto& [e, t] : associate(trajectory, truth())) {
+      if (t > 0 && e > 0) note_pair(trajectory, e, t);
+    }
+    TrialResult result;
+    const SuccessRule& rule = study_.success;
+    const bool inaccurate = seen_.translation_m > rule.max_translation_m ||
+                            kDegPerRad * seen_.rotation_rad > rule.max_rotation_deg || seen_.valid < rule.min_valid;
+    result.outcome = seen_.confidently_wrong       ? Outcome::confidently_wrong
+                     : seen_.tracked < seen_.views ? Outcome::lost
+                     : inaccurate                  ? Outcome::inaccurate
+                                                   : Outcome::success;
+    if (result.outcome != Outcome::success) result.cause = cause_of(seen_);
+    const bool moved = seen_.tracked > 1;
+    result.metrics = {{"translation_mm", moved ? 1e3 * seen_.translation_m : kNaN},
+                      {"rotation_deg", moved ? kDegPerRad * seen_.rotation_rad : kNaN},
+                      {"error_over_bound", moved ? seen_.over_bound : kNaN},
+                      {"nees", moved ? seen_.nees : kNaN},
+                      {"depth_median_mm", 1e3 * seen_.depth_m},
+                      {"valid", seen_.valid},
+                      {"wrong_order", seen_.wrong_order},
+                      {"saturated", seen_.saturated},
+                      {"modulation_dn", seen_.modulation},
+                      {"overlap", seen_.overlap},
+                      {"views", seen_.views},
+                      {"tracked", seen_.tracked}};
+    return result;
+  }
+
+ private:
+  static cv::Mat1f depth_of(const Frame& frame) {
+    cv::Mat1f depth;
+    cv::extractChannel(frame.points_m, depth, 2);
+    return depth;
+  }
+
+  void note_images(const FringeStack& stack, const FrameResult& result) {
+    seen_.saturated = std::max(seen_.saturated, saturated_share(stack, scene_.rig.sensor.max_dn()));
+    std::vector<double> modulation;
+    for (int i = 0; i < static_cast<int>(result.decoded.modulation.total()); i += 7) {
+      const auto value = static_cast<double>(result.decoded.modulation(i));
+      if (std::isfinite(value)) modulation.push_back(value);
+    }
+    const double median = modulation.empty() ? 0 : median_of(modulation);
+    seen_.modulation = std::isnan(seen_.modulation) ? median : std::min(seen_.modulation, median);
+  }
+
+  // Of the motion that was measured, against the covariance that was told.
+  void note_motion(const FrameResult& result, const TruthFrame& truth, int reference) {
+    const auto earlier =
+        std::find_if(truths_.begin(), truths_.end(), [&](const TruthFrame& frame) { return frame.index == reference; });
+    if (earlier == truths_.end()) return;
+    const Pose& mount = scene_.rig.robot_from_camera;
+    const Pose true_motion = (earlier->world_from_robot * mount).inverse() * (truth.world_from_robot * mount);
+    const Pose& measured = result.registration.earlier_from_current;
+    const double squared = squared_sigmas(measured, true_motion, result.registration.covariance);
+    seen_.nees = std::max(seen_.nees, squared);
+    const double off_m = translation_m(true_motion.inverse() * measured);
+    seen_.confidently_wrong |= off_m > 1e-3 && squared > 100;
+  }
+
+  void note_bound(const FrameResult& result, const TruthFrame& truth, const RigModel& told) {
+    const Pose& mount = scene_.rig.robot_from_camera;
+    const TruthFrame& previous = truths_.back();
+    const Pose true_motion = (previous.world_from_robot * mount).inverse() * (truth.world_from_robot * mount);
+    const Matrix6d information = pose_information(previous, last_sigma_m_, truth, result.frame.sigma_m, told.camera,
+                                                  pixel_rays(told.camera), true_motion);
+    const double over = error_over_bound(result.previous_from_current, true_motion, information);
+    if (std::isfinite(over)) seen_.over_bound = std::max(seen_.over_bound, over);
+  }
+
+  void note_pair(const Trajectory& estimate, size_t e, size_t t) {
+    const Pose true_motion =
+        scene_.trajectory[t - 1].world_from_robot.inverse() * scene_.trajectory[t].world_from_robot;
+    const Pose motion = estimate[e - 1].world_from_robot.inverse() * estimate[e].world_from_robot;
+    const MotionScore score = score_motion(motion, true_motion);
+    seen_.translation_m = std::max(seen_.translation_m, score.translation_error_m);
+    seen_.rotation_rad = std::max(seen_.rotation_rad, score.rotation_error_rad);
+  }
+
+  const Trajectory& truth() const { return scene_.trajectory; }
+
+  const Study& study_;
+  const sim::Scene& scene_;
+  Seen seen_;
+  std::vector<TruthFrame> truths_;
+  cv::Mat1f last_sigma_m_;
+  int last_tracked_ = -1;
+};
+
+}  // namespace
+
+std::string to_string(Outcome outcome) {
+  switch (outcome) {
+    case Outcome::success:
+      return "success";
+    case Outcome::inaccurate:
+      return "inaccurate";
+    case Outcome::confidently_wrong:
+      return "confidently_wrong";
+    case Outcome::lost:
+      return "lost";
+    case Outcome::refused:
+      return "refused";
+    case Outcome::crashed:
+      return "crashed";
+    case Outcome::timed_out:
+      return "timed_out";
+  }
+  return "refused";
+}
+
+TrialResult run_trial(const Study& study, const Trial& trial) {
+  TrialResult result;
+  try {
+    const TrialSettings settings = settings_of(study, trial);
+    const sim::Scene scene = scene_of(study, trial);
+    TruthFrame truth;
+    sim::VirtualRig rig(scene, settings.render, [&](const TruthFrame& frame) { truth = frame; });
+    Pipeline pipeline(rig.model(), scene.patterns, settings.pipeline, Pose{});
+    Record record(study, scene);
+    while (const auto stack = rig.capture(pipeline.next_patterns())) {
+      const FrameResult frame = pipeline.process(*stack);
+      record.add(*stack, frame, truth, pipeline.map(), rig.model());
+    }
+    result = record.result(pipeline.trajectory());
+  } catch (const Error& e) {
+    result.outcome = Outcome::refused;
+    result.cause = "refused";
+    result.message = e.what();
+  }
+  result.index = trial.index;
+  return result;
+}
+
+std::string to_line(const Study& study, const Trial& trial, const TrialResult& result) {
+  char hash[17];
+  std::snprintf(hash, sizeof hash, "%016llx", static_cast<unsigned long long>(study.hash));
+  nlohmann::ordered_json line = {{"study", hash}, {"trial", trial.index}, {"seed", trial.world_seed}};
+  for (size_t p = 0; p < study.parameters.size(); ++p) line["values"][study.parameters[p].name] = trial.values[p];
+  line["outcome"] = to_string(result.outcome);
+  if (!result.cause.empty()) line["cause"] = result.cause;
+  if (!result.message.empty()) line["message"] = result.message;
+  for (const auto& [name, value] : result.metrics) line["metrics"][name] = value;
+  return line.dump();
+}
+
+}  // namespace fringeslam::studies

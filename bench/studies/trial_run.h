@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+// One trial: a world, a sensor, the pipeline, and what came of it.
+#pragma once
+
+#include <nlohmann/json_fwd.hpp>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "bench/studies/study.h"
+
+namespace fringeslam::studies {
+
+// How a trial ended. All but the first are failures, and `cause` names why, by what was measured against the truth.
+enum class Outcome {
+  success,
+  inaccurate,         // beyond the study's rule
+  confidently_wrong,  // a motion that is more than 1 mm and 10 of its own sigmas off
+  lost,               // some view has no pose
+  refused,            // the scene or the pipeline threw an error
+  crashed,            // the process died
+  timed_out
+};
+std::string to_string(Outcome outcome);
+
+struct TrialResult {
+  int index = 0;
+  Outcome outcome = Outcome::refused;
+  std::string cause, message;                           // message: of an error
+  std::vector<std::pair<std::string, double>> metrics;  // NaN: could not be measured
+};
+
+TrialResult run_trial(const Study& study, const Trial& trial);
+
+// One line of JSON without its end: the study's hash, the trial's number, seed and values, and the result.
+std::string to_line(const Study& study, const Trial& trial, const TrialResult& result);
+
+}  // namespace fringeslam::studies

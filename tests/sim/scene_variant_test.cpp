@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: Apache-2.0
+// Scenes with values other than their files': by SceneReading::changes, by keys of `rig:`, by a wrong calibration.
+#include <gmock/gmock.h>
+
+#include <numbers>
+
+#include "core/rig/files.h"
+#include "core/rig/rig_file.h"
+#include "sim/scene/scene.h"
+#include "sim/virtual_rig.h"
+#include "tests/support/matchers.h"
+#include "tests/support/temp_folder.h"
+
+namespace fringeslam::sim {
+namespace {
+
+using support::error_of;
+using testing::AllOf;
+using testing::HasSubstr;
+using testing::StartsWith;
+
+class SceneVariant : public testing::Test {
+ protected:
+  std::filesystem::path file(const std::string& rig = "", const std::string& more = "") const {
+    write_text(temp_ / "scene.yaml", "name: variants\nrig: {file: " FRINGESLAM_SOURCE_DIR "/scenes/rigs/thesis.yaml" +
+                                         rig +
+                                         "}\npatterns: {steps: 3, periods_px: [16.5]}\n"
+                                         "materials: {a: {grain: plain, albedo: 0.5}}\nobjects:\n"
+                                         "  - {shape: plane, size_m: [1, 1], material: a}\n"
+                                         "  - {shape: box, size_m: [0.1, 0.1, 0.1], material: a}\ntrajectory: {}\n" +
+                                         more);
+    return temp_ / "scene.yaml";
+  }
+  Scene with(const std::vector<std::pair<std::string, std::string>>& changes) const {
+    SceneReading reading;
+    reading.changes = changes;
+    return load_scene(file(), reading);
+  }
+
+  test::TempFolder temp_;
+};
+
+TEST_F(SceneVariant, ChangesReachMapsListsAndWhatIsNotThere) {
+  const Scene plain = load_scene(file());
+  const Scene scene = with({{"light.ambient_lux", "123"},
+                            {"objects.1.size_m", "[0.2, 0.1, 0.1]"},
+                            {"rig.camera.sensor.dark_noise_electrons", "77"},
+                            {"air.extinction_per_m", "0.5"}});
+  EXPECT_EQ(scene.ambient_lux, 123);
+  EXPECT_EQ(scene.air.extinction_per_m, 0.5);
+  EXPECT_EQ(scene.rig.sensor.dark_noise_electrons, 77);
+  double widest = 0;
+  for (const Eigen::Vector3d& v : scene.objects[1].mesh->vertices) widest = std::max(widest, v.x());
+  EXPECT_NEAR(widest, 0.1, 1e-9);
+  // All else is as it was.
+  EXPECT_EQ(scene.rig.camera.fx, plain.rig.camera.fx);
+  EXPECT_EQ(scene.rig.sensor.full_well_electrons, plain.rig.sensor.full_well_electrons);
+}
+
+TEST_F(SceneVariant, WhatIsResolvedSaysTheSame) {
+  const Scene scene = with({{"rig.camera.sensor.bits", "12"}, {"light.ambient_lux", "{uniform: [10, 20]}"}});
+  write_text(temp_ / "resolved.yaml", scene.resolved);
+  const Scene again = load_scene(temp_ / "resolved.yaml");
+  EXPECT_EQ(to_yaml(again.rig), to_yaml(scene.rig));
+  EXPECT_EQ(again.ambient_lux, scene.ambient_lux);
+  EXPECT_GE(again.ambient_lux, 10);
+  EXPECT_LE(again.ambient_lux, 20);
+}
+
+TEST_F(SceneVariant, WrongChangesSayWhere) {
+  const std::string scene = file().string();
+  EXPECT_THAT(error_of([&] {
+                with({{"light.ambiant_lux", "1"}});
+              }),
+              AllOf(StartsWith(scene), HasSubstr("unknown key 'ambiant_lux'; did you mean 'ambient_lux'?")));
+  EXPECT_THAT(error_of([&] {
+                with({{"objects.2.size_m", "1"}});
+              }),
+              HasSubstr("objects.2.size_m: objects is a list of 2; its entries are numbered from 0"));
+  EXPECT_THAT(error_of([&] { with({{"name.first", "1"}}); }), HasSubstr("name is a value and has nothing below it"));
+  EXPECT_THAT(error_of([&] { with({{"light.", "1"}}); }), HasSubstr("light is followed by no name"));
+  EXPECT_THAT(error_of([&] { with({{"light.ambient_lux", "-5"}}); }), HasSubstr("'ambient_lux'"));
+  EXPECT_THAT(error_of([&] { with({{"light.ambient_lux", "[1"}}); }), HasSubstr("not valid YAML"));
+  EXPECT_THAT(error_of([&] { with({{"rig.camera.sensor.bit", "12"}}); }), HasSubstr("did you mean 'bits'"));
+}
+
+TEST_F(SceneVariant, KeysOfTheRigReplaceThoseOfItsFileAndErrorsNameTheRightOne) {
+  const std::string scene = file(", near_m: 0.9, camera: {sensor: {bits: 10}}").string();
+  const Scene changed = load_scene(scene);
+  EXPECT_EQ(changed.rig.near_m, 0.9);
+  EXPECT_EQ(changed.rig.sensor.bits, 10);
+  EXPECT_EQ(changed.rig.camera.width, 532);
+  // A pose is replaced whole: no turn is left of the file's.
+  const Scene mounted = load_scene(file(", robot_from_camera: {translation_m: [0, 0, 0.5]}"));
+  EXPECT_TRUE(mounted.rig.robot_from_camera.rotation.isIdentity());
+  EXPECT_THAT(error_of([&] { load_scene(file(", camera: {sensor: {bits: 99}}")); }), StartsWith(scene + ":2: "));
+  EXPECT_THAT(error_of([&] { load_scene(file(", far_m: 0.1")); }), StartsWith(scene + ":2: "));
+}
+
+TEST_F(SceneVariant, AWrongCalibrationIsWhatThePipelineIsTold) {
+  const Scene scene = load_scene(
+      file("", "calibration_error: {translation_mm: [1, 0, 0], rotation_deg: [0, 0.5, 0], focal_percent: 2}\n"));
+  const VirtualRig rig(scene, {});
+  const RigModel told = rig.model();
+  EXPECT_NEAR(told.camera.fx, 1.02 * scene.rig.camera.fx, 1e-9);
+  const Pose off = scene.rig.projector_from_camera * told.projector_from_camera.inverse();
+  EXPECT_NEAR(1e3 * off.translation.norm(), 1, 1e-9);
+  EXPECT_NEAR(180 / std::numbers::pi * rotation_rad(off), 0.5, 1e-9);
+  const Scene right = load_scene(file());
+  EXPECT_EQ(to_yaml(VirtualRig(right, {}).model()), to_yaml(right.rig));
+}
+
+}  // namespace
+}  // namespace fringeslam::sim

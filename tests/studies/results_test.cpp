@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "bench/studies/results.h"
+
+#include <gmock/gmock.h>
+
+#include "bench/studies/tables.h"
+#include "bench/studies/trial_run.h"
+#include "core/types/error.h"
+#include "tests/studies/study_files.h"
+#include "tests/support/matchers.h"
+
+namespace fringeslam::studies {
+namespace {
+
+namespace fs = std::filesystem;
+using support::error_of;
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+class Results : public testing::Test {
+ protected:
+  Results() : study_(read_study(test::write_study(temp_.path()))), folder_(temp_ / "results") {}
+
+  std::string line(int trial, double error_mm = 0.5) const {
+    TrialResult result;
+    result.index = trial;
+    result.outcome = Outcome::success;
+    result.metrics = {{"translation_mm", error_mm}};
+    return to_line(study_, trial_of(study_, trial), result);
+  }
+
+  test::TempFolder temp_;
+  Study study_;
+  fs::path folder_;
+};
+
+TEST_F(Results, AreFoundAgainExceptATornLine) {
+  {
+    ShardFile file(folder_, study_, {0, 2});
+    EXPECT_THAT(file.missing(), ElementsAre(0, 2, 4));
+    file.add(4, line(4));
+    file.add(0, line(0));
+  }
+  const fs::path partial = fs::directory_iterator(folder_ / "shards")->path();
+  test::write_bytes(partial, read_bytes(partial) + line(2).substr(0, 40));  // killed in the middle of it
+  ShardFile again(folder_, study_, {0, 2});
+  EXPECT_THAT(again.missing(), ElementsAre(2));
+  again.add(2, line(2));
+  again.finish();
+  EXPECT_EQ(read_bytes(folder_ / "shards/0-of-2.jsonl"), line(0) + "\n" + line(2) + "\n" + line(4) + "\n");
+  EXPECT_EQ(std::distance(fs::directory_iterator(folder_ / "shards"), fs::directory_iterator()), 1);
+  EXPECT_TRUE(ShardFile(folder_, study_, {0, 2}).missing().empty());
+}
+
+TEST_F(Results, OfTwoWhoDidTheSameAreOne) {
+  fs::create_directories(folder_ / "shards");
+  test::write_bytes(folder_ / "shards/0-of-1.jsonl", line(0) + "\n" + line(1) + "\n");
+  test::write_bytes(folder_ / "shards/0-of-3.other.7.partial", line(0) + "\n" + line(3) + "\n");
+  EXPECT_EQ(merged_lines(folder_, study_).size(), 3u);
+  test::write_bytes(folder_ / "shards/1-of-3.jsonl", line(1, 0.6) + "\n");
+  EXPECT_THAT(error_of([&] { merged_lines(folder_, study_); }),
+              HasSubstr("1-of-3.jsonl:1: trial 1 has another result elsewhere"));
+}
+
+TEST_F(Results, OfAnotherStudyAreRefused) {
+  ShardFile(folder_, study_, {0, 1}).add(0, line(0));
+  Study other = study_;
+  other.hash ^= 1;
+  EXPECT_THAT(error_of([&] { ShardFile(folder_, other, {0, 1}); }), HasSubstr(":1: is of another study"));
+  test::write_bytes(folder_ / "shards/0-of-1.jsonl", "what is this?\n");
+  EXPECT_THAT(error_of([&] { ShardFile(folder_, study_, {0, 1}); }), HasSubstr(":1: is no trial's result"));
+}
+
+TEST_F(Results, MakeTheSameTablesEveryTime) {
+  std::map<int, std::string> lines = {{0, line(0)}, {1, line(1, 0.25)}};
+  TrialResult crash;
+  crash.index = 2;
+  crash.outcome = Outcome::crashed;
+  crash.cause = "crashed";
+  crash.message = "killed, \"they say\"";
+  lines[2] = to_line(study_, trial_of(study_, 2), crash);
+  fs::create_directories(folder_);
+  write_tables(folder_, study_, lines);
+  const std::string csv = read_bytes(folder_ / "results.csv"), sqlite = read_bytes(folder_ / "results.sqlite");
+  const Trial third = trial_of(study_, 2);
+  EXPECT_THAT(
+      csv, HasSubstr("trial,seed,outcome,cause,message,light.ambient_lux,decode.min_modulation_dn,translation_mm\n"));
+  EXPECT_THAT(csv,
+              HasSubstr("2," + std::to_string(third.world_seed) + ",crashed,crashed,\"killed, \"\"they say\"\"\"," +
+                        third.values[0] + "," + third.values[1] + ",\n"));
+  EXPECT_TRUE(sqlite.starts_with("SQLite format 3"));
+  write_tables(folder_, study_, lines);
+  EXPECT_EQ(read_bytes(folder_ / "results.csv"), csv);
+  EXPECT_EQ(read_bytes(folder_ / "results.sqlite"), sqlite);
+}
+
+TEST(Shards, AreSaidAsIOfN) {
+  EXPECT_EQ(shard_of("2/8").index, 2);
+  EXPECT_EQ(shard_of("2/8").count, 8);
+  for (const char* wrong : {"", "8", "8/8", "-1/8", "1/0", "1/8x", "1 /8", "a/b"})
+    EXPECT_THAT(error_of([&] { shard_of(wrong); }), HasSubstr("from 0/8 to 7/8")) << wrong;
+}
+
+}  // namespace
+}  // namespace fringeslam::studies

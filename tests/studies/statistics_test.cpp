@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "bench/studies/statistics.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+#include <string>
+
+#include "bench/studies/study.h"
+
+namespace fringeslam::studies {
+namespace {
+
+TEST(Wilson, IsTheKnownInterval) {
+  // By hand: centre (p + z^2/2n) / (1 + z^2/n), z^2 = 3.8415.
+  EXPECT_NEAR(wilson(5, 10).low, 0.23659, 1e-5);
+  EXPECT_NEAR(wilson(5, 10).high, 0.76341, 1e-5);
+  EXPECT_EQ(wilson(0, 10).low, 0);
+  EXPECT_NEAR(wilson(0, 10).high, 3.841459 / 13.841459, 1e-6);
+  EXPECT_NEAR(wilson(10, 10).low, 1 - 3.841459 / 13.841459, 1e-6);
+  EXPECT_EQ(wilson(10, 10).high, 1);
+  EXPECT_EQ(wilson(0, 0).high, 1);
+}
+
+// Ishigami's function: sin x + 7 sin^2 y + 0.1 z^4 sin x, whose indices are known.
+TEST(Sobol, OfIshigamisFunctionAreTheKnownOnes) {
+  Study study;
+  study.design = Design::saltelli;
+  for (const char* name : {"x", "y", "z"}) {
+    Parameter parameter;
+    parameter.name = name;
+    parameter.a = -std::numbers::pi, parameter.b = std::numbers::pi;
+    study.parameters.push_back(parameter);
+  }
+  constexpr int kRows = 4096;
+  std::vector<std::vector<double>> output(5);
+  for (int row = 0; row < kRows; ++row) {
+    for (int k = 0; k < 5; ++k) {
+      const Trial trial = trial_of(study, 5 * row + k);
+      const double x = std::stod(trial.values[0]), y = std::stod(trial.values[1]), z = std::stod(trial.values[2]);
+      output[static_cast<size_t>(k)].push_back(std::sin(x) + 7 * std::pow(std::sin(y), 2) +
+                                               0.1 * std::pow(z, 4) * std::sin(x));
+    }
+  }
+  const double first[] = {0.3139, 0.4424, 0}, total[] = {0.5576, 0.4424, 0.2437};
+  for (size_t p = 0; p < 3; ++p) {
+    const SobolIndex index = sobol(output[0], output[1], output[2 + p]);
+    EXPECT_NEAR(index.first, first[p], 0.06) << p;
+    EXPECT_NEAR(index.total, total[p], 0.04) << p;
+    EXPECT_LT(index.first_95.low, index.first);
+    EXPECT_GT(index.first_95.high, index.first);
+    EXPECT_TRUE(index.total_95.low < total[p] && total[p] < index.total_95.high) << p;
+  }
+}
+
+TEST(FirstOrder, OfALinearFunctionIsItsShareOfTheVariance) {
+  Study study;
+  for (const char* name : {"a", "b", "c"}) {
+    Parameter parameter;
+    parameter.name = name;
+    parameter.b = 1;
+    study.parameters.push_back(parameter);
+  }
+  std::vector<std::vector<double>> in(3);
+  std::vector<double> out;
+  for (int i = 0; i < 3000; ++i) {
+    const Trial trial = trial_of(study, i);
+    for (size_t p = 0; p < 3; ++p) in[p].push_back(std::stod(trial.values[p]));
+    out.push_back(3 * in[0].back() + in[1].back());
+  }
+  EXPECT_NEAR(first_order(in[0], out).first, 0.9, 0.02);
+  EXPECT_NEAR(first_order(in[1], out).first, 0.1, 0.03);
+  EXPECT_NEAR(first_order(in[2], out).first, 0, 0.01);  // not what chance gives a parameter that does nothing
+  EXPECT_TRUE(std::isnan(first_order({1, 2, 3}, {1, 2, 3}).first));
+  EXPECT_TRUE(std::isnan(first_order(in[0], std::vector<double>(3000, 1.0)).first));
+}
+
+}  // namespace
+}  // namespace fringeslam::studies

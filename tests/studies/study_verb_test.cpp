@@ -1,0 +1,150 @@
+// SPDX-License-Identifier: Apache-2.0
+// Studies by the command line: shards, kills, crashes, timeouts.
+#include <gmock/gmock.h>
+#include <signal.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "bench/studies/results.h"
+#include "core/rig/files.h"
+#include "tests/studies/study_files.h"
+
+namespace fringeslam::studies {
+namespace {
+
+namespace fs = std::filesystem;
+using test::replaced;
+using test::run_program;
+using test::run_well;
+using testing::HasSubstr;
+using Json = nlohmann::json;
+
+class StudyVerb : public testing::Test {
+ protected:
+  std::string study(const std::string& text = test::kSmallStudy) const {
+    return test::write_study(temp_.path(), text).string();
+  }
+  std::string at(const std::string& name) const { return (temp_ / name).string(); }
+  std::string results(const std::string& folder) const { return read_bytes(temp_ / folder / "results.jsonl"); }
+
+  // Starts a run, whose process and first worker it tells.
+  pid_t started(const std::string& file, const std::string& out) const {
+    const pid_t pid = fork();
+    if (pid == 0) {
+      execl(FRINGESLAM_PROGRAM, FRINGESLAM_PROGRAM, "--quiet", "study", "run", file.c_str(), "--out", out.c_str(),
+            "--jobs", "2", nullptr);
+      _exit(127);
+    }
+    return pid;
+  }
+  static pid_t child_of(pid_t parent) {
+    const std::string task = std::to_string(parent);
+    const std::string children = read_bytes("/proc/" + task + "/task/" + task + "/children");
+    return children.empty() ? -1 : static_cast<pid_t>(std::stol(children));
+  }
+  size_t lines_in(const std::string& folder) const {
+    size_t count = 0;
+    std::error_code none;
+    for (const auto& file : fs::directory_iterator(temp_ / folder / "shards", none)) {
+      const std::string text = read_bytes(file);
+      count += static_cast<size_t>(std::count(text.begin(), text.end(), '\n'));
+    }
+    return count;
+  }
+
+  test::TempFolder temp_;
+};
+
+TEST_F(StudyVerb, ShardsMakeTheBytesOfOneRun) {
+  const std::string file = study();
+  const auto whole = run_well({"--json", "study", "run", file, "--out", at("whole"), "--jobs", "2"});
+  EXPECT_EQ(Json::parse(whole.out)["trials"], 6);
+  run_well({"--json", "study", "run", file, "--out", at("parts"), "--jobs", "1", "--shard", "1/3"});
+  run_well({"--json", "study", "run", file, "--out", at("parts"), "--jobs", "1", "--shard", "0/3"});
+  const auto early = run_well({"--json", "study", "merge", file, "--out", at("parts")});
+  EXPECT_EQ(Json::parse(early.out)["missing"], 2);
+  run_well({"--json", "study", "run", file, "--out", at("parts"), "--jobs", "1", "--shard", "2/3"});
+  run_well({"--json", "study", "merge", file, "--out", at("parts")});
+  EXPECT_EQ(results("parts"), results("whole"));
+  EXPECT_EQ(read_bytes(temp_ / "parts/results.sqlite"), read_bytes(temp_ / "whole/results.sqlite"));
+  // Nothing is left to do, and nothing changes.
+  const auto again = run_well({"--json", "study", "run", file, "--out", at("whole")});
+  EXPECT_EQ(Json::parse(again.out)["trials"], 0);
+  EXPECT_EQ(Json::parse(again.out)["found"], 6);
+  EXPECT_EQ(results("parts"), results("whole"));
+  EXPECT_THAT(run_well({"study", "report", file, "--out", at("whole")}).out, HasSubstr("small: 6 trials"));
+  // And each trial alone gives the same line.
+  const std::string line = run_well({"--json", "study", "replay", file, "--trial", "2"}).out;
+  EXPECT_THAT(results("whole"), HasSubstr(line));
+}
+
+TEST_F(StudyVerb, KilledAtAnyMomentItGoesOn) {
+  const std::string file = study();
+  run_well({"--quiet", "study", "run", file, "--out", at("whole"), "--jobs", "2"});
+  for (const int milliseconds : {300, 900, 1700}) {
+    const pid_t run = started(file, at("killed"));
+    std::this_thread::sleep_for(std::chrono::milliseconds(milliseconds));
+    kill(run, SIGKILL);
+    waitpid(run, nullptr, 0);
+  }
+  run_well({"--quiet", "study", "run", file, "--out", at("killed"), "--jobs", "2"});
+  EXPECT_EQ(results("killed"), results("whole"));
+}
+
+TEST_F(StudyVerb, AWorkerThatDiesIsThatTrialsResult) {
+  const std::string file = study();
+  const pid_t run = started(file, at("crashed"));
+  pid_t worker = -1;
+  for (int i = 0; i < 500 && (worker = child_of(run)) <= 0; ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  ASSERT_GT(worker, 0);
+  kill(worker, SIGSEGV);
+  int status = -1;
+  waitpid(run, &status, 0);
+  EXPECT_EQ(status, 0);
+  const std::string text = results("crashed");
+  EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), 6);
+  EXPECT_THAT(text,
+              HasSubstr(R"("outcome":"crashed","cause":"crashed","message":"killed by signal Segmentation fault")"));
+}
+
+TEST_F(StudyVerb, ATrialThatTakesTooLongIsStopped) {
+  // Of many rays a pixel: it takes minutes.
+  const std::string file = study(replaced(replaced(test::kSmallStudy, "trials: 6", "trials: 1\ntimeout_s: 2"),
+                                          "fixed:", "fixed:\n  render.samples_per_pixel: 256\n  patterns.steps: 64"));
+  run_well({"--quiet", "study", "run", file, "--out", at("slow")});
+  EXPECT_THAT(results("slow"),
+              HasSubstr(R"("outcome":"timed_out","cause":"timed_out","message":"took longer than 2 s")"));
+}
+
+TEST_F(StudyVerb, WhatAWorldRefusesIsAResult) {
+  // A baseline at which the projector lights nothing that the camera sees, in about half of the trials.
+  const std::string file = study(
+      replaced(test::kSmallStudy, "light.ambient_lux: {log_uniform: [10, 5000]}", "rig.far_m: {grid: [1.4, 0.1]}"));
+  run_well({"--quiet", "study", "run", file, "--out", at("refused")});
+  const std::string text = results("refused");
+  EXPECT_THAT(text, HasSubstr(R"("outcome":"refused","cause":"refused","message":)"));
+  EXPECT_THAT(text, HasSubstr("far_m must be larger than near_m"));
+  EXPECT_THAT(text, HasSubstr(R"("outcome":"success")"));
+}
+
+TEST_F(StudyVerb, BadUseIsSaidInOneLine) {
+  const std::string file = study();
+  for (const std::vector<std::string>& wrong :
+       {std::vector<std::string>{"study", "run", file, "--out", at("x"), "--shard", "3/3"},
+        {"study", "run", at("nothing.yaml"), "--out", at("x")},
+        {"study", "merge", file, "--out", at("nowhere")},
+        {"study", "replay", file, "--trial", "6"}}) {
+    const auto finished = run_program(wrong);
+    EXPECT_EQ(finished.exit_code, 2) << finished.out;
+    EXPECT_EQ(std::count(finished.err.begin(), finished.err.end(), '\n'), 1) << finished.err;
+  }
+
+}
+
+}  // namespace
+}  // namespace fringeslam::studies

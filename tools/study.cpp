@@ -1,0 +1,177 @@
+// SPDX-License-Identifier: Apache-2.0
+// fringeslam study check|run|merge|report|replay: Monte Carlo studies (bench/studies).
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <csignal>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "bench/studies/results.h"
+#include "bench/studies/summary.h"
+#include "bench/studies/tables.h"
+#include "bench/studies/workers.h"
+#include "core/rig/files.h"
+#include "core/types/error.h"
+#include "tools/progress.h"
+#include "tools/verbs.h"
+
+namespace fringeslam::tools {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+using namespace fringeslam::studies;
+
+std::atomic<bool> interrupted = false;
+
+struct Arguments {
+  std::string study, out, shard = "0/1";
+  int jobs = 0, trial = -1;
+};
+
+// The study of a folder of results is kept in it, so that they can be told for what they are.
+constexpr const char* kStudyFile = "study.yaml";
+
+int merge(const Study& study, const fs::path& folder, const Common& common) {
+  const auto lines = merged_lines(folder, study);
+  write_tables(folder, study, lines);
+  const int missing = study.trials - static_cast<int>(lines.size());
+  say(common, {{"folder", folder.string()}, {"trials", lines.size()}, {"missing", missing}},
+      "merged: " + folder.string() + "/results.jsonl, .csv, .sqlite (" + std::to_string(lines.size()) + " trials" +
+          (missing > 0 ? ", " + std::to_string(missing) + " missing" : "") + ")");
+  return 0;
+}
+
+int run(const Arguments& arguments, const Common& common) {
+  const Study study = read_study(arguments.study);
+  check_study(study);
+  const Shard shard = shard_of(arguments.shard);
+  const fs::path folder = arguments.out;
+  ShardFile results(folder, study, shard);
+  if (!fs::exists(folder / kStudyFile)) write_text(folder / kStudyFile, read_bytes(study.file));
+  const std::vector<int> missing = results.missing();
+  const size_t found = results.lines().size();
+  std::signal(SIGINT, [](int) { interrupted = true; });
+  std::signal(SIGTERM, [](int) { interrupted = true; });
+  WorkerOptions workers;
+  workers.jobs = arguments.jobs > 0 ? arguments.jobs : static_cast<int>(std::max(1L, sysconf(_SC_NPROCESSORS_ONLN)));
+  workers.command = {fs::read_symlink("/proc/self/exe").string(),
+                     "--threads",
+                     "1",
+                     "study",
+                     "worker",
+                     fs::absolute(study.file).string()};
+  WorkersReport report;
+  const auto start = std::chrono::steady_clock::now();
+  {
+    Progress progress("studying", static_cast<int>(missing.size()), common.quiet || common.json);
+    int told = 0, successes = 0;
+    report = run_trials(
+        study, missing, workers,
+        [&](int trial, const std::string& line) {
+          results.add(trial, line);
+          successes += line.find("\"outcome\":\"success\"") != std::string::npos;
+          progress.step("  " + std::to_string(100 * successes / ++told) + " % succeed");
+        },
+        interrupted);
+  }
+  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  const size_t done = results.lines().size() - found;
+  if (interrupted)
+    throw Error("interrupted; " + std::to_string(results.lines().size()) + " results are kept in " + arguments.out +
+                ", the same command goes on");
+  results.finish();
+  const double rate = done > 0 ? static_cast<double>(done) / seconds : 0;
+  char figures[160];
+  std::snprintf(figures, sizeof figures, "%zu trials in %.0f s, %.2f/s; largest worker %.0f MiB", done, seconds, rate,
+                report.largest_mib);
+  if (shard.count == 1) {
+    const auto lines = merged_lines(folder, study);
+    write_tables(folder, study, lines);
+    const Summary summary = summarise(study, lines);
+    write_text(folder / "summary.json", to_json(summary).dump(1) + "\n");
+    if (!common.json && !common.quiet) std::printf("%s\n", to_text(summary).c_str());
+  }
+  say(common,
+      {{"folder", arguments.out},
+       {"shard", arguments.shard},
+       {"trials", done},
+       {"found", found},
+       {"seconds", seconds},
+       {"trials_a_second", rate},
+       {"largest_worker_mib", report.largest_mib},
+       {"workers_restarted", report.restarted}},
+      std::string(figures) + (found > 0 ? " (" + std::to_string(found) + " were there already)" : ""));
+  return 0;
+}
+
+int report(const Study& study, const fs::path& folder, const Common& common) {
+  const Summary summary = summarise(study, merged_lines(folder, study));
+  write_text(folder / "summary.json", to_json(summary).dump(1) + "\n");
+  std::fputs(common.json ? (to_json(summary).dump(2) + "\n").c_str() : to_text(summary).c_str(), stdout);
+  return 0;
+}
+
+int replay(const Arguments& arguments, const Common& common) {
+  const Study study = read_study(arguments.study);
+  if (arguments.trial >= study.trials)
+    throw Error("--trial " + std::to_string(arguments.trial) + ": the study has trials 0 to " +
+                std::to_string(study.trials - 1));
+  const Trial trial = trial_of(study, arguments.trial);
+  const std::string line = to_line(study, trial, run_trial(study, trial));
+  if (common.json)
+    std::printf("%s\n", line.c_str());
+  else
+    std::printf("%s\n\nwith all that it leaves behind:\n  %s --out runs/trial-%d\n",
+                nlohmann::ordered_json::parse(line).dump(2).c_str(), command_of(study, trial).c_str(), arguments.trial);
+  return 0;
+}
+
+int check(const Study& study, const Common& common) {
+  check_study(study);
+  say(common, {{"study", study.name}, {"trials", study.trials}, {"parameters", study.parameters.size()}},
+      study.name + ": " + std::to_string(study.trials) + " trials of " + study.scene.string() + ", " +
+          std::to_string(study.parameters.size()) + " parameters; nothing is wrong with it");
+  return 0;
+}
+
+}  // namespace
+
+Verb add_study(CLI::App& app, const Common& common) {
+  CLI::App* group = app.add_subcommand("study", "Monte Carlo studies: when does it break?");
+  group->require_subcommand(1);
+  auto a = std::make_shared<Arguments>();
+  const auto verb = [&](const char* name, const char* help) {
+    CLI::App* added = group->add_subcommand(name, help);
+    added->add_option("study", a->study, "Study file")->required()->check(CLI::ExistingFile);
+    return added;
+  };
+  CLI::App* check_verb = verb("check", "What is wrong with a study file");
+  CLI::App* run_verb = verb("run", "Run the trials, or go on with them");
+  CLI::App* merge_verb = verb("merge", "Shards to one table: JSON Lines, CSV, SQLite");
+  CLI::App* report_verb = verb("report", "What the results tell");
+  CLI::App* replay_verb = verb("replay", "One trial again, and how to look at it");
+  CLI::App* worker_verb = verb("worker", "")->group("");
+  for (CLI::App* with_folder : {run_verb, merge_verb, report_verb})
+    with_folder->add_option("--out", a->out, "Folder of the results")->required();
+  run_verb->add_option("--jobs", a->jobs, "Trials at a time (default: one a processor)")->check(CLI::Range(1, 4096));
+  run_verb->add_option("--shard", a->shard, "Only every N-th trial from the I-th on: I/N, from 0");
+  replay_verb->add_option("--trial", a->trial, "Its number")->required()->check(CLI::NonNegativeNumber);
+  return [=, &common] {
+    if (replay_verb->parsed()) return replay(*a, common);
+    if (run_verb->parsed()) return run(*a, common);
+    const Study study = read_study(a->study);
+    if (check_verb->parsed()) return check(study, common);
+    if (merge_verb->parsed()) return merge(study, a->out, common);
+    if (worker_verb->parsed()) return work(study), 0;
+    return report(study, a->out, common);
+  };
+}
+
+}  // namespace fringeslam::tools
