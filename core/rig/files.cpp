@@ -133,7 +133,7 @@ void write_image(const fs::path& file, const OIIO::ImageSpec& spec, const void* 
 
 }  // namespace
 
-void write_png(const fs::path& file, const cv::Mat& image) {
+std::string png_bytes(const cv::Mat& image) {
   cv::Mat pixels = image;
   if (image.type() == CV_8UC3) {  // OpenCV's BGR -> the file's RGB
     pixels = cv::Mat(image.size(), CV_8UC3);
@@ -149,9 +149,13 @@ void write_png(const fs::path& file, const cv::Mat& image) {
   auto out = OIIO::ImageOutput::create("memory.png");
   if (!out || !out->open("memory.png", spec) ||
       !out->write_image(type, pixels.data, OIIO::AutoStride, static_cast<OIIO::stride_t>(pixels.step)) || !out->close())
-    throw Error(file.string() + ": cannot be written: " + first_line(out ? out->geterror() : OIIO::geterror()));
+    throw Error("the image cannot be made a PNG file: " + first_line(out ? out->geterror() : OIIO::geterror()));
+  return {memory.buffer().begin(), memory.buffer().end()};
+}
+
+void write_png(const fs::path& file, const cv::Mat& image) {
   StagedFile staged(file);
-  write_text(staged.path(), std::string(memory.buffer().begin(), memory.buffer().end()));
+  write_text(staged.path(), png_bytes(image));
   staged.commit();
 }
 

@@ -51,7 +51,8 @@ void write_text(const std::filesystem::path& file, const std::string& text);
 // The whole file; empty when there is none.
 std::string read_bytes(const std::filesystem::path& file);
 
-// CV_8UC1, CV_8UC3 (BGR, as OpenCV keeps it) or CV_16UC1.
+// A PNG file's bytes, and the file. CV_8UC1, CV_8UC3 (BGR, as OpenCV keeps it) or CV_16UC1.
+std::string png_bytes(const cv::Mat& image);
 void write_png(const std::filesystem::path& file, const cv::Mat& image);
 
 // One or more CV_32FC1 channels of one size, zip-compressed.

@@ -63,7 +63,8 @@ const std::vector<Library>& libraries() {
                                            {"arv.h", {"hw"}, false},
                                            {"aravis", {"hw"}, false},
                                            {"SDL", {"hw"}, false},
-                                           {"hidapi", {"hw"}, false}};
+                                           {"hidapi", {"hw"}, false},
+                                           {"httplib.h", {"tools"}, false}};
   return all;
 }
 

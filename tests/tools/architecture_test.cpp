@@ -84,7 +84,7 @@ TEST(Architecture, LibrariesInTheWrongPlaceAreReported) {
   tree.add("core/rig/files.h", "#include <OpenImageIO/imageio.h>\n#include <yaml-cpp/yaml.h>\n");
   tree.add("core/types/pinhole.cpp", "#include <opencv2/imgproc.hpp>\n");
   tree.add("sim/scene/import.h", "#include <assimp/scene.h>\n#include <embree3/rtcore.h>\n");
-  tree.add("sim/view.cpp", "#include <SDL2/SDL.h>\n#include <arv.h>\n");
+  tree.add("sim/view.cpp", "#include <SDL2/SDL.h>\n#include <arv.h>\n#include <httplib.h>\n");
   tree.add("tools/mesh.cpp", "#include <assimp/scene.h>\n#include <embree3/rtcore.h>\n");
   tree.add("tools/picture.h", "#include <opencv2/imgproc.hpp>\n");
   EXPECT_THAT(
@@ -102,6 +102,7 @@ TEST(Architecture, LibrariesInTheWrongPlaceAreReported) {
                   "sim/scene/import.h:2: embree3/rtcore.h (heavy library in a header)",
                   "sim/view.cpp:1: SDL2/SDL.h (library of another folder)",
                   "sim/view.cpp:2: arv.h (library of another folder)",
+                  "sim/view.cpp:3: httplib.h (library of another folder)",
                   "tools/mesh.cpp:1: assimp/scene.h (library of another folder)",
                   "tools/mesh.cpp:2: embree3/rtcore.h (library of another folder)",
                   "tools/picture.h:1: opencv2/imgproc.hpp (more than Eigen/Core and opencv2/core in a header)"));
