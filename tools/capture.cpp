@@ -2,12 +2,11 @@
 // fringeslam capture --rig RIG.yaml --out DATASET: a dataset from a camera and a projector.
 #include <sys/wait.h>
 
-#include <atomic>
 #include <chrono>
 #include <csignal>
 #include <cstdlib>
 #include <memory>
-#include <thread>
+#include <optional>
 
 #include "core/patterns/design.h"
 #include "core/rig/dataset.h"
@@ -15,6 +14,8 @@
 #include "core/rig/rig_file.h"
 #include "core/types/error.h"
 #include "hw/rig_hardware.h"
+#include "tools/interrupt.h"
+#include "tools/live/live_option.h"
 #include "tools/progress.h"
 #include "tools/verbs.h"
 
@@ -24,13 +25,12 @@ namespace fs = std::filesystem;
 
 namespace {
 
-std::atomic<bool> interrupted = false;
-
 struct Arguments {
   std::string rig, out, patterns;
   int count = 1;
   double interval_s = 0;
   std::string before;
+  std::optional<int> live_port;
 };
 
 // What moves the sensor between views: a stage, a robot, or a person who presses a key.
@@ -40,7 +40,7 @@ void run_before(const std::string& command, int stack) {
   const int status = std::system(command.c_str());
   // While a command runs Ctrl-C is the command's.
   if ((WIFSIGNALED(status) && WTERMSIG(status) == SIGINT) || (WIFEXITED(status) && WEXITSTATUS(status) == 128 + SIGINT))
-    interrupted = true;
+    std::raise(SIGINT);
   else if (status != 0)
     throw Error("--before " + command + ": failed before stack " + std::to_string(stack));
 }
@@ -64,11 +64,11 @@ int capture(const Arguments& arguments, const Common& common) {
     throw Error(arguments.out + ": exists; choose another --out or remove it");
   const RigModel model = read_rig(arguments.rig);
   const PatternSequence sequence = sequence_of(arguments, model);
+  const std::unique_ptr<LivePage> page = open_live_page(arguments.live_port, sequence, model);
   const auto rig = open_hardware(arguments.rig);
   fs::create_directories(arguments.out);
   RecordingRig recording(*rig, arguments.out);
-  std::signal(SIGINT, [](int) { interrupted = true; });
-  std::signal(SIGTERM, [](int) { interrupted = true; });
+  catch_interrupts();
 
   int stacks = 0;
   double capturing_s = 0;
@@ -76,14 +76,15 @@ int capture(const Arguments& arguments, const Common& common) {
   {
     Progress progress("capturing", arguments.count, common.quiet || common.json);
     try {
-      for (; stacks < arguments.count && !interrupted; ++stacks) {
-        if (stacks > 0) std::this_thread::sleep_for(std::chrono::duration<double>(arguments.interval_s));
-        run_before(arguments.before, stacks);
-        if (interrupted) break;
+      for (; stacks < arguments.count && !interrupted(); ++stacks) {
+        if (stacks > 0) wait_s(arguments.interval_s);
+        if (!interrupted()) run_before(arguments.before, stacks);
+        if (interrupted()) break;
         const auto start = std::chrono::steady_clock::now();
-        recording.capture(sequence);
+        const auto stack = recording.capture(sequence);
         capturing_s += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
         recording.finish(model.name, 0, false);
+        if (page && stack) page->show(*stack);
         progress.step();
       }
     } catch (const std::exception& e) {
@@ -100,7 +101,7 @@ int capture(const Arguments& arguments, const Common& common) {
   say(common,
       {{"dataset", arguments.out},
        {"stacks", stacks},
-       {"interrupted", interrupted.load()},
+       {"interrupted", interrupted()},
        {"stack_s", stacks > 0 ? capturing_s / stacks : 0},
        {"sequences_retaken", rig->retaken()},
        {"images", camera.images},
@@ -108,10 +109,10 @@ int capture(const Arguments& arguments, const Common& common) {
        {"packets_resent", camera.resent_packets},
        {"packets_missing", camera.missing_packets},
        {"camera_reopened", camera.reopened}},
-      "dataset: " + arguments.out + " (" + kept() + (interrupted ? ", interrupted" : "") +
+      "dataset: " + arguments.out + " (" + kept() + (interrupted() ? ", interrupted" : "") +
           (rig->retaken() ? ", " + std::to_string(rig->retaken()) + " sequences taken again" : "") +
           (camera.refused ? ", " + std::to_string(camera.refused) + " images taken again" : "") + ")");
-  return interrupted && stacks == 0 ? 2 : 0;
+  return interrupted() && stacks == 0 ? 2 : 0;
 }
 
 }  // namespace
@@ -127,6 +128,7 @@ Verb add_capture(CLI::App& app, const Common& common) {
                    "Command to run before each stack, whose number is in FRINGESLAM_STACK: what moves the sensor; "
                    "'read _' waits for Enter");
   verb->add_option("--patterns", arguments->patterns, "patterns.yaml, or the folder that `fringeslam patterns` wrote");
+  add_live_option(*verb, arguments->live_port);
   return [arguments, &common] { return capture(*arguments, common); };
 }
 

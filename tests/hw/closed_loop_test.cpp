@@ -11,6 +11,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <fstream>
+#include <nlohmann/json.hpp>
 #include <thread>
 
 #include "core/decode/decode.h"
@@ -21,6 +22,10 @@
 #include "tests/hw/desktop.h"
 #include "tests/support/matchers.h"
 #include "tests/tools/child.h"
+#include "tools/live/preview.h"
+
+// Behind Eigen, which has names that are macros of the system headers of this one.
+#include <httplib.h>
 
 namespace fringeslam {
 namespace {
@@ -160,6 +165,7 @@ class ClosedLoop : public testing::Test {
   Child program(const std::vector<std::string>& arguments) const {
     std::vector<std::string> command = {FRINGESLAM_PROGRAM};
     command.insert(command.end(), arguments.begin(), arguments.end());
+    fs::remove(at("program.log"));  // the child opens it when it gets to that
     return Child(command, at("program.log"));
   }
 
@@ -350,6 +356,54 @@ TEST_F(ClosedLoop, AnInterruptedCaptureIsADataset) {
   EXPECT_GE(stacks, 1);
   EXPECT_LT(stacks, 50);
   EXPECT_EQ(std::distance(fs::directory_iterator(at("interrupted/stacks")), fs::directory_iterator()), stacks);
+}
+
+// The port in a line `live: http://127.0.0.1:PORT/`; 0 before it is there.
+int live_port(const std::string& log) {
+  const std::string lead = "live: http://127.0.0.1:";
+  const size_t at = log.find(lead);
+  const size_t end = at == std::string::npos ? at : log.find("/\n", at + lead.size());
+  return end == std::string::npos ? 0 : std::stoi(log.substr(at + lead.size(), end - at - lead.size()));
+}
+
+TEST_F(ClosedLoop, WhatIsCapturedIsSeenLive) {
+  // As long as no viewer could miss the first stack; Ctrl-C ends the interval.
+  Child capture = program(
+      {"capture", "--rig", at("rig.yaml"), "--out", at("live"), "--live", "0", "--count", "3", "--interval", "600"});
+  ASSERT_TRUE(wait_until(60, [&] { return live_port(log_of("program")) > 0; })) << log_of("program");
+  httplib::Client viewer("127.0.0.1", live_port(log_of("program")));
+  viewer.set_read_timeout(60);
+  nlohmann::json state;
+  ASSERT_TRUE(wait_until(60, [&] {
+    const auto answer = viewer.Get("/state.json");
+    if (answer) state = nlohmann::json::parse(answer->body);
+    return state.is_object() && state["number"] >= 1;
+  })) << log_of("program");
+  EXPECT_EQ(state["number"], 1);
+  const PatternSequence captured = read_patterns(at("live/patterns.yaml"));
+  const tools::PreviewFigures expected =
+      tools::preview_of(*ReplayRig(at("live")).capture(captured), captured, read_rig(at("rig.yaml"))).figures;
+  EXPECT_GT(expected.valid, 0.2);
+  EXPECT_DOUBLE_EQ(state["valid"], expected.valid);
+  EXPECT_DOUBLE_EQ(state["saturated"], expected.saturated);
+  EXPECT_DOUBLE_EQ(state["mean_modulation_dn"], expected.mean_modulation_dn);
+  const auto depth = viewer.Get("/preview/depth.png?n=1");
+  ASSERT_TRUE(depth);
+  EXPECT_EQ(depth->status, 200);
+  EXPECT_THAT(depth->body, testing::StartsWith("\x89PNG"));
+  EXPECT_EQ(capture.stop(SIGINT), 0);
+  EXPECT_FALSE(viewer.Get("/state.json"));
+  EXPECT_EQ(stacks_in(at("live")), 1);
+}
+
+TEST_F(ClosedLoop, ATakenPortIsSaidBeforeAnythingIsCaptured) {
+  httplib::Server other;
+  const int port = other.bind_to_any_port("127.0.0.1");
+  Child capture = program({"capture", "--rig", at("rig.yaml"), "--out", at("nothing"), "--live", std::to_string(port)});
+  EXPECT_EQ(capture.wait(), 2);
+  EXPECT_THAT(log_of("program"),
+              testing::MatchesRegex("fringeslam: live: port [0-9]+ is taken or not allowed; [^\n]*\n"));
+  EXPECT_FALSE(fs::exists(at("nothing")));
 }
 
 TEST_F(ClosedLoop, AFullDiskIsSaidAndLeavesNoHalf) {

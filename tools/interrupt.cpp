@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/interrupt.h"
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <csignal>
+#include <thread>
+
+namespace fringeslam::tools {
+
+namespace {
+
+std::atomic<bool> caught = false;
+
+}  // namespace
+
+void catch_interrupts() {
+  std::signal(SIGINT, [](int) { caught = true; });
+  std::signal(SIGTERM, [](int) { caught = true; });
+}
+
+bool interrupted() { return caught; }
+
+void wait_s(double seconds) {
+  using Clock = std::chrono::steady_clock;
+  const auto until = Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
+  for (auto now = Clock::now(); now < until && !caught; now = Clock::now())
+    std::this_thread::sleep_for(std::min<Clock::duration>(until - now, std::chrono::milliseconds(50)));
+}
+
+}  // namespace fringeslam::tools

@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/live/preview.h"
+
+#include <algorithm>
+#include <limits>
+
+#include "core/decode/decode.h"
+#include "core/depth/depth.h"
+#include "core/types/error.h"
+#include "tools/report/pictures.h"
+
+namespace fringeslam::tools {
+
+namespace {
+
+constexpr double kTextureWhite = 0.6;  // of full scale: the mean of fringes that just do not clip is about half
+constexpr double kMuchSaturated = 0.01, kLittleLight = 0.05, kLittleDepth = 0.1;
+const cv::Vec3b kRed(0, 0, 255);
+
+struct Extremes {
+  cv::Mat brightest, darkest;
+};
+
+Extremes extremes_of(const FringeStack& stack) {
+  if (stack.images.empty()) throw Error("preview: the stack has no images");
+  Extremes result{stack.images.front().clone(), stack.images.front().clone()};
+  for (const cv::Mat& image : stack.images) {
+    if (image.size() != result.brightest.size() || image.type() != result.brightest.type())
+      throw Error("preview: the stack's images differ in size or type");
+    result.brightest = cv::max(result.brightest, image);
+    result.darkest = cv::min(result.darkest, image);
+  }
+  return result;
+}
+
+bool coded(const PatternSequence& sequence, Axis axis, bool fringes_only) {
+  return std::any_of(sequence.patterns.begin(), sequence.patterns.end(), [&](const Pattern& p) {
+    return p.axis == axis && (p.coding == Coding::fringe || (p.coding == Coding::gray && !fringes_only));
+  });
+}
+
+bool tells_orders(const PatternSequence& sequence, const RigModel& rig, Axis axis) {
+  if (!coded(sequence, axis, false)) return false;
+  try {
+    resolve_unwrapping(sequence, rig, {}, {.axis = axis});
+    return true;
+  } catch (const Error&) {
+    return false;
+  }
+}
+
+Axis coded_axis(const PatternSequence& sequence) {
+  return coded(sequence, Axis::columns, false) ? Axis::columns : Axis::rows;
+}
+
+cv::Mat1f depth_of(const DecodedStack& decoded, const Triangulation& triangulation) {
+  Frame frame;
+  triangulate(frame, decoded, triangulation, {});
+  cv::Mat1f depth_m;
+  cv::extractChannel(frame.points_m, depth_m, 2);
+  return depth_m;
+}
+
+double share(const cv::Mat& mask) {
+  return static_cast<double>(cv::countNonZero(mask)) / static_cast<double>(mask.total());
+}
+
+}  // namespace
+
+DecodedStack decode_without_orders(const FringeStack& stack, const PatternSequence& sequence, const RigModel& rig,
+                                   Axis axis) {
+  if (stack.images.empty()) throw Error("decode: the stack has no images");
+  const cv::Mat1f nowhere(stack.images.front().size(), std::numeric_limits<float>::quiet_NaN());
+  const ExpectedCoordinate nothing{nowhere, nowhere, nowhere};
+  DecodeOptions options;
+  options.unwrapping = "predicted";
+  return decode(stack, sequence, rig, options, {.axis = axis, .expected = &nothing});
+}
+
+std::optional<Triangulation> preview_triangulation(const PatternSequence& sequence, const RigModel& rig) {
+  const Axis axis = coded_axis(sequence);
+  if (!tells_orders(sequence, rig, axis)) return std::nullopt;
+  // The pipeline's own range, and the rig's where that reaches beyond.
+  const DepthOptions options;
+  return Triangulation(rig, pixel_rays(rig.camera), std::min(options.near_m, rig.near_m),
+                       std::max(options.far_m, rig.far_m), axis);
+}
+
+Preview preview_of(const FringeStack& stack, const PatternSequence& sequence, const RigModel& rig) {
+  return preview_of(stack, sequence, rig, preview_triangulation(sequence, rig));
+}
+
+Preview preview_of(const FringeStack& stack, const PatternSequence& sequence, const RigModel& rig,
+                   const std::optional<Triangulation>& triangulation) {
+  if (stack.images.size() != sequence.patterns.size())
+    throw Error("preview: the stack has " + std::to_string(stack.images.size()) + " images, the sequence " +
+                std::to_string(sequence.patterns.size()));
+  const auto [brightest, darkest] = extremes_of(stack);
+  const double full = rig.sensor.max_dn();
+  const Axis axis = coded_axis(sequence);
+
+  Preview preview;
+  PreviewFigures& figures = preview.figures;
+  figures.full_scale_dn = full;
+  figures.depth_possible = triangulation.has_value();
+  cv::Mat1f depth_m(brightest.size(), std::numeric_limits<float>::quiet_NaN()), mean, modulation;
+  if (triangulation) {
+    const DecodedStack decoded = decode(stack, sequence, rig, {}, {.axis = axis});
+    mean = decoded.mean, modulation = decoded.modulation;
+    depth_m = depth_of(decoded, *triangulation);
+  } else if (coded(sequence, axis, true)) {
+    const DecodedStack decoded = decode_without_orders(stack, sequence, rig, axis);
+    mean = decoded.mean, modulation = decoded.modulation;
+  } else {
+    cv::Mat1f high, low;
+    brightest.convertTo(high, CV_32F);
+    darkest.convertTo(low, CV_32F);
+    mean = (high + low) / 2;
+    modulation = (high - low) / 2;
+  }
+  const cv::Mat clipped = brightest >= DecodeOptions().saturation * full;
+  figures.saturated = share(clipped);
+  figures.valid = share(depth_m == depth_m);
+  figures.mean_modulation_dn = cv::mean(modulation)[0];
+  figures.brightness = cv::mean(brightest)[0] / full;
+
+  preview.texture = grey_picture(mean, kTextureWhite * full);
+  preview.modulation = grey_picture(modulation, full / 2);
+  preview.saturation = grey_picture(brightest, full);
+  preview.saturation.setTo(kRed, clipped);
+  preview.depth = false_colour(depth_m, rig.near_m, rig.far_m);
+  return preview;
+}
+
+std::vector<std::string> warnings(const PreviewFigures& figures) {
+  std::vector<std::string> sentences;
+  if (figures.saturated > kMuchSaturated)
+    sentences.push_back("Too bright: the red pixels are saturated and give no depth. Lower exposure or gain.");
+  const bool dark = figures.brightness < kLittleLight;
+  if (dark) sentences.push_back("Too dark: is the projector on? If so, raise exposure or gain.");
+  if (figures.depth_possible && figures.valid < kLittleDepth && !dark)
+    sentences.push_back("Hardly any depth: is the scene in the projector's beam and in the rig's range?");
+  return sentences;
+}
+
+}  // namespace fringeslam::tools
