@@ -119,7 +119,7 @@ std::optional<FringeStack> HardwareRig::capture(const PatternSequence& sequence)
       return stack;
     }
   }
-  throw Error("rig: no good sequence in " + std::to_string(options_.attempts) + " attempts: " + reason);
+  throw SequenceRefused("rig: no good sequence in " + std::to_string(options_.attempts) + " attempts: " + reason);
 }
 
 }  // namespace fringeslam

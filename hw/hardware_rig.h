@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "core/rig/rig.h"
+#include "core/types/error.h"
 #include "hw/grey_camera.h"
 #include "hw/projector.h"
 #include "hw/sequence_check.h"
@@ -30,13 +31,20 @@ struct HardwareOptions {
   SequenceCheckOptions check;
 };
 
+// The devices work, but what the camera saw is not what was to be shown.
+class SequenceRefused : public Error {
+ public:
+  using Error::Error;
+};
+
 class HardwareRig : public Rig {
  public:
   // Throws Error when camera and projector have other sizes than the model says.
   HardwareRig(const RigModel& model, std::unique_ptr<GreyCamera> camera, std::unique_ptr<Projector> projector,
               const HardwareOptions& options);
   const RigModel& model() const override { return model_; }
-  // Never empty: there is always more to see. Throws Error when devices fail, or the sequence is refused.
+  // Never empty: there is always more to see. Throws Error when devices fail, SequenceRefused when every
+  // attempt shows other patterns.
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
 
   int retaken() const { return retaken_; }  // sequences

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// fringeslam rig list|check|latency: the camera and the projector that are there.
+// fringeslam rig list|check|latency|focus: the camera and the projector that are there.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -142,11 +142,13 @@ Verb add_rig(CLI::App& app, const Common& common) {
   CLI::App* list_verb = group->add_subcommand("list", "Cameras, displays and projector controllers");
   CLI::App* check_verb = group->add_subcommand("check", "Whether the rig's camera and projector work together");
   CLI::App* latency_verb = group->add_subcommand("latency", "How long a pattern takes to be seen");
+  const Verb focus = add_rig_focus(*group, common);
   auto file = std::make_shared<std::string>();
   for (CLI::App* verb : {check_verb, latency_verb})
     verb->add_option("--rig", *file, "Rig file with a hardware: section")->required();
   return [=, &common] {
     if (list_verb->parsed()) return list(common);
+    if (group->got_subcommand("focus")) return focus();
     return check_verb->parsed() ? check(*file, common) : latency(*file, common);
   };
 }

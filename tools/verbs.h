@@ -44,6 +44,7 @@ Verb add_patterns(CLI::App& app, const Common& common);
 #if FRINGESLAM_HW
 Verb add_capture(CLI::App& app, const Common& common);
 Verb add_rig(CLI::App& app, const Common& common);
+Verb add_rig_focus(CLI::App& group, const Common& common);
 #endif
 
 }  // namespace fringeslam::tools

@@ -22,6 +22,7 @@
 #include "tests/hw/desktop.h"
 #include "tests/support/matchers.h"
 #include "tests/tools/child.h"
+#include "tools/focus_reading.h"
 #include "tools/live/preview.h"
 
 // Behind Eigen, which has names that are macros of the system headers of this one.
@@ -404,6 +405,42 @@ TEST_F(ClosedLoop, ATakenPortIsSaidBeforeAnythingIsCaptured) {
   EXPECT_THAT(log_of("program"),
               testing::MatchesRegex("fringeslam: live: port [0-9]+ is taken or not allowed; [^\n]*\n"));
   EXPECT_FALSE(fs::exists(at("nothing")));
+}
+
+TEST_F(ClosedLoop, FocusIsThatOfTheSimulatorsImages) {
+  Child focus = program({"rig", "focus", "--rig", at("rig.yaml"), "--count", "2", "--json"});
+  ASSERT_EQ(focus.wait(), 0) << log_of("program");
+  const nlohmann::json readings = nlohmann::json::parse(log_of("program"));
+  ASSERT_EQ(readings.size(), 2u);
+
+  const sim::Scene scene = sim::load_scene(at("scene.yaml"));
+  sim::RenderOptions options;
+  options.noise = false;
+  const PatternSequence fringes = tools::focus_sequence(scene.rig, 16);
+  const FringeStack seen = *sim::VirtualRig(scene, options).capture(fringes);
+  const tools::FocusReading expected = tools::read_focus(seen, fringes, scene.rig);
+  EXPECT_GT(expected.fringes, 0.5);
+  EXPECT_LT(expected.fringes, 0.99);
+  for (const nlohmann::json& reading : readings) {
+    EXPECT_NEAR(reading["fringes"], expected.fringes, 0.01);
+    EXPECT_NEAR(reading["centre"], expected.centre, 0.01);
+    EXPECT_NEAR(reading["corners"], expected.corners, 0.01);
+    EXPECT_NEAR(reading["sharpness"], expected.sharpness, 0.02 * expected.sharpness);
+    EXPECT_NEAR(reading["measured"], expected.measured, 0.01);
+  }
+}
+
+TEST_F(ClosedLoop, FocusGoesOnUntilItIsInterrupted) {
+  Child focus = program({"rig", "focus", "--rig", at("rig.yaml")});
+  const auto lines = [&] {
+    const std::string log = log_of("program");
+    return std::count(log.begin(), log.end(), '\n');
+  };
+  ASSERT_TRUE(wait_until(60, [&] { return lines() >= 2; })) << log_of("program");
+  EXPECT_EQ(focus.stop(SIGINT), 0);
+  EXPECT_THAT(log_of("program"),
+              testing::ContainsRegex("^fringes [0-9]+ % .best [0-9]+ %., centre [0-9]+ %, corners [0-9]+ %; texture "
+                                     "sharpness 0[.][0-9]+ .best 0[.][0-9]+.\n"));
 }
 
 TEST_F(ClosedLoop, AFullDiskIsSaidAndLeavesNoHalf) {

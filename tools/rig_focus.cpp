@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+// fringeslam rig focus: fine fringes again and again while a person turns the lenses.
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <optional>
+
+#include "core/rig/rig_file.h"
+#include "core/types/error.h"
+#include "hw/rig_hardware.h"
+#include "tools/focus_reading.h"
+#include "tools/interrupt.h"
+#include "tools/live/live_option.h"
+#include "tools/verbs.h"
+
+namespace fringeslam::tools {
+
+namespace {
+
+using nlohmann::ordered_json;
+
+struct Arguments {
+  std::string rig;
+  int count = 0;
+  double period_px = 16;
+  std::optional<int> live_port;
+};
+
+// JSON has no NaN.
+ordered_json figure(double value) { return std::isfinite(value) ? ordered_json(value) : ordered_json(); }
+
+std::string percent(double share) {
+  return std::isfinite(share) ? std::to_string(std::lround(100 * share)) + " %" : "none";
+}
+
+std::string decimals(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.4f", value);
+  return std::isfinite(value) ? text : "none";
+}
+
+// std::fmax: of a number and NaN the number.
+struct Best {
+  double fringes = std::nan(""), sharpness = std::nan("");
+  void take(const FocusReading& reading) {
+    fringes = std::fmax(fringes, reading.fringes);
+    sharpness = std::fmax(sharpness, reading.sharpness);
+  }
+};
+
+std::string line_of(const FocusReading& reading, const Best& best) {
+  std::string line = "fringes " + percent(reading.fringes) + " (best " + percent(best.fringes) + "), centre " +
+                     percent(reading.centre) + ", corners " + percent(reading.corners) + "; texture sharpness " +
+                     decimals(reading.sharpness) + " (best " + decimals(best.sharpness) + ")";
+  if (reading.measured < 0.1)
+    line += "; only " + percent(reading.measured) +
+            " of the pixels tell white from black and are not saturated: check exposure and scene";
+  return line;
+}
+
+int focus(const Arguments& arguments, const Common& common) {
+  const RigModel model = read_rig(arguments.rig);
+  const PatternSequence sequence = focus_sequence(model, arguments.period_px);
+  const std::unique_ptr<LivePage> page = open_live_page(arguments.live_port, sequence, model);
+  const auto rig = open_hardware(arguments.rig);
+  catch_interrupts();
+  ordered_json readings = ordered_json::array();
+  Best best;
+  for (int i = 0; (arguments.count == 0 || i < arguments.count) && !interrupted(); ++i) {
+    std::optional<FringeStack> stack;
+    try {
+      stack = rig->capture(sequence);
+    } catch (const SequenceRefused& e) {
+      // A hand at the lens or in the beam; but a rig that never worked is another matter.
+      if (readings.empty()) throw;
+      if (!common.quiet) std::fprintf(stderr, "no reading: %s\n", e.what());
+      continue;
+    }
+    if (page) page->show(*stack);
+    const FocusReading reading = read_focus(*stack, sequence, model);
+    best.take(reading);
+    readings.push_back({{"fringes", figure(reading.fringes)},
+                        {"centre", figure(reading.centre)},
+                        {"corners", figure(reading.corners)},
+                        {"sharpness", figure(reading.sharpness)},
+                        {"measured", reading.measured}});
+    if (common.json) continue;
+    std::printf("%s\n", line_of(reading, best).c_str());
+    std::fflush(stdout);
+  }
+  if (common.json) std::printf("%s\n", readings.dump(2).c_str());
+  return 0;
+}
+
+}  // namespace
+
+Verb add_rig_focus(CLI::App& group, const Common& common) {
+  auto arguments = std::make_shared<Arguments>();
+  CLI::App* verb = group.add_subcommand("focus", "Contrast of fine fringes and sharpness, to turn the lenses by");
+  verb->add_option("--rig", arguments->rig, "Rig file with a hardware: section")->required();
+  verb->add_option("--count", arguments->count, "Readings; 0: until Ctrl-C")->check(CLI::Range(0, 1000000));
+  verb->add_option("--period", arguments->period_px, "Fringe period, projector px")->check(CLI::Range(4.0, 512.0));
+  add_live_option(*verb, arguments->live_port);
+  return [arguments, &common] { return focus(*arguments, common); };
+}
+
+}  // namespace fringeslam::tools
