@@ -135,7 +135,7 @@ Preview preview_of(const FringeStack& stack, const PatternSequence& sequence, co
 std::vector<std::string> warnings(const PreviewFigures& figures) {
   std::vector<std::string> sentences;
   if (figures.saturated > kMuchSaturated)
-    sentences.push_back("Too bright: the red pixels are saturated and give no depth. Lower exposure or gain.");
+    sentences.push_back("Too bright: the red pixels are saturated and tell nothing. Lower exposure or gain.");
   const bool dark = figures.brightness < kLittleLight;
   if (dark) sentences.push_back("Too dark: is the projector on? If so, raise exposure or gain.");
   if (figures.depth_possible && figures.valid < kLittleDepth && !dark)
