@@ -3,9 +3,7 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <atomic>
 #include <chrono>
-#include <csignal>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -17,6 +15,7 @@
 #include "bench/studies/workers.h"
 #include "core/rig/files.h"
 #include "core/types/error.h"
+#include "tools/interrupt.h"
 #include "tools/progress.h"
 #include "tools/verbs.h"
 
@@ -27,8 +26,6 @@ namespace fs = std::filesystem;
 namespace {
 
 using namespace fringeslam::studies;
-
-std::atomic<bool> interrupted = false;
 
 struct Arguments {
   std::string study, out, shard = "0/1";
@@ -57,8 +54,7 @@ int run(const Arguments& arguments, const Common& common) {
   if (!fs::exists(folder / kStudyFile)) write_text(folder / kStudyFile, read_bytes(study.file));
   const std::vector<int> missing = results.missing();
   const size_t found = results.lines().size();
-  std::signal(SIGINT, [](int) { interrupted = true; });
-  std::signal(SIGTERM, [](int) { interrupted = true; });
+  catch_interrupts();
   WorkerOptions workers;
   workers.jobs = arguments.jobs > 0 ? arguments.jobs : static_cast<int>(std::max(1L, sysconf(_SC_NPROCESSORS_ONLN)));
   workers.command = {fs::read_symlink("/proc/self/exe").string(),
@@ -83,7 +79,7 @@ int run(const Arguments& arguments, const Common& common) {
   }
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   const size_t done = results.lines().size() - found;
-  if (interrupted)
+  if (interrupted())
     throw Error("interrupted; " + std::to_string(results.lines().size()) + " results are kept in " + arguments.out +
                 ", the same command goes on");
   results.finish();

@@ -93,7 +93,7 @@ std::string cause_of(const Seen& seen) {
 // Views as the pipeline processed them, beside their truth.
 class Record {
  public:
-  Record(const Study& study, const sim::Scene& scene) : study_(study), scene_(scene) { seen_.over_bound = 0; }
+  Record(const Study& study, const sim::Scene& scene) : study_(study), scene_(scene) {}
 
   void add(const FringeStack& stack, const FrameResult& result, const TruthFrame& truth, const KeyframeMap& map,
            const RigModel& told) {
@@ -192,7 +192,7 @@ class Record {
     const Matrix6d information = pose_information(previous, last_sigma_m_, truth, result.frame.sigma_m, told.camera,
                                                   pixel_rays(told.camera), true_motion);
     const double over = error_over_bound(result.previous_from_current, true_motion, information);
-    if (std::isfinite(over)) seen_.over_bound = std::max(seen_.over_bound, over);
+    if (std::isfinite(over)) seen_.over_bound = std::fmax(seen_.over_bound, over);  // of NaN and a number: the number
   }
 
   void note_pair(const Trajectory& estimate, size_t e, size_t t) {

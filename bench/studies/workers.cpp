@@ -118,7 +118,7 @@ class Worker {
 }  // namespace
 
 WorkersReport run_trials(const Study& study, const std::vector<int>& trials, const WorkerOptions& options,
-                         const std::function<void(int, const std::string&)>& tell, const std::atomic<bool>& stop) {
+                         const std::function<void(int, const std::string&)>& tell, const std::function<bool()>& stop) {
   signal(SIGPIPE, SIG_IGN);
   WorkersReport report;
   size_t next = 0, told = 0;
@@ -137,7 +137,7 @@ WorkersReport run_trials(const Study& study, const std::vector<int>& trials, con
     worker.reset();
     ++report.restarted;
   };
-  while (told < trials.size() && !stop) {
+  while (told < trials.size() && !stop()) {
     std::vector<pollfd> waits;
     for (auto& worker : workers) {
       if (!worker && next < trials.size()) worker = std::make_unique<Worker>(options.command);
@@ -169,7 +169,7 @@ WorkersReport run_trials(const Study& study, const std::vector<int>& trials, con
       }
     }
   }
-  if (stop) return report;
+  if (told < trials.size()) return report;  // what is still at work is killed
   for (auto& worker : workers) {
     if (!worker) continue;
     worker->finish();

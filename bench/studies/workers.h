@@ -2,7 +2,6 @@
 // Trials in processes of their own: one that crashes, hangs or eats the memory takes nothing with it.
 #pragma once
 
-#include <atomic>
 #include <functional>
 #include <string>
 #include <vector>
@@ -22,10 +21,10 @@ struct WorkersReport {
 };
 
 // Runs the trials and tells each one's line as it comes, in no order. A worker that dies or takes longer than the study
-// permits is that trial's result, and another one goes on. Ends early when `stop` becomes true.
+// permits is that trial's result, and another one goes on. Ends early when `stop` says so.
 WorkersReport run_trials(const Study& study, const std::vector<int>& trials, const WorkerOptions& options,
                          const std::function<void(int trial, const std::string& line)>& tell,
-                         const std::atomic<bool>& stop);
+                         const std::function<bool()>& stop);
 
 // What a worker does: answers until its input ends.
 void work(const Study& study);
