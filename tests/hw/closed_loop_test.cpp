@@ -91,7 +91,7 @@ class ClosedLoop : public testing::Test {
     const RigModel rig = read_rig(at / "rig.yaml");
     test::write_bytes(
         at / "rig.yaml",
-        to_yaml(rig) + "hardware: {settle_s: 0.01, camera: {timeout_s: 1.5, reopen_s: 6, attempts: 4}}\n");
+        to_yaml(rig) + "hardware: {settle_s: 0.01, camera: {timeout_s: 5, reopen_s: 6, attempts: 4}}\n");
     fs::create_directories(at / "screen");
     for (int number = 90; number < 130; ++number) {
       const std::string display = ":" + std::to_string(number);
@@ -282,7 +282,7 @@ TEST_F(ClosedLoop, ACameraThatIsGoneIsNamed) {
 }
 
 TEST_F(ClosedLoop, ASlowCameraIsWaitedForButNotForEver) {
-  const auto rig = open_hardware(at("rig.yaml"));
+  const auto rig = open_hardware(rig_with("{settle_s: 0.01, camera: {timeout_s: 1.5, attempts: 4}}"));
   control("delay_ms 200");
   PatternSequence coarse = sequence();
   coarse.patterns.resize(3);
