@@ -39,6 +39,18 @@ nlohmann::ordered_json to_json(const SixDof& six) {
           six.angles_deg.x(),     six.angles_deg.y(),     six.angles_deg.z()};
 }
 
+nlohmann::ordered_json to_json(const ErrorStatistics& s) {
+  return {{"rmse", s.rmse}, {"mean", s.mean}, {"median", s.median}, {"std", s.std},
+          {"min", s.min},   {"max", s.max},   {"sse", s.sse}};
+}
+
+// `per_unit`: of what is printed in one of the statistics.
+std::string statistics_line(const char* label, const ErrorStatistics& s, double per_unit) {
+  std::string line = format("%-18s", label);
+  for (const double value : {s.rmse, s.mean, s.median, s.std, s.min, s.max}) line += format("%12.6g", value * per_unit);
+  return line + format("%12.6g\n", s.sse * per_unit * per_unit);
+}
+
 // One view of a run with its truth.
 struct View {
   DepthEstimate estimate;
@@ -58,7 +70,7 @@ double finest_period(const PatternSequence& sequence) {
 
 }  // namespace
 
-RunScore score_run(const fs::path& folder) {
+RunScore score_run(const fs::path& folder, const TrajectoryOptions& options) {
   RunScore score;
   const YamlMap config = YamlMap::load(folder / "config.yaml");
   score.name = config.text("name");
@@ -69,7 +81,7 @@ RunScore score_run(const fs::path& folder) {
   const PixelRays rays = pixel_rays(rig.camera);
   const Trajectory truth = read_tum(folder / "truth" / "truth.tum");
   const Trajectory estimate = read_tum(folder / "trajectory.tum");
-  const auto pairs = associate(estimate, truth);
+  const auto pairs = associate(estimate, truth, options.max_gap_s);
   score.tracked = static_cast<int>(pairs.size());
 
   View previous;
@@ -92,7 +104,7 @@ RunScore score_run(const fs::path& folder) {
     }
     previous = std::move(current);
   }
-  if (pairs.size() >= 2) score.trajectory = score_trajectory(estimate, truth);
+  if (pairs.size() >= 2) score.trajectory = score_trajectory(estimate, truth, options);
   return score;
 }
 
@@ -101,7 +113,16 @@ nlohmann::ordered_json to_json(const TrajectoryScore& score) {
           {"ate_rmse_mm", score.ate_rmse_m * 1e3},
           {"ate_umeyama_rmse_mm", score.ate_umeyama_rmse_m * 1e3},
           {"rpe_translation_rmse_mm", score.rpe_translation_rmse_m * 1e3},
-          {"rpe_rotation_rmse_deg", score.rpe_rotation_rmse_rad * kDegPerRad}};
+          {"rpe_rotation_rmse_deg", score.rpe_rotation_rmse_rad * kDegPerRad},
+          {"align", score.options.align},
+          {"scale", score.truth_from_estimate.scale},
+          {"relation", score.options.relation},
+          {score.options.relation == "translation" ? "ape_m" : "ape", to_json(score.ape)},
+          {"delta", score.options.delta},
+          {"all_pairs", score.options.all_pairs},
+          {"steps", score.steps},
+          {"rpe_translation_m", to_json(score.rpe_translation_m)},
+          {"rpe_rotation_deg", to_json(score.rpe_rotation_deg)}};
 }
 
 nlohmann::ordered_json to_json(const RunScore& score) {
@@ -139,6 +160,21 @@ std::string to_table(const TrajectoryScore& score) {
   return format("trajectory over %d poses: ATE %.4f mm (best alignment %.4f mm), RPE %.4f mm, %.5f deg\n", score.poses,
                 score.ate_rmse_m * 1e3, score.ate_umeyama_rmse_m * 1e3, score.rpe_translation_rmse_m * 1e3,
                 score.rpe_rotation_rmse_rad * kDegPerRad);
+}
+
+std::string statistics_table(const TrajectoryScore& score) {
+  const TrajectoryOptions& options = score.options;
+  std::string text = "\naligned by " + options.align;
+  if (options.align == "sim3") text += format(", scale %.9g", score.truth_from_estimate.scale);
+  text += format("; %d steps of %d frame%s\n", score.steps, options.delta, options.delta == 1 ? "" : "s");
+  text += "                          rmse        mean      median         std         min         max         sse\n";
+  const bool length = options.relation == "translation";
+  text += statistics_line(length                               ? "APE mm"
+                          : options.relation == "rotation_deg" ? "APE deg"
+                                                               : "APE full",
+                          score.ape, length ? 1e3 : 1);
+  return text + statistics_line("RPE mm", score.rpe_translation_m, 1e3) +
+         statistics_line("RPE deg", score.rpe_rotation_deg, 1);
 }
 
 std::string to_table(const RunScore& score) {

@@ -32,7 +32,7 @@ struct RunScore {
 };
 
 // `folder` holds config.yaml, rig.yaml, patterns.yaml, frames/, trajectory.tum and truth/.
-RunScore score_run(const std::filesystem::path& folder);
+RunScore score_run(const std::filesystem::path& folder, const TrajectoryOptions& options = {});
 
 nlohmann::ordered_json to_json(const RunScore& score);
 nlohmann::ordered_json to_json(const TrajectoryScore& score);
@@ -40,5 +40,7 @@ nlohmann::ordered_json to_json(const TrajectoryScore& score);
 // The papers' table, then depth and trajectory figures: plain text for people.
 std::string to_table(const RunScore& score);
 std::string to_table(const TrajectoryScore& score);
+// What to_table() leaves out of a trajectory's score: evo's statistics.
+std::string statistics_table(const TrajectoryScore& score);
 
 }  // namespace fringeslam::tools

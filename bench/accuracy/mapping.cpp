@@ -4,11 +4,11 @@
 #include <cmath>
 #include <cstdio>
 #include <map>
-#include <numbers>
 
 #include "bench/row.h"
 #include "core/map/surface.h"
 #include "core/pipeline/pipeline.h"
+#include "core/score/map_score.h"
 #include "core/score/score.h"
 #include "sim/nearest_surface.h"
 #include "sim/virtual_rig.h"
@@ -19,35 +19,10 @@ namespace {
 
 constexpr double kTolerance_m = 1e-3;
 
-// What a view's sensor can see, every fourth pixel of every fourth row: lit surface within the working range that is
-// all of its pixel, met by the camera's and the projector's ray at less than this angle to its normal.
-constexpr double kSteepest_deg = 80;
-constexpr int kEvery = 4;
-
-void append_seen(const TruthFrame& truth, const RigModel& rig, const PixelRays& rays,
-                 std::vector<Eigen::Vector3d>& seen) {
-  const Eigen::Vector3d light = rig.projector_from_camera.inverse().translation;
-  const double least_cosine = std::cos(kSteepest_deg * std::numbers::pi / 180);
-  for (int row = kEvery / 2; row < truth.mask.rows; row += kEvery) {
-    for (int col = kEvery / 2; col < truth.mask.cols; col += kEvery) {
-      const double depth = truth.depth_m(row, col);
-      if (static_cast<int>(truth.mask(row, col)) != (kTruthSurface | kTruthInBeam)) continue;
-      if (depth < rig.near_m || depth > rig.far_m) continue;
-      const cv::Vec3f &n = truth.normals(row, col), &p = truth.position_m(row, col);
-      const Eigen::Vector3d normal(n[0], n[1], n[2]), ray(rays(row, col)[0], rays(row, col)[1], 1);
-      const auto faces = [&](const Eigen::Vector3d& from) {
-        return -normal.dot((depth * ray - from).normalized()) > least_cosine;
-      };
-      if (faces(Eigen::Vector3d::Zero()) && faces(light)) seen.emplace_back(p[0], p[1], p[2]);
-    }
-  }
-}
-
 struct MapRun {
   double ate_m = INFINITY, open_ate_m = INFINITY;  // with and without loop closures; infinite when a view was lost
-  double surface_m = 0, cloud_m = 0;               // median distances of the map's points from the true surface
-  double precision = 0, recall = 0;
-  double f1() const { return 2 * precision * recall / std::max(precision + recall, 1e-9); }
+  MapScore score;
+  double cloud_m = 0;  // median distance of the cloud's points from the true surface
 };
 
 double ate_m(const Pipeline& pipeline, const Trajectory& truth) {
@@ -73,13 +48,8 @@ double area_m2(const sim::Mesh& mesh) {
   return area;
 }
 
-double share_within(const std::vector<double>& distances) {
-  const auto near = std::count_if(distances.begin(), distances.end(), [](double d) { return d <= kTolerance_m; });
-  return static_cast<double>(near) / static_cast<double>(std::max<size_t>(1, distances.size()));
-}
-
-void score_map(const sim::Scene& scene, const Pipeline& pipeline, const std::vector<Eigen::Vector3d>& seen,
-               MapRun& run) {
+void measure_map(const sim::Scene& scene, const Pipeline& pipeline, const std::vector<Eigen::Vector3d>& seen,
+                 MapRun& run) {
   constexpr double kFarthest_m = 0.05;
   const KeyframeMap& map = pipeline.map();
   SurfaceModel model(map.rig(), {});
@@ -93,16 +63,16 @@ void score_map(const sim::Scene& scene, const Pipeline& pipeline, const std::vec
   const double area = area_m2(surface), mib = 1048576;
   const sim::NearestSurface truth(scene);
   const std::vector<double> distances = truth.distances_m(surface.vertices, kFarthest_m);
-  run.surface_m = median_of(distances);
-  run.precision = share_within(distances);
   run.cloud_m = median_of(truth.distances_m(positions(map.cloud({}).points()), kFarthest_m));
-  run.recall = share_within(sim::NearestSurface(std::move(surface)).distances_m(seen, kFarthest_m));
+  run.score =
+      score_map(distances, sim::NearestSurface(std::move(surface)).distances_m(seen, kFarthest_m), kTolerance_m);
   std::fprintf(stderr,
                "    surface %.4f mm, cloud %.4f mm; precision %.4f, recall %.4f, F %.4f of %zu points seen\n"
                "    %.2f m^2 in voxels of %.2f mm: surface %.0f MiB, kept frames %.0f MiB, %.1f and %.1f a m^2\n",
-               1e3 * run.surface_m, 1e3 * run.cloud_m, run.precision, run.recall, run.f1(), seen.size(), area,
-               1e3 * model.voxel_m(), static_cast<double>(model.memory_bytes()) / mib,
-               static_cast<double>(map.memory_bytes()) / mib, static_cast<double>(model.memory_bytes()) / mib / area,
+               1e3 * run.score.accuracy.median_m, 1e3 * run.cloud_m, run.score.precision, run.score.recall,
+               run.score.f_score(), seen.size(), area, 1e3 * model.voxel_m(),
+               static_cast<double>(model.memory_bytes()) / mib, static_cast<double>(map.memory_bytes()) / mib,
+               static_cast<double>(model.memory_bytes()) / mib / area,
                static_cast<double>(map.memory_bytes()) / mib / area);
 }
 
@@ -129,7 +99,7 @@ MapRun measured(const std::string& name, uint64_t seed) {
       name.c_str(), static_cast<int>(seed), scene.trajectory.size(),
       scene.trajectory.size() - pipeline.trajectory().size(), pipeline.map().keyframes().size(),
       pipeline.map().frames().size(), pipeline.map().links().size(), 1e3 * run.ate_m, 1e3 * run.open_ate_m);
-  score_map(scene, pipeline, seen, run);
+  measure_map(scene, pipeline, seen, run);
   return run;
 }
 
@@ -158,8 +128,10 @@ std::vector<Row> ate_rows(const Context& context) {
 std::vector<Row> map_rows(const Context& context) {
   const std::vector<MapRun>& runs = loop_runs(context);
   measured("rubble_pile", 1);  // for comparison
-  return {median_row("map.surface", collect(runs, [](const MapRun& run) { return 1e3 * run.surface_m; }), "mm", 0.1),
-          median_row("map.f1", collect(runs, [](const MapRun& run) { return run.f1(); }), "", 0.99, Limit::least)};
+  return {median_row("map.surface", collect(runs, [](const MapRun& run) { return 1e3 * run.score.accuracy.median_m; }),
+                     "mm", 0.1),
+          median_row("map.f1", collect(runs, [](const MapRun& run) { return run.score.f_score(); }), "", 0.99,
+                     Limit::least)};
 }
 
 }  // namespace

@@ -5,7 +5,6 @@
 #include <limits>
 
 #include "core/score/score.h"
-#include "core/types/error.h"
 
 namespace fringeslam {
 
@@ -90,62 +89,6 @@ MotionScore score_motion(const Pose& estimate, const Pose& truth) {
     score.error.angles_deg[i] = std::remainder(score.estimate.angles_deg[i] - score.truth.angles_deg[i], 360.0);
   score.translation_error_m = (estimate.translation - truth.translation).norm();
   score.rotation_error_rad = rotation_log(estimate.rotation * truth.rotation.transpose()).norm();
-  return score;
-}
-
-std::vector<std::pair<size_t, size_t>> associate(const Trajectory& estimate, const Trajectory& truth,
-                                                 double max_gap_s) {
-  std::vector<std::pair<size_t, size_t>> pairs;
-  size_t j = 0;
-  for (size_t i = 0; i < estimate.size(); ++i) {
-    const double time = estimate[i].timestamp_s;
-    while (j + 1 < truth.size() && std::abs(truth[j + 1].timestamp_s - time) <= std::abs(truth[j].timestamp_s - time))
-      ++j;
-    if (j < truth.size() && std::abs(truth[j].timestamp_s - time) <= max_gap_s) pairs.emplace_back(i, j);
-  }
-  return pairs;
-}
-
-namespace {
-
-double ate_rmse(const std::vector<Eigen::Vector3d>& truth, const std::vector<Eigen::Vector3d>& estimate,
-                const Pose& truth_from_estimate) {
-  double squares = 0;
-  for (size_t i = 0; i < truth.size(); ++i) squares += (truth_from_estimate * estimate[i] - truth[i]).squaredNorm();
-  return std::sqrt(squares / static_cast<double>(truth.size()));
-}
-
-}  // namespace
-
-TrajectoryScore score_trajectory(const Trajectory& estimate, const Trajectory& truth) {
-  const auto pairs = associate(estimate, truth);
-  if (pairs.size() < 2)
-    throw Error("score: only " + std::to_string(pairs.size()) +
-                " poses of the estimate have a true pose within 10 ms; two are needed");
-  std::vector<Eigen::Vector3d> true_positions, positions;
-  for (const auto& [i, j] : pairs) {
-    positions.push_back(estimate[i].world_from_robot.translation);
-    true_positions.push_back(truth[j].world_from_robot.translation);
-  }
-  TrajectoryScore score;
-  score.poses = static_cast<int>(pairs.size());
-  const Pose by_origin = truth[pairs[0].second].world_from_robot * estimate[pairs[0].first].world_from_robot.inverse();
-  score.ate_rmse_m = ate_rmse(true_positions, positions, by_origin);
-  score.ate_umeyama_rmse_m = ate_rmse(true_positions, positions, align_points(true_positions, positions));
-
-  double translation2 = 0, rotation2 = 0;
-  for (size_t k = 1; k < pairs.size(); ++k) {
-    const auto motion = [&](const Trajectory& t, size_t from, size_t to) {
-      return t[from].world_from_robot.inverse() * t[to].world_from_robot;
-    };
-    const Pose error = motion(truth, pairs[k - 1].second, pairs[k].second).inverse() *
-                       motion(estimate, pairs[k - 1].first, pairs[k].first);
-    translation2 += error.translation.squaredNorm();
-    rotation2 += std::pow(rotation_rad(error), 2);
-  }
-  const auto steps = static_cast<double>(pairs.size() - 1);
-  score.rpe_translation_rmse_m = std::sqrt(translation2 / steps);
-  score.rpe_rotation_rmse_rad = std::sqrt(rotation2 / steps);
   return score;
 }
 

@@ -5,9 +5,9 @@
 #include <limits>
 #include <vector>
 
+#include "core/score/trajectory_score.h"
 #include "core/types/frame.h"
 #include "core/types/pinhole.h"
-#include "core/types/trajectory.h"
 #include "core/types/truth.h"
 
 namespace fringeslam {
@@ -50,21 +50,6 @@ struct MotionScore {
 };
 
 MotionScore score_motion(const Pose& estimate, const Pose& truth);
-
-// As evo computes them: APE/RPE of the poses associated by timestamp (within 10 ms).
-struct TrajectoryScore {
-  int poses = 0;                  // associated
-  double ate_rmse_m = 0;          // translation, first poses aligned (evo_ape --align_origin)
-  double ate_umeyama_rmse_m = 0;  // translation, best SE(3) alignment (evo_ape --align)
-  double rpe_translation_rmse_m = 0, rpe_rotation_rmse_rad = 0;  // consecutive poses (evo_rpe, delta 1 frame)
-};
-
-// Throws Error when fewer than two poses can be associated.
-TrajectoryScore score_trajectory(const Trajectory& estimate, const Trajectory& truth);
-
-// Pairs (estimate index, truth index) of nearest timestamps, at most max_gap_s apart.
-std::vector<std::pair<size_t, size_t>> associate(const Trajectory& estimate, const Trajectory& truth,
-                                                 double max_gap_s = 0.01);
 
 double median_of(std::vector<double> values);
 // Linear interpolation between order statistics; q in [0, 1]. NaN when empty.

@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/score/map_score.h"
+
+#include <algorithm>
+#include <numbers>
+#include <numeric>
+
+#include "core/score/score.h"
+
+namespace fringeslam {
+
+namespace {
+
+constexpr double kSteepest_deg = 80;
+constexpr int kEvery = 4;
+
+DistanceStatistics statistics(const std::vector<double>& distances_m) {
+  DistanceStatistics s;
+  s.points = distances_m.size();
+  if (distances_m.empty()) return s;
+  const auto n = static_cast<double>(distances_m.size());
+  s.mean_m = std::accumulate(distances_m.begin(), distances_m.end(), 0.0) / n;
+  s.rms_m = std::sqrt(std::inner_product(distances_m.begin(), distances_m.end(), distances_m.begin(), 0.0) / n);
+  s.median_m = median_of(distances_m);
+  s.p90_m = quantile_of(distances_m, 0.9);
+  return s;
+}
+
+double share_within(const std::vector<double>& distances_m, double threshold_m) {
+  const auto near = std::count_if(distances_m.begin(), distances_m.end(), [&](double d) { return d <= threshold_m; });
+  return static_cast<double>(near) / static_cast<double>(std::max<size_t>(1, distances_m.size()));
+}
+
+}  // namespace
+
+void append_seen(const TruthFrame& truth, const RigModel& rig, const PixelRays& rays,
+                 std::vector<Eigen::Vector3d>& seen) {
+  const Eigen::Vector3d light = rig.projector_from_camera.inverse().translation;
+  const double least_cosine = std::cos(kSteepest_deg * std::numbers::pi / 180);
+  for (int row = kEvery / 2; row < truth.mask.rows; row += kEvery) {
+    for (int col = kEvery / 2; col < truth.mask.cols; col += kEvery) {
+      const double depth = truth.depth_m(row, col);
+      if (static_cast<int>(truth.mask(row, col)) != (kTruthSurface | kTruthInBeam)) continue;
+      if (depth < rig.near_m || depth > rig.far_m) continue;
+      const cv::Vec3f &n = truth.normals(row, col), &p = truth.position_m(row, col);
+      const Eigen::Vector3d normal(n[0], n[1], n[2]), ray(rays(row, col)[0], rays(row, col)[1], 1);
+      const auto faces = [&](const Eigen::Vector3d& from) {
+        return -normal.dot((depth * ray - from).normalized()) > least_cosine;
+      };
+      if (faces(Eigen::Vector3d::Zero()) && faces(light)) seen.emplace_back(p[0], p[1], p[2]);
+    }
+  }
+}
+
+MapScore score_map(const std::vector<double>& map_to_truth_m, const std::vector<double>& truth_to_map_m,
+                   double threshold_m) {
+  MapScore score;
+  score.threshold_m = threshold_m;
+  score.accuracy = statistics(map_to_truth_m);
+  score.completeness = statistics(truth_to_map_m);
+  score.precision = share_within(map_to_truth_m, threshold_m);
+  score.recall = share_within(truth_to_map_m, threshold_m);
+  return score;
+}
+
+}  // namespace fringeslam

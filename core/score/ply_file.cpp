@@ -1,0 +1,379 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/score/ply_file.h"
+
+#include <algorithm>
+#include <bit>
+#include <charconv>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <map>
+#include <memory>
+#include <sstream>
+
+#include "core/types/error.h"
+
+namespace fringeslam {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+enum class Number { none, int8, uint8, int16, uint16, int32, uint32, float32, float64 };
+enum class Format { ascii, little_endian, big_endian };
+
+struct Property {
+  std::string name;
+  Number type = Number::none;
+  Number count = Number::none;  // of a list
+};
+
+struct Element {
+  std::string name;
+  uint64_t count = 0;
+  std::vector<Property> properties;
+};
+
+struct Header {
+  Format format = Format::ascii;
+  std::vector<Element> elements;
+  size_t body = 0;    // where it begins, bytes
+  int body_line = 0;  // the same as a line
+};
+
+Number number_type(const std::string& name) {
+  static const std::map<std::string, Number> types = {
+      {"char", Number::int8},      {"int8", Number::int8},       {"uchar", Number::uint8},
+      {"uint8", Number::uint8},    {"short", Number::int16},     {"int16", Number::int16},
+      {"ushort", Number::uint16},  {"uint16", Number::uint16},   {"int", Number::int32},
+      {"int32", Number::int32},    {"uint", Number::uint32},     {"uint32", Number::uint32},
+      {"float", Number::float32},  {"float32", Number::float32}, {"double", Number::float64},
+      {"float64", Number::float64}};
+  const auto found = types.find(name);
+  return found == types.end() ? Number::none : found->second;
+}
+
+class HeaderReader {
+ public:
+  HeaderReader(const fs::path& file, const std::string& bytes) : file_(file), bytes_(bytes) {}
+
+  Header read() {
+    if (next() != "ply") throw error("is no PLY file");
+    bool has_format = false;
+    for (std::string line = next(); line != "end_header"; line = next()) {
+      std::istringstream words(line);
+      std::string key;
+      words >> key;
+      if (key == "format") {
+        read_format(words);
+        has_format = true;
+      } else if (key == "element") {
+        read_element(words);
+      } else if (key == "property") {
+        read_property(words);
+      } else if (!key.empty() && key != "comment" && key != "obj_info") {
+        throw error("unknown word '" + key + "' in the header");
+      }
+    }
+    if (!has_format) throw error("the header names no format");
+    header_.body = at_;
+    header_.body_line = line_ + 1;
+    return std::move(header_);
+  }
+
+ private:
+  Error error(const std::string& what) const {
+    return Error(file_.string() + ":" + std::to_string(line_) + ": " + what);
+  }
+
+  std::string next() {
+    const size_t end = bytes_.find('\n', at_);
+    if (end == std::string::npos) throw error("the header has no end_header");
+    std::string line = bytes_.substr(at_, end - at_);
+    if (line.ends_with('\r')) line.pop_back();
+    at_ = end + 1;
+    ++line_;
+    return line;
+  }
+
+  void read_format(std::istringstream& words) {
+    std::string name, version;
+    words >> name >> version;
+    if (version != "1.0") throw error("unknown version '" + version + "' of the format; 1.0 is known");
+    if (name == "ascii")
+      header_.format = Format::ascii;
+    else if (name == "binary_little_endian")
+      header_.format = Format::little_endian;
+    else if (name == "binary_big_endian")
+      header_.format = Format::big_endian;
+    else
+      throw error("unknown format '" + name + "'");
+  }
+
+  void read_element(std::istringstream& words) {
+    Element element;
+    std::string count;
+    words >> element.name >> count;
+    const auto [stop, failed] = std::from_chars(count.data(), count.data() + count.size(), element.count);
+    if (failed != std::errc() || stop != count.data() + count.size() || element.count > INT32_MAX)
+      throw error("'" + count + "' is no number of elements");
+    header_.elements.push_back(element);
+  }
+
+  void read_property(std::istringstream& words) {
+    if (header_.elements.empty()) throw error("a property before any element");
+    Property property;
+    std::string type;
+    words >> type;
+    const auto known = [&](const std::string& name) {
+      const Number number = number_type(name);
+      if (number == Number::none) throw error("unknown type '" + name + "' of a property");
+      return number;
+    };
+    if (type == "list") {
+      std::string count;
+      words >> count >> type;
+      property.count = known(count);
+    }
+    property.type = known(type);
+    if (!(words >> property.name)) throw error("a property without a name");
+    header_.elements.back().properties.push_back(property);
+  }
+
+  const fs::path& file_;
+  const std::string& bytes_;
+  Header header_;
+  size_t at_ = 0;
+  int line_ = 0;
+};
+
+// One number of the body after the other.
+class Body {
+ public:
+  virtual ~Body() = default;
+  virtual double next(Number type) = 0;
+  // Fewest bytes that a number of the type takes.
+  virtual size_t least_bytes(Number type) const = 0;
+  virtual size_t left() const = 0;
+  virtual Error error(const Element& element, uint64_t index, const std::string& what) const = 0;
+};
+
+class CutOff : public std::exception {};
+class NoNumber : public std::exception {};
+
+class AsciiBody : public Body {
+ public:
+  AsciiBody(const fs::path& file, const std::string& bytes, const Header& header)
+      : file_(file), bytes_(bytes), at_(header.body), line_(header.body_line) {}
+  double next(Number) override {
+    while (at_ < bytes_.size() && is_blank(bytes_[at_])) line_ += bytes_[at_++] == '\n';
+    if (at_ == bytes_.size()) throw CutOff();
+    size_t end = at_;
+    while (end < bytes_.size() && !is_blank(bytes_[end])) ++end;
+    const char* first = bytes_.data() + at_ + (bytes_[at_] == '+' ? 1 : 0);
+    double value = 0;
+    const auto [stop, failed] = std::from_chars(first, bytes_.data() + end, value);
+    if (failed == std::errc::invalid_argument || stop != bytes_.data() + end) throw NoNumber();
+    at_ = end;
+    return value;
+  }
+  size_t least_bytes(Number) const override { return 1; }
+  size_t left() const override { return bytes_.size() - at_; }
+  Error error(const Element& element, uint64_t, const std::string& what) const override {
+    return Error(file_.string() + ":" + std::to_string(line_) + ": " + what + " in element '" + element.name + "'");
+  }
+
+ private:
+  static bool is_blank(char c) { return c == ' ' || c == '\t' || c == '\r' || c == '\n'; }
+  const fs::path& file_;
+  const std::string& bytes_;
+  size_t at_;
+  int line_;
+};
+
+class BinaryBody : public Body {
+ public:
+  BinaryBody(const fs::path& file, const std::string& bytes, const Header& header)
+      : file_(file),
+        bytes_(bytes),
+        at_(header.body),
+        swap_((header.format == Format::little_endian) != (std::endian::native == std::endian::little)) {}
+  double next(Number type) override {
+    switch (type) {
+      case Number::int8:
+        return take<int8_t>();
+      case Number::uint8:
+        return take<uint8_t>();
+      case Number::int16:
+        return take<int16_t>();
+      case Number::uint16:
+        return take<uint16_t>();
+      case Number::int32:
+        return take<int32_t>();
+      case Number::uint32:
+        return take<uint32_t>();
+      case Number::float32:
+        return static_cast<double>(take<float>());
+      default:
+        return take<double>();
+    }
+  }
+  size_t least_bytes(Number type) const override {
+    switch (type) {
+      case Number::int8:
+      case Number::uint8:
+        return 1;
+      case Number::int16:
+      case Number::uint16:
+        return 2;
+      case Number::float64:
+        return 8;
+      default:
+        return 4;
+    }
+  }
+  size_t left() const override { return bytes_.size() - at_; }
+  Error error(const Element& element, uint64_t index, const std::string& what) const override {
+    return Error(file_.string() + ": " + what + " in element '" + element.name + "', number " + std::to_string(index) +
+                 " of " + std::to_string(element.count));
+  }
+
+ private:
+  template <class Value>
+  Value take() {
+    if (left() < sizeof(Value)) throw CutOff();
+    char raw[sizeof(Value)];
+    std::memcpy(raw, bytes_.data() + at_, sizeof raw);
+    if (swap_) std::reverse(raw, raw + sizeof raw);
+    at_ += sizeof raw;
+    Value value;
+    std::memcpy(&value, raw, sizeof raw);
+    return value;
+  }
+  const fs::path& file_;
+  const std::string& bytes_;
+  size_t at_;
+  bool swap_;
+};
+
+class BodyReader {
+ public:
+  BodyReader(const fs::path& file, const Header& header, Body& body) : file_(file), header_(header), body_(body) {}
+
+  PlyMap read() {
+    for (const Element& element : header_.elements) {
+      check_length(element);
+      uint64_t index = 0;
+      try {
+        for (; index < element.count; ++index) read_one(element, index);
+      } catch (const CutOff&) {
+        throw body_.error(element, index, "the file is cut off");
+      } catch (const NoNumber&) {
+        throw body_.error(element, index, "what should be a number is none");
+      }
+    }
+    return finished();
+  }
+
+ private:
+  // A count that the rest of the file cannot hold would take all of the memory.
+  void check_length(const Element& element) const {
+    uint64_t least = 0;
+    for (const Property& p : element.properties) least += body_.least_bytes(p.count == Number::none ? p.type : p.count);
+    if (element.count * least > body_.left()) throw body_.error(element, element.count, "the file is cut off");
+    if (element.name != "vertex") return;
+    for (const char* name : {"x", "y", "z"}) {
+      if (std::none_of(element.properties.begin(), element.properties.end(),
+                       [&](const Property& p) { return p.name == name && p.count == Number::none; }))
+        throw Error(file_.string() + ": its vertices have no '" + name + "'");
+    }
+  }
+
+  void read_one(const Element& element, uint64_t index) {
+    const bool is_vertex = element.name == "vertex", is_face = element.name == "face";
+    Eigen::Vector3d position(0, 0, 0);
+    for (const Property& property : element.properties) {
+      if (property.count != Number::none) {
+        read_list(property);
+        if (is_face && (property.name == "vertex_indices" || property.name == "vertex_index")) add_face(element, index);
+        continue;
+      }
+      const double value = body_.next(property.type);
+      if (!is_vertex) continue;
+      if (property.name == "x") position.x() = value;
+      if (property.name == "y") position.y() = value;
+      if (property.name == "z") position.z() = value;
+    }
+    if (is_vertex) map_.vertices.push_back(position);
+  }
+
+  void read_list(const Property& property) {
+    list_.clear();
+    const double count = body_.next(property.count);
+    if (!(count >= 0) || count != std::floor(count)) throw NoNumber();
+    if (count * static_cast<double>(body_.least_bytes(property.type)) > static_cast<double>(body_.left()))
+      throw CutOff();
+    for (double i = 0; i < count; ++i) list_.push_back(body_.next(property.type));
+  }
+
+  void add_face(const Element& element, uint64_t index) {
+    for (const double corner : list_) {
+      if (!(corner >= 0) || corner >= static_cast<double>(map_.vertices.size()) || corner != std::floor(corner))
+        throw body_.error(element, index,
+                          "there are " + std::to_string(map_.vertices.size()) + " vertices, none is number " +
+                              std::to_string(static_cast<int64_t>(std::clamp(corner, -1e15, 1e15))));
+    }
+    for (size_t i = 2; i < list_.size(); ++i)
+      map_.triangles.emplace_back(static_cast<int>(list_[0]), static_cast<int>(list_[i - 1]),
+                                  static_cast<int>(list_[i]));
+  }
+
+  // Points of an organised cloud that were not measured are NaN.
+  PlyMap finished() {
+    std::vector<int> kept(map_.vertices.size(), -1);
+    PlyMap result;
+    for (size_t i = 0; i < map_.vertices.size(); ++i) {
+      if (!map_.vertices[i].allFinite()) continue;
+      kept[i] = static_cast<int>(result.vertices.size());
+      result.vertices.push_back(map_.vertices[i]);
+    }
+    result.dropped = map_.vertices.size() - result.vertices.size();
+    for (const Eigen::Vector3i& triangle : map_.triangles) {
+      const Eigen::Vector3i corners = triangle.unaryExpr([&](int i) { return kept[static_cast<size_t>(i)]; });
+      if (corners.minCoeff() >= 0) result.triangles.push_back(corners);
+    }
+    if (result.vertices.empty()) throw Error(file_.string() + ": holds no vertex");
+    return result;
+  }
+
+  const fs::path& file_;
+  const Header& header_;
+  Body& body_;
+  PlyMap map_;
+  std::vector<double> list_;
+};
+
+}  // namespace
+
+bool is_ply(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  std::string line;
+  return std::getline(in, line) && (line == "ply" || line == "ply\r");
+}
+
+PlyMap read_ply(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  if (!in) throw Error(file.string() + ": cannot be opened; give a PLY file");
+  std::ostringstream content;
+  content << in.rdbuf();
+  const std::string bytes = std::move(content).str();
+  const Header header = HeaderReader(file, bytes).read();
+  std::unique_ptr<Body> body;
+  if (header.format == Format::ascii)
+    body = std::make_unique<AsciiBody>(file, bytes, header);
+  else
+    body = std::make_unique<BinaryBody>(file, bytes, header);
+  return BodyReader(file, header, *body).read();
+}
+
+}  // namespace fringeslam
