@@ -37,6 +37,12 @@ std::vector<TruthOrder> fringe_orders(const PatternSequence& sequence, const Tru
   return orders;
 }
 
+void label(TruthFrame& truth, int index, const TimedPose& pose) {
+  truth.index = index;
+  truth.timestamp_s = pose.timestamp_s;
+  truth.world_from_robot = pose.world_from_robot;
+}
+
 }  // namespace
 
 void RenderOptions::check() const {
@@ -95,11 +101,7 @@ std::vector<cv::Mat1f> VirtualRig::light(const PatternSequence& sequence, const 
   const int stack = static_cast<int>(next_);
   const Pose still = pose.world_from_robot * scene_.rig.robot_from_camera;
   if (!moving()) return renderer_.render(shown_patterns.front(), {still}, stack, truth);
-  if (truth) {
-    PatternSequence nothing = sequence;
-    nothing.patterns.clear();
-    renderer_.render(ShownPatterns(nothing, scene_.rig, {}), {still}, stack, truth);
-  }
+  if (truth) *truth = truth_of(next_);
   std::vector<cv::Mat1f> images;
   const int count = static_cast<int>(sequence.patterns.size());
   for (int i = 0; i < count; ++i)
@@ -129,14 +131,24 @@ std::optional<FringeStack> VirtualRig::capture(const PatternSequence& sequence) 
     stack.exposure_s.push_back(exposure_s);
   }
   if (truth_) {
-    truth.index = stack.index;
-    truth.timestamp_s = pose.timestamp_s;
-    truth.world_from_robot = pose.world_from_robot;
+    label(truth, stack.index, pose);
     truth.fringe_orders = fringe_orders(sequence, truth);
     truth_(truth);
   }
   ++next_;
   return stack;
+}
+
+TruthFrame VirtualRig::truth_of(size_t pose) const {
+  PatternSequence nothing = scene_.patterns;
+  nothing.patterns.clear();
+  const TimedPose& at = scene_.trajectory.at(pose);
+  const auto stack = static_cast<int>(pose);
+  TruthFrame truth;
+  renderer_.render(ShownPatterns(nothing, scene_.rig, {}), {at.world_from_robot * scene_.rig.robot_from_camera}, stack,
+                   &truth);
+  label(truth, stack, at);
+  return truth;
 }
 
 cv::Mat VirtualRig::look(const cv::Mat1b& screen, size_t pose, double exposure_s, int number) {

@@ -40,6 +40,9 @@ class VirtualRig : public Rig {
   VirtualRig(const Scene& scene, const RenderOptions& options, TruthSink truth = {});
   const RigModel& model() const override { return calibration_; }
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
+  // What is true of the view from pose `pose` of the trajectory, as the sink gets it but for fringe orders. No image is
+  // rendered.
+  TruthFrame truth_of(size_t pose) const;
   // One image from pose `pose` of the trajectory, exposed for exposure_s, while the projector shows `screen` (8 bits,
   // of its size). `number` keys the noise.
   cv::Mat look(const cv::Mat1b& screen, size_t pose, double exposure_s, int number);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// fringeslam render SCENE --out DATASET
+// fringeslam render SCENE --out DATASET [--format tum-rgbd]
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -9,6 +9,7 @@
 #include "tools/board_file.h"
 #include "tools/progress.h"
 #include "tools/source.h"
+#include "tools/tum_rgbd.h"
 #include "tools/verbs.h"
 
 namespace fringeslam::tools {
@@ -18,16 +19,39 @@ Verb add_render(CLI::App& app, const Common& common) {
     std::string scene, out;
     std::vector<std::string> sets;
     SceneVariant variant;
+    std::string format = "fringes";
+    TumRgbdOptions rgbd;
   };
   auto arguments = std::make_shared<Arguments>();
   CLI::App* verb = app.add_subcommand("render", "Render a scene's fringe images and their truth into a dataset");
   verb->add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml")->required();
   verb->add_option("--out", arguments->out, "Dataset folder to write")->required();
   arguments->variant.add_to(*verb);
-  verb->add_option("--set", arguments->sets, "render.key=value; see `run --help`");
-  return [arguments, &common] {
+  verb->add_option("--set", arguments->sets, "stage.key=value; see `run --help`");
+  CLI::Option* format =
+      verb->add_option("--format", arguments->format,
+                       "fringes: a dataset for `run`; tum-rgbd: texture and depth in the TUM RGB-D folder layout")
+          ->check(CLI::IsMember({"fringes", "tum-rgbd"}));
+  const std::vector<CLI::Option*> of_rgbd = {
+      verb->add_option("--depth", arguments->rgbd.depth, "tum-rgbd: measured from the fringes (default), or the truth")
+          ->check(CLI::IsMember({"measured", "truth"})),
+      verb->add_option("--depth-scale", arguments->rgbd.units_per_m,
+                       "tum-rgbd: units of the depth images in a metre (5000)")
+          ->check(CLI::Range(1.0, 1e6)),
+      verb->add_flag("--distorted", arguments->rgbd.distorted, "tum-rgbd: keep the camera's distortion")};
+  for (CLI::Option* option : of_rgbd) option->needs(format);
+  return [arguments, of_rgbd, &common] {
     const Settings settings = parse_settings(arguments->sets);
     const auto source = open_source(arguments->scene, arguments->variant, settings, false);
+    if (arguments->format == "tum-rgbd") {
+      const int images = write_tum_rgbd(*source, settings, arguments->rgbd, arguments->out, common);
+      say(common, {{"dataset", arguments->out}, {"stacks", images}}, "dataset: " + arguments->out);
+      return 0;
+    }
+    for (const CLI::Option* option : of_rgbd) {
+      if (option->count() > 0)
+        throw Error("render: " + option->get_name() + " has no effect without --format tum-rgbd");
+    }
     StagedFolder folder(arguments->out, "dataset");
     const auto rig = source->open(folder.path());
     RecordingRig recording(*rig, folder.path());

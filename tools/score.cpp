@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// fringeslam score RUN | TRAJECTORY --truth TRUTH
+// fringeslam score RUN | TRAJECTORY --truth TRUTH | MAP.ply --truth TRUTH
 #include <cstdio>
 #include <memory>
 
+#include "core/score/trajectory_file.h"
 #include "core/types/error.h"
+#include "tools/map_truth.h"
 #include "tools/run_score.h"
 #include "tools/verbs.h"
 
@@ -11,27 +13,141 @@ namespace fringeslam::tools {
 
 namespace fs = std::filesystem;
 
+namespace {
+
+struct Arguments {
+  std::string estimate, truth, trajectory;
+  TrajectoryOptions options;
+  double threshold_m = 1e-3;
+  std::optional<uint64_t> seed;
+};
+
+void print(const Common& common, const nlohmann::ordered_json& json, const std::string& table) {
+  std::fputs(common.json ? (json.dump(2) + "\n").c_str() : table.c_str(), stdout);
+}
+
+void score_run_folder(const Arguments& arguments, const Common& common) {
+  const fs::path folder = arguments.estimate;
+  if (!fs::exists(folder / "truth" / "truth.tum"))
+    throw Error(folder.string() + ": holds no truth/truth.tum, so it cannot be scored");
+  if (!arguments.truth.empty()) throw Error("score: a run folder is scored by its own truth; leave out --truth");
+  const RunScore score = score_run(folder, arguments.options);
+  print(common, to_json(score), to_table(score));
+}
+
+void score_trajectory_file(const Arguments& arguments, const Common& common) {
+  const TrajectoryScore score = score_trajectory(
+      read_trajectory(arguments.estimate), read_trajectory(true_trajectory_file(arguments.truth)), arguments.options);
+  print(common, to_json(score), to_table(score) + statistics_table(score));
+}
+
+nlohmann::ordered_json distances_json(const DistanceStatistics& s) {
+  return {{"points", s.points},
+          {"mean", s.mean_m * 1e3},
+          {"median", s.median_m * 1e3},
+          {"p90", s.p90_m * 1e3},
+          {"rms", s.rms_m * 1e3}};
+}
+
+std::string line(const char* label, const DistanceStatistics& s, double share) {
+  char text[256];
+  std::snprintf(text, sizeof text, "%-30s%12zu%10.4f%10.4f%10.4f%10.4f%10.4f\n", label, s.points, s.mean_m * 1e3,
+                s.median_m * 1e3, s.p90_m * 1e3, s.rms_m * 1e3, share);
+  return text;
+}
+
+std::string map_table(const MapScore& score, const PlyMap& map, const std::string& aligned) {
+  char text[256];
+  std::snprintf(
+      text, sizeof text, "map of %zu vertices, %zu triangles; %s\n%sdistances in mm%42s%10s%10s%10s%10s\n",
+      map.vertices.size(), map.triangles.size(), aligned.c_str(),
+      map.dropped > 0 ? (std::to_string(map.dropped) + " vertices are not finite and do not count\n").c_str() : "",
+      "points      mean", "median", "90 %", "RMS", "within");
+  std::string table = text + line("accuracy: map to truth", score.accuracy, score.precision) +
+                      line("completeness: truth to map", score.completeness, score.recall);
+  std::snprintf(text, sizeof text, "F-score at %g mm: %.4f\n", score.threshold_m * 1e3, score.f_score());
+  return table + text;
+}
+
+void score_map_file(const Arguments& arguments, const Common& common) {
+  PlyMap map = read_ply(arguments.estimate);
+  const MapTruth truth = read_map_truth(arguments.truth, arguments.seed, common);
+  Similarity world_from_map;
+  std::string aligned = "not aligned";
+  if (!arguments.trajectory.empty()) {
+    world_from_map = align_trajectory(read_trajectory(arguments.trajectory), truth.trajectory, arguments.options);
+    aligned = "aligned by its trajectory: " + arguments.options.align;
+    if (arguments.options.align == "sim3") aligned += ", scale " + to_text(world_from_map.scale);
+    for (Eigen::Vector3d& vertex : map.vertices) vertex = world_from_map * vertex;
+  }
+  const MapScore score = score_map(map, truth, arguments.threshold_m);
+  const nlohmann::ordered_json json = {{"scene", truth.name},
+                                       {"vertices", map.vertices.size()},
+                                       {"triangles", map.triangles.size()},
+                                       {"dropped", map.dropped},
+                                       {"align", arguments.trajectory.empty() ? "none" : arguments.options.align},
+                                       {"scale", world_from_map.scale},
+                                       {"accuracy_mm", distances_json(score.accuracy)},
+                                       {"completeness_mm", distances_json(score.completeness)},
+                                       {"threshold_mm", score.threshold_m * 1e3},
+                                       {"precision", score.precision},
+                                       {"recall", score.recall},
+                                       {"f_score", score.f_score()}};
+  print(common, json, map_table(score, map, aligned));
+}
+
+}  // namespace
+
 Verb add_score(CLI::App& app, const Common& common) {
-  struct Arguments {
-    std::string estimate, truth;
-  };
   auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb = app.add_subcommand("score", "Score a run, or any TUM trajectory, against the truth");
-  verb->add_option("estimate", arguments->estimate, "Run folder, or trajectory file (TUM format)")->required();
-  verb->add_option("--truth", arguments->truth, "True trajectory (TUM format); a run folder brings its own");
-  return [arguments, &common] {
-    const fs::path path = arguments->estimate;
-    if (fs::is_directory(path)) {
-      if (!fs::exists(path / "truth" / "truth.tum"))
-        throw Error(path.string() + ": holds no truth/truth.tum, so it cannot be scored");
-      if (!arguments->truth.empty()) throw Error("score: a run folder is scored by its own truth; leave out --truth");
-      const RunScore score = score_run(path);
-      std::fputs(common.json ? (to_json(score).dump(2) + "\n").c_str() : to_table(score).c_str(), stdout);
-      return 0;
+  TrajectoryOptions& options = arguments->options;
+  CLI::App* verb = app.add_subcommand("score", "Score a run, or any system's trajectory or map, against the truth");
+  verb->add_option("estimate", arguments->estimate, "Run folder, trajectory (TUM or EuRoC), or map (PLY)")->required();
+  verb->add_option("--truth", arguments->truth,
+                   "Of a trajectory: the true one, or a rendered folder; of a map: scene, dataset, run or TUM RGB-D "
+                   "folder; a run folder brings its own");
+  CLI::Option* align =
+      verb->add_option("--align", options.align,
+                       "First: none, origin (first poses), se3 or sim3 (all positions, the latter with scale); evo's "
+                       "--align_origin, --align, --align --correct_scale")
+          ->check(CLI::IsMember({"none", "origin", "se3", "sim3"}))
+          ->capture_default_str();
+  const std::vector<CLI::Option*> of_trajectory = {
+      verb->add_option("--relation", options.relation, "What of the pose the APE is of")
+          ->check(CLI::IsMember({"translation", "rotation_deg", "full"}))
+          ->capture_default_str(),
+      verb->add_option("--delta", options.delta, "Frames between the poses of an RPE")
+          ->check(CLI::Range(1, 1000000000))
+          ->capture_default_str(),
+      verb->add_flag("--all-pairs", options.all_pairs, "RPE from every frame, not only from every delta-th")};
+  verb->add_option("--max-gap", options.max_gap_s, "Largest difference of the timestamps of one pose, s")
+      ->check(CLI::Range(0.0, 1e9))
+      ->capture_default_str();
+  const std::vector<CLI::Option*> of_map = {
+      verb->add_option("--threshold", arguments->threshold_m, "Map: distance that counts as right, m")
+          ->check(CLI::Range(1e-9, 1e9))
+          ->capture_default_str(),
+      verb->add_option("--trajectory", arguments->trajectory,
+                       "Map: its system's trajectory, which --align brings onto the true one, and the map with it"),
+      verb->add_option("--seed", arguments->seed, "Map: seed of the true scene, instead of its own")
+          ->check(CLI::NonNegativeNumber)};
+  return [arguments, align, of_trajectory, of_map, &common] {
+    const bool is_run = fs::is_directory(arguments->estimate), is_map = !is_run && is_ply(arguments->estimate);
+    for (const CLI::Option* option : is_map ? of_trajectory : of_map) {
+      if (option->count() > 0)
+        throw Error("score: " + option->get_name() + " has no effect on a " + (is_map ? "map" : "trajectory"));
     }
-    if (arguments->truth.empty()) throw Error("score: a trajectory needs its true one: add --truth FILE");
-    const TrajectoryScore score = score_trajectory(read_tum(path), read_tum(arguments->truth));
-    std::fputs(common.json ? (to_json(score).dump(2) + "\n").c_str() : to_table(score).c_str(), stdout);
+    if (!is_run && arguments->truth.empty())
+      throw Error(std::string("score: a ") + (is_map ? "map needs its true surface: add --truth SCENE"
+                                                     : "trajectory needs its true one: add --truth FILE"));
+    if (is_map && align->count() > 0 && arguments->options.align != "none" && arguments->trajectory.empty())
+      throw Error("score: a map is aligned by its system's trajectory: add --trajectory FILE");
+    if (is_run)
+      score_run_folder(*arguments, common);
+    else if (is_map)
+      score_map_file(*arguments, common);
+    else
+      score_trajectory_file(*arguments, common);
     return 0;
   };
 }

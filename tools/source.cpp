@@ -14,7 +14,6 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr const char* kRenderFile = "render.yaml";
-constexpr const char* kResolvedFile = "resolved_scene.yaml";
 
 class SceneSource : public Source {
  public:
@@ -31,6 +30,10 @@ class SceneSource : public Source {
   bool has_truth() const override { return true; }
   const PatternSequence& sequence() const override { return scene_.patterns; }
   const RigModel& model() const override { return model_; }
+  void undistort() override {
+    scene_.rig.camera.distortion = {};
+    model_ = sim::calibration_of(scene_);
+  }
   fs::path board_file() const override { return board_; }
 
   std::unique_ptr<Rig> open(const fs::path& folder) override {
@@ -67,6 +70,10 @@ class DatasetSource : public Source {
   bool has_truth() const override { return info_.has_truth; }
   const PatternSequence& sequence() const override { return sequence_; }
   const RigModel& model() const override { return model_; }
+  void undistort() override {
+    if (!model_.camera.distortion.is_zero())
+      throw Error(folder_.string() + ": its images are distorted by the lens; add --distorted to keep them so");
+  }
   fs::path board_file() const override { return folder_ / kBoardFile; }
 
   std::unique_ptr<Rig> open(const fs::path& folder) override {

@@ -20,6 +20,8 @@ constexpr const char* kStageFile = "stage.tum";
 
 // The scene file that a path means: itself, or scene.yaml in a folder.
 constexpr const char* kSceneFile = "scene.yaml";
+// The scene that a run or dataset was rendered from, beside its rig.yaml.
+constexpr const char* kResolvedFile = "resolved_scene.yaml";
 std::filesystem::path scene_file(const std::filesystem::path& path);
 
 class Source {
@@ -31,6 +33,8 @@ class Source {
   virtual bool has_truth() const = 0;
   virtual const PatternSequence& sequence() const = 0;
   virtual const RigModel& model() const = 0;
+  // From now on the camera's lens does not distort. Throws Error where the images are there already and are distorted.
+  virtual void undistort() = 0;
   // Of the board that a calibration scene or dataset shows; need not exist.
   virtual std::filesystem::path board_file() const = 0;
   // The rig; the files that tell where the images came from (render.yaml, truth/) are put into `folder`.

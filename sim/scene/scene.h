@@ -91,6 +91,7 @@ struct SceneReading {
   SceneLimits limits = {};
   // Values in place of the file's: a path such as light.ambient_lux or objects.2.count, and YAML.
   std::vector<std::pair<std::string, std::string>> changes = {};
+  std::filesystem::path rig_file = {};  // read instead of the one that the file names
 };
 
 // The rig as its calibration has it.

@@ -251,8 +251,9 @@ Dust read_dust(const YamlMap& map) {
   return dust;
 }
 
-RigModel read_scene_rig(const YamlMap& map) {
-  const YamlMap changed = YamlMap::load(map.file("file")).changed_by(map, {"file"});
+RigModel read_scene_rig(const YamlMap& map, const fs::path& instead) {
+  if (!instead.empty()) map.text("file");
+  const YamlMap changed = YamlMap::load(instead.empty() ? map.file("file") : instead).changed_by(map, {"file"});
   const RigModel rig = read_rig(changed);
   changed.finish();
   return rig;
@@ -283,7 +284,7 @@ Scene load_scene(const fs::path& file, const SceneReading& reading) {
   scene.name = layers.with("name").text("name");
   layers.with("description").text_or("description", "");
   scene.seed = layers.seed;
-  section("rig", [&](const YamlMap& map) { scene.rig = read_scene_rig(map); });
+  section("rig", [&](const YamlMap& map) { scene.rig = read_scene_rig(map, reading.rig_file); });
   section("patterns", [&](const YamlMap& map) { scene.patterns = read_scene_patterns(map, scene.rig); });
   if (layers.has("light")) section("light", [&](const YamlMap& map) { read_light(map, scene); });
   if (layers.has("air")) section("air", [&](const YamlMap& map) { scene.air = read_air(map); });

@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: Apache-2.0
+// Trajectories and maps of other systems, scored as a user does it.
+#include <gmock/gmock.h>
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "core/score/ply_file.h"
+#include "core/score/trajectory_score.h"
+#include "core/score/truth_files.h"
+#include "tests/tools/child.h"
+
+namespace fringeslam {
+namespace {
+
+using nlohmann::json;
+using test::run_program;
+using test::run_well;
+using testing::HasSubstr;
+
+constexpr const char* kMoreMotions =
+    "    - {translation_mm: [10, 5, -5], rotation_deg: [3, 1, -2]}\n"
+    "    - {translation_mm: [-10, 15, 5], rotation_deg: [0, 2, 1]}\n"
+    "    - {translation_mm: [5, -10, 10], rotation_deg: [-2, 0, 1]}\n";
+
+class Score : public testing::Test {
+ protected:
+  std::string at(const std::string& name) const { return (temp_ / name).string(); }
+  std::string file(const std::string& name, const std::string& text) const {
+    test::write_bytes(temp_ / name, text);
+    return at(name);
+  }
+  // The small scene with four views that are not on one line, and its true surface as a mesh.
+  void make_world() const {
+    test::write_small_scene(temp_ / "scene");
+    const std::string text(test::kSmallScene);
+    file("scene/scene.yaml", text.substr(0, text.find("    - {translation_mm")) + kMoreMotions);
+    run_well({"scene", "export", at("scene"), "--out", at("world.ply"), "--quiet"});
+  }
+  json score(std::vector<std::string> words) const {
+    words.insert(words.begin(), {"score", "--json"});
+    const json result = json::parse(run_well(words).out, nullptr, false);
+    EXPECT_FALSE(result.is_discarded());
+    return result;
+  }
+  void expect_refused(std::vector<std::string> words, const std::string& says) const {
+    words.insert(words.begin(), "score");
+    const test::Finished finished = run_program(words);
+    EXPECT_EQ(finished.exit_code, 2);
+    EXPECT_EQ(finished.out, "");
+    EXPECT_EQ(std::count(finished.err.begin(), finished.err.end(), '\n'), 1) << finished.err;
+    EXPECT_THAT(finished.err, HasSubstr(says));
+  }
+
+  test::TempFolder temp_;
+};
+
+void expect_perfect(const json& score) {
+  EXPECT_EQ(score.at("f_score"), 1);
+  EXPECT_LT(score.at("accuracy_mm").at("rms"), 1e-4);
+  EXPECT_LT(score.at("completeness_mm").at("rms"), 1e-3);
+  EXPECT_GT(score.at("completeness_mm").at("points"), 3000);
+}
+
+std::string ascii_ply(const PlyMap& map) {
+  std::ostringstream text;
+  text.precision(17);
+  text << "ply\nformat ascii 1.0\nelement vertex " << map.vertices.size()
+       << "\nproperty double x\nproperty double y\nproperty double z\nelement face " << map.triangles.size()
+       << "\nproperty list uchar int vertex_indices\nend_header\n";
+  for (const Eigen::Vector3d& v : map.vertices) text << v.x() << ' ' << v.y() << ' ' << v.z() << '\n';
+  for (const Eigen::Vector3i& t : map.triangles) text << "3 " << t.x() << ' ' << t.y() << ' ' << t.z() << '\n';
+  return text.str();
+}
+
+// Where all pixels of a dataset's views meet the surface.
+PlyMap true_cloud(const test::fs::path& data) {
+  const RigModel rig = read_rig(data / "rig.yaml");
+  const PixelRays rays = pixel_rays(rig.camera);
+  const Trajectory trajectory = read_tum(data / "truth/truth.tum");
+  PlyMap cloud;
+  for (size_t i = 0; i < trajectory.size(); ++i) {
+    const cv::Mat1f depth_m = read_truth_frame(data / "truth" / (stack_name(static_cast<int>(i)) + ".exr")).depth_m;
+    const Pose world_from_camera = trajectory[i].world_from_robot * rig.robot_from_camera;
+    for (int row = 0; row < depth_m.rows; ++row) {
+      for (int col = 0; col < depth_m.cols; ++col) {
+        const double z = depth_m(row, col), x = rays(row, col)[0], y = rays(row, col)[1];
+        if (z > 0) cloud.vertices.push_back(world_from_camera * Eigen::Vector3d(x * z, y * z, z));
+      }
+    }
+  }
+  return cloud;
+}
+
+TEST_F(Score, TheTrueSurfaceIsAPerfectMapWhateverTellsTheTruth) {
+  make_world();
+  const json of_scene = score({at("world.ply"), "--truth", at("scene")});
+  expect_perfect(of_scene);
+  const std::vector<std::string> fast = {"--set", "render.samples_per_pixel=1", "--quiet"};
+  const auto rendered = [&](std::vector<std::string> words) {
+    words.insert(words.end(), fast.begin(), fast.end());
+    run_well(words);
+  };
+  rendered({"render", at("scene"), "--out", at("data")});
+  rendered({"run", at("scene"), "--out", at("elsewhere/run")});
+  rendered({"render", at("scene"), "--out", at("deep/er/rgbd"), "--format", "tum-rgbd"});
+  EXPECT_EQ(score({at("world.ply"), "--truth", at("data")}), of_scene);
+  EXPECT_EQ(score({at("world.ply"), "--truth", at("elsewhere/run")}), of_scene);
+  expect_perfect(score({at("world.ply"), "--truth", at("deep/er/rgbd")}));
+  expect_perfect(score({file("cloud.ply", ascii_ply(true_cloud(temp_ / "data"))), "--truth", at("scene")}));
+  // Our own map lies in the frame of the first view.
+  const json own = score({at("elsewhere/run/mesh.ply"), "--truth", at("elsewhere/run"), "--trajectory",
+                          at("elsewhere/run/trajectory.tum")});
+  EXPECT_GT(own.at("precision"), 0.95);
+  EXPECT_GT(own.at("recall"), 0.9);
+  EXPECT_LT(own.at("accuracy_mm").at("median"), 0.2);
+}
+
+TEST_F(Score, DistancesOfAPointAreThoseToTheFloor) {
+  make_world();
+  // Far from the boxes of the scene the floor is the nearest surface; three points above it, by 0, 1 and 4 mm.
+  const std::string cloud =
+      "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty "
+      "float z\nend_header\n0.39 0.39 0\n0.39 0.38 0.001\n0.38 0.38 0.004\n";
+  const json score_of_cloud = score({file("cloud.ply", cloud), "--truth", at("scene"), "--threshold", "0.002"});
+  EXPECT_EQ(score_of_cloud.at("accuracy_mm").at("points"), 3);
+  EXPECT_NEAR(score_of_cloud.at("accuracy_mm").at("mean"), 5.0 / 3, 1e-5);
+  EXPECT_NEAR(score_of_cloud.at("accuracy_mm").at("median"), 1, 1e-5);
+  EXPECT_NEAR(score_of_cloud.at("accuracy_mm").at("p90"), 1 + 0.8 * 3, 1e-5);
+  EXPECT_NEAR(score_of_cloud.at("accuracy_mm").at("rms"), std::sqrt(17.0 / 3), 1e-5);
+  EXPECT_DOUBLE_EQ(score_of_cloud.at("precision"), 2.0 / 3);
+  EXPECT_EQ(score_of_cloud.at("recall"), 0);
+}
+
+// Another system's world: turned, moved, and without scale. Its trajectory tells where that is.
+TEST_F(Score, AMapIsAlignedByItsTrajectory) {
+  make_world();
+  run_well({"render", at("scene"), "--out", at("data"), "--set", "render.samples_per_pixel=1", "--quiet"});
+  const Similarity theirs{3.7, {rotation_exp({0.3, -2, 0.4}), {5, -3, 2}}};
+  PlyMap map = read_ply(temp_ / "world.ply");
+  for (Eigen::Vector3d& vertex : map.vertices) vertex = theirs * vertex;
+  Trajectory trajectory = read_tum(temp_ / "data/truth/truth.tum");
+  for (TimedPose& pose : trajectory) pose.world_from_robot = theirs * pose.world_from_robot;
+  const std::string mesh = file("theirs.ply", ascii_ply(map)), path = file("theirs.tum", to_tum(trajectory));
+  const json aligned = score({mesh, "--truth", at("scene"), "--trajectory", path, "--align", "sim3"});
+  expect_perfect(aligned);
+  EXPECT_NEAR(aligned.at("scale"), 1 / 3.7, 1e-9);
+  EXPECT_LT(score({mesh, "--truth", at("scene"), "--trajectory", path, "--align", "se3"}).at("f_score"), 0.1);
+  EXPECT_LT(score({mesh, "--truth", at("scene")}).at("f_score"), 0.1);
+}
+
+TEST_F(Score, ATrajectoryOfAnotherFormatAndWorld) {
+  // A square of 2 m, estimated 1.25 times too large: see trajectory_score_test.cpp.
+  const std::string truth = file("truth.csv",
+                                 "#timestamp,x,y,z,qw,qx,qy,qz,vx\n0,1,1,0,1,0,0,0,9\n"
+                                 "1000000000,-1,1,0,1,0,0,0,9\n2000000000,-1,-1,0,1,0,0,0,9\n"
+                                 "3000000000,1,-1,0,1,0,0,0,9\n");
+  const std::string estimate = file("estimate.txt",
+                                    "0.004 1.25 1.25 0 0 0 0 1\n1.004 -1.25 1.25 0 0 0 0 1\n"
+                                    "2.004 -1.25 -1.25 0 0 0 0 1\n3.004 1.25 -1.25 0 0 0 0 1\n");
+  const json se3 = score({estimate, "--truth", truth, "--align", "se3"});
+  EXPECT_NEAR(se3.at("ape_m").at("rmse"), 0.25 * std::sqrt(2.0), 1e-12);
+  EXPECT_NEAR(se3.at("rpe_translation_m").at("mean"), 0.5, 1e-12);
+  EXPECT_NEAR(score({estimate, "--truth", truth, "--align", "sim3"}).at("ape_m").at("max"), 0, 1e-12);
+  const json steps = score({estimate, "--truth", truth, "--delta", "2", "--all-pairs", "--relation", "full"});
+  EXPECT_EQ(steps.at("steps"), 2);
+  EXPECT_NEAR(steps.at("rpe_translation_m").at("mean"), 0.5 * std::sqrt(2.0), 1e-12);
+  expect_refused({estimate, "--truth", truth, "--max-gap", "0.003"}, "only 0 poses");
+  EXPECT_THAT(run_well({"score", estimate, "--truth", truth, "--align", "sim3"}).out, HasSubstr("scale 0.8"));
+}
+
+TEST_F(Score, WhatCannotBeScored) {
+  const std::string tum = file("good.tum", "0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n");
+  const std::string csv = file("bad.csv", "#t\n0,0,0,0,1,0,0,0\n1000000000,0,0,0,1,0,0\n");
+  const std::string head =
+      "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n";
+  const std::string bad = file("bad.ply", head + "end_header\n0 0 0\n0 0 zero\n");
+  const std::string good = file("good.ply", head + "end_header\n0 0 0\n0 0 1\n");
+  test::fs::create_directory(temp_ / "empty");
+  expect_refused({csv, "--truth", tum}, csv + ":3: needs eight finite numbers");
+  expect_refused({bad, "--truth", at("scene")}, bad + ":9: ");
+  expect_refused({good}, "add --truth SCENE");
+  expect_refused({good, "--truth", at("nowhere")}, at("nowhere") + ": does not exist");
+  expect_refused({good, "--truth", at("empty")}, at("empty") + ": holds neither");
+  expect_refused({good, "--truth", at("empty"), "--delta", "2"}, "--delta has no effect on a map");
+  expect_refused({good, "--truth", at("empty"), "--align", "se3"}, "add --trajectory");
+  expect_refused({tum, "--truth", tum, "--threshold", "1"}, "--threshold has no effect on a trajectory");
+  expect_refused({tum, "--truth", at("empty")}, at("empty") + ": holds neither");
+  expect_refused({tum, "--truth", tum, "--align", "sim4"}, "--align");
+  expect_refused({tum, "--truth", tum, "--align", "se3", "--relation", "full"}, "positions on one line");
+  expect_refused({tum, "--truth", tum, "--delta", "5"}, "no two of 2 associated poses are 5 frames apart");
+}
+
+}  // namespace
+}  // namespace fringeslam

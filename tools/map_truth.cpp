@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/map_truth.h"
+
+#include <limits>
+
+#include "core/score/trajectory_file.h"
+#include "sim/virtual_rig.h"
+#include "tools/progress.h"
+#include "tools/source.h"
+#include "tools/tum_rgbd.h"
+
+namespace fringeslam::tools {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+bool is_there(const fs::path& path) {
+  std::error_code ignored;
+  return fs::exists(path, ignored);
+}
+
+// With the rig that the images were made with; its camera may lack the scene's distortion.
+sim::Scene scene_of_images(const fs::path& folder) {
+  sim::SceneReading reading;
+  if (is_there(folder / "rig.yaml")) reading.rig_file = folder / "rig.yaml";
+  try {
+    return sim::load_scene(folder / kResolvedFile, reading);
+  } catch (const Error& error) {
+    throw Error(std::string(error.what()) + "; give the scene itself as --truth");
+  }
+}
+
+sim::Scene read_scene(const fs::path& path, std::optional<uint64_t> seed) {
+  if (!is_there(path)) throw Error(path.string() + ": does not exist; give a scene, a dataset or a run as --truth");
+  if (!fs::is_directory(path) || is_there(path / kSceneFile)) return sim::load_scene(scene_file(path), {seed});
+  if (!is_there(path / kResolvedFile))
+    throw Error(path.string() + ": holds neither " + kSceneFile + " nor " + kResolvedFile +
+                ", so its true surface is not known");
+  if (seed) throw Error(path.string() + ": --seed has no effect on what was rendered; leave it out");
+  return scene_of_images(path);
+}
+
+}  // namespace
+
+MapTruth read_map_truth(const fs::path& path, std::optional<uint64_t> seed, const Common& common) {
+  sim::Scene scene = read_scene(path, seed);
+  Trajectory trajectory = scene.trajectory;
+  if (is_there(path / kTumTruthFile)) {
+    trajectory = scene.trajectory = read_tum(path / kTumTruthFile);
+    const Pose camera_from_robot = scene.rig.robot_from_camera.inverse();
+    for (TimedPose& pose : scene.trajectory) pose.world_from_robot = pose.world_from_robot * camera_from_robot;
+  }
+  MapTruth truth{scene.name, sim::NearestSurface(scene), {}, std::move(trajectory)};
+  const PixelRays rays = pixel_rays(scene.rig.camera);
+  const sim::VirtualRig rig(scene, {});
+  Progress progress("what was seen", static_cast<int>(scene.trajectory.size()), common.quiet || common.json);
+  for (size_t pose = 0; pose < scene.trajectory.size(); ++pose) {
+    append_seen(rig.truth_of(pose), scene.rig, rays, truth.seen);
+    progress.step();
+  }
+  if (truth.seen.empty()) throw Error(path.string() + ": the sensor sees nothing of the surface");
+  return truth;
+}
+
+MapScore score_map(const PlyMap& map, const MapTruth& truth, double threshold_m) {
+  constexpr double kAnywhere = std::numeric_limits<double>::infinity();
+  sim::Mesh mesh{map.vertices, map.triangles};
+  // A point is a triangle without area.
+  if (mesh.triangles.empty()) {
+    for (int i = 0; i < static_cast<int>(mesh.vertices.size()); ++i) mesh.triangles.emplace_back(i, i, i);
+  }
+  return fringeslam::score_map(truth.surface.distances_m(map.vertices, kAnywhere),
+                               sim::NearestSurface(std::move(mesh)).distances_m(truth.seen, kAnywhere), threshold_m);
+}
+
+fs::path true_trajectory_file(const fs::path& path) {
+  std::error_code ignored;
+  if (!fs::is_directory(path, ignored)) return path;
+  for (const fs::path& file : {path / "truth" / "truth.tum", path / kTumTruthFile}) {
+    if (is_there(file)) return file;
+  }
+  throw Error(path.string() + ": holds neither truth/truth.tum nor " + kTumTruthFile);
+}
+
+}  // namespace fringeslam::tools

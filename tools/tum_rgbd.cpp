@@ -1,0 +1,183 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/tum_rgbd.h"
+
+#include <cmath>
+#include <cstdio>
+#include <opencv2/imgproc.hpp>
+
+#include "core/rig/dataset.h"
+#include "core/rig/files.h"
+#include "core/rig/rig_file.h"
+#include "core/score/truth_files.h"
+#include "tools/progress.h"
+
+namespace fringeslam::tools {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+// As the benchmark writes it.
+std::string time_text(double timestamp_s) {
+  char text[64];
+  std::snprintf(text, sizeof text, "%.6f", timestamp_s);
+  return text;
+}
+
+// The time at the width that times since 1970 have: some readers sort by name.
+std::string image_name(double timestamp_s) {
+  char text[64];
+  std::snprintf(text, sizeof text, "%017.6f.png", timestamp_s);
+  return text;
+}
+
+// Frames a second between the first and the last.
+double rate_hz(const Trajectory& times) {
+  const double seconds = times.back().timestamp_s - times.front().timestamp_s;
+  return seconds > 0 ? static_cast<double>(times.size() - 1) / seconds : 1;
+}
+
+// Keypoints and viewer as in ORB-SLAM3's own examples; the rest is this sensor. `b` and `ThDepth` say up to where a
+// depth counts as near: all of the working range does.
+std::string orb_slam_settings(const RigModel& rig, double units_per_m, double rate_hz) {
+  const Pinhole& c = rig.camera;
+  const Distortion& d = c.distortion;
+  const double baseline_m = rig.projector_from_camera.inverse().translation.norm();
+  const std::vector<std::pair<const char*, double>> values = {
+      {"Camera1.fx", c.fx}, {"Camera1.fy", c.fy}, {"Camera1.cx", c.cx}, {"Camera1.cy", c.cy}, {"Camera1.k1", d.k1},
+      {"Camera1.k2", d.k2}, {"Camera1.p1", d.p1}, {"Camera1.p2", d.p2}, {"Camera1.k3", d.k3}};
+  // OpenCV's reader takes a number without a point for an integer, and ORB-SLAM3 then refuses it.
+  const auto real = [](double value) {
+    const std::string text = to_text(value);
+    return text.find_first_of(".en") == std::string::npos ? text + ".0" : text;
+  };
+  std::string text = "%YAML:1.0\nFile.version: \"1.0\"\nCamera.type: \"PinHole\"\n";
+  for (const auto& [key, value] : values) text += std::string(key) + ": " + real(value) + "\n";
+  text += "Camera.width: " + std::to_string(c.width) + "\nCamera.height: " + std::to_string(c.height) + "\n";
+  text += "Camera.fps: " + std::to_string(std::max(1, static_cast<int>(std::lround(rate_hz)))) + "\nCamera.RGB: 1\n";
+  text += "Stereo.b: " + real(baseline_m) + "\nStereo.ThDepth: " + real(std::ceil(2 * rig.far_m / baseline_m)) + "\n";
+  text += "RGBD.DepthMapFactor: " + real(units_per_m) + "\n";
+  return text +
+         "ORBextractor.nFeatures: 1000\nORBextractor.scaleFactor: 1.2\nORBextractor.nLevels: 8\n"
+         "ORBextractor.iniThFAST: 20\nORBextractor.minThFAST: 7\nViewer.KeyFrameSize: 0.05\n"
+         "Viewer.KeyFrameLineWidth: 1.0\nViewer.GraphLineWidth: 0.9\nViewer.PointSize: 2.0\nViewer.CameraSize: 0.08\n"
+         "Viewer.CameraLineWidth: 3.0\nViewer.ViewpointX: 0.0\nViewer.ViewpointY: -0.7\nViewer.ViewpointZ: -1.8\n"
+         "Viewer.ViewpointF: 500.0\n";
+}
+
+// The matrix by columns.
+std::string open3d_intrinsic(const Pinhole& c) {
+  const nlohmann::ordered_json json = {
+      {"width", c.width}, {"height", c.height}, {"intrinsic_matrix", {c.fx, 0, 0, 0, c.fy, 0, c.cx, c.cy, 1}}};
+  return json.dump(2) + "\n";
+}
+
+cv::Mat1f measured_depth(const Frame& frame) {
+  cv::Mat1f depth;
+  cv::extractChannel(frame.points_m, depth, 2);
+  return depth;
+}
+
+// The lists of a folder's images, which the benchmark heads by three comment lines: some readers skip as many.
+struct Lists {
+  std::string rgb = "# texture images\n#\n# timestamp filename\n", depth = "# depth images\n#\n# timestamp filename\n",
+              both;
+
+  void add(const std::string& time, const std::string& name) {
+    rgb += time + " rgb/" + name + "\n";
+    depth += time + " depth/" + name + "\n";
+    both += time + " rgb/" + name + " " + time + " depth/" + name + "\n";
+  }
+};
+
+class Sensor {
+ public:
+  Sensor(const Source& source, const Settings& settings)
+      : settings_(settings),
+        model_(source.model()),
+        triangulation_(model_, pixel_rays(model_.camera), settings.pipeline.depth.near_m,
+                       settings.pipeline.depth.far_m) {
+    if (!model_.calibrated)
+      throw Error(source.name() + ": its rig is not calibrated, so there is no depth; run fringeslam calibrate rig");
+    resolve_unwrapping(source.sequence(), model_, settings_.pipeline.decode);
+  }
+  Frame see(const FringeStack& stack, const PatternSequence& sequence) const {
+    return reconstruct(decode(stack, sequence, model_, settings_.pipeline.decode), model_, triangulation_,
+                       settings_.pipeline.depth);
+  }
+
+ private:
+  const Settings& settings_;
+  RigModel model_;
+  Triangulation triangulation_;
+};
+
+}  // namespace
+
+cv::Mat1w depth_units(const cv::Mat1f& depth_m, double units_per_m) {
+  cv::Mat1w units(depth_m.size(), uint16_t{0});
+  for (int row = 0; row < depth_m.rows; ++row) {
+    for (int col = 0; col < depth_m.cols; ++col) {
+      const double value = std::round(static_cast<double>(depth_m(row, col)) * units_per_m);
+      if (value > 0 && value <= UINT16_MAX) units(row, col) = static_cast<uint16_t>(value);
+    }
+  }
+  return units;
+}
+
+int write_tum_rgbd(Source& source, const Settings& settings, const TumRgbdOptions& options, const fs::path& out,
+                   const Common& common) {
+  const bool true_depth = options.depth == "truth";
+  if (true_depth && !source.has_truth()) throw Error(out.string() + ": the source knows no true depth");
+  if (!options.distorted) source.undistort();
+  const Sensor sensor(source, settings);
+  StagedFolder folder(out, "tum-rgbd");
+  for (const char* name : {"rgb", "depth"}) fs::create_directory(folder.path() / name);
+  const auto rig = source.open(folder.path());
+  const fs::path truth = folder.path() / "truth";
+  Lists lists;
+  Trajectory seen;
+  std::string last;
+  {
+    Progress progress("rendering", source.stacks(), common.quiet || common.json);
+    while (const auto stack = rig->capture(source.sequence())) {
+      const std::string time = time_text(stack->timestamp_s);
+      if (time == last) throw Error(out.string() + ": two views within a microsecond; the format tells none apart");
+      last = time;
+      const std::string name = image_name(stack->timestamp_s);
+      const Frame frame = sensor.see(*stack, source.sequence());
+      const fs::path truth_file = truth / (stack_name(stack->index) + ".exr");
+      cv::Mat texture;
+      cv::cvtColor(frame.texture, texture, cv::COLOR_GRAY2BGR);
+      write_png(folder.path() / "rgb" / name, texture);
+      write_png(
+          folder.path() / "depth" / name,
+          depth_units(true_depth ? read_truth_frame(truth_file).depth_m : measured_depth(frame), options.units_per_m));
+      lists.add(time, name);
+      seen.push_back({stack->timestamp_s, {}});
+      fs::remove(truth_file);
+      progress.step();
+    }
+  }
+  if (seen.empty()) throw Error(out.string() + ": the source holds no view");
+  const RigModel& model = source.model();
+  if (source.has_truth()) {
+    Trajectory camera = read_tum(truth / "truth.tum");
+    for (TimedPose& pose : camera) pose.world_from_robot = pose.world_from_robot * model.robot_from_camera;
+    write_text(folder.path() / kTumTruthFile,
+               "# true trajectory of the camera: x right, y down, z forward\n#\n# timestamp tx ty tz qx qy qz qw\n" +
+                   to_tum(camera));
+  }
+  std::error_code ignored;
+  fs::remove_all(truth, ignored);
+  write_text(folder.path() / "rgb.txt", lists.rgb);
+  write_text(folder.path() / "depth.txt", lists.depth);
+  write_text(folder.path() / "associations.txt", lists.both);
+  write_text(folder.path() / "camera.yaml", orb_slam_settings(model, options.units_per_m, rate_hz(seen)));
+  write_text(folder.path() / "intrinsic.json", open3d_intrinsic(model.camera));
+  write_text(folder.path() / "rig.yaml", to_yaml(model));
+  folder.commit();
+  return static_cast<int>(seen.size());
+}
+
+}  // namespace fringeslam::tools
