@@ -280,7 +280,9 @@ class BodyReader {
   void check_length(const Element& element) const {
     uint64_t least = 0;
     for (const Property& p : element.properties) least += body_.least_bytes(p.count == Number::none ? p.type : p.count);
-    if (element.count * least > body_.left()) throw body_.error(element, element.count, "the file is cut off");
+    if (element.count * least > body_.left())
+      throw Error(file_.string() + ": the file is cut off: too short for " + std::to_string(element.count) +
+                  " of element '" + element.name + "'");
     if (element.name != "vertex") return;
     for (const char* name : {"x", "y", "z"}) {
       if (std::none_of(element.properties.begin(), element.properties.end(),

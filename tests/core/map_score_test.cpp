@@ -161,7 +161,8 @@ TEST_F(PlyFile, ErrorsNameTheLine) {
 // What would take all of the memory is found out before.
 TEST_F(PlyFile, ABinaryFileThatIsCutOff) {
   const std::string head = "ply\nformat binary_little_endian 1.0\nelement vertex 2000000000\n" + kXyz + "end_header\n";
-  EXPECT_THAT(error(head + std::string(24, '\0')), HasSubstr("the file is cut off in element 'vertex'"));
+  EXPECT_THAT(error(head + std::string(24, '\0')),
+              HasSubstr("map.ply: the file is cut off: too short for 2000000000 of element 'vertex'"));
   std::string list = "ply\nformat binary_little_endian 1.0\nelement vertex 1\n" + kXyz +
                      "element face 1\nproperty list uint int vertex_indices\nend_header\n" + std::string(12, '\0');
   put(list, uint32_t{4000000000}, false);
