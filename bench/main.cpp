@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "bench/row.h"
+#include "bench/suite.h"
 #include "core/rig/files.h"
 #include "core/types/error.h"
 #include "core/types/options.h"
@@ -44,21 +45,25 @@ void print(const Row& row) {
   std::fflush(stdout);
 }
 
-nlohmann::ordered_json to_json(const Row& row) {
-  return {{"id", row.id},
-          {"value", row.value},
-          {"unit", row.unit},
-          {"n", row.n},
-          {"interval_95", {row.interval_low, row.interval_high}},
-          {"limit", row.limit},
-          {"limit_is", row.direction == Limit::most ? "most" : "least"},
-          {"pass", row.pass}};
+// Says which rows became worse than in the baseline; how many.
+int compare(const std::vector<Row>& rows, const std::vector<Row>& baseline) {
+  int worse = 0;
+  for (const Row& row : rows) {
+    const auto before =
+        std::find_if(baseline.begin(), baseline.end(), [&](const Row& known) { return known.id == row.id; });
+    if (before == baseline.end() || !is_worse(row, *before)) continue;
+    ++worse;
+    std::fprintf(stderr, "%s became worse: %.5g [%.5g, %.5g], was %.5g [%.5g, %.5g]\n", row.id.c_str(), row.value,
+                 row.interval_low, row.interval_high, before->value, before->interval_low, before->interval_high);
+  }
+  return worse;
 }
 
 int run(const std::vector<std::string>& only, const std::string& json_file, const Context& context,
-        const std::vector<Item>& items) {
+        const std::vector<Item>& items, const std::vector<Row>& baseline) {
   check_names(only, items);
   nlohmann::ordered_json json = nlohmann::ordered_json::array();
+  std::vector<Row> rows;
   const bool table = json_file != "-";
   bool all_pass = true;
   for (const Item& item : items) {
@@ -69,6 +74,7 @@ int run(const std::vector<std::string>& only, const std::string& json_file, cons
       if (!selected(only, row.id)) continue;
       if (table) print(row);
       json.push_back(to_json(row));
+      rows.push_back(row);
       all_pass &= row.pass;
     }
   }
@@ -76,7 +82,7 @@ int run(const std::vector<std::string>& only, const std::string& json_file, cons
     std::printf("%s\n", json.dump(2).c_str());
   else if (!json_file.empty())
     write_text(json_file, json.dump(2) + "\n");
-  return all_pass ? 0 : 1;
+  return compare(rows, baseline) == 0 && all_pass ? 0 : 1;
 }
 
 }  // namespace
@@ -89,11 +95,14 @@ int main(int argc, char** argv) {
   std::string json_file;
   Context context;
   bool list = false;
+  std::string suite, baseline;
   app.add_option("--only", only, "Rows to measure; an id also selects every id that continues it after a dot")
       ->delimiter(',');
   app.add_option("--json", json_file, "Write the rows as JSON to this file (- for standard output)");
   app.add_flag("--quick", context.quick, "Fewer samples: a first impression");
   app.add_flag("--list", list, "Name all rows");
+  app.add_option("--suite", suite, "The rows of bench/accuracy/suites/NAME.yaml: ci, full")->excludes("--only");
+  app.add_option("--baseline", baseline, "Rows of an earlier --json FILE: fail where one became worse for certain");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
@@ -116,7 +125,12 @@ int main(int argc, char** argv) {
       }
       return 0;
     }
-    return run(only, json_file, context, items);
+    if (!suite.empty()) {
+      const Suite rows = read_suite(FRINGESLAM_SUITES, suite);
+      only = rows.rows;
+      context.quick |= rows.quick;
+    }
+    return run(only, json_file, context, items, baseline.empty() ? std::vector<Row>() : read_baseline(baseline));
   } catch (const std::exception& e) {
     std::fprintf(stderr, "bench: %s\n", e.what());
     return 2;

@@ -17,6 +17,7 @@
 #include "core/types/error.h"
 #include "tools/interrupt.h"
 #include "tools/progress.h"
+#include "tools/study_cluster.h"
 #include "tools/verbs.h"
 
 namespace fringeslam::tools {
@@ -29,7 +30,9 @@ using namespace fringeslam::studies;
 
 struct Arguments {
   std::string study, out, shard = "0/1";
-  int jobs = 0, trial = -1;
+  int jobs = 0, trial = -1, tasks = 0, cpus = 1;
+  std::string cluster = "slurm";
+  bool wait = false;
 };
 
 // The study of a folder of results is kept in it, so that they can be told for what they are.
@@ -129,6 +132,21 @@ int replay(const Arguments& arguments, const Common& common) {
   return 0;
 }
 
+int submit(const Arguments& arguments, const Common& common) {
+  const Study study = read_study(arguments.study);
+  check_study(study);
+  const std::string job =
+      submit_to_slurm(study, arguments.out, std::min(arguments.tasks, study.trials), arguments.cpus);
+  if (!arguments.wait) {
+    say(common, {{"job", job}, {"folder", arguments.out}},
+        "job " + job + ": squeue -j " + job + " shows it; afterwards: fringeslam study merge " + arguments.study +
+            " --out " + arguments.out);
+    return 0;
+  }
+  wait_for_slurm(job);
+  return merge(study, arguments.out, common);
+}
+
 int check(const Study& study, const Common& common) {
   check_study(study);
   say(common, {{"study", study.name}, {"trials", study.trials}, {"parameters", study.parameters.size()}},
@@ -150,18 +168,24 @@ Verb add_study(CLI::App& app, const Common& common) {
   };
   CLI::App* check_verb = verb("check", "What is wrong with a study file");
   CLI::App* run_verb = verb("run", "Run the trials, or go on with them");
+  CLI::App* submit_verb = verb("submit", "Run the trials on a cluster, as a job array");
   CLI::App* merge_verb = verb("merge", "Shards to one table: JSON Lines, CSV, SQLite");
   CLI::App* report_verb = verb("report", "What the results tell");
   CLI::App* replay_verb = verb("replay", "One trial again, and how to look at it");
   CLI::App* worker_verb = verb("worker", "")->group("");
-  for (CLI::App* with_folder : {run_verb, merge_verb, report_verb})
+  for (CLI::App* with_folder : {run_verb, submit_verb, merge_verb, report_verb})
     with_folder->add_option("--out", a->out, "Folder of the results")->required();
   run_verb->add_option("--jobs", a->jobs, "Trials at a time (default: one a processor)")->check(CLI::Range(1, 4096));
   run_verb->add_option("--shard", a->shard, "Only every N-th trial from the I-th on: I/N, from 0");
+  submit_verb->add_option("--cluster", a->cluster, "Its scheduler")->check(CLI::IsMember({"slurm"}));
+  submit_verb->add_option("--tasks", a->tasks, "Of the array: a shard each")->required()->check(CLI::Range(1, 1000000));
+  submit_verb->add_option("--cpus", a->cpus, "Of a task: trials at a time")->check(CLI::Range(1, 4096));
+  submit_verb->add_flag("--wait", a->wait, "Wait until it is done, and merge");
   replay_verb->add_option("--trial", a->trial, "Its number")->required()->check(CLI::NonNegativeNumber);
   return [=, &common] {
     if (replay_verb->parsed()) return replay(*a, common);
     if (run_verb->parsed()) return run(*a, common);
+    if (submit_verb->parsed()) return submit(*a, common);
     const Study study = read_study(a->study);
     if (check_verb->parsed()) return check(study, common);
     if (merge_verb->parsed()) return merge(study, a->out, common);

@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "bench/suite.h"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "core/rig/files.h"
+#include "core/rig/yaml.h"
+
+namespace fringeslam::bench {
+
+namespace fs = std::filesystem;
+
+Suite read_suite(const fs::path& folder, const std::string& name) {
+  const fs::path file = folder / (name + ".yaml");
+  if (!fs::exists(file)) {
+    std::vector<std::string> names;
+    for (const auto& entry : fs::directory_iterator(folder)) names.push_back(entry.path().stem().string());
+    std::sort(names.begin(), names.end());
+    std::string list;
+    for (const std::string& known : names) list += (list.empty() ? "" : ", ") + known;
+    throw Error("no suite '" + name + "'; there are " + list);
+  }
+  const YamlMap map = YamlMap::load(file);
+  Suite suite;
+  suite.quick = map.boolean_or("quick", false);
+  suite.rows = map.texts("rows");
+  map.finish();
+  return suite;
+}
+
+nlohmann::ordered_json to_json(const Row& row) {
+  return {{"id", row.id},
+          {"value", row.value},
+          {"unit", row.unit},
+          {"n", row.n},
+          {"interval_95", {row.interval_low, row.interval_high}},
+          {"limit", row.limit},
+          {"limit_is", row.direction == Limit::most ? "most" : "least"},
+          {"pass", row.pass}};
+}
+
+std::vector<Row> read_baseline(const fs::path& file) {
+  if (!fs::is_regular_file(file)) throw Error(file.string() + ": does not exist; write one by --json " + file.string());
+  const auto json = nlohmann::json::parse(read_bytes(file), nullptr, false);
+  std::vector<Row> rows;
+  try {
+    for (const auto& entry : json) {
+      Row row;
+      row.id = entry.at("id");
+      row.value = entry.at("value");
+      row.n = entry.at("n");
+      row.interval_low = entry.at("interval_95").at(0);
+      row.interval_high = entry.at("interval_95").at(1);
+      rows.push_back(row);
+    }
+  } catch (const nlohmann::json::exception&) {
+    rows.clear();
+  }
+  if (rows.empty()) throw Error(file.string() + ":1: holds no rows of an earlier --json");
+  return rows;
+}
+
+bool is_worse(const Row& now, const Row& before) {
+  const auto spread = [](const Row& row) { return row.interval_high > row.interval_low; };
+  if (!spread(now) || !spread(before)) return false;
+  return now.direction == Limit::most ? now.interval_low > before.interval_high
+                                      : now.interval_high < before.interval_low;
+}
+
+}  // namespace fringeslam::bench

@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "bench/suite.h"
+
+#include <gmock/gmock.h>
+
+#include <nlohmann/json.hpp>
+
+#include "core/types/error.h"
+#include "tests/support/matchers.h"
+#include "tests/support/temp_folder.h"
+
+namespace fringeslam::bench {
+namespace {
+
+using support::error_of;
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+Row row(double low, double high, Limit direction = Limit::most) {
+  Row row;
+  row.id = "a.row";
+  row.value = (low + high) / 2;
+  row.interval_low = low, row.interval_high = high;
+  row.direction = direction;
+  return row;
+}
+
+TEST(Suite, WorseIsApartOnTheWrongSide) {
+  EXPECT_TRUE(is_worse(row(3, 4), row(1, 2)));
+  EXPECT_FALSE(is_worse(row(1.5, 4), row(1, 2))) << "they overlap";
+  EXPECT_FALSE(is_worse(row(1, 2), row(3, 4))) << "it became better";
+  EXPECT_TRUE(is_worse(row(1, 2, Limit::least), row(3, 4, Limit::least)));
+  EXPECT_FALSE(is_worse(row(3, 4, Limit::least), row(1, 2, Limit::least)));
+  EXPECT_FALSE(is_worse(row(3, 3), row(1, 1))) << "one value each tells nothing";
+}
+
+TEST(Suite, ABaselineIsWhatWasWritten) {
+  const test::TempFolder temp;
+  test::write_bytes(temp / "rows.json", nlohmann::ordered_json::array({to_json(row(1, 2))}).dump());
+  const std::vector<Row> rows = read_baseline(temp / "rows.json");
+  ASSERT_EQ(rows.size(), 1u);
+  EXPECT_EQ(rows[0].id, "a.row");
+  EXPECT_EQ(rows[0].interval_high, 2);
+  test::write_bytes(temp / "other.json", "{\"a\": 1}");
+  EXPECT_THAT(error_of([&] { read_baseline(temp / "other.json"); }), HasSubstr("other.json:1: holds no rows"));
+  EXPECT_THAT(error_of([&] { read_baseline(temp / "none.json"); }), HasSubstr("does not exist"));
+}
+
+TEST(Suite, IsReadByName) {
+  const std::filesystem::path suites = FRINGESLAM_SOURCE_DIR "/bench/accuracy/suites";
+  EXPECT_TRUE(read_suite(suites, "ci").quick);
+  EXPECT_FALSE(read_suite(suites, "full").rows.empty());
+  EXPECT_THAT(error_of([&] { read_suite(suites, "nightly"); }), HasSubstr("no suite 'nightly'; there are ci, full"));
+  const test::TempFolder temp;
+  test::write_bytes(temp / "odd.yaml", "quick: true\nrow: [a]\nrows: [b]\n");
+  EXPECT_THAT(error_of([&] { read_suite(temp.path(), "odd"); }), HasSubstr("odd.yaml:2: unknown key 'row'"));
+}
+
+}  // namespace
+}  // namespace fringeslam::bench
