@@ -39,6 +39,17 @@ cv::Mat1f light_of(const Pattern& pattern, const PatternSequence& sequence, cons
   return light_at(pattern_levels(pattern, sequence), rig);
 }
 
+// Whether an image is this row, or this column, again and again.
+bool is_repeated(const cv::Mat1f& line, const cv::Mat1f& image) {
+  const bool row = line.rows == 1;
+  for (int y = 0; y < image.rows; ++y) {
+    for (int x = 0; x < image.cols; ++x) {
+      if (image(y, x) != (row ? line(0, x) : line(y, 0))) return false;
+    }
+  }
+  return true;
+}
+
 // A row of square pixels through a Gaussian: at x, sum_i l_i (G(x - i + 1/2) - G(x - i - 1/2)), G its integral.
 std::vector<float> blurred(const cv::Mat1f& pixels, double sigma, int per_px) {
   const int n = static_cast<int>(pixels.total());
@@ -103,7 +114,24 @@ ShownPatterns::ShownPatterns(int count, const RigModel& rig, const BlurRange& bl
 
 ShownPatterns::ShownPatterns(const std::vector<cv::Mat1f>& images, const RigModel& rig, const BlurRange& blur)
     : ShownPatterns(static_cast<int>(images.size()), rig, blur) {
-  for (int i = 0; i < count_; ++i) add_image(i, light_at(images[static_cast<size_t>(i)], rig));
+  std::vector<int> columns, rows, plane;
+  std::vector<cv::Mat1f> of_columns, of_rows;
+  for (int i = 0; i < count_; ++i) {
+    const cv::Mat1f& image = images[static_cast<size_t>(i)];
+    const cv::Mat1f row = image.row(0), column = image.col(0);
+    if (is_repeated(row, image)) {
+      columns.push_back(i);
+      of_columns.push_back(light_at(row, rig));
+    } else if (is_repeated(column, image)) {
+      rows.push_back(i);
+      of_rows.push_back(light_at(column, rig));
+    } else {
+      plane.push_back(i);
+    }
+  }
+  if (!columns.empty()) add_profile(Axis::columns, images.front().cols, columns, of_columns);
+  if (!rows.empty()) add_profile(Axis::rows, images.front().rows, rows, of_rows);
+  for (const int i : plane) add_image(i, light_at(images[static_cast<size_t>(i)], rig));
   stride_ = padded(stride_);
 }
 
@@ -118,8 +146,13 @@ ShownPatterns::ShownPatterns(const PatternSequence& sequence, const RigModel& ri
                                                                     : columns)
         .push_back(i);
   }
-  add_profile(sequence, Axis::columns, columns, rig);
-  add_profile(sequence, Axis::rows, rows, rig);
+  const auto lights = [&](const std::vector<int>& patterns) {
+    std::vector<cv::Mat1f> result;
+    for (const int i : patterns) result.push_back(light_of(sequence.patterns[static_cast<size_t>(i)], sequence, rig));
+    return result;
+  };
+  add_profile(Axis::columns, sequence.width, columns, lights(columns));
+  add_profile(Axis::rows, sequence.height, rows, lights(rows));
   for (const int i : plane) add_image(i, light_of(sequence.patterns[static_cast<size_t>(i)], sequence, rig));
   for (int i = 0; i < count_; ++i) {
     const Pattern& pattern = sequence.patterns[static_cast<size_t>(i)];
@@ -142,10 +175,9 @@ void ShownPatterns::add_image(int i, const cv::Mat1f& light) {
   images_.push_back(std::move(image));
 }
 
-void ShownPatterns::add_profile(const PatternSequence& sequence, Axis axis, const std::vector<int>& patterns,
-                                const RigModel& rig) {
+void ShownPatterns::add_profile(Axis axis, int length, const std::vector<int>& patterns,
+                                const std::vector<cv::Mat1f>& lights) {
   if (patterns.empty()) return;
-  const int length = axis == Axis::columns ? sequence.width : sequence.height;
   Profile profile;
   profile.along_columns = axis == Axis::columns;
   profile.first = stride_;
@@ -153,7 +185,7 @@ void ShownPatterns::add_profile(const PatternSequence& sequence, Axis axis, cons
   profile.positions = (std::max(length, 1) - 1) * per_px_ + 1;
   profile.levels.assign(sigmas_.size(), std::vector<float>(static_cast<size_t>(profile.positions * profile.width)));
   for (size_t i = 0; i < patterns.size(); ++i) {
-    cv::Mat1f light = light_of(sequence.patterns[static_cast<size_t>(patterns[i])], sequence, rig);
+    cv::Mat1f light = lights[i];
     if (light.total() == 1) light = cv::Mat1f(1, std::max(length, 1), light(0, 0));
     for (size_t level = 0; level < profile.levels.size(); ++level) {
       const std::vector<float> line =

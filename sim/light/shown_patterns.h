@@ -26,7 +26,8 @@ struct BlurRange {
 class ShownPatterns {
  public:
   ShownPatterns(const PatternSequence& sequence, const RigModel& rig, const BlurRange& blur);
-  // Any images of the projector's size, input levels from 0 to 1.
+  // Any images of the projector's size, input levels from 0 to 1. Those that change along one axis alone are the same
+  // as their patterns would be, and quicker than others.
   ShownPatterns(const std::vector<cv::Mat1f>& images, const RigModel& rig, const BlurRange& blur);
 
   int count() const { return count_; }
@@ -64,7 +65,8 @@ class ShownPatterns {
   void add_waves(const Points& points, uint32_t lanes, float* sums) const;
   ShownPatterns(int count, const RigModel& rig, const BlurRange& blur);
   void add_image(int i, const cv::Mat1f& light);
-  void add_profile(const PatternSequence& sequence, Axis axis, const std::vector<int>& patterns, const RigModel& rig);
+  // `lights`: of these patterns, along the axis alone; of one pixel where they do not change along it either.
+  void add_profile(Axis axis, int length, const std::vector<int>& patterns, const std::vector<cv::Mat1f>& lights);
 
   int count_ = 0, stride_ = 0, per_px_ = 1;
   float black_ = 0;

@@ -89,9 +89,8 @@ class ClosedLoop : public testing::Test {
     const fs::path& at = folder_->path();
     test::write_small_scene(at);
     const RigModel rig = read_rig(at / "rig.yaml");
-    test::write_bytes(
-        at / "rig.yaml",
-        to_yaml(rig) + "hardware: {settle_s: 0.01, camera: {timeout_s: 5, reopen_s: 6, attempts: 4}}\n");
+    test::write_bytes(at / "rig.yaml",
+                      to_yaml(rig) + "hardware: {settle_s: 0.01, camera: {timeout_s: 5, reopen_s: 6, attempts: 4}}\n");
     fs::create_directories(at / "screen");
     for (int number = 90; number < 130; ++number) {
       const std::string display = ":" + std::to_string(number);
@@ -150,11 +149,10 @@ class ClosedLoop : public testing::Test {
     return stack;
   }
 
-  // Blur of screens is sampled elsewhere than that of patterns: up to two grey values.
   void expect_right(const FringeStack& stack) const {
     ASSERT_EQ(stack.images.size(), simulated().images.size());
     for (size_t i = 0; i < stack.images.size(); ++i)
-      EXPECT_LE(cv::norm(stack.images[i], simulated().images[i], cv::NORM_INF), 2) << "image " << i;
+      EXPECT_LE(cv::norm(stack.images[i], simulated().images[i], cv::NORM_INF), 1) << "image " << i;
   }
 
   // The rig with another `hardware:` section.
@@ -288,7 +286,7 @@ TEST_F(ClosedLoop, ASlowCameraIsWaitedForButNotForEver) {
   coarse.patterns.resize(3);
   const auto stack = rig->capture(coarse);
   for (size_t i = 0; i < 3; ++i)
-    EXPECT_LE(cv::norm(stack->images[i], simulated().images[i], cv::NORM_INF), 2) << "image " << i;
+    EXPECT_LE(cv::norm(stack->images[i], simulated().images[i], cv::NORM_INF), 1) << "image " << i;
   control("delay_ms 4000");
   EXPECT_THAT(error_of([&] { (void)rig->capture(coarse); }), HasSubstr("no whole image of Aravis-Fake-T1"));
 }

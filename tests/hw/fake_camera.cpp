@@ -24,6 +24,7 @@
 #include <sstream>
 #include <thread>
 
+#include "core/rig/files.h"
 #include "core/types/error.h"
 #include "sim/virtual_rig.h"
 
@@ -33,8 +34,7 @@ using namespace fringeslam;
 
 // An X window dump as Xvfb keeps it (X11's XWDFile.h): a header of big-endian words, then colours, then the pixels.
 cv::Mat3b read_screen(const std::string& file) {
-  std::ifstream in(file, std::ios::binary);
-  const std::string bytes{std::istreambuf_iterator<char>(in), {}};
+  const std::string bytes = read_bytes(file);
   const auto word = [&](size_t index) {
     uint32_t value = 0;
     for (size_t i = 0; i < 4; ++i) value = value << 8 | static_cast<uint8_t>(bytes.at(4 * index + i));
