@@ -133,7 +133,24 @@ void write_image(const fs::path& file, const OIIO::ImageSpec& spec, const void* 
 
 }  // namespace
 
-std::string png_bytes(const cv::Mat& image) {
+namespace {
+
+// By way of memory: OpenImageIO's writers do not notice that the disk is full.
+std::string encoded(const char* name, OIIO::ImageSpec spec, const cv::Mat& pixels) {
+  OIIO::Filesystem::IOVecOutput memory;
+  void* proxy = &memory;
+  spec.attribute("oiio:ioproxy", OIIO::TypeDesc::PTR, &proxy);
+  auto out = OIIO::ImageOutput::create(name);
+  if (!out || !out->open(name, spec) ||
+      !out->write_image(spec.format, pixels.data, OIIO::AutoStride, static_cast<OIIO::stride_t>(pixels.step)) ||
+      !out->close())
+    throw Error(std::string(name) + ": cannot be encoded: " + first_line(out ? out->geterror() : OIIO::geterror()));
+  return {memory.buffer().begin(), memory.buffer().end()};
+}
+
+}  // namespace
+
+std::string png_bytes(const cv::Mat& image, int compression) {
   cv::Mat pixels = image;
   if (image.type() == CV_8UC3) {  // OpenCV's BGR -> the file's RGB
     pixels = cv::Mat(image.size(), CV_8UC3);
@@ -141,21 +158,20 @@ std::string png_bytes(const cv::Mat& image) {
   }
   const OIIO::TypeDesc type = image.depth() == CV_16U ? OIIO::TypeDesc::UINT16 : OIIO::TypeDesc::UINT8;
   OIIO::ImageSpec spec(image.cols, image.rows, image.channels(), type);
-  spec.attribute("png:compressionLevel", 3);
-  // By way of memory: OpenImageIO's PNG writer does not notice that the disk is full.
-  OIIO::Filesystem::IOVecOutput memory;
-  void* proxy = &memory;
-  spec.attribute("oiio:ioproxy", OIIO::TypeDesc::PTR, &proxy);
-  auto out = OIIO::ImageOutput::create("memory.png");
-  if (!out || !out->open("memory.png", spec) ||
-      !out->write_image(type, pixels.data, OIIO::AutoStride, static_cast<OIIO::stride_t>(pixels.step)) || !out->close())
-    throw Error("the image cannot be made a PNG file: " + first_line(out ? out->geterror() : OIIO::geterror()));
-  return {memory.buffer().begin(), memory.buffer().end()};
+  spec.attribute("png:compressionLevel", compression);
+  return encoded("memory.png", spec, pixels);
+}
+
+std::string jpeg_bytes(const cv::Mat1b& image, int quality) {
+  OIIO::ImageSpec spec(image.cols, image.rows, 1, OIIO::TypeDesc::UINT8);
+  spec.attribute("Compression", "jpeg:" + std::to_string(quality));
+  return encoded("memory.jpg", spec, image);
 }
 
 void write_png(const fs::path& file, const cv::Mat& image) {
+  const std::string bytes = png_bytes(image, 3);
   StagedFile staged(file);
-  write_text(staged.path(), png_bytes(image));
+  write_text(staged.path(), bytes);
   staged.commit();
 }
 

@@ -55,6 +55,11 @@ std::string read_bytes(const std::filesystem::path& file);
 std::string png_bytes(const cv::Mat& image);
 void write_png(const std::filesystem::path& file, const cv::Mat& image);
 
+// The same as a file's bytes; compression from 1 (fast) to 9 (small).
+std::string png_bytes(const cv::Mat& image, int compression);
+// CV_8UC1; quality from 1 to 100.
+std::string jpeg_bytes(const cv::Mat1b& image, int quality);
+
 // One or more CV_32FC1 channels of one size, zip-compressed.
 struct ExrChannel {
   std::string name;
