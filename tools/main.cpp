@@ -44,6 +44,9 @@ int main(int argc, char** argv) {
   std::vector<Verb (*)(CLI::App&, const Common&)> adders = {add_run,    add_render,    add_effects,   add_scene,
                                                             add_score,  add_info,      add_landmarks, add_patterns,
                                                             add_import, add_calibrate, add_study};
+#if FRINGESLAM_REPORT
+  adders.push_back(add_report);
+#endif
 #if FRINGESLAM_HW
   adders.insert(adders.end(), {add_capture, add_rig});
 #endif

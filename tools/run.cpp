@@ -9,6 +9,7 @@
 #include "core/rig/files.h"
 #include "core/rig/yaml.h"
 #include "tools/progress.h"
+#include "tools/report/html_report.h"
 #include "tools/run_folder.h"
 #include "tools/source.h"
 #include "tools/verbs.h"
@@ -21,13 +22,14 @@ namespace {
 
 constexpr const char* kConfigFile = "config.yaml";
 constexpr const char* kMapFile = "saved.map";
+constexpr bool kHasReport = FRINGESLAM_REPORT;
 
 struct Arguments {
   std::string source, out;
   std::vector<std::string> sets;
   SceneVariant variant;
   std::string map;
-  bool mesh = false, save_map = false;
+  bool mesh = false, save_map = false, no_report = false;
 };
 
 // A scene's name as the name of a folder.
@@ -91,6 +93,9 @@ int run(const Arguments& arguments, const Common& common) {
     write_text(folder.path() / "score.json", to_json(*score).dump(2) + "\n");
   }
   record.draw_overview(cloud, score ? &*score : nullptr);
+#if FRINGESLAM_REPORT
+  if (!arguments.no_report) write_report(folder.path(), folder.path() / "report.html");
+#endif
   folder.commit();
 
   if (common.json) {
@@ -99,7 +104,8 @@ int run(const Arguments& arguments, const Common& common) {
     std::printf("%s\n", json.dump(2).c_str());
   } else {
     if (score) std::printf("%s\n", to_table(*score).c_str());
-    std::printf("written: %s  (look at %s/overview.png)\n", out.c_str(), out.c_str());
+    const char* look = kHasReport && !arguments.no_report ? "report.html" : "overview.png";
+    std::printf("written: %s  (look at %s/%s)\n", out.c_str(), out.c_str(), look);
   }
   return 0;
 }
@@ -116,6 +122,7 @@ Verb add_run(CLI::App& app, const Common& common) {
   verb->add_flag("--mesh", arguments->mesh, "Write each view's surface mesh as frames/NNNNNN/mesh.ply too");
   verb->add_option("--map", arguments->map, "Go on in the map that an earlier run saved")->check(CLI::ExistingFile);
   verb->add_flag("--save-map", arguments->save_map, "Write saved.map, in which a later run can go on, too");
+  verb->add_flag("--no-report", arguments->no_report, "Leave out report.html, the page about the run");
   verb->add_option("--set", arguments->sets, "Change a setting: stage.key=value (repeatable; listed below)");
   verb->footer(settings_help());
   return [arguments, &common] { return run(*arguments, common); };

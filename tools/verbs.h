@@ -41,6 +41,9 @@ Verb add_calibrate_stage(CLI::App& group, const Common& common);
 Verb add_import(CLI::App& app, const Common& common);
 Verb add_study(CLI::App& app, const Common& common);
 Verb add_patterns(CLI::App& app, const Common& common);
+#if FRINGESLAM_REPORT
+Verb add_report(CLI::App& app, const Common& common);
+#endif
 #if FRINGESLAM_HW
 Verb add_capture(CLI::App& app, const Common& common);
 Verb add_rig(CLI::App& app, const Common& common);

@@ -51,13 +51,12 @@ void write_text(const std::filesystem::path& file, const std::string& text);
 // The whole file; empty when there is none.
 std::string read_bytes(const std::filesystem::path& file);
 
-// A PNG file's bytes, and the file. CV_8UC1, CV_8UC3 (BGR, as OpenCV keeps it) or CV_16UC1.
-std::string png_bytes(const cv::Mat& image);
+// A PNG file's bytes, and the file. CV_8UC1, CV_8UC3 (BGR, as OpenCV keeps it) or CV_16UC1; compression from 1 (fast) to
+// 9 (small).
+std::string png_bytes(const cv::Mat& image, int compression = 3);
 void write_png(const std::filesystem::path& file, const cv::Mat& image);
 
-// The same as a file's bytes; compression from 1 (fast) to 9 (small).
-std::string png_bytes(const cv::Mat& image, int compression);
-// CV_8UC1; quality from 1 to 100.
+// A JPEG file's bytes, of CV_8UC1; quality from 1 to 100.
 std::string jpeg_bytes(const cv::Mat1b& image, int quality);
 
 // One or more CV_32FC1 channels of one size, zip-compressed.

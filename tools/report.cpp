@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+// fringeslam report RUN
+#include <memory>
+
+#include "core/types/error.h"
+#include "tools/report/html_report.h"
+#include "tools/verbs.h"
+
+namespace fringeslam::tools {
+
+namespace fs = std::filesystem;
+
+Verb add_report(CLI::App& app, const Common& common) {
+  struct Arguments {
+    std::string run, out;
+  };
+  auto arguments = std::make_shared<Arguments>();
+  CLI::App* verb = app.add_subcommand("report", "Write the page about a run: one HTML file to look at, on or off line");
+  verb->add_option("run", arguments->run, "Run folder")->required();
+  verb->add_option("--out", arguments->out, "File to write (default: RUN/report.html)");
+  return [arguments, &common] {
+    const fs::path run = arguments->run;
+    if (!fs::is_directory(run)) throw Error(run.string() + ": is not a run folder");
+    const fs::path out = arguments->out.empty() ? run / "report.html" : fs::path(arguments->out);
+    write_report(run, out);
+    say(common, {{"report", out.string()}, {"bytes", fs::file_size(out)}}, "written: " + out.string());
+    return 0;
+  };
+}
+
+}  // namespace fringeslam::tools

@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+// Where the camera was and where it was taken to be: paths, frusta, and errors drawn larger than they are.
+import * as THREE from 'three';
+import {inks} from './colours.js';
+import {data} from './data.js';
+import {chain, segments, setSegments} from './lines.js';
+import {store} from './store.js';
+
+const kFrustumShare = 0.14;  // of the middle depth: what all views but the chosen one show of their frusta
+const kMaxFrusta = 40;  // more would hide the path
+
+const middle = (data.pictures.near_m + data.pictures.far_m) / 2;
+
+function placed(pose) {
+  return {position: new THREE.Vector3(...pose.position), rotation: new THREE.Quaternion(...pose.quaternion)};
+}
+
+// The image's corners at a depth, in the map's frame.
+function corners(pose, depth) {
+  const {position, rotation} = placed(pose);
+  return data.rig.corners.map(([x, y]) =>
+    new THREE.Vector3(x * depth, y * depth, depth).applyQuaternion(rotation).add(position));
+}
+
+function frustum(pose, depth) {
+  const tip = placed(pose).position;
+  const rim = corners(pose, depth);
+  return [...rim.flatMap((corner) => [tip, corner]), ...chain([...rim, rim[0]])];
+}
+
+// Runs of neighbouring views that have a pose: a path does not bridge those that were lost.
+function path(key) {
+  const lines = [];
+  for (let i = 1; i < data.views.length; ++i) {
+    const [a, b] = [data.views[i - 1][key], data.views[i][key]];
+    if (a && b) lines.push(placed(a).position, placed(b).position);
+  }
+  return lines;
+}
+
+// 1, 2 or 5 of a decade, such that the largest error is seen.
+export function errorScale(size) {
+  const largest = Math.max(0, ...data.views.map((view) => view.position_error_mm ?? 0)) / 1000;
+  if (largest === 0) return null;
+  const wanted = (0.12 * size) / largest;
+  const decade = 10 ** Math.floor(Math.log10(wanted));
+  return Math.max(1, [5, 2, 1].map((step) => step * decade).find((scale) => scale <= wanted));
+}
+
+function errorLines(scale) {
+  return data.views.filter((view) => view.pose && view.true_pose).flatMap((view) => {
+    const truth = placed(view.true_pose).position;
+    const error = placed(view.pose).position.sub(truth);
+    return [truth, truth.clone().addScaledVector(error, scale)];
+  });
+}
+
+// All positions that should be in sight.
+export function positions() {
+  return data.views.flatMap((view) => [view.pose, view.true_pose]).filter(Boolean).map((pose) => placed(pose).position);
+}
+
+export function paths(scale) {
+  const estimate = segments(path('pose'), 3);
+  const dash = Math.max(1e-4, estimate.visible ? pathLength(path('pose')) / 60 : 1);
+  const truth = segments(path('true_pose'), 3, {dashed: true, dashSize: dash, gapSize: dash});
+  const located = data.views.filter((view) => view.pose);
+  const every = Math.ceil(located.length / kMaxFrusta);
+  const frusta = segments(
+    located.filter((_, i) => i % every === 0).flatMap((view) => frustum(view.pose, kFrustumShare * middle)), 1.2);
+  const errors = segments(scale ? errorLines(scale) : [], 2);
+  const chosen = segments([], 2.5);
+  const pane = new THREE.Mesh(
+    new THREE.BufferGeometry(),
+    new THREE.MeshBasicMaterial({transparent: true, opacity: 0.08, side: THREE.DoubleSide, depthWrite: false}));
+  const group = new THREE.Group();
+  group.add(estimate, truth, frusta, errors, pane, chosen);
+  truth.renderOrder = 1;
+  chosen.renderOrder = 2;
+  const colour = () => {
+    const ink = inks(store.dark);
+    const lost = data.views[store.view].tracking === 'lost';
+    estimate.material.color.set(ink.estimate);
+    truth.material.color.set(ink.truth);
+    frusta.material.color.set(ink.frustum);
+    errors.material.color.set(ink.lost);
+    chosen.material.color.set(lost ? ink.lost : ink.chosen);
+    pane.material.color.set(lost ? ink.lost : ink.chosen);
+  };
+  return {
+    group, estimate, truth, frusta, errors,
+    colour,
+    // A view that was lost is shown where it truly was.
+    choose(view) {
+      const pose = view.pose ?? view.true_pose;
+      setSegments(chosen, pose ? frustum(pose, middle) : []);
+      pane.visible = Boolean(pose);
+      if (pose) {
+        const rim = corners(pose, middle);
+        const tip = placed(pose).position;
+        pane.geometry.setFromPoints(rim.flatMap((corner, i) => [tip, corner, rim[(i + 1) % 4]]));
+      }
+      colour();
+    },
+  };
+}
+
+function pathLength(lines) {
+  let length = 0;
+  for (let i = 0; i < lines.length; i += 2) length += lines[i].distanceTo(lines[i + 1]);
+  return length;
+}

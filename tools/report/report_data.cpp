@@ -1,0 +1,361 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/report/report_data.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <numbers>
+#include <opencv2/imgproc.hpp>
+#include <optional>
+
+#include "core/rig/dataset.h"
+#include "core/rig/files.h"
+#include "core/rig/rig_file.h"
+#include "core/rig/yaml.h"
+#include "core/score/score.h"
+#include "core/score/truth_files.h"
+#include "tools/report/map_error.h"
+#include "tools/report/packing.h"
+#include "tools/report/ply_reader.h"
+#include "tools/report/thin_mesh.h"
+#include "tools/report/view_pictures.h"
+
+namespace fringeslam::tools {
+
+namespace fs = std::filesystem;
+using nlohmann::ordered_json;
+
+namespace {
+
+constexpr double kOutlineTolerancePx = 0.7;
+
+ordered_json read_json(const fs::path& file) {
+  std::ifstream in(file);
+  if (!in) throw Error(file.string() + ": cannot be opened; a run of fringeslam holds it");
+  ordered_json json = ordered_json::parse(in, nullptr, false);
+  if (json.is_discarded()) throw Error(file.string() + ": is no JSON, or truncated");
+  return json;
+}
+
+ordered_json json_of(const Pose& pose) {
+  const Eigen::Vector3d& t = pose.translation;
+  const Eigen::Vector4d q = quaternion_xyzw(pose.rotation);
+  return {{"position", {t.x(), t.y(), t.z()}}, {"quaternion", {q.x(), q.y(), q.z(), q.w()}}};
+}
+
+ordered_json json_of(const SixDof& six) {
+  const Eigen::Vector3d &t = six.translation_mm, &a = six.angles_deg;
+  return {t.x(), t.y(), t.z(), a.x(), a.y(), a.z()};
+}
+
+// Null when there is no value; NaN becomes null by itself.
+ordered_json median_of(const ordered_json& list, const char* key) {
+  std::vector<double> values;
+  for (const auto& entry : list) {
+    if (entry.at(key).is_number()) values.push_back(entry.at(key));
+  }
+  return values.empty() ? ordered_json() : ordered_json(fringeslam::median_of(values));
+}
+
+// Where things are and were, in the map's frame.
+struct Located {
+  std::optional<Pose> robot, true_robot;
+  std::optional<double> time_s;
+};
+
+// A run folder while it is read.
+class Collector {
+ public:
+  Collector(fs::path folder, const ReportLimits& limits);
+  ordered_json collect();
+
+ private:
+  void locate();
+  void read_map();
+  void look_at_views();
+  void compare(size_t view, ViewImages& images, MapError& map_error) const;
+  ordered_json rig_json() const;
+  ordered_json view_json(size_t view) const;
+  ordered_json summary() const;
+  ordered_json motions() const;
+  ordered_json landmarks_of(int index) const;
+  ordered_json map_json() const;
+
+  fs::path folder_;
+  ReportLimits limits_;
+  YamlMap config_;
+  RigModel rig_;
+  ordered_json frames_, landmarks_, score_;  // as written; score_ is null without truth
+  std::vector<int> indices_;                 // of the views
+  std::vector<Located> located_;
+  bool has_truth_ = false;
+  size_t whole_vertices_ = 0, whole_triangles_ = 0;
+  ThinMesh map_;
+  std::vector<float> map_errors_m_;
+  size_t every_ = 1;
+  PictureScales scales_;
+  std::vector<ordered_json> views_;
+  int picture_width_ = 0;
+};
+
+Collector::Collector(fs::path folder, const ReportLimits& limits)
+    : folder_(std::move(folder)), limits_(limits), config_([&] {
+        if (!fs::exists(folder_ / "frames.json"))
+          throw Error(folder_.string() + ": is not a run: it holds no frames.json");
+        return YamlMap::load(folder_ / "config.yaml");
+      }()) {
+  rig_ = read_rig(folder_ / "rig.yaml");
+  frames_ = read_json(folder_ / "frames.json");
+  if (fs::exists(folder_ / "landmarks.json")) landmarks_ = read_json(folder_ / "landmarks.json");
+  if (fs::exists(folder_ / "score.json")) score_ = read_json(folder_ / "score.json");
+  has_truth_ = !score_.is_null() && fs::exists(folder_ / "truth" / "truth.tum");
+  for (const auto& frame : frames_) indices_.push_back(frame.at("index"));
+}
+
+// trajectory.tum holds a pose of each view that was not lost, in their order; truth.tum one of each stack.
+void Collector::locate() {
+  located_.resize(indices_.size());
+  std::vector<size_t> tracked;
+  for (size_t v = 0; v < indices_.size(); ++v) {
+    if (frames_[v].at("tracking") != "lost") tracked.push_back(v);
+  }
+  Trajectory trajectory;
+  if (!tracked.empty()) trajectory = read_tum(folder_ / "trajectory.tum");
+  if (trajectory.size() != tracked.size())
+    throw Error((folder_ / "trajectory.tum").string() + ": holds " + std::to_string(trajectory.size()) +
+                " poses, but " + std::to_string(tracked.size()) + " views of frames.json were tracked");
+  for (size_t i = 0; i < tracked.size(); ++i)
+    located_[tracked[i]] = {trajectory[i].world_from_robot, {}, trajectory[i].timestamp_s};
+  if (!has_truth_ || tracked.empty()) return;
+  const Trajectory truth = read_tum(folder_ / "truth" / "truth.tum");
+  const auto truth_of = [&](size_t view) -> const TimedPose& {
+    const auto index = static_cast<size_t>(indices_[view]);
+    if (index >= truth.size())
+      throw Error((folder_ / "truth" / "truth.tum").string() + ": has no pose of view " + std::to_string(index));
+    return truth[index];
+  };
+  // As the trajectory's error is counted: the first poses coincide.
+  const Pose map_from_truth = *located_[tracked[0]].robot * truth_of(tracked[0]).world_from_robot.inverse();
+  for (size_t v = 0; v < indices_.size(); ++v) {
+    located_[v].true_robot = map_from_truth * truth_of(v).world_from_robot;
+    located_[v].time_s = truth_of(v).timestamp_s;
+  }
+}
+
+void Collector::read_map() {
+  // The fused surface; of a run that has none, or nothing but holes, the cloud.
+  SurfaceMesh mesh;
+  if (fs::exists(folder_ / "mesh.ply")) mesh = read_ply(folder_ / "mesh.ply");
+  if (mesh.vertices.empty() && fs::exists(folder_ / "map.ply")) mesh = read_ply(folder_ / "map.ply");
+  whole_vertices_ = mesh.vertices.size();
+  whole_triangles_ = mesh.triangles.size();
+  map_ = thinned(std::move(mesh), limits_.vertices);
+}
+
+// 10, 50 and 90 % of every 7th pixel's.
+ordered_json sigmas_mm(const cv::Mat1f& sigma_m) {
+  std::vector<double> sigmas;
+  for (int row = 0; row < sigma_m.rows; ++row) {
+    for (int col = row % 7; col < sigma_m.cols; col += 7) {
+      if (!std::isnan(sigma_m(row, col))) sigmas.push_back(1e3 * sigma_m(row, col));
+    }
+  }
+  if (sigmas.empty()) return nullptr;
+  return {quantile_of(sigmas, 0.1), quantile_of(sigmas, 0.5), quantile_of(sigmas, 0.9)};
+}
+
+// What the truth says about a view: its picture of errors, and the map's errors where it looked.
+void Collector::compare(size_t view, ViewImages& images, MapError& map_error) const {
+  const fs::path file = folder_ / "truth" / (stack_name(indices_[view]) + ".exr");
+  const TruthFrame truth = read_truth_frame(file);
+  if (truth.depth_m.size() != images.depth_m.size())
+    throw Error(file.string() + ": is not of the size of the view's depth.exr");
+  cv::subtract(images.depth_m, truth.depth_m, images.error_m);
+  if (located_[view].robot) map_error.add(truth, *located_[view].true_robot * rig_.robot_from_camera);
+}
+
+void Collector::look_at_views() {
+  every_ = std::max<size_t>(1, (indices_.size() + static_cast<size_t>(limits_.pictured_views) - 1) /
+                                   static_cast<size_t>(limits_.pictured_views));
+  MapError map_error(map_.mesh.vertices, rig_);
+  std::vector<ViewImages> pictured;
+  for (size_t v = 0; v < indices_.size(); ++v) {
+    const fs::path folder = folder_ / "frames" / stack_name(indices_[v]);
+    const DepthEstimate estimate = read_depth_estimate(folder / "depth.exr");
+    views_.push_back(view_json(v));
+    views_.back()["sigma_mm"] = sigmas_mm(estimate.sigma_m);
+    if (v % every_ != 0) continue;
+    ViewImages images{indices_[v], read_grey(folder / "texture.png"), estimate.depth_m, {}};
+    if (images.texture.size() != images.depth_m.size() || images.texture.type() != CV_8UC1)
+      throw Error((folder / "texture.png").string() + ": is not of 8 bits and the size of depth.exr");
+    if (has_truth_) compare(v, images, map_error);
+    pictured.push_back(shrunk(images, limits_.picture_width_px));
+  }
+  map_errors_m_ = map_error.distances_m();
+  scales_ = picture_scales(pictured);
+  const std::vector<ordered_json> pictures = encoded(pictured, scales_, limits_.picture_bytes);
+  for (size_t i = 0; i < pictures.size(); ++i) {
+    views_[i * every_]["pictures"] = pictures[i];
+    views_[i * every_]["landmarks"] = landmarks_of(indices_[i * every_]);
+    picture_width_ = pictures[i].at("width");
+  }
+}
+
+ordered_json Collector::rig_json() const {
+  const Pinhole& camera = rig_.camera;
+  ordered_json corners = ordered_json::array();
+  const double right = camera.width - 0.5, below = camera.height - 0.5;
+  for (const Eigen::Vector2d& pixel : {Eigen::Vector2d(-0.5, -0.5), Eigen::Vector2d(right, -0.5),
+                                       Eigen::Vector2d(right, below), Eigen::Vector2d(-0.5, below)}) {
+    const Eigen::Vector2d slope = camera.undistort(pixel);
+    corners.push_back({slope.x(), slope.y()});
+  }
+  return {{"name", rig_.name},        {"near_m", rig_.near_m},      {"far_m", rig_.far_m},
+          {"width_px", camera.width}, {"height_px", camera.height}, {"corners", corners}};
+}
+
+ordered_json Collector::view_json(size_t view) const {
+  ordered_json json = frames_[view];
+  const Located& located = located_[view];
+  const double pixels = static_cast<double>(rig_.camera.width) * rig_.camera.height;
+  json["valid_share"] = json.at("valid_pixels").get<double>() / pixels;
+  json["time_s"] = located.time_s ? ordered_json(*located.time_s) : ordered_json();
+  json["pose"] = located.robot ? json_of(*located.robot * rig_.robot_from_camera) : ordered_json();
+  json["true_pose"] = located.true_robot ? json_of(*located.true_robot * rig_.robot_from_camera) : ordered_json();
+  json["position_error_mm"] = nullptr;
+  if (located.robot && located.true_robot)
+    json["position_error_mm"] = 1e3 * (located.robot->translation - located.true_robot->translation).norm();
+  json["sigma_mm"] = nullptr;
+  json["score"] = nullptr;
+  if (score_.contains("frames")) {
+    for (const auto& frame : score_["frames"]) {
+      if (frame.at("index") == indices_[view]) json["score"] = frame;
+    }
+  }
+  json["pictures"] = nullptr;
+  json["landmarks"] = nullptr;
+  return json;
+}
+
+ordered_json Collector::landmarks_of(int index) const {
+  ordered_json list = ordered_json::array();
+  for (const auto& view : landmarks_) {
+    if (view.at("index") != index) continue;
+    for (const auto& landmark : view.at("landmarks")) {
+      std::vector<cv::Point> outline, simple;
+      for (const auto& point : landmark.at("outline_px")) outline.emplace_back(point.at(0), point.at(1));
+      if (outline.size() < 3) continue;
+      cv::approxPolyDP(outline, simple, kOutlineTolerancePx, true);
+      ordered_json numbers = ordered_json::array();
+      for (const cv::Point& point : simple) numbers.insert(numbers.end(), {point.x, point.y});
+      list.push_back({{"outline", numbers}, {"recognised", landmark.contains("recognised")}});
+    }
+  }
+  return list;
+}
+
+ordered_json Collector::motions() const {
+  if (score_.contains("pairs")) return score_["pairs"];
+  ordered_json pairs = ordered_json::array();
+  std::optional<size_t> previous;
+  for (size_t v = 0; v < located_.size(); ++v) {
+    if (!located_[v].robot) continue;
+    if (previous)
+      pairs.push_back({{"previous", indices_[*previous]},
+                       {"current", indices_[v]},
+                       {"estimated", json_of(six_dof(located_[*previous].robot->inverse() * *located_[v].robot))}});
+    previous = v;
+  }
+  return pairs;
+}
+
+ordered_json Collector::summary() const {
+  int tracked = 0;
+  for (const Located& located : located_) tracked += located.robot.has_value();
+  ordered_json json = {{"views", indices_.size()}, {"tracked", tracked}};
+  json["ate_mm"] = json["translation_mm"] = json["rotation_deg"] = json["error_over_bound"] = json["depth_mm"] =
+      nullptr;
+  if (score_.contains("pairs")) {
+    json["ate_mm"] = score_.at("trajectory").at("ate_rmse_mm");
+    json["translation_mm"] = median_of(score_["pairs"], "translation_error_mm");
+    json["rotation_deg"] = median_of(score_["pairs"], "rotation_error_deg");
+    json["error_over_bound"] = median_of(score_["pairs"], "error_over_bound");
+  }
+  if (score_.contains("frames")) json["depth_mm"] = median_of(score_["frames"], "depth_median_mm");
+  return json;
+}
+
+ordered_json Collector::map_json() const {
+  const std::vector<CloudPoint>& vertices = map_.mesh.vertices;
+  if (vertices.empty()) return nullptr;
+  Eigen::Vector3f low = vertices.front().position_m, high = low;
+  for (const CloudPoint& vertex : vertices) {
+    low = low.cwiseMin(vertex.position_m);
+    high = high.cwiseMax(vertex.position_m);
+  }
+  const double step_m = std::max(1e-9, static_cast<double>((high - low).maxCoeff()) / 65535);
+  std::vector<uint16_t> planes[3];
+  std::vector<uint8_t> grey;
+  for (const CloudPoint& vertex : vertices) {
+    for (int i = 0; i < 3; ++i)
+      planes[i].push_back(static_cast<uint16_t>(std::lround((vertex.position_m[i] - low[i]) / step_m)));
+    grey.push_back(vertex.grey);
+  }
+  std::vector<uint32_t> indices;
+  for (const auto& triangle : map_.mesh.triangles) indices.insert(indices.end(), triangle.begin(), triangle.end());
+  ordered_json json = {{"vertices", vertices.size()},
+                       {"triangles", map_.mesh.triangles.size()},
+                       {"whole_vertices", whole_vertices_},
+                       {"whole_triangles", whole_triangles_},
+                       {"cell_mm", map_.cell_m * 1e3},
+                       {"origin", {low.x(), low.y(), low.z()}},
+                       {"step_m", step_m},
+                       {"white", scales_.white},
+                       {"x", packed(planes[0])},
+                       {"y", packed(planes[1])},
+                       {"z", packed(planes[2])},
+                       {"grey", packed(grey)},
+                       {"indices", packed(indices)},
+                       {"error", nullptr},
+                       {"error_limit_mm", nullptr}};
+  const double limit_m = error_limit_m(map_errors_m_);
+  if (limit_m == 0) return json;
+  const cv::Mat1f errors(1, static_cast<int>(map_errors_m_.size()), const_cast<float*>(map_errors_m_.data()));
+  const cv::Mat1b shown = levels(errors, -limit_m, limit_m);
+  json["error"] = packed(std::vector<uint8_t>(shown.begin(), shown.end()));
+  json["error_limit_mm"] = limit_m * 1e3;
+  return json;
+}
+
+ordered_json Collector::collect() {
+  locate();
+  read_map();
+  look_at_views();
+  ordered_json json = {{"version", FRINGESLAM_VERSION},
+                       {"name", config_.text("name")},
+                       {"seed", std::to_string(config_.seed("seed"))},  // JavaScript's numbers end at 2^53
+                       {"has_truth", has_truth_},
+                       {"rig", rig_json()},
+                       {"summary", summary()},
+                       {"views", views_},
+                       {"motions", motions()}};
+  json["pictures"] = {{"near_m", scales_.near_m},
+                      {"far_m", scales_.far_m},
+                      {"error_limit_mm", scales_.error_limit_m * 1e3},
+                      {"every", every_},
+                      {"width_px", picture_width_}};
+  json["map"] = map_json();
+  return json;
+}
+
+}  // namespace
+
+ordered_json report_data(const fs::path& run, const ReportLimits& limits) {
+  try {
+    return Collector(run, limits).collect();
+  } catch (const nlohmann::json::exception& e) {
+    throw Error(run.string() + ": frames.json, landmarks.json or score.json is not as a run writes it: " + e.what());
+  }
+}
+
+}  // namespace fringeslam::tools
