@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: Apache-2.0
+// The runs whose pages are looked at: small ones by the program, and others made of their files.
+import {execFileSync} from 'node:child_process';
+import {cpSync, mkdirSync, readFileSync, rmSync, symlinkSync, writeFileSync} from 'node:fs';
+import {join} from 'node:path';
+
+export const kWildName = '</script><b id="hurt">"\' & <!--';
+
+const kStep = '    - {translation_mm: [6, 4, 0], rotation_deg: [0, 0, 1]}\n';
+const kAway = '    - {translation_mm: [900, 0, 0], rotation_deg: [0, 0, 0]}\n';
+const kBack = '    - {translation_mm: [-900, 0, 0], rotation_deg: [0, 0, 0]}\n';
+
+// A floor and some boxes; the view before the last sees nothing.
+const kScene = `name: '${kWildName.replaceAll("'", "''")}'
+description: For the tests of report.html
+seed: 3
+rig: {file: rig.yaml}
+patterns: {axis: columns, steps: 3, periods_px: [1040, 131, 16.5], bits: 8}
+light: {ambient_lux: 290}
+materials:
+  table: {grain: wood, albedo: 0.4, contrast: 0.35, grain_m: 0.012}
+  cardboard: {grain: cardboard, albedo: 0.55, contrast: 0.35, grain_m: 0.01}
+objects:
+  - {shape: plane, size_m: [0.8, 0.8], material: table}
+  - shape: scatter
+    count: 12
+    area_m: [0.24, 0.24]
+    max_height_m: 0.12
+    items:
+      - {shape: box, size_min_m: [0.04, 0.03, 0.02], size_max_m: [0.09, 0.08, 0.08], material: cardboard}
+trajectory:
+  interval_s: 0.5
+  motions:
+${kStep}${kAway}${kBack}`;
+
+export class Runs {
+  constructor(program, source, folder) {
+    Object.assign(this, {program, source, folder});
+    rmSync(folder, {recursive: true, force: true});
+    mkdirSync(folder, {recursive: true});
+  }
+
+  at(...names) {
+    return join(this.folder, ...names);
+  }
+
+  call(...words) {
+    execFileSync(this.program, [...words, '--quiet'], {stdio: ['ignore', 'ignore', 'inherit']});
+  }
+
+  read(run, name) {
+    return JSON.parse(readFileSync(this.at(run, name)));
+  }
+
+  write(run, name, json) {
+    writeFileSync(this.at(run, name), JSON.stringify(json));
+  }
+
+  // A quarter of the pixels of the rig that comes with the scenes.
+  make(run, scene = kScene) {
+    const place = this.at(`${run}-scene`);
+    mkdirSync(place);
+    const rig = readFileSync(join(this.source, 'scenes/rigs/thesis.yaml'), 'utf8')
+      .replace('width_px: 532', 'width_px: 266').replace('height_px: 500', 'height_px: 250')
+      .replace('fx_px: 2046', 'fx_px: 1023').replace('fy_px: 2046', 'fy_px: 1023')
+      .replace('cx_px: 265.5', 'cx_px: 132.5').replace('cy_px: 249.5', 'cy_px: 124.5');
+    writeFileSync(join(place, 'rig.yaml'), rig);
+    writeFileSync(join(place, 'scene.yaml'), scene);
+    this.call('run', place, '--out', this.at(run), '--set', 'render.samples_per_pixel=1');
+    return this.page(run);
+  }
+
+  page(run) {
+    return this.at(run, 'report.html');
+  }
+
+  // The page of `run` after its files were changed.
+  again(run) {
+    this.call('report', this.at(run));
+    return this.page(run);
+  }
+
+  withoutTruth(from, run) {
+    cpSync(this.at(from), this.at(run), {recursive: true});
+    for (const name of ['truth', 'truth.tum', 'score.json']) rmSync(this.at(run, name), {recursive: true});
+    return this.again(run);
+  }
+
+  oneView(run) {
+    return this.make(run, kScene.replace(/  motions:[^]*/, '').replace(/^name: .*/, 'name: alone'));
+  }
+
+  // Nothing was tracked, nothing mapped.
+  lost(from, run) {
+    cpSync(this.at(from), this.at(run), {recursive: true});
+    for (const name of ['truth', 'truth.tum', 'score.json', 'map.ply', 'mesh.ply']) {
+      rmSync(this.at(run, name), {recursive: true, force: true});
+    }
+    this.write(run, 'frames.json', this.read(run, 'frames.json').map((frame) => ({...frame, tracking: 'lost'})));
+    writeFileSync(this.at(run, 'trajectory.tum'), '# lost: stacks 0, 1, 2, 3\n');
+    return this.again(run);
+  }
+
+  // The first view of a run, over and over, on a straight path.
+  many(from, run, count) {
+    const [first] = this.read(from, 'frames.json');
+    mkdirSync(this.at(run, 'frames'), {recursive: true});
+    for (const name of ['config.yaml', 'rig.yaml', 'mesh.ply']) cpSync(this.at(from, name), this.at(run, name));
+    const frames = Array.from({length: count}, (_, index) => ({...first, index, tracking: index ? 'followed' : 'first'}));
+    this.write(run, 'frames.json', frames);
+    for (const {index} of frames) {
+      symlinkSync(this.at(from, 'frames/000000'), this.at(run, 'frames', String(index).padStart(6, '0')));
+    }
+    writeFileSync(this.at(run, 'trajectory.tum'), frames.map(({index}) => `${index} ${index / 500} 0 0 0 0 0 1\n`).join(''));
+    return this.again(run);
+  }
+}

@@ -1,0 +1,213 @@
+// SPDX-License-Identifier: Apache-2.0
+// What report.html is made of: thinned maps, their distance from the truth, packed numbers, levels of pictures.
+#include <gmock/gmock.h>
+#include <zlib.h>
+
+#include <cmath>
+#include <numbers>
+#include <opencv2/core.hpp>
+
+#include "core/types/error.h"
+#include "tests/support/temp_folder.h"
+#include "tests/tools/fake_rig.h"
+#include "tools/report/map_error.h"
+#include "tools/report/packing.h"
+#include "tools/report/ply_reader.h"
+#include "tools/report/thin_mesh.h"
+#include "tools/report/view_pictures.h"
+
+namespace fringeslam::tools {
+namespace {
+
+using testing::DoubleNear;
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+const float kNan = std::nanf("");
+
+// A square of n x n vertices, 1 mm apart, on the plane z = 0, facing up.
+SurfaceMesh square(uint32_t n) {
+  SurfaceMesh mesh;
+  for (uint32_t row = 0; row < n; ++row) {
+    for (uint32_t col = 0; col < n; ++col)
+      mesh.vertices.push_back({{1e-3f * static_cast<float>(col), 1e-3f * static_cast<float>(row), 0},
+                               {0, 0, 1},
+                               static_cast<uint8_t>(100 + col % 2),
+                               1e-4f});
+  }
+  for (uint32_t row = 0; row + 1 < n; ++row) {
+    for (uint32_t col = 0; col + 1 < n; ++col) {
+      const uint32_t at = row * n + col;
+      mesh.triangles.push_back({at, at + 1, at + n});
+      mesh.triangles.push_back({at + 1, at + n + 1, at + n});
+    }
+  }
+  return mesh;
+}
+
+double area(const SurfaceMesh& mesh) {
+  double sum = 0;
+  for (const auto& [a, b, c] : mesh.triangles) {
+    const Eigen::Vector3f u = mesh.vertices[b].position_m - mesh.vertices[a].position_m;
+    const Eigen::Vector3f v = mesh.vertices[c].position_m - mesh.vertices[a].position_m;
+    sum += 0.5 * (u.x() * v.y() - u.y() * v.x());  // signed: a triangle that is turned over counts against it
+  }
+  return sum;
+}
+
+TEST(ThinMesh, LeavesSmallMeshesAsTheyAre) {
+  const ThinMesh thin = thinned(square(10), 100);
+  EXPECT_EQ(thin.cell_m, 0);
+  EXPECT_EQ(thin.mesh.vertices.size(), 100u);
+  EXPECT_EQ(thin.mesh.triangles.size(), 162u);
+}
+
+TEST(ThinMesh, KeepsThePlaneItsAreaAndItsSide) {
+  const ThinMesh thin = thinned(square(200), 2000);
+  EXPECT_LE(thin.mesh.vertices.size(), 2000u);
+  EXPECT_GT(thin.mesh.vertices.size(), 900u);
+  EXPECT_GT(thin.cell_m, 2e-3);
+  for (const CloudPoint& vertex : thin.mesh.vertices) {
+    EXPECT_EQ(vertex.position_m.z(), 0);
+    EXPECT_THAT(vertex.grey, testing::AnyOf(100, 101));
+  }
+  const double rim = 2 * 4 * thin.cell_m * 0.2;
+  EXPECT_NEAR(area(thin.mesh), 0.199 * 0.199, rim);
+}
+
+TEST(ThinMesh, TakesCloudsAndNothing) {
+  SurfaceMesh cloud = square(50);
+  cloud.triangles.clear();
+  EXPECT_LE(thinned(cloud, 100).mesh.vertices.size(), 100u);
+  EXPECT_TRUE(thinned({}, 100).mesh.vertices.empty());
+}
+
+TEST(Packing, IsBase64) {
+  EXPECT_EQ(base64(""), "");
+  EXPECT_EQ(base64("f"), "Zg==");
+  EXPECT_EQ(base64("fo"), "Zm8=");
+  EXPECT_EQ(base64("foobar"), "Zm9vYmFy");
+  EXPECT_EQ(base64(std::string("\xff\x00\xfe", 3)), "/wD+");
+}
+
+TEST(Packing, DifferencesWrapAround) {
+  EXPECT_EQ(difference_bytes(std::vector<uint16_t>{3, 2, 260}), std::string("\x03\x00\xff\xff\x02\x01", 6));
+}
+
+TEST(Packing, Inflates) {
+  const std::string text(5000, 'x');
+  const std::string small = deflated(text);
+  EXPECT_LT(small.size(), 100u);
+  std::string back(text.size(), '\0');
+  uLongf size = back.size();
+  ASSERT_EQ(uncompress(reinterpret_cast<Bytef*>(back.data()), &size, reinterpret_cast<const Bytef*>(small.data()),
+                       small.size()),
+            Z_OK);
+  EXPECT_EQ(back, text);
+}
+
+TEST(PlyReader, ReadsWhatARunWrites) {
+  const test::TempFolder temp;
+  const SurfaceMesh mesh = square(3);
+  test::write_bytes(temp / "mesh.ply", to_ply(mesh));
+  const SurfaceMesh back = read_ply(temp / "mesh.ply");
+  ASSERT_EQ(back.vertices.size(), 9u);
+  EXPECT_EQ(back.vertices[5].position_m, mesh.vertices[5].position_m);
+  EXPECT_EQ(back.vertices[5].grey, mesh.vertices[5].grey);
+  EXPECT_EQ(back.triangles, mesh.triangles);
+  test::write_bytes(temp / "map.ply", to_ply(mesh.vertices));
+  EXPECT_EQ(read_ply(temp / "map.ply").vertices.size(), 9u);
+}
+
+TEST(PlyReader, RefusesOthersAndHalves) {
+  const test::TempFolder temp;
+  const std::string bytes = to_ply(square(3));
+  const auto says = [&](const std::string& content) {
+    test::write_bytes(temp / "mesh.ply", content);
+    return test::message_of([&] { read_ply(temp / "mesh.ply"); });
+  };
+  EXPECT_THAT(test::message_of([&] { read_ply(temp / "none.ply"); }), HasSubstr("is missing"));
+  EXPECT_THAT(says("solid"), HasSubstr("is not a map"));
+  EXPECT_THAT(says(bytes.substr(0, bytes.size() - 1)), HasSubstr("truncated"));
+  std::string wild = bytes;
+  wild.replace(wild.size() - 4, 4, "\xff\xff\xff\x7f");
+  EXPECT_THAT(says(wild), HasSubstr("damaged"));
+  EXPECT_THAT(says(test::replaced(bytes, "element vertex 9\n", "element vertex 999999999999999999\n")),
+              HasSubstr("truncated"));
+}
+
+// A camera 1 m above the plane z = 0 that looks down at it; points lie off that plane by known distances.
+class MapErrors : public testing::Test {
+ protected:
+  MapErrors() : rig_(test::thesis_rig_reduced(5)) {
+    const Pinhole& camera = rig_.camera;
+    truth_.depth_m = cv::Mat1f(camera.height, camera.width, 1.0f);
+    truth_.normals = cv::Mat3f(camera.height, camera.width, cv::Vec3f(0, 0, -1));
+    truth_.mask = cv::Mat1f(camera.height, camera.width, static_cast<float>(kTruthSurface | kTruthInBeam));
+    map_from_camera_ = pose_from({{0, 0, 1000}, {180, 0, 0}});
+  }
+  CloudPoint point(float x, float z, const Eigen::Vector3f& normal = {0, 0, 1}) const {
+    return {{x, 0, z}, normal, 0, 0};
+  }
+  std::vector<float> errors(const std::vector<CloudPoint>& points) const {
+    MapError error(points, rig_);
+    error.add(truth_, map_from_camera_);
+    return error.distances_m();
+  }
+
+  RigModel rig_;
+  TruthFrame truth_;
+  Pose map_from_camera_;
+};
+
+TEST_F(MapErrors, AreSignedDistancesFromThePlane) {
+  const std::vector<float> found = errors({point(0, 0), point(0.05f, 1e-3f), point(-0.05f, -2e-3f)});
+  EXPECT_NEAR(found[0], 0, 1e-7);
+  EXPECT_NEAR(found[1], -1e-3, 1e-6);  // too near
+  EXPECT_NEAR(found[2], 2e-3, 1e-6);
+}
+
+TEST_F(MapErrors, AreUnknownOutOfSight) {
+  const float far_away = 0.5f;  // the picture is 0.26 m wide
+  for (const float error : errors({point(far_away, 0), point(0, 2), point(0, 0.04f), point(0, 0, {1, 0, 0})}))
+    EXPECT_TRUE(std::isnan(error));
+  truth_.mask.setTo(kTruthMixed);
+  EXPECT_TRUE(std::isnan(errors({point(0, 0)})[0]));
+  truth_.depth_m.setTo(kNan);
+  truth_.mask.setTo(0);
+  EXPECT_TRUE(std::isnan(errors({point(0, 0)})[0]));
+}
+
+TEST(Levels, SpanTheirRangeAndKeepZeroForNothing) {
+  const cv::Mat1b found = levels((cv::Mat1f(1, 6) << kNan, -9, -1, 0, 1, 9), -1, 1);
+  EXPECT_THAT(std::vector<uchar>(found.begin(), found.end()), ElementsAre(0, 1, 1, 128, 255, 255));
+}
+
+TEST(ErrorLimit, IsRoundAndFromTheMedian) {
+  EXPECT_THAT(error_limit_m({1e-4f, -1e-4f, 2, kNan}), DoubleNear(5e-4, 1e-9));
+  EXPECT_THAT(error_limit_m({2.5e-4f}), DoubleNear(1e-3, 1e-9));
+  EXPECT_EQ(error_limit_m({kNan}), 0);
+}
+
+TEST(Pictures, StayWithinTheirBytes) {
+  cv::RNG random(1);
+  std::vector<ViewImages> views;
+  for (int i = 0; i < 8; ++i) {
+    ViewImages view{i, cv::Mat1b(300, 320), cv::Mat1f(300, 320), cv::Mat1f(300, 320)};
+    random.fill(view.texture, cv::RNG::UNIFORM, 0, 255);
+    random.fill(view.depth_m, cv::RNG::UNIFORM, 0.7, 1.4);
+    random.fill(view.error_m, cv::RNG::NORMAL, 0, 1e-4);
+    views.push_back(view);
+  }
+  const auto size = [&](size_t limit) {
+    size_t sum = 0;
+    for (const auto& pictures : encoded(views, picture_scales(views), limit)) sum += pictures.dump().size();
+    return sum;
+  };
+  const size_t whole = size(100'000'000);
+  EXPECT_GT(whole, 1'000'000u);
+  EXPECT_LT(size(whole / 4), 0.3 * static_cast<double>(whole));
+}
+
+}  // namespace
+}  // namespace fringeslam::tools
