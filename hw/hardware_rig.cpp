@@ -111,13 +111,15 @@ std::optional<FringeStack> HardwareRig::capture(const PatternSequence& sequence)
       stack.exposure_s.push_back(image.exposure_s);
       stack.timestamp_s += image.timestamp_s / static_cast<double>(taken.images.size());
     }
-    reason = taken.fault.empty()
-                 ? check_sequence(sequence, stack.images, taken.white, taken.black, options_.check).reason
-                 : taken.fault;
-    if (reason.empty()) {
+    reason = taken.fault;
+    if (!reason.empty()) continue;
+    const SequenceVerdict verdict = check_sequence(sequence, stack.images, taken.white, taken.black, options_.check);
+    if (verdict.good) {
+      gamma_ = verdict.gamma;
       stack.index = next_++;
       return stack;
     }
+    reason = verdict.reason;
   }
   throw SequenceRefused("rig: no good sequence in " + std::to_string(options_.attempts) + " attempts: " + reason);
 }

@@ -48,6 +48,8 @@ class HardwareRig : public Rig {
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
 
   int retaken() const { return retaken_; }  // sequences
+  // Of the projector's response and the patterns' correction together, as the last good sequence told.
+  double gamma() const { return gamma_; }
   const GreyCamera& camera() const { return *camera_; }
 
  private:
@@ -66,6 +68,7 @@ class HardwareRig : public Rig {
   std::unique_ptr<Projector> projector_;
   HardwareOptions options_;
   int next_ = 0, retaken_ = 0;
+  double gamma_ = 1;
 };
 
 }  // namespace fringeslam

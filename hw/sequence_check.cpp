@@ -16,6 +16,7 @@ namespace fringeslam {
 namespace {
 
 constexpr double kTurn = 2 * std::numbers::pi;
+constexpr double kDarkestMean = 0.25, kBrightestMean = 0.75;  // of fringes, whatever the projector's response
 
 // Levels of the pixels that tell white from black, image by image.
 struct Levels {
@@ -51,14 +52,20 @@ class Check {
   Check(const PatternSequence& sequence, const Levels& levels, const SequenceCheckOptions& options)
       : sequence_(sequence), levels_(levels), options_(options) {}
 
-  SequenceVerdict verdict() const {
+  SequenceVerdict verdict() {
+    if (const auto mean = common_mean()) {
+      if (*mean < kDarkestMean || *mean > kBrightestMean)
+        return {false, "the fringes' mean is " + to_text(std::round(100 * *mean)) + " % of white"};
+      mean_ = *mean;
+      gamma_ = gamma_of_mean(*mean);
+    }
     for (const Axis axis : {Axis::columns, Axis::rows}) {
-      if (auto fault = fringes(axis)) return {false, *fault};
+      if (auto fault = fringes(axis)) return {false, *fault, gamma_};
     }
     for (size_t i = 0; i < sequence_.patterns.size(); ++i) {
-      if (auto fault = single(i)) return {false, *fault};
+      if (auto fault = single(i)) return {false, *fault, gamma_};
     }
-    return {true, ""};
+    return {true, "", gamma_};
   }
 
  private:
@@ -111,11 +118,19 @@ class Check {
   std::optional<std::string> fringes(Axis axis) const {
     std::optional<Phases> coarser;
     for (const FringeGroup& group : fringe_groups(sequence_, axis)) {
+      const std::string these = "the " + std::to_string(group.images.size()) + " images of period " +
+                                to_text(group.period_px) + " px do not belong together";
       if (evenly_spaced(group) &&
-          too_many([&](size_t p) { return std::abs(mean(group, p) - 0.5) > options_.tolerance; }))
-        return "the " + std::to_string(group.images.size()) + " images of period " + to_text(group.period_px) +
-               " px do not belong together";
-      Phases phases = phases_of(group);
+          too_many([&](size_t p) { return std::abs(mean(group, p) - mean_) > options_.mean_tolerance; }))
+        return these;
+      Phases phases{group.period_px, std::vector<float>(levels_.pixels)};
+      std::vector<float> left(levels_.pixels);
+      for (size_t p = 0; p < levels_.pixels; ++p) {
+        const Fit fit = fit_of(group, p);
+        phases.turns[p] = fit.turns;
+        left[p] = fit.left;
+      }
+      if (evenly_spaced(group) && too_many([&](size_t p) { return left[p] > options_.cosine_tolerance; })) return these;
       // The coarsest period's phase is absolute; each finer one's order is told by the one before.
       if (coarser) {
         const double ratio = coarser->period_px / phases.period_px;
@@ -146,33 +161,71 @@ class Check {
     return std::hypot(x, y) < 1e-6;
   }
 
+  double level(int image, size_t p) const { return static_cast<double>(levels_.of[static_cast<size_t>(image)][p]); }
+
   double mean(const FringeGroup& group, size_t p) const {
     double sum = 0;
-    for (const int i : group.images) sum += static_cast<double>(levels_.of[static_cast<size_t>(i)][p]);
+    for (const int i : group.images) sum += level(i, p);
     return sum / static_cast<double>(group.images.size());
   }
 
-  Phases phases_of(const FringeGroup& group) const {
-    Phases phases{group.period_px, std::vector<float>(levels_.pixels)};
-    for (size_t p = 0; p < levels_.pixels; ++p) {
-      double sine = 0, cosine = 0;
-      for (size_t n = 0; n < group.images.size(); ++n) {
-        const double level = static_cast<double>(levels_.of[static_cast<size_t>(group.images[n])][p]);
-        sine -= level * std::sin(group.shifts_rad[n]);
-        cosine += level * std::cos(group.shifts_rad[n]);
+  // Of all pixels and periods: the median, which one bad period does not move far.
+  std::optional<double> common_mean() const {
+    std::vector<double> means;
+    for (const Axis axis : {Axis::columns, Axis::rows}) {
+      for (const FringeGroup& group : fringe_groups(sequence_, axis)) {
+        if (!evenly_spaced(group)) continue;
+        for (size_t p = 0; p < levels_.pixels; ++p) means.push_back(mean(group, p));
       }
-      const double turns = std::atan2(sine, cosine) / kTurn;
-      phases.turns[p] = static_cast<float>(turns - std::floor(turns));
     }
-    return phases;
+    if (means.empty()) return std::nullopt;
+    const auto middle = means.begin() + static_cast<std::ptrdiff_t>(means.size() / 2);
+    std::nth_element(means.begin(), middle, means.end());
+    return *middle;
+  }
+
+  // A cosine through a pixel's levels, once they are linear.
+  struct Fit {
+    float turns = 0;  // its phase
+    float left = 0;   // root of the summed squares of what it leaves
+  };
+  Fit fit_of(const FringeGroup& group, size_t p) const {
+    double sine = 0, cosine = 0, sum = 0, squares = 0;
+    for (size_t n = 0; n < group.images.size(); ++n) {
+      const double linear = std::pow(std::clamp(level(group.images[n], p), 0.0, 1.0), 1 / gamma_);
+      sine -= linear * std::sin(group.shifts_rad[n]);
+      cosine += linear * std::cos(group.shifts_rad[n]);
+      sum += linear;
+      squares += linear * linear;
+    }
+    const double turns = std::atan2(sine, cosine) / kTurn, count = static_cast<double>(group.images.size());
+    const double explained = (sum * sum + 2 * (sine * sine + cosine * cosine)) / count;
+    return {static_cast<float>(turns - std::floor(turns)),
+            static_cast<float>(std::sqrt(std::max(0.0, squares - explained)))};
   }
 
   const PatternSequence& sequence_;
   const Levels& levels_;
   const SequenceCheckOptions& options_;
+  double mean_ = 0.5, gamma_ = 1;  // of fringes; of the response
 };
 
+double mean_of_gamma(double gamma) {
+  return std::exp(std::lgamma(2 * gamma + 1) - 2 * std::lgamma(gamma + 1)) * std::pow(4, -gamma);
+}
+
 }  // namespace
+
+double gamma_of_mean(double mean) {
+  if (!(mean >= kDarkestMean && mean <= kBrightestMean))
+    throw Error("fringes of mean level " + to_text(mean) + " between black and white");
+  double low = 0.1, high = 10;  // the mean falls with gamma
+  while (high - low > 1e-9) {
+    const double middle = (low + high) / 2;
+    (mean_of_gamma(middle) > mean ? low : high) = middle;
+  }
+  return low;
+}
 
 SequenceVerdict check_sequence(const PatternSequence& sequence, const std::vector<cv::Mat>& images,
                                const cv::Mat& white, const cv::Mat& black, const SequenceCheckOptions& options) {

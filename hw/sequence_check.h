@@ -7,11 +7,16 @@
 //
 //   flat    v is the pattern's level;
 //   gray    v is 0 or 1, and where a bit and its inverse are both shown they are opposite;
-//   fringe  the N images of one period have, with v = 1/2 + c/2 cos(Phi + delta), mean 1/2, for fringes of whole turns;
-//           and of two periods the finer's phase is the coarser's, times their ratio, up to whole turns.
+//   fringe  the mean of the N images of one period is the same at all pixels and for all periods; with more than three
+//           images a cosine goes through all of them; and of two periods the finer's phase is the coarser's, times
+//           their ratio, up to whole turns.
 //
-// An image of another pattern breaks one of these at most pixels. Where a projector's response is not linear the mean
-// is not 1/2, but it is the same for all periods that are long against the blur: the tolerance leaves room for that.
+// An image of another pattern breaks one of these at most pixels. A projector whose light grows as the gamma'th power
+// of the grey value shows fringes that are no cosines, and their mean is not 1/2 but (with s the share of the light)
+//
+//   mean over a turn of (1/2 + cos(s)/2)^gamma = Gamma(2 gamma + 1) / (4^gamma Gamma(gamma + 1)^2).
+//
+// So the mean tells the gamma, and levels are made linear with it before phases are compared.
 #pragma once
 
 #include <string>
@@ -22,16 +27,22 @@
 namespace fringeslam {
 
 struct SequenceCheckOptions {
-  double min_contrast_dn = 12;  // between white and black, of pixels that can tell
-  double tolerance = 0.12;      // of a level
-  double max_outliers = 0.25;   // share of such pixels that may contradict: edges, interreflection, gloss
-  double min_pixels = 0.02;     // share of the image that must be able to tell
+  double min_contrast_dn = 12;     // between white and black, of pixels that can tell
+  double tolerance = 0.12;         // of a level that should be 0 or 1
+  double mean_tolerance = 0.08;    // of the mean of a period's images
+  double cosine_tolerance = 0.15;  // root of the summed squares of what a cosine leaves of more than three images
+  double max_outliers = 0.25;      // share of such pixels that may contradict: edges, interreflection, gloss
+  double min_pixels = 0.02;        // share of the image that must be able to tell
 };
 
 struct SequenceVerdict {
   bool good = false;
   std::string reason;  // of what is not good, a clause that names the image
+  double gamma = 1;    // of the projector's response as the fringes' mean tells it; 1 without fringes of whole turns
 };
+
+// The gamma whose fringes have this mean level. Throws Error below 0.25 (gamma 4.7) and above 0.75 (0.25).
+double gamma_of_mean(double mean);
 
 // `images`: of `sequence`, in its order; white and black: with all of the projector's pixels on and off.
 SequenceVerdict check_sequence(const PatternSequence& sequence, const std::vector<cv::Mat>& images,

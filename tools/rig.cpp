@@ -76,12 +76,18 @@ int check(const std::string& rig_file, const Common& common) {
   const double saturated =
       static_cast<double>(cv::countNonZero(brightest >= full)) / static_cast<double>(brightest.total());
   const double mean = cv::mean(brightest)[0] / full;
-  say(common, {{"saturated", saturated}, {"brightness", mean}, {"sequences_retaken", rig->retaken()}},
+  const bool bent = std::abs(rig->gamma() - 1) > 0.1;
+  say(common,
+      {{"saturated", saturated}, {"brightness", mean}, {"gamma", rig->gamma()}, {"sequences_retaken", rig->retaken()}},
       "camera and projector work together: brightest image at " + std::to_string(std::lround(100 * mean)) +
           " % of full scale on average, " + to_text(std::round(1e4 * saturated) / 100) + " % saturated" +
           (saturated > 0.01 ? "; lower exposure or gain, or close the aperture"
            : mean < 0.05    ? "; raise exposure or gain"
-                            : ""));
+                            : "") +
+          (bent ? "\nthe projector's light is not linear: it grows as the " +
+                      to_text(std::round(10 * rig->gamma()) / 10) +
+                      ". power of the grey value; see fringeslam calibrate response"
+                : ""));
   return 0;
 }
 

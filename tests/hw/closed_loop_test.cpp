@@ -122,11 +122,11 @@ class ClosedLoop : public testing::Test {
   fs::path at(const std::string& name) const { return *folder_ / name; }
   void control(const std::string& words) const { test::write_bytes(at("control"), words); }
 
-  void start_camera() {
+  void start_camera(const std::string& scene = "scene.yaml") {
     camera_.reset();
     fs::remove(at("camera.log"));
     camera_ = std::make_unique<Child>(
-        std::vector<std::string>{FRINGESLAM_FAKE_CAMERA, "T1", at("scene.yaml"), framebuffer(), at("control")},
+        std::vector<std::string>{FRINGESLAM_FAKE_CAMERA, "T1", at(scene), framebuffer(), at("control")},
         at("camera.log"));
     ASSERT_TRUE(wait_until(20, [&] { return log_of("camera").find("ready") != std::string::npos; }))
         << log_of("camera");
@@ -212,6 +212,31 @@ TEST_F(ClosedLoop, APatternThatTheProjectorDropsIsTakenAgain) {
     control("fault repeat " + std::to_string(image));
     expect_right(*rig->capture(sequence()));
     EXPECT_EQ(rig->retaken(), 1) << "image " << image;
+    control("");
+  }
+}
+
+// Nothing is known of the projector's response yet when a rig is checked for the first time.
+TEST_F(ClosedLoop, AProjectorWhoseLightIsNotLinearIsCheckedAsWell) {
+  std::string scene = test::read_bytes(at("scene.yaml"));
+  scene.insert(scene.find("file: rig.yaml"), "projector: {gamma: 2.2}\n  ");
+  test::write_bytes(at("bent_scene.yaml"), scene);
+  start_camera("bent_scene.yaml");
+
+  Child check = program({"rig", "check", "--rig", at("rig.yaml"), "--json"});
+  ASSERT_EQ(check.wait(), 0) << log_of("program");
+  const nlohmann::json said = nlohmann::json::parse(log_of("program"));
+  EXPECT_NEAR(said["gamma"], 2.2, 0.1);
+  EXPECT_EQ(said["sequences_retaken"], 0);
+
+  Child focus = program({"rig", "focus", "--rig", at("rig.yaml"), "--count", "1"});
+  EXPECT_EQ(focus.wait(), 0) << log_of("program");
+
+  const auto rig = open_hardware(at("rig.yaml"));
+  for (const int image : {1, 4, 7}) {
+    control("fault repeat " + std::to_string(image));
+    rig->capture(sequence());
+    EXPECT_EQ(rig->retaken(), 1 + (image - 1) / 3) << "image " << image;
     control("");
   }
 }

@@ -4,8 +4,10 @@
 #include <gmock/gmock.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include "core/patterns/design.h"
+#include "core/types/error.h"
 #include "tests/support/random.h"
 
 namespace fringeslam {
@@ -28,21 +30,22 @@ struct Scene {
   }
 
   // Noise of 1 DN, rounded to 8 bits.
-  cv::Mat seen(const Pattern& pattern, uint64_t seed) const {
+  cv::Mat seen(const Pattern& pattern, uint64_t seed, double gamma) const {
     support::Random random(seed);
     cv::Mat1b image(kHeight, kWidth);
     for (int r = 0; r < kHeight; ++r) {
       for (int c = 0; c < kWidth; ++c) {
         const double at = static_cast<double>(pattern.axis == Axis::columns ? column(r, c) : row(r, c));
-        image(r, c) = cv::saturate_cast<uchar>(10 + contrast(r, c) * ideal_intensity(pattern, at) + random.normal());
+        const double light = std::pow(ideal_intensity(pattern, at), gamma);
+        image(r, c) = cv::saturate_cast<uchar>(10 + contrast(r, c) * light + random.normal());
       }
     }
     return image;
   }
 
-  std::vector<cv::Mat> seen(const std::vector<Pattern>& patterns) const {
+  std::vector<cv::Mat> seen(const std::vector<Pattern>& patterns, double gamma) const {
     std::vector<cv::Mat> images;
-    for (const Pattern& pattern : patterns) images.push_back(seen(pattern, 100 + images.size()));
+    for (const Pattern& pattern : patterns) images.push_back(seen(pattern, 100 + images.size(), gamma));
     return images;
   }
 };
@@ -51,9 +54,10 @@ const Pattern kWhite{.coding = Coding::flat, .level = 1}, kBlack{.coding = Codin
 
 struct Taken {
   std::vector<Pattern> shown;  // white, black, then the sequence, as the camera sees it
+  double gamma = 1;            // of the projector's light
   SequenceVerdict judged(const PatternSequence& sequence) const {
     static const Scene scene;
-    std::vector<cv::Mat> images = scene.seen(shown);
+    std::vector<cv::Mat> images = scene.seen(shown, gamma);
     const cv::Mat white = images[0], black = images[1];
     images.erase(images.begin(), images.begin() + 2);
     return check_sequence(sequence, images, white, black);
@@ -66,9 +70,17 @@ std::vector<Pattern> all_of(const PatternSequence& sequence) {
   return all;
 }
 
-class Sequences : public testing::TestWithParam<SequenceDesign> {
+struct Case {
+  SequenceDesign design;
+  double gamma = 1;
+};
+
+class Sequences : public testing::TestWithParam<Case> {
  protected:
-  PatternSequence sequence_ = design_sequence(GetParam());
+  SequenceVerdict judged(const std::vector<Pattern>& shown) const {
+    return Taken{shown, GetParam().gamma}.judged(sequence_);
+  }
+  PatternSequence sequence_ = design_sequence(GetParam().design);
 };
 
 SequenceDesign design(std::vector<double> periods, GrayCode gray = GrayCode::none, int steps = 3) {
@@ -81,20 +93,31 @@ SequenceDesign design(std::vector<double> periods, GrayCode gray = GrayCode::non
   return wanted;
 }
 
-INSTANTIATE_TEST_SUITE_P(Designs, Sequences,
-                         testing::Values(design({1040, 131, 16.5}), design({1040, 130, 16.25}, GrayCode::none, 4),
-                                         design({64}, GrayCode::complementary), design({1040})));
+std::vector<Case> cases() {
+  std::vector<Case> all;
+  for (const double gamma : {1.0, 2.2, 0.6}) {
+    all.push_back({design({1040, 131, 16.5}), gamma});
+    all.push_back({design({1040, 130, 16.25}, GrayCode::none, 4), gamma});
+    all.push_back({design({1040}), gamma});
+    all.push_back({design({1040}, GrayCode::none, 8), gamma});
+    all.push_back({design({64}, GrayCode::complementary), gamma});
+  }
+  return all;
+}
 
-TEST_P(Sequences, AsAskedForAreGood) {
-  const SequenceVerdict verdict = Taken{all_of(sequence_)}.judged(sequence_);
+INSTANTIATE_TEST_SUITE_P(Designs, Sequences, testing::ValuesIn(cases()));
+
+TEST_P(Sequences, AsAskedForAreGoodAndTellTheResponse) {
+  const SequenceVerdict verdict = judged(all_of(sequence_));
   EXPECT_TRUE(verdict.good) << verdict.reason;
+  EXPECT_NEAR(verdict.gamma, GetParam().gamma, 0.02 * GetParam().gamma);
 }
 
 TEST_P(Sequences, ARepeatedPatternIsFoundOut) {
   for (size_t i = 1; i < sequence_.patterns.size() + 2; ++i) {
     std::vector<Pattern> shown = all_of(sequence_);
     shown[i] = shown[i - 1];  // the projector has not changed
-    EXPECT_FALSE(Taken{shown}.judged(sequence_).good) << "image " << i;
+    EXPECT_FALSE(judged(shown).good) << "image " << i;
   }
 }
 
@@ -103,14 +126,14 @@ TEST_P(Sequences, ASkippedPatternIsFoundOut) {
     std::vector<Pattern> shown = all_of(sequence_);
     shown.erase(shown.begin() + static_cast<std::ptrdiff_t>(i));  // all that follow come one too early
     shown.push_back(kWhite);                                      // and then the next sequence begins
-    EXPECT_FALSE(Taken{shown}.judged(sequence_).good) << "image " << i;
+    EXPECT_FALSE(judged(shown).good) << "image " << i;
   }
 }
 
 TEST_P(Sequences, ALateSequenceIsFoundOut) {
   std::vector<Pattern> shown = all_of(sequence_);
   std::rotate(shown.rbegin(), shown.rbegin() + 1, shown.rend());
-  EXPECT_FALSE(Taken{shown}.judged(sequence_).good);
+  EXPECT_FALSE(judged(shown).good);
 }
 
 TEST(SequenceCheck, DarknessIsNoSequence) {
@@ -119,6 +142,15 @@ TEST(SequenceCheck, DarknessIsNoSequence) {
   const SequenceVerdict verdict = check_sequence(sequence, std::vector<cv::Mat>(9, dark), dark, dark);
   EXPECT_FALSE(verdict.good);
   EXPECT_THAT(verdict.reason, testing::HasSubstr("is the projector on"));
+}
+
+// By hand: the mean over a turn of ((1 + cos s) / 2)^n is (2n)! / (4^n n!^2), of n = 1, 2, 3 that is 1/2, 3/8, 5/16.
+TEST(SequenceCheck, TheMeanOfFringesTellsTheGamma) {
+  EXPECT_NEAR(gamma_of_mean(1.0 / 2), 1, 1e-6);
+  EXPECT_NEAR(gamma_of_mean(3.0 / 8), 2, 1e-6);
+  EXPECT_NEAR(gamma_of_mean(5.0 / 16), 3, 1e-6);
+  EXPECT_THROW(gamma_of_mean(0.1), Error);
+  EXPECT_THROW(gamma_of_mean(std::nan("")), Error);
 }
 
 }  // namespace
