@@ -19,6 +19,10 @@
 #include "tools/progress.h"
 #include "tools/study_cluster.h"
 #include "tools/verbs.h"
+#if FRINGESLAM_REPORT
+#include "tools/report/study_report.h"
+#include "tools/report/trial_pictures.h"
+#endif
 
 namespace fringeslam::tools {
 
@@ -30,13 +34,18 @@ using namespace fringeslam::studies;
 
 struct Arguments {
   std::string study, out, shard = "0/1";
-  int jobs = 0, trial = -1, tasks = 0, cpus = 1;
+  int jobs = 0, trial = -1, tasks = 0, cpus = 1, worst = 6;
   std::string cluster = "slurm";
-  bool wait = false;
+  bool wait = false, pictures = false;
+
+  int jobs_or_processors() const {
+    return jobs > 0 ? jobs : static_cast<int>(std::max(1L, sysconf(_SC_NPROCESSORS_ONLN)));
+  }
 };
 
 // The study of a folder of results is kept in it, so that they can be told for what they are.
 constexpr const char* kStudyFile = "study.yaml";
+constexpr int kWorst = 10;  // trials that summary.json names, or more when more are pictured
 
 int merge(const Study& study, const fs::path& folder, const Common& common) {
   const auto lines = merged_lines(folder, study);
@@ -46,6 +55,59 @@ int merge(const Study& study, const fs::path& folder, const Common& common) {
       "merged: " + folder.string() + "/results.jsonl, .csv, .sqlite (" + std::to_string(lines.size()) + " trials" +
           (missing > 0 ? ", " + std::to_string(missing) + " missing" : "") + ")");
   return 0;
+}
+
+// This program as a worker of one thread.
+std::vector<std::string> worker_command(const Study& study) {
+  return {fs::read_symlink("/proc/self/exe").string(),
+          "--threads",
+          "1",
+          "study",
+          "worker",
+          fs::absolute(study.file).string()};
+}
+
+int work(const Study& study, const Arguments& arguments) {
+#if FRINGESLAM_REPORT
+  if (arguments.pictures) {
+    studies::work(study, [&](const Trial& trial) { return trial_pictures(study, trial).dump(); });
+    return 0;
+  }
+#endif
+  studies::work(study, [&](const Trial& trial) { return to_line(study, trial, run_trial(study, trial)); });
+  return 0;
+}
+
+// report.html, if this program has the page: a line about it.
+std::string write_page(const Study& study, const std::map<int, std::string>& lines, const Summary& summary,
+                       const Arguments& arguments) {
+#if FRINGESLAM_REPORT
+  const fs::path file = fs::path(arguments.out) / "report.html";
+  StudyReportOptions options;
+  options.pictured = arguments.worst;
+  options.jobs = arguments.jobs_or_processors();
+  options.picture_worker = worker_command(study);
+  options.picture_worker.push_back("--pictures");
+  options.stop = interrupted;
+  write_study_report(study, lines, summary, options, file);
+  return "written: " + file.string();
+#else
+  (void)study, (void)lines, (void)summary, (void)arguments;
+  return "report.html is not written: this program was built without the page (FRINGESLAM_REPORT=OFF)";
+#endif
+}
+
+// What the results tell: summary.json and report.html; printed, the text or the JSON when `print` says so.
+void tell(const Study& study, const Arguments& arguments, const Common& common, bool print) {
+  const fs::path folder = arguments.out;
+  const auto lines = merged_lines(folder, study);
+  const Summary summary = summarise(study, lines, std::max(kWorst, arguments.worst));
+  const nlohmann::ordered_json json = to_json(summary);
+  write_text(folder / "summary.json", json.dump(1) + "\n");
+  if (print) std::printf("%s\n", common.json ? json.dump(2).c_str() : to_text(summary).c_str());
+  std::fflush(stdout);
+  const std::string written = write_page(study, lines, summary, arguments);
+  if (!common.json && !common.quiet) std::printf("%s\n", written.c_str());
 }
 
 int run(const Arguments& arguments, const Common& common) {
@@ -59,13 +121,8 @@ int run(const Arguments& arguments, const Common& common) {
   const size_t found = results.lines().size();
   catch_interrupts();
   WorkerOptions workers;
-  workers.jobs = arguments.jobs > 0 ? arguments.jobs : static_cast<int>(std::max(1L, sysconf(_SC_NPROCESSORS_ONLN)));
-  workers.command = {fs::read_symlink("/proc/self/exe").string(),
-                     "--threads",
-                     "1",
-                     "study",
-                     "worker",
-                     fs::absolute(study.file).string()};
+  workers.jobs = arguments.jobs_or_processors();
+  workers.command = worker_command(study);
   WorkersReport report;
   const auto start = std::chrono::steady_clock::now();
   {
@@ -91,11 +148,8 @@ int run(const Arguments& arguments, const Common& common) {
   std::snprintf(figures, sizeof figures, "%zu trials in %.0f s, %.2f/s; largest worker %.0f MiB", done, seconds, rate,
                 report.largest_mib);
   if (shard.count == 1) {
-    const auto lines = merged_lines(folder, study);
-    write_tables(folder, study, lines);
-    const Summary summary = summarise(study, lines);
-    write_text(folder / "summary.json", to_json(summary).dump(1) + "\n");
-    if (!common.json && !common.quiet) std::printf("%s\n", to_text(summary).c_str());
+    write_tables(folder, study, merged_lines(folder, study));
+    tell(study, arguments, common, !common.json && !common.quiet);
   }
   say(common,
       {{"folder", arguments.out},
@@ -110,10 +164,9 @@ int run(const Arguments& arguments, const Common& common) {
   return 0;
 }
 
-int report(const Study& study, const fs::path& folder, const Common& common) {
-  const Summary summary = summarise(study, merged_lines(folder, study));
-  write_text(folder / "summary.json", to_json(summary).dump(1) + "\n");
-  std::fputs(common.json ? (to_json(summary).dump(2) + "\n").c_str() : to_text(summary).c_str(), stdout);
+int report(const Study& study, const Arguments& arguments, const Common& common) {
+  catch_interrupts();
+  tell(study, arguments, common, true);
   return 0;
 }
 
@@ -170,12 +223,17 @@ Verb add_study(CLI::App& app, const Common& common) {
   CLI::App* run_verb = verb("run", "Run the trials, or go on with them");
   CLI::App* submit_verb = verb("submit", "Run the trials on a cluster, as a job array");
   CLI::App* merge_verb = verb("merge", "Shards to one table: JSON Lines, CSV, SQLite");
-  CLI::App* report_verb = verb("report", "What the results tell");
+  CLI::App* report_verb = verb("report", "What the results tell: text, summary.json, report.html");
   CLI::App* replay_verb = verb("replay", "One trial again, and how to look at it");
   CLI::App* worker_verb = verb("worker", "")->group("");
   for (CLI::App* with_folder : {run_verb, submit_verb, merge_verb, report_verb})
     with_folder->add_option("--out", a->out, "Folder of the results")->required();
-  run_verb->add_option("--jobs", a->jobs, "Trials at a time (default: one a processor)")->check(CLI::Range(1, 4096));
+  for (CLI::App* with_page : {run_verb, report_verb}) {
+    with_page->add_option("--jobs", a->jobs, "Trials at a time (default: one a processor)")->check(CLI::Range(1, 4096));
+    with_page->add_option("--worst", a->worst, "Trials that are run again for their pictures in report.html (6)")
+        ->check(CLI::Range(0, 1000));
+  }
+  worker_verb->add_flag("--pictures", a->pictures);
   run_verb->add_option("--shard", a->shard, "Only every N-th trial from the I-th on: I/N, from 0");
   submit_verb->add_option("--cluster", a->cluster, "Its scheduler")->check(CLI::IsMember({"slurm"}));
   submit_verb->add_option("--tasks", a->tasks, "Of the array: a shard each")->required()->check(CLI::Range(1, 1000000));
@@ -189,8 +247,8 @@ Verb add_study(CLI::App& app, const Common& common) {
     const Study study = read_study(a->study);
     if (check_verb->parsed()) return check(study, common);
     if (merge_verb->parsed()) return merge(study, a->out, common);
-    if (worker_verb->parsed()) return work(study), 0;
-    return report(study, a->out, common);
+    if (worker_verb->parsed()) return work(study, *a);
+    return report(study, *a, common);
   };
 }
 

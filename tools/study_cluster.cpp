@@ -14,18 +14,13 @@
 #include "core/rig/files.h"
 #include "core/types/error.h"
 #include "tools/interrupt.h"
+#include "tools/shell.h"
 
 namespace fringeslam::tools {
 
 namespace fs = std::filesystem;
 
 namespace {
-
-std::string quoted(const std::string& word) {
-  std::string text = "'";
-  for (const char c : word) text += c == '\'' ? "'\\''" : std::string(1, c);
-  return text + "'";
-}
 
 // What a command prints. A controller that does not answer is waited for so long and no longer. Throws Error.
 std::string answer_of(const std::string& command, int timeout_s = 60) {

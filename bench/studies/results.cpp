@@ -19,12 +19,6 @@ namespace {
 
 std::string name_of(Shard shard) { return std::to_string(shard.index) + "-of-" + std::to_string(shard.count); }
 
-std::string hash_text(const Study& study) {
-  char hash[17];
-  std::snprintf(hash, sizeof hash, "%016llx", static_cast<unsigned long long>(study.hash));
-  return hash;
-}
-
 // Adds the lines of a file. A last line without its end was being written when its writer died, and does not count.
 void read_lines(const fs::path& file, const Study& study, std::map<int, std::string>& lines) {
   const std::string text = read_bytes(file);

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <set>
 
 #include "bench/studies/trial_settings.h"
@@ -156,6 +157,12 @@ void check_study(const Study& study) {
     for (const Fixed& fixed : study.fixed) blame(fixed.name, fixed.where);
     throw;
   }
+}
+
+std::string hash_text(const Study& study) {
+  char hash[17];
+  std::snprintf(hash, sizeof hash, "%016llx", static_cast<unsigned long long>(study.hash));
+  return hash;
 }
 
 int row_length(const Study& study) {

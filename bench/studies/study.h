@@ -66,6 +66,9 @@ Study read_study(const std::filesystem::path& file);
 // Whether the names and the first trial's values are ones that scene and settings know: reads the scene. Throws Error.
 void check_study(const Study& study);
 
+// The hash as results and pages name it.
+std::string hash_text(const Study& study);
+
 // Trials in a row of the design: they share a world.
 int row_length(const Study& study);
 

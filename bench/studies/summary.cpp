@@ -7,7 +7,9 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <set>
 
+#include "bench/studies/rows.h"
 #include "core/score/score.h"
 #include "core/types/options.h"
 
@@ -19,37 +21,6 @@ using Json = nlohmann::ordered_json;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr int kClasses = 8;
-constexpr size_t kWorst = 10;
-
-struct Row {
-  int trial = 0;
-  bool success = false;
-  std::string outcome, cause;
-  double translation_mm = kNaN;
-  std::vector<std::string> values;
-  std::vector<double> numbers;  // of the values; NaN for those that are none
-};
-
-std::vector<Row> rows_of(const Study& study, const std::map<int, std::string>& lines) {
-  std::vector<Row> rows;
-  for (const auto& [trial, line] : lines) {
-    const Json json = Json::parse(line);
-    Row row;
-    row.trial = trial;
-    row.outcome = json.at("outcome");
-    row.success = row.outcome == "success";
-    row.cause = json.value("cause", "");
-    if (json.contains("metrics") && json["metrics"].value("translation_mm", Json()).is_number())
-      row.translation_mm = json["metrics"]["translation_mm"];
-    for (const Parameter& parameter : study.parameters) {
-      row.values.push_back(json.at("values").at(parameter.name));
-      const Json number = Json::parse(row.values.back(), nullptr, false);
-      row.numbers.push_back(number.is_number() ? number.get<double>() : kNaN);
-    }
-    rows.push_back(std::move(row));
-  }
-  return rows;
-}
 
 void close(Class& of, const std::vector<const Row*>& rows) {
   std::vector<double> errors;
@@ -177,9 +148,10 @@ void find_envelope(const std::vector<Row>& rows, Summary& summary) {
     summary.parameters[p].safe_low = box.low[p], summary.parameters[p].safe_high = box.high[p];
 }
 
-void find_worst(const Study& study, const std::vector<Row>& rows, Summary& summary) {
-  static const std::vector<std::string> severity = {
-      "crashed", "timed_out", "confidently_wrong", "refused", "inaccurate", "lost", "success"};
+// Failures, the worst first.
+std::vector<const Row*> failures_of(const std::vector<Row>& rows) {
+  static const std::vector<std::string> severity = {"crashed", "timed_out",  "confidently_wrong",
+                                                    "refused", "inaccurate", "lost"};
   const auto rank = [&](const Row* row) {
     return std::find(severity.begin(), severity.end(), row->outcome) - severity.begin();
   };
@@ -192,12 +164,31 @@ void find_worst(const Study& study, const std::vector<Row>& rows, Summary& summa
     return (std::isfinite(a->translation_mm) ? a->translation_mm : 0) >
            (std::isfinite(b->translation_mm) ? b->translation_mm : 0);
   });
-  for (size_t i = 0; i < std::min(order.size(), kWorst); ++i)
-    summary.worst.push_back({order[i]->trial, order[i]->outcome, order[i]->cause,
-                             command_of(study, trial_of(study, order[i]->trial)), order[i]->translation_mm});
+  return order;
+}
+
+void find_worst(const Study& study, const std::vector<Row>& rows, int count, Summary& summary) {
+  const std::vector<const Row*> order = failures_of(rows);
+  const auto told = [&](const Row* row) {
+    return WorstTrial{row->trial, row->outcome, row->cause, command_of(study, trial_of(study, row->trial)),
+                      row->translation_mm};
+  };
+  std::set<std::string> causes;
+  for (const Row* row : order) {
+    if (static_cast<int>(summary.worst.size()) < count) summary.worst.push_back(told(row));
+    if (causes.insert(row->cause).second) summary.worst_of_causes.push_back(told(row));
+  }
 }
 
 Json to_json(const Interval& interval) { return {interval.low, interval.high}; }
+
+Json to_json(const WorstTrial& worst) {
+  return {{"trial", worst.trial},
+          {"outcome", worst.outcome},
+          {"cause", worst.cause},
+          {"translation_mm", worst.translation_mm},
+          {"command", worst.command}};
+}
 
 Json to_json(const SobolIndex& index) {
   return {{"first", index.first},
@@ -218,7 +209,7 @@ std::string percent(const Interval& interval) {
 
 }  // namespace
 
-Summary summarise(const Study& study, const std::map<int, std::string>& lines) {
+Summary summarise(const Study& study, const std::map<int, std::string>& lines, int worst) {
   const std::vector<Row> rows = rows_of(study, lines);
   Summary summary;
   summary.name = study.name;
@@ -243,7 +234,7 @@ Summary summarise(const Study& study, const std::map<int, std::string>& lines) {
                                   kNaN});
   }
   find_envelope(rows, summary);
-  find_worst(study, rows, summary);
+  find_worst(study, rows, worst, summary);
   return summary;
 }
 
@@ -276,13 +267,9 @@ Json to_json(const Summary& summary) {
     json["envelope"] = {{"trials", summary.envelope_trials},
                         {"successes", summary.envelope_successes},
                         {"success_95", to_json(summary.envelope_95)}};
-  json["worst"] = Json::array();
-  for (const WorstTrial& worst : summary.worst)
-    json["worst"].push_back({{"trial", worst.trial},
-                             {"outcome", worst.outcome},
-                             {"cause", worst.cause},
-                             {"translation_mm", worst.translation_mm},
-                             {"command", worst.command}});
+  json["worst"] = json["worst_of_causes"] = Json::array();
+  for (const WorstTrial& worst : summary.worst) json["worst"].push_back(to_json(worst));
+  for (const WorstTrial& worst : summary.worst_of_causes) json["worst_of_causes"].push_back(to_json(worst));
   return json;
 }
 

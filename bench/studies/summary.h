@@ -46,11 +46,11 @@ struct Summary {
   bool envelope = false;
   int envelope_trials = 0, envelope_successes = 0;
   Interval envelope_95;
-  std::vector<WorstTrial> worst;
+  std::vector<WorstTrial> worst, worst_of_causes;  // the second: one of each cause
 };
 
-// `lines`: merged results by trial.
-Summary summarise(const Study& study, const std::map<int, std::string>& lines);
+// `lines`: merged results by trial; `worst`: how many of the worst trials it names.
+Summary summarise(const Study& study, const std::map<int, std::string>& lines, int worst = 10);
 
 nlohmann::ordered_json to_json(const Summary& summary);
 std::string to_text(const Summary& summary);

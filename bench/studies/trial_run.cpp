@@ -4,7 +4,6 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <numbers>
@@ -236,7 +235,7 @@ std::string to_string(Outcome outcome) {
   return "refused";
 }
 
-TrialResult run_trial(const Study& study, const Trial& trial) {
+TrialResult run_trial(const Study& study, const Trial& trial, const ViewWatcher& watch) {
   TrialResult result;
   try {
     const TrialSettings settings = settings_of(study, trial);
@@ -248,6 +247,7 @@ TrialResult run_trial(const Study& study, const Trial& trial) {
     while (const auto stack = rig.capture(pipeline.next_patterns())) {
       const FrameResult frame = pipeline.process(*stack);
       record.add(*stack, frame, truth, pipeline.map(), rig.model());
+      if (watch) watch(frame, truth);
     }
     result = record.result(pipeline.trajectory());
   } catch (const Error& e) {
@@ -260,9 +260,7 @@ TrialResult run_trial(const Study& study, const Trial& trial) {
 }
 
 std::string to_line(const Study& study, const Trial& trial, const TrialResult& result) {
-  char hash[17];
-  std::snprintf(hash, sizeof hash, "%016llx", static_cast<unsigned long long>(study.hash));
-  nlohmann::ordered_json line = {{"study", hash}, {"trial", trial.index}, {"seed", trial.world_seed}};
+  nlohmann::ordered_json line = {{"study", hash_text(study)}, {"trial", trial.index}, {"seed", trial.world_seed}};
   for (size_t p = 0; p < study.parameters.size(); ++p) line["values"][study.parameters[p].name] = trial.values[p];
   line["outcome"] = to_string(result.outcome);
   if (!result.cause.empty()) line["cause"] = result.cause;

@@ -2,12 +2,14 @@
 // One trial: a world, a sensor, the pipeline, and what came of it.
 #pragma once
 
-#include <nlohmann/json_fwd.hpp>
+#include <functional>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "bench/studies/study.h"
+#include "core/pipeline/pipeline.h"
+#include "core/types/truth.h"
 
 namespace fringeslam::studies {
 
@@ -30,7 +32,10 @@ struct TrialResult {
   std::vector<std::pair<std::string, double>> metrics;  // NaN: could not be measured
 };
 
-TrialResult run_trial(const Study& study, const Trial& trial);
+// Sees each view as the pipeline processed it, and its truth.
+using ViewWatcher = std::function<void(const FrameResult&, const TruthFrame&)>;
+
+TrialResult run_trial(const Study& study, const Trial& trial, const ViewWatcher& watch = {});
 
 // One line of JSON without its end: the study's hash, the trial's number, seed and values, and the result.
 std::string to_line(const Study& study, const Trial& trial, const TrialResult& result);

@@ -178,11 +178,10 @@ WorkersReport run_trials(const Study& study, const std::vector<int>& trials, con
   return report;
 }
 
-void work(const Study& study) {
+void work(const Study& study, const std::function<std::string(const Trial&)>& answer) {
   for (int index = 0; std::cin >> index;) {
     if (index < 0 || index >= study.trials) throw Error("study: there is no trial " + std::to_string(index));
-    const Trial trial = trial_of(study, index);
-    const std::string line = to_line(study, trial, run_trial(study, trial)) + "\n";
+    const std::string line = answer(trial_of(study, index)) + "\n";
     std::cout << line << std::flush;
   }
 }

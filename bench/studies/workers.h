@@ -26,7 +26,7 @@ WorkersReport run_trials(const Study& study, const std::vector<int>& trials, con
                          const std::function<void(int trial, const std::string& line)>& tell,
                          const std::function<bool()>& stop);
 
-// What a worker does: answers until its input ends.
-void work(const Study& study);
+// What a worker does: answers until its input ends, by one line without its end.
+void work(const Study& study, const std::function<std::string(const Trial&)>& answer);
 
 }  // namespace fringeslam::studies

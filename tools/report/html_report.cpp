@@ -41,8 +41,7 @@ std::string script_json(const nlohmann::ordered_json& data) {
   return safe;
 }
 
-std::string html_report(const nlohmann::ordered_json& data) {
-  const std::string_view page = report_page();
+std::string html_report(std::string_view page, const nlohmann::ordered_json& data) {
   const size_t title = page.find(kTitlePlace), place = page.find(kDataPlace);
   if (title == page.npos || place == page.npos || place < title)
     throw Error("report: the page has no place for its title and data");
@@ -57,11 +56,14 @@ std::string html_report(const nlohmann::ordered_json& data) {
   return html;
 }
 
-void write_report(const std::filesystem::path& run, const std::filesystem::path& file) {
-  const std::string html = html_report(report_data(run));
+void write_html(const std::filesystem::path& file, const std::string& html) {
   StagedFile staged(file);
   write_text(staged.path(), html);
   staged.commit();
+}
+
+void write_report(const std::filesystem::path& run, const std::filesystem::path& file) {
+  write_html(file, html_report(report_page(), report_data(run)));
 }
 
 }  // namespace fringeslam::tools

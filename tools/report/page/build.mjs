@@ -1,9 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// node build.mjs OUT.html OUT.cpp, beside node_modules: the page without data, and the same as a C++ source.
+// node build.mjs, beside node_modules: NAME_page.html, the page without data, and NAME_page.cpp, the same as a C++
+// source, of each page of src/.
 import {readFileSync, writeFileSync} from 'node:fs';
 import {build} from 'esbuild';
 
-const [, , htmlFile, sourceFile] = process.argv;
+// folder: in src/; packages: those in its bundle; skip: where the first link leads.
+const kPages = [
+  {name: 'report', folder: 'run', packages: ['three', 'uplot'], skip: {id: 'pictures', name: 'views'}},
+  {name: 'study', folder: 'study', packages: [], skip: {id: 'scatter', name: 'trials'}},
+];
 
 async function bundled(entry, options) {
   const result = await build({
@@ -24,35 +29,53 @@ function escaped(text) {
   return text.replaceAll('&', '&amp;').replaceAll('<', '&lt;').replaceAll('>', '&gt;');
 }
 
-const script = await bundled('src/main.js', {format: 'iife'});
-const style = await bundled('src/style.css', {});
-if (script.includes('</script') || style.includes('</style')) throw new Error('the bundle would end its own element');
+function licencesOf(packages) {
+  if (packages.length === 0) return '';
+  const licences = packages.map((name) => {
+    const {version} = JSON.parse(readFileSync(`node_modules/${name}/package.json`));
+    return `${name} ${version}\n\n${readFileSync(`node_modules/${name}/LICENSE`, 'utf8').trim()}`;
+  });
+  return `<details>
+    <summary>Licences of what this page is made with</summary>
+    <pre>${escaped(licences.join('\n\n\n'))}</pre>
+  </details>`;
+}
 
-const licences = ['three', 'uplot'].map((name) => {
-  const {version} = JSON.parse(readFileSync(`node_modules/${name}/package.json`));
-  return `${name} ${version}\n\n${readFileSync(`node_modules/${name}/LICENSE`, 'utf8').trim()}`;
-});
+async function pageOf({folder, packages, skip}) {
+  const script = await bundled(`src/${folder}/main.js`, {format: 'iife'});
+  const style = await bundled(`src/${folder}/style.css`, {});
+  if (script.includes('</script') || style.includes('</style')) throw new Error('the bundle would end its own element');
+  // Functions, because texts may hold what replace() takes for patterns.
+  return readFileSync('template.html', 'utf8')
+    .replace('@@STYLE@@', () => style.trim())
+    .replace('@@SKIP_ID@@', () => skip.id)
+    .replace('@@SKIP_NAME@@', () => skip.name)
+    .replace('@@BODY@@', () => readFileSync(`src/${folder}/body.html`, 'utf8').trim())
+    .replace('@@LICENCES@@', () => licencesOf(packages))
+    .replace('@@SCRIPT@@', () => script.trim());
+}
 
-// Functions, because texts may hold what replace() takes for patterns.
-const page = readFileSync('template.html', 'utf8')
-  .replace('@@STYLE@@', () => style.trim())
-  .replace('@@LICENCES@@', () => escaped(licences.join('\n\n\n')))
-  .replace('@@SCRIPT@@', () => script.trim());
-writeFileSync(htmlFile, page);
-
-const delimiter = 'FRINGESLAM';
-if (page.includes(`)${delimiter}"`)) throw new Error('the page holds the delimiter of its own string');
-// Compilers limit the length of one literal; neighbours become one.
-const pieces = page.match(/[^]{1,8000}/g).map((piece) => `R"${delimiter}(${piece})${delimiter}"`);
-writeFileSync(sourceFile, `// Made by tools/report/page/build.mjs.
+function sourceOf(name, page) {
+  const delimiter = 'FRINGESLAM';
+  if (page.includes(`)${delimiter}"`)) throw new Error('the page holds the delimiter of its own string');
+  // Compilers limit the length of one literal; neighbours become one.
+  const pieces = page.match(/[^]{1,8000}/g).map((piece) => `R"${delimiter}(${piece})${delimiter}"`);
+  return `// Made by tools/report/page/build.mjs.
 #include "tools/report/report_page.h"
 
 namespace fringeslam::tools {
 
-std::string_view report_page() {
+std::string_view ${name}_page() {
   return
 ${pieces.join('\n')};
 }
 
 }  // namespace fringeslam::tools
-`);
+`;
+}
+
+for (const entry of kPages) {
+  const page = await pageOf(entry);
+  writeFileSync(`${entry.name}_page.html`, page);
+  writeFileSync(`${entry.name}_page.cpp`, sourceOf(entry.name, page));
+}

@@ -1,9 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
 // Light or dark: what the system prefers, until the button says otherwise.
 import {byId} from './dom.js';
-import {store} from './store.js';
 
 const kKey = 'fringeslam-theme';
+const listeners = [];
+let dark = false;
+
+export const theme = {
+  get dark() {
+    return dark;
+  },
+  // Called at once, and after each change.
+  on(listener) {
+    listeners.push(listener);
+    listener(dark);
+  },
+};
 
 // Storage may be forbidden to pages from files.
 function remembered() {
@@ -14,9 +26,9 @@ function remembered() {
   }
 }
 
-function remember(theme) {
+function remember(choice) {
   try {
-    localStorage.setItem(kKey, theme);
+    localStorage.setItem(kKey, choice);
   } catch {
     // The page then follows the system the next time.
   }
@@ -26,14 +38,14 @@ export function followTheme() {
   const system = matchMedia('(prefers-color-scheme: dark)');
   let chosen = remembered();
   const apply = () => {
-    const dark = chosen ? chosen === 'dark' : system.matches;
+    dark = chosen ? chosen === 'dark' : system.matches;
     document.documentElement.dataset.theme = dark ? 'dark' : 'light';
     byId('theme').setAttribute('aria-pressed', String(dark));
-    store.setDark(dark);
+    for (const listener of listeners) listener(dark);
   };
   system.addEventListener('change', apply);
   byId('theme').addEventListener('click', () => {
-    chosen = store.dark ? 'light' : 'dark';
+    chosen = dark ? 'light' : 'dark';
     remember(chosen);
     apply();
   });

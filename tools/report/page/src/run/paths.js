@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Where the camera was and where it was taken to be: paths, frusta, and errors drawn larger than they are.
 import * as THREE from 'three';
-import {inks} from './colours.js';
-import {data} from './data.js';
+import {inks} from '../shared/colours.js';
+import {data} from '../shared/data.js';
+import {theme} from '../shared/theme.js';
 import {chain, segments, setSegments} from './lines.js';
 import {store} from './store.js';
 
@@ -78,7 +79,7 @@ export function paths(scale) {
   truth.renderOrder = 1;
   chosen.renderOrder = 2;
   const colour = () => {
-    const ink = inks(store.dark);
+    const ink = inks(theme.dark);
     const lost = data.views[store.view].tracking === 'lost';
     estimate.material.color.set(ink.estimate);
     truth.material.color.set(ink.truth);

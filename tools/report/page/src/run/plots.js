@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Curves over the views.
 import uPlot from 'uplot';
-import {inks} from './colours.js';
-import {data} from './data.js';
-import {byId, element} from './dom.js';
-import {figure} from './format.js';
+import {inks} from '../shared/colours.js';
+import {data} from '../shared/data.js';
+import {byId, element} from '../shared/dom.js';
+import {figure} from '../shared/format.js';
+import {theme} from '../shared/theme.js';
 import {placeOf, store} from './store.js';
 
 const kHeight = 190;
@@ -88,7 +89,7 @@ function charts() {
 // Lost views as stripes behind the curves, the chosen view as a line.
 function marks(plot) {
   const {ctx, bbox} = plot;
-  const ink = inks(store.dark);
+  const ink = inks(theme.dark);
   const half = (plot.valToPos(1, 'x', true) - plot.valToPos(0, 'x', true)) / 2;
   ctx.save();
   ctx.beginPath();
@@ -123,7 +124,7 @@ function axis(scale, unit, ink, more = {}) {
 }
 
 function options(chart, width) {
-  const ink = inks(store.dark);
+  const ink = inks(theme.dark);
   const points = {show: views.length <= 60, size: 6};
   const format = (_, value) => (value === null ? '–' : figure(value));
   const series = [{label: 'view', value: (_, value) => value ?? '–'}];
@@ -196,8 +197,8 @@ export function showPlots() {
       chooseAtCursor(entry.plot);
     }
   };
-  store.on('theme', draw);
-  store.on('view', () => plots.forEach(({plot}) => plot.redraw(false)));
+  theme.on(draw);
+  store.onView(() => plots.forEach(({plot}) => plot.redraw(false)));
   new ResizeObserver(() => {
     for (const {plot, box} of plots) {
       if (plot && plot.width !== width(box)) plot.setSize({width: width(box), height: kHeight});

@@ -1,24 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // Tables in the papers' form.
-import {data} from './data.js';
-import {byId, element} from './dom.js';
-import {count, fixed, percent} from './format.js';
+import {data} from '../shared/data.js';
+import {byId, element} from '../shared/dom.js';
+import {count, fixed, percent} from '../shared/format.js';
+import {head, scroller} from '../shared/tables.js';
 import {stateText} from './scrubber.js';
 import {placeOf, store} from './store.js';
 
 const kMotionHead = ['ΔX mm', 'ΔY mm', 'ΔZ mm', 'Δα °', 'Δβ °', 'Δγ °'];
 
-// Wide tables move within the page; the keyboard reaches them.
-function scroller(label, table) {
-  return element('div', {class: 'scroller', tabindex: '0', role: 'region', 'aria-label': label}, table);
-}
-
 function chooser(index, text) {
   return element('button', {type: 'button', class: 'chooser', onclick: () => store.choose(placeOf(index))}, text);
-}
-
-function head(titles) {
-  return element('thead', {}, element('tr', {}, ...titles.map((title) => element('th', {scope: 'col'}, title))));
 }
 
 function sixCells(six, digits) {
@@ -97,7 +89,7 @@ export function showTables() {
       scroller('Motions', motionTable()));
   }
   byId('views').append(scroller('Views', viewTable()));
-  store.on('view', (place) => {
+  store.onView((place) => {
     const index = String(data.views[place].index);
     for (const node of document.querySelectorAll('[data-view]')) {
       const chosen = node.dataset.view === index;

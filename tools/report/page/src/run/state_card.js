@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What is known about the chosen view, in words and numbers.
-import {element} from './dom.js';
-import {count, figure, fixed, percent} from './format.js';
+import {element} from '../shared/dom.js';
+import {count, figure, fixed, percent} from '../shared/format.js';
 import {stateText} from './scrubber.js';
 
 function rows(view) {

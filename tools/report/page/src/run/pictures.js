@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The pictures of the chosen view: texture with landmarks, depth, depth error, and how the view was tracked.
-import {colourBar} from './colour_bar.js';
-import {data} from './data.js';
-import {byId, checkbox, element, svg} from './dom.js';
-import {fixed, short} from './format.js';
-import {LevelPicture} from './level_picture.js';
+import {colourBar} from '../shared/colour_bar.js';
+import {data} from '../shared/data.js';
+import {byId, checkbox, element, svg} from '../shared/dom.js';
+import {fixed, short} from '../shared/format.js';
+import {LevelPicture} from '../shared/level_picture.js';
 import {stateCard} from './state_card.js';
 import {store} from './store.js';
 
@@ -91,7 +91,7 @@ export function showPictures() {
   if (data.has_truth) cards.push(errorCard());
   const borrowed = element('p', {class: 'quiet borrowed', hidden: true});
   place.append(borrowed, ...cards.map(({node}) => node), state.node);
-  store.on('view', (chosen) => {
+  store.onView((chosen) => {
     const view = pictured(chosen);
     const own = view === data.views[chosen];
     borrowed.hidden = own;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The bar that chooses a view: buttons, slider, and the arrow keys wherever they mean nothing else.
-import {data} from './data.js';
-import {byId} from './dom.js';
-import {fixed} from './format.js';
+import {data} from '../shared/data.js';
+import {byId} from '../shared/dom.js';
+import {fixed} from '../shared/format.js';
 import {store} from './store.js';
 
 const kPlayMs = 600;
@@ -66,7 +66,7 @@ export function showScrubber() {
     else return;
     event.preventDefault();
   });
-  store.on('view', (place) => {
+  store.onView((place) => {
     const view = data.views[place];
     slider.value = String(place);
     slider.setAttribute('aria-valuetext', labelOf(view));

@@ -2,8 +2,8 @@
 // The eye in the 3D view: where it starts, and how keys move it. Mouse and touch are three.js' OrbitControls.
 import * as THREE from 'three';
 import {OrbitControls} from 'three/addons/controls/OrbitControls.js';
-import {data} from './data.js';
-import {reducedMotion} from './dom.js';
+import {data} from '../shared/data.js';
+import {reducedMotion} from '../shared/dom.js';
 
 const kTurn = THREE.MathUtils.degToRad(6);
 const kShift = 0.05;  // of the distance

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-import {data} from './data.js';
-import {byId} from './dom.js';
+import {data} from '../shared/data.js';
+import {drawPage} from '../shared/page.js';
 import {showHeader} from './header.js';
 import {showLeftOut} from './left_out.js';
 import {showPictures} from './pictures.js';
@@ -8,16 +8,8 @@ import {showPlots} from './plots.js';
 import {showScene} from './scene.js';
 import {showScrubber} from './scrubber.js';
 import {showTables} from './tables.js';
-import {followTheme} from './theme.js';
 
-function fail(error) {
-  byId('failure').textContent = `This page could not be drawn in full: ${error.message}`;
-  byId('failure').hidden = false;
-  console.error(error);
-}
-
-async function show() {
-  followTheme();
+drawPage(async () => {
   showHeader();
   showLeftOut();
   if (data.views.length > 0) {
@@ -27,6 +19,4 @@ async function show() {
     showPlots();
   }
   await showScene();
-}
-
-show().catch(fail).finally(() => (document.documentElement.dataset.ready = 'true'));
+});

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The map in 3D, with the paths and frusta of the camera.
 import * as THREE from 'three';
-import {colourBar} from './colour_bar.js';
-import {inks} from './colours.js';
-import {data} from './data.js';
-import {byId, checkbox, element} from './dom.js';
-import {count, fixed} from './format.js';
+import {colourBar} from '../shared/colour_bar.js';
+import {inks} from '../shared/colours.js';
+import {data} from '../shared/data.js';
+import {byId, checkbox, element} from '../shared/dom.js';
+import {count, fixed} from '../shared/format.js';
+import {theme} from '../shared/theme.js';
 import {mapModel} from './map_model.js';
 import {Orbit} from './orbit.js';
 import {errorScale, paths, positions} from './paths.js';
@@ -137,14 +138,14 @@ export async function showScene() {
   entries.push(['chosen', 'this view'], ['floor', `squares of ${square < 0.1 ? `${fixed(square * 1000, 0)} mm` : `${fixed(square, square < 1 ? 1 : 0)} m`}`]);
   legend(entries);
 
-  store.on('theme', (dark) => {
+  theme.on((dark) => {
     const ink = inks(dark);
     scene.background = new THREE.Color(ink.paper);
     grid.material.color.set(ink.floor);
     drawn.colour();
     redraw();
   });
-  store.on('view', (place) => {
+  store.onView((place) => {
     drawn.choose(data.views[place]);
     redraw();
   });

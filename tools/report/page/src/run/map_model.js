@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The map as surface or points, in one of its colourings.
 import * as THREE from 'three';
-import {palettes} from './colours.js';
-import {data, unpacked} from './data.js';
-import {fixed, short} from './format.js';
+import {palettes} from '../shared/colours.js';
+import {data, unpacked} from '../shared/data.js';
+import {fixed, short} from '../shared/format.js';
 
 const kUnknown = [0.42, 0.42, 0.44];  // no truth to tell the error by
 

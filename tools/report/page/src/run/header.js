@@ -1,13 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-import {data} from './data.js';
-import {byId, element} from './dom.js';
-import {figure, fixed, plural} from './format.js';
-
-function tile(title, value, unit, note) {
-  const number = element('dd', {}, element('b', {}, value), unit ? element('span', {class: 'unit'}, ` ${unit}`) : null);
-  if (note) number.append(element('small', {}, note));
-  return element('div', {class: 'tile'}, element('dt', {}, title), number);
-}
+import {data} from '../shared/data.js';
+import {byId} from '../shared/dom.js';
+import {figure, fixed, plural} from '../shared/format.js';
+import {tile} from '../shared/tile.js';
 
 function trackedTile() {
   const {views, tracked} = data.summary;

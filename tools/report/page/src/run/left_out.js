@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the run's folder holds and this page does not.
-import {data} from './data.js';
-import {byId} from './dom.js';
-import {count, fixed} from './format.js';
+import {data} from '../shared/data.js';
+import {byId} from '../shared/dom.js';
+import {count, fixed} from '../shared/format.js';
 
 export function showLeftOut() {
   const parts = [];

@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+import {data} from '../shared/data.js';
+import {byId} from '../shared/dom.js';
+import {count, figure, fixed, percent, plural} from '../shared/format.js';
+import {tile} from '../shared/tile.js';
+import {ruleText} from './words.js';
+
+const {summary} = data;
+
+export function interval([low, high]) {
+  return `${percent(low)} to ${percent(high)}`;
+}
+
+function percentile(wanted) {
+  return summary.translation_percentiles_mm?.find(([share]) => share === wanted)?.[1] ?? null;
+}
+
+export function showHeader() {
+  byId('name').textContent = data.name;
+  byId('about').textContent = data.description;
+  const design = data.design === 'saltelli' ? ' · Saltelli design' : '';
+  byId('origin').textContent =
+    `${plural(summary.trials, 'trial')} of ${data.scene} · seed ${data.seed}${design} · study ${data.hash} · FringeSLAM ${data.version}`;
+  byId('rule').textContent = ruleText();
+  const rate = summary.trials ? fixed((100 * summary.successes) / summary.trials, 1) : '–';
+  const measured = data.curves.translation_mm.count;
+  byId('figures').append(
+    tile('Success rate', rate, '%', `95 % interval ${interval(summary.success_95)}`),
+    tile('Trials that succeed', count(summary.successes), '', `of ${count(summary.trials)}`),
+    tile('Translation error, median', figure(percentile(50)), 'mm', `of ${plural(measured, 'trial')} with a motion`),
+    tile('90 % are below', figure(percentile(90)), 'mm'),
+    tile('99 % are below', figure(percentile(99)), 'mm'),
+  );
+  if (summary.missing > 0) {
+    byId('missing').hidden = false;
+    byId('missing').textContent =
+      `${plural(summary.missing, 'trial')} of ${count(data.planned)} ${summary.missing === 1 ? 'is' : 'are'} missing: the study is not finished, and all figures are of the others.`;
+  }
+  if (data.trials.every > 1) {
+    byId('left-out').textContent =
+      `Of ${count(summary.trials)} trials the scatter shows each ${data.trials.every}th, and those with pictures; all are in results.csv. All figures and curves count every trial.`;
+  }
+}

@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: Apache-2.0
+// Success rate and error against each parameter: classes of trials that are alike in it.
+import {categories, decadesAround, linear, logarithmic} from '../shared/axes.js';
+import {axisBelow, axisLeft, chartBox, chartCard, key, label, line, path, picture, rectangle} from '../shared/chart.js';
+import {data} from '../shared/data.js';
+import {byId, element, svg} from '../shared/dom.js';
+import {figure, percent} from '../shared/format.js';
+
+const kLeft = 52;
+const kRight = 10;
+const kRate = [18, 138];    // px from the top: the rates
+const kError = [172, 262];  // the errors
+const kHeight = 286;
+
+const kLaws = {uniform: 'evenly from', log_uniform: 'evenly in the logarithm from', normal: 'from a normal law, here'};
+
+export function drawnText({law, values, low, high}) {
+  if (values.length) return law === 'grid' ? `${values.length} values in turn` : `one of ${values.length}`;
+  if (low === null) return '';
+  return `drawn ${kLaws[law]} ${figure(low)} to ${figure(high)}`;
+}
+
+// The scale of a parameter over `to`; its classes' and trials' places are numbers or, of choices, places in its values.
+export function scaleOf({values, logarithmic: isLog, low, high}, to) {
+  if (values.length) return categories(values, to);
+  const from = low === high || low === null ? [(low ?? 0) - 1, (high ?? 0) + 1] : [low, high];
+  return isLog && from[0] > 0 ? logarithmic(from, to) : linear(from, to);
+}
+
+// Shortened to what fits into a category's width.
+export function valueTick(parameter, scale) {
+  const room = Math.max(3, Math.floor((scale.width ?? 0) / 6.6));
+  return (place) => {
+    const text = parameter.values[place];
+    return text.length > room ? `${text.slice(0, room - 1)}…` : text;
+  };
+}
+
+// Where a class lies on the axis: its ends and its middle.
+function extent(scale, {values}, {range}, place) {
+  if (values.length) {
+    const half = Math.min(24, scale.width * 0.3);
+    return {left: scale(place) - half, right: scale(place) + half, middle: scale(place)};
+  }
+  const [left, right] = range.map(scale);
+  return {left, right: Math.max(right, left + 2), middle: (left + right) / 2};
+}
+
+function rates(classes, places, y) {
+  const parts = classes.filter(({trials}) => trials > 0).flatMap((of) => {
+    const {left, right, middle} = places.get(of);
+    const [low, high] = of.success_95.map(y);
+    const rate = y(of.successes / of.trials);
+    return [
+      rectangle(left, high, right - left, low - high, 'band'),
+      line(left, rate, right, rate, 'rate'),
+      line(middle, low, middle, high, 'whisker'),
+      svg('circle', {cx: middle, cy: rate, r: 3.5, class: 'rate-dot'}),
+    ];
+  });
+  return svg('g', {}, ...parts);
+}
+
+function errors(classes, places, y, joined) {
+  const points = (of) => classes.filter((c) => of(c) !== null).map((c) => [places.get(c).middle, y(of(c))]);
+  const median = points((of) => of.translation_median_mm);
+  const p90 = points((of) => of.translation_p90_mm);
+  return svg('g', {},
+    joined ? path(median, 'median') : null,
+    joined ? path(p90, 'p90') : null,
+    ...median.map(([cx, cy]) => svg('circle', {cx, cy, r: 3.5, class: 'median-dot'})),
+    ...p90.map(([x, at]) => svg('path', {d: `M${x - 4},${at + 3}h8l-4,-7z`, class: 'p90-dot'})));
+}
+
+function drawn(parameter, classes, width) {
+  const to = [kLeft, width - kRight];
+  const x = scaleOf(parameter, to);
+  const places = new Map(classes.map((of, place) => [of, extent(x, parameter, of, place)]));
+  const rate = linear([0, 1], [kRate[1], kRate[0]]);
+  const limit = data.rule.max_translation_mm;
+  const reach = decadesAround(classes.flatMap((of) => [of.translation_median_mm, of.translation_p90_mm, limit]));
+  const text = parameter.values.length ? valueTick(parameter, x) : undefined;
+  const parts = [
+    axisBelow(x, kRate[0], kRate[1], {text: () => ''}),
+    axisLeft(rate, ...to, {title: 'succeed', text: (value) => `${Math.round(value * 100)} %`}),
+    rates(classes, places, rate),
+    axisBelow(x, kError[0], kError[1], {text}),
+  ];
+  if (reach) {
+    const y = logarithmic(reach, [kError[1], kError[0]]);
+    parts.push(axisLeft(y, ...to, {title: 'translation error, mm', count: 4}), errors(classes, places, y, !parameter.values.length));
+    if (limit > 0) parts.push(line(to[0], y(limit), to[1], y(limit), 'limit'));
+  } else {
+    parts.push(label('no motion was measured', {x: (to[0] + to[1]) / 2, y: (kError[0] + kError[1]) / 2, class: 'tick'}));
+  }
+  return picture(width, kHeight, ...parts);
+}
+
+function spoken(parameter, classes) {
+  const rated = classes.filter(({trials}) => trials > 0).map(({successes, trials}) => successes / trials);
+  return `${parameter.name}: of its classes ${percent(Math.min(...rated), 0)} to ${percent(Math.max(...rated), 0)} succeed. The figures are in the tables.`;
+}
+
+export function showParameters() {
+  data.parameters.forEach((parameter, p) => {
+    const classes = data.summary.parameters[p].classes ?? [];
+    if (classes.length === 0) return;
+    const box = chartBox(spoken(parameter, classes), (width) => drawn(parameter, classes, width));
+    byId('parameters').append(chartCard(parameter.name, drawnText(parameter), box));
+  });
+  byId('parameters').after(element('div', {},
+    key(['rate', 'share that succeeds, in a box of its 95 % interval'], ['median', 'median error'], ['p90', '90 % are below'], ['limit', 'limit of the study'])));
+}

@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: Apache-2.0
+// Which trial is chosen, and which failures are picked out; whoever shows something of them listens.
+import {data} from '../shared/data.js';
+
+const listeners = [];
+const {trials} = data;
+const state = {place: trials.trial.length ? 0 : -1, cause: ''};
+
+export const store = {
+  // A place in the columns of data.trials; −1 without any.
+  get place() {
+    return state.place;
+  },
+  // A cause, 'failures', or '' for all trials.
+  get cause() {
+    return state.cause;
+  },
+  choose(place) {
+    if (trials.trial.length === 0) return;
+    state.place = Math.max(0, Math.min(trials.trial.length - 1, place));
+    tell();
+  },
+  pickOut(cause) {
+    state.cause = cause;
+    tell();
+  },
+  // Called at once, and after each change.
+  on(listener) {
+    listeners.push(listener);
+    listener(state);
+  },
+};
+
+function tell() {
+  for (const listener of listeners) listener(state);
+}
+
+const places = new Map(trials.trial.map((trial, place) => [trial, place]));
+export function placeOf(trial) {
+  return places.get(trial);
+}
+
+// A trial as one object.
+export function trialAt(place) {
+  return {
+    trial: trials.trial[place],
+    outcome: trials.outcomes[trials.outcome[place]],
+    cause: trials.causes[trials.cause[place]] ?? '',
+    translation_mm: trials.translation_mm[place],
+    rotation_deg: trials.rotation_deg[place],
+    values: trials.values.map((column) => column[place]),
+  };
+}
+
+export function isPickedOut({outcome, cause}) {
+  if (!store.cause) return true;
+  return store.cause === 'failures' ? outcome !== 'success' : cause === store.cause;
+}
+
+export function valueText(p, value) {
+  const {values} = data.parameters[p];
+  if (values.length) return values[value] ?? '–';
+  return value === null ? '–' : String(Number(value.toPrecision(4))).replace('-', '−');
+}
