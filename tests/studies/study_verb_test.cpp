@@ -132,6 +132,65 @@ TEST_F(StudyVerb, WhatAWorldRefusesIsAResult) {
   EXPECT_THAT(text, HasSubstr(R"("outcome":"success")"));
 }
 
+#ifdef FRINGESLAM_REPORT
+// The data of a page.
+Json page_data(const std::string& page) {
+  const std::string start = "<script type=\"application/json\" id=\"data\">";
+  const size_t first = page.find(start) + start.size();
+  return Json::parse(page.substr(first, page.find("</script>", first) - first));
+}
+
+class StudyPage : public StudyVerb {
+ protected:
+  // A study of trials that all fail, as no motion is so small an error's.
+  std::string failing(const std::string& name = "small") const {
+    return study(replaced(replaced(test::kSmallStudy, "max_translation_mm: 5", "max_translation_mm: 1e-9"),
+                          "name: small", "name: " + name));
+  }
+  Json told(const std::string& folder) const { return page_data(read_bytes(temp_ / folder / "report.html")); }
+};
+
+TEST_F(StudyPage, HasThePicturesOfTheWorst) {
+  const std::string file = failing();
+  run_well({"--quiet", "study", "run", file, "--out", at("out"), "--worst", "2"});
+  const Json data = told("out");
+  EXPECT_EQ(data["summary"], Json::parse(read_bytes(temp_ / "out/summary.json")));
+  EXPECT_EQ(data["summary"]["successes"], 0);
+  ASSERT_EQ(data["worst"].size(), 2u);
+  for (const Json& worst : data["worst"]) {
+    ASSERT_EQ(worst["views"].size(), 2u) << worst;
+    for (const char* picture : {"texture", "error"})
+      EXPECT_THAT(worst["views"][1][picture].get<std::string>(), testing::StartsWith("data:image/"));
+    EXPECT_GT(worst["limit_mm"], 0);
+  }
+  // The same again, and none on request.
+  const std::string page = read_bytes(temp_ / "out/report.html");
+  EXPECT_THAT(run_well({"study", "report", file, "--out", at("out"), "--worst", "2"}).out,
+              HasSubstr("written: " + at("out/report.html")));
+  EXPECT_TRUE(read_bytes(temp_ / "out/report.html") == page);
+  run_well({"--json", "study", "report", file, "--out", at("out"), "--worst", "0"});
+  EXPECT_TRUE(told("out")["worst"].empty());
+}
+
+TEST_F(StudyPage, SaysWhatATrialDidInsteadOfBeingPictured) {
+  // Its results are there; but the sensor that made them is not.
+  const std::string file = failing();
+  run_well({"--quiet", "study", "run", file, "--out", at("out"), "--worst", "0"});
+  fs::remove(temp_ / "rig.yaml");
+  run_well({"--quiet", "study", "report", file, "--out", at("out"), "--worst", "1"});
+  EXPECT_THAT(told("out")["worst"][0]["unpictured"].get<std::string>(), HasSubstr("rig.yaml"));
+}
+
+TEST_F(StudyPage, EscapesNames) {
+  const std::string file = failing("\"</script><!--<script>&\"");
+  run_well({"--quiet", "study", "run", file, "--out", at("out"), "--worst", "0"});
+  const std::string page = read_bytes(temp_ / "out/report.html");
+  EXPECT_THAT(page, HasSubstr("<title>&lt;/script&gt;&lt;!--&lt;script&gt;&amp;"));
+  EXPECT_THAT(page, testing::Not(HasSubstr("</script><!--")));
+  EXPECT_EQ(told("out")["name"], "</script><!--<script>&");
+}
+#endif
+
 TEST_F(StudyVerb, BadUseIsSaidInOneLine) {
   const std::string file = study();
   for (const std::vector<std::string>& wrong :

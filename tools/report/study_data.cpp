@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <set>
 
+#include "core/score/score.h"
 #include "tools/shell.h"
 
 namespace fringeslam::tools {
@@ -64,7 +65,11 @@ ordered_json distribution(const std::vector<Row>& rows, double Row::*error, size
   }
   std::sort(errors.begin(), errors.end());
   const size_t count = errors.size(), points = std::min(count, most_points);
-  ordered_json json = {{"count", count}, {"none", rows.size() - count}, {"points", ordered_json::array()}};
+  ordered_json json = {{"count", count}, {"none", rows.size() - count}};
+  json["percentiles"] = json["points"] = ordered_json::array();
+  for (const double q : {0.5, 0.9, 0.99}) {
+    if (count > 0) json["percentiles"].push_back({100 * q, rounded(quantile_of(errors, q))});
+  }
   for (size_t i = 1; i <= points; ++i) {
     const size_t place = i * count / points;  // the last is the largest
     json["points"].push_back({rounded(errors[place - 1]), static_cast<double>(place) / static_cast<double>(count)});

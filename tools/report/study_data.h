@@ -28,13 +28,13 @@ std::vector<studies::WorstTrial> pictured_trials(const studies::Summary& summary
 //   summary     as summary.json
 //   parameters  name, law, logarithmic, whole; low and high: what the study draws from, of normal what it drew;
 //               values: of choice and grid
-//   curves      translation_mm, rotation_deg: {count, none: trials without a motion to measure, points: [error, share
-//               of the count that is not above it]}
-//   trials      columns of equal length: trial, outcome: place in outcomes, cause: place in causes, or −1,
-//               translation_mm, rotation_deg, values: a column for each parameter, of a choice or grid the place in its
-//               values; every: each so manieth is here
-//   worst       as summary.json's, and message: of an error, values: texts by parameter, views: trial_pictures.h, or
-//               unpictured: why there are none
+//   curves      translation_mm, rotation_deg: {count, none: trials without a motion to measure, percentiles: [percent,
+//               error] of 50, 90 and 99 %, points: [error, share of the count that is not above it]}
+//   trials      every: each so manieth is here; outcomes, causes: names; and columns of equal length: trial, outcome,
+//               cause: places in those names, or -1, translation_mm, rotation_deg, values: a column for each
+//               parameter, of a choice or grid the places in its values
+//   worst       as summary.json's, and message: of an error, values: texts by parameter, views and limit_mm:
+//               trial_pictures.h, or unpictured: why there are none
 //
 // `pictures`: by trial, an object with views or unpictured.
 nlohmann::ordered_json study_data(const studies::Study& study, const std::vector<studies::Row>& rows,

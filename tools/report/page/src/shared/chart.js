@@ -39,7 +39,7 @@ export function path(points, name) {
 
 export function tickText(value) {
   const size = Math.abs(value);
-  if (size !== 0 && (size < 1e-3 || size >= 1e5)) return value.toExponential().replace('e+', 'e').replace('-', '−').replace('e-', 'e−');
+  if (size !== 0 && (size < 1e-4 || size >= 1e5)) return value.toExponential().replace('e+', 'e').replace('-', '−').replace('e-', 'e−');
   return short(value).replace('-', '−');
 }
 
@@ -69,15 +69,20 @@ export function axisLeft(scale, left, right, {text = tickText, title, count = 4}
   return svg('g', {}, ...parts);
 }
 
+// A name such as light.ambient_lux, which may break after its dots and dashes.
+export function breakable(name) {
+  return name.split(/(?<=[._])/).flatMap((part, i) => (i ? [element('wbr'), part] : [part]));
+}
+
 // A figure with a heading, a chart and what there is to say about it.
 export function chartCard(title, aside, box, note) {
   return element('figure', {class: 'card'},
-    element('figcaption', {}, element('h3', {}, title), aside ? element('span', {class: 'value'}, aside) : null),
+    element('figcaption', {}, element('h3', {}, ...breakable(title)), aside ? element('span', {class: 'value'}, aside) : null),
     box, note ? element('p', {class: 'quiet note'}, note) : null);
 }
 
-// Line or mark, and what it stands for: [[class, text], …].
+// Line or mark, and what it stands for: [[class of its line, text, what is drawn with it], …].
 export function key(...entries) {
-  return element('p', {class: 'quiet note key-line'}, ...entries.map(([name, text]) =>
-    element('span', {class: 'key-entry'}, svg('svg', {width: 22, height: 12, 'aria-hidden': 'true'}, line(1, 6, 21, 6, name)), text)));
+  return element('p', {class: 'quiet note key-line'}, ...entries.map(([name, text, ...more]) => element('span', {class: 'key-entry'},
+    svg('svg', {width: 26, height: 14, 'aria-hidden': 'true'}, line(1, 7, 25, 7, name), ...more), text)));
 }

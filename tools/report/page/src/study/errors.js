@@ -12,13 +12,6 @@ const kTop = 22;
 const kBottom = 190;
 const kHeight = 228;
 
-export const kShares = [0.5, 0.9, 0.99];
-
-// The error that this share of the trials is not above.
-export function errorAt(points, share) {
-  return points.find(([, below]) => below >= share - 1e-9)?.[0] ?? null;
-}
-
 // Steps up at each point.
 function steps(points, x, y) {
   let below = 0;
@@ -29,33 +22,36 @@ function steps(points, x, y) {
   });
 }
 
-function drawn(points, unit, limit, width) {
+// What a share of the trials is not above: above the curve, where there is room, or below it at the left end.
+function percentileMark([percent, error], x, y) {
+  const at = x(error);
+  const height = y(percent / 100);
+  const isLeft = at < kLeft + 90;
+  return [
+    line(at, height, at, kBottom, 'marker'),
+    rectangle(at - 3, height - 3, 6, 6, 'marker-dot'),
+    label(`${percent} %: ${figure(error)}`, {x: at + (isLeft ? 8 : -8), y: height + (isLeft ? 15 : -4), anchor: isLeft ? 'start' : 'end', class: 'mark-text'}),
+  ];
+}
+
+function drawn({points, percentiles}, unit, limit, width) {
   const to = [kLeft, width - kRight];
   const x = logarithmic(decadesAround([...points.map(([error]) => error), limit]) ?? [0.1, 1], to);
   const y = linear([0, 1], [kBottom, kTop]);
   const curve = steps(points, x, y);
   const last = [to[1], y(1)];
-  const marks = kShares.flatMap((share) => {
-    const at = x(errorAt(points, share));
-    const right = at < (to[0] + to[1]) / 2;
-    return [
-      line(at, y(share), at, kBottom, 'marker'),
-      rectangle(at - 3, y(share) - 3, 6, 6, 'marker-dot'),
-      label(`${Math.round(share * 100)} %: ${figure(errorAt(points, share))}`,
-        {x: at + (right ? 8 : -8), y: y(share) + (share > 0.95 ? -5 : 14), anchor: right ? 'start' : 'end', class: 'mark-text'}),
-    ];
-  });
   return picture(width, kHeight,
     axisBelow(x, kTop, kBottom, {title: `error, ${unit}`}),
     axisLeft(y, ...to, {title: 'trials not above it', text: (share) => `${Math.round(share * 100)} %`}),
     limit > 0 ? line(x(limit), kTop, x(limit), kBottom, 'limit') : null,
-    path([[curve[0][0], kBottom], ...curve, last], 'curve'), ...marks);
+    path([[curve[0][0], kBottom], ...curve, last], 'curve'), ...percentiles.flatMap((percentile) => percentileMark(percentile, x, y)));
 }
 
-function card(title, unit, {count, none, points}, limit) {
+function card(title, unit, curve, limit) {
+  const {count, none, percentiles} = curve;
   const note = none > 0 ? `Of ${plural(count, 'trial')}; ${plural(none, 'other')} lost the camera or ended early, and have no motion to measure.` : `Of ${plural(count, 'trial')}.`;
-  const told = kShares.map((share) => `${share * 100} % below ${figure(errorAt(points, share))} ${unit}`).join(', ');
-  const box = chartBox(`${title}: ${told}`, (width) => drawn(points, unit, limit, width));
+  const told = percentiles.map(([percent, error]) => `${percent} % below ${figure(error)} ${unit}`).join(', ');
+  const box = chartBox(`${title}: ${told}`, (width) => drawn(curve, unit, limit, width));
   return chartCard(title, 'worst motion of a trial', box, `${note} Dashed: the study's limit, ${limit} ${unit}.`);
 }
 

@@ -11,10 +11,6 @@ export function interval([low, high]) {
   return `${percent(low)} to ${percent(high)}`;
 }
 
-function percentile(wanted) {
-  return summary.translation_percentiles_mm?.find(([share]) => share === wanted)?.[1] ?? null;
-}
-
 export function showHeader() {
   byId('name').textContent = data.name;
   byId('about').textContent = data.description;
@@ -23,13 +19,13 @@ export function showHeader() {
     `${plural(summary.trials, 'trial')} of ${data.scene} · seed ${data.seed}${design} · study ${data.hash} · FringeSLAM ${data.version}`;
   byId('rule').textContent = ruleText();
   const rate = summary.trials ? fixed((100 * summary.successes) / summary.trials, 1) : '–';
-  const measured = data.curves.translation_mm.count;
+  const {count: measured, percentiles} = data.curves.translation_mm;
+  const [median, p90, p99] = percentiles.map(([, error]) => error);
   byId('figures').append(
-    tile('Success rate', rate, '%', `95 % interval ${interval(summary.success_95)}`),
-    tile('Trials that succeed', count(summary.successes), '', `of ${count(summary.trials)}`),
-    tile('Translation error, median', figure(percentile(50)), 'mm', `of ${plural(measured, 'trial')} with a motion`),
-    tile('90 % are below', figure(percentile(90)), 'mm'),
-    tile('99 % are below', figure(percentile(99)), 'mm'),
+    tile('Success rate', rate, '%', `${count(summary.successes)} of ${count(summary.trials)}; 95 % interval ${interval(summary.success_95)}`),
+    tile('Translation error, median', figure(median), 'mm', `of ${plural(measured, 'trial')} with a motion`),
+    tile('90 % are below', figure(p90), 'mm'),
+    tile('99 % are below', figure(p99), 'mm'),
   );
   if (summary.missing > 0) {
     byId('missing').hidden = false;

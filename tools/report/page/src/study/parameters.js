@@ -55,10 +55,18 @@ function rates(classes, places, y) {
       rectangle(left, high, right - left, low - high, 'band'),
       line(left, rate, right, rate, 'rate'),
       line(middle, low, middle, high, 'whisker'),
-      svg('circle', {cx: middle, cy: rate, r: 3.5, class: 'rate-dot'}),
+      dot(middle, rate, 'rate-dot'),
     ];
   });
   return svg('g', {}, ...parts);
+}
+
+function dot(cx, cy, name) {
+  return svg('circle', {cx, cy, r: 3.5, class: name});
+}
+
+function triangle(x, y) {
+  return svg('path', {d: `M${x - 4},${y + 3}h8l-4,-7z`, class: 'p90-dot'});
 }
 
 function errors(classes, places, y, joined) {
@@ -68,8 +76,8 @@ function errors(classes, places, y, joined) {
   return svg('g', {},
     joined ? path(median, 'median') : null,
     joined ? path(p90, 'p90') : null,
-    ...median.map(([cx, cy]) => svg('circle', {cx, cy, r: 3.5, class: 'median-dot'})),
-    ...p90.map(([x, at]) => svg('path', {d: `M${x - 4},${at + 3}h8l-4,-7z`, class: 'p90-dot'})));
+    ...median.map(([cx, cy]) => dot(cx, cy, 'median-dot')),
+    ...p90.map(([x, at]) => triangle(x, at)));
 }
 
 function drawn(parameter, classes, width) {
@@ -109,5 +117,6 @@ export function showParameters() {
     byId('parameters').append(chartCard(parameter.name, drawnText(parameter), box));
   });
   byId('parameters').after(element('div', {},
-    key(['rate', 'share that succeeds, in a box of its 95 % interval'], ['median', 'median error'], ['p90', '90 % are below'], ['limit', 'limit of the study'])));
+    key(['rate', 'share that succeeds, in its 95 % interval', rectangle(1, 1, 24, 12, 'band')],
+      ['median', 'median error', dot(13, 7, 'median-dot')], ['p90', '90 % are below', triangle(13, 7)], ['limit', 'limit of the study'])));
 }

@@ -4,12 +4,12 @@ import {decadesAround, linear, logarithmic} from '../shared/axes.js';
 import {axisBelow, axisLeft, label, picture} from '../shared/chart.js';
 import {data} from '../shared/data.js';
 import {byId, element, svg} from '../shared/dom.js';
-import {causeName, outcomeOf, outcomes} from './words.js';
 import {markIcon} from './causes.js';
 import {scaleOf, valueTick} from './parameters.js';
 import {ranked} from './sensitivity.js';
 import {isPickedOut, placeOf, store, trialAt} from './store.js';
 import {trialCard} from './trial_card.js';
+import {causeName, outcomeOf, outcomes} from './words.js';
 
 const kLeft = 58;
 const kRight = 14;

@@ -4,7 +4,9 @@ import {data} from '../shared/data.js';
 
 const listeners = [];
 const {trials} = data;
-const state = {place: trials.trial.length ? 0 : -1, cause: ''};
+const places = new Map(trials.trial.map((trial, place) => [trial, place]));
+// At first the worst trial.
+const state = {place: places.get(data.worst[0]?.trial) ?? (trials.trial.length ? 0 : -1), cause: ''};
 
 export const store = {
   // A place in the columns of data.trials; −1 without any.
@@ -35,7 +37,6 @@ function tell() {
   for (const listener of listeners) listener(state);
 }
 
-const places = new Map(trials.trial.map((trial, place) => [trial, place]));
 export function placeOf(trial) {
   return places.get(trial);
 }

@@ -5,7 +5,6 @@ import {byId, element} from '../shared/dom.js';
 import {count, figure, percent} from '../shared/format.js';
 import {head, scroller} from '../shared/tables.js';
 import {safeText} from './envelope.js';
-import {errorAt, kShares} from './errors.js';
 import {interval} from './header.js';
 import {ranked, sensitivityText} from './sensitivity.js';
 import {trialAt, valueText} from './store.js';
@@ -47,7 +46,7 @@ function countTable(counts, name, meaning) {
 function percentileTable() {
   const {translation_mm: shift, rotation_deg: turn} = data.curves;
   return table(['share of trials', 'translation error mm', 'rotation error °'],
-    kShares.map((share) => [`${share * 100} %`, figure(errorAt(shift.points, share)), figure(errorAt(turn.points, share))]));
+    shift.percentiles.map(([percent, error], i) => [`${percent} %`, figure(error), figure(turn.percentiles[i]?.[1])]));
 }
 
 function sensitivityTable() {

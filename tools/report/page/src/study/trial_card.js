@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What is known about the chosen trial.
+import {breakable} from '../shared/chart.js';
 import {commandLine} from '../shared/copy.js';
 import {data} from '../shared/data.js';
 import {element} from '../shared/dom.js';
@@ -9,7 +10,7 @@ import {store, trialAt, valueText} from './store.js';
 import {causeMeaning, causeName, outcomeOf} from './words.js';
 
 export function facts(rows) {
-  return element('dl', {class: 'facts'}, ...rows.flatMap(([title, text]) => [element('dt', {}, title), element('dd', {}, text)]));
+  return element('dl', {class: 'facts'}, ...rows.flatMap(([title, text]) => [element('dt', {}, ...breakable(title)), element('dd', {}, text)]));
 }
 
 export function endOf({outcome, cause}) {
