@@ -85,9 +85,8 @@ std::string write_page(const Study& study, const std::map<int, std::string>& lin
   const fs::path file = fs::path(arguments.out) / "report.html";
   StudyReportOptions options;
   options.pictured = arguments.worst;
-  options.jobs = arguments.jobs_or_processors();
-  options.picture_worker = worker_command(study);
-  options.picture_worker.push_back("--pictures");
+  options.workers = {arguments.jobs_or_processors(), worker_command(study)};
+  options.workers.command.push_back("--pictures");
   options.stop = interrupted;
   write_study_report(study, lines, summary, options, file);
   return "written: " + file.string();

@@ -2,92 +2,28 @@
 // report.html as people see it: FRINGESLAM_PROGRAM and FRINGESLAM_SOURCE_DIR say what is tested, the folder to work in
 // is the current one.
 import assert from 'node:assert/strict';
-import {existsSync, statSync} from 'node:fs';
+import {statSync} from 'node:fs';
 import {resolve} from 'node:path';
 import {after, before, test} from 'node:test';
-import {pathToFileURL} from 'node:url';
-import {chromium} from 'playwright-core';
+import {changed, darkness, kTimeoutMs, launch, look, open as openIn, overflow} from './browser.mjs';
 import {Runs, kWildName} from './runs.mjs';
-
-const kTimeoutMs = 60000;  // machines may be slow; nothing waits for it to pass
-const kBrowser = process.env.CHROMIUM ?? '/usr/bin/chromium';
-const kFlags = [
-  '--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--disable-background-networking',
-  '--disable-component-update', '--disable-sync', '--use-gl=angle', '--use-angle=swiftshader',
-  '--enable-unsafe-swiftshader',
-];
 
 const runs = new Runs(process.env.FRINGESLAM_PROGRAM, process.env.FRINGESLAM_SOURCE_DIR, resolve('runs'));
 let browser, full;
+const open = (file, options) => openIn(browser, file, options);
 
 before(async () => {
-  assert.ok(existsSync(kBrowser), `${kBrowser} is missing: run tools/setup --tests, or set CHROMIUM`);
   full = runs.make('full');
-  browser = await chromium.launch({executablePath: kBrowser, args: kFlags, timeout: kTimeoutMs});
+  browser = await launch();
 }, {timeout: 3 * kTimeoutMs});
 after(() => browser?.close());
-
-// A page that is drawn, and was neither out of the house nor in trouble.
-async function open(file, options = {}) {
-  const context = await browser.newContext({viewport: {width: 1280, height: 900}, reducedMotion: 'reduce', ...options});
-  const page = await context.newPage();
-  page.setDefaultTimeout(kTimeoutMs);
-  const troubles = [];
-  page.on('console', (message) => message.type() === 'error' && troubles.push(`console: ${message.text()}`));
-  page.on('pageerror', (error) => troubles.push(`error: ${error}`));
-  await page.route('**/*', (route) => {
-    const url = route.request().url();
-    if (/^(data|blob):/.test(url) || url === pathToFileURL(file).href) return route.continue();
-    troubles.push(`request: ${url}`);
-    return route.abort();
-  });
-  await page.goto(pathToFileURL(file).href);
-  await page.waitForSelector('html[data-ready]');
-  return {page, async close() {
-    assert.deepEqual(troubles, []);
-    await context.close();
-  }};
-}
 
 async function drawn(page) {
   await page.waitForSelector('canvas[data-drawn]');
   await page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
 }
 
-// What an element looks like: its pixels' colours, and a number that changes with them.
-async function look(page, selector) {
-  const png = (await page.locator(selector).screenshot()).toString('base64');
-  return page.evaluate(async (bytes) => {
-    const image = new Image();
-    image.src = `data:image/png;base64,${bytes}`;
-    await image.decode();
-    const canvas = new OffscreenCanvas(image.width, image.height);
-    const context = canvas.getContext('2d');
-    context.drawImage(image, 0, 0);
-    const pixels = new Uint32Array(context.getImageData(0, 0, image.width, image.height).data.buffer);
-    const colours = new Set(pixels);
-    let hash = 0;
-    for (const pixel of pixels) hash = (Math.imul(hash, 31) + pixel) | 0;
-    return {colours: colours.size, hash};
-  }, png);
-}
-
-// Waits until an element looks otherwise than before.
-async function changed(page, selector, before) {
-  const end = Date.now() + kTimeoutMs;
-  for (;;) {
-    const now = await look(page, selector);
-    if (now.hash !== before.hash) return now;
-    assert.ok(Date.now() < end, `${selector} did not change`);
-  }
-}
-
 const label = (page) => page.locator('#label').textContent();
-const darkness = (page) => page.evaluate(() => {
-  const [red, green, blue] = getComputedStyle(document.body).backgroundColor.match(/\d+/g).map(Number);
-  return red + green + blue;
-});
-const overflow = (page) => page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
 
 test('the head tells name and figures, the map is drawn, its colours can be chosen', async () => {
   const {page, close} = await open(full);

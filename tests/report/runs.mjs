@@ -56,9 +56,9 @@ export class Runs {
     writeFileSync(this.at(run, name), JSON.stringify(json));
   }
 
-  // A quarter of the pixels of the rig that comes with the scenes.
-  make(run, scene = kScene) {
-    const place = this.at(`${run}-scene`);
+  // A scene's folder, its rig of a quarter of the pixels of the one that comes with the scenes.
+  scene(name, scene = kScene) {
+    const place = this.at(name);
     mkdirSync(place);
     const rig = readFileSync(join(this.source, 'scenes/rigs/thesis.yaml'), 'utf8')
       .replace('width_px: 532', 'width_px: 266').replace('height_px: 500', 'height_px: 250')
@@ -66,6 +66,11 @@ export class Runs {
       .replace('cx_px: 265.5', 'cx_px: 132.5').replace('cy_px: 249.5', 'cy_px: 124.5');
     writeFileSync(join(place, 'rig.yaml'), rig);
     writeFileSync(join(place, 'scene.yaml'), scene);
+    return place;
+  }
+
+  make(run, scene = kScene) {
+    const place = this.scene(`${run}-scene`, scene);
     this.call('run', place, '--out', this.at(run), '--set', 'render.samples_per_pixel=1');
     return this.page(run);
   }

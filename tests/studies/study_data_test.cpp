@@ -7,12 +7,15 @@
 
 #include "bench/studies/trial_run.h"
 #include "tests/studies/study_files.h"
+#include "tests/support/matchers.h"
+#include "tools/report/picture_workers.h"
 
 namespace fringeslam::tools {
 namespace {
 
 using namespace studies;
 using nlohmann::json;
+using support::error_of;
 using testing::HasSubstr;
 using testing::IsEmpty;
 
@@ -127,6 +130,27 @@ TEST_F(StudyData, OfNoTrialsIsEmpty) {
   EXPECT_THAT(page["trials"]["trial"], IsEmpty());
   EXPECT_THAT(page["curves"]["translation_mm"]["points"], IsEmpty());
   EXPECT_THAT(page["worst"], IsEmpty());
+}
+
+TEST_F(StudyData, APictureThatCrashesIsSaidInWords) {
+  const Summary summary = summarise(study_, lines_);
+  const auto told = [&](const std::string& script) {
+    return pictures_of(study_, {summary.worst_of_causes.back()}, {1, {"sh", "-c", script}}, [] { return false; });
+  };
+  EXPECT_EQ(told("read trial; echo '{\"views\":[]}'").at(3), json({{"views", json::array()}}));
+  EXPECT_THAT(told("read trial; kill -SEGV $$").at(3)["unpictured"].get<std::string>(),
+              HasSubstr("Segmentation fault"));
+  EXPECT_THAT(told("read trial; echo nonsense").at(3)["unpictured"].get<std::string>(), HasSubstr("without an answer"));
+  EXPECT_THAT(error_of([&] {
+                pictures_of(study_, summary.worst, {1, {"sh", "-c", "read trial; sleep 9"}}, [] { return true; });
+              }),
+              HasSubstr("interrupted"));
+  // What took too long is not tried again.
+  WorstTrial slow = summary.worst.front();
+  slow.outcome = "timed_out";
+  EXPECT_THAT(
+      pictures_of(study_, {slow}, {1, {"false"}}, [] { return false; }).at(slow.trial)["unpictured"].get<std::string>(),
+      HasSubstr("too long"));
 }
 
 }  // namespace

@@ -202,7 +202,6 @@ TEST_F(StudyVerb, BadUseIsSaidInOneLine) {
     EXPECT_EQ(finished.exit_code, 2) << finished.out;
     EXPECT_EQ(std::count(finished.err.begin(), finished.err.end(), '\n'), 1) << finished.err;
   }
-
 }
 
 }  // namespace

@@ -26,8 +26,13 @@ export function short(value) {
   return String(Number(value.toPrecision(3)));
 }
 
+// Four digits, without noughts at the end.
+export function amount(value) {
+  return isNumber(value) ? String(Number(value.toPrecision(4))).replaceAll('-', '−') : kUnknown;
+}
+
 export function percent(share, digits = 1) {
-  return isNumber(share) ? `${fixed(share * 100, digits)} %` : kUnknown;
+  return isNumber(share) ? `${fixed(share * 100, digits)}\u00a0%` : kUnknown;
 }
 
 export function count(value) {

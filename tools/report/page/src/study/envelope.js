@@ -3,7 +3,7 @@
 import {axisBelow, chartBox, label, picture, rectangle} from '../shared/chart.js';
 import {data} from '../shared/data.js';
 import {byId, element} from '../shared/dom.js';
-import {figure, percent, plural} from '../shared/format.js';
+import {amount, percent, plural} from '../shared/format.js';
 import {interval} from './header.js';
 import {scaleOf, valueTick} from './parameters.js';
 
@@ -12,9 +12,9 @@ const kRow = 62;
 // The part of a parameter's range that is safe, in words.
 export function safeText([low, high] = [null, null]) {
   if (low === null && high === null) return 'all of it';
-  if (high === null) return `${figure(low)} or more`;
-  if (low === null) return `${figure(high)} or less`;
-  return `${figure(low)} to ${figure(high)}`;
+  if (high === null) return `${amount(low)} or more`;
+  if (low === null) return `${amount(high)} or less`;
+  return `${amount(low)} to ${amount(high)}`;
 }
 
 function rowOf(parameter, [low, high], top, width) {

@@ -4,20 +4,21 @@ import {categories, decadesAround, linear, logarithmic} from '../shared/axes.js'
 import {axisBelow, axisLeft, chartBox, chartCard, key, label, line, path, picture, rectangle} from '../shared/chart.js';
 import {data} from '../shared/data.js';
 import {byId, element, svg} from '../shared/dom.js';
-import {figure, percent} from '../shared/format.js';
+import {amount, percent} from '../shared/format.js';
 
 const kLeft = 52;
-const kRight = 10;
+const kRight = 16;
 const kRate = [18, 138];    // px from the top: the rates
 const kError = [172, 262];  // the errors
 const kHeight = 286;
+const kLeastHalf = 4;  // of a class's width
 
 const kLaws = {uniform: 'evenly from', log_uniform: 'evenly in the logarithm from', normal: 'from a normal law, here'};
 
 export function drawnText({law, values, low, high}) {
   if (values.length) return law === 'grid' ? `${values.length} values in turn` : `one of ${values.length}`;
   if (low === null) return '';
-  return `drawn ${kLaws[law]} ${figure(low)} to ${figure(high)}`;
+  return `drawn ${kLaws[law]} ${amount(low)} to ${amount(high)}`;
 }
 
 // The scale of a parameter over `to`; its classes' and trials' places are numbers or, of choices, places in its values.
@@ -43,7 +44,8 @@ function extent(scale, {values}, {range}, place) {
     return {left: scale(place) - half, right: scale(place) + half, middle: scale(place)};
   }
   const [left, right] = range.map(scale);
-  return {left, right: Math.max(right, left + 2), middle: (left + right) / 2};
+  const middle = (left + right) / 2;
+  return {left: Math.min(left, middle - kLeastHalf), right: Math.max(right, middle + kLeastHalf), middle};
 }
 
 function rates(classes, places, y) {

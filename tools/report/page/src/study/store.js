@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Which trial is chosen, and which failures are picked out; whoever shows something of them listens.
 import {data} from '../shared/data.js';
+import {amount} from '../shared/format.js';
 
 const listeners = [];
 const {trials} = data;
@@ -61,5 +62,5 @@ export function isPickedOut({outcome, cause}) {
 export function valueText(p, value) {
   const {values} = data.parameters[p];
   if (values.length) return values[value] ?? '–';
-  return value === null ? '–' : String(Number(value.toPrecision(4))).replace('-', '−');
+  return amount(value);
 }

@@ -2,7 +2,7 @@
 // The charts' figures as tables, for those who read rather than look.
 import {data} from '../shared/data.js';
 import {byId, element} from '../shared/dom.js';
-import {count, figure, percent} from '../shared/format.js';
+import {amount, count, figure, percent} from '../shared/format.js';
 import {head, scroller} from '../shared/tables.js';
 import {safeText} from './envelope.js';
 import {interval} from './header.js';
@@ -29,7 +29,7 @@ function classTable({classes = []}, p) {
   const isNamed = data.parameters[p].values.length > 0;
   return table([data.parameters[p].name, 'trials', 'succeed', '95 % interval', 'median error mm', '90 % below mm'],
     classes.map((of) => [
-      isNamed ? of.label : `${figure(of.range[0])} to ${figure(of.range[1])}`,
+      isNamed ? of.label : of.range.map(amount).join(' to '),
       count(of.trials),
       of.trials ? percent(of.successes / of.trials) : '–',
       interval(of.success_95),
@@ -61,7 +61,7 @@ function sensitivityTable() {
 function envelopeTable() {
   return table(['parameter', 'where 99 % succeed', 'whole range'], summary.parameters.map(({name, envelope}, p) => {
     const {low, high, values} = data.parameters[p];
-    return [name, safeText(envelope), values.length ? values.join(', ') : `${figure(low)} to ${figure(high)}`];
+    return [name, safeText(envelope), values.length ? values.join(', ') : `${amount(low)} to ${amount(high)}`];
   }));
 }
 

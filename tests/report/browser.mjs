@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+// Pages in a headless browser.
+import assert from 'node:assert/strict';
+import {existsSync} from 'node:fs';
+import {pathToFileURL} from 'node:url';
+import {chromium} from 'playwright-core';
+
+export const kTimeoutMs = 60000;  // machines may be slow; nothing waits for it to pass
+const kBrowser = process.env.CHROMIUM ?? '/usr/bin/chromium';
+const kFlags = [
+  '--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--disable-background-networking',
+  '--disable-component-update', '--disable-sync', '--use-gl=angle', '--use-angle=swiftshader',
+  '--enable-unsafe-swiftshader',
+];
+
+export function launch() {
+  assert.ok(existsSync(kBrowser), `${kBrowser} is missing: run tools/setup --tests, or set CHROMIUM`);
+  return chromium.launch({executablePath: kBrowser, args: kFlags, timeout: kTimeoutMs});
+}
+
+// A page that is drawn, and was neither out of the house nor in trouble.
+export async function open(browser, file, options = {}) {
+  const context = await browser.newContext({viewport: {width: 1280, height: 900}, reducedMotion: 'reduce', ...options});
+  const page = await context.newPage();
+  page.setDefaultTimeout(kTimeoutMs);
+  const troubles = [];
+  page.on('console', (message) => message.type() === 'error' && troubles.push(`console: ${message.text()}`));
+  page.on('pageerror', (error) => troubles.push(`error: ${error}`));
+  await page.route('**/*', (route) => {
+    const url = route.request().url();
+    if (/^(data|blob):/.test(url) || url === pathToFileURL(file).href) return route.continue();
+    troubles.push(`request: ${url}`);
+    return route.abort();
+  });
+  await page.goto(pathToFileURL(file).href);
+  await page.waitForSelector('html[data-ready]');
+  return {page, async close() {
+    assert.deepEqual(troubles, []);
+    await context.close();
+  }};
+}
+
+// What an element looks like: its pixels' colours, and a number that changes with them.
+export async function look(page, selector) {
+  const png = (await page.locator(selector).screenshot()).toString('base64');
+  return page.evaluate(async (bytes) => {
+    const image = new Image();
+    image.src = `data:image/png;base64,${bytes}`;
+    await image.decode();
+    const canvas = new OffscreenCanvas(image.width, image.height);
+    const context = canvas.getContext('2d');
+    context.drawImage(image, 0, 0);
+    const pixels = new Uint32Array(context.getImageData(0, 0, image.width, image.height).data.buffer);
+    const colours = new Set(pixels);
+    let hash = 0;
+    for (const pixel of pixels) hash = (Math.imul(hash, 31) + pixel) | 0;
+    return {colours: colours.size, hash};
+  }, png);
+}
+
+// Waits until an element looks otherwise than before.
+export async function changed(page, selector, before) {
+  const end = Date.now() + kTimeoutMs;
+  for (;;) {
+    const now = await look(page, selector);
+    if (now.hash !== before.hash) return now;
+    assert.ok(Date.now() < end, `${selector} did not change`);
+  }
+}
+
+export const darkness = (page) => page.evaluate(() => {
+  const [red, green, blue] = getComputedStyle(document.body).backgroundColor.match(/\d+/g).map(Number);
+  return red + green + blue;
+});
+export const overflow = (page) => page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
