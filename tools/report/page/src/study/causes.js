@@ -21,7 +21,7 @@ function bar(number, most, name) {
 function row(title, number, most, name, meaning) {
   return element('li', {class: 'count'},
     element('span', {class: 'count-name'}, ...title),
-    element('b', {class: 'count-number'}, count(number), element('small', {}, percent(number / summary.trials))),
+    element('b', {class: 'count-number'}, count(number), ' ', element('small', {}, percent(number / summary.trials))),
     bar(number, most, name),
     meaning ? element('span', {class: 'quiet count-meaning'}, meaning) : null);
 }

@@ -68,13 +68,13 @@ function marks(places, radius) {
 
 function select(title, chosen, change) {
   const options = quantities.map(({name}, i) => element('option', {value: i, selected: i === chosen}, name));
-  const node = element('select', {onchange: () => change(Number(node.value))}, ...options);
+  const node = element('select', {'aria-label': title, onchange: () => change(Number(node.value))}, ...options);
   return element('label', {class: 'choice'}, title, node);
 }
 
 function causeSelect() {
   const options = [['', 'all trials'], ['failures', 'failures'], ...data.trials.causes.map((cause) => [cause, causeName(cause)])];
-  const node = element('select', {onchange: () => store.pickOut(node.value)},
+  const node = element('select', {'aria-label': 'pick out', onchange: () => store.pickOut(node.value)},
     ...options.map(([value, text]) => element('option', {value}, text)));
   store.on(({cause}) => (node.value = cause));
   return element('label', {class: 'choice'}, 'pick out', node);
@@ -82,8 +82,8 @@ function causeSelect() {
 
 function numberInput() {
   const {trial} = data.trials;
-  const node = element('input', {type: 'number', min: trial[0], max: trial[trial.length - 1], class: 'number',
-    onchange: () => placeOf(Number(node.value)) === undefined ? undefined : store.choose(placeOf(Number(node.value)))});
+  const choose = () => store.choose(placeOf(Number(node.value)) ?? store.place);
+  const node = element('input', {type: 'number', 'aria-label': 'trial', min: trial[0], max: trial[trial.length - 1], class: 'number', onchange: choose});
   store.on(({place}) => (node.value = String(trial[place] ?? '')));
   return element('label', {class: 'choice'}, 'trial', node);
 }
