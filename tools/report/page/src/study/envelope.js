@@ -25,7 +25,7 @@ function rowOf(parameter, [low, high], top, width) {
   return [
     label(parameter.name, {x: to[0], y: top + 14, anchor: 'start', class: 'row-name'}),
     label(safeText([low, high]), {x: to[1], y: top + 14, anchor: 'end', class: 'row-value'}),
-    axisBelow(x, top + 22, top + 36, {text: parameter.values.length ? valueTick(parameter, x) : undefined}),
+    axisBelow(x, top + 22, top + 36, {width: 90, text: parameter.values.length ? valueTick(parameter, x) : undefined}),
     rectangle(to[0], top + 22, to[1] - to[0], 12, 'whole'),
     rectangle(left, top + 22, right - left, 12, 'safe'),
   ];
