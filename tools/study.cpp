@@ -67,7 +67,7 @@ std::vector<std::string> worker_command(const Study& study) {
           fs::absolute(study.file).string()};
 }
 
-int work(const Study& study, const Arguments& arguments) {
+int work(const Study& study, [[maybe_unused]] const Arguments& arguments) {
 #if FRINGESLAM_REPORT
   if (arguments.pictures) {
     studies::work(study, [&](const Trial& trial) { return trial_pictures(study, trial).dump(); });
@@ -79,8 +79,8 @@ int work(const Study& study, const Arguments& arguments) {
 }
 
 // report.html, if this program has the page: a line about it.
-std::string write_page(const Study& study, const std::map<int, std::string>& lines, const Summary& summary,
-                       const Arguments& arguments) {
+std::string write_page([[maybe_unused]] const Study& study, [[maybe_unused]] const std::map<int, std::string>& lines,
+                       [[maybe_unused]] const Summary& summary, [[maybe_unused]] const Arguments& arguments) {
 #if FRINGESLAM_REPORT
   const fs::path file = fs::path(arguments.out) / "report.html";
   StudyReportOptions options;
@@ -91,7 +91,6 @@ std::string write_page(const Study& study, const std::map<int, std::string>& lin
   write_study_report(study, lines, summary, options, file);
   return "written: " + file.string();
 #else
-  (void)study, (void)lines, (void)summary, (void)arguments;
   return "report.html is not written: this program was built without the page (FRINGESLAM_REPORT=OFF)";
 #endif
 }
