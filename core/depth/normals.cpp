@@ -12,16 +12,27 @@ namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
+// A fitted window: the plane through its centre's point.
+struct Plane {
+  cv::Vec3f normal, point_m;
+  float offset_m = 0;     // normal . point
+  float variance_m2 = 0;  // of the point, along the normal
+};
+
 class NormalEstimator {
  public:
   NormalEstimator(const cv::Mat3f& points, const PixelRays& rays, const cv::Mat1f& sigma, const PlaneFit& widest)
-      : points_(points), sigma_(sigma), widest_(widest), image_(points, rays, sigma, widest.radius) {}
+      : points_(points), relative_sigma_(points.size()), widest_(widest), image_(points, rays, sigma, widest.radius) {
+    for_each_row(points.rows, [&](int row) {
+      for (int col = 0; col < points.cols; ++col) relative_sigma_(row, col) = sigma(row, col) / points(row, col)[2];
+    });
+  }
 
   cv::Mat3f estimate() const {
     cv::Mat3f normals(points_.size(), cv::Vec3f::all(kNaN));
     cv::Mat3f fitted(points_.size());
+    cv::Mat1b wanted = measured();
     for (PlaneFit fit = widest_; fit.radius >= 1; fit.radius /= 2) {
-      cv::Mat1b wanted = without_normal(normals);
       for_each_row(points_.rows, [&](int row) {
         fit_planes(image_, row, fit, wanted[row], fitted[row]);
         for (int col = 0; col < points_.cols; ++col) {
@@ -30,7 +41,9 @@ class NormalEstimator {
       });
       for_each_row(points_.rows, [&](int row) {
         for (int col = 0; col < points_.cols; ++col) {
-          if (wanted(row, col) != 0) normals(row, col) = adopt(fitted, row, col, fit.radius);
+          if (wanted(row, col) == 0) continue;
+          normals(row, col) = adopt(fitted, row, col, fit.radius);
+          wanted(row, col) = std::isnan(normals(row, col)[2]);
         }
       });
     }
@@ -38,51 +51,62 @@ class NormalEstimator {
   }
 
  private:
-  cv::Mat1b without_normal(const cv::Mat3f& normals) const {
-    cv::Mat1b wanted(points_.size());
+  cv::Mat1b measured() const {
+    cv::Mat1b measured(points_.size());
     for_each_row(points_.rows, [&](int row) {
-      for (int col = 0; col < points_.cols; ++col)
-        wanted(row, col) = !std::isnan(points_(row, col)[2]) && std::isnan(normals(row, col)[2]);
+      for (int col = 0; col < points_.cols; ++col) measured(row, col) = !std::isnan(points_(row, col)[2]);
     });
-    return wanted;
+    return measured;
   }
 
-  // Distance of one pixel's point from the plane through another's, in sigmas of the two.
-  double sigmas_off_plane(const cv::Vec3f& normal, int row, int col, int plane_row, int plane_col) const {
-    const cv::Vec3f& point = points_(row, col);
-    const cv::Vec3f& origin = points_(plane_row, plane_col);
-    const double own = normal.dot(point) / point[2] * sigma_(row, col);
-    const double other = normal.dot(origin) / origin[2] * sigma_(plane_row, plane_col);
-    return std::abs(normal.dot(point - origin)) / std::sqrt(own * own + other * other);
+  // Depth noise moves a point along its ray, and by this much of it along the normal.
+  float variance_m2(float along_normal_m, int row, int col) const {
+    const float sigma_m = along_normal_m * relative_sigma_(row, col);
+    return sigma_m * sigma_m;
+  }
+
+  Plane plane_at(const cv::Mat3f& fitted, int row, int col) const {
+    const cv::Vec3f& normal = fitted(row, col);
+    const float offset_m = normal.dot(points_(row, col));
+    return {normal, points_(row, col), offset_m, variance_m2(offset_m, row, col)};
+  }
+
+  // Squared distance of a pixel's point from a plane, and the variance of that by the noise of both.
+  struct Distance {
+    float square_m2 = 0, variance_m2 = 0;
+    bool within(float sigmas) const { return square_m2 <= sigmas * sigmas * variance_m2; }  // false for NaN
+  };
+  Distance distance(const Plane& plane, int row, int col) const {
+    const float off = plane.normal.dot(points_(row, col) - plane.point_m);
+    return {off * off, variance_m2(plane.offset_m + off, row, col) + plane.variance_m2};
   }
 
   // True when the pixel's four neighbours lie on the plane, too: then the pixel itself holds no edge.
-  bool inside_plane(const cv::Vec3f& normal, int row, int col, int plane_row, int plane_col) const {
-    constexpr double kMaxSigmas = 4.5;
+  bool inside_plane(const Plane& plane, int row, int col) const {
+    constexpr float kMaxSigmas = 4.5;
     if (row < 1 || col < 1 || row + 1 >= points_.rows || col + 1 >= points_.cols) return false;
-    const auto on_plane = [&](int r, int c) {
-      return sigmas_off_plane(normal, r, c, plane_row, plane_col) <= kMaxSigmas;  // false for NaN
-    };
-    return on_plane(row - 1, col) && on_plane(row + 1, col) && on_plane(row, col - 1) && on_plane(row, col + 1);
+    return distance(plane, row - 1, col).within(kMaxSigmas) && distance(plane, row + 1, col).within(kMaxSigmas) &&
+           distance(plane, row, col - 1).within(kMaxSigmas) && distance(plane, row, col + 1).within(kMaxSigmas);
   }
 
   // The normal of the window centred `radius` px away, in the best of eight directions, whose plane holds this
   // pixel's point and its neighbours within the noise.
   cv::Vec3f adopt(const cv::Mat3f& fitted, int row, int col, int radius) const {
     cv::Vec3f best = cv::Vec3f::all(kNaN);
-    double best_sigmas = 2.5;
+    float best_sigmas2 = 2.5f * 2.5f;
     for (int direction = 0; direction < 9; ++direction) {
       const int r = row + (direction / 3 - 1) * radius, c = col + (direction % 3 - 1) * radius;
       if (r < 0 || c < 0 || r >= points_.rows || c >= points_.cols || std::isnan(fitted(r, c)[2])) continue;
-      const cv::Vec3f normal = fitted(r, c);
-      const double sigmas = sigmas_off_plane(normal, row, col, r, c);
-      if (sigmas < best_sigmas && inside_plane(normal, row, col, r, c)) best = normal, best_sigmas = sigmas;
+      const Plane plane = plane_at(fitted, r, c);
+      const Distance off = distance(plane, row, col);
+      const float sigmas2 = off.square_m2 / off.variance_m2;
+      if (sigmas2 < best_sigmas2 && inside_plane(plane, row, col)) best = plane.normal, best_sigmas2 = sigmas2;
     }
     return best;
   }
 
   const cv::Mat3f& points_;
-  const cv::Mat1f& sigma_;
+  cv::Mat1f relative_sigma_;  // sigma / depth
   PlaneFit widest_;
   FitImage image_;
 };
