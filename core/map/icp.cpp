@@ -2,6 +2,7 @@
 #include "core/map/icp.h"
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -24,6 +25,31 @@ double smallest_sigma(const Frame& frame) {
   return smallest;
 }
 
+// Takes off the surfaces' sums what the normals' noise feigns. In the basis in which their information H is the
+// identity and the feigned one is diagonal, lambda, they truly have 1 - lambda of it, while their gradient scatters by
+// all of H: a measurement of the information (1 - lambda)^2, with the gradient in proportion.
+void take_off_feigned(PlaneSums& sums, const Matrix6d& feigned) {
+  // What remains of a direction that had little else may be chance: windows of neighbouring normals share their pixels,
+  // so that even of many pairs the feigned share is known to a few per cent only.
+  constexpr double kMargin = 1.2, kLeast = 1e-3;
+  const Eigen::LLT<Matrix6d> factor(sums.information);
+  if (factor.info() != Eigen::Success) return;
+  const Matrix6d half = factor.matrixL().solve(feigned);
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> shares(factor.matrixL().solve(half.transpose()));
+  const Vector6d left = (1 - kMargin * shares.eigenvalues().array()).max(kLeast);
+  const Matrix6d basis = factor.matrixL() * shares.eigenvectors();
+  const Vector6d gradient = shares.eigenvectors().transpose() * factor.matrixL().solve(sums.gradient);
+  sums.information = basis * left.cwiseAbs2().asDiagonal() * basis.transpose();
+  sums.gradient = basis * left.cwiseProduct(gradient);
+}
+
+double reopened_sigma(PlanePairs& problem, double least_sigma_m, const IcpResult& result) {
+  constexpr double kOpen_m = 5e-3;
+  const PlaneSums sums = problem.linearise(result.target_from_source, {kOpen_m, kOpen_m / least_sigma_m}, 1);
+  const Vector6d step = sums.information.ldlt().solve(-sums.gradient);
+  return std::sqrt(step.dot(result.information * step));
+}
+
 IcpResult refined(PlanePairs& problem, double least_sigma_m, const Pose& initial, const IcpOptions& options,
                   const Matrix6d& prior) {
   IcpResult result;
@@ -36,8 +62,14 @@ IcpResult refined(PlanePairs& problem, double least_sigma_m, const Pose& initial
   // few walls that hold the view sideways have been pulled in. All points are needed at the end only.
   constexpr double kSettledSigmas = 0.25, kCycleSigmas = 1;
   PlaneGates gates{options.max_distance_m, std::max(options.max_distance_m / least_sigma_m, options.outlier_sigma)};
+  const bool has_prior = !prior.isZero(0);
+  const auto feigned = [&](int stride) {
+    return problem.linearise(result.target_from_source, gates, stride, PairNormal::half_difference).information;
+  };
   const auto linearised = [&](int stride) {
     PlaneSums sums = problem.linearise(result.target_from_source, gates, stride);
+    // Without other measurements there is nothing better in those directions than to stay.
+    if (has_prior) take_off_feigned(sums, feigned(stride));
     sums.information += prior;
     sums.gradient += prior * difference(result.target_from_source, initial);
     return sums;
@@ -75,15 +107,11 @@ IcpResult refined(PlanePairs& problem, double least_sigma_m, const Pose& initial
   result.rms_m = std::sqrt(sums.squares_m2 / sums.pairs);
   result.rms_sigma = std::sqrt(sums.squares_sigma / sums.pairs);
   result.information = sums.information;
+  if (result.pairs > 0) result.reopened_sigma = reopened_sigma(problem, least_sigma_m, result);
+  if (!has_prior) take_off_feigned(sums, feigned(1));
+  result.information = sums.information;
   result.converged = settled && result.overlap >= options.min_overlap && result.rms_sigma <= options.max_rms_sigma;
   return result;
-}
-
-double reopened_sigma(PlanePairs& problem, double least_sigma_m, const IcpResult& result) {
-  constexpr double kOpen_m = 5e-3;
-  const PlaneSums sums = problem.linearise(result.target_from_source, {kOpen_m, kOpen_m / least_sigma_m}, 1);
-  const Vector6d step = sums.information.ldlt().solve(-sums.gradient);
-  return std::sqrt(step.dot(result.information * step));
 }
 
 // A pose with how well the frames agree there: the points that have a partner, less for those that contradict. Where
@@ -156,10 +184,7 @@ IcpResult point_to_plane_icp(const Frame& target, const Frame& source, const Pin
                              const IcpOptions& options, const Matrix6d& prior) {
   check_options(options, "icp");
   PlanePairs problem(target, source, camera, options.max_normal_deg);
-  const double least_sigma = smallest_sigma(source);
-  IcpResult result = refined(problem, least_sigma, initial, options, prior);
-  if (result.converged) result.reopened_sigma = reopened_sigma(problem, least_sigma, result);
-  return result;
+  return refined(problem, smallest_sigma(source), initial, options, prior);
 }
 
 IcpResult register_frames(const Frame& target, const Frame& source, const Pinhole& camera, const IcpOptions& options) {

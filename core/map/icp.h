@@ -10,6 +10,11 @@
 //
 // Gauss-Newton minimises sum rho(r / sigma) over T, rho = Tukey's biweight. The information matrix
 // sum g g^T / sigma^2, g = (R p x n, n), is that of the tangent of retract(): a mean over m points knows q once.
+//
+// Normals are measured too, and their noise looks like surfaces of all directions: a bare plane that is seen dimly
+// would seem to hold the view sideways. The noise of the two normals n_p, n_q is independent, so that sums with (n_p -
+// n_q)/2 instead of their mean are that feigned part on the average (the errors-in-variables bias of the normal
+// equations); it is taken off the information.
 #pragma once
 
 #include "core/types/frame.h"
@@ -48,8 +53,7 @@ struct IcpResult {
   double rms_m = 0;        // of the point-to-plane distances
   double rms_sigma = 0;    // of r / sigma; 1 when the sigmas are right
   // By how many sigmas the surfaces would still move the result if partners within 5 mm all counted again: a motion
-  // that is right stays, one that slid to rest beside its place, where few things contradict it, goes. Not of
-  // register_frames().
+  // that is right stays, one that slid to rest beside its place, where few things contradict it, goes.
   double reopened_sigma = 0;
   Matrix6d information = Matrix6d::Zero();
 };

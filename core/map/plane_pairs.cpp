@@ -74,6 +74,7 @@ FRINGESLAM_INLINE void associate_body(PointArrays source, int count, Projection 
 // Which points are no pairs.
 struct Gates {
   float distance, outlier_sigma, normal_cos;
+  float other;  // 1 for the mean normal in the sums, -1 for half the difference
 };
 
 constexpr int kSums = 21 + 6 + 4;
@@ -132,12 +133,14 @@ FRINGESLAM_INLINE void linearise_body(PointArrays source, const int32_t* pixel, 
       square2[lane] = is_pair ? square : 0;
       paired[lane] = is_pair ? 1.0f : 0.0f;
       seen[lane] = (pixel[i] >= 0) & (cosine >= -2) ? 1.0f : 0.0f;  // not NaN
-      g[0][lane] = is_pair ? ry * nz - rz * ny : 0;
-      g[1][lane] = is_pair ? rz * nx - rx * nz : 0;
-      g[2][lane] = is_pair ? rx * ny - ry * nx : 0;
-      g[3][lane] = is_pair ? nx : 0;
-      g[4][lane] = is_pair ? ny : 0;
-      g[5][lane] = is_pair ? nz : 0;
+      const float gx = scale * (px + gates.other * q_nx), gy = scale * (py + gates.other * q_ny),
+                  gz = scale * (pz + gates.other * q_nz);
+      g[0][lane] = is_pair ? ry * gz - rz * gy : 0;
+      g[1][lane] = is_pair ? rz * gx - rx * gz : 0;
+      g[2][lane] = is_pair ? rx * gy - ry * gx : 0;
+      g[3][lane] = is_pair ? gx : 0;
+      g[4][lane] = is_pair ? gy : 0;
+      g[5][lane] = is_pair ? gz : 0;
     }
     size_t k = 0;
     for (int a = 0; a < 6; ++a) {
@@ -248,7 +251,8 @@ const PlanePairs::Points& PlanePairs::level(int stride) {
   return *points;
 }
 
-PlaneSums PlanePairs::linearise(const Pose& target_from_source, const PlaneGates& gates, int stride) {
+PlaneSums PlanePairs::linearise(const Pose& target_from_source, const PlaneGates& gates, int stride,
+                                PairNormal normal) {
   static const auto associate = widest(associate_portable, associate_avx2, associate_avx512);
   static const auto linearise_chunk = widest(linearise_portable, linearise_avx2, linearise_avx512);
   const Points& points = level(stride);
@@ -257,7 +261,8 @@ PlaneSums PlanePairs::linearise(const Pose& target_from_source, const PlaneGates
     return PointArrays{at(0), at(1), at(2), at(3), at(4), at(5), at(6)};
   };
   const Projection projection(target_from_source, camera_);
-  const Gates limits{static_cast<float>(gates.distance_m), static_cast<float>(gates.outlier_sigma), min_normal_cos_};
+  const Gates limits{static_cast<float>(gates.distance_m), static_cast<float>(gates.outlier_sigma), min_normal_cos_,
+                     normal == PairNormal::mean ? 1.0f : -1.0f};
   const int chunks = (points.padded + kChunk - 1) / kChunk;
   pixel_.resize(static_cast<size_t>(points.padded));
   for_each_row(chunks, [&](int chunk) {

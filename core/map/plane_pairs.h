@@ -23,6 +23,12 @@ struct PlaneSums {
   int seen = 0;  // points that fall on a target pixel with a normal, whether a pair or not
 };
 
+// Which vector stands for a pair's normal in the sums.
+enum class PairNormal {
+  mean,            // of both frames' normals
+  half_difference  // of them: what the noise of the mean has on the average, as that of the two is independent
+};
+
 struct PlaneGates {
   double distance_m = 0;     // residuals beyond are no pairs
   double outlier_sigma = 0;  // Tukey's cut-off
@@ -34,7 +40,10 @@ class PlanePairs {
 
   // Points are every `stride`-th source pixel of every `stride`-th row that has a normal; strides are 1, 2, 4, 8 or 16.
   int points(int stride) { return level(stride).count; }
-  PlaneSums linearise(const Pose& target_from_source, const PlaneGates& gates, int stride);
+  // With half_difference the information is that which the normals' noise feigns; pairs, weights and residuals are
+  // those of the mean, and the gradient means nothing.
+  PlaneSums linearise(const Pose& target_from_source, const PlaneGates& gates, int stride,
+                      PairNormal normal = PairNormal::mean);
 
  private:
   // x, y, z, the normal's three and sigma of `count` points, then NaN up to a multiple of the kernels' lanes.
