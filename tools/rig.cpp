@@ -84,9 +84,8 @@ int check(const std::string& rig_file, const Common& common) {
           (saturated > 0.01 ? "; lower exposure or gain, or close the aperture"
            : mean < 0.05    ? "; raise exposure or gain"
                             : "") +
-          (bent ? "\nthe projector's light is not linear: it grows as the " +
-                      to_text(std::round(10 * rig->gamma()) / 10) +
-                      ". power of the grey value; see fringeslam calibrate response"
+          (bent ? "\nthe projector's light is not linear: it grows as the grey value to the power of " +
+                      to_text(std::round(10 * rig->gamma()) / 10) + "; see fringeslam calibrate response"
                 : ""));
   return 0;
 }

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A whole run from images that are in memory.
+#include <algorithm>
+#include <cmath>
 #include <cstdio>
 
 #include "bench/row.h"
@@ -11,6 +13,33 @@ namespace fringeslam::bench {
 
 namespace {
 
+double percentile(std::vector<double> values, double percent) {
+  std::sort(values.begin(), values.end());
+  return values[static_cast<size_t>(std::ceil(percent / 100 * static_cast<double>(values.size()))) - 1];
+}
+
+// From the last exposure of a view until its pose is known, and until the map has it.
+struct Latencies {
+  std::vector<double> pose_ms, map_ms;
+
+  void add(const StageClock& clock, double view_s) {
+    const auto& entered = clock.entered();
+    const auto known = entered.find(entered.contains("map") ? "map" : "other");
+    if (known == entered.end()) return;  // the view is lost
+    pose_ms.push_back(1e3 * known->second);
+    map_ms.push_back(1e3 * view_s);
+  }
+  std::vector<Row> rows() const {
+    const int count = static_cast<int>(pose_ms.size());
+    return {
+        median_row("speed.latency.pose", pose_ms, "ms", 33),
+        bound_row("speed.latency.pose_99", percentile(pose_ms, 99), count, "ms", 66, Limit::most),
+        median_row("speed.latency.map", map_ms, "ms", 66),
+        bound_row("speed.latency.map_99", percentile(map_ms, 99), count, "ms", 200, Limit::most),
+    };
+  }
+};
+
 std::vector<Row> frame_rows(const Context& context) {
   const sim::Scene scene = sim::load_scene(std::string(FRINGESLAM_SCENES) + "/loop/scene.yaml");
   sim::VirtualRig rig(scene, {});
@@ -18,12 +47,17 @@ std::vector<Row> frame_rows(const Context& context) {
   while (auto stack = rig.capture(scene.patterns)) stacks.push_back(std::move(*stack));
 
   std::vector<double> frames_per_s;
+  Latencies latencies;
   for (int run = 0; run < (context.quick ? 1 : 3); ++run) {
     StageClock clock;
     Pipeline pipeline(scene.rig, scene.patterns, {}, scene.trajectory[0].world_from_robot);
     pipeline.time_stages(clock);
     const double seconds = seconds_of([&] {
-      for (const FringeStack& stack : stacks) pipeline.process(stack);
+      for (const FringeStack& stack : stacks) {
+        clock.begin_view();
+        const double view_s = seconds_of([&] { pipeline.process(stack); });
+        latencies.add(clock, view_s);
+      }
       clock.leave();
     });
     const auto count = static_cast<double>(stacks.size());
@@ -33,13 +67,17 @@ std::vector<Row> frame_rows(const Context& context) {
       std::fprintf(stderr, " %s %.2f (%.0f %%)", stage.c_str(), 1e3 * time / count, 100 * time / seconds);
     std::fprintf(stderr, "\n");
   }
-  return {median_row("speed.frame", frames_per_s, "frames/s", 30, Limit::least)};
+  std::vector<Row> rows = latencies.rows();
+  rows.insert(rows.begin(), median_row("speed.frame", frames_per_s, "frames/s", 30, Limit::least));
+  return rows;
 }
 
 }  // namespace
 
 std::vector<Item> frame_speed_items() {
-  return {{{"speed.frame"}, "once around over a field of rubble, from images in memory to the map", frame_rows}};
+  return {{{"speed.frame", "speed.latency.pose", "speed.latency.pose_99", "speed.latency.map", "speed.latency.map_99"},
+           "once around over a field of rubble, from images in memory to the map",
+           frame_rows}};
 }
 
 }  // namespace fringeslam::bench

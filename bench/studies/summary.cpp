@@ -273,6 +273,17 @@ Json to_json(const Summary& summary) {
   return json;
 }
 
+namespace {
+
+// For reading; summary.json has all digits.
+std::string rounded(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.4g", value);
+  return text;
+}
+
+}  // namespace
+
 std::string to_text(const Summary& summary) {
   const double rate = summary.trials > 0 ? static_cast<double>(summary.successes) / summary.trials : 0;
   std::string text = summary.name + ": " + std::to_string(summary.trials) + " trials, " + percent(rate) + " succeed " +
@@ -293,8 +304,7 @@ std::string to_text(const Summary& summary) {
       text += " (" + percent(parameter.of_success.total) + " " + percent(parameter.of_success.total_95) + ")";
     text += "\n";
     for (const Class& c : parameter.classes) {
-      const std::string label =
-          c.label.empty() ? fringeslam::to_text(c.low) + " to " + fringeslam::to_text(c.high) : c.label;
+      const std::string label = c.label.empty() ? rounded(c.low) + " to " + rounded(c.high) : c.label;
       text += "    " + label + ": " + percent(c.trials > 0 ? static_cast<double>(c.successes) / c.trials : 0) + " " +
               percent(c.rate_95) + " of " + std::to_string(c.trials) + "\n";
     }
@@ -307,10 +317,9 @@ std::string to_text(const Summary& summary) {
       " " + percent(summary.envelope_95) + " of " + std::to_string(summary.envelope_trials) +
       " other trials succeed where\n";
   for (const ParameterSummary& parameter : summary.parameters) {
-    if (std::isfinite(parameter.safe_low))
-      text += "  " + parameter.name + " >= " + fringeslam::to_text(parameter.safe_low) + "\n";
+    if (std::isfinite(parameter.safe_low)) text += "  " + parameter.name + " >= " + rounded(parameter.safe_low) + "\n";
     if (std::isfinite(parameter.safe_high))
-      text += "  " + parameter.name + " <= " + fringeslam::to_text(parameter.safe_high) + "\n";
+      text += "  " + parameter.name + " <= " + rounded(parameter.safe_high) + "\n";
   }
   return text;
 }

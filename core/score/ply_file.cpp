@@ -263,6 +263,7 @@ class BodyReader {
   PlyMap read() {
     for (const Element& element : header_.elements) {
       check_length(element);
+      if (element.properties.empty()) continue;  // however many there are of it, they take no bytes
       uint64_t index = 0;
       try {
         for (; index < element.count; ++index) read_one(element, index);

@@ -96,6 +96,13 @@ TEST_F(PlyFile, AsciiWithOtherPropertiesAndElements) {
   EXPECT_EQ(map.dropped, 0u);
 }
 
+// Two thousand million of them, a thousand times: who counted them all would not come to an end.
+TEST_F(PlyFile, ElementsOfNothingTakeNoTime) {
+  std::string nothing;
+  for (int i = 0; i < 1000; ++i) nothing += "element nothing 2147483647\n";
+  EXPECT_EQ(read(kHead + nothing + "element vertex 1\n" + kXyz + "end_header\n1 2 3\n").vertices.size(), 1u);
+}
+
 TEST_F(PlyFile, BinaryOfEitherByteOrder) {
   for (const bool big : {false, true}) {
     const std::string format = std::string("ply\r\nformat binary_") + (big ? "big" : "little") + "_endian 1.0\r\n";
