@@ -43,11 +43,12 @@ void take_off_feigned(PlaneSums& sums, const Matrix6d& feigned) {
   sums.gradient = basis * left.cwiseProduct(gradient);
 }
 
-double reopened_sigma(PlanePairs& problem, double least_sigma_m, const IcpResult& result) {
+double reopened_sigma(PlanePairs& problem, double least_sigma_m, const Pose& target_from_source,
+                      const Matrix6d& information) {
   constexpr double kOpen_m = 5e-3;
-  const PlaneSums sums = problem.linearise(result.target_from_source, {kOpen_m, kOpen_m / least_sigma_m}, 1);
+  const PlaneSums sums = problem.linearise(target_from_source, {kOpen_m, kOpen_m / least_sigma_m}, 1);
   const Vector6d step = sums.information.ldlt().solve(-sums.gradient);
-  return std::sqrt(step.dot(result.information * step));
+  return std::sqrt(step.dot(information * step));
 }
 
 IcpResult refined(PlanePairs& problem, double least_sigma_m, const Pose& initial, const IcpOptions& options,
@@ -106,11 +107,11 @@ IcpResult refined(PlanePairs& problem, double least_sigma_m, const Pose& initial
   result.consistency = static_cast<double>(sums.pairs) / std::max(1, sums.seen);
   result.rms_m = std::sqrt(sums.squares_m2 / sums.pairs);
   result.rms_sigma = std::sqrt(sums.squares_sigma / sums.pairs);
-  result.information = sums.information;
-  if (result.pairs > 0) result.reopened_sigma = reopened_sigma(problem, least_sigma_m, result);
+  result.converged = settled && result.overlap >= options.min_overlap && result.rms_sigma <= options.max_rms_sigma;
+  if (result.converged)
+    result.reopened_sigma = reopened_sigma(problem, least_sigma_m, result.target_from_source, sums.information);
   if (!has_prior) take_off_feigned(sums, feigned(1));
   result.information = sums.information;
-  result.converged = settled && result.overlap >= options.min_overlap && result.rms_sigma <= options.max_rms_sigma;
   return result;
 }
 

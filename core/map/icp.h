@@ -54,6 +54,7 @@ struct IcpResult {
   double rms_sigma = 0;    // of r / sigma; 1 when the sigmas are right
   // By how many sigmas the surfaces would still move the result if partners within 5 mm all counted again: a motion
   // that is right stays, one that slid to rest beside its place, where few things contradict it, goes.
+  // 0 without convergence.
   double reopened_sigma = 0;
   Matrix6d information = Matrix6d::Zero();
 };
