@@ -14,7 +14,7 @@ const kFlags = [
 ];
 
 export function launch() {
-  assert.ok(existsSync(kBrowser), `${kBrowser} is missing: run tools/setup --tests, or set CHROMIUM`);
+  assert.ok(existsSync(kBrowser), `${kBrowser} is missing: run tools/setup --test, or set CHROMIUM`);
   return chromium.launch({executablePath: kBrowser, args: kFlags, timeout: kTimeoutMs});
 }
 
@@ -73,3 +73,19 @@ export const darkness = (page) => page.evaluate(() => {
   return red + green + blue;
 });
 export const overflow = (page) => page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
+
+// What up to `most` presses of Tab reach, by id, class or tag. Each shows its focus.
+export async function reachedByTab(page, most) {
+  const reached = new Set();
+  for (let i = 0; i < most; ++i) {
+    await page.keyboard.press('Tab');
+    const [name, outline] = await page.evaluate(() => {
+      const at = document.activeElement;
+      return at === document.body ? [null] : [at.id || at.className || at.tagName, getComputedStyle(at).outlineStyle];
+    });
+    if (name === null) break;
+    reached.add(name);
+    assert.notEqual(outline, 'none', `${name} shows no focus`);
+  }
+  return reached;
+}

@@ -5,7 +5,7 @@ import assert from 'node:assert/strict';
 import {statSync} from 'node:fs';
 import {resolve} from 'node:path';
 import {after, before, test} from 'node:test';
-import {changed, darkness, kTimeoutMs, launch, look, open as openIn, overflow} from './browser.mjs';
+import {changed, darkness, kTimeoutMs, launch, look, open as openIn, overflow, reachedByTab} from './browser.mjs';
 import {Runs, kWildName} from './runs.mjs';
 
 const runs = new Runs(process.env.FRINGESLAM_PROGRAM, process.env.FRINGESLAM_SOURCE_DIR, resolve('runs'));
@@ -112,17 +112,7 @@ test('the map is turned, shifted, zoomed and reset by mouse and keys', async () 
 test('all that can be operated is reached by Tab and shows its focus', async () => {
   const {page, close} = await open(full);
   await drawn(page);
-  const reached = new Set();
-  for (let i = 0; i < 40; ++i) {
-    await page.keyboard.press('Tab');
-    const [name, outline] = await page.evaluate(() => {
-      const at = document.activeElement;
-      return at === document.body ? [null] : [at.id || at.className || at.tagName, getComputedStyle(at).outlineStyle];
-    });
-    if (name === null) break;
-    reached.add(name);
-    assert.notEqual(outline, 'none', `${name} shows no focus`);
-  }
+  const reached = await reachedByTab(page, 40);
   for (const id of ['theme', 'scene', 'reset', 'slider', 'next', 'scroller']) assert.ok(reached.has(id), id);
   await close();
 });

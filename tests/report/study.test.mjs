@@ -4,7 +4,7 @@ import assert from 'node:assert/strict';
 import {readFileSync} from 'node:fs';
 import {resolve} from 'node:path';
 import {after, before, test} from 'node:test';
-import {changed, darkness, kTimeoutMs, launch, look, open as openIn, overflow} from './browser.mjs';
+import {changed, darkness, kTimeoutMs, launch, look, open as openIn, overflow, reachedByTab} from './browser.mjs';
 import {kWildName} from './runs.mjs';
 import {kTrials, Studies} from './studies.mjs';
 
@@ -144,17 +144,7 @@ test('the tables say what the charts show', async () => {
 
 test('all that can be operated is reached by Tab and shows its focus', async () => {
   const {page, close} = await open();
-  const reached = new Set();
-  for (let i = 0; i < 80; ++i) {
-    await page.keyboard.press('Tab');
-    const [name, outline] = await page.evaluate(() => {
-      const at = document.activeElement;
-      return at === document.body ? [null] : [at.id || at.className || at.tagName, getComputedStyle(at).outlineStyle];
-    });
-    if (name === null) break;
-    reached.add(name);
-    assert.notEqual(outline, 'none', `${name} shows no focus`);
-  }
+  const reached = await reachedByTab(page, 80);
   for (const name of ['skip', 'theme', 'points', 'chooser', 'SELECT', 'number', 'SUMMARY']) assert.ok(reached.has(name), name);
   await close();
 });
