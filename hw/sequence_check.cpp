@@ -125,8 +125,9 @@ class Check {
         return these;
       Phases phases{group.period_px, std::vector<float>(levels_.pixels)};
       std::vector<float> left(levels_.pixels);
+      const Waves waves = waves_of(group);
       for (size_t p = 0; p < levels_.pixels; ++p) {
-        const Fit fit = fit_of(group, p);
+        const Fit fit = fit_of(group, waves, p);
         phases.turns[p] = fit.turns;
         left[p] = fit.left;
       }
@@ -184,17 +185,29 @@ class Check {
     return *middle;
   }
 
+  struct Waves {
+    std::vector<double> sines, cosines;  // of the shifts
+  };
+  static Waves waves_of(const FringeGroup& group) {
+    Waves waves;
+    for (const double shift : group.shifts_rad) {
+      waves.sines.push_back(std::sin(shift));
+      waves.cosines.push_back(std::cos(shift));
+    }
+    return waves;
+  }
+
   // A cosine through a pixel's levels, once they are linear.
   struct Fit {
     float turns = 0;  // its phase
     float left = 0;   // root of the summed squares of what it leaves
   };
-  Fit fit_of(const FringeGroup& group, size_t p) const {
+  Fit fit_of(const FringeGroup& group, const Waves& waves, size_t p) const {
     double sine = 0, cosine = 0, sum = 0, squares = 0;
     for (size_t n = 0; n < group.images.size(); ++n) {
       const double linear = std::pow(std::clamp(level(group.images[n], p), 0.0, 1.0), 1 / gamma_);
-      sine -= linear * std::sin(group.shifts_rad[n]);
-      cosine += linear * std::cos(group.shifts_rad[n]);
+      sine -= linear * waves.sines[n];
+      cosine += linear * waves.cosines[n];
       sum += linear;
       squares += linear * linear;
     }

@@ -96,12 +96,11 @@ std::string write_page([[maybe_unused]] const Study& study, [[maybe_unused]] con
 }
 
 // What the results tell: summary.json and report.html; printed, the text or the JSON when `print` says so.
-void tell(const Study& study, const Arguments& arguments, const Common& common, bool print) {
-  const fs::path folder = arguments.out;
-  const auto lines = merged_lines(folder, study);
+void tell(const Study& study, const std::map<int, std::string>& lines, const Arguments& arguments, const Common& common,
+          bool print) {
   const Summary summary = summarise(study, lines, std::max(kWorst, arguments.worst));
   const nlohmann::ordered_json json = to_json(summary);
-  write_text(folder / "summary.json", json.dump(1) + "\n");
+  write_text(fs::path(arguments.out) / "summary.json", json.dump(1) + "\n");
   if (print) std::printf("%s\n", common.json ? json.dump(2).c_str() : to_text(summary).c_str());
   std::fflush(stdout);
   const std::string written = write_page(study, lines, summary, arguments);
@@ -146,8 +145,9 @@ int run(const Arguments& arguments, const Common& common) {
   std::snprintf(figures, sizeof figures, "%zu trials in %.0f s, %.2f/s; largest worker %.0f MiB", done, seconds, rate,
                 report.largest_mib);
   if (shard.count == 1) {
-    write_tables(folder, study, merged_lines(folder, study));
-    tell(study, arguments, common, !common.json && !common.quiet);
+    const auto lines = merged_lines(folder, study);
+    write_tables(folder, study, lines);
+    tell(study, lines, arguments, common, !common.json && !common.quiet);
   }
   say(common,
       {{"folder", arguments.out},
@@ -164,7 +164,7 @@ int run(const Arguments& arguments, const Common& common) {
 
 int report(const Study& study, const Arguments& arguments, const Common& common) {
   catch_interrupts();
-  tell(study, arguments, common, true);
+  tell(study, merged_lines(arguments.out, study), arguments, common, true);
   return 0;
 }
 

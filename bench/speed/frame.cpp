@@ -1,22 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // A whole run from images that are in memory.
-#include <algorithm>
-#include <cmath>
 #include <cstdio>
 
 #include "bench/row.h"
 #include "bench/speed/turns.h"
 #include "core/pipeline/pipeline.h"
+#include "core/score/score.h"
 #include "sim/virtual_rig.h"
 
 namespace fringeslam::bench {
 
 namespace {
-
-double percentile(std::vector<double> values, double percent) {
-  std::sort(values.begin(), values.end());
-  return values[static_cast<size_t>(std::ceil(percent / 100 * static_cast<double>(values.size()))) - 1];
-}
 
 // From the last exposure of a view until its pose is known, and until the map has it.
 struct Latencies {
@@ -33,9 +27,9 @@ struct Latencies {
     const int count = static_cast<int>(pose_ms.size());
     return {
         median_row("speed.latency.pose", pose_ms, "ms", 33),
-        bound_row("speed.latency.pose_99", percentile(pose_ms, 99), count, "ms", 66, Limit::most),
+        bound_row("speed.latency.pose_99", quantile_of(pose_ms, 0.99), count, "ms", 66, Limit::most),
         median_row("speed.latency.map", map_ms, "ms", 66),
-        bound_row("speed.latency.map_99", percentile(map_ms, 99), count, "ms", 200, Limit::most),
+        bound_row("speed.latency.map_99", quantile_of(map_ms, 0.99), count, "ms", 200, Limit::most),
     };
   }
 };

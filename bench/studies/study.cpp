@@ -2,6 +2,7 @@
 #include "bench/studies/study.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <set>
@@ -20,17 +21,18 @@ namespace {
 
 using Law = Parameter::Law;
 
+constexpr std::array<std::pair<const char*, Law>, 5> kLaws = {{{"uniform", Law::uniform},
+                                                               {"log_uniform", Law::log_uniform},
+                                                               {"normal", Law::normal},
+                                                               {"choice", Law::choice},
+                                                               {"grid", Law::grid}}};
+
 Parameter read_parameter(const std::string& name, const YamlMap& map) {
-  static const std::vector<std::pair<const char*, Law>> laws = {{"uniform", Law::uniform},
-                                                                {"log_uniform", Law::log_uniform},
-                                                                {"normal", Law::normal},
-                                                                {"choice", Law::choice},
-                                                                {"grid", Law::grid}};
   Parameter parameter;
   parameter.name = name;
   parameter.setting = is_setting(name);
   std::string law;
-  for (const auto& [word, which] : laws) {
+  for (const auto& [word, which] : kLaws) {
     if (!map.has(word)) continue;
     if (!law.empty()) throw map.error(word, "'" + law + "' and '" + word + "': give one of the two");
     law = word;
@@ -157,6 +159,10 @@ void check_study(const Study& study) {
     for (const Fixed& fixed : study.fixed) blame(fixed.name, fixed.where);
     throw;
   }
+}
+
+std::string to_string(Parameter::Law law) {
+  return std::find_if(kLaws.begin(), kLaws.end(), [&](const auto& known) { return known.second == law; })->first;
 }
 
 std::string hash_text(const Study& study) {

@@ -29,6 +29,9 @@ struct Parameter {
 };
 
 // A value that all trials have.
+// The word of a study file.
+std::string to_string(Parameter::Law law);
+
 struct Fixed {
   std::string name, value;
   bool setting = false;

@@ -10,6 +10,7 @@
 
 #include "tests/tools/fake_rig.h"
 #include "tests/support/temp_folder.h"
+#include "tools/shell.h"
 
 namespace fringeslam::test {
 
@@ -18,11 +19,7 @@ struct Finished {
   std::string out, err;
 };
 
-inline std::string quoted(const std::string& word) {
-  std::string text = "'";
-  for (const char c : word) text += c == '\'' ? "'\\''" : std::string(1, c);
-  return text + "'";
-}
+using tools::quoted;
 
 inline Finished run_program(const std::vector<std::string>& arguments) {
   const TempFolder temp;

@@ -25,27 +25,14 @@ ordered_json rounded(double value) {
   return std::strtod(text, nullptr);
 }
 
-std::string name_of(Law law) {
-  switch (law) {
-    case Law::uniform:
-      return "uniform";
-    case Law::log_uniform:
-      return "log_uniform";
-    case Law::normal:
-      return "normal";
-    case Law::choice:
-      return "choice";
-    case Law::grid:
-      return "grid";
-  }
-  return "uniform";
-}
-
 ordered_json parameter_json(const Parameter& parameter, size_t p, const std::vector<Row>& rows) {
-  ordered_json json = {
-      {"name", parameter.name},   {"law", name_of(parameter.law)}, {"logarithmic", parameter.logarithmic()},
-      {"whole", parameter.whole}, {"values", parameter.values},    {"low", nullptr},
-      {"high", nullptr}};
+  ordered_json json = {{"name", parameter.name},
+                       {"law", studies::to_string(parameter.law)},
+                       {"logarithmic", parameter.logarithmic()},
+                       {"whole", parameter.whole},
+                       {"values", parameter.values},
+                       {"low", nullptr},
+                       {"high", nullptr}};
   if (!parameter.values.empty()) return json;
   double low = parameter.a, high = parameter.b;
   if (parameter.law == Law::normal) {
