@@ -18,19 +18,21 @@ constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 // Largest depth step between neighbours that still is one surface: the footprint of a pixel on a
 // surface of the limiting slope, plus what noise can do.
 struct StepLimit {
-  double per_depth = 0;
-  double operator()(double depth, double sigma) const { return per_depth * depth + 6 * sigma; }
+  float per_depth = 0;
+  float operator()(float depth, float sigma) const { return per_depth * depth + 6 * sigma; }
 };
 
 }  // namespace
 
 cv::Mat1b depth_image(const cv::Mat3f& points_m, double near_m, double far_m) {
   cv::Mat1b image(points_m.size());
+  const double per_m = 255 / (far_m - near_m);
   for_each_row(points_m.rows, [&](int row) {
+    const float* const points = points_m[row]->val;
     for (int col = 0; col < points_m.cols; ++col) {
-      const double z = points_m(row, col)[2];
-      const double grey = std::clamp(std::round(255 * (far_m - z) / (far_m - near_m)), 1.0, 255.0);
-      image(row, col) = std::isnan(z) ? uchar{0} : static_cast<uchar>(grey);
+      const double level = per_m * (far_m - static_cast<double>(points[3 * col + 2]));
+      const double grey = std::min(std::max(level, 1.0), 255.0);
+      image[row][col] = level == level ? static_cast<uchar>(static_cast<int>(grey + 0.5)) : uchar{0};
     }
   });
   return image;
@@ -41,29 +43,28 @@ namespace {
 // A pixel measures the mean phase of its area, weighted by brightness. Where texture is finer than pixels nobody knows
 // where in the area that is: an error in proportion to the depth's change over the pixel, of no weight beside the
 // camera's noise but where surfaces are seen at a grazing angle.
-cv::Mat1f with_footprint_noise(const Frame& frame, double share, StepLimit limit) {
-  cv::Mat1f sigma = frame.sigma_m.clone();
+cv::Mat1f with_footprint_noise(const cv::Mat1f& sigma_m, const FitImage& image, double share, StepLimit limit) {
+  cv::Mat1f result(sigma_m.size());
   const auto per_px = static_cast<float>(share);
-  for_each_row(frame.height(), [&](int row) {
-    for (int col = 0; col < frame.width(); ++col) {
-      const float z = frame.points_m(row, col)[2], own = sigma(row, col);
-      if (std::isnan(z)) continue;
-      const float most = static_cast<float>(limit(z, own));
-      const auto change = [&](int r, int c) {
-        if (r < 0 || c < 0 || r >= frame.height() || c >= frame.width()) return 0.0f;
-        const float step = std::abs(frame.points_m(r, c)[2] - z);
-        return step <= most ? step : 0.0f;  // 0 for NaN
+  for_each_row(sigma_m.rows, [&](int row) {
+    const float *const z = image.z[row], *const above = image.z[row - 1], *const below = image.z[row + 1];
+    const float* const own = sigma_m[row];
+    for (int col = 0; col < sigma_m.cols; ++col) {
+      const float most = limit(z[col], own[col]);
+      const auto change = [&](float depth) {
+        const float step = std::abs(depth - z[col]);
+        return step <= most ? step : 0.0f;
       };
-      const float across = std::max(change(row, col - 1), change(row, col + 1)),
-                  along = std::max(change(row - 1, col), change(row + 1, col));
-      sigma(row, col) = std::sqrt(own * own + per_px * per_px * (across * across + along * along));
+      const float across = std::max(change(z[col - 1]), change(z[col + 1])),
+                  along = std::max(change(above[col]), change(below[col]));
+      result[row][col] = std::sqrt(own[col] * own[col] + per_px * per_px * (across * across + along * along));
     }
   });
-  return sigma;
+  return result;
 }
 
 StepLimit step_limit(const Triangulation& triangulation, const DepthOptions& options) {
-  return {std::tan(options.max_slope_deg * std::numbers::pi / 180) * triangulation.pixel_angle()};
+  return {static_cast<float>(std::tan(options.max_slope_deg * std::numbers::pi / 180) * triangulation.pixel_angle())};
 }
 
 }  // namespace
@@ -83,7 +84,7 @@ void triangulate(Frame& frame, const DecodedStack& decoded, const Triangulation&
   cv::Mat1f depth(size.height + 2, size.width), sigma(size);
   depth.row(0).setTo(kNaN);
   depth.row(size.height + 1).setTo(kNaN);
-  const auto per_depth = static_cast<float>(step_limit(triangulation, options).per_depth);
+  const float per_depth = step_limit(triangulation, options).per_depth;
   const auto max_sigma = static_cast<float>(options.max_sigma_m);
   const auto to_grey = static_cast<float>(255 / decoded.full_scale_dn);
   for_each_row(size.height, [&](int row) {
@@ -107,10 +108,10 @@ Frame reconstruct(const DecodedStack& decoded, const RigModel& rig, const Triang
   Frame frame;
   triangulate(frame, decoded, triangulation, options);
   const StepLimit limit = step_limit(triangulation, options);
-  frame.normals = estimate_normals(
-      frame.points_m, triangulation.rays(), frame.sigma_m,
-      {options.normal_radius_px, static_cast<float>(limit.per_depth), static_cast<float>(options.max_normal_chi2)});
-  frame.sigma_m = with_footprint_noise(frame, options.footprint_noise, limit);
+  const FitImage image(frame.points_m, triangulation.rays(), frame.sigma_m, options.normal_radius_px);
+  frame.normals =
+      estimate_normals(image, {options.normal_radius_px, limit.per_depth, static_cast<float>(options.max_normal_chi2)});
+  frame.sigma_m = with_footprint_noise(frame.sigma_m, image, options.footprint_noise, limit);
   frame.depth_image = depth_image(frame.points_m, rig.near_m, rig.far_m);
   return frame;
 }

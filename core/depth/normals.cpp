@@ -1,121 +1,64 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/depth/normals.h"
 
-#include <cmath>
 #include <limits>
 
+#include "core/depth/plane_adoption.h"
 #include "core/types/parallel.h"
 
 namespace fringeslam {
 
 namespace {
 
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
-
-// A fitted window: the plane through its centre's point.
-struct Plane {
-  cv::Vec3f normal, point_m;
-  float offset_m = 0;     // normal . point
-  float variance_m2 = 0;  // of the point, along the normal
-};
-
-class NormalEstimator {
- public:
-  NormalEstimator(const cv::Mat3f& points, const PixelRays& rays, const cv::Mat1f& sigma, const PlaneFit& widest)
-      : points_(points), relative_sigma_(points.size()), widest_(widest), image_(points, rays, sigma, widest.radius) {
-    for_each_row(points.rows, [&](int row) {
-      for (int col = 0; col < points.cols; ++col) relative_sigma_(row, col) = sigma(row, col) / points(row, col)[2];
-    });
+// Normals of some pixels into those of all, by which they are wanted no more.
+void take(const NormalImages& some, int row, int width, NormalImages& all, int32_t* wanted) {
+  float *const x = all.x[row], *const y = all.y[row], *const z = all.z[row];
+  const float *const from_x = some.x[row], *const from_y = some.y[row], *const from_z = some.z[row];
+  for (int col = 0; col < width; ++col) {
+    const bool given = from_z[col] != 0;
+    x[col] = given ? from_x[col] : x[col];
+    y[col] = given ? from_y[col] : y[col];
+    z[col] = given ? from_z[col] : z[col];
+    wanted[col] = given ? 0 : wanted[col];
   }
+}
 
-  cv::Mat3f estimate() const {
-    cv::Mat3f normals(points_.size(), cv::Vec3f::all(kNaN));
-    cv::Mat3f fitted(points_.size());
-    cv::Mat1b wanted = measured();
-    for (PlaneFit fit = widest_; fit.radius >= 1; fit.radius /= 2) {
-      for_each_row(points_.rows, [&](int row) {
-        fit_planes(image_, row, fit, wanted[row], fitted[row]);
-        for (int col = 0; col < points_.cols; ++col) {
-          if (!std::isnan(fitted(row, col)[2])) normals(row, col) = fitted(row, col), wanted(row, col) = 0;
-        }
-      });
-      for_each_row(points_.rows, [&](int row) {
-        for (int col = 0; col < points_.cols; ++col) {
-          if (wanted(row, col) == 0) continue;
-          normals(row, col) = adopt(fitted, row, col, fit.radius);
-          wanted(row, col) = std::isnan(normals(row, col)[2]);
-        }
-      });
+cv::Mat3f interleaved(const NormalImages& normals, const cv::Size& size) {
+  constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+  cv::Mat3f result(size);
+  for_each_row(size.height, [&](int row) {
+    const float *const x = normals.x[row], *const y = normals.y[row], *const z = normals.z[row];
+    float* const to = result[row]->val;
+    for (int col = 0; col < size.width; ++col) {
+      const bool given = z[col] != 0;
+      to[3 * col] = given ? x[col] : kNaN;
+      to[3 * col + 1] = given ? y[col] : kNaN;
+      to[3 * col + 2] = given ? z[col] : kNaN;
     }
-    return normals;
-  }
-
- private:
-  cv::Mat1b measured() const {
-    cv::Mat1b measured(points_.size());
-    for_each_row(points_.rows, [&](int row) {
-      for (int col = 0; col < points_.cols; ++col) measured(row, col) = !std::isnan(points_(row, col)[2]);
-    });
-    return measured;
-  }
-
-  // Depth noise moves a point along its ray, and by this much of it along the normal.
-  float variance_m2(float along_normal_m, int row, int col) const {
-    const float sigma_m = along_normal_m * relative_sigma_(row, col);
-    return sigma_m * sigma_m;
-  }
-
-  Plane plane_at(const cv::Mat3f& fitted, int row, int col) const {
-    const cv::Vec3f& normal = fitted(row, col);
-    const float offset_m = normal.dot(points_(row, col));
-    return {normal, points_(row, col), offset_m, variance_m2(offset_m, row, col)};
-  }
-
-  // Squared distance of a pixel's point from a plane, and the variance of that by the noise of both.
-  struct Distance {
-    float square_m2 = 0, variance_m2 = 0;
-    bool within(float sigmas) const { return square_m2 <= sigmas * sigmas * variance_m2; }  // false for NaN
-  };
-  Distance distance(const Plane& plane, int row, int col) const {
-    const float off = plane.normal.dot(points_(row, col) - plane.point_m);
-    return {off * off, variance_m2(plane.offset_m + off, row, col) + plane.variance_m2};
-  }
-
-  // True when the pixel's four neighbours lie on the plane, too: then the pixel itself holds no edge.
-  bool inside_plane(const Plane& plane, int row, int col) const {
-    constexpr float kMaxSigmas = 4.5;
-    if (row < 1 || col < 1 || row + 1 >= points_.rows || col + 1 >= points_.cols) return false;
-    return distance(plane, row - 1, col).within(kMaxSigmas) && distance(plane, row + 1, col).within(kMaxSigmas) &&
-           distance(plane, row, col - 1).within(kMaxSigmas) && distance(plane, row, col + 1).within(kMaxSigmas);
-  }
-
-  // The normal of the window centred `radius` px away, in the best of eight directions, whose plane holds this
-  // pixel's point and its neighbours within the noise.
-  cv::Vec3f adopt(const cv::Mat3f& fitted, int row, int col, int radius) const {
-    cv::Vec3f best = cv::Vec3f::all(kNaN);
-    float best_sigmas2 = 2.5f * 2.5f;
-    for (int direction = 0; direction < 9; ++direction) {
-      const int r = row + (direction / 3 - 1) * radius, c = col + (direction % 3 - 1) * radius;
-      if (r < 0 || c < 0 || r >= points_.rows || c >= points_.cols || std::isnan(fitted(r, c)[2])) continue;
-      const Plane plane = plane_at(fitted, r, c);
-      const Distance off = distance(plane, row, col);
-      const float sigmas2 = off.square_m2 / off.variance_m2;
-      if (sigmas2 < best_sigmas2 && inside_plane(plane, row, col)) best = plane.normal, best_sigmas2 = sigmas2;
-    }
-    return best;
-  }
-
-  const cv::Mat3f& points_;
-  cv::Mat1f relative_sigma_;  // sigma / depth
-  PlaneFit widest_;
-  FitImage image_;
-};
+  });
+  return result;
+}
 
 }  // namespace
 
-cv::Mat3f estimate_normals(const cv::Mat3f& points_m, const PixelRays& rays, const cv::Mat1f& sigma_m,
-                           const PlaneFit& widest) {
-  return NormalEstimator(points_m, rays, sigma_m, widest).estimate();
+cv::Mat3f estimate_normals(const FitImage& image, const PlaneFit& widest) {
+  const int width = image.size.width, height = image.size.height;
+  NormalImages normals(image), fitted(image), adopted(image);
+  PaddedImage<int32_t> wanted(image.size, image.margin);
+  for_each_row(height, [&](int row) {
+    for (int col = 0; col < width; ++col) wanted[row][col] = image.z[row][col] < FitImage::kNowhere ? -1 : 0;
+  });
+  for (PlaneFit fit = widest; fit.radius >= 1; fit.radius /= 2) {
+    for_each_row(height, [&](int row) {
+      fit_planes(image, row, fit, wanted[row], fitted);
+      take(fitted, row, width, normals, wanted[row]);
+    });
+    for_each_row(height, [&](int row) {
+      adopt_normals(image, fitted, row, fit.radius, wanted[row], adopted);
+      take(adopted, row, width, normals, wanted[row]);
+    });
+  }
+  return interleaved(normals, image.size);
 }
 
 }  // namespace fringeslam

@@ -10,13 +10,11 @@
 #include <opencv2/core.hpp>
 
 #include "core/depth/plane_fit.h"
-#include "core/types/frame.h"
 
 namespace fringeslam {
 
-// Unit normals towards the camera, NaN where there is none. points_m and sigma_m: H x W, NaN where nothing was
-// measured; widest: of the largest window.
-cv::Mat3f estimate_normals(const cv::Mat3f& points_m, const PixelRays& rays, const cv::Mat1f& sigma_m,
-                           const PlaneFit& widest);
+// Unit normals towards the camera, H x W, NaN where there is none. widest: of the largest window; its radius is the
+// image's margin.
+cv::Mat3f estimate_normals(const FitImage& image, const PlaneFit& widest);
 
 }  // namespace fringeslam

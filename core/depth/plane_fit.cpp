@@ -3,175 +3,190 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
-#include <cstring>
-#include <limits>
+#include <cstdlib>
 
+#include "core/depth/lanes.h"
 #include "core/types/parallel.h"
-
-// The vectors below never pass between functions that are not inlined.
-#pragma GCC diagnostic ignored "-Wpsabi"
 
 namespace fringeslam {
 
 namespace {
 
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
-constexpr float kNowhere = 1e30f;  // depth of what was not measured: no surface reaches there, and no sum is spoilt
-constexpr int kMostLanes = 16;
+constexpr int kMostRadius = 15;
 
-// Compilers take vectors of this kind apart at comparisons, so masks are made of sign bits.
-template <int lanes>
-struct Vector {
-  typedef float Floats __attribute__((vector_size(4 * lanes)));
-  typedef int32_t Mask __attribute__((vector_size(4 * lanes)));  // -1 or 0
-
-  FRINGESLAM_INLINE static Floats load(const float* from) {
-    Floats v;
-    std::memcpy(&v, from, sizeof v);
-    return v;
-  }
-  FRINGESLAM_INLINE static Floats masked(Floats v, Mask mask) { return Floats(Mask(v) & mask); }
-  FRINGESLAM_INLINE static Floats magnitude(Floats v) { return Floats(Mask(v) & 0x7fffffff); }
-  FRINGESLAM_INLINE static Mask not_negative(Floats v) { return ~(Mask(v) >> 31); }
+// A row of the images, at column 0.
+struct FitRow {
+  const float *x, *y, *z, *w, *sigma;
+  ptrdiff_t stride;
 };
 
+template <int lanes>
 struct FittedLanes {
-  float n[3][kMostLanes];  // 1/z = n . (x, y, 1)
-  float chi2[kMostLanes];  // per degree of freedom
-  float count[kMostLanes];
+  typename Lanes<lanes>::Floats x, y, z;  // n / d of w = (n / d) . (x, y, 1)
+  typename Lanes<lanes>::Mask holds;      // the window is a plane
 };
 
 template <int lanes>
-FRINGESLAM_INLINE void fit_lanes(const FitImage::Row& r, ptrdiff_t stride, const PlaneFit& fit, int col,
-                                 FittedLanes& result) {
-  using Lanes = Vector<lanes>;
-  using V = typename Lanes::Floats;
-  using Mask = typename Lanes::Mask;
-  const auto at = [](const float* from) __attribute__((always_inline)) { return Lanes::load(from); };
-  const V x0 = at(r.x + col), y0 = at(r.y + col), z0 = at(r.z + col), w0 = at(r.w + col);
-  const V sigma = at(r.sigma + col), step = fit.per_depth * z0 + 6 * sigma;
-  // Whether both pixels, `by` before and after the centre, are of its surface.
-  const auto both = [&](ptrdiff_t by, int distance) __attribute__((always_inline)) {
-    const V reach = step * static_cast<float>(distance);
-    return Lanes::not_negative(reach - Lanes::magnitude(at(r.z + col + by) - z0)) &
-           Lanes::not_negative(reach - Lanes::magnitude(at(r.z + col - by) - z0));
+FRINGESLAM_INLINE FittedLanes<lanes> fit_lanes(const FitRow& r, const PlaneFit& fit, int col) {
+  using L = Lanes<lanes>;
+  using V = typename L::Floats;
+  using Mask = typename L::Mask;
+  const auto at = [&](const float* from, ptrdiff_t by) __attribute__((always_inline)) {
+    return L::load(from + col + by);
   };
-  // The slopes of inverse depth by the nearest neighbours, 0 where there are none: what the sums are relative to. A
-  // steep plane's inverse depths would cancel in them to less than the noise.
-  const auto slope = [&](const float* ray, ptrdiff_t by) __attribute__((always_inline)) {
-    const V rise = at(r.w + col + by) - at(r.w + col - by), run = at(ray + col + by) - at(ray + col - by);
-    return Lanes::masked(rise / run, both(by, 1));
+  const V z0 = at(r.z, 0), w0 = at(r.w, 0), sigma = at(r.sigma, 0);
+  // The inverse depths k pixels off that are of the surface.
+  V low[kMostRadius + 1], high[kMostRadius + 1];
+  const V step = z0 * (fit.per_depth + 6 * sigma), least = 1e-3f * z0;
+  for (int k = 1; k <= fit.radius; ++k) {
+    const V reach = static_cast<float>(k) * step, near = z0 - reach;
+    low[k] = 1 / (z0 + reach);
+    high[k] = 1 / L::chosen(L::negative(near - least), least, near);
+  }
+  const auto both = [&](V after, V before, int k) __attribute__((always_inline)) {
+    return ~(L::negative(after - low[k]) | L::negative(high[k] - after) | L::negative(before - low[k]) |
+             L::negative(high[k] - before));
   };
-  const V slope_x = slope(r.x, 1), slope_y = slope(r.y, stride);
-  // Sums of the normal equations; the centre itself is at the origin.
-  V xx{}, xy{}, yy{}, x{}, y{}, w{}, xw{}, yw{}, ww{};
-  Mask pairs{};
+  // The slopes by the nearest neighbours, 0 where there are none: what the sums are relative to. A steep plane's
+  // inverse depths would cancel in them to less than the noise.
+  const auto slope = [&](ptrdiff_t by) __attribute__((always_inline)) {
+    const V after = at(r.w, by), before = at(r.w, -by);
+    return L::masked(0.5f * (after - before), both(after, before, 1));
+  };
+  const V slope_col = slope(1), slope_row = slope(r.stride);
+  // Sums over half of the window; the centre itself is at the origin, and mirrored pixels cancel in the mean of the
+  // positions. Two whole numbers share a lane: sums of dc^2 and dr^2, and the count and the sum of dc dr.
+  constexpr int kUpper = 1 << 16;
+  V mean{}, by_col{}, by_row{}, squares{};
+  Mask count_and_mixed{};
+  typename L::Bits moments{};
   for (int dr = 0; dr <= fit.radius; ++dr) {
     for (int dc = dr == 0 ? 1 : -fit.radius; dc <= fit.radius; ++dc) {
-      const ptrdiff_t by = dr * stride + dc;
-      const Mask mask = both(by, std::max(dr, std::abs(dc)));
-      const auto add = [&](ptrdiff_t pixel) __attribute__((always_inline)) {
-        const V dx = Lanes::masked(at(r.x + pixel) - x0, mask), dy = Lanes::masked(at(r.y + pixel) - y0, mask);
-        const V dw = Lanes::masked(at(r.w + pixel) - w0, mask) - slope_x * dx - slope_y * dy;
-        xx += dx * dx, xy += dx * dy, yy += dy * dy, x += dx, y += dy;
-        w += dw, xw += dx * dw, yw += dy * dw, ww += dw * dw;
-      };
-      add(col + by);
-      add(col - by);
-      pairs -= mask;
+      const ptrdiff_t by = dr * r.stride + dc;
+      const V after = at(r.w, by), before = at(r.w, -by);
+      const Mask mask = both(after, before, std::max(dr, std::abs(dc)));
+      const V along = slope_col * static_cast<float>(dc) + slope_row * static_cast<float>(dr);
+      const V forth = L::masked(after - w0 - along, mask), back = L::masked(before - w0 + along, mask);
+      const V difference = forth - back;
+      mean += forth + back;
+      by_col += difference * static_cast<float>(dc);
+      by_row += difference * static_cast<float>(dr);
+      squares += forth * forth + back * back;
+      moments += typename L::Bits(mask) & static_cast<uint32_t>(dc * dc + kUpper * dr * dr);
+      count_and_mixed += mask & (kUpper + dc * dr);
     }
   }
-  const V count = 1 + 2 * __builtin_convertvector(pairs, V);
-  const V mean_x = x / count, mean_y = y / count, mean_w = w / count;
-  xx -= mean_x * x, xy -= mean_x * y, yy -= mean_y * y;
-  xw -= mean_x * w, yw -= mean_y * w, ww -= mean_w * w;
-  const V scale = 1 / (xx * yy - xy * xy);
-  const V a = scale * (yy * xw - xy * yw), b = scale * (xx * yw - xy * xw);
-  const V sigma_w = sigma * w0 * w0, chi2 = (ww - a * xw - b * yw) / (sigma_w * sigma_w * (count - 3));
-  // Back from coordinates relative to the centre.
-  const V nx = a + slope_x, ny = b + slope_y, nz = w0 + mean_w - a * mean_x - b * mean_y - nx * x0 - ny * y0;
-  std::memcpy(result.n[0], &nx, sizeof nx);
-  std::memcpy(result.n[1], &ny, sizeof ny);
-  std::memcpy(result.n[2], &nz, sizeof nz);
-  std::memcpy(result.chi2, &chi2, sizeof chi2);
-  std::memcpy(result.count, &count, sizeof count);
-}
-
-// The unit normal towards the camera, where the window is a plane.
-cv::Vec3f judged(const FittedLanes& fitted, int lane, const PlaneFit& fit) {
+  const auto to_float = [](Mask v) __attribute__((always_inline)) { return __builtin_convertvector(v, V); };
+  const Mask mixed = (count_and_mixed << 16) >> 16;
+  const V count = 1 + 2 * to_float((count_and_mixed - mixed) >> 16);
+  const V cc = 2 * to_float(Mask(moments & (kUpper - 1))), rr = 2 * to_float(Mask(moments >> 16)),
+          cr = 2 * to_float(mixed);
+  const V scale = 1 / (cc * rr - cr * cr);
+  const V a = scale * (rr * by_col - cr * by_row), b = scale * (cc * by_row - cr * by_col);
+  const V sigma_w = sigma * w0, average = mean / count;
+  const V left = squares - average * mean - a * by_col - b * by_row;
+  const V most = fit.max_chi2 * (sigma_w * sigma_w) * (count - 3);
   const int window = (2 * fit.radius + 1) * (2 * fit.radius + 1);
-  if (fitted.count[lane] * 2 < static_cast<float>(window) || !(fitted.chi2[lane] <= fit.max_chi2))
-    return cv::Vec3f::all(kNaN);
-  // Depth is positive, so n . (x, y, 1) is, and -n faces the camera.
-  const float x = fitted.n[0][lane], y = fitted.n[1][lane], z = fitted.n[2][lane];
-  const float scale = -1 / std::sqrt(x * x + y * y + z * z);
-  return {scale * x, scale * y, scale * z};
+
+  // From slopes a column and a row to those along the ray's coordinates.
+  const auto half = [&](const float* ray, ptrdiff_t by) __attribute__((always_inline)) {
+    return 0.5f * (at(ray, by) - at(ray, -by));
+  };
+  const V x_col = half(r.x, 1), x_row = half(r.x, r.stride), y_col = half(r.y, 1), y_row = half(r.y, r.stride);
+  const V g_col = a + slope_col, g_row = b + slope_row, area = 1 / (x_col * y_row - x_row * y_col);
+  FittedLanes<lanes> result;
+  result.x = area * (y_row * g_col - y_col * g_row);
+  result.y = area * (x_col * g_row - x_row * g_col);
+  result.z = w0 + average - result.x * at(r.x, 0) - result.y * at(r.y, 0);
+  result.holds = L::not_negative(2 * count - static_cast<float>(window)) & L::not_negative(most - left);
+  return result;
 }
 
 template <int lanes>
-FRINGESLAM_INLINE void fit_row(const FitImage& image, int row, const PlaneFit& fit, const uchar* wanted,
-                               cv::Vec3f* normals) {
-  const FitImage::Row r = image.row(row);
-  for (int col = 0; col < image.width(); col += lanes) {
-    const int end = std::min(col + lanes, image.width());
-    std::fill(normals + col, normals + end, cv::Vec3f::all(kNaN));
-    if (std::find_if(wanted + col, wanted + end, [](uchar w) { return w != 0; }) == wanted + end) continue;
-    FittedLanes fitted;
-    fit_lanes<lanes>(r, image.stride(), fit, col, fitted);
-    for (int i = 0; i < end - col; ++i) {
-      if (wanted[col + i] != 0) normals[col + i] = judged(fitted, i, fit);
-    }
+FRINGESLAM_INLINE void fit_row(const FitRow& r, int width, const PlaneFit& fit, const int32_t* wanted, float* x,
+                               float* y, float* z) {
+  using L = Lanes<lanes>;
+  for (int col = 0; col < width; col += lanes) {
+    const auto asked = L::load(wanted + col);
+    int any = 0;
+    for (int i = 0; i < lanes; ++i) any |= asked[i];
+    FittedLanes<lanes> fitted{};
+    if (any != 0) fitted = fit_lanes<lanes>(r, fit, col);
+    const auto given = fitted.holds & asked;
+    // Depth is positive, so n . (x, y, 1) is, and -n faces the camera.
+    alignas(64) float scale[lanes];
+    L::store(fitted.x * fitted.x + fitted.y * fitted.y + fitted.z * fitted.z, scale);
+    for (float& s : scale) s = -1 / std::sqrt(s);
+    const auto unit = L::load(scale);
+    L::store(L::masked(unit * fitted.x, given), x + col);
+    L::store(L::masked(unit * fitted.y, given), y + col);
+    L::store(L::masked(unit * fitted.z, given), z + col);
   }
 }
 
-void fit_portable(const FitImage& image, int row, const PlaneFit& fit, const uchar* wanted, cv::Vec3f* normals) {
-  fit_row<4>(image, row, fit, wanted, normals);
+void fit_portable(const FitRow& r, int width, const PlaneFit& fit, const int32_t* wanted, float* x, float* y,
+                  float* z) {
+  fit_row<4>(r, width, fit, wanted, x, y, z);
 }
-FRINGESLAM_AVX2 void fit_avx2(const FitImage& image, int row, const PlaneFit& fit, const uchar* wanted,
-                              cv::Vec3f* normals) {
-  fit_row<8>(image, row, fit, wanted, normals);
+FRINGESLAM_AVX2 void fit_avx2(const FitRow& r, int width, const PlaneFit& fit, const int32_t* wanted, float* x,
+                              float* y, float* z) {
+  fit_row<8>(r, width, fit, wanted, x, y, z);
 }
-FRINGESLAM_AVX512 void fit_avx512(const FitImage& image, int row, const PlaneFit& fit, const uchar* wanted,
-                                  cv::Vec3f* normals) {
-  fit_row<16>(image, row, fit, wanted, normals);
+FRINGESLAM_AVX512 void fit_avx512(const FitRow& r, int width, const PlaneFit& fit, const int32_t* wanted, float* x,
+                                  float* y, float* z) {
+  fit_row<16>(r, width, fit, wanted, x, y, z);
+}
+
+// Continues a row of rays by a pixel to both sides.
+void extend(float* row, int width) {
+  row[-1] = width > 1 ? 2 * row[0] - row[1] : row[0];
+  row[width] = width > 1 ? 2 * row[width - 1] - row[width - 2] : row[0];
 }
 
 }  // namespace
 
-FitImage::FitImage(const cv::Mat3f& points_m, const PixelRays& rays, const cv::Mat1f& sigma_m, int margin)
-    : width_(points_m.cols), margin_(margin), sigma_(points_m.rows, points_m.cols + kMostLanes, kNaN) {
-  const cv::Size padded(points_m.cols + 2 * margin + kMostLanes, points_m.rows + 2 * margin);
-  for (cv::Mat1f* plane : {&x_, &y_, &w_}) *plane = cv::Mat1f(padded, 0.0f);
-  z_ = cv::Mat1f(padded, kNowhere);
-  for_each_row(points_m.rows, [&](int row) {
-    const size_t start = static_cast<size_t>(margin);
-    float *x = x_[row + margin] + start, *y = y_[row + margin] + start;
-    float *z = z_[row + margin] + start, *w = w_[row + margin] + start;
-    for (int col = 0; col < points_m.cols; ++col) {
-      x[col] = rays(row, col)[0];
-      y[col] = rays(row, col)[1];
-      if (std::isnan(points_m(row, col)[2])) continue;
-      z[col] = points_m(row, col)[2];
-      w[col] = 1 / z[col];
+FitImage::FitImage(const cv::Mat3f& points_m, const PixelRays& rays, const cv::Mat1f& sigma_m, int margin_px)
+    : size(points_m.size()),
+      margin(margin_px),
+      x(size, margin),
+      y(size, margin),
+      z(size, margin),
+      w(size, margin),
+      sigma(size, margin) {
+  const int width = size.width, height = size.height;
+  for_each_row(height + 2 * margin, [&](int padded_row) {
+    const int row = padded_row - margin;
+    std::fill(z[row] - margin, z[row] + width + margin, kNowhere);
+    std::fill(w[row] - margin, w[row] + width + margin, kNowhere);
+    if (row < 0 || row >= height) return;
+    for (int col = 0; col < width; ++col) {
+      const float depth = points_m(row, col)[2];
+      const bool measured = depth > 0;  // not for NaN
+      x[row][col] = rays(row, col)[0], y[row][col] = rays(row, col)[1];
+      z[row][col] = measured ? depth : kNowhere;
+      w[row][col] = measured ? 1 / depth : kNowhere;
+      sigma[row][col] = measured ? sigma_m(row, col) / depth : 0;
     }
-    std::copy_n(sigma_m[row], points_m.cols, sigma_[row]);
+    extend(x[row], width), extend(y[row], width);
   });
+  const int last = height - 1, other = std::min(1, last);
+  for (PaddedImage<float>* ray : {&x, &y}) {
+    for (int col = 0; col < width; ++col) {
+      (*ray)[-1][col] = 2 * (*ray)[0][col] - (*ray)[other][col];
+      (*ray)[height][col] = 2 * (*ray)[last][col] - (*ray)[last - other][col];
+    }
+  }
 }
 
-FitImage::Row FitImage::row(int row) const {
-  const size_t start = static_cast<size_t>(margin_);
-  const int at = row + margin_;
-  return {x_[at] + start, y_[at] + start, z_[at] + start, w_[at] + start, sigma_[row]};
-}
-
-void fit_planes(const FitImage& image, int row, const PlaneFit& fit, const uchar* wanted, cv::Vec3f* normals,
+void fit_planes(const FitImage& image, int row, const PlaneFit& fit, const int32_t* wanted, NormalImages& normals,
                 InstructionSet set) {
-#if defined(__x86_64__)
-  if (set == InstructionSet::avx512) return fit_avx512(image, row, fit, wanted, normals);
-  if (set == InstructionSet::avx2) return fit_avx2(image, row, fit, wanted, normals);
-#endif
-  fit_portable(image, row, fit, wanted, normals);
+  const FitRow r{image.x[row], image.y[row], image.z[row], image.w[row], image.sigma[row], image.w.stride()};
+  const auto call = [&](auto* kernel) {
+    kernel(r, image.size.width, fit, wanted, normals.x[row], normals.y[row], normals.z[row]);
+  };
+  if (set == InstructionSet::avx512) return call(fit_avx512);
+  if (set == InstructionSet::avx2) return call(fit_avx2);
+  call(fit_portable);
 }
 
 }  // namespace fringeslam

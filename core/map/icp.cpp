@@ -5,17 +5,22 @@
 #include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <numbers>
 #include <random>
+#include <string>
 #include <vector>
 
 #include "core/map/plane_pairs.h"
+#include "core/types/error.h"
 
 namespace fringeslam {
 
 namespace {
+
+constexpr int kWidestStride = 16;
 
 double smallest_sigma(const Frame& frame) {
   double smallest = std::numeric_limits<double>::infinity();
@@ -43,19 +48,20 @@ void take_off_feigned(PlaneSums& sums, const Matrix6d& feigned) {
   sums.gradient = basis * left.cwiseProduct(gradient);
 }
 
-double reopened_sigma(PlanePairs& problem, double least_sigma_m, const Pose& target_from_source,
+// In sigmas of what all points would tell.
+double reopened_sigma(PlanePairs& problem, double least_sigma_m, const Pose& target_from_source, int stride,
                       const Matrix6d& information) {
   constexpr double kOpen_m = 5e-3;
-  const PlaneSums sums = problem.linearise(target_from_source, {kOpen_m, kOpen_m / least_sigma_m}, 1);
+  const PlaneSums sums = problem.linearise(target_from_source, {kOpen_m, kOpen_m / least_sigma_m}, stride);
   const Vector6d step = sums.information.ldlt().solve(-sums.gradient);
-  return std::sqrt(step.dot(information * step));
+  return stride * std::sqrt(step.dot(information * step));
 }
 
 IcpResult refined(PlanePairs& problem, double least_sigma_m, const Pose& initial, const IcpOptions& options,
                   const Matrix6d& prior) {
   IcpResult result;
   result.target_from_source = orthonormalised(initial);
-  const int points = problem.points(1);
+  const int points = problem.points(options.stride);
   if (points < 6) return result;
 
   // The gates start wide and halve with each iteration down to the noise (graduated non-convexity). They
@@ -64,24 +70,28 @@ IcpResult refined(PlanePairs& problem, double least_sigma_m, const Pose& initial
   constexpr double kSettledSigmas = 0.25, kCycleSigmas = 1;
   PlaneGates gates{options.max_distance_m, std::max(options.max_distance_m / least_sigma_m, options.outlier_sigma)};
   const bool has_prior = !prior.isZero(0);
-  const auto feigned = [&](int stride) {
-    return problem.linearise(result.target_from_source, gates, stride, PairNormal::half_difference).information;
+  // A quarter of the points tells that share well enough: neighbours' windows are mostly the same pixels.
+  const auto feigned = [&](int stride, int pairs) -> Matrix6d {
+    const PlaneSums some = problem.linearise(result.target_from_source, gates, std::min(2 * stride, kWidestStride),
+                                             PairNormal::half_difference);
+    return some.information * (static_cast<double>(pairs) / std::max(1, some.pairs));
   };
   const auto linearised = [&](int stride) {
     PlaneSums sums = problem.linearise(result.target_from_source, gates, stride);
     // Without other measurements there is nothing better in those directions than to stay.
-    if (has_prior) take_off_feigned(sums, feigned(stride));
+    if (has_prior) take_off_feigned(sums, feigned(stride, sums.pairs));
     sums.information += prior;
     sums.gradient += prior * difference(result.target_from_source, initial);
     return sums;
   };
   PlaneSums sums;
-  int stride = 4;
+  const int finest = options.stride;
+  int stride = std::max(finest, 4);
   bool settled = false;
   double damping = 1;
   Vector6d last_step = Vector6d::Zero();
   for (result.iterations = 0; result.iterations < options.max_iterations && !settled; ++result.iterations) {
-    if (gates.outlier_sigma < 16 * options.outlier_sigma) stride = std::min(stride, 2);
+    if (gates.outlier_sigma < 16 * options.outlier_sigma) stride = std::max(finest, std::min(stride, 2));
     sums = linearised(stride);
     if (sums.pairs < 6) return result;
     const Eigen::LDLT<Matrix6d> factor(sums.information);
@@ -95,13 +105,13 @@ IcpResult refined(PlanePairs& problem, double least_sigma_m, const Pose& initial
     const double rms = std::sqrt(sums.squares_m2 / sums.pairs);
     const double sigmas = std::sqrt(step.dot(sums.information * step));
     if (gates.outlier_sigma <= options.outlier_sigma && sigmas < kCycleSigmas && damping * sigmas < kSettledSigmas) {
-      settled = stride == 1;
-      stride = 1;
+      settled = stride == finest;
+      stride = finest;
     }
     gates.outlier_sigma = std::max(options.outlier_sigma, 0.5 * gates.outlier_sigma);
     gates.distance_m = std::min(gates.distance_m, std::max(6 * rms, 0.5 * gates.distance_m));
   }
-  if (stride > 1) sums = linearised(1);
+  if (stride > finest) sums = linearised(finest);
   result.pairs = sums.pairs;
   result.overlap = static_cast<double>(sums.pairs) / points;
   result.consistency = static_cast<double>(sums.pairs) / std::max(1, sums.seen);
@@ -109,8 +119,8 @@ IcpResult refined(PlanePairs& problem, double least_sigma_m, const Pose& initial
   result.rms_sigma = std::sqrt(sums.squares_sigma / sums.pairs);
   result.converged = settled && result.overlap >= options.min_overlap && result.rms_sigma <= options.max_rms_sigma;
   if (result.converged)
-    result.reopened_sigma = reopened_sigma(problem, least_sigma_m, result.target_from_source, sums.information);
-  if (!has_prior) take_off_feigned(sums, feigned(1));
+    result.reopened_sigma = reopened_sigma(problem, least_sigma_m, result.target_from_source, finest, sums.information);
+  if (!has_prior) take_off_feigned(sums, feigned(finest, sums.pairs));
   result.information = sums.information;
   return result;
 }
@@ -138,6 +148,12 @@ Candidate followed(PlanePairs& problem, double least_sigma_m, Pose pose, double 
   const PlaneSums sums = linearised(last_m);
   const double consistency = sums.pairs / std::max(1.0, static_cast<double>(sums.seen));
   return {pose, sums.pairs * consistency * consistency, consistency};
+}
+
+void check(const IcpOptions& options) {
+  check_options(options, "icp");
+  if (!std::has_single_bit(static_cast<unsigned>(options.stride)))
+    throw Error("icp.stride is " + std::to_string(options.stride) + "; it must be 1, 2, 4, 8 or 16");
 }
 
 // A point amid the source's surfaces.
@@ -183,13 +199,13 @@ Pose nudge(const Pose& middle, std::mt19937& random) {
 
 IcpResult point_to_plane_icp(const Frame& target, const Frame& source, const Pinhole& camera, const Pose& initial,
                              const IcpOptions& options, const Matrix6d& prior) {
-  check_options(options, "icp");
+  check(options);
   PlanePairs problem(target, source, camera, options.max_normal_deg);
   return refined(problem, smallest_sigma(source), initial, options, prior);
 }
 
 IcpResult register_frames(const Frame& target, const Frame& source, const Pinhole& camera, const IcpOptions& options) {
-  check_options(options, "icp");
+  check(options);
   constexpr double kWide_m = 0.05, kNarrow_m = 0.015, kClose_m = 2e-3, kConsistent = 0.96;
   constexpr size_t kFollowed = 12, kNudged = 2;
   constexpr int kFirstNudges = 24, kNudges = 200;

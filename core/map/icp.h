@@ -31,10 +31,12 @@ struct IcpOptions {
   double outlier_sigma = 6;      // Tukey's cut-off, in sigmas
   double min_overlap = 0.15;     // share of source points with a partner
   double max_rms_sigma = 2.5;    // of the residuals in sigmas, for "converged"
+  int stride = 1;                // of the source points' rows and columns
 
   template <class Visitor>
   void describe(Visitor& v) {
     v.field("max_iterations", max_iterations, {1, 10000}, "Gauss-Newton iterations");
+    v.field("stride", stride, {1, 16}, "every so many-th point of a row and of a column counts: 1, 2, 4, 8 or 16");
     v.field("max_distance_m", max_distance_m, {1e-6, 10}, "largest distance of partners at the start, m");
     v.field("max_normal_deg", max_normal_deg, {1, 180}, "largest angle between the normals of partners, degrees");
     v.field("outlier_sigma", outlier_sigma, {1, 1000}, "Tukey cut-off of residuals, sigmas");
@@ -48,7 +50,7 @@ struct IcpResult {
   bool converged = false;
   int iterations = 0;
   int pairs = 0;
-  double overlap = 0;      // pairs / valid source points
+  double overlap = 0;      // pairs / source points that count
   double consistency = 0;  // pairs / source points that fall where the target has a surface: others look through it
   double rms_m = 0;        // of the point-to-plane distances
   double rms_sigma = 0;    // of r / sigma; 1 when the sigmas are right

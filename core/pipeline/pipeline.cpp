@@ -218,9 +218,16 @@ bool Pipeline::follow(FrameResult& result, const Pose& predicted, const Matrix6d
                       map_.expected_overlap(result.frame, predicted, last) + kClearly;
   result.reference = change ? most : last;
   const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera;
-  result.registration =
-      follow_view(reference_image(result.reference), result.frame, world_from_reference.inverse() * predicted,
-                  rig_.camera, middle_m(rig_), registration_options(), prior);
+  const auto registered = [&](const Pose& expected, int stride) {
+    RegistrationOptions options = registration_options();
+    options.icp.stride = std::max(options.icp.stride, stride);
+    return follow_view(reference_image(result.reference), result.frame, expected, rig_.camera, middle_m(rig_), options,
+                       prior);
+  };
+  result.registration = registered(world_from_reference.inverse() * predicted, options_.tracking.stride);
+  const Pose found = result.registration.earlier_from_current;
+  if (result.registration.found && becomes_keyframe(result, world_from_reference * found, result.reference))
+    result.registration = registered(found, 1);
   result.covariance = result.registration.covariance;
   if (result.registration.found) result.tracking = Tracking::followed;
   return result.registration.found;
@@ -245,15 +252,20 @@ bool Pipeline::locate(FrameResult& result) {
   return true;
 }
 
+// Where it leaves its keyframe's view, if all patterns were shown: of the finest alone, what is new has no depth.
+bool Pipeline::becomes_keyframe(const FrameResult& result, const Pose& world_from_camera, int keyframe) const {
+  if (options_.tracking.landmarks == "every_frame") return true;
+  return result.images == static_cast<int>(sequence_.patterns.size()) &&
+         map_.expected_overlap(result.frame, world_from_camera, keyframe) < options_.mapping.keyframe_overlap;
+}
+
 void Pipeline::extend_map(FrameResult& result) {
   // Where depth did not confirm the landmarks' motion the frame tells where the robot is, but the map stays as it was.
   if (!result.registration.refined) return;
   enter("map");
   const Located here = track_.back();
   const Pose current = world_from_camera(here);
-  const bool leaves = map_.expected_overlap(result.frame, current, here.keyframe) < options_.mapping.keyframe_overlap;
-  const bool whole = result.images == static_cast<int>(sequence_.patterns.size());
-  if ((leaves && whole) || options_.tracking.landmarks == "every_frame")
+  if (becomes_keyframe(result, current, here.keyframe))
     add_keyframe(result, current);
   else if (map_.add_frame(result.frame, here.keyframe, here.keyframe_from_camera))
     surface_.add(result.frame, current);

@@ -138,6 +138,7 @@ class Pipeline {
   void find_landmarks(FrameResult& result) const;
   bool follow(FrameResult& result, const Pose& predicted, const Matrix6d& prior = Matrix6d::Zero());
   bool locate(FrameResult& result);
+  bool becomes_keyframe(const FrameResult& result, const Pose& world_from_camera, int keyframe) const;
   void extend_map(FrameResult& result);
   void add_keyframe(FrameResult& result, const Pose& world_from_camera);
   int close_loops(const FrameResult& result);

@@ -28,6 +28,7 @@ struct TrackingOptions {
   double max_reopened_sigma = 8;
   double max_displacement_sigma_m = 1e-3;
   double min_predicted = 0.75;
+  int stride = 2;
   bool moving = false;
 
   template <class Visitor>
@@ -50,6 +51,8 @@ struct TrackingOptions {
             "largest sigma of where surfaces come to lie, m");
     v.field("min_predicted", min_predicted, {0, 1},
             "share of the fringes whose order is predicted, below which the next view takes all patterns");
+    v.field("stride", stride, {1, 16},
+            "icp.stride of views that are followed; keyframes are registered by icp.stride itself");
     v.field("moving", moving, "the robot moves while a sequence is taken: its velocity corrects the phase");
   }
 };

@@ -9,6 +9,7 @@
 #include <numbers>
 #include <vector>
 
+#include "core/depth/plane_adoption.h"
 #include "tests/support/random.h"
 
 namespace fringeslam {
@@ -38,12 +39,31 @@ struct Cloud {
   }
 };
 
+cv::Mat3f of_row(const NormalImages& normals, int row) {
+  cv::Mat3f result(1, kWidth);
+  for (int col = 0; col < kWidth; ++col) {
+    const cv::Vec3f normal(normals.x[row][col], normals.y[row][col], normals.z[row][col]);
+    result(col) = normal == cv::Vec3f() ? cv::Vec3f::all(kNaN) : normal;
+  }
+  return result;
+}
+
+PaddedImage<int32_t> everywhere(const FitImage& image) {
+  PaddedImage<int32_t> wanted(image.size, image.margin);
+  for (int row = 0; row < kHeight; ++row) std::fill(wanted[row], wanted[row] + kWidth, -1);
+  return wanted;
+}
+
 cv::Mat3f fitted(const Cloud& cloud, const PlaneFit& fit, InstructionSet set = widest_instruction_set()) {
   const FitImage image(cloud.points, cloud.rays, cloud.sigma, fit.radius);
-  cv::Mat3f normals(cloud.points.size());
-  const std::vector<uchar> all(kWidth, 1);
-  for (int row = 0; row < kHeight; ++row) fit_planes(image, row, fit, all.data(), normals[row], set);
-  return normals;
+  const PaddedImage<int32_t> all = everywhere(image);
+  NormalImages normals(image);
+  cv::Mat3f result(cloud.points.size());
+  for (int row = 0; row < kHeight; ++row) {
+    fit_planes(image, row, fit, all[row], normals, set);
+    of_row(normals, row).copyTo(result.row(row));
+  }
+  return result;
 }
 
 Eigen::Vector3d at(const cv::Mat3f& image, int row, int col) {
@@ -154,11 +174,73 @@ TEST(PlaneFit, NoNormalWhereHalfTheWindowIsMissingNorWhereItIsNoPlane) {
 TEST(PlaneFit, FitsOnlyWhatIsWanted) {
   const Cloud cloud(Eigen::Vector3d(0, 0, -1), -1, 0);
   const FitImage image(cloud.points, cloud.rays, cloud.sigma, 5);
-  std::vector<uchar> wanted(kWidth, 0);
-  wanted[17] = 1;
-  std::vector<cv::Vec3f> normals(kWidth);
-  fit_planes(image, 15, {}, wanted.data(), normals.data());
-  for (int col = 0; col < kWidth; ++col) EXPECT_EQ(std::isnan(normals[static_cast<size_t>(col)][2]), col != 17) << col;
+  PaddedImage<int32_t> wanted(image.size, image.margin);
+  wanted[15][17] = -1;
+  NormalImages normals(image);
+  fit_planes(image, 15, {}, wanted[15], normals);
+  const cv::Mat3f row = of_row(normals, 15);
+  for (int col = 0; col < kWidth; ++col) EXPECT_EQ(std::isnan(row(col)[2]), col != 17) << col;
+}
+
+// Two planes that meet in a step of 1 cm at column 21; windows of the left one that reach column 15 were fitted.
+struct Step {
+  Step() : cloud(Eigen::Vector3d(0.3, 0, -1).normalized(), -0.95, 1e-4) {
+    for (int row = 0; row < kHeight; ++row) {
+      for (int col = 21; col < kWidth; ++col) cloud.points(row, col) *= 1 + 0.01f / cloud.points(row, col)[2];
+    }
+  }
+  cv::Mat3f adopted(InstructionSet set) const {
+    const FitImage image(cloud.points, cloud.rays, cloud.sigma, 5);
+    PaddedImage<int32_t> left(image.size, 5), right(image.size, 5);
+    for (int row = 0; row < kHeight; ++row) {
+      for (int col = 0; col < kWidth; ++col) (col <= 15 ? left : right)[row][col] = -1;
+    }
+    NormalImages normals(image), beside(image);
+    cv::Mat3f result(cloud.points.size());
+    for (int row = 0; row < kHeight; ++row) fit_planes(image, row, {5, 0.01f, 2.5f}, left[row], normals, set);
+    for (int row = 0; row < kHeight; ++row) {
+      adopt_normals(image, normals, row, 5, right[row], beside, set);
+      of_row(beside, row).copyTo(result.row(row));
+    }
+    return result;
+  }
+  Cloud cloud;
+};
+
+TEST(PlaneAdoption, TakesTheNormalOfThePlaneThatHoldsThePixelAndItsNeighboursAndNoOther) {
+  const cv::Mat3f adopted = Step().adopted(widest_instruction_set());
+  const Eigen::Vector3d n = Eigen::Vector3d(0.3, 0, -1).normalized();
+  int on_plane = 0;
+  for (int row = 5; row < kHeight - 5; ++row) {
+    for (int col = 0; col < kWidth; ++col) {
+      const bool has = !std::isnan(adopted(row, col)[2]);
+      if (col <= 15) {
+        EXPECT_FALSE(has) << "not wanted: " << row << " " << col;
+      }
+      if (col >= 20) {
+        EXPECT_FALSE(has) << "the step, what lies behind it, and what has no window beside it: " << col;
+      }
+      if (has) {
+        EXPECT_LT((at(adopted, row, col) - n).norm(), 0.03) << row << " " << col;
+      }
+      on_plane += col > 15 && col < 20 && has;
+    }
+  }
+  EXPECT_GT(on_plane, 4 * (kHeight - 10) * 9 / 10);
+}
+
+TEST(PlaneAdoption, GivesTheSameBitsOnEveryInstructionSet) {
+  const Step step;
+  const cv::Mat3f expected = step.adopted(InstructionSet::portable);
+  for (const InstructionSet set : {InstructionSet::avx2, InstructionSet::avx512}) {
+    if (static_cast<int>(set) > static_cast<int>(widest_instruction_set())) continue;
+    const cv::Mat3f got = step.adopted(set);
+    EXPECT_EQ(cv::countNonZero(cv::Mat(got.reshape(1) != expected.reshape(1)) &
+                               cv::Mat(expected.reshape(1) == expected.reshape(1))),
+              0);
+    EXPECT_EQ(cv::countNonZero(got.reshape(1) == got.reshape(1)),
+              cv::countNonZero(expected.reshape(1) == expected.reshape(1)));
+  }
 }
 
 }  // namespace

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+// Floats side by side, a pixel a lane, for the kernels of this folder. Compilers take vectors of this kind apart at
+// comparisons, so masks are made of sign bits.
+#pragma once
+
+#include <cstdint>
+#include <cstring>
+
+#include "core/types/instruction_set.h"
+
+// The vectors never pass between functions that are not inlined.
+#pragma GCC diagnostic ignored "-Wpsabi"
+
+namespace fringeslam {
+
+template <int lanes>
+struct Lanes {
+  typedef float Floats __attribute__((vector_size(4 * lanes)));
+  typedef int32_t Mask __attribute__((vector_size(4 * lanes)));  // -1 or 0
+  typedef uint32_t Bits __attribute__((vector_size(4 * lanes)));
+
+  FRINGESLAM_INLINE static Floats load(const float* from) {
+    Floats v;
+    std::memcpy(&v, from, sizeof v);
+    return v;
+  }
+  FRINGESLAM_INLINE static Mask load(const int32_t* from) {
+    Mask v;
+    std::memcpy(&v, from, sizeof v);
+    return v;
+  }
+  FRINGESLAM_INLINE static void store(Floats v, float* to) { std::memcpy(to, &v, sizeof v); }
+  FRINGESLAM_INLINE static void store(Mask v, int32_t* to) { std::memcpy(to, &v, sizeof v); }
+
+  FRINGESLAM_INLINE static Floats masked(Floats v, Mask mask) { return Floats(Mask(v) & mask); }
+  FRINGESLAM_INLINE static Floats chosen(Mask mask, Floats yes, Floats no) {
+    return Floats((Mask(yes) & mask) | (Mask(no) & ~mask));
+  }
+  // By the sign bit: of -0 true, and of NaN either.
+  FRINGESLAM_INLINE static Mask negative(Floats v) { return Mask(v) >> 31; }
+  FRINGESLAM_INLINE static Mask not_negative(Floats v) { return ~negative(v); }
+};
+
+}  // namespace fringeslam

@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/depth/plane_adoption.h"
+
+#include "core/depth/lanes.h"
+
+namespace fringeslam {
+
+namespace {
+
+constexpr float kMaxSigmas = 2.5f, kMaxNeighbourSigmas = 4.5f;
+
+// Images at column 0 of a row.
+struct Rows {
+  const float *x, *y, *z, *sigma;
+  const float* normal[3];
+  ptrdiff_t stride;
+};
+
+template <int lanes>
+struct Points {
+  typename Lanes<lanes>::Floats x, y, z, sigma;  // sigma as a share of z
+};
+
+// The squared distance of points from a plane, and its variance by the noise of both: depth noise moves a point along
+// its ray, and by its share of the distance to the origin along the normal.
+template <int lanes>
+struct Distance {
+  typename Lanes<lanes>::Floats square, variance;
+  FRINGESLAM_INLINE typename Lanes<lanes>::Mask within(float sigmas) const {
+    return Lanes<lanes>::not_negative(sigmas * sigmas * variance - square);
+  }
+};
+
+template <int lanes>
+FRINGESLAM_INLINE void adopt_lanes(const Rows& rows, int radius, int col, typename Lanes<lanes>::Mask wanted,
+                                   float* const to[3]) {
+  using L = Lanes<lanes>;
+  using V = typename L::Floats;
+  const auto point = [&](ptrdiff_t by) __attribute__((always_inline)) {
+    const auto at = [&](const float* from) __attribute__((always_inline)) { return L::load(from + col + by); };
+    const V z = at(rows.z);
+    return Points<lanes>{z * at(rows.x), z * at(rows.y), z, at(rows.sigma)};
+  };
+  const Points<lanes> here = point(0), left = point(-1), right = point(1), above = point(-rows.stride),
+                      below = point(rows.stride);
+  V best[3] = {}, best_square = V{} + kMaxSigmas * kMaxSigmas;
+  for (int direction = 0; direction < 9; ++direction) {
+    const ptrdiff_t by = (direction / 3 - 1) * radius * rows.stride + (direction % 3 - 1) * radius;
+    const V nx = L::load(rows.normal[0] + col + by), ny = L::load(rows.normal[1] + col + by),
+            nz = L::load(rows.normal[2] + col + by);
+    const auto along = [&](const Points<lanes>& p) __attribute__((always_inline)) {
+      return nx * p.x + ny * p.y + nz * p.z;
+    };
+    const Points<lanes> centre = point(by);
+    const V offset = along(centre), own = offset * centre.sigma;
+    const auto distance = [&](const Points<lanes>& p) __attribute__((always_inline)) {
+      const V height = along(p), off = height - offset, sigma = height * p.sigma;
+      return Distance<lanes>{off * off, sigma * sigma + own * own};
+    };
+    const Distance<lanes> d = distance(here);
+    // Where there is no plane both are 0, and 0 is not below 0.
+    const auto better = L::negative(d.square - best_square * d.variance) & distance(left).within(kMaxNeighbourSigmas) &
+                        distance(right).within(kMaxNeighbourSigmas) & distance(above).within(kMaxNeighbourSigmas) &
+                        distance(below).within(kMaxNeighbourSigmas);
+    best_square = L::chosen(better, d.square / d.variance, best_square);
+    best[0] = L::chosen(better, nx, best[0]);
+    best[1] = L::chosen(better, ny, best[1]);
+    best[2] = L::chosen(better, nz, best[2]);
+  }
+  for (int k = 0; k < 3; ++k) L::store(L::masked(best[k], wanted), to[k] + col);
+}
+
+template <int lanes>
+FRINGESLAM_INLINE void adopt_row(const Rows& rows, int width, int radius, const int32_t* wanted, float* const to[3]) {
+  using L = Lanes<lanes>;
+  for (int col = 0; col < width; col += lanes) {
+    const auto asked = L::load(wanted + col);
+    int any = 0;
+    for (int i = 0; i < lanes; ++i) any |= asked[i];
+    if (any != 0)
+      adopt_lanes<lanes>(rows, radius, col, asked, to);
+    else
+      for (int k = 0; k < 3; ++k) L::store(typename L::Floats{}, to[k] + col);
+  }
+}
+
+void adopt_portable(const Rows& rows, int width, int radius, const int32_t* wanted, float* const to[3]) {
+  adopt_row<4>(rows, width, radius, wanted, to);
+}
+FRINGESLAM_AVX2 void adopt_avx2(const Rows& rows, int width, int radius, const int32_t* wanted, float* const to[3]) {
+  adopt_row<8>(rows, width, radius, wanted, to);
+}
+FRINGESLAM_AVX512 void adopt_avx512(const Rows& rows, int width, int radius, const int32_t* wanted,
+                                    float* const to[3]) {
+  adopt_row<16>(rows, width, radius, wanted, to);
+}
+
+}  // namespace
+
+void adopt_normals(const FitImage& image, const NormalImages& fitted, int row, int radius, const int32_t* wanted,
+                   NormalImages& adopted, InstructionSet set) {
+  const Rows rows{
+      image.x[row],    image.y[row], image.z[row], image.sigma[row], {fitted.x[row], fitted.y[row], fitted.z[row]},
+      image.z.stride()};
+  float* const to[3] = {adopted.x[row], adopted.y[row], adopted.z[row]};
+  const int width = image.size.width;
+  if (set == InstructionSet::avx512) return adopt_avx512(rows, width, radius, wanted, to);
+  if (set == InstructionSet::avx2) return adopt_avx2(rows, width, radius, wanted, to);
+  adopt_portable(rows, width, radius, wanted, to);
+}
+
+}  // namespace fringeslam
