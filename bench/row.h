@@ -30,7 +30,7 @@ struct Item {
   std::vector<std::string> ids;
   std::string what;
   std::function<std::vector<Row>(const Context&)> run;
-  bool on_request = false;  // only when --only names it: it installs something
+  bool on_request = false;  // only when --only names it: it installs something, or takes an hour
 };
 
 // The median with its 95 % bootstrap interval (2000 resamplings, fixed seed) against a limit.
@@ -56,6 +56,7 @@ std::vector<Item> mapping_speed_items();
 std::vector<Item> registration_items();
 std::vector<Item> registration_speed_items();
 std::vector<Item> rendering_items();
+std::vector<Item> soak_items();
 std::vector<Item> speed_items();
 std::vector<Item> study_items();
 std::vector<Item> unwrapping_items();

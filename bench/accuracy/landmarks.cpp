@@ -2,6 +2,7 @@
 // Landmarks of generated scenes, recognised in the next view and judged by the truth.
 #include <cmath>
 #include <cstdio>
+#include <ctime>
 #include <string>
 #include <utility>
 #include <vector>
@@ -18,18 +19,22 @@ namespace {
 struct Sample {
   LandmarkScore score;
   int depth_keypoints = 0, texture_keypoints = 0;  // of the second view, in the foreground and with a depth
+  double seconds = 0;
 };
 
 Sample sample(const ViewPair& pair, const LandmarkMethod& method) {
+  const std::clock_t start = std::clock();
   const Landmarks first = landmarks_of(pair, pair.views[0], method), second = landmarks_of(pair, pair.views[1], method);
   LandmarkDatabase database(pair.rig.camera, method.recognition);
   database.add(0, first);
+  const std::vector<Recognition> recognised = database.recognise(second);
+  const double seconds = static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
   const auto judged = [&](const Landmarks& landmarks, const View& view) {
     return JudgedView{&landmarks, &view.truth, view.truth.world_from_robot * pair.rig.robot_from_camera};
   };
-  return {score_landmarks({judged(first, pair.views[0])}, judged(second, pair.views[1]), database.recognise(second),
-                          pair.rig.camera),
-          static_cast<int>(second.depth_keypoints.size()), static_cast<int>(second.keypoints.keypoints.size())};
+  return {score_landmarks({judged(first, pair.views[0])}, judged(second, pair.views[1]), recognised, pair.rig.camera),
+          static_cast<int>(second.depth_keypoints.size()), static_cast<int>(second.keypoints.keypoints.size()),
+          seconds};
 }
 
 double percent(double part, double whole) { return whole > 0 ? 100 * part / whole : NAN; }
@@ -37,10 +42,12 @@ double percent(double part, double whole) { return whole > 0 ? 100 * part / whol
 // Sums over pairs.
 struct Total {
   int pairs = 0, depth_keypoints = 0, texture_keypoints = 0;
+  double seconds = 0;  // of processor time, both views' landmarks and their recognition
   LandmarkScore sum;
 
   void add(const Sample& s) {
     ++pairs;
+    seconds += s.seconds;
     depth_keypoints += s.depth_keypoints;
     texture_keypoints += s.texture_keypoints;
     sum.landmarks += s.score.landmarks;
@@ -64,14 +71,14 @@ struct Total {
 };
 
 void print_head() {
-  std::fprintf(stderr, "  %-34s %6s %8s %9s %9s %9s %8s %8s %7s %8s\n", "mean of a pair", "depth", "texture",
-               "landmarks", "covisible", "recogn. %", "repeat %", "matches", "right %", "purity %");
+  std::fprintf(stderr, "  %-34s %6s %8s %9s %9s %9s %8s %8s %7s %8s %8s\n", "mean of a pair", "depth", "texture",
+               "landmarks", "covisible", "recogn. %", "repeat %", "matches", "right %", "purity %", "CPU ms");
 }
 void print(const std::string& name, const Total& t) {
-  std::fprintf(stderr, "  %-34s %6.0f %8.0f %9.1f %9.1f %9.1f %8.1f %8.1f %7.2f %8.1f\n", name.c_str(),
+  std::fprintf(stderr, "  %-34s %6.0f %8.0f %9.1f %9.1f %9.1f %8.1f %8.1f %7.2f %8.1f %8.0f\n", name.c_str(),
                t.per_pair(t.depth_keypoints), t.per_pair(t.texture_keypoints), t.per_pair(t.sum.landmarks),
                t.per_pair(t.sum.covisible), t.recognised(), t.repeated(), t.per_pair(t.sum.matches), t.precision(),
-               t.purity());
+               t.purity(), 1e3 * t.seconds / t.pairs);
 }
 
 // The papers' experiments: 15 degrees of rotation, a face mask, gray dust and dim light, 70 cm of motion.
@@ -126,6 +133,8 @@ std::vector<Variant> variants() {
   vary("SIFT instead of RootSIFT", [](LandmarkMethod& m) { m.keypoints.root_sift = false; });
   vary("depth keypoints at full resolution", [](LandmarkMethod& m) { m.keypoints.depth_halved = false; });
   vary("brute force", [](LandmarkMethod& m) { m.recognition.search = "brute_force"; });
+  vary("texture keypoints at half resolution", [](LandmarkMethod& m) { m.keypoints.texture_halved = true; });
+  vary("1500 keypoints", [](LandmarkMethod& m) { m.keypoints.max_keypoints = 1500; });
   vary("1500 keypoints of contrast 0.01", [](LandmarkMethod& m) {
     m.keypoints.max_keypoints = 1500;
     m.keypoints.contrast_threshold = 0.01;

@@ -84,7 +84,24 @@ cv::Ptr<cv::SIFT> sift_of(int max_keypoints, double contrast_threshold, double e
   return cv::SIFT::create(max_keypoints, kScalesPerOctave, contrast_threshold, edge_threshold, kFinestSigma);
 }
 
-Eigen::Vector2d pixel_of(const cv::KeyPoint& k) { return {k.pt.x - kSiftShiftPx, k.pt.y - kSiftShiftPx}; }
+// Where and how large a keypoint is in an image that was halved before, or not: a pixel of the half image has its
+// centre between two of the whole one's.
+struct Place {
+  Eigen::Vector2d pixel;
+  double scale = 0;
+};
+Place place_of(const cv::KeyPoint& k, bool halved) {
+  const Eigen::Vector2d pixel(k.pt.x - kSiftShiftPx, k.pt.y - kSiftShiftPx);
+  if (halved) return {2 * pixel + Eigen::Vector2d(0.5, 0.5), k.size};
+  return {pixel, k.size / 2};
+}
+
+cv::Mat1b halved(const cv::Mat1b& image) {
+  cv::Mat1b half;
+  cv::resize(image, half, {}, 0.5, 0.5, cv::INTER_AREA);
+  return half;
+}
+
 double radians(double degrees) { return degrees * std::numbers::pi / 180; }
 
 }  // namespace
@@ -96,19 +113,20 @@ Keypoints detect_keypoints(const Frame& frame, const RigModel& rig, const PixelR
   std::vector<cv::KeyPoint> found;
   cv::Mat1f descriptors;
   // Both at once: the pyramid, half of the work, is built only once.
-  sift->detectAndCompute(frame.texture, {}, found, descriptors);
+  const bool half = options.texture_halved && frame.height() > 1 && frame.width() > 1;
+  sift->detectAndCompute(half ? halved(frame.texture) : frame.texture, {}, found, descriptors);
 
   Keypoints result;
   result.detected = static_cast<int>(found.size());
   result.descriptors = cv::Mat1f(0, 128);
   for (size_t i = 0; i < found.size(); ++i) {
     const cv::KeyPoint& k = found[i];
-    const Eigen::Vector2d pixel = pixel_of(k);
-    const auto surface = surface_point(frame, rays, pixel);
+    const Place place = place_of(k, half);
+    const auto surface = surface_point(frame, rays, place.pixel);
     if (!surface) continue;
     Keypoint keypoint;
-    keypoint.pixel = pixel;
-    keypoint.scale = k.size / 2;
+    keypoint.pixel = place.pixel;
+    keypoint.scale = place.scale;
     keypoint.angle_rad = radians(k.angle);
     keypoint.strength = k.response;
     keypoint.point_m = surface->point;
@@ -148,23 +166,18 @@ cv::Mat1b stretched(const cv::Mat1f& levels) {
 std::vector<DepthKeypoint> detect_depth_keypoints(const cv::Mat1f& levels, const KeypointOptions& options) {
   check_options(options, "keypoints");
   std::vector<cv::KeyPoint> found;
-  const bool halved = options.depth_halved && levels.rows > 1 && levels.cols > 1;
+  const bool half = options.depth_halved && levels.rows > 1 && levels.cols > 1;
   if (!levels.empty()) {
-    cv::Mat1b image = stretched(levels);
-    if (halved) cv::resize(image, image, {}, 0.5, 0.5, cv::INTER_AREA);
+    const cv::Mat1b image = half ? halved(stretched(levels)) : stretched(levels);
     sift_of(options.max_depth_keypoints, options.depth_contrast_threshold, options.depth_edge_threshold)
         ->detect(image, found);
   }
   std::vector<DepthKeypoint> result;
   for (const cv::KeyPoint& k : found) {
     DepthKeypoint keypoint;
-    keypoint.pixel = pixel_of(k);
-    keypoint.scale = k.size / 2;
-    if (halved) {
-      // A pixel of the half image has its centre between two of the whole one's.
-      keypoint.pixel = 2 * keypoint.pixel + Eigen::Vector2d(0.5, 0.5);
-      keypoint.scale *= 2;
-    }
+    const Place place = place_of(k, half);
+    keypoint.pixel = place.pixel;
+    keypoint.scale = place.scale;
     keypoint.angle_rad = radians(k.angle);
     keypoint.strength = k.response;
     const int row = static_cast<int>(std::lround(keypoint.pixel.y()));

@@ -59,14 +59,29 @@ Pipeline::Pipeline(KeyframeMap map, const PatternSequence& sequence, const Pipel
   for (size_t i = 0; i < map_.keyframes().size(); ++i)
     database_.add(static_cast<int>(i), map_.keyframes()[i].landmarks);
   fuse_again();
+  fuse_again_some(map_.frames().size());
 }
 
-FrameResult Pipeline::process(const FringeStack& stack) {
+SeenStack Pipeline::see_ahead(FringeStack stack, StageClock* clock) const {
+  SeenStack seen;
+  if (stack.images.size() == sequence_.patterns.size() && !options_.tracking.moving)
+    std::tie(seen.decoded.emplace(), seen.frame) = see(stack, nullptr, clock);
+  seen.stack = std::move(stack);
+  return seen;
+}
+
+FrameResult Pipeline::process(SeenStack seen) {
+  const FringeStack& stack = seen.stack;
   FrameResult result;
   const std::optional<Pose> predicted = predicted_camera(stack.timestamp_s);
   const bool by_prediction = stack.images.size() < sequence_.patterns.size();
   result.images = static_cast<int>(stack.images.size());
-  if (!by_prediction) see(result, stack, nullptr);
+  if (seen.decoded) {
+    result.decoded = std::move(*seen.decoded);
+    result.frame = std::move(seen.frame);
+  } else if (!by_prediction) {
+    see(result, stack, nullptr);
+  }
   const bool every_frame = options_.tracking.landmarks == "every_frame";
   if (every_frame) find_landmarks(result);
   if (map_.keyframes().empty()) {
@@ -126,19 +141,22 @@ const Frame& Pipeline::reference_image(int keyframe) {
   return reference_frame_;
 }
 
-void Pipeline::see(FrameResult& result, const FringeStack& stack, const ExpectedCoordinate* expected) const {
+std::pair<DecodedStack, Frame> Pipeline::see(const FringeStack& stack, const ExpectedCoordinate* expected,
+                                             StageClock* clock) const {
   const PatternSequence& sequence = expected ? finest_ : sequence_;
   DecodeOptions options = options_.decode;
   if (options.unwrapping == "predicted" && !expected) options.unwrapping = "auto";
   if (expected) options.unwrapping = "predicted";
-  enter("decode");
-  result.decoded = decode(stack, sequence, rig_, options, {Axis::columns, expected});
-  enter("depth");
-  result.frame = reconstruct(result.decoded, rig_, triangulation_, options_.depth);
-  if (!options_.tracking.moving || lost_ || track_.size() < 2) return;
-  compensate_motion(result.decoded, sequence, options, coordinate_rate(result.frame, rig_, rays_, twist()),
-                    image_times_s(stack.images.size(), rig_.timing));
-  result.frame = reconstruct(result.decoded, rig_, triangulation_, options_.depth);
+  enter("decode", clock);
+  DecodedStack decoded = decode(stack, sequence, rig_, options, {Axis::columns, expected});
+  enter("depth", clock);
+  Frame frame = reconstruct(decoded, rig_, triangulation_, options_.depth);
+  if (options_.tracking.moving && !lost_ && track_.size() >= 2) {
+    compensate_motion(decoded, sequence, options, coordinate_rate(frame, rig_, rays_, twist()),
+                      image_times_s(stack.images.size(), rig_.timing));
+    frame = reconstruct(decoded, rig_, triangulation_, options_.depth);
+  }
+  return {std::move(decoded), std::move(frame)};
 }
 
 // METHOD S3, `predicted`: where the map lets expect an order the fringes have it. What is seen so tells the pose, and
@@ -260,9 +278,11 @@ bool Pipeline::becomes_keyframe(const FrameResult& result, const Pose& world_fro
 }
 
 void Pipeline::extend_map(FrameResult& result) {
+  constexpr size_t kFusedAgain = 1;  // frames a view: as long as there are more, a view takes twice as long to fuse
   // Where depth did not confirm the landmarks' motion the frame tells where the robot is, but the map stays as it was.
-  if (!result.registration.refined) return;
   enter("map");
+  fuse_again_some(kFusedAgain);
+  if (!result.registration.refined) return;
   const Located here = track_.back();
   const Pose current = world_from_camera(here);
   if (becomes_keyframe(result, current, here.keyframe))
@@ -319,11 +339,30 @@ int Pipeline::close_loops(const FrameResult& result) {
   return links;
 }
 
+const SurfaceModel& Pipeline::surface() {
+  fuse_again_some(map_.frames().size());
+  return surface_;
+}
+
 void Pipeline::fuse_again() {
-  surface_.clear();
-  for (const MapFrame& frame : map_.frames())
-    surface_.add(restored(frame.frame, rays_),
-                 map_.keyframes()[static_cast<size_t>(frame.keyframe)].world_from_camera * frame.keyframe_from_camera);
+  corrected_surface_.emplace(rig_, options_.surface);
+  corrected_frames_ = 0;
+}
+
+// The surface stays what it was until all frames are where they belong.
+void Pipeline::fuse_again_some(size_t frames) {
+  if (!corrected_surface_) return;
+  const std::vector<MapFrame>& all = map_.frames();
+  const size_t end = std::min(all.size(), corrected_frames_ + frames);
+  for (; corrected_frames_ < end; ++corrected_frames_) {
+    const MapFrame& frame = all[corrected_frames_];
+    corrected_surface_->add(
+        restored(frame.frame, rays_),
+        map_.keyframes()[static_cast<size_t>(frame.keyframe)].world_from_camera * frame.keyframe_from_camera);
+  }
+  if (corrected_frames_ < all.size()) return;
+  surface_ = std::move(*corrected_surface_);
+  corrected_surface_.reset();
 }
 
 }  // namespace fringeslam

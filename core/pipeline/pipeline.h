@@ -4,6 +4,8 @@
 
 #include <optional>
 #include <string>
+#include <tuple>
+#include <utility>
 #include <vector>
 
 #include "core/decode/decode.h"
@@ -16,6 +18,7 @@
 #include "core/map/surface.h"
 #include "core/pipeline/stage_clock.h"
 #include "core/pipeline/view_registration.h"
+#include "core/types/fringe_stack.h"
 #include "core/types/trajectory.h"
 
 namespace fringeslam {
@@ -88,6 +91,14 @@ struct FrameResult {
   Pose world_from_robot;                   // as known when it was processed; see Pipeline::trajectory()
 };
 
+// What one stack tells without the map.
+struct SeenStack {
+  FringeStack stack;
+  // Empty where images are only understood by the map, or by the robot's velocity.
+  std::optional<DecodedStack> decoded;
+  Frame frame;
+};
+
 class Pipeline {
  public:
   // `start`: where the robot is when the first stack is taken.
@@ -100,14 +111,22 @@ class Pipeline {
   const PatternSequence& next_patterns() const { return wants_all_ ? sequence_ : finest_; }
 
   // The stack's images are those of the whole sequence, or of the finest fringes. Throws Error when they are neither.
-  FrameResult process(const FringeStack& stack);
+  FrameResult process(const FringeStack& stack) { return process(see_ahead(stack, clock_)); }
+  // The same in two steps. The first may run in another thread while the second is at the stack before, and the result
+  // is that of one after the other; `clock`, if any, has to be that thread's own.
+  SeenStack see_ahead(FringeStack stack, StageClock* clock = nullptr) const;
+  FrameResult process(SeenStack seen);
+  // Whether what to project next is known before the stack at hand is processed.
+  bool knows_patterns_ahead() const { return options_.decode.unwrapping != "predicted"; }
   // Tells `clock` from now on which stage is at work; it has to outlive the pipeline.
   void time_stages(StageClock& clock) { clock_ = &clock; }
 
   // The last tracked frame; empty before the first.
   const std::optional<FrameResult>& last_tracked() const { return last_; }
   const KeyframeMap& map() const { return map_; }
-  const SurfaceModel& surface() const { return surface_; }
+  // Of all frames of the map where they are now known to be. After a correction that takes some views to come about;
+  // this does not wait for them, but does what they would.
+  const SurfaceModel& surface();
   // Of all tracked frames, in the order of their stacks, by what is known now.
   Trajectory trajectory() const;
 
@@ -126,14 +145,19 @@ class Pipeline {
   std::optional<Pose> predicted_camera(double timestamp_s) const;
   const Frame& reference_image(int keyframe);
 
-  void see(FrameResult& result, const FringeStack& stack, const ExpectedCoordinate* expected) const;
+  std::pair<DecodedStack, Frame> see(const FringeStack& stack, const ExpectedCoordinate* expected,
+                                     StageClock* clock) const;
+  void see(FrameResult& result, const FringeStack& stack, const ExpectedCoordinate* expected) const {
+    std::tie(result.decoded, result.frame) = see(stack, expected, clock_);
+  }
   bool see_by_prediction(FrameResult& result, const FringeStack& stack, const Pose& predicted);
   ExpectedCoordinate expected(const Pose& world_from_current, const Matrix6d& covariance, bool by_reference);
   void note_innovation(const Pose& predicted, const Pose& found);
   void plan_next(const FrameResult& result);
   CameraTwist twist() const;
-  void enter(const char* stage) const {
-    if (clock_ != nullptr) clock_->enter(stage);
+  void enter(const char* stage) const { enter(stage, clock_); }
+  static void enter(const char* stage, StageClock* clock) {
+    if (clock != nullptr) clock->enter(stage);
   }
   void find_landmarks(FrameResult& result) const;
   bool follow(FrameResult& result, const Pose& predicted, const Matrix6d& prior = Matrix6d::Zero());
@@ -143,6 +167,7 @@ class Pipeline {
   void add_keyframe(FrameResult& result, const Pose& world_from_camera);
   int close_loops(const FrameResult& result);
   void fuse_again();
+  void fuse_again_some(size_t frames);
 
   RigModel rig_;
   PatternSequence sequence_, finest_;
@@ -152,6 +177,9 @@ class Pipeline {
   LandmarkDatabase database_;
   KeyframeMap map_;
   SurfaceModel surface_;
+  // What takes its place after a correction, and how many frames of the map are in it.
+  std::optional<SurfaceModel> corrected_surface_;
+  size_t corrected_frames_ = 0;
   Pose start_;
   std::vector<Located> track_;
   bool lost_ = false;  // since the last one of track_
