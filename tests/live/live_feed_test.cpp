@@ -125,6 +125,9 @@ TEST(LiveFeed, ACorrectionMovesAllThatWasTold) {
     EXPECT_EQ(viewer.known()["views"][static_cast<size_t>(view)]["pose"][1], 0.05) << view;
   EXPECT_FALSE(viewer.known()["views"][1].contains("pose"));
   EXPECT_EQ(viewer.known()["keyframes"][0]["pose"][1], 0.05);
+  EXPECT_EQ(viewer.known()["views"][3]["corrected"], true);
+  EXPECT_EQ(viewer.known()["views"][3]["loops"], 1);
+  EXPECT_FALSE(viewer.known()["views"][2].contains("corrected"));
 }
 
 TEST(LiveFeed, LandmarksAreTheMeanOfTheirKeypointsAndOutlined) {

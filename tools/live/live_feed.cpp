@@ -139,12 +139,16 @@ void LiveFeed::show(const FringeStack& stack) {
     std::call_once(triangulated_, [&] { triangulation_ = preview_triangulation(setup_.sequence, setup_.rig); });
     return preview_of(stack, setup_.sequence, setup_.rig, triangulation_);
   });
-  add({0, stack.index, stack.timestamp_s, {}, false, {}}, std::move(view));
+  SeenView seen;
+  seen.index = stack.index;
+  seen.timestamp_s = stack.timestamp_s;
+  add(seen, std::move(view));
 }
 
 void LiveFeed::show(const FringeStack& stack, const FrameResult& result, const KeyframeMap& map,
                     const std::function<Trajectory()>& trajectory, int dropped) {
-  SeenView seen{0, stack.index, stack.timestamp_s, result.tracking, result.found_again, {}};
+  SeenView seen{0, stack.index, stack.timestamp_s, result.tracking, result.found_again, result.loops, result.corrected,
+                {}};
   if (result.tracking != Tracking::lost) seen.world_from_robot = result.world_from_robot;
   std::function<Preview()> prepare = decoded(stack, result, setup_);
   std::vector<LandmarkOutline> outlines = outlines_of(result);
@@ -251,6 +255,8 @@ std::string LiveFeed::changes(const std::string& run, uint64_t since) const {
     ordered_json& entry = views.emplace_back(ordered_json{{"index", view.index}, {"timestamp_s", view.timestamp_s}});
     if (view.tracking) entry["tracking"] = to_string(*view.tracking);
     if (view.found_again) entry["found_again"] = true;
+    if (view.loops > 0) entry["loops"] = view.loops;
+    if (view.corrected) entry["corrected"] = true;
     if (view.world_from_robot) entry["pose"] = json_of(*view.world_from_robot);
   }
   for (const SeenKeyframe& keyframe : changes.keyframes) {

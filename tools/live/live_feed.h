@@ -13,7 +13,9 @@
 //   dropped, views_per_s
 //   about       only in the first answer: verb, name, stacks expected (0: unknown), rig, maps, corners of the image as
 //               rays (x, y, 1), robot_from_camera
-//   views       {from, list}: index, timestamp_s, and of a run tracking, found_again, pose (of the robot, in the world)
+//   views       {from, list}: index, timestamp_s, and of a run tracking, found_again, loops that it closed, whether the
+//   map
+//               was corrected then, pose (of the robot, in the world)
 //   keyframes   {from, list}: pose (of the camera, in the world), landmarks (positions in its frame)
 //   newest      number, index, figures and warnings of the newest view, landmarks outlined in it
 //   candidates  where there may be a victim: position_m (in the world), radius_m, state, reason
@@ -90,6 +92,8 @@ class LiveFeed {
     double timestamp_s = 0;
     std::optional<Tracking> tracking;
     bool found_again = false;
+    int loops = 0;
+    bool corrected = false;
     std::optional<Pose> world_from_robot;
   };
   struct SeenKeyframe {

@@ -25,6 +25,7 @@ namespace {
 
 constexpr auto kLongestWait = std::chrono::seconds(5);  // for something new
 constexpr int kNice = 10;                               // how much rather the others get the processor
+constexpr int kBacklog = 128;                           // of connections that are not taken yet
 constexpr size_t kTurnedAway = 64;  // that wait to be told so at the same time; others are just cut off
 
 enum class Service { full, busy, none };
@@ -150,6 +151,8 @@ class LivePage::Server : public httplib::Server {
         [](const httplib::Request&, httplib::Response& response, std::exception_ptr) { response.status = 500; });
     add_routes();
     bind();
+    // httplib's own, 5, makes connections wait for seconds where some come at once.
+    ::listen(svr_sock_, kBacklog);
     listening_ = std::thread([this] { listen_after_bind(); });
     while (!is_running()) std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }

@@ -2,7 +2,7 @@
 // The map so far: some points of each keyframe (tools/live/keyframe_points.h), placed by the keyframe's pose, so that a
 // corrected map moves them without being sent again.
 import * as THREE from 'three';
-import {fixed} from '../shared/format.js';
+import {amount} from '../shared/format.js';
 import {placed} from '../shared/frustum.js';
 import {kFieldOfView} from '../shared/orbit.js';
 import {byPalette} from '../shared/vertex_colours.js';
@@ -188,6 +188,6 @@ export class Clouds {
     if (!this.scale) return null;
     const {palette, low, high} = this.scale;
     const unit = this.colouring === 'height' ? 'm' : 'mm';
-    return [palette, ...[low, (low + high) / 2, high].map((value) => `${fixed(value, 3)} ${unit}`)];
+    return [palette, ...[low, (low + high) / 2, high].map((value) => `${amount(value)} ${unit}`)];
   }
 }

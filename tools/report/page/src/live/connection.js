@@ -21,7 +21,7 @@ function say(text, lost) {
 function reason(error) {
   if (error instanceof Refused && error.status === 503) return 'Too many viewers; trying again';
   if (error instanceof Refused && error.status === 403) return 'Refused: this page is for the computer itself';
-  return 'No connection; trying again';
+  return store.finished ? 'Ended; waiting for the next' : 'No connection; trying again';
 }
 
 // Until someone typed it.

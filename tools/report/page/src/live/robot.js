@@ -38,7 +38,7 @@ export class Robot {
       new THREE.BufferGeometry(),
       new THREE.MeshBasicMaterial({transparent: true, opacity: 0.08, side: THREE.DoubleSide, depthWrite: false}));
     this.axes = new THREE.AxesHelper(kAxesM);
-    this.landmarks = new THREE.Points(new THREE.BufferGeometry(), new THREE.PointsMaterial({size: 7, sizeAttenuation: false}));
+    this.landmarks = new THREE.Points(new THREE.BufferGeometry(), new THREE.PointsMaterial({size: 5, sizeAttenuation: false}));
     this.candidates = new THREE.Group();
     this.group = new THREE.Group();
     for (const object of [this.axes, this.landmarks, this.pane]) object.frustumCulled = false;

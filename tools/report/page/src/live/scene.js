@@ -41,6 +41,7 @@ class Stage {
       this.renderer.render(this.scene, this.orbit.camera);
       this.canvas.dataset.points = this.clouds.points;
       this.canvas.dataset.drawn = 'true';
+      this.canvas.toggleAttribute('data-whole', this.clouds.clouds.length > 0 && this.clouds.clouds.length === store.keyframes.length);
       if (moves) this.redraw();
     });
   }
