@@ -134,6 +134,9 @@ test('what happened is told', async () => {
   const {page, close} = await open(still.url);
   await says(page, 'connection', 'Finished');
   await says(page, 'tracking', 'tracking');
+  // Its motions add up to 12 and 8 mm, and nothing is turned.
+  const [, x, y] = (await page.locator('#pose').textContent()).match(/^Robot at (\S+), (\S+), \S+ m, turned by 0\.[0-4]°$/);
+  for (const [value, expected] of [[x, 0.012], [y, 0.008]]) assert.ok(Math.abs(Number(value) - expected) < 0.002, value);
   assert.deepEqual(await page.locator('#events li').allInnerTexts(),
     ['View 3: found again, lost since view 2', 'View 2: tracking lost']);
   await close();

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Name, figures, state and warnings: what a person looks at first.
 import {byId, element} from '../shared/dom.js';
-import {count, figure, percent} from '../shared/format.js';
+import {count, figure, fixed, percent} from '../shared/format.js';
 import {tile} from '../shared/tile.js';
-import {on, store} from './store.js';
+import {lastTracked, on, store} from './store.js';
 import {trackingText} from './tracking.js';
 
 const kVerbs = {run: 'Mapping', capture: 'Capturing', focus: 'Focus of'};
@@ -32,6 +32,15 @@ function showTracking() {
   badge.classList.toggle('lost', view?.tracking === 'lost');
 }
 
+// Where the robot is, or was when it was last known.
+function showPose() {
+  const view = lastTracked();
+  if (!view) return void (byId('pose').textContent = '');
+  const turn = 2 * Math.acos(Math.min(1, Math.abs(view.pose[6])));
+  const where = view.pose.slice(0, 3).map((value) => fixed(value, 3)).join(', ');
+  byId('pose').textContent = `Robot at ${where} m, turned by ${fixed((turn * 180) / Math.PI, 1)}°`;
+}
+
 function showWarnings() {
   const list = byId('warnings');
   const sentences = store.newest?.warnings ?? [];
@@ -49,6 +58,7 @@ export function showHeader() {
     document.title = `${views.length ? `View ${views.at(-1).index} · ` : ''}${about.name} · FringeSLAM live`;
     byId('figures').replaceChildren(...tiles());
     showTracking();
+    showPose();
     showWarnings();
   });
 }
