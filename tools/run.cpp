@@ -64,6 +64,7 @@ class Pace {
 };
 
 void wait_for_interrupt() {
+  std::fflush(stdout);  // the score, to who reads it through a pipe
   catch_interrupts();
   while (!interrupted()) wait_s(60);
 }
