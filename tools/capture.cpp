@@ -30,7 +30,7 @@ struct Arguments {
   int count = 1;
   double interval_s = 0;
   std::string before;
-  std::optional<int> live_port;
+  LiveOption live;
 };
 
 // What moves the sensor between views: a stage, a robot, or a person who presses a key.
@@ -64,7 +64,9 @@ int capture(const Arguments& arguments, const Common& common) {
     throw Error(arguments.out + ": exists; choose another --out or remove it");
   const RigModel model = read_rig(arguments.rig);
   const PatternSequence sequence = sequence_of(arguments, model);
-  const std::unique_ptr<LivePage> page = open_live_page(arguments.live_port, sequence, model);
+  const std::unique_ptr<LivePage> page = open_live_page(
+      arguments.live,
+      {.verb = "capture", .name = arguments.out, .rig = model, .sequence = sequence, .stacks = arguments.count});
   const auto rig = open_hardware(arguments.rig);
   fs::create_directories(arguments.out);
   RecordingRig recording(*rig, arguments.out);
@@ -84,7 +86,7 @@ int capture(const Arguments& arguments, const Common& common) {
         const auto stack = recording.capture(sequence);
         capturing_s += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
         recording.finish(model.name, 0, false);
-        if (page && stack) page->show(*stack);
+        if (page && stack) page->feed().show(*stack);
         progress.step();
       }
     } catch (const std::exception& e) {
@@ -128,7 +130,7 @@ Verb add_capture(CLI::App& app, const Common& common) {
                    "Command to run before each stack, whose number is in FRINGESLAM_STACK: what moves the sensor; "
                    "'read _' waits for Enter");
   verb->add_option("--patterns", arguments->patterns, "patterns.yaml, or the folder that `fringeslam patterns` wrote");
-  add_live_option(*verb, arguments->live_port);
+  add_live_option(*verb, arguments->live);
   return [arguments, &common] { return capture(*arguments, common); };
 }
 

@@ -23,7 +23,7 @@ struct Arguments {
   std::string rig;
   int count = 0;
   double period_px = 16;
-  std::optional<int> live_port;
+  LiveOption live;
 };
 
 // JSON has no NaN.
@@ -61,7 +61,9 @@ std::string line_of(const FocusReading& reading, const Best& best) {
 int focus(const Arguments& arguments, const Common& common) {
   const RigModel model = read_rig(arguments.rig);
   const PatternSequence sequence = focus_sequence(model, arguments.period_px);
-  const std::unique_ptr<LivePage> page = open_live_page(arguments.live_port, sequence, model);
+  const std::unique_ptr<LivePage> page = open_live_page(
+      arguments.live,
+      {.verb = "focus", .name = model.name, .rig = model, .sequence = sequence, .stacks = arguments.count});
   const auto rig = open_hardware(arguments.rig);
   catch_interrupts();
   ordered_json readings = ordered_json::array();
@@ -76,7 +78,7 @@ int focus(const Arguments& arguments, const Common& common) {
       if (!common.quiet) std::fprintf(stderr, "no reading: %s\n", e.what());
       continue;
     }
-    if (page) page->show(*stack);
+    if (page) page->feed().show(*stack);
     const FocusReading reading = read_focus(*stack, sequence, model);
     best.take(reading);
     readings.push_back({{"fringes", figure(reading.fringes)},
@@ -100,7 +102,7 @@ Verb add_rig_focus(CLI::App& group, const Common& common) {
   verb->add_option("--rig", arguments->rig, "Rig file with a hardware: section")->required();
   verb->add_option("--count", arguments->count, "Readings; 0: until Ctrl-C")->check(CLI::Range(0, 1000000));
   verb->add_option("--period", arguments->period_px, "Fringe period, projector px")->check(CLI::Range(4.0, 512.0));
-  add_live_option(*verb, arguments->live_port);
+  add_live_option(*verb, arguments->live);
   return [arguments, &common] { return focus(*arguments, common); };
 }
 

@@ -8,6 +8,8 @@
 #include "core/map/map_file.h"
 #include "core/rig/files.h"
 #include "core/rig/yaml.h"
+#include "tools/interrupt.h"
+#include "tools/live/live_option.h"
 #include "tools/progress.h"
 #include "tools/report/html_report.h"
 #include "tools/run_folder.h"
@@ -30,6 +32,9 @@ struct Arguments {
   SceneVariant variant;
   std::string map;
   bool mesh = false, save_map = false, no_report = false;
+  LiveOption live;
+  double live_rate_hz = 0;
+  bool live_wait = false;
 };
 
 // A scene's name as the name of a folder.
@@ -38,6 +43,30 @@ std::string file_name(std::string name) {
     if (!std::isalnum(static_cast<unsigned char>(c)) && c != '-' && c != '_') c = '_';
   }
   return name;
+}
+
+// Lets no more than `rate_hz` turns pass a second; 0: all.
+class Pace {
+ public:
+  explicit Pace(double rate_hz) : period_s_(rate_hz > 0 ? 1 / rate_hz : 0) {}
+  void wait() {
+    if (period_s_ == 0) return;
+    const auto now = Clock::now();
+    if (turn_ > 0) wait_s(turn_ * period_s_ - std::chrono::duration<double>(now - start_).count());
+    if (turn_++ == 0) start_ = now;
+  }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  double period_s_;
+  Clock::time_point start_;
+  int turn_ = 0;
+};
+
+void wait_for_interrupt() {
+  std::fflush(stdout);  // the score, to who reads it through a pipe
+  catch_interrupts();
+  while (!interrupted()) wait_s(60);
 }
 
 int run(const Arguments& arguments, const Common& common) {
@@ -73,15 +102,28 @@ int run(const Arguments& arguments, const Common& common) {
           : Pipeline(map_from_bytes(read_bytes(arguments.map), arguments.map, rig->model(), settings.pipeline.mapping),
                      source->sequence(), settings.pipeline);
   RunFolder record(folder.path(), rig->model(), source->sequence());
+  const std::unique_ptr<LivePage> live = open_live_page(arguments.live, {.verb = "run",
+                                                                         .name = source->name(),
+                                                                         .rig = rig->model(),
+                                                                         .sequence = source->sequence(),
+                                                                         .stacks = source->stacks(),
+                                                                         .maps = true,
+                                                                         .moving = settings.pipeline.tracking.moving});
+  Pace pace(arguments.live_rate_hz);
   {
     Progress progress("mapping", source->stacks(), common.quiet || common.json);
     while (const auto stack = rig->capture(pipeline.next_patterns())) {
       const FrameResult result = pipeline.process(*stack);
       record.add(*stack, result, pipeline.map());
+      if (live)
+        live->feed().show(
+            *stack, result, pipeline.map(), [&] { return pipeline.trajectory(); }, 0);
       if (arguments.mesh) record.add_mesh(frame_mesh(result.frame, settings.mesh), stack->index);
       progress.step();
+      pace.wait();
     }
   }
+  if (live) live->feed().finish();
   const std::vector<CloudPoint> cloud = pipeline.map().cloud(settings.pipeline.cloud).points();
   record.finish(pipeline.trajectory(), cloud, pipeline.surface().mesh());
   if (arguments.save_map) write_text(folder.path() / kMapFile, to_bytes(pipeline.map()));
@@ -107,6 +149,7 @@ int run(const Arguments& arguments, const Common& common) {
     const char* look = kHasReport && !arguments.no_report ? "report.html" : "overview.png";
     std::printf("written: %s  (look at %s/%s)\n", out.c_str(), out.c_str(), look);
   }
+  if (live && arguments.live_wait) wait_for_interrupt();
   return 0;
 }
 
@@ -123,6 +166,13 @@ Verb add_run(CLI::App& app, const Common& common) {
   verb->add_option("--map", arguments->map, "Go on in the map that an earlier run saved")->check(CLI::ExistingFile);
   verb->add_flag("--save-map", arguments->save_map, "Write saved.map, in which a later run can go on, too");
   verb->add_flag("--no-report", arguments->no_report, "Leave out report.html, the page about the run");
+  add_live_option(*verb, arguments->live);
+  CLI::Option* page = verb->get_option("--live");
+  verb->add_option("--live-rate", arguments->live_rate_hz, "Views a second at most; 0: as fast as they are mapped")
+      ->type_name("HZ")
+      ->check(CLI::Range(0.0, 1000.0))
+      ->needs(page);
+  verb->add_flag("--live-wait", arguments->live_wait, "Show the page until Ctrl-C")->needs(page);
   verb->add_option("--set", arguments->sets, "Change a setting: stage.key=value (repeatable; listed below)");
   verb->footer(settings_help());
   return [arguments, &common] { return run(*arguments, common); };

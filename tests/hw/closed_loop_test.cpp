@@ -399,9 +399,9 @@ TEST_F(ClosedLoop, WhatIsCapturedIsSeenLive) {
   viewer.set_read_timeout(60);
   nlohmann::json state;
   ASSERT_TRUE(wait_until(60, [&] {
-    const auto answer = viewer.Get("/state.json");
-    if (answer) state = nlohmann::json::parse(answer->body);
-    return state.is_object() && state["number"] >= 1;
+    const auto answer = viewer.Get("/snapshot");
+    if (answer) state = nlohmann::json::parse(answer->body).value("newest", nlohmann::json());
+    return state.is_object();
   })) << log_of("program");
   EXPECT_EQ(state["number"], 1);
   const PatternSequence captured = read_patterns(at("live/patterns.yaml"));
@@ -411,12 +411,12 @@ TEST_F(ClosedLoop, WhatIsCapturedIsSeenLive) {
   EXPECT_DOUBLE_EQ(state["valid"], expected.valid);
   EXPECT_DOUBLE_EQ(state["saturated"], expected.saturated);
   EXPECT_DOUBLE_EQ(state["mean_modulation_dn"], expected.mean_modulation_dn);
-  const auto depth = viewer.Get("/preview/depth.png?n=1");
+  const auto depth = viewer.Get("/picture/1/depth.png");
   ASSERT_TRUE(depth);
   EXPECT_EQ(depth->status, 200);
   EXPECT_THAT(depth->body, testing::StartsWith("\x89PNG"));
   EXPECT_EQ(capture.stop(SIGINT), 0);
-  EXPECT_FALSE(viewer.Get("/state.json"));
+  EXPECT_FALSE(viewer.Get("/snapshot"));
   EXPECT_EQ(stacks_in(at("live")), 1);
 }
 

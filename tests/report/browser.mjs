@@ -18,21 +18,25 @@ export function launch() {
   return chromium.launch({executablePath: kBrowser, args: kFlags, timeout: kTimeoutMs});
 }
 
-// A page that is drawn, and was neither out of the house nor in trouble.
-export async function open(browser, file, options = {}) {
+// A page, of a file or at an address, that is drawn, and was neither out of the house nor in trouble but for what is
+// `expected` of it.
+export async function open(browser, place, {expected = /^$/, ...options} = {}) {
   const context = await browser.newContext({viewport: {width: 1280, height: 900}, reducedMotion: 'reduce', ...options});
+  const served = place.startsWith('http:');
+  const home = served ? place : pathToFileURL(place).href;
+  const isHome = (url) => (served ? url.startsWith(`${new URL(home).origin}/`) : url === home);
   const page = await context.newPage();
   page.setDefaultTimeout(kTimeoutMs);
   const troubles = [];
-  page.on('console', (message) => message.type() === 'error' && troubles.push(`console: ${message.text()}`));
+  page.on('console', (message) => message.type() === 'error' && !expected.test(message.text()) && troubles.push(`console: ${message.text()}`));
   page.on('pageerror', (error) => troubles.push(`error: ${error}`));
   await page.route('**/*', (route) => {
     const url = route.request().url();
-    if (/^(data|blob):/.test(url) || url === pathToFileURL(file).href) return route.continue();
+    if (/^(data|blob):/.test(url) || isHome(url)) return route.continue();
     troubles.push(`request: ${url}`);
     return route.abort();
   });
-  await page.goto(pathToFileURL(file).href);
+  await page.goto(home);
   await page.waitForSelector('html[data-ready]');
   return {page, async close() {
     assert.deepEqual(troubles, []);

@@ -1,12 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// node picture.mjs PAGE.html OUT.png [WIDTHxHEIGHT [light|dark]]: a page as a picture, from its top on.
+// node picture.mjs PAGE.html|http://… OUT.png [WIDTHxHEIGHT [light|dark]]: a page as a picture, from its top on; of a live
+// page once a view and the map are there.
 import {resolve} from 'node:path';
 import {launch, open} from './browser.mjs';
 
 const [, , file, out, size = '1280x1600', colorScheme = 'light'] = process.argv;
 const [width, height] = size.split('x').map(Number);
 const browser = await launch();
-const {page, close} = await open(browser, resolve(file), {viewport: {width, height}, colorScheme});
+const live = file.startsWith('http:');
+const {page, close} = await open(browser, live ? file : resolve(file), {viewport: {width, height}, colorScheme});
+if (live) {
+  await page.waitForSelector('#pictures[data-view]');
+  await page.waitForSelector('#scene[data-whole]', {state: 'attached'});
+}
 await page.screenshot({path: out});
 await close();
 await browser.close();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// --live [PORT] of the verbs that take stacks from a rig.
+// --live [PORT] of the verbs that take stacks from a rig, and who may see them.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -12,21 +12,34 @@
 
 namespace fringeslam::tools {
 
-inline void add_live_option(CLI::App& verb, std::optional<int>& port) {
+struct LiveOption {
+  std::optional<int> port;  // empty: no page
+  LiveAccess access;
+};
+
+inline void add_live_option(CLI::App& verb, LiveOption& live) {
   const std::string usual = std::to_string(LivePage::kUsualPort);
-  verb.add_option("--live", port,
-                  "Show stacks on a web page of this computer; 0: any port that is free [" + usual + "]")
-      ->type_name("[PORT]")
-      ->expected(0, 1)
-      ->default_str(usual)
-      ->check(CLI::Range(0, 65535));
+  CLI::Option* page =
+      verb.add_option("--live", live.port, "Show on a web page what comes in; 0: any port that is free [" + usual + "]")
+          ->type_name("[PORT]")
+          ->expected(0, 1)
+          ->default_str(usual)
+          ->check(CLI::Range(0, 65535));
+  verb.add_option("--live-host", live.access.host,
+                  "Address at which it listens [127.0.0.1: this computer alone]; others ask for a token")
+      ->type_name("ADDRESS")
+      ->needs(page);
+  verb.add_option("--live-token", live.access.token, "Token to ask for, instead of one made up")
+      ->type_name("TEXT")
+      ->envname("FRINGESLAM_LIVE_TOKEN");
 }
 
 // None without a port. Says where it is.
-inline std::unique_ptr<LivePage> open_live_page(std::optional<int> port, const PatternSequence& sequence,
-                                                const RigModel& rig) {
-  if (!port) return nullptr;
-  auto page = std::make_unique<LivePage>(sequence, rig, *port);
+inline std::unique_ptr<LivePage> open_live_page(const LiveOption& live, LiveSetup setup) {
+  if (!live.port) return nullptr;
+  LiveAccess access = live.access;
+  access.port = *live.port;
+  auto page = std::make_unique<LivePage>(std::move(setup), std::move(access));
   std::fprintf(stderr, "live: %s\n", page->url().c_str());
   return page;
 }

@@ -2,133 +2,134 @@
 #include "tools/live/live_page.h"
 
 #include <httplib.h>
-#include <poll.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <atomic>
-#include <chrono>
+#include <charconv>
+#include <condition_variable>
 #include <deque>
-#include <map>
 #include <mutex>
-#include <nlohmann/json.hpp>
-#include <optional>
 #include <thread>
+#include <vector>
 
-#include "core/rig/files.h"
 #include "core/types/error.h"
-#include "tools/live/page_html.h"
-#include "tools/live/preview.h"
+#include "tools/live/viewer_socket.h"
+#include "tools/report/report_page.h"
 
 namespace fringeslam::tools {
 
 namespace {
 
-using Clock = std::chrono::steady_clock;
+constexpr auto kLongestWait = std::chrono::seconds(5);  // for something new
+constexpr int kNice = 10;                               // how much rather the others get the processor
+constexpr int kBacklog = 128;                           // of connections that are not taken yet
+constexpr size_t kTurnedAway = 64;  // that wait to be told so at the same time; others are just cut off
 
-constexpr const char* kHost = "127.0.0.1";
-constexpr size_t kViewers = 8;  // that are served at the same time
-constexpr size_t kMaxRequestBytes = 16384;
-constexpr auto kRequestPatience = std::chrono::seconds(5), kAnswerPatience = std::chrono::seconds(20);
-constexpr size_t kRateStacks = 8;  // over which their rate is averaged
+enum class Service { full, busy, none };
+thread_local Service service = Service::full;       // what this thread can do for its viewer
+thread_local const ViewerSocket* viewer = nullptr;  // of the request that this thread answers
 
-// One request and its answer, neither of which may take for ever: httplib alone bounds a header's lines, but neither
-// their number nor the time of a viewer who sends or reads drop by drop.
 class ViewerStream : public httplib::Stream {
  public:
-  ViewerStream(int socket, const std::atomic<bool>& stopping)
-      : socket_(socket), stopping_(stopping), request_by_(Clock::now() + kRequestPatience) {}
-
-  bool is_readable() const override { return begin_ < end_ || ready(POLLIN, request_by_); }
-  bool is_writable() const override { return ready(POLLOUT, answer_by_.value_or(Clock::time_point::max())); }
-
-  ssize_t read(char* target, size_t size) override {
-    if (begin_ == end_) {
-      if (received_ >= kMaxRequestBytes || !ready(POLLIN, request_by_)) return -1;
-      const ssize_t got = recv(socket_, buffer_.data(), std::min(buffer_.size(), kMaxRequestBytes - received_), 0);
-      if (got <= 0) return got;
-      begin_ = 0;
-      end_ = static_cast<size_t>(got);
-      received_ += end_;
-    }
-    const size_t count = std::min(size, end_ - begin_);
-    std::copy_n(buffer_.data() + begin_, count, target);
-    begin_ += count;
-    return static_cast<ssize_t>(count);
-  }
-
-  ssize_t write(const char* data, size_t size) override {
-    // From the first byte on: it may take long to get an answer ready.
-    if (!answer_by_) answer_by_ = Clock::now() + kAnswerPatience;
-    if (!ready(POLLOUT, *answer_by_)) return -1;
-    return send(socket_, data, size, MSG_NOSIGNAL | MSG_DONTWAIT);
-  }
-
-  void get_remote_ip_and_port(std::string& ip, int& port) const override { ip = kHost, port = 0; }
-  void get_local_ip_and_port(std::string& ip, int& port) const override { ip = kHost, port = 0; }
-  socket_t socket() const override { return socket_; }
+  explicit ViewerStream(ViewerSocket& socket) : socket_(socket) {}
+  bool is_readable() const override { return socket_.readable(); }
+  bool is_writable() const override { return socket_.writable(); }
+  ssize_t read(char* target, size_t size) override { return socket_.read(target, size); }
+  ssize_t write(const char* data, size_t size) override { return socket_.write(data, size); }
+  void get_remote_ip_and_port(std::string& ip, int& port) const override { ip.clear(), port = 0; }
+  void get_local_ip_and_port(std::string& ip, int& port) const override { ip.clear(), port = 0; }
+  socket_t socket() const override { return socket_.socket(); }
 
  private:
-  // In short waits, so that none outlives the page.
-  bool ready(short events, Clock::time_point until) const {
-    while (!stopping_) {
-      pollfd descriptor{socket_, events, 0};
-      if (poll(&descriptor, 1, 20) > 0) return true;
-      if (Clock::now() >= until) break;
-    }
-    return false;
-  }
-
-  int socket_;
-  const std::atomic<bool>& stopping_;
-  Clock::time_point request_by_;
-  std::optional<Clock::time_point> answer_by_;
-  std::array<char, 2048> buffer_ = {};
-  size_t begin_ = 0, end_ = 0, received_ = 0;
+  ViewerSocket& socket_;
 };
 
-// The place where the newest stack lies. Held for no longer than it takes to copy a pointer.
-class Handover {
+// Threads that answer requests, and one that tells those beyond their number to come again.
+class Desks : public httplib::TaskQueue {
  public:
-  struct Newest {
-    std::shared_ptr<const FringeStack> stack;
-    int number = 0;
-    double stacks_per_s = 0;
-  };
-
-  void put(const FringeStack& stack) {
-    auto copy = std::make_shared<const FringeStack>(stack);
-    const std::lock_guard lock(mutex_);
-    stack_.swap(copy);
-    ++number_;
-    times_.push_back(Clock::now());
-    if (times_.size() > kRateStacks) times_.pop_front();
+  explicit Desks(size_t count) : count_(count) {
+    for (size_t i = 0; i < count; ++i) threads_.emplace_back([this] { work(tasks_, Service::full); });
+    threads_.emplace_back([this] { work(turned_away_, Service::busy); });
   }
 
-  Newest take() const {
-    const std::lock_guard lock(mutex_);
-    double rate = 0;
-    if (times_.size() > 1)
-      rate = static_cast<double>(times_.size() - 1) /
-             std::chrono::duration<double>(times_.back() - times_.front()).count();
-    return {stack_, number_, rate};
+  void enqueue(std::function<void()> task) override {
+    if (taken(task)) return wake_.notify_all();
+    service = Service::none;
+    task();
+    service = Service::full;
+  }
+
+  void shutdown() override {
+    {
+      const std::lock_guard lock(mutex_);
+      stopping_ = true;
+    }
+    wake_.notify_all();
+    for (std::thread& thread : threads_) thread.join();
   }
 
  private:
-  mutable std::mutex mutex_;
-  std::shared_ptr<const FringeStack> stack_;
-  std::deque<Clock::time_point> times_;
-  int number_ = 0;
+  bool taken(const std::function<void()>& task) {
+    const std::lock_guard lock(mutex_);
+    const bool free = busy_ + tasks_.size() < count_;
+    if (!free && turned_away_.size() >= kTurnedAway) return false;
+    (free ? tasks_ : turned_away_).push_back(task);
+    return true;
+  }
+
+  void work(std::deque<std::function<void()>>& tasks, Service mine) {
+    setpriority(PRIO_PROCESS, 0, kNice);  // of this thread alone
+    service = mine;
+    std::unique_lock lock(mutex_);
+    for (;;) {
+      wake_.wait(lock, [&] { return stopping_ || !tasks.empty(); });
+      if (tasks.empty()) return;
+      const std::function<void()> task = std::move(tasks.front());
+      tasks.pop_front();
+      const size_t here = mine == Service::full ? 1 : 0;
+      busy_ += here;
+      lock.unlock();
+      task();
+      lock.lock();
+      busy_ -= here;
+    }
+  }
+
+  const size_t count_;
+  std::mutex mutex_;
+  std::condition_variable wake_;
+  std::deque<std::function<void()>> tasks_, turned_away_;
+  size_t busy_ = 0;
+  bool stopping_ = false;
+  std::vector<std::thread> threads_;
 };
+
+// A whole number and nothing else.
+template <class Number>
+std::optional<Number> number_in(const std::string& text) {
+  Number number = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+  if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
+  return number;
+}
+
+bool only_reads(const httplib::Request& request) { return request.method == "GET" || request.method == "HEAD"; }
+
+std::string name_for_others(const std::string& host) {
+  if (host != "0.0.0.0" && host != "::") return host.find(':') == std::string::npos ? host : "[" + host + "]";
+  char name[256] = {};
+  return gethostname(name, sizeof name - 1) == 0 && name[0] != '\0' ? name : host;
+}
 
 }  // namespace
 
 class LivePage::Server : public httplib::Server {
  public:
-  Server(const PatternSequence& sequence, const RigModel& rig, int port) : sequence_(sequence), rig_(rig) {
-    new_task_queue = [] { return new httplib::ThreadPool(kViewers); };
+  Server(const LiveFeed& feed, LiveAccess access) : feed_(feed), access_(std::move(access)) {
+    new_task_queue = [] { return new Desks(kRequests); };
     // httplib's own options let two programs share a port.
     set_socket_options([](socket_t socket) {
       const int yes = 1;
@@ -137,40 +138,21 @@ class LivePage::Server : public httplib::Server {
     set_payload_max_length(0);
     set_default_headers({{"Cache-Control", "no-store"},
                          {"X-Content-Type-Options", "nosniff"},
+                         {"Referrer-Policy", "no-referrer"},
                          {"Cross-Origin-Resource-Policy", "same-origin"},
                          {"Content-Security-Policy",
-                          "default-src 'none'; connect-src 'self'; img-src 'self' data:; style-src 'unsafe-inline'; "
+                          "default-src 'none'; connect-src 'self'; img-src blob: data:; style-src 'unsafe-inline'; "
                           "script-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"}});
     // Before a body is read or ranges of an answer are put together, of which there may be many.
-    set_pre_routing_handler([](const httplib::Request& request, httplib::Response& response) {
-      if (request.method != "GET" && request.method != "HEAD")
-        response.status = 405;
-      else if (!request.ranges.empty())
-        response.status = 416;
-      else
-        return HandlerResponse::Unhandled;
-      return HandlerResponse::Handled;
+    set_pre_routing_handler([this](const httplib::Request& request, httplib::Response& response) {
+      return admit(request, response) ? HandlerResponse::Unhandled : HandlerResponse::Handled;
     });
-    Get("/", [](const httplib::Request&, httplib::Response& response) {
-      response.set_content(kPageHtml.data(), kPageHtml.size(), "text/html; charset=utf-8");
-    });
-    Get("/state\\.json", [this](const httplib::Request&, httplib::Response& response) {
-      response.set_content(state(), "application/json");
-    });
-    for (const char* name : {"texture", "modulation", "saturation", "depth"}) {
-      Get(std::string("/preview/") + name + "\\.png",
-          [this, name](const httplib::Request&, httplib::Response& response) {
-            const std::string png = picture(name);
-            if (png.empty())
-              response.status = 404;
-            else
-              response.set_content(png, "image/png");
-          });
-    }
-    port_ = port;
-    if (port == 0 ? (port_ = bind_to_any_port(kHost)) <= 0 : !bind_to_port(kHost, port))
-      throw Error("live: port " + std::to_string(port) +
-                  " is taken or not allowed; choose another by --live PORT, or --live 0 for one that is free");
+    set_exception_handler(
+        [](const httplib::Request&, httplib::Response& response, std::exception_ptr) { response.status = 500; });
+    add_routes();
+    bind();
+    // httplib's own, 5, makes connections wait for seconds where some come at once.
+    ::listen(svr_sock_, kBacklog);
     listening_ = std::thread([this] { listen_after_bind(); });
     while (!is_running()) std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
@@ -181,88 +163,126 @@ class LivePage::Server : public httplib::Server {
     listening_.join();
   }
 
-  Handover& handover() { return handover_; }
-  int port() const { return port_; }
+  const LiveAccess& access() const { return access_; }
 
  private:
+  void bind() {
+    const int wanted = access_.port;
+    const std::string& host = access_.host;
+    if (wanted == 0 ? (access_.port = bind_to_any_port(host.c_str())) > 0 : bind_to_port(host.c_str(), wanted)) return;
+    if (!is_loopback(host))
+      throw Error("live: cannot listen at " + host + ", port " + std::to_string(wanted) +
+                  "; is that an address of this computer, and the port free?");
+    throw Error("live: port " + std::to_string(wanted) +
+                " is taken or not allowed; choose another by --live PORT, or --live 0 for one that is free");
+  }
+
+  bool admit(const httplib::Request& request, httplib::Response& response) const {
+    const auto refuse = [&](int status, const char* why) {
+      response.status = status;
+      response.set_content(why, "text/plain");
+      return false;
+    };
+    if (service == Service::busy) {
+      response.set_header("Retry-After", "5");
+      return refuse(503, "Too many viewers at once; come again.\n");
+    }
+    if (!only_reads(request)) return refuse(405, "Only GET and HEAD.\n");
+    if (!request.ranges.empty()) return refuse(416, "No ranges.\n");
+    const Caller caller{request.get_header_value("Host"), request.get_header_value("Origin"),
+                        request.get_header_value("Authorization")};
+    const bool secret = request.path != "/";
+    const int status = admission(access_, caller, secret);
+    if (status == 401) response.set_header("WWW-Authenticate", "Bearer");
+    if (status == 403) return refuse(403, "Of this computer alone; ask for it by 127.0.0.1 or localhost.\n");
+    if (status != 200) return refuse(status, "Asks for the token that was printed with the page's address.\n");
+    return true;
+  }
+
+  void add_routes() {
+    using Request = httplib::Request;
+    using Response = httplib::Response;
+    const auto serve = [](Response& response, const std::string& body, const char* type) {
+      if (body.empty())
+        response.status = 404;
+      else
+        response.set_content(body, type);
+    };
+    Get("/", [](const Request&, Response& response) {
+      const std::string_view page = live_page();
+      response.set_content(page.data(), page.size(), "text/html; charset=utf-8");
+    });
+    Get("/snapshot",
+        [=, this](const Request&, Response& response) { serve(response, feed_.snapshot(), "application/json"); });
+    Get("/changes", [=, this](const Request& request, Response& response) {
+      const std::string run = request.get_param_value("run");
+      const auto since = number_in<uint64_t>(request.get_param_value("since"));
+      if (!since) return void(response.status = 400);
+      const Waiting waiting(waiting_);
+      if (waiting.place > kViewers) {
+        response.set_header("Retry-After", "5");
+        return void(response.status = 503);
+      }
+      feed_.await_change(run, *since, kLongestWait, [this] { return stopping_ || (viewer && viewer->gone()); });
+      serve(response, feed_.changes(run, *since), "application/json");
+    });
+    Get(R"(/picture/(\d{1,9})/([a-z]+\.(jpg|png)))", [=, this](const Request& request, Response& response) {
+      const int number = number_in<int>(request.matches[1]).value_or(0);
+      const auto view = feed_.view(number);
+      if (!view && feed_.had_view(number)) return void(response.status = 204);
+      const bool jpeg = request.matches[3] == "jpg";
+      serve(response, view ? view->picture(request.matches[2]) : std::string(), jpeg ? "image/jpeg" : "image/png");
+    });
+    Get(R"(/keyframe/(\d{1,9})/points)", [=, this](const Request& request, Response& response) {
+      const auto points = feed_.points_of(number_in<int>(request.matches[1]).value_or(-1));
+      serve(response, points.value_or(std::string()), "application/octet-stream");
+    });
+  }
+
   bool process_and_close_socket(socket_t socket) override {
-    ViewerStream stream(socket, stopping_);
-    bool closed = false;
-    const bool good = process_request(stream, true, closed, nullptr);
+    bool good = false;
+    if (service != Service::none) {
+      using std::chrono::milliseconds;
+      ViewerSocket mine(socket, stopping_,
+                        service == Service::busy ? milliseconds(500) : milliseconds(kRequestPatience));
+      ViewerStream stream(mine);
+      viewer = &mine;
+      bool closed = false;
+      good = process_request(stream, true, closed, nullptr);
+      viewer = nullptr;
+    }
     ::shutdown(socket, SHUT_RDWR);
     ::close(socket);
     return good;
   }
 
-  // Of the newest stack; with the lock held, so that viewers who ask at the same time wait for one decoding.
-  void update() {
-    const Handover::Newest newest = handover_.take();
-    stacks_per_s_ = newest.stacks_per_s;
-    if (newest.number == number_) return;
-    if (number_ == 0) triangulation_ = preview_triangulation(sequence_, rig_);
-    preview_ = preview_of(*newest.stack, sequence_, rig_, triangulation_);
-    encoded_.clear();
-    number_ = newest.number;
-  }
+  // A viewer's place among those who wait for changes, from 1.
+  struct Waiting {
+    explicit Waiting(std::atomic<size_t>& all_waiting) : all(all_waiting), place(++all) {}
+    ~Waiting() { --all; }
+    Waiting(const Waiting&) = delete;
+    Waiting& operator=(const Waiting&) = delete;
+    std::atomic<size_t>& all;
+    size_t place;
+  };
 
-  std::string state() {
-    const std::lock_guard lock(mutex_);
-    update();
-    nlohmann::ordered_json document{{"number", number_}, {"rig", rig_.name}};
-    if (number_ > 0) {
-      const PreviewFigures& figures = preview_.figures;
-      document.update({{"stacks_per_s", stacks_per_s_},
-                       {"valid", figures.valid},
-                       {"saturated", figures.saturated},
-                       {"mean_modulation_dn", figures.mean_modulation_dn},
-                       {"brightness", figures.brightness},
-                       {"full_scale_dn", figures.full_scale_dn},
-                       {"depth_possible", figures.depth_possible},
-                       {"near_m", rig_.near_m},
-                       {"far_m", rig_.far_m},
-                       {"warnings", warnings(figures)}});
-    }
-    return document.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
-  }
-
-  // PNG; empty before the first stack.
-  std::string picture(const std::string& name) {
-    const std::lock_guard lock(mutex_);
-    update();
-    if (number_ == 0) return {};
-    std::string& png = encoded_[name];
-    if (png.empty())
-      png = png_bytes(name == "texture"      ? preview_.texture
-                      : name == "modulation" ? preview_.modulation
-                      : name == "saturation" ? preview_.saturation
-                                             : preview_.depth);
-    return png;
-  }
-
-  const PatternSequence sequence_;
-  const RigModel rig_;
-  Handover handover_;
-  std::mutex mutex_;  // of what follows
-  std::optional<Triangulation> triangulation_;
-  Preview preview_;
-  std::map<std::string, std::string> encoded_;
-  int number_ = 0;
-  double stacks_per_s_ = 0;
-
-  int port_ = 0;
+  const LiveFeed& feed_;
+  LiveAccess access_;
+  std::atomic<size_t> waiting_ = 0;
   std::atomic<bool> stopping_ = false;
   std::thread listening_;
 };
 
-LivePage::LivePage(const PatternSequence& sequence, const RigModel& rig, int port)
-    : server_(std::make_unique<Server>(sequence, rig, port)) {}
+LivePage::LivePage(LiveSetup setup, LiveAccess access)
+    : feed_(std::move(setup)), server_(std::make_unique<Server>(feed_, checked(std::move(access)))) {}
 
 LivePage::~LivePage() = default;
 
-void LivePage::show(const FringeStack& stack) { server_->handover().put(stack); }
+const LiveAccess& LivePage::access() const { return server_->access(); }
 
 std::string LivePage::url() const {
-  return std::string("http://") + kHost + ":" + std::to_string(server_->port()) + "/";
+  const std::string address = "http://" + name_for_others(access().host) + ":" + std::to_string(access().port) + "/";
+  return access().token.empty() ? address : address + "#token=" + access().token;
 }
 
 }  // namespace fringeslam::tools

@@ -13,7 +13,6 @@ namespace fringeslam::tools {
 
 namespace {
 
-constexpr double kTextureWhite = 0.6;  // of full scale: the mean of fringes that just do not clip is about half
 constexpr double kMuchSaturated = 0.01, kLittleLight = 0.05, kLittleDepth = 0.1;
 const cv::Vec3b kRed(0, 0, 255);
 
@@ -53,16 +52,30 @@ Axis coded_axis(const PatternSequence& sequence) {
   return coded(sequence, Axis::columns, false) ? Axis::columns : Axis::rows;
 }
 
-cv::Mat1f depth_of(const DecodedStack& decoded, const Triangulation& triangulation) {
+cv::Mat1b depth_of(const DecodedStack& decoded, const Triangulation& triangulation, const RigModel& rig) {
   Frame frame;
   triangulate(frame, decoded, triangulation, {});
-  cv::Mat1f depth_m;
-  cv::extractChannel(frame.points_m, depth_m, 2);
-  return depth_m;
+  return depth_image(frame.points_m, rig.near_m, rig.far_m);
+}
+
+cv::Mat1b grey(const cv::Mat& image, double white) {
+  cv::Mat1b picture;
+  image.convertTo(picture, CV_8U, 255 / white);
+  return picture;
 }
 
 double share(const cv::Mat& mask) {
   return static_cast<double>(cv::countNonZero(mask)) / static_cast<double>(mask.total());
+}
+
+// What the images tell without being decoded.
+void add_light(Preview& preview, const cv::Mat& brightest, double full) {
+  const cv::Mat clipped = brightest >= DecodeOptions().saturation * full;
+  preview.figures.full_scale_dn = full;
+  preview.figures.saturated = share(clipped);
+  preview.figures.brightness = cv::mean(brightest)[0] / full;
+  preview.saturation = grey_picture(brightest, full);
+  preview.saturation.setTo(kRed, clipped);
 }
 
 }  // namespace
@@ -101,13 +114,13 @@ Preview preview_of(const FringeStack& stack, const PatternSequence& sequence, co
 
   Preview preview;
   PreviewFigures& figures = preview.figures;
-  figures.full_scale_dn = full;
   figures.depth_possible = triangulation.has_value();
-  cv::Mat1f depth_m(brightest.size(), std::numeric_limits<float>::quiet_NaN()), mean, modulation;
+  preview.depth = cv::Mat1b(brightest.size(), 0);
+  cv::Mat1f mean, modulation;
   if (triangulation) {
     const DecodedStack decoded = decode(stack, sequence, rig, {}, {.axis = axis});
     mean = decoded.mean, modulation = decoded.modulation;
-    depth_m = depth_of(decoded, *triangulation);
+    preview.depth = depth_of(decoded, *triangulation, rig);
   } else if (coded(sequence, axis, true)) {
     const DecodedStack decoded = decode_without_orders(stack, sequence, rig, axis);
     mean = decoded.mean, modulation = decoded.modulation;
@@ -118,17 +131,24 @@ Preview preview_of(const FringeStack& stack, const PatternSequence& sequence, co
     mean = (high + low) / 2;
     modulation = (high - low) / 2;
   }
-  const cv::Mat clipped = brightest >= DecodeOptions().saturation * full;
-  figures.saturated = share(clipped);
-  figures.valid = share(depth_m == depth_m);
+  add_light(preview, brightest, full);
+  figures.valid = share(preview.depth);
   figures.mean_modulation_dn = cv::mean(modulation)[0];
-  figures.brightness = cv::mean(brightest)[0] / full;
+  preview.texture = grey(mean, kTextureWhite * full);
+  preview.modulation = grey(modulation, full / 2);
+  return preview;
+}
 
-  preview.texture = grey_picture(mean, kTextureWhite * full);
-  preview.modulation = grey_picture(modulation, full / 2);
-  preview.saturation = grey_picture(brightest, full);
-  preview.saturation.setTo(kRed, clipped);
-  preview.depth = false_colour(depth_m, rig.near_m, rig.far_m);
+Preview preview_of(const FringeStack& stack, const RigModel& rig, const cv::Mat1b& texture,
+                   const cv::Mat1f& modulation_dn, const cv::Mat1b& depth) {
+  Preview preview;
+  const double full = rig.sensor.max_dn();
+  add_light(preview, extremes_of(stack).brightest, full);
+  preview.figures.valid = share(depth);
+  preview.figures.mean_modulation_dn = cv::mean(modulation_dn)[0];
+  preview.texture = grey(texture, kTextureWhite * 255);
+  preview.modulation = grey(modulation_dn, full / 2);
+  preview.depth = depth;
   return preview;
 }
 

@@ -24,14 +24,17 @@ struct PreviewFigures {
   bool depth_possible = true;  // false: these patterns tell no fringe orders
 };
 
-// 8-bit BGR, of the camera's size.
+// Of the camera's size.
 struct Preview {
-  cv::Mat3b texture;
-  cv::Mat3b modulation;  // white: fringes from black to full scale
-  cv::Mat3b saturation;  // each pixel's brightest sample, red where clipped
-  cv::Mat3b depth;       // from near_m, blue, to far_m, red; black where there is none
+  cv::Mat1b texture;     // white: kTextureWhite of full scale
+  cv::Mat1b modulation;  // white: fringes from black to full scale
+  cv::Mat3b saturation;  // BGR: each pixel's brightest sample, red where clipped
+  cv::Mat1b depth;       // as depth_image() has it: from 255, near_m, to 1, far_m; 0 where there is none
   PreviewFigures figures;
 };
+
+// The mean of fringes that just do not clip is about half of full scale.
+inline constexpr double kTextureWhite = 0.6;
 
 // Throws Error when the stack does not fit the sequence or the rig. A sequence without depth is none.
 Preview preview_of(const FringeStack& stack, const PatternSequence& sequence, const RigModel& rig);
@@ -41,6 +44,10 @@ Preview preview_of(const FringeStack& stack, const PatternSequence& sequence, co
 std::optional<Triangulation> preview_triangulation(const PatternSequence& sequence, const RigModel& rig);
 Preview preview_of(const FringeStack& stack, const PatternSequence& sequence, const RigModel& rig,
                    const std::optional<Triangulation>& triangulation);
+
+// Of a stack that the pipeline decoded. `texture`, full scale 255, and `depth` are the frame's.
+Preview preview_of(const FringeStack& stack, const RigModel& rig, const cv::Mat1b& texture,
+                   const cv::Mat1f& modulation_dn, const cv::Mat1b& depth);
 
 // What a person should do about it, a sentence each.
 std::vector<std::string> warnings(const PreviewFigures& figures);

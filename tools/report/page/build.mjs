@@ -4,10 +4,12 @@
 import {readFileSync, writeFileSync} from 'node:fs';
 import {build} from 'esbuild';
 
-// folder: in src/; packages: those in its bundle; skip: where the first link leads.
+// folder: in src/; packages: those in its bundle; skip: where the first link leads; title and data: where the program puts
+// in none; connects: to the server that it is from, else nothing is fetched.
 const kPages = [
   {name: 'report', folder: 'run', packages: ['three', 'uplot'], skip: {id: 'pictures', name: 'views'}},
   {name: 'study', folder: 'study', packages: [], skip: {id: 'scatter', name: 'trials'}},
+  {name: 'live', folder: 'live', packages: ['three'], skip: {id: 'pictures', name: 'pictures'}, connects: true, title: 'Live', data: '{}'},
 ];
 
 async function bundled(entry, options) {
@@ -41,12 +43,15 @@ function licencesOf(packages) {
   </details>`;
 }
 
-async function pageOf({folder, packages, skip}) {
+async function pageOf({folder, packages, skip, connects, title, data}) {
   const script = await bundled(`src/${folder}/main.js`, {format: 'iife'});
   const style = await bundled(`src/${folder}/style.css`, {});
   if (script.includes('</script') || style.includes('</style')) throw new Error('the bundle would end its own element');
   // Functions, because texts may hold what replace() takes for patterns.
   return readFileSync('template.html', 'utf8')
+    .replace('@@CONNECTS@@', () => (connects ? "connect-src 'self'; " : ''))
+    .replace('@@TITLE@@', (place) => title ?? place)
+    .replace('@@DATA@@', (place) => data ?? place)
     .replace('@@STYLE@@', () => style.trim())
     .replace('@@SKIP_ID@@', () => skip.id)
     .replace('@@SKIP_NAME@@', () => skip.name)

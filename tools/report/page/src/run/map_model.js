@@ -1,11 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The map as surface or points, in one of its colourings.
 import * as THREE from 'three';
-import {palettes} from '../shared/colours.js';
 import {data, unpacked} from '../shared/data.js';
 import {fixed, short} from '../shared/format.js';
-
-const kUnknown = [0.42, 0.42, 0.44];  // no truth to tell the error by
+import {byPalette} from '../shared/vertex_colours.js';
 
 async function geometryOf(map) {
   const [x, y, z, indices] = await Promise.all([
@@ -25,27 +23,6 @@ async function geometryOf(map) {
     geometry.computeVertexNormals();
   }
   return geometry;
-}
-
-// Colours of a screen as the linear ones in which three.js computes.
-function linearTable(palette) {
-  const colour = new THREE.Color();
-  const table = new Float32Array(palette.length);
-  for (let i = 0; i < palette.length; i += 3) {
-    colour.setRGB(palette[i] / 255, palette[i + 1] / 255, palette[i + 2] / 255, THREE.SRGBColorSpace);
-    colour.toArray(table, i);
-  }
-  return table;
-}
-
-function byPalette(count, name, levelOf) {
-  const table = linearTable(palettes[name]);
-  const colours = new Float32Array(3 * count);
-  for (let i = 0; i < count; ++i) {
-    const level = levelOf(i);
-    colours.set(level === null ? kUnknown : table.subarray(3 * level, 3 * level + 3), 3 * i);
-  }
-  return colours;
 }
 
 function heightColouring(positions, count) {

@@ -3,31 +3,15 @@
 import * as THREE from 'three';
 import {inks} from '../shared/colours.js';
 import {data} from '../shared/data.js';
+import {frustum, placed, sides} from '../shared/frustum.js';
+import {segments, setSegments} from '../shared/lines.js';
 import {theme} from '../shared/theme.js';
-import {chain, segments, setSegments} from './lines.js';
 import {store} from './store.js';
 
 const kFrustumShare = 0.14;  // of the middle depth: what all views but the chosen one show of their frusta
 const kMaxFrusta = 40;  // more would hide the path
 
 const middle = (data.pictures.near_m + data.pictures.far_m) / 2;
-
-function placed(pose) {
-  return {position: new THREE.Vector3(...pose.position), rotation: new THREE.Quaternion(...pose.quaternion)};
-}
-
-// The image's corners at a depth, in the map's frame.
-function corners(pose, depth) {
-  const {position, rotation} = placed(pose);
-  return data.rig.corners.map(([x, y]) =>
-    new THREE.Vector3(x * depth, y * depth, depth).applyQuaternion(rotation).add(position));
-}
-
-function frustum(pose, depth) {
-  const tip = placed(pose).position;
-  const rim = corners(pose, depth);
-  return [...rim.flatMap((corner) => [tip, corner]), ...chain([...rim, rim[0]])];
-}
 
 // Runs of neighbouring views that have a pose: a path does not bridge those that were lost.
 function path(key) {
@@ -68,7 +52,7 @@ export function paths(scale) {
   const located = data.views.filter((view) => view.pose);
   const every = Math.ceil(located.length / kMaxFrusta);
   const frusta = segments(
-    located.filter((_, i) => i % every === 0).flatMap((view) => frustum(view.pose, kFrustumShare * middle)), 1.2);
+    located.filter((_, i) => i % every === 0).flatMap((view) => frustum(view.pose, kFrustumShare * middle, data.rig.corners)), 1.2);
   const errors = segments(scale ? errorLines(scale) : [], 2);
   const chosen = segments([], 2.5);
   const pane = new THREE.Mesh(
@@ -94,13 +78,9 @@ export function paths(scale) {
     // A view that was lost is shown where it truly was.
     choose(view) {
       const pose = view.pose ?? view.true_pose;
-      setSegments(chosen, pose ? frustum(pose, middle) : []);
+      setSegments(chosen, pose ? frustum(pose, middle, data.rig.corners) : []);
       pane.visible = Boolean(pose);
-      if (pose) {
-        const rim = corners(pose, middle);
-        const tip = placed(pose).position;
-        pane.geometry.setFromPoints(rim.flatMap((corner, i) => [tip, corner, rim[(i + 1) % 4]]));
-      }
+      if (pose) pane.geometry.setFromPoints(sides(pose, middle, data.rig.corners));
       colour();
     },
   };

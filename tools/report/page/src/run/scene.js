@@ -4,11 +4,12 @@ import * as THREE from 'three';
 import {colourBar} from '../shared/colour_bar.js';
 import {inks} from '../shared/colours.js';
 import {data} from '../shared/data.js';
-import {byId, checkbox, element} from '../shared/dom.js';
-import {count, fixed} from '../shared/format.js';
+import {byId, checkbox, choice, element} from '../shared/dom.js';
+import {count} from '../shared/format.js';
+import {Orbit} from '../shared/orbit.js';
+import {fitted, floorGrid, legend, rendererOn, squareSize} from '../shared/stage.js';
 import {theme} from '../shared/theme.js';
 import {mapModel} from './map_model.js';
-import {Orbit} from './orbit.js';
 import {errorScale, paths, positions} from './paths.js';
 import {store} from './store.js';
 
@@ -17,45 +18,11 @@ function notice(text) {
   byId('scene-notice').hidden = false;
 }
 
-function rendererOn(canvas) {
-  try {
-    return new THREE.WebGLRenderer({canvas, antialias: true});
-  } catch {
-    return null;
-  }
-}
-
-// A grid under the map whose squares have a round size.
-function floorGrid(box) {
-  const size = box.getSize(new THREE.Vector3());
-  const extent = Math.max(size.x, size.y);
-  const decade = 10 ** Math.floor(Math.log10(extent / 4));
-  const square = [1, 2, 5].map((step) => step * decade).filter((step) => step <= extent / 4).pop() ?? decade;
-  const squares = 2 * Math.ceil((0.7 * extent) / square);
-  const grid = new THREE.GridHelper(squares * square, squares);
-  grid.rotateX(Math.PI / 2);
-  const centre = box.getCenter(new THREE.Vector3());
-  grid.position.set(centre.x, centre.y, box.min.z - 0.01 * extent);
-  grid.material.vertexColors = false;
-  return {grid, square};
-}
-
 function lights(camera) {
   const key = new THREE.DirectionalLight(0xffffff, 1.5);
   key.position.set(0.4, 0.7, 1);
   camera.add(key);
   return [new THREE.AmbientLight(0xffffff, 1.9), camera];
-}
-
-function legend(entries) {
-  byId('legend').replaceChildren(...entries.map(([ink, text, kind]) =>
-    element('span', {class: 'entry'}, element('i', {class: `ink ${kind ?? ''}`, style: `--ink: var(--${ink})`}), text)));
-}
-
-function choice(label, options, change) {
-  const select = element('select', {'aria-label': label, onchange: () => change(select.value)},
-    ...options.map(([value, text]) => element('option', {value}, text)));
-  return element('label', {class: 'choice'}, element('span', {}, label), select);
 }
 
 function showMapBar(colouring) {
@@ -124,7 +91,7 @@ export async function showScene() {
   const look = () => {
     const view = data.views[store.view];
     const pose = view.pose ?? view.true_pose;
-    if (pose) orbit.flyTo(pose);
+    if (pose) orbit.flyTo(pose, (data.pictures.near_m + data.pictures.far_m) / 2);
   };
   controls.append(
     element('button', {type: 'button', class: 'button', id: 'look', onclick: look}, 'From this view'),
@@ -135,7 +102,7 @@ export async function showScene() {
 
   const entries = [['estimate', 'estimated path']];
   if (data.has_truth) entries.push(['truth', 'true path', 'dashed']);
-  entries.push(['chosen', 'this view'], ['floor', `squares of ${square < 0.1 ? `${fixed(square * 1000, 0)} mm` : `${fixed(square, square < 1 ? 1 : 0)} m`}`]);
+  entries.push(['chosen', 'this view'], ['floor', `squares of ${squareSize(square)}`]);
   legend(entries);
 
   theme.on((dark) => {
@@ -149,12 +116,5 @@ export async function showScene() {
     drawn.choose(data.views[place]);
     redraw();
   });
-  const fit = () => {
-    const {clientWidth: width, clientHeight: height} = canvas.parentElement;
-    renderer.setPixelRatio(Math.min(2, devicePixelRatio));
-    renderer.setSize(width, height, false);
-    orbit.resize(width, height);
-  };
-  new ResizeObserver(fit).observe(canvas.parentElement);
-  fit();
+  fitted(renderer, canvas, orbit);
 }

@@ -29,6 +29,13 @@ export function checkbox(label, checked, change) {
   return element('label', {class: 'check'}, input, element('span', {}, label));
 }
 
+// A labelled list of [value, text] to choose from, that calls `change` with the value.
+export function choice(label, options, change) {
+  const select = element('select', {'aria-label': label, onchange: () => change(select.value)},
+    ...options.map(([value, text]) => element('option', {value}, text)));
+  return element('label', {class: 'choice'}, element('span', {}, label), select);
+}
+
 export function reducedMotion() {
   return matchMedia('(prefers-reduced-motion: reduce)').matches;
 }

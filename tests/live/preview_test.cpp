@@ -61,12 +61,11 @@ TEST_F(PlaneAtOneMetre, FiguresAreThoseOfTheLight) {
   EXPECT_LT(figures.brightness, (120 + 90.5) / 255);
   EXPECT_TRUE(figures.depth_possible);
   EXPECT_THAT(warnings(figures), IsEmpty());
-  for (const cv::Mat3b& picture : {preview.texture, preview.modulation, preview.saturation, preview.depth})
+  for (const cv::Mat& picture :
+       {cv::Mat(preview.texture), cv::Mat(preview.modulation), cv::Mat(preview.saturation), cv::Mat(preview.depth)})
     EXPECT_EQ(picture.size(), cv::Size(rig_.camera.width, rig_.camera.height));
-  const cv::Vec3b middle = preview.texture(62, 66);
-  EXPECT_NEAR(middle[0], 255 * 120 / (0.6 * 255), 2);
-  EXPECT_NEAR(preview.modulation(62, 66)[0], 255 * 90 / 127.5, 2);
-  EXPECT_NE(preview.depth(62, 66), cv::Vec3b(0, 0, 0));
+  EXPECT_NEAR(preview.texture(62, 66), 255 * 120 / (0.6 * 255), 2);
+  EXPECT_NEAR(preview.modulation(62, 66), 255 * 90 / 127.5, 2);
 }
 
 TEST_F(PlaneAtOneMetre, SaturatedPixelsAreRedAndCounted) {
@@ -82,7 +81,7 @@ TEST_F(PlaneAtOneMetre, SaturatedPixelsAreRedAndCounted) {
       const bool is_red = colour == cv::Vec3b(0, 0, 255);
       EXPECT_EQ(is_red, bright.contains({col, row})) << col << ", " << row;
       EXPECT_TRUE(is_red || (colour[0] == colour[1] && colour[1] == colour[2]));
-      EXPECT_TRUE(!is_red || preview.depth(row, col) == cv::Vec3b(0, 0, 0));
+      EXPECT_TRUE(!is_red || preview.depth(row, col) == 0);
       red += is_red;
     }
   }
@@ -90,26 +89,40 @@ TEST_F(PlaneAtOneMetre, SaturatedPixelsAreRedAndCounted) {
   EXPECT_THAT(warnings(preview.figures), ElementsAre(HasSubstr("Lower exposure")));
 }
 
-TEST_F(PlaneAtOneMetre, PixelsWithoutDepthAreBlackAndNotCounted) {
+TEST_F(PlaneAtOneMetre, PixelsWithoutDepthAreZeroAndNotCounted) {
   FringeStack stack = seen(sequence_, {.mean_dn = 120, .modulation_dn = 90});
   const double all = preview_of(stack, sequence_, rig_).figures.valid;
   const cv::Rect shadow(40, 30, 50, 60);
   for (cv::Mat& image : stack.images) image(shadow).setTo(60);
   const Preview preview = preview_of(stack, sequence_, rig_);
   for (int row = 30; row < 90; ++row) {
-    for (int col = 40; col < 90; ++col) EXPECT_EQ(preview.depth(row, col), cv::Vec3b(0, 0, 0));
+    for (int col = 40; col < 90; ++col) EXPECT_EQ(preview.depth(row, col), 0);
   }
   EXPECT_NEAR(all - preview.figures.valid, 50.0 * 60 / (133 * 125), 0.005);
 }
 
-TEST_F(PlaneAtOneMetre, NearIsBlueAndFarIsRed) {
-  const auto colour_at = [&](double z_m) {
-    return preview_of(plane_seen(rig_, z_m, sequence_, {}), sequence_, rig_).depth(62, 66);
-  };
-  const cv::Vec3b near = colour_at(rig_.near_m + 0.15 * (rig_.far_m - rig_.near_m));
-  const cv::Vec3b far = colour_at(rig_.near_m + 0.85 * (rig_.far_m - rig_.near_m));
-  EXPECT_GT(near[0], near[2]);
-  EXPECT_GT(far[2], far[0]);
+// METHOD S5: 255 (far - z) / (far - near).
+TEST_F(PlaneAtOneMetre, DepthIsBrightWhereItIsNear) {
+  for (const double share : {0.15, 0.5, 0.85}) {
+    const double z_m = rig_.near_m + share * (rig_.far_m - rig_.near_m);
+    const Preview preview = preview_of(plane_seen(rig_, z_m, sequence_, {}), sequence_, rig_);
+    EXPECT_NEAR(preview.depth(62, 66), 255 * (1 - share), 1) << z_m;
+  }
+}
+
+// The pipeline's own images, of the same stack.
+TEST_F(PlaneAtOneMetre, AViewOfThePipelineLooksTheSame) {
+  const FringeStack stack = seen(sequence_, {.mean_dn = 120, .modulation_dn = 90});
+  const Preview expected = preview_of(stack, sequence_, rig_);
+  cv::Mat1b texture(expected.depth.size(), 120);
+  cv::Mat1f modulation(expected.depth.size(), 90.0f);
+  const Preview preview = preview_of(stack, rig_, texture, modulation, expected.depth);
+  EXPECT_EQ(preview.figures.valid, expected.figures.valid);
+  EXPECT_EQ(preview.figures.saturated, expected.figures.saturated);
+  EXPECT_EQ(preview.figures.brightness, expected.figures.brightness);
+  EXPECT_NEAR(preview.figures.mean_modulation_dn, expected.figures.mean_modulation_dn, 0.5);
+  EXPECT_NEAR(preview.texture(62, 66), expected.texture(62, 66), 2);
+  EXPECT_NEAR(preview.modulation(62, 66), expected.modulation(62, 66), 2);
 }
 
 TEST_F(PlaneAtOneMetre, DarknessIsSaid) {

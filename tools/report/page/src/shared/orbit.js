@@ -2,8 +2,9 @@
 // The eye in the 3D view: where it starts, and how keys move it. Mouse and touch are three.js' OrbitControls.
 import * as THREE from 'three';
 import {OrbitControls} from 'three/addons/controls/OrbitControls.js';
-import {data} from '../shared/data.js';
-import {reducedMotion} from '../shared/dom.js';
+import {reducedMotion} from './dom.js';
+
+export const kFieldOfView = 40;  // degrees, of the height
 
 const kTurn = THREE.MathUtils.degToRad(6);
 const kShift = 0.05;  // of the distance
@@ -51,24 +52,34 @@ export class Orbit {
   // `box`: of the map; `cameras`: positions; `redraw` is called when the eye moves.
   constructor(canvas, box, cameras, redraw) {
     this.redraw = redraw;
-    this.points = [...cornersOf(box), ...cameras];
-    const sphere = new THREE.Sphere().setFromPoints(this.points);
-    sphere.radius = Math.max(sphere.radius, 1e-3);
-    this.centre = sphere.center;
-    this.direction = startDirection(cameras, sphere.center);
-    this.camera = new THREE.PerspectiveCamera(40, 1, sphere.radius / 500, sphere.radius * 40);
+    this.touched = false;
+    this.flight = null;
+    this.camera = new THREE.PerspectiveCamera(kFieldOfView);
     this.camera.up.set(0, 0, 1);
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.enableDamping = !reducedMotion();
     this.controls.dampingFactor = 0.12;
     this.controls.zoomToCursor = true;
-    this.controls.maxDistance = sphere.radius * 15;
-    this.controls.minDistance = sphere.radius / 100;
     this.controls.addEventListener('change', redraw);
-    this.flight = null;
-    this.reset();
+    this.controls.addEventListener('start', () => (this.touched = true));
+    this.around(box, cameras);
     canvas.addEventListener('keydown', (event) => this.key(event));
     canvas.addEventListener('pointerdown', () => (this.flight = null));
+  }
+
+  // Of another map, or of one that grew. The eye stays where someone put it.
+  around(box, cameras) {
+    this.points = [...cornersOf(box), ...cameras];
+    const sphere = new THREE.Sphere().setFromPoints(this.points);
+    sphere.radius = Math.max(sphere.radius, 1e-3);
+    this.centre = sphere.center;
+    this.direction = startDirection(cameras, sphere.center);
+    this.camera.near = sphere.radius / 500;
+    this.camera.far = sphere.radius * 40;
+    this.camera.updateProjectionMatrix();
+    this.controls.maxDistance = sphere.radius * 15;
+    this.controls.minDistance = sphere.radius / 100;
+    if (!this.touched) this.reset();
   }
 
   resize(width, height) {
@@ -92,11 +103,10 @@ export class Orbit {
     this.redraw();
   }
 
-  // To where a view was taken from, looking where it looked.
-  flyTo(pose) {
+  // To where a view was taken from, looking where it looked, at what is `depth` away.
+  flyTo(pose, depth) {
     const tip = new THREE.Vector3(...pose.position);
     const ahead = new THREE.Vector3(0, 0, 1).applyQuaternion(new THREE.Quaternion(...pose.quaternion));
-    const depth = (data.pictures.near_m + data.pictures.far_m) / 2;
     const target = tip.clone().addScaledVector(ahead, depth);
     // A little behind: the frustum stays in sight.
     const eye = tip.addScaledVector(ahead, -0.25 * depth);
@@ -133,6 +143,11 @@ export class Orbit {
     event.preventDefault();
   }
 
+  // With something that moves.
+  moveBy(move) {
+    this.put(this.camera.position.clone().add(move), this.controls.target.clone().add(move));
+  }
+
   turn(right, up) {
     const offset = this.camera.position.clone().sub(this.controls.target);
     const level = Math.hypot(offset.x, offset.y);
@@ -149,7 +164,7 @@ export class Orbit {
     const distance = this.camera.position.distanceTo(this.controls.target);
     const move = new THREE.Vector3(right, up, 0).multiplyScalar(kShift * distance).applyQuaternion(this.camera.quaternion);
     this.touched = true;
-    this.put(this.camera.position.clone().add(move), this.controls.target.clone().add(move));
+    this.moveBy(move);
   }
 
   zoom(factor) {

@@ -1,0 +1,287 @@
+// SPDX-License-Identifier: Apache-2.0
+// The live page as people see it, while `fringeslam run --live` maps small scenes. FRINGESLAM_PROGRAM and
+// FRINGESLAM_SOURCE_DIR say what is tested, the folder to work in is the current one.
+import assert from 'node:assert/strict';
+import {spawn} from 'node:child_process';
+import {resolve} from 'node:path';
+import {after, before, test} from 'node:test';
+import {changed, darkness, kTimeoutMs, launch, look, open as openIn, overflow, reachedByTab} from './browser.mjs';
+import {Runs} from './runs.mjs';
+
+const kToken = 'correct-horse-battery';
+const kBack = [-900, 0];
+// Steps of a third of the image, so that each view or two is a keyframe.
+const kLong = [[80, 0], [80, 0], [0, 80], [-80, 0], [-80, 0], [0, -80]];
+const kLost = [[6, 4], [900, 0], kBack, [6, 4]];
+
+const runs = new Runs(process.env.FRINGESLAM_PROGRAM, process.env.FRINGESLAM_SOURCE_DIR, resolve('live'));
+const running = new Set();
+let browser, still;
+
+const motion = ([x, y]) => `    - {translation_mm: [${x}, ${y}, 0], rotation_deg: [0, 0, 0]}\n`;
+
+function sceneOf(name, motions, size = 0.5) {
+  return `name: ${name}
+description: For the tests of the live page
+seed: 3
+rig: {file: rig.yaml}
+patterns: {axis: columns, steps: 3, periods_px: [1040, 131, 16.5], bits: 8}
+light: {ambient_lux: 290}
+materials:
+  table: {grain: wood, albedo: 0.4, contrast: 0.35, grain_m: 0.012}
+  cardboard: {grain: cardboard, albedo: 0.55, contrast: 0.35, grain_m: 0.01}
+objects:
+  - {shape: plane, size_m: [0.8, 0.8], material: table}
+  - shape: scatter
+    count: 30
+    area_m: [${size}, ${size}]
+    max_height_m: 0.12
+    items:
+      - {shape: box, size_min_m: [0.04, 0.03, 0.02], size_max_m: [0.09, 0.08, 0.08], material: cardboard}
+trajectory:
+  interval_s: 0.5
+${motions.length ? `  motions:\n${motions.map(motion).join('')}` : ''}`;
+}
+
+// A run that shows itself; it stays until it is stopped.
+async function live(name, motions, ...words) {
+  const folder = `${name}-${running.size}-${Date.now()}`;
+  const child = spawn(runs.program, ['run', runs.scene(folder, sceneOf(name, motions)), '--out', runs.at(`${folder}-run`),
+    '--live-wait', '--no-report', '--set', 'render.samples_per_pixel=1', ...words], {stdio: ['ignore', 'ignore', 'pipe']});
+  running.add(child);
+  let said = '';
+  const url = await new Promise((done, failed) => {
+    child.stderr.on('data', (bytes) => {
+      said += bytes;
+      const [, address] = said.match(/live: (\S+)\n/) ?? [];
+      if (address) done(address);
+    });
+    child.on('exit', () => failed(new Error(said)));
+  });
+  const ended = new Promise((done) => child.on('exit', done));
+  return {
+    url, port: new URL(url).port,
+    signal: (name) => child.kill(name),
+    async stop(signal = 'SIGKILL') {
+      running.delete(child);
+      child.kill(signal);
+      await ended;
+    },
+  };
+}
+
+const open = (url, options) => openIn(browser, url, options);
+const drawn = (page) => page.waitForSelector('#scene[data-whole]', {state: 'attached'});
+const says = (page, id, text) => page.waitForFunction(([name, expected]) => document.getElementById(name).textContent === expected, [id, text]);
+const shown = (page, name) => page.locator('#scene-controls').getByLabel(name, {exact: true});
+const points = (page) => page.evaluate(() => Number(document.getElementById('scene').dataset.points ?? 0));
+
+// Pixels of the map that are not of its background, which is most of it.
+async function filled(page) {
+  const png = (await page.locator('#scene').screenshot()).toString('base64');
+  return page.evaluate(async (bytes) => {
+    const image = new Image();
+    image.src = `data:image/png;base64,${bytes}`;
+    await image.decode();
+    const context = new OffscreenCanvas(image.width, image.height).getContext('2d');
+    context.drawImage(image, 0, 0);
+    const pixels = new Uint32Array(context.getImageData(0, 0, image.width, image.height).data.buffer);
+    const counts = new Map();
+    for (const pixel of pixels) counts.set(pixel, (counts.get(pixel) ?? 0) + 1);
+    return pixels.length - Math.max(...counts.values());
+  }, png);
+}
+
+before(async () => {
+  browser = await launch();
+  still = await live('still', kLost, '--live', '0');
+}, {timeout: 3 * kTimeoutMs});
+after(async () => {
+  for (const child of running) child.kill('SIGKILL');
+  await browser?.close();
+});
+
+// The program stands still while the page is looked at, so that on a slow machine nothing comes in between.
+test('the map fills while views come, and who comes late sees no less', async () => {
+  const run = await live('long', kLong, '--live', '0', '--live-rate', '0.1');
+  const {page, close} = await open(run.url);
+  await drawn(page);
+  run.signal('SIGSTOP');
+  for (const name of ['path', 'landmarks', 'grid']) await shown(page, name).uncheck();
+  // From now on the eye stays where it is.
+  await page.locator('#scene').focus();
+  for (let i = 0; i < 4; ++i) await page.keyboard.press('-');
+  const seen = [[await points(page), await filled(page)]];
+  assert.ok(seen[0][1] > 500, `${seen[0]}`);
+  while (seen.length < 3) {
+    run.signal('SIGCONT');
+    await page.waitForFunction((known) => Number(document.getElementById('scene').dataset.points) > known, seen.at(-1)[0]);
+    run.signal('SIGSTOP');
+    seen.push([await points(page), await filled(page)]);
+    assert.ok(seen.at(-1)[1] > seen.at(-2)[1], `points and pixels: ${seen.join('; ')}`);
+  }
+  run.signal('SIGCONT');
+  const late = await open(run.url);
+  await drawn(late.page);
+  assert.ok((await points(late.page)) >= seen.at(-1)[0]);
+  await late.page.waitForSelector('#pictures[data-view]');
+  await late.close();
+  await close();
+  await run.stop();
+});
+
+test('what happened is told', async () => {
+  const {page, close} = await open(still.url);
+  await says(page, 'connection', 'Finished');
+  await says(page, 'tracking', 'tracking');
+  // Its motions add up to 12 and 8 mm, and nothing is turned.
+  const [, x, y] = (await page.locator('#pose').textContent()).match(/^Robot at (\S+), (\S+), \S+ m, turned by 0\.[0-4]°$/);
+  for (const [value, expected] of [[x, 0.012], [y, 0.008]]) assert.ok(Math.abs(Number(value) - expected) < 0.002, value);
+  assert.deepEqual(await page.locator('#events li').allInnerTexts(),
+    ['View 3: found again, lost since view 2', 'View 2: tracking lost']);
+  await close();
+});
+
+test('pictures of the newest view, with landmarks, and those of the light when asked for', async () => {
+  const {page, close} = await open(still.url);
+  await says(page, 'connection', 'Finished');
+  await page.waitForSelector('#pictures[data-view="5"]');
+  const card = (name) => `figure.card:has(h3:text-is("${name}")) .frame`;
+  for (const name of ['Texture', 'Depth']) assert.ok((await look(page, card(name))).colours > 50, name);
+  const box = await page.locator(card('Depth')).boundingBox();
+  await page.mouse.move(box.x + box.width / 2, box.y + box.height / 2);
+  assert.match(await page.locator('figure.card:has(h3:text-is("Depth"))').innerText(), /(0|1)\.\d\d m|no depth/);
+  assert.equal(await page.locator(card('Modulation')).isVisible(), false);
+  await page.getByLabel('modulation and saturation').check();
+  await page.locator(`${card('Saturation')} img`).waitFor();
+  for (const name of ['Modulation', 'Saturation']) assert.ok((await look(page, card(name))).colours > 50, name);
+  const size = await page.locator(`${card('Saturation')} img`).evaluate((image) => [image.naturalWidth, image.naturalHeight]);
+  assert.deepEqual(size, [266, 250]);
+  await close();
+});
+
+test('the map is coloured, turned, zoomed, followed and reset by keys', async () => {
+  const {page, close} = await open(still.url);
+  await drawn(page);
+  let seen = await look(page, '.stage');
+  assert.ok(seen.colours > 50, `only ${seen.colours} colours`);
+  for (const colouring of ['height', 'sigma', 'texture']) {
+    await page.getByLabel('colour', {exact: true}).selectOption(colouring);
+    seen = await changed(page, '.stage', seen);
+  }
+  for (const name of ['path', 'landmarks', 'grid']) {
+    await shown(page, name).uncheck();
+    seen = await changed(page, '.stage', seen);
+  }
+  await page.locator('#scene').focus();
+  for (const key of ['ArrowLeft', 'ArrowUp', 'Shift+ArrowRight', '+', '-', 'v', 'r']) {
+    await page.keyboard.press(key);
+    seen = await changed(page, '.stage', seen);
+  }
+  await page.keyboard.press('f');
+  assert.ok(await page.getByLabel('follow the robot').isChecked());
+  await close();
+});
+
+test('all that can be operated is reached by Tab and shows its focus', async () => {
+  const {page, close} = await open(still.url);
+  await drawn(page);
+  const reached = await reachedByTab(page, 30);
+  for (const id of ['theme', 'scene', 'look', 'reset']) assert.ok(reached.has(id), `${id}: ${[...reached]}`);
+  await close();
+});
+
+test('it follows the system to the dark, and the button back', async () => {
+  const {page, close} = await open(still.url, {colorScheme: 'dark'});
+  await drawn(page);
+  assert.ok((await darkness(page)) < 150);
+  const dark = await look(page, '.stage');
+  await page.locator('#theme').click();
+  assert.ok((await darkness(page)) > 600);
+  await changed(page, '.stage', dark);
+  await close();
+});
+
+test('it fits a phone', async () => {
+  const {page, close} = await open(still.url, {viewport: {width: 360, height: 740}, hasTouch: true, isMobile: true, deviceScaleFactor: 2});
+  await drawn(page);
+  await page.waitForSelector('#pictures[data-view]');
+  assert.ok((await overflow(page)) <= 0, 'the page is wider than the phone');
+  for (const id of ['#scene', '#pictures', '#tracking', '#events']) {
+    const box = await page.locator(id).boundingBox();
+    assert.ok(box.x >= 0 && box.x + box.width <= 360, `${id} sticks out`);
+  }
+  const before = await look(page, '.stage');
+  await page.getByRole('button', {name: 'Through the camera'}).tap();
+  await changed(page, '.stage', before);
+  await close();
+});
+
+test('a lost view is said to be; it goes on when the server is back, and with it the view is found again', async () => {
+  const first = await live('first', kLost.slice(0, 2), '--live', '0');
+  const {page, close} = await open(first.url, {expected: /ERR_CONNECTION|ERR_EMPTY_RESPONSE|ERR_SOCKET/});
+  await says(page, 'connection', 'Finished');
+  await drawn(page);
+  assert.match(await page.locator('#name').textContent(), /first/);
+  await says(page, 'tracking', 'lost');
+  assert.match(await page.locator('#warnings').innerText(), /Tracking is lost/);
+  assert.equal(await page.locator('#tracking.lost').count(), 1);
+  await page.waitForSelector('#pictures[data-view="3"]');
+  await first.stop();
+  await says(page, 'connection', 'Ended; waiting for the next');
+
+  const second = await live('second', kLost.slice(0, 3), '--live', first.port);
+  await says(page, 'connection', 'Finished');
+  await drawn(page);
+  assert.match(await page.locator('#name').textContent(), /second/);
+  await says(page, 'tracking', 'found again');
+  assert.equal(await page.locator('#warnings li').count(), 0);
+  assert.match(await page.locator('#figures').innerText(), /4 of 4/);
+  await page.waitForSelector('#pictures[data-view="4"]');
+  await close();
+  await second.stop();
+});
+
+test('beyond the computer it asks for the token that was printed', async () => {
+  const run = await live('secret', [], '--live', '0', '--live-host', '0.0.0.0', '--live-token', kToken);
+  assert.ok(run.url.endsWith(`/#token=${kToken}`), run.url);
+  const address = `http://127.0.0.1:${run.port}/`;
+  const asked = await open(address, {expected: /401/});
+  await says(asked.page, 'connection', 'A token is asked for');
+  for (const [token, then] of [['a wrong one', 'A token is asked for'], [kToken, 'Finished']]) {
+    await asked.page.locator('#token').fill(token);
+    await asked.page.keyboard.press('Enter');
+    await says(asked.page, 'connection', then);
+  }
+  await asked.page.waitForSelector('#pictures[data-view]');
+  await asked.close();
+
+  const {page, close} = await open(`${address}#token=${kToken}`);
+  await drawn(page);
+  await page.waitForSelector('#pictures[data-view]');
+  assert.equal(page.url(), address);  // for others to see, without the token
+  await page.reload();
+  await drawn(page);
+  await close();
+  await run.stop();
+});
+
+test('victim candidates are listed and marked with their reason', async () => {
+  const {page, close} = await open(still.url);
+  await drawn(page);
+  assert.equal(await page.locator('#candidates').isVisible(), false);
+  await close();
+
+  // As the server will tell them.
+  const context = await browser.newContext({reducedMotion: 'reduce'});
+  const told = await context.newPage();
+  await told.route('**/snapshot', async (route) => {
+    const answer = await route.fetch();
+    const candidates = [{position_m: [0, 0, 0.1], radius_m: 0.1, state: 'confirmed', reason: '<b>34 °C</b> behind a box'}];
+    return route.fulfill({response: answer, json: {...(await answer.json()), candidates}});
+  });
+  await told.goto(still.url);
+  await drawn(told);
+  assert.equal(await told.locator('#candidate-list li').innerText(), '1: confirmed at 0.00, 0.00, 0.10 m, radius 0.10 m. <b>34 °C</b> behind a box');
+  await context.close();
+});

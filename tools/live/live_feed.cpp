@@ -1,0 +1,319 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/live/live_feed.h"
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "tools/live/access.h"
+#include "tools/live/fringe_drift.h"
+#include "tools/live/keyframe_points.h"
+
+namespace fringeslam::tools {
+
+namespace {
+
+using nlohmann::ordered_json;
+
+constexpr size_t kRateViews = 8;  // over which their rate is averaged
+constexpr size_t kToldViews = 8;  // whose pictures a viewer can still ask for
+constexpr size_t kOutlineCorners = 48;
+
+// Six decimals: micrometres. Digits are most of what is sent.
+double rounded(double value) { return std::round(value * 1e6) / 1e6; }
+
+ordered_json json_of(const Eigen::Vector3d& position_m) {
+  return {rounded(position_m.x()), rounded(position_m.y()), rounded(position_m.z())};
+}
+
+ordered_json json_of(const Pose& pose) {
+  ordered_json list = json_of(pose.translation);
+  for (const double value : quaternion_xyzw(pose.rotation)) list.push_back(rounded(value));
+  return list;
+}
+
+ordered_json json_of(const VictimCandidate& candidate) {
+  return {{"position_m", json_of(candidate.position_m)},
+          {"radius_m", candidate.radius_m},
+          {"state", candidate.state},
+          {"reason", candidate.reason}};
+}
+
+// The outline goes from pixel to pixel: some of its corners tell its shape.
+ordered_json json_of(const LandmarkOutline& outline) {
+  ordered_json corners = ordered_json::array();
+  const size_t step = outline.corners_px.size() / kOutlineCorners + 1;
+  for (size_t i = 0; i < outline.corners_px.size(); i += step)
+    corners.push_back({outline.corners_px[i].x, outline.corners_px[i].y});
+  return {{"outline_px", corners}, {"recognised", outline.recognised}};
+}
+
+ordered_json json_of(const LiveView& view) {
+  const PreviewFigures& figures = view.figures();
+  std::vector<std::string> sentences = warnings(figures);
+  sentences.insert(sentences.end(), view.warnings.begin(), view.warnings.end());
+  ordered_json landmarks = ordered_json::array();
+  for (const LandmarkOutline& outline : view.landmarks) landmarks.push_back(json_of(outline));
+  return {{"number", view.number()},
+          {"index", view.index()},
+          {"valid", figures.valid},
+          {"saturated", figures.saturated},
+          {"mean_modulation_dn", figures.mean_modulation_dn},
+          {"brightness", figures.brightness},
+          {"full_scale_dn", figures.full_scale_dn},
+          {"depth_possible", figures.depth_possible},
+          {"warnings", sentences},
+          {"landmarks", landmarks}};
+}
+
+ordered_json about(const LiveSetup& setup) {
+  const Pinhole& camera = setup.rig.camera;
+  ordered_json corners = ordered_json::array();
+  for (const Eigen::Vector2d& pixel :
+       {Eigen::Vector2d(0, 0), Eigen::Vector2d(camera.width - 1, 0),
+        Eigen::Vector2d(camera.width - 1, camera.height - 1), Eigen::Vector2d(0, camera.height - 1)}) {
+    const Eigen::Vector2d ray = camera.undistort(pixel);
+    corners.push_back({ray.x(), ray.y()});
+  }
+  return {{"verb", setup.verb},
+          {"name", setup.name},
+          {"stacks", setup.stacks},
+          {"maps", setup.maps},
+          {"rig",
+           {{"name", setup.rig.name},
+            {"width_px", camera.width},
+            {"height_px", camera.height},
+            {"near_m", setup.rig.near_m},
+            {"far_m", setup.rig.far_m},
+            {"corners", corners},
+            {"robot_from_camera", json_of(setup.rig.robot_from_camera)}}}};
+}
+
+std::vector<Eigen::Vector3d> centres_of(const Landmarks& found) {
+  std::vector<Eigen::Vector3d> centres;
+  for (const Landmark& landmark : found.landmarks) {
+    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+    for (const int k : landmark.keypoints) sum += found.keypoints.keypoints[static_cast<size_t>(k)].point_m;
+    if (!landmark.keypoints.empty()) centres.push_back(sum / static_cast<double>(landmark.keypoints.size()));
+  }
+  return centres;
+}
+
+std::vector<LandmarkOutline> outlines_of(const FrameResult& result) {
+  std::vector<LandmarkOutline> outlines;
+  for (const Landmark& landmark : result.landmarks.landmarks) outlines.push_back({landmark.outline, false});
+  for (const Recognition& recognition : result.recognitions)
+    outlines[static_cast<size_t>(recognition.landmark)].recognised = true;
+  return outlines;
+}
+
+// Of what the pipeline decoded, in images of its own: the pipeline may use its own again.
+std::function<Preview()> decoded(const FringeStack& stack, const FrameResult& result, const LiveSetup& setup) {
+  return
+      [stack, &setup, texture = result.frame.texture.clone(), modulation = result.decoded.modulation.clone(),
+       depth = result.frame.depth_image.clone()] { return preview_of(stack, setup.rig, texture, modulation, depth); };
+}
+
+}  // namespace
+
+// A copy of all that is newer, to be put into words without the lock.
+struct LiveFeed::Changes {
+  uint64_t sequence = 0;
+  bool finished = false;
+  int dropped = 0;
+  double views_per_s = 0;
+  size_t views_from = 0, keyframes_from = 0;
+  std::vector<SeenView> views;
+  std::vector<SeenKeyframe> keyframes;
+  std::optional<std::vector<VictimCandidate>> candidates;
+  std::shared_ptr<const LiveView> newest;
+};
+
+LiveFeed::LiveFeed(LiveSetup setup) : setup_(std::move(setup)), run_(random_token()) {
+  rays_ = pixel_rays(setup_.rig.camera);
+}
+
+void LiveFeed::show(const FringeStack& stack) {
+  const std::lock_guard lock(mutex_);
+  auto view = std::make_shared<LiveView>(static_cast<int>(views_.size()) + 1, stack.index, [this, stack] {
+    std::call_once(triangulated_, [&] { triangulation_ = preview_triangulation(setup_.sequence, setup_.rig); });
+    return preview_of(stack, setup_.sequence, setup_.rig, triangulation_);
+  });
+  SeenView seen;
+  seen.index = stack.index;
+  seen.timestamp_s = stack.timestamp_s;
+  add(seen, std::move(view));
+}
+
+void LiveFeed::show(const FringeStack& stack, const FrameResult& result, const KeyframeMap& map,
+                    const std::function<Trajectory()>& trajectory, int dropped) {
+  SeenView seen{0, stack.index, stack.timestamp_s, result.tracking, result.found_again, result.loops, result.corrected,
+                {}};
+  if (result.tracking != Tracking::lost) seen.world_from_robot = result.world_from_robot;
+  std::function<Preview()> prepare = decoded(stack, result, setup_);
+  std::vector<LandmarkOutline> outlines = outlines_of(result);
+  std::vector<std::string> sentences = motion_warnings(result, stack.timestamp_s);
+  const std::lock_guard lock(mutex_);
+  auto view = std::make_shared<LiveView>(static_cast<int>(views_.size()) + 1, stack.index, std::move(prepare));
+  view->landmarks = std::move(outlines);
+  view->warnings = std::move(sentences);
+  dropped_ = dropped;
+  add(seen, std::move(view));
+  take_keyframes(map);
+  if (result.corrected) take_corrections(map, trajectory());
+}
+
+void LiveFeed::show_candidates(std::vector<VictimCandidate> candidates) {
+  const std::lock_guard lock(mutex_);
+  candidates_ = std::move(candidates);
+  candidates_at_ = ++sequence_;
+  changed_.notify_all();
+}
+
+void LiveFeed::finish() {
+  const std::lock_guard lock(mutex_);
+  finished_ = true;
+  ++sequence_;
+  changed_.notify_all();
+}
+
+void LiveFeed::add(SeenView seen, std::shared_ptr<const LiveView> view) {
+  seen.sequence = ++sequence_;
+  views_.push_back(std::move(seen));
+  newest_ = std::move(view);
+  times_.push_back(Clock::now());
+  if (times_.size() > kRateViews) times_.pop_front();
+  changed_.notify_all();
+}
+
+void LiveFeed::take_keyframes(const KeyframeMap& map) {
+  for (size_t i = keyframes_.size(); i < map.keyframes().size(); ++i) {
+    const Keyframe& keyframe = map.keyframes()[i];
+    keyframes_.push_back({sequence_, keyframe.world_from_camera, centres_of(keyframe.landmarks), keyframe.frame});
+  }
+}
+
+void LiveFeed::take_corrections(const KeyframeMap& map, const Trajectory& trajectory) {
+  for (size_t i = 0; i < keyframes_.size(); ++i) {
+    keyframes_[i].world_from_camera = map.keyframes()[i].world_from_camera;
+    keyframes_[i].sequence = sequence_;
+  }
+  auto tracked = trajectory.begin();
+  for (SeenView& view : views_) {
+    view.sequence = sequence_;
+    if (view.world_from_robot && tracked != trajectory.end()) view.world_from_robot = (tracked++)->world_from_robot;
+  }
+}
+
+std::vector<std::string> LiveFeed::motion_warnings(const FrameResult& result, double timestamp_s) {
+  if (result.tracking == Tracking::lost)
+    return {"Tracking is lost: this view is left out of the map. Go back to what is mapped already, more slowly."};
+  const std::optional<double> before_s = std::exchange(last_tracked_s_, timestamp_s);
+  if (!setup_.moving || !before_s || result.found_again) return {};
+  return drift_warnings(fringe_drift(result.frame, rays_, setup_.rig,
+                                     mean_twist(result.previous_from_current, timestamp_s - *before_s),
+                                     result.decoded.finest_period_px));
+}
+
+LiveFeed::Changes LiveFeed::changed_since(uint64_t since) const {
+  // Sequence numbers never fall along the lists: a correction gives all the same.
+  const auto newer = [since](const auto& list) {
+    const auto first =
+        std::partition_point(list.begin(), list.end(), [&](const auto& e) { return e.sequence <= since; });
+    return static_cast<size_t>(first - list.begin());
+  };
+  const std::lock_guard lock(mutex_);
+  Changes changes;
+  changes.sequence = sequence_;
+  changes.finished = finished_;
+  changes.dropped = dropped_;
+  if (times_.size() > 1)
+    changes.views_per_s =
+        static_cast<double>(times_.size() - 1) / std::chrono::duration<double>(times_.back() - times_.front()).count();
+  changes.views_from = newer(views_);
+  changes.views.assign(views_.begin() + static_cast<std::ptrdiff_t>(changes.views_from), views_.end());
+  changes.keyframes_from = newer(keyframes_);
+  changes.keyframes.assign(keyframes_.begin() + static_cast<std::ptrdiff_t>(changes.keyframes_from), keyframes_.end());
+  if (since == 0 || candidates_at_ > since) changes.candidates = candidates_;
+  if (!changes.views.empty()) changes.newest = newest_;
+  if (changes.newest && (told_.empty() || told_.back() != newest_)) told_.push_back(newest_);
+  if (told_.size() > kToldViews) told_.pop_front();
+  return changes;
+}
+
+std::string LiveFeed::changes(const std::string& run, uint64_t since) const {
+  if (run != run_) since = 0;
+  const Changes changes = changed_since(since);
+  ordered_json document{{"run", run_},
+                        {"sequence", changes.sequence},
+                        {"finished", changes.finished},
+                        {"dropped", changes.dropped},
+                        {"views_per_s", changes.views_per_s}};
+  if (since == 0) document["about"] = about(setup_);
+  ordered_json views = ordered_json::array(), keyframes = ordered_json::array();
+  for (const SeenView& view : changes.views) {
+    ordered_json& entry = views.emplace_back(ordered_json{{"index", view.index}, {"timestamp_s", view.timestamp_s}});
+    if (view.tracking) entry["tracking"] = to_string(*view.tracking);
+    if (view.found_again) entry["found_again"] = true;
+    if (view.loops > 0) entry["loops"] = view.loops;
+    if (view.corrected) entry["corrected"] = true;
+    if (view.world_from_robot) entry["pose"] = json_of(*view.world_from_robot);
+  }
+  for (const SeenKeyframe& keyframe : changes.keyframes) {
+    ordered_json landmarks = ordered_json::array();
+    for (const Eigen::Vector3d& centre_m : keyframe.landmarks_m) landmarks.push_back(json_of(centre_m));
+    keyframes.push_back({{"pose", json_of(keyframe.world_from_camera)}, {"landmarks", landmarks}});
+  }
+  document["views"] = {{"from", changes.views_from}, {"list", views}};
+  document["keyframes"] = {{"from", changes.keyframes_from}, {"list", keyframes}};
+  if (changes.newest) document["newest"] = json_of(*changes.newest);
+  if (changes.candidates) {
+    document["candidates"] = ordered_json::array();
+    for (const VictimCandidate& candidate : *changes.candidates) document["candidates"].push_back(json_of(candidate));
+  }
+  return document.dump(-1, ' ', false, ordered_json::error_handler_t::replace);
+}
+
+void LiveFeed::await_change(const std::string& run, uint64_t since, std::chrono::milliseconds longest,
+                            const std::function<bool()>& give_up) const {
+  constexpr auto kAsk = std::chrono::milliseconds(200);
+  const auto until = Clock::now() + longest;
+  std::unique_lock lock(mutex_);
+  while (run == run_ && sequence_ <= since && Clock::now() < until) {
+    changed_.wait_for(lock, kAsk);
+    lock.unlock();
+    if (give_up()) return;
+    lock.lock();
+  }
+}
+
+std::shared_ptr<const LiveView> LiveFeed::view(int number) const {
+  const std::lock_guard lock(mutex_);
+  for (const auto& view : told_) {
+    if (view->number() == number) return view;
+  }
+  return nullptr;
+}
+
+bool LiveFeed::had_view(int number) const {
+  const std::lock_guard lock(mutex_);
+  return number > 0 && static_cast<size_t>(number) <= views_.size();
+}
+
+std::optional<std::string> LiveFeed::points_of(int keyframe) const {
+  StoredFrame frame;
+  {
+    const std::lock_guard lock(mutex_);
+    if (keyframe < 0 || static_cast<size_t>(keyframe) >= keyframes_.size()) return std::nullopt;
+    frame = keyframes_[static_cast<size_t>(keyframe)].frame;
+  }
+  return keyframe_points(frame, rays_);
+}
+
+size_t LiveFeed::views_kept() const {
+  const std::lock_guard lock(mutex_);
+  const bool apart = newest_ && (told_.empty() || told_.back() != newest_);
+  return told_.size() + (apart ? 1 : 0);
+}
+
+}  // namespace fringeslam::tools

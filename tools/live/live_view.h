@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+// One view as the live page shows it. What costs time, its pictures and figures, is made by the first viewer who asks.
+#pragma once
+
+#include <functional>
+#include <map>
+#include <mutex>
+#include <opencv2/core.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "tools/live/preview.h"
+
+namespace fringeslam::tools {
+
+struct LandmarkOutline {
+  std::vector<cv::Point> corners_px;
+  bool recognised = false;  // seen in an earlier view
+};
+
+class LiveView {
+ public:
+  // `number`: of all views of a run, from 1. `prepare` is called once, in a viewer's thread.
+  LiveView(int number, int index, std::function<Preview()> prepare)
+      : number_(number), index_(index), prepare_(std::move(prepare)) {}
+
+  int number() const { return number_; }
+  int index() const { return index_; }  // of the stack
+
+  // Set before others see the view.
+  std::vector<LandmarkOutline> landmarks;
+  std::vector<std::string> warnings;  // beside those of its figures
+
+  const PreviewFigures& figures() const;
+  // texture.jpg, modulation.jpg, saturation.png or depth.png; empty for another name.
+  std::string picture(const std::string& name) const;
+
+ private:
+  const Preview& prepared() const;  // with the lock held
+
+  int number_, index_;
+  mutable std::mutex mutex_;  // of what follows
+  mutable std::function<Preview()> prepare_;
+  mutable std::optional<Preview> preview_;
+  mutable std::map<std::string, std::string> encoded_;
+};
+
+}  // namespace fringeslam::tools

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+// A viewer's connection: one request and its answer, neither of which may take for ever. httplib alone bounds a
+// header's lines, but neither their number nor the time of a viewer who sends or reads drop by drop.
+#pragma once
+
+#include <sys/types.h>
+
+#include <array>
+#include <atomic>
+#include <chrono>
+#include <cstddef>
+#include <optional>
+
+namespace fringeslam::tools {
+
+inline constexpr size_t kMaxRequestBytes = 16384;
+inline constexpr auto kRequestPatience = std::chrono::seconds(5), kAnswerPatience = std::chrono::seconds(20);
+
+class ViewerSocket {
+ public:
+  // Nothing waits any longer once `stopping`.
+  ViewerSocket(int socket, const std::atomic<bool>& stopping, std::chrono::milliseconds request_patience)
+      : socket_(socket), stopping_(stopping), request_by_(Clock::now() + request_patience) {}
+
+  bool readable() const;
+  bool writable() const;
+  bool gone() const;  // the viewer ended the connection
+  ssize_t read(char* target, size_t size);
+  ssize_t write(const char* data, size_t size);
+  int socket() const { return socket_; }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  bool ready(short events, Clock::time_point until) const;
+
+  int socket_;
+  const std::atomic<bool>& stopping_;
+  Clock::time_point request_by_;
+  std::optional<Clock::time_point> answer_by_;  // from the answer's first byte on: it may take long to get it ready
+  std::array<char, 2048> buffer_ = {};
+  size_t begin_ = 0, end_ = 0, received_ = 0;
+};
+
+}  // namespace fringeslam::tools

@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: Apache-2.0
+// Places that may hold a victim, with the reason; the map marks them (scene.js).
+import {byId, element} from '../shared/dom.js';
+import {fixed} from '../shared/format.js';
+import {on, store} from './store.js';
+
+function entry({position_m, radius_m, state, reason}, place) {
+  const where = position_m.map((value) => fixed(value, 2)).join(', ');
+  return element('li', {}, element('b', {}, `${place + 1}: ${state}`), ` at ${where} m, radius ${fixed(radius_m, 2)} m. ${reason}`);
+}
+
+export function showCandidates() {
+  on('change', () => {
+    byId('candidates').hidden = store.candidates.length === 0;
+    byId('candidate-list').replaceChildren(...store.candidates.map(entry));
+  });
+}

@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+// What every 3D view has: where it is drawn, the floor under the map, the legend.
+import * as THREE from 'three';
+import {byId, element} from './dom.js';
+import {fixed} from './format.js';
+
+// Null where there is no WebGL 2.
+export function rendererOn(canvas) {
+  try {
+    return new THREE.WebGLRenderer({canvas, antialias: true});
+  } catch {
+    return null;
+  }
+}
+
+// A grid under the map whose squares have a round size.
+export function floorGrid(box) {
+  const size = box.getSize(new THREE.Vector3());
+  const extent = Math.max(size.x, size.y);
+  const decade = 10 ** Math.floor(Math.log10(extent / 4));
+  const square = [1, 2, 5].map((step) => step * decade).filter((step) => step <= extent / 4).pop() ?? decade;
+  const squares = 2 * Math.ceil((0.7 * extent) / square);
+  const grid = new THREE.GridHelper(squares * square, squares);
+  grid.rotateX(Math.PI / 2);
+  const centre = box.getCenter(new THREE.Vector3());
+  grid.position.set(centre.x, centre.y, box.min.z - 0.01 * extent);
+  grid.material.vertexColors = false;
+  return {grid, square};
+}
+
+// In words.
+export function squareSize(square) {
+  return square < 0.1 ? `${fixed(square * 1000, 0)} mm` : `${fixed(square, square < 1 ? 1 : 0)} m`;
+}
+
+// Of [ink, text, kind of line].
+export function legend(entries) {
+  byId('legend').replaceChildren(...entries.map(([ink, text, kind]) =>
+    element('span', {class: 'entry'}, element('i', {class: `ink ${kind ?? ''}`, style: `--ink: var(--${ink})`}), text)));
+}
+
+// Keeps a renderer as large as the place of its canvas, and tells the eye.
+export function fitted(renderer, canvas, orbit) {
+  const fit = () => {
+    const {clientWidth: width, clientHeight: height} = canvas.parentElement;
+    renderer.setPixelRatio(Math.min(2, devicePixelRatio));
+    renderer.setSize(width, height, false);
+    orbit.resize(width, height);
+  };
+  new ResizeObserver(fit).observe(canvas.parentElement);
+  fit();
+}
