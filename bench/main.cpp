@@ -117,7 +117,8 @@ int main(int argc, char** argv) {
           decoding_items(),    registration_items(),  wrong_pose_items(),  registration_speed_items(),
           rendering_items(),   cycles_items(),        landmark_items(),    landmark_speed_items(),
           mapping_items(),     mapping_speed_items(), frame_speed_items(), world_items(),
-          large_world_items(), speed_items(),         capture_items(),     study_items()})
+          large_world_items(), speed_items(),         capture_items(),     study_items(),
+          victim_items()})
       items.insert(items.end(), more.begin(), more.end());
     if (list) {
       for (const Item& item : items) {

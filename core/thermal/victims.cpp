@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/thermal/victims.h"
+
+#include <algorithm>
+#include <iterator>
+#include <map>
+
+namespace fringeslam {
+
+namespace {
+
+// A region in the world.
+struct Piece {
+  int view, number;
+  const WarmRegion* region;
+  Eigen::Vector3d centre_m;
+  std::vector<Eigen::Vector3d> points_m;
+};
+
+std::vector<Piece> pieces_of(const std::vector<LocatedRegions>& views) {
+  std::vector<Piece> pieces;
+  for (const LocatedRegions& view : views) {
+    for (size_t i = 0; i < view.regions.size(); ++i) {
+      const WarmRegion& region = view.regions[i];
+      if (region.kind == WarmKind::too_small || region.kind == WarmKind::too_cold) continue;
+      Piece piece{view.view, static_cast<int>(i), &region, view.world_from_camera * region.centre_m, {}};
+      for (const Eigen::Vector3d& p : region.points_m) piece.points_m.push_back(view.world_from_camera * p);
+      pieces.push_back(std::move(piece));
+    }
+  }
+  return pieces;
+}
+
+bool near(const Piece& a, const Piece& b, double distance_m) {
+  for (const Eigen::Vector3d& p : a.points_m) {
+    for (const Eigen::Vector3d& q : b.points_m) {
+      if ((p - q).squaredNorm() < distance_m * distance_m) return true;
+    }
+  }
+  return false;
+}
+
+// For each piece the number of its thing: pieces of different views that lie near each other are of one, and so are
+// pieces of skin of the same view, between which debris may lie.
+std::vector<size_t> things_of(const std::vector<Piece>& pieces, double same_place_m) {
+  std::vector<size_t> thing(pieces.size());
+  for (size_t i = 0; i < pieces.size(); ++i) {
+    thing[i] = i;
+    for (size_t j = 0; j < i; ++j) {
+      const bool one_view = pieces[i].view == pieces[j].view;
+      const bool same = pieces[i].region->candidate() == pieces[j].region->candidate();
+      if ((one_view && !same) || thing[i] == thing[j] || !near(pieces[i], pieces[j], same_place_m)) continue;
+      const size_t from = std::max(thing[i], thing[j]), to = std::min(thing[i], thing[j]);
+      std::replace(thing.begin(), thing.begin() + static_cast<std::ptrdiff_t>(i) + 1, from, to);
+    }
+  }
+  return thing;
+}
+
+int count_views(const std::vector<const Piece*>& pieces) {
+  std::vector<int> views;
+  for (const Piece* piece : pieces) views.push_back(piece->view);
+  std::sort(views.begin(), views.end());
+  return static_cast<int>(std::unique(views.begin(), views.end()) - views.begin());
+}
+
+WarmThing summed_up(const std::vector<const Piece*>& pieces) {
+  WarmThing thing;
+  double all_m2 = 0, skin_m2 = 0;
+  for (const Piece* piece : pieces) {
+    all_m2 += piece->region->area_m2;
+    if (piece->region->candidate()) skin_m2 += piece->region->area_m2;
+  }
+  thing.skin_share = all_m2 > 0 ? skin_m2 / all_m2 : 0;
+  thing.victim = thing.skin_share > 0.5;
+  std::vector<const Piece*> telling;  // those that say what it is
+  std::copy_if(pieces.begin(), pieces.end(), std::back_inserter(telling),
+               [&](const Piece* piece) { return piece->region->candidate() == thing.victim; });
+  double telling_m2 = 0;
+  const Piece* best = telling.front();
+  for (const Piece* piece : telling) {
+    telling_m2 += piece->region->area_m2;
+    thing.position_m += piece->region->area_m2 * piece->centre_m;
+    if (piece->region->area_m2 > best->region->area_m2) best = piece;
+  }
+  thing.position_m /= telling_m2;
+  for (const Piece* piece : telling) {
+    for (const Eigen::Vector3d& p : piece->points_m)
+      thing.extent_m = std::max(thing.extent_m, (p - thing.position_m).norm());
+  }
+  thing.views = count_views(pieces);
+  thing.skin_views = thing.victim ? count_views(telling) : 0;
+  thing.temperature_c = best->region->warmest_c;
+  thing.area_m2 = best->region->area_m2;
+  thing.reason = best->region->reason;
+  thing.best_view = best->view;
+  thing.best_region = best->number;
+  return thing;
+}
+
+}  // namespace
+
+std::vector<WarmThing> merge_regions(const std::vector<LocatedRegions>& views, const ThermalOptions& options) {
+  const std::vector<Piece> pieces = pieces_of(views);
+  const std::vector<size_t> thing = things_of(pieces, options.same_place_m);
+  std::map<size_t, std::vector<const Piece*>> together;
+  for (size_t i = 0; i < pieces.size(); ++i) together[thing[i]].push_back(&pieces[i]);
+  std::vector<WarmThing> things;
+  for (const auto& [number, members] : together) things.push_back(summed_up(members));
+  return things;
+}
+
+}  // namespace fringeslam

@@ -1,0 +1,232 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/thermal/warm_regions.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdarg>
+#include <cstdio>
+#include <iterator>
+#include <limits>
+#include <opencv2/imgproc.hpp>
+
+#include "core/thermal/shape.h"
+
+namespace fringeslam {
+
+namespace {
+
+constexpr int kLeastPixels = 12;  // of a region, below which nothing is said of it
+
+Eigen::Vector3d vector_of(const cv::Vec3f& v) { return Eigen::Vector3f(v[0], v[1], v[2]).cast<double>(); }
+
+double quantile(std::vector<float>& values, double q) {
+  if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
+  const auto at = values.begin() + static_cast<std::ptrdiff_t>(q * static_cast<double>(values.size() - 1));
+  std::nth_element(values.begin(), at, values.end());
+  return static_cast<double>(*at);
+}
+
+double surroundings(const cv::Mat1f& temperature_c, double q) {
+  std::vector<float> known;
+  std::copy_if(temperature_c.begin(), temperature_c.end(), std::back_inserter(known),
+               [](float t) { return !std::isnan(t); });
+  return quantile(known, q);
+}
+
+// Warm, and not merely blurred into by something hot beside it.
+cv::Mat1b warm_pixels(const RegisteredThermal& thermal, double surroundings_c, const ThermalOptions& options) {
+  const auto least = static_cast<float>(surroundings_c + options.min_contrast_k);
+  const auto hot = static_cast<float>(options.hot_c);
+  cv::Mat1b warm(thermal.temperature_c.size(), uchar{0});
+  for (int row = 0; row < warm.rows; ++row) {
+    for (int col = 0; col < warm.cols; ++col) {
+      const float t = thermal.temperature_c(row, col), around = thermal.around_c(row, col);
+      warm(row, col) = t > least && (t > hot || around < hot);
+    }
+  }
+  return warm;
+}
+
+// The pixels of one region, from a first one on: connected by pixels at most two apart that no step in depth parts.
+std::vector<cv::Point> grown(const Frame& frame, const cv::Mat1b& warm, cv::Point first, int number, double step_m,
+                             cv::Mat1i& regions) {
+  constexpr int kReach = 2;  // px: over single pixels without a depth
+  std::vector<cv::Point> pixels = {first};
+  regions(first) = number;
+  for (size_t i = 0; i < pixels.size(); ++i) {
+    const cv::Point at = pixels[i];
+    const float z = frame.points_m(at)[2];
+    for (int dy = -kReach; dy <= kReach; ++dy) {
+      for (int dx = -kReach; dx <= kReach; ++dx) {
+        const cv::Point next(at.x + dx, at.y + dy);
+        if (!cv::Rect({}, warm.size()).contains(next) || !warm(next) || regions(next) >= 0) continue;
+        const double apart = std::max(std::abs(dx), std::abs(dy));
+        if (std::abs(static_cast<double>(frame.points_m(next)[2] - z)) > apart * step_m) continue;
+        regions(next) = number;
+        pixels.push_back(next);
+      }
+    }
+  }
+  return pixels;
+}
+
+// Of the surface in a pixel: the pixel's area on a plane across z at the point's depth, by the slope against the ray. A
+// slope beyond 75 degrees is not believed.
+double area_m2(const Frame& frame, cv::Point pixel, const Pinhole& camera) {
+  constexpr double kLeastCosine = 0.26;
+  const Eigen::Vector3d point = vector_of(frame.points_m(pixel)), normal = vector_of(frame.normals(pixel));
+  const double across = point.z() * point.z() / (camera.fx * camera.fy);
+  const double towards = std::abs(normal.dot(point));
+  return std::isnan(towards) ? across : across * point.z() / std::max(towards, kLeastCosine * point.norm());
+}
+
+__attribute__((format(printf, 1, 2))) std::string words(const char* pattern, ...) {
+  char buffer[256];
+  va_list arguments;
+  va_start(arguments, pattern);
+  std::vsnprintf(buffer, sizeof buffer, pattern, arguments);
+  va_end(arguments);
+  return buffer;
+}
+
+void judge(WarmRegion& region, const PipeFit& pipe, const ThermalOptions& o) {
+  const double cm2 = 1e4 * region.area_m2;
+  const std::string what = words("%.1f degrees over %.0f cm2", region.warmest_c, cm2);
+  const auto say = [&](WarmKind kind, const std::string& why) {
+    region.kind = kind;
+    region.reason = what + ": " + why;
+  };
+  if (region.warmest_c > o.hottest_c)
+    say(WarmKind::too_hot, words("hotter than skin, %.1f", o.hottest_c));
+  else if (region.warmest_c < o.coldest_c)
+    say(WarmKind::too_cold, words("colder than skin, %.1f", o.coldest_c));
+  else if (region.area_m2 < o.min_area_m2)
+    say(WarmKind::too_small, words("smaller than %.0f cm2", 1e4 * o.min_area_m2));
+  else if (region.area_m2 > o.max_area_m2)
+    say(WarmKind::too_large, words("larger than %.0f cm2", 1e4 * o.max_area_m2));
+  else if (region.planar_share > o.max_planar_share)
+    say(WarmKind::flat, words("flat, %.0f %% of it on two planes", 100 * region.planar_share));
+  else if (pipe.found && pipe.share > o.pipe_share && pipe.radius_m < o.max_pipe_radius_m &&
+           pipe.length_m > o.min_pipe_length * pipe.width_m)
+    say(WarmKind::pipe, words("a pipe, %.0f %% of it on a cylinder of %.0f mm, %.0f mm long", 100 * pipe.share,
+                              2e3 * pipe.radius_m, 1e3 * pipe.length_m));
+  else
+    say(WarmKind::skin, words("as warm as skin, and neither flat (%.0f %% on two planes) nor a pipe (%.0f %%)",
+                              100 * region.planar_share, 100 * pipe.share));
+}
+
+WarmRegion described(const Frame& frame, const cv::Mat1f& temperature_c, const std::vector<cv::Point>& pixels,
+                     const Pinhole& camera, const ThermalOptions& options) {
+  constexpr size_t kKept = 64;
+  WarmRegion region;
+  region.pixels = static_cast<int>(pixels.size());
+  region.box = cv::boundingRect(pixels);
+  const auto n = static_cast<double>(pixels.size());
+  std::vector<float> temperatures;
+  std::vector<SurfacePoint> patch;
+  double squares = 0;
+  for (const cv::Point& pixel : pixels) {
+    const auto t = static_cast<double>(temperature_c(pixel));
+    temperatures.push_back(temperature_c(pixel));
+    region.mean_c += t / n;
+    squares += t * t / n;
+    region.area_m2 += area_m2(frame, pixel, camera);
+    const Eigen::Vector3d point = vector_of(frame.points_m(pixel)), normal = vector_of(frame.normals(pixel));
+    region.centre_m += point / n;
+    if (normal.allFinite()) patch.push_back({point, normal});
+  }
+  for (size_t i = 0; i < pixels.size(); i += std::max<size_t>(1, pixels.size() / kKept))
+    region.points_m.push_back(vector_of(frame.points_m(pixels[i])));
+  region.spread_c = std::sqrt(std::max(0.0, squares - region.mean_c * region.mean_c));
+  region.max_c = static_cast<double>(*std::max_element(temperatures.begin(), temperatures.end()));
+  region.warmest_c = quantile(temperatures, 0.8);
+  region.planar_share = planar_share(patch, options);
+  const PipeFit pipe = fit_pipe(patch, options);
+  region.pipe_share = pipe.share;
+  judge(region, pipe, options);
+  return region;
+}
+
+}  // namespace
+
+std::string to_string(WarmKind kind) {
+  switch (kind) {
+    case WarmKind::skin:
+      return "skin";
+    case WarmKind::too_cold:
+      return "too_cold";
+    case WarmKind::too_hot:
+      return "too_hot";
+    case WarmKind::too_small:
+      return "too_small";
+    case WarmKind::too_large:
+      return "too_large";
+    case WarmKind::flat:
+      return "flat";
+    case WarmKind::pipe:
+      return "pipe";
+  }
+  return "unknown";
+}
+
+WarmView find_warm_regions(const Frame& frame, const RegisteredThermal& thermal, const Pinhole& camera,
+                           const ThermalOptions& options) {
+  WarmView view;
+  view.surroundings_c = surroundings(thermal.temperature_c, options.surroundings_quantile);
+  view.regions = cv::Mat1i(frame.points_m.size(), -1);
+  const cv::Mat1b warm = warm_pixels(thermal, view.surroundings_c, options);
+  cv::Mat1i visited = view.regions.clone();
+  int number = 0;
+  for (int row = 0; row < warm.rows; ++row) {
+    for (int col = 0; col < warm.cols; ++col) {
+      if (!warm(row, col) || visited(row, col) >= 0) continue;
+      const std::vector<cv::Point> pixels = grown(frame, warm, {col, row}, number++, options.step_m, visited);
+      if (pixels.size() < kLeastPixels) continue;
+      for (const cv::Point& pixel : pixels) view.regions(pixel) = static_cast<int>(view.list.size());
+      view.list.push_back(described(frame, thermal.temperature_c, pixels, camera, options));
+    }
+  }
+  return view;
+}
+
+void note_temperatures(const Frame& frame, const WarmView& warm, Landmarks& landmarks, const ThermalOptions& options) {
+  const auto least = static_cast<float>(warm.surroundings_c + options.min_contrast_k);
+  for (Landmark& landmark : landmarks.landmarks) {
+    landmark.temperature = {};
+    if (landmark.outline.empty()) continue;
+    cv::Mat1b inside(frame.temperature_c.size(), uchar{0});
+    cv::fillPoly(inside, std::vector<std::vector<cv::Point>>{landmark.outline}, cv::Scalar(1));
+    std::vector<float> known;
+    std::vector<int> on_it(warm.list.size());
+    const cv::Rect box = cv::boundingRect(landmark.outline) & cv::Rect({}, inside.size());
+    for (int row = box.y; row < box.br().y; ++row) {
+      for (int col = box.x; col < box.br().x; ++col) {
+        const float t = frame.temperature_c(row, col);
+        if (!inside(row, col) || std::isnan(t)) continue;
+        known.push_back(t);
+        if (const int region = warm.regions(row, col); region >= 0) ++on_it[static_cast<size_t>(region)];
+      }
+    }
+    if (known.empty()) continue;
+    LandmarkTemperature& result = landmark.temperature;
+    result.pixels = static_cast<int>(known.size());
+    double sum = 0, squares = 0;
+    for (const float t : known) {
+      sum += static_cast<double>(t);
+      squares += static_cast<double>(t) * static_cast<double>(t);
+    }
+    result.mean_c = sum / result.pixels;
+    result.spread_c = std::sqrt(std::max(0.0, squares / result.pixels - result.mean_c * result.mean_c));
+    result.max_c = static_cast<double>(*std::max_element(known.begin(), known.end()));
+    result.warm_share =
+        static_cast<double>(std::count_if(known.begin(), known.end(), [&](float t) { return t > least; })) /
+        result.pixels;
+    result.p95_c = quantile(known, 0.95);
+    // A region is on the landmark with half of itself.
+    for (size_t i = 0; i < on_it.size(); ++i) {
+      if (2 * on_it[i] > warm.list[i].pixels) result.regions.push_back(static_cast<int>(i));
+    }
+  }
+}
+
+}  // namespace fringeslam
