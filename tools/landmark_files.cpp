@@ -44,7 +44,7 @@ nlohmann::ordered_json to_json(const WarmRegion& region) {
           {"spread_c", rounded(region.spread_c)},
           {"area_cm2", rounded(1e4 * region.area_m2)},
           {"planar_share", rounded(region.planar_share)},
-          {"pipe_share", rounded(region.pipe_share)},
+          {"pipe_share", rounded(region.pipe.share)},
           {"pixels", region.pixels},
           {"centre_m", to_json(region.centre_m)},
           {"box_px", {region.box.x, region.box.y, region.box.width, region.box.height}}};
@@ -66,7 +66,7 @@ nlohmann::ordered_json to_json(const LandmarkTemperature& temperature, const War
 
 nlohmann::ordered_json to_json(const std::vector<WarmThing>& things) {
   nlohmann::ordered_json list = nlohmann::ordered_json::array();
-  for (const WarmThing& thing : things)
+  for (const WarmThing& thing : things) {
     list.push_back({{"victim", thing.victim},
                     {"reason", thing.reason},
                     {"position_m", to_json(thing.position_m)},
@@ -78,6 +78,9 @@ nlohmann::ordered_json to_json(const std::vector<WarmThing>& things) {
                     {"skin_views", thing.skin_views},
                     {"best_view", thing.best_view},
                     {"best_region", thing.best_region}});
+    auto& points = list.back()["points_m"] = nlohmann::ordered_json::array();
+    for (const Eigen::Vector3d& p : thing.points_m) points.push_back({rounded(p.x()), rounded(p.y()), rounded(p.z())});
+  }
   return list;
 }
 

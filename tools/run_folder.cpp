@@ -94,7 +94,7 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const K
   write_png(folder / "phase.png", phase);
 
   if (!frame.temperature_c.empty()) {
-    write_exr(folder / "temperature.exr", {{"temperature_c", frame.temperature_c}});
+    write_exr(folder / "temperature.exr", {{"Y", frame.temperature_c}});
     write_png(folder / "temperature.png", warm_picture(result));
   }
 

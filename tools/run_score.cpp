@@ -63,20 +63,21 @@ View read_view(const fs::path& folder, int index) {
           read_truth_frame(folder / "truth" / (stack_name(index) + ".exr"))};
 }
 
-// Where the victims are that the run found, in the map's world.
-std::vector<Eigen::Vector3d> read_victims(const fs::path& file) {
+// The victims that the run found, in the map's world.
+std::vector<VictimCandidate> read_victims(const fs::path& file) {
   const auto json = nlohmann::json::parse(read_bytes(file), nullptr, false);
-  std::vector<Eigen::Vector3d> positions_m;
+  std::vector<VictimCandidate> victims;
   try {
     for (const auto& thing : json) {
-      const auto& p = thing.at("position_m");
-      if (thing.at("victim").get<bool>())
-        positions_m.emplace_back(p.at(0).get<double>(), p.at(1).get<double>(), p.at(2).get<double>());
+      if (!thing.at("victim").get<bool>()) continue;
+      VictimCandidate& points_m = victims.emplace_back();
+      for (const auto& p : thing.at("points_m"))
+        points_m.emplace_back(p.at(0).get<double>(), p.at(1).get<double>(), p.at(2).get<double>());
     }
   } catch (const nlohmann::json::exception&) {
     throw Error(file.string() + ":1: is not as a run writes it");
   }
-  return positions_m;
+  return victims;
 }
 
 double finest_period(const PatternSequence& sequence) {
@@ -126,8 +127,10 @@ RunScore score_run(const fs::path& folder, const TrajectoryOptions& options) {
   if (rig.thermal && !pairs.empty()) {
     const auto [i, j] = pairs.front();
     const Pose truth_from_map = truth[j].world_from_robot * estimate[i].world_from_robot.inverse();
-    std::vector<Eigen::Vector3d> candidates = read_victims(folder / "victims.json");
-    for (Eigen::Vector3d& position_m : candidates) position_m = truth_from_map * position_m;
+    std::vector<VictimCandidate> candidates = read_victims(folder / "victims.json");
+    for (VictimCandidate& candidate : candidates) {
+      for (Eigen::Vector3d& point_m : candidate) point_m = truth_from_map * point_m;
+    }
     score.victims = score_victims(visible, candidates);
   }
   if (pairs.size() >= 2) score.trajectory = score_trajectory(estimate, truth, options);

@@ -11,6 +11,7 @@
 
 #include "bench/row.h"
 #include "core/pipeline/pipeline.h"
+#include "core/rig/files.h"
 #include "core/score/victim_score.h"
 #include "sim/virtual_rig.h"
 
@@ -54,21 +55,35 @@ Searched search(uint64_t seed) {
     visible.add(truth.back(), scene.rig.camera);
     regions.push_back(view.warm.regions);
     if (view.tracking == Tracking::lost) result.failures.push_back("a view was lost");
+    if (const char* at = std::getenv("VICTIMS_PICTURES")) {
+      cv::Mat3b p(view.frame.texture.size());
+      for (int i = 0; i < (int)p.total(); ++i) {
+        const float t = view.frame.temperature_c(i); const int g = view.frame.texture(i); const int r = view.warm.regions(i);
+        p(i) = r >= 0 ? (view.warm.list[r].candidate() ? cv::Vec3b(g/2, g/2, 255) : cv::Vec3b(255, (r*67)%256, (r*31)%128)) : std::isnan(t) ? cv::Vec3b(80,0,0) : cv::Vec3b(g,g,g);
+      }
+      write_png(std::string(at) + "/" + std::to_string(seed) + "_" + std::to_string(stack->index) + ".png", p);
+    }
     if (std::getenv("VICTIMS_DUMP")) {
       for (size_t i = 0; i < view.warm.list.size(); ++i) {
         const WarmRegion& r = view.warm.list[i];
         if (r.pixels < 60) continue;
-        std::printf("R seed %d view %d %s %s planar %.2f pipe %.2f : %s\n", static_cast<int>(seed), stack->index,
+        std::printf("R,%d,%d,%s,%s,%.2f,%.2f,%.1f,%.1f,%.1f,%.2f,%.1f,%.2f\n", static_cast<int>(seed), stack->index,
                     commonest_material(scene, truth.back(), regions.back(), static_cast<int>(i)).c_str(),
-                    to_string(r.kind).c_str(), r.planar_share, r.pipe_share, r.reason.c_str());
+                    to_string(r.kind).c_str(), r.planar_share, r.pipe.share, 1e3 * r.pipe.radius_m,
+                    1e3 * r.pipe.length_m, 1e3 * r.pipe.width_m, r.spread_c, 1e4 * r.area_m2, r.warmest_c);
       }
     }
   }
   const std::vector<WarmThing> things = pipeline.warm_things();
-  std::vector<Eigen::Vector3d> candidates;
+  if (std::getenv("VICTIMS_DUMP")) {
+    for (const auto& t : things) std::printf("T,%d,%s,victim=%d,(%.3f %.3f %.3f),extent %.2f,views %d/%d,skin %.2f,%.0f cm2,%s\n", (int)seed, "", t.victim, t.position_m.x(), t.position_m.y(), t.position_m.z(), t.extent_m, t.skin_views, t.views, t.skin_share, 1e4*t.area_m2, t.reason.c_str());
+    for (const auto& [o, v] : visible.all()) { Eigen::Vector3d m = Eigen::Vector3d::Zero(); for (auto& p : v.points_m) m += p / v.points_m.size(); std::printf("V,%d,%s,%.0f cm2,(%.3f %.3f %.3f)\n", (int)seed, scene.objects[o-1].material.name.c_str(), 1e4*v.area_m2, m.x(), m.y(), m.z()); }
+    std::fflush(stdout);
+  }
+  std::vector<VictimCandidate> candidates;
   std::vector<const WarmThing*> victims;
   for (const WarmThing& thing : things) {
-    if (thing.victim) victims.push_back(&thing), candidates.push_back(thing.position_m);
+    if (thing.victim) victims.push_back(&thing), candidates.push_back(thing.points_m);
   }
   result.score = score_victims(visible, candidates);
   const auto material_of = [&](const WarmThing& thing) {
@@ -103,7 +118,7 @@ Searched search(uint64_t seed) {
 std::vector<Row> victim_rows(const Context& context) {
   uint64_t first = kFirstSeed;
   int count = context.quick ? 15 : 120;
-  if (const char* tune = std::getenv("VICTIMS_TUNE")) first = 1001, count = std::atoi(tune);
+  if (const char* tune = std::getenv("VICTIMS_TUNE")) first = std::getenv("VICTIMS_FIRST") ? std::atoi(std::getenv("VICTIMS_FIRST")) : 1001, count = std::atoi(tune);
   int to_find = 0, found = 0, candidates = 0, right = 0;
   std::map<std::string, int> shown, wrong;
   for (int i = 0; i < count; ++i) {

@@ -49,27 +49,41 @@ void VisibleVictims::add(const TruthFrame& truth, const Pinhole& camera) {
 double VictimScore::recall() const { return share(found, to_find); }
 double VictimScore::precision() const { return share(right, candidates); }
 
-VictimScore score_victims(const VisibleVictims& victims, const std::vector<Eigen::Vector3d>& candidates,
+VictimScore score_victims(const VisibleVictims& victims, const std::vector<VictimCandidate>& candidates,
                           const VictimScoreOptions& options) {
-  const auto near = [&](const VisibleVictims::Victim& victim, const Eigen::Vector3d& candidate) {
-    return std::any_of(victim.points_m.begin(), victim.points_m.end(),
-                       [&](const Eigen::Vector3d& p) { return (p - candidate).norm() < options.reach_m; });
+  const auto on = [&](const Eigen::Vector3d& p, const std::vector<Eigen::Vector3d>& surface) {
+    return std::any_of(surface.begin(), surface.end(),
+                       [&](const Eigen::Vector3d& q) { return (p - q).norm() < options.reach_m; });
+  };
+  const auto share_on = [](const std::vector<Eigen::Vector3d>& points, const auto& holds) {
+    return points.empty() ? 0.0
+                          : static_cast<double>(std::count_if(points.begin(), points.end(), holds)) /
+                                static_cast<double>(points.size());
   };
   VictimScore score;
+  score.candidates = static_cast<int>(candidates.size());
+  std::vector<const VictimCandidate*> right;
+  for (size_t i = 0; i < candidates.size(); ++i) {
+    const double share = share_on(candidates[i], [&](const Eigen::Vector3d& p) {
+      return std::any_of(victims.all().begin(), victims.all().end(),
+                         [&](const auto& entry) { return on(p, entry.second.points_m); });
+    });
+    if (share > 0.5)
+      right.push_back(&candidates[i]);
+    else
+      score.wrong.push_back(i);
+  }
+  score.right = static_cast<int>(right.size());
   for (const auto& [object, victim] : victims.all()) {
     if (victim.area_m2 < options.least_area_m2) continue;
     ++score.to_find;
-    if (std::any_of(candidates.begin(), candidates.end(), [&](const auto& c) { return near(victim, c); }))
+    const double marked = share_on(victim.points_m, [&](const Eigen::Vector3d& p) {
+      return std::any_of(right.begin(), right.end(), [&](const VictimCandidate* c) { return on(p, *c); });
+    });
+    if (marked >= options.least_marked)
       ++score.found;
     else
       score.missed.push_back(object);
-  }
-  score.candidates = static_cast<int>(candidates.size());
-  for (size_t i = 0; i < candidates.size(); ++i) {
-    const bool right = std::any_of(victims.all().begin(), victims.all().end(),
-                                   [&](const auto& entry) { return near(entry.second, candidates[i]); });
-    score.right += right;
-    if (!right) score.wrong.push_back(i);
   }
   return score;
 }

@@ -14,7 +14,8 @@ namespace fringeslam {
 
 struct VictimScoreOptions {
   double least_area_m2 = 0.002;  // visible in one view: a victim that shows less is not one to be found
-  double reach_m = 0.05;         // from the visible surface of a victim: a candidate there is right
+  double reach_m = 0.02;         // within which two points are of one surface
+  double least_marked = 0.2;     // share of a victim's visible surface that a candidate must mark to have found it
 };
 
 // What the views truly show of each victim, by its object's number.
@@ -42,8 +43,10 @@ struct VictimScore {
   double precision() const;
 };
 
-// `candidates`: positions in the truth's world.
-VictimScore score_victims(const VisibleVictims& victims, const std::vector<Eigen::Vector3d>& candidates,
+// A candidate is some points of what was taken for a victim, in the truth's world. It is right when most of them lie on
+// victims, of whatever size. A victim is found when a right candidate marks enough of it; one may mark several.
+using VictimCandidate = std::vector<Eigen::Vector3d>;
+VictimScore score_victims(const VisibleVictims& victims, const std::vector<VictimCandidate>& candidates,
                           const VictimScoreOptions& options = {});
 
 }  // namespace fringeslam

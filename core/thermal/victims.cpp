@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <iterator>
 #include <map>
+#include <tuple>
 
 namespace fringeslam {
 
@@ -31,25 +32,30 @@ std::vector<Piece> pieces_of(const std::vector<LocatedRegions>& views) {
   return pieces;
 }
 
-bool near(const Piece& a, const Piece& b, double distance_m) {
-  for (const Eigen::Vector3d& p : a.points_m) {
-    for (const Eigen::Vector3d& q : b.points_m) {
-      if ((p - q).squaredNorm() < distance_m * distance_m) return true;
-    }
-  }
-  return false;
+// How many points of a lie near one of b's.
+size_t count_near(const Piece& a, const Piece& b, double distance_m) {
+  return static_cast<size_t>(std::count_if(a.points_m.begin(), a.points_m.end(), [&](const Eigen::Vector3d& p) {
+    return std::any_of(b.points_m.begin(), b.points_m.end(),
+                       [&](const Eigen::Vector3d& q) { return (p - q).squaredNorm() < distance_m * distance_m; });
+  }));
 }
 
-// For each piece the number of its thing: pieces of different views that lie near each other are of one, and so are
-// pieces of skin of the same view, between which debris may lie.
-std::vector<size_t> things_of(const std::vector<Piece>& pieces, double same_place_m) {
+// Pieces of skin that lie near each other are of one victim, for debris may lie between. Else pieces are one thing when
+// two views saw the same surface.
+bool one_thing(const Piece& a, const Piece& b, const ThermalOptions& options) {
+  if (a.region->candidate() && b.region->candidate()) return count_near(a, b, options.same_place_m) > 0;
+  if (a.view == b.view) return false;
+  const auto& [small, large] = a.region->area_m2 < b.region->area_m2 ? std::tie(a, b) : std::tie(b, a);
+  return 2 * count_near(small, large, options.overlap_m) > small.points_m.size();
+}
+
+// For each piece the number of its thing.
+std::vector<size_t> things_of(const std::vector<Piece>& pieces, const ThermalOptions& options) {
   std::vector<size_t> thing(pieces.size());
   for (size_t i = 0; i < pieces.size(); ++i) {
     thing[i] = i;
     for (size_t j = 0; j < i; ++j) {
-      const bool one_view = pieces[i].view == pieces[j].view;
-      const bool same = pieces[i].region->candidate() == pieces[j].region->candidate();
-      if ((one_view && !same) || thing[i] == thing[j] || !near(pieces[i], pieces[j], same_place_m)) continue;
+      if (thing[i] == thing[j] || !one_thing(pieces[i], pieces[j], options)) continue;
       const size_t from = std::max(thing[i], thing[j]), to = std::min(thing[i], thing[j]);
       std::replace(thing.begin(), thing.begin() + static_cast<std::ptrdiff_t>(i) + 1, from, to);
     }
@@ -76,15 +82,12 @@ WarmThing summed_up(const std::vector<const Piece*>& pieces) {
   std::vector<const Piece*> telling;  // those that say what it is
   std::copy_if(pieces.begin(), pieces.end(), std::back_inserter(telling),
                [&](const Piece* piece) { return piece->region->candidate() == thing.victim; });
-  double telling_m2 = 0;
-  const Piece* best = telling.front();
+  const Piece* best = *std::max_element(telling.begin(), telling.end(), [](const Piece* a, const Piece* b) {
+    return a->region->area_m2 < b->region->area_m2;
+  });
+  thing.position_m = best->centre_m;
   for (const Piece* piece : telling) {
-    telling_m2 += piece->region->area_m2;
-    thing.position_m += piece->region->area_m2 * piece->centre_m;
-    if (piece->region->area_m2 > best->region->area_m2) best = piece;
-  }
-  thing.position_m /= telling_m2;
-  for (const Piece* piece : telling) {
+    thing.points_m.insert(thing.points_m.end(), piece->points_m.begin(), piece->points_m.end());
     for (const Eigen::Vector3d& p : piece->points_m)
       thing.extent_m = std::max(thing.extent_m, (p - thing.position_m).norm());
   }
@@ -102,7 +105,7 @@ WarmThing summed_up(const std::vector<const Piece*>& pieces) {
 
 std::vector<WarmThing> merge_regions(const std::vector<LocatedRegions>& views, const ThermalOptions& options) {
   const std::vector<Piece> pieces = pieces_of(views);
-  const std::vector<size_t> thing = things_of(pieces, options.same_place_m);
+  const std::vector<size_t> thing = things_of(pieces, options);
   std::map<size_t, std::vector<const Piece*>> together;
   for (size_t i = 0; i < pieces.size(); ++i) together[thing[i]].push_back(&pieces[i]);
   std::vector<WarmThing> things;

@@ -20,8 +20,9 @@ struct LocatedRegions {
 
 // A warm thing of the map.
 struct WarmThing {
-  Eigen::Vector3d position_m = Eigen::Vector3d::Zero();  // world, of the regions that say what it is
+  Eigen::Vector3d position_m = Eigen::Vector3d::Zero();  // world; of the largest region that says what it is
   double extent_m = 0;                                   // greatest distance of its points from there
+  std::vector<Eigen::Vector3d> points_m;                 // world; some points of the regions that say so
   bool victim = false;
   std::string reason;
   double temperature_c = 0, area_m2 = 0;  // of the largest of those regions

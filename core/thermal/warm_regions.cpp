@@ -9,13 +9,14 @@
 #include <limits>
 #include <opencv2/imgproc.hpp>
 
-#include "core/thermal/shape.h"
+#include "core/types/parallel.h"
 
 namespace fringeslam {
 
 namespace {
 
 constexpr int kLeastPixels = 12;  // of a region, below which nothing is said of it
+constexpr double kNothing = std::numeric_limits<double>::infinity();
 
 Eigen::Vector3d vector_of(const cv::Vec3f& v) { return Eigen::Vector3f(v[0], v[1], v[2]).cast<double>(); }
 
@@ -36,7 +37,7 @@ double surroundings(const cv::Mat1f& temperature_c, double q) {
 // Warm, and not merely blurred into by something hot beside it.
 cv::Mat1b warm_pixels(const RegisteredThermal& thermal, double surroundings_c, const ThermalOptions& options) {
   const auto least = static_cast<float>(surroundings_c + options.min_contrast_k);
-  const auto hot = static_cast<float>(options.hot_c);
+  const auto hot = static_cast<float>(options.hottest_c);
   cv::Mat1b warm(thermal.temperature_c.size(), uchar{0});
   for (int row = 0; row < warm.rows; ++row) {
     for (int col = 0; col < warm.cols; ++col) {
@@ -45,6 +46,27 @@ cv::Mat1b warm_pixels(const RegisteredThermal& thermal, double surroundings_c, c
     }
   }
   return warm;
+}
+
+// Whether the surface is hollow between two points: normals turn towards each other, by 1 / radius along the way.
+bool hollow(const Frame& frame, cv::Point a, cv::Point b, double radius_m) {
+  const Eigen::Vector3d apart = vector_of(frame.points_m(b)) - vector_of(frame.points_m(a));
+  const Eigen::Vector3d turned = vector_of(frame.normals(b)) - vector_of(frame.normals(a));
+  return apart.dot(turned) * radius_m < -apart.squaredNorm();
+}
+
+// Where two things touch: the surface has a hollow, along a row or a column, that is sharper than a face's or a hand's.
+void part_at_creases(const Frame& frame, double radius_m, cv::Mat1b& warm) {
+  constexpr int kReach = 3;  // px to both sides: normals are of a few pixels
+  cv::Mat1b creases(warm.size(), uchar{0});
+  for_each_row(warm.rows - 2 * kReach, [&](int r) {
+    for (int col = kReach, row = r + kReach; col < warm.cols - kReach; ++col) {
+      if (!warm(row, col)) continue;
+      creases(row, col) = hollow(frame, {col - kReach, row}, {col + kReach, row}, radius_m) ||
+                          hollow(frame, {col, row - kReach}, {col, row + kReach}, radius_m);
+    }
+  });
+  warm.setTo(0, creases);
 }
 
 // The pixels of one region, from a first one on: connected by pixels at most two apart that no step in depth parts.
@@ -89,7 +111,8 @@ __attribute__((format(printf, 1, 2))) std::string words(const char* pattern, ...
   return buffer;
 }
 
-void judge(WarmRegion& region, const PipeFit& pipe, const ThermalOptions& o) {
+void judge(WarmRegion& region, const ThermalOptions& o) {
+  const PipeFit& pipe = region.pipe;
   const double cm2 = 1e4 * region.area_m2;
   const std::string what = words("%.1f degrees over %.0f cm2", region.warmest_c, cm2);
   const auto say = [&](WarmKind kind, const std::string& why) {
@@ -115,6 +138,21 @@ void judge(WarmRegion& region, const PipeFit& pipe, const ThermalOptions& o) {
                               100 * region.planar_share, 100 * pipe.share));
 }
 
+double warmest_fifth(const cv::Mat1f& temperature_c, const std::vector<cv::Point>& pixels) {
+  std::vector<float> temperatures;
+  for (const cv::Point& pixel : pixels) temperatures.push_back(temperature_c(pixel));
+  return quantile(temperatures, 0.8);
+}
+
+// Without the rim, which is what the thermal camera's blur made warm of the things around.
+std::vector<cv::Point> core_of(const cv::Mat1f& temperature_c, std::vector<cv::Point> pixels, double surroundings_c,
+                               const ThermalOptions& options) {
+  const double contrast_k = warmest_fifth(temperature_c, pixels) - surroundings_c;
+  const auto least = static_cast<float>(surroundings_c + options.core_contrast * contrast_k);
+  std::erase_if(pixels, [&](const cv::Point& pixel) { return temperature_c(pixel) < least; });
+  return pixels;
+}
+
 WarmRegion described(const Frame& frame, const cv::Mat1f& temperature_c, const std::vector<cv::Point>& pixels,
                      const Pinhole& camera, const ThermalOptions& options) {
   constexpr size_t kKept = 64;
@@ -122,14 +160,14 @@ WarmRegion described(const Frame& frame, const cv::Mat1f& temperature_c, const s
   region.pixels = static_cast<int>(pixels.size());
   region.box = cv::boundingRect(pixels);
   const auto n = static_cast<double>(pixels.size());
-  std::vector<float> temperatures;
   std::vector<SurfacePoint> patch;
   double squares = 0;
+  region.max_c = -kNothing;
   for (const cv::Point& pixel : pixels) {
     const auto t = static_cast<double>(temperature_c(pixel));
-    temperatures.push_back(temperature_c(pixel));
     region.mean_c += t / n;
     squares += t * t / n;
+    region.max_c = std::max(region.max_c, t);
     region.area_m2 += area_m2(frame, pixel, camera);
     const Eigen::Vector3d point = vector_of(frame.points_m(pixel)), normal = vector_of(frame.normals(pixel));
     region.centre_m += point / n;
@@ -138,12 +176,10 @@ WarmRegion described(const Frame& frame, const cv::Mat1f& temperature_c, const s
   for (size_t i = 0; i < pixels.size(); i += std::max<size_t>(1, pixels.size() / kKept))
     region.points_m.push_back(vector_of(frame.points_m(pixels[i])));
   region.spread_c = std::sqrt(std::max(0.0, squares - region.mean_c * region.mean_c));
-  region.max_c = static_cast<double>(*std::max_element(temperatures.begin(), temperatures.end()));
-  region.warmest_c = quantile(temperatures, 0.8);
+  region.warmest_c = warmest_fifth(temperature_c, pixels);
   region.planar_share = planar_share(patch, options);
-  const PipeFit pipe = fit_pipe(patch, options);
-  region.pipe_share = pipe.share;
-  judge(region, pipe, options);
+  region.pipe = fit_pipe(patch, options);
+  judge(region, options);
   return region;
 }
 
@@ -174,7 +210,8 @@ WarmView find_warm_regions(const Frame& frame, const RegisteredThermal& thermal,
   WarmView view;
   view.surroundings_c = surroundings(thermal.temperature_c, options.surroundings_quantile);
   view.regions = cv::Mat1i(frame.points_m.size(), -1);
-  const cv::Mat1b warm = warm_pixels(thermal, view.surroundings_c, options);
+  cv::Mat1b warm = warm_pixels(thermal, view.surroundings_c, options);
+  part_at_creases(frame, options.crease_radius_m, warm);
   cv::Mat1i visited = view.regions.clone();
   int number = 0;
   for (int row = 0; row < warm.rows; ++row) {
@@ -182,8 +219,9 @@ WarmView find_warm_regions(const Frame& frame, const RegisteredThermal& thermal,
       if (!warm(row, col) || visited(row, col) >= 0) continue;
       const std::vector<cv::Point> pixels = grown(frame, warm, {col, row}, number++, options.step_m, visited);
       if (pixels.size() < kLeastPixels) continue;
-      for (const cv::Point& pixel : pixels) view.regions(pixel) = static_cast<int>(view.list.size());
-      view.list.push_back(described(frame, thermal.temperature_c, pixels, camera, options));
+      const std::vector<cv::Point> core = core_of(thermal.temperature_c, pixels, view.surroundings_c, options);
+      for (const cv::Point& pixel : core) view.regions(pixel) = static_cast<int>(view.list.size());
+      view.list.push_back(described(frame, thermal.temperature_c, core, camera, options));
     }
   }
   return view;

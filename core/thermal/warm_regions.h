@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Regions of a view that are warmer than what surrounds them, and which of them may be a victim's skin. A region is
-// connected in the image and in depth. Gates judge its temperature, its area and its shape; each region says in words
-// why it is a candidate or is not.
+// connected in the image and in depth; its rim, which the thermal camera's blur brings, is left out. Gates judge its
+// temperature, its area and its shape; each region says in words why it is a candidate or is not.
 #pragma once
 
 #include <Eigen/Core>
@@ -11,6 +11,7 @@
 
 #include "core/thermal/options.h"
 #include "core/thermal/registration.h"
+#include "core/thermal/shape.h"
 #include "core/types/landmark.h"
 
 namespace fringeslam {
@@ -25,7 +26,8 @@ struct WarmRegion {
   double area_m2 = 0;
   double mean_c = 0, warmest_c = 0, max_c = 0,
          spread_c = 0;  // warmest: the 80th percentile; spread: standard deviation
-  double planar_share = 0, pipe_share = 0;
+  double planar_share = 0;
+  PipeFit pipe;
   Eigen::Vector3d centre_m = Eigen::Vector3d::Zero();  // camera frame
   std::vector<Eigen::Vector3d> points_m;               // some of its points, evenly over it
   cv::Rect box;                                        // in the image

@@ -375,15 +375,27 @@ TEST(VictimScore, CountsWhatCouldBeFound) {
   ASSERT_EQ(visible.all().size(), 1u);
   EXPECT_NEAR(visible.all().at(7).area_m2, 0.01, 0.0006);  // a pixel's row and column
 
-  const auto score = [&](const std::vector<Eigen::Vector3d>& candidates) { return score_victims(visible, candidates); };
+  // Points of a square of 40 mm about a place.
+  const auto square = [](double x, double y, double z) {
+    VictimCandidate points;
+    for (int i = -2; i <= 2; ++i) {
+      for (int k = -2; k <= 2; ++k) points.emplace_back(x + 0.01 * i, y + 0.01 * k, z);
+    }
+    return points;
+  };
+  const auto score = [&](const std::vector<VictimCandidate>& candidates) { return score_victims(visible, candidates); };
   EXPECT_EQ(score({}).to_find, 1);
   EXPECT_EQ(score({}).found, 0);
   EXPECT_TRUE(std::isnan(score({}).precision()));
-  EXPECT_EQ(score({{0.02, 0.03, 1.02}}).found, 1);
-  const VictimScore two = score({{0, 0, 1}, {0.3, 0, 1}});
+  EXPECT_EQ(score({square(0.02, 0.02, 1.01)}).found, 1);
+  EXPECT_EQ(score({square(0.02, 0.02, 1.03)}).right, 0);
+  const VictimScore two = score({square(0, 0, 1), square(0.3, 0, 1)});
   EXPECT_EQ(two.found, 1);
   EXPECT_EQ(two.precision(), 0.5);
   EXPECT_EQ(two.wrong, std::vector<size_t>{1});
+  // A point of it is right, but marks too little.
+  EXPECT_EQ(score({{{0, 0, 1}}}).right, 1);
+  EXPECT_EQ(score({{{0, 0, 1}}}).found, 0);
 
   VictimScoreOptions larger;
   larger.least_area_m2 = 0.02;
