@@ -215,7 +215,7 @@ void Pipeline::find_warmth(FrameResult& result, const FringeStack& stack) {
   enter("thermal");
   const RegisteredThermal thermal = register_thermal(result.frame.points_m, stack.thermal_c, rig_, options_.thermal);
   result.frame.temperature_c = thermal.temperature_c;
-  result.warm = find_warm_regions(result.frame, thermal, rig_.camera, options_.thermal);
+  result.warm = find_warm_regions(result.frame, thermal, rig_, options_.thermal);
   note_temperatures(result.frame, result.warm, result.landmarks, options_.thermal);
   if (result.tracking != Tracking::lost && !result.warm.list.empty())
     warm_[track_.size() - 1] = {stack.index, {}, result.warm.list};

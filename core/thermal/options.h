@@ -12,7 +12,7 @@ struct ThermalOptions {
   double min_contrast_k = 2.5;
   double coldest_c = 24, hottest_c = 39.5;
   double halo_px = 3;
-  double core_contrast = 0.55;
+  double core_contrast = 0.55, rim_px = 2;
   double step_m = 0.006, crease_radius_m = 0.02;
   double min_area_m2 = 0.0012, max_area_m2 = 0.12;
   double plane_angle_deg = 8, plane_distance_m = 0.001, max_planar_share = 0.7;
@@ -32,6 +32,9 @@ struct ThermalOptions {
             "so many pixels of the thermal camera beside anything hotter than that nothing is judged");
     v.field("core_contrast", core_contrast, {0, 1},
             "of a region's contrast, what its core has: the rest is the blur of its rim");
+    v.field(
+        "rim_px", rim_px, {0, 50},
+        "farther from the core, in pixels of the thermal camera, what is less warm is another thing that touches it");
     v.field("step_m", step_m, {1e-4, 1}, "a step in depth, from a pixel to the next, that ends a region");
     v.field("crease_radius_m", crease_radius_m, {1e-4, 1}, "a hollow of a smaller radius ends a region");
     v.field("min_area_m2", min_area_m2, {0, 10}, "smallest region of skin");

@@ -6,6 +6,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <numbers>
 #include <optional>
 #include <utility>
@@ -97,6 +98,28 @@ void refine(Cylinder& cylinder, const Patch& patch) {
   cylinder.radius += step[4];
 }
 
+bool holds(const Cylinder& cylinder, const SurfacePoint& p, const ThermalOptions& options) {
+  constexpr double kLeastCosine = 0.94;  // 20 degrees between the normals
+  const Eigen::Vector3d across = cylinder.across(p.point_m);
+  const double distance = across.norm();
+  return std::abs(distance - cylinder.radius) < options.pipe_distance_m &&
+         across.dot(p.normal) > kLeastCosine * distance;
+}
+
+// The cylinder through two points with these normals, if it is thin enough.
+std::optional<Cylinder> cylinder_through(const SurfacePoint& a, const SurfacePoint& b, double max_radius_m) {
+  constexpr double kLeastTurn = 0.2;  // rad, below which the axis is a guess
+  const Eigen::Vector3d axis = a.normal.cross(b.normal);
+  if (axis.norm() < kLeastTurn) return std::nullopt;
+  Cylinder cylinder{a.point_m, axis.normalized(), 0};
+  // Both normals go back to the axis: across it, a - r n_a = b - r n_b.
+  const Eigen::Vector3d apart = cylinder.across(b.point_m), turned = b.normal - a.normal;
+  cylinder.radius = apart.dot(turned) / turned.squaredNorm();
+  cylinder.centre = a.point_m - cylinder.radius * a.normal;
+  if (!(cylinder.radius > 0) || cylinder.radius > max_radius_m) return std::nullopt;
+  return cylinder;
+}
+
 // From the 2nd to the 98th percentile.
 double extent(std::vector<double> values) {
   std::sort(values.begin(), values.end());
@@ -154,6 +177,43 @@ PipeFit fit_pipe(const Patch& patch, const ThermalOptions& options) {
   fit.length_m = extent(std::move(along));
   fit.width_m = extent(std::move(sideways));
   return fit;
+}
+
+std::vector<char> on_long_pipe(const Patch& patch, double least_share, const ThermalOptions& options) {
+  constexpr size_t kTried = 400, kLooked = 200, kLeast = 60;
+  constexpr double kLeastLength = 3;  // of its width
+  if (patch.size() < kLeast) return {};
+  // Pairs all over the patch, in an order that repeats; a few of the points tell how many a cylinder holds.
+  const size_t step = std::max<size_t>(1, patch.size() / kLooked);
+  std::optional<Cylinder> best;
+  size_t most = 0;
+  for (size_t k = 0; k < kTried; ++k) {
+    const SurfacePoint& a = patch[k * 7919 % patch.size()];
+    const SurfacePoint& b = patch[(k * 104729 + 53) % patch.size()];
+    const std::optional<Cylinder> tried = cylinder_through(a, b, options.max_pipe_radius_m);
+    if (!tried) continue;
+    size_t held = 0;
+    for (size_t i = 0; i < patch.size(); i += step) held += holds(*tried, patch[i], options);
+    if (held > most) most = held, best = tried;
+  }
+  if (!best) return {};
+  for (int round = 0; round < 3; ++round) {
+    Patch on;
+    std::copy_if(patch.begin(), patch.end(), std::back_inserter(on),
+                 [&](const SurfacePoint& p) { return holds(*best, p, options); });
+    if (on.size() < kLeast / 2) return {};
+    refine(*best, on);
+  }
+  std::vector<char> result;
+  std::vector<double> along;
+  for (const SurfacePoint& p : patch) {
+    result.push_back(holds(*best, p, options));
+    if (result.back()) along.push_back(best->along(p.point_m));
+  }
+  const bool much = static_cast<double>(along.size()) >= least_share * static_cast<double>(patch.size());
+  const bool thin = best->radius > 0 && best->radius < options.max_pipe_radius_m;
+  if (along.empty() || !much || !thin || extent(along) < kLeastLength * 2 * best->radius) return {};
+  return result;
 }
 
 }  // namespace fringeslam

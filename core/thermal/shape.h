@@ -28,4 +28,9 @@ struct PipeFit {
 // The cylinder of least squares, its axis started from the normals, which are all across it.
 PipeFit fit_pipe(const std::vector<SurfacePoint>& patch, const ThermalOptions& options);
 
+// Of a patch of which a pipe may be part: which of its points lie on the longest one that holds at least `least_share`
+// of them, and is at least three times as long as wide. Empty when there is none.
+std::vector<char> on_long_pipe(const std::vector<SurfacePoint>& patch, double least_share,
+                               const ThermalOptions& options);
+
 }  // namespace fringeslam

@@ -15,7 +15,7 @@ namespace fringeslam {
 
 namespace {
 
-constexpr int kLeastPixels = 12;  // of a region, below which nothing is said of it
+constexpr size_t kLeastPixels = 12;  // of a region, below which nothing is said of it
 constexpr double kNothing = std::numeric_limits<double>::infinity();
 
 Eigen::Vector3d vector_of(const cv::Vec3f& v) { return Eigen::Vector3f(v[0], v[1], v[2]).cast<double>(); }
@@ -138,13 +138,44 @@ void judge(WarmRegion& region, const ThermalOptions& o) {
                               100 * region.planar_share, 100 * pipe.share));
 }
 
+// Takes a pipe out of `pixels` when one is a good part of them, and returns it: what touches it is judged by itself.
+std::vector<cv::Point> taken_pipe(const Frame& frame, std::vector<cv::Point>& pixels, const ThermalOptions& options) {
+  constexpr double kLeastShare = 0.25;
+  std::vector<cv::Point> known;
+  std::vector<SurfacePoint> patch;
+  for (const cv::Point& pixel : pixels) {
+    const Eigen::Vector3d normal = vector_of(frame.normals(pixel));
+    if (!normal.allFinite()) continue;
+    known.push_back(pixel);
+    patch.push_back({vector_of(frame.points_m(pixel)), normal});
+  }
+  const std::vector<char> on_pipe = on_long_pipe(patch, kLeastShare, options);
+  if (on_pipe.empty()) return {};
+  std::vector<cv::Point> pipe, rest;
+  for (size_t i = 0; i < known.size(); ++i) (on_pipe[i] ? pipe : rest).push_back(known[i]);
+  pixels = std::move(rest);
+  return pipe;
+}
+
+// Pixels by what is connected.
+std::vector<std::vector<cv::Point>> together(const Frame& frame, const std::vector<cv::Point>& pixels, double step_m) {
+  cv::Mat1b among(frame.points_m.size(), uchar{0});
+  cv::Mat1i parts(among.size(), -1);
+  for (const cv::Point& pixel : pixels) among(pixel) = 1;
+  std::vector<std::vector<cv::Point>> result;
+  for (const cv::Point& pixel : pixels) {
+    if (parts(pixel) < 0) result.push_back(grown(frame, among, pixel, static_cast<int>(result.size()), step_m, parts));
+  }
+  return result;
+}
+
 double warmest_fifth(const cv::Mat1f& temperature_c, const std::vector<cv::Point>& pixels) {
   std::vector<float> temperatures;
   for (const cv::Point& pixel : pixels) temperatures.push_back(temperature_c(pixel));
   return quantile(temperatures, 0.8);
 }
 
-// Without the rim, which is what the thermal camera's blur made warm of the things around.
+// Without the rim, which is what the thermal camera's blur made warm of the things around, and without what is cooler.
 std::vector<cv::Point> core_of(const cv::Mat1f& temperature_c, std::vector<cv::Point> pixels, double surroundings_c,
                                const ThermalOptions& options) {
   const double contrast_k = warmest_fifth(temperature_c, pixels) - surroundings_c;
@@ -183,6 +214,56 @@ WarmRegion described(const Frame& frame, const cv::Mat1f& temperature_c, const s
   return region;
 }
 
+// What of `pixels` is so far from their core that it is no rim of it.
+std::vector<cv::Point> beyond_rim(const std::vector<cv::Point>& pixels, const std::vector<cv::Point>& core, int reach) {
+  const cv::Rect box = cv::boundingRect(pixels);
+  cv::Mat1b near(box.size(), uchar{0});
+  for (const cv::Point& pixel : core) near(pixel - box.tl()) = 1;
+  cv::dilate(near, near, cv::getStructuringElement(cv::MORPH_ELLIPSE, {2 * reach + 1, 2 * reach + 1}));
+  std::vector<cv::Point> left;
+  std::copy_if(pixels.begin(), pixels.end(), std::back_inserter(left),
+               [&](const cv::Point& pixel) { return near(pixel - box.tl()) == 0; });
+  return left;
+}
+
+// The things that connected warm pixels are of, each without its rim: the warmest first, a pipe by itself, then what is
+// cooler and touches them.
+class Separation {
+ public:
+  Separation(const Frame& frame, const RegisteredThermal& thermal, double surroundings_c, const RigModel& rig,
+             const ThermalOptions& options)
+      : frame_(frame),
+        temperature_c_(thermal.temperature_c),
+        surroundings_c_(surroundings_c),
+        options_(options),
+        rim_(static_cast<int>(std::ceil(options.rim_px * rig.camera.fx / rig.thermal->lens.fx))) {}
+
+  std::vector<std::vector<cv::Point>> of(std::vector<cv::Point> pixels) const {
+    std::vector<std::vector<cv::Point>> things, waiting = {std::move(pixels)};
+    const auto add = [&](std::vector<cv::Point> thing) {
+      if (thing.size() >= kLeastPixels) things.push_back(std::move(thing));
+    };
+    while (!waiting.empty()) {
+      const std::vector<cv::Point> next = std::move(waiting.back());
+      waiting.pop_back();
+      if (next.size() < kLeastPixels) continue;
+      std::vector<cv::Point> core = core_of(temperature_c_, next, surroundings_c_, options_);
+      for (auto& part : together(frame_, beyond_rim(next, core, rim_), options_.step_m))
+        waiting.push_back(std::move(part));
+      add(taken_pipe(frame_, core, options_));
+      for (auto& part : together(frame_, core, options_.step_m)) add(std::move(part));
+    }
+    return things;
+  }
+
+ private:
+  const Frame& frame_;
+  const cv::Mat1f& temperature_c_;
+  double surroundings_c_;
+  const ThermalOptions& options_;
+  int rim_;
+};
+
 }  // namespace
 
 std::string to_string(WarmKind kind) {
@@ -205,23 +286,23 @@ std::string to_string(WarmKind kind) {
   return "unknown";
 }
 
-WarmView find_warm_regions(const Frame& frame, const RegisteredThermal& thermal, const Pinhole& camera,
+WarmView find_warm_regions(const Frame& frame, const RegisteredThermal& thermal, const RigModel& rig,
                            const ThermalOptions& options) {
   WarmView view;
   view.surroundings_c = surroundings(thermal.temperature_c, options.surroundings_quantile);
   view.regions = cv::Mat1i(frame.points_m.size(), -1);
   cv::Mat1b warm = warm_pixels(thermal, view.surroundings_c, options);
   part_at_creases(frame, options.crease_radius_m, warm);
+  const Separation separation(frame, thermal, view.surroundings_c, rig, options);
   cv::Mat1i visited = view.regions.clone();
   int number = 0;
   for (int row = 0; row < warm.rows; ++row) {
     for (int col = 0; col < warm.cols; ++col) {
       if (!warm(row, col) || visited(row, col) >= 0) continue;
-      const std::vector<cv::Point> pixels = grown(frame, warm, {col, row}, number++, options.step_m, visited);
-      if (pixels.size() < kLeastPixels) continue;
-      const std::vector<cv::Point> core = core_of(thermal.temperature_c, pixels, view.surroundings_c, options);
-      for (const cv::Point& pixel : core) view.regions(pixel) = static_cast<int>(view.list.size());
-      view.list.push_back(described(frame, thermal.temperature_c, core, camera, options));
+      for (const auto& pixels : separation.of(grown(frame, warm, {col, row}, number++, options.step_m, visited))) {
+        for (const cv::Point& pixel : pixels) view.regions(pixel) = static_cast<int>(view.list.size());
+        view.list.push_back(described(frame, thermal.temperature_c, pixels, rig.camera, options));
+      }
     }
   }
   return view;

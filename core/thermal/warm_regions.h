@@ -41,7 +41,7 @@ struct WarmView {
 };
 
 // Of regions of fewer than a dozen pixels nothing is said.
-WarmView find_warm_regions(const Frame& frame, const RegisteredThermal& thermal, const Pinhole& camera,
+WarmView find_warm_regions(const Frame& frame, const RegisteredThermal& thermal, const RigModel& rig,
                            const ThermalOptions& options);
 
 // What each landmark's temperature is, and the warm regions on it.

@@ -94,7 +94,7 @@ struct World {
   }
   WarmView warm(const RigModel& rig, const ThermalOptions& options = {}) const {
     const Frame frame = frame_of(all(), rig);
-    return find_warm_regions(frame, register_thermal(frame.points_m, thermal(rig), rig, options), rig.camera, options);
+    return find_warm_regions(frame, register_thermal(frame.points_m, thermal(rig), rig, options), rig, options);
   }
 };
 
@@ -189,7 +189,7 @@ TEST(WarmRegions, TheRimOfAHotThingIsNoCandidate) {
       blurred(row, col) = static_cast<float>(cv::mean(copy(cv::Rect(col - 1, row - 1, 3, 3)))[0]);
   }
   const Frame frame = frame_of(world.all(), rig);
-  const WarmView view = find_warm_regions(frame, register_thermal(frame.points_m, blurred, rig, {}), rig.camera, {});
+  const WarmView view = find_warm_regions(frame, register_thermal(frame.points_m, blurred, rig, {}), rig, {});
   ASSERT_FALSE(view.list.empty());
   for (const WarmRegion& region : view.list) EXPECT_FALSE(region.candidate()) << region.reason;
 }
@@ -273,6 +273,22 @@ TEST(Shape, PlanesHoldABoxAndNoCylinder) {
   // Two planes of 8 degrees to either side, of 144 degrees.
   EXPECT_NEAR(planar_share(pipe_patch(0.01, 0.4), options), 32.0 / 144, 0.06);
   EXPECT_EQ(planar_share({}, options), 0);
+}
+
+// A pipe that lies on a plate, and an arm, of which no long part is a cylinder.
+TEST(Shape, FindsThePipeInWhatItTouches) {
+  std::vector<SurfacePoint> patch = pipe_patch(0.015, 0.4);
+  const size_t pipe = patch.size();
+  const auto plate = patch_of([](double u, double v) {
+    return SurfacePoint{{0.1 + 0.1 * u, 0.25 + 0.1 * v, 1.02}, {0, 0, -1}};
+  });
+  patch.insert(patch.end(), plate.begin(), plate.end());
+  const std::vector<char> on_pipe = on_long_pipe(patch, 0.25, {});
+  ASSERT_EQ(on_pipe.size(), patch.size());
+  EXPECT_GT(std::count(on_pipe.begin(), on_pipe.begin() + pipe, 1), 0.99 * pipe);
+  EXPECT_LT(std::count(on_pipe.begin() + pipe, on_pipe.end(), 1), 0.02 * pipe);
+  EXPECT_TRUE(on_long_pipe(plate, 0.25, {}).empty());
+  EXPECT_TRUE(on_long_pipe(pipe_patch(0.033, 0.4, 0.4), 0.25, {}).empty());
 }
 
 WarmRegion region_at(const Eigen::Vector3d& centre_m, WarmKind kind, double area_m2) {
