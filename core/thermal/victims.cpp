@@ -18,12 +18,12 @@ struct Piece {
   std::vector<Eigen::Vector3d> points_m;
 };
 
-std::vector<Piece> pieces_of(const std::vector<LocatedRegions>& views) {
+std::vector<Piece> pieces_of(const std::vector<LocatedRegions>& views, double min_area_m2) {
   std::vector<Piece> pieces;
   for (const LocatedRegions& view : views) {
     for (size_t i = 0; i < view.regions.size(); ++i) {
       const WarmRegion& region = view.regions[i];
-      if (region.kind == WarmKind::too_small || region.kind == WarmKind::too_cold) continue;
+      if (region.area_m2 < min_area_m2 || region.kind == WarmKind::too_cold) continue;
       Piece piece{view.view, static_cast<int>(i), &region, view.world_from_camera * region.centre_m, {}};
       for (const Eigen::Vector3d& p : region.points_m) piece.points_m.push_back(view.world_from_camera * p);
       pieces.push_back(std::move(piece));
@@ -104,7 +104,7 @@ WarmThing summed_up(const std::vector<const Piece*>& pieces) {
 }  // namespace
 
 std::vector<WarmThing> merge_regions(const std::vector<LocatedRegions>& views, const ThermalOptions& options) {
-  const std::vector<Piece> pieces = pieces_of(views);
+  const std::vector<Piece> pieces = pieces_of(views, options.min_area_m2);
   const std::vector<size_t> thing = things_of(pieces, options);
   std::map<size_t, std::vector<const Piece*>> together;
   for (size_t i = 0; i < pieces.size(); ++i) together[thing[i]].push_back(&pieces[i]);

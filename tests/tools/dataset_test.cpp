@@ -168,7 +168,7 @@ class ThermalRecording : public testing::TestWithParam<bool> {
  protected:
   void SetUp() override {
     RigModel rig = test::tiny_rig();
-    rig.thermal = ThermalCamera{{16, 12, 20, 20, 7.5, 5.5, {}}};
+    rig.thermal.emplace().lens = {16, 12, 20, 20, 7.5, 5.5, {}};
     cv::RNG random(5);
     for (FringeStack& stack : stacks_) {
       stack.thermal_c.create(12, 16);
