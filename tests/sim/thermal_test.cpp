@@ -5,8 +5,12 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <filesystem>
 #include <functional>
+#include <optional>
 
+#include "core/pipeline/pipeline.h"
+#include "core/rig/rig_file.h"
 #include "core/types/centikelvin.h"
 #include "sim/light/infrared.h"
 #include "sim/virtual_rig.h"
@@ -225,6 +229,44 @@ TEST(Thermal, TruthKnowsWhatTheThermalCameraSees) {
   EXPECT_EQ(seen(0, 0.5), kTruthThermal | kTruthVictim);
   EXPECT_EQ(seen(0.13, 1), 0);
   EXPECT_EQ(seen(-0.13, 1), kTruthThermal);
+}
+
+// A floor with a ball as warm as skin, a warm box, and a ball that is too hot, from two places, through the whole
+// pipeline.
+TEST(Thermal, ThePipelineFindsWhatMayBeAVictim) {
+  Scene scene;
+  scene.rig = read_rig(std::filesystem::path(FRINGESLAM_SOURCE_DIR) / "scenes/rigs/rescue.yaml");
+  scene.rig.robot_from_camera = Pose{};
+  scene.patterns = phase_shift_sequence(1024, 768, {1040, 131, 16.5}, 3, Axis::columns, 8);
+  const auto add = [&](Mesh mesh, const Eigen::Vector3d& at_mm, std::optional<double> temperature_c) {
+    scene.objects.push_back(grey_object(std::move(mesh), pose_from({at_mm, {0, 0, 0}})));
+    scene.objects.back().material.temperature_c = temperature_c;
+    scene.objects.back().material.grain = Grain::stone;
+  };
+  scene.surroundings_c = 12;
+  add(plane_mesh(3, 3), {0, 0, 1100}, std::nullopt);
+  add(sphere_mesh(0.06, 4), {-150, 50, 1040}, 33);
+  add(box_mesh({0.15, 0.12, 0.08}), {120, -60, 1060}, 35);
+  add(sphere_mesh(0.05, 4), {100, 150, 1050}, 80);
+  scene.objects[1].material.victim = true;
+  scene.trajectory = {TimedPose{0, Pose{}}, TimedPose{1, pose_from({{40, 20, 0}, {0, 0, 2}})}};
+  std::vector<TruthFrame> truth;
+  VirtualRig rig(scene, {}, [&](const TruthFrame& frame) { truth.push_back(frame); });
+  Pipeline pipeline(rig.model(), scene.patterns, {}, Pose{});
+  while (const auto stack = rig.capture(scene.patterns)) {
+    const FrameResult view = pipeline.process(*stack);
+    ASSERT_EQ(view.frame.temperature_c.size(), view.frame.points_m.size());
+    EXPECT_NEAR(view.warm.surroundings_c, 12, 0.1);
+    ASSERT_NE(view.tracking, Tracking::lost);
+  }
+  std::vector<WarmThing> victims = pipeline.warm_things();
+  EXPECT_EQ(victims.size(), 3u);
+  std::erase_if(victims, [](const WarmThing& thing) { return !thing.victim; });
+  ASSERT_EQ(victims.size(), 1u);
+  // The middle of the cap that is seen lies on the ball's upper half.
+  EXPECT_LT((victims[0].position_m - Eigen::Vector3d(-0.15, 0.05, 1.04)).norm(), 0.06);
+  EXPECT_EQ(victims[0].views, 2);
+  EXPECT_NEAR(victims[0].temperature_c, 33 * 0.95 + 12 * 0.05, 0.7);  // near enough: emissivity 0.95
 }
 
 }  // namespace
