@@ -63,7 +63,7 @@ Searched search_for_victims(uint64_t seed, double extinction_per_m) {
   std::optional<Pose> last;
   while (const auto stack = rig.capture(scene.patterns)) {
     const FrameResult view = pipeline.process(*stack);
-    visible.add(truth.back(), scene.rig.camera);
+    visible.add(truth.back(), scene.rig.camera, truth.back().world_from_robot * scene.rig.robot_from_camera);
     regions.push_back(view.warm.regions);
     result.valid = std::min(result.valid, valid_share(view, truth.back()));
     ++result.views;

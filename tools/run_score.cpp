@@ -109,7 +109,7 @@ RunScore score_run(const fs::path& folder, const TrajectoryOptions& options) {
     const int index = static_cast<int>(j);
     View current = read_view(folder, index);
     score.frames.push_back({index, score_depth(current.estimate, current.truth, period)});
-    if (rig.thermal) visible.add(current.truth, rig.camera);
+    if (rig.thermal) visible.add(current.truth, rig.camera, truth[j].world_from_robot * rig.robot_from_camera);
     if (k > 0) {
       const auto [last_i, last_j] = pairs[k - 1];
       const Pose true_motion = truth[last_j].world_from_robot.inverse() * truth[j].world_from_robot;

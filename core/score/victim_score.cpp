@@ -23,7 +23,7 @@ double share(int part, int whole) {
 
 }  // namespace
 
-void VisibleVictims::add(const TruthFrame& truth, const Pinhole& camera) {
+void VisibleVictims::add(const TruthFrame& truth, const Pinhole& camera, const Pose& world_from_camera) {
   constexpr double kLeastCosine = 0.26;  // surfaces that are seen at more than 75 degrees do not count
   constexpr int kEvery = 3;
   std::map<int, double> areas_m2;
@@ -36,8 +36,7 @@ void VisibleVictims::add(const TruthFrame& truth, const Pinhole& camera) {
       const auto z = static_cast<double>(truth.depth_m(row, col));
       const auto object = static_cast<int>(truth.object_id(row, col));
       areas_m2[object] += z * z / (camera.fx * camera.fy * towards);
-      if (row % kEvery == 0 && col % kEvery == 0)
-        victims_[object].points_m.push_back(vector_of(truth.position_m(row, col)));
+      if (row % kEvery == 0 && col % kEvery == 0) victims_[object].points_m.push_back(world_from_camera * (z * ray));
     }
   }
   for (const auto& [object, area_m2] : areas_m2) {

@@ -21,7 +21,7 @@ struct VictimScoreOptions {
 // What the views truly show of each victim, by its object's number.
 class VisibleVictims {
  public:
-  void add(const TruthFrame& truth, const Pinhole& camera);
+  void add(const TruthFrame& truth, const Pinhole& camera, const Pose& world_from_camera);
 
   struct Victim {
     double area_m2 = 0;                     // of the view that shows most of it

@@ -379,13 +379,10 @@ TEST(Landmarks, HaveTheTemperatureOfTheirPixels) {
 TruthFrame truth_with_victim(const RigModel& rig) {
   TruthFrame truth = support::truth_of(support::plane({0, 0, -1}, -1), rig, {});
   truth.object_id.create(truth.mask.size());
-  truth.position_m.create(truth.mask.size());
   for (int row = 0; row < truth.mask.rows; ++row) {
     for (int col = 0; col < truth.mask.cols; ++col) {
       const Eigen::Vector2d slope = rig.camera.undistort({col, row});
-      cv::Vec3f& p = truth.position_m(row, col);
-      p = cv::Vec3d(slope.x(), slope.y(), 1);
-      const bool here = std::abs(p[0]) < 0.05f && std::abs(p[1]) < 0.05f;
+      const bool here = std::abs(slope.x()) < 0.05 && std::abs(slope.y()) < 0.05;
       truth.object_id(row, col) = here ? 7 : 1;
       truth.mask(row, col) = kTruthSurface | kTruthInBeam | kTruthThermal | (here ? kTruthVictim : 0);
     }
@@ -397,7 +394,7 @@ TEST(VictimScore, CountsWhatCouldBeFound) {
   const RigModel rig = support::small_rig(false);
   TruthFrame truth = truth_with_victim(rig);
   VisibleVictims visible;
-  visible.add(truth, rig.camera);
+  visible.add(truth, rig.camera, {});
   ASSERT_EQ(visible.all().size(), 1u);
   EXPECT_NEAR(visible.all().at(7).area_m2, 0.01, 0.0006);  // a pixel's row and column
 
@@ -431,7 +428,7 @@ TEST(VictimScore, CountsWhatCouldBeFound) {
     TruthFrame dark = truth_with_victim(rig);
     for (float& mask : dark.mask) mask = static_cast<float>(static_cast<int>(mask) & ~lacking);
     VisibleVictims none;
-    none.add(dark, rig.camera);
+    none.add(dark, rig.camera, {});
     EXPECT_TRUE(none.all().empty());
   }
 }
