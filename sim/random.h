@@ -24,7 +24,8 @@ enum class Stream : uint32_t {
   fixed_pattern = 6,
   air = 7,
   draws = 8,
-  settling = 9
+  settling = 9,
+  thermal_noise = 10
 };
 
 class Philox {

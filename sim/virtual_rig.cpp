@@ -7,6 +7,7 @@
 #include "core/rig/dataset.h"
 #include "core/rig/files.h"
 #include "sim/light/beam.h"
+#include "sim/light/thermal.h"
 
 namespace fringeslam::sim {
 
@@ -130,8 +131,13 @@ std::optional<FringeStack> VirtualRig::capture(const PatternSequence& sequence) 
         images[i], exposure_s, {options_.noise, options_.quantise, scene_.seed, stack.index, static_cast<int>(i)}));
     stack.exposure_s.push_back(exposure_s);
   }
+  if (scene_.rig.thermal)
+    stack.thermal_c = thermal_image(scene_, renderer_.world(), renderer_.surfaces(), options_.effects,
+                                    pose.world_from_robot * scene_.rig.robot_from_camera, stack.index,
+                                    {options_.noise, options_.quantise});
   if (truth_) {
     label(truth, stack.index, pose);
+    note_thermal(truth);
     truth.fringe_orders = fringe_orders(sequence, truth);
     truth_(truth);
   }
@@ -148,7 +154,13 @@ TruthFrame VirtualRig::truth_of(size_t pose) const {
   renderer_.render(ShownPatterns(nothing, scene_.rig, {}), {at.world_from_robot * scene_.rig.robot_from_camera}, stack,
                    &truth);
   label(truth, stack, at);
+  note_thermal(truth);
   return truth;
+}
+
+void VirtualRig::note_thermal(TruthFrame& truth) const {
+  if (!scene_.rig.thermal) return;
+  mark_thermally_seen(truth, scene_, renderer_.world(), truth.world_from_robot * scene_.rig.robot_from_camera);
 }
 
 cv::Mat VirtualRig::look(const cv::Mat1b& screen, size_t pose, double exposure_s, int number) {

@@ -54,6 +54,7 @@ class VirtualRig : public Rig {
   // Poses of the camera while image `image` of `images` is exposed.
   std::vector<Pose> camera_poses(const TimedPose& pose, int image, int images) const;
   std::vector<cv::Mat1f> light(const PatternSequence& sequence, const TimedPose& pose, TruthFrame* truth);
+  void note_thermal(TruthFrame& truth) const;
   bool moving() const { return options_.effects.motion && !scene_.motion.still(); }
 
   const Scene& scene_;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/landmark_files.h"
 
+#include <cmath>
 #include <cstdio>
 #include <map>
 
@@ -26,6 +27,63 @@ std::string keypoint_table(const Landmarks& landmarks) {
   return text;
 }
 
+namespace {
+
+// To 0.001 of the unit: what is below says nothing.
+double rounded(double value) { return std::round(1e3 * value) / 1e3; }
+
+nlohmann::ordered_json to_json(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
+
+nlohmann::ordered_json to_json(const WarmRegion& region) {
+  return {{"kind", to_string(region.kind)},
+          {"candidate", region.candidate()},
+          {"reason", region.reason},
+          {"warmest_c", rounded(region.warmest_c)},
+          {"mean_c", rounded(region.mean_c)},
+          {"max_c", rounded(region.max_c)},
+          {"spread_c", rounded(region.spread_c)},
+          {"area_cm2", rounded(1e4 * region.area_m2)},
+          {"planar_share", rounded(region.planar_share)},
+          {"pipe_share", rounded(region.pipe.share)},
+          {"pixels", region.pixels},
+          {"centre_m", to_json(region.centre_m)},
+          {"box_px", {region.box.x, region.box.y, region.box.width, region.box.height}}};
+}
+
+nlohmann::ordered_json to_json(const LandmarkTemperature& temperature, const WarmView& warm) {
+  bool candidate = false;
+  for (const int region : temperature.regions) candidate |= warm.list[static_cast<size_t>(region)].candidate();
+  return {{"mean_c", rounded(temperature.mean_c)},
+          {"max_c", rounded(temperature.max_c)},
+          {"p95_c", rounded(temperature.p95_c)},
+          {"spread_c", rounded(temperature.spread_c)},
+          {"warm_share", rounded(temperature.warm_share)},
+          {"warm_regions", temperature.regions},
+          {"victim_candidate", candidate}};
+}
+
+}  // namespace
+
+nlohmann::ordered_json to_json(const std::vector<WarmThing>& things) {
+  nlohmann::ordered_json list = nlohmann::ordered_json::array();
+  for (const WarmThing& thing : things) {
+    list.push_back({{"victim", thing.victim},
+                    {"reason", thing.reason},
+                    {"position_m", to_json(thing.position_m)},
+                    {"extent_m", rounded(thing.extent_m)},
+                    {"warmest_c", rounded(thing.temperature_c)},
+                    {"area_cm2", rounded(1e4 * thing.area_m2)},
+                    {"skin_share", rounded(thing.skin_share)},
+                    {"views", thing.views},
+                    {"skin_views", thing.skin_views},
+                    {"best_view", thing.best_view},
+                    {"best_region", thing.best_region}});
+    auto& points = list.back()["points_m"] = nlohmann::ordered_json::array();
+    for (const Eigen::Vector3d& p : thing.points_m) points.push_back({rounded(p.x()), rounded(p.y()), rounded(p.z())});
+  }
+  return list;
+}
+
 nlohmann::ordered_json landmarks_json(int index, const FrameResult& view) {
   const Landmarks& found = view.landmarks;
   std::map<int, const Recognition*> recognitions;
@@ -47,16 +105,22 @@ nlohmann::ordered_json landmarks_json(int index, const FrameResult& view) {
       entry["recognised"] = {{"keyframe", r->second->earlier_frame},
                              {"landmark", r->second->earlier_landmark},
                              {"matches", r->second->matches.size()}};
+    if (landmark.temperature.pixels > 0) entry["temperature"] = to_json(landmark.temperature, view.warm);
     list.push_back(std::move(entry));
   }
-  return {{"index", index},
-          {"texture_keypoints", found.keypoints.keypoints.size()},
-          {"depth_keypoints", found.depth_keypoints.size()},
-          {"background_keypoints", found.background_keypoints},
-          {"dilations", view.landmark_stages.conditioned.dilations},
-          {"clusters_without_hull", found.without_hull},
-          {"indistinct", found.indistinct},
-          {"landmarks", list}};
+  nlohmann::ordered_json json = {{"index", index},
+                                 {"texture_keypoints", found.keypoints.keypoints.size()},
+                                 {"depth_keypoints", found.depth_keypoints.size()},
+                                 {"background_keypoints", found.background_keypoints},
+                                 {"dilations", view.landmark_stages.conditioned.dilations},
+                                 {"clusters_without_hull", found.without_hull},
+                                 {"indistinct", found.indistinct},
+                                 {"landmarks", list}};
+  if (view.frame.temperature_c.empty()) return json;
+  json["surroundings_c"] = rounded(view.warm.surroundings_c);
+  json["warm_regions"] = nlohmann::ordered_json::array();
+  for (const WarmRegion& region : view.warm.list) json["warm_regions"].push_back(to_json(region));
+  return json;
 }
 
 }  // namespace fringeslam::tools

@@ -15,4 +15,7 @@ std::string keypoint_table(const Landmarks& landmarks);
 // A view's landmarks and which of them were recognised.
 nlohmann::ordered_json landmarks_json(int index, const FrameResult& view);
 
+// Warm things of the map, victims among them, in the map's world.
+nlohmann::ordered_json to_json(const std::vector<WarmThing>& things);
+
 }  // namespace fringeslam::tools

@@ -126,6 +126,7 @@ int run(const Arguments& arguments, const Common& common) {
   if (live) live->feed().finish();
   const std::vector<CloudPoint> cloud = pipeline.map().cloud(settings.pipeline.cloud).points();
   record.finish(pipeline.trajectory(), cloud, pipeline.surface().mesh());
+  if (rig->model().thermal) record.add_warm_things(pipeline.warm_things());
   if (arguments.save_map) write_text(folder.path() / kMapFile, to_bytes(pipeline.map()));
 
   std::optional<RunScore> score;

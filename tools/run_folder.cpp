@@ -93,6 +93,11 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const K
   const cv::Mat3b phase = false_colour(result.decoded.wrapped_phase, -std::numbers::pi, std::numbers::pi);
   write_png(folder / "phase.png", phase);
 
+  if (!frame.temperature_c.empty()) {
+    write_exr(folder / "temperature.exr", {{"Y", frame.temperature_c}});
+    write_png(folder / "temperature.png", warm_picture(result));
+  }
+
   const bool tracked = result.tracking != Tracking::lost;
   const MotionEstimate& motion = result.registration.motion;
   const IcpResult& icp = result.registration.icp;
@@ -145,6 +150,10 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const K
 
 void RunFolder::add_mesh(const Mesh& mesh, int index) const {
   write_text(frame_folder(index) / "mesh.ply", to_ply(mesh));
+}
+
+void RunFolder::add_warm_things(const std::vector<WarmThing>& things) const {
+  write_text(folder_ / "victims.json", to_json(things).dump(1) + "\n");
 }
 
 void RunFolder::finish(const Trajectory& trajectory, const std::vector<CloudPoint>& cloud, const SurfaceMesh& mesh) {

@@ -20,6 +20,9 @@ class RunFolder {
   // The pictures and depth of one view, and one entry of frames.json.
   void add(const FringeStack& stack, const FrameResult& result, const KeyframeMap& map);
 
+  // victims.json: the warm things that a thermal camera found (tools/landmark_files.h).
+  void add_warm_things(const std::vector<WarmThing>& things) const;
+
   // mesh.ply of a view that was added.
   void add_mesh(const Mesh& mesh, int index) const;
 

@@ -10,6 +10,7 @@
 #include "core/depth/depth.h"
 #include "core/patterns/patterns.h"
 #include "core/rig/dataset.h"
+#include "core/rig/files.h"
 #include "core/rig/rig_file.h"
 #include "core/rig/yaml.h"
 #include "core/score/truth_files.h"
@@ -62,6 +63,23 @@ View read_view(const fs::path& folder, int index) {
           read_truth_frame(folder / "truth" / (stack_name(index) + ".exr"))};
 }
 
+// The victims that the run found, in the map's world.
+std::vector<VictimCandidate> read_victims(const fs::path& file) {
+  const auto json = nlohmann::json::parse(read_bytes(file), nullptr, false);
+  std::vector<VictimCandidate> victims;
+  try {
+    for (const auto& thing : json) {
+      if (!thing.at("victim").get<bool>()) continue;
+      VictimCandidate& points_m = victims.emplace_back();
+      for (const auto& p : thing.at("points_m"))
+        points_m.emplace_back(p.at(0).get<double>(), p.at(1).get<double>(), p.at(2).get<double>());
+    }
+  } catch (const nlohmann::json::exception&) {
+    throw Error(file.string() + ":1: is not as a run writes it");
+  }
+  return victims;
+}
+
 double finest_period(const PatternSequence& sequence) {
   double finest = sequence.patterns.front().period_px;
   for (const Pattern& pattern : sequence.patterns) finest = std::min(finest, pattern.period_px);
@@ -85,11 +103,13 @@ RunScore score_run(const fs::path& folder, const TrajectoryOptions& options) {
   score.tracked = static_cast<int>(pairs.size());
 
   View previous;
+  VisibleVictims visible;
   for (size_t k = 0; k < pairs.size(); ++k) {
     const auto [i, j] = pairs[k];
     const int index = static_cast<int>(j);
     View current = read_view(folder, index);
     score.frames.push_back({index, score_depth(current.estimate, current.truth, period)});
+    if (rig.thermal) visible.add(current.truth, rig.camera, truth[j].world_from_robot * rig.robot_from_camera);
     if (k > 0) {
       const auto [last_i, last_j] = pairs[k - 1];
       const Pose true_motion = truth[last_j].world_from_robot.inverse() * truth[j].world_from_robot;
@@ -103,6 +123,15 @@ RunScore score_run(const fs::path& folder, const TrajectoryOptions& options) {
                              error_over_bound(camera_motion, true_camera_motion, information)});
     }
     previous = std::move(current);
+  }
+  if (rig.thermal && !pairs.empty()) {
+    const auto [i, j] = pairs.front();
+    const Pose truth_from_map = truth[j].world_from_robot * estimate[i].world_from_robot.inverse();
+    std::vector<VictimCandidate> candidates = read_victims(folder / "victims.json");
+    for (VictimCandidate& candidate : candidates) {
+      for (Eigen::Vector3d& point_m : candidate) point_m = truth_from_map * point_m;
+    }
+    score.victims = score_victims(visible, candidates);
   }
   if (pairs.size() >= 2) score.trajectory = score_trajectory(estimate, truth, options);
   return score;
@@ -153,6 +182,10 @@ nlohmann::ordered_json to_json(const RunScore& score) {
                               {"spurious", frame.depth.spurious}});
   }
   json["trajectory"] = to_json(score.trajectory);
+  if (score.victims)
+    json["victims"] = {{"to_find", score.victims->to_find}, {"found", score.victims->found},
+                       {"recall", score.victims->recall()}, {"candidates", score.victims->candidates},
+                       {"right", score.victims->right},     {"precision", score.victims->precision()}};
   return json;
 }
 
@@ -201,6 +234,9 @@ std::string to_table(const RunScore& score) {
     text += format("  view %-11d %9.4f %9.4f %9.4f %9.2f %13.1e\n", frame.index, d.median_m * 1e3, d.rms_m * 1e3,
                    d.p99_m * 1e3, d.valid_fraction * 100, d.wrong_order);
   }
+  if (score.victims)
+    text += format("\nvictims: %d of %d found; %d of %d candidates right\n", score.victims->found,
+                   score.victims->to_find, score.victims->right, score.victims->candidates);
   if (score.pairs.empty()) return text + "\nno motion was estimated\n";
   return text + "\n" + to_table(score.trajectory);
 }

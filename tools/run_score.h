@@ -4,10 +4,12 @@
 
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "core/score/score.h"
+#include "core/score/victim_score.h"
 
 namespace fringeslam::tools {
 
@@ -29,9 +31,11 @@ struct RunScore {
   std::vector<FrameScore> frames;
   std::vector<PairScore> pairs;
   TrajectoryScore trajectory;
+  std::optional<VictimScore> victims;  // of a rig with a thermal camera
 };
 
-// `folder` holds config.yaml, rig.yaml, patterns.yaml, frames/, trajectory.tum and truth/.
+// `folder` holds config.yaml, rig.yaml, patterns.yaml, frames/, trajectory.tum, truth/ and, of a rig with a thermal
+// camera, victims.json.
 RunScore score_run(const std::filesystem::path& folder, const TrajectoryOptions& options = {});
 
 nlohmann::ordered_json to_json(const RunScore& score);

@@ -93,12 +93,14 @@ FrameResult Pipeline::process(SeenStack seen) {
     if (!followed && (by_prediction || !locate(result))) {
       lost_ = wants_all_ = true;
       prediction_failed_ |= by_prediction;
+      find_warmth(result, stack);
       return result;
     }
     track_.push_back({stack.timestamp_s, result.reference, result.registration.earlier_from_current});
     result.found_again = std::exchange(lost_, false);
     extend_map(result);
   }
+  find_warmth(result, stack);
   enter("other");
   // METHOD S21: world_from_robot(i+1) = world_from_robot(i) robot_from_camera motion camera_from_robot
   const Pose world_from_current = world_from_camera(track_.back());
@@ -223,6 +225,27 @@ void Pipeline::find_landmarks(FrameResult& result) const {
   result.landmarks = identify_landmarks(result.frame, result.keypoints, rig_, options_.keypoints, options_.conditioning,
                                         options_.clusters, options_.landmarks, &result.landmark_stages);
   result.recognitions = database_.recognise(result.landmarks);
+}
+
+// Of a view without a pose it is told what is warm, but not where.
+void Pipeline::find_warmth(FrameResult& result, const FringeStack& stack) {
+  if (stack.thermal_c.empty()) return;
+  enter("thermal");
+  const RegisteredThermal thermal = register_thermal(result.frame.points_m, stack.thermal_c, rig_, options_.thermal);
+  result.frame.temperature_c = thermal.temperature_c;
+  result.warm = find_warm_regions(result.frame, thermal, rig_, options_.thermal);
+  note_temperatures(result.frame, result.warm, result.landmarks, options_.thermal);
+  if (result.tracking != Tracking::lost && !result.warm.list.empty())
+    warm_[track_.size() - 1] = {stack.index, {}, result.warm.list};
+}
+
+std::vector<WarmThing> Pipeline::warm_things() const {
+  std::vector<LocatedRegions> views;
+  for (const auto& [place, seen] : warm_) {
+    views.push_back(seen);
+    views.back().world_from_camera = world_from_camera(track_[place]);
+  }
+  return merge_regions(views, options_.thermal);
 }
 
 // From the keyframe that shows most of the view; the one before is kept unless another shows clearly more.

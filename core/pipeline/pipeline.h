@@ -2,6 +2,7 @@
 // Fringe images in, poses and map out: the stages in their order.
 #pragma once
 
+#include <map>
 #include <optional>
 #include <string>
 #include <tuple>
@@ -18,6 +19,7 @@
 #include "core/map/surface.h"
 #include "core/pipeline/stage_clock.h"
 #include "core/pipeline/view_registration.h"
+#include "core/thermal/victims.h"
 #include "core/types/fringe_stack.h"
 #include "core/types/trajectory.h"
 
@@ -39,6 +41,7 @@ struct PipelineOptions {
   PoseGraphOptions pose_graph;
   CloudOptions cloud;
   SurfaceOptions surface;
+  ThermalOptions thermal;
 
   // visit(name, options) for each stage, in order.
   template <class Visit>
@@ -58,6 +61,7 @@ struct PipelineOptions {
     visit("pose_graph", pose_graph);
     visit("cloud", cloud);
     visit("surface", surface);
+    visit("thermal", thermal);
   }
 };
 
@@ -88,6 +92,7 @@ struct FrameResult {
   bool corrected = false;                  // by which the map moved
   Pose previous_from_current;              // camera motion since the last tracked frame
   Matrix6d covariance = Matrix6d::Zero();  // of the camera's motion since the reference
+  WarmView warm;                           // without a thermal image nothing
   Pose world_from_robot;                   // as known when it was processed; see Pipeline::trajectory()
 };
 
@@ -129,6 +134,8 @@ class Pipeline {
   const SurfaceModel& surface();
   // Of all tracked frames, in the order of their stacks, by what is known now.
   Trajectory trajectory() const;
+  // Warm things of the tracked views, victims among them, by what is known now.
+  std::vector<WarmThing> warm_things() const;
 
  private:
   // A tracked frame and where it is, whatever becomes of its keyframe.
@@ -160,6 +167,7 @@ class Pipeline {
     if (clock != nullptr) clock->enter(stage);
   }
   void find_landmarks(FrameResult& result) const;
+  void find_warmth(FrameResult& result, const FringeStack& stack);
   bool follow(FrameResult& result, const Pose& predicted, const Matrix6d& prior = Matrix6d::Zero());
   bool locate(FrameResult& result);
   bool becomes_keyframe(const FrameResult& result, const Pose& world_from_camera, int keyframe) const;
@@ -182,7 +190,8 @@ class Pipeline {
   size_t corrected_frames_ = 0;
   Pose start_;
   std::vector<Located> track_;
-  bool lost_ = false;  // since the last one of track_
+  std::map<size_t, LocatedRegions> warm_;  // by place in track_; their poses are those of track_
+  bool lost_ = false;                      // since the last one of track_
   bool wants_all_ = true;
   bool prediction_failed_ = false;  // since the last keyframe
   Matrix6d prediction_covariance_ = Matrix6d::Zero();

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/rig/dataset.h"
 
+#include <algorithm>
 #include <cstdio>
 
 #include "core/rig/files.h"
 #include "core/rig/rig_file.h"
 #include "core/rig/yaml.h"
+#include "core/types/centikelvin.h"
 
 namespace fringeslam {
 
@@ -24,10 +26,18 @@ std::string image_name(size_t number, const std::string& extension) {
 }
 
 // The image as it was recorded: .png, or .exr for unquantised images.
-fs::path image_file(const fs::path& stack, size_t number) {
-  const fs::path exr = stack / image_name(number, ".exr");
+fs::path exr_or_png(const fs::path& stem) {
+  const fs::path exr = stem.string() + ".exr";
   std::error_code ignored;
-  return fs::exists(exr, ignored) ? exr : stack / image_name(number, ".png");
+  return fs::exists(exr, ignored) ? exr : fs::path(stem.string() + ".png");
+}
+
+fs::path image_file(const fs::path& stack, size_t number) { return exr_or_png(stack / image_name(number, "")); }
+fs::path thermal_file(const fs::path& stack) { return exr_or_png(stack / "thermal"); }
+
+bool is_recordable(const cv::Mat1f& temperature_c) {
+  return std::all_of(temperature_c.begin(), temperature_c.end(),
+                     [](float t) { return t == celsius(centikelvin(static_cast<double>(t))); });
 }
 
 }  // namespace
@@ -47,6 +57,7 @@ DatasetInfo read_dataset_info(const fs::path& folder) {
   info.seed = map.seed("seed");
   info.stacks = map.integer("stacks", {1, 1e6});
   info.has_truth = map.boolean_or("truth", false);
+  info.has_thermal = map.boolean_or("thermal", false);
   map.finish();
   return info;
 }
@@ -63,7 +74,28 @@ ReplayRig::ReplayRig(fs::path folder)
         throw Error(file.string() + ": is missing; " + kDatasetFile + " promises " + std::to_string(info_.stacks) +
                     " stacks of " + std::to_string(sequence_.patterns.size()) + " images");
     }
+    const fs::path thermal = thermal_file(stack_folder(folder_, index));
+    if (info_.has_thermal && !fs::exists(thermal))
+      throw Error(thermal.string() + ": is missing, though " + kDatasetFile + " promises thermal images");
   }
+  if (info_.has_thermal && !model_.thermal)
+    throw Error((folder_ / "rig.yaml").string() + ": has no 'thermal' section, though " + kDatasetFile +
+                " promises thermal images");
+}
+
+cv::Mat1f ReplayRig::thermal_of(const fs::path& stack) const {
+  const fs::path file = thermal_file(stack);
+  const cv::Mat image = read_grey(file);
+  const Pinhole& lens = model_.thermal->lens;
+  if (image.cols != lens.width || image.rows != lens.height)
+    throw Error(file.string() + ": is " + std::to_string(image.cols) + "x" + std::to_string(image.rows) +
+                " but the thermal camera of rig.yaml has " + std::to_string(lens.width) + "x" +
+                std::to_string(lens.height));
+  if (image.type() == CV_32FC1) return image;
+  if (image.type() != CV_16UC1) throw Error(file.string() + ": is not of 16 bits, hundredths of a kelvin");
+  cv::Mat1f temperature_c(image.size());
+  std::transform(image.begin<uint16_t>(), image.end<uint16_t>(), temperature_c.begin(), celsius);
+  return temperature_c;
 }
 
 // Which of the recorded images a sequence asks for.
@@ -101,6 +133,7 @@ std::optional<FringeStack> ReplayRig::capture(const PatternSequence& sequence) {
       throw Error(file.string() + ": has another pixel type than the first image of its stack");
     stack.images.push_back(std::move(image));
   }
+  if (info_.has_thermal) stack.thermal_c = thermal_of(folder);
   ++next_;
   return stack;
 }
@@ -111,8 +144,17 @@ RecordingRig::RecordingRig(Rig& inner, fs::path folder) : inner_(inner), folder_
 
 namespace {
 
+void write_thermal(const fs::path& folder, const cv::Mat1f& temperature_c) {
+  if (!is_recordable(temperature_c)) return write_exr(folder / "thermal.exr", {{"Y", temperature_c}});
+  cv::Mat1w image(temperature_c.size());
+  std::transform(temperature_c.begin(), temperature_c.end(), image.begin(),
+                 [](float t) { return centikelvin(static_cast<double>(t)); });
+  write_png(folder / "thermal.png", image);
+}
+
 void write_stack(const fs::path& folder, const FringeStack& stack) {
   fs::create_directories(folder);
+  if (!stack.thermal_c.empty()) write_thermal(folder, stack.thermal_c);
   std::string exposures;
   for (size_t i = 0; i < stack.images.size(); ++i) {
     const cv::Mat& image = stack.images[i];
@@ -135,6 +177,9 @@ std::optional<FringeStack> RecordingRig::capture(const PatternSequence& sequence
   sequence_ = sequence;
   auto stack = inner_.capture(sequence);
   if (!stack) return stack;
+  if (stacks_ > 0 && has_thermal_ == stack->thermal_c.empty())
+    throw Error(folder_.string() + ": a dataset has a thermal image of every stack, or of none");
+  has_thermal_ = !stack->thermal_c.empty();
 
   const fs::path folder = stack_folder(folder_, stacks_);
   try {
@@ -153,7 +198,8 @@ void RecordingRig::finish(const std::string& name, uint64_t seed, bool has_truth
   StagedFile staged(folder_ / kDatasetFile);
   write_text(staged.path(), std::string("format: ") + kFormat + "\nname: " + yaml_quoted(name) +
                                 "\nseed: " + std::to_string(seed) + "\nstacks: " + std::to_string(stacks_) +
-                                "\ntruth: " + (has_truth ? "true" : "false") + "\n");
+                                "\ntruth: " + (has_truth ? "true" : "false") + "\n" +
+                                (has_thermal_ ? "thermal: true\n" : ""));
   staged.commit();
 }
 

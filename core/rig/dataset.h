@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Recorded fringe stacks: a folder that is both what RecordingRig writes and what ReplayRig reads.
 //
-//   dataset.yaml                  format, name, seed, number of stacks, truth: true|false
+//   dataset.yaml                  format, name, seed, number of stacks, truth and thermal: true|false
 //   rig.yaml  patterns.yaml       core/rig/rig_file.h
 //   stacks/000000/stack.yaml      timestamp_s, exposure_s: one for each image
+//   stacks/000000/thermal.png     16 bit, hundredths of a kelvin (.exr in degrees C when unquantised); only where
+//                                 dataset.yaml says thermal: true
 //   stacks/000000/00.png …        grey, 8 or 16 bit (.exr when unquantised), in the order of patterns.yaml
 //   truth/                        only of simulated data: truth.tum, truth/000000.exr (core/types/truth.h)
 #pragma once
@@ -20,6 +22,7 @@ struct DatasetInfo {
   uint64_t seed = 0;
   int stacks = 0;
   bool has_truth = false;
+  bool has_thermal = false;
 };
 
 constexpr const char* kDatasetFile = "dataset.yaml";
@@ -43,6 +46,7 @@ class ReplayRig : public Rig {
 
  private:
   std::vector<size_t> images_of(const PatternSequence& sequence) const;
+  cv::Mat1f thermal_of(const std::filesystem::path& stack) const;
 
   std::filesystem::path folder_;
   DatasetInfo info_;
@@ -65,6 +69,7 @@ class RecordingRig : public Rig {
   std::filesystem::path folder_;
   std::optional<PatternSequence> sequence_;
   int stacks_ = 0;
+  bool has_thermal_ = false;
 };
 
 }  // namespace fringeslam

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "core/rig/yaml.h"
+#include "core/types/centikelvin.h"
 
 namespace fringeslam {
 
@@ -140,6 +141,21 @@ std::vector<double> read_response(const YamlMap& projector) {
   return response;
 }
 
+ThermalCamera read_thermal(const YamlMap& map) {
+  ThermalCamera thermal;
+  thermal.lens = read_pinhole(map);
+  thermal.netd_k = map.number_or("netd_k", thermal.netd_k, {0, 10});
+  thermal.blur_px = map.number_or("blur_px", thermal.blur_px, kBlur);
+  const std::vector<double> range = map.has("range_c")
+                                        ? map.numbers("range_c", 2, {kColdestRecorded_c, kHottestRecorded_c})
+                                        : std::vector<double>{thermal.coldest_c, thermal.hottest_c};
+  if (range[1] <= range[0]) throw map.error("range_c", "range_c is [coldest, hottest]; the second must be larger");
+  thermal.coldest_c = range[0];
+  thermal.hottest_c = range[1];
+  thermal.thermal_from_camera = map.pose("thermal_from_camera");
+  return thermal;
+}
+
 PhaseCorrection read_phase_correction(const YamlMap& map) {
   return {map.integer("steps", {3, 1000}), map.numbers("offset_rad", 0, {-1.5, 1.5})};
 }
@@ -179,11 +195,19 @@ std::string response_lines(const RigModel& rig) {
   return text;
 }
 
-std::string pose_lines(const Pose& p) {
+std::string pose_lines(const Pose& p, const std::string& indent = "  ") {
   const Eigen::Matrix3d& r = p.rotation;
-  return "  translation_m: " + list({p.translation.x(), p.translation.y(), p.translation.z()}) +
-         "\n  rotation_matrix: " +
-         list({r(0, 0), r(0, 1), r(0, 2), r(1, 0), r(1, 1), r(1, 2), r(2, 0), r(2, 1), r(2, 2)}) + "\n";
+  return indent + "translation_m: " + list({p.translation.x(), p.translation.y(), p.translation.z()}) + "\n" + indent +
+         "rotation_matrix: " + list({r(0, 0), r(0, 1), r(0, 2), r(1, 0), r(1, 1), r(1, 2), r(2, 0), r(2, 1), r(2, 2)}) +
+         "\n";
+}
+
+std::string thermal_lines(const RigModel& rig) {
+  if (!rig.thermal) return "";
+  const ThermalCamera& thermal = *rig.thermal;
+  return "thermal:\n" + pinhole_lines(thermal.lens) + "  netd_k: " + to_text(thermal.netd_k) +
+         "\n  blur_px: " + to_text(thermal.blur_px) + "\n  range_c: " + list({thermal.coldest_c, thermal.hottest_c}) +
+         "\n  thermal_from_camera:\n" + pose_lines(thermal.thermal_from_camera, "    ");
 }
 
 Pattern read_pattern(const YamlMap& entry) {
@@ -257,6 +281,7 @@ RigModel read_rig(const YamlMap& map) {
     rig.phase_correction = read_phase_correction(projector.map("phase_correction"));
   rig.projector_from_camera = map.pose("projector_from_camera");
   rig.robot_from_camera = map.pose("robot_from_camera");
+  if (map.has("thermal")) rig.thermal = read_thermal(map.map("thermal"));
   if (translation_m(rig.projector_from_camera) < 1e-3)
     throw map.error("projector_from_camera", "camera and projector stand in one place: no depth can be triangulated");
   if (!beam_meets_view(rig))
@@ -288,7 +313,8 @@ std::string to_yaml(const RigModel& rig) {
          "timing:\n  pattern_rate_hz: " + to_text(rig.timing.pattern_rate_hz) +
          "\n  camera_rate_hz: " + to_text(rig.timing.camera_rate_hz) +
          "\n  exposure_s: " + to_text(rig.timing.exposure_s) + "\nprojector_from_camera:\n" +
-         pose_lines(rig.projector_from_camera) + "robot_from_camera:\n" + pose_lines(rig.robot_from_camera);
+         pose_lines(rig.projector_from_camera) + "robot_from_camera:\n" + pose_lines(rig.robot_from_camera) +
+         thermal_lines(rig);
 }
 
 SequenceDesign read_design(const YamlMap& map, const RigModel& rig) {

@@ -17,6 +17,8 @@ struct Frame {
   cv::Mat3f points_m;     // camera frame; z is the depth
   cv::Mat1f sigma_m;      // standard deviation of the depth z
   cv::Mat3f normals;      // unit, camera frame, facing the camera
+  // Apparent, of what each pixel shows; NaN where the thermal camera does not see it. Empty without such a camera.
+  cv::Mat1f temperature_c;
 
   int width() const { return points_m.cols; }
   int height() const { return points_m.rows; }

@@ -41,10 +41,19 @@ struct DepthKeypoint {
   std::vector<uchar> samples;  // levels along the line by which it came
 };
 
+// Of a landmark's pixels whose temperature is known, in degrees C.
+struct LandmarkTemperature {
+  int pixels = 0;                                         // 0: none is, and the rest says nothing
+  double mean_c = 0, max_c = 0, p95_c = 0, spread_c = 0;  // spread: standard deviation
+  double warm_share = 0;                                  // of the pixels that stand out from the surroundings
+  std::vector<int> regions;                               // of the view's warm regions that lie on it
+};
+
 struct Landmark {
   std::vector<int> depth_keypoints;  // of its cluster, in their order
   std::vector<cv::Point> outline;    // polygon in the image; the texture's keypoints in it are the landmark's
   std::vector<int> keypoints;        // of the texture
+  LandmarkTemperature temperature = {};
 };
 
 struct Landmarks {

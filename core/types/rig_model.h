@@ -3,6 +3,7 @@
 // camera's noise figures. Read from rig.yaml (core/rig/rig_file.h).
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -67,6 +68,16 @@ struct Timing {
   double exposure_s = 1.0 / 360;
 };
 
+// An uncooled thermal camera beside the others, of the long-wave infrared (8 to 14 um). What it says is the apparent
+// temperature: that of a black body of the same radiance.
+struct ThermalCamera {
+  Pinhole lens;
+  Pose thermal_from_camera;
+  double netd_k = 0.05;                     // noise-equivalent temperature difference at 300 K, standard deviation
+  double blur_px = 0.5;                     // point spread, standard deviation
+  double coldest_c = -40, hottest_c = 330;  // saturates there
+};
+
 struct RigModel {
   std::string name;
   // False when lenses and poses are nominal: good to calibrate with, not to measure with.
@@ -84,6 +95,7 @@ struct RigModel {
   std::vector<double> projector_response = {};
   PhaseCorrection phase_correction = {};
   double near_m = 0.7, far_m = 1.4;  // working range along the camera's z
+  std::optional<ThermalCamera> thermal = {};
 };
 
 }  // namespace fringeslam

@@ -16,6 +16,8 @@ enum TruthMask : int {
   kTruthInBeam = 2,    // the point lies in the projector's image area
   kTruthInShadow = 4,  // another surface is between the point and the projector
   kTruthMixed = 8,     // the pixel's area holds an edge: its samples differ in object, in light, or by 30 degrees
+  kTruthVictim = 16,   // the surface is part of a victim
+  kTruthThermal = 32,  // the thermal camera sees the point
 };
 
 // Fringe order of a period: how many whole periods lie before the point, floor(Phi / 2 pi).

@@ -207,7 +207,8 @@ class BlockRenderer {
         truth.projector_row(row, col) = static_cast<float>(beam.row[i]);
       }
       truth.mask(row, col) = static_cast<float>(kTruthSurface + (has(beam.inside, i) ? kTruthInBeam : 0) +
-                                                (has(centre_.shadow, i) ? kTruthInShadow : 0));
+                                                (has(centre_.shadow, i) ? kTruthInShadow : 0) +
+                                                (r_.surfaces_.material(hits.object[i]).victim ? kTruthVictim : 0));
     }
   }
 

@@ -34,6 +34,7 @@ class Renderer {
                                 TruthFrame* truth = nullptr) const;
 
   const RayWorld& world() const { return world_; }
+  const Surfaces& surfaces() const { return surfaces_; }
   const SampleRays& rays() const { return rays_; }
 
  private:

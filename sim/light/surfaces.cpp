@@ -53,6 +53,7 @@ struct Surfaces::Impl {
   std::vector<Covering> coverings;
   Effects effects;
   Dust dust;
+  double surroundings_c = 20;
   OIIO::TextureSystem* textures = nullptr;
 
   ~Impl() {
@@ -124,6 +125,7 @@ struct Surfaces::Impl {
       result.reflectance[i] = !glossy ? 0 : m.metal ? albedo.value[i] : static_cast<float>(m.reflectance);
       result.alpha[i] = static_cast<float>(m.roughness * m.roughness);
       result.emission_lux[i] = static_cast<float>(m.emission_lux);
+      result.dust_cover[i] = 0;
     }
     if (effects.relief && m.bump_m > 0) roughen(covering, lanes, hits, result);
     if (effects.dust && dust.cover > 0 && m.dust) settle(lanes, hits, covering.seed, result);
@@ -174,6 +176,7 @@ struct Surfaces::Impl {
       const float covered = std::clamp(thickness * (1.5f + 0.5f * patches.value[i]), 0.0f, 1.0f);
       result.albedo[i] += covered * (static_cast<float>(dust.albedo) - result.albedo[i]);
       result.reflectance[i] *= 1 - covered;
+      result.dust_cover[i] = covered;
     }
   }
 };
@@ -181,6 +184,7 @@ struct Surfaces::Impl {
 Surfaces::Surfaces(const Scene& scene, const Effects& effects) : impl_(std::make_unique<Impl>()) {
   impl_->effects = effects;
   impl_->dust = scene.dust;
+  impl_->surroundings_c = scene.surroundings_c;
   for (const Object& object : scene.objects) {
     Covering covering{object.material, object.world_from_object.inverse(), object.texture_seed, object.mesh.get()};
     if (!object.material.texture.empty()) {
@@ -218,6 +222,7 @@ void Surfaces::at(const HitPacket& hits, double footprint_m, SurfacePacket& resu
     std::fill_n(result.albedo, kPacket, 0.0f);
     std::fill_n(result.reflectance, kPacket, 0.0f);
     std::fill_n(result.emission_lux, kPacket, 0.0f);
+    std::fill_n(result.dust_cover, kPacket, 0.0f);
   }
   Lanes left = hits.hit;
   while (left != 0) {
@@ -229,8 +234,11 @@ void Surfaces::at(const HitPacket& hits, double footprint_m, SurfacePacket& resu
   }
 }
 
+const Material& Surfaces::material(int object) const { return impl_->coverings[static_cast<size_t>(object)].material; }
+
 double Surfaces::temperature_c(int object) const {
-  return impl_->coverings[static_cast<size_t>(object)].material.temperature_c;
+  const Material& m = material(object);
+  return m.temperature_c.value_or(impl_->surroundings_c + m.warmer_k);
 }
 
 }  // namespace fringeslam::sim

@@ -16,7 +16,8 @@ struct SurfacePacket {
   float reflectance[kPacket];         // of the glossy lobe at normal incidence; 0: none
   float alpha[kPacket];               // its roughness, squared
   float emission_lux[kPacket];
-  Points normal;  // for shading; unit, towards the viewer
+  float dust_cover[kPacket];  // share that settled dust hides
+  Points normal;              // for shading; unit, towards the viewer
   Lanes glossy = 0;
   Reflection reflection(int lane) const {
     return {static_cast<double>(albedo[lane]), static_cast<double>(reflectance[lane]),
@@ -34,6 +35,7 @@ class Surfaces {
   // At the lanes that hit; `footprint_m`: the width of what one sample stands for, across the ray at 1 m.
   void at(const HitPacket& hits, double footprint_m, SurfacePacket& result) const;
 
+  const Material& material(int object) const;
   double temperature_c(int object) const;
 
  private:

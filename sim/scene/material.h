@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 
 #include "sim/scene/noise.h"
@@ -26,6 +27,7 @@ enum class Grain {
 };
 
 struct Material {
+  std::string name = {};  // in its scene file
   Grain grain = Grain::plain;
   double albedo = 0.5;    // mean
   double contrast = 0.3;  // peak deviation from the mean, as a fraction of it
@@ -49,9 +51,12 @@ struct Material {
   // Small relief that turns the shading normal, of this height and lateral size.
   double bump_m = 0, bump_size_m = 0.005;
 
-  double emission_lux = 0;    // luminous exitance
-  double temperature_c = 20;  // for the thermal channel
-  bool dust = true;           // whether the scene's dust settles on it
+  double emission_lux = 0;                   // luminous exitance
+  std::optional<double> temperature_c = {};  // none: that of the surroundings, and this much more
+  double warmer_k = 0;
+  double emissivity = 0.95;  // in the long-wave infrared; the rest is reflected
+  bool victim = false;       // whether what is made of it is to be found
+  bool dust = true;          // whether the scene's dust settles on it
 
   // Albedo of the grain at points of the object's frame (m).
   NoiseValues albedo_at(const NoisePoints& points_m, uint32_t seed) const;

@@ -57,7 +57,12 @@ Material read_material(const YamlMap& map) {
   material.bump_m = map.number_or("bump_m", 0, {0, 0.1});
   material.bump_size_m = map.number_or("bump_size_m", material.bump_size_m, kLength);
   material.emission_lux = map.number_or("emission_lux", 0, {0, 1e7});
-  material.temperature_c = map.number_or("temperature_c", material.temperature_c, {-200, 2000});
+  if (map.has("temperature_c") && map.has("warmer_k"))
+    throw map.error("warmer_k", "give temperature_c or warmer_k, not both");
+  material.warmer_k = map.number_or("warmer_k", 0, {-200, 2000});
+  if (map.has("temperature_c")) material.temperature_c = map.number("temperature_c", {-200, 2000});
+  material.emissivity = map.number_or("emissivity", material.emissivity, kFraction);
+  material.victim = map.boolean_or("victim", false);
   material.dust = map.boolean_or("dust", true);
   return material;
 }

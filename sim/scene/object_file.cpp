@@ -159,9 +159,17 @@ Pile read_pile(const YamlMap& map, const Materials& materials, const SceneLimits
     item.kind = entry.kind("shape", piece_kinds());
     read_item(entry, materials, item);
     item.variants = entry.integer_or("variants", 0, {0, 100000});
+    if (entry.has("exactly")) {
+      if (entry.has("weight")) throw entry.error("exactly", "give exactly or weight, not both");
+      item.exactly = entry.integer("exactly", {0, 1000});
+      item.after = entry.number_or("after", 0, kFraction);
+      item.weight = 0;
+    }
     if (item.kind == "stone") item.detail = entry.integer_or("detail", item.detail, kDetail);
   }
   if (pile.items.empty()) throw map.error("items", "'items' is empty; say what to pile up");
+  if (std::all_of(pile.items.begin(), pile.items.end(), [](const PileItem& item) { return item.exactly.has_value(); }))
+    throw map.error("items", "every item says 'exactly'; one must have a weight, for the pieces that 'count' promises");
   // Beforehand: they would take all of the memory.
   if (const double triangles = stone_triangles(pile); triangles > static_cast<double>(limits.triangles))
     throw map.error("items", "the stones of the pile have about " + to_text(std::round(triangles)) + " triangles; " +

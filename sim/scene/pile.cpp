@@ -107,6 +107,16 @@ std::vector<Piece> draw_pieces(const Pile& pile, uint64_t seed, uint32_t generat
       made = make_variant(item, seed, generator, static_cast<uint32_t>(kind * 1000003 + static_cast<size_t>(variant)));
     pieces.push_back({&item, made});
   }
+  for (size_t kind = 0; kind < pile.items.size(); ++kind) {
+    constexpr size_t kFirstNumber = 500000;  // beyond those of any other piece
+    const PileItem& item = pile.items[kind];
+    const auto place = static_cast<std::ptrdiff_t>(item.after * pile.count);
+    for (int n = 0; n < item.exactly.value_or(0); ++n) {
+      const size_t number = kind * 1000003 + kFirstNumber + static_cast<size_t>(n);
+      pieces.insert(pieces.begin() + place,
+                    {&item, make_variant(item, seed, generator, static_cast<uint32_t>(number))});
+    }
+  }
   return pieces;
 }
 

@@ -5,6 +5,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -28,6 +29,9 @@ struct PileItem {
   double weight = 1;  // how often, against the other items
   int variants = 0;   // so many different ones, each several times and held once; 0: all different
   int detail = 3;
+  // Instead of by weight: so many of it, dropped when this share of the others has been dropped.
+  std::optional<int> exactly = {};
+  double after = 0;
 };
 
 struct Pile {

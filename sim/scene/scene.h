@@ -32,6 +32,8 @@ struct Air {
   double extinction_per_m = 0;  // sigma_t
   double albedo = 0.9;          // share of the extinction that is scattering
   double anisotropy = 0.5;      // mean cosine g of Henyey and Greenstein's phase function
+  // Extinction in the long-wave infrared over that of light: small for smoke, whose particles are finer than 1 um.
+  double infrared_share = 0.1;
 };
 
 // Grey dust that has settled: it covers colour and gloss of what faces upwards.
@@ -40,6 +42,8 @@ struct Dust {
   double albedo = 0.35;
   double max_slope_deg = 60;  // steeper surfaces stay clean
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
+  // How far its own temperature has come from that of the surroundings to that of what it lies on.
+  double warmed_share = 0.7;
 };
 
 // How the robot moves while a stack is taken.
@@ -65,6 +69,7 @@ struct Scene {
   double ambient_lux = 0;      // even light from all sides
   int bounces = 0;             // of light between surfaces
   bool auto_exposure = false;  // else the rig's
+  double surroundings_c = 20;  // of the air, of all around, and of materials that name no temperature
   Air air;
   Dust dust;
   Motion motion;

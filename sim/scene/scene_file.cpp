@@ -145,7 +145,8 @@ Materials read_materials(const SceneLayers& layers) {
       const bool first = materials.try_emplace(name).second;  // known by name even if it cannot be read
       const YamlMap entry = map.map(name);
       entry.attempt([&] {
-        const Material material = read_material(entry);
+        Material material = read_material(entry);
+        material.name = name;
         if (first) materials[name] = material;
       });
     }
@@ -237,6 +238,7 @@ Air read_air(const YamlMap& map) {
   air.extinction_per_m = map.number("extinction_per_m", {0, 100});
   air.albedo = map.number_or("albedo", air.albedo, kFraction);
   air.anisotropy = map.number_or("anisotropy", air.anisotropy, {-0.95, 0.95});
+  air.infrared_share = map.number_or("infrared_share", air.infrared_share, kFraction);
   return air;
 }
 
@@ -248,6 +250,7 @@ Dust read_dust(const YamlMap& map) {
   const Eigen::Vector3d up = map.vector3_or("up", dust.up, {-1, 1});
   if (up.norm() < 1e-3) throw map.error("up", "'up' has no direction");
   dust.up = up.normalized();
+  dust.warmed_share = map.number_or("warmed_share", dust.warmed_share, kFraction);
   return dust;
 }
 
@@ -287,6 +290,10 @@ Scene load_scene(const fs::path& file, const SceneReading& reading) {
   section("rig", [&](const YamlMap& map) { scene.rig = read_scene_rig(map, reading.rig_file); });
   section("patterns", [&](const YamlMap& map) { scene.patterns = read_scene_patterns(map, scene.rig); });
   if (layers.has("light")) section("light", [&](const YamlMap& map) { read_light(map, scene); });
+  if (layers.has("surroundings"))
+    section("surroundings", [&](const YamlMap& map) {
+      scene.surroundings_c = map.number("temperature_c", {-200, 2000});
+    });
   if (layers.has("air")) section("air", [&](const YamlMap& map) { scene.air = read_air(map); });
   if (layers.has("dust")) section("dust", [&](const YamlMap& map) { scene.dust = read_dust(map); });
   if (layers.has("calibration_error"))

@@ -195,6 +195,24 @@ TEST_F(SceneParts, APileIsSettledOnceAndTheSameFromTheCache) {
   EXPECT_FALSE(pile_objects(small_pile(), 5, 0).from_cache);
 }
 
+// Pieces by number come on top of those by weight, which stay what they are.
+TEST_F(SceneParts, APileHoldsExactlyWhatIsAskedFor) {
+  Pile pile = small_pile();
+  PileItem item;
+  item.kind = "pipe";
+  item.size_min = item.size_max = {0.02, 0.02, 0.1};
+  item.material.name = "pipe";
+  item.weight = 0;
+  item.exactly = 2;
+  item.after = 0.5;
+  pile.items.push_back(item);
+  const PileObjects with = pile_objects(pile, 4, 0), without = pile_objects(small_pile(), 4, 0);
+  ASSERT_EQ(with.objects.size(), 14u);
+  for (size_t i = 0; i < 14; ++i) EXPECT_EQ(with.objects[i].material.name, i == 6 || i == 7 ? "pipe" : "") << i;
+  for (size_t i = 0; i < 12; ++i)
+    EXPECT_EQ(with.objects[i < 6 ? i : i + 2].mesh->vertices, without.objects[i].mesh->vertices) << i;
+}
+
 // Whatever happened to the cache, the pile is right.
 TEST_F(SceneParts, ABrokenCacheIsNotBelieved) {
   const PileObjects first = pile_objects(small_pile(), 4, 0);

@@ -16,7 +16,7 @@ namespace {
 using Names = std::set<std::string>;
 
 const Names kTops = {"core", "sim", "hw", "bench", "tools"};
-const Names kStages = {"core/decode", "core/depth", "core/landmarks", "core/motion", "core/map"};
+const Names kStages = {"core/decode", "core/depth", "core/landmarks", "core/motion", "core/map", "core/thermal"};
 const Names kBasics = {"core/types", "core/patterns"};
 
 Names operator+(Names a, const Names& b) {

@@ -8,6 +8,7 @@
 #include <opencv2/core.hpp>
 
 #include "core/rig/files.h"
+#include "core/types/centikelvin.h"
 #include "tests/support/temp_folder.h"
 #include "tests/tools/fake_rig.h"
 
@@ -160,6 +161,79 @@ TEST_F(EightBitRecording, AnotherSequenceIsRefused) {
   PatternSequence other = test::short_sequence();
   other.patterns[0].shift_rad += 1e-12;
   EXPECT_THAT(message_of([&] { rig.capture(other); }), StartsWith((folder_ / "patterns.yaml").string() + ": "));
+}
+
+// A recording with thermal images: of hundredths of a kelvin, or not.
+class ThermalRecording : public testing::TestWithParam<bool> {
+ protected:
+  void SetUp() override {
+    RigModel rig = test::tiny_rig();
+    rig.thermal.emplace().lens = {16, 12, 20, 20, 7.5, 5.5, {}};
+    cv::RNG random(5);
+    for (FringeStack& stack : stacks_) {
+      stack.thermal_c.create(12, 16);
+      for (float& t : stack.thermal_c) {
+        t = random.uniform(-40.0f, 330.0f);
+        if (hundredths()) t = celsius(centikelvin(static_cast<double>(t)));
+      }
+    }
+    test::fs::create_directories(folder_);
+    test::FakeRig fake(rig, stacks_);
+    RecordingRig recording(fake, folder_);
+    while (recording.capture(test::short_sequence())) continue;
+    recording.finish("warm", 1, false);
+  }
+  bool hundredths() const { return GetParam(); }
+  test::fs::path image(int stack) const {
+    return folder_ / "stacks" / stack_name(stack) / (hundredths() ? "thermal.png" : "thermal.exr");
+  }
+  std::string replay_error() const {
+    return message_of([&] {
+      ReplayRig rig(folder_);
+      while (rig.capture(test::short_sequence())) continue;
+    });
+  }
+
+  test::TempFolder temp_;
+  test::fs::path folder_ = temp_ / "recording";
+  std::vector<FringeStack> stacks_ = test::noise_stacks(CV_8UC1);
+};
+
+TEST_P(ThermalRecording, ReplaysTheSameTemperatures) {
+  ReplayRig rig(folder_);
+  for (const FringeStack& recorded : stacks_) {
+    const auto replayed = rig.capture(rig.sequence());
+    ASSERT_TRUE(replayed);
+    ASSERT_EQ(replayed->thermal_c.size(), recorded.thermal_c.size());
+    EXPECT_EQ(cv::countNonZero(replayed->thermal_c != recorded.thermal_c), 0);
+  }
+}
+
+TEST_P(ThermalRecording, WhatIsWrongIsNamed) {
+  const std::string whole = test::read_bytes(image(1));
+  test::write_bytes(image(1), whole.substr(0, whole.size() / 2));
+  EXPECT_THAT(replay_error(), StartsWith(image(1).string() + ": "));
+  test::fs::remove(image(1));
+  EXPECT_THAT(replay_error(), HasSubstr("thermal.png: is missing, though dataset.yaml promises thermal images"));
+  write_png(folder_ / "stacks/000001/thermal.png", cv::Mat(13, 16, CV_16UC1, cv::Scalar(30000)));
+  EXPECT_THAT(replay_error(), HasSubstr("is 16x13 but the thermal camera of rig.yaml has 16x12"));
+  write_png(folder_ / "stacks/000001/thermal.png", cv::Mat(12, 16, CV_8UC1, cv::Scalar(30)));
+  EXPECT_THAT(replay_error(), HasSubstr("is not of 16 bits"));
+  test::write_bytes(folder_ / "rig.yaml", to_yaml(test::tiny_rig()));
+  EXPECT_THAT(replay_error(), HasSubstr("rig.yaml: has no 'thermal' section"));
+}
+
+INSTANTIATE_TEST_SUITE_P(Dataset, ThermalRecording, testing::Bool(),
+                         [](const auto& test) { return test.param ? "SixteenBits" : "Float"; });
+
+TEST(Dataset, HasAThermalImageOfEveryStackOrOfNone) {
+  const test::TempFolder temp;
+  std::vector<FringeStack> stacks = test::noise_stacks(CV_8UC1);
+  stacks[0].thermal_c = cv::Mat1f(12, 16, 20.0f);
+  test::FakeRig fake(test::tiny_rig(), stacks);
+  RecordingRig recording(fake, temp.path());
+  recording.capture(test::short_sequence());
+  EXPECT_THAT(message_of([&] { recording.capture(test::short_sequence()); }), HasSubstr("of every stack, or of none"));
 }
 
 TEST(Dataset, HoldsOneSequence) {

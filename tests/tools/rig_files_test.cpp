@@ -70,6 +70,12 @@ void expect_equal(const RigModel& a, const RigModel& b) {
             (std::vector{b.sensor.gain_dn_per_electron, b.sensor.dark_noise_electrons, b.sensor.full_well_electrons,
                          b.sensor.offset_dn, b.projector_black_level, b.near_m, b.far_m}));
   EXPECT_EQ(numbers_of_light(a), numbers_of_light(b));
+  ASSERT_EQ(a.thermal.has_value(), b.thermal.has_value());
+  if (!a.thermal) return;
+  expect_equal(a.thermal->lens, b.thermal->lens);
+  expect_equal(a.thermal->thermal_from_camera, b.thermal->thermal_from_camera);
+  EXPECT_EQ((std::vector{a.thermal->netd_k, a.thermal->blur_px, a.thermal->coldest_c, a.thermal->hottest_c}),
+            (std::vector{b.thermal->netd_k, b.thermal->blur_px, b.thermal->coldest_c, b.thermal->hottest_c}));
 }
 
 RigModel read_back(const RigModel& rig) {
@@ -94,6 +100,13 @@ RigModel odd_rig() {
   rig.projector_black_level = 0.001 / 3;
   rig.projector_from_camera = retract(rig.projector_from_camera, Vector6d::Constant(1e-3 / 3));
   rig.robot_from_camera = retract(rig.robot_from_camera, Vector6d::Constant(0.1 / 7));
+  rig.thermal = {
+      {161, 121, 130 + 1 / 3.0, 131 / 3.0, 79 + pi, 59 - pi, {-0.1 / 3, 0.01 / 7, 1e-4 / 3, 1e-4 / 7, 1e-5 / 3}},
+      retract(Pose{}, Vector6d::Constant(0.1 / 3)),
+      0.1 / 3,
+      1 / 7.0,
+      -40 / 3.0,
+      1000 / 3.0};
   return rig;
 }
 
@@ -143,6 +156,27 @@ TEST(RigFile, RefusesTheImpossible) {
   expect_error_at("full_well_electrons: 40000", "full_well_electrons: .nan", "is nan");
   // r (1 - 9 r^2) has its maximum 0.128 at r = 0.192, but the corners lie at 0.178.
   expect_error_at("[-0.12, 0.1, 0.0003, -0.0002, 0]", "[-9, 0, 0, 0, 0]", "cannot be inverted");
+}
+
+TEST(RigFile, RefusesAThermalCameraThatIsImpossible) {
+  const std::string whole = test::read_bytes(test::fs::path(FRINGESLAM_SOURCE_DIR) / "scenes/rigs/rescue.yaml");
+  const auto expect_error = [&](const std::string& from, const std::string& to, const std::string& says) {
+    const std::string text = test::replaced(whole, from, to);
+    const std::string message = message_of([&] {
+      const YamlMap map = YamlMap::parse(text, "rig.yaml");
+      read_rig(map);
+      map.finish();
+    });
+    EXPECT_THAT(message, StartsWith("rig.yaml:" + std::to_string(test::line_of(text, to)) + ": "));
+    EXPECT_THAT(message, HasSubstr(says));
+  };
+  expect_error("width_px: 160", "width_px: 0", "'width_px' is 0");
+  expect_error("netd_k: 0.05", "netd_k: -1", "'netd_k' is -1");
+  expect_error("netd_k: 0.05", "netdk: 0.05", "did you mean 'netd_k'");
+  expect_error("range_c: [-40, 330]", "range_c: [330, -40]", "the second must be larger");
+  expect_error("range_c: [-40, 330]", "range_c: [-40, 500]", "500");  // more than 16 bits of centikelvin hold
+  expect_error("thermal_from_camera: {translation_m: [0.05, 0, 0],", "thermal_from_camera: {translation_m: [0.05, 0],",
+               "translation_m");
 }
 
 // r (1 - 5.25 r^2) has its maximum 0.168 at r = 0.252, and the corners lie at 0.178: no rays there, but everywhere

@@ -18,6 +18,10 @@ cv::Mat3b grey_picture(const cv::Mat& image, double full_scale);
 // Matched keypoints of two textures side by side: supporters of the motion green, the rest red.
 cv::Mat3b match_picture(const Keyframe& reference, const FrameResult& current);
 
+// Temperatures laid onto the texture, from the surroundings' to 15 K above it, with the warm regions in frames:
+// candidates for a victim red, the rest yellow, each with what it is.
+cv::Mat3b warm_picture(const FrameResult& view);
+
 // The map seen from where the first camera looks, in parallel projection, shaded by its normals, with the camera
 // positions.
 cv::Mat3b map_picture(const std::vector<CloudPoint>& points, const std::vector<Pose>& world_from_camera, cv::Size size);

@@ -86,6 +86,7 @@ class Collector {
   YamlMap config_;
   RigModel rig_;
   ordered_json frames_, landmarks_, score_;  // as written; score_ is null without truth
+  ordered_json warm_;                        // victims.json; null without a thermal camera
   std::vector<int> indices_;                 // of the views
   std::vector<Located> located_;
   bool has_truth_ = false;
@@ -107,6 +108,7 @@ Collector::Collector(fs::path folder, const ReportLimits& limits)
   rig_ = read_rig(folder_ / "rig.yaml");
   frames_ = read_json(folder_ / "frames.json");
   if (fs::exists(folder_ / "landmarks.json")) landmarks_ = read_json(folder_ / "landmarks.json");
+  if (fs::exists(folder_ / "victims.json")) warm_ = read_json(folder_ / "victims.json");
   if (fs::exists(folder_ / "score.json")) score_ = read_json(folder_ / "score.json");
   has_truth_ = !score_.is_null() && fs::exists(folder_ / "truth" / "truth.tum");
   for (const auto& frame : frames_) indices_.push_back(frame.at("index"));
@@ -188,6 +190,8 @@ void Collector::look_at_views() {
     ViewImages images{indices_[v], read_grey(folder / "texture.png"), estimate.depth_m, {}};
     if (images.texture.size() != images.depth_m.size() || images.texture.type() != CV_8UC1)
       throw Error((folder / "texture.png").string() + ": is not of 8 bits and the size of depth.exr");
+    if (rig_.thermal && fs::exists(folder / "temperature.exr"))
+      images.temperature_c = read_grey(folder / "temperature.exr");
     if (has_truth_) compare(v, images, map_error);
     pictured.push_back(shrunk(images, limits_.picture_width_px));
   }
@@ -339,12 +343,13 @@ ordered_json Collector::collect() {
                        {"summary", summary()},
                        {"views", views_},
                        {"motions", motions()}};
-  json["pictures"] = {{"near_m", scales_.near_m},
-                      {"far_m", scales_.far_m},
-                      {"error_limit_mm", scales_.error_limit_m * 1e3},
-                      {"every", every_},
-                      {"width_px", picture_width_}};
+  json["pictures"] = {
+      {"near_m", scales_.near_m},  {"far_m", scales_.far_m},   {"error_limit_mm", scales_.error_limit_m * 1e3},
+      {"cold_c", scales_.cold_c},  {"warm_c", scales_.warm_c}, {"every", every_},
+      {"width_px", picture_width_}};
   json["map"] = map_json();
+  json["warm_things"] = warm_;
+  for (auto& thing : json["warm_things"]) thing.erase("points_m");
   return json;
 }
 

@@ -23,10 +23,12 @@ struct ReportLimits {
 //             map_from_camera, position_error_mm, sigma_mm: 10, 50 and 90 %, score: its entry of score.json,
 //             pictures (view_pictures.h), landmarks: outlines x y x y … in px, recognised
 //   motions   pairs of score.json; of a run without truth the estimates alone
-//   pictures  near_m, far_m, error_limit_mm, every: pictures are of every so manieth view; width_px
-//   map       vertices, triangles: numbers of both; whole_vertices, whole_triangles, cell_mm: before thinning, and its
+//   pictures  near_m, far_m, error_limit_mm, cold_c, warm_c: ends of the scales; every: pictures are of every so
+//   manieth view; width_px map       vertices, triangles: numbers of both; whole_vertices, whole_triangles, cell_mm:
+//   before thinning, and its
 //             grid; origin, step_m: position = origin + step_m * (x, y, z); x, y, z, grey, error, indices: packed
 //             (packing.h), error from 1 to 255 as levels() of ±error_limit_mm, 0 unknown; null without a map
+//   warm_things  what victims.json says of each; null without a thermal camera
 //
 // Throws Error when the folder is not a run, or something in it is missing or damaged.
 nlohmann::ordered_json report_data(const std::filesystem::path& run, const ReportLimits& limits = {});

@@ -63,6 +63,9 @@ ordered_json encoded(const ViewImages& view, const PictureScales& scales) {
       {"depth", data_url("png", png_bytes(levels(view.depth_m, scales.near_m, scales.far_m), kCompression))}};
   if (!view.error_m.empty())
     pictures["error"] = data_url("png", png_bytes(levels(view.error_m, -limit, limit), kCompression));
+  if (!view.temperature_c.empty())
+    pictures["temperature"] =
+        data_url("png", png_bytes(levels(view.temperature_c, scales.cold_c, scales.warm_c), kCompression));
   return pictures;
 }
 
@@ -81,6 +84,7 @@ ViewImages shrunk(const ViewImages& view, int max_width) {
   cv::resize(view.texture, small.texture, size, 0, 0, cv::INTER_AREA);
   cv::resize(view.depth_m, small.depth_m, size, 0, 0, cv::INTER_NEAREST);
   if (!view.error_m.empty()) cv::resize(view.error_m, small.error_m, size, 0, 0, cv::INTER_NEAREST);
+  if (!view.temperature_c.empty()) cv::resize(view.temperature_c, small.temperature_c, size, 0, 0, cv::INTER_NEAREST);
   return small;
 }
 
@@ -96,6 +100,12 @@ PictureScales picture_scales(const std::vector<ViewImages>& views) {
   const double limit_m =
       error_limit_m(sampled(views, [](const ViewImages& view) -> const cv::Mat1f& { return view.error_m; }));
   if (limit_m > 0) scales.error_limit_m = limit_m;
+  auto temperatures = sampled(views, [](const ViewImages& view) -> const cv::Mat1f& { return view.temperature_c; });
+  if (!temperatures.empty()) {
+    constexpr double kWarmest_c = 40;
+    scales.cold_c = std::floor(std::min(quantile(temperatures, 0.01), kWarmest_c - 5));
+    scales.warm_c = kWarmest_c;
+  }
   return scales;
 }
 

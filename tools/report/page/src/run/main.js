@@ -8,6 +8,7 @@ import {showPlots} from './plots.js';
 import {showScene} from './scene.js';
 import {showScrubber} from './scrubber.js';
 import {showTables} from './tables.js';
+import {showWarmThings} from './warm_things.js';
 
 drawPage(async () => {
   showHeader();
@@ -15,6 +16,7 @@ drawPage(async () => {
   if (data.views.length > 0) {
     showScrubber();
     showPictures();
+    showWarmThings();
     showTables();
     showPlots();
   }

@@ -8,7 +8,7 @@ import {LevelPicture} from '../shared/level_picture.js';
 import {stateCard} from './state_card.js';
 import {store} from './store.js';
 
-const {near_m: near, far_m: far, error_limit_mm: limit, every} = data.pictures;
+const {near_m: near, far_m: far, error_limit_mm: limit, cold_c: cold, warm_c: warm, every} = data.pictures;
 
 // The view whose pictures are shown for another: its own or, of those that are in the page, the one before.
 export function pictured(place) {
@@ -22,11 +22,11 @@ function card(title, ...content) {
 }
 
 // Shows what the picture holds under the pointer.
-function tellValues(canvas, picture, output, text) {
+function tellValues(canvas, picture, output, text, nothing) {
   canvas.addEventListener('pointermove', (event) => {
     const box = canvas.getBoundingClientRect();
     const value = picture.at((event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height);
-    output.textContent = value === null ? 'no depth' : text(value);
+    output.textContent = value === null ? nothing : text(value);
   });
   canvas.addEventListener('pointerleave', () => (output.textContent = ''));
 }
@@ -54,11 +54,11 @@ function textureCard() {
   };
 }
 
-function levelCard(title, key, palette, ends, text, description) {
+function levelCard(title, key, palette, ends, text, description, nothing = 'no depth') {
   const canvas = element('canvas', {role: 'img', width: data.rig.width_px, height: data.rig.height_px});
   const picture = new LevelPicture(canvas, palette);
   const {node, value} = card(title, element('div', {class: 'frame'}, canvas), colourBar(palette, ...ends));
-  tellValues(canvas, picture, value, text);
+  tellValues(canvas, picture, value, text, nothing);
   return {
     node,
     show(view) {
@@ -84,11 +84,19 @@ function errorCard() {
   return levelCard('Depth error', 'error', 'diverging', ends, text, 'Depth error');
 }
 
+function temperatureCard() {
+  const degrees = (share) => cold + share * (warm - cold);
+  const ends = [0, 0.5, 1].map((share) => `${fixed(degrees(share), 0)} °C`);
+  const text = (share) => (share === 1 ? `above ${ends[2]}` : `${fixed(degrees(share), 1)} °C`);
+  return levelCard('Temperature', 'temperature', 'cividis', ends, text, 'Temperature', 'not seen');
+}
+
 export function showPictures() {
   const place = byId('pictures');
   const state = stateCard();
   const cards = [textureCard(), depthCard()];
   if (data.has_truth) cards.push(errorCard());
+  if (data.views.some((view) => view.pictures?.temperature)) cards.push(temperatureCard());
   const borrowed = element('p', {class: 'quiet borrowed', hidden: true});
   place.append(borrowed, ...cards.map(({node}) => node), state.node);
   store.onView((chosen) => {

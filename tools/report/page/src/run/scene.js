@@ -12,6 +12,7 @@ import {theme} from '../shared/theme.js';
 import {mapModel} from './map_model.js';
 import {errorScale, paths, positions} from './paths.js';
 import {store} from './store.js';
+import {warmMarks} from './warm_things.js';
 
 function notice(text) {
   byId('scene-notice').textContent = text;
@@ -42,6 +43,7 @@ export async function showScene() {
   const scale = errorScale(box.getSize(new THREE.Vector3()).length());
   const drawn = paths(scale);
   const {grid, square} = floorGrid(box);
+  const warm = warmMarks();
 
   let asked = false;
   const redraw = () => {
@@ -52,6 +54,7 @@ export async function showScene() {
   const orbit = new Orbit(canvas, box, cameras, redraw);
   const scene = new THREE.Scene();
   scene.add(...lights(orbit.camera), drawn.group, grid);
+  if (warm) scene.add(warm.group);
   if (model) scene.add(...[model.surface, model.points].filter(Boolean));
 
   function draw(now) {
@@ -88,6 +91,7 @@ export async function showScene() {
   if (data.has_truth) controls.append(shown('true path', drawn.truth));
   if (scale) controls.append(shown(`errors × ${count(scale)}`, drawn.errors, false));
   controls.append(shown('grid', grid));
+  if (warm) controls.append(shown('warm things', warm.group));
   const look = () => {
     const view = data.views[store.view];
     const pose = view.pose ?? view.true_pose;
@@ -102,6 +106,7 @@ export async function showScene() {
 
   const entries = [['estimate', 'estimated path']];
   if (data.has_truth) entries.push(['truth', 'true path', 'dashed']);
+  if (warm) entries.push(['lost', 'victim?'], ['third', 'warm, no victim']);
   entries.push(['chosen', 'this view'], ['floor', `squares of ${squareSize(square)}`]);
   legend(entries);
 
@@ -110,6 +115,7 @@ export async function showScene() {
     scene.background = new THREE.Color(ink.paper);
     grid.material.color.set(ink.floor);
     drawn.colour();
+    warm?.colour(dark);
     redraw();
   });
   store.onView((place) => {

@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "bench/victim_search.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cstdio>
+#include <limits>
+#include <optional>
+#include <thread>
+
+#include "core/pipeline/pipeline.h"
+#include "core/score/score.h"
+#include "core/types/error.h"
+#include "core/types/options.h"
+#include "sim/virtual_rig.h"
+
+namespace fringeslam::bench {
+
+namespace {
+
+sim::Scene load(uint64_t seed, double extinction_per_m) {
+  sim::SceneReading reading{seed};
+  if (extinction_per_m > 0)
+    reading.changes = {{"air", "{extinction_per_m: " + to_text(extinction_per_m) + ", albedo: 0.85, anisotropy: 0.6}"}};
+  return sim::load_scene(std::string(FRINGESLAM_SCENES) + "/victims/scene.yaml", reading);
+}
+
+const std::string& material_of(const sim::Scene& scene, int object) {
+  return scene.objects[static_cast<size_t>(object - 1)].material.name;
+}
+
+// What most pixels of a region truly show.
+std::string shown_material(const sim::Scene& scene, const TruthFrame& truth, const cv::Mat1i& regions, int number) {
+  std::map<std::string, int> counts;
+  for (int row = 0; row < regions.rows; ++row) {
+    for (int col = 0; col < regions.cols; ++col) {
+      const int object = static_cast<int>(truth.object_id(row, col));
+      if (regions(row, col) == number && object > 0) ++counts[material_of(scene, object)];
+    }
+  }
+  const auto most =
+      std::max_element(counts.begin(), counts.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
+  return most == counts.end() ? "nothing" : most->first;
+}
+
+double valid_share(const FrameResult& view, const TruthFrame& truth) {
+  cv::Mat1f depth;
+  cv::extractChannel(view.frame.points_m, depth, 2);
+  return score_depth({depth, view.frame.sigma_m, view.decoded.coordinate_px}, truth, view.decoded.finest_period_px)
+      .valid_fraction;
+}
+
+}  // namespace
+
+Searched search_for_victims(uint64_t seed, double extinction_per_m) {
+  const sim::Scene scene = load(seed, extinction_per_m);
+  std::vector<TruthFrame> truth;
+  sim::VirtualRig rig(scene, {}, [&](const TruthFrame& frame) { truth.push_back(frame); });
+  Pipeline pipeline(rig.model(), scene.patterns, {}, scene.trajectory[0].world_from_robot);
+  Searched result;
+  VisibleVictims visible;
+  std::vector<cv::Mat1i> regions;
+  std::optional<Pose> last;
+  while (const auto stack = rig.capture(scene.patterns)) {
+    const FrameResult view = pipeline.process(*stack);
+    visible.add(truth.back(), scene.rig.camera, truth.back().world_from_robot * scene.rig.robot_from_camera);
+    regions.push_back(view.warm.regions);
+    result.valid = std::min(result.valid, valid_share(view, truth.back()));
+    ++result.views;
+    if (view.tracking == Tracking::lost) {
+      last.reset();
+      continue;
+    }
+    ++result.tracked;
+    if (last) {
+      const Pose true_motion = truth[truth.size() - 2].world_from_robot.inverse() * truth.back().world_from_robot;
+      result.translations_m.push_back(
+          score_motion(last->inverse() * view.world_from_robot, true_motion).translation_error_m);
+    }
+    last = view.world_from_robot;
+  }
+
+  const std::vector<WarmThing> things = pipeline.warm_things();
+  const auto shown = [&](const WarmThing& thing) {
+    const auto view = static_cast<size_t>(thing.best_view);
+    return shown_material(scene, truth[view], regions[view], thing.best_region);
+  };
+  std::vector<VictimCandidate> candidates;
+  std::vector<const WarmThing*> victims;
+  for (const WarmThing& thing : things) {
+    ++result.things[shown(thing)];
+    if (!thing.victim) continue;
+    victims.push_back(&thing);
+    candidates.push_back(thing.points_m);
+  }
+  result.score = score_victims(visible, candidates);
+  char line[512];
+  for (const size_t i : result.score.wrong) {
+    const std::string material = shown(*victims[i]);
+    ++result.wrong[material];
+    std::snprintf(line, sizeof line, "%s taken for a victim in %d of %d views: %s", material.c_str(),
+                  victims[i]->skin_views, victims[i]->views, victims[i]->reason.c_str());
+    result.failures.push_back(line);
+  }
+  for (const int object : result.score.missed) {
+    std::snprintf(line, sizeof line, "%s missed, of which %.0f cm2 show", material_of(scene, object).c_str(),
+                  1e4 * visible.all().at(object).area_m2);
+    result.failures.push_back(line);
+  }
+  if (result.tracked < result.views) result.failures.push_back("a view was lost");
+  return result;
+}
+
+void settle_victims(uint64_t first_seed, int count) {
+  std::atomic<int> next = 0;
+  const auto work = [&] {
+    for (int i = next++; i < count; i = next++) {
+      try {
+        load(first_seed + static_cast<uint64_t>(i), 0);
+      } catch (const Error&) {  // told when it is searched
+      }
+    }
+  };
+  std::thread other(work);
+  work();
+  other.join();
+}
+
+}  // namespace fringeslam::bench
