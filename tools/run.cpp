@@ -6,6 +6,8 @@
 #include <memory>
 
 #include "core/map/map_file.h"
+#include "core/pipeline/conveyor.h"
+#include "core/rig/dropping_rig.h"
 #include "core/rig/files.h"
 #include "core/rig/yaml.h"
 #include "tools/interrupt.h"
@@ -24,6 +26,7 @@ namespace {
 
 constexpr const char* kConfigFile = "config.yaml";
 constexpr const char* kMapFile = "saved.map";
+constexpr size_t kWaitingStacks = 2;  // behind the one that is mapped
 constexpr bool kHasReport = FRINGESLAM_REPORT;
 
 struct Arguments {
@@ -34,7 +37,7 @@ struct Arguments {
   bool mesh = false, save_map = false, no_report = false;
   LiveOption live;
   double live_rate_hz = 0;
-  bool live_wait = false;
+  bool live_wait = false, real_time = false;
 };
 
 // A scene's name as the name of a folder.
@@ -46,9 +49,9 @@ std::string file_name(std::string name) {
 }
 
 // Lets no more than `rate_hz` turns pass a second; 0: all.
-class Pace {
+class ViewRate {
  public:
-  explicit Pace(double rate_hz) : period_s_(rate_hz > 0 ? 1 / rate_hz : 0) {}
+  explicit ViewRate(double rate_hz) : period_s_(rate_hz > 0 ? 1 / rate_hz : 0) {}
   void wait() {
     if (period_s_ == 0) return;
     const auto now = Clock::now();
@@ -67,6 +70,17 @@ void wait_for_interrupt() {
   std::fflush(stdout);  // the score, to who reads it through a pipe
   catch_interrupts();
   while (!interrupted()) wait_s(60);
+}
+
+void show(LiveFeed& feed, const Conveyor::View& view, const Pipeline& pipeline, int dropped) {
+  feed.show(
+      view.stack, view.result, pipeline.map(), [&] { return pipeline.trajectory(); }, dropped);
+  if (view.result.warm.list.empty()) return;
+  std::vector<VictimCandidate> candidates;
+  for (const WarmThing& thing : pipeline.warm_things())
+    candidates.push_back(
+        {thing.position_m, thing.extent_m, thing.victim ? "may be a victim" : "warm, no victim", thing.reason});
+  feed.show_candidates(std::move(candidates));
 }
 
 int run(const Arguments& arguments, const Common& common) {
@@ -109,20 +123,23 @@ int run(const Arguments& arguments, const Common& common) {
                                                                          .stacks = source->stacks(),
                                                                          .maps = true,
                                                                          .moving = settings.pipeline.tracking.moving});
-  Pace pace(arguments.live_rate_hz);
+  std::optional<DroppingRig> camera;
+  if (arguments.real_time) camera.emplace(*rig, source->sequence(), kWaitingStacks, Pace::timestamps);
+  const auto dropped = [&] { return camera ? camera->dropped() : 0; };
+  ViewRate rate(arguments.live_rate_hz);
   {
     Progress progress("mapping", source->stacks(), common.quiet || common.json);
-    while (const auto stack = rig->capture(pipeline.next_patterns())) {
-      const FrameResult result = pipeline.process(*stack);
-      record.add(*stack, result, pipeline.map());
-      if (live)
-        live->feed().show(
-            *stack, result, pipeline.map(), [&] { return pipeline.trajectory(); }, 0);
-      if (arguments.mesh) record.add_mesh(frame_mesh(result.frame, settings.mesh), stack->index);
+    Conveyor conveyor(camera ? static_cast<Rig&>(*camera) : *rig, pipeline);
+    while (const auto view = conveyor.next()) {
+      record.add(view->stack, view->result, pipeline.map());
+      if (live) show(live->feed(), *view, pipeline, dropped());
+      if (arguments.mesh) record.add_mesh(frame_mesh(view->result.frame, settings.mesh), view->stack.index);
       progress.step();
-      pace.wait();
+      rate.wait();
     }
   }
+  if (dropped() > 0 && !common.json)
+    std::fprintf(stderr, "dropped: %d of %d stacks, because mapping was behind\n", dropped(), source->stacks());
   if (live) live->feed().finish();
   const std::vector<CloudPoint> cloud = pipeline.map().cloud(settings.pipeline.cloud).points();
   record.finish(pipeline.trajectory(), cloud, pipeline.surface().mesh());
@@ -143,6 +160,7 @@ int run(const Arguments& arguments, const Common& common) {
 
   if (common.json) {
     nlohmann::ordered_json json = {{"run", out}};
+    if (arguments.real_time) json["dropped"] = dropped();
     json["score"] = score ? to_json(*score) : nlohmann::ordered_json();
     std::printf("%s\n", json.dump(2).c_str());
   } else {
@@ -167,6 +185,8 @@ Verb add_run(CLI::App& app, const Common& common) {
   verb->add_option("--map", arguments->map, "Go on in the map that an earlier run saved")->check(CLI::ExistingFile);
   verb->add_flag("--save-map", arguments->save_map, "Write saved.map, in which a later run can go on, too");
   verb->add_flag("--no-report", arguments->no_report, "Leave out report.html, the page about the run");
+  verb->add_flag("--real-time", arguments->real_time,
+                 "Views come when they were taken, as from a camera; where mapping is behind the oldest are dropped");
   add_live_option(*verb, arguments->live);
   CLI::Option* page = verb->get_option("--live");
   verb->add_option("--live-rate", arguments->live_rate_hz, "Views a second at most; 0: as fast as they are mapped")

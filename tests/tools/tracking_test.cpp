@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 
 #include <nlohmann/json.hpp>
+#include <regex>
 
 #include "core/score/score.h"
 #include "tests/tools/child.h"
@@ -127,6 +128,32 @@ TEST_F(ManyViews, IdenticalOnesDoNotFillTheMap) {
   EXPECT_LT(read("more/score.json")["trajectory"]["ate_rmse_mm"], 0.01);
   EXPECT_EQ(test::fs::file_size(temp_ / "few/saved.map"), test::fs::file_size(temp_ / "more/saved.map"));
   EXPECT_EQ(test::read_bytes(temp_ / "few/map.ply"), test::read_bytes(temp_ / "more/map.ply"));
+}
+
+// As from a camera that takes them all within a millisecond: whatever is mapped is mapped in order, the rest is
+// counted.
+TEST_F(ManyViews, ThatComeTooFastInRealTimeAreDroppedAndCounted) {
+  constexpr int kViews = 12;
+  run_well({"render", scene("fast", repeated(kStep, kViews - 1)), "--out", at("images"), "--quiet", "--set",
+            "render.samples_per_pixel=1"});
+  for (int i = 0; i < kViews; ++i) {
+    char name[64];
+    std::snprintf(name, sizeof name, "images/stacks/%06d/stack.yaml", i);
+    const std::string text = test::read_bytes(temp_ / name);
+    test::write_bytes(temp_ / name, std::regex_replace(text, std::regex("timestamp_s: .*"),
+                                                       "timestamp_s: " + std::to_string(1e-4 * i)));
+  }
+  const test::Finished finished =
+      run_well({"run", at("images"), "--out", at("run"), "--real-time", "--json", "--no-report"});
+  const int dropped = json::parse(finished.out)["dropped"];
+  const json frames = read("run/frames.json");
+  EXPECT_EQ(dropped + static_cast<int>(frames.size()), kViews);
+  EXPECT_GE(frames.size(), 2u) << "what waits is mapped in the end";
+  EXPECT_EQ(frames.back()["index"], kViews - 1);
+  for (size_t i = 1; i < frames.size(); ++i) EXPECT_GT(frames[i]["index"], frames[i - 1]["index"]);
+
+  const json all = run(at("fast"), "slow");
+  EXPECT_EQ(all.size(), static_cast<size_t>(kViews)) << "without it none is";
 }
 
 TEST_F(ManyViews, GoOnInASavedMap) {
