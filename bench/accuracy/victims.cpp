@@ -87,7 +87,8 @@ std::vector<Row> smoke_rows(const Context& context) {
     if (extinction_per_m == kRated_per_m) rated = score.recall(), rated_to_find = score.to_find;
   }
   if (!context.quick)
-    write_percent_chart(FRINGESLAM_SCENES "/victims/smoke.png", "smoke of this extinction, %, over " + std::to_string(worlds) + " worlds",
+    write_percent_chart(FRINGESLAM_SCENES "/victims/smoke.png",
+                        "smoke of this extinction, %, over " + std::to_string(worlds) + " worlds",
                         {"pixels valid", "motions right", "victims found"}, bars);
   return {bound_row("smoke.victim_recall", rated, rated_to_find, "", 0.9, Limit::least)};
 }
