@@ -3,8 +3,11 @@
 // it and reconstructs its depth. The results are those of one at a time, whatever the threads' pace.
 #pragma once
 
-#include <future>
+#include <condition_variable>
+#include <exception>
+#include <mutex>
 #include <optional>
+#include <thread>
 
 #include "core/pipeline/pipeline.h"
 #include "core/rig/rig.h"
@@ -14,9 +17,9 @@ namespace fringeslam {
 class Conveyor {
  public:
   // Both have to outlive it, and the rig is its own until it ends.
-  Conveyor(Rig& rig, Pipeline& pipeline) : rig_(rig), pipeline_(pipeline) {}
+  Conveyor(Rig& rig, Pipeline& pipeline);
   // Waits for the view that is on its way.
-  ~Conveyor() = default;
+  ~Conveyor();
   Conveyor(const Conveyor&) = delete;
   Conveyor& operator=(const Conveyor&) = delete;
 
@@ -29,11 +32,20 @@ class Conveyor {
 
  private:
   using Ahead = std::optional<SeenStack>;
-  Ahead look(const PatternSequence& patterns) const;
+  void ask(const PatternSequence& patterns);
+  Ahead answer();
+  void look_ahead();
 
   Rig& rig_;
   Pipeline& pipeline_;
-  std::future<Ahead> ahead_;
+  std::mutex mutex_;  // of all below
+  std::condition_variable changed_;
+  std::optional<PatternSequence> asked_;
+  std::optional<Ahead> answer_;
+  std::exception_ptr failure_;
+  bool on_its_way_ = false, stopping_ = false;
+  // One for all views: TBB keeps some memory of every thread that ever ran a loop.
+  std::thread thread_;
 };
 
 }  // namespace fringeslam
