@@ -129,7 +129,8 @@ int run(const Arguments& arguments, const Common& common) {
   ViewRate rate(arguments.live_rate_hz);
   {
     Progress progress("mapping", source->stacks(), common.quiet || common.json);
-    Conveyor conveyor(camera ? static_cast<Rig&>(*camera) : *rig, pipeline);
+    Rig& images = camera ? static_cast<Rig&>(*camera) : *rig;
+    Conveyor conveyor([&](const PatternSequence& patterns) { return images.capture(patterns); }, pipeline);
     while (const auto view = conveyor.next()) {
       record.add(view->stack, view->result, pipeline.map());
       if (live) show(live->feed(), *view, pipeline, dropped());

@@ -39,7 +39,7 @@ double frames_per_s(const LoopScene& loop) {
   LoopRig rig(loop, 1);
   Pipeline pipeline(loop.scene.rig, loop.scene.patterns, {}, loop.scene.trajectory[0].world_from_robot);
   const double seconds = seconds_of([&] {
-    Conveyor conveyor(rig, pipeline);
+    Conveyor conveyor([&](const PatternSequence& patterns) { return rig.capture(patterns); }, pipeline);
     while (conveyor.next()) {
     }
     pipeline.surface();

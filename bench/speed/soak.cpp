@@ -63,7 +63,7 @@ Soak soaked(double duration_s) {
   };
   LoopRig rig(loop, 1 << 20);
   Pipeline pipeline(loop.scene.rig, loop.scene.patterns, {}, loop.scene.trajectory[0].world_from_robot);
-  Conveyor conveyor(rig, pipeline);
+  Conveyor conveyor([&](const PatternSequence& patterns) { return rig.capture(patterns); }, pipeline);
   Soak soak;
   while (elapsed_s() < duration_s || soak.laps.size() < kWarmUp + 2) {
     const std::clock_t before = std::clock();

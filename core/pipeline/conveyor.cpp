@@ -5,7 +5,7 @@
 
 namespace fringeslam {
 
-Conveyor::Conveyor(Rig& rig, Pipeline& pipeline) : rig_(rig), pipeline_(pipeline) {
+Conveyor::Conveyor(Capture capture, Pipeline& pipeline) : capture_(std::move(capture)), pipeline_(pipeline) {
   thread_ = std::thread([this] { look_ahead(); });
 }
 
@@ -28,7 +28,7 @@ void Conveyor::look_ahead() {
     Ahead seen;
     std::exception_ptr failure;
     try {
-      if (std::optional<FringeStack> stack = rig_.capture(patterns)) seen = pipeline_.see_ahead(std::move(*stack));
+      if (std::optional<FringeStack> stack = capture_(patterns)) seen = pipeline_.see_ahead(std::move(*stack));
     } catch (...) {
       failure = std::current_exception();
     }

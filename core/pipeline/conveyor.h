@@ -5,19 +5,22 @@
 
 #include <condition_variable>
 #include <exception>
+#include <functional>
 #include <mutex>
 #include <optional>
 #include <thread>
 
 #include "core/pipeline/pipeline.h"
-#include "core/rig/rig.h"
 
 namespace fringeslam {
 
 class Conveyor {
  public:
-  // Both have to outlive it, and the rig is its own until it ends.
-  Conveyor(Rig& rig, Pipeline& pipeline);
+  // The images of one pass through these patterns; empty when there is nothing more to see. Called in the other thread.
+  using Capture = std::function<std::optional<FringeStack>(const PatternSequence&)>;
+
+  // The pipeline has to outlive it.
+  Conveyor(Capture capture, Pipeline& pipeline);
   // Waits for the view that is on its way.
   ~Conveyor();
   Conveyor(const Conveyor&) = delete;
@@ -27,7 +30,7 @@ class Conveyor {
     FringeStack stack;
     FrameResult result;
   };
-  // Empty when the rig has nothing more to see. Throws what rig and pipeline throw.
+  // Empty when there is nothing more to see. Throws what `capture` and the pipeline throw.
   std::optional<View> next();
 
  private:
@@ -36,7 +39,7 @@ class Conveyor {
   Ahead answer();
   void look_ahead();
 
-  Rig& rig_;
+  Capture capture_;
   Pipeline& pipeline_;
   std::mutex mutex_;  // of all below
   std::condition_variable changed_;

@@ -5,6 +5,8 @@
 
 #include <cmath>
 
+#include "core/rig/rig.h"
+#include "core/types/error.h"
 #include "tests/support/fringes.h"
 #include "tests/support/scene.h"
 
@@ -76,7 +78,7 @@ class Conveyed : public testing::TestWithParam<std::string> {
 TEST_P(Conveyed, ViewsAreThoseOfOneAtATime) {
   Bumps one_at_a_time(kViews), ahead(kViews);
   Pipeline expected = pipeline(), got = pipeline();
-  Conveyor conveyor(ahead, got);
+  Conveyor conveyor([&](const PatternSequence& patterns) { return ahead.capture(patterns); }, got);
   int views = 0;
   while (const auto stack = one_at_a_time.capture(expected.next_patterns())) {
     const FrameResult result = expected.process(*stack);
@@ -117,7 +119,7 @@ TEST(Conveyor, ACameraThatIsGoneIsSaidAfterTheViewsBefore) {
   Failing rig;
   const PatternSequence sequence = phase_shift_sequence(1024, 768, {1040, 131, 16.5}, 3, Axis::columns, 8);
   Pipeline pipeline(rig.model(), sequence, {}, {});
-  Conveyor conveyor(rig, pipeline);
+  Conveyor conveyor([&](const PatternSequence& patterns) { return rig.capture(patterns); }, pipeline);
   for (int view = 0; view < 3; ++view) EXPECT_EQ(conveyor.next()->stack.index, view);
   EXPECT_THROW(conveyor.next(), Error);
 }
