@@ -78,8 +78,9 @@ void show(LiveFeed& feed, const Conveyor::View& view, const Pipeline& pipeline, 
   if (view.result.warm.list.empty()) return;
   std::vector<VictimCandidate> candidates;
   for (const WarmThing& thing : pipeline.warm_things())
-    candidates.push_back(
-        {thing.position_m, thing.extent_m, thing.victim ? "may be a victim" : "warm, no victim", thing.reason});
+    candidates.push_back({thing.position_m, thing.extent_m, thing.victim ? "may be a victim" : "warm, no victim",
+                          thing.reason, thing.victim});
+  std::stable_partition(candidates.begin(), candidates.end(), [](const VictimCandidate& c) { return c.victim; });
   feed.show_candidates(std::move(candidates));
 }
 

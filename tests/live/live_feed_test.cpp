@@ -142,11 +142,13 @@ TEST(LiveFeed, LandmarksAreTheMeanOfTheirKeypointsAndOutlined) {
 TEST(LiveFeed, CandidatesCarryTheirReason) {
   LiveFeed feed(test::run_setup());
   EXPECT_EQ(json::parse(feed.snapshot())["candidates"], json::array());
-  feed.show_candidates({{{0.5, -1, 0.25}, 0.3, "confirmed", "35 °C over 0.1 m²"}});
-  EXPECT_EQ(
-      json::parse(feed.snapshot())["candidates"],
-      json::parse(
-          R"([{"position_m": [0.5, -1.0, 0.25], "radius_m": 0.3, "state": "confirmed", "reason": "35 °C over 0.1 m²"}])"));
+  feed.show_candidates(
+      {{{0.5, -1, 0.25}, 0.3, "confirmed", "35 °C over 0.1 m²"}, {{1, 2, 3}, 0.1, "warm", "flat", false}});
+  EXPECT_EQ(json::parse(feed.snapshot())["candidates"],
+            json::parse(R"([{"position_m": [0.5, -1.0, 0.25], "radius_m": 0.3, "state": "confirmed",
+                             "reason": "35 °C over 0.1 m²", "victim": true},
+                            {"position_m": [1.0, 2.0, 3.0], "radius_m": 0.1, "state": "warm", "reason": "flat",
+                             "victim": false}])"));
 }
 
 TEST(LiveFeed, AnotherRunIsToldFromItsStart) {

@@ -277,11 +277,12 @@ test('victim candidates are listed and marked with their reason', async () => {
   const told = await context.newPage();
   await told.route('**/snapshot', async (route) => {
     const answer = await route.fetch();
-    const candidates = [{position_m: [0, 0, 0.1], radius_m: 0.1, state: 'confirmed', reason: '<b>34 °C</b> behind a box'}];
+    const candidates = [{position_m: [0, 0, 0.1], radius_m: 0.1, state: 'confirmed', victim: true, reason: '<b>34 °C</b> behind a box'}];
     return route.fulfill({response: answer, json: {...(await answer.json()), candidates}});
   });
   await told.goto(still.url);
   await drawn(told);
   assert.equal(await told.locator('#candidate-list li').innerText(), '1: confirmed at 0.00, 0.00, 0.10 m, radius 0.10 m. <b>34 °C</b> behind a box');
+  await told.locator('#legend').getByText('may be a victim').waitFor();
   await context.close();
 });

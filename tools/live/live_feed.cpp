@@ -36,7 +36,8 @@ ordered_json json_of(const VictimCandidate& candidate) {
   return {{"position_m", json_of(candidate.position_m)},
           {"radius_m", candidate.radius_m},
           {"state", candidate.state},
-          {"reason", candidate.reason}};
+          {"reason", candidate.reason},
+          {"victim", candidate.victim}};
 }
 
 // The outline goes from pixel to pixel: some of its corners tell its shape.

@@ -18,7 +18,7 @@
 //               was corrected then, pose (of the robot, in the world)
 //   keyframes   {from, list}: pose (of the camera, in the world), landmarks (positions in its frame)
 //   newest      number, index, figures and warnings of the newest view, landmarks outlined in it
-//   candidates  where there may be a victim: position_m (in the world), radius_m, state, reason
+//   candidates  warm places: position_m (in the world), radius_m, state, reason, and whether there may be a victim
 //
 // Poses are x y z qx qy qz qw; those of all views and keyframes come anew when the map was corrected.
 #pragma once
@@ -50,12 +50,13 @@ struct LiveSetup {
   bool moving = false;  // the robot moves while a sequence is taken
 };
 
-// Of the thermal channel: a place that may hold a victim, and why.
+// Of the thermal channel: a warm place, whether it may hold a victim, and why.
 struct VictimCandidate {
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();  // in the world
   double radius_m = 0;
   std::string state;   // "seen once", "confirmed", …
   std::string reason;  // for a person to read
+  bool victim = true;  // may be one
 };
 
 class LiveFeed {

@@ -90,7 +90,11 @@ export class Robot {
       sphere.material.dispose();
     }
     this.candidates.clear();
-    for (const candidate of store.candidates) this.candidates.add(sphereOf(candidate));
+    for (const candidate of store.candidates) {
+      const sphere = sphereOf(candidate);
+      sphere.userData.victim = candidate.victim;
+      this.candidates.add(sphere);
+    }
   }
 
   colour() {
@@ -100,6 +104,6 @@ export class Robot {
     this.frustum.material.color.set(now);
     this.pane.material.color.set(now);
     this.landmarks.material.color.set(ink.truth);
-    for (const sphere of this.candidates.children) sphere.material.color.set(ink.lost);
+    for (const sphere of this.candidates.children) sphere.material.color.set(sphere.userData.victim ? ink.lost : ink.third);
   }
 }

@@ -62,6 +62,7 @@ class Stage {
     const now = this.robot.pose?.position;
     if (this.following && before && now) this.orbit.moveBy(new THREE.Vector3(...now).sub(new THREE.Vector3(...before)));
     this.clouds.update();
+    if (this.square && this.warm !== store.candidates.length > 0) this.explain();
     this.redraw();
   }
 
@@ -89,8 +90,16 @@ class Stage {
     this.floor = grid;
     this.floor.visible = this.gridShown;
     this.scene.add(grid);
-    legend([['estimate', 'path of the camera'], ['chosen', 'camera now'], ['truth', 'landmarks', 'dot'], ['floor', `squares of ${squareSize(square)}`]]);
+    this.square = square;
+    this.explain();
     this.colour();
+  }
+
+  // What the map's colours mean, of those that are in it.
+  explain() {
+    this.warm = store.candidates.length > 0;
+    const warm = this.warm ? [['lost', 'may be a victim'], ['third', 'warm, no victim']] : [];
+    legend([['estimate', 'path of the camera'], ['chosen', 'camera now'], ['truth', 'landmarks', 'dot'], ...warm, ['floor', `squares of ${squareSize(this.square)}`]]);
   }
 
   colour() {
