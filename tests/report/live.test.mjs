@@ -6,7 +6,7 @@ import {spawn} from 'node:child_process';
 import {resolve} from 'node:path';
 import {after, before, test} from 'node:test';
 import {changed, darkness, kTimeoutMs, launch, look, open as openIn, overflow, reachedByTab} from './browser.mjs';
-import {Runs} from './runs.mjs';
+import {Runs, sceneText} from './runs.mjs';
 
 const kToken = 'correct-horse-battery';
 const kBack = [-900, 0];
@@ -20,28 +20,8 @@ let browser, still;
 
 const motion = ([x, y]) => `    - {translation_mm: [${x}, ${y}, 0], rotation_deg: [0, 0, 0]}\n`;
 
-function sceneOf(name, motions, size = 0.5) {
-  return `name: ${name}
-description: For the tests of the live page
-seed: 3
-rig: {file: rig.yaml}
-patterns: {axis: columns, steps: 3, periods_px: [1040, 131, 16.5], bits: 8}
-light: {ambient_lux: 290}
-materials:
-  table: {grain: wood, albedo: 0.4, contrast: 0.35, grain_m: 0.012}
-  cardboard: {grain: cardboard, albedo: 0.55, contrast: 0.35, grain_m: 0.01}
-objects:
-  - {shape: plane, size_m: [0.8, 0.8], material: table}
-  - shape: scatter
-    count: 30
-    area_m: [${size}, ${size}]
-    max_height_m: 0.12
-    items:
-      - {shape: box, size_min_m: [0.04, 0.03, 0.02], size_max_m: [0.09, 0.08, 0.08], material: cardboard}
-trajectory:
-  interval_s: 0.5
-${motions.length ? `  motions:\n${motions.map(motion).join('')}` : ''}`;
-}
+const sceneOf = (name, motions, size = 0.5) =>
+  sceneText(name, 'the live page', {count: 30, size, motions: motions.map(motion).join('')});
 
 // A run that shows itself; it stays until it is stopped.
 async function live(name, motions, ...words) {

@@ -10,9 +10,10 @@ const kStep = '    - {translation_mm: [6, 4, 0], rotation_deg: [0, 0, 1]}\n';
 const kAway = '    - {translation_mm: [900, 0, 0], rotation_deg: [0, 0, 0]}\n';
 const kBack = '    - {translation_mm: [-900, 0, 0], rotation_deg: [0, 0, 0]}\n';
 
-// A floor and some boxes; the view before the last sees nothing.
-const kScene = `name: '${kWildName.replaceAll("'", "''")}'
-description: For the tests of report.html
+// A floor and some boxes. `motions`: lines of the scene file, or none.
+export function sceneText(name, tested, {count, size, motions}) {
+  return `name: ${name}
+description: For the tests of ${tested}
 seed: 3
 rig: {file: rig.yaml}
 patterns: {axis: columns, steps: 3, periods_px: [1040, 131, 16.5], bits: 8}
@@ -23,15 +24,19 @@ materials:
 objects:
   - {shape: plane, size_m: [0.8, 0.8], material: table}
   - shape: scatter
-    count: 12
-    area_m: [0.24, 0.24]
+    count: ${count}
+    area_m: [${size}, ${size}]
     max_height_m: 0.12
     items:
       - {shape: box, size_min_m: [0.04, 0.03, 0.02], size_max_m: [0.09, 0.08, 0.08], material: cardboard}
 trajectory:
   interval_s: 0.5
-  motions:
-${kStep}${kAway}${kBack}`;
+${motions && `  motions:\n${motions}`}`;
+}
+
+// The view before the last sees nothing.
+const kScene = sceneText(`'${kWildName.replaceAll("'", "''")}'`, 'report.html',
+  {count: 12, size: 0.24, motions: kStep + kAway + kBack});
 
 export class Runs {
   constructor(program, source, folder) {
