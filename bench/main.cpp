@@ -11,6 +11,7 @@
 #include "bench/suite.h"
 #include "core/rig/files.h"
 #include "core/types/error.h"
+#include "core/types/heap.h"
 #include "core/types/options.h"
 
 namespace fringeslam::bench {
@@ -90,6 +91,7 @@ int run(const std::vector<std::string>& only, const std::string& json_file, cons
 
 int main(int argc, char** argv) {
   using namespace fringeslam::bench;
+  fringeslam::keep_freed_memory();
   CLI::App app{"FringeSLAM's figures: accuracy against exact truth, speed against peers"};
   std::vector<std::string> only;
   std::string json_file;

@@ -6,6 +6,7 @@
 #include <opencv2/core/utility.hpp>
 #include <vector>
 
+#include "core/types/heap.h"
 #include "core/types/options.h"
 #include "tools/verbs.h"
 
@@ -28,6 +29,7 @@ void refuse_unknown_verb(const CLI::App& app, int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  fringeslam::keep_freed_memory();
   CLI::App app{"FringeSLAM: maps rubble in 3D with a structured-light sensor and scores the map against exact truth"};
   app.name("fringeslam");
   app.set_version_flag("--version", "fringeslam " FRINGESLAM_VERSION);

@@ -9,6 +9,7 @@
 #include "core/decode/decode.h"
 #include "core/decode/spatial.h"
 #include "core/depth/depth.h"
+#include "core/types/parallel.h"
 #include "sim/virtual_rig.h"
 
 namespace fringeslam::bench {
@@ -87,10 +88,9 @@ std::vector<Row> points_rows(const Context& context) {
     triangulate(ours.frame, ours.decoded, ours.triangulation, {});
   };
   const auto copy = [&] {
-    cv::parallel_for_(cv::Range(0, 16), [&](const cv::Range& range) {
+    for_each_row(16, [&](int i) {
       const size_t part = bytes / 16;
-      for (int i = range.start; i < range.end; ++i)
-        std::copy_n(source.data() + part * static_cast<size_t>(i), part, target.data() + part * static_cast<size_t>(i));
+      std::copy_n(source.data() + part * static_cast<size_t>(i), part, target.data() + part * static_cast<size_t>(i));
     });
   };
   const auto times = take_turns({work, copy}, context.quick ? 20 : 200);

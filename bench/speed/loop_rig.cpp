@@ -1,17 +1,35 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "bench/speed/loop_rig.h"
 
+#include <limits>
 #include <string>
+#include <utility>
 
 #include "sim/virtual_rig.h"
 
 namespace fringeslam::bench {
 
-LoopScene rendered_loop() {
-  LoopScene loop{sim::load_scene(std::string(FRINGESLAM_SCENES) + "/loop/scene.yaml"), {}};
+namespace {
+
+LoopScene rendered(const sim::SceneReading& reading, size_t views) {
+  LoopScene loop{sim::load_scene(std::string(FRINGESLAM_SCENES) + "/loop/scene.yaml", reading), {}};
   sim::VirtualRig rig(loop.scene, {});
-  while (auto stack = rig.capture(loop.scene.patterns)) loop.stacks.push_back(std::move(*stack));
+  while (loop.stacks.size() < views) {
+    auto stack = rig.capture(loop.scene.patterns);
+    if (!stack) break;
+    loop.stacks.push_back(std::move(*stack));
+  }
   return loop;
+}
+
+}  // namespace
+
+LoopScene rendered_loop() { return rendered({}, std::numeric_limits<size_t>::max()); }
+
+LoopScene rendered_loop_of_a_robot(int views) {
+  sim::SceneReading reading;
+  reading.changes = {{"trajectory.spline.count", std::to_string(kRobotViews)}, {"trajectory.interval_s", "0.0333333"}};
+  return rendered(reading, static_cast<size_t>(views));
 }
 
 std::optional<FringeStack> LoopRig::capture(const PatternSequence&) {

@@ -8,6 +8,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "core/types/parallel.h"
+
 namespace fringeslam {
 
 namespace {
@@ -117,11 +119,10 @@ cv::Point2f fitted(const cv::Mat1f& image, const cv::Point2f& corner, const cv::
 void refine_saddles(const cv::Mat1f& image, int columns, std::vector<cv::Point2f>& corners) {
   const std::vector<cv::Point2f> before = corners;
   const auto width = static_cast<size_t>(columns), total = before.size();
-  cv::parallel_for_(cv::Range(0, static_cast<int>(total)), [&](const cv::Range& range) {
-    for (auto i = static_cast<size_t>(range.start); i < static_cast<size_t>(range.end); ++i) {
-      const size_t beside = i % width + 1 < width ? i + 1 : i - 1, below = i + width < total ? i + width : i - width;
-      corners[i] = fitted(image, before[i], before[beside] - before[i], before[below] - before[i]);
-    }
+  for_each_row(static_cast<int>(total), [&](int corner) {
+    const auto i = static_cast<size_t>(corner);
+    const size_t beside = i % width + 1 < width ? i + 1 : i - 1, below = i + width < total ? i + width : i - width;
+    corners[i] = fitted(image, before[i], before[beside] - before[i], before[below] - before[i]);
   });
 }
 

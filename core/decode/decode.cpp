@@ -374,13 +374,13 @@ void decode_into(DecodedStack& out, const FringeStack& stack, const PatternSeque
   out.relative_phase.release();
   out.components.clear();
 
-  cv::parallel_for_(cv::Range(0, size.height), [&](const cv::Range& range) {
+  for_each_range(size.height, [&](int first, int end) {
     RowScratch scratch;
     RowReader reader(stack, scratch);
     for (std::vector<float>* values :
          {&scratch.anchor.turns, &scratch.anchor.half_width, &scratch.anchor.sigma, &scratch.anchor.failure})
       values->resize(plan.anchored ? static_cast<size_t>(size.width) : 0);
-    for (int row = range.start; row < range.end; ++row) {
+    for (int row = first; row < end; ++row) {
       reader.read(row);
       const RowOutput target{out.mean[row],     out.modulation[row], out.wrapped_phase[row], out.coordinate_px[row],
                              out.sigma_px[row], out.confidence[row], out.fringe_order[row]};

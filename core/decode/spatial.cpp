@@ -148,8 +148,8 @@ namespace {
 std::vector<uint16_t> unreliability(const cv::Mat1f& phase) {
   std::vector<uint16_t> keys(phase.total(), kKeys / 2 - 1);
   const auto wrap = [](float x) { return x > 0.5f * kTurn ? x - kTurn : x < -0.5f * kTurn ? x + kTurn : x; };
-  cv::parallel_for_(cv::Range(1, phase.rows - 1), [&](const cv::Range& range) {
-    for (int row = range.start; row < range.end; ++row) {
+  for_each_range(phase.rows - 2, [&](int first, int end) {
+    for (int row = first + 1; row < end + 1; ++row) {
       const float *above = phase[row - 1], *here = phase[row], *below = phase[row + 1];
       for (int col = 1; col + 1 < phase.cols; ++col) {
         const auto second = [&](float a, float b) {

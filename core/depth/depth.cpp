@@ -94,9 +94,9 @@ void triangulate(Frame& frame, const DecodedStack& decoded, const Triangulation&
     for (int col = 0; col < size.width; ++col)
       frame.texture[row][col] = static_cast<uchar>(std::clamp(to_grey * mean[col] + 0.5f, 0.0f, 255.0f));
   });
-  cv::parallel_for_(cv::Range(0, size.height), [&](const cv::Range& range) {
+  for_each_range(size.height, [&](int first, int end) {
     std::vector<float> kept(static_cast<size_t>(size.width));
-    for (int row = range.start; row < range.end; ++row)
+    for (int row = first; row < end; ++row)
       points_row({depth[row], depth[row + 1], depth[row + 2], sigma[row], triangulation.rays()[row]}, size.width,
                  per_depth, kept.data(), frame.points_m[row], frame.sigma_m[row], set);
   });

@@ -32,6 +32,22 @@ struct Lanes {
   FRINGESLAM_INLINE static void store(Floats v, float* to) { std::memcpy(to, &v, sizeof v); }
   FRINGESLAM_INLINE static void store(Mask v, int32_t* to) { std::memcpy(to, &v, sizeof v); }
 
+  template <class Ints>
+  FRINGESLAM_INLINE static bool any(Ints mask) {
+    if constexpr (lanes == 16) {
+      return Lanes<8>::any(__builtin_shufflevector(mask, mask, 0, 1, 2, 3, 4, 5, 6, 7) |
+                           __builtin_shufflevector(mask, mask, 8, 9, 10, 11, 12, 13, 14, 15));
+    } else if constexpr (lanes == 8) {
+      return Lanes<4>::any(__builtin_shufflevector(mask, mask, 0, 1, 2, 3) |
+                           __builtin_shufflevector(mask, mask, 4, 5, 6, 7));
+    } else {
+      int64_t pairs[2];
+      static_assert(lanes == 4);
+      std::memcpy(pairs, &mask, sizeof pairs);
+      return (pairs[0] | pairs[1]) != 0;
+    }
+  }
+
   FRINGESLAM_INLINE static Floats masked(Floats v, Mask mask) { return Floats(Mask(v) & mask); }
   FRINGESLAM_INLINE static Floats chosen(Mask mask, Floats yes, Floats no) {
     return Floats((Mask(yes) & mask) | (Mask(no) & ~mask));

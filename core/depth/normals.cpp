@@ -12,14 +12,20 @@ namespace {
 
 // Normals of some pixels into those of all, by which they are wanted no more.
 void take(const NormalImages& some, int row, int width, NormalImages& all, int32_t* wanted) {
+  constexpr int kTogether = 16;  // of which mostly none is wanted any more; the images' rows are that much longer
   float *const x = all.x[row], *const y = all.y[row], *const z = all.z[row];
   const float *const from_x = some.x[row], *const from_y = some.y[row], *const from_z = some.z[row];
-  for (int col = 0; col < width; ++col) {
-    const bool given = from_z[col] != 0;
-    x[col] = given ? from_x[col] : x[col];
-    y[col] = given ? from_y[col] : y[col];
-    z[col] = given ? from_z[col] : z[col];
-    wanted[col] = given ? 0 : wanted[col];
+  for (int first = 0; first < width; first += kTogether) {
+    int32_t any = 0;
+    for (int col = first; col < first + kTogether; ++col) any |= wanted[col];
+    if (any == 0) continue;
+    for (int col = first; col < first + kTogether; ++col) {
+      const bool given = from_z[col] != 0;
+      x[col] = given ? from_x[col] : x[col];
+      y[col] = given ? from_y[col] : y[col];
+      z[col] = given ? from_z[col] : z[col];
+      wanted[col] = given ? 0 : wanted[col];
+    }
   }
 }
 

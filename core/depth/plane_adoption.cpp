@@ -59,7 +59,9 @@ FRINGESLAM_INLINE void adopt_lanes(const Rows& rows, int radius, int col, typena
     };
     const Distance<lanes> d = distance(here);
     // Where there is no plane both are 0, and 0 is not below 0.
-    const auto better = L::negative(d.square - best_square * d.variance) & distance(left).within(kMaxNeighbourSigmas) &
+    const auto closer = L::negative(d.square - best_square * d.variance) & wanted;
+    if (!L::any(closer)) continue;
+    const auto better = closer & distance(left).within(kMaxNeighbourSigmas) &
                         distance(right).within(kMaxNeighbourSigmas) & distance(above).within(kMaxNeighbourSigmas) &
                         distance(below).within(kMaxNeighbourSigmas);
     best_square = L::chosen(better, d.square / d.variance, best_square);
@@ -67,7 +69,7 @@ FRINGESLAM_INLINE void adopt_lanes(const Rows& rows, int radius, int col, typena
     best[1] = L::chosen(better, ny, best[1]);
     best[2] = L::chosen(better, nz, best[2]);
   }
-  for (int k = 0; k < 3; ++k) L::store(L::masked(best[k], wanted), to[k] + col);
+  for (int k = 0; k < 3; ++k) L::store(best[k], to[k] + col);
 }
 
 template <int lanes>
@@ -75,9 +77,7 @@ FRINGESLAM_INLINE void adopt_row(const Rows& rows, int width, int radius, const 
   using L = Lanes<lanes>;
   for (int col = 0; col < width; col += lanes) {
     const auto asked = L::load(wanted + col);
-    int any = 0;
-    for (int i = 0; i < lanes; ++i) any |= asked[i];
-    if (any != 0)
+    if (L::any(asked))
       adopt_lanes<lanes>(rows, radius, col, asked, to);
     else
       for (int k = 0; k < 3; ++k) L::store(typename L::Floats{}, to[k] + col);

@@ -57,15 +57,18 @@ FRINGESLAM_INLINE FittedLanes<lanes> fit_lanes(const FitRow& r, const PlaneFit& 
   // Sums over half of the window; the centre itself is at the origin, and mirrored pixels cancel in the mean of the
   // positions. Two whole numbers share a lane: sums of dc^2 and dr^2, and the count and the sum of dc dr.
   constexpr int kUpper = 1 << 16;
+  V along_row[2 * kMostRadius + 1];
+  for (int dc = -fit.radius; dc <= fit.radius; ++dc) along_row[kMostRadius + dc] = slope_col * static_cast<float>(dc);
   V mean{}, by_col{}, by_row{}, squares{};
   Mask count_and_mixed{};
   typename L::Bits moments{};
   for (int dr = 0; dr <= fit.radius; ++dr) {
+    const V along_col = slope_row * static_cast<float>(dr);
     for (int dc = dr == 0 ? 1 : -fit.radius; dc <= fit.radius; ++dc) {
       const ptrdiff_t by = dr * r.stride + dc;
       const V after = at(r.w, by), before = at(r.w, -by);
       const Mask mask = both(after, before, std::max(dr, std::abs(dc)));
-      const V along = slope_col * static_cast<float>(dc) + slope_row * static_cast<float>(dr);
+      const V along = along_row[kMostRadius + dc] + along_col;
       const V forth = L::masked(after - w0 - along, mask), back = L::masked(before - w0 + along, mask);
       const V difference = forth - back;
       mean += forth + back;
@@ -108,10 +111,8 @@ FRINGESLAM_INLINE void fit_row(const FitRow& r, int width, const PlaneFit& fit, 
   using L = Lanes<lanes>;
   for (int col = 0; col < width; col += lanes) {
     const auto asked = L::load(wanted + col);
-    int any = 0;
-    for (int i = 0; i < lanes; ++i) any |= asked[i];
     FittedLanes<lanes> fitted{};
-    if (any != 0) fitted = fit_lanes<lanes>(r, fit, col);
+    if (L::any(asked)) fitted = fit_lanes<lanes>(r, fit, col);
     const auto given = fitted.holds & asked;
     // Depth is positive, so n . (x, y, 1) is, and -n faces the camera.
     alignas(64) float scale[lanes];

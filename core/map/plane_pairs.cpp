@@ -91,19 +91,20 @@ FRINGESLAM_INLINE void linearise_body(PointArrays source, const int32_t* pixel, 
     for (float& value : lanes.value) value = 0;
   }
   const float cut_off = gates.outlier_sigma * gates.outlier_sigma;
+  // All of the chunk's first: read back at once as vectors, what was written one by one would have to be waited for.
+  alignas(64) float partner[8][kChunk];
+  for (int i = 0; i < count; ++i) {
+    const int at = pixel[i] > 0 ? pixel[i] : 0;
+    for (int k = 0; k < 3; ++k) {
+      partner[k][i] = target.points[3 * at + k];
+      partner[3 + k][i] = target.normals[3 * at + k];
+    }
+    partner[6][i] = target.sigma[at];
+    partner[7][i] = static_cast<float>(target.uses[at]);
+  }
   for (int first = 0; first < count; first += kLanes) {
     alignas(64) float g[6][kLanes], weight[kLanes], pull[kLanes], residual2[kLanes], square2[kLanes], paired[kLanes],
         seen[kLanes];
-    alignas(64) float partner[8][kLanes];
-    for (int lane = 0; lane < kLanes; ++lane) {
-      const int at = pixel[first + lane] > 0 ? pixel[first + lane] : 0;
-      for (int k = 0; k < 3; ++k) {
-        partner[k][lane] = target.points[3 * at + k];
-        partner[3 + k][lane] = target.normals[3 * at + k];
-      }
-      partner[6][lane] = target.sigma[at];
-      partner[7][lane] = static_cast<float>(target.uses[at]);
-    }
     for (int lane = 0; lane < kLanes; ++lane) {
       const int i = first + lane;
       const float sx = source.x[i], sy = source.y[i], sz = source.z[i];
@@ -111,8 +112,8 @@ FRINGESLAM_INLINE void linearise_body(PointArrays source, const int32_t* pixel, 
       const float rx = p.r[0] * sx + p.r[1] * sy + p.r[2] * sz, px = p.r[0] * mx + p.r[1] * my + p.r[2] * mz;
       const float ry = p.r[3] * sx + p.r[4] * sy + p.r[5] * sz, py = p.r[3] * mx + p.r[4] * my + p.r[5] * mz;
       const float rz = p.r[6] * sx + p.r[7] * sy + p.r[8] * sz, pz = p.r[6] * mx + p.r[7] * my + p.r[8] * mz;
-      const float qx = partner[0][lane], qy = partner[1][lane], qz = partner[2][lane], q_sigma = partner[6][lane];
-      const float q_nx = partner[3][lane], q_ny = partner[4][lane], q_nz = partner[5][lane];
+      const float qx = partner[0][i], qy = partner[1][i], qz = partner[2][i], q_sigma = partner[6][i];
+      const float q_nx = partner[3][i], q_ny = partner[4][i], q_nz = partner[5][i];
       // Both normals alike: two points of a round surface are as far from one another's tangent planes to opposite
       // sides, and the mean plane holds both (Rusinkiewicz, A symmetric objective function for ICP, 2019).
       const float cosine = px * q_nx + py * q_ny + pz * q_nz, scale = 1 / std::sqrt(2 + 2 * cosine);
@@ -121,7 +122,7 @@ FRINGESLAM_INLINE void linearise_body(PointArrays source, const int32_t* pixel, 
       const float sigma_q = (nx * qx + ny * qy + nz * qz) / qz * q_sigma;
       const float sigma_p = (nx * rx + ny * ry + nz * rz) / sz * source.sigma[i];
       // What several points fall on was measured once all the same.
-      const float variance = partner[7][lane] * sigma_q * sigma_q + sigma_p * sigma_p;
+      const float variance = partner[7][i] * sigma_q * sigma_q + sigma_p * sigma_p;
       const float square = residual * residual / variance, scaled = square / cut_off;
       // No pair when a normal is missing: the pixel sees an edge, and its point may lie on either side of it.
       const bool is_pair =

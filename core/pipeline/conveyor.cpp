@@ -1,12 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/pipeline/conveyor.h"
 
+#include <algorithm>
 #include <utility>
+
+#include "core/types/parallel.h"
 
 namespace fringeslam {
 
 Conveyor::Conveyor(Capture capture, Pipeline& pipeline) : capture_(std::move(capture)), pipeline_(pipeline) {
-  thread_ = std::thread([this] { look_ahead(); });
+  for (int i = 0; i < kThreads; ++i) threads_.emplace_back([this] { work(); });
 }
 
 Conveyor::~Conveyor() {
@@ -15,53 +18,65 @@ Conveyor::~Conveyor() {
     stopping_ = true;
   }
   changed_.notify_all();
-  thread_.join();
+  for (std::thread& thread : threads_) thread.join();
 }
 
-void Conveyor::look_ahead() {
+void Conveyor::work() {
+  const SerialLoops alone;  // the other cores are for the other threads
   std::unique_lock lock(mutex_);
   while (true) {
-    changed_.wait(lock, [&] { return asked_ || stopping_; });
+    changed_.wait(lock, [&] { return stopping_ || (captured_ < wanted_ && !capturing_ && !ended_); });
     if (stopping_) return;
-    const PatternSequence patterns = *std::exchange(asked_, std::nullopt);
+    const int number = captured_++;
+    const PatternSequence patterns = patterns_;
+    capturing_ = true;
     lock.unlock();
-    Ahead seen;
-    std::exception_ptr failure;
+    Arrival arrival;
+    std::optional<FringeStack> stack;
     try {
-      if (std::optional<FringeStack> stack = capture_(patterns)) seen = pipeline_.see_ahead(std::move(*stack));
+      stack = capture_(patterns);
     } catch (...) {
-      failure = std::current_exception();
+      arrival.failure = std::current_exception();
     }
     lock.lock();
-    answer_ = std::move(seen);
-    failure_ = failure;
+    capturing_ = false;
+    ended_ = !stack;
+    changed_.notify_all();
+    lock.unlock();
+    try {
+      if (stack) arrival.seen = pipeline_.see_ahead(std::move(*stack));
+    } catch (...) {
+      arrival.failure = std::current_exception();
+    }
+    lock.lock();
+    arrived_[number] = std::move(arrival);
     changed_.notify_all();
   }
 }
 
-void Conveyor::ask(const PatternSequence& patterns) {
+void Conveyor::let_come(int views) {
   const std::lock_guard lock(mutex_);
-  asked_ = patterns;
-  on_its_way_ = true;
+  patterns_ = pipeline_.next_patterns();
+  wanted_ = taken_ + views;
   changed_.notify_all();
 }
 
-Conveyor::Ahead Conveyor::answer() {
+Conveyor::Arrival Conveyor::take() {
   std::unique_lock lock(mutex_);
-  changed_.wait(lock, [&] { return answer_.has_value(); });
-  on_its_way_ = false;
-  Ahead seen = std::move(*std::exchange(answer_, std::nullopt));
-  if (failure_) std::rethrow_exception(std::exchange(failure_, nullptr));
-  return seen;
+  changed_.wait(lock, [&] { return arrived_.contains(taken_) || (ended_ && !capturing_ && captured_ == taken_); });
+  if (!arrived_.contains(taken_)) return {};
+  return std::move(arrived_.extract(taken_++).mapped());
 }
 
 std::optional<Conveyor::View> Conveyor::next() {
-  if (!on_its_way_) ask(pipeline_.next_patterns());
-  Ahead seen = answer();
-  if (!seen) return std::nullopt;
-  if (pipeline_.knows_patterns_ahead()) ask(pipeline_.next_patterns());
-  FringeStack stack = seen->stack;  // shares its images
-  FrameResult result = pipeline_.process(std::move(*seen));
+  const int ahead = pipeline_.knows_patterns_ahead() ? kAhead : 0;
+  let_come(std::max(1, ahead));
+  Arrival arrival = take();
+  if (arrival.failure) std::rethrow_exception(arrival.failure);
+  if (!arrival.seen) return std::nullopt;
+  if (ahead > 0) let_come(ahead);
+  FringeStack stack = arrival.seen->stack;  // shares its images
+  FrameResult result = pipeline_.process(std::move(*arrival.seen));
   return View{std::move(stack), std::move(result)};
 }
 

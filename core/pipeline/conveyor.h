@@ -1,14 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// Views one after the other, two at a time: while the pipeline registers one, another thread captures the next, decodes
-// it and reconstructs its depth. The results are those of one at a time, whatever the threads' pace.
+// Views one after the other, several at a time: while the pipeline registers one, other threads capture the next ones,
+// decode them and reconstruct their depth. The results are those of one at a time, whatever the threads' pace.
 #pragma once
 
 #include <condition_variable>
 #include <exception>
 #include <functional>
+#include <map>
 #include <mutex>
 #include <optional>
 #include <thread>
+#include <vector>
 
 #include "core/pipeline/pipeline.h"
 
@@ -16,12 +18,13 @@ namespace fringeslam {
 
 class Conveyor {
  public:
-  // The images of one pass through these patterns; empty when there is nothing more to see. Called in the other thread.
+  // The images of one pass through these patterns; empty when there is nothing more to see. Called in other threads,
+  // one call after the other.
   using Capture = std::function<std::optional<FringeStack>(const PatternSequence&)>;
 
   // The pipeline has to outlive it.
   Conveyor(Capture capture, Pipeline& pipeline);
-  // Waits for the view that is on its way.
+  // Waits for the views that are on their way.
   ~Conveyor();
   Conveyor(const Conveyor&) = delete;
   Conveyor& operator=(const Conveyor&) = delete;
@@ -30,25 +33,32 @@ class Conveyor {
     FringeStack stack;
     FrameResult result;
   };
-  // Empty when there is nothing more to see. Throws what `capture` and the pipeline throw.
+  // Empty when there is nothing more to see. Throws what `capture` and the pipeline throw; after `capture` did there is
+  // nothing more to see.
   std::optional<View> next();
 
  private:
-  using Ahead = std::optional<SeenStack>;
-  void ask(const PatternSequence& patterns);
-  Ahead answer();
-  void look_ahead();
+  // The pipeline needs less time for a view than the view to come, but much more for a keyframe.
+  static constexpr int kThreads = 2, kAhead = 4;  // views
+
+  struct Arrival {
+    std::optional<SeenStack> seen;  // empty: nothing more to see
+    std::exception_ptr failure;
+  };
+  void work();
+  Arrival take();
+  void let_come(int views);
 
   Capture capture_;
   Pipeline& pipeline_;
   std::mutex mutex_;  // of all below
   std::condition_variable changed_;
-  std::optional<PatternSequence> asked_;
-  std::optional<Ahead> answer_;
-  std::exception_ptr failure_;
-  bool on_its_way_ = false, stopping_ = false;
-  // One for all views: TBB keeps some memory of every thread that ever ran a loop.
-  std::thread thread_;
+  PatternSequence patterns_;
+  int wanted_ = 0, captured_ = 0, taken_ = 0;  // views so far
+  std::map<int, Arrival> arrived_;             // by their number, and not taken yet
+  bool capturing_ = false, ended_ = false, stopping_ = false;
+  // The same for all views: TBB keeps some memory of every thread that ever ran a loop.
+  std::vector<std::thread> threads_;
 };
 
 }  // namespace fringeslam
