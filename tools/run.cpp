@@ -26,7 +26,8 @@ namespace {
 
 constexpr const char* kConfigFile = "config.yaml";
 constexpr const char* kMapFile = "saved.map";
-constexpr size_t kWaitingStacks = 2;  // behind the one that is mapped
+constexpr size_t kWaitingStacks = 2;  // of a camera's, behind those that are on their way
+constexpr int kViewsAhead = 2;        // of a camera's
 constexpr bool kHasReport = FRINGESLAM_REPORT;
 
 struct Arguments {
@@ -131,7 +132,8 @@ int run(const Arguments& arguments, const Common& common) {
   {
     Progress progress("mapping", source->stacks(), common.quiet || common.json);
     Rig& images = camera ? static_cast<Rig&>(*camera) : *rig;
-    Conveyor conveyor([&](const PatternSequence& patterns) { return images.capture(patterns); }, pipeline);
+    Conveyor conveyor([&](const PatternSequence& patterns) { return images.capture(patterns); }, pipeline,
+                      camera ? kViewsAhead : Conveyor::kAhead);
     while (const auto view = conveyor.next()) {
       record.add(view->stack, view->result, pipeline.map());
       if (live) show(live->feed(), *view, pipeline, dropped());

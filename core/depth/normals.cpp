@@ -49,7 +49,7 @@ cv::Mat3f interleaved(const NormalImages& normals, const cv::Size& size) {
 
 cv::Mat3f estimate_normals(const FitImage& image, const PlaneFit& widest) {
   const int width = image.size.width, height = image.size.height;
-  NormalImages normals(image), fitted(image), adopted(image);
+  NormalImages normals(image), fitted = NormalImages::framed(image);
   PaddedImage<int32_t> wanted(image.size, image.margin);
   for_each_row(height, [&](int row) {
     for (int col = 0; col < width; ++col) wanted[row][col] = image.z[row][col] < FitImage::kNowhere ? -1 : 0;
@@ -59,10 +59,7 @@ cv::Mat3f estimate_normals(const FitImage& image, const PlaneFit& widest) {
       fit_planes(image, row, fit, wanted[row], fitted);
       take(fitted, row, width, normals, wanted[row]);
     });
-    for_each_row(height, [&](int row) {
-      adopt_normals(image, fitted, row, fit.radius, wanted[row], adopted);
-      take(adopted, row, width, normals, wanted[row]);
-    });
+    for_each_row(height, [&](int row) { adopt_normals(image, fitted, row, fit.radius, wanted[row], normals); });
   }
   return interleaved(normals, image.size);
 }

@@ -32,8 +32,7 @@ struct Distance {
 };
 
 template <int lanes>
-FRINGESLAM_INLINE void adopt_lanes(const Rows& rows, int radius, int col, typename Lanes<lanes>::Mask wanted,
-                                   float* const to[3]) {
+FRINGESLAM_INLINE void adopt_lanes(const Rows& rows, int radius, int col, int32_t* wanted, float* const to[3]) {
   using L = Lanes<lanes>;
   using V = typename L::Floats;
   const auto point = [&](ptrdiff_t by) __attribute__((always_inline)) {
@@ -43,6 +42,8 @@ FRINGESLAM_INLINE void adopt_lanes(const Rows& rows, int radius, int col, typena
   };
   const Points<lanes> here = point(0), left = point(-1), right = point(1), above = point(-rows.stride),
                       below = point(rows.stride);
+  const auto asked = L::load(wanted + col);
+  typename L::Mask found{};
   V best[3] = {}, best_square = V{} + kMaxSigmas * kMaxSigmas;
   for (int direction = 0; direction < 9; ++direction) {
     const ptrdiff_t by = (direction / 3 - 1) * radius * rows.stride + (direction % 3 - 1) * radius;
@@ -59,50 +60,47 @@ FRINGESLAM_INLINE void adopt_lanes(const Rows& rows, int radius, int col, typena
     };
     const Distance<lanes> d = distance(here);
     // Where there is no plane both are 0, and 0 is not below 0.
-    const auto closer = L::negative(d.square - best_square * d.variance) & wanted;
+    const auto closer = L::negative(d.square - best_square * d.variance) & asked;
     if (!L::any(closer)) continue;
     const auto better = closer & distance(left).within(kMaxNeighbourSigmas) &
                         distance(right).within(kMaxNeighbourSigmas) & distance(above).within(kMaxNeighbourSigmas) &
                         distance(below).within(kMaxNeighbourSigmas);
     best_square = L::chosen(better, d.square / d.variance, best_square);
+    found |= better;
     best[0] = L::chosen(better, nx, best[0]);
     best[1] = L::chosen(better, ny, best[1]);
     best[2] = L::chosen(better, nz, best[2]);
   }
-  for (int k = 0; k < 3; ++k) L::store(best[k], to[k] + col);
+  for (int k = 0; k < 3; ++k) L::store(L::chosen(found, best[k], L::load(to[k] + col)), to[k] + col);
+  L::store(asked & ~found, wanted + col);
 }
 
 template <int lanes>
-FRINGESLAM_INLINE void adopt_row(const Rows& rows, int width, int radius, const int32_t* wanted, float* const to[3]) {
+FRINGESLAM_INLINE void adopt_row(const Rows& rows, int width, int radius, int32_t* wanted, float* const to[3]) {
   using L = Lanes<lanes>;
   for (int col = 0; col < width; col += lanes) {
-    const auto asked = L::load(wanted + col);
-    if (L::any(asked))
-      adopt_lanes<lanes>(rows, radius, col, asked, to);
-    else
-      for (int k = 0; k < 3; ++k) L::store(typename L::Floats{}, to[k] + col);
+    if (L::any(L::load(wanted + col))) adopt_lanes<lanes>(rows, radius, col, wanted, to);
   }
 }
 
-void adopt_portable(const Rows& rows, int width, int radius, const int32_t* wanted, float* const to[3]) {
+void adopt_portable(const Rows& rows, int width, int radius, int32_t* wanted, float* const to[3]) {
   adopt_row<4>(rows, width, radius, wanted, to);
 }
-FRINGESLAM_AVX2 void adopt_avx2(const Rows& rows, int width, int radius, const int32_t* wanted, float* const to[3]) {
+FRINGESLAM_AVX2 void adopt_avx2(const Rows& rows, int width, int radius, int32_t* wanted, float* const to[3]) {
   adopt_row<8>(rows, width, radius, wanted, to);
 }
-FRINGESLAM_AVX512 void adopt_avx512(const Rows& rows, int width, int radius, const int32_t* wanted,
-                                    float* const to[3]) {
+FRINGESLAM_AVX512 void adopt_avx512(const Rows& rows, int width, int radius, int32_t* wanted, float* const to[3]) {
   adopt_row<16>(rows, width, radius, wanted, to);
 }
 
 }  // namespace
 
-void adopt_normals(const FitImage& image, const NormalImages& fitted, int row, int radius, const int32_t* wanted,
-                   NormalImages& adopted, InstructionSet set) {
+void adopt_normals(const FitImage& image, const NormalImages& fitted, int row, int radius, int32_t* wanted,
+                   NormalImages& normals, InstructionSet set) {
   const Rows rows{
       image.x[row],    image.y[row], image.z[row], image.sigma[row], {fitted.x[row], fitted.y[row], fitted.z[row]},
       image.z.stride()};
-  float* const to[3] = {adopted.x[row], adopted.y[row], adopted.z[row]};
+  float* const to[3] = {normals.x[row], normals.y[row], normals.z[row]};
   const int width = image.size.width;
   if (set == InstructionSet::avx512) return adopt_avx512(rows, width, radius, wanted, to);
   if (set == InstructionSet::avx2) return adopt_avx2(rows, width, radius, wanted, to);

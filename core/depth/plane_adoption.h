@@ -9,8 +9,9 @@ namespace fringeslam {
 
 // Of the windows about the pixels of `fitted` that lie `radius` px off in one of eight directions, the normal of the
 // one on whose plane each `wanted` pixel (-1, else 0) of a row lies best, within 2.5 sigmas of the noise of both. Its
-// four neighbours have to lie on that plane, too: then the pixel itself holds no edge. Zeros where there is none.
-void adopt_normals(const FitImage& image, const NormalImages& fitted, int row, int radius, const int32_t* wanted,
-                   NormalImages& adopted, InstructionSet set = widest_instruction_set());
+// four neighbours have to lie on that plane, too: then the pixel itself holds no edge. What is found joins `normals`,
+// and is wanted no more.
+void adopt_normals(const FitImage& image, const NormalImages& fitted, int row, int radius, int32_t* wanted,
+                   NormalImages& normals, InstructionSet set = widest_instruction_set());
 
 }  // namespace fringeslam

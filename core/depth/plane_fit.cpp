@@ -149,11 +149,11 @@ void extend(float* row, int width) {
 FitImage::FitImage(const cv::Mat3f& points_m, const PixelRays& rays, const cv::Mat1f& sigma_m, int margin_px)
     : size(points_m.size()),
       margin(margin_px),
-      x(size, margin),
-      y(size, margin),
-      z(size, margin),
-      w(size, margin),
-      sigma(size, margin) {
+      x(PaddedImage<float>::framed(size, margin)),
+      y(PaddedImage<float>::framed(size, margin)),
+      z(PaddedImage<float>::framed(size, margin)),
+      w(PaddedImage<float>::framed(size, margin)),
+      sigma(PaddedImage<float>::framed(size, margin)) {
   const int width = size.width, height = size.height;
   for_each_row(height + 2 * margin, [&](int padded_row) {
     const int row = padded_row - margin;

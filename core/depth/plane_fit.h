@@ -9,6 +9,7 @@
 #pragma once
 
 #include <opencv2/core.hpp>
+#include <utility>
 
 #include "core/types/frame.h"
 #include "core/types/instruction_set.h"
@@ -19,8 +20,17 @@ namespace fringeslam {
 template <class Value>
 class PaddedImage {
  public:
-  PaddedImage(const cv::Size& size, int margin)
-      : margin_(margin), values_(size.height + 2 * margin, size.width + 2 * margin + kMostLanes, Value{0}) {}
+  PaddedImage(const cv::Size& size, int margin) : PaddedImage(margin, size) { values_.setTo(Value{0}); }
+  // The margins alone are zeros: for an image all of which is written anyway.
+  static PaddedImage framed(const cv::Size& size, int margin) {
+    PaddedImage image(margin, size);
+    const int right = margin + size.width, below = margin + size.height;
+    image.values_.rowRange(0, margin).setTo(Value{0});
+    image.values_.rowRange(below, below + margin).setTo(Value{0});
+    image.values_.colRange(0, margin).setTo(Value{0});
+    image.values_.colRange(right, image.values_.cols).setTo(Value{0});
+    return image;
+  }
   // Column 0 of a row; rows and columns reach from -margin on.
   Value* operator[](int row) { return values_[row + margin_] + margin_; }
   const Value* operator[](int row) const { return values_[row + margin_] + margin_; }
@@ -28,6 +38,8 @@ class PaddedImage {
 
  private:
   static constexpr int kMostLanes = 16;
+  PaddedImage(int margin, const cv::Size& size)
+      : margin_(margin), values_(size.height + 2 * margin, size.width + 2 * margin + kMostLanes) {}
   int margin_;
   cv::Mat_<Value> values_;
 };
@@ -51,7 +63,16 @@ struct FitImage {
 struct NormalImages {
   explicit NormalImages(const FitImage& image)
       : x(image.size, image.margin), y(image.size, image.margin), z(image.size, image.margin) {}
+  // To be written whole.
+  static NormalImages framed(const FitImage& image) {
+    const auto one = [&] { return PaddedImage<float>::framed(image.size, image.margin); };
+    return {one(), one(), one()};
+  }
   PaddedImage<float> x, y, z;
+
+ private:
+  NormalImages(PaddedImage<float> x_image, PaddedImage<float> y_image, PaddedImage<float> z_image)
+      : x(std::move(x_image)), y(std::move(y_image)), z(std::move(z_image)) {}
 };
 
 struct PlaneFit {

@@ -23,11 +23,13 @@ namespace {
 constexpr int kWidestStride = 16;
 
 double smallest_sigma(const Frame& frame) {
-  double smallest = std::numeric_limits<double>::infinity();
-  for (const float sigma : frame.sigma_m) {
-    if (sigma > 0) smallest = std::min(smallest, static_cast<double>(sigma));
+  float smallest = std::numeric_limits<float>::infinity();
+  for (int row = 0; row < frame.height(); ++row) {
+    const float* const sigma = frame.sigma_m[row];
+    for (int col = 0; col < frame.width(); ++col)
+      smallest = sigma[col] > 0 && sigma[col] < smallest ? sigma[col] : smallest;
   }
-  return smallest;
+  return static_cast<double>(smallest);
 }
 
 // Takes off the surfaces' sums what the normals' noise feigns. In the basis in which their information H is the

@@ -71,6 +71,25 @@ FRINGESLAM_INLINE void associate_body(PointArrays source, int count, Projection 
   }
 }
 
+// What each point of a chunk falls on: point, normal, sigma, and how many points do.
+struct alignas(64) Partners {
+  float quantity[8][kChunk];
+  const float* operator[](int k) const { return quantity[k]; }
+};
+
+// Apart from the kernels, where compilers would take vectors of addresses to pieces.
+void gather(const int32_t* pixel, int count, const TargetImages& target, Partners& partners) {
+  for (int i = 0; i < count; ++i) {
+    const int at = std::max(pixel[i], 0);
+    for (int k = 0; k < 3; ++k) {
+      partners.quantity[k][i] = target.points[3 * at + k];
+      partners.quantity[3 + k][i] = target.normals[3 * at + k];
+    }
+    partners.quantity[6][i] = target.sigma[at];
+    partners.quantity[7][i] = static_cast<float>(target.uses[at]);
+  }
+}
+
 // Which points are no pairs.
 struct Gates {
   float distance, outlier_sigma, normal_cos;
@@ -86,22 +105,11 @@ using LaneSums = std::array<Lanes, kSums>;
 
 // The sums of a chunk of points, lane by lane. `count` is a multiple of the lanes.
 FRINGESLAM_INLINE void linearise_body(PointArrays source, const int32_t* pixel, int count, Projection p,
-                                      TargetImages target, Gates gates, LaneSums& sums) {
+                                      const Partners& partner, Gates gates, LaneSums& sums) {
   for (Lanes& lanes : sums) {
     for (float& value : lanes.value) value = 0;
   }
   const float cut_off = gates.outlier_sigma * gates.outlier_sigma;
-  // All of the chunk's first: read back at once as vectors, what was written one by one would have to be waited for.
-  alignas(64) float partner[8][kChunk];
-  for (int i = 0; i < count; ++i) {
-    const int at = pixel[i] > 0 ? pixel[i] : 0;
-    for (int k = 0; k < 3; ++k) {
-      partner[k][i] = target.points[3 * at + k];
-      partner[3 + k][i] = target.normals[3 * at + k];
-    }
-    partner[6][i] = target.sigma[at];
-    partner[7][i] = static_cast<float>(target.uses[at]);
-  }
   for (int first = 0; first < count; first += kLanes) {
     alignas(64) float g[6][kLanes], weight[kLanes], pull[kLanes], residual2[kLanes], square2[kLanes], paired[kLanes],
         seen[kLanes];
@@ -172,16 +180,16 @@ FRINGESLAM_AVX2 void associate_avx2(const PointArrays& source, int count, const 
 FRINGESLAM_AVX512 void associate_avx512(const PointArrays& source, int count, const Projection& p, int32_t* pixel) {
   associate_body(source, count, p, pixel);
 }
-void linearise_portable(const PointArrays& s, const int32_t* pixel, int n, const Projection& p, const TargetImages& t,
+void linearise_portable(const PointArrays& s, const int32_t* pixel, int n, const Projection& p, const Partners& t,
                         Gates gates, LaneSums& sums) {
   linearise_body(s, pixel, n, p, t, gates, sums);
 }
 FRINGESLAM_AVX2 void linearise_avx2(const PointArrays& s, const int32_t* pixel, int n, const Projection& p,
-                                    const TargetImages& t, Gates gates, LaneSums& sums) {
+                                    const Partners& t, Gates gates, LaneSums& sums) {
   linearise_body(s, pixel, n, p, t, gates, sums);
 }
 FRINGESLAM_AVX512 void linearise_avx512(const PointArrays& s, const int32_t* pixel, int n, const Projection& p,
-                                        const TargetImages& t, Gates gates, LaneSums& sums) {
+                                        const Partners& t, Gates gates, LaneSums& sums) {
   linearise_body(s, pixel, n, p, t, gates, sums);
 }
 
@@ -277,9 +285,11 @@ PlaneSums PlanePairs::linearise(const Pose& target_from_source, const PlaneGates
                             uses_.data()};
   std::vector<LaneSums> sums(static_cast<size_t>(chunks));
   for_each_row(chunks, [&](int chunk) {
-    const int first = chunk * kChunk;
-    linearise_chunk(from(first), pixel_.data() + first, std::min(kChunk, points.padded - first), projection, target,
-                    limits, sums[static_cast<size_t>(chunk)]);
+    const int first = chunk * kChunk, count = std::min(kChunk, points.padded - first);
+    Partners partners;
+    gather(pixel_.data() + first, count, target, partners);
+    linearise_chunk(from(first), pixel_.data() + first, count, projection, partners, limits,
+                    sums[static_cast<size_t>(chunk)]);
   });
   for (const int32_t at : pixel_) {
     if (at >= 0) uses_[static_cast<size_t>(at)] = 0;

@@ -8,7 +8,8 @@
 
 namespace fringeslam {
 
-Conveyor::Conveyor(Capture capture, Pipeline& pipeline) : capture_(std::move(capture)), pipeline_(pipeline) {
+Conveyor::Conveyor(Capture capture, Pipeline& pipeline, int ahead)
+    : capture_(std::move(capture)), pipeline_(pipeline), ahead_(std::max(1, ahead)) {
   for (int i = 0; i < kThreads; ++i) threads_.emplace_back([this] { work(); });
 }
 
@@ -69,12 +70,12 @@ Conveyor::Arrival Conveyor::take() {
 }
 
 std::optional<Conveyor::View> Conveyor::next() {
-  const int ahead = pipeline_.knows_patterns_ahead() ? kAhead : 0;
-  let_come(std::max(1, ahead));
+  const bool known = pipeline_.knows_patterns_ahead();
+  let_come(known ? ahead_ : 1);
   Arrival arrival = take();
   if (arrival.failure) std::rethrow_exception(arrival.failure);
   if (!arrival.seen) return std::nullopt;
-  if (ahead > 0) let_come(ahead);
+  if (known) let_come(ahead_);
   FringeStack stack = arrival.seen->stack;  // shares its images
   FrameResult result = pipeline_.process(std::move(*arrival.seen));
   return View{std::move(stack), std::move(result)};

@@ -22,8 +22,10 @@ class Conveyor {
   // one call after the other.
   using Capture = std::function<std::optional<FringeStack>(const PatternSequence&)>;
 
-  // The pipeline has to outlive it.
-  Conveyor(Capture capture, Pipeline& pipeline);
+  static constexpr int kAhead = 4;
+  // The pipeline has to outlive it. `ahead`: how many views may be on their way; the pipeline needs less time for a
+  // view than the view to come, but much more for a keyframe. When it is behind, each is one more of latency.
+  Conveyor(Capture capture, Pipeline& pipeline, int ahead = kAhead);
   // Waits for the views that are on their way.
   ~Conveyor();
   Conveyor(const Conveyor&) = delete;
@@ -38,8 +40,7 @@ class Conveyor {
   std::optional<View> next();
 
  private:
-  // The pipeline needs less time for a view than the view to come, but much more for a keyframe.
-  static constexpr int kThreads = 2, kAhead = 4;  // views
+  static constexpr int kThreads = 2;
 
   struct Arrival {
     std::optional<SeenStack> seen;  // empty: nothing more to see
@@ -51,6 +52,7 @@ class Conveyor {
 
   Capture capture_;
   Pipeline& pipeline_;
+  int ahead_;
   std::mutex mutex_;  // of all below
   std::condition_variable changed_;
   PatternSequence patterns_;

@@ -201,6 +201,7 @@ struct Step {
     for (int row = 0; row < kHeight; ++row) {
       adopt_normals(image, normals, row, 5, right[row], beside, set);
       of_row(beside, row).copyTo(result.row(row));
+      for (int col = 16; col < kWidth; ++col) EXPECT_EQ(right[row][col] == 0, !std::isnan(result(row, col)[2]));
     }
     return result;
   }
