@@ -4,9 +4,12 @@
 
 #include <chrono>
 #include <csignal>
+#include <cstdio>
 #include <cstdlib>
 #include <memory>
 #include <optional>
+#include <string>
+#include <vector>
 
 #include "core/patterns/design.h"
 #include "core/rig/dataset.h"
@@ -15,8 +18,11 @@
 #include "core/types/error.h"
 #include "hw/rig_hardware.h"
 #include "tools/interrupt.h"
+#include "tools/live/live_mapper.h"
 #include "tools/live/live_option.h"
+#include "tools/mappable.h"
 #include "tools/progress.h"
+#include "tools/settings.h"
 #include "tools/verbs.h"
 
 namespace fringeslam::tools {
@@ -31,6 +37,7 @@ struct Arguments {
   double interval_s = 0;
   std::string before;
   LiveOption live;
+  std::vector<std::string> sets;
 };
 
 // What moves the sensor between views: a stage, a robot, or a person who presses a key.
@@ -58,15 +65,34 @@ PatternSequence sequence_of(const Arguments& arguments, const RigModel& rig) {
   return read_patterns(fs::is_directory(path) ? path / "patterns.yaml" : path);
 }
 
+// Whether the page shows a map; says why not.
+bool can_map(const RigModel& rig, const PatternSequence& sequence, const PipelineOptions& options) {
+  try {
+    check_mappable(rig, sequence, options.decode);
+    return true;
+  } catch (const Error& e) {
+    std::fprintf(stderr, "live: pictures, but no map: %s\n", e.what());
+    return false;
+  }
+}
+
 // A dataset that grows: valid after every stack, whatever happens next.
 int capture(const Arguments& arguments, const Common& common) {
   if (fs::exists(arguments.out) && !(fs::is_directory(arguments.out) && fs::is_empty(arguments.out)))
     throw Error(arguments.out + ": exists; choose another --out or remove it");
   const RigModel model = read_rig(arguments.rig);
   const PatternSequence sequence = sequence_of(arguments, model);
-  const std::unique_ptr<LivePage> page = open_live_page(
-      arguments.live,
-      {.verb = "capture", .name = arguments.out, .rig = model, .sequence = sequence, .stacks = arguments.count});
+  const Settings settings = parse_settings(arguments.sets);
+  const bool maps = arguments.live.port && can_map(model, sequence, settings.pipeline);
+  const std::unique_ptr<LivePage> page = open_live_page(arguments.live, {.verb = "capture",
+                                                                         .name = arguments.out,
+                                                                         .rig = model,
+                                                                         .sequence = sequence,
+                                                                         .stacks = arguments.count,
+                                                                         .maps = maps,
+                                                                         .moving = settings.pipeline.tracking.moving});
+  std::optional<LiveMapper> mapper;
+  if (maps) mapper.emplace(model, sequence, settings.pipeline, page->feed());
   const auto rig = open_hardware(arguments.rig);
   fs::create_directories(arguments.out);
   RecordingRig recording(*rig, arguments.out);
@@ -86,7 +112,10 @@ int capture(const Arguments& arguments, const Common& common) {
         const auto stack = recording.capture(sequence);
         capturing_s += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
         recording.finish(model.name, 0, false);
-        if (page && stack) page->feed().show(*stack);
+        if (mapper)
+          mapper->offer(*stack);
+        else if (page)
+          page->feed().show(*stack);
         progress.step();
       }
     } catch (const std::exception& e) {
@@ -99,6 +128,8 @@ int capture(const Arguments& arguments, const Common& common) {
     }
   }
   if (stacks == 0) fs::remove_all(arguments.out);
+  if (mapper) mapper->finish();
+  if (page) page->feed().finish();
   const CameraStatistics camera = rig->camera().statistics();
   say(common,
       {{"dataset", arguments.out},
@@ -131,6 +162,9 @@ Verb add_capture(CLI::App& app, const Common& common) {
                    "'read _' waits for Enter");
   verb->add_option("--patterns", arguments->patterns, "patterns.yaml, or the folder that `fringeslam patterns` wrote");
   add_live_option(*verb, arguments->live);
+  verb->add_option("--set", arguments->sets,
+                   "A setting of the live page's map: stage.key=value (repeatable; `fringeslam run --help` lists them)")
+      ->needs("--live");
   return [arguments, &common] { return capture(*arguments, common); };
 }
 

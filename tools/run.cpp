@@ -11,7 +11,9 @@
 #include "core/rig/files.h"
 #include "core/rig/yaml.h"
 #include "tools/interrupt.h"
+#include "tools/live/live_mapper.h"
 #include "tools/live/live_option.h"
+#include "tools/mappable.h"
 #include "tools/progress.h"
 #include "tools/report/html_report.h"
 #include "tools/run_folder.h"
@@ -73,18 +75,6 @@ void wait_for_interrupt() {
   while (!interrupted()) wait_s(60);
 }
 
-void show(LiveFeed& feed, const Conveyor::View& view, const Pipeline& pipeline, int dropped) {
-  feed.show(
-      view.stack, view.result, pipeline.map(), [&] { return pipeline.trajectory(); }, dropped);
-  if (view.result.warm.list.empty()) return;
-  std::vector<VictimCandidate> candidates;
-  for (const WarmThing& thing : pipeline.warm_things())
-    candidates.push_back({thing.position_m, thing.extent_m, thing.victim ? "may be a victim" : "warm, no victim",
-                          thing.reason, thing.victim});
-  std::stable_partition(candidates.begin(), candidates.end(), [](const VictimCandidate& c) { return c.victim; });
-  feed.show_candidates(std::move(candidates));
-}
-
 int run(const Arguments& arguments, const Common& common) {
   const Settings settings = parse_settings(arguments.sets);
   const auto sets_any_of = [&](const std::string& group) {
@@ -94,11 +84,7 @@ int run(const Arguments& arguments, const Common& common) {
   if (sets_any_of("mesh") && !arguments.mesh) throw Error("mesh.* settings have no effect without --mesh; add it");
   const auto source = open_source(arguments.source, arguments.variant, settings, sets_any_of("render"));
   try {
-    if (!source->model().calibrated)
-      throw Error("its rig is not calibrated, so there is no depth; run fringeslam calibrate rig");
-    DecodeOptions first = settings.pipeline.decode;
-    if (first.unwrapping == "predicted") first.unwrapping = "auto";  // there is no map to predict from yet
-    resolve_unwrapping(source->sequence(), source->model(), first);
+    check_mappable(source->model(), source->sequence(), settings.pipeline.decode);
   } catch (const Error& e) {
     throw Error(arguments.source + ": " + e.what());
   }
@@ -136,7 +122,7 @@ int run(const Arguments& arguments, const Common& common) {
                       camera ? kViewsAhead : Conveyor::kAhead);
     while (const auto view = conveyor.next()) {
       record.add(view->stack, view->result, pipeline.map());
-      if (live) show(live->feed(), *view, pipeline, dropped());
+      if (live) show_mapped(live->feed(), view->stack, view->result, pipeline, dropped());
       if (arguments.mesh) record.add_mesh(frame_mesh(view->result.frame, settings.mesh), view->stack.index);
       progress.step();
       rate.wait();

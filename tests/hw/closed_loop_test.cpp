@@ -397,13 +397,17 @@ TEST_F(ClosedLoop, WhatIsCapturedIsSeenLive) {
   ASSERT_TRUE(wait_until(60, [&] { return live_port(log_of("program")) > 0; })) << log_of("program");
   httplib::Client viewer("127.0.0.1", live_port(log_of("program")));
   viewer.set_read_timeout(60);
-  nlohmann::json state;
+  nlohmann::json snapshot, state;
   ASSERT_TRUE(wait_until(60, [&] {
     const auto answer = viewer.Get("/snapshot");
-    if (answer) state = nlohmann::json::parse(answer->body).value("newest", nlohmann::json());
+    if (answer) snapshot = nlohmann::json::parse(answer->body);
+    state = snapshot.value("newest", nlohmann::json());
     return state.is_object();
   })) << log_of("program");
   EXPECT_EQ(state["number"], 1);
+  EXPECT_EQ(snapshot["about"]["maps"], true);
+  EXPECT_EQ(snapshot["views"]["list"][0]["tracking"], "first");
+  EXPECT_EQ(snapshot["keyframes"]["list"].size(), 1u);
   const PatternSequence captured = read_patterns(at("live/patterns.yaml"));
   const tools::PreviewFigures expected =
       tools::preview_of(*ReplayRig(at("live")).capture(captured), captured, read_rig(at("rig.yaml"))).figures;

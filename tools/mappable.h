@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include "core/decode/decode.h"
+#include "core/types/error.h"
+
+namespace fringeslam::tools {
+
+// Throws Error where images of these patterns, seen by this rig, tell no depth.
+inline void check_mappable(const RigModel& rig, const PatternSequence& sequence, DecodeOptions options) {
+  if (!rig.calibrated) throw Error("its rig is not calibrated, so there is no depth; run fringeslam calibrate rig");
+  if (options.unwrapping == "predicted") options.unwrapping = "auto";  // there is no map to predict from yet
+  resolve_unwrapping(sequence, rig, options);
+}
+
+}  // namespace fringeslam::tools
