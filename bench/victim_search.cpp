@@ -11,17 +11,17 @@
 #include "core/pipeline/pipeline.h"
 #include "core/score/score.h"
 #include "core/types/error.h"
-#include "core/types/options.h"
 #include "sim/virtual_rig.h"
 
 namespace fringeslam::bench {
 
 namespace {
 
-sim::Scene load(uint64_t seed, double extinction_per_m) {
+using Changes = std::vector<std::pair<std::string, std::string>>;
+
+sim::Scene load(uint64_t seed, const Changes& changes) {
   sim::SceneReading reading{seed};
-  if (extinction_per_m > 0)
-    reading.changes = {{"air", "{extinction_per_m: " + to_text(extinction_per_m) + ", albedo: 0.85, anisotropy: 0.6}"}};
+  reading.changes = changes;
   return sim::load_scene(std::string(FRINGESLAM_SCENES) + "/victims/scene.yaml", reading);
 }
 
@@ -52,8 +52,8 @@ double valid_share(const FrameResult& view, const TruthFrame& truth) {
 
 }  // namespace
 
-Searched search_for_victims(uint64_t seed, double extinction_per_m) {
-  const sim::Scene scene = load(seed, extinction_per_m);
+Searched search_for_victims(uint64_t seed, const Changes& changes) {
+  const sim::Scene scene = load(seed, changes);
   std::vector<TruthFrame> truth;
   sim::VirtualRig rig(scene, {}, [&](const TruthFrame& frame) { truth.push_back(frame); });
   Pipeline pipeline(rig.model(), scene.patterns, {}, scene.trajectory[0].world_from_robot);
@@ -116,7 +116,7 @@ void settle_victims(uint64_t first_seed, int count) {
   const auto work = [&] {
     for (int i = next++; i < count; i = next++) {
       try {
-        load(first_seed + static_cast<uint64_t>(i), 0);
+        load(first_seed + static_cast<uint64_t>(i), {});
       } catch (const Error&) {  // told when it is searched
       }
     }

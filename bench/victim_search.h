@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <map>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "core/score/victim_score.h"
@@ -21,8 +22,8 @@ struct Searched {
   std::vector<double> translations_m;  // errors of the motions from view to view
 };
 
-// `extinction_per_m` of smoke in the air, in place of the scene's.
-Searched search_for_victims(uint64_t seed, double extinction_per_m = 0);
+// `changes` to the scene: paths and YAML.
+Searched search_for_victims(uint64_t seed, const std::vector<std::pair<std::string, std::string>>& changes = {});
 
 // Settles the piles of these seeds, two at a time; they are in the cache then.
 void settle_victims(uint64_t first_seed, int count);

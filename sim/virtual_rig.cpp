@@ -59,7 +59,9 @@ VirtualRig::VirtualRig(const Scene& scene, const RenderOptions& options, TruthSi
       options_((options.check(), options)),
       truth_(std::move(truth)),
       renderer_(scene, options.effects, options.samples_per_pixel),
-      camera_(scene.rig, options.effects, scene.seed) {}
+      camera_(scene.rig, options.effects, scene.seed) {
+  if (scene.rig.thermal) thermal_rays_ = thermal_rays(scene.rig);
+}
 
 BlurRange VirtualRig::blur_range() const {
   const RigModel& rig = scene_.rig;
@@ -132,7 +134,7 @@ std::optional<FringeStack> VirtualRig::capture(const PatternSequence& sequence) 
     stack.exposure_s.push_back(exposure_s);
   }
   if (scene_.rig.thermal)
-    stack.thermal_c = thermal_image(scene_, renderer_.world(), renderer_.surfaces(), options_.effects,
+    stack.thermal_c = thermal_image(scene_, *thermal_rays_, renderer_.world(), renderer_.surfaces(), options_.effects,
                                     pose.world_from_robot * scene_.rig.robot_from_camera, stack.index,
                                     {options_.noise, options_.quantise});
   if (truth_) {

@@ -11,6 +11,7 @@
 #include "core/types/truth.h"
 #include "sim/light/camera.h"
 #include "sim/light/renderer.h"
+#include "sim/light/sample_rays.h"
 #include "sim/scene/scene.h"
 
 namespace fringeslam::sim {
@@ -63,6 +64,7 @@ class VirtualRig : public Rig {
   TruthSink truth_;
   Renderer renderer_;
   Camera camera_;
+  std::optional<SampleRays> thermal_rays_;
   PatternSequence shown_sequence_;
   std::vector<ShownPatterns> shown_;
   size_t next_ = 0;

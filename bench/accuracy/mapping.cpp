@@ -48,15 +48,10 @@ double area_m2(const sim::Mesh& mesh) {
   return area;
 }
 
-void measure_map(const sim::Scene& scene, const Pipeline& pipeline, const std::vector<Eigen::Vector3d>& seen,
-                 MapRun& run) {
+void measure_map(const sim::Scene& scene, Pipeline& pipeline, const std::vector<Eigen::Vector3d>& seen, MapRun& run) {
   constexpr double kFarthest_m = 0.05;
   const KeyframeMap& map = pipeline.map();
-  SurfaceModel model(map.rig(), {});
-  for (const MapFrame& frame : map.frames()) {
-    const Keyframe& keyframe = map.keyframes()[static_cast<size_t>(frame.keyframe)];
-    model.add(restored(frame.frame, map.rays()), keyframe.world_from_camera * frame.keyframe_from_camera);
-  }
+  const SurfaceModel& model = pipeline.surface();
   const SurfaceMesh fused = model.mesh();
   sim::Mesh surface{positions(fused.vertices), {}};
   for (const auto& t : fused.triangles) surface.triangles.push_back(Eigen::Array<uint32_t, 3, 1>(t.data()).cast<int>());

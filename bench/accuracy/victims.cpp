@@ -1,14 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// Victims in generated rubble, found by the thermal camera, among warm things that are none; and the same in smoke.
+// Victims in generated rubble, found by the thermal camera, among warm things that are none; and the same in smoke and
+// dust.
+#include <cmath>
 #include <cstdio>
 #include <map>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "bench/accuracy/percent_chart.h"
 #include "bench/row.h"
 #include "bench/victim_search.h"
 #include "core/score/score.h"
+#include "core/types/options.h"
 
 namespace fringeslam::bench {
 
@@ -50,23 +54,57 @@ std::vector<Row> victim_rows(const Context& context) {
           bound_row("victim.precision", score.precision(), score.candidates, "", 0.9, Limit::least)};
 }
 
-// Extinctions to half of what a light beam loses over a metre and beyond. Of each the valid pixels, the victims found,
-// and the motions that are right.
-std::vector<Row> smoke_rows(const Context& context) {
-  constexpr double kRight_m = 1e-3, kRated_per_m = 0.3;
+// What lies or hangs between the cameras and what they look at, more of it from level to level.
+struct Veil {
+  std::string id, unit, words;
+  std::vector<double> levels;
+  double rated = 0;  // the level of the row
+  std::pair<std::string, std::string> (*change)(double level);
+};
+
+// Fine particles, of the smoke's kind: in the infrared a tenth as dense.
+const Veil kSmoke = {
+    "smoke", "per metre", "smoke of this extinction", {0.0, 0.1, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0}, 0.3, [](double level) {
+      return std::pair<std::string, std::string>(
+          "air", "{extinction_per_m: " + to_text(level) + ", albedo: 0.85, anisotropy: 0.6}");
+    }};
+// Grains of some micrometres: bright, they scatter forwards, and the infrared sees them nearly as well.
+const Veil kWhirled = {
+    "dust_in_air",
+    "per metre",
+    "dust in the air of this extinction",
+    {0.0, 0.1, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0},
+    0.3,
+    [](double level) {
+      return std::pair<std::string, std::string>(
+          "air", "{extinction_per_m: " + to_text(level) + ", albedo: 0.95, anisotropy: 0.7, infrared_share: 0.8}");
+    }};
+const Veil kSettled = {"dust",
+                       "covered",
+                       "settled dust, share of level surfaces that it covers",
+                       {0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 1.0},
+                       0.6,
+                       [](double level) {
+                         return std::pair<std::string, std::string>(
+                             "dust", "{cover: " + to_text(level) + ", albedo: 0.34, max_slope_deg: 55}");
+                       }};
+
+// Of each level the valid pixels, the victims found, and the motions that are right.
+std::vector<Row> veil_rows(const Veil& veil, const Context& context) {
+  constexpr double kRight_m = 1e-3;
   const int worlds = context.quick ? 3 : 12;
   settle_victims(kFirstSeed, worlds);
   double rated = 0;
   int rated_to_find = 0;
   std::vector<BarGroup> bars;
-  std::fprintf(stderr, "  %8s %8s %8s %8s %10s %12s %10s\n", "1/m", "valid %", "tracked", "right %", "median mm",
-               "found", "right");
-  for (const double extinction_per_m : {0.0, 0.1, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0}) {
+  std::fprintf(stderr, "  %9s %8s %8s %8s %10s %12s %10s\n", veil.unit.c_str(), "valid %", "tracked", "right %",
+               "median mm", "found", "right");
+  for (const double level : veil.levels) {
     Total total;
     std::vector<double> valid, translations_m;
     int views = 0, tracked = 0;
     for (int i = 0; i < worlds; ++i) {
-      const Searched s = search_for_victims(kFirstSeed + static_cast<uint64_t>(i), extinction_per_m);
+      const Searched s = search_for_victims(kFirstSeed + static_cast<uint64_t>(i), {veil.change(level)});
       total.add(s);
       valid.push_back(s.valid);
       views += s.views;
@@ -78,19 +116,20 @@ std::vector<Row> smoke_rows(const Context& context) {
     int right = 0;
     for (const double error_m : translations_m) right += error_m < kRight_m;
     const VictimScore& score = total.score;
-    std::fprintf(stderr, "  %8.2f %8.1f %4d/%-4d %7.0f %10.4f %6d of %-4d %5d of %d\n", extinction_per_m,
-                 100 * median_of(valid), tracked, views, 100.0 * right / motions, 1e3 * median_of(translations_m),
-                 score.found, score.to_find, score.right, score.candidates);
+    const double median_mm = translations_m.empty() ? std::nan("") : 1e3 * median_of(translations_m);
+    std::fprintf(stderr, "  %9.2f %8.1f %4d/%-4d %7.0f %10.4f %6d of %-4d %5d of %d\n", level, 100 * median_of(valid),
+                 tracked, views, 100.0 * right / motions, median_mm, score.found, score.to_find, score.right,
+                 score.candidates);
     char name[64];
-    std::snprintf(name, sizeof name, "%.1f per metre", extinction_per_m);
+    std::snprintf(name, sizeof name, "%g %s", level, veil.unit.c_str());
     bars.push_back({name, {100 * median_of(valid), 100.0 * right / motions, 100 * score.recall()}});
-    if (extinction_per_m == kRated_per_m) rated = score.recall(), rated_to_find = score.to_find;
+    if (level == veil.rated) rated = score.recall(), rated_to_find = score.to_find;
   }
   if (!context.quick)
-    write_percent_chart(FRINGESLAM_SCENES "/victims/smoke.png",
-                        "smoke of this extinction, %, over " + std::to_string(worlds) + " worlds",
+    write_percent_chart(FRINGESLAM_SCENES "/victims/" + veil.id + ".png",
+                        veil.words + ", %, over " + std::to_string(worlds) + " worlds",
                         {"pixels valid", "motions right", "victims found"}, bars);
-  return {bound_row("smoke.victim_recall", rated, rated_to_find, "", 0.9, Limit::least)};
+  return {bound_row(veil.id + ".victim_recall", rated, rated_to_find, "", 0.9, Limit::least)};
 }
 
 }  // namespace
@@ -101,7 +140,13 @@ std::vector<Item> victim_items() {
            victim_rows},
           {{"smoke.victim_recall"},
            "victims, depth and motions in smoke of growing density; the row is at 0.3 per metre",
-           smoke_rows}};
+           [](const Context& context) { return veil_rows(kSmoke, context); }},
+          {{"dust_in_air.victim_recall"},
+           "the same in whirled up dust; at 0.3 per metre",
+           [](const Context& context) { return veil_rows(kWhirled, context); }},
+          {{"dust.victim_recall"},
+           "the same under settled dust; at 60 % of level surfaces covered",
+           [](const Context& context) { return veil_rows(kSettled, context); }}};
 }
 
 }  // namespace fringeslam::bench

@@ -75,7 +75,7 @@ std::vector<Row> surface_rows(const Context& context) {
   SurfaceModel model(pair.rig, {});
   std::vector<double> first, steady;
   for (int i = 0; i < repeats; ++i) {
-    model.clear();
+    model = SurfaceModel(pair.rig, {});
     first.push_back(seconds_of([&] { model.add(pair.target, {}); }));
   }
   for (int i = 0; i < repeats; ++i) {

@@ -47,10 +47,8 @@ struct Soak {
 
 int wrong_frames(const KeyframeMap& map, const LoopScene& loop) {
   return static_cast<int>(std::count_if(map.frames().begin(), map.frames().end(), [&](const MapFrame& frame) {
-    const Pose world_from_camera =
-        map.keyframes()[static_cast<size_t>(frame.keyframe)].world_from_camera * frame.keyframe_from_camera;
     const size_t pose = static_cast<size_t>(frame.frame.index) % loop.stacks.size();
-    return wrong(world_from_camera * loop.scene.rig.robot_from_camera.inverse(),
+    return wrong(map.world_from_camera(frame) * loop.scene.rig.robot_from_camera.inverse(),
                  loop.scene.trajectory[pose].world_from_robot);
   }));
 }

@@ -45,10 +45,9 @@ int KeyframeMap::add_keyframe(const Frame& frame, Landmarks landmarks, const Pos
 }
 
 bool KeyframeMap::add_frame(const Frame& frame, int keyframe, const Pose& keyframe_from_camera) {
-  const Pose world_from_camera = at(keyframes_, keyframe).world_from_camera * keyframe_from_camera;
+  const Pose here = world_from_camera(keyframe, keyframe_from_camera);
   for (const MapFrame& known : frames_) {
-    const Pose world_from_known = at(keyframes_, known.keyframe).world_from_camera * known.keyframe_from_camera;
-    if (view_change(world_from_known.inverse() * world_from_camera) < options_.min_view_change) return false;
+    if (view_change(world_from_camera(known).inverse() * here) < options_.min_view_change) return false;
   }
   frames_.push_back({keyframe, keyframe_from_camera, stored(frame)});
   return true;
@@ -105,9 +104,7 @@ std::vector<int> KeyframeMap::overlapping(const Frame& frame, const Pose& world_
 
 CloudMap KeyframeMap::cloud(const CloudOptions& options) const {
   CloudMap cloud(options);
-  for (const MapFrame& frame : frames_)
-    cloud.add(restored(frame.frame, rays_),
-              at(keyframes_, frame.keyframe).world_from_camera * frame.keyframe_from_camera);
+  for (const MapFrame& frame : frames_) cloud.add(restored(frame.frame, rays_), world_from_camera(frame));
   return cloud;
 }
 

@@ -62,6 +62,13 @@ class KeyframeMap {
   const RigModel& rig() const { return rig_; }
   const PixelRays& rays() const { return rays_; }
   Frame keyframe_image(int keyframe) const;  // restored
+  // Of a view that is fixed to a keyframe.
+  Pose world_from_camera(int keyframe, const Pose& keyframe_from_camera) const {
+    return keyframes_[static_cast<size_t>(keyframe)].world_from_camera * keyframe_from_camera;
+  }
+  Pose world_from_camera(const MapFrame& frame) const {
+    return world_from_camera(frame.keyframe, frame.keyframe_from_camera);
+  }
 
   // The number of the new keyframe. Its frame is fused.
   int add_keyframe(const Frame& frame, Landmarks landmarks, const Pose& world_from_camera);

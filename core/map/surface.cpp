@@ -98,8 +98,6 @@ void SurfaceModel::add(const Frame& frame, const Pose& world_from_camera) {
   }
 }
 
-void SurfaceModel::clear() { grid_->tree.clear(); }
-
 SurfaceMesh SurfaceModel::mesh() const {
   std::vector<Brick> bricks;
   for (const Leaf* leaf : grid_->leaves()) {

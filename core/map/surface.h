@@ -50,9 +50,6 @@ class SurfaceModel {
   // reach (a million bricks of voxels from the origin).
   void add(const Frame& frame, const Pose& world_from_camera);
 
-  // Forgets all frames: corrected poses need their frames fused again.
-  void clear();
-
   SurfaceMesh mesh() const;
 
   double voxel_m() const;

@@ -122,7 +122,7 @@ Trajectory Pipeline::trajectory() const {
 }
 
 Pose Pipeline::world_from_camera(const Located& located) const {
-  return map_.keyframes()[static_cast<size_t>(located.keyframe)].world_from_camera * located.keyframe_from_camera;
+  return map_.world_from_camera(located.keyframe, located.keyframe_from_camera);
 }
 
 // Where the camera is if it moves on as it did between the last two frames.
@@ -235,8 +235,9 @@ void Pipeline::find_warmth(FrameResult& result, const FringeStack& stack) {
   result.frame.temperature_c = thermal.temperature_c;
   result.warm = find_warm_regions(result.frame, thermal, rig_, options_.thermal);
   note_temperatures(result.frame, result.warm, result.landmarks, options_.thermal);
-  if (result.tracking != Tracking::lost && !result.warm.list.empty())
-    warm_[track_.size() - 1] = {stack.index, {}, result.warm.list};
+  // Of the views that are followed those in the map are enough, and their number does not grow with time.
+  const bool keep = result.in_map || (result.tracking != Tracking::followed && result.tracking != Tracking::lost);
+  if (keep && !result.warm.list.empty()) warm_[track_.size() - 1] = {stack.index, {}, result.warm.list};
 }
 
 std::vector<WarmThing> Pipeline::warm_things() const {
@@ -308,10 +309,9 @@ void Pipeline::extend_map(FrameResult& result) {
   if (!result.registration.refined) return;
   const Located here = track_.back();
   const Pose current = world_from_camera(here);
-  if (becomes_keyframe(result, current, here.keyframe))
-    add_keyframe(result, current);
-  else if (map_.add_frame(result.frame, here.keyframe, here.keyframe_from_camera))
-    surface_.add(result.frame, current);
+  if (becomes_keyframe(result, current, here.keyframe)) return add_keyframe(result, current);
+  result.in_map = map_.add_frame(result.frame, here.keyframe, here.keyframe_from_camera);
+  if (result.in_map) surface_.add(result.frame, current);
 }
 
 void Pipeline::add_keyframe(FrameResult& result, const Pose& world_from_camera) {
@@ -321,6 +321,7 @@ void Pipeline::add_keyframe(FrameResult& result, const Pose& world_from_camera) 
   surface_.add(result.frame, world_from_camera);
   database_.add(number, result.landmarks);
   result.keyframe = number;
+  result.in_map = true;
   if (result.tracking == Tracking::first) {
     track_.push_back({result.frame.timestamp_s, number, {}});
     return;
@@ -379,9 +380,7 @@ void Pipeline::fuse_again_some(size_t frames) {
   const size_t end = std::min(all.size(), corrected_frames_ + frames);
   for (; corrected_frames_ < end; ++corrected_frames_) {
     const MapFrame& frame = all[corrected_frames_];
-    corrected_surface_->add(
-        restored(frame.frame, rays_),
-        map_.keyframes()[static_cast<size_t>(frame.keyframe)].world_from_camera * frame.keyframe_from_camera);
+    corrected_surface_->add(restored(frame.frame, rays_), map_.world_from_camera(frame));
   }
   if (corrected_frames_ < all.size()) return;
   surface_ = std::move(*corrected_surface_);

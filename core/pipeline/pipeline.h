@@ -87,6 +87,7 @@ struct FrameResult {
   bool found_again = false;                // tracked, after one that was lost
   int reference = -1;                      // keyframe
   int keyframe = -1;                       // its own number where it became one
+  bool in_map = false;                     // it shows enough that is new to be fused
   int images = 0;                          // that it was decoded from
   int loops = 0;                           // earlier keyframes that it was linked with then, beside the reference
   bool corrected = false;                  // by which the map moved
@@ -134,7 +135,7 @@ class Pipeline {
   const SurfaceModel& surface();
   // Of all tracked frames, in the order of their stacks, by what is known now.
   Trajectory trajectory() const;
-  // Warm things of the tracked views, victims among them, by what is known now.
+  // Warm things, victims among them, by what is known now.
   std::vector<WarmThing> warm_things() const;
 
  private:

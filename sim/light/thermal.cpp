@@ -10,7 +10,6 @@
 #include "core/types/centikelvin.h"
 #include "core/types/parallel.h"
 #include "sim/light/infrared.h"
-#include "sim/light/sample_rays.h"
 #include "sim/random.h"
 
 namespace fringeslam::sim {
@@ -92,11 +91,13 @@ double noise_radiance(double netd_k) {
 
 }  // namespace
 
-cv::Mat1f thermal_image(const Scene& scene, const RayWorld& world, const Surfaces& surfaces, const Effects& effects,
-                        const Pose& world_from_camera, int stack, const ThermalImaging& imaging) {
+SampleRays thermal_rays(const RigModel& rig, int per_pixel) { return sample_rays(rig.thermal->lens, per_pixel); }
+
+cv::Mat1f thermal_image(const Scene& scene, const SampleRays& rays, const RayWorld& world, const Surfaces& surfaces,
+                        const Effects& effects, const Pose& world_from_camera, int stack,
+                        const ThermalImaging& imaging) {
   const ThermalCamera& thermal = *scene.rig.thermal;
   const Pinhole& lens = thermal.lens;
-  const SampleRays rays = sample_rays(lens, imaging.samples_per_pixel);
   const Pose world_from_thermal = world_from_camera * thermal.thermal_from_camera.inverse();
   const HeatSource source(scene, world, surfaces, effects);
   cv::Mat1d radiance(lens.height, lens.width);

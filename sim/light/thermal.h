@@ -12,6 +12,7 @@
 #include <opencv2/core.hpp>
 
 #include "core/types/truth.h"
+#include "sim/light/sample_rays.h"
 #include "sim/light/surfaces.h"
 
 namespace fringeslam::sim {
@@ -19,12 +20,15 @@ namespace fringeslam::sim {
 struct ThermalImaging {
   bool noise = true;
   bool quantise = true;  // to hundredths of a kelvin
-  int samples_per_pixel = 9;
 };
 
-// Apparent temperatures, degrees C, of the thermal camera's pixels. The rig must have one. `stack` keys the noise.
-cv::Mat1f thermal_image(const Scene& scene, const RayWorld& world, const Surfaces& surfaces, const Effects& effects,
-                        const Pose& world_from_camera, int stack, const ThermalImaging& imaging);
+// Of the thermal camera. The rig must have one.
+SampleRays thermal_rays(const RigModel& rig, int per_pixel = 9);
+
+// Apparent temperatures, degrees C, of the thermal camera's pixels, by its rays. `stack` keys the noise.
+cv::Mat1f thermal_image(const Scene& scene, const SampleRays& rays, const RayWorld& world, const Surfaces& surfaces,
+                        const Effects& effects, const Pose& world_from_camera, int stack,
+                        const ThermalImaging& imaging);
 
 // Adds kTruthThermal to the mask where the thermal camera sees what a pixel sees.
 void mark_thermally_seen(TruthFrame& truth, const Scene& scene, const RayWorld& world, const Pose& world_from_camera);

@@ -41,11 +41,11 @@ Scene wall(double temperature_c, double emissivity, const ThermalCamera& thermal
   return scene;
 }
 
-cv::Mat1f image_of(const Scene& scene, const ThermalImaging& imaging = {false, false, 4},
-                   const Effects& effects = Effects()) {
+cv::Mat1f image_of(const Scene& scene, const ThermalImaging& imaging = {false, false},
+                   const Effects& effects = Effects(), int per_pixel = 4) {
   const RayWorld world(scene);
   const Surfaces surfaces(scene, effects);
-  return thermal_image(scene, world, surfaces, effects, {}, 0, imaging);
+  return thermal_image(scene, thermal_rays(scene.rig, per_pixel), world, surfaces, effects, {}, 0, imaging);
 }
 
 double centre(const cv::Mat1f& image) { return static_cast<double>(image(image.rows / 2, image.cols / 2)); }
@@ -134,10 +134,10 @@ TEST(Thermal, SmokeTakesItsShareOverTheDistance) {
   scene.air.infrared_share = 0.25;
   const double left = std::exp(-0.5);  // over 1 m
   const double expected = apparent_temperature_c(left * infrared_radiance(60) + (1 - left) * infrared_radiance(20));
-  EXPECT_NEAR(centre(image_of(scene, {false, false, 1})), expected, 1e-4);
+  EXPECT_NEAR(centre(image_of(scene, {false, false}, {}, 1)), expected, 1e-4);
   Effects clear;
   clear.air = false;
-  EXPECT_NEAR(centre(image_of(scene, {false, false, 1}, clear)), 60, 1e-4);
+  EXPECT_NEAR(centre(image_of(scene, {false, false}, clear, 1)), 60, 1e-4);
 }
 
 // Cover 1 over all that faces up is at least whole (sim/light/surfaces.h): the dust is seen alone.
@@ -183,7 +183,7 @@ TEST(Thermal, NoiseIsTheNetd) {
   thermal.netd_k = 0.05;
   const auto spread = [&](double temperature_c) {
     cv::Scalar mean, deviation;
-    cv::meanStdDev(image_of(wall(temperature_c, 1, thermal), {true, false, 1}), mean, deviation);
+    cv::meanStdDev(image_of(wall(temperature_c, 1, thermal), {true, false}, {}, 1), mean, deviation);
     EXPECT_NEAR(mean[0], temperature_c, 0.002);
     return deviation[0];
   };
@@ -193,7 +193,7 @@ TEST(Thermal, NoiseIsTheNetd) {
 }
 
 TEST(Thermal, QuantisedTemperaturesAreHundredthsOfAKelvin) {
-  const cv::Mat1f image = image_of(wall(31.23456, 1), {false, true, 1});
+  const cv::Mat1f image = image_of(wall(31.23456, 1), {false, true}, {}, 1);
   for (const float t : image) EXPECT_EQ(t, celsius(centikelvin(static_cast<double>(t))));
   EXPECT_NEAR(centre(image), 31.23456, 0.005 + 1e-5);
 }
