@@ -9,9 +9,9 @@
 
 #include "bench/row.h"
 #include "bench/suite.h"
+#include "core/pipeline/heap.h"
 #include "core/rig/files.h"
 #include "core/types/error.h"
-#include "core/types/heap.h"
 #include "core/types/options.h"
 
 namespace fringeslam::bench {

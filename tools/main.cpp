@@ -6,7 +6,7 @@
 #include <opencv2/core/utility.hpp>
 #include <vector>
 
-#include "core/types/heap.h"
+#include "core/pipeline/heap.h"
 #include "core/types/options.h"
 #include "tools/verbs.h"
 
