@@ -5,8 +5,12 @@
 #include <Eigen/LU>
 #include <limits>
 #include <numbers>
+#include <optional>
+#include <thread>
+#include <vector>
 
 #include "core/types/options.h"
+#include "core/types/parallel.h"
 #include "core/types/pinhole.h"
 #include "core/types/pose.h"
 #include "tests/support/matchers.h"
@@ -253,6 +257,30 @@ TEST(Options, CheckNamesFieldValueAndLimits) {
             "sample.range_m is 2.25; it must lie in [0.5, 2]");
   EXPECT_THAT(error_of([] { check_options(Sample{.range_m = std::nan("")}, "sample"); }), HasSubstr("range_m"));
   EXPECT_THAT(error_of([] { check_options(Sample{.mode = "exat"}, "sample"); }), HasSubstr("did you mean 'exact'"));
+}
+
+TEST(Parallel, EveryRowOnceAndInOneThreadWhereThatIsWanted) {
+  constexpr int kRows = 1000;
+  for (const bool alone : {false, true}) {
+    std::optional<SerialLoops> serial;
+    if (alone) serial.emplace();
+    std::vector<int> visits(kRows, 0), elsewhere(kRows, 0);
+    const auto here = std::this_thread::get_id();
+    for_each_row(kRows, [&](int row) {
+      ++visits[static_cast<size_t>(row)];
+      elsewhere[static_cast<size_t>(row)] = std::this_thread::get_id() != here;
+    });
+    EXPECT_EQ(visits, std::vector<int>(kRows, 1));
+    if (alone) {
+      EXPECT_EQ(elsewhere, std::vector<int>(kRows, 0));
+    }
+    // Another thread's loops are its own matter.
+    bool wanted = true;
+    std::thread([&] { wanted = SerialLoops::wanted(); }).join();
+    EXPECT_FALSE(wanted);
+    EXPECT_EQ(SerialLoops::wanted(), alone);
+  }
+  EXPECT_FALSE(SerialLoops::wanted());
 }
 
 }  // namespace
