@@ -4,7 +4,6 @@
 #include <fcntl.h>
 #include <gmock/gmock.h>
 #include <signal.h>
-#include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -46,14 +45,12 @@ bool wait_until(double seconds, const Done& done) {
   return done();
 }
 
-// A program that is killed when this ends, also with this process: a camera that outlived its test would answer the
-// next one's.
+// A program that is killed when this ends.
 class Child {
  public:
   explicit Child(const std::vector<std::string>& command, const fs::path& log) {
     pid_ = fork();
     if (pid_ != 0) return;
-    prctl(PR_SET_PDEATHSIG, SIGKILL);
     const int file = open(log.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0644);
     dup2(file, 1);
     dup2(file, 2);
