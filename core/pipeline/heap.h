@@ -8,7 +8,7 @@
 namespace fringeslam {
 
 // For a program's start. Every view needs the same few hundred megabytes of images, which the C library would return to
-// the system and ask for again each time: a fifth of the time of a depth map is the page faults of that.
+// the system and ask for again each time: up to a fifth of the time of a depth map is the page faults of that.
 inline void keep_freed_memory() {
 #if defined(__GLIBC__)
   mallopt(M_MMAP_THRESHOLD, 32 << 20);
