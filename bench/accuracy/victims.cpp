@@ -57,37 +57,42 @@ std::vector<Row> victim_rows(const Context& context) {
 // What lies or hangs between the cameras and what they look at, more of it from level to level.
 struct Veil {
   std::string id, unit, words;
+  std::string section, quantity, rest;  // of the scene file
   std::vector<double> levels;
   double rated = 0;  // the level of the row
-  std::pair<std::string, std::string> (*change)(double level);
+
+  std::pair<std::string, std::string> change(double level) const {
+    return {section, "{" + quantity + ": " + to_text(level) + ", " + rest + "}"};
+  }
 };
 
-// Fine particles, of the smoke's kind: in the infrared a tenth as dense.
-const Veil kSmoke = {
-    "smoke", "per metre", "smoke of this extinction", {0.0, 0.1, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0}, 0.3, [](double level) {
-      return std::pair<std::string, std::string>(
-          "air", "{extinction_per_m: " + to_text(level) + ", albedo: 0.85, anisotropy: 0.6}");
-    }};
+Veil in_the_air(const std::string& id, const std::string& what, const std::string& rest) {
+  return {id,
+          "per metre",
+          what + " of this extinction",
+          "air",
+          "extinction_per_m",
+          rest,
+          {0.0, 0.1, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0},
+          0.3};
+}
+
+// Fine particles: in the infrared a tenth as dense.
+Veil smoke() { return in_the_air("smoke", "smoke", "albedo: 0.85, anisotropy: 0.6"); }
 // Grains of some micrometres: bright, they scatter forwards, and the infrared sees them nearly as well.
-const Veil kWhirled = {
-    "dust_in_air",
-    "per metre",
-    "dust in the air of this extinction",
-    {0.0, 0.1, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0},
-    0.3,
-    [](double level) {
-      return std::pair<std::string, std::string>(
-          "air", "{extinction_per_m: " + to_text(level) + ", albedo: 0.95, anisotropy: 0.7, infrared_share: 0.8}");
-    }};
-const Veil kSettled = {"dust",
-                       "covered",
-                       "settled dust, share of level surfaces that it covers",
-                       {0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 1.0},
-                       0.6,
-                       [](double level) {
-                         return std::pair<std::string, std::string>(
-                             "dust", "{cover: " + to_text(level) + ", albedo: 0.34, max_slope_deg: 55}");
-                       }};
+Veil whirled_dust() {
+  return in_the_air("dust_in_air", "dust in the air", "albedo: 0.95, anisotropy: 0.7, infrared_share: 0.8");
+}
+Veil settled_dust() {
+  return {"dust",
+          "covered",
+          "settled dust, share of level surfaces that it covers",
+          "dust",
+          "cover",
+          "albedo: 0.34, max_slope_deg: 55",
+          {0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 1.0},
+          0.6};
+}
 
 // Of each level the valid pixels, the victims found, and the motions that are right.
 std::vector<Row> veil_rows(const Veil& veil, const Context& context) {
@@ -140,13 +145,13 @@ std::vector<Item> victim_items() {
            victim_rows},
           {{"smoke.victim_recall"},
            "victims, depth and motions in smoke of growing density; the row is at 0.3 per metre",
-           [](const Context& context) { return veil_rows(kSmoke, context); }},
+           [](const Context& context) { return veil_rows(smoke(), context); }},
           {{"dust_in_air.victim_recall"},
            "the same in whirled up dust; at 0.3 per metre",
-           [](const Context& context) { return veil_rows(kWhirled, context); }},
+           [](const Context& context) { return veil_rows(whirled_dust(), context); }},
           {{"dust.victim_recall"},
            "the same under settled dust; at 60 % of level surfaces covered",
-           [](const Context& context) { return veil_rows(kSettled, context); }}};
+           [](const Context& context) { return veil_rows(settled_dust(), context); }}};
 }
 
 }  // namespace fringeslam::bench

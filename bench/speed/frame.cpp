@@ -68,29 +68,28 @@ void time_stages(const LoopScene& loop, Latencies& latencies) {
   std::fprintf(stderr, "\n");
 }
 
-std::vector<Row> frame_rows(const Context& context) {
-  const LoopScene loop = rendered_loop();
-  std::vector<double> rates;
+// The rate of `runs` runs, taking turns with `timed` of which the latencies are; `suffix`: of the rows' ids.
+std::vector<Row> rows_of(const LoopScene& loop, const std::string& suffix, int timed, int runs) {
   Latencies latencies;
-  for (int run = 0; run < (context.quick ? 1 : 3); ++run) {
-    time_stages(loop, latencies);
+  std::vector<double> rates;
+  for (int run = 0; run < runs; ++run) {
+    if (run < timed) time_stages(loop, latencies);
     rates.push_back(frames_per_s(loop));
   }
-  std::vector<Row> rows = latencies.rows("speed.latency");
-  rows.insert(rows.begin(), median_row("speed.frame", rates, "frames/s", 30, Limit::least));
+  std::vector<Row> rows = latencies.rows("speed.latency" + suffix);
+  rows.insert(rows.begin(), median_row("speed.frame" + suffix, rates, "frames/s", 30, Limit::least));
   return rows;
+}
+
+std::vector<Row> frame_rows(const Context& context) {
+  const int runs = context.quick ? 1 : 3;
+  return rows_of(rendered_loop(), "", runs, runs);
 }
 
 // Most views of a robot's show next to nothing new, and the map takes only those that do.
 std::vector<Row> robot_rows(const Context& context) {
-  const LoopScene loop = rendered_loop_of_a_robot(context.quick ? kRobotViews / 4 : kRobotViews);
-  std::vector<double> rates;
-  Latencies latencies;
-  time_stages(loop, latencies);
-  for (int run = 0; run < (context.quick ? 1 : 3); ++run) rates.push_back(frames_per_s(loop));
-  std::vector<Row> rows = latencies.rows("speed.latency.robot");
-  rows.insert(rows.begin(), median_row("speed.frame.robot", rates, "frames/s", 30, Limit::least));
-  return rows;
+  return rows_of(rendered_loop_of_a_robot(context.quick ? kRobotViews / 4 : kRobotViews), ".robot", 1,
+                 context.quick ? 1 : 3);
 }
 
 }  // namespace
