@@ -148,21 +148,20 @@ namespace {
 std::vector<uint16_t> unreliability(const cv::Mat1f& phase) {
   std::vector<uint16_t> keys(phase.total(), kKeys / 2 - 1);
   const auto wrap = [](float x) { return x > 0.5f * kTurn ? x - kTurn : x < -0.5f * kTurn ? x + kTurn : x; };
-  for_each_range(phase.rows - 2, [&](int first, int end) {
-    for (int row = first + 1; row < end + 1; ++row) {
-      const float *above = phase[row - 1], *here = phase[row], *below = phase[row + 1];
-      for (int col = 1; col + 1 < phase.cols; ++col) {
-        const auto second = [&](float a, float b) {
-          const float d = wrap(a - here[col]) - wrap(here[col] - b);
-          return d * d;
-        };
-        const float sum = second(here[col - 1], here[col + 1]) + second(above[col], below[col]) +
-                          second(above[col - 1], below[col + 1]) + second(above[col + 1], below[col - 1]);
-        // From 2^-24 to 2^8 in steps of an eighth of an octave.
-        if (!std::isnan(sum))
-          keys[static_cast<size_t>(row * phase.cols + col)] = static_cast<uint16_t>(
-              std::clamp<int>(static_cast<int>(log_key(sum)) - 8 * (127 - 24), 0, static_cast<int>(kKeys) / 2 - 2));
-      }
+  for_each_row(phase.rows - 2, [&](int inner) {
+    const int row = inner + 1;
+    const float *above = phase[row - 1], *here = phase[row], *below = phase[row + 1];
+    for (int col = 1; col + 1 < phase.cols; ++col) {
+      const auto second = [&](float a, float b) {
+        const float d = wrap(a - here[col]) - wrap(here[col] - b);
+        return d * d;
+      };
+      const float sum = second(here[col - 1], here[col + 1]) + second(above[col], below[col]) +
+                        second(above[col - 1], below[col + 1]) + second(above[col + 1], below[col - 1]);
+      // From 2^-24 to 2^8 in steps of an eighth of an octave.
+      if (!std::isnan(sum))
+        keys[static_cast<size_t>(row * phase.cols + col)] = static_cast<uint16_t>(
+            std::clamp<int>(static_cast<int>(log_key(sum)) - 8 * (127 - 24), 0, static_cast<int>(kKeys) / 2 - 2));
     }
   });
   return keys;
