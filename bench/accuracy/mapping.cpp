@@ -51,7 +51,7 @@ double area_m2(const sim::Mesh& mesh) {
 void measure_map(const sim::Scene& scene, Pipeline& pipeline, const std::vector<Eigen::Vector3d>& seen, MapRun& run) {
   constexpr double kFarthest_m = 0.05;
   const KeyframeMap& map = pipeline.map();
-  const SurfaceModel& model = pipeline.surface();
+  const SurfaceModel model = pipeline.surface();
   const SurfaceMesh fused = model.mesh();
   sim::Mesh surface{positions(fused.vertices), {}};
   for (const auto& t : fused.triangles) surface.triangles.push_back(Eigen::Array<uint32_t, 3, 1>(t.data()).cast<int>());

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the robot has seen so far (METHOD S23): keyframes, joined by measured motions into a pose graph, and the frames
-// that were taken between them, each fixed to its keyframe. When a loop is closed the keyframes move, their frames go
-// with them, and everything that is fused from frames is fused again.
+// that were taken between them, each fixed to its keyframe. When a loop is closed the keyframes move and their frames
+// go with them. What is fused from frames, cloud and surface, is fused when it is asked for.
 //
 // Only views that show something new are kept: a robot that stays in one place fills no memory.
 #pragma once
@@ -27,12 +27,12 @@ struct MappingOptions {
   template <class Visitor>
   void describe(Visitor& v) {
     v.field("min_view_change", min_view_change, {0, 10},
-            "by how much a view must differ from all in the map to be fused, widths of the image");
+            "by how much a view must differ from all in the map to join them, widths of the image");
     v.field("keyframe_overlap", keyframe_overlap, {0, 1},
             "share of a view that its keyframe sees too, below which it becomes a keyframe");
     v.field("min_loop_overlap", min_loop_overlap, {0, 1}, "expected share at which two keyframes are registered");
     v.field("significant_m", significant_m, {0, 1},
-            "by how much surfaces must move for everything to be fused again, m");
+            "by how much a surface must move for the map to have been corrected, m");
     v.field("max_links", max_links, {0, 1000}, "earlier keyframes that a new one is registered with, beside its own");
   }
 };
@@ -45,7 +45,7 @@ struct Keyframe {
   StoredFrame frame;
 };
 
-// A frame that is fused; keyframes are among them.
+// A frame whose points are the map's; keyframes are among them.
 struct MapFrame {
   int keyframe = 0;
   Pose keyframe_from_camera;
@@ -70,7 +70,7 @@ class KeyframeMap {
     return world_from_camera(frame.keyframe, frame.keyframe_from_camera);
   }
 
-  // The number of the new keyframe. Its frame is fused.
+  // The number of the new keyframe.
   int add_keyframe(const Frame& frame, Landmarks landmarks, const Pose& world_from_camera);
   // Keeps the frame if its view differs from those of the keyframe and its frames; whether it does.
   bool add_frame(const Frame& frame, int keyframe, const Pose& keyframe_from_camera);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A frame as the map keeps it, to be fused again when poses are corrected and to be registered against: 11 bytes a
+// A frame as the map keeps it, to be registered against and to be fused once it is known where it was taken: 11 bytes a
 // pixel instead of 30. Depth is kept to the last bit, sigma to 0.05 %, normals to 0.003 degrees.
 #pragma once
 

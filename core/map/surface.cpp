@@ -44,12 +44,12 @@ void for_each(size_t count, const Body& body) {
 
 class SurfaceModel::Grid {
  public:
-  Grid(const RigModel& rig, const SurfaceOptions& options)
-      : camera(rig.camera),
-        scale(scale_of(rig, options)),
-        min_weight(1 / (options.max_sigma_m * options.max_sigma_m)),
-        fusion(rig.camera, scale, options.max_slope_deg, options.min_sigma_m, options.max_off_plane_sigma),
-        tree(0) {}
+  Grid(const RigModel& rig, const SurfaceOptions& surface)
+      : camera(rig.camera), scale(scale_of(rig, surface)), options(surface), tree(0) {}
+
+  void check(const PosedFrame& posed) const;
+  // At most kFramesTogether.
+  void add(const PosedFrame* first, size_t count);
 
   // In the order of their coordinates.
   std::vector<const Leaf*> leaves() const {
@@ -60,10 +60,52 @@ class SurfaceModel::Grid {
 
   Pinhole camera;
   VoxelScale scale;
-  double min_weight;
-  FrameFusion fusion;
+  SurfaceOptions options;
   Tree tree;
+
+ private:
+  // Kept, as new memory costs more than what is written to it.
+  std::vector<FramePlanes> frames;
+  BrickSet touched;
 };
+
+void SurfaceModel::Grid::check(const PosedFrame& posed) const {
+  const Frame& frame = posed.frame;
+  if (frame.width() != camera.width || frame.height() != camera.height)
+    throw Error("surface: the frame is " + std::to_string(frame.width()) + "x" + std::to_string(frame.height()) +
+                ", the camera " + std::to_string(camera.width) + "x" + std::to_string(camera.height));
+  // Half of the bricks that have a key: the other half is for what the camera sees from there.
+  const double reach_m = kMaxBrick / 2 * kBrickEdge * scale.voxel_m;
+  const Pose& pose = posed.world_from_camera;
+  if (!(pose.translation.cwiseAbs().maxCoeff() <= reach_m) || !pose.is_finite())
+    throw Error("surface: a pose is not within " + to_text(reach_m) + " m of the origin");
+}
+
+void SurfaceModel::Grid::add(const PosedFrame* first, size_t count) {
+  const PlaneLimits limits{options.max_slope_deg, options.min_sigma_m, options.max_off_plane_sigma};
+  while (frames.size() < count) frames.emplace_back(camera, scale, limits);
+  touched.clear();
+  for (size_t i = 0; i < count; ++i) {
+    frames[i].take(first[i].frame, first[i].world_from_camera);
+    frames[i].collect(static_cast<int>(i), touched);
+  }
+  const std::vector<TouchedBrick>& bricks = touched.bricks();
+  // Searching the tree is safe in parallel, changing it is not: new leaves join it at the end.
+  std::vector<std::unique_ptr<Leaf>> fresh(bricks.size());
+  for_each(bricks.size(), [&](size_t i) {
+    const openvdb::Coord corner = first_voxel(brick_of(bricks[i].key));
+    Leaf* leaf = tree.probeLeaf(corner);
+    if (leaf == nullptr) {
+      fresh[i] = std::make_unique<Leaf>(corner, 0);
+      leaf = fresh[i].get();
+    }
+    const bool seen = fuse(frames, bricks[i], leaf->buffer().data());
+    if (!seen) fresh[i].reset();
+  });
+  for (auto& leaf : fresh) {
+    if (leaf) tree.addLeaf(leaf.release());
+  }
+}
 
 SurfaceModel::SurfaceModel(const RigModel& rig, const SurfaceOptions& options)
     : grid_(std::make_unique<Grid>(rig, options)) {}
@@ -71,31 +113,23 @@ SurfaceModel::~SurfaceModel() = default;
 SurfaceModel::SurfaceModel(SurfaceModel&&) noexcept = default;
 SurfaceModel& SurfaceModel::operator=(SurfaceModel&&) noexcept = default;
 
-void SurfaceModel::add(const Frame& frame, const Pose& world_from_camera) {
-  const Pinhole& camera = grid_->camera;
-  if (frame.width() != camera.width || frame.height() != camera.height)
-    throw Error("surface: the frame is " + std::to_string(frame.width()) + "x" + std::to_string(frame.height()) +
-                ", the camera " + std::to_string(camera.width) + "x" + std::to_string(camera.height));
-  // Half of the bricks that have a key: the other half is for what the camera sees from there.
-  const double reach_m = kMaxBrick / 2 * kBrickEdge * grid_->scale.voxel_m;
-  if (!(world_from_camera.translation.cwiseAbs().maxCoeff() <= reach_m) || !world_from_camera.is_finite())
-    throw Error("surface: a pose is not within " + to_text(reach_m) + " m of the origin");
-  const std::vector<TouchedBrick>& bricks = grid_->fusion.begin(frame, world_from_camera);
-  // Searching the tree is safe in parallel, changing it is not: new leaves join it at the end.
-  std::vector<std::unique_ptr<Leaf>> fresh(bricks.size());
-  for_each(bricks.size(), [&](size_t i) {
-    const openvdb::Coord corner = first_voxel(brick_of(bricks[i].key));
-    Leaf* leaf = grid_->tree.probeLeaf(corner);
-    if (leaf == nullptr) {
-      fresh[i] = std::make_unique<Leaf>(corner, 0);
-      leaf = fresh[i].get();
-    }
-    const bool seen = grid_->fusion.fuse(bricks[i], leaf->buffer().data());
-    if (!seen) fresh[i].reset();
-  });
-  for (auto& leaf : fresh) {
-    if (leaf) grid_->tree.addLeaf(leaf.release());
+void SurfaceModel::add(const std::vector<PosedFrame>& frames) {
+  for (const PosedFrame& frame : frames) grid_->check(frame);
+  for (size_t i = 0; i < frames.size(); i += kFramesTogether)
+    grid_->add(frames.data() + i, std::min<size_t>(kFramesTogether, frames.size() - i));
+}
+
+SurfaceModel surface_of(const KeyframeMap& map, const SurfaceOptions& options) {
+  SurfaceModel surface(map.rig(), options);
+  const std::vector<MapFrame>& frames = map.frames();
+  std::vector<PosedFrame> together;  // all at once would be much memory
+  for (size_t i = 0; i < frames.size(); ++i) {
+    together.push_back({restored(frames[i].frame, map.rays()), map.world_from_camera(frames[i])});
+    if (together.size() < kFramesTogether && i + 1 < frames.size()) continue;
+    surface.add(together);
+    together.clear();
   }
+  return surface;
 }
 
 SurfaceMesh SurfaceModel::mesh() const {
@@ -104,7 +138,7 @@ SurfaceMesh SurfaceModel::mesh() const {
     const openvdb::Coord& corner = leaf->origin();
     bricks.push_back({{corner.x() >> 3, corner.y() >> 3, corner.z() >> 3}, leaf->buffer().data()});
   }
-  return surface_nets(bricks, grid_->scale, grid_->min_weight);
+  return surface_nets(bricks, grid_->scale, 1 / (grid_->options.max_sigma_m * grid_->options.max_sigma_m));
 }
 
 double SurfaceModel::voxel_m() const { return grid_->scale.voxel_m; }

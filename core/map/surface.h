@@ -5,7 +5,9 @@
 #pragma once
 
 #include <memory>
+#include <vector>
 
+#include "core/map/keyframe_map.h"
 #include "core/map/surface_mesh.h"
 #include "core/types/frame.h"
 #include "core/types/options.h"
@@ -37,6 +39,11 @@ struct SurfaceOptions {
   }
 };
 
+struct PosedFrame {
+  Frame frame;
+  Pose world_from_camera;
+};
+
 class SurfaceModel {
  public:
   // Throws Error when options are out of range.
@@ -45,10 +52,11 @@ class SurfaceModel {
   SurfaceModel(SurfaceModel&&) noexcept;
   SurfaceModel& operator=(SurfaceModel&&) noexcept;
 
-  // Fuses what a frame of the rig's camera saw. The order of frames matters by rounding alone, and the number of
-  // threads not at all. Throws Error when the frame is not of the camera's size, or its pose not within the model's
-  // reach (a million bricks of voxels from the origin).
-  void add(const Frame& frame, const Pose& world_from_camera);
+  // Fuses what frames of the rig's camera saw; several at once take less time. Their order, and which are added at
+  // once, matter by rounding alone, and the number of threads not at all. Throws Error when a frame is not of the
+  // camera's size, or its pose not within the model's reach (a million bricks of voxels from the origin).
+  void add(const std::vector<PosedFrame>& frames);
+  void add(const Frame& frame, const Pose& world_from_camera) { add({{frame, world_from_camera}}); }
 
   SurfaceMesh mesh() const;
 
@@ -60,5 +68,8 @@ class SurfaceModel {
   class Grid;
   std::unique_ptr<Grid> grid_;
 };
+
+// Of all frames of the map, where they are now known to be.
+SurfaceModel surface_of(const KeyframeMap& map, const SurfaceOptions& options);
 
 }  // namespace fringeslam

@@ -53,13 +53,10 @@ Pipeline::Pipeline(KeyframeMap map, const PatternSequence& sequence, const Pipel
       rays_(map.rays()),
       triangulation_(rig_, rays_, options.depth.near_m, options.depth.far_m),
       database_(rig_.camera, options.recognition),
-      map_(std::move(map)),
-      surface_(rig_, options.surface) {
+      map_(std::move(map)) {
   options_.for_each_stage([](const char* name, auto& stage) { check_options(stage, name); });
   for (size_t i = 0; i < map_.keyframes().size(); ++i)
     database_.add(static_cast<int>(i), map_.keyframes()[i].landmarks);
-  fuse_again();
-  fuse_again_some(map_.frames().size());
 }
 
 SeenStack Pipeline::see_ahead(FringeStack stack, StageClock* clock) const {
@@ -302,23 +299,19 @@ bool Pipeline::becomes_keyframe(const FrameResult& result, const Pose& world_fro
 }
 
 void Pipeline::extend_map(FrameResult& result) {
-  constexpr size_t kFusedAgain = 1;  // frames a view: as long as there are more, a view takes twice as long to fuse
   // Where depth did not confirm the landmarks' motion the frame tells where the robot is, but the map stays as it was.
   enter("map");
-  fuse_again_some(kFusedAgain);
   if (!result.registration.refined) return;
   const Located here = track_.back();
   const Pose current = world_from_camera(here);
   if (becomes_keyframe(result, current, here.keyframe)) return add_keyframe(result, current);
   result.in_map = map_.add_frame(result.frame, here.keyframe, here.keyframe_from_camera);
-  if (result.in_map) surface_.add(result.frame, current);
 }
 
 void Pipeline::add_keyframe(FrameResult& result, const Pose& world_from_camera) {
   if (result.keypoints.detected == 0) find_landmarks(result);
   enter("map");
   const int number = map_.add_keyframe(result.frame, result.landmarks, world_from_camera);
-  surface_.add(result.frame, world_from_camera);
   database_.add(number, result.landmarks);
   result.keyframe = number;
   result.in_map = true;
@@ -330,7 +323,6 @@ void Pipeline::add_keyframe(FrameResult& result, const Pose& world_from_camera) 
   map_.link({result.reference, number, result.registration.earlier_from_current, result.covariance.inverse(), false});
   result.loops = close_loops(result);
   if (result.loops > 0) result.corrected = map_.correct(options_.pose_graph, options_.mapping.significant_m);
-  if (result.corrected) fuse_again();
 }
 
 // Links the new keyframe with earlier ones beside its reference: those that it overlaps by what is known, and those
@@ -361,30 +353,6 @@ int Pipeline::close_loops(const FrameResult& result) {
     ++links;
   }
   return links;
-}
-
-const SurfaceModel& Pipeline::surface() {
-  fuse_again_some(map_.frames().size());
-  return surface_;
-}
-
-void Pipeline::fuse_again() {
-  corrected_surface_.emplace(rig_, options_.surface);
-  corrected_frames_ = 0;
-}
-
-// The surface stays what it was until all frames are where they belong.
-void Pipeline::fuse_again_some(size_t frames) {
-  if (!corrected_surface_) return;
-  const std::vector<MapFrame>& all = map_.frames();
-  const size_t end = std::min(all.size(), corrected_frames_ + frames);
-  for (; corrected_frames_ < end; ++corrected_frames_) {
-    const MapFrame& frame = all[corrected_frames_];
-    corrected_surface_->add(restored(frame.frame, rays_), map_.world_from_camera(frame));
-  }
-  if (corrected_frames_ < all.size()) return;
-  surface_ = std::move(*corrected_surface_);
-  corrected_surface_.reset();
 }
 
 }  // namespace fringeslam

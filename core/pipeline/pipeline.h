@@ -87,7 +87,7 @@ struct FrameResult {
   bool found_again = false;                // tracked, after one that was lost
   int reference = -1;                      // keyframe
   int keyframe = -1;                       // its own number where it became one
-  bool in_map = false;                     // it shows enough that is new to be fused
+  bool in_map = false;                     // it shows enough that is new
   int images = 0;                          // that it was decoded from
   int loops = 0;                           // earlier keyframes that it was linked with then, beside the reference
   bool corrected = false;                  // by which the map moved
@@ -130,9 +130,9 @@ class Pipeline {
   // The last tracked frame; empty before the first.
   const std::optional<FrameResult>& last_tracked() const { return last_; }
   const KeyframeMap& map() const { return map_; }
-  // Of all frames of the map where they are now known to be. After a correction that takes some views to come about;
-  // this does not wait for them, but does what they would.
-  const SurfaceModel& surface();
+  // Of all frames of the map where they are now known to be. It is fused when it is asked for: a loop closure moves
+  // nearly every frame by more than its noise, so that most of what was fused before one is of no use after it.
+  SurfaceModel surface() const { return surface_of(map_, options_.surface); }
   // Of all tracked frames, in the order of their stacks, by what is known now.
   Trajectory trajectory() const;
   // Warm things, victims among them, by what is known now.
@@ -175,8 +175,6 @@ class Pipeline {
   void extend_map(FrameResult& result);
   void add_keyframe(FrameResult& result, const Pose& world_from_camera);
   int close_loops(const FrameResult& result);
-  void fuse_again();
-  void fuse_again_some(size_t frames);
 
   RigModel rig_;
   PatternSequence sequence_, finest_;
@@ -185,10 +183,6 @@ class Pipeline {
   Triangulation triangulation_;
   LandmarkDatabase database_;
   KeyframeMap map_;
-  SurfaceModel surface_;
-  // What takes its place after a correction, and how many frames of the map are in it.
-  std::optional<SurfaceModel> corrected_surface_;
-  size_t corrected_frames_ = 0;
   Pose start_;
   std::vector<Located> track_;
   std::map<size_t, LocatedRegions> warm_;  // by place in track_; their poses are those of track_

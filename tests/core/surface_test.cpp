@@ -344,17 +344,9 @@ std::vector<std::pair<Frame, Pose>> views_of_a_corner(const RigModel& rig) {
   return views;
 }
 
-TEST(Surface, OrderOfFramesMattersByRoundingAlone) {
-  const RigModel rig = support::small_rig(true);
-  const auto views = views_of_a_corner(rig);
-  SurfaceModel forward(rig, {}), backward(rig, {});
-  for (const auto& [frame, pose] : views) forward.add(frame, pose);
-  for (auto view = views.rbegin(); view != views.rend(); ++view) backward.add(view->first, view->second);
-  EXPECT_EQ(forward.voxels(), backward.voxels());
-  EXPECT_EQ(forward.memory_bytes(), backward.memory_bytes());
-  const SurfaceMesh a = forward.mesh(), b = backward.mesh();
+// But for rounding: a distance that rounds to the other side of zero moves a vertex or two.
+void expect_alike(const SurfaceMesh& a, const SurfaceMesh& b) {
   EXPECT_NEAR(static_cast<double>(a.vertices.size()), static_cast<double>(b.vertices.size()), 20);
-  // A distance that rounds to the other side of zero moves a vertex or two: of every ten, look for their likes.
   int likes = 0, all = 0;
   for (size_t i = 0; i < a.vertices.size(); i += 10, ++all) {
     likes += std::any_of(b.vertices.begin(), b.vertices.end(), [&](const CloudPoint& vertex) {
@@ -363,6 +355,62 @@ TEST(Surface, OrderOfFramesMattersByRoundingAlone) {
   }
   EXPECT_GT(all, 1000);
   EXPECT_GE(likes, all * 0.995);
+}
+
+TEST(Surface, OrderOfFramesMattersByRoundingAlone) {
+  const RigModel rig = support::small_rig(true);
+  const auto views = views_of_a_corner(rig);
+  SurfaceModel forward(rig, {}), backward(rig, {});
+  for (const auto& [frame, pose] : views) forward.add(frame, pose);
+  for (auto view = views.rbegin(); view != views.rend(); ++view) backward.add(view->first, view->second);
+  EXPECT_EQ(forward.voxels(), backward.voxels());
+  EXPECT_EQ(forward.memory_bytes(), backward.memory_bytes());
+  expect_alike(forward.mesh(), backward.mesh());
+}
+
+TEST(Surface, FramesAtOnceAreFramesOneAfterTheOther) {
+  const RigModel rig = support::small_rig(true);
+  std::vector<PosedFrame> views;
+  for (int i = 0; i < 3; ++i) {  // twelve: more than are fused at a time
+    for (const auto& [frame, pose] : views_of_a_corner(rig)) views.push_back({frame, pose});
+  }
+  ASSERT_GT(views.size(), static_cast<size_t>(kFramesTogether));
+  SurfaceModel together(rig, {}), singly(rig, {});
+  together.add(views);
+  for (const PosedFrame& view : views) singly.add(view.frame, view.world_from_camera);
+  EXPECT_EQ(together.voxels(), singly.voxels());
+  EXPECT_EQ(together.memory_bytes(), singly.memory_bytes());
+  expect_alike(together.mesh(), singly.mesh());
+}
+
+// Nothing of it may be lost when octants are looked for by squares of pixels: steps everywhere, and pixels without
+// depth.
+TEST(Surface, EveryVoxelOfTheBandIsWritten) {
+  const RigModel rig = support::small_rig(true);
+  Frame frame = support::observe(support::plane({0.3, -0.2, -1}, -1), rig, {}, 1e-4);
+  support::Random random(7);
+  for (int row = 0; row < frame.height(); ++row) {
+    for (int col = 0; col < frame.width(); ++col) {
+      frame.points_m(row, col) *= static_cast<float>(0.8 + 0.05 * std::floor(random.uniform(0, 8)));
+      if (random.uniform(0, 1) < 0.3) erase(frame, row, col);
+    }
+  }
+  SurfaceModel whole(rig, {});
+  whole.add(frame, {});
+  // Of each square of four pixels one, in turn: what all write together is what each writes.
+  SurfaceModel parts(rig, {});
+  for (int kept = 0; kept < 4; ++kept) {
+    Frame one = frame;
+    one.points_m = frame.points_m.clone(), one.normals = frame.normals.clone(), one.sigma_m = frame.sigma_m.clone();
+    for (int row = 0; row < frame.height(); ++row) {
+      for (int col = 0; col < frame.width(); ++col) {
+        if (row % 2 * 2 + col % 2 != kept) erase(one, row, col);
+      }
+    }
+    parts.add(one, {});
+  }
+  EXPECT_GT(whole.voxels(), 10000U);
+  EXPECT_EQ(whole.voxels(), parts.voxels());
 }
 
 TEST(Surface, NumberOfThreadsDoesNotMatter) {
@@ -384,15 +432,19 @@ TEST(Surface, NumberOfThreadsDoesNotMatter) {
 TEST(Surface, InstructionSetsGiveTheSameBits) {
   const RigModel rig = support::small_rig(true);
   const auto views = views_of_a_corner(rig);
-  FrameFusion fusion(rig.camera, {0.002, 0.006}, 80, 1e-6, 2.5);
+  std::vector<FramePlanes> frames;
+  BrickSet touched;
+  for (const auto& [frame, pose] : views) {
+    frames.emplace_back(rig.camera, VoxelScale{0.002, 0.006}, PlaneLimits{});
+    frames.back().take(frame, pose);
+    frames.back().collect(static_cast<int>(frames.size()) - 1, touched);
+  }
   std::vector<InstructionSet> sets = {InstructionSet::portable};
   if (widest_instruction_set() != InstructionSet::portable) sets.push_back(InstructionSet::avx2);
   if (widest_instruction_set() == InstructionSet::avx512) sets.push_back(InstructionSet::avx512);
   std::map<uint64_t, std::array<std::array<int64_t, kBrickVoxels>, 3>> bricks;
-  for (const auto& [frame, pose] : views) {
-    for (const TouchedBrick& brick : fusion.begin(frame, pose)) {
-      for (size_t i = 0; i < sets.size(); ++i) fusion.fuse(brick, bricks[brick.key][i].data(), sets[i]);
-    }
+  for (const TouchedBrick& brick : touched.bricks()) {
+    for (size_t i = 0; i < sets.size(); ++i) fuse(frames, brick, bricks[brick.key][i].data(), sets[i]);
   }
   ASSERT_GT(bricks.size(), 100U);
   for (const auto& brick : bricks) {
