@@ -7,6 +7,7 @@
 #include "bench/frame_pairs.h"
 #include "bench/row.h"
 #include "bench/speed/turns.h"
+#include "core/map/frame_planes.h"
 #include "core/map/pose_graph.h"
 #include "core/map/surface.h"
 #include "sim/random.h"
