@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/depth/plane_adoption.h"
 
-#include "core/depth/lanes.h"
+#include "core/types/lanes.h"
 
 namespace fringeslam {
 

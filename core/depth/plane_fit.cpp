@@ -5,7 +5,7 @@
 #include <cmath>
 #include <cstdlib>
 
-#include "core/depth/lanes.h"
+#include "core/types/lanes.h"
 #include "core/types/parallel.h"
 
 namespace fringeslam {

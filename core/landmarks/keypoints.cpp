@@ -5,20 +5,15 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numbers>
-#include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
 #include <optional>
 
+#include "core/landmarks/sift.h"
 #include "core/types/parallel.h"
 
 namespace fringeslam {
 
 namespace {
-
-// OpenCV's SIFT doubles the image with half-pixel centres but maps keypoints back as if by corners:
-// what it reports lies 1/4 px to the right of and below the truth (tests/core/landmarks_test.cpp).
-constexpr double kSiftShiftPx = 0.25;
 
 struct SurfacePoint {
   Eigen::Vector3d point;
@@ -78,22 +73,13 @@ cv::Mat1f normalised(cv::Mat1f descriptors, bool root_sift) {
   return descriptors;
 }
 
-cv::Ptr<cv::SIFT> sift_of(int max_keypoints, double contrast_threshold, double edge_threshold) {
-  constexpr int kScalesPerOctave = 3;
-  constexpr double kFinestSigma = 1.6;
-  return cv::SIFT::create(max_keypoints, kScalesPerOctave, contrast_threshold, edge_threshold, kFinestSigma);
-}
-
-// Where and how large a keypoint is in an image that was halved before, or not: a pixel of the half image has its
-// centre between two of the whole one's.
-struct Place {
-  Eigen::Vector2d pixel;
-  double scale = 0;
-};
-Place place_of(const cv::KeyPoint& k, bool halved) {
-  const Eigen::Vector2d pixel(k.pt.x - kSiftShiftPx, k.pt.y - kSiftShiftPx);
-  if (halved) return {2 * pixel + Eigen::Vector2d(0.5, 0.5), k.size};
-  return {pixel, k.size / 2};
+// In an image that was halved before a pixel has its centre between two of the whole one's.
+SiftFeatures features_of(const cv::Mat1b& image, bool half, const SiftOptions& options, Describe describe) {
+  SiftFeatures features = sift(image, options, describe);
+  for (SiftKeypoint& k : features.keypoints) {
+    if (half) k.pixel = 2 * k.pixel + Eigen::Vector2d(0.5, 0.5), k.sigma *= 2;
+  }
+  return features;
 }
 
 cv::Mat1b halved(const cv::Mat1b& image) {
@@ -102,38 +88,32 @@ cv::Mat1b halved(const cv::Mat1b& image) {
   return half;
 }
 
-double radians(double degrees) { return degrees * std::numbers::pi / 180; }
-
 }  // namespace
 
 Keypoints detect_keypoints(const Frame& frame, const RigModel& rig, const PixelRays& rays,
                            const KeypointOptions& options) {
   check_options(options, "keypoints");
-  const auto sift = sift_of(options.max_keypoints, options.contrast_threshold, options.edge_threshold);
-  std::vector<cv::KeyPoint> found;
-  cv::Mat1f descriptors;
-  // Both at once: the pyramid, half of the work, is built only once.
   const bool half = options.texture_halved && frame.height() > 1 && frame.width() > 1;
-  sift->detectAndCompute(half ? halved(frame.texture) : frame.texture, {}, found, descriptors);
-
+  const SiftFeatures found =
+      features_of(half ? halved(frame.texture) : frame.texture, half,
+                  {options.max_keypoints, options.contrast_threshold, options.edge_threshold}, Describe::yes);
   Keypoints result;
-  result.detected = static_cast<int>(found.size());
+  result.detected = static_cast<int>(found.keypoints.size());
   result.descriptors = cv::Mat1f(0, 128);
-  for (size_t i = 0; i < found.size(); ++i) {
-    const cv::KeyPoint& k = found[i];
-    const Place place = place_of(k, half);
-    const auto surface = surface_point(frame, rays, place.pixel);
+  for (size_t i = 0; i < found.keypoints.size(); ++i) {
+    const SiftKeypoint& k = found.keypoints[i];
+    const auto surface = surface_point(frame, rays, k.pixel);
     if (!surface) continue;
     Keypoint keypoint;
-    keypoint.pixel = place.pixel;
-    keypoint.scale = place.scale;
-    keypoint.angle_rad = radians(k.angle);
-    keypoint.strength = k.response;
+    keypoint.pixel = k.pixel;
+    keypoint.scale = k.sigma;
+    keypoint.angle_rad = k.angle_rad;
+    keypoint.strength = k.strength;
     keypoint.point_m = surface->point;
     keypoint.covariance_m2 =
         point_covariance(*surface, rig.camera, options.pixel_sigma * std::max(1.0, keypoint.scale / 1.6));
     result.keypoints.push_back(keypoint);
-    result.descriptors.push_back(descriptors.row(static_cast<int>(i)));
+    result.descriptors.push_back(found.descriptors.row(static_cast<int>(i)));
   }
   result.descriptors = normalised(result.descriptors, options.root_sift);
   return result;
@@ -165,21 +145,18 @@ cv::Mat1b stretched(const cv::Mat1f& levels) {
 
 std::vector<DepthKeypoint> detect_depth_keypoints(const cv::Mat1f& levels, const KeypointOptions& options) {
   check_options(options, "keypoints");
-  std::vector<cv::KeyPoint> found;
-  const bool half = options.depth_halved && levels.rows > 1 && levels.cols > 1;
-  if (!levels.empty()) {
-    const cv::Mat1b image = half ? halved(stretched(levels)) : stretched(levels);
-    sift_of(options.max_depth_keypoints, options.depth_contrast_threshold, options.depth_edge_threshold)
-        ->detect(image, found);
-  }
   std::vector<DepthKeypoint> result;
-  for (const cv::KeyPoint& k : found) {
+  if (levels.empty()) return result;
+  const bool half = options.depth_halved && levels.rows > 1 && levels.cols > 1;
+  const SiftFeatures found = features_of(
+      half ? halved(stretched(levels)) : stretched(levels), half,
+      {options.max_depth_keypoints, options.depth_contrast_threshold, options.depth_edge_threshold}, Describe::no);
+  for (const SiftKeypoint& k : found.keypoints) {
     DepthKeypoint keypoint;
-    const Place place = place_of(k, half);
-    keypoint.pixel = place.pixel;
-    keypoint.scale = place.scale;
-    keypoint.angle_rad = radians(k.angle);
-    keypoint.strength = k.response;
+    keypoint.pixel = k.pixel;
+    keypoint.scale = k.sigma;
+    keypoint.angle_rad = k.angle_rad;
+    keypoint.strength = k.strength;
     const int row = static_cast<int>(std::lround(keypoint.pixel.y()));
     const int col = static_cast<int>(std::lround(keypoint.pixel.x()));
     const cv::Rect around = cv::Rect(col - 1, row - 1, 3, 3) & cv::Rect(0, 0, levels.cols, levels.rows);

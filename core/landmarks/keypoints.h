@@ -35,9 +35,8 @@ struct KeypointOptions {
             "the same for the depth image, stretched over the depths that occur in it");
     v.field("depth_edge_threshold", depth_edge_threshold, {1, 1000},
             "the same for the depth image, whose corners lie on edges");
-    v.field(
-        "texture_halved", texture_halved,
-        "keypoints of the texture at half its resolution, in a third of the time; fewer of them, and less well known");
+    v.field("texture_halved", texture_halved,
+            "keypoints of the texture at half its resolution, in half of the time; fewer of them, and less well known");
     v.field("depth_halved", depth_halved,
             "keypoints of the depth image at half its resolution, in a quarter of the time");
     v.field("root_sift", root_sift, "descriptors compared by their overlap instead of their Euclidean distance");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Floats side by side, a pixel a lane, for the kernels of this folder. Compilers take vectors of this kind apart at
-// comparisons, so masks are made of sign bits.
+// Floats side by side, a pixel a lane, for kernels that compilers make no vectors of by themselves. They take vectors of
+// this kind apart at comparisons, so masks are made of sign bits.
 #pragma once
 
 #include <cstdint>
@@ -55,6 +55,8 @@ struct Lanes {
   // By the sign bit: of -0 true, and of NaN either.
   FRINGESLAM_INLINE static Mask negative(Floats v) { return Mask(v) >> 31; }
   FRINGESLAM_INLINE static Mask not_negative(Floats v) { return ~negative(v); }
+  FRINGESLAM_INLINE static Floats absolute(Floats v) { return Floats(Mask(v) & 0x7fffffff); }
+  FRINGESLAM_INLINE static Floats least(Floats a, Floats b) { return chosen(negative(a - b), a, b); }
 };
 
 }  // namespace fringeslam
