@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "core/types/instruction_set.h"
 #include "core/types/parallel.h"
 
 namespace fringeslam {
@@ -14,34 +15,64 @@ constexpr float kMmPerM = 1e3f, kSteps = 32767;
 constexpr short kNone = -32768;
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
-short rounded(float value) { return static_cast<short>(std::lround(kSteps * value)); }
-
-float sign_of(float value) { return value < 0 ? -1.0f : 1.0f; }
-
-// The unit sphere folded onto a square: the lower half of an octahedron turned outwards.
-cv::Vec2s folded(const cv::Vec3f& n) {
-  if (std::isnan(n[0])) return {kNone, kNone};
-  const float size = std::abs(n[0]) + std::abs(n[1]) + std::abs(n[2]);
-  float x = n[0] / size, y = n[1] / size;
-  if (n[2] < 0) {
-    const float outer = (1 - std::abs(y)) * sign_of(x);
-    y = (1 - std::abs(x)) * sign_of(y);
-    x = outer;
-  }
-  return {rounded(x), rounded(y)};
+FRINGESLAM_INLINE short rounded(float steps) {
+  return static_cast<short>(static_cast<int>(steps + kSteps + 0.5f) - static_cast<int>(kSteps));
 }
 
-cv::Vec3f unfolded(const cv::Vec2s& square) {
-  if (square[0] == kNone) return {kNaN, kNaN, kNaN};
-  float x = static_cast<float>(square[0]) / kSteps, y = static_cast<float>(square[1]) / kSteps;
-  const float z = 1 - std::abs(x) - std::abs(y);
-  if (z < 0) {
-    const float inner = (1 - std::abs(y)) * sign_of(x);
-    y = (1 - std::abs(x)) * sign_of(y);
-    x = inner;
+// The unit sphere folded onto a square: the lower half of an octahedron turned outwards. Three values a normal, two a
+// place on the square.
+FRINGESLAM_INLINE void fold_body(const float* normals, int count, short* __restrict squares) {
+  for (int i = 0; i < count; ++i) {
+    const float nx = normals[3 * i], ny = normals[3 * i + 1], nz = normals[3 * i + 2];
+    const bool none = nx != nx;
+    const float size = std::abs(nx) + std::abs(ny) + std::abs(nz);
+    const float x = none ? 0 : nx / size, y = none ? 0 : ny / size;
+    const float outer_x = (1 - std::abs(y)) * (x < 0 ? -1.0f : 1.0f),
+                outer_y = (1 - std::abs(x)) * (y < 0 ? -1.0f : 1.0f);
+    const short to_x = rounded(kSteps * (nz < 0 ? outer_x : x)), to_y = rounded(kSteps * (nz < 0 ? outer_y : y));
+    squares[2 * i] = none ? kNone : to_x, squares[2 * i + 1] = none ? kNone : to_y;
   }
-  const float scale = 1 / std::sqrt(x * x + y * y + z * z);
-  return {scale * x, scale * y, scale * z};
+}
+
+FRINGESLAM_INLINE void unfold_body(const short* squares, int count, float* __restrict normals) {
+  for (int i = 0; i < count; ++i) {
+    const short to_x = squares[2 * i], to_y = squares[2 * i + 1];
+    const float x = static_cast<float>(to_x) / kSteps, y = static_cast<float>(to_y) / kSteps;
+    const float z = 1 - std::abs(x) - std::abs(y);
+    const float inner_x = (1 - std::abs(y)) * (x < 0 ? -1.0f : 1.0f),
+                inner_y = (1 - std::abs(x)) * (y < 0 ? -1.0f : 1.0f);
+    const float nx = z < 0 ? inner_x : x, ny = z < 0 ? inner_y : y;
+    const float scale = 1 / std::sqrt(nx * nx + ny * ny + z * z), whole = to_x == kNone ? kNaN : scale;
+    normals[3 * i] = whole * nx, normals[3 * i + 1] = whole * ny, normals[3 * i + 2] = whole * z;
+  }
+}
+
+FRINGESLAM_INLINE void place_body(const float* depths, const float* rays, int count, float* __restrict points) {
+  for (int i = 0; i < count; ++i) {
+    const float z = depths[i];
+    points[3 * i] = z * rays[2 * i], points[3 * i + 1] = z * rays[2 * i + 1], points[3 * i + 2] = z;
+  }
+}
+
+void fold_portable(const float* normals, int count, short* squares) { fold_body(normals, count, squares); }
+FRINGESLAM_AVX2 void fold_avx2(const float* normals, int count, short* squares) { fold_body(normals, count, squares); }
+FRINGESLAM_AVX512 void fold_avx512(const float* normals, int count, short* squares) {
+  fold_body(normals, count, squares);
+}
+
+struct StoredRow {
+  const float *depths, *rays;
+  const short* squares;
+  int count;
+};
+void restore_portable(const StoredRow& row, float* points, float* normals) {
+  place_body(row.depths, row.rays, row.count, points), unfold_body(row.squares, row.count, normals);
+}
+FRINGESLAM_AVX2 void restore_avx2(const StoredRow& row, float* points, float* normals) {
+  place_body(row.depths, row.rays, row.count, points), unfold_body(row.squares, row.count, normals);
+}
+FRINGESLAM_AVX512 void restore_avx512(const StoredRow& row, float* points, float* normals) {
+  place_body(row.depths, row.rays, row.count, points), unfold_body(row.squares, row.count, normals);
 }
 
 }  // namespace
@@ -50,9 +81,9 @@ StoredFrame stored(const Frame& frame) {
   StoredFrame result{frame.index, frame.timestamp_s, {}, {}, cv::Mat2s(frame.normals.size()), frame.texture.clone()};
   cv::extractChannel(frame.points_m, result.depth_m, 2);
   cv::convertFp16(cv::Mat1f(kMmPerM * frame.sigma_m), result.sigma);
-  for_each_row(frame.height(), [&](int row) {
-    for (int col = 0; col < frame.width(); ++col) result.normals(row, col) = folded(frame.normals(row, col));
-  });
+  static const auto fold = widest(fold_portable, fold_avx2, fold_avx512);
+  for_each_row(frame.height(),
+               [&](int row) { fold(frame.normals[row]->val, frame.width(), result.normals[row]->val); });
   return result;
 }
 
@@ -66,13 +97,10 @@ Frame restored(const StoredFrame& stored, const PixelRays& rays) {
   cv::Mat sigma_mm;
   cv::convertFp16(stored.sigma, sigma_mm);
   frame.sigma_m = cv::Mat1f(sigma_mm / kMmPerM);
+  static const auto restore = widest(restore_portable, restore_avx2, restore_avx512);
   for_each_row(stored.depth_m.rows, [&](int row) {
-    for (int col = 0; col < stored.depth_m.cols; ++col) {
-      const float z = stored.depth_m(row, col);
-      const cv::Vec2f& ray = rays(row, col);
-      frame.points_m(row, col) = {z * ray[0], z * ray[1], z};
-      frame.normals(row, col) = unfolded(stored.normals(row, col));
-    }
+    restore({stored.depth_m[row], rays[row]->val, stored.normals[row]->val, stored.depth_m.cols},
+            frame.points_m[row]->val, frame.normals[row]->val);
   });
   return frame;
 }

@@ -8,8 +8,44 @@
 
 namespace fringeslam {
 
+// Of a view that was captured, or of the one that the pipeline processes, which does not wait.
+class Conveyor::Turn {
+ public:
+  explicit Turn(Conveyor& conveyor) : conveyor_(conveyor) {
+    const std::lock_guard lock(conveyor_.mutex_);
+    count(1);
+  }
+  Turn(Conveyor& conveyor, int view) : conveyor_(conveyor) {
+    std::unique_lock lock(conveyor_.mutex_);
+    std::set<int>& waiting = conveyor_.waiting_;
+    waiting.insert(view);
+    conveyor_.changed_.wait(lock, [&] {
+      return conveyor_.stopping_ || (*waiting.begin() == view && conveyor_.at_work_ < conveyor_.cores_);
+    });
+    waiting.erase(view);
+    count(1);
+  }
+  ~Turn() {
+    const std::lock_guard lock(conveyor_.mutex_);
+    count(-1);
+  }
+  Turn(const Turn&) = delete;
+  Turn& operator=(const Turn&) = delete;
+
+ private:
+  void count(int more) {
+    conveyor_.at_work_ += more;
+    conveyor_.no_core_left_ = conveyor_.at_work_ >= conveyor_.cores_;
+    conveyor_.changed_.notify_all();
+  }
+  Conveyor& conveyor_;
+};
+
 Conveyor::Conveyor(Capture capture, Pipeline& pipeline, int ahead)
-    : capture_(std::move(capture)), pipeline_(pipeline), ahead_(std::max(1, ahead)) {
+    : capture_(std::move(capture)),
+      pipeline_(pipeline),
+      ahead_(std::max(1, ahead)),
+      cores_(std::max(1, cv::getNumThreads())) {
   for (int i = 0; i < kThreads; ++i) threads_.emplace_back([this] { work(); });
 }
 
@@ -45,7 +81,10 @@ void Conveyor::work() {
     changed_.notify_all();
     lock.unlock();
     try {
-      if (stack) arrival.seen = pipeline_.see_ahead(std::move(*stack));
+      if (stack) {
+        const Turn turn(*this, number);
+        arrival.seen = pipeline_.see_ahead(std::move(*stack));
+      }
     } catch (...) {
       arrival.failure = std::current_exception();
     }
@@ -77,6 +116,8 @@ std::optional<Conveyor::View> Conveyor::next() {
   if (!arrival.seen) return std::nullopt;
   if (known) let_come(ahead_);
   FringeStack stack = arrival.seen->stack;  // shares its images
+  const Turn turn(*this);
+  const SerialLoops alone(no_core_left_);
   FrameResult result = pipeline_.process(std::move(*arrival.seen));
   return View{std::move(stack), std::move(result)};
 }

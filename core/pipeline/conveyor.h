@@ -3,12 +3,14 @@
 // decode them and reconstruct their depth. The results are those of one at a time, whatever the threads' pace.
 #pragma once
 
+#include <atomic>
 #include <condition_variable>
 #include <exception>
 #include <functional>
 #include <map>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <thread>
 #include <vector>
 
@@ -46,6 +48,8 @@ class Conveyor {
     std::optional<SeenStack> seen;  // empty: nothing more to see
     std::exception_ptr failure;
   };
+  // From the moment on at which a core is free for it, as long as it lives.
+  class Turn;
   void work();
   Arrival take();
   void let_come(int views);
@@ -59,6 +63,10 @@ class Conveyor {
   int wanted_ = 0, captured_ = 0, taken_ = 0;  // views so far
   std::map<int, Arrival> arrived_;             // by their number, and not taken yet
   bool capturing_ = false, ended_ = false, stopping_ = false;
+  // More threads at work than there are cores would push each other's images out of their caches.
+  int cores_, at_work_ = 0;
+  std::set<int> waiting_;                   // views, for a core
+  std::atomic<bool> no_core_left_ = false;  // for the pipeline's loops but its own
   // The same for all views: TBB keeps some memory of every thread that ever ran a loop.
   std::vector<std::thread> threads_;
 };
