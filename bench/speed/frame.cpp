@@ -99,7 +99,7 @@ std::vector<Row> robot_rows(const Context& context) {
 
 std::vector<Item> frame_speed_items() {
   return {{{"speed.frame", "speed.latency.pose", "speed.latency.pose_99", "speed.latency.map", "speed.latency.map_99"},
-           "once around over a field of rubble, from images in memory to the map",
+           "once around over a field of rubble, from images in memory to the map and its surface",
            frame_rows},
           {{"speed.frame.robot", "speed.latency.robot.pose", "speed.latency.robot.pose_99", "speed.latency.robot.map",
             "speed.latency.robot.map_99"},

@@ -29,7 +29,7 @@ std::vector<float> gaussian_half(double sigma) {
 }
 
 int mirrored(int i, int count) {
-  if (count == 1) return 0;
+  if (count <= 1) return 0;
   while (i < 0 || i >= count) i = i < 0 ? -i : 2 * (count - 1) - i;
   return i;
 }

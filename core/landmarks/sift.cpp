@@ -3,6 +3,7 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <iterator>
 #include <optional>
@@ -105,7 +106,7 @@ std::optional<Extremum> located(const Octave& octave, Extremum at, const SiftOpt
     Eigen::Matrix3d hessian;
     hessian << xx, xy, xs, xy, yy, ys, xs, ys, ss;
     const Eigen::Vector3d off = hessian.fullPivLu().solve(-gradient);
-    if (!(off.cwiseAbs().maxCoeff() < 1e3)) return std::nullopt;
+    if (!off.allFinite() || off.cwiseAbs().maxCoeff() > 1e3) return std::nullopt;
     if (off.cwiseAbs().maxCoeff() > 0.5) {
       at.col += static_cast<int>(std::lround(off.x()));
       at.row += static_cast<int>(std::lround(off.y()));

@@ -88,8 +88,6 @@ Grid grid() {
   }
   return grid;
 }
-const Grid kTheGrid = grid();
-
 struct Level {
   const float* pixels;
   int stride;  // in pixels
@@ -216,19 +214,20 @@ std::vector<float> directions_of(const cv::Mat1f& level, const LevelPlace& place
     const float before = at(smooth, i + kBins - 1), here = smooth[i], after = at(smooth, i + 1);
     if (!(here > before && here > after && here >= least)) continue;
     const float bin = static_cast<float>(i) + 0.5f * (before - after) / (before - 2 * here + after);
-    const float turn = bin * (2 * kPi / kBins);
-    directions.push_back(turn < 0 ? turn + 2 * kPi : turn >= 2 * kPi ? turn - 2 * kPi : turn);
+    const float turn = bin * (2 * kPi / kBins), positive = turn < 0 ? turn + 2 * kPi : turn;
+    directions.push_back(positive < 2 * kPi ? positive : 0);
   }
   return directions;
 }
 
 void describe_place(const cv::Mat1f& level, const LevelPlace& place, float direction, float* descriptor) {
   static const auto describe = widest(describe_portable, describe_avx2, describe_avx512);
+  static const Grid the_grid = grid();
   constexpr float kLargest = 0.2f;
   // So that there is a pixel to the right and below of the last.
   const auto last = [](int count) { return std::nextafter(static_cast<float>(count - 1), 0.0f); };
   const Level pixels{level[0], static_cast<int>(level.step1()), last(level.cols), last(level.rows)};
-  describe(pixels, place, std::cos(direction), std::sin(direction), kTheGrid, descriptor);
+  describe(pixels, place, std::cos(direction), std::sin(direction), the_grid, descriptor);
   make_unit(descriptor);
   for (int i = 0; i < kDescriptorSize; ++i) descriptor[i] = std::min(descriptor[i], kLargest);
   make_unit(descriptor);

@@ -15,7 +15,7 @@ struct LevelPlace {
   float x = 0, y = 0, sigma = 0;
 };
 
-// Directions of most gradients around, those of at least 0.8 of the most, radians from x towards y in [0, 2 pi).
+// Directions of most gradients around, those of at least 0.8 of the most, radians from x towards y from 0 to 2 pi.
 std::vector<float> directions_of(const cv::Mat1f& level, const LevelPlace& place);
 
 // Unit length, no component above 0.2 before it is made so for good (Lowe, section 6.1). Cell by cell, x running

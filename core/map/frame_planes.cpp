@@ -2,6 +2,7 @@
 #include "core/map/frame_planes.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <limits>
@@ -99,8 +100,8 @@ FRINGESLAM_INLINE void prepare_body(PixelRun run, uint32_t* __restrict planes, O
 
 FRINGESLAM_INLINE void unite_body(const OctantBoxes& __restrict upper, const OctantBoxes& __restrict lower,
                                   const SquareBoxes& __restrict above, SquareBoxes& __restrict squares) {
-  alignas(64) int32_t differs[kSquares], apart[kSquares];
-  for (int i = 0; i < kSquares; ++i) apart[i] = differs[i] = 0;
+  alignas(64) int32_t apart[kSquares];
+  for (int i = 0; i < kSquares; ++i) apart[i] = 0;
   const auto most = [](int a, int b) { return a > b ? a : b; };
   const auto least = [](int a, int b) { return a < b ? a : b; };
   for (int k = 0; k < 3; ++k) {

@@ -15,7 +15,7 @@ namespace fringeslam {
 
 namespace {
 
-constexpr std::string_view kMagic = "FringeSLAM map 1\n", kAnyMagic = "FringeSLAM map ";
+constexpr std::string_view kMagic = "FringeSLAM map 2\n", kAnyMagic = "FringeSLAM map ";
 constexpr int kDescriptor = 128;
 
 // One description of the content for both directions: `Archive` is a Writer or a Reader.

@@ -24,8 +24,8 @@ FRINGESLAM_INLINE short rounded(float steps) {
 FRINGESLAM_INLINE void fold_body(const float* normals, int count, short* __restrict squares) {
   for (int i = 0; i < count; ++i) {
     const float nx = normals[3 * i], ny = normals[3 * i + 1], nz = normals[3 * i + 2];
-    const bool none = nx != nx;
     const float size = std::abs(nx) + std::abs(ny) + std::abs(nz);
+    const bool none = !(size > 0);  // nor where it is NaN
     const float x = none ? 0 : nx / size, y = none ? 0 : ny / size;
     const float outer_x = (1 - std::abs(y)) * (x < 0 ? -1.0f : 1.0f),
                 outer_y = (1 - std::abs(x)) * (y < 0 ? -1.0f : 1.0f);

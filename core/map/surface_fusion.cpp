@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/map/surface_fusion.h"
 
-#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstring>
@@ -13,11 +12,11 @@ namespace {
 constexpr int kOctants = 8, kOctant = 64;  // of a brick; voxels of each
 
 // Where the voxels of an octant are from its centre, voxels.
-struct Lanes {
+struct Offsets {
   alignas(64) std::array<float, kOctant> x, y, z;
 };
-constexpr Lanes lanes() {
-  Lanes all{};
+constexpr Offsets offsets() {
+  Offsets all{};
   for (size_t i = 0; i < kOctant; ++i) {
     all.x[i] = static_cast<float>(i >> 4) - 1.5f;
     all.y[i] = static_cast<float>(i >> 2 & 3) - 1.5f;
@@ -25,7 +24,13 @@ constexpr Lanes lanes() {
   }
   return all;
 }
-constexpr Lanes kLanes = lanes();
+constexpr Offsets kOffsets = offsets();
+
+// The voxels of a brick while frames are added to them, octant by octant; in an octant as in a brick.
+struct BrickSums {
+  // sum(w d), steps; sum(w grey), steps; W
+  alignas(64) float distance[kBrickVoxels], grey[kBrickVoxels], weight[kBrickVoxels];
+};
 
 // A brick seen from a camera, and the camera, as the kernels want them.
 struct BrickView {
@@ -44,8 +49,6 @@ struct OctantViews {
 FRINGESLAM_INLINE float lower_half(uint32_t word) { return static_cast<float>(static_cast<int32_t>(word << 16) >> 16); }
 FRINGESLAM_INLINE float upper_half(uint32_t word) { return static_cast<float>(static_cast<int32_t>(word) >> 16); }
 
-// An octant is some pixels wide and far away: within it, projection and distortion are linear to some hundredths of a
-// pixel.
 FRINGESLAM_INLINE void find_octants(BrickView view, OctantViews& __restrict octants) {
   for (int i = 0; i < kOctants; ++i) {
     const float right = static_cast<float>(i & 4) + 1.5f, down = static_cast<float>(i << 1 & 4) + 1.5f,
@@ -84,7 +87,7 @@ FRINGESLAM_INLINE bool add_body(BrickView view, const PixelPlane* __restrict pla
     const float vx = octants.dv[0][octant], vy = octants.dv[1][octant], vz = octants.dv[2][octant];
     alignas(64) int32_t at[kOctant];
     for (int lane = 0; lane < kOctant; ++lane) {
-      const float i = kLanes.x[lane], j = kLanes.y[lane], k = kLanes.z[lane];
+      const float i = kOffsets.x[lane], j = kOffsets.y[lane], k = kOffsets.z[lane];
       const float u = u0 + i * ux + j * uy + k * uz, v = v0 + i * vx + j * vy + k * vz;
       // What is outside the image comes to lie on its border.
       const float after_first_col = u > 0 ? u : 0, after_first_row = v > 0 ? v : 0;
@@ -108,7 +111,7 @@ FRINGESLAM_INLINE bool add_body(BrickView view, const PixelPlane* __restrict pla
     alignas(64) int32_t in_band[kOctant];
     int any = 0;
     for (int lane = 0; lane < kOctant; ++lane) {
-      const float i = kLanes.x[lane], j = kLanes.y[lane], k = kLanes.z[lane];
+      const float i = kOffsets.x[lane], j = kOffsets.y[lane], k = kOffsets.z[lane];
       const float x = x0 + i * view.step[0][0] + j * view.step[1][0] + k * view.step[2][0];
       const float y = y0 + i * view.step[0][1] + j * view.step[1][1] + k * view.step[2][1];
       const float z = z0 + i * view.step[0][2] + j * view.step[1][2] + k * view.step[2][2];

@@ -12,6 +12,10 @@
 // the pixel's ray, where the depth has changed by slope * footprint / 2. To the plane it is exact wherever the surface
 // is flat, and no depth is interpolated, so nothing is made up across a step.
 //
+// Octants of a brick are looked up as a whole: within one, projection and distortion are taken as linear, which at 4
+// voxels of a pixel's footprint is right to some hundredths of a pixel. What is nearer to the camera than 4 voxels is
+// left out.
+//
 // Space in front of the band stays unwritten: free space beside an outline would meet the voxels behind the outline,
 // and the model would close every shadow with a wall.
 #pragma once
@@ -19,12 +23,6 @@
 #include "core/map/frame_planes.h"
 
 namespace fringeslam {
-
-// The voxels of a brick while frames are added to them, octant by octant; in an octant as in a brick.
-struct BrickSums {
-  // sum(w d), steps; sum(w grey), steps; W
-  alignas(64) float distance[kBrickVoxels], grey[kBrickVoxels], weight[kBrickVoxels];
-};
 
 // Adds up to kFramesTogether frames to the voxels of a brick that they touch: bit 8 n and the seven above of
 // `brick.octants` are those of frames[n]. Whether any voxel was in the band of any.

@@ -8,21 +8,18 @@
 
 namespace fringeslam {
 
-// Of a view that was captured, or of the one that the pipeline processes, which does not wait.
+// Of a view that was captured, or of the one that the pipeline processes. That one does not wait: it is the oldest, and
+// shares a core until the first of the others is done.
 class Conveyor::Turn {
  public:
+  struct Wait {};
   explicit Turn(Conveyor& conveyor) : conveyor_(conveyor) {
     const std::lock_guard lock(conveyor_.mutex_);
     count(1);
   }
-  Turn(Conveyor& conveyor, int view) : conveyor_(conveyor) {
+  Turn(Conveyor& conveyor, Wait) : conveyor_(conveyor) {
     std::unique_lock lock(conveyor_.mutex_);
-    std::set<int>& waiting = conveyor_.waiting_;
-    waiting.insert(view);
-    conveyor_.changed_.wait(lock, [&] {
-      return conveyor_.stopping_ || (*waiting.begin() == view && conveyor_.at_work_ < conveyor_.cores_);
-    });
-    waiting.erase(view);
+    conveyor_.changed_.wait(lock, [&] { return conveyor_.stopping_ || conveyor_.at_work_ < conveyor_.cores_; });
     count(1);
   }
   ~Turn() {
@@ -82,7 +79,7 @@ void Conveyor::work() {
     lock.unlock();
     try {
       if (stack) {
-        const Turn turn(*this, number);
+        const Turn turn(*this, Turn::Wait{});
         arrival.seen = pipeline_.see_ahead(std::move(*stack));
       }
     } catch (...) {

@@ -10,7 +10,6 @@
 #include <map>
 #include <mutex>
 #include <optional>
-#include <set>
 #include <thread>
 #include <vector>
 
@@ -63,9 +62,9 @@ class Conveyor {
   int wanted_ = 0, captured_ = 0, taken_ = 0;  // views so far
   std::map<int, Arrival> arrived_;             // by their number, and not taken yet
   bool capturing_ = false, ended_ = false, stopping_ = false;
-  // More threads at work than there are cores would push each other's images out of their caches.
+  // On few cores: more threads at work than those would push each other's images out of the caches. So views to come
+  // wait for a core, and while they have the others the pipeline's loops run alone.
   int cores_, at_work_ = 0;
-  std::set<int> waiting_;                   // views, for a core
   std::atomic<bool> no_core_left_ = false;  // for the pipeline's loops but its own
   // The same for all views: TBB keeps some memory of every thread that ever ran a loop.
   std::vector<std::thread> threads_;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Floats side by side, a pixel a lane, for kernels that compilers make no vectors of by themselves. They take vectors of
+// Floats side by side for kernels that compilers make no vectors of by themselves. They take vectors of
 // this kind apart at comparisons, so masks are made of sign bits.
 #pragma once
 

@@ -51,6 +51,20 @@ TEST_P(Conveyed, ViewsAreThoseOfOneAtATime) {
   EXPECT_EQ(mesh.triangles, same.triangles);
 }
 
+// Where views to come have to wait until the pipeline waits for them.
+TEST_P(Conveyed, OneCoreIsEnough) {
+  const int threads = cv::getNumThreads();
+  cv::setNumThreads(1);
+  Bumps one_at_a_time(kViews), ahead(kViews);
+  Pipeline expected = pipeline(), got = pipeline();
+  while (const auto stack = one_at_a_time.capture(expected.next_patterns())) expected.process(*stack);
+  Conveyor conveyor([&](const PatternSequence& patterns) { return ahead.capture(patterns); }, got);
+  while (conveyor.next()) {
+  }
+  cv::setNumThreads(threads);
+  EXPECT_EQ(to_tum(got.trajectory()), to_tum(expected.trajectory()));
+}
+
 INSTANTIATE_TEST_SUITE_P(Unwrapping, Conveyed, testing::Values("multifrequency", "predicted"),
                          [](const auto& name) { return name.param; });
 

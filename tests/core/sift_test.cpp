@@ -3,8 +3,10 @@
 
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <opencv2/core/utility.hpp>
 #include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
 
@@ -82,6 +84,22 @@ TEST(Sift, KeepsTheStrongest) {
   for (size_t i = 0; i < 100; ++i) EXPECT_EQ(few.keypoints[i].pixel, all.keypoints[i].pixel);
   EXPECT_EQ(cv::norm(few.descriptors, all.descriptors.rowRange(0, 100), cv::NORM_INF), 0);
   for (size_t i = 1; i < all.keypoints.size(); ++i) ASSERT_LE(all.keypoints[i].strength, all.keypoints[i - 1].strength);
+}
+
+TEST(Sift, NumberOfThreadsDoesNotMatter) {
+  const cv::Mat1b image = texture(2);
+  const int threads = cv::getNumThreads();
+  cv::setNumThreads(1);
+  const SiftFeatures one = sift(image, {}, Describe::yes);
+  cv::setNumThreads(2);
+  const SiftFeatures two = sift(image, {}, Describe::yes);
+  cv::setNumThreads(threads);
+  ASSERT_EQ(two.keypoints.size(), one.keypoints.size());
+  for (size_t i = 0; i < one.keypoints.size(); ++i) {
+    EXPECT_EQ(two.keypoints[i].pixel, one.keypoints[i].pixel);
+    EXPECT_EQ(two.keypoints[i].angle_rad, one.keypoints[i].angle_rad);
+  }
+  EXPECT_EQ(cv::norm(one.descriptors, two.descriptors, cv::NORM_INF), 0);
 }
 
 // Which of b's descriptors is nearest to each of a's, and whether it is clearly so (Lowe's ratio 0.8).
