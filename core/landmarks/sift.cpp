@@ -55,20 +55,6 @@ FRINGESLAM_INLINE void extrema_body(const DifferenceRows& rows, int level, int f
   }
 }
 
-FRINGESLAM_INLINE void difference_body(const float* a, const float* b, int count, float* __restrict difference) {
-  for (int i = 0; i < count; ++i) difference[i] = a[i] - b[i];
-}
-
-void difference_portable(const float* a, const float* b, int count, float* difference) {
-  difference_body(a, b, count, difference);
-}
-FRINGESLAM_AVX2 void difference_avx2(const float* a, const float* b, int count, float* difference) {
-  difference_body(a, b, count, difference);
-}
-FRINGESLAM_AVX512 void difference_avx512(const float* a, const float* b, int count, float* difference) {
-  difference_body(a, b, count, difference);
-}
-
 void extrema_portable(const DifferenceRows& rows, int level, int first, int end, float threshold, uint8_t* found) {
   extrema_body(rows, level, first, end, threshold, found);
 }
@@ -131,24 +117,17 @@ std::optional<Extremum> located(const Octave& octave, Extremum at, const SiftOpt
 void find_extrema(const Octave& octave, int number, int first, int end, const SiftOptions& options,
                   std::vector<Extremum>& found) {
   static const auto extrema = widest(extrema_portable, extrema_avx2, extrema_avx512);
-  static const auto difference_of = widest(difference_portable, difference_avx2, difference_avx512);
   const int cols = octave[0].cols;
   const auto threshold = static_cast<float>(0.5 * options.contrast_threshold / kScalesPerOctave) * kFullScale;
-  // Three rows of each difference, the one that is needed no longer to be replaced by the next.
-  cv::Mat1f differences(3 * kDifferences, cols);
-  const auto row_of = [&](int level, int row) { return differences[3 * level + row % 3]; };
-  const auto subtract = [&](int row) {
-    for (int level = 0; level < kDifferences; ++level)
-      difference_of(octave[static_cast<size_t>(level + 1)][row], octave[static_cast<size_t>(level)][row], cols,
-                    row_of(level, row));
-  };
+  std::array<cv::Mat1f, kDifferences> differences;  // from the row before the first to the one after the last
+  for (size_t level = 0; level < kDifferences; ++level)
+    cv::subtract(octave[level + 1].rowRange(first - 1, end + 1), octave[level].rowRange(first - 1, end + 1),
+                 differences[level]);
   std::vector<uint8_t> is_extremum(static_cast<size_t>(cols));
-  subtract(first - 1), subtract(first);
   for (int row = first; row < end; ++row) {
-    subtract(row + 1);
     DifferenceRows rows;
     for (int level = 0; level < kDifferences; ++level) {
-      for (int i = 0; i < 3; ++i) rows.at[level][i] = row_of(level, row - 1 + i);
+      for (int i = 0; i < 3; ++i) rows.at[level][i] = differences[static_cast<size_t>(level)][row - first + i];
     }
     for (int level = 1; level <= kScalesPerOctave; ++level) {
       extrema(rows, level, kBorder, cols - kBorder, threshold, is_extremum.data());

@@ -205,6 +205,18 @@ void touch(const Boxes& boxes, int i, BrickSet& touched) {
         touched);
 }
 
+// What squares touch that the ones before and above do not; `upper` and `lower`: of their pixels.
+void touch(const SquareBoxes& squares, const OctantBoxes& upper, const OctantBoxes& lower, BrickSet& touched) {
+  for (int i = 0; i < kSquares; ++i) {
+    if (squares.is_new[i] == 0) continue;
+    if (squares.apart[i] == 0) {
+      touch(squares, i, touched);
+      continue;
+    }
+    for (const OctantBoxes* row : {&upper, &lower}) touch(*row, 2 * i, touched), touch(*row, 2 * i + 1, touched);
+  }
+}
+
 }  // namespace
 
 void BrickSet::clear() {
@@ -290,14 +302,7 @@ void FramePlanes::take(const Frame& frame, const Pose& world_from_camera) {
       for (size_t run = 0; run < squares.size(); ++run) {
         const SquareBoxes above = squares[run];
         unite(rows[0][run], rows[1][run], above, squares[run]);
-        for (int i = 0; i < kSquares; ++i) {
-          if (squares[run].is_new[i] == 0) continue;
-          if (squares[run].apart[i] == 0) {
-            touch(squares[run], i, touched);
-          } else {
-            for (const auto& row : rows) touch(row[run], 2 * i, touched), touch(row[run], 2 * i + 1, touched);
-          }
-        }
+        touch(squares[run], rows[0][run], rows[1][run], touched);
       }
     }
   });
