@@ -7,7 +7,7 @@
 #include "bench/view_pairs.h"
 #include "core/landmarks/landmarks.h"
 #include "core/landmarks/recognition.h"
-#include "core/pipeline/view_registration.h"
+#include "core/mapper/view_registration.h"
 
 namespace fringeslam::bench {
 

@@ -9,8 +9,8 @@
 
 #include "bench/row.h"
 #include "bench/suite.h"
-#include "core/pipeline/heap.h"
-#include "core/rig/files.h"
+#include "core/base/heap.h"
+#include "core/io/files.h"
 #include "core/types/error.h"
 #include "core/types/options.h"
 

@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
-#include "core/rig/files.h"
-#include "core/rig/yaml.h"
+#include "core/io/files.h"
+#include "core/io/yaml.h"
 
 namespace fringeslam::bench {
 

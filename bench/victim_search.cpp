@@ -8,7 +8,7 @@
 #include <optional>
 #include <thread>
 
-#include "core/pipeline/pipeline.h"
+#include "core/mapper/pipeline.h"
 #include "core/score/score.h"
 #include "core/types/error.h"
 #include "sim/virtual_rig.h"

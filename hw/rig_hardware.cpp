@@ -5,8 +5,8 @@
 #include <thread>
 #include <utility>
 
+#include "core/io/yaml.h"
 #include "core/rig/rig_file.h"
-#include "core/rig/yaml.h"
 #include "hw/pixel_formats.h"
 #include "hw/sdl_projector.h"
 

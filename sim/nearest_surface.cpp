@@ -10,7 +10,7 @@
 #include <limits>
 #include <utility>
 
-#include "core/types/parallel.h"
+#include "core/base/parallel.h"
 #include "sim/light/embree_device.h"
 
 namespace fringeslam::sim {

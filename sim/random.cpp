@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <bit>
 
-#include "core/types/instruction_set.h"
+#include "core/base/instruction_set.h"
 
 namespace fringeslam::sim {
 

@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/io/files.h"
 #include "core/rig/dataset.h"
-#include "core/rig/files.h"
 #include "sim/light/beam.h"
 #include "sim/light/thermal.h"
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/board_file.h"
 
-#include "core/rig/yaml.h"
+#include "core/io/yaml.h"
 
 namespace fringeslam::tools {
 

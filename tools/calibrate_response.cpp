@@ -6,10 +6,10 @@
 #include <optional>
 
 #include "core/calibrate/response.h"
+#include "core/io/files.h"
+#include "core/io/setting_groups.h"
 #include "core/rig/dataset.h"
-#include "core/rig/files.h"
 #include "core/rig/rig_file.h"
-#include "core/rig/setting_groups.h"
 #include "tools/report/curve.h"
 #include "tools/verbs.h"
 

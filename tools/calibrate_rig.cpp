@@ -7,10 +7,10 @@
 
 #include "core/calibrate/rig_calibration.h"
 #include "core/decode/decode.h"
+#include "core/io/files.h"
+#include "core/io/setting_groups.h"
 #include "core/rig/dataset.h"
-#include "core/rig/files.h"
 #include "core/rig/rig_file.h"
-#include "core/rig/setting_groups.h"
 #include "tools/board_file.h"
 #include "tools/progress.h"
 #include "tools/report/coverage.h"

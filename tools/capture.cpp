@@ -11,9 +11,9 @@
 #include <string>
 #include <vector>
 
+#include "core/io/files.h"
 #include "core/patterns/design.h"
 #include "core/rig/dataset.h"
-#include "core/rig/files.h"
 #include "core/rig/rig_file.h"
 #include "core/types/error.h"
 #include "hw/rig_hardware.h"

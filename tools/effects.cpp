@@ -5,7 +5,7 @@
 #include <cstdio>
 #include <memory>
 
-#include "core/rig/files.h"
+#include "core/io/files.h"
 #include "tools/settings.h"
 #include "tools/source.h"
 #include "tools/verbs.h"

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // fringeslam import FOLDER --out DATASET: images of another rig as a dataset.
-#include "core/rig/import.h"
+#include "core/import/import.h"
 
 #include <cstdio>
 #include <memory>

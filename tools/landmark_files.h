@@ -5,7 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "core/pipeline/pipeline.h"
+#include "core/mapper/pipeline.h"
 
 namespace fringeslam::tools {
 

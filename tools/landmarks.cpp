@@ -4,8 +4,8 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "core/io/files.h"
 #include "core/rig/dataset.h"
-#include "core/rig/files.h"
 #include "tools/landmark_files.h"
 #include "tools/progress.h"
 #include "tools/report/landmark_pictures.h"

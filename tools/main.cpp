@@ -6,7 +6,7 @@
 #include <opencv2/core/utility.hpp>
 #include <vector>
 
-#include "core/pipeline/heap.h"
+#include "core/base/heap.h"
 #include "core/types/options.h"
 #include "tools/verbs.h"
 

@@ -4,8 +4,8 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "core/io/files.h"
 #include "core/patterns/design.h"
-#include "core/rig/files.h"
 #include "core/rig/rig_file.h"
 #include "core/types/error.h"
 #include "sim/scene/scene.h"

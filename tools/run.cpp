@@ -5,11 +5,11 @@
 #include <cstdio>
 #include <memory>
 
+#include "core/io/files.h"
+#include "core/io/yaml.h"
 #include "core/map/map_file.h"
-#include "core/pipeline/conveyor.h"
+#include "core/mapper/conveyor.h"
 #include "core/rig/dropping_rig.h"
-#include "core/rig/files.h"
-#include "core/rig/yaml.h"
 #include "tools/interrupt.h"
 #include "tools/live/live_mapper.h"
 #include "tools/live/live_option.h"

@@ -9,8 +9,8 @@
 #include <opencv2/imgproc.hpp>
 #include <sstream>
 
+#include "core/io/files.h"
 #include "core/rig/dataset.h"
-#include "core/rig/files.h"
 #include "core/rig/rig_file.h"
 #include "core/score/truth_files.h"
 #include "tools/landmark_files.h"

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "core/map/mesh.h"
-#include "core/pipeline/pipeline.h"
+#include "core/mapper/pipeline.h"
 #include "tools/report/pictures.h"
 #include "tools/run_score.h"
 

@@ -8,11 +8,11 @@
 #include <numbers>
 
 #include "core/depth/depth.h"
+#include "core/io/files.h"
+#include "core/io/yaml.h"
 #include "core/patterns/patterns.h"
 #include "core/rig/dataset.h"
-#include "core/rig/files.h"
 #include "core/rig/rig_file.h"
-#include "core/rig/yaml.h"
 #include "core/score/truth_files.h"
 
 namespace fringeslam::tools {

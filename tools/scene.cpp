@@ -5,7 +5,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
-#include "core/rig/yaml.h"
+#include "core/io/yaml.h"
 #include "sim/scene_check.h"
 #include "tools/scene_verbs.h"
 #include "tools/source.h"

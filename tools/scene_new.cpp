@@ -7,8 +7,8 @@
 #include <memory>
 #include <regex>
 
-#include "core/rig/files.h"
-#include "core/rig/yaml.h"
+#include "core/io/files.h"
+#include "core/io/yaml.h"
 #include "tools/progress.h"
 #include "tools/scene_verbs.h"
 #include "tools/source.h"

@@ -3,7 +3,7 @@
 #include <charconv>
 #include <memory>
 
-#include "core/rig/files.h"
+#include "core/io/files.h"
 #include "core/types/error.h"
 #include "sim/preview.h"
 #include "tools/scene_verbs.h"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/settings.h"
 
-#include "core/rig/setting_groups.h"
+#include "core/io/setting_groups.h"
 
 namespace fringeslam::tools {
 

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "core/map/mesh.h"
-#include "core/pipeline/pipeline.h"
+#include "core/mapper/pipeline.h"
 #include "sim/virtual_rig.h"
 
 namespace fringeslam::tools {

@@ -3,8 +3,8 @@
 
 #include <cstdio>
 
+#include "core/io/files.h"
 #include "core/rig/dataset.h"
-#include "core/rig/files.h"
 #include "tools/board_file.h"
 
 namespace fringeslam::tools {

@@ -13,7 +13,7 @@
 #include "bench/studies/summary.h"
 #include "bench/studies/tables.h"
 #include "bench/studies/workers.h"
-#include "core/rig/files.h"
+#include "core/io/files.h"
 #include "core/types/error.h"
 #include "tools/interrupt.h"
 #include "tools/progress.h"

@@ -11,7 +11,7 @@
 #include <thread>
 
 #include "bench/studies/study.h"
-#include "core/rig/files.h"
+#include "core/io/files.h"
 #include "core/types/error.h"
 #include "tools/interrupt.h"
 #include "tools/shell.h"

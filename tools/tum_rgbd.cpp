@@ -5,8 +5,8 @@
 #include <cstdio>
 #include <opencv2/imgproc.hpp>
 
+#include "core/io/files.h"
 #include "core/rig/dataset.h"
-#include "core/rig/files.h"
 #include "core/rig/rig_file.h"
 #include "core/score/truth_files.h"
 #include "tools/progress.h"

@@ -6,7 +6,7 @@
 #include <numbers>
 
 #include "bench/row.h"
-#include "core/pipeline/pipeline.h"
+#include "core/mapper/pipeline.h"
 #include "core/score/score.h"
 #include "sim/virtual_rig.h"
 

@@ -7,7 +7,7 @@
 
 #include "bench/row.h"
 #include "core/map/surface.h"
-#include "core/pipeline/pipeline.h"
+#include "core/mapper/pipeline.h"
 #include "core/score/map_score.h"
 #include "core/score/score.h"
 #include "sim/nearest_surface.h"

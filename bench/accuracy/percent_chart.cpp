@@ -5,7 +5,7 @@
 #include <cstdio>
 #include <opencv2/imgproc.hpp>
 
-#include "core/rig/files.h"
+#include "core/io/files.h"
 
 namespace fringeslam::bench {
 

@@ -14,7 +14,7 @@
 #include "core/decode/motion.h"
 #include "core/depth/depth.h"
 #include "core/map/expected_view.h"
-#include "core/map/icp.h"
+#include "core/registration/icp.h"
 #include "core/score/score.h"
 #include "sim/virtual_rig.h"
 

@@ -16,7 +16,7 @@
 #include "bench/landmark_method.h"
 #include "bench/row.h"
 #include "bench/speed/turns.h"
-#include "core/map/engines.h"
+#include "core/registration/engines.h"
 
 namespace fringeslam::bench {
 

@@ -5,7 +5,7 @@
 #include <cstdio>
 
 #include "bench/row.h"
-#include "core/pipeline/pipeline.h"
+#include "core/mapper/pipeline.h"
 #include "core/score/score.h"
 #include "sim/virtual_rig.h"
 

@@ -8,7 +8,7 @@
 #include <thread>
 
 #include "bench/row.h"
-#include "core/pipeline/pipeline.h"
+#include "core/mapper/pipeline.h"
 #include "core/score/score.h"
 #include "core/types/error.h"
 #include "sim/scene_check.h"

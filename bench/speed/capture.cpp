@@ -13,8 +13,8 @@
 #include <opencv2/core.hpp>
 
 #include "bench/row.h"
+#include "core/io/files.h"
 #include "core/patterns/patterns.h"
-#include "core/rig/files.h"
 #include "core/rig/rig_file.h"
 #include "core/types/error.h"
 #include "sim/virtual_rig.h"

@@ -14,7 +14,7 @@
 #include "bench/row.h"
 #include "bench/speed/rubble.h"
 #include "bench/speed/turns.h"
-#include "core/rig/files.h"
+#include "core/io/files.h"
 #include "core/types/error.h"
 
 namespace fringeslam::bench {

@@ -6,10 +6,10 @@
 
 #include "bench/row.h"
 #include "bench/speed/turns.h"
+#include "core/base/parallel.h"
 #include "core/decode/decode.h"
 #include "core/decode/spatial.h"
 #include "core/depth/depth.h"
-#include "core/types/parallel.h"
 #include "sim/virtual_rig.h"
 
 namespace fringeslam::bench {

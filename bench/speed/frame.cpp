@@ -6,7 +6,7 @@
 #include "bench/row.h"
 #include "bench/speed/loop_rig.h"
 #include "bench/speed/turns.h"
-#include "core/pipeline/conveyor.h"
+#include "core/mapper/conveyor.h"
 #include "core/score/score.h"
 
 namespace fringeslam::bench {

@@ -11,7 +11,7 @@
 #include "bench/frame_pairs.h"
 #include "bench/row.h"
 #include "bench/speed/turns.h"
-#include "core/map/engines.h"
+#include "core/registration/engines.h"
 
 namespace fringeslam::bench {
 

@@ -10,7 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "bench/row.h"
-#include "core/rig/files.h"
+#include "core/io/files.h"
 #include "core/types/error.h"
 
 namespace fringeslam::bench {

@@ -8,7 +8,7 @@
 
 #include "bench/row.h"
 #include "bench/speed/turns.h"
-#include "core/rig/files.h"
+#include "core/io/files.h"
 #include "sim/light/ray_world.h"
 #include "sim/scene/scene.h"
 

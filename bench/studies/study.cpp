@@ -8,9 +8,9 @@
 #include <set>
 
 #include "bench/studies/trial_settings.h"
-#include "core/rig/files.h"
-#include "core/rig/yaml.h"
-#include "core/types/fnv.h"
+#include "core/base/fnv.h"
+#include "core/io/files.h"
+#include "core/io/yaml.h"
 #include "sim/random.h"
 
 namespace fringeslam::studies {

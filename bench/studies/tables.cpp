@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <vector>
 
-#include "core/rig/files.h"
+#include "core/io/files.h"
 #include "core/types/error.h"
 
 namespace fringeslam::studies {

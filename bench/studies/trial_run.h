@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "bench/studies/study.h"
-#include "core/pipeline/pipeline.h"
+#include "core/mapper/pipeline.h"
 #include "core/types/truth.h"
 
 namespace fringeslam::studies {

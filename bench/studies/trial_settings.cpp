@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "bench/studies/trial_settings.h"
 
-#include "core/rig/setting_groups.h"
+#include "core/io/setting_groups.h"
 
 namespace fringeslam::studies {
 

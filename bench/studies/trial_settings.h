@@ -5,7 +5,7 @@
 #include <string>
 
 #include "bench/studies/study.h"
-#include "core/pipeline/pipeline.h"
+#include "core/mapper/pipeline.h"
 #include "sim/virtual_rig.h"
 
 namespace fringeslam::studies {

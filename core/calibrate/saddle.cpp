@@ -8,7 +8,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "core/types/parallel.h"
+#include "core/base/parallel.h"
 
 namespace fringeslam {
 

@@ -8,12 +8,12 @@
 #include <numbers>
 #include <optional>
 
+#include "core/base/parallel.h"
 #include "core/decode/gray.h"
 #include "core/decode/ladder.h"
 #include "core/decode/spatial.h"
 #include "core/decode/steps.h"
 #include "core/types/error.h"
-#include "core/types/parallel.h"
 
 namespace fringeslam {
 

@@ -4,10 +4,10 @@
 #include <cmath>
 #include <limits>
 
+#include "core/base/instruction_set.h"
+#include "core/base/parallel.h"
 #include "core/decode/coordinate_of_depth.h"
 #include "core/decode/decode.h"
-#include "core/types/instruction_set.h"
-#include "core/types/parallel.h"
 
 namespace fringeslam {
 

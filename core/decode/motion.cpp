@@ -7,10 +7,10 @@
 #include <limits>
 #include <numbers>
 
+#include "core/base/parallel.h"
 #include "core/decode/coordinate_of_depth.h"
 #include "core/decode/steps.h"
 #include "core/types/error.h"
-#include "core/types/parallel.h"
 
 namespace fringeslam {
 

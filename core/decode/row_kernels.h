@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "core/types/instruction_set.h"
+#include "core/base/instruction_set.h"
 
 namespace fringeslam {
 

@@ -7,7 +7,7 @@
 #include <limits>
 #include <numbers>
 
-#include "core/types/parallel.h"
+#include "core/base/parallel.h"
 
 namespace fringeslam {
 

@@ -5,9 +5,9 @@
 #include <limits>
 #include <numbers>
 
+#include "core/base/parallel.h"
 #include "core/depth/normals.h"
 #include "core/types/error.h"
-#include "core/types/parallel.h"
 
 namespace fringeslam {
 

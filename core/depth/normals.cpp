@@ -3,8 +3,8 @@
 
 #include <limits>
 
+#include "core/base/parallel.h"
 #include "core/depth/plane_adoption.h"
-#include "core/types/parallel.h"
 
 namespace fringeslam {
 

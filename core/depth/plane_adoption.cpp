@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/depth/plane_adoption.h"
 
-#include "core/types/lanes.h"
+#include "core/base/lanes.h"
 
 namespace fringeslam {
 

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <cstdlib>
 
-#include "core/types/lanes.h"
-#include "core/types/parallel.h"
+#include "core/base/lanes.h"
+#include "core/base/parallel.h"
 
 namespace fringeslam {
 

@@ -11,8 +11,8 @@
 #include <opencv2/core.hpp>
 #include <utility>
 
+#include "core/base/instruction_set.h"
 #include "core/types/frame.h"
-#include "core/types/instruction_set.h"
 
 namespace fringeslam {
 

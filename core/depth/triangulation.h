@@ -13,10 +13,10 @@
 
 #include <array>
 
+#include "core/base/instruction_set.h"
 #include "core/patterns/patterns.h"
 #include "core/types/decoded_stack.h"
 #include "core/types/frame.h"
-#include "core/types/instruction_set.h"
 #include "core/types/rig_model.h"
 
 namespace fringeslam {

@@ -11,9 +11,9 @@
 #include <utility>
 #include <vector>
 
+#include "core/base/instruction_set.h"
+#include "core/base/parallel.h"
 #include "core/landmarks/morphology.h"
-#include "core/types/instruction_set.h"
-#include "core/types/parallel.h"
 
 namespace fringeslam {
 

@@ -7,8 +7,8 @@
 #include <utility>
 #include <vector>
 
+#include "core/base/instruction_set.h"
 #include "core/landmarks/edges.h"
-#include "core/types/instruction_set.h"
 
 namespace fringeslam {
 

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <numeric>
 
+#include "core/base/instruction_set.h"
 #include "core/types/error.h"
-#include "core/types/instruction_set.h"
 
 namespace fringeslam {
 

@@ -6,10 +6,10 @@
 #include <numbers>
 #include <opencv2/imgproc.hpp>
 
+#include "core/base/instruction_set.h"
+#include "core/base/parallel.h"
 #include "core/landmarks/morphology.h"
 #include "core/types/error.h"
-#include "core/types/instruction_set.h"
-#include "core/types/parallel.h"
 
 namespace fringeslam {
 

@@ -8,8 +8,8 @@
 #include <opencv2/imgproc.hpp>
 #include <optional>
 
+#include "core/base/parallel.h"
 #include "core/landmarks/sift.h"
-#include "core/types/parallel.h"
 
 namespace fringeslam {
 

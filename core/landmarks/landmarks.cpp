@@ -5,7 +5,7 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
-#include "core/landmarks/hull.h"
+#include "core/landmarks/reference/hull.h"
 #include "core/landmarks/regions.h"
 
 namespace fringeslam {

@@ -3,9 +3,9 @@
 // laid on the texture, and gathers the texture's keypoints in it.
 #pragma once
 
-#include "core/landmarks/clusters.h"
 #include "core/landmarks/conditioning.h"
 #include "core/landmarks/keypoints.h"
+#include "core/landmarks/reference/clusters.h"
 #include "core/types/frame.h"
 #include "core/types/landmark.h"
 #include "core/types/rig_model.h"

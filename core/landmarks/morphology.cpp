@@ -6,8 +6,8 @@
 #include <cstddef>
 #include <cstring>
 
-#include "core/types/instruction_set.h"
-#include "core/types/parallel.h"
+#include "core/base/instruction_set.h"
+#include "core/base/parallel.h"
 
 namespace fringeslam {
 

@@ -9,7 +9,7 @@
 #include <set>
 #include <tuple>
 
-#include "core/types/parallel.h"
+#include "core/base/parallel.h"
 
 namespace fringeslam {
 

@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <opencv2/imgproc.hpp>
 
-#include "core/types/instruction_set.h"
-#include "core/types/lanes.h"
-#include "core/types/parallel.h"
+#include "core/base/instruction_set.h"
+#include "core/base/lanes.h"
+#include "core/base/parallel.h"
 
 namespace fringeslam {
 

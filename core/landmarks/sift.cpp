@@ -8,10 +8,10 @@
 #include <iterator>
 #include <optional>
 
+#include "core/base/instruction_set.h"
+#include "core/base/parallel.h"
 #include "core/landmarks/scale_space.h"
 #include "core/landmarks/sift_descriptor.h"
-#include "core/types/instruction_set.h"
-#include "core/types/parallel.h"
 
 namespace fringeslam {
 

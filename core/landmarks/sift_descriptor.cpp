@@ -6,8 +6,8 @@
 #include <cmath>
 #include <numbers>
 
-#include "core/types/instruction_set.h"
-#include "core/types/lanes.h"
+#include "core/base/instruction_set.h"
+#include "core/base/lanes.h"
 
 namespace fringeslam {
 

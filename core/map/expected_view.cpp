@@ -9,9 +9,9 @@
 #include <limits>
 #include <opencv2/imgproc.hpp>
 
+#include "core/base/instruction_set.h"
+#include "core/base/parallel.h"
 #include "core/types/error.h"
-#include "core/types/instruction_set.h"
-#include "core/types/parallel.h"
 
 namespace fringeslam {
 

@@ -7,9 +7,9 @@
 #include <cmath>
 #include <cstring>
 
+#include "core/base/fnv.h"
 #include "core/map/ply.h"
 #include "core/types/error.h"
-#include "core/types/fnv.h"
 
 namespace fringeslam {
 

@@ -4,8 +4,8 @@
 #include <cmath>
 #include <limits>
 
-#include "core/types/instruction_set.h"
-#include "core/types/parallel.h"
+#include "core/base/instruction_set.h"
+#include "core/base/parallel.h"
 
 namespace fringeslam {
 

@@ -6,9 +6,9 @@
 #include <algorithm>
 #include <numeric>
 
+#include "core/base/parallel.h"
 #include "core/map/surface_fusion.h"
 #include "core/map/surface_nets.h"
-#include "core/types/parallel.h"
 
 namespace fringeslam {
 

@@ -12,7 +12,7 @@
 #include <bit>
 #include <cstdint>
 
-#include "core/types/instruction_set.h"
+#include "core/base/instruction_set.h"
 
 namespace fringeslam {
 

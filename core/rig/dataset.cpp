@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <cstdio>
 
-#include "core/rig/files.h"
+#include "core/io/files.h"
+#include "core/io/yaml.h"
 #include "core/rig/rig_file.h"
-#include "core/rig/yaml.h"
 #include "core/types/centikelvin.h"
 
 namespace fringeslam {

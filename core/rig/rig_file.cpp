@@ -4,7 +4,7 @@
 #include <Eigen/Geometry>
 #include <cmath>
 
-#include "core/rig/yaml.h"
+#include "core/io/yaml.h"
 #include "core/types/centikelvin.h"
 
 namespace fringeslam {

@@ -6,8 +6,8 @@
 #include <limits>
 #include <opencv2/imgproc.hpp>
 
+#include "core/base/parallel.h"
 #include "core/types/error.h"
-#include "core/types/parallel.h"
 
 namespace fringeslam {
 

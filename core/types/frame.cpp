@@ -4,7 +4,7 @@
 #include <cmath>
 #include <limits>
 
-#include "core/types/parallel.h"
+#include "core/base/parallel.h"
 
 namespace fringeslam {
 

@@ -8,7 +8,7 @@
 #include <array>
 #include <limits>
 
-#include "core/types/parallel.h"
+#include "core/base/parallel.h"
 
 namespace fringeslam::sim {
 

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "core/types/instruction_set.h"
+#include "core/base/instruction_set.h"
 #include "sim/light/photometry.h"
 
 namespace fringeslam::sim {

@@ -7,8 +7,8 @@
 #include <cmath>
 #include <numbers>
 
-#include "core/types/instruction_set.h"
-#include "core/types/parallel.h"
+#include "core/base/instruction_set.h"
+#include "core/base/parallel.h"
 #include "sim/light/air.h"
 #include "sim/light/beam.h"
 #include "sim/light/indirect.h"

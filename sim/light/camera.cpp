@@ -5,7 +5,7 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
-#include "core/types/parallel.h"
+#include "core/base/parallel.h"
 #include "sim/light/photometry.h"
 #include "sim/random.h"
 

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/types/parallel.h"
+#include "core/base/parallel.h"
 
 namespace fringeslam::sim {
 

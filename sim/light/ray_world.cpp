@@ -9,7 +9,7 @@
 #include <limits>
 #include <map>
 
-#include "core/types/instruction_set.h"
+#include "core/base/instruction_set.h"
 #include "sim/light/embree_device.h"
 
 namespace fringeslam::sim {

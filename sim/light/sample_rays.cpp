@@ -7,7 +7,7 @@
 #include <numbers>
 #include <numeric>
 
-#include "core/types/parallel.h"
+#include "core/base/parallel.h"
 
 namespace fringeslam::sim {
 

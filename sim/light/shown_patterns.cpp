@@ -7,7 +7,7 @@
 #include <numbers>
 #include <opencv2/imgproc.hpp>
 
-#include "core/types/instruction_set.h"
+#include "core/base/instruction_set.h"
 
 namespace fringeslam::sim {
 

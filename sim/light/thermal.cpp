@@ -7,8 +7,8 @@
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
+#include "core/base/parallel.h"
 #include "core/types/centikelvin.h"
-#include "core/types/parallel.h"
 #include "sim/light/infrared.h"
 #include "sim/random.h"
 

@@ -7,7 +7,7 @@
 #include <cmath>
 #include <limits>
 
-#include "core/types/parallel.h"
+#include "core/base/parallel.h"
 #include "sim/light/beam.h"
 #include "sim/light/photometry.h"
 #include "sim/light/surfaces.h"

@@ -6,9 +6,9 @@
 #include <cstdlib>
 #include <fstream>
 
-#include "core/rig/files.h"
+#include "core/base/fnv.h"
+#include "core/io/files.h"
 #include "core/types/error.h"
-#include "core/types/fnv.h"
 
 namespace fringeslam::sim {
 

@@ -16,7 +16,7 @@
 #include <memory>
 #include <tuple>
 
-#include "core/rig/files.h"
+#include "core/io/files.h"
 #include "core/types/error.h"
 #include "sim/light/photometry.h"
 

@@ -2,7 +2,7 @@
 // Sixteen points at once; every loop over lanes becomes vector instructions.
 #include <cmath>
 
-#include "core/types/instruction_set.h"
+#include "core/base/instruction_set.h"
 #include "sim/scene/noise.h"
 
 namespace fringeslam::sim {

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "core/rig/yaml.h"
+#include "core/io/yaml.h"
 #include "sim/scene/scene.h"
 
 namespace fringeslam::sim {

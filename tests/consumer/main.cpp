@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/pipeline/pipeline.h"
+#include "core/mapper/pipeline.h"
 #include "sim/virtual_rig.h"
 
 int main() {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/landmarks/clusters.h"
+#include "core/landmarks/reference/clusters.h"
 
 #include <gmock/gmock.h>
 
@@ -8,7 +8,7 @@
 #include <limits>
 #include <set>
 
-#include "core/landmarks/hull.h"
+#include "core/landmarks/reference/hull.h"
 #include "core/landmarks/regions.h"
 #include "tests/support/random.h"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/pipeline/conveyor.h"
+#include "core/mapper/conveyor.h"
 
 #include <gtest/gtest.h>
 

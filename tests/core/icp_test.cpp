@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/map/icp.h"
+#include "core/registration/icp.h"
 
 #include <gmock/gmock.h>
 

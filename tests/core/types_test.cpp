@@ -9,8 +9,8 @@
 #include <thread>
 #include <vector>
 
+#include "core/base/parallel.h"
 #include "core/types/options.h"
-#include "core/types/parallel.h"
 #include "core/types/pinhole.h"
 #include "core/types/pose.h"
 #include "tests/support/matchers.h"

@@ -24,7 +24,7 @@
 #include <sstream>
 #include <thread>
 
-#include "core/rig/files.h"
+#include "core/io/files.h"
 #include "core/types/error.h"
 #include "sim/virtual_rig.h"
 

@@ -13,7 +13,7 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
-#include "core/rig/files.h"
+#include "core/io/files.h"
 #include "tests/live/made_run.h"
 #include "tests/support/matchers.h"
 #include "tests/support/temp_folder.h"

@@ -5,7 +5,7 @@
 #include <Eigen/Geometry>
 #include <opencv2/imgproc.hpp>
 
-#include "core/rig/files.h"
+#include "core/io/files.h"
 #include "sim/virtual_rig.h"
 #include "tests/sim/worlds.h"
 #include "tests/support/temp_folder.h"

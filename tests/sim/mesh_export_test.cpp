@@ -9,7 +9,7 @@
 #include <limits>
 #include <set>
 
-#include "core/rig/files.h"
+#include "core/io/files.h"
 #include "sim/scene/mesh_import.h"
 #include "tests/sim/worlds.h"
 #include "tests/support/matchers.h"

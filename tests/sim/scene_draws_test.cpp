@@ -5,7 +5,7 @@
 #include <cmath>
 #include <set>
 
-#include "core/rig/files.h"
+#include "core/io/files.h"
 #include "sim/scene/scene.h"
 #include "tests/support/matchers.h"
 #include "tests/support/temp_folder.h"

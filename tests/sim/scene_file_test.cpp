@@ -2,7 +2,7 @@
 // Scene files that nobody would write, most of them found by tests/fuzz.
 #include <gmock/gmock.h>
 
-#include "core/rig/files.h"
+#include "core/io/files.h"
 #include "sim/scene/scene.h"
 #include "tests/support/matchers.h"
 #include "tests/support/temp_folder.h"

@@ -4,7 +4,7 @@
 
 #include <numbers>
 
-#include "core/rig/files.h"
+#include "core/io/files.h"
 #include "core/rig/rig_file.h"
 #include "sim/scene/scene.h"
 #include "sim/virtual_rig.h"

@@ -9,7 +9,7 @@
 #include <functional>
 #include <optional>
 
-#include "core/pipeline/pipeline.h"
+#include "core/mapper/pipeline.h"
 #include "core/rig/rig_file.h"
 #include "core/types/centikelvin.h"
 #include "sim/light/infrared.h"

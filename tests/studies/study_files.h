@@ -3,7 +3,7 @@
 #pragma once
 
 #include "bench/studies/study.h"
-#include "core/rig/files.h"
+#include "core/io/files.h"
 #include "core/rig/rig_file.h"
 #include "tests/tools/child.h"
 

@@ -10,7 +10,7 @@
 #include <thread>
 
 #include "bench/studies/results.h"
-#include "core/rig/files.h"
+#include "core/io/files.h"
 #include "tests/studies/study_files.h"
 #include "tests/support/random.h"
 

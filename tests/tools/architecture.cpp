@@ -16,8 +16,9 @@ namespace {
 using Names = std::set<std::string>;
 
 const Names kTops = {"core", "sim", "hw", "bench", "tools"};
-const Names kStages = {"core/decode", "core/depth", "core/landmarks", "core/motion", "core/map", "core/thermal"};
-const Names kBasics = {"core/types", "core/patterns"};
+const Names kStages = {"core/decode",       "core/depth", "core/landmarks", "core/motion",
+                       "core/registration", "core/map",   "core/thermal"};
+const Names kBasics = {"core/base", "core/types", "core/patterns"};
 
 Names operator+(Names a, const Names& b) {
   a.insert(b.begin(), b.end());
@@ -27,12 +28,15 @@ Names operator+(Names a, const Names& b) {
 // The folders of this project that a folder may include; "core" and the like stand for all below them.
 const std::map<std::string, Names>& allowed_folders() {
   static const std::map<std::string, Names> allowed = [] {
-    std::map<std::string, Names> table = {{"core/types", {"core/types"}},
-                                          {"core/patterns", {"core/types", "core/patterns"}},
-                                          {"core/rig", kBasics + Names{"core/rig"}},
-                                          {"core/pipeline", kStages + kBasics + Names{"core/pipeline"}},
-                                          {"sim", kBasics + Names{"core/rig", "sim"}},
-                                          {"hw", kBasics + Names{"core/rig", "hw"}},
+    std::map<std::string, Names> table = {{"core/base", {"core/base"}},
+                                          {"core/types", {"core/base", "core/types"}},
+                                          {"core/patterns", kBasics},
+                                          {"core/io", kBasics + Names{"core/io"}},
+                                          {"core/rig", kBasics + Names{"core/io", "core/rig"}},
+                                          {"core/import", kBasics + Names{"core/io", "core/rig", "core/import"}},
+                                          {"core/mapper", kStages + kBasics + Names{"core/mapper"}},
+                                          {"sim", kBasics + Names{"core/io", "core/rig", "sim"}},
+                                          {"hw", kBasics + Names{"core/io", "core/rig", "hw"}},
                                           {"bench", {"core", "sim", "bench"}},
                                           {"tools", kTops}};
     for (const std::string& stage : kStages + Names{"core/calibrate", "core/score"})
@@ -50,21 +54,22 @@ struct Library {
 };
 
 const std::vector<Library>& libraries() {
-  static const std::vector<Library> all = {{"embree3/", {"sim"}, false},
-                                           {"assimp/", {"sim"}, false},
-                                           {"BulletCollision/", {"sim"}, false},
-                                           {"LinearMath/", {"sim"}, false},
-                                           {"btBullet", {"sim"}, false},
-                                           {"ceres/", {"core/motion", "core/map", "core/calibrate"}, false},
-                                           {"pcl/", {"core/map"}, false},
-                                           {"OpenImageIO/", {}, false},
-                                           {"openvdb/", {"core/map"}, false},
-                                           {"yaml-cpp/", {}, false},
-                                           {"arv.h", {"hw"}, false},
-                                           {"aravis", {"hw"}, false},
-                                           {"SDL", {"hw"}, false},
-                                           {"hidapi", {"hw"}, false},
-                                           {"httplib.h", {"tools"}, false}};
+  static const std::vector<Library> all = {
+      {"embree3/", {"sim"}, false},
+      {"assimp/", {"sim"}, false},
+      {"BulletCollision/", {"sim"}, false},
+      {"LinearMath/", {"sim"}, false},
+      {"btBullet", {"sim"}, false},
+      {"ceres/", {"core/motion", "core/map", "core/registration", "core/calibrate"}, false},
+      {"pcl/", {"core/registration"}, false},
+      {"OpenImageIO/", {}, false},
+      {"openvdb/", {"core/map"}, false},
+      {"yaml-cpp/", {}, false},
+      {"arv.h", {"hw"}, false},
+      {"aravis", {"hw"}, false},
+      {"SDL", {"hw"}, false},
+      {"hidapi", {"hw"}, false},
+      {"httplib.h", {"tools"}, false}};
   return all;
 }
 

@@ -34,54 +34,55 @@ TEST(Architecture, AllowedArrowsPass) {
   tree.add("core/types/pose.h", "#include <Eigen/Core>\n#include <opencv2/core/utility.hpp>\n#include <vector>\n");
   tree.add("core/patterns/patterns.cpp", "#include \"core/patterns/patterns.h\"\n#include \"core/types/error.h\"\n");
   tree.add("core/rig/rig.h", "#include \"core/patterns/patterns.h\"\n#include \"core/types/rig_model.h\"\n");
-  tree.add("core/rig/yaml.cpp", "#include <yaml-cpp/yaml.h>\n#include \"core/rig/yaml.h\"\n");
+  tree.add("core/io/yaml.cpp", "#include <yaml-cpp/yaml.h>\n#include \"core/io/yaml.h\"\n");
   tree.add("core/motion/refine.cpp", "#include <ceres/ceres.h>\n#include \"core/motion/refine.h\"\n");
-  tree.add("core/pipeline/pipeline.h", "#include \"core/decode/decode.h\"\n#include \"core/map/icp.h\"\n");
+  tree.add("core/mapper/pipeline.h", "#include \"core/decode/decode.h\"\n#include \"core/registration/icp.h\"\n");
   tree.add("sim/light/ray_world.cpp",
            "#include <embree3/rtcore.h>\n#include \"core/rig/rig.h\"\n#include \"sim/random.h\"\n");
   tree.add("hw/camera.cpp", "#include <arv.h>\n#include \"core/rig/rig.h\"\n");
   tree.add("bench/speed/decode.cpp", "#include \"core/score/score.h\"\n#include \"sim/virtual_rig.h\"\n");
   tree.add("tools/run.cpp",
-           "#include \"core/pipeline/pipeline.h\"\n#include \"hw/hardware_rig.h\"\n#include \"sim/a.h\"\n");
-  tree.add("tests/core/any_test.cpp", "#include \"core/map/icp.h\"\n");
+           "#include \"core/mapper/pipeline.h\"\n#include \"hw/hardware_rig.h\"\n#include \"sim/a.h\"\n");
+  tree.add("tests/core/any_test.cpp", "#include \"core/registration/icp.h\"\n");
   EXPECT_THAT(tree.violations(), IsEmpty());
 }
 
 TEST(Architecture, WrongArrowsAreReported) {
   Tree tree;
   tree.add("core/decode/decode.h", "#pragma once\n#include \"core/types/pose.h\"\n#include \"core/depth/depth.h\"\n");
-  tree.add("core/depth/depth.cpp", "#include \"core/rig/yaml.h\"\n");
-  tree.add("core/map/icp.cpp", "#include \"sim/scene/scene.h\"\n");
-  tree.add("core/pipeline/pipeline.cpp", "#include \"core/score/score.h\"\n#include \"core/rig/rig.h\"\n");
-  tree.add("core/rig/files.cpp", "#include \"core/decode/decode.h\"\n");
-  tree.add("core/score/score.cpp", "  #  include \"core/map/icp.h\"  // hidden by blanks\n");
+  tree.add("core/depth/depth.cpp", "#include \"core/io/yaml.h\"\n");
+  tree.add("core/registration/icp.cpp", "#include \"sim/scene/scene.h\"\n");
+  tree.add("core/mapper/pipeline.cpp", "#include \"core/score/score.h\"\n#include \"core/rig/rig.h\"\n");
+  tree.add("core/io/files.cpp", "#include \"core/decode/decode.h\"\n");
+  tree.add("core/score/score.cpp", "  #  include \"core/registration/icp.h\"  // hidden by blanks\n");
   tree.add("core/types/pose.cpp", "#include \"core/patterns/patterns.h\"\n");
   tree.add("core/unknown/a.cpp", "#include \"core/types/pose.h\"\n");
   tree.add("hw/camera.cpp", "#include \"sim/scene/scene.h\"\n");
-  tree.add("sim/virtual_rig.cpp", "#include \"core/score/score.h\"\n#include <core/pipeline/pipeline.h>\n");
+  tree.add("sim/virtual_rig.cpp", "#include \"core/score/score.h\"\n#include <core/mapper/pipeline.h>\n");
   tree.add("bench/main.cpp", "#include \"tools/settings.h\"\n");
   EXPECT_THAT(tree.violations(),
               ElementsAre("bench/main.cpp:1: tools/settings.h (bench may not include tools)",
                           "core/decode/decode.h:3: core/depth/depth.h (core/decode may not include core/depth)",
-                          "core/depth/depth.cpp:1: core/rig/yaml.h (core/depth may not include core/rig)",
-                          "core/map/icp.cpp:1: sim/scene/scene.h (core/map may not include sim)",
-                          "core/pipeline/pipeline.cpp:1: core/score/score.h (core/pipeline may not include core/score)",
-                          "core/pipeline/pipeline.cpp:2: core/rig/rig.h (core/pipeline may not include core/rig)",
-                          "core/rig/files.cpp:1: core/decode/decode.h (core/rig may not include core/decode)",
-                          "core/score/score.cpp:1: core/map/icp.h (core/score may not include core/map)",
+                          "core/depth/depth.cpp:1: core/io/yaml.h (core/depth may not include core/io)",
+                          "core/io/files.cpp:1: core/decode/decode.h (core/io may not include core/decode)",
+                          "core/mapper/pipeline.cpp:1: core/score/score.h (core/mapper may not include core/score)",
+                          "core/mapper/pipeline.cpp:2: core/rig/rig.h (core/mapper may not include core/rig)",
+                          "core/registration/icp.cpp:1: sim/scene/scene.h (core/registration may not include sim)",
+                          "core/score/score.cpp:1: core/registration/icp.h (core/score may not include core/registration)",
                           "core/types/pose.cpp:1: core/patterns/patterns.h (core/types may not include core/patterns)",
                           "core/unknown/a.cpp:1: core/types/pose.h (core/unknown may not include core/types)",
                           "hw/camera.cpp:1: sim/scene/scene.h (hw may not include sim)",
                           "sim/virtual_rig.cpp:1: core/score/score.h (sim may not include core/score)",
-                          "sim/virtual_rig.cpp:2: core/pipeline/pipeline.h (sim may not include core/pipeline)"));
+                          "sim/virtual_rig.cpp:2: core/mapper/pipeline.h (sim may not include core/mapper)"));
 }
 
 TEST(Architecture, LibrariesInTheWrongPlaceAreReported) {
   Tree tree;
   tree.add("core/depth/depth.cpp", "#include <ceres/ceres.h>\n#include <openvdb/openvdb.h>\n");
-  tree.add("core/map/mesh.h", "#include <Eigen/SVD>\n#include <openvdb/openvdb.h>\n#include <pcl/point_cloud.h>\n");
+  tree.add("core/map/mesh.h", "#include <Eigen/SVD>\n#include <openvdb/openvdb.h>\n");
+  tree.add("core/registration/engines.h", "#include <pcl/point_cloud.h>\n");
   tree.add("core/motion/refine.h", "#include <ceres/ceres.h>\n");
-  tree.add("core/rig/files.h", "#include <OpenImageIO/imageio.h>\n#include <yaml-cpp/yaml.h>\n");
+  tree.add("core/io/files.h", "#include <OpenImageIO/imageio.h>\n#include <yaml-cpp/yaml.h>\n");
   tree.add("core/types/pinhole.cpp", "#include <opencv2/imgproc.hpp>\n");
   tree.add("sim/scene/import.h", "#include <assimp/scene.h>\n#include <embree3/rtcore.h>\n");
   tree.add("sim/view.cpp", "#include <SDL2/SDL.h>\n#include <arv.h>\n#include <httplib.h>\n");
@@ -91,12 +92,12 @@ TEST(Architecture, LibrariesInTheWrongPlaceAreReported) {
       tree.violations(),
       ElementsAre("core/depth/depth.cpp:1: ceres/ceres.h (library of another folder)",
                   "core/depth/depth.cpp:2: openvdb/openvdb.h (library of another folder)",
+                  "core/io/files.h:1: OpenImageIO/imageio.h (heavy library in a header)",
+                  "core/io/files.h:2: yaml-cpp/yaml.h (heavy library in a header)",
                   "core/map/mesh.h:1: Eigen/SVD (more than Eigen/Core and opencv2/core in a header)",
                   "core/map/mesh.h:2: openvdb/openvdb.h (heavy library in a header)",
-                  "core/map/mesh.h:3: pcl/point_cloud.h (heavy library in a header)",
                   "core/motion/refine.h:1: ceres/ceres.h (heavy library in a header)",
-                  "core/rig/files.h:1: OpenImageIO/imageio.h (heavy library in a header)",
-                  "core/rig/files.h:2: yaml-cpp/yaml.h (heavy library in a header)",
+                  "core/registration/engines.h:1: pcl/point_cloud.h (heavy library in a header)",
                   "core/types/pinhole.cpp:1: opencv2/imgproc.hpp (core/types knows Eigen and OpenCV's core alone)",
                   "sim/scene/import.h:1: assimp/scene.h (heavy library in a header)",
                   "sim/scene/import.h:2: embree3/rtcore.h (heavy library in a header)",

@@ -7,7 +7,7 @@
 #include <limits>
 #include <opencv2/core.hpp>
 
-#include "core/rig/files.h"
+#include "core/io/files.h"
 #include "core/types/centikelvin.h"
 #include "tests/support/temp_folder.h"
 #include "tests/tools/fake_rig.h"

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Folders are written whole or not at all, and the same content gives the same bytes.
-#include "core/rig/files.h"
+#include "core/io/files.h"
 
 #include <gmock/gmock.h>
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // fringeslam import: images and calibrations of other rigs become the dataset that they are, whatever their names,
 // formats and conventions; what does not fit together is refused by name.
-#include "core/rig/import.h"
+#include "core/import/import.h"
 
 #include <OpenImageIO/imageio.h>
 #include <gmock/gmock.h>
@@ -14,7 +14,7 @@
 #include <opencv2/core/persistence.hpp>
 
 #include "core/decode/decode.h"
-#include "core/rig/opencv_calibration.h"
+#include "core/import/opencv_calibration.h"
 #include "core/score/truth_files.h"
 #include "tests/tools/child.h"
 

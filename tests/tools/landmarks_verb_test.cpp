@@ -6,7 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "core/rig/files.h"
+#include "core/io/files.h"
 #include "tests/tools/child.h"
 
 namespace fringeslam {

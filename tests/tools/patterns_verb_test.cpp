@@ -2,9 +2,9 @@
 // fringeslam patterns: the pixels of the files are the patterns that patterns.yaml says they are.
 #include <gmock/gmock.h>
 
+#include "core/io/files.h"
+#include "core/io/yaml.h"
 #include "core/patterns/patterns.h"
-#include "core/rig/files.h"
-#include "core/rig/yaml.h"
 #include "tests/tools/child.h"
 
 namespace fringeslam {

@@ -4,8 +4,8 @@
 
 #include <numbers>
 
+#include "core/io/yaml.h"
 #include "core/rig/rig_file.h"
-#include "core/rig/yaml.h"
 #include "core/types/frame.h"
 #include "tests/support/temp_folder.h"
 #include "tests/tools/fake_rig.h"

@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "core/rig/files.h"
+#include "core/io/files.h"
 #include "core/score/score.h"
 #include "core/score/truth_files.h"
 #include "tests/tools/child.h"

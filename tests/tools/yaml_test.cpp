@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Every error of the YAML reader says where it is and what to do.
-#include "core/rig/yaml.h"
+#include "core/io/yaml.h"
 
 #include <gmock/gmock.h>
 

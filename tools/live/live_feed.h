@@ -35,7 +35,7 @@
 #include <string>
 #include <vector>
 
-#include "core/pipeline/pipeline.h"
+#include "core/mapper/pipeline.h"
 #include "tools/live/live_view.h"
 
 namespace fringeslam::tools {

@@ -8,7 +8,7 @@
 #include <mutex>
 #include <thread>
 
-#include "core/pipeline/pipeline.h"
+#include "core/mapper/pipeline.h"
 #include "tools/live/live_feed.h"
 
 namespace fringeslam::tools {

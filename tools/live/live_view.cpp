@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/live/live_view.h"
 
-#include "core/rig/files.h"
+#include "core/io/files.h"
 
 namespace fringeslam::tools {
 

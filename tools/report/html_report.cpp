@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/report/html_report.h"
 
-#include "core/rig/files.h"
+#include "core/io/files.h"
 #include "core/types/error.h"
 #include "tools/report/report_data.h"
 #include "tools/report/report_page.h"

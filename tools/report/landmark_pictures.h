@@ -5,7 +5,7 @@
 #include <opencv2/core.hpp>
 #include <string>
 
-#include "core/pipeline/pipeline.h"
+#include "core/mapper/pipeline.h"
 
 namespace fringeslam::tools {
 

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "core/pipeline/pipeline.h"
+#include "core/mapper/pipeline.h"
 
 namespace fringeslam::tools {
 

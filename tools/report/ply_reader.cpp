@@ -5,8 +5,8 @@
 #include <charconv>
 #include <cstring>
 
+#include "core/io/files.h"
 #include "core/map/ply.h"
-#include "core/rig/files.h"
 #include "core/types/error.h"
 
 namespace fringeslam::tools {

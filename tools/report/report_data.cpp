@@ -8,10 +8,10 @@
 #include <opencv2/imgproc.hpp>
 #include <optional>
 
+#include "core/io/files.h"
+#include "core/io/yaml.h"
 #include "core/rig/dataset.h"
-#include "core/rig/files.h"
 #include "core/rig/rig_file.h"
-#include "core/rig/yaml.h"
 #include "core/score/score.h"
 #include "core/score/truth_files.h"
 #include "tools/report/map_error.h"

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
-#include "core/rig/files.h"
-#include "core/types/parallel.h"
+#include "core/base/parallel.h"
+#include "core/io/files.h"
 #include "tools/report/packing.h"
 
 namespace fringeslam::tools {

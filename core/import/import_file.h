@@ -18,8 +18,8 @@
 #include <string>
 #include <vector>
 
+#include "core/io/files.h"
 #include "core/patterns/patterns.h"
-#include "core/rig/files.h"
 #include "core/types/rig_model.h"
 
 namespace fringeslam {

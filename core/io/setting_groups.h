@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "core/rig/yaml.h"
+#include "core/io/yaml.h"
 
 namespace fringeslam {
 

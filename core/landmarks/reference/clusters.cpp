@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/landmarks/clusters.h"
+#include "core/landmarks/reference/clusters.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Images of any structured-light rig as a Rig: what import.yaml (core/rig/import_file.h) says about a folder of images
+// Images of any structured-light rig as a Rig: what import.yaml (core/import/import_file.h) says about a folder of images
 // makes them fringe stacks, which RecordingRig turns into a dataset.
 #pragma once
 
-#include "core/rig/import_file.h"
+#include "core/import/import_file.h"
 #include "core/rig/rig.h"
 
 namespace fringeslam {

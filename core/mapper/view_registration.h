@@ -8,9 +8,9 @@
 #include <vector>
 
 #include "core/landmarks/keypoints.h"
-#include "core/map/icp.h"
 #include "core/motion/ego_motion.h"
 #include "core/motion/observability.h"
+#include "core/registration/icp.h"
 #include "core/types/frame.h"
 #include "core/types/landmark.h"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/landmarks/hull.h"
+#include "core/landmarks/reference/hull.h"
 
 #include <cmath>
 

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/rig/import.h"
+#include "core/import/import.h"
 
 #include <cmath>
 
+#include "core/io/yaml.h"
 #include "core/rig/rig_file.h"
-#include "core/rig/yaml.h"
 
 namespace fringeslam {
 

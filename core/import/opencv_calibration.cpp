@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/rig/opencv_calibration.h"
+#include "core/import/opencv_calibration.h"
 
 #include <Eigen/LU>
 #include <cmath>

@@ -13,7 +13,7 @@
 #include <thread>
 #include <vector>
 
-#include "core/pipeline/pipeline.h"
+#include "core/mapper/pipeline.h"
 
 namespace fringeslam {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/rig/yaml.h"
+#include "core/io/yaml.h"
 
 #include <yaml-cpp/yaml.h>
 
@@ -11,8 +11,8 @@
 #include <set>
 #include <sstream>
 
-#include "core/rig/yaml_guard.h"
-#include "core/types/fnv.h"
+#include "core/base/fnv.h"
+#include "core/io/yaml_guard.h"
 
 namespace fringeslam {
 

@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <cstring>
 
-#include "core/types/instruction_set.h"
+#include "core/base/instruction_set.h"
 
 // The vectors never pass between functions that are not inlined.
 #pragma GCC diagnostic ignored "-Wpsabi"

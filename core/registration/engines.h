@@ -18,7 +18,7 @@
 #include <string>
 #include <vector>
 
-#include "core/map/icp.h"
+#include "core/registration/icp.h"
 
 namespace fringeslam {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/map/icp.h"
+#include "core/registration/icp.h"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
@@ -13,7 +13,7 @@
 #include <string>
 #include <vector>
 
-#include "core/map/plane_pairs.h"
+#include "core/registration/plane_pairs.h"
 #include "core/types/error.h"
 
 namespace fringeslam {

@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/base/stage_clock.h"
 #include "core/decode/decode.h"
 #include "core/decode/motion.h"
 #include "core/depth/depth.h"
@@ -17,8 +18,7 @@
 #include "core/landmarks/recognition.h"
 #include "core/map/keyframe_map.h"
 #include "core/map/surface.h"
-#include "core/pipeline/stage_clock.h"
-#include "core/pipeline/view_registration.h"
+#include "core/mapper/view_registration.h"
 #include "core/thermal/victims.h"
 #include "core/types/fringe_stack.h"
 #include "core/types/trajectory.h"

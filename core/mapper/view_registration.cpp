@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/pipeline/view_registration.h"
+#include "core/mapper/view_registration.h"
 
 #include <Eigen/LU>
 #include <algorithm>
@@ -7,7 +7,7 @@
 #include <map>
 #include <utility>
 
-#include "core/map/engines.h"
+#include "core/registration/engines.h"
 
 namespace fringeslam {
 

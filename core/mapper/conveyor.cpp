@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/pipeline/conveyor.h"
+#include "core/mapper/conveyor.h"
 
 #include <algorithm>
 #include <utility>
 
-#include "core/types/parallel.h"
+#include "core/base/parallel.h"
 
 namespace fringeslam {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/map/plane_pairs.h"
+#include "core/registration/plane_pairs.h"
 
 #include <algorithm>
 #include <array>
@@ -9,9 +9,9 @@
 #include <numbers>
 #include <numeric>
 
+#include "core/base/instruction_set.h"
+#include "core/base/parallel.h"
 #include "core/types/error.h"
-#include "core/types/instruction_set.h"
-#include "core/types/parallel.h"
 
 namespace fringeslam {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/rig/import_file.h"
+#include "core/import/import_file.h"
 
 #include <fnmatch.h>
 
@@ -11,9 +11,9 @@
 #include <optional>
 #include <set>
 
-#include "core/rig/opencv_calibration.h"
+#include "core/import/opencv_calibration.h"
+#include "core/io/yaml.h"
 #include "core/rig/rig_file.h"
-#include "core/rig/yaml.h"
 
 namespace fringeslam {
 

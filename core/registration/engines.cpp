@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The only file that knows PCL: its templates take half a minute to compile.
-#include "core/map/engines.h"
+#include "core/registration/engines.h"
 
 #include <pcl/kdtree/kdtree_flann.h>
 #include <pcl/point_types.h>
@@ -13,8 +13,8 @@
 #include <limits>
 #include <numeric>
 
+#include "core/base/parallel.h"
 #include "core/types/error.h"
-#include "core/types/parallel.h"
 
 namespace fringeslam {
 
