@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// FNV-1a, 64 bits: the same number for the same bytes on every machine. No defence against somebody who wants two
-// texts to agree.
+// 64-bit FNV-1a hash, identical on all platforms. Not collision-resistant against deliberately constructed inputs.
 #pragma once
 
 #include <cstdint>

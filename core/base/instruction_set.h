@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Hot loops are compiled from one source for several instruction sets, and the machine's widest is taken at run time.
-// Contraction of products and sums is off in their files, so all give the same bits.
+// Runtime dispatch by instruction set: hot loops are compiled from one source for several instruction sets, and the
+// widest one that the CPU supports is selected at run time. Floating-point contraction is disabled in these files, so
+// all variants give bit-identical results.
 #pragma once
 
 #define FRINGESLAM_INLINE inline __attribute__((always_inline))
@@ -26,7 +27,7 @@ inline InstructionSet widest_instruction_set() {
   return InstructionSet::portable;
 }
 
-// Of one function compiled for each of them the one to call.
+// Returns the variant of a function for the widest supported instruction set.
 template <class Function>
 Function* widest(Function* portable, Function* avx2, Function* avx512) {
   switch (widest_instruction_set()) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Floats side by side for kernels that compilers make no vectors of by themselves. They take vectors of
-// this kind apart at comparisons, so masks are made of sign bits.
+// SIMD vectors of floats for kernels that compilers do not vectorize on their own. Compilers split comparisons of these
+// vector types into scalar code, so masks are built from sign bits.
 #pragma once
 
 #include <cstdint>
@@ -8,7 +8,7 @@
 
 #include "core/base/instruction_set.h"
 
-// The vectors never pass between functions that are not inlined.
+// The vectors are only passed between inlined functions, so the ABI warning does not apply.
 #pragma GCC diagnostic ignored "-Wpsabi"
 
 namespace fringeslam {
@@ -52,7 +52,7 @@ struct Lanes {
   FRINGESLAM_INLINE static Floats chosen(Mask mask, Floats yes, Floats no) {
     return Floats((Mask(yes) & mask) | (Mask(no) & ~mask));
   }
-  // By the sign bit: of -0 true, and of NaN either.
+  // Tests the sign bit: true for -0, and for NaN with the sign bit set.
   FRINGESLAM_INLINE static Mask negative(Floats v) { return Mask(v) >> 31; }
   FRINGESLAM_INLINE static Mask not_negative(Floats v) { return ~negative(v); }
   FRINGESLAM_INLINE static Floats absolute(Floats v) { return Floats(Mask(v) & 0x7fffffff); }

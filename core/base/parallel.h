@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Data-parallel loops. Results never depend on the number of threads: a body writes only to its own
-// rows, and sums are kept by row and added in row order by the caller.
+// Data-parallel loops. Results do not depend on the number of threads: the body writes only to its own rows, and the
+// caller adds per-row sums in row order.
 #pragma once
 
 #include <atomic>
@@ -9,8 +9,8 @@
 
 namespace fringeslam {
 
-// As long as it lives, and `wanted` is true, the loops of its thread run in that thread alone. Threads that each work
-// at something of their own would only get in each other's way if each spread its loops over all cores.
+// While an instance exists and `wanted` is true, the loops of its thread run serially in that thread. Use it in threads
+// that already run concurrently, which would otherwise compete by spreading their loops over all cores.
 class SerialLoops {
  public:
   explicit SerialLoops(const std::atomic<bool>& wanted = always()) : before_(of_thread()) { of_thread() = &wanted; }
@@ -32,14 +32,15 @@ class SerialLoops {
   const std::atomic<bool>* before_;
 };
 
-// Calls body(first, end) for parts of [0, rows) that together are all of it. For what is set up once for many rows.
+// Calls body(first, end) for disjoint ranges that cover [0, rows); use it when the setup cost should be shared by many
+// rows.
 template <class Body>
 void for_each_range(int rows, const Body& body) {
   if (SerialLoops::wanted()) return body(0, rows);
   cv::parallel_for_(cv::Range(0, rows), [&](const cv::Range& range) { body(range.start, range.end); });
 }
 
-// Calls body(row) for every row of [0, rows).
+// Calls body(row) for each row in [0, rows).
 template <class Body>
 void for_each_row(int rows, const Body& body) {
   for_each_range(rows, [&](int first, int end) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the time of a run goes. For people only: outputs do not depend on time.
+// Measures the time spent in each stage, for reports only: no output depends on it.
 #pragma once
 
 #include <chrono>
@@ -10,12 +10,12 @@ namespace fringeslam {
 
 class StageClock {
  public:
-  // A view's images are there.
+  // Call when a view's images have arrived.
   void begin_view() {
     view_ = std::chrono::steady_clock::now();
     entered_.clear();
   }
-  // The stage before ends here.
+  // Starts a stage and ends the previous one.
   void enter(const std::string& stage) {
     leave();
     stage_ = stage;
@@ -28,9 +28,9 @@ class StageClock {
     since_ = now;
   }
 
-  // Of each stage so far, the present one left out.
+  // Total time of each completed stage, s; excludes the stage in progress.
   const std::map<std::string, double>& seconds() const { return seconds_; }
-  // When each stage was first entered in this view, after its beginning.
+  // Time from the start of the view to the first entry of each stage, s.
   const std::map<std::string, double>& entered() const { return entered_; }
 
  private:

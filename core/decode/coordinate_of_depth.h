@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where in the projector the light of a pixel comes from when its depth is known, and how that changes with the depth:
-// u = project(z R d + t), du/dz at the fixed pixel, by the full lens model.
+// Projector coordinate of a camera pixel with known depth, u = project(z R d + t), and its derivative du/dz at the
+// fixed pixel, with the full lens model.
 #pragma once
 
 #include "core/patterns/patterns.h"
@@ -9,7 +9,7 @@
 
 namespace fringeslam {
 
-// H x W; NaN where there is no depth or the point lies behind the projector.
+// H x W; NaN where there is no depth or the point is behind the projector.
 struct DepthCoordinate {
   cv::Mat1f coordinate_px, per_m;
 };

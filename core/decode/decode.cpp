@@ -20,8 +20,9 @@ namespace fringeslam {
 namespace {
 
 constexpr double kTwoPi = 2 * std::numbers::pi;
-constexpr double kGrayEdgePx = 1;  // how far the blur of an edge between Gray cells reaches into them
-// Least contrast of a bit as a share of the clearest one's: a pixel that sees two surfaces has bits in between.
+constexpr double kGrayEdgePx = 1;  // blur of an edge between Gray cells extends this far into the cells
+// Minimum contrast of a bit relative to the pixel's highest-contrast bit; a pixel that sees two surfaces has bits in
+// between.
 constexpr float kLeastGrayContrast = 0.5f;
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
@@ -31,7 +32,7 @@ int length_of(const PatternSequence& sequence, Axis axis) {
 
 std::string name_of(Axis axis) { return axis == Axis::columns ? "columns" : "rows"; }
 
-// Whether shifts are k 2 pi / N for k = 0 ... N - 1 in some order, up to a common one.
+// True if the shifts are k 2 pi / N for k = 0 ... N - 1 in any order, up to a common offset.
 bool equally_spaced(const std::vector<double>& shifts_rad) {
   const auto count = static_cast<double>(shifts_rad.size());
   std::vector<bool> seen(shifts_rad.size(), false);
@@ -44,8 +45,8 @@ bool equally_spaced(const std::vector<double>& shifts_rad) {
   return std::find(seen.begin(), seen.end(), false) == seen.end();
 }
 
-// The rig's correction as a table over the measured phase. What N steps measure too much depends on phi + delta_0, so
-// a table of centred steps is shifted to others.
+// Returns the rig's phase correction as a table over the measured phase. The phase error of N steps depends on phi +
+// delta_0, so the table for centred steps is shifted for other steps.
 std::vector<float> correction_of(const FringeGroup& group, const PhaseCorrection& correction) {
   const auto steps = static_cast<double>(group.images.size());
   if (correction.offset_rad.empty() || correction.steps != static_cast<int>(group.images.size()) ||
@@ -63,7 +64,7 @@ std::vector<float> correction_of(const FringeGroup& group, const PhaseCorrection
   std::vector<float> table;
   for (int i = 0; i < kEntries; ++i) {
     const double measured = static_cast<double>(i) / kEntries;
-    // truth + offset(truth) = measured grows with the truth: by bisection.
+    // Solve true + offset(true) = measured, which is monotonic, by bisection.
     double low = measured - 0.25, high = measured + 0.25;
     for (int iteration = 0; iteration < 40; ++iteration) {
       const double middle = 0.5 * (low + high);
@@ -74,7 +75,7 @@ std::vector<float> correction_of(const FringeGroup& group, const PhaseCorrection
   return table;
 }
 
-// Whether the working range spans less than a period for most rays, so that `geometric` can tell.
+// Throws Error unless the working range spans less than a period for most rays, as `geometric` requires.
 void check_geometric(const RigModel& rig, double period_px, Axis axis) {
   constexpr int kGrid = 12;
   Pinhole coarse = rig.camera;
@@ -105,7 +106,7 @@ void check_geometric(const RigModel& rig, double period_px, Axis axis) {
                 to_text(period_px) + " px; use a longer period or a narrower range");
 }
 
-// Says why a method cannot be used, or nothing.
+// Returns the reason why a method cannot be used; empty if it can.
 std::optional<std::string> obstacle(const std::string& method, const PatternSequence& sequence, const RigModel& rig,
                                     const DecodeOptions& options, const DecodeContext& context) {
   try {
@@ -128,14 +129,14 @@ std::optional<std::string> obstacle(const std::string& method, const PatternSequ
     }
     if (method == "geometric") check_geometric(rig, groups.back().period_px, context.axis);
     if (method == "predicted" && !context.expected)
-      throw Error("no coordinate is expected: there is no map to predict from");
+      throw Error("no coordinate is predicted: there is no map to predict from");
   } catch (const Error& e) {
     return e.what();
   }
   return std::nullopt;
 }
 
-// The first method that the sequence serves; empty when none does.
+// Returns the first method that the sequence supports; empty if there is none.
 std::string first_possible(const PatternSequence& sequence, const RigModel& rig, const DecodeOptions& options,
                            const DecodeContext& context) {
   for (const char* method : {"multifrequency", "gray", "heterodyne", "predicted", "geometric"}) {
@@ -166,7 +167,7 @@ void check_stack(const FringeStack& stack, const PatternSequence& sequence) {
   }
 }
 
-// `corrected`: the patterns undo the projector's response themselves.
+// `corrected`: the patterns already compensate for the projector's response.
 RowPlan make_plan(const std::vector<FringeGroup>& groups, int length_px, const RigModel& rig,
                   const DecodeOptions& options, bool corrected) {
   RowPlan plan;
@@ -189,7 +190,7 @@ RowPlan make_plan(const std::vector<FringeGroup>& groups, int length_px, const R
   return plan;
 }
 
-// Rows of a stack's images as floats.
+// Provides rows of a stack's images as floats.
 class RowReader {
  public:
   RowReader(const FringeStack& stack, RowScratch& scratch) : stack_(stack), scratch_(scratch) {
@@ -233,7 +234,7 @@ void expect_row(const ExpectedCoordinate& expected, int row, double period_px, R
   }
 }
 
-// On the edge between two cells noise decides for either; that does no harm to cells of half a period.
+// At the edge between two cells, noise may select either neighbour; this is harmless for cells of half a period.
 void gray_row(const GrayDecoder& gray, const RowPlan& plan, const float* const* samples, RowAnchor& anchor) {
   const double cell = gray.cell_px(), period = plan.period_px;
   const bool neighbours_matter = cell > 0.51 * period;
@@ -248,8 +249,8 @@ void gray_row(const GrayDecoder& gray, const RowPlan& plan, const float* const* 
   }
 }
 
-// No fringes: the coordinate is that of the cell's middle, evenly distributed over the cell. Bits of cells as fine as
-// the lenses resolve have little contrast, and only move the coordinate by a few cells when they are read wrongly.
+// Without fringes, the coordinate is the cell centre with a uniform error over the cell. Bits with cells near the
+// resolution of the lenses have low contrast, but reading them wrongly moves the coordinate by only a few cells.
 void gray_alone_row(const GrayDecoder& gray, const RowPlan& plan, const DecodeOptions& options,
                     const float* const* samples, int images, int width, const RowOutput& out) {
   const double cell = gray.cell_px();
@@ -270,8 +271,8 @@ void gray_alone_row(const GrayDecoder& gray, const RowPlan& plan, const DecodeOp
   }
 }
 
-// Orders of components by vote. A pixel whose own order disagrees with its component's has none: one of the two is
-// wrong.
+// Assigns the orders of components by vote. A pixel whose own order contradicts that of its component is invalid,
+// because one of the two is wrong.
 void take_spatial_orders(DecodedStack& out, const DecodeOptions& options, double length_px) {
   const SpatialOrders spatial =
       options.spatial_order == "quality"
@@ -343,7 +344,7 @@ void decode_into(DecodedStack& out, const FringeStack& stack, const PatternSeque
       out.unwrapping == "spatial" ? spatial_reference(sequence, rig, options, context) : out.unwrapping;
   const int length = length_of(sequence, context.axis);
   std::vector<FringeGroup> groups = used_groups(sequence, context.axis, options);
-  // Coarser periods, if there are any, may have been taken from elsewhere.
+  // Use only the finest period; coarser images, if any, may have been taken at another pose.
   if (method == "predicted") groups.erase(groups.begin(), groups.end() - 1);
   RowPlan plan = make_plan(groups, length, rig, options, !sequence.inverse_response.empty());
   if (method == "multifrequency") plan.rungs = multifrequency_ladder(groups, length);
@@ -359,7 +360,7 @@ void decode_into(DecodedStack& out, const FringeStack& stack, const PatternSeque
   if (method != "geometric" && method != "predicted") expected = nullptr;
   const cv::Size size = stack.images.front().size();
   if (expected && expected->coordinate_px.size() != size)
-    throw Error("decode: the expected coordinates are not of the images' size");
+    throw Error("decode: the expected coordinates and the images differ in size");
   plan.anchored = !groups.empty() && (gray || expected);
 
   out.index = stack.index;

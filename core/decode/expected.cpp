@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is known of a pixel's projector coordinate beforehand (METHOD S3, geometric and predicted).
+// Prior knowledge of a pixel's projector coordinate (docs/method.md, section 3.2: geometric and predicted).
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -23,7 +23,7 @@ class CoordinateOfDepth {
  public:
   CoordinateOfDepth(const RigModel& rig, Axis axis) : rig_(rig), axis_(axis) {}
 
-  // NaN behind the projector.
+  // Returns NaN for points behind the projector.
   double operator()(const cv::Vec2f& ray, double depth_m) const {
     const Eigen::Vector3d point = rig_.projector_from_camera * (depth_m * Eigen::Vector3d(ray[0], ray[1], 1));
     if (!(point.z() > 0)) return std::numeric_limits<double>::quiet_NaN();
@@ -36,8 +36,8 @@ class CoordinateOfDepth {
   Axis axis_;
 };
 
-// The projector as a kernel wants it, for the coordinate a of the normalised ones: x for columns, y for rows, whose
-// equations are the same with x and y, and p1 and p2, exchanged.
+// Projector parameters for the kernel, where a is the normalised coordinate that is coded: x for columns, y for rows.
+// The equations are the same with x and y, and p1 and p2, exchanged.
 struct CoordinateKernel {
   float a[4], b[4], z[4];  // rows of projector_from_camera
   float f, centre, k1, k2, k3, across, along;
@@ -62,7 +62,7 @@ struct CoordinateKernel {
   }
 };
 
-// Coordinates of depths, and their derivatives by the depth.
+// Projector coordinates of depths and their derivatives with respect to depth.
 FRINGESLAM_INLINE void coordinate_body(CoordinateKernel p, const cv::Vec2f* rays, const float* depth, int width,
                                        float* coordinate, float* per_m) {
   const float* ray = &rays[0][0];
@@ -73,9 +73,9 @@ FRINGESLAM_INLINE void coordinate_body(CoordinateKernel p, const cv::Vec2f* rays
                 slope_z = p.z[0] * x + p.z[1] * y + p.z[2];
     const float z = depth[i] * slope_z + p.z[3], per_z = 1 / z;
     const float a = (depth[i] * slope_a + p.a[3]) * per_z, b = (depth[i] * slope_b + p.b[3]) * per_z;
-    const float da = (slope_a - a * slope_z) * per_z, db = (slope_b - b * slope_z) * per_z;  // by the depth
+    const float da = (slope_a - a * slope_z) * per_z, db = (slope_b - b * slope_z) * per_z;  // derivatives w.r.t. depth
     const float r2 = a * a + b * b, radial = 1 + r2 * (p.k1 + r2 * (p.k2 + r2 * p.k3));
-    const float radial_slope = p.k1 + r2 * (2 * p.k2 + r2 * 3 * p.k3);  // by r2
+    const float radial_slope = p.k1 + r2 * (2 * p.k2 + r2 * 3 * p.k3);  // derivative w.r.t. r2
     const float by_a = radial + 2 * a * a * radial_slope + 2 * p.across * b + 6 * p.along * a;
     const float by_b = 2 * a * b * radial_slope + 2 * p.across * a + 2 * p.along * b;
     const float u = p.f * (a * radial + 2 * p.across * a * b + p.along * (r2 + 2 * a * a)) + p.centre;
@@ -130,7 +130,7 @@ ExpectedCoordinate coordinate_bounds(const RigModel& rig, const PixelRays& rays,
       const double near = coordinate(rays(row, col), rig.near_m), far = coordinate(rays(row, col), rig.far_m);
       if (std::isnan(near) || std::isnan(far)) continue;
       const double low = std::max(first, std::min(near, far)), high = std::min(last, std::max(near, far));
-      if (high < low) continue;  // the ray is out of the beam all along the range
+      if (high < low) continue;  // the ray is outside the projector's field over the whole range
       expected.coordinate_px(row, col) = static_cast<float>(0.5 * (low + high));
       expected.half_width_px(row, col) = static_cast<float>(0.5 * (high - low));
     }

@@ -39,19 +39,19 @@ GrayDecoder::GrayDecoder(const PatternSequence& sequence, Axis axis, const StepE
       white_(flat_image(sequence, 1)),
       black_(flat_image(sequence, 0)) {
   const int length = axis == Axis::columns ? sequence.width : sequence.height;
-  if (bits_.empty()) throw Error("the sequence has no Gray code of this axis; add `gray: complementary`");
+  if (bits_.empty()) throw Error("the sequence has no Gray code for this axis; add `gray: complementary`");
   if (2 * bits_.front().cell_px < length * (1 - 1e-9))
-    throw Error("the Gray code tells apart " + to_text(2 * bits_.front().cell_px) + " px of the projector's " +
-                std::to_string(length) + "; add its coarser bits");
+    throw Error("the Gray code distinguishes only " + to_text(2 * bits_.front().cell_px) + " px of the projector's " +
+                std::to_string(length) + " px; add coarser bits");
   if (bits_.size() > 31) throw Error("the Gray code has more than 31 bits");
   for (size_t i = 0; i < bits_.size(); ++i) {
     const GrayBit& bit = bits_[i];
     if (i > 0 && std::abs(bits_[i - 1].cell_px / bit.cell_px - 2) > 1e-6)
       throw Error("the Gray code has no bit between cells of " + to_text(bits_[i - 1].cell_px) + " and " +
-                  to_text(bit.cell_px) + " px; each bit's cells must be half as wide as the one's before");
+                  to_text(bit.cell_px) + " px; each bit's cells must be half as wide as the previous bit's");
     const bool comparable = (bit.image >= 0 && bit.inverted_image >= 0) || fringes_ || (white_ >= 0 && black_ >= 0);
     if (!comparable)
-      throw Error("the Gray code has nothing to compare its bits with; add fringes, inverted bits, or white and black");
+      throw Error("the Gray code has no threshold for its bits; add fringes, inverted bits, or white and black images");
   }
 }
 
@@ -99,7 +99,7 @@ GrayDecoder::Reading GrayDecoder::read(const RowPlan& camera, const float* const
     } else {
       next = std::min(next, contrast);
     }
-    // Probability that noise turned the bit over; beyond six sigmas it is nothing.
+    // Probability that noise flipped the bit; negligible beyond six sigmas.
     const auto sigmas = static_cast<double>(contrast) / std::sqrt(static_cast<double>(bits[i].variance));
     if (sigmas > 6) continue;
     const double wrong = 0.5 * std::erfc(sigmas / std::numbers::sqrt2);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gray codes: bits of a pixel by comparison, the cell they name, and how sure that is.
+// Decodes Gray codes: bits by comparison, the cell index, and its error probability.
 #pragma once
 
 #include <vector>
@@ -11,33 +11,34 @@ namespace fringeslam {
 
 class GrayDecoder {
  public:
-  // `fringes`: the estimator of the period whose mean is the bits' threshold where there is neither an inverted image
-  // of a bit nor a white and a black one; null when there are no fringes. Throws Error when bits are missing or
-  // nothing can be compared with.
+  // `fringes`: the estimator of the period whose mean intensity is the threshold for bits that have neither an inverted
+  // image nor a white and a black image; null if there are no fringes. Throws Error if bits are missing or there is no
+  // threshold.
   GrayDecoder(const PatternSequence& sequence, Axis axis, const StepEstimator* fringes);
 
   double cell_px() const { return bits_.back().cell_px; }
 
   struct Reading {
     int cell = 0;
-    // Probabilities that noise changed it: to a neighbouring cell, as happens on their edges, and to a far one.
+    // Probabilities that noise changed the cell: to a neighbouring cell, as happens at cell edges, or to a distant one.
     double neighbour = 0, far = 0;
-    // Of the faintest bit and of the clearest. A bit that tells neighbouring cells apart does not count as the
-    // faintest: on their edge it has no contrast. Pixels that see two surfaces have other bits in between.
+    // Contrast of the lowest- and highest-contrast bits. A bit that distinguishes neighbouring cells is excluded from
+    // the lowest, because it has no contrast at the edge between them. At pixels that see two surfaces other bits have
+    // low contrast, too.
     float contrast_dn = 0, best_contrast_dn = 0;
   };
-  // `samples`: grey values of the stack's images at one pixel.
+  // Decodes column `col`; `samples` are rows of grey values of the stack's images.
   Reading read(const RowPlan& camera, const float* const* samples, int col) const;
 
  private:
   struct Comparison {
     float difference = 0, variance = 0;
   };
-  // Whether the code with one bit turned over names a neighbouring cell; without fringes, one of the next few.
+  // True if flipping one bit of the code gives a neighbouring cell or, without fringes, one of the next few.
   bool is_neighbour(unsigned code, size_t bit) const;
   Comparison compare(const RowPlan& camera, const float* const* samples, int col, const GrayBit& bit) const;
 
-  std::vector<GrayBit> bits_;  // coarsest first, cells halving
+  std::vector<GrayBit> bits_;  // coarsest first, cell widths halving
   const StepEstimator* fringes_;
   int white_ = -1, black_ = -1;
 };

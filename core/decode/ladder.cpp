@@ -18,7 +18,7 @@ std::vector<Rung> single_periods(const std::vector<FringeGroup>& groups) {
   return rungs;
 }
 
-// The difference of two phases, the finer one's minus the coarser one's: 1 / beat = 1 / fine - 1 / coarse.
+// Difference of two phases, the finer minus the coarser: 1 / beat = 1 / fine - 1 / coarse.
 Rung beat(const Rung& coarse, const Rung& fine) {
   Rung result{coarse.period_px * fine.period_px / (coarse.period_px - fine.period_px), fine.multiples};
   for (size_t g = 0; g < fine.multiples.size(); ++g) result.multiples[g] -= coarse.multiples[g];
@@ -40,7 +40,7 @@ std::vector<Rung> heterodyne_ladder(const std::vector<FringeGroup>& groups, int 
   while (levels.back().size() > 1) {
     const std::vector<Rung>& level = levels.back();
     std::vector<Rung> beats;
-    // Beats come out coarsest last or first; what matters is that neighbours beat again.
+    // Beats may be in increasing or decreasing order; only neighbours are combined again.
     for (size_t i = 0; i + 1 < level.size(); ++i) {
       const bool ordered = level[i].period_px > level[i + 1].period_px;
       if (level[i].period_px == level[i + 1].period_px) continue;
@@ -50,7 +50,8 @@ std::vector<Rung> heterodyne_ladder(const std::vector<FringeGroup>& groups, int 
     for (const Rung& top : beats) {
       longest = std::max(longest, top.period_px);
       if (top.period_px < length_px) continue;
-      // Down again: the finest of each level that is finer than the rung above, and last the finest period.
+      // Unwrapping sequence from coarse to fine: the finest phase of each level that is finer than the previous one,
+      // ending with the finest period.
       std::vector<Rung> ladder = {top};
       for (size_t l = levels.size() - 1; l-- > 0;) {
         const auto finest = std::min_element(levels[l].begin(), levels[l].end(),

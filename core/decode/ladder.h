@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The ladders of phases from one that covers the projector down to the finest (METHOD S3).
+// Sequences of unwrapping levels, from a phase that covers the projector to the finest one (docs/method.md, section
+// 3.2).
 #pragma once
 
 #include "core/decode/row_kernels.h"
@@ -7,11 +8,12 @@
 
 namespace fringeslam {
 
-// Each period itself, coarsest first. Throws Error when the coarsest does not cover `length_px`.
+// Returns the periods themselves, coarsest first. Throws Error if the coarsest does not cover `length_px`.
 std::vector<Rung> multifrequency_ladder(const std::vector<FringeGroup>& groups, int length_px);
 
-// Beats of neighbouring periods, beats of these, and so on, up to the first that covers `length_px`; then down again
-// along the finest of each level. Throws Error when none does.
+// Forms beats of neighbouring periods, beats of these, and so on, up to the first that covers `length_px`, and returns
+// the levels from it down to the finest period, with the finest phase of each level. Throws Error if no beat covers
+// `length_px`.
 std::vector<Rung> heterodyne_ladder(const std::vector<FringeGroup>& groups, int length_px);
 
 }  // namespace fringeslam

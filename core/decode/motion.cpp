@@ -19,7 +19,7 @@ namespace {
 constexpr double kTurn = 2 * std::numbers::pi;
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
-// What drift does to the phase of one group of images.
+// Effect of a drift on the phase measured from one group of images.
 class DriftedPhase {
  public:
   DriftedPhase(const FringeGroup& group, const std::vector<double>& times_s) : estimator_(least_squares(group)) {
@@ -31,8 +31,8 @@ class DriftedPhase {
     }
   }
 
-  // By how much the phase is measured too large when it drifts by `rate` rad/s. The mean of the times comes off as a
-  // whole: it may be more than half a turn.
+  // Returns the phase error (measured minus true) for a drift of `rate` rad/s. The contribution of the mean time is
+  // treated separately because it may exceed half a turn.
   double offset(double measured, double rate) const {
     double cc = 0, cs = 0, sc = 0, ss = 0;
     for (size_t k = 0; k < times_s_.size(); ++k) {
@@ -40,7 +40,7 @@ class DriftedPhase {
       const auto c = static_cast<double>(estimator_.cosine[k]), s = static_cast<double>(estimator_.sine[k]);
       cc += c * cosine, cs -= c * sine, sc += s * cosine, ss -= s * sine;
     }
-    // The adjugate serves for the inverse: only the ratio counts, and the determinant is positive for small drifts.
+    // The adjugate replaces the inverse: only the ratio matters, and the determinant is positive for small drifts.
     const double x = std::cos(measured), y = std::sin(measured);
     const double phase = std::atan2(cc * y - sc * x, ss * x - cs * y);
     return std::remainder(measured - phase, kTurn) + rate * mean_s_;
@@ -63,7 +63,7 @@ std::vector<double> image_times_s(size_t images, const Timing& timing) {
 
 cv::Mat1f coordinate_rate(const Frame& frame, const RigModel& rig, const PixelRays& rays, const CameraTwist& twist,
                           Axis axis) {
-  if (frame.points_m.size() != rays.size()) throw Error("motion: the frame is not of the camera's size");
+  if (frame.points_m.size() != rays.size()) throw Error("motion: the frame and the camera differ in size");
   cv::Mat1f depth;
   cv::extractChannel(frame.points_m, depth, 2);
   cv::Mat1f rate = coordinate_of_depth(rig, rays, depth, axis).per_m;
@@ -88,7 +88,7 @@ void compensate_motion(DecodedStack& decoded, const PatternSequence& sequence, c
                 " images");
   if (rate_px_s.size() != decoded.coordinate_px.size()) throw Error("motion: rates and coordinates differ in size");
   const std::vector<FringeGroup> groups = used_groups(sequence, axis, options);
-  if (groups.empty()) return;  // the coordinate is a Gray code's
+  if (groups.empty()) return;  // no fringes: the coordinate is from the Gray code
   const double period = groups.back().period_px;
   const DriftedPhase drifted(groups.back(), times_s);
   for_each_row(rate_px_s.rows, [&](int row) {
@@ -98,7 +98,7 @@ void compensate_motion(DecodedStack& decoded, const PatternSequence& sequence, c
       if (rate == 0 || std::isnan(rate) || std::isnan(measured)) continue;
       const double offset = drifted.offset(measured, rate);
       const double wrapped = std::remainder(measured - offset, kTurn);
-      // Of the order, so that coordinate = (phase / 2 pi + order) period - 1/2 still holds.
+      // Change of the order, so that coordinate = (phase / 2 pi + order) period - 1/2 still holds.
       const auto turned = static_cast<int>(std::lround((measured - offset - wrapped) / kTurn));
       decoded.wrapped_phase(row, col) = static_cast<float>(wrapped);
       decoded.coordinate_px(row, col) -= static_cast<float>(offset / kTurn * period);  // NaN stays
@@ -106,7 +106,7 @@ void compensate_motion(DecodedStack& decoded, const PatternSequence& sequence, c
       int& order = decoded.fringe_order(row, col);
       if (order < 0) continue;
       order += turned;
-      if (order < 0) decoded.coordinate_px(row, col) = decoded.confidence(row, col) = kNaN;  // out of the projector
+      if (order < 0) decoded.coordinate_px(row, col) = decoded.confidence(row, col) = kNaN;  // outside the projector
     }
   });
 }

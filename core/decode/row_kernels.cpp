@@ -12,15 +12,16 @@ namespace fringeslam {
 namespace {
 
 constexpr float kTurn = 2 * std::numbers::pi_v<float>;
-// What the projector's 256 grey levels add to the phase of each period, turns.
+// Phase noise due to the projector's 256 grey levels, turns.
 constexpr float kPatternSigma = 0.0037f / kTurn;
 constexpr float kWrapSigmas = 4.5f;
-constexpr float kBorderPx = 0.5f;  // how far noise may carry a coordinate past the projector's border
+constexpr float kBorderPx = 0.5f;  // margin by which noise may move a coordinate past the projector's border
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
 FRINGESLAM_INLINE float wrapped(float turns) { return turns - std::floor(turns + 0.5f); }
 
-// atan2(y, x) in turns: a minimax polynomial of degree 15 on [0, 1], good to 4e-8 rad before rounding.
+// Returns atan2(y, x) in turns, by a minimax polynomial of degree 15 on [0, 1] with an error of 4e-8 rad before
+// rounding.
 FRINGESLAM_INLINE float atan2_turns(float y, float x) {
   const float ax = std::abs(x), ay = std::abs(y);
   const float large = ax > ay ? ax : ay, small = ax > ay ? ay : ax;
@@ -39,7 +40,8 @@ FRINGESLAM_INLINE float atan2_turns(float y, float x) {
   return y < 0 ? -turns : turns;
 }
 
-// Probability that a normal number exceeds x standard deviations, absolute error 3e-7 (Abramowitz and Stegun 7.1.28).
+// Returns the probability that a normal variable exceeds x standard deviations, with an absolute error of 3e-7
+// (Abramowitz and Stegun 7.1.28).
 FRINGESLAM_INLINE float normal_tail(float x) {
   const float z = std::abs(x) * (1 / std::numbers::sqrt2_v<float>);
   float sum = 0.0000430638f;
@@ -54,8 +56,8 @@ FRINGESLAM_INLINE float normal_tail(float x) {
   return x < 0 ? 1 - tail : tail;
 }
 
-// Phase of one period, from linear estimates c of I'' cos phi and s of I'' sin phi. d phi = (c ds - s dc) / I''^2 is
-// again linear in the samples, which gives its variance.
+// Phase of one period from the linear estimates c of I'' cos phi and s of I'' sin phi. d phi = (c ds - s dc) / I''^2 is
+// linear in the samples as well, which gives its variance.
 struct PhaseRow {
   float *mean, *modulation, *turns, *variance;
   int32_t* valid;
@@ -150,7 +152,7 @@ FRINGESLAM_INLINE void correct_phase(const std::vector<float>& table, int width,
   }
 }
 
-// Absolute phase so far, and what is known of it.
+// Absolute phase up to the current level, with its order, failure probability and validity.
 struct AbsoluteRow {
   float *turns, *order, *failure;
   int32_t* valid;
@@ -168,12 +170,12 @@ FRINGESLAM_INLINE void rung_phase(const Rung& rung, const PhaseRow* groups, int 
 #pragma GCC ivdep
     for (int i = 0; i < width; ++i) turns[i] += multiple * group[i];
   }
-  if (terms == 1) return;  // the phase of one period is wrapped already, and half a turn must stay half a turn
+  if (terms == 1) return;  // a single period is already wrapped, and half a turn must remain half a turn
 #pragma GCC ivdep
   for (int i = 0; i < width; ++i) turns[i] = wrapped(turns[i]);
 }
 
-// Variance of a combination of the groups' phases.
+// Variance of a weighted sum of the groups' phases.
 FRINGESLAM_INLINE void combined_variance(const float* weights, size_t groups_count, const PhaseRow* groups, int width,
                                          float* variance) {
 #pragma GCC ivdep
@@ -187,16 +189,16 @@ FRINGESLAM_INLINE void combined_variance(const float* weights, size_t groups_cou
   }
 }
 
-// The coarsest phase is unique over one period, which may be longer than the projector. What noise moves past a border
-// lies in the gap between the last column's phase and the first one's, half of it to each; in the middle of the gap, or
-// at the border where there is none, it cannot be told to which.
+// The coarsest phase is unique over one period, which may exceed the projector's length. Phases that noise moves past a
+// border fall in the gap between the phases of the last and the first column; each border is assigned half of the gap.
+// In the middle of the gap, or at the border if there is no gap, the assignment is ambiguous.
 FRINGESLAM_INLINE void first_rung(float first_turns, const float* phase, const float* variance, int width,
                                   const AbsoluteRow& out) {
 #pragma GCC ivdep
   for (int i = 0; i < width; ++i) {
     const float order = phase[i] < first_turns ? 1.0f : 0.0f;
     const float turns = phase[i] + order;
-    // What noise would have had to do, had the light come from beyond the other border.
+    // Phase error required if the light came from beyond the other border.
     const float below = turns - 2 * first_turns, above = 1 - turns;
     const float to_other_border = below < above ? below : above;
     out.turns[i] = turns;
@@ -206,7 +208,7 @@ FRINGESLAM_INLINE void first_rung(float first_turns, const float* phase, const f
   }
 }
 
-// METHOD S3: K = round(R t_low - theta_high), wrong with probability erfc(1/2 / (sqrt 2 sigma)).
+// K = round(R t_low - theta_high), wrong with probability erfc(1/2 / (sqrt 2 sigma)); docs/method.md, section 3.2.
 FRINGESLAM_INLINE void next_rung(float ratio, float max_residual_sigma, const float* phase, const float* variance,
                                  int width, const AbsoluteRow& out) {
   const float max_square = max_residual_sigma * max_residual_sigma;
@@ -222,8 +224,8 @@ FRINGESLAM_INLINE void next_rung(float ratio, float max_residual_sigma, const fl
   }
 }
 
-// K = round(t_anchor - theta). The next order would lie 1 - |r| from the anchor, this one lies |r| from it; each is as
-// likely as the anchor's uniform and normal uncertainty allow.
+// K = round(t_anchor - theta). This order lies |r| from the anchor, the next one 1 - |r|; their probabilities follow
+// from the anchor's uniform and normal uncertainty.
 FRINGESLAM_INLINE void anchored_order(const RowAnchor& anchor, float max_residual_sigma, const PhaseRow& finest,
                                       int width, const AbsoluteRow& out) {
   const float* expected = anchor.turns.data();
@@ -244,7 +246,7 @@ FRINGESLAM_INLINE void anchored_order(const RowAnchor& anchor, float max_residua
   }
 }
 
-// `fringe` says where there is a phase at all; `absolute` where its order is known, too.
+// `fringe` marks pixels with a valid phase, `absolute` those whose order is also known.
 FRINGESLAM_INLINE void write_row(const RowPlan& plan, const PhaseRow& finest, const int32_t* fringe,
                                  const AbsoluteRow* absolute, int width, const RowOutput& out) {
   const auto period = static_cast<float>(plan.period_px);

@@ -15,11 +15,11 @@ namespace {
 
 constexpr float kTurn = 2 * std::numbers::pi_v<float>;
 
-// A joint of neighbours: by how much the order of the second one exceeds the first one's, -1, 0 or 1; or none.
+// A joint of two neighbours stores the order of the second minus that of the first, -1, 0 or 1; kCut: not joined.
 constexpr int8_t kCut = 2;
 
 struct Joints {
-  std::vector<int8_t> right, down;  // from each pixel; cut at the image's border
+  std::vector<int8_t> right, down;  // from each pixel; kCut at the image border
 };
 
 inline int8_t joint(float phase_a, float phase_b, float max_step) {
@@ -44,17 +44,17 @@ Joints make_joints(const cv::Mat1f& phase, double max_step_rad) {
   return joints;
 }
 
-// What a component's pixels that know their order say: by how much it exceeds the relative one.
+// Marks components without a pixel of known order.
 constexpr int kUnknown = std::numeric_limits<int>::min();
 
-// The known order of a pixel, or -1.
+// Returns the known order of a pixel, or -1.
 struct Reference {
   const int* known;
   explicit Reference(const cv::Mat1i& reference) : known(reference.empty() ? nullptr : reference[0]) {}
   int operator()(int pixel) const { return known ? known[pixel] : -1; }
 };
 
-// A key that grows with a positive float, a few per cent a step: exponent and three bits of the mantissa.
+// Monotonic key of a positive float with steps of an eighth of an octave: exponent and three bits of the mantissa.
 inline unsigned log_key(float value) {
   uint32_t bits;
   std::memcpy(&bits, &value, sizeof bits);
@@ -62,7 +62,7 @@ inline unsigned log_key(float value) {
 }
 constexpr size_t kKeys = 2048;
 
-// Components are numbered by their first pixel in reading order, whatever order the joints were made in.
+// Renumbers components by their first pixel in reading order, independent of the order in which they were formed.
 void number_components(SpatialOrders& orders) {
   std::vector<int> number(orders.component.total(), -1);
   for (int& component : orders.component) {
@@ -73,7 +73,7 @@ void number_components(SpatialOrders& orders) {
   }
 }
 
-// Indices sorted by key, smallest first, those of equal keys in their own order.
+// Returns indices sorted by key in ascending order (stable).
 std::vector<int> counting_sort(const std::vector<uint16_t>& keys) {
   std::vector<int> start(kKeys + 1, 0);
   for (const uint16_t key : keys) ++start[key + 1U];
@@ -95,11 +95,12 @@ SpatialOrders unwrap_by_quality(const cv::Mat1f& wrapped_phase, const cv::Mat1f&
   int* component = orders.component[0];
   const Reference known(reference);
 
-  // Seeds and rim both go by sigma, a bucket a key. The rim of one component is empty before the next is begun.
+  // Seeds and the flood boundary are ordered by sigma, one bucket per key. The boundary of one component is empty
+  // before the next component starts.
   std::vector<uint16_t> keys(wrapped_phase.total());
   for (int i = 0; i < total; ++i) keys[static_cast<size_t>(i)] = static_cast<uint16_t>(log_key(sigma[0][i]) % kKeys);
   const std::vector<int> seeds = counting_sort(keys);
-  // The pixels of a bucket are a list through `next`, last in, first out.
+  // Each bucket is a linked list through `next`, last in, first out.
   std::vector<int> rim(kKeys, -1), next(wrapped_phase.total());
   const auto push = [&](size_t key, int pixel) {
     next[static_cast<size_t>(pixel)] = rim[key];
@@ -143,8 +144,8 @@ SpatialOrders unwrap_by_quality(const cv::Mat1f& wrapped_phase, const cv::Mat1f&
 
 namespace {
 
-// Sum of the squared second differences of the phase over the four lines through a pixel (Herraez eq. 1-3), as a key:
-// the smaller the more reliable. Pixels without eight neighbours are the least reliable.
+// Sum of the squared second differences of the phase along the four lines through a pixel (Herraez eq. 1-3), as a key:
+// smaller is more reliable. Pixels without eight neighbours are least reliable.
 std::vector<uint16_t> unreliability(const cv::Mat1f& phase) {
   std::vector<uint16_t> keys(phase.total(), kKeys / 2 - 1);
   const auto wrap = [](float x) { return x > 0.5f * kTurn ? x - kTurn : x < -0.5f * kTurn ? x + kTurn : x; };
@@ -158,7 +159,7 @@ std::vector<uint16_t> unreliability(const cv::Mat1f& phase) {
       };
       const float sum = second(here[col - 1], here[col + 1]) + second(above[col], below[col]) +
                         second(above[col - 1], below[col + 1]) + second(above[col + 1], below[col - 1]);
-      // From 2^-24 to 2^8 in steps of an eighth of an octave.
+      // From 2^-24 to 2^8 in steps of 1/8 octave.
       if (!std::isnan(sum))
         keys[static_cast<size_t>(row * phase.cols + col)] = static_cast<uint16_t>(
             std::clamp<int>(static_cast<int>(log_key(sum)) - 8 * (127 - 24), 0, static_cast<int>(kKeys) / 2 - 2));
@@ -167,7 +168,7 @@ std::vector<uint16_t> unreliability(const cv::Mat1f& phase) {
   return keys;
 }
 
-// Union-find whose nodes carry their order relative to their parent, and whose roots carry what is known of it.
+// Union-find. Nodes store their order relative to their parent; roots store the known absolute order offset.
 class OrderForest {
  public:
   OrderForest(int size, const Reference& known) : nodes_(static_cast<size_t>(size)), roots_(nodes_.size()) {
@@ -180,7 +181,7 @@ class OrderForest {
   struct Place {
     int root, order;
   };
-  // Halves the path on the way.
+  // Finds the root with path halving.
   Place find(int node) {
     int order = 0;
     while (true) {
@@ -196,12 +197,12 @@ class OrderForest {
     }
   }
 
-  // order(b) = order(a) + step from now on, unless the two are joined already or what is known of them contradicts it.
+  // Joins with order(b) = order(a) + step, unless a and b are already joined or their known orders contradict it.
   void join(int a, int b, int step) {
     const Place pa = find(a), pb = find(b);
     if (pa.root == pb.root) return;
     Root &ra = roots_[static_cast<size_t>(pa.root)], &rb = roots_[static_cast<size_t>(pb.root)];
-    // Order of b's root relative to a's.
+    // Order of b's root relative to a's root.
     const int offset = pa.order + step - pb.order;
     if (ra.shift != kUnknown && rb.shift != kUnknown && rb.shift != ra.shift + offset) return;
     if (ra.size >= rb.size) {
@@ -233,7 +234,7 @@ SpatialOrders unwrap_by_reliability(const cv::Mat1f& wrapped_phase, double max_s
   const Joints joints = make_joints(wrapped_phase, max_step_rad);
   const std::vector<uint16_t> pixel_keys = unreliability(wrapped_phase);
 
-  // Joint 2 i goes from pixel i to the right, 2 i + 1 down.
+  // Joint 2 i connects pixel i to its right neighbour, 2 i + 1 to the one below.
   std::vector<uint16_t> keys;
   std::vector<int> indices;
   keys.reserve(2 * pixel_keys.size());

@@ -15,7 +15,7 @@ namespace {
 constexpr double kTwoPi = 2 * std::numbers::pi;
 constexpr size_t kMaxGroups = 16;
 
-// Every n-th image of a group, so that `steps` equally spaced shifts remain.
+// Selects images of a group so that `steps` equally spaced shifts remain.
 FringeGroup thinned(const FringeGroup& group, int steps) {
   const size_t all = group.images.size(), wanted = static_cast<size_t>(steps);
   if (steps == 0 || wanted == all) return group;
@@ -31,8 +31,8 @@ FringeGroup thinned(const FringeGroup& group, int steps) {
   }
   if (steps < 3 || result.images.size() != wanted)
     throw Error("decode.steps is " + std::to_string(steps) + " but the " + std::to_string(all) + " shifts of period " +
-                to_text(group.period_px) + " px hold no " + std::to_string(steps) +
-                " equally spaced ones; use a divisor of their number, 3 or more");
+                to_text(group.period_px) + " px do not include " + std::to_string(steps) +
+                " equally spaced ones; use a divisor of their number, at least 3");
   return result;
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which images of a sequence decoding uses, and the estimator of a period's phase from them.
+// Selects the images used for decoding and builds the phase estimator of a period.
 #pragma once
 
 #include <vector>
@@ -10,10 +10,10 @@
 
 namespace fringeslam {
 
-// The periods of an axis, coarsest first, with as many steps of each as the options want.
+// Returns the fringe groups of an axis, coarsest first, reduced to the number of steps selected by the options.
 std::vector<FringeGroup> used_groups(const PatternSequence& sequence, Axis axis, const DecodeOptions& options);
 
-// Least squares over (1, cos delta_k, sin delta_k).
+// Returns the least-squares estimator over (1, cos delta_k, sin delta_k).
 StepEstimator least_squares(const FringeGroup& group);
 
 }  // namespace fringeslam

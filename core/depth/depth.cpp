@@ -15,8 +15,8 @@ namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
-// Largest depth step between neighbours that still is one surface: the footprint of a pixel on a
-// surface of the limiting slope, plus what noise can do.
+// Maximum depth step between neighbours on one surface: the extent of a pixel on a surface of the maximum slope, plus
+// noise.
 struct StepLimit {
   float per_depth = 0;
   float operator()(float depth, float sigma) const { return per_depth * depth + 6 * sigma; }
@@ -40,9 +40,9 @@ cv::Mat1b depth_image(const cv::Mat3f& points_m, double near_m, double far_m) {
 
 namespace {
 
-// A pixel measures the mean phase of its area, weighted by brightness. Where texture is finer than pixels nobody knows
-// where in the area that is: an error in proportion to the depth's change over the pixel, of no weight beside the
-// camera's noise but where surfaces are seen at a grazing angle.
+// Adds the noise caused by texture finer than the pixels. A pixel measures the mean phase over its footprint, weighted
+// by brightness; the unknown position of the weighted mean causes an error proportional to the depth change across the
+// pixel. It is negligible relative to the camera noise except at grazing incidence.
 cv::Mat1f with_footprint_noise(const cv::Mat1f& sigma_m, const FitImage& image, double share, StepLimit limit) {
   cv::Mat1f result(sigma_m.size());
   const auto per_px = static_cast<float>(share);

@@ -10,9 +10,9 @@ namespace fringeslam {
 
 namespace {
 
-// Normals of some pixels into those of all, by which they are wanted no more.
+// Copies the normals of a row that `some` provides into `all` and clears their `wanted` flags.
 void take(const NormalImages& some, int row, int width, NormalImages& all, int32_t* wanted) {
-  constexpr int kTogether = 16;  // of which mostly none is wanted any more; the images' rows are that much longer
+  constexpr int kTogether = 16;  // blocks, most of which have no wanted pixel left; rows are padded to a multiple
   float *const x = all.x[row], *const y = all.y[row], *const z = all.z[row];
   const float *const from_x = some.x[row], *const from_y = some.y[row], *const from_z = some.z[row];
   for (int first = 0; first < width; first += kTogether) {

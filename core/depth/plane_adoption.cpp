@@ -9,7 +9,7 @@ namespace {
 
 constexpr float kMaxSigmas = 2.5f, kMaxNeighbourSigmas = 4.5f;
 
-// Images at column 0 of a row.
+// Pointers to column 0 of a row.
 struct Rows {
   const float *x, *y, *z, *sigma;
   const float* normal[3];
@@ -18,11 +18,11 @@ struct Rows {
 
 template <int lanes>
 struct Points {
-  typename Lanes<lanes>::Floats x, y, z, sigma;  // sigma as a share of z
+  typename Lanes<lanes>::Floats x, y, z, sigma;  // sigma relative to z
 };
 
-// The squared distance of points from a plane, and its variance by the noise of both: depth noise moves a point along
-// its ray, and by its share of the distance to the origin along the normal.
+// Squared distance of points from a plane, and its variance due to the noise of both: depth noise moves a point along
+// its ray, and thus along the normal in proportion to the point's distance from the origin along the normal.
 template <int lanes>
 struct Distance {
   typename Lanes<lanes>::Floats square, variance;
@@ -59,7 +59,7 @@ FRINGESLAM_INLINE void adopt_lanes(const Rows& rows, int radius, int col, int32_
       return Distance<lanes>{off * off, sigma * sigma + own * own};
     };
     const Distance<lanes> d = distance(here);
-    // Where there is no plane both are 0, and 0 is not below 0.
+    // Without a plane both are 0, and the comparison is false.
     const auto closer = L::negative(d.square - best_square * d.variance) & asked;
     if (!L::any(closer)) continue;
     const auto better = closer & distance(left).within(kMaxNeighbourSigmas) &

@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// A pixel near an edge, where no window of its own is a plane, takes the normal of a window beside it on whose plane it
-// lies.
+// Assigns normals near edges: a pixel whose own window is not a plane takes the normal of a neighbouring window on
+// whose plane it lies.
 #pragma once
 
 #include "core/depth/plane_fit.h"
 
 namespace fringeslam {
 
-// Of the windows about the pixels of `fitted` that lie `radius` px off in one of eight directions, the normal of the
-// one on whose plane each `wanted` pixel (-1, else 0) of a row lies best, within 2.5 sigmas of the noise of both. Its
-// four neighbours have to lie on that plane, too: then the pixel itself holds no edge. What is found joins `normals`,
-// and is wanted no more.
+// For each `wanted` pixel (-1, else 0) of a row, considers the windows of `fitted` centred `radius` px away in eight
+// directions, and takes the normal of the window whose plane fits it best, within 2.5 sigmas of the noise of both. Its
+// four neighbours must lie on that plane as well, which excludes pixels that contain an edge. Normals found are stored
+// in `normals` and their `wanted` flags are cleared.
 void adopt_normals(const FitImage& image, const NormalImages& fitted, int row, int radius, int32_t* wanted,
                    NormalImages& normals, InstructionSet set = widest_instruction_set());
 

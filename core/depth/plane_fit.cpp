@@ -14,7 +14,7 @@ namespace {
 
 constexpr int kMostRadius = 15;
 
-// A row of the images, at column 0.
+// Pointers to column 0 of a row.
 struct FitRow {
   const float *x, *y, *z, *w, *sigma;
   ptrdiff_t stride;
@@ -35,7 +35,7 @@ FRINGESLAM_INLINE FittedLanes<lanes> fit_lanes(const FitRow& r, const PlaneFit& 
     return L::load(from + col + by);
   };
   const V z0 = at(r.z, 0), w0 = at(r.w, 0), sigma = at(r.sigma, 0);
-  // The inverse depths k pixels off that are of the surface.
+  // Range of inverse depths that belong to the surface, k pixels away.
   V low[kMostRadius + 1], high[kMostRadius + 1];
   const V step = z0 * (fit.per_depth + 6 * sigma), least = 1e-3f * z0;
   for (int k = 1; k <= fit.radius; ++k) {
@@ -47,15 +47,15 @@ FRINGESLAM_INLINE FittedLanes<lanes> fit_lanes(const FitRow& r, const PlaneFit& 
     return ~(L::negative(after - low[k]) | L::negative(high[k] - after) | L::negative(before - low[k]) |
              L::negative(high[k] - before));
   };
-  // The slopes by the nearest neighbours, 0 where there are none: what the sums are relative to. A steep plane's
-  // inverse depths would cancel in them to less than the noise.
+  // Slopes from the nearest neighbours, 0 if there are none. Sums are relative to these slopes, because the inverse
+  // depths of a steep plane would cancel to less than the noise.
   const auto slope = [&](ptrdiff_t by) __attribute__((always_inline)) {
     const V after = at(r.w, by), before = at(r.w, -by);
     return L::masked(0.5f * (after - before), both(after, before, 1));
   };
   const V slope_col = slope(1), slope_row = slope(r.stride);
-  // Sums over half of the window; the centre itself is at the origin, and mirrored pixels cancel in the mean of the
-  // positions. Two whole numbers share a lane: sums of dc^2 and dr^2, and the count and the sum of dc dr.
+  // Sums over half of the window: the centre is the origin, and symmetric pixels cancel in the mean position. Two
+  // integers share a lane: the sums of dc^2 and dr^2, and the count and the sum of dc dr.
   constexpr int kUpper = 1 << 16;
   V along_row[2 * kMostRadius + 1];
   for (int dc = -fit.radius; dc <= fit.radius; ++dc) along_row[kMostRadius + dc] = slope_col * static_cast<float>(dc);
@@ -91,7 +91,7 @@ FRINGESLAM_INLINE FittedLanes<lanes> fit_lanes(const FitRow& r, const PlaneFit& 
   const V most = fit.max_chi2 * (sigma_w * sigma_w) * (count - 3);
   const int window = (2 * fit.radius + 1) * (2 * fit.radius + 1);
 
-  // From slopes a column and a row to those along the ray's coordinates.
+  // Converts slopes per column and row to slopes along the ray coordinates.
   const auto half = [&](const float* ray, ptrdiff_t by) __attribute__((always_inline)) {
     return 0.5f * (at(ray, by) - at(ray, -by));
   };
@@ -114,7 +114,7 @@ FRINGESLAM_INLINE void fit_row(const FitRow& r, int width, const PlaneFit& fit, 
     FittedLanes<lanes> fitted{};
     if (L::any(asked)) fitted = fit_lanes<lanes>(r, fit, col);
     const auto given = fitted.holds & asked;
-    // Depth is positive, so n . (x, y, 1) is, and -n faces the camera.
+    // Depth is positive, so n . (x, y, 1) is positive and -n faces the camera.
     alignas(64) float scale[lanes];
     L::store(fitted.x * fitted.x + fitted.y * fitted.y + fitted.z * fitted.z, scale);
     for (float& s : scale) s = -1 / std::sqrt(s);
@@ -138,7 +138,7 @@ FRINGESLAM_AVX512 void fit_avx512(const FitRow& r, int width, const PlaneFit& fi
   fit_row<16>(r, width, fit, wanted, x, y, z);
 }
 
-// Continues a row of rays by a pixel to both sides.
+// Extrapolates a row of rays by one pixel on both sides.
 void extend(float* row, int width) {
   row[-1] = width > 1 ? 2 * row[0] - row[1] : row[0];
   row[width] = width > 1 ? 2 * row[width - 1] - row[width - 2] : row[0];
@@ -162,7 +162,7 @@ FitImage::FitImage(const cv::Mat3f& points_m, const PixelRays& rays, const cv::M
     if (row < 0 || row >= height) return;
     for (int col = 0; col < width; ++col) {
       const float depth = points_m(row, col)[2];
-      const bool measured = depth > 0;  // not for NaN
+      const bool measured = depth > 0;  // false for NaN
       x[row][col] = rays(row, col)[0], y[row][col] = rays(row, col)[1];
       z[row][col] = measured ? depth : kNowhere;
       w[row][col] = measured ? 1 / depth : kNowhere;

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Planes that fit windows of an organised cloud. Under perspective a plane n.P = d is linear in inverse depth,
+// Plane fits to windows of an organised cloud. Under perspective projection a plane n.P = d is linear in inverse depth,
 //
 //   w = 1/z = (n/d).(x, y, 1),
 //
-// and over a window the ray's (x, y) is linear in column and row: a lens bends it by some 1e-5 of a window's width, to
-// both sides alike, which slopes do not see. So a fit is a 2 x 2 linear system in whole pixels, whose slopes the ray's
-// Jacobian turns into n/d; many windows are fitted side by side, a pixel a lane.
+// and within a window the ray's (x, y) is linear in column and row: lens distortion deviates from this by about 1e-5 of
+// the window width, symmetrically on both sides, which does not affect the slopes. A fit is therefore a 2 x 2 linear
+// system in integer pixel offsets, whose slopes are converted to n/d by the ray's Jacobian. Many windows are fitted in
+// parallel, one pixel per SIMD lane. See docs/method.md, section 4.3.
 #pragma once
 
 #include <opencv2/core.hpp>
@@ -16,12 +17,13 @@
 
 namespace fringeslam {
 
-// An image with margins, so that windows may reach over the border and vectors beyond the end of a row; zeros at first.
+// Image with margins, so that windows may extend past the border and vectors past the end of a row; initialised to
+// zero.
 template <class Value>
 class PaddedImage {
  public:
   PaddedImage(const cv::Size& size, int margin) : PaddedImage(margin, size) { values_.setTo(Value{0}); }
-  // The margins alone are zeros: for an image all of which is written anyway.
+  // Initialises only the margins; for images whose interior will be fully written.
   static PaddedImage framed(const cv::Size& size, int margin) {
     PaddedImage image(margin, size);
     const int right = margin + size.width, below = margin + size.height;
@@ -31,7 +33,7 @@ class PaddedImage {
     image.values_.colRange(right, image.values_.cols).setTo(Value{0});
     return image;
   }
-  // Column 0 of a row; rows and columns reach from -margin on.
+  // Pointer to column 0 of a row; valid indices start at -margin.
   Value* operator[](int row) { return values_[row + margin_] + margin_; }
   const Value* operator[](int row) const { return values_[row + margin_] + margin_; }
   ptrdiff_t stride() const { return static_cast<ptrdiff_t>(values_.step1()); }
@@ -44,26 +46,26 @@ class PaddedImage {
   cv::Mat_<Value> values_;
 };
 
-// The images of a fit, an array a quantity. All have the same strides.
+// Input images of the plane fits, one array per quantity, all with the same stride.
 struct FitImage {
-  // points_m: NaN where nothing was measured; the margin, px, is the largest radius that may be asked for, 1 or more.
+  // points_m: NaN where nothing was measured; margin: the largest window radius to be used, px, at least 1.
   FitImage(const cv::Mat3f& points_m, const PixelRays& rays, const cv::Mat1f& sigma_m, int margin);
 
   cv::Size size;
   int margin;
-  PaddedImage<float> x, y;   // rays, known one pixel beyond the border
+  PaddedImage<float> x, y;   // rays, extrapolated one pixel beyond the border
   PaddedImage<float> z, w;   // depth and its inverse; kNowhere where nothing was measured
-  PaddedImage<float> sigma;  // of the depth, as a share of it; 0 where nothing was measured
+  PaddedImage<float> sigma;  // depth sigma relative to the depth; 0 where nothing was measured
 
-  // No surface reaches there, and its square is still a number.
+  // Larger than any measured value, with a square that is still finite.
   static constexpr float kNowhere = 1e15f;
 };
 
-// Unit vectors, zeros where there is none, of FitImage's size and margins.
+// Unit vectors, zero where unavailable, with FitImage's size and margins.
 struct NormalImages {
   explicit NormalImages(const FitImage& image)
       : x(image.size, image.margin), y(image.size, image.margin), z(image.size, image.margin) {}
-  // To be written whole.
+  // For images that will be fully written.
   static NormalImages framed(const FitImage& image) {
     const auto one = [&] { return PaddedImage<float>::framed(image.size, image.margin); };
     return {one(), one(), one()};
@@ -76,15 +78,16 @@ struct NormalImages {
 };
 
 struct PlaneFit {
-  int radius = 5;         // half width of the window, px; 15 at most
-  float per_depth = 0;    // a neighbour k pixels off is of the surface when its depth differs by at most
+  int radius = 5;         // half width of the window, px; at most 15
+  float per_depth = 0;    // a neighbour k pixels away belongs to the surface if its depth differs by at most
                           // k (per_depth z + 6 sigma)
-  float max_chi2 = 2.5f;  // per degree of freedom, of a window that is a plane
+  float max_chi2 = 2.5f;  // maximum chi-square per degree of freedom for a plane
 };
 
-// Unit normals, towards the camera, of the windows about the pixels of a row that are `wanted` (-1, else 0). A window
-// takes only pairs of pixels that mirror each other, which gives the pixel itself no say in the slopes. Zeros where
-// fewer than half of the window are of the surface, where it is no plane within the noise, and where nothing is wanted.
+// Computes camera-facing unit normals of the windows centred at the `wanted` pixels (-1, else 0) of a row. A window
+// uses only point-symmetric pixel pairs, so that the centre pixel does not contribute to the slopes. The result is zero
+// where fewer than half of the window belongs to the surface, where the window is not a plane within the noise, and for
+// pixels that are not wanted.
 void fit_planes(const FitImage& image, int row, const PlaneFit& fit, const int32_t* wanted, NormalImages& normals,
                 InstructionSet set = widest_instruction_set());
 

@@ -16,16 +16,16 @@ namespace {
 constexpr int kDegree = Triangulation::kDegree;
 constexpr int kNodes = kDegree + 1;
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
-constexpr double kMarginPx = 2;    // beyond the projector's border, for noise
-constexpr float kBeyond = 1.001f;  // how far past its ends a polynomial is believed
+constexpr double kMarginPx = 2;    // beyond the projector's border, to allow for noise
+constexpr float kBeyond = 1.001f;  // limit of |s| up to which a polynomial is extrapolated
 
-// The projector coordinate of a ray's point by its inverse depth.
+// Projector coordinate of the point on a ray at a given inverse depth.
 struct RayCoordinate {
   const RigModel& rig;
   Axis axis;
   Eigen::Vector3d direction;
 
-  // NaN behind the projector.
+  // Returns NaN for points behind the projector.
   double operator()(double inverse_depth) const {
     const Eigen::Vector3d point = direction + inverse_depth * rig.projector_from_camera.translation;
     if (!(point.z() > 0)) return std::numeric_limits<double>::quiet_NaN();
@@ -39,8 +39,8 @@ struct Polynomial {
   double centre = 0, half_range = 0;
 };
 
-// Moves an end of the interval of inverse depths to where the ray leaves the beam, by secants. `inside` is the other
-// end.
+// Moves one end of the inverse depth interval to the point where the ray leaves the projector's field, by the secant
+// method. `inside` is the other end.
 double clipped(const RayCoordinate& coordinate, double end, double inside, double low_px, double high_px) {
   const double u_end = coordinate(end);
   if (u_end >= low_px && u_end <= high_px) return end;
@@ -55,7 +55,7 @@ double clipped(const RayCoordinate& coordinate, double end, double inside, doubl
   return a;
 }
 
-// Newton's divided differences through Chebyshev nodes of the inverse depth, expanded into powers of s.
+// Newton interpolation with divided differences at Chebyshev nodes of inverse depth, expanded into powers of s.
 Polynomial interpolate(const RayCoordinate& coordinate, double w_low, double w_high) {
   Polynomial result;
   const double u_low = coordinate(w_low), u_high = coordinate(w_high);
@@ -106,7 +106,7 @@ FRINGESLAM_INLINE int near(float a, float b, float limit) { return std::abs(a - 
 FRINGESLAM_INLINE void points_body(const DepthRows& rows, int width, float per_depth, float* depth, cv::Vec3f* points,
                                    float* sigma) {
   const float *above = rows.above, *here = rows.here, *below = rows.below;
-  // The ends of the row have one neighbour less.
+  // The ends of the row have only one neighbour.
   const auto kept = [&](int i, int left, int right) {
     const float limit = per_depth * here[i] + 6 * rows.sigma[i];
     const int along_row =
@@ -178,7 +178,7 @@ Triangulation::Triangulation(const RigModel& rig, const PixelRays& rays, double 
                                      rig.projector_from_camera.rotation * Eigen::Vector3d(ray[0], ray[1], 1)};
       const double u_far = coordinate(w_far), u_near = coordinate(w_near);
       const bool crosses = std::max(u_far, u_near) > low_px && std::min(u_far, u_near) < high_px;
-      if (!crosses) continue;  // false for NaN, too
+      if (!crosses) continue;  // also for NaN
       const Polynomial polynomial = interpolate(coordinate, clipped(coordinate, w_far, w_near, low_px, high_px),
                                                 clipped(coordinate, w_near, w_far, low_px, high_px));
       for (int k = 0; k < kNodes; ++k) coefficients_[k](row, col) = static_cast<float>(polynomial.coefficients[k]);

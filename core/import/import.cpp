@@ -12,7 +12,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-// An unknown industrial camera at its base gain: grey values reach full scale near its full well.
+// Assumed for an unknown industrial camera at base gain: full scale corresponds to about its full well.
 constexpr double kFullScaleElectrons = 38250;
 
 int file_bits(const cv::Mat& image) { return image.depth() == CV_8U ? 8 : 16; }
@@ -28,8 +28,8 @@ SensorModel sensor_of(const ImportCamera& camera, int bits) {
   return sensor;
 }
 
-// Lenses of twice the image's width, side by side, looking at one point in the middle of the working range: something
-// that a calibration can start from.
+// Initial values for a calibration: both focal lengths twice the image width, camera and projector side by side, with
+// axes that meet in the middle of the working range.
 void make_nominal(RigModel& rig) {
   for (Pinhole* device : {&rig.camera, &rig.projector}) {
     device->fx = device->fy = 2.0 * device->width;
@@ -42,14 +42,14 @@ void make_nominal(RigModel& rig) {
 
 std::string size_text(int width, int height) { return std::to_string(width) + "x" + std::to_string(height); }
 
-// The same checks as those of any rig file.
+// Applies the checks of rig.yaml files.
 void check_rig(const RigModel& rig, const fs::path& config) {
   try {
     read_rig(YamlMap::parse(to_yaml(rig), "rig.yaml"));
   } catch (const Error& e) {
-    // The line is that of a text that nobody sees.
+    // Remove the location: its line refers to a text that is not stored anywhere.
     const std::string message = e.what();
-    throw Error(config.string() + ": the rig that it describes is refused: " + message.substr(message.find(": ") + 2));
+    throw Error(config.string() + ": the described rig is invalid: " + message.substr(message.find(": ") + 2));
   }
 }
 
@@ -60,16 +60,16 @@ ImportedRig::ImportedRig(ImportPlan plan) : plan_(std::move(plan)), model_(plan_
   type_ = image.type();
   Pinhole& camera = model_.camera;
   if (camera.width > 0 && (camera.width != image.cols || camera.height != image.rows))
-    throw Error(first_.string() + ": is " + size_text(image.cols, image.rows) + " but the calibration is of a " +
-                size_text(camera.width, camera.height) + " camera; give the images it was made for");
+    throw Error(first_.string() + ": is " + size_text(image.cols, image.rows) + " but the calibration is for a " +
+                size_text(camera.width, camera.height) + " camera; use the images it was made for");
   camera.width = image.cols, camera.height = image.rows;
   if (image.depth() == CV_32F && plan_.camera.bits == 0)
     throw Error(plan_.config.string() +
-                ": the images hold floating-point numbers; add `camera: {bits: N}`, which says "
-                "that full scale is 2^N - 1");
+                ": the images are floating point; add `camera: {bits: N}` to set "
+                "full scale to 2^N - 1");
   const int bits = plan_.camera.bits > 0 ? plan_.camera.bits : file_bits(image);
   if (bits > file_bits(image))
-    throw Error(first_.string() + ": has " + std::to_string(file_bits(image)) + " bits a pixel, but camera.bits is " +
+    throw Error(first_.string() + ": has " + std::to_string(file_bits(image)) + " bits per pixel, but camera.bits is " +
                 std::to_string(bits));
   model_.sensor = sensor_of(plan_.camera, bits);
   if (!model_.calibrated) make_nominal(model_);
@@ -80,11 +80,12 @@ cv::Mat ImportedRig::read(const fs::path& file) const {
   cv::Mat image = read_as_grey(file, plan_.camera.grey_from);
   if (image.cols != model_.camera.width || image.rows != model_.camera.height)
     throw Error(file.string() + ": is " + size_text(image.cols, image.rows) + " but " + first_.string() + " is " +
-                size_text(model_.camera.width, model_.camera.height) + "; all images must have one size");
+                size_text(model_.camera.width, model_.camera.height) + "; all images must have the same size");
   if (image.type() != type_)
-    throw Error(file.string() + ": has another pixel type than " + first_.string() + "; all must have one");
+    throw Error(file.string() + ": has a different pixel type than " + first_.string() +
+                "; all images must have the same type");
   if (plan_.camera.msb_aligned && image.depth() == CV_16U) {
-    // Division would round: low bits may hold a copy of the high ones.
+    // Shifted, not divided, because division would round: the low bits may hold a copy of the high bits.
     const int unused = file_bits(image) - model_.sensor.bits;
     for (auto pixel = image.begin<uint16_t>(); pixel != image.end<uint16_t>(); ++pixel)
       *pixel = static_cast<uint16_t>(*pixel >> unused);
@@ -92,14 +93,14 @@ cv::Mat ImportedRig::read(const fs::path& file) const {
   double largest = 0;
   cv::minMaxLoc(image, nullptr, &largest);
   if (image.depth() != CV_32F && largest > model_.sensor.max_dn())
-    throw Error(file.string() + ": has a grey value of " + to_text(largest) + ", more than camera.bits: " +
-                std::to_string(model_.sensor.bits) + " can hold; correct bits, or say msb_aligned: true");
+    throw Error(file.string() + ": has a grey value of " + to_text(largest) + ", which exceeds camera.bits: " +
+                std::to_string(model_.sensor.bits) + "; correct bits, or set msb_aligned: true");
   return image;
 }
 
 std::optional<FringeStack> ImportedRig::capture(const PatternSequence& sequence) {
   if (!(sequence == plan_.sequence))
-    throw Error(plan_.config.string() + ": the images are of another pattern sequence");
+    throw Error(plan_.config.string() + ": the images belong to a different pattern sequence");
   if (next_ == plan_.stacks.size()) return std::nullopt;
   FringeStack stack;
   stack.index = static_cast<int>(next_);

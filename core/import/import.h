@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Images of any structured-light rig as a Rig: what import.yaml (core/import/import_file.h) says about a folder of images
-// makes them fringe stacks, which RecordingRig turns into a dataset.
+// Third-party structured-light images as a Rig: import.yaml (core/import/import_file.h) describes a folder of images as
+// fringe stacks, which RecordingRig can turn into a dataset.
 #pragma once
 
 #include "core/import/import_file.h"
@@ -8,14 +8,15 @@
 
 namespace fringeslam {
 
-// Completes the rig by the size and the bit depth of the first image. Throws Error when the images are not those of
-// the calibration, or when the rig that results can measure nothing.
+// Completes the rig model with the size and bit depth of the first image. Throws Error if the images do not match the
+// calibration or if the resulting rig is invalid.
 class ImportedRig : public Rig {
  public:
   explicit ImportedRig(ImportPlan plan);
   const RigModel& model() const override { return model_; }
   const PatternSequence& sequence() const { return plan_.sequence; }
-  // Throws Error naming the image that is damaged, of another size or type than the first, or brighter than its bits.
+  // Returns the next stack. Throws Error naming the image if it is damaged, differs from the first in size or type, or
+  // has grey values above its bit depth.
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
 
  private:
@@ -23,7 +24,7 @@ class ImportedRig : public Rig {
 
   ImportPlan plan_;
   RigModel model_;
-  std::filesystem::path first_;  // image, whose size and type all others have
+  std::filesystem::path first_;  // first image; all others must have its size and type
   int type_ = 0;
   size_t next_ = 0;
 };

@@ -28,24 +28,24 @@ constexpr int kMaxSteps = 1000, kMaxBits = 30, kMaxNumber = 1000000;
 
 double radians(double degrees) { return degrees * std::numbers::pi / 180; }
 
-// --- which image shows which pattern ---
+// --- assignment of images to patterns ---
 
-// One line of `patterns:`, with the images that it names, in their order.
+// One entry of `patterns:` and the images that it names, in order.
 struct Entry {
   YamlMap map;
-  bool single = false;  // `file`, or else `files`
+  bool single = false;  // `file` instead of `files`
   std::vector<Pattern> patterns;
   std::vector<std::string> files;
-  std::vector<double> inverse_response;  // of `sequence`
+  std::vector<double> inverse_response;  // from `sequence`
 };
 
-// "img_{:02d}.png" or "img_%02d.png" with a number in it.
+// Formats a file name such as "img_{:02d}.png" or "img_%02d.png" with a number.
 std::string numbered(const YamlMap& map, const std::string& format, int number) {
   const size_t brace = format.find('{'), percent = format.find('%');
   const bool python = brace != std::string::npos;
   const size_t begin = python ? brace : percent, end = format.find_first_of(python ? "}" : "d", begin);
   const Error malformed =
-      map.error("files", "'" + format + "' must hold one number, as {:02d} or %02d; or list the files");
+      map.error("files", "'" + format + "' must contain one number field such as {:02d} or %02d; or list the files");
   if (begin == std::string::npos || end == std::string::npos) throw malformed;
   std::string field = format.substr(begin + 1, end - begin - 1);  // ":02d", "02"
   if (python) {
@@ -85,13 +85,13 @@ Axis read_axis(const YamlMap& map) {
 
 double read_period(const YamlMap& map, int length_px) {
   if (!map.has("number_of_periods")) return map.number("period_px", kPeriod);
-  if (map.has("period_px")) throw map.error("number_of_periods", "give period_px or number_of_periods, not both");
+  if (map.has("period_px")) throw map.error("number_of_periods", "specify period_px or number_of_periods, not both");
   const double period = length_px / map.number("number_of_periods", {1e-3, 1e4});
   if (!kPeriod.contains(period)) throw map.error("number_of_periods", range_error("the period", period, kPeriod));
   return period;
 }
 
-// What turns the rig's own phase into ours (see the header).
+// Phase offset from the other rig's convention to the one used here (see the header).
 double phase_offset_rad(const YamlMap& map, double period_px) {
   double offset_deg = map.number_or("phase_offset_deg", 0, kDegrees);
   if (map.has("wave") && map.choice("wave", {"cos", "sin"}) == "sin") offset_deg -= 90;
@@ -133,7 +133,7 @@ std::vector<Pattern> read_fringe(const YamlMap& map, bool single, const cv::Size
 
 // Coarsest bit first.
 std::vector<double> read_cells(const YamlMap& map, bool single, double period_px, int length_px) {
-  // Bit 0 changes from period to period; bit -1, of half periods, is the complementary one.
+  // Bit 0 changes from period to period; bit -1, the complementary bit, from half period to half period.
   if (single) return {period_px * std::exp2(map.integer("bit", {-1, kMaxBits}))};
   const int needed = std::max(1, static_cast<int>(std::ceil(std::log2(length_px / period_px) - 1e-9)));
   const int bits = map.integer_or("bits", needed, {1, kMaxBits});
@@ -179,7 +179,7 @@ Pattern flat(double level) {
   return pattern;
 }
 
-// What `fringeslam patterns` wrote.
+// Reads a patterns.yaml written by `fringeslam patterns`.
 PatternSequence read_sequence(const YamlMap& map, const cv::Size& projector) {
   const PatternSequence sequence = read_patterns(map.path("sequence"));
   if (sequence.width != projector.width || sequence.height != projector.height)
@@ -192,7 +192,8 @@ PatternSequence read_sequence(const YamlMap& map, const cv::Size& projector) {
 std::vector<Pattern> read_coding(const YamlMap& map, bool single, const cv::Size& projector) {
   const bool white = map.boolean_or("white", false), black = map.boolean_or("black", false);
   if (map.has("fringe") + map.has("gray") + map.has("flat") + white + black != 1)
-    throw map.error("an entry of patterns is one of fringe, gray, flat, white: true, black: true and sequence");
+    throw map.error(
+        "an entry of patterns must have exactly one of fringe, gray, flat, white: true, black: true and sequence");
   if (map.has("fringe")) return read_fringe(map.map("fringe"), single, projector);
   if (map.has("gray")) return read_gray(map.map("gray"), single, projector);
   if (white || black) return {flat(white ? 1 : 0)};
@@ -207,7 +208,7 @@ std::vector<Entry> read_entries(const YamlMap& map, const cv::Size& projector) {
   for (const YamlMap& line : map.maps("patterns")) {
     Entry entry{line, line.has("file"), {}, {}, {}};
     if (entry.single == line.has("files"))
-      throw line.error("an entry of patterns needs `file` for one image, or `files` for several, and not both");
+      throw line.error("an entry of patterns needs either `file` for one image or `files` for several, not both");
     if (!entry.single && line.has("sequence")) {
       PatternSequence sequence = read_sequence(line, projector);
       entry.patterns = std::move(sequence.patterns);
@@ -218,7 +219,7 @@ std::vector<Entry> read_entries(const YamlMap& map, const cv::Size& projector) {
     entry.files = entry_files(entry);
     entries.push_back(std::move(entry));
   }
-  if (entries.empty()) throw map.error("patterns", "'patterns' is empty; say which file shows which pattern");
+  if (entries.empty()) throw map.error("patterns", "'patterns' is empty; specify which file shows which pattern");
   return entries;
 }
 
@@ -230,13 +231,13 @@ PatternSequence sequence_of(const std::vector<Entry>& entries, const cv::Size& p
     for (const std::string& file : entry.files) {
       if (++users[fs::path(file).lexically_normal().string()] > 1)
         throw entry.map.error(entry.single ? "file" : "files",
-                              file + " is used a second time; each image is one pattern");
+                              file + " is used twice; each image shows one pattern");
     }
     for (const Pattern& pattern : entry.patterns) {
       const bool known =
           std::find(sequence.patterns.begin(), sequence.patterns.end(), pattern) != sequence.patterns.end();
       if (known && pattern.coding != Coding::flat)
-        throw entry.map.error("the same pattern stands here a second time; what differs between the two?");
+        throw entry.map.error("this pattern is a duplicate of an earlier one; specify how they differ");
       sequence.patterns.push_back(pattern);
     }
   }
@@ -248,9 +249,9 @@ PatternSequence sequence_of(const std::vector<Entry>& entries, const cv::Size& p
   return sequence;
 }
 
-// --- where the images are ---
+// --- image files ---
 
-// "pose2" before "pose10".
+// Natural order: "pose2" before "pose10".
 bool naturally_less(const std::string& a, const std::string& b) {
   size_t i = 0, j = 0;
   const auto is_digit = [](char c) { return std::isdigit(static_cast<unsigned char>(c)) != 0; };
@@ -293,9 +294,9 @@ std::vector<fs::path> stack_folders(const YamlMap& map, const fs::path& folder) 
     throw map.error("stacks", folder.string() + " has no folder that matches '" + map.text("stacks") + "'");
   std::vector<fs::path> folders;
   for (const std::string& name : names) {
-    if (!fs::is_directory(folder / name)) throw map.error("stacks", (folder / name).string() + " is no folder");
+    if (!fs::is_directory(folder / name)) throw map.error("stacks", (folder / name).string() + " is not a folder");
     if (std::find(folders.begin(), folders.end(), folder / name) != folders.end())
-      throw map.error("stacks", name + " is listed a second time");
+      throw map.error("stacks", name + " is listed twice");
     folders.push_back(folder / name);
   }
   return folders;
@@ -321,7 +322,7 @@ bool is_image(const fs::path& file) {
   return kExtensions.count(extension) > 0;
 }
 
-// An image that no entry names is more likely a mistake in the file than a picture of the cat.
+// Throws Error for images that no entry names: they more likely indicate a mistake in the file than unrelated images.
 void refuse_unused(const fs::path& stack, const std::vector<fs::path>& used, const std::vector<std::string>& ignored,
                    const YamlMap& map) {
   constexpr size_t kShown = 5;
@@ -347,12 +348,12 @@ void refuse_unused(const fs::path& stack, const std::vector<fs::path>& used, con
 
 // --- the rig ---
 
-// Beside the YAML file, or else among the images.
+// Looks for the file next to the YAML file and then among the images.
 fs::path calibration_file(const YamlMap& map, const std::string& name, const fs::path& folder) {
   for (const fs::path& candidate : {map.folder() / name, folder / name}) {
     if (fs::is_regular_file(candidate)) return candidate;
   }
-  throw map.error("file", name + " is neither beside this file nor in " + folder.string());
+  throw map.error("file", name + " is neither next to this file nor in " + folder.string());
 }
 
 CalibrationFiles read_calibration_section(const YamlMap& map, const fs::path& folder) {
@@ -369,7 +370,7 @@ CalibrationFiles read_calibration_section(const YamlMap& map, const fs::path& fo
   if (map.has("direction"))
     source.projector_from_camera =
         map.choice("direction", {"projector_from_camera", "camera_from_projector"}) == "projector_from_camera";
-  // Nothing in an OpenCV file tells millimetres from metres.
+  // OpenCV files do not state their length unit.
   source.unit_m = map.number("unit_m", {1e-6, 1e3});
   return source;
 }
@@ -383,7 +384,7 @@ void read_projector_size(const YamlMap& map, Pinhole& projector) {
   const YamlMap section = map.map("projector");
   const int width = section.integer("width_px", kPixels), height = section.integer("height_px", kPixels);
   if (projector.width > 0 && (projector.width != width || projector.height != height))
-    throw map.error("projector", "the calibration is of a projector of " + std::to_string(projector.width) + "x" +
+    throw map.error("projector", "the calibration is for a projector of " + std::to_string(projector.width) + "x" +
                                      std::to_string(projector.height) + " px");
   projector.width = width, projector.height = height;
 }
@@ -435,7 +436,7 @@ std::string read_board(const YamlMap& map) {
 }  // namespace
 
 ImportPlan read_import(const fs::path& config, const fs::path& folder) {
-  if (!fs::is_directory(folder)) throw Error(folder.string() + ": is no folder; give the one with the images");
+  if (!fs::is_directory(folder)) throw Error(folder.string() + ": is not a folder; specify the folder with the images");
   const YamlMap map = YamlMap::load(config);
   ImportPlan plan;
   plan.config = config;
@@ -448,7 +449,7 @@ ImportPlan read_import(const fs::path& config, const fs::path& folder) {
   const std::vector<Entry> entries = read_entries(map, projector);
   const std::vector<std::string> ignored = map.has("ignore") ? map.texts("ignore") : std::vector<std::string>{};
   const std::vector<fs::path> stacks = stack_folders(map, folder);
-  map.finish();  // a misspelt key before what it leads to
+  map.finish();  // report misspelt keys before their consequences
   plan.sequence = sequence_of(entries, projector, map);
   for (const fs::path& stack : stacks) {
     plan.stacks.push_back(images_of(stack, entries));

@@ -15,7 +15,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-// A file with four digits after the point has rotations this far from orthonormal.
+// Tolerated deviation from orthonormality; files with four decimal places deviate this much.
 constexpr double kRotationRounding = 1e-3;
 constexpr size_t kDistortionTerms = 5;
 
@@ -49,7 +49,7 @@ const Names kTranslation = {"T", "t", "translation", "translation_vector", "Tlp"
 const Names kCameraSize = {"camera_size", "cameraSize", "image_size", "imageSize"};
 const Names kProjectorSize = {"projector_size", "projectorSize"};
 
-// OpenCV prints its errors on standard error before it throws them; ours are one line, printed by whoever catches it.
+// Suppresses the messages that OpenCV prints on standard error before it throws.
 class QuietOpenCv {
  public:
   QuietOpenCv()
@@ -62,7 +62,7 @@ class QuietOpenCv {
   cv::ErrorCallback previous_;
 };
 
-// An entry of one of the files, as numbers by row.
+// Numbers of one entry, in row-major order.
 struct Entry {
   std::string where;  // "calibration.yml: M1"
   std::vector<double> values;
@@ -82,7 +82,7 @@ void append_numbers(const cv::FileNode& node, std::vector<double>& values) {
   } else if (node.isInt() || node.isReal()) {
     values.push_back(node.real());
   } else {
-    throw Error("is no number");
+    throw Error("is not a number");
   }
 }
 
@@ -95,11 +95,11 @@ std::string joined(const Names& names) {
 class Storage {
  public:
   explicit Storage(const std::vector<fs::path>& files) {
-    if (files.empty()) throw Error("no calibration file was given");
+    if (files.empty()) throw Error("no calibration file was specified");
     for (const fs::path& file : files) open(file);
   }
 
-  // The entry that was named, or the first of the usual names that some file has; null when there is none.
+  // Finds the named entry, or the first common name that exists in a file; null if there is none.
   std::unique_ptr<Entry> find(const std::string& named, const Names& usual) const {
     if (!named.empty()) return find_named(named);
     for (const std::string& name : usual) {
@@ -112,7 +112,7 @@ class Storage {
     if (const auto entry = find(named, usual)) return *entry;
     const std::string tried = named.empty() ? "none of " + joined(usual) : "no '" + named + "'";
     throw Error(all_names() + ": " + tried + " for the " + what + "; the entries are " + contents() +
-                (named.empty() ? ": say which of them it is" : ""));
+                (named.empty() ? ": specify which of them it is" : ""));
   }
 
  private:
@@ -130,7 +130,7 @@ class Storage {
     } catch (const cv::Exception&) {
     }
     if (!storage->isOpened() || storage->root().empty())
-      throw Error(path.string() + ": is no OpenCV file (cv::FileStorage YAML, XML or JSON)");
+      throw Error(path.string() + ": is not an OpenCV file (cv::FileStorage YAML, XML or JSON)");
     files_.push_back({path, std::move(storage)});
   }
 
@@ -147,8 +147,8 @@ class Storage {
     for (const File& file : files_) {
       auto entry = find_in(file, name);
       if (entry && found)
-        throw entry->error("stands in another file too; say which is meant as " + file.path.filename().string() + ":" +
-                           name);
+        throw entry->error("also exists in another file; specify the one to use as " + file.path.filename().string() +
+                           ":" + name);
       if (entry) found = std::move(entry);
     }
     return found;
@@ -161,10 +161,10 @@ class Storage {
     try {
       append_numbers(node, entry->values);
     } catch (const std::exception&) {
-      throw entry->error("is no matrix or list of numbers");
+      throw entry->error("is not a matrix or list of numbers");
     }
     for (const double value : entry->values) {
-      if (!std::isfinite(value)) throw entry->error("holds a number that is not finite");
+      if (!std::isfinite(value)) throw entry->error("contains a non-finite number");
     }
     return entry;
   }
@@ -217,7 +217,7 @@ Eigen::Matrix3d read_rotation(const Entry& entry) {
   const Eigen::Matrix3d rotation = Eigen::Matrix3d(r.data()).transpose();  // Eigen stores by column
   const double defect = (rotation.transpose() * rotation - Eigen::Matrix3d::Identity()).norm();
   if (defect > kRotationRounding || rotation.determinant() < 0)
-    throw entry.error("is not a right-handed rotation (it is " + to_text(defect) + " off orthonormal)");
+    throw entry.error("is not a right-handed rotation (it deviates from orthonormality by " + to_text(defect) + ")");
   return orthonormalised({rotation, Eigen::Vector3d::Zero()}).rotation;
 }
 

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Calibrations of a camera and a projector in OpenCV's files (cv::FileStorage: YAML, XML, JSON).
+// Reads camera-projector calibrations from OpenCV files (cv::FileStorage: YAML, XML, JSON).
 //
-// Matrices are [fx 0 cx; 0 fy cy; 0 0 1] with integer coordinates at pixel centres; distortion is k1 k2 p1 p2 (k3) as
-// in core/types/pinhole.h. Rotation (3 x 3, or a Rodrigues vector of 3) and translation are those of stereoCalibrate
-// with the camera first, x_projector = R x_camera + T, or of the other direction when that is said.
+// Camera matrices are [fx 0 cx; 0 fy cy; 0 0 1] with integer coordinates at pixel centres; distortion is k1 k2 p1 p2
+// (k3) as in core/types/pinhole.h. Rotation (3 x 3 matrix or Rodrigues vector) and translation follow stereoCalibrate
+// with the camera first, x_projector = R x_camera + T, or the opposite direction if specified.
 #pragma once
 
 #include <filesystem>
@@ -15,9 +15,9 @@
 
 namespace fringeslam {
 
-// Names of the entries: NAME, or FILE:NAME where several files have that name. Empty: the usual names are tried.
+// Entry names: NAME, or FILE:NAME if several files contain the name. Empty: common names are tried.
 struct CalibrationNames {
-  std::string camera_matrix, camera_distortion;  // distortion "none": a lens without any
+  std::string camera_matrix, camera_distortion;  // distortion "none": no lens distortion
   std::string projector_matrix, projector_distortion;
   std::string rotation, translation;
   std::string camera_size, projector_size;  // width and height, px
@@ -26,17 +26,18 @@ struct CalibrationNames {
 struct CalibrationFiles {
   std::vector<std::filesystem::path> files;
   CalibrationNames names;
-  bool projector_from_camera = true;  // or the rotation and translation are camera_from_projector
+  bool projector_from_camera = true;  // false: rotation and translation are camera_from_projector
   double unit_m = 0.001;              // of the translation
 };
 
 struct RigCalibration {
-  Pinhole camera, projector;  // width and height are 0 where the files do not tell
+  Pinhole camera, projector;  // width and height are 0 if not in the files
   Pose projector_from_camera;
 };
 
-// Throws Error, naming the file and the entry, for what is missing, ambiguous or no calibration: skew, more distortion
-// terms than five that are not zero, a matrix that is no rotation. One that is a rotation but for rounding is made one.
+// Reads a calibration. Throws Error naming the file and the entry if it is missing, ambiguous or unsupported: non-zero
+// skew, more than five non-zero distortion coefficients, or a matrix that is not a rotation. Rotations are
+// orthonormalised to remove rounding.
 RigCalibration read_opencv_calibration(const CalibrationFiles& source);
 
 }  // namespace fringeslam

@@ -18,14 +18,14 @@ namespace fs = std::filesystem;
 
 namespace {
 
-// In a folder that a StagedFolder put in place; says of which kind it is.
+// Marker file in folders written by StagedFolder; contains the kind.
 constexpr const char* kMarkerFile = ".fringeslam";
 
-// A new folder beside `target`, which is thus on the same file system.
+// Creates a temporary folder next to `target`, on the same file system.
 fs::path sibling_folder(const fs::path& target) {
   std::string name = target.string() + ".partial-XXXXXX";
   if (!mkdtemp(name.data()))
-    throw Error(target.string() + ": no folder can be made beside it: " + std::strerror(errno));
+    throw Error(target.string() + ": cannot create a temporary folder next to it: " + std::strerror(errno));
   return name;
 }
 
@@ -50,7 +50,7 @@ StagedFolder::StagedFolder(fs::path target, std::string kind) : target_(std::mov
   if (target_.has_parent_path()) {
     failed.clear();
     fs::create_directories(target_.parent_path(), failed);
-    if (failed) throw Error(target_.string() + ": its folder cannot be created: " + failed.message());
+    if (failed) throw Error(target_.string() + ": cannot create its parent folder: " + failed.message());
   }
   staging_ = sibling_folder(target_);
   fs::permissions(staging_, fs::perms(0755), failed);
@@ -64,7 +64,7 @@ StagedFolder::~StagedFolder() {
 void StagedFolder::commit() {
   if (!kind_.empty()) write_text(staging_ / kMarkerFile, kind_ + "\n");
   std::error_code failed;
-  // The old result steps aside first, so that a failed rename never costs both.
+  // The old folder is moved aside first, so that a failed rename does not lose both.
   fs::path aside;
   if (fs::exists(target_, failed)) {
     aside = sibling_folder(target_);
@@ -75,7 +75,7 @@ void StagedFolder::commit() {
     std::error_code ignored;
     if (!aside.empty()) fs::rename(aside / "old", target_, ignored);
     if (!aside.empty()) fs::remove(aside, ignored);
-    throw Error(target_.string() + ": cannot be put in place: " + failed.message());
+    throw Error(target_.string() + ": cannot be moved into place: " + failed.message());
   }
   committed_ = true;
   if (!aside.empty()) fs::remove_all(aside, failed);
@@ -84,7 +84,7 @@ void StagedFolder::commit() {
 StagedFile::StagedFile(fs::path target) : target_(std::move(target)) {
   std::string name = target_.string() + ".partial-XXXXXX";
   if (target_.filename().empty() || fs::is_directory(target_))
-    throw Error(target_.string() + ": cannot be written: is a folder");
+    throw Error(target_.string() + ": cannot be written: it is a folder");
   if (!mkdtemp(name.data())) throw Error(target_.string() + ": cannot be written: " + std::strerror(errno));
   staging_ = name;
 }
@@ -113,12 +113,12 @@ void write_text(const fs::path& file, const std::string& text) {
   std::ofstream out(file, std::ios::binary);
   out << text;
   out.close();
-  if (!out) throw Error(file.string() + ": cannot be written; check the folder and the space left on the disk");
+  if (!out) throw Error(file.string() + ": cannot be written; check the folder and the free disk space");
 }
 
 namespace {
 
-// OpenImageIO's messages may have several lines; ours have one.
+// OpenImageIO's messages may have several lines; Error messages have one.
 std::string first_line(const std::string& text) { return text.substr(0, text.find('\n')); }
 
 void write_image(const fs::path& file, const OIIO::ImageSpec& spec, const void* pixels, size_t row_stride) {
@@ -135,7 +135,7 @@ void write_image(const fs::path& file, const OIIO::ImageSpec& spec, const void* 
 
 namespace {
 
-// By way of memory: OpenImageIO's writers do not notice that the disk is full.
+// Encodes to memory, because OpenImageIO's file writers do not detect a full disk.
 std::string encoded(const char* name, OIIO::ImageSpec spec, const cv::Mat& pixels) {
   OIIO::Filesystem::IOVecOutput memory;
   void* proxy = &memory;
@@ -184,7 +184,7 @@ void write_exr(const fs::path& file, const std::vector<ExrChannel>& channels) {
   spec.channelnames.clear();
   for (const ExrChannel& channel : channels) spec.channelnames.push_back(channel.name);
   spec.attribute("compression", "zips");
-  // OpenImageIO would note the time of writing, and equal results would differ.
+  // A fixed time stamp: OpenImageIO would write the current time and identical results would differ.
   spec.attribute("DateTime", "1970:01:01 00:00:00");
   write_image(file, spec, pixels.data, pixels.step);
 }
@@ -197,8 +197,8 @@ uint32_t big_endian(const std::string& bytes, size_t at) {
   return value;
 }
 
-// Whether all chunks of a PNG are there and whole (length, type, data, CRC of type and data). libpng would print its
-// own complaint on standard error.
+// True if all chunks of a PNG are complete (length, type, data, CRC of type and data). Checked here because libpng
+// prints its own message on standard error.
 bool is_whole_png(const std::string& bytes) {
   constexpr size_t kSignature = 8, kFrame = 12;
   for (size_t at = kSignature; at + kFrame <= bytes.size();) {
@@ -212,27 +212,27 @@ bool is_whole_png(const std::string& bytes) {
   return false;
 }
 
-// All channels of an image as they are stored: unsigned 8 or 16 bits, or 32-bit float.
+// Reads all channels as stored: unsigned 8 or 16 bits, or 32-bit float.
 cv::Mat read_image(const fs::path& file) {
   std::error_code ignored;
   if (!fs::exists(file, ignored)) throw Error(file.string() + ": is missing");
   if (file.extension() == ".png" && !is_whole_png(read_bytes(file)))
     throw Error(file.string() + ": is truncated or damaged; record or render it again");
-  // OpenImageIO would multiply the colours by alpha.
+  // Prevents OpenImageIO from premultiplying colours by alpha.
   OIIO::ImageSpec as_stored;
   as_stored.attribute("oiio:UnassociatedAlpha", 1);
   auto in = OIIO::ImageInput::open(file.string(), &as_stored);
   if (!in) throw Error(file.string() + ": cannot be read as an image: " + first_line(OIIO::geterror()));
   const OIIO::ImageSpec& spec = in->spec();
   if (spec.width < 1 || spec.height < 1 || spec.width > 16384 || spec.height > 16384)
-    throw Error(file.string() + ": impossible image size");
+    throw Error(file.string() + ": invalid image size");
   if (spec.nchannels < 1 || spec.nchannels > CV_CN_MAX)
     throw Error(file.string() + ": has " + std::to_string(spec.nchannels) + " channels; a camera image has one");
   const auto base = static_cast<OIIO::TypeDesc::BASETYPE>(spec.format.basetype);
   const int depth = base == OIIO::TypeDesc::UINT8 ? CV_8U : base == OIIO::TypeDesc::UINT16 ? CV_16U : CV_32F;
   cv::Mat image(spec.height, spec.width, CV_MAKETYPE(depth, spec.nchannels));
   const OIIO::TypeDesc wanted = depth == CV_32F ? OIIO::TypeDesc(OIIO::TypeDesc::FLOAT) : OIIO::TypeDesc(base);
-  // Of what is missing at the end of a TIFF or JPEG it only leaves a message.
+  // For truncated TIFF or JPEG files read_image() succeeds and only sets an error message.
   if (!in->read_image(0, 0, 0, spec.nchannels, wanted, image.data) || in->has_error())
     throw Error(file.string() + ": is truncated or damaged: " + first_line(in->geterror()));
   return image;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Files and folders written whole or not at all, and images through OpenImageIO.
+// Atomic writing of files and folders, and image I/O through OpenImageIO.
 #pragma once
 
 #include <filesystem>
@@ -9,10 +9,10 @@
 
 namespace fringeslam {
 
-// A folder under construction: lives under a temporary name beside its target, is renamed to it by
-// commit() and removed by the destructor when commit() was never reached. An existing target is replaced only
-// when it is empty or was put in place by us as the same kind of thing ("run", "dataset"); otherwise the
-// constructor throws. Without a kind nothing but an empty folder is ever replaced.
+// Folder that appears under its final name only when complete: it is written under a temporary name next to the target,
+// renamed by commit(), and removed by the destructor if commit() was not called. An existing target is replaced only if
+// it is empty or was written by this class with the same kind ("run", "dataset"); otherwise the constructor throws
+// Error. With an empty kind, only an empty folder is replaced.
 class StagedFolder {
  public:
   StagedFolder(std::filesystem::path target, std::string kind);
@@ -29,9 +29,9 @@ class StagedFolder {
   bool committed_ = false;
 };
 
-// A file, and others that belong beside it, under construction: they are written under their own names into a temporary
-// folder beside the target. commit() moves them to the target's folder, the target last; what never got there is
-// removed by the destructor.
+// File, with any accompanying files, that appears only when complete: all files are written under their final names
+// into a temporary folder next to the target. commit() moves them into the target's folder, the target last; the
+// destructor removes anything left over.
 class StagedFile {
  public:
   explicit StagedFile(std::filesystem::path target);
@@ -48,33 +48,33 @@ class StagedFile {
 
 void write_text(const std::filesystem::path& file, const std::string& text);
 
-// The whole file; empty when there is none.
+// Reads a whole file; empty if it does not exist.
 std::string read_bytes(const std::filesystem::path& file);
 
-// A PNG file's bytes, and the file. CV_8UC1, CV_8UC3 (BGR, as OpenCV keeps it) or CV_16UC1; compression from 1 (fast) to
-// 9 (small).
+// PNG encoding to memory and to a file: CV_8UC1, CV_8UC3 (BGR, as in OpenCV) or CV_16UC1; compression level from 1
+// (fast) to 9 (small).
 std::string png_bytes(const cv::Mat& image, int compression = 3);
 void write_png(const std::filesystem::path& file, const cv::Mat& image);
 
-// A JPEG file's bytes, of CV_8UC1; quality from 1 to 100.
+// JPEG encoding to memory; quality from 1 to 100.
 std::string jpeg_bytes(const cv::Mat1b& image, int quality);
 
-// One or more CV_32FC1 channels of one size, zip-compressed.
+// EXR file with one or more CV_32FC1 channels of equal size, zip-compressed.
 struct ExrChannel {
   std::string name;
   cv::Mat image;
 };
 void write_exr(const std::filesystem::path& file, const std::vector<ExrChannel>& channels);
 
-// One channel of unsigned 8 or 16 bits (PNG, TIFF, BMP) or 32-bit float (EXR). Throws Error when the
-// file is missing, truncated, or has another number of channels.
+// Reads a single-channel image: unsigned 8 or 16 bits (PNG, TIFF, BMP) or 32-bit float (EXR). Throws Error if the file
+// is missing, truncated or has more than one channel.
 cv::Mat read_grey(const std::filesystem::path& file);
 
 enum class GreyFrom { luminance, red, green, blue };
 
-// The same of a file that may be in colour, then 8 or 16 bits. Alpha is ignored; where red, green and blue are equal
-// they are the grey value; else it is the channel asked for, or the luminance 0.299 R + 0.587 G + 0.114 B (Rec. 601),
-// rounded.
+// Reads an image that may be in colour and converts it to grey. Alpha is ignored. If red, green and blue are equal,
+// they are the grey value; otherwise it is the selected channel or the rounded luminance 0.299 R + 0.587 G + 0.114 B
+// (Rec. 601).
 cv::Mat read_as_grey(const std::filesystem::path& file, GreyFrom from);
 
 }  // namespace fringeslam

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// `--set group.key=value` for any set of options: a struct S whose for_each_group(visit) calls visit(name, options) for
-// each group.
+// `--set group.key=value` for any settings struct S whose for_each_group(visit) calls visit(name, options) for each
+// options group.
 #pragma once
 
 #include <algorithm>
@@ -12,7 +12,7 @@
 
 namespace fringeslam {
 
-// Writes one help line a field.
+// Formats one help line per field.
 class HelpWriter {
  public:
   explicit HelpWriter(const char* group) : group_(group) {}
@@ -36,7 +36,8 @@ class HelpWriter {
   std::string text_;
 };
 
-// Throws Error on a malformed, unknown or out-of-range setting, naming the nearest known one.
+// Applies settings of the form group.key=value. Throws Error for a malformed, unknown or out-of-range setting and
+// suggests the closest known name.
 template <class S>
 void apply_settings(S& settings, const std::vector<std::string>& sets) {
   std::vector<std::string> names;
@@ -60,7 +61,7 @@ void apply_settings(S& settings, const std::vector<std::string>& sets) {
   }
 }
 
-// "decode.min_modulation_dn  3  least fringe amplitude …", one line each, for --help.
+// Formats the settings for --help, one line each: "decode.min_modulation_dn  3  minimum modulation …".
 template <class S>
 std::string groups_help(S settings) {
   std::string text = "Settings for --set, with their defaults:\n";

@@ -22,14 +22,14 @@ constexpr Range kAnything{-1e300, 1e300};
 
 double nearest_to_zero(Range range) { return std::clamp(0.0, range.low, range.high); }
 
-// A text of the file that was read as a path, and the file that it means.
+// A value that was read as a path, and the file it refers to.
 struct AskedPath {
   YAML::Node text;
   std::filesystem::path file;
 };
 struct AskedPaths {
   std::vector<AskedPath> all;
-  size_t relative = 0;           // that many of them have been made relative already
+  size_t relative = 0;           // number of entries already made relative
   std::filesystem::path folder;  // to this folder
 };
 
@@ -38,15 +38,15 @@ struct AskedPaths {
 struct YamlMap::Node {
   YAML::Node yaml;
   std::string file;
-  std::string path;  // of this map in the file, the address of what is drawn in it
+  std::string path;  // position of this map in the file: the address prefix of its random draws
   std::shared_ptr<const Draws> draws;
   std::shared_ptr<AskedPaths> asked_paths = std::make_shared<AskedPaths>();
-  std::vector<std::string>* errors = nullptr;  // where they are collected; null: they are thrown
-  bool absent = false;                         // stands in for a map that was reported missing
-  bool given_up = false;                       // something in it kept the rest from being read
+  std::vector<std::string>* errors = nullptr;  // collects errors; null: errors are thrown
+  bool absent = false;                         // placeholder for a map reported as missing
+  bool given_up = false;                       // an error prevented the rest from being read
   std::set<std::string> asked;
   std::vector<std::shared_ptr<Node>> children;
-  // Values that come from another file than the rest.
+  // Values that were merged from another file.
   struct Foreign {
     YAML::Node value;
     std::string file;
@@ -60,7 +60,7 @@ struct YamlMap::Node {
     return file;
   }
 
-  // What `read` gives, or the stand-in when it fails while errors are collected.
+  // Returns the result of `read`, or the stand-in if it fails while errors are collected.
   template <class Value, class Read>
   Value tolerant(Value stand_in, const Read& read) const {
     if (!errors) return read();
@@ -77,7 +77,7 @@ struct YamlMap::Node {
     return file_of(node) + (mark.is_null() ? "" : ":" + std::to_string(mark.line + 1)) + ": ";
   }
 
-  // Lookup without yaml-cpp's habit of inserting missing keys.
+  // Lookup without yaml-cpp's insertion of missing keys.
   YAML::Node find(const std::string& key) {
     asked.insert(key);
     for (const auto& entry : yaml) {
@@ -95,7 +95,7 @@ struct YamlMap::Node {
       }
       const std::string misspelt = nearest_name(key, unasked);
       throw Error(where(yaml) + "'" + key + "' is missing; " +
-                  (misspelt.empty() ? "add it" : "is it what '" + misspelt + "' should say?"));
+                  (misspelt.empty() ? "add it" : "is '" + misspelt + "' a misspelling of it?"));
     }
     return value;
   }
@@ -114,7 +114,7 @@ struct YamlMap::Node {
     return node;
   }
 
-  // A number, or a distribution in its place, which is drawn and replaced by what came out.
+  // Returns a number. A distribution in its place is sampled and replaced by the drawn value.
   double to_number(YAML::Node value, const std::string& key, Range range, bool whole = false,
                    const std::string& element = "") const {
     if (value.IsMap() && draws) {
@@ -129,7 +129,7 @@ struct YamlMap::Node {
     return number;
   }
 
-  // A text, or a choice of texts in its place, which is drawn and replaced likewise.
+  // Returns a string. A choice in its place is sampled and replaced likewise.
   std::string to_text(const std::string& key);
 
   double draw(const YAML::Node& value, const std::string& key, Range range, bool whole, const std::string& place) const;
@@ -142,7 +142,7 @@ double YamlMap::Node::draw(const YAML::Node& value, const std::string& key, Rang
     throw Error(where(value) + "'" + key + "' must be a number or a distribution, " + kKinds);
   const std::string kind = value.begin()->first.Scalar();
   std::vector<double> given;
-  const YAML::Node list = value.begin()->second;  // kept: the iterator gives a passing copy
+  const YAML::Node list = value.begin()->second;  // the iterator yields a temporary copy
   for (const auto& entry : list) given.push_back(to_number(entry, key, kind == "normal" ? kAnything : range));
   const uint64_t address = fnv1a(place);
   if (kind == "choice") {
@@ -153,17 +153,17 @@ double YamlMap::Node::draw(const YAML::Node& value, const std::string& key, Rang
   if (given.size() != 2) throw Error(where(value) + "'" + kind + "' takes two numbers");
   const double a = given[0], b = given[1];
   if (kind == "uniform" || kind == "log_uniform") {
-    if (b < a) throw Error(where(value) + "'" + kind + "' must have its smaller number first");
-    if (kind == "log_uniform" && a <= 0) throw Error(where(value) + "'log_uniform' takes numbers above 0");
+    if (b < a) throw Error(where(value) + "'" + kind + "' needs the smaller number first");
+    if (kind == "log_uniform" && a <= 0) throw Error(where(value) + "'log_uniform' takes positive numbers");
     const double u = draws->uniform(address, 0);
     if (whole && kind == "uniform")
       return std::min(std::floor(b), std::ceil(a) + std::floor(u * (std::floor(b) - std::ceil(a) + 1)));
     const double drawn = kind == "uniform" ? a + u * (b - a) : a * std::pow(b / a, u);
     return whole ? std::round(drawn) : drawn;
   }
-  if (kind != "normal") throw Error(where(value) + "'" + kind + "' is no distribution; there are " + kKinds);
-  if (b < 0) throw Error(where(value) + "'normal' takes a mean and a sigma that is not negative");
-  // Truncated to what the key permits.
+  if (kind != "normal") throw Error(where(value) + "'" + kind + "' is not a distribution; use one of " + kKinds);
+  if (b < 0) throw Error(where(value) + "'normal' takes a mean and a non-negative sigma");
+  // Truncated to the permitted range by rejection.
   constexpr uint32_t kTries = 1000;
   for (uint32_t attempt = 0; attempt < kTries; ++attempt) {
     double drawn = a + b * draws->normal(address, attempt);
@@ -171,7 +171,7 @@ double YamlMap::Node::draw(const YAML::Node& value, const std::string& key, Rang
     if (range.contains(drawn)) return drawn;
   }
   throw Error(where(value) + "'" + key +
-              "' drawn from this normal distribution is hardly ever permitted; the range is [" +
+              "': this normal distribution almost never yields a permitted value; the range is [" +
               fringeslam::to_text(range.low) + ", " + fringeslam::to_text(range.high) + "]");
 }
 
@@ -195,9 +195,9 @@ void refuse_duplicates(const YAML::Node& node, const std::string& file) {
   std::set<std::string> seen;
   for (const auto& entry : node) {
     const std::string line = file + ":" + std::to_string(entry.first.Mark().line + 1) + ": ";
-    if (!entry.first.IsScalar()) throw Error(line + "a key must be a plain word");
+    if (!entry.first.IsScalar()) throw Error(line + "a key must be a scalar");
     if (!seen.insert(entry.first.Scalar()).second)
-      throw Error(line + "'" + entry.first.Scalar() + "' stands here a second time; keep one of the two");
+      throw Error(line + "'" + entry.first.Scalar() + "' is a duplicate key; keep one of the two");
   }
 }
 
@@ -207,10 +207,10 @@ YamlMap::YamlMap(std::shared_ptr<Node> node) : node_(std::move(node)) { refuse_d
 
 YamlMap YamlMap::load(const std::filesystem::path& file) {
   std::error_code ignored;
-  if (std::filesystem::is_directory(file, ignored)) throw Error(file.string() + ": is a folder; give a YAML file");
-  // A device or a pipe may never end.
+  if (std::filesystem::is_directory(file, ignored)) throw Error(file.string() + ": is a folder; specify a YAML file");
+  // Reading a device or a pipe may never end.
   if (std::filesystem::exists(file, ignored) && !std::filesystem::is_regular_file(file, ignored))
-    throw Error(file.string() + ": is no file; give a YAML file");
+    throw Error(file.string() + ": is not a regular file; specify a YAML file");
   std::ifstream in(file, std::ios::binary);
   if (!in) throw Error(file.string() + ": cannot be opened; check the path");
   std::stringstream content;
@@ -283,7 +283,7 @@ std::string YamlMap::Node::to_text(const std::string& key) {
     const YAML::Node chosen = choices[static_cast<size_t>(std::min(n - 1, std::floor(n * u)))];
     if (chosen.IsScalar()) value = chosen.Scalar();
   }
-  if (!value.IsScalar() || value.Scalar().empty()) throw Error(where(value) + "'" + key + "' must be a text");
+  if (!value.IsScalar() || value.Scalar().empty()) throw Error(where(value) + "'" + key + "' must be a string");
   return value.Scalar();
 }
 
@@ -339,7 +339,7 @@ Pose YamlMap::as_pose() const {
     const Eigen::Vector3d angles = vector3_or("rotation_deg", Eigen::Vector3d::Zero(), kDegrees);
     Pose pose = pose_from({Eigen::Vector3d::Zero(), angles});
     if (has("rotation_matrix")) {
-      if (has("rotation_deg")) throw error("give rotation_deg or rotation_matrix, not both");
+      if (has("rotation_deg")) throw error("specify rotation_deg or rotation_matrix, not both");
       const std::vector<double> m = numbers("rotation_matrix", 9, {-1.001, 1.001});
       pose.rotation << m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8];
       const double defect = (pose.rotation.transpose() * pose.rotation - Eigen::Matrix3d::Identity()).norm();
@@ -359,7 +359,7 @@ std::vector<std::string> YamlMap::texts(const std::string& key) const {
     std::vector<std::string> result;
     for (const auto& element : value) {
       if (!value.IsSequence() || !element.IsScalar())
-        throw error(key, "'" + key + "' must be a text or a list of texts");
+        throw error(key, "'" + key + "' must be a string or a list of strings");
       result.push_back(element.Scalar());
     }
     if (result.empty()) throw error(key, "'" + key + "' must not be empty");
@@ -432,15 +432,15 @@ std::vector<std::filesystem::path> YamlMap::paths(const std::string& key) const 
 
 std::filesystem::path YamlMap::file(const std::string& key) const {
   const std::filesystem::path file = path(key);
-  std::error_code ignored;  // of a name that is too long, say: such a file does not exist either
+  std::error_code ignored;  // such as a name that is too long: that file does not exist either
   if (!std::filesystem::exists(file, ignored)) throw error(key, file.string() + " does not exist");
-  if (!std::filesystem::is_regular_file(file, ignored)) throw error(key, file.string() + " is no file");
+  if (!std::filesystem::is_regular_file(file, ignored)) throw error(key, file.string() + " is not a regular file");
   return file;
 }
 
 namespace {
 
-// The same value as if no line of a file had it.
+// Copies a value without its line marks.
 YAML::Node without_marks(const YAML::Node& node) {
   if (node.IsScalar()) return YAML::Node(node.Scalar());
   YAML::Node copy(node.Type());
@@ -470,14 +470,14 @@ void YamlMap::set(const std::string& path, const std::string& value) {
     const auto missing = [&](const std::string& what) {
       return Error(node_->file + ": " + path + ": " + (begin > 0 ? path.substr(0, begin - 1) + " " : "") + what);
     };
-    if (step.empty()) throw missing("is followed by no name");
+    if (step.empty()) throw missing("is followed by an empty name");
     size_t number = 0;
     if (at.IsSequence()) {
       const auto [stop, failure] = std::from_chars(step.data(), step.data() + step.size(), number);
       if (failure != std::errc() || stop != step.data() + step.size() || number >= at.size())
         throw missing("is a list of " + std::to_string(at.size()) + "; its entries are numbered from 0");
     } else if (!at.IsMap()) {
-      throw missing("is a value and has nothing below it");
+      throw missing("is a scalar and has no sub-keys");
     }
     if (end == path.size()) {
       if (at.IsSequence())
@@ -495,7 +495,7 @@ void YamlMap::set(const std::string& path, const std::string& value) {
 
 YamlMap YamlMap::changed_by(const YamlMap& changes, const std::vector<std::string>& except) const {
   auto node = std::make_shared<Node>();
-  node->yaml.reset(node_->yaml);  // a clone would not know its lines
+  node->yaml.reset(node_->yaml);  // a clone would lose its line marks
   node->file = node_->file;
   node->path = changes.node_->path;
   node->draws = changes.node_->draws;
@@ -508,7 +508,7 @@ YamlMap YamlMap::changed_by(const YamlMap& changes, const std::vector<std::strin
       if (under[key] && under[key].IsMap() && value.IsMap() && !is_pose(value)) {
         put(under[key], value);
       } else {
-        under[key] = value;  // the node itself: what is drawn in its place shows in both
+        under[key] = value;  // the same node, so that a drawn value appears in both
         node->foreign.push_back({value, changes.node_->file});
       }
     }
@@ -533,7 +533,7 @@ std::string YamlMap::dump(const std::vector<std::string>& keys, const std::files
   const auto whole = [](const std::filesystem::path& path) {
     return std::filesystem::absolute(path.empty() ? "." : path).lexically_normal();
   };
-  // Those of the whole file: once, not for each map of it.
+  // Paths of the whole file are converted once, not per map.
   AskedPaths& asked = *node_->asked_paths;
   if (asked.folder != folder) asked.relative = 0;
   asked.folder = folder;
@@ -541,7 +541,7 @@ std::string YamlMap::dump(const std::vector<std::string>& keys, const std::files
     AskedPath& path = asked.all[asked.relative];
     path.text = whole(path.file).lexically_relative(whole(folder / "")).string();
   }
-  // Not by way of a new node: it would take over all the nodes of the file.
+  // Emitted directly: a new node would take ownership of all nodes of the file.
   YAML::Emitter out;
   out << YAML::BeginMap;
   for (const auto& entry : node_->yaml) {

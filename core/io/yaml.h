@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Strict reading of YAML files: every error says file:line, and a key that nobody asked for is an
-// error that names the nearest key that was asked for.
+// Strict YAML reader: every error states file:line, and a key that is never read is an error that suggests the closest
+// known key.
 //
 //   YamlMap file = YamlMap::load("rig.yaml");
 //   const int width = file.map("camera").integer("width_px", {1, 16384});
-//   file.finish();   // refuses unknown keys, here and in every map below
+//   file.finish();   // rejects unknown keys in this map and all maps below
 #pragma once
 
 #include <cstdint>
@@ -21,7 +21,7 @@
 
 namespace fringeslam {
 
-// Random numbers by address, for the distributions that may stand in place of numbers.
+// Source of random numbers, indexed by address, for distributions given in place of numbers.
 class Draws {
  public:
   virtual ~Draws() = default;
@@ -32,7 +32,7 @@ class Draws {
 class YamlMap {
  public:
   static YamlMap load(const std::filesystem::path& file);
-  // `name` stands for the file name in errors.
+  // Parses YAML text; `name` replaces the file name in errors.
   static YamlMap parse(const std::string& text, const std::string& name);
 
   bool has(const std::string& key) const;
@@ -40,71 +40,73 @@ class YamlMap {
   double number_or(const std::string& key, double fallback, Range range) const;
   int integer(const std::string& key, Range range) const;
   int integer_or(const std::string& key, int fallback, Range range) const;
-  // A whole number from 0 to 2^64 - 1, to the last digit.
+  // Integer from 0 to 2^64 - 1, without loss of precision.
   uint64_t seed(const std::string& key) const;
   bool boolean_or(const std::string& key, bool fallback) const;
   std::string text(const std::string& key) const;
   std::string text_or(const std::string& key, const std::string& fallback) const;
   std::string choice(const std::string& key, const std::vector<std::string>& choices) const;
-  // A choice on which depends what else is read: throws even while errors are collected, to be caught by attempt().
+  // Like choice(), but always throws on error, even while errors are collected: use it in attempt() for keys that
+  // determine which other keys are read.
   std::string kind(const std::string& key, const std::vector<std::string>& choices) const;
-  // `count` 0 accepts any length but none.
+  // List of numbers; `count` 0 accepts any non-zero length.
   std::vector<double> numbers(const std::string& key, size_t count, Range range) const;
   Eigen::Vector3d vector3(const std::string& key, Range range) const;
   Eigen::Vector3d vector3_or(const std::string& key, const Eigen::Vector3d& fallback, Range range) const;
-  // {translation_m: [x, y, z], rotation_deg: [alpha, beta, gamma]}, or rotation_matrix: 9 numbers by row.
+  // Pose given as {translation_m: [x, y, z], rotation_deg: [alpha, beta, gamma]}, or with rotation_matrix: 9 numbers in
+  // row-major order.
   Pose pose(const std::string& key) const;
-  Pose as_pose() const;  // this map itself
+  Pose as_pose() const;  // this map itself as a pose
 
-  // A list of texts, or one text for a list of one.
+  // List of strings; a single string is a list of one.
   std::vector<std::string> texts(const std::string& key) const;
 
   YamlMap map(const std::string& key) const;
   std::vector<YamlMap> maps(const std::string& key) const;
   std::vector<std::string> keys() const;
 
-  // Reads the fields that are present into an options struct (core/types/options.h).
+  // Reads the fields that are present into a self-describing options struct (core/types/options.h).
   template <class Options>
   void read(Options& options) const {
     FieldReader reader{*this};
     options.describe(reader);
   }
 
-  // "file:line: message", to be thrown for what is wrong with a key or with the whole map.
+  // Creates an error "file:line: message" about one key or about the whole map.
   Error error(const std::string& key, const std::string& message) const;
   Error error(const std::string& message) const;
-  // The folder of the file, against which paths in it are resolved.
+  // Folder of the file; relative paths in the file are resolved against it.
   std::filesystem::path folder() const;
   std::filesystem::path path(const std::string& key) const;
   std::vector<std::filesystem::path> paths(const std::string& key) const;
-  // The path of a file that is there: neither a folder nor a device.
+  // Path of an existing regular file; throws Error for folders and devices.
   std::filesystem::path file(const std::string& key) const;
 
   void finish() const;
 
-  // Replaces the value at a path such as light.ambient_lux or objects.2.count by a YAML value; maps on the way that are
-  // missing are made. Throws Error when something on the way has no such entry.
+  // Replaces the value at a path such as light.ambient_lux or objects.2.count by a YAML value; missing intermediate
+  // maps are created. Throws Error if an element of the path does not exist.
   void set(const std::string& path, const std::string& value);
-  // This map with `changes` over it, except some of their keys: maps come together, everything else, and poses, is
-  // replaced, in this map too. What is drawn and what errors do goes by `changes`, whose other keys count as read.
+  // Merges `changes` over this map, except for the keys in `except`. Maps are merged recursively; all other values, and
+  // poses, are replaced. This map is modified as well. The result uses the random draws and the error collection of
+  // `changes`, all of whose keys are marked as read.
   YamlMap changed_by(const YamlMap& changes, const std::vector<std::string>& except) const;
 
-  // From now on what is wrong with this map, or with one below it, is added to `errors` and a permitted value stands in
-  // for it, so that one reading finds all that is wrong.
+  // From now on, errors in this map and the maps below are appended to `errors` and a permitted value is returned
+  // instead, so that one pass finds all errors.
   void collect_errors(std::vector<std::string>& errors);
-  // Runs `read` on this map; while errors are collected, what it throws is added to them, unless others came up in it
-  // before, of which it may be a consequence. The rest of the map is then not looked at.
+  // Runs `read`. While errors are collected, an exception from it is recorded unless `read` already recorded errors of
+  // which it may be a consequence; the rest of the map is then not checked.
   void attempt(const std::function<void()>& read) const;
-  // Throws it, or adds it to those that are collected.
+  // Throws `error`, or records it while errors are collected.
   void report(const Error& error) const;
 
-  // From now on a number in this map, or below it, may be {uniform: [a, b]}, {log_uniform: [a, b]}, {normal: [mean,
-  // sigma]} (truncated to what is permitted) or {choice: [...]}, and a text a choice. What is drawn depends on the
-  // place in the file and nothing else.
-  // `place` is put before the places in this file: that of the file itself among several.
+  // From now on, a number in this map or below may be {uniform: [a, b]}, {log_uniform: [a, b]}, {normal: [mean, sigma]}
+  // (truncated to the permitted range) or {choice: [...]}, and a string may be a choice. The value drawn depends only
+  // on the position in the file. `place` is a prefix for these positions that distinguishes files.
   void draw_from(std::shared_ptr<const Draws> draws, const std::string& place = "");
-  // These keys of the map as YAML, with what was drawn in place of distributions; what was read as a path is written
-  // relative to `folder`.
+  // Writes these keys as YAML with drawn values in place of distributions; values read as paths are written relative to
+  // `folder`.
   std::string dump(const std::vector<std::string>& keys, const std::filesystem::path& folder) const;
 
  private:
@@ -123,10 +125,10 @@ class YamlMap {
   std::shared_ptr<Node> node_;
 };
 
-// A text as a YAML scalar that reads back as the same text.
+// Quotes a string as a YAML scalar that reads back unchanged.
 std::string yaml_quoted(const std::string& text);
 
-// Writes `describe()`d options as the lines of a YAML map.
+// Writes self-describing options as lines of a YAML map.
 class YamlOptionsWriter {
  public:
   explicit YamlOptionsWriter(int indent) : indent_(static_cast<size_t>(indent), ' ') {}

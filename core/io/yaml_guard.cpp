@@ -15,14 +15,14 @@ namespace {
 
 constexpr size_t kMostNodes = 1000000;
 constexpr size_t kDeepest = 64;
-constexpr size_t kMostKeys = 1000;  // of one map; they are looked up one by one
+constexpr size_t kMostKeys = 1000;  // per map; keys are searched linearly
 
 class Guard : public YAML::EventHandler {
  public:
   explicit Guard(const std::string& name) : name_(name) {}
 
   void OnDocumentStart(const YAML::Mark& mark) override {
-    if (documents_++ > 0) refuse(mark, "a second document begins here; keep one in a file");
+    if (documents_++ > 0) refuse(mark, "a second document starts here; use one document per file");
   }
   void OnDocumentEnd() override {}
   void OnNull(const YAML::Mark& mark, YAML::anchor_t anchor) override { add(mark, anchor); }
@@ -42,27 +42,28 @@ class Guard : public YAML::EventHandler {
   void OnMapEnd() override { open_.pop_back(); }
 
  private:
-  // A map or list that has not ended yet.
+  // An open map or list.
   struct Open {
     bool map = false;
-    size_t children = 0;  // of a map, keys and values
+    size_t children = 0;  // for a map: keys and values
   };
 
   [[noreturn]] void refuse(const YAML::Mark& mark, const std::string& message) const {
     throw Error(name_ + ":" + std::to_string(mark.line + 1) + ": " + message);
   }
   void add(const YAML::Mark& mark, YAML::anchor_t anchor) {
-    if (anchor != YAML::NullAnchor) refuse(mark, "anchors and aliases (&name, *name) are not read; write it out");
-    if (++nodes_ > kMostNodes) refuse(mark, "the file holds more than " + std::to_string(kMostNodes) + " values");
+    if (anchor != YAML::NullAnchor)
+      refuse(mark, "anchors and aliases (&name, *name) are not supported; write the value out");
+    if (++nodes_ > kMostNodes) refuse(mark, "the file contains more than " + std::to_string(kMostNodes) + " values");
     if (open_.empty()) return;
     Open& parent = open_.back();
     if (++parent.children > 2 * kMostKeys && parent.map)
-      refuse(mark, "a map of more than " + std::to_string(kMostKeys) + " keys");
+      refuse(mark, "the map has more than " + std::to_string(kMostKeys) + " keys");
   }
   void open(const YAML::Mark& mark, YAML::anchor_t anchor, bool map) {
     add(mark, anchor);
     if (open_.size() == kDeepest)
-      refuse(mark, "more than " + std::to_string(kDeepest) + " maps and lists within one another");
+      refuse(mark, "more than " + std::to_string(kDeepest) + " nested maps and lists");
     open_.push_back({map});
   }
 
@@ -75,7 +76,7 @@ class Guard : public YAML::EventHandler {
 
 void check_yaml(const std::string& text, const std::string& name) {
   if (text.size() > kMostYamlBytes)
-    throw Error(name + ": is larger than " + std::to_string(kMostYamlBytes >> 20) + " MiB; no such file is read");
+    throw Error(name + ": is larger than " + std::to_string(kMostYamlBytes >> 20) + " MiB, the limit for YAML files");
   std::istringstream stream(text);
   YAML::Parser parser(stream);
   Guard guard(name);

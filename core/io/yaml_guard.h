@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a YAML file may not hold, found in one pass over it before anything is built from it.
+// Checks limits and unsupported features of YAML text in one pass, before a document is built from it.
 #pragma once
 
 #include <cstddef>
@@ -7,13 +7,13 @@
 
 namespace fringeslam {
 
-// The largest file that is read. What it may hold in all, maps within maps and keys of one map are limited likewise:
-// no file that somebody wrote comes near, and one that does would take all of the memory, or hours.
+// Maximum file size. The number of values, the nesting depth and the number of keys per map are limited as well: no
+// hand-written file comes close, and a file beyond the limits could exhaust memory or take hours.
 constexpr size_t kMostYamlBytes = 16 << 20;
 
-// Throws Error with name:line, or what yaml-cpp throws where the text is no YAML. A second document, anchors and
-// aliases are refused: one would be left out without a word, and what is drawn from a distribution depends on its
-// place in the file, of which a node with an alias has two.
+// Throws Error with name:line, or a yaml-cpp exception if the text is not valid YAML. A second document is rejected
+// because it would be silently ignored; anchors and aliases are rejected because random draws depend on the position in
+// the file, which is ambiguous for an aliased node.
 void check_yaml(const std::string& text, const std::string& name);
 
 }  // namespace fringeslam

@@ -14,7 +14,8 @@ std::vector<Pattern> axis_patterns(const SequenceDesign& design, Axis axis) {
   std::vector<Pattern> patterns =
       phase_shift_sequence(design.width, design.height, design.periods_px, design.steps, axis, design.bits).patterns;
   if (design.gray == GrayCode::none) return patterns;
-  if (design.periods_px.empty()) throw Error("patterns: a Gray code numbers fringe periods; add periods_px");
+  if (design.periods_px.empty())
+    throw Error("patterns: a Gray code numbers fringe periods, but there are none; add periods_px");
   const double period = *std::min_element(design.periods_px.begin(), design.periods_px.end());
   const double finest = design.gray == GrayCode::complementary ? period / 2 : period;
   for (Pattern pattern : gray_patterns(axis, finest, length, design.bits)) {
@@ -44,7 +45,7 @@ PatternSequence design_sequence(const SequenceDesign& design) {
   if (design.white_black) append({flat_pattern(1, design.bits), flat_pattern(0, design.bits)});
   for (int i = 0; i < design.ramp_levels; ++i)
     all.push_back(flat_pattern(static_cast<double>(i) / std::max(1, design.ramp_levels - 1), design.bits));
-  if (all.empty()) throw Error("patterns: the sequence is empty; give periods_px or ramp_levels");
+  if (all.empty()) throw Error("patterns: the sequence is empty; specify periods_px or ramp_levels");
   for (Pattern& pattern : all) pattern.dithered = design.dithered && pattern.coding == Coding::fringe;
   return sequence;
 }
@@ -53,7 +54,7 @@ cv::Mat3b packed_image(const std::vector<cv::Mat1b>& images, const std::string& 
   std::string sorted = order;
   std::sort(sorted.begin(), sorted.end());
   if (sorted != "BGR") throw Error("packing order '" + order + "' must name each of R, G and B once, such as RGB");
-  if (images.size() != 3) throw Error("packing takes three images at a time");
+  if (images.size() != 3) throw Error("packing needs exactly three images");
   std::vector<cv::Mat1b> channels(3);
   for (size_t i = 0; i < 3; ++i) channels[std::string("BGR").find(order[i])] = images[i];
   cv::Mat3b packed;

@@ -13,7 +13,7 @@ namespace fringeslam {
 namespace {
 constexpr double kTwoPi = 2 * std::numbers::pi;
 
-// Shifts that differ by whole turns show the same pattern.
+// Counts distinct shifts; shifts that differ by whole turns give the same pattern.
 size_t distinct_shifts(const std::vector<double>& shifts_rad) {
   std::vector<double> distinct;
   for (const double shift : shifts_rad) {
@@ -25,7 +25,7 @@ size_t distinct_shifts(const std::vector<double>& shifts_rad) {
   return distinct.size();
 }
 
-// Floyd and Steinberg's error diffusion, every other row from right to left so that no direction is preferred.
+// Floyd-Steinberg error diffusion; the scan direction alternates between rows so that no direction is preferred.
 cv::Mat1f diffused(cv::Mat1f wanted, double levels) {
   const int rows = wanted.rows, cols = wanted.cols;
   cv::Mat1f shown(wanted.size());
@@ -72,7 +72,7 @@ PatternSequence phase_shift_sequence(int width, int height, const std::vector<do
 
 std::vector<Pattern> gray_patterns(Axis axis, double cell_px, int length_px, int bits) {
   std::vector<Pattern> patterns;
-  // The bit of cell width c is constant over the first c px: it says nothing where the image is no longer.
+  // The bit of cell width c is constant over the first c px, so it carries no information if c >= length_px.
   for (double cell = cell_px; cell < length_px; cell *= 2) {
     Pattern pattern{axis, cell, 0, bits};
     pattern.coding = Coding::gray;

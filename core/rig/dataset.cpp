@@ -25,7 +25,7 @@ std::string image_name(size_t number, const std::string& extension) {
   return name + extension;
 }
 
-// The image as it was recorded: .png, or .exr for unquantised images.
+// Returns the existing .exr file (unquantised images) or else the .png file.
 fs::path exr_or_png(const fs::path& stem) {
   const fs::path exr = stem.string() + ".exr";
   std::error_code ignored;
@@ -51,7 +51,7 @@ std::string stack_name(int index) {
 DatasetInfo read_dataset_info(const fs::path& folder) {
   const YamlMap map = YamlMap::load(folder / kDatasetFile);
   if (map.text("format") != kFormat)
-    throw map.error("format", "format is not '" + std::string(kFormat) + "'; this version reads no other");
+    throw map.error("format", "format is not '" + std::string(kFormat) + "'; this version reads only that format");
   DatasetInfo info;
   info.name = map.text("name");
   info.seed = map.seed("seed");
@@ -71,16 +71,16 @@ ReplayRig::ReplayRig(fs::path folder)
     for (size_t i = 0; i < sequence_.patterns.size(); ++i) {
       const fs::path file = image_file(stack_folder(folder_, index), i);
       if (!fs::exists(file))
-        throw Error(file.string() + ": is missing; " + kDatasetFile + " promises " + std::to_string(info_.stacks) +
+        throw Error(file.string() + ": is missing; " + kDatasetFile + " lists " + std::to_string(info_.stacks) +
                     " stacks of " + std::to_string(sequence_.patterns.size()) + " images");
     }
     const fs::path thermal = thermal_file(stack_folder(folder_, index));
     if (info_.has_thermal && !fs::exists(thermal))
-      throw Error(thermal.string() + ": is missing, though " + kDatasetFile + " promises thermal images");
+      throw Error(thermal.string() + ": is missing, although " + kDatasetFile + " declares thermal images");
   }
   if (info_.has_thermal && !model_.thermal)
-    throw Error((folder_ / "rig.yaml").string() + ": has no 'thermal' section, though " + kDatasetFile +
-                " promises thermal images");
+    throw Error((folder_ / "rig.yaml").string() + ": has no 'thermal' section, although " + kDatasetFile +
+                " declares thermal images");
 }
 
 cv::Mat1f ReplayRig::thermal_of(const fs::path& stack) const {
@@ -92,13 +92,13 @@ cv::Mat1f ReplayRig::thermal_of(const fs::path& stack) const {
                 " but the thermal camera of rig.yaml has " + std::to_string(lens.width) + "x" +
                 std::to_string(lens.height));
   if (image.type() == CV_32FC1) return image;
-  if (image.type() != CV_16UC1) throw Error(file.string() + ": is not of 16 bits, hundredths of a kelvin");
+  if (image.type() != CV_16UC1) throw Error(file.string() + ": is not a 16-bit image in hundredths of a kelvin");
   cv::Mat1f temperature_c(image.size());
   std::transform(image.begin<uint16_t>(), image.end<uint16_t>(), temperature_c.begin(), celsius);
   return temperature_c;
 }
 
-// Which of the recorded images a sequence asks for.
+// Indices of the recorded images that a sequence asks for.
 std::vector<size_t> ReplayRig::images_of(const PatternSequence& sequence) const {
   PatternSequence same = sequence;
   same.patterns = sequence_.patterns;
@@ -107,7 +107,7 @@ std::vector<size_t> ReplayRig::images_of(const PatternSequence& sequence) const 
     if (sequence_.patterns[i] == sequence.patterns[images.size()]) images.push_back(i);
   }
   if (!(same == sequence_) || images.empty() || images.size() < sequence.patterns.size())
-    throw Error((folder_ / "patterns.yaml").string() + ": the dataset was recorded with another pattern sequence");
+    throw Error((folder_ / "patterns.yaml").string() + ": the dataset was recorded with a different pattern sequence");
   return images;
 }
 
@@ -130,7 +130,7 @@ std::optional<FringeStack> ReplayRig::capture(const PatternSequence& sequence) {
                   " but the camera of rig.yaml has " + std::to_string(model_.camera.width) + "x" +
                   std::to_string(model_.camera.height));
     if (!stack.images.empty() && image.type() != stack.images.front().type())
-      throw Error(file.string() + ": has another pixel type than the first image of its stack");
+      throw Error(file.string() + ": has a different pixel type than the first image of its stack");
     stack.images.push_back(std::move(image));
   }
   if (info_.has_thermal) stack.thermal_c = thermal_of(folder);
@@ -173,12 +173,12 @@ void write_stack(const fs::path& folder, const FringeStack& stack) {
 std::optional<FringeStack> RecordingRig::capture(const PatternSequence& sequence) {
   if (!sequence_) write_text(folder_ / "patterns.yaml", to_yaml(sequence));
   if (sequence_ && !(*sequence_ == sequence))
-    throw Error(folder_.string() + ": one dataset holds one pattern sequence");
+    throw Error(folder_.string() + ": a dataset contains only one pattern sequence");
   sequence_ = sequence;
   auto stack = inner_.capture(sequence);
   if (!stack) return stack;
   if (stacks_ > 0 && has_thermal_ == stack->thermal_c.empty())
-    throw Error(folder_.string() + ": a dataset has a thermal image of every stack, or of none");
+    throw Error(folder_.string() + ": a dataset has a thermal image for every stack or for none");
   has_thermal_ = !stack->thermal_c.empty();
 
   const fs::path folder = stack_folder(folder_, stacks_);
@@ -186,7 +186,7 @@ std::optional<FringeStack> RecordingRig::capture(const PatternSequence& sequence
     write_stack(folder, *stack);
   } catch (...) {
     std::error_code ignored;
-    fs::remove_all(folder, ignored);  // no half of a stack stays
+    fs::remove_all(folder, ignored);  // do not leave a partial stack
     throw;
   }
   ++stacks_;
@@ -194,7 +194,7 @@ std::optional<FringeStack> RecordingRig::capture(const PatternSequence& sequence
 }
 
 void RecordingRig::finish(const std::string& name, uint64_t seed, bool has_truth) {
-  // In one step: a dataset that grows is valid at any moment.
+  // Written atomically, so that a growing dataset is valid at any time.
   StagedFile staged(folder_ / kDatasetFile);
   write_text(staged.path(), std::string("format: ") + kFormat + "\nname: " + yaml_quoted(name) +
                                 "\nseed: " + std::to_string(seed) + "\nstacks: " + std::to_string(stacks_) +

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Recorded fringe stacks: a folder that is both what RecordingRig writes and what ReplayRig reads.
+// Recorded fringe stacks: the folder format that RecordingRig writes and ReplayRig reads.
 //
 //   dataset.yaml                  format, name, seed, number of stacks, truth and thermal: true|false
 //   rig.yaml  patterns.yaml       core/rig/rig_file.h
-//   stacks/000000/stack.yaml      timestamp_s, exposure_s: one for each image
-//   stacks/000000/thermal.png     16 bit, hundredths of a kelvin (.exr in degrees C when unquantised); only where
-//                                 dataset.yaml says thermal: true
-//   stacks/000000/00.png …        grey, 8 or 16 bit (.exr when unquantised), in the order of patterns.yaml
-//   truth/                        only of simulated data: truth.tum, truth/000000.exr (core/types/truth.h)
+//   stacks/000000/stack.yaml      timestamp_s, exposure_s: one per image
+//   stacks/000000/thermal.png     16 bit, hundredths of a kelvin (.exr in degrees C if unquantised); only with
+//                                 thermal: true in dataset.yaml
+//   stacks/000000/00.png …        grey, 8 or 16 bit (.exr if unquantised), in the order of patterns.yaml
+//   truth/                        simulated data only: truth.tum, truth/000000.exr (core/types/truth.h)
 #pragma once
 
 #include <cstdint>
@@ -27,21 +27,20 @@ struct DatasetInfo {
 
 constexpr const char* kDatasetFile = "dataset.yaml";
 
-// Throws Error when the folder is not a dataset.
+// Reads dataset.yaml. Throws Error if the folder is not a dataset.
 DatasetInfo read_dataset_info(const std::filesystem::path& folder);
 
-// "000042", the name of the files of one stack or frame.
+// File name stem of a stack or frame, such as "000042".
 std::string stack_name(int index);
 
-// Plays a dataset. The constructor checks that every image file exists; a damaged one is found when
-// it is reached.
+// Replays a dataset. The constructor checks that all image files exist; damaged images are detected when they are read.
 class ReplayRig : public Rig {
  public:
   explicit ReplayRig(std::filesystem::path folder);
   const RigModel& model() const override { return model_; }
   const PatternSequence& sequence() const { return sequence_; }
   const DatasetInfo& info() const { return info_; }
-  // Throws Error when `sequence` is neither the recorded one nor part of it, in its order.
+  // Returns the next stack. Throws Error unless `sequence` is the recorded sequence or a subsequence of it.
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
 
  private:
@@ -55,8 +54,8 @@ class ReplayRig : public Rig {
   int next_ = 0;
 };
 
-// Passes on what another rig captures and writes it into `folder`, which must exist. finish() writes
-// dataset.yaml: without it the folder is not a dataset.
+// Forwards the captures of another rig and records them in `folder`, which must exist. finish() writes dataset.yaml,
+// which makes the folder a dataset.
 class RecordingRig : public Rig {
  public:
   RecordingRig(Rig& inner, std::filesystem::path folder);

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The seam between where images come from and what is done with them. sim::VirtualRig, ReplayRig and
-// RecordingRig implement it. It is cut at the whole pattern sequence, never at a single image, so that
-// synchronisation stays inside the rig.
+// Interface between image sources and the pipeline, implemented by sim::VirtualRig, ReplayRig, RecordingRig and others.
+// Its unit is a whole pattern sequence, not a single image, so that synchronisation stays inside the rig.
 #pragma once
 
 #include <optional>
@@ -16,7 +15,7 @@ class Rig {
  public:
   virtual ~Rig() = default;
   virtual const RigModel& model() const = 0;
-  // The camera images of one pass through the sequence; empty when there is nothing more to see.
+  // Returns the camera images of one pass through the sequence; empty at the end of the recording or scene.
   virtual std::optional<FringeStack> capture(const PatternSequence& sequence) = 0;
 };
 

@@ -18,12 +18,12 @@ constexpr Range kPeriod{2, 1e5};
 constexpr Range kCell{0.5, 1e5};
 constexpr Range kFraction{0, 1};
 
-// Share of the image over which a lens must map rays and pixels one to one. Calibrated polynomials of real lenses may
-// fold in the extreme corners, where no board was seen: rays are NaN there, and nothing is measured.
+// Minimum fraction of the image over which the lens mapping must be invertible. Calibrated polynomials of real lenses
+// may fold in the extreme corners, where no board was observed; pixels there have NaN rays and no measurement.
 constexpr double kLeastShare = 0.95;
 
-// Whether the lens maps the ray of this pixel, and those between it and the axis, one to one: the distorted radius
-// must grow all the way to it.
+// True if the lens maps the rays from the axis to this pixel one to one: the distorted radius must increase
+// monotonically.
 bool distortion_is_monotonic(const Pinhole& p, const Eigen::Vector2d& pixel) {
   const Eigen::Vector2d corner = p.undistort(pixel);
   if (!corner.allFinite()) return false;
@@ -113,18 +113,18 @@ Timing read_timing(const YamlMap& map) {
   timing.camera_rate_hz = map.number_or("camera_rate_hz", timing.camera_rate_hz, {1e-3, 1e5});
   timing.exposure_s = map.number_or("exposure_s", 1 / timing.pattern_rate_hz, {1e-7, 1e3});
   if (timing.camera_rate_hz > timing.pattern_rate_hz)
-    throw map.error("camera_rate_hz", "camera_rate_hz exceeds pattern_rate_hz: one pattern would be seen twice");
+    throw map.error("camera_rate_hz", "camera_rate_hz exceeds pattern_rate_hz: a pattern would be captured twice");
   if (timing.exposure_s > (1 + 1e-9) / timing.pattern_rate_hz)
-    throw map.error("exposure_s", "exposure_s is longer than a pattern is shown, 1 / pattern_rate_hz = " +
+    throw map.error("exposure_s", "exposure_s exceeds the display time of a pattern, 1 / pattern_rate_hz = " +
                                       to_text(1 / timing.pattern_rate_hz) + " s");
   return timing;
 }
 
-// `response:` a table, or `gamma:` for short.
+// Reads `response:` (a table) or its shorthand `gamma:`.
 std::vector<double> read_response(const YamlMap& projector) {
   constexpr int kGammaEntries = 257;
   if (projector.has("gamma")) {
-    if (projector.has("response")) throw projector.error("gamma", "give gamma or response, not both");
+    if (projector.has("response")) throw projector.error("gamma", "specify gamma or response, not both");
     const double gamma = projector.number("gamma", {0.2, 5});
     std::vector<double> response;
     for (int i = 0; i < kGammaEntries; ++i) response.push_back(std::pow(i / (kGammaEntries - 1.0), gamma));
@@ -135,9 +135,9 @@ std::vector<double> read_response(const YamlMap& projector) {
   for (size_t i = 1; i < response.size(); ++i) {
     if (response[i] <= response[i - 1])
       throw projector.error("response",
-                            "the response must grow from entry to entry; entry " + std::to_string(i + 1) + " does not");
+                            "the response must increase strictly; entry " + std::to_string(i + 1) + " does not");
   }
-  if (response.size() < 2) throw projector.error("response", "a response needs two entries or more");
+  if (response.size() < 2) throw projector.error("response", "a response needs at least two entries");
   return response;
 }
 
@@ -262,7 +262,7 @@ bool beam_meets_view(const RigModel& rig) {
 RigModel read_rig(const YamlMap& map) {
   RigModel rig;
   rig.name = map.text("name");
-  (void)map.has("hardware");  // of devices, which whoever opens them reads
+  (void)map.has("hardware");  // read by the hardware backend
   rig.calibrated = map.boolean_or("calibrated", true);
   rig.near_m = map.number("near_m", {0.01, 100});
   rig.far_m = map.number("far_m", {0.01, 100});
@@ -283,10 +283,12 @@ RigModel read_rig(const YamlMap& map) {
   rig.robot_from_camera = map.pose("robot_from_camera");
   if (map.has("thermal")) rig.thermal = read_thermal(map.map("thermal"));
   if (translation_m(rig.projector_from_camera) < 1e-3)
-    throw map.error("projector_from_camera", "camera and projector stand in one place: no depth can be triangulated");
+    throw map.error("projector_from_camera",
+                    "camera and projector have the same position: depth cannot be triangulated");
   if (!beam_meets_view(rig))
     throw map.error("projector_from_camera",
-                    "the projector lights nothing that the camera sees between near_m and far_m; turn or move it");
+                    "the projector illuminates nothing in the camera's view between near_m and far_m; "
+                    "rotate or move it");
   return rig;
 }
 
@@ -336,7 +338,7 @@ SequenceDesign read_design(const YamlMap& map, const RigModel& rig) {
   design.white_black = map.boolean_or("white_black", false);
   design.bits = map.integer_or("bits", 8, {0, 16});
   design.dithered = map.boolean_or("dithered", false);
-  if (design.dithered && design.bits == 0) throw map.error("dithered", "dithering is to a number of bits; bits is 0");
+  if (design.dithered && design.bits == 0) throw map.error("dithered", "dithering needs a bit depth; bits is 0");
   return design;
 }
 
@@ -347,7 +349,7 @@ PatternSequence read_patterns(const std::filesystem::path& file) {
     sequence.patterns.push_back(read_pattern(entry));
   }
   if (sequence.patterns.empty())
-    throw map.error("patterns", "'patterns' is empty; a sequence needs three images or more");
+    throw map.error("patterns", "'patterns' is empty; a sequence needs at least three images");
   if (map.has("inverse_response")) sequence.inverse_response = map.numbers("inverse_response", 0, kFraction);
   map.finish();
   return sequence;

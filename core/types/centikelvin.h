@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Temperatures as radiometric thermal cameras record them: hundredths of a kelvin in 16 bits.
+// Temperatures as recorded by radiometric thermal cameras: hundredths of a kelvin in 16 bits.
 #pragma once
 
 #include <algorithm>
@@ -11,7 +11,7 @@ namespace fringeslam {
 constexpr double kKelvinOfZeroCelsius = 273.15;
 constexpr double kColdestRecorded_c = -kKelvinOfZeroCelsius, kHottestRecorded_c = 655.35 - kKelvinOfZeroCelsius;
 
-// The nearest; the ends of the range beyond it.
+// Rounds to the nearest value and clamps to the 16-bit range.
 inline uint16_t centikelvin(double temperature_c) {
   return static_cast<uint16_t>(std::clamp(std::round(100 * (temperature_c + kKelvinOfZeroCelsius)), 0.0, 65535.0));
 }

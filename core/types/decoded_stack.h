@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What decoding makes of a fringe stack: per camera pixel, where in the projector its light came from.
+// Result of decoding a fringe stack: the projector coordinate seen by each camera pixel.
 #pragma once
 
 #include <opencv2/core.hpp>
@@ -11,30 +11,30 @@ namespace fringeslam {
 // A connected region of spatially unwrapped phase.
 struct PhaseComponent {
   int pixels = 0;
-  int votes = 0;         // of pixels that know their order by themselves
-  double agreement = 0;  // share of the votes for the order taken
+  int votes = 0;         // pixels whose order is known independently
+  double agreement = 0;  // fraction of the votes for the selected order
   bool absolute = false;
 };
 
-// All images H x W. NaN (fringe_order: -1) where invalid: wrapped_phase and sigma_px where there are no fringes,
-// coordinate_px and confidence where their order is not known either.
+// All images are H x W. Invalid pixels are NaN (fringe_order: -1): wrapped_phase and sigma_px where there are no
+// fringes; coordinate_px and confidence also where the fringe order is unknown.
 struct DecodedStack {
   int index = 0;
   double timestamp_s = 0;
-  std::string unwrapping;   // by which method
+  std::string unwrapping;   // method used
   cv::Mat1f mean;           // I', DN; valid everywhere
   cv::Mat1f modulation;     // I'' of the finest period, DN; valid everywhere
   cv::Mat1f wrapped_phase;  // finest period, rad, (-pi, pi]
   cv::Mat1i fringe_order;   // K of the finest period
   cv::Mat1f coordinate_px;  // projector column (or row), integer at pixel centres
-  cv::Mat1f sigma_px;       // its standard deviation
-  cv::Mat1f confidence;     // probability that the fringe order is right
+  cv::Mat1f sigma_px;       // its standard deviation, px
+  cv::Mat1f confidence;     // probability that the fringe order is correct
   double full_scale_dn = 255;
-  double finest_period_px = 0;  // 0: no fringes, the coordinate is that of a Gray code's cell
+  double finest_period_px = 0;  // 0: no fringes; the coordinate is that of a Gray code cell
 
-  // Of spatial unwrapping alone, else empty.
-  cv::Mat1i component;       // index into components, -1 outside
-  cv::Mat1f relative_phase;  // rad; of an unknown multiple of 2 pi in components that are not absolute
+  // Set by spatial unwrapping only; otherwise empty.
+  cv::Mat1i component;       // index into components; -1: none
+  cv::Mat1f relative_phase;  // rad; known up to a multiple of 2 pi in components that are not absolute
   std::vector<PhaseComponent> components;
 };
 

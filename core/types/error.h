@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The one exception of the project. Its message is a single line that a person can act on:
-// what is wrong, where (file:line when there is a file) and what to do.
+// The project's only exception class. Its message is one actionable line: what is wrong, where (file:line if there is a
+// file) and how to fix it.
 #pragma once
 
 #include <stdexcept>
@@ -13,7 +13,7 @@ class Error : public std::runtime_error {
   explicit Error(const std::string& message) : std::runtime_error(one_line(message)) {}
 
  private:
-  // Messages quote files, whose texts may hold line ends and what moves a terminal's cursor.
+  // Messages may quote file contents, which can contain line breaks and terminal control characters.
   static std::string one_line(std::string text) {
     for (char& c : text) {
       if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = ' ';

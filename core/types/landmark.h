@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Keypoints and the landmarks that they make up (METHOD S11-S18): plain values that the stages, the score and the
-// files share. Positions are px with pixel centres at integers; points are m in the camera's frame.
+// Keypoints and landmarks (docs/method.md, sections 5.2 to 5.4): value types shared by the stages, scoring and file
+// I/O. Image positions are in px with pixel centres at integers; points are in m in the camera frame.
 #pragma once
 
 #include <Eigen/Core>
@@ -12,7 +12,7 @@
 
 namespace fringeslam {
 
-// A keypoint of the texture where a depth was measured.
+// Texture keypoint with a measured depth.
 struct Keypoint {
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
   double scale = 0;  // SIFT's sigma, px
@@ -23,61 +23,61 @@ struct Keypoint {
 };
 
 struct Keypoints {
-  std::vector<Keypoint> keypoints;  // only those where a depth was measured
+  std::vector<Keypoint> keypoints;  // only those with a measured depth
   cv::Mat1f descriptors;            // N x 128, unit length
-  int detected = 0;                 // with and without depth
+  int detected = 0;                 // with or without depth
 };
 
-// A keypoint of the depth image: a row of matrix A (thesis Table 1) and, once it is clustered, the columns that
-// clustering adds (S14).
+// Keypoint of the depth image: one row of matrix A (thesis Table 1) and, after clustering, the columns that clustering
+// adds (docs/method.md, section 5.3).
 struct DepthKeypoint {
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
-  int level = 0;  // of the depth image, 255 near; the nearest of the 3x3 pixels around
+  int level = 0;  // depth-image grey level, 255 = near; maximum over the 3x3 neighbourhood
   double scale = 0, angle_rad = 0;
   double strength = 0;         // SIFT's response
-  int cluster = -1;            // -1: of none
-  int order = -1;              // in which it came to the cluster
-  int connections = 0;         // to others of the cluster
-  std::vector<uchar> samples;  // levels along the line by which it came
+  int cluster = -1;            // -1: not clustered
+  int order = -1;              // order in which it joined the cluster
+  int connections = 0;         // number of connections to others of the cluster
+  std::vector<uchar> samples;  // grey levels along the line that connected it
 };
 
-// Of a landmark's pixels whose temperature is known, in degrees C.
+// Temperature statistics of a landmark's pixels, degrees C.
 struct LandmarkTemperature {
-  int pixels = 0;                                         // 0: none is, and the rest says nothing
+  int pixels = 0;                                         // with known temperature; 0: other values undefined
   double mean_c = 0, max_c = 0, p95_c = 0, spread_c = 0;  // spread: standard deviation
-  double warm_share = 0;                                  // of the pixels that stand out from the surroundings
-  std::vector<int> regions;                               // of the view's warm regions that lie on it
+  double warm_share = 0;                                  // fraction of pixels warmer than the surroundings
+  std::vector<int> regions;                               // indices of the view's warm regions on the landmark
 };
 
 struct Landmark {
-  std::vector<int> depth_keypoints;  // of its cluster, in their order
-  std::vector<cv::Point> outline;    // polygon in the image; the texture's keypoints in it are the landmark's
-  std::vector<int> keypoints;        // of the texture
+  std::vector<int> depth_keypoints;  // of its cluster, in cluster order
+  std::vector<cv::Point> outline;    // polygon in the image; texture keypoints inside belong to the landmark
+  std::vector<int> keypoints;        // indices of texture keypoints
   LandmarkTemperature temperature = {};
 };
 
 struct Landmarks {
   Keypoints keypoints;
   std::vector<DepthKeypoint> depth_keypoints;  // in the foreground
-  int background_keypoints = 0;                // of the depth image, discarded (S12)
-  std::vector<cv::Vec2i> connections;          // of depth keypoints, within clusters
+  int background_keypoints = 0;                // of the depth image; discarded
+  std::vector<cv::Vec2i> connections;          // pairs of depth keypoints within clusters
   std::vector<Landmark> landmarks;
-  int without_hull = 0;  // clusters of one or two corners, which bound nothing
-  int indistinct = 0;    // hulls with too few keypoints of the texture to be recognised
+  int without_hull = 0;  // clusters with fewer than three corners, which enclose no area
+  int indistinct = 0;    // hulls with too few texture keypoints for re-identification
 };
 
-// A keypoint of the current view and one of an earlier view that are taken for the same.
+// Match between texture keypoints of an earlier view and the current view.
 struct KeypointMatch {
   int earlier = 0, current = 0;  // indices of the views' texture keypoints
   double distance = 0, ratio = 0;
 };
 
-// A landmark of the current view that was seen before.
+// Re-identification of a landmark of the current view in an earlier view.
 struct Recognition {
-  int landmark = 0;                             // of the current view
-  int earlier_frame = 0, earlier_landmark = 0;  // where it was seen
-  std::vector<KeypointMatch> matches;           // verified: consistent with one rigid motion
-  Pose earlier_from_current;                    // of the camera, by these matches alone
+  int landmark = 0;                             // in the current view
+  int earlier_frame = 0, earlier_landmark = 0;  // earlier view and the landmark's index in it
+  std::vector<KeypointMatch> matches;           // verified: consistent with one rigid transform
+  Pose earlier_from_current;                    // camera motion estimated from these matches only
 };
 
 }  // namespace fringeslam

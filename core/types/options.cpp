@@ -38,7 +38,7 @@ std::string range_error(const std::string& name, double value, const Range& rang
 
 std::string nearest_name(const std::string& unknown, const std::vector<std::string>& known) {
   std::string best;
-  constexpr size_t kLongest = 100;  // of what is a name; the distance takes time by both lengths
+  constexpr size_t kLongest = 100;  // longest name considered; the cost grows with the product of both lengths
   if (unknown.size() > kLongest) return best;
   size_t best_distance = std::max<size_t>(3, unknown.size() / 2) + 1;
   for (const std::string& name : known) {

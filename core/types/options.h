@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// How options describe themselves. An options struct has a default on each field and one
+// Self-describing options. An options struct has default member values and one method
 //
 //   template <class Visitor> void describe(Visitor& v) {
-//     v.field("max_range_m", max_range_m, {0.1, 10}, "farthest depth that is kept");
+//     v.field("max_range_m", max_range_m, {0.1, 10}, "maximum depth");
 //   }
 //
-// The YAML reader, `--set`, the recorded config.yaml and check_options() are visitors of it, so a
-// name, a default, a range and a help text are each written once.
+// The YAML reader, `--set`, the recorded config.yaml and check_options() are visitors of describe(), so each name,
+// default, range and help text is written once.
 #pragma once
 
 #include <string>
@@ -16,21 +16,21 @@
 
 namespace fringeslam {
 
-// Closed interval of permitted values; NaN is never inside.
+// Closed interval of permitted values; NaN is always outside.
 struct Range {
   double low = 0, high = 0;
   bool contains(double value) const { return value >= low && value <= high; }
 };
 
-// "3" for 3, "0.05" for 0.05: the shortest text that reads back as the same double.
+// Formats a number as the shortest text that reads back as the same double, such as "3" or "0.05".
 std::string to_text(double value);
 
 std::string range_error(const std::string& name, double value, const Range& range);
 
-// The known name nearest to `unknown` by edit distance, or empty when none is near.
+// Returns the known name closest to `unknown` by edit distance, or an empty string if none is close.
 std::string nearest_name(const std::string& unknown, const std::vector<std::string>& known);
 
-// Throws Error naming the field when a value is out of its range.
+// Visitor that throws Error naming the first field whose value is out of range.
 class RangeChecker {
  public:
   explicit RangeChecker(std::string prefix) : prefix_(std::move(prefix)) {}
@@ -49,7 +49,7 @@ class RangeChecker {
 template <class Options>
 void check_options(const Options& options, const std::string& prefix) {
   RangeChecker checker(prefix);
-  // describe() is shared with writers; the checker only reads.
+  // describe() takes non-const fields because readers modify them; RangeChecker does not.
   const_cast<Options&>(options).describe(checker);
 }
 

@@ -44,7 +44,7 @@ Eigen::Vector2d Pinhole::undistort(const Eigen::Vector2d& pixel) const {
     const Eigen::Vector2d error = distort(estimate) - target;
     const Eigen::Matrix2d jacobian = distortion_jacobian(distortion, estimate.x(), estimate.y());
     if (error.squaredNorm() < 1e-24) {
-      // Beyond a fold of the polynomial lie other roots, where it mirrors the image.
+      // Beyond a fold of the distortion polynomial there are spurious roots at which the image is mirrored.
       const bool mirrored = jacobian.determinant() <= 0 || estimate.dot(target) < 0;
       return mirrored ? Eigen::Vector2d::Constant(std::numeric_limits<double>::quiet_NaN()) : estimate;
     }

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Pinhole with Brown-Conrady distortion, used for the camera and (with light running backwards) for
-// the projector. OpenCV's conventions: integer pixel coordinates at pixel centres, coefficients
-// k1 k2 p1 p2 k3.
+// Pinhole model with Brown-Conrady distortion for the camera and the projector (as an inverse camera). OpenCV's
+// conventions: integer pixel coordinates at pixel centres, coefficients k1 k2 p1 p2 k3.
 //
 //   r2 = x^2 + y^2,  radial = 1 + k1 r2 + k2 r2^2 + k3 r2^3
 //   x_d = x radial + 2 p1 x y + p2 (r2 + 2 x^2),  y_d = y radial + p1 (r2 + 2 y^2) + 2 p2 x y
@@ -22,17 +21,17 @@ struct Pinhole {
   double fx = 0, fy = 0, cx = 0, cy = 0;
   Distortion distortion;
 
-  // Normalised image coordinates (x/z, y/z) -> distorted normalised coordinates.
+  // Applies the distortion to normalised image coordinates (x/z, y/z).
   Eigen::Vector2d distort(const Eigen::Vector2d& normalised) const;
 
-  // Point in the device frame (m, z > 0) -> pixel.
+  // Projects a point in the device frame (m, z > 0) to a pixel.
   Eigen::Vector2d project(const Eigen::Vector3d& point) const;
 
-  // Pixel -> normalised coordinates without distortion, by Newton's method to 1e-12; NaN where the
-  // distortion polynomial has no inverse near the pixel.
+  // Returns the undistorted normalised coordinates of a pixel by Newton's method, to 1e-12; NaN where the distortion
+  // polynomial cannot be inverted near the pixel.
   Eigen::Vector2d undistort(const Eigen::Vector2d& pixel) const;
 
-  // True when the pixel lies on the image area, [-0.5, width - 0.5) x [-0.5, height - 0.5).
+  // True if the pixel lies in the image area, [-0.5, width - 0.5) x [-0.5, height - 0.5).
   bool contains(const Eigen::Vector2d& pixel) const {
     return pixel.x() >= -0.5 && pixel.x() < width - 0.5 && pixel.y() >= -0.5 && pixel.y() < height - 0.5;
   }

@@ -23,14 +23,14 @@ Eigen::Matrix3d skew(const Eigen::Vector3d& v) {
 Eigen::Matrix3d rotation_exp(const Eigen::Vector3d& omega) {
   const double angle = omega.norm();
   const Eigen::Matrix3d k = skew(omega);
-  // Series below 1e-4 rad: the closed form would divide rounding errors by the angle squared.
+  // Taylor series below 1e-4 rad: the closed form would divide rounding errors by the squared angle.
   const double a = angle < 1e-4 ? 1.0 - angle * angle / 6.0 : std::sin(angle) / angle;
   const double b = angle < 1e-4 ? 0.5 - angle * angle / 24.0 : (1.0 - std::cos(angle)) / (angle * angle);
   return Eigen::Matrix3d::Identity() + a * k + b * k * k;
 }
 
 Eigen::Vector3d rotation_log(const Eigen::Matrix3d& rotation) {
-  // By quaternion, which stays well conditioned at 0 and at pi.
+  // Via the quaternion, which is well conditioned at 0 and at pi.
   const Eigen::Vector4d q = quaternion_xyzw(rotation);
   const Eigen::Vector3d axis = q.head<3>();
   const double sine = axis.norm();
@@ -95,7 +95,7 @@ Pose align_points(const std::vector<Eigen::Vector3d>& to, const std::vector<Eige
   Eigen::Matrix3d correlation = Eigen::Matrix3d::Zero();
   for (size_t i = 0; i < to.size(); ++i) correlation += (to[i] - to_mean) * (from[i] - from_mean).transpose();
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(correlation, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  // The nearest orthogonal matrix may be a mirror: then the weakest direction is turned round.
+  // The closest orthogonal matrix may be a reflection; then the direction of the smallest singular value is flipped.
   const double handedness = (svd.matrixU() * svd.matrixV().transpose()).determinant();
   const Eigen::Vector3d signs(1, 1, handedness < 0 ? -1 : 1);
   const Eigen::Matrix3d rotation = svd.matrixU() * signs.asDiagonal() * svd.matrixV().transpose();

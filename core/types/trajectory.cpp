@@ -25,7 +25,7 @@ std::string to_tum(const Trajectory& trajectory) {
 
 Trajectory read_tum(const std::filesystem::path& file) {
   std::ifstream in(file);
-  if (!in) throw Error(file.string() + ": cannot be opened; give a TUM trajectory file");
+  if (!in) throw Error(file.string() + ": cannot be opened; specify a TUM trajectory file");
   Trajectory trajectory;
   std::string line;
   for (int number = 1; std::getline(in, line); ++number) {
@@ -46,7 +46,7 @@ Trajectory read_tum(const std::filesystem::path& file) {
       throw Error(where + "timestamps must increase from line to line");
     trajectory.push_back({v[0], {rotation_from_quaternion(q), {v[1], v[2], v[3]}}});
   }
-  if (trajectory.empty()) throw Error(file.string() + ": holds no pose");
+  if (trajectory.empty()) throw Error(file.string() + ": contains no pose");
   return trajectory;
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Timed robot poses and their text format (TUM RGB-D): `timestamp tx ty tz qx qy qz qw`, one a line.
+// Timed robot poses and the TUM RGB-D text format: `timestamp tx ty tz qx qy qz qw`, one pose per line.
 #pragma once
 
 #include <filesystem>
@@ -19,8 +19,8 @@ using Trajectory = std::vector<TimedPose>;
 
 std::string to_tum(const Trajectory& trajectory);
 
-// Throws Error with file:line on a line that is not eight finite numbers, a quaternion that is not
-// of unit length within 1e-3, or timestamps that do not increase.
+// Reads a TUM trajectory file. Throws Error with file:line if a line is not eight finite numbers, if a quaternion's
+// norm differs from 1 by more than 1e-3, or if timestamps do not increase.
 Trajectory read_tum(const std::filesystem::path& file);
 
 }  // namespace fringeslam

@@ -39,7 +39,7 @@ SensorModel sensor_of(int bits) {
   return sensor;
 }
 
-// No noise but rounding, which every camera has: variance 1/12.
+// Only quantisation noise, with a variance of 1/12.
 SensorModel silent_sensor() {
   SensorModel sensor;
   sensor.gain_dn_per_electron = 0;
@@ -67,8 +67,8 @@ TEST(Decode, ThreeStepsAreThePapersClosedForm) {
       const double sine = std::sqrt(3.0) * (grey(0) - grey(2)), cosine = 2 * grey(1) - grey(0) - grey(2);
       EXPECT_NEAR(decoded.mean(row, col), (grey(0) + grey(1) + grey(2)) / 3, 1e-4);
       EXPECT_NEAR(decoded.modulation(row, col), std::hypot(sine, cosine) / 3, 1e-4);
-      if (std::hypot(sine, cosine) < 30) continue;  // too faint to be valid
-      // This one period leaves no gap: close to phase 0 nobody can tell the first column from the last.
+      if (std::hypot(sine, cosine) < 30) continue;  // modulation too low to be valid
+      // The single period leaves no gap: near phase 0 the first and last columns cannot be distinguished.
       if (std::abs(std::atan2(sine, cosine)) < 0.1) continue;
       EXPECT_NEAR(decoded.wrapped_phase(row, col), std::atan2(sine, cosine), 1e-6);
     }
@@ -90,11 +90,11 @@ INSTANTIATE_TEST_SUITE_P(StepsAndDepths, DecodeFormats,
 TEST_P(DecodeFormats, RecoversTheCoordinateToWithinRounding) {
   const SensorModel sensor = sensor_of(bits());
   const FringeLight light{0.45 * sensor.max_dn(), 0.4 * sensor.max_dn()};
-  // Off the very borders, where rounding may carry a phase over the end of the coarsest period.
+  // Not at the borders, where rounding may move a phase across the end of the coarsest period.
   const cv::Mat1d truth = ramp(3, kWidth - 4, 3001);
   const auto sequence = columns({1040, 131, 16.5}, steps());
   const auto decoded = decode(fringe_stack(truth, sequence, light, type()), sequence, sensor, {});
-  // Half a grey value off in every sample moves the phase by 2/N sum |sin| 0.5 / I'' <= 1 / I''.
+  // An error of half a grey value in every sample changes the phase by 2/N sum |sin| 0.5 / I'' <= 1 / I''.
   const double limit = type() == CV_32FC1 ? 1e-4 : 16.5 / (2 * kPi) / light.modulation_dn + 1e-4;
   for (int i = 0; i < truth.cols; ++i) {
     ASSERT_NEAR(decoded.coordinate_px(0, i), truth(0, i), limit) << i;
@@ -139,7 +139,7 @@ TEST(Decode, SigmaOfEqualNoiseIsRootTwoOverN) {
 }
 
 TEST(Decode, SigmaOfThreeStepsVariesWithThePhaseUnderShotNoise) {
-  // Where the bright samples are the ones with the say, sigma is larger: six phases, each held by itself.
+  // Sigma is larger where the bright samples dominate; six phases are tested separately.
   const SensorModel sensor = sensor_of(8);
   const auto sequence = columns({kWidth});
   Random random(5);
@@ -175,7 +175,7 @@ TEST(Decode, RowsOfTheProjector) {
 }
 
 TEST(Decode, NoiseDoesNotLoseTheBordersOfTheProjector) {
-  // The coarsest period is 16 px wider than the projector, so a phase just below 0 can only mean column 0.
+  // The coarsest period is 16 px longer than the projector width, so a phase just below 0 can only be column 0.
   const SensorModel sensor = sensor_of(8);
   const auto sequence = columns({1040, 131, 16.5});
   for (const double border : {0.0, kWidth - 1.0}) {
@@ -187,7 +187,7 @@ TEST(Decode, NoiseDoesNotLoseTheBordersOfTheProjector) {
 }
 
 TEST(Decode, NoiseDoesNotCarryOneBorderToTheOther) {
-  // A coarsest period of just the projector's width leaves no gap: what it cannot tell apart must be left out.
+  // A coarsest period equal to the projector width leaves no gap; ambiguous pixels must be invalid.
   const SensorModel sensor = sensor_of(8);
   for (const std::vector<double>& periods : {std::vector<double>{1024, 128, 16}, {1040, 131, 16.5}}) {
     const auto sequence = columns(periods);
@@ -202,10 +202,10 @@ TEST(Decode, NoiseDoesNotCarryOneBorderToTheOther) {
   }
 }
 
-// Decodes one pixel without noise; valid?
+// Decodes one noise-free pixel and returns whether it is valid.
 bool accepts(const FringeLight& light, const DecodeOptions& options) {
   const auto sequence = columns({kWidth});
-  // Column 511.5 has phase pi + 0: its largest sample is that of the shifts +-120 degrees.
+  // Column 511.5 has phase pi, so its largest samples are those with shifts of +-120 degrees.
   const auto decoded =
       decode(fringe_stack(cv::Mat1d(1, 1, 511.5), sequence, light, CV_32FC1), sequence, silent_sensor(), options);
   EXPECT_FALSE(std::isnan(decoded.mean(0, 0)));
@@ -234,8 +234,8 @@ TEST(Decode, FaintFringesHaveNoPhase) {
 }
 
 TEST(Decode, TwoSurfacesInOnePixelAreRejectedByTheirResidual) {
-  // Half the light from u, half from u + 96. The sum of two sinusoids has the phase of their middle, turned
-  // by pi where cos(half their difference) < 0: at period 1024 it is cos(0.29) > 0, at 128 cos(2.36) < 0.
+  // Half of the light comes from u, half from u + 96. The sum of two sinusoids has the phase of their mean, shifted by
+  // pi where cos(half their difference) < 0: at period 1024 it is cos(0.29) > 0, at 128 cos(2.36) < 0.
   const auto sequence = columns({1024, 128, 16});
   const cv::Mat1d first = ramp(10, 900, 300), second = ramp(10 + 96, 900 + 96, 300);
   FringeStack mixed = fringe_stack(first, sequence, {}, CV_32FC1);
@@ -247,8 +247,8 @@ TEST(Decode, TwoSurfacesInOnePixelAreRejectedByTheirResidual) {
 }
 
 TEST(Decode, ConfidenceIsTheShareOfRightOrders) {
-  // A ratio of 40 under noise of 0.03 rad: the sigma of 40 Phi_low - phi_high is near 1.3 rad, so that about
-  // one order in a hundred fails.
+  // With a period ratio of 40 and noise of 0.03 rad, the sigma of 40 Phi_low - phi_high is about 1.3 rad, so about one
+  // order in a hundred is wrong.
   const SensorModel sensor = sensor_of(8);
   const auto sequence = columns({1024, 25.6});
   cv::Mat1d truth(200, 200);

@@ -32,7 +32,7 @@ Frame reconstruct(const DecodedStack& decoded, const RigModel& rig, const DepthO
 
 bool has_normal(const Frame& frame, int row, int col) { return !std::isnan(frame.normals(row, col)[2]); }
 
-// Not on the border of the image.
+// True if the pixel is not on the image border.
 bool inside(const Frame& frame, int row, int col) {
   return row > 0 && col > 0 && row + 1 < frame.height() && col + 1 < frame.width();
 }
@@ -57,7 +57,7 @@ TEST_P(Triangulated, TiltedPlanesAreExact) {
         const Eigen::Vector3d point = at(frame.points_m, row, col);
         EXPECT_NEAR(point.z(), truth.depth_m(row, col), 1e-6);
         EXPECT_THAT(rig_.camera.project(point), MatrixNear(Eigen::Vector2d(col, row), 1e-3));
-        // Normals need neighbours all round.
+        // Border pixels may lack a normal, because normals need neighbours on all sides.
         if (!inside(frame, row, col) && !has_normal(frame, row, col)) continue;
         EXPECT_THAT(at(frame.normals, row, col), MatrixNear(normal, 2e-4));
       }
@@ -66,7 +66,7 @@ TEST_P(Triangulated, TiltedPlanesAreExact) {
 }
 
 TEST(Depth, SteepSurfacesAreLessSureThanTheirPhase) {
-  // sigma^2 = that of the phase and 3 % of the depth's change over the pixel, squared.
+  // sigma^2 is the variance due to phase noise plus the square of 3 % of the depth change across the pixel.
   const RigModel rig = small_rig(false);
   const Eigen::Vector3d normal = Eigen::Vector3d(0.9, 0.1, -0.4).normalized();
   const DecodedStack decoded = seen_columns(plane(normal, normal.z()), rig, {}, 0.03);
@@ -147,7 +147,7 @@ TEST(Depth, ImageIsTheFormula) {
   const float depths[] = {0.7F, 1.4F, 1.0F, 0.9F, 0.5F, 2.0F, kNaN, 1.399F};
   for (int i = 0; i < 8; ++i) points(0, i)[2] = depths[i];
   const cv::Mat1b image = depth_image(points, 0.7, 1.4);
-  // 255 * 0.4 / 0.7 = 145.7, 255 * 0.5 / 0.7 = 182.1; 0 is kept for "no data".
+  // 255 * 0.4 / 0.7 = 145.7, 255 * 0.5 / 0.7 = 182.1; 0 is reserved for "no data".
   EXPECT_THAT(std::vector<int>(image.begin(), image.end()), testing::ElementsAre(255, 1, 146, 182, 255, 1, 0, 1));
 }
 
@@ -184,14 +184,14 @@ TEST(Depth, PixelsWithoutCoordinateOrOutOfLimitsAreNaN) {
   EXPECT_FALSE(valid_within(0.5, 0.99));
 }
 
-// Steps between neighbours of more than 11 mm at 1 m are edges; the images here have 2 mm a pixel.
+// Steps of more than 11 mm between neighbours at 1 m are edges; the pixel spacing there is 2 mm.
 DepthOptions edges_from_11_mm() {
   DepthOptions options;
   options.max_slope_deg = 80;
   return options;
 }
 
-// A board at 0.9 m to the left of column 60, in front of one at 1 m; different tilts.
+// A board at 0.9 m left of column 60 in front of one at 1 m, with different tilts.
 Surface step_edge(const RigModel& rig) {
   const double x_edge = rig.camera.undistort({59.5, 0}).x();
   const Surface front = plane(Eigen::Vector3d(0.3, 0.2, -1), -0.9), back = plane(Eigen::Vector3d(-0.4, 0.1, -1), -1.0);
@@ -213,7 +213,7 @@ TEST(Depth, NormalsDoNotReachAcrossAStep) {
       EXPECT_THAT(at(frame.normals, row, col), MatrixNear(at(truth.normals, row, col), 2e-4)) << col;
     }
   }
-  // Only the two columns at the edge, and the image's border, may go without.
+  // Normals may be missing only in the two columns at the edge and at the image border.
   EXPECT_GE(count, 18 * (frame.height() - 2));
 }
 
@@ -237,7 +237,7 @@ TEST(Depth, NormalsAreNotRoundedOverACrease) {
 TEST(Depth, FlyingPixelsAreRemoved) {
   const RigModel rig = small_rig(false);
   DecodedStack decoded = seen_columns(step_edge(rig), rig, {}, 0.02);
-  // One column of mixed pixels between the boards, and one lone pixel off the back board.
+  // One column of mixed pixels between the boards, and one isolated pixel off the back board.
   for (int row = 0; row < rig.camera.height; ++row)
     decoded.coordinate_px(row, 60) = 0.5F * (decoded.coordinate_px(row, 59) + decoded.coordinate_px(row, 61));
   decoded.coordinate_px(90, 100) -= 60;

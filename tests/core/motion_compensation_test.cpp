@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Fringes that drift while they are taken, straight from their equation, and surfaces that move before the camera.
+// Fringes that drift during the sequence, generated directly from their equation, and surfaces that move relative to
+// the camera.
 #include <gmock/gmock.h>
 
 #include <cmath>
@@ -20,11 +21,11 @@ using testing::HasSubstr;
 
 constexpr double kPi = std::numbers::pi, kPeriod = 16;
 
-// Images of a ramp of coordinates that moves at `rate` px/s; shifts as given, of one period.
+// Images of one period with the given shifts, for a ramp of coordinates that moves at `rate` px/s.
 struct Drift {
   PatternSequence sequence{1024, 768};
   std::vector<double> times_s;
-  cv::Mat1d truth = support::ramp(100, 900, 2000);  // at the time 0
+  cv::Mat1d truth = support::ramp(100, 900, 2000);  // at time 0
   double rate_px_s = 0;
   DecodedStack decoded;
 
@@ -49,13 +50,13 @@ struct Drift {
   void compensate() {
     compensate_motion(decoded, sequence, options, cv::Mat1f(truth.size(), static_cast<float>(rate_px_s)), times_s);
   }
-  // Largest error of the coordinates, of one order, rad.
+  // Maximum coordinate error modulo one period, rad.
   double worst(const std::function<double(double)>& offset = {}) const {
     double worst = 0;
     for (int i = 0; i < truth.cols; ++i) {
       const double turn = 2 * kPi / kPeriod, phase = absolute_phase(truth(i), kPeriod);
       const double error = turn * (decoded.coordinate_px(i) - truth(i)) - (offset ? offset(phase) : 0);
-      worst = std::max(worst, std::abs(std::remainder(error, 2 * kPi)));  // false for NaN
+      worst = std::max(worst, std::abs(std::remainder(error, 2 * kPi)));  // ignores NaN
     }
     return worst;
   }
@@ -81,7 +82,7 @@ INSTANTIATE_TEST_SUITE_P(
                     Steps{equally_spaced(7, -0.2), {-3, -2, -1, 0, 1, 2, 3}}, Steps{{0, 1.1, 2.5, 4.4}, {0, 1, 2, 3}}));
 
 TEST_P(DriftingFringes, AreUndoneWhateverTheDrift) {
-  for (const double rate : {0.1, -0.6, 1.2}) {  // px a step, of 16
+  for (const double rate : {0.1, -0.6, 1.2}) {  // px per step, with a period of 16 px
     Drift drift(GetParam().shifts, GetParam().times_s, rate);
     EXPECT_GT(drift.worst(), 0.005);
     drift.compensate();
@@ -93,7 +94,7 @@ TEST_P(DriftingFringes, AreUndoneWhateverTheDrift) {
   }
 }
 
-// (2/N) sum sin^2(phi + delta_k) eps_k: what is left is of second order.
+// The remainder after subtracting (2/N) sum sin^2(phi + delta_k) eps_k is of second order.
 TEST(DriftOfFringes, AreOffByTheFirstOrderFormula) {
   for (const int count : {3, 4, 5, 8}) {
     const std::vector<double> shifts = equally_spaced(count, 0.7);
@@ -151,7 +152,7 @@ TEST(MotionCompensation, TimesAreAboutTheMiddle) {
   EXPECT_THAT(image_times_s(2, timing), testing::ElementsAre(-0.01, 0.01));
 }
 
-// Against the coordinates that the surface has a little before and a little after.
+// Compared with finite differences of the coordinates shortly before and after.
 TEST(CoordinateRate, IsWhatTheMovingCameraSees) {
   const CameraTwist twist{{0.2, -0.3, 0.4}, {0.1, -0.05, 0.08}};
   const Eigen::Vector3d normal = Eigen::Vector3d(0.4, -0.3, -0.8).normalized();

@@ -18,7 +18,7 @@ using testing::HasSubstr;
 
 constexpr double kPi = std::numbers::pi;
 
-// The levels along a pattern's axis, of a projector as long as asked for.
+// Returns the levels along a pattern's axis for a projector of the given length.
 std::vector<float> profile(const Pattern& pattern, int length) {
   const cv::Mat1f levels = pattern_levels(pattern, {length, length, {}});
   return {levels.begin(), levels.end()};
@@ -80,7 +80,7 @@ TEST(Patterns, SequenceIsPeriodAfterPeriod) {
 }
 
 TEST(Patterns, ContinuousProfileIsTheSinusoid) {
-  // Period 4: phases 45, 135, 225, 315 degrees at the pixel centres.
+  // With a period of 4, the phases at the pixel centres are 45, 135, 225 and 315 degrees.
   const float high = static_cast<float>(0.5 + 0.5 * std::sqrt(0.5)), low = 1 - high;
   const auto near = [](float x) { return testing::FloatNear(x, 1e-7F); };
   EXPECT_THAT(profile({Axis::columns, 4, 0, 0}, 5),
@@ -166,7 +166,7 @@ TEST(GrayCode, BitsAreFoundCoarsestFirstWithTheirInverses) {
 TEST(Design, SequenceHasWhatWasAskedFor) {
   SequenceDesign design{1024, 768, true, true, {1040, 64}, 4, GrayCode::complementary, true, true};
   const PatternSequence sequence = design_sequence(design);
-  // 64 px periods: 16 columns and 12 rows, so 4 bits each, and one more of half periods; each also inverted.
+  // 64 px periods: 16 columns and 12 rows need 4 bits each, plus one complementary bit; each bit is also inverted.
   EXPECT_EQ(sequence.patterns.size(), 2 * (2 * 4 + 2 * 5) + 2U);
   for (const Axis axis : {Axis::columns, Axis::rows}) {
     EXPECT_EQ(fringe_groups(sequence, axis).size(), 2U);
@@ -192,7 +192,7 @@ TEST(Dithering, KeepsTheMeanAndUsesOnlyItsLevels) {
   const cv::Mat1f shown = pattern_levels(pattern, {256, 128, {}});
   ASSERT_EQ(shown.size(), cv::Size(256, 128));
   for (const float level : shown) EXPECT_TRUE(level == 0 || level == 1);
-  // Blurred over a few pixels, as a lens out of focus does, it is the sinusoid.
+  // Averaged over a few pixels, as by defocus, the pattern is the sinusoid.
   double worst = 0;
   for (int col = 8; col < 248; ++col) {
     double sum = 0, ideal = 0;
@@ -208,7 +208,7 @@ TEST(Dithering, KeepsTheMeanAndUsesOnlyItsLevels) {
 TEST(Packing, ChannelsAreTheImagesInTheOrderGiven) {
   std::vector<cv::Mat1b> images;
   for (int i = 0; i < 3; ++i) images.emplace_back(2, 3, static_cast<uchar>(10 * (i + 1)));
-  EXPECT_EQ(packed_image(images, "RGB")(0, 0), cv::Vec3b(30, 20, 10));  // OpenCV keeps blue, green, red
+  EXPECT_EQ(packed_image(images, "RGB")(0, 0), cv::Vec3b(30, 20, 10));  // OpenCV stores blue, green, red
   EXPECT_EQ(packed_image(images, "GBR")(1, 2), cv::Vec3b(20, 10, 30));
   EXPECT_THAT(error_of([&] { packed_image(images, "RRB"); }), HasSubstr("must name each of R, G and B once"));
 }
@@ -255,7 +255,7 @@ TEST(FringeGroups, FewerThanThreeShiftsIsAnError) {
   };
   EXPECT_THAT(with_shifts({0, 1}), HasSubstr("period 1024 px has fewer than three distinct phase shifts"));
   EXPECT_THAT(with_shifts({0, 1, 1}), HasSubstr("fewer than three distinct phase shifts"));
-  // A whole turn is the same image: two equations for three unknowns.
+  // A shift by a whole turn gives the same image: two equations for three unknowns.
   EXPECT_THAT(with_shifts({0, kPi, 2 * kPi}), HasSubstr("fewer than three distinct phase shifts"));
 }
 

@@ -16,7 +16,7 @@ namespace fringeslam {
 namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
-constexpr int kWidth = 43, kHeight = 31;  // no multiple of any number of lanes
+constexpr int kWidth = 43, kHeight = 31;  // not a multiple of any number of lanes
 constexpr double kFocal = 600;
 
 struct Cloud {
@@ -24,7 +24,7 @@ struct Cloud {
   cv::Mat1f sigma;
   PixelRays rays;
 
-  // A plane n.P = d with Gaussian noise of depth.
+  // Plane n.P = d with Gaussian depth noise.
   Cloud(const Eigen::Vector3d& n, double d, double noise, uint64_t seed = 1)
       : points(kHeight, kWidth), sigma(kHeight, kWidth, 1e-4f), rays(kHeight, kWidth) {
     support::Random random(seed);
@@ -70,7 +70,7 @@ Eigen::Vector3d at(const cv::Mat3f& image, int row, int col) {
   return {image(row, col)[0], image(row, col)[1], image(row, col)[2]};
 }
 
-// The same window by a QR decomposition in double precision.
+// Reference fit of the same window by a QR decomposition in double precision.
 Eigen::Vector3d least_squares(const Cloud& cloud, int row, int col, const PlaneFit& fit) {
   const auto depth = [&](int r, int c) {
     return r < 0 || c < 0 || r >= kHeight || c >= kWidth ? kNaN : cloud.points(r, c)[2];
@@ -154,11 +154,11 @@ TEST(PlaneFit, NoNormalWhereHalfTheWindowIsMissingNorWhereItIsNoPlane) {
     for (int col = 0; col < 21; ++col) cloud.points(row, col) = cv::Vec3f::all(kNaN);
   }
   cv::Mat3f normals = fitted(cloud, {5, 0.01f, 2.5f});
-  EXPECT_TRUE(std::isnan(normals(15, 20)[2])) << "nothing measured";
-  EXPECT_TRUE(std::isnan(normals(15, 23)[2])) << "5 of 11 columns have a mirror";
-  EXPECT_FALSE(std::isnan(normals(15, 24)[2])) << "7 of 11 columns have one";
+  EXPECT_TRUE(std::isnan(normals(15, 20)[2])) << "no measurement";
+  EXPECT_TRUE(std::isnan(normals(15, 23)[2])) << "5 of 11 columns have a symmetric counterpart";
+  EXPECT_FALSE(std::isnan(normals(15, 24)[2])) << "7 of 11 columns have a symmetric counterpart";
 
-  // A roof of 30 degrees to both sides: each side is a plane, the ridge is none.
+  // A roof with 30 degree slopes: each side is a plane, the ridge is not.
   Cloud roof(Eigen::Vector3d(0, 0, -1), -1, 0);
   for (int row = 0; row < kHeight; ++row) {
     for (int col = 0; col < kWidth; ++col) {
@@ -182,7 +182,7 @@ TEST(PlaneFit, FitsOnlyWhatIsWanted) {
   for (int col = 0; col < kWidth; ++col) EXPECT_EQ(std::isnan(row(col)[2]), col != 17) << col;
 }
 
-// Two planes that meet in a step of 1 cm at column 21; windows of the left one that reach column 15 were fitted.
+// Two planes separated by a step of 1 cm at column 21; windows of the left plane were fitted up to column 15.
 struct Step {
   Step() : cloud(Eigen::Vector3d(0.3, 0, -1).normalized(), -0.95, 1e-4) {
     for (int row = 0; row < kHeight; ++row) {
@@ -219,7 +219,7 @@ TEST(PlaneAdoption, TakesTheNormalOfThePlaneThatHoldsThePixelAndItsNeighboursAnd
         EXPECT_FALSE(has) << "not wanted: " << row << " " << col;
       }
       if (col >= 20) {
-        EXPECT_FALSE(has) << "the step, what lies behind it, and what has no window beside it: " << col;
+        EXPECT_FALSE(has) << "at or behind the step, or no neighbouring window: " << col;
       }
       if (has) {
         EXPECT_LT((at(adopted, row, col) - n).norm(), 0.03) << row << " " << col;

@@ -26,7 +26,7 @@ SensorModel sensor() {
   return s;
 }
 
-// Grey values of one image: a board whose brightness differs from pixel to pixel, in ambient light.
+// Grey values of one image of a board with spatially varying brightness in ambient light.
 template <class Light>
 cv::Mat1f image_of(const Light& light, Random& random, bool noise) {
   cv::Mat1f image(60, 80);
@@ -85,7 +85,7 @@ double worst_off_gamma(const std::vector<double>& table) {
 TEST(ResponseFromRamp, RecoversAPowerLaw) {
   const Ramp exact = ramp(33, false);
   const Response response = response_from_ramp(exact.images, exact.levels, sensor(), {});
-  EXPECT_LT(worst_off_gamma(response.table), 5e-4);  // between the levels: monotone cubics
+  EXPECT_LT(worst_off_gamma(response.table), 5e-4);  // monotone cubic interpolation between the levels
   EXPECT_NEAR(response.gamma, kGamma, 1e-3);
   EXPECT_EQ(response.table.front(), 0);
   EXPECT_EQ(response.table.back(), 1);
@@ -128,7 +128,8 @@ TEST(ResponseFromFringes, RecoversAPowerLaw) {
 }
 
 TEST(PhaseCorrectionFromFringes, IsTheClosedFormOfThePowerLaw) {
-  // METHOD: d phi = (r4 - r2) sin 3 phi to first order; here the full arctangent for centred steps.
+  // docs/method.md, section 3.3: d phi = (r4 - r2) sin 3 phi to first order; the full arctangent is used here, for
+  // centred steps.
   for (const double first : {-1.0, 0.3, -2 * kPi / 3}) {
     const Fringes seen = fringes(12, false, first);
     const PhaseCorrection table = phase_correction_from_fringes(seen.images, seen.shifts, 3, sensor(), {});

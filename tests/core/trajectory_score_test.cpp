@@ -299,7 +299,7 @@ TEST_F(TrajectoryFile, ErrorsNameFileLineAndReason) {
   EXPECT_THAT(error(good + "2000000000,1,2,3,1,1,0,0\n"), HasSubstr("t.txt:2: the quaternion is not of unit length"));
   EXPECT_THAT(error(good + good), HasSubstr("t.txt:2: timestamps must increase"));
   EXPECT_THAT(error("1 1 2 3 0 0 0 1\n2 1 2 3 0 0 0\n"), HasSubstr("t.txt:2: needs eight finite numbers"));
-  EXPECT_THAT(error(head), HasSubstr("t.txt: holds no pose"));
+  EXPECT_THAT(error(head), HasSubstr("t.txt: contains no pose"));
   EXPECT_THAT(error_of([] { read_trajectory("/nowhere.csv"); }), HasSubstr("/nowhere.csv: cannot be opened"));
 }
 

@@ -75,7 +75,7 @@ TEST_F(TumFile, ErrorsNameFileLineAndReason) {
   EXPECT_THAT(error("2 1 2 3 0 0 0 1 9\n"), HasSubstr(".tum:1: has more than eight numbers: '9'"));
   EXPECT_THAT(error("2 1 2 3 0 0 0 1.01\n"), HasSubstr(".tum:1: the quaternion is not of unit length"));
   EXPECT_THAT(error(good + "1.5 1 2 3 0 0 0 1\n"), HasSubstr(".tum:2: timestamps must increase"));
-  EXPECT_THAT(error("# nothing\n"), HasSubstr("holds no pose"));
+  EXPECT_THAT(error("# nothing\n"), HasSubstr("contains no pose"));
 }
 
 TEST_F(TumFile, MissingFileIsAnError) {

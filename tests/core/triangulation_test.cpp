@@ -15,7 +15,7 @@ namespace {
 using support::Random;
 using support::small_rig;
 
-// The exact solution: the projector coordinate of a point at a known depth.
+// Exact solution: projector coordinate of a point at a known depth.
 double coordinate_of(const RigModel& rig, const cv::Vec2f& ray, double depth, Axis axis) {
   const Eigen::Vector3d point = rig.projector_from_camera * (depth * Eigen::Vector3d(ray[0], ray[1], 1));
   const Eigen::Vector2d pixel = rig.projector.project(point);

@@ -27,7 +27,7 @@ using testing::HasSubstr;
 
 constexpr double kPi = std::numbers::pi;
 
-// Both sides of the switch from series to closed form (1e-4), and both ends.
+// Both sides of the switch from series to closed form (1e-4), and both ends of the range.
 class RotationAngle : public testing::TestWithParam<double> {};
 INSTANTIATE_TEST_SUITE_P(NearZeroToNearPi, RotationAngle,
                          testing::Values(0.0, 1e-15, 1e-12, 1e-9, 1e-8, 9.9e-5, 1.01e-4, 1e-3, 0.1, 1.0, 2.0, 3.0,
@@ -80,7 +80,7 @@ TEST(Pose, RetractTurnsAndShiftsFromTheLeft) {
 TEST(Pose, CovarianceOfTheInverseIsThatOfItsTangents) {
   Random random(12);
   const Pose pose{rotation_exp(1.1 * random.direction()), {0.4, -0.7, 1.3}};
-  // For a covariance of one direction alone, the tangent of the inverse is the root.
+  // For a covariance with a single direction, the tangent of the inverse is its square root.
   for (int axis = 0; axis < 6; ++axis) {
     const Vector6d tangent = 1e-6 * Vector6d::Unit(axis);
     const Vector6d moved = difference(retract(pose, tangent).inverse(), pose.inverse());
@@ -90,7 +90,7 @@ TEST(Pose, CovarianceOfTheInverseIsThatOfItsTangents) {
 }
 
 TEST(Pose, SixDofIsRzRyRxInMillimetresAndDegrees) {
-  // 90 degrees about each axis in turn: x -> x, then -> -z (Ry), then stays; by hand.
+  // Hand-computed: with beta = gamma = 90 degrees, x maps to -z (Ry), which Rz leaves unchanged.
   const Pose pose = pose_from({{30, 10, -15}, {0, 90, 90}});
   EXPECT_THAT(pose * Eigen::Vector3d(1, 0, 0), MatrixNear(Eigen::Vector3d(0.03, 0.01, -1.015), 1e-15));
   EXPECT_THAT(pose * Eigen::Vector3d(0, 1, 0), MatrixNear(Eigen::Vector3d(-0.97, 0.01, -0.015), 1e-15));
@@ -111,7 +111,7 @@ TEST(Pose, SixDofRoundTrip) {
 }
 
 TEST(Pose, SixDofDescribesAPoseInGimbalLock) {
-  // At beta = 90 degrees alpha and gamma are one angle; any split will do as long as it is the same rotation.
+  // At beta = 90 degrees alpha and gamma are not separable; any split that gives the same rotation is correct.
   for (const double beta : {90.0, -90.0}) {
     const Pose pose = pose_from({{1, 2, 3}, {20, beta, -35}});
     EXPECT_THAT(pose_from(six_dof(pose)), PoseNear(pose, 1e-12, 1e-7)) << "beta " << beta;
@@ -152,7 +152,7 @@ std::vector<Eigen::Vector3d> transformed(const Pose& pose, std::vector<Eigen::Ve
 TEST(AlignPoints, ExactPairsGiveTheExactTransform) {
   Random random(7);
   const Pose truth{rotation_exp({2, 1, -1.5}), {5, -6, 7}};
-  // In space, in a plane (where the mirror image fits as well), and three points only.
+  // Points in general position, in a plane (where the reflection fits as well), and only three points.
   for (const auto& [count, size] :
        {std::pair{20, Eigen::Vector3d(1, 2, 3)}, {20, Eigen::Vector3d(1, 2, 0)}, {3, Eigen::Vector3d(1, 1, 1)}}) {
     const auto from = random_points(random, count, size);
@@ -173,7 +173,7 @@ TEST(AlignPoints, MirroredPointsGiveTheBestRotationNotAMirror) {
   Random random(8);
   const auto from = random_points(random, 30, {1, 2, 3});
   auto to = from;
-  for (Eigen::Vector3d& p : to) p.z() = -p.z();  // the long axis: the mirror must turn about another
+  for (Eigen::Vector3d& p : to) p.z() = -p.z();  // the longest axis: the best rotation flips another one
   const Pose best = align_points(to, from);
   EXPECT_NEAR(best.rotation.determinant(), 1, 1e-14);
   const double cost = squared_distances(best, to, from);
@@ -217,7 +217,7 @@ TEST(Pinhole, UndistortUndoesProject) {
 
 TEST(Pinhole, NoRayWhereTheLensFoldsTheImage) {
   Pinhole pinhole = projector_like();
-  // x (1 - 20 x^2) peaks at x = 0.129 with 0.086: 224 px from the centre; beyond, nothing is imaged.
+  // x (1 - 20 x^2) has its maximum of 0.086 at x = 0.129, 224 px from the centre; no ray is imaged farther out.
   pinhole.distortion.k1 = -20;
   EXPECT_TRUE(pinhole.undistort({511.5 + 200, 383.5}).allFinite());
   EXPECT_TRUE(pinhole.undistort({511.5 + 300, 383.5}).hasNaN());
@@ -274,7 +274,7 @@ TEST(Parallel, EveryRowOnceAndInOneThreadWhereThatIsWanted) {
     if (alone) {
       EXPECT_EQ(elsewhere, std::vector<int>(kRows, 0));
     }
-    // Another thread's loops are its own matter.
+    // The setting does not affect other threads.
     bool wanted = true;
     std::thread([&] { wanted = SerialLoops::wanted(); }).join();
     EXPECT_FALSE(wanted);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every way to absolute phase, on fringes straight from their equation.
+// All methods of absolute phase unwrapping, on fringes generated directly from their equation.
 #include <gmock/gmock.h>
 
 #include <cmath>
@@ -54,7 +54,7 @@ void PrintTo(const Method& method, std::ostream* out) { *out << method.name; }
 
 class AbsoluteMethods : public testing::TestWithParam<Method> {
  protected:
-  // Smooth, all over the projector, and no pixel centre on an edge of a code.
+  // Smooth coordinates over the whole projector, with no pixel centre on a code edge.
   static cv::Mat1d coordinates() {
     cv::Mat1d u(48, 64);
     for (int row = 0; row < u.rows; ++row) {
@@ -92,7 +92,7 @@ TEST_P(AbsoluteMethods, RecoverTheCoordinateUnderNoise) {
     }
   }
   EXPECT_GT(valid, 0.8 * static_cast<double>(truth.total()));
-  EXPECT_NEAR(squares / valid, 1, 0.15);  // the sigmas are honest
+  EXPECT_NEAR(squares / valid, 1, 0.15);  // the predicted sigmas match the errors
 }
 
 TEST_P(AbsoluteMethods, AutoFindsAMethodThatServes) {
@@ -124,7 +124,7 @@ TEST(WrappedPhase, IsTheDoublePrecisionFormulaToAMicroradian) {
   Random random(5);
   FringeStack stack;
   for (int k = 0; k < 3; ++k) {
-    cv::Mat1f image(40, 531);  // a width that no vector divides
+    cv::Mat1f image(40, 531);  // width that is not a multiple of any vector length
     for (float& grey : image) grey = static_cast<float>(random.uniform(0, 250));
     stack.images.push_back(image);
   }
@@ -201,7 +201,7 @@ TEST(Predicted, RoundsToTheExpectedOrderAndRefusesWhatDoesNotFit) {
     EXPECT_EQ(cv::countNonZero(decoded.fringe_order >= 0), 2000);
     for (int i = 0; i < 2000; ++i) EXPECT_NEAR(decoded.coordinate_px(i), truth(i), 0.5);
   }
-  // Near half a period the two orders are as likely as each other.
+  // Near half a period both orders are equally likely.
   EXPECT_EQ(cv::countNonZero(decode_with(7.7).fringe_order >= 0), 0);
   expected.coordinate_px(5) = std::numeric_limits<float>::quiet_NaN();
   EXPECT_EQ(decode(stack, sequence, rig, by("predicted"), {Axis::columns, &expected}).fringe_order(5), -1);
@@ -214,7 +214,7 @@ TEST(Predicted, LooksAtTheFinestPeriodAlone) {
                         fine = phase_shift_sequence(1024, 768, {16}, 3, Axis::columns, 8);
   const cv::Mat1d truth = support::ramp(100, 900, 500);
   FringeStack stack = fringe_stack(truth, all, {}, CV_8UC1);
-  for (size_t i = 0; i < 6; ++i) stack.images[i].setTo(255);  // the coarse ones
+  for (size_t i = 0; i < 6; ++i) stack.images[i].setTo(255);  // the coarser periods
   FringeStack last = stack;
   last.images.erase(last.images.begin(), last.images.begin() + 6);
   ExpectedCoordinate expected{cv::Mat1f(1, 500), cv::Mat1f(1, 500, 0.0f), cv::Mat1f(1, 500, 1.0f)};
@@ -252,7 +252,7 @@ TEST(Gray, AFlatBitBetweenTwoFarCellsIsNotBelieved) {
   const RigModel rig = plain_rig();
   auto stack = fringe_stack(cv::Mat1d(1, 1, 203.0), sequence, {}, CV_8UC1);
   ASSERT_EQ(decode(stack, sequence, rig, by("gray")).fringe_order(0), 6);
-  stack.images[4].at<uchar>(0) = 120;  // the second coarsest bit at its threshold: cells far apart
+  stack.images[4].at<uchar>(0) = 120;  // second coarsest bit at its threshold: the candidate cells are far apart
   EXPECT_EQ(decode(stack, sequence, rig, by("gray")).fringe_order(0), -1);
 }
 
@@ -275,7 +275,7 @@ TEST(Errors, SayWhatTheSequenceLacks) {
   SequenceDesign twelve = design_of({1040});
   twelve.steps = 12;
   EXPECT_THAT(error_of([&] { resolve_unwrapping(design_sequence(twelve), rig, options); }),
-              HasSubstr("no 5 equally spaced ones"));
+              HasSubstr("do not include 5 equally spaced ones"));
 }
 
 TEST(Steps, AFewOfManyGiveTheSamePhase) {
@@ -294,7 +294,7 @@ TEST(Steps, AFewOfManyGiveTheSamePhase) {
   }
 }
 
-// What three centred steps of a sinusoid raised to gamma measure too much, straight from the equation of the phase.
+// Phase error (measured minus true) of three centred steps of a sinusoid raised to gamma, from the phase equation.
 double gamma_offset(double gamma, double phase) {
   double sine = 0, cosine = 0;
   for (const double shift : {-2 * kPi / 3, 0.0, 2 * kPi / 3}) {
@@ -310,7 +310,7 @@ TEST(PhaseCorrectionTable, UndoesWhatAGammaDoesToThreeSteps) {
   RigModel rig = plain_rig();
   rig.phase_correction.steps = 3;
   for (int i = 0; i < 256; ++i) rig.phase_correction.offset_rad.push_back(gamma_offset(kGamma, 2 * kPi * i / 256));
-  // Shifts that start anywhere: what is measured too much depends on where they start.
+  // Shifts with arbitrary start: the phase error depends on the start.
   for (const double first : {-2 * kPi / 3, 0.0, 1.1}) {
     PatternSequence sequence = phase_shift_sequence(1024, 768, {1040}, 3, Axis::columns, 0);
     for (size_t k = 0; k < 3; ++k) sequence.patterns[k].shift_rad = first + 2 * kPi * static_cast<double>(k) / 3;
@@ -329,13 +329,13 @@ TEST(PhaseCorrectionTable, UndoesWhatAGammaDoesToThreeSteps) {
     };
     RigModel bare = rig;
     bare.phase_correction = {};
-    // METHOD, response curve: about 0.29 rad sin 3 phi.
+    // docs/method.md, section 3.3: about 0.29 rad sin 3 phi.
     EXPECT_NEAR(rms(bare), 0.29 / std::sqrt(2.0), 0.02) << first;
     EXPECT_LT(rms(rig), 0.002 * rms(bare)) << first;
   }
 }
 
-// --- spatial ---
+// --- spatial unwrapping ---
 
 using Unwrap = SpatialOrders (*)(const cv::Mat1f&);
 SpatialOrders quality(const cv::Mat1f& phase) { return unwrap_by_quality(phase, cv::Mat1f(phase.size(), 0.1f), 1.6); }
@@ -350,7 +350,7 @@ class Spatial : public testing::TestWithParam<Unwrap> {
           static_cast<float>(std::remainder(phase(i / phase.cols, i % phase.cols), 2 * kPi));
     return result;
   }
-  // Largest distance of the unwrapped phase from the truth, each component shifted as a whole.
+  // Maximum error of the unwrapped phase, up to a common offset per component.
   static double worst(const SpatialOrders& orders, const cv::Mat1f& phase, const cv::Mat1d& truth) {
     std::vector<double> shift(static_cast<size_t>(orders.components), NAN);
     double worst = 0;
@@ -430,7 +430,7 @@ TEST(Vote, TakesTheCommonestOrderAndLeavesTheRestRelative) {
 }
 
 TEST(SpatialDecoding, ComponentsTakeTheirOrderFromTheReference) {
-  // Two plates side by side, 7.4 periods apart.
+  // Two plates side by side, separated by 7.4 periods.
   cv::Mat1d truth(60, 80);
   for (int row = 0; row < 60; ++row) {
     for (int col = 0; col < 80; ++col) truth(row, col) = 200 + 2.0 * col + (col >= 40 ? 7.4 * 16 : 0);

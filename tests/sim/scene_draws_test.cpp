@@ -115,11 +115,11 @@ TEST_F(SceneDraws, WhatIsNoDistributionIsRefused) {
   };
   says("{uniform: [5, 1]}", "smaller number first");
   says("{uniform: [1]}", "takes two numbers");
-  says("{unifrom: [1, 2]}", "'unifrom' is no distribution");
+  says("{unifrom: [1, 2]}", "'unifrom' is not a distribution");
   says("{uniform: [-1, 2]}", "'ambient_lux' is -1");
-  says("{log_uniform: [0, 2]}", "above 0");
-  says("{normal: [1, -2]}", "not negative");
-  says("{normal: [-100000, 1]}", "hardly ever permitted");
+  says("{log_uniform: [0, 2]}", "takes positive numbers");
+  says("{normal: [1, -2]}", "a non-negative sigma");
+  says("{normal: [-100000, 1]}", "almost never yields a permitted value");
   says("{uniform: [1, two]}", "must be a number");
   says("{uniform: 3}", "a number or a distribution");
   says("{choice: []}", "'choice' must not be empty");

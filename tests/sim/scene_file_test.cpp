@@ -60,13 +60,13 @@ TEST_F(SceneFile, ThatIsPlainIsRead) { EXPECT_THAT(load_scene(file({})).objects,
 TEST_F(SceneFile, ThatNamesWhatCannotBeAFileIsRefused) {
   const std::string endless(5000, 'x');
   refused({.rig = endless}, 2, "does not exist");
-  refused({.rig = "/dev/zero"}, 2, "is no file");
-  refused({.rig = "."}, 2, "is no file");
+  refused({.rig = "/dev/zero"}, 2, "is not a regular file");
+  refused({.rig = "."}, 2, "is not a regular file");
   refused({.material = "{texture: " + endless + "}"}, 4, "does not exist");
-  refused({.material = "{texture: .}"}, 4, "is no file");
+  refused({.material = "{texture: .}"}, 4, "is not a regular file");
   refused({.object = "{shape: mesh, file: " + endless + "}"}, 6, "does not exist");
   refused({.trajectory = "{file: " + endless + "}"}, 7, "does not exist");
-  refused({.trajectory = "{file: /dev/zero}"}, 7, "is no file");
+  refused({.trajectory = "{file: /dev/zero}"}, 7, "is not a regular file");
   refused({.more = "include: " + endless + "\n"}, 8, "does not exist");
 }
 

@@ -77,8 +77,8 @@ TEST_F(SceneVariant, WrongChangesSayWhere) {
                 with({{"objects.2.size_m", "1"}});
               }),
               HasSubstr("objects.2.size_m: objects is a list of 2; its entries are numbered from 0"));
-  EXPECT_THAT(error_of([&] { with({{"name.first", "1"}}); }), HasSubstr("name is a value and has nothing below it"));
-  EXPECT_THAT(error_of([&] { with({{"light.", "1"}}); }), HasSubstr("light is followed by no name"));
+  EXPECT_THAT(error_of([&] { with({{"name.first", "1"}}); }), HasSubstr("name is a scalar and has no sub-keys"));
+  EXPECT_THAT(error_of([&] { with({{"light.", "1"}}); }), HasSubstr("light is followed by an empty name"));
   EXPECT_THAT(error_of([&] { with({{"light.ambient_lux", "-5"}}); }), HasSubstr("'ambient_lux'"));
   EXPECT_THAT(error_of([&] { with({{"light.ambient_lux", "[1"}}); }), HasSubstr("not valid YAML"));
   EXPECT_THAT(error_of([&] { with({{"rig.camera.sensor.bit", "12"}}); }), HasSubstr("did you mean 'bits'"));

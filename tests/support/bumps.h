@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A rig that sees something to map, without a renderer.
+// A rig that observes an analytic scene suitable for mapping, without a renderer.
 #pragma once
 
 #include <cmath>
@@ -11,7 +11,7 @@
 
 namespace fringeslam::support {
 
-// Stains of 15 mm, between half and all of the light.
+// Smooth random texture with a grid spacing of 15 mm and values between 0.5 and 1.
 inline double stains(const Eigen::Vector3d& world) {
   const auto level = [](double i, double j) {
     const double scattered = std::sin(12.9898 * i + 78.233 * j) * 43758.5453;
@@ -23,7 +23,7 @@ inline double stains(const Eigen::Vector3d& world) {
          v * ((1 - u) * level(i, j + 1) + u * level(i + 1, j + 1));
 }
 
-// Views of stained bumps from a robot that moves by 8 mm and half a degree from one to the next.
+// Views of textured bumps from a robot that moves by 8 mm and 0.5 degrees between views.
 class Bumps : public Rig {
  public:
   explicit Bumps(int views) : views_(views) {}

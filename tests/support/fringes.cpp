@@ -9,7 +9,7 @@ namespace fringeslam::support {
 FringeStack fringe_stack(const cv::Mat1d& coordinate_px, const PatternSequence& sequence, const FringeLight& light,
                          int type, const SensorModel& sensor, Random* noise) {
   FringeStack stack;
-  // Rounding adds the 1/12 of the sensor's variance by itself; images of floats are not rounded.
+  // Rounding itself contributes the 1/12 of the sensor's variance; float images are not rounded.
   const double rounding = type == CV_32FC1 ? 0 : 1.0 / 12;
   for (const Pattern& pattern : sequence.patterns) {
     cv::Mat1d exact(coordinate_px.size());

@@ -24,7 +24,7 @@ MATCHER_P3(PoseNear, expected, tolerance_m, tolerance_rad, "is a pose within the
   return off.template tail<3>().norm() <= tolerance_m && off.template head<3>().norm() <= tolerance_rad;
 }
 
-// The statement throws Error with a message that contains the text.
+// Returns the message of the Error that the statement throws, or "no Error was thrown".
 template <class Statement>
 std::string error_of(Statement&& statement) {
   try {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Seeded random numbers for tests. The distributions of <random> differ between standard libraries;
-// these are the same everywhere.
+// Seeded random numbers for tests. Unlike the distributions of <random>, which differ between standard libraries, these
+// are the same on all platforms.
 #pragma once
 
 #include <Eigen/Cholesky>
@@ -31,10 +31,10 @@ class Random {
     return Eigen::Matrix<double, Size, 1>::NullaryExpr([this](Eigen::Index) { return normal(); });
   }
 
-  // Evenly distributed over the unit sphere.
+  // Uniformly distributed on the unit sphere.
   Eigen::Vector3d direction() { return normals<3>().normalized(); }
 
-  // Zero mean, of the given covariance.
+  // Zero-mean normal with the given covariance.
   template <int Size>
   Eigen::Matrix<double, Size, 1> gaussian(const Eigen::Matrix<double, Size, Size>& covariance) {
     return covariance.llt().matrixL() * normals<Size>();

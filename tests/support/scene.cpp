@@ -15,7 +15,7 @@ cv::Vec3f to_cv(const Eigen::Vector3d& v) {
   return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};
 }
 
-// What the ray through a pixel's centre meets, in the camera's frame; point.z() is the depth.
+// Casts the ray through a pixel's centre; the result is in the camera frame, and point.z() is the depth.
 std::optional<Hit> look(const Surface& surface, const Pinhole& camera, const Pose& world_from_camera, int row,
                         int col) {
   const Eigen::Vector3d ray = camera.undistort({col, row}).homogeneous();
@@ -61,7 +61,7 @@ Surface nearest_of(std::vector<Surface> surfaces) {
 Surface corner(const Eigen::Vector3d& tip) {
   std::vector<Surface> faces;
   for (int i = 0; i < 3; ++i) {
-    const double angle = 0.3 + 2 * std::numbers::pi * i / 3;  // none along a pixel axis
+    const double angle = 0.3 + 2 * std::numbers::pi * i / 3;  // no face aligned with a pixel axis
     const Eigen::Vector3d normal =
         Eigen::Vector3d(std::sqrt(2.0) * std::cos(angle), std::sqrt(2.0) * std::sin(angle), -1).normalized();
     faces.push_back(plane(normal, normal.dot(tip)));
@@ -94,7 +94,7 @@ RigModel small_rig(bool distorted) {
     rig.camera.distortion = {-0.12, 0.1, 0.0003, -0.0002, 0};
     rig.projector.distortion = {0.05, -0.03, 0.0004, -0.0003, 0.01};
   }
-  // 250 mm to the right of the camera, turned inwards so that the axes meet at 1 m.
+  // 250 mm to the right of the camera, rotated inwards so that the axes meet at 1 m.
   const double turn = std::atan(0.25);
   rig.projector_from_camera.rotation = rotation_exp({0, turn, 0});
   rig.projector_from_camera.translation = rig.projector_from_camera.rotation * Eigen::Vector3d(-0.25, 0, 0);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Views of analytic surfaces, ray cast exactly: what a perfect sensor (or one with known Gaussian
-// depth noise) would measure.
+// Exact ray-cast views of analytic surfaces: the measurements of an ideal sensor or of one with known Gaussian depth
+// noise.
 #pragma once
 
 #include <functional>
@@ -16,33 +16,35 @@
 namespace fringeslam::support {
 
 struct Hit {
-  double distance = 0;  // along the direction as given
+  double distance = 0;  // in units of the direction's length
   Eigen::Vector3d point, normal;
 };
 
-// The first hit of a ray with a surface, in the surface's own (world) frame.
+// Returns the first hit of a ray with a surface, in the world frame.
 using Surface = std::function<std::optional<Hit>(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction)>;
 
-// n.P = offset.
+// Plane n.P = offset.
 Surface plane(const Eigen::Vector3d& normal, double offset);
-// The nearest hit of several surfaces.
+// Union of surfaces: the nearest hit.
 Surface nearest_of(std::vector<Surface> surfaces);
-// Three orthogonal planes that meet at `tip`, opening towards -z, each 54.7 degrees from the z axis.
+// Three orthogonal planes that meet at `tip` and open towards -z; their normals are at 54.7 degrees to the z axis.
 Surface corner(const Eigen::Vector3d& tip);
-// z = depth + height sin(2 pi x / period) sin(2 pi (y + 0.3 x) / period): bumps that fix all six degrees.
+// z = depth + height sin(2 pi x / period) sin(2 pi (y + 0.3 x) / period): bumps that constrain all six degrees of
+// freedom.
 Surface bumps(double depth, double height, double period);
 
-// 133 x 125 px camera, 1024 x 768 projector, 250 mm baseline, both optionally with lens distortion.
+// Rig with a 133 x 125 px camera, a 1024 x 768 px projector and a 250 mm baseline, optionally with lens distortion in
+// both.
 RigModel small_rig(bool distorted);
 
-// Depth noise of standard deviation sigma_m is added along the rays when `noise` is given; normals are exact.
+// Renders a Frame. With `noise`, depth noise of standard deviation sigma_m is added along the rays; normals are exact.
 Frame observe(const Surface& surface, const RigModel& rig, const Pose& world_from_camera, double sigma_m,
               Random* noise = nullptr);
 
-// The same view as truth.
+// Renders the ground truth of the same view.
 TruthFrame truth_of(const Surface& surface, const RigModel& rig, const Pose& world_from_camera);
 
-// Where in the projector each camera pixel's light came from, with noise of sigma_px when `noise` is given.
+// Returns the decoded projector columns of a view; with `noise`, noise of sigma_px is added.
 DecodedStack seen_columns(const Surface& surface, const RigModel& rig, const Pose& world_from_camera, double sigma_px,
                           Random* noise = nullptr);
 

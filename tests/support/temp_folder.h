@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A folder of its own for each test, and plain reading and writing in it.
+// A temporary folder for each test, and simple file helpers.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -54,12 +54,12 @@ inline void write_bytes(const fs::path& file, const std::string& bytes) {
   ASSERT_TRUE(out) << file << " cannot be written";
 }
 
-// Leaves the first `share` of a file, as a full disk or a pulled plug does.
+// Truncates a file to the fraction `share`, as a full disk or a power loss would.
 inline void truncate_file(const fs::path& file, double share) {
   fs::resize_file(file, static_cast<uintmax_t>(static_cast<double>(fs::file_size(file)) * share));
 }
 
-// Relative names of all files and folders below `folder`.
+// Returns the relative names of all files and folders below `folder`.
 inline std::set<std::string> listing(const fs::path& folder) {
   std::set<std::string> names;
   if (!fs::exists(folder)) return names;
@@ -68,7 +68,7 @@ inline std::set<std::string> listing(const fs::path& folder) {
   return names;
 }
 
-// The line of `text` on which `part` first stands, from 1; 0 when it does not.
+// Returns the line of `text`, from 1, in which `part` first occurs; 0 if it does not occur.
 inline int line_of(const std::string& text, const std::string& part) {
   const size_t place = text.find(part);
   if (place == std::string::npos) return 0;
@@ -77,15 +77,16 @@ inline int line_of(const std::string& text, const std::string& part) {
   return line;
 }
 
-// `text` with its only `from` replaced.
+// Returns `text` with the first `from` replaced; the test fails if there is none.
 inline std::string replaced(std::string text, const std::string& from, const std::string& to) {
   const size_t place = text.find(from);
-  EXPECT_NE(place, std::string::npos) << "'" << from << "' is not there to be replaced";
+  EXPECT_NE(place, std::string::npos) << "'" << from << "' does not occur in the text";
   if (place != std::string::npos) text.replace(place, from.size(), to);
   return text;
 }
 
-// What an Error says; the test fails when none is thrown.
+// Returns the message of the Error that `action` throws; the test fails if none is thrown or if it has more than one
+// line.
 template <class Action>
 std::string message_of(const Action& action) {
   try {

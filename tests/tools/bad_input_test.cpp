@@ -126,7 +126,7 @@ TEST_F(BadInput, RigThatCannotBe) {
   refused("flux_lm:", "flux_lm: -5", "'flux_lm' is -5");
   refused("pixel_fill:", "pixel_fill: 0", "'pixel_fill' is 0");
   refused("camera_rate_hz:", "camera_rate_hz: 500", "camera_rate_hz exceeds pattern_rate_hz");
-  refused("exposure_s:", "exposure_s: 0.5", "exposure_s is longer than a pattern is shown");
+  refused("exposure_s:", "exposure_s: 0.5", "exposure_s exceeds the display time of a pattern");
 }
 
 TEST_F(BadInput, NoPeriodCoversTheProjector) {
@@ -152,9 +152,11 @@ TEST_F(BadInput, ProjectorThatPointsAway) {
   for (const std::string verb : {"run", "render", "info"}) {
     SCOPED_TRACE(verb);
     if (verb == "info")
-      expect_refused(run_program({verb, file}), {file + ":" + line + ": ", "the projector lights nothing"});
+      expect_refused(run_program({verb, file}),
+                     {file + ":" + line + ": ", "the projector illuminates nothing in the camera's view"});
     else
-      expect_refused_by(verb, scene_, {file + ":" + line + ": ", "the projector lights nothing"});
+      expect_refused_by(verb, scene_,
+                        {file + ":" + line + ": ", "the projector illuminates nothing in the camera's view"});
   }
 }
 

@@ -103,7 +103,7 @@ TEST_F(Calibrate, RigSaysWhatIsMissing) {
   EXPECT_THAT(error({}), HasSubstr("one_axis/board.yaml: is missing; describe the board there"));
   test::write_bytes(temp_ / "board.yaml", "kind: checkerboard\ncolumns: 7\nrows: 6\nspacing: 0.016\n");
   EXPECT_THAT(error({"--board", at("board.yaml")}),
-              HasSubstr("'spacing_m' is missing; is it what 'spacing' should say?"));
+              HasSubstr("'spacing_m' is missing; is 'spacing' a misspelling of it?"));
   test::write_bytes(temp_ / "board.yaml", "kind: chessboard\ncolumns: 7\nrows: 6\nspacing_m: 0.016\n");
   EXPECT_THAT(error({"--board", at("board.yaml")}), HasSubstr("board.yaml:1: "));
   test::write_bytes(temp_ / "board.yaml", "kind: checkerboard\ncolumns: 7\nrows: 6\nspacing_m: 0.016\n");

@@ -120,7 +120,7 @@ TEST_F(EightBitRecording, OtherPixelTypeWithinAStackIsNamed) {
   const test::fs::path file = folder_ / "stacks/000000/02.png";
   write_png(file, cv::Mat(50, 53, CV_16UC1, cv::Scalar(7)));
   EXPECT_THAT(error_after("dataset.yaml", "seed: 1", "seed: 1"),
-              StartsWith(file.string() + ": has another pixel type"));
+              StartsWith(file.string() + ": has a different pixel type"));
 }
 
 TEST_F(EightBitRecording, ColourImageIsNamed) {
@@ -214,11 +214,11 @@ TEST_P(ThermalRecording, WhatIsWrongIsNamed) {
   test::write_bytes(image(1), whole.substr(0, whole.size() / 2));
   EXPECT_THAT(replay_error(), StartsWith(image(1).string() + ": "));
   test::fs::remove(image(1));
-  EXPECT_THAT(replay_error(), HasSubstr("thermal.png: is missing, though dataset.yaml promises thermal images"));
+  EXPECT_THAT(replay_error(), HasSubstr("thermal.png: is missing, although dataset.yaml declares thermal images"));
   write_png(folder_ / "stacks/000001/thermal.png", cv::Mat(13, 16, CV_16UC1, cv::Scalar(30000)));
   EXPECT_THAT(replay_error(), HasSubstr("is 16x13 but the thermal camera of rig.yaml has 16x12"));
   write_png(folder_ / "stacks/000001/thermal.png", cv::Mat(12, 16, CV_8UC1, cv::Scalar(30)));
-  EXPECT_THAT(replay_error(), HasSubstr("is not of 16 bits"));
+  EXPECT_THAT(replay_error(), HasSubstr("is not a 16-bit image in hundredths of a kelvin"));
   test::write_bytes(folder_ / "rig.yaml", to_yaml(test::tiny_rig()));
   EXPECT_THAT(replay_error(), HasSubstr("rig.yaml: has no 'thermal' section"));
 }
@@ -233,7 +233,7 @@ TEST(Dataset, HasAThermalImageOfEveryStackOrOfNone) {
   test::FakeRig fake(test::tiny_rig(), stacks);
   RecordingRig recording(fake, temp.path());
   recording.capture(test::short_sequence());
-  EXPECT_THAT(message_of([&] { recording.capture(test::short_sequence()); }), HasSubstr("of every stack, or of none"));
+  EXPECT_THAT(message_of([&] { recording.capture(test::short_sequence()); }), HasSubstr("for every stack or for none"));
 }
 
 TEST(Dataset, HoldsOneSequence) {

@@ -414,18 +414,18 @@ TEST_F(ImportErrors, TheGoodFileIsGood) {
 }
 
 TEST_F(ImportErrors, KeysAndValues) {
-  expect_refused("steps: 3", "stesp: 3", "'steps' is missing; is it what 'stesp' should say?");
+  expect_refused("steps: 3", "stesp: 3", "'steps' is missing; is 'stesp' a misspelling of it?");
   expect_refused("unit_m: 0.001", "unit: 0.001", "'unit_m' is missing");
-  expect_refused("white: true", "white: true, flat: 1", "an entry of patterns is one of");
-  expect_refused("{file: white.png,", "{file: white.png, files: a%d.png,", "and not both");
+  expect_refused("white: true", "white: true, flat: 1", "an entry of patterns must have exactly one of");
+  expect_refused("{file: white.png,", "{file: white.png, files: a%d.png,", "or `files` for several, not both");
   expect_refused("axis: columns, period_px: 16, steps", "axis: column, period_px: 16, steps",
                  "did you mean 'columns'?");
   expect_refused("period_px: 16, steps", "period_px: 16, number_of_periods: 4, steps", "not both");
   expect_refused("steps: 3", "steps: 2", "'steps' is 2");
   expect_refused("steps: 3", "steps: 3, wave: tan", "'wave: tan' is not one of cos, sin");
   expect_refused("steps: 3", "steps: 3, shift_sign: 0.5", "'shift_sign' is 1 or -1");
-  expect_refused("\"f%02d.png\"", "\"f.png\"", "must hold one number");
-  expect_refused("\"f%02d.png\"", "\"f%s.png\"", "must hold one number");
+  expect_refused("\"f%02d.png\"", "\"f.png\"", "must contain one number field");
+  expect_refused("\"f%02d.png\"", "\"f%s.png\"", "must contain one number field");
   expect_refused("[g1.png, g0.png]", "[g1.png, g0.png, white.png]", "lists 3 images, but the entry describes 2");
   expect_refused("kind: circles", "kind: dots", "'kind: dots' is not one of checkerboard");
 }
@@ -433,15 +433,16 @@ TEST_F(ImportErrors, KeysAndValues) {
 TEST_F(ImportErrors, ThreeStepsOfThreeShifts) {
   const std::string text = test::replaced(kGood, "steps: 3", "shift_deg: [0, 120, 480]");
   EXPECT_THAT(import(text), HasSubstr("fewer than three distinct phase shifts"));
-  EXPECT_THAT(import(test::replaced(kGood, "steps: 3", "shift_deg: [0, 120, 120]")), HasSubstr("the same pattern"));
+  EXPECT_THAT(import(test::replaced(kGood, "steps: 3", "shift_deg: [0, 120, 120]")),
+              HasSubstr("this pattern is a duplicate of an earlier one"));
 }
 
 TEST_F(ImportErrors, Files) {
   expect_refused("{file: white.png", "{file: wite.png", "in/wite.png is missing");
   expect_refused("\"f%02d.png\"", "\"f%02d.png\", first: 1", "in/f03.png is missing");
-  expect_refused("{file: white.png", "{file: g0.png", "g0.png is used a second time");
-  expect_refused("{file: white.png", "{file: ./g0.png", "g0.png is used a second time");
-  expect_refused("calibration.yml", "no.yml", "no.yml is neither beside this file nor in");
+  expect_refused("{file: white.png", "{file: g0.png", "g0.png is used twice");
+  expect_refused("{file: white.png", "{file: ./g0.png", "g0.png is used twice");
+  expect_refused("calibration.yml", "no.yml", "no.yml is neither next to this file nor in");
   expect_refused("name: small", "stacks: pose*\nname: small", "has no folder that matches 'pose*'");
 }
 
@@ -456,7 +457,7 @@ TEST_F(ImportErrors, Images) {
   put("g0", cv::Mat1b(6, 9, uchar{9}));
   EXPECT_THAT(import(kGood), HasSubstr("in/g0.png: is 9x6 but " + (temp_ / "in/f00.png").string() + " is 8x6"));
   put("g0", cv::Mat1w(6, 8, uint16_t{9}));
-  EXPECT_THAT(import(kGood), HasSubstr("in/g0.png: has another pixel type"));
+  EXPECT_THAT(import(kGood), HasSubstr("in/g0.png: has a different pixel type"));
   put("g0", cv::Mat1b(6, 8, uchar{9}));
   test::truncate_file(temp_ / "in/g0.png", 0.6);
   EXPECT_THAT(import(kGood), HasSubstr("in/g0.png: is truncated or damaged"));
@@ -464,9 +465,9 @@ TEST_F(ImportErrors, Images) {
 
 TEST_F(ImportErrors, BitsOfTheCamera) {
   const std::string twelve = std::string(kGood) + "camera: {bits: 12}\n";
-  EXPECT_THAT(import(twelve), HasSubstr("f00.png: has 8 bits a pixel, but camera.bits is 12"));
+  EXPECT_THAT(import(twelve), HasSubstr("f00.png: has 8 bits per pixel, but camera.bits is 12"));
   for (const char* name : {"f00", "f01", "f02", "g0", "g1", "white"}) put(name, cv::Mat1w(6, 8, uint16_t{0xABCA}));
-  EXPECT_THAT(import(twelve), HasSubstr("has a grey value of 43978, more than camera.bits: 12 can hold"));
+  EXPECT_THAT(import(twelve), HasSubstr("has a grey value of 43978, which exceeds camera.bits: 12"));
   test::write_bytes(temp_ / "in/import.yaml", std::string(kGood) + "camera: {bits: 12, msb_aligned: true}\n");
   ImportedRig rig(read_import(temp_ / "in/import.yaml", temp_ / "in"));
   EXPECT_EQ(rig.capture(rig.sequence())->images[0].at<uint16_t>(0, 0), 0xABC);
@@ -488,7 +489,7 @@ TEST_F(ImportErrors, Calibration) {
   const std::string file = (temp_ / "in/calibration.yml").string();
 
   EXPECT_THAT(import(test::replaced(kGood, "unit_m: 0.001", "unit_m: 0.000001")),
-              HasSubstr("the rig that it describes is refused: camera and projector stand in one place"));
+              HasSubstr("the described rig is invalid: camera and projector have the same position"));
   EXPECT_THAT(write([](cv::FileStorage&) {}, camera, lens), HasSubstr("for the rotation; the entries are cam_K"));
   cv::Mat1d stretched = good_rotation.clone();
   stretched *= 1.01;
@@ -504,7 +505,7 @@ TEST_F(ImportErrors, Calibration) {
                       << "none";
                   },
                   camera, lens),
-              HasSubstr("R is no matrix"));
+              HasSubstr("R is not a matrix"));
   cv::Mat1d skewed = camera.clone();
   skewed(0, 1) = 0.2;
   EXPECT_THAT(write(good, skewed, lens), HasSubstr("cam_K has a skew of 0.2 px"));
@@ -513,9 +514,9 @@ TEST_F(ImportErrors, Calibration) {
   EXPECT_THAT(write(good, camera, rational), HasSubstr("cam_kc has distortion terms beyond k1 k2 p1 p2 k3"));
   EXPECT_THAT(write(good, camera, cv::Mat1d(1, 6, 0.0)), HasSubstr("but has 6"));
   EXPECT_THAT(write([&](cv::FileStorage& s) { good(s), s << "camera_size" << cv::Size(640, 480); }, camera, lens),
-              HasSubstr("f00.png: is 8x6 but the calibration is of a 640x480 camera"));
+              HasSubstr("f00.png: is 8x6 but the calibration is for a 640x480 camera"));
   test::write_bytes(file, "cam_K: [1, 2\n");
-  EXPECT_THAT(import(kGood), StartsWith(file + ": is no OpenCV file"));
+  EXPECT_THAT(import(kGood), StartsWith(file + ": is not an OpenCV file"));
 }
 
 TEST_F(ImportErrors, ProgramLeavesNothingBehind) {
@@ -527,7 +528,7 @@ TEST_F(ImportErrors, ProgramLeavesNothingBehind) {
   EXPECT_EQ(std::count(finished.err.begin(), finished.err.end(), '\n'), 1) << finished.err;
   EXPECT_EQ(test::listing(temp_ / "results"), std::set<std::string>{});
   EXPECT_THAT(test::run_program({"import", (temp_ / "no").string(), "--out", (temp_ / "o").string()}).err,
-              HasSubstr("is no folder"));
+              HasSubstr("is not a folder"));
 }
 
 // Good to calibrate with, not to measure with.
@@ -587,7 +588,7 @@ TEST(OpenCvFiles, SeveralFilesWithOneNameAreToldApart) {
     s << "R" << rotation_of(rig.projector_from_camera, false) << "T" << (std::vector<double>{t.x(), t.y(), t.z()});
   }
   CalibrationFiles source{{temp / "camera.yml", temp / "projector.yml", temp / "extrinsics.yml"}, {}, true, 1};
-  EXPECT_THAT(message_of([&] { read_opencv_calibration(source); }), HasSubstr("stands in another file too"));
+  EXPECT_THAT(message_of([&] { read_opencv_calibration(source); }), HasSubstr("also exists in another file"));
   source.names = {"camera.yml:camera_matrix",
                   "camera.yml:distortion_coefficients",
                   "projector.yml:camera_matrix",

@@ -204,10 +204,10 @@ TEST(RigFile, ALensMayFoldInTheExtremeCorners) {
 
 TEST(RigFile, RefusesARigThatCanMeasureNothing) {
   EXPECT_THAT(error_of("rotation_deg: [0, 14.03624347, 0]", "rotation_deg: [0, 194, 0]"),
-              HasSubstr("lights nothing that the camera sees"));
+              HasSubstr("illuminates nothing in the camera's view"));
   EXPECT_THAT(error_of("rotation_deg: [0, 14.03624347, 0]", "rotation_deg: [0, -50, 0]"),
-              HasSubstr("lights nothing that the camera sees"));
-  EXPECT_THAT(error_of("[-0.24253563, 0, 0.06063391]", "[0, 0, 0]"), HasSubstr("in one place"));
+              HasSubstr("illuminates nothing in the camera's view"));
+  EXPECT_THAT(error_of("[-0.24253563, 0, 0.06063391]", "[0, 0, 0]"), HasSubstr("have the same position"));
 }
 
 TEST(RigFile, BeamMeetsViewOnlyInTheWorkingRange) {

@@ -76,8 +76,8 @@ INSTANTIATE_TEST_SUITE_P(
         Broken{"UnknownKey", "name: thesis", "name: thesis\nblurr: true", 5, "did you mean 'blur'"},
         Broken{"UnknownKeyOfAMap", "  bits: 8", "  bitz: 8", 7, "'bitz'; did you mean 'bits'"},
         Broken{"UnknownKeyOfAListEntry", "{size: 2}", "{size: 2, sise: 3}", 11, "'sise'; did you mean 'size'"},
-        Broken{"DuplicateKey", "name: thesis", "scale: 0.7", 4, "'scale' stands here a second time"},
-        Broken{"DuplicateKeyOfAMap", "  bits: 8", "  axis: rows", 7, "'axis' stands here a second time"},
+        Broken{"DuplicateKey", "name: thesis", "scale: 0.7", 4, "'scale' is a duplicate key"},
+        Broken{"DuplicateKeyOfAMap", "  bits: 8", "  axis: rows", 7, "'axis' is a duplicate key"},
         Broken{"NotANumber", "scale: 0.5", "scale: .nan", 3, "'scale' is nan"},
         Broken{"Infinite", "scale: 0.5", "scale: .inf", 3, "'scale' is inf"},
         Broken{"NanInAList", "[1, 2, 3]", "[1, .nan, 3]", 8, "'centre' is nan"},
@@ -91,7 +91,7 @@ INSTANTIATE_TEST_SUITE_P(
         Broken{"ListTooShort", "[1, 2, 3]", "[1, 2]", 8, "list of 3 numbers"},
         Broken{"NumberForAList", "[1, 2, 3]", "7", 8, "list of 3 numbers"},
         Broken{"NotTrueOrFalse", "name: thesis", "name: thesis\nblur: maybe", 5, "true or false"},
-        Broken{"MapForAText", "name: thesis", "name: {a: 1}", 4, "'name' must be a text"},
+        Broken{"MapForAText", "name: thesis", "name: {a: 1}", 4, "'name' must be a string"},
         Broken{"NoSuchChoice", "axis: columns", "axis: colums", 6, "did you mean 'columns'"},
         Broken{"ListEntryIsNoMap", "{size: 2}", "2", 11, "must be a map"},
         Broken{"OpenBracket", "[1, 2, 3]", "[1, 2, 3", 9, "not valid YAML"},
@@ -137,18 +137,18 @@ TEST(Yaml, WhatIsBeyondMeasureIsRefused) {
     EXPECT_THAT(message_of([&] { YamlMap::parse(text, "f.yaml"); }),
                 AllOf(StartsWith("f.yaml:" + std::to_string(line) + ": "), HasSubstr(says)));
   };
-  refused("a:\n  " + std::string(100000, '['), 2, "more than 64 maps and lists within one another");
-  refused("a: 1\nb: &b [1, 2]\nc: 3\n", 2, "anchors and aliases (&name, *name) are not read");
+  refused("a:\n  " + std::string(100000, '['), 2, "more than 64 nested maps and lists");
+  refused("a: 1\nb: &b [1, 2]\nc: 3\n", 2, "anchors and aliases (&name, *name) are not supported");
   refused("a: 1\n--- # the next\nb: 2\n", 2, "a second document");
   std::string list = "a: [";
   for (int i = 0; i < 1000000; ++i) list += "1,";
   refused(list + "]\n", 1, "more than 1000000 values");
   std::string keys;
   for (int i = 0; i <= 1000; ++i) keys += "key" + std::to_string(i) + ": 1\n";
-  refused(keys, 1001, "a map of more than 1000 keys");
+  refused(keys, 1001, "the map has more than 1000 keys");
   EXPECT_THAT(message_of([&] { YamlMap::parse("a: " + std::string(17 << 20, 'x') + "\n", "f.yaml"); }),
               HasSubstr("f.yaml: is larger than 16 MiB"));
-  EXPECT_THAT(message_of([&] { YamlMap::load("/dev/zero"); }), StartsWith("/dev/zero: is no file"));
+  EXPECT_THAT(message_of([&] { YamlMap::load("/dev/zero"); }), StartsWith("/dev/zero: is not a regular file"));
 }
 
 TEST(Yaml, WhatIsMerelyLargeIsRead) {
