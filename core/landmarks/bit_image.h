@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Binary images of 64 pixels a word, for morphology (METHOD S8-S10): a word holds pixels of one row, the least bit the
-// leftmost. Pixels beyond the border are 0. There is a word of zeros between rows and a row of zeros above and below
-// the image, so that neighbours of every word can be read, and many rows as one run of words.
+// Binary images with 64 pixels per word, for morphology (docs/method.md, section 5.1). A word holds pixels of one row,
+// the least significant bit being the leftmost. Pixels beyond the border are 0. A zero word separates rows, and a zero
+// row lies above and below the image, so that the neighbours of every word can be read and several rows can be
+// processed as one run of words.
 #pragma once
 
 #include <bit>
@@ -19,16 +20,16 @@ class BitImage {
         words_((width + 63) / 64),
         bits_(static_cast<size_t>(words_ + 1) * static_cast<size_t>(height + 2)) {}
 
-  // Every pixel in which one of these bits is set.
+  // Sets every pixel whose mask value contains any of `bits`.
   static BitImage from(const cv::Mat1b& mask, uchar bits = 255);
-  // 255 where a bit is set.
+  // Returns 255 where a pixel is set, else 0.
   cv::Mat1b mask() const;
 
   int width() const { return width_; }
   int height() const { return height_; }
-  int words() const { return words_; }       // of a row
-  int stride() const { return words_ + 1; }  // from row to row
-  // Of [-1, height].
+  int words() const { return words_; }       // per row
+  int stride() const { return words_ + 1; }  // words between rows
+  // Row index in [-1, height].
   uint64_t* row(int row) { return bits_.data() + offset(row); }
   const uint64_t* row(int row) const { return bits_.data() + offset(row); }
 
@@ -38,7 +39,7 @@ class BitImage {
   void set(int row, int col) { this->row(row)[col / 64] |= uint64_t{1} << (col % 64); }
   void clear(int row, int col) { this->row(row)[col / 64] &= ~(uint64_t{1} << (col % 64)); }
 
-  // Calls visit(row, col) for every set pixel, in the order of rows and columns.
+  // Calls visit(row, col) for every set pixel in row-major order.
   template <class Visit>
   void for_each(const Visit& visit) const {
     for (int r = 0; r < height_; ++r) {

@@ -19,16 +19,16 @@ namespace fringeslam {
 
 namespace {
 
-constexpr double kNear = 0.7, kFar = 1.4;  // of the levels; any range does, steps are converted by the same
+constexpr double kNear = 0.7, kFar = 1.4;  // m; arbitrary: steps are converted with the same range
 
-// n.p = d, n towards the camera: what is nearer to it than the plane has n.p > d.
+// n.p = d with n towards the camera: points in front of the plane have n.p > d.
 struct Plane {
   Eigen::Vector3f normal = Eigen::Vector3f::Zero();
   float offset = 0;
   float height(const cv::Vec3f& p) const { return normal.x() * p[0] + normal.y() * p[1] + normal.z() * p[2] - offset; }
 };
 
-// Points of every sixteenth pixel of every eighth row.
+// Points at every 16th pixel of every 8th row.
 struct Sampled {
   std::vector<float> x, y, z;
   size_t size() const { return x.size(); }
@@ -47,8 +47,8 @@ Sampled sampled_points(const Frame& frame) {
   return points;
 }
 
-// Of the planes through three points the one that most points lie on, if hardly any point is behind it and enough are
-// on it: the ground, or a wall.
+// Returns the background plane (ground or wall): among planes through three random points, the one with most inliers,
+// provided that at most 2 % of the points lie behind it and more than 4 % on it.
 std::optional<Plane> plane_behind(const Frame& frame, double clearance_m) {
   constexpr int kHypotheses = 200;
   constexpr double kMostBehind = 0.02, kLeastOn = 0.04;
@@ -88,7 +88,8 @@ std::optional<Plane> plane_behind(const Frame& frame, double clearance_m) {
   return best;
 }
 
-// 255 for each of so many points that is nearer than that and stands out that far from the plane; 0 for NaN.
+// Writes 255 for each of `count` points that is nearer than `farthest` and at least `clearance` in front of the plane,
+// else 0 (also for NaN).
 FRINGESLAM_INLINE void stands_out_body(const cv::Vec3f* points, int count, const Plane& plane, float farthest,
                                        float clearance, uchar* __restrict out) {
   const float x = plane.normal.x(), y = plane.normal.y(), z = plane.normal.z(), offset = plane.offset;
@@ -136,7 +137,7 @@ cv::Mat1f depth_levels(const Frame& frame, double near_m, double far_m) {
     float* out = levels[r];
     const int width = frame.width();
     for (int c = 0; c < width; ++c) out[c] = scale * (far - points[c][2]);
-    // Where there is none the lesser of the levels to both sides, or the only one.
+    // Fill gaps with the lower level of both sides, or with the only one.
     for (int c = 0; c < width; ++c) {
       if (!std::isnan(out[c])) continue;
       int end = c;
@@ -156,7 +157,7 @@ Conditioned condition(const Frame& frame, const ConditioningOptions& options) {
   result.foreground = foreground_of(frame, options);
   result.edges = detect_edges(depth_levels(frame, kNear, kFar), options.edges, options.deriche_alpha,
                               options.low_step_m * levels_per_m, options.high_step_m * levels_per_m);
-  // Edges of background alone, such as those of shadows on the ground, bound nothing.
+  // Edges within the background, such as those of shadows on the ground, bound no object.
   result.edges &= dilated(BitImage::from(result.foreground));
   Closing closing = dilated_until_closed(result.edges, options.max_dilations);
   result.dilations = closing.dilations;

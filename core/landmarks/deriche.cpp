@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The recursive filter of Canny-Deriche; see edges.h.
+// Recursive filter of the Canny-Deriche detector; see edges.h.
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -14,7 +14,7 @@ namespace fringeslam {
 
 namespace {
 
-// One recursion of second order down the columns and one up, of whole rows at a time:
+// Second-order recursions down and up the columns, on whole rows at a time:
 //   down[n] = a0 x[n] + a1 x[n-1] + b1 down[n-1] + b2 down[n-2]
 //   up[n]   = a2 x[n+1] + a3 x[n+2] + b1 up[n+1] + b2 up[n+2]
 struct Recursion {
@@ -31,14 +31,14 @@ Recursion smoothing(double alpha) {
           static_cast<float>(-q * q)};
 }
 
-// A step of one gives one.
+// The response to a unit step is one at the step.
 Recursion derivative(double alpha) {
   const double q = std::exp(-alpha), c = (1 - q) * (1 - q);
   return {0, static_cast<float>(-c), static_cast<float>(c), 0, static_cast<float>(2 * q), static_cast<float>(-q * q)};
 }
 
-// Along `count` steps of `lanes` values each, so many values apart. What is beyond the border is its value, to which
-// the recursions have settled.
+// Filters `count` steps of `lanes` values each, with the given strides. Border values are replicated: the recursions
+// start from their steady state.
 template <int lanes>
 FRINGESLAM_INLINE void filter_lanes(const float* __restrict in, float* __restrict out, int count, size_t in_stride,
                                     size_t out_stride, const Recursion& f) {
@@ -73,11 +73,11 @@ FRINGESLAM_INLINE void filter_lanes(const float* __restrict in, float* __restric
   }
 }
 
-// Columns are filtered many at once, so that their rows come from memory in long runs; rows, which go through a copy
-// that stays in the nearest cache, in fewer.
+// Columns are filtered in wide groups, so that rows are read from memory in long runs; rows are filtered through a
+// copy that stays in the L1 cache, in narrower groups.
 constexpr int kColumns = 64, kRows = 16;
 
-// The same columns by both filters.
+// Applies both filters to the same columns.
 FRINGESLAM_INLINE void columns_body(const float* in, float* smooth, float* slope, int count, size_t in_stride,
                                     size_t out_stride, const Recursion& smoothing, const Recursion& derivative) {
   filter_lanes<kColumns>(in, smooth, count, in_stride, out_stride, smoothing);
@@ -92,7 +92,7 @@ FRINGESLAM_INLINE Four load(const float* from) {
 }
 FRINGESLAM_INLINE void store(float* to, Four four) { std::memcpy(to, &four, sizeof four); }
 
-// A block of 4 x 4, of rows that lie so far apart.
+// Transposes a block of 4 x 4 values with the given row strides.
 FRINGESLAM_INLINE void transpose(const float* from, size_t from_stride, float* to, size_t to_stride) {
   const Four a = load(from), b = load(from + from_stride), c = load(from + 2 * from_stride),
              d = load(from + 3 * from_stride);
@@ -104,7 +104,7 @@ FRINGESLAM_INLINE void transpose(const float* from, size_t from_stride, float* t
   store(to + 3 * to_stride, __builtin_shufflevector(ab_high, cd_high, 2, 3, 6, 7));
 }
 
-// kRows rows in place. `columns` holds twice as many values.
+// Filters kRows rows in place. `columns` is a buffer of twice as many values.
 FRINGESLAM_INLINE void rows_body(float* rows, size_t stride, int width, const Recursion& f, float* columns) {
   const int whole = width - width % 4;
   float* filtered = columns + static_cast<size_t>(width) * kRows;
@@ -149,19 +149,20 @@ FRINGESLAM_AVX512 void rows_avx512(float* rows, size_t stride, int width, const 
   rows_body(rows, stride, width, f, columns);
 }
 
-// Rows beyond which what a recursion started with is forgotten.
+// Number of rows after which a recursion has forgotten its initial state.
 int memory_px(double alpha) { return static_cast<int>(std::ceil(16 / alpha)); }
 
 }  // namespace
 
-// The two axes' filters commute: columns first by both, then each image's rows by the other.
+// The filters of the two axes commute: columns are filtered by both first, then each result's rows by the other
+// filter.
 Gradient deriche_gradient(const cv::Mat1f& levels, double alpha, cv::Range rows) {
   static const auto filter_columns = widest(columns_portable, columns_avx2, columns_avx512);
   static const auto filter_rows = widest(rows_portable, rows_avx2, rows_avx512);
   if (rows == cv::Range::all()) rows = {0, levels.rows};
   if (levels.empty() || rows.empty()) return {};
   if (levels.cols < kColumns) {
-    // The border goes on beyond the image.
+    // Replicate the border.
     cv::Mat1f padded;
     cv::copyMakeBorder(levels, padded, 0, 0, kColumns, kColumns, cv::BORDER_REPLICATE);
     const Gradient gradient = deriche_gradient(padded, alpha, rows);
@@ -176,7 +177,7 @@ Gradient deriche_gradient(const cv::Mat1f& levels, double alpha, cv::Range rows)
     filter_columns(near[0] + first, x[0] + first, y[0] + first, near.rows, near.step1(), x.step1(), smooth, slope);
   };
   for (int first = 0; first + kColumns <= levels.cols; first += kColumns) filter_group(first);
-  // What is left of them again with some of the last group.
+  // The remaining columns are filtered together with some of the last group.
   if (levels.cols % kColumns != 0) filter_group(levels.cols - kColumns);
 
   const int above = rows.start - std::max(0, rows.start - memory_px(alpha));

@@ -13,7 +13,7 @@ namespace fringeslam {
 namespace {
 
 constexpr int kLeafSize = 8;
-constexpr int kSampled = 128;  // descriptors of which a node takes the variance
+constexpr int kSampled = 128;  // descriptors sampled per node to compute variances
 
 FRINGESLAM_INLINE int distance_body(const uchar* a, const uchar* b) {
   int sum = 0;
@@ -28,7 +28,7 @@ int portable_distance(const uchar* a, const uchar* b) { return distance_body(a, 
 FRINGESLAM_AVX2 int avx2_distance(const uchar* a, const uchar* b) { return distance_body(a, b); }
 FRINGESLAM_AVX512 int avx512_distance(const uchar* a, const uchar* b) { return distance_body(a, b); }
 
-// The dimension that tells most among [first, last), and its mean.
+// Returns the dimension of largest variance among [first, last), and its mean.
 std::pair<int, int> split_of(const cv::Mat1b& descriptors, const std::vector<int>& order, int first, int last) {
   const int step = std::max(1, (last - first) / kSampled);
   std::array<int64_t, kDescriptorSize> sums{}, squares{};
@@ -61,7 +61,7 @@ int squared_distance(const uchar* a, const uchar* b) {
 
 DescriptorTree::DescriptorTree(const cv::Mat1b& descriptors) {
   if (descriptors.empty()) return;
-  if (descriptors.cols != kDescriptorSize) throw Error("descriptors: must be of 128 values");
+  if (descriptors.cols != kDescriptorSize) throw Error("descriptors: must have 128 values each");
   std::vector<int> order(static_cast<size_t>(descriptors.rows));
   std::iota(order.begin(), order.end(), 0);
   nodes_.push_back({-1, 0, 0, 0, descriptors.rows});
@@ -78,7 +78,7 @@ void DescriptorTree::build(int node, std::vector<int>& order, const cv::Mat1b& d
   const auto middle = std::stable_partition(order.begin() + first, order.begin() + last,
                                             [&, d = dimension, s = split](int i) { return descriptors(i, d) < s; });
   const int between = static_cast<int>(middle - order.begin());
-  if (between == first || between == last) return;  // all alike
+  if (between == first || between == last) return;  // all equal in this dimension
   const int child = static_cast<int>(nodes_.size());
   nodes_[static_cast<size_t>(node)].dimension = dimension;
   nodes_[static_cast<size_t>(node)].split = split;

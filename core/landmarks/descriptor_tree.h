@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Best-bin-first search among descriptors (METHOD S18; Beis and Lowe, CVPR 1997): a kd-tree whose leaves are visited in
-// the order of their least possible distance, up to a bound. Descriptors are of 128 unsigned bytes, so that distances
-// are integers and the same on every machine; of equal distances the descriptor that was given first is the nearer.
+// Best-bin-first search of descriptors (docs/method.md, section 5.4; Beis and Lowe, CVPR 1997): a kd-tree whose leaves
+// are visited in the order of their smallest possible distance, up to a limit. Descriptors are 128 unsigned bytes, so
+// distances are integers and identical on every machine. Callers break ties by the lower index.
 #pragma once
 
 #include <algorithm>
@@ -14,29 +14,29 @@ namespace fringeslam {
 
 constexpr int kDescriptorSize = 128;
 
-// Unit vectors as bytes: 255 stands for 0.5, and what is greater.
+// Quantises unit vectors to bytes: 255 stands for 0.5 and above.
 cv::Mat1b quantised(const cv::Mat1f& descriptors);
 
-// Of two descriptors of kDescriptorSize bytes.
+// Squared Euclidean distance of two descriptors of kDescriptorSize bytes.
 int squared_distance(const uchar* a, const uchar* b);
 
 class DescriptorTree {
  public:
   DescriptorTree() = default;
-  // N x 128; copied in the order of the leaves.
+  // Builds the tree from N x 128 descriptors, which are copied in leaf order. Throws Error for other widths.
   explicit DescriptorTree(const cv::Mat1b& descriptors);
 
   int size() const { return descriptors_.rows; }
 
-  // Calls visit(index, squared distance) for the descriptors of the nearest leaves, at most `most_leaves` of them.
+  // Calls visit(index, squared distance) for the descriptors of the `most_leaves` nearest leaves.
   template <class Visit>
   void visit_near(const uchar* query, int most_leaves, const Visit& visit) const;
 
  private:
   struct Node {
-    int dimension = -1;  // -1: a leaf
-    int split = 0;       // values from here on are in the second child
-    int child = 0;       // the first; the second follows it
+    int dimension = -1;  // -1 for a leaf
+    int split = 0;       // values >= split go to the second child
+    int child = 0;       // index of the first child; the second follows it
     int first = 0, last = 0;
   };
   struct Bin {
@@ -48,15 +48,15 @@ class DescriptorTree {
   void build(int node, std::vector<int>& order, const cv::Mat1b& descriptors);
 
   cv::Mat1b descriptors_;
-  std::vector<int> index_;  // of each row as it was given
+  std::vector<int> index_;  // original index of each row
   std::vector<Node> nodes_;
 };
 
 template <class Visit>
 void DescriptorTree::visit_near(const uchar* query, int most_leaves, const Visit& visit) const {
   if (nodes_.empty()) return;
-  // A heap of what was passed by, nearest first. The distance is a bound from below, but for dimensions that were
-  // split more than once on the way, where it counts each split.
+  // A heap of unvisited branches, nearest first. The distance is a lower bound unless a dimension was split more than
+  // once on the path, since every split then adds to it.
   std::vector<Bin> heap = {{0, 0}};
   const auto later = [](const Bin& a, const Bin& b) { return a > b; };
   for (int leaves = 0; leaves < most_leaves && !heap.empty(); ++leaves) {

@@ -50,16 +50,16 @@ Gradient roberts_gradient(const cv::Mat1f& levels) {
 
 namespace {
 
-// Of a strong one both bits are set.
+// A strong pixel has both bits set.
 enum : uchar { kNone = 0, kWeak = 1, kStrong = 3 };
 
-// The lengths of a row's gradients with those above and below it.
+// Gradient magnitudes of a row and of the rows above and below it.
 struct LengthRows {
   const float *above, *here, *below;
 };
 
-// What each pixel of [1, width - 1) is: on the ridge where its gradient is no shorter than the two one pixel to both
-// sides along it, each taken between two pixels of the square around. Of two alike side by side the first is the ridge.
+// Classifies each pixel in [1, width - 1): it is on a ridge if its gradient is no shorter than the two interpolated
+// one pixel to both sides along it. Of two equal neighbours the first is the ridge.
 FRINGESLAM_INLINE void classify_body(const LengthRows& length, const float* x, const float* y, int width, float weak,
                                      float strong, uchar* __restrict kind) {
   const float *row_above = length.above, *row = length.here, *row_below = length.below;
@@ -67,7 +67,7 @@ FRINGESLAM_INLINE void classify_body(const LengthRows& length, const float* x, c
     const float here = row[c], across = std::abs(x[c]), along = std::abs(y[c]);
     const bool flat = across >= along;
     const float share = (flat ? along : across) / std::max(std::max(across, along), 1e-30f);
-    // To the right of the pixel, or below it where the gradient is steep, and to the other side.
+    // Neighbours to the right of the pixel (below it where the gradient is steep), and on the opposite side.
     const bool falling = (x[c] > 0) == (y[c] > 0);
     const float right_below = row_below[c + 1], left_below = row_below[c - 1];
     const float right_above = row_above[c + 1], left_above = row_above[c - 1];
@@ -96,7 +96,7 @@ FRINGESLAM_AVX512 void classify_avx512(const LengthRows& length, const float* x,
   classify_body(length, x, y, width, weak, strong, kind);
 }
 
-// The same of all rows of a gradient but the first and the last, into the rows of `kinds`.
+// Classifies all rows of a gradient except the first and the last, into the rows of `kinds`.
 void classify_rows(const Gradient& gradient, double low, double high, cv::Mat1b kinds) {
   static const auto classify = widest(classify_portable, classify_avx2, classify_avx512);
   cv::Mat1f length(gradient.x.size());
@@ -110,11 +110,11 @@ void classify_rows(const Gradient& gradient, double low, double high, cv::Mat1b 
              static_cast<float>(low), static_cast<float>(high), kinds[r - 1]);
 }
 
-// Of a whole image, by strips that stay in a core's cache: strips of the gradient, each with a row above and below.
+// Processes the image in strips that fit a core's cache: strips of the gradient, each with one row above and below.
 template <class GradientOf>
 BitImage linked_ridges(cv::Size size, double low, double high, const GradientOf& gradient_of_rows) {
   constexpr int kStrip = 126;
-  // Nothing is known beyond the border.
+  // Border pixels are never edges.
   const int inner = size.height - 2;
   cv::Mat1b kinds(size, uchar{kNone});
   for_each_row((inner + kStrip - 1) / kStrip, [&](int strip) {
@@ -136,8 +136,8 @@ BitImage log_edges(const cv::Mat1f& levels, double sigma, double threshold) {
   cv::Mat1f smooth, response;
   cv::GaussianBlur(levels, smooth, {}, sigma, sigma, cv::BORDER_REPLICATE);
   cv::Laplacian(smooth, response, CV_32F, 1, 1, 0, cv::BORDER_REPLICATE);
-  // Between the two pixels beside an ideal step of one: the difference of its second derivative half a pixel to both
-  // sides of it.
+  // Difference of the second derivative half a pixel to either side of an ideal unit step: the response difference of
+  // the two pixels adjacent to it.
   const double step = std::exp(-1 / (8 * sigma * sigma)) / (sigma * sigma * sigma * std::sqrt(2 * std::numbers::pi));
   const auto least = static_cast<float>(threshold * step);
   cv::Mat1b edges(levels.size(), uchar{0});
@@ -145,7 +145,7 @@ BitImage log_edges(const cv::Mat1f& levels, double sigma, double threshold) {
     for (int c = 0; c + 1 < levels.cols; ++c) {
       const float here = response(r, c);
       for (const float other : {response(r, c + 1), response(r + 1, c)}) {
-        // Of the two beside the crossing the left or upper one.
+        // Marks the left or upper of the two pixels at the crossing.
         if ((here < 0) != (other < 0) && std::abs(here - other) >= least) edges(r, c) = 255;
       }
     }
@@ -166,7 +166,7 @@ BitImage detect_edges(const cv::Mat1f& levels, const std::string& detector, doub
   if (detector == "prewitt") return ridges(prewitt_gradient(levels), high, high);
   if (detector == "roberts") return ridges(roberts_gradient(levels), high, high);
   if (detector == "log") return log_edges(levels, std::numbers::sqrt2 / alpha, high);
-  throw Error("'" + detector + "' is no edge detector; canny_deriche, prewitt, roberts and log are");
+  throw Error("'" + detector + "' is not an edge detector (canny_deriche, prewitt, roberts, log)");
 }
 
 }  // namespace fringeslam

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Edges of a depth image (METHOD S7; thesis 3.1.2). The strength of an edge is the step that would cause it, in the
-// image's own levels, whichever operator measured it. NaN is not allowed: fill what has no depth first.
+// Edges of a depth image (docs/method.md, section 5.1; thesis 3.1.2). The strength of an edge is the height, in the
+// image's levels, of the ideal step that would cause the same response, for every operator. The input must not contain
+// NaN: fill pixels without depth first.
 #pragma once
 
 #include <opencv2/core.hpp>
@@ -11,29 +12,31 @@
 
 namespace fringeslam {
 
-// Gradient of each pixel, H x W, in levels of an ideal step across the pixel.
+// Gradient of each pixel, H x W, in levels: an ideal step at the pixel yields its height.
 struct Gradient {
   cv::Mat1f x, y;
 };
 
-// The mean of three central differences, or the cross of two diagonal differences.
+// Prewitt gradient: mean of three central differences; Roberts gradient: cross of two diagonal differences.
 Gradient prewitt_gradient(const cv::Mat1f& levels);
 Gradient roberts_gradient(const cv::Mat1f& levels);
 
-// R. Deriche, Using Canny's criteria to derive a recursively implemented optimal edge detector, IJCV 1 (1987):
-// smoothing by k (alpha |n| + 1) exp(-alpha |n|) along one axis, derivative by -c n exp(-alpha |n|) along the other,
-// each by a causal and an anticausal recursion of second order. The border's values go on beyond it. Of the given rows,
-// which differ by less than 1e-5 of the levels from what they are in the gradient of all.
+// Deriche gradient of the given rows (R. Deriche, Using Canny's criteria to derive a recursively implemented optimal
+// edge detector, IJCV 1 (1987)): smoothing by k (alpha |n| + 1) exp(-alpha |n|) along one axis and differentiation by
+// -c n exp(-alpha |n|) along the other, each by a causal and an anticausal second-order recursion. Border values are
+// replicated. The gradient of a range of rows differs by less than 1e-5 of the levels from that of the whole image.
 Gradient deriche_gradient(const cv::Mat1f& levels, double alpha, cv::Range rows = cv::Range::all());
 
-// Set where the gradient's length is at least `low`, not exceeded by either of the two values one pixel to both sides
-// along the gradient (Canny's non-maximum suppression), and linked by such pixels to one of at least `high`.
+// Canny's non-maximum suppression and hysteresis: sets pixels whose gradient magnitude is at least `low` and at least
+// that of both neighbours interpolated one pixel along the gradient, and that are connected through such pixels to one
+// of at least `high`.
 BitImage ridges(const Gradient& gradient, double low, double high);
 
-// Zero crossings of the Laplacian of a Gaussian of `sigma` px whose slope is that of a step of at least `threshold`.
+// Sets zero crossings of the Laplacian of a Gaussian of `sigma` px whose slope is at least that of a step of
+// `threshold`.
 BitImage log_edges(const cv::Mat1f& levels, double sigma, double threshold);
 
-// The names of the four detectors.
+// Returns the names of the four detectors.
 const std::vector<std::string>& edge_detectors();
 
 BitImage detect_edges(const cv::Mat1f& levels, const std::string& detector, double alpha, double low, double high);

@@ -20,8 +20,8 @@ struct SurfacePoint {
   double sigma = 0;  // of z
 };
 
-// The point where the viewing ray of a sub-pixel position meets the surface: bilinear in inverse depth,
-// which is exact on planes; nothing across a discontinuity.
+// Intersects the viewing ray of a sub-pixel position with the surface by bilinear interpolation of inverse depth,
+// which is exact on planes; none across a discontinuity.
 std::optional<SurfacePoint> surface_point(const Frame& frame, const PixelRays& rays, const Eigen::Vector2d& pixel) {
   const int col = static_cast<int>(std::floor(pixel.x())), row = static_cast<int>(std::floor(pixel.y()));
   if (col < 0 || row < 0 || col + 1 >= frame.width() || row + 1 >= frame.height()) return std::nullopt;
@@ -39,13 +39,13 @@ std::optional<SurfacePoint> surface_point(const Frame& frame, const PixelRays& r
     low = std::min(low, z);
     high = std::max(high, z);
   }
-  // Four pixels of one surface of less than about 80 degrees of slope.
+  // The four pixels must lie on one surface with a slope below about 80 degrees.
   const double footprint = (rays(row, col + 1)[0] - rays(row, col)[0]) * high;
   if (high - low > 8 * footprint + 6 * std::sqrt(variance)) return std::nullopt;
   return SurfacePoint{ray.homogeneous() / inverse, std::sqrt(variance)};
 }
 
-// P = z (x, y, 1): localisation moves it along the surface, depth noise along the ray.
+// P = z (x, y, 1): localisation noise acts along the image axes, depth noise along the ray.
 Eigen::Matrix3d point_covariance(const SurfacePoint& surface, const Pinhole& camera, double pixel_sigma) {
   const double z = surface.point.z();
   const Eigen::Vector3d ray = surface.point / z;
@@ -53,15 +53,15 @@ Eigen::Matrix3d point_covariance(const SurfacePoint& surface, const Pinhole& cam
   Eigen::Matrix3d covariance = surface.sigma * surface.sigma * ray * ray.transpose();
   covariance(0, 0) += lateral * lateral / (camera.fx * camera.fx);
   covariance(1, 1) += lateral * lateral / (camera.fy * camera.fy);
-  // Where a keypoint wanders over a slanted surface its depth changes too; a keypoint's patch is a few
-  // pixels, so half of its lateral spread stands for that.
+  // On a slanted surface a displaced keypoint also changes its depth; half of the lateral spread accounts for this,
+  // since a keypoint's patch is only a few pixels wide.
   const double along = 0.5 * lateral / camera.fx;
   covariance(2, 2) += along * along;
   return covariance;
 }
 
-// Unit vectors. Euclidean distance of the roots compares the histograms by their overlap (RootSIFT, Arandjelovic and
-// Zisserman 2012).
+// Normalises to unit length. With RootSIFT (Arandjelovic and Zisserman 2012) the Euclidean distance of the square
+// roots measures the overlap of the histograms.
 cv::Mat1f normalised(cv::Mat1f descriptors, bool root_sift) {
   for (int i = 0; i < descriptors.rows; ++i) {
     cv::Mat1f row = descriptors.row(i);
@@ -73,7 +73,8 @@ cv::Mat1f normalised(cv::Mat1f descriptors, bool root_sift) {
   return descriptors;
 }
 
-// In an image that was halved before a pixel has its centre between two of the whole one's.
+// Detects features and converts coordinates of a halved image, whose pixel centres lie between those of the full
+// image.
 SiftFeatures features_of(const cv::Mat1b& image, bool half, const SiftOptions& options, Describe describe) {
   SiftFeatures features = sift(image, options, describe);
   for (SiftKeypoint& k : features.keypoints) {
@@ -121,9 +122,9 @@ Keypoints detect_keypoints(const Frame& frame, const RigModel& rig, const PixelR
 
 namespace {
 
-// The levels between the first and the last hundredth over all of 8 bits.
+// Stretches the levels between the 1st and the 99th percentile to 8 bits.
 cv::Mat1b stretched(const cv::Mat1f& levels) {
-  constexpr int kEvery = 11;  // pixel of a row is enough to tell the range by
+  constexpr int kEvery = 11;  // every 11th pixel of a row suffices to estimate the range
   std::vector<float> sorted;
   for (int r = 0; r < levels.rows; ++r) {
     for (int c = r % kEvery; c < levels.cols; c += kEvery) sorted.push_back(levels(r, c));
@@ -163,7 +164,7 @@ std::vector<DepthKeypoint> detect_depth_keypoints(const cv::Mat1f& levels, const
     double nearest = 0;
     cv::minMaxLoc(levels(around), nullptr, &nearest);
     keypoint.level = static_cast<int>(std::clamp(nearest, 0.0, 255.0));
-    // One of several orientations at a place is enough: nothing is matched here.
+    // One orientation per position suffices, since depth keypoints are not matched.
     const bool again =
         !result.empty() && result.back().pixel == keypoint.pixel && result.back().scale == keypoint.scale;
     if (!again) result.push_back(keypoint);
@@ -179,7 +180,7 @@ struct Nearest {
   double second2 = std::numeric_limits<double>::infinity();
 };
 
-// Unit vectors: |a - b|^2 = 2 - 2 a.b, so the nearest is the one of largest dot product.
+// For unit vectors |a - b|^2 = 2 - 2 a.b, so the nearest has the largest dot product.
 std::vector<Nearest> nearest(const cv::Mat1f& queries, const cv::Mat1f& candidates) {
   std::vector<Nearest> result(static_cast<size_t>(queries.rows));
   for_each_row(queries.rows, [&](int q) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// SIFT keypoints (METHOD S11) of the texture, with the 3D point that the sensor measured at each, and of the depth
-// image; repeatable matching of descriptors by brute force, the oracle of any faster search (METHOD S18).
+// SIFT keypoints (docs/method.md, section 5.2) of the texture, each with the measured 3D point, and of the depth
+// image; brute-force descriptor matching, the reference for faster searches (section 5.4).
 #pragma once
 
 #include <Eigen/Core>
@@ -16,9 +16,9 @@ namespace fringeslam {
 
 struct KeypointOptions {
   int max_keypoints = 2500;
-  double contrast_threshold = 0.003;  // of SIFT's difference of Gaussians, image scaled to [0, 1]
+  double contrast_threshold = 0.003;  // of SIFT's differences of Gaussians, image scaled to [0, 1]
   double edge_threshold = 10;
-  double pixel_sigma = 0.1;  // localisation of a keypoint of SIFT scale 1.6, px; grows with the scale
+  double pixel_sigma = 0.1;  // localisation sigma of a keypoint of SIFT scale 1.6, px; grows with the scale
   int max_depth_keypoints = 600;
   double depth_contrast_threshold = 0.001;
   double depth_edge_threshold = 100;
@@ -28,41 +28,43 @@ struct KeypointOptions {
 
   template <class Visitor>
   void describe(Visitor& v) {
-    v.field("max_keypoints", max_keypoints, {10, 100000}, "strongest keypoints that are kept");
-    v.field("max_depth_keypoints", max_depth_keypoints, {10, 100000}, "strongest keypoints of the depth image");
-    v.field("contrast_threshold", contrast_threshold, {1e-5, 1}, "SIFT contrast threshold");
+    v.field("max_keypoints", max_keypoints, {10, 100000}, "number of strongest texture keypoints kept");
+    v.field("max_depth_keypoints", max_depth_keypoints, {10, 100000}, "number of strongest depth-image keypoints kept");
+    v.field("contrast_threshold", contrast_threshold, {1e-5, 1}, "SIFT contrast threshold of texture keypoints");
     v.field("depth_contrast_threshold", depth_contrast_threshold, {1e-5, 1},
-            "the same for the depth image, stretched over the depths that occur in it");
+            "SIFT contrast threshold of the depth image after stretching its range to full scale");
     v.field("depth_edge_threshold", depth_edge_threshold, {1, 1000},
-            "the same for the depth image, whose corners lie on edges");
+            "SIFT edge threshold of the depth image, whose corners lie on edges");
     v.field("texture_halved", texture_halved,
-            "keypoints of the texture at half its resolution, in half of the time; fewer of them, and less well known");
+            "detect texture keypoints at half resolution: half the time, but fewer, less accurate keypoints");
     v.field("depth_halved", depth_halved,
-            "keypoints of the depth image at half its resolution, in a quarter of the time");
-    v.field("root_sift", root_sift, "descriptors compared by their overlap instead of their Euclidean distance");
-    v.field("edge_threshold", edge_threshold, {1, 1000}, "SIFT edge threshold");
+            "detect depth-image keypoints at half resolution, in a quarter of the time");
+    v.field("root_sift", root_sift, "compare descriptors by histogram overlap (RootSIFT), not by Euclidean distance");
+    v.field("edge_threshold", edge_threshold, {1, 1000}, "SIFT edge threshold of texture keypoints");
     v.field("pixel_sigma", pixel_sigma, {0.01, 10}, "localisation sigma of the finest keypoints, px");
   }
 };
 
 struct MatchOptions {
-  double max_ratio = 0.8;  // Lowe's ratio of the nearest to the second nearest distance
+  double max_ratio = 0.8;  // Lowe's ratio of the nearest to the second-nearest distance
 
   template <class Visitor>
   void describe(Visitor& v) {
-    v.field("max_ratio", max_ratio, {0.1, 1}, "largest ratio of nearest to second nearest descriptor distance");
+    v.field("max_ratio", max_ratio, {0.1, 1}, "largest ratio of nearest to second-nearest descriptor distance");
   }
 };
 
+// Detects SIFT keypoints of the texture and keeps those where the 3D point can be interpolated from the four pixels
+// around. Throws Error for options out of range.
 Keypoints detect_keypoints(const Frame& frame, const RigModel& rig, const PixelRays& rays,
                            const KeypointOptions& options);
 
-// SIFT keypoints of a depth image of 255 levels, bright near: the rows of matrix A (thesis Table 1). SIFT sees the
-// levels that occur, but for the hundredth that is darkest and the one that is brightest, stretched over all 256, so
-// that a shallow scene has keypoints as well.
+// Detects SIFT keypoints of a depth image with levels 0 to 255, near being bright: the rows of matrix A (thesis Table
+// 1). The 1st to 99th percentiles of the levels are stretched to the full range, so that shallow scenes have keypoints
+// too. Throws Error for options out of range.
 std::vector<DepthKeypoint> detect_depth_keypoints(const cv::Mat1f& levels, const KeypointOptions& options);
 
-// Pairs that are each other's nearest descriptor and pass the ratio test, in the order of `current`.
+// Returns the pairs that are mutual nearest neighbours and pass the ratio test, in the order of `current`.
 std::vector<KeypointMatch> match_keypoints(const Keypoints& earlier, const Keypoints& current,
                                            const MatchOptions& options);
 

@@ -16,7 +16,7 @@ cv::Point rounded(const Eigen::Vector2d& p) {
   return {static_cast<int>(std::lround(p.x())), static_cast<int>(std::lround(p.y()))};
 }
 
-// S12: those on the background go. One on a corner of the foreground may lie a pixel outside it.
+// S12: discards keypoints on the background. A keypoint at a corner of the foreground may lie one pixel outside it.
 int discard_background(std::vector<DepthKeypoint>& keypoints, const cv::Mat1b& foreground) {
   const auto on_background = [&](const DepthKeypoint& k) {
     const cv::Point p = rounded(k.pixel);
@@ -26,21 +26,21 @@ int discard_background(std::vector<DepthKeypoint>& keypoints, const cv::Mat1b& f
   return static_cast<int>(std::erase_if(keypoints, on_background));
 }
 
-// What lines must not cross: edges and, so that they do not lead from one thing to the next around the outside of both,
-// the background.
+// Returns what lines must not cross: edges and the background; the latter keeps lines from connecting two objects
+// around the outside.
 cv::Mat1b barriers_of(const Frame& frame, const Conditioned& conditioned, const LandmarkOptions& options) {
   cv::Mat1b barriers = conditioned.cleaned.clone();
   if (!options.within_foreground) return barriers;
   for (int r = 0; r < frame.height(); ++r) {
     for (int c = 0; c < frame.width(); ++c) {
-      // What has no depth may be a shadow on the thing itself.
+      // Pixels without depth may be shadows on the object itself.
       if (!conditioned.foreground(r, c) && frame.valid(r, c)) barriers(r, c) = 255;
     }
   }
   return barriers;
 }
 
-// Of the members; empty when they have none.
+// Convex hull of the members; empty if they have none.
 std::vector<cv::Point> hull_outline(const std::vector<int>& members, const std::vector<DepthKeypoint>& keypoints) {
   std::vector<Eigen::Vector2d> points;
   for (const int m : members) points.push_back(keypoints[static_cast<size_t>(m)].pixel);
@@ -51,7 +51,7 @@ std::vector<cv::Point> hull_outline(const std::vector<int>& members, const std::
   return outline;
 }
 
-// Around what the cluster's lines enclose; empty when they enclose nothing.
+// Outline of the area enclosed by the cluster's lines; empty if they enclose none.
 std::vector<cv::Point> line_outline(int cluster, const Landmarks& landmarks, const cv::Size& size) {
   cv::Mat1b drawn(size, uchar{0});
   const auto at = [&](int i) { return landmarks.depth_keypoints[static_cast<size_t>(i)]; };
@@ -69,7 +69,7 @@ std::vector<cv::Point> line_outline(int cluster, const Landmarks& landmarks, con
   return largest;
 }
 
-// By pixel occupancy (S17).
+// Returns the keypoints whose pixel lies in the outline or within margin_px of it (S17).
 std::vector<int> keypoints_in(const std::vector<cv::Point>& outline, const Keypoints& keypoints, double margin_px) {
   const int margin = static_cast<int>(std::lround(margin_px));
   const cv::Rect box = cv::boundingRect(outline) + cv::Size(2 * margin, 2 * margin) - cv::Point(margin, margin);

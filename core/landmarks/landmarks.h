@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The landmarks of a frame (METHOD S6-S17): depth keypoints in the foreground are clustered, a cluster's outline is
-// laid on the texture, and gathers the texture's keypoints in it.
+// Landmarks of a frame (docs/method.md, sections 5.1 to 5.3): outlines come from clusters of depth keypoints or from
+// foreground regions; the texture keypoints inside an outline form a landmark.
 #pragma once
 
 #include "core/landmarks/conditioning.h"
@@ -23,23 +23,25 @@ struct LandmarkOptions {
   template <class Visitor>
   void describe(Visitor& v) {
     v.field("outlines", outlines, {"clusters", "regions"},
-            "what gathers texture keypoints: the clusters of depth keypoints as in the papers, or the connected pieces "
-            "of the foreground between edges");
-    v.field("min_area_px", min_area_px, {1, 1000000}, "smallest region");
-    v.field("bridge_px", bridge_px, {0, 100}, "half the width of a bridge between regions that does not join them");
-    v.field("min_keypoints", min_keypoints, {1, 10000}, "texture keypoints without which an outline is no landmark");
-    v.field("margin_px", margin_px, {0, 100}, "how far outside the outline a texture keypoint may lie");
-    v.field("within_foreground", within_foreground, "whether background bounds clusters as edges do");
+            "source of the outlines: the papers' clusters of depth keypoints, or connected foreground regions bounded "
+            "by edges");
+    v.field("min_area_px", min_area_px, {1, 1000000}, "smallest area of a region, pixels");
+    v.field("bridge_px", bridge_px, {0, 100},
+            "half the width of the widest bridge that does not join two regions, pixels");
+    v.field("min_keypoints", min_keypoints, {1, 10000}, "least number of texture keypoints of a landmark");
+    v.field("margin_px", margin_px, {0, 100}, "how far outside the outline a texture keypoint may lie, pixels");
+    v.field("within_foreground", within_foreground, "treat the background as a boundary of clusters, like edges");
   }
 };
 
-// What was seen on the way, for pictures and tests.
+// Intermediate results, for figures and tests.
 struct LandmarkStages {
-  cv::Mat1b levels;  // the depth image, without holes
+  cv::Mat1b levels;  // depth image with holes filled
   Conditioned conditioned;
 };
 
-// From the frame and its texture keypoints. A frame without depth, or all background, has no landmarks.
+// Extracts the landmarks of a frame from its texture keypoints and its depth. Frames without depth, or with background
+// only, have none. Throws Error for options out of range.
 Landmarks identify_landmarks(const Frame& frame, Keypoints keypoints, const RigModel& rig,
                              const KeypointOptions& keypoint_options, const ConditioningOptions& conditioning,
                              const ClusterOptions& clusters, const LandmarkOptions& options,

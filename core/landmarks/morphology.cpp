@@ -13,7 +13,7 @@ namespace fringeslam {
 
 namespace {
 
-// Bit i is set where byte i, from the lowest, is not 0.
+// Sets bit i where byte i, counted from the lowest, is not 0.
 uint64_t bits_of_bytes(uint64_t bytes) {
   constexpr uint64_t kLow = 0x7f7f7f7f7f7f7f7f, kTop = 0x8080808080808080;
   const uint64_t set = (((bytes & kLow) + kLow) | bytes) & kTop;
@@ -41,7 +41,7 @@ BitImage BitImage::from(const cv::Mat1b& mask, uchar bits) {
 }
 
 cv::Mat1b BitImage::mask() const {
-  // Eight bytes for eight bits.
+  // Eight bytes for each combination of eight bits.
   static const std::array<uint64_t, 256> bytes_of = [] {
     std::array<uint64_t, 256> table{};
     for (size_t bits = 0; bits < table.size(); ++bits) {
@@ -62,18 +62,18 @@ cv::Mat1b BitImage::mask() const {
 
 namespace {
 
-// The bits of the pixels' left or right neighbours.
+// Bits of the left or right neighbours.
 FRINGESLAM_INLINE uint64_t from_left(const uint64_t* word) { return word[0] << 1 | word[-1] >> 63; }
 FRINGESLAM_INLINE uint64_t from_right(const uint64_t* word) { return word[0] >> 1 | word[1] << 63; }
 
-// The bits of the eight neighbours, clockwise from north.
+// Bits of the eight neighbours, clockwise from north.
 FRINGESLAM_INLINE std::array<uint64_t, 8> neighbour_words(const uint64_t* here, std::ptrdiff_t stride) {
   const uint64_t *above = here - stride, *below = here + stride;
   return {above[0], from_right(above), from_right(here), from_right(below),
           below[0], from_left(below),  from_left(here),  from_left(above)};
 }
 
-// Which bits of the last word are pixels.
+// Bits of the last word that are pixels.
 uint64_t last_word(int width) { return width % 64 == 0 ? ~uint64_t{0} : (uint64_t{1} << (width % 64)) - 1; }
 
 }  // namespace
@@ -96,7 +96,7 @@ BitImage dilated(const BitImage& image) {
 
 namespace {
 
-// Seeds spread along the mask's runs of one word, to both sides (Kogge-Stone).
+// Spreads seeds along the mask's runs within one word, in both directions (Kogge-Stone).
 uint64_t spread(uint64_t seeds, uint64_t mask) {
   uint64_t up = mask, down = mask;
   for (int shift = 1; shift < 64; shift *= 2) {
@@ -107,7 +107,7 @@ uint64_t spread(uint64_t seeds, uint64_t mask) {
   return seeds & mask;
 }
 
-// Spreads what is set into a row of the mask, from the row before it and along the row. Whether anything was added.
+// Spreads set pixels within the mask from row `from` into `row` and along the row; returns whether any were added.
 bool spread_row(BitImage& set, const BitImage& mask, int row, int from) {
   const uint64_t *allowed = mask.row(row), *before = set.row(from);
   uint64_t *out = set.row(row), added = 0;
@@ -139,8 +139,8 @@ BitImage reconstructed(const BitImage& seeds, const BitImage& mask) {
 
 namespace {
 
-// Of the quads whose lower right pixels are in these words, with the words above them: 4 E of bit quads (Gray 1971),
-// which is those with one pixel less those with three less twice the diagonal ones.
+// Returns 4 E by bit quads (Gray 1971), i.e. quads with one pixel minus those with three minus twice the diagonal
+// ones, of the quads whose lower right pixels are in these words; the words above them are read too.
 FRINGESLAM_INLINE int quads_body(const uint64_t* words, std::ptrdiff_t stride, std::ptrdiff_t count) {
   int sum = 0;
   for (const uint64_t* below = words; below != words + count; ++below) {
@@ -167,7 +167,7 @@ FRINGESLAM_AVX512 int quads_avx512(const uint64_t* words, std::ptrdiff_t stride,
 
 int euler_number(const BitImage& image) {
   static const auto quads = widest(quads_portable, quads_avx2, quads_avx512);
-  // With the row below the image, and the words of zeros between rows, in which the last columns are the quads' left.
+  // Includes the row below the image and the zero words between rows, which hold the quads right of the last column.
   return quads(image.row(0), image.stride(), std::ptrdiff_t{image.stride()} * (image.height() + 1)) / 4;
 }
 
@@ -187,8 +187,8 @@ Closing dilated_until_closed(const BitImage& image, int most) {
 
 namespace {
 
-// Golay's L, turned by 45 degrees times `turn`: three pixels of the background in a row, and opposite to them three of
-// the foreground, or two where it is a corner. Of a run of words, those that are hit.
+// Finds the hits of Golay's L rotated by 45 degrees times `turn`: three background pixels in a row and, opposite to
+// them, three foreground pixels (two for a corner). Writes the hits of a run of words.
 template <int turn>
 FRINGESLAM_INLINE void hits_body(const uint64_t* image, std::ptrdiff_t stride, std::ptrdiff_t count,
                                  uint64_t* __restrict hit) {
@@ -196,7 +196,7 @@ FRINGESLAM_INLINE void hits_body(const uint64_t* image, std::ptrdiff_t stride, s
     const auto n = neighbour_words(image + i, stride);
     const uint64_t free = ~(n[(7 + turn) % 8] | n[turn % 8] | n[(1 + turn) % 8]);
     uint64_t held = n[(3 + turn) % 8] & n[(5 + turn) % 8];
-    // A corner is held together by its two sides alone.
+    // At a corner the two sides alone keep the neighbours connected.
     if constexpr (turn % 2 == 0) held &= n[(4 + turn) % 8];
     hit[i] = image[i] & free & held;
   }
@@ -214,7 +214,7 @@ FRINGESLAM_AVX512 void hits_avx512(const uint64_t* image, std::ptrdiff_t stride,
   hits_body<turn>(image, stride, count, hit);
 }
 
-// Rows in which something may go: those beside which something went in the last round.
+// Rows in which pixels may still be removed: those next to a change in the last round.
 class ActiveRows {
  public:
   explicit ActiveRows(int rows)
@@ -230,10 +230,10 @@ class ActiveRows {
   }
   void note(int row) {
     changed_[static_cast<size_t>(row) + 1] = 1;
-    // For the rest of this round as well.
+    // Activates the rows for the rest of this round as well.
     for (int r = row; r <= row + 2; ++r) active_[static_cast<size_t>(r)] = 1;
   }
-  // Whether there is anything to do in the next round.
+  // Starts the next round; returns whether any row is active.
   bool next_round() {
     bool any = false;
     for (size_t r = 1; r + 1 < active_.size(); ++r) {
@@ -245,7 +245,7 @@ class ActiveRows {
   }
 
  private:
-  std::vector<char> active_, changed_;  // with a row beyond either border
+  std::vector<char> active_, changed_;  // including one row beyond either border
 };
 
 template <int turn>
@@ -267,8 +267,8 @@ void thin_once(BitImage& image, BitImage& hit, ActiveRows& active) {
   }
 }
 
-// Whether a pixel can go without joining or parting anything: of its neighbours there is one eight-connected set, and
-// it is no line's end.
+// True if removing the pixel neither joins nor splits anything: its neighbours form one 8-connected set and it is not
+// the end of a line.
 bool removable(const BitImage& image, int r, int c) {
   static constexpr std::array<int, 8> kRow = {-1, -1, 0, 1, 1, 1, 0, -1}, kCol = {0, 1, 1, 1, 0, -1, -1, -1};
   std::array<bool, 8> at;
@@ -278,7 +278,7 @@ bool removable(const BitImage& image, int r, int c) {
   return sets == 1 && count > 1;
 }
 
-// The L leaves slanted lines two pixels wide: of each block of 2x2 a pixel that can go, goes.
+// The L leaves slanted lines two pixels wide: removes one removable pixel from each 2x2 block.
 void thin_blocks(BitImage& image, ActiveRows& active) {
   const int words = image.words();
   for (int r = 0; r + 1 < image.height(); ++r) {
@@ -287,7 +287,7 @@ void thin_blocks(BitImage& image, ActiveRows& active) {
       uint64_t blocks = here[w] & from_right(here + w) & below[w] & from_right(below + w);
       for (; blocks != 0; blocks &= blocks - 1) {
         const int c = 64 * w + std::countr_zero(blocks);
-        // An earlier block may have lost a pixel of this one.
+        // A previous block may have lost a pixel of this one.
         if (!image.at(r, c) || !image.at(r, c + 1) || !image.at(r + 1, c) || !image.at(r + 1, c + 1)) continue;
         for (const auto& [row, col] : {std::pair(r, c), {r, c + 1}, {r + 1, c}, {r + 1, c + 1}}) {
           if (!removable(image, row, col)) continue;
@@ -321,7 +321,7 @@ BitImage without_loose_ends(BitImage image) {
   struct Pixel {
     int row, col;
   };
-  // The only neighbour where there is just one.
+  // Counts the neighbours; `only` is the neighbour if there is exactly one.
   const auto neighbours_of = [&](Pixel p, Pixel& only) {
     int count = 0;
     for (int dr = -1; dr <= 1; ++dr) {
@@ -333,7 +333,7 @@ BitImage without_loose_ends(BitImage image) {
     }
     return count;
   };
-  // Where to begin: pixels with fewer than two neighbours, 64 at once.
+  // Start points: pixels with fewer than two neighbours, found 64 at a time.
   BitImage ends(image.width(), image.height());
   const int stride = image.stride();
   for (int r = 0; r < image.height(); ++r) {

@@ -16,23 +16,23 @@ namespace fringeslam {
 namespace {
 
 constexpr double kUnitLength = 510;  // of a quantised unit vector
-constexpr double kFinal_px = 0.1;    // by which a keypoint that is kept may sit elsewhere, beside its sigma
+constexpr double kFinal_px = 0.1;    // added to the sigma of verified keypoints, pixel footprints
 
 template <class List>
 auto& at(List& list, int i) {
   return list[static_cast<size_t>(i)];
 }
 
-// Nearest and second nearest descriptor of one view.
+// Nearest and second-nearest descriptor of one view.
 struct Nearest {
   int view = 0, entry = -1;
-  int distance2 = 0, second2 = 0;  // second2 is 0 when there is none
+  int distance2 = 0, second2 = 0;  // second2 is 0 if there is none
 };
 
 void note(std::vector<Nearest>& nearest, int view, int entry, int distance2) {
   for (Nearest& n : nearest) {
     if (n.view != view) continue;
-    // The one that was given first, of equals.
+    // Among equal distances the lowest entry wins.
     if (distance2 < n.distance2 || (distance2 == n.distance2 && entry < n.entry)) {
       n = {view, entry, distance2, n.distance2};
     } else if (n.second2 == 0 || distance2 < n.second2) {
@@ -47,7 +47,7 @@ double footprint_m(const Eigen::Vector3d& point, const Pinhole& camera) {
   return std::max(0.0, point.z()) / std::min(camera.fx, camera.fy);
 }
 
-// Numbers of places: the keypoint's own, or that of the first one with its position.
+// Returns each keypoint's position index: the lowest index of the keypoints at its position.
 std::vector<int> places_of(const std::vector<Keypoint>& keypoints) {
   std::vector<int> order(keypoints.size()), place(keypoints.size());
   std::iota(order.begin(), order.end(), 0);
@@ -127,7 +127,7 @@ std::vector<LandmarkDatabase::Matches> LandmarkDatabase::matches_by_view(const V
       return;
     }
     for (const Run& run : runs_) {
-      // Each tree's share of the leaves, by its size.
+      // Each tree visits a number of leaves proportional to its size.
       const int leaves = std::max(2, options_.max_leaves * run.tree.size() / keypoints());
       run.tree.visit_near(descriptor, leaves, [&](int i, int d2) { note_entry(run.first + i, d2); });
     }
@@ -145,7 +145,7 @@ std::vector<LandmarkDatabase::Matches> LandmarkDatabase::matches_by_view(const V
   return matches;
 }
 
-// Each place of both views once, in the order of the distances.
+// Keeps matches in the order of their distances, each position of both views at most once.
 LandmarkDatabase::Matches LandmarkDatabase::one_to_one(Matches matches, const View& earlier,
                                                        const View& current) const {
   std::sort(matches.begin(), matches.end(), [](const KeypointMatch& a, const KeypointMatch& b) {
@@ -173,8 +173,8 @@ RigidConsensus LandmarkDatabase::consensus(const View& earlier, const View& curr
   return rigid_consensus(pairs, options_.inlier_sigma, random_triples);
 }
 
-// Keypoints of the current landmarks that come to lie near one of the earlier ones when they are moved: of those near
-// the one of the least distance of descriptors, if its scale is what the depths make of it.
+// Matches keypoints of the current landmarks with keypoints of earlier landmarks near the position predicted by the
+// motion: the nearest descriptor wins, provided that its scale agrees with the ratio of the depths.
 LandmarkDatabase::Matches LandmarkDatabase::guided_matches(const View& earlier, const View& current,
                                                            const Pose& earlier_from_current, double distance_px) const {
   constexpr double kMostScale = 1.5;  // an octave has three scales
@@ -202,7 +202,7 @@ LandmarkDatabase::Matches LandmarkDatabase::guided_matches(const View& earlier, 
   return one_to_one(std::move(matches), earlier, current);
 }
 
-// Of all keypoints of landmarks, those that are each other's nearest and pass the ratio test.
+// Returns the mutual nearest neighbours among all keypoints of landmarks that pass the ratio test.
 LandmarkDatabase::Matches LandmarkDatabase::all_matches(const View& earlier, const View& current) const {
   constexpr int kFar = std::numeric_limits<int>::max();
   struct Best {
@@ -235,13 +235,14 @@ LandmarkDatabase::Matches LandmarkDatabase::all_matches(const View& earlier, con
   return matches;
 }
 
-// Where enough matches agree on the motion since a view, it tells where to look for all keypoints. Whether they do.
+// If enough matches agree on the motion since a view, matches all keypoints by the positions it predicts; returns
+// whether they do.
 bool LandmarkDatabase::search_guided(const View& earlier, const View& current, Matches& matches) const {
-  constexpr int kTriples = 4000;  // enough where one match in ten is right
+  constexpr int kTriples = 4000;  // sufficient for 10 % inliers
   RigidConsensus motion =
       consensus(earlier, current, one_to_one(matches, earlier, current), options_.viewpoint_px, kTriples);
   Matches found;
-  // The second time by the motion that what was found the first time tells better.
+  // The second pass uses the motion refined with the matches of the first pass.
   for (const double share : {1.0, 0.5}) {
     if (static_cast<int>(motion.inliers.size()) < options_.min_consensus) return false;
     found = guided_matches(earlier, current, motion.earlier_from_current, share * options_.guided_distance_px);
@@ -252,8 +253,8 @@ bool LandmarkDatabase::search_guided(const View& earlier, const View& current, M
   return true;
 }
 
-// The earlier landmarks that a landmark may be, the most promising first, each with the matches that agree on one
-// motion.
+// Returns the earlier landmarks that may be the same as `landmark`, the most promising first, each with the matches
+// that agree on one motion.
 std::vector<Recognition> LandmarkDatabase::candidates_of(int landmark, const std::vector<Matches>& matches,
                                                          const View& current) const {
   struct Candidate {
@@ -275,7 +276,7 @@ std::vector<Recognition> LandmarkDatabase::candidates_of(int landmark, const std
         candidates.push_back({static_cast<int>(v), {landmark, seen.frame, earlier, std::move(once), {}}});
     }
   }
-  // Of equals the latest view.
+  // Among equals, the latest view comes first.
   std::stable_sort(candidates.begin(), candidates.end(), [](const Candidate& a, const Candidate& b) {
     const size_t x = a.recognition.matches.size(), y = b.recognition.matches.size();
     return x != y ? x > y : a.view > b.view;
@@ -309,7 +310,8 @@ std::vector<Recognition> LandmarkDatabase::recognise(const Landmarks& landmarks)
       const int view = at(order, i);
       at(known, i) = search_guided(at(views_, view), current, at(matches, view));
     });
-    // From far aside few of the strongest keypoints look alike: all of the last view's then.
+    // From a very different viewpoint few of the strongest keypoints match; all keypoints of the last view are tried
+    // then.
     if (!views_.empty() && std::find(known.begin(), known.end(), char{1}) == known.end()) {
       Matches all = one_to_one(all_matches(views_.back(), current), views_.back(), current);
       if (search_guided(views_.back(), current, all)) matches.back() = std::move(all);
@@ -319,7 +321,8 @@ std::vector<Recognition> LandmarkDatabase::recognise(const Landmarks& landmarks)
   for_each_row(static_cast<int>(current.landmarks),
                [&](int landmark) { at(candidates, landmark) = candidates_of(landmark, matches, current); });
 
-  // The best supported first. A landmark may have been seen as part of a larger one; its keypoints are no other's.
+  // Accepts the best supported candidates first. A landmark may have been seen as part of a larger one, but every
+  // earlier keypoint is used only once.
   std::vector<Recognition*> all;
   for (auto& own : candidates) {
     for (Recognition& candidate : own) all.push_back(&candidate);
@@ -329,7 +332,7 @@ std::vector<Recognition> LandmarkDatabase::recognise(const Landmarks& landmarks)
   std::map<int, const View*> by_frame;
   for (const View& view : views_) by_frame[view.frame] = &view;
   std::set<int> recognised;
-  std::set<std::pair<int, int>> taken;  // frames and places
+  std::set<std::pair<int, int>> taken;  // frames and position indices
   std::vector<Recognition> result;
   for (Recognition* r : all) {
     if (recognised.contains(r->landmark)) continue;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Landmarks that were seen before (METHOD S18; thesis 3.2.4): the descriptors of a landmark's keypoints are looked up
-// among those of the landmarks of earlier frames, best bin first; a landmark is recognised by more than three matches
-// that one rigid motion of its 3D points explains.
+// Re-identification of landmarks (docs/method.md, section 5.4; thesis 3.2.4): the descriptors of a landmark's
+// keypoints are looked up among those of earlier frames' landmarks by best-bin-first search; a landmark is
+// re-identified if at least `min_matches` matches are consistent with one rigid motion of their 3D points.
 #pragma once
 
 #include <string>
@@ -32,52 +32,56 @@ struct RecognitionOptions {
 
   template <class Visitor>
   void describe(Visitor& v) {
-    v.field("search", search, {"best_bin_first", "brute_force"}, "how the nearest descriptors are found");
-    v.field("max_leaves", max_leaves, {1, 1000000}, "bins of the trees that are looked at for a keypoint");
+    v.field("search", search, {"best_bin_first", "brute_force"}, "search for the nearest descriptors");
+    v.field("max_leaves", max_leaves, {1, 1000000}, "kd-tree leaves visited per keypoint");
     v.field("strongest", strongest, {2, 100000},
-            "keypoints of a landmark that others are compared with; half as many are looked up, the rest found guided");
-    v.field("max_ratio", max_ratio, {0.1, 1}, "largest ratio of nearest to second nearest descriptor of a frame");
-    v.field("min_matches", min_matches, {3, 1000}, "matches by which a landmark is recognised");
-    v.field("inlier_sigma", inlier_sigma, {0.1, 100}, "sigmas by which a match may miss the landmark's motion");
-    v.field("max_candidates", max_candidates, {1, 1000}, "earlier landmarks that are tried for a landmark");
-    v.field("max_views", max_views, {1, 1000}, "earlier views, of most matches, that are searched guided");
-    v.field("guided", guided, "where the motion since a view is known from some landmarks, look for the others by it");
-    v.field("guided_distance_px", guided_distance_px, {0.1, 100}, "how far off a keypoint is looked for, footprints");
+            "strongest keypoints of a landmark that are searched; half as many are queried, the rest matched guided");
+    v.field("max_ratio", max_ratio, {0.1, 1},
+            "largest ratio of nearest to second-nearest descriptor distance in a frame");
+    v.field("min_matches", min_matches, {3, 1000}, "least number of matches of a re-identified landmark");
+    v.field("inlier_sigma", inlier_sigma, {0.1, 100},
+            "largest deviation of a match from the landmark's motion, sigmas");
+    v.field("max_candidates", max_candidates, {1, 1000}, "earlier landmarks verified per landmark");
+    v.field("max_views", max_views, {1, 1000}, "earlier views, those with most matches, that are searched guided");
+    v.field("guided", guided, "use the motion since a view, estimated from some landmarks, to search for the others");
+    v.field("guided_distance_px", guided_distance_px, {0.1, 100}, "search radius of a keypoint, pixel footprints");
     v.field("viewpoint_px", viewpoint_px, {0, 10},
-            "by how much a keypoint may sit elsewhere when seen from another place, footprints of a pixel");
-    v.field("max_guided_ratio", max_guided_ratio, {0.1, 2}, "largest distance of descriptors there; 1.4: orthogonal");
-    v.field("min_consensus", min_consensus, {3, 10000}, "matches that must agree on the motion since a view");
+            "sigma of a keypoint's displacement between viewpoints, pixel footprints");
+    v.field("max_guided_ratio", max_guided_ratio, {0.1, 2},
+            "largest descriptor distance in guided search; 1.4: orthogonal");
+    v.field("min_consensus", min_consensus, {3, 10000},
+            "least number of matches that agree on the motion since a view");
   }
 };
 
-// The landmarks of many frames, to be recognised in later ones.
+// Stores the landmarks of many frames and re-identifies them in later ones.
 class LandmarkDatabase {
  public:
-  // `camera`: of all views.
+  // `camera` is the camera of all views. Throws Error for options out of range.
   LandmarkDatabase(const Pinhole& camera, const RecognitionOptions& options);
 
-  // Remembers a frame's landmarks under its number.
+  // Adds a frame's landmarks under its frame number.
   void add(int frame, const Landmarks& landmarks);
 
-  // Those of the current frame that are known: each as one earlier landmark, each keypoint matched once. Two may be
-  // parts of one earlier landmark. In the order of the current landmarks.
+  // Returns the re-identified landmarks of the current frame, in their order. Each is matched with one earlier
+  // landmark and each keypoint at most once; two current landmarks may be parts of the same earlier one.
   std::vector<Recognition> recognise(const Landmarks& current) const;
 
   int landmarks() const { return landmark_count_; }
   int keypoints() const { return static_cast<int>(entries_.size()); }
 
  private:
-  // A frame's landmarks, made ready to be searched.
+  // A frame's landmarks, prepared for searching.
   struct View {
     int frame = 0;
     size_t landmarks = 0;
     std::vector<Keypoint> keypoints;
     cv::Mat1b descriptors;
-    std::vector<std::vector<int>> landmarks_of;  // each keypoint
-    std::vector<int> place;                      // the same for a place's keypoints of several orientations
-    std::vector<int> owned;                      // keypoints of landmarks, by the x of their points
-    std::vector<int> strongest;                  // of each landmark, together, ascending
-    std::vector<int> queried;                    // the stronger half of them
+    std::vector<std::vector<int>> landmarks_of;  // of each keypoint
+    std::vector<int> place;                      // position index, common to all orientations at a position
+    std::vector<int> owned;                      // keypoints that belong to landmarks, sorted by the x of their points
+    std::vector<int> strongest;                  // strongest keypoints of all landmarks, ascending
+    std::vector<int> queried;                    // the stronger half of each landmark's strongest
   };
   struct Entry {
     int view = 0, keypoint = 0;
@@ -98,10 +102,11 @@ class LandmarkDatabase {
   Pinhole camera_;
   RecognitionOptions options_;
   std::vector<View> views_;
-  std::vector<Entry> entries_;  // of each descriptor
+  std::vector<Entry> entries_;  // one per descriptor
   cv::Mat1b descriptors_;
-  // Trees over consecutive runs of descriptors, each less than half the one before: a new frame's descriptors are
-  // merged with the last runs, so that one is built anew only as often as the database doubles (Bentley and Saxe 1980).
+  // Trees over consecutive runs of descriptors, each run less than half as long as the previous one: a new frame's
+  // descriptors are merged with the last runs, so each is rebuilt only as often as the database doubles (Bentley and
+  // Saxe 1980).
   struct Run {
     int first = 0;
     DescriptorTree tree;

@@ -9,7 +9,7 @@ namespace fringeslam {
 
 namespace {
 
-// Pixels that reach the border of the area in so many steps are off.
+// Erodes the area by `border_px` pixels.
 cv::Mat1b core_of(const cv::Mat1b& area, int border_px) {
   cv::Mat1b outside;
   cv::bitwise_not(area, outside);
@@ -51,7 +51,7 @@ Regions find_regions(const cv::Mat1b& area, int bridge_px, int min_area_px) {
   const int count = cv::connectedComponentsWithStats(core_of(area, bridge_px), labels, stats, centres, 4, CV_32S);
   std::vector<int> number(static_cast<size_t>(count), 0);
   for (int i = 1; i < count; ++i) {
-    // What is left of a piece without its border; a small one is none.
+    // A component of the eroded area; small ones are dropped.
     if (stats.at<int>(i, cv::CC_STAT_AREA) * 2 < min_area_px) continue;
     result.regions.push_back({});
     number[static_cast<size_t>(i)] = static_cast<int>(result.regions.size());

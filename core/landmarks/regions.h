@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Connected pieces of the foreground: what clusters of depth keypoints stand for where they are too few to bound it. A
-// flat face has none but at its corners, and is the better landmark for it.
+// Connected foreground regions. They replace clusters of depth keypoints where those are too few to bound an object: a
+// flat face has depth keypoints only at its corners, yet it is a good landmark.
 #pragma once
 
 #include <opencv2/core.hpp>
@@ -10,21 +10,21 @@ namespace fringeslam {
 
 struct Region {
   int area_px = 0;
-  std::vector<cv::Point> outline;  // the outer border, a polygon of pixels
+  std::vector<cv::Point> outline;  // outer boundary, a polygon of pixels
 };
 
 struct Regions {
-  cv::Mat1i labels;  // H x W: the region's number from 1, 0: of none
+  cv::Mat1i labels;  // H x W: region number from 1; 0 for none
   std::vector<Region> regions;
 };
 
-// Pieces of `area` that touch by bridges of at most 2 * bridge_px pixels come apart: the area without its border of
-// bridge_px pixels is labelled by connection (four neighbours), and the labels grow back over the border. Pieces of
-// fewer than min_area_px pixels are none. Numbered in the order of rows and columns.
+// Splits `area` into regions, separating parts that are joined by bridges at most 2 * bridge_px pixels wide: the area
+// is eroded by bridge_px pixels, its 4-connected components are labelled, and the labels grow back over the eroded
+// border. Regions whose eroded area is below min_area_px / 2 are dropped. Regions are numbered in row-major order.
 Regions find_regions(const cv::Mat1b& area, int bridge_px, int min_area_px);
 
-// Labels spread over unlabelled pixels of `area`, by one pixel along rows and columns in each round; of two that meet
-// the one that came first.
+// Grows labels into unlabelled pixels of `area` by one pixel along rows and columns per round; where two labels meet,
+// the one that arrived first stays.
 void grow_labels(cv::Mat1i& labels, const cv::Mat1b& area, int rounds);
 
 }  // namespace fringeslam

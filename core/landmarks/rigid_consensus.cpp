@@ -13,7 +13,7 @@ namespace {
 
 using Pair = SpreadPair;
 
-// Axes along and across a triangle; false when it is too thin to tell a rotation.
+// Returns a triangle's orthonormal axes; false if it is too thin to determine a rotation.
 bool triangle_axes(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Eigen::Vector3d& c, double least,
                    Eigen::Matrix3d& axes) {
   const Eigen::Vector3d u = b - a;
@@ -26,7 +26,7 @@ bool triangle_axes(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Eig
   return true;
 }
 
-// Of three pairs, by the two triangles; none when their sides differ by more than noise.
+// Estimates the motion from the triangles of three pairs; false if their sides differ by more than the noise.
 bool motion_of_three(const Pair& a, const Pair& b, const Pair& c, double inlier_sigma, Pose& motion) {
   const auto same_side = [&](const Pair& p, const Pair& q) {
     const double difference = (p.earlier - q.earlier).norm() - (p.current - q.current).norm();
@@ -54,7 +54,7 @@ std::vector<int> inliers_of(const std::vector<Pair>& pairs, const Pose& motion, 
   return inliers;
 }
 
-// Least squares weighted by the sigmas (Arun, Huang and Blostein 1987).
+// Least-squares fit weighted by the inverse variances (Arun, Huang and Blostein 1987).
 Pose fitted(const std::vector<Pair>& pairs, const std::vector<int>& chosen) {
   double weights = 0;
   Eigen::Vector3d earlier = Eigen::Vector3d::Zero(), current = Eigen::Vector3d::Zero();
@@ -81,7 +81,8 @@ Pose fitted(const std::vector<Pair>& pairs, const std::vector<int>& chosen) {
   return pose;
 }
 
-// So many that one of them is of right pairs only, but for a chance of 10^-4, if no more pairs are right than found.
+// Number of triples of which at least one contains only inliers with probability 1 - 10^-4, at the current inlier
+// ratio.
 int triples_enough(size_t inliers, size_t pairs) {
   const double share = static_cast<double>(inliers) / static_cast<double>(pairs), right = share * share * share;
   return right > 0.999 ? 1 : right > 1e-6 ? static_cast<int>(std::log(1e-4) / std::log(1 - right)) : 10000000;

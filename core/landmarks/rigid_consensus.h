@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The rigid motion that most of a set of point pairs agree with.
+// Robust estimation of the rigid motion that most of a set of point pairs support.
 #pragma once
 
 #include <Eigen/Core>
@@ -11,16 +11,17 @@ namespace fringeslam {
 
 struct SpreadPair {
   Eigen::Vector3d earlier, current;  // m
-  double sigma = 0;                  // of a coordinate of their difference, m
+  double sigma = 0;                  // standard deviation of each coordinate of their difference, m
 };
 
 struct RigidConsensus {
   Pose earlier_from_current;
-  std::vector<int> inliers;  // of the pairs, those within `inlier_sigma` sigmas
+  std::vector<int> inliers;  // indices of the pairs within `inlier_sigma` sigmas
 };
 
-// From triples of pairs whose triangles are alike: all triples of up to 14 pairs, else `random_triples` of them, always
-// the same. Refined over the inliers by weighted least squares. No inliers when no three pairs agree.
+// Estimates the motion from triples of pairs with congruent triangles: all triples of up to 14 pairs, else up to
+// `random_triples` of them from a fixed seed. The best hypothesis is refined over its inliers by weighted least
+// squares. Without three consistent pairs there are no inliers.
 RigidConsensus rigid_consensus(const std::vector<SpreadPair>& pairs, double inlier_sigma, int random_triples = 400);
 
 }  // namespace fringeslam

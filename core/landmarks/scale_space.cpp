@@ -14,7 +14,7 @@ namespace {
 
 constexpr double kSigmaOfImages = 0.5;  // of the camera's own blur, px (Lowe)
 
-// Half of a symmetric kernel, from the middle on.
+// Returns half of a symmetric kernel, from the centre on.
 std::vector<float> gaussian_half(double sigma) {
   const int radius = static_cast<int>(std::ceil(3.5 * sigma));
   std::vector<double> weights;
@@ -34,7 +34,8 @@ int mirrored(int i, int count) {
   return i;
 }
 
-// Weighted sum over pairs of rows: before[k][x] and after[k][x] have the weight half[k]; the middle is both of k = 0.
+// Weighted sum over pairs of rows: before[k][x] and after[k][x] have the weight half[k]; for k = 0 both are the centre
+// row.
 struct RowPairs {
   const float* const* before;
   const float* const* after;
@@ -48,7 +49,7 @@ FRINGESLAM_INLINE void sum_block(const RowPairs& rows, int x, float* sums) {
   const auto both = [&](int k, int i) {
     return L::load(rows.before[k] + x + i * lanes) + L::load(rows.after[k] + x + i * lanes);
   };
-  // Four at a time, or each addition would wait for the one before.
+  // Four independent sums hide the latency of additions.
   typename L::Floats sum[4];
   for (int i = 0; i < 4; ++i) sum[i] = rows.half[0] * L::load(rows.before[0] + x + i * lanes);
   for (int k = 1; k < rows.count; ++k) {

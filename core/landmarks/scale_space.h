@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Gaussian scale space (Lowe, Distinctive image features from scale-invariant keypoints, 2004, section 3; Lindeberg,
-// Scale-space theory, 1994): octaves of an image at half the resolution of the one before, the first at twice the
-// image's own, each blurred ever more.
+// Scale-space theory, 1994). The first octave has twice the image's resolution, each following one half the resolution
+// of the previous one; the blur increases from level to level.
 #pragma once
 
 #include <array>
@@ -12,19 +12,20 @@
 namespace fringeslam {
 
 constexpr int kScalesPerOctave = 3, kLevels = kScalesPerOctave + 3;
-constexpr double kFinestSigma = 1.6;  // of an octave's first level, its own pixels
+constexpr double kFinestSigma = 1.6;  // of an octave's first level, in pixels of that octave
 
-// Of a level of an octave, its own pixels; levels in between are none of the images, but keypoints lie there.
+// Returns the sigma of a level in pixels of its octave; fractional levels are allowed, since keypoints lie between
+// levels.
 inline double level_sigma(double level) { return kFinestSigma * std::exp2(level / kScalesPerOctave); }
 
 using Octave = std::array<cv::Mat1f, kLevels>;
 
-// Pixel x of octave n is at x 2^(n - 1) - 1/4 of the image: doubling keeps the image's corners where they are, halving
-// the first pixel's centre. Of images of less than 4 pixels across there are no octaves.
+// Computes the scale space of `image`; images less than 4 pixels across have no octaves. Pixel x of octave n lies at x
+// 2^(n - 1) - 1/4 in the image: doubling preserves the image's corners, halving the centre of the first pixel.
 std::vector<Octave> scale_space(const cv::Mat1b& image);
 inline double pixel_of(int octave, double x) { return std::ldexp(x, octave - 1) - 0.25; }
 
-// Convolved with a Gaussian that is cut off at 3.5 sigma; mirrored about the centres of the pixels on the border.
+// Convolves with a Gaussian truncated at 3.5 sigma; the image is mirrored about the centres of its border pixels.
 cv::Mat1f blurred(const cv::Mat1f& image, double sigma);
 
 }  // namespace fringeslam

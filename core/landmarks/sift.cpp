@@ -17,7 +17,7 @@ namespace fringeslam {
 
 namespace {
 
-constexpr int kBorder = 5;  // pixels of an octave where no extremum is looked for
+constexpr int kBorder = 5;  // margin of an octave without extrema, px
 constexpr int kDifferences = kLevels - 1;
 constexpr float kFullScale = 255;
 
@@ -27,12 +27,12 @@ struct Extremum {
   double strength = 0;
 };
 
-// Rows of the differences of an octave's levels.
+// Rows of the differences between an octave's levels.
 struct DifferenceRows {
-  const float* at[kDifferences][3];  // level, row above, here and below
+  const float* at[kDifferences][3];  // level; row above, current row, row below
 };
 
-// Which of a row's pixels are extrema of level `level` among their 26 neighbours.
+// Marks the pixels of a row that are extrema of level `level` among their 26 neighbours.
 FRINGESLAM_INLINE void extrema_body(const DifferenceRows& rows, int level, int first, int end, float threshold,
                                     uint8_t* __restrict found) {
   const float *const b0 = rows.at[level - 1][0], *const b1 = rows.at[level - 1][1], *const b2 = rows.at[level - 1][2];
@@ -73,8 +73,8 @@ double difference(const Octave& octave, int level, int row, int col) {
          static_cast<double>(kFullScale);
 }
 
-// Lowe, section 4: where the quadratic through the neighbours has its extremum, once it is nearest to this pixel and
-// level; what has little contrast, or lies along an edge, is none.
+// Locates the extremum of the quadratic fitted to the neighbours (Lowe, section 4), moving to the pixel and level
+// nearest to it; rejects low contrast and edge responses.
 std::optional<Extremum> located(const Octave& octave, Extremum at, const SiftOptions& options) {
   constexpr int kSteps = 5;
   const int rows = octave[0].rows, cols = octave[0].cols;
@@ -113,13 +113,13 @@ std::optional<Extremum> located(const Octave& octave, Extremum at, const SiftOpt
   return std::nullopt;
 }
 
-// Of rows [first, end) of an octave.
+// Finds the extrema in rows [first, end) of an octave.
 void find_extrema(const Octave& octave, int number, int first, int end, const SiftOptions& options,
                   std::vector<Extremum>& found) {
   static const auto extrema = widest(extrema_portable, extrema_avx2, extrema_avx512);
   const int cols = octave[0].cols;
   const auto threshold = static_cast<float>(0.5 * options.contrast_threshold / kScalesPerOctave) * kFullScale;
-  std::array<cv::Mat1f, kDifferences> differences;  // from the row before the first to the one after the last
+  std::array<cv::Mat1f, kDifferences> differences;  // rows first - 1 to end
   for (size_t level = 0; level < kDifferences; ++level)
     cv::subtract(octave[level + 1].rowRange(first - 1, end + 1), octave[level].rowRange(first - 1, end + 1),
                  differences[level]);
@@ -139,7 +139,7 @@ void find_extrema(const Octave& octave, int number, int first, int end, const Si
   }
 }
 
-// The strongest, in an order that nothing but the image tells; each once, though several pixels may lead there.
+// Returns the strongest extrema in a deterministic order; extrema reached from several pixels are kept once.
 std::vector<Extremum> strongest(std::vector<Extremum> extrema, int count) {
   const auto place = [](const Extremum& e) { return std::array{e.octave, e.level, e.row, e.col}; };
   std::sort(extrema.begin(), extrema.end(), [&](const Extremum& a, const Extremum& b) {
@@ -152,7 +152,7 @@ std::vector<Extremum> strongest(std::vector<Extremum> extrema, int count) {
 }
 
 std::vector<Extremum> extrema_of(const std::vector<Octave>& octaves, const SiftOptions& options) {
-  constexpr int kBand = 32;  // rows of a piece of parallel work
+  constexpr int kBand = 32;  // rows per parallel task
   std::vector<Extremum> all;
   for (size_t number = 0; number < octaves.size(); ++number) {
     const Octave& octave = octaves[number];

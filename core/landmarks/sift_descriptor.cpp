@@ -15,7 +15,7 @@ namespace {
 
 constexpr float kPi = std::numbers::pi_v<float>;
 
-// Within 3e-4 rad (Hastings, Approximations for digital computers, 1955); 0 where both are.
+// Within 3e-4 rad (Hastings, Approximations for digital computers, 1955); 0 if both are 0.
 FRINGESLAM_INLINE float angle_of(float y, float x) {
   const float ax = x < 0 ? -x : x, ay = y < 0 ? -y : y;
   const float larger = ax > ay ? ax : ay, smaller = ax > ay ? ay : ax;
@@ -26,12 +26,13 @@ FRINGESLAM_INLINE float angle_of(float y, float x) {
   return y < 0 ? 2 * kPi - half : half;  // may be 2 pi
 }
 
-// ---- directions
+// ---- orientations
 
 constexpr int kBins = 36, kMaxRadius = 24, kMaxWidth = 64;
 static_assert(2 * kMaxRadius + 1 <= kMaxWidth);
 
-// Of a row of pixels: which bin the gradient is in, and how much it counts. `weights`: of the row's pixels.
+// Computes the orientation bin and the weighted magnitude of each gradient in a row; `weights` are those of the row's
+// pixels.
 FRINGESLAM_INLINE void row_body(const float* above, const float* row, const float* below, const float* weights,
                                 float weight, int count, int32_t* __restrict bins, float* __restrict parts) {
   constexpr float kPerBin = kBins / (2 * kPi);
@@ -65,10 +66,10 @@ constexpr int kGradients = whole_vectors(kGrid * kSide), kSamples = whole_vector
 constexpr int kDirections = kDescriptorDirections;
 
 struct Grid {
-  // Of the samples from the middle, in steps.
+  // Offsets of the samples from the centre, in steps.
   alignas(64) std::array<float, kSamples> right, down;
-  // What a row of gradients is to each row of cells, and a column to each column: bilinear between cells' centres,
-  // under a Gaussian of half the descriptor's width.
+  // Weight of a row (column) of gradients in each row (column) of cells: bilinear between cell centres, times a
+  // Gaussian with a sigma of half the descriptor's width.
   std::array<std::array<float, kGrid>, kDescriptorCells> of_cell;
 };
 Grid grid() {
@@ -94,7 +95,7 @@ struct Level {
   float last_x, last_y;
 };
 
-// Of the level at the grid's points, bilinear; beyond the border it goes on as on the border.
+// Samples the level at the grid points by bilinear interpolation; border values are replicated.
 FRINGESLAM_INLINE void sample_body(Level level, LevelPlace place, float cosine, float sine, const Grid& grid,
                                    float* __restrict samples) {
   constexpr float kCellSigmas = 3;
@@ -139,7 +140,7 @@ FRINGESLAM_INLINE void describe_body(Level level, LevelPlace place, float cosine
     for (auto& cell : row) cell = none;
   }
   for (int j = 0; j < kGrid; ++j) {
-    // Each gradient lies between the centres of two cells, or outside the first or the last.
+    // Each gradient lies between the centres of two cells, or outside the first or last centre.
     typename L::Floats across[kDescriptorCells + 2];
     for (auto& cell : across) cell = none;
     for (int i = 0; i < kGrid; ++i) {
@@ -224,7 +225,7 @@ void describe_place(const cv::Mat1f& level, const LevelPlace& place, float direc
   static const auto describe = widest(describe_portable, describe_avx2, describe_avx512);
   static const Grid the_grid = grid();
   constexpr float kLargest = 0.2f;
-  // So that there is a pixel to the right and below of the last.
+  // The upper limit guarantees a pixel to the right and below.
   const auto last = [](int count) { return std::nextafter(static_cast<float>(count - 1), 0.0f); };
   const Level pixels{level[0], static_cast<int>(level.step1()), last(level.cols), last(level.rows)};
   describe(pixels, place, std::cos(direction), std::sin(direction), the_grid, descriptor);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Directions and descriptors of keypoints; sift.h says what they are.
+// Orientations and descriptors of keypoints; see sift.h.
 #pragma once
 
 #include <opencv2/core.hpp>
@@ -10,16 +10,17 @@ namespace fringeslam {
 constexpr int kDescriptorCells = 4, kDescriptorDirections = 8,
               kDescriptorSize = kDescriptorCells * kDescriptorCells * kDescriptorDirections;
 
-// Where a keypoint is in a level of its octave, the level's pixels.
+// Position and sigma of a keypoint in its level, in the level's pixels.
 struct LevelPlace {
   float x = 0, y = 0, sigma = 0;
 };
 
-// Directions of most gradients around, those of at least 0.8 of the most, radians from x towards y from 0 to 2 pi.
+// Returns the dominant gradient orientations, those with at least 0.8 of the largest peak, in radians from x towards
+// y, in [0, 2 pi).
 std::vector<float> directions_of(const cv::Mat1f& level, const LevelPlace& place);
 
-// Unit length, no component above 0.2 before it is made so for good (Lowe, section 6.1). Cell by cell, x running
-// faster, direction fastest; all in the keypoint's own directions.
+// Computes a descriptor of unit length, with components clipped at 0.2 before the final normalisation (Lowe, section
+// 6.1). Order: cell row, cell column, direction (fastest); all relative to the keypoint's orientation.
 void describe_place(const cv::Mat1f& level, const LevelPlace& place, float direction, float* descriptor);
 
 }  // namespace fringeslam

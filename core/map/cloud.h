@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stitched cloud in the world frame (METHOD S23): frames merged in cells of a fixed size, points of
-// one cell averaged by their sigmas.
+// Point cloud in the world frame (docs/method.md, section 8.3): frames are merged in cells of a fixed size, and the
+// points of one cell are averaged, weighted by their sigmas.
 #pragma once
 
 #include <array>
@@ -20,7 +20,7 @@ struct CloudOptions {
 
   template <class Visitor>
   void describe(Visitor& v) {
-    v.field("cell_m", cell_m, {1e-5, 1}, "edge of the cells in which points are merged, m");
+    v.field("cell_m", cell_m, {1e-5, 1}, "edge length of the cells in which points are merged, m");
   }
 };
 
@@ -35,7 +35,7 @@ class CloudMap {
  public:
   explicit CloudMap(const CloudOptions& options);
   void add(const Frame& frame, const Pose& world_from_camera);
-  // In the order of the cells' coordinates, whatever the order of insertion within a cell.
+  // Returns the points sorted by cell coordinates, independent of the order in which cells were created.
   std::vector<CloudPoint> points() const;
 
  private:
@@ -51,7 +51,7 @@ class CloudMap {
   std::unordered_map<Key, Cell, KeyHash> cells_;
 };
 
-// Binary PLY with position, normal and grey value as colour.
+// Returns a binary PLY file with position, normal, grey value as colour, and sigma.
 std::string to_ply(const std::vector<CloudPoint>& points);
 
 }  // namespace fringeslam

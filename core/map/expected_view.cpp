@@ -18,13 +18,14 @@ namespace fringeslam {
 namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
-constexpr float kNowhere = -1e6f;      // of points that are not seen
-constexpr float kLeastCosine = 0.05f;  // of the angle under which a plane is seen; flatter ones are no pixel's
+constexpr float kNowhere = -1e6f;      // for points that are not visible
+constexpr float kLeastCosine = 0.05f;  // of the viewing angle of a plane; planes at a smaller one are ignored
 constexpr int kBandRows = 16;
-// A plane through a point and its two neighbours, 1.5 pixels off in both directions: its variance over the point's.
+// Standard deviation, relative to the point's, of a plane through a point and its two neighbours at a distance of 1.5
+// pixels in both directions.
 constexpr float kRoughSigmas = 2.3f;
 
-// A pose and a camera as the kernel wants them.
+// A pose and a camera in single precision, for the kernel.
 struct Projection {
   float r[9], t[3];
   float fx, fy, cx, cy, k1, k2, p1, p2, k3;
@@ -44,7 +45,7 @@ struct Projection {
   }
 };
 
-// Where points fall, their tangent planes m, and the standard deviation of 1/z over 1/z by the points' noise.
+// Projections of points, their tangent planes m, and the relative standard deviation of 1/z due to the points' noise.
 struct Splats {
   float *u, *v, *mx, *my, *mz, *noise;
   Splats from(size_t first) const { return {u + first, v + first, mx + first, my + first, mz + first, noise + first}; }
@@ -89,22 +90,23 @@ FRINGESLAM_AVX512 void splat_avx512(const cv::Vec3f* points, const cv::Vec3f* no
   splat_body(points, normals, sigma, width, p, out);
 }
 
-// A row of a known frame, and which rows of the image it falls on.
+// A row of a known frame and the range of image rows it projects to.
 struct SourceRow {
   int view = 0, row = 0;
-  size_t first = 0;  // of its splats
+  size_t first = 0;  // index of its first splat
   int width = 0;
   float lowest_v = 0, highest_v = 0;
 };
 
-// What the final pass wants to know of a view.
+// Properties of a view that the final pass needs.
 struct ViewError {
   std::array<float, 3> translation{};
   std::array<std::array<float, 6>, 6> root{};  // columns of a root of the covariance: cov = root root^T
-  float relative_sigma = 0;                    // greatest sigma of 1/z over 1/z by the pose
+  float relative_sigma = 0;                    // largest relative sigma of 1/z due to the pose
 };
 
-// How far the view's pose error shifts the image, standard deviations in px: the greatest over a grid of its points.
+// Returns the standard deviations of the image shift due to the view's pose error, px: the maximum over a grid of its
+// points.
 Eigen::Vector2d image_shift_px(const KnownView& view, const Pinhole& camera, double& relative_depth) {
   constexpr int kStep = 32;
   Eigen::Vector2d shift = Eigen::Vector2d::Zero();
@@ -130,7 +132,7 @@ Eigen::Vector2d image_shift_px(const KnownView& view, const Pinhole& camera, dou
 
 ViewError error_of(const KnownView& view, double relative_sigma) {
   ViewError error;
-  const Eigen::LDLT<Matrix6d> factors(view.covariance);  // which may be singular
+  const Eigen::LDLT<Matrix6d> factors(view.covariance);  // may be singular
   const Vector6d spread = factors.vectorD().cwiseMax(0).cwiseSqrt();
   const Matrix6d lower = factors.matrixL();
   const Matrix6d root = factors.transpositionsP().transpose() * Matrix6d(lower * spread.asDiagonal());
@@ -157,7 +159,7 @@ class Rendering {
       for (int row = 0; row < frame.height(); ++row, points += static_cast<size_t>(frame.width()))
         rows_.push_back({static_cast<int>(v), row, points, frame.width()});
     }
-    // Half a pixel more than the shift: the splats' own size.
+    // The splats extend half a pixel beyond the shift.
     reach_ = {static_cast<int>(std::ceil(0.5 + options.shift_sigmas * shift.x())),
               static_cast<int>(std::ceil(0.5 + options.shift_sigmas * shift.y()))};
     arrays_.resize(6 * points);
@@ -206,8 +208,8 @@ class Rendering {
     return splats_.mx[splat] * ray[0] + splats_.my[splat] * ray[1] + splats_.mz[splat];
   }
 
-  // All that falls on a band of rows, which no other thread writes to. Its images have a border of two pixels, so that
-  // whatever covers a pixel of the band lies in them as a whole.
+  // Renders everything that falls on a band of rows; each band is written by one thread. The band's buffers have a
+  // border of two pixels, so that the footprint of any splat that covers one of its pixels lies within them.
   void cover(int first_row, ExpectedView& view) {
     constexpr int kBorder = 2;
     const int rows = std::min(kBandRows, rays_.rows - first_row), cols = rays_.cols, stride = cols + 2 * kBorder;
@@ -222,8 +224,8 @@ class Rendering {
       }
     }
     struct Candidate {
-      int splat, view, corner;  // the first of the pixels that it covers
-      float u, v;               // from there
+      int splat, view, corner;  // first of the covered pixels
+      float u, v;               // relative to that pixel
     };
     std::vector<Candidate> candidates;
     candidates.reserve(size);
@@ -234,7 +236,7 @@ class Rendering {
       for (size_t i = source.first; i < source.first + static_cast<size_t>(source.width); ++i) {
         const float u = splats_.u[i], v = splats_.v[i];
         if (!((v >= low) & (v < high) & (u >= -1.5f) & (u < right))) continue;
-        // Of positive numbers, so that the conversion rounds down.
+        // The argument is positive, so the conversion rounds down.
         const int col = static_cast<int>(u + 2.5f) - 1,
                   row = static_cast<int>(v - static_cast<float>(first_row) + 2.5f) - 1;
         candidates.push_back({static_cast<int>(i), source.view, row * stride + col,
@@ -253,12 +255,12 @@ class Rendering {
     };
     for (const Candidate& c : candidates) {
       for_each_covered(c, [&](size_t at, int, size_t, float inverse) {
-        nearest[at] = inverse > nearest[at] ? inverse : nearest[at];  // not NaN
+        nearest[at] = inverse > nearest[at] ? inverse : nearest[at];  // false for NaN
       });
     }
     const bool several = known_.size() > 1;
     for (const Candidate& c : candidates) {
-      // Errors of poses only matter between views.
+      // Pose errors only matter between different views.
       const float other = several ? errors_[static_cast<size_t>(c.view)].relative_sigma : 0;
       const float noise = splats_.noise[c.splat];
       const float share = 1 - surface_sigmas_ * std::sqrt(noise * noise + other * other) - 1e-6f;
@@ -280,7 +282,7 @@ class Rendering {
     }
   }
 
-  // Depth and sigma of a pixel from the splat that covers it.
+  // Sets the depth and sigma of a pixel from the splat that covers it.
   void finish(int row, int col, const ViewError& error, ExpectedView& view) const {
     const auto splat = static_cast<size_t>(winner_(row, col));
     const cv::Vec2f& ray = rays_(row, col);
@@ -289,7 +291,7 @@ class Rendering {
     const float mx = splats_.mx[splat], my = splats_.my[splat], mz = splats_.mz[splat];
     const float x = depth * ray[0] - error.translation[0], y = depth * ray[1] - error.translation[1],
                 z = depth - error.translation[2];
-    // With m for n, g becomes g / D, and n.d is D / z.
+    // With m in place of n, g becomes g / D, and n.d becomes D / z.
     const float g[6] = {y * mz - z * my, z * mx - x * mz, x * my - y * mx, mx, my, mz};
     float by_pose = 0;
     for (const std::array<float, 6>& column : error.root) {
@@ -302,7 +304,7 @@ class Rendering {
     view.sigma_m(row, col) = depth * std::sqrt(by_pose + by_noise * by_noise);
   }
 
-  // How far two pixels are from one another's planes, m; 0 where noise may do that.
+  // Returns the distance of two pixels from each other's planes, m; 0 if noise explains it.
   float step(const ExpectedView& view, int row, int col, int other_row, int other_col) const {
     const auto here = static_cast<size_t>(winner_(row, col)),
                there = static_cast<size_t>(winner_(other_row, other_col));
@@ -358,7 +360,7 @@ ExpectedView expected_view(const std::vector<KnownView>& known, const Pinhole& c
                            const ExpectedViewOptions& options) {
   check_options(options, "expected_view");
   if (rays.size() != cv::Size(camera.width, camera.height))
-    throw Error("expected view: the rays are not of the camera's size");
+    throw Error("expected view: the rays do not have the camera's size");
   for (const KnownView& view : known) {
     if (view.frame->normals.size() != view.frame->points_m.size() ||
         view.frame->sigma_m.size() != view.frame->points_m.size())

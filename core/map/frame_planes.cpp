@@ -14,32 +14,32 @@ namespace fringeslam {
 
 namespace {
 
-constexpr int kRun = 64, kSquares = kRun / 2;  // pixels that are prepared together, and squares of four of two rows
-constexpr int kBandRows = 16;                  // rows of pixels that are searched for bricks together
-// In octants: where bricks have keys, and what a pixel that is not much larger than a voxel can touch.
+constexpr int kRun = 64, kSquares = kRun / 2;  // pixels prepared together; 2 x 2 squares of two rows
+constexpr int kBandRows = 16;                  // rows of pixels searched for bricks together
+// In octants: the range in which bricks have keys, and the largest reach of a pixel.
 constexpr float kMaxOctant = 2 * kMaxBrick - 64, kMaxReach = 32, kNone = 1 << 24;
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
-// A run of pixels, with the world and the frame's limits as the kernel wants them.
+// A run of pixels, with the pose and the frame's limits in the kernel's form.
 struct PixelRun {
-  const float *points, *normals, *sigma;  // three floats, three and one a pixel
+  const float *points, *normals, *sigma;  // three, three and one floats per pixel
   const uint8_t* grey;
   int count;
   float octants_from_camera[12];  // rotation row by row, then the translation in octants
   float octants_per_m, truncation, half_pixel, min_slope_cos, min_variance;
 };
 
-// Of each pixel the octants from low to high, counted over all bricks; none when high < low.
+// Range of octants (over all bricks) touched by each pixel; empty if high < low.
 struct OctantBoxes {
   alignas(64) int32_t low[3][kRun], high[3][kRun];
 };
 
-// Of each square of four pixels that of all four.
+// Union of the ranges of each square of four pixels.
 struct SquareBoxes {
   alignas(64) int32_t low[3][kSquares], high[3][kSquares];
-  // Four that are not next to each other in space have octants between them that none touches.
+  // 1 if the four are not adjacent in space, so that their union contains octants that none touches.
   alignas(64) int32_t apart[kSquares];
-  // 0 where a square touches the same as the one before or the one above, or nothing.
+  // 0 if a square touches the same octants as the previous one or the one above, or none.
   alignas(64) int32_t is_new[kSquares];
 };
 
@@ -51,8 +51,8 @@ FRINGESLAM_INLINE int in_steps(float value) {
   return static_cast<int>(value * kNormalSteps + (kNormalSteps + 0.5f)) - static_cast<int>(kNormalSteps);
 }
 
-// The voxels of a pixel's band have their feet on its tangent plane, half a pixel's diagonal away at most. A pixel's
-// step across the ray is the footprint, and along the ray the footprint times the slope.
+// The voxels of a pixel's band project onto its tangent plane at most half a pixel's diagonal away. A pixel's extent
+// is the footprint across the ray, and the footprint times the slope along the ray.
 FRINGESLAM_INLINE void prepare_body(PixelRun run, uint32_t* __restrict planes, OctantBoxes& __restrict boxes) {
   const float* const m = run.octants_from_camera;
   alignas(64) float low[3][kRun], high[3][kRun], numbers[2][kRun];
@@ -60,7 +60,7 @@ FRINGESLAM_INLINE void prepare_body(PixelRun run, uint32_t* __restrict planes, O
   for (int i = 0; i < run.count; ++i) {
     const float x = run.points[3 * i], y = run.points[3 * i + 1], z = run.points[3 * i + 2];
     const float nx = run.normals[3 * i], ny = run.normals[3 * i + 1], nz = run.normals[3 * i + 2];
-    const bool whole = (nx * nx + ny * ny + nz * nz < 1.01f) & (z > 0);  // not for NaN
+    const bool whole = (nx * nx + ny * ny + nz * nz < 1.01f) & (z > 0);  // false for NaN
     const int qx = in_steps(whole ? nx : 0), qy = in_steps(whole ? ny : 0), qz = in_steps(whole ? nz : 0);
     const double offset =
         (static_cast<double>(qx) * static_cast<double>(x) + static_cast<double>(qy) * static_cast<double>(y) +
@@ -75,7 +75,7 @@ FRINGESLAM_INLINE void prepare_body(PixelRun run, uint32_t* __restrict planes, O
     numbers[0][i] = usable ? static_cast<float>(offset) : kNaN;
     numbers[1][i] = weight;
     const float across = run.half_pixel * z;
-    // Times the ray in metres it is what the tangent of the slope is to the ray's direction.
+    // Multiplied by the ray in metres, this is the extent along the ray.
     const float slope = across * std::sqrt((1 - cosine2 > 0 ? 1 - cosine2 : 0) / (cosine2 * range2));
     for (int k = 0; k < 3; ++k) {
       const float ray = m[3 * k] * x + m[3 * k + 1] * y + m[3 * k + 2] * z;
@@ -155,7 +155,8 @@ FRINGESLAM_AVX512 void unite_avx512(const OctantBoxes& upper, const OctantBoxes&
   unite_body(upper, lower, above, squares);
 }
 
-// Of the neighbour on whose plane a pixel's point lies best, sigmas along that normal; NaN where none holds it.
+// Returns the normal of the neighbour whose plane fits the pixel's point best, in sigmas along that normal; NaN if
+// none is within `max_sigmas`.
 cv::Vec3f adopted_normal(const Frame& frame, int row, int col, float max_sigmas) {
   cv::Vec3f best = cv::Vec3f::all(kNaN);
   float best2 = max_sigmas * max_sigmas;
@@ -167,7 +168,7 @@ cv::Vec3f adopted_normal(const Frame& frame, int row, int col, float max_sigmas)
       const float own = along(point) / point[2] * frame.sigma_m(row, col);
       const float other = along(origin) / origin[2] * frame.sigma_m(r, c);
       const float off = along(point - origin), sigmas2 = off * off / (own * own + other * other);
-      if (sigmas2 < best2) best = normal, best2 = sigmas2;  // not for NaN
+      if (sigmas2 < best2) best = normal, best2 = sigmas2;  // false for NaN
     }
   }
   return best;
@@ -182,7 +183,7 @@ void fill_normals(const Frame& frame, int row, float max_sigmas, std::vector<cv:
 }
 
 void touch(const BrickIndex& low, const BrickIndex& high, BrickSet& touched) {
-  // Which octants of brick b, of the lower and the upper ones along an axis, lie from low to high.
+  // Bit mask of the octants of brick b (lower, upper) that lie between low and high along an axis.
   const auto halves = [&](int b, size_t axis) {
     return static_cast<size_t>((low[axis] <= 2 * b ? 1 : 0) & (2 * b <= high[axis] ? 1 : 0)) |
            static_cast<size_t>((low[axis] <= 2 * b + 1 ? 2 : 0) & (2 * b + 1 <= high[axis] ? 2 : 0));
@@ -205,7 +206,8 @@ void touch(const Boxes& boxes, int i, BrickSet& touched) {
         touched);
 }
 
-// What squares touch that the ones before and above do not; `upper` and `lower`: of their pixels.
+// Inserts what squares touch in addition to the previous ones and those above; `upper` and `lower` belong to their
+// pixels.
 void touch(const SquareBoxes& squares, const OctantBoxes& upper, const OctantBoxes& lower, BrickSet& touched) {
   for (int i = 0; i < kSquares; ++i) {
     if (squares.is_new[i] == 0) continue;
@@ -275,7 +277,7 @@ void FramePlanes::take(const Frame& frame, const Pose& world_from_camera) {
     BrickSet& touched = bands_[static_cast<size_t>(band)];
     touched.clear();
     std::vector<SquareBoxes> squares(static_cast<size_t>((frame.width() + kRun - 1) / kRun));
-    for (SquareBoxes& first : squares) std::fill_n(first.apart, kSquares, 1);  // like no squares
+    for (SquareBoxes& first : squares) std::fill_n(first.apart, kSquares, 1);  // as if there were no squares above
     std::vector<cv::Vec3f> normals;
     std::array<std::vector<OctantBoxes>, 2> rows;
     OctantBoxes none;

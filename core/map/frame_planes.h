@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// A frame as the voxels of the surface model want it: each pixel's tangent plane and weight, and the bricks of voxels
-// about its points that its band reaches (surface_fusion.h says what for).
+// Prepares a frame for fusion into the surface model: each pixel's tangent plane and weight, and the bricks of voxels
+// within the truncation band of its points (see surface_fusion.h).
 //
-// A pixel without a normal sees an edge, or is too close to one for a window of its own: it takes the normal of the
-// neighbour on whose plane it lies best, within the noise of both, else it is left out. So are pixels that look along
-// their surface.
+// A pixel without a normal sees an edge, or is too close to one for a complete window: it takes the normal of the
+// neighbour whose plane it fits best within the noise of both, else it is ignored, as are pixels viewed at a grazing
+// angle.
 #pragma once
 
 #include <vector>
@@ -16,7 +16,7 @@
 
 namespace fringeslam {
 
-// A brick that frames touch, and which of its eight octants of 4 x 4 x 4 voxels: frame n its bit 8 n + 4 x + 2 y + z.
+// A brick touched by frames; octant (x, y, z) of 4 x 4 x 4 voxels is bit 8 n + 4 x + 2 y + z for frame n.
 struct TouchedBrick {
   uint64_t key = 0, octants = 0;
 };
@@ -32,17 +32,17 @@ class BrickSet {
  private:
   void grow();
   std::vector<TouchedBrick> bricks_;
-  std::vector<uint32_t> slots_;             // a slot holds a brick's number + 1, or 0
-  std::array<TouchedBrick, 256> recent_{};  // by the hash, some of the last that were inserted
+  std::vector<uint32_t> slots_;             // hash slot: brick number + 1, or 0
+  std::array<TouchedBrick, 256> recent_{};  // cache of recent insertions, by hash
 };
 
-// What voxels take from a pixel, in one load: grey value and normal are in steps of 1 and of 1/32767. The plane's
-// offset is that of the rounded normal, so that the plane holds the pixel's point.
+// Data that voxels read from a pixel, in a single load: normal in steps of 1/32767, grey value in steps of 1. The
+// plane's offset refers to the rounded normal, so that the plane contains the pixel's point.
 constexpr float kNormalSteps = 32767;
 struct alignas(16) PixelPlane {
   uint32_t normal_xy;  // x in the lower half
   uint32_t normal_z_grey;
-  float offset_m;  // n . p; NaN: of no use
+  float offset_m;  // n . p; NaN if unusable
   float weight;    // 1/m^2
 };
 
@@ -54,18 +54,18 @@ class FramePlanes {
  public:
   FramePlanes(const Pinhole& camera, const VoxelScale& scale, const PlaneLimits& limits);
 
-  // Takes in a frame of the camera's size, in place of the one before.
+  // Prepares a frame of the camera's size, replacing the previous one.
   void take(const Frame& frame, const Pose& world_from_camera);
 
-  // Inserts the bricks about its points that its band reaches, and some that only border on it, as those of frame
-  // `number`; in an order that depends on the frame and its pose alone. Pixels that see more than a hundred voxels at
-  // once touch none.
+  // Inserts the bricks touched by the frame's band, and some that merely border on it, as those of frame `number`;
+  // their order depends on the frame and its pose only. Pixels with a footprint so large that they reach more than 32
+  // octants are skipped.
   void collect(int number, BrickSet& bricks) const;
 
   const Pinhole& camera() const { return camera_; }
   const VoxelScale& scale() const { return scale_; }
   const Pose& camera_from_world() const { return camera_from_world_; }
-  // (H + 2) x (W + 2) row by row: about the image a border of no use.
+  // (H + 2) x (W + 2), row-major: the image with a border of unusable pixels.
   const PixelPlane* planes() const { return planes_.data(); }
   int stride() const { return camera_.width + 2; }
 

@@ -24,7 +24,7 @@ KeyframeMap::KeyframeMap(const RigModel& rig, const MappingOptions& options)
 
 Frame KeyframeMap::keyframe_image(int keyframe) const { return restored(at(keyframes_, keyframe).frame, rays_); }
 
-// How far apart two cameras see the same things, in widths of the image: the mean over a few points at mid range.
+// Mean displacement of a few points at mid range between two views, in image widths.
 double KeyframeMap::view_change(const Pose& one_from_other) const {
   const double distance = middle_m(rig_), half_width = 0.5 * rig_.camera.width / rig_.camera.fx;
   double change = 0;
@@ -91,7 +91,7 @@ double KeyframeMap::expected_overlap(const Frame& frame, const Pose& world_from_
 std::vector<int> KeyframeMap::overlapping(const Frame& frame, const Pose& world_from_camera) const {
   std::vector<std::pair<double, int>> shares;
   for (int i = 0; i < static_cast<int>(keyframes_.size()); ++i) {
-    // Two views farther apart than this share next to nothing; it saves looking.
+    // Views farther apart overlap hardly at all; skipping them saves time.
     if (view_change(at(keyframes_, i).world_from_camera.inverse() * world_from_camera) > 1.5) continue;
     const double share = expected_overlap(frame, world_from_camera, i);
     if (share >= options_.min_loop_overlap) shares.emplace_back(-share, i);

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the robot has seen so far (METHOD S23): keyframes, joined by measured motions into a pose graph, and the frames
-// that were taken between them, each fixed to its keyframe. When a loop is closed the keyframes move and their frames
-// go with them. What is fused from frames, cloud and surface, is fused when it is asked for.
+// The map (docs/method.md, section 8.1): keyframes, joined by measured motions into a pose graph, and the frames taken
+// between them, each fixed to a keyframe. When a loop is closed, the keyframes move and their frames move with them.
+// Cloud and surface are fused from the frames on request.
 //
-// Only views that show something new are kept: a robot that stays in one place fills no memory.
+// Only views that show something new are kept, so a stationary robot does not fill the memory.
 #pragma once
 
 #include <optional>
@@ -27,25 +27,26 @@ struct MappingOptions {
   template <class Visitor>
   void describe(Visitor& v) {
     v.field("min_view_change", min_view_change, {0, 10},
-            "by how much a view must differ from all in the map to join them, widths of the image");
+            "least difference from all views in the map for a view to be added, image widths");
     v.field("keyframe_overlap", keyframe_overlap, {0, 1},
-            "share of a view that its keyframe sees too, below which it becomes a keyframe");
-    v.field("min_loop_overlap", min_loop_overlap, {0, 1}, "expected share at which two keyframes are registered");
+            "overlap with its keyframe below which a view becomes a new keyframe");
+    v.field("min_loop_overlap", min_loop_overlap, {0, 1}, "least expected overlap for registering two keyframes");
     v.field("significant_m", significant_m, {0, 1},
-            "by how much a surface must move for the map to have been corrected, m");
-    v.field("max_links", max_links, {0, 1000}, "earlier keyframes that a new one is registered with, beside its own");
+            "displacement of a surface above which the map counts as corrected, m");
+    v.field("max_links", max_links, {0, 1000},
+            "largest number of earlier keyframes that a new one is registered with, besides its own");
   }
 };
 
 struct Keyframe {
-  int index = 0;  // of the stack
+  int index = 0;  // stack index
   double timestamp_s = 0;
   Pose world_from_camera;
   Landmarks landmarks;
   StoredFrame frame;
 };
 
-// A frame whose points are the map's; keyframes are among them.
+// A frame that contributes points to the map; keyframes are included.
 struct MapFrame {
   int keyframe = 0;
   Pose keyframe_from_camera;
@@ -61,8 +62,8 @@ class KeyframeMap {
   const std::vector<PoseEdge>& links() const { return links_; }
   const RigModel& rig() const { return rig_; }
   const PixelRays& rays() const { return rays_; }
-  Frame keyframe_image(int keyframe) const;  // restored
-  // Of a view that is fixed to a keyframe.
+  Frame keyframe_image(int keyframe) const;  // a keyframe's frame, restored
+  // World pose of a view that is fixed to a keyframe.
   Pose world_from_camera(int keyframe, const Pose& keyframe_from_camera) const {
     return keyframes_[static_cast<size_t>(keyframe)].world_from_camera * keyframe_from_camera;
   }
@@ -70,26 +71,27 @@ class KeyframeMap {
     return world_from_camera(frame.keyframe, frame.keyframe_from_camera);
   }
 
-  // The number of the new keyframe.
+  // Adds a keyframe and returns its number.
   int add_keyframe(const Frame& frame, Landmarks landmarks, const Pose& world_from_camera);
-  // Keeps the frame if its view differs from those of the keyframe and its frames; whether it does.
+  // Adds the frame unless its view is too similar to any view in the map; returns whether it was added.
   bool add_frame(const Frame& frame, int keyframe, const Pose& keyframe_from_camera);
 
-  // `link.from` and `.to` are keyframes; the later one is `to`.
+  // Adds a measured motion between the keyframes `link.from` and `link.to`, the later one.
   void link(const PoseEdge& link) { links_.push_back(link); }
 
-  // Poses of the keyframes that fit all links best. Whether a surface moved by more than `significant_m`.
+  // Optimises the keyframe poses over all links; returns whether a point at mid range of any keyframe moved by more
+  // than `significant_m`.
   bool correct(const PoseGraphOptions& options, double significant_m);
 
-  // Share of a frame's points that lie where the keyframe sees a surface too, if the poses are right.
+  // Returns the share of a frame's points that lie on a surface seen by the keyframe, according to the poses.
   double expected_overlap(const Frame& frame, const Pose& world_from_camera, int keyframe) const;
-  // Keyframes by it, the most first; those below min_loop_overlap are left out.
+  // Returns the keyframes with an expected overlap of at least min_loop_overlap, in descending order of overlap.
   std::vector<int> overlapping(const Frame& frame, const Pose& world_from_camera) const;
 
   CloudMap cloud(const CloudOptions& options) const;
   size_t memory_bytes() const;
 
-  // As read from a file (map_file.h).
+  // Replaces the content by that read from a file (map_file.h).
   void restore(std::vector<Keyframe> keyframes, std::vector<MapFrame> frames, std::vector<PoseEdge> links);
 
  private:

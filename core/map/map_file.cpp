@@ -18,7 +18,7 @@ namespace {
 constexpr std::string_view kMagic = "FringeSLAM map 2\n", kAnyMagic = "FringeSLAM map ";
 constexpr int kDescriptor = 128;
 
-// One description of the content for both directions: `Archive` is a Writer or a Reader.
+// A single description of the content serves both directions: `Archive` is a Writer or a Reader.
 
 class Writer {
  public:
@@ -66,13 +66,13 @@ class Reader {
     for (Item& item : items) body(item);
   }
   void require(bool holds, const std::string& what) const {
-    if (!holds) throw Error(where_ + ": is damaged (" + what + "); make the map anew");
+    if (!holds) throw Error(where_ + ": is damaged (" + what + "); create the map again");
   }
-  void finish() const { require(bytes_.empty(), "more than a map is in it"); }
+  void finish() const { require(bytes_.empty(), "it has trailing data"); }
 
  private:
   std::string_view take(size_t size) {
-    require(size <= bytes_.size(), "it ends early");
+    require(size <= bytes_.size(), "it is truncated");
     const std::string_view taken = bytes_.substr(0, size);
     bytes_.remove_prefix(size);
     return taken;
@@ -93,14 +93,14 @@ void pose(Archive& archive, P& p) {
   matrix(archive, p.translation);
   if constexpr (Archive::kReads)
     archive.require((p.rotation * p.rotation.transpose() - Eigen::Matrix3d::Identity()).norm() < 1e-6,
-                    "a rotation is none");
+                    "a rotation matrix is not orthonormal");
 }
 
 template <class Archive, class Index>
 void index_below(Archive& archive, Index& index, size_t limit) {
   archive.number(index);
   if constexpr (Archive::kReads)
-    archive.require(index >= 0 && static_cast<size_t>(index) < limit, "a number points nowhere");
+    archive.require(index >= 0 && static_cast<size_t>(index) < limit, "an index is out of range");
 }
 
 template <class Archive, class F>
@@ -113,7 +113,7 @@ void frame(Archive& archive, F& f, cv::Size size) {
   archive.image(f.texture, size);
 }
 
-// What recognition needs of landmarks; how they were found stays behind.
+// The parts of landmarks that re-identification needs; how they were detected is not stored.
 template <class Archive, class L>
 void landmarks(Archive& archive, L& l) {
   archive.list(l.keypoints.keypoints, [&](auto& k) {
@@ -191,34 +191,34 @@ std::string to_bytes(const KeyframeMap& map) {
 
 KeyframeMap map_from_bytes(std::string_view bytes, const std::string& where, const RigModel& rig,
                            const MappingOptions& options) {
-  if (!bytes.starts_with(kAnyMagic)) throw Error(where + ": is no map; give a file that `run --save-map` wrote");
-  if (!bytes.starts_with(kMagic)) throw Error(where + ": is a map of another version of the program; make it anew");
+  if (!bytes.starts_with(kAnyMagic)) throw Error(where + ": is not a map; use a file written by `run --save-map`");
+  if (!bytes.starts_with(kMagic)) throw Error(where + ": is a map of another format version; create the map again");
   Reader header(bytes.substr(kMagic.size()), where);
   uint64_t size = 0, sum = 0;
   header.number(size);
   header.number(sum);
   const std::string_view packed = bytes.substr(kMagic.size() + sizeof size + sizeof sum);
   header.require(fnv1a(packed) == sum, "its checksum is wrong");
-  constexpr uint64_t kMostRatio = 4096;  // so that a forged size does not fill the memory
+  constexpr uint64_t kMostRatio = 4096;  // guards against forged sizes that would exhaust the memory
   header.require(size <= kMostRatio * packed.size(), "its size is wrong");
   header.require(ZSTD_getFrameContentSize(packed.data(), packed.size()) == size, "its size is wrong");
   std::string plain(size, '\0');
   header.require(ZSTD_decompress(plain.data(), plain.size(), packed.data(), packed.size()) == size,
-                 "it does not unpack");
+                 "it cannot be decompressed");
 
   Reader reader(plain, where);
   for (const double expected : numbers_of(rig.camera)) {
     double number = 0;
     reader.number(number);
     if (number != expected)
-      throw Error(where + ": was made with another camera than rig '" + rig.name + "' has; use the rig of that map");
+      throw Error(where + ": was made with another camera than that of rig '" + rig.name + "'; use the rig of the map");
   }
   std::vector<Keyframe> keyframes;
   std::vector<MapFrame> frames;
   std::vector<PoseEdge> links;
   content(reader, keyframes, frames, links, cv::Size(rig.camera.width, rig.camera.height));
   reader.finish();
-  if (keyframes.empty()) throw Error(where + ": holds no keyframe; make the map anew");
+  if (keyframes.empty()) throw Error(where + ": contains no keyframe; create the map again");
   KeyframeMap map(rig, options);
   map.restore(std::move(keyframes), std::move(frames), std::move(links));
   return map;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A map as a file, to go on in later. One header line, sizes and a checksum, then a zstd frame with what KeyframeMap
-// holds, little-endian. It fits the camera it was made with and no other.
+// Map files: a header line, size and checksum, then a zstd frame with the content of a KeyframeMap, little-endian. A
+// map can only be loaded with the camera it was made with.
 #pragma once
 
 #include <string>
@@ -12,8 +12,8 @@ namespace fringeslam {
 
 std::string to_bytes(const KeyframeMap& map);
 
-// Throws Error, beginning with `where`, when the bytes are no map, are damaged, are of a later format, or were made
-// with another camera.
+// Throws Error, beginning with `where`, if the bytes are not a map, are damaged, have another format version, or were
+// made with another camera.
 KeyframeMap map_from_bytes(std::string_view bytes, const std::string& where, const RigModel& rig,
                            const MappingOptions& options);
 

@@ -52,7 +52,7 @@ class GridMesher {
     mesh_.triangles.push_back({index(a), index(b), index(c)});
   }
 
-  // y points down: down before right is counter-clockwise to the camera.
+  // The y axis points down, so down before right is counter-clockwise for the camera.
   void add_block(int row, int col) {
     const Pixel a{row, col}, b{row, col + 1}, c{row + 1, col}, d{row + 1, col + 1};
     const int corners = valid(a) + valid(b) + valid(c) + valid(d);
@@ -68,7 +68,7 @@ class GridMesher {
     }
   }
 
-  // Triangles hold pixel numbers until here.
+  // Numbers the vertices; triangles contain pixel indices up to here.
   void number_vertices() {
     const size_t pixels = frame_.points_m.total();
     std::vector<uint32_t> vertex(pixels, kNoVertex);

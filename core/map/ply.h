@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The parts of binary PLY files.
+// Building blocks of binary PLY files.
 #pragma once
 
 #include <bit>
@@ -14,7 +14,7 @@ void append_binary(std::string& bytes, Value value) {
   bytes.append(reinterpret_cast<const char*>(&value), sizeof value);
 }
 
-// A vertex with normal, grey value as colour, and sigma.
+// Properties of a vertex: position, normal, grey value as colour, and sigma.
 inline constexpr const char* kPlyPoint =
     "property float x\nproperty float y\nproperty float z\nproperty float nx\nproperty float ny\nproperty float nz\n"
     "property uchar red\nproperty uchar green\nproperty uchar blue\nproperty float sigma\n";

@@ -22,7 +22,8 @@ Eigen::Matrix3d inverse_left_jacobian(const Eigen::Vector3d& log) {
   return Eigen::Matrix3d::Identity() - 0.5 * k + square * k * k;
 }
 
-// P^T L L^T P = sum J^T J over the edges in use, of the nodes' tangents but those of the held nodes.
+// Sparse Cholesky factor L with P^T L L^T P = sum J^T J over the edges in use, in the tangents of all nodes that are
+// not fixed.
 class Factor {
  public:
   Factor(const std::vector<LinearEdge>& linear, const std::vector<PoseEdge>& edges, const std::vector<char>& use,
@@ -30,13 +31,13 @@ class Factor {
       : first_row_(parts.size(), -1) {
     int rows = 0;
     for (size_t node = 0; node < parts.size(); ++node) {
-      if (parts[node] == static_cast<int>(node)) continue;  // each part's first node is held
+      if (parts[node] == static_cast<int>(node)) continue;  // each part's first node is fixed
       first_row_[node] = rows;
       rows += 6;
     }
     std::vector<Eigen::Triplet<double>> entries;
     const auto add = [&](int a, int b, const Matrix6d& block) {
-      if (first_row_[a] < first_row_[b]) return;  // the lower triangle is enough
+      if (first_row_[a] < first_row_[b]) return;  // only the lower triangle is needed
       for (int col = 0; col < 6; ++col) {
         for (int row = a == b ? col : 0; row < 6; ++row)
           entries.emplace_back(first_row_[a] + row, first_row_[b] + col, block(row, col));
@@ -54,7 +55,7 @@ class Factor {
     }
     SparseMatrix normal(rows, rows);
     normal.setFromTriplets(entries.begin(), entries.end());
-    // Directions that singular informations leave open are closed just so far that the factor exists.
+    // Directions left free by singular information matrices are damped just enough for the factorisation to exist.
     llt_.analyzePattern(normal);
     for (double damping = 1e-13; damping < 1; damping *= 100) {
       SparseMatrix damped = normal;
@@ -64,7 +65,8 @@ class Factor {
     }
   }
 
-  // J (sum J^T J)^-1 J^T of an edge: 6 x 6. The right side is sparse, and so is most of the way of its substitution.
+  // Returns J (sum J^T J)^-1 J^T of an edge, 6 x 6, exploiting the sparsity of the right-hand side in the
+  // substitution.
   Matrix6d leverage(const PoseEdge& edge, const LinearEdge& linear) {
     const SparseMatrix& lower = llt_.matrixL().nestedExpression();
     const auto& order = llt_.permutationP().indices();
@@ -154,8 +156,8 @@ std::vector<double> loop_chi2(const std::vector<Pose>& poses, const std::vector<
     const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(factor.leverage(edges[i], linear[i]));
     const Vector6d along = eigen.eigenvectors().transpose() * linear[i].residual;
     for (int k = 0; k < 6; ++k) {
-      // In sigmas of the edge, the residual varies by 1 + g against a solution without it, by 1 - g within its own;
-      // where that is nothing, no other edge has a say.
+      // In sigmas of the edge, the residual's variance is 1 + g relative to a solution without the edge and 1 - g
+      // within its own solution; if the latter is zero, no other edge constrains it.
       const double g = std::max(0.0, eigen.eigenvalues()[k]);
       const double variance = use[i] ? 1 - g : 1 + g;
       if (variance > 1e-8) chi2[i] += along[k] * along[k] / variance;

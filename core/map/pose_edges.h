@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The edges of a pose graph, linearised, and the test of a loop closure against the rest of the graph; see
-// pose_graph.h.
+// Linearisation of pose-graph edges, and the test of a loop closure against the rest of the graph; see pose_graph.h.
 #pragma once
 
 #include <vector>
@@ -9,24 +8,24 @@
 
 namespace fringeslam {
 
-// The symmetric square root of an information matrix. Throws Error, naming the edge, when it has none.
+// Returns the symmetric square root of an information matrix. Throws Error, naming the edge, if there is none.
 Matrix6d information_root(const Matrix6d& information, size_t edge);
 
 struct LinearEdge {
   Vector6d residual;        // root * difference(A^-1 B, Z), in sigmas
-  Matrix6d by_from, by_to;  // its derivatives by the tangents of A and B
+  Matrix6d by_from, by_to;  // its derivatives with respect to the tangents of A and B
 };
 
-// With E = A^-1 B, R_E' = Exp(-R_A^T omega_A) R_E and t_E' = t_E + R_A^T (t_B - t_A) x omega_A - R_A^T v_A; B's are
-// minus those without the cross product. J_l^-1 takes the turn of R_E into the logarithm.
+// With E = A^-1 B, R_E' = Exp(-R_A^T omega_A) R_E and t_E' = t_E + R_A^T (t_B - t_A) x omega_A - R_A^T v_A; the terms
+// of B have the opposite sign and no cross product. J_l^-1 maps the rotation of R_E to its logarithm.
 LinearEdge linearise(const PoseEdge& edge, const Matrix6d& root, const Pose& world_from_from,
                      const Pose& world_from_to);
 
-// For each node the lowest node that it is joined to by the edges in use.
+// Returns for each node the lowest node connected to it by the edges in use.
 std::vector<int> connected_parts(size_t nodes, const std::vector<PoseEdge>& edges, const std::vector<char>& use);
 
-// chi^2 (6 degrees of freedom) of each loop closure against all other edges in use, its own use or not regardless, at
-// their solution `poses`; 0 for a loop that alone joins two parts, and for edges that are no loops.
+// Returns chi^2 (6 degrees of freedom) of each loop closure against all other edges in use, whether or not it is in
+// use itself, at their solution `poses`; 0 for a loop that alone connects two parts, and for edges that are not loops.
 std::vector<double> loop_chi2(const std::vector<Pose>& poses, const std::vector<PoseEdge>& edges,
                               const std::vector<Matrix6d>& roots, const std::vector<char>& use);
 

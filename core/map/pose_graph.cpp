@@ -15,7 +15,7 @@ namespace fringeslam {
 
 namespace {
 
-using State = std::array<double, 12>;  // rotation by columns, translation
+using State = std::array<double, 12>;  // rotation matrix (column-major), translation
 
 State state_of(const Pose& pose) {
   State state;
@@ -28,8 +28,8 @@ Pose pose_of(const double* state) {
   return {Eigen::Map<const Eigen::Matrix3d>(state), Eigen::Map<const Eigen::Vector3d>(state + 9)};
 }
 
-// retract() and difference(). Costs give their derivatives by the tangent in the first six columns; PlusJacobian passes
-// those on as they are.
+// Manifold with retract() and difference(). Cost functions return derivatives with respect to the tangent in the first
+// six columns; PlusJacobian passes them on unchanged.
 class PoseManifold : public ceres::Manifold {
  public:
   int AmbientSize() const override { return 12; }
@@ -115,7 +115,7 @@ class Graph {
     result.iterations = iterations_;
     result.weights = weights_;
     for (size_t node = 0; node < initial.size(); ++node) {
-      // A pose that was not moved is handed back to the last bit.
+      // A pose that did not move is returned bit for bit.
       const bool moved = states_[node] != state_of(initial[node]);
       result.poses.push_back(moved ? orthonormalised(pose(node)) : initial[node]);
     }
@@ -125,7 +125,7 @@ class Graph {
   }
 
  private:
-  static constexpr double kCoarse = 1e-4;  // relative change of the cost, while it is still being chosen
+  static constexpr double kCoarse = 1e-4;  // relative change of the cost while loops are being selected
 
   Pose pose(size_t node) const { return pose_of(states_[node].data()); }
 
@@ -139,12 +139,12 @@ class Graph {
     if (problem_->NumResidualBlocks() == 0) return true;
     ceres::Solver::Options options;
     options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
-    options.sparse_linear_algebra_library_type = ceres::EIGEN_SPARSE;  // one thread, one order of sums
+    options.sparse_linear_algebra_library_type = ceres::EIGEN_SPARSE;  // single-threaded, fixed summation order
     options.num_threads = 1;
     options.max_num_iterations = options_.max_iterations;
     options.function_tolerance = tolerance;
     options.parameter_tolerance = 1e-14;
-    // Damping relative to the diagonal holds what a long chain does as a whole: begin with hardly any.
+    // Damping relative to the diagonal suppresses joint motion of a long chain, so start with almost none.
     options.initial_trust_region_radius = 1e14;
     options.logging_type = ceres::SILENT;
     ceres::Solver::Summary summary;
@@ -170,7 +170,8 @@ class Graph {
     return loop_chi2(poses(), edges_, roots_, use);
   }
 
-  // Drift bends a chain beyond what the linearised test knows, so it is passed with twice the sigmas here.
+  // Tests loops against the non-loop edges. Drift bends a chain beyond what the linearised test covers, so the limit
+  // is doubled here, in sigmas.
   void against_the_others() {
     for (size_t i = 0; i < edges_.size(); ++i) weights_[i] = !edges_[i].loop;
     solve(kCoarse);
@@ -200,7 +201,7 @@ class Graph {
     for (const size_t i : loops) weights_[i] = weights_[i] > 0.5;
   }
 
-  // False when the choice does not come to rest.
+  // Returns false if the selection does not converge.
   bool against_all() {
     constexpr int kRounds = 50;
     for (int round = 0; round < kRounds; ++round) {
@@ -213,7 +214,7 @@ class Graph {
       bool changed = false;
       for (size_t i = 0; i < edges_.size(); ++i) {
         if (!edges_[i].loop) continue;
-        // Those that are nearly as bad go with the worst; whatever goes wrongly with it returns.
+        // Loops nearly as bad as the worst are rejected with it; those rejected wrongly are accepted again later.
         const bool believed = worst > limit_ ? weights_[i] > 0 && distances[i] <= 0.5 * worst : distances[i] <= limit_;
         changed |= believed != (weights_[i] > 0);
         weights_[i] = believed;

@@ -19,13 +19,13 @@ FRINGESLAM_INLINE short rounded(float steps) {
   return static_cast<short>(static_cast<int>(steps + kSteps + 0.5f) - static_cast<int>(kSteps));
 }
 
-// The unit sphere folded onto a square: the lower half of an octahedron turned outwards. Three values a normal, two a
-// place on the square.
+// Octahedral encoding: maps the unit sphere to a square, with the lower half of the octahedron folded outwards. Three
+// values per normal, two per encoded normal.
 FRINGESLAM_INLINE void fold_body(const float* normals, int count, short* __restrict squares) {
   for (int i = 0; i < count; ++i) {
     const float nx = normals[3 * i], ny = normals[3 * i + 1], nz = normals[3 * i + 2];
     const float size = std::abs(nx) + std::abs(ny) + std::abs(nz);
-    const bool none = !(size > 0);  // nor where it is NaN
+    const bool none = !(size > 0);  // also for NaN
     const float x = none ? 0 : nx / size, y = none ? 0 : ny / size;
     const float outer_x = (1 - std::abs(y)) * (x < 0 ? -1.0f : 1.0f),
                 outer_y = (1 - std::abs(x)) * (y < 0 ? -1.0f : 1.0f);

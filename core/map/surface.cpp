@@ -18,7 +18,7 @@ using Tree = openvdb::Int64Tree;
 using Leaf = Tree::LeafNodeType;
 static_assert(Leaf::DIM == kBrickEdge);
 
-constexpr int kTogether = 16;  // bricks of one piece of parallel work
+constexpr int kTogether = 16;  // bricks per parallel task
 
 openvdb::Coord first_voxel(const BrickIndex& brick) {
   return {kBrickEdge * brick[0], kBrickEdge * brick[1], kBrickEdge * brick[2]};
@@ -31,7 +31,7 @@ VoxelScale scale_of(const RigModel& rig, const SurfaceOptions& options) {
   return {voxel_m, options.truncation_voxels * voxel_m};
 }
 
-// Calls body(i) for every i of [0, count), several at a time.
+// Calls body(i) for every i in [0, count), in parallel.
 template <class Body>
 void for_each(size_t count, const Body& body) {
   for_each_row(static_cast<int>((count + kTogether - 1) / kTogether), [&](int piece) {
@@ -48,10 +48,10 @@ class SurfaceModel::Grid {
       : camera(rig.camera), scale(scale_of(rig, surface)), options(surface), tree(0) {}
 
   void check(const PosedFrame& posed) const;
-  // At most kFramesTogether.
+  // Adds at most kFramesTogether frames.
   void add(const PosedFrame* first, size_t count);
 
-  // In the order of their coordinates.
+  // Returns the leaves in the order of their coordinates.
   std::vector<const Leaf*> leaves() const {
     std::vector<const Leaf*> all;
     tree.getNodes(all);
@@ -64,7 +64,7 @@ class SurfaceModel::Grid {
   Tree tree;
 
  private:
-  // Kept, as new memory costs more than what is written to it.
+  // Kept between calls, since allocating memory costs more than writing to it.
   std::vector<FramePlanes> frames;
   BrickSet touched;
 };
@@ -74,7 +74,7 @@ void SurfaceModel::Grid::check(const PosedFrame& posed) const {
   if (frame.width() != camera.width || frame.height() != camera.height)
     throw Error("surface: the frame is " + std::to_string(frame.width()) + "x" + std::to_string(frame.height()) +
                 ", the camera " + std::to_string(camera.width) + "x" + std::to_string(camera.height));
-  // Half of the bricks that have a key: the other half is for what the camera sees from there.
+  // Half the range of brick keys; the other half is for what the camera sees from there.
   const double reach_m = kMaxBrick / 2 * kBrickEdge * scale.voxel_m;
   const Pose& pose = posed.world_from_camera;
   if (!(pose.translation.cwiseAbs().maxCoeff() <= reach_m) || !pose.is_finite())
@@ -90,7 +90,7 @@ void SurfaceModel::Grid::add(const PosedFrame* first, size_t count) {
     frames[i].collect(static_cast<int>(i), touched);
   }
   const std::vector<TouchedBrick>& bricks = touched.bricks();
-  // Searching the tree is safe in parallel, changing it is not: new leaves join it at the end.
+  // The tree may be searched in parallel but not modified: new leaves are added at the end.
   std::vector<std::unique_ptr<Leaf>> fresh(bricks.size());
   for_each(bricks.size(), [&](size_t i) {
     const openvdb::Coord corner = first_voxel(brick_of(bricks[i].key));
@@ -122,7 +122,7 @@ void SurfaceModel::add(const std::vector<PosedFrame>& frames) {
 SurfaceModel surface_of(const KeyframeMap& map, const SurfaceOptions& options) {
   SurfaceModel surface(map.rig(), options);
   const std::vector<MapFrame>& frames = map.frames();
-  std::vector<PosedFrame> together;  // all at once would be much memory
+  std::vector<PosedFrame> together;  // limits the memory use
   for (size_t i = 0; i < frames.size(); ++i) {
     together.push_back({restored(frames[i].frame, map.rays()), map.world_from_camera(frames[i])});
     if (together.size() < kFramesTogether && i + 1 < frames.size()) continue;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The surface that all frames saw, as a truncated signed distance function in OpenVDB's sparse grid (METHOD S23;
-// Museth, VDB: high-resolution sparse volumes with dynamic topology, 2013). surface_fusion.h says what a frame adds to
-// it, surface_nets.h how it becomes triangles, surface_bricks.h what is stored.
+// The surface fused from all frames, a truncated signed distance function in OpenVDB's sparse grid (docs/method.md,
+// section 8.2; Museth, VDB: high-resolution sparse volumes with dynamic topology, 2013). See surface_fusion.h for the
+// fusion, surface_nets.h for the triangulation, surface_bricks.h for the storage.
 #pragma once
 
 #include <memory>
@@ -26,16 +26,16 @@ struct SurfaceOptions {
 
   template <class Visitor>
   void describe(Visitor& v) {
-    v.field("voxel_m", voxel_m, {0, 1}, "edge of a voxel, m; 0: what a pixel of the camera sees amid its range");
-    // Cells on the surface reach sqrt(3) voxels from it.
-    v.field("truncation_voxels", truncation_voxels, {1.8, 16}, "distance from the surface that is written, voxels");
-    v.field("max_slope_deg", max_slope_deg, {1, 89}, "largest angle between a pixel's ray and normal that is used");
-    v.field(
-        "max_off_plane_sigma", max_off_plane_sigma, {0, 10},
-        "pixels without a normal, beside edges, take a neighbour's within so many sigmas of whose plane they lie; 0: "
-        "they are left out");
-    v.field("min_sigma_m", min_sigma_m, {1e-9, 1}, "standard deviation that is added to each pixel's, m");
-    v.field("max_sigma_m", max_sigma_m, {1e-9, 1}, "largest standard deviation of what becomes a triangle, m");
+    v.field("voxel_m", voxel_m, {0, 1}, "edge length of a voxel, m; 0: a pixel's footprint at mid range");
+    // Cells on the surface extend up to sqrt(3) voxels from it.
+    v.field("truncation_voxels", truncation_voxels, {1.8, 16},
+            "half width of the band around the surface that is written, voxels");
+    v.field("max_slope_deg", max_slope_deg, {1, 89}, "largest usable angle between a pixel's ray and normal, degrees");
+    v.field("max_off_plane_sigma", max_off_plane_sigma, {0, 10},
+            "a pixel without a normal, next to an edge, takes the normal of a neighbour whose plane it fits within "
+            "this many sigmas; 0: it is ignored");
+    v.field("min_sigma_m", min_sigma_m, {1e-9, 1}, "standard deviation added in quadrature to each pixel's, m");
+    v.field("max_sigma_m", max_sigma_m, {1e-9, 1}, "largest standard deviation of voxels that are triangulated, m");
   }
 };
 
@@ -46,22 +46,23 @@ struct PosedFrame {
 
 class SurfaceModel {
  public:
-  // Throws Error when options are out of range.
+  // Throws Error if options are out of range.
   SurfaceModel(const RigModel& rig, const SurfaceOptions& options);
   ~SurfaceModel();
   SurfaceModel(SurfaceModel&&) noexcept;
   SurfaceModel& operator=(SurfaceModel&&) noexcept;
 
-  // Fuses what frames of the rig's camera saw; several at once take less time. Their order, and which are added at
-  // once, matter by rounding alone, and the number of threads not at all. Throws Error when a frame is not of the
-  // camera's size, or its pose not within the model's reach (a million bricks of voxels from the origin).
+  // Fuses frames of the rig's camera; several frames per call take less time. Their order and grouping affect the
+  // result by rounding only, the number of threads not at all. Throws Error if a frame does not have the camera's
+  // size, or a pose is out of the model's range (about 524,000 bricks from the origin along each axis).
   void add(const std::vector<PosedFrame>& frames);
   void add(const Frame& frame, const Pose& world_from_camera) { add({{frame, world_from_camera}}); }
 
+  // Triangulates the surface where its standard deviation is at most max_sigma_m.
   SurfaceMesh mesh() const;
 
   double voxel_m() const;
-  size_t voxels() const;        // that were observed
+  size_t voxels() const;        // observed voxels
   size_t memory_bytes() const;  // of the grid
 
  private:
@@ -69,7 +70,7 @@ class SurfaceModel {
   std::unique_ptr<Grid> grid_;
 };
 
-// Of all frames of the map, where they are now known to be.
+// Fuses all frames of the map at their current poses.
 SurfaceModel surface_of(const KeyframeMap& map, const SurfaceOptions& options);
 
 }  // namespace fringeslam

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Bricks of 8 x 8 x 8 voxels: the unit in which the surface model is kept, fused and meshed. Voxel (i, j, k) samples
-// the world at (i, j, k) voxel_m; brick b holds the voxels 8 b to 8 b + 7 of each axis, z running fastest, then y, then
-// x.
+// Bricks of 8 x 8 x 8 voxels, the unit in which the surface model is stored, fused and meshed. Voxel (i, j, k) samples
+// the world at (i, j, k) voxel_m; brick b holds the voxels 8 b to 8 b + 7 of each axis, z varying fastest, then y,
+// then x.
 //
-// A voxel is 64 bits, so that a brick is a page and a cache line holds eight voxels: the signed distance in steps of
-// truncation / 32767 (16 bits), the grey value in steps of 1/256 (16 bits), and the weight (a float), 0 when
-// unobserved. With 0.5 mm voxels a distance step is 0.05 um: less than a float's rounding of a depth of 1 m.
+// A voxel has 64 bits, so that a brick is a memory page and a cache line holds eight voxels: the signed distance in
+// steps of truncation / 32767 (16 bits), the grey value in steps of 1/256 (16 bits), and the weight (a float), 0 if
+// unobserved. With 0.5 mm voxels a distance step is 0.05 um, less than a float's rounding of a depth of 1 m.
 #pragma once
 
 #include <array>
@@ -25,7 +25,7 @@ struct VoxelScale {
   double voxel_m = 0, truncation_m = 0;
 };
 
-// Within +-2^20 bricks of the world's origin.
+// Bricks lie within +-2^20 of the world's origin.
 constexpr int32_t kMaxBrick = (1 << 20) - 2;
 inline uint64_t brick_key(const BrickIndex& brick) {
   uint64_t key = 0;

@@ -9,9 +9,9 @@ namespace fringeslam {
 
 namespace {
 
-constexpr int kOctants = 8, kOctant = 64;  // of a brick; voxels of each
+constexpr int kOctants = 8, kOctant = 64;  // octants per brick; voxels per octant
 
-// Where the voxels of an octant are from its centre, voxels.
+// Offsets of an octant's voxels from its centre, in voxels.
 struct Offsets {
   alignas(64) std::array<float, kOctant> x, y, z;
 };
@@ -26,22 +26,22 @@ constexpr Offsets offsets() {
 }
 constexpr Offsets kOffsets = offsets();
 
-// The voxels of a brick while frames are added to them, octant by octant; in an octant as in a brick.
+// The voxels of a brick during fusion, octant by octant; within an octant in the order of the brick.
 struct BrickSums {
   // sum(w d), steps; sum(w grey), steps; W
   alignas(64) float distance[kBrickVoxels], grey[kBrickVoxels], weight[kBrickVoxels];
 };
 
-// A brick seen from a camera, and the camera, as the kernels want them.
+// Position of a brick relative to a camera, and the camera, in the kernels' form.
 struct BrickView {
-  float origin[3], step[3][3];  // first voxel, and from it to the next along x, y and z; m
+  float origin[3], step[3][3];  // first voxel, and steps to the next one along x, y and z; m
   float fx, fy, cx, cy, k1, k2, p1, p2, k3;
   float last_col, last_row;  // of the planes
   int stride;
   float voxel_m, truncation_m, steps_per_m;
 };
 
-// The centres of octants in the camera frame, where they are in the planes, and how that changes from voxel to voxel.
+// Octant centres in the camera frame, their positions in the plane image, and the change of these per voxel.
 struct OctantViews {
   alignas(32) float x[kOctants], y[kOctants], z[kOctants], u[kOctants], v[kOctants], du[3][kOctants], dv[3][kOctants];
 };
@@ -89,7 +89,7 @@ FRINGESLAM_INLINE bool add_body(BrickView view, const PixelPlane* __restrict pla
     for (int lane = 0; lane < kOctant; ++lane) {
       const float i = kOffsets.x[lane], j = kOffsets.y[lane], k = kOffsets.z[lane];
       const float u = u0 + i * ux + j * uy + k * uz, v = v0 + i * vx + j * vy + k * vz;
-      // What is outside the image comes to lie on its border.
+      // Voxels outside the image map to its border.
       const float after_first_col = u > 0 ? u : 0, after_first_row = v > 0 ? v : 0;
       const float col = after_first_col < view.last_col ? after_first_col : view.last_col;
       const float row = after_first_row < view.last_row ? after_first_row : view.last_row;
@@ -97,7 +97,7 @@ FRINGESLAM_INLINE bool add_body(BrickView view, const PixelPlane* __restrict pla
     }
     alignas(64) uint32_t words[4 * kOctant];
     for (int lane = 0; lane < kOctant; ++lane) std::memcpy(words + 4 * lane, planes + at[lane], sizeof(PixelPlane));
-    // All four at once: what leaves out one of them is not all in vectors.
+    // All four words are loaded at once: otherwise the compiler does not fully vectorise this loop.
     alignas(64) uint32_t normal_xy[kOctant], normal_z_grey[kOctant], offset_bits[kOctant], weight_bits[kOctant];
     for (int lane = 0; lane < kOctant; ++lane) {
       normal_xy[lane] = words[4 * lane], normal_z_grey[lane] = words[4 * lane + 1];
@@ -118,7 +118,7 @@ FRINGESLAM_INLINE bool add_body(BrickView view, const PixelPlane* __restrict pla
       const float along_normal =
           lower_half(normal_xy[lane]) * x + upper_half(normal_xy[lane]) * y + lower_half(normal_z_grey[lane]) * z;
       const float d = along_normal * (1 / kNormalSteps) - offset[lane], steps = d * view.steps_per_m;
-      const bool inside = std::abs(d) < view.truncation_m;  // not for NaN
+      const bool inside = std::abs(d) < view.truncation_m;  // false for NaN
       in_band[lane] = inside ? 1 : 0;
       distance[lane] = inside ? steps : 0;
       weight[lane] = inside ? of_pixel[lane] : 0;
@@ -138,7 +138,7 @@ FRINGESLAM_INLINE bool add_body(BrickView view, const PixelPlane* __restrict pla
   return seen;
 }
 
-// Where in a brick the voxels of an octant are that lie in a row along z.
+// Index in the brick of an octant's voxels that are consecutive along z.
 constexpr int kRunLength = 4, kRuns = kOctant / kRunLength;
 FRINGESLAM_INLINE int run_at(int octant, int run) {
   const int x = (octant & 4) + (run >> 2), y = (octant << 1 & 4) + (run & 3), z = octant << 2 & 4;
@@ -171,7 +171,7 @@ FRINGESLAM_INLINE void store_body(const BrickSums& __restrict sums, int64_t* __r
     std::memcpy(high, sum_w, sizeof high);
     for (int lane = 0; lane < kOctant; ++lane) {
       const float share = sum_w[lane] > 0 ? 1 / sum_w[lane] : 0;
-      // Rounded: what is cut off is never negative.
+      // Rounds to nearest: the truncated value is never negative.
       const int distance = static_cast<int>(sums.distance[octant * kOctant + lane] * share + 32768.5f) - 32768;
       const int grey = static_cast<int>(sums.grey[octant * kOctant + lane] * share + 0.5f);
       low[lane] = static_cast<uint32_t>(grey) << 16 | static_cast<uint32_t>(distance & 0xffff);
@@ -214,7 +214,7 @@ BrickView view_of(const FramePlanes& frame, const Eigen::Vector3d& corner) {
     for (int axis = 0; axis < 3; ++axis)
       view.step[axis][k] = single(frame.scale().voxel_m * frame.camera_from_world().rotation(k, axis));
   }
-  // Pixel (0, 0) is behind a border, and reaches half a pixel beyond its centre.
+  // Pixel (0, 0) lies behind the border and extends half a pixel from its centre.
   constexpr double kFirst = 1.5;
   view.fx = single(camera.fx), view.fy = single(camera.fy);
   view.cx = single(camera.cx + kFirst), view.cy = single(camera.cy + kFirst);

@@ -9,7 +9,7 @@ namespace fringeslam {
 
 namespace {
 
-// The parts of glTF's JSON: numbers of the specification.
+// Constants of the glTF specification.
 constexpr uint64_t kFloat = 5126, kByte = 5121, kIndex = 5125, kVertices = 34962, kTriangles = 34963;
 constexpr uint32_t kMagic = 0x46546C67, kJsonChunk = 0x4E4F534A, kBinaryChunk = 0x004E4942;
 
@@ -22,7 +22,7 @@ std::string vector(const Eigen::Vector3f& v) {
   return text + "]";
 }
 
-// The binary chunk, and what the JSON says of its parts.
+// The binary chunk and the JSON that describes its parts.
 struct Buffer {
   std::string bytes, views, accessors;
 
@@ -65,7 +65,7 @@ Buffer buffer_of(const SurfaceMesh& mesh) {
   buffer.add(count, kFloat, "VEC3", kVertices, "", for_each([&](const CloudPoint& v) {
                for (int i = 0; i < 3; ++i) append_binary(bytes, v.normal[i]);
              }));
-  // With an alpha, as attributes start at multiples of four bytes.
+  // Includes an alpha channel, since attributes must start at multiples of four bytes.
   buffer.add(count, kByte, "VEC4", kVertices, ",\"normalized\":true", for_each([&](const CloudPoint& v) {
                for (int i = 0; i < 3; ++i) append_binary(bytes, v.grey);
                append_binary(bytes, uint8_t{255});
@@ -104,11 +104,11 @@ std::string to_ply(const SurfaceMesh& mesh) {
 std::string to_glb(const SurfaceMesh& mesh) {
   const uint64_t size = mesh.vertices.size() * 32 + mesh.triangles.size() * 12;
   if (size > UINT32_MAX - 4096)
-    throw Error("a mesh of " + std::to_string(size >> 20) + " MiB does not fit in a GLB file; write a PLY file");
+    throw Error("a mesh of " + std::to_string(size >> 20) + " MiB exceeds the limit of a GLB file; write a PLY file");
   std::string json = R"({"asset":{"version":"2.0","generator":"FringeSLAM"},"scene":0,)";
   std::string binary;
   if (mesh.triangles.empty()) {
-    json += R"("scenes":[{}]})";  // the format has no empty mesh
+    json += R"("scenes":[{}]})";  // glTF does not allow empty meshes
   } else {
     Buffer buffer = buffer_of(mesh);
     json +=

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The fused surface as triangles, and the files that viewers open.
+// The fused surface as triangles, and its export to files.
 #pragma once
 
 #include <array>
@@ -12,17 +12,17 @@
 namespace fringeslam {
 
 struct SurfaceMesh {
-  std::vector<CloudPoint> vertices;  // world frame; normals point out of the surface
-  // Indices into vertices, counter-clockwise seen from outside.
+  std::vector<CloudPoint> vertices;  // world frame; normals point outwards
+  // Indices into vertices, counter-clockwise as seen from outside.
   std::vector<std::array<uint32_t, 3>> triangles;
 };
 
-// Binary PLY: vertices as those of a cloud's file (normal, grey value as colour, sigma), then faces.
+// Returns a binary PLY file: vertices as in the file of a cloud (normal, grey value as colour, sigma), then faces.
 std::string to_ply(const SurfaceMesh& mesh);
 
-// glTF 2.0 as one binary file, in the world frame's metres under a node that turns the world's z up into glTF's y up.
-// The grey value is the colour, which in glTF is linear like the camera's; sigma is the attribute _SIGMA. Throws Error
-// when the mesh is beyond the format's 4 GiB.
+// Returns a glTF 2.0 binary file, in metres in the world frame, under a node that rotates the world's z axis (up) to
+// glTF's y axis. The colour is the grey value, linear in glTF as in the camera; sigma is the attribute _SIGMA. Throws
+// Error if the mesh exceeds the format's 4 GiB.
 std::string to_glb(const SurfaceMesh& mesh);
 
 }  // namespace fringeslam

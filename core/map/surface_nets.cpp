@@ -11,8 +11,8 @@ namespace fringeslam {
 
 namespace {
 
-constexpr int kPatch = kBrickEdge + 1;  // a brick and the next voxels of its neighbours
-constexpr float kMaxStep = 1.5f;        // change of distance over one edge, in voxels
+constexpr int kPatch = kBrickEdge + 1;  // a brick and the adjacent voxels of its neighbours
+constexpr float kMaxStep = 1.5f;        // largest change of distance along an edge, in voxels
 constexpr int16_t kNoVertex = -1;
 
 constexpr int patch_at(int x, int y, int z) { return (x * kPatch + y) * kPatch + z; }
@@ -20,11 +20,11 @@ constexpr int cell_at(int x, int y, int z) { return (x * kBrickEdge + y) * kBric
 
 struct CellVertex {
   int16_t cell = 0;
-  // For each axis whether the edge from the cell's first corner crosses the surface: outwards 1, inwards -1.
+  // For each axis, the sign of the surface crossing on the edge from the cell's first corner: outwards 1, inwards -1.
   std::array<int8_t, 3> crossing{};
 };
 
-// What the first pass finds in a brick.
+// Results of the first pass for a brick.
 struct BrickSurface {
   std::vector<CellVertex> cells;
   std::vector<CloudPoint> vertices;
@@ -51,7 +51,7 @@ class Netter {
   }
 
  private:
-  // Without the vertices of no triangle.
+  // Concatenates the bricks' meshes, without unused vertices.
   SurfaceMesh collected() const {
     constexpr uint32_t kUnused = UINT32_MAX;
     std::vector<uint32_t> place(first_.back(), kUnused);
@@ -79,7 +79,7 @@ class Netter {
   }
 
   struct Patch {
-    std::array<float, kPatch * kPatch * kPatch> distance, grey, weight;  // distance in voxels, grey of 255
+    std::array<float, kPatch * kPatch * kPatch> distance, grey, weight;  // distance in voxels, grey in [0, 255]
   };
 
   const Brick* neighbour(size_t brick, int x, int y, int z) const {
@@ -121,7 +121,7 @@ class Netter {
     }
   }
 
-  // Corner i of a cell is (i >> 2, i >> 1 & 1, i & 1).
+  // Adds the vertex of a cell. Corner i of a cell is (i >> 2, i >> 1 & 1, i & 1).
   void add_cell(BrickSurface& surface, const Patch& patch, const BrickIndex& brick, const std::array<int, 3>& cell) {
     std::array<size_t, 8> at;
     int inside = 0;
@@ -161,7 +161,8 @@ class Netter {
             .cast<float>();
   }
 
-  // Grey and weight trilinearly between the corners, and the normal as the gradient of the distances so interpolated.
+  // Interpolates grey value and weight trilinearly; the normal is the gradient of the trilinearly interpolated
+  // distance.
   static CloudPoint vertex_at(const Patch& patch, const std::array<size_t, 8>& at, const Eigen::Vector3d& in_cell) {
     Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
     double grey = 0, weight = 0;
@@ -183,7 +184,8 @@ class Netter {
     return point;
   }
 
-  // The quads of the edges from the cells' first corners: an edge's other three cells come before its own.
+  // Adds the quads around the edges that start at the cells' first corners; the other three cells of such an edge
+  // precede its own.
   void find_triangles(size_t brick) {
     BrickSurface& surface = surfaces_[brick];
     std::array<const Brick*, 8> before{};
@@ -211,7 +213,7 @@ class Netter {
     }
   }
 
-  // The vertex of a cell, whose coordinates may reach into the bricks before.
+  // Finds the vertex of a cell, whose coordinates may extend into the preceding bricks.
   bool find(const std::array<const Brick*, 8>& before, std::array<int, 3> cell, uint32_t& vertex) const {
     int side = 0;
     for (int& c : cell) {

@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// The zero surface of bricks of signed distances as triangles, by surface nets (Gibson, Constrained elastic surface
-// nets, 1998): a cell of eight neighbouring voxels whose distances differ in sign has one vertex, at the mean of its
-// edges' zero crossings, and each grid edge whose ends differ in sign is crossed by the quad of its four cells'
-// vertices.
+// Extraction of the zero surface of bricks of signed distances as triangles, by surface nets (Gibson, Constrained
+// elastic surface nets, 1998): a cell of eight neighbouring voxels whose distances differ in sign has one vertex, the
+// mean of its edges' zero crossings, and each grid edge whose ends differ in sign is crossed by the quad of its four
+// cells' vertices.
 //
-// A cell needs all eight voxels observed, and a quad all four vertices: where nothing was seen the surface ends, and a
-// hole stays a hole. (OpenVDB's volumeToMesh takes what is not stored for a value of its own, and would close every
-// surface against it.) Nor does a cell have a vertex when a crossed edge's distances differ by much more than its
-// length: distance changes no faster than the way, so these belong to two surfaces, of which one hides the other.
+// A cell needs all eight voxels observed, and a quad all four vertices: the surface ends where nothing was observed,
+// and holes stay open. (OpenVDB's volumeToMesh would treat missing voxels as background values and close every
+// surface.) A cell has no vertex either if the distances at the ends of a crossed edge differ by much more than its
+// length: a distance field changes by at most the path length, so these values belong to two surfaces, one occluding
+// the other.
 #pragma once
 
 #include <vector>
@@ -22,7 +23,8 @@ struct Brick {
   const int64_t* voxels;
 };
 
-// Voxels with less than min_weight (and with none) count as unobserved. Vertices follow the order of the bricks.
+// Triangulates the bricks. Voxels with a weight below min_weight, or 0, count as unobserved. Vertices follow the order
+// of the bricks.
 SurfaceMesh surface_nets(const std::vector<Brick>& bricks, const VoxelScale& scale, double min_weight);
 
 }  // namespace fringeslam

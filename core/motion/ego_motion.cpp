@@ -29,7 +29,7 @@ double mahalanobis2(const PointPair& pair, const Pose& previous_from_current) {
 struct Support {
   std::vector<char> is_inlier;
   int count = 0;
-  double cost = 0;  // truncated sum of squares: breaks ties between equal counts
+  double cost = 0;  // truncated sum of squares; breaks ties between equal counts
 };
 
 Support support_of(const Pose& hypothesis, const std::vector<PointPair>& pairs, double inlier_sigma) {
@@ -45,8 +45,8 @@ Support support_of(const Pose& hypothesis, const std::vector<PointPair>& pairs, 
   return support;
 }
 
-// A rigid motion keeps distances: triples that do not are no hypothesis. Rejects most wrong triples
-// for the price of three square roots.
+// A rigid motion preserves distances, so triples that violate this are rejected. This discards most wrong triples for
+// the cost of three square roots.
 bool congruent(const std::vector<PointPair>& pairs, const std::array<size_t, 3>& triple, double inlier_sigma) {
   for (size_t i = 0; i < 3; ++i) {
     const PointPair& a = pairs[triple[i]];
@@ -55,12 +55,12 @@ bool congruent(const std::vector<PointPair>& pairs, const std::array<size_t, 3>&
                                     b.previous_covariance.trace() + b.current_covariance.trace());
     const double previous = (a.previous - b.previous).norm();
     if (std::abs(previous - (a.current - b.current).norm()) > inlier_sigma * spread) return false;
-    if (previous < 4 * spread) return false;  // too close together to fix a rotation
+    if (previous < 4 * spread) return false;  // too close together to determine a rotation
   }
   return true;
 }
 
-// std::uniform_int_distribution differs between libraries; this does not.
+// std::uniform_int_distribution differs between standard libraries; this does not.
 size_t draw(std::mt19937_64& random, size_t count) { return static_cast<size_t>(random() % count); }
 
 struct Hypothesis {
@@ -84,13 +84,13 @@ Hypothesis best_hypothesis(const std::vector<PointPair>& pairs, const MotionOpti
       current.push_back(pairs[i].current);
     }
     const Pose pose = align_points(previous, current);
-    // A hypothesis from three noisy points throws distant points off: judge it with a wider limit.
+    // A motion from three noisy points has large errors at distant points, so the inlier limit is doubled here.
     Support support = support_of(pose, pairs, 2 * options.inlier_sigma);
     if (best.found && (support.count < best.support.count ||
                        (support.count == best.support.count && support.cost >= best.support.cost)))
       continue;
     best = {pose, std::move(support), true};
-    // Enough trials that a triple of supporters was missed with a probability below 1e-6.
+    // Enough trials that the probability of having missed an all-inlier triple is below 1e-6.
     const double share = static_cast<double>(best.support.count) / static_cast<double>(pairs.size());
     const double enough = std::ceil(-13.8 / std::log1p(-std::min(0.999999, share * share * share)));
     if (enough < needed) needed = std::max(trial + 1, static_cast<int>(enough));
@@ -98,8 +98,8 @@ Hypothesis best_hypothesis(const std::vector<PointPair>& pairs, const MotionOpti
   return best;
 }
 
-// What `options` call not determined. The lever makes their two limits one. Where it is not the scene whose place is
-// open, it is the camera's, far from what it sees.
+// Returns the directions that `options` classify as undetermined; the lever arm combines their two limits into one. If
+// the scene's position at the inliers' centroid is determined, the camera's own position, far from the scene, is not.
 std::vector<FreeDirection> undetermined(const std::vector<PointPair>& pairs, const MotionEstimate& estimate,
                                         const Matrix6d& information, const MotionOptions& options) {
   const double lever_m = options.max_translation_sigma_m / (options.max_rotation_sigma_deg * std::numbers::pi / 180);
@@ -126,7 +126,7 @@ MotionEstimate estimate_from(const std::vector<PointPair>& pairs, const MotionOp
   Pose pose = best.pose;
   Support support = best.support;
   Matrix6d information = Matrix6d::Zero();
-  // Supporters and pose settle on one another in a few rounds.
+  // Inliers and pose usually converge within a few rounds.
   for (int round = 0; round < 5; ++round) {
     if (support.count < 3) return result;
     const Refinement refined = refine_motion(pairs, support.is_inlier, pose);

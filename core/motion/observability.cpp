@@ -17,10 +17,11 @@ using Eigen::MatrixXd;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-constexpr double kNegligible = 0.05;  // share of a rotation in a slide, of an advance in a rotation
-constexpr double kZero = 1e-12;       // of the largest eigenvalue
+constexpr double kNegligible = 0.05;  // largest share of rotation in a translation, and of advance in a rotation
+constexpr double kZero = 1e-12;       // relative to the largest eigenvalue
 
-// An orthonormal basis of the span of the columns: each as near to an axis of the frame as those before leave it.
+// Returns an orthonormal basis of the span of the columns; each vector is as near to an axis of the frame as the
+// previous ones permit.
 std::vector<Vector3d> nearest_axes(const MatrixXd& columns) {
   const Eigen::JacobiSVD<MatrixXd> svd(columns, Eigen::ComputeThinU);
   Matrix3d span = svd.matrixU() * svd.matrixU().transpose();
@@ -28,7 +29,7 @@ std::vector<Vector3d> nearest_axes(const MatrixXd& columns) {
   for (Eigen::Index i = 0; i < columns.cols(); ++i) {
     int nearest = 0;
     for (int axis = 1; axis < 3; ++axis) {
-      if (span(axis, axis) > span(nearest, nearest) + 1e-6) nearest = axis;  // equal but for rounding: the first
+      if (span(axis, axis) > span(nearest, nearest) + 1e-6) nearest = axis;  // ties up to rounding: the first axis
     }
     axes.push_back(span.col(nearest).normalized());
     span -= axes.back() * axes.back().transpose();
@@ -36,7 +37,7 @@ std::vector<Vector3d> nearest_axes(const MatrixXd& columns) {
   return axes;
 }
 
-// The combinations of the twists (omega; u), six rows each, that are principal screws.
+// Returns the combinations of the twists (omega; u), six rows each, that are principal screws.
 std::vector<VectorXd> principal_screws(const MatrixXd& twists, double lever) {
   const MatrixXd omega = twists.topRows(3), advance = omega.transpose() * twists.bottomRows(3);
   const Eigen::GeneralizedSelfAdjointEigenSolver<MatrixXd> pitches((advance + advance.transpose()) / 2,
@@ -51,7 +52,7 @@ std::vector<VectorXd> principal_screws(const MatrixXd& twists, double lever) {
   return result;
 }
 
-// The point nearest to all axes; `centre` where they leave it open.
+// Returns the point nearest to all axes, or `centre` along directions that they leave open.
 Vector3d common_point(const std::vector<FreeDirection>& axes, const Vector3d& centre) {
   Matrix3d sum = 1e-9 * Matrix3d::Identity();
   Vector3d moment = Vector3d::Zero();
@@ -80,7 +81,7 @@ std::string to_string(const FreeDirection& direction) {
   const std::string line = "turns about " + axis + " through " + text_of(direction.point_m, 3) + " m";
   if (direction.kind == FreeKind::rotation) return line;
   char advance[48];
-  std::snprintf(advance, sizeof advance, ", advancing %.1f mm a radian", 1e3 * direction.pitch_m);
+  std::snprintf(advance, sizeof advance, ", advancing %.1f mm per radian", 1e3 * direction.pitch_m);
   return line + advance;
 }
 
@@ -104,7 +105,7 @@ std::vector<FreeDirection> free_directions(const Matrix6d& information, const Po
   if (free == 0) return {};
 
   const MatrixXd span = eigen.eigenvectors().leftCols(free);
-  // In m; `combination` of the columns of `span` has unit length.
+  // In m; `combination` has unit length and refers to the columns of `span`.
   const auto sigma = [&](const VectorXd& combination) {
     return 1 / std::sqrt(combination.cwiseAbs2().dot(held.head(free)));
   };

@@ -61,7 +61,7 @@ Refinement refine_motion(const std::vector<PointPair>& pairs, const std::vector<
   Refinement result;
   result.previous_from_current = retract(initial, tangent);
   result.iterations = static_cast<int>(summary.iterations.size());
-  // At the result: where a direction is free it may be far from the start.
+  // Evaluated at the result, which may be far from the start along an unconstrained direction.
   const Pose& pose = result.previous_from_current;
   for (size_t i = 0; i < pairs.size(); ++i) {
     if (!use[i]) continue;

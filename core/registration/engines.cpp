@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The only file that knows PCL: its templates take half a minute to compile.
+// The only file that includes PCL, whose templates take half a minute to compile.
 #include "core/registration/engines.h"
 
 #include <pcl/kdtree/kdtree_flann.h>
@@ -49,7 +49,7 @@ class NearestPoints {
     int source, target;
     double distance_m;
   };
-  // Of every `step`-th source point.
+  // Pairs every `step`-th source point.
   std::vector<Pair> pairs(const Pose& pose, int step) const {
     std::vector<Pair> pairs((source_.size() + static_cast<size_t>(step) - 1) / static_cast<size_t>(step));
     constexpr int kBlock = 256;
@@ -89,7 +89,7 @@ double mean_square(const std::vector<NearestPoints::Pair>& pairs) {
   return sum / static_cast<double>(pairs.size());
 }
 
-// Counts and information of the pairs within a distance.
+// Sets counts and information from the pairs within a distance.
 void describe_fit(IcpResult& result, const NearestPoints& nearest, const Cloud& source, double distance_m) {
   auto pairs = nearest.pairs(result.target_from_source, 1);
   const auto all = static_cast<double>(pairs.size());
@@ -122,7 +122,7 @@ IcpResult besl_mckay(const NearestPoints& nearest, const Pose& initial, const Ic
   return result;
 }
 
-// Zhang 1994, section 3.2: how far partners may be apart in the next round.
+// Zhang 1994, section 3.2: largest distance of a pair in the next round.
 double next_reach(const std::vector<NearestPoints::Pair>& pairs, double good_m) {
   double mean = 0, square = 0;
   for (const auto& pair : pairs) mean += pair.distance_m, square += pair.distance_m * pair.distance_m;
@@ -160,7 +160,7 @@ IcpResult zhang(const NearestPoints& nearest, const Pose& initial, const IcpOpti
   return result;
 }
 
-// PCL works in single precision about the origin: the clouds are brought there first.
+// PCL works in single precision, so the clouds are centred at the origin first.
 template <class Engine>
 IcpResult by_pcl(const Cloud& target, const Cloud& source, const Pose& initial, const IcpOptions& options) {
   Eigen::Vector3d middle = Eigen::Vector3d::Zero();
@@ -196,7 +196,7 @@ IcpResult by_pcl(const Cloud& target, const Cloud& source, const Pose& initial, 
   return result;
 }
 
-// Typical distance of neighbouring points.
+// Typical distance between neighbouring points.
 double spacing(const Frame& frame, const Pinhole& camera, int every) {
   std::vector<float> depths;
   for (const cv::Vec3f& p : frame.points_m) {
@@ -220,7 +220,7 @@ IcpResult register_by(const std::string& engine, const Frame& target, const Fram
   const auto& names = registration_engines();
   if (std::find(names.begin(), names.end(), engine) == names.end())
     throw Error("'" + engine +
-                "' is no registration engine; point_to_plane, besl_mckay, zhang, pcl_icp and pcl_gicp are");
+                "' is not a registration engine (point_to_plane, besl_mckay, zhang, pcl_icp, pcl_gicp)");
   if (engine == "point_to_plane") return point_to_plane_icp(target, source, camera, initial, options);
   const Cloud::Ptr to = cloud_of(target, points_every), from = cloud_of(source, points_every);
   IcpResult none;

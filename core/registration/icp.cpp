@@ -32,12 +32,13 @@ double smallest_sigma(const Frame& frame) {
   return static_cast<double>(smallest);
 }
 
-// Takes off the surfaces' sums what the normals' noise feigns. In the basis in which their information H is the
-// identity and the feigned one is diagonal, lambda, they truly have 1 - lambda of it, while their gradient scatters by
-// all of H: a measurement of the information (1 - lambda)^2, with the gradient in proportion.
+// Subtracts the information induced by the normals' noise from the surfaces' sums. In the basis in which the sums'
+// information H is the identity and the noise-induced one is diagonal (lambda), the true share is 1 - lambda, while
+// the gradient has the covariance H: this is a measurement with information (1 - lambda)^2, and the gradient is scaled
+// accordingly.
 void take_off_feigned(PlaneSums& sums, const Matrix6d& feigned) {
-  // What remains of a direction that had little else may be chance: windows of neighbouring normals share their pixels,
-  // so that even of many pairs the feigned share is known to a few per cent only.
+  // A remainder in a direction with little other information may be chance: windows of neighbouring normals share
+  // pixels, so that even with many pairs the noise-induced share is only known to a few per cent.
   constexpr double kMargin = 1.2, kLeast = 1e-3;
   const Eigen::LLT<Matrix6d> factor(sums.information);
   if (factor.info() != Eigen::Success) return;
@@ -50,7 +51,7 @@ void take_off_feigned(PlaneSums& sums, const Matrix6d& feigned) {
   sums.gradient = basis * left.cwiseProduct(gradient);
 }
 
-// In sigmas of what all points would tell.
+// In sigmas of the information of all points.
 double reopened_sigma(PlanePairs& problem, double least_sigma_m, const Pose& target_from_source, int stride,
                       const Matrix6d& information) {
   constexpr double kOpen_m = 5e-3;
@@ -66,13 +67,13 @@ IcpResult refined(PlanePairs& problem, double least_sigma_m, const Pose& initial
   const int points = problem.points(options.stride);
   if (points < 6) return result;
 
-  // The gates start wide and halve with each iteration down to the noise (graduated non-convexity). They
-  // must not follow the residuals down at once: those are mostly of flat ground, at the noise long before the
-  // few walls that hold the view sideways have been pulled in. All points are needed at the end only.
+  // The gates start wide and shrink by at most half per iteration, down to the noise (graduated non-convexity). They
+  // must not follow the residuals immediately: most of those belong to flat ground, which reaches the noise level long
+  // before the few walls that constrain sideways motion have been aligned. All points are needed only at the end.
   constexpr double kSettledSigmas = 0.25, kCycleSigmas = 1;
   PlaneGates gates{options.max_distance_m, std::max(options.max_distance_m / least_sigma_m, options.outlier_sigma)};
   const bool has_prior = !prior.isZero(0);
-  // A quarter of the points tells that share well enough: neighbours' windows are mostly the same pixels.
+  // A quarter of the points suffices to estimate the noise-induced share: windows of neighbouring normals overlap.
   const auto feigned = [&](int stride, int pairs) -> Matrix6d {
     const PlaneSums some = problem.linearise(result.target_from_source, gates, std::min(2 * stride, kWidestStride),
                                              PairNormal::half_difference);
@@ -80,7 +81,7 @@ IcpResult refined(PlanePairs& problem, double least_sigma_m, const Pose& initial
   };
   const auto linearised = [&](int stride) {
     PlaneSums sums = problem.linearise(result.target_from_source, gates, stride);
-    // Without other measurements there is nothing better in those directions than to stay.
+    // Without a prior, those directions stay at their current values.
     if (has_prior) take_off_feigned(sums, feigned(stride, sums.pairs));
     sums.information += prior;
     sums.gradient += prior * difference(result.target_from_source, initial);
@@ -99,8 +100,8 @@ IcpResult refined(PlanePairs& problem, double least_sigma_m, const Pose& initial
     const Eigen::LDLT<Matrix6d> factor(sums.information);
     if (factor.info() != Eigen::Success || !(factor.rcond() > 1e-12)) return result;
     const Vector6d step = factor.solve(-sums.gradient);
-    // Partners flip between neighbouring pixels for ever, and steps back and forth with them. Shorter ones end between,
-    // where they are far below what noise can do.
+    // Correspondences keep flipping between neighbouring pixels, and the steps oscillate with them. Damped steps end
+    // in between, where the difference is far below the noise.
     damping = step.dot(sums.information * last_step) < 0 ? 0.5 * damping : 1;
     result.target_from_source = retract(result.target_from_source, damping * step);
     last_step = step;
@@ -127,14 +128,14 @@ IcpResult refined(PlanePairs& problem, double least_sigma_m, const Pose& initial
   return result;
 }
 
-// A pose with how well the frames agree there: the points that have a partner, less for those that contradict. Where
-// one view looks through what the other sees, the pose is wrong.
+// A pose and its score: the number of points with a correspondence, reduced where points contradict it. If one view
+// looks through a surface seen by the other, the pose is wrong.
 struct Candidate {
   Pose target_from_source;
   double score = -1, consistency = 0;
 };
 
-// A few steps with gates that narrow.
+// Takes a few Gauss-Newton steps with narrowing gates.
 Candidate followed(PlanePairs& problem, double least_sigma_m, Pose pose, double first_m, double last_m, int steps,
                    int stride) {
   const auto linearised = [&](double gate_m) {
@@ -143,7 +144,7 @@ Candidate followed(PlanePairs& problem, double least_sigma_m, Pose pose, double 
   for (int i = 0; i < steps; ++i) {
     const PlaneSums sums = linearised(first_m * std::pow(last_m / first_m, static_cast<double>(i) / (steps - 1)));
     if (sums.pairs < 20) return {pose};
-    // Directions in which the few points could slide stay where they are.
+    // Keeps directions in place in which the few points could slide.
     const double hold = 1e-4 * sums.information.diagonal().maxCoeff();
     pose = retract(pose, (sums.information + hold * Matrix6d::Identity()).ldlt().solve(-sums.gradient));
   }
@@ -158,7 +159,7 @@ void check(const IcpOptions& options) {
     throw Error("icp.stride is " + std::to_string(options.stride) + "; it must be 1, 2, 4, 8 or 16");
 }
 
-// A point amid the source's surfaces.
+// Returns a translation along the optical axis to the median depth of the source.
 Pose to_middle(const Frame& source) {
   std::vector<float> depths;
   for (int row = 0; row < source.height(); row += 8) {
@@ -172,7 +173,7 @@ Pose to_middle(const Frame& source) {
   return {Eigen::Matrix3d::Identity(), {0, 0, *middle}};
 }
 
-// Turns about the middle to all sides, each with shifts.
+// Returns rotations about the middle in all directions, each combined with shifts.
 std::vector<Pose> starts(const Pose& middle) {
   constexpr double kTurn = 10 * std::numbers::pi / 180, kShift_m = 0.06;
   const Pose back = middle.inverse();
@@ -186,7 +187,7 @@ std::vector<Pose> starts(const Pose& middle) {
   return poses;
 }
 
-// A small motion about the middle.
+// Returns a small random motion about the middle.
 Pose nudge(const Pose& middle, std::mt19937& random) {
   constexpr double kTurn = 0.04, kShift_m = 0.012;
   const auto within = [&](double most) { return most * (2 * (static_cast<double>(random()) / 4294967295.0) - 1); };
@@ -217,12 +218,12 @@ IcpResult register_frames(const Frame& target, const Frame& source, const Pinhol
   const auto closer = [&](const Pose& pose) { return followed(problem, least_sigma, pose, kNarrow_m, kClose_m, 8, 8); };
   const Pose middle = to_middle(source);
   std::mt19937 random(1);
-  // What slid to rest beside its place, as a ground with few things on it does, is nudged out of there.
+  // Random motions escape from poses that converged next to the correct one, as happens on ground with few objects.
   const auto nudged_out = [&](Candidate& candidate) {
     const Candidate nudged = closer(candidate.target_from_source * nudge(middle, random));
     if (better(nudged, candidate)) candidate = nudged;
   };
-  // Small motions are found from where the cameras are.
+  // Small motions are found from the identity.
   Candidate best = closer(followed(problem, least_sigma, {}, kWide_m, kNarrow_m, 10, 8).target_from_source);
   for (int i = 0; i < kFirstNudges && best.consistency < kConsistent; ++i) nudged_out(best);
   if (best.consistency < kConsistent) {

@@ -18,10 +18,10 @@ namespace fringeslam {
 namespace {
 
 constexpr int kLanes = 16;
-constexpr int kChunk = 512;  // points whose sums are kept in single precision
+constexpr int kChunk = 512;  // points whose sums are accumulated in single precision
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
-// A pose and a camera as the kernels want them.
+// A pose and a camera in single precision, for the kernels.
 struct Projection {
   float r[9], t[3];
   float fx, fy, cx, cy, k1, k2, p1, p2, k3;
@@ -48,13 +48,13 @@ struct PointArrays {
   const float *x, *y, *z, *nx, *ny, *nz, *sigma;
 };
 
-// The target's images, and how many points fall on each of its pixels.
+// The target's images, and the number of points that fall on each pixel.
 struct TargetImages {
-  const float *points, *normals, *sigma;  // three values a pixel, three, one
+  const float *points, *normals, *sigma;  // three, three and one values per pixel
   const int32_t* uses;
 };
 
-// For each point the target pixel that it falls on, or -1 out of the image.
+// Writes the target pixel of each point, or -1 outside the image.
 FRINGESLAM_INLINE void associate_body(PointArrays source, int count, Projection p, int32_t* __restrict pixel) {
   for (int i = 0; i < count; ++i) {
     const float sx = source.x[i], sy = source.y[i], sz = source.z[i];
@@ -71,13 +71,13 @@ FRINGESLAM_INLINE void associate_body(PointArrays source, int count, Projection 
   }
 }
 
-// What each point of a chunk falls on: point, normal, sigma, and how many points do.
+// Correspondences of a chunk's points: point, normal, sigma, and the number of points on the pixel.
 struct alignas(64) Partners {
   float quantity[8][kChunk];
   const float* operator[](int k) const { return quantity[k]; }
 };
 
-// Apart from the kernels, where compilers would take vectors of addresses to pieces.
+// Kept out of the kernels, where compilers split gathers into scalar loads.
 void gather(const int32_t* pixel, int count, const TargetImages& target, Partners& partners) {
   for (int i = 0; i < count; ++i) {
     const int at = std::max(pixel[i], 0);
@@ -90,10 +90,10 @@ void gather(const int32_t* pixel, int count, const TargetImages& target, Partner
   }
 }
 
-// Which points are no pairs.
+// Limits for pairs.
 struct Gates {
   float distance, outlier_sigma, normal_cos;
-  float other;  // 1 for the mean normal in the sums, -1 for half the difference
+  float other;  // +1: mean normal in the sums, -1: half the difference
 };
 
 constexpr int kSums = 21 + 6 + 4;
@@ -103,7 +103,7 @@ struct alignas(64) Lanes {
 };
 using LaneSums = std::array<Lanes, kSums>;
 
-// The sums of a chunk of points, lane by lane. `count` is a multiple of the lanes.
+// Computes the sums of a chunk of points, lane by lane. `count` is a multiple of the lanes.
 FRINGESLAM_INLINE void linearise_body(PointArrays source, const int32_t* pixel, int count, Projection p,
                                       const Partners& partner, Gates gates, LaneSums& sums) {
   for (Lanes& lanes : sums) {
@@ -122,17 +122,18 @@ FRINGESLAM_INLINE void linearise_body(PointArrays source, const int32_t* pixel, 
       const float rz = p.r[6] * sx + p.r[7] * sy + p.r[8] * sz, pz = p.r[6] * mx + p.r[7] * my + p.r[8] * mz;
       const float qx = partner[0][i], qy = partner[1][i], qz = partner[2][i], q_sigma = partner[6][i];
       const float q_nx = partner[3][i], q_ny = partner[4][i], q_nz = partner[5][i];
-      // Both normals alike: two points of a round surface are as far from one another's tangent planes to opposite
-      // sides, and the mean plane holds both (Rusinkiewicz, A symmetric objective function for ICP, 2019).
+      // The mean of both normals: two points on a curved surface lie at equal distances on opposite sides of each
+      // other's tangent planes, and the mean plane passes through both (Rusinkiewicz, A symmetric objective function
+      // for ICP, 2019).
       const float cosine = px * q_nx + py * q_ny + pz * q_nz, scale = 1 / std::sqrt(2 + 2 * cosine);
       const float nx = scale * (px + q_nx), ny = scale * (py + q_ny), nz = scale * (pz + q_nz);
       const float residual = nx * (rx + p.t[0] - qx) + ny * (ry + p.t[1] - qy) + nz * (rz + p.t[2] - qz);
       const float sigma_q = (nx * qx + ny * qy + nz * qz) / qz * q_sigma;
       const float sigma_p = (nx * rx + ny * ry + nz * rz) / sz * source.sigma[i];
-      // What several points fall on was measured once all the same.
+      // Several points on one pixel share its single measurement.
       const float variance = partner[7][i] * sigma_q * sigma_q + sigma_p * sigma_p;
       const float square = residual * residual / variance, scaled = square / cut_off;
-      // No pair when a normal is missing: the pixel sees an edge, and its point may lie on either side of it.
+      // Without a normal there is no pair: the pixel sees an edge, and its point may lie on either side of it.
       const bool is_pair =
           (pixel[i] >= 0) & (cosine >= gates.normal_cos) & (std::abs(residual) <= gates.distance) & (scaled < 1);
       const float robust = (1 - scaled) * (1 - scaled);  // Tukey's weight
@@ -141,7 +142,7 @@ FRINGESLAM_INLINE void linearise_body(PointArrays source, const int32_t* pixel, 
       residual2[lane] = is_pair ? residual * residual : 0;
       square2[lane] = is_pair ? square : 0;
       paired[lane] = is_pair ? 1.0f : 0.0f;
-      seen[lane] = (pixel[i] >= 0) & (cosine >= -2) ? 1.0f : 0.0f;  // not NaN
+      seen[lane] = (pixel[i] >= 0) & (cosine >= -2) ? 1.0f : 0.0f;  // false for NaN
       const float gx = scale * (px + gates.other * q_nx), gy = scale * (py + gates.other * q_ny),
                   gz = scale * (pz + gates.other * q_nz);
       g[0][lane] = is_pair ? ry * gz - rz * gy : 0;
@@ -219,7 +220,7 @@ PlanePairs::PlanePairs(const Frame& target, const Frame& source, const Pinhole& 
       levels_(5),
       source_(source) {
   if (!target.points_m.isContinuous() || !target.normals.isContinuous() || !target.sigma_m.isContinuous())
-    throw Error("registration: the target frame's images are parts of larger ones; clone them");
+    throw Error("registration: the target frame's images must be contiguous; clone them");
 }
 
 PlanePairs::Points::Points(int points)
@@ -236,7 +237,7 @@ void PlanePairs::Points::set(int i, const Frame& frame, int row, int col) {
 }
 
 PlanePairs::Points PlanePairs::sampled(const Frame& frame, int stride) {
-  // Where each row's points start.
+  // Index of each row's first point.
   const int rows = (frame.height() + stride - 1) / stride;
   std::vector<int> first(static_cast<size_t>(rows) + 1, 0);
   const auto for_each_point = [&](int row, const auto& visit) {

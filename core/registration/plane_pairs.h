@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Pairs of a source point and the target pixel that it falls on, and what they say of the motion; see icp.h for the
-// equations. Sixteen points at a time, in single precision: residuals are of 1e-5 m where positions are of 1e-7 m.
+// Pairs of source points and the target pixels they fall on, and their normal equations; see icp.h. Sixteen points are
+// processed at a time in single precision: residuals are of the order of 1e-5 m, rounding of positions 1e-7 m.
 #pragma once
 
 #include <cstdint>
@@ -14,39 +14,41 @@
 
 namespace fringeslam {
 
-// Normal equations over all pairs, with what tells how well they fit.
+// Normal equations over all pairs, and statistics of the fit.
 struct PlaneSums {
   Matrix6d information = Matrix6d::Zero();
   Vector6d gradient = Vector6d::Zero();
   double squares_m2 = 0, squares_sigma = 0;
   int pairs = 0;
-  int seen = 0;  // points that fall on a target pixel with a normal, whether a pair or not
+  int seen = 0;  // points that fall on a target pixel with a normal, paired or not
 };
 
-// Which vector stands for a pair's normal in the sums.
+// Vector used as a pair's normal in the sums.
 enum class PairNormal {
   mean,            // of both frames' normals
-  half_difference  // of them: what the noise of the mean has on the average, as that of the two is independent
+  half_difference  // its sums estimate the noise of the mean, since the two normals' noise is independent
 };
 
 struct PlaneGates {
-  double distance_m = 0;     // residuals beyond are no pairs
+  double distance_m = 0;     // limit of the point-to-plane residual
   double outlier_sigma = 0;  // Tukey's cut-off
 };
 
 class PlanePairs {
  public:
+  // Throws Error if the target frame's images are not contiguous. The frames must outlive this object.
   PlanePairs(const Frame& target, const Frame& source, const Pinhole& camera, double max_normal_deg);
 
-  // Points are every `stride`-th source pixel of every `stride`-th row that has a normal; strides are 1, 2, 4, 8 or 16.
+  // Number of points at a stride of 1, 2, 4, 8 or 16: every `stride`-th source pixel with a normal in every
+  // `stride`-th row.
   int points(int stride) { return level(stride).count; }
-  // With half_difference the information is that which the normals' noise feigns; pairs, weights and residuals are
-  // those of the mean, and the gradient means nothing.
+  // Computes the normal equations at a pose. With half_difference the information is that induced by the normals'
+  // noise; pairs, weights and residuals are those of the mean normal, and the gradient is meaningless.
   PlaneSums linearise(const Pose& target_from_source, const PlaneGates& gates, int stride,
                       PairNormal normal = PairNormal::mean);
 
  private:
-  // x, y, z, the normal's three and sigma of `count` points, then NaN up to a multiple of the kernels' lanes.
+  // x, y, z, normal and sigma of `count` points, padded with NaN to a multiple of the kernels' lanes.
   class Points {
    public:
     explicit Points(int points);
@@ -59,12 +61,12 @@ class PlanePairs {
     std::unique_ptr<float[]> values_;
   };
   static Points sampled(const Frame& frame, int stride);
-  const Points& level(int stride);  // made when first asked for
+  const Points& level(int stride);  // computed on first use
 
   Pinhole camera_;
   float min_normal_cos_;
   const Frame& target_;
-  // Within linearise(): the target pixel of each point, and how many fall on each; zeros outside of it.
+  // During linearise(): each point's target pixel, and the number of points on each pixel; uses_ is zero otherwise.
   std::vector<int32_t> pixel_, uses_;
   std::vector<std::optional<Points>> levels_;
   const Frame& source_;

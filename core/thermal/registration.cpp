@@ -15,7 +15,7 @@ namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
-// Where the thermal camera has a point: pixel, and depth along its own z; NaN where it is behind it or out of its
+// Projects the points into the thermal camera: pixel and depth along its z axis; NaN behind the camera or outside the
 // image.
 cv::Mat3f seen_at(const cv::Mat3f& points_m, const ThermalCamera& thermal) {
   cv::Mat3f seen(points_m.size(), cv::Vec3f::all(kNaN));

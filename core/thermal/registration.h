@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The thermal camera's image laid onto the frame's: each pixel's 3D point is looked up where the thermal camera sees
-// it.
+// Registration of the thermal image to the frame (docs/method.md, section 10): each pixel's 3D point is projected into
+// the thermal camera.
 #pragma once
 
 #include "core/thermal/options.h"
@@ -9,13 +9,14 @@
 
 namespace fringeslam {
 
-// H x W, pixel for pixel the frame's; NaN where the thermal camera does not see the pixel's point.
+// H x W, aligned with the frame; NaN where the thermal camera does not see the pixel's point.
 struct RegisteredThermal {
-  cv::Mat1f temperature_c;  // apparent, between pixels of the thermal camera linearly
-  cv::Mat1f around_c;       // the greatest within halo_px
+  cv::Mat1f temperature_c;  // apparent temperature, bilinear
+  cv::Mat1f around_c;       // highest temperature within halo_px
 };
 
-// `points_m`: camera frame. The rig must have a thermal camera, and `thermal_c` its size, else Error.
+// Registers the thermal image `thermal_c` to the points `points_m` (camera frame). Throws Error if the rig has no
+// thermal camera or the image does not have its size.
 RegisteredThermal register_thermal(const cv::Mat3f& points_m, const cv::Mat1f& thermal_c, const RigModel& rig,
                                    const ThermalOptions& options);
 

@@ -24,7 +24,7 @@ struct OnPlane {
   }
 };
 
-// The point whose plane holds most of the others; every so many points are tried.
+// Returns the point whose plane holds most of the others; at most about 150 points are tried.
 const SurfacePoint& best_plane(const Patch& patch, const OnPlane& on_plane) {
   constexpr size_t kTried = 150;
   const size_t step = std::max<size_t>(1, patch.size() / kTried);
@@ -45,13 +45,13 @@ struct Cylinder {
   Eigen::Vector3d across(const Eigen::Vector3d& p) const { return p - centre - along(p) * axis; }
 };
 
-// Two directions that span the plane across `axis`.
+// Two directions that span the plane perpendicular to `axis`.
 std::pair<Eigen::Vector3d, Eigen::Vector3d> frame_across(const Eigen::Vector3d& axis) {
   const Eigen::Vector3d u = axis.unitOrthogonal();
   return {u, axis.cross(u)};
 }
 
-// Radius and centre by linear least squares of |q|^2 + a.q + b = 0 across the axis (Kasa 1976).
+// Initial cylinder: radius and centre by linear least squares of |q|^2 + a.q + b = 0 across the axis (Kasa 1976).
 std::optional<Cylinder> started_cylinder(const Patch& patch) {
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();
   Eigen::Matrix3d normals = Eigen::Matrix3d::Zero();
@@ -75,7 +75,7 @@ std::optional<Cylinder> started_cylinder(const Patch& patch) {
   return Cylinder{mean + middle.x() * u + middle.y() * v, axis, std::sqrt(squared)};
 }
 
-// One Gauss-Newton step of the distances |across| - radius in centre, axis and radius.
+// One Gauss-Newton step on the distances |across| - radius, in centre, axis and radius.
 void refine(Cylinder& cylinder, const Patch& patch) {
   const auto [u, v] = frame_across(cylinder.axis);
   Eigen::Matrix<double, 5, 5> information = Eigen::Matrix<double, 5, 5>::Zero();
@@ -99,20 +99,20 @@ void refine(Cylinder& cylinder, const Patch& patch) {
 }
 
 bool holds(const Cylinder& cylinder, const SurfacePoint& p, const ThermalOptions& options) {
-  constexpr double kLeastCosine = 0.94;  // 20 degrees between the normals
+  constexpr double kLeastCosine = 0.94;  // 20 degrees between point normal and cylinder normal
   const Eigen::Vector3d across = cylinder.across(p.point_m);
   const double distance = across.norm();
   return std::abs(distance - cylinder.radius) < options.pipe_distance_m &&
          across.dot(p.normal) > kLeastCosine * distance;
 }
 
-// The cylinder through two points with these normals, if it is thin enough.
+// Returns the cylinder through two points with these normals, if it is thin enough.
 std::optional<Cylinder> cylinder_through(const SurfacePoint& a, const SurfacePoint& b, double max_radius_m) {
-  constexpr double kLeastTurn = 0.2;  // rad, below which the axis is a guess
+  constexpr double kLeastTurn = 0.2;  // rad, below which the axis is unreliable
   const Eigen::Vector3d axis = a.normal.cross(b.normal);
   if (axis.norm() < kLeastTurn) return std::nullopt;
   Cylinder cylinder{a.point_m, axis.normalized(), 0};
-  // Both normals go back to the axis: across it, a - r n_a = b - r n_b.
+  // Both normals extend back to the axis: across it, a - r n_a = b - r n_b.
   const Eigen::Vector3d apart = cylinder.across(b.point_m), turned = b.normal - a.normal;
   cylinder.radius = apart.dot(turned) / turned.squaredNorm();
   cylinder.centre = a.point_m - cylinder.radius * a.normal;
@@ -120,7 +120,7 @@ std::optional<Cylinder> cylinder_through(const SurfacePoint& a, const SurfacePoi
   return cylinder;
 }
 
-// From the 2nd to the 98th percentile.
+// Range between the 2nd and the 98th percentile.
 double extent(std::vector<double> values) {
   std::sort(values.begin(), values.end());
   const size_t cut = values.size() / 50;
@@ -147,7 +147,7 @@ PipeFit fit_pipe(const Patch& patch, const ThermalOptions& options) {
   if (patch.size() < kLeast) return fit;
   std::optional<Cylinder> cylinder = started_cylinder(patch);
   if (!cylinder) return fit;
-  // What lies far off is of something else, a joint perhaps: left out from the second half on.
+  // Points far off belong to something else, e.g. a joint: they are excluded from the second half of the rounds on.
   Patch near = patch;
   for (int round = 0; round < kRounds; ++round) {
     refine(*cylinder, near);
@@ -162,7 +162,7 @@ PipeFit fit_pipe(const Patch& patch, const ThermalOptions& options) {
   if (!(cylinder->radius > 0) || !cylinder->centre.allFinite()) return fit;
   std::vector<double> along, sideways;
   size_t on = 0;
-  // Across: as seen, that is at right angles to the mean normal.
+  // The width is measured as seen, perpendicular to the mean normal.
   Eigen::Vector3d towards = Eigen::Vector3d::Zero();
   for (const SurfacePoint& p : patch) towards += p.normal;
   const Eigen::Vector3d side = cylinder->axis.cross(towards).normalized();
@@ -181,9 +181,9 @@ PipeFit fit_pipe(const Patch& patch, const ThermalOptions& options) {
 
 std::vector<char> on_long_pipe(const Patch& patch, double least_share, const ThermalOptions& options) {
   constexpr size_t kTried = 400, kLooked = 200, kLeast = 60;
-  constexpr double kLeastLength = 3;  // of its width
+  constexpr double kLeastLength = 3;  // relative to its diameter
   if (patch.size() < kLeast) return {};
-  // Pairs all over the patch, in an order that repeats; a few of the points tell how many a cylinder holds.
+  // Deterministic pairs spread over the patch; a subset of the points suffices to count a cylinder's inliers.
   const size_t step = std::max<size_t>(1, patch.size() / kLooked);
   std::optional<Cylinder> best;
   size_t most = 0;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Is a patch of surface flat, or part of a pipe? By its points and their normals.
+// Shape tests of surface patches from points and normals: planes and pipes.
 #pragma once
 
 #include <Eigen/Core>
@@ -10,26 +10,26 @@
 namespace fringeslam {
 
 struct SurfacePoint {
-  Eigen::Vector3d point_m, normal;  // unit
+  Eigen::Vector3d point_m, normal;  // unit normal
 };
 
-// Share of the points on the two planes that hold most of them: one through a point with its normal, and one more of
-// those that are left. 0 for no points.
+// Returns the share of the points on the two planes that hold most of them: the best plane through a point with its
+// normal, then the best one of the remaining points. 0 without points.
 double planar_share(const std::vector<SurfacePoint>& patch, const ThermalOptions& options);
 
 struct PipeFit {
-  bool found = false;  // whether a cylinder fits at all
+  bool found = false;  // true if a cylinder could be fitted
   double share = 0;    // of the points within pipe_distance_m
   double radius_m = 0;
-  double length_m = 0;  // of what is seen, along the axis
-  double width_m = 0;   // across axis
+  double length_m = 0;  // of the visible part, along the axis
+  double width_m = 0;   // of the visible part, across the axis
 };
 
-// The cylinder of least squares, its axis started from the normals, which are all across it.
+// Fits a cylinder by least squares; the initial axis is the direction most perpendicular to the normals.
 PipeFit fit_pipe(const std::vector<SurfacePoint>& patch, const ThermalOptions& options);
 
-// Of a patch of which a pipe may be part: which of its points lie on the longest one that holds at least `least_share`
-// of them, and is at least three times as long as wide. Empty when there is none.
+// Marks the points on the best-supported pipe in the patch, if it holds at least `least_share` of them and is at least
+// three times as long as its diameter; else the result is empty.
 std::vector<char> on_long_pipe(const std::vector<SurfacePoint>& patch, double least_share,
                                const ThermalOptions& options);
 

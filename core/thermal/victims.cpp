@@ -10,7 +10,7 @@ namespace fringeslam {
 
 namespace {
 
-// A region in the world.
+// A region in world coordinates.
 struct Piece {
   int view, number;
   const WarmRegion* region;
@@ -32,7 +32,7 @@ std::vector<Piece> pieces_of(const std::vector<LocatedRegions>& views, double mi
   return pieces;
 }
 
-// How many points of a lie near one of b's.
+// Returns the number of points of a near some point of b.
 size_t count_near(const Piece& a, const Piece& b, double distance_m) {
   return static_cast<size_t>(std::count_if(a.points_m.begin(), a.points_m.end(), [&](const Eigen::Vector3d& p) {
     return std::any_of(b.points_m.begin(), b.points_m.end(),
@@ -40,8 +40,8 @@ size_t count_near(const Piece& a, const Piece& b, double distance_m) {
   }));
 }
 
-// Pieces of skin that lie near each other are of one victim, for debris may lie between. Else pieces are one thing when
-// two views saw the same surface.
+// Regions of skin near each other belong to one victim, since debris may separate them. Other regions are one object
+// if two views saw the same surface.
 bool one_thing(const Piece& a, const Piece& b, const ThermalOptions& options) {
   if (a.region->candidate() && b.region->candidate()) return count_near(a, b, options.same_place_m) > 0;
   if (a.view == b.view) return false;
@@ -49,7 +49,7 @@ bool one_thing(const Piece& a, const Piece& b, const ThermalOptions& options) {
   return 2 * count_near(small, large, options.overlap_m) > small.points_m.size();
 }
 
-// For each piece the number of its thing.
+// Returns the object number of each region.
 std::vector<size_t> things_of(const std::vector<Piece>& pieces, const ThermalOptions& options) {
   std::vector<size_t> thing(pieces.size());
   for (size_t i = 0; i < pieces.size(); ++i) {
@@ -79,7 +79,7 @@ WarmThing summed_up(const std::vector<const Piece*>& pieces) {
   }
   thing.skin_share = all_m2 > 0 ? skin_m2 / all_m2 : 0;
   thing.victim = thing.skin_share > 0.5;
-  std::vector<const Piece*> telling;  // those that say what it is
+  std::vector<const Piece*> telling;  // regions with the object's class
   std::copy_if(pieces.begin(), pieces.end(), std::back_inserter(telling),
                [&](const Piece* piece) { return piece->region->candidate() == thing.victim; });
   const Piece* best = *std::max_element(telling.begin(), telling.end(), [](const Piece* a, const Piece* b) {

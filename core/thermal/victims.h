@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Victims of the map: warm regions of several views that lie in one place are one thing, and it is a victim when most
-// of what the views saw of it was skin.
+// Victims in the map (docs/method.md, section 10): warm regions of several views at one place are merged into one
+// object, which is a victim if most of its observed area was classified as skin.
 #pragma once
 
 #include <string>
@@ -11,27 +11,28 @@
 
 namespace fringeslam {
 
-// What one view saw, and from where.
+// The warm regions of one view, and its pose.
 struct LocatedRegions {
   int view = 0;
   Pose world_from_camera;
   std::vector<WarmRegion> regions;
 };
 
-// A warm thing of the map.
+// A warm object in the map.
 struct WarmThing {
-  Eigen::Vector3d position_m = Eigen::Vector3d::Zero();  // world; of the largest region that says what it is
-  double extent_m = 0;                                   // greatest distance of its points from there
-  std::vector<Eigen::Vector3d> points_m;                 // world; some points of the regions that say so
+  Eigen::Vector3d position_m = Eigen::Vector3d::Zero();  // world; of the largest region with the object's class
+  double extent_m = 0;                                   // greatest distance of its points from position_m
+  std::vector<Eigen::Vector3d> points_m;                 // world; sampled points of the regions with that class
   bool victim = false;
   std::string reason;
   double temperature_c = 0, area_m2 = 0;  // of the largest of those regions
-  double skin_share = 0;                  // of what was seen, by area
-  int views = 0, skin_views = 0;          // that saw it; that took it for skin
-  int best_view = 0, best_region = 0;     // where the largest of those regions is
+  double skin_share = 0;                  // of the observed area
+  int views = 0, skin_views = 0;          // views that saw it; views that classified it as skin
+  int best_view = 0, best_region = 0;     // view and index of the largest of those regions
 };
 
-// In the order in which they came into view. Regions that are too small or too cold to be anything are left out.
+// Merges the regions of all views, in the order of their first observation. Regions that are too small or too cold are
+// ignored.
 std::vector<WarmThing> merge_regions(const std::vector<LocatedRegions>& views, const ThermalOptions& options);
 
 }  // namespace fringeslam

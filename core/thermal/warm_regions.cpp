@@ -15,7 +15,7 @@ namespace fringeslam {
 
 namespace {
 
-constexpr size_t kLeastPixels = 12;  // of a region, below which nothing is said of it
+constexpr size_t kLeastPixels = 12;  // of a region; smaller ones are dropped
 constexpr double kNothing = std::numeric_limits<double>::infinity();
 
 Eigen::Vector3d vector_of(const cv::Vec3f& v) { return Eigen::Vector3f(v[0], v[1], v[2]).cast<double>(); }
@@ -34,7 +34,7 @@ double surroundings(const cv::Mat1f& temperature_c, double q) {
   return quantile(known, q);
 }
 
-// Warm, and not merely blurred into by something hot beside it.
+// Marks pixels that are warm, and not just due to the blur of something hot next to them.
 cv::Mat1b warm_pixels(const RegisteredThermal& thermal, double surroundings_c, const ThermalOptions& options) {
   const auto least = static_cast<float>(surroundings_c + options.min_contrast_k);
   const auto hot = static_cast<float>(options.hottest_c);
@@ -48,16 +48,17 @@ cv::Mat1b warm_pixels(const RegisteredThermal& thermal, double surroundings_c, c
   return warm;
 }
 
-// Whether the surface is hollow between two points: normals turn towards each other, by 1 / radius along the way.
+// True if the surface is concave between two points: the normals converge with a curvature above 1 / radius.
 bool hollow(const Frame& frame, cv::Point a, cv::Point b, double radius_m) {
   const Eigen::Vector3d apart = vector_of(frame.points_m(b)) - vector_of(frame.points_m(a));
   const Eigen::Vector3d turned = vector_of(frame.normals(b)) - vector_of(frame.normals(a));
   return apart.dot(turned) * radius_m < -apart.squaredNorm();
 }
 
-// Where two things touch: the surface has a hollow, along a row or a column, that is sharper than a face's or a hand's.
+// Separates touching objects: clears pixels where the surface, along a row or a column, is more concave than a face or
+// a hand.
 void part_at_creases(const Frame& frame, double radius_m, cv::Mat1b& warm) {
-  constexpr int kReach = 3;  // px to both sides: normals are of a few pixels
+  constexpr int kReach = 3;  // px to both sides, since normals are computed over a few pixels
   cv::Mat1b creases(warm.size(), uchar{0});
   for_each_row(warm.rows - 2 * kReach, [&](int r) {
     for (int col = kReach, row = r + kReach; col < warm.cols - kReach; ++col) {
@@ -69,10 +70,10 @@ void part_at_creases(const Frame& frame, double radius_m, cv::Mat1b& warm) {
   warm.setTo(0, creases);
 }
 
-// The pixels of one region, from a first one on: connected by pixels at most two apart that no step in depth parts.
+// Grows a region from its first pixel over pixels at most two apart without a depth step between them.
 std::vector<cv::Point> grown(const Frame& frame, const cv::Mat1b& warm, cv::Point first, int number, double step_m,
                              cv::Mat1i& regions) {
-  constexpr int kReach = 2;  // px: over single pixels without a depth
+  constexpr int kReach = 2;  // px; bridges single pixels without depth
   std::vector<cv::Point> pixels = {first};
   regions(first) = number;
   for (size_t i = 0; i < pixels.size(); ++i) {
@@ -92,8 +93,8 @@ std::vector<cv::Point> grown(const Frame& frame, const cv::Mat1b& warm, cv::Poin
   return pixels;
 }
 
-// Of the surface in a pixel: the pixel's area on a plane across z at the point's depth, by the slope against the ray. A
-// slope beyond 75 degrees is not believed.
+// Area of the surface in a pixel: the pixel's area on a plane perpendicular to z at the point's depth, divided by the
+// cosine of the slope relative to the ray. Slopes are limited to 75 degrees.
 double area_m2(const Frame& frame, cv::Point pixel, const Pinhole& camera) {
   constexpr double kLeastCosine = 0.26;
   const Eigen::Vector3d point = vector_of(frame.points_m(pixel)), normal = vector_of(frame.normals(pixel));
@@ -120,25 +121,26 @@ void judge(WarmRegion& region, const ThermalOptions& o) {
     region.reason = what + ": " + why;
   };
   if (region.warmest_c > o.hottest_c)
-    say(WarmKind::too_hot, words("hotter than skin, %.1f", o.hottest_c));
+    say(WarmKind::too_hot, words("hotter than skin (%.1f)", o.hottest_c));
   else if (region.warmest_c < o.coldest_c)
-    say(WarmKind::too_cold, words("colder than skin, %.1f", o.coldest_c));
+    say(WarmKind::too_cold, words("colder than skin (%.1f)", o.coldest_c));
   else if (region.area_m2 < o.min_area_m2)
     say(WarmKind::too_small, words("smaller than %.0f cm2", 1e4 * o.min_area_m2));
   else if (region.area_m2 > o.max_area_m2)
     say(WarmKind::too_large, words("larger than %.0f cm2", 1e4 * o.max_area_m2));
   else if (region.planar_share > o.max_planar_share)
-    say(WarmKind::flat, words("flat, %.0f %% of it on two planes", 100 * region.planar_share));
+    say(WarmKind::flat, words("flat, %.0f %% on two planes", 100 * region.planar_share));
   else if (pipe.found && pipe.share > o.pipe_share && pipe.radius_m < o.max_pipe_radius_m &&
            pipe.length_m > o.min_pipe_length * pipe.width_m)
-    say(WarmKind::pipe, words("a pipe, %.0f %% of it on a cylinder of %.0f mm, %.0f mm long", 100 * pipe.share,
+    say(WarmKind::pipe, words("a pipe, %.0f %% on a cylinder of %.0f mm diameter, %.0f mm long", 100 * pipe.share,
                               2e3 * pipe.radius_m, 1e3 * pipe.length_m));
   else
-    say(WarmKind::skin, words("as warm as skin, and neither flat (%.0f %% on two planes) nor a pipe (%.0f %%)",
+    say(WarmKind::skin, words("skin temperature, neither flat (%.0f %% on two planes) nor a pipe (%.0f %%)",
                               100 * region.planar_share, 100 * pipe.share));
 }
 
-// Takes a pipe out of `pixels` when one is a good part of them, and returns it: what touches it is judged by itself.
+// Removes a pipe from `pixels` if it makes up a good part of them, and returns it, so that objects touching it are
+// classified separately.
 std::vector<cv::Point> taken_pipe(const Frame& frame, std::vector<cv::Point>& pixels, const ThermalOptions& options) {
   constexpr double kLeastShare = 0.25;
   std::vector<cv::Point> known;
@@ -157,7 +159,7 @@ std::vector<cv::Point> taken_pipe(const Frame& frame, std::vector<cv::Point>& pi
   return pipe;
 }
 
-// Pixels by what is connected.
+// Splits pixels into connected parts.
 std::vector<std::vector<cv::Point>> together(const Frame& frame, const std::vector<cv::Point>& pixels, double step_m) {
   cv::Mat1b among(frame.points_m.size(), uchar{0});
   cv::Mat1i parts(among.size(), -1);
@@ -175,7 +177,7 @@ double warmest_fifth(const cv::Mat1f& temperature_c, const std::vector<cv::Point
   return quantile(temperatures, 0.8);
 }
 
-// Without the rim, which is what the thermal camera's blur made warm of the things around, and without what is cooler.
+// Returns the pixels without the rim, which is warm only due to the thermal camera's blur, and without cooler parts.
 std::vector<cv::Point> core_of(const cv::Mat1f& temperature_c, std::vector<cv::Point> pixels, double surroundings_c,
                                const ThermalOptions& options) {
   const double contrast_k = warmest_fifth(temperature_c, pixels) - surroundings_c;
@@ -214,7 +216,7 @@ WarmRegion described(const Frame& frame, const cv::Mat1f& temperature_c, const s
   return region;
 }
 
-// What of `pixels` is so far from their core that it is no rim of it.
+// Returns the pixels too far from the core to belong to its rim.
 std::vector<cv::Point> beyond_rim(const std::vector<cv::Point>& pixels, const std::vector<cv::Point>& core, int reach) {
   const cv::Rect box = cv::boundingRect(pixels);
   cv::Mat1b near(box.size(), uchar{0});
@@ -226,8 +228,8 @@ std::vector<cv::Point> beyond_rim(const std::vector<cv::Point>& pixels, const st
   return left;
 }
 
-// The things that connected warm pixels are of, each without its rim: the warmest first, a pipe by itself, then what is
-// cooler and touches them.
+// Separates connected warm pixels into objects without rims: the warmest first, pipes separately, then cooler objects
+// that touch them.
 class Separation {
  public:
   Separation(const Frame& frame, const RegisteredThermal& thermal, double surroundings_c, const RigModel& rig,
@@ -341,7 +343,7 @@ void note_temperatures(const Frame& frame, const WarmView& warm, Landmarks& land
         static_cast<double>(std::count_if(known.begin(), known.end(), [&](float t) { return t > least; })) /
         result.pixels;
     result.p95_c = quantile(known, 0.95);
-    // A region is on the landmark with half of itself.
+    // A region lies on the landmark if more than half of its pixels do.
     for (size_t i = 0; i < on_it.size(); ++i) {
       if (2 * on_it[i] > warm.list[i].pixels) result.regions.push_back(static_cast<int>(i));
     }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Regions of a view that are warmer than what surrounds them, and which of them may be a victim's skin. A region is
-// connected in the image and in depth; its rim, which the thermal camera's blur brings, is left out. Gates judge its
-// temperature, its area and its shape; each region says in words why it is a candidate or is not.
+// Warm regions of a view and their classification as possible skin of a victim (docs/method.md, section 10). A region
+// is connected in the image and in depth; its rim, caused by the thermal camera's blur, is excluded. Regions are
+// tested for temperature, area and shape; each carries the reason for its classification.
 #pragma once
 
 #include <Eigen/Core>
@@ -20,7 +20,7 @@ enum class WarmKind { skin, too_cold, too_hot, too_small, too_large, flat, pipe 
 std::string to_string(WarmKind kind);
 
 struct WarmRegion {
-  WarmKind kind = WarmKind::skin;  // a candidate where it is skin
+  WarmKind kind = WarmKind::skin;  // skin marks a candidate
   std::string reason;
   int pixels = 0;
   double area_m2 = 0;
@@ -29,22 +29,22 @@ struct WarmRegion {
   double planar_share = 0;
   PipeFit pipe;
   Eigen::Vector3d centre_m = Eigen::Vector3d::Zero();  // camera frame
-  std::vector<Eigen::Vector3d> points_m;               // some of its points, evenly over it
+  std::vector<Eigen::Vector3d> points_m;               // some of its points, evenly sampled
   cv::Rect box;                                        // in the image
   bool candidate() const { return kind == WarmKind::skin; }
 };
 
 struct WarmView {
-  double surroundings_c = 0;  // NaN when no temperature is known
-  cv::Mat1i regions;          // H x W: number of the pixel's region, -1: none
+  double surroundings_c = 0;  // NaN if no temperature is known
+  cv::Mat1i regions;          // H x W: index of the pixel's region, -1: none
   std::vector<WarmRegion> list;
 };
 
-// Of regions of fewer than a dozen pixels nothing is said.
+// Finds and classifies the warm regions of a frame; regions of fewer than 12 pixels are dropped.
 WarmView find_warm_regions(const Frame& frame, const RegisteredThermal& thermal, const RigModel& rig,
                            const ThermalOptions& options);
 
-// What each landmark's temperature is, and the warm regions on it.
+// Sets each landmark's temperature statistics and the warm regions that lie on it.
 void note_temperatures(const Frame& frame, const WarmView& warm, Landmarks& landmarks, const ThermalOptions& options);
 
 }  // namespace fringeslam

@@ -29,7 +29,7 @@ cv::Vec3f to_cv(const Eigen::Vector3d& v) {
   return {static_cast<float>(v.x()), static_cast<float>(v.y()), static_cast<float>(v.z())};
 }
 
-// A frame of one row.
+// A frame with a single row.
 Frame frame_of(const std::vector<Sample>& samples) {
   const cv::Size size(static_cast<int>(samples.size()), 1);
   Frame frame;
@@ -118,7 +118,7 @@ TEST(Cloud, RepeatedViewsMergeIntoTheSurface) {
     squares += std::pow((point.position_m.z() - 1.0025) / point.sigma_m, 2);
     ++count;
   }
-  EXPECT_NEAR(std::sqrt(squares / count), 1, 4 / std::sqrt(2 * count));  // the merged sigma is honest
+  EXPECT_NEAR(std::sqrt(squares / count), 1, 4 / std::sqrt(2 * count));  // the merged sigma is consistent
 }
 
 TEST(Cloud, CellSizeIsChecked) {

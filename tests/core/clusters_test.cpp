@@ -43,7 +43,7 @@ TEST(Hull, HoldsAllPointsAndTurnsOneWay) {
   for (uint64_t seed = 1; seed <= 200; ++seed) {
     Random random(seed);
     std::vector<Vector2d> points;
-    // Half of them on a grid, where three in a row are common.
+    // Every second set lies on a grid, where collinear points are common.
     for (int i = 0; i < 40; ++i) {
       Vector2d p(random.uniform(0, 8), random.uniform(0, 8));
       points.push_back(seed % 2 ? Vector2d(std::floor(p.x()), std::floor(p.y())) : p);
@@ -67,7 +67,7 @@ DepthKeypoint keypoint(double x, double y, int level, double strength = 1) {
   return k;
 }
 
-// Two boxes before a floor, their outlines as edges, keypoints along the insides of their borders.
+// Two boxes in front of a floor; edges at their outlines, keypoints inside near their borders.
 struct Boxes {
   cv::Mat1b levels = cv::Mat1b(120, 200, uchar{60}), edges = cv::Mat1b(120, 200, uchar{0});
   std::vector<DepthKeypoint> keypoints;
@@ -156,12 +156,12 @@ TEST_P(EveryMethod, BadInput) {
   const cv::Mat1b levels(50, 60, uchar{100}), edges(50, 60, uchar{0});
   std::vector<DepthKeypoint> none;
   EXPECT_TRUE(find_clusters(none, levels, edges, options).members.empty());
-  // Not in the image, or nowhere.
+  // Outside the image or without finite coordinates.
   std::vector<DepthKeypoint> outside = {keypoint(-5, 3, 100), keypoint(1e30, 3, 100), keypoint(std::nan(""), 3, 100),
                                         keypoint(std::numeric_limits<double>::infinity(), 3, 100)};
   EXPECT_TRUE(find_clusters(outside, levels, edges, options).members.empty());
   for (const DepthKeypoint& k : outside) EXPECT_EQ(k.cluster, -1);
-  // Alone, and all at one place.
+  // A single keypoint, and many at one position.
   std::vector<DepthKeypoint> alone = {keypoint(30, 20, 100)};
   EXPECT_LE(find_clusters(alone, levels, edges, options).members.size(), 1u);
   std::vector<DepthKeypoint> heap(50, keypoint(30, 20, 100));
@@ -180,7 +180,7 @@ TEST_P(EveryMethod, AHundredThousandKeypoints) {
   options.method = GetParam();
   options.max_keypoints = 500;
   const Clusters clusters = find_clusters(many, levels, edges, options);
-  // The strongest of them, and no others.
+  // Only the strongest are clustered.
   std::vector<double> strengths;
   for (const DepthKeypoint& k : many) strengths.push_back(k.strength);
   std::nth_element(strengths.begin(), strengths.begin() + 499, strengths.end(), std::greater<>());
@@ -218,7 +218,7 @@ TEST(DepthSampling, TwoConnectionsAndNoCrossing) {
 }
 
 TEST(DepthSampling, DepthWithinAClusterIsBounded) {
-  // A ramp from level 0 to 250 without any edge.
+  // A ramp from level 0 to 249 without edges.
   cv::Mat1b levels(60, 250);
   for (int c = 0; c < 250; ++c) levels.col(c) = static_cast<uchar>(c);
   std::vector<DepthKeypoint> keypoints;
@@ -238,7 +238,7 @@ TEST(DepthSampling, DepthWithinAClusterIsBounded) {
 }
 
 TEST(DepthSampling, ATrenchParts) {
-  // No edge, but 40 levels deeper than both sides, which samples on a line see.
+  // A trench 40 levels deeper than both sides, without edges; only depth samples detect it.
   cv::Mat1b levels(60, 120, uchar{120});
   levels.colRange(50, 70) = 80;
   std::vector<DepthKeypoint> keypoints;

@@ -13,7 +13,7 @@ namespace {
 
 using support::Random;
 
-// A step of `height` across a line through the middle, turned by an angle.
+// A step of `height` across a line through the centre, rotated by `angle`.
 cv::Mat1f step_image(double height, double angle, int width = 80, int rows = 70) {
   cv::Mat1f image(rows, width);
   for (int r = 0; r < rows; ++r) {
@@ -25,7 +25,7 @@ cv::Mat1f step_image(double height, double angle, int width = 80, int rows = 70)
   return image;
 }
 
-// The filters written as the sums that they are.
+// Direct evaluation of the filters' sums.
 double direct(const cv::Mat1f& image, int r, int c, double alpha, bool along_x) {
   const double q = std::exp(-alpha), k = (1 - q) * (1 - q) / (1 + 2 * alpha * q - q * q), d = (1 - q) * (1 - q) / q;
   constexpr int kReach = 60;
@@ -115,7 +115,7 @@ TEST(Edges, EveryDetectorFindsAStepWhereItIsAndNothingElse) {
 }
 
 TEST(Edges, WeakOnesOnlyBesideStrongOnes) {
-  // A step that fades from 10 levels to 4 along its way, and another that is 4 everywhere.
+  // A step that fades from 10 levels to 4, and a parallel one of 4 levels everywhere.
   cv::Mat1f image(60, 80, 50.0f);
   for (int r = 0; r < 60; ++r) {
     for (int c = 20; c < 80; ++c) image(r, c) += static_cast<float>(10 - 6.0 * r / 59);
@@ -127,7 +127,7 @@ TEST(Edges, WeakOnesOnlyBesideStrongOnes) {
 }
 
 TEST(Edges, NoiseOnASlopeIsNoEdge) {
-  // 0.1 mm of noise, 45 degrees of slope: in levels of METHOD S5.
+  // 0.1 mm of noise and a slope of 45 degrees, in depth levels.
   Random random(3);
   cv::Mat1f image(100, 120);
   for (int r = 0; r < 100; ++r) {

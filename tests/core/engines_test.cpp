@@ -54,7 +54,7 @@ TEST_P(Engines, PlanesOfACornerComeTogether) {
   options.max_iterations = 200;
   const IcpResult result = register_by(GetParam(), observe(surface, rig, {}, 2e-5), observe(surface, rig, truth, 2e-5),
                                        rig.camera, {}, options, 1);
-  // GICP's covariances of sparse points round the corner off.
+  // GICP's covariances round off the corner for sparse points.
   const double limit = GetParam() == "pcl_gicp" ? 3e-3 : 1e-6;
   EXPECT_THAT(result.target_from_source, PoseNear(truth, limit, limit));
   EXPECT_TRUE(result.converged);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Expected depth and sigma against closed forms: planes, spheres, occlusion, what nobody saw.
+// Predicted depth and sigma against closed forms: planes, spheres, occlusion, unseen regions.
 #include "core/map/expected_view.h"
 
 #include <gmock/gmock.h>
@@ -53,7 +53,7 @@ Matrix6d covariance_of(double rotation_rad, double translation_m) {
   Vector6d variances;
   variances << Eigen::Vector3d::Constant(rotation_rad * rotation_rad),
       Eigen::Vector3d::Constant(translation_m * translation_m);
-  // Correlated: no axis is by itself.
+  // With correlations between the axes.
   Matrix6d mixing = Matrix6d::Identity();
   mixing(0, 4) = 0.3 * rotation_rad / translation_m;
   mixing(5, 1) = -0.4 * translation_m / rotation_rad;
@@ -66,7 +66,7 @@ struct Expectation {
   ExpectedView view;
 };
 
-// What a first view lets a moved camera expect of a surface.
+// The view of a moved camera, predicted from a first view of a surface.
 Expectation expect(const Surface& surface, const RigModel& rig, const Matrix6d& covariance, double sigma_m = 1e-4) {
   Expectation result{observe(surface, rig, {}, sigma_m), truth_of(surface, rig, moved_camera()), {}};
   result.view =
@@ -144,7 +144,7 @@ TEST(ExpectedView, SigmaIsTheScatterOverPosesOfThatCovariance) {
 }
 
 TEST(ExpectedView, RoundSurfacesFollowTheirTangentPlanes) {
-  // A pixel is 2 mm here, and half of it off a tangent plane of this radius is 3 micrometres.
+  // A pixel is 2 mm here; half a pixel away, a tangent plane of this radius is off by 3 micrometres.
   for (const bool distorted : {false, true}) {
     const auto e = expect(sphere({0, 0, 1.4}, 0.45), small_rig(distorted), Matrix6d::Zero());
     std::vector<double> errors;
@@ -157,7 +157,7 @@ TEST(ExpectedView, RoundSurfacesFollowTheirTangentPlanes) {
     ASSERT_GT(errors.size(), 8000U);
     std::sort(errors.begin(), errors.end());
     EXPECT_LT(errors[errors.size() * 99 / 100], 1e-5);
-    EXPECT_LT(errors.back(), 5e-5);  // past the rim of what was seen, where the next point is two pixels off
+    EXPECT_LT(errors.back(), 5e-5);  // beyond the rim of the seen part, where the next point is two pixels away
   }
 }
 
@@ -172,12 +172,12 @@ TEST(ExpectedView, WhatIsNearCoversWhatIsBehind) {
       const auto depth = [&](int r, int c) { return e.truth.depth_m(r, c); };
       bool edge = false;
       for (int k = 0; k < 25; ++k) edge |= std::abs(depth(row + k / 5 - 2, col + k % 5 - 2) - depth(row, col)) > 0.1;
-      if (edge) continue;  // the footprint of the near surface may reach two pixels past its end
+      if (edge) continue;  // the near surface's footprint may extend two pixels past its end
       const float expected = e.view.depth_m(row, col), true_depth = depth(row, col);
       const cv::Vec2f& ray = rays(row, col);
       const Eigen::Vector3d point = moved_camera() * (true_depth * Eigen::Vector3d(ray[0], ray[1], 1));
       unseen += std::isnan(expected);
-      if (!rig.camera.contains(rig.camera.project(point))) continue;  // of the first view
+      if (!rig.camera.contains(rig.camera.project(point))) continue;  // outside the first view
       near += true_depth < 1;
       holes += true_depth < 1 && std::isnan(expected);
       wrong += std::abs(expected - true_depth) > 1e-4f;  // false for NaN
@@ -186,11 +186,11 @@ TEST(ExpectedView, WhatIsNearCoversWhatIsBehind) {
   EXPECT_GT(near, 3000);
   EXPECT_EQ(wrong, 0);
   EXPECT_EQ(holes, 0);
-  EXPECT_GT(unseen, 200);  // what the strip hid from the first view
+  EXPECT_GT(unseen, 200);  // hidden by the strip in the first view
 }
 
 TEST(ExpectedView, NearerViewsDoNotLetTheBackgroundThrough) {
-  // Closer by almost half: points are nearly two pixels apart.
+  // The distance is almost halved, so projected points are nearly two pixels apart.
   const RigModel rig = small_rig(false);
   const Surface scene = nearest_of({strip(0.9, -0.04, 0.06), plane({0, 0, 1}, 1.2)});
   const Frame known = observe(scene, rig, {}, 1e-4);
@@ -212,7 +212,7 @@ TEST(ExpectedView, BesideAStepTheSigmaHoldsTheStep) {
   const RigModel rig = small_rig(false);
   const Surface scene = nearest_of({strip(0.9, -1, 0), plane({0, 0, 1}, 1.0)});
   const Frame known = observe(scene, rig, {}, 1e-4);
-  // The image's shift has a standard deviation of about one pixel.
+  // The image shift has a standard deviation of about one pixel.
   const auto view = expected_view({{&known, Pose{}, covariance_of(1e-9, 2e-3)}}, rig.camera, pixel_rays(rig.camera));
   const int edge = 66;
   for (const int col : {edge - 3, edge - 2, edge - 1, edge + 1, edge + 2, edge + 4})
@@ -244,7 +244,7 @@ TEST(ExpectedView, NothingKnownNothingExpected) {
   EXPECT_EQ(at({Eigen::Matrix3d::Identity(), {0, 0, -2}}), 0);  // behind the camera
   EXPECT_EQ(at({rotation_exp({0, 3.1, 0}), {0, 0, 2}}), 0);     // from behind
   known.points_m(cv::Rect(40, 40, 30, 20)).setTo(cv::Scalar::all(std::numeric_limits<double>::quiet_NaN()));
-  EXPECT_EQ(at({}), 125 * 133 - 28 * 18);  // a hole, less its rim
+  EXPECT_EQ(at({}), 125 * 133 - 28 * 18);  // a hole, except its rim
   EXPECT_THAT(error_of([&] { expected_view({}, rig.camera, rays(cv::Rect(0, 0, 9, 9))); }), HasSubstr("camera's size"));
 }
 

@@ -29,7 +29,8 @@ using support::Surface;
 constexpr double kRadPerDeg = 0.017453292519943295;
 const Pose kTruth = pose_from({{20, -12, 15}, {1, -1.5, 3}});  // target_from_source
 
-// The start: the truth with the camera moved by metres and turned by degrees about a point 1 m in front of it.
+// Start pose: the ground truth displaced by `metres` and rotated by `degrees` about a point 1 m in front of the
+// camera.
 Pose disturbed(const Pose& truth, double metres, double degrees, Random& random) {
   const Pose to_scene{Eigen::Matrix3d::Identity(), {0, 0, 1}};
   const Pose offset{rotation_exp(degrees * kRadPerDeg * random.direction()), metres * random.direction()};
@@ -70,8 +71,8 @@ TEST(Icp, CurvedSurfacesConvergeToWithinAPixelsCurvature) {
     const Pose initial = disturbed(kTruth, 0.01, 2, random);
     const IcpResult result = point_to_plane_icp(target, source, rig.camera, initial, {});
     EXPECT_TRUE(result.converged) << "start " << start;
-    // Partners are up to 1.4 mm apart; over a curvature of 0.01 (2 pi / 0.15)^2 = 17.5 / m that is up to 17 um
-    // of distance from the partner's plane; the mean of both planes leaves what curvature changes by in between.
+    // Correspondences are up to 1.4 mm apart; with a curvature of 0.01 (2 pi / 0.15)^2 = 17.5 / m that is up to 17 um
+    // from the correspondence's plane. The mean of both planes leaves only the change of curvature in between.
     EXPECT_THAT(result.target_from_source, PoseNear(kTruth, 3e-6, 3e-6)) << "start " << start;
   }
 }
@@ -86,7 +87,7 @@ TEST(Icp, IdenticalFramesStayWhereTheyAre) {
   EXPECT_NEAR(result.rms_m, 0, 1e-12);
 }
 
-// Held 2 mm beside its place, where narrow gates leave nothing that pulls it back.
+// Held 2 mm off by a prior, with gates too narrow to pull it back.
 TEST(Icp, WhatSlidToRestBesideItsPlaceMovesWhenPartnersCountAgain) {
   const RigModel rig = small_rig(false);
   const Frame frame = observe(bumps(1.0, 0.003, 0.2), rig, {}, 2e-5);
@@ -123,7 +124,7 @@ TEST(Icp, InformationIsHonestAndSigmasAreRight) {
 }
 
 TEST(Icp, InformationIsThatOfTheBound) {
-  // Two independent sums of METHOD section 5, over a motion whose turn and shift are not small.
+  // Compares with an independent computation of the bound (docs/method.md, section 7.2), for a large motion.
   const RigModel rig = small_rig(false);
   const Surface surface = corner({0.01, -0.01, 1.1});
   const Pose motion = pose_from({{60, -40, 120}, {2, -3, 40}});
@@ -136,7 +137,7 @@ TEST(Icp, InformationIsThatOfTheBound) {
   EXPECT_THAT(result.information, MatrixNear(bound, 0.01 * bound.cwiseAbs().maxCoeff()));
 }
 
-// Whether the result says that the pose is not known: no convergence, or a direction without information.
+// True if the result reports that the pose is unknown: no convergence, or a direction without information.
 bool says_unknown(const IcpResult& result, double sigma_m) {
   if (!result.converged) return true;
   const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(result.information);
@@ -153,7 +154,7 @@ TEST(Icp, ABarePlaneHoldsNothingSideways) {
 }
 
 TEST(Icp, ABarePlaneWithNoisyNormalsHoldsNothingSidewaysEither) {
-  // Measured normals scatter, which looks like information although every pair is of the same plane.
+  // Noise of the measured normals looks like information although all pairs lie on one plane.
   const RigModel rig = small_rig(false);
   const Surface wall = plane(Eigen::Vector3d(0.2, 0.1, -1).normalized(), -1);
   const PixelRays rays = pixel_rays(rig.camera);
@@ -173,7 +174,7 @@ TEST(Icp, ABarePlaneWithNoisyNormalsHoldsNothingSidewaysEither) {
 }
 
 TEST(Icp, NoisyNormalsLeaveThePriorItsSay) {
-  // Of a bare plane the error sideways and about the normal is the prior's, and so is what is told of it.
+  // On a bare plane, the error sideways and about the normal is that of the prior, and so must be its information.
   constexpr int kDraws = 60;
   const RigModel rig = small_rig(false);
   const Surface wall = plane(Eigen::Vector3d(0.2, 0.1, -1).normalized(), -1);
@@ -195,7 +196,7 @@ TEST(Icp, NoisyNormalsLeaveThePriorItsSay) {
 }
 
 TEST(Icp, APriorDecidesWhatABarePlaneLeavesOpen) {
-  // The plane corrects the distance along its normal; sideways, the prior's pose stays.
+  // The plane corrects the distance along its normal; sideways, the prior's pose is kept.
   const RigModel rig = small_rig(false);
   const Eigen::Vector3d normal = Eigen::Vector3d(0.2, 0.1, -1).normalized();
   const Surface wall = plane(normal, -1);
@@ -240,7 +241,7 @@ TEST(Icp, FramesThatDoNotOverlapDoNotConverge) {
   const RigModel rig = small_rig(false);
   const Frame frame = observe(corner({0, 0, 1.1}), rig, {}, 2e-5);
   EXPECT_FALSE(point_to_plane_icp(frame, frame, rig.camera, pose_from({{5000, 0, 0}, {0, 0, 0}}), {}).converged);
-  // Another scene: what little fits is not a fit.
+  // A different scene: the few pairs that fit do not make a fit.
   const Frame other = observe(bumps(1, 0.03, 0.08), rig, {}, 2e-5);
   EXPECT_FALSE(point_to_plane_icp(frame, other, rig.camera, {}, {}).converged);
 }

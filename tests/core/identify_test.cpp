@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Landmarks of analytic scenes: a slab before a tilted wall.
+// Landmarks of an analytic scene: a slab in front of a tilted wall.
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -20,7 +20,7 @@ using support::small_rig;
 
 const Eigen::Vector3d kWall = Eigen::Vector3d(0.3, -0.2, -1).normalized();
 
-// 60 mm before the wall, and parallel to it, where the camera's pixels are in this box.
+// Image region of the slab, 60 mm in front of the wall and parallel to it.
 const cv::Rect kSlab(40, 35, 55, 50);
 
 Frame view(const RigModel& rig, bool with_slab, double noise_m = 3e-5) {
@@ -92,7 +92,7 @@ TEST(Identify, ASlabBeforeAWall) {
   ASSERT_EQ(landmarks.landmarks.size(), 1U);
   const cv::Rect box = cv::boundingRect(landmarks.landmarks[0].outline);
   EXPECT_LE((box | kSlab).area() - (box & kSlab).area(), 4 * (kSlab.width + kSlab.height));
-  // The ring of its edges is closed: nothing of it was loose.
+  // Its edges form a closed ring, from which nothing was removed.
   EXPECT_GE(cv::countNonZero(stages.conditioned.cleaned), 2 * (kSlab.width + kSlab.height) - 12);
 }
 
@@ -100,7 +100,7 @@ TEST(Identify, TheFillTakesTheFartherSide) {
   const RigModel rig = small_rig(false);
   Frame frame = view(rig, true, 0);
   const cv::Mat1f whole = depth_levels(frame, 0.7, 1.4);
-  // A shadow to the left of the slab, half of it on its edge.
+  // A shadow to the left of the slab that covers its edge.
   const cv::Rect shadow(kSlab.x - 8, kSlab.y, 12, kSlab.height);
   frame.points_m(shadow) = cv::Vec3f::all(std::numeric_limits<float>::quiet_NaN());
   const cv::Mat1f filled = depth_levels(frame, 0.7, 1.4);

@@ -55,7 +55,7 @@ TEST(StoredFrame, KeepsWhatRegistrationNeeds) {
   EXPECT_GT(normals, 1000);
 }
 
-// All directions, those of the octahedron's folded half and its edges among them.
+// All directions, including those on the octahedron's folded half and on its edges.
 TEST(StoredFrame, NormalsOfAllDirections) {
   Random random(1);
   Frame frame = view({});
@@ -91,11 +91,11 @@ TEST(KeyframeMap, OverlapIsTheShareThatBothSee) {
     const Pose pose = shifted(share * width_m);
     EXPECT_NEAR(map.expected_overlap(observe(wall, rig, pose, 1e-4), pose, 0), 1 - share, 0.08) << share;
   }
-  // What lies elsewhere in depth is not the same surface.
+  // A surface at another depth is not the same surface.
   EXPECT_EQ(map.expected_overlap(observe(support::plane({0, 0, 1}, 1.2), rig, {}, 1e-4), {}, 0), 0);
 }
 
-// Frames go with their keyframe when a loop is closed.
+// Frames move with their keyframe when a loop is closed.
 TEST(KeyframeMap, CorrectionMovesKeyframesAndTheirFrames) {
   KeyframeMap map(kRig, {});
   map.add_keyframe(view({}), {}, {});
@@ -106,8 +106,8 @@ TEST(KeyframeMap, CorrectionMovesKeyframesAndTheirFrames) {
   EXPECT_TRUE(map.correct({}, 1e-4));
   EXPECT_THAT(map.keyframes()[1].world_from_camera, PoseNear(shifted(0.1), 1e-6, 1e-6));
   EXPECT_THAT(map.keyframes()[0].world_from_camera, PoseNear(Pose{}, 1e-12, 1e-12));
-  EXPECT_FALSE(map.correct({}, 1e-4)) << "it is right by now";
-  // All of the cloud lies on the surface then.
+  EXPECT_FALSE(map.correct({}, 1e-4)) << "already corrected";
+  // After the correction the whole cloud lies on the surface.
   const double before = 2e-3;
   for (const CloudPoint& point : map.cloud({}).points()) {
     const Eigen::Vector3d p = point.position_m.cast<double>();

@@ -42,7 +42,7 @@ cv::Mat1b blob_image(const cv::Size& size, const std::vector<Blob>& blobs) {
 
 const Eigen::Vector3d kNormal = Eigen::Vector3d(0.4, -0.3, -1).normalized();
 
-// A tilted board with the texture.
+// A tilted board with the given texture.
 Frame board(const RigModel& rig, const cv::Mat1b& texture) {
   Frame frame = observe(plane(kNormal, kNormal.z()), rig, {}, 3e-5);
   frame.texture = texture;
@@ -81,7 +81,7 @@ TEST_P(BlobPosition, IsUnbiasedAtAnySubPixelPosition) {
       }
     }
   }
-  ASSERT_GE(count, 64) << "a blob was missed";
+  ASSERT_GE(count, 64) << "a blob was not detected";
   RecordProperty("mean_shift_x", std::to_string(sum.x() / count));
   RecordProperty("mean_shift_y", std::to_string(sum.y() / count));
   EXPECT_THAT((sum / count).eval(), MatrixNear(Eigen::Vector2d::Zero(), 0.02));
@@ -184,7 +184,7 @@ TEST(Matching, IdentityAndPermutation) {
   }
 }
 
-// Unit vectors in a plane, where distances are chords: 2 sin(half the angle).
+// Unit vectors in a plane; their distances are chords, 2 sin(angle / 2).
 Eigen::VectorXf at_angle(double degrees) {
   Eigen::VectorXf v = Eigen::VectorXf::Zero(128);
   v[0] = static_cast<float>(std::cos(degrees * 0.017453292519943295));
@@ -193,7 +193,7 @@ Eigen::VectorXf at_angle(double degrees) {
 }
 
 TEST(Matching, PairsAreEachOthersNearest) {
-  // Current 12 and 16 both are nearest to previous 10; only 12 is nearest to it in return.
+  // Current 12 and 16 are both nearest to earlier 10, which in turn is nearest to 12 only.
   const auto matches = match_keypoints(with_descriptors({at_angle(10), at_angle(80)}),
                                        with_descriptors({at_angle(16), at_angle(12)}), {.max_ratio = 1});
   ASSERT_EQ(matches.size(), 1U);
@@ -203,7 +203,7 @@ TEST(Matching, PairsAreEachOthersNearest) {
 }
 
 TEST(Matching, AmbiguousPairsFailTheRatioTest) {
-  // The nearest is 6 degrees away, the second nearest 9; whichever is looked at first.
+  // The nearest is 6 degrees away, the second nearest 9, in either order.
   const Keypoints current = with_descriptors({at_angle(6)});
   const double ratio = std::sin(3 * 0.017453292519943295) / std::sin(4.5 * 0.017453292519943295);
   for (const auto& [nearer, farther] : {std::pair{0.0, 15.0}, {12.0, -3.0}}) {

@@ -18,7 +18,7 @@ using testing::HasSubstr;
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
-// Points 1 mm apart at the given depths, seen from 1 m: one row of the list is one row of pixels.
+// Points 1 mm apart at the given depths, seen from 1 m; each list is one row of pixels.
 Frame grid(const std::vector<std::vector<float>>& depth_m) {
   const int rows = static_cast<int>(depth_m.size()), cols = static_cast<int>(depth_m.front().size());
   Frame frame;
@@ -54,17 +54,17 @@ TEST(Mesh, PlaneIsTwoTrianglesAPixelBlockThatFaceTheCamera) {
   double sum = 0;
   for (const auto& triangle : mesh.triangles) {
     const Eigen::Vector3d part = area_vector(mesh, triangle);
-    ASSERT_LT(part.dot(corner(mesh, triangle, 0)), 0) << "turned away from the camera";
+    ASSERT_LT(part.dot(corner(mesh, triangle, 0)), 0) << "faces away from the camera";
     area += part;
     sum += part.norm();
   }
-  // Flat and without overlap: the areas add up like one plane's.
+  // Flat and without overlap: the areas add up to that of one plane.
   EXPECT_NEAR(area.norm() / sum, 1, 1e-5);
   EXPECT_NEAR(area.normalized().dot(normal), 1, 1e-9);
 }
 
 TEST(Mesh, NoTriangleCrossesAStep) {
-  // Two planes, 10 mm apart, between columns 2 and 3: 5 blocks a row, of which one bridges the step.
+  // Two planes, 10 mm apart, with the step between columns 2 and 3: 5 blocks per row, one of which spans the step.
   const std::vector<float> row = {1, 1, 1, 1.01F, 1.01F, 1.01F};
   const Mesh mesh = frame_mesh(grid({row, row, row}), {});
   EXPECT_EQ(mesh.triangles.size(), 2U * 4 * 2);
@@ -94,7 +94,7 @@ TEST(Mesh, BlockWithoutOneCornerIsTheTriangleOfTheOtherThree) {
 }
 
 TEST(Mesh, BlockIsCutAlongItsShorterDiagonal) {
-  // One corner 2 mm nearer: the cut that leaves it alone is the shorter one.
+  // One corner is 2 mm nearer: the diagonal that separates it is the shorter one.
   for (int raised = 0; raised < 4; ++raised) {
     Frame frame = grid({{1, 1}, {1, 1}});
     frame.points_m(raised / 2, raised % 2)[2] -= 0.002F;

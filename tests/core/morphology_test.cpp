@@ -32,7 +32,7 @@ std::vector<std::string> rows_of(const BitImage& image) {
   return rows;
 }
 
-// Random discs and strokes, some of which touch the border and the seams between words.
+// Random discs and rings, some of which touch the border or span words.
 BitImage random_shapes(uint64_t seed, int width = 150, int height = 90) {
   Random random(seed);
   BitImage image(width, height);
@@ -68,8 +68,8 @@ int neighbours(const BitImage& image, int r, int c) {
   return count;
 }
 
-// Sets of equal pixels, by flooding: of the foreground with eight neighbours, or of the background with four, where
-// what is beyond the border is background.
+// Counts connected components by flood fill: 8-connected foreground, or 4-connected background including everything
+// beyond the border.
 int components(const BitImage& image, bool foreground) {
   const int width = image.width() + 2, height = image.height() + 2;
   std::vector<char> seen(static_cast<size_t>(width * height), 0);
@@ -99,11 +99,11 @@ int components(const BitImage& image, bool foreground) {
 }
 int holes(const BitImage& image) { return components(image, false) - 1; }
 
-// Whether the pixel could go without joining or parting anything (its crossing number is one) and is no line's end.
+// True if the pixel can be removed without joining or splitting anything (crossing number one) and is not a line end.
 bool removable(const BitImage& image, int r, int c) {
   static constexpr int kRow[] = {-1, -1, 0, 1, 1, 1, 0, -1}, kCol[] = {0, 1, 1, 1, 0, -1, -1, -1};
   const auto at = [&](int i) { return image.at(r + kRow[i % 8], c + kCol[i % 8]); };
-  int sets = 0;  // eight-connected sets of neighbours that four-connected background parts
+  int sets = 0;  // 8-connected sets of neighbours separated by 4-connected background
   for (int i = 0; i < 8; i += 2) sets += !at(i) && (at(i + 1) || at(i + 2));
   return sets == 1 && neighbours(image, r, c) > 1;
 }
@@ -163,7 +163,7 @@ TEST(Morphology, EulerNumberIsComponentsLessHoles) {
 }
 
 TEST(Morphology, ClosesAGapAndStops) {
-  // A ring of a square with a gap of three pixels: two dilations close it.
+  // A square ring with a gap of three pixels, which two dilations close.
   std::vector<std::string> rows(40, std::string(40, '0'));
   for (size_t i = 10; i < 30; ++i) rows[10][i] = rows[29][i] = rows[i][10] = rows[i][29] = '1';
   for (size_t i = 18; i < 21; ++i) rows[10][i] = '0';
@@ -171,7 +171,7 @@ TEST(Morphology, ClosesAGapAndStops) {
   EXPECT_EQ(holes(closing.image), 1);
   EXPECT_EQ(closing.dilations, 2);
   EXPECT_EQ(dilated_until_closed(image_of(rows), 1).dilations, 0);
-  // Nothing to close: nothing is dilated.
+  // Nothing to close, so nothing is dilated.
   EXPECT_EQ(dilated_until_closed(closing.image, 10).dilations, 0);
 }
 
@@ -193,7 +193,7 @@ TEST(Morphology, ThinningLeavesOnePixel) {
     thin.for_each([&](int r, int c) {
       if (!thin.at(r, c + 1) || !thin.at(r + 1, c) || !thin.at(r + 1, c + 1)) return;
       ++blocks;
-      // Four lines may meet in a block of 2x2 from its four corners: then none of its pixels can go.
+      // Where four lines meet at the corners of a 2x2 block, none of its pixels can be removed.
       for (const auto& [dr, dc] : {std::pair(0, 0), {0, 1}, {1, 0}, {1, 1}})
         EXPECT_FALSE(removable(thin, r + dr, c + dc)) << seed << ": " << r + dr << " " << c + dc;
     });
@@ -216,7 +216,7 @@ TEST(Morphology, NothingLooseIsLeft) {
     const BitImage clean = without_loose_ends(edges);
     clean.for_each([&](int r, int c) { EXPECT_GE(neighbours(clean, r, c), 2) << seed; });
     EXPECT_EQ(without_loose_ends(clean), clean);
-    // The largest such set is unique: an order of deletions that looks at the whole image again and again finds it too.
+    // The largest such set is unique, so repeated passes over the whole image must find the same.
     BitImage slow = edges;
     for (bool changed = true; changed;) {
       changed = false;

@@ -17,7 +17,7 @@ using support::MatrixNear;
 using support::PoseNear;
 using support::Random;
 
-// 99.99 % of a chi-square distribution of 6 degrees of freedom.
+// 99.99th percentile of the chi-square distribution with 6 degrees of freedom.
 constexpr double kChi2Of6 = 27.86;
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kInfinite = std::numeric_limits<double>::infinity();
@@ -28,7 +28,7 @@ Eigen::Vector3d random_point(Random& random) {
   return {random.uniform(-0.13, 0.13), random.uniform(-0.12, 0.12), random.uniform(0.8, 1.2)};
 }
 
-// Lateral 0.15 mm, depth 0.05 mm, along the viewing ray.
+// 0.15 mm laterally, 0.05 mm along the viewing ray.
 Eigen::Matrix3d sensor_covariance(const Eigen::Vector3d& point) {
   const Eigen::Vector3d ray = point.normalized();
   const Eigen::Matrix3d along = ray * ray.transpose();
@@ -50,7 +50,7 @@ PointPair noisy_pair(const Eigen::Vector3d& current, Random& random) {
 
 PointPair false_pair(Random& random) { return pair_of(random_point(random), random_point(random)); }
 
-// Normalised estimation error squared: chi-square of 6 when the covariance is honest.
+// Normalised estimation error squared: chi-square with 6 degrees of freedom if the covariance is consistent.
 double nees(const MotionEstimate& estimate) {
   const Vector6d error = difference(estimate.previous_from_current, kMotion);
   return error.dot(estimate.covariance.inverse() * error);
@@ -78,7 +78,7 @@ TEST(Motion, ThreePairsAreEnoughWhenAllowed) {
   EXPECT_THAT(estimate.previous_from_current, PoseNear(kMotion, 1e-9, 1e-9));
 }
 
-// Of another motion, as of a second body or of a surface that repeats itself.
+// A pair consistent with another motion, e.g. of a second body or a repetitive surface.
 PointPair consistent_false_pair(const Pose& motion, Random& random) {
   const Eigen::Vector3d current = random_point(random);
   PointPair pair = pair_of(motion * current, current);
@@ -87,7 +87,8 @@ PointPair consistent_false_pair(const Pose& motion, Random& random) {
   return pair;
 }
 
-// Every fifth pair is right. With `rivals`, three for every four right ones agree on another motion.
+// Every fifth pair is correct. With `rivals`, there are three pairs of another common motion for every four correct
+// ones.
 std::vector<PointPair> mostly_false_pairs(int count, bool rivals, Random& random) {
   const Pose other = {rotation_exp(random.uniform(0.05, 0.5) * random.direction()), 0.05 * random.direction()};
   std::vector<PointPair> pairs;
@@ -111,7 +112,7 @@ class FalseMatches : public testing::TestWithParam<int> {
     const MotionEstimate estimate = estimate_motion(pairs, {.min_inliers = 6, .seed = seed()});
     ASSERT_EQ(estimate.status, MotionStatus::determined);
     EXPECT_LT(nees(estimate), kChi2Of6);
-    EXPECT_NEAR(estimate.inliers, count() / 5, 2);  // beyond 4 sigma lies one right pair in 900
+    EXPECT_NEAR(estimate.inliers, count() / 5, 2);  // one correct pair in 900 lies beyond 4 sigma
     EXPECT_NEAR(estimate.rank, estimate.inliers / static_cast<double>(count()), 1e-12);
     int right = 0;
     for (size_t i = 0; i < pairs.size(); i += 5) right += estimate.is_inlier[i];
@@ -130,7 +131,7 @@ TEST_P(FalseMatches, ThatAgreeOnAnotherMotionDoNotMatterWhileTheyAreFewer) {
   expect_true_motion(mostly_false_pairs(count(), true, random));
 }
 
-// With too few right pairs an answer may fail to come, but what comes is right.
+// With too few correct pairs the motion may be undetermined, but a determined one must be correct.
 TEST_P(FalseMatches, NoConfidentWrongAnswer) {
   Random random(5000 + seed());
   const int right = 3 + seed() % 10;
@@ -231,7 +232,8 @@ TEST(Motion, PairsThatAreNotFiniteDoNotCount) {
   }
 }
 
-// The first hypotheses have a handful of supporters in thousands: the trials that they ask for are beyond counting.
+// The first hypotheses have a handful of inliers in thousands, which requires a practically unlimited number of
+// trials.
 TEST(Motion, FewRightPairsAmongThousands) {
   Random random(15);
   std::vector<PointPair> pairs;
@@ -290,7 +292,7 @@ TEST(Motion, ImpreciseMotionsNameWhatIsImprecise) {
   for (int i = 0; i < 50; ++i) pairs.push_back(noisy_pair(random_point(random), random));
   EXPECT_THAT(estimate_motion(pairs, {}).undetermined, testing::IsEmpty());
   EXPECT_THAT(estimate_motion(pairs, {.max_rotation_sigma_deg = 1e-4}).undetermined, testing::Not(testing::IsEmpty()));
-  // The scene's place is known to 30 um, the camera's, a metre away, only to ten times that.
+  // The scene's position is known to 30 um, the camera's, a metre away, only to ten times that.
   const MotionOptions strict{.max_translation_sigma_m = 1e-4};
   EXPECT_EQ(estimate_motion(pairs, strict).status, MotionStatus::degenerate);
   EXPECT_THAT(estimate_motion(pairs, strict).undetermined, testing::Not(testing::IsEmpty()));

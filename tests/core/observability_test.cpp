@@ -26,7 +26,7 @@ using testing::SizeIs;
 constexpr double kSigma_m = 1e-4;
 const Pose kPose = pose_from({{40, -20, 15}, {12, -7, 25}});
 
-// Points of a scene in the target's frame, each held along its normal, or wholly where that is zero.
+// Points of a scene in the target's frame, each constrained along its normal, or fully if the normal is zero.
 struct Scene {
   std::vector<Vector3d> points, normals;
 
@@ -97,7 +97,7 @@ double distance_to_axis(const Vector3d& point, const FreeDirection& direction) {
   return direction.axis.cross(point - direction.point_m).norm();
 }
 
-// A motion by little in the direction leaves every point in its surface.
+// Expects that a small motion along the direction keeps every point in its surface.
 void expect_no_residual(const Scene& scene, const FreeDirection& direction) {
   for (size_t i = 0; i < scene.points.size(); ++i) {
     const Vector3d shift =
@@ -181,14 +181,14 @@ TEST(Observability, AHelixScrews) {
   EXPECT_NEAR(free[0].pitch_m, kPitch_m, 1e-9);
   EXPECT_LT(distance_to_axis(middle, free[0]), 1e-9);
   EXPECT_EQ(to_string(free[0]).substr(0, 31), "turns about (0.00, 0.00, 1.00) ");
-  EXPECT_THAT(to_string(free[0]), HasSubstr("advancing 80.0 mm a radian"));
+  EXPECT_THAT(to_string(free[0]), HasSubstr("advancing 80.0 mm per radian"));
 }
 
 TEST(Observability, ACornerOfThreePlanesIsHeld) {
   Scene scene = plane({0.1, 0, 0.9}, {1, 0, 0}, 5);
   EXPECT_THAT(scene.free(), SizeIs(3));
   append(scene, plane({0, 0.1, 0.9}, {0, 1, 0}, 6));
-  const std::vector<FreeDirection> edge = scene.free();  // two planes: along their edge
+  const std::vector<FreeDirection> edge = scene.free();  // two planes: free along their edge
   ASSERT_THAT(edge, SizeIs(1));
   EXPECT_EQ(to_string(edge[0]), "slides along (0.00, 0.00, 1.00)");
   append(scene, plane({0, 0, 1}, {0, 0, -1}, 7));
@@ -226,7 +226,7 @@ TEST(Observability, NothingKnownIsThreeSlidesAndThreeTurns) {
                                  "turns about (0.00, 0.00, 1.00) through (0.000, 0.000, 0.900) m"));
 }
 
-// Springs of known stiffness: sigma is theirs, and the limit decides at it.
+// Springs of known stiffness: the sigmas must match, and the limit must decide at them.
 TEST(Observability, SigmasAreThoseOfTheInformation) {
   const Vector3d centre(0.1, -0.2, 0.9);
   constexpr double kSpread = 0.12;
@@ -245,7 +245,7 @@ TEST(Observability, SigmasAreThoseOfTheInformation) {
   EXPECT_THAT(free_directions(information, kPose, centre, kSpread, {0.0361}), IsEmpty());  // 0.3 rad at 0.12 m
 }
 
-// Rubble of a millimetre on a plane holds it a little: the slides and the turn keep their names, with finite sigmas.
+// Millimetre-sized roughness constrains a plane weakly: the directions stay the same, with finite sigmas.
 TEST(Observability, ANearlyBarePlane) {
   Scene scene = plane({0.05, -0.02, 0.9}, {0, 0, -1}, 8);
   Random random(9);
@@ -257,7 +257,7 @@ TEST(Observability, ANearlyBarePlane) {
   EXPECT_EQ(free[1].kind, FreeKind::translation);
   EXPECT_EQ(free[2].kind, FreeKind::rotation);
   EXPECT_GT(std::abs(free[2].axis.z()), 0.999);
-  // 300 normals that lean by 1e-3.
+  // 300 normals tilted by 1e-3.
   for (const int i : {0, 1}) EXPECT_NEAR(free[i].sigma, kSigma_m / (1e-3 * std::sqrt(300)), 0.2 * free[i].sigma);
 }
 

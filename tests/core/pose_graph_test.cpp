@@ -29,7 +29,7 @@ Vector6d sigmas(double rad, double m) {
 
 Matrix6d information_of(const Vector6d& sigma) { return sigma.cwiseAbs2().cwiseInverse().asDiagonal(); }
 
-// Laps of a circle of 2 m radius, a little apart, looking about.
+// Laps of a circle of 2 m radius, slightly offset, with varying viewing directions.
 std::vector<Pose> laps(int nodes, int nodes_per_lap) {
   std::vector<Pose> poses;
   for (int i = 0; i < nodes; ++i) {
@@ -51,7 +51,7 @@ PoseEdge noisy_edge(const std::vector<Pose>& truth, int from, int to, const Matr
   return edge;
 }
 
-// Poses by the odometry edges i -> i + 1, which come first.
+// Poses from the odometry edges i -> i + 1, which come first.
 std::vector<Pose> dead_reckoning(const Pose& start, const std::vector<PoseEdge>& edges, size_t nodes) {
   std::vector<Pose> poses = {start};
   for (size_t i = 0; i + 1 < nodes; ++i) poses.push_back(poses.back() * edges[i].from_from_to);
@@ -101,7 +101,7 @@ TEST(PoseGraph, TheFirstNodeIsHeld) {
   EXPECT_GT(translation_m(result.poses[5].inverse() * truth[5]), 1e-4);
 }
 
-// sum J^T J of all edges over the tangents of all nodes but the first, by differences.
+// Numerical sum of J^T J of all edges, in the tangents of all nodes but the first.
 Eigen::MatrixXd information_of_nodes(const std::vector<Pose>& poses, const std::vector<PoseEdge>& edges) {
   const auto size = static_cast<Eigen::Index>(6 * (poses.size() - 1));
   Eigen::MatrixXd information = Eigen::MatrixXd::Zero(size, size);
@@ -132,7 +132,7 @@ TEST(PoseGraph, ErrorsAreWhatTheInformationsSay) {
   for (int seed = 0; seed < kSeeds; ++seed) {
     Random random(100 + seed);
     std::vector<PoseEdge> edges;
-    Matrix6d mix = Matrix6d::Identity();  // informations with correlations
+    Matrix6d mix = Matrix6d::Identity();  // correlated information matrices
     mix.topRightCorner<3, 3>() = 0.3 * skew({0.2, -0.5, 0.4});
     const Matrix6d odometry = mix.transpose() * information_of(sigmas(1e-3, 2e-3)) * mix;
     for (int i = 0; i + 1 < kNodes; ++i) edges.push_back(noisy_edge(truth, i, i + 1, odometry, false, random));
@@ -147,7 +147,7 @@ TEST(PoseGraph, ErrorsAreWhatTheInformationsSay) {
     const Vector6d error = difference(result.poses[kNode], truth[kNode]);
     nees += error.dot(covariance.block<6, 6>(6 * (kNode - 1), 6 * (kNode - 1)).llt().solve(error));
   }
-  // Chi-square of n has the standard deviation sqrt(2 n).
+  // Chi-square with n degrees of freedom has the standard deviation sqrt(2 n).
   EXPECT_NEAR(residuals, freedom, 1.96 * std::sqrt(2.0 * freedom));
   EXPECT_NEAR(nees / kSeeds, 6, 1.96 * std::sqrt(12.0 / kSeeds));
   RecordProperty("nees", std::to_string(nees / kSeeds));
@@ -156,7 +156,7 @@ TEST(PoseGraph, ErrorsAreWhatTheInformationsSay) {
 
 TEST(PoseGraph, ARingTakesUpItsGapInProportionToTheCovariances) {
   constexpr int kNodes = 12;
-  // Rotations are known; each side has its own covariance, the closing one too.
+  // Rotations are known; each side, including the closing one, has its own covariance.
   const auto sigma = [](int i) { return 1e-3 * (1 + i % 4); };
   const Eigen::Vector3d gap(0.012, -0.02, 0.007);
   std::vector<Pose> truth;
@@ -184,7 +184,7 @@ TEST(PoseGraph, ARingTakesUpItsGapInProportionToTheCovariances) {
   EXPECT_NEAR(2 * result.cost, gap.squaredNorm() / variance, 1e-6);
 }
 
-// Several metres and any turn off.
+// Off by several metres and an arbitrary rotation.
 PoseEdge false_loop(int from, int to, const Matrix6d& information, Random& random) {
   return {
       from, to, {rotation_exp(random.uniform(0, 3) * random.direction()), 4 * random.normals<3>()}, information, true};
@@ -193,7 +193,7 @@ PoseEdge false_loop(int from, int to, const Matrix6d& information, Random& rando
 class FalseLoops : public testing::TestWithParam<int> {};
 INSTANTIATE_TEST_SUITE_P(Seeds, FalseLoops, testing::Range(0, 12));
 
-// Of all kinds at once: metres off, decimetres off (within what drift explains), and some that agree among themselves.
+// Mixed kinds: off by metres, off by decimetres (within what drift explains), and some consistent with each other.
 TEST_P(FalseLoops, ThreeInTenAreRejectedAndAllTrueOnesKept) {
   constexpr int kNodes = 160, kLap = 40, kLoops = 60;
   Random random(2000 + GetParam());
@@ -279,7 +279,7 @@ TEST(PoseGraph, NodesThatNothingJoinsStay) {
   Random random(5);
   const std::vector<Pose> initial = perturbed(truth, 0.05, 0.05, random);
   const Matrix6d information = information_of(sigmas(1e-3, 1e-3));
-  // 0-1-2, 4-5 and 3, 6, 7 on their own.
+  // 0-1-2 and 4-5 are connected; 3, 6 and 7 are isolated.
   const std::vector<PoseEdge> edges = {exact_edge(truth, 0, 1, information, false),
                                        exact_edge(truth, 2, 1, information, false),
                                        exact_edge(truth, 5, 4, information, false)};
@@ -314,7 +314,7 @@ TEST(PoseGraph, SingularInformationsSayNothingOfTheirDirections) {
   std::vector<PoseEdge> edges;
   for (int i = 0; i + 1 < 6; ++i) {
     edges.push_back(exact_edge(truth, i, i + 1, slides.asDiagonal(), false));
-    edges.back().from_from_to.translation.y() += 0.3;  // no one asks for it
+    edges.back().from_from_to.translation.y() += 0.3;  // an unconstrained direction
   }
   for (int i = 0; i + 2 < 6; i += 2)
     edges.push_back(exact_edge(truth, i, i + 2, information_of(sigmas(1e-3, 1e-3)), true));

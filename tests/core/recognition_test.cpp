@@ -23,7 +23,7 @@ Pinhole camera() {
   return camera;
 }
 
-// Of unit length, all components positive, as those of SIFT are.
+// Unit length and non-negative components, as for SIFT.
 cv::Mat1f random_descriptors(Random& random, int count) {
   cv::Mat1f descriptors(count, kDescriptorSize);
   for (int i = 0; i < count; ++i) {
@@ -131,13 +131,13 @@ TEST(RigidConsensus, NothingAgrees) {
   std::vector<SpreadPair> pairs;
   for (int i = 0; i < 40; ++i) pairs.push_back({0.1 * random.normals<3>(), 0.1 * random.normals<3>(), 1e-4});
   EXPECT_LT(rigid_consensus(pairs, 4).inliers.size(), 4u);
-  // A line leaves the rotation about it open.
+  // A line leaves the rotation about it undetermined.
   for (size_t i = 0; i < pairs.size(); ++i)
     pairs[i].earlier = pairs[i].current = Eigen::Vector3d(0.01 * static_cast<double>(i), 0, 1);
   EXPECT_TRUE(rigid_consensus(pairs, 4).inliers.empty());
 }
 
-// Views of so many things, of 30 keypoints each; things of one seed are the same.
+// A scene of objects with 30 keypoints each; views show a selection of them.
 class World {
  public:
   explicit World(int things) : random_(11) {
@@ -309,7 +309,7 @@ TEST(LandmarkScore, CountsWhatIsTrue) {
   EXPECT_EQ(bad.false_recognitions, 1);
   EXPECT_EQ(bad.right, 0);
   EXPECT_EQ(bad.matches, 6);
-  // Half a pixel's footprint is 0.25 mm here: half a pixel is right, a whole one is not.
+  // One pixel is 0.5 mm here: an error of half a pixel is accepted, one of a whole pixel is not.
   current.landmarks.keypoints.keypoints[0].pixel.x() += 0.45;
   EXPECT_TRUE(is_right(earlier.judged(), current.judged(), right[0], camera()));
   current.landmarks.keypoints.keypoints[0].pixel.x() += 0.5;

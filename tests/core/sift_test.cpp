@@ -16,7 +16,7 @@
 namespace fringeslam {
 namespace {
 
-// Blobs of many sizes, light and dark, with two grey values of noise.
+// Light and dark blobs of many sizes, with noise of two grey levels.
 cv::Mat1b texture(uint64_t seed, cv::Size size = {320, 280}) {
   support::Random random(seed);
   cv::Mat1f image(size, 128);
@@ -50,7 +50,7 @@ TEST(ScaleSpace, BlurIsThatOfOpenCV) {
   }
 }
 
-// Narrower than the kernel, and than a vector.
+// Narrower than the kernel, and than a vector register.
 TEST(ScaleSpace, BlurOfNarrowImagesKeepsTheirMean) {
   for (const cv::Size size : {cv::Size(3, 40), cv::Size(40, 3), cv::Size(2, 2), cv::Size(70, 1)}) {
     const cv::Mat1f even(size, 17);
@@ -102,7 +102,7 @@ TEST(Sift, NumberOfThreadsDoesNotMatter) {
   EXPECT_EQ(cv::norm(one.descriptors, two.descriptors, cv::NORM_INF), 0);
 }
 
-// Which of b's descriptors is nearest to each of a's, and whether it is clearly so (Lowe's ratio 0.8).
+// Nearest descriptor of b for each of a, if it is distinctive (Lowe's ratio 0.8).
 struct Match {
   size_t a = 0, b = 0;
   double distance = 0;
@@ -126,7 +126,7 @@ std::vector<Match> matches_of(const cv::Mat1f& a, const cv::Mat1f& b) {
   return matches;
 }
 
-// An image on its side has the same keypoints and descriptors, but for what the coarser octaves' pixels are.
+// A rotated image has the same keypoints and descriptors, apart from different pixel grids of the coarser octaves.
 TEST(Sift, AQuarterTurnTurnsKeypointsAndKeepsDescriptors) {
   const cv::Mat1b image = texture(3, {256, 256});
   cv::Mat1b turned;
@@ -162,11 +162,11 @@ TEST(Sift, BrightnessAndContrastDoNotMatter) {
     distance += match.distance;
   }
   EXPECT_GT(right, 0.75 * static_cast<double>(a.keypoints.size()));
-  EXPECT_LT(distance / right, 0.15);  // the levels are rounded twice as coarsely
+  EXPECT_LT(distance / right, 0.15);  // the levels are quantised twice as coarsely
 }
 
-// OpenCV's, in the form of ours: it reports positions a quarter of a pixel off, since it doubles images by their
-// corners' convention and maps back by their centres'.
+// OpenCV's features in this project's form. OpenCV's positions are off by a quarter of a pixel, since it doubles
+// images preserving their corners but maps positions back preserving pixel centres.
 SiftFeatures of_opencv(const cv::Mat1b& image, const SiftOptions& options) {
   std::vector<cv::KeyPoint> found;
   SiftFeatures features;
@@ -181,7 +181,7 @@ SiftFeatures of_opencv(const cv::Mat1b& image, const SiftOptions& options) {
   return features;
 }
 
-// Turned by `degrees`, enlarged, darker and noisy.
+// The image is rotated by `degrees`, scaled, darkened and noisy.
 struct Similarity {
   double degrees = 0, zoom = 1;
 };

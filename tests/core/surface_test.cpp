@@ -36,7 +36,7 @@ support::Surface sphere(const Eigen::Vector3d& centre, double radius) {
   };
 }
 
-// The square |x|, |y| < half of the plane z = depth.
+// The square |x|, |y| < half in the plane z = depth.
 support::Surface square(double depth, double half) {
   return [=](const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) -> std::optional<support::Hit> {
     const double distance = (depth - origin.z()) / direction.z();
@@ -60,8 +60,8 @@ Eigen::Vector3d area_vector(const SurfaceMesh& mesh, const std::array<uint32_t, 
   return 0.5 * (corner(mesh, triangle, 1) - p).cross(corner(mesh, triangle, 2) - p);
 }
 
-// Every triangle's side is that of its vertices' normals, every vertex is in use, and no edge is passed twice in one
-// direction: the triangles are one oriented surface.
+// Every triangle faces the side of its vertices' normals, every vertex is used, and no directed edge occurs twice: the
+// triangles form one oriented surface.
 void expect_oriented(const SurfaceMesh& mesh) {
   std::map<std::pair<uint32_t, uint32_t>, int> passes;
   std::vector<bool> used(mesh.vertices.size());
@@ -76,9 +76,9 @@ void expect_oriented(const SurfaceMesh& mesh) {
   EXPECT_EQ(std::count(used.begin(), used.end(), false), 0);
 }
 
-// Of each connected part: vertices - edges + triangles, which is 1 for a disc and 0 for a ring.
+// A connected part of the mesh; its Euler number (vertices - edges + triangles) is 1 for a disc and 0 for a ring.
 struct Part {
-  double depth_m = 0;  // of any vertex
+  double depth_m = 0;  // of an arbitrary vertex
   int euler = 0, boundary_edges = 0;
 };
 
@@ -146,7 +146,7 @@ TEST(Surface, ObliquePlaneIsReproduced) {
     ASSERT_GT(vertex.normal.cast<double>().dot(normal), 1 - 1e-6);
     ASSERT_EQ(vertex.grey, 128);
   }
-  // Rounding: a step of distance is 3 * 2 mm / 32767 = 0.19 um, and a float of 1 m is as good as 0.06 um.
+  // Rounding: a distance step is 3 * 2 mm / 32767 = 0.19 um, and a float at 1 m is accurate to 0.06 um.
   EXPECT_LT(std::abs(sum) / static_cast<double>(mesh.vertices.size()), 1e-7);
   EXPECT_LT(worst, 8e-7);
   expect_oriented(mesh);
@@ -162,7 +162,7 @@ TEST(Surface, ObliquePlaneIsReproduced) {
   EXPECT_EQ(parts[0].euler, 1);
 }
 
-// A column of pixels that are too close to an edge for a normal of their own, on its surface or off it.
+// A column of pixels too close to an edge for normals of their own, on the surface or off it.
 TEST(Surface, PixelsWithoutANormalAreUsedWhereTheyLieOnANeighboursPlane) {
   const RigModel rig = support::small_rig(true);
   const Eigen::Vector3d normal = Eigen::Vector3d(0.4, -0.2, -1).normalized();
@@ -185,16 +185,16 @@ TEST(Surface, PixelsWithoutANormalAreUsedWhereTheyLieOnANeighboursPlane) {
   model.add(whole, {});
   EXPECT_EQ(voxels(0, 2.5), model.voxels());
   EXPECT_LT(voxels(0, 0), model.voxels());
-  // The two share the distance: sqrt(2) times as many sigmas of one.
+  // Both pixels contribute to the distance: sqrt(2) times the sigmas of one.
   EXPECT_GT(voxels(3.4f, 2.5), voxels(0, 0));
   EXPECT_EQ(voxels(3.7f, 2.5), voxels(0, 0));
 }
 
 TEST(Surface, SphereIsReproducedToTheSquareOfTheVoxel) {
-  // Up to 60 degrees off the ray, with a = voxel^2 / radius: a pixel's tangent plane is left by half a diagonal
-  // (1.41 voxels on the slope), 1.0 a at most; a voxel's distance to it, at one voxel's depth and that slope, is 1.5 a
-  // too large at most; and the mean of crossings up to sqrt(3) / 2 voxels apart lies 3/8 a inside at most. The first
-  // two are outside. Their means over a pixel and a cell are about a third of that.
+  // Up to 60 degrees from the ray, with a = voxel^2 / radius: half a pixel's diagonal (1.41 voxels on the slope) away,
+  // a pixel's tangent plane deviates from the sphere by at most 1.0 a; a voxel's distance to it, at one voxel's depth
+  // and that slope, is at most 1.5 a too large; and the mean of crossings up to sqrt(3) / 2 voxels apart lies at most
+  // 3/8 a inside. The first two are outside. Their means over a pixel and a cell are about a third of that.
   for (const double radius : {0.04, 0.08}) {
     const RigModel rig = support::small_rig(true);
     const Eigen::Vector3d centre(0.01, -0.007, 1.0);
@@ -214,7 +214,7 @@ TEST(Surface, SphereIsReproducedToTheSquareOfTheVoxel) {
     const double mean = sum / static_cast<double>(mesh.vertices.size());
     EXPECT_LT(std::abs(mean), 0.25 * unit);
     expect_oriented(mesh);
-    // The cap is a disc, for its back is open; at its rim a quad may have come off.
+    // The cap is a disc, since its back is open; at its rim a quad may be separate.
     int caps = 0;
     for (const Part& part : parts_of(mesh)) {
       EXPECT_EQ(part.euler, 1);
@@ -225,8 +225,8 @@ TEST(Surface, SphereIsReproducedToTheSquareOfTheVoxel) {
 }
 
 TEST(Surface, StepStaysOpen) {
-  // A box's front before a wall: of each step of 10 to 80 mm the two sides stay apart, a disc and a ring around its
-  // shadow.
+  // A box's front before a wall: for each step of 10 to 80 mm the two sides stay separate, a disc and a ring around
+  // its shadow.
   const RigModel rig = support::small_rig(false);
   for (const double step : {0.01, 0.03, 0.08}) {
     const SurfaceModel model =
@@ -239,7 +239,7 @@ TEST(Surface, StepStaysOpen) {
     EXPECT_NEAR(parts[1].depth_m, 1.05, 1e-6);
     EXPECT_EQ(parts[0].euler, 1);
     EXPECT_EQ(parts[1].euler, 0);
-    // Around the front and twice around the wall, in edges of a voxel or a diagonal.
+    // Once around the front and twice around the wall, in edges of the length of a voxel or a diagonal.
     EXPECT_GT(parts[0].boundary_edges, 0.4 / (1.5 * model.voxel_m()));
     EXPECT_GT(parts[1].boundary_edges, 1.2 / (1.5 * model.voxel_m()));
     EXPECT_LT(longest_edge(mesh), 1.5 * model.voxel_m());
@@ -273,7 +273,8 @@ double rms_off_plane(const SurfaceMesh& mesh, double depth, double& sigma_m) {
 }
 
 TEST(Surface, NoiseAveragesDown) {
-  // 12000 vertices of about one pixel each: 1 % for a root mean square, over 5 seeds 0.5 %, over two 0.7 %.
+  // 12000 vertices of about one pixel each: the root mean square is known to 1 %, over 5 seeds to 0.5 %, the ratio of
+  // two to 0.7 %.
   const RigModel rig = support::small_rig(false);
   double one = 0, sixteen = 0, sigma_one = 0, sigma_sixteen = 0;
   for (uint64_t seed = 1; seed <= 5; ++seed) {
@@ -288,13 +289,13 @@ TEST(Surface, NoiseAveragesDown) {
   EXPECT_NEAR(one / sixteen, 4, 0.15);
   EXPECT_NEAR(sigma_one, 1e-4, 1e-7);
   EXPECT_NEAR(sigma_one / sigma_sixteen, 4, 1e-3);
-  // A vertex is the mean of up to four pixels' measurements, and its sigma that of one.
+  // A vertex averages the measurements of up to four pixels, but its sigma is that of one.
   EXPECT_LT(one, 1.02e-4);
   EXPECT_GT(one, 0.45e-4);
 }
 
 TEST(Surface, FramesCountByTheirSigmas) {
-  // Weights 1 and 1/100: 0.5 mm farther moves the surface by 0.5 / 101 mm.
+  // Weights 1 and 1/100: a surface 0.5 mm farther away shifts the mean by 0.5 / 101 mm.
   const RigModel rig = support::small_rig(false);
   SurfaceModel model(rig, {});
   Frame good = support::observe(support::plane({0, 0, 1}, 1.05), rig, {}, 1e-4);
@@ -319,7 +320,7 @@ TEST(Surface, ObliqueMeasurementCountsByItsSigmaAlongTheNormal) {
   ASSERT_GT(mesh.vertices.size(), 5000U);
   for (const CloudPoint& vertex : mesh.vertices) {
     const Eigen::Vector3d point = vertex.position_m.cast<double>();
-    // Over the two pixels around it, the ray is constant to 0.3 %.
+    // Over the two neighbouring pixels the ray is constant to 0.3 %.
     ASSERT_NEAR(vertex.sigma_m, -normal.dot(point) / point.z() * 1e-4, 5e-7);
   }
 }
@@ -344,7 +345,7 @@ std::vector<std::pair<Frame, Pose>> views_of_a_corner(const RigModel& rig) {
   return views;
 }
 
-// But for rounding: a distance that rounds to the other side of zero moves a vertex or two.
+// Equal up to rounding: a distance that rounds to the other side of zero moves a few vertices.
 void expect_alike(const SurfaceMesh& a, const SurfaceMesh& b) {
   EXPECT_NEAR(static_cast<double>(a.vertices.size()), static_cast<double>(b.vertices.size()), 20);
   int likes = 0, all = 0;
@@ -371,7 +372,7 @@ TEST(Surface, OrderOfFramesMattersByRoundingAlone) {
 TEST(Surface, FramesAtOnceAreFramesOneAfterTheOther) {
   const RigModel rig = support::small_rig(true);
   std::vector<PosedFrame> views;
-  for (int i = 0; i < 3; ++i) {  // twelve: more than are fused at a time
+  for (int i = 0; i < 3; ++i) {  // twelve, more than are fused at a time
     for (const auto& [frame, pose] : views_of_a_corner(rig)) views.push_back({frame, pose});
   }
   ASSERT_GT(views.size(), static_cast<size_t>(kFramesTogether));
@@ -383,8 +384,7 @@ TEST(Surface, FramesAtOnceAreFramesOneAfterTheOther) {
   expect_alike(together.mesh(), singly.mesh());
 }
 
-// Nothing of it may be lost when octants are looked for by squares of pixels: steps everywhere, and pixels without
-// depth.
+// No voxel may be lost when octants are found by squares of pixels: steps everywhere and pixels without depth.
 TEST(Surface, EveryVoxelOfTheBandIsWritten) {
   const RigModel rig = support::small_rig(true);
   Frame frame = support::observe(support::plane({0.3, -0.2, -1}, -1), rig, {}, 1e-4);
@@ -397,7 +397,7 @@ TEST(Surface, EveryVoxelOfTheBandIsWritten) {
   }
   SurfaceModel whole(rig, {});
   whole.add(frame, {});
-  // Of each square of four pixels one, in turn: what all write together is what each writes.
+  // One pixel of each 2 x 2 square in turn: together they must write the same voxels as the whole frame.
   SurfaceModel parts(rig, {});
   for (int kept = 0; kept < 4; ++kept) {
     Frame one = frame;
@@ -453,7 +453,7 @@ TEST(Surface, InstructionSetsGiveTheSameBits) {
 }
 
 TEST(Surface, MemoryGrowsWithTheSurface) {
-  // A quarter of the image is a quarter of the plane's area. What the grid needs beside its bricks is within 10 %.
+  // A quarter of the image covers a quarter of the plane's area. The grid's overhead beyond its bricks is within 10 %.
   const RigModel rig = support::small_rig(false);
   const Eigen::Vector3d normal = Eigen::Vector3d(0.4123, -0.2371, -1).normalized();
   const Frame whole = support::observe(support::plane(normal, -1), rig, {}, 1e-4);
@@ -474,7 +474,8 @@ TEST(Surface, MemoryGrowsWithTheSurface) {
   for (int i = 0; i < 9; ++i) small.add(quarter, {});
   EXPECT_EQ(small.voxels(), voxels);
   EXPECT_EQ(small.memory_bytes(), bytes);
-  // Six voxels deep, under what the pixels see: z^2 / (f^2 cos) each, with cos = |n . r| of the rays r with r.z = 1.
+  // Six voxels deep, below the area seen by the pixels: z^2 / (f^2 cos) each, with cos = |n . r| of the rays r with
+  // r.z = 1.
   double seen_m2 = 0;
   for (const cv::Vec3f& point : whole.points_m) {
     const Eigen::Vector3d p(point[0], point[1], point[2]);
@@ -498,7 +499,7 @@ TEST(Surface, FrameWithoutPointsAddsNothing) {
 }
 
 TEST(Surface, WorldMayBeAnywhere) {
-  // Around the world's origin and far from it: the same surface, but for the rounding of coordinates.
+  // Near the world's origin and far from it: the same surface, up to the rounding of coordinates.
   const RigModel rig = support::small_rig(false);
   const Frame frame = support::observe(support::plane({0, 0, 1}, 1.05), rig, {}, 1e-4);
   for (const double x : {0.0, 50.0, -300.0}) {
@@ -575,7 +576,7 @@ struct Glb {
   std::string binary;
 };
 
-// Checks header and chunks.
+// Parses a GLB file, checking header and chunks.
 Glb parse_glb(const std::string& file) {
   EXPECT_EQ(file.substr(0, 4), "glTF");
   EXPECT_EQ(read_at<uint32_t>(file, 4), 2U);
@@ -636,7 +637,7 @@ TEST(Surface, GlbIsWhatGltfSays) {
   EXPECT_EQ(bounds.at("min").get<std::vector<float>>(), (std::vector<float>{-4, -5, 2}));
   EXPECT_EQ(bounds.at("max").get<std::vector<float>>(), (std::vector<float>{2, 5, 6.5F}));
   EXPECT_TRUE(glb.json["accessors"][attributes["COLOR_0"].get<size_t>()].at("normalized"));
-  // x, y, z, w: the world's z becomes y.
+  // x, y, z, w: the world's z axis becomes y.
   const auto turn = glb.json.at("nodes").at(0).at("rotation").get<std::vector<double>>();
   const Eigen::Quaterniond rotation(turn[3], turn[0], turn[1], turn[2]);
   EXPECT_LT((rotation * Eigen::Vector3d::UnitZ() - Eigen::Vector3d::UnitY()).norm(), 1e-12);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The thermal channel: registration, warm regions, shapes, and what several views make of them.
+// The thermal channel: registration, warm regions, shapes, and merging over several views.
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -28,7 +28,7 @@ RigModel thermal_rig() {
   return rig;
 }
 
-// What the thermal camera sees of surfaces whose temperature is a function of the point; exact, without noise.
+// Simulated thermal image of surfaces whose temperature is a function of the point; exact, without noise.
 cv::Mat1f thermal_view(const Surface& surface, const RigModel& rig,
                        const std::function<double(const Eigen::Vector3d&)>& temperature_c) {
   const Pinhole& lens = rig.thermal->lens;
@@ -58,7 +58,7 @@ Surface sphere(const Eigen::Vector3d& middle, double radius) {
   };
 }
 
-// A cylinder without ends between two heights along its axis.
+// An open cylinder between two heights along its axis.
 Surface cylinder(const Eigen::Vector3d& middle, const Eigen::Vector3d& axis, double radius, double length) {
   return [=](const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) -> std::optional<support::Hit> {
     const Eigen::Vector3d o = origin - middle;
@@ -73,7 +73,7 @@ Surface cylinder(const Eigen::Vector3d& middle, const Eigen::Vector3d& axis, dou
   };
 }
 
-// A rectangle of a plane across z.
+// A rectangle in a plane perpendicular to z.
 Surface plate(const Eigen::Vector3d& middle, double half_x, double half_y) {
   return [=](const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) -> std::optional<support::Hit> {
     const double t = (middle.z() - origin.z()) / direction.z();
@@ -84,7 +84,7 @@ Surface plate(const Eigen::Vector3d& middle, double half_x, double half_y) {
   };
 }
 
-// What stands before a wall, warmer or colder than it.
+// An object in front of a wall of another temperature.
 struct World {
   Surface thing;
   double thing_c = 33, wall_c = 15;
@@ -98,7 +98,7 @@ struct World {
   }
 };
 
-// A ramp of temperature over a slanted wall: each point gets its own, up to the ramp's steps between pixels.
+// A temperature ramp on a slanted wall: each point gets its own temperature, up to the ramp's steps between pixels.
 TEST(Registration, EachPointHasItsTemperature) {
   const RigModel rig = thermal_rig();
   const Surface wall = support::plane(Eigen::Vector3d(0.3, 0.1, -1).normalized(), -1);
@@ -114,15 +114,15 @@ TEST(Registration, EachPointHasItsTemperature) {
       const cv::Vec3f p = frame.points_m(row, col);
       const Eigen::Vector3d point(p[0], p[1], p[2]);
       const Eigen::Vector2d pixel = rig.thermal->lens.project(rig.thermal->thermal_from_camera * point);
-      if (pixel.x() < 0 || pixel.y() < 0 || pixel.x() > 79 || pixel.y() > 74) continue;  // half a pixel of the border
+      if (pixel.x() < 0 || pixel.y() < 0 || pixel.x() > 79 || pixel.y() > 74) continue;  // outer half of border pixels
       EXPECT_NEAR(t, ramp(point), 0.005) << row << " " << col;
     }
   }
   EXPECT_GT(known, frame.height() * frame.width() / 2);
 }
 
-// A cold plate before a warm wall: the points of the wall that the plate hides from the thermal camera, but not from
-// the camera, have no temperature, and none has the plate's.
+// A cold plate in front of a warm wall: points of the wall that the plate hides from the thermal camera but not from
+// the camera must have no temperature, in particular not the plate's.
 TEST(Registration, HiddenPointsHaveNoTemperature) {
   const RigModel rig = thermal_rig();
   const World world{plate({0, 0, 0.8}, 0.04, 0.04), 10, 30};
@@ -135,7 +135,8 @@ TEST(Registration, HiddenPointsHaveNoTemperature) {
     for (int col = 0; col < frame.width(); ++col) {
       const cv::Vec3f p = frame.points_m(row, col);
       if (!(p[2] > 1.09f)) continue;
-      // Where the line from the thermal camera to the point passes the plate, by more than a pixel.
+      // Consider points where the line from the thermal camera passes through the plate, more than a pixel from its
+      // edge.
       const Eigen::Vector3d point(p[0], p[1], p[2]);
       const Eigen::Vector3d at = eye + (point - eye) * (0.8 - eye.z()) / (point.z() - eye.z());
       if (std::abs(at.x()) > 0.04 - pixel_m || std::abs(at.y()) > 0.04 - pixel_m) continue;
@@ -181,7 +182,7 @@ TEST(WarmRegions, TemperatureGates) {
   EXPECT_EQ(kind(90), WarmKind::too_hot);
 }
 
-// The rim of a hot thing is as warm as skin where pixels mix it with what is around.
+// At the rim of a hot object, pixels mix it with the surroundings and appear as warm as skin.
 TEST(WarmRegions, TheRimOfAHotThingIsNoCandidate) {
   const RigModel rig = thermal_rig();
   World world{sphere({0, 0, 0.95}, 0.05), 90};
@@ -225,7 +226,7 @@ TEST(WarmRegions, ACylinderIsAPipe) {
   EXPECT_EQ(largest(view).kind, WarmKind::pipe) << largest(view).reason;
 }
 
-// Two warm spheres that touch in the image, one far behind the other.
+// Two warm spheres adjacent in the image, one far behind the other.
 TEST(WarmRegions, AStepInDepthEndsARegion) {
   const RigModel rig = thermal_rig();
   const World world{support::nearest_of({sphere({-0.03, 0, 0.8}, 0.035), sphere({0.04, 0, 1.0}, 0.05)})};
@@ -243,7 +244,7 @@ std::vector<SurfacePoint> patch_of(const std::function<SurfacePoint(double, doub
   return patch;
 }
 
-// `turned`: about the axis, of a full turn; 100 mm long.
+// `turned` is the arc as a fraction of a full turn; the pipe is 100 mm long.
 std::vector<SurfacePoint> pipe_patch(double radius_m, double turned, double taper = 0) {
   const Eigen::Matrix3d r = rotation_exp(Eigen::Vector3d(0.3, -0.7, 0.4));
   return patch_of([&](double u, double v) {
@@ -276,12 +277,12 @@ TEST(Shape, PlanesHoldABoxAndNoCylinder) {
     return top ? SurfacePoint{{u, v, 1}, {0, 0, -1}} : SurfacePoint{{0.6, v, 1 + u - 0.6}, {1, 0, 0}};
   });
   EXPECT_NEAR(planar_share(box, options), 1, 1e-9);
-  // Two planes of 8 degrees to either side, of 144 degrees.
+  // Two planes cover 8 degrees to either side each, of 144 degrees.
   EXPECT_NEAR(planar_share(pipe_patch(0.01, 0.4), options), 32.0 / 144, 0.06);
   EXPECT_EQ(planar_share({}, options), 0);
 }
 
-// A pipe that lies on a plate, and an arm, of which no long part is a cylinder.
+// A pipe on a plate, and a tapered arm, no long part of which is a cylinder.
 TEST(Shape, FindsThePipeInWhatItTouches) {
   std::vector<SurfacePoint> patch = pipe_patch(0.015, 0.4);
   const auto pipe = static_cast<std::ptrdiff_t>(patch.size());
@@ -375,7 +376,7 @@ TEST(Landmarks, HaveTheTemperatureOfTheirPixels) {
   EXPECT_TRUE(landmarks.landmarks[1].temperature.regions.empty());
 }
 
-// A view of a wall on which a victim shows as a square of 0.1 m at 1 m.
+// Ground truth of a view of a wall with a square victim of 0.1 m at 1 m.
 TruthFrame truth_with_victim(const RigModel& rig) {
   TruthFrame truth = support::truth_of(support::plane({0, 0, -1}, -1), rig, {});
   truth.object_id.create(truth.mask.size());
@@ -396,9 +397,9 @@ TEST(VictimScore, CountsWhatCouldBeFound) {
   VisibleVictims visible;
   visible.add(truth, rig.camera, {});
   ASSERT_EQ(visible.all().size(), 1u);
-  EXPECT_NEAR(visible.all().at(7).area_m2, 0.01, 0.0006);  // a pixel's row and column
+  EXPECT_NEAR(visible.all().at(7).area_m2, 0.01, 0.0006);  // within one row and column of pixels
 
-  // Points of a square of 40 mm about a place.
+  // Points of a square of 40 mm around a position.
   const auto square = [](double x, double y, double z) {
     VictimCandidate points;
     for (int i = -2; i <= 2; ++i) {
@@ -416,14 +417,14 @@ TEST(VictimScore, CountsWhatCouldBeFound) {
   EXPECT_EQ(two.found, 1);
   EXPECT_EQ(two.precision(), 0.5);
   EXPECT_EQ(two.wrong, std::vector<size_t>{1});
-  // A point of it is right, but marks too little.
+  // A single point on the victim is correct, but marks too little of it.
   EXPECT_EQ(score({{{0, 0, 1}}}).right, 1);
   EXPECT_EQ(score({{{0, 0, 1}}}).found, 0);
 
   VictimScoreOptions larger;
   larger.least_area_m2 = 0.02;
   EXPECT_EQ(score_victims(visible, {}, larger).to_find, 0);
-  // What the projector does not light, or the thermal camera does not see, cannot be found.
+  // Parts not lit by the projector or not seen by the thermal camera cannot be found.
   for (const int lacking : {kTruthInBeam, kTruthThermal}) {
     TruthFrame dark = truth_with_victim(rig);
     for (float& mask : dark.mask) mask = static_cast<float>(static_cast<int>(mask) & ~lacking);

@@ -16,7 +16,7 @@ using support::error_of;
 using support::PoseNear;
 using testing::HasSubstr;
 
-// A file that goes when the test does; named after the test, since ctest runs tests side by side.
+// A file deleted at the end of the test; named after the test, since ctest runs tests in parallel.
 class TumFile : public testing::Test {
  protected:
   TumFile() {

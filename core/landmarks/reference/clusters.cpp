@@ -32,12 +32,12 @@ double side(const Line& line, const Vector2d& p) {
   return u.x() * v.y() - u.y() * v.x();
 }
 
-// Lines that share an end, or only touch, do not cross.
+// Lines that share an end or merely touch do not cross.
 bool cross(const Line& a, const Line& b) {
   return !boxes_apart(a, b) && side(a, b.from) * side(a, b.to) < 0 && side(b, a.from) * side(b, a.to) < 0;
 }
 
-// The search's state: who belongs to which cluster, and the lines drawn so far.
+// State of the search: cluster membership and the lines drawn so far.
 class Search {
  public:
   Search(std::vector<DepthKeypoint>& keypoints, const cv::Mat1b& levels, const cv::Mat1b& edges,
@@ -54,7 +54,7 @@ class Search {
       k.samples.clear();
       if (inside(k.pixel)) free_.push_back(static_cast<int>(i));
     }
-    // The strongest; of equals the first.
+    // Keeps the strongest; among equals the first.
     const auto most = static_cast<size_t>(options.max_keypoints);
     if (free_.size() > most) {
       std::stable_sort(free_.begin(), free_.end(), [&](int a, int b) { return at(a).strength > at(b).strength; });
@@ -70,7 +70,7 @@ class Search {
     between_.resize(keypoints_.size());
     for (const Vector2d& start : starts()) grow_from(start);
     if (by_depth_) join_left_over();
-    // What is left over starts clusters of its own.
+    // Remaining keypoints start clusters of their own.
     const std::vector<int> left_over = free_;
     for (const int k : left_over) {
       if (at(k).cluster < 0) grow(k);
@@ -83,7 +83,7 @@ class Search {
   const DepthKeypoint& at(int i) const { return keypoints_[static_cast<size_t>(i)]; }
 
   bool inside(const Vector2d& p) const {
-    return p.x() > -0.5 && p.y() > -0.5 && p.x() < levels_.cols - 0.5 && p.y() < levels_.rows - 0.5;  // not for NaN
+    return p.x() > -0.5 && p.y() > -0.5 && p.x() < levels_.cols - 0.5 && p.y() < levels_.rows - 0.5;  // false for NaN
   }
 
   std::vector<Vector2d> starts() const {
@@ -101,7 +101,7 @@ class Search {
     return starts;
   }
 
-  // From the free keypoint that is nearest by the growing square and that a line reaches.
+  // Starts a cluster at the first free keypoint met by the growing square that a line reaches.
   void grow_from(const Vector2d& start) {
     for (const int k : in_growing_square(start)) {
       if (!crosses_edge({start, at(k).pixel}, options_.line_end_px)) return grow(k);
@@ -117,7 +117,7 @@ class Search {
     take(first);
     for (size_t next = 0; next < members.size(); ++next) {
       const int from = members[next];
-      double blocked_at = -1;  // the square's size at which only edges were met
+      double blocked_at = -1;  // size of the square at which only edges were met
       bool reached = true;
       for (const auto& [size, k, level] : around(from)) {
         if (taken_[static_cast<size_t>(k)]) continue;
@@ -163,7 +163,7 @@ class Search {
     keep(members);
   }
 
-  // Eq. 4 and 5, among those in the square that first holds one that is admissible. -1: none.
+  // Eq. 4 and 5, among the keypoints in the square that first contains an admissible one; -1 if there is none.
   int nearest_by_depth(int from, int low, int high) {
     int best = -1, best_change = 256;
     double reach = std::numeric_limits<double>::infinity();
@@ -182,12 +182,12 @@ class Search {
     return best;
   }
 
-  // What is known of the straight line between two keypoints: asked again and again, and worked out once.
+  // Cached properties of the straight line between two keypoints, which is tested repeatedly.
   struct Between {
     enum : char { kUnknown, kNo, kYes } on_surface = kUnknown;
-    bool crossed = false;    // by a line of the present cluster, or for good
-    int epoch = 0;           // of the lines when it was asked last
-    int kept = 0, free = 0;  // lines that stay whatever happens; lines, from the first on, that do not cross it
+    bool crossed = false;    // by a line of the current cluster, or permanently
+    int epoch = 0;           // value of epoch_ at the last test
+    int kept = 0, free = 0;  // lines of completed clusters at that time; number of leading lines that do not cross it
   };
   Between& between(int a, int b) {
     std::vector<Between>& known = between_[static_cast<size_t>(std::min(a, b))];
@@ -200,8 +200,8 @@ class Search {
     return stays_on_surface(from, to, known) && !crosses_line({at(from).pixel, at(to).pixel}, known);
   }
 
-  // Only lines that were drawn since it was asked last are looked at; when some were taken back, those of clusters that
-  // were complete then still stand.
+  // Tests only lines drawn since the last test. If lines were removed meanwhile, results for lines of clusters
+  // completed by then remain valid.
   bool crosses_line(const Line& line, Between& known) const {
     if (known.epoch != epoch_) {
       known.crossed = known.crossed && known.free < known.kept;
@@ -233,7 +233,7 @@ class Search {
     return known.on_surface == Between::kYes;
   }
 
-  // Levels between the two ends, which belong to keypoints and often to edges.
+  // Samples levels between the two ends; the ends themselves belong to keypoints, often on edges.
   uchar sample(const Line& line, int i) const {
     const Vector2d p = line.from + (line.to - line.from) * i / (options_.samples + 1);
     return levels_(static_cast<int>(p.y() + 0.5), static_cast<int>(p.x() + 0.5));
@@ -244,7 +244,7 @@ class Search {
     return samples;
   }
 
-  // Each member that hangs on one line gets another, to the nearest member that it can reach.
+  // Connects each member that has a single line with the nearest other member it can reach.
   void give_second_connections(const std::vector<int>& members) {
     for (const int k : members) {
       if (at(k).connections >= 2) continue;
@@ -260,7 +260,7 @@ class Search {
     }
   }
 
-  // A member needs two connections; to lose one may leave its neighbour with one.
+  // Drops members with fewer than two connections; a removal may leave its neighbour with one.
   void drop_loose(std::vector<int>& members) {
     for (bool changed = true; changed;) {
       changed = false;
@@ -274,7 +274,7 @@ class Search {
     }
   }
 
-  // What is left over joins an old cluster where it gets two connections.
+  // Remaining keypoints join an existing cluster where they obtain two connections.
   void join_left_over() {
     const std::vector<int> left_over = free_;
     for (const int k : left_over) {
@@ -307,8 +307,8 @@ class Search {
 
   // --- lines ---
 
-  // Whether the line enters a pixel of an edge, apart from its last pixels. Every pixel that it enters is looked at, so
-  // that it cannot slip through between two pixels of an edge that touch at their corners.
+  // True if the line, apart from its ends, enters an edge pixel. Every pixel entered is tested, so that the line
+  // cannot pass between two edge pixels that touch at their corners.
   bool crosses_edge(const Line& line, double line_end) const {
     const Vector2d way = line.to - line.from;
     const double length = way.norm();
@@ -318,7 +318,7 @@ class Search {
     const int last_x = static_cast<int>(std::lround(to.x())), last_y = static_cast<int>(std::lround(to.y()));
     const int step_x = to.x() > from.x() ? 1 : -1, step_y = to.y() > from.y() ? 1 : -1;
     const double dx = std::abs(to.x() - from.x()), dy = std::abs(to.y() - from.y());
-    // The share of the line at which it enters the next column or row of pixels.
+    // Fraction of the line at which it enters the next column or row of pixels.
     double next_x = dx > 0 ? (0.5 + step_x * (x - from.x())) / dx : 2;
     double next_y = dy > 0 ? (0.5 + step_y * (y - from.y())) / dy : 2;
     const auto on_edge = [&] { return x >= 0 && y >= 0 && x < edges_.cols && y < edges_.rows && edges_(y, x) != 0; };
@@ -335,7 +335,7 @@ class Search {
     }
   }
 
-  // Within the present cluster.
+  // Keypoints connected to k within the current cluster.
   std::vector<int> connected_to(int k) const {
     std::vector<int> partners;
     for (size_t i = own_connections_; i < found_.connections.size(); ++i) {
@@ -371,7 +371,8 @@ class Search {
     std::stable_sort(list.begin(), list.end(), [&](int a, int b) { return size_of(a, centre) < size_of(b, centre); });
     return list;
   }
-  // The same around a keypoint, up to the largest square, of all: some come free again when a cluster lets them go.
+  // The same around a keypoint, up to the largest square, for all keypoints: some become free again when a cluster
+  // drops them.
   struct Near {
     double size;
     int keypoint, level;
@@ -400,7 +401,7 @@ class Search {
     at(k).samples.clear();
     free_.insert(std::lower_bound(free_.begin(), free_.end(), k), k);
   }
-  // Ends a cluster: one without members was none.
+  // Completes a cluster; one without members is discarded.
   void keep(const std::vector<int>& members) {
     own_connections_ = found_.connections.size();
     if (members.empty()) return;
@@ -414,15 +415,15 @@ class Search {
   const cv::Mat1b &levels_, &edges_;
   const ClusterOptions& options_;
   const bool by_depth_;
-  std::vector<int> clustered_;  // those that may be, in ascending order
-  std::vector<int> free_;       // of them those of no cluster
+  std::vector<int> clustered_;  // candidates for clusters, ascending
+  std::vector<int> free_;       // those without a cluster
   std::vector<char> taken_;     // by a cluster
   std::vector<std::vector<Near>> around_;
   std::vector<std::vector<Between>> between_;  // of each keypoint with those after it
   Clusters found_;
   std::vector<Line> lines_;     // of the connections
-  int epoch_ = 0;               // how often some were taken back
-  size_t own_connections_ = 0;  // those before are of earlier clusters
+  int epoch_ = 0;               // incremented whenever lines are removed
+  size_t own_connections_ = 0;  // earlier ones belong to completed clusters
 };
 
 }  // namespace

@@ -7,7 +7,7 @@ namespace fringeslam {
 
 namespace {
 
-// Twice the area of the triangle; rounding of coordinates of a size does not count.
+// Twice the signed area of the triangle; values at rounding level count as 0.
 double turn(const Eigen::Vector2d& a, const Eigen::Vector2d& b, const Eigen::Vector2d& c) {
   const Eigen::Vector2d u = b - a, v = c - a;
   const double area = u.x() * v.y() - u.y() * v.x();

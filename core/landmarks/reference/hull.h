@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Convex hull by gift wrapping (METHOD S15; thesis 3.2.2, Fig. 3-11): O(n h).
+// Convex hull by gift wrapping (docs/method.md, section 5.3; thesis 3.2.2, Fig. 3-11), O(n h).
 #pragma once
 
 #include <Eigen/Core>
@@ -8,19 +8,20 @@
 namespace fringeslam {
 
 enum class HullStatus {
-  polygon,   // three corners or more
-  segment,   // all points on a line: its two ends
-  point,     // all points alike: that one
+  polygon,   // three or more corners
+  segment,   // all points collinear: the two ends
+  point,     // all points equal: one of them
   empty,     // no points
-  undefined  // a coordinate is not finite
+  undefined  // some coordinate is not finite
 };
 
 struct ConvexHull {
   HullStatus status = HullStatus::empty;
-  std::vector<int> corners;  // indices; of a polygon from the leftmost, turning from +x towards +y. No collinear middle
-                             // points, no point twice.
+  std::vector<int> corners;  // indices; of a polygon from the leftmost point, turning from +x towards +y. No collinear
+                             // intermediate points, no duplicates.
 };
 
+// Returns the convex hull of the points, as indices of its corners.
 ConvexHull gift_wrap(const std::vector<Eigen::Vector2d>& points);
 
 }  // namespace fringeslam
