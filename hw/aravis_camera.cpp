@@ -33,12 +33,12 @@ using Reference = std::unique_ptr<Object, Unreference>;
 
 std::string text(const char* value) { return value ? value : ""; }
 
-// A command that the camera refused or did not answer.
+// A command that the camera rejected or did not answer.
 struct CommandFailed : Error {
   using Error::Error;
 };
 
-// Calls an Aravis function with where to put what went wrong, and throws that as CommandFailed.
+// Calls an Aravis function with an error pointer and throws CommandFailed if the error is set.
 template <class Call>
 auto checked(const std::string& what, const Call& call) {
   GError* error = nullptr;
@@ -68,15 +68,15 @@ FoundCamera find(const std::string& id) {
   const std::vector<FoundCamera> cameras = find_cameras();
   if (cameras.empty())
     throw Error(
-        "camera: none found; is it powered and plugged in, in the computer's subnet, and let through by the firewall?");
+        "camera: none found; is it powered, connected, in the computer's subnet and allowed by the firewall?");
   if (id.empty()) {
     if (cameras.size() == 1) return cameras.front();
-    throw Error("camera: there are several, say which: hardware.camera.id: " + to_words(cameras));
+    throw Error("camera: several found; set hardware.camera.id to one of: " + to_words(cameras));
   }
   for (const FoundCamera& camera : cameras) {
     if (camera.id == id) return camera;
   }
-  throw Error("camera: there is no '" + id + "', but " + to_words(cameras));
+  throw Error("camera: no camera '" + id + "'; found: " + to_words(cameras));
 }
 
 bool is_loopback(const FoundCamera& camera) { return camera.address.starts_with("127."); }
@@ -84,17 +84,17 @@ bool is_loopback(const FoundCamera& camera) { return camera.address.starts_with(
 const char* to_words(ArvBufferStatus status) {
   switch (status) {
     case ARV_BUFFER_STATUS_TIMEOUT:
-      return "packets did not come in time";
+      return "packets timed out";
     case ARV_BUFFER_STATUS_MISSING_PACKETS:
       return "packets are missing";
     case ARV_BUFFER_STATUS_WRONG_PACKET_ID:
-      return "packets came in the wrong order";
+      return "packets arrived in the wrong order";
     case ARV_BUFFER_STATUS_SIZE_MISMATCH:
-      return "it is of another size than asked for";
+      return "it has an unexpected size";
     case ARV_BUFFER_STATUS_ABORTED:
-      return "it was broken off";
+      return "the transfer was aborted";
     default:
-      return "it never came";
+      return "it never arrived";
   }
 }
 
@@ -121,7 +121,7 @@ class AravisCamera::Connection {
     camera_.reset(checked("opening " + found_.id, [&](GError** e) { return arv_camera_new(found_.id.c_str(), e); }));
     ArvDevice* device = arv_camera_get_device(camera_.get());
     if (ARV_IS_GV_DEVICE(device) && !arv_gv_device_is_controller(ARV_GV_DEVICE(device)))
-      throw Error("camera: " + found_.id + " is controlled by another program; close that first");
+      throw Error("camera: " + found_.id + " is controlled by another program; close that program first");
     g_signal_connect(device, "control-lost",
                      G_CALLBACK(+[](ArvDevice*, gpointer lost) { static_cast<std::atomic<bool>*>(lost)->store(true); }),
                      &lost_);
@@ -131,7 +131,7 @@ class AravisCamera::Connection {
   }
 
   ~Connection() {
-    // A camera that is gone cannot be told anything, and Aravis would wait for its answers.
+    // A lost camera cannot be commanded, and Aravis would wait for its replies.
     if (!lost_) {
       arv_camera_stop_acquisition(camera_.get(), nullptr);
       if (settings_.trigger != "free") arv_camera_clear_triggers(camera_.get(), nullptr);
@@ -143,7 +143,7 @@ class AravisCamera::Connection {
   bool lost() const { return lost_; }
   void give_up() { lost_ = true; }
 
-  // A whole image that was exposed after the call, or the reason why there is none.
+  // Returns a complete image whose exposure started after the call; empty with the reason otherwise.
   std::optional<GreyImage> take(std::string& reason) {
     const bool by_software = settings_.trigger == "software";
     drain();
@@ -201,23 +201,23 @@ class AravisCamera::Connection {
             [&](GError** e) { arv_camera_set_acquisition_mode(camera, ARV_ACQUISITION_MODE_CONTINUOUS, e); });
   }
 
-  // Cameras round to what they can, and some take what they cannot.
+  // Cameras round settings to supported values, and some silently accept unsupported ones.
   void read_back() {
     ArvCamera* camera = camera_.get();
     int x = 0, y = 0, width = 0, height = 0;
     checked("image region", [&](GError** e) { arv_camera_get_region(camera, &x, &y, &width, &height, e); });
     if (cv::Size(width, height) != settings_.size || cv::Point(x, y) != settings_.offset)
-      throw Error("camera: it reads " + to_words({width, height}) + " at (" + std::to_string(x) + ", " +
+      throw Error("camera: the image region is " + to_words({width, height}) + " at (" + std::to_string(x) + ", " +
                   std::to_string(y) + "), not " + to_words(settings_.size) + " at (" +
                   std::to_string(settings_.offset.x) + ", " + std::to_string(settings_.offset.y) +
-                  "); choose a region that it has");
+                  "); choose a region that the camera supports");
     const std::string format =
         checked("pixel format", [&](GError** e) { return text(arv_camera_get_pixel_format_as_string(camera, e)); });
-    if (format != format_.name) throw Error("camera: it sends " + format + ", not " + format_.name);
+    if (format != format_.name) throw Error("camera: the pixel format is " + format + ", not " + format_.name);
     exposure_s_ = 1e-6 * checked("exposure", [&](GError** e) { return arv_camera_get_exposure_time(camera, e); });
     if (std::abs(exposure_s_ - settings_.exposure_s) > 0.05 * settings_.exposure_s)
-      throw Error("camera: it exposes for " + to_text(exposure_s_) + " s, not " + to_text(settings_.exposure_s) +
-                  " s; choose an exposure that it has");
+      throw Error("camera: the exposure is " + to_text(exposure_s_) + " s, not " + to_text(settings_.exposure_s) +
+                  " s; choose an exposure that the camera supports");
   }
 
   void open_stream() {
@@ -244,7 +244,7 @@ class AravisCamera::Connection {
     while (ArvBuffer* old = arv_stream_try_pop_buffer(stream_.get())) give_back(old);
   }
 
-  // After an image that failed: what may still be on its way must not pass for the next trigger's.
+  // After a failed image: keeps an image still in transfer from being taken for that of the next trigger.
   void restart() {
     arv_camera_stop_acquisition(camera_.get(), nullptr);
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
@@ -268,11 +268,11 @@ class AravisCamera::Connection {
     }
     const cv::Size size(arv_buffer_get_image_width(buffer), arv_buffer_get_image_height(buffer));
     if (size != settings_.size)
-      throw Error("camera: an image of " + to_words(size) + " came, not " + to_words(settings_.size) +
-                  "; did another program set the camera?");
+      throw Error("camera: received an image of " + to_words(size) + ", not " + to_words(settings_.size) +
+                  "; did another program reconfigure the camera?");
     if (arv_buffer_get_image_pixel_format(buffer) != format_.code)
-      throw Error("camera: an image in another pixel format than " + format_.name +
-                  " came; did another program set the camera?");
+      throw Error("camera: received an image in a pixel format other than " + format_.name +
+                  "; did another program reconfigure the camera?");
     size_t bytes = 0;
     const void* data = arv_buffer_get_image_data(buffer, &bytes);
     bytes = std::min(bytes, image_bytes(format_, size));  // buffers may end in padding
@@ -288,12 +288,12 @@ class AravisCamera::Connection {
   std::atomic<bool> lost_ = false;
   CameraStatistics statistics_;
   Reference<ArvCamera> camera_;
-  Reference<ArvStream> stream_;  // goes before the camera
+  Reference<ArvStream> stream_;  // destroyed before the camera
 };
 
 AravisCamera::AravisCamera(const CameraSettings& settings)
     : settings_(settings), connection_(std::make_unique<Connection>(settings)) {
-  settings_.id = connection_->name();  // the same again after a lost connection
+  settings_.id = connection_->name();  // reconnect to the same camera
 }
 
 AravisCamera::~AravisCamera() = default;
@@ -321,7 +321,7 @@ void AravisCamera::reopen() {
       return;
     } catch (const Error& e) {
       if (Clock::now() + std::chrono::duration<double>(pause_s) > end)
-        throw Error("camera: " + settings_.id + " was lost and did not come back within " +
+        throw Error("camera: " + settings_.id + " was lost and did not reconnect within " +
                     to_text(settings_.reopen_s) + " s (" + e.what() + ")");
     }
     std::this_thread::sleep_for(std::chrono::duration<double>(pause_s));
@@ -336,12 +336,12 @@ GreyImage AravisCamera::patiently(const Get& get) {
     try {
       if (auto image = get(*connection_, reason)) return *image;
     } catch (const CommandFailed& e) {
-      // The camera is gone, or has a new master, and the heartbeat has not told yet: seconds may pass until it does.
+      // The camera is lost or controlled by another host; the heartbeat may detect this only seconds later.
       reason = e.what();
       connection_->give_up();
     }
   }
-  throw Error("camera: no whole image of " + settings_.id + " in " + std::to_string(settings_.attempts) +
+  throw Error("camera: no complete image from " + settings_.id + " in " + std::to_string(settings_.attempts) +
               " attempts: " + reason);
 }
 

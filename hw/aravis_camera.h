@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// A GenICam camera on GigE Vision or USB3 Vision, by Aravis.
+// A GenICam camera on GigE Vision or USB3 Vision, accessed through Aravis.
 //
-// Cameras keep what they are set to: the trigger is switched off again when this ends. On a lost connection the camera
-// is looked for again, at longer and longer intervals. A network interface in the same machine (127.0.0.1) has no
-// packet socket; the socket buffer is fixed and large, as small ones lose most of an image's packets.
+// Cameras keep their settings, so the trigger is switched off again on destruction. After a lost connection, the camera
+// is searched for at increasing intervals. A camera on the loopback interface (127.0.0.1) is read without a packet
+// socket. The socket buffer has a large fixed size, since small ones lose most of an image's packets.
 //
-// Exposures that nobody asked for (trigger "free", or an input line) may have begun before take(), and one may be on
-// its way while the next is exposed; so the first two images go by. That takes a camera whose images arrive within one
-// exposure's interval.
+// Exposures that take() does not trigger (trigger "free" or an input line) may have begun before the call, and one may
+// still be in transfer while the next is exposed; take() therefore discards two images. This requires a camera whose
+// images arrive within one exposure interval.
 #pragma once
 
 #include <memory>
@@ -19,29 +19,30 @@
 namespace fringeslam {
 
 struct CameraSettings {
-  std::string id;  // as `fringeslam rig list` prints it; empty: the only one there
+  std::string id;  // as printed by `fringeslam rig list`; empty: the only camera
   std::string pixel_format = "Mono8";
-  cv::Size size;     // of the region that is read, px
-  cv::Point offset;  // of it on the sensor, px
+  cv::Size size;     // of the image region, px
+  cv::Point offset;  // of the region on the sensor, px
   double exposure_s = 0.01;
-  double gain = 0;                   // in the camera's own unit; 0: left as it is
-  std::string trigger = "software";  // or "free" (exposures come by themselves), or the name of an input line
-  int packet_bytes = 0;              // of GigE Vision; 0: as large as goes through
-  double timeout_s = 1;              // for an image beyond its exposure
-  int attempts = 10;                 // to get a whole image
-  double reopen_s = 10;              // for how long a lost camera is looked for
+  double gain = 0;                   // in the camera's unit; 0: unchanged
+  std::string trigger = "software";  // or "free" (free-running), or the name of an input line
+  int packet_bytes = 0;              // GigE Vision packet size; 0: largest that passes
+  double timeout_s = 1;              // for an image, in addition to its exposure
+  int attempts = 10;                 // to receive a complete image
+  double reopen_s = 10;              // how long a lost camera is searched for
 };
 
 struct FoundCamera {
   std::string id, vendor, model, serial, address, protocol;
 };
 
+// Lists the cameras on the network and on USB.
 std::vector<FoundCamera> find_cameras();
 
 class AravisCamera : public GreyCamera {
  public:
-  // Opens, sets and starts the camera. Throws Error when there is none such, when another program controls it, and when
-  // it cannot be set so: each value is read back.
+  // Opens, configures and starts the camera. Throws Error if it is not found, is controlled by another program, or does
+  // not accept a setting: region, pixel format and exposure are read back.
   explicit AravisCamera(const CameraSettings& settings);
   ~AravisCamera() override;
 
@@ -57,7 +58,7 @@ class AravisCamera : public GreyCamera {
   GreyImage patiently(const Get& get);
 
   CameraSettings settings_;
-  CameraStatistics before_;  // of connections that are gone
+  CameraStatistics before_;  // of previous connections
   std::unique_ptr<Connection> connection_;
 };
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reports of bytes to a device and back: what lies below a protocol, so that tests can write both sides of a talk.
+// Sends and receives byte reports; the layer below a device protocol, which tests replace by a transcript.
 #pragma once
 
 #include <cstdint>
@@ -13,12 +13,12 @@ class ByteTransport {
  public:
   virtual ~ByteTransport() = default;
   virtual void write(const std::vector<uint8_t>& report) = 0;
-  // Throws Error when nothing comes within the time.
+  // Throws Error on timeout.
   virtual std::vector<uint8_t> read(double timeout_s) = 0;
 };
 
-// A USB HID device, reports of 64 bytes. Throws Error when there is none, or when the user may not open it: then with
-// the udev rule that permits it.
+// Opens a USB HID device with 64-byte reports. Throws Error if it is absent or cannot be opened; in the latter case the
+// message contains the udev rule that grants permission.
 std::unique_ptr<ByteTransport> open_hid(uint16_t vendor, uint16_t product, const std::string& name);
 
 }  // namespace fringeslam

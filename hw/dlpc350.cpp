@@ -10,7 +10,7 @@ namespace fringeslam {
 
 namespace {
 
-// CMD2 and CMD3 of DLPU010G, section 2.
+// CMD2 and CMD3 from DLPU010G, section 2.
 enum Command : uint16_t {
   kLedCurrent = 0x0B01,
   kHardwareStatus = 0x1A0A,
@@ -37,15 +37,16 @@ std::string joined(const std::string& words, const std::string& more) {
   return words.empty() ? more : words + "; " + more;
 }
 
-// An entry a pattern: what starts it and its number; bits and LEDs; flags. The numbers of patterns of 7 or 8 bits are 0
-// green, 1 red, 2 blue. The first waits for the vertical sync and takes the frame, the others follow.
+// One entry per pattern: trigger source and pattern number; bit depth and LEDs; flags. Patterns of 7 or 8 bits are
+// numbered 0 green, 1 red, 2 blue. The first pattern waits for the vertical sync and reads the frame, the others
+// follow.
 std::vector<std::array<uint8_t, 3>> pattern_table(const std::string& packing) {
   constexpr uint8_t kBySync = 1, kByPrevious = 3, kAllLeds = 7 << 4, kNewFrame = 1 << 2;
   if (packing.empty()) return {{kBySync, kAllLeds | 8, kNewFrame}};
   std::vector<std::array<uint8_t, 3>> table;
   for (const char channel : packing) {
     const size_t number = std::string("GRB").find(channel);
-    if (number == std::string::npos) throw Error("projector: packing " + packing + " has a channel that is not one");
+    if (number == std::string::npos) throw Error("projector: packing " + packing + " contains an unknown channel");
     const bool first = table.empty();
     table.push_back({static_cast<uint8_t>(number << 2 | (first ? kBySync : kByPrevious)), kAllLeds | 7,
                      first ? kNewFrame : uint8_t{0}});
@@ -61,11 +62,11 @@ std::vector<uint8_t> bytes_of(uint32_t value) {
 }  // namespace
 
 std::string validation_faults(uint8_t status) {
-  static const char* const kFaults[] = {"the exposure or the period is not one that it can do",
-                                        "a pattern's number is not one that there is",
-                                        "trigger output 1 would be on all the time, or black overlaps",
-                                        "black is missing before a pattern that waits for a trigger",
-                                        "the period is longer than the exposure, but not by 230 us"};
+  static const char* const kFaults[] = {"the exposure or the period is out of range",
+                                        "a pattern's number is invalid",
+                                        "trigger output 1 would be on continuously, or black sectors overlap",
+                                        "black is missing before an externally triggered pattern",
+                                        "the period exceeds the exposure by less than 230 us"};
   std::string faults;
   for (int bit = 0; bit < 5; ++bit) {
     if (status >> bit & 1) faults = joined(faults, kFaults[bit]);
@@ -73,7 +74,7 @@ std::string validation_faults(uint8_t status) {
   return faults;
 }
 
-Dlpc350 open_dlpc350() { return Dlpc350(open_hid(Dlpc350::kVendor, Dlpc350::kProduct, "projector's controller")); }
+Dlpc350 open_dlpc350() { return Dlpc350(open_hid(Dlpc350::kVendor, Dlpc350::kProduct, "projector controller")); }
 
 Dlpc350::Dlpc350(std::unique_ptr<ByteTransport> transport) : transport_(std::move(transport)) {}
 
@@ -101,15 +102,15 @@ void Dlpc350::write(uint16_t command, const std::vector<uint8_t>& data) {
 std::vector<uint8_t> Dlpc350::read(uint16_t command) {
   const uint8_t number = sequence_++;
   transport_->write({kReadFlags, number, 2, 0, static_cast<uint8_t>(command), static_cast<uint8_t>(command >> 8)});
-  // Answers to earlier questions that nobody waited for go by.
+  // Skips pending replies to earlier requests.
   for (int i = 0; i < 8; ++i) {
     std::vector<uint8_t> report = transport_->read(kAnswer_s);
-    if (report.size() < 5) throw Error("projector: its controller's answer is too short");
+    if (report.size() < 5) throw Error("projector: the controller's reply is too short");
     if (report[1] != number) continue;
-    if (report[0] & kRefused) throw Error("projector: its controller refuses a question");
+    if (report[0] & kRefused) throw Error("projector: the controller rejects a request");
     return {report.begin() + 4, report.end()};
   }
-  throw Error("projector: its controller answers other questions than were asked");
+  throw Error("projector: the controller replies to other requests than the one sent");
 }
 
 void Dlpc350::show_video_as_patterns(const Dlpc350Settings& settings, const std::function<void()>& wait) {
@@ -123,8 +124,8 @@ void Dlpc350::show_video_as_patterns(const Dlpc350Settings& settings, const std:
   const std::vector<std::array<uint8_t, 3>> table = pattern_table(settings.packing);
   const auto last = static_cast<uint8_t>(table.size() - 1);
   write(kPatternSource, {0});                       // the video port
-  write(kPatternConfig, {last, 1, last, 0});        // the whole table, again and again; each number less one
-  write(kTriggerOutput1, {0, kNoDelay, kNoDelay});  // high from the pattern's begin to its end
+  write(kPatternConfig, {last, 1, last, 0});        // the whole table, repeated; counts minus one
+  write(kTriggerOutput1, {0, kNoDelay, kNoDelay});  // high while the pattern is shown
   std::vector<uint8_t> times = bytes_of(static_cast<uint32_t>(settings.exposure_us));
   const std::vector<uint8_t> period = bytes_of(static_cast<uint32_t>(settings.pattern_period_us()));
   times.insert(times.end(), period.begin(), period.end());
@@ -146,11 +147,11 @@ void Dlpc350::show_video_as_patterns(const Dlpc350Settings& settings, const std:
       continue;
     }
     if (const std::string faults = validation_faults(found); !faults.empty())
-      throw Error("projector: its controller does not take the patterns: " + faults);
+      throw Error("projector: the controller rejects the patterns: " + faults);
     write(kStartStop, {2});
     return;
   }
-  throw Error("projector: its controller does not come to an end with validating the patterns");
+  throw Error("projector: the controller does not finish validating the patterns");
 }
 
 Dlpc350Status Dlpc350::status() {
@@ -160,13 +161,13 @@ Dlpc350Status Dlpc350::status() {
   status.initialised = hardware & 0x01;
   status.sequence_running = main & 0x02;
   status.frozen = main & 0x04;
-  if (!status.initialised) status.faults = joined(status.faults, "it did not start");
-  if (hardware & 0x04) status.faults = joined(status.faults, "its mirrors' driver reports an error");
-  if (hardware & 0x08) status.faults = joined(status.faults, "its mirrors are forced to swap");
-  if (hardware & 0x40) status.faults = joined(status.faults, "its sequencer was aborted");
-  if (hardware & 0x80) status.faults = joined(status.faults, "its sequencer reports an error");
-  if (!(system & 0x01)) status.faults = joined(status.faults, "its memory test failed");
-  if (main & 0x01) status.faults = joined(status.faults, "its mirrors are parked");
+  if (!status.initialised) status.faults = joined(status.faults, "initialisation failed");
+  if (hardware & 0x04) status.faults = joined(status.faults, "the DMD reset controller reports an error");
+  if (hardware & 0x08) status.faults = joined(status.faults, "forced swap error");
+  if (hardware & 0x40) status.faults = joined(status.faults, "the sequencer was aborted");
+  if (hardware & 0x80) status.faults = joined(status.faults, "the sequencer reports an error");
+  if (!(system & 0x01)) status.faults = joined(status.faults, "the memory test failed");
+  if (main & 0x01) status.faults = joined(status.faults, "the mirrors are parked");
   return status;
 }
 

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The DLPC350 controller of LightCrafter 4500 projectors, by its USB commands (Texas Instruments, DLPC350 Programmer's
-// Guide, DLPU010G). In pattern display mode it shows what comes over the video port as it is: no gamma, no colour
-// sequence, no scaling; so its light is what the pattern means.
+// Guide, DLPU010G). In pattern display mode it shows the video input unchanged, without gamma, colour sequence or
+// scaling, so the emitted light is proportional to the pattern.
 //
-// A report is flags (read 0xC0, write 0x00; 0x20 in an answer: refused), a sequence number, the length of what follows
-// (two bytes, the lower first), the command (CMD3, CMD2), data.
+// Report layout: flags (read 0xC0, write 0x00; 0x20 in a reply: rejected), sequence number, length of the remainder
+// (two bytes, little-endian), command (CMD3, CMD2), data.
 #pragma once
 
 #include <functional>
@@ -16,17 +16,17 @@
 namespace fringeslam {
 
 struct Dlpc350Settings {
-  int period_us = 16666;     // of the frames of the video port
-  int exposure_us = 16666;   // of a pattern: at least 8333 for 8 bits, 4500 for 7; its period, or 230 less
-  int led_current = -1;      // 0 to 255 of each; -1: left as it is
-  std::string packing = {};  // such as "RGB": a frame is three patterns of 7 bits, these channels; empty: one of 8 bits
+  int period_us = 16666;     // frame period of the video port
+  int exposure_us = 16666;   // per pattern: at least 8333 for 8 bits, 4500 for 7; the pattern period or 230 less
+  int led_current = -1;      // 0 to 255 for each LED; -1: unchanged
+  std::string packing = {};  // e.g. "RGB": three 7-bit patterns per frame, in these channels; empty: one 8-bit
 
   int pattern_period_us() const { return packing.empty() ? period_us : period_us / 3; }
 };
 
 struct Dlpc350Status {
   bool initialised = false, sequence_running = false, frozen = false;
-  std::string faults;  // in words; empty: none
+  std::string faults;  // plain text; empty: none
 };
 
 class Dlpc350 {
@@ -34,14 +34,14 @@ class Dlpc350 {
   static constexpr uint16_t kVendor = 0x0451, kProduct = 0x6401;
 
   explicit Dlpc350(std::unique_ptr<ByteTransport> transport);
-  // Stops the patterns: back to video.
+  // Stops the patterns and returns to video mode.
   ~Dlpc350();
   Dlpc350(const Dlpc350&) = delete;
   Dlpc350& operator=(const Dlpc350&) = delete;
 
-  // Shows each frame of the video port as one pattern or three, by all LEDs, from its vertical sync on, each with a
-  // pulse on trigger output 1 for as long as it is shown. Throws Error
-  // when the controller refuses, with what it finds invalid in words. `wait`: between looks at whether it is done.
+  // Shows each frame of the video port, starting at its vertical sync, as one or three patterns with all LEDs, each
+  // with a pulse on trigger output 1 while it is shown. Throws Error with the invalid settings if the controller
+  // rejects them. `wait` is called between polls of the validation.
   void show_video_as_patterns(const Dlpc350Settings& settings, const std::function<void()>& wait);
 
   Dlpc350Status status();
@@ -55,10 +55,10 @@ class Dlpc350 {
   bool patterns_ = false;
 };
 
-// The one on USB. Throws Error when there is none, or when the user may not open it.
+// Opens the controller on USB. Throws Error if it is absent or cannot be opened.
 Dlpc350 open_dlpc350();
 
-// What the controller says of a pattern sequence; empty: nothing is wrong.
+// Describes the faults in a validation status byte; empty if there are none.
 std::string validation_faults(uint8_t status);
 
 }  // namespace fringeslam

@@ -16,10 +16,10 @@ namespace {
 
 const Pattern kWhite{.coding = Coding::flat, .level = 1}, kBlack{.coding = Coding::flat, .level = 0};
 
-// The whole of the projector's image, 8 bits.
+// Expands a pattern to the projector's full image, 8 bits.
 cv::Mat1b screen_of(const Pattern& pattern, const PatternSequence& sequence) {
   const cv::Mat line = pattern_image(pattern, sequence);
-  if (line.type() != CV_8UC1) throw Error("projector: it shows 8 bits; patterns of more cannot be shown");
+  if (line.type() != CV_8UC1) throw Error("projector: patterns of more than 8 bits are not supported");
   cv::Mat1b screen;
   cv::repeat(line, sequence.height / line.rows, sequence.width / line.cols, screen);
   return screen;
@@ -33,10 +33,10 @@ HardwareRig::HardwareRig(const RigModel& model, std::unique_ptr<GreyCamera> came
   const cv::Size camera_size(model.camera.width, model.camera.height);
   const cv::Size projector_size(model.projector.width, model.projector.height);
   if (camera_->size() != camera_size)
-    throw Error("rig: the camera gives " + to_words(camera_->size()) + ", the rig's calibration is of " +
+    throw Error("rig: the camera delivers " + to_words(camera_->size()) + ", but the rig's calibration is for " +
                 to_words(camera_size));
   if (projector_->size() != projector_size)
-    throw Error("rig: the projector shows " + to_words(projector_->size()) + ", the rig's calibration is of " +
+    throw Error("rig: the projector shows " + to_words(projector_->size()) + ", but the rig's calibration is for " +
                 to_words(projector_size));
 }
 
@@ -54,9 +54,9 @@ HardwareRig::Taken HardwareRig::take_one_by_one(const PatternSequence& sequence)
   return taken;
 }
 
-// By the exposure's number modulo 3.
+// Shows packed patterns and returns one exposure of each channel, indexed by the exposure number modulo 3.
 std::array<GreyImage, 3> HardwareRig::images_of(const std::vector<cv::Mat1b>& screens) {
-  constexpr int kMostExposures = 60;  // of which some get lost
+  constexpr int kMostExposures = 60;  // limit; some may be lost
   projector_->show(packed_image(screens, options_.packing));
   std::this_thread::sleep_for(std::chrono::duration<double>(options_.settle_s));
   std::array<GreyImage, 3> images;
@@ -66,8 +66,8 @@ std::array<GreyImage, 3> HardwareRig::images_of(const std::vector<cv::Mat1b>& sc
     if (std::none_of(images.begin(), images.end(), [](const GreyImage& of) { return of.image.empty(); })) return images;
     image = camera_->next();
   }
-  throw Error("camera: its exposures do not follow one another: after " + std::to_string(kMostExposures) +
-              " one of three numbers never came; does its trigger follow the projector's?");
+  throw Error("camera: the exposures are not consecutive: in " + std::to_string(kMostExposures) +
+              " images, one of the three channels never occurred; is the camera triggered by the projector?");
 }
 
 HardwareRig::Taken HardwareRig::take_packed(const PatternSequence& sequence) {
@@ -93,13 +93,13 @@ HardwareRig::Taken HardwareRig::take_packed(const PatternSequence& sequence) {
     for (size_t k = 0; k < 3 && i + k < sequence.patterns.size(); ++k) taken.images.push_back(images[(first + k) % 3]);
   }
   if (camera_->statistics().reopened != reopened || brightest(images_of({white, black, black})) != first)
-    taken.fault = "the camera missed an exposure, or took one too many";
+    taken.fault = "the camera missed an exposure or took an extra one";
   return taken;
 }
 
 std::optional<FringeStack> HardwareRig::capture(const PatternSequence& sequence) {
   if (sequence.width != model_.projector.width || sequence.height != model_.projector.height)
-    throw Error("rig: patterns of " + to_words({sequence.width, sequence.height}) + " do not fill the projector's " +
+    throw Error("rig: patterns of " + to_words({sequence.width, sequence.height}) + " do not match the projector's " +
                 to_words(projector_->size()));
   std::string reason;
   for (int attempt = 0; attempt < options_.attempts; ++attempt) {
@@ -121,7 +121,7 @@ std::optional<FringeStack> HardwareRig::capture(const PatternSequence& sequence)
     }
     reason = verdict.reason;
   }
-  throw SequenceRefused("rig: no good sequence in " + std::to_string(options_.attempts) + " attempts: " + reason);
+  throw SequenceRefused("rig: no valid sequence in " + std::to_string(options_.attempts) + " attempts: " + reason);
 }
 
 }  // namespace fringeslam

@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// A rig of a camera and a projector that are there: implements Rig. Before a sequence it shows white and black, by
-// which check_sequence() tells from the images alone whether every pattern was shown when it should have been; a
-// sequence that fails is taken again, and refused when that does not help. Patterns are shown in one of two ways:
+// Hardware rig: implements Rig with a physical camera and projector. White and black are captured with every sequence;
+// from them, check_sequence() verifies using only the images that each pattern was shown at the right time. A sequence
+// that fails the check is captured again, and refused after the given number of attempts. Two display modes:
 //
-//   one by one  shows a pattern, waits until it has settled, takes an image;
-//   packed      three patterns are the channels of one colour image, which the projector shows one after the other,
-//   again
-//               and again, each for one exposure of a camera that follows its trigger [C III.A]. Exposure n sees
-//               channel (n - n0) mod 3. A frame of white, black, black before the sequence tells n0, and another one
-//               after it that no exposure was missed.
+//   one by one  shows a pattern, waits until it has settled, captures an image;
+//   packed      three patterns form the channels of one colour image, which the projector shows cyclically, each for
+//               one exposure of the externally triggered camera [C III.A]. Exposure n sees channel (n - n0) mod 3. A
+//               white, black, black frame before the sequence determines n0; another one after the sequence verifies
+//               that no exposure was missed.
 #pragma once
 
 #include <array>
@@ -25,13 +24,13 @@
 namespace fringeslam {
 
 struct HardwareOptions {
-  double settle_s = 0.05;    // from when the projector says that an image is out until the camera may expose
-  int attempts = 3;          // to take a sequence
-  std::string packing = {};  // empty: one by one; such as "RGB": packed, the channels as the projector shows them
+  double settle_s = 0.05;    // from the end of Projector::show() until the camera may expose
+  int attempts = 3;          // attempts per sequence
+  std::string packing = {};  // empty: one by one; "RGB" etc.: packed, channels in order of display
   SequenceCheckOptions check;
 };
 
-// The devices work, but what the camera saw is not what was to be shown.
+// The devices work, but the captured images do not show the requested patterns.
 class SequenceRefused : public Error {
  public:
   using Error::Error;
@@ -39,24 +38,23 @@ class SequenceRefused : public Error {
 
 class HardwareRig : public Rig {
  public:
-  // Throws Error when camera and projector have other sizes than the model says.
+  // Throws Error if the camera's or the projector's size differs from the model's.
   HardwareRig(const RigModel& model, std::unique_ptr<GreyCamera> camera, std::unique_ptr<Projector> projector,
               const HardwareOptions& options);
   const RigModel& model() const override { return model_; }
-  // Never empty: there is always more to see. Throws Error when devices fail, SequenceRefused when every
-  // attempt shows other patterns.
+  // Captures one stack, never empty. Throws Error if a device fails, SequenceRefused if all attempts fail the check.
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
 
-  int retaken() const { return retaken_; }  // sequences
-  // Of the projector's response and the patterns' correction together, as the last good sequence told.
+  int retaken() const { return retaken_; }  // number of sequences captured again
+  // Combined gamma of the projector's response and the patterns' correction, from the last valid sequence.
   double gamma() const { return gamma_; }
   const GreyCamera& camera() const { return *camera_; }
 
  private:
   struct Taken {
     cv::Mat white, black;
-    std::vector<GreyImage> images;  // of the sequence
-    std::string fault;              // empty: none
+    std::vector<GreyImage> images;  // one per pattern
+    std::string fault;              // empty if none
   };
   Taken take_one_by_one(const PatternSequence& sequence);
   Taken take_packed(const PatternSequence& sequence);

@@ -28,15 +28,15 @@ class HidTransport : public ByteTransport {
   HidTransport& operator=(const HidTransport&) = delete;
 
   void write(const std::vector<uint8_t>& report) override {
-    std::vector<uint8_t> bytes(1 + kReport, 0);  // the first is the report's number
+    std::vector<uint8_t> bytes(1 + kReport, 0);  // the first byte is the report id
     std::copy_n(report.begin(), std::min(report.size(), kReport), bytes.begin() + 1);
-    if (hid_write(device_, bytes.data(), bytes.size()) < 0) throw Error(name_ + ": does not take commands; unplugged?");
+    if (hid_write(device_, bytes.data(), bytes.size()) < 0) throw Error(name_ + ": rejects commands; unplugged?");
   }
 
   std::vector<uint8_t> read(double timeout_s) override {
     std::vector<uint8_t> bytes(kReport);
     const int count = hid_read_timeout(device_, bytes.data(), bytes.size(), static_cast<int>(1e3 * timeout_s));
-    if (count <= 0) throw Error(name_ + ": gives no answer; unplugged?");
+    if (count <= 0) throw Error(name_ + ": does not reply; unplugged?");
     bytes.resize(static_cast<size_t>(count));
     return bytes;
   }
@@ -57,9 +57,9 @@ bool is_there(uint16_t vendor, uint16_t product) {
 std::unique_ptr<ByteTransport> open_hid(uint16_t vendor, uint16_t product, const std::string& name) {
   if (hid_device* device = hid_open(vendor, product, nullptr)) return std::make_unique<HidTransport>(device, name);
   if (!is_there(vendor, product)) throw Error(name + ": not found on USB; is it powered and plugged in?");
-  throw Error(name + ": may not be opened; as root, write SUBSYSTEM==\"hidraw\", ATTRS{idVendor}==\"" + hex(vendor) +
+  throw Error(name + ": cannot be opened; as root, write SUBSYSTEM==\"hidraw\", ATTRS{idVendor}==\"" + hex(vendor) +
               "\", ATTRS{idProduct}==\"" + hex(product) +
-              "\", MODE=\"0666\" into /etc/udev/rules.d/60-projector.rules and plug it in again");
+              "\", MODE=\"0666\" to /etc/udev/rules.d/60-projector.rules and reconnect it");
 }
 
 }  // namespace fringeslam

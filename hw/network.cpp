@@ -37,7 +37,7 @@ int mtu_of(const char* name) {
   return known ? request.ifr_mtu : 1500;
 }
 
-// "192.168.1.7/24"
+// Address with prefix length, e.g. "192.168.1.7/24".
 std::string with_length(const NetworkInterface& interface) {
   int bits = 0;
   for (uint32_t mask = number_of(interface.mask).value_or(0); mask; mask <<= 1) ++bits;
@@ -71,15 +71,15 @@ std::string network_fault(const std::string& camera_address, int packet_bytes,
   for (const NetworkInterface& interface : interfaces) {
     if (reaches(interface, *camera)) {
       if (packet_bytes <= interface.mtu) return "";
-      return "packets of " + std::to_string(packet_bytes) + " bytes do not pass " + interface.name +
-             ", whose largest are " + std::to_string(interface.mtu) + "; as root, ip link set " + interface.name +
-             " mtu " + std::to_string(packet_bytes) + ", or make hardware.camera.packet_bytes smaller";
+      return "packets of " + std::to_string(packet_bytes) + " bytes exceed the MTU of " + interface.name +
+             ", " + std::to_string(interface.mtu) + " bytes; as root, run ip link set " + interface.name +
+             " mtu " + std::to_string(packet_bytes) + ", or reduce hardware.camera.packet_bytes";
     }
     if (!interface.address.starts_with("127."))
       subnets += (subnets.empty() ? "" : ", ") + interface.name + " " + with_length(interface);
   }
-  return "its address " + camera_address + " is in no subnet of this computer (" +
-         (subnets.empty() ? "no network is up" : subnets) + "); give one of the two an address in the other's subnet";
+  return "its address " + camera_address + " is not in any subnet of this computer (" +
+         (subnets.empty() ? "no network is up" : subnets) + "); change either address so that both are in one subnet";
 }
 
 }  // namespace fringeslam

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whether a network camera can be reached as things are, in words: most cameras that "do not work" are in another
-// subnet, or send packets that do not pass.
+// Explains why a network camera cannot be reached. The most common causes are another subnet and packets that exceed
+// the MTU.
 #pragma once
 
 #include <cstdint>
@@ -15,11 +15,11 @@ struct NetworkInterface {
   int mtu = 1500;             // bytes
 };
 
-// Those that are up.
+// Lists the IPv4 interfaces that are up.
 std::vector<NetworkInterface> network_interfaces();
 
-// What keeps a camera at that address from sending packets of so many bytes (0: as large as goes through), with what to
-// do about it; empty when nothing does, and when the address is none of IPv4.
+// Describes what prevents a camera at that address from sending packets of that many bytes (0: largest that passes),
+// and the remedy; empty if nothing does or the address is not IPv4.
 std::string network_fault(const std::string& camera_address, int packet_bytes,
                           const std::vector<NetworkInterface>& interfaces);
 

@@ -59,8 +59,8 @@ const PixelFormat& pixel_format(const std::string& name) {
     names.push_back(format.name);
   }
   const std::string nearest = nearest_name(name, names);
-  throw Error("pixel format '" + name + "' is none that can be read" +
-              (nearest.empty() ? "; there are Mono8 to Mono16 and packed ones" : "; did you mean '" + nearest + "'?"));
+  throw Error("pixel format '" + name + "' is not supported" +
+              (nearest.empty() ? "; use Mono8 to Mono16 or a packed format" : "; did you mean '" + nearest + "'?"));
 }
 
 size_t image_bytes(const PixelFormat& format, cv::Size size) {

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Grey images as cameras send them (GenICam PFNC 2.1 and GigE Vision 2.0, section 27):
+// Grey pixel formats of cameras (GenICam PFNC 2.1 and GigE Vision 2.0, section 27):
 //
-//   Mono8                      a byte a pixel
-//   Mono10, 12, 14, 16         two bytes a pixel, the lower first
-//   Mono10p, Mono12p           bits of one pixel after another, the lowest first
-//   Mono10Packed, Mono12Packed two pixels in three bytes: the upper eight bits of each in the outer bytes, the lower
-//                              ones in the middle byte, those of the first pixel in its lower half
+//   Mono8                      one byte per pixel
+//   Mono10, 12, 14, 16         two bytes per pixel, little-endian
+//   Mono10p, Mono12p           contiguous bit stream, least significant bit first
+//   Mono10Packed, Mono12Packed two pixels in three bytes: the outer bytes hold the upper eight bits of each pixel, the
+//                              middle byte the lower bits, those of the first pixel in its lower half
 #pragma once
 
 #include <cstddef>
@@ -19,19 +19,19 @@ namespace fringeslam {
 struct PixelFormat {
   std::string name;
   int bits = 8;
-  uint32_t code = 0;  // in PFNC
+  uint32_t code = 0;  // PFNC code
 };
 
-// All that can be read; the first is the default.
+// All supported formats; the first is the default.
 const std::vector<PixelFormat>& pixel_formats();
 
-// Throws Error when the name is none of them, naming the nearest.
+// Finds a format by name. Throws Error naming the nearest format if there is none.
 const PixelFormat& pixel_format(const std::string& name);
 
-// Bytes of an image without padding at the ends of lines.
+// Bytes of an image without line padding.
 size_t image_bytes(const PixelFormat& format, cv::Size size);
 
-// CV_8UC1, or CV_16UC1 of more than eight bits. Throws Error when `bytes` is not image_bytes().
+// Unpacks to CV_8UC1, or CV_16UC1 for more than eight bits. Throws Error if `bytes` differs from image_bytes().
 cv::Mat unpacked(const PixelFormat& format, cv::Size size, const void* data, size_t bytes);
 
 }  // namespace fringeslam

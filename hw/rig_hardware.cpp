@@ -55,14 +55,14 @@ Dlpc350Settings read_dlpc350(const YamlMap& map, const std::string& packing) {
   return settings;
 }
 
-// A display that is a LightCrafter 4500: its controller shows each frame as a pattern.
+// A display that is a LightCrafter 4500; its controller is set to show each frame as patterns.
 class LightCrafter : public Projector {
  public:
   LightCrafter(std::unique_ptr<Projector> display, const Dlpc350Settings& settings)
       : display_(std::move(display)), controller_(open_dlpc350()) {
     controller_.show_video_as_patterns(settings, [] { std::this_thread::sleep_for(std::chrono::milliseconds(20)); });
     if (const std::string faults = controller_.status().faults; !faults.empty())
-      throw Error("projector: its controller reports: " + faults);
+      throw Error("projector: the controller reports: " + faults);
   }
   cv::Size size() const override { return display_->size(); }
   void show(const cv::Mat& image) override { display_->show(image); }
@@ -80,7 +80,7 @@ HardwareSettings read_hardware(const fs::path& rig_file, const RigModel& rig) {
   const YamlMap file = YamlMap::load(rig_file);
   if (!file.has("hardware"))
     throw Error(rig_file.string() +
-                ": has no 'hardware:' section, which says what camera and projector there are; see "
+                ": has no 'hardware:' section, which specifies camera and projector; see "
                 "hw/README.md");
   const YamlMap map = file.map("hardware");
   HardwareSettings settings;
@@ -93,8 +93,8 @@ HardwareSettings read_hardware(const fs::path& rig_file, const RigModel& rig) {
     if (!settings.rig.packing.empty() && settings.camera.trigger == "software")
       throw map.error(
           "projector",
-          "packed patterns are shown in the projector's own time; set camera.trigger to the input line that its "
-          "trigger output is wired to");
+          "packed patterns are timed by the projector; set camera.trigger to the input line that its "
+          "trigger output is connected to");
   }
   settings.rig.settle_s = map.number_or("settle_s", settings.rig.settle_s, {0, 60});
   settings.rig.attempts = map.integer_or("attempts", settings.rig.attempts, {1, 1000});
@@ -107,8 +107,8 @@ std::unique_ptr<Projector> open_projector(const HardwareSettings& settings, cons
   if (display < 0) {
     const size_t displays = find_displays().size();
     if (displays != 1)
-      throw Error("projector: there are " + std::to_string(displays) +
-                  " displays; say which it is: hardware.projector.display; see fringeslam rig list");
+      throw Error("projector: found " + std::to_string(displays) +
+                  " displays; set hardware.projector.display (see fringeslam rig list)");
     display = 0;
   }
   std::unique_ptr<Projector> projector =

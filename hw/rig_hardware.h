@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The `hardware:` section of a rig file: which camera and projector there are, and how they are set. Its keys are
-// documented in hw/README.md.
+// The `hardware:` section of a rig file, which selects and configures camera and projector. Keys: see hw/README.md.
 #pragma once
 
 #include <filesystem>
@@ -14,19 +13,19 @@
 namespace fringeslam {
 
 struct HardwareSettings {
-  CameraSettings camera;                   // size and exposure are the rig's
-  int display = -1;                        // of the projector; -1: the only one there
-  std::optional<Dlpc350Settings> dlpc350;  // of a LightCrafter 4500's controller
+  CameraSettings camera;                   // size and default exposure are the rig's
+  int display = -1;                        // of the projector; -1: the only display
+  std::optional<Dlpc350Settings> dlpc350;  // set for a LightCrafter 4500
   HardwareOptions rig;
 };
 
-// Of the rig that the file describes. Throws Error, with file and line, when there is no such section or it is wrong.
+// Reads the section from a rig file that describes `rig`. Throws Error with file and line if it is missing or invalid.
 HardwareSettings read_hardware(const std::filesystem::path& rig_file, const RigModel& rig);
 
-// Throws Error when it is not there, or several are and none was chosen.
+// Opens the projector. Throws Error if it does not exist, or if there are several displays and none is chosen.
 std::unique_ptr<Projector> open_projector(const HardwareSettings& settings, const RigModel& rig);
 
-// Opens what a rig file describes.
+// Opens the rig that the file describes.
 std::unique_ptr<HardwareRig> open_hardware(const std::filesystem::path& rig_file);
 
 }  // namespace fringeslam

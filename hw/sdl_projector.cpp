@@ -21,7 +21,7 @@ double seconds_since(Clock::time_point start) { return std::chrono::duration<dou
 
 [[noreturn]] void fail(const std::string& what) { throw Error("projector: " + what + ": " + SDL_GetError()); }
 
-// SDL's video as long as anybody needs it.
+// Keeps SDL's video subsystem initialised during its lifetime.
 class Video {
  public:
   Video() {
@@ -29,7 +29,7 @@ class Video {
     SDL_SetHint(SDL_HINT_NO_SIGNAL_HANDLERS, "1");
     SDL_SetHint(SDL_HINT_VIDEO_MINIMIZE_ON_FOCUS_LOSS, "0");
     if (SDL_InitSubSystem(SDL_INIT_VIDEO) != 0) fail("no desktop to show a window on (is DISPLAY set?)");
-    // Where no desktop answers SDL may draw into memory that nobody sees.
+    // Without a desktop, SDL may fall back to a driver that draws into invisible memory.
     const std::string driver = SDL_GetCurrentVideoDriver();
     if (driver == "dummy" || driver == "offscreen" || driver == "evdev") {
       SDL_QuitSubSystem(SDL_INIT_VIDEO);
@@ -74,13 +74,13 @@ class SdlProjector::Window {
   Window(int number, cv::Size size) {
     const std::vector<FoundDisplay> found = displays();
     if (number < 0 || number >= static_cast<int>(found.size()))
-      throw Error("projector: there is no display " + std::to_string(number) + ", but " + std::to_string(found.size()) +
-                  (found.size() == 1 ? ": 0" : ", from 0") + "; see fringeslam rig list");
+      throw Error("projector: no display " + std::to_string(number) + "; found " + std::to_string(found.size()) +
+                  (found.size() == 1 ? " display, 0" : " displays, from 0") + "; see fringeslam rig list");
     display_ = found[static_cast<size_t>(number)];
     at_ = display_.area.tl();
     if (display_.area.size() != size)
       throw Error("projector: display " + std::to_string(number) + " has " + to_words(display_.area.size()) +
-                  ", the rig's projector " + to_words(size) + "; set the display to that mode");
+                  ", but the rig's projector has " + to_words(size) + "; set the display to that mode");
     window_.reset(SDL_CreateWindow("FringeSLAM", SDL_WINDOWPOS_CENTERED_DISPLAY(number),
                                    SDL_WINDOWPOS_CENTERED_DISPLAY(number), size.width, size.height,
                                    SDL_WINDOW_FULLSCREEN_DESKTOP | SDL_WINDOW_BORDERLESS | SDL_WINDOW_ALWAYS_ON_TOP));
@@ -104,18 +104,18 @@ class SdlProjector::Window {
     upload(image);
     const Clock::time_point start = Clock::now();
     intervals_.clear();
-    // Drivers hold up to two images back, however slowly they take them.
+    // Drivers may queue up to two images.
     constexpr int kLeastPresents = 3;
     for (int i = 0; i < kLeastPresents || seconds_since(start) < 2 * refresh_s(); ++i) {
       const Clock::time_point before = Clock::now();
       if (SDL_RenderCopy(renderer_.get(), texture_.get(), nullptr, nullptr) != 0) fail("drawing");
       SDL_RenderPresent(renderer_.get());
       intervals_.push_back(seconds_since(before));
-      // A driver that does not wait is asked again after what the display takes.
+      // If the driver does not wait, waits for one refresh period before the next present.
       if (intervals_.back() < 0.5 * refresh_s())
         std::this_thread::sleep_for(std::chrono::duration<double>(refresh_s()));
     }
-    // A question to the desktop that it answers when it has done all that was asked before.
+    // A round trip to the display server, which replies only after processing all earlier requests.
     SDL_GetGlobalMouseState(nullptr, nullptr);
   }
 
@@ -127,25 +127,25 @@ class SdlProjector::Window {
   }
 
  private:
-  // Windows are moved, covered and closed by people and by their managers.
+  // Detects that a user or the window manager moved, resized or closed the window.
   void check() {
     SDL_PumpEvents();
     SDL_Event event;
     while (SDL_PollEvent(&event)) {
       if (event.type == SDL_QUIT || (event.type == SDL_WINDOWEVENT && event.window.event == SDL_WINDOWEVENT_CLOSE))
         throw Error("projector: the window was closed");
-      // Of a full-screen window SDL itself says that it is where it was asked to be.
+      // SDL's own record of a full-screen window's position is the requested one, not the actual one.
       if (event.type == SDL_WINDOWEVENT && event.window.event == SDL_WINDOWEVENT_MOVED)
         at_ = {event.window.data1, event.window.data2};
     }
     int width = 0, height = 0;
     if (SDL_GetRendererOutputSize(renderer_.get(), &width, &height) != 0) fail("window");
     if (cv::Size(width, height) != size())
-      throw Error("projector: the window has " + to_words({width, height}) + ", not the display's " + to_words(size()));
+      throw Error("projector: the window is " + to_words({width, height}) + ", not the display's " + to_words(size()));
     if (at_ != display_.area.tl())
       throw Error("projector: the window is at (" + std::to_string(at_.x) + ", " + std::to_string(at_.y) +
                   ") of the desktop and does not fill display " + std::to_string(display_.number) +
-                  "; the desktop or somebody moved it");
+                  "; the desktop or a user moved it");
   }
 
   void upload(const cv::Mat& image) {
@@ -170,8 +170,8 @@ class SdlProjector::Window {
 
   Video video_;
   FoundDisplay display_;
-  cv::Point at_;                                 // of the desktop
-  std::unique_ptr<SDL_Window, Destroy> window_;  // each goes after what is made for it
+  cv::Point at_;                                 // window position on the desktop
+  std::unique_ptr<SDL_Window, Destroy> window_;  // declared in order of creation; destroyed in reverse
   std::unique_ptr<SDL_Renderer, Destroy> renderer_;
   std::unique_ptr<SDL_Texture, Destroy> texture_;
   std::vector<double> intervals_;
@@ -185,7 +185,7 @@ double SdlProjector::present_interval_s() const { return window_->present_interv
 
 void SdlProjector::show(const cv::Mat& image) {
   if (image.size() != size())
-    throw Error("projector: an image of " + to_words(image.size()) + " does not fill its " + to_words(size()));
+    throw Error("projector: an image of " + to_words(image.size()) + " does not match its " + to_words(size()));
   window_->show(image);
 }
 

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// A projector that is a display of the computer: a window that fills one display at its native size.
+// A projector connected as a display: a window that fills one display at its native size.
 //
-// That a window was drawn does not say that it was shown: drivers queue images, and whether they wait for the display
-// they do not reliably tell. So an image is presented three times, and until two refresh periods have passed by the
-// clock; the intervals of these presents tell whether the driver waits.
+// A drawn window has not necessarily been displayed: drivers queue images, and they do not reliably report whether they
+// wait for the vertical sync. Therefore an image is presented at least three times and until two refresh periods have
+// elapsed; the intervals between the presents show whether the driver waits.
 #pragma once
 
 #include <memory>
@@ -17,24 +17,24 @@ namespace fringeslam {
 struct FoundDisplay {
   int number = 0;
   std::string name;
-  cv::Rect area;  // of the desktop, px
+  cv::Rect area;  // in desktop coordinates, px
   double refresh_hz = 0;
 };
 
-// Throws Error when there is no desktop to ask.
+// Lists the displays. Throws Error if there is no desktop session.
 std::vector<FoundDisplay> find_displays();
 
 class SdlProjector : public Projector {
  public:
-  // `display`: number as `fringeslam rig list` prints it. Throws Error when there is none such, and when its native
-  // mode has not `size`: an image that the display scales has no fringes of the right period.
+  // `display`: number printed by `fringeslam rig list`. Throws Error if it does not exist or its native mode differs
+  // from `size`: a scaled image would have the wrong fringe period.
   SdlProjector(int display, cv::Size size);
   ~SdlProjector() override;
 
   cv::Size size() const override;
   void show(const cv::Mat& image) override;
   double refresh_s() const override;
-  // Below half a refresh period the driver does not wait for the display.
+  // Values below half a refresh period mean that the driver does not wait for the display.
   double present_interval_s() const override;
 
  private:

@@ -16,9 +16,9 @@ namespace fringeslam {
 namespace {
 
 constexpr double kTurn = 2 * std::numbers::pi;
-constexpr double kDarkestMean = 0.25, kBrightestMean = 0.75;  // of fringes, whatever the projector's response
+constexpr double kDarkestMean = 0.25, kBrightestMean = 0.75;  // plausible mean of fringes for any response
 
-// Levels of the pixels that tell white from black, image by image.
+// Levels, image by image, of the pixels with sufficient contrast between white and black.
 struct Levels {
   std::vector<std::vector<float>> of;  // image, pixel
   size_t pixels = 0;
@@ -55,7 +55,7 @@ class Check {
   SequenceVerdict verdict() {
     if (const auto mean = common_mean()) {
       if (*mean < kDarkestMean || *mean > kBrightestMean)
-        return {false, "the fringes' mean is " + to_text(std::round(100 * *mean)) + " % of white"};
+        return {false, "the mean level of the fringes is " + to_text(std::round(100 * *mean)) + " % of white"};
       mean_ = *mean;
       gamma_ = gamma_of_mean(*mean);
     }
@@ -69,7 +69,7 @@ class Check {
   }
 
  private:
-  // Whether too many pixels contradict.
+  // True if more pixels violate the condition than allowed.
   template <class Contradicts>
   bool too_many(const Contradicts& contradicts) const {
     size_t count = 0;
@@ -85,18 +85,18 @@ class Check {
     if (pattern.coding == Coding::flat && sequence_.inverse_response.empty() &&
         (pattern.level == 0 || pattern.level == 1) &&
         too_many([&](size_t p) { return std::abs(level[p] - pattern.level) > options_.tolerance; }))
-      return image(i) + " should be all " + (pattern.level > 0 ? "white" : "black") + " and is not";
+      return image(i) + " should be entirely " + (pattern.level > 0 ? "white" : "black") + " but is not";
     if (pattern.coding != Coding::gray) return std::nullopt;
     if (too_many(
             [&](size_t p) { return std::min(std::abs(level[p]), std::abs(1 - level[p])) > 2 * options_.tolerance; }))
-      return image(i) + " should be a Gray code's bit and is not black and white";
+      return image(i) + " should show a Gray-code bit but is not black and white";
     for (size_t j = 0; j < sequence_.patterns.size(); ++j) {
       const Pattern& other = sequence_.patterns[j];
       if (j == i || other.coding != Coding::gray || other.axis != pattern.axis) continue;
       const bool inverse = other.period_px == pattern.period_px && other.inverted != pattern.inverted;
       if (inverse &&
           too_many([&](size_t p) { return std::abs(level[p] + levels_.of[j][p] - 1) > 2 * options_.tolerance; }))
-        return image(i) + " and image " + std::to_string(j) + " should be inverse to one another and are not";
+        return image(i) + " and image " + std::to_string(j) + " should be inverses of each other but are not";
       if (!inverse && !too_many([&](size_t p) { return std::abs(level[p] - levels_.of[j][p]) > 0.5; }) &&
           same_everywhere(i, j))
         return image(i) + " and image " + std::to_string(j) + " show the same bit";
@@ -112,14 +112,14 @@ class Check {
 
   struct Phases {
     double period_px = 0;
-    std::vector<float> turns;  // wrapped, a pixel
+    std::vector<float> turns;  // wrapped, one per pixel
   };
 
   std::optional<std::string> fringes(Axis axis) const {
     std::optional<Phases> coarser;
     for (const FringeGroup& group : fringe_groups(sequence_, axis)) {
       const std::string these = "the " + std::to_string(group.images.size()) + " images of period " +
-                                to_text(group.period_px) + " px do not belong together";
+                                to_text(group.period_px) + " px are inconsistent";
       if (evenly_spaced(group) &&
           too_many([&](size_t p) { return std::abs(mean(group, p) - mean_) > options_.mean_tolerance; }))
         return these;
@@ -132,7 +132,8 @@ class Check {
         left[p] = fit.left;
       }
       if (evenly_spaced(group) && too_many([&](size_t p) { return left[p] > options_.cosine_tolerance; })) return these;
-      // The coarsest period's phase is absolute; each finer one's order is told by the one before.
+      // The phase of the coarsest period is absolute; it determines the fringe order of the next finer period, and so
+      // on.
       if (coarser) {
         const double ratio = coarser->period_px / phases.period_px;
         std::vector<float> off(levels_.pixels);
@@ -141,10 +142,11 @@ class Check {
           off[p] = static_cast<float>(std::abs(turns - order));
           phases.turns[p] += static_cast<float>(order);
         }
-        // Noise of the coarser phase times the ratio; beyond a third of a turn nothing can be told.
+        // Tolerance for the noise of the coarser phase times the ratio; above a third of a turn the check is
+        // impossible.
         const double most = 0.1 + 0.01 * ratio;
         if (most < 0.33 && too_many([&](size_t p) { return off[p] > most; }))
-          return "the images of period " + to_text(phases.period_px) + " px do not fit those of " +
+          return "the images of period " + to_text(phases.period_px) + " px are inconsistent with those of " +
                  to_text(coarser->period_px) + " px";
       } else if (phases.period_px < length(axis)) {
         continue;
@@ -170,7 +172,7 @@ class Check {
     return sum / static_cast<double>(group.images.size());
   }
 
-  // Of all pixels and periods: the median, which one bad period does not move far.
+  // Median over all pixels and periods, which a single bad period hardly affects.
   std::optional<double> common_mean() const {
     std::vector<double> means;
     for (const Axis axis : {Axis::columns, Axis::rows}) {
@@ -197,10 +199,10 @@ class Check {
     return waves;
   }
 
-  // A cosine through a pixel's levels, once they are linear.
+  // Cosine fitted to a pixel's linearised levels.
   struct Fit {
-    float turns = 0;  // its phase
-    float left = 0;   // root of the summed squares of what it leaves
+    float turns = 0;  // phase
+    float left = 0;   // root of the summed squared residuals
   };
   Fit fit_of(const FringeGroup& group, const Waves& waves, size_t p) const {
     double sine = 0, cosine = 0, sum = 0, squares = 0;
@@ -220,7 +222,7 @@ class Check {
   const PatternSequence& sequence_;
   const Levels& levels_;
   const SequenceCheckOptions& options_;
-  double mean_ = 0.5, gamma_ = 1;  // of fringes; of the response
+  double mean_ = 0.5, gamma_ = 1;  // mean level of the fringes; gamma of the response
 };
 
 double mean_of_gamma(double gamma) {
@@ -231,8 +233,8 @@ double mean_of_gamma(double gamma) {
 
 double gamma_of_mean(double mean) {
   if (!(mean >= kDarkestMean && mean <= kBrightestMean))
-    throw Error("fringes of mean level " + to_text(mean) + " between black and white");
-  double low = 0.1, high = 10;  // the mean falls with gamma
+    throw Error("the mean level of the fringes, " + to_text(mean) + ", is not within 0.25 to 0.75");
+  double low = 0.1, high = 10;  // the mean decreases with gamma
   while (high - low > 1e-9) {
     const double middle = (low + high) / 2;
     (mean_of_gamma(middle) > mean ? low : high) = middle;
@@ -243,11 +245,11 @@ double gamma_of_mean(double mean) {
 SequenceVerdict check_sequence(const PatternSequence& sequence, const std::vector<cv::Mat>& images,
                                const cv::Mat& white, const cv::Mat& black, const SequenceCheckOptions& options) {
   if (images.size() != sequence.patterns.size())
-    throw Error("sequence: " + std::to_string(images.size()) + " images of " +
+    throw Error("sequence: " + std::to_string(images.size()) + " images for " +
                 std::to_string(sequence.patterns.size()) + " patterns");
   const Levels levels = levels_of(images, white, black, options);
   if (static_cast<double>(levels.pixels) < options.min_pixels * static_cast<double>(white.total()))
-    return {false, "hardly a pixel tells white from black: is the projector on, its lens open, the scene in its beam?"};
+    return {false, "too few pixels separate white from black; is the projector on, its lens open, the scene lit?"};
   return Check(sequence, levels, options).verdict();
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What messages of this folder say in the same words.
+// Formats sizes for the messages of this folder.
 #pragma once
 
 #include <opencv2/core.hpp>

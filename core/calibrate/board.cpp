@@ -14,7 +14,7 @@ namespace fringeslam {
 
 namespace {
 
-// Grey values stretched from their 0.5 % to their 99.5 % quantile over 8 bits.
+// Stretches the grey values between the 0.5 % and 99.5 % quantiles to 8 bits.
 cv::Mat1b stretched(const cv::Mat1f& image) {
   std::vector<float> values(image.begin(), image.end());
   values.erase(std::remove_if(values.begin(), values.end(), [](float x) { return std::isnan(x); }), values.end());
@@ -31,7 +31,8 @@ cv::Mat1b stretched(const cv::Mat1f& image) {
   return result;
 }
 
-// The image as it is, then with its contrast evened out, then enlarged: squares of few pixels are found more surely.
+// Images to try in turn: the original, one with equalised contrast, and an enlarged one, in which small squares are
+// detected more reliably.
 struct Attempt {
   cv::Mat1b image;
   double scale = 1;
@@ -49,7 +50,7 @@ std::vector<Attempt> attempts(const cv::Mat1f& image) {
   return result;
 }
 
-// Least distance of neighbours in a row or in a column, px.
+// Smallest distance between neighbours in a row or column, px.
 double least_spacing(const std::vector<cv::Point2f>& corners, cv::Size size) {
   double least = 1e9;
   for (int row = 0; row < size.height; ++row) {
@@ -97,8 +98,8 @@ std::vector<cv::Point2f> find_circles(const Attempt& attempt, cv::Size size, boo
   return {};
 }
 
-// Centres of gravity of the darkness (or brightness) around each circle, over the background half-way to its
-// neighbours: finer than the outlines of a few thresholds.
+// Refines circle centres to the centroid of darkness (or brightness) over the background, which is sampled half-way to
+// the neighbouring circles; more accurate than outlines at a few thresholds.
 void refine_circles(const cv::Mat1f& image, double radius_px, std::vector<cv::Point2f>& centres) {
   for (cv::Point2f& centre : centres) {
     for (int iteration = 0; iteration < 3; ++iteration) {
@@ -154,7 +155,7 @@ BoardKind board_kind(const std::string& name) {
   if (name == "checkerboard") return BoardKind::checkerboard;
   if (name == "circles") return BoardKind::circles;
   if (name == "asymmetric_circles") return BoardKind::asymmetric_circles;
-  throw Error("board kind '" + name + "' is none of checkerboard, circles, asymmetric_circles");
+  throw Error("board kind '" + name + "' is not one of checkerboard, circles, asymmetric_circles");
 }
 
 std::vector<cv::Point2f> detect_board(const cv::Mat1f& image, const Board& board) {

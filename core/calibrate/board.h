@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Flat boards of known corners, and finding them in images.
+// Planar calibration boards and their detection in images.
 #pragma once
 
 #include <Eigen/Core>
@@ -13,26 +13,26 @@ enum class BoardKind { checkerboard, circles, asymmetric_circles };
 
 struct Board {
   BoardKind kind = BoardKind::checkerboard;
-  int columns = 9, rows = 6;  // inner corners, or circles
-  // Checkerboard and circles: between neighbours. Asymmetric circles, of which every other row is shifted by half a
-  // spacing: between neighbours of a row; rows are half a spacing apart.
+  int columns = 9, rows = 6;  // number of inner corners or circles
+  // Distance between neighbours in a row. Rows are one spacing apart; the rows of asymmetric circles are half a spacing
+  // apart, and every other row is shifted by half a spacing.
   double spacing_m = 0.02;
-  double diameter_m = 0;  // of circles; 0: unknown
+  double diameter_m = 0;  // of circles; 0: unknown, no perspective correction
 
   int corners() const { return columns * rows; }
-  // On the plane z = 0, row by row, from the middle of the board.
+  // Board frame: plane z = 0, origin at the centre of the grid, row by row.
   std::vector<Eigen::Vector3d> points_m() const;
 };
 
-// "checkerboard", "circles", "asymmetric_circles".
+// Parses "checkerboard", "circles" or "asymmetric_circles". Throws Error on another name.
 BoardKind board_kind(const std::string& name);
 
-// The board's corners, in the order of points_m(), integer pixel coordinates at pixel centres; empty when the board is
-// not found whole. `image`: evenly lit grey values of any scale.
+// Detects the board's corners, px (integers at pixel centres), in the order of points_m(); empty unless the whole board
+// is found. `image`: evenly lit grey values of any scale.
 std::vector<cv::Point2f> detect_board(const cv::Mat1f& image, const Board& board);
 
-// A board that looks the same turned by 180 degrees may be found from either end: puts the corners into the order of
-// another view, between which it turned by less than 90 degrees.
+// Reverses `corners` if they run against `reference`. A board that looks the same after a 180-degree rotation may be
+// detected starting from either end; the two views must differ by less than 90 degrees of rotation.
 void orient_like(const std::vector<cv::Point2f>& reference, std::vector<cv::Point2f>& corners);
 
 }  // namespace fringeslam

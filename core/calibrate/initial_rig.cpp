@@ -11,7 +11,7 @@ namespace fringeslam {
 
 namespace {
 
-// Moves points so that their mean is 0 and their mean distance sqrt(dimension): the linear system is then well scaled.
+// Normalises points to zero mean and mean distance sqrt(N), which conditions the linear system.
 template <int N>
 Eigen::Matrix<double, N + 1, N + 1> normalising(const std::vector<Eigen::Matrix<double, N, 1>>& points) {
   Eigen::Matrix<double, N, 1> mean = Eigen::Matrix<double, N, 1>::Zero();
@@ -39,8 +39,9 @@ Pinhole initial_camera(const std::vector<std::vector<cv::Point2f>>& corners, con
     cv::calibrateCamera(objects, corners, size, matrix, distortion, rotations, translations,
                         cv::CALIB_ZERO_TANGENT_DIST | cv::CALIB_FIX_K3);
   } catch (const cv::Exception& e) {
-    throw Error("the camera's lens cannot be had from these views: " + std::string(e.err.substr(0, e.err.find('\n'))) +
-                "; tilt the board by 20 to 40 degrees, in several directions");
+    throw Error("the camera's intrinsics cannot be estimated from these views: " +
+                std::string(e.err.substr(0, e.err.find('\n'))) +
+                "; tilt the board by 20 to 40 degrees in several directions");
   }
   Pinhole camera{size.width, size.height, matrix(0, 0), matrix(1, 1), matrix(0, 2), matrix(1, 2), {}};
   camera.distortion.k1 = distortion(0);
@@ -57,8 +58,8 @@ Pinhole initial_camera(const std::vector<std::vector<cv::Point2f>>& corners, con
     poses.push_back(pose);
   }
   if (!std::isfinite(camera.fx * camera.fy) || camera.fx < 10 || camera.fx > 1e6)
-    throw Error("the camera's focal length comes out as " + std::to_string(camera.fx) +
-                " px; tilt the board by 20 to 40 degrees, in several directions");
+    throw Error("the camera's focal length was estimated as " + std::to_string(camera.fx) +
+                " px; tilt the board by 20 to 40 degrees in several directions");
   return camera;
 }
 
@@ -76,18 +77,18 @@ Pinhole initial_projector(const std::vector<Eigen::Vector3d>& points, const std:
     normal += rows.transpose() * rows;
   }
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 12, 12>> solver(normal);
-  // One direction is the answer; a second one as good means that all points lie in a plane.
+  // The null space must be one-dimensional; a second null direction means that all points are coplanar.
   if (!(solver.eigenvalues()(1) > 1e-9 * solver.eigenvalues()(11)))
     throw Error(
-        "all boards lie in one plane, from which the projector's lens cannot be had; tilt the board and change its "
+        "all boards lie in one plane, which does not determine the projector's lens; tilt the board and change its "
         "distance");
   const Eigen::Matrix<double, 12, 1> h = solver.eigenvectors().col(0);
   Eigen::Matrix<double, 3, 4> matrix;
   matrix << h(0), h(1), h(2), h(3), h(4), h(5), h(6), h(7), h(8), h(9), h(10), h(11);
   matrix = scale_pixels.inverse() * matrix * scale_points;
-  if (matrix.row(2).dot(points.front().homogeneous()) < 0) matrix = -matrix;  // points lie in front
+  if (matrix.row(2).dot(points.front().homogeneous()) < 0) matrix = -matrix;  // points lie in front of the projector
 
-  // matrix = K [R t]: the QR decomposition of the reversed left part (RQ).
+  // Decomposes matrix = K [R t] by RQ: the QR decomposition of the reversed left part.
   const Eigen::Matrix3d reverse = (Eigen::Matrix3d() << 0, 0, 1, 0, 1, 0, 1, 0, 0).finished();
   const Eigen::Matrix3d left = matrix.leftCols<3>();
   const Eigen::HouseholderQR<Eigen::Matrix3d> qr((reverse * left).transpose());
@@ -101,7 +102,7 @@ Pinhole initial_projector(const std::vector<Eigen::Vector3d>& points, const std:
   const double scale = k(2, 2);
   projector_from_camera.translation = k.inverse() * matrix.col(3);
   if (rotation.determinant() < 0)
-    throw Error("the projector's coordinates are mirrored: check which axis and which direction each pattern codes");
+    throw Error("the projector's coordinates are mirrored; check the axis and direction that each pattern encodes");
   projector_from_camera.rotation = rotation;
   k /= scale;
   return {size.width, size.height, k(0, 0), k(1, 1), k(0, 2), k(1, 2), {}};

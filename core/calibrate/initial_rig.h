@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Closed-form starts of the rig calibration.
+// Closed-form initial estimates for the rig calibration.
 #pragma once
 
 #include <Eigen/Core>
@@ -11,13 +11,13 @@
 
 namespace fringeslam {
 
-// Zhang's calibration of one camera from plane corners (OpenCV's), with two radial terms. `poses`: camera_from_board of
-// each view. Throws Error when the views do not determine it.
+// Camera intrinsics with two radial terms from planar corners by Zhang's method (OpenCV). Returns camera_from_board of
+// each view in `poses`. Throws Error if the views do not determine the intrinsics.
 Pinhole initial_camera(const std::vector<std::vector<cv::Point2f>>& corners, const std::vector<Eigen::Vector3d>& board,
                        cv::Size size, std::vector<Pose>& poses);
 
-// Direct linear transform of points in space that do not lie in one plane: lens without distortion, and
-// lens_from_points. Throws Error when they do.
+// Projector intrinsics without distortion and `projector_from_camera` from 3D points (camera frame, m) and their
+// projector pixels by a direct linear transform. Throws Error if the points are coplanar or the pixels are mirrored.
 Pinhole initial_projector(const std::vector<Eigen::Vector3d>& points, const std::vector<Eigen::Vector2d>& pixels,
                           cv::Size size, Pose& projector_from_camera);
 

@@ -11,9 +11,9 @@ namespace fringeslam {
 namespace {
 
 struct Sample {
-  Eigen::Vector2d camera, projector;  // relative to the window's middle, in radii; px
+  Eigen::Vector2d camera, projector;  // relative to the window's centre in radii; px
   Eigen::Vector2d weight;             // 1 / sigma
-  double trust = 1;                   // robust weight; 0: left out
+  double trust = 1;                   // robust weight; 0: rejected
 };
 
 std::vector<Sample> collect(const ProjectorCoordinates& coordinates, const Eigen::Vector2d& corner, double radius,
@@ -38,8 +38,9 @@ std::vector<Sample> collect(const ProjectorCoordinates& coordinates, const Eigen
   return samples;
 }
 
-// Weighted direct linear transform: u (h7 x + h8 y + h9) = h1 x + h2 y + h3 and the same for v; coordinates are
-// small around the window's middle, where the denominator is nearly h9, so the algebraic error is the geometric one.
+// Weighted direct linear transform: u (h7 x + h8 y + h9) = h1 x + h2 y + h3, likewise for v. Coordinates are small
+// around the window's centre, where the denominator is nearly h9, so the algebraic error approximates the geometric
+// error.
 Eigen::Matrix3d direct_linear(const std::vector<Sample>& samples, const Eigen::Vector2d& middle, double scale) {
   Eigen::Matrix<double, 9, 9> normal = Eigen::Matrix<double, 9, 9>::Zero();
   for (const Sample& sample : samples) {
@@ -62,7 +63,7 @@ Eigen::Matrix3d direct_linear(const std::vector<Sample>& samples, const Eigen::V
   return back * result;
 }
 
-// The best affine map, which outliers cannot bend into a nearly singular homography.
+// Weighted affine fit. Unlike a homography, it cannot become nearly singular because of outliers.
 Eigen::Matrix3d affine_fit(const std::vector<Sample>& samples) {
   Eigen::Matrix3d result = Eigen::Matrix3d::Identity();
   for (int axis = 0; axis < 2; ++axis) {
@@ -84,11 +85,11 @@ double median(std::vector<double> values) {
   return *middle;
 }
 
-// Known pixels on all four sides of the corner: a homography does not extrapolate well.
+// True if known pixels surround the corner; a homography extrapolates poorly.
 bool surrounded(const std::vector<Sample>& samples) {
   int quadrants[4] = {0, 0, 0, 0};
   for (const Sample& s : samples) ++quadrants[(s.camera.x() > 0 ? 1 : 0) + (s.camera.y() > 0 ? 2 : 0)];
-  // A checkerboard's dark squares may be unknown: two opposite quadrants do.
+  // A checkerboard's dark squares may have no coordinates, so two opposite quadrants suffice.
   return (quadrants[0] >= 4 && quadrants[3] >= 4) || (quadrants[1] >= 4 && quadrants[2] >= 4);
 }
 
@@ -104,8 +105,8 @@ std::optional<LocalHomography> local_homography(const ProjectorCoordinates& coor
   for (const Sample& s : samples) us.push_back(s.projector.x()), vs.push_back(s.projector.y());
   const Eigen::Vector2d middle(median(us), median(vs));
   const double scale = std::max(1.0, (samples.front().projector - middle).norm());
-  // Least absolute deviations first, by reweighting, which a third of outliers does not move; then least squares
-  // without those that are out of line.
+  // Starts with iteratively reweighted least absolute deviations, robust to a third of outliers, then continues with
+  // least squares on the inliers.
   constexpr int kAbsolute = 8, kSquares = 3;
   Eigen::Matrix3d homography;
   std::vector<Eigen::Vector2d> residuals(samples.size());
@@ -116,7 +117,7 @@ std::optional<LocalHomography> local_homography(const ProjectorCoordinates& coor
       residuals[i] = (homography * samples[i].camera.homogeneous()).hnormalized() - samples[i].projector;
       sizes.push_back(residuals[i].cwiseProduct(samples[i].weight).norm());
     }
-    const double typical = std::max(median(sizes) / 1.18, 1e-6);  // 1.18: median of the norm of two normal numbers
+    const double typical = std::max(median(sizes) / 1.18, 1e-6);  // 1.18: median norm of two standard normal variables
     for (size_t i = 0; i < samples.size(); ++i)
       samples[i].trust = round + 1 < kAbsolute     ? 1 / std::max(sizes[i], 0.1 * typical)
                          : sizes[i] <= 4 * typical ? 1
@@ -130,7 +131,7 @@ std::optional<LocalHomography> local_homography(const ProjectorCoordinates& coor
     squares += residuals[i].cwiseAbs2();
   }
   if (result.pixels < 20) return std::nullopt;
-  // The middle of a plane fit knows its value as well as a mean does, with a few degrees of freedom less.
+  // At its centre, a fit is about as accurate as the mean, less a few degrees of freedom; times 2 as a safety margin.
   result.sigma_px = (squares / (result.pixels * std::max(1, result.pixels - 8))).cwiseSqrt() * 2;
   Eigen::Matrix3d to_window = Eigen::Matrix3d::Identity() / radius_px;
   to_window.block<2, 1>(0, 2) = -corner_px / radius_px;

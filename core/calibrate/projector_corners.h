@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the projector, as an inverse camera, "sees" of a board's corners: the decoded coordinates of the pixels round a
-// corner define a homography from camera to projector pixels, which carries the corner over with sub-pixel accuracy
-// (Moreno and Taubin, 3DIMPVT 2012). A homography of the window, and not of the board, so that neither lens's
-// distortion matters.
+// Locates a board's corners in the image of the projector, regarded as an inverse camera. The decoded coordinates of
+// the pixels around a corner define a homography from camera to projector pixels, which transfers the corner with
+// sub-pixel accuracy (Moreno and Taubin, 3DIMPVT 2012). The homography is local to a window rather than global to the
+// board, so that the distortion of the two lenses is negligible.
 #pragma once
 
 #include <Eigen/Core>
@@ -18,14 +18,14 @@ struct ProjectorCoordinates {
 
 struct LocalHomography {
   Eigen::Matrix3d projector_from_camera;  // homogeneous pixels
-  Eigen::Vector2d sigma_px{0, 0};         // of the corner carried over, from the residuals
+  Eigen::Vector2d sigma_px{0, 0};         // of the transferred corner, from the residuals
   int pixels = 0;
 
   Eigen::Vector2d operator()(const Eigen::Vector2d& camera_px) const {
     const Eigen::Vector3d p = projector_from_camera * Eigen::Vector3d(camera_px.x(), camera_px.y(), 1);
     return p.head<2>() / p.z();
   }
-  // Of the projector pixel with respect to the camera pixel.
+  // Derivative of the projector pixel with respect to the camera pixel.
   Eigen::Matrix2d jacobian(const Eigen::Vector2d& camera_px) const {
     const Eigen::Matrix3d& h = projector_from_camera;
     const Eigen::Vector3d p = h * Eigen::Vector3d(camera_px.x(), camera_px.y(), 1);
@@ -33,9 +33,9 @@ struct LocalHomography {
   }
 };
 
-// From the pixels within `radius_px` of the corner, weighted by their sigmas; those off by more than 4 robust standard
-// deviations are left out. Empty when fewer than a third of the window's pixels are known, or its corner is not
-// surrounded by them.
+// Fits the homography to the pixels within `radius_px` of the corner, weighted by their sigmas; rejects residuals
+// beyond 4 robust standard deviations. Empty if fewer than 20 pixels or a third of the window have coordinates, or if
+// these do not surround the corner.
 std::optional<LocalHomography> local_homography(const ProjectorCoordinates& coordinates,
                                                 const Eigen::Vector2d& corner_px, double radius_px);
 

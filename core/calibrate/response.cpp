@@ -13,7 +13,7 @@ namespace {
 
 constexpr double kTwoPi = 2 * std::numbers::pi;
 
-// Pool adjacent violators: the growing sequence nearest to the values, each weighted by its 1 / sigma^2.
+// Pool adjacent violators: the non-decreasing sequence nearest to the values, weighted by 1 / sigma^2.
 std::vector<double> growing(const std::vector<double>& values, const std::vector<double>& sigma) {
   struct Pool {
     double sum, weight;
@@ -36,7 +36,7 @@ std::vector<double> growing(const std::vector<double>& values, const std::vector
   return result;
 }
 
-// Piecewise cubic that keeps the growth of its points (Fritsch and Carlson 1980, slopes by the weighted harmonic mean).
+// Monotone piecewise cubic (Fritsch and Carlson 1980, slopes by the weighted harmonic mean).
 class MonotoneCubic {
  public:
   MonotoneCubic(std::vector<double> x, std::vector<double> y)
@@ -66,7 +66,7 @@ class MonotoneCubic {
   std::vector<double> x_, y_, slope_;
 };
 
-// light = level^gamma, least squares over logarithms, each point weighted by its own light.
+// Least-squares fit of light = level^gamma in logarithms, residuals weighted by the light.
 double nearest_gamma(const std::vector<double>& level, const std::vector<double>& light) {
   double top = 0, bottom = 0;
   for (size_t i = 0; i < level.size(); ++i) {
@@ -82,8 +82,8 @@ void finish(Response& response, const ResponseOptions& options) {
   for (size_t i = 1; i < response.light.size(); ++i) {
     const double fall = response.light[i - 1] - response.light[i];
     if (fall > 5 * std::hypot(response.sigma[i], response.sigma[i - 1]) + 0.01)
-      throw Error("the light falls from " + to_text(response.light[i - 1]) + " to " + to_text(response.light[i]) +
-                  " between the levels " + to_text(response.level[i - 1]) + " and " + to_text(response.level[i]) +
+      throw Error("the light decreases from " + to_text(response.light[i - 1]) + " to " + to_text(response.light[i]) +
+                  " between levels " + to_text(response.level[i - 1]) + " and " + to_text(response.level[i]) +
                   "; check the levels of the images and that nothing moved");
   }
   std::vector<double> light = growing(response.light, response.sigma);
@@ -92,7 +92,7 @@ void finish(Response& response, const ResponseOptions& options) {
   const MonotoneCubic curve(response.level, light);
   for (int i = 0; i < options.entries; ++i)
     response.table.push_back(std::clamp(curve(static_cast<double>(i) / (options.entries - 1)), 0.0, 1.0));
-  // Strictly growing, so that it has an inverse.
+  // Makes the table strictly increasing, and thereby invertible.
   for (size_t i = 1; i < response.table.size(); ++i)
     response.table[i] = std::max(response.table[i], response.table[i - 1] + 1e-9);
   for (double& value : response.table) value /= response.table.back();
@@ -100,20 +100,20 @@ void finish(Response& response, const ResponseOptions& options) {
 }
 
 void check_images(const std::vector<cv::Mat1f>& images, size_t described, size_t least) {
-  if (images.size() != described) throw Error("response: as many images as levels or shifts are needed");
+  if (images.size() != described) throw Error("response: the numbers of images and of levels or shifts differ");
   if (images.size() < least)
-    throw Error("a response needs " + std::to_string(least) + " images or more; there are " +
+    throw Error("a response requires at least " + std::to_string(least) + " images, not " +
                 std::to_string(images.size()));
 }
 
 void require_pixels(int usable, const ResponseOptions& options, int clipped, int dark) {
   if (usable >= options.min_pixels) return;
-  throw Error("only " + std::to_string(usable) + " pixels show the response: " + std::to_string(clipped) +
+  throw Error("only " + std::to_string(usable) + " pixels are usable: " + std::to_string(clipped) +
               " are saturated, " + std::to_string(dark) + " too dark; " +
-              (clipped > dark ? "shorten the exposure" : "lengthen the exposure, or bring a bright board nearer"));
+              (clipped > dark ? "reduce the exposure time" : "increase the exposure time or use a bright near board"));
 }
 
-// Phase, mean and modulation of equally spaced steps.
+// Phase, mean and modulation of equally spaced phase steps.
 struct Harmonic {
   double phase = 0, mean = 0, modulation = 0;
 };
@@ -138,7 +138,7 @@ std::vector<size_t> all_of(size_t count) {
   return indices;
 }
 
-// Calls visit(row, col, harmonic) for every pixel whose fringes are bright enough and not clipped.
+// Calls visit(row, col, harmonic) for every pixel with sufficient modulation and no saturation.
 template <class Visit>
 void for_fringe_pixels(const std::vector<cv::Mat1f>& images, const std::vector<double>& shifts_rad,
                        const SensorModel& sensor, const ResponseOptions& options, Visit&& visit) {
@@ -216,14 +216,14 @@ Response response_from_fringes(const std::vector<cv::Mat1f>& images, const std::
                                const SensorModel& sensor, const ResponseOptions& options) {
   check_options(options, "response");
   check_images(images, shifts_rad.size(), 8);
-  // Grey values, less their pixel's mean and over its modulation, by the ideal level.
+  // Histogram over the ideal level of the grey values minus the pixel's mean, divided by its modulation.
   constexpr int kBins = 64;
   std::vector<double> sum(kBins, 0), squares(kBins, 0), levels(kBins, 0), counts(kBins, 0);
   Response response;
   for_fringe_pixels(images, shifts_rad, sensor, options, [&](int row, int col, const Harmonic& h) {
     ++response.pixels;
     for (size_t k = 0; k < images.size(); ++k) {
-      // Bins of equal width in the angle: as many samples in each.
+      // Bins of equal width in angle, which contain equal numbers of samples.
       const double angle = std::abs(std::remainder(h.phase + shifts_rad[k], kTwoPi));
       const int bin = std::min(kBins - 1, static_cast<int>(angle / std::numbers::pi * kBins));
       const double value = (images[k](row, col) - h.mean) / h.modulation;
@@ -242,8 +242,8 @@ Response response_from_fringes(const std::vector<cv::Mat1f>& images, const std::
     response.sigma.push_back(std::sqrt(std::max(0.0, squares[b] / counts[b] - mean * mean) / counts[b]));
   }
   if (response.level.size() < 8)
-    throw Error("the fringes show too few phases; use a board that is a period wide or more");
-  // Black and white are the ends of the curve; the outermost bins' middles lie 0.02 % of the range inside of them.
+    throw Error("the fringes cover too few phases; use a board at least one period wide");
+  // Normalises to black and white at the ends; the centres of the outermost bins lie 0.02 % of the range inside.
   const double low = response.light.front(), high = response.light.back();
   for (size_t i = 0; i < response.light.size(); ++i) {
     response.light[i] = (response.light[i] - low) / (high - low);
@@ -263,8 +263,8 @@ PhaseCorrection phase_correction_from_fringes(const std::vector<cv::Mat1f>& imag
   const size_t all = images.size(), few = static_cast<size_t>(steps);
   if (few < 3 || all % few != 0 || all == few)
     throw Error("a phase correction for " + std::to_string(steps) +
-                " steps needs a larger multiple of them; there are " + std::to_string(all));
-  // In the order of their shifts, so that every (N / steps)-th is equally spaced.
+                " steps requires a larger multiple of that number of images, not " + std::to_string(all));
+  // Sorts by shift, so that every (N / steps)-th image is equally spaced.
   std::vector<size_t> order = all_of(all);
   const auto turns = [&](size_t k) { return shifts_rad[k] / kTwoPi - std::floor(shifts_rad[k] / kTwoPi + 1e-9); };
   std::sort(order.begin(), order.end(), [&](size_t a, size_t b) { return turns(a) < turns(b); });
@@ -277,7 +277,7 @@ PhaseCorrection phase_correction_from_fringes(const std::vector<cv::Mat1f>& imag
     for (const std::vector<size_t>& subset : subsets) {
       const double offset =
           std::remainder(first_harmonic(images, shifts_rad, subset, row, col).phase - h.phase, kTwoPi);
-      // As if the steps were centred on zero.
+      // The table's phase is that of steps centred on zero.
       const double first = turns(subset.front()) * kTwoPi, centred = -std::numbers::pi * (steps - 1) / steps;
       const double place = (h.phase + first - centred) / kTwoPi;
       const auto bin = static_cast<size_t>(std::floor((place - std::floor(place)) * kBins + 0.5)) % kBins;
@@ -287,7 +287,7 @@ PhaseCorrection phase_correction_from_fringes(const std::vector<cv::Mat1f>& imag
   });
   PhaseCorrection correction{steps, {}};
   for (size_t b = 0; b < kBins; ++b) {
-    if (counts[b] == 0) throw Error("the fringes show too few phases; use a board that is a period wide or more");
+    if (counts[b] == 0) throw Error("the fringes cover too few phases; use a board at least one period wide");
     correction.offset_rad.push_back(sum[b] / counts[b]);
   }
   return correction;

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The projector's response: its light as a function of its input (METHOD §1, response curve). A response that is not
-// linear puts harmonics into the fringes, which three steps take for phase: about 0.29 rad sin 3 phi for a gamma
-// of 2.2.
+// Calibrates the projector's response: emitted light as a function of the input level (docs/method.md, sections 3.3 and
+// 11.3). A nonlinear response adds harmonics to the fringes, which bias three-step phase: by about 0.29 rad sin 3 phi
+// for a gamma of 2.2.
 //
-// From a grey ramp, pixel by pixel: light_k = (I_k - I_black) / (I_white - I_black). From many-step fringes: N steps
-// give the phase nearly free of harmonics, with it each image's ideal level 1/2 + 1/2 cos(phi + delta_k), and the grey
-// values against the ideal levels are the response, up to an offset and a scale that differ from pixel to pixel.
+// Two methods. Grey ramp, per pixel: light_k = (I_k - I_black) / (I_white - I_black). Many-step fringes: N steps give a
+// phase nearly free of harmonics and thereby each image's ideal level 1/2 + 1/2 cos(phi + delta_k); grey values plotted
+// against ideal levels are the response, up to an offset and a scale per pixel.
 #pragma once
 
 #include <opencv2/core.hpp>
@@ -26,30 +26,31 @@ struct ResponseOptions {
   void describe(Visitor& v) {
     v.field("entries", entries, {3, 4097}, "entries of the response table");
     v.field("min_contrast_dn", min_contrast_dn, {1, 65535},
-            "least difference of white and black of a pixel, grey values");
-    v.field("saturation", saturation, {0.1, 1}, "share of full scale above which a pixel counts as clipped");
-    v.field("min_pixels", min_pixels, {10, 100000000}, "least number of pixels that can be used");
+            "minimum difference between a pixel's white and black grey values, DN");
+    v.field("saturation", saturation, {0.1, 1}, "fraction of full scale above which a pixel counts as saturated");
+    v.field("min_pixels", min_pixels, {10, 100000000}, "minimum number of usable pixels");
   }
 };
 
 struct Response {
-  std::vector<double> level, light, sigma;  // as measured: input, output, its standard deviation
-  std::vector<double> table;                // light at equally spaced levels from 0 to 1, growing
+  std::vector<double> level, light, sigma;  // measured input level, output and its standard deviation
+  std::vector<double> table;                // light at equally spaced levels from 0 to 1, increasing
   int pixels = 0;
-  double gamma = 0;  // of the power law nearest to it
+  double gamma = 0;  // exponent of the best-fitting power law
 };
 
-// Grey values (DN, H x W each) of flat images of the given levels, black and white among them. Throws Error saying what
-// is wrong with images from which no response can be had.
+// Estimates the response from flat images (DN, H x W each) of the given levels, which must include black and white.
+// Throws Error if images and levels do not match, too few pixels are usable, or the light decreases with the level.
 Response response_from_ramp(const std::vector<cv::Mat1f>& images, const std::vector<double>& levels,
                             const SensorModel& sensor, const ResponseOptions& options);
 
-// Images of one fringe period in N >= 8 equally spaced steps.
+// Estimates the response from images (DN, H x W each) of one fringe period in N >= 8 equally spaced steps. Throws Error
+// if too few images, pixels or phases are available or the light decreases with the level.
 Response response_from_fringes(const std::vector<cv::Mat1f>& images, const std::vector<double>& shifts_rad,
                                const SensorModel& sensor, const ResponseOptions& options);
 
-// What `steps` equally spaced steps measure too much, from N >= 8 images of which they are every (N / steps)-th: the
-// difference of the two phases, averaged over pixels of the same phase.
+// Estimates the phase error of a `steps`-step measurement from N >= 8 equally spaced images, N a multiple of `steps`.
+// The phase of every (N / steps)-th image minus the N-step phase is averaged over pixels of equal phase.
 PhaseCorrection phase_correction_from_fringes(const std::vector<cv::Mat1f>& images,
                                               const std::vector<double>& shifts_rad, int steps,
                                               const SensorModel& sensor, const ResponseOptions& options);

@@ -18,13 +18,13 @@ namespace fringeslam {
 namespace {
 
 constexpr int kLens = 9;                      // fx fy cx cy k1 k2 p1 p2 k3
-constexpr double kFirstCornerSigmaPx = 0.05;  // until the residuals tell
+constexpr double kFirstCornerSigmaPx = 0.05;  // initial value, re-estimated from the residuals
 constexpr double kLeastCornerSigmaPx = 0.003;
-constexpr double kLeastProjectorSigmaPx = 0.01;  // curvature of the lenses within a window, grey levels of the pattern
+constexpr double kLeastProjectorSigmaPx = 0.01;  // lens distortion within a window, quantised pattern
 constexpr double kRobustSigmas = 3;
 const Eigen::Vector2d kNone = Eigen::Vector2d::Constant(std::numeric_limits<double>::quiet_NaN());
 
-// core/types/pinhole.h, for automatic differentiation.
+// Pinhole::project() of core/types/pinhole.h for automatic differentiation.
 template <class T>
 void project(const T* lens, const T* point, T* pixel) {
   const T x = point[0] / point[2], y = point[1] / point[2], r2 = x * x + y * y;
@@ -33,14 +33,14 @@ void project(const T* lens, const T* point, T* pixel) {
   pixel[1] = lens[1] * (y * radial + lens[6] * (r2 + 2.0 * y * y) + 2.0 * lens[7] * x * y) + lens[3];
 }
 
-// A pose as angle-axis and translation.
+// Transforms a point by a pose given as angle-axis and translation.
 template <class T>
 void transform(const T* pose, const T* point, T* result) {
   ceres::AngleAxisRotatePoint(pose, point, result);
   for (int i = 0; i < 3; ++i) result[i] += pose[3 + i];
 }
 
-// What is left of a corner in the camera image, in sigmas.
+// Whitened residual of a corner in the camera image.
 struct CameraResidual {
   Eigen::Vector3d board;
   Eigen::Vector2d pixel;
@@ -57,9 +57,9 @@ struct CameraResidual {
   }
 };
 
-// The same in the projector image. Its corner was carried over from the camera's, error and all: what the camera's
-// residual does there, by the local homography's Jacobian, is taken off, and what remains is as small as the decoded
-// coordinates are exact. Together with the camera's residual this is the two errors' joint covariance, whitened.
+// Whitened residual of a corner in the projector image. The projector corner was transferred from the camera corner and
+// inherits its error; subtracting the camera residual mapped by the local homography's Jacobian leaves only the error
+// of the decoded coordinates. The two residuals together whiten the joint covariance of both errors.
 struct ProjectorResidual {
   Eigen::Vector3d board;
   Eigen::Vector2d camera_pixel, projector_pixel, sigma;
@@ -108,7 +108,7 @@ double median(std::vector<double> values) {
   return *middle;
 }
 
-// What is estimated, and from what.
+// Bundle adjustment of both lenses, their relative pose and all board poses.
 class Bundle {
  public:
   Bundle(const std::vector<BoardView>& views, const Board& board, const RigModel& rig,
@@ -141,7 +141,7 @@ class Bundle {
     relative_ = to_vector(relative);
   }
 
-  // Least squares over the used views; returns the covariance of lenses and relative pose, empty when singular.
+  // Minimises over the used views; returns the covariance of lenses and relative pose, empty if it is singular.
   Eigen::MatrixXd refine(const std::vector<size_t>& used) {
     ceres::Problem problem;
     for (const size_t v : used) {
@@ -180,11 +180,11 @@ class Bundle {
     if (!summary.IsSolutionUsable() || !covariance.Compute(blocks, &problem)) return {};
     Eigen::Matrix<double, 2 * kLens + 6, 2 * kLens + 6, Eigen::RowMajor> matrix;
     if (!covariance.GetCovarianceMatrix(blocks, matrix.data())) return {};
-    return matrix;  // the sigmas are those that the residuals showed: see rescale()
+    return matrix;  // scaled by the sigmas of the last rescale()
   }
 
-  // The sigmas that the residuals show, by their medians: those of corners in the camera image, and what the
-  // homographies' own are to be multiplied by.
+  // Re-estimates from the medians of the residuals the sigma of the camera corners and the factor on the sigmas of the
+  // local homographies.
   void rescale(const std::vector<size_t>& used) {
     constexpr double kMedianOfTwo = 1.1774;  // of the norm of two standard normal numbers
     const Pinhole camera = camera_lens(), projector = projector_lens();
@@ -203,11 +203,12 @@ class Bundle {
       }
     }
     corner_sigma_px_ = std::max(kLeastCornerSigmaPx, median(in_camera) / kMedianOfTwo);
-    // Not below what the windows' systematic errors are.
+    // Lower bound for the systematic errors within the windows.
     projector_factor_ = std::max(0.5, projector_factor_ * median(in_projector) / kMedianOfTwo);
   }
 
-  // The middle of a circle's image is not the image of its middle: moves the measured centres by the difference.
+  // The centroid of a circle's image is not the image of its centre: subtracts the difference from the measured
+  // centres.
   void correct_circles(const std::vector<size_t>& used) {
     if (diameter_m_ <= 0) return;
     for (const size_t v : used) {
@@ -270,7 +271,7 @@ class Bundle {
       const Eigen::Vector3d point = centre + 0.5 * diameter_m_ * Eigen::Vector3d(std::cos(angle), std::sin(angle), 0);
       rim.push_back(camera.project(camera_from_board * point));
     }
-    // Centre of gravity of the polygon.
+    // Centroid of the polygon.
     const Eigen::Vector2d middle = camera.project(camera_from_board * centre);
     double area = 0;
     Eigen::Vector2d sum = Eigen::Vector2d::Zero();
@@ -314,7 +315,7 @@ std::string list_of(const std::vector<ViewResult>& views) {
   return text.empty() ? "" : text + ")";
 }
 
-// Focal lengths come from foreshortening: boards that are all parallel have the same, whatever the focal length.
+// Focal lengths follow from foreshortening, so parallel boards do not determine them.
 void check_tilts(const Bundle& bundle, const std::vector<size_t>& used) {
   double widest = 0;
   for (const size_t a : used) {
@@ -328,7 +329,7 @@ void check_tilts(const Bundle& bundle, const std::vector<size_t>& used) {
   if (degrees < kLeastDegrees)
     throw Error(
         "the boards of all views are parallel to within " + std::to_string(static_cast<int>(std::ceil(degrees))) +
-        " degrees, from which no focal length can be had; tilt the board by 20 to 40 degrees, in several directions");
+        " degrees and do not determine the focal lengths; tilt the board by 20 to 40 degrees in several directions");
 }
 
 LensSigmas lens_sigmas(const Eigen::MatrixXd& covariance, int first) {
@@ -343,7 +344,7 @@ void check_determined(const RigCalibration& calibration, double max_focal_sigma)
     throw Error(
         "the views determine the " + device + "'s focal length only to " +
         std::to_string(static_cast<int>(std::ceil(100 * relative))) +
-        " %; add views with the board tilted by 20 to 40 degrees, in several directions and at several distances");
+        " %; add views with the board tilted by 20 to 40 degrees in several directions and at several distances");
   };
   check("camera", calibration.rig.camera, calibration.camera_sigma);
   check("projector", calibration.rig.projector, calibration.projector_sigma);
@@ -381,34 +382,34 @@ RigCalibration calibrate_rig(const std::vector<BoardView>& views, const Board& b
   bool started = false;
   while (true) {
     if (static_cast<int>(used.size()) < options.min_views)
-      throw Error(std::to_string(used.size()) + " of " + std::to_string(views.size()) + " views can be used; " +
-                  std::to_string(options.min_views) + " are the least, 10 to 15 a good number" +
+      throw Error(std::to_string(used.size()) + " of " + std::to_string(views.size()) + " views are usable; at least " +
+                  std::to_string(options.min_views) + " are required, 10 to 15 are recommended" +
                   list_of(calibration.views));
     if (!started) bundle.start(used);
     started = true;
     check_tilts(bundle, used);
-    // Sigmas and the circles' perspective follow from a first solution.
+    // The sigmas and the circles' perspective bias are estimated from a first solution.
     bundle.refine(used);
     bundle.correct_circles(used);
     bundle.rescale(used);
     calibration.covariance = bundle.refine(used);
     if (calibration.covariance.size() == 0)
       throw Error(
-          "the views do not determine all parameters of the lenses; add views with the board tilted by 20 to 40 "
-          "degrees, in several directions, or estimate fewer distortion terms");
+          "the views do not determine all lens parameters; add views with the board tilted by 20 to 40 degrees in "
+          "several directions, or estimate fewer distortion terms");
     std::vector<double> sizes;
     for (const size_t v : used) {
       calibration.views[v] = bundle.result(v, true);
       sizes.push_back(std::max(calibration.views[v].camera_rms_px, calibration.views[v].projector_rms_px));
     }
-    // The worst view goes when it is out of line with the others, and the rest is estimated anew.
+    // Rejects the worst view if it is an outlier among the views or exceeds the limit, and estimates again.
     const size_t worst = static_cast<size_t>(std::max_element(sizes.begin(), sizes.end()) - sizes.begin());
     const double typical = median(sizes);
     const bool out_of_line = sizes[worst] > std::max(3 * typical, 0.25);
     if (!out_of_line && sizes[worst] <= options.max_reprojection_px) break;
     ViewResult& view = calibration.views[used[worst]];
     char reason[160];
-    std::snprintf(reason, sizeof reason, "reprojection error %.2f px in the %s, the median of the views is %.2f px",
+    std::snprintf(reason, sizeof reason, "reprojection error %.2f px in the %s; median of the views %.2f px",
                   sizes[worst], view.camera_rms_px > view.projector_rms_px ? "camera" : "projector", typical);
     view.used = false;
     view.reason = reason;

@@ -14,15 +14,15 @@ namespace fringeslam {
 
 namespace {
 
-// Centre (2), directions of the two edges (angles), m, g (2), k, log s.
+// Parameters: centre (2), directions of the two edges (angles), m, g (2), k, log s.
 constexpr int kParameters = 9;
 
 struct Pixel {
   double x, y, grey;
 };
 
-// erf(x / s), the edge as the lens blurs it, averaged over the half width h of a pixel on either side. For an edge
-// along the pixels' rows that average is nearly all the blur there is.
+// erf(x / s), an edge blurred by the lens, averaged over a pixel of half width h. For an edge parallel to the pixel
+// rows this average is nearly all of the blur.
 template <class T>
 T pixel_edge(const T& x, const T& s, const T& h) {
   using std::erf;
@@ -72,7 +72,7 @@ double angle_of(const cv::Point2f& direction) {
   return std::atan2(static_cast<double>(direction.y), static_cast<double>(direction.x));
 }
 
-// `along_row`, `along_column`: the directions of the two edges.
+// Fits the saddle to the pixels around a corner; `along_row` and `along_column` are the directions of the two edges.
 cv::Point2f fitted(const cv::Mat1f& image, const cv::Point2f& corner, const cv::Point2f& along_row,
                    const cv::Point2f& along_column) {
   const double radius = std::clamp(0.42 * std::min(cv::norm(along_row), cv::norm(along_column)), 3.0, 16.0);
@@ -86,7 +86,7 @@ cv::Point2f fitted(const cv::Mat1f& image, const cv::Point2f& corner, const cv::
   }
   std::array<double, kParameters> start{
       0, 0, angle_of(along_row), angle_of(along_column), mean, 0, 0, 0.4 * (high - low), -0.7};
-  // Which pair of opposite squares is bright.
+  // Determines which pair of opposite squares is bright.
   double sign = 0;
   for (const Pixel& p : pixels) {
     const double a = std::cos(start[2]) * p.y - std::sin(start[2]) * p.x;

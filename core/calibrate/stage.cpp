@@ -21,11 +21,11 @@ struct Sighting {
   size_t view, corner;
 };
 
-// The linear system in (M by rows, t); its solution, and which directions it leaves open.
+// Solves the linear system for [M t], M row by row; throws Error if the motions leave a direction undetermined.
 Eigen::Matrix<double, 3, 4> solve_affine(const std::vector<StageView>& views) {
   Eigen::Matrix<double, 12, 12> normal = Eigen::Matrix<double, 12, 12>::Zero();
   Eigen::Matrix<double, 12, 1> right = Eigen::Matrix<double, 12, 1>::Zero();
-  // Lengths in units of the corners' distance, so that all columns are of one size.
+  // Lengths are in units of the corners' mean distance, which gives all columns a similar magnitude.
   double scale = 0;
   int sightings = 0;
   for (const StageView& view : views) {
@@ -52,9 +52,9 @@ Eigen::Matrix<double, 3, 4> solve_affine(const std::vector<StageView>& views) {
   if (!(solver.eigenvalues()(0) > 1e-7 * solver.eigenvalues()(11))) {
     const bool offset_open = solver.eigenvectors().col(0).tail<3>().squaredNorm() > 0.5;
     throw Error(offset_open
-                    ? "the motions do not determine where the camera sits: all turn about one axis, or none turns; add "
-                      "rotations about two axes of 5 degrees or more"
-                    : "the motions do not determine how the camera is turned; add translations along three axes");
+                    ? "the motions do not determine the camera's position: there is no rotation, or only one axis; add "
+                      "rotations of 5 degrees or more about two axes"
+                    : "the motions do not determine the camera's orientation; add translations along three axes");
   }
   const Eigen::Matrix<double, 12, 1> x = normal.ldlt().solve(right);
   Eigen::Matrix<double, 3, 4> affine;
@@ -63,8 +63,8 @@ Eigen::Matrix<double, 3, 4> solve_affine(const std::vector<StageView>& views) {
   return affine;
 }
 
-// Polar decomposition: the rotation nearest to M; and the translation that goes with it, so that the corners' centre is
-// moved as the affine map moves it.
+// Polar decomposition: the rotation nearest to M, and the translation that maps the corners' centre to the same point
+// as the affine transform does.
 Pose nearest_rigid(const Eigen::Matrix<double, 3, 4>& affine, const Eigen::Vector3d& centre) {
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(affine.leftCols<3>(), Eigen::ComputeFullU | Eigen::ComputeFullV);
   Eigen::Vector3d signs(1, 1, (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0 ? -1 : 1);
@@ -74,12 +74,12 @@ Pose nearest_rigid(const Eigen::Matrix<double, 3, 4>& affine, const Eigen::Vecto
   return pose;
 }
 
-// Whitened distance of a corner, carried into the world, from its place there.
+// Whitened residual between a measured corner transformed to the world and the corner's estimated world position.
 struct CornerResidual {
   Eigen::Matrix3d world_rotation, initial_rotation, whitening;
   Eigen::Vector3d world_translation, camera_point;
 
-  // tangent: retract(initial, tangent) with the translation taken whole.
+  // `tangent` is that of retract(initial, tangent), except that its translation part is the full translation.
   template <class T>
   bool operator()(const T* tangent, const T* corner, T* residual) const {
     const Eigen::Vector3d rotated = initial_rotation * camera_point;
@@ -101,15 +101,14 @@ Eigen::Matrix3d whitening_of(const Eigen::Matrix3d& covariance) {
   return lower.triangularView<Eigen::Lower>().solve(Eigen::Matrix3d::Identity());
 }
 
-// How much farther the views stand apart, each taken as a rigid whole, than independent errors of their corners would
-// have it: mean chi-square of each view's own residual motion, the greater of that out of the image plane (tilt and
-// distance, learnt from depth) and that in it (learnt from the corners' places in the image). What a view's corners
-// have in common, such as the phase of the fringes under the print, does not average over them, and the transform is
-// learnt from the differences between views alone.
+// Variance factor for errors common to all corners of a view, such as the phase error of fringes on the print. These do
+// not average out over the corners, and the transform depends only on differences between views. Returns the reduced
+// chi-square of the views' residual rigid motions: the greater of those out of the image plane (tilts and distance,
+// determined by depth) and in it (roll and shifts, determined by the corners' image positions).
 double spread_of_views(const std::vector<StageView>& views, const Pose& robot_from_camera,
                        const std::vector<Eigen::Vector3d>& corners) {
   Eigen::Vector2d chi2 = Eigen::Vector2d::Zero();
-  int freedom = -6;  // of each: half of the transform's, and half of where the board lies
+  int freedom = -6;  // per half: 3 for the transform and 3 for the board's pose
   for (const StageView& view : views) {
     const Pose camera_from_world = (view.world_from_robot * robot_from_camera).inverse();
     Matrix6d normal = Matrix6d::Zero();
@@ -119,7 +118,7 @@ double spread_of_views(const std::vector<StageView>& views, const Pose& robot_fr
       if (!view.corners[j] || corners[j].isZero()) continue;
       const Eigen::Vector3d off = view.corners[j]->point_m - camera_from_world * corners[j];
       const Eigen::Vector3d arm = camera_from_world.rotation * (corners[j] - corners.front());
-      // Columns: tilts, distance; roll, shifts.
+      // Columns: tilts and distance, then roll and shifts.
       Eigen::Matrix<double, 3, 6> jacobian;
       jacobian << 0, arm.z(), 0, -arm.y(), 1, 0, -arm.z(), 0, 0, arm.x(), 0, 1, arm.y(), -arm.x(), 1, 0, 0, 0;
       const Eigen::Matrix3d information = view.corners[j]->covariance_m2.inverse();
@@ -183,7 +182,7 @@ void refine(const std::vector<StageView>& views, StageCalibration& result) {
         "the motions do not determine the transform; add rotations about two axes and translations along three");
   Eigen::Matrix<double, 6, 6, Eigen::RowMajor> matrix;
   covariance.GetCovarianceBlock(block, block, matrix.data());
-  // The corners' own covariances are right up to a factor, which the residuals tell.
+  // The corners' covariances are correct up to a factor, which is estimated from the residuals.
   const double excess = 2 * summary.final_cost / std::max(1, residuals - 6 - 3 * used_corners);
   result.robot_from_camera = {rotation_exp(tangent.head<3>()) * start.rotation, tangent.tail<3>()};
   result.covariance = std::max(excess, spread_of_views(views, result.robot_from_camera, corners)) * matrix;
@@ -207,7 +206,7 @@ void refine(const std::vector<StageView>& views, StageCalibration& result) {
 StageCalibration calibrate_stage(const std::vector<StageView>& views) {
   if (views.size() < 4)
     throw Error(std::to_string(views.size()) +
-                " views of the board; four are the least (three motions), the papers take nine");
+                " views of the board; at least four (three motions) are required, the papers use nine");
   size_t common = 0;
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();
   for (size_t j = 0; j < views[0].corners.size(); ++j) {
@@ -216,7 +215,7 @@ StageCalibration calibrate_stage(const std::vector<StageView>& views) {
     ++common;
   }
   if (common < 6)
-    throw Error("only " + std::to_string(common) + " corners have depth in the first view; six are the least");
+    throw Error("only " + std::to_string(common) + " corners have depth in the first view; at least six are required");
   StageCalibration result;
   result.motions = static_cast<int>(views.size()) - 1;
   result.affine = solve_affine(views);
@@ -232,7 +231,7 @@ std::optional<CornerPoint> corner_point(const Frame& frame, const Pinhole& camer
   const int reach = static_cast<int>(std::ceil(radius_px));
   const int x0 = static_cast<int>(std::lround(corner_px.x())), y0 = static_cast<int>(std::lround(corner_px.y()));
   const Eigen::Vector2d ray = camera.undistort(corner_px);
-  // Under perspective a plane is linear in inverse depth: 1/z = (a, b, c).(x, y, 1), relative to the corner's ray.
+  // In perspective, a plane is linear in inverse depth: 1/z = (a, b, c).(x, y, 1), relative to the corner's ray.
   Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
   Eigen::Vector3d right = Eigen::Vector3d::Zero();
   double squares = 0, count = 0;
@@ -258,10 +257,10 @@ std::optional<CornerPoint> corner_point(const Frame& frame, const Pinhole& camer
   const double z = 1 / plane.z();
   CornerPoint corner;
   corner.point_m = z * Eigen::Vector3d(ray.x(), ray.y(), 1);
-  // Along the ray from the plane's fit; across it from the corner's place in the image, which takes the depth with it
-  // along the plane.
+  // Variance along the ray comes from the plane fit, variance across it from the corner's image position; a shift in
+  // the image changes the depth along the plane.
   const double sigma_z = z * z * std::sqrt(covariance(2, 2) * std::max(1.0, chi2));
-  Eigen::Matrix<double, 3, 3> jacobian;  // of the point: depth, pixel x, pixel y
+  Eigen::Matrix<double, 3, 3> jacobian;  // of the point with respect to depth, pixel x, pixel y
   const Eigen::Vector2d slope = -z * z * plane.head<2>();
   const Eigen::Vector3d direction(ray.x(), ray.y(), 1);
   jacobian.col(0) = direction;

@@ -23,8 +23,8 @@ double median_of(std::vector<double> values) { return quantile_of(std::move(valu
 
 namespace {
 
-// Whether a coordinate is more than half a period from the true one. A pixel on an edge may rightly measure what its
-// centre does not see but its area does: there the neighbours' truth counts as well.
+// True if the column is more than half a period from the true one. A mixed pixel may correctly measure a surface that
+// lies in its area but not at its centre; there the ground truth of the 3x3 neighbourhood is accepted as well.
 bool wrong_order(const TruthFrame& truth, int row, int col, double column_px, double period_px) {
   const auto agrees = [&](int r, int c) {
     return std::abs(column_px - static_cast<double>(truth.projector_column(r, c))) <= period_px / 2;
@@ -42,7 +42,7 @@ bool wrong_order(const TruthFrame& truth, int row, int col, double column_px, do
 }  // namespace
 
 DepthScore score_depth(const DepthEstimate& estimate, const TruthFrame& truth, double finest_period_px) {
-  if (estimate.depth_m.size() != truth.depth_m.size()) throw Error("score: depth and truth differ in size");
+  if (estimate.depth_m.size() != truth.depth_m.size()) throw Error("score: depth and ground truth differ in size");
   DepthScore score;
   std::vector<double> errors;
   double squares = 0;

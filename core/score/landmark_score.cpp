@@ -28,7 +28,7 @@ bool within(const cv::Mat& image, const cv::Point& p) {
   return p.x >= 0 && p.y >= 0 && p.x < image.cols && p.y < image.rows;
 }
 
-// Where the ray of a sub-pixel position meets the tangent plane of what its pixel sees.
+// Intersects the ray of a sub-pixel position with the tangent plane of the surface seen by its pixel.
 TruePoint true_point(const JudgedView& view, const Eigen::Vector2d& pixel, const Pinhole& camera) {
   TruePoint result;
   const cv::Point p = nearest_pixel(pixel);
@@ -49,7 +49,7 @@ TruePoint true_point(const JudgedView& view, const Eigen::Vector2d& pixel, const
 
 double sigma_of(const Keypoint& k) { return std::sqrt(k.covariance_m2.trace()); }
 
-// Pixel of the view that sees a world point, if it does and the projector lights it there.
+// Finds the pixel of the view that a world point projects to; false if the point is not visible or not directly lit.
 bool shows(const JudgedView& view, const Eigen::Vector3d& world, const Pinhole& camera, cv::Point& pixel) {
   const Eigen::Vector3d point = view.world_from_camera.inverse() * world;
   if (!(point.z() > 0)) return false;
@@ -57,7 +57,7 @@ bool shows(const JudgedView& view, const Eigen::Vector3d& world, const Pinhole& 
   if (!within(view.truth->depth_m, pixel)) return false;
   const int mask = static_cast<int>(view.truth->mask(pixel));
   if (!(mask & kTruthSurface) || !(mask & kTruthInBeam) || (mask & kTruthInShadow)) return false;
-  // Another surface in between is farther off than what a slanted one does within a pixel.
+  // An occluding surface differs in depth by more than a slanted surface does within a pixel.
   return std::abs(view.truth->depth_m(pixel) - point.z()) < 0.005;
 }
 
@@ -73,7 +73,8 @@ bool covisible_in(const JudgedView& earlier, const JudgedView& current, const La
   return 2 * seen >= static_cast<int>(landmark.keypoints.size());
 }
 
-// Of every fourth pixel within `outline` of one view: how many show in the other, and how many of those within `other`.
+// Of every fourth pixel and row inside `outline` in one view: the number visible in the other view, and the number of
+// those inside `other`.
 struct Overlap {
   int shown = 0, shared = 0;
 };

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Landmarks against exact truth (METHOD section 2). World points of keypoints are where their viewing rays truly meet
-// the scene.
+// Scores landmarks against exact ground truth (docs/method.md, section 13). A keypoint's true 3D point is where its
+// viewing ray meets the scene.
 #pragma once
 
 #include <vector>
@@ -11,29 +11,29 @@
 
 namespace fringeslam {
 
-// What was found in a view, and what is true of it.
+// Landmarks detected in a view, with the view's ground truth.
 struct JudgedView {
   const Landmarks* landmarks = nullptr;
   const TruthFrame* truth = nullptr;
-  Pose world_from_camera;  // true
+  Pose world_from_camera;  // ground truth
 };
 
 struct LandmarkScore {
   int landmarks = 0;           // of the current view
-  int covisible = 0;           // at least half of the keypoints truly show, lit, in one of the earlier views
-  int recognised = 0;          // of those, by at least four right matches
-  int repeated = 0;            // of those, whose outline overlaps one of that view's landmarks by half of both together
-  int false_recognitions = 0;  // with fewer than four right matches
-  int matches = 0, right = 0;  // of keypoints in recognitions; right: their true points coincide within the sum of
+  int covisible = 0;           // at least half of the keypoints are visible and lit in one of the earlier views
+  int recognised = 0;          // covisible landmarks with at least four correct matches
+  int repeated = 0;            // covisible landmarks whose outline overlaps a landmark of that view, IoU at least 0.5
+  int false_recognitions = 0;  // recognitions with fewer than four correct matches
+  int matches = 0, right = 0;  // keypoint matches in recognitions; right: their true points coincide within the sum of
                                // their sigmas and half a pixel's footprint
-  std::vector<double> purity;  // of each landmark, the share of its keypoints that are on its commonest object
+  std::vector<double> purity;  // per landmark: share of its keypoints on its most frequent object
 };
 
-// `earlier[i]` is the view that recognitions call frame i.
+// Scores the landmarks of `current` and their recognitions; `earlier[i]` is the view that recognitions call frame i.
 LandmarkScore score_landmarks(const std::vector<JudgedView>& earlier, const JudgedView& current,
                               const std::vector<Recognition>& recognitions, const Pinhole& camera);
 
-// Whether a match's two points are truly one.
+// True if the true 3D points of a match's two keypoints coincide within their sigmas and half a pixel's footprint.
 bool is_right(const JudgedView& earlier, const JudgedView& current, const KeypointMatch& match, const Pinhole& camera);
 
 }  // namespace fringeslam

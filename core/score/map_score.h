@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Maps against the true surface: accuracy is how far the map's points are from it, completeness how far what the sensor
-// saw of it is from the map. With a tolerance t, precision and recall are the shares within t, and F their harmonic
-// mean (A. Knapitsch et al., Tanks and Temples, 2017). Distances are the caller's: those of `sim/nearest_surface.h`.
+// Scores maps against the true surface. Accuracy is the distance from the map's points to the true surface;
+// completeness is the distance from the surface points seen by the sensor to the map. Precision and recall are shares
+// within a tolerance, and F is their harmonic mean (A. Knapitsch et al., Tanks and Temples, 2017). The caller computes
+// the distances, for example with `sim/nearest_surface.h`.
 #pragma once
 
 #include <cmath>
@@ -13,9 +14,10 @@
 
 namespace fringeslam {
 
-// Adds, in the world frame, what a view's sensor can see: of every fourth pixel of every fourth row lit surface within
-// the working range that is all of its pixel, met by the camera's and the projector's ray at less than 80 degrees to
-// its normal. `rays` are those of rig.camera.
+// Appends the surface points that the sensor can see in one view, world frame, m. Samples every fourth pixel of every
+// fourth row and keeps those whose only mask bits are kTruthSurface and kTruthInBeam (lit, unmixed), whose depth is
+// within the working range, and which the camera's and the projector's rays meet at less than 80 degrees to the normal.
+// `rays` are those of rig.camera.
 void append_seen(const TruthFrame& truth, const RigModel& rig, const PixelRays& rays,
                  std::vector<Eigen::Vector3d>& seen);
 
@@ -31,7 +33,7 @@ struct MapScore {
   double f_score() const { return precision + recall > 0 ? 2 * precision * recall / (precision + recall) : 0; }
 };
 
-// Distances from each point of the map to the true surface, and from each seen point of that to the map.
+// Computes the scores from the distances of map points to the true surface and of seen surface points to the map.
 MapScore score_map(const std::vector<double>& map_to_truth_m, const std::vector<double>& truth_to_map_m,
                    double threshold_m);
 

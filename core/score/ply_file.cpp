@@ -25,7 +25,7 @@ enum class Format { ascii, little_endian, big_endian };
 struct Property {
   std::string name;
   Number type = Number::none;
-  Number count = Number::none;  // of a list
+  Number count = Number::none;  // type of a list's count; none for a scalar
 };
 
 struct Element {
@@ -37,8 +37,8 @@ struct Element {
 struct Header {
   Format format = Format::ascii;
   std::vector<Element> elements;
-  size_t body = 0;    // where it begins, bytes
-  int body_line = 0;  // the same as a line
+  size_t body = 0;    // byte offset of the body
+  int body_line = 0;  // line number where the body begins
 };
 
 Number number_type(const std::string& name) {
@@ -58,7 +58,7 @@ class HeaderReader {
   HeaderReader(const fs::path& file, const std::string& bytes) : file_(file), bytes_(bytes) {}
 
   Header read() {
-    if (next() != "ply") throw error("is no PLY file");
+    if (next() != "ply") throw error("is not a PLY file");
     bool has_format = false;
     for (std::string line = next(); line != "end_header"; line = next()) {
       std::istringstream words(line);
@@ -72,10 +72,10 @@ class HeaderReader {
       } else if (key == "property") {
         read_property(words);
       } else if (!key.empty() && key != "comment" && key != "obj_info") {
-        throw error("unknown word '" + key + "' in the header");
+        throw error("unknown keyword '" + key + "' in the header");
       }
     }
-    if (!has_format) throw error("the header names no format");
+    if (!has_format) throw error("the header has no format line");
     header_.body = at_;
     header_.body_line = line_ + 1;
     return std::move(header_);
@@ -99,7 +99,7 @@ class HeaderReader {
   void read_format(std::istringstream& words) {
     std::string name, version;
     words >> name >> version;
-    if (version != "1.0") throw error("unknown version '" + version + "' of the format; 1.0 is known");
+    if (version != "1.0") throw error("unknown version '" + version + "' of the format; only 1.0 is supported");
     if (name == "ascii")
       header_.format = Format::ascii;
     else if (name == "binary_little_endian")
@@ -116,12 +116,12 @@ class HeaderReader {
     words >> element.name >> count;
     const auto [stop, failed] = std::from_chars(count.data(), count.data() + count.size(), element.count);
     if (failed != std::errc() || stop != count.data() + count.size() || element.count > INT32_MAX)
-      throw error("'" + count + "' is no number of elements");
+      throw error("'" + count + "' is not a valid element count");
     header_.elements.push_back(element);
   }
 
   void read_property(std::istringstream& words) {
-    if (header_.elements.empty()) throw error("a property before any element");
+    if (header_.elements.empty()) throw error("property before any element");
     Property property;
     std::string type;
     words >> type;
@@ -136,7 +136,7 @@ class HeaderReader {
       property.count = known(count);
     }
     property.type = known(type);
-    if (!(words >> property.name)) throw error("a property without a name");
+    if (!(words >> property.name)) throw error("property without a name");
     header_.elements.back().properties.push_back(property);
   }
 
@@ -147,12 +147,12 @@ class HeaderReader {
   int line_ = 0;
 };
 
-// One number of the body after the other.
+// Reads the numbers of the body one after another.
 class Body {
  public:
   virtual ~Body() = default;
   virtual double next(Number type) = 0;
-  // Fewest bytes that a number of the type takes.
+  // Smallest number of bytes that a value of the type occupies.
   virtual size_t least_bytes(Number type) const = 0;
   virtual size_t left() const = 0;
   virtual Error error(const Element& element, uint64_t index, const std::string& what) const = 0;
@@ -263,32 +263,32 @@ class BodyReader {
   PlyMap read() {
     for (const Element& element : header_.elements) {
       check_length(element);
-      if (element.properties.empty()) continue;  // however many there are of it, they take no bytes
+      if (element.properties.empty()) continue;  // they occupy no bytes, whatever their count
       uint64_t index = 0;
       try {
         for (; index < element.count; ++index) read_one(element, index);
       } catch (const CutOff&) {
-        throw body_.error(element, index, "the file is cut off");
+        throw body_.error(element, index, "the file is truncated");
       } catch (const NoNumber&) {
-        throw body_.error(element, index, "what should be a number is none");
+        throw body_.error(element, index, "invalid number");
       }
     }
     return finished();
   }
 
  private:
-  // A count that the rest of the file cannot hold would take all of the memory.
+  // Rejects a count that the rest of the file cannot hold before it exhausts the memory.
   void check_length(const Element& element) const {
     uint64_t least = 0;
     for (const Property& p : element.properties) least += body_.least_bytes(p.count == Number::none ? p.type : p.count);
     if (element.count * least > body_.left())
-      throw Error(file_.string() + ": the file is cut off: too short for " + std::to_string(element.count) +
-                  " of element '" + element.name + "'");
+      throw Error(file_.string() + ": the file is truncated: too short for " + std::to_string(element.count) +
+                  " elements '" + element.name + "'");
     if (element.name != "vertex") return;
     for (const char* name : {"x", "y", "z"}) {
       if (std::none_of(element.properties.begin(), element.properties.end(),
                        [&](const Property& p) { return p.name == name && p.count == Number::none; }))
-        throw Error(file_.string() + ": its vertices have no '" + name + "'");
+        throw Error(file_.string() + ": the vertices have no '" + name + "'");
     }
   }
 
@@ -323,7 +323,7 @@ class BodyReader {
     for (const double corner : list_) {
       if (!(corner >= 0) || corner >= static_cast<double>(map_.vertices.size()) || corner != std::floor(corner))
         throw body_.error(element, index,
-                          "there are " + std::to_string(map_.vertices.size()) + " vertices, none is number " +
+                          "there are " + std::to_string(map_.vertices.size()) + " vertices, but a face refers to " +
                               std::to_string(static_cast<int64_t>(std::clamp(corner, -1e15, 1e15))));
     }
     for (size_t i = 2; i < list_.size(); ++i)
@@ -331,7 +331,7 @@ class BodyReader {
                                   static_cast<int>(list_[i]));
   }
 
-  // Points of an organised cloud that were not measured are NaN.
+  // Removes non-finite vertices and their faces; organised clouds mark missing measurements by NaN.
   PlyMap finished() {
     std::vector<int> kept(map_.vertices.size(), -1);
     PlyMap result;
@@ -345,7 +345,7 @@ class BodyReader {
       const Eigen::Vector3i corners = triangle.unaryExpr([&](int i) { return kept[static_cast<size_t>(i)]; });
       if (corners.minCoeff() >= 0) result.triangles.push_back(corners);
     }
-    if (result.vertices.empty()) throw Error(file_.string() + ": holds no vertex");
+    if (result.vertices.empty()) throw Error(file_.string() + ": contains no finite vertex");
     return result;
   }
 

@@ -12,7 +12,7 @@ namespace {
 
 Eigen::Vector3d to_eigen(const cv::Vec3f& v) { return {v[0], v[1], v[2]}; }
 
-// A pixel of one view that contributes to the information: true geometry and measured sigma.
+// A pixel of one view that contributes to the information: true geometry, estimated sigma.
 struct BoundPoint {
   Eigen::Vector3d point, normal;
   double residual_sigma = 0;  // |n.d| sigma_z
@@ -22,7 +22,7 @@ struct BoundPoint {
 BoundPoint bound_point(const TruthFrame& truth, const cv::Mat1f& sigma_m, const PixelRays& rays, int row, int col) {
   BoundPoint result;
   const double depth = truth.depth_m(row, col), sigma = sigma_m(row, col);
-  // The sigma of a pixel that sees an edge says nothing about where its point lies.
+  // The sigma of a mixed pixel does not describe the error of its point.
   const bool mixed = (static_cast<int>(truth.mask(row, col)) & kTruthMixed) != 0;
   if (std::isnan(depth) || std::isnan(sigma) || mixed) return result;
   const Eigen::Vector3d ray(rays(row, col)[0], rays(row, col)[1], 1);
@@ -56,7 +56,7 @@ Matrix6d pose_information(const TruthFrame& previous, const cv::Mat1f& previous_
       if (!camera.contains(pixel)) continue;
       const cv::Point at(static_cast<int>(std::lround(pixel.x())), static_cast<int>(std::lround(pixel.y())));
       const BoundPoint target = bound_point(previous, previous_sigma_m, rays, at.y, at.x);
-      // The same surface in both views: the true plane of the one holds the point of the other.
+      // Keeps only pairs on the same surface: the point of one view lies in the true tangent plane of the other.
       if (!target.usable || std::abs(target.normal.dot(x - target.point)) > 5e-4 || (x - target.point).norm() > 5e-3)
         continue;
       Vector6d g;
@@ -66,7 +66,7 @@ Matrix6d pose_information(const TruthFrame& previous, const cv::Mat1f& previous_
           {g, source.residual_sigma * source.residual_sigma, target.residual_sigma * target.residual_sigma, at});
     }
   }
-  // A pixel of the previous view on which several of the current one fall was measured once all the same.
+  // A pixel of the previous view was measured only once, even if several pixels of the current view fall on it.
   Matrix6d information = Matrix6d::Zero();
   for (const Pair& pair : pairs)
     information += pair.g * pair.g.transpose() / (pair.source_variance + uses(pair.target) * pair.target_variance);

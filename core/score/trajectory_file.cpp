@@ -14,7 +14,7 @@ namespace {
 constexpr double kNanosecondsBeyond = 1e14;
 constexpr double kSecondsPerNanosecond = 1e-9;
 
-// Whether the first line that is no comment has commas.
+// True if the first line with content other than a comment contains a comma.
 bool has_commas(const std::filesystem::path& file) {
   std::ifstream in(file);
   for (std::string line; std::getline(in, line);) {
@@ -24,7 +24,7 @@ bool has_commas(const std::filesystem::path& file) {
   return false;
 }
 
-// A finite number alone between blanks.
+// Parses a finite number surrounded only by blanks.
 bool read_number(std::string text, double& value) {
   text.erase(0, std::min(text.find_first_not_of(" \t+"), text.size()));
   text.erase(text.find_last_not_of(" \t\r") + 1);
@@ -46,7 +46,7 @@ Trajectory read_euroc(const std::filesystem::path& file) {
     for (double& value : v) {
       const size_t end = std::min(line.find(',', begin), line.size());
       if (begin > line.size() || !read_number(line.substr(begin, end - begin), value))
-        throw Error(where + "needs eight finite numbers between commas: timestamp_ns,x,y,z,qw,qx,qy,qz");
+        throw Error(where + "needs eight finite numbers separated by commas: timestamp_ns,x,y,z,qw,qx,qy,qz");
       begin = end + 1;
     }
     const Eigen::Vector4d xyzw(v[5], v[6], v[7], v[4]);

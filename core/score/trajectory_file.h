@@ -1,17 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// Trajectories that other systems wrote, told apart by what is in them. `#` begins a comment in both:
+// Reads trajectories written by other systems; the format is detected from the content. `#` starts a comment in both:
 //
-//   TUM    timestamp_s x y z qx qy qz qw, between blanks
-//   EuRoC  timestamp_ns,x,y,z,qw,qx,qy,qz, between commas; more columns are ignored
+//   TUM    timestamp_s x y z qx qy qz qw, separated by blanks
+//   EuRoC  timestamp_ns,x,y,z,qw,qx,qy,qz, separated by commas; further columns are ignored
 //
-// Timestamps of a TUM file that begin beyond 1e14 are in nanoseconds, as ORB-SLAM3 writes them for EuRoC's sequences.
+// If the first timestamp of a TUM file exceeds 1e14, timestamps are in nanoseconds, as ORB-SLAM3 writes them for EuRoC.
 #pragma once
 
 #include "core/types/trajectory.h"
 
 namespace fringeslam {
 
-// Throws Error as read_tum() does.
+// Reads a TUM or EuRoC trajectory. Throws Error under the same conditions as read_tum().
 Trajectory read_trajectory(const std::filesystem::path& file);
 
 }  // namespace fringeslam

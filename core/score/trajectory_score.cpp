@@ -23,7 +23,7 @@ Eigen::Vector3d mean_of(const Points& points) {
   return sum / static_cast<double>(points.size());
 }
 
-// Of the same instants, in the order of time.
+// Poses at the same instants, in temporal order.
 struct Associated {
   std::vector<Pose> truth, estimate;
 };
@@ -36,8 +36,8 @@ Associated associated(const Trajectory& estimate, const Trajectory& truth, doubl
   }
   if (poses.truth.size() < least)
     throw Error("score: only " + std::to_string(poses.truth.size()) +
-                " poses of the estimate have a true pose within " + to_text(max_gap_s * 1e3) + " ms; " +
-                (least == 1 ? "one is needed" : "two are needed"));
+                " poses of the estimate have a ground-truth pose within " + to_text(max_gap_s * 1e3) + " ms; " +
+                (least == 1 ? "at least one is required" : "at least two are required"));
   return poses;
 }
 
@@ -54,7 +54,7 @@ Similarity alignment(const Associated& poses, const std::string& how, bool needs
   bool unique = false;
   const Similarity result = align_similarity(positions(poses.truth), positions(poses.estimate), how == "sim3", &unique);
   if (needs_rotation && !unique)
-    throw Error("score: positions on one line leave the rotation about it free; align by the origin instead");
+    throw Error("score: collinear positions do not determine the rotation about their line; use align 'origin' instead");
   return result;
 }
 
@@ -99,7 +99,7 @@ RelativeErrors relative_errors(const Associated& poses, double scale, int delta,
   }
   if (errors.rotation_deg.empty())
     throw Error("score: no two of " + std::to_string(poses.truth.size()) + " associated poses are " +
-                std::to_string(delta) + " frames apart; choose a smaller delta");
+                std::to_string(delta) + " frames apart; use a smaller delta");
   return errors;
 }
 
@@ -121,9 +121,9 @@ ErrorStatistics statistics_of(const std::vector<double>& errors) {
 }
 
 Similarity align_similarity(const Points& to, const Points& from, bool with_scale, bool* unique) {
-  // Shorter than this, and what there is is rounding.
+  // Extents below this are rounding errors.
   constexpr double kLeastExtent_m = 1e-9;
-  // Of the singular values of the correlation: both sets leave a line by less than a millionth of its length.
+  // Ratio of the correlation's singular values below which both sets are collinear to a millionth of their length.
   constexpr double kOnALine = 1e-12;
   Similarity result{1, align_points(to, from)};
   const Eigen::Vector3d to_mean = mean_of(to), from_mean = mean_of(from);
@@ -142,8 +142,8 @@ Similarity align_similarity(const Points& to, const Points& from, bool with_scal
   if (!with_scale) return result;
   const double least2 = static_cast<double>(to.size()) * kLeastExtent_m * kLeastExtent_m;
   if (!(to2 > least2) || !(from2 > least2))
-    throw Error("score: positions that do not move determine no scale; align without it");
-  // tr(D S) of Umeyama's eq. 42 is the trace of R^T correlation, which is what the rotated points have in common.
+    throw Error("score: a trajectory without motion does not determine a scale; use align 'se3' or 'origin' instead");
+  // tr(D S) in Umeyama's eq. 42 equals tr(R^T correlation), the correlation of the rotated points.
   result.scale = along / from2;
   result.pose.translation = to_mean - result.scale * (result.pose.rotation * from_mean);
   return result;

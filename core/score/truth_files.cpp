@@ -16,12 +16,12 @@ using Channels = std::map<std::string, cv::Mat1f>;
 
 Channels read_exr(const std::filesystem::path& file) {
   std::error_code ignored;
-  if (!std::filesystem::exists(file, ignored)) throw Error(file.string() + ": is missing");
+  if (!std::filesystem::exists(file, ignored)) throw Error(file.string() + ": does not exist");
   const auto in = OIIO::ImageInput::open(file.string());
   if (!in) throw Error(file.string() + ": cannot be read as an image: " + OIIO::geterror());
   const OIIO::ImageSpec& spec = in->spec();
   if (spec.width < 1 || spec.height < 1 || spec.width > 16384 || spec.height > 16384)
-    throw Error(file.string() + ": impossible image size");
+    throw Error(file.string() + ": invalid image size");
   cv::Mat pixels(spec.height, spec.width, CV_32FC(spec.nchannels));
   if (!in->read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, pixels.data))
     throw Error(file.string() + ": is truncated or damaged: " + in->geterror());

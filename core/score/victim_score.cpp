@@ -24,7 +24,7 @@ double share(int part, int whole) {
 }  // namespace
 
 void VisibleVictims::add(const TruthFrame& truth, const Pinhole& camera, const Pose& world_from_camera) {
-  constexpr double kLeastCosine = 0.26;  // surfaces that are seen at more than 75 degrees do not count
+  constexpr double kLeastCosine = 0.26;  // surfaces seen at more than 75 degrees to the normal do not count
   constexpr int kEvery = 3;
   std::map<int, double> areas_m2;
   for (int row = 0; row < truth.mask.rows; ++row) {

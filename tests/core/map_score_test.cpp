@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Figures of maps by hand, and PLY files as other systems write them.
+// Map statistics against hand-computed values, and PLY files as written by other systems.
 #include "core/score/map_score.h"
 
 #include <gmock/gmock.h>
@@ -19,7 +19,7 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 
 TEST(MapScore, ByHand) {
-  // Mean 3/5, squares 0 + 1 + 1 + 0 + 1 (mm); the 90th percentile lies 0.6 of the way from the 4th to the 5th.
+  // Accuracy: mean 3/5, squares 0 + 1 + 1 + 0 + 1 (mm). Completeness: the 90th percentile is 1 + 0.9 (3 - 1) mm.
   const MapScore score = score_map({0, 0.001, 0.001, 0, 0.001}, {0.003, 0.001}, 0.001);
   EXPECT_EQ(score.accuracy.points, 5u);
   EXPECT_DOUBLE_EQ(score.accuracy.mean_m, 0.0006);
@@ -32,7 +32,7 @@ TEST(MapScore, ByHand) {
   EXPECT_EQ(score_map({1}, {1}, 0.001).f_score(), 0);
 }
 
-// A wall 1 m before the camera: of 8 x 8 pixels those at 2 and 6 are looked at.
+// A wall 1 m in front of the camera; of 8 x 8 pixels, the rows and columns 2 and 6 are sampled.
 TEST(MapScore, OnlyWhatTheSensorSeesIsToBeFound) {
   RigModel rig;
   rig.camera = {8, 8, 100, 100, 3.5, 3.5, {}};
@@ -96,7 +96,7 @@ TEST_F(PlyFile, AsciiWithOtherPropertiesAndElements) {
   EXPECT_EQ(map.dropped, 0u);
 }
 
-// Two thousand million of them, a thousand times: who counted them all would not come to an end.
+// 1000 elements with a count of two thousand million; iterating over them would not terminate in reasonable time.
 TEST_F(PlyFile, ElementsOfNothingTakeNoTime) {
   std::string nothing;
   for (int i = 0; i < 1000; ++i) nothing += "element nothing 2147483647\n";
@@ -147,33 +147,34 @@ TEST_F(PlyFile, IsKnownByItsFirstLine) {
 
 TEST_F(PlyFile, ErrorsNameTheLine) {
   const std::string two = kHead + "element vertex 2\n" + kXyz;
-  EXPECT_THAT(error("solid\n"), HasSubstr("map.ply:1: is no PLY file"));
+  EXPECT_THAT(error("solid\n"), HasSubstr("map.ply:1: is not a PLY file"));
   EXPECT_THAT(error("ply\nformat ascii 1.0\nelement vertex 2\n"), HasSubstr("map.ply:3: the header has no end_header"));
-  EXPECT_THAT(error("ply\nend_header\n"), HasSubstr("map.ply:2: the header names no format"));
+  EXPECT_THAT(error("ply\nend_header\n"), HasSubstr("map.ply:2: the header has no format line"));
   EXPECT_THAT(error("ply\nformat utf8 1.0\nend_header\n"), HasSubstr("map.ply:2: unknown format 'utf8'"));
-  EXPECT_THAT(error(kHead + "element vertex many\n"), HasSubstr("map.ply:4: 'many' is no number of elements"));
-  EXPECT_THAT(error(kHead + "property float x\n"), HasSubstr("map.ply:4: a property before any element"));
+  EXPECT_THAT(error(kHead + "element vertex many\n"), HasSubstr("map.ply:4: 'many' is not a valid element count"));
+  EXPECT_THAT(error(kHead + "property float x\n"), HasSubstr("map.ply:4: property before any element"));
   EXPECT_THAT(error(kHead + "element vertex 1\nproperty half x\n"), HasSubstr("map.ply:5: unknown type 'half'"));
-  EXPECT_THAT(error(kHead + "elephant vertex 1\n"), HasSubstr("map.ply:4: unknown word 'elephant'"));
+  EXPECT_THAT(error(kHead + "elephant vertex 1\n"), HasSubstr("map.ply:4: unknown keyword 'elephant'"));
   EXPECT_THAT(error(kHead + "element vertex 1\nproperty float x\nproperty float y\nend_header\n0 0\n"),
-              HasSubstr("its vertices have no 'z'"));
-  EXPECT_THAT(error(two + "end_header\n0 0 0\n0 x 0\n"), HasSubstr("map.ply:10: what should be a number is none"));
-  EXPECT_THAT(error(two + "end_header\n0 0 0\n0 0\n"), HasSubstr("the file is cut off in element 'vertex'"));
+              HasSubstr("the vertices have no 'z'"));
+  EXPECT_THAT(error(two + "end_header\n0 0 0\n0 x 0\n"), HasSubstr("map.ply:10: invalid number"));
+  EXPECT_THAT(error(two + "end_header\n0 0 0\n0 0\n"), HasSubstr("the file is truncated in element 'vertex'"));
   EXPECT_THAT(error(two + "element face 1\n" + kFaces + "end_header\n0 0 0\n1 0 0\n3 0 1 2\n"),
-              HasSubstr("map.ply:13: there are 2 vertices, none is number 2 in element 'face'"));
-  EXPECT_THAT(error(kHead + "element vertex 0\n" + kXyz + "end_header\n"), HasSubstr("map.ply: holds no vertex"));
+              HasSubstr("map.ply:13: there are 2 vertices, but a face refers to 2 in element 'face'"));
+  EXPECT_THAT(error(kHead + "element vertex 0\n" + kXyz + "end_header\n"),
+              HasSubstr("map.ply: contains no finite vertex"));
   EXPECT_THAT(error_of([] { read_ply("/nowhere.ply"); }), HasSubstr("/nowhere.ply: cannot be opened"));
 }
 
-// What would take all of the memory is found out before.
+// A count that would exhaust the memory is rejected before reading.
 TEST_F(PlyFile, ABinaryFileThatIsCutOff) {
   const std::string head = "ply\nformat binary_little_endian 1.0\nelement vertex 2000000000\n" + kXyz + "end_header\n";
   EXPECT_THAT(error(head + std::string(24, '\0')),
-              HasSubstr("map.ply: the file is cut off: too short for 2000000000 of element 'vertex'"));
+              HasSubstr("map.ply: the file is truncated: too short for 2000000000 elements 'vertex'"));
   std::string list = "ply\nformat binary_little_endian 1.0\nelement vertex 1\n" + kXyz +
                      "element face 1\nproperty list uint int vertex_indices\nend_header\n" + std::string(12, '\0');
   put(list, uint32_t{4000000000}, false);
-  EXPECT_THAT(error(list), HasSubstr("the file is cut off in element 'face', number 0 of 1"));
+  EXPECT_THAT(error(list), HasSubstr("the file is truncated in element 'face', number 0 of 1"));
 }
 
 }  // namespace

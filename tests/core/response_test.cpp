@@ -166,13 +166,13 @@ TEST(ResponseErrors, SayWhatIsWrongWithTheImages) {
   EXPECT_THAT(error(bad), HasSubstr("end with white"));
   bad = ramp(9, false);
   std::swap(bad.images[3], bad.images[6]);
-  EXPECT_THAT(error(bad), HasSubstr("the light falls from"));
+  EXPECT_THAT(error(bad), HasSubstr("the light decreases from"));
   bad.images.resize(3);
   bad.levels.resize(3);
-  EXPECT_THAT(error(bad), HasSubstr("5 images or more"));
+  EXPECT_THAT(error(bad), HasSubstr("at least 5 images"));
   const Fringes few = fringes(6, false);
   EXPECT_THAT(error_of([&] { response_from_fringes(few.images, few.shifts, sensor(), {}); }),
-              HasSubstr("8 images or more"));
+              HasSubstr("at least 8 images"));
   const Fringes ten = fringes(10, false);
   EXPECT_THAT(error_of([&] { phase_correction_from_fringes(ten.images, ten.shifts, 3, sensor(), {}); }),
               HasSubstr("needs a larger multiple"));

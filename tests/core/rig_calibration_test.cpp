@@ -22,7 +22,7 @@ using testing::HasSubstr;
 RigModel true_rig() {
   RigModel rig;
   rig.camera = {1280, 1024, 1750, 1748, 645, 530, {-0.11, 0.08, 0.0004, -0.0003, 0}};
-  // Projectors throw upwards: their principal point lies near the lower edge or beyond.
+  // Projectors project upwards: their principal point lies near the lower edge of the image or beyond it.
   rig.projector = {1024, 768, 1900, 1905, 505, 1.1 * 768, {0.03, -0.02, 0.0002, 0.0003, 0}};
   rig.projector_from_camera = pose_from({{-180, 130, 25}, {-7, 11, 1}});
   return rig;
@@ -40,7 +40,7 @@ std::vector<Pose> board_poses(int count, double tilt_deg, Random& random) {
   return poses;
 }
 
-// Projector coordinates of the pixels round a corner of a board at a pose, as a decoder would give them.
+// Projector coordinates of the pixels around the corners of a board at a pose, as a decoder would return them.
 ProjectorCoordinates coordinates_of(const RigModel& rig, const Pose& camera_from_board) {
   const cv::Size size(rig.camera.width, rig.camera.height);
   ProjectorCoordinates result;
@@ -113,7 +113,7 @@ TEST(LocalHomography, WithstandsOutliersAndRefusesOneSidedWindows) {
   const auto local = local_homography(coordinates, pixel, 7);
   ASSERT_TRUE(local);
   EXPECT_LT(((*local)(pixel)-truth).norm(), 0.01);
-  // Everything to the right of the corner is dark.
+  // No coordinates to the right of the corner.
   coordinates.column_px.colRange(static_cast<int>(pixel.x()), 1280).setTo(std::nanf(""));
   EXPECT_FALSE(local_homography(coordinates, pixel, 7));
 }
@@ -150,7 +150,7 @@ TEST(InitialProjector, IsExactWhereverThePrincipalPointLies) {
 TEST(CalibrateRig, ExactCornersGiveTheRig) {
   const RigModel rig = true_rig();
   Random random(3);
-  RigModel unknown = rig;  // lenses and pose must not be taken from what is given
+  RigModel unknown = rig;  // the given lenses and relative pose must be ignored
   unknown.camera.fx = unknown.camera.fy = unknown.projector.fx = unknown.projector.fy = 1000;
   unknown.camera.distortion = unknown.projector.distortion = {};
   unknown.projector_from_camera = {};
@@ -180,7 +180,7 @@ TEST(CalibrateRig, ErrorsStayWithinTheCovariance) {
     const Eigen::Vector3d off = result.rig.projector_from_camera.translation - rig.projector_from_camera.translation;
     baseline += off.cwiseQuotient(result.translation_sigma_m).squaredNorm() / (3 * kTrials);
   }
-  // Means of 12 chi-squares of one degree of freedom: 1, standard deviation 0.41.
+  // Mean of 12 chi-squares with one degree of freedom: expectation 1, standard deviation 0.41.
   EXPECT_GT(focal, 0.15);
   EXPECT_LT(focal, 2.5);
   EXPECT_GT(baseline, 0.15);
@@ -209,7 +209,7 @@ TEST(CalibrateRig, ViewsThatDetermineTooLittleAreRefused) {
   const auto error = [&](const std::vector<Pose>& poses) {
     return error_of([&] { calibrate_rig(views_of(rig, poses, 0.05, random), board(), rig, {}); });
   };
-  EXPECT_THAT(error(board_poses(2, 35, random)), HasSubstr("2 of 2 views can be used; 3 are the least"));
+  EXPECT_THAT(error(board_poses(2, 35, random)), HasSubstr("2 of 2 views are usable; at least 3 are required"));
   std::vector<Pose> parallel;
   for (int i = 0; i < 8; ++i)
     parallel.push_back(pose_from({{20.0 * i - 70, 10, 900}, {0.3 * (i % 3), 0.2 * (i % 2), 5.0 * i}}));
@@ -221,7 +221,7 @@ TEST(CalibrateRig, ViewsThatDetermineTooLittleAreRefused) {
 
 // --- boards in images ---
 
-// A board drawn in perspective with 8 x 8 samples a pixel; white 0.8, print 0.1, light falling off to one side.
+// Renders a board in perspective with 8 x 8 samples per pixel: albedo 0.8 and 0.1, illumination decreasing to one side.
 cv::Mat1f draw(const Board& what, const Pinhole& camera, const Pose& camera_from_board, double noise, Random& random) {
   cv::Mat1f image(camera.height, camera.width);
   const Pose board_from_camera = camera_from_board.inverse();
@@ -269,7 +269,7 @@ TEST_P(BoardDetection, FindsCornersToAFewHundredthsOfAPixel) {
     const auto corners = detect_board(image, GetParam());
     const auto points = GetParam().points_m();
     ASSERT_EQ(corners.size(), points.size());
-    // Board and camera may disagree about which end is the first: all corners then are the mirrored ones.
+    // The detection may start from either end of the board; the corners are then in reverse order.
     double straight = 0, turned = 0;
     for (size_t j = 0; j < points.size(); ++j) {
       const Eigen::Vector2d truth = camera.project(pose * points[j]);
@@ -277,7 +277,7 @@ TEST_P(BoardDetection, FindsCornersToAFewHundredthsOfAPixel) {
       straight += off(corners[j]) / static_cast<double>(points.size());
       turned += off(corners[points.size() - 1 - j]) / static_cast<double>(points.size());
     }
-    // Circles' middles are off by the perspective, which calibration corrects: 0.05 px here.
+    // Perspective shifts the centres of circles by 0.05 px here; the calibration corrects this.
     EXPECT_LT(std::sqrt(std::min(straight, turned)), GetParam().kind == BoardKind::checkerboard ? 0.04 : 0.09);
   }
   const cv::Mat1f nothing(256, 320, 90.0f);

@@ -37,7 +37,7 @@ TEST(Quantiles, InterpolateBetweenOrderStatistics) {
 cv::Mat1f row_of(const std::vector<float>& values) { return cv::Mat1f(values, true).reshape(1, 1); }
 
 TEST(DepthScore, ByHand) {
-  //                     exact  1 mm  -3 mm  wrong K  lost  shadow  off beam  nothing there
+  //                     exact  1 mm  -3 mm  wrong K  lost  shadow  off beam  no surface
   const DepthEstimate estimate = {.depth_m = row_of({1.0F, 1.001F, 0.997F, 1.02F, kNaN, 1.0F, 1.0F, 1.0F}),
                                   .sigma_m = row_of(std::vector<float>(8, 1e-4F)),
                                   .projector_column = row_of({100, 100.9F, 107.9F, 116, kNaN, 100, 100, 100})};
@@ -63,10 +63,10 @@ TEST(DepthScore, OnAnEdgeBothSurfacesAreRight) {
   const auto wrong = [&](const std::vector<float>& columns) {
     return score_depth({truth.depth_m, row_of(std::vector<float>(5, 1e-4F)), row_of(columns)}, truth, 16).wrong_order;
   };
-  EXPECT_EQ(wrong({100, 101, 299, 103, 301}), 0);    // either side of the edge, at the edge
-  EXPECT_EQ(wrong({100, 299, 102, 300, 301}), 0.2);  // the far side, two pixels away from it
-  EXPECT_EQ(wrong({100, 101, 200, 300, 301}), 0.2);  // neither
-  EXPECT_EQ(wrong({300, 101, 102, 300, 301}), 0.2);  // no edge there
+  EXPECT_EQ(wrong({100, 101, 299, 103, 301}), 0);    // a surface on either side of the edge, at the edge
+  EXPECT_EQ(wrong({100, 299, 102, 300, 301}), 0.2);  // the other surface, two pixels away from it
+  EXPECT_EQ(wrong({100, 101, 200, 300, 301}), 0.2);  // neither surface
+  EXPECT_EQ(wrong({300, 101, 102, 300, 301}), 0.2);  // not at an edge
 }
 
 TEST(DepthScore, NothingMeasured) {
@@ -91,7 +91,7 @@ TEST(Associate, NearestTimestampsWithinTheGap) {
   EXPECT_THAT(associate(estimate, {}), testing::IsEmpty());
 }
 
-// Five poses a decimetre apart along x, each turned by a little about z.
+// Five poses 0.1 m apart along x, each rotated slightly further about z.
 Trajectory straight(double step_m, double turn_rad) {
   Trajectory trajectory;
   for (int i = 0; i < 5; ++i) trajectory.push_back({0.1 * i, {rotation_exp({0, 0, turn_rad * i}), {step_m * i, 0, 0}}});
@@ -116,7 +116,7 @@ TEST(TrajectoryScore, AnotherWorldFrameIsNoError) {
 }
 
 TEST(TrajectoryScore, DriftInScale) {
-  // Errors 0, 1, 2, 3, 4 mm from the first pose; -2 .. 2 mm from the middle; 1 mm a step.
+  // Errors 0, 1, 2, 3, 4 mm relative to the first pose; -2 .. 2 mm relative to the middle pose; 1 mm per step.
   const TrajectoryScore score = score_trajectory(straight(0.101, 0), straight(0.1, 0));
   EXPECT_NEAR(score.ate_rmse_m, 1e-3 * std::sqrt(30.0 / 5), 1e-12);
   EXPECT_NEAR(score.ate_umeyama_rmse_m, 1e-3 * std::sqrt(10.0 / 5), 1e-12);
@@ -125,7 +125,7 @@ TEST(TrajectoryScore, DriftInScale) {
 }
 
 TEST(TrajectoryScore, DriftInHeading) {
-  // Positions right, each step turned 10 mrad too far. Pose k sees the step ahead k 10 mrad too far to the right.
+  // Positions are correct, each step turns 10 mrad too far. Pose k sees the next step 10 k mrad too far to the right.
   const TrajectoryScore score = score_trajectory(straight(0.1, 0.01), straight(0.1, 0));
   EXPECT_NEAR(score.ate_rmse_m, 0, 1e-12);
   EXPECT_NEAR(score.rpe_rotation_rmse_rad, 0.01, 1e-12);
@@ -135,7 +135,8 @@ TEST(TrajectoryScore, DriftInHeading) {
 }
 
 TEST(TrajectoryScore, AWrongFirstHeadingSwingsTheAlignedPath) {
-  // --align_origin aligns the first pose whole: a first heading 10 mrad off turns a straight path by as much.
+  // --align_origin aligns the full first pose: a heading error of 10 mrad there rotates a straight path by the same
+  // angle.
   Trajectory estimate = straight(0.1, 0);
   estimate[0].world_from_robot.rotation = rotation_exp({0, 0, 0.01});
   const TrajectoryScore score = score_trajectory(estimate, straight(0.1, 0));
@@ -165,7 +166,7 @@ Matrix6d information_of(const support::Surface& surface, const RigModel& rig, co
 }
 
 TEST(PoseInformation, OfOnePixel) {
-  // On the axis, facing the camera: only the depth is held, by 1 / (s_A^2 + s_B^2).
+  // On the axis and facing the camera, only depth is constrained, by 1 / (s_A^2 + s_B^2).
   RigModel rig = support::small_rig(false);
   rig.camera = {1, 1, 500, 500, 0, 0, {}};
   const auto truth = truth_of(support::plane({0, 0, 1}, 2), rig, {});
@@ -181,7 +182,7 @@ TEST(PoseInformation, OfOnePixel) {
 }
 
 TEST(PoseInformation, SigmaIsThatAlongTheNormal) {
-  // Tilted by 60 degrees: n.d = 1/2, so sigma along the normal is half that of the depth.
+  // Tilted by 60 degrees: n.d = 1/2, so the sigma along the normal is half the depth sigma.
   RigModel rig = support::small_rig(false);
   rig.camera = {1, 1, 500, 500, 0, 0, {}};
   const Eigen::Vector3d normal(std::sqrt(0.75), 0, -0.5);

@@ -25,7 +25,7 @@ Pose pose_of(const Eigen::Vector3d& translation_mm, const Eigen::Vector3d& angle
 
 const Pose kTruth = pose_of({120, -40, 950}, {178, 4, -33});
 
-// Eight motions about all axes from a first pose.
+// Identity, followed by eight motions about all axes.
 std::vector<Pose> mixed_poses() {
   std::vector<Pose> poses = {Pose{}};
   for (const auto& [t, a] : std::vector<std::pair<Eigen::Vector3d, Eigen::Vector3d>>{{{30, 0, 0}, {0, 0, 10}},
@@ -40,7 +40,7 @@ std::vector<Pose> mixed_poses() {
   return poses;
 }
 
-// 4 x 3 corners on the ground, as the camera sees them, with the covariance's noise when asked.
+// 4 x 3 corners on the ground in the camera frame, with noise of the given covariance if `random` is given.
 std::vector<StageView> views_of(const std::vector<Pose>& poses, const Eigen::Matrix3d& covariance, Random* random) {
   std::vector<StageView> views;
   for (const Pose& pose : poses) {
@@ -80,7 +80,7 @@ TEST(StageCalibration, CovarianceIsHonestAndBeatsTheTwelveUnknowns) {
     linear += difference(result.nearest_rigid, kTruth).tail<3>().squaredNorm();
     refined += off.tail<3>().squaredNorm();
   }
-  // The mean of 60 chi-squares of 6 degrees of freedom has the standard deviation 0.45.
+  // The mean of 60 chi-squares with 6 degrees of freedom has a standard deviation of 0.45.
   EXPECT_NEAR(nees, 6, 1.4);
   EXPECT_LT(refined, linear);
 }
@@ -102,9 +102,9 @@ TEST(StageCalibration, MotionsThatDetermineTooLittleAreRefused) {
     shifts.push_back(pose_of({10.0 * (i % 3), 8.0 * i, 15.0 * (i % 2)}, {0, 0, 0}));
     turns.push_back(pose_of({10.0 * (i % 3), 8.0 * i, 15.0 * (i % 2)}, {0, 0, 5.0 * i}));
   }
-  EXPECT_THAT(error(shifts), HasSubstr("do not determine where the camera sits"));
-  EXPECT_THAT(error(turns), HasSubstr("do not determine where the camera sits"));  // along the axis it may be anywhere
-  EXPECT_THAT(error({Pose{}, pose_of({10, 0, 0}, {5, 0, 0})}), HasSubstr("four are the least"));
+  EXPECT_THAT(error(shifts), HasSubstr("do not determine the camera's position"));
+  EXPECT_THAT(error(turns), HasSubstr("do not determine the camera's position"));  // undetermined along the axis
+  EXPECT_THAT(error({Pose{}, pose_of({10, 0, 0}, {5, 0, 0})}), HasSubstr("at least four"));
 }
 
 TEST(CornerPoint, IsWhereTheRayMeetsThePlane) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Closed forms of what evo computes, and trajectories from files of other systems.
+// Trajectory scores against closed forms of evo's definitions, and trajectory files of other systems.
 #include "core/score/trajectory_score.h"
 
 #include <gmock/gmock.h>
@@ -58,7 +58,7 @@ Trajectory at(const std::vector<Eigen::Vector3d>& positions) {
   return trajectory;
 }
 
-// The corners of a square about the origin, side 2 m.
+// The corners of a square centred on the origin, side 2 m.
 const std::vector<Eigen::Vector3d> kSquare = {{1, 1, 0}, {-1, 1, 0}, {-1, -1, 0}, {1, -1, 0}};
 
 Trajectory transformed(const Similarity& by, Trajectory trajectory) {
@@ -66,7 +66,7 @@ Trajectory transformed(const Similarity& by, Trajectory trajectory) {
   return trajectory;
 }
 
-// A path that turns about all axes and lies in no plane.
+// A non-planar path with rotations about all axes.
 Trajectory winding(int poses) {
   Trajectory trajectory;
   for (int i = 0; i < poses; ++i) {
@@ -97,9 +97,9 @@ TEST(TrajectoryAlignment, AConstantOffsetIsTheErrorUntilItIsAligned) {
   expect_all(score.rpe_translation_m, 0, 6);
 }
 
-// Turned by theta about the point c: a pose r from the axis is off by the chord 2 r sin(theta / 2), its rotation by
-// theta. ||R - I||_F of a rotation by theta is 2 sqrt(2) sin(theta / 2), so the full error is
-// 2 sin(theta / 2) sqrt(2 + r^2).
+// A trajectory rotated by theta about the point c: the position error of a pose at distance r from the axis is the
+// chord 2 r sin(theta / 2), its rotation error is theta. ||R - I||_F of a rotation by theta is 2 sqrt(2) sin(theta /
+// 2), so the full error is 2 sin(theta / 2) sqrt(2 + r^2).
 TEST(TrajectoryAlignment, ARotationAboutAPoint) {
   const double theta = 0.3, chord = 2 * std::sin(theta / 2);
   const Eigen::Vector3d c(1, 1, 5);
@@ -119,8 +119,8 @@ TEST(TrajectoryAlignment, ARotationAboutAPoint) {
     EXPECT_NEAR(score_trajectory(estimate, truth, aligned("se3", relation)).ape.max, 0, 1e-7) << relation;
 }
 
-// Estimated 1.25 times too large: without scale the corners are 0.25 sqrt(2) off at best, with it 0.8 undoes it. A step
-// of 2 m is 0.5 m too long, and right once scaled.
+// The estimate is 1.25 times too large. Alignment without scale leaves 0.25 sqrt(2) at each corner; with scale, a
+// factor 0.8 is exact. A step of 2 m is 0.5 m too long, and exact after scaling.
 TEST(TrajectoryAlignment, APureScale) {
   const Trajectory truth = at(kSquare), estimate = transformed({1.25, {}}, truth);
   expect_all(score_trajectory(estimate, truth, aligned("se3")).ape, 0.25 * std::sqrt(2.0), 4);
@@ -129,12 +129,13 @@ TEST(TrajectoryAlignment, APureScale) {
   EXPECT_NEAR(scaled.truth_from_estimate.scale, 0.8, kClose);
   expect_all(scaled.ape, 0, 4);
   expect_all(scaled.rpe_translation_m, 0, 3);
-  EXPECT_NEAR(scaled.rpe_translation_rmse_m, 0.5, kClose);  // the headline figures stay metric
+  EXPECT_NEAR(scaled.rpe_translation_rmse_m, 0.5, kClose);  // option-independent scores are not scaled
   EXPECT_NEAR(scaled.ate_umeyama_rmse_m, 0.25 * std::sqrt(2.0), kClose);
 }
 
-// Corners lifted and lowered in turn by h: by symmetry neither rotation nor translation helps, so without scale each is
-// h off. sum t.f / sum f.f = 8 / (8 + 4 h^2) is the scale s, and leaves sqrt(2 (1 - s)^2 + s^2 h^2).
+// Corners alternately raised and lowered by h. By symmetry neither rotation nor translation reduces the error, so
+// without scale it is h at each corner. The scale s = sum t.f / sum f.f = 8 / (8 + 4 h^2) leaves sqrt(2 (1 - s)^2 + s^2
+// h^2).
 TEST(TrajectoryAlignment, OfASaddleOntoASquare) {
   const double h = 0.2, s = 8 / (8 + 4 * h * h);
   std::vector<Eigen::Vector3d> saddle = kSquare;
@@ -157,7 +158,7 @@ TEST(TrajectoryAlignment, FindsAnySimilarity) {
   }
 }
 
-// A mirrored square is a turned one; a mirrored solid stays mirrored.
+// A mirrored square equals a rotated one; a mirrored solid cannot be aligned by a rotation.
 TEST(TrajectoryAlignment, IsNeverAMirror) {
   const std::vector<Eigen::Vector3d> solid = {{0, 0, 0}, {1, 0, 0}, {0, 2, 0}, {0, 0, 3}};
   std::vector<Eigen::Vector3d> mirrored = solid;
@@ -173,7 +174,7 @@ TEST(RelativeErrors, OfADriftGrowWithDelta) {
   const double d = 0.01;
   Trajectory truth, estimate;
   for (int i = 0; i < 6; ++i) {
-    const Eigen::Matrix3d turn = rotation_exp({0, 0, 0.4 * i});  // of both: errors are seen from the robot
+    const Eigen::Matrix3d turn = rotation_exp({0, 0, 0.4 * i});  // of both trajectories; errors are in the robot frame
     truth.push_back({1.0 * i, {turn, {0.5 * i, 0, 0}}});
     estimate.push_back({1.0 * i, {turn, {0.5 * i, 0, d * i}}});
   }
@@ -189,7 +190,7 @@ TEST(RelativeErrors, OfADriftGrowWithDelta) {
     EXPECT_EQ(score.steps, steps);
     expect_all(score.rpe_translation_m, delta * d, steps);
     expect_all(score.rpe_rotation_deg, 0, steps);
-    EXPECT_NEAR(score.rpe_translation_rmse_m, d, kClose);  // of consecutive poses all the same
+    EXPECT_NEAR(score.rpe_translation_rmse_m, d, kClose);  // always of consecutive poses
   }
 }
 
@@ -198,10 +199,10 @@ TEST(TrajectoryOptions, WhatCannotBeIsRefused) {
   const auto refusal = [&](const Trajectory& estimate, const Trajectory& truth, TrajectoryOptions options) {
     return error_of([&] { score_trajectory(estimate, truth, options); });
   };
-  EXPECT_THAT(refusal(line, line, aligned("se3", "rotation_deg")), HasSubstr("positions on one line"));
-  EXPECT_THAT(refusal(line, line, aligned("sim3", "full")), HasSubstr("positions on one line"));
-  EXPECT_THAT(refusal(still, line, aligned("sim3")), HasSubstr("determine no scale"));
-  EXPECT_THAT(refusal(line, still, aligned("sim3")), HasSubstr("determine no scale"));
+  EXPECT_THAT(refusal(line, line, aligned("se3", "rotation_deg")), HasSubstr("collinear positions"));
+  EXPECT_THAT(refusal(line, line, aligned("sim3", "full")), HasSubstr("collinear positions"));
+  EXPECT_THAT(refusal(still, line, aligned("sim3")), HasSubstr("does not determine a scale"));
+  EXPECT_THAT(refusal(line, still, aligned("sim3")), HasSubstr("does not determine a scale"));
   EXPECT_THAT(refusal(line, line, aligned("umeyama")), HasSubstr("align"));
   TrajectoryOptions options;
   options.delta = 3;
@@ -209,19 +210,19 @@ TEST(TrajectoryOptions, WhatCannotBeIsRefused) {
   options.delta = 0;
   EXPECT_THAT(refusal(line, line, options), HasSubstr("delta"));
   EXPECT_THAT(refusal(at({{0, 0, 0}}), line, {}), HasSubstr("only 1 poses"));
-  // To align by it one is enough.
+  // One pose is enough for alignment by the origin.
   EXPECT_EQ(align_trajectory(at({{0, 0, 0}}), at({{1, 2, 3}}), aligned("origin")).pose.translation,
             Eigen::Vector3d(1, 2, 3));
 }
 
-// Where the rotation is free the distances do not depend on it.
+// If the rotation is undetermined, the distances do not depend on it.
 TEST(TrajectoryOptions, PositionsOnALineHaveATranslationError) {
   const Trajectory line = at({{0, 0, 0}, {1, 0, 0}, {2, 0, 0}}), still = at({{1, 2, 3}, {1, 2, 3}, {1, 2, 3}});
   expect_all(score_trajectory(line, line, aligned("se3")).ape, 0, 3);
   expect_all(score_trajectory(line, line, aligned("sim3")).ape, 0, 3);
-  // All at the middle of the line: 1, 0 and 1 m off.
+  // All at the middle of the line: errors of 1, 0 and 1 m.
   EXPECT_NEAR(score_trajectory(still, line, aligned("se3")).ape.sse, 2, kClose);
-  // Two poses, a distance of 1 m estimated as 1.2 m.
+  // Two poses 1 m apart, estimated as 1.2 m apart.
   expect_all(score_trajectory(at({{0, 0, 0}, {0, 1.2, 0}}), at({{0, 0, 0}, {1, 0, 0}}), aligned("se3")).ape, 0.1, 2);
 }
 
@@ -232,7 +233,7 @@ Trajectory times(const std::vector<double>& seconds) {
 }
 
 TEST(Association, AtTheEdgeOfTheGap) {
-  // A quarter is exact in binary.
+  // 0.25 is exact in binary.
   EXPECT_THAT(associate(times({10.25}), times({10, 20}), 0.25), ElementsAre(Pair(0, 0)));
   EXPECT_THAT(associate(times({10.25}), times({10, 20}), std::nextafter(0.25, 0)), IsEmpty());
   EXPECT_THAT(associate(times({1, 2}), times({1, 2}), 0), ElementsAre(Pair(0, 0), Pair(1, 1)));
@@ -244,7 +245,7 @@ TEST(Association, TheEarlierOfTwoEquallyNear) {
 }
 
 TEST(Association, TheShorterTrajectoryChooses) {
-  // 1.1 is nearest to both of the longer one's first times; 1.0 of the shorter one is asked, and takes 1.1.
+  // 1 is the nearest time to both 1.1 and 1.4; the shorter trajectory chooses, so 1 is paired with 1.1.
   EXPECT_THAT(associate(times({1.1, 1.4, 3}), times({1, 3}), 0.5), ElementsAre(Pair(0, 0), Pair(2, 1)));
   EXPECT_THAT(associate(times({1, 3}), times({1.1, 1.4, 3}), 0.5), ElementsAre(Pair(0, 0), Pair(1, 2)));
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Any bytes for a scene file (libFuzzer; tools/fuzz runs it): it gives a sane scene, or an Error of one line that names
-// the file. Another reading collects errors, and must find some exactly if the file is refused. What is written with a
-// run, Scene::resolved, is read in turn.
+// Fuzz target (libFuzzer, run by tools/fuzz): arbitrary bytes as a scene file must give a valid scene or a one-line
+// Error that names the file. A second reading, which collects errors, must report errors exactly if the file is
+// refused. Scene::resolved, which is written with a run, must be readable in turn.
 #include <unistd.h>
 
 #include <algorithm>
@@ -37,10 +37,10 @@ void require(bool holds, const std::string& what) {
 
 }  // namespace
 
-// Instead of those of the library, which these keep out of the program: assimp in a child process and rigid bodies are
-// not what is tried here, and would take a hundred times as long. Every mesh file is a triangle, every pile a row.
+// Replace the library's functions at link time: assimp in a child process and the rigid-body simulation are not under
+// test and would slow the target by a factor of a hundred. Every mesh file is a triangle, every pile a row.
 RawModel read_model(const fs::path& file, double, double) {
-  if (file.extension() != ".obj") throw Error(file.string() + ": is no mesh that can be read");
+  if (file.extension() != ".obj") throw Error(file.string() + ": is not a readable mesh");
   RawModel model;
   model.meshes.push_back({"triangle", 0, {0, 0, 0, 1, 0, 0, 0, 1, 0}, {}, {0, 1, 2}});
   model.instances.push_back({"node", 0, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}});
@@ -50,7 +50,7 @@ RawModel read_model(const fs::path& file, double, double) {
 Settled settle(const std::vector<Body>& bodies, const DropArea& area, uint64_t) {
   Settled settled;
   for (const Body& body : bodies) {
-    for (const Hull& hull : body.hulls) require(!hull.empty(), "a body of a hull without corners");
+    for (const Hull& hull : body.hulls) require(!hull.empty(), "a body with an empty hull");
     settled.ground_from_body.push_back({Eigen::Matrix3d::Identity(), {area.size_x, area.size_y, 0}});
   }
   return settled;
@@ -69,7 +69,7 @@ void write(const fs::path& file, std::string_view bytes) {
   if (!out) fail(file.string() + " cannot be written");
 }
 
-// What a scene file may name: rigs beside its folder, files of other kinds in it.
+// Provides the files that a scene file may name: rigs next to its folder, files of other kinds in it.
 class Workplace {
  public:
   Workplace() {
@@ -80,7 +80,7 @@ class Workplace {
     for (const std::string folder : {"rigs", "common"}) {
       fs::create_directories(root_ / folder);
       for (const auto& entry : fs::directory_iterator(FRINGESLAM_SOURCE_DIR "/scenes/" + folder)) {
-        // Rigs without their distortion, which takes longer to check than all of a scene.
+        // Strips the distortion of rigs, whose check takes longer than reading a scene.
         std::ifstream in(entry.path());
         std::string text;
         for (std::string line; std::getline(in, line);) {
@@ -92,7 +92,7 @@ class Workplace {
     write(root_ / "scene/mesh.obj", "");
     write(root_ / "scene/texture.png", "");
     write(root_ / "scene/route.tum", "0 0 0 1 0 0 0 1\n0.5 0.1 0 1 0 0 0 1\n");
-    setenv("FRINGESLAM_CACHE", (root_ / "scene/mesh.obj").c_str(), 1);  // no folder: nothing is kept
+    setenv("FRINGESLAM_CACHE", (root_ / "scene/mesh.obj").c_str(), 1);  // not a folder, which disables the cache
   }
   ~Workplace() {
     std::error_code ignored;
@@ -101,7 +101,7 @@ class Workplace {
   Workplace(const Workplace&) = delete;
   Workplace& operator=(const Workplace&) = delete;
 
-  // What follows a line of three equals signs is another file, part.yaml, to be included or to be the rig.
+  // Writes the scene file. Bytes after a line `===` become another file, part.yaml, for use as include or rig.
   void lay_out(std::string_view bytes) const {
     constexpr std::string_view kCut = "\n===\n";
     const size_t cut = bytes.find(kCut);
@@ -121,10 +121,10 @@ void check_scene(const Scene& scene) {
   require(!scene.trajectory.empty(), "a scene without views");
   require(!scene.patterns.patterns.empty(), "a scene without patterns");
   for (const TimedPose& pose : scene.trajectory)
-    require(pose.world_from_robot.is_finite() && std::isfinite(pose.timestamp_s), "a view that is not finite");
+    require(pose.world_from_robot.is_finite() && std::isfinite(pose.timestamp_s), "a non-finite view");
   std::set<const Mesh*> seen;
   for (const Object& object : scene.objects) {
-    require(object.world_from_object.is_finite(), "an object's pose that is not finite");
+    require(object.world_from_object.is_finite(), "a non-finite object pose");
     require(object.mesh != nullptr, "an object without a mesh");
     if (!seen.insert(object.mesh.get()).second) continue;
     const auto vertices = static_cast<int>(object.mesh->vertices.size());
@@ -134,28 +134,28 @@ void check_scene(const Scene& scene) {
     for (const Eigen::Vector3i& t : object.mesh->triangles) {
       for (int corner = 0; corner < 3; ++corner) there &= t[corner] >= 0 && t[corner] < vertices;
     }
-    require(finite, "a vertex that is not finite");
-    require(there, "a triangle of a vertex that is not there");
+    require(finite, "a non-finite vertex");
+    require(there, "a triangle with an invalid vertex index");
   }
 }
 
-// Of the same kind as those of everyday, but reached in a moment.
+// Limits like the default ones, but reached quickly.
 constexpr SceneLimits kSmall{50, 10, 100'000, 100};
 
-// The file that is written with a run says the same.
+// The file written with a run must describe the same scene.
 void check_resolved(const Scene& scene, const Workplace& place, const SceneReading& reading) {
   write(place.scene(), scene.resolved);
   try {
     const Scene again = load_scene(place.scene(), reading);
     require(again.objects.size() == scene.objects.size() && again.trajectory.size() == scene.trajectory.size() &&
                 again.seed == scene.seed,
-            "the resolved scene is another one:\n" + scene.resolved);
+            "the resolved scene differs:\n" + scene.resolved);
   } catch (const Error& error) {
     fail("the resolved scene is refused: " + std::string(error.what()) + "\n" + scene.resolved);
   }
 }
 
-// What it is refused for; empty: it is not.
+// Reads the scene file and returns the error for which it is refused; empty if it is accepted.
 std::string refusal(const Workplace& place, std::vector<std::string>* errors) {
   SceneReading reading;
   reading.errors = errors;
@@ -167,15 +167,15 @@ std::string refusal(const Workplace& place, std::vector<std::string>* errors) {
       check_resolved(scene, place, reading);
     }
   } catch (const Error& error) {
-    require(*error.what() != 0, "an error that says nothing");
+    require(*error.what() != 0, "an empty error message");
     return error.what();
   }
   return errors && !errors->empty() ? errors->front() : "";
 }
 
 void check_message(const std::string& message, const Workplace& place) {
-  require(message.find(place.root().string()) != std::string::npos, "an error that names no file: " + message);
-  require(message.find('\n') == std::string::npos, "an error of several lines: " + message);
+  require(message.find(place.root().string()) != std::string::npos, "a message without the file name: " + message);
+  require(message.find('\n') == std::string::npos, "a message of several lines: " + message);
 }
 
 }  // namespace
@@ -188,9 +188,9 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   place.lay_out({reinterpret_cast<const char*>(data), size});
   std::vector<std::string> errors;
   const std::string collected = refusal(place, &errors);
-  const std::string plain = refusal(place, nullptr);  // the last, as it overwrites the file
+  const std::string plain = refusal(place, nullptr);  // must come last, since it overwrites the file
   require(plain.empty() == collected.empty(),
-          "read plainly: '" + plain + "'; while errors are collected: '" + collected + "'");
+          "plain reading: '" + plain + "'; while collecting errors: '" + collected + "'");
   if (!plain.empty()) check_message(plain, place);
   for (const std::string& error : errors) check_message(error, place);
   return 0;
@@ -198,7 +198,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
 
 extern "C" size_t LLVMFuzzerMutate(uint8_t* data, size_t size, size_t max_size);
 
-// Every other time the bytes change as libFuzzer has it, which mostly leaves no YAML; else one value of the file does.
+// Half of the time applies libFuzzer's own mutation, which mostly breaks the YAML; otherwise replaces one value.
 extern "C" size_t LLVMFuzzerCustomMutator(uint8_t* data, size_t size, size_t max_size, unsigned seed) {
   static const std::vector<std::string> values = {"0",
                                                   "-0.0",

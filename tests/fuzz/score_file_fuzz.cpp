@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Any bytes for what other systems wrote, a trajectory or a map (libFuzzer; tools/fuzz runs it): they give finite
-// numbers, or an Error of one line that names the file.
+// Fuzz target (libFuzzer, run by tools/fuzz): arbitrary bytes as a trajectory or map of another system must give finite
+// numbers or a one-line Error that names the file.
 #include <unistd.h>
 
 #include <cmath>
@@ -36,27 +36,27 @@ void refused_or(const Read& read) {
     read();
   } catch (const Error& error) {
     const std::string message = error.what();
-    require(message.starts_with(place().string()), "an error that does not begin with the file: " + message);
-    require(message.find('\n') == std::string::npos, "an error of several lines: " + message);
+    require(message.starts_with(place().string()), "a message that does not begin with the file: " + message);
+    require(message.find('\n') == std::string::npos, "a message of several lines: " + message);
   }
 }
 
 void check(const PlyMap& map) {
   require(!map.vertices.empty(), "a map without vertices");
-  for (const Eigen::Vector3d& vertex : map.vertices) require(vertex.allFinite(), "a vertex that is not finite");
+  for (const Eigen::Vector3d& vertex : map.vertices) require(vertex.allFinite(), "a non-finite vertex");
   const auto count = static_cast<int>(map.vertices.size());
   for (const Eigen::Vector3i& triangle : map.triangles)
-    require(triangle.minCoeff() >= 0 && triangle.maxCoeff() < count, "a triangle of a vertex that is not there");
+    require(triangle.minCoeff() >= 0 && triangle.maxCoeff() < count, "a triangle with an invalid vertex index");
 }
 
 void check(const Trajectory& trajectory) {
   require(!trajectory.empty(), "a trajectory without poses");
   for (size_t i = 0; i < trajectory.size(); ++i) {
     const TimedPose& pose = trajectory[i];
-    require(pose.world_from_robot.is_finite() && std::isfinite(pose.timestamp_s), "a pose that is not finite");
+    require(pose.world_from_robot.is_finite() && std::isfinite(pose.timestamp_s), "a non-finite pose");
     const Eigen::Matrix3d& rotation = pose.world_from_robot.rotation;
-    require((rotation.transpose() * rotation - Eigen::Matrix3d::Identity()).norm() < 1e-6, "a rotation that is none");
-    require(i == 0 || trajectory[i - 1].timestamp_s < pose.timestamp_s, "times that do not rise");
+    require((rotation.transpose() * rotation - Eigen::Matrix3d::Identity()).norm() < 1e-6, "an invalid rotation");
+    require(i == 0 || trajectory[i - 1].timestamp_s < pose.timestamp_s, "timestamps that do not increase");
   }
 }
 
@@ -70,7 +70,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   out.write(reinterpret_cast<const char*>(data), static_cast<std::streamsize>(size));
   out.close();
   require(bool(out), place().string() + " cannot be written");
-  // As `fringeslam score` has it.
+  // Selects the reader as `fringeslam score` does.
   if (is_ply(place()))
     refused_or([] { check(read_ply(place())); });
   else

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The whole backend without a device: a full-screen window under Xvfb, and in another process a GigE Vision camera on
-// the loopback interface that looks at a simulated scene, lit by what that display shows.
+// Tests the complete hardware backend without a device: a full-screen window under Xvfb and, in another process, a GigE
+// Vision camera on the loopback interface that views a simulated scene lit by the contents of that display.
 #include <fcntl.h>
 #include <gmock/gmock.h>
 #include <signal.h>
@@ -25,7 +25,7 @@
 #include "tools/focus_reading.h"
 #include "tools/live/preview.h"
 
-// Behind Eigen, which has names that are macros of the system headers of this one.
+// After Eigen, some of whose names are macros in the system headers included here.
 #include <httplib.h>
 
 namespace fringeslam {
@@ -45,7 +45,7 @@ bool wait_until(double seconds, const Done& done) {
   return done();
 }
 
-// A program that is killed when this ends.
+// A child process that is killed on destruction.
 class Child {
  public:
   explicit Child(const std::vector<std::string>& command, const fs::path& log) {
@@ -64,7 +64,7 @@ class Child {
   Child(const Child&) = delete;
   Child& operator=(const Child&) = delete;
 
-  // Exit code, or 128 + signal.
+  // Exit code, or 128 + signal number.
   int stop(int signal_number) {
     if (pid_ > 0) kill(pid_, signal_number);
     return wait();
@@ -81,7 +81,7 @@ class Child {
   pid_t pid_ = -1;
 };
 
-// One display for all tests; each has a camera of its own.
+// All tests share one display; each has its own camera.
 class ClosedLoop : public testing::Test {
  protected:
   static void SetUpTestSuite() {
@@ -103,7 +103,7 @@ class ClosedLoop : public testing::Test {
         setenv("DISPLAY", display.c_str(), 1);
         return;
       }
-      delete xvfb_;  // the number is taken
+      delete xvfb_;  // the display number is taken
       xvfb_ = nullptr;
     }
   }
@@ -138,7 +138,7 @@ class ClosedLoop : public testing::Test {
 
   static PatternSequence sequence() { return phase_shift_sequence(1024, 768, {1040, 131, 16.5}, 3, Axis::columns, 8); }
 
-  // What the simulator itself sees.
+  // The images rendered by the simulator.
   const FringeStack& simulated() const {
     static const FringeStack stack = [&] {
       const sim::Scene scene = sim::load_scene(at("scene.yaml"));
@@ -155,7 +155,7 @@ class ClosedLoop : public testing::Test {
       EXPECT_LE(cv::norm(stack.images[i], simulated().images[i], cv::NORM_INF), 1) << "image " << i;
   }
 
-  // The rig with another `hardware:` section.
+  // Writes the rig file with another `hardware:` section.
   fs::path rig_with(const std::string& hardware) const {
     test::write_bytes(at("other.yaml"), to_yaml(read_rig(at("rig.yaml"))) + "hardware: " + hardware + "\n");
     return at("other.yaml");
@@ -164,7 +164,7 @@ class ClosedLoop : public testing::Test {
   Child program(const std::vector<std::string>& arguments) const {
     std::vector<std::string> command = {FRINGESLAM_PROGRAM};
     command.insert(command.end(), arguments.begin(), arguments.end());
-    fs::remove(at("program.log"));  // the child opens it when it gets to that
+    fs::remove(at("program.log"));  // the child creates it later
     return Child(command, at("program.log"));
   }
 
@@ -197,7 +197,7 @@ TEST_F(ClosedLoop, DepthIsThatOfTheSimulator) {
 TEST_F(ClosedLoop, LostPacketsCostTimeAndNoImage) {
   for (const char* ratio : {"0.005", "0.02"}) {
     control(std::string("lost ") + ratio);
-    // The fake camera sends no packet again, and of its 49 an image at 2 % has all in one case of three.
+    // The fake camera does not resend packets; at 2 % loss, one in three images arrives complete (49 packets).
     const auto rig = open_hardware(rig_with("{settle_s: 0.01, camera: {attempts: 40}}"));
     expect_right(*rig->capture(sequence()));
     const CameraStatistics statistics = rig->camera().statistics();
@@ -216,7 +216,7 @@ TEST_F(ClosedLoop, APatternThatTheProjectorDropsIsTakenAgain) {
   }
 }
 
-// Nothing is known of the projector's response yet when a rig is checked for the first time.
+// The projector's response is unknown when a rig is checked for the first time.
 TEST_F(ClosedLoop, AProjectorWhoseLightIsNotLinearIsCheckedAsWell) {
   std::string scene = test::read_bytes(at("scene.yaml"));
   scene.insert(scene.find("file: rig.yaml"), "projector: {gamma: 2.2}\n  ");
@@ -246,8 +246,8 @@ TEST_F(ClosedLoop, ExposuresThatNobodyAskedForAreTakenAfterTheyBegan) {
   expect_right(*rig->capture(sequence()));
 }
 
-// The camera exposes by its own clock, and each exposure sees another channel of what the display shows, as if a
-// projector triggered it that shows the channels one after the other.
+// The camera is free-running, and each exposure sees the next channel of the display, as with a projector that shows
+// the channels one after another and triggers the camera.
 TEST_F(ClosedLoop, PackedPatternsOfAProjectorThatStepsByItself) {
   for (const std::string packing : {"RGB", "BGR"}) {
     control("packed " + packing);
@@ -255,7 +255,7 @@ TEST_F(ClosedLoop, PackedPatternsOfAProjectorThatStepsByItself) {
         open_hardware(rig_with("{settle_s: 0.01, camera: {trigger: free}, projector: {packing: " + packing + "}}"));
     expect_right(*rig->capture(sequence()));
     const PatternSequence uneven = phase_shift_sequence(1024, 768, {1040}, 4, Axis::columns, 8);
-    const auto stack = rig->capture(uneven);  // the last frame is not full
+    const auto stack = rig->capture(uneven);  // the last frame is incomplete
     ASSERT_EQ(stack->images.size(), 4u);
     cv::Mat opposite = stack->images[0] + stack->images[2], other = stack->images[1] + stack->images[3];
     EXPECT_LE(cv::norm(opposite, other, cv::NORM_INF), 4) << "cos + cos(. + pi) = 0";
@@ -269,7 +269,7 @@ TEST_F(ClosedLoop, AMissedExposureOfPackedPatternsIsNoticed) {
     control("packed RGB fault missed " + std::to_string(exposure));
     expect_right(*rig->capture(sequence()));
   }
-  // How many exposures pass before the sequence begins is a matter of timing: one of the three hits it at least.
+  // The number of exposures before the sequence depends on timing; at least one of the three faults falls within it.
   EXPECT_GE(rig->retaken(), 1);
 }
 
@@ -301,7 +301,7 @@ TEST_F(ClosedLoop, ACameraThatIsGoneIsNamed) {
   const auto rig = open_hardware(at("rig.yaml"));
   camera_->stop(SIGKILL);
   EXPECT_THAT(error_of([&] { (void)rig->capture(sequence()); }),
-              HasSubstr("Aravis-Fake-T1 was lost and did not come back within 6 s"));
+              HasSubstr("Aravis-Fake-T1 was lost and did not reconnect within 6 s"));
 }
 
 TEST_F(ClosedLoop, ASlowCameraIsWaitedForButNotForEver) {
@@ -313,7 +313,7 @@ TEST_F(ClosedLoop, ASlowCameraIsWaitedForButNotForEver) {
   for (size_t i = 0; i < 3; ++i)
     EXPECT_LE(cv::norm(stack->images[i], simulated().images[i], cv::NORM_INF), 1) << "image " << i;
   control("delay_ms 4000");
-  EXPECT_THAT(error_of([&] { (void)rig->capture(coarse); }), HasSubstr("no whole image of Aravis-Fake-T1"));
+  EXPECT_THAT(error_of([&] { (void)rig->capture(coarse); }), HasSubstr("no complete image from Aravis-Fake-T1"));
 }
 
 TEST_F(ClosedLoop, OnlyOneProgramControlsACamera) {
@@ -329,7 +329,7 @@ TEST_F(ClosedLoop, WhatTheCameraCannotDoIsSaid) {
   };
   EXPECT_THAT(opened_with("{camera: {pixel_format: Mono12p}}"), HasSubstr("has 12 bits, but camera.sensor.bits is 8"));
   EXPECT_THAT(opened_with("{camera: {pixel_format: Mono88}}"), HasSubstr("did you mean 'Mono8'"));
-  EXPECT_THAT(opened_with("{camera: {id: nobody}}"), HasSubstr("there is no 'nobody', but Aravis-Fake-T1"));
+  EXPECT_THAT(opened_with("{camera: {id: nobody}}"), HasSubstr("no camera 'nobody'; found: Aravis-Fake-T1"));
   EXPECT_THAT(opened_with("{camera: {offset_px: [3000, 0]}}"), HasSubstr("camera: "));
   EXPECT_THAT(opened_with("{camera: {exposure_s: 59}}"), HasSubstr("camera: "));
   EXPECT_THAT(opened_with("{projector: {display: 3}}"), HasSubstr("no display 3"));
@@ -337,7 +337,7 @@ TEST_F(ClosedLoop, WhatTheCameraCannotDoIsSaid) {
   EXPECT_THAT(opened_with("{projector: {packing: RGB}}"), HasSubstr("set camera.trigger to the input line"));
   EXPECT_THAT(opened_with("{projector: {dlpc350: {}}}"), HasSubstr("not found on USB"));
   EXPECT_THAT(opened_with("{camera: {exposure: 1}}"), HasSubstr("unknown key 'exposure'"));
-  // It is opened for certain after all that.
+  // None of these failures keeps the rig from being opened.
   EXPECT_NO_THROW((void)open_hardware(at("rig.yaml")));
 }
 
@@ -353,7 +353,7 @@ TEST_F(ClosedLoop, ADisplayOfAnotherSizeIsRefused) {
   rig.projector.width = 912;
   test::write_bytes(at("wrong.yaml"), to_yaml(rig) + "hardware: {}\n");
   EXPECT_THAT(error_of([&] { (void)open_hardware(at("wrong.yaml")); }),
-              HasSubstr("display 0 has 1024x768 px, the rig's projector 912x768 px"));
+              HasSubstr("display 0 has 1024x768 px, but the rig's projector has 912x768 px"));
 }
 
 int stacks_in(const fs::path& dataset) {
@@ -382,7 +382,7 @@ TEST_F(ClosedLoop, AnInterruptedCaptureIsADataset) {
   EXPECT_EQ(std::distance(fs::directory_iterator(at("interrupted/stacks")), fs::directory_iterator()), stacks);
 }
 
-// The port in a line `live: http://127.0.0.1:PORT/`; 0 before it is there.
+// The port in a line `live: http://127.0.0.1:PORT/`; 0 if the line is absent.
 int live_port(const std::string& log) {
   const std::string lead = "live: http://127.0.0.1:";
   const size_t at = log.find(lead);
@@ -391,7 +391,7 @@ int live_port(const std::string& log) {
 }
 
 TEST_F(ClosedLoop, WhatIsCapturedIsSeenLive) {
-  // As long as no viewer could miss the first stack; Ctrl-C ends the interval.
+  // The long interval keeps the first stack the newest one while the viewer connects; Ctrl-C ends it.
   Child capture = program(
       {"capture", "--rig", at("rig.yaml"), "--out", at("live"), "--live", "0", "--count", "3", "--interval", "600"});
   ASSERT_TRUE(wait_until(60, [&] { return live_port(log_of("program")) > 0; })) << log_of("program");
@@ -471,7 +471,7 @@ TEST_F(ClosedLoop, FocusGoesOnUntilItIsInterrupted) {
 }
 
 TEST_F(ClosedLoop, AFullDiskIsSaidAndLeavesNoHalf) {
-  // Files beyond 4 KiB cannot be written, as if the disk were full: the images of a stack are larger.
+  // Limits file sizes to 4 KiB, which acts like a full disk: the images of a stack are larger.
   const std::string command = "trap '' XFSZ; ulimit -f 4; exec " + test::quoted(FRINGESLAM_PROGRAM) +
                               " capture --rig " + test::quoted(at("rig.yaml")) + " --out " + test::quoted(at("full"));
   Child capture({"bash", "-c", command}, at("program.log"));

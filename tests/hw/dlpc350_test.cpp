@@ -15,7 +15,7 @@ using support::error_of;
 using testing::HasSubstr;
 using Bytes = std::vector<uint8_t>;
 
-// Both sides of a talk: what the controller is told is kept, what it says is given.
+// Transcript of both sides: reports received by the controller, and its prepared replies.
 struct Talk {
   std::vector<Bytes> told;
   std::deque<Bytes> says;
@@ -26,7 +26,7 @@ class Transcript : public ByteTransport {
   explicit Transcript(Talk& talk) : talk_(talk) {}
   void write(const Bytes& report) override { talk_.told.push_back(report); }
   Bytes read(double) override {
-    if (talk_.says.empty()) throw Error("nothing comes");
+    if (talk_.says.empty()) throw Error("no reply");
     Bytes report = talk_.says.front();
     talk_.says.pop_front();
     report[1] = talk_.told.back()[1];
@@ -39,7 +39,7 @@ class Transcript : public ByteTransport {
 
 Bytes answer(uint8_t value) { return {0xC0, 0, 3, 0, value}; }
 
-// Without the sequence number.
+// Removes the sequence number from a report.
 Bytes plain(Bytes report) {
   report.erase(report.begin() + 1);
   return report;
@@ -68,11 +68,11 @@ TEST(Dlpc350, VideoAsPatternsIsThisTalk) {
       {0x00, 5, 0, 0x34, 0x1A, 0x01, 0x78, 0x04},                     // pattern 0, 8 bits, white, buffer swap
       {0x00, 3, 0, 0x33, 0x1A, 0},                                    // close
       {0x00, 2, 0, 0x1A, 0x1A},                                       // validate
-      {0xC0, 2, 0, 0x1A, 0x1A},                                       // done?
-      {0xC0, 2, 0, 0x1A, 0x1A},                                       // and now?
+      {0xC0, 2, 0, 0x1A, 0x1A},                                       // poll: busy
+      {0xC0, 2, 0, 0x1A, 0x1A},                                       // poll: done
       {0x00, 3, 0, 0x24, 0x1A, 2},                                    // start
-      {0x00, 3, 0, 0x24, 0x1A, 0},                                    // at the end: stop
-      {0x00, 3, 0, 0x1B, 0x1A, 0}};                                   // video again
+      {0x00, 3, 0, 0x24, 0x1A, 0},                                    // destructor: stop
+      {0x00, 3, 0, 0x1B, 0x1A, 0}};                                   // back to video
   ASSERT_EQ(talk.told.size(), expected.size());
   for (size_t i = 0; i < expected.size(); ++i) {
     EXPECT_EQ(plain(talk.told[i]), expected[i]) << i;
@@ -97,12 +97,12 @@ TEST(Dlpc350, AFrameOfThreePatternsShowsItsChannelsInOrder) {
 
 TEST(Dlpc350, WhatItFindsInvalidIsSaidInWords) {
   for (const auto& [status, words] : std::vector<std::pair<uint8_t, const char*>>{
-           {0x01, "exposure or the period"}, {0x02, "pattern's number"}, {0x10, "not by 230 us"}}) {
+           {0x01, "exposure or the period"}, {0x02, "pattern's number"}, {0x10, "by less than 230 us"}}) {
     Talk talk;
     talk.says = {answer(status)};
     Dlpc350 controller(std::make_unique<Transcript>(talk));
     EXPECT_THAT(error_of([&] { controller.show_video_as_patterns({}, [] {}); }), HasSubstr(words));
-    EXPECT_NE(plain(talk.told.back()), (Bytes{0x00, 3, 0, 0x24, 0x1A, 2})) << "started all the same";
+    EXPECT_NE(plain(talk.told.back()), (Bytes{0x00, 3, 0, 0x24, 0x1A, 2})) << "started despite the fault";
   }
   EXPECT_EQ(validation_faults(0), "");
   EXPECT_THAT(validation_faults(0x03), HasSubstr("; "));
@@ -112,7 +112,7 @@ TEST(Dlpc350, EndlessValidationEnds) {
   Talk talk;
   talk.says.assign(1000, answer(0x80));
   Dlpc350 controller(std::make_unique<Transcript>(talk));
-  EXPECT_THAT(error_of([&] { controller.show_video_as_patterns({}, [] {}); }), HasSubstr("does not come to an end"));
+  EXPECT_THAT(error_of([&] { controller.show_video_as_patterns({}, [] {}); }), HasSubstr("does not finish validating"));
 }
 
 TEST(Dlpc350, StatusInWords) {
@@ -125,16 +125,16 @@ TEST(Dlpc350, StatusInWords) {
   talk.says = {answer(0x84), answer(0x00), answer(0x01)};
   const Dlpc350Status bad = controller.status();
   EXPECT_FALSE(bad.initialised);
-  for (const char* words : {"did not start", "driver reports an error", "sequencer reports", "memory test", "parked"})
+  for (const char* words : {"initialisation failed", "reset controller", "sequencer reports", "memory test", "parked"})
     EXPECT_THAT(bad.faults, HasSubstr(words));
 }
 
 TEST(Dlpc350, RefusalsSilenceAndTornAnswers) {
   Talk talk;
   Dlpc350 controller(std::make_unique<Transcript>(talk));
-  EXPECT_THAT(error_of([&] { (void)controller.status(); }), HasSubstr("nothing comes"));
+  EXPECT_THAT(error_of([&] { (void)controller.status(); }), HasSubstr("no reply"));
   talk.says = {{0xE0, 0, 3, 0, 1}};
-  EXPECT_THAT(error_of([&] { (void)controller.status(); }), HasSubstr("refuses"));
+  EXPECT_THAT(error_of([&] { (void)controller.status(); }), HasSubstr("rejects a request"));
   talk.says = {{0xC0, 0}};
   EXPECT_THAT(error_of([&] { (void)controller.status(); }), HasSubstr("too short"));
 }

@@ -1,17 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// A GigE Vision camera on the loopback interface that looks at a simulated scene, lit by what is in the framebuffer of
-// an Xvfb display at the moment of the exposure:
+// A GigE Vision camera on the loopback interface that views a simulated scene, lit by the contents of an Xvfb
+// framebuffer at the time of the exposure:
 //
 //   fake_camera SERIAL SCENE FRAMEBUFFER CONTROL
 //
-// CONTROL is a file of words that is read at each exposure, `key value` a line:
-//   pose N        of the scene's trajectory
-//   next_after N  the next pose after every N exposures
-//   packed RGB    the projector shows the screen's channels one after the other, an exposure each; else the green one
-//   delay_ms N    before the image is sent
-//   lost R        share of the packets that are dropped
-//   fault KIND K  the K-th exposure from now on sees another screen: `repeat` the one before, as if the projector had
-//                 not changed; `black` none; `missed`: the camera sleeps through one of the projector's triggers
+// CONTROL is a file that is read at each exposure, one `key value` per line:
+//   pose N        pose index in the scene's trajectory
+//   next_after N  advances to the next pose after every N exposures
+//   packed RGB    the projector shows the screen's channels cyclically, one per exposure; default: the green channel
+//   delay_ms N    delay before the image is sent
+//   lost R        share of packets that are dropped
+//   fault KIND K  the K-th exposure from now on sees a wrong screen: `repeat` the previous one, as if the projector had
+//                 not changed; `black` a black one; `missed`: the camera misses one of the projector's triggers
 #include <arv.h>
 #include <sys/stat.h>
 
@@ -32,7 +32,7 @@ namespace {
 
 using namespace fringeslam;
 
-// An X window dump as Xvfb keeps it (X11's XWDFile.h): a header of big-endian words, then colours, then the pixels.
+// Reads an X window dump as written by Xvfb (X11's XWDFile.h): a header of big-endian words, colour map, pixels.
 cv::Mat3b read_screen(const std::string& file) {
   const std::string bytes = read_bytes(file);
   const auto word = [&](size_t index) {
@@ -42,12 +42,12 @@ cv::Mat3b read_screen(const std::string& file) {
   };
   const size_t header = word(0), width = word(4), height = word(5), bits = word(11), line = word(12),
                colours = word(19);
-  if (bits != 32) throw Error(file + ": is not a framebuffer of 32 bits a pixel");
+  if (bits != 32) throw Error(file + ": is not a framebuffer with 32 bits per pixel");
   const size_t start = header + 12 * colours;
-  if (bytes.size() < start + line * height) throw Error(file + ": ends early");
+  if (bytes.size() < start + line * height) throw Error(file + ": is truncated");
   cv::Mat3b screen(static_cast<int>(height), static_cast<int>(width));
   for (size_t row = 0; row < height; ++row) {
-    for (size_t col = 0; col < width; ++col)  // blue, green, red, nothing
+    for (size_t col = 0; col < width; ++col)  // blue, green, red, unused
       std::memcpy(screen(static_cast<int>(row), static_cast<int>(col)).val, &bytes[start + row * line + 4 * col], 3);
   }
   return screen;
@@ -74,7 +74,7 @@ class Eye {
     const size_t pose = (pose_ + (next_after_ > 0 ? number_ / next_after_ : 0)) % scene_.trajectory.size();
     const cv::Mat image = rig_.look(screen, pose, exposure_s, static_cast<int>(number_++));
     ++shown_;
-    // The buffer's own size counts what was received, which here is nothing.
+    // Queries the payload, since the buffer's own size is the number of bytes received, here none.
     const size_t size = arv_fake_camera_get_payload(arv_gv_fake_camera_get_fake_camera(camera));
     auto* data = static_cast<uint8_t*>(const_cast<void*>(arv_buffer_get_data(buffer, nullptr)));
     const size_t bytes = image.total() * image.elemSize();
@@ -119,7 +119,7 @@ class Eye {
   std::mutex mutex_;
   cv::Mat1b last_;
   size_t pose_ = 0, next_after_ = 0, number_ = 0;
-  size_t shown_ = 0;  // channels, when packed
+  size_t shown_ = 0;  // number of channels shown, when packed
   int delay_ms_ = 0, fault_in_ = -1;
 };
 
@@ -150,7 +150,7 @@ int main(int argc, char** argv) {
   try {
     Eye eye(argv[2], argv[3], argv[4]);
     ArvGvFakeCamera* camera = arv_gv_fake_camera_new("127.0.0.1", argv[1]);
-    if (!arv_gv_fake_camera_is_running(camera)) throw Error("the camera's port on 127.0.0.1 is taken");
+    if (!arv_gv_fake_camera_is_running(camera)) throw Error("the camera's port on 127.0.0.1 is in use");
     Fill data{&eye, camera};
     arv_fake_camera_set_fill_pattern(arv_gv_fake_camera_get_fake_camera(camera), fill, &data);
     std::signal(SIGTERM, [](int) { stop = 1; });

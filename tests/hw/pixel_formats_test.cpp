@@ -29,7 +29,7 @@ TEST(PixelFormats, BytesAndWords) {
 }
 
 TEST(PixelFormats, BitStreams) {
-  // PFNC 2.1: 0xABC and 0xDEF lie as BC, FA, DE.
+  // PFNC 2.1: 0xABC and 0xDEF are stored as BC, FA, DE.
   const uint8_t twelve[] = {0xBC, 0xFA, 0xDE};
   EXPECT_EQ(values(unpacked(pixel_format("Mono12p"), {2, 1}, twelve, 3)), (std::vector<int>{0xABC, 0xDEF}));
   // Four pixels of ten bits: 1, 2, 3 and 1023.
@@ -38,7 +38,7 @@ TEST(PixelFormats, BitStreams) {
 }
 
 TEST(PixelFormats, PairsInThreeBytes) {
-  // GigE Vision: 0xABC and 0xDEF lie as AB, FC, DE.
+  // GigE Vision: 0xABC and 0xDEF are stored as AB, FC, DE.
   const uint8_t twelve[] = {0xAB, 0xFC, 0xDE};
   EXPECT_EQ(values(unpacked(pixel_format("Mono12Packed"), {2, 1}, twelve, 3)), (std::vector<int>{0xABC, 0xDEF}));
   const uint8_t ten[] = {0xFF, 0x13, 0x80};  // 1023 and 513
@@ -46,7 +46,7 @@ TEST(PixelFormats, PairsInThreeBytes) {
 }
 
 TEST(PixelFormats, EveryFormatHasTheBytesThatItsCodeSays) {
-  // PFNC: the second byte of the code is the bits that a pixel takes.
+  // PFNC: the second byte of the code is the number of bits per pixel.
   for (const PixelFormat& format : pixel_formats())
     EXPECT_EQ(image_bytes(format, {8, 4}), 32 * (format.code >> 16 & 0xff) / 8) << format.name;
 }

@@ -15,7 +15,8 @@ namespace {
 
 constexpr int kWidth = 160, kHeight = 120, kScreen = 1024;
 
-// Steps and slopes of changing albedo: a camera pixel sees projector column 3 + 6 x, with jumps, at any contrast.
+// A scene with steps, slopes and varying albedo: pixel x sees projector column 3 + 6 x, with jumps, at varying
+// contrast.
 struct Scene {
   cv::Mat1f column, row, contrast;
   Scene() : column(kHeight, kWidth), row(kHeight, kWidth), contrast(kHeight, kWidth) {
@@ -29,7 +30,7 @@ struct Scene {
     }
   }
 
-  // Noise of 1 DN, rounded to 8 bits.
+  // Renders a pattern with noise of 1 DN, rounded to 8 bits.
   cv::Mat seen(const Pattern& pattern, uint64_t seed, double gamma) const {
     support::Random random(seed);
     cv::Mat1b image(kHeight, kWidth);
@@ -116,7 +117,7 @@ TEST_P(Sequences, AsAskedForAreGoodAndTellTheResponse) {
 TEST_P(Sequences, ARepeatedPatternIsFoundOut) {
   for (size_t i = 1; i < sequence_.patterns.size() + 2; ++i) {
     std::vector<Pattern> shown = all_of(sequence_);
-    shown[i] = shown[i - 1];  // the projector has not changed
+    shown[i] = shown[i - 1];  // the projector did not change
     EXPECT_FALSE(judged(shown).good) << "image " << i;
   }
 }
@@ -124,8 +125,8 @@ TEST_P(Sequences, ARepeatedPatternIsFoundOut) {
 TEST_P(Sequences, ASkippedPatternIsFoundOut) {
   for (size_t i = 0; i < sequence_.patterns.size() + 1; ++i) {
     std::vector<Pattern> shown = all_of(sequence_);
-    shown.erase(shown.begin() + static_cast<std::ptrdiff_t>(i));  // all that follow come one too early
-    shown.push_back(kWhite);                                      // and then the next sequence begins
+    shown.erase(shown.begin() + static_cast<std::ptrdiff_t>(i));  // all following images are one too early
+    shown.push_back(kWhite);                                      // then the next sequence begins
     EXPECT_FALSE(judged(shown).good) << "image " << i;
   }
 }
@@ -144,7 +145,7 @@ TEST(SequenceCheck, DarknessIsNoSequence) {
   EXPECT_THAT(verdict.reason, testing::HasSubstr("is the projector on"));
 }
 
-// By hand: the mean over a turn of ((1 + cos s) / 2)^n is (2n)! / (4^n n!^2), of n = 1, 2, 3 that is 1/2, 3/8, 5/16.
+// The mean of ((1 + cos s) / 2)^n over a turn is (2n)! / (4^n n!^2): 1/2, 3/8, 5/16 for n = 1, 2, 3.
 TEST(SequenceCheck, TheMeanOfFringesTellsTheGamma) {
   EXPECT_NEAR(gamma_of_mean(1.0 / 2), 1, 1e-6);
   EXPECT_NEAR(gamma_of_mean(3.0 / 8), 2, 1e-6);

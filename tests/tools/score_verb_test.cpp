@@ -189,7 +189,7 @@ TEST_F(Score, WhatCannotBeScored) {
   expect_refused({tum, "--truth", tum, "--threshold", "1"}, "--threshold has no effect on a trajectory");
   expect_refused({tum, "--truth", at("empty")}, at("empty") + ": holds neither");
   expect_refused({tum, "--truth", tum, "--align", "sim4"}, "--align");
-  expect_refused({tum, "--truth", tum, "--align", "se3", "--relation", "full"}, "positions on one line");
+  expect_refused({tum, "--truth", tum, "--align", "se3", "--relation", "full"}, "collinear positions");
   expect_refused({tum, "--truth", tum, "--delta", "5"}, "no two of 2 associated poses are 5 frames apart");
 }
 
