@@ -18,10 +18,10 @@ namespace fringeslam::sim {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-// By how much farther than asked the tree is searched, of (1 m + distance from the world's origin): more than what
-// rounding to single precision moves a point and a triangle apart.
+// Relative enlargement of the search radius, times (1 m + distance from the world origin + requested radius). It
+// exceeds the error that rounding to single precision adds to the distance between a point and a triangle.
 constexpr double kSlack = 1e-6;
-constexpr int kTogether = 256;  // points of one piece of parallel work
+constexpr int kTogether = 256;  // points per parallel task
 
 double squared_distance_to_edge(const Eigen::Vector3d& p, const Eigen::Vector3d& a, const Eigen::Vector3d& b) {
   const Eigen::Vector3d along = b - a;
@@ -30,7 +30,8 @@ double squared_distance_to_edge(const Eigen::Vector3d& p, const Eigen::Vector3d&
   return (p - a - share * along).squaredNorm();
 }
 
-// To the plane where the point lies above the triangle, else to the nearest edge. A triangle without area is its edges.
+// Squared point-triangle distance: to the plane if the point projects inside the triangle, else to the nearest edge.
+// A degenerate triangle is treated as its edges.
 double squared_distance(const Eigen::Vector3d& p, const Eigen::Vector3d& a, const Eigen::Vector3d& b,
                         const Eigen::Vector3d& c) {
   const Eigen::Vector3d normal = (b - a).cross(c - a);
@@ -60,7 +61,7 @@ Mesh all_objects(const Scene& scene) {
 }  // namespace
 
 struct NearestSurface::Impl {
-  // One point's search, as Embree's callback sees it.
+  // State of one point query, passed to Embree's callback.
   struct Search {
     const Mesh* mesh;
     Eigen::Vector3d point;
@@ -128,7 +129,7 @@ NearestSurface::NearestSurface(Mesh mesh) : impl_(std::make_unique<Impl>()) {
   impl_->device = new_embree_device();
   impl_->scene = rtcNewScene(impl_->device);
   if (!impl_->mesh.triangles.empty()) impl_->attach();
-  // In an arena of its own, as RayWorld's: the caller's threads stay as they are.
+  // Built in a separate single-thread arena, as in RayWorld, so that Embree leaves the caller's threads alone.
   tbb::task_arena(1).execute([this] { rtcCommitScene(impl_->scene); });
 }
 NearestSurface::~NearestSurface() = default;

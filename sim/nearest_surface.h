@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// How far points are from surfaces: what maps are scored by. Embree's tree finds the triangles that may be the nearest,
-// in single precision; the distances to those are computed in double precision, so that the least of them is exact to
-// rounding whatever the tree.
+// Exact point-to-surface distances, used for scoring maps (docs/method.md, section 13). An Embree point query finds the
+// candidate triangles in single precision; their distances are computed in double precision, so the minimum is exact to
+// rounding, independent of the BVH.
 #pragma once
 
 #include <Eigen/Core>
@@ -14,16 +14,17 @@ namespace fringeslam::sim {
 
 class NearestSurface {
  public:
-  // Of all objects, each as often as it stands in the scene.
+  // Collects the triangles of every object of the scene, transformed to the world frame.
   explicit NearestSurface(const Scene& scene);
-  // Of triangles in the world frame.
+  // Uses a mesh given in the world frame.
   explicit NearestSurface(Mesh mesh);
   ~NearestSurface();
   NearestSurface(NearestSurface&&) noexcept;
 
-  // Least distance of a point in the world frame from any triangle; infinite where none is within `within_m`.
+  // Returns the distance, m, from a point in the world frame to the nearest triangle; infinite if none lies within
+  // `within_m`.
   double distance_m(const Eigen::Vector3d& point, double within_m) const;
-  // Of many points at once.
+  // Same for many points, in parallel.
   std::vector<double> distances_m(const std::vector<Eigen::Vector3d>& points, double within_m) const;
 
  private:

@@ -20,9 +20,9 @@ namespace {
 const cv::Scalar kInk(225, 225, 225), kFaintInk(150, 150, 150);
 const cv::Scalar kCameraColour(255, 190, 70), kProjectorColour(40, 140, 255), kPathColour(90, 235, 130);
 
-// Lengths of the layout, px.
+// Layout of the preview; lengths in px.
 struct Layout {
-  double unit = 1;  // a pixel of a picture 800 px high
+  double unit = 1;  // scale relative to a 1200 x 800 px preview
   int gap = 8, caption = 28;
   cv::Rect overview, view, depth;
 };
@@ -42,7 +42,7 @@ Layout layout_of(const cv::Size& size, const Pinhole& camera) {
   return layout;
 }
 
-// A caption of one line above a place, as large as its width allows.
+// Draws a one-line caption above a panel, shrunk to the panel's width if necessary.
 void put_caption(cv::Mat3b& paper, const Layout& layout, const cv::Rect& place, const std::string& text) {
   const double full = 0.56 * layout.unit;
   const int stroke = layout.unit > 1.5 ? 2 : 1;
@@ -69,7 +69,7 @@ std::string metres(double value) {
   return text;
 }
 
-// --- left: the world ---
+// --- left: external view ---
 
 void draw_frustum(LineDrawing& drawing, const Pinhole& device, const Pose& world_from_device, const RigModel& rig,
                   const Pen& pen) {
@@ -86,7 +86,7 @@ void draw_frustum(LineDrawing& drawing, const Pinhole& device, const Pose& world
   }
 }
 
-// The edge of the first view's image where it falls on surfaces.
+// Draws the border of the first view's image projected onto the surfaces.
 void draw_footprint(LineDrawing& drawing, const Scene& scene, const RayWorld& world, const Pen& pen) {
   constexpr int kPerSide = 100;
   const Pose pose = world_from_camera(scene, 0);
@@ -97,7 +97,7 @@ void draw_footprint(LineDrawing& drawing, const Scene& scene, const RayWorld& wo
     const double share = static_cast<double>(i % kPerSide) / kPerSide;
     const Eigen::Vector3d ray = (1 - share) * corners[side % 4] + share * corners[(side + 1) % 4];
     const std::optional<Hit> hit = world.trace(pose.translation, pose.rotation * ray);
-    // From the edge of one surface to the next it falls through the air.
+    // Skip segments that jump between surfaces at a depth discontinuity.
     constexpr double kJump = 0.05;
     if (hit && before && (hit->point - before->point).norm() < kJump * hit->distance)
       drawing.line(before->point, hit->point, pen);
@@ -109,7 +109,7 @@ void draw_sensor(LineDrawing& drawing, const Scene& scene, const RayWorld& world
   constexpr size_t kMostFrusta = 12, kMostPairs = 4, kMostPlaces = 2000;
   const RigModel& rig = scene.rig;
   const std::vector<size_t> views = some_views(scene.trajectory.size(), kMostFrusta);
-  const bool in_pairs = views.size() <= kMostPairs;  // else those of the projectors would hide the rest
+  const bool in_pairs = views.size() <= kMostPairs;  // otherwise projector frusta would clutter the image
   for (const size_t view : views) {
     const bool first = view == 0;
     const double width = first ? 2 * unit : unit, strength = first ? 0.9 : in_pairs ? 0.4 : 0.3;
@@ -130,7 +130,7 @@ void draw_sensor(LineDrawing& drawing, const Scene& scene, const RayWorld& world
 
 void put_legend(cv::Mat3b& picture, double unit, bool has_path) {
   std::vector<std::pair<std::string, cv::Scalar>> lines = {{"camera", kCameraColour}, {"projector", kProjectorColour}};
-  if (has_path) lines.emplace_back("path of the camera", kPathColour);
+  if (has_path) lines.emplace_back("camera path", kPathColour);
   const cv::Rect back(0, picture.rows - static_cast<int>(lines.size()) * scaled(unit, 22) - scaled(unit, 12),
                       scaled(unit, has_path ? 215 : 125), picture.rows);
   cv::Mat behind = picture(back & cv::Rect({}, picture.size()));
@@ -157,9 +157,9 @@ cv::Mat3b overview_panel(const Scene& scene, const RayWorld& world, const Layout
   return overview.picture;
 }
 
-// --- right: the first view ---
+// --- right: first view ---
 
-// The rig with a camera of as many pixels as are shown.
+// Returns the rig with the camera's resolution and intrinsics scaled to the displayed size.
 RigModel with_camera_size(const RigModel& rig, const cv::Size& size) {
   RigModel result = rig;
   Pinhole& camera = result.camera;
@@ -179,7 +179,7 @@ Pattern white() {
   return pattern;
 }
 
-// Light as a screen shows it: the brightest hundredth may be white.
+// Tone-maps illuminance for display (gamma 2.2), with the 99th percentile scaled to 92 % of white.
 cv::Mat3b toned(const cv::Mat1f& lux) {
   std::vector<float> sorted(lux.begin(), lux.end());
   const auto high = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() * 99 / 100);
@@ -192,7 +192,7 @@ cv::Mat3b toned(const cv::Mat1f& lux) {
   return picture;
 }
 
-// Paler out of the range, which the rig does not measure.
+// Colour-codes depth; values outside the rig's working range are faded, NaN is background.
 cv::Mat3b coloured_depth(const cv::Mat1f& depth_m, double near_m, double far_m) {
   cv::Mat1b levels(depth_m.size());
   std::transform(depth_m.begin(), depth_m.end(), levels.begin(), [&](float depth) {
@@ -210,7 +210,7 @@ cv::Mat3b coloured_depth(const cv::Mat1f& depth_m, double near_m, double far_m) 
   return colours;
 }
 
-// The colours of the depths, at the end of the caption's line.
+// Draws the depth colour scale, right-aligned in the caption line.
 void put_scale(cv::Mat3b& paper, const Layout& layout, const RigModel& rig) {
   const double size = 0.5 * layout.unit;
   const int stroke = layout.unit > 1.5 ? 2 : 1, bar = scaled(layout.unit, 90), space = scaled(layout.unit, 6);
@@ -237,7 +237,7 @@ Effects seen_effects() {
 }  // namespace
 
 cv::Mat3b preview_picture(const Scene& scene, cv::Size size) {
-  if (size.width < 320 || size.height < 200) throw Error("a preview is at least 320x200 px in size");
+  if (size.width < 320 || size.height < 200) throw Error("preview: the size must be at least 320x200 px");
   const Layout layout = layout_of(size, scene.rig.camera);
   Scene shown = scene;
   shown.rig = with_camera_size(scene.rig, layout.view.size());
@@ -252,7 +252,7 @@ cv::Mat3b preview_picture(const Scene& scene, cv::Size size) {
   coloured_depth(truth.depth_m, scene.rig.near_m, scene.rig.far_m).copyTo(paper(layout.depth));
   put_caption(paper, layout, layout.overview, headline(scene));
   put_caption(paper, layout, layout.view, "first view, white light");
-  put_caption(paper, layout, layout.depth, "its depth");
+  put_caption(paper, layout, layout.depth, "depth");
   put_scale(paper, layout, scene.rig);
   return paper;
 }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// One picture that shows at a glance what a scene is. Left: the world from outside around the trajectory, with the path
-// of the camera, the frusta of camera and projector between the rig's near_m and far_m, and what the first view's
-// camera has in its image. Right: what that camera sees in the projector's white light, and its depth.
+// Overview image of a scene. Left: an external view of the scene around the trajectory, with the camera path, the
+// camera and projector frusta between the rig's near_m and far_m, and the footprint of the first view's image. Right:
+// the first view under white projector light, and its depth image.
 #pragma once
 
 #include <opencv2/core.hpp>
@@ -10,8 +10,8 @@
 
 namespace fringeslam::sim {
 
-// H x W, BGR. The same for the same scene and size, whatever the number of threads. Throws Error when the size is less
-// than 320 x 200 px or a texture cannot be read.
+// Renders the preview of a scene; H x W, BGR. The result is independent of the number of threads. Throws Error if the
+// size is less than 320 x 200 px or a texture cannot be read.
 cv::Mat3b preview_picture(const Scene& scene, cv::Size size = {1200, 800});
 
 }  // namespace fringeslam::sim

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Normal numbers by Philox 4x32-10 and Box and Muller's method, as many blocks at once as the machine's vectors hold.
+// Vectorised normal numbers: Philox 4x32-10 and the Box-Muller transform on several counter blocks in parallel.
 #include "sim/random.h"
 
 #include <algorithm>
@@ -11,12 +11,12 @@ namespace fringeslam::sim {
 
 namespace {
 
-constexpr int kBlocks = 16;            // Philox blocks at once
-constexpr int kNumbers = 4 * kBlocks;  // normal numbers
+constexpr int kBlocks = 16;            // Philox blocks per call
+constexpr int kNumbers = 4 * kBlocks;  // normal numbers per call
 
-// -2 ln(u) for u = (bits + 1/2) / 2^32, to about 1e-7: exponent and the series of the mantissa's logarithm.
+// -2 ln(u) for u = (floor(bits / 2^9) + 1/2) / 2^23, to about 1e-7: exponent plus a series for the log of the mantissa.
 FRINGESLAM_INLINE float minus_two_log(uint32_t bits) {
-  // Rounding to 24 bits would make u = 1 out of the largest numbers: keep 23.
+  // Keep 23 bits: with 24, the largest numbers would round to u = 1.
   const float u = (static_cast<float>(static_cast<int32_t>(bits >> 9)) + 0.5f) * (1.0f / 8388608.0f);
   const auto raw = std::bit_cast<int32_t>(u);
   // Mantissa in [sqrt(1/2), sqrt(2)).
@@ -29,7 +29,7 @@ FRINGESLAM_INLINE float minus_two_log(uint32_t bits) {
 
 // Sine and cosine of bits / 2^32 turns.
 FRINGESLAM_INLINE void turn(uint32_t bits, float& sine, float& cosine) {
-  // Nearest quarter turn, and what is left, in (-1/8, 1/8] turns.
+  // Nearest quarter turn, and the remainder x within an eighth of a turn, rad.
   const uint32_t quarter = (bits + 0x20000000u) >> 30;
   const float x = static_cast<float>(static_cast<int32_t>(bits - (quarter << 30))) * (6.2831853f / 4294967296.0f);
   const float x2 = x * x;

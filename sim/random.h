@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Counter-based random numbers (Philox 4x32-10, Random123): a number is a function of its address
-// (seed, stack, image, pixel), never of what was drawn before it or by which thread.
+// Counter-based random numbers (Philox 4x32-10, Random123): each number is a pure function of its address
+// (seed, stack, image, pixel), independent of the drawing order and of the thread.
 #pragma once
 
 #include <Random123/philox.h>
@@ -14,7 +14,7 @@
 
 namespace fringeslam::sim {
 
-// What the numbers of one key are used for; keeps the streams of one seed apart.
+// Purpose of a random stream; separates the streams that share a seed.
 enum class Stream : uint32_t {
   sensor_noise = 1,
   placement = 2,
@@ -34,7 +34,7 @@ class Philox {
       : key_{{static_cast<uint32_t>(seed), static_cast<uint32_t>(seed >> 32)}},
         counter_{{0, static_cast<uint32_t>(stream), a, b}} {}
 
-  // Two independent standard normal numbers at an address (Box-Muller).
+  // Returns two independent standard normal numbers for an address (Box-Muller).
   std::pair<double, double> normal_pair(uint32_t address) const {
     const auto block = at(address);
     const double radius = std::sqrt(-2 * std::log(open_unit(block[0], block[1])));
@@ -42,7 +42,7 @@ class Philox {
     return {radius * std::cos(angle), radius * std::sin(angle)};
   }
 
-  // Four uniform numbers in (0, 1) at an address.
+  // Returns four uniform numbers in (0, 1) for an address.
   std::array<double, 4> uniforms(uint32_t address) const {
     const auto block = at(address);
     std::array<double, 4> result;
@@ -50,14 +50,14 @@ class Philox {
     return result;
   }
 
-  // The next uniform number in (0, 1), or in (low, high), of this object's own sequence.
+  // Returns the next uniform number in (0, 1), or in (low, high), of this object's sequence.
   double uniform() {
     const auto block = at(next_++);
     return open_unit(block[0], block[1]);
   }
   double uniform(double low, double high) { return low + (high - low) * uniform(); }
 
-  // A seed for something that has numbers of its own; from a uniform number, or the next of this sequence.
+  // Derives a seed for another generator from a uniform number, or from the next number of this sequence.
   static uint32_t seed_from(double uniform) { return static_cast<uint32_t>(uniform * 4294967295.0); }
   uint32_t seed() { return seed_from(uniform()); }
 
@@ -67,7 +67,7 @@ class Philox {
     counter[0] = address;
     return r123::Philox4x32()(counter, key_);
   }
-  // 53 bits, centred in their cells, so that 0, whose logarithm is infinite, never occurs.
+  // 53-bit number at the centre of its cell: never 0, so its logarithm is finite.
   static double open_unit(uint32_t high, uint32_t low) {
     const uint64_t bits = (static_cast<uint64_t>(high) << 21) ^ (low >> 11);
     return (static_cast<double>(bits) + 0.5) * 0x1p-53;
@@ -78,8 +78,8 @@ class Philox {
   uint32_t next_ = 0;
 };
 
-// Standard normal numbers for an image, in single precision and by whole rows (sim/random.cpp): those of one stack and
-// image, each a function of its row and column.
+// Standard normal numbers for the pixels of one image, in single precision and row by row; each is a function of the
+// key, row and column.
 class NormalField {
  public:
   NormalField(uint64_t seed, Stream stream, uint32_t a, uint32_t b);

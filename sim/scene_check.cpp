@@ -16,7 +16,7 @@ namespace {
 
 constexpr double kLeastLit = 0.3, kLeastInRange = 0.3, kLeastOverlap = 0.3;
 
-// An object that a ray from the point leaves more often than it enters: closed surfaces are met an odd number of times.
+// Returns an object that contains the point: a ray from inside a closed surface crosses it an odd number of times.
 std::optional<int> object_around(const RayWorld& world, const Eigen::Vector3d& point) {
   std::map<int, int> crossings;
   const Eigen::Vector3d direction = Eigen::Vector3d(0.31, 0.17, 0.93).normalized();
@@ -27,7 +27,7 @@ std::optional<int> object_around(const RayWorld& world, const Eigen::Vector3d& p
     ++crossings[hit->object];
     from = hit->point + 1e-5 * direction;
   }
-  // Sheets have no inside, but are crossed once from one side: ask the other way, too.
+  // An open sheet is also crossed once from one side: require an odd count in the opposite direction, too.
   for (const auto& [object, count] : crossings) {
     if (count % 2 == 0) continue;
     int behind = 0;
@@ -43,7 +43,7 @@ std::optional<int> object_around(const RayWorld& world, const Eigen::Vector3d& p
   return std::nullopt;
 }
 
-// Share of the lit points of one view that another camera has in its image.
+// Share of one view's lit points that project into another view's image.
 double seen_again(const TruthFrame& before, const Pinhole& camera, const Pose& camera_from_world) {
   int lit = 0, seen = 0;
   for (int row = 0; row < before.mask.rows; row += 8) {
@@ -91,13 +91,14 @@ SceneCheck check_scene(const Scene& scene) {
     if (const auto object = object_around(renderer.world(), world_from_camera.translation)) {
       view.inside = true;
       view.object = scene.objects[static_cast<size_t>(*object)].name;
-      check.warnings.push_back("view " + std::to_string(i) + ": the camera stands inside " + view.object);
+      check.warnings.push_back("view " + std::to_string(i) + ": the camera is inside " + view.object);
     }
     if (view.lit < kLeastLit)
-      warn(check, i, "only %.0f %% of the pixels see what the projector lights", view.lit);
+      warn(check, i, "only %.0f %% of the pixels see a surface lit by the projector", view.lit);
     else if (view.in_range < kLeastInRange)
-      warn(check, i, "only %.0f %% of the pixels are lit and within near_m and far_m", view.in_range);
-    if (view.overlap < kLeastOverlap) warn(check, i, "only %.0f %% of what the view before saw is in it", view.overlap);
+      warn(check, i, "only %.0f %% of the pixels are lit and between near_m and far_m", view.in_range);
+    if (view.overlap < kLeastOverlap)
+      warn(check, i, "only %.0f %% of the previous view's lit points are in the image", view.overlap);
     check.views.push_back(view);
     before = std::move(truth);
   }

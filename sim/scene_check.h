@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a person would want to know of a scene before mapping it: whether the rig stands in something, sees anything, in
-// its beam and its range, and enough of what it saw before.
+// Plausibility check of a scene before mapping: reports views whose camera is inside an object, sees too little lit or
+// in-range surface, or overlaps too little with the previous view.
 #pragma once
 
 #include <string>
@@ -10,14 +10,14 @@
 
 namespace fringeslam::sim {
 
-// One view of the trajectory; shares of the camera's pixels.
+// One view of the trajectory; shares are fractions of the camera's pixels unless noted.
 struct ViewCheck {
-  double surface = 0;   // see a surface
-  double lit = 0;       // that the projector lights
-  double in_range = 0;  // and that lies within the rig's near_m and far_m
-  double overlap = 0;   // of what the view before saw lit, is in this view; 1 for the first
-  bool inside = false;  // the camera stands within an object
-  std::string object;   // which
+  double surface = 0;   // share that sees a surface
+  double lit = 0;       // share that sees a surface lit by the projector
+  double in_range = 0;  // share that is lit and between the rig's near_m and far_m
+  double overlap = 0;   // share of the previous view's lit points that project into this image; 1 for the first view
+  bool inside = false;  // the camera is inside an object
+  std::string object;   // name of that object
 };
 
 struct SceneCheck {
@@ -25,6 +25,7 @@ struct SceneCheck {
   std::vector<std::string> warnings;  // one line each
 };
 
+// Renders the ground truth of all views and evaluates them.
 SceneCheck check_scene(const Scene& scene);
 
 }  // namespace fringeslam::sim

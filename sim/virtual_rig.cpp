@@ -13,8 +13,7 @@ namespace fringeslam::sim {
 
 namespace {
 
-// Blurs are tabulated for points between these distances from the projector, as shares of the working range; nearer
-// and farther ones have the blur of the ends.
+// Blur is tabulated between these multiples of near_m and far_m from the projector; beyond them it is clamped.
 constexpr double kNearest = 0.3, kFarthest = 3;
 
 std::vector<TruthOrder> fringe_orders(const PatternSequence& sequence, const TruthFrame& truth) {
@@ -50,7 +49,7 @@ void RenderOptions::check() const {
   check_options(*this, "render");
   const int side = static_cast<int>(std::lround(std::sqrt(samples_per_pixel)));
   if (side * side != samples_per_pixel)
-    throw Error("render.samples_per_pixel is " + std::to_string(samples_per_pixel) + "; it must be a square number");
+    throw Error("render.samples_per_pixel is " + std::to_string(samples_per_pixel) + "; must be a square number");
 }
 
 VirtualRig::VirtualRig(const Scene& scene, const RenderOptions& options, TruthSink truth)
@@ -168,8 +167,8 @@ void VirtualRig::note_thermal(TruthFrame& truth) const {
 cv::Mat VirtualRig::look(const cv::Mat1b& screen, size_t pose, double exposure_s, int number) {
   const RigModel& rig = scene_.rig;
   if (screen.size() != cv::Size(rig.projector.width, rig.projector.height))
-    throw Error("look: the screen is " + std::to_string(screen.cols) + "x" + std::to_string(screen.rows) +
-                ", the rig's projector " + std::to_string(rig.projector.width) + "x" +
+    throw Error("look: the screen image is " + std::to_string(screen.cols) + "x" + std::to_string(screen.rows) +
+                ", but the projector's resolution is " + std::to_string(rig.projector.width) + "x" +
                 std::to_string(rig.projector.height));
   cv::Mat1f levels;
   screen.convertTo(levels, CV_32F, 1.0 / 255);

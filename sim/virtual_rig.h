@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The rig in the simulated world: implements Rig, and hands the truth of each view to a sink that the
-// pipeline never sees.
+// Simulated rig: implements Rig by rendering a scene, and passes the ground truth of each view to a sink that is hidden
+// from the pipeline.
 #pragma once
 
 #include <functional>
@@ -24,35 +24,36 @@ struct RenderOptions {
 
   template <class Visitor>
   void describe(Visitor& v) {
-    v.field("samples_per_pixel", samples_per_pixel, {1, 256}, "rays a pixel: 1, 4 or another square number");
-    v.field("noise", noise, "shot and dark noise of the camera");
-    v.field("quantise", quantise, "grey values of the camera's bits; off: float images");
+    v.field("samples_per_pixel", samples_per_pixel, {1, 256}, "rays per pixel; must be a square number (1, 4, 9, ...)");
+    v.field("noise", noise, "shot and dark noise of the camera, NETD of the thermal camera");
+    v.field("quantise", quantise, "quantise images to the camera's bit depth; off: float images");
     effects.describe(v);
   }
-  // Throws Error when out of range.
+  // Throws Error if an option is out of range.
   void check() const;
 };
 
 using TruthSink = std::function<void(const TruthFrame&)>;
 
-// The images of a stack are taken at the camera's rate, about the time of the pose; that is also the truth's.
+// The images of a stack are exposed at the camera's frame rate, centred on the time of the trajectory pose; the ground
+// truth refers to that time.
 class VirtualRig : public Rig {
  public:
   VirtualRig(const Scene& scene, const RenderOptions& options, TruthSink truth = {});
   const RigModel& model() const override { return calibration_; }
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
-  // What is true of the view from pose `pose` of the trajectory, as the sink gets it but for fringe orders. No image is
-  // rendered.
+  // Returns the ground truth of the view from trajectory pose `pose`, without fringe orders and without rendering
+  // images.
   TruthFrame truth_of(size_t pose) const;
-  // One image from pose `pose` of the trajectory, exposed for exposure_s, while the projector shows `screen` (8 bits,
-  // of its size). `number` keys the noise.
+  // Returns one image from trajectory pose `pose`, exposed for exposure_s while the projector shows `screen` (8 bits);
+  // `number` keys the noise. Throws Error if the screen differs from the projector's resolution.
   cv::Mat look(const cv::Mat1b& screen, size_t pose, double exposure_s, int number);
 
  private:
   BlurRange blur_range() const;
-  // The patterns as light: all at once, or each alone when the robot moves between them.
+  // Returns the patterns as projected light: one set, or one per pattern if the robot moves during a stack.
   const std::vector<ShownPatterns>& shown(const PatternSequence& sequence);
-  // Poses of the camera while image `image` of `images` is exposed.
+  // Returns the camera poses during the exposure of image `image` of `images`.
   std::vector<Pose> camera_poses(const TimedPose& pose, int image, int images) const;
   std::vector<cv::Mat1f> light(const PatternSequence& sequence, const TimedPose& pose, TruthFrame* truth);
   void note_thermal(TruthFrame& truth) const;
@@ -70,7 +71,7 @@ class VirtualRig : public Rig {
   size_t next_ = 0;
 };
 
-// Writes truth/000000.exr … (core/types/truth.h) into an existing folder.
+// Writes the ground truth of one view as <index>.exr (channels: core/types/truth.h) into an existing folder.
 void write_truth(const TruthFrame& truth, const std::filesystem::path& folder);
 
 }  // namespace fringeslam::sim

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The rays of one rendered view and nothing else: what Embree alone takes for them, to compare the renderer with. The
-// same rays to surfaces and on to the projector, in the same packets and order, on the same threads.
+// Benchmark reference for the renderer: traces only the camera and shadow rays of one view with Embree, in the same
+// packets and order and on the same threads as the renderer.
 #pragma once
 
 #include <memory>
@@ -11,11 +11,13 @@ namespace fringeslam::sim {
 
 class BareRays {
  public:
-  // Of the trajectory's first pose. The renderer must outlive this.
+  // Prepares the rays of the trajectory's first pose. The renderer must outlive this object.
   BareRays(const Scene& scene, const Renderer& renderer);
   ~BareRays();
 
+  // Returns the number of rays, camera and shadow rays together.
   size_t count() const;
+  // Traces all rays and discards the results.
   void operator()() const;
 
  private:

@@ -13,7 +13,7 @@ namespace fringeslam::sim {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
-// Even the sharpest lens leaves no more than three harmonics of the pixels' comb.
+// Least blur of the pixel comb, px: beyond it, three harmonics suffice.
 constexpr float kLeastCombBlur = 0.2f;
 
 double blur_at(const ProjectorLens& lens, double fx, double z) {
@@ -21,7 +21,7 @@ double blur_at(const ProjectorLens& lens, double fx, double z) {
   return std::sqrt(lens.blur_px * lens.blur_px + circle_px * circle_px / 16);
 }
 
-// e^x for x <= 0, to 2e-7 of it.
+// e^x for x <= 0, to a relative error of 2e-7.
 FRINGESLAM_INLINE float exponential(float x) {
   const float t = std::max(x, -80.0f) * 1.44269504f;
   const auto whole = static_cast<int32_t>(t - 0.5f);
@@ -30,28 +30,28 @@ FRINGESLAM_INLINE float exponential(float x) {
   return p * std::bit_cast<float>((whole + 127) << 23);
 }
 
-// cos(2 pi u), to 1e-7.
+// cos(2 pi u) for u >= -1/2, to 1e-7.
 FRINGESLAM_INLINE float cosine_of_turns(float u) {
-  const float shifted = u - static_cast<float>(static_cast<int32_t>(u));  // u >= -1/2: in (-1, 1)
-  const float part = std::abs(shifted);                                   // even function
-  const float folded = part > 0.5f ? 1 - part : part;                     // [0, 1/2], cosine falls from 1 to -1
-  const float x = (0.25f - folded) * 6.2831853f;                          // sine of it, |x| <= pi / 2
+  const float shifted = u - static_cast<float>(static_cast<int32_t>(u));  // in (-1, 1)
+  const float part = std::abs(shifted);                                   // cosine is even
+  const float folded = part > 0.5f ? 1 - part : part;                     // in [0, 1/2]; cosine falls from 1 to -1
+  const float x = (0.25f - folded) * 6.2831853f;                          // cos = sin x, |x| <= pi / 2
   const float x2 = x * x;
   return x * (1 - x2 * (1 / 6.0f - x2 * (1 / 120.0f - x2 * (1 / 5040.0f - x2 * (1 / 362880.0f - x2 / 39916800.0f)))));
 }
 
 }  // namespace
 
-// What Beam::light needs, as plain numbers.
+// Parameters of Beam::light as plain numbers, for vectorisation.
 struct BeamKernel {
   double r[9], t[3], position[3];
   double fx, fy, cx, cy, k1, k2, k3, p1, p2;
   double lux_at_1m;
-  double left, right, top, bottom;  // of the image
-  double max_r2;                    // of rays that may hit it
+  double left, right, top, bottom;  // image borders, px
+  double max_r2;                    // bound on rays that may hit the image
   bool defocus, gap;
   float blur2, circle_px_m, inverse_focus;  // sigma^2 = blur2 + (circle |1/z - 1/focus|)^2
-  float comb[3];                            // amplitudes of the harmonics
+  float comb[3];                            // harmonic amplitudes of the pixel comb
 
   FRINGESLAM_INLINE void light(const Points& points, BeamPacket& result, double* z, double* margin) const {
 #pragma GCC ivdep
@@ -73,8 +73,8 @@ struct BeamKernel {
       const double row = fy * (y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y) + cy;
       result.column[i] = column;
       result.row[i] = row;
-      // Distance to the nearest border, positive inside: comparisons alone would keep this loop from becoming vectors.
-      // Far off the axis, distortion may fold rays back into the image.
+      // Signed distance to the nearest border, positive inside; comparisons would prevent vectorisation. max_r2 rejects
+      // rays far off the axis that the distortion polynomial folds back into the image.
       const double width = std::min(column - left, right - column), height = std::min(row - top, bottom - row);
       margin[i] = std::min(std::min(width, height), std::min(z[i], max_r2 - r2));
       result.lux[i] = static_cast<float>(lux_at_1m * nearness * nearness);
@@ -93,7 +93,7 @@ struct BeamKernel {
         const float blur = std::max(result.blur_px[i], kLeastCombBlur);
         const float q = exponential(static_cast<float>(-2 * kPi * kPi) * blur * blur), q4 = q * q * q * q;
         const float a1 = comb[0] * q, a2 = comb[1] * q4, a3 = comb[2] * (q4 * q4 * q);
-        // Coordinates beyond the image are of no use, but must not overflow.
+        // Clamp coordinates outside the image; they are unused but must not overflow.
         const float c = cosine_of_turns(static_cast<float>(std::min(std::max(result.column[i], left), right)));
         const float d = cosine_of_turns(static_cast<float>(std::min(std::max(result.row[i], top), bottom)));
         const float along = 1 + a1 * c + a2 * (2 * c * c - 1) + a3 * c * (4 * c * c - 3);

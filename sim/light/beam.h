@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// The projector's light at points of the world. At a point in the direction theta from the axis, at the distance r,
-// a surface under the angle of incidence i receives
+// Projector model: light at points of the scene (docs/method.md, section 12.1). With all pixels on, a surface at
+// distance r, off-axis angle theta and angle of incidence i receives the illuminance
 //
-//   E = E_1 cos^(n-3)(theta) cos(i) / r^2  lux, all pixels on,                                   (1)
+//   E = E_1 cos^(n-3)(theta) cos(i) / r^2  lux,                                                  (1)
 //
-// E_1 being the illuminance at 1 m on the axis and n the vignetting's exponent. The image there is blurred by
+// where E_1 is the on-axis illuminance at 1 m and n the vignetting exponent. The projected image is blurred with
 //
 //   sigma^2 = sigma_0^2 + (c / 4)^2 px^2,   c = A f |1/z - 1/z_focus|                             (2)
 //
-// with c the diameter of the circle of confusion of an exit pupil A, whose even disc has the variance (c/4)^2 along
-// each axis. Pixels of fill g < 1 are a comb, 1 + sum_k 2 sinc(k g) cos(2 pi k u) exp(-2 pi^2 k^2 sigma^2), along both
-// axes: it multiplies the light, since patterns hardly change over a pixel.
+// where c is the diameter, px, of the circle of confusion for the exit-pupil diameter A; a uniform disc of diameter c
+// has the variance (c/4)^2 along each axis. Pixels with a fill factor g < 1 modulate the light along both axes by the
+// comb 1 + sum_k 2 sinc(k g) cos(2 pi k u) exp(-2 pi^2 k^2 sigma^2), since patterns are nearly constant over a pixel.
 #pragma once
 
 #include <memory>
@@ -22,12 +22,12 @@
 
 namespace fringeslam::sim {
 
-// How the projector lights the points of a packet, before shadows.
+// Illumination of a packet's points by the projector, without shadows.
 struct BeamPacket {
   alignas(64) double column[kPacket], row[kPacket];  // projector coordinates, px
-  Points to_light;                                   // unit
+  Points to_light;                                   // unit vector
   double distance[kPacket];                          // to the projector, m
-  float lux[kPacket];                                // on a surface that faces the projector, eq. 1 without cos(i)
+  float lux[kPacket];                                // at normal incidence: eq. 1 without cos(i)
   float blur_px[kPacket];                            // sigma, eq. 2
   Lanes inside = 0;                                  // within the projector's image
 };
@@ -38,10 +38,12 @@ class Beam {
  public:
   Beam(const RigModel& rig, const Effects& effects, const Pose& world_from_camera);
 
+  // Projector centre in the world frame, m.
   const Eigen::Vector3d& position() const { return position_; }
+  // Computes the illumination of world points; `inside` is restricted to the active lanes.
   void light(const Points& points, Lanes active, BeamPacket& result) const;
 
-  // Blurs between the given distances from the projector.
+  // Returns the range of blur sigmas, px, between two distances from the projector.
   static BlurRange blur_range(const RigModel& rig, const Effects& effects, double near_m, double far_m);
 
  private:

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A square of pixels on its way through the scene: the arithmetic of renderer.cpp, and included by it alone, so that
-// all of it is compiled for each instruction set.
+// Renders one block of pixels. Included only by renderer.cpp, so that all of it is compiled for each instruction set.
 #pragma once
 
 #include <algorithm>
@@ -18,16 +17,16 @@
 
 namespace fringeslam::sim {
 
-inline constexpr int kBlock = 4;  // px; a packet is a square of them
+inline constexpr int kBlock = 4;  // px; a packet covers a block of 4 x 4 pixels
 static_assert(kBlock * kBlock == kPacket);
 
-// Two-dimensional points that fill the unit square evenly (additive recurrence of the plastic number).
+// Low-discrepancy sequence in the unit square (R2: additive recurrence with the plastic number).
 inline Eigen::Vector2d even_point(int index, double shift_x, double shift_y) {
   const double x = shift_x + index * 0.7548776662466927, y = shift_y + index * 0.5698402909980532;
   return {x - std::floor(x), y - std::floor(y)};
 }
 
-// The lanes for which a condition without branches holds; both loops become vectors.
+// Returns the lanes for which a branch-free condition holds; both loops vectorise.
 template <class Condition>
 FRINGESLAM_INLINE Lanes lanes_where(const Condition& condition) {
   alignas(64) uint32_t flags[kPacket];
@@ -38,7 +37,7 @@ FRINGESLAM_INLINE Lanes lanes_where(const Condition& condition) {
   return sum;
 }
 
-// 1 in the lanes that are set.
+// Weight per lane: 1 if the lane is set, else 0.
 struct alignas(64) LaneWeights {
   float value[kPacket];
   explicit LaneWeights(Lanes lanes) {
@@ -46,13 +45,13 @@ struct alignas(64) LaneWeights {
   }
 };
 
-// One pose of the camera, and the projector with it.
+// Camera pose with the corresponding projector beam.
 struct Station {
   Pose world_from_camera;
   Beam beam;
 };
 
-// A square of pixels on its way through the scene.
+// Renders one block of pixels under all patterns.
 class BlockRenderer {
  public:
   BlockRenderer(const Renderer& renderer, const ShownPatterns& patterns, const std::vector<Station>& stations,
@@ -107,7 +106,7 @@ class BlockRenderer {
   }
 
  private:
-  // What the samples of a pixel are compared with.
+  // Hits of the rays through the pixel centres, with which the samples are compared.
   struct Centres {
     HitPacket hits;
     Lanes shadow = 0, in_beam = 0;
@@ -120,14 +119,14 @@ class BlockRenderer {
       row_[i] = block_row * kBlock + i / kBlock;
       col_[i] = block_col * kBlock + i % kBlock;
       inside_ |= static_cast<Lanes>(row_[i] < height_ && col_[i] < width_) << i;
-      // Lanes beyond the image follow a ray of it, and are thrown away.
+      // Lanes outside the image duplicate a border pixel; their results are discarded.
       row_[i] = std::min(row_[i], height_ - 1);
       col_[i] = std::min(col_[i], width_ - 1);
       pixel_[i] = static_cast<uint32_t>(row_[i] * width_ + col_[i]);
     }
   }
 
-  // To be smoothed when all blocks are done.
+  // Stores the block's indirect light for smoothing after all blocks are done.
   void hand_over(IndirectLight& indirect, const std::vector<float>& sums, const float* steady, float share) {
     for (int i = 0; i < kPacket; ++i) {
       if (!has(inside_, i)) continue;
@@ -138,8 +137,8 @@ class BlockRenderer {
     }
   }
 
-  // Share by which indirect light counts, normal and place of what a sample sees, for the smoothing; normals and places
-  // are those of the last one.
+  // Records the guides for smoothing: mean weight of indirect light, and normal and position of the surface; normal and
+  // position are those of the last sample.
   void note_surface(IndirectLight& indirect, const HitPacket& hits, const float* weight) const {
     for (int i = 0; i < kPacket; ++i) {
       if (!has(inside_, i)) continue;
@@ -151,7 +150,7 @@ class BlockRenderer {
     }
   }
 
-  // World rays from directions (x, y, 1) in the camera and starts (x, y, 0) in its pupil.
+  // Transforms directions (x, y, 1) and pupil origins (x, y, 0) from the camera frame to world rays.
   static void aim(const Pose& pose, const Eigen::Vector2d (&slope)[kPacket], const Eigen::Vector2d (&start)[kPacket],
                   RayPacket& rays) {
     const Eigen::Matrix3d& r = pose.rotation;
@@ -167,6 +166,7 @@ class BlockRenderer {
     }
   }
 
+  // Returns the lanes whose surface faces the projector.
   static Lanes facing(const HitPacket& hits, const BeamPacket& beam) {
     return hits.hit & lanes_where([&](int i) {
              return hits.normal.x[i] * beam.to_light.x[i] + hits.normal.y[i] * beam.to_light.y[i] +
@@ -175,7 +175,7 @@ class BlockRenderer {
            });
   }
 
-  // The ray through each pixel's centre: truth.
+  // Traces the rays through the pixel centres and fills in the ground truth.
   void look_at_centres(TruthFrame& truth) {
     const Station& station = stations_.front();
     Eigen::Vector2d slope[kPacket], start[kPacket];
@@ -189,7 +189,7 @@ class BlockRenderer {
     station.beam.light(hits.point, hits.hit, beam);
     const Lanes towards = facing(hits, beam);
     const Lanes dark = r_.world_.occluded(RayWorld::lifted(hits), towards, station.beam.position());
-    centre_.shadow = hits.hit & ~(towards & ~dark);  // a surface that faces away from the light is in its own shadow
+    centre_.shadow = hits.hit & ~(towards & ~dark);  // surfaces that face away from the light count as shadowed
     centre_.in_beam = beam.inside;
     const Eigen::Matrix3d camera_from_world = station.world_from_camera.rotation.transpose();
     for (int i = 0; i < kPacket; ++i) {
@@ -212,7 +212,7 @@ class BlockRenderer {
     }
   }
 
-  // Pixels of which this sample and the centre do not see one smooth, evenly lit surface.
+  // Returns the pixels whose sample and centre ray differ in object, normal (by 30 degrees), shadow or beam.
   Lanes differing(const HitPacket& hits, Lanes shadow, Lanes in_beam) const {
     constexpr double kCosine30 = 0.866;
     const HitPacket& centre = centre_.hits;
@@ -225,6 +225,7 @@ class BlockRenderer {
     return (border | (other & hits.hit & centre.hit)) & inside_;
   }
 
+  // Traces one sample of each pixel and adds its light.
   void take(int sample, bool compare) {
     const Station& station = stations_[static_cast<size_t>(sample) % stations_.size()];
     const auto samples = static_cast<size_t>(r_.rays_.per_pixel);
@@ -280,7 +281,7 @@ class BlockRenderer {
     }
   }
 
-  // Thin lens: from a point of the pupil through the point in focus.
+  // Thin lens: the ray starts at a point of the pupil and passes through the in-focus point.
   void leave_from_pupil(int sample, Eigen::Vector2d (&slope)[kPacket], Eigen::Vector2d (&start)[kPacket]) const {
     const Eigen::Vector2d point = 0.5 * pupil_m_ * r_.rays_.pupil[static_cast<size_t>(sample)];
     for (int i = 0; i < kPacket; ++i) {
@@ -289,8 +290,8 @@ class BlockRenderer {
     }
   }
 
-  // The projector's light and the surfaces' own at points of surfaces, on its way to a viewer. Returns the lanes whose
-  // points see the projector; of those out of the beam it knows only when `everywhere`.
+  // Adds the projector light reflected and the light emitted by surface points towards a viewer. Returns the lanes
+  // whose points see the projector; lanes outside the beam are tested only if `everywhere` is set.
   Lanes add_direct(const Station& station, const HitPacket& hits, const SurfacePacket& surface, const Points& to_viewer,
                    Lanes active, const float* weight, bool everywhere, BeamPacket& beam) {
     station.beam.light(hits.point, active, beam);
@@ -330,8 +331,8 @@ class BlockRenderer {
 
   void add_steady(int lane, float lux) { (has(soft_, lane) ? soft_steady_ : steady_)[lane] += lux; }
 
-  // Light that comes over other surfaces, and from around. Each path is continued as often as the scene says; at its
-  // last point the ambient light counts as unshadowed.
+  // Adds indirect light by path tracing: from other surfaces, and ambient light from paths that leave the scene. Paths
+  // have the scene's number of bounces; at the last point, ambient light is assumed unshadowed.
   void follow_paths(const Station& station, int sample, const HitPacket& first, const SurfacePacket& first_surface,
                     const Points& first_viewer, const float* first_weight) {
     const int samples = r_.rays_.per_pixel;
@@ -346,7 +347,7 @@ class BlockRenderer {
       soft_ = 0;
       const int number = sample * paths + path;
       for (int bounce = 1; bounce <= bounces_ && active != 0; ++bounce) {
-        // The first turn of a pixel's paths is spread evenly over the directions, the later ones are independent.
+        // First bounce: stratified over a pixel's paths (low-discrepancy); later bounces: independent random numbers.
         const Philox random(r_.scene_.seed, Stream::paths, static_cast<uint32_t>(stack_),
                             bounce == 1 ? 0u : static_cast<uint32_t>(number * 64 + bounce));
         RayPacket rays;
@@ -365,11 +366,11 @@ class BlockRenderer {
               scatter(surface.reflection(i), surface.normal.at(i), to_viewer.at(i), u[2], u[0], u[1]);
           weight[i] *= static_cast<float>(next.weight);
           if (bounce == 1 && indirect_ && !next.glossy && surface.albedo[i] > 0) {
-            // Irradiance: what the matt lobe makes of it is known when it has been smoothed.
+            // Keep irradiance: the diffuse albedo is applied after smoothing.
             weight[i] /= first_weight[i] * surface.albedo[i];
             soft_ |= Lanes{1} << i;
           }
-          // A shading normal may send a ray into the surface.
+          // With a shading normal, the sampled ray may point into the surface.
           if (next.weight <= 0 || next.direction.dot(hits.normal.at(i)) <= 0) {
             active &= ~(Lanes{1} << i);
             continue;
@@ -402,8 +403,8 @@ class BlockRenderer {
     soft_ = 0;
   }
 
-  // One point of each camera ray at which the beam scatters towards the camera, drawn so that points near the projector
-  // are as likely as their light is strong; and the haze that ambient light makes.
+  // Adds light scattered by the air: beam light from one equiangularly sampled point per camera ray, and the veil of
+  // scattered ambient light.
   void scatter_in_air(const Station& station, int sample, const RayPacket& rays, const HitPacket& hits,
                       const Points& to_viewer, const float* length) {
     const Philox random(r_.scene_.seed, Stream::air, static_cast<uint32_t>(stack_));
@@ -426,7 +427,7 @@ class BlockRenderer {
     ShownPatterns::Points lit_points{};
     for (int i = 0; i < kPacket; ++i) {
       if (!has(lit, i)) continue;
-      // Light goes from the projector to the point and on to the camera: forwards is where it was going.
+      // Scattering angle between the direction from the projector and the direction to the camera.
       const double cosine = -beam.to_light.at(i).dot(to_viewer.at(i));
       const double scattered = std::numbers::pi * haze_.albedo * haze_.extinction_per_m *
                                henyey_greenstein(haze_.anisotropy, cosine) *
@@ -443,7 +444,7 @@ class BlockRenderer {
   const ShownPatterns& patterns_;
   const std::vector<Station>& stations_;
   int stack_;
-  IndirectLight *indirect_, *veil_;  // light over other surfaces, and out of the air; none: no smoothing
+  IndirectLight *indirect_, *veil_;  // indirect and air-scattered light to be smoothed; null: no smoothing
   int width_, height_;
   double footprint_, ambient_lux_;
   int bounces_;
@@ -455,8 +456,8 @@ class BlockRenderer {
   Lanes inside_ = 0, mixed_ = 0;
   Centres centre_;
   std::vector<float> sums_;            // by lane, then pattern
-  alignas(64) float steady_[kPacket];  // what no pattern changes
-  // The same of light over other surfaces, as irradiance; and the lanes whose paths carry such light.
+  alignas(64) float steady_[kPacket];  // pattern-independent light
+  // Same for indirect light that will be smoothed, as irradiance; and the lanes whose current path carries such light.
   std::vector<float> soft_sums_;
   alignas(64) float soft_steady_[kPacket];
   Lanes soft_ = 0;

@@ -72,7 +72,7 @@ cv::Mat Camera::expose(const cv::Mat1f& electrons_per_s, double exposure_s, cons
   if (!exposure.quantise) return grey;
   cv::Mat quantised;
   cv::Mat clipped = cv::min(grey, sensor_.max_dn());
-  clipped.convertTo(quantised, sensor_.bits <= 8 ? CV_8U : CV_16U);  // rounds, and clips below at 0
+  clipped.convertTo(quantised, sensor_.bits <= 8 ? CV_8U : CV_16U);  // rounds, and clips at 0
   return quantised;
 }
 

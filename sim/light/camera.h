@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The camera by EMVA 1288: light in lux (W = pi L, sim/light/photometry.h) to grey values. A pixel with the response
-// 1 + prnu and the dark offset dsnu collects in the exposure t
+// EMVA 1288 camera model: converts light W = pi L in lux (sim/light/photometry.h) to grey values (docs/method.md,
+// section 12.2). During an exposure t, a pixel with relative response 1 + prnu and dark offset dsnu collects
 //
 //   n = eta (1 + prnu) photons + dark_current t + dsnu       electrons, mean
 //
-// Shot and dark noise are one normal deviate of variance n + sigma_d^2, the full well cuts off, and
-// y = offset + K n is rounded to the sensor's bits and clipped.
+// Shot and dark noise are drawn as one normal deviate of variance n + sigma_d^2. The charge is limited to the full
+// well, and y = offset + K n is rounded to the sensor's bit depth and clipped.
 #pragma once
 
 #include <cstdint>
@@ -24,24 +24,24 @@ struct Exposure {
 
 class Camera {
  public:
-  // `seed` picks the specimen: its pixels' nonuniformities.
+  // `seed` selects the sensor specimen, that is, the fixed pattern of PRNU and DSNU.
   Camera(const RigModel& rig, const Effects& effects, uint64_t seed);
 
-  // Mean electrons that one second of such light gives: the lens' blur and vignetting, the pixels' responses.
+  // Converts light, lux, to mean electrons per second, with lens blur, vignetting and pixel response.
   cv::Mat1f electrons_per_s(const cv::Mat1f& lux) const;
 
-  // Quantised: CV_8U or CV_16U by the sensor's bits; else CV_32F grey values, which neither clip nor round.
+  // Exposes an image. Quantised: CV_8U or CV_16U, by bit depth; otherwise CV_32F grey values, not clipped or rounded.
   cv::Mat expose(const cv::Mat1f& electrons_per_s, double exposure_s, const Exposure& exposure) const;
 
-  // The exposure under which all but one pixel in a thousand of the brightest image stay below 80 % of saturation; no
-  // longer than `longest_s`.
+  // Returns the exposure at which 99.9 % of the brightest image's pixels stay below 80 % of saturation, limited to
+  // `longest_s`.
   double auto_exposure_s(const cv::Mat1f& brightest_electrons_per_s, double longest_s) const;
 
  private:
   SensorModel sensor_;
   double blur_px_ = 0;
-  cv::Mat1f response_;        // electrons/(lux s) of each pixel
-  cv::Mat1f dark_electrons_;  // DSNU; empty: none
+  cv::Mat1f response_;        // electrons/(lux s), per pixel
+  cv::Mat1f dark_electrons_;  // DSNU; empty if there is none
 };
 
 }  // namespace fringeslam::sim

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the simulator may leave out. Each effect is described by the rig or the scene, and can be switched off alone.
+// Switches for the simulated effects. Their parameters come from the rig or the scene; each can be disabled separately.
 #pragma once
 
 #include "core/types/options.h"
@@ -16,25 +16,24 @@ struct Effects {
 
   template <class Visitor>
   void describe(Visitor& v) {
-    v.field("vignetting", vignetting, "lenses darken towards the edge");
-    v.field("defocus", defocus, "projector lens: its blur, and what is out of its focus");
+    v.field("vignetting", vignetting, "vignetting of the camera and projector lenses");
+    v.field("defocus", defocus, "projector lens: in-focus blur and defocus");
     v.field("pixel_gap", pixel_gap, "dark gaps between projector pixels");
-    v.field("lens_blur", lens_blur, "camera lens: its blur in focus");
-    v.field("depth_of_field", depth_of_field, "camera lens: what is out of its focus");
-    v.field("interreflection", interreflection, "light between surfaces, as often as the scene says");
-    v.field("gloss", gloss, "glossy lobes of metals and coats");
-    v.field("relief", relief, "small relief of materials");
+    v.field("lens_blur", lens_blur, "in-focus blur of the camera and thermal camera lenses");
+    v.field("depth_of_field", depth_of_field, "camera lens: defocus");
+    v.field("interreflection", interreflection, "light between surfaces, with the scene's number of bounces");
+    v.field("gloss", gloss, "glossy reflection of metals and coated surfaces");
+    v.field("relief", relief, "small-scale surface relief of materials");
     v.field("dust", dust, "settled dust");
     v.field("air", air, "haze");
-    v.field("motion", motion, "motion of the robot while a stack is taken");
-    v.field("fixed_pattern", fixed_pattern, "nonuniformities and dark current of the camera's pixels");
-    v.field("share_paths", share_paths,
-            "light over other surfaces and out of the air is smoothed over pixels that see one surface");
-    v.field("bounce_paths", bounce_paths, {1, 65536}, "paths a pixel of interreflected light");
-    v.field("exposure_steps", exposure_steps, {1, 256}, "poses within an exposure, when moving; 1: no motion blur");
+    v.field("motion", motion, "robot motion during a stack");
+    v.field("fixed_pattern", fixed_pattern, "PRNU, DSNU and dark current of the camera");
+    v.field("share_paths", share_paths, "smooth indirect and scattered light over pixels that see the same surface");
+    v.field("bounce_paths", bounce_paths, {1, 65536}, "paths per pixel for interreflected light");
+    v.field("exposure_steps", exposure_steps, {1, 256}, "poses per exposure during motion; 1: no motion blur");
   }
 
-  // All of them off.
+  // Returns the set with all effects off.
   static Effects none() {
     struct Off {
       void field(const char*, bool& effect, const char*) { effect = false; }

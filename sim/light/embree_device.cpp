@@ -19,7 +19,7 @@ void throw_embree_error(void*, RTCError code, const char* message) {
 
 RTCDeviceTy* new_embree_device() {
   RTCDevice device = rtcNewDevice(nullptr);
-  if (!device) throw Error("Embree: no device; this processor lacks what Embree needs (SSE2)");
+  if (!device) throw Error("Embree: cannot create a device; the processor must support SSE2");
   rtcSetDeviceErrorFunction(device, throw_embree_error, nullptr);
   return device;
 }

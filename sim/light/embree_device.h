@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Embree with its errors as exceptions.
+// Embree device that reports errors as exceptions.
 #pragma once
 
 struct RTCDeviceTy;
 
 namespace fringeslam::sim {
 
-// To be released by rtcReleaseDevice. Throws Error when this processor lacks what Embree needs; so do Embree's
-// functions from then on when they fail.
+// Returns a new Embree device, to be released with rtcReleaseDevice. Throws Error if Embree does not support this
+// processor. Embree calls on the device throw Error on failure.
 RTCDeviceTy* new_embree_device();
 
 }  // namespace fringeslam::sim

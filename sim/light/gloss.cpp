@@ -17,7 +17,7 @@ double fresnel(double reflectance, double cosine) {
   return reflectance + (1 - reflectance) * x * x * x * x * x;
 }
 
-// Smith's Lambda: (1 + Lambda)^-1 is the share of microfacets not masked in a direction.
+// Smith's Lambda; 1 / (1 + Lambda) is the unmasked fraction of the microfacets seen from a direction.
 double lambda(double alpha, double cosine) {
   const double tangent2 = std::max(0.0, 1 / (cosine * cosine) - 1);
   return 0.5 * (std::sqrt(1 + alpha * alpha * tangent2) - 1);
@@ -28,7 +28,7 @@ double distribution(double alpha, double cosine) {
   return a2 / (kPi * d * d);
 }
 
-// Any two unit vectors that make a right-handed frame with n.
+// Returns a right-handed orthonormal frame with n as its z axis.
 Eigen::Matrix3d frame_about(const Eigen::Vector3d& n) {
   const Eigen::Vector3d helper = std::abs(n.x()) < 0.7 ? Eigen::Vector3d::UnitX() : Eigen::Vector3d::UnitY();
   Eigen::Matrix3d frame;
@@ -38,7 +38,7 @@ Eigen::Matrix3d frame_about(const Eigen::Vector3d& n) {
   return frame;
 }
 
-// A microfacet normal among those that the viewer sees (Heitz 2018); local frame.
+// Samples a microfacet normal from the distribution of visible normals (Heitz 2018); local frame.
 Eigen::Vector3d visible_facet(const Eigen::Vector3d& view, double alpha, double u1, double u2) {
   const Eigen::Vector3d stretched = Eigen::Vector3d(alpha * view.x(), alpha * view.y(), view.z()).normalized();
   const double side = stretched.head<2>().squaredNorm();
@@ -78,7 +78,7 @@ ScatteredRay scatter(const Reflection& surface, const Eigen::Vector3d& normal, c
   if (mirror + matt <= 0) return {};
   const double gloss_share = mirror / (mirror + matt);
   if (choice >= gloss_share) {
-    // Cosine-weighted: f_r cos / density is the albedo.
+    // Cosine-weighted sampling: f_r cos / density is the albedo.
     const double r = std::sqrt(u1), phi = 2 * kPi * u2;
     const Eigen::Vector3d local(r * std::cos(phi), r * std::sin(phi), std::sqrt(std::max(0.0, 1 - u1)));
     const double through = surface.reflectance == 0 ? 1 : 1 - fresnel(surface.reflectance, local.z());

@@ -1,34 +1,35 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reflection of a surface point: a Lambertian lobe under a coat, and the coat's or the metal's GGX lobe (Walter et al.
-// 2007, with Smith's height-correlated masking and Schlick's Fresnel term).
+// Surface reflection model: a Lambertian base under a dielectric coat, plus the GGX lobe of the coat or metal (Walter
+// et al. 2007, with Smith's height-correlated masking and Schlick's Fresnel approximation).
 //
 //   pi f_r = rho (1 - F(n.l)) (1 - F(n.v)) + pi D(h) G(l, v) F(v.h) / (4 n.l n.v)
 //
-// pi f_r is what multiplies illuminance to give W = pi L (sim/light/photometry.h): the albedo, for a matt surface.
+// pi f_r is the factor from illuminance to W = pi L (sim/light/photometry.h); for a diffuse surface it is the albedo.
 #pragma once
 
 #include <Eigen/Core>
 
 namespace fringeslam::sim {
 
-// A surface point's reflection.
+// Reflection parameters of a surface point.
 struct Reflection {
-  double albedo = 0;       // rho, of the Lambertian lobe
+  double albedo = 0;       // rho, albedo of the Lambertian lobe
   double reflectance = 0;  // F at normal incidence; 0: no glossy lobe
   double alpha = 0.2;      // roughness squared
 };
 
-// pi f_r; directions are unit and point away from the surface. 0 when one of them is below it.
+// Returns pi f_r for unit directions that point away from the surface; 0 if either is below the surface.
 double reflected(const Reflection& surface, const Eigen::Vector3d& normal, const Eigen::Vector3d& to_light,
                  const Eigen::Vector3d& to_viewer);
 
-// A direction from which light comes to the viewer, drawn by two uniform numbers and one that chooses the lobe; weight
-// is f_r cos / density, by which that light counts. Weight 0: no light from there.
+// Sampled direction of incoming light, away from the surface; weight = f_r cos / density, 0 for an invalid sample.
 struct ScatteredRay {
   Eigen::Vector3d direction = Eigen::Vector3d::Zero();
   double weight = 0;
-  bool glossy = false;  // drawn from the glossy lobe
+  bool glossy = false;  // sampled from the glossy lobe
 };
+// Importance-samples a direction of incoming light: `choice` selects the lobe, u1 and u2 the direction; all are uniform
+// in (0, 1).
 ScatteredRay scatter(const Reflection& surface, const Eigen::Vector3d& normal, const Eigen::Vector3d& to_viewer,
                      double choice, double u1, double u2);
 

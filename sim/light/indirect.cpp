@@ -12,7 +12,7 @@ namespace {
 
 constexpr float kSpline[5] = {1 / 16.0f, 1 / 4.0f, 3 / 8.0f, 1 / 4.0f, 1 / 16.0f};
 
-// How far two pixels that are `step` apart see one surface, 0 to 1.
+// Returns a weight from 0 to 1 for how likely two pixels see the same smooth surface.
 float likeness(const IndirectLight& light, size_t p, size_t q, float tolerance_m) {
   const Eigen::Vector3f &n = light.normal[p], &m = light.normal[q];
   if (m.isZero()) return 0;

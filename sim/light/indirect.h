@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Light that reaches matt surfaces over other surfaces: it changes slowly, but each pixel's few random paths estimate
-// it with noise. An edge-avoiding a-trous filter (Dammertz et al. 2010) shares it between pixels that see one smooth
-// surface: three rounds of 5 x 5 B-spline taps, 1, 2 and 4 px apart, each weighted by how well the neighbour's point
-// lies in the pixel's tangent plane and their normals agree. All patterns are shared with the same weights, so that a
-// pixel's light under them stays that of one set of paths.
+// Denoising of indirect light. The indirect irradiance on diffuse surfaces varies slowly, but its Monte Carlo estimate
+// from a few paths per pixel is noisy. An edge-avoiding a-trous filter (Dammertz et al. 2010) averages it over pixels
+// that see the same smooth surface: three passes of 5 x 5 B-spline taps, spaced 1, 2 and 4 px, each weighted by the
+// distance of the neighbour's point from the pixel's tangent plane and by the agreement of the normals. All patterns
+// use the same weights, so a pixel's values under all patterns remain consistent with one set of paths.
 #pragma once
 
 #include <Eigen/Core>
@@ -16,10 +16,10 @@ struct IndirectLight {
   IndirectLight(cv::Size image_size, int light_channels);
 
   cv::Size size;
-  int channels = 0;                       // a pixel: each pattern's, then what no pattern changes
+  int channels = 0;                       // per pixel: one per pattern, then the pattern-independent light
   std::vector<float> lux;                 // irradiance, pixel-major
-  std::vector<float> albedo;              // by which it counts
-  std::vector<Eigen::Vector3f> normal;    // of what the pixel sees; 0: nothing
+  std::vector<float> albedo;              // factor from irradiance to W
+  std::vector<Eigen::Vector3f> normal;    // of the surface that the pixel sees; 0: none
   std::vector<Eigen::Vector3f> position;  // world, m
 
   float* at(int row, int col) { return lux.data() + index(row, col) * static_cast<size_t>(channels); }
@@ -28,7 +28,7 @@ struct IndirectLight {
   }
 };
 
-// `pixel_m`: what a pixel covers across its ray at 1 m; `origin` the camera's position.
+// Smooths the irradiance in place. `pixel_m`: width of a pixel's footprint at 1 m; `origin`: camera position, world, m.
 void smooth(IndirectLight& light, double pixel_m, const Eigen::Vector3d& origin);
 
 }  // namespace fringeslam::sim

@@ -13,8 +13,9 @@ namespace fringeslam::sim {
 namespace {
 
 constexpr double kShortest_m = 8e-6, kLongest_m = 14e-6;
-constexpr double kColdest_c = -250, kHottest_c = 2100, kStep_k = 0.5;  // of the table
+constexpr double kColdest_c = -250, kHottest_c = 2100, kStep_k = 0.5;  // table range and step
 
+// Fraction of the total black-body radiance below a wavelength.
 double share_below(double wavelength_m, double temperature_k) {
   constexpr double kSecondRadiationConstant_m_k = 0.01438776877;
   constexpr double kNegligible = 1e-15;
@@ -32,7 +33,7 @@ double integrated_radiance(double temperature_c) {
          (share_below(kLongest_m, kelvin) - share_below(kShortest_m, kelvin));
 }
 
-// Radiances at even steps of temperature; between them a straight line, which is off by less than a millikelvin.
+// Radiances at equal temperature steps; linear interpolation between them errs by less than a millikelvin.
 const std::vector<double>& table() {
   static const std::vector<double> radiances = [] {
     std::vector<double> all;

@@ -21,7 +21,7 @@ double photons_per_lux_s(const RigModel& rig) {
 double projector_lux_at_1m(const RigModel& rig) {
   const Pinhole& p = rig.projector;
   constexpr int kGrid = 64;
-  double area = 0;  // on the screen z = 1 m, weighted
+  double area = 0;  // on the plane z = 1 m, weighted by vignetting
   for (int i = 0; i < kGrid; ++i) {
     for (int j = 0; j < kGrid; ++j) {
       const double x = (p.width * (i + 0.5) / kGrid - 0.5 - p.cx) / p.fx;

@@ -16,28 +16,28 @@ namespace fringeslam::sim {
 
 namespace {
 
-// n.x = offset on the triangle's plane; n of unit length, to the side from which it is counter-clockwise.
+// Plane n.x = offset of a triangle; the unit normal n points to the side from which the triangle is counter-clockwise.
 struct Plane {
   double x, y, z, offset;
 };
 
-// Planes of a mesh's triangles, in the frame in which Embree holds the mesh.
+// Planes of a mesh's triangles, in the frame of the mesh in Embree.
 using Planes = std::vector<Plane>;
 
-// Below this many triangles a copy of the mesh is cheaper to trace than an instance of it.
+// Meshes with fewer triangles are copied, which is faster to trace than an instance.
 constexpr size_t kLeastInstanced = 64;
 
 }  // namespace
 
 struct RayWorld::Impl {
-  // A mesh that several objects show, held once in its own frame.
+  // Mesh used by several objects; stored once, in its own frame.
   struct Shared {
     RTCScene scene = nullptr;
     std::shared_ptr<const Planes> planes;
   };
   struct Placed {
     std::shared_ptr<const Planes> planes;
-    std::optional<Pose> world_from_planes;  // none: the planes are in the world's frame
+    std::optional<Pose> world_from_planes;  // none if the planes are in the world frame
   };
 
   RTCDevice device = nullptr;
@@ -53,21 +53,21 @@ struct RayWorld::Impl {
 
   RTCScene new_scene() const {
     RTCScene made = rtcNewScene(device);
-    // Robust: rays do not slip between two triangles along their common edge.
+    // Robust mode: rays cannot pass between two triangles along their common edge.
     rtcSetSceneFlags(made, RTC_SCENE_FLAG_ROBUST);
     rtcSetSceneBuildQuality(made, RTC_BUILD_QUALITY_HIGH);
     return made;
   }
 
-  // Built by one thread: the tree, and with it which of two triangles a ray on their common edge meets, must not
-  // depend on the number of threads.
+  // Builds with one thread: the BVH, and hence which of two triangles is hit on their common edge, must not depend on
+  // the number of threads.
   static void build(RTCScene scene) {
     tbb::task_arena(1).execute([scene] { rtcCommitScene(scene); });
   }
 
   void attach(RTCScene to, RTCGeometry geometry) const {
     rtcCommitGeometry(geometry);
-    rtcAttachGeometry(to, geometry);  // ids count up from 0, as our objects do
+    rtcAttachGeometry(to, geometry);  // ids are assigned from 0, so they equal the object indices
     rtcReleaseGeometry(geometry);
   }
 
@@ -116,10 +116,10 @@ struct RayWorld::Impl {
     placed.push_back({part.planes, pose});
   }
 
-  // Embree 3 may not return from a coherent packet of shadow rays among instances.
+  // False if instances exist: Embree 3 may hang on coherent packets of shadow rays with instances.
   bool coherent_packets() const { return shared.empty(); }
 
-  // In the world's frame.
+  // Returns the plane of an object's triangle in the world frame.
   Plane plane(int object, unsigned triangle) const {
     const Placed& here = placed[static_cast<size_t>(object)];
     const Plane& plane = (*here.planes)[triangle];
@@ -154,9 +154,9 @@ int object_of(unsigned instance, unsigned geometry) {
   return static_cast<int>(instance == RTC_INVALID_GEOMETRY_ID ? geometry : instance);
 }
 
-constexpr double kLift = 2e-6;  // of (1 m + distance from the world's origin)
+constexpr double kLift = 2e-6;  // offset from the surface, relative to (1 m + distance from the world origin)
 
-// The packets' arithmetic, for each instruction set.
+// Packet arithmetic, compiled for each instruction set.
 FRINGESLAM_INLINE void to_query(const RayPacket& rays, RTCRayHit16& query, int* valid) {
 #pragma GCC ivdep
   for (int i = 0; i < kPacket; ++i) {
@@ -177,7 +177,7 @@ FRINGESLAM_INLINE void to_query(const RayPacket& rays, RTCRayHit16& query, int* 
   }
 }
 
-// Planes of the triangles that were met, by coordinate.
+// Planes of the triangles hit, as structure of arrays.
 struct alignas(64) PlanePacket {
   double x[kPacket], y[kPacket], z[kPacket], offset[kPacket];
 };
@@ -191,7 +191,7 @@ FRINGESLAM_INLINE void refine(const RayPacket& rays, const PlanePacket& planes, 
     const double height = planes.offset[i] - (nx * o.x[i] + ny * o.y[i] + nz * o.z[i]);
     const auto coarse = static_cast<double>(single[i]);
     const double exact = height / along;
-    // At grazing incidence the double-precision plane may be met far from the triangle that was hit.
+    // At grazing incidence, the double-precision plane intersection may lie far from the triangle hit.
     const double t = std::abs(exact - coarse) < 1e-4 * (1 + std::abs(exact)) ? exact : coarse;
     const double side = along > 0 ? -1.0 : 1.0;
     hits.distance[i] = t;

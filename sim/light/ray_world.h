@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The scene's geometry in an Embree BVH. Embree finds which triangle a ray meets, in single precision;
-// where it meets it is then computed in double precision, t = (n.v0 - n.o) / (n.d), so that depth is
-// exact to rounding and figures of the pipeline are not limited by the renderer.
+// Ray tracing of the scene with an Embree BVH. Embree finds the triangle hit by a ray in single precision; the hit
+// point is then computed in double precision, t = (n.v0 - n.o) / (n.d). Depth is therefore exact to rounding, and the
+// renderer does not limit the measured accuracy of the pipeline.
 //
-// Rays travel in packets of kPacket.
+// Rays are traced in packets of kPacket.
 #pragma once
 
 #include <Eigen/Core>
@@ -18,7 +18,7 @@ struct RTCSceneTy;
 namespace fringeslam::sim {
 
 inline constexpr int kPacket = 16;
-using Lanes = uint32_t;  // a bit a lane
+using Lanes = uint32_t;  // one bit per lane
 inline constexpr Lanes kAllLanes = (1u << kPacket) - 1;
 inline bool has(Lanes lanes, int lane) { return (lanes >> lane & 1) != 0; }
 
@@ -29,7 +29,7 @@ struct Hit {
   int object = 0;                                    // index into Scene::objects
 };
 
-// Three coordinates of each lane.
+// One 3D point or vector per lane.
 struct alignas(64) Points {
   double x[kPacket], y[kPacket], z[kPacket];
   Eigen::Vector3d at(int lane) const { return {x[lane], y[lane], z[lane]}; }
@@ -39,15 +39,15 @@ struct alignas(64) Points {
 struct RayPacket {
   Points origin, direction;
   Lanes active = 0;
-  bool coherent = true;  // neighbours go much the same way
+  bool coherent = true;  // rays have similar origins and directions; a hint for Embree
 };
 
 struct HitPacket {
   alignas(64) double distance[kPacket];
   Points point, normal;
   int object[kPacket], triangle[kPacket];
-  float u[kPacket], v[kPacket];  // barycentric, of the triangle's second and third vertex
-  Lanes hit = 0;                 // the rest is undefined in the other lanes
+  float u[kPacket], v[kPacket];  // barycentric weights of the triangle's second and third vertex
+  Lanes hit = 0;                 // lanes that hit; the members of other lanes are undefined
 };
 
 class RayWorld {
@@ -56,18 +56,20 @@ class RayWorld {
   ~RayWorld();
   RayWorld(RayWorld&&) noexcept;
 
+  // Returns the first hit of a ray, world frame; none if it misses.
   std::optional<Hit> trace(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const;
+  // Same for a packet of rays.
   void trace(const RayPacket& rays, HitPacket& hits) const;
 
-  // True when something lies strictly between a surface point and `target`.
+  // True if a surface lies strictly between a surface point and `target`.
   bool occluded(const Hit& from, const Eigen::Vector3d& target) const;
-  // The lanes in which something does. Points of surfaces are to be lifted off them first.
+  // Returns the occluded lanes. Points on surfaces must be lifted() first.
   Lanes occluded(const Points& from, Lanes active, const Eigen::Vector3d& target) const;
 
-  // Surface points moved off their surfaces by more than single precision's resolution of the scene.
+  // Returns the hit points offset along their normals by more than the single-precision resolution at that position.
   static Points lifted(const HitPacket& hits);
 
-  // For measurements of the bare rays.
+  // Underlying Embree scene, for benchmarks (BareRays).
   RTCSceneTy* embree_scene() const;
 
  private:

@@ -12,7 +12,7 @@ namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
-// Everything of a block that is in block_renderer.h, for each instruction set.
+// BlockRenderer::render, compiled for each instruction set.
 using RenderBlock = void (*)(BlockRenderer&, int, int, std::vector<cv::Mat1f>&, TruthFrame*);
 
 void render_portable(BlockRenderer& block, int row, int col, std::vector<cv::Mat1f>& images, TruthFrame* truth) {

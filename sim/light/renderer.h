@@ -1,14 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// Light on its way from the projector to the camera. Geometry is traced once a pose, and each lit point that a pixel
-// sees, directly, over other surfaces, or in hazy air, adds to the light of all patterns at once.
+// Renderer: light transport from the projector to the camera (docs/method.md, section 12.1). Rays are traced once per
+// pose; each lit point seen by a pixel, directly, via other surfaces or in hazy air, contributes to the images of all
+// patterns in one step.
 //
-// A pixel under a pattern is the mean over its samples of
+// A pixel's value under a pattern is the mean over its samples of
 //
 //   W = sum_points w beam(u, v) + rho E_ambient + M       lux (sim/light/photometry.h)
 //
-// with w = pi f_r E cos(i) for a surface (sim/light/beam.h, gloss.h), and a path's weights in front of it when the
-// light comes over other surfaces. In air of extinction s all of it is weakened by exp(-s (r + r')) along camera ray
-// and projector ray, and the beam scatters back: W_air = pi a s p(theta) E exp(-s (r + r')) for each metre of the ray.
+// where w = pi f_r E cos(i) at a surface (sim/light/beam.h, gloss.h), multiplied by the path's weights for indirect
+// light, and M is the emission. Air with extinction s attenuates this by exp(-s (r + r')) along camera ray and
+// projector ray, and scatters light of the beam into the camera: W_air = pi a s p(theta) E exp(-s (r + r')) per metre
+// of the camera ray.
 #pragma once
 
 #include <opencv2/core.hpp>
@@ -27,9 +29,9 @@ class Renderer {
  public:
   Renderer(const Scene& scene, const Effects& effects, int samples_per_pixel);
 
-  // W of every pixel under each pattern, in the order of the sequence; H x W. Several poses are those of the camera at
-  // equal parts of the exposure. `truth`, when asked for, is that of the first pose (pose, time and orders are left
-  // alone). `stack` keeps the random paths of different stacks apart.
+  // Renders W, lux, under each pattern, in sequence order; H x W. Several poses divide the exposure into equal parts.
+  // `truth`, if given, receives the ground truth of the first pose, except index, time, pose and fringe orders. `stack`
+  // keys the random paths.
   std::vector<cv::Mat1f> render(const ShownPatterns& patterns, const std::vector<Pose>& world_from_camera, int stack,
                                 TruthFrame* truth = nullptr) const;
 

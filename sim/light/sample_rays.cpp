@@ -13,8 +13,8 @@ namespace fringeslam::sim {
 
 namespace {
 
-// Positions of the samples in the unit pixel, relative to its centre; they add up to zero. A turned grid: no two
-// samples share a row or a column, so that an edge along either is shaded in as many steps as there are samples.
+// Sample positions in the unit pixel, relative to its centre, with zero mean. Rotated grid: no two samples share a row
+// or column, so an axis-aligned edge is anti-aliased in as many steps as there are samples.
 std::vector<Eigen::Vector2d> sample_offsets(int per_pixel) {
   if (per_pixel == 4) return {{-0.125, -0.375}, {0.375, -0.125}, {0.125, 0.375}, {-0.375, 0.125}};
   const int side = static_cast<int>(std::lround(std::sqrt(per_pixel)));
@@ -26,7 +26,7 @@ std::vector<Eigen::Vector2d> sample_offsets(int per_pixel) {
   return offsets;
 }
 
-// Concentric map of the square [-1, 1]^2 to the unit disc.
+// Maps the square [-1, 1]^2 to the unit disc (concentric mapping).
 Eigen::Vector2d on_disc(double a, double b) {
   if (a == 0 && b == 0) return {0, 0};
   const bool wide = std::abs(a) > std::abs(b);
@@ -35,9 +35,9 @@ Eigen::Vector2d on_disc(double a, double b) {
   return {r * std::cos(phi), r * std::sin(phi)};
 }
 
-// Where in the unit pupil the samples of a pixel start: the same in all pixels, and evenly about the middle, so that
-// fringes on a smooth surface out of focus are blurred, not shifted at random. Rows of the pixel's grid become columns
-// of the pupil's, shuffled, so that neither blur knows of the other.
+// Ray origins of a pixel's samples in the unit pupil. They are the same for all pixels and symmetric about the centre,
+// so that fringes on a defocused smooth surface are blurred but not randomly shifted. Rows of the pixel grid map to
+// shuffled columns of the pupil grid, which decorrelates pixel and pupil positions.
 std::vector<Eigen::Vector2d> pupil_offsets(int per_pixel) {
   const int side = static_cast<int>(std::lround(std::sqrt(per_pixel)));
   int stride = std::max(1, static_cast<int>(std::lround(0.382 * side)));

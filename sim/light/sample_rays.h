@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the rays of a pixel go through it, and where in the lens' pupil they start.
+// Sample positions within a pixel and in the lens pupil.
 #pragma once
 
 #include <Eigen/Core>
@@ -9,15 +9,15 @@
 
 namespace fringeslam::sim {
 
-// Undistorted viewing rays of all samples of all pixels, camera frame, as (x, y) with z = 1; computed once a rig.
+// Undistorted viewing rays (x, y, 1) of all samples of all pixels, camera frame; computed once per rig.
 struct SampleRays {
   int per_pixel = 1;
   std::vector<Eigen::Vector2d> samples;  // pixel-major
   std::vector<Eigen::Vector2d> centres;
-  std::vector<Eigen::Vector2d> pupil;  // start of each sample in the unit pupil
+  std::vector<Eigen::Vector2d> pupil;  // origin of each sample in the unit pupil
 };
 
-// A square number of samples; their mean is the pixel's centre.
+// Computes the rays of `per_pixel` samples (a square number) whose mean position is the pixel centre.
 SampleRays sample_rays(const Pinhole& camera, int per_pixel);
 
 }  // namespace fringeslam::sim

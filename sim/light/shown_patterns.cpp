@@ -14,7 +14,7 @@ namespace fringeslam::sim {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
-constexpr int kVector = 4;  // floats; sums are padded to it
+constexpr int kVector = 4;  // floats per vector; sums are padded to a multiple
 constexpr int kBlurLevels = 16;
 constexpr int kPerPixel = 4;
 
@@ -25,7 +25,7 @@ bool is_wave(const Pattern& pattern, const PatternSequence& sequence, const RigM
          rig.projector_response.empty();
 }
 
-// Light of the projector's pixels at input levels from 0 to 1.
+// Projected light of pixels with input levels from 0 to 1.
 cv::Mat1f light_at(const cv::Mat1f& levels, const RigModel& rig) {
   cv::Mat1f light = levels.clone();
   const double black = rig.projector_black_level;
@@ -34,12 +34,12 @@ cv::Mat1f light_at(const cv::Mat1f& levels, const RigModel& rig) {
   return light;
 }
 
-// The same of a pattern; a dimension along which it does not change has size 1.
+// Projected light of a pattern; a dimension along which it is constant has size 1.
 cv::Mat1f light_of(const Pattern& pattern, const PatternSequence& sequence, const RigModel& rig) {
   return light_at(pattern_levels(pattern, sequence), rig);
 }
 
-// Whether an image is this row, or this column, again and again.
+// True if all rows of an image equal this row, or all columns this column.
 bool is_repeated(const cv::Mat1f& line, const cv::Mat1f& image) {
   const bool row = line.rows == 1;
   for (int y = 0; y < image.rows; ++y) {
@@ -50,11 +50,12 @@ bool is_repeated(const cv::Mat1f& line, const cv::Mat1f& image) {
   return true;
 }
 
-// A row of square pixels through a Gaussian: at x, sum_i l_i (G(x - i + 1/2) - G(x - i - 1/2)), G its integral.
+// Convolves a row of square pixels with a Gaussian: at x, sum_i l_i (G(x - i + 1/2) - G(x - i - 1/2)), with G the
+// Gaussian's integral.
 std::vector<float> blurred(const cv::Mat1f& pixels, double sigma, int per_px) {
   const int n = static_cast<int>(pixels.total());
   const int reach = static_cast<int>(std::ceil(5 * sigma + 1));
-  // Weights of the pixels about a position, for each position within a pixel.
+  // Weights of the neighbouring pixels, for each sub-pixel position.
   std::vector<std::vector<double>> weights(static_cast<size_t>(per_px));
   for (int part = 0; part < per_px; ++part) {
     const double x = static_cast<double>(part) / per_px;
@@ -166,8 +167,8 @@ ShownPatterns::ShownPatterns(const PatternSequence& sequence, const RigModel& ri
 void ShownPatterns::add_image(int i, const cv::Mat1f& light) {
   Image image{stride_, {}};
   for (const double sigma : sigmas_) {
-    // Square pixels have a variance of 1/12 px^2, of which interpolation between them gives 1/6 on average.
-    cv::Mat1f soft = light.clone();  // each level from the sharp image
+    // Target variance: sigma^2 + 1/12 px^2, for square pixels; linear interpolation contributes 1/6 px^2 on average.
+    cv::Mat1f soft = light.clone();  // each level is computed from the sharp image
     if (sigma > 0.3) cv::GaussianBlur(light, soft, {}, std::sqrt(sigma * sigma - 1.0 / 12), 0, cv::BORDER_REPLICATE);
     image.levels.push_back(soft);
   }
@@ -203,18 +204,18 @@ namespace {
 
 constexpr int kLanes = 16;
 
-// Where on an axis a lane looks: two entries of two tables, each with its weight.
+// Interpolation taps per lane: two entries in each of two blur levels, with their weights.
 struct Places {
   alignas(64) int level[kLanes], low[kLanes], high[kLanes];
   alignas(64) float sharp_low[kLanes], sharp_high[kLanes], soft_low[kLanes], soft_high[kLanes];
 };
 
-// The ladder of blurs: sigma = least + step k^2, up to `last`.
+// Blur levels: sigma = least + step k^2, k up to `last`.
 struct Ladder {
   float least, step, inverse_step, last;
 };
 
-// The two levels of blur about a point, and the share of the softer by the variance.
+// Finds the blur levels that bracket each lane's sigma, and the weight of the softer one, linear in the variance.
 FRINGESLAM_INLINE void find_levels(const ShownPatterns::Points& points, const Ladder& ladder, Places& places,
                                    float* softer) {
 #pragma GCC ivdep

@@ -22,7 +22,7 @@ struct Covering {
   const Mesh* mesh = nullptr;
   OIIO::TextureSystem::TextureHandle* texture = nullptr;
   int texture_channels = 3;      // 1: grey
-  bool texture_is_srgb = false;  // files of integers are; floats are linear
+  bool texture_is_srgb = false;  // true for integer formats; float textures are linear
 };
 
 float linear_from_srgb(float value) {
@@ -60,7 +60,7 @@ struct Surfaces::Impl {
     if (textures) OIIO::TextureSystem::destroy(textures);
   }
 
-  // Where on the texture a hit lies, and how wide one metre of the surface is on it.
+  // Texture coordinates of a hit, and the length of one metre of surface in texture coordinates.
   struct TexturePoint {
     float s = 0, t = 0, per_m = 0;
   };
@@ -76,7 +76,7 @@ struct Surfaces::Impl {
     return {at.x(), 1 - at.y(), static_cast<float>(std::sqrt(share / area))};
   }
 
-  // Laid on from the side of the object that the surface faces most.
+  // Box mapping: projects the texture along the object axis closest to the surface normal.
   static TexturePoint by_side(const Covering& covering, const HitPacket& hits, int lane) {
     const Eigen::Vector3d point = covering.object_from_world * hits.point.at(lane);
     const Eigen::Vector3d normal = covering.object_from_world.rotation * hits.normal.at(lane);
@@ -104,7 +104,7 @@ struct Surfaces::Impl {
     return 0.2126f * rgb[0] + 0.7152f * rgb[1] + 0.0722f * rgb[2];  // luminance, Rec. 709
   }
 
-  // The lanes of one object.
+  // Evaluates the lanes of one object.
   void cover(const Covering& covering, Lanes lanes, const HitPacket& hits, double footprint_m,
              SurfacePacket& result) const {
     const Material& m = covering.material;
@@ -135,7 +135,8 @@ struct Surfaces::Impl {
     }
   }
 
-  // The normal of the surface raised by h = bump * noise: n - grad h, the gradient along the surface.
+  // Bump mapping: shading normal n - grad h of the height field h = bump * noise, with the gradient taken along the
+  // surface.
   void roughen(const Covering& covering, Lanes lanes, const HitPacket& hits, SurfacePacket& result) const {
     const Material& m = covering.material;
     const NoisePoints p = transformed(covering.object_from_world, hits.point, 1 / m.bump_size_m, 500);
@@ -159,6 +160,7 @@ struct Surfaces::Impl {
     }
   }
 
+  // Covers upward-facing surfaces with patchy dust.
   void settle(Lanes lanes, const HitPacket& hits, uint32_t seed, SurfacePacket& result) const {
     NoisePoints p;
     constexpr double kPatch = 0.004;  // m
@@ -199,7 +201,7 @@ Surfaces::Surfaces(const Scene& scene, const Effects& effects) : impl_(std::make
       if (!covering.texture || !impl_->textures->get_texture_info(name, 0, OIIO::ustring("resolution"),
                                                                   OIIO::TypeDesc(OIIO::TypeDesc::INT, 2), resolution)) {
         impl_->textures->geterror();
-        throw Error(object.material.texture + ": no image that can be read as a texture");
+        throw Error(object.material.texture + ": cannot be read as a texture image");
       }
       int channels = 3;
       impl_->textures->get_texture_info(name, 0, OIIO::ustring("channels"), OIIO::TypeDesc::INT, &channels);
@@ -218,7 +220,7 @@ Surfaces::Surfaces(Surfaces&&) noexcept = default;
 void Surfaces::at(const HitPacket& hits, double footprint_m, SurfacePacket& result) const {
   result.normal = hits.normal;
   result.glossy = 0;
-  if (hits.hit != kAllLanes) {  // lanes without a surface give no light
+  if (hits.hit != kAllLanes) {  // lanes without a hit contribute no light
     std::fill_n(result.albedo, kPacket, 0.0f);
     std::fill_n(result.reflectance, kPacket, 0.0f);
     std::fill_n(result.emission_lux, kPacket, 0.0f);

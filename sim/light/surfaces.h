@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the light meets where a ray ends: the material of the object there, with its texture, its small relief and the
-// dust that lies on it.
+// Surface properties at ray hits: the object's material with texture, small-scale relief and settled dust
+// (docs/method.md, section 12.1).
 #pragma once
 
 #include <memory>
@@ -12,12 +12,12 @@
 namespace fringeslam::sim {
 
 struct SurfacePacket {
-  alignas(64) float albedo[kPacket];  // of the matt lobe
-  float reflectance[kPacket];         // of the glossy lobe at normal incidence; 0: none
-  float alpha[kPacket];               // its roughness, squared
+  alignas(64) float albedo[kPacket];  // of the diffuse lobe
+  float reflectance[kPacket];         // of the glossy lobe at normal incidence; 0: no glossy lobe
+  float alpha[kPacket];               // squared roughness of the glossy lobe
   float emission_lux[kPacket];
-  float dust_cover[kPacket];  // share that settled dust hides
-  Points normal;              // for shading; unit, towards the viewer
+  float dust_cover[kPacket];  // fraction covered by settled dust
+  Points normal;              // shading normal; unit, towards the viewer
   Lanes glossy = 0;
   Reflection reflection(int lane) const {
     return {static_cast<double>(albedo[lane]), static_cast<double>(reflectance[lane]),
@@ -27,15 +27,16 @@ struct SurfacePacket {
 
 class Surfaces {
  public:
-  // Throws Error when a texture cannot be read.
+  // Loads the textures; throws Error if one cannot be read.
   Surfaces(const Scene& scene, const Effects& effects);
   ~Surfaces();
   Surfaces(Surfaces&&) noexcept;
 
-  // At the lanes that hit; `footprint_m`: the width of what one sample stands for, across the ray at 1 m.
+  // Evaluates the surface at the lanes that hit; `footprint_m`: width of a sample's footprint at 1 m, m.
   void at(const HitPacket& hits, double footprint_m, SurfacePacket& result) const;
 
   const Material& material(int object) const;
+  // Returns the surface temperature of an object, degrees C.
   double temperature_c(int object) const;
 
  private:

@@ -20,7 +20,7 @@ constexpr double kDustEmissivity = 0.95;
 
 Eigen::Vector3d vector_of(const cv::Vec3f& v) { return Eigen::Vector3f(v[0], v[1], v[2]).cast<double>(); }
 
-// What comes of the heat of the surfaces, and of what they reflect.
+// Thermal radiance arriving along rays: emitted and reflected by surfaces, and from the air.
 class HeatSource {
  public:
   HeatSource(const Scene& scene, const RayWorld& world, const Surfaces& surfaces, const Effects& effects)
@@ -30,7 +30,7 @@ class HeatSource {
         surrounding_(infrared_radiance(scene.surroundings_c)),
         extinction_per_m_(effects.air ? scene.air.infrared_share * scene.air.extinction_per_m : 0) {}
 
-  // Adds what a packet of rays brings, each a unit long along z of the camera.
+  // Adds the radiance along each active ray; directions have unit z in the camera frame.
   void add(const RayPacket& rays, double footprint_m, double* radiance) const {
     HitPacket hits;
     world_.trace(rays, hits);
@@ -66,7 +66,7 @@ class HeatSource {
   double surrounding_, extinction_per_m_;
 };
 
-// The pixels from `first` on, one a lane, as many as there are in the row.
+// Returns the rays of consecutive pixels of a row, starting at column `first`, one per lane.
 RayPacket packet(const SampleRays& rays, int sample, int row, int first, int width, const Pose& world_from_thermal) {
   RayPacket result;
   for (int i = 0; i < kPacket; ++i) {
@@ -76,13 +76,13 @@ RayPacket packet(const SampleRays& rays, int sample, int row, int first, int wid
         rays.samples[pixel * static_cast<size_t>(rays.per_pixel) + static_cast<size_t>(sample)];
     result.origin.set(i, world_from_thermal.translation);
     result.direction.set(i, world_from_thermal.rotation * Eigen::Vector3d(slope.homogeneous()));
-    // Where the lens' polynomial has no inverse there is no ray.
+    // No ray where the distortion polynomial has no inverse.
     if (first + i < width && slope.allFinite()) result.active |= Lanes{1} << i;
   }
   return result;
 }
 
-// Standard deviation in radiance: the NETD is that of a black body at 300 K.
+// Converts the NETD, defined for a black body at 300 K, to a standard deviation of radiance.
 double noise_radiance(double netd_k) {
   constexpr double kReference_c = 300 - kKelvinOfZeroCelsius, kHalf_k = 1;
   return netd_k * (infrared_radiance(kReference_c + kHalf_k) - infrared_radiance(kReference_c - kHalf_k)) /

@@ -10,7 +10,7 @@ namespace fringeslam::sim {
 namespace {
 
 constexpr double kHiddenStrength = 0.28;
-constexpr int kShift = 4;  // bits of a pixel's fraction, for OpenCV
+constexpr int kShift = 4;  // fractional bits of OpenCV's fixed-point coordinates
 
 cv::Point fixed_point(const cv::Point2d& p) {
   const double scale = 1 << kShift;
@@ -24,7 +24,7 @@ cv::Point2d LineDrawing::pixel(const Eigen::Vector3d& in_view) const {
   return {p.x(), p.y()};
 }
 
-// What lies on a surface is not hidden by it.
+// True if the overview's surface occludes the point; a tolerance keeps points on the surface visible.
 bool LineDrawing::hides(const Eigen::Vector3d& in_view) const {
   constexpr double kTolerance = 0.004;
   const cv::Point2d at = pixel(in_view);
@@ -36,7 +36,7 @@ bool LineDrawing::hides(const Eigen::Vector3d& in_view) const {
 void LineDrawing::line(const Eigen::Vector3d& from, const Eigen::Vector3d& to, const Pen& pen) {
   const Pose view_from_world = viewpoint_.world_from_camera.inverse();
   Eigen::Vector3d a = view_from_world * from, b = view_from_world * to;
-  // What lies behind the viewer is left out.
+  // Clip the part behind the viewer.
   const double nearest = 1e-3 * std::max(a.norm(), b.norm());
   if (a.z() < nearest && b.z() < nearest) return;
   if (a.z() < nearest) a += (b - a) * ((nearest - a.z()) / (b.z() - a.z()));
@@ -44,7 +44,7 @@ void LineDrawing::line(const Eigen::Vector3d& from, const Eigen::Vector3d& to, c
   const double length_px = std::min(cv::norm(pixel(b) - pixel(a)), 20000.0);
   const int steps = std::max(1, static_cast<int>(length_px / 1.5));
   for (int i = 0; i < steps; ++i) {
-    // Equal steps in the picture: 1 / z is linear along it.
+    // Equal steps in the image: 1 / z is linear along the projected line.
     const auto at = [&](double share) {
       const double t = share * a.z() / (b.z() + share * (a.z() - b.z()));
       return Eigen::Vector3d(a + t * (b - a));

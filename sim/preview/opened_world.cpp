@@ -9,7 +9,7 @@ namespace fringeslam::sim {
 
 namespace {
 
-// Where a ray enters a box, 0 when it starts inside; none when it misses it.
+// Returns the distance at which a ray enters a box; 0 if it starts inside, none if it misses the box.
 std::optional<double> entry(const Box& box, const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) {
   double first = 0, last = std::numeric_limits<double>::infinity();
   for (int i = 0; i < 3; ++i) {
@@ -66,7 +66,7 @@ void OpenedWorld::trace(const RayPacket& rays, HitPacket& hits) const {
   };
   Lanes backs = turned_away(kAllLanes);
   for (int round = 0; backs != 0 && round < kMostBacks; ++round) {
-    const Points lifted = RayWorld::lifted(hits);  // to the viewer's side: as far to the other one
+    const Points lifted = RayWorld::lifted(hits);  // lifted towards the viewer; continue from the opposite side
     for (int i = 0; i < kPacket; ++i) {
       if (!has(backs, i)) continue;
       start[i] += hits.distance[i] + 2 * (lifted.at(i) - hits.point.at(i)).norm();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The world as a picture from outside shows it: opened where walls, roofs or heaps would hide what the picture is of.
+// Cutaway view of a scene: removes walls, roofs or piles that would occlude the region of interest from outside.
 #pragma once
 
 #include <Eigen/Core>
@@ -16,12 +16,12 @@ struct Box {
 
 class OpenedWorld {
  public:
-  // With a window, rays that go through it see nothing of what lies in front of it, nor, up to its middle, triangles
-  // that turn their backs: the near walls of a room, and the insides of what the window's faces cut.
+  // With a window, a ray that enters it ignores everything in front of the window and, up to the window's centre,
+  // back-facing triangles: the near walls of a room and the insides of objects cut by the window's faces.
   OpenedWorld(const Scene& scene, const RayWorld& world, std::optional<Box> window = std::nullopt)
       : scene_(scene), world_(world), window_(std::move(window)) {}
 
-  // As RayWorld::trace, of directions of unit length.
+  // Same as RayWorld::trace; directions must have unit length.
   void trace(const RayPacket& rays, HitPacket& hits) const;
 
  private:

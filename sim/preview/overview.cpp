@@ -16,9 +16,9 @@ namespace fringeslam::sim {
 
 namespace {
 
-constexpr int kBlock = 4;    // px; a packet is a square of them
-constexpr int kPerSide = 2;  // samples of a pixel along each axis
-constexpr int kSkyRays = 4;  // a sample
+constexpr int kBlock = 4;    // px; a packet covers a block of 4 x 4 pixels
+constexpr int kPerSide = 2;  // samples per pixel along each axis
+constexpr int kSkyRays = 4;  // per sample
 constexpr double kAmbient = 0.08, kSky = 0.4, kLamp = 0.6, kProjector = 0.48;
 constexpr double kGamma = 2.2;
 const Eigen::Array3f kWarm(0.25f, 0.62f, 1.0f);  // BGR
@@ -30,7 +30,7 @@ Effects shown_effects() {
   return effects;
 }
 
-// Directions spread over the sky by the cosine law, after Fibonacci's spiral; each sample of a pixel has its share.
+// Cosine-distributed sky directions on a Fibonacci spiral, divided among the samples of a pixel.
 std::vector<Eigen::Vector3d> sky_directions(const Eigen::Vector3d& up) {
   constexpr int kCount = kSkyRays * kPerSide * kPerSide;
   const Eigen::Vector3d side = up.unitOrthogonal(), front = up.cross(side);
@@ -44,7 +44,7 @@ std::vector<Eigen::Vector3d> sky_directions(const Eigen::Vector3d& up) {
   return directions;
 }
 
-// The light that reaches a packet of surface points, as colours of a white surface.
+// Lighting of surface points, as the colour that a white surface would have.
 class Light {
  public:
   Light(const Scene& scene, const RayWorld& world, const Viewpoint& viewpoint)
@@ -55,7 +55,7 @@ class Light {
     const Eigen::Matrix3d& axes = viewpoint.world_from_camera.rotation;
     to_lamp_ = (-0.75 * axes.col(0) - 0.35 * axes.col(2) + 1.1 * up_).normalized();
     reach_m_ = 0.35 * viewpoint.interest_m;
-    // The roof of an opened world would darken all of it.
+    // In a cutaway scene, the removed roof must not shadow the interior.
     lamp_reach_m_ = viewpoint.window ? reach_m_ : std::numeric_limits<double>::infinity();
     reference_lux_ = projector_lux_at_1m(scene.rig);
   }
@@ -67,7 +67,7 @@ class Light {
       const Eigen::Vector3d& direction = sky_[static_cast<size_t>(sample * kSkyRays + k)];
       const auto open = openness(lifted, hits, direction, reach_m_);
       for (int i = 0; i < kPacket; ++i) {
-        // A cosine that reaches around to the sides: walls see half of the sky.
+        // Wrapped cosine, so that vertical walls receive half of the sky light.
         const double cosine = 0.5 + 0.5 * surface.normal.at(i).dot(direction);
         sky[i] += static_cast<float>(cosine) * open[static_cast<size_t>(i)] / kSkyRays;
       }
@@ -82,13 +82,13 @@ class Light {
     }
   }
 
-  // Of a surface that sends out light of its own.
+  // Returns the brightness of an emitting surface.
   float glow(float emission_lux) const { return std::min(1.0f, emission_lux / static_cast<float>(reference_lux_) * 3); }
 
  private:
   using Values = std::array<float, kPacket>;
 
-  // 1 where nothing is met within `reach_m`, less the nearer it is.
+  // Returns 1 where nothing is hit within `reach_m`; otherwise less, in proportion to the hit distance.
   Values openness(const Points& lifted, const HitPacket& hits, const Eigen::Vector3d& direction, double reach_m) const {
     RayPacket rays;
     rays.origin = lifted;
@@ -110,7 +110,7 @@ class Light {
     return open;
   }
 
-  // Cosines at which the first view's projector lights the points.
+  // Returns the cosines of incidence of the first view's projector light; 0 for unlit points.
   Values projected(const HitPacket& hits, const SurfacePacket& surface, const Points& lifted) const {
     BeamPacket lit;
     lit.inside = 0;
@@ -118,7 +118,7 @@ class Light {
     Values result{};
     const Lanes inside = lit.inside & hits.hit;
     if (inside == 0) return result;
-    // Its side of the surface need not be the viewer's.
+    // The projector may light the side of the surface that faces away from the viewer.
     Lanes turned_to = 0;
     for (int i = 0; i < kPacket; ++i) {
       if (has(inside, i) && hits.normal.at(i).dot(lit.to_light.at(i)) > 0) turned_to |= 1u << i;
@@ -183,7 +183,7 @@ class OverviewRenderer {
     return rays;
   }
 
-  // As the screen shows them, 0 to 255: so that edges between light and dark are smooth.
+  // Adds gamma-encoded colours, 0 to 255; averaging encoded values keeps high-contrast edges smooth.
   void add_colours(const HitPacket& hits, int sample, Eigen::Array3f* sum) const {
     const Eigen::Array3f paper(kPaper[0], kPaper[1], kPaper[2]);
     SurfacePacket surface;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The world from outside: matt surfaces in their albedo under a soft sky and a lamp over the viewer's left shoulder,
-// and in the warm light of the projector at its first view.
+// External view of a scene: diffuse shading with soft sky light, a lamp over the viewer's left shoulder, and warm light
+// of the projector at its first pose.
 #pragma once
 
 #include <opencv2/core.hpp>
@@ -10,12 +10,13 @@
 namespace fringeslam::sim {
 
 struct Overview {
-  cv::Mat3b picture;     // H x W of the viewpoint's camera, BGR; kPaper where there is nothing
-  cv::Mat1f distance_m;  // from the viewpoint to what the pixel's centre sees; infinite where there is nothing
+  cv::Mat3b picture;     // H x W of the viewpoint's camera, BGR; kPaper where no surface is hit
+  cv::Mat1f distance_m;  // from the viewpoint along the pixel's centre ray; infinite where no surface is hit
 };
 
 inline const cv::Vec3b kPaper(24, 22, 20);
 
+// Renders the external view from a viewpoint; throws Error if a texture cannot be read.
 Overview render_overview(const Scene& scene, const RayWorld& world, const Viewpoint& viewpoint);
 
 }  // namespace fringeslam::sim

@@ -13,13 +13,13 @@ namespace {
 
 constexpr double kDegree = std::numbers::pi / 180;
 
-// Towards the viewer.
+// Returns the unit direction towards a viewer at the given azimuth and elevation.
 Eigen::Vector3d direction_of(double azimuth_deg, double elevation_deg) {
   const double a = azimuth_deg * kDegree, e = elevation_deg * kDegree;
   return {std::cos(e) * std::cos(a), std::cos(e) * std::sin(a), std::sin(e)};
 }
 
-// A camera's axes when it looks against `to_viewer`, upright.
+// Returns the rotation of an upright camera that looks along -to_viewer.
 Eigen::Matrix3d world_from_view(const Eigen::Vector3d& to_viewer) {
   Eigen::Matrix3d axes;
   axes.col(2) = -to_viewer;
@@ -42,7 +42,7 @@ void add_spots(const Scene& scene, const RayWorld& world, size_t view, int per_s
   }
 }
 
-// Where the corners of an image fall on a surface, if they do within a distance.
+// Adds the surface points at the corners of a device's image that lie within `farthest_m`.
 void add_corners(const RayWorld& world, const Pinhole& device, const Pose& world_from_device, double farthest_m,
                  Interest& interest) {
   for (const Eigen::Vector3d& corner : image_corners(device, 1)) {
@@ -51,7 +51,7 @@ void add_corners(const RayWorld& world, const Pinhole& device, const Pose& world
   }
 }
 
-// Shares of the spots and of the devices that are seen from a direction, and how directly the spots are.
+// Fractions of the spots and devices visible from a direction, and the mean cosine over all spots, 0 for hidden ones.
 struct Sight {
   double spots = 0, facing = 0, devices = 0;
 };
@@ -60,7 +60,7 @@ class Judge {
  public:
   Judge(const Interest& interest, const OpenedWorld& world) : interest_(interest), world_(world) {
     const Box box = interest.box();
-    // From where nothing of the interest lies behind the viewer; farther would cost single precision.
+    // Far enough that the whole interest lies in front of the viewer; a larger distance would cost single precision.
     away_m_ = 2 * (box.high - box.low).norm() + 1e-3;
   }
 
@@ -80,7 +80,7 @@ class Judge {
   }
 
  private:
-  // From far away in that direction.
+  // Tests the visibility of points from a distance of away_m_ in a direction.
   std::vector<bool> seen(const std::vector<Eigen::Vector3d>& points, const Eigen::Vector3d& to_viewer) const {
     std::vector<bool> result;
     for (size_t first = 0; first < points.size(); first += kPacket) {
@@ -104,9 +104,9 @@ class Judge {
   double away_m_ = 1;
 };
 
-// The place from which a camera that looks along its z sees all points within its image, from as near as can be: with
-// slopes s of the image's sides, |x - e_x| <= s_x (z - e_z) of each point bounds e_x + s_x e_z from above and
-// e_x - s_x e_z from below.
+// Returns the nearest position e, in the view frame, from which a camera looking along z has all points in its image.
+// With the slopes s of the image borders, the constraint |x - e_x| <= s_x (z - e_z) of each point bounds e_x + s_x e_z
+// from above and e_x - s_x e_z from below.
 Eigen::Vector3d nearest_place(const std::vector<Eigen::Vector3d>& points, const Eigen::Vector2d& slope) {
   Eigen::Vector2d least = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity()), most = -least;
   for (const Eigen::Vector3d& p : points) {
@@ -117,7 +117,7 @@ Eigen::Vector3d nearest_place(const std::vector<Eigen::Vector3d>& points, const 
   return {(least.x() + most.x()) / 2, (least.y() + most.y()) / 2, z};
 }
 
-// The side of a square as large as the spots' part of the picture, over that of the picture.
+// Returns the square root of the image-area fraction covered by the spots' bounding rectangle.
 double fill(const Interest& interest, const Eigen::Vector3d& to_viewer, const Eigen::Vector2d& slope) {
   const Eigen::Matrix3d view_from_world = world_from_view(to_viewer).transpose();
   std::vector<Eigen::Vector3d> turned;
@@ -138,12 +138,12 @@ struct Candidate {
   double score = -std::numeric_limits<double>::infinity();
 };
 
-// How much of a vector is seen from a direction and not foreshortened.
+// Returns the fraction of a vector's length that remains visible after foreshortening.
 double across(const Eigen::Vector3d& v, const Eigen::Vector3d& to_viewer) {
   return v.norm() == 0 ? 0 : v.normalized().cross(to_viewer).norm();
 }
 
-// How much of a vector goes to the left or right of the picture.
+// Returns the fraction of a vector's length along the image's horizontal axis.
 double sideways(const Eigen::Vector3d& v, const Eigen::Vector3d& to_viewer) {
   return v.norm() == 0 ? 0 : std::abs(v.normalized().dot(world_from_view(to_viewer).col(0)));
 }
@@ -204,7 +204,7 @@ std::vector<Eigen::Vector3d> image_corners(const Pinhole& device, double depth_m
   for (const Eigen::Vector2d& pixel : {Eigen::Vector2d(-0.5, -0.5), Eigen::Vector2d(right, -0.5),
                                        Eigen::Vector2d(right, low), Eigen::Vector2d(-0.5, low)}) {
     Eigen::Vector2d ray = device.undistort(pixel);
-    // A distortion without an inverse so far out: as if there were none.
+    // Ignore distortion where it has no inverse.
     if (!ray.allFinite()) ray = {(pixel.x() - device.cx) / device.fx, (pixel.y() - device.cy) / device.fy};
     corners.push_back(depth_m * Eigen::Vector3d(ray.homogeneous()));
   }
@@ -227,7 +227,7 @@ Interest interest_of(const Scene& scene, const RayWorld& world) {
       add_spots(scene, world, view, kPerSide, farthest_m, interest);
     if (!interest.spots.empty()) return interest;
   }
-  // Nothing is seen: the space in which something could be.
+  // No surface is seen: use the far corners of the first view's frustum.
   const Pose pose = world_from_camera(scene, 0);
   for (const Eigen::Vector3d& corner : image_corners(scene.rig.camera, scene.rig.far_m))
     interest.spots.push_back({pose * corner, -pose.rotation.col(2)});

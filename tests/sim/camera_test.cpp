@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The camera: sample positions, and electrons to grey values by EMVA 1288.
+// Camera model: sample positions, and conversion of electrons to grey values (EMVA 1288).
 #include "sim/light/camera.h"
 
 #include <gtest/gtest.h>
@@ -18,7 +18,7 @@ cv::Mat1f flat(double electrons, int rows = 600, int cols = 800) {
   return cv::Mat1f(rows, cols, static_cast<float>(electrons));
 }
 
-// One second of such light on a sensor without a lens.
+// Exposes a sensor without a lens for one second at the given electrons per second.
 cv::Mat expose(const cv::Mat1f& electrons, const SensorModel& sensor, const Exposure& exposure) {
   RigModel rig;
   rig.camera = {electrons.cols, electrons.rows, 100, 100, 0, 0, {}};
@@ -67,8 +67,8 @@ TEST(SampleRays, SamplesAreSpreadOverTheirPixel) {
       ASSERT_LT(std::abs(ray.y()), 0.5);
       x2 += ray.x() * ray.x() / per_pixel, y2 += ray.y() * ray.y() / per_pixel;
     }
-    // n positions in the middle of n equal cells along an axis have the variance (1 - 1/n^2) / 12; a turned grid has
-    // as many along each axis as samples.
+    // n positions at the centres of n equal cells have the variance (1 - 1/n^2) / 12; a rotated grid of n samples has n
+    // distinct positions along each axis.
     const double n = per_pixel;
     EXPECT_NEAR(x2, (1 - 1 / (n * n)) / 12, 1e-12) << per_pixel;
     EXPECT_NEAR(y2, (1 - 1 / (n * n)) / 12, 1e-12) << per_pixel;
@@ -85,8 +85,8 @@ TEST(SampleRays, DistortionIsTakenOut) {
   }
 }
 
-// Photon transfer (EMVA 1288): the temporal variance of the grey value is a straight line over its mean,
-// with the gain as slope and the squared read noise in grey values as intercept.
+// Photon transfer (EMVA 1288): the temporal variance of the grey value is linear in its mean, with the gain as slope
+// and the squared read noise in grey values as intercept.
 TEST(Expose, PhotonTransferReturnsGainAndReadNoise) {
   for (const bool quantise : {false, true}) {
     const SensorModel sensor = twelve_bits();
@@ -107,8 +107,8 @@ TEST(Expose, PhotonTransferReturnsGainAndReadNoise) {
   }
 }
 
-// What the decoder takes for the noise of a grey value is what the camera puts in. The light varies over
-// the picture by eight grey values, so that rounding errors are spread evenly as they are in a real image.
+// The noise variance assumed by the decoder equals the variance of the camera model. The light varies by eight grey
+// values over the image, so that rounding errors are uniformly distributed, as in a real image.
 TEST(Expose, NoiseIsThatOfTheSensorModel) {
   SensorModel sensor;
   sensor.gain_dn_per_electron = 0.0068;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lenses, response, motion: what they do to fringes, against closed forms.
+// Effects of lenses, projector response and motion on fringes, compared with closed-form solutions.
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -28,7 +28,7 @@ std::vector<Pattern> three_steps(double period, int bits) {
   return patterns;
 }
 
-// Modulation over mean and phase [C eq. 1-3].
+// Returns a complex number whose magnitude is modulation over mean and whose argument is the phase [C eq. 1-3].
 std::complex<double> fringe(const std::vector<cv::Mat1f>& i, int row, int col) {
   const double a = i[0](row, col), b = i[1](row, col), c = i[2](row, col);
   return std::complex<double>(2 * b - a - c, std::sqrt(3.0) * (a - c)) / (a + b + c);
@@ -36,8 +36,8 @@ std::complex<double> fringe(const std::vector<cv::Mat1f>& i, int row, int col) {
 
 // --- projector ---
 
-// Fringes of 32 px, sigma from the circle of confusion at each distance: exp(-2 pi^2 sigma^2 / p^2) is kept, and of
-// 8-bit patterns what square pixels keep, sinc(1/p).
+// Blur with sigma from the circle of confusion reduces the modulation of 32 px fringes by exp(-2 pi^2 sigma^2 / p^2);
+// for quantised patterns, square pixels reduce it further by sinc(1/p).
 TEST(Defocus, KeepsTheModulationOfAGaussian) {
   constexpr double kPeriod = 32;
   RigModel rig = coaxial_rig();
@@ -57,15 +57,15 @@ TEST(Defocus, KeepsTheModulationOfAGaussian) {
   }
 }
 
-// Between two sigmas of the tables, too, the staircase of square pixels is as smooth as its own sigma makes it: what is
-// left of its first images beside the fringe is (1/p) / (1 -+ 1/p) exp(-2 pi^2 sigma^2 (1 -+ 1/p)^2) of the fringe.
+// The staircase of square pixels is also smoothed correctly for sigmas between two tabulated levels: its first spectral
+// images have the amplitude (1/p) / (1 -+ 1/p) exp(-2 pi^2 sigma^2 (1 -+ 1/p)^2) relative to the fringe.
 TEST(Defocus, SmoothsTheStaircaseOfPixels) {
   constexpr double kPeriod = 16.5;
   RigModel rig = coaxial_rig();
-  rig.camera = {65, 49, 3200, 3200, 32, 24, {}};  // sixteen camera pixels a projector pixel
+  rig.camera = {65, 49, 3200, 3200, 32, 24, {}};  // sixteen camera pixels per projector pixel
   rig.projector_lens.aperture_m = 0.06;
   for (const double sigma : {0.45, 0.5, 0.63}) {
-    // The lens itself is sharper: at 1 m, out of focus, there is more blur than in its tables' first level.
+    // The in-focus blur is smaller: at 1 m, out of focus, sigma lies above the first tabulated level.
     rig.projector_lens.blur_px = 0.4;
     const double circle = 4 * std::sqrt(sigma * sigma - 0.16);
     rig.projector_lens.focus_m = 1 / (1 + circle / (0.06 * 200));
@@ -92,8 +92,8 @@ TEST(Defocus, DoesNotMoveTheFringes) {
     ASSERT_NEAR(std::arg(fringe(sharp, 24, col) / fringe(soft, 24, col)), 0, 2e-4) << col;
 }
 
-// Seen sixteen times finer than the projector's pixels, the comb of square pixels of fill 0.8: its mean is 1, and its
-// first harmonic 2 sinc(0.8) exp(-2 pi^2 sigma^2).
+// Comb of square pixels with fill factor 0.8, sampled at sixteen camera pixels per projector pixel: its mean is 1 and
+// its first harmonic 2 sinc(0.8) exp(-2 pi^2 sigma^2).
 TEST(PixelGap, IsACombOfMeanOne) {
   RigModel rig = coaxial_rig();
   rig.camera = {65, 49, 3200, 3200, 32, 24, {}};
@@ -118,7 +118,7 @@ TEST(PixelGap, IsACombOfMeanOne) {
   EXPECT_NEAR(harmonic.imag(), 0, 2e-3);
 }
 
-// Illuminance of a flat screen falls as cos^n from the axis.
+// The illuminance of a flat screen falls off as cos^n of the off-axis angle.
 TEST(Vignetting, OfTheProjectorIsThatOfAFlatScreen) {
   RigModel rig = coaxial_rig();
   rig.projector_lens.vignetting = 6;
@@ -130,7 +130,7 @@ TEST(Vignetting, OfTheProjectorIsThatOfAFlatScreen) {
   }
 }
 
-// The flux is what arrives on a screen, whatever the lens' vignetting.
+// The flux arriving on a screen is independent of the vignetting exponent.
 TEST(Photometry, LumensOfTheProjectorArriveOnTheScreen) {
   for (const double exponent : {0.0, 3.0, 8.0}) {
     RigModel rig = coaxial_rig();
@@ -145,7 +145,7 @@ TEST(Photometry, LumensOfTheProjectorArriveOnTheScreen) {
   }
 }
 
-// Response: gamma makes the phase error (r4 - r2) sin 3 phi, r_{k+1} = r_k (gamma - k) / (gamma + k + 1).
+// A gamma response causes the phase error (r4 - r2) sin 3 phi with r_{k+1} = r_k (gamma - k) / (gamma + k + 1).
 TEST(Response, OfAGammaBendsThePhaseByItsHarmonics) {
   for (const double gamma : {1.2, 2.2}) {
     RigModel rig = coaxial_rig();
@@ -172,7 +172,7 @@ TEST(CameraLens, PhotonsByHand) {
   rig.camera = {100, 100, 2000, 2000, 49.5, 49.5, {}};
   rig.camera_lens = {10e-6, 8, 1e9, 0.9, 0, 0};
   // Pupil 20 mm / 8 = 2.5 mm; 1 lx gives (0.0025 m)^2 / 4 / 2000^2 * 0.9 = 3.52e-13 lm, at 300 lm/W and 550 nm
-  // (3.612e-19 J a photon) 3244 photons a second.
+  // (3.612e-19 J per photon) 3244 photons per second.
   EXPECT_NEAR(camera_pupil_m(rig), 0.0025, 1e-9);
   EXPECT_NEAR(photons_per_lux_s(rig), 3.515625e-13 / 300 / 3.6117e-19, 1);
 }
@@ -209,7 +209,7 @@ TEST(CameraLens, BlurKeepsTheModulationOfAGaussian) {
   EXPECT_NEAR(image(24, 40) / even(24, 40), 1 - kept, 5e-3);
 }
 
-// The edge between a bright and a dark board, out of focus: its profile has the variance (c / 4)^2 of an even disc.
+// The derivative of a defocused bright-dark edge has the variance (c / 4)^2 of a uniform disc of diameter c.
 TEST(DepthOfField, BlursByTheCircleOfConfusion) {
   RigModel rig = coaxial_rig();
   rig.camera = {65, 49, 1000, 1000, 32, 24, {}};
@@ -228,8 +228,8 @@ TEST(DepthOfField, BlursByTheCircleOfConfusion) {
   variance -= mean * mean;
   const double circle = camera_pupil_m(rig) * 1000 * (1 - 0.5);
   EXPECT_NEAR(mean, 32, 0.05);
-  EXPECT_NEAR(std::sqrt(variance - 1.0 / 6), circle / 4, 0.05 * circle / 4);  // pixels and differences: 1/12 each
-  // In focus nothing is blurred.
+  EXPECT_NEAR(std::sqrt(variance - 1.0 / 6), circle / 4, 0.05 * circle / 4);  // pixel and difference: 1/12 each
+  // An edge in focus is sharp.
   Scene sharp = board(rig, 1);
   sharp.objects.push_back(grey_object(plane_mesh(4, 4), pose_from({{-2000, 0, 999.9}, {0, 0, 0}}), 0));
   sharp.ambient_lux = 1000;
@@ -238,7 +238,8 @@ TEST(DepthOfField, BlursByTheCircleOfConfusion) {
   EXPECT_NEAR(edge(24, 33), 600, 1);
 }
 
-// EMVA 1288: over the pixels of many even images, DSNU is the spread in the dark and PRNU the spread in the light.
+// EMVA 1288: without temporal noise, DSNU is the standard deviation over the pixels in the dark and PRNU the relative
+// one under uniform light.
 TEST(Nonuniformity, IsThatOfTheSensor) {
   RigModel rig = coaxial_rig();
   rig.camera = {400, 300, 1000, 1000, 199.5, 149.5, {}};
@@ -281,7 +282,7 @@ TEST(AutoExposure, FillsFourFifthsOfTheRange) {
 
 // --- motion ---
 
-// A drift of the phase by epsilon a step bends a three-step phase by -(epsilon / sqrt 3) sin 2 phi.
+// A phase drift of epsilon per step causes the three-step phase error -(epsilon / sqrt 3) sin 2 phi.
 TEST(Motion, BendsThePhaseByTwiceItsFrequency) {
   RigModel rig = coaxial_rig();
   rig.camera = {65, 49, 2000, 2000, 32, 24, {}};
@@ -291,7 +292,7 @@ TEST(Motion, BendsThePhaseByTwiceItsFrequency) {
   set_lux_at_1m(rig, 100);
   Scene scene = board(rig);
   constexpr double kPeriod = 20, kEpsilon = 0.08;
-  // du/dz = -2000 0.25 / z^2; the board comes nearer as the robot moves forwards.
+  // du/dz = -2000 0.25 / z^2; the board approaches as the robot moves forward.
   scene.motion.velocity_m_s.z() = kEpsilon * kPeriod / (2 * kPi) / 500 * rig.timing.camera_rate_hz;
   const PatternSequence sequence{129, 97, three_steps(kPeriod, 0)};
   Effects effects = only(&Effects::motion);
@@ -305,7 +306,7 @@ TEST(Motion, BendsThePhaseByTwiceItsFrequency) {
     const double error = std::arg(fringe(images, 24, col) * std::polar(1.0, -phase));
     ASSERT_NEAR(error, -kEpsilon / std::sqrt(3.0) * std::sin(2 * phase), 0.05 * kEpsilon) << col;
   }
-  // Still, or with the effect left out, there is none.
+  // With the effect disabled, there is no phase error.
   VirtualRig still(scene, {1, false, false, Effects::none()});
   const FringeStack good = *still.capture(sequence);
   images.clear();
@@ -314,7 +315,7 @@ TEST(Motion, BendsThePhaseByTwiceItsFrequency) {
   EXPECT_NEAR(std::arg(fringe(images, 24, 20) * std::polar(1.0, -phase)), 0, 1e-4);
 }
 
-// Within an exposure an edge that crosses the image at v px a second is smeared over v t.
+// An edge moving through the image at v px/s is smeared over v t during an exposure t.
 TEST(Motion, WithinAnExposureSmearsEdges) {
   RigModel rig = coaxial_rig();
   rig.near_m = 0.7, rig.far_m = 1.4;

@@ -21,13 +21,13 @@ Eigen::Vector3d random_point(Philox& random, double half_edge) {
   return {x, y, random.uniform(-half_edge, half_edge)};
 }
 
-// From the surface of a centred box, from within or without.
+// Distance from a point, inside or outside, to the surface of a box centred at the origin.
 double box_distance(const Eigen::Vector3d& point, const Eigen::Vector3d& size) {
   const Eigen::Vector3d beyond = point.cwiseAbs() - size / 2;
   return beyond.maxCoeff() < 0 ? -beyond.maxCoeff() : beyond.cwiseMax(0).norm();
 }
 
-// Least distance over the segments from points of one side to the opposite vertex, by ternary search: it is convex.
+// Point-triangle distance by ternary search over the segments from points of side ab to c; the distance is convex.
 double distance_by_search(const Eigen::Vector3d& p, const Eigen::Vector3d& a, const Eigen::Vector3d& b,
                           const Eigen::Vector3d& c) {
   const auto to_segment = [&](double share) {
@@ -63,7 +63,7 @@ TEST(NearestSurface, OfABoxIsItsClosedForm) {
   EXPECT_EQ(box.distance_m({0.25, 0.1, 0.1}, 1), 0);
 }
 
-// Also far from the origin, where single precision resolves 8 um.
+// Also tested far from the origin, where single precision resolves only 8 um.
 TEST(NearestSurface, OfTurnedAndRepeatedObjectsIsThatOfTheNearest) {
   const Eigen::Vector3d size(0.5, 0.4, 0.3);
   const auto mesh = std::make_shared<const Mesh>(box_mesh(size));

@@ -73,7 +73,7 @@ TEST(Noise, OneOctaveIsValueNoise) {
   for (const Eigen::Vector3d& p : random_points(100, 20)) EXPECT_EQ(fractal_noise(p, 1, 9), value_noise(p, 9));
 }
 
-// Sixteen points at once are sixteen points.
+// The packet version agrees with sixteen single evaluations.
 TEST(Noise, LanesAgreeWithDoublePrecision) {
   const std::vector<Eigen::Vector3d> points = random_points(160, 50);
   for (size_t first = 0; first < points.size(); first += kNoiseLanes) {
@@ -102,7 +102,7 @@ TEST(Material, AlbedoStaysWithinItsContrast) {
     }
     EXPECT_GE(low, 0.5 * 0.7 - 1e-7) << static_cast<int>(grain);
     EXPECT_LE(high, 0.5 * 1.3 + 1e-7) << static_cast<int>(grain);
-    // A texture that uses less than half of its contrast gives landmarks nothing to hold on to.
+    // A texture that uses less than half of its contrast yields no usable landmarks.
     if (grain != Grain::plain) {
       EXPECT_GT(high - low, 0.15) << static_cast<int>(grain);
     }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The picture of a scene shows what it is to show, where a pinhole says.
+// The preview shows the region of interest, at the positions predicted by a pinhole projection.
 #include "sim/preview.h"
 
 #include <gmock/gmock.h>
@@ -15,7 +15,7 @@
 namespace fringeslam::sim {
 namespace {
 
-// A camera and a projector 0.3 m beside it that look along the world's x, the camera's place given.
+// Returns a scene whose camera, at a given position, and projector, 0.3 m beside it, look along world x.
 Scene scene_at(const Eigen::Vector3d& camera, std::vector<Object> objects) {
   RigModel rig = coaxial_rig();
   rig.near_m = 0.5, rig.far_m = 1.5;
@@ -33,12 +33,12 @@ Object box_at(const Eigen::Vector3d& size, const Eigen::Vector3d& centre, double
   return grey_object(box_mesh(size), {Eigen::Matrix3d::Identity(), centre}, albedo);
 }
 
-// A wall of the camera's view on a floor.
+// Returns a scene with a wall on a floor in front of the camera.
 Scene open_world() {
   return scene_at({0, 0, 0.5}, {grey_object(plane_mesh(8, 8), Pose{}, 0.3), box_at({0.1, 3, 1}, {1.2, 0, 0.5})});
 }
 
-// The same in a room of 4 x 4 x 2 m with a roof.
+// Returns the same scene in a room of 4 x 4 x 2 m with a roof.
 Scene closed_room() {
   Scene scene = open_world();
   for (const double side : {-1.0, 1.0}) {
@@ -55,7 +55,7 @@ Viewpoint viewpoint_of(const Scene& scene, const RayWorld& world) {
   return choose_viewpoint(scene, world, interest_of(scene, world), kWidth, kHeight);
 }
 
-// Share of the spots that the overview shows: what its pixels see is as far away as they are.
+// Returns the fraction of the spots visible in the overview: its distance agrees with theirs.
 double shown_spots(const Scene& scene) {
   const RayWorld world(scene);
   const Interest interest = interest_of(scene, world);
@@ -122,7 +122,7 @@ TEST(Preview, CornersOfAnImageAreSeenAtItsCorners) {
               support::MatrixNear(Eigen::Vector2d(device.width - 0.5, device.height - 0.5), 1e-6));
 }
 
-// A viewpoint at the origin that looks along z, with a wall at 2 m before its left half.
+// Viewpoint at the origin looking along z, with a wall at 2 m in the left half of the image.
 class Drawing : public testing::Test {
  protected:
   Drawing() {
@@ -152,9 +152,9 @@ TEST_F(Drawing, LinesAreWhereAPinholeSees) {
 
 TEST_F(Drawing, WhatIsHiddenIsFainter) {
   LineDrawing drawing(view_, distance_m_);
-  drawing.line({-1.2, 0, 3}, {1.2, 0, 3}, pen_);      // behind the wall, and beside it
-  drawing.line({-0.4, 0.2, 1}, {0.4, 0.2, 1}, pen_);  // before it
-  drawing.line({0.1, 0.3, -1}, {0.1, 0.3, 1}, pen_);  // from behind the viewer
+  drawing.line({-1.2, 0, 3}, {1.2, 0, 3}, pen_);      // behind the wall and beside it
+  drawing.line({-0.4, 0.2, 1}, {0.4, 0.2, 1}, pen_);  // in front of the wall
+  drawing.line({0.1, 0.3, -1}, {0.1, 0.3, 1}, pen_);  // starts behind the viewer
   drawing.paint(picture_);
   EXPECT_GT(colour_at(70, 40)[2], 200);
   EXPECT_LT(colour_at(30, 40)[2], 120);
@@ -170,7 +170,7 @@ TEST(Preview, NothingIsPaper) {
   for (const cv::Vec3b& pixel : overview.picture) ASSERT_EQ(pixel, kPaper);
   for (const float distance : overview.distance_m) ASSERT_TRUE(std::isinf(distance));
   const cv::Mat3b picture = preview_picture(scene, {480, 320});
-  EXPECT_EQ(picture(310, 470), kPaper);  // of the depth
+  EXPECT_EQ(picture(310, 470), kPaper);  // in the depth panel
 }
 
 TEST(Preview, PalerSurfacesAreBrighter) {

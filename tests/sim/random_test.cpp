@@ -9,7 +9,7 @@
 namespace fringeslam::sim {
 namespace {
 
-// Random123's published vectors for philox4x32 with 10 rounds (tests/kat_vectors).
+// Known-answer vectors of Random123 for philox4x32 with 10 rounds (tests/kat_vectors).
 struct KnownAnswer {
   std::array<uint32_t, 4> counter;
   std::array<uint32_t, 2> key;
@@ -26,7 +26,7 @@ const std::array<KnownAnswer, 3> kKnownAnswers = {{
      {0xd16cfe09, 0x94fdcceb, 0x5001e420, 0x24126ea1}},
 }};
 
-// 53 bits of two words, as a number in the middle of its cell.
+// Number at the centre of the cell given by 53 bits of two words.
 double unit_of(uint32_t high, uint32_t low) {
   return (static_cast<double>((uint64_t{high} << 32 | low) >> 11) + 0.5) * 0x1p-53;
 }
@@ -47,7 +47,7 @@ TEST(Philox, GivesThePublishedAnswersAsNormalNumbers) {
 }
 
 TEST(Philox, GivesThePublishedAnswerAsAUniformNumber) {
-  // A sequence starts at address 0, so only the vector with that counter can be met.
+  // A sequence starts at address 0, so only the vector with that counter applies.
   const KnownAnswer& known = kKnownAnswers[0];
   EXPECT_DOUBLE_EQ(generator_of(known).uniform(), unit_of(known.answer[0], known.answer[1]));
 }
@@ -63,7 +63,7 @@ TEST(Philox, UniformNumbersHaveTheMomentsOfTheUnitInterval) {
     sum += u, squares += u * u, product += (u - 0.5) * (last - 0.5);
     last = u;
   }
-  // Five standard deviations of each mean.
+  // Bounds: five standard deviations of each mean.
   EXPECT_NEAR(sum / kCount, 0.5, 5 * std::sqrt(1.0 / 12 / kCount));
   EXPECT_NEAR(squares / kCount, 1.0 / 3, 5 * std::sqrt(4.0 / 45 / kCount));
   EXPECT_NEAR(product / kCount, 0, 5 * std::sqrt(1.0 / 144 / kCount));
@@ -78,7 +78,7 @@ TEST(Philox, UniformNumbersFillEveryBin) {
   constexpr double kExpected = static_cast<double>(kCount) / kBins;
   for (const int count : bins) chi2 += (count - kExpected) * (count - kExpected) / kExpected;
   EXPECT_LT(chi2, 63 + 5 * std::sqrt(2.0 * 63));
-  EXPECT_GT(chi2, 63 - 5 * std::sqrt(2.0 * 63));  // too even would be wrong, too
+  EXPECT_GT(chi2, 63 - 5 * std::sqrt(2.0 * 63));  // too uniform would be wrong, too
 }
 
 TEST(Philox, NormalNumbersHaveTheMomentsOfTheNormalDistribution) {

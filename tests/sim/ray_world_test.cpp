@@ -24,14 +24,14 @@ Eigen::Vector3d random_direction(Philox& random) {
   return {radius * std::cos(angle), radius * std::sin(angle), z};
 }
 
-// Distance along a ray to the first crossing of a sphere around the origin.
+// Distance along a ray to its first intersection with a sphere around the origin.
 double sphere_distance(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction, double radius) {
   const double a = direction.squaredNorm(), b = origin.dot(direction), c = origin.squaredNorm() - radius * radius;
   return (-b - std::sqrt(b * b - a * c)) / a;
 }
 
-// Least distance of a mesh's facets from the origin: the mesh lies between this sphere and the one
-// through its vertices.
+// Radius of the inscribed sphere of a mesh around the origin; the mesh lies between it and the sphere through its
+// vertices.
 double inner_radius(const Mesh& mesh) {
   double least = std::numeric_limits<double>::infinity();
   for (const Eigen::Vector3i& t : mesh.triangles) {
@@ -82,7 +82,7 @@ TEST(RayWorld, MeetsASphereBetweenItsFacetsAndItsVertices) {
   constexpr double kRadius = 0.2;
   const Mesh sphere = sphere_mesh(kRadius, 5);
   const double inner = inner_radius(sphere);
-  ASSERT_GT(inner, kRadius * (1 - 5e-4));  // otherwise the test below says little
+  ASSERT_GT(inner, kRadius * (1 - 5e-4));  // otherwise the bounds below are too loose
   const RayWorld world = world_with({grey_object(sphere, Pose{})});
   Philox random(3, Stream::shape, 0);
   for (int i = 0; i < 5000; ++i) {
@@ -93,7 +93,7 @@ TEST(RayWorld, MeetsASphereBetweenItsFacetsAndItsVertices) {
     ASSERT_TRUE(hit);
     EXPECT_GE(hit->distance, sphere_distance(origin, direction, kRadius) - 1e-12);
     EXPECT_LE(hit->distance, sphere_distance(origin, direction, inner) + 1e-12);
-    // A facet's normal is that of the sphere at its circumcentre, at most the facet's radius away.
+    // A facet's normal equals the sphere's normal at the facet's circumcentre, at most its circumradius away.
     EXPECT_GT(hit->normal.dot(hit->point.normalized()), 0.999);
   }
 }
@@ -107,7 +107,7 @@ TEST(RayWorld, ClosedSurfacesDoNotLeak) {
     int leaks = 0;
     for (int i = 0; i < 20000; ++i) leaks += !world.trace(inside, random_direction(random));
     EXPECT_EQ(leaks, 0);
-    // Straight at the edges, where two triangles meet.
+    // Rays aimed at the edges shared by two triangles.
     for (const Eigen::Vector3i& t : mesh.triangles) {
       const Eigen::Vector3d a = world_from_mesh * mesh.vertices.at(static_cast<size_t>(t[0]));
       const Eigen::Vector3d b = world_from_mesh * mesh.vertices.at(static_cast<size_t>(t[1]));
@@ -128,7 +128,7 @@ TEST(RayWorld, TellsWhichObjectIsNearest) {
   EXPECT_EQ(plane->object, 0);
 }
 
-// A packet of rays is as many single rays.
+// A packet gives the same hits as single rays.
 TEST(RayWorld, PacketsAgreeWithSingleRays) {
   const RayWorld world = world_with({grey_object(sphere_mesh(0.3, 4), {Eigen::Matrix3d::Identity(), {0, 0, 1}}),
                                      grey_object(plane_mesh(3, 3), pose_from({{0, 0, 1500}, {20, 10, 0}}))});
@@ -164,7 +164,7 @@ TEST(RayWorld, SeesNothingInAnEmptyWorldOrBesideTheObjects) {
   const RayWorld world = world_with({grey_object(plane_mesh(1, 1), {Eigen::Matrix3d::Identity(), {0, 0, 1}})});
   EXPECT_TRUE(world.trace({0, 0, 0}, {0.4999, 0, 1}));
   EXPECT_FALSE(world.trace({0, 0, 0}, {0.5001, 0, 1}));
-  EXPECT_FALSE(world.trace({0, 0, 0}, {0, 0, -1}));  // behind
+  EXPECT_FALSE(world.trace({0, 0, 0}, {0, 0, -1}));  // behind the origin
 }
 
 TEST(RayWorld, OccludedOnlyByWhatLiesBetween) {
@@ -173,11 +173,11 @@ TEST(RayWorld, OccludedOnlyByWhatLiesBetween) {
                                      grey_object(sphere_mesh(0.1, 4), {Eigen::Matrix3d::Identity(), {0, 0, 1}})});
   const auto floor_at = [&](double x) { return world.trace({x, 0, 0.5}, {0, 0, -1}).value(); };
   EXPECT_TRUE(world.occluded(floor_at(0), {0, 0, 2}));
-  EXPECT_FALSE(world.occluded(floor_at(0), {0, 0, 0.85})) << "the target lies before the ball";
+  EXPECT_FALSE(world.occluded(floor_at(0), {0, 0, 0.85})) << "the target lies in front of the ball";
   EXPECT_FALSE(world.occluded(floor_at(1), {1, 0, 2}));
   EXPECT_FALSE(world.occluded(floor_at(0), {2, 0, 1.5}));
-  // From the light at (0, 0, 2) the ball's silhouette has the half angle asin(0.1 / 1): its shadow on
-  // the floor has the radius 2 tan(asin(0.1)).
+  // Seen from the light at (0, 0, 2), the ball subtends the half angle asin(0.1 / 1): its shadow on the floor has the
+  // radius 2 tan(asin(0.1)).
   const double edge = 2 * std::tan(std::asin(0.1));
   EXPECT_TRUE(world.occluded(floor_at(0.99 * edge), {0, 0, 2}));
   EXPECT_FALSE(world.occluded(floor_at(1.01 * edge), {0, 0, 2}));
@@ -191,7 +191,7 @@ TEST(RayWorld, SurfacesDoNotShadowThemselves) {
   for (int i = 0; i < 20000; ++i) {
     const auto hit = world.trace(normal * 2, Eigen::Vector3d(-normal + 0.7 * random_direction(random)));
     if (!hit) continue;
-    // Down to half a degree above the surface.
+    // Directions down to half a degree above the surface.
     Eigen::Vector3d grazing = random_direction(random);
     grazing = (grazing - grazing.dot(normal) * normal).normalized();
     shadowed += world.occluded(*hit, hit->point + 2 * (grazing + 0.0087 * normal));
@@ -199,16 +199,16 @@ TEST(RayWorld, SurfacesDoNotShadowThemselves) {
   EXPECT_EQ(shadowed, 0);
 }
 
-// The images of a scene and of its recording must lead to the same bytes, and worker threads must
-// compute what the main thread computes: so tracing may not leave another floating-point mode behind.
+// Live and recorded images must give the same bytes, and worker threads the same results as the main thread. Therefore
+// tracing must not change the floating-point mode.
 TEST(RayWorld, LeavesTheFloatingPointModeOfTheCallerAlone) {
   volatile double tiny = std::numeric_limits<double>::min();
   ASSERT_GT(tiny / 4, 0);
   const RayWorld world = world_with({grey_object(plane_mesh(1, 1), Pose{})});
-  EXPECT_GT(tiny / 4, 0) << "numbers below 2.2e-308 are flushed to zero on this thread from now on";
+  EXPECT_GT(tiny / 4, 0) << "denormal numbers are flushed to zero on this thread from now on";
 }
 
-// The most threads that are in the body of one parallel loop at a time.
+// Returns the largest number of threads that execute the body of a parallel loop concurrently.
 int parallel_threads() {
   std::atomic<int> inside{0}, most{0};
   cv::parallel_for_(
@@ -223,12 +223,12 @@ int parallel_threads() {
 }
 
 TEST(RayWorld, LeavesTheThreadsOfTheCallerAlone) {
-  if (parallel_threads() < 2) GTEST_SKIP() << "one processor";
+  if (parallel_threads() < 2) GTEST_SKIP() << "only one processor";
   const RayWorld world = world_with({grey_object(plane_mesh(1, 1), Pose{})});
-  EXPECT_GE(parallel_threads(), 2) << "as long as a world lives, parallel loops run on one thread";
+  EXPECT_GE(parallel_threads(), 2) << "parallel loops run on one thread while a RayWorld exists";
 }
 
-// A mesh that objects share is met where copies of it would be, by single rays and by packets.
+// Instances of a shared mesh give the same hits as copies of the mesh, for single rays and for packets.
 TEST(RayWorld, SharedMeshesAreMetWhereCopiesAre) {
   const auto rock = std::make_shared<const Mesh>(rock_mesh({0.2, 0.3, 0.25}, 3, 0.3, 5));
   std::vector<Object> shared, copies;
@@ -253,7 +253,7 @@ TEST(RayWorld, SharedMeshesAreMetWhereCopiesAre) {
     one.trace(rays, packet);
     const auto a = one.trace(origin, target - origin), b = other.trace(origin, target - origin);
     ASSERT_EQ(a.has_value(), has(packet.hit, 0));
-    if (!a || !b || a->object != b->object) continue;  // rims may fall to either side
+    if (!a || !b || a->object != b->object) continue;  // silhouette rays may hit either object
     ++hits;
     EXPECT_NEAR((a->point - b->point).norm(), 0, 1e-9);
     EXPECT_NEAR((a->normal - b->normal).norm(), 0, 1e-9);
@@ -264,7 +264,7 @@ TEST(RayWorld, SharedMeshesAreMetWhereCopiesAre) {
   EXPECT_GT(hits, 500);
 }
 
-// Packets of shadow rays among shared meshes return, and say what single rays say.
+// Packets of shadow rays with instances terminate and agree with single rays.
 TEST(RayWorld, ShadowPacketsAmongSharedMeshes) {
   const auto rock = std::make_shared<const Mesh>(rock_mesh({0.1, 0.1, 0.1}, 3, 0.3, 5));
   std::vector<Object> objects = {grey_object(plane_mesh(2, 2), {})};
@@ -298,7 +298,7 @@ TEST(RayWorld, ShadowPacketsAmongSharedMeshes) {
     }
   }
   EXPECT_GT(asked, 15000);
-  EXPECT_GT(agree, asked - 20);  // rims may fall to either side
+  EXPECT_GT(agree, asked - 20);  // silhouette rays may differ
 }
 
 }  // namespace

@@ -29,31 +29,31 @@ TEST(SceneCheck, AGoodSceneHasNoWarning) {
   EXPECT_NEAR(check.views[0].surface, 1, 1e-9);
   EXPECT_NEAR(check.views[0].lit, 1, 1e-9);
   EXPECT_NEAR(check.views[0].in_range, 1, 1e-9);
-  // The view is 65 px wide and moved by 30 mm, 6 px at 1 m.
+  // The image is 65 px wide; a camera translation of 30 mm shifts it by 6 px at 1 m.
   EXPECT_NEAR(check.views[1].overlap, 1 - 6 / 65.0, 0.07);
 }
 
 TEST(SceneCheck, SaysWhatIsOutOfRange) {
   EXPECT_THAT(check_scene(board_at(2)).warnings,
-              ElementsAre(HasSubstr("view 0: only 0 % of the pixels are lit and within")));
+              ElementsAre(HasSubstr("view 0: only 0 % of the pixels are lit and between")));
 }
 
 TEST(SceneCheck, SaysWhereTheProjectorLightsNothing) {
   EXPECT_THAT(check_scene(board_at(1, {pose_from({{0, 0, 0}, {180, 0, 0}})})).warnings,
-              ElementsAre(HasSubstr("view 0: only 0 % of the pixels see what the projector lights")));
+              ElementsAre(HasSubstr("view 0: only 0 % of the pixels see a surface lit by the projector")));
 }
 
 TEST(SceneCheck, SaysWhichViewsDoNotOverlap) {
   EXPECT_THAT(check_scene(board_at(1, {Pose{}, pose_from({{400, 0, 0}, {0, 0, 0}})})).warnings,
-              ElementsAre(HasSubstr("view 1: only 0 % of what the view before saw is in it")));
+              ElementsAre(HasSubstr("view 1: only 0 % of the previous view's lit points are in the image")));
 }
 
 TEST(SceneCheck, SaysWhereTheRigStandsInSomething) {
   Scene scene = board_at(1);
   scene.objects.push_back(grey_object(box_mesh({3, 3, 3}), Pose{}));
   scene.objects[1].name = "object 2";
-  EXPECT_THAT(check_scene(scene).warnings, testing::Contains(HasSubstr("view 0: the camera stands inside object 2")));
-  // Behind a box it is not inside.
+  EXPECT_THAT(check_scene(scene).warnings, testing::Contains(HasSubstr("view 0: the camera is inside object 2")));
+  // A box behind the camera does not contain it.
   scene.objects[1].world_from_object.translation.z() = -4;
   EXPECT_THAT(check_scene(scene).warnings, IsEmpty());
 }

@@ -35,7 +35,7 @@ TEST(Shading, FallsWithTheSquareOfTheDistanceAndTheCosineOfTheTilt) {
 }
 
 TEST(Shading, EveryPixelOfABoardObeysTheCosineAndInverseSquareOfItsOwnPoint) {
-  // The projector stands beside the camera and looks the same way.
+  // The projector is next to the camera with a parallel axis.
   RigModel rig = coaxial_rig();
   rig.projector = {1025, 769, 200, 200, 512, 384, {}};
   set_lux_at_1m(rig, kWhiteLux);
@@ -75,7 +75,7 @@ TEST(Shading, AmbientLightNeedsNeitherProjectorNorDistance) {
 }
 
 TEST(Shading, OutOfTheBeamOnlyAmbientLightIsLeft) {
-  // Half as wide as the camera's view: columns within 16 px of the centre are lit at any depth.
+  // The beam is half as wide as the camera's field of view: columns within 16 px of the centre are lit at any depth.
   RigModel rig = coaxial_rig();
   rig.projector = {33, 97, 200, 200, 16, 48, {}};
   rig.projector_black_level = 0.1;
@@ -106,7 +106,7 @@ TEST(Shading, SeesNothingWhereThereIsNothing) {
 }
 
 TEST(Shading, ASurfaceThatFacesAwayFromTheLightIsInShadow) {
-  // The camera looks at the front of the board, the projector stands behind it.
+  // The camera sees the front of the board; the projector is behind it.
   RigModel rig = coaxial_rig();
   rig.projector_from_camera = pose_from({{0, 0, 3000}, {0, 180, 0}});
   const TruthFrame truth = truth_of(board(1, 0, rig));
@@ -115,7 +115,7 @@ TEST(Shading, ASurfaceThatFacesAwayFromTheLightIsInShadow) {
 }
 
 TEST(Shading, ShowsTheFringesWhereTheProjectorPutsThem) {
-  // Camera and projector look along one axis: pixel col of the camera sees projector column col + 32.
+  // Camera and projector are coaxial: camera column col sees projector column col + 32.
   const RigModel rig = coaxial_rig();
   const Scene scene = board(1, 0, rig);
   for (const int bits : {0, 8}) {
@@ -123,7 +123,7 @@ TEST(Shading, ShowsTheFringesWhereTheProjectorPutsThem) {
     const cv::Mat1f white = lux(scene, constant_pattern(1)), image = lux(scene, fringes);
     for (int col = 0; col < image.cols; ++col) {
       const double truth = 0.5 + 0.5 * std::cos(2 * kPi * (col + 32 + 0.5) / 17.5 + 0.7);
-      // An 8-bit projector rounds to a level, half a level off at most.
+      // An 8-bit projector rounds to the nearest level, with an error of at most half a level.
       EXPECT_NEAR(image(kCentreRow, col) / white(kCentreRow, col), truth, bits == 0 ? 2e-5 : 0.5 / 255 + 2e-5) << col;
     }
   }
@@ -140,8 +140,8 @@ TEST(Shading, FringesAlongRowsCodeTheRow) {
 }
 
 TEST(Shading, APixelIsTheMeanOfItsSamples) {
-  // A pixel's samples average the fringe over the pixel; 16 x 16 of them come close to the integral
-  // over it, sinc(pi / p) of the modulation.
+  // The samples average the fringe over the pixel; 16 x 16 samples approximate the integral, which reduces the
+  // modulation by sin(pi / p) / (pi / p).
   const double period = 5;
   const Scene scene = board(1, 0, coaxial_rig());
   const cv::Mat1f white = lux(scene, constant_pattern(1), 256);

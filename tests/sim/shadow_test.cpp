@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The shadow of a box on a plane against the ray over the box's edge.
+// Shadow of a box on a plane, compared with the ray that grazes the box's edge.
 #include <gtest/gtest.h>
 
 #include "tests/sim/worlds.h"
@@ -7,14 +7,14 @@
 namespace fringeslam::sim {
 namespace {
 
-constexpr double kHeight = 1, kBaseline = 0.4;        // of camera and projector over the table, m
+constexpr double kHeight = 1, kBaseline = 0.4;        // of camera and projector above the table, m
 constexpr double kBoxWidth = 0.2, kBoxHeight = 0.15;  // m
 constexpr int kBoxId = 2, kTableId = 1;
 
-// Camera over the origin, looking straight down on the table z = 0; image x along world x.
+// Camera above the origin, looking straight down at the table z = 0; image x along world x.
 Pose world_from_camera() { return pose_from({{0, 0, 1e3 * kHeight}, {180, 0, 0}}); }
 
-// The projector stands kBaseline along +x and looks straight down, too, with a wide beam.
+// The projector is offset by kBaseline along +x and also looks straight down, with a wide beam.
 RigModel rig() {
   RigModel rig = coaxial_rig();
   rig.camera = {401, 301, 400, 400, 200, 150, {}};
@@ -41,10 +41,10 @@ class BoxShadow : public testing::Test {
 };
 
 TEST_F(BoxShadow, EndsWhereTheRayOverTheEdgeMeetsTheTable) {
-  // From (b, H) over the edge (-w/2, h) down to the table: x = b - (b + w/2) H / (H - h).
+  // The ray from (b, H) over the edge (-w/2, h) meets the table at x = b - (b + w/2) H / (H - h).
   const double x = kBaseline - (kBaseline + kBoxWidth / 2) * kHeight / (kHeight - kBoxHeight);
   const double shadow_end = table_column(x), box_begin = top_column(-kBoxWidth / 2);
-  ASSERT_GT(box_begin - shadow_end, 20);  // px of shadow that the camera sees
+  ASSERT_GT(box_begin - shadow_end, 20);  // px of visible shadow
   for (int row = 120; row <= 180; ++row) {
     for (int col = 0; col < 401; ++col) {
       if (std::abs(col - shadow_end) < 1 || std::abs(col - box_begin) < 1) continue;
@@ -55,7 +55,7 @@ TEST_F(BoxShadow, EndsWhereTheRayOverTheEdgeMeetsTheTable) {
 }
 
 TEST_F(BoxShadow, IsWidestAtTheEndsOfTheBox) {
-  // The far corners (-w/2, +-w/2, h) cast to y = +-(w/2) H / (H - h): rows, which point to -y.
+  // The far corners (-w/2, +-w/2, h) cast shadows to y = +-(w/2) H / (H - h); image rows increase along -y.
   const double half_rows = 400 * (kBoxWidth / 2) / (kHeight - kBoxHeight);
   const double x = kBaseline - (kBaseline + kBoxWidth / 2) * kHeight / (kHeight - kBoxHeight);
   const int col = static_cast<int>(table_column(x)) + 3;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Predicted sigmas against the scatter of many noisy renderings of one board: decoding and triangulation may neither
-// flatter nor slander themselves, whatever the modulation, slope and range.
+// Compares the predicted depth sigma with the scatter over many noisy renderings of a board: decoding and triangulation
+// must neither under- nor overestimate their uncertainty, for any modulation, slope and range.
 #include <gmock/gmock.h>
 
 #include <cmath>
@@ -21,7 +21,7 @@ void PrintTo(const Board& board, std::ostream* out) {
 
 Scene scene_of(const Board& board) {
   Scene scene = load_scene(std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/flat_board/scene.yaml");
-  constexpr int kSize = 24;  // pixels in the middle of the camera's view
+  constexpr int kSize = 24;  // px; crop at the centre of the image
   Pinhole& camera = scene.rig.camera;
   camera.cx -= 0.5 * (camera.width - kSize);
   camera.cy -= 0.5 * (camera.height - kSize);
@@ -51,7 +51,7 @@ TEST_P(HonestSigma, IsTheScatterOverSeeds) {
     if (sum.empty()) {
       for (cv::Mat1d* image : {&sum, &squares, &variance}) *image = cv::Mat1d::zeros(frame.points_m.size());
     }
-    // NaN of a seed without depth stays, and takes the pixel out.
+    // The NaN of a seed without depth propagates and excludes the pixel.
     for (int row = 0; row < frame.height(); ++row) {
       for (int col = 0; col < frame.width(); ++col) {
         const double z = static_cast<double>(frame.points_m(row, col)[2]) - GetParam().range_m;

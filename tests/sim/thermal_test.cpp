@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The simulated thermal camera against closed forms.
+// The simulated thermal camera, compared with closed-form solutions.
 #include "sim/light/thermal.h"
 
 #include <gtest/gtest.h>
@@ -33,7 +33,7 @@ RigModel rig_of(const ThermalCamera& thermal) {
   return rig;
 }
 
-// A wall 1 m before the camera, which fills its image.
+// Returns a scene with a wall 1 m in front of the camera that fills its image.
 Scene wall(double temperature_c, double emissivity, const ThermalCamera& thermal = plain_camera()) {
   Scene scene = world_of({grey_object(plane_mesh(20, 20), pose_from({{0, 0, 1000}, {0, 0, 0}}))}, rig_of(thermal));
   scene.objects[0].material.temperature_c = temperature_c;
@@ -50,7 +50,7 @@ cv::Mat1f image_of(const Scene& scene, const ThermalImaging& imaging = {false, f
 
 double centre(const cv::Mat1f& image) { return static_cast<double>(image(image.rows / 2, image.cols / 2)); }
 
-// Planck's law, W / (m^2 sr m), integrated by Simpson's rule.
+// Integrates Planck's law, W / (m^2 sr m), with Simpson's rule.
 double planck_integral(double low_m, double high_m, double kelvin) {
   const auto spectral = [&](double wavelength_m) {
     constexpr double kFirst = 1.191042972e-16, kSecond = 0.01438776877;  // 2 h c^2, h c / k
@@ -88,8 +88,8 @@ TEST(Thermal, SaturatesAtTheEndsOfItsRange) {
   EXPECT_EQ(centre(image_of(wall(-30, 1, thermal))), 0);
 }
 
-// Half of what leaves the wall is its own, half is the surroundings'. Of bodies at 50 and 10 degrees, between 8 and
-// 14 um, that is as much as of one at 31.7 (Planck's law integrated, and inverted by bisection).
+// Half of the wall's radiance is emitted, half is reflected from the surroundings. For 50 and 10 degrees C and the band
+// from 8 to 14 um, this corresponds to a black body at 31.7 (Planck's law integrated and inverted by bisection).
 TEST(Thermal, GreyBodyMixesInTheSurroundings) {
   Scene scene = wall(50, 0.5);
   scene.surroundings_c = 10;
@@ -104,7 +104,7 @@ TEST(Thermal, GreyBodyMixesInTheSurroundings) {
   EXPECT_NEAR(centre(image_of(scene)), low, 2e-3);
 }
 
-// Where all is of one temperature no emissivity, dust or smoke can be seen.
+// In thermal equilibrium, emissivity, dust and smoke have no effect.
 TEST(Thermal, FurnaceReadsItsTemperatureEverywhere) {
   Scene scene = wall(37, 0.3);
   scene.objects.push_back(grey_object(sphere_mesh(0.1, 3), pose_from({{0, 0, 700}, {0, 0, 0}})));
@@ -132,7 +132,7 @@ TEST(Thermal, SmokeTakesItsShareOverTheDistance) {
   scene.surroundings_c = 20;
   scene.air.extinction_per_m = 2;
   scene.air.infrared_share = 0.25;
-  const double left = std::exp(-0.5);  // over 1 m
+  const double left = std::exp(-0.5);  // transmission over 1 m
   const double expected = apparent_temperature_c(left * infrared_radiance(60) + (1 - left) * infrared_radiance(20));
   EXPECT_NEAR(centre(image_of(scene, {false, false}, {}, 1)), expected, 1e-4);
   Effects clear;
@@ -140,7 +140,7 @@ TEST(Thermal, SmokeTakesItsShareOverTheDistance) {
   EXPECT_NEAR(centre(image_of(scene, {false, false}, clear, 1)), 60, 1e-4);
 }
 
-// Cover 1 over all that faces up is at least whole (sim/light/surfaces.h): the dust is seen alone.
+// With cover 1, surfaces facing up are completely covered (sim/light/surfaces.cpp): only the dust is visible.
 TEST(Thermal, DustIsBetweenTheSurfaceAndTheSurroundings) {
   Scene scene = wall(40, 1);
   scene.surroundings_c = 10;
@@ -158,10 +158,10 @@ TEST(Thermal, NearThingsHideFarOnes) {
   const cv::Mat1f image = image_of(scene);
   EXPECT_NEAR(centre(image), 35, 1e-4);
   EXPECT_NEAR(image(0, 0), 20, 1e-4);
-  // The plate is 0.2 m wide at 0.5 m: 24 px, from 4 to 28 about the middle, 16.
+  // The plate is 0.2 m wide at 0.5 m: 24 px, from column 4 to 28, centred at 16.
   EXPECT_NEAR(image(12, 16 - 11), 35, 1e-4);
   EXPECT_NEAR(image(12, 16 - 13), 20, 1e-4);
-  const float edge = image(12, 4);  // half of this pixel
+  const float edge = image(12, 4);  // the plate covers half of this pixel
   EXPECT_GT(edge, 25);
   EXPECT_LT(edge, 30);
 }
@@ -176,7 +176,8 @@ TEST(Thermal, LooksFromWhereItStands) {
   EXPECT_NEAR(centre(image_of(scene)), 35, 1e-4);
 }
 
-// The NETD is the noise of a black body at 300 K; on a colder one it is greater, as its radiance changes less.
+// The NETD is the noise for a black body at 300 K; the noise is larger for a colder one, whose radiance varies less
+// with temperature.
 TEST(Thermal, NoiseIsTheNetd) {
   ThermalCamera thermal = plain_camera();
   thermal.lens = {160, 120, 100, 100, 79.5, 59.5, {}};
@@ -187,7 +188,7 @@ TEST(Thermal, NoiseIsTheNetd) {
     EXPECT_NEAR(mean[0], temperature_c, 0.002);
     return deviation[0];
   };
-  EXPECT_NEAR(spread(300 - 273.15), 0.05, 0.0015);  // of 19200 pixels: 4 of its own sigmas
+  EXPECT_NEAR(spread(300 - 273.15), 0.05, 0.0015);  // 19200 pixels: the tolerance is about 6 sigma
   const auto slope = [](double t) { return infrared_radiance(t + 1) - infrared_radiance(t - 1); };
   EXPECT_NEAR(spread(-20), 0.05 * slope(26.85) / slope(-20), 0.0025);
 }
@@ -212,8 +213,8 @@ TEST(Thermal, SameBytesWhateverTheThreads) {
   EXPECT_EQ(cv::countNonZero(one != four), 0);
 }
 
-// A plate 100 mm wide half way to the wall: from the camera it hides x = -0.1 to 0.1 m of the wall, from the thermal
-// camera, 0.2 m to the left, 0.1 to 0.3.
+// A plate 100 mm wide at half the distance to the wall occludes x = -0.1 to 0.1 m of the wall for the camera, and 0.1
+// to 0.3 m for the thermal camera, 0.2 m to the left.
 TEST(Thermal, TruthKnowsWhatTheThermalCameraSees) {
   ThermalCamera thermal = plain_camera();
   thermal.lens.fx = thermal.lens.fy = 20;
@@ -231,8 +232,7 @@ TEST(Thermal, TruthKnowsWhatTheThermalCameraSees) {
   EXPECT_EQ(seen(-0.13, 1), kTruthThermal);
 }
 
-// A floor with a ball as warm as skin, a warm box, and a ball that is too hot, from two places, through the whole
-// pipeline.
+// Complete pipeline on two views of a floor with a ball at skin temperature, a warm box and a ball that is too hot.
 TEST(Thermal, ThePipelineFindsWhatMayBeAVictim) {
   Scene scene;
   scene.rig = read_rig(std::filesystem::path(FRINGESLAM_SOURCE_DIR) / "scenes/rigs/rescue.yaml");
@@ -263,10 +263,10 @@ TEST(Thermal, ThePipelineFindsWhatMayBeAVictim) {
   EXPECT_EQ(victims.size(), 3u);
   std::erase_if(victims, [](const WarmThing& thing) { return !thing.victim; });
   ASSERT_EQ(victims.size(), 1u);
-  // The middle of the cap that is seen lies on the ball's upper half.
+  // The centre of the visible cap lies on the half of the ball that faces the camera.
   EXPECT_LT((victims[0].position_m - Eigen::Vector3d(-0.15, 0.05, 1.04)).norm(), 0.06);
   EXPECT_EQ(victims[0].views, 2);
-  EXPECT_NEAR(victims[0].temperature_c, 33 * 0.95 + 12 * 0.05, 0.7);  // near enough: emissivity 0.95
+  EXPECT_NEAR(victims[0].temperature_c, 33 * 0.95 + 12 * 0.05, 0.7);  // approximate: emissivity 0.95
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Light between surfaces and through the air, against closed forms.
+// Light transport between surfaces and through air, compared with closed-form solutions.
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -23,8 +23,8 @@ Effects only(bool Effects::*effect, int paths = 16) {
   return effects;
 }
 
-// In a closed room of albedo and emission 1/2 every surface sends out 1/2 + 1/4 + ... = 1; with n bounces what is
-// missing is 1/2^(n+1). Each path has the same light, so there is no noise.
+// In a closed room with albedo and emission 1/2, W = 1/2 + 1/4 + ... = 1 everywhere; with n bounces, 1/2^(n+1) is
+// missing. All paths carry the same light, so there is no noise.
 TEST(Furnace, AlbedoAHalfAndEmissionAHalfMakeOne) {
   Scene scene = world_of({grey_object(box_mesh({2, 3, 2.5}), Pose{}, 0.5),
                           grey_object(sphere_mesh(0.2, 2), pose_from({{100, 50, 700}, {0, 0, 0}}), 0.5)},
@@ -40,19 +40,19 @@ TEST(Furnace, AlbedoAHalfAndEmissionAHalfMakeOne) {
   }
 }
 
-// Share of the light of a small patch that reaches a parallel rectangle 2a x 2b at the distance 1 over its middle.
+// Form factor from a small patch to a parallel rectangle of 2a x 2b, centred above it at the distance 1.
 double form_factor(double a, double b) {
   const double p = std::sqrt(1 + a * a), q = std::sqrt(1 + b * b);
   return 2 / kPi * (a / p * std::atan(b / p) + b / q * std::atan(a / q));
 }
 
-// The camera stands between two facing planes and looks at one; the other shines.
+// The camera is between two facing planes and looks at one; the other emits light.
 Scene facing_planes(double half_x, double half_y, double gap) {
   Scene scene = world_of({grey_object(plane_mesh(20, 20), pose_from({{0, 0, 1e3 * 0.4 * gap}, {0, 0, 0}}), 0.8),
                           grey_object(plane_mesh(2 * half_x * gap, 2 * half_y * gap),
                                       pose_from({{0, 0, -1e3 * 0.6 * gap}, {0, 0, 0}}), 0)},
                          coaxial_rig());
-  scene.rig.camera = {5, 5, 4000, 4000, 2, 2, {}};  // a patch
+  scene.rig.camera = {5, 5, 4000, 4000, 2, 2, {}};  // images a small patch
   scene.objects[1].material.emission_lux = 1000;
   scene.bounces = 1;
   return scene;
@@ -67,7 +67,7 @@ TEST(Interreflection, OfTwoFacingPlanesIsTheFormFactor) {
   }
 }
 
-// A path carries the light of every pattern: three fringes shifted by 120 degrees add up to 3/2 of white.
+// Each path carries the light of all patterns: three fringes shifted by 120 degrees add up to 3/2 of white.
 TEST(Interreflection, PathsCarryAllPatternsAlike) {
   RigModel rig = coaxial_rig();
   rig.projector_from_camera.translation = {-0.2, 0, 0};
@@ -100,8 +100,7 @@ TEST(Interreflection, MorePathsAreLessNoiseAboutTheSameMean) {
   EXPECT_LT(spread[1], spread[0] / 4);
 }
 
-// The noise that is left in a pixel, of fringes over boxes, over the camera's own: what two stacks of one pose differ
-// by.
+// Returns the path noise relative to the camera noise, from the difference of two stacks taken at the same pose.
 double noise_of_paths(Scene scene, bool share) {
   scene.trajectory.assign(2, TimedPose{});
   RenderOptions options{4, false, false, Effects::none()};
@@ -137,7 +136,7 @@ TEST(Interreflection, SharedPathsLeaveTheCameraTheGreaterNoise) {
   EXPECT_GT(noise_of_paths(scene, false), 2 * noise_of_paths(scene, true));
 }
 
-// Smoothing moves no light: its mean over a room is that of the paths.
+// Smoothing preserves the mean light over a room.
 TEST(Interreflection, SharingKeepsTheMean) {
   RigModel rig = coaxial_rig();
   rig.projector_from_camera.translation = {-0.2, 0, 0};
@@ -164,10 +163,10 @@ TEST(Air, ABoardFadesByBeerAndLambert) {
   Scene scene = world_of({grey_object(plane_mesh(8, 8), pose_from({{0, 0, 1200}, {0, 0, 0}}), 0.6)}, rig);
   scene.ambient_lux = 100;
   const double clear = centre(lux_of(scene, {constant_pattern(1)})[0]);
-  scene.air = {0.7, 0, 0};  // absorbs, scatters nothing back
+  scene.air = {0.7, 0, 0};  // absorbs without scattering
   EXPECT_NEAR(centre(lux_of(scene, {constant_pattern(1)}, 1, only(&Effects::air))[0]),
               (clear - 60) * std::exp(-2 * 0.7 * 1.2) + 60 * std::exp(-0.7 * 1.2), 1e-5 * clear);
-  EXPECT_NEAR(centre(lux_of(scene, {constant_pattern(1)})[0]), clear, 1e-6);  // the effect can be left out
+  EXPECT_NEAR(centre(lux_of(scene, {constant_pattern(1)})[0]), clear, 1e-6);  // the effect can be disabled
 }
 
 TEST(Air, PhaseFunctionIsNormalisedAndHasItsMeanCosine) {
@@ -183,7 +182,7 @@ TEST(Air, PhaseFunctionIsNormalisedAndHasItsMeanCosine) {
   }
 }
 
-// What the beam scatters back into a camera beside the projector, against the integral along the ray.
+// Backscatter of the beam into a camera beside the projector, compared with the integral along the ray.
 TEST(Air, BackscatterIsTheIntegralAlongTheRay) {
   RigModel rig = coaxial_rig();
   rig.projector = {2001, 1501, 400, 400, 1000, 750, {}};
@@ -196,7 +195,7 @@ TEST(Air, BackscatterIsTheIntegralAlongTheRay) {
   for (int i = 0; i < kSteps; ++i) {
     const double z = 1.5 * (i + 0.5) / kSteps, r = std::hypot(z, 0.3);
     if (0.3 / z > 1000.5 / 400) continue;  // out of the beam
-    // Light arrives from (0.3, 0, 0): the cosine between its way and the way to the camera is -z / r.
+    // Light arrives from (0.3, 0, 0): the cosine of the scattering angle towards the camera is -z / r.
     truth += kPi * 0.8 * 0.4 * henyey_greenstein(0.3, -z / r) * kWhiteLux / (r * r) * std::exp(-0.4 * (z + r)) * 1.5 /
              kSteps;
   }
@@ -236,7 +235,8 @@ TEST(Gloss, WithoutReflectanceIsLambertian) {
   EXPECT_EQ(reflected({0.4, 0.04, 0.2}, Eigen::Vector3d::UnitZ(), direction(1.8, 1), direction(1.2, 4)), 0);
 }
 
-// Total reflected light by the drawn directions and by a sum over the hemisphere; never more than came.
+// Total reflected light by importance sampling and by integration over the hemisphere; it never exceeds the incident
+// light.
 TEST(Gloss, DrawnDirectionsCarryTheIntegralOfTheLobes) {
   for (const Reflection& surface : {Reflection{0.5, 0.04, 0.3}, Reflection{0, 0.8, 0.09}, Reflection{0.2, 0.5, 0.6}}) {
     for (const double view_angle : {0.1, 0.8, 1.3}) {
@@ -263,7 +263,7 @@ TEST(Gloss, DrawnDirectionsCarryTheIntegralOfTheLobes) {
   }
 }
 
-// A metal plate sends the projector's light where a mirror would, and little elsewhere.
+// A metal plate reflects the projector light in the mirror direction and little elsewhere.
 TEST(Gloss, AMetalShinesWhereItMirrors) {
   Scene scene = world_of({grey_object(plane_mesh(4, 4), pose_from({{0, 0, 1000}, {0, 0, 0}}), 0.8)}, coaxial_rig());
   scene.objects[0].material.metal = true;

@@ -16,7 +16,7 @@
 namespace fringeslam::sim {
 namespace {
 
-// A quarter of the thesis rig's pixels: the same lenses, distortions and angles.
+// Returns the thesis rig with a quarter of the camera pixels; field of view and distortion are unchanged.
 RigModel small_thesis_rig() {
   RigModel rig = read_rig(std::filesystem::path(FRINGESLAM_SOURCE_DIR) / "scenes/rigs/thesis.yaml");
   rig.robot_from_camera = Pose{};
@@ -26,7 +26,7 @@ RigModel small_thesis_rig() {
   return rig;
 }
 
-// A textured board, tilted, one metre before the camera; two poses.
+// Returns a scene with a tilted, textured board 1 m in front of the camera, and two poses.
 Scene board_scene() {
   Object board = grey_object(plane_mesh(2, 2), pose_from({{0, 0, 1000}, {12, -18, 5}}));
   board.material = {.grain = Grain::stone, .albedo = 0.6, .contrast = 0.3, .grain_m = 0.01};
@@ -49,7 +49,7 @@ double median(std::vector<double> values) {
 
 int differing(const cv::Mat& a, const cv::Mat& b) { return cv::countNonZero(a != b); }
 
-// Without noise and rounding on either side what is decoded is what was rendered.
+// Without noise and quantisation, decoding recovers the rendered depth.
 TEST(VirtualRig, DecodedDepthIsTheTrueDepth) {
   const Scene scene = board_scene();
   const PatternSequence sequence = fringes(scene.rig, 0);
@@ -158,9 +158,9 @@ TEST(VirtualRig, LooksAtAScreenAsAtThePatternThatItShows) {
     cv::Mat line = pattern_image(sequence.patterns[i], sequence), screen;
     cv::repeat(line, sequence.height / line.rows, sequence.width / line.cols, screen);
     const cv::Mat seen = rig.look(screen, 0, stack->exposure_s[i], static_cast<int>(i));
-    EXPECT_LE(cv::norm(seen, stack->images[i], cv::NORM_INF), 1) << i;  // levels of 8 bits, rounded
+    EXPECT_LE(cv::norm(seen, stack->images[i], cv::NORM_INF), 1) << i;  // 8-bit levels, rounded
     EXPECT_GT(cv::mean(seen)[0], 20) << i;
-    // A screen that changes along both axes, if only in a corner: its blur is sampled at other places.
+    // A screen that varies along both axes, here by one corner pixel, is blurred by a different code path.
     screen.at<uchar>(0, 0) ^= 1;
     const cv::Mat other = rig.look(screen, 0, stack->exposure_s[i], static_cast<int>(i));
     EXPECT_LE(cv::norm(other, stack->images[i], cv::NORM_INF), 1) << i;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Small worlds with closed forms, for the tests of the simulator.
+// Small scenes with closed-form solutions, for the simulator tests.
 #pragma once
 
 #include <cmath>
@@ -17,7 +17,7 @@ namespace fringeslam::sim {
 
 constexpr double kPi = std::numbers::pi;
 
-// A matt grey object: every point has the same albedo.
+// Returns a diffuse object with uniform albedo.
 inline Object grey_object(Mesh mesh, const Pose& world_from_object, double albedo = 0.5) {
   Object object;
   object.mesh = std::make_shared<const Mesh>(std::move(mesh));
@@ -26,12 +26,12 @@ inline Object grey_object(Mesh mesh, const Pose& world_from_object, double albed
   return object;
 }
 
-// Illuminance of a white projector image at 1 m, on the axis, of these rigs.
+// On-axis illuminance of a white projector image at 1 m, lux, for the rigs below.
 constexpr double kWhiteLux = 30000;
 
 inline void set_lux_at_1m(RigModel& rig, double lux) { rig.projector_lens.flux_lm *= lux / projector_lux_at_1m(rig); }
 
-// Camera and projector in one place, both without distortion: light falls where the camera looks.
+// Returns a rig with coincident camera and projector centres and axes, without distortion.
 inline RigModel coaxial_rig() {
   RigModel rig;
   rig.camera = {65, 49, 200, 200, 32, 24, {}};
@@ -50,7 +50,7 @@ inline Scene world_of(std::vector<Object> objects, const RigModel& rig) {
   return scene;
 }
 
-// Albedo at one point of the object's frame.
+// Returns the albedo at a point in the object frame.
 inline double albedo_at(const Material& material, const Eigen::Vector3d& point, uint32_t seed) {
   NoisePoints points{};
   points.x[0] = static_cast<float>(point.x());
@@ -59,7 +59,7 @@ inline double albedo_at(const Material& material, const Eigen::Vector3d& point, 
   return static_cast<double>(material.albedo_at(points, seed).value[0]);
 }
 
-// Light of each pattern as the camera at the origin, or at `pose`, sees it, lux.
+// Renders the light W, lux, of each pattern for a camera at `pose`.
 inline std::vector<cv::Mat1f> lux_of(const Scene& scene, const std::vector<Pattern>& patterns, int samples = 1,
                                      const Effects& effects = Effects::none(), const Pose& pose = {},
                                      TruthFrame* truth = nullptr) {
@@ -74,7 +74,7 @@ inline TruthFrame truth_of(const Scene& scene, int samples = 1, const Pose& pose
   return truth;
 }
 
-// A pattern that shows one intensity everywhere.
+// Returns a pattern of uniform intensity.
 inline Pattern constant_pattern(double intensity) {
   Pattern pattern;
   pattern.coding = Coding::flat;
