@@ -9,7 +9,7 @@
 namespace fringeslam::sim {
 
 Bulk bulk_of(const std::vector<Eigen::Vector3d>& corners) {
-  constexpr double kUnit = 0.1;  // m; Bullet likes numbers of about one
+  constexpr double kUnit = 0.1;  // m; scales lengths to about one, as Bullet's single precision requires
   std::vector<btVector3> points;
   for (const Eigen::Vector3d& corner : corners) {
     const Eigen::Vector3d p = corner / kUnit;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What of a convex body does not depend on how it moves.
+// Mass properties of a convex body.
 #pragma once
 
 #include <Eigen/Core>
@@ -7,13 +7,12 @@
 
 namespace fringeslam::sim {
 
-// Volume (m^3) and centre of mass of a convex hull.
 struct Bulk {
-  double volume = 0;
-  Eigen::Vector3d centre = Eigen::Vector3d::Zero();
+  double volume = 0;                                 // m^3
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // centre of mass, m
 };
 
-// Of the convex hull of corner points.
+// Computes the volume and centre of mass of the convex hull of `corners` (m) at uniform density.
 Bulk bulk_of(const std::vector<Eigen::Vector3d>& corners);
 
 }  // namespace fringeslam::sim

@@ -16,7 +16,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-// Under a name of its own first: several processes may fill the cache at once.
+// Writes to a per-process temporary file and renames it, so concurrent processes never see partial files.
 bool write_whole(const fs::path& file, const std::string& bytes) {
   std::error_code failure;
   fs::create_directories(file.parent_path(), failure);
@@ -34,7 +34,7 @@ bool write_whole(const fs::path& file, const std::string& bytes) {
 
 fs::path file_of(const std::string& content) { return cache_folder() / "baked" / content_hash(content); }
 
-// The content's length, a line end, the content, the result, its hash: a file that was cut off does not pass.
+// Formats a cache entry: content length, newline, content, result and hash of the result, which detects truncation.
 std::string sealed(const std::string& content, const std::string& result) {
   return std::to_string(content.size()) + "\n" + content + result + content_hash(result);
 }
@@ -64,7 +64,7 @@ fs::path cached_file(const std::string& name, const std::string& bytes) {
   std::error_code ignored;
   if (fs::is_regular_file(file, ignored) && read_bytes(file) == bytes) return file;
   if (!write_whole(file, bytes))
-    throw Error(file.string() + ": cannot be written; set FRINGESLAM_CACHE to a folder that can");
+    throw Error(file.string() + ": cannot be written; set FRINGESLAM_CACHE to a writable folder");
   return file;
 }
 

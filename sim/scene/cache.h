@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Files that can be made again at any time, kept because making them takes long, and named by the content from which
-// they are made: a changed description has another name, so nothing in the cache is ever out of date.
+// Content-addressed cache of files that are reproducible but expensive to compute. The file name is a hash of the
+// input, so changed input uses a different file and entries never become stale.
 //
-// The folder is $FRINGESLAM_CACHE, else $XDG_CACHE_HOME/fringeslam, else ~/.cache/fringeslam.
+// The folder is $FRINGESLAM_CACHE, else $XDG_CACHE_HOME/fringeslam, else ~/.cache/fringeslam, else `fringeslam` in the
+// system's temporary folder.
 #pragma once
 
 #include <cstdint>
@@ -14,16 +15,17 @@ namespace fringeslam::sim {
 
 std::filesystem::path cache_folder();
 
-// 16 hexadecimal digits (FNV-1a, 64 bits).
+// Returns the 64-bit FNV-1a hash of `content` as 16 hexadecimal digits.
 std::string content_hash(const std::string& content);
 
-// The cached file of that name, made by `bytes` when there is none. Throws Error when it cannot be written.
+// Returns the path of the cached file `name`, writing `bytes` to it unless it already holds them. Throws Error if the
+// file cannot be written.
 std::filesystem::path cached_file(const std::string& name, const std::string& bytes);
 
-// What was stored for a content. A stored file repeats its content, so that two contents of one hash, or a file cut
-// off, are taken for absent.
+// Returns the result stored for `content`, or nullopt if there is none. A stored file repeats its content, so hash
+// collisions and truncated files count as misses.
 std::optional<std::string> cached(const std::string& content);
-// Not being able to store costs time, not correctness: returns false.
+// Stores `result` for `content`; returns false if it cannot be written, which only costs recomputation.
 bool store(const std::string& content, const std::string& result);
 
 }  // namespace fringeslam::sim

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Convex polytopes around points (solid_parts.h). A quickhull that takes first the point that asks for the greatest
-// enlargement, so that it may stop at any number of corners.
+// Enclosing convex polytopes (solid_parts.h): a quickhull that always adds the point requiring the largest scaling of
+// the hull, so that it can stop at any number of corners.
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
@@ -20,9 +20,9 @@ struct Facet {
   std::array<size_t, 3> corners;  // counter-clockwise seen from outside
   Eigen::Vector3d normal;         // unit, outwards
   double offset;                  // normal . x on the facet
-  size_t farthest;                // of all points
+  size_t farthest;                // index of the point farthest above the facet
   double distance;                // of that point from the facet, m
-  double depth;                   // of a fixed point inside the hull, m
+  double depth;                   // of a fixed interior point below the facet, m
 };
 
 class GrowingHull {
@@ -54,8 +54,8 @@ class GrowingHull {
  private:
   double tolerance() const { return 1e-9 * reach_; }
 
-  // The largest of a convex measure, which is at a corner of the convex hull. The squared distance from the middle
-  // decides between points that lie in one plane, so that none between corners is taken for one.
+  // Returns the point that maximises a convex measure, which is a corner of the convex hull. The squared distance from
+  // the centre breaks ties between coplanar points, so that no point between corners is chosen.
   template <typename Measure>
   size_t extreme(const Measure& measure) const {
     size_t best = 0;
@@ -91,7 +91,7 @@ class GrowingHull {
   }
 
   void add(size_t corner) {
-    std::set<std::pair<size_t, size_t>> edges;  // of the facets that the new corner sees
+    std::set<std::pair<size_t, size_t>> edges;  // of the facets visible from the new corner
     std::erase_if(facets_, [&](const Facet& f) {
       if (f.normal.dot(points_[corner]) - f.offset <= tolerance()) return false;
       for (size_t i = 0; i < 3; ++i) edges.emplace(f.corners[i], f.corners[(i + 1) % 3]);

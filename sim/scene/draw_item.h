@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Drawing among the items of a scatter or a pile.
+// Random selection among the items of a scatter or a pile.
 #pragma once
 
 #include <Eigen/Core>
@@ -9,7 +9,7 @@
 
 namespace fringeslam::sim {
 
-// The number of an item, each as often as its weight says.
+// Draws the index of an item with probability proportional to its weight.
 template <class Item>
 size_t draw_item(const std::vector<Item>& items, Philox& random) {
   double total = 0;
@@ -20,7 +20,7 @@ size_t draw_item(const std::vector<Item>& items, Philox& random) {
   return chosen;
 }
 
-// Evenly between the item's least and greatest size, m.
+// Draws a size (m) uniformly between the item's minimum and maximum size, each axis independently.
 template <class Item>
 Eigen::Vector3d draw_size(const Item& item, Philox& random) {
   Eigen::Vector3d size;

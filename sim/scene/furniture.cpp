@@ -17,7 +17,7 @@ std::vector<double> ticks_from_zero(double size, int cells) {
   return ticks;
 }
 
-// Both edges of the plate, and of the hole in each cell.
+// Returns ticks at both edges of the plate and of the hole in each cell.
 std::vector<double> hole_ticks(double size, int cells, double hole_share) {
   std::vector<double> ticks = {-size / 2};
   for (int i = 0; i < cells; ++i) {
@@ -52,7 +52,7 @@ Mesh blinds_mesh(double width, double height, int slats, double slat_angle_rad, 
     append(blinds, post);
   }
   for (int i = 0; i < slats; ++i) {
-    Mesh slat = box_mesh({width - thickness, pitch - thickness, thickness});  // ends in the middle of the posts
+    Mesh slat = box_mesh({width - thickness, pitch - thickness, thickness});  // ends inside the posts
     const Eigen::AngleAxisd turn(slat_angle_rad, Eigen::Vector3d::UnitX());
     transform(slat.vertices, Eigen::Translation3d(0, 0, (i + 0.5) * pitch) * Eigen::Isometry3d(turn));
     append(blinds, slat);

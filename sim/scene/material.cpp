@@ -8,7 +8,7 @@ namespace fringeslam::sim {
 
 namespace {
 
-// Noise is read this many grains away from the lattice's origin, about which objects are symmetric.
+// Offset, in grains, of the noise from the lattice origin, which coincides with the objects' centres of symmetry.
 constexpr float kAway = 1000;
 
 NoisePoints scaled(const NoisePoints& p, float x, float y, float z) {
@@ -30,14 +30,14 @@ NoiseValues each(const Function& function) {
   return result;
 }
 
-// Fibres and specks over faint stains; blots of print here and there.
+// Fibres with scattered blots of print.
 NoiseValues cardboard(const NoisePoints& p, uint32_t seed) {
   const NoiseValues fibres = fractal_noise(scaled(p, 1, 4, 4), 4, seed);
   const NoiseValues blots = value_noise(scaled(p, 0.7f), seed + 7);
   return each([&](int i) { return 0.7f * fibres.value[i] + (blots.value[i] > 0.45f ? -0.6f : 0.0f); });
 }
 
-// Rings around the object's x axis, bent by noise.
+// Growth rings around the object's x axis, distorted by noise, with fibres along it.
 NoiseValues wood(const NoisePoints& p, uint32_t seed) {
   const NoiseValues bend = fractal_noise(scaled(p, 0.5f), 3, seed);
   const NoiseValues fibres = fractal_noise(scaled(p, 1, 5, 5), 4, seed + 3);
@@ -48,13 +48,13 @@ NoiseValues wood(const NoisePoints& p, uint32_t seed) {
   });
 }
 
-// Blotches, grit, and pores.
+// Blotches and dark pores.
 NoiseValues concrete(const NoisePoints& p, uint32_t seed) {
   const NoiseValues blotches = fractal_noise(p, 5, seed), pores = value_noise(scaled(p, 5), seed + 11);
   return each([&](int i) { return 0.9f * blotches.value[i] + (pores.value[i] > 0.6f ? -0.7f : 0.1f); });
 }
 
-// Lines of print, a word a grain, on nearly even white.
+// Lines of print, one word per grain, on a nearly uniform background.
 NoiseValues paper(const NoisePoints& p, uint32_t seed) {
   const NoiseValues words = value_noise(scaled(p, 1, 0.25f, 0.25f), seed),
                     letters = value_noise(scaled(p, 6, 2, 2), seed + 5);
@@ -64,7 +64,7 @@ NoiseValues paper(const NoisePoints& p, uint32_t seed) {
   });
 }
 
-// Running bond in courses of a third of a brick's length; each brick of its own shade, mortar between.
+// Running bond with courses of about a third of the brick length; each brick has its own shade, with mortar between.
 NoiseValues brick(const NoisePoints& p, uint32_t seed) {
   constexpr float kCourse = 0.33f, kJoint = 0.05f;
   NoisePoints cells;
@@ -81,7 +81,7 @@ NoiseValues brick(const NoisePoints& p, uint32_t seed) {
       [&](int i) { return mortar[i] ? 0.7f + 0.2f * grit.value[i] : 0.5f * shade.value[i] + 0.4f * grit.value[i]; });
 }
 
-// Brushed along the object's x axis, with stains.
+// Brush marks along the object's x axis, with stains.
 NoiseValues metal(const NoisePoints& p, uint32_t seed) {
   const NoiseValues brushed = fractal_noise(scaled(p, 0.5f, 20, 20), 3, seed), stains = fractal_noise(p, 3, seed + 1);
   return each([&](int i) { return 0.5f * brushed.value[i] + (stains.value[i] > 0.3f ? -0.6f : 0.1f); });
@@ -105,7 +105,7 @@ bool on_circle(const Material& m, double x, double y) {
          0.5 * m.diameter_m;
 }
 
-// Deviation from the mean albedo, in [-1, 1] but for rare peaks; p in grains.
+// Evaluates the relative deviation from the mean albedo, in [-1, 1] except for rare peaks; p in grains.
 NoiseValues grain_value(Grain grain, const NoisePoints& p, uint32_t seed) {
   switch (grain) {
     case Grain::cardboard:

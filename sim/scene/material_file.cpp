@@ -15,7 +15,7 @@ Grain read_grain(const YamlMap& map) {
       {"foam", Grain::foam},         {"wood", Grain::wood},
       {"stone", Grain::stone},       {"checkerboard", Grain::checkerboard},
       {"circles", Grain::circles},   {"asymmetric_circles", Grain::asymmetric_circles}};
-  std::vector<std::string> names = {"plain"};  // the first stands in for a wrong one
+  std::vector<std::string> names = {"plain"};  // the first replaces an invalid name
   for (const auto& [name, grain] : grains) {
     if (name != names[0]) names.push_back(name);
   }
@@ -52,7 +52,7 @@ Material read_material(const YamlMap& map) {
   material.metal = map.boolean_or("metal", false);
   material.reflectance = map.number_or("reflectance", 0, kFraction);
   if (material.metal && material.reflectance > 0)
-    throw map.error("reflectance", "a metal reflects by its albedo; leave reflectance out");
+    throw map.error("reflectance", "the reflectance of a metal is its albedo; omit reflectance");
   material.roughness = map.number_or("roughness", material.roughness, {0.05, 1});
   material.bump_m = map.number_or("bump_m", 0, {0, 0.1});
   material.bump_size_m = map.number_or("bump_size_m", material.bump_size_m, kLength);

@@ -25,7 +25,7 @@ Mesh icosahedron() {
   return mesh;
 }
 
-// Each triangle into four, new vertices on the unit sphere.
+// Splits each triangle into four, with the new vertices on the unit sphere.
 Mesh subdivided(const Mesh& mesh) {
   Mesh fine;
   fine.vertices = mesh.vertices;
@@ -45,7 +45,7 @@ Mesh subdivided(const Mesh& mesh) {
   return fine;
 }
 
-// Kept once it is made: rubble is of many stones, and subdividing takes most of the time of each.
+// Memoised, because subdivision takes most of the time of building a stone and scenes contain many.
 Mesh unit_sphere(int subdivisions) {
   static std::mutex mutex;
   static std::vector<Mesh> spheres = {icosahedron()};
@@ -107,7 +107,8 @@ Mesh rock_mesh(const Eigen::Vector3d& size, int subdivisions, double roughness, 
 
 namespace {
 
-// Height of the face over the unit disc, x to its left eye, y to its brow; 1 at the middle of a bare half ellipsoid.
+// Evaluates the face height over the unit disc, x towards the left eye, y towards the brow; the centre of the
+// underlying half ellipsoid has height 1.
 double face_height(double x, double y) {
   const auto bump = [&](double cx, double cy, double wx, double wy) {
     const double dx = (x - cx) / wx, dy = (y - cy) / wy;
@@ -120,7 +121,7 @@ double face_height(double x, double y) {
     const double dx = (side - cx) / wx, dy = (y - cy) / wy;
     return std::exp(-0.5 * (dx * dx + dy * dy));
   };
-  // The nose widens and rises from between the eyes to its tip.
+  // The nose widens and rises from between the eyes to the tip.
   const double along = std::clamp((0.28 - y) / 0.38, 0.0, 1.0);
   height +=
       0.42 * along * bump(0, y, 0.05 + 0.07 * along, 1) * (y < -0.1 ? std::exp(-std::pow((y + 0.1) / 0.05, 2)) : 1);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Triangle meshes and the primitives that scenes are built from. Lengths in m, object frame.
+// Triangle meshes and geometric primitives for scenes. Lengths in m, object frame.
 #pragma once
 
 #include <Eigen/Core>
@@ -12,7 +12,7 @@ struct Mesh {
   std::vector<Eigen::Vector3d> vertices;
   std::vector<Eigen::Vector3i> triangles;  // counter-clockwise seen from outside
   std::vector<Eigen::Vector2f> texture_coordinates =
-      {};  // of each vertex, v upwards; empty: textures are laid on from the sides
+      {};  // per vertex, v upwards; empty: textures are projected along the axes
 };
 
 Mesh plane_mesh(double size_x, double size_y);                // z = 0, centred
@@ -20,10 +20,11 @@ Mesh box_mesh(const Eigen::Vector3d& size);                   // centred
 Mesh cylinder_mesh(double radius, double length, int sides);  // along z, centred
 Mesh sphere_mesh(double radius, int subdivisions);            // subdivided icosahedron
 
-// A sphere displaced by fractal noise and stretched to `size`.
+// Builds a sphere displaced by fractal noise and scaled by `size` / 2 along each axis.
 Mesh rock_mesh(const Eigen::Vector3d& size, int subdivisions, double roughness, uint32_t seed);
 
-// A face mask lying on z = 0, chin towards -y: a half ellipsoid with brows, eye sockets, nose and lips (thesis 5.2.1).
+// Builds a face mask lying on z = 0, chin towards -y: a half ellipsoid with brows, eye sockets, nose and lips
+// ([T] 5.2.1).
 Mesh face_mask_mesh(const Eigen::Vector3d& size, int rings);
 
 }  // namespace fringeslam::sim

@@ -33,7 +33,7 @@ std::string lower_extension(const fs::path& file) {
   return extension;
 }
 
-// What of a material the formats can say.
+// The material properties that the file formats can express.
 struct Finish {
   double albedo = 0.5, roughness = 1, emission = 0;
   bool metal = false;
@@ -42,7 +42,7 @@ struct Finish {
   bool operator<(const Finish& other) const { return key() < other.key(); }
 };
 
-// A surface as white as a board in the projector's light at 1 m glows with 1.
+// An emission of 1 corresponds to the projector's illuminance at 1 m; stronger emission is clamped.
 Finish finish_of(const Object& object, const RigModel& rig) {
   const Material& material = object.material;
   Finish finish;
@@ -61,7 +61,7 @@ std::string bytes_of(const fs::path& file) {
   return bytes;
 }
 
-// A texture as a PNG or JPEG file, which all programs read.
+// Returns the texture as a PNG or JPEG file, converting it in `folder` if necessary.
 fs::path common_picture(const fs::path& texture, const fs::path& folder, size_t number) {
   const std::string extension = lower_extension(texture);
   if (extension == ".png" || extension == ".jpg" || extension == ".jpeg") return texture;
@@ -77,7 +77,7 @@ fs::path common_picture(const fs::path& texture, const fs::path& folder, size_t 
 std::unique_ptr<aiTexture> embedded(const fs::path& file) {
   const std::string bytes = bytes_of(file);
   auto texture = std::make_unique<aiTexture>();
-  texture->mWidth = static_cast<unsigned>(bytes.size());  // of an encoded picture its length
+  texture->mWidth = static_cast<unsigned>(bytes.size());  // encoded image: length in bytes
   texture->mHeight = 0;
   texture->pcData = new aiTexel[bytes.size() / sizeof(aiTexel) + 1];
   std::copy(bytes.begin(), bytes.end(), reinterpret_cast<char*>(texture->pcData));
@@ -126,7 +126,7 @@ void set_coordinate(aiMesh& mesh, size_t i, const Eigen::Vector2f& uv) {
   mesh.mTextureCoords[0][i] = {uv.x(), uv.y(), 0};
 }
 
-// In its own frame.
+// Converts a mesh in its object frame.
 std::unique_ptr<aiMesh> as_it_is(const Mesh& mesh) {
   const bool textured = !mesh.texture_coordinates.empty();
   std::unique_ptr<aiMesh> result = allocated(mesh.vertices.size(), mesh.triangles.size(), textured);
@@ -141,7 +141,8 @@ std::unique_ptr<aiMesh> as_it_is(const Mesh& mesh) {
   return result;
 }
 
-// In the world, each triangle with its own vertices and its normal: programs would round the edges of boxes.
+// Converts an object to the world frame with separate vertices and a face normal per triangle, because viewers would
+// otherwise smooth sharp edges.
 std::unique_ptr<aiMesh> faceted(const Object& object) {
   const Mesh& mesh = *object.mesh;
   const bool textured = !mesh.texture_coordinates.empty();
@@ -162,7 +163,7 @@ std::unique_ptr<aiMesh> faceted(const Object& object) {
   return result;
 }
 
-// All objects as one mesh in the world, coloured by their albedo.
+// Merges all objects into one mesh in the world frame, with the albedo as vertex colour.
 std::unique_ptr<aiMesh> merged(const Scene& scene) {
   size_t vertices = 0, triangles = 0;
   for (const Object& object : scene.objects) {
@@ -187,7 +188,7 @@ std::unique_ptr<aiMesh> merged(const Scene& scene) {
   return result;
 }
 
-// A scene of assimp's in the making; the finished one owns everything.
+// Builds an assimp scene, which takes ownership of all parts.
 class Builder {
  public:
   Builder(const Scene& scene, MeshFormat format, const fs::path& file) : scene_(scene), format_(format), file_(file) {}
@@ -221,7 +222,7 @@ class Builder {
   void add(const Object& object) {
     const Finish finish = finish_of(object, scene_.rig);
     if (format_ == MeshFormat::obj) {
-      // A blank would end a name.
+      // OBJ names end at a space.
       std::string name = object.name;
       std::replace(name.begin(), name.end(), ' ', '_');
       add_node(name, Pose{}, add_mesh(faceted(object), finish, name));
@@ -277,10 +278,10 @@ class Builder {
     return result;
   }
 
-  // How the file names a texture: a file beside an OBJ, the Nth picture inside a glTF.
+  // Returns the texture's name in the file: a file beside an OBJ, the Nth embedded image of a glTF.
   std::string texture_name(const std::string& texture) {
     if (const auto known = texture_names_.find(texture); known != texture_names_.end()) return known->second;
-    if (!fs::exists(texture)) throw Error(texture + ": the texture is not there");
+    if (!fs::exists(texture)) throw Error(texture + ": the texture does not exist");
     const size_t number = texture_names_.size();
     const fs::path picture = common_picture(texture, file_.parent_path(), number);
     std::string name = "*" + std::to_string(number);
@@ -315,9 +316,9 @@ class Builder {
   std::map<std::string, std::string> texture_names_;
 };
 
-// assimp's name of the format.
+// Returns assimp's identifier of the format.
 std::string writer_of(MeshFormat format, const fs::path& file) {
-  if (format == MeshFormat::ply) return "ply";  // its binary writer says bytes of colours and writes floats
+  if (format == MeshFormat::ply) return "ply";  // text: the binary writer declares byte colours but writes floats
   if (format == MeshFormat::obj) return "obj";
   return lower_extension(file) == ".glb" ? "glb2" : "gltf2";
 }
@@ -329,7 +330,7 @@ MeshFormat mesh_format_of(const fs::path& file) {
   if (extension == ".gltf" || extension == ".glb") return MeshFormat::gltf;
   if (extension == ".ply") return MeshFormat::ply;
   if (extension == ".obj") return MeshFormat::obj;
-  throw Error(file.string() + ": ends in none of .glb, .gltf, .ply and .obj, the meshes that can be written");
+  throw Error(file.string() + ": unsupported mesh format; use .glb, .gltf, .ply or .obj");
 }
 
 MeshExport export_mesh(const Scene& scene, const fs::path& file) {

@@ -18,7 +18,7 @@ namespace fringeslam::sim {
 
 namespace {
 
-// Our z from the file's up axis, x kept where it can be.
+// Returns the rotation that maps the file's up axis to z, keeping x unless x is up.
 Eigen::Matrix3d ours_from_file(const std::string& up) {
   Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
   if (up == "y") rotation << 1, 0, 0, 0, 0, -1, 0, 1, 0;
@@ -42,11 +42,11 @@ void check_mesh(const std::filesystem::path& file, const RawModel& model, const 
     throw Error(file.string() + ": vertex " + std::to_string((odd - mesh.positions.begin()) / 3) + " of mesh '" +
                 mesh.name + "' is not finite; the file is broken");
   if (mesh.material >= model.materials.size() && !model.materials.empty())
-    throw Error(file.string() + ": mesh '" + mesh.name + "' names material " + std::to_string(mesh.material) + " of " +
-                std::to_string(model.materials.size()));
+    throw Error(file.string() + ": mesh '" + mesh.name + "' refers to material " + std::to_string(mesh.material) +
+                ", but the file has only " + std::to_string(model.materials.size()));
 }
 
-// x -> rotation * (stretch * x) + translation, the rotation proper; a mirror is in the stretch (polar decomposition).
+// Polar decomposition x -> rotation * (stretch * x) + translation; the rotation is proper, `stretch` may reflect.
 struct Decomposed {
   Eigen::Matrix3d stretch;
   Pose pose;
@@ -59,14 +59,14 @@ Decomposed decomposed(const Eigen::Affine3d& transform) {
   return {rotation.transpose() * transform.linear(), {rotation, transform.translation()}};
 }
 
-// A mesh of the file in one size, as several nodes may show it.
+// A mesh of the file at one scale, possibly shared by several nodes.
 struct Stretched {
   Eigen::Matrix3d stretch;
   std::shared_ptr<const Mesh> mesh;
   size_t degenerate = 0;
 };
 
-// Its triangles that have an area.
+// Applies `stretch` to the raw mesh and drops degenerate triangles.
 Stretched stretched(const RawMesh& raw, const Eigen::Matrix3d& stretch) {
   Mesh mesh;
   for (size_t i = 0; i + 2 < raw.positions.size(); i += 3)
@@ -77,7 +77,7 @@ Stretched stretched(const RawMesh& raw, const Eigen::Matrix3d& stretch) {
       mesh.texture_coordinates.emplace_back(raw.coordinates[i], raw.coordinates[i + 1]);
   }
   Stretched result{stretch, nullptr};
-  // A mirrored mesh has its triangles inside out.
+  // Mirroring reverses the orientation of the triangles.
   const bool mirrored = stretch.determinant() < 0;
   for (size_t i = 0; i + 2 < raw.indices.size(); i += 3) {
     Eigen::Vector3i t(static_cast<int>(raw.indices[i]), static_cast<int>(raw.indices[i + 1]),
@@ -96,7 +96,7 @@ Stretched stretched(const RawMesh& raw, const Eigen::Matrix3d& stretch) {
   return result;
 }
 
-// The mesh in that size, made once; sizes that differ by rounding are one.
+// Returns the mesh at this scale, creating it on first use; scales that differ only by rounding are shared.
 const Stretched& find_or_make(std::vector<Stretched>& sizes, const RawMesh& raw, const Eigen::Matrix3d& stretch) {
   for (const Stretched& size : sizes) {
     if ((size.stretch - stretch).norm() <= 1e-6 * stretch.norm()) return size;
@@ -104,12 +104,12 @@ const Stretched& find_or_make(std::vector<Stretched>& sizes, const RawMesh& raw,
   return sizes.emplace_back(stretched(raw, stretch));
 }
 
-// A picture inside the file, as a file of the cache.
+// Writes an image embedded in the file to the cache and returns its path.
 std::filesystem::path unpacked(const std::filesystem::path& file, const RawTexture& texture) {
   std::string bytes(texture.bytes.begin(), texture.bytes.end());
   std::string extension = texture.format.empty() ? "ppm" : texture.format;
   if (!std::all_of(extension.begin(), extension.end(), [](unsigned char c) { return std::isalnum(c); }))
-    throw Error(file.string() + ": a picture inside it is of no known format");
+    throw Error(file.string() + ": an embedded image has an unknown format");
   if (texture.format.empty()) {
     bytes = "P6\n" + std::to_string(texture.width) + " " +
             std::to_string(texture.width == 0 ? 0 : texture.bytes.size() / 4 / texture.width) + "\n255\n";
@@ -120,13 +120,13 @@ std::filesystem::path unpacked(const std::filesystem::path& file, const RawTextu
   return cached_file("textures/" + content_hash(bytes) + "." + extension, bytes);
 }
 
-// The texture that a material names: a file, or *N for the Nth picture inside the model; empty for none.
+// Resolves a material's texture name: a file, or *N for the Nth embedded image; empty for none.
 std::filesystem::path texture_file(const std::filesystem::path& file, const RawModel& model, const std::string& name) {
   if (name.empty()) return {};
   if (name[0] != '*') return file.parent_path() / name;
   size_t number = model.textures.size();
   std::from_chars(name.data() + 1, name.data() + name.size(), number);
-  if (number >= model.textures.size()) throw Error(file.string() + ": has no picture " + name + " inside");
+  if (number >= model.textures.size()) throw Error(file.string() + ": has no image " + name + " embedded");
   return unpacked(file, model.textures[number]);
 }
 
@@ -135,16 +135,16 @@ std::filesystem::path texture_file(const std::filesystem::path& file, const RawM
 std::string MeshImport::summary(const std::filesystem::path& file) const {
   const Eigen::Vector3d size = high - low;
   char text[256];
-  std::snprintf(text, sizeof text, "%g m a unit, %s up; %zu part%s%s, %zu triangles%s, %.4g x %.4g x %.4g m", unit_m,
+  std::snprintf(text, sizeof text, "unit %g m, %s up; %zu part%s%s, %zu triangles%s, %.4g x %.4g x %.4g m", unit_m,
                 up.c_str(), parts.size(), parts.size() == 1 ? "" : "s",
                 meshes == parts.size() ? "" : (" of " + std::to_string(meshes) + " meshes").c_str(), triangles,
-                degenerate == 0 ? "" : (" (" + std::to_string(degenerate) + " degenerate ones dropped)").c_str(),
+                degenerate == 0 ? "" : (" (" + std::to_string(degenerate) + " degenerate dropped)").c_str(),
                 size.x(), size.y(), size.z());
   return file.filename().string() + ": " + text;
 }
 
 MeshImport import_mesh(const std::filesystem::path& file, const MeshImportOptions& options) {
-  if (!std::filesystem::is_regular_file(file)) throw Error(file.string() + ": is no file");
+  if (!std::filesystem::is_regular_file(file)) throw Error(file.string() + ": is not a regular file");
   const RawModel model = read_model(file, options.time_limit_s, options.memory_limit_gib);
   for (const RawMesh& mesh : model.meshes) check_mesh(file, model, mesh);
   MeshImport result;
@@ -156,7 +156,7 @@ MeshImport import_mesh(const std::filesystem::path& file, const MeshImportOption
   std::vector<std::vector<Stretched>> sizes(model.meshes.size());
   for (const RawInstance& instance : model.instances) {
     if (instance.mesh >= model.meshes.size())
-      throw Error(file.string() + ": node '" + instance.name + "' shows a mesh that is not there");
+      throw Error(file.string() + ": node '" + instance.name + "' refers to a mesh that does not exist");
     const RawMesh& mesh = model.meshes[instance.mesh];
     Eigen::Matrix4d transform =
         Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(instance.transform.data());
@@ -190,7 +190,7 @@ MeshImport import_mesh(const std::filesystem::path& file, const MeshImportOption
     result.parts.push_back(std::move(part));
   }
   for (const auto& of_mesh : sizes) result.meshes += of_mesh.size();
-  if (result.parts.empty()) throw Error(file.string() + ": holds no triangle with an area");
+  if (result.parts.empty()) throw Error(file.string() + ": contains no triangle of nonzero area");
   return result;
 }
 

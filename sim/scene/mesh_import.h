@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Meshes made elsewhere, through assimp: OBJ, PLY, STL, glTF, COLLADA, FBX and what else it reads. Broken files make
-// assimp crash, hang or return nonsense: it works in a child process with limits on time and memory, and what comes
-// back is checked here.
+// Mesh import through assimp: OBJ, PLY, STL, glTF, COLLADA, FBX and its other formats. Because broken files can make
+// assimp crash, hang or return invalid data, it runs in a child process with time and memory limits, and its output is
+// validated here.
 #pragma once
 
 #include <filesystem>
@@ -16,14 +16,14 @@
 namespace fringeslam::sim {
 
 struct MeshImportOptions {
-  std::optional<double> unit_m;   // of a file without units; metres when nothing is said
-  std::optional<std::string> up;  // "x", "y" or "z": the file's axis that becomes our z
+  std::optional<double> unit_m;   // length of one file unit, overriding the file's; default: the file's unit, else 1 m
+  std::optional<std::string> up;  // "x", "y" or "z": file axis mapped to world z, overriding the format's default
   double time_limit_s = 60;
   double memory_limit_gib = 4;
 };
 
-// What one node of the file shows: triangles of one material, world-sized, z up. Nodes that show the same mesh in the
-// same size share it.
+// The geometry of one node of the file: triangles of one material, in m, z up. Nodes that use the same mesh at the same
+// scale share it.
 struct ImportedPart {
   std::string name, material;
   std::shared_ptr<const Mesh> mesh;
@@ -36,16 +36,17 @@ struct MeshImport {
   std::vector<ImportedPart> parts;
   double unit_m = 1;
   std::string up;
-  size_t triangles = 0, degenerate = 0;  // the latter were dropped
-  size_t meshes = 0;                     // different ones
+  size_t triangles = 0, degenerate = 0;  // degenerate triangles are dropped
+  size_t meshes = 0;                     // distinct meshes
   Eigen::Vector3d low = Eigen::Vector3d::Zero(), high = Eigen::Vector3d::Zero();
 
-  // "house.dae: 0.0254 m a unit, z up; 12 parts, 3210 triangles (4 degenerate ones dropped), 12.10 x 9.30 x 6.00 m"
+  // Formats a one-line summary, e.g.
+  // "house.dae: unit 0.0254 m, z up; 12 parts, 3210 triangles (4 degenerate dropped), 12.1 x 9.3 x 6 m".
   std::string summary(const std::filesystem::path& file) const;
 };
 
-// Throws Error naming the file when it cannot be read, holds no triangle, or holds indices or coordinates that are
-// none.
+// Imports a mesh file into the z-up world frame (m). Throws Error naming the file if it cannot be read, contains no
+// non-degenerate triangle, or contains invalid indices or non-finite coordinates.
 MeshImport import_mesh(const std::filesystem::path& file, const MeshImportOptions& options = {});
 
 }  // namespace fringeslam::sim

@@ -24,7 +24,7 @@ namespace fringeslam::sim {
 
 namespace {
 
-// --- the pipe: plain values one after the other, described once for both of its ends ---
+// --- pipe protocol: plain values in sequence, defined once for both directions ---
 
 class Writer {
  public:
@@ -60,7 +60,7 @@ class Reader {
   void list(std::vector<T>& v) {
     uint64_t count = 0;
     value(count);
-    if (count > (bytes_.size() - at_) / sizeof(T)) throw Error("the reader's answer is cut off");
+    if (count > (bytes_.size() - at_) / sizeof(T)) throw Error("the mesh reader's output is truncated");
     v.resize(count);
     if (count > 0) take(v.data(), count * sizeof(T));
   }
@@ -77,7 +77,7 @@ class Reader {
 
  private:
   void take(void* to, size_t size) {
-    if (size > bytes_.size() - at_) throw Error("the reader's answer is cut off");
+    if (size > bytes_.size() - at_) throw Error("the mesh reader's output is truncated");
     std::memcpy(to, bytes_.data() + at_, size);
     at_ += size;
   }
@@ -172,7 +172,7 @@ RawMaterial raw_material(const aiMaterial& material) {
 RawTexture raw_texture(const aiTexture& texture) {
   RawTexture raw;
   const auto* bytes = reinterpret_cast<const uint8_t*>(texture.pcData);
-  if (texture.mHeight == 0) {  // encoded; the width is its length
+  if (texture.mHeight == 0) {  // encoded; mWidth is the length in bytes
     raw.format = texture.achFormatHint;
     raw.bytes.assign(bytes, bytes + texture.mWidth);
   } else {
@@ -182,7 +182,8 @@ RawTexture raw_texture(const aiTexture& texture) {
   return raw;
 }
 
-// FBX says how many centimetres a unit is; assimp itself turns COLLADA into metres, and glTF is in metres.
+// Returns the unit in m, or 0 if unknown. FBX gives centimetres per unit; assimp converts COLLADA to metres; glTF is in
+// metres.
 double unit_of(const aiScene& scene, const std::string& extension) {
   if (extension == ".dae" || extension == ".gltf" || extension == ".glb") return 1;
   if (!scene.mMetaData) return 0;
@@ -200,7 +201,7 @@ std::string lower_extension(const std::filesystem::path& file) {
   return extension;
 }
 
-// 'm' and the model, or 'e' and a message.
+// Returns 'm' and the serialised model, or 'e' and an error message.
 std::string answer(const std::filesystem::path& file) {
   Assimp::Importer importer;
   importer.SetPropertyInteger(AI_CONFIG_PP_SBP_REMOVE, aiPrimitiveType_POINT | aiPrimitiveType_LINE);
@@ -234,7 +235,7 @@ void limit_resources(double time_limit_s, double memory_limit_gib) {
   setrlimit(RLIMIT_CPU, &time);
   const rlimit no_core{0, 0};
   setrlimit(RLIMIT_CORE, &no_core);
-#ifndef __SANITIZE_ADDRESS__  // whose shadow memory is larger than any limit
+#ifndef __SANITIZE_ADDRESS__  // its shadow memory exceeds any limit
   long pages = 0;
   if (FILE* statm = std::fopen("/proc/self/statm", "r")) {
     if (std::fscanf(statm, "%ld", &pages) != 1) pages = 0;
@@ -249,7 +250,7 @@ void limit_resources(double time_limit_s, double memory_limit_gib) {
 
 [[noreturn]] void work_as_child(int descriptor, const std::filesystem::path& file, double time_limit_s,
                                 double memory_limit_gib) {
-  // What our handlers would do on a crash is none of the child's business; nor is anybody's terminal.
+  // The child must neither run the parent's signal handlers nor use its terminal.
   for (const int signal : {SIGSEGV, SIGABRT, SIGBUS, SIGFPE, SIGILL, SIGINT, SIGTERM}) std::signal(signal, SIG_DFL);
   const int nowhere = open("/dev/null", O_RDWR);
   for (const int standard : {0, 1, 2}) dup2(nowhere, standard);
@@ -258,7 +259,7 @@ void limit_resources(double time_limit_s, double memory_limit_gib) {
   try {
     result = answer(file);
   } catch (const std::bad_alloc&) {
-    result = "ereading it takes more memory than is allowed";
+    result = "ereading it exceeds the memory limit";
   } catch (const std::exception& e) {
     result = std::string("e") + e.what();
   }
@@ -266,7 +267,7 @@ void limit_resources(double time_limit_s, double memory_limit_gib) {
   _exit(0);
 }
 
-// Everything the child says until it closes the pipe; empty time left: nothing more.
+// Reads until the child closes the pipe; returns false if the time limit expires first.
 bool read_all(int descriptor, double time_limit_s, std::string& bytes) {
   const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(time_limit_s);
   std::vector<char> buffer(1 << 20);
@@ -287,9 +288,9 @@ bool read_all(int descriptor, double time_limit_s, std::string& bytes) {
 
 RawModel read_model(const std::filesystem::path& file, double time_limit_s, double memory_limit_gib) {
   int ends[2];
-  if (pipe2(ends, O_CLOEXEC) != 0) throw Error(file.string() + ": no pipe to the mesh reader");
+  if (pipe2(ends, O_CLOEXEC) != 0) throw Error(file.string() + ": cannot create a pipe to the mesh reader");
   const pid_t child = fork();
-  if (child < 0) throw Error(file.string() + ": no process for the mesh reader");
+  if (child < 0) throw Error(file.string() + ": cannot start a process for the mesh reader");
   if (child == 0) {
     close(ends[0]);
     work_as_child(ends[1], file, time_limit_s, memory_limit_gib);
@@ -305,11 +306,11 @@ RawModel read_model(const std::filesystem::path& file, double time_limit_s, doub
     throw Error(file.string() + ": reading it takes longer than " + std::to_string(static_cast<int>(time_limit_s)) +
                 " s; the file is broken or very large");
   if (!WIFEXITED(status) || bytes.empty())
-    throw Error(file.string() + ": the mesh reader crashed on it; the file is broken, export it again");
+    throw Error(file.string() + ": the mesh reader crashed; the file is probably broken, export it again");
   if (bytes[0] == 'e') {
     std::string message = bytes.substr(1);
     std::replace(message.begin(), message.end(), '\n', ' ');
-    throw Error(file.string() + ": is no mesh that can be read: " + message);
+    throw Error(file.string() + ": is not a readable mesh: " + message);
   }
   const std::string packed = bytes.substr(1);
   Reader in(packed);

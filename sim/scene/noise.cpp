@@ -7,7 +7,7 @@ namespace fringeslam::sim {
 
 namespace {
 
-// Integer mixing of a lattice point to [-1, 1].
+// Hashes a lattice point to [-1, 1].
 double lattice(int x, int y, int z, uint32_t seed) {
   uint32_t h = seed * 0x9e3779b9u + static_cast<uint32_t>(x) * 0x85ebca6bu + static_cast<uint32_t>(y) * 0xc2b2ae35u +
                static_cast<uint32_t>(z) * 0x27d4eb2fu;

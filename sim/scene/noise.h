@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Smooth value noise in space: in double precision for the shape of rocks, sixteen points at once in single
-// precision for albedo.
+// Smooth 3D value noise: scalar double precision for rock shapes, and single precision for sixteen points at a time for
+// albedo.
 #pragma once
 
 #include <Eigen/Core>
@@ -8,15 +8,15 @@
 
 namespace fringeslam::sim {
 
-// Cubic-interpolated lattice noise in [-1, 1]; one unit of `p` is one lattice cell.
+// Evaluates lattice noise in [-1, 1], interpolated with a quintic fade; one unit of `p` is one lattice cell.
 double value_noise(const Eigen::Vector3d& p, uint32_t seed);
 
-// Sum of `octaves` noises, each of half the size and half the weight of the one before, in [-1, 1].
+// Evaluates the normalised sum, in [-1, 1], of `octaves` noises, each at half the scale and weight of the previous one.
 double fractal_noise(const Eigen::Vector3d& p, int octaves, uint32_t seed);
 
 inline constexpr int kNoiseLanes = 16;
 
-// Within a few thousand cells of the origin.
+// Coordinates in lattice cells, valid within a few thousand cells of the origin.
 struct alignas(64) NoisePoints {
   float x[kNoiseLanes], y[kNoiseLanes], z[kNoiseLanes];
 };

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sixteen points at once; every loop over lanes becomes vector instructions.
+// Noise for sixteen points at a time; the loops over lanes are auto-vectorised.
 #include <cmath>
 
 #include "core/base/instruction_set.h"
@@ -28,7 +28,7 @@ FRINGESLAM_INLINE float fade(float t) { return t * t * t * (t * (6 * t - 15) + 1
 FRINGESLAM_INLINE void add_noise(const NoisePoints& p, float scale, float weight, uint32_t seed, NoiseValues& sum) {
   for (int i = 0; i < kNoiseLanes; ++i) {
     const float x = scale * p.x[i], y = scale * p.y[i], z = scale * p.z[i];
-    // Floor, without a call: truncation, and one less where that went up.
+    // Floor without a library call: truncate, then subtract one where truncation rounded up.
     const auto tx = static_cast<int32_t>(x), ty = static_cast<int32_t>(y), tz = static_cast<int32_t>(z);
     const int32_t cx = tx - (static_cast<float>(tx) > x), cy = ty - (static_cast<float>(ty) > y),
                   cz = tz - (static_cast<float>(tz) > z);

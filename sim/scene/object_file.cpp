@@ -31,7 +31,7 @@ using MeshReader = std::function<Mesh(const YamlMap&, uint32_t seed)>;
 
 Eigen::Vector3d read_size(const YamlMap& map) { return map.vector3("size_m", kLength); }
 
-// Objects of a shape of their own: what each takes, and its mesh.
+// Readers for shapes that are not piece kinds: each parses its keys and builds the mesh.
 const std::map<std::string, MeshReader>& mesh_readers() {
   static const std::map<std::string, MeshReader> readers = {
       {"plane",
@@ -62,7 +62,7 @@ const std::map<std::string, MeshReader>& mesh_readers() {
          const int slats = map.integer("slats", {1, 1000});
          const double angle = map.number("slat_angle_deg", {-90, 90}) * std::numbers::pi / 180;
          const double thickness = map.number_or("thickness_m", 0.002, kLength);
-         if (thickness * slats >= 0.5 * size[1]) throw map.error("slats", "so many slats fill the blind");
+         if (thickness * slats >= 0.5 * size[1]) throw map.error("slats", "too many slats for this height");
          return blinds_mesh(size[0], size[1], slats, angle, thickness);
        }},
       {"lattice", [](const YamlMap& map, uint32_t) {
@@ -73,7 +73,7 @@ const std::map<std::string, MeshReader>& mesh_readers() {
   return readers;
 }
 
-// The pieces of piles, alone: those that are not among the shapes above.
+// Reads a single object whose shape is a piece kind (pile.h) without a reader above.
 Mesh read_piece(const YamlMap& map, const std::string& kind, uint32_t seed) {
   const int detail = kind == "stone" ? map.integer_or("detail", 4, kDetail) : 0;
   return make_piece(kind, read_size(map), detail, seed).mesh;
@@ -100,7 +100,7 @@ const std::vector<std::string>& shape_names() {
   return all;
 }
 
-// What scatters and piles have in common of an item: its range of sizes and its share.
+// Reads the keys common to scatter and pile items: size range, material and weight.
 template <class Item>
 void read_item(const YamlMap& map, const Materials& materials, Item& item) {
   item.size_min = map.vector3("size_min_m", kLength);
@@ -124,11 +124,11 @@ Scatter read_scatter(const YamlMap& map, const Materials& materials, int most) {
     item.shape = read_shape(entry.kind("shape", {"box", "cylinder", "sphere", "rock"}));
     read_item(entry, materials, item);
   }
-  if (scatter.items.empty()) throw map.error("items", "'items' is empty; say what to scatter");
+  if (scatter.items.empty()) throw map.error("items", "'items' is empty; list the objects to scatter");
   return scatter;
 }
 
-// About how many triangles its stones have; those of other pieces do not grow without bounds.
+// Estimates the number of triangles of the pile's stones; other pieces have bounded triangle counts.
 double stone_triangles(const Pile& pile) {
   double weights = 0, triangles = 0;
   for (const PileItem& item : pile.items) weights += item.weight;
@@ -144,7 +144,7 @@ Pile read_pile(const YamlMap& map, const Materials& materials, const SceneLimits
   Pile pile;
   const std::vector<double> area = map.numbers("area_m", 2, kLength);
   pile.area = {area[0], area[1], map.number_or("walls_m", 0, {0, 100})};
-  if (map.has("count") == map.has("per_m2")) throw map.error("give count or per_m2, one of the two");
+  if (map.has("count") == map.has("per_m2")) throw map.error("give either count or per_m2");
   const Range pieces{1, std::min(5000.0, static_cast<double>(limits.scattered))};
   if (map.has("count")) {
     pile.count = map.integer("count", pieces);
@@ -167,13 +167,14 @@ Pile read_pile(const YamlMap& map, const Materials& materials, const SceneLimits
     }
     if (item.kind == "stone") item.detail = entry.integer_or("detail", item.detail, kDetail);
   }
-  if (pile.items.empty()) throw map.error("items", "'items' is empty; say what to pile up");
+  if (pile.items.empty()) throw map.error("items", "'items' is empty; list the pieces of the pile");
   if (std::all_of(pile.items.begin(), pile.items.end(), [](const PileItem& item) { return item.exactly.has_value(); }))
-    throw map.error("items", "every item says 'exactly'; one must have a weight, for the pieces that 'count' promises");
-  // Beforehand: they would take all of the memory.
+    throw map.error("items", "every item has 'exactly'; at least one needs a weight to supply the pieces of 'count'");
+  // Checked before the meshes are built, which could exhaust memory.
   if (const double triangles = stone_triangles(pile); triangles > static_cast<double>(limits.triangles))
-    throw map.error("items", "the stones of the pile have about " + to_text(std::round(triangles)) + " triangles; " +
-                                 std::to_string(limits.triangles) + " are permitted: take variants, or less detail");
+    throw map.error("items", "the stones of the pile have about " + to_text(std::round(triangles)) +
+                                 " triangles; at most " + std::to_string(limits.triangles) +
+                                 " are allowed: use variants or less detail");
   return pile;
 }
 
@@ -187,14 +188,14 @@ std::vector<Object> read_pile_objects(const YamlMap& map, uint32_t number, const
   }
   if (!result.from_cache) {
     char text[128];
-    std::snprintf(text, sizeof text, "pile of %d pieces settled in %.1f s of their time; kept in %s", pile.count,
+    std::snprintf(text, sizeof text, "pile of %d pieces settled in %.1f s of simulated time; cached in %s", pile.count,
                   result.settled.time_s, cache_folder().c_str());
     context.notes.push_back(text);
   }
   return std::move(result.objects);
 }
 
-// The parts of a mesh file, each an object; `material` replaces those of the file.
+// Imports a mesh file, one object per part; `material` overrides the file's materials.
 std::vector<Object> read_mesh(const YamlMap& map, const Materials& materials, uint32_t seed,
                               std::vector<std::string>& notes) {
   const std::filesystem::path file = map.file("file");
@@ -220,7 +221,7 @@ std::vector<Object> read_mesh(const YamlMap& map, const Materials& materials, ui
     if (!part.texture.empty() && !material) {
       std::error_code ignored;
       if (!std::filesystem::exists(part.texture, ignored))
-        throw map.error("file", part.texture.string() + ", its texture, does not exist; give a material");
+        throw map.error("file", part.texture.string() + ", the mesh's texture, does not exist; give a material");
       object.material.texture = part.texture.string();
       object.material.albedo = 1;
     }

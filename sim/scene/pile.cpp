@@ -17,7 +17,7 @@ namespace fringeslam::sim {
 
 namespace {
 
-constexpr size_t kMostCorners = 60;  // of a hull
+constexpr size_t kMostCorners = 60;  // per hull
 
 Solid convex(Mesh mesh) {
   Solid solid;
@@ -73,7 +73,7 @@ const std::map<std::string, Kind>& kinds() {
   return all;
 }
 
-// What is piled up: shared by the pieces of a variant.
+// A shape shared by all pieces of one variant.
 struct Variant {
   Solid solid;
   std::shared_ptr<const Mesh> mesh;
@@ -108,7 +108,7 @@ std::vector<Piece> draw_pieces(const Pile& pile, uint64_t seed, uint32_t generat
     pieces.push_back({&item, made});
   }
   for (size_t kind = 0; kind < pile.items.size(); ++kind) {
-    constexpr size_t kFirstNumber = 500000;  // beyond those of any other piece
+    constexpr size_t kFirstNumber = 500000;  // beyond the numbers of all weighted pieces
     const PileItem& item = pile.items[kind];
     const auto place = static_cast<std::ptrdiff_t>(item.after * pile.count);
     for (int n = 0; n < item.exactly.value_or(0); ++n) {
@@ -120,7 +120,7 @@ std::vector<Piece> draw_pieces(const Pile& pile, uint64_t seed, uint32_t generat
   return pieces;
 }
 
-// --- settled piles in the cache: named by everything that settling depends on ---
+// --- cache of settled piles, keyed by all inputs of the simulation ---
 
 template <class T>
 void append_bytes(std::string& bytes, const T& value) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A pile: pieces of several kinds, dropped onto an area and settled (sim/scene/settle.h). Lengths in m. A pile that was
-// settled before is taken from the cache (sim/scene/cache.h).
+// Piles: pieces of several kinds, dropped onto an area and settled by rigid-body simulation (sim/scene/settle.h).
+// Lengths in m. Previously settled piles are read from the cache (sim/scene/cache.h).
 #pragma once
 
 #include <Eigen/Core>
@@ -15,21 +15,21 @@
 
 namespace fringeslam::sim {
 
-// The kinds of pieces, by the names that they have in scene files.
+// Returns the names of the piece kinds, as used in scene files.
 const std::vector<std::string>& piece_kinds();
 
-// A piece of a kind, of this extent along x, y and z; thicknesses and bends that the extent leaves open are drawn from
-// the seed. `detail` is of stones.
+// Builds a piece of the given kind with extents `size` along x, y and z; properties not fixed by the size, such as
+// bends, are drawn from the seed. `detail` is the subdivision level of stones.
 Solid make_piece(const std::string& kind, const Eigen::Vector3d& size, int detail, uint32_t seed);
 
 struct PileItem {
   std::string kind;
-  Eigen::Vector3d size_min = Eigen::Vector3d::Zero(), size_max = Eigen::Vector3d::Zero();  // drawn evenly between
+  Eigen::Vector3d size_min = Eigen::Vector3d::Zero(), size_max = Eigen::Vector3d::Zero();  // drawn uniformly between
   Material material;
-  double weight = 1;  // how often, against the other items
-  int variants = 0;   // so many different ones, each several times and held once; 0: all different
+  double weight = 1;  // relative frequency among the items
+  int variants = 0;   // number of distinct shapes, each stored once and reused; 0: every piece is distinct
   int detail = 3;
-  // Instead of by weight: so many of it, dropped when this share of the others has been dropped.
+  // Fixed number of pieces instead of a weight, inserted after the fraction `after` of the weighted pieces.
   std::optional<int> exactly = {};
   double after = 0;
 };
@@ -46,6 +46,8 @@ struct PileObjects {
   Settled settled;
   bool from_cache = false;
 };
+// Draws the pieces, settles them and returns the objects; `generator` selects the random stream. Throws Error if the
+// pieces do not come to rest.
 PileObjects pile_objects(const Pile& pile, uint64_t seed, uint32_t generator);
 
 }  // namespace fringeslam::sim

@@ -11,7 +11,7 @@
 namespace fringeslam::sim {
 
 Pose looking_at(const Eigen::Vector3d& eye, const Eigen::Vector3d& target, const Eigen::Vector3d& up) {
-  if ((target - eye).norm() < 1e-9) throw Error("the camera stands on what it is to look at");
+  if ((target - eye).norm() < 1e-9) throw Error("the camera position coincides with its target");
   const Eigen::Vector3d forward = (target - eye).normalized();
   Eigen::Vector3d right = forward.cross(up);
   if (right.norm() < 1e-6) right = forward.cross(Eigen::Vector3d::UnitX());
@@ -33,7 +33,7 @@ double length(const Pose& a, const Pose& b, double turn_m_per_rad) {
   return translation_m(step) + turn_m_per_rad * rotation_rad(step);
 }
 
-// The segment of a Catmull-Rom curve between p[1] and p[2], at knot value t (Barry and Goldman 1988).
+// Evaluates the Catmull-Rom segment between p[1] and p[2] at knot value t (Barry and Goldman 1988).
 Pose catmull_rom(const Pose p[4], const double knot[4], double t) {
   const auto between = [&](const Pose& a, const Pose& b, int i, int j) {
     return interpolate(a, b, (t - knot[i]) / (knot[j] - knot[i]));
@@ -43,14 +43,14 @@ Pose catmull_rom(const Pose p[4], const double knot[4], double t) {
   return between(b1, b2, 1, 2);
 }
 
-// Many poses along the whole curve.
+// Samples the whole curve densely.
 std::vector<Pose> dense_curve(const std::vector<Pose>& waypoints, bool closed, double turn_m_per_rad) {
   constexpr int kPerSegment = 64;
   const int n = static_cast<int>(waypoints.size());
   const auto at = [&](int i) -> Pose {
     if (closed) return waypoints[static_cast<size_t>((i % n + n) % n)];
     const auto w = [&](int k) { return waypoints[static_cast<size_t>(k)]; };
-    // Before the first and after the last the curve goes on as it came.
+    // Open curves are extrapolated beyond their first and last waypoints.
     if (i < 0) return interpolate(w(0), w(1), -1);
     if (i >= n) return interpolate(w(n - 2), w(n - 1), 2);
     return w(i);

@@ -12,15 +12,15 @@ namespace fringeslam::sim {
 
 namespace {
 
-// An upright cuboid around an object: centre, half sizes along its own axes, turned by yaw.
+// Upright bounding cuboid of an object: centre, half sizes along its own axes, yaw.
 struct Footprint {
   double x = 0, y = 0, half_x = 0, half_y = 0, yaw = 0;
   double top = 0;
   bool flat_top = false;
   Eigen::Vector2d axes[2] = {};
-  double reach = 0;  // no point of it is farther from its centre
+  double reach = 0;  // bounding radius about the centre
 
-  // Once the rest is known; every attempt compares one with all that have been placed.
+  // Precomputes axes and reach; to be called once the other members are set.
   void measure() {
     axes[0] = {std::cos(yaw), std::sin(yaw)}, axes[1] = {-std::sin(yaw), std::cos(yaw)};
     reach = 1.000001 * std::hypot(half_x, half_y);
@@ -35,7 +35,7 @@ struct Footprint {
   }
 };
 
-// Separating axes of two rectangles.
+// True if two rectangles overlap (separating axis test).
 bool overlap(const Footprint& a, const Footprint& b) {
   const Eigen::Vector2d between(b.x - a.x, b.y - a.y);
   for (const Footprint* f : {&a, &b}) {
@@ -53,8 +53,8 @@ bool inside(const Footprint& inner, const Footprint& outer) {
          std::abs(between.dot(outer.axis(1))) + inner.extent_along(outer.axis(1)) <= outer.half_y;
 }
 
-// Height at which the footprint can rest: on the ground when it touches nothing, on a flat top when it
-// lies wholly on it and touches nothing else; negative when it can do neither.
+// Returns the height at which the footprint can rest: 0 on the ground if it overlaps nothing, the height of a flat top
+// if it lies entirely on it and overlaps nothing higher; negative if neither is possible.
 double rest_height(const Footprint& candidate, const std::vector<Footprint>& placed) {
   double height = 0;
   for (const Footprint& other : placed) {
@@ -101,7 +101,7 @@ std::vector<Object> scatter_objects(const Scatter& scatter, uint64_t seed, uint3
       f.half_x = size.x() / 2;
       f.half_y = size.y() / 2;
       f.flat_top = item.shape == Shape::box || item.shape == Shape::cylinder;
-      // A rock's noise may carry it past its nominal size.
+      // Noise may extend a rock beyond its nominal size.
       if (item.shape == Shape::rock) f.half_x *= 1.25, f.half_y *= 1.25;
       f.measure();
       const double base = rest_height(f, placed);
@@ -112,7 +112,7 @@ std::vector<Object> scatter_objects(const Scatter& scatter, uint64_t seed, uint3
       object.mesh = std::make_shared<const Mesh>(make_mesh(item.shape, size, shape_seed));
       object.material = item.material;
       object.texture_seed = shape_seed;
-      // Rocks are sunk a little, as they bed into what they lie on.
+      // Rocks sink slightly into their support.
       const double sink = item.shape == Shape::rock ? 0.1 * size.z() : 0;
       object.world_from_object =
           scatter.world_from_area * Pose{rotation_exp({0, 0, f.yaw}), {f.x, f.y, base + size.z() / 2 - sink}};

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Places boxes, cylinders and rocks at random upright poses on a table, on the floor or flat on one
-// another, without interpenetration.
+// Scatters boxes, cylinders, spheres and rocks at random upright poses on the ground or flat on one another, without
+// interpenetration.
 #pragma once
 
 #include <Eigen/Core>
@@ -14,7 +14,7 @@ namespace fringeslam::sim {
 
 enum class Shape { box, cylinder, sphere, rock };
 
-// One kind of thing to scatter; sizes are drawn uniformly between the two corners.
+// One kind of object to scatter; sizes are drawn uniformly between size_min and size_max (m).
 struct ScatterItem {
   Shape shape = Shape::box;
   Eigen::Vector3d size_min = Eigen::Vector3d::Zero(), size_max = Eigen::Vector3d::Zero();
@@ -24,13 +24,13 @@ struct ScatterItem {
 
 struct Scatter {
   int count = 0;
-  double area_x = 0, area_y = 0;  // m, around the origin of the scatter
-  double max_height = 0.3;        // m; nothing is stacked higher
+  double area_x = 0, area_y = 0;  // m, centred on the scatter's origin
+  double max_height = 0.3;        // m; limit on stacking height
   Pose world_from_area;
   std::vector<ScatterItem> items;
 };
 
-// Fewer objects than `count` when the area is full.
+// Places the objects; returns fewer than `count` if no room is found. `generator` selects the random stream.
 std::vector<Object> scatter_objects(const Scatter& scatter, uint64_t seed, uint32_t generator);
 
 }  // namespace fringeslam::sim

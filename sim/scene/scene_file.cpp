@@ -15,7 +15,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// The distributions of a scene file, drawn from its seed.
+// Draws the values of a scene file's distributions from its seed.
 class SceneDraws : public Draws {
  public:
   explicit SceneDraws(uint64_t seed) : seed_(seed) {}
@@ -29,8 +29,8 @@ class SceneDraws : public Draws {
   uint64_t seed_;
 };
 
-// A scene file and what it includes. A section that the file has itself is used instead of those of included files, of
-// which the first counts; materials and objects come together from all of them.
+// A scene file with its included files. A section is taken from the first file that has it, the scene file itself
+// before its includes; materials and objects are merged from all files.
 class SceneLayers {
  public:
   SceneLayers(const fs::path& file, const SceneReading& reading) : reading_(reading) {
@@ -41,7 +41,7 @@ class SceneLayers {
     for (size_t i = 0; i < layers_.size(); ++i) layers_[i].draw_from(draws, places_[i]);
   }
 
-  // The layer to read a section from: the first that has it, else the file itself, which will say that it is missing.
+  // Returns the first layer that has the section, else the scene file itself, which then reports it as missing.
   const YamlMap& with(const std::string& section) const {
     const YamlMap* first = nullptr;
     for (const YamlMap& layer : layers_) {
@@ -57,7 +57,7 @@ class SceneLayers {
     for (const YamlMap& layer : layers_) layer.finish();
   }
 
-  // One file that says the same.
+  // Formats an equivalent single file with all values drawn; its paths are relative to `folder`.
   std::string resolved(const fs::path& folder) const;
 
   uint64_t seed = 1;
@@ -71,7 +71,7 @@ class SceneLayers {
 
   void add(const fs::path& file, const std::string& place) {
     constexpr size_t kMost = 100;
-    if (layers_.size() == kMost) throw Error(file.string() + ": more than 100 files include one another");
+    if (layers_.size() == kMost) throw Error(file.string() + ": more than 100 included files");
     if (!files_.insert(fs::weakly_canonical(file)).second) return;
     YamlMap map = YamlMap::load(file);
     if (reading_.errors) map.collect_errors(*reading_.errors);
@@ -91,11 +91,11 @@ class SceneLayers {
 
   SceneReading reading_;
   std::vector<YamlMap> layers_;
-  std::vector<std::string> places_;  // of each layer, for the addresses of what is drawn in it
+  std::vector<std::string> places_;  // include path of each layer, part of the address of its draws
   std::set<fs::path> files_;
 };
 
-// The lines of a text, the first after `first` and the others indented as far.
+// Prefixes the first line of a text with `first` and indents the other lines by its length.
 std::string indented(const std::string& text, const std::string& first) {
   std::string result = first;
   const std::string indent(first.size(), ' ');
@@ -142,7 +142,7 @@ Materials read_materials(const SceneLayers& layers) {
     if (!layer.has("materials")) continue;
     const YamlMap map = layer.map("materials");
     for (const std::string& name : map.keys()) {
-      const bool first = materials.try_emplace(name).second;  // known by name even if it cannot be read
+      const bool first = materials.try_emplace(name).second;  // keep the name known even if reading fails
       const YamlMap entry = map.map(name);
       entry.attempt([&] {
         Material material = read_material(entry);
@@ -171,20 +171,20 @@ std::vector<Object> read_all_objects(const SceneLayers& layers, const Materials&
         ++read;
       });
       ++number;
-      // Outside of `attempt`: nothing more is read, not for the sake of its errors either.
+      // Thrown outside `attempt`: exceeding a limit stops reading even while errors are being collected.
       if (objects.size() > limits.objects)
-        throw entry.error("up to here the scene has " + std::to_string(objects.size()) + " objects; " +
-                          std::to_string(limits.objects) + " are permitted");
+        throw entry.error("up to here the scene has " + std::to_string(objects.size()) + " objects; at most " +
+                          std::to_string(limits.objects) + " are allowed");
       if (triangles > limits.triangles)
-        throw entry.error("up to here the scene has " + std::to_string(triangles) + " triangles; " +
-                          std::to_string(limits.triangles) + " are permitted");
+        throw entry.error("up to here the scene has " + std::to_string(triangles) + " triangles; at most " +
+                          std::to_string(limits.triangles) + " are allowed");
     }
   }
   const YamlMap& own = layers.all().front();
   if (number == 0)
     own.report(own.error("objects", "the scene has no object; add one under 'objects'"));
   else if (objects.empty() && read == number)
-    own.report(own.error("objects", "no object came of the scene's entries; nothing that is scattered fits"));
+    own.report(own.error("objects", "the scene's entries produce no object; no scattered object fits into its area"));
   for (size_t i = 0; i < objects.size(); ++i) objects[i].name = "object " + std::to_string(i + 1);
   return objects;
 }
@@ -196,7 +196,7 @@ PatternSequence read_scene_patterns(const YamlMap& map, const RigModel& rig) {
   } catch (const Error& e) {
     throw map.error(e.what());
   }
-  // What the rig's response bends is bent back beforehand.
+  // Compensates the projector response in the patterns.
   if (map.boolean_or("linearised", false)) {
     if (rig.projector_response.empty())
       throw map.error("linearised",
@@ -267,9 +267,9 @@ RigModel read_scene_rig(const YamlMap& map, const fs::path& instead) {
 RigModel calibration_of(const Scene& scene) {
   RigModel rig = scene.rig;
   const CalibrationError& error = scene.calibration_error;
-  if (error.translation_m.isZero() && error.angles_deg.isZero() && error.focal == 0) return rig;  // to the last bit
+  if (error.translation_m.isZero() && error.angles_deg.isZero() && error.focal == 0) return rig;  // bit-exact
   const Pose turned = pose_from({1e3 * error.translation_m, error.angles_deg});
-  // Of the projector as seen from the camera.
+  // The error is defined on camera_from_projector.
   rig.projector_from_camera = (rig.projector_from_camera.inverse() * turned).inverse();
   rig.camera.fx *= 1 + error.focal;
   rig.camera.fy *= 1 + error.focal;
@@ -278,7 +278,6 @@ RigModel calibration_of(const Scene& scene) {
 
 Scene load_scene(const fs::path& file, const SceneReading& reading) {
   const SceneLayers layers(file, reading);
-  // Runs `read` on a section of that name.
   const auto section = [&](const std::string& name, const auto& read) {
     const YamlMap map = layers.section(name);
     map.attempt([&] { read(map); });

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The parts of a scene file, each read from its own section (keys in scenes/README.md). Included by the files that read
-// scenes and by nobody else.
+// Parsers for the sections of a scene file (keys in scenes/README.md). Internal to the scene-reading sources.
 #pragma once
 
 #include <map>
@@ -18,20 +17,22 @@ constexpr Range kFraction{0, 1};
 
 using Materials = std::map<std::string, Material>;
 
+// Reads one entry of `materials`. Throws Error on invalid values.
 Material read_material(const YamlMap& map);
-// The material that `map` names by its key 'material'.
+// Returns the material named by the key 'material' of `map`.
 Material find_material(const YamlMap& map, const Materials& materials);
 
-// What reading objects needs to know and may say.
+// Inputs and message output of read_objects.
 struct ObjectContext {
   const Materials& materials;
   uint64_t seed = 0;
   std::vector<std::string>& notes;
   SceneLimits limits = {};
 };
-// One entry of `objects`, the `number`th of the scene; several objects when it scatters, piles up or imports.
+// Reads entry `number` of the scene's `objects`; scatters, piles and mesh files yield several objects.
 std::vector<Object> read_objects(const YamlMap& entry, uint32_t number, const ObjectContext& context);
 
+// Reads the `trajectory` section into timed robot poses (world_from_robot). Throws Error on invalid values.
 Trajectory read_trajectory(const YamlMap& map, const RigModel& rig, uint64_t seed, const SceneLimits& limits);
 
 }  // namespace fringeslam::sim

@@ -17,9 +17,9 @@ namespace fringeslam::sim {
 
 namespace {
 
-// Bullet likes bodies of about one unit: a unit is 10 cm.
+// Length of one Bullet unit, m; body sizes should be about one unit.
 constexpr double kUnit = 0.1;
-// Around each hull, kept between surfaces at rest: what the solver leaves of a contact is taken from it.
+// Collision margin around each hull, which absorbs the solver's residual penetration of resting contacts.
 constexpr double kMargin = 0.0002 / kUnit;
 
 btVector3 to_bullet(const Eigen::Vector3d& m) {
@@ -31,13 +31,13 @@ Eigen::Vector3d from_bullet(const btVector3& v) {
   return kUnit * Eigen::Vector3d(static_cast<double>(v.x()), static_cast<double>(v.y()), static_cast<double>(v.z()));
 }
 
-// A body in Bullet's world; its origin there is the centre of mass.
+// A body in Bullet's world, where its origin is the centre of mass.
 struct Loose {
   std::vector<std::unique_ptr<btConvexHullShape>> hulls;
-  btCompoundShape compound;  // of several hulls
+  btCompoundShape compound;  // used if there are several hulls
   std::unique_ptr<btRigidBody> body;
-  Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // of mass, in the body's own frame
-  double radius = 0;                                 // about the centre of mass
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // centre of mass in the body frame, m
+  double radius = 0;                                 // bounding radius about the centre of mass, m
 
   explicit Loose(const Body& from) {
     double volume = 0;
@@ -86,7 +86,7 @@ struct Loose {
     return pose;
   }
 
-  // v^2/2 + w I w/2m, J/kg.
+  // Kinetic energy per unit mass, v^2/2 + w I w/2m, J/kg.
   double energy() const {
     const btVector3 v = body->getLinearVelocity(), w = body->getAngularVelocity();
     const btVector3 spin = body->getWorldTransform().getBasis().transpose() * w;
@@ -115,7 +115,7 @@ class Tumbling {
     info.m_splitImpulse = 1;
     info.m_splitImpulsePenetrationThreshold = 0;
     info.m_erp2 = 0.3f;
-    // With one, the default, piles creep and never come to rest.
+    // With a single friction direction, the default, piles creep and never come to rest.
     info.m_solverMode |= SOLVER_USE_2_FRICTION_DIRECTIONS;
     solver_.setConstraintRowSolverGeneric(solver_.getScalarConstraintRowSolverGeneric());
     solver_.setConstraintRowSolverLowerLimit(solver_.getScalarConstraintRowSolverLowerLimit());
@@ -159,10 +159,10 @@ class Tumbling {
       for (const size_t i : waiting) world_.removeRigidBody(loose_[i]->body.get());
     }
     throw Error(std::to_string(waiting.size()) + " of " + std::to_string(loose_.size()) +
-                " bodies never come to rest outside the others; drop fewer or smaller ones, or into a larger area");
+                " bodies do not come to rest without penetration; use fewer or smaller bodies or a larger area");
   }
 
-  // Puts the bodies there and lets them go for a while; how far each goes, m.
+  // Simulates from the given poses for `seconds` and returns how far each body moves, m.
   std::vector<double> drift(const std::vector<Pose>& ground_from_body, double seconds) {
     for (size_t i = 0; i < loose_.size(); ++i) {
       const Pose& pose = ground_from_body[i];
@@ -177,15 +177,15 @@ class Tumbling {
   }
 
  private:
-  static constexpr double kAllowed = 0.0008;  // m, of penetration; below the 1 mm that are promised
+  static constexpr double kAllowed = 0.0008;  // penetration, m; below the guaranteed 1 mm
 
   btCollisionShape* plane(const btVector3& normal, btScalar offset) {
     shapes_.push_back(std::make_unique<btStaticPlaneShape>(normal, offset));
     shapes_.back()->setMargin(static_cast<btScalar>(kMargin));
     return shapes_.back().get();
   }
-  // A thick box outside the area, whose inner side faces along `normal`; and a plane over it without an end, there
-  // only while bodies fall.
+  // Adds a thick box outside the area with its inner side facing `normal`, and an unbounded plane in that side, which
+  // exists only while bodies fall.
   void add_wall(const btVector3& normal, btScalar x, btScalar y) {
     constexpr btScalar kThick = 2;
     const auto half_height = static_cast<btScalar>(0.5 * area_.wall_height / kUnit);
@@ -225,7 +225,7 @@ class Tumbling {
     for (const auto& loose : loose_) result.push_back(loose->pose());
     return result;
   }
-  // Of the centres of mass, m.
+  // Returns the displacement of each body's centre of mass, m.
   std::vector<double> distances_from(const std::vector<Pose>& ground_from_body) const {
     std::vector<double> distances;
     for (size_t i = 0; i < loose_.size(); ++i) {
@@ -246,7 +246,7 @@ class Tumbling {
     return highest;
   }
 
-  // Layer by layer, as many at once as find room beside each other, each layer just above what is there.
+  // Drops the bodies layer by layer: each layer holds as many as fit side by side and starts just above the pile.
   void drop(const std::vector<size_t>& bodies) {
     constexpr int kTries = 20;
     set_gravity(1);
@@ -276,7 +276,7 @@ class Tumbling {
   }
 
   void release(Loose& loose, const Eigen::Vector3d& at) {
-    // A random rotation, all alike (Shoemake 1992).
+    // Uniformly distributed random rotation (Shoemake 1992).
     const double u = random_.uniform(), a = 2 * std::numbers::pi * random_.uniform(),
                  b = 2 * std::numbers::pi * random_.uniform();
     const double r1 = std::sqrt(1 - u), r2 = std::sqrt(u);
@@ -296,10 +296,10 @@ class Tumbling {
     world_.addRigidBody(&body);
   }
 
-  // Things left alone creep and rock for long, so they are calmed down; at rest is what then stays where it is under
-  // its full weight. Those that do not after a while.
+  // Returns the bodies that do not come to rest within a time limit. Bodies creep and rock for long, so they are damped
+  // periodically; a body is at rest if it then stays in place under full gravity.
   std::vector<size_t> restless() {
-    constexpr double kStays = 0.003;  // m, in a second; the solver lets what rests creep by about one millimetre
+    constexpr double kStays = 0.003;  // m per second; resting bodies creep by about 1 mm/s in the solver
     constexpr int kSeconds = 30;
     bool calm = false;
     std::vector<size_t> moving;
@@ -320,8 +320,8 @@ class Tumbling {
     return moving;
   }
 
-  // The air grows thick and weight dwindles, for the solver leaves over a share of it in each step. Those that do not
-  // lie still even then.
+  // Increases damping and reduces gravity, of which the solver leaves a residual in each step. Returns the bodies that
+  // are still moving afterwards.
   std::vector<size_t> calm_down() {
     constexpr double kStill = 2e-6;  // J/kg: 2 mm/s
     constexpr int kStillSteps = steps_in(0.25), kMostSteps = steps_in(2);
@@ -363,7 +363,7 @@ class Tumbling {
     }
   }
 
-  // How deep each contact is, without the margins, m.
+  // Calls `visit` with each contact and its penetration depth without the margins, m.
   template <class Visit>
   void visit_contacts(const Visit& visit) {
     for (int i = 0; i < dispatcher_.getNumManifolds(); ++i) {
@@ -380,7 +380,7 @@ class Tumbling {
     return depth;
   }
 
-  // Of two that are in each other the one that came later.
+  // Returns, for each pair of penetrating bodies, the one with the higher index.
   std::vector<size_t> inside_others() {
     std::vector<size_t> found;
     visit_contacts([&](const btPersistentManifold& manifold, double depth) {
@@ -403,7 +403,7 @@ class Tumbling {
   btDiscreteDynamicsWorld world_;
   std::vector<std::unique_ptr<btCollisionShape>> shapes_;
   std::vector<std::unique_ptr<btRigidBody>> fixed_;
-  std::vector<btRigidBody*> chute_;  // those of them that are taken away when everything has been dropped
+  std::vector<btRigidBody*> chute_;  // subset of fixed_ that is removed once everything has been dropped
   std::vector<std::unique_ptr<Loose>> loose_;
   DropArea area_;
   Philox random_;

@@ -19,8 +19,8 @@ Eigen::Vector3d mean(const Points3d& points) {
   return sum / static_cast<double>(points.size());
 }
 
-// The band of triangles between two rings, given by the indices of their first vertices. Quadrangles are cut along the
-// shorter diagonal, which follows creases.
+// Adds the band of triangles between two rings, given by the indices of their first vertices. Quadrilaterals are split
+// along the shorter diagonal, which follows creases.
 void add_band(Mesh& mesh, int low, int high, int sides) {
   const auto distance = [&](int a, int b) {
     return (mesh.vertices[static_cast<size_t>(a)] - mesh.vertices[static_cast<size_t>(b)]).norm();
@@ -94,12 +94,12 @@ Points3d joined(std::span<const Points3d> rings) {
 
 namespace {
 
-// The surface of cells, as it grows: lattice points become vertices when a face first needs them.
+// Surface under construction: lattice points become vertices when a face first uses them.
 class CellSurface {
  public:
   explicit CellSurface(const Ticks& ticks) : ticks_(ticks) {}
 
-  // The cell's face across `axis`, on its low (0) or high (1) side.
+  // Adds the cell's face normal to `axis` on its low (0) or high (1) side.
   void add_face(const Eigen::Vector3i& cell, int axis, int side) {
     const int u = (axis + 1) % 3, v = (axis + 2) % 3;
     Eigen::Vector3i corner = cell;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Building blocks of the solids and of the furniture: closed surfaces made of rings and of lattice cells, and convex
-// polytopes around them. Lengths in m; surfaces are oriented outwards.
+// Building blocks for solids and furniture: closed surfaces built from rings or lattice cells, and convex polytopes
+// that enclose them. Lengths in m; surfaces are oriented outwards.
 #pragma once
 
 #include <Eigen/Core>
@@ -15,64 +15,66 @@ namespace fringeslam::sim {
 
 using Points3d = std::vector<Eigen::Vector3d>;
 
-// A closed surface through rings of equal size, each counter-clockwise seen from the side to which the rings lead. Fans
-// about the means of the end rings close it.
+// Builds a closed surface through rings with equal numbers of points, each counter-clockwise seen from the side of the
+// following rings. Triangle fans around the means of the end rings close it.
 Mesh loft(const std::vector<Points3d>& rings);
 
-// The same, with the last ring joined to the first.
+// Builds a closed surface through the rings with the last ring joined to the first.
 Mesh loft_around(const std::vector<Points3d>& rings);
 
-// Rings about the points of a curve. `section` gives the offset from the curve of a ring's point at an angle: along
-// normal, binormal and tangent of a frame that does not twist; the normal starts near `up`.
+// Builds a ring around each point of a curve. `section` returns the offset of a ring point at an angle, in the normal,
+// binormal and tangent directions of a frame transported along the curve without twist; the normal starts near `up`.
 std::vector<Points3d> rings_along(const Points3d& curve, int sides, const Eigen::Vector3d& up,
                                   const std::function<Eigen::Vector3d(size_t ring, double angle)>& section);
 
-// The points of all the rings.
+// Concatenates the points of all rings.
 Points3d joined(std::span<const Points3d> rings);
 
-// The surface of the filled cells of a rectilinear lattice. Filled cells must not touch along an edge only.
+// Builds the surface of the filled cells of a rectilinear lattice. Filled cells must not touch along an edge only.
 using Ticks = std::array<std::vector<double>, 3>;
 Mesh cells_mesh(const Ticks& ticks, const std::function<bool(const Eigen::Vector3d& cell_centre)>& filled);
-Mesh cells_mesh(const Ticks& ticks);  // all of them filled
+Mesh cells_mesh(const Ticks& ticks);  // all cells filled
 
-// `cells` + 1 equal steps over [-size / 2, size / 2].
+// Returns `cells` + 1 equally spaced ticks over [-size / 2, size / 2].
 std::vector<double> even_ticks(double size, int cells);
 
-// Ticks at the ascending `breaks`, two more within `border` on either side of each, and cells of at most `cell`
-// between.
+// Returns ticks at the ascending `breaks`, two more within `border` on either side of each inner break (on one side of
+// the first and last), and cells of at most `cell` in between.
 std::vector<double> bordered_ticks(const std::vector<double>& breaks, double cell, double border);
 
+// Appends the triangles of `part` to `mesh`.
 void append(Mesh& mesh, const Mesh& part);
 void transform(Points3d& points, const Eigen::Transform<double, 3, Eigen::Isometry>& pose);
 
-// Scaled along the axes and moved so that the bounding box is centred and has this size.
+// Scales (per axis) and translates the mesh so that its bounding box is centred and has this size.
 void fit(Mesh& mesh, const Eigen::Vector3d& size);
 
-// Of the enclosed volume; parts that overlap count once each.
+// Returns the centroid of the enclosed volume; overlapping parts each count.
 Eigen::Vector3d centroid(const Mesh& mesh);
 
-// The cubic from `from` (t = 0) to `to` (t = 1) whose slopes are those between the neighbours' neighbours.
+// Evaluates the Catmull-Rom cubic from `from` (t = 0) to `to` (t = 1).
 double catmull_rom(double before, double from, double to, double after, double t);
 
-// The eight corners of a centred box.
+// Returns the eight corners of a centred box.
 Points3d box_corners(const Eigen::Vector3d& size);
 
-// Corners of a convex polytope around all the points, which must not lie in one plane: the points' convex hull where
-// that has few corners, else the hull of those that matter most, enlarged about its middle until it covers the others.
+// Returns the corners of a convex polytope that encloses all points, which must not be coplanar: their convex hull if
+// it has at most `max_corners` corners, else the hull of the most significant points, scaled about an interior point
+// until it encloses the rest.
 Points3d convex_cover(const Points3d& points, size_t max_corners = 64);
 
-// A regular prism of `sides` sides around all the points, along `axis`.
+// Returns the corners of a regular prism with `sides` sides along `axis` that encloses all points.
 Points3d prism_cover(const Points3d& points, const Eigen::Vector3d& axis, int sides);
 
-// The vertices of the triangles of each part, by a triangle's centre; a cover of each covers the surface. Parts without
-// triangles are left out.
+// Splits the mesh's vertices into parts by the part index of each triangle's centre; convex covers of all parts
+// together cover the surface. Parts without triangles are omitted.
 std::vector<Points3d> split(const Mesh& mesh, int parts,
                             const std::function<int(const Eigen::Vector3d& triangle_centre)>& part_of);
 
-// Convex covers of such parts.
+// Returns the convex cover of each part.
 std::vector<Points3d> covers(const std::vector<Points3d>& parts, size_t max_corners = 64);
 
-// Mesh and hulls moved so that the origin is the mesh's centroid.
+// Translates mesh and hulls so that the mesh's centroid is at the origin.
 Solid centred(Mesh mesh, std::vector<Points3d> hulls);
 
 }  // namespace fringeslam::sim

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Massive solids: stone, brick, concrete, foam.
+// Bulk solids: stone, brick, concrete slab, foam.
 #include "sim/scene/solids.h"
 
 #include <Eigen/Geometry>
@@ -38,7 +38,7 @@ Solid rock_solid(const Eigen::Vector3d& size, int detail, double roughness, uint
     for (auto& v : mesh.vertices) {
       const double plane = offset * (1 + 0.3 * roughness * fractal_noise(v * 4 + normal * 20, 4, grain));
       const double height = normal.dot(v);
-      if (height > plane) v *= plane / height;  // towards the middle, so that the surface stays closed
+      if (height > plane) v *= plane / height;  // radially towards the centre, so that the surface stays closed
     }
   }
   fit(mesh, size);
@@ -48,14 +48,14 @@ Solid rock_solid(const Eigen::Vector3d& size, int detail, double roughness, uint
 
 namespace {
 
-// A box's surface point with the edges rounded by a radius.
+// Maps a point on a box's surface to the box with edges rounded by `radius`.
 Eigen::Vector3d rounded(const Eigen::Vector3d& point, const Eigen::Vector3d& size, double radius) {
   const Eigen::Vector3d inner = size / 2 - Eigen::Vector3d::Constant(radius);
   const Eigen::Vector3d centre = point.cwiseMax(-inner).cwiseMin(inner);
   return centre + radius * (point - centre).normalized();
 }
 
-// A shell-shaped piece struck off: a ball is taken out of the surface, as far as it is seen from the middle.
+// A conchoidal chip: vertices inside a ball move towards the box's centre onto the ball's near surface.
 struct Chip {
   Eigen::Vector3d centre;
   double radius;
@@ -69,14 +69,14 @@ struct Chip {
   }
 };
 
-// Closer together towards the ends, where there is more to show.
+// Returns ticks that are denser towards the ends, where chips and rounded edges need resolution.
 std::vector<double> crowded_ticks(double size, int cells) {
   std::vector<double> ticks = even_ticks(size, cells);
   for (double& tick : ticks) tick = tick / 2 + size / 4 * std::sin(std::numbers::pi * tick / size);
   return ticks;
 }
 
-// Chips on edges and, where all three coordinates are at their ends, on corners.
+// Draws chips on corners (all three coordinates at their ends) and on edges.
 std::vector<Chip> random_chips(const Eigen::Vector3d& size, Philox& random) {
   std::vector<Chip> chips;
   for (int i = 0; i < 11; ++i) {
@@ -113,12 +113,12 @@ Solid brick_solid(const Eigen::Vector3d& size, uint32_t seed) {
 
 namespace {
 
-struct Line {  // in the plane: points at `offset` along the direction at `angle`
+struct Line {  // in the plane: normal direction `angle`, distance `offset` from the origin
   double angle, offset;
   bool broken;
 };
 
-// The square of half-width 1 whose corners are broken off; one or two of its own sides are as they were cast.
+// Draws the outline of a slab: a square of half-width 1 with broken corners and sides, one side left as cast.
 std::vector<Line> slab_outline(Philox& random) {
   std::vector<Line> sides;
   const int cast = static_cast<int>(random.uniform(0, 4));
@@ -161,7 +161,7 @@ Solid slab_solid(const Eigen::Vector3d& size, uint32_t seed) {
       const Eigen::Vector3d at = outline.radius * Eigen::Vector3d(std::cos(angle), std::sin(angle), 0);
       const Eigen::Vector3d place(at.x() * size.x() / 2, at.y() * size.y() / 2, z);
       const double rough = fractal_noise(place / (0.6 * size.z()), 5, seed);
-      const double slant = lean * std::sin(2 * angle + lean_angle) * up;  // fractures do not stand upright
+      const double slant = lean * std::sin(2 * angle + lean_angle) * up;  // fracture surfaces are not vertical
       const double depth = outline.broken ? 0.3 * rough + slant + 0.15 * std::abs(2 * up) : 0.02 * rough;
       const Eigen::Vector3d sideways = depth * size.z() * Eigen::Vector3d(at.x(), at.y(), 0).normalized();
       ring.push_back(place - sideways);
@@ -181,7 +181,7 @@ bool in_any(const std::vector<Box>& boxes, const Eigen::Vector3d& point) {
   return std::any_of(boxes.begin(), boxes.end(), [&](const Box& box) { return box.contains(point); });
 }
 
-// The base along x and the legs that rise from it along y.
+// Draws the section: a base along x and one or two legs that rise from it along y.
 std::vector<Box> foam_section(const Eigen::Vector3d& size, Philox& random) {
   const Eigen::Vector3d end = size / 2;
   const double base = random.uniform(0.28, 0.42) * size.y(), leg = random.uniform(0.16, 0.26) * size.x();
@@ -192,7 +192,7 @@ std::vector<Box> foam_section(const Eigen::Vector3d& size, Philox& random) {
   return boxes;
 }
 
-// A recess in the base, open upwards, clear of the legs.
+// Draws a recess in the base, open upwards and clear of the legs.
 Box foam_recess(const Eigen::Vector3d& size, const std::vector<Box>& section, Philox& random) {
   const Eigen::Vector3d end = size / 2;
   const double left = section[1].max().x(), right = section.size() > 2 ? section[2].min().x() : end.x();
@@ -214,7 +214,7 @@ std::vector<double> breaks_of(const std::vector<Box>& boxes, int axis, double en
   return breaks;
 }
 
-// Corners and edges that stick out are pressed in a little, towards the mean of their neighbours.
+// Rounds convex corners and edges by moving their vertices inwards, towards the mean of their neighbours.
 void wear_edges(Mesh& mesh) {
   const size_t count = mesh.vertices.size();
   std::vector<Eigen::Vector3d> outward(count, Eigen::Vector3d::Zero()), pull = outward;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The things that rubble is made of, as pure functions: the same arguments give the same solid. Lengths in m, angles in
-// rad, object frame; the origin is the centroid of the volume, and z the length or the upward axis. Meshes are closed
-// (some are several closed parts that overlap) and oriented outwards; a seed names the individual.
+// Rubble pieces as pure functions: the same arguments give the same solid. Lengths in m, angles in rad, object frame;
+// the origin is the centroid of the volume, z is the long or the upward axis. Meshes are closed (some consist of
+// several overlapping closed parts) and oriented outwards; the seed selects the individual shape.
 #pragma once
 
 #include <Eigen/Core>
@@ -12,53 +12,56 @@
 
 namespace fringeslam::sim {
 
-// A thing that can lie in a pile: what is seen of it, and what it is bumped against. The hulls' union covers the mesh.
+// A piece of a pile: a mesh for rendering and convex hulls for collision. The union of the hulls covers the mesh.
 struct Solid {
   Mesh mesh;
-  std::vector<std::vector<Eigen::Vector3d>> hulls;  // corner points of convex parts; each at most 64
+  std::vector<std::vector<Eigen::Vector3d>> hulls;  // corners of convex parts; at most 64 per part
 };
 
 Solid box_solid(const Eigen::Vector3d& size);
 
-// A broken stone of this bounding box: 20 * 4^detail triangles. Roughness 0 is a stone with smooth fractures, 0.3
-// rugged.
+// Builds a broken stone with this bounding box and 20 * 4^detail triangles. Roughness 0 gives smooth fractures, 0.3
+// rugged ones.
 Solid rock_solid(const Eigen::Vector3d& size, int detail, double roughness, uint32_t seed);
 
-// A brick with worn edges, from which some chips are missing. Never larger than `size`.
+// Builds a brick with worn, chipped edges, never larger than `size`.
 Solid brick_solid(const Eigen::Vector3d& size, uint32_t seed);
 
-// A piece of a concrete slab of this bounding box: an irregular convex outline, flat top and bottom, broken edges.
+// Builds a piece of a concrete slab with this bounding box: irregular convex outline, flat top and bottom, broken
+// edges.
 Solid slab_solid(const Eigen::Vector3d& size, uint32_t seed);
 
-// Packaging foam: an L or a U section in x and y, along z, with a recess in its base. Of this bounding box.
+// Builds packaging foam with this bounding box: an L or U section in the xy plane, extruded along z, with a recess in
+// its base.
 Solid foam_solid(const Eigen::Vector3d& size, uint32_t seed);
 
-// Hollow and open at both ends, along z; 3 sides or more.
+// Builds a hollow pipe along z, open at both ends, with at least 3 sides.
 Solid pipe_solid(double outer_radius, double wall, double length, int sides);
 
-// A ribbed bar bent once or twice by about `bend` each time. The radius is without ribs, the length along the bar,
-// which starts along z.
+// Builds a ribbed bar with one or two bends of about `bend` each. The radius excludes the ribs; the length is measured
+// along the bar, which starts along z.
 Solid rebar_solid(double radius, double length, double bend, uint32_t seed);
 
-// A tangle of one piece of wire that goes round about `loops` times within a bounding cube of edge `extent`.
+// Builds a tangle of one wire that makes about `loops` loops within a bounding cube of edge `extent`.
 Solid wire_solid(double radius, double extent, int loops, uint32_t seed);
 
-// A mannequin's forearm, cut off at the elbow, and its hand, fingers towards +z, palm towards -y.
+// Builds a mannequin's forearm, cut off at the elbow, with its hand; fingers towards +z, palm towards -y.
 Solid arm_solid(double length, uint32_t seed);
 
-// A board along z, its width along x and its thickness along y: slightly bowed across its thickness (at most by 0.01 of
-// its length), and broken off in splinters at +z.
+// Builds a board with its length along z, width along x and thickness along y: bowed along y (by at most 0.01 of its
+// length) and splintered at +z.
 Solid plank_solid(const Eigen::Vector3d& size, uint32_t seed);
 
-// A sheet of paper, 0.3 mm thick, with a few folds, that turns by about `curl` along its x (beyond 4 it would meet
-// itself). The middle lies in x and y.
+// Builds a sheet of paper, 0.3 mm thick, with a few folds, curled by about `curl` in total along x (above 4 it would
+// intersect itself). Its centre lies in the xy plane.
 Solid paper_solid(double size_x, double size_y, double curl, uint32_t seed);
 
-// A cardboard box of 3 mm panels, open at the top, closed at the bottom. `size` is without the four flaps, whose angles
-// lie in this range: 0 closes the box, pi / 2 stands up, pi lies outwards, 3 pi / 2 hangs down.
+// Builds a cardboard box of 3 mm panels, open at the top and closed at the bottom. `size` excludes the four flaps,
+// whose angles are drawn from the given range: 0 closes the box, pi / 2 is upright, pi is horizontal outwards, 3 pi / 2
+// hangs down.
 Solid carton_solid(const Eigen::Vector3d& size, double min_flap_angle, double max_flap_angle, uint32_t seed);
 
-// A filled plastic bag of this bounding box, creased, gathered at its neck.
+// Builds a filled plastic bag with this bounding box, creased and gathered at its neck.
 Solid bag_solid(const Eigen::Vector3d& size, uint32_t seed);
 
 }  // namespace fringeslam::sim

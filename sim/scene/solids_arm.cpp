@@ -16,14 +16,14 @@ namespace fringeslam::sim {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
-constexpr uint32_t kArm = 400;  // the kind of solid, for its random numbers
+constexpr uint32_t kArm = 400;  // selects the random stream
 
-// Half axes of the arm's section at a height; all in parts of the arm's length.
+// Semi-axes of the arm's elliptical section at height z; all relative to the arm's length.
 struct ArmSection {
   double z, half_width, half_thickness;
 };
 
-// Elbow, muscles, wrist (at 0.56), palm, knuckles (at 0.8).
+// Profile: elbow, muscles, wrist (at 0.56), palm, knuckles (at 0.8).
 constexpr std::array<ArmSection, 15> kForearm = {{{0.00, 0.098, 0.088},
                                                   {0.08, 0.106, 0.094},
                                                   {0.18, 0.106, 0.093},
@@ -40,7 +40,7 @@ constexpr std::array<ArmSection, 15> kForearm = {{{0.00, 0.098, 0.088},
                                                   {0.826, 0.060, 0.008},
                                                   {0.828, 0.045, 0.004}}};
 
-// The table, with `steps` sections to each of its own.
+// Interpolates the table with `steps` sections per entry.
 std::vector<ArmSection> smooth_sections(int steps) {
   const int last = static_cast<int>(kForearm.size()) - 1;
   const auto at = [&](int i) { return kForearm[static_cast<size_t>(std::clamp(i, 0, last))]; };
@@ -69,7 +69,7 @@ Mesh forearm_and_palm() {
 struct Finger {
   Eigen::Vector3d root, direction, palm;  // flexes from `direction` towards `palm`
   double length, root_radius, tip_radius;
-  double flexion;  // in all
+  double flexion;  // total angle, rad
 };
 
 struct FingerPart {
@@ -77,7 +77,7 @@ struct FingerPart {
   std::vector<Points3d> hulls;
 };
 
-// Bent in two places, with a round tip and a rounded root.
+// Builds a finger bent at two joints, with a round tip and a rounded root.
 FingerPart finger_part(const Finger& finger) {
   std::vector<double> along;
   const double straight = finger.length - finger.tip_radius;
@@ -106,7 +106,7 @@ FingerPart finger_part(const Finger& finger) {
   return {loft(rings), covers(phalanges, 32)};
 }
 
-// The ball of the thumb counts as a finger.
+// Draws the fingers; the ball of the thumb is modelled as a finger.
 std::array<Finger, 6> fingers(Philox& random) {
   const Eigen::Vector3d palm(0, -1, 0);
   const double pose = random.uniform(0.35, 0.9), spread = random.uniform(0.5, 1.2);

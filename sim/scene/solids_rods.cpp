@@ -45,7 +45,7 @@ namespace {
 struct Bend {
   double start, length;  // along the bar, m
   double angle;
-  double plane;  // angle about z of the plane in which the bar turns
+  double plane;  // azimuth of the bending axis in the xy plane
 };
 
 std::vector<Bend> random_bends(double radius, double length, double bend, Philox& random) {
@@ -60,7 +60,7 @@ std::vector<Bend> random_bends(double radius, double length, double bend, Philox
   return bends;
 }
 
-// The bar's direction at a distance from its start.
+// Returns the bar's direction at distance `s` from its start.
 Eigen::Vector3d heading(const std::vector<Bend>& bends, double s) {
   Eigen::Vector3d direction = Eigen::Vector3d::UnitZ();
   for (const Bend& bend : bends) {
@@ -70,7 +70,7 @@ Eigen::Vector3d heading(const std::vector<Bend>& bends, double s) {
   return direction;
 }
 
-// Where along the bar a ring belongs: four a rib, at the foot, the two shoulders and the other foot.
+// Ring positions along the bar: four per rib, at its two feet and two shoulders.
 struct RibbedLine {
   std::vector<double> along;
   std::vector<bool> raised;
@@ -92,7 +92,7 @@ RibbedLine ribbed_line(double radius, double length) {
 }
 
 Points3d curve_at(const std::vector<Bend>& bends, const std::vector<double>& along) {
-  constexpr int kSteps = 4;  // between points, by the midpoint rule
+  constexpr int kSteps = 4;  // per interval, midpoint rule
   Points3d curve = {Eigen::Vector3d::Zero()};
   for (size_t i = 1; i < along.size(); ++i) {
     const double step = (along[i] - along[i - 1]) / kSteps;
@@ -103,14 +103,14 @@ Points3d curve_at(const std::vector<Bend>& bends, const std::vector<double>& alo
   return curve;
 }
 
-// A prism about each straight piece and covers of the halves of each bend; neighbours share a ring.
+// Returns a prism around each straight piece and a convex cover of each half of each bend; neighbours share a ring.
 std::vector<Points3d> bar_hulls(const std::vector<Points3d>& rings, const std::vector<double>& along,
                                 const std::vector<Bend>& bends) {
   std::vector<Points3d> hulls;
   size_t first = 0;
   const auto add_piece = [&](double end, bool straight) {
     const auto last = static_cast<size_t>(std::lower_bound(along.begin(), along.end(), end) - along.begin());
-    if (last == first) return;  // shorter than from ring to ring: the next one takes it in
+    if (last == first) return;  // shorter than the ring spacing: merged into the next piece
     const Points3d piece = joined(std::span(rings).subspan(first, last - first + 1));
     const Eigen::Vector3d axis = rings[last][0] - rings[first][0];
     hulls.push_back(straight ? prism_cover(piece, axis, 8) : convex_cover(piece, 32));
@@ -132,7 +132,7 @@ Solid rebar_solid(double radius, double length, double bend, uint32_t seed) {
   const std::vector<Bend> bends = random_bends(radius, length, bend, random);
   const RibbedLine line = ribbed_line(radius, length);
   const auto section = [&](size_t ring, double angle) {
-    const bool seam = std::abs(std::sin(angle)) < 0.1;  // a rib runs along the bar on either side
+    const bool seam = std::abs(std::sin(angle)) < 0.1;  // a longitudinal rib on either side
     const double height = seam ? 0.1 : line.raised[ring] ? 0.14 * std::abs(std::sin(angle)) : 0;
     const double slant = 0.5 * std::cos(angle);
     return Eigen::Vector3d(radius * (1 + height) * std::cos(angle), radius * (1 + height) * std::sin(angle),
@@ -144,7 +144,7 @@ Solid rebar_solid(double radius, double length, double bend, uint32_t seed) {
 
 namespace {
 
-// Rounds about z that wander: in radius, in height, and about a middle that drifts.
+// Generates loops around z with wandering radius, height and centre.
 Points3d tangled_curve(int loops, int points, uint32_t seed) {
   const auto wander = [&](double t, double rate, double axis) {
     return fractal_noise(Eigen::Vector3d(10 + rate * t, 10 + 7 * axis, 3), 2, seed);
@@ -160,7 +160,7 @@ Points3d tangled_curve(int loops, int points, uint32_t seed) {
   return curve;
 }
 
-// The curve turned at random, and as large as fits into a centred cube.
+// Rotates the curve randomly about z and scales it to fit into a centred cube.
 void fit_into_cube(Points3d& curve, double edge, Philox& random) {
   const Eigen::Matrix3d turn = Eigen::AngleAxisd(random.uniform(0, 2 * kPi), Eigen::Vector3d::UnitZ()).matrix();
   Eigen::Vector3d low = turn * curve[0], high = low;
@@ -178,7 +178,7 @@ Solid wire_solid(double radius, double extent, int loops, uint32_t seed) {
   constexpr int kPieces = 40;
   const int per_piece = std::max(4, 48 * loops / kPieces);
   Points3d curve = tangled_curve(loops, kPieces * per_piece, seed);
-  // A wire as thick as all of it still goes some way.
+  // Even a wire as thick as the cube keeps a centre line of nonzero length.
   fit_into_cube(curve, std::max(extent - 2 * radius, 0.1 * extent), random);
   const auto round = [&](size_t, double angle) {
     return Eigen::Vector3d(radius * std::cos(angle), radius * std::sin(angle), 0);

@@ -29,7 +29,7 @@ Solid plank_solid(const Eigen::Vector3d& size, uint32_t seed) {
   Mesh mesh = cells_mesh({even_ticks(size.x(), 26), even_ticks(size.y(), 5), even_ticks(size.z(), 18)});
   double longest = -size.z();
   for (auto& v : mesh.vertices) {
-    // Fibres break at heights that hardly depend on their neighbours'.
+    // Fibres break at heights that are nearly independent of their neighbours.
     const Eigen::Vector3d fibre(v.x() / size.x() * 9 + 20, v.y() / size.y() * 1.6 + 20, 0);
     const double tear = 0.5 + 0.75 * fractal_noise(fibre, 4, seed) + lean * v.x() / size.x();
     const double along = v.z() / size.z() + 0.5;
@@ -62,7 +62,7 @@ std::vector<Fold> random_folds(double reach, Philox& random) {
   return folds;
 }
 
-// A flat sheet bent about parallel lines: the coordinate s is the arc length across them, 0 where it still lies flat.
+// A flat sheet bent about parallel lines; the coordinate s is the arc length across them, with zero slope at s = 0.
 class Bending {
  public:
   Bending(double size, double curl, Philox& random)
@@ -76,7 +76,7 @@ class Bending {
     }
   }
 
-  // A point at a height above the sheet; t runs along the lines.
+  // Returns the point at `height` above the sheet; t is the coordinate along the lines.
   Eigen::Vector3d at(double s, double t, double height) const {
     const double place = std::clamp((s / size_ + 0.5) * kSteps, 0.0, kSteps - 1e-9);
     const auto i = static_cast<size_t>(place);
@@ -85,7 +85,7 @@ class Bending {
   }
 
  private:
-  // By how much the sheet has turned at s: uneven, but always the same way.
+  // Returns the angle by which the sheet has turned at s: nonuniform but monotonic.
   double turn(double s) const {
     const double angle = 2 * kPi * s / size_;
     return curl_ / (2 * kPi) * (angle + uneven_ * (std::sin(angle + phase_) - std::sin(phase_)));
@@ -96,7 +96,7 @@ class Bending {
   std::vector<Eigen::Vector2d> points_;
 };
 
-// Strips of a thick sheet between lines x = const of the flat one; neighbours share a row of vertices.
+// Splits a thick sheet into strips between lines x = const of the flat sheet; neighbours share a row of vertices.
 std::vector<Points3d> strips(const Mesh& flat, const Mesh& thick, double size_x, int count) {
   std::vector<Points3d> parts(static_cast<size_t>(count));
   for (size_t i = 0; i < flat.vertices.size(); ++i) {
@@ -117,7 +117,7 @@ Solid paper_solid(double size_x, double size_y, double curl, uint32_t seed) {
   const Eigen::Rotation2Dd turned(random.uniform(-0.4, 0.4));
   const Bending bending(std::hypot(size_x, size_y), curl * std::hypot(size_x, size_y) / size_x, random);
   const std::vector<Fold> folds = random_folds(std::min(size_x, size_y), random);
-  const double stiffness = 1 / (1 + 2 * std::abs(curl));  // what is curled folds little
+  const double stiffness = 1 / (1 + 2 * std::abs(curl));  // curled sheets fold less
   const auto crumple = [&](const Eigen::Vector2d& p) {
     const Eigen::Vector3d place(p.x() / (0.2 * size_x), p.y() / (0.2 * size_x), 9);
     double height = 0.004 * size_x * fractal_noise(place, 2, seed);
@@ -150,7 +150,7 @@ struct Carton {
   Mesh mesh;
   std::vector<Points3d> hulls;
 
-  // A panel of some width (along the pose's x), height (y) and thickness (z), bulging by at most `bulge` along z.
+  // Adds a panel of the given width (x), height (y) and thickness kPanel (z), bulging by at most `bulge` along z.
   void add_panel(double width, double height, double bulge, const Eigen::Isometry3d& pose) {
     Mesh panel = cells_mesh({even_ticks(width, 8), even_ticks(height, 8), even_ticks(kPanel, 1)});
     for (auto& v : panel.vertices) v.z() += bulge * std::cos(kPi * v.x() / width) * std::cos(kPi * v.y() / height);
@@ -163,7 +163,7 @@ struct Carton {
   }
 };
 
-// The middle of a wall's outer face at half height, x along the wall, y upwards, z outwards.
+// Returns the frame at the centre of a wall's outer face: x along the wall, y upwards, z outwards.
 Eigen::Isometry3d wall_pose(double distance, double angle) {
   Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
   pose.rotate(Eigen::AngleAxisd(angle, Eigen::Vector3d::UnitZ()));
@@ -172,7 +172,7 @@ Eigen::Isometry3d wall_pose(double distance, double angle) {
   return pose;
 }
 
-// From a wall's frame to that of the flap that hangs on its upper edge.
+// Returns the pose, in a wall's frame, of the flap hinged at its upper edge.
 Eigen::Isometry3d flap_pose(double wall_height, double flap_height, double angle) {
   Eigen::Isometry3d pose(Eigen::Translation3d(0, wall_height / 2, -kPanel / 2));
   pose.rotate(Eigen::AngleAxisd(angle - kPi / 2, Eigen::Vector3d::UnitX()));
@@ -205,7 +205,7 @@ struct BagSection {
   double radius, z;
 };
 
-// From the middle of the ground over the belly and the neck to the inside of the tuft.
+// Profile from the centre of the base over the belly and neck to the inside of the tuft.
 constexpr std::array<BagSection, 15> kBag = {{{0.25, -0.50},
                                               {0.60, -0.495},
                                               {0.84, -0.45},
@@ -222,7 +222,7 @@ constexpr std::array<BagSection, 15> kBag = {{{0.25, -0.50},
                                               {0.24, 0.48},
                                               {0.08, 0.42}}};
 
-// The sections, with `steps` to each of the table.
+// Interpolates the profile with `steps` sections per table entry.
 std::vector<BagSection> smooth_sections(int steps) {
   const int last = static_cast<int>(kBag.size()) - 1;
   const auto at = [&](int i) { return kBag[static_cast<size_t>(std::clamp(i, 0, last))]; };
@@ -237,7 +237,7 @@ std::vector<BagSection> smooth_sections(int steps) {
   return fine;
 }
 
-// Share by which film stands out at a place: lumps of what is inside, sharp creases, pleats that run into the neck.
+// Returns the relative radial displacement of the film: lumps of the contents, sharp creases, and pleats at the neck.
 double film_height(const Eigen::Vector3d& p, double angle, int pleats, uint32_t seed) {
   const Eigen::Vector3d place = p + Eigen::Vector3d::Constant(20);
   double height = 0.16 * fractal_noise(1.3 * place, 2, seed);

@@ -12,8 +12,8 @@ namespace fringeslam::sim {
 
 namespace {
 
-// Camera poses that look at a flat board in the plane z = 0 from z < 0: distances spread evenly, tilts in all
-// directions, the board anywhere in the image. Robot poses are returned.
+// Generates camera views of a flat board in the plane z = 0 from z < 0: evenly spread distances, tilts in all
+// directions, the board anywhere in the image. Returns robot poses.
 Trajectory board_views(const YamlMap& map, const RigModel& rig, uint64_t seed, double interval_s, int most) {
   const int count = map.integer("count", {1, std::min(10000.0, static_cast<double>(most))});
   const std::vector<double> distance = map.numbers("distance_m", 2, kLength);
@@ -23,7 +23,7 @@ Trajectory board_views(const YamlMap& map, const RigModel& rig, uint64_t seed, d
   Philox random(seed, Stream::views, 0);
   Trajectory trajectory;
   for (int i = 0; i < count; ++i) {
-    // Neighbours in the list differ in everything; taken together each quantity is spread evenly.
+    // A golden-ratio sequence spreads the distances evenly while consecutive views differ.
     const double z = distance[0] + (distance[1] - distance[0]) * (std::fmod(i * 0.618034, 1.0) + 0.5 / count);
     const double azimuth = 2 * std::numbers::pi * (i + random.uniform()) / count * 3;
     const double lean = tilt * kRadians * (0.35 + 0.65 * random.uniform());
@@ -31,7 +31,7 @@ Trajectory board_views(const YamlMap& map, const RigModel& rig, uint64_t seed, d
     Pose camera_from_board;
     camera_from_board.rotation =
         rotation_exp(lean * axis) * rotation_exp({0, 0, roll * kRadians * random.uniform(-1, 1)});
-    // Anywhere in the image, as long as the whole board is.
+    // The board may lie anywhere in the image as long as all of it is visible.
     const auto in_view = [&] {
       for (const double x : {-0.5, 0.5}) {
         for (const double y : {-0.5, 0.5}) {
@@ -49,7 +49,7 @@ Trajectory board_views(const YamlMap& map, const RigModel& rig, uint64_t seed, d
       if (attempt + 1 == kTries)
         throw map.error(
             "extent_m",
-            "a board of this size does not fit into the camera's view; make it smaller or distance_m larger");
+            "a board of this size does not fit into the camera's view; reduce extent_m or increase distance_m");
     }
     trajectory.push_back({interval_s * i, camera_from_board.inverse() * rig.robot_from_camera.inverse()});
   }
@@ -59,18 +59,18 @@ Trajectory board_views(const YamlMap& map, const RigModel& rig, uint64_t seed, d
 constexpr double kRadian = std::numbers::pi / 180;
 constexpr Range kAngle{-36000, 36000};
 
-// A pose of the robot, or where its camera is and what it looks at: {camera_m, look_at_m}.
+// Reads a robot pose, given directly or by camera position and target: {camera_m, look_at_m}.
 Pose read_robot_pose(const YamlMap& map, const RigModel& rig) {
   if (!map.has("camera_m") && !map.has("look_at_m")) return map.as_pose();
   for (const char* key : {"translation_m", "rotation_deg", "rotation_matrix"}) {
     if (map.has(key)) throw map.error(key, std::string("give camera_m and look_at_m, or a pose by ") + key);
   }
   const Eigen::Vector3d eye = map.vector3("camera_m", {-1e4, 1e4}), target = map.vector3("look_at_m", {-1e4, 1e4});
-  if ((target - eye).norm() < 1e-6) throw map.error("look_at_m", "the camera stands on what it is to look at");
+  if ((target - eye).norm() < 1e-6) throw map.error("look_at_m", "the camera position coincides with its target");
   return looking_at(eye, target) * rig.robot_from_camera.inverse();
 }
 
-// The papers' six numbers for each motion, `previous_from_current`.
+// Reads motions in the papers' six-number form, each `previous_from_current` of the robot.
 std::vector<Pose> stage_motions(const YamlMap& map, const Pose& start, size_t most) {
   std::vector<Pose> route = {start};
   const std::vector<YamlMap> entries = map.maps("motions");
@@ -100,7 +100,7 @@ std::vector<Pose> listed_poses(const YamlMap& map, const std::string& key, const
 }
 
 std::vector<Pose> read_spline(const YamlMap& map, const RigModel& rig, Range counts) {
-  constexpr size_t kMostWaypoints = 10000;  // of 64 poses each while it is measured
+  constexpr size_t kMostWaypoints = 10000;  // each expands to 64 poses while the curve is measured
   const std::vector<Pose> waypoints = listed_poses(map, "waypoints", rig, 2, kMostWaypoints);
   const int count = map.integer("count", counts);
   return spline_route(waypoints, count, map.boolean_or("closed", false),
@@ -143,7 +143,7 @@ std::vector<Pose> read_random_walk(const YamlMap& map, const Pose& start, uint64
 Trajectory read_file(const YamlMap& map) {
   const std::filesystem::path file = map.file("file");
   const Trajectory trajectory = read_tum(file);
-  if (trajectory.empty()) throw map.error("file", file.string() + " has no pose");
+  if (trajectory.empty()) throw map.error("file", file.string() + " contains no pose");
   return trajectory;
 }
 

@@ -16,13 +16,13 @@ void expect_stands(const Mesh& mesh, const Eigen::Vector3d& size) {
   EXPECT_LT((box.sizes() - size).norm(), 1e-12);
 }
 
-// Height of a mesh over a place.
+// Height of the surface above (x, y).
 double height_at(const RayWorld& world, double x, double y) {
   const auto hit = world.trace({x, y, 10}, {0, 0, -1});
   return hit ? hit->point.z() : 0;
 }
 
-// Share of the rays along a direction, spread over a rectangle, that meet nothing.
+// Fraction of parallel rays, spread over a rectangle, that hit nothing.
 double open_share(const Mesh& mesh, const Eigen::Vector3d& corner, const Eigen::Vector3d& across,
                   const Eigen::Vector3d& up, const Eigen::Vector3d& direction) {
   const RayWorld world(world_of({grey_object(mesh, {})}, coaxial_rig()));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Textures, dust, relief, and geometry that is exact to the pixel.
+// Textures, dust, relief, and pixel-exact geometry.
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -19,12 +19,12 @@ Effects only(bool Effects::*effect) {
   return effects;
 }
 
-// Seen by the projector's light of 1 m, evenly.
+// Brightness at the image centre relative to a white board at 1 m under uniform projector light.
 double brightness(const Scene& scene, const Effects& effects) {
   return static_cast<double>(lux_of(scene, {constant_pattern(1)}, 1, effects)[0](24, 32)) / kWhiteLux;
 }
 
-// A dark board 1 m away, its normal tilted by `tilt` degrees from the world's up, which points to the camera.
+// A dark board at 1 m whose normal is tilted by `tilt` degrees from the scene's up direction, towards the camera.
 Scene tilted_board(double tilt) {
   Scene scene =
       world_of({grey_object(plane_mesh(3, 3), pose_from({{0, 0, 1000}, {180 + tilt, 0, 0}}), 0.1)}, coaxial_rig());
@@ -63,7 +63,7 @@ TEST(Relief, TurnsNormalsAboutTheTrueOne) {
   cv::meanStdDev(cv::Mat1f(rough / flat), mean, deviation);
   EXPECT_NEAR(mean[0], 1, 0.03);
   EXPECT_GT(deviation[0], 0.01);
-  // Geometry, and with it the truth, stays.
+  // Geometry and ground truth are unchanged.
   TruthFrame truth;
   lux_of(scene, {}, 1, only(&Effects::relief), {}, &truth);
   EXPECT_NEAR(truth.depth_m(24, 32), 1, 1e-7);
@@ -71,7 +71,7 @@ TEST(Relief, TurnsNormalsAboutTheTrueOne) {
 
 TEST(Texture, IsReadLinearlyAndFiltered) {
   const test::TempFolder temp;
-  // Two halves of sRGB grey 188 (luminance 0.503) and 0, a tile of 0.2 m.
+  // Halves of sRGB grey 188 (luminance 0.503) and 0, tile size 0.2 m.
   cv::Mat1b image(64, 64, static_cast<uchar>(188));
   image.colRange(32, 64) = 0;
   write_png(temp / "halves.png", image);
@@ -83,7 +83,7 @@ TEST(Texture, IsReadLinearlyAndFiltered) {
   cv::minMaxLoc(lux, &low, &high);
   EXPECT_NEAR(high / kWhiteLux, 0.503, 0.01);
   EXPECT_NEAR(low / kWhiteLux, 0, 0.01);
-  // Tiles much smaller than a pixel: only their mean is left.
+  // Tiles much smaller than a pixel average out.
   scene.objects[0].material.texture_m = 0.001;
   const cv::Mat1f fine = lux_of(scene, {constant_pattern(1)})[0];
   cv::minMaxLoc(fine(cv::Rect(10, 10, 45, 29)), &low, &high);
@@ -98,15 +98,15 @@ TEST(Texture, ThatIsNoImageIsRefused) {
   EXPECT_THROW(Renderer(scene, Effects::none(), 1), Error);
 }
 
-// Where a ray meets a sphere, t = d.c - sqrt((d.c)^2 - c.c + r^2), within the sagitta of the mesh's facets.
+// Compares with the ray-sphere intersection t = d.c - sqrt((d.c)^2 - c.c + r^2), within the sagitta of the facets.
 TEST(Geometry, OfASphereIsThatOfTheFormula) {
   constexpr double kRadius = 0.12;
   const Eigen::Vector3d centre(0.01, -0.02, 1);
   const Scene scene =
       world_of({grey_object(sphere_mesh(kRadius, 6), {Eigen::Matrix3d::Identity(), centre}, 0.5)}, coaxial_rig());
   const TruthFrame truth = truth_of(scene);
-  const double facet = kRadius * 1.11 / 64;            // edge of an icosahedron halved six times
-  const double sagitta = facet * facet / 6 / kRadius;  // at the middle of a triangle
+  const double facet = kRadius * 1.11 / 64;            // edge of an icosahedron subdivided six times
+  const double sagitta = facet * facet / 6 / kRadius;  // at the centre of a triangle
   int inside = 0;
   for (int row = 0; row < 49; ++row) {
     for (int col = 0; col < 65; ++col) {
@@ -127,7 +127,7 @@ TEST(Geometry, OfASphereIsThatOfTheFormula) {
   EXPECT_GT(inside, 1000);
 }
 
-// Every effect at once gives the same bytes on one thread and on two.
+// With all effects enabled, one thread and two threads give identical bytes.
 TEST(Renderer, ThreadsDoNotChangeTheLight) {
   RigModel rig = coaxial_rig();
   rig.projector_from_camera.translation = {-0.2, 0, 0};

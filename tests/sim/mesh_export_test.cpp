@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is exported is what is imported again.
+// Exported meshes survive re-import unchanged.
 #include "sim/scene/mesh_export.h"
 
 #include <gmock/gmock.h>
@@ -24,7 +24,7 @@ using testing::HasSubstr;
 using testing::IsEmpty;
 using testing::StartsWith;
 
-// Two bricks of one mesh, a rock and a floor, off the origin and turned.
+// Two bricks sharing one mesh, a rock and a floor, translated and rotated.
 Scene small_world() {
   Object brick = grey_object(box_mesh({0.24, 0.115, 0.071}), pose_from({{1234, -567, 89}, {10, 20, 30}}), 0.3);
   Object rock = grey_object(rock_mesh({0.5, 0.4, 0.3}, 3, 0.3, 7), pose_from({{-700, 300, 150}, {0, 0, 50}}), 0.6);
@@ -79,7 +79,7 @@ TEST_P(Export, ComesBackAsItWas) {
   EXPECT_THAT(back.high, support::MatrixNear(box.high, tolerance));
 }
 
-// The volume of closed surfaces changes its sign with the order of their vertices.
+// The signed volume of a closed surface depends on the orientation of its triangles.
 TEST_P(Export, TrianglesKeepTheirOutside) {
   const Scene scene = world_of({grey_object(box_mesh({1, 2, 3}), pose_from({{500, 0, 0}, {40, 0, 0}}))}, coaxial_rig());
   export_mesh(scene, temp_ / ("box." + GetParam()));
@@ -128,7 +128,7 @@ TEST(MeshExport, RepeatedMeshesStayShared) {
   EXPECT_EQ(back.meshes, 3u);
   ASSERT_EQ(back.parts.size(), 4u);
   EXPECT_EQ(back.parts[0].mesh, back.parts[3].mesh);
-  // In another material it is another mesh: a mesh of a glTF file has its material.
+  // A different material needs a separate mesh, because glTF meshes include their material.
   scene.objects[3].material.albedo = 0.7;
   EXPECT_EQ(export_mesh(scene, temp / "world.glb").meshes, 4u);
 }
@@ -141,7 +141,7 @@ TEST(MeshExport, GltfKeepsNamesPosesAndAlbedo) {
     const MeshImport back = import_mesh(temp / name);
     ASSERT_EQ(back.parts.size(), scene.objects.size()) << name;
     for (size_t i = 0; i < back.parts.size(); ++i) {
-      const bool flat = name == "world.obj";  // a name of which ends at a blank
+      const bool flat = name == "world.obj";  // OBJ names end at a space
       EXPECT_EQ(back.parts[i].name, (flat ? "object_" : "object ") + std::to_string(i + 1));
       EXPECT_NEAR(back.parts[i].albedo, scene.objects[i].material.albedo, 1e-6) << name;
       if (!flat) {
@@ -151,7 +151,7 @@ TEST(MeshExport, GltfKeepsNamesPosesAndAlbedo) {
   }
 }
 
-// A texture comes along, and what is above on it stays above.
+// Textures are exported with their orientation preserved.
 TEST(MeshExport, TexturesComeAlong) {
   const test::TempFolder temp;
   setenv("FRINGESLAM_CACHE", (temp / "cache").c_str(), 1);
@@ -181,8 +181,9 @@ TEST(MeshExport, TexturesComeAlong) {
 }
 
 TEST(MeshExport, OtherNamesAreRefused) {
-  EXPECT_THAT(error_of([] { export_mesh(small_world(), "world.stl"); }), HasSubstr("world.stl: ends in none of .glb"));
-  EXPECT_THAT(error_of([] { mesh_format_of("world"); }), HasSubstr("world: ends in none of"));
+  EXPECT_THAT(error_of([] { export_mesh(small_world(), "world.stl"); }),
+              HasSubstr("world.stl: unsupported mesh format; use .glb"));
+  EXPECT_THAT(error_of([] { mesh_format_of("world"); }), HasSubstr("world: unsupported mesh format"));
   EXPECT_EQ(mesh_format_of("a/b.GLB"), MeshFormat::gltf);
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Mesh files of each format, whole and broken.
+// Mesh files of each format, intact and broken.
 #include "sim/scene/mesh_import.h"
 
 #include <gmock/gmock.h>
@@ -23,7 +23,7 @@ namespace {
 using support::error_of;
 using testing::HasSubstr;
 
-// A roof: two triangles over a base of 4 x 2 units, its ridge 3 units up along the file's up axis (here z).
+// A roof: two triangles over a base of 4 x 2 units, with the ridge at height 3 along the file's up axis (here z).
 const char* const kObj = R"(mtllib roof.mtl
 o roof
 v 0 0 0
@@ -132,7 +132,7 @@ std::string base64(const std::string& bytes) {
   return text;
 }
 
-// glTF: metres, y up; the node moves it by (0, 10, 0). `largest` index of the last triangle.
+// glTF: metres, y up; the node translates by (0, 10, 0). `largest` is the last index, `count` the declared number.
 std::string gltf(uint16_t largest = 3, int count = 6) {
   std::string bytes;
   for (const float x : {0.f, 0.f, 0.f, 4.f, 0.f, 0.f, 4.f, 3.f, -2.f, 0.f, 3.f, -2.f})
@@ -173,7 +173,7 @@ void expect_roof(const MeshImport& roof, double unit, const Eigen::Vector3d& low
   EXPECT_EQ(roof.degenerate, 0u);
   EXPECT_NEAR((roof.low - low).norm(), 0, 1e-5 * unit);
   EXPECT_NEAR((roof.high - low - unit * Eigen::Vector3d(4, 2, 3)).norm(), 0, 1e-5 * unit);
-  // Counter-clockwise from above the roof.
+  // Counter-clockwise seen from above.
   const Mesh& mesh = *roof.parts[0].mesh;
   const Eigen::Vector3i t = mesh.triangles[0];
   const Eigen::Vector3d a = mesh.vertices[static_cast<size_t>(t[0])];
@@ -188,7 +188,7 @@ TEST_F(Import, WavefrontWithItsMaterial) {
   const MeshImport roof = import_mesh(file("roof.obj", kObj));
   expect_roof(roof, 1);
   EXPECT_NEAR(roof.parts[0].albedo, 0.2126 * 0.8 + 0.7152 * 0.4 + 0.0722 * 0.2, 1e-6);
-  EXPECT_THAT(roof.summary("roof.obj"), HasSubstr("1 m a unit, z up; 1 part, 2 triangles, 4 x 2 x 3 m"));
+  EXPECT_THAT(roof.summary("roof.obj"), HasSubstr("unit 1 m, z up; 1 part, 2 triangles, 4 x 2 x 3 m"));
 }
 TEST_F(Import, UnitAndUpAxisAsAsked) {
   MeshImportOptions options;
@@ -204,7 +204,7 @@ TEST_F(Import, StereolithographyInBinary) { EXPECT_EQ(import_mesh(file("roof.stl
 TEST_F(Import, GltfMovesItsNodesAndIsTurnedUpright) {
   expect_roof(import_mesh(file("roof.gltf", gltf())), 1, {0, 0, 10});
 }
-// A house of 400 by 200 by 300 inches is one of 10 by 5 by 7.6 m.
+// 400 x 200 x 300 inches are 10.2 x 5.1 x 7.6 m.
 TEST_F(Import, ColladaInInchesIsHouseSized) {
   const MeshImport house = import_mesh(file("house.dae", kDae));
   expect_roof(house, 2.54);
@@ -212,7 +212,7 @@ TEST_F(Import, ColladaInInchesIsHouseSized) {
 }
 TEST_F(Import, FbxInInches) { expect_roof(import_mesh(file("roof.fbx", kFbx)), 0.0254); }
 
-// Nodes that show one mesh in one size share it, wherever they put it; another size or a mirror is another mesh.
+// Nodes that use one mesh at the same scale share it; other scales and reflections need separate meshes.
 TEST_F(Import, RepeatedMeshesAreShared) {
   std::string text = gltf();
   const std::string one = R"("scenes":[{"nodes":[0]}],"nodes":[{"mesh":0,"translation":[0,10,0]}])";
@@ -242,7 +242,7 @@ TEST_F(Import, DegenerateTrianglesAreCountedAndDropped) {
   EXPECT_EQ(roof.degenerate, 2u);
 }
 
-// Whatever is wrong with a file: one line that names it, in bounded time, and the program goes on.
+// Every broken file is refused with a one-line error naming it, in bounded time and without crashing the program.
 TEST_F(Import, BrokenFilesAreRefused) {
   const std::string obj = kObj, ply = kPly, stl = kStl, dae = kDae, fbx = kFbx, good_gltf = gltf();
   const auto without = [](std::string text, const std::string& part) {
@@ -296,10 +296,10 @@ TEST_F(Import, BrokenFilesAreRefused) {
     EXPECT_THAT(message, testing::StartsWith(path.string() + ": ")) << name;
     EXPECT_EQ(message.find('\n'), std::string::npos) << message;
   }
-  EXPECT_THAT(error_of([&] { import_mesh(temp_.path()); }), HasSubstr("is no file"));
+  EXPECT_THAT(error_of([&] { import_mesh(temp_.path()); }), HasSubstr("is not a regular file"));
 }
 
-// What assimp drops on its own is not seen, but nothing that points nowhere comes through.
+// assimp may drop triangles silently, but no out-of-range index reaches the result.
 TEST_F(Import, IndicesAreWithinTheirMesh) {
   const MeshImport roof = import_mesh(file("index.gltf", gltf(60000)));
   EXPECT_LT(roof.triangles, 2u);
@@ -307,7 +307,7 @@ TEST_F(Import, IndicesAreWithinTheirMesh) {
     EXPECT_LT(t.maxCoeff(), static_cast<int>(roof.parts[0].mesh->vertices.size()));
 }
 
-// A picture inside the file is the texture; the same one is unpacked once.
+// An embedded image becomes the texture and is unpacked only once.
 TEST_F(Import, PicturesInsideTheFileAreUnpacked) {
   setenv("FRINGESLAM_CACHE", (temp_ / "cache").c_str(), 1);
   const std::string image = [&] {
@@ -329,10 +329,10 @@ TEST_F(Import, PicturesInsideTheFileAreUnpacked) {
   unsetenv("FRINGESLAM_CACHE");
 }
 
-// A texture is laid on by the mesh's own coordinates.
+// Textures use the mesh's texture coordinates.
 TEST_F(Import, TextureCoordinatesComeAlong) {
   cv::Mat1b image(64, 64, static_cast<uchar>(255));
-  image.rowRange(0, 32) = 0;  // the upper half, v > 1/2
+  image.rowRange(0, 32) = 0;  // upper half, v > 1/2
   write_png(temp_ / "half.png", image);
   file("board.mtl", "newmtl m\nKd 1 1 1\nmap_Kd half.png\n");
   const MeshImport board =

@@ -17,8 +17,8 @@ const Eigen::Vector3d& corner(const Mesh& mesh, const Eigen::Vector3i& triangle,
   return mesh.vertices.at(static_cast<size_t>(triangle[i]));
 }
 
-// Divergence theorem: the signed volumes of the tetrahedra from the origin to each triangle add up to
-// the enclosed volume, positive when the triangles are counter-clockwise seen from outside.
+// Enclosed volume by the divergence theorem: the sum of the signed volumes of the tetrahedra from the origin to each
+// triangle; positive if the triangles are counter-clockwise seen from outside.
 double volume(const Mesh& mesh) {
   double sum = 0;
   for (const Eigen::Vector3i& t : mesh.triangles)
@@ -26,7 +26,7 @@ double volume(const Mesh& mesh) {
   return sum;
 }
 
-// On a closed surface every directed edge occurs once, and so does its reverse.
+// On a closed surface, every directed edge occurs exactly once, as does its reverse.
 void expect_closed(const Mesh& mesh) {
   std::map<std::pair<int, int>, int> edges;
   for (const Eigen::Vector3i& t : mesh.triangles) {
@@ -39,7 +39,7 @@ void expect_closed(const Mesh& mesh) {
   }
 }
 
-// A vertex that no triangle uses, or that stands where another does, is a sign of an open seam.
+// Unused or duplicate vertices indicate an open seam.
 void expect_each_vertex_used_once(const Mesh& mesh) {
   std::set<int> used;
   for (const Eigen::Vector3i& t : mesh.triangles) used.insert({t[0], t[1], t[2]});

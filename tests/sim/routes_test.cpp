@@ -23,11 +23,11 @@ TEST(Routes, ACameraLooksAtItsTargetUpright) {
   const Eigen::Vector3d seen = pose.inverse() * target;
   EXPECT_NEAR(seen.head<2>().norm(), 0, 1e-12);
   EXPECT_NEAR(seen.z(), (target - eye).norm(), 1e-12);
-  EXPECT_NEAR(pose.rotation(2, 0), 0, 1e-12);  // the rows of the image are level
-  EXPECT_LT(pose.rotation(2, 1), 0);           // and y points down
+  EXPECT_NEAR(pose.rotation(2, 0), 0, 1e-12);  // image rows are horizontal
+  EXPECT_LT(pose.rotation(2, 1), 0);           // image y points down
   const Pose down = looking_at({0, 0, 1}, {0, 0, 0});
   EXPECT_NEAR((down.rotation.transpose() * down.rotation - Eigen::Matrix3d::Identity()).norm(), 0, 1e-12);
-  EXPECT_NEAR(down.rotation(0, 1), -1, 1e-12);  // the image's top is towards x
+  EXPECT_NEAR(down.rotation(0, 1), -1, 1e-12);  // the top of the image points towards +x
 }
 
 std::vector<Pose> waypoints() {
@@ -53,7 +53,7 @@ TEST(Routes, ASplineStepsEvenlyAndTurnsSmoothly) {
   const std::vector<Pose> route = spline_route(waypoints(), 801, true, 1);
   const double mean = distance(route[0], route[1]);
   for (size_t i = 1; i < route.size(); ++i) EXPECT_NEAR(distance(route[i - 1], route[i]), mean, 0.01 * mean) << i;
-  // No kink anywhere, the closing included: the direction changes little from step to step.
+  // No kinks, including at the closure: the direction changes little from step to step.
   for (size_t i = 1; i < route.size(); ++i) {
     const size_t next = i + 1 < route.size() ? i + 1 : 1;
     const Vector6d before = difference(route[i], route[i - 1]), after = difference(route[next], route[next - 1]);
@@ -106,7 +106,7 @@ TEST(Routes, AWalkStaysWithinItsBoundsAndFillsThem) {
     EXPECT_LE(rotation_rad(walk.start.inverse() * pose), std::sqrt(3.0) * 0.3 + 1e-9);
     mean += pose.translation / 4000;
   }
-  // Evenly spread after many bounces: the mean is the middle.
+  // After many reflections the positions are uniform, so their mean is the centre of the bounds.
   EXPECT_NEAR(mean.x(), 0.05, 0.05);
   EXPECT_NEAR(mean.y(), 0.15, 0.05);
   EXPECT_NE(random_walk(walk, 4)[1].translation, route[1].translation);

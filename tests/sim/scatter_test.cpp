@@ -13,7 +13,7 @@ namespace fringeslam::sim {
 namespace {
 
 constexpr uint64_t kSeeds = 50;
-constexpr double kTouch = 1e-9;  // things that stand on one another share a plane, up to rounding
+constexpr double kTouch = 1e-9;  // m; stacked objects share a plane up to rounding
 
 ScatterItem item(Shape shape, const Eigen::Vector3d& low, const Eigen::Vector3d& high, double weight = 1) {
   return {shape, low, high, {}, weight};
@@ -49,8 +49,8 @@ Interval along(const Object& object, const Eigen::Vector3d& direction) {
   return interval;
 }
 
-// Upright cuboids are apart when a side of one of them separates them (separating axes; the edges of
-// two upright cuboids add no other axis than the vertical).
+// True if two upright cuboids are separate (separating axis theorem; the cross products of their edges add only the
+// vertical axis).
 bool cuboids_apart(const Object& a, const Object& b) {
   const Eigen::Matrix3d& ra = a.world_from_object.rotation;
   const Eigen::Matrix3d& rb = b.world_from_object.rotation;

@@ -94,7 +94,7 @@ TEST_F(SceneDraws, SameSeedSameWorldAndPlacesAreIndependent) {
   EXPECT_LT(std::abs(product - x * y), 4 * 0.25 * 0.25 / 12 / std::sqrt(kSeeds));
 }
 
-// What is written with a run has no distribution left, and is the same world.
+// The resolved scene written with a run contains no distributions and describes the same scene.
 TEST_F(SceneDraws, TheResolvedSceneIsThatWorld) {
   const Scene scene = load_scene(file("{normal: [300, 50]}", "{choice: [a, b]}", "[{uniform: [0.5, 1]}, 1]"), {7});
   EXPECT_EQ(scene.resolved.find("normal"), std::string::npos);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Scene files that nobody would write, most of them found by tests/fuzz.
+// Malformed and extreme scene files, most of them found by tests/fuzz.
 #include <gmock/gmock.h>
 
 #include "core/io/files.h"
@@ -16,7 +16,7 @@ using testing::IsEmpty;
 using testing::Not;
 using testing::SizeIs;
 
-// A board before the thesis rig, parts of which are said otherwise.
+// A board in front of the thesis rig; each member overrides one part of the scene file.
 struct Said {
   std::string rig = FRINGESLAM_SOURCE_DIR "/scenes/rigs/thesis.yaml";
   std::string patterns = "{steps: 3, periods_px: [16.5]}";
@@ -34,7 +34,7 @@ class SceneFile : public testing::Test {
                                          "\ntrajectory: " + said.trajectory + "\n" + said.more);
     return temp_ / "scene.yaml";
   }
-  // Refused at this line, and known to be wrong when errors are collected.
+  // Expects an error at this line, and at least one error when errors are collected.
   void refused(const Said& said, int line, const std::string& says, const SceneLimits& limits = {}) const {
     const auto place = file(said).string() + ":" + std::to_string(line) + ": ";
     SceneReading reading;
@@ -56,7 +56,7 @@ class SceneFile : public testing::Test {
 
 TEST_F(SceneFile, ThatIsPlainIsRead) { EXPECT_THAT(load_scene(file({})).objects, SizeIs(1)); }
 
-// The operating system refuses such names by other exceptions than ours, and devices never end.
+// The operating system rejects overlong names with its own exceptions, and devices can be read without end.
 TEST_F(SceneFile, ThatNamesWhatCannotBeAFileIsRefused) {
   const std::string endless(5000, 'x');
   refused({.rig = endless}, 2, "does not exist");
@@ -70,12 +70,12 @@ TEST_F(SceneFile, ThatNamesWhatCannotBeAFileIsRefused) {
   refused({.more = "include: " + endless + "\n"}, 8, "does not exist");
 }
 
-// It would be drawn for ever.
+// It would be expanded forever.
 TEST_F(SceneFile, WithADistributionOfItselfIsRefused) {
   refused({.more = "light: {ambient_lux: &lux {choice: [*lux]}}\n"}, 8, "anchors and aliases");
 }
 
-// Time must not grow with the square of what a file holds.
+// Reading time must not be quadratic in the file size.
 TEST_F(SceneFile, ThatIsLongIsReadInAMoment) {
   std::string object = "{shape: box, size_m: [1, 1, 1], material: a}";
   std::string objects = object;
@@ -86,7 +86,7 @@ TEST_F(SceneFile, ThatIsLongIsReadInAMoment) {
   refused({.more = "? " + name + "\n: 1\n"}, 8, "unknown key");
 }
 
-// Every shape that takes size_m, as a cube: a wire as thick as all of it had no middle line.
+// Every shape with size_m, as cubes and extreme boxes; a wire as thick as its cube must keep a centre line.
 TEST_F(SceneFile, WithCubesOfAllKindsHasFiniteMeshes) {
   for (const char* shape : {"box", "face_mask", "rock", "wedge", "stone", "brick", "slab", "pipe", "plank", "rebar",
                             "paper", "carton", "foam", "arm", "wire", "bag"}) {
@@ -112,12 +112,12 @@ TEST_F(SceneFile, ThatAsksForTooMuchIsRefused) {
                        "[{shape: box, size_min_m: [1, 1, 1], size_max_m: [1, 1, 1], material: a}]}"};
   EXPECT_NO_THROW(load_scene(file(boxes)));
   refused(boxes, 6, "'count' is 9", {.scattered = 8});
-  refused(boxes, 6, "triangles; 20 are permitted", {.triangles = 20});
-  refused(boxes, 6, "objects; 1 are permitted", {.objects = 1});
+  refused(boxes, 6, "triangles; at most 20 are allowed", {.triangles = 20});
+  refused(boxes, 6, "objects; at most 1 are allowed", {.objects = 1});
   const Said stones{.object =
                         "{shape: pile, count: 5000, area_m: [9, 9], items: [{shape: stone, detail: 7, "
                         "size_min_m: [1, 1, 1], size_max_m: [1, 1, 1], material: a}]}"};
-  refused(stones, 6, "the stones of the pile have about 1638400000 triangles; 30000000 are permitted");
+  refused(stones, 6, "the stones of the pile have about 1638400000 triangles; at most 30000000 are allowed");
   const SceneLimits two_views{.views = 2};
   const std::string motion = "{translation_mm: [0, 0, 1], rotation_deg: [0, 0, 0]}";
   refused({.trajectory = "{motions: [" + motion + ", " + motion + "]}"}, 7, "fewer than 2 motions", two_views);

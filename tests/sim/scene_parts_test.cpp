@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a scene file is put together from: included files, trajectories, piles.
+// The parts of a scene file: included files, trajectories, piles.
 #include <gmock/gmock.h>
 
 #include <cmath>
@@ -48,7 +48,7 @@ TEST_F(SceneParts, IncludedFilesAddObjectsAndMaterialsAndLendSections) {
   const Scene read = load_scene(path);
   EXPECT_EQ(read.name, "mine");
   EXPECT_EQ(read.ambient_lux, 30);
-  ASSERT_EQ(read.objects.size(), 2u);  // its own first
+  ASSERT_EQ(read.objects.size(), 2u);  // the including file's first
   EXPECT_EQ(read.objects[0].material.albedo, 0.1);
   EXPECT_EQ(read.objects[1].material.albedo, 0.5);
 
@@ -56,7 +56,7 @@ TEST_F(SceneParts, IncludedFilesAddObjectsAndMaterialsAndLendSections) {
                                          "name: mine\ninclude: [../common/base.yaml]\nlight: {ambient_lux: 90}\n"
                                          "materials: {grey: {grain: plain, albedo: 0.7}}\ntrajectory: {}\n"));
   EXPECT_EQ(brighter.ambient_lux, 90);
-  EXPECT_EQ(brighter.objects.at(0).material.albedo, 0.7);  // the including file's counts
+  EXPECT_EQ(brighter.objects.at(0).material.albedo, 0.7);  // the including file takes precedence
 }
 
 TEST_F(SceneParts, ErrorsNameTheFileThatTheyAreIn) {
@@ -75,7 +75,7 @@ TEST_F(SceneParts, FilesThatIncludeOneAnotherAreReadOnce) {
   EXPECT_EQ(scene(kHead + "include: [a.yaml, b.yaml]\ntrajectory: {}\n").objects.size(), 1u);
 }
 
-// The resolved scene is one file that says the same, distributions of included files and the seed included.
+// The resolved scene is an equivalent single file, with the seed and the values drawn in included files.
 TEST_F(SceneParts, TheResolvedSceneNeedsNoIncludes) {
   file("common/base.yaml", kHead + "materials: {grey: {grain: plain, albedo: {uniform: [0.1, 0.9]}}}\n" + kBoard);
   const auto path =
@@ -109,7 +109,7 @@ TEST_F(SceneParts, AllErrorsInOneReading) {
                           HasSubstr(at + ":6: 'size_m' must be a list of 3"), HasSubstr(at + ":6: 'material: b'"),
                           HasSubstr(at + ":7: 'shape: egg'"), HasSubstr(at + ":8: unknown key 'colour'"),
                           HasSubstr("'trajectory' is missing")));
-  // The first of them is what a plain reading says.
+  // Reading without error collection throws the first of them.
   EXPECT_EQ(error_of([&] { load_scene(path); }), errors.front());
 }
 
@@ -146,7 +146,7 @@ TEST_F(SceneParts, RoutesThatCannotBe) {
   const auto refused = [&](const std::string& trajectory) { return error_of([&] { route(trajectory); }); };
   EXPECT_THAT(refused("{poses: []}"), HasSubstr("at least 1 pose"));
   EXPECT_THAT(refused("{spline: {waypoints: [{}], count: 5}}"), HasSubstr("at least 2 poses"));
-  EXPECT_THAT(refused("{poses: [{camera_m: [0, 0, 1], look_at_m: [0, 0, 1]}]}"), HasSubstr("stands on"));
+  EXPECT_THAT(refused("{poses: [{camera_m: [0, 0, 1], look_at_m: [0, 0, 1]}]}"), HasSubstr("coincides with"));
   EXPECT_THAT(refused("{poses: [{camera_m: [0, 0, 1], look_at_m: [0, 0, 0], rotation_deg: [0, 0, 0]}]}"),
               HasSubstr("give camera_m and look_at_m"));
   EXPECT_THAT(refused("{motions: [], poses: []}"), HasSubstr("not both"));
@@ -195,7 +195,7 @@ TEST_F(SceneParts, APileIsSettledOnceAndTheSameFromTheCache) {
   EXPECT_FALSE(pile_objects(small_pile(), 5, 0).from_cache);
 }
 
-// Pieces by number come on top of those by weight, which stay what they are.
+// Pieces with a fixed number are added to those drawn by weight, which are unaffected.
 TEST_F(SceneParts, APileHoldsExactlyWhatIsAskedFor) {
   Pile pile = small_pile();
   PileItem item;
@@ -213,7 +213,7 @@ TEST_F(SceneParts, APileHoldsExactlyWhatIsAskedFor) {
     EXPECT_EQ(with.objects[i < 6 ? i : i + 2].mesh->vertices, without.objects[i].mesh->vertices) << i;
 }
 
-// Whatever happened to the cache, the pile is right.
+// A damaged cache never affects the result.
 TEST_F(SceneParts, ABrokenCacheIsNotBelieved) {
   const PileObjects first = pile_objects(small_pile(), 4, 0);
   for (const auto& entry : std::filesystem::directory_iterator(temp_ / "cache/baked")) {

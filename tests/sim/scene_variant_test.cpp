@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Scenes with values other than their files': by SceneReading::changes, by keys of `rig:`, by a wrong calibration.
+// Scenes that override their file's values: by SceneReading::changes, by keys of `rig:`, and by a calibration error.
 #include <gmock/gmock.h>
 
 #include <numbers>
@@ -52,7 +52,7 @@ TEST_F(SceneVariant, ChangesReachMapsListsAndWhatIsNotThere) {
   double widest = 0;
   for (const Eigen::Vector3d& v : scene.objects[1].mesh->vertices) widest = std::max(widest, v.x());
   EXPECT_NEAR(widest, 0.1, 1e-9);
-  // All else is as it was.
+  // Everything else is unchanged.
   EXPECT_EQ(scene.rig.camera.fx, plain.rig.camera.fx);
   EXPECT_EQ(scene.rig.sensor.full_well_electrons, plain.rig.sensor.full_well_electrons);
 }
@@ -90,7 +90,7 @@ TEST_F(SceneVariant, KeysOfTheRigReplaceThoseOfItsFileAndErrorsNameTheRightOne) 
   EXPECT_EQ(changed.rig.near_m, 0.9);
   EXPECT_EQ(changed.rig.sensor.bits, 10);
   EXPECT_EQ(changed.rig.camera.width, 532);
-  // A pose is replaced whole: no turn is left of the file's.
+  // A pose is replaced entirely, including the rotation from the rig file.
   const Scene mounted = load_scene(file(", robot_from_camera: {translation_m: [0, 0, 0.5]}"));
   EXPECT_TRUE(mounted.rig.robot_from_camera.rotation.isIdentity());
   EXPECT_THAT(error_of([&] { load_scene(file(", camera: {sensor: {bits: 99}}")); }), StartsWith(scene + ":2: "));

@@ -17,8 +17,8 @@ namespace {
 
 Hull box_hull(const Eigen::Vector3d& size) { return box_solid(size).hulls[0]; }
 
-// Depth of two convex bodies in each other along the axis that separates them best: of their faces' normals and of the
-// products of their edges (separating axis theorem; exact for boxes). Negative: a gap.
+// Penetration depth of two boxes, m: the minimum overlap over face normals and cross products of edges (separating axis
+// theorem). Negative: a gap.
 double box_penetration(const Pose& a, const Eigen::Vector3d& size_a, const Pose& b, const Eigen::Vector3d& size_b) {
   std::vector<Eigen::Vector3d> axes;
   for (int i = 0; i < 3; ++i) axes.push_back(a.rotation.col(i)), axes.push_back(b.rotation.col(i));
@@ -80,8 +80,8 @@ TEST(Settle, BoxesRestWithoutEnergyAndOutsideEachOther) {
     }
     EXPECT_LT(deepest, 1e-3) << "seed " << seed;
     EXPECT_LT(settled.penetration_m, 1e-3);
-    EXPECT_GT(highest, 0.06);  // they lie on one another
-    // What rests stays: let go again, hardly any moves.
+    EXPECT_GT(highest, 0.06);  // the boxes are stacked
+    // Settled bodies stay in place when the simulation is continued.
     std::vector<double> drift = drifts_m(pile.bodies, kArea, settled.ground_from_body, 1);
     std::sort(drift.begin(), drift.end());
     EXPECT_LT(drift[20], 1e-3) << "seed " << seed;
@@ -89,7 +89,7 @@ TEST(Settle, BoxesRestWithoutEnergyAndOutsideEachOther) {
   }
 }
 
-// The centre of mass of what stands on level ground is above its footing: here, of one box, at half its height.
+// A single box lies flat with its centre of mass at half its height.
 TEST(Settle, OneBoxLiesFlat) {
   const Eigen::Vector3d size(0.2, 0.1, 0.03);
   const Settled settled = settle({{{box_hull(size)}}}, kArea, 5);
@@ -98,7 +98,7 @@ TEST(Settle, OneBoxLiesFlat) {
   EXPECT_NEAR(pose.translation.z(), 0.015, 5e-4);
 }
 
-// Every kind of solid comes to rest in a heap, on the ground.
+// Every kind of solid comes to rest in a pile on the ground.
 TEST(Settle, AllKindsOfSolids) {
   std::vector<Body> bodies;
   for (uint32_t seed = 1; seed <= 3; ++seed) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Checks that every closed mesh must pass, for the tests of solids and furniture.
+// Invariants of closed meshes, for the tests of solids and furniture.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -19,7 +19,7 @@ inline std::array<Eigen::Vector3d, 3> corners_of(const Mesh& mesh, const Eigen::
   return {at(0), at(1), at(2)};
 }
 
-// Returns the volume by the divergence theorem; positive if the triangles face outwards.
+// Returns the enclosed volume by the divergence theorem; positive if the triangles face outwards.
 inline double signed_volume(const Mesh& mesh) {
   double sum = 0;
   for (const Eigen::Vector3i& t : mesh.triangles) {
@@ -35,7 +35,7 @@ inline Eigen::AlignedBox3d bounds_of(const Mesh& mesh) {
   return box;
 }
 
-// In a closed mesh, every directed edge and its reverse occur exactly once.
+// On a closed surface, every directed edge occurs exactly once, as does its reverse.
 inline void expect_closed(const Mesh& mesh) {
   std::map<std::pair<int, int>, int> edges;
   for (const Eigen::Vector3i& t : mesh.triangles) {
@@ -47,7 +47,7 @@ inline void expect_closed(const Mesh& mesh) {
   }
 }
 
-// The height of each triangle above its longest side must exceed 1 um.
+// Expects every triangle's height above its longest side to exceed 1 um.
 inline void expect_no_degenerate_triangle(const Mesh& mesh) {
   for (const Eigen::Vector3i& t : mesh.triangles) {
     const auto [a, b, c] = corners_of(mesh, t);
@@ -65,7 +65,7 @@ inline void expect_finite_and_used(const Mesh& mesh) {
   for (const auto& v : mesh.vertices) ASSERT_TRUE(v.allFinite());
 }
 
-// Splits a mesh into its connected components.
+// Splits the mesh into its connected parts.
 inline std::vector<Mesh> connected_parts(const Mesh& mesh) {
   std::vector<int> parent(mesh.vertices.size());
   for (size_t i = 0; i < parent.size(); ++i) parent[i] = static_cast<int>(i);

@@ -24,8 +24,8 @@ struct Plane {
   double offset;
 };
 
-// The half-spaces whose intersection is the convex hull of some points, by trying all triplets: those that have all
-// points on one side. Triplets that are all but on one line are passed over: a face of a solid has a better one.
+// Returns the half-spaces whose intersection is the convex hull of the points, by testing all triplets for having all
+// points on one side. Nearly collinear triplets are skipped; each face of a solid has a better-conditioned one.
 std::vector<Plane> faces_of_hull(const Points3d& points) {
   std::vector<Plane> faces;
   const auto add_if_outside_all = [&](const Eigen::Vector3d& normal, double offset) {
@@ -63,7 +63,7 @@ std::vector<std::vector<Plane>> all_faces(const Solid& solid) {
   return result;
 }
 
-// How far the worst of some points lies outside all the hulls, as the height over a face; what is inside is below 0.
+// Largest distance of any point outside all hulls, as height above a face; negative if all points are inside.
 double worst_height(const std::vector<std::vector<Plane>>& hulls, const Points3d& points) {
   double worst = -std::numeric_limits<double>::infinity();
   for (const auto& p : points) {
@@ -195,7 +195,7 @@ TEST(ConvexCover, OfASphereWithFewCornersIsLittleLarger) {
     const Points3d cover = convex_cover(sphere, corners);
     EXPECT_LE(cover.size(), corners);
     EXPECT_LT(worst_height({faces_of_hull(cover)}, sphere), 1e-6);
-    // A polytope of n corners cannot come closer than about this to a sphere that it holds.
+    // The tightest enclosing polytope with n corners exceeds a sphere's radius by the order of 1/n.
     for (const auto& p : cover) EXPECT_LT(p.norm(), 1 + 9.0 / static_cast<double>(corners));
   }
 }
@@ -217,7 +217,7 @@ TEST(Solids, PipeHasTheVolumeOfItsWall) {
   const double truth = kPi * (outer * outer - inner * inner) * length;
   for (const int sides : {3, 12, 48, 96}) {
     const Solid pipe = pipe_solid(outer, outer - inner, length, sides);
-    const double faceting = sides / (2 * kPi) * std::sin(2 * kPi / sides);  // area of the polygon in its circle
+    const double faceting = sides / (2 * kPi) * std::sin(2 * kPi / sides);  // polygon area over circle area
     EXPECT_NEAR(signed_volume(pipe.mesh), truth * faceting, 1e-15);
   }
   EXPECT_NEAR(signed_volume(pipe_solid(outer, outer - inner, length, 96).mesh), truth, 1e-3 * truth);
@@ -284,7 +284,7 @@ TEST(Solids, WireFillsItsCube) {
     const Solid wire = wire_solid(radius, extent, loops, 5);
     EXPECT_NEAR(bounds_of(wire.mesh).sizes().maxCoeff(), extent, 2 * radius);
     EXPECT_LE(wire.hulls.size(), 40u);
-    // A wire's volume is its section (an octagon) times its length, which grows with the rounds.
+    // A wire's volume is its section (an octagon) times its length, which grows with the number of loops.
     const double length = signed_volume(wire.mesh) / (4 * radius * radius * std::sin(kPi / 4));
     EXPECT_GT(length, loops * 1.2 * extent);
     EXPECT_LT(length, loops * 4.5 * extent);
@@ -295,7 +295,7 @@ TEST(Solids, ArmHasItsLengthAndFiveFingers) {
   for (uint32_t seed = 0; seed < 8; ++seed) {
     const Solid arm = arm_solid(0.45, seed);
     EXPECT_NEAR(bounds_of(arm.mesh).sizes().z(), 0.45, 1e-3);
-    EXPECT_EQ(connected_parts(arm.mesh).size(), 7u);  // and the ball of the thumb
+    EXPECT_EQ(connected_parts(arm.mesh).size(), 7u);  // forearm with palm, five fingers, ball of the thumb
   }
 }
 
@@ -319,7 +319,7 @@ TEST(Solids, PaperKeepsItsAreaHoweverItIsCurled) {
 }
 
 TEST(Solids, PaperTurnsByItsCurl) {
-  // Chord over arc of a circle that turns by an angle; folds and uneven bending are small against it.
+  // Chord over arc length of a circular arc with this angle; folds and uneven bending have little effect.
   const double curl = 2.5, size = 0.2;
   const Eigen::Vector3d sizes = bounds_of(paper_solid(size, size, curl, 2).mesh).sizes();
   EXPECT_NEAR(sizes.x(), size * std::sin(curl / 2) / (curl / 2), 0.2 * size);
@@ -330,7 +330,7 @@ TEST(Solids, PaperIsBumpedAgainstAsTwoMillimetres) {
   for (const double curl : {0.0, 1.0, 3.0}) {
     const Solid paper = paper_solid(0.21, 0.297, curl, 6);
     for (const auto& hull : paper.hulls) {
-      for (const Plane& face : faces_of_hull(hull)) {  // a polytope is thinnest across a face, or two edges
+      for (const Plane& face : faces_of_hull(hull)) {  // a polytope is thinnest across a face or two edges
         double depth = 0;
         for (const auto& p : hull) depth = std::max(depth, face.offset - face.normal.dot(p));
         EXPECT_GT(depth, 0.002);

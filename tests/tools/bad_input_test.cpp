@@ -91,7 +91,7 @@ TEST_F(BadInput, MaterialThatCannotBe) {
   expect_scene_refused(table, "grain: wood, albedo: 1.4,", "'albedo' is 1.4");
   expect_scene_refused(table, "grain: wood, albedo: 0.4, roughness: 0,", "'roughness' is 0");
   expect_scene_refused(table, "grain: wood, albedo: 0.4, metal: true, reflectance: 0.5,",
-                       "a metal reflects by its albedo");
+                       "the reflectance of a metal is its albedo");
   expect_scene_refused(table, "grain: wood, albedo: 0.4, texture: no.png,", "give grain or texture, not both");
   expect_scene_refused("{grain: wood, albedo: 0.4, contrast: 0.35, grain_m: 0.012}", "{texture: no.png}",
                        "no.png does not exist");
