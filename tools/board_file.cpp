@@ -14,7 +14,7 @@ Board read_board(const std::filesystem::path& file) {
   board.spacing_m = map.number("spacing_m", {1e-5, 100});
   if (board.kind != BoardKind::checkerboard) board.diameter_m = map.number_or("diameter_m", 0, {0, 100});
   if (board.diameter_m >= board.spacing_m)
-    throw map.error("diameter_m", "circles of diameter_m would touch: it must be less than spacing_m");
+    throw map.error("diameter_m", "diameter_m must be less than spacing_m, otherwise the circles touch");
   map.finish();
   return board;
 }

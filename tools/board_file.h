@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// board.yaml: kind (checkerboard, circles, asymmetric_circles), columns, rows (inner corners, or circles), spacing_m,
-// and of circles diameter_m.
+// Reads board.yaml: kind (checkerboard, circles, asymmetric_circles), columns, rows (inner corners, or circles),
+// spacing_m and, for circles, diameter_m.
 #pragma once
 
 #include <filesystem>
@@ -11,10 +11,11 @@ namespace fringeslam::tools {
 
 constexpr const char* kBoardFile = "board.yaml";
 
-// Throws Error with file:line.
+// Reads a board file. Throws Error with file:line.
 Board read_board(const std::filesystem::path& file);
 
-// The board of a dataset: `given` when that is not empty, else its own board.yaml.
+// Returns the dataset's board, read from `given` or, if that is empty, from the dataset's own board.yaml. Throws Error
+// if the file is missing or invalid.
 Board board_of(const std::filesystem::path& dataset, const std::filesystem::path& given);
 
 }  // namespace fringeslam::tools

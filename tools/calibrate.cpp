@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// fringeslam calibrate WHAT …: one subcommand for each thing that can be calibrated.
+// fringeslam calibrate rig|response|stage
 #include <memory>
 #include <utility>
 #include <vector>
@@ -9,7 +9,8 @@
 namespace fringeslam::tools {
 
 Verb add_calibrate(CLI::App& app, const Common& common) {
-  CLI::App* group = app.add_subcommand("calibrate", "Measure what the rig is: lenses and poses, response, mount");
+  CLI::App* group =
+      app.add_subcommand("calibrate", "Calibrate lenses and relative pose, projector response, or sensor mount");
   group->require_subcommand(1);
   auto verbs = std::make_shared<std::vector<std::pair<CLI::App*, Verb>>>();
   for (const auto add : {add_calibrate_rig, add_calibrate_response, add_calibrate_stage}) {

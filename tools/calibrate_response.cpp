@@ -32,7 +32,7 @@ struct Arguments {
   std::vector<std::string> sets;
 };
 
-// The mean of all stacks, which must show one view.
+// Returns the mean images of all stacks, which must show the same view.
 std::vector<cv::Mat1f> mean_images(ReplayRig& replay) {
   std::vector<cv::Mat1f> sums;
   int stacks = 0;
@@ -51,7 +51,7 @@ std::vector<cv::Mat1f> mean_images(ReplayRig& replay) {
   return sums;
 }
 
-// The images of a sequence that a response can be had from.
+// Indices and levels of a sequence's flat images.
 struct Ramp {
   std::vector<size_t> images;
   std::vector<double> levels;
@@ -66,6 +66,7 @@ Ramp ramp_of(const PatternSequence& sequence) {
   return ramp;
 }
 
+// Returns the first fringe group with at least 8 phase steps.
 std::optional<FringeGroup> many_steps(const PatternSequence& sequence) {
   for (const Axis axis : {Axis::columns, Axis::rows}) {
     for (const FringeGroup& group : fringe_groups(sequence, axis)) {
@@ -99,12 +100,12 @@ std::string to_table(const Response& response, const PhaseCorrection& correction
     std::snprintf(line, sizeof line, "%.4f   %.5f ± %.5f\n", response.level[i], response.light[i], response.sigma[i]);
     text += line;
   }
-  std::snprintf(line, sizeof line, "\nnearest gamma %.3f, from %d pixels\n", response.gamma, response.pixels);
+  std::snprintf(line, sizeof line, "\nbest-fit gamma %.3f, from %d pixels\n", response.gamma, response.pixels);
   text += line;
   if (!correction.offset_rad.empty()) {
     double largest = 0;
     for (const double offset : correction.offset_rad) largest = std::max(largest, std::abs(offset));
-    std::snprintf(line, sizeof line, "phase of %d steps: off by up to %.4f rad\n", correction.steps, largest);
+    std::snprintf(line, sizeof line, "phase error with %d steps: up to %.4f rad\n", correction.steps, largest);
     text += line;
   }
   return text;
@@ -119,10 +120,11 @@ int calibrate(const Arguments& arguments, const Common& common) {
   const std::optional<FringeGroup> fringes = many_steps(sequence);
   if (ramp.images.size() < 5 && !fringes)
     throw Error(arguments.dataset +
-                ": holds neither a grey ramp of 5 levels or more nor 8 or more steps of a period; render or capture "
+                ": contains neither a grey ramp of 5 levels or more nor 8 or more steps of a period; render or capture "
                 "patterns with `ramp_levels: 33` or `steps: 12`");
   if (!sequence.inverse_response.empty())
-    throw Error(arguments.dataset + ": its patterns were corrected by an inverse response already; capture plain ones");
+    throw Error(arguments.dataset +
+                ": its patterns are already corrected by an inverse response; capture uncorrected ones");
   StagedFolder folder(arguments.out, "calibration");
   RigModel rig = replay.model();
   Response response;
@@ -135,8 +137,8 @@ int calibrate(const Arguments& arguments, const Common& common) {
     rig.projector_response = response.table;
     rig.phase_correction = {};
     if (arguments.steps && !fringes)
-      throw Error("--steps: a phase correction needs fringes of 8 or more steps; the dataset has none");
-    // Unasked, for the papers' three steps where there are enough.
+      throw Error("--steps: a phase correction needs fringes with 8 or more steps; the dataset has none");
+    // By default a correction for the papers' three steps, if their number divides that of the fringes' steps.
     if (arguments.steps || (fringes && fringes->images.size() % 3 == 0))
       rig.phase_correction = phase_correction_from_fringes(pick(images, fringes->images), fringes->shifts_rad,
                                                            arguments.steps.value_or(3), rig.sensor, settings.response);
@@ -159,12 +161,14 @@ int calibrate(const Arguments& arguments, const Common& common) {
 
 Verb add_calibrate_response(CLI::App& group, const Common& common) {
   auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb = group.add_subcommand("response", "The projector's response, from a grey ramp or many-step fringes");
-  verb->add_option("dataset", arguments->dataset, "Dataset of one view: flat patterns, or 8 or more steps of a period")
+  CLI::App* verb = group.add_subcommand("response", "Projector response, from a grey ramp or many-step fringes");
+  verb->add_option("dataset", arguments->dataset,
+                   "Dataset of one view with flat patterns, or with 8 or more steps of one period")
       ->required();
   verb->add_option("--out", arguments->out, "Folder for rig.yaml, response.json and response.png")->required();
-  verb->add_option("--steps", arguments->steps,
-                   "Steps that the phase correction is for, a divisor of the fringes' own (default: 3 where it is one)")
+  verb->add_option(
+          "--steps", arguments->steps,
+          "Number of steps for the phase correction, a divisor of the fringes' steps (default: 3 if it divides)")
       ->check(CLI::Range(3, 1000));
   verb->add_option("--set", arguments->sets, "response.key=value (repeatable; listed below)");
   verb->footer(groups_help(ResponseSettings()));

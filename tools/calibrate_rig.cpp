@@ -70,7 +70,7 @@ std::string to_table(const RigCalibration& c) {
       std::snprintf(line, sizeof line, "%-14s %10.4f %13.4f\n", view.name.c_str(), view.camera_rms_px,
                     view.projector_rms_px);
     else
-      std::snprintf(line, sizeof line, "%-14s left out: %s\n", view.name.c_str(), view.reason.c_str());
+      std::snprintf(line, sizeof line, "%-14s not used: %s\n", view.name.c_str(), view.reason.c_str());
     text += line;
   }
   std::snprintf(line, sizeof line, "%-14s %10.4f %13.4f  (RMS reprojection)\n\n", "all", c.camera_rms_px,
@@ -136,7 +136,7 @@ int calibrate(const Arguments& arguments, const Common& common) {
     try {
       resolve_unwrapping(replay.sequence(), replay.model(), settings.decode, {axis});
     } catch (const Error& e) {
-      throw Error(arguments.dataset + ": " + e.what() + "; a board set needs patterns in both axes");
+      throw Error(arguments.dataset + ": " + e.what() + "; rig calibration needs patterns in both axes");
     }
   }
   StagedFolder folder(arguments.out, "calibration");
@@ -171,8 +171,8 @@ int calibrate(const Arguments& arguments, const Common& common) {
 Verb add_calibrate_rig(CLI::App& group, const Common& common) {
   auto arguments = std::make_shared<Arguments>();
   CLI::App* verb =
-      group.add_subcommand("rig", "Lenses of camera and projector and their relative pose, from views of a flat board");
-  verb->add_option("dataset", arguments->dataset, "Dataset of board views, patterns in both axes")->required();
+      group.add_subcommand("rig", "Camera and projector lenses and their relative pose, from views of a flat board");
+  verb->add_option("dataset", arguments->dataset, "Dataset of board views with patterns in both axes")->required();
   verb->add_option("--board", arguments->board, "Board file (default: DATASET/board.yaml)");
   verb->add_option("--out", arguments->out, "Folder for rig.yaml, calibration.json and coverage.png")->required();
   verb->add_option("--set", arguments->sets, "calibration.key=value or decode.key=value (repeatable; listed below)");

@@ -41,7 +41,7 @@ struct Arguments {
   std::vector<std::string> sets;
 };
 
-// Radius of the plane fits: most of the way to the next corner.
+// Returns the radius of the plane fits in px: 80 % of the mean corner spacing, from 3 to 40.
 double fit_radius(const std::vector<cv::Point2f>& corners, const Board& board) {
   const auto last = corners.size() - 1;
   const double diagonal = cv::norm(corners[last] - corners[0]);
@@ -72,14 +72,15 @@ std::string to_table(const StageCalibration& c) {
   };
   text += "robot_from_camera from " + std::to_string(c.motions) + " motions and " + std::to_string(c.corners) +
           " corners\n";
-  pose_line("nearest rigid of the 12", c.nearest_rigid);
+  pose_line("affine, made rigid", c.nearest_rigid);
   pose_line("maximum likelihood", c.robot_from_camera);
   const Vector6d s = c.covariance.diagonal().cwiseSqrt();
   const double degrees = 180 / std::numbers::pi;
   std::snprintf(line, sizeof line, "%-22s %10.4f %10.4f %10.4f mm  %9.5f %9.5f %9.5f deg (about the robot's axes)\n",
                 "sigma", 1e3 * s(3), 1e3 * s(4), 1e3 * s(5), degrees * s(0), degrees * s(1), degrees * s(2));
   text += line;
-  std::snprintf(line, sizeof line, "residuals %.4f mm RMS; the 12 unknowns are %.1e from rigid\n", 1e3 * c.rms_m,
+  std::snprintf(line, sizeof line,
+                "residuals %.4f mm RMS; the affine estimate deviates from a rigid transform by %.1e\n", 1e3 * c.rms_m,
                 c.affinity);
   return text + line;
 }
@@ -109,7 +110,7 @@ int calibrate(const Arguments& arguments, const Common& common) {
       arguments.poses.empty() ? fs::path(arguments.dataset) / kStageFile : fs::path(arguments.poses);
   if (!fs::exists(pose_file))
     throw Error(pose_file.string() +
-                ": is missing; give the commanded poses, world_from_robot, by --poses FILE (TUM format)");
+                ": is missing; give the commanded poses world_from_robot by --poses FILE (TUM format)");
   const Trajectory poses = read_tum(pose_file);
   if (static_cast<int>(poses.size()) != replay.info().stacks)
     throw Error(pose_file.string() + ": has " + std::to_string(poses.size()) + " poses but the dataset has " +
@@ -140,8 +141,7 @@ int calibrate(const Arguments& arguments, const Common& common) {
   try {
     calibration = calibrate_stage(views);
   } catch (const Error& e) {
-    throw Error(arguments.dataset + ": " + e.what() +
-                (lost.empty() ? "" : " (no board was found in views " + lost + ")"));
+    throw Error(arguments.dataset + ": " + e.what() + (lost.empty() ? "" : " (no board found in views " + lost + ")"));
   }
   rig.robot_from_camera = calibration.robot_from_camera;
   write_text(folder.path() / "rig.yaml", to_yaml(rig));
@@ -150,7 +150,7 @@ int calibrate(const Arguments& arguments, const Common& common) {
   if (common.json) {
     std::printf("%s\n", to_json(calibration).dump(2).c_str());
   } else {
-    if (!lost.empty()) std::printf("no board was found in views %s\n", lost.c_str());
+    if (!lost.empty()) std::printf("no board found in views %s\n", lost.c_str());
     std::printf("%s\nwritten: %s  (rig.yaml, stage.json)\n", to_table(calibration).c_str(), arguments.out.c_str());
   }
   return 0;
@@ -161,8 +161,8 @@ int calibrate(const Arguments& arguments, const Common& common) {
 Verb add_calibrate_stage(CLI::App& group, const Common& common) {
   auto arguments = std::make_shared<Arguments>();
   CLI::App* verb = group.add_subcommand(
-      "stage", "How the sensor sits on its stage or robot, from a board seen during commanded motions");
-  verb->add_option("dataset", arguments->dataset, "Dataset of a board that stands still, one stack a pose")->required();
+      "stage", "Pose of the sensor on its stage or robot, from a board seen during commanded motions");
+  verb->add_option("dataset", arguments->dataset, "Dataset of a stationary board, one stack per pose")->required();
   verb->add_option("--board", arguments->board, "Board file (default: DATASET/board.yaml)");
   verb->add_option("--poses", arguments->poses,
                    "Commanded poses world_from_robot, TUM format (default: DATASET/stage.tum)");

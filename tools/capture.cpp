@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// fringeslam capture --rig RIG.yaml --out DATASET: a dataset from a camera and a projector.
+// fringeslam capture --rig RIG.yaml --out DATASET: captures a dataset with a camera and a projector.
 #include <sys/wait.h>
 
 #include <chrono>
@@ -40,19 +40,19 @@ struct Arguments {
   std::vector<std::string> sets;
 };
 
-// What moves the sensor between views: a stage, a robot, or a person who presses a key.
+// Runs the command that moves the sensor between views: a stage, a robot, or a prompt to a person.
 void run_before(const std::string& command, int stack) {
   if (command.empty()) return;
   setenv("FRINGESLAM_STACK", std::to_string(stack).c_str(), 1);
   const int status = std::system(command.c_str());
-  // While a command runs Ctrl-C is the command's.
+  // While the command runs it receives Ctrl-C instead of this process.
   if ((WIFSIGNALED(status) && WTERMSIG(status) == SIGINT) || (WIFEXITED(status) && WEXITSTATUS(status) == 128 + SIGINT))
     std::raise(SIGINT);
   else if (status != 0)
     throw Error("--before " + command + ": failed before stack " + std::to_string(stack));
 }
 
-// Three frequencies, each an eighth of the one before, the coarsest a little wider than the projector.
+// Three periods, each an eighth of the previous one; the coarsest is a little wider than the projector.
 PatternSequence default_sequence(const RigModel& rig) {
   const double widest = rig.projector.width + 16;
   return phase_shift_sequence(rig.projector.width, rig.projector.height, {widest, widest / 8, widest / 64}, 3,
@@ -65,18 +65,18 @@ PatternSequence sequence_of(const Arguments& arguments, const RigModel& rig) {
   return read_patterns(fs::is_directory(path) ? path / "patterns.yaml" : path);
 }
 
-// Whether the page shows a map; says why not.
+// True if the live page can show a map; otherwise prints why not.
 bool can_map(const RigModel& rig, const PatternSequence& sequence, const PipelineOptions& options) {
   try {
     check_mappable(rig, sequence, options.decode);
     return true;
   } catch (const Error& e) {
-    std::fprintf(stderr, "live: pictures, but no map: %s\n", e.what());
+    std::fprintf(stderr, "live: images, but no map: %s\n", e.what());
     return false;
   }
 }
 
-// A dataset that grows: valid after every stack, whatever happens next.
+// Captures a dataset that is valid after every stack, even if the capture is interrupted.
 int capture(const Arguments& arguments, const Common& common) {
   if (fs::exists(arguments.out) && !(fs::is_directory(arguments.out) && fs::is_empty(arguments.out)))
     throw Error(arguments.out + ": exists; choose another --out or remove it");
@@ -124,7 +124,7 @@ int capture(const Arguments& arguments, const Common& common) {
         fs::remove_all(arguments.out, ignored);
         throw;
       }
-      throw Error(std::string(e.what()) + "; " + kept() + " before that are in " + arguments.out);
+      throw Error(std::string(e.what()) + "; " + kept() + " captured before are in " + arguments.out);
     }
   }
   if (stacks == 0) fs::remove_all(arguments.out);
@@ -143,8 +143,8 @@ int capture(const Arguments& arguments, const Common& common) {
        {"packets_missing", camera.missing_packets},
        {"camera_reopened", camera.reopened}},
       "dataset: " + arguments.out + " (" + kept() + (interrupted() ? ", interrupted" : "") +
-          (rig->retaken() ? ", " + std::to_string(rig->retaken()) + " sequences taken again" : "") +
-          (camera.refused ? ", " + std::to_string(camera.refused) + " images taken again" : "") + ")");
+          (rig->retaken() ? ", " + std::to_string(rig->retaken()) + " sequences retaken" : "") +
+          (camera.refused ? ", " + std::to_string(camera.refused) + " images retaken" : "") + ")");
   return interrupted() && stacks == 0 ? 2 : 0;
 }
 
@@ -155,15 +155,15 @@ Verb add_capture(CLI::App& app, const Common& common) {
   CLI::App* verb = app.add_subcommand("capture", "Capture a dataset with a camera and a projector");
   verb->add_option("--rig", arguments->rig, "Rig file with a hardware: section")->required();
   verb->add_option("--out", arguments->out, "Dataset folder to write")->required();
-  verb->add_option("--count", arguments->count, "Stacks to capture")->check(CLI::Range(1, 1000000));
-  verb->add_option("--interval", arguments->interval_s, "Seconds between them")->check(CLI::Range(0.0, 86400.0));
+  verb->add_option("--count", arguments->count, "Number of stacks to capture")->check(CLI::Range(1, 1000000));
+  verb->add_option("--interval", arguments->interval_s, "Seconds between stacks")->check(CLI::Range(0.0, 86400.0));
   verb->add_option("--before", arguments->before,
-                   "Command to run before each stack, whose number is in FRINGESLAM_STACK: what moves the sensor; "
-                   "'read _' waits for Enter");
-  verb->add_option("--patterns", arguments->patterns, "patterns.yaml, or the folder that `fringeslam patterns` wrote");
+                   "Command to run before each stack, for example to move the sensor; FRINGESLAM_STACK is the stack's "
+                   "number; 'read _' waits for Enter");
+  verb->add_option("--patterns", arguments->patterns, "patterns.yaml, or a folder written by `fringeslam patterns`");
   add_live_option(*verb, arguments->live);
   verb->add_option("--set", arguments->sets,
-                   "A setting of the live page's map: stage.key=value (repeatable; `fringeslam run --help` lists them)")
+                   "Setting of the live page's map: stage.key=value (repeatable; `fringeslam run --help` lists them)")
       ->needs("--live");
   return [arguments, &common] { return capture(*arguments, common); };
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// fringeslam effects SCENE --out PICTURE
+// fringeslam effects SCENE --out IMAGE
 #include "tools/report/effects.h"
 
 #include <cstdio>
@@ -18,7 +18,8 @@ Verb add_effects(CLI::App& app, const Common& common) {
     std::vector<std::string> sets;
   };
   auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb = app.add_subcommand("effects", "Picture of a scene with each effect of light on its own");
+  CLI::App* verb =
+      app.add_subcommand("effects", "Write an image that shows each simulated light effect of a scene separately");
   verb->add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml")->required();
   verb->add_option("--out", arguments->out, "PNG file to write")->required();
   verb->add_option("--set", arguments->sets, "render.key=value; see `run --help`");

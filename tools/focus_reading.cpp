@@ -14,8 +14,8 @@ namespace fringeslam::tools {
 namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
-constexpr double kLeastRange = 0.05;     // between white and black, of full scale, for a pixel that can tell
-constexpr double kLeastMeasured = 0.02;  // of a region's pixels that must be able to tell
+constexpr double kLeastRange = 0.05;     // white minus black, share of full scale, for a usable pixel
+constexpr double kLeastMeasured = 0.02;  // minimum share of usable pixels in a region
 
 cv::Mat1f flat_image(const FringeStack& stack, const PatternSequence& sequence, double level) {
   for (size_t i = 0; i < sequence.patterns.size(); ++i) {
@@ -32,7 +32,7 @@ double share(const cv::Mat& mask) {
   return static_cast<double>(cv::countNonZero(mask)) / static_cast<double>(mask.total());
 }
 
-// Sums before the ratio: bright pixels, whose noise matters less, count more.
+// Ratio of sums, so that bright pixels, which are less noisy, count more.
 double contrast(const cv::Mat1f& modulation, const cv::Mat1f& range, const cv::Mat& tells) {
   if (share(tells) < kLeastMeasured) return kNaN;
   return 2 * cv::mean(modulation, tells)[0] / cv::mean(range, tells)[0];

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// fringeslam import FOLDER --out DATASET: images of another rig as a dataset.
+// fringeslam import FOLDER --out DATASET: converts another rig's images to a dataset.
 #include "core/import/import.h"
 
 #include <cstdio>
@@ -51,9 +51,9 @@ Verb add_import(CLI::App& app, const Common& common) {
     std::string folder, config, out;
   };
   auto a = std::make_shared<Arguments>();
-  CLI::App* verb = app.add_subcommand("import", "Turn the images of any structured-light rig into a dataset");
+  CLI::App* verb = app.add_subcommand("import", "Convert the images of any structured-light rig to a dataset");
   verb->add_option("folder", a->folder, "Folder with the images")->required();
-  verb->add_option("--config", a->config, "What the images are (default: FOLDER/import.yaml)");
+  verb->add_option("--config", a->config, "Description of the images (default: FOLDER/import.yaml)");
   verb->add_option("--out", a->out, "Dataset folder to write")->required();
   return [a, &common] {
     const fs::path folder(a->folder);

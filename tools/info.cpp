@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// fringeslam info PATH: what a scene, dataset, run or rig file holds.
+// fringeslam info PATH: prints the contents of a scene, dataset, run or rig file.
 #include <cmath>
 #include <cstdio>
 #include <memory>
@@ -72,7 +72,7 @@ Json describe_path(const fs::path& path) {
     return json;
   }
   if (fs::exists(path / "scene.yaml")) return describe_scene(path / "scene.yaml");
-  if (fs::is_directory(path)) throw Error(path.string() + ": is neither a scene, a dataset nor a run");
+  if (fs::is_directory(path)) throw Error(path.string() + ": is not a scene, dataset or run");
   if (path.filename() == "scene.yaml") return describe_scene(path);
   Json json = {{"kind", "rig"}};
   json.update(describe(read_rig(path)));
@@ -83,7 +83,7 @@ Json describe_path(const fs::path& path) {
 
 Verb add_info(CLI::App& app, const Common& common) {
   auto path = std::make_shared<std::string>();
-  CLI::App* verb = app.add_subcommand("info", "Say what a scene, a dataset, a run or a rig file holds");
+  CLI::App* verb = app.add_subcommand("info", "Print the contents of a scene, dataset, run or rig file");
   verb->add_option("path", *path, "Folder or file")->required();
   return [path, &common] {
     const Json json = describe_path(*path);

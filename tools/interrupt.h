@@ -1,13 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-// Ctrl-C and SIGTERM end a loop at its next turn, so that what it made so far is kept.
+// Lets loops end at their next iteration on Ctrl-C and SIGTERM, so that their results so far are kept.
 #pragma once
 
 namespace fringeslam::tools {
 
+// Installs the signal handlers.
 void catch_interrupts();
+// True once a signal has arrived.
 bool interrupted();
 
-// Returns early when interrupted.
+// Sleeps; returns early when interrupted.
 void wait_s(double seconds);
 
 }  // namespace fringeslam::tools

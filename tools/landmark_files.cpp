@@ -29,7 +29,7 @@ std::string keypoint_table(const Landmarks& landmarks) {
 
 namespace {
 
-// To 0.001 of the unit: what is below says nothing.
+// Rounds to 0.001 of the unit; smaller digits are not significant.
 double rounded(double value) { return std::round(1e3 * value) / 1e3; }
 
 nlohmann::ordered_json to_json(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }

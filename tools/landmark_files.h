@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Landmarks as files (the columns and keys are in tools/README.md).
+// Writes landmarks as CSV and JSON (tools/README.md lists the columns and keys).
 #pragma once
 
 #include <nlohmann/json.hpp>
@@ -9,13 +9,14 @@
 
 namespace fringeslam::tools {
 
-// Matrix A: a line for each depth keypoint, under a head (thesis Table 1, and the columns that clustering adds).
+// Returns matrix A as CSV with a header line: one line per depth keypoint (thesis Table 1, and the columns added by
+// clustering).
 std::string keypoint_table(const Landmarks& landmarks);
 
-// A view's landmarks and which of them were recognised.
+// Returns a view's landmarks and their re-identifications.
 nlohmann::ordered_json landmarks_json(int index, const FrameResult& view);
 
-// Warm things of the map, victims among them, in the map's world.
+// Returns the warm objects of the map and which of them are victims, in the map's world frame.
 nlohmann::ordered_json to_json(const std::vector<WarmThing>& things);
 
 }  // namespace fringeslam::tools

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// fringeslam landmarks SCENE|DATASET --out FOLDER
+// fringeslam landmarks SCENE|DATASET --out FOLDER: extracts landmarks in every view and re-identifies them in earlier
+// keyframes.
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -74,7 +75,7 @@ int landmarks(const Arguments& arguments, const Common& common) {
   say(common, {{"written", arguments.out}, {"landmarks", found}, {"recognised", recognised}},
       "written: " + arguments.out + ": " + std::to_string(found) + " landmarks in " + std::to_string(frames.size()) +
           " views, " + std::to_string(recognised) +
-          " of them seen before  (look at frames/*/stages.png and matches.png)");
+          " of them re-identified  (see frames/*/stages.png and matches.png)");
   return 0;
 }
 
@@ -82,11 +83,12 @@ int landmarks(const Arguments& arguments, const Common& common) {
 
 Verb add_landmarks(CLI::App& app, const Common& common) {
   auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb = app.add_subcommand("landmarks", "Pictures and tables of how landmarks are found and recognised");
+  CLI::App* verb =
+      app.add_subcommand("landmarks", "Write images and tables of landmark extraction and re-identification");
   verb->add_option("source", arguments->source, "Scene file, folder with scene.yaml, or dataset folder")->required();
   verb->add_option("--out", arguments->out, "Folder to write")->required();
   arguments->variant.add_to(*verb);
-  verb->add_option("--set", arguments->sets, "Change a setting: stage.key=value; see `run --help`");
+  verb->add_option("--set", arguments->sets, "Setting: stage.key=value (repeatable; see `run --help`)");
   return [arguments, &common] { return landmarks(*arguments, common); };
 }
 

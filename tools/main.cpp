@@ -14,7 +14,7 @@ using namespace fringeslam::tools;
 
 namespace {
 
-// CLI11 only says that a subcommand is required.
+// Throws Error naming the unknown verb; CLI11 only reports that a subcommand is required.
 void refuse_unknown_verb(const CLI::App& app, int argc, char** argv) {
   if (argc < 2 || argv[1][0] == '-') return;
   const std::string word = argv[1];
@@ -30,7 +30,7 @@ void refuse_unknown_verb(const CLI::App& app, int argc, char** argv) {
 
 int main(int argc, char** argv) {
   fringeslam::keep_freed_memory();
-  CLI::App app{"FringeSLAM: maps rubble in 3D with a structured-light sensor and scores the map against exact truth"};
+  CLI::App app{"FringeSLAM: 3D visual SLAM with a structured-light sensor, scored against exact ground truth"};
   app.name("fringeslam");
   app.set_version_flag("--version", "fringeslam " FRINGESLAM_VERSION);
   app.require_subcommand(1);
@@ -39,7 +39,7 @@ int main(int argc, char** argv) {
   int threads = 0;
   app.add_flag("--json", common.json, "Print one JSON document and nothing else");
   app.add_flag("--quiet", common.quiet, "Print no progress");
-  app.add_option("--threads", threads, "Threads to use (0: all processors); never changes a result")
+  app.add_option("--threads", threads, "Number of threads (0: all processors); results do not depend on it")
       ->check(CLI::Range(0, 1024));
 
   std::vector<std::pair<CLI::App*, Verb>> verbs;

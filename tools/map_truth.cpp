@@ -20,7 +20,7 @@ bool is_there(const fs::path& path) {
   return fs::exists(path, ignored);
 }
 
-// With the rig that the images were made with; its camera may lack the scene's distortion.
+// Loads the scene with the images' own rig, whose camera may lack the scene's distortion.
 sim::Scene scene_of_images(const fs::path& folder) {
   sim::SceneReading reading;
   if (is_there(folder / "rig.yaml")) reading.rig_file = folder / "rig.yaml";
@@ -35,9 +35,9 @@ sim::Scene read_scene(const fs::path& path, std::optional<uint64_t> seed) {
   if (!is_there(path)) throw Error(path.string() + ": does not exist; give a scene, a dataset or a run as --truth");
   if (!fs::is_directory(path) || is_there(path / kSceneFile)) return sim::load_scene(scene_file(path), {seed});
   if (!is_there(path / kResolvedFile))
-    throw Error(path.string() + ": holds neither " + kSceneFile + " nor " + kResolvedFile +
-                ", so its true surface is not known");
-  if (seed) throw Error(path.string() + ": --seed has no effect on what was rendered; leave it out");
+    throw Error(path.string() + ": contains neither " + kSceneFile + " nor " + kResolvedFile +
+                ", so its true surface is unknown");
+  if (seed) throw Error(path.string() + ": --seed has no effect on a rendered folder; leave it out");
   return scene_of_images(path);
 }
 
@@ -54,19 +54,19 @@ MapTruth read_map_truth(const fs::path& path, std::optional<uint64_t> seed, cons
   MapTruth truth{scene.name, sim::NearestSurface(scene), {}, std::move(trajectory)};
   const PixelRays rays = pixel_rays(scene.rig.camera);
   const sim::VirtualRig rig(scene, {});
-  Progress progress("what was seen", static_cast<int>(scene.trajectory.size()), common.quiet || common.json);
+  Progress progress("visible surface", static_cast<int>(scene.trajectory.size()), common.quiet || common.json);
   for (size_t pose = 0; pose < scene.trajectory.size(); ++pose) {
     append_seen(rig.truth_of(pose), scene.rig, rays, truth.seen);
     progress.step();
   }
-  if (truth.seen.empty()) throw Error(path.string() + ": the sensor sees nothing of the surface");
+  if (truth.seen.empty()) throw Error(path.string() + ": the sensor does not see the surface");
   return truth;
 }
 
 MapScore score_map(const PlyMap& map, const MapTruth& truth, double threshold_m) {
   constexpr double kAnywhere = std::numeric_limits<double>::infinity();
   sim::Mesh mesh{map.vertices, map.triangles};
-  // A point is a triangle without area.
+  // Represents each point as a triangle without area.
   if (mesh.triangles.empty()) {
     for (int i = 0; i < static_cast<int>(mesh.vertices.size()); ++i) mesh.triangles.emplace_back(i, i, i);
   }
@@ -80,7 +80,7 @@ fs::path true_trajectory_file(const fs::path& path) {
   for (const fs::path& file : {path / "truth" / "truth.tum", path / kTumTruthFile}) {
     if (is_there(file)) return file;
   }
-  throw Error(path.string() + ": holds neither truth/truth.tum nor " + kTumTruthFile);
+  throw Error(path.string() + ": contains neither truth/truth.tum nor " + kTumTruthFile);
 }
 
 }  // namespace fringeslam::tools

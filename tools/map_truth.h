@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What maps are scored against: the true surface of a scene, what of it the sensor saw, and where the sensor was.
+// Ground truth for scoring maps: a scene's true surface, the part of it that the sensor saw, and the true trajectory.
 #pragma once
 
 #include <filesystem>
@@ -19,18 +19,21 @@ namespace fringeslam::tools {
 struct MapTruth {
   std::string name;
   sim::NearestSurface surface;
-  std::vector<Eigen::Vector3d> seen;  // world frame
-  // Of the robot; of the camera where the truth is a folder in TUM RGB-D layout.
+  std::vector<Eigen::Vector3d> seen;  // surface points seen by the sensor, world frame, m
+  // Poses of the robot; of the camera if the ground truth is a folder in TUM RGB-D layout.
   Trajectory trajectory;
 };
 
-// `path`: scene file or folder, or a dataset, run or TUM RGB-D folder that was rendered from one.
+// Reads the ground truth from `path`: a scene file or folder, or a dataset, run or TUM RGB-D folder rendered from one.
+// Throws Error if the surface is unknown, the sensor sees none of it, or `seed` is given for a rendered folder.
 MapTruth read_map_truth(const std::filesystem::path& path, std::optional<uint64_t> seed, const Common& common);
 
-// The map's coordinates are those of the world. A mesh is its triangles, and scored by its vertices.
+// Scores a map given in world coordinates. For a mesh, accuracy is measured at its vertices, completeness against its
+// triangles.
 MapScore score_map(const PlyMap& map, const MapTruth& truth, double threshold_m);
 
-// The true trajectory that a path means: itself, or that of a dataset, run or TUM RGB-D folder.
+// Returns the true trajectory's file: `path` itself, or the file in a dataset, run or TUM RGB-D folder. Throws Error if
+// the folder has none.
 std::filesystem::path true_trajectory_file(const std::filesystem::path& path);
 
 }  // namespace fringeslam::tools

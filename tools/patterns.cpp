@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// fringeslam patterns --out DIR: pattern images for a projector, with what each of them is.
+// fringeslam patterns --out DIR: writes pattern images for a projector and their description.
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -19,7 +19,7 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr int kMaxSize = 16384;           // px
-constexpr int kResponseEntries = 1025;    // of the inverted response
+constexpr int kResponseEntries = 1025;    // in the table of the inverse response
 constexpr size_t kImagesInOneColour = 3;  // R, G, B
 
 struct Arguments {
@@ -60,7 +60,7 @@ PatternSequence sequence_of(const Arguments& arguments) {
   const int sources = !arguments.rig.empty() + !arguments.size.empty() + !arguments.scene.empty();
   if (sources != 1)
     throw Error("patterns: give the projector's size by one of --rig RIG.yaml, --size WxH or --scene SCENE");
-  if (arguments.linearise && arguments.rig.empty()) throw Error("--linearise: needs --rig, whose response it inverts");
+  if (arguments.linearise && arguments.rig.empty()) throw Error("--linearise: needs --rig for the response to invert");
   if (!arguments.scene.empty()) {
     const fs::path path(arguments.scene);
     return sim::load_scene(scene_file(path)).patterns;
@@ -70,7 +70,8 @@ PatternSequence sequence_of(const Arguments& arguments) {
   PatternSequence sequence = design_sequence(design_of(arguments, {rig.projector.width, rig.projector.height}));
   if (arguments.linearise) {
     if (rig.projector_response.empty())
-      throw Error(arguments.rig + ": has no projector response that --linearise could invert; measure it first");
+      throw Error(arguments.rig +
+                  ": has no projector response for --linearise; run fringeslam calibrate response first");
     sequence.inverse_response = inverse_table(rig.projector_response, kResponseEntries);
   }
   return sequence;
@@ -85,12 +86,12 @@ std::string image_name(size_t number) {
 cv::Mat shown_image(const PatternSequence& sequence, size_t number) {
   const Pattern& pattern = sequence.patterns[number];
   if (pattern.bits == 0)
-    throw Error("patterns: an image file has levels, but pattern " + std::to_string(number) +
-                " has bits: 0 (continuous); give it 1 to 16");
+    throw Error("patterns: pattern " + std::to_string(number) +
+                " has bits: 0 (continuous), which an image file cannot store; give it 1 to 16");
   return pattern_image(pattern, sequence);
 }
 
-// An image a pattern; returns the lines of projection.yaml.
+// Writes one image per pattern; returns the lines of projection.yaml.
 std::string write_images(const PatternSequence& sequence, const fs::path& folder) {
   std::string lines;
   for (size_t i = 0; i < sequence.patterns.size(); ++i) {
@@ -100,12 +101,12 @@ std::string write_images(const PatternSequence& sequence, const fs::path& folder
   return lines;
 }
 
-// A colour image for three patterns each.
+// Writes one colour image for every three patterns; returns the lines of projection.yaml.
 std::string write_packed(const PatternSequence& sequence, const std::string& order, const fs::path& folder) {
   const size_t count = sequence.patterns.size();
   if (count % kImagesInOneColour != 0)
     throw Error("--pack " + order + ": packs three patterns into one image, but there are " + std::to_string(count) +
-                "; make their number a multiple of 3");
+                "; use a multiple of 3");
   fs::create_directories(folder / "packed");
   std::string lines;
   for (size_t i = 0; i < count; i += kImagesInOneColour) {
@@ -146,30 +147,33 @@ int write_patterns(const Arguments& arguments, const Common& common) {
 
 Verb add_patterns(CLI::App& app, const Common& common) {
   auto a = std::make_shared<Arguments>();
-  CLI::App* verb = app.add_subcommand("patterns", "Write the images that a projector shows, and what each of them is");
+  CLI::App* verb = app.add_subcommand("patterns", "Write the pattern images for a projector and their description");
   verb->add_option("--out", a->out, "Folder to write")->required();
-  CLI::Option* rig = verb->add_option("--rig", a->rig, "Rig file: the projector's size and response");
-  CLI::Option* size = verb->add_option("--size", a->size, "The projector's size, WIDTHxHEIGHT")->excludes(rig);
-  CLI::Option* scene = verb->add_option("--scene", a->scene, "The patterns of a scene")->excludes(rig)->excludes(size);
+  CLI::Option* rig = verb->add_option("--rig", a->rig, "Rig file with the projector's size and response");
+  CLI::Option* size = verb->add_option("--size", a->size, "Projector size, WIDTHxHEIGHT")->excludes(rig);
+  CLI::Option* scene =
+      verb->add_option("--scene", a->scene, "Scene whose patterns are written")->excludes(rig)->excludes(size);
   std::vector<CLI::Option*> design;
   const auto note = [&](CLI::Option* option) {
     design.push_back(option);
     return option;
   };
-  note(verb->add_flag("--linearise", a->linearise, "Invert the rig's projector response in the patterns"));
+  note(
+      verb->add_flag("--linearise", a->linearise, "Apply the inverse of the rig's projector response to the patterns"));
   note(verb->add_option("--periods", a->periods_px, "Fringe periods, px")->delimiter(',')->check(CLI::Range(2.0, 1e5)));
-  note(verb->add_option("--steps", a->steps, "Phase shifts a period")->check(CLI::Range(3, 64)));
+  note(verb->add_option("--steps", a->steps, "Phase shifts per period")->check(CLI::Range(3, 64)));
   note(verb->add_option("--axis", a->axis, "Coded coordinate")->check(CLI::IsMember({"columns", "rows", "both"})));
-  note(verb->add_option("--gray", a->gray, "Gray code of the finest period's number")
+  note(verb->add_option("--gray", a->gray, "Gray code of the finest fringe's period number")
            ->check(CLI::IsMember({"none", "plain", "complementary"})));
-  note(verb->add_flag("--gray-inverted", a->gray_inverted, "Every Gray bit a second time, inverted"));
-  note(verb->add_flag("--white-black", a->white_black, "A white and a black image"));
-  note(verb->add_option("--ramp-levels", a->ramp_levels, "A grey ramp of so many flat images")
+  note(verb->add_flag("--gray-inverted", a->gray_inverted, "Also write each Gray code image inverted"));
+  note(verb->add_flag("--white-black", a->white_black, "Add a white and a black image"));
+  note(verb->add_option("--ramp-levels", a->ramp_levels, "Add a grey ramp with this number of flat images")
            ->check(CLI::Range(0, 65536)));
-  note(verb->add_option("--bits", a->bits, "Grey levels of the projector, bits")->check(CLI::Range(1, 16)));
-  note(verb->add_flag("--dither", a->dithered, "Error diffusion between the grey levels"));
+  note(verb->add_option("--bits", a->bits, "Bit depth of the projector's grey levels")->check(CLI::Range(1, 16)));
+  note(verb->add_flag("--dither", a->dithered, "Dither by error diffusion between grey levels"));
   for (CLI::Option* option : design) option->excludes(scene);
-  verb->add_option("--pack", a->pack, "Three patterns in one colour image, by the order of its channels, such as RGB")
+  verb->add_option("--pack", a->pack,
+                   "Pack three patterns into one colour image, in this order of its channels, such as RGB")
       ->check(CLI::IsMember({"RGB", "RBG", "GRB", "GBR", "BRG", "BGR"}));
   return [a, &common] { return write_patterns(*a, common); };
 }

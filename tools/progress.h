@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One progress line on standard error, with rate and time left; plain lines, now and then, when that is
-// not a terminal.
+// Prints one progress line with rate and remaining time to standard error; a new line every few seconds if that is not
+// a terminal.
 #pragma once
 
 #include <chrono>
@@ -12,7 +12,7 @@ class Progress {
  public:
   Progress(std::string what, int total, bool silent);
   ~Progress();
-  void step(const std::string& more = "");  // more: said behind the rate
+  void step(const std::string& more = "");  // `more` is printed after the time
 
  private:
   void print(bool last, const std::string& more);

@@ -23,22 +23,22 @@ Verb add_render(CLI::App& app, const Common& common) {
     TumRgbdOptions rgbd;
   };
   auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb = app.add_subcommand("render", "Render a scene's fringe images and their truth into a dataset");
+  CLI::App* verb = app.add_subcommand("render", "Render a scene's fringe images and their ground truth to a dataset");
   verb->add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml")->required();
   verb->add_option("--out", arguments->out, "Dataset folder to write")->required();
   arguments->variant.add_to(*verb);
-  verb->add_option("--set", arguments->sets, "stage.key=value; see `run --help`");
+  verb->add_option("--set", arguments->sets, "Setting: stage.key=value (repeatable; see `run --help`)");
   CLI::Option* format =
       verb->add_option("--format", arguments->format,
                        "fringes: a dataset for `run`; tum-rgbd: texture and depth in the TUM RGB-D folder layout")
           ->check(CLI::IsMember({"fringes", "tum-rgbd"}));
   const std::vector<CLI::Option*> of_rgbd = {
-      verb->add_option("--depth", arguments->rgbd.depth, "tum-rgbd: measured from the fringes (default), or the truth")
+      verb->add_option("--depth", arguments->rgbd.depth,
+                       "tum-rgbd: depth measured from the fringes (default), or the true depth")
           ->check(CLI::IsMember({"measured", "truth"})),
-      verb->add_option("--depth-scale", arguments->rgbd.units_per_m,
-                       "tum-rgbd: units of the depth images in a metre (5000)")
+      verb->add_option("--depth-scale", arguments->rgbd.units_per_m, "tum-rgbd: depth image units per metre (5000)")
           ->check(CLI::Range(1.0, 1e6)),
-      verb->add_flag("--distorted", arguments->rgbd.distorted, "tum-rgbd: keep the camera's distortion")};
+      verb->add_flag("--distorted", arguments->rgbd.distorted, "tum-rgbd: keep the camera's lens distortion")};
   for (CLI::Option* option : of_rgbd) option->needs(format);
   return [arguments, of_rgbd, &common] {
     const Settings settings = parse_settings(arguments->sets);

@@ -15,7 +15,8 @@ Verb add_report(CLI::App& app, const Common& common) {
     std::string run, out;
   };
   auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb = app.add_subcommand("report", "Write the page about a run: one HTML file to look at, on or off line");
+  CLI::App* verb =
+      app.add_subcommand("report", "Write the report of a run as a single HTML file that also works offline");
   verb->add_option("run", arguments->run, "Run folder")->required();
   verb->add_option("--out", arguments->out, "File to write (default: RUN/report.html)");
   return [arguments, &common] {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// fringeslam rig list|check|latency|focus: the camera and the projector that are there.
+// fringeslam rig list|check|latency|focus: detects and tests the camera and the projector.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -37,7 +37,9 @@ int list(const Common& common) {
     if (const std::string fault = network_fault(c.address, 0, interfaces); !fault.empty()) text += "\n    but " + fault;
   }
   if (cameras.empty())
-    text += "\n  none; is one powered and plugged in, in this computer's subnet, and let through by the firewall?";
+    text +=
+        "\n  none; check that a camera is powered, connected, in this computer's subnet and not blocked by the "
+        "firewall";
   text += "\ndisplays:";
   try {
     for (const FoundDisplay& d : find_displays()) {
@@ -84,13 +86,15 @@ int check(const std::string& rig_file, const Common& common) {
           (saturated > 0.01 ? "; lower exposure or gain, or close the aperture"
            : mean < 0.05    ? "; raise exposure or gain"
                             : "") +
-          (bent ? "\nthe projector's light is not linear: it grows as the grey value to the power of " +
+          (bent ? "\nthe projector's response is not linear: its light is proportional to the grey value to the power "
+                  "of " +
                       to_text(std::round(10 * rig->gamma()) / 10) + "; see fringeslam calibrate response"
                 : ""));
   return 0;
 }
 
-// How long after show() the camera sees the new image, from black to white, in steps of the settle time.
+// Measures the delay from show() to the start of the first exposure that sees only the new image, alternating between
+// black and white, and suggests a settle time.
 int latency(const std::string& rig_file, const Common& common) {
   const RigModel model = read_rig(rig_file);
   const HardwareSettings settings = read_hardware(rig_file, model);
@@ -107,7 +111,8 @@ int latency(const std::string& rig_file, const Common& common) {
   };
   const double low = settled(black), high = settled(white);
   if (high - low < 3)
-    throw Error("rig: white and black look the same to the camera; is the projector on and the scene in its beam?");
+    throw Error(
+        "rig: the camera sees no difference between white and black; check that the projector lights the scene");
   std::vector<double> delays_s;
   double image_s = 0;
   for (int i = 0; i < 10; ++i) {
@@ -133,20 +138,20 @@ int latency(const std::string& rig_file, const Common& common) {
        {"present_interval_s", projector->present_interval_s()},
        {"refresh_s", projector->refresh_s()},
        {"settle_s", settle_s}},
-      "a pattern is seen whole by an exposure that begins " + std::to_string(std::lround(1e3 * worst_s)) +
-          " ms after it was shown; an image takes " + std::to_string(std::lround(1e3 * image_s)) +
-          " ms\nfor the rig file:\n  hardware: {settle_s: " + to_text(settle_s) + "}");
+      "an exposure captures a new pattern completely if it starts " + std::to_string(std::lround(1e3 * worst_s)) +
+          " ms after the pattern was shown; an image takes " + std::to_string(std::lround(1e3 * image_s)) +
+          " ms\nadd to the rig file:\n  hardware: {settle_s: " + to_text(settle_s) + "}");
   return 0;
 }
 
 }  // namespace
 
 Verb add_rig(CLI::App& app, const Common& common) {
-  CLI::App* group = app.add_subcommand("rig", "The camera and the projector that are there");
+  CLI::App* group = app.add_subcommand("rig", "Detect and test the camera and the projector");
   group->require_subcommand(1);
-  CLI::App* list_verb = group->add_subcommand("list", "Cameras, displays and projector controllers");
-  CLI::App* check_verb = group->add_subcommand("check", "Whether the rig's camera and projector work together");
-  CLI::App* latency_verb = group->add_subcommand("latency", "How long a pattern takes to be seen");
+  CLI::App* list_verb = group->add_subcommand("list", "List cameras, displays and projector controllers");
+  CLI::App* check_verb = group->add_subcommand("check", "Check that the rig's camera and projector work together");
+  CLI::App* latency_verb = group->add_subcommand("latency", "Measure the delay from showing a pattern to seeing it");
   const Verb focus = add_rig_focus(*group, common);
   auto file = std::make_shared<std::string>();
   for (CLI::App* verb : {check_verb, latency_verb})

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// fringeslam rig focus: fine fringes again and again while a person turns the lenses.
+// fringeslam rig focus: projects fine fringes repeatedly while a person adjusts the lenses.
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -39,7 +39,7 @@ std::string decimals(double value) {
   return std::isfinite(value) ? text : "none";
 }
 
-// std::fmax: of a number and NaN the number.
+// Best values so far. std::fmax ignores a NaN.
 struct Best {
   double fringes = std::nan(""), sharpness = std::nan("");
   void take(const FocusReading& reading) {
@@ -54,7 +54,7 @@ std::string line_of(const FocusReading& reading, const Best& best) {
                      decimals(reading.sharpness) + " (best " + decimals(best.sharpness) + ")";
   if (reading.measured < 0.1)
     line += "; only " + percent(reading.measured) +
-            " of the pixels tell white from black and are not saturated: check exposure and scene";
+            " of the pixels separate white from black and are not saturated: check exposure and scene";
   return line;
 }
 
@@ -73,7 +73,7 @@ int focus(const Arguments& arguments, const Common& common) {
     try {
       stack = rig->capture(sequence);
     } catch (const SequenceRefused& e) {
-      // A hand at the lens or in the beam; but a rig that never worked is another matter.
+      // Later failures may come from a hand at the lens or in the beam; a rig that has never worked is an error.
       if (readings.empty()) throw;
       if (!common.quiet) std::fprintf(stderr, "no reading: %s\n", e.what());
       continue;
@@ -98,9 +98,10 @@ int focus(const Arguments& arguments, const Common& common) {
 
 Verb add_rig_focus(CLI::App& group, const Common& common) {
   auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb = group.add_subcommand("focus", "Contrast of fine fringes and sharpness, to turn the lenses by");
+  CLI::App* verb =
+      group.add_subcommand("focus", "Print fringe contrast and texture sharpness while the lenses are adjusted");
   verb->add_option("--rig", arguments->rig, "Rig file with a hardware: section")->required();
-  verb->add_option("--count", arguments->count, "Readings; 0: until Ctrl-C")->check(CLI::Range(0, 1000000));
+  verb->add_option("--count", arguments->count, "Number of readings; 0: until Ctrl-C")->check(CLI::Range(0, 1000000));
   verb->add_option("--period", arguments->period_px, "Fringe period, projector px")->check(CLI::Range(4.0, 512.0));
   add_live_option(*verb, arguments->live);
   return [arguments, &common] { return focus(*arguments, common); };

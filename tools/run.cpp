@@ -28,8 +28,8 @@ namespace {
 
 constexpr const char* kConfigFile = "config.yaml";
 constexpr const char* kMapFile = "saved.map";
-constexpr size_t kWaitingStacks = 2;  // of a camera's, behind those that are on their way
-constexpr int kViewsAhead = 2;        // of a camera's
+constexpr size_t kWaitingStacks = 2;  // with --real-time: stacks that may wait before the oldest is dropped
+constexpr int kViewsAhead = 2;        // with --real-time: views that may be in preparation
 constexpr bool kHasReport = FRINGESLAM_REPORT;
 
 struct Arguments {
@@ -43,7 +43,7 @@ struct Arguments {
   bool live_wait = false, real_time = false;
 };
 
-// A scene's name as the name of a folder.
+// Converts a scene's name to a folder name.
 std::string file_name(std::string name) {
   for (char& c : name) {
     if (!std::isalnum(static_cast<unsigned char>(c)) && c != '-' && c != '_') c = '_';
@@ -51,7 +51,7 @@ std::string file_name(std::string name) {
   return name;
 }
 
-// Lets no more than `rate_hz` turns pass a second; 0: all.
+// Limits the rate of wait() to `rate_hz`; 0: unlimited.
 class ViewRate {
  public:
   explicit ViewRate(double rate_hz) : period_s_(rate_hz > 0 ? 1 / rate_hz : 0) {}
@@ -70,7 +70,7 @@ class ViewRate {
 };
 
 void wait_for_interrupt() {
-  std::fflush(stdout);  // the score, to who reads it through a pipe
+  std::fflush(stdout);  // delivers the score to a reader at the other end of a pipe
   catch_interrupts();
   while (!interrupted()) wait_s(60);
 }
@@ -97,7 +97,7 @@ int run(const Arguments& arguments, const Common& common) {
                                               "\nstacks: " + std::to_string(source->stacks()) + "\n" +
                                               pipeline_yaml(settings) + (arguments.mesh ? mesh_yaml(settings) : ""));
   const auto rig = source->open(folder.path());
-  // The map's world is the robot's frame at the first stack.
+  // The world frame of a new map is the robot's frame at the first stack.
   Pipeline pipeline =
       arguments.map.empty()
           ? Pipeline(rig->model(), source->sequence(), settings.pipeline, Pose{})
@@ -129,7 +129,7 @@ int run(const Arguments& arguments, const Common& common) {
     }
   }
   if (dropped() > 0 && !common.json)
-    std::fprintf(stderr, "dropped: %d of %d stacks, because mapping was behind\n", dropped(), source->stacks());
+    std::fprintf(stderr, "dropped: %d of %d stacks, because mapping fell behind\n", dropped(), source->stacks());
   if (live) live->feed().finish();
   const std::vector<CloudPoint> cloud = pipeline.map().cloud(settings.pipeline.cloud).points();
   record.finish(pipeline.trajectory(), cloud, pipeline.surface().mesh());
@@ -156,7 +156,7 @@ int run(const Arguments& arguments, const Common& common) {
   } else {
     if (score) std::printf("%s\n", to_table(*score).c_str());
     const char* look = kHasReport && !arguments.no_report ? "report.html" : "overview.png";
-    std::printf("written: %s  (look at %s/%s)\n", out.c_str(), out.c_str(), look);
+    std::printf("written: %s  (see %s/%s)\n", out.c_str(), out.c_str(), look);
   }
   if (live && arguments.live_wait) wait_for_interrupt();
   return 0;
@@ -167,24 +167,25 @@ int run(const Arguments& arguments, const Common& common) {
 Verb add_run(CLI::App& app, const Common& common) {
   auto arguments = std::make_shared<Arguments>();
   CLI::App* verb =
-      app.add_subcommand("run", "Map a scene or a recorded dataset, and score the map where the truth is known");
+      app.add_subcommand("run", "Map a scene or a recorded dataset, and score the map if ground truth is available");
   verb->add_option("source", arguments->source, "Scene file, folder with scene.yaml, or dataset folder")->required();
   verb->add_option("--out", arguments->out, "Run folder to write (default: runs/NAME-SEED)");
   arguments->variant.add_to(*verb);
-  verb->add_flag("--mesh", arguments->mesh, "Write each view's surface mesh as frames/NNNNNN/mesh.ply too");
-  verb->add_option("--map", arguments->map, "Go on in the map that an earlier run saved")->check(CLI::ExistingFile);
-  verb->add_flag("--save-map", arguments->save_map, "Write saved.map, in which a later run can go on, too");
-  verb->add_flag("--no-report", arguments->no_report, "Leave out report.html, the page about the run");
-  verb->add_flag("--real-time", arguments->real_time,
-                 "Views come when they were taken, as from a camera; where mapping is behind the oldest are dropped");
+  verb->add_flag("--mesh", arguments->mesh, "Also write each view's surface mesh as frames/NNNNNN/mesh.ply");
+  verb->add_option("--map", arguments->map, "Continue in a map saved by an earlier run")->check(CLI::ExistingFile);
+  verb->add_flag("--save-map", arguments->save_map, "Also write saved.map, in which a later run can continue");
+  verb->add_flag("--no-report", arguments->no_report, "Do not write report.html");
+  verb->add_flag(
+      "--real-time", arguments->real_time,
+      "Process views at their timestamps, as from a camera; if mapping falls behind, the oldest are dropped");
   add_live_option(*verb, arguments->live);
   CLI::Option* page = verb->get_option("--live");
-  verb->add_option("--live-rate", arguments->live_rate_hz, "Views a second at most; 0: as fast as they are mapped")
+  verb->add_option("--live-rate", arguments->live_rate_hz, "Maximum number of views per second; 0: no limit")
       ->type_name("HZ")
       ->check(CLI::Range(0.0, 1000.0))
       ->needs(page);
-  verb->add_flag("--live-wait", arguments->live_wait, "Show the page until Ctrl-C")->needs(page);
-  verb->add_option("--set", arguments->sets, "Change a setting: stage.key=value (repeatable; listed below)");
+  verb->add_flag("--live-wait", arguments->live_wait, "Keep serving the page after the run, until Ctrl-C")->needs(page);
+  verb->add_option("--set", arguments->sets, "Setting: stage.key=value (repeatable; listed below)");
   verb->footer(settings_help());
   return [arguments, &common] { return run(*arguments, common); };
 }

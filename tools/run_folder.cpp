@@ -27,7 +27,7 @@ cv::Mat1f depth_of(const Frame& frame) {
   return depth;
 }
 
-// The first image of the finest fringes, or of all where there are none.
+// Returns the index of the first image with the finest fringes; 0 if there are none.
 int finest_image(const PatternSequence& sequence) {
   size_t finest = 0;
   double period_px = std::numeric_limits<double>::max();
@@ -40,7 +40,7 @@ int finest_image(const PatternSequence& sequence) {
   return static_cast<int>(finest);
 }
 
-constexpr double kErrorLimitM = 0.3e-3;  // of the error pictures' colours
+constexpr double kErrorLimitM = 0.3e-3;  // depth error at the ends of the colour scale
 
 std::string fixed(double value, int digits) {
   char buffer[64];
@@ -48,7 +48,7 @@ std::string fixed(double value, int digits) {
   return buffer;
 }
 
-// The figures of the overview, in a few lines.
+// Returns the text lines of the overview's score panel.
 std::vector<std::string> summary(const RunScore& score) {
   std::vector<std::string> lines = {
       score.name + ", seed " + std::to_string(score.seed),
@@ -84,7 +84,7 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const K
   fs::create_directories(folder);
   const Frame& frame = result.frame;
   const cv::Mat1f depth = depth_of(frame);
-  // Only where a depth was kept: pixels that were dropped later are not claimed.
+  // The coordinate is written only where a depth was kept.
   cv::Mat1f column = result.decoded.coordinate_px.clone();
   column.setTo(std::nan(""), depth != depth);
   write_exr(folder / "depth.exr", {{"depth_m", depth}, {"sigma_m", frame.sigma_m}, {"projector_column", column}});
@@ -143,8 +143,7 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const K
     const Keyframe& reference = map.keyframes()[static_cast<size_t>(result.reference)];
     matches_ = match_picture(reference, result);
     match_title_ = "matches, view " + std::to_string(reference.index) + " to " + std::to_string(stack.index) + ": " +
-                   std::to_string(motion.inliers) + " of " + std::to_string(result.matches.size()) +
-                   " agree on one motion";
+                   std::to_string(motion.inliers) + " of " + std::to_string(result.matches.size()) + " are inliers";
   }
 }
 
@@ -169,7 +168,7 @@ void RunFolder::finish(const Trajectory& trajectory, const std::vector<CloudPoin
 }
 
 void RunFolder::draw_overview(const std::vector<CloudPoint>& cloud, const RunScore* score) const {
-  Panel error{"no truth: depth error unknown", {}, 1};
+  Panel error{"no ground truth: depth error unknown", {}, 1};
   if (score) {
     for (const int index : tracked_) {
       const DepthEstimate estimate = read_depth_estimate(frame_folder(index) / "depth.exr");
@@ -184,7 +183,8 @@ void RunFolder::draw_overview(const std::vector<CloudPoint>& cloud, const RunSco
   std::vector<Pose> cameras;
   for (const TimedPose& pose : trajectory_) cameras.push_back(pose.world_from_robot * rig_.robot_from_camera);
   const cv::Size cell(448, 421);
-  const std::vector<std::string> lines = score ? summary(*score) : std::vector<std::string>{"no truth, no score"};
+  const std::vector<std::string> lines =
+      score ? summary(*score) : std::vector<std::string>{"no ground truth, no score"};
   write_png(folder_ / "overview.png",
             sheet({{{"view " + std::to_string(shown_) + ": fringe image", fringe_, 1},
                     {"wrapped phase", phase_, 1},

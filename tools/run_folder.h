@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writes what a run leaves behind (the layout is in tools/README.md).
+// Writes the contents of a run folder (tools/README.md documents the layout).
 #pragma once
 
 #include <filesystem>
@@ -17,19 +17,19 @@ class RunFolder {
  public:
   RunFolder(std::filesystem::path folder, const RigModel& rig, const PatternSequence& sequence);
 
-  // The pictures and depth of one view, and one entry of frames.json.
+  // Writes the images and depth of one view and appends its entries to frames.json and landmarks.json.
   void add(const FringeStack& stack, const FrameResult& result, const KeyframeMap& map);
 
-  // victims.json: the warm things that a thermal camera found (tools/landmark_files.h).
+  // Writes victims.json: the warm objects found by a thermal camera (tools/landmark_files.h).
   void add_warm_things(const std::vector<WarmThing>& things) const;
 
-  // mesh.ply of a view that was added.
+  // Writes mesh.ply of a view that was added before.
   void add_mesh(const Mesh& mesh, int index) const;
 
-  // trajectory.tum, map.ply, mesh.ply, mesh.glb, frames.json, landmarks.json.
+  // Writes trajectory.tum, map.ply, mesh.ply, mesh.glb, frames.json and landmarks.json.
   void finish(const Trajectory& trajectory, const std::vector<CloudPoint>& cloud, const SurfaceMesh& mesh);
 
-  // error.png of each view and overview.png; `score` is null where there is no truth.
+  // Writes error.png of each tracked view and overview.png; `score` is null without ground truth.
   void draw_overview(const std::vector<CloudPoint>& cloud, const RunScore* score) const;
 
  private:
@@ -37,11 +37,11 @@ class RunFolder {
 
   std::filesystem::path folder_;
   RigModel rig_;
-  int finest_image_ = 0;  // of the finest fringes in a whole sequence: shown in the overview
+  int finest_image_ = 0;  // index of the image with the finest fringes, shown in the overview
   Trajectory trajectory_;
   std::vector<int> tracked_, lost_;
   nlohmann::ordered_json frames_ = nlohmann::ordered_json::array(), landmarks_ = nlohmann::ordered_json::array();
-  // Pictures of the last view that has matches, for the overview.
+  // Images of the first tracked view with matches, or of the first view, for the overview.
   int shown_ = 0;
   cv::Mat3b fringe_, phase_, depth_, matches_;
   std::string match_title_;

@@ -32,7 +32,7 @@ __attribute__((format(printf, 1, 2))) std::string format(const char* pattern, ..
   return buffer;
 }
 
-// 0 for what would be printed as -0.000.
+// Returns 0 for values that would be printed as -0.000.
 double no_minus_zero(double value, int digits) { return std::abs(value) < 0.5 * std::pow(10.0, -digits) ? 0.0 : value; }
 
 nlohmann::ordered_json to_json(const SixDof& six) {
@@ -45,14 +45,14 @@ nlohmann::ordered_json to_json(const ErrorStatistics& s) {
           {"min", s.min},   {"max", s.max},   {"sse", s.sse}};
 }
 
-// `per_unit`: of what is printed in one of the statistics.
+// Formats one row of the statistics table; `per_unit` converts to the printed unit.
 std::string statistics_line(const char* label, const ErrorStatistics& s, double per_unit) {
   std::string line = format("%-18s", label);
   for (const double value : {s.rmse, s.mean, s.median, s.std, s.min, s.max}) line += format("%12.6g", value * per_unit);
   return line + format("%12.6g\n", s.sse * per_unit * per_unit);
 }
 
-// One view of a run with its truth.
+// One view of a run with its ground truth.
 struct View {
   DepthEstimate estimate;
   TruthFrame truth;
@@ -63,7 +63,7 @@ View read_view(const fs::path& folder, int index) {
           read_truth_frame(folder / "truth" / (stack_name(index) + ".exr"))};
 }
 
-// The victims that the run found, in the map's world.
+// Reads the victims found by the run, in the map's world frame.
 std::vector<VictimCandidate> read_victims(const fs::path& file) {
   const auto json = nlohmann::json::parse(read_bytes(file), nullptr, false);
   std::vector<VictimCandidate> victims;
@@ -75,7 +75,7 @@ std::vector<VictimCandidate> read_victims(const fs::path& file) {
         points_m.emplace_back(p.at(0).get<double>(), p.at(1).get<double>(), p.at(2).get<double>());
     }
   } catch (const nlohmann::json::exception&) {
-    throw Error(file.string() + ":1: is not as a run writes it");
+    throw Error(file.string() + ":1: does not have the format written by a run");
   }
   return victims;
 }
@@ -190,7 +190,7 @@ nlohmann::ordered_json to_json(const RunScore& score) {
 }
 
 std::string to_table(const TrajectoryScore& score) {
-  return format("trajectory over %d poses: ATE %.4f mm (best alignment %.4f mm), RPE %.4f mm, %.5f deg\n", score.poses,
+  return format("trajectory of %d poses: ATE %.4f mm (best alignment %.4f mm), RPE %.4f mm, %.5f deg\n", score.poses,
                 score.ate_rmse_m * 1e3, score.ate_umeyama_rmse_m * 1e3, score.rpe_translation_rmse_m * 1e3,
                 score.rpe_rotation_rmse_rad * kDegPerRad);
 }
@@ -235,7 +235,7 @@ std::string to_table(const RunScore& score) {
                    d.p99_m * 1e3, d.valid_fraction * 100, d.wrong_order);
   }
   if (score.victims)
-    text += format("\nvictims: %d of %d found; %d of %d candidates right\n", score.victims->found,
+    text += format("\nvictims: %d of %d found; %d of %d candidates correct\n", score.victims->found,
                    score.victims->to_find, score.victims->right, score.victims->candidates);
   if (score.pairs.empty()) return text + "\nno motion was estimated\n";
   return text + "\n" + to_table(score.trajectory);

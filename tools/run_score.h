@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The score of a run folder: reads what the run wrote and what the truth files say, nothing else.
+// Scores a run folder from its own files and its ground-truth files alone (docs/method.md, section 13).
 #pragma once
 
 #include <filesystem>
@@ -21,7 +21,7 @@ struct FrameScore {
 struct PairScore {
   int previous = 0, current = 0;
   MotionScore motion;
-  double error_over_bound = 0;
+  double error_over_bound = 0;  // motion error over its Cramér-Rao bound
 };
 
 struct RunScore {
@@ -31,20 +31,20 @@ struct RunScore {
   std::vector<FrameScore> frames;
   std::vector<PairScore> pairs;
   TrajectoryScore trajectory;
-  std::optional<VictimScore> victims;  // of a rig with a thermal camera
+  std::optional<VictimScore> victims;  // only for rigs with a thermal camera
 };
 
-// `folder` holds config.yaml, rig.yaml, patterns.yaml, frames/, trajectory.tum, truth/ and, of a rig with a thermal
-// camera, victims.json.
+// Scores the folder, which contains config.yaml, rig.yaml, patterns.yaml, frames/, trajectory.tum, truth/ and, for a
+// rig with a thermal camera, victims.json. Throws Error on missing or invalid files.
 RunScore score_run(const std::filesystem::path& folder, const TrajectoryOptions& options = {});
 
 nlohmann::ordered_json to_json(const RunScore& score);
 nlohmann::ordered_json to_json(const TrajectoryScore& score);
 
-// The papers' table, then depth and trajectory figures: plain text for people.
+// Returns the papers' motion table, then depth and trajectory figures, as plain text.
 std::string to_table(const RunScore& score);
 std::string to_table(const TrajectoryScore& score);
-// What to_table() leaves out of a trajectory's score: evo's statistics.
+// Returns the statistics that evo prints and to_table() leaves out.
 std::string statistics_table(const TrajectoryScore& score);
 
 }  // namespace fringeslam::tools

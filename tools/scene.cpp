@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// fringeslam scene list | check SCENE, and the verbs of tools/scene_verbs.h | preview SCENE | export SCENE
+// fringeslam scene list | check SCENE; the other subcommands of `scene` are in tools/scene_verbs.h
 #include <algorithm>
 #include <cstdio>
 #include <memory>
@@ -20,12 +20,12 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 int list(const fs::path& folder, const Common& common) {
-  if (!fs::is_directory(folder)) throw Error(folder.string() + ": is no folder of scenes; say which with --in");
+  if (!fs::is_directory(folder)) throw Error(folder.string() + ": is not a folder; give the folder of scenes by --in");
   std::vector<fs::path> scenes;
   for (const auto& entry : fs::directory_iterator(folder)) {
     if (fs::exists(entry.path() / kSceneFile)) scenes.push_back(entry.path());
   }
-  if (scenes.empty()) throw Error(folder.string() + ": holds no folder with a scene.yaml");
+  if (scenes.empty()) throw Error(folder.string() + ": contains no folder with a scene.yaml");
   std::sort(scenes.begin(), scenes.end());
   Json json = Json::array();
   for (const fs::path& scene : scenes) {
@@ -37,7 +37,7 @@ int list(const fs::path& folder, const Common& common) {
   return 0;
 }
 
-// All that is wrong with the file, else what each view sees.
+// Prints all errors in the scene file, or else what each view sees.
 int check(const fs::path& path, std::optional<uint64_t> seed, const Common& common) {
   std::vector<std::string> errors;
   const sim::Scene scene = sim::load_scene(scene_file(path), {seed, &errors});
@@ -70,7 +70,7 @@ int check(const fs::path& path, std::optional<uint64_t> seed, const Common& comm
 
 Verb add_list(CLI::App& group, const Common& common) {
   auto folder = std::make_shared<std::string>("scenes");
-  CLI::App* verb = group.add_subcommand("list", "The scenes of a folder");
+  CLI::App* verb = group.add_subcommand("list", "List the scenes of a folder");
   verb->add_option("--in", *folder, "Folder of scenes")->capture_default_str();
   return [folder, &common] { return list(*folder, common); };
 }
@@ -81,16 +81,16 @@ Verb add_check(CLI::App& group, const Common& common) {
     std::optional<uint64_t> seed;
   };
   auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb = group.add_subcommand("check", "All that is wrong with a scene file; what each view sees");
+  CLI::App* verb = group.add_subcommand("check", "Print all errors in a scene file, or what each view sees");
   verb->add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml")->required();
-  verb->add_option("--seed", arguments->seed, "Seed, instead of the scene's")->check(CLI::NonNegativeNumber);
+  verb->add_option("--seed", arguments->seed, "Seed; overrides the scene's")->check(CLI::NonNegativeNumber);
   return [arguments, &common] { return check(arguments->scene, arguments->seed, common); };
 }
 
 }  // namespace
 
 Verb add_scene(CLI::App& app, const Common& common) {
-  CLI::App* group = app.add_subcommand("scene", "Make and look at test worlds");
+  CLI::App* group = app.add_subcommand("scene", "Create and inspect test scenes");
   group->require_subcommand(1);
   std::vector<std::pair<CLI::App*, Verb>> verbs;
   for (const auto add : {add_list, add_scene_new, add_check, add_scene_preview, add_scene_export, add_scene_generate}) {

@@ -21,8 +21,8 @@ struct Arguments {
 
 int export_scene(const Arguments& arguments, const Common& common) {
   if (!arguments.format.empty() && sim::mesh_format_of(arguments.out) != kFormats.at(arguments.format))
-    throw Error(arguments.out + ": is no name of a file in the format " + arguments.format +
-                "; glTF ends in .glb or .gltf, PLY in .ply, OBJ in .obj");
+    throw Error(arguments.out + ": does not match the format " + arguments.format +
+                "; glTF files end in .glb or .gltf, PLY files in .ply, OBJ files in .obj");
   const sim::Scene scene = sim::load_scene(scene_file(arguments.scene), {arguments.seed});
   const sim::MeshExport written = sim::export_mesh(scene, arguments.out);
   say(common,
@@ -39,12 +39,12 @@ int export_scene(const Arguments& arguments, const Common& common) {
 
 Verb add_scene_export(CLI::App& group, const Common& common) {
   auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb = group.add_subcommand("export", "The objects as a mesh file, for Blender, MeshLab and others");
+  CLI::App* verb = group.add_subcommand("export", "Export the objects as a mesh file, for Blender, MeshLab and others");
   verb->add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml")->required();
   verb->add_option("--out", arguments->out, "File to write: .glb, .gltf, .ply or .obj")->required();
-  verb->add_option("--format", arguments->format, "gltf, ply or obj; by the end of the file's name when not given")
+  verb->add_option("--format", arguments->format, "gltf, ply or obj (default: by the file name's extension)")
       ->check(CLI::IsMember(kFormats));
-  verb->add_option("--seed", arguments->seed, "Seed, instead of the scene's")->check(CLI::NonNegativeNumber);
+  verb->add_option("--seed", arguments->seed, "Seed; overrides the scene's")->check(CLI::NonNegativeNumber);
   return [arguments, &common] { return export_scene(*arguments, common); };
 }
 

@@ -24,7 +24,7 @@ std::string read_text(const fs::path& file) {
   return {std::istreambuf_iterator<char>(in), {}};
 }
 
-// Words of the text that name files outside the template's folder, as seen from the new one. Comments are left alone.
+// Adapts relative paths to files outside the template's folder to the new folder. Comments are left unchanged.
 std::string with_moved_paths(const std::string& text, const fs::path& from, const fs::path& to) {
   static const std::regex word("#[^\\n]*|\"[^\"\\n]*\"|'[^'\\n]*'|[^\\s\\[\\]{},:#\"']+");
   std::string result;
@@ -57,7 +57,7 @@ struct NewArguments {
   std::string name, from, in = "scenes";
 };
 
-// A path as it stands, or a name in the folder of scenes.
+// Returns a path unchanged; a bare name is taken relative to the folder of scenes.
 fs::path in_folder(const std::string& name, const fs::path& folder) {
   return name.find('/') == std::string::npos ? folder / name : fs::path(name);
 }
@@ -66,7 +66,7 @@ int new_scene(const NewArguments& arguments, const Common& common) {
   const fs::path from = fs::exists(arguments.from) ? fs::path(arguments.from) : in_folder(arguments.from, arguments.in);
   const fs::path file = scene_file(from);
   if (!fs::is_regular_file(file))
-    throw Error(from.string() + ": holds no " + kSceneFile + "; `fringeslam scene list` names scenes to start from");
+    throw Error(from.string() + ": contains no " + kSceneFile + "; `fringeslam scene list` lists scenes to start from");
   fs::path target = in_folder(arguments.name, arguments.in);
   if (target.filename().empty()) target = target.parent_path();
   const std::string name = target.filename().string();
@@ -100,7 +100,7 @@ int generate(const GenerateArguments& arguments, const Common& common) {
       const uint64_t seed = arguments.seed + static_cast<uint64_t>(i);
       char folder[32];
       std::snprintf(folder, sizeof folder, "%06llu", static_cast<unsigned long long>(seed));
-      // Where it will be in the end, beside its sisters: paths are relative to that.
+      // Paths are written relative to the scene's final folder.
       const sim::Scene scene = sim::load_scene(file, {seed, nullptr, fs::path(arguments.out) / folder});
       fs::create_directory(staged.path() / folder);
       write_text(staged.path() / folder / kSceneFile, scene.resolved);
@@ -117,9 +117,9 @@ int generate(const GenerateArguments& arguments, const Common& common) {
 
 Verb add_scene_new(CLI::App& group, const Common& common) {
   auto arguments = std::make_shared<NewArguments>();
-  CLI::App* verb = group.add_subcommand("new", "A scene of your own, made from another");
-  verb->add_option("name", arguments->name, "Its name in the folder of scenes, or a path")->required();
-  verb->add_option("--from", arguments->from, "Scene to start from")->required();
+  CLI::App* verb = group.add_subcommand("new", "Create a new scene from an existing one");
+  verb->add_option("name", arguments->name, "Name in the folder of scenes, or a path")->required();
+  verb->add_option("--from", arguments->from, "Scene to copy")->required();
   verb->add_option("--in", arguments->in, "Folder of scenes")->capture_default_str();
   return [arguments, &common] { return new_scene(*arguments, common); };
 }
@@ -127,11 +127,11 @@ Verb add_scene_new(CLI::App& group, const Common& common) {
 Verb add_scene_generate(CLI::App& group, const Common& common) {
   auto arguments = std::make_shared<GenerateArguments>();
   CLI::App* verb =
-      group.add_subcommand("generate", "Many scenes from one: its distributions drawn from seed after seed");
+      group.add_subcommand("generate", "Generate scenes from one by drawing its distributions with consecutive seeds");
   verb->add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml")->required();
-  verb->add_option("--count", arguments->count, "How many")->required()->check(CLI::Range(1, 1000000));
+  verb->add_option("--count", arguments->count, "Number of scenes")->required()->check(CLI::Range(1, 1000000));
   verb->add_option("--out", arguments->out, "Folder to write")->required();
-  verb->add_option("--seed", arguments->seed, "Seed of the first")->capture_default_str();
+  verb->add_option("--seed", arguments->seed, "Seed of the first scene")->capture_default_str();
   return [arguments, &common] { return generate(*arguments, common); };
 }
 

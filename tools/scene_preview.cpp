@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// fringeslam scene preview SCENE --out PICTURE
+// fringeslam scene preview SCENE --out IMAGE
 #include <charconv>
 #include <memory>
 
@@ -18,7 +18,7 @@ struct Arguments {
   SceneVariant variant;
 };
 
-// WxH, or a width, to which the height is two thirds.
+// Parses WxH, or a width alone, for which the height is two thirds of it.
 cv::Size size_of(const std::string& text) {
   cv::Size size;
   const char* end = text.data() + text.size();
@@ -31,7 +31,7 @@ cv::Size size_of(const std::string& text) {
     }();
   if (failure != std::errc() || rest != end || size.width < 320 || size.height < 200 || size.width > 8192 ||
       size.height > 8192)
-    throw Error("--size " + text + ": is no size such as 1200x800, or a width, from 320x200 to 8192x8192 px");
+    throw Error("--size " + text + ": must be WxH or a width, such as 1200x800, from 320x200 to 8192x8192 px");
   return size;
 }
 
@@ -47,10 +47,11 @@ int preview(const Arguments& arguments, const Common& common) {
 
 Verb add_scene_preview(CLI::App& group, const Common& common) {
   auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb = group.add_subcommand("preview", "One picture: the world from outside, and what the first view sees");
+  CLI::App* verb =
+      group.add_subcommand("preview", "Write an image of the scene from outside and of what the first view sees");
   verb->add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml")->required();
   verb->add_option("--out", arguments->out, "PNG file to write")->required();
-  verb->add_option("--size", arguments->size, "Of the picture: WxH, or its width")->capture_default_str();
+  verb->add_option("--size", arguments->size, "Image size: WxH, or its width")->capture_default_str();
   arguments->variant.add_to(*verb);
   return [arguments, &common] { return preview(*arguments, common); };
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The verbs below `fringeslam scene`. Each adds its subcommand to the group; the returned callback runs it when it was
-// the one that was asked for.
+// The verbs below `fringeslam scene`. Each function adds its subcommand to the group and returns the callback that runs
+// it.
 #pragma once
 
 #include "tools/verbs.h"

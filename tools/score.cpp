@@ -29,8 +29,9 @@ void print(const Common& common, const nlohmann::ordered_json& json, const std::
 void score_run_folder(const Arguments& arguments, const Common& common) {
   const fs::path folder = arguments.estimate;
   if (!fs::exists(folder / "truth" / "truth.tum"))
-    throw Error(folder.string() + ": holds no truth/truth.tum, so it cannot be scored");
-  if (!arguments.truth.empty()) throw Error("score: a run folder is scored by its own truth; leave out --truth");
+    throw Error(folder.string() + ": contains no truth/truth.tum, so it cannot be scored");
+  if (!arguments.truth.empty())
+    throw Error("score: a run folder is scored against its own ground truth; leave out --truth");
   const RunScore score = score_run(folder, arguments.options);
   print(common, to_json(score), to_table(score));
 }
@@ -61,10 +62,10 @@ std::string map_table(const MapScore& score, const PlyMap& map, const std::strin
   std::snprintf(
       text, sizeof text, "map of %zu vertices, %zu triangles; %s\n%sdistances in mm%42s%10s%10s%10s%10s\n",
       map.vertices.size(), map.triangles.size(), aligned.c_str(),
-      map.dropped > 0 ? (std::to_string(map.dropped) + " vertices are not finite and do not count\n").c_str() : "",
+      map.dropped > 0 ? (std::to_string(map.dropped) + " vertices are not finite and were ignored\n").c_str() : "",
       "points      mean", "median", "90 %", "RMS", "within");
-  std::string table = text + line("accuracy: map to truth", score.accuracy, score.precision) +
-                      line("completeness: truth to map", score.completeness, score.recall);
+  std::string table = text + line("accuracy: map to surface", score.accuracy, score.precision) +
+                      line("completeness: surface to map", score.completeness, score.recall);
   std::snprintf(text, sizeof text, "F-score at %g mm: %.4f\n", score.threshold_m * 1e3, score.f_score());
   return table + text;
 }
@@ -101,35 +102,36 @@ void score_map_file(const Arguments& arguments, const Common& common) {
 Verb add_score(CLI::App& app, const Common& common) {
   auto arguments = std::make_shared<Arguments>();
   TrajectoryOptions& options = arguments->options;
-  CLI::App* verb = app.add_subcommand("score", "Score a run, or any system's trajectory or map, against the truth");
+  CLI::App* verb = app.add_subcommand("score", "Score a run, or any system's trajectory or map, against ground truth");
   verb->add_option("estimate", arguments->estimate, "Run folder, trajectory (TUM or EuRoC), or map (PLY)")->required();
-  verb->add_option("--truth", arguments->truth,
-                   "Of a trajectory: the true one, or a rendered folder; of a map: scene, dataset, run or TUM RGB-D "
-                   "folder; a run folder brings its own");
+  verb->add_option(
+      "--truth", arguments->truth,
+      "Ground truth. For a trajectory: the true trajectory or a rendered folder; for a map: scene, dataset, run "
+      "or TUM RGB-D folder; not for a run folder, which contains its own");
   CLI::Option* align =
       verb->add_option("--align", options.align,
-                       "First: none, origin (first poses), se3 or sim3 (all positions, the latter with scale); evo's "
+                       "Alignment: none, origin (first pose), se3 or sim3 (all positions, sim3 with scale); evo's "
                        "--align_origin, --align, --align --correct_scale")
           ->check(CLI::IsMember({"none", "origin", "se3", "sim3"}))
           ->capture_default_str();
   const std::vector<CLI::Option*> of_trajectory = {
-      verb->add_option("--relation", options.relation, "What of the pose the APE is of")
+      verb->add_option("--relation", options.relation, "Part of the pose compared by the APE")
           ->check(CLI::IsMember({"translation", "rotation_deg", "full"}))
           ->capture_default_str(),
-      verb->add_option("--delta", options.delta, "Frames between the poses of an RPE")
+      verb->add_option("--delta", options.delta, "Number of frames between the poses of the RPE")
           ->check(CLI::Range(1, 1000000000))
           ->capture_default_str(),
-      verb->add_flag("--all-pairs", options.all_pairs, "RPE from every frame, not only from every delta-th")};
-  verb->add_option("--max-gap", options.max_gap_s, "Largest difference of the timestamps of one pose, s")
+      verb->add_flag("--all-pairs", options.all_pairs, "RPE from every frame instead of every delta-th frame")};
+  verb->add_option("--max-gap", options.max_gap_s, "Largest timestamp difference between associated poses, s")
       ->check(CLI::Range(0.0, 1e9))
       ->capture_default_str();
   const std::vector<CLI::Option*> of_map = {
-      verb->add_option("--threshold", arguments->threshold_m, "Map: distance that counts as right, m")
+      verb->add_option("--threshold", arguments->threshold_m, "Map: largest distance that counts as correct, m")
           ->check(CLI::Range(1e-9, 1e9))
           ->capture_default_str(),
       verb->add_option("--trajectory", arguments->trajectory,
-                       "Map: its system's trajectory, which --align brings onto the true one, and the map with it"),
-      verb->add_option("--seed", arguments->seed, "Map: seed of the true scene, instead of its own")
+                       "Map: the system's trajectory; --align aligns it, and the map with it, to the true trajectory"),
+      verb->add_option("--seed", arguments->seed, "Map: seed of the true scene; overrides the scene's")
           ->check(CLI::NonNegativeNumber)};
   return [arguments, align, of_trajectory, of_map, &common] {
     const bool is_run = fs::is_directory(arguments->estimate), is_map = !is_run && is_ply(arguments->estimate);
@@ -139,7 +141,7 @@ Verb add_score(CLI::App& app, const Common& common) {
     }
     if (!is_run && arguments->truth.empty())
       throw Error(std::string("score: a ") + (is_map ? "map needs its true surface: add --truth SCENE"
-                                                     : "trajectory needs its true one: add --truth FILE"));
+                                                     : "trajectory needs a true trajectory: add --truth FILE"));
     if (is_map && align->count() > 0 && arguments->options.align != "none" && arguments->trajectory.empty())
       throw Error("score: a map is aligned by its system's trajectory: add --trajectory FILE");
     if (is_run)

@@ -16,7 +16,7 @@ struct Settings {
   sim::RenderOptions render;
   MeshOptions mesh;
 
-  // visit(name, options) for each group of options.
+  // Calls visit(name, options) for each group of options.
   template <class Visit>
   void for_each_group(Visit&& visit) {
     pipeline.for_each_stage(visit);
@@ -25,14 +25,15 @@ struct Settings {
   }
 };
 
-// Throws Error on a malformed, unknown or out-of-range setting, naming the nearest known one.
+// Parses "stage.key=value" settings. Throws Error on a malformed, unknown or out-of-range setting; for an unknown one
+// the message names the nearest known one.
 Settings parse_settings(const std::vector<std::string>& sets);
 
 std::string pipeline_yaml(Settings settings);
 std::string render_yaml(Settings settings);
 std::string mesh_yaml(Settings settings);
 
-// "decode.min_modulation_dn  3  least fringe amplitude …", one line each, for --help.
+// Returns one line per setting for --help: "decode.min_modulation_dn  3  least fringe amplitude …".
 std::string settings_help();
 
 }  // namespace fringeslam::tools

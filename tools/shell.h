@@ -5,7 +5,7 @@
 
 namespace fringeslam::tools {
 
-// A word that a POSIX shell takes as it is.
+// Returns the word quoted for a POSIX shell.
 inline std::string quoted(const std::string& word) {
   std::string text = "'";
   for (const char c : word) text += c == '\'' ? "'\\''" : std::string(1, c);

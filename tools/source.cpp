@@ -72,7 +72,7 @@ class DatasetSource : public Source {
   const RigModel& model() const override { return model_; }
   void undistort() override {
     if (!model_.camera.distortion.is_zero())
-      throw Error(folder_.string() + ": its images are distorted by the lens; add --distorted to keep them so");
+      throw Error(folder_.string() + ": its images have lens distortion; add --distorted to keep it");
   }
   fs::path board_file() const override { return folder_ / kBoardFile; }
 
@@ -88,7 +88,8 @@ class DatasetSource : public Source {
  private:
   void require_truth(const std::string& file) const {
     const fs::path path = folder_ / "truth" / file;
-    if (!fs::exists(path)) throw Error(path.string() + ": is missing, though " + kDatasetFile + " promises truth");
+    if (!fs::exists(path))
+      throw Error(path.string() + ": is missing, although " + kDatasetFile + " declares ground truth");
   }
 
   fs::path folder_;
@@ -106,9 +107,9 @@ fs::path scene_file(const fs::path& path) {
 }
 
 void SceneVariant::add_to(CLI::App& verb) {
-  verb.add_option("--seed", seed, "Seed, instead of the scene's")->check(CLI::NonNegativeNumber);
+  verb.add_option("--seed", seed, "Seed; overrides the scene's")->check(CLI::NonNegativeNumber);
   verb.add_option("--with", with,
-                  "A value instead of the scene's: light.ambient_lux=2000, objects.2.count=30, "
+                  "Override a value of the scene: light.ambient_lux=2000, objects.2.count=30, "
                   "rig.camera.sensor.dark_noise_electrons=50 (repeatable)");
 }
 
@@ -135,7 +136,7 @@ std::unique_ptr<Source> open_source(const fs::path& path, const SceneVariant& va
   }
   if (fs::is_directory(path, ignored)) {
     if (!fs::exists(path / kSceneFile, ignored))
-      throw Error(path.string() + ": holds neither " + kSceneFile + " nor " + kDatasetFile);
+      throw Error(path.string() + ": contains neither " + kSceneFile + " nor " + kDatasetFile);
     return std::make_unique<SceneSource>(path / kSceneFile, variant, settings);
   }
   return std::make_unique<SceneSource>(path, variant, settings);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a run takes its images from: a scene that is rendered, or a recorded dataset. Both leave the same
-// files in the run folder, so that a run of a rendered dataset equals a run of its scene byte for byte.
+// The image source of a run: a scene to be rendered, or a recorded dataset. Both write the same files into the run
+// folder, so that a run of a rendered dataset equals a run of its scene byte for byte.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -15,13 +15,13 @@
 
 namespace fringeslam::tools {
 
-// Poses that a rendered robot was told to take.
+// Commanded poses of a rendered robot.
 constexpr const char* kStageFile = "stage.tum";
 
-// The scene file that a path means: itself, or scene.yaml in a folder.
 constexpr const char* kSceneFile = "scene.yaml";
-// The scene that a run or dataset was rendered from, beside its rig.yaml.
+// The scene from which a run or dataset was rendered, beside its rig.yaml.
 constexpr const char* kResolvedFile = "resolved_scene.yaml";
+// Returns the scene file: `path` itself, or scene.yaml in the folder `path`.
 std::filesystem::path scene_file(const std::filesystem::path& path);
 
 class Source {
@@ -33,25 +33,28 @@ class Source {
   virtual bool has_truth() const = 0;
   virtual const PatternSequence& sequence() const = 0;
   virtual const RigModel& model() const = 0;
-  // From now on the camera's lens does not distort. Throws Error where the images are there already and are distorted.
+  // Removes the camera's lens distortion from images that are still to be rendered. Throws Error if the images are
+  // recorded and distorted.
   virtual void undistort() = 0;
-  // Of the board that a calibration scene or dataset shows; need not exist.
+  // Path of the board file of a calibration scene or dataset; need not exist.
   virtual std::filesystem::path board_file() const = 0;
-  // The rig; the files that tell where the images came from (render.yaml, truth/) are put into `folder`.
+  // Returns the rig and writes the files that document the images' origin (render.yaml, truth/) into `folder`.
   virtual std::unique_ptr<Rig> open(const std::filesystem::path& folder) = 0;
 };
 
-// What of a scene is other than its file says.
+// Changes to a scene on the command line.
 struct SceneVariant {
   std::optional<uint64_t> seed;
-  std::vector<std::string> with;  // light.ambient_lux=2000
+  std::vector<std::string> with;  // such as light.ambient_lux=2000
 
+  // Adds --seed and --with to the verb.
   void add_to(CLI::App& verb);
-  // Throws Error when one of `with` is no assignment.
+  // Throws Error if one of `with` is not an assignment.
   sim::SceneReading reading() const;
 };
 
-// `path`: a scene file, a folder with scene.yaml, or a dataset folder. `uses_render`: some render.* was set.
+// Opens a scene file, a folder with scene.yaml, or a dataset folder. `uses_render` is true if a render.* setting was
+// given. Throws Error if `path` is none of these, or if settings have no effect on a dataset.
 std::unique_ptr<Source> open_source(const std::filesystem::path& path, const SceneVariant& variant,
                                     const Settings& settings, bool uses_render);
 

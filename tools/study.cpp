@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// fringeslam study check|run|merge|report|replay: Monte Carlo studies (bench/studies).
+// fringeslam study check|run|submit|merge|report|replay: Monte Carlo studies (bench/studies).
 #include <unistd.h>
 
 #include <algorithm>
@@ -43,9 +43,9 @@ struct Arguments {
   }
 };
 
-// The study of a folder of results is kept in it, so that they can be told for what they are.
+// Copy of the study file in the results folder, which documents the results.
 constexpr const char* kStudyFile = "study.yaml";
-constexpr int kWorst = 10;  // trials that summary.json names, or more when more are pictured
+constexpr int kWorst = 10;  // minimum number of worst trials in summary.json; more if --worst is larger
 
 int merge(const Study& study, const fs::path& folder, const Common& common) {
   const auto lines = merged_lines(folder, study);
@@ -57,7 +57,7 @@ int merge(const Study& study, const fs::path& folder, const Common& common) {
   return 0;
 }
 
-// This program as a worker of one thread.
+// Returns the command that runs this program as a single-threaded worker.
 std::vector<std::string> worker_command(const Study& study) {
   return {fs::read_symlink("/proc/self/exe").string(),
           "--threads",
@@ -78,7 +78,7 @@ int work(const Study& study, [[maybe_unused]] const Arguments& arguments) {
   return 0;
 }
 
-// report.html, if this program has the page: a line about it.
+// Writes report.html if this program was built with it; returns a line that reports the outcome.
 std::string write_page([[maybe_unused]] const Study& study, [[maybe_unused]] const std::map<int, std::string>& lines,
                        [[maybe_unused]] const Summary& summary, [[maybe_unused]] const Arguments& arguments) {
 #if FRINGESLAM_REPORT
@@ -91,11 +91,11 @@ std::string write_page([[maybe_unused]] const Study& study, [[maybe_unused]] con
   write_study_report(study, lines, summary, options, file);
   return "written: " + file.string();
 #else
-  return "report.html is not written: this program was built without the page (FRINGESLAM_REPORT=OFF)";
+  return "report.html was not written: this program was built without it (FRINGESLAM_REPORT=OFF)";
 #endif
 }
 
-// What the results tell: summary.json and report.html; printed, the text or the JSON when `print` says so.
+// Writes summary.json and report.html; if `print` is set, also prints the summary as text or JSON.
 void tell(const Study& study, const std::map<int, std::string>& lines, const Arguments& arguments, const Common& common,
           bool print) {
   const Summary summary = summarise(study, lines, std::max(kWorst, arguments.worst));
@@ -123,7 +123,7 @@ int run(const Arguments& arguments, const Common& common) {
   WorkersReport report;
   const auto start = std::chrono::steady_clock::now();
   {
-    Progress progress("studying", static_cast<int>(missing.size()), common.quiet || common.json);
+    Progress progress("trials", static_cast<int>(missing.size()), common.quiet || common.json);
     int told = 0, successes = 0;
     report = run_trials(
         study, missing, workers,
@@ -138,7 +138,7 @@ int run(const Arguments& arguments, const Common& common) {
   const size_t done = results.lines().size() - found;
   if (interrupted())
     throw Error("interrupted; " + std::to_string(results.lines().size()) + " results are kept in " + arguments.out +
-                ", the same command goes on");
+                "; run the same command to continue");
   results.finish();
   const double rate = done > 0 ? static_cast<double>(done) / seconds : 0;
   char figures[160];
@@ -158,7 +158,7 @@ int run(const Arguments& arguments, const Common& common) {
        {"trials_a_second", rate},
        {"largest_worker_mib", report.largest_mib},
        {"workers_restarted", report.restarted}},
-      std::string(figures) + (found > 0 ? " (" + std::to_string(found) + " were there already)" : ""));
+      std::string(figures) + (found > 0 ? " (" + std::to_string(found) + " existed already)" : ""));
   return 0;
 }
 
@@ -178,7 +178,7 @@ int replay(const Arguments& arguments, const Common& common) {
   if (common.json)
     std::printf("%s\n", line.c_str());
   else
-    std::printf("%s\n\nwith all that it leaves behind:\n  %s --out runs/trial-%d\n",
+    std::printf("%s\n\nto run it with all output files:\n  %s --out runs/trial-%d\n",
                 nlohmann::ordered_json::parse(line).dump(2).c_str(), command_of(study, trial).c_str(), arguments.trial);
   return 0;
 }
@@ -190,8 +190,8 @@ int submit(const Arguments& arguments, const Common& common) {
       submit_to_slurm(study, arguments.out, std::min(arguments.tasks, study.trials), arguments.cpus);
   if (!arguments.wait) {
     say(common, {{"job", job}, {"folder", arguments.out}},
-        "job " + job + ": squeue -j " + job + " shows it; afterwards: fringeslam study merge " + arguments.study +
-            " --out " + arguments.out);
+        "job " + job + ": squeue -j " + job + " shows its state; when it has ended: fringeslam study merge " +
+            arguments.study + " --out " + arguments.out);
     return 0;
   }
   wait_for_slurm(job);
@@ -202,14 +202,14 @@ int check(const Study& study, const Common& common) {
   check_study(study);
   say(common, {{"study", study.name}, {"trials", study.trials}, {"parameters", study.parameters.size()}},
       study.name + ": " + std::to_string(study.trials) + " trials of " + study.scene.string() + ", " +
-          std::to_string(study.parameters.size()) + " parameters; nothing is wrong with it");
+          std::to_string(study.parameters.size()) + " parameters; the study file is valid");
   return 0;
 }
 
 }  // namespace
 
 Verb add_study(CLI::App& app, const Common& common) {
-  CLI::App* group = app.add_subcommand("study", "Monte Carlo studies: when does it break?");
+  CLI::App* group = app.add_subcommand("study", "Monte Carlo studies: under which conditions does mapping fail?");
   group->require_subcommand(1);
   auto a = std::make_shared<Arguments>();
   const auto verb = [&](const char* name, const char* help) {
@@ -217,27 +217,33 @@ Verb add_study(CLI::App& app, const Common& common) {
     added->add_option("study", a->study, "Study file")->required()->check(CLI::ExistingFile);
     return added;
   };
-  CLI::App* check_verb = verb("check", "What is wrong with a study file");
-  CLI::App* run_verb = verb("run", "Run the trials, or go on with them");
+  CLI::App* check_verb = verb("check", "Check a study file for errors");
+  CLI::App* run_verb = verb("run", "Run the trials, or those that are missing");
   CLI::App* submit_verb = verb("submit", "Run the trials on a cluster, as a job array");
-  CLI::App* merge_verb = verb("merge", "Shards to one table: JSON Lines, CSV, SQLite");
-  CLI::App* report_verb = verb("report", "What the results tell: text, summary.json, report.html");
-  CLI::App* replay_verb = verb("replay", "One trial again, and how to look at it");
+  CLI::App* merge_verb = verb("merge", "Merge the shards to one table: JSON Lines, CSV, SQLite");
+  CLI::App* report_verb = verb("report", "Summarize the results: text, summary.json, report.html");
+  CLI::App* replay_verb = verb("replay", "Run one trial again, and print the command that keeps its output");
   CLI::App* worker_verb = verb("worker", "")->group("");
   for (CLI::App* with_folder : {run_verb, submit_verb, merge_verb, report_verb})
-    with_folder->add_option("--out", a->out, "Folder of the results")->required();
+    with_folder->add_option("--out", a->out, "Results folder")->required();
   for (CLI::App* with_page : {run_verb, report_verb}) {
-    with_page->add_option("--jobs", a->jobs, "Trials at a time (default: one a processor)")->check(CLI::Range(1, 4096));
-    with_page->add_option("--worst", a->worst, "Trials that are run again for their pictures in report.html (6)")
+    with_page->add_option("--jobs", a->jobs, "Trials in parallel (default: one per processor)")
+        ->check(CLI::Range(1, 4096));
+    with_page
+        ->add_option("--worst", a->worst, "Number of worst trials to run again for their images in report.html (6)")
         ->check(CLI::Range(0, 1000));
   }
   worker_verb->add_flag("--pictures", a->pictures);
-  run_verb->add_option("--shard", a->shard, "Only every N-th trial from the I-th on: I/N, from 0");
-  submit_verb->add_option("--cluster", a->cluster, "Its scheduler")->check(CLI::IsMember({"slurm"}));
-  submit_verb->add_option("--tasks", a->tasks, "Of the array: a shard each")->required()->check(CLI::Range(1, 1000000));
-  submit_verb->add_option("--cpus", a->cpus, "Of a task: trials at a time")->check(CLI::Range(1, 4096));
-  submit_verb->add_flag("--wait", a->wait, "Wait until it is done, and merge");
-  replay_verb->add_option("--trial", a->trial, "Its number")->required()->check(CLI::NonNegativeNumber);
+  run_verb->add_option("--shard", a->shard, "Run only every N-th trial, starting with trial I: I/N, I from 0");
+  submit_verb->add_option("--cluster", a->cluster, "Scheduler of the cluster")->check(CLI::IsMember({"slurm"}));
+  submit_verb->add_option("--tasks", a->tasks, "Number of tasks in the array, one shard each")
+      ->required()
+      ->check(CLI::Range(1, 1000000));
+  submit_verb->add_option("--cpus", a->cpus, "Processors per task, and trials in parallel")->check(CLI::Range(1, 4096));
+  submit_verb->add_flag("--wait", a->wait, "Wait until the job has ended, then merge");
+  replay_verb->add_option("--trial", a->trial, "Number of the trial, from 0")
+      ->required()
+      ->check(CLI::NonNegativeNumber);
   return [=, &common] {
     if (replay_verb->parsed()) return replay(*a, common);
     if (run_verb->parsed()) return run(*a, common);

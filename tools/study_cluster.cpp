@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// fringeslam study submit: a study as a job array of Slurm.
+// fringeslam study submit: runs a study as a Slurm job array.
 #include "tools/study_cluster.h"
 
 #include <sys/wait.h>
@@ -22,7 +22,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-// What a command prints. A controller that does not answer is waited for so long and no longer. Throws Error.
+// Returns a command's output. Throws Error if it fails or does not end within `timeout_s`.
 std::string answer_of(const std::string& command, int timeout_s = 60) {
   const std::string bounded = "timeout " + std::to_string(timeout_s) + " " + command + " 2>&1";
   std::unique_ptr<FILE, int (*)(FILE*)> pipe(popen(bounded.c_str(), "r"), pclose);
@@ -35,8 +35,8 @@ std::string answer_of(const std::string& command, int timeout_s = 60) {
   if (WIFEXITED(status) && WEXITSTATUS(status) == 0) return text;
   const int code = WIFEXITED(status) ? WEXITSTATUS(status) : 0;
   throw Error("study submit: " + command + ": " +
-              (code == 127   ? "there is no such command; is Slurm installed?"
-               : code == 124 ? "no answer within " + std::to_string(timeout_s) + " s; does the controller run?"
+              (code == 127   ? "command not found; is Slurm installed?"
+               : code == 124 ? "no answer within " + std::to_string(timeout_s) + " s; is the controller running?"
                              : text));
 }
 
@@ -46,9 +46,9 @@ void check_array(int tasks) {
   if (at == std::string::npos) return;
   const int most = std::atoi(config.c_str() + config.find('=', at) + 1);
   if (tasks > most - 1)
-    throw Error("study submit: the cluster's arrays have at most " + std::to_string(most - 1) +
+    throw Error("study submit: the cluster's job arrays have at most " + std::to_string(most - 1) +
                 " tasks (MaxArraySize); "
-                "give fewer --tasks, each takes more trials then");
+                "give fewer --tasks, with more trials each");
 }
 
 }  // namespace
@@ -59,7 +59,7 @@ std::string submit_to_slurm(const studies::Study& study, const fs::path& folder,
   fs::create_directories(logs);
   const std::string n = std::to_string(tasks);
   const std::string program = fs::read_symlink("/proc/self/exe").string();
-  // A task that runs twice does no harm, so it may be queued again whenever its node is lost.
+  // Running a task twice is harmless, so it may be requeued if its node fails.
   write_text(out / "slurm.sh", "#!/bin/bash\n#SBATCH --job-name=fringeslam\n#SBATCH --array=0-" +
                                    std::to_string(tasks - 1) + "\n#SBATCH --cpus-per-task=" + std::to_string(cpus) +
                                    "\n#SBATCH --requeue\n#SBATCH --open-mode=append\n#SBATCH --output=" +
@@ -77,13 +77,13 @@ void wait_for_slurm(const std::string& job) {
       if (answer_of("squeue --noheader --jobs=" + quoted(job)).empty()) return;
       unanswered = 0;
     } catch (const Error& e) {
-      // Jobs that are long over are not known any more; a controller may be away for a while.
+      // Slurm forgets jobs some time after their end; the controller may be unreachable for a while.
       if (std::string(e.what()).find("Invalid job id") != std::string::npos) return;
       if (++unanswered == 10) throw;
     }
     wait_s(2);
   }
-  throw Error("interrupted; job " + job + " goes on, scancel " + job + " ends it");
+  throw Error("interrupted; job " + job + " continues; scancel " + job + " cancels it");
 }
 
 }  // namespace fringeslam::tools

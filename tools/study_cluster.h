@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A study on a cluster: one job array, a shard each task, on a folder that all nodes share.
+// Runs a study on a cluster as one job array, one shard per task, in a folder shared by all nodes.
 #pragma once
 
 #include <filesystem>
@@ -9,10 +9,10 @@
 
 namespace fringeslam::tools {
 
-// Writes FOLDER/slurm.sh and submits it: the job's number. Throws Error with what Slurm says.
+// Writes FOLDER/slurm.sh, submits it and returns the job's id. Throws Error with Slurm's message.
 std::string submit_to_slurm(const studies::Study& study, const std::filesystem::path& folder, int tasks, int cpus);
 
-// Until the job has left the queue. Throws Error when the controller is away for long, or on Ctrl-C.
+// Waits until the job has left the queue. Throws Error on Ctrl-C or if the controller is unreachable for long.
 void wait_for_slurm(const std::string& job);
 
 }  // namespace fringeslam::tools

@@ -17,28 +17,28 @@ namespace fs = std::filesystem;
 
 namespace {
 
-// As the benchmark writes it.
+// Formats a timestamp as the benchmark does.
 std::string time_text(double timestamp_s) {
   char text[64];
   std::snprintf(text, sizeof text, "%.6f", timestamp_s);
   return text;
 }
 
-// The time at the width that times since 1970 have: some readers sort by name.
+// Pads the time to the width of times since 1970, because some readers sort by name.
 std::string image_name(double timestamp_s) {
   char text[64];
   std::snprintf(text, sizeof text, "%017.6f.png", timestamp_s);
   return text;
 }
 
-// Frames a second between the first and the last.
+// Returns the mean frame rate between the first and the last frame.
 double rate_hz(const Trajectory& times) {
   const double seconds = times.back().timestamp_s - times.front().timestamp_s;
   return seconds > 0 ? static_cast<double>(times.size() - 1) / seconds : 1;
 }
 
-// Keypoints and viewer as in ORB-SLAM3's own examples; the rest is this sensor. `b` and `ThDepth` say up to where a
-// depth counts as near: all of the working range does.
+// Keypoint and viewer settings as in ORB-SLAM3's own examples; the others describe this sensor. `b` and `ThDepth`
+// determine up to which depth points count as near: over the whole working range.
 std::string orb_slam_settings(const RigModel& rig, double units_per_m, double rate_hz) {
   const Pinhole& c = rig.camera;
   const Distortion& d = c.distortion;
@@ -46,7 +46,7 @@ std::string orb_slam_settings(const RigModel& rig, double units_per_m, double ra
   const std::vector<std::pair<const char*, double>> values = {
       {"Camera1.fx", c.fx}, {"Camera1.fy", c.fy}, {"Camera1.cx", c.cx}, {"Camera1.cy", c.cy}, {"Camera1.k1", d.k1},
       {"Camera1.k2", d.k2}, {"Camera1.p1", d.p1}, {"Camera1.p2", d.p2}, {"Camera1.k3", d.k3}};
-  // OpenCV's reader takes a number without a point for an integer, and ORB-SLAM3 then refuses it.
+  // OpenCV reads a number without a decimal point as an integer, which ORB-SLAM3 then refuses.
   const auto real = [](double value) {
     const std::string text = to_text(value);
     return text.find_first_of(".en") == std::string::npos ? text + ".0" : text;
@@ -65,7 +65,7 @@ std::string orb_slam_settings(const RigModel& rig, double units_per_m, double ra
          "Viewer.ViewpointF: 500.0\n";
 }
 
-// The matrix by columns.
+// Open3D stores the matrix column by column.
 std::string open3d_intrinsic(const Pinhole& c) {
   const nlohmann::ordered_json json = {
       {"width", c.width}, {"height", c.height}, {"intrinsic_matrix", {c.fx, 0, 0, 0, c.fy, 0, c.cx, c.cy, 1}}};
@@ -78,7 +78,8 @@ cv::Mat1f measured_depth(const Frame& frame) {
   return depth;
 }
 
-// The lists of a folder's images, which the benchmark heads by three comment lines: some readers skip as many.
+// The image lists of a folder. Like the benchmark's, rgb.txt and depth.txt begin with three comment lines, which some
+// readers skip.
 struct Lists {
   std::string rgb = "# texture images\n#\n# timestamp filename\n", depth = "# depth images\n#\n# timestamp filename\n",
               both;
@@ -128,7 +129,7 @@ cv::Mat1w depth_units(const cv::Mat1f& depth_m, double units_per_m) {
 int write_tum_rgbd(Source& source, const Settings& settings, const TumRgbdOptions& options, const fs::path& out,
                    const Common& common) {
   const bool true_depth = options.depth == "truth";
-  if (true_depth && !source.has_truth()) throw Error(out.string() + ": the source knows no true depth");
+  if (true_depth && !source.has_truth()) throw Error(out.string() + ": the source has no true depth");
   if (!options.distorted) source.undistort();
   const Sensor sensor(source, settings);
   StagedFolder folder(out, "tum-rgbd");
@@ -142,7 +143,9 @@ int write_tum_rgbd(Source& source, const Settings& settings, const TumRgbdOption
     Progress progress("rendering", source.stacks(), common.quiet || common.json);
     while (const auto stack = rig->capture(source.sequence())) {
       const std::string time = time_text(stack->timestamp_s);
-      if (time == last) throw Error(out.string() + ": two views within a microsecond; the format tells none apart");
+      if (time == last)
+        throw Error(out.string() +
+                    ": two views have the same timestamp in microseconds, which the format cannot distinguish");
       last = time;
       const std::string name = image_name(stack->timestamp_s);
       const Frame frame = sensor.see(*stack, source.sequence());
@@ -159,7 +162,7 @@ int write_tum_rgbd(Source& source, const Settings& settings, const TumRgbdOption
       progress.step();
     }
   }
-  if (seen.empty()) throw Error(out.string() + ": the source holds no view");
+  if (seen.empty()) throw Error(out.string() + ": the source contains no views");
   const RigModel& model = source.model();
   if (source.has_truth()) {
     Trajectory camera = read_tum(truth / "truth.tum");

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The verbs of the command line. Each adds its subcommand to the application; the returned callback
+// The verbs of the command line. Each function adds its subcommand to the application and returns the callback that
 // runs it after parsing and returns the exit code.
 #pragma once
 
@@ -11,13 +11,13 @@
 
 namespace fringeslam::tools {
 
-// Options that every verb knows.
+// Options common to all verbs.
 struct Common {
   bool json = false;   // one JSON document on standard output, nothing else
   bool quiet = false;  // no progress
 };
 
-// What a verb tells when it is done: the document under --json, else the line unless --quiet.
+// Prints a verb's result: the JSON document with --json, otherwise the line unless --quiet is set.
 inline void say(const Common& common, const nlohmann::ordered_json& document, const std::string& line) {
   if (common.json)
     std::printf("%s\n", document.dump(2).c_str());

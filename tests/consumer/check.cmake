@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# Installs BUILD_FOLDER into a prefix of its own, then configures, builds and runs the project of this
-# folder against it.
+# Installs BUILD_FOLDER into a temporary prefix, then configures, builds and runs this folder's project against it.
 cmake_minimum_required(VERSION 3.25)
 set(prefix ${WORK_FOLDER}/prefix)
 file(REMOVE_RECURSE ${WORK_FOLDER})
@@ -15,7 +14,7 @@ endfunction()
 
 must_run(${CMAKE_COMMAND} --install ${BUILD_FOLDER} --prefix ${prefix} --config ${CONFIG})
 
-# The package may be moved to a machine that has neither the sources nor the build folder.
+# The package must also work on machines without the source and build folders.
 file(GLOB_RECURSE package_files ${prefix}/*.cmake)
 if(NOT package_files)
   message(FATAL_ERROR "no CMake package was installed into ${prefix}")
@@ -24,7 +23,7 @@ foreach(file ${package_files})
   file(READ ${file} text)
   string(FIND "${text}" "${SOURCE_FOLDER}" place)
   if(NOT place EQUAL -1)
-    message(FATAL_ERROR "${file} names the source folder")
+    message(FATAL_ERROR "${file} refers to the source folder")
   endif()
 endforeach()
 

@@ -25,7 +25,7 @@ Names operator+(Names a, const Names& b) {
   return a;
 }
 
-// The folders of this project that a folder may include; "core" and the like stand for all below them.
+// The project folders that each folder may include; a top-level name such as "core" includes all its subfolders.
 const std::map<std::string, Names>& allowed_folders() {
   static const std::map<std::string, Names> allowed = [] {
     std::map<std::string, Names> table = {{"core/base", {"core/base"}},
@@ -46,11 +46,11 @@ const std::map<std::string, Names>& allowed_folders() {
   return allowed;
 }
 
-// A library by the beginning of its headers' names.
+// An external library, identified by the prefix of its headers' paths.
 struct Library {
   std::string prefix;
-  Names folders;           // that may use it; empty: all
-  bool in_headers = true;  // whether a .h may include it
+  Names folders;           // folders that may use it; empty: all
+  bool in_headers = true;  // true if header files may include it
 };
 
 const std::vector<Library>& libraries() {
@@ -77,7 +77,7 @@ bool starts_with_any(const std::string& text, const Names& prefixes) {
   return std::any_of(prefixes.begin(), prefixes.end(), [&](const std::string& p) { return text.starts_with(p); });
 }
 
-// "core/depth" of core/depth/depth.h, "sim" of sim/light/shading.h.
+// Returns "core/depth" for core/depth/depth.h, "sim" for sim/light/shading.h.
 std::string folder_of(const fs::path& file) {
   auto part = file.begin();
   const std::string top = part->string();
@@ -92,20 +92,21 @@ bool may_include(const std::string& folder, const std::string& other) {
 
 bool is_standard(const std::string& included) { return included.find_first_of("/.") == std::string::npos; }
 
-// Why `file` may not include a header of another project; empty when it may.
+// Returns why `file` may not include the header of an external library; empty if it may.
 std::string library_objection(const fs::path& file, const std::string& included) {
   const bool header = file.extension() == ".h";
   for (const Library& library : libraries()) {
     if (!included.starts_with(library.prefix)) continue;
-    if (!library.folders.empty() && !library.folders.count(folder_of(file))) return "library of another folder";
+    if (!library.folders.empty() && !library.folders.count(folder_of(file)))
+      return "library not allowed in this folder";
     if (header && !library.in_headers) return "heavy library in a header";
   }
   const bool matrices = included.starts_with("Eigen/") || included.starts_with("opencv2/");
   if (header && matrices && included != "Eigen/Core" && !included.starts_with("opencv2/core"))
-    return "more than Eigen/Core and opencv2/core in a header";
+    return "headers may use only Eigen/Core and opencv2/core";
   if (folder_of(file) == "core/types" && !is_standard(included) &&
       !starts_with_any(included, {"Eigen/", "opencv2/core"}))
-    return "core/types knows Eigen and OpenCV's core alone";
+    return "core/types may use only Eigen and opencv2/core";
   return "";
 }
 
@@ -114,8 +115,8 @@ std::string objection(const fs::path& file, const std::string& included, bool in
   if (kTops.count(target.begin()->string()))
     return may_include(folder_of(file), folder_of(target)) ? ""
                                                            : folder_of(file) + " may not include " + folder_of(target);
-  // Relative names would hide an arrow from this scan.
-  if (in_quotes) return "not from the root of the tree";
+  // Relative paths would hide a dependency from this scan.
+  if (in_quotes) return "path not relative to the source root";
   return library_objection(file, included);
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Who may include whom, as DESIGN.md says ("The house").
+// Checks #include directives against the include rules of docs/architecture.md.
 #pragma once
 
 #include <filesystem>
@@ -8,8 +8,8 @@
 
 namespace fringeslam::test {
 
-// One line "core/decode/decode.h:7: core/depth/depth.h (reason)" for each forbidden #include below
-// core, sim, hw, bench and tools of `root`, in the order of the file names.
+// Returns one line "core/decode/decode.h:7: core/depth/depth.h (reason)" for each forbidden #include below core, sim,
+// hw, bench and tools of `root`, sorted by file name.
 std::vector<std::string> violations(const std::filesystem::path& root);
 
 }  // namespace fringeslam::test

@@ -24,7 +24,7 @@ class Tree {
 TEST(Architecture, ThisTreeHasNoWrongArrow) { EXPECT_THAT(violations(FRINGESLAM_SOURCE_DIR), IsEmpty()); }
 
 TEST(Architecture, TheScanReadsThisTree) {
-  // Were the scan to read nothing, the test above would pass for ever.
+  // Ensures that the test above cannot pass because the scan reads no files.
   for (const std::string file : {"core/types/pose.h", "sim/light/ray_world.cpp", "tools/main.cpp"})
     EXPECT_TRUE(test::fs::exists(test::fs::path(FRINGESLAM_SOURCE_DIR) / file)) << file;
 }
@@ -54,7 +54,7 @@ TEST(Architecture, WrongArrowsAreReported) {
   tree.add("core/registration/icp.cpp", "#include \"sim/scene/scene.h\"\n");
   tree.add("core/mapper/pipeline.cpp", "#include \"core/score/score.h\"\n#include \"core/rig/rig.h\"\n");
   tree.add("core/io/files.cpp", "#include \"core/decode/decode.h\"\n");
-  tree.add("core/score/score.cpp", "  #  include \"core/registration/icp.h\"  // hidden by blanks\n");
+  tree.add("core/score/score.cpp", "  #  include \"core/registration/icp.h\"  // with extra blanks\n");
   tree.add("core/types/pose.cpp", "#include \"core/patterns/patterns.h\"\n");
   tree.add("core/unknown/a.cpp", "#include \"core/types/pose.h\"\n");
   tree.add("hw/camera.cpp", "#include \"sim/scene/scene.h\"\n");
@@ -90,31 +90,31 @@ TEST(Architecture, LibrariesInTheWrongPlaceAreReported) {
   tree.add("tools/picture.h", "#include <opencv2/imgproc.hpp>\n");
   EXPECT_THAT(
       tree.violations(),
-      ElementsAre("core/depth/depth.cpp:1: ceres/ceres.h (library of another folder)",
-                  "core/depth/depth.cpp:2: openvdb/openvdb.h (library of another folder)",
+      ElementsAre("core/depth/depth.cpp:1: ceres/ceres.h (library not allowed in this folder)",
+                  "core/depth/depth.cpp:2: openvdb/openvdb.h (library not allowed in this folder)",
                   "core/io/files.h:1: OpenImageIO/imageio.h (heavy library in a header)",
                   "core/io/files.h:2: yaml-cpp/yaml.h (heavy library in a header)",
-                  "core/map/mesh.h:1: Eigen/SVD (more than Eigen/Core and opencv2/core in a header)",
+                  "core/map/mesh.h:1: Eigen/SVD (headers may use only Eigen/Core and opencv2/core)",
                   "core/map/mesh.h:2: openvdb/openvdb.h (heavy library in a header)",
                   "core/motion/refine.h:1: ceres/ceres.h (heavy library in a header)",
                   "core/registration/engines.h:1: pcl/point_cloud.h (heavy library in a header)",
-                  "core/types/pinhole.cpp:1: opencv2/imgproc.hpp (core/types knows Eigen and OpenCV's core alone)",
+                  "core/types/pinhole.cpp:1: opencv2/imgproc.hpp (core/types may use only Eigen and opencv2/core)",
                   "sim/scene/import.h:1: assimp/scene.h (heavy library in a header)",
                   "sim/scene/import.h:2: embree3/rtcore.h (heavy library in a header)",
-                  "sim/view.cpp:1: SDL2/SDL.h (library of another folder)",
-                  "sim/view.cpp:2: arv.h (library of another folder)",
-                  "sim/view.cpp:3: httplib.h (library of another folder)",
-                  "tools/mesh.cpp:1: assimp/scene.h (library of another folder)",
-                  "tools/mesh.cpp:2: embree3/rtcore.h (library of another folder)",
-                  "tools/picture.h:1: opencv2/imgproc.hpp (more than Eigen/Core and opencv2/core in a header)"));
+                  "sim/view.cpp:1: SDL2/SDL.h (library not allowed in this folder)",
+                  "sim/view.cpp:2: arv.h (library not allowed in this folder)",
+                  "sim/view.cpp:3: httplib.h (library not allowed in this folder)",
+                  "tools/mesh.cpp:1: assimp/scene.h (library not allowed in this folder)",
+                  "tools/mesh.cpp:2: embree3/rtcore.h (library not allowed in this folder)",
+                  "tools/picture.h:1: opencv2/imgproc.hpp (headers may use only Eigen/Core and opencv2/core)"));
 }
 
 TEST(Architecture, RelativeNamesAreReported) {
   Tree tree;
   tree.add("core/depth/depth.cpp", "#include \"depth.h\"\n#include \"../decode/decode.h\"\n");
   EXPECT_THAT(tree.violations(),
-              ElementsAre("core/depth/depth.cpp:1: depth.h (not from the root of the tree)",
-                          "core/depth/depth.cpp:2: ../decode/decode.h (not from the root of the tree)"));
+              ElementsAre("core/depth/depth.cpp:1: depth.h (path not relative to the source root)",
+                          "core/depth/depth.cpp:2: ../decode/decode.h (path not relative to the source root)"));
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Bad input: exit code 2, one line that names the file (and the line), and nothing left behind.
+// Bad input: exit code 2, a one-line message with the file (and line), and no output files.
 #include <gmock/gmock.h>
 
 #include <algorithm>
@@ -38,7 +38,7 @@ class BadInput : public testing::Test {
     expect_refused(run_program(words), says);
     expect_nothing_left();
   }
-  // Both verbs that read scenes refuse one in which `from` has become `to`, at the line of `to`.
+  // Replaces `from` by `to` in the small scene; `run` and `render` must refuse it at the line of `to`.
   void expect_scene_refused(const std::string& from, const std::string& to, const std::string& says) const {
     const std::string text = test::replaced(test::kSmallScene, from, to);
     test::write_bytes(scene_ / "scene.yaml", text);
@@ -53,7 +53,7 @@ class BadInput : public testing::Test {
 TEST_F(BadInput, MissingFile) {
   for (const std::string verb : {"run", "render"}) {
     expect_refused_by(verb, temp_ / "none", {(temp_ / "none").string() + ": does not exist"});
-    expect_refused_by(verb, temp_ / "results", {(temp_ / "results").string() + ": holds neither"});
+    expect_refused_by(verb, temp_ / "results", {(temp_ / "results").string() + ": contains neither"});
   }
 }
 
@@ -74,7 +74,6 @@ TEST_F(BadInput, MissingRigFile) { expect_scene_refused("file: rig.yaml", "file:
 TEST_F(BadInput, TooFewSteps) { expect_scene_refused("steps: 3", "steps: 2", "'steps' is 2"); }
 TEST_F(BadInput, NanMotion) { expect_scene_refused("[10, 5, -5]", "[10, .nan, -5]", "'translation_mm' is nan"); }
 
-// No period covers the projector: no absolute phase, whatever the images. They can be rendered nonetheless.
 TEST_F(BadInput, LightThatCannotBe) {
   const std::string ambient = "  ambient_lux: 290";
   expect_scene_refused(ambient, "  ambient_lux: -1", "'ambient_lux' is -1");
@@ -129,6 +128,7 @@ TEST_F(BadInput, RigThatCannotBe) {
   refused("exposure_s:", "exposure_s: 0.5", "exposure_s exceeds the display time of a pattern");
 }
 
+// Without a period that covers the projector there is no absolute phase.
 TEST_F(BadInput, NoPeriodCoversTheProjector) {
   test::write_bytes(scene_ / "scene.yaml", test::replaced(test::kSmallScene, "[1040, 131, 16.5]", "[131, 16.5]"));
   expect_refused_by("run", scene_, {"period covers the projector"});
@@ -219,7 +219,7 @@ TEST_F(BadInput, OutputThatIsNotOurs) {
   }
 }
 
-// Many programs keep a config.yaml or a dataset.yaml: its name alone does not make a folder ours.
+// Many programs write a config.yaml or dataset.yaml, so the file name alone does not mark a folder as FringeSLAM's.
 TEST_F(BadInput, OutputThatHappensToHoldAFileOfOurName) {
   for (const auto& [verb, name] : {std::pair("run", "config.yaml"), std::pair("render", "dataset.yaml")}) {
     SCOPED_TRACE(verb);
@@ -228,7 +228,7 @@ TEST_F(BadInput, OutputThatHappensToHoldAFileOfOurName) {
     test::write_bytes(temp_ / "results/out/thesis.txt", "precious");
     expect_refused(run_program({verb, scene_.string(), "--out", out(), "--set", "render.samples_per_pixel=1"}),
                    {out()});
-    EXPECT_TRUE(test::fs::exists(temp_ / "results/out/thesis.txt")) << "somebody else's folder was replaced";
+    EXPECT_TRUE(test::fs::exists(temp_ / "results/out/thesis.txt")) << "another program's folder was replaced";
   }
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// `fringeslam calibrate` from outside, on boards and ramps that the program itself rendered with a known rig.
+// Runs `fringeslam calibrate` on boards and ramps that the program rendered with a known rig.
 #include <gmock/gmock.h>
 
 #include <nlohmann/json.hpp>
@@ -32,7 +32,7 @@ robot_from_camera: {translation_m: [0.1, 0, 1], rotation_deg: [180, 0, 0]}
 
 class Calibrate : public testing::Test {
  protected:
-  // A scene of one plane and its rig, rendered into a dataset.
+  // Writes a scene with one plane and its rig, and renders it to a dataset.
   std::string rendered(const std::string& name, const std::string& patterns, const std::string& material,
                        const std::string& trajectory, const std::string& gamma = "1") const {
     const test::fs::path folder = temp_ / (name + "_scene");
@@ -81,7 +81,7 @@ TEST_F(Calibrate, RigFromBothKindsOfBoards) {
     EXPECT_NEAR(rig.projector_from_camera.translation.x(), -0.24253563,
                 5e-3 * static_cast<double>(printed["projector_from_camera"]["sigma_translation_mm"][0]))
         << kind.name;
-    EXPECT_EQ(rig.sensor.dark_noise_electrons, 25);  // what is not calibrated stays
+    EXPECT_EQ(rig.sensor.dark_noise_electrons, 25);  // parameters that are not calibrated are kept
     EXPECT_TRUE(test::fs::exists(temp_ / (kind.name + "_rig/coverage.png")));
     EXPECT_EQ(json::parse(test::read_bytes(temp_ / (kind.name + "_rig/calibration.json"))), printed);
   }
@@ -107,7 +107,7 @@ TEST_F(Calibrate, RigSaysWhatIsMissing) {
   test::write_bytes(temp_ / "board.yaml", "kind: chessboard\ncolumns: 7\nrows: 6\nspacing_m: 0.016\n");
   EXPECT_THAT(error({"--board", at("board.yaml")}), HasSubstr("board.yaml:1: "));
   test::write_bytes(temp_ / "board.yaml", "kind: checkerboard\ncolumns: 7\nrows: 6\nspacing_m: 0.016\n");
-  EXPECT_THAT(error({"--board", at("board.yaml")}), HasSubstr("a board set needs patterns in both axes"));
+  EXPECT_THAT(error({"--board", at("board.yaml")}), HasSubstr("rig calibration needs patterns in both axes"));
 }
 
 TEST_F(Calibrate, ResponseOfAGamma) {
@@ -120,7 +120,7 @@ TEST_F(Calibrate, ResponseOfAGamma) {
   ASSERT_EQ(rig.projector_response.size(), 257U);
   EXPECT_NEAR(rig.projector_response[128], std::pow(0.5, 2.2), 0.01);
   EXPECT_EQ(rig.phase_correction.steps, 3);
-  // And the patterns that undo it.
+  // The measured response can be inverted in patterns.
   run_well({"patterns", "--rig", at("response/rig.yaml"), "--linearise", "--periods", "1040,131,16.5", "--out",
             at("patterns"), "--quiet"});
   EXPECT_EQ(read_patterns(temp_ / "patterns/patterns.yaml").inverse_response.empty(), false);

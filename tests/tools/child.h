@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Runs the command line program as a user does, and a small scene for it.
+// Runs the program as a child process; provides a small test scene.
 #pragma once
 
 #include <sys/wait.h>
@@ -15,7 +15,7 @@
 namespace fringeslam::test {
 
 struct Finished {
-  int exit_code = -1;  // 128 + signal when it was killed by one
+  int exit_code = -1;  // 128 + signal if killed by a signal
   std::string out, err;
 };
 
@@ -32,16 +32,16 @@ inline Finished run_program(const std::vector<std::string>& arguments) {
   return finished;
 }
 
-// Runs it and expects success.
+// Runs the program and expects success.
 inline Finished run_well(const std::vector<std::string>& arguments) {
   Finished finished = run_program(arguments);
   EXPECT_EQ(finished.exit_code, 0) << arguments.front() << ": " << finished.err;
   return finished;
 }
 
-// A floor and a few textured boxes before a sensor of a quarter of the thesis rig's pixels; two poses.
+// A floor and a few textured boxes in front of the thesis rig with a quarter of its pixels; two poses.
 constexpr const char* kSmallScene = R"(name: small
-description: Two views of a few boxes, for the tests of the command line
+description: Two views of a few boxes, for the command line tests
 seed: 3
 rig:
   file: rig.yaml

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The program from outside: what it writes is the same every time, what it prints is what was asked for.
+// The command line: results are reproducible, and the output has the requested form.
 #include <gmock/gmock.h>
 
 #include <nlohmann/json.hpp>
@@ -14,7 +14,7 @@ using test::run_program;
 using test::run_well;
 using testing::HasSubstr;
 
-// One ray a pixel: the runs of these tests need speed, not beauty.
+// One ray per pixel keeps the runs short.
 const std::vector<std::string> kFast = {"--set", "render.samples_per_pixel=1"};
 
 std::vector<std::string> words(std::vector<std::string> first, const std::vector<std::string>& second) {
@@ -51,7 +51,7 @@ class CommandLine : public testing::Test {
 TEST_F(CommandLine, ThreadsDoNotChangeARun) {
   run_scene("one", {"--threads", "1"});
   run_scene("two", {"--threads", "2"});
-  // Both views must have been registered, or little of the pipeline was compared.
+  // Both views must be registered, otherwise little of the pipeline is compared.
   EXPECT_EQ(json::parse(test::read_bytes(temp_ / "one/score.json")).at("tracked"), 2);
   expect_same_folders(temp_ / "one", temp_ / "two");
 }
@@ -80,7 +80,7 @@ TEST_F(CommandLine, ASecondRunReplacesTheFirst) {
   EXPECT_EQ(test::listing(temp_.path()).count("run.partial"), 0u);
 }
 
-// The whole of the output must be one JSON value: the parser refuses anything before or after it.
+// The complete output must be one JSON value: the parser refuses anything before or after it.
 json whole_json(const test::Finished& finished) {
   EXPECT_EQ(finished.err, "");
   const json document = json::parse(finished.out, nullptr, false);
@@ -109,7 +109,7 @@ TEST_F(CommandLine, JsonHoldsAnyFolderName) {
   }
 }
 
-// A scene's name is free text: it ends up in config.yaml and dataset.yaml, and in the name of the run folder.
+// A scene's name is free text; it is written to config.yaml and dataset.yaml and used for the run folder's name.
 TEST_F(CommandLine, AnySceneNameCanBeRun) {
   test::write_bytes(scene_ / "scene.yaml",
                     test::replaced(test::kSmallScene, "name: small", "name: \"boxes: and foam #2\""));
@@ -153,7 +153,7 @@ TEST(CommandLineScene, AreListedAndChecked) {
   }
 }
 
-// Every error of a scene file at once, each with its line.
+// All errors of a scene file are reported in one pass, each with its line.
 TEST(CommandLineScene, AllErrorsAreFoundAtOnce) {
   const test::TempFolder temp;
   test::write_small_scene(temp / "scene");
@@ -171,7 +171,7 @@ TEST(CommandLineScene, AllErrorsAreFoundAtOnce) {
   EXPECT_EQ(run_program({"run", (temp / "scene").string(), "--out", (temp / "run").string()}).exit_code, 2);
 }
 
-// A new scene is its template but for the name, wherever it is put; what exists is left alone.
+// A new scene equals its template except for the name, in any folder; existing folders are not overwritten.
 TEST(CommandLineScene, AreMadeFromOthers) {
   const test::TempFolder temp;
   test::write_small_scene(temp / "scenes/small");
@@ -194,7 +194,7 @@ TEST(CommandLineScene, AreMadeFromOthers) {
   EXPECT_EQ(run_program({"scene", "new", (temp / "x").string(), "--from", (temp / "none").string()}).exit_code, 2);
 }
 
-// Generated scenes are the template drawn with their seeds, and say so without it.
+// Generated scenes are the template drawn with their seeds; they no longer need the template.
 TEST(CommandLineScene, AreGenerated) {
   const test::TempFolder temp;
   test::write_small_scene(temp / "small");
@@ -218,14 +218,14 @@ TEST_F(CommandLine, ScenesArePictured) {
   run_well({"scene", "preview", scene_.string(), "--out", out, "--size", "420x280", "--quiet"});
   const std::string first = test::read_bytes(out);
   run_well({"scene", "preview", scene_.string(), "--out", out, "--size", "420", "--quiet", "--threads", "1"});
-  EXPECT_TRUE(test::read_bytes(out) == first) << "a width stands for a height of two thirds of it";
+  EXPECT_TRUE(test::read_bytes(out) == first) << "a width alone implies a height of two thirds of it";
   run_well({"scene", "preview", scene_.string(), "--out", out, "--size", "420", "--seed", "8", "--quiet"});
   EXPECT_FALSE(test::read_bytes(out) == first);
   EXPECT_EQ(whole_json(run_well({"--json", "scene", "preview", scene_.string(), "--out", out})).at("written"), out);
   for (const std::string size : {"12", "420x", "420x280x", "axb", "99999", "420x-3"}) {
     const auto refused = run_program({"scene", "preview", scene_.string(), "--out", at("none.png"), "--size", size});
     EXPECT_EQ(refused.exit_code, 2) << size;
-    EXPECT_THAT(refused.err, HasSubstr("--size " + size + ": is no size"));
+    EXPECT_THAT(refused.err, HasSubstr("--size " + size + ": must be WxH or a width"));
   }
   const auto refused = run_program({"scene", "preview", scene_.string(), "--out", at("none/preview.png")});
   EXPECT_EQ(refused.exit_code, 2);
@@ -245,8 +245,8 @@ TEST_F(CommandLine, ScenesAreExported) {
     EXPECT_EQ(finished.exit_code, 2) << why;
     EXPECT_THAT(finished.err, HasSubstr(why));
   };
-  refused({"--out", at("b.stl")}, at("b.stl") + ": unsupported mesh format");
-  refused({"--out", at("b.ply"), "--format", "gltf"}, at("b.ply") + ": is no name of a file in the format gltf");
+  refused({"--out", at("b.stl")}, at("b.stl") + ": ends in none of");
+  refused({"--out", at("b.ply"), "--format", "gltf"}, at("b.ply") + ": does not match the format gltf");
   refused({"--out", at("b.stl"), "--format", "stl"}, "--format");
   refused({"--out", at("none/b.glb")}, at("none/b.glb") + ": cannot be written");
   EXPECT_FALSE(test::fs::exists(temp_ / "b.ply"));

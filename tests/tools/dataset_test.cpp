@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A recording replays as the same images and times; a damaged one is refused by the name of its file.
+// A recording replays the same images and timestamps; the error for a damaged one names the file.
 #include "core/rig/dataset.h"
 
 #include <gmock/gmock.h>
@@ -19,7 +19,7 @@ using test::message_of;
 using testing::HasSubstr;
 using testing::StartsWith;
 
-class Recording : public testing::TestWithParam<int> {  // the pixel type
+class Recording : public testing::TestWithParam<int> {  // parameter: pixel type
  protected:
   void SetUp() override { test::record(folder_, stacks_); }
   test::fs::path image(int stack, int number) const {
@@ -60,7 +60,7 @@ TEST_P(Recording, ReplaysTheSameImagesAndTimes) {
 
 TEST_P(Recording, MissingImageIsNamedAtOnce) {
   test::fs::remove(image(1, 3));
-  // Of a lossless and a float image, either may be the one that is missing: the number says which.
+  // The missing image may be a PNG or an EXR file, so only its number is compared.
   const std::string stem = (image(1, 3).parent_path() / "03").string();
   EXPECT_THAT(message_of([&] { ReplayRig rig(folder_); }), StartsWith(stem));
 }
@@ -70,7 +70,7 @@ TEST_P(Recording, TruncatedImageIsNamed) {
   for (const double share : {0.0, 0.1, 0.5, 0.9}) {
     test::write_bytes(image(1, 3), whole);
     test::truncate_file(image(1, 3), share);
-    EXPECT_THAT(capture_error(), StartsWith(image(1, 3).string() + ": ")) << share << " of the file is left";
+    EXPECT_THAT(capture_error(), StartsWith(image(1, 3).string() + ": ")) << share << " of the file remains";
   }
 }
 
@@ -103,7 +103,7 @@ INSTANTIATE_TEST_SUITE_P(Dataset, Recording, testing::Values(CV_8UC1, CV_16UC1, 
 class EightBitRecording : public testing::Test {
  protected:
   void SetUp() override { test::record(folder_, test::noise_stacks(CV_8UC1)); }
-  // The error after a change to one of the dataset's text files.
+  // Returns the error after replacing text in one of the dataset's files.
   std::string error_after(const std::string& name, const std::string& from, const std::string& to) const {
     test::write_bytes(folder_ / name, test::replaced(test::read_bytes(folder_ / name), from, to));
     return message_of([&] {
@@ -163,7 +163,7 @@ TEST_F(EightBitRecording, AnotherSequenceIsRefused) {
   EXPECT_THAT(message_of([&] { rig.capture(other); }), StartsWith((folder_ / "patterns.yaml").string() + ": "));
 }
 
-// A recording with thermal images: of hundredths of a kelvin, or not.
+// A recording with thermal images. Parameter: true if all temperatures are multiples of 0.01 K.
 class ThermalRecording : public testing::TestWithParam<bool> {
  protected:
   void SetUp() override {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A rig that hands out given images, and a dataset recorded from it.
+// A rig that returns given images, and a dataset recorded from it.
 #pragma once
 
 #include <filesystem>
@@ -31,7 +31,7 @@ inline RigModel thesis_rig() {
   return read_rig(std::filesystem::path(FRINGESLAM_SOURCE_DIR) / "scenes/rigs/thesis.yaml");
 }
 
-// The thesis rig with 1 / `factor` of the pixels along each side: the same view, faster.
+// Returns the thesis rig with 1 / `factor` of the camera pixels along each side and the same field of view.
 inline RigModel thesis_rig_reduced(int factor) {
   RigModel rig = thesis_rig();
   Pinhole& camera = rig.camera;
@@ -45,7 +45,7 @@ inline RigModel tiny_rig() { return thesis_rig_reduced(10); }
 
 inline PatternSequence short_sequence() { return phase_shift_sequence(1024, 768, {1040, 131}, 3, Axis::columns, 8); }
 
-// Two stacks of noise over the whole range of the pixel type, at times that have no short decimal form.
+// Returns two stacks of noise over the pixel type's range, at timestamps without a short decimal form.
 inline std::vector<FringeStack> noise_stacks(int type) {
   cv::RNG random(7);
   std::vector<FringeStack> stacks(2);

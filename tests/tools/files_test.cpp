@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Folders are written whole or not at all, and the same content gives the same bytes.
+// Folders are written completely or not at all, and the same content gives the same bytes.
 #include "core/io/files.h"
 
 #include <gmock/gmock.h>
@@ -20,7 +20,7 @@ using testing::StartsWith;
 constexpr const char* kKind = "run";
 constexpr const char* kFile = "config.yaml";
 
-// A folder as a run leaves it.
+// Writes a folder as a run does.
 void write_ours(const test::fs::path& folder, const std::string& content) {
   StagedFolder staged(folder, kKind);
   write_text(staged.path() / kFile, content);
@@ -105,13 +105,13 @@ TEST(StagedFolder, RefusesAFile) {
   EXPECT_EQ(test::listing(temp.path()), std::set<std::string>{"out"});
 }
 
-// People keep copies of results under such names.
+// Users keep copies of results under such names.
 TEST(StagedFolder, LeavesNeighboursAlone) {
   const test::TempFolder temp;
   write_ours(temp / "out", "first");
   test::write_bytes(temp / "out.old/thesis.txt", "precious");
   write_ours(temp / "out", "second");
-  EXPECT_TRUE(exists(temp / "out.old/thesis.txt")) << "out.old was somebody else's and is gone";
+  EXPECT_TRUE(exists(temp / "out.old/thesis.txt")) << "the user's folder out.old was removed";
   EXPECT_EQ(test::read_bytes(temp / "out/config.yaml"), "second");
 }
 
@@ -153,7 +153,7 @@ TEST(Files, ThatCannotBePutInPlaceLeaveNothingBehind) {
   EXPECT_EQ(test::read_bytes(temp / "b.mtl"), "m");
 }
 
-// Formats that note the time of writing would make equal results differ.
+// File formats that store the time of writing would make equal results differ.
 TEST(Files, SameContentGivesTheSameBytesLater) {
   const test::TempFolder temp;
   const cv::Mat1f image(40, 30, 0.5f);

@@ -24,7 +24,7 @@ constexpr double kTwoPi = 2 * std::numbers::pi;
 constexpr int kWidth = 480, kHeight = 240;
 constexpr double kPeriod = 16;
 
-// White, black and fringes of the given contrast at each pixel, unrounded; a camera pixel for each of the projector's.
+// Renders white, black and fringes with the given contrast per pixel, unrounded; camera and projector pixels coincide.
 struct Board {
   std::function<double(int, int)> contrast = [](int, int) { return 1; };
   std::function<double(int, int)> white_dn = [](int, int) { return 200; };
@@ -85,7 +85,7 @@ TEST(FocusReading, BlurTakesContrastByTheGaussiansTransferFunction) {
       image = smooth;
     }
     const double expected = std::exp(-0.5 * std::pow(kTwoPi * sigma_px / kPeriod, 2));
-    // The centre, where no border is mirrored.
+    // The centre is unaffected by the mirrored border.
     EXPECT_THAT(read_focus(blurred, sequence, test::thesis_rig()).centre, DoubleNear(expected, 2e-3)) << sigma_px;
     EXPECT_LT(expected, 0.95 * last);
     last = expected;
@@ -110,7 +110,7 @@ TEST(FocusReading, RegionsAreTheMiddleAndTheCorners) {
 TEST(FocusReading, PixelsThatCannotTellAreLeftOut) {
   Board board;
   board.contrast = [](int, int col) { return col < kWidth / 3 ? 0 : 0.7; };
-  // The left third clips or, in its lower half, is in the shadow; its corners are not counted either.
+  // The left third saturates or, in its lower half, lies in shadow; its corner cells are ignored as well.
   board.white_dn = [](int row, int col) { return col >= kWidth / 3 ? 200 : row < kHeight / 2 ? 255 : 25; };
   const FocusReading reading = reading_of(board);
   EXPECT_NEAR(reading.fringes, 0.7, 1e-5);
@@ -128,8 +128,8 @@ TEST(FocusReading, NothingInTheBeamHasNoContrast) {
   EXPECT_EQ(reading.measured, 0);
 }
 
-// Of A + B sin(2 pi y / p) central differences have the amplitude B sin(2 pi / p); a constant and the fringes' mean
-// give A = (white + black) / 2.
+// Central differences of A + B sin(2 pi y / p) have the amplitude B sin(2 pi / p); the mean of the fringe images is
+// A = (white + black) / 2.
 TEST(FocusReading, SharpnessIsTheGradientOfTheTexture) {
   for (const double amplitude : {10.0, 20.0}) {
     Board board;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// fringeslam import: images and calibrations of other rigs become the dataset that they are, whatever their names,
-// formats and conventions; what does not fit together is refused by name.
+// fringeslam import: converts images and calibrations of other rigs with any names, formats and conventions to an
+// equivalent dataset; inconsistent input is refused with the file's name.
 #include "core/import/import.h"
 
 #include <OpenImageIO/imageio.h>
@@ -29,7 +29,7 @@ using testing::StartsWith;
 
 constexpr double kTwoPi = 2 * std::numbers::pi;
 
-// An image in the format that the extension says.
+// Writes an image in the format given by the extension.
 void write_image(const fs::path& file, const cv::Mat& image) {
   const OIIO::TypeDesc type = image.depth() == CV_8U    ? OIIO::TypeDesc::UINT8
                               : image.depth() == CV_16U ? OIIO::TypeDesc::UINT16
@@ -97,7 +97,7 @@ TEST_P(ImportFormats, AnotherRigsFilesAreTheSameDataset) {
   const test::TempFolder temp;
   const RigModel rig = test::tiny_rig();
   const std::vector<FringeStack> stacks = test::noise_stacks(type);
-  // Folders that sort otherwise by letter than by number.
+  // These folders sort differently by letters and by number.
   for (const auto& [folder, stack] : {std::pair("pose9", &stacks[0]), std::pair("pose10", &stacks[1])}) {
     fs::create_directories(temp / "in" / folder);
     for (size_t i = 0; i < 6; ++i)
@@ -152,7 +152,7 @@ INSTANTIATE_TEST_SUITE_P(Formats, ImportFormats,
                            return std::to_string(test.param.type) + "_" + test.param.extension.substr(1);
                          });
 
-// The same scene, once as our dataset and once through somebody else's files: one depth.
+// The same scene as a rendered dataset and as imported images must give the same depth.
 TEST(Import, ARunOfImportedImagesIsARunOfTheirDataset) {
   const test::TempFolder temp;
   test::write_small_scene(temp / "scene");
@@ -197,18 +197,18 @@ TEST(Import, ARunOfImportedImagesIsARunOfTheirDataset) {
 // --- conventions ---
 
 struct Convention {
-  std::string yaml;                  // in the fringe entry, beside axis, period and steps
-  double (*wave)(double) = nullptr;  // of the rig's own phase, rad
+  std::string yaml;                  // further keys of the fringe entry
+  double (*wave)(double) = nullptr;  // function of the rig's own phase, rad
   double origin = 0;                 // u' - u, px
   double offset_deg = 0, shift_deg = 0;
-  int direction = 1;  // -1: the phase falls along u
+  int direction = 1;  // -1: the phase decreases with u
 };
 
 class ImportConventions : public testing::TestWithParam<Convention> {};
 
 constexpr int kLength = 1920, kPeriod = 60, kSteps = 5, kBits = 6;
 
-// What the rig's own formula shows at projector coordinate u.
+// Returns the intensity that the rig's own formula gives at projector coordinate u.
 float shown(const Convention& rig, double u, int step) {
   const double phase =
       rig.direction * kTwoPi * (u + rig.origin) / kPeriod + (rig.offset_deg + step * rig.shift_deg) * kTwoPi / 360;
@@ -228,7 +228,7 @@ TEST_P(ImportConventions, DecodeToTheTrueCoordinate) {
     write_image(temp / ("in/" + std::to_string(image) + ".exr"), pixels);
   };
   for (int step = 0; step < kSteps; ++step) write(step, [&](int u) { return shown(GetParam(), u, step); });
-  for (int bit = 0; bit < kBits; ++bit) {  // of half periods, most significant first
+  for (int bit = 0; bit < kBits; ++bit) {  // Gray code of half periods, most significant bit first
     write(kSteps + bit, [&](int u) {
       const int cell = u / (kPeriod / 2), code = cell ^ (cell >> 1);
       return (code >> (kBits - 1 - bit)) & 1 ? 200.0F : 40.0F;
@@ -296,7 +296,7 @@ TEST(Import, SingleFilesAndRangesSayTheSame) {
   EXPECT_TRUE(range.patterns[6].inverted);
 }
 
-// What `fringeslam patterns` showed is imported by the file that it left.
+// Images of the patterns written by `fringeslam patterns` are imported with its patterns.yaml.
 TEST(Import, OurOwnPatternsAreImportedByTheirFile) {
   const test::TempFolder temp;
   test::run_well({"patterns", "--size", "64x32", "--periods", "16", "--gray", "complementary", "--white-black",
@@ -350,7 +350,7 @@ TEST(ReadAsGrey, TruncatedFilesOfEveryFormatAreRefused) {
   }
 }
 
-// --- what is refused ---
+// --- refused input ---
 
 constexpr const char* kGood = R"(name: small
 projector: {width_px: 64, height_px: 8}
@@ -377,7 +377,7 @@ class ImportErrors : public testing::Test {
     for (const char* name : {"f00", "f01", "f02", "g0", "g1", "white"}) put(name, cv::Mat1b(6, 8, uchar{9}));
   }
   void put(const std::string& name, const cv::Mat& image) const { write_image(temp_ / ("in/" + name + ".png"), image); }
-  // Of the library; the message of the program is the same.
+  // Returns the library's error message; the program prints the same.
   std::string import(const std::string& yaml) const {
     test::write_bytes(temp_ / "in/import.yaml", yaml);
     return message_of([&] {
@@ -385,7 +385,7 @@ class ImportErrors : public testing::Test {
       while (rig.capture(rig.sequence())) continue;
     });
   }
-  // The good file with `from` become `to`: refused at the line of `to`.
+  // Replaces `from` by `to` in the valid file, which must be refused at the line of `to`.
   void expect_refused(const std::string& from, const std::string& to, const std::string& says) const {
     const std::string text = test::replaced(kGood, from, to);
     const std::string message = import(text);
@@ -531,7 +531,7 @@ TEST_F(ImportErrors, ProgramLeavesNothingBehind) {
               HasSubstr("is not a folder"));
 }
 
-// Good to calibrate with, not to measure with.
+// Such a dataset can be used for calibration but not for measuring.
 TEST_F(ImportErrors, WithoutCalibrationThereIsNoRun) {
   test::write_bytes(temp_ / "in/import.yaml",
                     test::replaced(kGood, "calibration: {file: calibration.yml, unit_m: 0.001}\n", ""));
@@ -615,12 +615,12 @@ TEST(OpenCvFiles, RoundedRotationsBecomeRotations) {
   EXPECT_LT((r - rig.projector_from_camera.rotation).norm(), 2e-5);
 }
 
-// --- a real capture, where it is at hand ---
+// --- a real capture, if available ---
 
 TEST(Captures, ReliefIsMeasured) {
   const char* captures = std::getenv("FRINGESLAM_CAPTURES");
   if (!captures || !fs::is_directory(fs::path(captures) / "relief"))
-    GTEST_SKIP() << "set FRINGESLAM_CAPTURES to the folder that holds relief/ (see core/rig/README.md)";
+    GTEST_SKIP() << "set FRINGESLAM_CAPTURES to the folder that contains relief/ (see core/rig/README.md)";
   const test::TempFolder temp;
   test::write_bytes(temp / "import.yaml", R"(name: relief
 near_m: 0.6
@@ -642,7 +642,7 @@ patterns:
   for (const float z : depth) {
     if (z == z) found.push_back(z);
   }
-  // What another decoder made of the same images: 213,524 points, 695 to 775 mm (1 to 99 %), median 728 mm.
+  // Another decoder's result for the same images: 213,524 points, 695 to 775 mm (1 to 99 %), median 728 mm.
   EXPECT_NEAR(static_cast<double>(found.size()), 213524, 0.05 * 213524);
   std::sort(found.begin(), found.end());
   const auto quantile = [&](double share) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// fringeslam landmarks: what it writes, the same every time, and what it does where there is nothing to find.
+// fringeslam landmarks: its output files, their reproducibility, and a scene without landmarks.
 #include <gmock/gmock.h>
 
 #include <fstream>

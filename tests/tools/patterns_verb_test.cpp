@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// fringeslam patterns: the pixels of the files are the patterns that patterns.yaml says they are.
+// fringeslam patterns: the pixels of the files agree with patterns.yaml.
 #include <gmock/gmock.h>
 
 #include "core/io/files.h"
@@ -35,7 +35,7 @@ class Patterns : public testing::Test {
   test::TempFolder temp_;
 };
 
-// Level of a pixel, 0 to 1, before quantisation.
+// Returns the level of a pixel, 0 to 1, before quantization.
 double wanted(const Pattern& pattern, int row, int col) {
   return ideal_intensity(pattern, pattern.axis == Axis::columns ? col : row);
 }
@@ -48,7 +48,7 @@ TEST_F(Patterns, PixelsOfTheFilesAreTheIdealIntensities) {
   const PatternSequence written = sequence();
   EXPECT_EQ(written.width, 64);
   EXPECT_EQ(written.height, 48);
-  // 2 axes x 2 periods x 4 steps; bits for cells of 5.25 px: 4 and 4, twice; white, black, and the ramp.
+  // 2 axes x 2 periods x 4 steps; Gray code of 5.25 px cells: 4 bits per axis, twice; white, black; the ramp.
   ASSERT_EQ(written.patterns.size(), 16U + 2 * (4 + 4) + 2 + 5);
   for (size_t i = 0; i < written.patterns.size(); ++i) {
     const cv::Mat1b pixels = image(number(i));
@@ -80,7 +80,7 @@ TEST_F(Patterns, LinearisedPatternsUndoTheRigsResponse) {
   for (int col = 0; col < 64; ++col) {
     const double light = table_value(rig.projector_response, pixels(0, col) / 255.0);
     EXPECT_NEAR(light, ideal_intensity(pattern, col), 2.2 / 255 + 1e-3)
-        << "half a level at the steepest, and the table";
+        << "tolerance: half a level at the steepest slope, and the table's interpolation";
   }
 }
 
@@ -128,7 +128,8 @@ TEST_F(Patterns, BadOptionsAreRefused) {
   expect_refused({"--size", "64x48", "--gray", "plain"}, "a Gray code numbers fringe periods");
   expect_refused({"--size", "64x48", periods, "16", "--steps", "2"}, "--steps");
   expect_refused({"--size", "64x48", periods, "1"}, "--periods");
-  expect_refused({"--size", "64x48", periods, "16", "--steps", "4", "--pack", "RGB"}, "there are 4; make their number");
+  expect_refused({"--size", "64x48", periods, "16", "--steps", "4", "--pack", "RGB"},
+                 "there are 4; use a multiple of 3");
   expect_refused({"--size", "64x48", periods, "16", "--pack", "RGR"}, "--pack");
   expect_refused({"--size", "64x48", periods, "16", "--bits", "10", "--pack", "RGB"}, "8 bits");
   expect_refused({"--rig", (temp_ / "none.yaml").string(), periods, "16"}, "none.yaml: cannot be opened");

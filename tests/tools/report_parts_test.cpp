@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What report.html is made of: thinned maps, their distance from the truth, packed numbers, levels of pictures.
+// Parts of report.html: decimated maps, their distance from the ground truth, packed numbers, image levels.
 #include <gmock/gmock.h>
 #include <zlib.h>
 
@@ -25,7 +25,7 @@ using testing::HasSubstr;
 
 const float kNan = std::nanf("");
 
-// A square of n x n vertices, 1 mm apart, on the plane z = 0, facing up.
+// Returns a square of n x n vertices, 1 mm apart, on the plane z = 0, facing up.
 SurfaceMesh square(uint32_t n) {
   SurfaceMesh mesh;
   for (uint32_t row = 0; row < n; ++row) {
@@ -50,7 +50,7 @@ double area(const SurfaceMesh& mesh) {
   for (const auto& [a, b, c] : mesh.triangles) {
     const Eigen::Vector3f u = mesh.vertices[b].position_m - mesh.vertices[a].position_m;
     const Eigen::Vector3f v = mesh.vertices[c].position_m - mesh.vertices[a].position_m;
-    sum += 0.5 * (u.x() * v.y() - u.y() * v.x());  // signed: a triangle that is turned over counts against it
+    sum += 0.5 * (u.x() * v.y() - u.y() * v.x());  // signed: flipped triangles count negatively
   }
   return sum;
 }
@@ -136,7 +136,7 @@ TEST(PlyReader, RefusesOthersAndHalves) {
               HasSubstr("truncated"));
 }
 
-// A camera 1 m above the plane z = 0 that looks down at it; points lie off that plane by known distances.
+// A camera 1 m above the plane z = 0 looks down at it; the points have known distances from that plane.
 class MapErrors : public testing::Test {
  protected:
   MapErrors() : rig_(test::thesis_rig_reduced(5)) {
@@ -168,7 +168,7 @@ TEST_F(MapErrors, AreSignedDistancesFromThePlane) {
 }
 
 TEST_F(MapErrors, AreUnknownOutOfSight) {
-  const float far_away = 0.5f;  // the picture is 0.26 m wide
+  const float far_away = 0.5f;  // the image is 0.26 m wide
   for (const float error : errors({point(far_away, 0), point(0, 2), point(0, 0.04f), point(0, 0, {1, 0, 0})}))
     EXPECT_TRUE(std::isnan(error));
   truth_.mask.setTo(kTruthMixed);

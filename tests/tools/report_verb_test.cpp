@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// fringeslam report, and report.html as a run's last step. What the page looks like is tested in a browser:
-// tests/report.
+// fringeslam report, and report.html written at the end of a run. tests/report tests the page in a browser.
 #include <gmock/gmock.h>
 
 #include <nlohmann/json.hpp>
@@ -32,7 +31,7 @@ class ReportVerb : public testing::Test {
   }
   static void TearDownTestSuite() { delete temp_; }
   static std::string at(const std::string& name) { return (*temp_ / name).string(); }
-  // A run folder of its own, to be spoiled.
+  // Returns a copy of the run folder that a test may damage.
   static std::string copy(const std::string& name) {
     test::fs::copy(at("run"), at(name), test::fs::copy_options::recursive);
     return at(name);

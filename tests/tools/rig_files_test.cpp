@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// rig.yaml and patterns.yaml: what is written reads back to the last bit, and the impossible is refused.
+// rig.yaml and patterns.yaml: written values read back exactly, and impossible values are refused.
 #include <gmock/gmock.h>
 
 #include <numbers>
@@ -30,7 +30,7 @@ void expect_equal(const Pose& a, const Pose& b) {
   EXPECT_EQ(a.translation, b.translation);
 }
 
-// What the simulator alone reads.
+// Returns the values that only the simulator reads.
 std::vector<double> numbers_of_light(const RigModel& rig) {
   const CameraLens& c = rig.camera_lens;
   const ProjectorLens& p = rig.projector_lens;
@@ -84,7 +84,7 @@ RigModel read_back(const RigModel& rig) {
   return read_rig(temp / "rig.yaml");
 }
 
-// No field at a default, no number with a short decimal form.
+// Returns a rig without default values and without numbers of short decimal form.
 RigModel odd_rig() {
   RigModel rig = test::thesis_rig();
   const double pi = std::numbers::pi;
@@ -120,7 +120,7 @@ TEST(RigFile, ShippedRigsReadBackToTheLastBit) {
   }
 }
 
-// The name of a rig is free text: in a quoted YAML string everything is allowed.
+// A rig's name is free text; a quoted YAML string may contain anything.
 TEST(RigFile, AnyNameReadsBack) {
   for (const std::string name : {"lab: camera 2", "rig #2", "\"quoted\"", "it's", "- dash", "[1, 2]", "~", "null",
                                  "ünï", "a\\b", "two\nlines", " spaces "}) {
@@ -174,13 +174,13 @@ TEST(RigFile, RefusesAThermalCameraThatIsImpossible) {
   expect_error("netd_k: 0.05", "netd_k: -1", "'netd_k' is -1");
   expect_error("netd_k: 0.05", "netdk: 0.05", "did you mean 'netd_k'");
   expect_error("range_c: [-40, 330]", "range_c: [330, -40]", "the second must be larger");
-  expect_error("range_c: [-40, 330]", "range_c: [-40, 500]", "500");  // more than 16 bits of centikelvin hold
+  expect_error("range_c: [-40, 330]", "range_c: [-40, 500]", "500");  // exceeds 16 bits of centikelvin
   expect_error("thermal_from_camera: {translation_m: [0.05, 0, 0],", "thermal_from_camera: {translation_m: [0.05, 0],",
                "translation_m");
 }
 
-// r (1 - 5.25 r^2) has its maximum 0.168 at r = 0.252, and the corners lie at 0.178: no rays there, but everywhere
-// else.
+// r (1 - 5.25 r^2) has its maximum 0.168 at r = 0.252, but the corners lie at 0.178: only pixels in the corners have
+// no ray.
 TEST(RigFile, ALensMayFoldInTheExtremeCorners) {
   const std::string text =
       test::replaced(test::read_bytes(test::fs::path(FRINGESLAM_SOURCE_DIR) / "scenes/rigs/thesis.yaml"),

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Trajectories and maps of other systems, scored as a user does it.
+// Scores trajectories and maps of other systems on the command line.
 #include <gmock/gmock.h>
 
 #include <algorithm>
@@ -32,7 +32,7 @@ class Score : public testing::Test {
     test::write_bytes(temp_ / name, text);
     return at(name);
   }
-  // The small scene with four views that are not on one line, and its true surface as a mesh.
+  // Writes the small scene with four views that are not collinear, and its true surface as a mesh.
   void make_world() const {
     test::write_small_scene(temp_ / "scene");
     const std::string text(test::kSmallScene);
@@ -75,7 +75,7 @@ std::string ascii_ply(const PlyMap& map) {
   return text.str();
 }
 
-// Where all pixels of a dataset's views meet the surface.
+// Returns the surface points seen by all pixels of a dataset's views.
 PlyMap true_cloud(const test::fs::path& data) {
   const RigModel rig = read_rig(data / "rig.yaml");
   const PixelRays rays = pixel_rays(rig.camera);
@@ -110,7 +110,7 @@ TEST_F(Score, TheTrueSurfaceIsAPerfectMapWhateverTellsTheTruth) {
   EXPECT_EQ(score({at("world.ply"), "--truth", at("elsewhere/run")}), of_scene);
   expect_perfect(score({at("world.ply"), "--truth", at("deep/er/rgbd")}));
   expect_perfect(score({file("cloud.ply", ascii_ply(true_cloud(temp_ / "data"))), "--truth", at("scene")}));
-  // Our own map lies in the frame of the first view.
+  // The run's own map is in the frame of the first view.
   const json own = score({at("elsewhere/run/mesh.ply"), "--truth", at("elsewhere/run"), "--trajectory",
                           at("elsewhere/run/trajectory.tum")});
   EXPECT_GT(own.at("precision"), 0.95);
@@ -120,7 +120,7 @@ TEST_F(Score, TheTrueSurfaceIsAPerfectMapWhateverTellsTheTruth) {
 
 TEST_F(Score, DistancesOfAPointAreThoseToTheFloor) {
   make_world();
-  // Far from the boxes of the scene the floor is the nearest surface; three points above it, by 0, 1 and 4 mm.
+  // Far from the boxes the floor is the nearest surface; the three points are 0, 1 and 4 mm above it.
   const std::string cloud =
       "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty "
       "float z\nend_header\n0.39 0.39 0\n0.39 0.38 0.001\n0.38 0.38 0.004\n";
@@ -134,7 +134,7 @@ TEST_F(Score, DistancesOfAPointAreThoseToTheFloor) {
   EXPECT_EQ(score_of_cloud.at("recall"), 0);
 }
 
-// Another system's world: turned, moved, and without scale. Its trajectory tells where that is.
+// The other system's world frame is rotated, translated and scaled; its trajectory determines the alignment.
 TEST_F(Score, AMapIsAlignedByItsTrajectory) {
   make_world();
   run_well({"render", at("scene"), "--out", at("data"), "--set", "render.samples_per_pixel=1", "--quiet"});
@@ -152,7 +152,7 @@ TEST_F(Score, AMapIsAlignedByItsTrajectory) {
 }
 
 TEST_F(Score, ATrajectoryOfAnotherFormatAndWorld) {
-  // A square of 2 m, estimated 1.25 times too large: see trajectory_score_test.cpp.
+  // A square of 2 m, estimated 1.25 times too large, as in trajectory_score_test.cpp.
   const std::string truth = file("truth.csv",
                                  "#timestamp,x,y,z,qw,qx,qy,qz,vx\n0,1,1,0,1,0,0,0,9\n"
                                  "1000000000,-1,1,0,1,0,0,0,9\n2000000000,-1,-1,0,1,0,0,0,9\n"
@@ -183,11 +183,11 @@ TEST_F(Score, WhatCannotBeScored) {
   expect_refused({bad, "--truth", at("scene")}, bad + ":9: ");
   expect_refused({good}, "add --truth SCENE");
   expect_refused({good, "--truth", at("nowhere")}, at("nowhere") + ": does not exist");
-  expect_refused({good, "--truth", at("empty")}, at("empty") + ": holds neither");
+  expect_refused({good, "--truth", at("empty")}, at("empty") + ": contains neither");
   expect_refused({good, "--truth", at("empty"), "--delta", "2"}, "--delta has no effect on a map");
   expect_refused({good, "--truth", at("empty"), "--align", "se3"}, "add --trajectory");
   expect_refused({tum, "--truth", tum, "--threshold", "1"}, "--threshold has no effect on a trajectory");
-  expect_refused({tum, "--truth", at("empty")}, at("empty") + ": holds neither");
+  expect_refused({tum, "--truth", at("empty")}, at("empty") + ": contains neither");
   expect_refused({tum, "--truth", tum, "--align", "sim4"}, "--align");
   expect_refused({tum, "--truth", tum, "--align", "se3", "--relation", "full"}, "collinear positions");
   expect_refused({tum, "--truth", tum, "--delta", "5"}, "no two of 2 associated poses are 5 frames apart");

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A run over many views: followed, lost, found again, the loop closed, the map saved and gone on in.
+// Runs with many views: tracking, loss, relocalization, dropped views, and saved maps.
 #include <gmock/gmock.h>
 
 #include <nlohmann/json.hpp>
@@ -29,7 +29,7 @@ class ManyViews : public testing::Test {
  protected:
   std::string at(const std::string& name) const { return (temp_ / name).string(); }
 
-  // The small scene with other motions.
+  // Writes the small scene with other motions.
   std::string scene(const std::string& name, const std::string& motions) const {
     test::write_small_scene(temp_ / name);
     const std::string text(test::kSmallScene);
@@ -64,9 +64,11 @@ TEST_F(ManyViews, AreFollowedWithoutLandmarks) {
   EXPECT_LT(read("run/score.json")["trajectory"]["ate_rmse_mm"], 0.05);
 }
 
-// METHOD S3, predicted: three images where the map tells the orders, all nine where it does not.
+// Predicted unwrapping (docs/method.md, section 3.2): three images where the map predicts the fringe orders, otherwise
+// all nine.
 TEST_F(ManyViews, TakeTheFinestFringesAloneWhereTheMapTellsTheirOrders) {
-  // Stones: with boxes on a bare table the walls, near which no order is told at first, are all that holds the view.
+  // Rocks instead of boxes: on a bare table only the boxes' walls constrain the pose, but near walls the fringe order
+  // cannot be predicted at first.
   const std::string here = scene("stones", repeated(kStep, 5));
   std::string text = test::read_bytes(temp_ / "stones/scene.yaml");
   text = test::replaced(test::replaced(text, "shape: box", "shape: rock"), "count: 12", "count: 20");
@@ -83,7 +85,7 @@ TEST_F(ManyViews, TakeTheFinestFringesAloneWhereTheMapTellsTheirOrders) {
     EXPECT_LT(frame["wrong_order"], 1e-3);
     EXPECT_GT(frame["valid_fraction"], 0.6);
   }
-  // A recording of all nine serves as well.
+  // A recording of all nine images works as well.
   run_well({"render", here, "--out", at("dataset"), "--quiet", "--set", "render.samples_per_pixel=1"});
   run_well({"run", at("dataset"), "--out", at("replayed"), "--quiet", "--set", "decode.unwrapping=predicted"});
   EXPECT_EQ(read("replayed/frames.json")[4]["images"], 3);
@@ -111,7 +113,7 @@ TEST_F(ManyViews, OneThatShowsNothingIsLostAndTheNextFoundAgain) {
   EXPECT_THAT(test::read_bytes(temp_ / "run/trajectory.tum"), testing::StartsWith("# lost: stacks 3\n"));
 }
 
-// The camera hangs upside down: registered as it is, or not at all.
+// The camera is upside down: it is either registered correctly or lost.
 TEST_F(ManyViews, OneThatIsUpsideDownIsNotMistaken) {
   const json frames = run(scene("turned", "    - {translation_mm: [0, 0, 0], rotation_deg: [0, 0, 180]}\n"), "run");
   const json score = read("run/score.json");
@@ -130,8 +132,8 @@ TEST_F(ManyViews, IdenticalOnesDoNotFillTheMap) {
   EXPECT_EQ(test::read_bytes(temp_ / "few/map.ply"), test::read_bytes(temp_ / "more/map.ply"));
 }
 
-// As from a camera that takes them all within a millisecond: whatever is mapped is mapped in order, the rest is
-// counted.
+// Views from a camera that takes all of them within about a millisecond: mapped views stay in order, the others are
+// counted as dropped.
 TEST_F(ManyViews, ThatComeTooFastInRealTimeAreDroppedAndCounted) {
   constexpr int kViews = 12;
   run_well({"render", scene("fast", repeated(kStep, kViews - 1)), "--out", at("images"), "--quiet", "--set",
@@ -148,18 +150,18 @@ TEST_F(ManyViews, ThatComeTooFastInRealTimeAreDroppedAndCounted) {
   const int dropped = json::parse(finished.out)["dropped"];
   const json frames = read("run/frames.json");
   EXPECT_EQ(dropped + static_cast<int>(frames.size()), kViews);
-  EXPECT_GE(frames.size(), 2u) << "what waits is mapped in the end";
+  EXPECT_GE(frames.size(), 2u) << "waiting views are mapped at the end";
   EXPECT_EQ(frames.back()["index"], kViews - 1);
   for (size_t i = 1; i < frames.size(); ++i) EXPECT_GT(frames[i]["index"], frames[i - 1]["index"]);
 
   const json all = run(at("fast"), "slow");
-  EXPECT_EQ(all.size(), static_cast<size_t>(kViews)) << "without it none is";
+  EXPECT_EQ(all.size(), static_cast<size_t>(kViews)) << "without --real-time no view is dropped";
 }
 
 TEST_F(ManyViews, GoOnInASavedMap) {
   run(scene("out", repeated(kStep, 3)), "before", {"--save-map"});
   const std::string saved = at("before/saved.map");
-  // The way back: its first view is the last of the way out, in the other's world.
+  // The second run follows the same path out and back; its poses must agree with the first run's.
   const std::string motions = repeated(kBack, 3);
   const std::string other = scene("back", repeated(kStep, 3) + motions);
   const json frames = run(other, "after", {"--map", saved});

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A rendered folder in TUM RGB-D layout, read as another system reads it.
+// Reads a rendered folder in TUM RGB-D layout as another system does.
 #include <gmock/gmock.h>
 
 #include <cmath>
@@ -36,7 +36,7 @@ class TumRgbd : public testing::Test {
   test::TempFolder temp_;
 };
 
-// Every pixel is right to half a unit; none is there that is not in `depth_m`.
+// Every pixel is correct to half a unit, and zero where `depth_m` has no depth.
 void expect_depth(const cv::Mat& units, const cv::Mat1f& depth_m, double units_per_m) {
   ASSERT_EQ(units.type(), CV_16UC1);
   ASSERT_EQ(units.size(), depth_m.size());
@@ -67,7 +67,7 @@ TEST_F(TumRgbd, DepthIsTheTruthOrWhatTheSensorMeasuresToHalfAUnit) {
     expect_depth(depth("true", time), read_truth_frame(temp_ / ("data/truth/" + number + ".exr")).depth_m, 5000);
     expect_depth(depth("measured", time), read_depth_estimate(temp_ / ("run/frames/" + number + "/depth.exr")).depth_m,
                  20000);
-    // The texture, the same in three channels.
+    // The texture has three equal channels.
     const cv::Mat texture = read_as_grey(temp_ / "measured/rgb" / (std::string(time) + ".png"), GreyFrom::green);
     EXPECT_EQ(cv::norm(texture, read_grey(temp_ / ("run/frames/" + number + "/texture.png")), cv::NORM_INF), 0);
     EXPECT_THAT(test::message_of([&, t = std::string(time)] { read_grey(temp_ / "measured/rgb" / (t + ".png")); }),
@@ -75,7 +75,7 @@ TEST_F(TumRgbd, DepthIsTheTruthOrWhatTheSensorMeasuresToHalfAUnit) {
   }
 }
 
-// Lines that are no comments, as words.
+// Returns the words of the lines that are not comments; expects `comments` comment lines.
 std::vector<std::vector<std::string>> table(const test::fs::path& file, int comments) {
   std::istringstream lines(test::read_bytes(file));
   std::vector<std::vector<std::string>> rows;
@@ -97,7 +97,7 @@ double value_of(const std::string& yaml, const std::string& key) {
   return at == std::string::npos ? NAN : std::stod(yaml.substr(at + key.size() + 2));
 }
 
-// What one view measured is carried into the next by groundtruth.txt and camera.yaml alone, and is there.
+// Points of one view, transformed to the next with groundtruth.txt and camera.yaml alone, match its depth.
 TEST_F(TumRgbd, PosesCarryDepthFromViewToView) {
   for (const std::string depth_of : {"truth", "measured"}) {
     render("rgbd", {"--format", "tum-rgbd", "--depth", depth_of});
@@ -128,7 +128,7 @@ TEST_F(TumRgbd, PosesCarryDepthFromViewToView) {
       }
     }
     ASSERT_GT(off_m.size(), first.total() / 2) << depth_of;
-    // Half a unit each, what the surface rises within half a pixel, and noise.
+    // Tolerances: half a unit per image, the surface's slope over half a pixel, and noise.
     EXPECT_LT(median_of(off_m), 0.0005) << depth_of;
     EXPECT_LT(quantile_of(off_m, 0.8), 0.002) << depth_of;
   }
@@ -152,13 +152,13 @@ TEST_F(TumRgbd, ListsAndSettingsAreThoseOfTheBenchmark) {
   const std::string settings = test::read_bytes(temp_ / "distorted/camera.yaml");
   EXPECT_EQ(value_of(settings, "Camera1.k1"), rig.camera.distortion.k1);
   EXPECT_EQ(value_of(settings, "Camera.width"), rig.camera.width);
-  // The camera's own trajectory is scored against the folder.
+  // The camera's true trajectory is scored against the folder.
   const test::Finished score =
       run_well({"score", at("rgbd/groundtruth.txt"), "--truth", at("rgbd"), "--align", "none", "--json"});
   EXPECT_EQ(nlohmann::json::parse(score.out).at("ape_m").at("max"), 0);
 }
 
-// A recorded dataset is as its lens saw it.
+// A recorded dataset keeps its lens distortion.
 TEST_F(TumRgbd, OfADataset) {
   render("data", {});
   run_well({"render", at("data"), "--out", at("rgbd"), "--format", "tum-rgbd", "--distorted", "--quiet"});

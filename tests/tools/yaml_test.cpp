@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every error of the YAML reader says where it is and what to do.
+// Every error of the YAML reader reports its location and a remedy.
 #include "core/io/yaml.h"
 
 #include <gmock/gmock.h>
@@ -31,7 +31,7 @@ constexpr const char* kGood =
     "  - {size: 1}\n"
     "  - {size: 2}\n";
 
-// Reads a file with the keys above; `lens.bits` and `blur` may be left out.
+// Reads a file with the keys above; `lens.bits` and `blur` are optional.
 void read_all(const YamlMap& map) {
   map.integer("width_px", {1, 1000});
   map.number("scale", {0, 1});
@@ -55,7 +55,7 @@ struct Broken {
   std::string says;
 };
 
-// For the messages and names of gtest and ctest.
+// Prints the name in test output.
 void PrintTo(const Broken& broken, std::ostream* out) { *out << broken.name; }
 
 class BrokenYaml : public testing::TestWithParam<Broken> {};
@@ -107,7 +107,7 @@ TEST(Yaml, AKeyLikeNoOtherGetsNoSuggestion) {
   EXPECT_THAT(message, Not(HasSubstr("did you mean")));
 }
 
-// A required key that is misspelt is an unknown key: its line and the nearest known key are what helps.
+// A misspelt required key is an unknown key: the message names it and the nearest known key.
 TEST(Yaml, AMisspeltRequiredKeyIsNamed) {
   const std::string message = error_of(test::replaced(kGood, "scale: 0.5", "scael: 0.5"));
   EXPECT_THAT(message, HasSubstr("'scale'"));
@@ -131,7 +131,7 @@ TEST(Yaml, BinaryDataIsRefused) {
   EXPECT_THAT(error_of(std::string("\0\1\2\3\4\5\6\7", 8)), StartsWith("some/rig.yaml:"));
 }
 
-// What would take all of the stack, the memory or the afternoon, or be left out without a word.
+// Refuses input that would exhaust stack, memory or time, or that would be ignored silently.
 TEST(Yaml, WhatIsBeyondMeasureIsRefused) {
   const auto refused = [](const std::string& text, int line, const std::string& says) {
     EXPECT_THAT(message_of([&] { YamlMap::parse(text, "f.yaml"); }),

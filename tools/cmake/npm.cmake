@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-# The packages of a package-lock.json, with the hashes that are in it, into FOLDER/node_modules; FOLDER/npm.stamp says
-# that they are there. As a script (-P) it fetches them.
+# Installs the packages of SOURCE/package-lock.json, verified by its hashes, into FOLDER/node_modules and touches
+# FOLDER/npm.stamp. Run as a script (-P), it fetches them.
 if(CMAKE_SCRIPT_MODE_FILE)
   file(COPY ${SOURCE}/package.json ${SOURCE}/package-lock.json DESTINATION ${FOLDER})
-  # No package needs a script of its own at installation.
+  # No package needs an installation script.
   execute_process(COMMAND ${NPM} ci --ignore-scripts --no-audit --no-fund --loglevel=error
     WORKING_DIRECTORY ${FOLDER} RESULT_VARIABLE failed)
   if(failed)
-    message(FATAL_ERROR "error: npm could not fetch the packages of ${SOURCE}/package-lock.json; is its registry within "
-      "reach? -D FRINGESLAM_REPORT=OFF builds without them")
+    message(FATAL_ERROR "error: npm could not fetch the packages of ${SOURCE}/package-lock.json; is the npm registry "
+      "reachable? -D FRINGESLAM_REPORT=OFF builds without them")
   endif()
   file(TOUCH ${FOLDER}/npm.stamp)
   return()
