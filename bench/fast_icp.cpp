@@ -15,7 +15,7 @@ std::optional<Pose> opencv_fast_icp(const FramePair& pair) {
   const auto odometry = cv::rgbd::FastICPOdometry::create(cv::Mat(matrix), 0.1f);
   cv::Mat found;
   const cv::Mat none;
-  // From the first frame's camera to the second's.
+  // The pose maps from the first frame's camera to the second's.
   if (!odometry->compute(none, depth[1], none, none, depth[0], none, found) || found.empty()) return std::nullopt;
   const cv::Mat1d rt = cv::Mat1d(found);
   Pose pose;

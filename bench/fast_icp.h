@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A peer of frame registration.
+// OpenCV's FastICPOdometry as a peer of frame registration.
 #pragma once
 
 #include <optional>
@@ -8,7 +8,7 @@
 
 namespace fringeslam::bench {
 
-// OpenCV's FastICPOdometry, on the depth of both frames and from no motion; not found: nothing.
+// Registers the depth of both frames by OpenCV's FastICPOdometry, starting from no motion; empty on failure.
 std::optional<Pose> opencv_fast_icp(const FramePair& pair);
 
 }  // namespace fringeslam::bench

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Two views of a generated scene with any motion of the camera between them.
+// Two views of a generated scene with a given camera motion between them.
 #pragma once
 
 #include <string>
@@ -12,13 +12,14 @@ namespace fringeslam::bench {
 struct FramePair {
   RigModel rig;
   Frame target, source;
-  Pose target_from_source;  // the truth, of the cameras
+  Pose target_from_source;  // ground truth, between the cameras
 };
 
-// From the scene's first pose.
+// Renders the pair from the scene's first pose.
 FramePair rendered_frames(const std::string& scene_name, uint64_t seed, const Pose& target_from_source);
 
-// The camera is turned by an angle about a random axis through a point amid its working range, and shifted.
+// Returns a rotation of the camera by an angle about a random axis through a point within its working range, and a
+// shift.
 Pose random_motion(double degrees, double metres, double amid_m, uint64_t seed);
 
 }  // namespace fringeslam::bench

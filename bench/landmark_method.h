@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Landmarks of a view by a variant of the method, and registration from them.
+// Landmarks of a view by a variant of the method, and registration based on them.
 #pragma once
 
 #include <vector>
@@ -11,7 +11,7 @@
 
 namespace fringeslam::bench {
 
-// What a variant of the method may change.
+// The options that a variant may change.
 struct LandmarkMethod {
   KeypointOptions keypoints;
   ConditioningOptions conditioning;
@@ -23,7 +23,7 @@ struct LandmarkMethod {
 Landmarks landmarks_of(const Views& views, const View& view, const LandmarkMethod& method);
 std::vector<Landmarks> landmarks_of(const Views& views, const LandmarkMethod& method);
 
-// Two views as the pipeline registers them that has seen no others, from what was recognised of the earlier one.
+// Registers two views from the re-identified landmarks, as the pipeline does if it has seen no others.
 ViewRegistration registered(const Views& views, const std::vector<Landmarks>& landmarks, int earlier, int current,
                             const std::vector<Recognition>& recognitions);
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Prints the rows of the bench: id, value, n, 95 % interval, limit, verdict. Exit 0 when all pass, 1 when one does
-// not, 2 when it could not run.
+// Prints the rows of the benchmark: id, value, n, 95 % interval, limit, verdict. Exit status: 0 if all rows pass, 1 if
+// one fails, 2 if the measurement could not run.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
@@ -17,7 +17,7 @@
 namespace fringeslam::bench {
 namespace {
 
-// "pose" selects "pose", "pose.bound", …
+// True if `wanted` selects the id: "pose" selects "pose", "pose.bound", …
 bool selects(const std::string& wanted, const std::string& id) {
   return id == wanted ||
          (id.size() > wanted.size() && id.compare(0, wanted.size(), wanted) == 0 && id[wanted.size()] == '.');
@@ -46,7 +46,7 @@ void print(const Row& row) {
   std::fflush(stdout);
 }
 
-// Says which rows became worse than in the baseline; how many.
+// Reports the rows that are significantly worse than the baseline and returns their number.
 int compare(const std::vector<Row>& rows, const std::vector<Row>& baseline) {
   int worse = 0;
   for (const Row& row : rows) {
@@ -54,7 +54,7 @@ int compare(const std::vector<Row>& rows, const std::vector<Row>& baseline) {
         std::find_if(baseline.begin(), baseline.end(), [&](const Row& known) { return known.id == row.id; });
     if (before == baseline.end() || !is_worse(row, *before)) continue;
     ++worse;
-    std::fprintf(stderr, "%s became worse: %.5g [%.5g, %.5g], was %.5g [%.5g, %.5g]\n", row.id.c_str(), row.value,
+    std::fprintf(stderr, "%s is worse:  %.5g [%.5g, %.5g], was %.5g [%.5g, %.5g]\n", row.id.c_str(), row.value,
                  row.interval_low, row.interval_high, before->value, before->interval_low, before->interval_high);
   }
   return worse;
@@ -92,19 +92,19 @@ int run(const std::vector<std::string>& only, const std::string& json_file, cons
 int main(int argc, char** argv) {
   using namespace fringeslam::bench;
   fringeslam::keep_freed_memory();
-  CLI::App app{"FringeSLAM's figures: accuracy against exact truth, speed against peers"};
+  CLI::App app{"FringeSLAM benchmarks: accuracy against exact ground truth, speed against peers"};
   std::vector<std::string> only;
   std::string json_file;
   Context context;
   bool list = false;
   std::string suite, baseline;
-  app.add_option("--only", only, "Rows to measure; an id also selects every id that continues it after a dot")
+  app.add_option("--only", only, "Rows to measure; an id also selects all ids that continue it after a dot")
       ->delimiter(',');
   app.add_option("--json", json_file, "Write the rows as JSON to this file (- for standard output)");
-  app.add_flag("--quick", context.quick, "Fewer samples: a first impression");
-  app.add_flag("--list", list, "Name all rows");
+  app.add_flag("--quick", context.quick, "Fewer samples: a rough estimate");
+  app.add_flag("--list", list, "List all rows");
   app.add_option("--suite", suite, "The rows of bench/accuracy/suites/NAME.yaml: ci, full")->excludes("--only");
-  app.add_option("--baseline", baseline, "Rows of an earlier --json FILE: fail where one became worse for certain");
+  app.add_option("--baseline", baseline, "Rows of an earlier --json FILE: fail if one is significantly worse");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {

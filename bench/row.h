@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One row of the bench's table, and the items that print rows.
+// A row of the benchmark table, and the items that produce rows.
 #pragma once
 
 #include <functional>
@@ -14,7 +14,7 @@ struct Row {
   std::string id;
   double value = 0;
   std::string unit;
-  int n = 0;                                   // samples behind the value
+  int n = 0;                                   // number of samples behind the value
   double interval_low = 0, interval_high = 0;  // 95 %
   double limit = 0;
   Limit direction = Limit::most;
@@ -22,22 +22,22 @@ struct Row {
 };
 
 struct Context {
-  bool quick = false;  // fewer samples: a first impression, not the figure of record
+  bool quick = false;  // fewer samples: a rough estimate, not the published figure
 };
 
-// A measurement that prints one or more rows. It runs when --only selects any of its ids.
+// A measurement that produces one or more rows. It runs if --only selects any of its ids.
 struct Item {
   std::vector<std::string> ids;
   std::string what;
   std::function<std::vector<Row>(const Context&)> run;
-  bool on_request = false;  // only when --only names it: it installs something, or takes an hour
+  bool on_request = false;  // only if named by --only: it installs something or takes an hour
 };
 
-// The median with its 95 % bootstrap interval (2000 resamplings, fixed seed) against a limit.
+// Returns the median and its 95 % bootstrap interval (2000 resamples, fixed seed), compared with a limit.
 Row median_row(const std::string& id, const std::vector<double>& values, const std::string& unit, double limit,
                Limit direction = Limit::most);
 
-// One value, an extreme of n samples, which has no interval.
+// Returns a single value, such as an extreme of n samples, without an interval.
 Row bound_row(const std::string& id, double value, int n, const std::string& unit, double limit, Limit direction);
 
 std::vector<Item> accuracy_items();

@@ -19,7 +19,7 @@ Suite read_suite(const fs::path& folder, const std::string& name) {
     std::sort(names.begin(), names.end());
     std::string list;
     for (const std::string& known : names) list += (list.empty() ? "" : ", ") + known;
-    throw Error("no suite '" + name + "'; there are " + list);
+    throw Error("no suite '" + name + "'; available: " + list);
   }
   const YamlMap map = YamlMap::load(file);
   Suite suite;
@@ -57,7 +57,7 @@ std::vector<Row> read_baseline(const fs::path& file) {
   } catch (const nlohmann::json::exception&) {
     rows.clear();
   }
-  if (rows.empty()) throw Error(file.string() + ":1: holds no rows of an earlier --json");
+  if (rows.empty()) throw Error(file.string() + ":1: contains no rows of an earlier --json");
   return rows;
 }
 

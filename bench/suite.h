@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rows that are measured together, and whether they became worse than they were.
+// Suites of rows, and the comparison with a baseline.
 #pragma once
 
 #include <filesystem>
@@ -11,22 +11,22 @@
 
 namespace fringeslam::bench {
 
-// bench/accuracy/suites/NAME.yaml.
+// Contents of bench/accuracy/suites/NAME.yaml.
 struct Suite {
   bool quick = false;
-  std::vector<std::string> rows;  // as --only has them
+  std::vector<std::string> rows;  // ids as in --only
 };
 
-// Throws Error, naming the suites that there are.
+// Throws Error listing the available suites if there is no such suite.
 Suite read_suite(const std::filesystem::path& folder, const std::string& name);
 
 nlohmann::ordered_json to_json(const Row& row);
 
-// Rows of an earlier --json FILE. Throws Error with file:line.
+// Reads the rows of an earlier --json FILE. Throws Error with file:line.
 std::vector<Row> read_baseline(const std::filesystem::path& file);
 
-// Whether a row is worse than it was for certain: their 95 % intervals lie apart, on the wrong side. A row of which
-// only one value is known has no interval to lie apart; of such nothing is said.
+// True if a row is significantly worse than before: the 95 % intervals are disjoint, on the wrong side. Always false
+// for a row without an interval.
 bool is_worse(const Row& now, const Row& before);
 
 }  // namespace fringeslam::bench

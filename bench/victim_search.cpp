@@ -29,7 +29,7 @@ const std::string& material_of(const sim::Scene& scene, int object) {
   return scene.objects[static_cast<size_t>(object - 1)].material.name;
 }
 
-// What most pixels of a region truly show.
+// Returns the material of most pixels of a region, from ground truth.
 std::string shown_material(const sim::Scene& scene, const TruthFrame& truth, const cv::Mat1i& regions, int number) {
   std::map<std::string, int> counts;
   for (int row = 0; row < regions.rows; ++row) {
@@ -98,12 +98,12 @@ Searched search_for_victims(uint64_t seed, const Changes& changes) {
   for (const size_t i : result.score.wrong) {
     const std::string material = shown(*victims[i]);
     ++result.wrong[material];
-    std::snprintf(line, sizeof line, "%s taken for a victim in %d of %d views: %s", material.c_str(),
+    std::snprintf(line, sizeof line, "%s mistaken for a victim in %d of %d views: %s", material.c_str(),
                   victims[i]->skin_views, victims[i]->views, victims[i]->reason.c_str());
     result.failures.push_back(line);
   }
   for (const int object : result.score.missed) {
-    std::snprintf(line, sizeof line, "%s missed, of which %.0f cm2 show", material_of(scene, object).c_str(),
+    std::snprintf(line, sizeof line, "%s missed, %.0f cm2 visible", material_of(scene, object).c_str(),
                   1e4 * visible.all().at(object).area_m2);
     result.failures.push_back(line);
   }
@@ -117,7 +117,7 @@ void settle_victims(uint64_t first_seed, int count) {
     for (int i = next++; i < count; i = next++) {
       try {
         load(first_seed + static_cast<uint64_t>(i), {});
-      } catch (const Error&) {  // told when it is searched
+      } catch (const Error&) {  // reported when it is searched
       }
     }
   };

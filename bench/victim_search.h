@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One world of scenes/victims through the whole pipeline: which victims were found, and what else was taken for one.
+// One scene of scenes/victims through the whole pipeline: victims found, and other objects mistaken for victims.
 #pragma once
 
 #include <cstdint>
@@ -14,18 +14,18 @@ namespace fringeslam::bench {
 
 struct Searched {
   VictimScore score;
-  // Warm things that were looked at and those of them wrongly taken for a victim, by the material that shows most.
+  // Number of warm objects examined, and of those mistaken for a victim, by predominant material.
   std::map<std::string, int> things, wrong;
-  std::vector<std::string> failures;  // in words
+  std::vector<std::string> failures;  // human-readable
   int views = 0, tracked = 0;
-  double valid = 1;                    // share of lit pixels with a depth, of the worst view
-  std::vector<double> translations_m;  // errors of the motions from view to view
+  double valid = 1;                    // fraction of lit pixels with depth, in the worst view
+  std::vector<double> translations_m;  // errors of the motions between consecutive views
 };
 
-// `changes` to the scene: paths and YAML.
+// `changes` to the scene: paths and YAML values.
 Searched search_for_victims(uint64_t seed, const std::vector<std::pair<std::string, std::string>>& changes = {});
 
-// Settles the piles of these seeds, two at a time; they are in the cache then.
+// Settles the piles of these seeds, two at a time, so that they are in the cache.
 void settle_victims(uint64_t first_seed, int count);
 
 }  // namespace fringeslam::bench

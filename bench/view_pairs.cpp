@@ -13,7 +13,7 @@ sim::Scene scene_of(const std::string& name, uint64_t seed) {
   return sim::load_scene(std::string(FRINGESLAM_SCENES) + "/" + name + "/scene.yaml", {seed});
 }
 
-// From the first poses of the trajectory.
+// Views from the first poses of the trajectory.
 Views views_of(const sim::Scene& scene, size_t count) {
   Views result{scene.rig, pixel_rays(scene.rig.camera), std::vector<View>(count)};
   TruthFrame truth;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Views of a generated scene as the pipeline sees them, with their truth.
+// Views of a generated scene as processed by the pipeline, with ground truth.
 #pragma once
 
 #include <optional>
@@ -24,12 +24,12 @@ struct Views {
 
   Pose world_from_camera(size_t view) const { return views[view].truth.world_from_robot * rig.robot_from_camera; }
 };
-using ViewPair = Views;  // of two
+using ViewPair = Views;  // exactly two
 
-// From where the camera is put.
+// Views from the given camera poses.
 Views rendered_views(const std::string& scene_name, uint64_t seed, const std::vector<Pose>& world_from_camera);
 
-// The first two views of the scene's trajectory; or the first, and one from where `first_from_second` puts the camera.
+// The first two views of the scene's trajectory, or the first one and one with the camera at `first_from_second`.
 ViewPair rendered_pair(const std::string& scene_name, uint64_t seed,
                        const std::optional<Pose>& first_from_second = std::nullopt);
 

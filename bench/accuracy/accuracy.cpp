@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Accuracy rows: generated scenes through the whole pipeline, scored against exact truth.
+// Accuracy rows: generated scenes through the whole pipeline, scored against exact ground truth.
 #include <cmath>
 #include <cstdio>
 #include <map>
@@ -20,8 +20,8 @@ struct PairError {
 
 std::string scene_file(const std::string& name) { return std::string(FRINGESLAM_SCENES) + "/" + name + "/scene.yaml"; }
 
-// The first motion of a scene, estimated from freshly rendered images. A motion that is not found is an
-// infinite error: it can only raise a median.
+// Returns the errors of a scene's first motion, estimated from newly rendered images. A motion that is not found has an
+// infinite error: it can only increase a median.
 PairError first_motion_error(const std::string& scene_name, uint64_t seed) {
   const sim::Scene scene = sim::load_scene(scene_file(scene_name), {seed});
   std::vector<TruthFrame> truth;
@@ -42,7 +42,7 @@ PairError first_motion_error(const std::string& scene_name, uint64_t seed) {
           error_over_bound(second.previous_from_current, true_camera_motion, information)};
 }
 
-// The errors over the seeds 1 … n; measured once, whichever rows ask for them.
+// Returns the errors over the seeds 1 … n; measured once for all rows that use them.
 const std::vector<PairError>& first_motion_errors(const std::string& scene, int seeds) {
   static std::map<std::pair<std::string, int>, std::vector<PairError>> known;
   std::vector<PairError>& errors = known[{scene, seeds}];
@@ -77,7 +77,7 @@ std::vector<Row> bound_rows(const Context& context) {
   return {median_row("pose.bound", collect(errors, &PairError::over_bound, 1), "x", 1.3)};
 }
 
-// Every effect off and float images: what is left is the arithmetic of decoding and triangulation.
+// All effects off and float images: what remains is the numerical error of decoding and triangulation.
 std::vector<Row> depth_numerics_rows(const Context& context) {
   std::vector<double> medians;
   for (int seed = 1; seed <= (context.quick ? 1 : 5); ++seed) {
@@ -102,22 +102,22 @@ std::vector<Row> depth_numerics_rows(const Context& context) {
 
 std::vector<Item> accuracy_items() {
   return {
-      {{"depth_numerics"}, "depth against the ray tracer, every effect off", depth_numerics_rows},
+      {{"depth_numerics"}, "depth against the ray tracer, all effects off", depth_numerics_rows},
       {{"pose.thesis_a.translation", "pose.thesis_a.rotation"},
-       "thesis 5.2.1 a: boxes and foam on a stage",
+       "[T] 5.2.1 a: boxes and foam on a stage",
        [](const Context& context) { return experiment_rows("pose.thesis_a", "boxes_and_foam", 0.02, 0.005, context); }},
       {{"pose.thesis_b.translation", "pose.thesis_b.rotation"},
-       "thesis 5.2.1 b: a face mask on a stage",
+       "[T] 5.2.1 b: a face mask on a stage",
        [](const Context& context) { return experiment_rows("pose.thesis_b", "face_mask", 0.02, 0.005, context); }},
       {{"pose.thesis_rubble.translation", "pose.thesis_rubble.rotation"},
-       "thesis 5.2.2: rubble under dust",
+       "[T] 5.2.2: rubble under dust",
        [](const Context& context) {
          return experiment_rows("pose.thesis_rubble", "rubble_under_dust", 0.02, 0.005, context);
        }},
       {{"pose.paper.translation", "pose.paper.rotation"},
-       "conference paper IV: boxes, 70 cm",
+       "[C] IV: boxes, 70 cm",
        [](const Context& context) { return experiment_rows("pose.paper", "paper_boxes", 0.1, 0.01, context); }},
-      {{"pose.bound"}, "pose error over the Cramer-Rao bound", bound_rows}};
+      {{"pose.bound"}, "pose error relative to the Cramer-Rao bound", bound_rows}};
 }
 
 }  // namespace fringeslam::bench

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Calibration rows: boards rendered with a rig whose figures are known, and that rig estimated from them.
+// Calibration rows: boards rendered with a known rig, and the rig estimated from them.
 #include <Eigen/LU>
 #include <cmath>
 #include <cstdio>
@@ -17,10 +17,10 @@ namespace fringeslam::bench {
 
 namespace {
 
-// As scenes/calibration_checkerboard/board.yaml says.
+// Same values as scenes/calibration_checkerboard/board.yaml.
 Board checkerboard() { return {BoardKind::checkerboard, 12, 10, 0.01, 0}; }
 
-// A camera pixel integrates over its area: corners are only as good as the renderer's idea of that.
+// A camera pixel integrates over its area: corners are only as accurate as the renderer's model of that.
 constexpr int kSamplesPerPixel = 16;
 
 RigCalibration calibrate_seed(uint64_t seed) {
@@ -41,11 +41,11 @@ RigCalibration calibrate_seed(uint64_t seed) {
 }
 
 struct DepthBias {
-  double mean_m = 0;   // largest mean over the image of any depth
+  double mean_m = 0;   // largest mean error over the image, at any depth
   double shape_m = 0;  // RMS of all points after the best rigid alignment
 };
 
-// True points over the image and the range, triangulated with the estimated rig from where the true one sees and
+// Triangulates true points over the image and the range with the estimated rig, from where the true rig sees and
 // lights them.
 DepthBias depth_bias(const RigModel& truth, const RigModel& estimate) {
   constexpr int kDepths = 15, kStep = 19;
@@ -105,8 +105,8 @@ std::vector<Row> rig_rows(const Context& context) {
           median_row("calibration.rig.shape", shape, "mm", 0.1)};
 }
 
-// The papers' calibration of the mount: how far off, over what the covariance allows (six degrees of freedom: 6 is
-// honest).
+// Sensor-to-stage calibration: errors, and the error squared normalized by the covariance (expected value 6 for six
+// degrees of freedom).
 StageCalibration calibrate_stage_seed(const sim::Scene& scene) {
   std::vector<TruthFrame> truth;
   sim::VirtualRig rig(scene, {kSamplesPerPixel, true, true}, [&](const TruthFrame& frame) { truth.push_back(frame); });
@@ -140,13 +140,13 @@ std::vector<Row> stage_rows(const Context& context) {
     nees.push_back(off.dot(calibration.covariance.inverse() * off));
     translation.push_back(1e3 * off.tail<3>().norm());
     rotation.push_back(off.head<3>().norm() * 180 / std::numbers::pi);
-    std::fprintf(stderr, "  seed %d: %.4f mm, %.5f deg, normalised error squared %.2f; residuals %.4f mm\n", seed,
+    std::fprintf(stderr, "  seed %d: %.4f mm, %.5f deg, NEES %.2f; residuals %.4f mm\n", seed,
                  translation.back(), rotation.back(), nees.back(), 1e3 * calibration.rms_m);
   }
   const auto n = static_cast<double>(nees.size());
   double mean = 0;
   for (const double value : nees) mean += value / n;
-  // 95 % of the mean of n such numbers lies below 6 + 1.96 sqrt(12 / n), nearly.
+  // 95 % quantile of the mean of n such values: approximately 6 + 1.96 sqrt(12 / n).
   return {
       median_row("calibration.stage.translation", translation, "mm", 0.05),
       median_row("calibration.stage.rotation", rotation, "deg", 0.005),
@@ -161,7 +161,7 @@ std::vector<Item> calibration_items() {
        "the rig from 15 rendered boards: reprojection, depth bias from 0.7 to 1.4 m",
        rig_rows},
       {{"calibration.stage.translation", "calibration.stage.rotation", "calibration.stage.nees"},
-       "sensor to stage from 8 rendered motions (thesis 4.1.1)",
+       "sensor-to-stage calibration from 8 rendered motions ([T] 4.1.1)",
        stage_rows}};
 }
 

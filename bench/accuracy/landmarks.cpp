@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Landmarks of generated scenes, recognised in the next view and judged by the truth.
+// Landmarks of generated scenes, re-identified in the next view and checked against ground truth.
 #include <cmath>
 #include <cstdio>
 #include <ctime>
@@ -18,7 +18,7 @@ namespace {
 
 struct Sample {
   LandmarkScore score;
-  int depth_keypoints = 0, texture_keypoints = 0;  // of the second view, in the foreground and with a depth
+  int depth_keypoints = 0, texture_keypoints = 0;  // second view's, in the foreground and with depth
   double seconds = 0;
 };
 
@@ -42,7 +42,7 @@ double percent(double part, double whole) { return whole > 0 ? 100 * part / whol
 // Sums over pairs.
 struct Total {
   int pairs = 0, depth_keypoints = 0, texture_keypoints = 0;
-  double seconds = 0;  // of processor time, both views' landmarks and their recognition
+  double seconds = 0;  // processor time: landmarks of both views and their matching
   LandmarkScore sum;
 
   void add(const Sample& s) {
@@ -71,8 +71,8 @@ struct Total {
 };
 
 void print_head() {
-  std::fprintf(stderr, "  %-34s %6s %8s %9s %9s %9s %8s %8s %7s %8s %8s\n", "mean of a pair", "depth", "texture",
-               "landmarks", "covisible", "recogn. %", "repeat %", "matches", "right %", "purity %", "CPU ms");
+  std::fprintf(stderr, "  %-34s %6s %8s %9s %9s %9s %8s %8s %7s %8s %8s\n", "mean per pair", "depth", "texture",
+               "landmarks", "covisible", "re-id. %", "repeat %", "matches", "corr. %", "purity %", "CPU ms");
 }
 void print(const std::string& name, const Total& t) {
   std::fprintf(stderr, "  %-34s %6.0f %8.0f %9.1f %9.1f %9.1f %8.1f %8.1f %7.2f %8.1f %8.0f\n", name.c_str(),
@@ -81,9 +81,9 @@ void print(const std::string& name, const Total& t) {
                t.purity(), 1e3 * t.seconds / t.pairs);
 }
 
-// The papers' experiments: 15 degrees of rotation, a face mask, gray dust and dim light, 70 cm of motion.
+// The papers' experiments: 15 degrees of rotation, a face mask, grey dust and dim light, 70 cm of motion.
 const std::vector<std::string> kExperiments = {"boxes_and_foam", "face_mask", "rubble_under_dust", "paper_boxes"};
-// What the papers found in them: keypoints of the depth image and the texture, landmarks, recognised ones.
+// The papers' results: keypoints of the depth image and the texture, landmarks, re-identified ones.
 const char* const kPapers[] = {"269 / 1074 keypoints, 5 of 7 landmarks", "177 / 766 keypoints, 4 of 9 landmarks",
                                "197 / 1124 keypoints, 4 of 6 landmarks", "264 / 1073 keypoints, 8 landmarks matched"};
 
@@ -111,7 +111,7 @@ std::vector<Row> experiment_rows(const Context& context) {
 
 using Variant = std::pair<std::string, LandmarkMethod>;
 
-// S16: the ways to bound a landmark, the edge detectors, and each thing beyond the papers left out in turn.
+// S16: the ways to outline a landmark, the edge detectors, and each extension of the papers disabled in turn.
 std::vector<Variant> variants() {
   std::vector<Variant> all = {{"default", {}}};
   const auto vary = [&](const std::string& name, const auto& change) {
@@ -129,7 +129,7 @@ std::vector<Variant> variants() {
     if (edges != ConditioningOptions().edges)
       vary("edges: " + edges, [&](LandmarkMethod& m) { m.conditioning.edges = edges; });
   }
-  vary("not guided by the motion", [](LandmarkMethod& m) { m.recognition.guided = false; });
+  vary("without guided search", [](LandmarkMethod& m) { m.recognition.guided = false; });
   vary("SIFT instead of RootSIFT", [](LandmarkMethod& m) { m.keypoints.root_sift = false; });
   vary("depth keypoints at full resolution", [](LandmarkMethod& m) { m.keypoints.depth_halved = false; });
   vary("brute force", [](LandmarkMethod& m) { m.recognition.search = "brute_force"; });
@@ -139,7 +139,7 @@ std::vector<Variant> variants() {
     m.keypoints.max_keypoints = 1500;
     m.keypoints.contrast_threshold = 0.01;
   });
-  vary("papers' way, as published", [](LandmarkMethod& m) {
+  vary("method as published", [](LandmarkMethod& m) {
     m.landmarks.outlines = "clusters";
     m.keypoints.depth_halved = false;
     m.landmarks.within_foreground = false;
@@ -169,8 +169,8 @@ std::vector<Row> method_rows(const Context& context) {
   }
   if (!context.quick)
     write_percent_chart(FRINGESLAM_SCENES "/../bench/accuracy/landmark_methods.png",
-                        "landmarks of " + std::to_string(totals[0].pairs) + " generated pairs of views, %",
-                        {"recognised", "repeated", "right matches"}, bars);
+                        "landmarks of " + std::to_string(totals[0].pairs) + " generated view pairs, %",
+                        {"re-identified", "repeated", "correct matches"}, bars);
   return {bound_row("landmarks.methods", totals[0].recognised(), totals[0].sum.covisible, "%", 80, Limit::least)};
 }
 
@@ -178,9 +178,9 @@ std::vector<Row> method_rows(const Context& context) {
 
 std::vector<Item> landmark_items() {
   return {{{"landmarks.recognised", "landmarks.precision"},
-           "the papers' experiments: landmarks recognised in the second view, and how many matches are right",
+           "the papers' experiments: landmarks re-identified in the second view, and fraction of correct matches",
            experiment_rows},
-          {{"landmarks.methods"}, "ways to bound and to recognise landmarks, over generated scenes", method_rows}};
+          {{"landmarks.methods"}, "ways to outline and re-identify landmarks, over generated scenes", method_rows}};
 }
 
 }  // namespace fringeslam::bench

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A run over a field of rubble and back to its first view: where the robot believes it was, and the map it made.
+// A run over a field of rubble and back to its first view: accuracy of the trajectory and of the map.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -20,7 +20,7 @@ namespace {
 constexpr double kTolerance_m = 1e-3;
 
 struct MapRun {
-  double ate_m = INFINITY, open_ate_m = INFINITY;  // with and without loop closures; infinite when a view was lost
+  double ate_m = INFINITY, open_ate_m = INFINITY;  // with and without loop closures; infinite if a view was lost
   MapScore score;
   double cloud_m = 0;  // median distance of the cloud's points from the true surface
 };
@@ -62,8 +62,8 @@ void measure_map(const sim::Scene& scene, Pipeline& pipeline, const std::vector<
   run.score =
       score_map(distances, sim::NearestSurface(std::move(surface)).distances_m(seen, kFarthest_m), kTolerance_m);
   std::fprintf(stderr,
-               "    surface %.4f mm, cloud %.4f mm; precision %.4f, recall %.4f, F %.4f of %zu points seen\n"
-               "    %.2f m^2 in voxels of %.2f mm: surface %.0f MiB, kept frames %.0f MiB, %.1f and %.1f a m^2\n",
+               "    surface %.4f mm, cloud %.4f mm; precision %.4f, recall %.4f, F %.4f over %zu observed points\n"
+               "    %.2f m^2 in voxels of %.2f mm: surface %.0f MiB, kept frames %.0f MiB, %.1f and %.1f per m^2\n",
                1e3 * run.score.accuracy.median_m, 1e3 * run.cloud_m, run.score.precision, run.score.recall,
                run.score.f_score(), seen.size(), area, 1e3 * model.voxel_m(),
                static_cast<double>(model.memory_bytes()) / mib, static_cast<double>(map.memory_bytes()) / mib,
@@ -98,7 +98,7 @@ MapRun measured(const std::string& name, uint64_t seed) {
   return run;
 }
 
-// Measured once, whichever rows ask for them.
+// Measured once for all rows that use them.
 const std::vector<MapRun>& loop_runs(const Context& context) {
   static std::map<int, std::vector<MapRun>> known;
   const int seeds = context.quick ? 1 : 3;
@@ -132,7 +132,7 @@ std::vector<Row> map_rows(const Context& context) {
 }  // namespace
 
 std::vector<Item> mapping_items() {
-  return {{{"loop.ate"}, "once around over a field of rubble, 121 views: trajectory", ate_rows},
+  return {{{"loop.ate"}, "one lap over a field of rubble, 121 views: trajectory", ate_rows},
           {{"map.surface", "map.f1"}, "the same run: fused surface", map_rows}};
 }
 

@@ -13,7 +13,7 @@ void write_percent_chart(const std::string& file, const std::string& title, cons
                          const std::vector<BarGroup>& groups) {
   const cv::Scalar ink(40, 40, 40), faint(225, 225, 225);
   const cv::Scalar colours[] = {{170, 110, 30}, {70, 150, 235}, {120, 170, 90}};
-  constexpr int kLeft = 290, kTop = 62, kRow = 50, kScale = 6, kBar = 11;  // px, a percent
+  constexpr int kLeft = 290, kTop = 62, kRow = 50, kScale = 6, kBar = 11;  // px; kScale: px per percent
   cv::Mat3b picture(kTop + kRow * static_cast<int>(groups.size()) + 20, kLeft + 100 * kScale + 70,
                     cv::Vec3b(255, 255, 255));
   const auto text = [&](const std::string& words, cv::Point at, double size, const cv::Scalar& colour) {

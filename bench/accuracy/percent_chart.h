@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A picture of a table of percentages: a group of bars for each of its lines.
+// Bar chart of a table of percentages: one group of bars per table row.
 #pragma once
 
 #include <string>
@@ -9,10 +9,10 @@ namespace fringeslam::bench {
 
 struct BarGroup {
   std::string name;
-  std::vector<double> percents;  // a bar each; NaN: none
+  std::vector<double> percents;  // one bar each; NaN: none
 };
 
-// `names`: of each group's bars, at most three.
+// `names`: labels of the bars in each group, at most three.
 void write_percent_chart(const std::string& file, const std::string& title, const std::vector<std::string>& names,
                          const std::vector<BarGroup>& groups);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Fringe orders of three images from the view before and a predicted pose that is a little wrong.
+// Fringe orders of three images from the previous view and a slightly wrong predicted pose.
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <cmath>
@@ -24,17 +24,17 @@ namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
-// Standard deviations of the predicted pose, of the whole vectors.
+// Standard deviations of the predicted pose, of the vectors' norms.
 constexpr double kPoseErrorM = 2e-3, kPoseErrorRad = 0.2 * std::numbers::pi / 180;
 
 struct PredictionPair {
   sim::Scene scene;
-  PatternSequence fine;  // the finest period alone
+  PatternSequence fine;  // the finest period only
   PixelRays rays;
   Triangulation triangulation;
   FringeStack stack;  // the finest period of the second view
   Frame known;        // the first view
-  Frame full;         // the second view by all of its images
+  Frame full;         // the second view from all of its images
   TruthFrame truth;   // of the second view
   Pose current_from_known, predicted;
   Matrix6d covariance;  // of `predicted`
@@ -94,7 +94,7 @@ Frame decoded_by(const PredictionPair& pair, const std::string& unwrapping, cons
                      pair.triangulation, {});
 }
 
-// The pose again by what could be decoded with the predicted one, and then the rest with that.
+// Registers what could be decoded with the predicted pose, then decodes again with the refined pose.
 Frame decoded_twice(const PredictionPair& pair, const std::string& unwrapping) {
   const Frame first = decoded_by(pair, "predicted", pair.predicted, pair.covariance);
   IcpOptions options;
@@ -109,7 +109,7 @@ Frame decoded_twice(const PredictionPair& pair, const std::string& unwrapping) {
                     covariance_of_inverse(refined, excess * result.information.inverse()));
 }
 
-// Of the pixels that one part of the image holds.
+// Counts over the pixels of one part of the image.
 struct Share {
   int full = 0, valid = 0, wrong = 0, spurious = 0;
   void add(const Share& other) {
@@ -184,14 +184,14 @@ std::vector<Row> prediction_rows(const Context& context) {
           median_row("predicted.valid", valid, "%", 90, Limit::least)};
 }
 
-// --- motion during the sequence ---
+// --- motion during capture ---
 
 struct Motion {
   const char* name;
-  Eigen::Vector3d direction, axis;  // of the camera, at a speed of 1 m/s and a rate of 1 rad/s
+  Eigen::Vector3d direction, axis;  // of the camera, at 1 m/s or 1 rad/s
 };
 
-// Median depth errors of three images of rubble taken while the camera moves, as they are and compensated.
+// Median depth errors of three images of rubble captured while the camera moves, uncompensated and compensated.
 struct MovingErrors {
   double plain_m, compensated_m;
 };
@@ -264,7 +264,7 @@ std::vector<Row> expected_view_rows(const Context& context) {
        [&] { expected = expected_coordinate(pair.scene.rig, pair.rays, view.depth_m, view.sigma_m); }},
       context.quick ? 10 : 50);
   const Row coordinate = median_row("", in_ms(times[1]), "ms", 0);
-  std::fprintf(stderr, "  expected coordinates %.2f ms\n", coordinate.value);
+  std::fprintf(stderr, "  predicted coordinates %.2f ms\n", coordinate.value);
   return {median_row("speed.expected_view", in_ms(times[0]), "ms", 40)};
 }
 
@@ -272,10 +272,10 @@ std::vector<Row> expected_view_rows(const Context& context) {
 
 std::vector<Item> prediction_items() {
   return {{{"predicted.wrong_order", "predicted.valid"},
-           "three images unwrapped by the view before and a pose 2 mm and 0.2 degrees off",
+           "three images unwrapped with the previous view and a pose off by 2 mm and 0.2 degrees",
            prediction_rows},
-          {{"depth.moving"}, "median depth error at 0.1 m/s, compensated, over that at rest", motion_rows},
-          {{"speed.expected_view"}, "expected depth of a 532 x 500 view of rubble", expected_view_rows}};
+          {{"depth.moving"}, "median depth error at 0.1 m/s after compensation, relative to that at rest", motion_rows},
+          {{"speed.expected_view"}, "predicted depth of a 532 x 500 view of rubble", expected_view_rows}};
 }
 
 }  // namespace fringeslam::bench

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Registration of frames without landmarks: from how far it finds the motion, engine by engine, and whether its
-// covariance is honest.
+// Registration of frames without landmarks: basin of convergence of each engine, and consistency of the estimated
+// covariance.
 #include <cmath>
 #include <cstdio>
 #include <functional>
@@ -31,7 +31,7 @@ struct Band {
 };
 constexpr Band kBands[] = {{"2deg", 2, 0.02, 100}, {"6deg", 6, 0.05, 100}, {"15deg", 15, 0.12, 99}};
 
-// Half the band's size and more.
+// A motion of 50 to 100 % of the band's size.
 Pose motion_of(const Band& band, int number) {
   const double size = 0.5 + 0.5 * std::fmod(number * 0.618, 1);
   return random_motion(size * band.degrees, size * band.metres, 1, static_cast<uint64_t>(number));
@@ -75,7 +75,7 @@ bool succeeds(const std::optional<Pose>& found, const Pose& truth) {
 std::vector<Row> basin_rows(const Context& context) {
   const int pairs = context.quick ? 6 : 50, peers_on = context.quick ? 2 : 8;
   std::vector<Row> rows;
-  std::fprintf(stderr, "  success (below 1 mm and 0.1 deg) without landmarks; the others than ours on %d pairs each\n",
+  std::fprintf(stderr, "  success (below 1 mm and 0.1 deg) without landmarks; the other engines on %d pairs each\n",
                peers_on);
   const auto all = contenders();
   std::vector<BarGroup> bars;
@@ -105,12 +105,12 @@ std::vector<Row> basin_rows(const Context& context) {
   }
   if (!context.quick)
     write_percent_chart(FRINGESLAM_SCENES "/../bench/accuracy/registration_basin.png",
-                        "frames registered without landmarks, % by how far apart they are",
+                        "frames registered without landmarks, % by distance",
                         {"to 2 deg, 2 cm", "to 6 deg, 5 cm", "to 15 deg, 12 cm"}, bars);
   return rows;
 }
 
-// Motions of the last band, from landmarks.
+// Motions of the largest band, initialized from landmarks.
 std::vector<Row> seeded_rows(const Context& context) {
   const Band& band = kBands[2];
   const int pairs = context.quick ? 6 : 50;
@@ -124,7 +124,7 @@ std::vector<Row> seeded_rows(const Context& context) {
     database.add(0, landmarks[0]);
     const std::vector<Recognition> recognitions = database.recognise(landmarks[1]);
     const ViewRegistration registration = registered(pair, landmarks, 0, 1, recognitions);
-    // What is not found is off by infinity: it can only raise the median.
+    // A motion that is not found has an infinite error: it can only increase the median.
     const double off_m =
         registration.found ? (registration.earlier_from_current.translation - truth.translation).norm() : INFINITY;
     errors_mm.push_back(1e3 * off_m);
@@ -134,8 +134,8 @@ std::vector<Row> seeded_rows(const Context& context) {
     int matches = 0;
     for (const Recognition& recognition : recognitions) matches += static_cast<int>(recognition.matches.size());
     std::fprintf(stderr,
-                 "  missed: %s pair %d, %.2f mm; %zu and %zu landmarks, %zu recognised by %d matches; of %d pairs of "
-                 "keypoints %d agree (%s)%s\n",
+                 "  missed: %s pair %d, %.2f mm; %zu and %zu landmarks, %zu re-identified by %d matches; of %d "
+                 "keypoint pairs %d are inliers (%s)%s\n",
                  kScenes[number % 2], number, 1e3 * off_m, landmarks[0].landmarks.size(), landmarks[1].landmarks.size(),
                  recognitions.size(), matches, registration.motion.pairs, registration.motion.inliers,
                  to_string(registration.motion.status).c_str(), registration.refined ? "" : ", not refined by depth");
@@ -144,7 +144,7 @@ std::vector<Row> seeded_rows(const Context& context) {
           bound_row("pose.seeded.success", 100.0 * found / pairs, pairs, "%", 100, Limit::least)};
 }
 
-// Of 6 degrees of freedom, over pairs of both scenes: 6 when the covariance is right.
+// NEES of six degrees of freedom over pairs of both scenes: expected value 6 if the covariance is correct.
 std::vector<Row> nees_rows(const Context& context) {
   std::vector<double> values;
   for (int number = 1; number <= (context.quick ? 10 : 100); ++number) {
@@ -158,9 +158,9 @@ std::vector<Row> nees_rows(const Context& context) {
     values.push_back(error.dot(result.information * error));
   }
   const double mean = std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
-  // Of the mean of as many squares with six degrees of freedom each.
+  // 95 % half-width of the mean of this many squared errors with six degrees of freedom each.
   const double spread = 1.96 * std::sqrt(12.0 / static_cast<double>(values.size()));
-  std::fprintf(stderr, "  of %zu pairs; mean %.2f (6 is right), median %.2f (5.35)\n", values.size(), mean,
+  std::fprintf(stderr, "  %zu pairs; mean %.2f (expected 6), median %.2f (expected 5.35)\n", values.size(), mean,
                median(values));
   const int n = static_cast<int>(values.size());
   return {bound_row("pose.nees.least", mean, n, "", 6 - spread, Limit::least),
@@ -171,12 +171,12 @@ std::vector<Row> nees_rows(const Context& context) {
 
 std::vector<Item> registration_items() {
   return {{{"pose.basin.2deg", "pose.basin.6deg", "pose.basin.15deg"},
-           "how far off registration without landmarks may start",
+           "basin of convergence of registration without landmarks",
            basin_rows},
           {{"pose.seeded.translation", "pose.seeded.success"},
-           "frames registered from landmarks, motions to 15 deg and 12 cm",
+           "frames registered from landmarks, motions up to 15 deg and 12 cm",
            seeded_rows},
-          {{"pose.nees.least", "pose.nees.most"}, "normalised error squared of refined motions", nees_rows}};
+          {{"pose.nees.least", "pose.nees.most"}, "normalized error squared (NEES) of refined motions", nees_rows}};
 }
 
 }  // namespace fringeslam::bench

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sensor rows: noise, sigmas, fringe orders and the projector's response, on scenes whose truth is known.
+// Sensor rows: noise, sigmas, fringe orders and the projector's response, on scenes with known ground truth.
 #include <Eigen/Dense>
 #include <array>
 #include <cmath>
@@ -36,7 +36,7 @@ PatternSequence sequence_of(const RigModel& rig, std::vector<double> periods, Gr
 
 // --- range noise ---
 
-// RMS distance of the points from the plane that fits them best.
+// RMS distance of the points from their best-fit plane.
 double rms_from_plane(const Frame& frame) {
   std::vector<Eigen::Vector3d> points;
   for (const cv::Vec3f& p : frame.points_m) {
@@ -50,7 +50,7 @@ double rms_from_plane(const Frame& frame) {
   return std::sqrt(least / static_cast<double>(points.size()));
 }
 
-// Three images of the finest fringes; their order from knowing that the board is about 1 m away.
+// Three images of the finest fringes; the fringe order comes from the board's approximate distance of 1 m.
 std::vector<Row> range_noise_rows(const Context& context) {
   std::vector<double> values;
   for (int seed = 1; seed <= (context.quick ? 3 : 20); ++seed) {
@@ -70,13 +70,13 @@ std::vector<Row> range_noise_rows(const Context& context) {
   return {median_row("range_noise", values, "mm", 0.05)};
 }
 
-// --- honest sigmas ---
+// --- consistency of sigmas ---
 
 struct Board {
   double range_m, slope_deg, albedo;
 };
 
-// A board before the middle of the camera's view, as few pixels as statistics need.
+// A board in front of the centre of the camera's view, with just enough pixels for statistics.
 sim::Scene board_scene(const Board& board, uint64_t seed) {
   sim::Scene scene = scene_of("flat_board", seed);
   constexpr int kSize = 40;
@@ -92,7 +92,7 @@ sim::Scene board_scene(const Board& board, uint64_t seed) {
   return scene;
 }
 
-// Standard deviation over the seeds at each pixel, over the predicted sigma; RMS over the pixels.
+// Standard deviation over the seeds at each pixel relative to the predicted sigma; RMS over the pixels.
 double scatter_over_sigma(const Board& board, int seeds) {
   cv::Mat1d sum, squares, variance, count;
   for (int seed = 1; seed <= seeds; ++seed) {
@@ -189,15 +189,15 @@ std::vector<Row> wrong_order_rows(const Method& method, const Context& context) 
     wrong.push_back(score.wrong_order);
     valid.push_back(score.valid_fraction);
   }
-  std::fprintf(stderr, "  %s: %.2f %% of the lit pixels have a depth; worst seed %.1e\n", method.id.c_str(),
+  std::fprintf(stderr, "  %s: %.2f %% of the lit pixels have depth; worst seed %.1e\n", method.id.c_str(),
                100 * median_of(valid), *std::max_element(wrong.begin(), wrong.end()));
   return {median_row("wrong_order." + method.id, wrong, "share", method.limit)};
 }
 
 // --- response ---
 
-// The systematic part of the phase error of three steps on a flat board: mean over pixels of the same phase, RMS over
-// the phase.
+// Systematic part of the phase error of three steps on a flat board: mean over pixels of equal phase, RMS over all
+// phases.
 double systematic_phase_error(const sim::Scene& scene, const RigModel& model, const std::vector<double>& inverse) {
   PatternSequence sequence = sequence_of(scene.rig, {16.5});
   sequence.inverse_response = inverse;
@@ -237,7 +237,7 @@ std::vector<cv::Mat1f> as_floats(const FringeStack& stack, size_t first, size_t 
   return images;
 }
 
-// Everything is measured from noisy 8-bit images of a ramp and of 12 steps, nothing taken from the rig file.
+// Everything is measured from noisy 8-bit images of a ramp and of 12 steps; nothing comes from the rig file.
 std::vector<Row> response_rows(const Context& context) {
   std::vector<double> by_inverse, by_table;
   for (int seed = 1; seed <= (context.quick ? 1 : 5); ++seed) {
@@ -268,12 +268,12 @@ std::vector<Row> response_rows(const Context& context) {
 }  // namespace
 
 std::vector<Item> sensor_items() {
-  std::vector<Item> items = {{{"range_noise"}, "flat board at 1 m, three images, RMS from its plane", range_noise_rows},
+  std::vector<Item> items = {{{"range_noise"}, "flat board at 1 m: RMS distance from its plane", range_noise_rows},
                              {{"sigma_honest.least", "sigma_honest.greatest"},
-                              "scatter over predicted sigma: 3 ranges, 3 slopes, 3 albedos",
+                              "scatter relative to predicted sigma: 3 ranges, 3 slopes, 3 albedos",
                               sigma_rows},
                              {{"response.inverse_table", "response.phase_table"},
-                              "gamma 2.2: systematic phase error without over with the measured response",
+                              "gamma 2.2: systematic phase error without correction, relative to that with it",
                               response_rows}};
   for (const Method& method : methods())
     items.push_back({{"wrong_order." + method.id},

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The ways to find fringe orders, each through the whole pipeline over one trajectory: what they cost in images and
-// what they give.
+// The unwrapping methods, each through the whole pipeline over one trajectory: number of images and accuracy.
 #include <cmath>
 #include <cstdio>
 
@@ -22,7 +21,7 @@ struct Totals {
   int views = 0, lost = 0;
   double images = 0, valid_fraction = 0, pixels = 0, wrong = 0;
   std::vector<double> median_mm;
-  double ate_mm = 0;  // of the views that were not lost
+  double ate_mm = 0;  // views that were not lost
 };
 
 void add(const FrameResult& view, const TruthFrame& truth, double finest_period_px, Totals& totals) {
@@ -70,7 +69,7 @@ std::vector<Row> unwrapping_rows(const Context& context) {
     const double wrong = t.wrong / std::max(1.0, t.pixels);
     std::fprintf(
         stderr,
-        "  %-14s %4.1f images a view, %5.1f %% of the lit pixels, %.1e of %.1f million wrong, median error %.4f "
+        "  %-14s %4.1f images per view, %5.1f %% of the lit pixels, %.1e of %.1f million wrong, median error %.4f "
         "mm, %d of %d views lost, ATE %.4f mm\n",
         way.unwrapping, t.images / t.views, 100 * t.valid_fraction / t.views, wrong, 1e-6 * t.pixels,
         median_of(t.median_mm), t.lost, t.views, t.ate_mm);
@@ -82,7 +81,7 @@ std::vector<Row> unwrapping_rows(const Context& context) {
 }  // namespace
 
 std::vector<Item> unwrapping_items() {
-  return {{{"wrong_order.predicted"}, "fringe orders over a loop, by all ways to find them", unwrapping_rows}};
+  return {{{"wrong_order.predicted"}, "fringe orders over a loop, by all unwrapping methods", unwrapping_rows}};
 }
 
 }  // namespace fringeslam::bench

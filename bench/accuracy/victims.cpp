@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Victims in generated rubble, found by the thermal camera, among warm things that are none; and the same in smoke and
-// dust.
+// Victims in generated rubble, found by the thermal camera among other warm objects; also in smoke and dust.
 #include <cmath>
 #include <cstdio>
 #include <map>
@@ -18,7 +17,7 @@ namespace fringeslam::bench {
 
 namespace {
 
-// The gates were set on seeds from 1001 to 1040; these are others.
+// The gates were set on seeds from 1001 to 1040; these seeds are different.
 constexpr uint64_t kFirstSeed = 1;
 
 struct Total {
@@ -47,19 +46,19 @@ std::vector<Row> victim_rows(const Context& context) {
       std::fprintf(stderr, "  seed %d: %s\n", static_cast<int>(seed), failure.c_str());
   }
   for (const auto& [material, n] : total.things)
-    std::fprintf(stderr, "  %-12s %4d warm things, %d of them wrongly taken for a victim\n", material.c_str(), n,
+    std::fprintf(stderr, "  %-12s %4d warm objects, %d of them mistaken for a victim\n", material.c_str(), n,
                  total.wrong[material]);
   const VictimScore& score = total.score;
   return {bound_row("victim.recall", score.recall(), score.to_find, "", 0.95, Limit::least),
           bound_row("victim.precision", score.precision(), score.candidates, "", 0.9, Limit::least)};
 }
 
-// What lies or hangs between the cameras and what they look at, more of it from level to level.
+// A medium or layer between the cameras and the scene, in increasing amounts.
 struct Veil {
   std::string id, unit, words;
-  std::string section, quantity, rest;  // of the scene file
+  std::string section, quantity, rest;  // section of the scene file, its varied and its fixed entries
   std::vector<double> levels;
-  double rated = 0;  // the level of the row
+  double rated = 0;  // the row's level
 
   std::pair<std::string, std::string> change(double level) const {
     return {section, "{" + quantity + ": " + to_text(level) + ", " + rest + "}"};
@@ -77,16 +76,16 @@ Veil in_the_air(const std::string& id, const std::string& what, const std::strin
           0.3};
 }
 
-// Fine particles: in the infrared a tenth as dense.
+// Fine particles: a tenth as dense in the infrared.
 Veil smoke() { return in_the_air("smoke", "smoke", "albedo: 0.85, anisotropy: 0.6"); }
-// Grains of some micrometres: bright, they scatter forwards, and the infrared sees them nearly as well.
+// Grains of some micrometres: bright and forward-scattering, and nearly as dense in the infrared.
 Veil whirled_dust() {
   return in_the_air("dust_in_air", "dust in the air", "albedo: 0.95, anisotropy: 0.7, infrared_share: 0.8");
 }
 Veil settled_dust() {
   return {"dust",
           "covered",
-          "settled dust, share of level surfaces that it covers",
+          "settled dust, covered share of level surfaces",
           "dust",
           "cover",
           "albedo: 0.34, max_slope_deg: 55",
@@ -94,7 +93,7 @@ Veil settled_dust() {
           0.6};
 }
 
-// Of each level the valid pixels, the victims found, and the motions that are right.
+// Measures valid pixels, victims found and correct motions at each level.
 std::vector<Row> veil_rows(const Veil& veil, const Context& context) {
   constexpr double kRight_m = 1e-3;
   const int worlds = context.quick ? 3 : 12;
@@ -102,8 +101,8 @@ std::vector<Row> veil_rows(const Veil& veil, const Context& context) {
   double rated = 0;
   int rated_to_find = 0;
   std::vector<BarGroup> bars;
-  std::fprintf(stderr, "  %9s %8s %8s %8s %10s %12s %10s\n", veil.unit.c_str(), "valid %", "tracked", "right %",
-               "median mm", "found", "right");
+  std::fprintf(stderr, "  %9s %8s %8s %8s %10s %12s %10s\n", veil.unit.c_str(), "valid %", "tracked", "corr. %",
+               "median mm", "found", "correct");
   for (const double level : veil.levels) {
     Total total;
     std::vector<double> valid, translations_m;
@@ -116,7 +115,7 @@ std::vector<Row> veil_rows(const Veil& veil, const Context& context) {
       tracked += s.tracked;
       translations_m.insert(translations_m.end(), s.translations_m.begin(), s.translations_m.end());
     }
-    // Of each world the motions after the first view; those that were not found count as wrong.
+    // The motions after each scene's first view; those that were not found count as wrong.
     const int motions = views - worlds;
     int right = 0;
     for (const double error_m : translations_m) right += error_m < kRight_m;
@@ -132,8 +131,8 @@ std::vector<Row> veil_rows(const Veil& veil, const Context& context) {
   }
   if (!context.quick)
     write_percent_chart(FRINGESLAM_SCENES "/victims/" + veil.id + ".png",
-                        veil.words + ", %, over " + std::to_string(worlds) + " worlds",
-                        {"pixels valid", "motions right", "victims found"}, bars);
+                        veil.words + ", %, over " + std::to_string(worlds) + " scenes",
+                        {"valid pixels", "correct motions", "victims found"}, bars);
   return {bound_row(veil.id + ".victim_recall", rated, rated_to_find, "", 0.9, Limit::least)};
 }
 
@@ -141,16 +140,16 @@ std::vector<Row> veil_rows(const Veil& veil, const Context& context) {
 
 std::vector<Item> victim_items() {
   return {{{"victim.recall", "victim.precision"},
-           "victims in 120 heaps of rubble among warm things that are none, by the thermal camera",
+           "victims among other warm objects in 120 rubble piles, by the thermal camera",
            victim_rows},
           {{"smoke.victim_recall"},
-           "victims, depth and motions in smoke of growing density; the row is at 0.3 per metre",
+           "victims, depth and motions in smoke of increasing density; the row is at 0.3 per metre",
            [](const Context& context) { return veil_rows(smoke(), context); }},
           {{"dust_in_air.victim_recall"},
-           "the same in whirled up dust; at 0.3 per metre",
+           "the same in airborne dust; the row is at 0.3 per metre",
            [](const Context& context) { return veil_rows(whirled_dust(), context); }},
           {{"dust.victim_recall"},
-           "the same under settled dust; at 60 % of level surfaces covered",
+           "the same under settled dust; the row is at 60 % of level surfaces covered",
            [](const Context& context) { return veil_rows(settled_dust(), context); }}};
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Every named scene through the whole pipeline.
+// All named scenes through the whole pipeline.
 #include <algorithm>
 #include <atomic>
 #include <cmath>
@@ -29,16 +29,16 @@ std::vector<std::string> named_scenes() {
   return names;
 }
 
-// Its fringes tell no absolute depth, or what it shows is a board whose corners repeat: made for calibration.
+// True for calibration scenes: their fringes have no absolute depth, or they show a board with repetitive corners.
 bool for_calibration(const std::string& name) {
   return fs::exists(fs::path(FRINGESLAM_SCENES) / name / "board.yaml") || name == "response_ramp";
 }
 
 struct Outcome {
   int views = 0, lost = 0;
-  double valid = 1;          // least share of lit pixels with a depth
+  double valid = 1;          // smallest fraction of lit pixels with depth
   double depth_m = 0;        // median depth error of the worst view
-  double translation_m = 0;  // largest error of a motion
+  double translation_m = 0;  // largest motion error
 };
 
 Outcome run(const std::string& name) {
@@ -87,7 +87,7 @@ std::vector<Row> score_rows(const Context&) {
   return {bound_row("worlds.scores", failed, count, "failed", 0, Limit::most)};
 }
 
-// What is amiss with one generated world: warnings of its check, light that is not finite, pixels that nothing bounds.
+// Returns what is wrong with a generated scene: warnings of its check, saturation, errors.
 std::vector<std::string> complaints(const fs::path& file, uint64_t seed) try {
   const sim::Scene scene = sim::load_scene(file, {seed});
   std::vector<std::string> found = sim::check_scene(scene).warnings;
@@ -105,7 +105,7 @@ std::vector<std::string> complaints(const fs::path& file, uint64_t seed) try {
   return {e.what()};
 }
 
-// Piles are settled two at a time, and are in the cache then; what is wrong with one is told when it is checked.
+// Settles the piles, two at a time, so that they are in the cache; their errors are reported by the check.
 void settle_all(const fs::path& file, int count) {
   std::atomic<int> next = 1;
   const auto work = [&] {
@@ -137,8 +137,8 @@ std::vector<Row> generated_rows(const Context& context) {
 }  // namespace
 
 std::vector<Item> world_items() {
-  return {{{"worlds.scores"}, "every named scene through the whole pipeline", score_rows},
-          {{"worlds.generated"}, "200 heaps of rubble, checked and rendered", generated_rows}};
+  return {{{"worlds.scores"}, "all named scenes through the whole pipeline", score_rows},
+          {{"worlds.generated"}, "200 rubble piles, checked and rendered", generated_rows}};
 }
 
 }  // namespace fringeslam::bench

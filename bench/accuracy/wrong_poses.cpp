@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Views of rubble from all round, each registered with each other: how often the answer is confident and wrong.
+// Random views of rubble, all pairs registered: how often is the result wrong by more than its covariance allows?
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
@@ -29,7 +29,7 @@ constexpr World kWorlds[] = {{"rubble_pile", 1}, {"rubble_pile", 2},       {"rub
                              {"rubble_pile", 6}, {"rubble_under_dust", 2}};
 constexpr int kViews = 17;
 
-// Cameras that look down from all sides at places about the middle, four of them from near each other.
+// Cameras that look down from all sides at places near the centre, four of them close together.
 std::vector<Pose> random_cameras(uint64_t seed) {
   constexpr double kPile_m = 0.05, kFarthest_m = 0.28, kTilt = 18, kTurn = 40, kNearest_m = 0.9, kFar_m = 1.15;
   constexpr double kShift_m = 0.06, kShiftTurn = 12;
@@ -61,10 +61,10 @@ bool lit(const TruthFrame& truth, int row, int col) {
   return (mask & kTruthSurface) && (mask & kTruthInBeam) && !(mask & kTruthInShadow);
 }
 
-// Share of what is lit in the current view that the earlier one shows lit as well.
+// Fraction of the current view's lit surface that is also lit in the earlier view.
 double true_overlap(const Views& views, size_t earlier, size_t current) {
   constexpr int kEvery = 4;
-  constexpr double kSame_m = 0.005;  // as far as a slanted surface reaches within a pixel
+  constexpr double kSame_m = 0.005;  // depth range of a slanted surface within a pixel
   const TruthFrame &e = views.views[earlier].truth, &c = views.views[current].truth;
   const Pose earlier_from_world = views.world_from_camera(earlier).inverse();
   int all = 0, shared = 0;
@@ -84,7 +84,7 @@ double true_overlap(const Views& views, size_t earlier, size_t current) {
   return static_cast<double>(shared) / std::max(1, all);
 }
 
-// How far off what the view shows is placed: the largest of its axis and corners, amid the range.
+// Largest displacement of points on the camera's axis and corner rays at the middle of its range.
 double displacement_m(const Pose& found, const Pose& truth, const RigModel& rig) {
   const Pinhole& camera = rig.camera;
   const double z = 0.5 * (rig.near_m + rig.far_m);
@@ -128,7 +128,7 @@ struct Judge {
   }
 };
 
-// Starts that may be wrong, beside landmarks.
+// Wrong initial poses, in addition to landmarks.
 struct Start {
   double degrees, metres;
 };
@@ -182,7 +182,7 @@ std::vector<Row> wrong_rows(const Context& context) {
   for (const char* way : {"by landmarks", "from 10 mm, 1 deg", "from 30 mm, 3 deg"})
     std::fprintf(stderr, " | %-22s", way);
   std::fprintf(stderr, "\n  %-10s %6s", "", "");
-  for (size_t i = 0; i < kWays; ++i) std::fprintf(stderr, " | %6s %7s %7s", "found", "right", "wrong");
+  for (size_t i = 0; i < kWays; ++i) std::fprintf(stderr, " | %6s %7s %7s", "found", "correct", "wrong");
   const auto print = [](const std::string& name, const Decile& decile) {
     std::fprintf(stderr, "\n  %-10s %6d", name.c_str(), decile.pairs);
     for (const Count& way : decile.ways) std::fprintf(stderr, " | %6d %7d %7d", way.found, way.right, way.wrong);
@@ -207,7 +207,7 @@ std::vector<Row> wrong_rows(const Context& context) {
 }  // namespace
 
 std::vector<Item> wrong_pose_items() {
-  return {{{"pose.wrong"}, "random pairs of views: answers that are confident and wrong", wrong_rows}};
+  return {{{"pose.wrong"}, "random pairs of views: confidently wrong registrations", wrong_rows}};
 }
 
 }  // namespace fringeslam::bench

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
-"""Open3D's RGB-D odometry, view by view, and its TSDF, on a folder of `render --format tum-rgbd`.
+"""Runs Open3D's frame-to-frame RGB-D odometry and TSDF fusion on a folder of `render --format tum-rgbd`.
 
 Writes OUT.tum (world_from_camera, the world is the first camera's frame) and OUT.ply, for `fringeslam score`.
 Needs python3-open3d and python3-numpy.
@@ -16,7 +16,7 @@ FARTHEST_M = 3.0
 
 
 def quaternion(rotation):
-    """x y z w of a 3x3 rotation, w >= 0: the eigenvector of Bar-Itzhack's symmetric matrix (2000)."""
+    """Returns the quaternion x y z w of a 3x3 rotation, w >= 0: eigenvector of Bar-Itzhack's symmetric matrix (2000)"""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation
     q = np.linalg.eigh(np.array([
         [xx - yy - zz, yx + xy, zx + xz, zy - yz],

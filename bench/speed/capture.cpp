@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the camera and projector backend costs: a capture through a real window and GigE Vision traffic, from a camera
-// that looks at a simulated scene (tools/closed-loop), beside the simulator alone that renders the same images.
+// Cost of the hardware backend: a capture through a real window and GigE Vision traffic, from a camera that sees a
+// simulated scene (tools/closed-loop), compared with the simulator alone rendering the same images.
 #include <unistd.h>
 
 #include <algorithm>
@@ -35,7 +35,7 @@ Json from_closed_loop(const fs::path& folder, const std::string& verb) {
   const std::string program = project / "build/release/tools/fringeslam", answer = folder / "answer.json";
   if (std::system(
           ("'" + command + "' '" + scene + "' '" + program + "' " + verb + " --json > '" + answer + "'").c_str()))
-    throw Error("tools/closed-loop gave no figure; its own message is above");
+    throw Error("tools/closed-loop printed no result; see its message above");
   return Json::parse(std::ifstream(answer));
 }
 
@@ -70,7 +70,7 @@ std::vector<Row> capture_rows(const Context& context) {
   const double image_s = captured["stack_s"].get<double>() / kImages;
   std::fprintf(
       stderr,
-      "  an image takes %.1f ms through window and packets, %.1f ms of it the simulator's; settles in %.1f ms\n",
+      "  %.1f ms per image through window and packets, %.1f ms of it the simulator's; settles in %.1f ms\n",
       1e3 * image_s, 1e3 * own_s, 1e3 * seen["largest_delay_s"].get<double>());
   return {
       bound_row("speed.capture", 1 / image_s, stacks * kImages, "images/s", 5, Limit::least),
@@ -83,7 +83,7 @@ std::vector<Row> capture_rows(const Context& context) {
 std::vector<Item> capture_items() {
   if (!FRINGESLAM_HW) return {};
   return {{{"speed.capture", "speed.capture.overhead", "speed.capture.latency"},
-           "capture through a window and a camera's packets",
+           "capture through a real window and a camera's packets",
            capture_rows}};
 }
 

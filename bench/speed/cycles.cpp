@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The same scene, camera and fringes in Blender's Cycles: direct light, equal samples, the processor's two cores.
+// The same scene, camera and fringes in Blender's Cycles: direct light, equal samples, the same number of threads.
 #include <unistd.h>
 
 #include <Eigen/Geometry>
@@ -24,7 +24,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-// A glTF 2.0 binary: a mesh and a node an object, positions and triangles, world coordinates.
+// Writes a glTF 2.0 binary: one mesh and node per object, positions and triangles in world coordinates.
 void write_glb(const sim::Scene& scene, const fs::path& file) {
   constexpr int kFloat = 5126, kUnsigned = 5125, kVertices = 34962, kIndices = 34963;
   std::string bytes;
@@ -97,7 +97,7 @@ std::vector<Row> cycles_rows(const Context& context) {
                        {"world_from_device", matrix(camera * scene.rig.projector_from_camera.inverse())}}}};
   write_text(folder / "view.json", view.dump());
   const std::string command = std::string(FRINGESLAM_BENCH_SCRIPTS) + "/cycles.sh " + folder.string();
-  if (std::system(command.c_str()) != 0) throw Error("cycles.sh gave no figure; its own message is above");
+  if (std::system(command.c_str()) != 0) throw Error("cycles.sh printed no result; see its message above");
   const auto theirs = Json::parse(std::ifstream(folder / "seconds.json")).get<std::vector<double>>();
   if (const char* keep = std::getenv("FRINGESLAM_KEEP"); keep) fs::copy(folder, keep, fs::copy_options::recursive);
   fs::remove_all(folder);
@@ -106,7 +106,7 @@ std::vector<Row> cycles_rows(const Context& context) {
   direct.effects = sim::Effects::none();
   Stack three(scene, 3, direct, false), nine(scene, 9, direct, false);
   const auto ours = take_turns({[&] { three(); }, [&] { nine(); }}, static_cast<int>(theirs.size()));
-  std::fprintf(stderr, "  Cycles %.2f s an image; ours %.3f s for three, %.3f s for nine, with the camera's noise\n",
+  std::fprintf(stderr, "  Cycles %.2f s per image; ours %.3f s for three, %.3f s for nine, including camera noise\n",
                median(theirs), median(ours[0]), median(ours[1]));
   std::vector<double> ratio3, ratio9;
   for (size_t i = 0; i < theirs.size(); ++i) {
@@ -121,7 +121,7 @@ std::vector<Row> cycles_rows(const Context& context) {
 
 std::vector<Item> cycles_items() {
   return {{{"speed.cycles.three", "speed.cycles.nine"},
-           "three and nine images beside Blender's Cycles (installs Blender)",
+           "three and nine images relative to Blender's Cycles (installs Blender)",
            cycles_rows,
            true}};
 }

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Blender's side of speed.cycles: blender -b --factory-startup -P cycles.py -- FOLDER
-# FOLDER holds scene.glb and view.json; writes fringes_K.png and seconds.json. Direct light only.
+# FOLDER contains scene.glb and view.json; writes fringes_K.png and seconds.json. Direct light only.
 import json
 import math
 import sys
@@ -13,7 +13,7 @@ from mathutils import Matrix
 folder = sys.argv[sys.argv.index("--") + 1]
 view = json.load(open(folder + "/view.json"))
 
-numpy.bool = bool  # Blender 3.4 reads glTF by a name that Debian's numpy no longer has
+numpy.bool = bool  # Blender 3.4's glTF importer uses a name that Debian's numpy no longer has
 bpy.ops.wm.read_factory_settings(use_empty=True)
 bpy.ops.import_scene.gltf(filepath=folder + "/scene.glb")
 
@@ -26,13 +26,13 @@ scene.cycles.use_denoising = False
 scene.cycles.max_bounces = 0
 scene.render.threads_mode = "FIXED"
 scene.render.threads = view["threads"]
-scene.render.use_persistent_data = True  # the tree is built once for all patterns
+scene.render.use_persistent_data = True  # the BVH is built once for all patterns
 scene.render.resolution_x, scene.render.resolution_y = view["size"]
 scene.render.resolution_percentage = 100
 scene.render.image_settings.color_mode = "BW"
 scene.view_settings.view_transform = "Standard"
 
-# The importer turns glTF's y up into Blender's z up; cameras and lights look along -z there, with y up.
+# The importer converts glTF's y up to Blender's z up; in Blender, cameras and lights look along -z with y up.
 turned = Matrix(((1, 0, 0, 0), (0, 0, -1, 0), (0, 1, 0, 0), (0, 0, 0, 1)))
 looks = Matrix.Diagonal((1, -1, -1, 1))
 
@@ -85,7 +85,7 @@ shift = next(n for n in nodes if n.type == "MATH" and n.operation == "ADD").inpu
 place("projector", lamp, view["projector"]["world_from_device"])
 
 seconds = []
-for k in range(-1, view["images"]):  # the first one warms up
+for k in range(-1, view["images"]):  # the first one is a warm-up
     shift.default_value = 2 * math.pi * (k - 1) / 3
     scene.render.filepath = "%s/fringes_%d.png" % (folder, max(k, 0))
     start = time.monotonic()

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Renders FOLDER/scene.glb as FOLDER/view.json says with Blender's Cycles; installs Blender when it is missing.
+# Renders FOLDER/scene.glb with Blender's Cycles as specified by FOLDER/view.json; installs Blender if it is missing.
 set -euo pipefail
 folder=$1
 if ! dpkg -s blender python3-numpy >/dev/null 2>&1; then

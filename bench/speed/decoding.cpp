@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Decoding beside OpenCV's, in one run: the two take turns, so that what the machine does meanwhile meets both.
+// Decoding compared with OpenCV's; the two are interleaved, so that other load on the machine affects both alike.
 #include <algorithm>
 #include <cstdio>
 #include <opencv2/structured_light.hpp>
@@ -16,7 +16,7 @@ namespace fringeslam::bench {
 
 namespace {
 
-// Three images of fine fringes on rubble, 532 x 500, and what a map would let expect of them.
+// Three images of fine fringes on a scene of steps and holes, 532 x 500, and the coordinates that a map would predict.
 struct ThreeImages {
   sim::Scene scene = sim::load_scene(std::string(FRINGESLAM_SCENES) + "/steps_and_holes/scene.yaml");
   PatternSequence sequence =
@@ -73,8 +73,7 @@ std::vector<Row> decode_rows(const Context& context) {
   return {median_row("speed.decode", ratios(times[0], times[1]), "x", 100, Limit::least)};
 }
 
-// Bytes that must be read and written, a pixel: grey values, expectation, the decoded images and the points'
-// polynomials.
+// Bytes per pixel that must be read and written: grey values, predicted coordinates, decoded images, point polynomials.
 constexpr double kBytesPerPixel =
     3 + 3 * 4 + 7 * 4 /* decoded */ + 2 * 4 + 8 * 4 + 2 * 4 /* read again */ + 1 + 3 * 4 + 4;
 
@@ -96,7 +95,7 @@ std::vector<Row> points_rows(const Context& context) {
   const auto times = take_turns({work, copy}, context.quick ? 20 : 200);
   const Row row = median_row("speed.points", in_ms(times[0]), "ms", 3);
   const Row copied = median_row("", in_ms(times[1]), "ms", 0);
-  std::fprintf(stderr, "  %.0f bytes a pixel: a memory copy of as many takes %.2f ms, %.0f %% of ours\n",
+  std::fprintf(stderr, "  %.0f bytes per pixel: a memory copy of as many takes %.2f ms, %.0f %% of ours\n",
                kBytesPerPixel, copied.value, 100 * copied.value / row.value);
   return {row};
 }
@@ -114,9 +113,9 @@ std::vector<Row> spatial_rows(const Context& context) {
 }  // namespace
 
 std::vector<Item> decoding_items() {
-  return {{{"speed.decode"}, "three images to absolute phase, beside OpenCV's SinusoidalPattern (PSP)", decode_rows},
+  return {{{"speed.decode"}, "three images to absolute phase, against OpenCV's SinusoidalPattern (PSP)", decode_rows},
           {{"speed.points"}, "three images to points with sigma", points_rows},
-          {{"speed.spatial"}, "spatial unwrapping by quality, 532 x 500", spatial_rows}};
+          {{"speed.spatial"}, "quality-guided spatial unwrapping, 532 x 500", spatial_rows}};
 }
 
 }  // namespace fringeslam::bench

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A whole run from images that are in memory.
+// A whole run from images in memory.
 #include <cstdio>
 #include <string>
 
@@ -13,14 +13,14 @@ namespace fringeslam::bench {
 
 namespace {
 
-// From the last exposure of a view until its pose is known, and until the map has it.
+// Latency from a view's last exposure until its pose is known, and until it is in the map.
 struct Latencies {
   std::vector<double> pose_ms, map_ms;
 
   void add(const StageClock& clock, double view_s) {
     const auto& entered = clock.entered();
     const auto known = entered.find(entered.contains("map") ? "map" : "other");
-    if (known == entered.end()) return;  // the view is lost
+    if (known == entered.end()) return;  // tracking was lost
     pose_ms.push_back(1e3 * known->second);
     map_ms.push_back(1e3 * view_s);
   }
@@ -35,7 +35,7 @@ struct Latencies {
   }
 };
 
-// Until the surface holds all views where they are known to be at the end.
+// Fuses the surface of all views with their final poses.
 double frames_per_s(const LoopScene& loop) {
   LoopRig rig(loop, 1);
   Pipeline pipeline(loop.scene.rig, loop.scene.patterns, {}, loop.scene.trajectory[0].world_from_robot);
@@ -46,12 +46,12 @@ double frames_per_s(const LoopScene& loop) {
   });
   const double surface_s = seconds_of([&] { pipeline.surface(); });
   const auto views = static_cast<double>(loop.stacks.size());
-  std::fprintf(stderr, "  %.1f frames/s until the map has them, and %.1f s for the surface of %zu of them\n",
+  std::fprintf(stderr, "  %.1f frames/s into the map, and %.1f s for the surface of %zu of them\n",
                views / mapped_s, surface_s, pipeline.map().frames().size());
   return views / (mapped_s + surface_s);
 }
 
-// One view at a time, and what share each stage takes of it.
+// Processes one view at a time and prints each stage's share.
 void time_stages(const LoopScene& loop, Latencies& latencies) {
   StageClock clock;
   Pipeline pipeline(loop.scene.rig, loop.scene.patterns, {}, loop.scene.trajectory[0].world_from_robot);
@@ -65,13 +65,14 @@ void time_stages(const LoopScene& loop, Latencies& latencies) {
     clock.leave();
   });
   const auto count = static_cast<double>(loop.stacks.size());
-  std::fprintf(stderr, "  one at a time %.1f ms a frame:", 1e3 * seconds / count);
+  std::fprintf(stderr, "  one at a time %.1f ms per frame:", 1e3 * seconds / count);
   for (const auto& [stage, time] : clock.seconds())
     std::fprintf(stderr, " %s %.2f (%.0f %%)", stage.c_str(), 1e3 * time / count, 100 * time / seconds);
   std::fprintf(stderr, "\n");
 }
 
-// The rate of `runs` runs, taking turns with `timed` of which the latencies are; `suffix`: of the rows' ids.
+// Returns the frame rate of `runs` runs, interleaved with `timed` runs that measure latencies; `suffix`: of the rows'
+// ids.
 std::vector<Row> rows_of(const LoopScene& loop, const std::string& suffix, int timed, int runs) {
   Latencies latencies;
   std::vector<double> rates;
@@ -89,7 +90,7 @@ std::vector<Row> frame_rows(const Context& context) {
   return rows_of(rendered_loop(), "", runs, runs);
 }
 
-// Most views of a robot's show next to nothing new, and the map takes only those that do.
+// Most of the robot's views show hardly anything new, and the map stores only those that do.
 std::vector<Row> robot_rows(const Context& context) {
   return rows_of(rendered_loop_of_a_robot(context.quick ? kRobotViews / 4 : kRobotViews), ".robot", 1,
                  context.quick ? 1 : 3);
@@ -99,11 +100,11 @@ std::vector<Row> robot_rows(const Context& context) {
 
 std::vector<Item> frame_speed_items() {
   return {{{"speed.frame", "speed.latency.pose", "speed.latency.pose_99", "speed.latency.map", "speed.latency.map_99"},
-           "once around over a field of rubble, from images in memory to the map and its surface",
+           "one lap over a field of rubble, from images in memory to the map and its surface",
            frame_rows},
           {{"speed.frame.robot", "speed.latency.robot.pose", "speed.latency.robot.pose_99", "speed.latency.robot.map",
             "speed.latency.robot.map_99"},
-           "the same way at 0.3 m/s, 30 views a second",
+           "the same path at 0.3 m/s, 30 views per second",
            robot_rows}};
 }
 

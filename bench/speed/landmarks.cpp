@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Landmarks of 532 x 500 pixels, stage by stage.
+// Landmark detection and matching at 532 x 500 pixels, stage by stage.
 #include <cstdio>
 #include <opencv2/features2d.hpp>
 #include <opencv2/ximgproc.hpp>
@@ -29,7 +29,7 @@ std::vector<Row> conditioning_rows(const Context& context) {
   return {median_row("speed.conditioning", in_ms(times[0]), "ms", 3)};
 }
 
-// So many depth keypoints, evenly over a depth image with its edges.
+// A given number of depth keypoints, evenly distributed over a depth image with its edges.
 std::vector<DepthKeypoint> spread_keypoints(const cv::Mat1f& levels, size_t count) {
   KeypointOptions options;
   options.max_depth_keypoints = static_cast<int>(count);
@@ -55,12 +55,12 @@ std::vector<Row> cluster_rows(const Context& context) {
   for (const ClusterOptions& method : methods)
     works.push_back([&] { find_clusters(keypoints, rounded, edges, method); });
   const auto times = take_turns(works, context.quick ? 5 : 50);
-  std::fprintf(stderr, "  %zu depth keypoints: by depth sampling %.2f ms, by region search %.2f ms\n", keypoints.size(),
+  std::fprintf(stderr, "  %zu depth keypoints: depth sampling %.2f ms, region search %.2f ms\n", keypoints.size(),
                1e3 * median(times[0]), 1e3 * median(times[1]));
   return {median_row("speed.clusters", in_ms(times[0]), "ms", 3)};
 }
 
-// A database of 200 landmarks of other views, and the view of one of them again.
+// A database of 200 landmarks of other views, and a second view of one of them.
 std::vector<Row> recognition_rows(const Context& context) {
   const LandmarkMethod method;
   const ViewPair pair = rendered_pair("boxes_and_foam", 1);
@@ -115,7 +115,7 @@ std::vector<Row> keypoint_rows(const Context& context) {
 std::vector<Item> landmark_speed_items() {
   return {{{"speed.conditioning"}, "background, edges, dilation, thinning, loose ends (S6-S10)", conditioning_rows},
           {{"speed.clusters"}, "clusters of 300 depth keypoints (S13, S14)", cluster_rows},
-          {{"speed.recognition"}, "a view's landmarks among 200 of earlier views (S18)", recognition_rows},
+          {{"speed.recognition"}, "a view's landmarks matched against 200 of earlier views (S18)", recognition_rows},
           {{"speed.keypoints"}, "SIFT of both images (S11)", keypoint_rows}};
 }
 

@@ -35,7 +35,7 @@ LoopScene rendered_loop_of_a_robot(int views) {
 std::optional<FringeStack> LoopRig::capture(const PatternSequence&) {
   const size_t views = loop_.stacks.size(), lap = next_ / views;
   if (lap == static_cast<size_t>(laps_)) return std::nullopt;
-  FringeStack stack = loop_.stacks[next_ % views];  // shares the images
+  FringeStack stack = loop_.stacks[next_ % views];  // shares the image data
   const double step_s = loop_.stacks[1].timestamp_s - loop_.stacks[0].timestamp_s;
   const double lap_s = loop_.stacks.back().timestamp_s - loop_.stacks.front().timestamp_s + step_s;
   stack.index = static_cast<int>(next_);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The scene `loop` from memory: once around over a field of rubble and back, as often as wanted.
+// The scene `loop` from memory: laps over a field of rubble, as many as needed.
 #pragma once
 
 #include <vector>
@@ -13,14 +13,14 @@ struct LoopScene {
   sim::Scene scene;
   std::vector<FringeStack> stacks;
 };
-// As the scene has it: 7.5 cm from view to view.
+// Renders the scene as defined: 7.5 cm between views.
 LoopScene rendered_loop();
-// The first `views` of those that a robot of 0.3 m/s takes on the same way, 30 a second: 1 cm from view to view. A
+// Renders the first `views` views of a robot on the same path at 0.3 m/s and 30 views per second: 1 cm between views. A
 // thousand views need 2.4 GB.
-constexpr int kRobotViews = 901;  // once around
+constexpr int kRobotViews = 901;  // one lap
 LoopScene rendered_loop_of_a_robot(int views);
 
-// Its stacks lap after lap, with indices and timestamps that go on.
+// A rig that replays the stacks lap after lap, with increasing indices and timestamps.
 class LoopRig : public Rig {
  public:
   LoopRig(const LoopScene& loop, int laps) : loop_(loop), laps_(laps) {}

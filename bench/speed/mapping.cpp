@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The map of a long run: its pose graph and its fused surface.
+// Mapping of a long run: pose graph and fused surface.
 #include <cmath>
 #include <cstdio>
 #include <numbers>
@@ -19,10 +19,10 @@ namespace {
 struct Run {
   std::vector<Pose> dead_reckoning;
   std::vector<PoseEdge> edges;
-  std::vector<double> truths;  // of each edge: 1 = true
+  std::vector<double> truths;  // of each edge: 1 = correct loop closure
 };
 
-// Laps of a field of 4 m with a keyframe every decimetre; one loop closure in five is off by centimetres to metres.
+// Laps of a 4 m field with a keyframe every decimetre; one loop closure in five is wrong by centimetres to metres.
 Run long_run(int keyframes, int keyframes_per_lap, int loops) {
   constexpr double kTurnSigma = 3e-4, kShiftSigma_m = 5e-4;
   const sim::Philox random(1, sim::Stream::draws, 0);
@@ -65,11 +65,11 @@ std::vector<Row> pose_graph_rows(const Context& context) {
   const auto times =
       take_turns({[&] { result = optimise_poses(run.dead_reckoning, run.edges, {}); }}, context.quick ? 3 : 9);
   std::fprintf(stderr, "  %d iterations, cost %.4g -> %.4g, every loop %s\n", result.iterations, result.initial_cost,
-               result.cost, result.converged && result.weights == run.truths ? "judged right" : "NOT judged right");
+               result.cost, result.converged && result.weights == run.truths ? "judged right" : "judged WRONG");
   return {median_row("speed.pose_graph", in_ms(times[0]), "ms", 1000)};
 }
 
-// One frame from poses that differ as those of a slow robot do.
+// One frame from poses that differ like those of a slow robot.
 std::vector<Row> surface_rows(const Context& context) {
   const FramePair pair = rendered_frames("rubble_pile", 3, {});
   const int repeats = context.quick ? 5 : 25;
@@ -93,8 +93,8 @@ std::vector<Row> surface_rows(const Context& context) {
     area_m2 += std::sqrt(a.squaredNorm() * b.squaredNorm() - a.dot(b) * a.dot(b)) / 2;
   }
   std::fprintf(stderr,
-               "  of eight the first time %.1f ms, again %.1f ms, one alone %.1f ms; %zu triangles in %.0f ms; "
-               "%.2f MiB/dm^2 of %.1f dm^2\n",
+               "  eight at a time: first %.1f ms, then %.1f ms, single %.1f ms; %zu triangles in %.0f ms; "
+               "%.2f MiB/dm^2 over %.1f dm^2\n",
                1e3 * median(first), 1e3 * median(steady), 1e3 * median(alone), mesh.triangles.size(),
                1e3 * extraction_s, static_cast<double>(model.memory_bytes()) / (100 * area_m2) / 1048576,
                100 * area_m2);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Registration of two full frames from no start, beside PCL's ICP and OpenCV's FastICPOdometry, on motions that all of
-// them can find.
+// Registration of two full frames without an initial pose, compared with PCL's ICP and OpenCV's FastICPOdometry, on
+// motions that all of them can find.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -28,7 +28,7 @@ std::optional<Pose> pose_of(const IcpResult& result) {
   return result.target_from_source;
 }
 
-// How far off the middle of what is seen is placed; what is not found is off by infinity.
+// Displacement of the centre of the observed surface; infinite if no motion was found.
 double error_mm(const std::optional<Pose>& found, const FramePair& pair) {
   const Eigen::Vector3d middle(0, 0, 0.5 * (pair.rig.near_m + pair.rig.far_m));
   return found ? 1e3 * (*found * middle - pair.target_from_source * middle).norm() : INFINITY;
@@ -49,7 +49,7 @@ std::vector<Row> register_rows(const Context& context) {
        }},
       {"OpenCV's FastICPOdometry", opencv_fast_icp}};
   Engine &ours = engines[0], &pcl = engines[2], &opencv = engines[3];
-  // They take turns, the first pair to warm up.
+  // Interleaved; the first pair is a warm-up.
   for (int number = 0; number <= (context.quick ? 2 : 8); ++number) {
     const auto seed = static_cast<uint64_t>(number);
     const FramePair pair =
@@ -76,7 +76,7 @@ std::vector<Row> register_rows(const Context& context) {
 
 std::vector<Item> registration_speed_items() {
   return {{{"speed.register", "speed.register.fastest", "speed.register.error"},
-           "two full frames from no start, against PCL's ICP and OpenCV's FastICPOdometry",
+           "two full frames without an initial pose, relative to PCL's ICP and OpenCV's FastICPOdometry",
            register_rows}};
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Rendering beside bare Embree: the same rays, in the same packets and order, on the same threads, taking turns.
+// Rendering compared with bare Embree: the same rays, in the same packets and order, on the same threads, interleaved.
 #include <unistd.h>
 
 #include <chrono>
@@ -45,7 +45,7 @@ double resident_mib() {
   return resident * static_cast<double>(sysconf(_SC_PAGESIZE)) / (1024 * 1024);
 }
 
-// Time of three images against the number of triangles, a thousandfold, and of samples; memory of geometry.
+// Time of three images as a function of the number of triangles (up to 1000 times) and samples; memory of the geometry.
 std::vector<Row> scaling_rows(const Context& context) {
   std::vector<double> seconds, memory;
   for (const int subdivisions : {2, 4, 5, context.quick ? 6 : 7}) {
@@ -59,7 +59,7 @@ std::vector<Row> scaling_rows(const Context& context) {
     memory.push_back((resident_mib() - before) / (1e-6 * triangles));
     Stack stack(scene, 3);
     seconds.push_back(median(take_turns({[&] { stack(); }}, context.quick ? 3 : 7)[0]));
-    std::fprintf(stderr, "  %10.0f triangles: %.0f ms, tree built in %.1f s, %.0f MiB a million\n", triangles,
+    std::fprintf(stderr, "  %10.0f triangles: %.0f ms, BVH built in %.1f s, %.0f MiB per million\n", triangles,
                  1e3 * seconds.back(), build, memory.back());
   }
   const sim::Scene scene = rubble(4);
@@ -69,7 +69,7 @@ std::vector<Row> scaling_rows(const Context& context) {
     options.samples_per_pixel = samples;
     Stack stack(scene, 3, options);
     by_samples.push_back(median(take_turns({[&] { stack(); }}, context.quick ? 3 : 7)[0]));
-    std::fprintf(stderr, "  %10d samples a pixel: %.0f ms\n", samples, 1e3 * by_samples.back());
+    std::fprintf(stderr, "  %10d samples per pixel: %.0f ms\n", samples, 1e3 * by_samples.back());
   }
   return {bound_row("speed.scaling.triangles", seconds.back() / seconds.front(), 1, "x", 10, Limit::most),
           bound_row("speed.scaling.samples", by_samples[3] / by_samples[1], 1, "x", 16, Limit::most),
@@ -79,10 +79,10 @@ std::vector<Row> scaling_rows(const Context& context) {
 }  // namespace
 
 std::vector<Item> rendering_items() {
-  return {{{"speed.render"}, "a stack of three images, as a share of bare Embree's rays", render_rows},
-          {{"speed.patterns"}, "nine patterns against one", pattern_rows},
+  return {{{"speed.render"}, "a stack of three images, ray rate relative to bare Embree", render_rows},
+          {{"speed.patterns"}, "nine patterns relative to one", pattern_rows},
           {{"speed.scaling.triangles", "speed.scaling.samples", "speed.scaling.memory"},
-           "three images: 1000 times the triangles, 16 times the samples; memory of a million triangles",
+           "three images: 1000 times the triangles, 16 times the samples; memory per million triangles",
            scaling_rows}};
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the rendering rows render.
+// The scene of the rendering rows.
 #pragma once
 
 #include <memory>
@@ -8,10 +8,10 @@
 
 namespace fringeslam::bench {
 
-// The default scene's table with 36 rocks on it, of 20 * 4^subdivisions triangles each: 184,000 for 4.
+// The default scene's table with 36 rocks, of 20 * 4^subdivisions triangles each: 184,000 in total for 4.
 sim::Scene rubble(int subdivisions);
 
-// Everything from a pose to the grey values of so many patterns of one period, again and again.
+// Everything from a pose to the grey values of a number of patterns with one period, repeatedly.
 class Stack {
  public:
   Stack(const sim::Scene& scene, int patterns, const sim::RenderOptions& options = {}, bool truth = true);

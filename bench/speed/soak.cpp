@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Hours of mapping: lap after lap over the same rubble. The map is complete after the first, so that nothing may grow
-// or become slower, and nothing wrong may ever join it.
+// Hours of mapping: repeated laps over the same rubble. The map is complete after the first lap, so that nothing may
+// grow or slow down afterwards, and no wrong frame may ever be added.
 #include <unistd.h>
 
 #include <algorithm>
@@ -20,7 +20,7 @@ namespace fringeslam::bench {
 
 namespace {
 
-constexpr int kWarmUp = 2;  // laps until memory is what it will be
+constexpr int kWarmUp = 2;  // laps until memory reaches its steady state
 constexpr double kWrong_m = 1e-3, kWrong_rad = 0.1 * std::numbers::pi / 180;
 
 double resident_mib() {
@@ -75,8 +75,8 @@ Soak soaked(double duration_s) {
     }
     soak.laps.push_back({static_cast<double>(std::clock() - before) / CLOCKS_PER_SEC, resident_mib()});
     std::fprintf(stderr,
-                 "  lap %zu after %.0f s: %.1f ms of processor time a view, %.1f MiB; %zu keyframes, %zu frames in the "
-                 "map; %d lost, %d wrong\n",
+                 "  lap %zu after %.0f s: %.1f ms of processor time per view, %.1f MiB; %zu keyframes, %zu frames in "
+                 "the map; %d lost, %d wrong\n",
                  soak.laps.size(), elapsed_s(), 1e3 * soak.laps.back().cpu_s / static_cast<double>(loop.stacks.size()),
                  soak.laps.back().memory_mib, pipeline.map().keyframes().size(), pipeline.map().frames().size(),
                  soak.lost, soak.wrong_views);
@@ -86,7 +86,7 @@ Soak soaked(double duration_s) {
   return soak;
 }
 
-// Processor time, which others' work on the machine changes less than the time that passes.
+// Processor time depends less on other load than wall-clock time.
 std::vector<Row> soak_rows(const Context& context) {
   const Soak soak = soaked(context.quick ? 120 : 3600);
   std::vector<double> cpu_s;
@@ -105,7 +105,7 @@ std::vector<Row> soak_rows(const Context& context) {
 
 std::vector<Item> soak_items() {
   return {{{"soak.memory", "soak.rate", "soak.wrong"},
-           "an hour over the same rubble: memory and rate of the last lap against the third, wrong views and frames",
+           "an hour over the same rubble: growth of memory, change of rate, wrong views and frames",
            soak_rows,
            true}};
 }

@@ -10,20 +10,20 @@ namespace fringeslam::bench {
 
 namespace {
 
-// Runs a measuring script of this folder; it prints one number, the seconds it took.
+// Runs a measuring script of this folder and returns the number that it prints: the seconds it took.
 double script_seconds(const std::string& script, const std::string& argument) {
   const std::string command = std::string(FRINGESLAM_BENCH_SCRIPTS) + "/" + script + " " + argument;
   const std::unique_ptr<FILE, int (*)(FILE*)> pipe(popen(command.c_str(), "r"), pclose);
   double seconds = 0;
   if (!pipe || std::fscanf(pipe.get(), "%lf", &seconds) != 1)
-    throw Error(script + " " + argument + " gave no figure; its own message is above");
+    throw Error(script + " " + argument + " printed no result; see its message above");
   return seconds;
 }
 
 Row minutes_row(const std::string& id, double seconds, double limit_minutes) {
   Row row;
   row.id = id;
-  row.value = row.interval_low = row.interval_high = seconds / 60;  // one sample has no spread
+  row.value = row.interval_low = row.interval_high = seconds / 60;  // a single sample has no interval
   row.unit = "min";
   row.n = 1;
   row.limit = limit_minutes;

@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Seconds from nothing, on standard output; everything else on standard error.
+# Measures the time from scratch. Prints seconds on standard output, everything else on standard error.
 #   start.sh build   configure and build the Release program from a fresh clone, without compiler cache
-#   start.sh bare    a minimal Debian 12 (debootstrap, as root), then git clone and tools/run in it; the time
-#                    counts from the clone to the end of tools/run
+#   start.sh bare    a minimal Debian 12 (debootstrap, as root), then git clone and tools/run in it; measured
+#                    from the clone to the end of tools/run
 set -euo pipefail
 root=$(cd "$(dirname "$0")/../.." && pwd)
 work=$(mktemp -d /var/tmp/fringeslam-start.XXXXXX)
@@ -24,14 +24,14 @@ case "${1:-}" in
     echo $((SECONDS - start))
     ;;
   bare)
-    if ((EUID != 0)); then echo "start.sh bare: making a fresh system needs root" >&2; exit 2; fi
+    if ((EUID != 0)); then echo "start.sh bare: creating a fresh system needs root" >&2; exit 2; fi
     command -v debootstrap >/dev/null || apt-get install -y -qq --no-install-recommends debootstrap >&2
     system=$work/system
     mirror=$(apt-get indextargets --format '$(SITE)' 'Created-By: Packages' | head -n 1)
-    echo "start.sh: making a fresh Debian 12 from the configured mirror" >&2
+    echo "start.sh: creating a fresh Debian 12 from the configured mirror" >&2
     debootstrap --variant=minbase --include=git,ca-certificates bookworm "$system" "$mirror" >"$work/log" 2>&1 ||
       { tail -n 20 "$work/log" >&2; exit 2; }
-    # The network as this machine has it.
+    # This machine's network configuration.
     cp -L /etc/resolv.conf "$system/etc/resolv.conf"
     cp -rL /etc/apt/. "$system/etc/apt/"
     cp -L /etc/hosts "$system/etc/hosts"
@@ -50,7 +50,7 @@ case "${1:-}" in
     echo $((SECONDS - start))
     ;;
   *)
-    echo "start.sh: give build or bare" >&2
+    echo "start.sh: expected build or bare" >&2
     exit 2
     ;;
 esac

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a second worker of a study is worth.
+// Gain from a study's second worker.
 #include <unistd.h>
 
 #include <algorithm>
@@ -23,11 +23,11 @@ nlohmann::json studied(const fs::path& study, int jobs, const fs::path& out) {
   const std::string answer = out.string() + ".json";
   const std::string command = std::string(FRINGESLAM_BENCH_PROGRAM) + " --json study run '" + study.string() +
                               "' --out '" + out.string() + "' --jobs " + std::to_string(jobs) + " > '" + answer + "'";
-  if (std::system(command.c_str()) != 0) throw Error("study run gave no figure; its own message is above");
+  if (std::system(command.c_str()) != 0) throw Error("study run printed no result; see its message above");
   return nlohmann::json::parse(std::ifstream(answer));
 }
 
-// Turn by turn, so that whatever else the machine does is shared by both.
+// Interleaved, so that other load on the machine affects both alike.
 std::vector<Row> study_rows(const Context& context) {
   const fs::path folder = fs::temp_directory_path() / ("fringeslam-study-" + std::to_string(::getpid()));
   fs::create_directories(folder);
@@ -44,13 +44,13 @@ std::vector<Row> study_rows(const Context& context) {
     largest_mib = std::max(largest_mib, two["largest_worker_mib"].get<double>());
   }
   fs::remove_all(folder);
-  std::fprintf(stderr, "  two workers: %.2f trials of two views a second; the largest takes %.0f MiB\n", rate.back(),
+  std::fprintf(stderr, "  two workers: %.2f trials of two views per second; largest worker %.0f MiB\n", rate.back(),
                largest_mib);
   return {median_row("speed.study", gain, "x", 1.9, Limit::least)};
 }
 
 }  // namespace
 
-std::vector<Item> study_items() { return {{{"speed.study"}, "a study by one worker and by two", study_rows}}; }
+std::vector<Item> study_items() { return {{{"speed.study"}, "a study with two workers relative to one", study_rows}}; }
 
 }  // namespace fringeslam::bench

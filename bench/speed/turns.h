@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Times of several works that take turns, so that what the machine does meanwhile meets all of them.
+// Interleaved timing of several workloads, so that other load on the machine affects all of them alike.
 #pragma once
 
 #include <algorithm>
@@ -15,7 +15,7 @@ inline double seconds_of(const std::function<void()>& work) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
-// Seconds of each work in each turn, after a turn that warms up.
+// Returns the seconds of each workload in each turn, after a warm-up turn.
 inline std::vector<std::vector<double>> take_turns(const std::vector<std::function<void()>>& works, int turns) {
   std::vector<std::vector<double>> times(works.size());
   for (int turn = -1; turn < turns; ++turn) {
@@ -37,7 +37,7 @@ inline std::vector<double> in_ms(std::vector<double> seconds) {
   return seconds;
 }
 
-// Turn by turn.
+// Ratios, turn by turn.
 inline std::vector<double> ratios(const std::vector<double>& slow, const std::vector<double>& fast) {
   std::vector<double> result;
   for (size_t i = 0; i < slow.size(); ++i) result.push_back(slow[i] / fast[i]);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Large worlds, from the scene file to the ray tracer's tree: time, and memory at its peak.
+// Large scenes, from the scene file to the ray tracer's BVH: time and peak memory.
 #include <chrono>
 #include <cstdio>
 #include <filesystem>
@@ -43,7 +43,7 @@ void reset_peak() { std::ofstream("/proc/self/clear_refs") << 5; }
 
 struct Loading {
   double seconds = 0, triangles = 0;
-  double peak_mib = 0;  // of the whole process, since the file was read first
+  double peak_mib = 0;  // of the whole process, since just before the file was first read
 };
 
 Loading loading(const fs::path& file) {
@@ -61,13 +61,13 @@ std::vector<Row> world_rows(const Context& context) {
   const int repeats = context.quick ? 1 : 5;
   const auto measured = [&](const char* what, const fs::path& file) {
     reset_peak();
-    const double first = seconds_of([&] { sim::load_scene(file); });  // settles, unless that is in the cache
+    const double first = seconds_of([&] { sim::load_scene(file); });  // settles the pile unless it is in the cache
     std::vector<double> seconds;
     Loading last;
     for (int i = 0; i < repeats; ++i) seconds.push_back((last = loading(file)).seconds);
     last.seconds = median(seconds);
     last.peak_mib = peak_mib();
-    std::fprintf(stderr, "  %s: %.2f million triangles; first reading %.1f s, then %.2f s to the tree, %.0f MiB\n",
+    std::fprintf(stderr, "  %s: %.2f million triangles; first load %.1f s, then %.2f s to the BVH, %.0f MiB\n",
                  what, 1e-6 * last.triangles, first, last.seconds, last.peak_mib);
     return last;
   };
@@ -82,7 +82,7 @@ std::vector<Row> world_rows(const Context& context) {
 
 std::vector<Item> large_world_items() {
   return {{{"speed.worlds.pile", "speed.worlds.memory", "speed.worlds.shared"},
-           "a pile of a million triangles from its file to the tree; ten million in shared meshes",
+           "a pile of a million triangles from its file to the BVH; ten million in shared meshes",
            world_rows}};
 }
 

@@ -19,7 +19,7 @@ namespace {
 
 std::string name_of(Shard shard) { return std::to_string(shard.index) + "-of-" + std::to_string(shard.count); }
 
-// Adds the lines of a file. A last line without its end was being written when its writer died, and does not count.
+// Adds the lines of a file. An incomplete last line, cut off when its writer died, is ignored.
 void read_lines(const fs::path& file, const Study& study, std::map<int, std::string>& lines) {
   const std::string text = read_bytes(file);
   int number = 0;
@@ -28,17 +28,17 @@ void read_lines(const fs::path& file, const Study& study, std::map<int, std::str
     const std::string line = text.substr(begin, end - begin);
     const auto json = nlohmann::json::parse(line, nullptr, false);
     if (!json.is_object() || !json.contains("trial") || !json["trial"].is_number_integer() || !json.contains("study"))
-      throw Error(where + "is no trial's result; move the file away");
+      throw Error(where + "is not a trial's result; move the file away");
     if (json["study"] != hash_text(study))
-      throw Error(where + "is of another study, or of this one before " + study.file.string() +
-                  " or its scene changed; give another --out");
+      throw Error(where + "belongs to another study, or to this one before " + study.file.string() +
+                  " or its scene changed; use another --out");
     const int trial = json["trial"].get<int>();
     if (trial < 0 || trial >= study.trials) throw Error(where + "there is no trial " + std::to_string(trial));
     const auto [known, is_new] = lines.emplace(trial, line);
     if (!is_new && known->second != line)
       throw Error(where + "trial " + std::to_string(trial) +
-                  " has another result elsewhere in the folder; the machines do not compute alike, or one has another "
-                  "version");
+                  " has a different result elsewhere in the folder; the machines compute differently, or run "
+                  "different versions");
   }
 }
 
@@ -63,7 +63,7 @@ Shard shard_of(const std::string& text) {
     const auto second = std::from_chars(first.ptr + 1, end, shard.count);
     if (second.ec == std::errc() && second.ptr == end && shard.index >= 0 && shard.index < shard.count) return shard;
   }
-  throw Error("--shard " + text + ": must look like 2/8, from 0/8 to 7/8");
+  throw Error("--shard " + text + ": must have the form 2/8, from 0/8 to 7/8");
 }
 
 ShardFile::ShardFile(fs::path folder, const Study& study, Shard shard)
@@ -74,7 +74,7 @@ ShardFile::ShardFile(fs::path folder, const Study& study, Shard shard)
   char host[256] = "";
   gethostname(host, sizeof host - 1);
   partial_ = folder_ / "shards" / (name_of(shard) + "." + host + "." + std::to_string(getpid()) + ".partial");
-  // Another machine's process may have had this name: appended to, never begun again.
+  // Open for appending: a process on another machine may have had the same name.
   file_ = open(partial_.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0644);
   if (file_ < 0) throw Error(partial_.string() + ": cannot be written");
   const std::string before = read_bytes(partial_);
@@ -99,7 +99,7 @@ std::vector<int> ShardFile::missing() const {
 
 void ShardFile::add(int trial, const std::string& line) {
   const std::string bytes = line + "\n";
-  // In one piece: whoever is killed in it leaves a line without an end.
+  // A single write: a process killed during it leaves an incomplete line.
   if (write(file_, bytes.data(), bytes.size()) != static_cast<ssize_t>(bytes.size()))
     throw Error(partial_.string() + ": cannot be written; is the disk full?");
   lines_.emplace(trial, line);
@@ -123,7 +123,7 @@ void ShardFile::finish() {
 
 std::map<int, std::string> merged_lines(const fs::path& folder, const Study& study) {
   const std::vector<fs::path> files = files_in(folder, "");
-  if (files.empty()) throw Error(folder.string() + ": holds no shards; run fringeslam study run first");
+  if (files.empty()) throw Error(folder.string() + ": contains no shards; run fringeslam study run first");
   std::map<int, std::string> lines;
   for (const fs::path& file : files) read_lines(file, study, lines);
   return lines;

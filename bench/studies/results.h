@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// The lines of trials' results, on disk.
+// The result lines of trials, on disk.
 //
-// A shard I of N has the trials whose numbers leave the rest I when divided by N. While it runs, each result is
-// appended to shards/I-of-N.HOST.PID.partial as it comes; when all are there they are written in order to
-// shards/I-of-N.jsonl. Whatever is killed when, what was appended is found again; and as a trial's line is a function
-// of the study and its number, two processes that do the same shard at the same time do no harm.
+// Shard I of N contains the trials whose number modulo N is I. While it runs, each result is appended to
+// shards/I-of-N.HOST.PID.partial; when all are complete they are written in order to shards/I-of-N.jsonl. After a kill
+// at any time, the appended results are read back; and since a trial's line is a function of the study and the trial's
+// number, two processes working on the same shard do no harm.
 #pragma once
 
 #include <filesystem>
@@ -18,12 +18,12 @@ namespace fringeslam::studies {
 struct Shard {
   int index = 0, count = 1;
 };
-// "2/8". Throws Error.
+// Parses a shard such as "2/8". Throws Error.
 Shard shard_of(const std::string& text);
 
 class ShardFile {
  public:
-  // Reads what earlier attempts left. Throws Error when that is of another study.
+  // Reads the results of earlier attempts. Throws Error if they are of another study.
   ShardFile(std::filesystem::path folder, const Study& study, Shard shard);
   ~ShardFile();
   ShardFile(const ShardFile&) = delete;
@@ -31,9 +31,9 @@ class ShardFile {
 
   const std::map<int, std::string>& lines() const { return lines_; }  // by trial
   std::vector<int> missing() const;
-  // Throws Error when it cannot be written; then nothing of it counts.
+  // Appends a line. Throws Error if it cannot be written; a partly written line does not count.
   void add(int trial, const std::string& line);
-  // All trials are there: the shard's file, instead of what was appended.
+  // Called when all trials are complete: replaces the partial files by the shard's file.
   void finish();
 
  private:
@@ -44,8 +44,8 @@ class ShardFile {
   int file_ = -1;
 };
 
-// Of all shards in `folder`, whatever their count, finished or not. Throws Error when two lines of one trial differ, or
-// when one is of another study.
+// Reads all shards in `folder`, whatever their number, finished or not. Throws Error if two lines of a trial differ, or
+// if one is of another study.
 std::map<int, std::string> merged_lines(const std::filesystem::path& folder, const Study& study);
 
 }  // namespace fringeslam::studies

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Trials' lines as values.
+// Result lines of trials as values.
 #pragma once
 
 #include <limits>
@@ -15,13 +15,13 @@ struct Row {
   int trial = 0;
   bool success = false;
   std::string outcome, cause, message;
-  double translation_mm = std::numeric_limits<double>::quiet_NaN();  // NaN: there was no motion to measure
+  double translation_mm = std::numeric_limits<double>::quiet_NaN();  // NaN: no motion to measure
   double rotation_deg = std::numeric_limits<double>::quiet_NaN();
-  std::vector<std::string> values;  // of each parameter
-  std::vector<double> numbers;      // the same; NaN for those that are none
+  std::vector<std::string> values;  // by parameter
+  std::vector<double> numbers;      // the same as numbers; NaN for those that are not
 };
 
-// By trial. `lines`: merged results.
+// Parses merged result lines, in order of the trials' numbers.
 std::vector<Row> rows_of(const Study& study, const std::map<int, std::string>& lines);
 
 }  // namespace fringeslam::studies

@@ -28,7 +28,7 @@ double variance_of(const std::vector<double>& values) {
   return sum / static_cast<double>(values.size());
 }
 
-// The middle 95 % of what `estimate` gives for rows drawn with replacement.
+// Returns the central 95 % of `estimate` over rows drawn with replacement.
 Interval bootstrap(size_t rows, uint64_t seed, const std::function<double(const std::vector<size_t>&)>& estimate) {
   std::vector<double> values;
   for (uint32_t r = 0; r < kResamplings; ++r) {

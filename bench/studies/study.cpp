@@ -34,7 +34,7 @@ Parameter read_parameter(const std::string& name, const YamlMap& map) {
   std::string law;
   for (const auto& [word, which] : kLaws) {
     if (!map.has(word)) continue;
-    if (!law.empty()) throw map.error(word, "'" + law + "' and '" + word + "': give one of the two");
+    if (!law.empty()) throw map.error(word, "'" + law + "' and '" + word + "': use only one of the two");
     law = word;
     parameter.law = which;
   }
@@ -47,8 +47,8 @@ Parameter read_parameter(const std::string& name, const YamlMap& map) {
   const std::vector<double> numbers = map.numbers(law, 2, {-1e12, 1e12});
   parameter.a = numbers[0], parameter.b = numbers[1];
   if (parameter.law == Law::normal ? parameter.b < 0 : parameter.b < parameter.a)
-    throw map.error(law, parameter.law == Law::normal ? "a sigma is not negative" : "the smaller number comes first");
-  if (parameter.law == Law::log_uniform && parameter.a <= 0) throw map.error(law, "its numbers must be above 0");
+    throw map.error(law, parameter.law == Law::normal ? "sigma must not be negative" : "put the smaller number first");
+  if (parameter.law == Law::log_uniform && parameter.a <= 0) throw map.error(law, "the bounds must be above 0");
   return parameter;
 }
 
@@ -66,7 +66,7 @@ fs::path scene_file(const YamlMap& map) {
   return fs::weakly_canonical(file);
 }
 
-// A value as one line of YAML.
+// Returns a value as one line of YAML.
 std::string value_of(const YamlMap& map, const std::string& key) {
   std::string list;
   const std::vector<std::string> texts = map.texts(key);
@@ -74,7 +74,7 @@ std::string value_of(const YamlMap& map, const std::string& key) {
   return texts.size() == 1 ? list : "[" + list + "]";
 }
 
-// The draws of a trial, one parameter of which may come from another trial's.
+// The draws of a trial, in which one parameter may come from another trial.
 class Draw {
  public:
   Draw(uint64_t seed, uint32_t row, uint32_t column) : seed_(seed), row_(row), column_(column) {}
@@ -124,13 +124,13 @@ Study read_study(const fs::path& file) {
     study.parameters.push_back(read_parameter(name, parameters.map(name)));
     study.parameters.back().where = parameters.error(name, "").what();
   }
-  if (study.parameters.empty()) throw map.error("parameters", "a study varies something; add a parameter");
+  if (study.parameters.empty()) throw map.error("parameters", "a study needs at least one parameter");
   if (map.has("fixed")) {
     const YamlMap fixed = map.map("fixed");
     for (const std::string& name : fixed.keys()) {
       const bool twice = std::any_of(study.parameters.begin(), study.parameters.end(),
                                      [&](const Parameter& p) { return p.name == name; });
-      if (twice) throw fixed.error(name, "'" + name + "' is a parameter, too");
+      if (twice) throw fixed.error(name, "'" + name + "' is also a parameter");
       study.fixed.push_back({name, value_of(fixed, name), is_setting(name), fixed.error(name, "").what()});
     }
   }
@@ -148,7 +148,7 @@ void check_study(const Study& study) {
     (void)settings_of(study, first);
     (void)scene_of(study, first);
   } catch (const Error& e) {
-    // The line that names what the message quotes.
+    // Locate the line of the entry named in the message.
     const std::string message = e.what();
     const auto blame = [&](const std::string& name, const std::string& where) {
       const std::string key = name.substr(name.rfind('.') + 1);
@@ -184,7 +184,7 @@ Trial trial_of(const Study& study, int index) {
   int cell = row;
   for (size_t p = 0; p < study.parameters.size(); ++p) {
     const Parameter& parameter = study.parameters[p];
-    // 0: A, 1: B, from 2 on A with the parameter of that number from B.
+    // 0: A, 1: B, from 2 on: A with the parameter of that number from B.
     const bool from_b = place == 1 || place == static_cast<int>(p) + 2;
     if (parameter.law == Law::grid && study.design == Design::random) {
       const auto n = static_cast<int>(parameter.values.size());

@@ -47,7 +47,7 @@ std::vector<Class> classes_of(const Parameter& parameter, size_t p, const std::v
     }
     return classes;
   }
-  // Equally many trials each: no class is too small to say something.
+  // Classes of equal size, so that none is too small for statistics.
   std::vector<const Row*> order;
   for (const Row& row : rows) order.push_back(&row);
   std::sort(order.begin(), order.end(), [&](const Row* a, const Row* b) { return a->numbers[p] < b->numbers[p]; });
@@ -62,7 +62,7 @@ std::vector<Class> classes_of(const Parameter& parameter, size_t p, const std::v
   return classes;
 }
 
-// Sensitivities of an output; rows without one are left out.
+// Sensitivities of an output; rows without a value are left out.
 template <class Output>
 SobolIndex sensitivity(const Study& study, size_t p, const std::vector<Row>& rows, const Output& output) {
   if (study.design == Design::saltelli) {
@@ -71,7 +71,7 @@ SobolIndex sensitivity(const Study& study, size_t p, const std::vector<Row>& row
     for (size_t begin = 0; begin + length <= rows.size(); begin += length) {
       if (rows[begin].trial % static_cast<int>(length) != 0 ||
           rows[begin + length - 1].trial != rows[begin].trial + static_cast<int>(length) - 1)
-        continue;  // a trial of it is missing
+        continue;  // one of its trials is missing
       const double of_a = output(rows[begin]), of_b = output(rows[begin + 1]), of_ab = output(rows[begin + 2 + p]);
       if (!std::isfinite(of_a + of_b + of_ab)) continue;
       a.push_back(of_a), b.push_back(of_b), a_with_b.push_back(of_ab);
@@ -90,7 +90,7 @@ SobolIndex sensitivity(const Study& study, size_t p, const std::vector<Row>& row
   return first_order(in, out);
 }
 
-// The box of the envelope, over the parameters that are numbers.
+// The box of the envelope, over the numeric parameters.
 struct Box {
   std::vector<double> low, high;
   bool holds(const Row& row) const {
@@ -148,7 +148,7 @@ void find_envelope(const std::vector<Row>& rows, Summary& summary) {
     summary.parameters[p].safe_low = box.low[p], summary.parameters[p].safe_high = box.high[p];
 }
 
-// Failures, the worst first.
+// Failures, worst first.
 std::vector<const Row*> failures_of(const std::vector<Row>& rows) {
   static const std::vector<std::string> severity = {"crashed", "timed_out",  "confidently_wrong",
                                                     "refused", "inaccurate", "lost"};
@@ -275,7 +275,7 @@ Json to_json(const Summary& summary) {
 
 namespace {
 
-// For reading; summary.json has all digits.
+// Rounded for display; summary.json has all digits.
 std::string rounded(double value) {
   char text[32];
   std::snprintf(text, sizeof text, "%.4g", value);
@@ -296,7 +296,7 @@ std::string to_text(const Summary& summary) {
     std::snprintf(part, sizeof part, "  %g %%: %.4g", percentile, error);
     text += part;
   }
-  text += "\n\nshare of the variance of success that a parameter explains by itself (and with others)\n";
+  text += "\n\nshare of the variance of success explained by a parameter alone (and including interactions)\n";
   for (const ParameterSummary& parameter : summary.parameters) {
     text += "  " + parameter.name + ": " + percent(parameter.of_success.first) + " " +
             percent(parameter.of_success.first_95);
@@ -309,13 +309,13 @@ std::string to_text(const Summary& summary) {
               percent(c.rate_95) + " of " + std::to_string(c.trials) + "\n";
     }
   }
-  if (!summary.envelope) return text + "\nno envelope in which 99 % succeed was found\n";
+  if (!summary.envelope) return text + "\nno envelope with 99 % success was found\n";
   text +=
       "\nenvelope: " +
       percent(summary.envelope_trials > 0 ? static_cast<double>(summary.envelope_successes) / summary.envelope_trials
                                           : 0) +
       " " + percent(summary.envelope_95) + " of " + std::to_string(summary.envelope_trials) +
-      " other trials succeed where\n";
+      " other trials succeed within\n";
   for (const ParameterSummary& parameter : summary.parameters) {
     if (std::isfinite(parameter.safe_low)) text += "  " + parameter.name + " >= " + rounded(parameter.safe_low) + "\n";
     if (std::isfinite(parameter.safe_high))

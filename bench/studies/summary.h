@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a study tells.
+// Summary of a study's results.
 #pragma once
 
 #include <map>
@@ -12,13 +12,13 @@
 
 namespace fringeslam::studies {
 
-// Trials that are alike in one parameter.
+// A class of trials with similar values of one parameter.
 struct Class {
-  std::string label;         // of a choice or a grid
-  double low = 0, high = 0;  // of numbers
+  std::string label;         // for a choice or a grid
+  double low = 0, high = 0;  // for numbers
   int trials = 0, successes = 0;
   Interval rate_95;
-  double median_mm = 0, p90_mm = 0;  // translation error of those that have one
+  double median_mm = 0, p90_mm = 0;  // translation error of the trials that have one
 };
 
 struct ParameterSummary {
@@ -41,15 +41,15 @@ struct Summary {
   std::map<std::string, int> outcomes, causes;
   std::vector<std::pair<double, double>> error_percentiles_mm;  // percentile, translation error
   std::vector<ParameterSummary> parameters;
-  // A box of parameters in which at least 99 % succeed, found by peeling off the twentieth part that fails most, again
-  // and again (Friedman and Fisher 1999). Half of the trials find it, and the other half say how many succeed in it.
+  // A box of parameters in which at least 99 % of the trials succeed, found by repeatedly peeling off the 5 % with the
+  // most failures (Friedman and Fisher 1999). One half of the trials determines it, the other half its success rate.
   bool envelope = false;
   int envelope_trials = 0, envelope_successes = 0;
   Interval envelope_95;
-  std::vector<WorstTrial> worst, worst_of_causes;  // the second: one of each cause
+  std::vector<WorstTrial> worst, worst_of_causes;  // the second: one per cause
 };
 
-// `lines`: merged results by trial; `worst`: how many of the worst trials it names.
+// Summarizes merged result lines by trial; `worst`: number of worst trials to list.
 Summary summarise(const Study& study, const std::map<int, std::string>& lines, int worst = 10);
 
 nlohmann::ordered_json to_json(const Summary& summary);

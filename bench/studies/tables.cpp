@@ -19,7 +19,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-// A flat table: what is missing in a row is empty.
+// A flat table: missing values are empty.
 struct Table {
   std::vector<std::string> columns;
   std::vector<std::vector<Json>> rows;
@@ -49,7 +49,7 @@ Table table_of(const Study& study, const std::map<int, std::string>& lines) {
                          : line.contains("metrics") ? line["metrics"]
                                                     : line;
       Json value = from.contains(column) ? from[column] : Json();
-      // Values are YAML: numbers where they are some.
+      // Values are YAML: stored as numbers where they are numeric.
       if (parameter) {
         const Json number = Json::parse(value.get<std::string>(), nullptr, false);
         if (number.is_number()) value = number;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Merged results for other programs.
+// Merged results in formats for other programs.
 #pragma once
 
 #include <filesystem>
@@ -10,8 +10,8 @@
 
 namespace fringeslam::studies {
 
-// results.jsonl, results.csv and results.sqlite (table `trials`, a column for each parameter and metric), each written
-// to a temporary name and renamed. The same lines give the same bytes.
+// Writes results.jsonl, results.csv and results.sqlite (table `trials`, with a column for each parameter and metric),
+// each atomically. The same lines give the same bytes.
 void write_tables(const std::filesystem::path& folder, const Study& study, const std::map<int, std::string>& lines);
 
 }  // namespace fringeslam::studies

@@ -18,12 +18,12 @@ namespace {
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kDegPerRad = 180 / std::numbers::pi;
 
-// Thresholds by which a failure is put down to a cause, the first that holds.
+// Thresholds that attribute a failure to a cause; the first that applies counts.
 constexpr double kMostSaturated = 0.1, kLeastModulation = 6, kLeastValid = 0.2, kMostWrongOrders = 0.01,
                  kLeastOverlap = 0.2;
 constexpr int kLeastMatches = 8;
 
-// What was seen, worst view first.
+// Measurements of a trial, in the worst view.
 struct Seen {
   double valid = 1, wrong_order = 0, saturated = 0, modulation = kNaN, depth_m = 0;
   int views = 0, tracked = 0, matches = std::numeric_limits<int>::max();
@@ -40,7 +40,7 @@ double saturated_share(const FringeStack& stack, double full_dn) {
   return static_cast<double>(cv::countNonZero(any)) / static_cast<double>(any.total());
 }
 
-// Share of the current view's lit surface that the previous view sees too, from the truth alone.
+// Fraction of the current view's lit surface also seen by the previous view, from ground truth only.
 double true_overlap(const TruthFrame& previous, const TruthFrame& current, const RigModel& rig) {
   const Pose previous_from_current = (previous.world_from_robot * rig.robot_from_camera).inverse() *
                                      (current.world_from_robot * rig.robot_from_camera);
@@ -73,7 +73,7 @@ double finest_period_px(const PatternSequence& sequence) {
   return finest;
 }
 
-// e^T C^-1 e of a motion's error in the tangent of retract().
+// Returns e^T C^-1 e for a motion's error e in the tangent space of retract().
 double squared_sigmas(const Pose& estimate, const Pose& truth, const Matrix6d& covariance) {
   const Vector6d error = difference(estimate, truth);
   return error.dot(covariance.ldlt().solve(error));
@@ -89,7 +89,7 @@ std::string cause_of(const Seen& seen) {
   return "inaccurate_registration";
 }
 
-// Views as the pipeline processed them, beside their truth.
+// Compares the pipeline's views with their ground truth.
 class Record {
  public:
   Record(const Study& study, const sim::Scene& scene) : study_(study), scene_(scene) {}
@@ -170,7 +170,7 @@ class Record {
     seen_.modulation = std::isnan(seen_.modulation) ? median : std::min(seen_.modulation, median);
   }
 
-  // Of the motion that was measured, against the covariance that was told.
+  // Compares the estimated motion's error with its reported covariance.
   void note_motion(const FrameResult& result, const TruthFrame& truth, int reference) {
     const auto earlier =
         std::find_if(truths_.begin(), truths_.end(), [&](const TruthFrame& frame) { return frame.index == reference; });
@@ -191,7 +191,7 @@ class Record {
     const Matrix6d information = pose_information(previous, last_sigma_m_, truth, result.frame.sigma_m, told.camera,
                                                   pixel_rays(told.camera), true_motion);
     const double over = error_over_bound(result.previous_from_current, true_motion, information);
-    if (std::isfinite(over)) seen_.over_bound = std::fmax(seen_.over_bound, over);  // of NaN and a number: the number
+    if (std::isfinite(over)) seen_.over_bound = std::fmax(seen_.over_bound, over);  // fmax ignores NaN
   }
 
   void note_pair(const Trajectory& estimate, size_t e, size_t t) {

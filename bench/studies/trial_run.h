@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One trial: a world, a sensor, the pipeline, and what came of it.
+// One trial: a scene, a sensor, the pipeline, and the outcome.
 #pragma once
 
 #include <functional>
@@ -13,12 +13,12 @@
 
 namespace fringeslam::studies {
 
-// How a trial ended. All but the first are failures, and `cause` names why, by what was measured against the truth.
+// How a trial ended. All but the first are failures; `cause` states the reason, from measurements against ground truth.
 enum class Outcome {
   success,
-  inaccurate,         // beyond the study's rule
-  confidently_wrong,  // a motion that is more than 1 mm and 10 of its own sigmas off
-  lost,               // some view has no pose
+  inaccurate,         // beyond the study's limits
+  confidently_wrong,  // a motion error of more than 1 mm and 10 of its own sigmas
+  lost,               // at least one view has no pose
   refused,            // the scene or the pipeline threw an error
   crashed,            // the process died
   timed_out
@@ -32,12 +32,12 @@ struct TrialResult {
   std::vector<std::pair<std::string, double>> metrics;  // NaN: could not be measured
 };
 
-// Sees each view as the pipeline processed it, and its truth.
+// Called for each view with the pipeline's result and the ground truth.
 using ViewWatcher = std::function<void(const FrameResult&, const TruthFrame&)>;
 
 TrialResult run_trial(const Study& study, const Trial& trial, const ViewWatcher& watch = {});
 
-// One line of JSON without its end: the study's hash, the trial's number, seed and values, and the result.
+// Returns one line of JSON without newline: the study's hash, the trial's number, seed and values, and the result.
 std::string to_line(const Study& study, const Trial& trial, const TrialResult& result);
 
 }  // namespace fringeslam::studies

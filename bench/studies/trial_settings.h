@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a trial runs: the options of pipeline and rendering, and the scene.
+// Settings of a trial: the options of pipeline and rendering, and the scene.
 #pragma once
 
 #include <string>
@@ -14,7 +14,7 @@ struct TrialSettings {
   PipelineOptions pipeline;
   sim::RenderOptions render;
 
-  // visit(name, options) for each group of options.
+  // Calls visit(name, options) for each group of options.
   template <class Visit>
   void for_each_group(Visit&& visit) {
     pipeline.for_each_stage(visit);
@@ -22,10 +22,10 @@ struct TrialSettings {
   }
 };
 
-// Whether a name, such as decode.min_modulation_dn, is of a group of options; else it is a scene's.
+// True if a name such as decode.min_modulation_dn belongs to a group of options; otherwise it is a scene's key.
 bool is_setting(const std::string& name);
 
-// Throw Error.
+// These throw Error for invalid values.
 TrialSettings settings_of(const Study& study, const Trial& trial);
 sim::Scene scene_of(const Study& study, const Trial& trial);
 

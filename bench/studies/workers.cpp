@@ -35,11 +35,11 @@ class Worker {
     words.push_back(nullptr);
     const pid_t parent = getpid();
     pid_ = fork();
-    if (pid_ < 0) throw Error("study: a worker cannot be started");
+    if (pid_ < 0) throw Error("study: cannot start a worker");
     if (pid_ == 0) {
-      prctl(PR_SET_PDEATHSIG, SIGKILL);  // nobody would read what it says
+      prctl(PR_SET_PDEATHSIG, SIGKILL);  // without the parent nobody would read its answers
       if (getppid() != parent) _exit(1);
-      setpgid(0, 0);  // Ctrl-C is the parent's
+      setpgid(0, 0);  // Ctrl-C is handled by the parent
       dup2(to[0], 0);
       dup2(from[1], 1);
       execvp(words[0], words.data());
@@ -68,12 +68,12 @@ class Worker {
 
   void give(int trial) {
     const std::string line = std::to_string(trial) + "\n";
-    (void)!write(to_, line.data(), line.size());  // that it is gone is seen when its answer is read
+    (void)!write(to_, line.data(), line.size());  // a dead worker is noticed when its answer is read
     trial_ = trial;
     since_ = Clock::now();
   }
 
-  // What has come, if it is a whole line. False when nothing will come any more.
+  // Reads available bytes; `line` is set if they complete a line. Returns false at the end of the output.
   bool read_some(std::optional<std::string>& line) {
     char bytes[4096];
     const ssize_t count = read(from_, bytes, sizeof bytes);
@@ -89,7 +89,7 @@ class Worker {
 
   void stop() { kill(pid_, SIGKILL); }
 
-  // Ends it: how, in words.
+  // Waits for the process and returns how it ended, as text.
   std::string reap() {
     int status = 0;
     rusage usage{};
@@ -169,7 +169,7 @@ WorkersReport run_trials(const Study& study, const std::vector<int>& trials, con
       }
     }
   }
-  if (told < trials.size()) return report;  // what is still at work is killed
+  if (told < trials.size()) return report;  // workers still busy are killed
   for (auto& worker : workers) {
     if (!worker) continue;
     worker->finish();

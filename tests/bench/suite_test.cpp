@@ -42,7 +42,7 @@ TEST(Suite, ABaselineIsWhatWasWritten) {
   EXPECT_EQ(rows[0].id, "a.row");
   EXPECT_EQ(rows[0].interval_high, 2);
   test::write_bytes(temp / "other.json", "{\"a\": 1}");
-  EXPECT_THAT(error_of([&] { read_baseline(temp / "other.json"); }), HasSubstr("other.json:1: holds no rows"));
+  EXPECT_THAT(error_of([&] { read_baseline(temp / "other.json"); }), HasSubstr("other.json:1: contains no rows"));
   EXPECT_THAT(error_of([&] { read_baseline(temp / "none.json"); }), HasSubstr("does not exist"));
 }
 
@@ -50,7 +50,7 @@ TEST(Suite, IsReadByName) {
   const std::filesystem::path suites = FRINGESLAM_SOURCE_DIR "/bench/accuracy/suites";
   EXPECT_TRUE(read_suite(suites, "ci").quick);
   EXPECT_FALSE(read_suite(suites, "full").rows.empty());
-  EXPECT_THAT(error_of([&] { read_suite(suites, "nightly"); }), HasSubstr("no suite 'nightly'; there are ci, full"));
+  EXPECT_THAT(error_of([&] { read_suite(suites, "nightly"); }), HasSubstr("no suite 'nightly'; available: ci, full"));
   const test::TempFolder temp;
   test::write_bytes(temp / "odd.yaml", "quick: true\nrow: [a]\nrows: [b]\n");
   EXPECT_THAT(error_of([&] { read_suite(temp.path(), "odd"); }), HasSubstr("odd.yaml:2: unknown key 'row'"));

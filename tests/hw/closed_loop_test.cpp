@@ -430,7 +430,7 @@ TEST_F(ClosedLoop, ATakenPortIsSaidBeforeAnythingIsCaptured) {
   Child capture = program({"capture", "--rig", at("rig.yaml"), "--out", at("nothing"), "--live", std::to_string(port)});
   EXPECT_EQ(capture.wait(), 2);
   EXPECT_THAT(log_of("program"),
-              testing::MatchesRegex("fringeslam: live: port [0-9]+ is taken or not allowed; [^\n]*\n"));
+              testing::MatchesRegex("fringeslam: live: port [0-9]+ is in use or not permitted; [^\n]*\n"));
   EXPECT_FALSE(fs::exists(at("nothing")));
 }
 

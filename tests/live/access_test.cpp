@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Who is let in to the live page.
+// Access control of the live page.
 #include "tools/live/access.h"
 
 #include <gmock/gmock.h>
@@ -26,7 +26,7 @@ TEST(LiveAccess, ThisComputerIsKnownByItsAddresses) {
     EXPECT_FALSE(tools::is_loopback(host)) << host;
 }
 
-// DNS rebinding: a foreign name that was made to lead here.
+// DNS rebinding: a foreign name that resolves to this computer.
 TEST(LiveAccess, OnThisComputerOnlyItsOwnNamesAreAnswered) {
   const LiveAccess access{"127.0.0.1", 8080, ""};
   for (const char* host : {"127.0.0.1:8080", "127.0.0.1", "localhost:9000", "[::1]:8080"})
@@ -47,7 +47,7 @@ TEST(LiveAccess, BeyondItTheTokenCounts) {
   const LiveAccess access{"0.0.0.0", 8080, kToken};
   const std::string right = std::string("Bearer ") + kToken;
   EXPECT_EQ(admission(access, {"robot:8080", "", right}, true), 200);
-  EXPECT_EQ(admission(access, {"robot:8080", "", ""}, false), 200);  // the page itself, which asks for it
+  EXPECT_EQ(admission(access, {"robot:8080", "", ""}, false), 200);  // the page itself asks for the token
   for (const std::string& wrong :
        std::vector<std::string>{"", "Bearer ", kToken, right + "x", right.substr(0, right.size() - 1), "bearer",
                                 "Bearer correct-horse-batterz"})

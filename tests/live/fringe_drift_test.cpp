@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whether a robot moves too fast for its fringes.
+// Does the robot move too fast for its fringes?
 #include "tools/live/fringe_drift.h"
 
 #include <gmock/gmock.h>
@@ -22,7 +22,7 @@ class DriftOnAPlane : public testing::Test {
  protected:
   DriftOnAPlane() { rig_.timing.camera_rate_hz = kRateHz; }
 
-  // By projecting what the middle pixel sees a moment apart: the plane is z = 1 m before the motion.
+  // Reference: projects what the centre pixel sees at two nearby times; the plane is z = 1 m before the motion.
   double true_drift(const CameraTwist& twist) const {
     const double step_s = 1 / kRateHz;
     const Pose motion{rotation_exp(step_s * twist.angular_rad_s), step_s * twist.velocity_m_s};
@@ -55,7 +55,7 @@ TEST_F(DriftOnAPlane, IsThatOfTheProjectedPoints) {
        {CameraTwist{{0, 0, 0}, {0, 0, 0.02}}, CameraTwist{{0, 0, 0}, {0, 0, -0.05}},
         CameraTwist{{0.01, 0.02, 0}, {0.03, 0, 0.01}}, CameraTwist{{0, 0.05, 0.1}, {0, 0, 0}}})
     EXPECT_NEAR(drift(twist), true_drift(twist), 0.02 * true_drift(twist) + 1e-5);
-  // Along the surface and about its normal nothing drifts.
+  // Motion along the surface and rotation about its normal cause no drift.
   EXPECT_NEAR(drift({{0, 0, 0.3}, {0.2, 0.1, 0}}), 0, 1e-6);
   EXPECT_EQ(drift({}), 0);
 }

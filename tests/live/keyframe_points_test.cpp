@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A keyframe's points as the live page gets them, read as its script reads them.
+// Encoded keyframe points, parsed as the live page's script parses them.
 #include "tools/live/keyframe_points.h"
 
 #include <gmock/gmock.h>
@@ -67,7 +67,7 @@ TEST_F(PointsOfAPlane, LieOnIt) {
     EXPECT_EQ(all.grey[i], 77);
     EXPECT_NEAR(all.sigma[i] * all.sigma_step_m, 1e-4, 2e-6);
   }
-  // The first pixel is the image's corner.
+  // The first grid pixel is the image's corner.
   const Eigen::Vector2d corner = rig_.camera.undistort({0, 0});
   EXPECT_NEAR((all.position_m(0).head<2>() - 0.9 * corner).norm(), 0, 2 * all.step_m);
 }

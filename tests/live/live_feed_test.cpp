@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What viewers are told: all of it, or what is new, and never more than can be kept.
+// The data sent to viewers: the whole state or the changes, with bounded memory.
 #include "tools/live/live_feed.h"
 
 #include <gmock/gmock.h>
@@ -19,7 +19,7 @@ using testing::HasSubstr;
 using testing::IsEmpty;
 using tools::LiveFeed;
 
-// Keeps what it is told, as the page's script does.
+// Accumulates answers as the page's script does.
 class Viewer {
  public:
   explicit Viewer(const LiveFeed& feed) : feed_(feed) {}
@@ -85,7 +85,7 @@ TEST(LiveFeed, OnlyWhatIsNewIsTold) {
     viewer.ask();
   }
   EXPECT_EQ(viewer.received(), 60u + 20u);
-  // A correction tells all poses once more.
+  // A correction sends all poses again.
   run.correct(feed, 0.01);
   viewer.ask();
   EXPECT_EQ(viewer.received(), 80u + 61u + 20u);
@@ -163,13 +163,12 @@ TEST(LiveFeed, AnotherRunIsToldFromItsStart) {
   EXPECT_EQ(answer["views"]["list"].size(), 1u);
 }
 
-// Of any number of views a few are kept, of which viewers may still want pictures; their stacks go once they were
-// decoded.
+// Only a few views are kept, for viewers that may still request their pictures; stacks are released once decoded.
 TEST(LiveFeed, NoMoreViewsAreKeptThanViewersMayAskFor) {
   LiveFeed feed(test::run_setup());
   MadeRun run;
   for (int i = 0; i < 100; ++i) run.track(feed);
-  EXPECT_EQ(feed.views_kept(), 1u);  // nobody was told of any
+  EXPECT_EQ(feed.views_kept(), 1u);  // not yet reported to any viewer
   Viewer viewer(feed);
   for (int i = 0; i < 100; ++i) {
     run.track(feed);
@@ -203,14 +202,14 @@ TEST(LiveFeed, WaitingEndsWithTheChange) {
   });
   EXPECT_FALSE(told);
   MadeRun().track(feed);
-  viewer.join();  // an hour from now, were it not told
+  viewer.join();  // would wait for an hour if it were not notified
   EXPECT_TRUE(told);
-  // Nobody waits for a change of another run, or in vain.
+  // Returns immediately for another run, and as soon as `give_up` is true.
   feed.await_change("another", 99, std::chrono::hours(1), [] { return false; });
   feed.await_change(start["run"], 99, std::chrono::hours(1), [] { return true; });
 }
 
-// With `moving` the velocity tells whether the fringes drift: here 0.1 m/s towards the surface.
+// With `moving`, the velocity determines whether the fringes drift: here 0.1 m/s towards the surface.
 TEST(LiveFeed, AFastRobotIsWarned) {
   tools::LiveSetup setup = test::run_setup();
   setup.moving = true;
@@ -230,7 +229,7 @@ TEST(LiveFeed, AFastRobotIsWarned) {
         test::ramp_stack(60, index), result, map, [] { return Trajectory(); }, 0);
     return json::parse(feed.snapshot())["newest"]["warnings"].dump();
   };
-  EXPECT_EQ(warned(0, 0.1), "[]");  // from nowhere to here is no velocity
+  EXPECT_EQ(warned(0, 0.1), "[]");  // the first view has no velocity
   EXPECT_THAT(warned(1, 0.1), HasSubstr("Moving too fast"));
   EXPECT_EQ(warned(2, 0.001), "[]");
 }

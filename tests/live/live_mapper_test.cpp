@@ -52,7 +52,7 @@ TEST_F(Mapped, TheOldestAreDroppedWhereMappingIsBehind) {
   constexpr int kStacks = 20;
   std::vector<FringeStack> stacks;
   for (int i = 0; i < kStacks; ++i) stacks.push_back(captured());
-  for (const FringeStack& stack : stacks) mapper_.offer(stack);  // in no time
+  for (const FringeStack& stack : stacks) mapper_.offer(stack);  // without pauses
   mapper_.finish();
   const auto seen = views();
   EXPECT_GT(mapper_.dropped(), 0);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The live page over HTTP, as a browser asks for it, and as those do who are up to no good.
+// The live page over HTTP: as requested by browsers, and by malicious clients.
 #include "tools/live/live_page.h"
 
 #include <arpa/inet.h>
@@ -41,11 +41,11 @@ tools::LiveSetup capture_setup() {
 
 int port_of(const LivePage& page) { return page.access().port; }
 
-// A connection that sends some bytes and reads nothing.
+// A connection that sends some bytes and does not read until asked.
 class SilentViewer {
  public:
   SilentViewer(int port, const std::string& bytes) : socket_(socket(AF_INET, SOCK_STREAM, 0)) {
-    // Little room, so that an answer does not fit into it.
+    // A small receive buffer, so that an answer does not fit.
     const int room = 2048;
     setsockopt(socket_, SOL_SOCKET, SO_RCVBUF, &room, sizeof room);
     sockaddr_in address{};
@@ -59,13 +59,13 @@ class SilentViewer {
   SilentViewer(const SilentViewer&) = delete;
   SilentViewer& operator=(const SilentViewer&) = delete;
 
-  // Until an answer has begun to come.
+  // Waits until an answer has begun to arrive.
   void await_answer() const {
     char byte = 0;
     EXPECT_EQ(recv(socket_, &byte, 1, MSG_PEEK), 1);
   }
 
-  // What comes until the other side ends the connection.
+  // Reads until the other side closes the connection.
   std::string rest() const {
     std::string text;
     char bytes[1024];
@@ -122,7 +122,7 @@ TEST_F(LivePageTest, FiguresAreOfTheNewestStack) {
     EXPECT_EQ(now["full_scale_dn"], 255);
     EXPECT_EQ(all["views_per_s"] > 0, number > 1);
   }
-  // Of several that come while nobody looks the last is left.
+  // Of several views shown while nobody polls, only the last one is sent.
   for (int i = 0; i < 5; ++i) page_.feed().show(ramp_stack(70 + i));
   const json now = snapshot_of(page_)["newest"];
   EXPECT_EQ(now["number"], 8);
@@ -151,7 +151,7 @@ TEST_F(LivePageTest, PicturesAreOfTheCamerasSize) {
     EXPECT_EQ(picture(1, name).size(), cv::Size(test::tiny_rig().camera.width, test::tiny_rig().camera.height)) << name;
   EXPECT_NEAR(cv::mean(picture(1, "texture.jpg"))[0], 255 * 120 / (0.6 * 255), 2);
   EXPECT_NEAR(cv::mean(picture(1, "modulation.jpg"))[0], 255 * 90 / 127.5, 2);
-  // Another stack, another picture; the one before stays for those who are not so fast, but not for ever.
+  // The previous view's pictures stay available to slower viewers for a while.
   page_.feed().show(ramp_stack(45));
   snapshot_of(page_);
   EXPECT_NEAR(cv::mean(picture(2, "modulation.jpg"))[0], 255 * 45 / 127.5, 2);
@@ -204,7 +204,7 @@ TEST_F(LivePageTest, NothingElseIsServed) {
 
 TEST_F(LivePageTest, RequestsAreBounded) {
   EXPECT_EQ(status_of(page_, "/snapshot?" + std::string(10000, 'x')), 414);
-  // Headers without end: the connection ends before them.
+  // Endless headers: the connection is closed before they end.
   std::string headers = "GET /snapshot HTTP/1.1\r\n";
   for (int i = 0; i < 2000; ++i) headers += "X-" + std::to_string(i) + ": y\r\n";
   headers += "\r\n";
@@ -216,7 +216,7 @@ TEST_F(LivePageTest, ForeignNamesAndPagesAreRefused) {
   EXPECT_EQ(status_of(page_, "/", {{"Host", "evil.com"}}), 403);
   EXPECT_EQ(status_of(page_, "/snapshot", {{"Host", "evil.com:" + std::to_string(port_of(page_))}}), 403);
   EXPECT_EQ(status_of(page_, "/snapshot", {{"Origin", "http://evil.com"}}), 403);
-  EXPECT_EQ(status_of(page_, "/snapshot", {{"Host", "localhost:8080"}}), 200);  // through a tunnel
+  EXPECT_EQ(status_of(page_, "/snapshot", {{"Host", "localhost:8080"}}), 200);  // through an SSH tunnel
   EXPECT_THAT(SilentViewer(port_of(page_), "GET /snapshot HTTP/1.0\r\n\r\n").rest(), HasSubstr("403"));
 }
 
@@ -245,13 +245,13 @@ TEST(LivePage, BeyondThisComputerATokenIsAskedFor) {
   }
   EXPECT_EQ(status_of(page, "/snapshot", {{"Authorization", std::string("Bearer ") + kToken}}), 200);
   EXPECT_EQ(status_of(page, "/snapshot", {{"Authorization", std::string("Bearer ") + kToken}, {"Host", "robot"}}), 200);
-  // One is made up where none is given.
+  // A random token is used if none is given.
   EXPECT_EQ(LivePage(capture_setup(), {"0.0.0.0", 0, ""}).access().token.size(), 32u);
 }
 
 TEST(LivePage, NobodyBeyondThisComputerIsServed) {
   const LivePage page(capture_setup(), {});
-  // The whole of 127.0.0.0/8 is this computer; a page that listens on every address would answer here, too.
+  // All of 127.0.0.0/8 is this computer; a page listening on every address would also answer here.
   httplib::Client elsewhere("127.0.0.2", port_of(page));
   EXPECT_FALSE(elsewhere.Get("/snapshot"));
 }
@@ -275,7 +275,7 @@ TEST(LivePage, ALateViewerIsToldWhatAnEarlyOneGathered) {
   EXPECT_EQ(points->body, page.feed().points_of(1));
 }
 
-// Each waits for changes; one more is told that they are too many, and that alone.
+// Each viewer waits for changes; only the excess one gets a 503.
 TEST(LivePage, TooManyViewersAreToldSo) {
   LivePage page(capture_setup(), {});
   const std::string request = "GET " + wait_for_more(page) + " HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n";
@@ -285,16 +285,16 @@ TEST(LivePage, TooManyViewersAreToldSo) {
   while (told.find("HTTP/1.1 200") == 0 || told.empty()) told = SilentViewer(port_of(page), request).rest();
   EXPECT_THAT(told, AllOf(StartsWith("HTTP/1.1 503"), HasSubstr("Retry-After:")));
   EXPECT_EQ(status_of(page, "/snapshot"), 200);
-  // Those who left make place for others: those who wait are looked after now and then.
+  // Viewers that disconnect make room for others: waiting connections are polled.
   waiting.clear();
   page.feed().show(ramp_stack(60));
   while (told.find("HTTP/1.1 503") == 0) told = SilentViewer(port_of(page), request).rest();
   EXPECT_THAT(told, StartsWith("HTTP/1.1 200"));
 }
 
-// Who asks and never reads; many at once, as much as they like.
+// Clients that request and never read, many at a time.
 TEST(LivePage, ViewersWhoDoNotReadHoldUpNobody) {
-  // Of a camera with so many pixels that a picture is larger than what a connection takes without a reader.
+  // The camera has so many pixels that a picture exceeds the buffers of a connection without a reader.
   tools::LiveSetup setup = capture_setup();
   setup.sequence = phase_shift_sequence(1024, 768, {16}, 3, Axis::columns, 8);
   setup.rig = test::thesis_rig();
@@ -320,7 +320,7 @@ TEST(LivePage, ViewersWhoDoNotReadHoldUpNobody) {
     silent.emplace_back(port_of(*page), "GET " + path + " HTTP/1.1\r\nHost: localhost\r\n\r\n");
     silent.back().await_answer();
   }
-  // Whoever waits for one of them waits for 20 s.
+  // A thread that waits for one of them would wait for 20 s.
   using Clock = std::chrono::steady_clock;
   Clock::time_point begin = Clock::now();
   for (int i = 0; i < 1000; ++i) page->feed().show(noise);
@@ -332,7 +332,7 @@ TEST(LivePage, ViewersWhoDoNotReadHoldUpNobody) {
   EXPECT_LT(Clock::now() - begin, std::chrono::seconds(10));
 }
 
-// More of them than the page has threads: those beyond are turned away, and mapping goes on.
+// More clients than the page has threads: the excess ones are rejected, and mapping goes on.
 TEST(LivePage, ACrowdThatNeverReadsDoesNotStopAMap) {
   LivePage page(test::run_setup(), {});
   const std::string request = "GET " + wait_for_more(page) + " HTTP/1.1\r\nHost: localhost\r\n\r\n";
@@ -353,12 +353,12 @@ TEST(LivePage, ATakenPortIsOneClearError) {
               LivePage(capture_setup(), {"127.0.0.1", port, ""});
             }),
             "live: port " + std::to_string(port) +
-                " is taken or not allowed; choose another by --live PORT, or --live 0 for one that is free");
+                " is in use or not permitted; choose another with --live PORT, or any free one with --live 0");
   EXPECT_FALSE(snapshot_of(first).contains("newest"));
   EXPECT_THAT(error_of([&] {
                 LivePage(capture_setup(), {"192.0.2.1", 0, ""});
               }),
-              HasSubstr("is that an address of this computer"));
+              HasSubstr("check that this is an address of this computer"));
 }
 
 TEST(LivePage, APortIsFreeAgainAtOnce) {

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Results of a run as the pipeline hands them over, without one: small, and with what poses and corrections a test
-// wants.
+// Synthetic pipeline results without running the pipeline: small, with the poses and corrections that a test needs.
 #pragma once
 
 #include <cmath>
@@ -12,7 +11,7 @@
 
 namespace fringeslam::test {
 
-// Fringes along a ramp of coordinates: of no scene, but light.
+// Fringes along a ramp of coordinates; they match no scene but have light.
 inline FringeStack ramp_stack(double modulation_dn, int index = 0) {
   const RigModel rig = tiny_rig();
   cv::Mat1d coordinate_px(rig.camera.height, rig.camera.width);
@@ -31,7 +30,7 @@ inline tools::LiveSetup run_setup() {
   return {.verb = "run", .name = "made", .rig = tiny_rig(), .sequence = short_sequence(), .stacks = 10, .maps = true};
 }
 
-// Each view a centimetre on, each third a keyframe with a landmark.
+// Advances a centimetre per view; every third view is a keyframe with a landmark.
 class MadeRun {
  public:
   MadeRun() : rig_(tiny_rig()), map_(rig_, {}) {
@@ -56,7 +55,7 @@ class MadeRun {
     result.tracking = Tracking::lost;
     show(feed, result);
   }
-  // A view that closes a loop: all of the map turns out to lie `y_m` aside.
+  // Adds a view that closes a loop, which shifts the whole map by `y_m`.
   void correct(tools::LiveFeed& feed, double y_m) {
     FrameResult result = seen();
     std::vector<Keyframe> keyframes = map_.keyframes();

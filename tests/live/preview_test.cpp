@@ -24,7 +24,7 @@ PatternSequence sequence_of(const RigModel& rig, Axis axis = Axis::columns) {
   return phase_shift_sequence(rig.projector.width, rig.projector.height, {1040, 131, 16.5}, 3, axis, 8);
 }
 
-// Fringe images of the plane z = z_m.
+// Renders fringe images of the plane z = z_m.
 FringeStack plane_seen(const RigModel& rig, double z_m, const PatternSequence& sequence,
                        const support::FringeLight& light) {
   cv::Mat1d coordinate_px(rig.camera.height, rig.camera.width);
@@ -39,7 +39,7 @@ FringeStack plane_seen(const RigModel& rig, double z_m, const PatternSequence& s
   return support::fringe_stack(coordinate_px, sequence, light, CV_8UC1);
 }
 
-// Before a camera of 133 x 125 px.
+// The plane fills a camera of 133 x 125 px.
 class PlaneAtOneMetre : public testing::Test {
  protected:
   FringeStack seen(const PatternSequence& sequence, const support::FringeLight& light) const {
@@ -56,7 +56,7 @@ TEST_F(PlaneAtOneMetre, FiguresAreThoseOfTheLight) {
   EXPECT_GT(figures.valid, 0.95);
   EXPECT_EQ(figures.saturated, 0);
   EXPECT_NEAR(figures.mean_modulation_dn, 90, 0.5);
-  // The brightest of three samples a third of a turn apart is half a turn's cosine at least, of three periods more.
+  // The largest cosine of three samples 120 deg apart is at least cos 60 deg = 0.5; more periods only raise it.
   EXPECT_GT(figures.brightness, (120 + 90 * 0.5) / 255);
   EXPECT_LT(figures.brightness, (120 + 90.5) / 255);
   EXPECT_TRUE(figures.depth_possible);
@@ -71,7 +71,7 @@ TEST_F(PlaneAtOneMetre, FiguresAreThoseOfTheLight) {
 TEST_F(PlaneAtOneMetre, SaturatedPixelsAreRedAndCounted) {
   FringeStack stack = seen(sequence_, {.mean_dn = 120, .modulation_dn = 90});
   const cv::Rect bright(10, 20, 30, 40);
-  stack.images[4](bright).setTo(255);  // one sample is enough
+  stack.images[4](bright).setTo(255);  // one clipped sample is enough
   const Preview preview = preview_of(stack, sequence_, rig_);
   EXPECT_DOUBLE_EQ(preview.figures.saturated, 30.0 * 40 / (133 * 125));
   int red = 0;
@@ -86,7 +86,7 @@ TEST_F(PlaneAtOneMetre, SaturatedPixelsAreRedAndCounted) {
     }
   }
   EXPECT_EQ(red, 1200);
-  EXPECT_THAT(warnings(preview.figures), ElementsAre(HasSubstr("Lower exposure")));
+  EXPECT_THAT(warnings(preview.figures), ElementsAre(HasSubstr("Reduce exposure")));
 }
 
 TEST_F(PlaneAtOneMetre, PixelsWithoutDepthAreZeroAndNotCounted) {
@@ -101,7 +101,7 @@ TEST_F(PlaneAtOneMetre, PixelsWithoutDepthAreZeroAndNotCounted) {
   EXPECT_NEAR(all - preview.figures.valid, 50.0 * 60 / (133 * 125), 0.005);
 }
 
-// METHOD S5: 255 (far - z) / (far - near).
+// docs/method.md, section 4.2: 255 (far - z) / (far - near).
 TEST_F(PlaneAtOneMetre, DepthIsBrightWhereItIsNear) {
   for (const double share : {0.15, 0.5, 0.85}) {
     const double z_m = rig_.near_m + share * (rig_.far_m - rig_.near_m);
@@ -110,7 +110,7 @@ TEST_F(PlaneAtOneMetre, DepthIsBrightWhereItIsNear) {
   }
 }
 
-// The pipeline's own images, of the same stack.
+// The pipeline's own images of the same stack.
 TEST_F(PlaneAtOneMetre, AViewOfThePipelineLooksTheSame) {
   const FringeStack stack = seen(sequence_, {.mean_dn = 120, .modulation_dn = 90});
   const Preview expected = preview_of(stack, sequence_, rig_);
@@ -137,7 +137,7 @@ TEST_F(PlaneAtOneMetre, LightWithoutDepthIsSaid) {
 }
 
 TEST_F(PlaneAtOneMetre, RowsGiveDepthToo) {
-  RigModel above = rig_;  // the projector above the camera: rows tell depth
+  RigModel above = rig_;  // the projector above the camera: depth comes from rows
   above.projector_from_camera.translation = {0, 0.05, 0};
   above.projector_from_camera.rotation.setIdentity();
   const PatternSequence rows = sequence_of(above, Axis::rows);
@@ -146,7 +146,7 @@ TEST_F(PlaneAtOneMetre, RowsGiveDepthToo) {
   EXPECT_GT(preview.figures.valid, 0.8);
 }
 
-// What `capture` is also for: patterns that tell a projector's response or its focus, but no depth.
+// Patterns for measuring a projector's response or focus have no fringe orders and so no depth.
 TEST_F(PlaneAtOneMetre, PatternsWithoutOrdersStillShowTheirLight) {
   const PatternSequence fine = phase_shift_sequence(1024, 768, {16}, 4, Axis::columns, 8);
   const Preview fringes = preview_of(seen(fine, {.mean_dn = 120, .modulation_dn = 90}), fine, rig_);

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Pages in a headless browser.
+// Opens pages in a headless browser.
 import assert from 'node:assert/strict';
 import {existsSync} from 'node:fs';
 import {pathToFileURL} from 'node:url';
 import {chromium} from 'playwright-core';
 
-export const kTimeoutMs = 60000;  // machines may be slow; nothing waits for it to pass
+export const kTimeoutMs = 60000;  // generous for slow machines; tests never wait for it to pass
 const kBrowser = process.env.CHROMIUM ?? '/usr/bin/chromium';
 const kFlags = [
   '--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--disable-background-networking',
@@ -18,8 +18,8 @@ export function launch() {
   return chromium.launch({executablePath: kBrowser, args: kFlags, timeout: kTimeoutMs});
 }
 
-// A page, of a file or at an address, that is drawn, and was neither out of the house nor in trouble but for what is
-// `expected` of it.
+// Opens a page from a file or address, waits until it is drawn, and checks that it requested nothing from other origins
+// and reported no errors except `expected` ones.
 export async function open(browser, place, {expected = /^$/, ...options} = {}) {
   const context = await browser.newContext({viewport: {width: 1280, height: 900}, reducedMotion: 'reduce', ...options});
   const served = place.startsWith('http:');
@@ -44,7 +44,7 @@ export async function open(browser, place, {expected = /^$/, ...options} = {}) {
   }};
 }
 
-// What an element looks like: its pixels' colours, and a number that changes with them.
+// Describes an element's appearance: its number of colours, and a hash of its pixels.
 export async function look(page, selector) {
   const png = (await page.locator(selector).screenshot()).toString('base64');
   return page.evaluate(async (bytes) => {
@@ -62,7 +62,7 @@ export async function look(page, selector) {
   }, png);
 }
 
-// Waits until an element looks otherwise than before.
+// Waits until an element's appearance has changed.
 export async function changed(page, selector, before) {
   const end = Date.now() + kTimeoutMs;
   for (;;) {
@@ -78,7 +78,7 @@ export const darkness = (page) => page.evaluate(() => {
 });
 export const overflow = (page) => page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
 
-// What up to `most` presses of Tab reach, by id, class or tag. Each shows its focus.
+// Returns what up to `most` presses of Tab reach, by id, class or tag, and checks that each shows its focus.
 export async function reachedByTab(page, most) {
   const reached = new Set();
   for (let i = 0; i < most; ++i) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The live page as people see it, while `fringeslam run --live` maps small scenes. FRINGESLAM_PROGRAM and
-// FRINGESLAM_SOURCE_DIR say what is tested, the folder to work in is the current one.
+// The live page in a browser while `fringeslam run --live` maps small scenes. FRINGESLAM_PROGRAM and
+// FRINGESLAM_SOURCE_DIR select what is tested; files go to the current folder.
 import assert from 'node:assert/strict';
 import {spawn} from 'node:child_process';
 import {resolve} from 'node:path';
@@ -10,7 +10,7 @@ import {Runs, sceneText} from './runs.mjs';
 
 const kToken = 'correct-horse-battery';
 const kBack = [-900, 0];
-// Steps of a third of the image, so that each view or two is a keyframe.
+// Steps of a third of the image, so that every one or two views yield a keyframe.
 const kLong = [[80, 0], [80, 0], [0, 80], [-80, 0], [-80, 0], [0, -80]];
 const kLost = [[6, 4], [900, 0], kBack, [6, 4]];
 
@@ -23,7 +23,7 @@ const motion = ([x, y]) => `    - {translation_mm: [${x}, ${y}, 0], rotation_deg
 const sceneOf = (name, motions, size = 0.5) =>
   sceneText(name, 'the live page', {count: 30, size, motions: motions.map(motion).join('')});
 
-// A run that shows itself; it stays until it is stopped.
+// Starts a run with a live page; it runs until it is stopped.
 async function live(name, motions, ...words) {
   const folder = `${name}-${running.size}-${Date.now()}`;
   const child = spawn(runs.program, ['run', runs.scene(folder, sceneOf(name, motions)), '--out', runs.at(`${folder}-run`),
@@ -56,7 +56,7 @@ const says = (page, id, text) => page.waitForFunction(([name, expected]) => docu
 const shown = (page, name) => page.locator('#scene-controls').getByLabel(name, {exact: true});
 const points = (page) => page.evaluate(() => Number(document.getElementById('scene').dataset.points ?? 0));
 
-// Pixels of the map that are not of its background, which is most of it.
+// Number of pixels of the map that are not background (the most frequent colour).
 async function filled(page) {
   const png = (await page.locator('#scene').screenshot()).toString('base64');
   return page.evaluate(async (bytes) => {
@@ -81,14 +81,14 @@ after(async () => {
   await browser?.close();
 });
 
-// The program stands still while the page is looked at, so that on a slow machine nothing comes in between.
+// The program is paused while the page is inspected, so that nothing changes meanwhile on a slow machine.
 test('the map fills while views come, and who comes late sees no less', async () => {
   const run = await live('long', kLong, '--live', '0', '--live-rate', '0.1');
   const {page, close} = await open(run.url);
   await drawn(page);
   run.signal('SIGSTOP');
   for (const name of ['path', 'landmarks', 'grid']) await shown(page, name).uncheck();
-  // From now on the eye stays where it is.
+  // From now on the viewpoint stays fixed.
   await page.locator('#scene').focus();
   for (let i = 0; i < 4; ++i) await page.keyboard.press('-');
   const seen = [[await points(page), await filled(page)]];
@@ -114,11 +114,11 @@ test('what happened is told', async () => {
   const {page, close} = await open(still.url);
   await says(page, 'connection', 'Finished');
   await says(page, 'tracking', 'tracking');
-  // Its motions add up to 12 and 8 mm, and nothing is turned.
-  const [, x, y] = (await page.locator('#pose').textContent()).match(/^Robot at (\S+), (\S+), \S+ m, turned by 0\.[0-4]°$/);
+  // The motions add up to 12 and 8 mm, without rotation.
+  const [, x, y] = (await page.locator('#pose').textContent()).match(/^Robot at (\S+), (\S+), \S+ m, rotated by 0\.[0-4]°$/);
   for (const [value, expected] of [[x, 0.012], [y, 0.008]]) assert.ok(Math.abs(Number(value) - expected) < 0.002, value);
   assert.deepEqual(await page.locator('#events li').allInnerTexts(),
-    ['View 3: found again, lost since view 2', 'View 2: tracking lost']);
+    ['View 3: relocalized, lost since view 2', 'View 2: tracking lost']);
   await close();
 });
 
@@ -192,7 +192,7 @@ test('it fits a phone', async () => {
     assert.ok(box.x >= 0 && box.x + box.width <= 360, `${id} sticks out`);
   }
   const before = await look(page, '.stage');
-  await page.getByRole('button', {name: 'Through the camera'}).tap();
+  await page.getByRole('button', {name: 'Camera view'}).tap();
   await changed(page, '.stage', before);
   await close();
 });
@@ -208,13 +208,13 @@ test('a lost view is said to be; it goes on when the server is back, and with it
   assert.equal(await page.locator('#tracking.lost').count(), 1);
   await page.waitForSelector('#pictures[data-view="3"]');
   await first.stop();
-  await says(page, 'connection', 'Ended; waiting for the next');
+  await says(page, 'connection', 'Ended; waiting for the next run');
 
   const second = await live('second', kLost.slice(0, 3), '--live', first.port);
   await says(page, 'connection', 'Finished');
   await drawn(page);
   assert.match(await page.locator('#name').textContent(), /second/);
-  await says(page, 'tracking', 'found again');
+  await says(page, 'tracking', 'relocalized');
   assert.equal(await page.locator('#warnings li').count(), 0);
   assert.match(await page.locator('#figures').innerText(), /4 of 4/);
   await page.waitForSelector('#pictures[data-view="4"]');
@@ -227,8 +227,8 @@ test('beyond the computer it asks for the token that was printed', async () => {
   assert.ok(run.url.endsWith(`/#token=${kToken}`), run.url);
   const address = `http://127.0.0.1:${run.port}/`;
   const asked = await open(address, {expected: /401/});
-  await says(asked.page, 'connection', 'A token is asked for');
-  for (const [token, then] of [['a wrong one', 'A token is asked for'], [kToken, 'Finished']]) {
+  await says(asked.page, 'connection', 'Token required');
+  for (const [token, then] of [['a wrong one', 'Token required'], [kToken, 'Finished']]) {
     await asked.page.locator('#token').fill(token);
     await asked.page.keyboard.press('Enter');
     await says(asked.page, 'connection', then);
@@ -239,7 +239,7 @@ test('beyond the computer it asks for the token that was printed', async () => {
   const {page, close} = await open(`${address}#token=${kToken}`);
   await drawn(page);
   await page.waitForSelector('#pictures[data-view]');
-  assert.equal(page.url(), address);  // for others to see, without the token
+  assert.equal(page.url(), address);  // the address in the browser does not show the token
   await page.reload();
   await drawn(page);
   await close();
@@ -252,7 +252,7 @@ test('victim candidates are listed and marked with their reason', async () => {
   assert.equal(await page.locator('#candidates').isVisible(), false);
   await close();
 
-  // As the server will tell them.
+  // Candidates as the server will send them.
   const context = await browser.newContext({reducedMotion: 'reduce'});
   const told = await context.newPage();
   await told.route('**/snapshot', async (route) => {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// node picture.mjs PAGE.html|http://… OUT.png [WIDTHxHEIGHT [light|dark]]: a page as a picture, from its top on; of a live
-// page once a view and the map are there.
+// node picture.mjs PAGE.html|http://… OUT.png [WIDTHxHEIGHT [light|dark]]: renders the top of a page to a picture;
+// waits on a live page until a view and the map are shown.
 import {resolve} from 'node:path';
 import {launch, open} from './browser.mjs';
 

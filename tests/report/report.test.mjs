@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// report.html as people see it: FRINGESLAM_PROGRAM and FRINGESLAM_SOURCE_DIR say what is tested, the folder to work in
-// is the current one.
+// report.html in a browser. FRINGESLAM_PROGRAM and FRINGESLAM_SOURCE_DIR select what is tested; files go to the current
+// folder.
 import assert from 'node:assert/strict';
 import {statSync} from 'node:fs';
 import {resolve} from 'node:path';
@@ -28,7 +28,7 @@ const label = (page) => page.locator('#label').textContent();
 test('the head tells name and figures, the map is drawn, its colours can be chosen', async () => {
   const {page, close} = await open(full);
   await drawn(page);
-  // The scene's name would end its script and begin an element.
+  // Unescaped, the scene's name would end the script element and insert another one.
   assert.equal(await page.locator('#name').textContent(), kWildName);
   assert.equal(await page.title(), `${kWildName} · FringeSLAM`);
   assert.equal(await page.locator('#hurt').count(), 0);
@@ -44,7 +44,7 @@ test('the head tells name and figures, the map is drawn, its colours can be chos
     await page.getByLabel('colour', {exact: true}).selectOption(colouring);
     seen = await changed(page, '.stage', seen);
   }
-  await page.getByLabel('as', {exact: true}).selectOption('points');
+  await page.getByLabel('show as', {exact: true}).selectOption('points');
   seen = await changed(page, '.stage', seen);
   for (const name of ['frusta', 'estimated path', 'grid']) {
     await page.getByLabel(name, {exact: true}).uncheck();
@@ -75,7 +75,7 @@ test('scrubbing changes pictures, label and map; the keys do as well', async () 
   await page.keyboard.press('ArrowRight');
   await page.keyboard.press('ArrowRight');
   await page.keyboard.press('ArrowRight');
-  assert.match(await label(page), /View 3 .*found again/);
+  assert.match(await label(page), /View 3 .*relocalized/);
   await page.locator('#motions .chooser').first().click();
   assert.match(await label(page), /View 1 /);
   assert.equal(await page.locator('tbody.chosen').count(), 1);
@@ -144,7 +144,7 @@ test('it fits a phone', async () => {
 test('a run without truth, of one view, or with none that was tracked', async () => {
   const {page, close} = await open(runs.withoutTruth('full', 'untold'));
   await drawn(page);
-  assert.match(await page.locator('#figures').innerText(), /no truth is known/);
+  assert.match(await page.locator('#figures').innerText(), /no ground truth/);
   assert.equal(await page.locator('#motions tr.estimate').count(), 2);
   assert.equal(await page.locator('#motions tr.error').count(), 0);
   assert.equal(await page.getByText('Depth error').count(), 0);
@@ -170,7 +170,7 @@ test('a long run stays small and says what it leaves out', async () => {
   assert.ok(statSync(file).size < 10e6, `${statSync(file).size} bytes`);
   const {page, close} = await open(file);
   await drawn(page);
-  assert.match(await page.locator('#left-out').innerText(), /130 views every third/);
+  assert.match(await page.locator('#left-out').innerText(), /Every third of 130 views has pictures/);
   await page.locator('#slider').fill('100');
   assert.match(await page.locator('.borrowed').innerText(), /Pictures of view 99; those of view 100/);
   await close();

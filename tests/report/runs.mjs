@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The runs whose pages are looked at: small ones by the program, and others made of their files.
+// Runs whose pages are tested: small ones made by the program, and variants of their files.
 import {execFileSync} from 'node:child_process';
 import {cpSync, mkdirSync, readFileSync, rmSync, symlinkSync, writeFileSync} from 'node:fs';
 import {join} from 'node:path';
@@ -10,7 +10,7 @@ const kStep = '    - {translation_mm: [6, 4, 0], rotation_deg: [0, 0, 1]}\n';
 const kAway = '    - {translation_mm: [900, 0, 0], rotation_deg: [0, 0, 0]}\n';
 const kBack = '    - {translation_mm: [-900, 0, 0], rotation_deg: [0, 0, 0]}\n';
 
-// A floor and some boxes. `motions`: lines of the scene file, or none.
+// A floor and some boxes. `motions`: lines of the scene file; may be empty.
 export function sceneText(name, tested, {count, size, motions}) {
   return `name: ${name}
 description: For the tests of ${tested}
@@ -34,7 +34,7 @@ trajectory:
 ${motions && `  motions:\n${motions}`}`;
 }
 
-// The view before the last sees nothing.
+// The second-to-last view sees nothing.
 const kScene = sceneText(`'${kWildName.replaceAll("'", "''")}'`, 'report.html',
   {count: 12, size: 0.24, motions: kStep + kAway + kBack});
 
@@ -61,7 +61,7 @@ export class Runs {
     writeFileSync(this.at(run, name), JSON.stringify(json));
   }
 
-  // A scene's folder, its rig of a quarter of the pixels of the one that comes with the scenes.
+  // Creates a scene's folder, with a rig of a quarter of the pixels of the supplied one.
   scene(name, scene = kScene) {
     const place = this.at(name);
     mkdirSync(place);
@@ -84,7 +84,7 @@ export class Runs {
     return this.at(run, 'report.html');
   }
 
-  // The page of `run` after its files were changed.
+  // Regenerates the page of `run` after its files were changed.
   again(run) {
     this.call('report', this.at(run));
     return this.page(run);
@@ -100,7 +100,7 @@ export class Runs {
     return this.make(run, kScene.replace(/  motions:[^]*/, '').replace(/^name: .*/, 'name: alone'));
   }
 
-  // Nothing was tracked, nothing mapped.
+  // A run in which nothing was tracked or mapped.
   lost(from, run) {
     cpSync(this.at(from), this.at(run), {recursive: true});
     for (const name of ['truth', 'truth.tum', 'score.json', 'map.ply', 'mesh.ply']) {
@@ -111,7 +111,7 @@ export class Runs {
     return this.again(run);
   }
 
-  // The first view of a run, over and over, on a straight path.
+  // Repeats the first view of a run along a straight path.
   many(from, run, count) {
     const [first] = this.read(from, 'frames.json');
     mkdirSync(this.at(run, 'frames'), {recursive: true});

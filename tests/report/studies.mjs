@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Studies whose pages are looked at: results that were made up, under the hash of a study that is there.
+// Studies whose pages are tested: synthetic results under the hash of a real study.
 import {mkdirSync, readFileSync, writeFileSync} from 'node:fs';
 import {join} from 'node:path';
 import {kWildName, Runs} from './runs.mjs';
@@ -20,7 +20,7 @@ success: {max_translation_mm: 1, max_rotation_deg: 0.1}
 `;
 }
 
-// Up to 1000 lux all is well, beyond it nothing; four trials end in other ways.
+// Up to 1000 lux everything succeeds, beyond it nothing does; four trials end in other ways.
 const kStrange = {
   7: {outcome: 'crashed', cause: 'crashed', message: 'killed by signal <b id="hurt">'},
   11: {outcome: 'confidently_wrong', cause: 'inaccurate_registration', metrics: {translation_mm: 7, rotation_deg: 0.6}},
@@ -39,7 +39,7 @@ function resultOf(trial) {
 }
 
 export class Studies extends Runs {
-  // A study of `planned` trials, the page of which is made from `results`: [{values, outcome, …}], by trial.
+  // Creates a study of `planned` trials and its page from `results`: [{values, outcome, …}], by trial.
   study(name, planned, results, worst) {
     const place = this.scene(name);
     const file = join(place, 'study.yaml');
@@ -62,7 +62,7 @@ export class Studies extends Runs {
     return this.study(name, 40, Array.from({length: 40}, (_, trial) => ({...resultOf(0), values: resultOf(trial).values})), 6);
   }
 
-  // One trial, which has no motion.
+  // A study of one trial, which has no motion.
   oneLost(name) {
     const result = {...resultOf(0), outcome: 'lost', cause: 'too_few_landmarks', metrics: {translation_mm: null, rotation_deg: null}};
     return this.study(name, 1, [result], 0);

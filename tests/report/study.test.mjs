@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The page about a study as people see it: as report.test.mjs.
+// A study's page in a browser; environment as in report.test.mjs.
 import assert from 'node:assert/strict';
 import {readFileSync} from 'node:fs';
 import {resolve} from 'node:path';
@@ -88,9 +88,9 @@ test('the keys, the pointer and the number choose a trial; its command is told',
   const {page, close} = await open();
   const {trials, parameters} = await dataOf(page);
   const across = parameters.findIndex(({name}) => name === 'decode.min_modulation_dn');
-  await page.getByLabel('up', {exact: true}).selectOption('translation error, mm');
-  await page.getByLabel('across', {exact: true}).selectOption('decode.min_modulation_dn');
-  // Those that have an error, by their modulation.
+  await page.getByLabel('y axis', {exact: true}).selectOption('translation error, mm');
+  await page.getByLabel('x axis', {exact: true}).selectOption('decode.min_modulation_dn');
+  // The trials with an error, ordered by their modulation.
   const order = trials.trial.filter((_, i) => trials.translation_mm[i] !== null)
     .sort((a, b) => trials.values[across][a] - trials.values[across][b]);
   await page.locator('#points').focus();
@@ -122,7 +122,7 @@ test('the worst trials have their pictures, or say why not', async () => {
     assert.ok(seen.colours > 50, `only ${seen.colours} colours`);
     assert.ok((await look(page, `#trial-${trial} img >> nth=0`)).colours > 50);
   }
-  assert.match(await page.locator('#trial-13').innerText(), /took too long in the study and was not run again/);
+  assert.match(await page.locator('#trial-13').innerText(), /timed out in the study and was not run again/);
   assert.match(await page.locator('#trial-11 code').textContent(), /^fringeslam run .*--out runs\/trial-11$/);
   await page.locator('#trial-11 .chooser').click();
   assert.equal(await chosen(page), 11);
@@ -187,13 +187,13 @@ test('a study without a failure, and one of a single trial that was lost', async
 
   const file = studies.oneLost('lost');
   const lost = await open({}, file);
-  assert.match(await lost.page.locator('#errors').innerText(), /No trial has a motion/);
+  assert.match(await lost.page.locator('#errors').innerText(), /No trial has a measurable motion/);
   assert.equal(await chosen(lost.page), 0);
   assert.match(await lost.page.locator('#worst').innerText(), /--worst N/);
   await unfold(lost.page);
   await assertNothingStrange(lost.page);
   await lost.close();
-  // Without pictures it is small: nothing of the map in 3D is in it.
+  // Without pictures the page is small: it contains no 3D code.
   const page = readFileSync(file, 'utf8');
   assert.ok(page.length < 100_000, `${page.length} bytes`);
   assert.doesNotMatch(page, /WebGL/);

@@ -42,7 +42,7 @@ TEST_F(Results, AreFoundAgainExceptATornLine) {
     file.add(0, line(0));
   }
   const fs::path partial = fs::directory_iterator(folder_ / "shards")->path();
-  test::write_bytes(partial, read_bytes(partial) + line(2).substr(0, 40));  // killed in the middle of it
+  test::write_bytes(partial, read_bytes(partial) + line(2).substr(0, 40));  // killed while writing it
   ShardFile again(folder_, study_, {0, 2});
   EXPECT_THAT(again.missing(), ElementsAre(2));
   again.add(2, line(2));
@@ -59,16 +59,16 @@ TEST_F(Results, OfTwoWhoDidTheSameAreOne) {
   EXPECT_EQ(merged_lines(folder_, study_).size(), 3u);
   test::write_bytes(folder_ / "shards/1-of-3.jsonl", line(1, 0.6) + "\n");
   EXPECT_THAT(error_of([&] { merged_lines(folder_, study_); }),
-              HasSubstr("1-of-3.jsonl:1: trial 1 has another result elsewhere"));
+              HasSubstr("1-of-3.jsonl:1: trial 1 has a different result elsewhere"));
 }
 
 TEST_F(Results, OfAnotherStudyAreRefused) {
   ShardFile(folder_, study_, {0, 1}).add(0, line(0));
   Study other = study_;
   other.hash ^= 1;
-  EXPECT_THAT(error_of([&] { ShardFile(folder_, other, {0, 1}); }), HasSubstr(":1: is of another study"));
+  EXPECT_THAT(error_of([&] { ShardFile(folder_, other, {0, 1}); }), HasSubstr(":1: belongs to another study"));
   test::write_bytes(folder_ / "shards/0-of-1.jsonl", "what is this?\n");
-  EXPECT_THAT(error_of([&] { ShardFile(folder_, study_, {0, 1}); }), HasSubstr(":1: is no trial's result"));
+  EXPECT_THAT(error_of([&] { ShardFile(folder_, study_, {0, 1}); }), HasSubstr(":1: is not a trial's result"));
 }
 
 TEST_F(Results, MakeTheSameTablesEveryTime) {

@@ -121,14 +121,14 @@ TEST(StudyFile, WhatIsWrongIsSaidWithItsLine) {
       {"trials: 6", "trials: 0", 3, "'trials'"},
       {"seed: 5", "sed: 5", 4, "did you mean 'seed'"},
       {"scene: scene.yaml", "scene: nowhere", 2, "does not exist"},
-      {"[10, 5000]", "[10, 1]", 7, "the smaller number comes first"},
+      {"[10, 5000]", "[10, 1]", 7, "put the smaller number first"},
       {"[10, 5000]", "[0, 1]", 7, "above 0"},
       {"log_uniform", "logarithmic", 7, "needs uniform, log_uniform, normal, choice or grid"},
       {"light.ambient_lux", "light.ambiant_lux", 7, "did you mean 'ambient_lux'"},
       {"decode.min_modulation_dn", "decode.min_modulation", 8, "did you mean 'min_modulation_dn'"},
       {"[10, 5000]", "[1e7, 2e7]", 7, "'ambient_lux'"},
       {"objects.1.count: 6", "objects.7.count: 6", 10, "a list of 2"},
-      {"objects.1.count: 6", "light.ambient_lux: 6", 10, "is a parameter, too"},
+      {"objects.1.count: 6", "light.ambient_lux: 6", 10, "is also a parameter"},
       {"worlds: 2", "design: saltelli", 3, "rows of 4 trials"},
       {"max_rotation_deg", "max_rotation", 11, "did you mean 'max_rotation_deg'"}};
   for (const Case& c : cases) {

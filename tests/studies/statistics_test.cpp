@@ -13,7 +13,7 @@ namespace fringeslam::studies {
 namespace {
 
 TEST(Wilson, IsTheKnownInterval) {
-  // By hand: centre (p + z^2/2n) / (1 + z^2/n), z^2 = 3.8415.
+  // Computed by hand: centre (p + z^2/2n) / (1 + z^2/n), z^2 = 3.8415.
   EXPECT_NEAR(wilson(5, 10).low, 0.23659, 1e-5);
   EXPECT_NEAR(wilson(5, 10).high, 0.76341, 1e-5);
   EXPECT_EQ(wilson(0, 10).low, 0);
@@ -23,7 +23,7 @@ TEST(Wilson, IsTheKnownInterval) {
   EXPECT_EQ(wilson(0, 0).high, 1);
 }
 
-// Ishigami's function: sin x + 7 sin^2 y + 0.1 z^4 sin x, whose indices are known.
+// Ishigami's function sin x + 7 sin^2 y + 0.1 z^4 sin x, with known indices.
 TEST(Sobol, OfIshigamisFunctionAreTheKnownOnes) {
   Study study;
   study.design = Design::saltelli;
@@ -71,7 +71,7 @@ TEST(FirstOrder, OfALinearFunctionIsItsShareOfTheVariance) {
   }
   EXPECT_NEAR(first_order(in[0], out).first, 0.9, 0.02);
   EXPECT_NEAR(first_order(in[1], out).first, 0.1, 0.03);
-  EXPECT_NEAR(first_order(in[2], out).first, 0, 0.01);  // not what chance gives a parameter that does nothing
+  EXPECT_NEAR(first_order(in[2], out).first, 0, 0.01);  // the share due to chance is subtracted
   EXPECT_TRUE(std::isnan(first_order({1, 2, 3}, {1, 2, 3}).first));
   EXPECT_TRUE(std::isnan(first_order(in[0], std::vector<double>(3000, 1.0)).first));
 }

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the page about a study is told, of results that were made up. What it looks like is tested in a browser:
-// tests/report.
+// The data of a study's page, from synthetic results. The page itself is tested in a browser: tests/report.
 #include "tools/report/study_data.h"
 
 #include <gmock/gmock.h>
@@ -19,7 +18,7 @@ using support::error_of;
 using testing::HasSubstr;
 using testing::IsEmpty;
 
-// Six trials: errors of 1, 2, 3 and 4 mm, the last of which is too much; one is lost, one was killed.
+// Six trials: errors of 1, 2, 3 and 4 mm, the last beyond the limit; one is lost, one was killed.
 class StudyData : public testing::Test {
  protected:
   StudyData() : study_(read_study(test::write_study(temp_.path()))) {
@@ -55,7 +54,7 @@ TEST_F(StudyData, CountsAndNames) {
   EXPECT_EQ(page["rule"], json({{"max_translation_mm", 5.0}, {"max_rotation_deg", 1.0}, {"min_valid", 0.0}}));
   EXPECT_EQ(page["summary"]["successes"], 3);
   EXPECT_EQ(page["summary"]["causes"], json({{"crashed", 1}, {"too_dark", 2}}));
-  // Wilson of 3 of 6, by hand: (0.5 + z^2/12 -+ z sqrt(1/24 + z^2/144)) / (1 + z^2/6), z = 1.96.
+  // Wilson interval of 3 of 6, by hand: (0.5 + z^2/12 -+ z sqrt(1/24 + z^2/144)) / (1 + z^2/6), z = 1.96.
   EXPECT_NEAR(page["summary"]["success_95"][0], 0.18761, 1e-5);
   EXPECT_NEAR(page["summary"]["success_95"][1], 0.81239, 1e-5);
 }
@@ -92,7 +91,7 @@ TEST_F(StudyData, TrialsAreColumns) {
   EXPECT_EQ(trials["translation_mm"], json({1.0, 2.0, 3.0, 4.0, nullptr, nullptr}));
   ASSERT_EQ(trials["values"].size(), 2u);
   EXPECT_NEAR(trials["values"][0][3], std::stod(trial_of(study_, 3).values[0]), 0.01);
-  EXPECT_EQ(trials["values"][1], json({0, 1, 0, 1, 0, 1}));  // a grid is walked through
+  EXPECT_EQ(trials["values"][1], json({0, 1, 0, 1, 0, 1}));  // a grid is cycled through
 }
 
 TEST_F(StudyData, OfManyTrialsSomeAreShownAndThoseWithPictures) {
@@ -145,12 +144,12 @@ TEST_F(StudyData, APictureThatCrashesIsSaidInWords) {
                 pictures_of(study_, summary.worst, {1, {"sh", "-c", "read trial; sleep 9"}}, [] { return true; });
               }),
               HasSubstr("interrupted"));
-  // What took too long is not tried again.
+  // Trials that timed out are not run again.
   WorstTrial slow = summary.worst.front();
   slow.outcome = "timed_out";
   EXPECT_THAT(
       pictures_of(study_, {slow}, {1, {"false"}}, [] { return false; }).at(slow.trial)["unpictured"].get<std::string>(),
-      HasSubstr("too long"));
+      HasSubstr("timed out"));
 }
 
 }  // namespace

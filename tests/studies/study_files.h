@@ -22,7 +22,7 @@ fixed:
 success: {max_translation_mm: 5, max_rotation_deg: 1}
 )";
 
-// The small scene by a sensor of few pixels, and a study of it with something said otherwise.
+// A small scene with a low-resolution sensor, and a study of it with one text replaced.
 inline std::filesystem::path write_study(const std::filesystem::path& folder, const std::string& text = kSmallStudy) {
   write_small_scene(folder);
   write_bytes(folder / "rig.yaml", to_yaml(thesis_rig_reduced(4)));

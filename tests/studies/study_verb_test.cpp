@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Studies by the command line: shards, kills, crashes, timeouts.
+// Studies on the command line: shards, kills, crashes, timeouts.
 #include <gmock/gmock.h>
 #include <signal.h>
 #include <sys/wait.h>
@@ -32,7 +32,7 @@ class StudyVerb : public testing::Test {
   std::string at(const std::string& name) const { return (temp_ / name).string(); }
   std::string results(const std::string& folder) const { return read_bytes(temp_ / folder / "results.jsonl"); }
 
-  // Starts a run, whose process and first worker it tells.
+  // Starts a run and returns its process id.
   pid_t started(const std::string& file, const std::string& out) const {
     const pid_t pid = fork();
     if (pid == 0) {
@@ -72,13 +72,13 @@ TEST_F(StudyVerb, ShardsMakeTheBytesOfOneRun) {
   run_well({"--json", "study", "merge", file, "--out", at("parts")});
   EXPECT_EQ(results("parts"), results("whole"));
   EXPECT_EQ(read_bytes(temp_ / "parts/results.sqlite"), read_bytes(temp_ / "whole/results.sqlite"));
-  // Nothing is left to do, and nothing changes.
+  // A repeated run has nothing left to do and changes nothing.
   const auto again = run_well({"--json", "study", "run", file, "--out", at("whole")});
   EXPECT_EQ(Json::parse(again.out)["trials"], 0);
   EXPECT_EQ(Json::parse(again.out)["found"], 6);
   EXPECT_EQ(results("parts"), results("whole"));
   EXPECT_THAT(run_well({"study", "report", file, "--out", at("whole")}).out, HasSubstr("small: 6 trials"));
-  // And each trial alone gives the same line.
+  // Each trial on its own gives the same line.
   const std::string line = run_well({"--json", "study", "replay", file, "--trial", "2"}).out;
   EXPECT_THAT(results("whole"), HasSubstr(line));
 }
@@ -96,7 +96,7 @@ TEST_F(StudyVerb, KilledAtAnyMomentItGoesOn) {
     waitpid(run, &status, 0);
     in_mid_run += WIFSIGNALED(status);
   }
-  EXPECT_GE(in_mid_run, 10);  // of fast machines the last ones may find nothing left to do
+  EXPECT_GE(in_mid_run, 10);  // on fast machines the last ones may find nothing left to do
   run_well({"--quiet", "study", "run", file, "--out", at("killed"), "--jobs", "2", "--worst", "0"});
   EXPECT_EQ(results("killed"), results("whole"));
 }
@@ -119,7 +119,7 @@ TEST_F(StudyVerb, AWorkerThatDiesIsThatTrialsResult) {
 }
 
 TEST_F(StudyVerb, ATrialThatTakesTooLongIsStopped) {
-  // Of many rays a pixel: it takes minutes.
+  // With this many rays per pixel it takes minutes.
   const std::string file = study(replaced(replaced(test::kSmallStudy, "trials: 6", "trials: 1\ntimeout_s: 2"),
                                           "fixed:", "fixed:\n  render.samples_per_pixel: 256\n  patterns.steps: 64"));
   run_well({"--quiet", "study", "run", file, "--out", at("slow")});
@@ -128,7 +128,7 @@ TEST_F(StudyVerb, ATrialThatTakesTooLongIsStopped) {
 }
 
 TEST_F(StudyVerb, WhatAWorldRefusesIsAResult) {
-  // A baseline at which the projector lights nothing that the camera sees, in about half of the trials.
+  // In every second trial far_m is below near_m, which is rejected.
   const std::string file = study(
       replaced(test::kSmallStudy, "light.ambient_lux: {log_uniform: [10, 5000]}", "rig.far_m: {grid: [1.4, 0.1]}"));
   run_well({"--quiet", "study", "run", file, "--out", at("refused")});
@@ -139,7 +139,7 @@ TEST_F(StudyVerb, WhatAWorldRefusesIsAResult) {
 }
 
 #ifdef FRINGESLAM_REPORT
-// The data of a page.
+// Returns the data of a page.
 Json page_data(const std::string& page) {
   const std::string start = "<script type=\"application/json\" id=\"data\">";
   const size_t first = page.find(start) + start.size();
@@ -148,7 +148,7 @@ Json page_data(const std::string& page) {
 
 class StudyPage : public StudyVerb {
  protected:
-  // A study of trials that all fail, as no motion is so small an error's.
+  // A study whose trials all fail, because no error is as small as the limit.
   std::string failing(const std::string& name = "small") const {
     return study(replaced(replaced(test::kSmallStudy, "max_translation_mm: 5", "max_translation_mm: 1e-9"),
                           "name: small", "name: " + name));
@@ -169,7 +169,7 @@ TEST_F(StudyPage, HasThePicturesOfTheWorst) {
       EXPECT_THAT(worst["views"][1][picture].get<std::string>(), testing::StartsWith("data:image/"));
     EXPECT_GT(worst["limit_mm"], 0);
   }
-  // The same again, and none on request.
+  // Reporting again gives the same page; --worst 0 gives no pictures.
   const std::string page = read_bytes(temp_ / "out/report.html");
   EXPECT_THAT(run_well({"study", "report", file, "--out", at("out"), "--worst", "2"}).out,
               HasSubstr("written: " + at("out/report.html")));
@@ -179,7 +179,7 @@ TEST_F(StudyPage, HasThePicturesOfTheWorst) {
 }
 
 TEST_F(StudyPage, SaysWhatATrialDidInsteadOfBeingPictured) {
-  // Its results are there; but the sensor that made them is not.
+  // Its results exist, but the sensor file does not.
   const std::string file = failing();
   run_well({"--quiet", "study", "run", file, "--out", at("out"), "--worst", "0"});
   fs::remove(temp_ / "rig.yaml");

@@ -22,7 +22,7 @@ bool is_address(const std::string& host) {
   return inet_pton(AF_INET, host.c_str(), parsed.data()) == 1 || inet_pton(AF_INET6, host.c_str(), parsed.data()) == 1;
 }
 
-// Of "name:port", "[::1]:port" or either without a port.
+// Returns the host of "name:port", "[::1]:port" or either without a port.
 std::string_view name_of(std::string_view authority) {
   if (authority.starts_with('[')) {
     const size_t end = authority.find(']');
@@ -46,7 +46,7 @@ bool is_loopback(std::string_view host) {
 std::string random_token() {
   std::array<uint8_t, 16> bits;
   if (getrandom(bits.data(), bits.size(), 0) != static_cast<ssize_t>(bits.size()))
-    throw Error("live: the system has no random numbers for a token; give one by --live-token");
+    throw Error("live: the system has no random numbers for a token; set one with --live-token");
   std::string token;
   for (const uint8_t byte : bits) {
     token += "0123456789abcdef"[byte >> 4];
@@ -57,10 +57,10 @@ std::string random_token() {
 
 LiveAccess checked(LiveAccess access) {
   if (access.host != "localhost" && !is_address(access.host))
-    throw Error("--live-host " + access.host + ": is no address; give one of this computer, 0.0.0.0 for all of them");
+    throw Error("--live-host " + access.host + ": not an address; give one of this computer, 0.0.0.0 for all of them");
   if (!access.token.empty() && (access.token.size() < kShortestToken || !may_be_token(access.token)))
     throw Error("--live-token: must be at least " + std::to_string(kShortestToken) +
-                " letters, digits, - or _; without it one is made up");
+                " letters, digits, - or _; without it a random one is used");
   if (access.token.empty() && !is_loopback(access.host)) access.token = random_token();
   return access;
 }

@@ -15,11 +15,11 @@ namespace {
 
 using nlohmann::ordered_json;
 
-constexpr size_t kRateViews = 8;  // over which their rate is averaged
-constexpr size_t kToldViews = 8;  // whose pictures a viewer can still ask for
+constexpr size_t kRateViews = 8;  // averaging window of the rate
+constexpr size_t kToldViews = 8;  // views whose pictures a viewer can still request
 constexpr size_t kOutlineCorners = 48;
 
-// Six decimals: micrometres. Digits are most of what is sent.
+// Rounds to six decimals (micrometres): digits make up most of what is sent.
 double rounded(double value) { return std::round(value * 1e6) / 1e6; }
 
 ordered_json json_of(const Eigen::Vector3d& position_m) {
@@ -40,7 +40,7 @@ ordered_json json_of(const VictimCandidate& candidate) {
           {"victim", candidate.victim}};
 }
 
-// The outline goes from pixel to pixel: some of its corners tell its shape.
+// The outline goes from pixel to pixel; a subset of its corners is enough to draw its shape.
 ordered_json json_of(const LandmarkOutline& outline) {
   ordered_json corners = ordered_json::array();
   const size_t step = outline.corners_px.size() / kOutlineCorners + 1;
@@ -108,7 +108,7 @@ std::vector<LandmarkOutline> outlines_of(const FrameResult& result) {
   return outlines;
 }
 
-// Of what the pipeline decoded, in images of its own: the pipeline may use its own again.
+// Previews what the pipeline decoded. The images are cloned because the pipeline may reuse its own.
 std::function<Preview()> decoded(const FringeStack& stack, const FrameResult& result, const LiveSetup& setup) {
   return
       [stack, &setup, texture = result.frame.texture.clone(), modulation = result.decoded.modulation.clone(),
@@ -117,7 +117,7 @@ std::function<Preview()> decoded(const FringeStack& stack, const FrameResult& re
 
 }  // namespace
 
-// A copy of all that is newer, to be put into words without the lock.
+// A copy of everything newer, so that it can be serialized without holding the lock.
 struct LiveFeed::Changes {
   uint64_t sequence = 0;
   bool finished = false;
@@ -208,7 +208,7 @@ void LiveFeed::take_corrections(const KeyframeMap& map, const Trajectory& trajec
 
 std::vector<std::string> LiveFeed::motion_warnings(const FrameResult& result, double timestamp_s) {
   if (result.tracking == Tracking::lost)
-    return {"Tracking is lost: this view is left out of the map. Go back to what is mapped already, more slowly."};
+    return {"Tracking is lost: this view is not in the map. Move back to the mapped area, more slowly."};
   const std::optional<double> before_s = std::exchange(last_tracked_s_, timestamp_s);
   if (!setup_.moving || !before_s || result.found_again) return {};
   return drift_warnings(fringe_drift(result.frame, rays_, setup_.rig,
@@ -217,7 +217,7 @@ std::vector<std::string> LiveFeed::motion_warnings(const FrameResult& result, do
 }
 
 LiveFeed::Changes LiveFeed::changed_since(uint64_t since) const {
-  // Sequence numbers never fall along the lists: a correction gives all the same.
+  // Sequence numbers never decrease along the lists: a correction sets all of them to the same value.
   const auto newer = [since](const auto& list) {
     const auto first =
         std::partition_point(list.begin(), list.end(), [&](const auto& e) { return e.sequence <= since; });

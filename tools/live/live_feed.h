@@ -1,26 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the live page knows of a capture or a run. The side that maps hands views over and never waits for more than a
-// copy of what is new; the viewers' side asks, each at its own pace, for all that changed since a sequence number that
-// it was told before. So there is no queue: who comes late or falls behind is told more at once, and memory grows with
-// the map, not with viewers.
+// The live page's state of a capture or run. The mapping side hands views over and never waits longer than it takes to
+// copy what is new; each viewer polls at its own pace for everything that changed since a sequence number it received
+// earlier. There are no queues: late or slow viewers get more in one answer, and memory grows with the map, not with
+// the number of viewers.
 //
-// changes() is a JSON object; a viewer that keeps `views` and `keyframes` as lists and replaces their ends by what
-// comes has the same as one who asks for everything:
+// changes() returns a JSON object. A viewer that keeps `views` and `keyframes` as lists and replaces their ends by
+// what arrives ends up with the same state as one that asks for everything:
 //
-//   run         another one is another run: start anew
-//   sequence    to ask from the next time
-//   finished    no more will come
+//   run         a different value is a different run: start over
+//   sequence    pass this in the next request
+//   finished    nothing more will come
 //   dropped, views_per_s
-//   about       only in the first answer: verb, name, stacks expected (0: unknown), rig, maps, corners of the image as
-//               rays (x, y, 1), robot_from_camera
-//   views       {from, list}: index, timestamp_s, and of a run tracking, found_again, loops that it closed, whether the
-//   map
-//               was corrected then, pose (of the robot, in the world)
-//   keyframes   {from, list}: pose (of the camera, in the world), landmarks (positions in its frame)
-//   newest      number, index, figures and warnings of the newest view, landmarks outlined in it
-//   candidates  warm places: position_m (in the world), radius_m, state, reason, and whether there may be a victim
+//   about       only in the first answer: verb, name, expected stacks (0: unknown), rig, maps, image corners as rays
+//               (x, y, 1), robot_from_camera
+//   views       {from, list}: index, timestamp_s and, for a mapped view, tracking, found_again, number of loops closed,
+//               whether the map was corrected then, robot pose in the world frame
+//   keyframes   {from, list}: camera pose in the world frame, landmarks (positions in the camera's frame)
+//   newest      number, index, figures and warnings of the newest view, outlines of its landmarks
+//   candidates  warm regions: position_m (world frame), radius_m, state, reason, and whether it may be a victim
 //
-// Poses are x y z qx qy qz qw; those of all views and keyframes come anew when the map was corrected.
+// Poses are x y z qx qy qz qw; after a map correction all views and keyframes are sent again with new poses.
 #pragma once
 
 #include <atomic>
@@ -42,7 +41,7 @@ namespace fringeslam::tools {
 
 struct LiveSetup {
   std::string verb;  // capture, focus or run
-  std::string name;  // of what is captured or mapped
+  std::string name;  // of the capture or run
   RigModel rig;
   PatternSequence sequence;
   int stacks = 0;       // expected; 0: unknown
@@ -50,35 +49,35 @@ struct LiveSetup {
   bool moving = false;  // the robot moves while a sequence is taken
 };
 
-// Of the thermal channel: a warm place, whether it may hold a victim, and why.
+// A warm region from the thermal channel, whether it may be a victim, and why.
 struct VictimCandidate {
-  Eigen::Vector3d position_m = Eigen::Vector3d::Zero();  // in the world
+  Eigen::Vector3d position_m = Eigen::Vector3d::Zero();  // world frame
   double radius_m = 0;
   std::string state;   // "seen once", "confirmed", …
-  std::string reason;  // for a person to read
-  bool victim = true;  // may be one
+  std::string reason;  // human-readable
+  bool victim = true;  // may be a victim
 };
 
 class LiveFeed {
  public:
   explicit LiveFeed(LiveSetup setup);
 
-  // Of the side that captures or maps. Images of stacks are shared and must not change.
+  // For the capturing or mapping side. The stacks' images are shared and must not change.
   void show(const FringeStack& stack);
-  // And what was made of it. `trajectory`: of all tracked views, asked for when the map was corrected; `dropped`:
-  // stacks so far that were never mapped because mapping was behind.
+  // Adds a stack with its result. `trajectory` returns all tracked views and is called when the map was corrected;
+  // `dropped` counts the stacks so far that were not mapped because mapping lagged behind.
   void show(const FringeStack& stack, const FrameResult& result, const KeyframeMap& map,
             const std::function<Trajectory()>& trajectory, int dropped);
   void show_candidates(std::vector<VictimCandidate> candidates);
   void finish();
 
-  // Of viewers.
+  // For viewers.
   std::string changes(const std::string& run, uint64_t since) const;
   std::string snapshot() const { return changes(run_, 0); }
-  // Until something is newer than `since`, `give_up` says so (asked now and then) or the time is over.
+  // Waits until something is newer than `since`, `give_up` (polled) returns true, or the time is up.
   void await_change(const std::string& run, uint64_t since, std::chrono::milliseconds longest,
                     const std::function<bool()>& give_up) const;
-  // One of the last that changes() told of; null for others. And whether there ever was such a view.
+  // Returns one of the last views reported by changes(); null for others. had_view is true if it ever existed.
   std::shared_ptr<const LiveView> view(int number) const;
   bool had_view(int number) const;
   std::optional<std::string> points_of(int keyframe) const;  // keyframe_points.h
@@ -114,11 +113,11 @@ class LiveFeed {
 
   const LiveSetup setup_;
   const std::string run_;
-  std::optional<double> last_tracked_s_;  // of the side that maps alone
-  std::once_flag triangulated_;           // by the first viewer of a capture
+  std::optional<double> last_tracked_s_;  // used by the mapping side only
+  std::once_flag triangulated_;           // by a capture's first viewer
   std::optional<Triangulation> triangulation_;
 
-  mutable std::mutex mutex_;  // of what follows; held for no longer than copies take
+  mutable std::mutex mutex_;  // guards all members below; held only while copying
   mutable std::condition_variable changed_;
   uint64_t sequence_ = 0, candidates_at_ = 0;
   std::vector<SeenView> views_;

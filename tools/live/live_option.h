@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// --live [PORT] of the verbs that take stacks from a rig, and who may see them.
+// The option --live [PORT] of the verbs that take stacks from a rig, and its access options.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -20,21 +20,21 @@ struct LiveOption {
 inline void add_live_option(CLI::App& verb, LiveOption& live) {
   const std::string usual = std::to_string(LivePage::kUsualPort);
   CLI::Option* page =
-      verb.add_option("--live", live.port, "Show on a web page what comes in; 0: any port that is free [" + usual + "]")
+      verb.add_option("--live", live.port, "Show incoming data on a web page; 0: any free port [" + usual + "]")
           ->type_name("[PORT]")
           ->expected(0, 1)
           ->default_str(usual)
           ->check(CLI::Range(0, 65535));
   verb.add_option("--live-host", live.access.host,
-                  "Address at which it listens [127.0.0.1: this computer alone]; others ask for a token")
+                  "Address to listen on [127.0.0.1: this computer only]; others require a token")
       ->type_name("ADDRESS")
       ->needs(page);
-  verb.add_option("--live-token", live.access.token, "Token to ask for, instead of one made up")
+  verb.add_option("--live-token", live.access.token, "Token to require instead of a random one")
       ->type_name("TEXT")
       ->envname("FRINGESLAM_LIVE_TOKEN");
 }
 
-// None without a port. Says where it is.
+// Returns null if there is no port. Prints the page's address to stderr.
 inline std::unique_ptr<LivePage> open_live_page(const LiveOption& live, LiveSetup setup) {
   if (!live.port) return nullptr;
   LiveAccess access = live.access;

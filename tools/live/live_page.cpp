@@ -23,13 +23,13 @@ namespace fringeslam::tools {
 
 namespace {
 
-constexpr auto kLongestWait = std::chrono::seconds(5);  // for something new
-constexpr int kNice = 10;                               // how much rather the others get the processor
-constexpr int kBacklog = 128;                           // of connections that are not taken yet
-constexpr size_t kTurnedAway = 64;  // that wait to be told so at the same time; others are just cut off
+constexpr auto kLongestWait = std::chrono::seconds(5);  // for a change
+constexpr int kNice = 10;                               // niceness of the page's threads
+constexpr int kBacklog = 128;                           // pending connections
+constexpr size_t kTurnedAway = 64;  // connections waiting for their 503; any further ones are closed
 
 enum class Service { full, busy, none };
-thread_local Service service = Service::full;       // what this thread can do for its viewer
+thread_local Service service = Service::full;       // service level of this thread
 thread_local const ViewerSocket* viewer = nullptr;  // of the request that this thread answers
 
 class ViewerStream : public httplib::Stream {
@@ -47,7 +47,7 @@ class ViewerStream : public httplib::Stream {
   ViewerSocket& socket_;
 };
 
-// Threads that answer requests, and one that tells those beyond their number to come again.
+// Threads that answer requests, and one more that answers excess requests with 503.
 class Desks : public httplib::TaskQueue {
  public:
   explicit Desks(size_t count) : count_(count) {
@@ -81,7 +81,7 @@ class Desks : public httplib::TaskQueue {
   }
 
   void work(std::deque<std::function<void()>>& tasks, Service mine) {
-    setpriority(PRIO_PROCESS, 0, kNice);  // of this thread alone
+    setpriority(PRIO_PROCESS, 0, kNice);  // of this thread only
     service = mine;
     std::unique_lock lock(mutex_);
     for (;;) {
@@ -107,7 +107,7 @@ class Desks : public httplib::TaskQueue {
   std::vector<std::thread> threads_;
 };
 
-// A whole number and nothing else.
+// Parses an integer; empty if there is anything else in the text.
 template <class Number>
 std::optional<Number> number_in(const std::string& text) {
   Number number = 0;
@@ -130,7 +130,7 @@ class LivePage::Server : public httplib::Server {
  public:
   Server(const LiveFeed& feed, LiveAccess access) : feed_(feed), access_(std::move(access)) {
     new_task_queue = [] { return new Desks(kRequests); };
-    // httplib's own options let two programs share a port.
+    // httplib's default options let two programs share a port.
     set_socket_options([](socket_t socket) {
       const int yes = 1;
       setsockopt(socket, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
@@ -143,7 +143,7 @@ class LivePage::Server : public httplib::Server {
                          {"Content-Security-Policy",
                           "default-src 'none'; connect-src 'self'; img-src blob: data:; style-src 'unsafe-inline'; "
                           "script-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"}});
-    // Before a body is read or ranges of an answer are put together, of which there may be many.
+    // Before a body is read or the ranges of an answer, of which there may be many, are assembled.
     set_pre_routing_handler([this](const httplib::Request& request, httplib::Response& response) {
       return admit(request, response) ? HandlerResponse::Unhandled : HandlerResponse::Handled;
     });
@@ -151,7 +151,7 @@ class LivePage::Server : public httplib::Server {
         [](const httplib::Request&, httplib::Response& response, std::exception_ptr) { response.status = 500; });
     add_routes();
     bind();
-    // httplib's own, 5, makes connections wait for seconds where some come at once.
+    // httplib's own backlog of 5 delays simultaneous connections by seconds.
     ::listen(svr_sock_, kBacklog);
     listening_ = std::thread([this] { listen_after_bind(); });
     while (!is_running()) std::this_thread::sleep_for(std::chrono::milliseconds(1));
@@ -171,10 +171,10 @@ class LivePage::Server : public httplib::Server {
     const std::string& host = access_.host;
     if (wanted == 0 ? (access_.port = bind_to_any_port(host.c_str())) > 0 : bind_to_port(host.c_str(), wanted)) return;
     if (!is_loopback(host))
-      throw Error("live: cannot listen at " + host + ", port " + std::to_string(wanted) +
-                  "; is that an address of this computer, and the port free?");
+      throw Error("live: cannot listen on " + host + ", port " + std::to_string(wanted) +
+                  "; check that this is an address of this computer and the port is free");
     throw Error("live: port " + std::to_string(wanted) +
-                " is taken or not allowed; choose another by --live PORT, or --live 0 for one that is free");
+                " is in use or not permitted; choose another with --live PORT, or any free one with --live 0");
   }
 
   bool admit(const httplib::Request& request, httplib::Response& response) const {
@@ -185,17 +185,17 @@ class LivePage::Server : public httplib::Server {
     };
     if (service == Service::busy) {
       response.set_header("Retry-After", "5");
-      return refuse(503, "Too many viewers at once; come again.\n");
+      return refuse(503, "Too many concurrent viewers; try again later.\n");
     }
-    if (!only_reads(request)) return refuse(405, "Only GET and HEAD.\n");
-    if (!request.ranges.empty()) return refuse(416, "No ranges.\n");
+    if (!only_reads(request)) return refuse(405, "Only GET and HEAD are supported.\n");
+    if (!request.ranges.empty()) return refuse(416, "Ranges are not supported.\n");
     const Caller caller{request.get_header_value("Host"), request.get_header_value("Origin"),
                         request.get_header_value("Authorization")};
     const bool secret = request.path != "/";
     const int status = admission(access_, caller, secret);
     if (status == 401) response.set_header("WWW-Authenticate", "Bearer");
-    if (status == 403) return refuse(403, "Of this computer alone; ask for it by 127.0.0.1 or localhost.\n");
-    if (status != 200) return refuse(status, "Asks for the token that was printed with the page's address.\n");
+    if (status == 403) return refuse(403, "Only for this computer; use 127.0.0.1 or localhost.\n");
+    if (status != 200) return refuse(status, "Requires the token that was printed with the page's address.\n");
     return true;
   }
 
@@ -256,7 +256,7 @@ class LivePage::Server : public httplib::Server {
     return good;
   }
 
-  // A viewer's place among those who wait for changes, from 1.
+  // A viewer's place among those waiting for changes, starting at 1.
   struct Waiting {
     explicit Waiting(std::atomic<size_t>& all_waiting) : all(all_waiting), place(++all) {}
     ~Waiting() { --all; }

@@ -35,7 +35,7 @@ std::string LiveView::picture(const std::string& name) const {
 
 const Preview& LiveView::prepared() const {
   if (!preview_) preview_ = prepare_();
-  prepare_ = nullptr;  // and with it the stack's images
+  prepare_ = nullptr;  // also releases the stack's images
   return *preview_;
 }
 

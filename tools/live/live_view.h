@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// One view as the live page shows it. What costs time, its pictures and figures, is made by the first viewer who asks.
+// One view as shown by the live page. Its pictures and figures are computed when the first viewer asks for them.
 #pragma once
 
 #include <functional>
@@ -21,26 +21,26 @@ struct LandmarkOutline {
 
 class LiveView {
  public:
-  // `number`: of all views of a run, from 1. `prepare` is called once, in a viewer's thread.
+  // `number` counts all views of a run from 1. `prepare` is called once, in a viewer's thread.
   LiveView(int number, int index, std::function<Preview()> prepare)
       : number_(number), index_(index), prepare_(std::move(prepare)) {}
 
   int number() const { return number_; }
-  int index() const { return index_; }  // of the stack
+  int index() const { return index_; }  // the stack's index
 
-  // Set before others see the view.
+  // Set before others access the view.
   std::vector<LandmarkOutline> landmarks;
-  std::vector<std::string> warnings;  // beside those of its figures
+  std::vector<std::string> warnings;  // in addition to those of its figures
 
   const PreviewFigures& figures() const;
-  // texture.jpg, modulation.jpg, saturation.png or depth.png; empty for another name.
+  // Returns texture.jpg, modulation.jpg, saturation.png or depth.png; empty for another name.
   std::string picture(const std::string& name) const;
 
  private:
   const Preview& prepared() const;  // with the lock held
 
   int number_, index_;
-  mutable std::mutex mutex_;  // of what follows
+  mutable std::mutex mutex_;  // guards all members below
   mutable std::function<Preview()> prepare_;
   mutable std::optional<Preview> preview_;
   mutable std::map<std::string, std::string> encoded_;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The page of a program that was built without Node.js, which makes the real one.
+// Placeholder page for builds without Node.js, which generates the real one.
 #include "tools/report/report_page.h"
 
 namespace fringeslam::tools {
@@ -9,8 +9,8 @@ std::string_view live_page() {
 <html lang="en">
 <head><meta charset="utf-8"><title>Live · FringeSLAM</title><link rel="icon" href="data:,"></head>
 <body>
-<p>This program was built without its pages (FRINGESLAM_REPORT=OFF). What they show is at
-<a href="/snapshot">/snapshot</a> and, for the number of the newest view in it, at /picture/NUMBER/texture.jpg,
+<p>This program was built without its pages (FRINGESLAM_REPORT=OFF). Their data is at
+<a href="/snapshot">/snapshot</a> and, for the newest view's number given there, at /picture/NUMBER/texture.jpg,
 modulation.jpg, saturation.png and depth.png.</p>
 </body>
 </html>

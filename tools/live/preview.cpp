@@ -68,7 +68,7 @@ double share(const cv::Mat& mask) {
   return static_cast<double>(cv::countNonZero(mask)) / static_cast<double>(mask.total());
 }
 
-// What the images tell without being decoded.
+// Adds what needs no decoding.
 void add_light(Preview& preview, const cv::Mat& brightest, double full) {
   const cv::Mat clipped = brightest >= DecodeOptions().saturation * full;
   preview.figures.full_scale_dn = full;
@@ -93,7 +93,7 @@ DecodedStack decode_without_orders(const FringeStack& stack, const PatternSequen
 std::optional<Triangulation> preview_triangulation(const PatternSequence& sequence, const RigModel& rig) {
   const Axis axis = coded_axis(sequence);
   if (!tells_orders(sequence, rig, axis)) return std::nullopt;
-  // The pipeline's own range, and the rig's where that reaches beyond.
+  // The union of the pipeline's and the rig's range.
   const DepthOptions options;
   return Triangulation(rig, pixel_rays(rig.camera), std::min(options.near_m, rig.near_m),
                        std::max(options.far_m, rig.far_m), axis);
@@ -155,11 +155,11 @@ Preview preview_of(const FringeStack& stack, const RigModel& rig, const cv::Mat1
 std::vector<std::string> warnings(const PreviewFigures& figures) {
   std::vector<std::string> sentences;
   if (figures.saturated > kMuchSaturated)
-    sentences.push_back("Too bright: the red pixels are saturated and tell nothing. Lower exposure or gain.");
+    sentences.push_back("Too bright: the red pixels are saturated and cannot be decoded. Reduce exposure or gain.");
   const bool dark = figures.brightness < kLittleLight;
-  if (dark) sentences.push_back("Too dark: is the projector on? If so, raise exposure or gain.");
+  if (dark) sentences.push_back("Too dark: is the projector on? If so, increase exposure or gain.");
   if (figures.depth_possible && figures.valid < kLittleDepth && !dark)
-    sentences.push_back("Hardly any depth: is the scene in the projector's beam and in the rig's range?");
+    sentences.push_back("Hardly any depth: is the scene in the projector's field and within the rig's range?");
   return sentences;
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a person at the rig wants to see of a stack at once: is it bright enough, not too bright, and is there depth?
+// Quick feedback on a stack for the operator: is it bright enough, not overexposed, and does it yield depth?
 #pragma once
 
 #include <opencv2/core.hpp>
@@ -16,43 +16,43 @@
 namespace fringeslam::tools {
 
 struct PreviewFigures {
-  double valid = 0;               // share of the pixels that have depth
-  double saturated = 0;           // share that decoding refuses as clipped in one image or more
+  double valid = 0;               // fraction of the pixels that have depth
+  double saturated = 0;           // fraction of the pixels that decoding rejects as clipped in at least one image
   double mean_modulation_dn = 0;  // I'' of the finest fringes
-  double brightness = 0;          // each pixel's brightest sample over full scale, on average
+  double brightness = 0;          // mean over the pixels of the brightest sample / full scale
   double full_scale_dn = 255;
-  bool depth_possible = true;  // false: these patterns tell no fringe orders
+  bool depth_possible = true;  // false: these patterns determine no fringe orders
 };
 
-// Of the camera's size.
+// All images have the camera's size.
 struct Preview {
   cv::Mat1b texture;     // white: kTextureWhite of full scale
   cv::Mat1b modulation;  // white: fringes from black to full scale
   cv::Mat3b saturation;  // BGR: each pixel's brightest sample, red where clipped
-  cv::Mat1b depth;       // as depth_image() has it: from 255, near_m, to 1, far_m; 0 where there is none
+  cv::Mat1b depth;       // encoded like depth_image(): 255 (near_m) to 1 (far_m); 0 where there is none
   PreviewFigures figures;
 };
 
-// The mean of fringes that just do not clip is about half of full scale.
+// The mean of fringes just below clipping is about half of full scale.
 inline constexpr double kTextureWhite = 0.6;
 
-// Throws Error when the stack does not fit the sequence or the rig. A sequence without depth is none.
+// Throws Error if the stack does not match the sequence or the rig. Without fringe orders the depth is empty.
 Preview preview_of(const FringeStack& stack, const PatternSequence& sequence, const RigModel& rig);
 
-// What takes most of the time and is the same for all stacks of a sequence; empty where it gives no depth. And a
-// preview with it.
+// Prepares the most expensive part, which is the same for all stacks of a sequence; empty if the sequence yields no
+// depth. The second function uses it.
 std::optional<Triangulation> preview_triangulation(const PatternSequence& sequence, const RigModel& rig);
 Preview preview_of(const FringeStack& stack, const PatternSequence& sequence, const RigModel& rig,
                    const std::optional<Triangulation>& triangulation);
 
-// Of a stack that the pipeline decoded. `texture`, full scale 255, and `depth` are the frame's.
+// Previews a stack that the pipeline decoded. `texture` (full scale 255) and `depth` are the frame's.
 Preview preview_of(const FringeStack& stack, const RigModel& rig, const cv::Mat1b& texture,
                    const cv::Mat1f& modulation_dn, const cv::Mat1b& depth);
 
-// What a person should do about it, a sentence each.
+// Returns advice for the operator, one sentence each.
 std::vector<std::string> warnings(const PreviewFigures& figures);
 
-// Mean and modulation of the finest fringes alone, for sequences that tell no fringe orders: no coordinate is valid.
+// Decodes mean and modulation of the finest fringes only, for sequences without fringe orders: no coordinate is valid.
 DecodedStack decode_without_orders(const FringeStack& stack, const PatternSequence& sequence, const RigModel& rig,
                                    Axis axis);
 

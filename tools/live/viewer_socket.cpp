@@ -38,7 +38,7 @@ ssize_t ViewerSocket::write(const char* data, size_t size) {
   return send(socket_, data, size, MSG_NOSIGNAL | MSG_DONTWAIT);
 }
 
-// In short waits, so that none outlives the page.
+// Polls in short waits, so that none outlives the page.
 bool ViewerSocket::ready(short events, Clock::time_point until) const {
   while (!stopping_) {
     pollfd descriptor{socket_, events, 0};

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A viewer's connection: one request and its answer, neither of which may take for ever. httplib alone bounds a
-// header's lines, but neither their number nor the time of a viewer who sends or reads drop by drop.
+// A viewer's connection: one request and its answer, both limited in time. httplib alone limits the length of header
+// lines, but neither their number nor the time taken by a viewer who sends or reads very slowly.
 #pragma once
 
 #include <sys/types.h>
@@ -18,13 +18,13 @@ inline constexpr auto kRequestPatience = std::chrono::seconds(5), kAnswerPatienc
 
 class ViewerSocket {
  public:
-  // Nothing waits any longer once `stopping`.
+  // All waits end once `stopping` is set.
   ViewerSocket(int socket, const std::atomic<bool>& stopping, std::chrono::milliseconds request_patience)
       : socket_(socket), stopping_(stopping), request_by_(Clock::now() + request_patience) {}
 
   bool readable() const;
   bool writable() const;
-  bool gone() const;  // the viewer ended the connection
+  bool gone() const;  // the viewer closed the connection
   ssize_t read(char* target, size_t size);
   ssize_t write(const char* data, size_t size);
   int socket() const { return socket_; }
@@ -36,7 +36,7 @@ class ViewerSocket {
   int socket_;
   const std::atomic<bool>& stopping_;
   Clock::time_point request_by_;
-  std::optional<Clock::time_point> answer_by_;  // from the answer's first byte on: it may take long to get it ready
+  std::optional<Clock::time_point> answer_by_;  // counted from the answer's first byte: preparing it may take long
   std::array<char, 2048> buffer_ = {};
   size_t begin_ = 0, end_ = 0, received_ = 0;
 };

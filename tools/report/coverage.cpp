@@ -10,7 +10,7 @@ namespace fringeslam::tools {
 
 namespace {
 
-constexpr double kEnlarged = 100;  // residuals, times
+constexpr double kEnlarged = 100;  // magnification of the residuals
 
 cv::Mat3b device_picture(const RigCalibration& calibration, const Pinhole& lens, double rms_px,
                          const std::vector<Eigen::Vector2d> ViewResult::*corners,

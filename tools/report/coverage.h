@@ -7,8 +7,8 @@
 
 namespace fringeslam::tools {
 
-// Where the boards' corners fell in the camera's and in the projector's image, side by side, each with its residual as a
-// line, enlarged, from green (small) to red; corners of views left out are grey.
+// Draws the board corners of all views in the camera's and the projector's image, side by side, each with its magnified
+// residual as a line from green (small) to red; corners of rejected views are grey.
 cv::Mat3b coverage_picture(const RigCalibration& calibration);
 
 }  // namespace fringeslam::tools

@@ -7,7 +7,8 @@
 
 namespace fringeslam::tools {
 
-// The measured response (points), its table (line) and a linear one (grey): light over input, both from 0 to 1.
+// Plots a measured response: light over input, both from 0 to 1, with its samples, its table (line) and a linear
+// response (grey).
 cv::Mat3b curve_picture(const Response& response);
 
 }  // namespace fringeslam::tools

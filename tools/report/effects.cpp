@@ -10,14 +10,14 @@ namespace fringeslam::tools {
 
 namespace {
 
-// The effects by name, as the options describe them.
+// Collects the effects by option name.
 struct Names {
   std::vector<std::pair<std::string, bool*>> effects;
   void field(const char* name, bool& value, const char*) { effects.emplace_back(name, &value); }
   void field(const char*, int&, Range, const char*) {}
 };
 
-// The image of the finest fringes whose shift is the least.
+// Returns the index of the finest fringe pattern with the smallest phase shift.
 size_t finest(const PatternSequence& sequence) {
   std::optional<size_t> best;
   const auto key = [](const Pattern& p) { return std::pair(p.period_px, std::abs(p.shift_rad)); };
@@ -26,7 +26,7 @@ size_t finest(const PatternSequence& sequence) {
     if (pattern.coding != Coding::fringe) continue;
     if (!best || key(pattern) < key(sequence.patterns[*best])) best = i;
   }
-  if (!best) throw Error("the scene's patterns hold no fringes to look at");
+  if (!best) throw Error("the scene's patterns contain no fringes");
   return *best;
 }
 

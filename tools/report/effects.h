@@ -7,7 +7,7 @@
 
 namespace fringeslam::tools {
 
-// A scene's first view under its finest fringes: without any effect, with each alone, and with all of them.
+// Renders a scene's first view under its finest fringes: without any effect, with each one alone, and with all of them.
 cv::Mat3b effects_picture(const sim::Scene& scene, const sim::RenderOptions& options);
 
 }  // namespace fringeslam::tools

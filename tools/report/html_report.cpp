@@ -33,7 +33,7 @@ std::string html_text(const std::string& text) {
 }  // namespace
 
 std::string script_json(const nlohmann::ordered_json& data) {
-  // Names come from files, which may hold bytes that are no UTF-8.
+  // Names come from files and may contain invalid UTF-8.
   const std::string text = data.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
   std::string safe;
   safe.reserve(text.size());
@@ -44,10 +44,10 @@ std::string script_json(const nlohmann::ordered_json& data) {
 std::string html_report(std::string_view page, const nlohmann::ordered_json& data) {
   const size_t title = page.find(kTitlePlace), place = page.find(kDataPlace);
   if (title == page.npos || place == page.npos || place < title)
-    throw Error("report: the page has no place for its title and data");
+    throw Error("report: the page has no placeholders for its title and data");
   const nlohmann::ordered_json name = data.at("name");
   std::string html(page.substr(0, title));
-  // By way of JSON, which mends what is no UTF-8.
+  // Dumping to JSON and back replaces invalid UTF-8.
   const std::string quoted = name.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
   html += html_text(nlohmann::json::parse(quoted).get<std::string>());
   html += page.substr(title + kTitlePlace.size(), place - title - kTitlePlace.size());

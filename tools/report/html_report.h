@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// report.html: a page of page/ with its data in it, one file that needs nothing else.
+// report.html: a page of page/ with its data embedded, one self-contained file.
 #pragma once
 
 #include <filesystem>
@@ -9,16 +9,16 @@
 
 namespace fringeslam::tools {
 
-// JSON that can stand in a <script> element: no "<" in it, whatever a name holds.
+// Serializes JSON for a <script> element: it contains no "<", whatever the names are.
 std::string script_json(const nlohmann::ordered_json& data);
 
-// `page`: one of report_page.h. Its title is data["name"].
+// Inserts the data into `page`, one of report_page.h. The title is data["name"].
 std::string html_report(std::string_view page, const nlohmann::ordered_json& data);
 
-// Writes it, whole or not at all.
+// Writes the file atomically.
 void write_html(const std::filesystem::path& file, const std::string& html);
 
-// Writes the page of a run folder, whole or not at all. Throws Error as report_data() does.
+// Writes the page of a run folder atomically. Throws Error like report_data().
 void write_report(const std::filesystem::path& run, const std::filesystem::path& file);
 
 }  // namespace fringeslam::tools

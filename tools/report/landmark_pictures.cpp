@@ -11,9 +11,9 @@ namespace fringeslam::tools {
 
 namespace {
 
-constexpr double kTextureWhite = 160;  // a texture seldom reaches half of full scale
+constexpr double kTextureWhite = 160;  // a texture rarely exceeds half of full scale
 
-// Colours that are told apart on grey; one for each landmark, again after that many.
+// Distinct colours on grey, one per landmark, repeating after the last.
 cv::Scalar colour_of(int number) {
   static const std::array<cv::Scalar, 10> colours = {
       cv::Scalar(80, 175, 255),  cv::Scalar(90, 210, 90),  cv::Scalar(235, 160, 60), cv::Scalar(200, 110, 230),
@@ -114,7 +114,7 @@ cv::Mat3b landmark_sheet(const FrameResult& view) {
                  {"edges", grey_picture(c.edges.mask(), 255)}},
                 {{"dilated " + std::to_string(c.dilations) + " times", grey_picture(c.dilated.mask(), 255)},
                  {"thinned", grey_picture(c.thinned.mask(), 255)},
-                 {"without what does not connect", grey_picture(c.cleaned, 255)}},
+                 {"cleaned", grey_picture(c.cleaned, 255)}},
                 {{title("depth keypoints in the foreground, clustered", view.landmarks.depth_keypoints.size()),
                   cluster_picture(view)},
                  {title("landmarks", view.landmarks.landmarks.size()), landmark_picture(view)},

@@ -12,7 +12,7 @@ namespace fringeslam::tools {
 namespace {
 
 constexpr double kMaxAlongRayM = 0.03;
-constexpr double kMinAgreement = 0.7;  // of normals, the cosine: else it is the surface before or behind the point's
+constexpr double kMinAgreement = 0.7;  // cosine of the angle between the normals; below it, it is another surface
 constexpr size_t kChunk = 4096;
 
 }  // namespace
@@ -27,7 +27,7 @@ MapError::MapError(const std::vector<CloudPoint>& points, const RigModel& rig)
 void MapError::add(const TruthFrame& truth, const Pose& map_from_camera) {
   const Pose camera_from_map = map_from_camera.inverse();
   const Pinhole& camera = rig_.camera;
-  // Beyond this the lens' polynomial may come back into the image.
+  // Beyond this slope the lens polynomial may fold back into the image.
   const double max_slope = 0.6 * (camera.width / camera.fx + camera.height / camera.fy);
   const auto measure = [&](size_t k) {
     const Eigen::Vector3d x = camera_from_map * points_[k].position_m.cast<double>();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How far the map lies from the true surfaces that the views saw, as colours of the map.
+// Distance of the map from the true surfaces seen by the views, as colours of the map.
 #pragma once
 
 #include <vector>
@@ -12,18 +12,18 @@
 
 namespace fringeslam::tools {
 
-// Signed distances of points from true surfaces, d = n . (p - x), p the true point and n its normal, towards the
-// camera, at the pixel onto which x falls: positive behind the surface, as a depth that is too large. Of all views it
-// is the one that sees x nearest and least aslant. Pixels that hold an edge do not count, nor surfaces more than 30 mm
-// from x along the ray or turned by more than 45 degrees against its own.
+// Signed distances of points from the true surfaces, d = n . (p - x), where p is the true point and n its normal
+// (towards the camera) at the pixel onto which x projects: positive behind the surface, like a depth that is too large.
+// Of all views the one that sees x closest and least obliquely counts. Pixels on an edge are ignored, and so are
+// surfaces more than 30 mm from x along the ray or tilted by more than 45 degrees against its normal.
 class MapError {
  public:
   MapError(const std::vector<CloudPoint>& points, const RigModel& rig);
 
-  // `map_from_camera`: where the camera truly was, in the map's frame.
+  // Adds a view. `map_from_camera` is the camera's true pose in the map's frame.
   void add(const TruthFrame& truth, const Pose& map_from_camera);
 
-  // m; NaN where no view tells.
+  // m; NaN for points seen by no view.
   const std::vector<float>& distances_m() const { return distances_m_; }
 
  private:

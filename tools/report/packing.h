@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Binary data as text that a page can hold.
+// Binary data as text to embed in a page.
 #pragma once
 
 #include <cstdint>
@@ -11,10 +11,10 @@ namespace fringeslam::tools {
 
 std::string base64(std::string_view bytes);
 
-// zlib's format (RFC 1950), which browsers know as "deflate".
+// Compresses to the zlib format (RFC 1950), which browsers call "deflate".
 std::string deflated(std::string_view bytes);
 
-// Differences from the value before, modulo the type's range, in little-endian bytes: they deflate better.
+// Differences between successive values, modulo the type's range, as little-endian bytes: they compress better.
 template <class Value>
 std::string difference_bytes(const std::vector<Value>& values) {
   std::string bytes;

@@ -10,12 +10,12 @@ using nlohmann::ordered_json;
 
 namespace {
 
-// A worker's answer; or, of one that died, the line of results that stands for it.
+// Returns a worker's answer or, if the worker died, what its result line says.
 ordered_json answer_of(const std::string& line) {
   ordered_json answer = ordered_json::parse(line, nullptr, false);
   if (answer.is_object() && (answer.contains("views") || answer.contains("unpictured"))) return answer;
   const std::string message = answer.is_object() ? answer.value("message", "") : "";
-  return {{"unpictured", "Run again for its pictures, it ended without an answer: " + message}};
+  return {{"unpictured", "The repeated run for its pictures ended without an answer: " + message}};
 }
 
 }  // namespace
@@ -26,14 +26,14 @@ std::map<int, ordered_json> pictures_of(const Study& study, const std::vector<Wo
   std::vector<int> again;
   for (const WorstTrial& trial : trials) {
     if (trial.outcome == to_string(Outcome::timed_out))
-      pictures[trial.trial] = {{"unpictured", "It took too long in the study and was not run again."}};
+      pictures[trial.trial] = {{"unpictured", "It timed out in the study and was not run again."}};
     else
       again.push_back(trial.trial);
   }
   if (again.empty()) return pictures;
   run_trials(
       study, again, workers, [&](int trial, const std::string& line) { pictures[trial] = answer_of(line); }, stop);
-  if (stop()) throw Error("interrupted; the results are kept, report.html is not written");
+  if (stop()) throw Error("interrupted; the results are kept, report.html was not written");
   return pictures;
 }
 

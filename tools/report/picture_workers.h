@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Pictures of trials, made in processes of their own: a trial that crashes again takes nothing with it.
+// Pictures of trials, rendered in separate processes, so that a trial that crashes again does no other harm.
 #pragma once
 
 #include <functional>
@@ -12,9 +12,9 @@
 
 namespace fringeslam::tools {
 
-// By trial what trial_pictures() tells, or in `unpictured` why there is nothing to see. Trials that took too long in
-// the study are not tried again. `workers`: their command's workers answer with trial_pictures(). Throws Error when
-// `stop` says so.
+// Returns for each trial the result of trial_pictures(), or `unpictured` with the reason why there are no pictures.
+// Trials that timed out in the study are not run again. `workers`: the command's workers answer with trial_pictures().
+// Throws Error if interrupted by `stop`.
 std::map<int, nlohmann::ordered_json> pictures_of(const studies::Study& study,
                                                   const std::vector<studies::WorstTrial>& trials,
                                                   const studies::WorkerOptions& workers,

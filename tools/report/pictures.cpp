@@ -48,7 +48,7 @@ cv::Mat3b match_picture(const Keyframe& reference, const FrameResult& current) {
   cv::hconcat(grey_picture(reference.frame.texture, 160), grey_picture(current.frame.texture, 160), picture);
   const double shift = reference.frame.texture.cols;
   const std::vector<Keypoint>& earlier = reference.landmarks.keypoints.keypoints;
-  // Wrong ones first, so that they never hide a right one.
+  // Draw outliers first, so that they never hide an inlier.
   for (const char wanted : {char{0}, char{1}}) {
     for (size_t i = 0; i < current.matches.size(); ++i) {
       if (current.registration.motion.is_inlier[i] != wanted) continue;

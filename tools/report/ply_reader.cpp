@@ -16,7 +16,7 @@ namespace {
 constexpr size_t kPointBytes = 6 * sizeof(float) + 3 + sizeof(float);
 constexpr size_t kFaceBytes = 1 + 3 * sizeof(uint32_t);
 
-// The number after "element NAME " in a header; 0 without such an element.
+// Returns the number after "element NAME " in a header; 0 if there is no such element.
 size_t element_count(const std::string& header, const std::string& name) {
   const std::string key = "\nelement " + name + " ";
   const size_t place = header.find(key);
@@ -45,7 +45,7 @@ SurfaceMesh read_ply(const std::filesystem::path& file) {
   const std::string header = bytes.substr(0, body);
   if (body == std::string::npos || !header.starts_with("ply\nformat binary_little_endian 1.0\n") ||
       header.find(kPlyPoint) == std::string::npos)
-    throw Error(file.string() + ": is not a map that fringeslam run wrote");
+    throw Error(file.string() + ": is not a map written by fringeslam run");
   const size_t points = element_count(header, "vertex"), faces = element_count(header, "face");
   const size_t held = bytes.size() - body - end.size();
   if (points > held / kPointBytes || faces > (held - points * kPointBytes) / kFaceBytes)
@@ -66,7 +66,7 @@ SurfaceMesh read_ply(const std::filesystem::path& file) {
     ++at;
     for (uint32_t& corner : triangle) corner = take<uint32_t>(at);
     if (std::any_of(triangle.begin(), triangle.end(), [&](uint32_t corner) { return corner >= points; }))
-      throw Error(file.string() + ": is damaged: a triangle's corner is not there");
+      throw Error(file.string() + ": is damaged: a triangle refers to a vertex that does not exist");
   }
   return mesh;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The map.ply and mesh.ply that a run wrote.
+// Reads the map.ply and mesh.ply written by a run.
 #pragma once
 
 #include <filesystem>
@@ -8,7 +8,7 @@
 
 namespace fringeslam::tools {
 
-// Triangles are empty for a cloud. Throws Error when the file is missing, truncated, or not one of ours.
+// Returns the mesh; a cloud has no triangles. Throws Error if the file is missing, truncated, or of another format.
 SurfaceMesh read_ply(const std::filesystem::path& file);
 
 }  // namespace fringeslam::tools

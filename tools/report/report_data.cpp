@@ -31,9 +31,9 @@ constexpr double kOutlineTolerancePx = 0.7;
 
 ordered_json read_json(const fs::path& file) {
   std::ifstream in(file);
-  if (!in) throw Error(file.string() + ": cannot be opened; a run of fringeslam holds it");
+  if (!in) throw Error(file.string() + ": cannot be opened; fringeslam run writes it");
   ordered_json json = ordered_json::parse(in, nullptr, false);
-  if (json.is_discarded()) throw Error(file.string() + ": is no JSON, or truncated");
+  if (json.is_discarded()) throw Error(file.string() + ": is not JSON, or truncated");
   return json;
 }
 
@@ -48,7 +48,7 @@ ordered_json json_of(const SixDof& six) {
   return {t.x(), t.y(), t.z(), a.x(), a.y(), a.z()};
 }
 
-// Null when there is no value; NaN becomes null by itself.
+// Returns null for an empty optional; NaN is serialized as null anyway.
 ordered_json median_of(const ordered_json& list, const char* key) {
   std::vector<double> values;
   for (const auto& entry : list) {
@@ -57,13 +57,13 @@ ordered_json median_of(const ordered_json& list, const char* key) {
   return values.empty() ? ordered_json() : ordered_json(fringeslam::median_of(values));
 }
 
-// Where things are and were, in the map's frame.
+// Estimated and true poses of a view, in the map's frame.
 struct Located {
   std::optional<Pose> robot, true_robot;
   std::optional<double> time_s;
 };
 
-// A run folder while it is read.
+// The contents of a run folder.
 class Collector {
  public:
   Collector(fs::path folder, const ReportLimits& limits);
@@ -85,7 +85,7 @@ class Collector {
   ReportLimits limits_;
   YamlMap config_;
   RigModel rig_;
-  ordered_json frames_, landmarks_, score_;  // as written; score_ is null without truth
+  ordered_json frames_, landmarks_, score_;  // as written; score_ is null without ground truth
   ordered_json warm_;                        // victims.json; null without a thermal camera
   std::vector<int> indices_;                 // of the views
   std::vector<Located> located_;
@@ -102,7 +102,7 @@ class Collector {
 Collector::Collector(fs::path folder, const ReportLimits& limits)
     : folder_(std::move(folder)), limits_(limits), config_([&] {
         if (!fs::exists(folder_ / "frames.json"))
-          throw Error(folder_.string() + ": is not a run: it holds no frames.json");
+          throw Error(folder_.string() + ": is not a run: it contains no frames.json");
         return YamlMap::load(folder_ / "config.yaml");
       }()) {
   rig_ = read_rig(folder_ / "rig.yaml");
@@ -114,7 +114,7 @@ Collector::Collector(fs::path folder, const ReportLimits& limits)
   for (const auto& frame : frames_) indices_.push_back(frame.at("index"));
 }
 
-// trajectory.tum holds a pose of each view that was not lost, in their order; truth.tum one of each stack.
+// trajectory.tum contains a pose for each tracked view, in their order; truth.tum one for each stack.
 void Collector::locate() {
   located_.resize(indices_.size());
   std::vector<size_t> tracked;
@@ -136,7 +136,7 @@ void Collector::locate() {
       throw Error((folder_ / "truth" / "truth.tum").string() + ": has no pose of view " + std::to_string(index));
     return truth[index];
   };
-  // As the trajectory's error is counted: the first poses coincide.
+  // Same alignment as the trajectory error: the first poses coincide.
   const Pose map_from_truth = *located_[tracked[0]].robot * truth_of(tracked[0]).world_from_robot.inverse();
   for (size_t v = 0; v < indices_.size(); ++v) {
     located_[v].true_robot = map_from_truth * truth_of(v).world_from_robot;
@@ -145,7 +145,7 @@ void Collector::locate() {
 }
 
 void Collector::read_map() {
-  // The fused surface; of a run that has none, or nothing but holes, the cloud.
+  // The fused surface or, if it is missing or empty, the cloud.
   SurfaceMesh mesh;
   if (fs::exists(folder_ / "mesh.ply")) mesh = read_ply(folder_ / "mesh.ply");
   if (mesh.vertices.empty() && fs::exists(folder_ / "map.ply")) mesh = read_ply(folder_ / "map.ply");
@@ -154,7 +154,7 @@ void Collector::read_map() {
   map_ = thinned(std::move(mesh), limits_.vertices);
 }
 
-// 10, 50 and 90 % of every 7th pixel's.
+// Returns the 10, 50 and 90 % quantiles of every 7th pixel.
 ordered_json sigmas_mm(const cv::Mat1f& sigma_m) {
   std::vector<double> sigmas;
   for (int row = 0; row < sigma_m.rows; ++row) {
@@ -166,12 +166,12 @@ ordered_json sigmas_mm(const cv::Mat1f& sigma_m) {
   return {quantile_of(sigmas, 0.1), quantile_of(sigmas, 0.5), quantile_of(sigmas, 0.9)};
 }
 
-// What the truth says about a view: its picture of errors, and the map's errors where it looked.
+// Compares a view with its ground truth: the error image, and the map's errors where the view sees it.
 void Collector::compare(size_t view, ViewImages& images, MapError& map_error) const {
   const fs::path file = folder_ / "truth" / (stack_name(indices_[view]) + ".exr");
   const TruthFrame truth = read_truth_frame(file);
   if (truth.depth_m.size() != images.depth_m.size())
-    throw Error(file.string() + ": is not of the size of the view's depth.exr");
+    throw Error(file.string() + ": does not have the size of the view's depth.exr");
   cv::subtract(images.depth_m, truth.depth_m, images.error_m);
   if (located_[view].robot) map_error.add(truth, *located_[view].true_robot * rig_.robot_from_camera);
 }
@@ -189,7 +189,7 @@ void Collector::look_at_views() {
     if (v % every_ != 0) continue;
     ViewImages images{indices_[v], read_grey(folder / "texture.png"), estimate.depth_m, {}};
     if (images.texture.size() != images.depth_m.size() || images.texture.type() != CV_8UC1)
-      throw Error((folder / "texture.png").string() + ": is not of 8 bits and the size of depth.exr");
+      throw Error((folder / "texture.png").string() + ": does not have 8 bits and the size of depth.exr");
     if (rig_.thermal && fs::exists(folder / "temperature.exr"))
       images.temperature_c = read_grey(folder / "temperature.exr");
     if (has_truth_) compare(v, images, map_error);
@@ -359,7 +359,7 @@ ordered_json report_data(const fs::path& run, const ReportLimits& limits) {
   try {
     return Collector(run, limits).collect();
   } catch (const nlohmann::json::exception& e) {
-    throw Error(run.string() + ": frames.json, landmarks.json or score.json is not as a run writes it: " + e.what());
+    throw Error(run.string() + ": frames.json, landmarks.json or score.json is not in a run's format: " + e.what());
   }
 }
 

@@ -17,7 +17,7 @@ using namespace studies;
 using nlohmann::ordered_json;
 using Law = Parameter::Law;
 
-// Six digits are more than a chart can show; NaN becomes null.
+// Rounds to six digits, more than a chart can show; NaN becomes null.
 ordered_json rounded(double value) {
   if (!std::isfinite(value)) return nullptr;
   char text[32];

@@ -13,12 +13,12 @@
 namespace fringeslam::tools {
 
 struct StudyReportOptions {
-  int pictured = 6;                // trials that are run again for their pictures
-  studies::WorkerOptions workers;  // that answer with trial_pictures()
+  int pictured = 6;                // trials run again to get their pictures
+  studies::WorkerOptions workers;  // their command answers with trial_pictures()
   std::function<bool()> stop = [] { return false; };
 };
 
-// Writes the page, whole or not at all. `lines`: merged results. Throws Error when it was stopped.
+// Writes the page atomically. `lines` are the merged results. Throws Error if interrupted.
 void write_study_report(const studies::Study& study, const std::map<int, std::string>& lines,
                         const studies::Summary& summary, const StudyReportOptions& options,
                         const std::filesystem::path& file);

@@ -13,13 +13,13 @@ namespace {
 using Triangle = std::array<uint32_t, 3>;
 
 struct Cells {
-  std::vector<uint32_t> of_vertex;  // the number of its cell
+  std::vector<uint32_t> of_vertex;  // cell index
   size_t count = 0;
 };
 
-// Cells are numbered by their place, so that the result does not hang on the order of vertices.
+// Cells are numbered by position, so that the result does not depend on the order of the vertices.
 Cells cells_of(const std::vector<CloudPoint>& vertices, const Eigen::Vector3f& low, double cell_m) {
-  constexpr int kBits = 21;  // of a coordinate: three fill a key
+  constexpr int kBits = 21;  // per coordinate: three fit into a key
   std::vector<uint64_t> keys;
   keys.reserve(vertices.size());
   for (const CloudPoint& vertex : vertices) {
@@ -70,7 +70,7 @@ std::vector<Triangle> merged(const std::vector<Triangle>& triangles, const Cells
   for (Triangle triangle : triangles) {
     for (uint32_t& corner : triangle) corner = cells.of_vertex[corner];
     if (triangle[0] == triangle[1] || triangle[1] == triangle[2] || triangle[2] == triangle[0]) continue;
-    // The same winding with the smallest corner first, so that equal triangles are equal.
+    // The same winding with the smallest index first, so that equal triangles compare equal.
     std::rotate(triangle.begin(), std::min_element(triangle.begin(), triangle.end()), triangle.end());
     result.push_back(triangle);
   }
@@ -88,11 +88,12 @@ ThinMesh thinned(SurfaceMesh mesh, size_t max_vertices) {
     low = low.cwiseMin(vertex.position_m);
     high = high.cwiseMax(vertex.position_m);
   }
-  // From about where a surface as large as the box's largest face has that many cells.
+  // Start near the cell size at which a surface of the bounding box's largest face would have max_vertices cells.
   double cell_m = (high - low).maxCoeff() / std::sqrt(static_cast<double>(max_vertices)) / 4;
   Cells cells = cells_of(mesh.vertices, low, cell_m);
   while (cells.count > max_vertices) {
-    // The number of cells falls with the square of their edge, or slower where points are few.
+    // The number of cells is proportional to the inverse square of their edge, or falls more slowly where points are
+    // sparse.
     cell_m *= std::max(1.02, std::sqrt(static_cast<double>(cells.count) / static_cast<double>(max_vertices)));
     cells = cells_of(mesh.vertices, low, cell_m);
   }

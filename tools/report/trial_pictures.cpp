@@ -13,9 +13,9 @@ namespace {
 using namespace studies;
 using nlohmann::ordered_json;
 
-constexpr int kWidth = 266;                    // px: half of the thesis's camera
-constexpr size_t kMostViews = 4;               // of a trial
-constexpr size_t kMostBytes = 60'000 * 2 * 4;  // of a trial's pictures: no limit but for strange sensors
+constexpr int kWidth = 266;                    // px: half of [T]'s camera
+constexpr size_t kMostViews = 4;               // per trial
+constexpr size_t kMostBytes = 60'000 * 2 * 4;  // per trial: only a safeguard for unusual sensors
 
 ViewImages images_of(const FrameResult& result, const TruthFrame& truth) {
   ViewImages images{truth.index, result.frame.texture, {}, {}};
@@ -24,7 +24,7 @@ ViewImages images_of(const FrameResult& result, const TruthFrame& truth) {
   return shrunk(images, kWidth);
 }
 
-// Spread evenly, first and last included.
+// Selects views at even spacing, including the first and the last.
 template <class Value>
 std::vector<Value> spread(const std::vector<Value>& values, size_t most) {
   if (values.size() <= most) return values;

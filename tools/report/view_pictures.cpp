@@ -15,9 +15,9 @@ namespace {
 
 using nlohmann::ordered_json;
 
-constexpr int kQuality = 85;     // of JPEG
-constexpr int kCompression = 7;  // of PNG
-constexpr int kMinWidth = 120;   // px; below it there is nothing to see
+constexpr int kQuality = 85;     // JPEG
+constexpr int kCompression = 7;  // PNG
+constexpr int kMinWidth = 120;   // px; smaller pictures are useless
 
 double quantile(std::vector<float>& values, double q) {
   const auto place = values.begin() + static_cast<std::ptrdiff_t>(q * static_cast<double>(values.size() - 1));
@@ -25,7 +25,7 @@ double quantile(std::vector<float>& values, double q) {
   return *place;
 }
 
-// Every 13th value that is one, of all views.
+// Returns every 13th value of all views, without NaN.
 template <class Select>
 std::vector<float> sampled(const std::vector<ViewImages>& views, const Select& select) {
   std::vector<float> values;
@@ -40,7 +40,7 @@ std::vector<float> sampled(const std::vector<ViewImages>& views, const Select& s
   return values;
 }
 
-// Linear light to what a screen shows, white at `white`.
+// Converts linear light to display values, with `white` as white.
 cv::Mat1b for_screen(const cv::Mat1b& texture, double white) {
   cv::Mat1b table(1, 256);
   for (int i = 0; i < 256; ++i)
@@ -137,7 +137,7 @@ cv::Mat1b levels(const cv::Mat1f& values, double low, double high) {
 std::vector<ordered_json> encoded(const std::vector<ViewImages>& views, const PictureScales& scales, size_t max_bytes) {
   std::vector<ordered_json> pictures(views.size());
   if (views.empty()) return pictures;
-  // A few views tell how much all of them take.
+  // Estimate the total size from a few views.
   double bytes = 0;
   const std::vector<size_t> probes = {0, views.size() / 2, views.size() - 1};
   for (const size_t probe : probes) bytes += static_cast<double>(characters(encoded(views[probe], scales)));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Places that may hold a victim, with the reason; the map marks them (scene.js).
+// Warm regions that may be victims, each with the reason; scene.js marks them in the map.
 import {byId, element} from '../shared/dom.js';
 import {fixed} from '../shared/format.js';
 import {on, store} from './store.js';

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The map so far: some points of each keyframe (tools/live/keyframe_points.h), placed by the keyframe's pose, so that a
-// corrected map moves them without being sent again.
+// The map so far: some points of each keyframe (tools/live/keyframe_points.h), placed by the keyframe's pose, so that
+// they need not be sent again after a map correction.
 import * as THREE from 'three';
 import {amount} from '../shared/format.js';
 import {placed} from '../shared/frustum.js';
@@ -9,8 +9,8 @@ import {byPalette} from '../shared/vertex_colours.js';
 import {ask} from './server.js';
 import {poseOf, store} from './store.js';
 
-const kWhite = 0.6 * 255;  // of the texture
-const kMostPoints = 1.5e6;  // beyond it each keyframe shows fewer
+const kWhite = 0.6 * 255;  // white level of the texture
+const kMostPoints = 1.5e6;  // beyond this, each keyframe shows fewer
 
 function decoded(buffer) {
   const head = new DataView(buffer);
@@ -21,7 +21,7 @@ function decoded(buffer) {
   return shuffled({count, positions, grey, sigma_mm});
 }
 
-// Each first part of the points then shows all of the keyframe, only thinner.
+// Shuffles the points, so that any leading part of them covers the whole keyframe more sparsely.
 function shuffled({count, positions, grey, sigma_mm}) {
   const order = Uint32Array.from({length: count}, (_, i) => i);
   let state = 1;
@@ -43,7 +43,7 @@ function quantiles(values, low, high) {
   return [low, high].map((share) => sorted[Math.floor(share * (sorted.length - 1))]);
 }
 
-// 1, 2 or 5 of a decade, not below the value.
+// Rounds up to 1, 2 or 5 of a decade.
 function roundUp(value) {
   const decade = 10 ** Math.floor(Math.log10(value));
   return [1, 2, 5, 10].map((step) => step * decade).find((step) => step >= value * 0.999);
@@ -61,7 +61,7 @@ class Cloud {
     this.sigma = this.count ? quantiles(this.sigma_mm, 0, 0.95)[1] : 0;
   }
 
-  // As far apart as neighbours are where the camera looked; three.js takes sizes for a field of view of 90 degrees.
+  // Point spacing as seen from the keyframe's camera; three.js defines sizes for a field of view of 90 degrees.
   spacing() {
     if (this.count === 0) return 1;
     this.geometry.computeBoundingBox();
@@ -69,7 +69,7 @@ class Cloud {
     return (1.2 * Math.sqrt((size.x * size.y) / this.count)) / Math.tan(THREE.MathUtils.degToRad(kFieldOfView / 2));
   }
 
-  // Whether it moved.
+  // Returns true if it moved.
   place(numbers) {
     const key = numbers.join(' ');
     if (key === this.pose) return false;
@@ -104,7 +104,7 @@ class Cloud {
 }
 
 export class Clouds {
-  // `changed` is called when there is more to draw, or it moved.
+  // `changed` is called when there is more to draw or something moved.
   constructor(changed) {
     this.changed = changed;
     this.group = new THREE.Group();
@@ -129,7 +129,7 @@ export class Clouds {
     this.scale = null;
   }
 
-  // Brings what is missing, one after the other, and places what moved.
+  // Fetches missing keyframes one by one and moves those whose pose changed.
   async update() {
     const moved = this.clouds.filter((cloud, i) => store.keyframes[i] && cloud.place(store.keyframes[i].pose));
     if (moved.length) this.recolour(moved);
@@ -143,7 +143,7 @@ export class Clouds {
         if (store.run === run) this.add(new Cloud(decoded(buffer)));
       }
     } catch {
-      // The connection says what is wrong, and the next change asks again.
+      // The connection reports the error, and the next change asks again.
     }
     this.fetching = false;
   }
@@ -163,7 +163,7 @@ export class Clouds {
     this.recolour(this.clouds);
   }
 
-  // The given ones, or all when the scale has to change.
+  // Recolours the given clouds, or all of them if the scale changes.
   recolour(clouds) {
     const scale = this.neededScale();
     const same = JSON.stringify(scale) === JSON.stringify(this.scale);
@@ -177,13 +177,13 @@ export class Clouds {
     if (this.colouring === 'sigma') {
       return {palette: 'viridis', low: 0, high: roundUp(Math.max(1e-3, ...this.clouds.map(({sigma}) => sigma)))};
     }
-    // Rounded outwards, so that not every new keyframe changes all colours.
+    // Rounded outwards, so that a new keyframe rarely changes the scale.
     const [low, high] = [Math.min(...this.clouds.map(({ends}) => ends[0])), Math.max(...this.clouds.map(({ends}) => ends[1]))];
     const step = roundUp(Math.max(1e-4, high - low)) / 20;
     return {palette: 'cividis', low: step * Math.floor(low / step), high: step * Math.ceil(high / step)};
   }
 
-  // What colourBar() takes, or null.
+  // Returns the arguments of colourBar(), or null.
   get bar() {
     if (!this.scale) return null;
     const {palette, low, high} = this.scale;

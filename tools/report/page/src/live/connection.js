@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Asks for what changed, again and again. Without an answer it waits longer from time to time; the server may be another
-// one when it is back, which then tells everything anew.
+// Polls for changes. Without an answer the delay between attempts grows; the server may be a different one when it
+// returns, and then sends everything again.
 import {byId} from '../shared/dom.js';
 import {ask, Refused, useToken} from './server.js';
 import {store, take} from './store.js';
 
-const kLeastMs = 100;  // from answer to answer
+const kLeastMs = 100;  // minimum between answers
 const kFirstPatienceMs = 500;
 const kMostPatienceMs = 8000;
 
@@ -13,21 +13,21 @@ const pause = (ms) => new Promise((done) => setTimeout(done, ms));
 
 function say(text, lost) {
   const line = byId('connection');
-  if (line.textContent !== text) line.textContent = text;  // said once by screen readers
+  if (line.textContent !== text) line.textContent = text;  // announced once by screen readers
   line.classList.toggle('lost', lost);
   document.body.classList.toggle('stale', lost);
 }
 
 function reason(error) {
-  if (error instanceof Refused && error.status === 503) return 'Too many viewers; trying again';
-  if (error instanceof Refused && error.status === 403) return 'Refused: this page is for the computer itself';
-  return store.finished ? 'Ended; waiting for the next' : 'No connection; trying again';
+  if (error instanceof Refused && error.status === 503) return 'Too many viewers; retrying';
+  if (error instanceof Refused && error.status === 403) return 'Refused: this page is only for the same computer';
+  return store.finished ? 'Ended; waiting for the next run' : 'No connection; retrying';
 }
 
-// Until someone typed it.
+// Waits until the user has entered a token.
 function askForToken() {
   const form = byId('token-form');
-  say('A token is asked for', true);
+  say('Token required', true);
   form.hidden = false;
   byId('token').focus();
   return new Promise((done) => {

@@ -1,23 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
-// Name, figures, state and warnings: what a person looks at first.
+// The header: name, figures, state and warnings.
 import {byId, element} from '../shared/dom.js';
 import {count, figure, fixed, percent} from '../shared/format.js';
 import {tile} from '../shared/tile.js';
 import {lastTracked, on, store} from './store.js';
 import {trackingText} from './tracking.js';
 
-const kVerbs = {run: 'Mapping', capture: 'Capturing', focus: 'Focus of'};
+const kVerbs = {run: 'Mapping', capture: 'Capturing', focus: 'Focusing'};
 
 function tiles() {
   const {about, newest, views} = store;
   const list = [
     tile('Views', count(views.length), about.stacks ? `of ${count(about.stacks)}` : ''),
-    tile('Views a second', store.views_per_s > 0 ? figure(store.views_per_s) : '–', '', store.dropped ? `${count(store.dropped)} dropped` : 'none dropped'),
+    tile('Views per second', store.views_per_s > 0 ? figure(store.views_per_s) : '–', '', store.dropped ? `${count(store.dropped)} dropped` : 'none dropped'),
   ];
   if (about.maps) list.push(tile('Keyframes', count(store.keyframes.length)));
   if (!newest) return list;
   list.push(
-    tile('Pixels with depth', newest.depth_possible ? percent(newest.valid, 0) : '–', '', newest.depth_possible ? '' : 'these patterns give none'),
+    tile('Pixels with depth', newest.depth_possible ? percent(newest.valid, 0) : '–', '', newest.depth_possible ? '' : 'not with these patterns'),
     tile('Pixels saturated', percent(newest.saturated)),
     tile('Mean modulation', figure(newest.mean_modulation_dn), `of ${newest.full_scale_dn / 2}`));
   return list;
@@ -32,13 +32,13 @@ function showTracking() {
   badge.classList.toggle('lost', view?.tracking === 'lost');
 }
 
-// Where the robot is, or was when it was last known.
+// The robot's current or last known position.
 function showPose() {
   const view = lastTracked();
   if (!view) return void (byId('pose').textContent = '');
   const turn = 2 * Math.acos(Math.min(1, Math.abs(view.pose[6])));
   const where = view.pose.slice(0, 3).map((value) => fixed(value, 3)).join(', ');
-  byId('pose').textContent = `Robot at ${where} m, turned by ${fixed((turn * 180) / Math.PI, 1)}°`;
+  byId('pose').textContent = `Robot at ${where} m, rotated by ${fixed((turn * 180) / Math.PI, 1)}°`;
 }
 
 function showWarnings() {
@@ -50,7 +50,7 @@ function showWarnings() {
 
 export function showHeader() {
   byId('name').textContent = 'FringeSLAM live';
-  byId('left-out').textContent = 'Map: some thousand points of each keyframe; all of it is in what the program writes.';
+  byId('left-out').textContent = 'Map: some thousand points of each keyframe; the program writes the complete map.';
   on('change', () => {
     const {about, views} = store;
     byId('name').textContent = `${kVerbs[about.verb]} ${about.name}`;

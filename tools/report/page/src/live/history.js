@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where tracking was lost and found again, and loops were closed; the newest first.
+// Loss of tracking, relocalization and loop closures, newest first.
 import {byId, element} from '../shared/dom.js';
 import {on, store} from './store.js';
 import {trackingEvents} from './tracking.js';

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The newest view's pictures, all of the same view; the next are asked for when these are there.
+// Pictures of the newest view, always all of the same view; the next ones are requested when these are shown.
 import {colourBar} from '../shared/colour_bar.js';
 import {byId, checkbox, element, svg} from '../shared/dom.js';
 import {fixed} from '../shared/format.js';
@@ -7,7 +7,7 @@ import {LevelPicture} from '../shared/level_picture.js';
 import {ask} from './server.js';
 import {on, store} from './store.js';
 
-const kLeastMs = 150;  // from view to view
+const kLeastMs = 150;  // minimum between views
 
 function card(title, note, ...content) {
   const value = element('span', {class: 'value'}, note);
@@ -22,7 +22,7 @@ function sized(...nodes) {
   }
 }
 
-// Its picture, ready to be shown.
+// Decodes a picture for display.
 async function fetched(path) {
   const answer = await ask(path);
   if (!answer) return null;
@@ -49,12 +49,12 @@ function plainCard(name, title, note, description) {
 }
 
 function textureCard() {
-  const result = plainCard('texture.jpg', 'Texture', 'without fringes', 'What the camera saw, without fringes,');
+  const result = plainCard('texture.jpg', 'Texture', 'without fringes', 'Camera image without fringes');
   const outlines = svg('svg', {class: 'outlines', 'aria-hidden': 'true'});
   result.frame.append(outlines);
   const key = element('div', {class: 'below', hidden: true},
     checkbox('landmarks', true, (on) => outlines.classList.toggle('hidden', !on)),
-    element('span', {class: 'key quiet'}, element('i', {class: 'known'}), 'known again ', element('i', {class: 'new'}), 'new'));
+    element('span', {class: 'key quiet'}, element('i', {class: 'known'}), 're-identified ', element('i', {class: 'new'}), 'new'));
   result.node.append(key);
   const {show} = result;
   result.show = (picture, view) => {
@@ -69,7 +69,7 @@ function textureCard() {
   return result;
 }
 
-// Levels from 1, far_m, to 255, near_m.
+// Depth levels from 1 (far_m) to 255 (near_m).
 function depthCard() {
   const canvas = element('canvas', {role: 'img'});
   const picture = new LevelPicture(canvas, 'viridis');
@@ -95,8 +95,8 @@ function depthCard() {
 
 export function showPictures() {
   const light = [
-    plainCard('modulation.jpg', 'Modulation', 'white: from black to full scale', 'Modulation of the fringes'),
-    plainCard('saturation.png', 'Saturation', 'brightest sample; red: clipped', 'Brightest sample of each pixel, red where clipped,'),
+    plainCard('modulation.jpg', 'Modulation', 'white: full-scale fringes', 'Modulation of the fringes'),
+    plainCard('saturation.png', 'Saturation', 'brightest sample; red: clipped', 'Brightest sample of each pixel, red where clipped'),
   ];
   const cards = [textureCard(), depthCard(), ...light];
   const shown = () => cards.filter(({node}) => !node.hidden);
@@ -107,7 +107,7 @@ export function showPictures() {
     update();
   });
   byId('pictures').append(...cards.map(({node}) => node), element('div', {class: 'whole'}, toggle));
-  // Who captures looks at the light first.
+  // While capturing, the light comes first.
   on('restart', () => {
     toggle.querySelector('input').checked = !store.about.maps;
     for (const {node} of light) node.hidden = store.about.maps;
@@ -127,7 +127,7 @@ export function showPictures() {
       }
       await new Promise((done) => setTimeout(done, kLeastMs));
     } catch {
-      wanted = null;  // the connection says what is wrong, and the next change asks again
+      wanted = null;  // the connection reports the error, and the next change asks again
     }
     busy = false;
     if (store.newest !== view) update();

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the robot and its camera are and were, and what they found: path, frustum, landmarks, victim candidates.
+// Current and past poses of the robot and its camera, and what they found: path, frustum, landmarks, victim candidates.
 import * as THREE from 'three';
 import {inks} from '../shared/colours.js';
 import {frustum, placed, sides} from '../shared/frustum.js';
@@ -9,7 +9,7 @@ import {cameraPose, lastTracked, poseOf, store} from './store.js';
 
 const kAxesM = 0.08;
 
-// Runs of neighbouring views that have a pose: a path does not bridge those that were lost.
+// Runs of consecutive views with a pose: the path does not bridge lost views.
 function pathLines(positions) {
   const lines = [];
   for (let i = 1; i < positions.length; ++i) if (positions[i - 1] && positions[i]) lines.push(positions[i - 1], positions[i]);
@@ -44,8 +44,8 @@ export class Robot {
     for (const object of [this.axes, this.landmarks, this.pane]) object.frustumCulled = false;
     this.frustum.renderOrder = 2;
     this.group.add(this.path, this.frustum, this.pane, this.axes, this.landmarks, this.candidates);
-    this.pose = null;  // of the camera, at the last view that has one
-    this.positions = [];  // of the camera, one a view; null where it was lost
+    this.pose = null;  // the camera's, at the last view with a pose
+    this.positions = [];  // the camera's, one per view; null where tracking was lost
     this.seen = {};
   }
 
@@ -57,7 +57,7 @@ export class Robot {
 
   update() {
     const {views, keyframes, candidates} = store;
-    // What came anew after a correction is other objects than before.
+    // A correction sends new objects for the same views.
     if (views[0] !== this.seen.view) this.positions = [];
     for (let i = this.positions.length; i < views.length; ++i) {
       this.positions.push(views[i].pose ? new THREE.Vector3(...cameraPose(views[i].pose).position) : null);

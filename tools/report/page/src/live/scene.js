@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The map in 3D as it grows, with the robot in it.
+// The growing map in 3D, with the robot in it.
 import * as THREE from 'three';
 import {colourBar} from '../shared/colour_bar.js';
 import {inks} from '../shared/colours.js';
@@ -11,7 +11,7 @@ import {Clouds} from './clouds.js';
 import {Robot} from './robot.js';
 import {on, store} from './store.js';
 
-const kGrown = 1.15;  // of the floor's extent, after which it is laid anew
+const kGrown = 1.15;  // growth of the floor's extent that triggers a new floor
 
 function notice(text) {
   byId('scene-notice').textContent = text;
@@ -53,7 +53,7 @@ class Stage {
     this.orbit.touched = false;
     byId('map').hidden = !store.about.maps;
     byId('workspace').classList.toggle('alone', !store.about.maps);
-    notice('Waiting for the first view of the map.');
+    notice('Waiting for the first mapped view.');
   }
 
   update() {
@@ -66,7 +66,7 @@ class Stage {
     this.redraw();
   }
 
-  // After the map grew or changed.
+  // Called when the map has grown or changed.
   grow() {
     const box = this.clouds.box;
     if (box.isEmpty()) return;
@@ -95,11 +95,11 @@ class Stage {
     this.colour();
   }
 
-  // What the map's colours mean, of those that are in it.
+  // Updates the legend for what the map contains.
   explain() {
     this.warm = store.candidates.length > 0;
-    const warm = this.warm ? [['lost', 'may be a victim'], ['third', 'warm, no victim']] : [];
-    legend([['estimate', 'path of the camera'], ['chosen', 'camera now'], ['truth', 'landmarks', 'dot'], ...warm, ['floor', `squares of ${squareSize(this.square)}`]]);
+    const warm = this.warm ? [['lost', 'may be a victim'], ['third', 'warm, not a victim']] : [];
+    legend([['estimate', 'camera path'], ['chosen', 'camera now'], ['truth', 'landmarks', 'dot'], ...warm, ['floor', `squares of ${squareSize(this.square)}`]]);
   }
 
   colour() {
@@ -135,7 +135,7 @@ function controlsOf(stage) {
       stage.gridShown = on;
       if (stage.floor) stage.floor.visible = on;
     }),
-    element('button', {type: 'button', class: 'button', id: 'look', onclick: () => stage.look()}, 'Through the camera'),
+    element('button', {type: 'button', class: 'button', id: 'look', onclick: () => stage.look()}, 'Camera view'),
     element('button', {type: 'button', class: 'button', id: 'reset', onclick: () => stage.orbit.reset()}, 'Reset'),
   ];
 }
@@ -143,7 +143,7 @@ function controlsOf(stage) {
 export function showScene() {
   const canvas = byId('scene');
   const renderer = rendererOn(canvas);
-  if (!renderer) return notice('This browser shows no WebGL 2: the map cannot be drawn here.');
+  if (!renderer) return notice('This browser has no WebGL 2: the map cannot be displayed.');
   const stage = new Stage(canvas, renderer);
   byId('scene-controls').append(...controlsOf(stage));
   fitted(renderer, canvas, stage.orbit);

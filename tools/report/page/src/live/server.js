@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Requests to the server that the page is from, with the token where it asks for one.
+// Requests to the page's server, with the token if it requires one.
 const kKey = 'fringeslam-token';
 const kPatienceMs = 15000;
 
 let token = '';
 
-// From the address that was printed (…/#token=…), out of which it is taken at once, or as it was in this tab before.
+// The token from the printed address (…/#token=…), from which it is removed immediately, or the one stored for this
+// tab.
 export function readToken() {
   const given = new URLSearchParams(location.hash.slice(1)).get('token');
   if (given) {
@@ -28,7 +29,7 @@ export class Refused extends Error {
   }
 }
 
-// The answer; null when what was asked for is no longer there (204). Throws when there is none in time.
+// Returns the answer, or null if the requested data is gone (204). Throws on timeout.
 export async function ask(path) {
   const answer = await fetch(path, {
     cache: 'no-store',

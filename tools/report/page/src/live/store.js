@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the server told so far (tools/live/live_feed.h says what that is); whoever shows something of it listens.
+// The state received from the server so far (tools/live/live_feed.h describes it); displays register as listeners.
 import {placed} from '../shared/frustum.js';
 
 const empty = {
@@ -10,7 +10,7 @@ const listeners = {change: [], restart: []};
 
 export const store = {...empty};
 
-// 'change': after each answer; 'restart': before it, when it is the first of a run; `about` is known.
+// 'change': after each answer; 'restart': before the first answer of a run; `about` is then known.
 export function on(event, listener) {
   listeners[event].push(listener);
 }
@@ -31,12 +31,12 @@ export function take(changes) {
   tell('change');
 }
 
-// x y z qx qy qz qw as {position, quaternion}.
+// Converts x y z qx qy qz qw to {position, quaternion}.
 export function poseOf(numbers) {
   return {position: numbers.slice(0, 3), quaternion: numbers.slice(3)};
 }
 
-// Of the camera, where the robot is.
+// Returns the camera's pose for a robot pose.
 export function cameraPose(robot) {
   const world = placed(poseOf(robot));
   const mount = placed(poseOf(store.about.rig.robot_from_camera));
@@ -46,7 +46,7 @@ export function cameraPose(robot) {
   };
 }
 
-// The last view with a pose, or null.
+// Returns the last view with a pose, or null.
 export function lastTracked() {
   for (let i = store.views.length - 1; i >= 0; --i) if (store.views[i].pose) return store.views[i];
   return null;

@@ -1,22 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
-// How a view was tracked, in words; and the views at which something happened.
+// Texts for a view's tracking state, and the events.
 const kWords = {
-  first: 'first view', followed: 'tracking', refined: 'tracking', landmarks: 'tracking by landmarks alone', lost: 'lost',
+  first: 'first view', followed: 'tracking', refined: 'tracking', landmarks: 'tracking by landmarks only', lost: 'lost',
 };
 
 export function trackingText(view) {
-  return view.found_again ? 'found again' : kWords[view.tracking] ?? '';
+  return view.found_again ? 'relocalized' : kWords[view.tracking] ?? '';
 }
 
 function eventOf(view, lostAt) {
   if (view.tracking === 'lost') return lostAt === null ? 'tracking lost' : null;
   const parts = [];
-  if (lostAt !== null) parts.push(`found again, lost since view ${lostAt}`);
+  if (lostAt !== null) parts.push(`relocalized, lost since view ${lostAt}`);
   if (view.loops) parts.push(`loop closed${view.corrected ? ', map corrected' : ''}`);
   return parts.join('; ') || null;
 }
 
-// [{index, lost, text}], the oldest first.
+// Returns [{index, lost, text}], oldest first.
 export function trackingEvents(views) {
   const events = [];
   let lostAt = null;

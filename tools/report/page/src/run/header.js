@@ -10,7 +10,7 @@ function trackedTile() {
   return tile('Views tracked', `${tracked} of ${views}`, '', lost ? `${lost} lost` : 'none lost');
 }
 
-// A run without truth: what it says of itself.
+// Tiles of a run without ground truth.
 function tilesWithoutTruth() {
   const sigmas = data.views.map((view) => view.sigma_mm?.[1]).filter((sigma) => sigma !== undefined);
   const valid = data.views.map((view) => view.valid_share);
@@ -18,7 +18,7 @@ function tilesWithoutTruth() {
   return [
     tile('Expected depth noise, median', figure(median(sigmas)), 'mm', 'standard deviation'),
     tile('Pixels with depth, median', fixed(median(valid) * 100, 1), '%'),
-    tile('Accuracy', '–', '', 'no truth is known'),
+    tile('Accuracy', '–', '', 'no ground truth'),
   ];
 }
 
@@ -29,9 +29,9 @@ export function showHeader() {
     `Seed ${data.seed} · ${plural(data.views.length, 'view')} · rig ${data.rig.name} · FringeSLAM ${data.version}`;
   const tiles = data.has_truth
     ? [
-        tile('ATE', figure(summary.ate_mm), 'mm', 'RMS error of position'),
-        tile('Motion error, median', figure(summary.translation_mm), 'mm'),
-        tile('Turn error, median', figure(summary.rotation_deg), '°'),
+        tile('ATE', figure(summary.ate_mm), 'mm', 'RMS position error'),
+        tile('Translation error, median', figure(summary.translation_mm), 'mm'),
+        tile('Rotation error, median', figure(summary.rotation_deg), '°'),
         tile('Error ÷ bound, median', fixed(summary.error_over_bound, 2), '', '0.94 at the Cramér-Rao bound'),
         tile('Depth error, median', figure(summary.depth_mm), 'mm'),
       ]

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The map as surface or points, in one of its colourings.
+// The map as a surface or points, in one of its colourings.
 import * as THREE from 'three';
 import {data, unpacked} from '../shared/data.js';
 import {fixed, short} from '../shared/format.js';
@@ -59,7 +59,7 @@ async function colouringsOf(map, positions) {
   return colourings;
 }
 
-// {surface, points, box, colourings}; surface is null for a map without triangles.
+// Returns {surface, points, box, colourings}; surface is null for a map without triangles.
 export async function mapModel() {
   const {map} = data;
   const geometry = await geometryOf(map);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the camera was and where it was taken to be: paths, frusta, and errors drawn larger than they are.
+// True and estimated camera poses: paths, frusta, and magnified errors.
 import * as THREE from 'three';
 import {inks} from '../shared/colours.js';
 import {data} from '../shared/data.js';
@@ -8,12 +8,12 @@ import {segments, setSegments} from '../shared/lines.js';
 import {theme} from '../shared/theme.js';
 import {store} from './store.js';
 
-const kFrustumShare = 0.14;  // of the middle depth: what all views but the chosen one show of their frusta
+const kFrustumShare = 0.14;  // frustum depth of all views but the chosen one, relative to the median depth
 const kMaxFrusta = 40;  // more would hide the path
 
 const middle = (data.pictures.near_m + data.pictures.far_m) / 2;
 
-// Runs of neighbouring views that have a pose: a path does not bridge those that were lost.
+// Runs of consecutive views with a pose: a path does not bridge lost views.
 function path(key) {
   const lines = [];
   for (let i = 1; i < data.views.length; ++i) {
@@ -23,7 +23,7 @@ function path(key) {
   return lines;
 }
 
-// 1, 2 or 5 of a decade, such that the largest error is seen.
+// Returns 1, 2 or 5 of a decade, such that the largest error is visible.
 export function errorScale(size) {
   const largest = Math.max(0, ...data.views.map((view) => view.position_error_mm ?? 0)) / 1000;
   if (largest === 0) return null;
@@ -40,7 +40,7 @@ function errorLines(scale) {
   });
 }
 
-// All positions that should be in sight.
+// All positions that should be visible.
 export function positions() {
   return data.views.flatMap((view) => [view.pose, view.true_pose]).filter(Boolean).map((pose) => placed(pose).position);
 }
@@ -75,7 +75,7 @@ export function paths(scale) {
   return {
     group, estimate, truth, frusta, errors,
     colour,
-    // A view that was lost is shown where it truly was.
+    // A lost view is shown at its true pose.
     choose(view) {
       const pose = view.pose ?? view.true_pose;
       setSegments(chosen, pose ? frustum(pose, middle, data.rig.corners) : []);

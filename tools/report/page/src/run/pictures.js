@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The pictures of the chosen view: texture with landmarks, depth, depth error, and how the view was tracked.
+// Pictures of the chosen view: texture with landmarks, depth, depth error, and its tracking state.
 import {colourBar} from '../shared/colour_bar.js';
 import {data} from '../shared/data.js';
 import {byId, checkbox, element, svg} from '../shared/dom.js';
@@ -10,7 +10,7 @@ import {store} from './store.js';
 
 const {near_m: near, far_m: far, error_limit_mm: limit, cold_c: cold, warm_c: warm, every} = data.pictures;
 
-// The view whose pictures are shown for another: its own or, of those that are in the page, the one before.
+// Returns the view whose pictures are shown for a view: itself or, if it has none, the previous one that has some.
 export function pictured(place) {
   return data.views[place - (place % every)];
 }
@@ -21,7 +21,7 @@ function card(title, ...content) {
   return {node, value};
 }
 
-// Shows what the picture holds under the pointer.
+// Shows the picture's value under the pointer.
 function tellValues(canvas, picture, output, text, nothing) {
   canvas.addEventListener('pointermove', (event) => {
     const box = canvas.getBoundingClientRect();
@@ -37,13 +37,13 @@ function textureCard() {
   const frame = element('div', {class: 'frame'}, image, outlines);
   const {node, value} = card('Texture', frame);
   const toggle = checkbox('landmarks', true, (on) => outlines.classList.toggle('hidden', !on));
-  const key = element('span', {class: 'key quiet'}, element('i', {class: 'known'}), 'known again ', element('i', {class: 'new'}), 'new');
+  const key = element('span', {class: 'key quiet'}, element('i', {class: 'known'}), 're-identified ', element('i', {class: 'new'}), 'new');
   node.append(element('div', {class: 'below'}, toggle, key));
   return {
     node,
     show(view) {
       image.src = view.pictures.texture;
-      image.alt = `What the camera saw in view ${view.index}, without fringes`;
+      image.alt = `Camera image of view ${view.index}, without fringes`;
       const landmarks = view.landmarks ?? [];
       outlines.replaceChildren(
         ...landmarks.map(({outline, recognised}) =>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Curves over the views.
+// Plots over the views.
 import uPlot from 'uplot';
 import {inks} from '../shared/colours.js';
 import {data} from '../shared/data.js';
@@ -9,12 +9,13 @@ import {theme} from '../shared/theme.js';
 import {placeOf, store} from './store.js';
 
 const kHeight = 190;
-// Of sqrt(e' J e / 6) with e at the bound: 5 and 95 % of sqrt(chi-squared of 6 degrees / 6).
+// 5 and 95 % quantiles of sqrt(e' J e / 6) for an error e at the bound: sqrt(chi-squared with 6 degrees of freedom /
+// 6).
 const kBoundBand = [0.522, 1.449];
 
 const views = data.views.map((view) => view.index);
 const ofViews = (value) => data.views.map((view) => value(view) ?? null);
-// Of views in which landmarks were looked for.
+// Values of the views in which landmarks were detected.
 const ofLooks = (value) => ofViews((view) => (view.keypoints_detected > 0 ? value(view) : null));
 const motionTo = new Map(data.motions.map((motion) => [motion.current, motion]));
 const ofMotions = (value) => data.views.map((view) => {
@@ -36,18 +37,18 @@ function charts() {
       ],
     });
     list.push({
-      title: 'Motion error of each pair',
+      title: 'Motion error per pair',
       unit: 'mm',
       second: '°',
       curves: [
-        {label: 'shift', values: ofMotions((motion) => motion.translation_error_mm), ink: 'estimate'},
-        {label: 'turn', values: ofMotions((motion) => motion.rotation_error_deg), ink: 'truth', second: true},
+        {label: 'translation', values: ofMotions((motion) => motion.translation_error_mm), ink: 'estimate'},
+        {label: 'rotation', values: ofMotions((motion) => motion.rotation_error_deg), ink: 'truth', second: true},
       ],
     });
     list.push({
       title: 'Error ÷ Cramér-Rao bound',
       unit: '',
-      note: 'At the bound nine of ten lie in the band.',
+      note: 'At the bound, 90 % of the pairs lie in the band.',
       curves: [{label: 'error ÷ bound', values: ofMotions((motion) => motion.error_over_bound), ink: 'estimate'}],
       band: [constant(kBoundBand[0]), constant(kBoundBand[1])],
     });
@@ -56,13 +57,13 @@ function charts() {
     list.push({
       title: 'Depth error',
       unit: 'mm',
-      note: 'Band: from the median to what 99 % of the pixels stay below.',
+      note: 'Band: from the median to the 99th percentile of the pixels.',
       curves: [{label: 'median', values: ofViews((view) => view.score?.depth_median_mm), ink: 'estimate'}],
       band: [ofViews((view) => view.score?.depth_median_mm), ofViews((view) => view.score?.depth_p99_mm)],
     });
   }
   list.push({
-    title: 'Expected noise of depth',
+    title: 'Expected depth noise',
     unit: 'mm',
     note: 'Band: 10 to 90 % of the pixels.',
     curves: [{label: 'median σ', values: ofViews((view) => view.sigma_mm?.[1]), ink: 'estimate'}],
@@ -76,7 +77,7 @@ function charts() {
   list.push({
     title: 'Landmarks',
     unit: '',
-    note: 'Views that are followed by prediction look for none.',
+    note: 'Views tracked by prediction detect no landmarks.',
     curves: [
       {label: 'keypoints', values: ofLooks((view) => view.keypoints_with_depth), ink: 'estimate', dots: true},
       {label: 'matches', values: ofLooks((view) => view.matches), ink: 'truth', dots: true},
@@ -86,7 +87,7 @@ function charts() {
   return list;
 }
 
-// Lost views as stripes behind the curves, the chosen view as a line.
+// Draws lost views as stripes behind the curves and the chosen view as a line.
 function marks(plot) {
   const {ctx, bbox} = plot;
   const ink = inks(theme.dark);
@@ -162,7 +163,7 @@ function options(chart, width) {
   };
 }
 
-// What a person who does not see the curves is told.
+// Text alternative of a chart for screen readers.
 function summary(chart) {
   const parts = chart.curves.map(({label, values}) => {
     const known = values.filter((value) => value !== null);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The map in 3D, with the paths and frusta of the camera.
+// The map in 3D, with the camera's paths and frusta.
 import * as THREE from 'three';
 import {colourBar} from '../shared/colour_bar.js';
 import {inks} from '../shared/colours.js';
@@ -33,10 +33,10 @@ function showMapBar(colouring) {
 export async function showScene() {
   const canvas = byId('scene');
   const cameras = positions();
-  canvas.setAttribute('aria-label', `Map of ${data.name} in 3D with the camera's path`);
+  canvas.setAttribute('aria-label', `3D map of ${data.name} with the camera's path`);
   if (!data.map && cameras.length === 0) return notice('No view was tracked: there is no map.');
   const renderer = rendererOn(canvas);
-  if (!renderer) return notice('This browser shows no WebGL 2: the map cannot be drawn here. mesh.glb beside the report holds it.');
+  if (!renderer) return notice('This browser has no WebGL 2: the map cannot be shown. See mesh.glb next to the report.');
 
   const model = data.map ? await mapModel() : null;
   const box = model?.box ?? new THREE.Box3().setFromPoints(cameras).expandByScalar(0.1);
@@ -80,7 +80,7 @@ export async function showScene() {
     }));
     model.points.visible = !model.surface;
     if (model.surface) {
-      controls.append(choice('as', [['surface', 'surface'], ['points', 'points']], (kind) => {
+      controls.append(choice('show as', [['surface', 'surface'], ['points', 'points']], (kind) => {
         model.surface.visible = kind === 'surface';
         model.points.visible = kind === 'points';
         redraw();
@@ -91,14 +91,14 @@ export async function showScene() {
   if (data.has_truth) controls.append(shown('true path', drawn.truth));
   if (scale) controls.append(shown(`errors × ${count(scale)}`, drawn.errors, false));
   controls.append(shown('grid', grid));
-  if (warm) controls.append(shown('warm things', warm.group));
+  if (warm) controls.append(shown('warm regions', warm.group));
   const look = () => {
     const view = data.views[store.view];
     const pose = view.pose ?? view.true_pose;
     if (pose) orbit.flyTo(pose, (data.pictures.near_m + data.pictures.far_m) / 2);
   };
   controls.append(
-    element('button', {type: 'button', class: 'button', id: 'look', onclick: look}, 'From this view'),
+    element('button', {type: 'button', class: 'button', id: 'look', onclick: look}, 'Camera view'),
     element('button', {type: 'button', class: 'button', id: 'reset', onclick: () => orbit.reset()}, 'Reset'));
   canvas.addEventListener('keydown', (event) => {
     if (event.key === 'v' || event.key === 'V') look();
@@ -106,7 +106,7 @@ export async function showScene() {
 
   const entries = [['estimate', 'estimated path']];
   if (data.has_truth) entries.push(['truth', 'true path', 'dashed']);
-  if (warm) entries.push(['lost', 'victim?'], ['third', 'warm, no victim']);
+  if (warm) entries.push(['lost', 'victim?'], ['third', 'warm, not a victim']);
   entries.push(['chosen', 'this view'], ['floor', `squares of ${squareSize(square)}`]);
   legend(entries);
 

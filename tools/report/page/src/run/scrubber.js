@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The bar that chooses a view: buttons, slider, and the arrow keys wherever they mean nothing else.
+// The bar that selects a view: buttons, slider, and the arrow keys where they have no other function.
 import {data} from '../shared/data.js';
 import {byId} from '../shared/dom.js';
 import {fixed} from '../shared/format.js';
@@ -9,14 +9,14 @@ const kPlayMs = 600;
 
 const kStates = {
   first: 'first view',
-  followed: 'followed by prediction',
+  followed: 'tracked by prediction',
   refined: 'landmarks, refined',
-  landmarks: 'landmarks alone',
+  landmarks: 'landmarks only',
   lost: 'lost',
 };
 
 export function stateText(view) {
-  return (kStates[view.tracking] ?? view.tracking) + (view.found_again ? ', found again' : '');
+  return (kStates[view.tracking] ?? view.tracking) + (view.found_again ? ', relocalized' : '');
 }
 
 function labelOf(view) {
@@ -47,7 +47,7 @@ function togglePlay() {
   };
 }
 
-// Whether an arrow key does something to what has the focus.
+// Returns true if the focused element uses the arrow keys itself.
 function usesArrows(target) {
   return target.closest('input, select, textarea, #scene, .scroller') !== null;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is known about the chosen view, in words and numbers.
+// Facts about the chosen view.
 import {element} from '../shared/dom.js';
 import {count, figure, fixed, percent} from '../shared/format.js';
 import {stateText} from './scrubber.js';
@@ -10,18 +10,18 @@ function rows(view) {
   const row = (title, text) => list.push([title, text]);
   if (view.position_error_mm !== null) row('Position error', `${figure(view.position_error_mm)} mm`);
   if (score) row('Depth error, median', `${figure(score.depth_median_mm)} mm`);
-  if (score) row('99 % below', `${figure(score.depth_p99_mm)} mm`);
+  if (score) row('Depth error, 99 %', `${figure(score.depth_p99_mm)} mm`);
   if (view.sigma_mm) row('Expected noise, median', `${figure(view.sigma_mm[1])} mm`);
   row('Pixels with depth', percent(view.valid_share));
   row('Images', String(view.images));
-  row('Orders by', view.unwrapping);
+  row('Fringe orders from', view.unwrapping);
   row('Keypoints with depth', count(view.keypoints_with_depth));
   if (view.matches) row('Matches, inliers', `${count(view.matches)}, ${count(view.inliers)}`);
-  if (view.reference !== undefined) row('Against keyframe', String(view.reference));
+  if (view.reference !== undefined) row('Reference keyframe', String(view.reference));
   if (view.icp_pairs) row('ICP overlap', percent(view.icp_overlap, 0));
   if (view.icp_pairs) row('ICP residual ÷ σ', fixed(view.icp_rms_sigma, 2));
   if (view.loops) row('Loops closed', String(view.loops));
-  if (view.undetermined) row('Left free', view.undetermined.join('; '));
+  if (view.undetermined) row('Undetermined', view.undetermined.join('; '));
   return list;
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which view is chosen; whoever shows something of it listens.
+// The chosen view; displays register as listeners.
 import {data} from '../shared/data.js';
 
 const listeners = [];
@@ -9,19 +9,19 @@ export const store = {
   get view() {
     return view;
   },
-  // A place in data.views; out of range it stays at the end.
+  // Selects an index into data.views, clamped to its range.
   choose(place) {
     view = Math.max(0, Math.min(data.views.length - 1, place));
     for (const listener of listeners) listener(view);
   },
-  // Called at once, and after each change.
+  // The listener is called immediately and after each change.
   onView(listener) {
     listeners.push(listener);
     listener(view);
   },
 };
 
-// The place in data.views of a view's index.
+// Returns the position in data.views of a view index.
 const places = new Map(data.views.map((view, place) => [view.index, place]));
 export function placeOf(index) {
   return places.get(index);

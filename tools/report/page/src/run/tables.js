@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Tables in the papers' form.
+// Tables in the format of the papers.
 import {data} from '../shared/data.js';
 import {byId, element} from '../shared/dom.js';
 import {count, fixed, percent} from '../shared/format.js';
@@ -57,8 +57,8 @@ function viewColumns() {
     ['depth error, median mm', (view) => fixed(view.score?.depth_median_mm, 4)],
     ['RMS mm', (view) => fixed(view.score?.depth_rms_mm, 4)],
     ['99 % mm', (view) => fixed(view.score?.depth_p99_mm, 4)],
-    ['lit pixels', (view) => percent(view.score?.valid_fraction, 2)],
-    ['wrong order', (view) => view.score?.wrong_order?.toExponential(1).replace('-', '−') ?? '–'],
+    ['lit pixels with depth', (view) => percent(view.score?.valid_fraction, 2)],
+    ['wrong fringe order', (view) => view.score?.wrong_order?.toExponential(1).replace('-', '−') ?? '–'],
     ['position error mm', (view) => fixed(view.position_error_mm, 4)],
     ...columns.slice(2),
   ];
@@ -72,7 +72,7 @@ function viewTable() {
   return element('table', {}, head(['view', ...columns.map(([title]) => title)]), element('tbody', {}, ...rows));
 }
 
-// Moves the table, and not the page, so that the chosen row is seen.
+// Scrolls the table, not the page, to the chosen row.
 function bringIntoSight(row) {
   const box = row.closest('.scroller');
   const top = row.offsetTop - box.querySelector('thead').offsetHeight;
@@ -85,7 +85,7 @@ export function showTables() {
   if (data.motions.length > 0) {
     byId('motions').hidden = false;
     byId('motions').append(
-      element('p', {class: 'quiet'}, 'Of the robot, previous from current; R = Rz(Δγ) Ry(Δβ) Rx(Δα).'),
+      element('p', {class: 'quiet'}, 'Robot motion, previous from current; R = Rz(Δγ) Ry(Δβ) Rx(Δα).'),
       scroller('Motions', motionTable()));
   }
   byId('views').append(scroller('Views', viewTable()));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Warm things that a thermal camera found, victims first: a table with the reasons, and marks in the map.
+// Warm regions found by a thermal camera, victims first: a table with the reasons, and marks in the map.
 import * as THREE from 'three';
 import {inks} from '../shared/colours.js';
 import {data} from '../shared/data.js';
@@ -17,7 +17,7 @@ function row(thing) {
   const look = element('button', {type: 'button', class: 'chooser', onclick: () => store.choose(placeOf(thing.best_view))},
     String(thing.best_view));
   return element('tr', {class: thing.victim ? 'victim' : ''},
-    element('th', {scope: 'row'}, thing.victim ? 'victim?' : 'no victim'),
+    element('th', {scope: 'row'}, thing.victim ? 'victim?' : 'not a victim'),
     element('td', {}, `${fixed(thing.warmest_c, 1)}`),
     element('td', {}, fixed(thing.area_cm2, 0)),
     element('td', {}, place),
@@ -31,14 +31,14 @@ export function showWarmThings() {
   const section = byId('warm');
   section.hidden = false;
   if (things.length === 0) {
-    section.append(element('p', {class: 'quiet'}, 'Nothing was warmer than what surrounds it.'));
+    section.append(element('p', {class: 'quiet'}, 'Nothing was warmer than its surroundings.'));
     return;
   }
-  const titles = ['taken for', '°C', 'cm²', 'position in the map, m', 'skin in views', 'best view', 'why'];
-  section.append(scroller('Warm things', element('table', {}, head(titles), element('tbody', {}, ...things.map(row)))));
+  const titles = ['class', '°C', 'cm²', 'position in the map, m', 'views as skin', 'best view', 'reason'];
+  section.append(scroller('Warm regions', element('table', {}, head(titles), element('tbody', {}, ...things.map(row)))));
 }
 
-// Rings of spheres about the things, victims in the colour of alarm; null when there are none.
+// Marks the regions with rings, victims in the alarm colour; null if there are none.
 export function warmMarks() {
   if (things.length === 0) return null;
   const group = new THREE.Group();

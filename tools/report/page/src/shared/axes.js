@@ -1,21 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
-// Scales from values to pixels, and the values at which an axis has its marks.
+// Scales that map values to pixels, and tick values of axes.
 
-// `from`: the values at both ends; `to`: the pixels there.
+// `from`: values at both ends; `to`: pixels at both ends.
 export function linear(from, to) {
   const slope = (to[1] - to[0]) / (from[1] - from[0] || 1);
   const scale = (value) => to[0] + slope * (value - from[0]);
   return Object.assign(scale, {from, to, ticks: (count) => linearTicks(from, count)});
 }
 
-// Values at and below 0 stay at the lower end.
+// Values up to 0 map to the lower end.
 export function logarithmic(from, to) {
   const inner = linear(from.map(Math.log10), to);
   const scale = (value) => inner(Math.log10(Math.max(value, from[0])));
   return Object.assign(scale, {from, to, ticks: (count) => logTicks(from, count)});
 }
 
-// The middles of equally wide cells, one for each name.
+// Centres of cells of equal width, one per name.
 export function categories(names, to) {
   const width = (to[1] - to[0]) / names.length;
   const scale = (place) => to[0] + (place + 0.5) * width;
@@ -31,7 +31,7 @@ function linearTicks([low, high], count) {
   return ticks;
 }
 
-// Whole decades; where they are few, 2 and 5 of each as well.
+// Whole decades; if they are few, also 2 and 5 of each.
 function logTicks([low, high], count) {
   const first = Math.ceil(Math.log10(low) - 1e-9);
   const last = Math.floor(Math.log10(high) + 1e-9);
@@ -50,7 +50,7 @@ function clean(value) {
   return Number(value.toPrecision(6));
 }
 
-// Whole decades around the values that are above 0; null when there are none.
+// Whole decades around the positive values; null if there are none.
 export function decadesAround(values) {
   const known = values.filter((value) => value > 0);
   if (known.length === 0) return null;

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Charts as SVG: they take the page's colours from its style sheet, in the light, in the dark and on paper.
+// SVG charts: their colours come from the page's style sheet, in light and dark mode and in print.
 import {element, svg} from './dom.js';
 import {short} from './format.js';
 
-// A box that `draw(width)` fills with an SVG, again whenever its width changes.
+// A box filled by `draw(width)` with an SVG, again whenever its width changes.
 export function chartBox(label, draw) {
   const box = element('div', {class: 'chart', role: 'img', 'aria-label': label});
   let drawn = 0;
@@ -43,7 +43,7 @@ export function tickText(value) {
   return short(value).replace('-', '−');
 }
 
-// Marks and lines of an axis below, from `top` to `bottom`; a mark without room for its text goes without.
+// Ticks and grid lines of a horizontal axis from `top` to `bottom`; labels without enough room are omitted.
 export function axisBelow(scale, top, bottom, {text = tickText, width = 46, title} = {}) {
   const parts = [];
   let end = -Infinity;
@@ -69,19 +69,19 @@ export function axisLeft(scale, left, right, {text = tickText, title, count = 4}
   return svg('g', {}, ...parts);
 }
 
-// A name such as light.ambient_lux, which may break after its dots and dashes.
+// A name such as light.ambient_lux, which may wrap after its dots and underscores.
 export function breakable(name) {
   return name.split(/(?<=[._])/).flatMap((part, i) => (i ? [element('wbr'), part] : [part]));
 }
 
-// A figure with a heading, a chart and what there is to say about it.
+// A figure with a heading, a chart and an optional note.
 export function chartCard(title, aside, box, note) {
   return element('figure', {class: 'card'},
     element('figcaption', {}, element('h3', {}, ...breakable(title)), aside ? element('span', {class: 'value'}, aside) : null),
     box, note ? element('p', {class: 'quiet note'}, note) : null);
 }
 
-// Line or mark, and what it stands for: [[class of its line, text, what is drawn with it], …].
+// A legend: [[class of the line, text, further marks], …].
 export function key(...entries) {
   return element('p', {class: 'quiet note key-line'}, ...entries.map(([name, text, ...more]) => element('span', {class: 'key-entry'},
     svg('svg', {width: 26, height: 14, 'aria-hidden': 'true'}, line(1, 7, 25, 7, name), ...more), text)));

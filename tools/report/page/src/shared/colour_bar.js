@@ -2,7 +2,7 @@
 import {gradient} from './colours.js';
 import {element} from './dom.js';
 
-// A strip of a palette over the values at its ends and middle; texts come with their unit.
+// A colour bar with the values at its ends and middle; the texts include the unit.
 export function colourBar(palette, low, middle, high) {
   const strip = element('div', {class: 'strip'});
   strip.style.background = gradient(palette);

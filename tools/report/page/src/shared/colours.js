@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Palettes that colour-blind people can read: viridis (van der Walt, Smith 2015) and cividis (Nunez et al. 2018) for
-// amounts, blue - white - orange for errors with a sign.
+// Palettes suitable for colour-blind readers: viridis (van der Walt, Smith 2015) and cividis (Nunez et al. 2018) for
+// magnitudes, blue - white - orange for signed errors.
 const kStops = {
   viridis: ['440154', '482878', '3e4989', '31688e', '26828e', '1f9e89', '35b779', '6ece58', 'b5de2b', 'fde725'],
   cividis: ['00224e', '123570', '3b496c', '575d6d', '707173', '8a8678', 'a59c74', 'c3b369', 'e1cc55', 'fee838'],
@@ -11,7 +11,7 @@ function channels(hex) {
   return [0, 2, 4].map((i) => parseInt(hex.slice(i, i + 2), 16));
 }
 
-// 256 colours, r g b r g b …
+// Returns 256 colours, r g b r g b …
 function table(stops) {
   const colours = stops.map(channels);
   const result = new Uint8Array(768);
@@ -31,7 +31,7 @@ export function gradient(name) {
   return `linear-gradient(to right, ${kStops[name].map((stop) => `#${stop}`).join(', ')})`;
 }
 
-// Of lines and marks, after Okabe and Ito.
+// Colours of lines and marks, after Okabe and Ito.
 export function inks(dark) {
   return dark
     ? {estimate: '#56b4e9', truth: '#f0a830', chosen: '#f07ec0', lost: '#ff7a45', third: '#2fc79a', text: '#c9cdd4', grid: '#343a44', paper: '#14171c', band: 'rgba(86,180,233,0.22)', quiet: 'rgba(160,168,180,0.16)', frustum: '#8fa3b8', floor: '#39414d'}

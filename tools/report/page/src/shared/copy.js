@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// A command to be copied.
+// A command with a button to copy it.
 import {element} from './dom.js';
 
 const kSaidMs = 2000;
 
-// Pages from files may be kept from the clipboard; then the text is selected, to be copied by hand.
+// Pages opened from files may have no access to the clipboard; the text is then selected for copying by hand.
 async function copied(code) {
   try {
     await navigator.clipboard.writeText(code.textContent);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the program wrote into the page (tools/report/report_data.h says what that is).
+// The data embedded in the page (tools/report/report_data.h describes it).
 export const data = JSON.parse(document.getElementById('data').textContent);
 
 // The inverse of packed() in tools/report/packing.h.

@@ -3,7 +3,7 @@ export function byId(id) {
   return document.getElementById(id);
 }
 
-// element('dl', {class: 'figures'}, child, 'text', …). Text is set as text: names may hold anything.
+// element('dl', {class: 'figures'}, child, 'text', …). Text is inserted as text, so that names may contain markup.
 export function element(name, attributes = {}, ...children) {
   return filled(document.createElement(name), attributes, children);
 }
@@ -22,14 +22,14 @@ function filled(node, attributes, children) {
   return node;
 }
 
-// A labelled checkbox that calls `change` with its state, at first as well.
+// A labelled checkbox that calls `change` with its state, initially and on every change.
 export function checkbox(label, checked, change) {
   const input = element('input', {type: 'checkbox', checked, onchange: () => change(input.checked)});
   change(checked);
   return element('label', {class: 'check'}, input, element('span', {}, label));
 }
 
-// A labelled list of [value, text] to choose from, that calls `change` with the value.
+// A labelled select element with options [value, text]; calls `change` with the chosen value.
 export function choice(label, options, change) {
   const select = element('select', {'aria-label': label, onchange: () => change(select.value)},
     ...options.map(([value, text]) => element('option', {value}, text)));

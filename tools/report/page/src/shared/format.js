@@ -5,14 +5,14 @@ function isNumber(value) {
   return typeof value === 'number' && Number.isFinite(value);
 }
 
-// With a true minus, and none before 0.000.
+// Formats with a true minus sign, but without one before zero.
 export function fixed(value, digits) {
   if (!isNumber(value)) return kUnknown;
   const text = value.toFixed(digits);
   return Number(text) === 0 ? text.replace('-', '') : text.replace('-', '−');
 }
 
-// Three digits or more, none of them noise.
+// At least three digits, all of them significant.
 export function figure(value) {
   if (!isNumber(value)) return kUnknown;
   const size = Math.abs(value);
@@ -21,12 +21,12 @@ export function figure(value) {
   return fixed(value, Math.max(0, Math.min(6, 2 - Math.floor(Math.log10(size)))));
 }
 
-// A round value as short as it goes.
+// The shortest form of a round value.
 export function short(value) {
   return String(Number(value.toPrecision(3)));
 }
 
-// Four digits, without noughts at the end.
+// Four significant digits without trailing zeros.
 export function amount(value) {
   return isNumber(value) ? String(Number(value.toPrecision(4))).replaceAll('-', '−') : kUnknown;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Poses {position, quaternion} as three.js has them, and the frustum of a camera there. `rays`: of the image's corners, (x, y)
-// at depth 1.
+// Poses {position, quaternion} as three.js objects, and the camera frustum at a pose. `rays`: those of the image's
+// corners, (x, y) at depth 1.
 import * as THREE from 'three';
 import {chain} from './lines.js';
 
@@ -14,14 +14,14 @@ export function corners(pose, depth, rays) {
   return rays.map(([x, y]) => new THREE.Vector3(x * depth, y * depth, depth).applyQuaternion(rotation).add(position));
 }
 
-// Its edges, two points for each.
+// The frustum's edges, two points each.
 export function frustum(pose, depth, rays) {
   const tip = placed(pose).position;
   const rim = corners(pose, depth, rays);
   return [...rim.flatMap((corner) => [tip, corner]), ...chain([...rim, rim[0]])];
 }
 
-// Its sides, three points for each.
+// The frustum's sides, three points each.
 export function sides(pose, depth, rays) {
   const tip = placed(pose).position;
   const rim = corners(pose, depth, rays);

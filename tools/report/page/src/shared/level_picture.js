@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A picture of levels, 0 unknown and 1 to 255 from low to high, in a palette's colours; it can tell the value at a pixel.
+// A picture of levels (0 unknown, 1 to 255 from low to high) in a palette's colours, which can be queried for values.
 import {palettes} from './colours.js';
 
 async function levelsOf(url) {
@@ -37,7 +37,7 @@ export class LevelPicture {
   async show(url) {
     this.wanted = url;
     const picture = url ? await levelsOf(url) : null;
-    if (this.wanted !== url) return;  // another was chosen meanwhile
+    if (this.wanted !== url) return;  // another picture was chosen meanwhile
     this.shown = picture;
     if (!picture) return;
     this.canvas.width = picture.width;
@@ -45,7 +45,7 @@ export class LevelPicture {
     this.canvas.getContext('2d').putImageData(painted(picture, this.palette), 0, 0);
   }
 
-  // From 0 at low to 1 at high; null where there is none. Coordinates are shares of width and height.
+  // Returns the value from 0 (low) to 1 (high), or null if unknown. Coordinates are fractions of width and height.
   at(x, y) {
     if (!this.shown) return null;
     const {width, height, levels} = this.shown;

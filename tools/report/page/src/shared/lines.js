@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lines of some pixels' width: WebGL's own are one pixel wide.
+// Lines several pixels wide: WebGL's own are one pixel wide.
 import {LineMaterial} from 'three/addons/lines/LineMaterial.js';
 import {LineSegments2} from 'three/addons/lines/LineSegments2.js';
 import {LineSegmentsGeometry} from 'three/addons/lines/LineSegmentsGeometry.js';
 
-// `points`: Vector3, two for each line.
+// `points`: Vector3, two per line.
 export function segments(points, width, more = {}) {
   const lines = new LineSegments2(new LineSegmentsGeometry(), new LineMaterial({linewidth: width, ...more}));
   lines.frustumCulled = false;
@@ -21,7 +21,7 @@ export function setSegments(lines, points) {
   if (lines.material.dashed) lines.computeLineDistances();
 }
 
-// a b c -> a b, b c.
+// Converts a b c to a b, b c.
 export function chain(points) {
   return points.slice(1).flatMap((point, i) => [points[i], point]);
 }

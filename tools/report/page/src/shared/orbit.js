@@ -1,18 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// The eye in the 3D view: where it starts, and how keys move it. Mouse and touch are three.js' OrbitControls.
+// The viewpoint of the 3D view: its initial position and key controls. Mouse and touch use three.js' OrbitControls.
 import * as THREE from 'three';
 import {OrbitControls} from 'three/addons/controls/OrbitControls.js';
 import {reducedMotion} from './dom.js';
 
-export const kFieldOfView = 40;  // degrees, of the height
+export const kFieldOfView = 40;  // degrees, vertical
 
 const kTurn = THREE.MathUtils.degToRad(6);
-const kShift = 0.05;  // of the distance
+const kShift = 0.05;  // relative to the distance
 const kZoom = 1.15;
 const kFlyMs = 500;
-const kMargin = 0.92;  // of the picture is filled at first
+const kMargin = 0.92;  // fraction of the picture filled initially
 
-// Seen from the cameras' side, from above, a little to the right of them.
+// Viewing direction: from the cameras' side, from above, slightly to their right.
 function startDirection(cameras, centre) {
   const mean = cameras.reduce((sum, position) => sum.add(position), new THREE.Vector3());
   const away = cameras.length ? mean.divideScalar(cameras.length).sub(centre).normalize() : new THREE.Vector3(0, -1, 1);
@@ -27,7 +27,8 @@ function cornersOf(box) {
   return Array.from({length: 8}, (_, i) => new THREE.Vector3(ends[i & 1].x, ends[(i >> 1) & 1].y, ends[i >> 2].z));
 }
 
-// [eye, target] as near as all points are still in a picture of these half widths, at distance 1; seen from `direction`.
+// Returns [eye, target] from `direction`, as close as possible with all points inside a picture of these half-widths at
+// distance 1.
 function wholeInSight(points, centre, direction, wide, tall) {
   const right = new THREE.Vector3(0, 0, 1).cross(direction).normalize();
   const up = direction.clone().cross(right);
@@ -49,7 +50,7 @@ function wholeInSight(points, centre, direction, wide, tall) {
 }
 
 export class Orbit {
-  // `box`: of the map; `cameras`: positions; `redraw` is called when the eye moves.
+  // `box`: bounds of the map; `cameras`: positions; `redraw` is called when the viewpoint moves.
   constructor(canvas, box, cameras, redraw) {
     this.redraw = redraw;
     this.touched = false;
@@ -67,7 +68,7 @@ export class Orbit {
     canvas.addEventListener('pointerdown', () => (this.flight = null));
   }
 
-  // Of another map, or of one that grew. The eye stays where someone put it.
+  // Sets the bounds of another or larger map. A viewpoint chosen by the user is kept.
   around(box, cameras) {
     this.points = [...cornersOf(box), ...cameras];
     const sphere = new THREE.Sphere().setFromPoints(this.points);
@@ -103,12 +104,12 @@ export class Orbit {
     this.redraw();
   }
 
-  // To where a view was taken from, looking where it looked, at what is `depth` away.
+  // Moves to a view's camera pose, with the target at `depth`.
   flyTo(pose, depth) {
     const tip = new THREE.Vector3(...pose.position);
     const ahead = new THREE.Vector3(0, 0, 1).applyQuaternion(new THREE.Quaternion(...pose.quaternion));
     const target = tip.clone().addScaledVector(ahead, depth);
-    // A little behind: the frustum stays in sight.
+    // Slightly further back, so that the frustum is visible.
     const eye = tip.addScaledVector(ahead, -0.25 * depth);
     this.touched = true;
     if (reducedMotion()) return this.put(eye, target);
@@ -116,7 +117,7 @@ export class Orbit {
     this.redraw();
   }
 
-  // Once a frame; true while something still moves by itself.
+  // Called once per frame; returns true while an animation is running.
   update(now) {
     if (this.flight) {
       const {from, to, start} = this.flight;
@@ -143,7 +144,7 @@ export class Orbit {
     event.preventDefault();
   }
 
-  // With something that moves.
+  // Moves the viewpoint along with an object.
   moveBy(move) {
     this.put(this.camera.position.clone().add(move), this.controls.target.clone().add(move));
   }

@@ -3,12 +3,12 @@ import {byId} from './dom.js';
 import {followTheme} from './theme.js';
 
 function fail(error) {
-  byId('failure').textContent = `This page could not be drawn in full: ${error.message}`;
+  byId('failure').textContent = `This page could not be drawn completely: ${error.message}`;
   byId('failure').hidden = false;
   console.error(error);
 }
 
-// Draws the page by `show`; what goes wrong is said in it.
+// Draws the page by `show` and reports errors in the page.
 export async function drawPage(show) {
   try {
     followTheme();

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// What every 3D view has: where it is drawn, the floor under the map, the legend.
+// Common parts of the 3D views: renderer, floor grid, legend.
 import * as THREE from 'three';
 import {byId, element} from './dom.js';
 import {fixed} from './format.js';
 
-// Null where there is no WebGL 2.
+// Returns null without WebGL 2.
 export function rendererOn(canvas) {
   try {
     return new THREE.WebGLRenderer({canvas, antialias: true});
@@ -13,7 +13,7 @@ export function rendererOn(canvas) {
   }
 }
 
-// A grid under the map whose squares have a round size.
+// A grid below the map whose squares have a round size.
 export function floorGrid(box) {
   const size = box.getSize(new THREE.Vector3());
   const extent = Math.max(size.x, size.y);
@@ -28,18 +28,18 @@ export function floorGrid(box) {
   return {grid, square};
 }
 
-// In words.
+// Returns the size of a square as text.
 export function squareSize(square) {
   return square < 0.1 ? `${fixed(square * 1000, 0)} mm` : `${fixed(square, square < 1 ? 1 : 0)} m`;
 }
 
-// Of [ink, text, kind of line].
+// Entries are [ink, text, kind of line].
 export function legend(entries) {
   byId('legend').replaceChildren(...entries.map(([ink, text, kind]) =>
     element('span', {class: 'entry'}, element('i', {class: `ink ${kind ?? ''}`, style: `--ink: var(--${ink})`}), text)));
 }
 
-// Keeps a renderer as large as the place of its canvas, and tells the eye.
+// Fits a renderer to its canvas and updates the viewpoint's aspect ratio.
 export function fitted(renderer, canvas, orbit) {
   const fit = () => {
     const {clientWidth: width, clientHeight: height} = canvas.parentElement;

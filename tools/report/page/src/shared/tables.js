@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 import {element} from './dom.js';
 
-// Wide tables move within the page; the keyboard reaches them.
+// Wide tables scroll within the page, also by keyboard.
 export function scroller(label, table) {
   return element('div', {class: 'scroller', tabindex: '0', role: 'region', 'aria-label': label}, table);
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Light or dark: what the system prefers, until the button says otherwise.
+// Light or dark theme: the system's preference until the button is used.
 import {byId} from './dom.js';
 
 const kKey = 'fringeslam-theme';
@@ -10,14 +10,14 @@ export const theme = {
   get dark() {
     return dark;
   },
-  // Called at once, and after each change.
+  // The listener is called immediately and after each change.
   on(listener) {
     listeners.push(listener);
     listener(dark);
   },
 };
 
-// Storage may be forbidden to pages from files.
+// Storage may be unavailable to pages opened from files.
 function remembered() {
   try {
     return localStorage.getItem(kKey);
@@ -30,7 +30,7 @@ function remember(choice) {
   try {
     localStorage.setItem(kKey, choice);
   } catch {
-    // The page then follows the system the next time.
+    // Not stored: the next time the page follows the system's preference.
   }
 }
 

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Palettes as the colours of vertices.
+// Palettes as vertex colours.
 import * as THREE from 'three';
 import {palettes} from './colours.js';
 
 const kUnknown = [0.42, 0.42, 0.44];
 
-// Colours of a screen as the linear ones in which three.js computes.
+// Converts display colours to linear ones, as used by three.js.
 function linearTable(palette) {
   const colour = new THREE.Color();
   const table = new Float32Array(palette.length);
@@ -16,7 +16,7 @@ function linearTable(palette) {
   return table;
 }
 
-// `levelOf`: from 0 to 255 of the i-th, null where it is unknown.
+// `levelOf(i)`: level from 0 to 255, null if unknown.
 export function byPalette(count, name, levelOf) {
   const table = linearTable(palettes[name]);
   const colours = new Float32Array(3 * count);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Outcomes and causes of failure, counted. A cause picks its trials out in the scatter.
+// Counts of outcomes and causes of failure. Selecting a cause highlights its trials in the scatter plot.
 import {data} from '../shared/data.js';
 import {byId, element, svg} from '../shared/dom.js';
 import {count, percent} from '../shared/format.js';
@@ -67,5 +67,5 @@ export function showCauses() {
   byId('causes').append(
     list('Outcomes', outcomeRows()),
     list('Causes of failure', causeRows(),
-      'The first that holds, in this study\'s measurements against the truth. A name shows its trials in the scatter.'));
+      'The first cause that applies, from measurements against ground truth. Select a cause to show its trials in the scatter plot.'));
 }

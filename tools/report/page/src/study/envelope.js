@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The box of parameters in which 99 % succeed: its range beside each parameter's whole one.
+// The parameter box with 99 % success: its range next to each parameter's full range.
 import {axisBelow, chartBox, label, picture, rectangle} from '../shared/chart.js';
 import {data} from '../shared/data.js';
 import {byId, element} from '../shared/dom.js';
@@ -9,9 +9,9 @@ import {scaleOf, valueTick} from './parameters.js';
 
 const kRow = 62;
 
-// The part of a parameter's range that is safe, in words.
+// Text for the safe part of a parameter's range.
 export function safeText([low, high] = [null, null]) {
-  if (low === null && high === null) return 'all of it';
+  if (low === null && high === null) return 'full range';
   if (high === null) return `${amount(low)} or more`;
   if (low === null) return `${amount(high)} or less`;
   return `${amount(low)} to ${amount(high)}`;
@@ -35,14 +35,14 @@ export function showEnvelope() {
   const {envelope, parameters} = data.summary;
   const place = byId('envelope');
   if (!envelope) {
-    place.append(element('p', {}, 'No range of the parameters was found in which 99 % of the trials succeed: it would have to hold 30 trials or more of the half in which it is looked for.'));
+    place.append(element('p', {}, 'No parameter ranges with 99 % success were found; they must contain at least 30 trials of the half used for the search.'));
     return;
   }
   const ranges = parameters.map(({envelope: range}) => range ?? [null, null]);
   const {successes, trials, success_95: known} = envelope;
   const share = trials ? `${percent(successes / trials)} (95 % interval ${interval(known)})` : 'none';
   place.append(
-    element('p', {class: 'lead'}, element('b', {}, share), ` of ${plural(trials, 'trial')} within these ranges succeed, counted in the half of the study that did not help to find them.`),
+    element('p', {class: 'lead'}, element('b', {}, share), ` of ${plural(trials, 'trial')} within these ranges succeed, counted in the half of the study that was not used to find them.`),
     element('div', {class: 'card'}, chartBox(
       data.parameters.map(({name}, p) => `${name}: ${safeText(ranges[p])}`).join('; '),
       (width) => picture(width, kRow * ranges.length, ...data.parameters.flatMap((parameter, p) => rowOf(parameter, ranges[p], p * kRow, width))))));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which share of the trials stays below which error.
+// Cumulative distributions of the trials' errors.
 import {decadesAround, linear, logarithmic} from '../shared/axes.js';
 import {axisBelow, axisLeft, chartBox, chartCard, label, line, path, picture, rectangle} from '../shared/chart.js';
 import {data} from '../shared/data.js';
@@ -12,7 +12,7 @@ const kTop = 22;
 const kBottom = 190;
 const kHeight = 228;
 
-// Steps up at each point.
+// Converts points to a step function.
 function steps(points, x, y) {
   let below = 0;
   return points.flatMap(([error, share]) => {
@@ -22,7 +22,7 @@ function steps(points, x, y) {
   });
 }
 
-// What a share of the trials is not above: above the curve, where there is room, or below it at the left end.
+// Marks a percentile: above the curve, where there is room, or below it at the left end.
 function percentileMark([percent, error], x, y) {
   const at = x(error);
   const height = y(percent / 100);
@@ -42,23 +42,23 @@ function drawn({points, percentiles}, unit, limit, width) {
   const last = [to[1], y(1)];
   return picture(width, kHeight,
     axisBelow(x, kTop, kBottom, {title: `error, ${unit}`}),
-    axisLeft(y, ...to, {title: 'trials not above it', text: (share) => `${Math.round(share * 100)} %`}),
+    axisLeft(y, ...to, {title: 'trials up to this error', text: (share) => `${Math.round(share * 100)} %`}),
     limit > 0 ? line(x(limit), kTop, x(limit), kBottom, 'limit') : null,
     path([[curve[0][0], kBottom], ...curve, last], 'curve'), ...percentiles.flatMap((percentile) => percentileMark(percentile, x, y)));
 }
 
 function card(title, unit, curve, limit) {
   const {count, none, percentiles} = curve;
-  const note = none > 0 ? `Of ${plural(count, 'trial')}; ${plural(none, 'other')} lost the camera or ended early, and have no motion to measure.` : `Of ${plural(count, 'trial')}.`;
+  const note = none > 0 ? `Of ${plural(count, 'trial')}; ${plural(none, 'other')} lost tracking or ended early, and have no motion to measure.` : `Of ${plural(count, 'trial')}.`;
   const told = percentiles.map(([percent, error]) => `${percent} % below ${figure(error)} ${unit}`).join(', ');
   const box = chartBox(`${title}: ${told}`, (width) => drawn(curve, unit, limit, width));
-  return chartCard(title, 'worst motion of a trial', box, `${note} Dashed: the study's limit, ${limit} ${unit}.`);
+  return chartCard(title, 'worst motion of each trial', box, `${note} Dashed: the study's limit, ${limit} ${unit}.`);
 }
 
 export function showErrors() {
   const {translation_mm: shift, rotation_deg: turn} = data.curves;
   if (shift.count === 0) {
-    byId('errors').textContent = 'No trial has a motion that could be measured.';
+    byId('errors').textContent = 'No trial has a measurable motion.';
     return;
   }
   byId('errors').append(

@@ -24,16 +24,16 @@ export function showHeader() {
   byId('figures').append(
     tile('Success rate', rate, '%', `${count(summary.successes)} of ${count(summary.trials)}; 95 % interval ${interval(summary.success_95)}`),
     tile('Translation error, median', figure(median), 'mm', `of ${plural(measured, 'trial')} with a motion`),
-    tile('90 % are below', figure(p90), 'mm'),
-    tile('99 % are below', figure(p99), 'mm'),
+    tile('90th percentile', figure(p90), 'mm'),
+    tile('99th percentile', figure(p99), 'mm'),
   );
   if (summary.missing > 0) {
     byId('missing').hidden = false;
     byId('missing').textContent =
-      `${plural(summary.missing, 'trial')} of ${count(data.planned)} ${summary.missing === 1 ? 'is' : 'are'} missing: the study is not finished, and all figures are of the others.`;
+      `${plural(summary.missing, 'trial')} of ${count(data.planned)} ${summary.missing === 1 ? 'is' : 'are'} missing: the study is incomplete, and all figures refer to the other trials.`;
   }
   if (data.trials.every > 1) {
     byId('left-out').textContent =
-      `Of ${count(summary.trials)} trials the scatter shows each ${data.trials.every}th, and those with pictures; all are in results.csv. All figures and curves count every trial.`;
+      `The scatter plot shows every ${data.trials.every}th of ${count(summary.trials)} trials and those with pictures; all are in results.csv. All figures and curves include every trial.`;
   }
 }

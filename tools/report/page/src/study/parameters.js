@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Success rate and error against each parameter: classes of trials that are alike in it.
+// Success rate and error against each parameter, for classes of trials with similar values of it.
 import {categories, decadesAround, linear, logarithmic} from '../shared/axes.js';
 import {axisBelow, axisLeft, chartBox, chartCard, key, label, line, path, picture, rectangle} from '../shared/chart.js';
 import {data} from '../shared/data.js';
@@ -8,12 +8,12 @@ import {amount, percent} from '../shared/format.js';
 
 const kLeft = 52;
 const kRight = 16;
-const kRate = [18, 138];    // px from the top: the rates
-const kError = [172, 262];  // the errors
+const kRate = [18, 138];    // px from the top: rates
+const kError = [172, 262];  // errors
 const kHeight = 286;
-const kLeastHalf = 4;  // of a class's width
+const kLeastHalf = 4;  // minimum half-width of a class, px
 
-const kLaws = {uniform: 'evenly from', log_uniform: 'evenly in the logarithm from', normal: 'from a normal law, here'};
+const kLaws = {uniform: 'uniformly from', log_uniform: 'log-uniformly from', normal: 'from a normal distribution, range'};
 
 export function drawnText({law, values, low, high}) {
   if (values.length) return law === 'grid' ? `${values.length} values in turn` : `one of ${values.length}`;
@@ -21,14 +21,15 @@ export function drawnText({law, values, low, high}) {
   return `drawn ${kLaws[law]} ${amount(low)} to ${amount(high)}`;
 }
 
-// The scale of a parameter over `to`; its classes' and trials' places are numbers or, of choices, places in its values.
+// Returns the scale of a parameter over `to`. Places of classes and trials are numbers or, for choices, indices into
+// its values.
 export function scaleOf({values, logarithmic: isLog, low, high}, to) {
   if (values.length) return categories(values, to);
   const from = low === high || low === null ? [(low ?? 0) - 1, (high ?? 0) + 1] : [low, high];
   return isLog && from[0] > 0 ? logarithmic(from, to) : linear(from, to);
 }
 
-// Shortened to what fits into a category's width.
+// Shortens a text to fit a category's width.
 export function valueTick(parameter, scale) {
   const room = Math.max(3, Math.floor((scale.width ?? 0) / 6.6));
   return (place) => {
@@ -37,7 +38,7 @@ export function valueTick(parameter, scale) {
   };
 }
 
-// Where a class lies on the axis: its ends and its middle.
+// Returns the ends and the centre of a class on the axis.
 function extent(scale, {values}, {range}, place) {
   if (values.length) {
     const half = Math.min(24, scale.width * 0.3);
@@ -92,7 +93,7 @@ function drawn(parameter, classes, width) {
   const text = parameter.values.length ? valueTick(parameter, x) : undefined;
   const parts = [
     axisBelow(x, kRate[0], kRate[1], {text: () => ''}),
-    axisLeft(rate, ...to, {title: 'succeed', text: (value) => `${Math.round(value * 100)} %`}),
+    axisLeft(rate, ...to, {title: 'success rate', text: (value) => `${Math.round(value * 100)} %`}),
     rates(classes, places, rate),
     axisBelow(x, kError[0], kError[1], {text}),
   ];
@@ -101,14 +102,14 @@ function drawn(parameter, classes, width) {
     parts.push(axisLeft(y, ...to, {title: 'translation error, mm', count: 4}), errors(classes, places, y, !parameter.values.length));
     if (limit > 0) parts.push(line(to[0], y(limit), to[1], y(limit), 'limit'));
   } else {
-    parts.push(label('no motion was measured', {x: (to[0] + to[1]) / 2, y: (kError[0] + kError[1]) / 2, class: 'tick'}));
+    parts.push(label('no motion measured', {x: (to[0] + to[1]) / 2, y: (kError[0] + kError[1]) / 2, class: 'tick'}));
   }
   return picture(width, kHeight, ...parts);
 }
 
 function spoken(parameter, classes) {
   const rated = classes.filter(({trials}) => trials > 0).map(({successes, trials}) => successes / trials);
-  return `${parameter.name}: of its classes ${percent(Math.min(...rated), 0)} to ${percent(Math.max(...rated), 0)} succeed. The figures are in the tables.`;
+  return `${parameter.name}: ${percent(Math.min(...rated), 0)} to ${percent(Math.max(...rated), 0)} of the trials in its classes succeed. The figures are in the tables.`;
 }
 
 export function showParameters() {
@@ -119,6 +120,6 @@ export function showParameters() {
     byId('parameters').append(chartCard(parameter.name, drawnText(parameter), box));
   });
   byId('parameters').after(element('div', {},
-    key(['rate', 'share that succeeds, in its 95 % interval', rectangle(1, 1, 24, 12, 'band')],
-      ['median', 'median error', dot(13, 7, 'median-dot')], ['p90', '90 % are below', triangle(13, 7)], ['limit', 'limit of the study'])));
+    key(['rate', 'success rate with its 95 % interval', rectangle(1, 1, 24, 12, 'band')],
+      ['median', 'median error', dot(13, 7, 'median-dot')], ['p90', '90th percentile', triangle(13, 7)], ['limit', 'study limit'])));
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Trials over two quantities, by their outcome's mark; one of them is chosen by pointer, keys or number.
+// Scatter plot of trials over two quantities, marked by outcome; a trial is chosen by pointer, keys or number.
 import {decadesAround, linear, logarithmic} from '../shared/axes.js';
 import {axisBelow, axisLeft, label, picture} from '../shared/chart.js';
 import {data} from '../shared/data.js';
@@ -24,7 +24,7 @@ function errorQuantity(name, key) {
   return reach && {name, of: (trial) => trial[key], scale: (to) => logarithmic(reach, to)};
 }
 
-// What an axis can show: {name, of(trial), scale(to), parameter}.
+// A quantity for an axis: {name, of(trial), scale(to), parameter}.
 const quantities = [
   ...data.parameters.map((parameter, p) => ({
     name: parameter.name,
@@ -36,7 +36,7 @@ const quantities = [
   errorQuantity('rotation error, °', 'rotation_deg'),
 ].filter(Boolean);
 
-// The two parameters that matter most; with only one, its errors.
+// Returns the two most important parameters; if there is only one, its errors.
 function firstAxes() {
   const [first, second] = ranked('of_success').map(({name}) => quantities.findIndex((quantity) => quantity.name === name));
   return {x: first, y: second ?? Math.min(1, quantities.length - 1)};
@@ -44,7 +44,7 @@ function firstAxes() {
 
 const shown = firstAxes();
 
-// A trial without a value lies on no axis. Trials of one choice are set apart, by their number alone.
+// Returns null for a trial without a value. Trials with the same choice are spread by their trial number.
 function pixelOf(trial, quantity, scale) {
   const value = quantity.of(trial);
   if (value === null || value === undefined || value < 0 && quantity.parameter?.values.length) return null;
@@ -74,10 +74,10 @@ function select(title, chosen, change) {
 
 function causeSelect() {
   const options = [['', 'all trials'], ['failures', 'failures'], ...data.trials.causes.map((cause) => [cause, causeName(cause)])];
-  const node = element('select', {'aria-label': 'pick out', onchange: () => store.pickOut(node.value)},
+  const node = element('select', {'aria-label': 'highlight', onchange: () => store.pickOut(node.value)},
     ...options.map(([value, text]) => element('option', {value}, text)));
   store.on(({cause}) => (node.value = cause));
-  return element('label', {class: 'choice'}, 'pick out', node);
+  return element('label', {class: 'choice'}, 'highlight', node);
 }
 
 function numberInput() {
@@ -128,7 +128,7 @@ class Scatter {
     this.ring.setAttribute('cy', at[1]);
   }
 
-  // The nearest trial that is picked out; a click goes further than a pointer that passes.
+  // Chooses the nearest highlighted trial; a click reaches further than a hovering pointer.
   point(event, far) {
     const box = this.box.getBoundingClientRect();
     const [x, y] = [event.clientX - box.left, event.clientY - box.top];
@@ -141,7 +141,7 @@ class Scatter {
     if (best >= 0 && best !== store.place) store.choose(best);
   }
 
-  // Arrows go to the next trial on an axis, of those that are picked out.
+  // Arrow keys choose the next highlighted trial along an axis.
   press(event) {
     const moves = {ArrowRight: [0, 1], ArrowLeft: [0, -1], ArrowUp: [1, -1], ArrowDown: [1, 1]};
     const order = (axis) => [...this.places.keys()].filter((i) => this.places[i] && isPickedOut(all[i]))
@@ -165,7 +165,7 @@ function legend() {
 
 export function showScatter() {
   if (all.length === 0) {
-    byId('trials').textContent = 'There is no trial yet.';
+    byId('trials').textContent = 'There are no trials yet.';
     return;
   }
   const box = element('div', {id: 'points', class: 'points', tabindex: '0', role: 'application', 'aria-label': 'Trials', 'aria-describedby': 'points-help'});
@@ -176,10 +176,10 @@ export function showScatter() {
   };
   byId('trials').append(
     element('div', {class: 'card'},
-      element('div', {class: 'controls', role: 'group', 'aria-label': 'What the scatter shows'},
-        select('across', shown.x, redraw('x')), select('up', shown.y, redraw('y')), causeSelect(), numberInput()),
+      element('div', {class: 'controls', role: 'group', 'aria-label': 'Scatter plot display'},
+        select('x axis', shown.x, redraw('x')), select('y axis', shown.y, redraw('y')), causeSelect(), numberInput()),
       legend(), box,
-      element('p', {id: 'points-help', class: 'quiet note'}, 'Point at a trial, or use the keys: ← → to the next one across, ↑ ↓ to the next one up, Home and End to the ends.')),
+      element('p', {id: 'points-help', class: 'quiet note'}, 'Point at a trial, or use the keys: ← → for the next one along x, ↑ ↓ for the next one along y, Home and End for the ends.')),
     trialCard());
   let cause = store.cause;
   store.on((state) => {

@@ -9,7 +9,7 @@ import {percent} from '../shared/format.js';
 const kRow = 46;
 const kTop = 6;
 
-// [{name, first, first_95, total, total_95}], the most important one first.
+// Returns [{name, first, first_95, total, total_95}], most important first.
 export function ranked(key) {
   const known = data.summary.parameters.map((parameter) => ({name: parameter.name, ...parameter[key]}));
   const weight = ({first, total}) => total ?? first ?? -1;
@@ -28,7 +28,7 @@ function rowOf(entry, i, x) {
   const top = kTop + i * kRow;
   const y = top + 29;
   const name = label(entry.name, {x: x.to[0], y: top + 14, anchor: 'start', class: 'row-name'});
-  const value = label(entry.first === null ? 'not known' : percent(entry.first, 0), {x: x.to[1], y: top + 14, anchor: 'end', class: 'row-value'});
+  const value = label(entry.first === null ? 'unknown' : percent(entry.first, 0), {x: x.to[1], y: top + 14, anchor: 'end', class: 'row-value'});
   if (entry.first === null) return [name, value];
   const parts = [name, value, rectangle(x(0), y - 6, x(Math.max(0, entry.first)) - x(0), 12, 'share'), ...whisker(entry.first_95, x, y, 'whisker')];
   if (entry.total !== null) {
@@ -57,9 +57,9 @@ function card(title, aside, which) {
 export function showSensitivity() {
   const totals = data.summary.parameters.some(({of_success: of, of_error: error}) => of.total !== null || error.total !== null);
   byId('sensitivity').append(
-    card('For success', 'share of its variance', 'of_success'),
-    card('For the error', 'share of the variance of its logarithm', 'of_error'));
-  const entries = [['share-key', 'by the parameter alone (first-order Sobol index), with its 95 % interval']];
-  if (totals) entries.push(['whisker-total', 'with all that it takes part in (total index)']);
+    card('Success', 'share of its variance', 'of_success'),
+    card('Error', 'share of the variance of its logarithm', 'of_error'));
+  const entries = [['share-key', 'first-order Sobol index (the parameter alone), with its 95 % interval']];
+  if (totals) entries.push(['whisker-total', 'total Sobol index (including interactions)']);
   byId('sensitivity').after(element('div', {}, key(...entries)));
 }

@@ -1,16 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which trial is chosen, and which failures are picked out; whoever shows something of them listens.
+// The chosen trial and the highlighted failures; displays register as listeners.
 import {data} from '../shared/data.js';
 import {amount} from '../shared/format.js';
 
 const listeners = [];
 const {trials} = data;
 const places = new Map(trials.trial.map((trial, place) => [trial, place]));
-// At first the worst trial.
+// Initially the worst trial.
 const state = {place: places.get(data.worst[0]?.trial) ?? (trials.trial.length ? 0 : -1), cause: ''};
 
 export const store = {
-  // A place in the columns of data.trials; −1 without any.
+  // An index into the columns of data.trials; −1 if none.
   get place() {
     return state.place;
   },
@@ -27,7 +27,7 @@ export const store = {
     state.cause = cause;
     tell();
   },
-  // Called at once, and after each change.
+  // The listener is called immediately and after each change.
   on(listener) {
     listeners.push(listener);
     listener(state);
@@ -42,7 +42,7 @@ export function placeOf(trial) {
   return places.get(trial);
 }
 
-// A trial as one object.
+// Returns a trial as one object.
 export function trialAt(place) {
   return {
     trial: trials.trial[place],

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The charts' figures as tables, for those who read rather than look.
+// The charts' figures as tables.
 import {data} from '../shared/data.js';
 import {byId, element} from '../shared/dom.js';
 import {amount, count, figure, percent} from '../shared/format.js';
@@ -18,7 +18,7 @@ function table(titles, rows) {
   return element('table', {}, head(titles), element('tbody', {}, ...body));
 }
 
-// The table is made when it is opened: that of the trials is long.
+// The table is created when it is opened: that of the trials is long.
 function folded(title, make) {
   const details = element('details', {class: 'folded'}, element('summary', {}, title));
   details.addEventListener('toggle', () => details.append(scroller(title, make())), {once: true});
@@ -27,7 +27,7 @@ function folded(title, make) {
 
 function classTable({classes = []}, p) {
   const isNamed = data.parameters[p].values.length > 0;
-  return table([data.parameters[p].name, 'trials', 'succeed', '95 % interval', 'median error mm', '90 % below mm'],
+  return table([data.parameters[p].name, 'trials', 'success rate', '95 % interval', 'median error mm', '90th percentile mm'],
     classes.map((of) => [
       isNamed ? of.label : of.range.map(amount).join(' to '),
       count(of.trials),
@@ -45,13 +45,13 @@ function countTable(counts, name, meaning) {
 
 function percentileTable() {
   const {translation_mm: shift, rotation_deg: turn} = data.curves;
-  return table(['share of trials', 'translation error mm', 'rotation error °'],
+  return table(['percentile', 'translation error mm', 'rotation error °'],
     shift.percentiles.map(([percent, error], i) => [`${percent} %`, figure(error), figure(turn.percentiles[i]?.[1])]));
 }
 
 function sensitivityTable() {
   const ofError = new Map(ranked('of_error').map((entry) => [entry.name, entry]));
-  return table(['parameter', 'success, alone', 'success, with others', 'error, alone', 'error, with others'],
+  return table(['parameter', 'success, first-order', 'success, total', 'error, first-order', 'error, total'],
     ranked('of_success').map((entry) => {
       const error = ofError.get(entry.name);
       return [entry.name, ...[entry, error].flatMap((of) => [sensitivityText(of.first, of.first_95), sensitivityText(of.total, of.total_95)])];
@@ -59,7 +59,7 @@ function sensitivityTable() {
 }
 
 function envelopeTable() {
-  return table(['parameter', 'where 99 % succeed', 'whole range'], summary.parameters.map(({name, envelope}, p) => {
+  return table(['parameter', '99 % success', 'full range'], summary.parameters.map(({name, envelope}, p) => {
     const {low, high, values} = data.parameters[p];
     return [name, safeText(envelope), values.length ? values.join(', ') : `${amount(low)} to ${amount(high)}`];
   }));
@@ -74,11 +74,11 @@ function trialTable() {
 
 export function showTables() {
   byId('tables').append(
-    ...summary.parameters.map((parameter, p) => folded(`Success and error against ${parameter.name}`, () => classTable(parameter, p))),
+    ...summary.parameters.map((parameter, p) => folded(`Success and error by ${parameter.name}`, () => classTable(parameter, p))),
     folded('Outcomes', () => countTable(summary.outcomes ?? {}, (key) => outcomeOf(key).name, (key) => outcomeOf(key).meaning)),
     folded('Causes of failure', () => countTable(summary.causes ?? {}, causeName, causeMeaning)),
     folded('Percentiles of the errors', percentileTable),
     folded('Sensitivity: share of the variance, with 95 % intervals', sensitivityTable));
-  if (summary.envelope) byId('tables').append(folded('Ranges in which 99 % succeed', envelopeTable));
+  if (summary.envelope) byId('tables').append(folded('Ranges with 99 % success', envelopeTable));
   byId('tables').append(folded('Trials', trialTable));
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is known about the chosen trial.
+// Facts about the chosen trial.
 import {breakable} from '../shared/chart.js';
 import {commandLine} from '../shared/copy.js';
 import {data} from '../shared/data.js';
@@ -37,9 +37,9 @@ export function trialCard() {
     rest.replaceChildren(
       element('p', {class: 'quiet note'}, causeMeaning(trial.cause)),
       facts(rowsOf(trial)),
-      element('p', {class: 'quiet note'}, 'To run it again:'),
+      element('p', {class: 'quiet note'}, 'Command to run it again:'),
       commandLine(data.replay + trial.trial, `trial ${trial.trial}`),
-      pictured ? element('p', {}, element('a', {href: `#trial-${trial.trial}`}, 'Its pictures are below.')) : '');
+      pictured ? element('p', {}, element('a', {href: `#trial-${trial.trial}`}, 'See its pictures below.')) : '');
   });
   return element('div', {id: 'trial', class: 'card'}, told, rest);
 }

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Outcomes and causes as people say them; the words in results are bench/studies/trial_run.h's.
+// Names and descriptions of outcomes and causes; the identifiers in the results are defined in
+// bench/studies/trial_run.h.
 import {data} from '../shared/data.js';
 
-// name, meaning, and the mark in the scatter: drawn around (x, y), about r large.
+// Name, meaning, and the mark in the scatter plot, drawn around (x, y) with about radius r.
 const kOutcomes = {
   success: {
     name: 'success',
@@ -11,22 +12,22 @@ const kOutcomes = {
   },
   inaccurate: {
     name: 'inaccurate',
-    meaning: 'all views have a pose, but one is off by more than the limits',
+    meaning: 'all views have a pose, but at least one motion error exceeds the limits',
     mark: (x, y, r) => `M${x},${y - 1.3 * r}l${1.3 * r},${2.3 * r}h${-2.6 * r}z`,
   },
   confidently_wrong: {
     name: 'confidently wrong',
-    meaning: 'off by more than 1 mm and by more than ten of the standard deviations that the program told',
+    meaning: 'off by more than 1 mm and by more than ten reported standard deviations',
     mark: (x, y, r) => `M${x - r},${y - r}l${2 * r},${2 * r}M${x - r},${y + r}l${2 * r},${-2 * r}`,
   },
   lost: {
     name: 'lost',
-    meaning: 'a view could not be placed, and the program said so',
+    meaning: 'a view could not be registered, and was reported as lost',
     mark: (x, y, r) => `M${x - r},${y - r}h${2 * r}v${2 * r}h${-2 * r}z`,
   },
   refused: {
     name: 'refused',
-    meaning: 'the scene or the settings contradict themselves',
+    meaning: 'the scene or the settings are contradictory',
     mark: (x, y, r) => `M${x - 1.2 * r},${y}h${2.4 * r}M${x},${y - 1.2 * r}v${2.4 * r}`,
   },
   crashed: {
@@ -36,23 +37,23 @@ const kOutcomes = {
   },
   timed_out: {
     name: 'timed out',
-    meaning: 'it took longer than the study permits',
+    meaning: 'exceeded the study\'s time limit',
     mark: (x, y, r) => `M${x},${y + 1.3 * r}l${1.3 * r},${-2.3 * r}h${-2.6 * r}z`,
   },
 };
 
 const kCauses = {
-  saturated: 'In some view more than a tenth of the pixels is as bright as the camera can tell.',
-  too_dark: 'The fringes are so weak (median modulation below 6 grey levels) that noise hides them.',
-  wrong_fringe_order: 'More than 1 % of the pixels were counted to a wrong fringe: their depth jumps.',
-  little_depth: 'Less than a fifth of the lit pixels got a depth.',
-  too_little_overlap: 'Two views that follow one another share less than a fifth of what they see.',
+  saturated: 'In at least one view, more than a tenth of the pixels are saturated.',
+  too_dark: 'The fringes are so weak (median modulation below 6 grey levels) that they disappear in noise.',
+  wrong_fringe_order: 'More than 1 % of the pixels have a wrong fringe order: their depth jumps.',
+  little_depth: 'Less than a fifth of the lit pixels have depth.',
+  too_little_overlap: 'Two consecutive views overlap by less than a fifth.',
   too_few_landmarks: 'Fewer than 8 keypoints were matched between two views.',
-  not_registered: 'Keypoints were matched, but no motion agreed with enough of them.',
-  inaccurate_registration: 'A motion was found and is off by more than the limits; nothing else stood out.',
-  refused: 'The scene or the settings contradict themselves, as the message says.',
+  not_registered: 'Keypoints were matched, but no motion had enough inliers.',
+  inaccurate_registration: 'The estimated motion exceeds the error limits, and no other cause was found.',
+  refused: 'The scene or the settings are contradictory; see the message.',
   crashed: 'The process died.',
-  timed_out: 'It took longer than the study permits.',
+  timed_out: 'It exceeded the study\'s time limit.',
 };
 
 export const outcomes = Object.keys(kOutcomes);
@@ -71,6 +72,6 @@ export function causeMeaning(cause) {
 
 export function ruleText() {
   const {max_translation_mm: shift, max_rotation_deg: turn, min_valid: valid} = data.rule;
-  const depth = valid > 0 ? `, and every view has a depth at ${Math.round(valid * 100)} % or more of its lit pixels` : '';
-  return `A trial succeeds when every view has a pose, each motion from view to view is off by at most ${shift} mm and ${turn}°${depth}.`;
+  const depth = valid > 0 ? `, and every view has depth at ${Math.round(valid * 100)} % or more of its lit pixels` : '';
+  return `A trial succeeds when every view has a pose, the error of each motion between consecutive views is at most ${shift} mm and ${turn}°${depth}.`;
 }
