@@ -245,7 +245,7 @@ TEST_F(CommandLine, ScenesAreExported) {
     EXPECT_EQ(finished.exit_code, 2) << why;
     EXPECT_THAT(finished.err, HasSubstr(why));
   };
-  refused({"--out", at("b.stl")}, at("b.stl") + ": ends in none of");
+  refused({"--out", at("b.stl")}, at("b.stl") + ": unsupported mesh format");
   refused({"--out", at("b.ply"), "--format", "gltf"}, at("b.ply") + ": does not match the format gltf");
   refused({"--out", at("b.stl"), "--format", "stl"}, "--format");
   refused({"--out", at("none/b.glb")}, at("none/b.glb") + ": cannot be written");
