@@ -9,6 +9,7 @@
 #include <thread>
 
 #include "core/mapper/pipeline.h"
+#include "core/mapper/thermal_observer.h"
 #include "core/score/score.h"
 #include "core/types/error.h"
 #include "sim/virtual_rig.h"
@@ -57,6 +58,7 @@ Searched search_for_victims(uint64_t seed, const Changes& changes) {
   std::vector<TruthFrame> truth;
   sim::VirtualRig rig(scene, {}, [&](const TruthFrame& frame) { truth.push_back(frame); });
   Pipeline pipeline(rig.model(), scene.patterns, {}, scene.trajectory[0].world_from_robot);
+  ThermalObserver thermal(rig.model(), {});
   Searched result;
   VisibleVictims visible;
   std::vector<cv::Mat1i> regions;
@@ -64,7 +66,7 @@ Searched search_for_victims(uint64_t seed, const Changes& changes) {
   while (const auto stack = rig.capture(scene.patterns)) {
     const FrameResult view = pipeline.process(*stack);
     visible.add(truth.back(), scene.rig.camera, truth.back().world_from_robot * scene.rig.robot_from_camera);
-    regions.push_back(view.warm.regions);
+    regions.push_back(thermal.observe(*stack, view).warm.regions);
     result.valid = std::min(result.valid, valid_share(view, truth.back()));
     ++result.views;
     if (view.tracking == Tracking::lost) {
@@ -80,7 +82,7 @@ Searched search_for_victims(uint64_t seed, const Changes& changes) {
     last = view.world_from_robot;
   }
 
-  const std::vector<WarmThing> things = pipeline.warm_things();
+  const std::vector<WarmThing> things = thermal.warm_things(pipeline.mapper());
   const auto shown = [&](const WarmThing& thing) {
     const auto view = static_cast<size_t>(thing.best_view);
     return shown_material(scene, truth[view], regions[view], thing.best_region);

@@ -84,7 +84,7 @@ nlohmann::ordered_json to_json(const std::vector<WarmThing>& things) {
   return list;
 }
 
-nlohmann::ordered_json landmarks_json(int index, const FrameResult& view) {
+nlohmann::ordered_json landmarks_json(int index, const FrameResult& view, const ThermalView& thermal) {
   const Landmarks& found = view.landmarks;
   std::map<int, const Recognition*> recognitions;
   for (const Recognition& r : view.recognitions) recognitions[r.landmark] = &r;
@@ -105,21 +105,22 @@ nlohmann::ordered_json landmarks_json(int index, const FrameResult& view) {
       entry["recognised"] = {{"keyframe", r->second->earlier_frame},
                              {"landmark", r->second->earlier_landmark},
                              {"matches", r->second->matches.size()}};
-    if (landmark.temperature.pixels > 0) entry["temperature"] = to_json(landmark.temperature, view.warm);
+    if (l < thermal.landmarks.size() && thermal.landmarks[l].pixels > 0)
+      entry["temperature"] = to_json(thermal.landmarks[l], thermal.warm);
     list.push_back(std::move(entry));
   }
   nlohmann::ordered_json json = {{"index", index},
                                  {"texture_keypoints", found.keypoints.keypoints.size()},
                                  {"depth_keypoints", found.depth_keypoints.size()},
                                  {"background_keypoints", found.background_keypoints},
-                                 {"dilations", view.landmark_stages.conditioned.dilations},
+                                 {"dilations", found.dilations},
                                  {"clusters_without_hull", found.without_hull},
                                  {"indistinct", found.indistinct},
                                  {"landmarks", list}};
-  if (view.frame.temperature_c.empty()) return json;
-  json["surroundings_c"] = rounded(view.warm.surroundings_c);
+  if (thermal.temperature_c.empty()) return json;
+  json["surroundings_c"] = rounded(thermal.warm.surroundings_c);
   json["warm_regions"] = nlohmann::ordered_json::array();
-  for (const WarmRegion& region : view.warm.list) json["warm_regions"].push_back(to_json(region));
+  for (const WarmRegion& region : thermal.warm.list) json["warm_regions"].push_back(to_json(region));
   return json;
 }
 

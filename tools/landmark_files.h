@@ -6,6 +6,7 @@
 #include <string>
 
 #include "core/mapper/pipeline.h"
+#include "core/mapper/thermal_observer.h"
 
 namespace fringeslam::tools {
 
@@ -14,7 +15,7 @@ namespace fringeslam::tools {
 std::string keypoint_table(const Landmarks& landmarks);
 
 // Returns a view's landmarks and their re-identifications.
-nlohmann::ordered_json landmarks_json(int index, const FrameResult& view);
+nlohmann::ordered_json landmarks_json(int index, const FrameResult& view, const ThermalView& thermal);
 
 // Returns the warm objects of the map and which of them are victims, in the map's world frame.
 nlohmann::ordered_json to_json(const std::vector<WarmThing>& things);

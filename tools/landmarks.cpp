@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/io/files.h"
+#include "core/mapper/driver.h"
 #include "core/rig/dataset.h"
 #include "tools/landmark_files.h"
 #include "tools/progress.h"
@@ -25,50 +26,59 @@ struct Arguments {
   SceneVariant variant;
 };
 
-void write_pictures(const fs::path& folder, const FrameResult& view) {
-  const Conditioned& c = view.landmark_stages.conditioned;
-  const std::pair<const char*, cv::Mat> pictures[] = {{"depth", view.landmark_stages.levels},
+void write_pictures(const fs::path& folder, const FrameResult& view, const LandmarkStages& stages) {
+  const Conditioned& c = stages.conditioned;
+  const std::pair<const char*, cv::Mat> pictures[] = {{"depth", stages.levels},
                                                       {"foreground", c.foreground},
                                                       {"edges", c.edges.mask()},
                                                       {"dilated", c.dilated.mask()},
                                                       {"thinned", c.thinned.mask()},
                                                       {"cleaned", c.cleaned},
                                                       {"texture_keypoints", texture_keypoints_picture(view)},
-                                                      {"depth_keypoints", depth_keypoints_picture(view)},
-                                                      {"clusters", cluster_picture(view)},
+                                                      {"depth_keypoints", depth_keypoints_picture(view, stages)},
+                                                      {"clusters", cluster_picture(view, stages)},
                                                       {"landmarks", landmark_picture(view)},
-                                                      {"stages", landmark_sheet(view)}};
+                                                      {"stages", landmark_sheet(view, stages)}};
   for (const auto& [name, picture] : pictures) write_png(folder / (std::string(name) + ".png"), picture);
 }
 
 int landmarks(const Arguments& arguments, const Common& common) {
   Settings settings = parse_settings(arguments.sets);
   settings.pipeline.tracking.landmarks = "every_frame";
+  settings.pipeline.mapping.every_view = true;
   const auto source = open_source(arguments.source, arguments.variant, settings, false);
   StagedFolder folder(arguments.out, "landmarks");
   const auto rig = source->open(folder.path());
-  Pipeline pipeline(rig->model(), source->sequence(), settings.pipeline, Pose{});
+  const PipelineOptions& options = settings.pipeline;
+  Pipeline pipeline(rig->model(), source->sequence(), options, Pose{});
+  ThermalObserver thermal(rig->model(), options.thermal);
   nlohmann::ordered_json frames = nlohmann::ordered_json::array();
   std::optional<FrameResult> before;
   int before_number = 0, found = 0, recognised = 0;
   {
     Progress progress("landmarks", source->stacks(), common.quiet || common.json);
-    while (const auto stack = rig->capture(source->sequence())) {
-      FrameResult view = pipeline.process(*stack);
-      const fs::path here = folder.path() / "frames" / stack_name(stack->index);
+    // All patterns for every view, whatever the map predicts: every view is to become a keyframe.
+    const auto capture = [&](const PatternSequence&) { return rig->capture(source->sequence()); };
+    Driver(Driver::Capture(capture), pipeline).run([&](const MappedView& mapped) {
+      const FrameResult& view = mapped.result;
+      const int index = mapped.stack.index;
+      LandmarkStages stages;
+      identify_landmarks(view.frame, view.keypoints, rig->model(), options.keypoints, options.conditioning,
+                         options.clusters, options.landmarks, &stages);
+      const fs::path here = folder.path() / "frames" / stack_name(index);
       fs::create_directories(here);
-      write_pictures(here, view);
+      write_pictures(here, view, stages);
       write_text(here / "keypoints.csv", keypoint_table(view.landmarks));
       if (before) write_png(here / "matches.png", recognition_picture(*before, before_number, view));
-      frames.push_back(landmarks_json(stack->index, view));
+      frames.push_back(landmarks_json(index, view, thermal.observe(mapped.stack, view)));
       found += static_cast<int>(view.landmarks.landmarks.size());
       recognised += static_cast<int>(view.recognitions.size());
       if (view.keyframe >= 0) {
-        before = std::move(view);
+        before = view;
         before_number = before->keyframe;
       }
       progress.step();
-    }
+    });
   }
   write_text(folder.path() / "landmarks.json", frames.dump(2) + "\n");
   folder.commit();

@@ -8,8 +8,9 @@
 #include "core/io/files.h"
 #include "core/io/yaml.h"
 #include "core/map/map_file.h"
-#include "core/mapper/conveyor.h"
-#include "core/rig/dropping_rig.h"
+#include "core/mapper/driver.h"
+#include "core/mapper/thermal_observer.h"
+#include "core/rig/background_rig.h"
 #include "tools/interrupt.h"
 #include "tools/live/live_mapper.h"
 #include "tools/live/live_option.h"
@@ -103,6 +104,7 @@ int run(const Arguments& arguments, const Common& common) {
           ? Pipeline(rig->model(), source->sequence(), settings.pipeline, Pose{})
           : Pipeline(map_from_bytes(read_bytes(arguments.map), arguments.map, rig->model(), settings.pipeline.mapping),
                      source->sequence(), settings.pipeline);
+  ThermalObserver thermal(rig->model(), settings.pipeline.thermal);
   RunFolder record(folder.path(), rig->model(), source->sequence());
   const std::unique_ptr<LivePage> live = open_live_page(arguments.live, {.verb = "run",
                                                                          .name = source->name(),
@@ -111,29 +113,29 @@ int run(const Arguments& arguments, const Common& common) {
                                                                          .stacks = source->stacks(),
                                                                          .maps = true,
                                                                          .moving = settings.pipeline.tracking.moving});
-  std::optional<DroppingRig> camera;
+  std::optional<BackgroundRig> camera;
   if (arguments.real_time) camera.emplace(*rig, source->sequence(), kWaitingStacks, Pace::timestamps);
   const auto dropped = [&] { return camera ? camera->dropped() : 0; };
   ViewRate rate(arguments.live_rate_hz);
   {
     Progress progress("mapping", source->stacks(), common.quiet || common.json);
     Rig& images = camera ? static_cast<Rig&>(*camera) : *rig;
-    Conveyor conveyor([&](const PatternSequence& patterns) { return images.capture(patterns); }, pipeline,
-                      camera ? kViewsAhead : Conveyor::kAhead);
-    while (const auto view = conveyor.next()) {
-      record.add(view->stack, view->result, pipeline.map());
-      if (live) show_mapped(live->feed(), view->stack, view->result, pipeline, dropped());
-      if (arguments.mesh) record.add_mesh(frame_mesh(view->result.frame, settings.mesh), view->stack.index);
+    Driver driver(images, pipeline, camera ? kViewsAhead : Driver::kAhead);
+    driver.run([&](const MappedView& view) {
+      const ThermalView warmth = thermal.observe(view.stack, view.result);
+      record.add(view.stack, view.result, warmth, pipeline.map());
+      if (live) show_mapped(live->feed(), view.stack, view.result, pipeline.mapper(), warmth, thermal, dropped());
+      if (arguments.mesh) record.add_mesh(frame_mesh(view.result.frame, settings.mesh), view.stack.index);
       progress.step();
       rate.wait();
-    }
+    });
   }
   if (dropped() > 0 && !common.json)
     std::fprintf(stderr, "dropped: %d of %d stacks, because mapping fell behind\n", dropped(), source->stacks());
   if (live) live->feed().finish();
   const std::vector<CloudPoint> cloud = pipeline.map().cloud(settings.pipeline.cloud).points();
   record.finish(pipeline.trajectory(), cloud, pipeline.surface().mesh());
-  if (rig->model().thermal) record.add_warm_things(pipeline.warm_things());
+  if (rig->model().thermal) record.add_warm_things(thermal.warm_things(pipeline.mapper()));
   if (arguments.save_map) write_text(folder.path() / kMapFile, to_bytes(pipeline.map()));
 
   std::optional<RunScore> score;

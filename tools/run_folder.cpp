@@ -79,7 +79,8 @@ RunFolder::RunFolder(fs::path folder, const RigModel& rig, const PatternSequence
 
 fs::path RunFolder::frame_folder(int index) const { return folder_ / "frames" / stack_name(index); }
 
-void RunFolder::add(const FringeStack& stack, const FrameResult& result, const KeyframeMap& map) {
+void RunFolder::add(const FringeStack& stack, const FrameResult& result, const ThermalView& thermal,
+                    const KeyframeMap& map) {
   const fs::path folder = frame_folder(stack.index);
   fs::create_directories(folder);
   const Frame& frame = result.frame;
@@ -93,9 +94,9 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const K
   const cv::Mat3b phase = false_colour(result.decoded.wrapped_phase, -std::numbers::pi, std::numbers::pi);
   write_png(folder / "phase.png", phase);
 
-  if (!frame.temperature_c.empty()) {
-    write_exr(folder / "temperature.exr", {{"Y", frame.temperature_c}});
-    write_png(folder / "temperature.png", warm_picture(result));
+  if (!thermal.temperature_c.empty()) {
+    write_exr(folder / "temperature.exr", {{"Y", thermal.temperature_c}});
+    write_png(folder / "temperature.png", warm_picture(frame.texture, thermal));
   }
 
   const bool tracked = result.tracking != Tracking::lost;
@@ -121,12 +122,12 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const K
   for (const auto& directions : {motion.undetermined, result.registration.undetermined}) {
     for (const FreeDirection& free : directions) entry["undetermined"].push_back(to_string(free));
   }
-  if (result.found_again) entry["found_again"] = true;
+  if (result.relocalized) entry["relocalized"] = true;
   if (result.reference >= 0) entry["reference"] = result.reference;
   if (result.keyframe >= 0) entry["keyframe"] = result.keyframe;
   if (result.loops > 0) entry["loops"] = result.loops;
   if (result.corrected) entry["corrected"] = true;
-  landmarks_.push_back(landmarks_json(stack.index, result));
+  landmarks_.push_back(landmarks_json(stack.index, result, thermal));
   (tracked ? tracked_ : lost_).push_back(stack.index);
   const bool first_matches = tracked && !result.matches.empty() && matches_.empty();
   if (fringe_.empty() || first_matches) {

@@ -8,6 +8,7 @@
 
 #include "core/map/mesh.h"
 #include "core/mapper/pipeline.h"
+#include "core/mapper/thermal_observer.h"
 #include "tools/report/pictures.h"
 #include "tools/run_score.h"
 
@@ -18,7 +19,7 @@ class RunFolder {
   RunFolder(std::filesystem::path folder, const RigModel& rig, const PatternSequence& sequence);
 
   // Writes the images and depth of one view and appends its entries to frames.json and landmarks.json.
-  void add(const FringeStack& stack, const FrameResult& result, const KeyframeMap& map);
+  void add(const FringeStack& stack, const FrameResult& result, const ThermalView& thermal, const KeyframeMap& map);
 
   // Writes victims.json: the warm objects found by a thermal camera (tools/landmark_files.h).
   void add_warm_things(const std::vector<WarmThing>& things) const;

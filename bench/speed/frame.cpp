@@ -6,7 +6,8 @@
 #include "bench/row.h"
 #include "bench/speed/loop_rig.h"
 #include "bench/speed/turns.h"
-#include "core/mapper/conveyor.h"
+#include "core/base/stage_clock.h"
+#include "core/mapper/driver.h"
 #include "core/score/score.h"
 
 namespace fringeslam::bench {
@@ -40,8 +41,8 @@ double frames_per_s(const LoopScene& loop) {
   LoopRig rig(loop, 1);
   Pipeline pipeline(loop.scene.rig, loop.scene.patterns, {}, loop.scene.trajectory[0].world_from_robot);
   const double mapped_s = seconds_of([&] {
-    Conveyor conveyor([&](const PatternSequence& patterns) { return rig.capture(patterns); }, pipeline);
-    while (conveyor.next()) {
+    Driver driver(rig, pipeline);
+    while (driver.next()) {
     }
   });
   const double surface_s = seconds_of([&] { pipeline.surface(); });
@@ -55,7 +56,7 @@ double frames_per_s(const LoopScene& loop) {
 void time_stages(const LoopScene& loop, Latencies& latencies) {
   StageClock clock;
   Pipeline pipeline(loop.scene.rig, loop.scene.patterns, {}, loop.scene.trajectory[0].world_from_robot);
-  pipeline.time_stages(clock);
+  const StageClock::Use use(clock);
   const double seconds = seconds_of([&] {
     for (const FringeStack& stack : loop.stacks) {
       clock.begin_view();

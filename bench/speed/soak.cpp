@@ -13,7 +13,7 @@
 
 #include "bench/row.h"
 #include "bench/speed/loop_rig.h"
-#include "core/mapper/conveyor.h"
+#include "core/mapper/driver.h"
 #include "core/score/score.h"
 
 namespace fringeslam::bench {
@@ -61,12 +61,12 @@ Soak soaked(double duration_s) {
   };
   LoopRig rig(loop, 1 << 20);
   Pipeline pipeline(loop.scene.rig, loop.scene.patterns, {}, loop.scene.trajectory[0].world_from_robot);
-  Conveyor conveyor([&](const PatternSequence& patterns) { return rig.capture(patterns); }, pipeline);
+  Driver driver(rig, pipeline);
   Soak soak;
   while (elapsed_s() < duration_s || soak.laps.size() < kWarmUp + 2) {
     const std::clock_t before = std::clock();
     for (const TimedPose& truth : loop.scene.trajectory) {
-      const FrameResult result = conveyor.next()->result;
+      const FrameResult result = driver.next()->result;
       ++soak.views;
       if (result.tracking == Tracking::lost)
         ++soak.lost;

@@ -10,6 +10,18 @@ namespace fringeslam {
 
 class StageClock {
  public:
+  // While an instance exists, enter_stage() reports to `clock` in the thread that created it.
+  class Use {
+   public:
+    explicit Use(StageClock& clock) : before_(of_thread()) { of_thread() = &clock; }
+    ~Use() { of_thread() = before_; }
+    Use(const Use&) = delete;
+    Use& operator=(const Use&) = delete;
+
+   private:
+    StageClock* before_;
+  };
+
   // Call when a view's images have arrived.
   void begin_view() {
     view_ = std::chrono::steady_clock::now();
@@ -28,6 +40,12 @@ class StageClock {
     since_ = now;
   }
 
+  // The clock of this thread; null if none is in use.
+  static StageClock*& of_thread() {
+    thread_local StageClock* clock = nullptr;
+    return clock;
+  }
+
   // Total time of each completed stage, s; excludes the stage in progress.
   const std::map<std::string, double>& seconds() const { return seconds_; }
   // Time from the start of the view to the first entry of each stage, s.
@@ -38,5 +56,10 @@ class StageClock {
   std::chrono::steady_clock::time_point since_, view_;
   std::map<std::string, double> seconds_, entered_;
 };
+
+// Starts a stage on this thread's clock, if it uses one.
+inline void enter_stage(const char* stage) {
+  if (StageClock* clock = StageClock::of_thread()) clock->enter(stage);
+}
 
 }  // namespace fringeslam

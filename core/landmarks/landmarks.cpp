@@ -150,6 +150,7 @@ Landmarks identify_landmarks(const Frame& frame, Keypoints keypoints, const RigM
   depths.convertTo(levels, CV_8U);
 
   Landmarks result;
+  result.dilations = conditioned.dilations;
   result.keypoints = std::move(keypoints);
   result.depth_keypoints = detect_depth_keypoints(depths, keypoint_options);
   result.background_keypoints = discard_background(result.depth_keypoints, conditioned.foreground);

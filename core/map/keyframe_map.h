@@ -23,6 +23,7 @@ struct MappingOptions {
   double min_loop_overlap = 0.3;
   int max_links = 4;
   double significant_m = 5e-5;
+  bool every_view = false;
 
   template <class Visitor>
   void describe(Visitor& v) {
@@ -35,6 +36,7 @@ struct MappingOptions {
             "displacement of a surface above which the map counts as corrected, m");
     v.field("max_links", max_links, {0, 1000},
             "largest number of earlier keyframes that a new one is registered with, besides its own");
+    v.field("every_view", every_view, "every view that is registered by depth becomes a keyframe");
   }
 };
 

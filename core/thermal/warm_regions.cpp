@@ -310,26 +310,27 @@ WarmView find_warm_regions(const Frame& frame, const RegisteredThermal& thermal,
   return view;
 }
 
-void note_temperatures(const Frame& frame, const WarmView& warm, Landmarks& landmarks, const ThermalOptions& options) {
+std::vector<LandmarkTemperature> landmark_temperatures(const cv::Mat1f& temperature_c, const WarmView& warm,
+                                                       const Landmarks& landmarks, const ThermalOptions& options) {
+  std::vector<LandmarkTemperature> results;
   const auto least = static_cast<float>(warm.surroundings_c + options.min_contrast_k);
-  for (Landmark& landmark : landmarks.landmarks) {
-    landmark.temperature = {};
+  for (const Landmark& landmark : landmarks.landmarks) {
+    LandmarkTemperature& result = results.emplace_back();
     if (landmark.outline.empty()) continue;
-    cv::Mat1b inside(frame.temperature_c.size(), uchar{0});
+    cv::Mat1b inside(temperature_c.size(), uchar{0});
     cv::fillPoly(inside, std::vector<std::vector<cv::Point>>{landmark.outline}, cv::Scalar(1));
     std::vector<float> known;
     std::vector<int> on_it(warm.list.size());
     const cv::Rect box = cv::boundingRect(landmark.outline) & cv::Rect({}, inside.size());
     for (int row = box.y; row < box.br().y; ++row) {
       for (int col = box.x; col < box.br().x; ++col) {
-        const float t = frame.temperature_c(row, col);
+        const float t = temperature_c(row, col);
         if (!inside(row, col) || std::isnan(t)) continue;
         known.push_back(t);
         if (const int region = warm.regions(row, col); region >= 0) ++on_it[static_cast<size_t>(region)];
       }
     }
     if (known.empty()) continue;
-    LandmarkTemperature& result = landmark.temperature;
     result.pixels = static_cast<int>(known.size());
     double sum = 0, squares = 0;
     for (const float t : known) {
@@ -348,6 +349,7 @@ void note_temperatures(const Frame& frame, const WarmView& warm, Landmarks& land
       if (2 * on_it[i] > warm.list[i].pixels) result.regions.push_back(static_cast<int>(i));
     }
   }
+  return results;
 }
 
 }  // namespace fringeslam

@@ -44,7 +44,9 @@ struct WarmView {
 WarmView find_warm_regions(const Frame& frame, const RegisteredThermal& thermal, const RigModel& rig,
                            const ThermalOptions& options);
 
-// Sets each landmark's temperature statistics and the warm regions that lie on it.
-void note_temperatures(const Frame& frame, const WarmView& warm, Landmarks& landmarks, const ThermalOptions& options);
+// Returns the temperature statistics of each landmark's pixels within its outline. `temperature_c` is H x W of the frame,
+// NaN where unknown.
+std::vector<LandmarkTemperature> landmark_temperatures(const cv::Mat1f& temperature_c, const WarmView& warm,
+                                                       const Landmarks& landmarks, const ThermalOptions& options);
 
 }  // namespace fringeslam

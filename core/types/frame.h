@@ -17,9 +17,6 @@ struct Frame {
   cv::Mat3f points_m;     // camera frame; z is the depth
   cv::Mat1f sigma_m;      // standard deviation of the depth z
   cv::Mat3f normals;      // unit, camera frame, facing the camera
-  // Apparent temperature of the surface at each pixel; NaN where the thermal camera does not see it. Empty without a
-  // thermal camera.
-  cv::Mat1f temperature_c;
 
   int width() const { return points_m.cols; }
   int height() const { return points_m.rows; }

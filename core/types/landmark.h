@@ -53,7 +53,6 @@ struct Landmark {
   std::vector<int> depth_keypoints;  // of its cluster, in cluster order
   std::vector<cv::Point> outline;    // polygon in the image; texture keypoints inside belong to the landmark
   std::vector<int> keypoints;        // indices of texture keypoints
-  LandmarkTemperature temperature = {};
 };
 
 struct Landmarks {
@@ -62,6 +61,7 @@ struct Landmarks {
   int background_keypoints = 0;                // of the depth image; discarded
   std::vector<cv::Vec2i> connections;          // pairs of depth keypoints within clusters
   std::vector<Landmark> landmarks;
+  int dilations = 0;     // until the holes in the edges were closed
   int without_hull = 0;  // clusters with fewer than three corners, which enclose no area
   int indistinct = 0;    // hulls with too few texture keypoints for re-identification
 };

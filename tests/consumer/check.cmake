@@ -27,9 +27,15 @@ foreach(file ${package_files})
   endif()
 endforeach()
 
-must_run(${CMAKE_COMMAND} -S ${CMAKE_CURRENT_LIST_DIR} -B ${WORK_FOLDER}/build -G ${GENERATOR}
+# The examples see the installed package only: they are copied out of the source tree.
+file(COPY ${SOURCE_FOLDER}/examples DESTINATION ${WORK_FOLDER})
+must_run(${CMAKE_COMMAND} -S ${WORK_FOLDER}/examples -B ${WORK_FOLDER}/build -G ${GENERATOR}
   -D CMAKE_PREFIX_PATH=${prefix} -D CMAKE_BUILD_TYPE=${CONFIG} -D CMAKE_CXX_COMPILER=${CXX}
   -D CMAKE_CXX_FLAGS=${CXX_FLAGS} -D CMAKE_FIND_USE_PACKAGE_REGISTRY=OFF)
 must_run(${CMAKE_COMMAND} --build ${WORK_FOLDER}/build --config ${CONFIG})
-must_run(${WORK_FOLDER}/build/consumer)
+set(scenes ${prefix}/share/fringeslam/scenes)
+must_run(${WORK_FOLDER}/build/render_map_score ${scenes}/boxes_and_foam/scene.yaml)
+must_run(${WORK_FOLDER}/build/own_decoder ${scenes}/boxes_and_foam/scene.yaml)
+must_run(${WORK_FOLDER}/build/own_slam ${scenes}/rubble_pile/scene.yaml)
+must_run(${WORK_FOLDER}/build/own_rig)
 must_run(${prefix}/bin/fringeslam --version)

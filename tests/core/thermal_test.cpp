@@ -350,9 +350,9 @@ TEST(Merging, ThingsApartStayApart) {
 TEST(Landmarks, HaveTheTemperatureOfTheirPixels) {
   const RigModel rig = thermal_rig();
   Frame frame = frame_of(support::plane({0, 0, -1}, -1), rig);
-  frame.temperature_c = cv::Mat1f(frame.points_m.size(), 10.0f);
-  frame.temperature_c(cv::Rect(0, 0, 30, 20)) = 30.0f;
-  frame.temperature_c(cv::Rect(0, 0, 30, 5)) = std::numeric_limits<float>::quiet_NaN();
+  cv::Mat1f temperature_c(frame.points_m.size(), 10.0f);
+  temperature_c(cv::Rect(0, 0, 30, 20)) = 30.0f;
+  temperature_c(cv::Rect(0, 0, 30, 5)) = std::numeric_limits<float>::quiet_NaN();
   WarmView warm;
   warm.surroundings_c = 10;
   warm.regions = cv::Mat1i(frame.points_m.size(), -1);
@@ -363,8 +363,9 @@ TEST(Landmarks, HaveTheTemperatureOfTheirPixels) {
   landmarks.landmarks.resize(2);
   landmarks.landmarks[0].outline = {{0, 0}, {29, 0}, {29, 34}, {0, 34}};  // 450 px at 30 degrees, 450 at 10
   landmarks.landmarks[1].outline = {{60, 60}, {80, 60}, {80, 80}, {60, 80}};
-  note_temperatures(frame, warm, landmarks, {});
-  const LandmarkTemperature& t = landmarks.landmarks[0].temperature;
+  const std::vector<LandmarkTemperature> temperatures = landmark_temperatures(temperature_c, warm, landmarks, {});
+  ASSERT_EQ(temperatures.size(), 2u);
+  const LandmarkTemperature& t = temperatures[0];
   EXPECT_EQ(t.pixels, 900);
   EXPECT_NEAR(t.mean_c, 20, 1e-6);
   EXPECT_NEAR(t.spread_c, 10, 1e-6);
@@ -372,8 +373,8 @@ TEST(Landmarks, HaveTheTemperatureOfTheirPixels) {
   EXPECT_EQ(t.p95_c, 30);
   EXPECT_EQ(t.max_c, 30);
   EXPECT_EQ(t.regions, std::vector<int>{0});
-  EXPECT_EQ(landmarks.landmarks[1].temperature.mean_c, 10);
-  EXPECT_TRUE(landmarks.landmarks[1].temperature.regions.empty());
+  EXPECT_EQ(temperatures[1].mean_c, 10);
+  EXPECT_TRUE(temperatures[1].regions.empty());
 }
 
 // Ground truth of a view of a wall with a square victim of 0.1 m at 1 m.

@@ -106,7 +106,7 @@ TEST(LiveFeed, ViewsTellHowTheyWereTracked) {
   for (const json& view : found["views"]["list"]) states.push_back(view["tracking"]);
   EXPECT_THAT(states, ElementsAre("first", "followed", "lost", "followed"));
   EXPECT_FALSE(found["views"]["list"][2].contains("pose"));
-  EXPECT_EQ(found["views"]["list"][3]["found_again"], true);
+  EXPECT_EQ(found["views"]["list"][3]["relocalized"], true);
   EXPECT_EQ(found["views"]["list"][3]["pose"], json::parse("[0.03, 0, 0, 0, 0, 0, 1]"));
 }
 

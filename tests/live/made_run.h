@@ -40,11 +40,11 @@ class MadeRun {
     frame_.sigma_m = cv::Mat1f(frame_.points_m.size(), 1e-4f);
   }
 
-  void track(tools::LiveFeed& feed, bool found_again = false) {
+  void track(tools::LiveFeed& feed, bool relocalized = false) {
     FrameResult result = seen();
     const Pose pose = shifted(0.01 * number_);
     result.tracking = trajectory_.empty() ? Tracking::first : Tracking::followed;
-    result.found_again = found_again;
+    result.relocalized = relocalized;
     result.world_from_robot = pose;
     trajectory_.push_back({0.1 * number_, pose});
     if (number_ % 3 == 0) result.keyframe = add_keyframe(pose);

@@ -197,7 +197,7 @@ test('it fits a phone', async () => {
   await close();
 });
 
-test('a lost view is said to be; it goes on when the server is back, and with it the view is found again', async () => {
+test('a lost view is said to be; it goes on when the server is back, and with it the view is relocalized', async () => {
   const first = await live('first', kLost.slice(0, 2), '--live', '0');
   const {page, close} = await open(first.url, {expected: /ERR_CONNECTION|ERR_EMPTY_RESPONSE|ERR_SOCKET/});
   await says(page, 'connection', 'Finished');

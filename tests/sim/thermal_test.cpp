@@ -10,6 +10,7 @@
 #include <optional>
 
 #include "core/mapper/pipeline.h"
+#include "core/mapper/thermal_observer.h"
 #include "core/rig/rig_file.h"
 #include "core/types/centikelvin.h"
 #include "sim/light/infrared.h"
@@ -253,13 +254,15 @@ TEST(Thermal, ThePipelineFindsWhatMayBeAVictim) {
   std::vector<TruthFrame> truth;
   VirtualRig rig(scene, {}, [&](const TruthFrame& frame) { truth.push_back(frame); });
   Pipeline pipeline(rig.model(), scene.patterns, {}, Pose{});
+  ThermalObserver observer(rig.model(), {});
   while (const auto stack = rig.capture(scene.patterns)) {
     const FrameResult view = pipeline.process(*stack);
-    ASSERT_EQ(view.frame.temperature_c.size(), view.frame.points_m.size());
-    EXPECT_NEAR(view.warm.surroundings_c, 12, 0.1);
+    const ThermalView thermal = observer.observe(*stack, view);
+    ASSERT_EQ(thermal.temperature_c.size(), view.frame.points_m.size());
+    EXPECT_NEAR(thermal.warm.surroundings_c, 12, 0.1);
     ASSERT_NE(view.tracking, Tracking::lost);
   }
-  std::vector<WarmThing> victims = pipeline.warm_things();
+  std::vector<WarmThing> victims = observer.warm_things(pipeline.mapper());
   EXPECT_EQ(victims.size(), 3u);
   std::erase_if(victims, [](const WarmThing& thing) { return !thing.victim; });
   ASSERT_EQ(victims.size(), 1u);

@@ -106,8 +106,8 @@ TEST_F(ManyViews, OneThatShowsNothingIsLostAndTheNextFoundAgain) {
   const json frames = run(scene("away", repeated(kStep, 2) + away + back + kStep), "run");
   EXPECT_EQ(tracking(frames)[3], "lost");
   EXPECT_EQ(tracking(frames)[4], "refined");
-  EXPECT_TRUE(frames[4].value("found_again", false));
-  EXPECT_FALSE(frames[5].value("found_again", false));
+  EXPECT_TRUE(frames[4].value("relocalized", false));
+  EXPECT_FALSE(frames[5].value("relocalized", false));
   EXPECT_EQ(read("run/score.json")["tracked"], 5);
   EXPECT_LT(read("run/score.json")["trajectory"]["ate_rmse_mm"], 0.05);
   EXPECT_THAT(test::read_bytes(temp_ / "run/trajectory.tum"), testing::StartsWith("# lost: stacks 3\n"));

@@ -148,7 +148,7 @@ void LiveFeed::show(const FringeStack& stack) {
 
 void LiveFeed::show(const FringeStack& stack, const FrameResult& result, const KeyframeMap& map,
                     const std::function<Trajectory()>& trajectory, int dropped) {
-  SeenView seen{0, stack.index, stack.timestamp_s, result.tracking, result.found_again, result.loops, result.corrected,
+  SeenView seen{0, stack.index, stack.timestamp_s, result.tracking, result.relocalized, result.loops, result.corrected,
                 {}};
   if (result.tracking != Tracking::lost) seen.world_from_robot = result.world_from_robot;
   std::function<Preview()> prepare = decoded(stack, result, setup_);
@@ -210,7 +210,7 @@ std::vector<std::string> LiveFeed::motion_warnings(const FrameResult& result, do
   if (result.tracking == Tracking::lost)
     return {"Tracking is lost: this view is not in the map. Move back to the mapped area, more slowly."};
   const std::optional<double> before_s = std::exchange(last_tracked_s_, timestamp_s);
-  if (!setup_.moving || !before_s || result.found_again) return {};
+  if (!setup_.moving || !before_s || result.relocalized) return {};
   return drift_warnings(fringe_drift(result.frame, rays_, setup_.rig,
                                      mean_twist(result.previous_from_current, timestamp_s - *before_s),
                                      result.decoded.finest_period_px));
@@ -255,7 +255,7 @@ std::string LiveFeed::changes(const std::string& run, uint64_t since) const {
   for (const SeenView& view : changes.views) {
     ordered_json& entry = views.emplace_back(ordered_json{{"index", view.index}, {"timestamp_s", view.timestamp_s}});
     if (view.tracking) entry["tracking"] = to_string(*view.tracking);
-    if (view.found_again) entry["found_again"] = true;
+    if (view.relocalized) entry["relocalized"] = true;
     if (view.loops > 0) entry["loops"] = view.loops;
     if (view.corrected) entry["corrected"] = true;
     if (view.world_from_robot) entry["pose"] = json_of(*view.world_from_robot);

@@ -13,7 +13,7 @@
 //   dropped, views_per_s
 //   about       only in the first answer: verb, name, expected stacks (0: unknown), rig, maps, image corners as rays
 //               (x, y, 1), robot_from_camera
-//   views       {from, list}: index, timestamp_s and, for a mapped view, tracking, found_again, number of loops closed,
+//   views       {from, list}: index, timestamp_s and, for a mapped view, tracking, relocalized, number of loops closed,
 //               whether the map was corrected then, robot pose in the world frame
 //   keyframes   {from, list}: camera pose in the world frame, landmarks (positions in the camera's frame)
 //   newest      number, index, figures and warnings of the newest view, outlines of its landmarks
@@ -91,7 +91,7 @@ class LiveFeed {
     int index = 0;
     double timestamp_s = 0;
     std::optional<Tracking> tracking;
-    bool found_again = false;
+    bool relocalized = false;
     int loops = 0;
     bool corrected = false;
     std::optional<Pose> world_from_robot;

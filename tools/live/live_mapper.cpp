@@ -8,13 +8,13 @@
 
 namespace fringeslam::tools {
 
-void show_mapped(LiveFeed& feed, const FringeStack& stack, const FrameResult& result, const Pipeline& pipeline,
-                 int dropped) {
+void show_mapped(LiveFeed& feed, const FringeStack& stack, const FrameResult& result, const Mapper& mapper,
+                 const ThermalView& thermal, const ThermalObserver& observer, int dropped) {
   feed.show(
-      stack, result, pipeline.map(), [&] { return pipeline.trajectory(); }, dropped);
-  if (result.warm.list.empty()) return;
+      stack, result, mapper.map(), [&] { return mapper.trajectory(); }, dropped);
+  if (thermal.warm.list.empty()) return;
   std::vector<VictimCandidate> candidates;
-  for (const WarmThing& thing : pipeline.warm_things())
+  for (const WarmThing& thing : observer.warm_things(mapper))
     candidates.push_back({thing.position_m, thing.extent_m, thing.victim ? "may be a victim" : "warm, no victim",
                           thing.reason, thing.victim});
   std::stable_partition(candidates.begin(), candidates.end(), [](const VictimCandidate& c) { return c.victim; });
@@ -23,60 +23,36 @@ void show_mapped(LiveFeed& feed, const FringeStack& stack, const FrameResult& re
 
 LiveMapper::LiveMapper(const RigModel& rig, const PatternSequence& sequence, const PipelineOptions& options,
                        LiveFeed& feed)
-    : pipeline_(rig, sequence, options, Pose{}), feed_(feed), thread_([this] { work(); }) {}
+    : pipeline_(rig, sequence, options, Pose{}), thermal_(rig, options.thermal), feed_(feed) {
+  thread_ = std::thread([this] {
+    while (const std::optional<FringeStack> stack = queue_.pop()) {
+      map(*stack);
+      ++shown_;
+      shown_.notify_all();
+    }
+  });
+}
 
 LiveMapper::~LiveMapper() {
-  {
-    const std::lock_guard lock(mutex_);
-    stopping_ = true;
-  }
-  changed_.notify_all();
+  queue_.cancel();
   thread_.join();
 }
 
 void LiveMapper::offer(const FringeStack& stack) {
-  {
-    const std::lock_guard lock(mutex_);
-    waiting_.push_back(stack);
-    if (waiting_.size() > kWaiting) {
-      waiting_.pop_front();
-      ++dropped_;
-    }
-  }
-  changed_.notify_all();
+  queue_.push(stack);
+  ++offered_;
 }
 
 void LiveMapper::finish() {
-  std::unique_lock lock(mutex_);
-  changed_.wait(lock, [&] { return waiting_.empty() && !mapping_; });
-}
-
-int LiveMapper::dropped() const {
-  const std::lock_guard lock(mutex_);
-  return dropped_;
-}
-
-void LiveMapper::work() {
-  std::unique_lock lock(mutex_);
-  while (true) {
-    changed_.wait(lock, [&] { return stopping_ || !waiting_.empty(); });
-    if (stopping_) return;
-    const FringeStack stack = std::move(waiting_.front());
-    waiting_.pop_front();
-    mapping_ = true;
-    lock.unlock();
-    map(stack);
-    lock.lock();
-    mapping_ = false;
-    changed_.notify_all();
-  }
+  const int to_show = offered_ - queue_.dropped();
+  for (int shown = shown_; shown < to_show; shown = shown_) shown_.wait(shown);
 }
 
 void LiveMapper::map(const FringeStack& stack) {
   if (failed_) return feed_.show(stack);
   try {
     const FrameResult result = pipeline_.process(stack);
-    show_mapped(feed_, stack, result, pipeline_, dropped());
+    show_mapped(feed_, stack, result, pipeline_.mapper(), thermal_.observe(stack, result), thermal_, dropped());
   } catch (const std::exception& e) {
     failed_ = true;
     std::fprintf(stderr, "live: no map from stack %d on: %s\n", stack.index, e.what());

@@ -50,16 +50,16 @@ cv::Mat3b texture_keypoints_picture(const FrameResult& view) {
   return picture;
 }
 
-cv::Mat3b depth_keypoints_picture(const FrameResult& view) {
-  cv::Mat3b picture = dimmed(view.landmark_stages.levels, 0.8);
+cv::Mat3b depth_keypoints_picture(const FrameResult& view, const LandmarkStages& stages) {
+  cv::Mat3b picture = dimmed(stages.levels, 0.8);
   for (const DepthKeypoint& k : view.landmarks.depth_keypoints)
     draw_keypoint(picture, k.pixel, k.scale, k.angle_rad, kKeypoint);
   return picture;
 }
 
-cv::Mat3b cluster_picture(const FrameResult& view) {
-  cv::Mat3b picture = dimmed(view.landmark_stages.levels, 0.6);
-  picture.setTo(cv::Scalar(235, 235, 235), view.landmark_stages.conditioned.cleaned);
+cv::Mat3b cluster_picture(const FrameResult& view, const LandmarkStages& stages) {
+  cv::Mat3b picture = dimmed(stages.levels, 0.6);
+  picture.setTo(cv::Scalar(235, 235, 235), stages.conditioned.cleaned);
   const auto& keypoints = view.landmarks.depth_keypoints;
   for (const cv::Vec2i& c : view.landmarks.connections) {
     const DepthKeypoint &a = keypoints[static_cast<size_t>(c[0])], &b = keypoints[static_cast<size_t>(c[1])];
@@ -106,17 +106,17 @@ cv::Mat3b recognition_picture(const FrameResult& earlier, int earlier_keyframe, 
   return picture;
 }
 
-cv::Mat3b landmark_sheet(const FrameResult& view) {
-  const Conditioned& c = view.landmark_stages.conditioned;
+cv::Mat3b landmark_sheet(const FrameResult& view, const LandmarkStages& stages) {
+  const Conditioned& c = stages.conditioned;
   const auto title = [](const std::string& what, size_t count) { return std::to_string(count) + " " + what; };
-  return sheet({{{"depth", dimmed(view.landmark_stages.levels, 1)},
+  return sheet({{{"depth", dimmed(stages.levels, 1)},
                  {"foreground", grey_picture(c.foreground, 255)},
                  {"edges", grey_picture(c.edges.mask(), 255)}},
                 {{"dilated " + std::to_string(c.dilations) + " times", grey_picture(c.dilated.mask(), 255)},
                  {"thinned", grey_picture(c.thinned.mask(), 255)},
                  {"cleaned", grey_picture(c.cleaned, 255)}},
                 {{title("depth keypoints in the foreground, clustered", view.landmarks.depth_keypoints.size()),
-                  cluster_picture(view)},
+                  cluster_picture(view, stages)},
                  {title("landmarks", view.landmarks.landmarks.size()), landmark_picture(view)},
                  {title("texture keypoints", view.keypoints.keypoints.size()), texture_keypoints_picture(view)}}},
                view.frame.texture.size());

@@ -11,10 +11,10 @@ namespace fringeslam::tools {
 
 // Texture or depth image with its keypoints: circles for their scales, lines for their orientations.
 cv::Mat3b texture_keypoints_picture(const FrameResult& view);
-cv::Mat3b depth_keypoints_picture(const FrameResult& view);
+cv::Mat3b depth_keypoints_picture(const FrameResult& view, const LandmarkStages& stages);
 
 // Depth image with edges, depth keypoints coloured by cluster, and their connections.
-cv::Mat3b cluster_picture(const FrameResult& view);
+cv::Mat3b cluster_picture(const FrameResult& view, const LandmarkStages& stages);
 
 // Texture with the landmarks' outlines and the keypoints inside them.
 cv::Mat3b landmark_picture(const FrameResult& view);
@@ -23,6 +23,6 @@ cv::Mat3b landmark_picture(const FrameResult& view);
 cv::Mat3b recognition_picture(const FrameResult& earlier, int earlier_keyframe, const FrameResult& current);
 
 // Depth, foreground, edges; dilated, thinned, cleaned; clusters, landmarks, texture keypoints.
-cv::Mat3b landmark_sheet(const FrameResult& view);
+cv::Mat3b landmark_sheet(const FrameResult& view, const LandmarkStages& stages);
 
 }  // namespace fringeslam::tools

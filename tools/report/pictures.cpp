@@ -64,16 +64,16 @@ cv::Mat3b match_picture(const Keyframe& reference, const FrameResult& current) {
   return picture;
 }
 
-cv::Mat3b warm_picture(const FrameResult& view) {
+cv::Mat3b warm_picture(const cv::Mat1b& texture, const ThermalView& thermal) {
   constexpr double kSpan_k = 15;
-  const cv::Mat1f& temperature_c = view.frame.temperature_c;
-  cv::Mat3b picture = grey_picture(view.frame.texture, 160);
-  const double low = view.warm.surroundings_c - 0.2 * kSpan_k;
+  const cv::Mat1f& temperature_c = thermal.temperature_c;
+  cv::Mat3b picture = grey_picture(texture, 160);
+  const double low = thermal.warm.surroundings_c - 0.2 * kSpan_k;
   const cv::Mat3b colours = false_colour(temperature_c, low, low + 1.2 * kSpan_k);
   cv::Mat3b mixed;
   cv::addWeighted(picture, 0.4, colours, 0.6, 0, mixed);
   mixed.copyTo(picture, temperature_c == temperature_c);
-  for (const WarmRegion& region : view.warm.list) {
+  for (const WarmRegion& region : thermal.warm.list) {
     if (region.kind == WarmKind::too_small) continue;
     const cv::Scalar colour = region.candidate() ? kRed : kYellow;
     cv::rectangle(picture, region.box, colour, region.candidate() ? 2 : 1);

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "core/mapper/pipeline.h"
+#include "core/mapper/thermal_observer.h"
 
 namespace fringeslam::tools {
 
@@ -20,7 +21,7 @@ cv::Mat3b match_picture(const Keyframe& reference, const FrameResult& current);
 
 // Temperatures overlaid on the texture, from the surroundings' to 15 K above, with boxes around the warm regions:
 // victim candidates red, the rest yellow, each labelled with its kind.
-cv::Mat3b warm_picture(const FrameResult& view);
+cv::Mat3b warm_picture(const cv::Mat1b& texture, const ThermalView& thermal);
 
 // The map in parallel projection along the first camera's viewing direction, shaded by its normals, with the camera
 // positions.

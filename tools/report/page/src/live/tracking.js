@@ -5,7 +5,7 @@ const kWords = {
 };
 
 export function trackingText(view) {
-  return view.found_again ? 'relocalized' : kWords[view.tracking] ?? '';
+  return view.relocalized ? 'relocalized' : kWords[view.tracking] ?? '';
 }
 
 function eventOf(view, lostAt) {

@@ -16,7 +16,7 @@ const kStates = {
 };
 
 export function stateText(view) {
-  return (kStates[view.tracking] ?? view.tracking) + (view.found_again ? ', relocalized' : '');
+  return (kStates[view.tracking] ?? view.tracking) + (view.relocalized ? ', relocalized' : '');
 }
 
 function labelOf(view) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/rig/dropping_rig.h"
+#include "core/rig/background_rig.h"
 
 #include <gtest/gtest.h>
 
@@ -13,7 +13,7 @@ namespace {
 
 PatternSequence patterns(int width) { return {width, 1, {}}; }
 
-// Numbers its stacks. Its camera does not go on beyond `open` stacks until it is let.
+// Numbers its stacks. The camera stops at `open` stacks until open() raises that number.
 class Numbers : public Rig {
  public:
   explicit Numbers(int stacks, int open = 1 << 30) : stacks_(stacks), open_(open) {}
@@ -29,7 +29,7 @@ class Numbers : public Rig {
     FringeStack stack;
     stack.index = next_++;
     stack.timestamp_s = 0.02 * stack.index;
-    stack.exposure_s = {static_cast<double>(sequence.width)};
+    stack.patterns = sequence;
     return stack;
   }
   void open(int stacks) {
@@ -45,9 +45,9 @@ class Numbers : public Rig {
   std::atomic<int> open_;
 };
 
-TEST(DroppingRig, TheOldestGoAndAreCounted) {
+TEST(BackgroundRig, DropsTheOldestAndCountsThem) {
   Numbers camera(10);
-  DroppingRig rig(camera, patterns(1), 3, Pace::free);
+  BackgroundRig rig(camera, patterns(1), 3, Pace::free);
   camera.ended.wait(false);
   std::vector<int> seen;
   while (const auto stack = rig.capture(patterns(1))) seen.push_back(stack->index);
@@ -56,10 +56,10 @@ TEST(DroppingRig, TheOldestGoAndAreCounted) {
   EXPECT_FALSE(rig.capture(patterns(1)).has_value()) << "the end stays the end";
 }
 
-TEST(DroppingRig, NothingIsDroppedForWhoKeepsUp) {
+TEST(BackgroundRig, DropsNothingForAConsumerThatKeepsUp) {
   constexpr int kStacks = 200;
   Numbers camera(kStacks, 1);
-  DroppingRig rig(camera, patterns(1), 1, Pace::free);
+  BackgroundRig rig(camera, patterns(1), 1, Pace::free);
   for (int i = 0; i < kStacks; ++i) {
     const auto stack = rig.capture(patterns(1));
     ASSERT_TRUE(stack.has_value());
@@ -69,44 +69,44 @@ TEST(DroppingRig, NothingIsDroppedForWhoKeepsUp) {
   EXPECT_EQ(rig.dropped(), 0);
 }
 
-TEST(DroppingRig, OtherPatternsThanAskedForAreNoAnswer) {
+TEST(BackgroundRig, DropsStacksWithOtherPatterns) {
   Numbers camera(100000, 1);
-  DroppingRig rig(camera, patterns(1), 100000, Pace::free);
-  EXPECT_EQ(rig.capture(patterns(1))->exposure_s.front(), 1);
+  BackgroundRig rig(camera, patterns(1), 100000, Pace::free);
+  EXPECT_EQ(rig.capture(patterns(1))->patterns.width, 1);
   auto answer = std::async(std::launch::async, [&] { return rig.capture(patterns(2)); });
-  // The camera may have been asked with the patterns of before until it is asked anew.
+  // The camera may have been asked for the earlier patterns already.
   for (int stacks = 2; answer.wait_for(std::chrono::milliseconds(1)) != std::future_status::ready; ++stacks)
     camera.open(stacks);
   const auto stack = answer.get();
   const int dropped = rig.dropped();
   camera.open(1 << 30);
   ASSERT_TRUE(stack.has_value());
-  EXPECT_EQ(stack->exposure_s.front(), 2);
+  EXPECT_EQ(stack->patterns.width, 2);
   EXPECT_EQ(dropped, stack->index - 1);
 }
 
-TEST(DroppingRig, AFailureComesAfterTheStacksBeforeIt) {
+TEST(BackgroundRig, ReportsAFailureAfterTheStacksBeforeIt) {
   Numbers camera(10);
   camera.fails_at = 2;
-  DroppingRig rig(camera, patterns(1), 5, Pace::free);
+  BackgroundRig rig(camera, patterns(1), 5, Pace::free);
   EXPECT_EQ(rig.capture(patterns(1))->index, 0);
   EXPECT_EQ(rig.capture(patterns(1))->index, 1);
   EXPECT_THROW(rig.capture(patterns(1)), Error);
 }
 
-TEST(DroppingRig, WhatWasRecordedKeepsItsTime) {
+TEST(BackgroundRig, ReplaysAtTheTimestamps) {
   Numbers camera(6);
   const auto start = std::chrono::steady_clock::now();
-  DroppingRig rig(camera, patterns(1), 6, Pace::timestamps);
+  BackgroundRig rig(camera, patterns(1), 6, Pace::timestamps);
   int stacks = 0;
   while (rig.capture(patterns(1))) ++stacks;
   EXPECT_EQ(stacks, 6);
   EXPECT_GE(std::chrono::steady_clock::now() - start, std::chrono::milliseconds(100)) << "never early";
 }
 
-TEST(DroppingRig, EndsWhileNobodyTakesItsStacks) {
+TEST(BackgroundRig, EndsWithoutAConsumer) {
   Numbers camera(1000000);
-  { DroppingRig rig(camera, patterns(1), 2, Pace::timestamps); }
+  { BackgroundRig rig(camera, patterns(1), 2, Pace::timestamps); }
   SUCCEED();
 }
 

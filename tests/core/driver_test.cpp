@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/mapper/conveyor.h"
+#include "core/mapper/driver.h"
 
 #include <gtest/gtest.h>
 
@@ -11,9 +11,9 @@ namespace {
 
 using support::Bumps;
 
-class Conveyed : public testing::TestWithParam<std::string> {
+class Driven : public testing::TestWithParam<std::string> {
  protected:
-  Conveyed() {
+  Driven() {
     options_.decode.unwrapping = GetParam();
     // A tenth of the pixels has few keypoints, and coarse sigmas.
     options_.tracking.max_displacement_sigma_m = 5e-3;
@@ -26,14 +26,14 @@ class Conveyed : public testing::TestWithParam<std::string> {
   PipelineOptions options_;
 };
 
-TEST_P(Conveyed, ViewsAreThoseOfOneAtATime) {
+TEST_P(Driven, ResultsEqualThoseOfOneViewAtATime) {
   Bumps one_at_a_time(kViews), ahead(kViews);
   Pipeline expected = pipeline(), got = pipeline();
-  Conveyor conveyor([&](const PatternSequence& patterns) { return ahead.capture(patterns); }, got);
+  Driver driver(ahead, got);
   int views = 0;
   while (const auto stack = one_at_a_time.capture(expected.next_patterns())) {
     const FrameResult result = expected.process(*stack);
-    const auto view = conveyor.next();
+    const auto view = driver.next();
     ASSERT_TRUE(view.has_value());
     EXPECT_EQ(view->stack.index, stack->index);
     EXPECT_EQ(view->result.images, result.images);
@@ -43,7 +43,7 @@ TEST_P(Conveyed, ViewsAreThoseOfOneAtATime) {
     ++views;
   }
   EXPECT_EQ(views, kViews);
-  EXPECT_FALSE(conveyor.next().has_value());
+  EXPECT_FALSE(driver.next().has_value());
   ASSERT_GT(expected.trajectory().size(), 5u);
   EXPECT_EQ(to_tum(got.trajectory()), to_tum(expected.trajectory()));
   const SurfaceMesh mesh = got.surface().mesh(), same = expected.surface().mesh();
@@ -51,21 +51,21 @@ TEST_P(Conveyed, ViewsAreThoseOfOneAtATime) {
   EXPECT_EQ(mesh.triangles, same.triangles);
 }
 
-// Where views to come have to wait until the pipeline waits for them.
-TEST_P(Conveyed, OneCoreIsEnough) {
+// On one core, later views wait until the pipeline waits for them.
+TEST_P(Driven, WorksOnOneCore) {
   const int threads = cv::getNumThreads();
   cv::setNumThreads(1);
   Bumps one_at_a_time(kViews), ahead(kViews);
   Pipeline expected = pipeline(), got = pipeline();
   while (const auto stack = one_at_a_time.capture(expected.next_patterns())) expected.process(*stack);
-  Conveyor conveyor([&](const PatternSequence& patterns) { return ahead.capture(patterns); }, got);
-  while (conveyor.next()) {
+  Driver driver(ahead, got);
+  while (driver.next()) {
   }
   cv::setNumThreads(threads);
   EXPECT_EQ(to_tum(got.trajectory()), to_tum(expected.trajectory()));
 }
 
-INSTANTIATE_TEST_SUITE_P(Unwrapping, Conveyed, testing::Values("multifrequency", "predicted"),
+INSTANTIATE_TEST_SUITE_P(Unwrapping, Driven, testing::Values("multifrequency", "predicted"),
                          [](const auto& name) { return name.param; });
 
 class Failing : public Bumps {
@@ -80,13 +80,14 @@ class Failing : public Bumps {
   int taken_ = 0;
 };
 
-TEST(Conveyor, ACameraThatIsGoneIsSaidAfterTheViewsBefore) {
+TEST(Driver, ReportsACameraFailureAfterTheViewsBeforeIt) {
   Failing rig;
   const PatternSequence sequence = phase_shift_sequence(1024, 768, {1040, 131, 16.5}, 3, Axis::columns, 8);
   Pipeline pipeline(rig.model(), sequence, {}, {});
-  Conveyor conveyor([&](const PatternSequence& patterns) { return rig.capture(patterns); }, pipeline);
-  for (int view = 0; view < 3; ++view) EXPECT_EQ(conveyor.next()->stack.index, view);
-  EXPECT_THROW(conveyor.next(), Error);
+  Driver driver(rig, pipeline);
+  for (int view = 0; view < 3; ++view) EXPECT_EQ(driver.next()->stack.index, view);
+  EXPECT_THROW(driver.next(), Error);
+  EXPECT_FALSE(driver.next().has_value()) << "nothing is captured after a failure";
 }
 
 }  // namespace

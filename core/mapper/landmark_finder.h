@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+// Landmarks of a view and their re-identification in earlier keyframes (docs/method.md, section 5).
+#pragma once
+
+#include <vector>
+
+#include "core/landmarks/keypoints.h"
+#include "core/landmarks/landmarks.h"
+#include "core/landmarks/recognition.h"
+
+namespace fringeslam {
+
+struct LandmarkFinderOptions {
+  KeypointOptions keypoints;
+  ConditioningOptions conditioning;
+  ClusterOptions clusters;
+  LandmarkOptions landmarks;
+  RecognitionOptions recognition;
+};
+
+struct FoundLandmarks {
+  Keypoints keypoints;
+  Landmarks landmarks;
+  std::vector<Recognition> recognitions;  // earlier_frame is the number of a keyframe
+  bool searched() const { return keypoints.detected > 0; }
+};
+
+class LandmarkFinder {
+ public:
+  LandmarkFinder(const RigModel& rig, const LandmarkFinderOptions& options);
+  // Finds the landmarks of a frame and re-identifies those of earlier keyframes.
+  FoundLandmarks find(const Frame& frame) const;
+  void add_keyframe(int keyframe, const Landmarks& landmarks) { database_.add(keyframe, landmarks); }
+
+ private:
+  RigModel rig_;
+  LandmarkFinderOptions options_;
+  PixelRays rays_;
+  LandmarkDatabase database_;
+};
+
+}  // namespace fringeslam

@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: Apache-2.0
+// The mapper: reconstructed views in, poses and a keyframe map out (docs/method.md, sections 6 to 8). For each view it
+// predicts the pose, registers the view with the keyframe that shows most of it (or relocalizes by landmarks), extends
+// the map where the view shows something new, and closes loops.
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/map/keyframe_map.h"
+#include "core/mapper/front_end.h"
+#include "core/mapper/landmark_finder.h"
+#include "core/mapper/view_registration.h"
+#include "core/types/trajectory.h"
+
+namespace fringeslam {
+
+struct MapperOptions {
+  LandmarkFinderOptions finder;
+  RegistrationOptions registration;
+  MappingOptions mapping;
+  PoseGraphOptions pose_graph;
+};
+
+enum class Tracking {
+  first,      // nothing to register with
+  followed,   // registered from the pose that constant velocity predicts
+  refined,    // relocalized by landmarks, then registered
+  landmarks,  // registration did not converge; the pose is that of the landmarks
+  lost        // no pose; the view is left out of trajectory and map
+};
+std::string to_string(Tracking tracking);
+
+struct FrameResult : ReconstructedView {
+  Keypoints keypoints;  // empty if landmarks were not searched for
+  Landmarks landmarks;
+  std::vector<Recognition> recognitions;   // re-identified landmarks of earlier keyframes
+  std::vector<KeypointMatch> matches;      // with the reference; empty if the view was followed
+  ViewRegistration registration;           // with the reference
+  Matrix6d covariance = Matrix6d::Zero();  // of registration.earlier_from_current, tangent of retract()
+  Tracking tracking = Tracking::lost;
+  bool relocalized = false;      // tracked, after a view that was lost
+  bool leaves_keyframe = false;  // shows so much beyond its keyframe that it starts another one
+  int view = -1;                 // position among the tracked views; -1: lost
+  int reference = -1;            // keyframe that it was registered with
+  int keyframe = -1;             // its own number if it became one
+  bool in_map = false;           // its surface is part of the map
+  int images = 0;                // number of images it was decoded from
+  int loops = 0;                 // earlier keyframes linked with it, besides the reference
+  bool corrected = false;        // closing loops moved the map
+  Pose previous_from_current;    // camera motion since the previous tracked view
+  Pose world_from_robot;         // as estimated when the view was processed; see Mapper::trajectory()
+};
+
+// A view for the mapper: reconstructed already, or to be reconstructed with what the map predicts of it.
+struct MapperInput {
+  double timestamp_s = 0;
+  std::optional<ReconstructedView> view;
+  bool needs_prior = false;  // reconstruct() needs the expected depth
+  std::function<ReconstructedView(const ReconstructionPrior&)> reconstruct = {};
+};
+
+class Mapper {
+ public:
+  // `world_from_robot` is the pose of the robot at the first view. Throws Error if an option is out of range.
+  Mapper(const RigModel& rig, const MapperOptions& options, const Pose& world_from_robot);
+  // Continues in a map, in which the robot has to be relocalized.
+  Mapper(KeyframeMap map, const MapperOptions& options);
+
+  FrameResult process(MapperInput input);
+  // Registers a frame of any origin and adds it to the map.
+  FrameResult process(const Frame& frame) { return process({frame.timestamp_s, ReconstructedView{frame, {}, true}}); }
+
+  const KeyframeMap& map() const { return map_; }
+  // Robot poses of all tracked views in the order of processing, by the present state of the map.
+  Trajectory trajectory() const;
+  // Camera pose of a tracked view (FrameResult::view), by the present state of the map.
+  Pose world_from_camera(int view) const { return world_from_camera(track_[static_cast<size_t>(view)]); }
+
+ private:
+  // A tracked view and its pose relative to a keyframe, which moves when loops are closed.
+  struct TrackedView {
+    double timestamp_s = 0;
+    int keyframe = 0;
+    Pose keyframe_from_camera;
+  };
+
+  Pose world_from_camera(const TrackedView& view) const;
+  std::optional<Pose> predicted_camera(double timestamp_s) const;
+  std::optional<CameraTwist> twist() const;
+  const Frame& keyframe_image(int keyframe);
+  void reconstruct(FrameResult& result, const MapperInput& input, const ReconstructionPrior& prior) const;
+  void find_landmarks(FrameResult& result) const;
+
+  bool follow(FrameResult& result, const Pose& predicted, const Matrix6d& prior = Matrix6d::Zero());
+  bool follow_by_prediction(FrameResult& result, const MapperInput& input, const Pose& predicted);
+  bool relocalize(FrameResult& result);
+  bool leaves_keyframe(const FrameResult& result, const Pose& world_from_camera, int keyframe) const;
+  ExpectedView expected_view(const Pose& world_from_current, const Matrix6d& covariance, bool by_reference) const;
+
+  void extend_map(FrameResult& result);
+  void add_keyframe(FrameResult& result, TrackedView& here);
+  int close_loops(const FrameResult& result);
+  void note_pose(FrameResult& result, const std::optional<Pose>& predicted);
+
+  RigModel rig_;
+  MapperOptions options_;
+  LandmarkFinder finder_;
+  KeyframeMap map_;
+  Pose start_;
+  std::vector<TrackedView> track_;
+  bool lost_ = false;  // since the last view of track_
+  Matrix6d prediction_covariance_ = Matrix6d::Zero();
+  int image_keyframe_ = -1;  // whose image keyframe_image_ is
+  Frame keyframe_image_;
+  Frame last_frame_;  // of the last tracked view
+  int last_keyframe_ = -1;
+};
+
+}  // namespace fringeslam
