@@ -22,7 +22,7 @@ Views views_of(const sim::Scene& scene, size_t count) {
   const Triangulation triangulation(scene.rig, result.rays, depth.near_m, depth.far_m);
   for (View& view : result.views) {
     const auto stack = rig.capture(scene.patterns);
-    view.frame = reconstruct(decode(*stack, scene.patterns, scene.rig, {}), scene.rig, triangulation, depth);
+    view.frame = reconstruct(decode(*stack, scene.rig, {}), scene.rig, triangulation, depth);
     view.truth = truth;
   }
   return result;

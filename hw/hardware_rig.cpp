@@ -106,10 +106,13 @@ std::optional<FringeStack> HardwareRig::capture(const PatternSequence& sequence)
     retaken_ += attempt > 0;
     const Taken taken = options_.packing.empty() ? take_one_by_one(sequence) : take_packed(sequence);
     FringeStack stack;
+    stack.patterns = sequence;
     for (const GreyImage& image : taken.images) {
       stack.images.push_back(image.image);
       stack.exposure_s.push_back(image.exposure_s);
-      stack.timestamp_s += image.timestamp_s / static_cast<double>(taken.images.size());
+      // The camera sends an image when its exposure ends.
+      stack.exposure_time_s.push_back(image.timestamp_s - 0.5 * image.exposure_s);
+      stack.timestamp_s += stack.exposure_time_s.back() / static_cast<double>(taken.images.size());
     }
     reason = taken.fault;
     if (!reason.empty()) continue;

@@ -127,6 +127,8 @@ std::optional<FringeStack> VirtualRig::capture(const PatternSequence& sequence) 
   FringeStack stack;
   stack.index = static_cast<int>(next_);
   stack.timestamp_s = pose.timestamp_s;
+  stack.patterns = sequence;
+  stack.exposure_time_s = exposure_times_s(pose.timestamp_s, images.size(), scene_.rig.timing);
   for (size_t i = 0; i < images.size(); ++i) {
     stack.images.push_back(camera_.expose(
         images[i], exposure_s, {options_.noise, options_.quantise, scene_.seed, stack.index, static_cast<int>(i)}));

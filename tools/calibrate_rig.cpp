@@ -38,10 +38,10 @@ struct Arguments {
   std::vector<std::string> sets;
 };
 
-BoardView observe(const FringeStack& stack, const PatternSequence& sequence, const RigModel& rig, const Board& board,
+BoardView observe(const FringeStack& stack, const RigModel& rig, const Board& board,
                   const CalibrationSettings& settings) {
-  const DecodedStack columns = decode(stack, sequence, rig, settings.decode, {Axis::columns});
-  const DecodedStack rows = decode(stack, sequence, rig, settings.decode, {Axis::rows});
+  const DecodedStack columns = decode(stack, rig, settings.decode, {Axis::columns});
+  const DecodedStack rows = decode(stack, rig, settings.decode, {Axis::rows});
   cv::Mat1f texture;
   cv::addWeighted(columns.mean, 0.5, rows.mean, 0.5, 0, texture);
   return observe_board("view " + std::to_string(stack.index), texture,
@@ -144,7 +144,7 @@ int calibrate(const Arguments& arguments, const Common& common) {
   {
     Progress progress("finding boards", replay.info().stacks, common.quiet || common.json);
     while (const auto stack = replay.capture(replay.sequence())) {
-      views.push_back(observe(*stack, replay.sequence(), replay.model(), board, settings));
+      views.push_back(observe(*stack, replay.model(), board, settings));
       progress.step();
     }
   }

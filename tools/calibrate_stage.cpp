@@ -125,7 +125,7 @@ int calibrate(const Arguments& arguments, const Common& common) {
   {
     Progress progress("finding boards", replay.info().stacks, common.quiet || common.json);
     while (const auto stack = replay.capture(replay.sequence())) {
-      const DecodedStack decoded = decode(*stack, replay.sequence(), rig, settings.decode);
+      const DecodedStack decoded = decode(*stack, rig, settings.decode);
       Frame frame;
       triangulate(frame, decoded, triangulation, settings.depth);
       StageView view = look(frame, decoded.mean, rig, board, poses[static_cast<size_t>(stack->index)].world_from_robot,

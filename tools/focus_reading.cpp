@@ -17,12 +17,12 @@ constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kLeastRange = 0.05;     // white minus black, share of full scale, for a usable pixel
 constexpr double kLeastMeasured = 0.02;  // minimum share of usable pixels in a region
 
-cv::Mat1f flat_image(const FringeStack& stack, const PatternSequence& sequence, double level) {
-  for (size_t i = 0; i < sequence.patterns.size(); ++i) {
-    const Pattern& pattern = sequence.patterns[i];
+cv::Mat1f flat_image(const FringeStack& stack, double level) {
+  for (size_t i = 0; i < stack.images.size(); ++i) {
+    const Pattern& pattern = stack.patterns.patterns[i];
     if (pattern.coding != Coding::flat || pattern.level != level) continue;
     cv::Mat1f image;
-    stack.images.at(i).convertTo(image, CV_32F);
+    stack.images[i].convertTo(image, CV_32F);
     return image;
   }
   throw Error(std::string("focus: the patterns have no ") + (level > 0 ? "white" : "black"));
@@ -64,11 +64,11 @@ PatternSequence focus_sequence(const RigModel& rig, double period_px) {
   return design_sequence(design);
 }
 
-FocusReading read_focus(const FringeStack& stack, const PatternSequence& sequence, const RigModel& rig) {
-  const DecodedStack decoded = decode_without_orders(stack, sequence, rig, Axis::columns);
-  const cv::Mat1f white = flat_image(stack, sequence, 1);
+FocusReading read_focus(const FringeStack& stack, const RigModel& rig) {
+  const DecodedStack decoded = decode_without_orders(stack, rig, Axis::columns);
+  const cv::Mat1f white = flat_image(stack, 1);
   cv::Mat1f range;
-  cv::subtract(white, flat_image(stack, sequence, 0), range);
+  cv::subtract(white, flat_image(stack, 0), range);
   const double full = rig.sensor.max_dn();
   const cv::Mat tells = (range >= kLeastRange * full) & (white < DecodeOptions().saturation * full);
 

@@ -28,8 +28,7 @@ struct FocusReading {
 // Returns four phase steps of column fringes with period `period_px` in projector px, then white and black.
 PatternSequence focus_sequence(const RigModel& rig, double period_px);
 
-// Measures contrast and sharpness. Throws Error if the sequence lacks fringes, white or black, or the stack does not
-// match it.
-FocusReading read_focus(const FringeStack& stack, const PatternSequence& sequence, const RigModel& rig);
+// Measures contrast and sharpness. Throws Error if the patterns lack fringes, white or black, or if check_stack() does.
+FocusReading read_focus(const FringeStack& stack, const RigModel& rig);
 
 }  // namespace fringeslam::tools

@@ -79,7 +79,7 @@ int focus(const Arguments& arguments, const Common& common) {
       continue;
     }
     if (page) page->feed().show(*stack);
-    const FocusReading reading = read_focus(*stack, sequence, model);
+    const FocusReading reading = read_focus(*stack, model);
     best.take(reading);
     readings.push_back({{"fringes", figure(reading.fringes)},
                         {"centre", figure(reading.centre)},

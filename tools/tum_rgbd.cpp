@@ -102,8 +102,8 @@ class Sensor {
       throw Error(source.name() + ": its rig is not calibrated, so there is no depth; run fringeslam calibrate rig");
     resolve_unwrapping(source.sequence(), model_, settings_.pipeline.decode);
   }
-  Frame see(const FringeStack& stack, const PatternSequence& sequence) const {
-    return reconstruct(decode(stack, sequence, model_, settings_.pipeline.decode), model_, triangulation_,
+  Frame see(const FringeStack& stack) const {
+    return reconstruct(decode(stack, model_, settings_.pipeline.decode), model_, triangulation_,
                        settings_.pipeline.depth);
   }
 
@@ -148,7 +148,7 @@ int write_tum_rgbd(Source& source, const Settings& settings, const TumRgbdOption
                     ": two views have the same timestamp in microseconds, which the format cannot distinguish");
       last = time;
       const std::string name = image_name(stack->timestamp_s);
-      const Frame frame = sensor.see(*stack, source.sequence());
+      const Frame frame = sensor.see(*stack);
       const fs::path truth_file = truth / (stack_name(stack->index) + ".exr");
       cv::Mat texture;
       cv::cvtColor(frame.texture, texture, cv::COLOR_GRAY2BGR);

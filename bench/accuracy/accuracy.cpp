@@ -87,7 +87,7 @@ std::vector<Row> depth_numerics_rows(const Context& context) {
     sim::VirtualRig rig(scene, {1, false, false, sim::Effects::none()},
                         [&](const TruthFrame& frame) { truth = frame; });
     const auto stack = rig.capture(scene.patterns);
-    const DecodedStack decoded = decode(*stack, scene.patterns, scene.rig, {});
+    const DecodedStack decoded = decode(*stack, scene.rig, {});
     const Frame frame = reconstruct(decoded, scene.rig, pixel_rays(scene.rig.camera), {});
     cv::Mat1f depth;
     cv::extractChannel(frame.points_m, depth, 2);

@@ -29,8 +29,8 @@ RigCalibration calibrate_seed(uint64_t seed) {
   sim::VirtualRig rig(scene, {kSamplesPerPixel, true, true});
   std::vector<BoardView> views;
   while (const auto stack = rig.capture(scene.patterns)) {
-    const DecodedStack columns = decode(*stack, scene.patterns, scene.rig, {}, {Axis::columns});
-    const DecodedStack rows = decode(*stack, scene.patterns, scene.rig, {}, {Axis::rows});
+    const DecodedStack columns = decode(*stack, scene.rig, {}, {Axis::columns});
+    const DecodedStack rows = decode(*stack, scene.rig, {}, {Axis::rows});
     cv::Mat1f texture;
     cv::addWeighted(columns.mean, 0.5, rows.mean, 0.5, 0, texture);
     views.push_back(observe_board("view " + std::to_string(stack->index), texture,
@@ -114,7 +114,7 @@ StageCalibration calibrate_stage_seed(const sim::Scene& scene) {
   std::vector<StageView> views;
   std::vector<cv::Point2f> last;
   while (const auto stack = rig.capture(scene.patterns)) {
-    const DecodedStack decoded = decode(*stack, scene.patterns, scene.rig, {});
+    const DecodedStack decoded = decode(*stack, scene.rig, {});
     Frame frame;
     triangulate(frame, decoded, triangulation, {});
     StageView view{truth.back().world_from_robot, {}};
@@ -140,8 +140,8 @@ std::vector<Row> stage_rows(const Context& context) {
     nees.push_back(off.dot(calibration.covariance.inverse() * off));
     translation.push_back(1e3 * off.tail<3>().norm());
     rotation.push_back(off.head<3>().norm() * 180 / std::numbers::pi);
-    std::fprintf(stderr, "  seed %d: %.4f mm, %.5f deg, NEES %.2f; residuals %.4f mm\n", seed,
-                 translation.back(), rotation.back(), nees.back(), 1e3 * calibration.rms_m);
+    std::fprintf(stderr, "  seed %d: %.4f mm, %.5f deg, NEES %.2f; residuals %.4f mm\n", seed, translation.back(),
+                 rotation.back(), nees.back(), 1e3 * calibration.rms_m);
   }
   const auto n = static_cast<double>(nees.size());
   double mean = 0;

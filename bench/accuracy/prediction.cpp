@@ -29,7 +29,6 @@ constexpr double kPoseErrorM = 2e-3, kPoseErrorRad = 0.2 * std::numbers::pi / 18
 
 struct PredictionPair {
   sim::Scene scene;
-  PatternSequence fine;  // the finest period only
   PixelRays rays;
   Triangulation triangulation;
   FringeStack stack;  // the finest period of the second view
@@ -45,24 +44,23 @@ PredictionPair prediction_pair(const std::string& name, size_t first, uint64_t s
   scene.trajectory = {scene.trajectory.at(first), scene.trajectory.at(first + 1)};
   const PixelRays rays = pixel_rays(scene.rig.camera);
   const DepthOptions depth;
-  PredictionPair pair{scene, {}, rays, Triangulation(scene.rig, rays, depth.near_m, depth.far_m), {}, {}, {}, {},
-                      {},    {}, {}};
+  PredictionPair pair{scene, rays, Triangulation(scene.rig, rays, depth.near_m, depth.far_m), {}, {}, {}, {}, {},
+                      {},    {}};
   sim::VirtualRig rig(pair.scene, {}, [&](const TruthFrame& frame) { pair.truth = frame; });
   const auto capture = [&] { return *rig.capture(scene.patterns); };
   const auto reconstructed = [&](const FringeStack& stack) {
-    return reconstruct(decode(stack, scene.patterns, scene.rig, {}), scene.rig, pair.triangulation, depth);
+    return reconstruct(decode(stack, scene.rig, {}), scene.rig, pair.triangulation, depth);
   };
   pair.known = reconstructed(capture());
   const FringeStack stack = capture();
   pair.full = reconstructed(stack);
-  pair.fine = scene.patterns;
-  pair.fine.patterns.clear();
   pair.stack.timestamp_s = stack.timestamp_s;
+  pair.stack.patterns = finest_patterns(scene.patterns, Axis::columns);
   const FringeGroup finest = fringe_groups(scene.patterns, Axis::columns).back();
   for (const int image : finest.images) {
-    pair.fine.patterns.push_back(scene.patterns.patterns[static_cast<size_t>(image)]);
     pair.stack.images.push_back(stack.images[static_cast<size_t>(image)]);
     pair.stack.exposure_s.push_back(stack.exposure_s[static_cast<size_t>(image)]);
+    pair.stack.exposure_time_s.push_back(stack.exposure_time_s[static_cast<size_t>(image)]);
   }
   const Pose& mount = scene.rig.robot_from_camera;
   pair.current_from_known =
@@ -90,7 +88,7 @@ Frame decoded_by(const PredictionPair& pair, const std::string& unwrapping, cons
   DecodeOptions options;
   options.unwrapping = unwrapping;
   options.spatial_reference = "predicted";
-  return reconstruct(decode(pair.stack, pair.fine, pair.scene.rig, options, {Axis::columns, &expected}), pair.scene.rig,
+  return reconstruct(decode(pair.stack, pair.scene.rig, options, {Axis::columns, &expected}), pair.scene.rig,
                      pair.triangulation, {});
 }
 
@@ -213,7 +211,7 @@ MovingErrors moving_errors(const Motion& motion, double speed, uint64_t seed) {
   const auto expected = expected_coordinate(rig, rays, truth.depth_m, cv::Mat1f(rays.size(), 3e-3f));
   DecodeOptions options;
   options.unwrapping = "predicted";
-  DecodedStack decoded = decode(*stack, sequence, rig, options, {Axis::columns, &expected});
+  DecodedStack decoded = decode(*stack, rig, options, {Axis::columns, &expected});
   const auto median_error = [&](const Frame& frame) {
     cv::Mat1f depth;
     cv::extractChannel(frame.points_m, depth, 2);
@@ -221,8 +219,7 @@ MovingErrors moving_errors(const Motion& motion, double speed, uint64_t seed) {
   };
   const Frame plain = reconstruct(decoded, rig, triangulation, depth_options);
   const double before = median_error(plain);
-  compensate_motion(decoded, sequence, options, coordinate_rate(plain, rig, rays, twist),
-                    image_times_s(sequence.patterns.size(), rig.timing));
+  compensate_motion(decoded, *stack, options, coordinate_rate(plain, rig, rays, twist));
   return {before, median_error(reconstruct(decoded, rig, triangulation, depth_options))};
 }
 

@@ -62,7 +62,7 @@ std::vector<Row> range_noise_rows(const Context& context) {
         expected_coordinate(scene.rig, rays, cv::Mat1f(rays.size(), 1.0f), cv::Mat1f(rays.size(), 0.002f));
     DecodeOptions options;
     options.unwrapping = "predicted";
-    const DecodedStack decoded = decode(*stack, sequence, scene.rig, options, {Axis::columns, &expected});
+    const DecodedStack decoded = decode(*stack, scene.rig, options, {Axis::columns, &expected});
     Frame frame;
     triangulate(frame, decoded, Triangulation(scene.rig, rays, 0.4, 2.5), {});
     values.push_back(1e3 * rms_from_plane(frame));
@@ -99,8 +99,8 @@ double scatter_over_sigma(const Board& board, int seeds) {
     const sim::Scene scene = board_scene(board, static_cast<uint64_t>(seed));
     const auto stack = sim::VirtualRig(scene, {}).capture(scene.patterns);
     Frame frame;
-    triangulate(frame, decode(*stack, scene.patterns, scene.rig, {}),
-                Triangulation(scene.rig, pixel_rays(scene.rig.camera), 0.4, 2.5), {});
+    triangulate(frame, decode(*stack, scene.rig, {}), Triangulation(scene.rig, pixel_rays(scene.rig.camera), 0.4, 2.5),
+                {});
     if (sum.empty()) {
       for (cv::Mat1d* image : {&sum, &squares, &variance, &count}) *image = cv::Mat1d::zeros(frame.points_m.size());
     }
@@ -174,7 +174,7 @@ DepthScore orders_of(const Method& method, uint64_t seed) {
   DecodeOptions options;
   options.unwrapping = method.unwrapping;
   options.spatial_order = method.spatial_order;
-  const DecodedStack decoded = decode(*stack, sequence, scene.rig, options);
+  const DecodedStack decoded = decode(*stack, scene.rig, options);
   Frame frame;
   triangulate(frame, decoded, Triangulation(scene.rig, pixel_rays(scene.rig.camera), 0.4, 2.5), {});
   cv::Mat1f depth;
@@ -212,7 +212,7 @@ double systematic_phase_error(const sim::Scene& scene, const RigModel& model, co
     DecodeOptions options;
     options.unwrapping = "spatial";
     options.spatial_reference = "none";
-    const DecodedStack decoded = decode(*stack, sequence, model, options);
+    const DecodedStack decoded = decode(*stack, model, options);
     for (int row = 0; row < truth.depth_m.rows; ++row) {
       for (int col = 0; col < truth.depth_m.cols; ++col) {
         const double phase = absolute_phase(static_cast<double>(truth.projector_column(row, col)), 16.5);

@@ -37,7 +37,7 @@ struct ThreeImages {
     options.unwrapping = "predicted";
     decode();
   }
-  void decode() { decode_into(decoded, stack, sequence, scene.rig, options, {Axis::columns, &expected}); }
+  void decode() { decode_into(decoded, stack, scene.rig, options, {Axis::columns, &expected}); }
 };
 
 // OpenCV's three-step profilometry: wrapped phase, then spatial unwrapping by reliability.

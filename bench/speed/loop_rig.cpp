@@ -40,6 +40,7 @@ std::optional<FringeStack> LoopRig::capture(const PatternSequence&) {
   const double lap_s = loop_.stacks.back().timestamp_s - loop_.stacks.front().timestamp_s + step_s;
   stack.index = static_cast<int>(next_);
   stack.timestamp_s += static_cast<double>(lap) * lap_s;
+  for (double& time_s : stack.exposure_time_s) time_s += static_cast<double>(lap) * lap_s;
   ++next_;
   return stack;
 }

@@ -155,18 +155,6 @@ std::string spatial_reference(const PatternSequence& sequence, const RigModel& r
   return wanted;
 }
 
-void check_stack(const FringeStack& stack, const PatternSequence& sequence) {
-  if (stack.images.size() != sequence.patterns.size())
-    throw Error("stack " + std::to_string(stack.index) + " has " + std::to_string(stack.images.size()) +
-                " images but the pattern sequence has " + std::to_string(sequence.patterns.size()));
-  for (const cv::Mat& image : stack.images) {
-    if (image.size() != stack.images.front().size() || image.type() != stack.images.front().type())
-      throw Error("stack " + std::to_string(stack.index) + ": its images differ in size or type");
-    if (image.type() != CV_8UC1 && image.type() != CV_16UC1 && image.type() != CV_32FC1)
-      throw Error("stack " + std::to_string(stack.index) + ": images must be grey, 8 or 16 bit or float");
-  }
-}
-
 // `corrected`: the patterns already compensate for the projector's response.
 RowPlan make_plan(const std::vector<FringeGroup>& groups, int length_px, const RigModel& rig,
                   const DecodeOptions& options, bool corrected) {
@@ -329,16 +317,17 @@ std::string resolve_unwrapping(const PatternSequence& sequence, const RigModel& 
   return options.unwrapping;
 }
 
-DecodedStack decode(const FringeStack& stack, const PatternSequence& sequence, const RigModel& rig,
-                    const DecodeOptions& options, const DecodeContext& context) {
+DecodedStack decode(const FringeStack& stack, const RigModel& rig, const DecodeOptions& options,
+                    const DecodeContext& context) {
   DecodedStack out;
-  decode_into(out, stack, sequence, rig, options, context);
+  decode_into(out, stack, rig, options, context);
   return out;
 }
 
-void decode_into(DecodedStack& out, const FringeStack& stack, const PatternSequence& sequence, const RigModel& rig,
-                 const DecodeOptions& options, const DecodeContext& context) {
-  check_stack(stack, sequence);
+void decode_into(DecodedStack& out, const FringeStack& stack, const RigModel& rig, const DecodeOptions& options,
+                 const DecodeContext& context) {
+  check_stack(stack);
+  const PatternSequence& sequence = stack.patterns;
   out.unwrapping = resolve_unwrapping(sequence, rig, options, context);
   const std::string method =
       out.unwrapping == "spatial" ? spatial_reference(sequence, rig, options, context) : out.unwrapping;

@@ -96,13 +96,12 @@ struct DecodeContext {
 std::string resolve_unwrapping(const PatternSequence& sequence, const RigModel& rig, const DecodeOptions& options,
                                const DecodeContext& context = {});
 
-// Decodes a fringe stack. Throws Error if the stack does not match the sequence or the sequence does not support the
-// unwrapping method.
-DecodedStack decode(const FringeStack& stack, const PatternSequence& sequence, const RigModel& rig,
-                    const DecodeOptions& options, const DecodeContext& context = {});
+// Decodes a fringe stack. Throws Error if check_stack() does or if the patterns do not support the unwrapping method.
+DecodedStack decode(const FringeStack& stack, const RigModel& rig, const DecodeOptions& options,
+                    const DecodeContext& context = {});
 
 // Like decode(), but reuses the images of `out` if they have the right size.
-void decode_into(DecodedStack& out, const FringeStack& stack, const PatternSequence& sequence, const RigModel& rig,
-                 const DecodeOptions& options, const DecodeContext& context = {});
+void decode_into(DecodedStack& out, const FringeStack& stack, const RigModel& rig, const DecodeOptions& options,
+                 const DecodeContext& context = {});
 
 }  // namespace fringeslam

@@ -54,13 +54,6 @@ class DriftedPhase {
 
 }  // namespace
 
-std::vector<double> image_times_s(size_t images, const Timing& timing) {
-  std::vector<double> times(images);
-  for (size_t i = 0; i < images; ++i)
-    times[i] = (static_cast<double>(i) - 0.5 * (static_cast<double>(images) - 1)) / timing.camera_rate_hz;
-  return times;
-}
-
 cv::Mat1f coordinate_rate(const Frame& frame, const RigModel& rig, const PixelRays& rays, const CameraTwist& twist,
                           Axis axis) {
   if (frame.points_m.size() != rays.size()) throw Error("motion: the frame and the camera differ in size");
@@ -81,15 +74,15 @@ cv::Mat1f coordinate_rate(const Frame& frame, const RigModel& rig, const PixelRa
   return rate;
 }
 
-void compensate_motion(DecodedStack& decoded, const PatternSequence& sequence, const DecodeOptions& options,
-                       const cv::Mat1f& rate_px_s, const std::vector<double>& times_s, Axis axis) {
-  if (times_s.size() != sequence.patterns.size())
-    throw Error("motion: " + std::to_string(times_s.size()) + " times for " + std::to_string(sequence.patterns.size()) +
-                " images");
+void compensate_motion(DecodedStack& decoded, const FringeStack& stack, const DecodeOptions& options,
+                       const cv::Mat1f& rate_px_s, Axis axis) {
+  check_stack(stack);
   if (rate_px_s.size() != decoded.coordinate_px.size()) throw Error("motion: rates and coordinates differ in size");
-  const std::vector<FringeGroup> groups = used_groups(sequence, axis, options);
+  const std::vector<FringeGroup> groups = used_groups(stack.patterns, axis, options);
   if (groups.empty()) return;  // no fringes: the coordinate is from the Gray code
   const double period = groups.back().period_px;
+  std::vector<double> times_s = stack.exposure_time_s;
+  for (double& time_s : times_s) time_s -= stack.timestamp_s;
   const DriftedPhase drifted(groups.back(), times_s);
   for_each_row(rate_px_s.rows, [&](int row) {
     for (int col = 0; col < rate_px_s.cols; ++col) {

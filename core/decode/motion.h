@@ -2,7 +2,7 @@
 // Effect of rig motion during a sequence on the phase, and its compensation (docs/method.md, section 9).
 //
 // When the surface moves relative to a pixel, the projector coordinate that the pixel sees drifts, u(t) = u + u' t.
-// With t_k the time of an image relative to the reference time of the result and eps_k = 2 pi u' t_k / p,
+// With t_k the middle of an exposure relative to the reference time of the result and eps_k = 2 pi u' t_k / p,
 //
 //   I_k = I' + I'' cos(phi + delta_k + eps_k).
 //
@@ -38,18 +38,15 @@ struct CameraTwist {
   Eigen::Vector3d velocity_m_s = Eigen::Vector3d::Zero();  // of the camera centre
 };
 
-// Returns the times of images taken at the camera rate, relative to the middle of the sequence.
-std::vector<double> image_times_s(size_t images, const Timing& timing);
-
 // Returns the drift of the projector coordinate that each pixel sees, px/s, H x W; NaN where the frame has no point.
 // `rays` are those of the rig's camera. A point without a normal uses neighbour_normal(). Throws Error if sizes differ.
 cv::Mat1f coordinate_rate(const Frame& frame, const RigModel& rig, const PixelRays& rays, const CameraTwist& twist,
                           Axis axis = Axis::columns);
 
-// Transforms coordinates, wrapped phases and orders to time 0 of `times_s`, which has one entry per image of the
-// sequence. `options` are those passed to decode(). Pixels with a rate of 0 or NaN are unchanged. Throws Error if sizes
-// differ.
-void compensate_motion(DecodedStack& decoded, const PatternSequence& sequence, const DecodeOptions& options,
-                       const cv::Mat1f& rate_px_s, const std::vector<double>& times_s, Axis axis = Axis::columns);
+// Transforms coordinates, wrapped phases and orders from the times of the exposures to stack.timestamp_s. `stack` and
+// `options` are those passed to decode(). Pixels with a rate of 0 or NaN are unchanged. Throws Error if check_stack()
+// does or if sizes differ.
+void compensate_motion(DecodedStack& decoded, const FringeStack& stack, const DecodeOptions& options,
+                       const cv::Mat1f& rate_px_s, Axis axis = Axis::columns);
 
 }  // namespace fringeslam

@@ -22,8 +22,10 @@ bool FringeFrontEnd::needs_prior(const FringeStack& stack) const {
 
 ReconstructedView FringeFrontEnd::reconstruct(const FringeStack& stack, const ReconstructionPrior& prior) const {
   if (!(stack.patterns == sequence_) && !(stack.patterns == finest_))
-    throw Error("stack " + std::to_string(stack.index) + ": its " + std::to_string(stack.patterns.patterns.size()) +
-                " patterns are neither the whole sequence nor its finest fringes; capture what next_patterns() returns");
+    throw Error(
+        "stack " + std::to_string(stack.index) +
+        ": its patterns are neither the whole sequence nor its finest fringes; capture what next_patterns() asks "
+        "for");
   DecodeOptions decoding = options_.decode;
   std::optional<ExpectedCoordinate> expected;
   if (prior.expected != nullptr) {
@@ -40,8 +42,7 @@ ReconstructedView FringeFrontEnd::reconstruct(const FringeStack& stack, const Re
   view.frame = fringeslam::reconstruct(view.decoded, rig_, triangulation_, options_.depth);
   if (prior.twist) {
     // The drift of the coordinate depends on the surface's slope, hence on a first reconstruction.
-    compensate_motion(view.decoded, stack.patterns, decoding, coordinate_rate(view.frame, rig_, rays_, *prior.twist),
-                      times_from_reference_s(stack));
+    compensate_motion(view.decoded, stack, decoding, coordinate_rate(view.frame, rig_, rays_, *prior.twist));
     view.frame = fringeslam::reconstruct(view.decoded, rig_, triangulation_, options_.depth);
   }
   return view;

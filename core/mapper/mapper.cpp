@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/mapper/mapper.h"
 
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -8,7 +9,6 @@
 #include <utility>
 
 #include "core/base/stage_clock.h"
-#include "core/types/linear_algebra.h"
 
 namespace fringeslam {
 
@@ -69,7 +69,7 @@ FrameResult Mapper::process(MapperInput input) {
   if (map_.keyframes().empty())
     result.tracking = result.complete ? Tracking::first : Tracking::lost;
   else if (input.needs_prior)
-    predicted && follow_by_prediction(result, input, *predicted);
+    predicted&& follow_by_prediction(result, input, *predicted);
   else
     (predicted && follow(result, *predicted)) || relocalize(result);
 
@@ -149,8 +149,7 @@ bool Mapper::follow(FrameResult& result, const Pose& predicted, const Matrix6d& 
     return follow_view(keyframe_image(result.reference), result.frame, expected, rig_.camera, middle_m(rig_), options,
                        prior);
   };
-  result.registration =
-      registered(world_from_reference.inverse() * predicted, options_.registration.tracking.stride);
+  result.registration = registered(world_from_reference.inverse() * predicted, options_.registration.tracking.stride);
   const Pose found = result.registration.earlier_from_current;
   result.leaves_keyframe =
       result.registration.found && leaves_keyframe(result, world_from_reference * found, result.reference);
@@ -168,7 +167,7 @@ bool Mapper::follow_by_prediction(FrameResult& result, const MapperInput& input,
   reconstruct(result, input, {&first, {}});
   // The fringe orders at depth steps are still missing, and the remaining walls may not constrain all directions: the
   // prediction is a prior of the registration.
-  if (!follow(result, predicted, inverse(prediction_covariance_))) return false;
+  if (!follow(result, predicted, prediction_covariance_.inverse())) return false;
   const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera;
   const Pose found = world_from_reference * result.registration.earlier_from_current;
   const ExpectedView second = expected_view(found, result.covariance, true);
@@ -188,8 +187,7 @@ ExpectedView Mapper::expected_view(const Pose& world_from_current, const Matrix6
   };
   std::vector<KnownView> views = {known(last_frame_, world_from_camera(track_.back()))};
   if (by_reference && last_keyframe_ != image_keyframe_)
-    views.push_back(
-        known(keyframe_image_, map_.keyframes()[static_cast<size_t>(image_keyframe_)].world_from_camera));
+    views.push_back(known(keyframe_image_, map_.keyframes()[static_cast<size_t>(image_keyframe_)].world_from_camera));
   return fringeslam::expected_view(views, rig_.camera, map_.rays());
 }
 
@@ -211,9 +209,9 @@ bool Mapper::relocalize(FrameResult& result) {
   result.covariance = result.registration.covariance;
   result.tracking = result.registration.refined ? Tracking::refined : Tracking::landmarks;
   const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera;
-  result.leaves_keyframe = result.registration.refined &&
-                           leaves_keyframe(result, world_from_reference * result.registration.earlier_from_current,
-                                           result.reference);
+  result.leaves_keyframe =
+      result.registration.refined &&
+      leaves_keyframe(result, world_from_reference * result.registration.earlier_from_current, result.reference);
   return true;
 }
 
@@ -246,7 +244,7 @@ void Mapper::add_keyframe(FrameResult& result, TrackedView& here) {
   finder_.add_keyframe(result.keyframe, result.landmarks);
   here = {here.timestamp_s, result.keyframe, {}};
   if (first) return;
-  map_.link({result.reference, result.keyframe, result.registration.earlier_from_current, inverse(result.covariance),
+  map_.link({result.reference, result.keyframe, result.registration.earlier_from_current, result.covariance.inverse(),
              false});
   result.loops = close_loops(result);
   if (result.loops > 0) result.corrected = map_.correct(options_.pose_graph, options_.mapping.significant_m);
@@ -276,7 +274,7 @@ int Mapper::close_loops(const FrameResult& result) {
                                     point_pairs(earlier.landmarks.keypoints, result.keypoints, recognised[keyframe]),
                                     rig_.camera, middle_m(rig_), options_.registration);
     if (!registration.refined) continue;
-    map_.link({keyframe, result.keyframe, registration.earlier_from_current, inverse(registration.covariance), true});
+    map_.link({keyframe, result.keyframe, registration.earlier_from_current, registration.covariance.inverse(), true});
     ++links;
   }
   return links;

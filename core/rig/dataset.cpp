@@ -119,11 +119,18 @@ std::optional<FringeStack> ReplayRig::capture(const PatternSequence& sequence) {
   FringeStack stack;
   stack.index = next_;
   stack.timestamp_s = meta.number("timestamp_s", {0, 1e12});
-  const std::vector<double> exposures = meta.numbers("exposure_s", sequence_.patterns.size(), {1e-9, 1e3});
+  stack.patterns = sequence;
+  const size_t images = sequence_.patterns.size();
+  const std::vector<double> exposures = meta.numbers("exposure_s", images, {1e-9, 1e3});
+  // Older datasets lack the times; their images were taken at the camera rate.
+  const std::vector<double> times = meta.has("exposure_time_s")
+                                        ? meta.numbers("exposure_time_s", images, {-1e12, 1e12})
+                                        : exposure_times_s(stack.timestamp_s, images, model_.timing);
   meta.finish();
   for (const size_t i : wanted) {
     const fs::path file = image_file(folder, i);
     stack.exposure_s.push_back(exposures[i]);
+    stack.exposure_time_s.push_back(times[i]);
     cv::Mat image = read_grey(file);
     if (image.cols != model_.camera.width || image.rows != model_.camera.height)
       throw Error(file.string() + ": is " + std::to_string(image.cols) + "x" + std::to_string(image.rows) +
@@ -152,20 +159,25 @@ void write_thermal(const fs::path& folder, const cv::Mat1f& temperature_c) {
   write_png(folder / "thermal.png", image);
 }
 
+std::string listed(const std::vector<double>& values) {
+  std::string text;
+  for (size_t i = 0; i < values.size(); ++i) text += (i ? ", " : "") + to_text(values[i]);
+  return text;
+}
+
 void write_stack(const fs::path& folder, const FringeStack& stack) {
   fs::create_directories(folder);
   if (!stack.thermal_c.empty()) write_thermal(folder, stack.thermal_c);
-  std::string exposures;
   for (size_t i = 0; i < stack.images.size(); ++i) {
     const cv::Mat& image = stack.images[i];
     if (image.type() == CV_32FC1)
       write_exr(folder / image_name(i, ".exr"), {{"Y", image}});
     else
       write_png(folder / image_name(i, ".png"), image);
-    exposures += (i ? ", " : "") + to_text(stack.exposure_s[i]);
   }
-  write_text(folder / "stack.yaml",
-             "timestamp_s: " + to_text(stack.timestamp_s) + "\nexposure_s: [" + exposures + "]\n");
+  write_text(folder / "stack.yaml", "timestamp_s: " + to_text(stack.timestamp_s) + "\nexposure_s: [" +
+                                        listed(stack.exposure_s) + "]\nexposure_time_s: [" +
+                                        listed(stack.exposure_time_s) + "]\n");
 }
 
 }  // namespace

@@ -3,7 +3,7 @@
 //
 //   dataset.yaml                  format, name, seed, number of stacks, truth and thermal: true|false
 //   rig.yaml  patterns.yaml       core/rig/rig_file.h
-//   stacks/000000/stack.yaml      timestamp_s, exposure_s: one per image
+//   stacks/000000/stack.yaml      timestamp_s; exposure_s and exposure_time_s (middle): one per image
 //   stacks/000000/thermal.png     16 bit, hundredths of a kelvin (.exr in degrees C if unquantised); only with
 //                                 thermal: true in dataset.yaml
 //   stacks/000000/00.png …        grey, 8 or 16 bit (.exr if unquantised), in the order of patterns.yaml

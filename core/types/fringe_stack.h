@@ -3,17 +3,30 @@
 // it. Contains no ground truth.
 #pragma once
 
+#include <cstddef>
 #include <opencv2/core.hpp>
 #include <vector>
+
+#include "core/types/pattern_sequence.h"
+#include "core/types/rig_model.h"
 
 namespace fringeslam {
 
 struct FringeStack {
-  int index = 0;                   // position in the recording, from 0
-  double timestamp_s = 0;          // middle of the sequence
-  std::vector<cv::Mat> images;     // each H x W, CV_8UC1, CV_16UC1 or CV_32FC1 (unquantised), grey values in DN
-  std::vector<double> exposure_s;  // one per image
-  cv::Mat1f thermal_c;             // apparent temperature in the thermal camera's pixel grid; empty: no thermal camera
+  int index = 0;                        // position in the recording, from 0
+  double timestamp_s = 0;               // reference time of the view's pose and depth: the middle of the sequence
+  PatternSequence patterns;             // one pattern per image
+  std::vector<cv::Mat> images;          // each H x W, CV_8UC1, CV_16UC1 or CV_32FC1 (unquantised), grey values in DN
+  std::vector<double> exposure_s;       // duration, one per image
+  std::vector<double> exposure_time_s;  // middle of each exposure, on the clock of timestamp_s
+  cv::Mat1f thermal_c;  // apparent temperature in the thermal camera's pixel grid; empty: no thermal camera
 };
+
+// Returns the middles of the exposures of `images` images taken at the camera rate, centred on timestamp_s.
+std::vector<double> exposure_times_s(double timestamp_s, size_t images, const Timing& timing);
+
+// Throws Error unless images, patterns, exposures and exposure times agree in number and all images are grey and have
+// the same size and type.
+void check_stack(const FringeStack& stack);
 
 }  // namespace fringeslam

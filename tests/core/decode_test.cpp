@@ -16,6 +16,7 @@ using support::fringe_stack;
 using support::FringeLight;
 using support::ramp;
 using support::Random;
+using support::stack_of;
 using testing::HasSubstr;
 
 constexpr double kPi = std::numbers::pi;
@@ -25,11 +26,11 @@ PatternSequence columns(const std::vector<double>& periods, int steps = 3) {
   return phase_shift_sequence(kWidth, 768, periods, steps, Axis::columns, 0);
 }
 
-DecodedStack decode(const FringeStack& stack, const PatternSequence& sequence, const SensorModel& sensor,
-                    const DecodeOptions& options, Axis axis = Axis::columns) {
+DecodedStack decode(const FringeStack& stack, const SensorModel& sensor, const DecodeOptions& options,
+                    Axis axis = Axis::columns) {
   RigModel rig;
   rig.sensor = sensor;
-  return fringeslam::decode(stack, sequence, rig, options, {axis});
+  return fringeslam::decode(stack, rig, options, {axis});
 }
 
 SensorModel sensor_of(int bits) {
@@ -53,17 +54,17 @@ double share_valid(const cv::Mat1f& image) {
 
 TEST(Decode, ThreeStepsAreThePapersClosedForm) {
   Random random(1);
-  FringeStack stack;
+  std::vector<cv::Mat> images;
   for (int k = 0; k < 3; ++k) {
     cv::Mat1f image(20, 30);
     for (float& grey : image) grey = static_cast<float>(random.uniform(20, 200));
-    stack.images.push_back(image);
+    images.push_back(image);
   }
   const auto decoded =
-      decode(stack, columns({kWidth}), silent_sensor(), {.min_modulation_dn = 0, .min_data_modulation = 0});
+      decode(stack_of(columns({kWidth}), images), silent_sensor(), {.min_modulation_dn = 0, .min_data_modulation = 0});
   for (int row = 0; row < 20; ++row) {
     for (int col = 0; col < 30; ++col) {
-      const auto grey = [&](int k) { return static_cast<double>(stack.images[k].at<float>(row, col)); };
+      const auto grey = [&](int k) { return static_cast<double>(images[k].at<float>(row, col)); };
       const double sine = std::sqrt(3.0) * (grey(0) - grey(2)), cosine = 2 * grey(1) - grey(0) - grey(2);
       EXPECT_NEAR(decoded.mean(row, col), (grey(0) + grey(1) + grey(2)) / 3, 1e-4);
       EXPECT_NEAR(decoded.modulation(row, col), std::hypot(sine, cosine) / 3, 1e-4);
@@ -93,7 +94,7 @@ TEST_P(DecodeFormats, RecoversTheCoordinateToWithinRounding) {
   // Not at the borders, where rounding may move a phase across the end of the coarsest period.
   const cv::Mat1d truth = ramp(3, kWidth - 4, 3001);
   const auto sequence = columns({1040, 131, 16.5}, steps());
-  const auto decoded = decode(fringe_stack(truth, sequence, light, type()), sequence, sensor, {});
+  const auto decoded = decode(fringe_stack(truth, sequence, light, type()), sensor, {});
   // An error of half a grey value in every sample changes the phase by 2/N sum |sin| 0.5 / I'' <= 1 / I''.
   const double limit = type() == CV_32FC1 ? 1e-4 : 16.5 / (2 * kPi) / light.modulation_dn + 1e-4;
   for (int i = 0; i < truth.cols; ++i) {
@@ -113,7 +114,7 @@ TEST_P(DecodeFormats, PredictedSigmaIsTheEmpiricalScatter) {
   cv::Mat1d truth(100, 300);
   Random random(2);
   for (double& u : truth) u = random.uniform(50, kWidth - 50);
-  const auto decoded = decode(fringe_stack(truth, sequence, light, type(), sensor, &random), sequence, sensor, {});
+  const auto decoded = decode(fringe_stack(truth, sequence, light, type(), sensor, &random), sensor, {});
   double sum = 0, squares = 0;
   int count = 0;
   for (int i = 0; i < static_cast<int>(truth.total()); ++i) {
@@ -131,8 +132,7 @@ TEST_P(DecodeFormats, PredictedSigmaIsTheEmpiricalScatter) {
 TEST(Decode, SigmaOfEqualNoiseIsRootTwoOverN) {
   for (const int steps : {3, 4, 5, 7, 12}) {
     const auto sequence = columns({kWidth}, steps);
-    const auto decoded =
-        decode(fringe_stack(ramp(10, 1013, 50), sequence, {100, 50}, CV_32FC1), sequence, silent_sensor(), {});
+    const auto decoded = decode(fringe_stack(ramp(10, 1013, 50), sequence, {100, 50}, CV_32FC1), silent_sensor(), {});
     const double sigma_phase = std::sqrt(2.0 / steps) * std::sqrt(1.0 / 12) / 50;
     for (const float sigma : decoded.sigma_px) EXPECT_NEAR(sigma, sigma_phase * kWidth / (2 * kPi), 1e-4);
   }
@@ -146,7 +146,7 @@ TEST(Decode, SigmaOfThreeStepsVariesWithThePhaseUnderShotNoise) {
   for (int sixth = 0; sixth < 6; ++sixth) {
     const double truth = (sixth + 0.5) / 6 * kWidth - 0.5;
     const auto stack = fringe_stack(cv::Mat1d(100, 200, truth), sequence, {120, 110}, CV_32FC1, sensor, &random);
-    const auto decoded = decode(stack, sequence, sensor, {});
+    const auto decoded = decode(stack, sensor, {});
     double squares = 0;
     for (const float u : decoded.coordinate_px) squares += std::pow(u - truth, 2) / 20000;
     double predicted = 0;
@@ -161,16 +161,16 @@ TEST(Decode, ReadsTheShiftsOfThePatternsNotTheirOrder) {
            {16, 3.0}, {1024, 0.2}, {128, 1.0}, {16, 0.4}, {128, 5.0}, {1024, 1.9}, {16, 1.1}, {128, 2.2}, {1024, 4.4}})
     sequence.patterns.push_back({Axis::columns, period, shift, 0});
   const cv::Mat1d truth = ramp(5, 1018, 500);
-  const auto decoded = decode(fringe_stack(truth, sequence, {}, CV_32FC1), sequence, silent_sensor(), {});
+  const auto decoded = decode(fringe_stack(truth, sequence, {}, CV_32FC1), silent_sensor(), {});
   for (int i = 0; i < truth.cols; ++i) ASSERT_NEAR(decoded.coordinate_px(0, i), truth(0, i), 1e-3);
 }
 
 TEST(Decode, RowsOfTheProjector) {
   const auto sequence = phase_shift_sequence(kWidth, 768, {768, 96, 12}, 4, Axis::rows, 0);
   const cv::Mat1d truth = ramp(2, 765, 500);
-  const auto decoded = decode(fringe_stack(truth, sequence, {}, CV_32FC1), sequence, silent_sensor(), {}, Axis::rows);
+  const auto decoded = decode(fringe_stack(truth, sequence, {}, CV_32FC1), silent_sensor(), {}, Axis::rows);
   for (int i = 0; i < truth.cols; ++i) ASSERT_NEAR(decoded.coordinate_px(0, i), truth(0, i), 1e-3);
-  EXPECT_THAT(error_of([&] { decode(fringe_stack(truth, sequence, {}, CV_32FC1), sequence, silent_sensor(), {}); }),
+  EXPECT_THAT(error_of([&] { decode(fringe_stack(truth, sequence, {}, CV_32FC1), silent_sensor(), {}); }),
               HasSubstr("the sequence has no fringes along columns"));
 }
 
@@ -182,7 +182,7 @@ TEST(Decode, NoiseDoesNotLoseTheBordersOfTheProjector) {
     const cv::Mat1d truth(60, 60, border);
     Random random(3);
     const auto stack = fringe_stack(truth, sequence, {80, 50}, CV_8UC1, sensor, &random);
-    EXPECT_GT(share_valid(decode(stack, sequence, sensor, {}).coordinate_px), 0.99) << "column " << border;
+    EXPECT_GT(share_valid(decode(stack, sensor, {}).coordinate_px), 0.99) << "column " << border;
   }
 }
 
@@ -194,7 +194,7 @@ TEST(Decode, NoiseDoesNotCarryOneBorderToTheOther) {
     for (const double truth : {-0.4, 0.0, 1.0, kWidth - 2.0, kWidth - 1.0, kWidth - 0.6}) {
       Random random(6);
       const auto stack = fringe_stack(cv::Mat1d(60, 60, truth), sequence, {80, 50}, CV_8UC1, sensor, &random);
-      const auto decoded = decode(stack, sequence, sensor, {});
+      const auto decoded = decode(stack, sensor, {});
       const auto astray = std::count_if(decoded.coordinate_px.begin(), decoded.coordinate_px.end(),
                                         [&](float u) { return std::abs(u - truth) > 1; });
       EXPECT_EQ(astray, 0) << "column " << truth << ", period " << periods[0];
@@ -207,7 +207,7 @@ bool accepts(const FringeLight& light, const DecodeOptions& options) {
   const auto sequence = columns({kWidth});
   // Column 511.5 has phase pi, so its largest samples are those with shifts of +-120 degrees.
   const auto decoded =
-      decode(fringe_stack(cv::Mat1d(1, 1, 511.5), sequence, light, CV_32FC1), sequence, silent_sensor(), options);
+      decode(fringe_stack(cv::Mat1d(1, 1, 511.5), sequence, light, CV_32FC1), silent_sensor(), options);
   EXPECT_FALSE(std::isnan(decoded.mean(0, 0)));
   EXPECT_FALSE(std::isnan(decoded.modulation(0, 0)));
   const bool valid = !std::isnan(decoded.coordinate_px(0, 0));
@@ -241,9 +241,9 @@ TEST(Decode, TwoSurfacesInOnePixelAreRejectedByTheirResidual) {
   FringeStack mixed = fringe_stack(first, sequence, {}, CV_32FC1);
   const FringeStack other = fringe_stack(second, sequence, {}, CV_32FC1);
   for (size_t k = 0; k < mixed.images.size(); ++k) mixed.images[k] = 0.5 * mixed.images[k] + 0.5 * other.images[k];
-  EXPECT_EQ(share_valid(decode(mixed, sequence, sensor_of(8), {}).coordinate_px), 0);
+  EXPECT_EQ(share_valid(decode(mixed, sensor_of(8), {}).coordinate_px), 0);
   const DecodeOptions open{.max_order_failure = 1, .max_order_residual_sigma = 1e6};
-  EXPECT_GT(share_valid(decode(mixed, sequence, sensor_of(8), open).coordinate_px), 0.99);
+  EXPECT_GT(share_valid(decode(mixed, sensor_of(8), open).coordinate_px), 0.99);
 }
 
 TEST(Decode, ConfidenceIsTheShareOfRightOrders) {
@@ -256,7 +256,7 @@ TEST(Decode, ConfidenceIsTheShareOfRightOrders) {
   for (double& u : truth) u = random.uniform(100, kWidth - 100);
   const auto stack = fringe_stack(truth, sequence, {60, 17.5}, CV_32FC1, sensor, &random);
   const DecodeOptions open{.max_order_failure = 1, .max_order_residual_sigma = 1e6};
-  const auto decoded = decode(stack, sequence, sensor, open);
+  const auto decoded = decode(stack, sensor, open);
   double wrong = 0, predicted = 0, count = 0;
   for (int row = 0; row < truth.rows; ++row) {
     for (int col = 0; col < truth.cols; ++col) {
@@ -271,16 +271,23 @@ TEST(Decode, ConfidenceIsTheShareOfRightOrders) {
   EXPECT_NEAR(wrong / predicted, 1, 0.05 + 3 / std::sqrt(wrong));
 }
 
-TEST(Decode, StacksThatDoNotFitTheSequenceAreErrors) {
+TEST(Decode, InconsistentStacksAreErrors) {
   const auto sequence = columns({1024, 128});
-  const auto error = [&](const FringeStack& stack) {
-    return error_of([&] { decode(stack, sequence, SensorModel{}, {}); });
-  };
+  const auto error = [&](const FringeStack& stack) { return error_of([&] { decode(stack, SensorModel{}, {}); }); };
   const FringeStack good = fringe_stack(ramp(0, 100, 10), sequence, {}, CV_8UC1);
-  EXPECT_NO_THROW(decode(good, sequence, SensorModel{}, {}));
+  EXPECT_NO_THROW(decode(good, SensorModel{}, {}));
   FringeStack short_by_one = good;
   short_by_one.images.pop_back();
-  EXPECT_THAT(error(short_by_one), HasSubstr("has 5 images but the pattern sequence has 6"));
+  EXPECT_THAT(error(short_by_one), HasSubstr("has 5 images, 6 patterns, 6 exposures and 6 exposure times"));
+  FringeStack without_times = good;
+  without_times.exposure_time_s.clear();
+  EXPECT_THAT(error(without_times), HasSubstr("has 6 images, 6 patterns, 6 exposures and 0 exposure times"));
+  FringeStack one_duration = good;
+  one_duration.exposure_s.resize(1);
+  EXPECT_THAT(error(one_duration), HasSubstr("has 6 images, 6 patterns, 1 exposures and 6 exposure times"));
+  FringeStack other_patterns = good;
+  other_patterns.patterns = columns({1024});
+  EXPECT_THAT(error(other_patterns), HasSubstr("has 6 images, 3 patterns, 6 exposures and 6 exposure times"));
   FringeStack mixed_sizes = good;
   mixed_sizes.images[3] = cv::Mat1b(1, 9, uchar{7});
   EXPECT_THAT(error(mixed_sizes), HasSubstr("differ in size or type"));
@@ -289,11 +296,17 @@ TEST(Decode, StacksThatDoNotFitTheSequenceAreErrors) {
   EXPECT_THAT(error(colour), HasSubstr("must be grey"));
 }
 
+TEST(ExposureTimes, AreCentredOnTheTimestamp) {
+  Timing timing;
+  timing.camera_rate_hz = 50;
+  EXPECT_THAT(exposure_times_s(0, 3, timing), testing::ElementsAre(-0.02, 0, 0.02));
+  EXPECT_THAT(exposure_times_s(8, 2, timing), testing::ElementsAre(7.99, 8.01));
+}
+
 TEST(Decode, NoPeriodThatCoversTheProjectorIsAnError) {
   const auto sequence = columns({1000, 128});
-  EXPECT_THAT(
-      error_of([&] { decode(fringe_stack(ramp(0, 100, 10), sequence, {}, CV_8UC1), sequence, SensorModel{}, {}); }),
-      HasSubstr("no fringe period covers the projector's 1024 px"));
+  EXPECT_THAT(error_of([&] { decode(fringe_stack(ramp(0, 100, 10), sequence, {}, CV_8UC1), SensorModel{}, {}); }),
+              HasSubstr("no fringe period covers the projector's 1024 px"));
 }
 
 }  // namespace

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/mapper/driver.h"
 
-#include <gtest/gtest.h>
+#include <gmock/gmock.h>
 
 #include "core/types/error.h"
 #include "tests/support/bumps.h"
+#include "tests/support/matchers.h"
 
 namespace fringeslam {
 namespace {
@@ -67,6 +68,15 @@ TEST_P(Driven, WorksOnOneCore) {
 
 INSTANTIATE_TEST_SUITE_P(Unwrapping, Driven, testing::Values("multifrequency", "predicted"),
                          [](const auto& name) { return name.param; });
+
+TEST(Pipeline, RefusesOtherPatterns) {
+  Bumps rig(1);
+  const PatternSequence sequence = phase_shift_sequence(1024, 768, {1040, 131, 16.5}, 3, Axis::columns, 8);
+  Pipeline pipeline(rig.model(), sequence, {}, {});
+  const PatternSequence other = phase_shift_sequence(1024, 768, {1040, 131, 16}, 3, Axis::columns, 8);
+  EXPECT_THAT(support::error_of([&] { pipeline.process(*rig.capture(other)); }),
+              testing::HasSubstr("its patterns are neither"));
+}
 
 class Failing : public Bumps {
  public:

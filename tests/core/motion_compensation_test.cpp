@@ -23,32 +23,35 @@ constexpr double kPi = std::numbers::pi, kPeriod = 16;
 
 // Images of one period with the given shifts, for a ramp of coordinates that moves at `rate` px/s.
 struct Drift {
-  PatternSequence sequence{1024, 768};
-  std::vector<double> times_s;
-  cv::Mat1d truth = support::ramp(100, 900, 2000);  // at time 0
+  FringeStack stack;
+  cv::Mat1d truth = support::ramp(100, 900, 2000);  // at stack.timestamp_s
   double rate_px_s = 0;
   DecodedStack decoded;
 
-  Drift(const std::vector<double>& shifts, const std::vector<double>& times, double rate)
-      : times_s(times), rate_px_s(rate) {
-    FringeStack stack;
+  // `times` are relative to the timestamp.
+  Drift(const std::vector<double>& shifts, const std::vector<double>& times, double rate) : rate_px_s(rate) {
+    PatternSequence sequence{1024, 768};
+    std::vector<cv::Mat> images;
     for (size_t k = 0; k < shifts.size(); ++k) {
       sequence.patterns.push_back({Axis::columns, kPeriod, shifts[k], 0});
       const PatternSequence one{1024, 768, {sequence.patterns.back()}};
       cv::Mat1d moved = truth.clone();
       moved += rate * times[k];
-      stack.images.push_back(support::fringe_stack(moved, one, {}, CV_32FC1).images[0]);
+      images.push_back(support::fringe_stack(moved, one, {}, CV_32FC1).images[0]);
     }
+    stack = support::stack_of(sequence, images);
+    stack.timestamp_s = 1024;
+    for (size_t k = 0; k < times.size(); ++k) stack.exposure_time_s[k] = stack.timestamp_s + times[k];
     ExpectedCoordinate expected{cv::Mat1f(truth.size()), cv::Mat1f(truth.size(), 0.0f), cv::Mat1f(truth.size(), 0.5f)};
     truth.convertTo(expected.coordinate_px, CV_32F);
     RigModel rig = small_rig(false);
     options.unwrapping = "predicted";
     options.max_order_failure = 1;
     options.max_order_residual_sigma = 1e6;
-    decoded = decode(stack, sequence, rig, options, {Axis::columns, &expected});
+    decoded = decode(stack, rig, options, {Axis::columns, &expected});
   }
   void compensate() {
-    compensate_motion(decoded, sequence, options, cv::Mat1f(truth.size(), static_cast<float>(rate_px_s)), times_s);
+    compensate_motion(decoded, stack, options, cv::Mat1f(truth.size(), static_cast<float>(rate_px_s)));
   }
   // Maximum coordinate error modulo one period, rad.
   double worst(const std::function<double(double)>& offset = {}) const {
@@ -132,24 +135,16 @@ TEST(MotionCompensation, NoRateChangesNoBit) {
     DecodedStack after = before;
     for (cv::Mat1f* image : {&after.coordinate_px, &after.wrapped_phase}) *image = image->clone();
     after.fringe_order = before.fringe_order.clone();
-    compensate_motion(after, drift.sequence, {}, cv::Mat1f(drift.truth.size(), rate), drift.times_s);
+    compensate_motion(after, drift.stack, {}, cv::Mat1f(drift.truth.size(), rate));
     EXPECT_TRUE(same(after.coordinate_px, before.coordinate_px));
     EXPECT_TRUE(same(after.wrapped_phase, before.wrapped_phase));
     EXPECT_TRUE(same(after.fringe_order, before.fringe_order));
   }
-  EXPECT_THAT(error_of([&] { compensate_motion(drift.decoded, drift.sequence, {}, cv::Mat1f(3, 3), drift.times_s); }),
+  EXPECT_THAT(error_of([&] { compensate_motion(drift.decoded, drift.stack, {}, cv::Mat1f(3, 3)); }),
               HasSubstr("differ in size"));
-  EXPECT_THAT(error_of([&] {
-                compensate_motion(drift.decoded, drift.sequence, {}, cv::Mat1f(), {0, 1});
-              }),
-              HasSubstr("2 times for 3 images"));
-}
-
-TEST(MotionCompensation, TimesAreAboutTheMiddle) {
-  Timing timing;
-  timing.camera_rate_hz = 50;
-  EXPECT_THAT(image_times_s(3, timing), testing::ElementsAre(-0.02, 0, 0.02));
-  EXPECT_THAT(image_times_s(2, timing), testing::ElementsAre(-0.01, 0.01));
+  drift.stack.exposure_time_s.pop_back();
+  EXPECT_THAT(error_of([&] { compensate_motion(drift.decoded, drift.stack, {}, cv::Mat1f()); }),
+              HasSubstr("3 exposures and 2 exposure times"));
 }
 
 // Compared with finite differences of the coordinates shortly before and after.

@@ -18,6 +18,7 @@ namespace {
 using support::error_of;
 using support::fringe_stack;
 using support::Random;
+using support::stack_of;
 using testing::HasSubstr;
 
 constexpr double kPi = std::numbers::pi;
@@ -77,7 +78,7 @@ TEST_P(AbsoluteMethods, RecoverTheCoordinateUnderNoise) {
   const cv::Mat1d truth = coordinates();
   Random random(3);
   const auto stack = fringe_stack(truth, sequence, {}, CV_8UC1, rig.sensor, &random);
-  const DecodedStack decoded = decode(stack, sequence, rig, by(GetParam().name));
+  const DecodedStack decoded = decode(stack, rig, by(GetParam().name));
   EXPECT_EQ(decoded.unwrapping, GetParam().name);
   int valid = 0;
   double squares = 0;
@@ -106,7 +107,7 @@ TEST_P(AbsoluteMethods, EveryInstructionSetGivesTheSameBits) {
   Random random(4);
   const auto stack = fringe_stack(coordinates(), sequence, {}, CV_8UC1, rig.sensor, &random);
   const auto with = [&](InstructionSet set) {
-    return decode(stack, sequence, rig, by(GetParam().name), {Axis::columns, nullptr, set});
+    return decode(stack, rig, by(GetParam().name), {Axis::columns, nullptr, set});
   };
   const DecodedStack portable = with(InstructionSet::portable), widest = with(widest_instruction_set());
   const auto same = [](const cv::Mat& a, const cv::Mat& b) {
@@ -122,18 +123,18 @@ TEST_P(AbsoluteMethods, EveryInstructionSetGivesTheSameBits) {
 TEST(WrappedPhase, IsTheDoublePrecisionFormulaToAMicroradian) {
   const PatternSequence sequence = phase_shift_sequence(1024, 768, {1040}, 3, Axis::columns, 8);
   Random random(5);
-  FringeStack stack;
+  std::vector<cv::Mat> images;
   for (int k = 0; k < 3; ++k) {
     cv::Mat1f image(40, 531);  // width that is not a multiple of any vector length
     for (float& grey : image) grey = static_cast<float>(random.uniform(0, 250));
-    stack.images.push_back(image);
+    images.push_back(image);
   }
   DecodeOptions options;
   options.min_modulation_dn = options.min_data_modulation = 0;
-  const auto decoded = decode(stack, sequence, plain_rig(), options);
+  const auto decoded = decode(stack_of(sequence, images), plain_rig(), options);
   for (int row = 0; row < 40; ++row) {
     for (int col = 0; col < 531; ++col) {
-      const auto grey = [&](int k) { return static_cast<double>(stack.images[k].at<float>(row, col)); };
+      const auto grey = [&](int k) { return static_cast<double>(images[k].at<float>(row, col)); };
       const double phase = std::atan2(std::sqrt(3.0) * (grey(0) - grey(2)), 2 * grey(1) - grey(0) - grey(2));
       const double measured = decoded.wrapped_phase(row, col);
       if (std::isnan(measured)) continue;
@@ -168,7 +169,7 @@ TEST(Geometric, OrderFollowsFromTheDepthRange) {
     cv::Mat1d truth;
     seen.coordinate_px.convertTo(truth, CV_64F);
     const auto stack = fringe_stack(truth, sequence, {}, CV_8UC1, rig.sensor, &random);
-    const DecodedStack decoded = decode(stack, sequence, rig, by("geometric"));
+    const DecodedStack decoded = decode(stack, rig, by("geometric"));
     int valid = 0, in_beam = 0;
     for (int row = 0; row < 48; ++row) {
       for (int col = 0; col < 64; ++col) {
@@ -194,7 +195,7 @@ TEST(Predicted, RoundsToTheExpectedOrderAndRefusesWhatDoesNotFit) {
   ExpectedCoordinate expected{cv::Mat1f(1, 2000), cv::Mat1f(1, 2000, 0.0f), cv::Mat1f(1, 2000, 1.5f)};
   const auto decode_with = [&](double error_px) {
     for (int i = 0; i < 2000; ++i) expected.coordinate_px(i) = static_cast<float>(truth(i) + error_px);
-    return decode(stack, sequence, rig, by("predicted"), {Axis::columns, &expected});
+    return decode(stack, rig, by("predicted"), {Axis::columns, &expected});
   };
   for (const double error : {0.0, 2.0, -3.0}) {
     const auto decoded = decode_with(error);
@@ -204,8 +205,8 @@ TEST(Predicted, RoundsToTheExpectedOrderAndRefusesWhatDoesNotFit) {
   // Near half a period both orders are equally likely.
   EXPECT_EQ(cv::countNonZero(decode_with(7.7).fringe_order >= 0), 0);
   expected.coordinate_px(5) = std::numeric_limits<float>::quiet_NaN();
-  EXPECT_EQ(decode(stack, sequence, rig, by("predicted"), {Axis::columns, &expected}).fringe_order(5), -1);
-  EXPECT_THAT(error_of([&] { decode(stack, sequence, rig, by("predicted")); }), HasSubstr("no map to predict from"));
+  EXPECT_EQ(decode(stack, rig, by("predicted"), {Axis::columns, &expected}).fringe_order(5), -1);
+  EXPECT_THAT(error_of([&] { decode(stack, rig, by("predicted")); }), HasSubstr("no map to predict from"));
 }
 
 TEST(Predicted, LooksAtTheFinestPeriodAlone) {
@@ -215,12 +216,11 @@ TEST(Predicted, LooksAtTheFinestPeriodAlone) {
   const cv::Mat1d truth = support::ramp(100, 900, 500);
   FringeStack stack = fringe_stack(truth, all, {}, CV_8UC1);
   for (size_t i = 0; i < 6; ++i) stack.images[i].setTo(255);  // the coarser periods
-  FringeStack last = stack;
-  last.images.erase(last.images.begin(), last.images.begin() + 6);
+  const FringeStack last = stack_of(fine, {stack.images.begin() + 6, stack.images.end()});
   ExpectedCoordinate expected{cv::Mat1f(1, 500), cv::Mat1f(1, 500, 0.0f), cv::Mat1f(1, 500, 1.0f)};
   truth.convertTo(expected.coordinate_px, CV_32F);
-  const DecodedStack by_all = decode(stack, all, rig, by("predicted"), {Axis::columns, &expected}),
-                     by_fine = decode(last, fine, rig, by("predicted"), {Axis::columns, &expected});
+  const DecodedStack by_all = decode(stack, rig, by("predicted"), {Axis::columns, &expected}),
+                     by_fine = decode(last, rig, by("predicted"), {Axis::columns, &expected});
   EXPECT_EQ(cv::countNonZero(by_fine.fringe_order >= 0), 500);
   EXPECT_EQ(cv::norm(by_all.coordinate_px, by_fine.coordinate_px, cv::NORM_INF), 0);
   EXPECT_EQ(cv::norm(by_all.mean, by_fine.mean, cv::NORM_INF), 0);
@@ -233,14 +233,14 @@ TEST(Gray, AloneGivesItsCells) {
     sequence.patterns.push_back(pattern);
   }
   const RigModel rig = plain_rig();
-  FringeStack stack;
+  std::vector<cv::Mat> images;
   const cv::Mat1d truth = support::ramp(1.2, 1021, 600);
   for (const Pattern& pattern : sequence.patterns) {
     cv::Mat1b image(1, 600);
     for (int i = 0; i < 600; ++i) image(i) = static_cast<uchar>(30 + 150 * ideal_intensity(pattern, truth(i)));
-    stack.images.push_back(image);
+    images.push_back(image);
   }
-  const DecodedStack decoded = decode(stack, sequence, rig, {});
+  const DecodedStack decoded = decode(stack_of(sequence, images), rig, {});
   for (int i = 0; i < 600; ++i) {
     EXPECT_LE(std::abs(decoded.coordinate_px(i) - truth(i)), 2 + 1e-4);
     EXPECT_NEAR(decoded.sigma_px(i), 4 / std::sqrt(12.0), 1e-6);
@@ -251,9 +251,9 @@ TEST(Gray, AFlatBitBetweenTwoFarCellsIsNotBelieved) {
   const PatternSequence sequence = design_sequence(design_of({32}, GrayCode::complementary));
   const RigModel rig = plain_rig();
   auto stack = fringe_stack(cv::Mat1d(1, 1, 203.0), sequence, {}, CV_8UC1);
-  ASSERT_EQ(decode(stack, sequence, rig, by("gray")).fringe_order(0), 6);
+  ASSERT_EQ(decode(stack, rig, by("gray")).fringe_order(0), 6);
   stack.images[4].at<uchar>(0) = 120;  // second coarsest bit at its threshold: the candidate cells are far apart
-  EXPECT_EQ(decode(stack, sequence, rig, by("gray")).fringe_order(0), -1);
+  EXPECT_EQ(decode(stack, rig, by("gray")).fringe_order(0), -1);
 }
 
 TEST(Errors, SayWhatTheSequenceLacks) {
@@ -284,11 +284,11 @@ TEST(Steps, AFewOfManyGiveTheSamePhase) {
   design.bits = 0;
   const PatternSequence sequence = design_sequence(design);
   const auto stack = fringe_stack(support::ramp(20, 1000, 300), sequence, {}, CV_32FC1);
-  const DecodedStack all = decode(stack, sequence, plain_rig(), {});
+  const DecodedStack all = decode(stack, plain_rig(), {});
   for (const int steps : {3, 4, 6}) {
     DecodeOptions options;
     options.steps = steps;
-    const DecodedStack few = decode(stack, sequence, plain_rig(), options);
+    const DecodedStack few = decode(stack, plain_rig(), options);
     EXPECT_LT(cv::norm(few.coordinate_px, all.coordinate_px, cv::NORM_INF), 1e-3);
     EXPECT_NEAR(cv::norm(few.sigma_px) / cv::norm(all.sigma_px), std::sqrt(12.0 / steps), 0.01);
   }
@@ -315,16 +315,17 @@ TEST(PhaseCorrectionTable, UndoesWhatAGammaDoesToThreeSteps) {
     PatternSequence sequence = phase_shift_sequence(1024, 768, {1040}, 3, Axis::columns, 0);
     for (size_t k = 0; k < 3; ++k) sequence.patterns[k].shift_rad = first + 2 * kPi * static_cast<double>(k) / 3;
     const cv::Mat1d truth = support::ramp(50, 970, 500);
-    FringeStack stack;
+    std::vector<cv::Mat> images;
     for (const Pattern& pattern : sequence.patterns) {
       cv::Mat1f image(1, 500);
       for (int i = 0; i < 500; ++i)
         image(i) = static_cast<float>(20 + 200 * std::pow(ideal_intensity(pattern, truth(i)), kGamma));
-      stack.images.push_back(image);
+      images.push_back(image);
     }
+    const FringeStack stack = stack_of(sequence, images);
     const auto rms = [&](const RigModel& with) {
       cv::Mat1d measured;
-      decode(stack, sequence, with, {}).coordinate_px.convertTo(measured, CV_64F);
+      decode(stack, with, {}).coordinate_px.convertTo(measured, CV_64F);
       return cv::norm(measured, truth) / std::sqrt(500.0) * 2 * kPi / 1040;
     };
     RigModel bare = rig;
@@ -443,14 +444,14 @@ TEST(SpatialDecoding, ComponentsTakeTheirOrderFromTheReference) {
   for (const char* order : {"quality", "reliability"}) {
     DecodeOptions options = by("spatial");
     options.spatial_order = order;
-    const DecodedStack decoded = decode(stack, sequence, rig, options);
+    const DecodedStack decoded = decode(stack, rig, options);
     ASSERT_EQ(decoded.components.size(), 2U);
     EXPECT_TRUE(decoded.components[0].absolute && decoded.components[1].absolute);
     for (int row = 0; row < 60; ++row) {
       for (int col = 0; col < 80; ++col) EXPECT_NEAR(decoded.coordinate_px(row, col), truth(row, col), 0.5);
     }
     options.spatial_reference = "none";
-    const DecodedStack relative = decode(stack, sequence, rig, options);
+    const DecodedStack relative = decode(stack, rig, options);
     EXPECT_FALSE(relative.components[0].absolute);
     EXPECT_TRUE(std::isnan(relative.coordinate_px(3, 3)));
     const double step = relative.relative_phase(3, 30) - relative.relative_phase(3, 3);

@@ -179,7 +179,7 @@ TEST_F(ClosedLoop, DepthIsThatOfTheSimulator) {
   EXPECT_EQ(rig->retaken(), 0);
   expect_right(*stack);
   const auto frame_of = [&](const FringeStack& images) {
-    return reconstruct(decode(images, sequence(), rig->model(), {}), rig->model(), pixel_rays(rig->model().camera), {});
+    return reconstruct(decode(images, rig->model(), {}), rig->model(), pixel_rays(rig->model().camera), {});
   };
   const Frame captured = frame_of(*stack), expected = frame_of(simulated());
   std::vector<double> off;
@@ -445,7 +445,7 @@ TEST_F(ClosedLoop, FocusIsThatOfTheSimulatorsImages) {
   options.noise = false;
   const PatternSequence fringes = tools::focus_sequence(scene.rig, 16);
   const FringeStack seen = *sim::VirtualRig(scene, options).capture(fringes);
-  const tools::FocusReading expected = tools::read_focus(seen, fringes, scene.rig);
+  const tools::FocusReading expected = tools::read_focus(seen, scene.rig);
   EXPECT_GT(expected.fringes, 0.5);
   EXPECT_LT(expected.fringes, 0.99);
   for (const nlohmann::json& reading : readings) {

@@ -300,16 +300,16 @@ TEST(LivePage, ViewersWhoDoNotReadHoldUpNobody) {
   setup.rig = test::thesis_rig();
   setup.rig.camera.width = 2400;
   setup.rig.camera.height = 2000;
-  FringeStack noise;
+  std::vector<cv::Mat> noise;
   cv::RNG random(3);
   for (size_t i = 0; i < setup.sequence.patterns.size(); ++i) {
     cv::Mat1b image(setup.rig.camera.height, setup.rig.camera.width);
     random.fill(image, cv::RNG::UNIFORM, 0, 240);
-    noise.images.push_back(image);
-    noise.exposure_s.push_back(0.01);
+    noise.push_back(image);
   }
+  const FringeStack stack = support::stack_of(setup.sequence, noise);
   auto page = std::make_unique<LivePage>(setup, LiveAccess{});
-  page->feed().show(noise);
+  page->feed().show(stack);
   snapshot_of(*page);
   const std::string path = "/picture/1/saturation.png";
   const auto picture = get(*page, path);
@@ -323,7 +323,7 @@ TEST(LivePage, ViewersWhoDoNotReadHoldUpNobody) {
   // A thread that waits for one of them would wait for 20 s.
   using Clock = std::chrono::steady_clock;
   Clock::time_point begin = Clock::now();
-  for (int i = 0; i < 1000; ++i) page->feed().show(noise);
+  for (int i = 0; i < 1000; ++i) page->feed().show(stack);
   EXPECT_LT(Clock::now() - begin, std::chrono::seconds(10));
   EXPECT_EQ(snapshot_of(*page)["newest"]["number"], 1001);
   EXPECT_LE(page->feed().views_kept(), 8u);

@@ -21,6 +21,7 @@ inline FringeStack ramp_stack(double modulation_dn, int index = 0) {
       support::fringe_stack(coordinate_px, short_sequence(), {.mean_dn = 120, .modulation_dn = modulation_dn}, CV_8UC1);
   stack.index = index;
   stack.timestamp_s = 0.1 * index;
+  stack.exposure_time_s = exposure_times_s(stack.timestamp_s, stack.images.size(), rig.timing);
   return stack;
 }
 

@@ -156,13 +156,10 @@ TEST_F(PlaneAtOneMetre, PatternsWithoutOrdersStillShowTheirLight) {
   EXPECT_THAT(warnings(fringes.figures), IsEmpty());
 
   const PatternSequence ramp = design_sequence({.width = 1024, .height = 768, .columns = false, .ramp_levels = 5});
-  FringeStack flats;
-  for (const int level : {10, 60, 110, 160, 210}) {
-    flats.images.push_back(cv::Mat1b(125, 133, static_cast<uchar>(level)));
-    flats.exposure_s.push_back(0.01);
-  }
-  ASSERT_EQ(ramp.patterns.size(), flats.images.size());
-  const Preview preview = preview_of(flats, ramp, rig_);
+  std::vector<cv::Mat> flats;
+  for (const int level : {10, 60, 110, 160, 210}) flats.push_back(cv::Mat1b(125, 133, static_cast<uchar>(level)));
+  ASSERT_EQ(ramp.patterns.size(), flats.size());
+  const Preview preview = preview_of(support::stack_of(ramp, flats), ramp, rig_);
   EXPECT_FALSE(preview.figures.depth_possible);
   EXPECT_DOUBLE_EQ(preview.figures.mean_modulation_dn, 100);
   EXPECT_NEAR(preview.figures.brightness, 210 / 255.0, 1e-9);

@@ -47,7 +47,7 @@ TEST_P(HonestSigma, IsTheScatterOverSeeds) {
     scene.seed = static_cast<uint64_t>(seed);
     const auto stack = VirtualRig(scene, {}).capture(scene.patterns);
     Frame frame;
-    triangulate(frame, decode(*stack, scene.patterns, scene.rig, {}), triangulation, {});
+    triangulate(frame, decode(*stack, scene.rig, {}), triangulation, {});
     if (sum.empty()) {
       for (cv::Mat1d* image : {&sum, &squares, &variance}) *image = cv::Mat1d::zeros(frame.points_m.size());
     }

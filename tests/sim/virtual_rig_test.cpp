@@ -57,7 +57,7 @@ TEST(VirtualRig, DecodedDepthIsTheTrueDepth) {
   VirtualRig rig(scene, {1, false, false, Effects::none()}, [&](const TruthFrame& frame) { truth.push_back(frame); });
   const PixelRays rays = pixel_rays(scene.rig.camera);
   while (const auto stack = rig.capture(sequence)) {
-    const DecodedStack decoded = decode(*stack, sequence, scene.rig, {});
+    const DecodedStack decoded = decode(*stack, scene.rig, {});
     const Frame frame = reconstruct(decoded, scene.rig, rays, {});
     const TruthFrame& exact = truth.at(static_cast<size_t>(stack->index));
     std::vector<double> depth_errors_m, column_errors_px;

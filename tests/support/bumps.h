@@ -49,6 +49,7 @@ class Bumps : public Rig {
     }
     stack.index = next_;
     stack.timestamp_s = next_ / 30.0;
+    stack.exposure_time_s = exposure_times_s(stack.timestamp_s, stack.images.size(), rig_.timing);
     ++next_;
     return stack;
   }

@@ -8,7 +8,7 @@ namespace fringeslam::support {
 
 FringeStack fringe_stack(const cv::Mat1d& coordinate_px, const PatternSequence& sequence, const FringeLight& light,
                          int type, const SensorModel& sensor, Random* noise) {
-  FringeStack stack;
+  std::vector<cv::Mat> images;
   // Rounding itself contributes the 1/12 of the sensor's variance; float images are not rounded.
   const double rounding = type == CV_32FC1 ? 0 : 1.0 / 12;
   for (const Pattern& pattern : sequence.patterns) {
@@ -25,9 +25,17 @@ FringeStack fringe_stack(const cv::Mat1d& coordinate_px, const PatternSequence& 
     }
     cv::Mat image;
     exact.convertTo(image, type);
-    stack.images.push_back(image);
-    stack.exposure_s.push_back(0.01);
+    images.push_back(image);
   }
+  return stack_of(sequence, images);
+}
+
+FringeStack stack_of(const PatternSequence& sequence, const std::vector<cv::Mat>& images) {
+  FringeStack stack;
+  stack.patterns = sequence;
+  stack.images = images;
+  stack.exposure_s.assign(images.size(), 0.01);
+  stack.exposure_time_s = exposure_times_s(0, images.size(), {});
   return stack;
 }
 

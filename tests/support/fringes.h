@@ -19,6 +19,9 @@ struct FringeLight {
 FringeStack fringe_stack(const cv::Mat1d& coordinate_px, const PatternSequence& sequence, const FringeLight& light,
                          int type, const SensorModel& sensor = {}, Random* noise = nullptr);
 
+// Returns a stack of given images, one per pattern, at a regular clock with timestamp 0.
+FringeStack stack_of(const PatternSequence& sequence, const std::vector<cv::Mat>& images);
+
 // Returns one row of `count` equally spaced coordinates from first to last.
 cv::Mat1d ramp(double first, double last, int count);
 

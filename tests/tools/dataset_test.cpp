@@ -49,6 +49,8 @@ TEST_P(Recording, ReplaysTheSameImagesAndTimes) {
     EXPECT_EQ(replayed->index, recorded.index);
     EXPECT_EQ(replayed->timestamp_s, recorded.timestamp_s);
     EXPECT_EQ(replayed->exposure_s, recorded.exposure_s);
+    EXPECT_EQ(replayed->exposure_time_s, recorded.exposure_time_s);
+    EXPECT_TRUE(replayed->patterns == recorded.patterns);
     ASSERT_EQ(replayed->images.size(), recorded.images.size());
     for (size_t i = 0; i < recorded.images.size(); ++i) {
       ASSERT_EQ(replayed->images[i].type(), GetParam());
@@ -152,8 +154,32 @@ TEST_F(EightBitRecording, BrokenStackFileSaysFileAndLine) {
   test::write_bytes(file, whole);
   EXPECT_THAT(error_after("stacks/000001/stack.yaml", "exposure_s: [", "exposure_s: [0.1, "),
               StartsWith(file + ":2: "));
+  test::write_bytes(file, whole);
+  EXPECT_THAT(error_after("stacks/000001/stack.yaml", "exposure_time_s: [", "exposure_time_s: [0.1, "),
+              StartsWith(file + ":3: "));
   test::fs::remove(file);
   EXPECT_THAT(error_after("dataset.yaml", "seed: 1", "seed: 1"), StartsWith(file + ": "));
+}
+
+TEST_F(EightBitRecording, APartOfTheSequenceHasItsOwnTimes) {
+  PatternSequence part = test::short_sequence();
+  part.patterns.erase(part.patterns.begin(), part.patterns.begin() + 4);
+  const FringeStack recorded = test::noise_stacks(CV_8UC1)[0];
+  const auto replayed = ReplayRig(folder_).capture(part);
+  ASSERT_TRUE(replayed);
+  EXPECT_TRUE(replayed->patterns == part);
+  EXPECT_EQ(replayed->timestamp_s, recorded.timestamp_s);
+  EXPECT_THAT(replayed->exposure_time_s,
+              testing::ElementsAre(recorded.exposure_time_s[4], recorded.exposure_time_s[5]));
+}
+
+TEST_F(EightBitRecording, WithoutExposureTimesTheCameraRateTellsThem) {
+  const test::fs::path file = folder_ / "stacks/000000/stack.yaml";
+  const std::string whole = test::read_bytes(file);
+  test::write_bytes(file, whole.substr(0, whole.find("exposure_time_s")));
+  const auto replayed = ReplayRig(folder_).capture(test::short_sequence());
+  ASSERT_TRUE(replayed);
+  EXPECT_EQ(replayed->exposure_time_s, exposure_times_s(replayed->timestamp_s, 6, test::tiny_rig().timing));
 }
 
 TEST_F(EightBitRecording, AnotherSequenceIsRefused) {

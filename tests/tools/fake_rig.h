@@ -53,12 +53,14 @@ inline std::vector<FringeStack> noise_stacks(int type) {
     FringeStack& stack = stacks[static_cast<size_t>(index)];
     stack.index = index;
     stack.timestamp_s = 0.1 + 0.2 + index / 3.0;
+    stack.patterns = short_sequence();
     for (size_t i = 0; i < short_sequence().patterns.size(); ++i) {
       cv::Mat image(tiny_rig().camera.height, tiny_rig().camera.width, type);
       const double high = type == CV_8UC1 ? 256 : type == CV_16UC1 ? 65536 : 1e4;
       random.fill(image, cv::RNG::UNIFORM, type == CV_32FC1 ? -high : 0, high);
       stack.images.push_back(image);
       stack.exposure_s.push_back(1.0 / 360 + 1e-7 * static_cast<double>(i));
+      stack.exposure_time_s.push_back(stack.timestamp_s + static_cast<double>(i) / 7 - 0.4);
     }
   }
   return stacks;

@@ -7,6 +7,7 @@
 #include <numbers>
 #include <opencv2/imgproc.hpp>
 
+#include "tests/support/fringes.h"
 #include "tests/support/matchers.h"
 #include "tests/tools/fake_rig.h"
 
@@ -31,7 +32,7 @@ struct Board {
   double black_dn = 20;
 
   FringeStack seen(const PatternSequence& sequence) const {
-    FringeStack stack;
+    std::vector<cv::Mat> images;
     for (const Pattern& pattern : sequence.patterns) {
       cv::Mat1f image(kHeight, kWidth);
       for (int row = 0; row < kHeight; ++row) {
@@ -41,16 +42,15 @@ struct Board {
           image(row, col) = static_cast<float>(black_dn + (white_dn(row, col) - black_dn) * level);
         }
       }
-      stack.images.push_back(image);
-      stack.exposure_s.push_back(0.01);
+      images.push_back(image);
     }
-    return stack;
+    return support::stack_of(sequence, images);
   }
 };
 
 FocusReading reading_of(const Board& board) {
   const PatternSequence sequence = focus_sequence(test::thesis_rig(), kPeriod);
-  return read_focus(board.seen(sequence), sequence, test::thesis_rig());
+  return read_focus(board.seen(sequence), test::thesis_rig());
 }
 
 TEST(FocusReading, ContrastIsThatOfTheFringes) {
@@ -86,7 +86,7 @@ TEST(FocusReading, BlurTakesContrastByTheGaussiansTransferFunction) {
     }
     const double expected = std::exp(-0.5 * std::pow(kTwoPi * sigma_px / kPeriod, 2));
     // The centre is unaffected by the mirrored border.
-    EXPECT_THAT(read_focus(blurred, sequence, test::thesis_rig()).centre, DoubleNear(expected, 2e-3)) << sigma_px;
+    EXPECT_THAT(read_focus(blurred, test::thesis_rig()).centre, DoubleNear(expected, 2e-3)) << sigma_px;
     EXPECT_LT(expected, 0.95 * last);
     last = expected;
   }
@@ -144,11 +144,12 @@ TEST(FocusReading, SequencesThatCannotTellAreRefused) {
   const PatternSequence sequence = focus_sequence(test::thesis_rig(), kPeriod);
   const FringeStack stack = Board().seen(sequence);
   FringeStack part = stack;
+  part.images.pop_back();
+  EXPECT_THAT(error_of([&] { read_focus(part, test::thesis_rig()); }), HasSubstr("has 5 images"));
   PatternSequence without = sequence;
   without.patterns.pop_back();
-  part.images.pop_back();
-  EXPECT_THAT(error_of([&] { read_focus(part, without, test::thesis_rig()); }), HasSubstr("no black"));
-  EXPECT_THAT(error_of([&] { read_focus(part, sequence, test::thesis_rig()); }), HasSubstr("has 5 images"));
+  part = support::stack_of(without, part.images);
+  EXPECT_THAT(error_of([&] { read_focus(part, test::thesis_rig()); }), HasSubstr("no black"));
 }
 
 }  // namespace

@@ -80,14 +80,13 @@ void add_light(Preview& preview, const cv::Mat& brightest, double full) {
 
 }  // namespace
 
-DecodedStack decode_without_orders(const FringeStack& stack, const PatternSequence& sequence, const RigModel& rig,
-                                   Axis axis) {
+DecodedStack decode_without_orders(const FringeStack& stack, const RigModel& rig, Axis axis) {
   if (stack.images.empty()) throw Error("decode: the stack has no images");
   const cv::Mat1f nowhere(stack.images.front().size(), std::numeric_limits<float>::quiet_NaN());
   const ExpectedCoordinate nothing{nowhere, nowhere, nowhere};
   DecodeOptions options;
   options.unwrapping = "predicted";
-  return decode(stack, sequence, rig, options, {.axis = axis, .expected = &nothing});
+  return decode(stack, rig, options, {.axis = axis, .expected = &nothing});
 }
 
 std::optional<Triangulation> preview_triangulation(const PatternSequence& sequence, const RigModel& rig) {
@@ -118,11 +117,11 @@ Preview preview_of(const FringeStack& stack, const PatternSequence& sequence, co
   preview.depth = cv::Mat1b(brightest.size(), 0);
   cv::Mat1f mean, modulation;
   if (triangulation) {
-    const DecodedStack decoded = decode(stack, sequence, rig, {}, {.axis = axis});
+    const DecodedStack decoded = decode(stack, rig, {}, {.axis = axis});
     mean = decoded.mean, modulation = decoded.modulation;
     preview.depth = depth_of(decoded, *triangulation, rig);
   } else if (coded(sequence, axis, true)) {
-    const DecodedStack decoded = decode_without_orders(stack, sequence, rig, axis);
+    const DecodedStack decoded = decode_without_orders(stack, rig, axis);
     mean = decoded.mean, modulation = decoded.modulation;
   } else {
     cv::Mat1f high, low;

@@ -53,7 +53,6 @@ Preview preview_of(const FringeStack& stack, const RigModel& rig, const cv::Mat1
 std::vector<std::string> warnings(const PreviewFigures& figures);
 
 // Decodes mean and modulation of the finest fringes only, for sequences without fringe orders: no coordinate is valid.
-DecodedStack decode_without_orders(const FringeStack& stack, const PatternSequence& sequence, const RigModel& rig,
-                                   Axis axis);
+DecodedStack decode_without_orders(const FringeStack& stack, const RigModel& rig, Axis axis);
 
 }  // namespace fringeslam::tools

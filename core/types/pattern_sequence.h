@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+// Pattern sequence: the images that a projector shows. core/patterns/patterns.h defines what each coding means.
+#pragma once
+
+#include <vector>
+
+namespace fringeslam {
+
+enum class Axis { columns, rows };  // the coded projector coordinate
+enum class Coding { fringe, gray, flat };
+
+struct Pattern {
+  Axis axis = Axis::columns;
+  double period_px = 0;  // fringe: period; gray: code cell width
+  double shift_rad = 0;  // fringe: delta
+  int bits = 8;          // grey-level bit depth of the projector; 0: continuous intensity, for numerical studies
+  Coding coding = Coding::fringe;
+  bool inverted = false;  // gray: 1 - bit
+  double level = 0;       // flat: 0 black to 1 white
+  bool dithered = false;  // intermediate levels by error diffusion (1 bit: only black and white)
+  bool operator==(const Pattern&) const = default;
+};
+
+struct PatternSequence {
+  int width = 0, height = 0;  // projector image, px
+  std::vector<Pattern> patterns = {};
+  // Projector input level for equally spaced light levels from 0 to 1, to linearise a projector with a nonlinear
+  // response. Empty: identity.
+  std::vector<double> inverse_response = {};
+  bool operator==(const PatternSequence&) const = default;
+};
+
+}  // namespace fringeslam
