@@ -16,6 +16,7 @@
 #include "tools/live/live_option.h"
 #include "tools/mappable.h"
 #include "tools/progress.h"
+#include "tools/report/animation.h"
 #include "tools/report/html_report.h"
 #include "tools/run_folder.h"
 #include "tools/source.h"
@@ -31,6 +32,7 @@ constexpr const char* kConfigFile = "config.yaml";
 constexpr const char* kMapFile = "saved.map";
 constexpr size_t kWaitingStacks = 2;  // with --real-time: stacks that may wait before the oldest is dropped
 constexpr int kViewsAhead = 2;        // with --real-time: views that may be in preparation
+constexpr int kAnimationFrames = 24;
 constexpr bool kHasReport = FRINGESLAM_REPORT;
 
 struct Arguments {
@@ -42,6 +44,7 @@ struct Arguments {
   LiveOption live;
   double live_rate_hz = 0;
   bool live_wait = false, real_time = false;
+  bool animation = false;
 };
 
 // Converts a scene's name to a folder name.
@@ -105,6 +108,7 @@ int run(const Arguments& arguments, const Common& common) {
           : Pipeline(map_from_bytes(read_bytes(arguments.map), arguments.map, rig->model(), settings.pipeline.mapping),
                      source->sequence(), settings.pipeline);
   ThermalObserver thermal(rig->model(), settings.pipeline.thermal);
+  Animation animation(rig->model(), std::max(1, source->stacks() / kAnimationFrames));
   RunFolder record(folder.path(), rig->model(), source->sequence());
   const std::unique_ptr<LivePage> live = open_live_page(arguments.live, {.verb = "run",
                                                                          .name = source->name(),
@@ -124,6 +128,7 @@ int run(const Arguments& arguments, const Common& common) {
     driver.run([&](const MappedView& view) {
       const ThermalView warmth = thermal.observe(view.stack, view.result);
       record.add(view.stack, view.result, warmth, pipeline.map());
+      if (arguments.animation) animation.add(view.stack, view.result, pipeline.map());
       if (live) show_mapped(live->feed(), view.stack, view.result, pipeline.mapper(), warmth, thermal, dropped());
       if (arguments.mesh) record.add_mesh(frame_mesh(view.result.frame, settings.mesh), view.stack.index);
       progress.step();
@@ -137,6 +142,8 @@ int run(const Arguments& arguments, const Common& common) {
   record.finish(pipeline.trajectory(), cloud, pipeline.surface().mesh());
   if (rig->model().thermal) record.add_warm_things(thermal.warm_things(pipeline.mapper()));
   if (arguments.save_map) write_text(folder.path() / kMapFile, to_bytes(pipeline.map()));
+
+  if (arguments.animation) animation.write(folder.path() / "animation.gif", pipeline.mapper(), settings.pipeline.cloud);
 
   std::optional<RunScore> score;
   if (source->has_truth()) {
@@ -176,6 +183,7 @@ Verb add_run(CLI::App& app, const Common& common) {
   verb->add_flag("--mesh", arguments->mesh, "Also write each view's surface mesh as frames/NNNNNN/mesh.ply");
   verb->add_option("--map", arguments->map, "Continue in a map saved by an earlier run")->check(CLI::ExistingFile);
   verb->add_flag("--save-map", arguments->save_map, "Also write saved.map, in which a later run can continue");
+  verb->add_flag("--animation", arguments->animation, "Also write animation.gif: the growing map, fringes and depth");
   verb->add_flag("--no-report", arguments->no_report, "Do not write report.html");
   verb->add_flag(
       "--real-time", arguments->real_time,

@@ -83,16 +83,17 @@ cv::Mat3b warm_picture(const cv::Mat1b& texture, const ThermalView& thermal) {
 }
 
 cv::Mat3b map_picture(const std::vector<CloudPoint>& points, const std::vector<Pose>& world_from_camera,
-                      cv::Size size) {
+                      cv::Size size, const std::vector<CloudPoint>* framed) {
   cv::Mat3b picture(size, cv::Vec3b(24, 22, 20));
   if (points.empty() || world_from_camera.empty()) return picture;
   const Pose view = world_from_camera.front().inverse();
   std::vector<Eigen::Vector3d> seen;
   Eigen::Vector2d low = Eigen::Vector2d::Constant(1e9), high = -low;
-  for (const CloudPoint& point : points) {
-    seen.push_back(view * point.position_m.cast<double>());
-    low = low.cwiseMin(seen.back().head<2>());
-    high = high.cwiseMax(seen.back().head<2>());
+  for (const CloudPoint& point : points) seen.push_back(view * point.position_m.cast<double>());
+  for (const CloudPoint& point : framed ? *framed : points) {
+    const Eigen::Vector2d at = (view * point.position_m.cast<double>()).head<2>();
+    low = low.cwiseMin(at);
+    high = high.cwiseMax(at);
   }
   const Eigen::Vector2d extent = high - low;
   const double scale = 0.94 * std::min(size.width / extent.x(), size.height / extent.y());  // px per m

@@ -24,8 +24,9 @@ cv::Mat3b match_picture(const Keyframe& reference, const FrameResult& current);
 cv::Mat3b warm_picture(const cv::Mat1b& texture, const ThermalView& thermal);
 
 // The map in parallel projection along the first camera's viewing direction, shaded by its normals, with the camera
-// positions.
-cv::Mat3b map_picture(const std::vector<CloudPoint>& points, const std::vector<Pose>& world_from_camera, cv::Size size);
+// positions. The picture frames the points `framed`, by default those drawn.
+cv::Mat3b map_picture(const std::vector<CloudPoint>& points, const std::vector<Pose>& world_from_camera, cv::Size size,
+                      const std::vector<CloudPoint>* framed = nullptr);
 
 struct Panel {
   std::string title;

@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/report/animation.h"
+
+#include <OpenImageIO/imageio.h>
+
+#include <algorithm>
+#include <opencv2/imgproc.hpp>
+
+#include "core/types/error.h"
+#include "tools/report/pictures.h"
+
+namespace fringeslam::tools {
+
+namespace {
+
+constexpr int kFramesPerSecond = 6, kLastFrame = 8;  // the last one is shown this many times
+const cv::Size kSmall(266, 250), kMap(540, 532);
+
+cv::Mat3b small(const cv::Mat3b& picture) {
+  cv::Mat3b result;
+  cv::resize(picture, result, kSmall, 0, 0, cv::INTER_AREA);
+  return result;
+}
+
+void write_gif(const std::filesystem::path& file, const std::vector<cv::Mat3b>& frames) {
+  const auto fail = [&](const std::string& why) { throw Error(file.string() + ": cannot be written: " + why); };
+  const auto output = OIIO::ImageOutput::create(".gif");
+  if (!output) fail(OIIO::geterror());
+  OIIO::ImageSpec spec(frames.front().cols, frames.front().rows, 3, OIIO::TypeDesc::UINT8);
+  spec.attribute("FramesPerSecond", OIIO::TypeDesc::TypeRational, std::array<int, 2>{kFramesPerSecond, 1}.data());
+  auto mode = OIIO::ImageOutput::Create;
+  for (const cv::Mat3b& frame : frames) {
+    cv::Mat rgb;
+    cv::cvtColor(frame, rgb, cv::COLOR_BGR2RGB);
+    if (!output->open(file.string(), spec, mode) || !output->write_image(OIIO::TypeDesc::UINT8, rgb.data))
+      fail(output->geterror());
+    mode = OIIO::ImageOutput::AppendSubimage;
+  }
+  output->close();
+}
+
+}  // namespace
+
+void Animation::add(const FringeStack& stack, const FrameResult& result, const KeyframeMap& map) {
+  if (result.tracking == Tracking::lost) return;
+  ++tracked_;
+  if (seen_++ % every_ != 0) return;
+  cv::Mat1f depth;
+  cv::extractChannel(result.frame.points_m, depth, 2);
+  samples_.push_back({small(grey_picture(stack.images.back(), 0.8 * rig_.sensor.max_dn())),
+                      small(false_colour(depth, rig_.near_m, rig_.far_m)), map.frames().size(), tracked_});
+}
+
+void Animation::write(const std::filesystem::path& file, const Mapper& mapper, const CloudOptions& options) const {
+  if (samples_.empty()) throw Error("animation: no view was tracked, so there is nothing to draw");
+  const KeyframeMap& map = mapper.map();
+  const std::vector<CloudPoint> whole = map.cloud(options).points();
+  CloudMap growing(options);
+  size_t added = 0;
+  std::vector<Pose> cameras;
+  std::vector<cv::Mat3b> frames;
+  for (const Sample& sample : samples_) {
+    for (; added < sample.frames; ++added) {
+      const MapFrame& frame = map.frames()[added];
+      growing.add(restored(frame.frame, map.rays()), map.world_from_camera(frame));
+    }
+    while (static_cast<int>(cameras.size()) < sample.views)
+      cameras.push_back(mapper.world_from_camera(static_cast<int>(cameras.size())));
+    cv::Mat3b left, picture;
+    cv::vconcat(std::vector<cv::Mat3b>{sample.fringes, cv::Mat3b(kMap.height - 2 * kSmall.height, kSmall.width,
+                                                                 cv::Vec3b(24, 22, 20)),
+                                       sample.depth},
+                left);
+    cv::hconcat(left, map_picture(growing.points(), cameras, kMap, &whole), picture);
+    frames.push_back(picture);
+  }
+  for (int i = 1; i < kLastFrame; ++i) frames.push_back(frames.back());
+  write_gif(file, frames);
+}
+
+}  // namespace fringeslam::tools
