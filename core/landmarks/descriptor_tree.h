@@ -10,9 +10,9 @@
 #include <opencv2/core.hpp>
 #include <vector>
 
-namespace fringeslam {
+#include "core/landmarks/sift_descriptor.h"
 
-constexpr int kDescriptorSize = 128;
+namespace fringeslam {
 
 // Quantises unit vectors to bytes: 255 stands for 0.5 and above.
 cv::Mat1b quantised(const cv::Mat1f& descriptors);

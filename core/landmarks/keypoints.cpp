@@ -10,6 +10,7 @@
 
 #include "core/base/parallel.h"
 #include "core/landmarks/sift.h"
+#include "core/landmarks/sift_descriptor.h"
 
 namespace fringeslam {
 
@@ -100,7 +101,7 @@ Keypoints detect_keypoints(const Frame& frame, const RigModel& rig, const PixelR
                   {options.max_keypoints, options.contrast_threshold, options.edge_threshold}, Describe::yes);
   Keypoints result;
   result.detected = static_cast<int>(found.keypoints.size());
-  result.descriptors = cv::Mat1f(0, 128);
+  result.descriptors = cv::Mat1f(0, kDescriptorSize);
   for (size_t i = 0; i < found.keypoints.size(); ++i) {
     const SiftKeypoint& k = found.keypoints[i];
     const auto surface = surface_point(frame, rays, k.pixel);

@@ -12,6 +12,7 @@
 #include "core/base/instruction_set.h"
 #include "core/base/parallel.h"
 #include "core/types/error.h"
+#include "core/types/projection.h"
 
 namespace fringeslam {
 
@@ -24,26 +25,6 @@ constexpr int kBandRows = 16;
 // Standard deviation, relative to the point's, of a plane through a point and its two neighbours at a distance of 1.5
 // pixels in both directions.
 constexpr float kRoughSigmas = 2.3f;
-
-// A pose and a camera in single precision, for the kernel.
-struct Projection {
-  float r[9], t[3];
-  float fx, fy, cx, cy, k1, k2, p1, p2, k3;
-
-  Projection(const Pose& pose, const Pinhole& camera)
-      : fx(static_cast<float>(camera.fx)),
-        fy(static_cast<float>(camera.fy)),
-        cx(static_cast<float>(camera.cx)),
-        cy(static_cast<float>(camera.cy)),
-        k1(static_cast<float>(camera.distortion.k1)),
-        k2(static_cast<float>(camera.distortion.k2)),
-        p1(static_cast<float>(camera.distortion.p1)),
-        p2(static_cast<float>(camera.distortion.p2)),
-        k3(static_cast<float>(camera.distortion.k3)) {
-    for (int i = 0; i < 9; ++i) r[i] = static_cast<float>(pose.rotation(i / 3, i % 3));
-    for (int i = 0; i < 3; ++i) t[i] = static_cast<float>(pose.translation[i]);
-  }
-};
 
 // Projections of points, their tangent planes m, and the relative standard deviation of 1/z due to the points' noise.
 struct Splats {

@@ -12,6 +12,7 @@
 #include "core/base/instruction_set.h"
 #include "core/base/parallel.h"
 #include "core/types/error.h"
+#include "core/types/projection.h"
 
 namespace fringeslam {
 
@@ -20,29 +21,6 @@ namespace {
 constexpr int kLanes = 16;
 constexpr int kChunk = 512;  // points whose sums are accumulated in single precision
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
-
-// A pose and a camera in single precision, for the kernels.
-struct Projection {
-  float r[9], t[3];
-  float fx, fy, cx, cy, k1, k2, p1, p2, k3;
-  int width, height;
-
-  Projection(const Pose& pose, const Pinhole& camera)
-      : fx(static_cast<float>(camera.fx)),
-        fy(static_cast<float>(camera.fy)),
-        cx(static_cast<float>(camera.cx)),
-        cy(static_cast<float>(camera.cy)),
-        k1(static_cast<float>(camera.distortion.k1)),
-        k2(static_cast<float>(camera.distortion.k2)),
-        p1(static_cast<float>(camera.distortion.p1)),
-        p2(static_cast<float>(camera.distortion.p2)),
-        k3(static_cast<float>(camera.distortion.k3)),
-        width(camera.width),
-        height(camera.height) {
-    for (int i = 0; i < 9; ++i) r[i] = static_cast<float>(pose.rotation(i / 3, i % 3));
-    for (int i = 0; i < 3; ++i) t[i] = static_cast<float>(pose.translation[i]);
-  }
-};
 
 struct PointArrays {
   const float *x, *y, *z, *nx, *ny, *nz, *sigma;
@@ -97,16 +75,16 @@ struct Gates {
 };
 
 constexpr int kSums = 21 + 6 + 4;
-struct alignas(64) Lanes {
+struct alignas(64) LaneSum {
   float value[kLanes];
   float& operator[](int lane) { return value[lane]; }
 };
-using LaneSums = std::array<Lanes, kSums>;
+using LaneSums = std::array<LaneSum, kSums>;
 
 // Computes the sums of a chunk of points, lane by lane. `count` is a multiple of the lanes.
 FRINGESLAM_INLINE void linearise_body(PointArrays source, const int32_t* pixel, int count, Projection p,
                                       const Partners& partner, Gates gates, LaneSums& sums) {
-  for (Lanes& lanes : sums) {
+  for (LaneSum& lanes : sums) {
     for (float& value : lanes.value) value = 0;
   }
   const float cut_off = gates.outlier_sigma * gates.outlier_sigma;

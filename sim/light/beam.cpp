@@ -153,13 +153,13 @@ Beam::Beam(const RigModel& rig, const Effects& effects, const Pose& world_from_c
   }
 }
 
-void Beam::light(const Points& points, Lanes active, BeamPacket& result) const {
+void Beam::light(const Points& points, LaneMask active, BeamPacket& result) const {
   static const auto kernel = widest(light_portable, light_avx2, light_avx512);
   alignas(64) double z[kPacket];
   alignas(64) double margin[kPacket];
   kernel(*kernel_, points, result, z, margin);
   result.inside = 0;
-  for (int i = 0; i < kPacket; ++i) result.inside |= static_cast<Lanes>(margin[i] > 0) << i;
+  for (int i = 0; i < kPacket; ++i) result.inside |= static_cast<LaneMask>(margin[i] > 0) << i;
   result.inside &= active;
   if (excess_falloff_ == 0) return;
   for (int i = 0; i < kPacket; ++i) {

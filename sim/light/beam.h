@@ -29,7 +29,7 @@ struct BeamPacket {
   double distance[kPacket];                          // to the projector, m
   float lux[kPacket];                                // at normal incidence: eq. 1 without cos(i)
   float blur_px[kPacket];                            // sigma, eq. 2
-  Lanes inside = 0;                                  // within the projector's image
+  LaneMask inside = 0;                               // within the projector's image
 };
 
 struct BeamKernel;
@@ -41,7 +41,7 @@ class Beam {
   // Projector centre in the world frame, m.
   const Eigen::Vector3d& position() const { return position_; }
   // Computes the illumination of world points; `inside` is restricted to the active lanes.
-  void light(const Points& points, Lanes active, BeamPacket& result) const;
+  void light(const Points& points, LaneMask active, BeamPacket& result) const;
 
   // Returns the range of blur sigmas, px, between two distances from the projector.
   static BlurRange blur_range(const RigModel& rig, const Effects& effects, double near_m, double far_m);

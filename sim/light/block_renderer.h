@@ -28,7 +28,7 @@ inline Eigen::Vector2d even_point(int index, double shift_x, double shift_y) {
 
 // Returns the lanes for which a branch-free condition holds; both loops vectorise.
 template <class Condition>
-FRINGESLAM_INLINE Lanes lanes_where(const Condition& condition) {
+FRINGESLAM_INLINE LaneMask lanes_where(const Condition& condition) {
   alignas(64) uint32_t flags[kPacket];
 #pragma GCC ivdep
   for (int i = 0; i < kPacket; ++i) flags[i] = condition(i) ? 1u : 0u;
@@ -40,7 +40,7 @@ FRINGESLAM_INLINE Lanes lanes_where(const Condition& condition) {
 // Weight per lane: 1 if the lane is set, else 0.
 struct alignas(64) LaneWeights {
   float value[kPacket];
-  explicit LaneWeights(Lanes lanes) {
+  explicit LaneWeights(LaneMask lanes) {
     for (int i = 0; i < kPacket; ++i) value[i] = static_cast<float>(lanes >> i & 1);
   }
 };
@@ -109,7 +109,7 @@ class BlockRenderer {
   // Hits of the rays through the pixel centres, with which the samples are compared.
   struct Centres {
     HitPacket hits;
-    Lanes shadow = 0, in_beam = 0;
+    LaneMask shadow = 0, in_beam = 0;
   };
 
   void place(int block_row, int block_col) {
@@ -118,7 +118,7 @@ class BlockRenderer {
     for (int i = 0; i < kPacket; ++i) {
       row_[i] = block_row * kBlock + i / kBlock;
       col_[i] = block_col * kBlock + i % kBlock;
-      inside_ |= static_cast<Lanes>(row_[i] < height_ && col_[i] < width_) << i;
+      inside_ |= static_cast<LaneMask>(row_[i] < height_ && col_[i] < width_) << i;
       // Lanes outside the image duplicate a border pixel; their results are discarded.
       row_[i] = std::min(row_[i], height_ - 1);
       col_[i] = std::min(col_[i], width_ - 1);
@@ -167,7 +167,7 @@ class BlockRenderer {
   }
 
   // Returns the lanes whose surface faces the projector.
-  static Lanes facing(const HitPacket& hits, const BeamPacket& beam) {
+  static LaneMask facing(const HitPacket& hits, const BeamPacket& beam) {
     return hits.hit & lanes_where([&](int i) {
              return hits.normal.x[i] * beam.to_light.x[i] + hits.normal.y[i] * beam.to_light.y[i] +
                         hits.normal.z[i] * beam.to_light.z[i] >
@@ -187,8 +187,8 @@ class BlockRenderer {
     r_.world_.trace(rays, hits);
     BeamPacket beam;
     station.beam.light(hits.point, hits.hit, beam);
-    const Lanes towards = facing(hits, beam);
-    const Lanes dark = r_.world_.occluded(RayWorld::lifted(hits), towards, station.beam.position());
+    const LaneMask towards = facing(hits, beam);
+    const LaneMask dark = r_.world_.occluded(RayWorld::lifted(hits), towards, station.beam.position());
     centre_.shadow = hits.hit & ~(towards & ~dark);  // surfaces that face away from the light count as shadowed
     centre_.in_beam = beam.inside;
     const Eigen::Matrix3d camera_from_world = station.world_from_camera.rotation.transpose();
@@ -213,11 +213,11 @@ class BlockRenderer {
   }
 
   // Returns the pixels whose sample and centre ray differ in object, normal (by 30 degrees), shadow or beam.
-  Lanes differing(const HitPacket& hits, Lanes shadow, Lanes in_beam) const {
+  LaneMask differing(const HitPacket& hits, LaneMask shadow, LaneMask in_beam) const {
     constexpr double kCosine30 = 0.866;
     const HitPacket& centre = centre_.hits;
-    const Lanes border = (hits.hit ^ centre.hit) | (shadow ^ centre_.shadow) | (in_beam ^ centre_.in_beam);
-    const Lanes other = lanes_where([&](int i) {
+    const LaneMask border = (hits.hit ^ centre.hit) | (shadow ^ centre_.shadow) | (in_beam ^ centre_.in_beam);
+    const LaneMask other = lanes_where([&](int i) {
       const double cosine = hits.normal.x[i] * centre.normal.x[i] + hits.normal.y[i] * centre.normal.y[i] +
                             hits.normal.z[i] * centre.normal.z[i];
       return static_cast<int>(hits.object[i] != centre.object[i]) | static_cast<int>(cosine < kCosine30);
@@ -255,7 +255,7 @@ class BlockRenderer {
       weight[i] = haze_.extinction_per_m > 0 ? std::exp(-static_cast<float>(haze_.extinction_per_m) * length[i]) : 1.0f;
     }
     BeamPacket beam;
-    const Lanes lit = add_direct(station, hits, surface, to_viewer, hits.hit, weight, true, beam);
+    const LaneMask lit = add_direct(station, hits, surface, to_viewer, hits.hit, weight, true, beam);
     if (compare) mixed_ |= differing(hits, hits.hit & ~lit, beam.inside);
     if (bounces_ == 0) {
       const LaneWeights seen(hits.hit);
@@ -292,10 +292,11 @@ class BlockRenderer {
 
   // Adds the projector light reflected and the light emitted by surface points towards a viewer. Returns the lanes
   // whose points see the projector; lanes outside the beam are tested only if `everywhere` is set.
-  Lanes add_direct(const Station& station, const HitPacket& hits, const SurfacePacket& surface, const Points& to_viewer,
-                   Lanes active, const float* weight, bool everywhere, BeamPacket& beam) {
+  LaneMask add_direct(const Station& station, const HitPacket& hits, const SurfacePacket& surface,
+                      const Points& to_viewer, LaneMask active, const float* weight, bool everywhere,
+                      BeamPacket& beam) {
     station.beam.light(hits.point, active, beam);
-    Lanes lit = facing(hits, beam) & active;
+    LaneMask lit = facing(hits, beam) & active;
     if (!everywhere) lit &= beam.inside;
     lit &= ~r_.world_.occluded(RayWorld::lifted(hits), lit, station.beam.position());
     ShownPatterns::Points points;
@@ -309,7 +310,7 @@ class BlockRenderer {
       points.blur_px[i] = beam.blur_px[i];
       points.weight[i] = weight[i] * surface.albedo[i] * static_cast<float>(cosine[i]) * beam.lux[i];
     }
-    const Lanes bright = lit & beam.inside & lanes_where([&](int i) { return cosine[i] > 0; });
+    const LaneMask bright = lit & beam.inside & lanes_where([&](int i) { return cosine[i] > 0; });
     const LaneWeights seen(active);
     for (int i = 0; i < kPacket; ++i) add_steady(i, seen.value[i] * weight[i] * surface.emission_lux[i]);
     if ((surface.glossy & bright) != 0) {
@@ -341,7 +342,7 @@ class BlockRenderer {
       HitPacket hits = first;
       SurfacePacket surface = first_surface;
       Points to_viewer = first_viewer;
-      Lanes active = first.hit;
+      LaneMask active = first.hit;
       alignas(64) float weight[kPacket];
       for (int i = 0; i < kPacket; ++i) weight[i] = first_weight[i] / static_cast<float>(paths);
       soft_ = 0;
@@ -368,11 +369,11 @@ class BlockRenderer {
           if (bounce == 1 && indirect_ && !next.glossy && surface.albedo[i] > 0) {
             // Keep irradiance: the diffuse albedo is applied after smoothing.
             weight[i] /= first_weight[i] * surface.albedo[i];
-            soft_ |= Lanes{1} << i;
+            soft_ |= LaneMask{1} << i;
           }
           // With a shading normal, the sampled ray may point into the surface.
           if (next.weight <= 0 || next.direction.dot(hits.normal.at(i)) <= 0) {
-            active &= ~(Lanes{1} << i);
+            active &= ~(LaneMask{1} << i);
             continue;
           }
           rays.direction.set(i, next.direction);
@@ -423,7 +424,7 @@ class BlockRenderer {
     }
     BeamPacket beam;
     station.beam.light(points, inside_, beam);
-    const Lanes lit = beam.inside & ~r_.world_.occluded(points, beam.inside, station.beam.position());
+    const LaneMask lit = beam.inside & ~r_.world_.occluded(points, beam.inside, station.beam.position());
     ShownPatterns::Points lit_points{};
     for (int i = 0; i < kPacket; ++i) {
       if (!has(lit, i)) continue;
@@ -453,14 +454,14 @@ class BlockRenderer {
 
   int row_[kPacket], col_[kPacket];
   uint32_t pixel_[kPacket];
-  Lanes inside_ = 0, mixed_ = 0;
+  LaneMask inside_ = 0, mixed_ = 0;
   Centres centre_;
   std::vector<float> sums_;            // by lane, then pattern
   alignas(64) float steady_[kPacket];  // pattern-independent light
   // Same for indirect light that will be smoothed, as irradiance; and the lanes whose current path carries such light.
   std::vector<float> soft_sums_;
   alignas(64) float soft_steady_[kPacket];
-  Lanes soft_ = 0;
+  LaneMask soft_ = 0;
   std::vector<float> veil_sums_;
 };
 

@@ -215,7 +215,7 @@ FRINGESLAM_INLINE void lift(const HitPacket& hits, Points& points) {
   }
 }
 
-FRINGESLAM_INLINE void to_shadow_query(const Points& from, const double* target, Lanes active, RTCRay16& query,
+FRINGESLAM_INLINE void to_shadow_query(const Points& from, const double* target, LaneMask active, RTCRay16& query,
                                        int* valid) {
 #pragma GCC ivdep
   for (int i = 0; i < kPacket; ++i) {
@@ -238,7 +238,7 @@ struct PacketKernels {
   void (*to_query)(const RayPacket&, RTCRayHit16&, int*);
   void (*refine)(const RayPacket&, const PlanePacket&, const float*, HitPacket&);
   void (*lift)(const HitPacket&, Points&);
-  void (*to_shadow_query)(const Points&, const double*, Lanes, RTCRay16&, int*);
+  void (*to_shadow_query)(const Points&, const double*, LaneMask, RTCRay16&, int*);
 };
 
 #define FRINGESLAM_PACKET_KERNELS(NAME, TARGET)                                                                     \
@@ -247,7 +247,7 @@ struct PacketKernels {
     refine(rays, planes, single, h);                                                                                \
   }                                                                                                                 \
   TARGET void NAME##_lift(const HitPacket& hits, Points& points) { lift(hits, points); }                            \
-  TARGET void NAME##_shadow(const Points& from, const double* to, Lanes active, RTCRay16& query, int* valid) {      \
+  TARGET void NAME##_shadow(const Points& from, const double* to, LaneMask active, RTCRay16& query, int* valid) {   \
     to_shadow_query(from, to, active, query, valid);                                                                \
   }                                                                                                                 \
   constexpr PacketKernels NAME##_kernels{NAME##_query, NAME##_refine, NAME##_lift, NAME##_shadow};
@@ -293,7 +293,7 @@ void RayWorld::trace(const RayPacket& rays, HitPacket& hits) const {
     hits.triangle[i] = met ? static_cast<int>(query.hit.primID[i]) : 0;
     hits.u[i] = query.hit.u[i];
     hits.v[i] = query.hit.v[i];
-    hits.hit |= static_cast<Lanes>(met) << i;
+    hits.hit |= static_cast<LaneMask>(met) << i;
   }
   kernel.refine(rays, planes, query.ray.tfar, hits);
 }
@@ -335,7 +335,7 @@ Points RayWorld::lifted(const HitPacket& hits) {
   return points;
 }
 
-Lanes RayWorld::occluded(const Points& from, Lanes active, const Eigen::Vector3d& target) const {
+LaneMask RayWorld::occluded(const Points& from, LaneMask active, const Eigen::Vector3d& target) const {
   if (active == 0) return 0;
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
@@ -344,8 +344,8 @@ Lanes RayWorld::occluded(const Points& from, Lanes active, const Eigen::Vector3d
   alignas(64) int valid[kPacket];
   kernels().to_shadow_query(from, target.data(), active, query, valid);
   rtcOccluded16(valid, impl_->scene, &context, &query);
-  Lanes dark = 0;
-  for (int i = 0; i < kPacket; ++i) dark |= static_cast<Lanes>(valid[i] && query.tfar[i] < 0) << i;
+  LaneMask dark = 0;
+  for (int i = 0; i < kPacket; ++i) dark |= static_cast<LaneMask>(valid[i] && query.tfar[i] < 0) << i;
   return dark;
 }
 

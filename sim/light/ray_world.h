@@ -18,9 +18,9 @@ struct RTCSceneTy;
 namespace fringeslam::sim {
 
 inline constexpr int kPacket = 16;
-using Lanes = uint32_t;  // one bit per lane
-inline constexpr Lanes kAllLanes = (1u << kPacket) - 1;
-inline bool has(Lanes lanes, int lane) { return (lanes >> lane & 1) != 0; }
+using LaneMask = uint32_t;  // one bit per lane
+inline constexpr LaneMask kAllLanes = (1u << kPacket) - 1;
+inline bool has(LaneMask lanes, int lane) { return (lanes >> lane & 1) != 0; }
 
 struct Hit {
   double distance = 0;                               // in units of the direction's length
@@ -38,7 +38,7 @@ struct alignas(64) Points {
 
 struct RayPacket {
   Points origin, direction;
-  Lanes active = 0;
+  LaneMask active = 0;
   bool coherent = true;  // rays have similar origins and directions; a hint for Embree
 };
 
@@ -47,7 +47,7 @@ struct HitPacket {
   Points point, normal;
   int object[kPacket], triangle[kPacket];
   float u[kPacket], v[kPacket];  // barycentric weights of the triangle's second and third vertex
-  Lanes hit = 0;                 // lanes that hit; the members of other lanes are undefined
+  LaneMask hit = 0;              // lanes that hit; the members of other lanes are undefined
 };
 
 class RayWorld {
@@ -64,7 +64,7 @@ class RayWorld {
   // True if a surface lies strictly between a surface point and `target`.
   bool occluded(const Hit& from, const Eigen::Vector3d& target) const;
   // Returns the occluded lanes. Points on surfaces must be lifted() first.
-  Lanes occluded(const Points& from, Lanes active, const Eigen::Vector3d& target) const;
+  LaneMask occluded(const Points& from, LaneMask active, const Eigen::Vector3d& target) const;
 
   // Returns the hit points offset along their normals by more than the single-precision resolution at that position.
   static Points lifted(const HitPacket& hits);

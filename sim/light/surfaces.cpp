@@ -105,7 +105,7 @@ struct Surfaces::Impl {
   }
 
   // Evaluates the lanes of one object.
-  void cover(const Covering& covering, Lanes lanes, const HitPacket& hits, double footprint_m,
+  void cover(const Covering& covering, LaneMask lanes, const HitPacket& hits, double footprint_m,
              SurfacePacket& result) const {
     const Material& m = covering.material;
     NoiseValues albedo;
@@ -131,13 +131,13 @@ struct Surfaces::Impl {
     if (effects.dust && dust.cover > 0 && m.dust) settle(lanes, hits, covering.seed, result);
     if (glossy) {
       for (int i = 0; i < kPacket; ++i)
-        result.glossy |= static_cast<Lanes>(has(lanes, i) && result.reflectance[i] > 0) << i;
+        result.glossy |= static_cast<LaneMask>(has(lanes, i) && result.reflectance[i] > 0) << i;
     }
   }
 
   // Bump mapping: shading normal n - grad h of the height field h = bump * noise, with the gradient taken along the
   // surface.
-  void roughen(const Covering& covering, Lanes lanes, const HitPacket& hits, SurfacePacket& result) const {
+  void roughen(const Covering& covering, LaneMask lanes, const HitPacket& hits, SurfacePacket& result) const {
     const Material& m = covering.material;
     const NoisePoints p = transformed(covering.object_from_world, hits.point, 1 / m.bump_size_m, 500);
     constexpr float kStep = 0.02f;
@@ -161,7 +161,7 @@ struct Surfaces::Impl {
   }
 
   // Covers upward-facing surfaces with patchy dust.
-  void settle(Lanes lanes, const HitPacket& hits, uint32_t seed, SurfacePacket& result) const {
+  void settle(LaneMask lanes, const HitPacket& hits, uint32_t seed, SurfacePacket& result) const {
     NoisePoints p;
     constexpr double kPatch = 0.004;  // m
     for (int i = 0; i < kPacket; ++i) {
@@ -226,11 +226,11 @@ void Surfaces::at(const HitPacket& hits, double footprint_m, SurfacePacket& resu
     std::fill_n(result.emission_lux, kPacket, 0.0f);
     std::fill_n(result.dust_cover, kPacket, 0.0f);
   }
-  Lanes left = hits.hit;
+  LaneMask left = hits.hit;
   while (left != 0) {
     const int object = hits.object[std::countr_zero(left)];
-    Lanes same = 0;
-    for (int i = 0; i < kPacket; ++i) same |= static_cast<Lanes>(has(left, i) && hits.object[i] == object) << i;
+    LaneMask same = 0;
+    for (int i = 0; i < kPacket; ++i) same |= static_cast<LaneMask>(has(left, i) && hits.object[i] == object) << i;
     impl_->cover(impl_->coverings[static_cast<size_t>(object)], same, hits, footprint_m, result);
     left &= ~same;
   }

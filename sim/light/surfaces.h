@@ -18,7 +18,7 @@ struct SurfacePacket {
   float emission_lux[kPacket];
   float dust_cover[kPacket];  // fraction covered by settled dust
   Points normal;              // shading normal; unit, towards the viewer
-  Lanes glossy = 0;
+  LaneMask glossy = 0;
   Reflection reflection(int lane) const {
     return {static_cast<double>(albedo[lane]), static_cast<double>(reflectance[lane]),
             static_cast<double>(alpha[lane])};

@@ -77,7 +77,7 @@ RayPacket packet(const SampleRays& rays, int sample, int row, int first, int wid
     result.origin.set(i, world_from_thermal.translation);
     result.direction.set(i, world_from_thermal.rotation * Eigen::Vector3d(slope.homogeneous()));
     // No ray where the distortion polynomial has no inverse.
-    if (first + i < width && slope.allFinite()) result.active |= Lanes{1} << i;
+    if (first + i < width && slope.allFinite()) result.active |= LaneMask{1} << i;
   }
   return result;
 }

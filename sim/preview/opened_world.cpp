@@ -55,8 +55,8 @@ void OpenedWorld::trace(const RayPacket& rays, HitPacket& hits) const {
     from.origin.set(i, origin + start[i] * direction);
   }
   world_.trace(from, hits);
-  const auto turned_away = [&](Lanes lanes) {
-    Lanes backs = 0;
+  const auto turned_away = [&](LaneMask lanes) {
+    LaneMask backs = 0;
     for (int i = 0; i < kPacket; ++i) {
       if (has(lanes & hits.hit, i) && start[i] + hits.distance[i] < middle[i] &&
           shows_its_back(hits, i, rays.direction.at(i)))
@@ -64,7 +64,7 @@ void OpenedWorld::trace(const RayPacket& rays, HitPacket& hits) const {
     }
     return backs;
   };
-  Lanes backs = turned_away(kAllLanes);
+  LaneMask backs = turned_away(kAllLanes);
   for (int round = 0; backs != 0 && round < kMostBacks; ++round) {
     const Points lifted = RayWorld::lifted(hits);  // lifted towards the viewer; continue from the opposite side
     for (int i = 0; i < kPacket; ++i) {

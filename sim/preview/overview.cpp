@@ -116,15 +116,15 @@ class Light {
     lit.inside = 0;
     beam_.light(hits.point, hits.hit, lit);
     Values result{};
-    const Lanes inside = lit.inside & hits.hit;
+    const LaneMask inside = lit.inside & hits.hit;
     if (inside == 0) return result;
     // The projector may light the side of the surface that faces away from the viewer.
-    Lanes turned_to = 0;
+    LaneMask turned_to = 0;
     for (int i = 0; i < kPacket; ++i) {
       if (has(inside, i) && hits.normal.at(i).dot(lit.to_light.at(i)) > 0) turned_to |= 1u << i;
     }
     if (turned_to == 0) return result;
-    const Lanes shadow = world_.occluded(lifted, turned_to, beam_.position());
+    const LaneMask shadow = world_.occluded(lifted, turned_to, beam_.position());
     for (int i = 0; i < kPacket; ++i) {
       if (has(turned_to & ~shadow, i))
         result[static_cast<size_t>(i)] =

@@ -142,7 +142,7 @@ TEST(RayWorld, PacketsAgreeWithSingleRays) {
     rays.active = 0xfff7;
     HitPacket hits;
     world.trace(rays, hits);
-    const Lanes dark = world.occluded(RayWorld::lifted(hits), hits.hit, light);
+    const LaneMask dark = world.occluded(RayWorld::lifted(hits), hits.hit, light);
     for (int i = 0; i < kPacket; ++i) {
       const auto single = world.trace(rays.origin.at(i), rays.direction.at(i));
       if (i == 3) {
@@ -289,7 +289,7 @@ TEST(RayWorld, ShadowPacketsAmongSharedMeshes) {
     }
     HitPacket hits;
     world.trace(rays, hits);
-    const Lanes dark = world.occluded(RayWorld::lifted(hits), hits.hit, lamp);
+    const LaneMask dark = world.occluded(RayWorld::lifted(hits), hits.hit, lamp);
     for (int lane = 0; lane < kPacket; ++lane) {
       const auto hit = world.trace(eye, rays.direction.at(lane));
       if (!hit || !has(hits.hit, lane)) continue;

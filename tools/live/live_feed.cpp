@@ -32,12 +32,12 @@ ordered_json json_of(const Pose& pose) {
   return list;
 }
 
-ordered_json json_of(const VictimCandidate& candidate) {
-  return {{"position_m", json_of(candidate.position_m)},
-          {"radius_m", candidate.radius_m},
-          {"state", candidate.state},
-          {"reason", candidate.reason},
-          {"victim", candidate.victim}};
+ordered_json json_of(const WarmThingMark& mark) {
+  return {{"position_m", json_of(mark.position_m)},
+          {"radius_m", mark.radius_m},
+          {"state", mark.state},
+          {"reason", mark.reason},
+          {"victim", mark.victim}};
 }
 
 // The outline goes from pixel to pixel; a subset of its corners is enough to draw its shape.
@@ -126,7 +126,7 @@ struct LiveFeed::Changes {
   size_t views_from = 0, keyframes_from = 0;
   std::vector<SeenView> views;
   std::vector<SeenKeyframe> keyframes;
-  std::optional<std::vector<VictimCandidate>> candidates;
+  std::optional<std::vector<WarmThingMark>> candidates;
   std::shared_ptr<const LiveView> newest;
 };
 
@@ -164,7 +164,7 @@ void LiveFeed::show(const FringeStack& stack, const FrameResult& result, const K
   if (result.corrected) take_corrections(map, trajectory());
 }
 
-void LiveFeed::show_candidates(std::vector<VictimCandidate> candidates) {
+void LiveFeed::show_candidates(std::vector<WarmThingMark> candidates) {
   const std::lock_guard lock(mutex_);
   candidates_ = std::move(candidates);
   candidates_at_ = ++sequence_;
@@ -270,7 +270,7 @@ std::string LiveFeed::changes(const std::string& run, uint64_t since) const {
   if (changes.newest) document["newest"] = json_of(*changes.newest);
   if (changes.candidates) {
     document["candidates"] = ordered_json::array();
-    for (const VictimCandidate& candidate : *changes.candidates) document["candidates"].push_back(json_of(candidate));
+    for (const WarmThingMark& candidate : *changes.candidates) document["candidates"].push_back(json_of(candidate));
   }
   return document.dump(-1, ' ', false, ordered_json::error_handler_t::replace);
 }

@@ -49,8 +49,8 @@ struct LiveSetup {
   bool moving = false;  // the robot moves while a sequence is taken
 };
 
-// A warm region from the thermal channel, whether it may be a victim, and why.
-struct VictimCandidate {
+// Mark of a warm thing (core/thermal/victims.h) on the live page.
+struct WarmThingMark {
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();  // world frame
   double radius_m = 0;
   std::string state;   // "seen once", "confirmed", …
@@ -68,7 +68,7 @@ class LiveFeed {
   // `dropped` counts the stacks so far that were not mapped because mapping lagged behind.
   void show(const FringeStack& stack, const FrameResult& result, const KeyframeMap& map,
             const std::function<Trajectory()>& trajectory, int dropped);
-  void show_candidates(std::vector<VictimCandidate> candidates);
+  void show_candidates(std::vector<WarmThingMark> candidates);
   void finish();
 
   // For viewers.
@@ -122,7 +122,7 @@ class LiveFeed {
   uint64_t sequence_ = 0, candidates_at_ = 0;
   std::vector<SeenView> views_;
   std::vector<SeenKeyframe> keyframes_;
-  std::vector<VictimCandidate> candidates_;
+  std::vector<WarmThingMark> candidates_;
   std::shared_ptr<const LiveView> newest_;
   mutable std::deque<std::shared_ptr<const LiveView>> told_;
   std::deque<Clock::time_point> times_;
