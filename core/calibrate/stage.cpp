@@ -63,13 +63,11 @@ Eigen::Matrix<double, 3, 4> solve_affine(const std::vector<StageView>& views) {
   return affine;
 }
 
-// Polar decomposition: the rotation nearest to M, and the translation that maps the corners' centre to the same point
-// as the affine transform does.
+// Returns the rotation nearest to M, and the translation that maps the corners' centre to the same point as the affine
+// transform does.
 Pose nearest_rigid(const Eigen::Matrix<double, 3, 4>& affine, const Eigen::Vector3d& centre) {
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(affine.leftCols<3>(), Eigen::ComputeFullU | Eigen::ComputeFullV);
-  Eigen::Vector3d signs(1, 1, (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0 ? -1 : 1);
   Pose pose;
-  pose.rotation = svd.matrixU() * signs.asDiagonal() * svd.matrixV().transpose();
+  pose.rotation = nearest_rotation(affine.leftCols<3>());
   pose.translation = affine.leftCols<3>() * centre + affine.col(3) - pose.rotation * centre;
   return pose;
 }

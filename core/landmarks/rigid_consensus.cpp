@@ -2,7 +2,6 @@
 #include "core/landmarks/rigid_consensus.h"
 
 #include <Eigen/Geometry>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <random>
@@ -54,31 +53,17 @@ std::vector<int> inliers_of(const std::vector<Pair>& pairs, const Pose& motion, 
   return inliers;
 }
 
-// Least-squares fit weighted by the inverse variances (Arun, Huang and Blostein 1987).
+// Least-squares fit weighted by the inverse variances.
 Pose fitted(const std::vector<Pair>& pairs, const std::vector<int>& chosen) {
-  double weights = 0;
-  Eigen::Vector3d earlier = Eigen::Vector3d::Zero(), current = Eigen::Vector3d::Zero();
+  std::vector<Eigen::Vector3d> earlier, current;
+  std::vector<double> variances;
   for (const int i : chosen) {
     const Pair& pair = pairs[static_cast<size_t>(i)];
-    const double weight = 1 / (pair.sigma * pair.sigma);
-    weights += weight;
-    earlier += weight * pair.earlier;
-    current += weight * pair.current;
+    earlier.push_back(pair.earlier);
+    current.push_back(pair.current);
+    variances.push_back(pair.sigma * pair.sigma);
   }
-  earlier /= weights;
-  current /= weights;
-  Eigen::Matrix3d moment = Eigen::Matrix3d::Zero();
-  for (const int i : chosen) {
-    const Pair& pair = pairs[static_cast<size_t>(i)];
-    moment += (pair.earlier - earlier) * (pair.current - current).transpose() / (pair.sigma * pair.sigma);
-  }
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(moment, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  Eigen::Matrix3d reflection = Eigen::Matrix3d::Identity();
-  reflection(2, 2) = (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0 ? -1 : 1;
-  Pose pose;
-  pose.rotation = svd.matrixU() * reflection * svd.matrixV().transpose();
-  pose.translation = earlier - pose.rotation * current;
-  return pose;
+  return align_points(earlier, current, variances);
 }
 
 // Number of triples of which at least one contains only inliers with probability 1 - 10^-4, at the current inlier

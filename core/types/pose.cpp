@@ -6,7 +6,6 @@
 #include <Eigen/SVD>
 #include <cmath>
 #include <numbers>
-#include <numeric>
 
 namespace fringeslam {
 
@@ -55,10 +54,15 @@ Matrix6d covariance_of_inverse(const Pose& pose, const Matrix6d& covariance) {
   return jacobian * covariance * jacobian.transpose();
 }
 
-Pose orthonormalised(const Pose& pose) {
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(pose.rotation, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  return {svd.matrixU() * svd.matrixV().transpose(), pose.translation};
+Eigen::Matrix3d nearest_rotation(const Eigen::Matrix3d& matrix) {
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(matrix, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  // The closest orthogonal matrix may be a reflection; then the direction of the smallest singular value is flipped.
+  const double handedness = (svd.matrixU() * svd.matrixV().transpose()).determinant();
+  const Eigen::Vector3d signs(1, 1, handedness < 0 ? -1 : 1);
+  return svd.matrixU() * signs.asDiagonal() * svd.matrixV().transpose();
 }
+
+Pose orthonormalised(const Pose& pose) { return {nearest_rotation(pose.rotation), pose.translation}; }
 
 Eigen::Vector4d quaternion_xyzw(const Eigen::Matrix3d& rotation) {
   Eigen::Vector4d xyzw = Eigen::Quaterniond(rotation).normalized().coeffs();
@@ -87,18 +91,23 @@ Pose pose_from(const SixDof& six) {
   return {rotation, six.translation_mm * 1e-3};
 }
 
-Pose align_points(const std::vector<Eigen::Vector3d>& to, const std::vector<Eigen::Vector3d>& from) {
-  const auto n = static_cast<double>(to.size());
-  const Eigen::Vector3d zero = Eigen::Vector3d::Zero();
-  const Eigen::Vector3d to_mean = std::accumulate(to.begin(), to.end(), zero) / n;
-  const Eigen::Vector3d from_mean = std::accumulate(from.begin(), from.end(), zero) / n;
+Pose align_points(const std::vector<Eigen::Vector3d>& to, const std::vector<Eigen::Vector3d>& from,
+                  const std::vector<double>& variances) {
+  const auto variance = [&](size_t i) { return variances.empty() ? 1 : variances[i]; };
+  double weights = 0;
+  Eigen::Vector3d to_mean = Eigen::Vector3d::Zero(), from_mean = Eigen::Vector3d::Zero();
+  for (size_t i = 0; i < to.size(); ++i) {
+    const double weight = 1 / variance(i);
+    weights += weight;
+    to_mean += weight * to[i];
+    from_mean += weight * from[i];
+  }
+  to_mean /= weights;
+  from_mean /= weights;
   Eigen::Matrix3d correlation = Eigen::Matrix3d::Zero();
-  for (size_t i = 0; i < to.size(); ++i) correlation += (to[i] - to_mean) * (from[i] - from_mean).transpose();
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(correlation, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  // The closest orthogonal matrix may be a reflection; then the direction of the smallest singular value is flipped.
-  const double handedness = (svd.matrixU() * svd.matrixV().transpose()).determinant();
-  const Eigen::Vector3d signs(1, 1, handedness < 0 ? -1 : 1);
-  const Eigen::Matrix3d rotation = svd.matrixU() * signs.asDiagonal() * svd.matrixV().transpose();
+  for (size_t i = 0; i < to.size(); ++i)
+    correlation += (to[i] - to_mean) * (from[i] - from_mean).transpose() / variance(i);
+  const Eigen::Matrix3d rotation = nearest_rotation(correlation);
   return {rotation, to_mean - rotation * from_mean};
 }
 

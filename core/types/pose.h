@@ -41,7 +41,11 @@ Vector6d difference(const Pose& to, const Pose& from);
 // omega, v' = -R^T (v + t x omega).
 Matrix6d covariance_of_inverse(const Pose& pose, const Matrix6d& covariance);
 
-// Projects the rotation onto the closest orthogonal matrix, to remove rounding drift from long products.
+// Returns the rotation closest to `matrix` in the Frobenius norm, which also maximises tr(R^T matrix). It is not unique
+// if the two smallest singular values of `matrix` are zero, or equal and det(matrix) < 0.
+Eigen::Matrix3d nearest_rotation(const Eigen::Matrix3d& matrix);
+
+// Replaces the rotation by the nearest one, to remove rounding drift from long products.
 Pose orthonormalised(const Pose& pose);
 
 // Conversion to and from a unit quaternion (x, y, z, w) with w >= 0, as stored in TUM trajectory files.
@@ -58,10 +62,11 @@ struct SixDof {
 SixDof six_dof(const Pose& pose);
 Pose pose_from(const SixDof& six);
 
-// Returns the rigid transform T = to_from_from that minimises sum |to_i - T from_i|^2 (Umeyama 1991, without scale).
-// Requires at least one pair; with fewer than three or with collinear points the rotation is not unique and an
-// arbitrary solution is returned.
-Pose align_points(const std::vector<Eigen::Vector3d>& to, const std::vector<Eigen::Vector3d>& from);
+// Returns the rigid transform T = to_from_from that minimises sum |to_i - T from_i|^2 / variances_i (Umeyama 1991,
+// without scale); empty variances are all equal. Requires at least one pair; with fewer than three or with collinear
+// points the rotation is not unique and an arbitrary solution is returned.
+Pose align_points(const std::vector<Eigen::Vector3d>& to, const std::vector<Eigen::Vector3d>& from,
+                  const std::vector<double>& variances = {});
 
 // Magnitudes of a motion: |t| in m and the rotation angle in rad.
 double translation_m(const Pose& pose);

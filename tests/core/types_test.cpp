@@ -183,6 +183,36 @@ TEST(AlignPoints, MirroredPointsGiveTheBestRotationNotAMirror) {
   }
 }
 
+TEST(AlignPoints, VariancesWeightThePairs) {
+  Random random(9);
+  const auto from = random_points(random, 12, {1, 2, 3});
+  auto to = transformed({rotation_exp({0.5, -1, 2}), {1, 2, 3}}, from);
+  std::vector<double> variances;
+  for (Eigen::Vector3d& p : to) {
+    variances.push_back(random.uniform(0.01, 1));
+    p += std::sqrt(variances.back()) * random.normals<3>();
+  }
+  const auto cost = [&](const Pose& pose) {
+    double sum = 0;
+    for (size_t i = 0; i < to.size(); ++i) sum += (to[i] - pose * from[i]).squaredNorm() / variances[i];
+    return sum;
+  };
+  const Pose best = align_points(to, from, variances);
+  EXPECT_LT(cost(best), cost(align_points(to, from)));
+  for (int i = 0; i < 500; ++i) EXPECT_GE(cost(retract(best, 0.01 * random.normals<6>())), cost(best));
+  EXPECT_EQ(align_points(to, from, std::vector<double>(12, 1.0)).rotation, align_points(to, from).rotation);
+}
+
+TEST(NearestRotation, IsTheOrthogonalFactorOfAPolarDecomposition) {
+  const Eigen::Matrix3d rotation = rotation_exp({0.3, -2, 1});
+  Eigen::Matrix3d stretch;
+  stretch << 3, 0.5, 0.2, 0.5, 2, -0.3, 0.2, -0.3, 1;  // positive definite
+  EXPECT_THAT(nearest_rotation(rotation * stretch), MatrixNear(rotation, 1e-14));
+  // A reflection is not a rotation: the shortest axis flips back.
+  const Eigen::Vector3d reflection(3, 2, -1);
+  EXPECT_THAT(nearest_rotation(rotation * reflection.asDiagonal()), MatrixNear(rotation, 1e-14));
+}
+
 Pinhole projector_like() { return {1024, 768, 2600, 2500, 511.5, 383.5, {}}; }
 
 TEST(Pinhole, ProjectionClosedForm) {
