@@ -8,7 +8,7 @@
 #include <opencv2/imgproc.hpp>
 #include <optional>
 
-#include "core/base/parallel.h"
+#include "core/landmarks/mutual_nearest.h"
 #include "core/landmarks/sift.h"
 #include "core/landmarks/sift_descriptor.h"
 
@@ -173,48 +173,19 @@ std::vector<DepthKeypoint> detect_depth_keypoints(const cv::Mat1f& levels, const
   return result;
 }
 
-namespace {
-
-struct Nearest {
-  int index = -1;
-  double distance2 = std::numeric_limits<double>::infinity();
-  double second2 = std::numeric_limits<double>::infinity();
-};
-
-// For unit vectors |a - b|^2 = 2 - 2 a.b, so the nearest has the largest dot product.
-std::vector<Nearest> nearest(const cv::Mat1f& queries, const cv::Mat1f& candidates) {
-  std::vector<Nearest> result(static_cast<size_t>(queries.rows));
-  for_each_row(queries.rows, [&](int q) {
-    const Eigen::Map<const Eigen::VectorXf> query(queries[q], queries.cols);
-    Nearest& best = result[static_cast<size_t>(q)];
-    for (int c = 0; c < candidates.rows; ++c) {
-      const Eigen::Map<const Eigen::VectorXf> candidate(candidates[c], candidates.cols);
-      const double distance2 = std::max(0.0, 2.0 - 2.0 * static_cast<double>(query.dot(candidate)));
-      if (distance2 < best.distance2) {
-        best = {c, distance2, best.distance2};
-      } else if (distance2 < best.second2) {
-        best.second2 = distance2;
-      }
-    }
-  });
-  return result;
-}
-
-}  // namespace
-
 std::vector<KeypointMatch> match_keypoints(const Keypoints& earlier, const Keypoints& current,
                                            const MatchOptions& options) {
   check_options(options, "matching");
-  const std::vector<Nearest> forward = nearest(current.descriptors, earlier.descriptors);
-  const std::vector<Nearest> backward = nearest(earlier.descriptors, current.descriptors);
+  // For unit vectors |a - b|^2 = 2 - 2 a.b.
+  const auto distance2 = [&](int e, int c) {
+    const Eigen::Map<const Eigen::VectorXf> a(earlier.descriptors[e], earlier.descriptors.cols);
+    const Eigen::Map<const Eigen::VectorXf> b(current.descriptors[c], current.descriptors.cols);
+    return std::max(0.0, 2.0 - 2.0 * static_cast<double>(a.dot(b)));
+  };
   std::vector<KeypointMatch> matches;
-  for (size_t i = 0; i < forward.size(); ++i) {
-    const Nearest& best = forward[i];
-    if (best.index < 0 || backward[static_cast<size_t>(best.index)].index != static_cast<int>(i)) continue;
-    const double ratio = std::sqrt(best.distance2 / std::max(best.second2, 1e-12));
-    if (ratio <= options.max_ratio)
-      matches.push_back({best.index, static_cast<int>(i), std::sqrt(best.distance2), ratio});
-  }
+  for (const MutualPair& pair :
+       mutual_nearest(earlier.descriptors.rows, current.descriptors.rows, distance2, 1e-12, options.max_ratio))
+    matches.push_back({pair.earlier, pair.current, pair.distance, pair.ratio});
   return matches;
 }
 

@@ -3,13 +3,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <map>
 #include <numeric>
 #include <set>
 #include <tuple>
 
 #include "core/base/parallel.h"
+#include "core/landmarks/mutual_nearest.h"
 
 namespace fringeslam {
 
@@ -204,34 +204,15 @@ LandmarkDatabase::Matches LandmarkDatabase::guided_matches(const View& earlier, 
 
 // Returns the mutual nearest neighbours among all keypoints of landmarks that pass the ratio test.
 LandmarkDatabase::Matches LandmarkDatabase::all_matches(const View& earlier, const View& current) const {
-  constexpr int kFar = std::numeric_limits<int>::max();
-  struct Best {
-    int index = -1, distance2 = kFar, second2 = kFar;
+  const auto distance2 = [&](int e, int c) {
+    return squared_distance(earlier.descriptors[at(earlier.owned, e)], current.descriptors[at(current.owned, c)]);
   };
-  const auto nearest = [](const View& from, const View& to) {
-    std::vector<Best> result(from.owned.size());
-    for_each_row(static_cast<int>(from.owned.size()), [&](int i) {
-      Best& best = at(result, i);
-      for (size_t k = 0; k < to.owned.size(); ++k) {
-        const int d2 = squared_distance(from.descriptors[at(from.owned, i)], to.descriptors[to.owned[k]]);
-        if (d2 < best.distance2)
-          best = {static_cast<int>(k), d2, best.distance2};
-        else
-          best.second2 = std::min(best.second2, d2);
-      }
-    });
-    return result;
-  };
-  const std::vector<Best> back = nearest(current, earlier), forth = nearest(earlier, current);
   Matches matches;
-  for (size_t i = 0; i < back.size(); ++i) {
-    const Best& best = back[i];
-    if (best.index < 0 || at(forth, best.index).index != static_cast<int>(i)) continue;
-    const double ratio = std::sqrt(static_cast<double>(best.distance2) / std::max(1, best.second2));
-    if (ratio <= options_.max_ratio)
-      matches.push_back(
-          {at(earlier.owned, best.index), current.owned[i], std::sqrt(best.distance2) / kUnitLength, ratio});
-  }
+  for (const MutualPair& pair :
+       mutual_nearest(static_cast<int>(earlier.owned.size()), static_cast<int>(current.owned.size()), distance2, 1,
+                      options_.max_ratio))
+    matches.push_back(
+        {at(earlier.owned, pair.earlier), at(current.owned, pair.current), pair.distance / kUnitLength, pair.ratio});
   return matches;
 }
 
