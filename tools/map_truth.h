@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
+#include "core/io/ply.h"
 #include "core/score/map_score.h"
-#include "core/score/ply_file.h"
 #include "core/types/trajectory.h"
 #include "sim/nearest_surface.h"
 #include "tools/verbs.h"

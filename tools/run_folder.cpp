@@ -10,6 +10,7 @@
 #include <sstream>
 
 #include "core/io/files.h"
+#include "core/io/ply.h"
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
 #include "core/score/truth_files.h"
@@ -149,7 +150,7 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const T
 }
 
 void RunFolder::add_mesh(const Mesh& mesh, int index) const {
-  write_text(frame_folder(index) / "mesh.ply", to_ply(mesh));
+  write_text(frame_folder(index) / "mesh.ply", to_ply(mesh, "camera"));
 }
 
 void RunFolder::add_warm_things(const std::vector<WarmThing>& things) const {
@@ -161,8 +162,8 @@ void RunFolder::finish(const Trajectory& trajectory, const std::vector<CloudPoin
   std::string lost;
   for (const int index : lost_) lost += (lost.empty() ? "# lost: stacks " : ", ") + std::to_string(index);
   write_text(folder_ / "trajectory.tum", (lost.empty() ? lost : lost + "\n") + to_tum(trajectory_));
-  write_text(folder_ / "map.ply", to_ply(cloud));
-  write_text(folder_ / "mesh.ply", to_ply(mesh));
+  write_text(folder_ / "map.ply", to_ply(cloud, "world"));
+  write_text(folder_ / "mesh.ply", to_ply(mesh, "world"));
   write_text(folder_ / "mesh.glb", to_glb(mesh));
   write_text(folder_ / "frames.json", frames_.dump(1) + "\n");
   write_text(folder_ / "landmarks.json", landmarks_.dump(1) + "\n");

@@ -72,6 +72,7 @@ std::string map_table(const MapScore& score, const PlyMap& map, const std::strin
 
 void score_map_file(const Arguments& arguments, const Common& common) {
   PlyMap map = read_ply(arguments.estimate);
+  if (map.vertices.empty()) throw Error(arguments.estimate + ": contains no finite vertex");
   const MapTruth truth = read_map_truth(arguments.truth, arguments.seed, common);
   Similarity world_from_map;
   std::string aligned = "not aligned";

@@ -4,8 +4,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/map/ply.h"
-
 namespace fringeslam {
 
 namespace {
@@ -54,13 +52,6 @@ std::vector<CloudPoint> CloudMap::points() const {
                       static_cast<float>(1 / std::sqrt(cell.weight))});
   }
   return points;
-}
-
-std::string to_ply(const std::vector<CloudPoint>& points) {
-  std::string bytes = "ply\nformat binary_little_endian 1.0\ncomment world frame, metres\nelement vertex " +
-                      std::to_string(points.size()) + "\n" + kPlyPoint + "end_header\n";
-  for (const CloudPoint& point : points) append_point(bytes, point);
-  return bytes;
 }
 
 }  // namespace fringeslam

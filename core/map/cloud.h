@@ -5,7 +5,6 @@
 
 #include <array>
 #include <cstdint>
-#include <string>
 #include <unordered_map>
 #include <vector>
 
@@ -50,8 +49,5 @@ class CloudMap {
   double cell_m_;
   std::unordered_map<Key, Cell, KeyHash> cells_;
 };
-
-// Returns a binary PLY file with position, normal, grey value as colour, and sigma.
-std::string to_ply(const std::vector<CloudPoint>& points);
 
 }  // namespace fringeslam

@@ -7,8 +7,8 @@
 #include <cmath>
 #include <cstring>
 
+#include "core/base/append_bytes.h"
 #include "core/base/fnv.h"
-#include "core/map/ply.h"
 #include "core/types/error.h"
 
 namespace fringeslam {
@@ -25,7 +25,7 @@ class Writer {
   static constexpr bool kReads = false;
   template <class Number>
   void number(const Number& value) {
-    append_binary(bytes_, value);
+    append_bytes(bytes_, value);
   }
   template <class Pixel>
   void image(const cv::Mat_<Pixel>& image, cv::Size) {
@@ -34,7 +34,7 @@ class Writer {
   }
   template <class Item, class Body>
   void list(const std::vector<Item>& items, const Body& body) {
-    append_binary(bytes_, static_cast<uint32_t>(items.size()));
+    append_bytes(bytes_, static_cast<uint32_t>(items.size()));
     for (const Item& item : items) body(item);
   }
   const std::string& bytes() const { return bytes_; }
@@ -184,8 +184,8 @@ std::string to_bytes(const KeyframeMap& map) {
   packed.resize(ZSTD_compress(packed.data(), packed.size(), plain.data(), plain.size(), 1));
 
   std::string bytes(kMagic);
-  append_binary(bytes, static_cast<uint64_t>(plain.size()));
-  append_binary(bytes, fnv1a(packed));
+  append_bytes(bytes, static_cast<uint64_t>(plain.size()));
+  append_bytes(bytes, fnv1a(packed));
   return bytes + packed;
 }
 

@@ -4,8 +4,6 @@
 #include <cmath>
 #include <numbers>
 
-#include "core/map/ply.h"
-
 namespace fringeslam {
 
 namespace {
@@ -96,23 +94,6 @@ class GridMesher {
 Mesh frame_mesh(const Frame& frame, const MeshOptions& options) {
   check_options(options, "mesh");
   return GridMesher(frame, options).mesh();
-}
-
-std::string to_ply(const Mesh& mesh) {
-  std::string bytes = "ply\nformat binary_little_endian 1.0\ncomment camera frame, metres\nelement vertex " +
-                      std::to_string(mesh.vertices.size()) +
-                      "\nproperty float x\nproperty float y\nproperty float z\n"
-                      "property uchar red\nproperty uchar green\nproperty uchar blue\nelement face " +
-                      std::to_string(mesh.triangles.size()) + "\nproperty list uchar int vertex_indices\nend_header\n";
-  for (const MeshVertex& vertex : mesh.vertices) {
-    for (int i = 0; i < 3; ++i) append_binary(bytes, vertex.position_m[i]);
-    for (int i = 0; i < 3; ++i) append_binary(bytes, vertex.grey);
-  }
-  for (const auto& triangle : mesh.triangles) {
-    append_binary(bytes, static_cast<uint8_t>(triangle.size()));
-    for (const uint32_t corner : triangle) append_binary(bytes, static_cast<int32_t>(corner));
-  }
-  return bytes;
 }
 
 }  // namespace fringeslam

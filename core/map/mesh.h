@@ -14,7 +14,6 @@
 
 #include <array>
 #include <cstdint>
-#include <string>
 #include <vector>
 
 #include "core/types/frame.h"
@@ -46,8 +45,5 @@ struct Mesh {
 
 // Meshes a frame. Throws Error if options are out of range.
 Mesh frame_mesh(const Frame& frame, const MeshOptions& options);
-
-// Returns a binary PLY file with the grey value as colour.
-std::string to_ply(const Mesh& mesh);
 
 }  // namespace fringeslam

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/map/surface_mesh.h"
 
-#include "core/map/ply.h"
+#include "core/base/append_bytes.h"
 #include "core/types/error.h"
 #include "core/types/options.h"
 
@@ -60,21 +60,21 @@ Buffer buffer_of(const SurfaceMesh& mesh) {
   bytes.reserve(count * 32 + mesh.triangles.size() * 12);
   buffer.add(count, kFloat, "VEC3", kVertices, "," + field("min", vector(low)) + "," + field("max", vector(high)),
              for_each([&](const CloudPoint& v) {
-               for (int i = 0; i < 3; ++i) append_binary(bytes, v.position_m[i]);
+               for (int i = 0; i < 3; ++i) append_bytes(bytes, v.position_m[i]);
              }));
   buffer.add(count, kFloat, "VEC3", kVertices, "", for_each([&](const CloudPoint& v) {
-               for (int i = 0; i < 3; ++i) append_binary(bytes, v.normal[i]);
+               for (int i = 0; i < 3; ++i) append_bytes(bytes, v.normal[i]);
              }));
   // Includes an alpha channel, since attributes must start at multiples of four bytes.
   buffer.add(count, kByte, "VEC4", kVertices, ",\"normalized\":true", for_each([&](const CloudPoint& v) {
-               for (int i = 0; i < 3; ++i) append_binary(bytes, v.grey);
-               append_binary(bytes, uint8_t{255});
+               for (int i = 0; i < 3; ++i) append_bytes(bytes, v.grey);
+               append_bytes(bytes, uint8_t{255});
              }));
   buffer.add(count, kFloat, "SCALAR", kVertices, "",
-             for_each([&](const CloudPoint& v) { append_binary(bytes, v.sigma_m); }));
+             for_each([&](const CloudPoint& v) { append_bytes(bytes, v.sigma_m); }));
   buffer.add(3 * mesh.triangles.size(), kIndex, "SCALAR", kTriangles, "", [&] {
     for (const auto& triangle : mesh.triangles) {
-      for (const uint32_t corner : triangle) append_binary(bytes, corner);
+      for (const uint32_t corner : triangle) append_bytes(bytes, corner);
     }
   });
   return buffer;
@@ -82,24 +82,12 @@ Buffer buffer_of(const SurfaceMesh& mesh) {
 
 void append_chunk(std::string& file, uint32_t type, std::string content, char padding) {
   content.resize((content.size() + 3) / 4 * 4, padding);
-  append_binary(file, static_cast<uint32_t>(content.size()));
-  append_binary(file, type);
+  append_bytes(file, static_cast<uint32_t>(content.size()));
+  append_bytes(file, type);
   file += content;
 }
 
 }  // namespace
-
-std::string to_ply(const SurfaceMesh& mesh) {
-  std::string bytes = "ply\nformat binary_little_endian 1.0\ncomment world frame, metres\nelement vertex " +
-                      std::to_string(mesh.vertices.size()) + "\n" + kPlyPoint + "element face " +
-                      std::to_string(mesh.triangles.size()) + "\nproperty list uchar int vertex_indices\nend_header\n";
-  for (const CloudPoint& vertex : mesh.vertices) append_point(bytes, vertex);
-  for (const auto& triangle : mesh.triangles) {
-    append_binary(bytes, static_cast<uint8_t>(triangle.size()));
-    for (const uint32_t corner : triangle) append_binary(bytes, static_cast<int32_t>(corner));
-  }
-  return bytes;
-}
 
 std::string to_glb(const SurfaceMesh& mesh) {
   const uint64_t size = mesh.vertices.size() * 32 + mesh.triangles.size() * 12;
@@ -124,9 +112,9 @@ std::string to_glb(const SurfaceMesh& mesh) {
   append_chunk(chunks, kJsonChunk, json, ' ');
   if (!binary.empty()) append_chunk(chunks, kBinaryChunk, std::move(binary), '\0');
   std::string file;
-  append_binary(file, kMagic);
-  append_binary(file, uint32_t{2});
-  append_binary(file, static_cast<uint32_t>(12 + chunks.size()));
+  append_bytes(file, kMagic);
+  append_bytes(file, uint32_t{2});
+  append_bytes(file, static_cast<uint32_t>(12 + chunks.size()));
   return file + chunks;
 }
 

@@ -17,9 +17,6 @@ struct SurfaceMesh {
   std::vector<std::array<uint32_t, 3>> triangles;
 };
 
-// Returns a binary PLY file: vertices as in the file of a cloud (normal, grey value as colour, sigma), then faces.
-std::string to_ply(const SurfaceMesh& mesh);
-
 // Returns a glTF 2.0 binary file, in metres in the world frame, under a node that rotates the world's z axis (up) to
 // glTF's y axis. The colour is the grey value, linear in glTF as in the camera; sigma is the attribute _SIGMA. Throws
 // Error if the mesh exceeds the format's 4 GiB.

@@ -7,6 +7,7 @@
 #include <numbers>
 #include <utility>
 
+#include "core/base/append_bytes.h"
 #include "core/types/error.h"
 #include "sim/random.h"
 #include "sim/scene/cache.h"
@@ -121,11 +122,6 @@ std::vector<Piece> draw_pieces(const Pile& pile, uint64_t seed, uint32_t generat
 }
 
 // --- cache of settled piles, keyed by all inputs of the simulation ---
-
-template <class T>
-void append_bytes(std::string& bytes, const T& value) {
-  bytes.append(reinterpret_cast<const char*>(&value), sizeof value);
-}
 
 std::string description(const std::vector<Body>& bodies, const DropArea& area, uint64_t seed) {
   std::string bytes = "settled, version 2\n";

@@ -6,6 +6,7 @@
 #include <cstring>
 #include <limits>
 
+#include "core/io/ply.h"
 #include "tests/support/matchers.h"
 #include "tests/support/scene.h"
 
@@ -134,11 +135,11 @@ Value read_at(const std::string& bytes, size_t offset) {
 
 TEST(Cloud, PlyIsHeaderAndThirtyOneBytesAPoint) {
   const std::vector<CloudPoint> points = {{{1, 2, 3}, {0, 0, -1}, 7, 0.5F}, {{-4, 5, 6}, {0, 1, 0}, 255, 0.25F}};
-  const std::string ply = to_ply(points);
+  const std::string ply = to_ply(points, "world");
   const size_t end = ply.find("end_header\n") + 11;
   const std::string header = ply.substr(0, end);
   EXPECT_THAT(header, testing::StartsWith("ply\nformat binary_little_endian 1.0\n"));
-  EXPECT_THAT(header, HasSubstr("\nelement vertex 2\n"));
+  EXPECT_THAT(header, HasSubstr("\ncomment world frame, metres\nelement vertex 2\n"));
   size_t last = 0;
   for (const char* name : {"float x", "float y", "float z", "float nx", "float ny", "float nz", "uchar red",
                            "uchar green", "uchar blue", "float sigma"}) {
@@ -154,7 +155,7 @@ TEST(Cloud, PlyIsHeaderAndThirtyOneBytesAPoint) {
   EXPECT_EQ(read_at<float>(ply, end + 31), -4);
   EXPECT_EQ(read_at<uint8_t>(ply, end + 31 + 26), 255);
   EXPECT_EQ(read_at<float>(ply, end + 31 + 27), 0.25F);
-  EXPECT_THAT(to_ply({}), HasSubstr("\nelement vertex 0\n"));
+  EXPECT_THAT(to_ply(std::vector<CloudPoint>{}, "world"), HasSubstr("\nelement vertex 0\n"));
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 #include <cstring>
 #include <limits>
 
+#include "core/io/ply.h"
 #include "tests/support/matchers.h"
 #include "tests/support/scene.h"
 
@@ -131,12 +132,15 @@ TEST(Mesh, PlyIsHeaderVerticesAndFaces) {
   Mesh mesh;
   mesh.vertices = {{{1, 2, 3}, 7}, {{4, 5, 6}, 8}, {{-7, 8, 9}, 255}};
   mesh.triangles = {{0, 2, 1}};
-  const std::string ply = to_ply(mesh);
+  const std::string ply = to_ply(mesh, "camera");
   const size_t end = ply.find("end_header\n") + 11;
   const std::string header = ply.substr(0, end);
   EXPECT_THAT(header, testing::StartsWith("ply\nformat binary_little_endian 1.0\n"));
-  EXPECT_THAT(header, HasSubstr("\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
-                                "property uchar red\nproperty uchar green\nproperty uchar blue\n"));
+  EXPECT_THAT(
+      header,
+      HasSubstr(
+          "\ncomment camera frame, metres\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+          "property uchar red\nproperty uchar green\nproperty uchar blue\n"));
   EXPECT_THAT(header, HasSubstr("\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"));
   constexpr size_t kVertex = 3 * 4 + 3, kFace = 1 + 3 * 4;
   ASSERT_EQ(ply.size(), end + 3 * kVertex + kFace);

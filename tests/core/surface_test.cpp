@@ -13,6 +13,7 @@
 #include <nlohmann/json.hpp>
 #include <numeric>
 
+#include "core/io/ply.h"
 #include "core/map/surface_fusion.h"
 #include "tests/support/matchers.h"
 #include "tests/support/scene.h"
@@ -422,7 +423,7 @@ TEST(Surface, NumberOfThreadsDoesNotMatter) {
     cv::setNumThreads(number);
     SurfaceModel model(rig, {});
     for (const auto& [frame, pose] : views) model.add(frame, pose);
-    const std::string ply = to_ply(model.mesh());
+    const std::string ply = to_ply(model.mesh(), "world");
     EXPECT_TRUE(before.empty() || ply == before);
     before = ply;
   }
@@ -559,10 +560,10 @@ SurfaceMesh small_mesh() {
 }
 
 TEST(Surface, PlyIsHeaderVerticesAndFaces) {
-  const std::string ply = to_ply(small_mesh());
+  const std::string ply = to_ply(small_mesh(), "world");
   const size_t end = ply.find("end_header\n") + 11;
   EXPECT_THAT(ply, testing::StartsWith("ply\nformat binary_little_endian 1.0\n"));
-  EXPECT_THAT(ply, HasSubstr("\nelement vertex 4\n"));
+  EXPECT_THAT(ply, HasSubstr("\ncomment world frame, metres\nelement vertex 4\n"));
   EXPECT_THAT(ply, HasSubstr("\nproperty float sigma\nelement face 2\nproperty list uchar int vertex_indices\n"));
   ASSERT_EQ(ply.size(), end + 4 * (6 * 4 + 3 + 4) + 2 * (1 + 3 * 4));
   EXPECT_EQ(read_at<float>(ply, end + 31), -4);

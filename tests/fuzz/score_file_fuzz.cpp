@@ -9,7 +9,7 @@
 #include <fstream>
 #include <string>
 
-#include "core/score/ply_file.h"
+#include "core/io/ply.h"
 #include "core/score/trajectory_file.h"
 #include "core/types/error.h"
 
@@ -42,7 +42,6 @@ void refused_or(const Read& read) {
 }
 
 void check(const PlyMap& map) {
-  require(!map.vertices.empty(), "a map without vertices");
   for (const Eigen::Vector3d& vertex : map.vertices) require(vertex.allFinite(), "a non-finite vertex");
   const auto count = static_cast<int>(map.vertices.size());
   for (const Eigen::Vector3i& triangle : map.triangles)

@@ -12,7 +12,6 @@
 #include "tests/tools/fake_rig.h"
 #include "tools/report/map_error.h"
 #include "tools/report/packing.h"
-#include "tools/report/ply_reader.h"
 #include "tools/report/thin_mesh.h"
 #include "tools/report/view_pictures.h"
 
@@ -104,36 +103,6 @@ TEST(Packing, Inflates) {
                        small.size()),
             Z_OK);
   EXPECT_EQ(back, text);
-}
-
-TEST(PlyReader, ReadsWhatARunWrites) {
-  const test::TempFolder temp;
-  const SurfaceMesh mesh = square(3);
-  test::write_bytes(temp / "mesh.ply", to_ply(mesh));
-  const SurfaceMesh back = read_ply(temp / "mesh.ply");
-  ASSERT_EQ(back.vertices.size(), 9u);
-  EXPECT_EQ(back.vertices[5].position_m, mesh.vertices[5].position_m);
-  EXPECT_EQ(back.vertices[5].grey, mesh.vertices[5].grey);
-  EXPECT_EQ(back.triangles, mesh.triangles);
-  test::write_bytes(temp / "map.ply", to_ply(mesh.vertices));
-  EXPECT_EQ(read_ply(temp / "map.ply").vertices.size(), 9u);
-}
-
-TEST(PlyReader, RefusesOthersAndHalves) {
-  const test::TempFolder temp;
-  const std::string bytes = to_ply(square(3));
-  const auto says = [&](const std::string& content) {
-    test::write_bytes(temp / "mesh.ply", content);
-    return test::message_of([&] { read_ply(temp / "mesh.ply"); });
-  };
-  EXPECT_THAT(test::message_of([&] { read_ply(temp / "none.ply"); }), HasSubstr("is missing"));
-  EXPECT_THAT(says("solid"), HasSubstr("is not a map"));
-  EXPECT_THAT(says(bytes.substr(0, bytes.size() - 1)), HasSubstr("truncated"));
-  std::string wild = bytes;
-  wild.replace(wild.size() - 4, 4, "\xff\xff\xff\x7f");
-  EXPECT_THAT(says(wild), HasSubstr("damaged"));
-  EXPECT_THAT(says(test::replaced(bytes, "element vertex 9\n", "element vertex 999999999999999999\n")),
-              HasSubstr("truncated"));
 }
 
 // A camera 1 m above the plane z = 0 looks down at it; the points have known distances from that plane.

@@ -78,7 +78,12 @@ TEST_F(ReportVerb, NamesWhatIsWrongWithARun) {
   EXPECT_THAT(refused(at("nowhere")), HasSubstr("is not a run folder"));
   const std::string cut = copy("cut");
   test::truncate_file(cut + "/mesh.ply", 0.5);
-  EXPECT_THAT(refused(cut), HasSubstr("cut/mesh.ply: is truncated"));
+  EXPECT_THAT(refused(cut), HasSubstr("cut/mesh.ply: the file is truncated"));
+  const std::string foreign = copy("foreign");
+  test::write_bytes(foreign + "/mesh.ply",
+                    "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+                    "property float z\nend_header\n1 2 3\n");
+  EXPECT_THAT(refused(foreign), HasSubstr("foreign/mesh.ply: is not a map written by fringeslam run"));
   const std::string torn = copy("torn");
   test::truncate_file(torn + "/frames.json", 0.5);
   EXPECT_THAT(refused(torn), HasSubstr("torn/frames.json"));

@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "core/score/ply_file.h"
+#include "core/io/ply.h"
 #include "core/score/trajectory_score.h"
 #include "core/score/truth_files.h"
 #include "tests/tools/child.h"
@@ -181,6 +181,8 @@ TEST_F(Score, WhatCannotBeScored) {
   test::fs::create_directory(temp_ / "empty");
   expect_refused({csv, "--truth", tum}, csv + ":3: needs eight finite numbers");
   expect_refused({bad, "--truth", at("scene")}, bad + ":9: ");
+  const std::string none = file("none.ply", head + "end_header\nnan 0 0\n0 0 inf\n");
+  expect_refused({none, "--truth", at("scene")}, none + ": contains no finite vertex");
   expect_refused({good}, "add --truth SCENE");
   expect_refused({good, "--truth", at("nowhere")}, at("nowhere") + ": does not exist");
   expect_refused({good, "--truth", at("empty")}, at("empty") + ": contains neither");

@@ -9,6 +9,7 @@
 #include <optional>
 
 #include "core/io/files.h"
+#include "core/io/ply.h"
 #include "core/io/yaml.h"
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
@@ -16,7 +17,6 @@
 #include "core/score/truth_files.h"
 #include "tools/report/map_error.h"
 #include "tools/report/packing.h"
-#include "tools/report/ply_reader.h"
 #include "tools/report/thin_mesh.h"
 #include "tools/report/view_pictures.h"
 
@@ -144,11 +144,25 @@ void Collector::locate() {
   }
 }
 
+// Reads the surface or the cloud of a run; a cloud has no triangles.
+SurfaceMesh read_run_map(const fs::path& file) {
+  const PlyMap map = read_ply(file);
+  const size_t count = map.vertices.size();
+  if (map.normals.size() != count || map.colours.size() != count || map.sigma_m.size() != count)
+    throw Error(file.string() + ": is not a map written by fringeslam run");
+  SurfaceMesh mesh;
+  for (size_t i = 0; i < count; ++i)
+    mesh.vertices.push_back({map.vertices[i].cast<float>(), map.normals[i], map.colours[i][0], map.sigma_m[i]});
+  for (const Eigen::Vector3i& t : map.triangles)
+    mesh.triangles.push_back({static_cast<uint32_t>(t[0]), static_cast<uint32_t>(t[1]), static_cast<uint32_t>(t[2])});
+  return mesh;
+}
+
 void Collector::read_map() {
   // The fused surface or, if it is missing or empty, the cloud.
   SurfaceMesh mesh;
-  if (fs::exists(folder_ / "mesh.ply")) mesh = read_ply(folder_ / "mesh.ply");
-  if (mesh.vertices.empty() && fs::exists(folder_ / "map.ply")) mesh = read_ply(folder_ / "map.ply");
+  if (fs::exists(folder_ / "mesh.ply")) mesh = read_run_map(folder_ / "mesh.ply");
+  if (mesh.vertices.empty() && fs::exists(folder_ / "map.ply")) mesh = read_run_map(folder_ / "map.ply");
   whole_vertices_ = mesh.vertices.size();
   whole_triangles_ = mesh.triangles.size();
   map_ = thinned(std::move(mesh), limits_.vertices);

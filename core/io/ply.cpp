@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/score/ply_file.h"
+#include "core/io/ply.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <charconv>
 #include <cmath>
@@ -256,6 +257,32 @@ class BinaryBody : public Body {
   bool swap_;
 };
 
+constexpr std::array<const char*, 10> kVertexFields = {"x",  "y",   "z",     "nx",   "ny",
+                                                       "nz", "red", "green", "blue", "sigma"};
+
+// Text may give any number for a byte.
+uint8_t to_byte(double value) { return value > 0 ? static_cast<uint8_t>(std::min(value, 255.0)) : uint8_t{0}; }
+
+// Which of kVertexFields the properties of a vertex are.
+struct VertexFields {
+  std::vector<int> of_property;  // -1: none of them
+  bool normal = false, colour = false, sigma = false;
+
+  explicit VertexFields(const Element& element) {
+    std::array<Number, kVertexFields.size()> type{};
+    for (const Property& property : element.properties) {
+      const auto field = std::find(kVertexFields.begin(), kVertexFields.end(), property.name);
+      const bool known = field != kVertexFields.end() && property.count == Number::none;
+      of_property.push_back(known ? static_cast<int>(field - kVertexFields.begin()) : -1);
+      if (known) type[static_cast<size_t>(of_property.back())] = property.type;
+    }
+    const auto declared = [](Number number) { return number != Number::none; };
+    normal = std::all_of(type.begin() + 3, type.begin() + 6, declared);
+    colour = std::all_of(type.begin() + 6, type.begin() + 9, [](Number number) { return number == Number::uint8; });
+    sigma = declared(type[9]);
+  }
+};
+
 class BodyReader {
  public:
   BodyReader(const fs::path& file, const Header& header, Body& body) : file_(file), header_(header), body_(body) {}
@@ -264,14 +291,7 @@ class BodyReader {
     for (const Element& element : header_.elements) {
       check_length(element);
       if (element.properties.empty()) continue;  // they occupy no bytes, whatever their count
-      uint64_t index = 0;
-      try {
-        for (; index < element.count; ++index) read_one(element, index);
-      } catch (const CutOff&) {
-        throw body_.error(element, index, "the file is truncated");
-      } catch (const NoNumber&) {
-        throw body_.error(element, index, "invalid number");
-      }
+      read_element(element);
     }
     return finished();
   }
@@ -292,22 +312,48 @@ class BodyReader {
     }
   }
 
-  void read_one(const Element& element, uint64_t index) {
+  void read_element(const Element& element) {
     const bool is_vertex = element.name == "vertex", is_face = element.name == "face";
-    Eigen::Vector3d position(0, 0, 0);
-    for (const Property& property : element.properties) {
-      if (property.count != Number::none) {
+    const VertexFields fields(element);
+    uint64_t index = 0;
+    try {
+      for (; index < element.count; ++index) {
+        if (is_vertex)
+          read_vertex(element, fields);
+        else
+          read_other(element, index, is_face);
+      }
+    } catch (const CutOff&) {
+      throw body_.error(element, index, "the file is truncated");
+    } catch (const NoNumber&) {
+      throw body_.error(element, index, "invalid number");
+    }
+  }
+
+  void read_vertex(const Element& element, const VertexFields& fields) {
+    std::array<double, kVertexFields.size()> v{};
+    for (size_t i = 0; i < element.properties.size(); ++i) {
+      const Property& property = element.properties[i];
+      if (property.count != Number::none)
         read_list(property);
-        if (is_face && (property.name == "vertex_indices" || property.name == "vertex_index")) add_face(element, index);
+      else if (const double value = body_.next(property.type); fields.of_property[i] >= 0)
+        v[static_cast<size_t>(fields.of_property[i])] = value;
+    }
+    map_.vertices.emplace_back(v[0], v[1], v[2]);
+    if (fields.normal) map_.normals.push_back(Eigen::Vector3d(v[3], v[4], v[5]).cast<float>());
+    if (fields.colour) map_.colours.push_back({to_byte(v[6]), to_byte(v[7]), to_byte(v[8])});
+    if (fields.sigma) map_.sigma_m.push_back(static_cast<float>(v[9]));
+  }
+
+  void read_other(const Element& element, uint64_t index, bool is_face) {
+    for (const Property& property : element.properties) {
+      if (property.count == Number::none) {
+        body_.next(property.type);
         continue;
       }
-      const double value = body_.next(property.type);
-      if (!is_vertex) continue;
-      if (property.name == "x") position.x() = value;
-      if (property.name == "y") position.y() = value;
-      if (property.name == "z") position.z() = value;
+      read_list(property);
+      if (is_face && (property.name == "vertex_indices" || property.name == "vertex_index")) add_face(element, index);
     }
-    if (is_vertex) map_.vertices.push_back(position);
   }
 
   void read_list(const Property& property) {
@@ -333,19 +379,26 @@ class BodyReader {
 
   // Removes non-finite vertices and their faces; organised clouds mark missing measurements by NaN.
   PlyMap finished() {
+    // Several vertex elements may differ in their properties.
+    const size_t count = map_.vertices.size();
+    if (map_.normals.size() != count) map_.normals.clear();
+    if (map_.colours.size() != count) map_.colours.clear();
+    if (map_.sigma_m.size() != count) map_.sigma_m.clear();
     std::vector<int> kept(map_.vertices.size(), -1);
     PlyMap result;
     for (size_t i = 0; i < map_.vertices.size(); ++i) {
       if (!map_.vertices[i].allFinite()) continue;
       kept[i] = static_cast<int>(result.vertices.size());
       result.vertices.push_back(map_.vertices[i]);
+      if (!map_.normals.empty()) result.normals.push_back(map_.normals[i]);
+      if (!map_.colours.empty()) result.colours.push_back(map_.colours[i]);
+      if (!map_.sigma_m.empty()) result.sigma_m.push_back(map_.sigma_m[i]);
     }
     result.dropped = map_.vertices.size() - result.vertices.size();
     for (const Eigen::Vector3i& triangle : map_.triangles) {
       const Eigen::Vector3i corners = triangle.unaryExpr([&](int i) { return kept[static_cast<size_t>(i)]; });
       if (corners.minCoeff() >= 0) result.triangles.push_back(corners);
     }
-    if (result.vertices.empty()) throw Error(file_.string() + ": contains no finite vertex");
     return result;
   }
 
@@ -377,6 +430,18 @@ PlyMap read_ply(const fs::path& file) {
   else
     body = std::make_unique<BinaryBody>(file, bytes, header);
   return BodyReader(file, header, *body).read();
+}
+
+std::string ply_header(const PlyLayout& layout) {
+  std::string text = "ply\nformat binary_little_endian 1.0\ncomment " + layout.frame +
+                     " frame, metres\nelement vertex " + std::to_string(layout.vertices) +
+                     "\nproperty float x\nproperty float y\nproperty float z\n";
+  if (layout.normals) text += "property float nx\nproperty float ny\nproperty float nz\n";
+  text += "property uchar red\nproperty uchar green\nproperty uchar blue\n";
+  if (layout.sigmas) text += "property float sigma\n";
+  if (layout.triangles)
+    text += "element face " + std::to_string(*layout.triangles) + "\nproperty list uchar int vertex_indices\n";
+  return text + "end_header\n";
 }
 
 }  // namespace fringeslam
