@@ -8,18 +8,18 @@
 
 namespace fringeslam::tools {
 
-Verb add_calibrate(CLI::App& app, const Common& common) {
-  CLI::App* group =
+Verb add_calibrate(Command app, const Common& common) {
+  const Command group =
       app.add_subcommand("calibrate", "Calibrate lenses and relative pose, projector response, or sensor mount");
-  group->require_subcommand(1);
-  auto verbs = std::make_shared<std::vector<std::pair<CLI::App*, Verb>>>();
+  group.require_subcommand(1);
+  auto verbs = std::make_shared<std::vector<std::pair<Command, Verb>>>();
   for (const auto add : {add_calibrate_rig, add_calibrate_response, add_calibrate_stage}) {
-    Verb verb = add(*group, common);
-    verbs->emplace_back(group->get_subcommands({}).back(), std::move(verb));
+    Verb verb = add(group, common);
+    verbs->emplace_back(group.subcommands().back(), std::move(verb));
   }
   return [verbs] {
     for (const auto& [subcommand, verb] : *verbs) {
-      if (subcommand->parsed()) return verb();
+      if (subcommand.parsed()) return verb();
     }
     return 2;
   };

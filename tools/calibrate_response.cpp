@@ -159,19 +159,19 @@ int calibrate(const Arguments& arguments, const Common& common) {
 
 }  // namespace
 
-Verb add_calibrate_response(CLI::App& group, const Common& common) {
+Verb add_calibrate_response(Command group, const Common& common) {
   auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb = group.add_subcommand("response", "Projector response, from a grey ramp or many-step fringes");
-  verb->add_option("dataset", arguments->dataset,
-                   "Dataset of one view with flat patterns, or with 8 or more steps of one period")
-      ->required();
-  verb->add_option("--out", arguments->out, "Folder for rig.yaml, response.json and response.png")->required();
-  verb->add_option(
+  const Command verb = group.add_subcommand("response", "Projector response, from a grey ramp or many-step fringes");
+  verb.add_option("dataset", arguments->dataset,
+                  "Dataset of one view with flat patterns, or with 8 or more steps of one period")
+      .required();
+  verb.add_option("--out", arguments->out, "Folder for rig.yaml, response.json and response.png").required();
+  verb.add_option(
           "--steps", arguments->steps,
           "Number of steps for the phase correction, a divisor of the fringes' steps (default: 3 if it divides)")
-      ->check(CLI::Range(3, 1000));
-  verb->add_option("--set", arguments->sets, "response.key=value (repeatable; listed below)");
-  verb->footer(groups_help(ResponseSettings()));
+      .check_range(3, 1000);
+  verb.add_option("--set", arguments->sets, "response.key=value (repeatable; listed below)");
+  verb.footer(groups_help(ResponseSettings()));
   return [arguments, &common] { return calibrate(*arguments, common); };
 }
 

@@ -168,15 +168,15 @@ int calibrate(const Arguments& arguments, const Common& common) {
 
 }  // namespace
 
-Verb add_calibrate_rig(CLI::App& group, const Common& common) {
+Verb add_calibrate_rig(Command group, const Common& common) {
   auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb =
+  const Command verb =
       group.add_subcommand("rig", "Camera and projector lenses and their relative pose, from views of a flat board");
-  verb->add_option("dataset", arguments->dataset, "Dataset of board views with patterns in both axes")->required();
-  verb->add_option("--board", arguments->board, "Board file (default: DATASET/board.yaml)");
-  verb->add_option("--out", arguments->out, "Folder for rig.yaml, calibration.json and coverage.png")->required();
-  verb->add_option("--set", arguments->sets, "calibration.key=value or decode.key=value (repeatable; listed below)");
-  verb->footer(groups_help(CalibrationSettings()));
+  verb.add_option("dataset", arguments->dataset, "Dataset of board views with patterns in both axes").required();
+  verb.add_option("--board", arguments->board, "Board file (default: DATASET/board.yaml)");
+  verb.add_option("--out", arguments->out, "Folder for rig.yaml, calibration.json and coverage.png").required();
+  verb.add_option("--set", arguments->sets, "calibration.key=value or decode.key=value (repeatable; listed below)");
+  verb.footer(groups_help(CalibrationSettings()));
   return [arguments, &common] { return calibrate(*arguments, common); };
 }
 

@@ -158,17 +158,17 @@ int calibrate(const Arguments& arguments, const Common& common) {
 
 }  // namespace
 
-Verb add_calibrate_stage(CLI::App& group, const Common& common) {
+Verb add_calibrate_stage(Command group, const Common& common) {
   auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb = group.add_subcommand(
+  const Command verb = group.add_subcommand(
       "stage", "Pose of the sensor on its stage or robot, from a board seen during commanded motions");
-  verb->add_option("dataset", arguments->dataset, "Dataset of a stationary board, one stack per pose")->required();
-  verb->add_option("--board", arguments->board, "Board file (default: DATASET/board.yaml)");
-  verb->add_option("--poses", arguments->poses,
-                   "Commanded poses world_from_robot, TUM format (default: DATASET/stage.tum)");
-  verb->add_option("--out", arguments->out, "Folder for rig.yaml and stage.json")->required();
-  verb->add_option("--set", arguments->sets, "decode.key=value or depth.key=value (repeatable; listed below)");
-  verb->footer(groups_help(StageSettings()));
+  verb.add_option("dataset", arguments->dataset, "Dataset of a stationary board, one stack per pose").required();
+  verb.add_option("--board", arguments->board, "Board file (default: DATASET/board.yaml)");
+  verb.add_option("--poses", arguments->poses,
+                  "Commanded poses world_from_robot, TUM format (default: DATASET/stage.tum)");
+  verb.add_option("--out", arguments->out, "Folder for rig.yaml and stage.json").required();
+  verb.add_option("--set", arguments->sets, "decode.key=value or depth.key=value (repeatable; listed below)");
+  verb.footer(groups_help(StageSettings()));
   return [arguments, &common] { return calibrate(*arguments, common); };
 }
 

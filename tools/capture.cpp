@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
 #include <vector>
@@ -150,21 +151,21 @@ int capture(const Arguments& arguments, const Common& common) {
 
 }  // namespace
 
-Verb add_capture(CLI::App& app, const Common& common) {
+Verb add_capture(Command app, const Common& common) {
   auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb = app.add_subcommand("capture", "Capture a dataset with a camera and a projector");
-  verb->add_option("--rig", arguments->rig, "Rig file with a hardware: section")->required();
-  verb->add_option("--out", arguments->out, "Dataset folder to write")->required();
-  verb->add_option("--count", arguments->count, "Number of stacks to capture")->check(CLI::Range(1, 1000000));
-  verb->add_option("--interval", arguments->interval_s, "Seconds between stacks")->check(CLI::Range(0.0, 86400.0));
-  verb->add_option("--before", arguments->before,
-                   "Command to run before each stack, for example to move the sensor; FRINGESLAM_STACK is the stack's "
-                   "number; 'read _' waits for Enter");
-  verb->add_option("--patterns", arguments->patterns, "patterns.yaml, or a folder written by `fringeslam patterns`");
-  add_live_option(*verb, arguments->live);
-  verb->add_option("--set", arguments->sets,
-                   "Setting of the live page's map: stage.key=value (repeatable; `fringeslam run --help` lists them)")
-      ->needs("--live");
+  const Command verb = app.add_subcommand("capture", "Capture a dataset with a camera and a projector");
+  verb.add_option("--rig", arguments->rig, "Rig file with a hardware: section").required();
+  verb.add_option("--out", arguments->out, "Dataset folder to write").required();
+  verb.add_option("--count", arguments->count, "Number of stacks to capture").check_range(1, 1000000);
+  verb.add_option("--interval", arguments->interval_s, "Seconds between stacks").check_range(0.0, 86400.0);
+  verb.add_option("--before", arguments->before,
+                  "Command to run before each stack, for example to move the sensor; FRINGESLAM_STACK is the stack's "
+                  "number; 'read _' waits for Enter");
+  verb.add_option("--patterns", arguments->patterns, "patterns.yaml, or a folder written by `fringeslam patterns`");
+  const Option page = add_live_option(verb, arguments->live);
+  verb.add_option("--set", arguments->sets,
+                  "Setting of the live page's map: stage.key=value (repeatable; `fringeslam run --help` lists them)")
+      .needs(page);
   return [arguments, &common] { return capture(*arguments, common); };
 }
 

@@ -4,6 +4,7 @@
 
 #include <cstdio>
 #include <memory>
+#include <nlohmann/json.hpp>
 
 #include "core/io/files.h"
 #include "tools/settings.h"
@@ -12,17 +13,17 @@
 
 namespace fringeslam::tools {
 
-Verb add_effects(CLI::App& app, const Common& common) {
+Verb add_effects(Command app, const Common& common) {
   struct Arguments {
     std::string scene, out;
     std::vector<std::string> sets;
   };
   auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb =
+  const Command verb =
       app.add_subcommand("effects", "Write an image that shows each simulated light effect of a scene separately");
-  verb->add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml")->required();
-  verb->add_option("--out", arguments->out, "PNG file to write")->required();
-  verb->add_option("--set", arguments->sets, "render.key=value; see `run --help`");
+  verb.add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml").required();
+  verb.add_option("--out", arguments->out, "PNG file to write").required();
+  verb.add_option("--set", arguments->sets, "render.key=value; see `run --help`");
   return [arguments, &common] {
     const Settings settings = parse_settings(arguments->sets);
     const sim::Scene scene = sim::load_scene(scene_file(arguments->scene));

@@ -46,15 +46,15 @@ int import_folder(const fs::path& source, const fs::path& config, const std::str
 
 }  // namespace
 
-Verb add_import(CLI::App& app, const Common& common) {
+Verb add_import(Command app, const Common& common) {
   struct Arguments {
     std::string folder, config, out;
   };
   auto a = std::make_shared<Arguments>();
-  CLI::App* verb = app.add_subcommand("import", "Convert the images of any structured-light rig to a dataset");
-  verb->add_option("folder", a->folder, "Folder with the images")->required();
-  verb->add_option("--config", a->config, "Description of the images (default: FOLDER/import.yaml)");
-  verb->add_option("--out", a->out, "Dataset folder to write")->required();
+  const Command verb = app.add_subcommand("import", "Convert the images of any structured-light rig to a dataset");
+  verb.add_option("folder", a->folder, "Folder with the images").required();
+  verb.add_option("--config", a->config, "Description of the images (default: FOLDER/import.yaml)");
+  verb.add_option("--out", a->out, "Dataset folder to write").required();
   return [a, &common] {
     const fs::path folder(a->folder);
     return import_folder(folder, a->config.empty() ? folder / kImportFile : fs::path(a->config), a->out, common);

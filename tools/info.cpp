@@ -81,10 +81,10 @@ Json describe_path(const fs::path& path) {
 
 }  // namespace
 
-Verb add_info(CLI::App& app, const Common& common) {
+Verb add_info(Command app, const Common& common) {
   auto path = std::make_shared<std::string>();
-  CLI::App* verb = app.add_subcommand("info", "Print the contents of a scene, dataset, run or rig file");
-  verb->add_option("path", *path, "Folder or file")->required();
+  const Command verb = app.add_subcommand("info", "Print the contents of a scene, dataset, run or rig file");
+  verb.add_option("path", *path, "Folder or file").required();
   return [path, &common] {
     const Json json = describe_path(*path);
     if (common.json) {

@@ -2,7 +2,7 @@
 // Writes landmarks as CSV and JSON (tools/README.md lists the columns and keys).
 #pragma once
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 
 #include "core/mapper/pipeline.h"

@@ -91,14 +91,14 @@ int landmarks(const Arguments& arguments, const Common& common) {
 
 }  // namespace
 
-Verb add_landmarks(CLI::App& app, const Common& common) {
+Verb add_landmarks(Command app, const Common& common) {
   auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb =
+  const Command verb =
       app.add_subcommand("landmarks", "Write images and tables of landmark extraction and re-identification");
-  verb->add_option("source", arguments->source, "Scene file, folder with scene.yaml, or dataset folder")->required();
-  verb->add_option("--out", arguments->out, "Folder to write")->required();
-  arguments->variant.add_to(*verb);
-  verb->add_option("--set", arguments->sets, "Setting: stage.key=value (repeatable; see `run --help`)");
+  verb.add_option("source", arguments->source, "Scene file, folder with scene.yaml, or dataset folder").required();
+  verb.add_option("--out", arguments->out, "Folder to write").required();
+  arguments->variant.add_to(verb);
+  verb.add_option("--set", arguments->sets, "Setting: stage.key=value (repeatable; see `run --help`)");
   return [arguments, &common] { return landmarks(*arguments, common); };
 }
 

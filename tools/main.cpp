@@ -14,12 +14,12 @@ using namespace fringeslam::tools;
 
 namespace {
 
-// Throws Error naming the unknown verb; CLI11 only reports that a subcommand is required.
-void refuse_unknown_verb(const CLI::App& app, int argc, char** argv) {
+// Throws Error naming the unknown verb; the parser only reports that a subcommand is required.
+void refuse_unknown_verb(Command root, int argc, char** argv) {
   if (argc < 2 || argv[1][0] == '-') return;
   const std::string word = argv[1];
   std::vector<std::string> verbs;
-  for (const CLI::App* verb : app.get_subcommands({})) verbs.push_back(verb->get_name());
+  for (const Command& verb : root.subcommands()) verbs.push_back(verb.get_name());
   if (std::find(verbs.begin(), verbs.end(), word) != verbs.end()) return;
   const std::string nearest = fringeslam::nearest_name(word, verbs);
   throw fringeslam::Error("unknown verb '" + word + "'" +
@@ -30,22 +30,22 @@ void refuse_unknown_verb(const CLI::App& app, int argc, char** argv) {
 
 int main(int argc, char** argv) {
   fringeslam::keep_freed_memory();
-  CLI::App app{"FringeSLAM: 3D visual SLAM with a structured-light sensor, scored against exact ground truth"};
-  app.name("fringeslam");
-  app.set_version_flag("--version", "fringeslam " FRINGESLAM_VERSION);
-  app.require_subcommand(1);
-  app.fallthrough();
+  CommandLine line("fringeslam",
+                   "FringeSLAM: 3D visual SLAM with a structured-light sensor, scored against exact ground truth",
+                   "fringeslam " FRINGESLAM_VERSION);
+  const Command root = line.root();
+  root.require_subcommand(1);
   Common common;
   int threads = 0;
-  app.add_flag("--json", common.json, "Print one JSON document and nothing else");
-  app.add_flag("--quiet", common.quiet, "Print no progress");
-  app.add_option("--threads", threads, "Number of threads (0: all processors); results do not depend on it")
-      ->check(CLI::Range(0, 1024));
+  root.add_flag("--json", common.json, "Print one JSON document and nothing else");
+  root.add_flag("--quiet", common.quiet, "Print no progress");
+  root.add_option("--threads", threads, "Number of threads (0: all processors); results do not depend on it")
+      .check_range(0, 1024);
 
-  std::vector<std::pair<CLI::App*, Verb>> verbs;
-  std::vector<Verb (*)(CLI::App&, const Common&)> adders = {add_run,    add_render,    add_effects,   add_scene,
-                                                            add_score,  add_info,      add_landmarks, add_patterns,
-                                                            add_import, add_calibrate, add_study};
+  std::vector<std::pair<Command, Verb>> verbs;
+  std::vector<Verb (*)(Command, const Common&)> adders = {add_run,    add_render,    add_effects,   add_scene,
+                                                          add_score,  add_info,      add_landmarks, add_patterns,
+                                                          add_import, add_calibrate, add_study};
 #if FRINGESLAM_REPORT
   adders.push_back(add_report);
 #endif
@@ -53,24 +53,15 @@ int main(int argc, char** argv) {
   adders.insert(adders.end(), {add_capture, add_rig});
 #endif
   for (const auto add : adders) {
-    Verb verb = add(app, common);
-    verbs.emplace_back(app.get_subcommands({}).back(), std::move(verb));
+    Verb verb = add(root, common);
+    verbs.emplace_back(root.subcommands().back(), std::move(verb));
   }
   try {
-    refuse_unknown_verb(app, argc, argv);
-    app.parse(argc, argv);
-  } catch (const fringeslam::Error& e) {
-    std::fprintf(stderr, "fringeslam: %s\n", e.what());
-    return 2;
-  } catch (const CLI::ParseError& e) {
-    if (e.get_exit_code() == 0) return app.exit(e);  // --help, --version
-    std::fprintf(stderr, "fringeslam: %s; see fringeslam --help\n", e.what());
-    return 2;
-  }
-  cv::setNumThreads(threads > 0 ? threads : -1);
-  try {
+    refuse_unknown_verb(root, argc, argv);
+    if (const std::optional<int> exit_code = line.parse(argc, argv)) return *exit_code;
+    cv::setNumThreads(threads > 0 ? threads : -1);
     for (const auto& [subcommand, verb] : verbs) {
-      if (subcommand->parsed()) return verb();
+      if (subcommand.parsed()) return verb();
     }
   } catch (const std::exception& e) {
     std::fprintf(stderr, "fringeslam: %s\n", e.what());

@@ -145,36 +145,35 @@ int write_patterns(const Arguments& arguments, const Common& common) {
 
 }  // namespace
 
-Verb add_patterns(CLI::App& app, const Common& common) {
+Verb add_patterns(Command app, const Common& common) {
   auto a = std::make_shared<Arguments>();
-  CLI::App* verb = app.add_subcommand("patterns", "Write the pattern images for a projector and their description");
-  verb->add_option("--out", a->out, "Folder to write")->required();
-  CLI::Option* rig = verb->add_option("--rig", a->rig, "Rig file with the projector's size and response");
-  CLI::Option* size = verb->add_option("--size", a->size, "Projector size, WIDTHxHEIGHT")->excludes(rig);
-  CLI::Option* scene =
-      verb->add_option("--scene", a->scene, "Scene whose patterns are written")->excludes(rig)->excludes(size);
-  std::vector<CLI::Option*> design;
-  const auto note = [&](CLI::Option* option) {
+  const Command verb = app.add_subcommand("patterns", "Write the pattern images for a projector and their description");
+  verb.add_option("--out", a->out, "Folder to write").required();
+  const Option rig = verb.add_option("--rig", a->rig, "Rig file with the projector's size and response");
+  const Option size = verb.add_option("--size", a->size, "Projector size, WIDTHxHEIGHT").excludes(rig);
+  const Option scene =
+      verb.add_option("--scene", a->scene, "Scene whose patterns are written").excludes(rig).excludes(size);
+  std::vector<Option> design;
+  const auto note = [&](Option option) {
     design.push_back(option);
     return option;
   };
-  note(
-      verb->add_flag("--linearise", a->linearise, "Apply the inverse of the rig's projector response to the patterns"));
-  note(verb->add_option("--periods", a->periods_px, "Fringe periods, px")->delimiter(',')->check(CLI::Range(2.0, 1e5)));
-  note(verb->add_option("--steps", a->steps, "Phase shifts per period")->check(CLI::Range(3, 64)));
-  note(verb->add_option("--axis", a->axis, "Coded coordinate")->check(CLI::IsMember({"columns", "rows", "both"})));
-  note(verb->add_option("--gray", a->gray, "Gray code of the finest fringe's period number")
-           ->check(CLI::IsMember({"none", "plain", "complementary"})));
-  note(verb->add_flag("--gray-inverted", a->gray_inverted, "Also write each Gray code image inverted"));
-  note(verb->add_flag("--white-black", a->white_black, "Add a white and a black image"));
-  note(verb->add_option("--ramp-levels", a->ramp_levels, "Add a grey ramp with this number of flat images")
-           ->check(CLI::Range(0, 65536)));
-  note(verb->add_option("--bits", a->bits, "Bit depth of the projector's grey levels")->check(CLI::Range(1, 16)));
-  note(verb->add_flag("--dither", a->dithered, "Dither by error diffusion between grey levels"));
-  for (CLI::Option* option : design) option->excludes(scene);
-  verb->add_option("--pack", a->pack,
-                   "Pack three patterns into one colour image, in this order of its channels, such as RGB")
-      ->check(CLI::IsMember({"RGB", "RBG", "GRB", "GBR", "BRG", "BGR"}));
+  note(verb.add_flag("--linearise", a->linearise, "Apply the inverse of the rig's projector response to the patterns"));
+  note(verb.add_option("--periods", a->periods_px, "Fringe periods, px").delimiter(',').check_range(2.0, 1e5));
+  note(verb.add_option("--steps", a->steps, "Phase shifts per period").check_range(3, 64));
+  note(verb.add_option("--axis", a->axis, "Coded coordinate").check_one_of({"columns", "rows", "both"}));
+  note(verb.add_option("--gray", a->gray, "Gray code of the finest fringe's period number")
+           .check_one_of({"none", "plain", "complementary"}));
+  note(verb.add_flag("--gray-inverted", a->gray_inverted, "Also write each Gray code image inverted"));
+  note(verb.add_flag("--white-black", a->white_black, "Add a white and a black image"));
+  note(verb.add_option("--ramp-levels", a->ramp_levels, "Add a grey ramp with this number of flat images")
+           .check_range(0, 65536));
+  note(verb.add_option("--bits", a->bits, "Bit depth of the projector's grey levels").check_range(1, 16));
+  note(verb.add_flag("--dither", a->dithered, "Dither by error diffusion between grey levels"));
+  for (const Option& option : design) option.excludes(scene);
+  verb.add_option("--pack", a->pack,
+                  "Pack three patterns into one colour image, in this order of its channels, such as RGB")
+      .check_one_of({"RGB", "RBG", "GRB", "GBR", "BRG", "BGR"});
   return [a, &common] { return write_patterns(*a, common); };
 }
 

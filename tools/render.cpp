@@ -14,7 +14,7 @@
 
 namespace fringeslam::tools {
 
-Verb add_render(CLI::App& app, const Common& common) {
+Verb add_render(Command app, const Common& common) {
   struct Arguments {
     std::string scene, out;
     std::vector<std::string> sets;
@@ -23,23 +23,24 @@ Verb add_render(CLI::App& app, const Common& common) {
     TumRgbdOptions rgbd;
   };
   auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb = app.add_subcommand("render", "Render a scene's fringe images and their ground truth to a dataset");
-  verb->add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml")->required();
-  verb->add_option("--out", arguments->out, "Dataset folder to write")->required();
-  arguments->variant.add_to(*verb);
-  verb->add_option("--set", arguments->sets, "Setting: stage.key=value (repeatable; see `run --help`)");
-  CLI::Option* format =
-      verb->add_option("--format", arguments->format,
-                       "fringes: a dataset for `run`; tum-rgbd: texture and depth in the TUM RGB-D folder layout")
-          ->check(CLI::IsMember({"fringes", "tum-rgbd"}));
-  const std::vector<CLI::Option*> of_rgbd = {
-      verb->add_option("--depth", arguments->rgbd.depth,
-                       "tum-rgbd: depth measured from the fringes (default), or the true depth")
-          ->check(CLI::IsMember({"measured", "truth"})),
-      verb->add_option("--depth-scale", arguments->rgbd.units_per_m, "tum-rgbd: depth image units per metre (5000)")
-          ->check(CLI::Range(1.0, 1e6)),
-      verb->add_flag("--distorted", arguments->rgbd.distorted, "tum-rgbd: keep the camera's lens distortion")};
-  for (CLI::Option* option : of_rgbd) option->needs(format);
+  const Command verb =
+      app.add_subcommand("render", "Render a scene's fringe images and their ground truth to a dataset");
+  verb.add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml").required();
+  verb.add_option("--out", arguments->out, "Dataset folder to write").required();
+  arguments->variant.add_to(verb);
+  verb.add_option("--set", arguments->sets, "Setting: stage.key=value (repeatable; see `run --help`)");
+  const Option format =
+      verb.add_option("--format", arguments->format,
+                      "fringes: a dataset for `run`; tum-rgbd: texture and depth in the TUM RGB-D folder layout")
+          .check_one_of({"fringes", "tum-rgbd"});
+  const std::vector<Option> of_rgbd = {
+      verb.add_option("--depth", arguments->rgbd.depth,
+                      "tum-rgbd: depth measured from the fringes (default), or the true depth")
+          .check_one_of({"measured", "truth"}),
+      verb.add_option("--depth-scale", arguments->rgbd.units_per_m, "tum-rgbd: depth image units per metre (5000)")
+          .check_range(1.0, 1e6),
+      verb.add_flag("--distorted", arguments->rgbd.distorted, "tum-rgbd: keep the camera's lens distortion")};
+  for (const Option& option : of_rgbd) option.needs(format);
   return [arguments, of_rgbd, &common] {
     const Settings settings = parse_settings(arguments->sets);
     const auto source = open_source(arguments->scene, arguments->variant, settings, false);
@@ -48,9 +49,8 @@ Verb add_render(CLI::App& app, const Common& common) {
       say(common, {{"dataset", arguments->out}, {"stacks", images}}, "dataset: " + arguments->out);
       return 0;
     }
-    for (const CLI::Option* option : of_rgbd) {
-      if (option->count() > 0)
-        throw Error("render: " + option->get_name() + " has no effect without --format tum-rgbd");
+    for (const Option& option : of_rgbd) {
+      if (option.count() > 0) throw Error("render: " + option.get_name() + " has no effect without --format tum-rgbd");
     }
     StagedFolder folder(arguments->out, "dataset");
     const auto rig = source->open(folder.path());

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // fringeslam report RUN
 #include <memory>
+#include <nlohmann/json.hpp>
 
 #include "core/types/error.h"
 #include "tools/report/html_report.h"
@@ -10,15 +11,15 @@ namespace fringeslam::tools {
 
 namespace fs = std::filesystem;
 
-Verb add_report(CLI::App& app, const Common& common) {
+Verb add_report(Command app, const Common& common) {
   struct Arguments {
     std::string run, out;
   };
   auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb =
+  const Command verb =
       app.add_subcommand("report", "Write the report of a run as a single HTML file that also works offline");
-  verb->add_option("run", arguments->run, "Run folder")->required();
-  verb->add_option("--out", arguments->out, "File to write (default: RUN/report.html)");
+  verb.add_option("run", arguments->run, "Run folder").required();
+  verb.add_option("--out", arguments->out, "File to write (default: RUN/report.html)");
   return [arguments, &common] {
     const fs::path run = arguments->run;
     if (!fs::is_directory(run)) throw Error(run.string() + ": is not a run folder");

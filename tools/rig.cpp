@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdio>
 #include <memory>
+#include <nlohmann/json.hpp>
 
 #include "core/rig/rig_file.h"
 #include "core/types/error.h"
@@ -146,20 +147,20 @@ int latency(const std::string& rig_file, const Common& common) {
 
 }  // namespace
 
-Verb add_rig(CLI::App& app, const Common& common) {
-  CLI::App* group = app.add_subcommand("rig", "Detect and test the camera and the projector");
-  group->require_subcommand(1);
-  CLI::App* list_verb = group->add_subcommand("list", "List cameras, displays and projector controllers");
-  CLI::App* check_verb = group->add_subcommand("check", "Check that the rig's camera and projector work together");
-  CLI::App* latency_verb = group->add_subcommand("latency", "Measure the delay from showing a pattern to seeing it");
-  const Verb focus = add_rig_focus(*group, common);
+Verb add_rig(Command app, const Common& common) {
+  const Command group = app.add_subcommand("rig", "Detect and test the camera and the projector");
+  group.require_subcommand(1);
+  const Command list_verb = group.add_subcommand("list", "List cameras, displays and projector controllers");
+  const Command check_verb = group.add_subcommand("check", "Check that the rig's camera and projector work together");
+  const Command latency_verb = group.add_subcommand("latency", "Measure the delay from showing a pattern to seeing it");
+  const Verb focus = add_rig_focus(group, common);
   auto file = std::make_shared<std::string>();
-  for (CLI::App* verb : {check_verb, latency_verb})
-    verb->add_option("--rig", *file, "Rig file with a hardware: section")->required();
+  for (const Command& verb : {check_verb, latency_verb})
+    verb.add_option("--rig", *file, "Rig file with a hardware: section").required();
   return [=, &common] {
-    if (list_verb->parsed()) return list(common);
-    if (group->got_subcommand("focus")) return focus();
-    return check_verb->parsed() ? check(*file, common) : latency(*file, common);
+    if (list_verb.parsed()) return list(common);
+    if (check_verb.parsed()) return check(*file, common);
+    return latency_verb.parsed() ? latency(*file, common) : focus();
   };
 }
 

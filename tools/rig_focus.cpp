@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <optional>
 
 #include "core/rig/rig_file.h"
@@ -96,14 +97,14 @@ int focus(const Arguments& arguments, const Common& common) {
 
 }  // namespace
 
-Verb add_rig_focus(CLI::App& group, const Common& common) {
+Verb add_rig_focus(Command group, const Common& common) {
   auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb =
+  const Command verb =
       group.add_subcommand("focus", "Print fringe contrast and texture sharpness while the lenses are adjusted");
-  verb->add_option("--rig", arguments->rig, "Rig file with a hardware: section")->required();
-  verb->add_option("--count", arguments->count, "Number of readings; 0: until Ctrl-C")->check(CLI::Range(0, 1000000));
-  verb->add_option("--period", arguments->period_px, "Fringe period, projector px")->check(CLI::Range(4.0, 512.0));
-  add_live_option(*verb, arguments->live);
+  verb.add_option("--rig", arguments->rig, "Rig file with a hardware: section").required();
+  verb.add_option("--count", arguments->count, "Number of readings; 0: until Ctrl-C").check_range(0, 1000000);
+  verb.add_option("--period", arguments->period_px, "Fringe period, projector px").check_range(4.0, 512.0);
+  add_live_option(verb, arguments->live);
   return [arguments, &common] { return focus(*arguments, common); };
 }
 

@@ -4,6 +4,7 @@
 #include <cctype>
 #include <cstdio>
 #include <memory>
+#include <nlohmann/json.hpp>
 
 #include "core/io/files.h"
 #include "core/io/yaml.h"
@@ -173,30 +174,28 @@ int run(const Arguments& arguments, const Common& common) {
 
 }  // namespace
 
-Verb add_run(CLI::App& app, const Common& common) {
+Verb add_run(Command app, const Common& common) {
   auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb =
+  const Command verb =
       app.add_subcommand("run", "Map a scene or a recorded dataset, and score the map if ground truth is available");
-  verb->add_option("source", arguments->source, "Scene file, folder with scene.yaml, or dataset folder")->required();
-  verb->add_option("--out", arguments->out, "Run folder to write (default: runs/NAME-SEED)");
-  arguments->variant.add_to(*verb);
-  verb->add_flag("--mesh", arguments->mesh, "Also write each view's surface mesh as frames/NNNNNN/mesh.ply");
-  verb->add_option("--map", arguments->map, "Continue in a map saved by an earlier run")->check(CLI::ExistingFile);
-  verb->add_flag("--save-map", arguments->save_map, "Also write saved.map, in which a later run can continue");
-  verb->add_flag("--animation", arguments->animation, "Also write animation.gif: the growing map, fringes and depth");
-  verb->add_flag("--no-report", arguments->no_report, "Do not write report.html");
-  verb->add_flag(
-      "--real-time", arguments->real_time,
-      "Process views at their timestamps, as from a camera; if mapping falls behind, the oldest are dropped");
-  add_live_option(*verb, arguments->live);
-  CLI::Option* page = verb->get_option("--live");
-  verb->add_option("--live-rate", arguments->live_rate_hz, "Maximum number of views per second; 0: no limit")
-      ->type_name("HZ")
-      ->check(CLI::Range(0.0, 1000.0))
-      ->needs(page);
-  verb->add_flag("--live-wait", arguments->live_wait, "Keep serving the page after the run, until Ctrl-C")->needs(page);
-  verb->add_option("--set", arguments->sets, "Setting: stage.key=value (repeatable; listed below)");
-  verb->footer(settings_help());
+  verb.add_option("source", arguments->source, "Scene file, folder with scene.yaml, or dataset folder").required();
+  verb.add_option("--out", arguments->out, "Run folder to write (default: runs/NAME-SEED)");
+  arguments->variant.add_to(verb);
+  verb.add_flag("--mesh", arguments->mesh, "Also write each view's surface mesh as frames/NNNNNN/mesh.ply");
+  verb.add_option("--map", arguments->map, "Continue in a map saved by an earlier run").check_existing_file();
+  verb.add_flag("--save-map", arguments->save_map, "Also write saved.map, in which a later run can continue");
+  verb.add_flag("--animation", arguments->animation, "Also write animation.gif: the growing map, fringes and depth");
+  verb.add_flag("--no-report", arguments->no_report, "Do not write report.html");
+  verb.add_flag("--real-time", arguments->real_time,
+                "Process views at their timestamps, as from a camera; if mapping falls behind, the oldest are dropped");
+  const Option page = add_live_option(verb, arguments->live);
+  verb.add_option("--live-rate", arguments->live_rate_hz, "Maximum number of views per second; 0: no limit")
+      .type_name("HZ")
+      .check_range(0.0, 1000.0)
+      .needs(page);
+  verb.add_flag("--live-wait", arguments->live_wait, "Keep serving the page after the run, until Ctrl-C").needs(page);
+  verb.add_option("--set", arguments->sets, "Setting: stage.key=value (repeatable; listed below)");
+  verb.footer(settings_help());
   return [arguments, &common] { return run(*arguments, common); };
 }
 

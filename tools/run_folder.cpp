@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdio>
 #include <limits>
+#include <nlohmann/json.hpp>
 #include <numbers>
 #include <opencv2/imgproc.hpp>
 #include <sstream>

@@ -68,38 +68,38 @@ int check(const fs::path& path, std::optional<uint64_t> seed, const Common& comm
   return 0;
 }
 
-Verb add_list(CLI::App& group, const Common& common) {
+Verb add_list(Command group, const Common& common) {
   auto folder = std::make_shared<std::string>("scenes");
-  CLI::App* verb = group.add_subcommand("list", "List the scenes of a folder");
-  verb->add_option("--in", *folder, "Folder of scenes")->capture_default_str();
+  const Command verb = group.add_subcommand("list", "List the scenes of a folder");
+  verb.add_option("--in", *folder, "Folder of scenes").capture_default_str();
   return [folder, &common] { return list(*folder, common); };
 }
 
-Verb add_check(CLI::App& group, const Common& common) {
+Verb add_check(Command group, const Common& common) {
   struct Arguments {
     std::string scene;
     std::optional<uint64_t> seed;
   };
   auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb = group.add_subcommand("check", "Print all errors in a scene file, or what each view sees");
-  verb->add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml")->required();
-  verb->add_option("--seed", arguments->seed, "Seed; overrides the scene's")->check(CLI::NonNegativeNumber);
+  const Command verb = group.add_subcommand("check", "Print all errors in a scene file, or what each view sees");
+  verb.add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml").required();
+  verb.add_option("--seed", arguments->seed, "Seed; overrides the scene's").check_non_negative();
   return [arguments, &common] { return check(arguments->scene, arguments->seed, common); };
 }
 
 }  // namespace
 
-Verb add_scene(CLI::App& app, const Common& common) {
-  CLI::App* group = app.add_subcommand("scene", "Create and inspect test scenes");
-  group->require_subcommand(1);
-  std::vector<std::pair<CLI::App*, Verb>> verbs;
+Verb add_scene(Command app, const Common& common) {
+  const Command group = app.add_subcommand("scene", "Create and inspect test scenes");
+  group.require_subcommand(1);
+  std::vector<std::pair<Command, Verb>> verbs;
   for (const auto add : {add_list, add_scene_new, add_check, add_scene_preview, add_scene_export, add_scene_generate}) {
-    Verb verb = add(*group, common);
-    verbs.emplace_back(group->get_subcommands({}).back(), std::move(verb));
+    Verb verb = add(group, common);
+    verbs.emplace_back(group.subcommands().back(), std::move(verb));
   }
   return [verbs] {
     for (const auto& [verb, run] : verbs) {
-      if (verb->parsed()) return run();
+      if (verb.parsed()) return run();
     }
     return 0;
   };

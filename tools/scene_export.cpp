@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // fringeslam scene export SCENE --format FORMAT --out FILE
 #include <memory>
+#include <nlohmann/json.hpp>
 
 #include "core/types/error.h"
 #include "sim/scene/mesh_export.h"
@@ -37,14 +38,17 @@ int export_scene(const Arguments& arguments, const Common& common) {
 
 }  // namespace
 
-Verb add_scene_export(CLI::App& group, const Common& common) {
+Verb add_scene_export(Command group, const Common& common) {
   auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb = group.add_subcommand("export", "Export the objects as a mesh file, for Blender, MeshLab and others");
-  verb->add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml")->required();
-  verb->add_option("--out", arguments->out, "File to write: .glb, .gltf, .ply or .obj")->required();
-  verb->add_option("--format", arguments->format, "gltf, ply or obj (default: by the file name's extension)")
-      ->check(CLI::IsMember(kFormats));
-  verb->add_option("--seed", arguments->seed, "Seed; overrides the scene's")->check(CLI::NonNegativeNumber);
+  std::vector<std::string> formats;
+  for (const auto& [name, format] : kFormats) formats.push_back(name);
+  const Command verb =
+      group.add_subcommand("export", "Export the objects as a mesh file, for Blender, MeshLab and others");
+  verb.add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml").required();
+  verb.add_option("--out", arguments->out, "File to write: .glb, .gltf, .ply or .obj").required();
+  verb.add_option("--format", arguments->format, "gltf, ply or obj (default: by the file name's extension)")
+      .check_one_of(formats);
+  verb.add_option("--seed", arguments->seed, "Seed; overrides the scene's").check_non_negative();
   return [arguments, &common] { return export_scene(*arguments, common); };
 }
 

@@ -5,6 +5,7 @@
 #include <fstream>
 #include <iterator>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <regex>
 
 #include "core/io/files.h"
@@ -115,23 +116,23 @@ int generate(const GenerateArguments& arguments, const Common& common) {
 
 }  // namespace
 
-Verb add_scene_new(CLI::App& group, const Common& common) {
+Verb add_scene_new(Command group, const Common& common) {
   auto arguments = std::make_shared<NewArguments>();
-  CLI::App* verb = group.add_subcommand("new", "Create a new scene from an existing one");
-  verb->add_option("name", arguments->name, "Name in the folder of scenes, or a path")->required();
-  verb->add_option("--from", arguments->from, "Scene to copy")->required();
-  verb->add_option("--in", arguments->in, "Folder of scenes")->capture_default_str();
+  const Command verb = group.add_subcommand("new", "Create a new scene from an existing one");
+  verb.add_option("name", arguments->name, "Name in the folder of scenes, or a path").required();
+  verb.add_option("--from", arguments->from, "Scene to copy").required();
+  verb.add_option("--in", arguments->in, "Folder of scenes").capture_default_str();
   return [arguments, &common] { return new_scene(*arguments, common); };
 }
 
-Verb add_scene_generate(CLI::App& group, const Common& common) {
+Verb add_scene_generate(Command group, const Common& common) {
   auto arguments = std::make_shared<GenerateArguments>();
-  CLI::App* verb =
+  const Command verb =
       group.add_subcommand("generate", "Generate scenes from one by drawing its distributions with consecutive seeds");
-  verb->add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml")->required();
-  verb->add_option("--count", arguments->count, "Number of scenes")->required()->check(CLI::Range(1, 1000000));
-  verb->add_option("--out", arguments->out, "Folder to write")->required();
-  verb->add_option("--seed", arguments->seed, "Seed of the first scene")->capture_default_str();
+  verb.add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml").required();
+  verb.add_option("--count", arguments->count, "Number of scenes").required().check_range(1, 1000000);
+  verb.add_option("--out", arguments->out, "Folder to write").required();
+  verb.add_option("--seed", arguments->seed, "Seed of the first scene").capture_default_str();
   return [arguments, &common] { return generate(*arguments, common); };
 }
 

@@ -2,6 +2,7 @@
 // fringeslam scene preview SCENE --out IMAGE
 #include <charconv>
 #include <memory>
+#include <nlohmann/json.hpp>
 
 #include "core/io/files.h"
 #include "core/types/error.h"
@@ -45,14 +46,14 @@ int preview(const Arguments& arguments, const Common& common) {
 
 }  // namespace
 
-Verb add_scene_preview(CLI::App& group, const Common& common) {
+Verb add_scene_preview(Command group, const Common& common) {
   auto arguments = std::make_shared<Arguments>();
-  CLI::App* verb =
+  const Command verb =
       group.add_subcommand("preview", "Write an image of the scene from outside and of what the first view sees");
-  verb->add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml")->required();
-  verb->add_option("--out", arguments->out, "PNG file to write")->required();
-  verb->add_option("--size", arguments->size, "Image size: WxH, or its width")->capture_default_str();
-  arguments->variant.add_to(*verb);
+  verb.add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml").required();
+  verb.add_option("--out", arguments->out, "PNG file to write").required();
+  verb.add_option("--size", arguments->size, "Image size: WxH, or its width").capture_default_str();
+  arguments->variant.add_to(verb);
   return [arguments, &common] { return preview(*arguments, common); };
 }
 

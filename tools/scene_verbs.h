@@ -7,9 +7,9 @@
 
 namespace fringeslam::tools {
 
-Verb add_scene_export(CLI::App& group, const Common& common);
-Verb add_scene_generate(CLI::App& group, const Common& common);
-Verb add_scene_new(CLI::App& group, const Common& common);
-Verb add_scene_preview(CLI::App& group, const Common& common);
+Verb add_scene_export(Command group, const Common& common);
+Verb add_scene_generate(Command group, const Common& common);
+Verb add_scene_new(Command group, const Common& common);
+Verb add_scene_preview(Command group, const Common& common);
 
 }  // namespace fringeslam::tools

@@ -2,6 +2,7 @@
 // fringeslam score RUN | TRAJECTORY --truth TRUTH | MAP.ply --truth TRUTH
 #include <cstdio>
 #include <memory>
+#include <nlohmann/json.hpp>
 
 #include "core/score/trajectory_file.h"
 #include "core/types/error.h"
@@ -100,50 +101,51 @@ void score_map_file(const Arguments& arguments, const Common& common) {
 
 }  // namespace
 
-Verb add_score(CLI::App& app, const Common& common) {
+Verb add_score(Command app, const Common& common) {
   auto arguments = std::make_shared<Arguments>();
   TrajectoryOptions& options = arguments->options;
-  CLI::App* verb = app.add_subcommand("score", "Score a run, or any system's trajectory or map, against ground truth");
-  verb->add_option("estimate", arguments->estimate, "Run folder, trajectory (TUM or EuRoC), or map (PLY)")->required();
-  verb->add_option(
+  const Command verb =
+      app.add_subcommand("score", "Score a run, or any system's trajectory or map, against ground truth");
+  verb.add_option("estimate", arguments->estimate, "Run folder, trajectory (TUM or EuRoC), or map (PLY)").required();
+  verb.add_option(
       "--truth", arguments->truth,
       "Ground truth. For a trajectory: the true trajectory or a rendered folder; for a map: scene, dataset, run "
       "or TUM RGB-D folder; not for a run folder, which contains its own");
-  CLI::Option* align =
-      verb->add_option("--align", options.align,
-                       "Alignment: none, origin (first pose), se3 or sim3 (all positions, sim3 with scale); evo's "
-                       "--align_origin, --align, --align --correct_scale")
-          ->check(CLI::IsMember({"none", "origin", "se3", "sim3"}))
-          ->capture_default_str();
-  const std::vector<CLI::Option*> of_trajectory = {
-      verb->add_option("--relation", options.relation, "Part of the pose compared by the APE")
-          ->check(CLI::IsMember({"translation", "rotation_deg", "full"}))
-          ->capture_default_str(),
-      verb->add_option("--delta", options.delta, "Number of frames between the poses of the RPE")
-          ->check(CLI::Range(1, 1000000000))
-          ->capture_default_str(),
-      verb->add_flag("--all-pairs", options.all_pairs, "RPE from every frame instead of every delta-th frame")};
-  verb->add_option("--max-gap", options.max_gap_s, "Largest timestamp difference between associated poses, s")
-      ->check(CLI::Range(0.0, 1e9))
-      ->capture_default_str();
-  const std::vector<CLI::Option*> of_map = {
-      verb->add_option("--threshold", arguments->threshold_m, "Map: largest distance that counts as correct, m")
-          ->check(CLI::Range(1e-9, 1e9))
-          ->capture_default_str(),
-      verb->add_option("--trajectory", arguments->trajectory,
-                       "Map: the system's trajectory; --align aligns it, and the map with it, to the true trajectory"),
-      verb->add_option("--seed", arguments->seed, "Map: seed of the true scene; overrides the scene's")
-          ->check(CLI::NonNegativeNumber)};
+  const Option align =
+      verb.add_option("--align", options.align,
+                      "Alignment: none, origin (first pose), se3 or sim3 (all positions, sim3 with scale); evo's "
+                      "--align_origin, --align, --align --correct_scale")
+          .check_one_of({"none", "origin", "se3", "sim3"})
+          .capture_default_str();
+  const std::vector<Option> of_trajectory = {
+      verb.add_option("--relation", options.relation, "Part of the pose compared by the APE")
+          .check_one_of({"translation", "rotation_deg", "full"})
+          .capture_default_str(),
+      verb.add_option("--delta", options.delta, "Number of frames between the poses of the RPE")
+          .check_range(1, 1000000000)
+          .capture_default_str(),
+      verb.add_flag("--all-pairs", options.all_pairs, "RPE from every frame instead of every delta-th frame")};
+  verb.add_option("--max-gap", options.max_gap_s, "Largest timestamp difference between associated poses, s")
+      .check_range(0.0, 1e9)
+      .capture_default_str();
+  const std::vector<Option> of_map = {
+      verb.add_option("--threshold", arguments->threshold_m, "Map: largest distance that counts as correct, m")
+          .check_range(1e-9, 1e9)
+          .capture_default_str(),
+      verb.add_option("--trajectory", arguments->trajectory,
+                      "Map: the system's trajectory; --align aligns it, and the map with it, to the true trajectory"),
+      verb.add_option("--seed", arguments->seed, "Map: seed of the true scene; overrides the scene's")
+          .check_non_negative()};
   return [arguments, align, of_trajectory, of_map, &common] {
     const bool is_run = fs::is_directory(arguments->estimate), is_map = !is_run && is_ply(arguments->estimate);
-    for (const CLI::Option* option : is_map ? of_trajectory : of_map) {
-      if (option->count() > 0)
-        throw Error("score: " + option->get_name() + " has no effect on a " + (is_map ? "map" : "trajectory"));
+    for (const Option& option : is_map ? of_trajectory : of_map) {
+      if (option.count() > 0)
+        throw Error("score: " + option.get_name() + " has no effect on a " + (is_map ? "map" : "trajectory"));
     }
     if (!is_run && arguments->truth.empty())
       throw Error(std::string("score: a ") + (is_map ? "map needs its true surface: add --truth SCENE"
                                                      : "trajectory needs a true trajectory: add --truth FILE"));
-    if (is_map && align->count() > 0 && arguments->options.align != "none" && arguments->trajectory.empty())
+    if (is_map && align.count() > 0 && arguments->options.align != "none" && arguments->trajectory.empty())
       throw Error("score: a map is aligned by its system's trajectory: add --trajectory FILE");
     if (is_run)
       score_run_folder(*arguments, common);

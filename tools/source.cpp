@@ -106,8 +106,8 @@ fs::path scene_file(const fs::path& path) {
   return fs::is_directory(path, ignored) ? path / kSceneFile : path;
 }
 
-void SceneVariant::add_to(CLI::App& verb) {
-  verb.add_option("--seed", seed, "Seed; overrides the scene's")->check(CLI::NonNegativeNumber);
+void SceneVariant::add_to(Command verb) {
+  verb.add_option("--seed", seed, "Seed; overrides the scene's").check_non_negative();
   verb.add_option("--with", with,
                   "Override a value of the scene: light.ambient_lux=2000, objects.2.count=30, "
                   "rig.camera.sensor.dark_noise_electrons=50 (repeatable)");

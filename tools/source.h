@@ -3,7 +3,6 @@
 // folder, so that a run of a rendered dataset equals a run of its scene byte for byte.
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -11,6 +10,7 @@
 #include <vector>
 
 #include "core/rig/rig.h"
+#include "tools/command_line.h"
 #include "tools/settings.h"
 
 namespace fringeslam::tools {
@@ -48,7 +48,7 @@ struct SceneVariant {
   std::vector<std::string> with;  // such as light.ambient_lux=2000
 
   // Adds --seed and --with to the verb.
-  void add_to(CLI::App& verb);
+  void add_to(Command verb);
   // Throws Error if one of `with` is not an assignment.
   sim::SceneReading reading() const;
 };

@@ -208,50 +208,46 @@ int check(const Study& study, const Common& common) {
 
 }  // namespace
 
-Verb add_study(CLI::App& app, const Common& common) {
-  CLI::App* group = app.add_subcommand("study", "Monte Carlo studies: under which conditions does mapping fail?");
-  group->require_subcommand(1);
+Verb add_study(Command app, const Common& common) {
+  const Command group = app.add_subcommand("study", "Monte Carlo studies: under which conditions does mapping fail?");
+  group.require_subcommand(1);
   auto a = std::make_shared<Arguments>();
   const auto verb = [&](const char* name, const char* help) {
-    CLI::App* added = group->add_subcommand(name, help);
-    added->add_option("study", a->study, "Study file")->required()->check(CLI::ExistingFile);
+    const Command added = group.add_subcommand(name, help);
+    added.add_option("study", a->study, "Study file").required().check_existing_file();
     return added;
   };
-  CLI::App* check_verb = verb("check", "Check a study file for errors");
-  CLI::App* run_verb = verb("run", "Run the trials, or those that are missing");
-  CLI::App* submit_verb = verb("submit", "Run the trials on a cluster, as a job array");
-  CLI::App* merge_verb = verb("merge", "Merge the shards to one table: JSON Lines, CSV, SQLite");
-  CLI::App* report_verb = verb("report", "Summarize the results: text, summary.json, report.html");
-  CLI::App* replay_verb = verb("replay", "Run one trial again, and print the command that keeps its output");
-  CLI::App* worker_verb = verb("worker", "")->group("");
-  for (CLI::App* with_folder : {run_verb, submit_verb, merge_verb, report_verb})
-    with_folder->add_option("--out", a->out, "Results folder")->required();
-  for (CLI::App* with_page : {run_verb, report_verb}) {
-    with_page->add_option("--jobs", a->jobs, "Trials in parallel (default: one per processor)")
-        ->check(CLI::Range(1, 4096));
-    with_page
-        ->add_option("--worst", a->worst, "Number of worst trials to run again for their images in report.html (6)")
-        ->check(CLI::Range(0, 1000));
+  const Command check_verb = verb("check", "Check a study file for errors");
+  const Command run_verb = verb("run", "Run the trials, or those that are missing");
+  const Command submit_verb = verb("submit", "Run the trials on a cluster, as a job array");
+  const Command merge_verb = verb("merge", "Merge the shards to one table: JSON Lines, CSV, SQLite");
+  const Command report_verb = verb("report", "Summarize the results: text, summary.json, report.html");
+  const Command replay_verb = verb("replay", "Run one trial again, and print the command that keeps its output");
+  const Command worker_verb = verb("worker", "").group("");
+  for (const Command& with_folder : {run_verb, submit_verb, merge_verb, report_verb})
+    with_folder.add_option("--out", a->out, "Results folder").required();
+  for (const Command& with_page : {run_verb, report_verb}) {
+    with_page.add_option("--jobs", a->jobs, "Trials in parallel (default: one per processor)").check_range(1, 4096);
+    with_page.add_option("--worst", a->worst, "Number of worst trials to run again for their images in report.html (6)")
+        .check_range(0, 1000);
   }
-  worker_verb->add_flag("--pictures", a->pictures);
-  run_verb->add_option("--shard", a->shard, "Run only every N-th trial, starting with trial I: I/N, I from 0");
-  submit_verb->add_option("--cluster", a->cluster, "Scheduler of the cluster")->check(CLI::IsMember({"slurm"}));
-  submit_verb->add_option("--tasks", a->tasks, "Number of tasks in the array, one shard each")
-      ->required()
-      ->check(CLI::Range(1, 1000000));
-  submit_verb->add_option("--cpus", a->cpus, "Processors per task, and trials in parallel")->check(CLI::Range(1, 4096));
-  submit_verb->add_flag("--wait", a->wait, "Wait until the job has ended, then merge");
-  replay_verb->add_option("--trial", a->trial, "Number of the trial, from 0")
-      ->required()
-      ->check(CLI::NonNegativeNumber);
+  worker_verb.add_flag("--pictures", a->pictures, "");
+  run_verb.add_option("--shard", a->shard, "Run only every N-th trial, starting with trial I: I/N, I from 0");
+  submit_verb.add_option("--cluster", a->cluster, "Scheduler of the cluster").check_one_of({"slurm"});
+  submit_verb.add_option("--tasks", a->tasks, "Number of tasks in the array, one shard each")
+      .required()
+      .check_range(1, 1000000);
+  submit_verb.add_option("--cpus", a->cpus, "Processors per task, and trials in parallel").check_range(1, 4096);
+  submit_verb.add_flag("--wait", a->wait, "Wait until the job has ended, then merge");
+  replay_verb.add_option("--trial", a->trial, "Number of the trial, from 0").required().check_non_negative();
   return [=, &common] {
-    if (replay_verb->parsed()) return replay(*a, common);
-    if (run_verb->parsed()) return run(*a, common);
-    if (submit_verb->parsed()) return submit(*a, common);
+    if (replay_verb.parsed()) return replay(*a, common);
+    if (run_verb.parsed()) return run(*a, common);
+    if (submit_verb.parsed()) return submit(*a, common);
     const Study study = read_study(a->study);
-    if (check_verb->parsed()) return check(study, common);
-    if (merge_verb->parsed()) return merge(study, a->out, common);
-    if (worker_verb->parsed()) return work(study, *a);
+    if (check_verb.parsed()) return check(study, common);
+    if (merge_verb.parsed()) return merge(study, a->out, common);
+    if (worker_verb.parsed()) return work(study, *a);
     return report(study, *a, common);
   };
 }

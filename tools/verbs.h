@@ -3,11 +3,11 @@
 // runs it after parsing and returns the exit code.
 #pragma once
 
-#include <CLI/CLI.hpp>
-#include <cstdio>
 #include <functional>
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <string>
+
+#include "tools/command_line.h"
 
 namespace fringeslam::tools {
 
@@ -18,36 +18,31 @@ struct Common {
 };
 
 // Prints a verb's result: the JSON document with --json, otherwise the line unless --quiet is set.
-inline void say(const Common& common, const nlohmann::ordered_json& document, const std::string& line) {
-  if (common.json)
-    std::printf("%s\n", document.dump(2).c_str());
-  else if (!common.quiet)
-    std::printf("%s\n", line.c_str());
-}
+void say(const Common& common, const nlohmann::ordered_json& document, const std::string& line);
 
 using Verb = std::function<int()>;
 
-Verb add_run(CLI::App& app, const Common& common);
-Verb add_effects(CLI::App& app, const Common& common);
-Verb add_render(CLI::App& app, const Common& common);
-Verb add_scene(CLI::App& app, const Common& common);
-Verb add_score(CLI::App& app, const Common& common);
-Verb add_landmarks(CLI::App& app, const Common& common);
-Verb add_info(CLI::App& app, const Common& common);
-Verb add_calibrate(CLI::App& app, const Common& common);
-Verb add_calibrate_rig(CLI::App& group, const Common& common);
-Verb add_calibrate_response(CLI::App& group, const Common& common);
-Verb add_calibrate_stage(CLI::App& group, const Common& common);
-Verb add_import(CLI::App& app, const Common& common);
-Verb add_study(CLI::App& app, const Common& common);
-Verb add_patterns(CLI::App& app, const Common& common);
+Verb add_run(Command app, const Common& common);
+Verb add_effects(Command app, const Common& common);
+Verb add_render(Command app, const Common& common);
+Verb add_scene(Command app, const Common& common);
+Verb add_score(Command app, const Common& common);
+Verb add_landmarks(Command app, const Common& common);
+Verb add_info(Command app, const Common& common);
+Verb add_calibrate(Command app, const Common& common);
+Verb add_calibrate_rig(Command group, const Common& common);
+Verb add_calibrate_response(Command group, const Common& common);
+Verb add_calibrate_stage(Command group, const Common& common);
+Verb add_import(Command app, const Common& common);
+Verb add_study(Command app, const Common& common);
+Verb add_patterns(Command app, const Common& common);
 #if FRINGESLAM_REPORT
-Verb add_report(CLI::App& app, const Common& common);
+Verb add_report(Command app, const Common& common);
 #endif
 #if FRINGESLAM_HW
-Verb add_capture(CLI::App& app, const Common& common);
-Verb add_rig(CLI::App& app, const Common& common);
-Verb add_rig_focus(CLI::App& group, const Common& common);
+Verb add_capture(Command app, const Common& common);
+Verb add_rig(Command app, const Common& common);
+Verb add_rig_focus(Command group, const Common& common);
 #endif
 
 }  // namespace fringeslam::tools

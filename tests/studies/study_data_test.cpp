@@ -4,6 +4,8 @@
 
 #include <gmock/gmock.h>
 
+#include <nlohmann/json.hpp>
+
 #include "bench/studies/trial_run.h"
 #include "tests/studies/study_files.h"
 #include "tests/support/matchers.h"

@@ -2,12 +2,12 @@
 // The option --live [PORT] of the verbs that take stacks from a rig, and its access options.
 #pragma once
 
-#include <CLI/CLI.hpp>
 #include <cstdio>
 #include <memory>
 #include <optional>
 #include <string>
 
+#include "tools/command_line.h"
 #include "tools/live/live_page.h"
 
 namespace fringeslam::tools {
@@ -17,21 +17,23 @@ struct LiveOption {
   LiveAccess access;
 };
 
-inline void add_live_option(CLI::App& verb, LiveOption& live) {
+// Returns the option --live, which further options of the page need.
+inline Option add_live_option(Command verb, LiveOption& live) {
   const std::string usual = std::to_string(LivePage::kUsualPort);
-  CLI::Option* page =
+  const Option page =
       verb.add_option("--live", live.port, "Show incoming data on a web page; 0: any free port [" + usual + "]")
-          ->type_name("[PORT]")
-          ->expected(0, 1)
-          ->default_str(usual)
-          ->check(CLI::Range(0, 65535));
+          .type_name("[PORT]")
+          .expected(0, 1)
+          .default_str(usual)
+          .check_range(0, 65535);
   verb.add_option("--live-host", live.access.host,
                   "Address to listen on [127.0.0.1: this computer only]; others require a token")
-      ->type_name("ADDRESS")
-      ->needs(page);
+      .type_name("ADDRESS")
+      .needs(page);
   verb.add_option("--live-token", live.access.token, "Token to require instead of a random one")
-      ->type_name("TEXT")
-      ->envname("FRINGESLAM_LIVE_TOKEN");
+      .type_name("TEXT")
+      .envname("FRINGESLAM_LIVE_TOKEN");
+  return page;
 }
 
 // Returns null if there is no port. Prints the page's address to stderr.

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/report/html_report.h"
 
+#include <nlohmann/json.hpp>
+
 #include "core/io/files.h"
 #include "core/types/error.h"
 #include "tools/report/report_data.h"

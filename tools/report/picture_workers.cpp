@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/report/picture_workers.h"
 
+#include <nlohmann/json.hpp>
+
 #include "core/types/error.h"
 
 namespace fringeslam::tools {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/report/trial_pictures.h"
 
+#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 

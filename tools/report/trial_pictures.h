@@ -2,7 +2,7 @@
 // Pictures of the views of a study's trial.
 #pragma once
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 
 #include "bench/studies/trial_run.h"
 

@@ -3,7 +3,7 @@
 // the page colours, so that it can show values and no precision is lost to a palette.
 #pragma once
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <opencv2/core.hpp>
 #include <vector>
 

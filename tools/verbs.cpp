@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/verbs.h"
+
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+namespace fringeslam::tools {
+
+void say(const Common& common, const nlohmann::ordered_json& document, const std::string& line) {
+  if (common.json)
+    std::printf("%s\n", document.dump(2).c_str());
+  else if (!common.quiet)
+    std::printf("%s\n", line.c_str());
+}
+
+}  // namespace fringeslam::tools
