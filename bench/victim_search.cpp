@@ -56,15 +56,16 @@ double valid_share(const FrameResult& view, const TruthFrame& truth) {
 Searched search_for_victims(uint64_t seed, const Changes& changes) {
   const sim::Scene scene = load(seed, changes);
   std::vector<TruthFrame> truth;
-  sim::VirtualRig rig(scene, {}, [&](const TruthFrame& frame) { truth.push_back(frame); });
+  sim::VirtualRig rig(scene, {});
   Pipeline pipeline(rig.model(), scene.patterns, {}, scene.trajectory[0].world_from_robot);
   ThermalObserver thermal(rig.model(), {});
   Searched result;
   VisibleVictims visible;
   std::vector<cv::Mat1i> regions;
   std::optional<Pose> last;
-  while (const auto stack = rig.capture(scene.patterns)) {
-    const FrameResult view = pipeline.process(*stack);
+  while (const auto simulated = rig.simulate(scene.patterns)) {
+    truth.push_back(simulated->truth);
+    const FrameResult view = pipeline.process(simulated->stack);
     visible.add(truth.back(), scene.rig.camera, truth.back().world_from_robot * scene.rig.robot_from_camera);
     regions.push_back(thermal.observe(*stack, view).warm.regions);
     result.valid = std::min(result.valid, valid_share(view, truth.back()));

@@ -16,14 +16,13 @@ sim::Scene scene_of(const std::string& name, uint64_t seed) {
 // Views from the first poses of the trajectory.
 Views views_of(const sim::Scene& scene, size_t count) {
   Views result{scene.rig, pixel_rays(scene.rig.camera), std::vector<View>(count)};
-  TruthFrame truth;
-  sim::VirtualRig rig(scene, {}, [&](const TruthFrame& frame) { truth = frame; });
+  sim::VirtualRig rig(scene, {});
   const DepthOptions depth;
   const Triangulation triangulation(scene.rig, result.rays, depth.near_m, depth.far_m);
   for (View& view : result.views) {
-    const auto stack = rig.capture(scene.patterns);
-    view.frame = reconstruct(decode(*stack, scene.rig, {}), scene.rig, triangulation, depth);
-    view.truth = truth;
+    const auto simulated = rig.simulate(scene.patterns);
+    view.frame = reconstruct(decode(simulated->stack, scene.rig, {}), scene.rig, triangulation, depth);
+    view.truth = simulated->truth;
   }
   return result;
 }

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "core/io/files.h"
 #include "core/rig/dataset.h"
@@ -52,11 +53,10 @@ void RenderOptions::check() const {
     throw Error("render.samples_per_pixel is " + std::to_string(samples_per_pixel) + "; must be a square number");
 }
 
-VirtualRig::VirtualRig(const Scene& scene, const RenderOptions& options, TruthSink truth)
+VirtualRig::VirtualRig(const Scene& scene, const RenderOptions& options)
     : scene_(scene),
       calibration_(calibration_of(scene)),
       options_((options.check(), options)),
-      truth_(std::move(truth)),
       renderer_(scene, options.effects, options.samples_per_pixel),
       camera_(scene.rig, options.effects, scene.seed) {
   if (scene.rig.thermal) thermal_rays_ = thermal_rays(scene.rig);
@@ -112,10 +112,21 @@ std::vector<cv::Mat1f> VirtualRig::light(const PatternSequence& sequence, const 
 }
 
 std::optional<FringeStack> VirtualRig::capture(const PatternSequence& sequence) {
+  return next_stack(sequence, nullptr);
+}
+
+std::optional<SimulatedView> VirtualRig::simulate(const PatternSequence& sequence) {
+  SimulatedView view;
+  std::optional<FringeStack> stack = next_stack(sequence, &view.truth);
+  if (!stack) return std::nullopt;
+  view.stack = std::move(*stack);
+  return view;
+}
+
+std::optional<FringeStack> VirtualRig::next_stack(const PatternSequence& sequence, TruthFrame* truth) {
   if (next_ >= scene_.trajectory.size()) return std::nullopt;
   const TimedPose& pose = scene_.trajectory[next_];
-  TruthFrame truth;
-  std::vector<cv::Mat1f> images = light(sequence, pose, truth_ ? &truth : nullptr);
+  std::vector<cv::Mat1f> images = light(sequence, pose, truth);
   for (cv::Mat1f& image : images) image = camera_.electrons_per_s(image);
 
   double exposure_s = scene_.rig.timing.exposure_s;
@@ -138,11 +149,10 @@ std::optional<FringeStack> VirtualRig::capture(const PatternSequence& sequence) 
     stack.thermal_c = thermal_image(scene_, *thermal_rays_, renderer_.world(), renderer_.surfaces(), options_.effects,
                                     pose.world_from_robot * scene_.rig.robot_from_camera, stack.index,
                                     {options_.noise, options_.quantise});
-  if (truth_) {
-    label(truth, stack.index, pose);
-    note_thermal(truth);
-    truth.fringe_orders = fringe_orders(sequence, truth);
-    truth_(truth);
+  if (truth) {
+    label(*truth, stack.index, pose);
+    note_thermal(*truth);
+    truth->fringe_orders = fringe_orders(sequence, *truth);
   }
   ++next_;
   return stack;

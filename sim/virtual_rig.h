@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Simulated rig: implements Rig by rendering a scene, and passes the ground truth of each view to a sink that is hidden
-// from the pipeline.
+// Simulated rig: implements Rig by rendering a scene. The ground truth of a view is a value beside its stack, which the
+// pipeline does not accept.
 #pragma once
 
-#include <functional>
 #include <optional>
 
 #include "core/rig/rig.h"
@@ -33,15 +32,21 @@ struct RenderOptions {
   void check() const;
 };
 
-using TruthSink = std::function<void(const TruthFrame&)>;
+struct SimulatedView {
+  FringeStack stack;
+  TruthFrame truth;
+};
 
 // The images of a stack are exposed at the camera's frame rate, centred on the time of the trajectory pose; the ground
 // truth refers to that time.
 class VirtualRig : public Rig {
  public:
-  VirtualRig(const Scene& scene, const RenderOptions& options, TruthSink truth = {});
+  VirtualRig(const Scene& scene, const RenderOptions& options);
   const RigModel& model() const override { return calibration_; }
+  // Renders the stack of the next trajectory pose, without ground truth; empty after the last pose.
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
+  // Like capture(), with the ground truth of the view.
+  std::optional<SimulatedView> simulate(const PatternSequence& sequence);
   // Returns the ground truth of the view from trajectory pose `pose`, without fringe orders and without rendering
   // images.
   TruthFrame truth_of(size_t pose) const;
@@ -55,6 +60,8 @@ class VirtualRig : public Rig {
   const std::vector<ShownPatterns>& shown(const PatternSequence& sequence);
   // Returns the camera poses during the exposure of image `image` of `images`.
   std::vector<Pose> camera_poses(const TimedPose& pose, int image, int images) const;
+  // `truth` may be null.
+  std::optional<FringeStack> next_stack(const PatternSequence& sequence, TruthFrame* truth);
   std::vector<cv::Mat1f> light(const PatternSequence& sequence, const TimedPose& pose, TruthFrame* truth);
   void note_thermal(TruthFrame& truth) const;
   bool moving() const { return options_.effects.motion && !scene_.motion.still(); }
@@ -62,7 +69,6 @@ class VirtualRig : public Rig {
   const Scene& scene_;
   RigModel calibration_;
   RenderOptions options_;
-  TruthSink truth_;
   Renderer renderer_;
   Camera camera_;
   std::optional<SampleRays> thermal_rays_;

@@ -2,6 +2,7 @@
 #include "tools/source.h"
 
 #include <cstdio>
+#include <utility>
 
 #include "core/io/files.h"
 #include "core/rig/dataset.h"
@@ -14,6 +15,24 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr const char* kRenderFile = "render.yaml";
+
+// Renders a scene and writes the ground truth of every view into `folder`.
+class SceneRig : public Rig {
+ public:
+  SceneRig(const sim::Scene& scene, const sim::RenderOptions& options, fs::path folder)
+      : rig_(scene, options), folder_(std::move(folder)) {}
+  const RigModel& model() const override { return rig_.model(); }
+  std::optional<FringeStack> capture(const PatternSequence& sequence) override {
+    std::optional<sim::SimulatedView> view = rig_.simulate(sequence);
+    if (!view) return std::nullopt;
+    sim::write_truth(view->truth, folder_);
+    return std::move(view->stack);
+  }
+
+ private:
+  sim::VirtualRig rig_;
+  fs::path folder_;
+};
 
 class SceneSource : public Source {
  public:
@@ -43,8 +62,7 @@ class SceneSource : public Source {
     write_text(folder / kRenderFile, render_yaml(settings_));
     write_text(folder / kResolvedFile, scene_.resolved);
     if (scene_.commanded) write_text(folder / kStageFile, to_tum(scene_.trajectory));
-    return std::make_unique<sim::VirtualRig>(scene_, settings_.render,
-                                             [truth](const TruthFrame& frame) { sim::write_truth(frame, truth); });
+    return std::make_unique<SceneRig>(scene_, settings_.render, truth);
   }
 
  private:

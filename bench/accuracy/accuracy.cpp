@@ -24,18 +24,17 @@ std::string scene_file(const std::string& name) { return std::string(FRINGESLAM_
 // infinite error: it can only increase a median.
 PairError first_motion_error(const std::string& scene_name, uint64_t seed) {
   const sim::Scene scene = sim::load_scene(scene_file(scene_name), {seed});
-  std::vector<TruthFrame> truth;
-  sim::VirtualRig rig(scene, {}, [&](const TruthFrame& frame) { truth.push_back(frame); });
+  sim::VirtualRig rig(scene, {});
   Pipeline pipeline(scene.rig, scene.patterns, {}, scene.trajectory[0].world_from_robot);
-  const FrameResult first = pipeline.process(*rig.capture(scene.patterns));
-  const FrameResult second = pipeline.process(*rig.capture(scene.patterns));
+  const auto earlier = rig.simulate(scene.patterns), later = rig.simulate(scene.patterns);
+  const FrameResult first = pipeline.process(earlier->stack), second = pipeline.process(later->stack);
   if (second.tracking == Tracking::lost) return {INFINITY, INFINITY, INFINITY};
 
   const Pose& robot_from_camera = scene.rig.robot_from_camera;
-  const Pose true_motion = truth[0].world_from_robot.inverse() * truth[1].world_from_robot;
+  const Pose true_motion = earlier->truth.world_from_robot.inverse() * later->truth.world_from_robot;
   const Pose motion = first.world_from_robot.inverse() * second.world_from_robot;
   const Pose true_camera_motion = robot_from_camera.inverse() * true_motion * robot_from_camera;
-  const Matrix6d information = pose_information(truth[0], first.frame.sigma_m, truth[1], second.frame.sigma_m,
+  const Matrix6d information = pose_information(earlier->truth, first.frame.sigma_m, later->truth, second.frame.sigma_m,
                                                 scene.rig.camera, pixel_rays(scene.rig.camera), true_camera_motion);
   const MotionScore score = score_motion(motion, true_motion);
   return {score.translation_error_m, score.rotation_error_rad,
@@ -83,16 +82,13 @@ std::vector<Row> depth_numerics_rows(const Context& context) {
   for (int seed = 1; seed <= (context.quick ? 1 : 5); ++seed) {
     sim::Scene scene = sim::load_scene(scene_file("boxes_and_foam"), {static_cast<uint64_t>(seed)});
     for (Pattern& pattern : scene.patterns.patterns) pattern.bits = 0;
-    TruthFrame truth;
-    sim::VirtualRig rig(scene, {1, false, false, sim::Effects::none()},
-                        [&](const TruthFrame& frame) { truth = frame; });
-    const auto stack = rig.capture(scene.patterns);
-    const DecodedStack decoded = decode(*stack, scene.rig, {});
+    const auto view = sim::VirtualRig(scene, {1, false, false, sim::Effects::none()}).simulate(scene.patterns);
+    const DecodedStack decoded = decode(view->stack, scene.rig, {});
     const Frame frame = reconstruct(decoded, scene.rig, pixel_rays(scene.rig.camera), {});
     cv::Mat1f depth;
     cv::extractChannel(frame.points_m, depth, 2);
     const DepthScore score =
-        score_depth({depth, frame.sigma_m, decoded.coordinate_px}, truth, decoded.finest_period_px);
+        score_depth({depth, frame.sigma_m, decoded.coordinate_px}, view->truth, decoded.finest_period_px);
     medians.push_back(score.median_m * 1e6);
   }
   return {median_row("depth_numerics", medians, "um", 1)};

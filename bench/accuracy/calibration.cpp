@@ -108,16 +108,15 @@ std::vector<Row> rig_rows(const Context& context) {
 // Sensor-to-stage calibration: errors, and the error squared normalized by the covariance (expected value 6 for six
 // degrees of freedom).
 StageCalibration calibrate_stage_seed(const sim::Scene& scene) {
-  std::vector<TruthFrame> truth;
-  sim::VirtualRig rig(scene, {kSamplesPerPixel, true, true}, [&](const TruthFrame& frame) { truth.push_back(frame); });
+  sim::VirtualRig rig(scene, {kSamplesPerPixel, true, true});
   const Triangulation triangulation(scene.rig, pixel_rays(scene.rig.camera), 0.4, 2.5);
   std::vector<StageView> views;
   std::vector<cv::Point2f> last;
-  while (const auto stack = rig.capture(scene.patterns)) {
-    const DecodedStack decoded = decode(*stack, scene.rig, {});
+  while (const auto simulated = rig.simulate(scene.patterns)) {
+    const DecodedStack decoded = decode(simulated->stack, scene.rig, {});
     Frame frame;
     triangulate(frame, decoded, triangulation, {});
-    StageView view{truth.back().world_from_robot, {}};
+    StageView view{simulated->truth.world_from_robot, {}};
     std::vector<cv::Point2f> corners = detect_board(decoded.mean, checkerboard());
     if (corners.empty()) continue;
     orient_like(last, corners);

@@ -75,14 +75,15 @@ MapRun measured(const std::string& name, uint64_t seed) {
   const sim::Scene scene = sim::load_scene(std::string(FRINGESLAM_SCENES) + "/" + name + "/scene.yaml", {seed});
   const PixelRays rays = pixel_rays(scene.rig.camera);
   std::vector<Eigen::Vector3d> seen;
-  sim::VirtualRig rig(scene, {}, [&](const TruthFrame& truth) { append_seen(truth, scene.rig, rays, seen); });
+  sim::VirtualRig rig(scene, {});
   const Pose& start = scene.trajectory[0].world_from_robot;
   PipelineOptions no_loops;
   no_loops.mapping.max_links = 0;
   Pipeline pipeline(scene.rig, scene.patterns, {}, start), open(scene.rig, scene.patterns, no_loops, start);
-  while (const auto stack = rig.capture(scene.patterns)) {
-    pipeline.process(*stack);
-    open.process(*stack);
+  while (const auto view = rig.simulate(scene.patterns)) {
+    append_seen(view->truth, scene.rig, rays, seen);
+    pipeline.process(view->stack);
+    open.process(view->stack);
   }
   MapRun run;
   run.ate_m = ate_m(pipeline, scene.trajectory);

@@ -46,13 +46,13 @@ PredictionPair prediction_pair(const std::string& name, size_t first, uint64_t s
   const DepthOptions depth;
   PredictionPair pair{scene, rays, Triangulation(scene.rig, rays, depth.near_m, depth.far_m), {}, {}, {}, {}, {},
                       {},    {}};
-  sim::VirtualRig rig(pair.scene, {}, [&](const TruthFrame& frame) { pair.truth = frame; });
-  const auto capture = [&] { return *rig.capture(scene.patterns); };
+  sim::VirtualRig rig(pair.scene, {});
   const auto reconstructed = [&](const FringeStack& stack) {
     return reconstruct(decode(stack, scene.rig, {}), scene.rig, pair.triangulation, depth);
   };
-  pair.known = reconstructed(capture());
-  const FringeStack stack = capture();
+  pair.known = reconstructed(*rig.capture(scene.patterns));
+  const auto [stack, truth] = *rig.simulate(scene.patterns);
+  pair.truth = truth;
   pair.full = reconstructed(stack);
   pair.stack.timestamp_s = stack.timestamp_s;
   pair.stack.patterns = finest_patterns(scene.patterns, Axis::columns);
@@ -203,15 +203,14 @@ MovingErrors moving_errors(const Motion& motion, double speed, uint64_t seed) {
   const Pose& mount = rig.robot_from_camera;
   scene.motion.angular_rad_s = mount.rotation * twist.angular_rad_s;
   scene.motion.velocity_m_s = mount.rotation * twist.velocity_m_s - scene.motion.angular_rad_s.cross(mount.translation);
-  TruthFrame truth;
-  const auto stack = sim::VirtualRig(scene, {}, [&](const TruthFrame& frame) { truth = frame; }).capture(sequence);
+  const auto [stack, truth] = *sim::VirtualRig(scene, {}).simulate(sequence);
   const PixelRays rays = pixel_rays(rig.camera);
   const DepthOptions depth_options;
   const Triangulation triangulation(rig, rays, depth_options.near_m, depth_options.far_m);
   const auto expected = expected_coordinate(rig, rays, truth.depth_m, cv::Mat1f(rays.size(), 3e-3f));
   DecodeOptions options;
   options.unwrapping = "predicted";
-  DecodedStack decoded = decode(*stack, rig, options, {Axis::columns, &expected});
+  DecodedStack decoded = decode(stack, rig, options, {Axis::columns, &expected});
   const auto median_error = [&](const Frame& frame) {
     cv::Mat1f depth;
     cv::extractChannel(frame.points_m, depth, 2);
@@ -219,7 +218,7 @@ MovingErrors moving_errors(const Motion& motion, double speed, uint64_t seed) {
   };
   const Frame plain = reconstruct(decoded, rig, triangulation, depth_options);
   const double before = median_error(plain);
-  compensate_motion(decoded, *stack, options, coordinate_rate(plain, rig, rays, twist));
+  compensate_motion(decoded, stack, options, coordinate_rate(plain, rig, rays, twist));
   return {before, median_error(reconstruct(decoded, rig, triangulation, depth_options))};
 }
 

@@ -167,19 +167,17 @@ const std::vector<Method>& methods() {
 
 DepthScore orders_of(const Method& method, uint64_t seed) {
   const sim::Scene scene = scene_of("steps_and_holes", seed);
-  TruthFrame truth;
-  sim::VirtualRig rig(scene, {}, [&](const TruthFrame& frame) { truth = frame; });
   const PatternSequence sequence = sequence_of(scene.rig, method.periods, method.gray);
-  const auto stack = rig.capture(sequence);
+  const auto view = sim::VirtualRig(scene, {}).simulate(sequence);
   DecodeOptions options;
   options.unwrapping = method.unwrapping;
   options.spatial_order = method.spatial_order;
-  const DecodedStack decoded = decode(*stack, scene.rig, options);
+  const DecodedStack decoded = decode(view->stack, scene.rig, options);
   Frame frame;
   triangulate(frame, decoded, Triangulation(scene.rig, pixel_rays(scene.rig.camera), 0.4, 2.5), {});
   cv::Mat1f depth;
   cv::extractChannel(frame.points_m, depth, 2);
-  return score_depth({depth, frame.sigma_m, decoded.coordinate_px}, truth, decoded.finest_period_px);
+  return score_depth({depth, frame.sigma_m, decoded.coordinate_px}, view->truth, decoded.finest_period_px);
 }
 
 std::vector<Row> wrong_order_rows(const Method& method, const Context& context) {
@@ -206,13 +204,12 @@ double systematic_phase_error(const sim::Scene& scene, const RigModel& model, co
   for (uint64_t seed = 1; seed <= 4; ++seed) {
     sim::Scene noisy = scene;
     noisy.seed = seed;
-    TruthFrame truth;
-    sim::VirtualRig rig(noisy, {}, [&](const TruthFrame& frame) { truth = frame; });
-    const auto stack = rig.capture(sequence);
+    const auto view = sim::VirtualRig(noisy, {}).simulate(sequence);
+    const TruthFrame& truth = view->truth;
     DecodeOptions options;
     options.unwrapping = "spatial";
     options.spatial_reference = "none";
-    const DecodedStack decoded = decode(*stack, model, options);
+    const DecodedStack decoded = decode(view->stack, model, options);
     for (int row = 0; row < truth.depth_m.rows; ++row) {
       for (int col = 0; col < truth.depth_m.cols; ++col) {
         const double phase = absolute_phase(static_cast<double>(truth.projector_column(row, col)), 16.5);

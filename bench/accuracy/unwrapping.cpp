@@ -48,11 +48,10 @@ Totals over_loop(const Way& way, size_t views) {
   PipelineOptions options;
   options.decode.unwrapping = way.unwrapping;
   Pipeline pipeline(scene.rig, sequence, options, scene.trajectory[0].world_from_robot);
-  TruthFrame truth;
-  sim::VirtualRig rig(scene, {}, [&](const TruthFrame& frame) { truth = frame; });
+  sim::VirtualRig rig(scene, {});
   Totals totals;
-  while (const auto stack = rig.capture(pipeline.next_patterns()))
-    add(pipeline.process(*stack), truth, way.periods_px.back(), totals);
+  while (const auto view = rig.simulate(pipeline.next_patterns()))
+    add(pipeline.process(view->stack), view->truth, way.periods_px.back(), totals);
   totals.ate_mm = 1e3 * score_trajectory(pipeline.trajectory(), scene.trajectory).ate_rmse_m;
   return totals;
 }

@@ -43,16 +43,15 @@ struct Outcome {
 
 Outcome run(const std::string& name) {
   const sim::Scene scene = sim::load_scene(std::string(FRINGESLAM_SCENES) + "/" + name + "/scene.yaml");
-  std::vector<TruthFrame> truth;
-  sim::VirtualRig rig(scene, {}, [&](const TruthFrame& frame) { truth.push_back(frame); });
+  sim::VirtualRig rig(scene, {});
   Pipeline pipeline(scene.rig, scene.patterns, {}, scene.trajectory[0].world_from_robot);
   Outcome outcome;
-  std::optional<Pose> last;
-  while (const auto stack = rig.capture(scene.patterns)) {
-    const FrameResult result = pipeline.process(*stack);
+  std::optional<Pose> last, last_truth;
+  while (const auto view = rig.simulate(scene.patterns)) {
+    const FrameResult result = pipeline.process(view->stack);
     cv::Mat1f z;
     cv::extractChannel(result.frame.points_m, z, 2);
-    const DepthScore depth = score_depth({z, result.frame.sigma_m, result.decoded.coordinate_px}, truth.back(),
+    const DepthScore depth = score_depth({z, result.frame.sigma_m, result.decoded.coordinate_px}, view->truth,
                                          result.decoded.finest_period_px);
     outcome.valid = std::min(outcome.valid, depth.valid_fraction);
     outcome.depth_m = std::max(outcome.depth_m, depth.median_m);
@@ -63,11 +62,12 @@ Outcome run(const std::string& name) {
       continue;
     }
     if (last) {
-      const Pose true_motion = truth[truth.size() - 2].world_from_robot.inverse() * truth.back().world_from_robot;
+      const Pose true_motion = last_truth->inverse() * view->truth.world_from_robot;
       const MotionScore score = score_motion(last->inverse() * result.world_from_robot, true_motion);
       outcome.translation_m = std::max(outcome.translation_m, score.translation_error_m);
     }
     last = result.world_from_robot;
+    last_truth = view->truth.world_from_robot;
   }
   return outcome;
 }

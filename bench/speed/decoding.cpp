@@ -30,10 +30,9 @@ struct ThreeImages {
   Frame frame;
 
   ThreeImages() {
-    TruthFrame truth;
-    sim::VirtualRig rig(scene, {}, [&](const TruthFrame& t) { truth = t; });
-    stack = *rig.capture(sequence);
-    expected = expected_coordinate(scene.rig, rays, truth.depth_m, cv::Mat1f(rays.size(), 1e-3f));
+    const auto view = sim::VirtualRig(scene, {}).simulate(sequence);
+    stack = view->stack;
+    expected = expected_coordinate(scene.rig, rays, view->truth.depth_m, cv::Mat1f(rays.size(), 1e-3f));
     options.unwrapping = "predicted";
     decode();
   }

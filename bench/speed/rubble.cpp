@@ -22,12 +22,20 @@ sim::Scene rubble(int subdivisions) {
   return scene;
 }
 
-Stack::Stack(const sim::Scene& scene, int patterns, const sim::RenderOptions& options, bool truth) : scene_(scene) {
+Stack::Stack(const sim::Scene& scene, int patterns, const sim::RenderOptions& options, bool truth)
+    : scene_(scene), truth_(truth) {
   sequence_ = phase_shift_sequence(scene.rig.projector.width, scene.rig.projector.height, {16.5}, std::max(patterns, 3),
                                    Axis::columns, 8);
   sequence_.patterns.resize(static_cast<size_t>(patterns));
   scene_.trajectory.assign(1000, scene.trajectory.front());
-  rig_ = std::make_unique<sim::VirtualRig>(scene_, options, truth ? [](const TruthFrame&) {} : sim::TruthSink{});
+  rig_ = std::make_unique<sim::VirtualRig>(scene_, options);
+}
+
+void Stack::operator()() {
+  if (truth_)
+    rig_->simulate(sequence_);
+  else
+    rig_->capture(sequence_);
 }
 
 }  // namespace fringeslam::bench

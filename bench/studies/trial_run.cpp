@@ -240,14 +240,13 @@ TrialResult run_trial(const Study& study, const Trial& trial, const ViewWatcher&
   try {
     const TrialSettings settings = settings_of(study, trial);
     const sim::Scene scene = scene_of(study, trial);
-    TruthFrame truth;
-    sim::VirtualRig rig(scene, settings.render, [&](const TruthFrame& frame) { truth = frame; });
+    sim::VirtualRig rig(scene, settings.render);
     Pipeline pipeline(rig.model(), scene.patterns, settings.pipeline, Pose{});
     Record record(study, scene);
-    while (const auto stack = rig.capture(pipeline.next_patterns())) {
-      const FrameResult frame = pipeline.process(*stack);
-      record.add(*stack, frame, truth, pipeline.map(), rig.model());
-      if (watch) watch(frame, truth);
+    while (const auto view = rig.simulate(pipeline.next_patterns())) {
+      const FrameResult frame = pipeline.process(view->stack);
+      record.add(view->stack, frame, view->truth, pipeline.map(), rig.model());
+      if (watch) watch(frame, view->truth);
     }
     result = record.result(pipeline.trajectory());
   } catch (const Error& e) {

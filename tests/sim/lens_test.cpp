@@ -296,13 +296,11 @@ TEST(Motion, BendsThePhaseByTwiceItsFrequency) {
   scene.motion.velocity_m_s.z() = kEpsilon * kPeriod / (2 * kPi) / 500 * rig.timing.camera_rate_hz;
   const PatternSequence sequence{129, 97, three_steps(kPeriod, 0)};
   Effects effects = only(&Effects::motion);
-  std::optional<TruthFrame> truth;
-  VirtualRig moving(scene, {1, false, false, effects}, [&](const TruthFrame& frame) { truth = frame; });
-  const FringeStack stack = *moving.capture(sequence);
+  const auto [stack, truth] = *VirtualRig(scene, {1, false, false, effects}).simulate(sequence);
   std::vector<cv::Mat1f> images;
   for (const cv::Mat& image : stack.images) images.push_back(cv::Mat1f(image - rig.sensor.offset_dn));
   for (int col = 2; col < 63; ++col) {
-    const double phase = 2 * kPi * (static_cast<double>(truth->projector_column(24, col)) + 0.5) / kPeriod;
+    const double phase = 2 * kPi * (static_cast<double>(truth.projector_column(24, col)) + 0.5) / kPeriod;
     const double error = std::arg(fringe(images, 24, col) * std::polar(1.0, -phase));
     ASSERT_NEAR(error, -kEpsilon / std::sqrt(3.0) * std::sin(2 * phase), 0.05 * kEpsilon) << col;
   }
@@ -311,7 +309,7 @@ TEST(Motion, BendsThePhaseByTwiceItsFrequency) {
   const FringeStack good = *still.capture(sequence);
   images.clear();
   for (const cv::Mat& image : good.images) images.push_back(cv::Mat1f(image - rig.sensor.offset_dn));
-  const double phase = 2 * kPi * (static_cast<double>(truth->projector_column(24, 20)) + 0.5) / kPeriod;
+  const double phase = 2 * kPi * (static_cast<double>(truth.projector_column(24, 20)) + 0.5) / kPeriod;
   EXPECT_NEAR(std::arg(fringe(images, 24, 20) * std::polar(1.0, -phase)), 0, 1e-4);
 }
 

@@ -251,8 +251,7 @@ TEST(Thermal, ThePipelineFindsWhatMayBeAVictim) {
   add(sphere_mesh(0.05, 4), {100, 150, 1050}, 80);
   scene.objects[1].material.victim = true;
   scene.trajectory = {TimedPose{0, Pose{}}, TimedPose{1, pose_from({{40, 20, 0}, {0, 0, 2}})}};
-  std::vector<TruthFrame> truth;
-  VirtualRig rig(scene, {}, [&](const TruthFrame& frame) { truth.push_back(frame); });
+  VirtualRig rig(scene, {});
   Pipeline pipeline(rig.model(), scene.patterns, {}, Pose{});
   ThermalObserver observer(rig.model(), {});
   while (const auto stack = rig.capture(scene.patterns)) {

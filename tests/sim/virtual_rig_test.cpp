@@ -53,13 +53,15 @@ int differing(const cv::Mat& a, const cv::Mat& b) { return cv::countNonZero(a !=
 TEST(VirtualRig, DecodedDepthIsTheTrueDepth) {
   const Scene scene = board_scene();
   const PatternSequence sequence = fringes(scene.rig, 0);
-  std::vector<TruthFrame> truth;
-  VirtualRig rig(scene, {1, false, false, Effects::none()}, [&](const TruthFrame& frame) { truth.push_back(frame); });
+  VirtualRig rig(scene, {1, false, false, Effects::none()});
   const PixelRays rays = pixel_rays(scene.rig.camera);
-  while (const auto stack = rig.capture(sequence)) {
-    const DecodedStack decoded = decode(*stack, scene.rig, {});
+  int views = 0;
+  while (const auto view = rig.simulate(sequence)) {
+    EXPECT_EQ(view->truth.index, view->stack.index);
+    EXPECT_EQ(view->stack.index, views++);
+    const DecodedStack decoded = decode(view->stack, scene.rig, {});
     const Frame frame = reconstruct(decoded, scene.rig, rays, {});
-    const TruthFrame& exact = truth.at(static_cast<size_t>(stack->index));
+    const TruthFrame& exact = view->truth;
     std::vector<double> depth_errors_m, column_errors_px;
     for (int row = 0; row < frame.height(); ++row) {
       for (int col = 0; col < frame.width(); ++col) {
@@ -73,14 +75,14 @@ TEST(VirtualRig, DecodedDepthIsTheTrueDepth) {
     EXPECT_LT(*std::max_element(depth_errors_m.begin(), depth_errors_m.end()), 5e-6);
     EXPECT_LT(median(column_errors_px), 2e-4);
   }
-  EXPECT_EQ(truth.size(), 2u);
+  EXPECT_EQ(views, 2);
 }
 
 TEST(VirtualRig, TruthIsThatOfThePlane) {
   const Scene scene = board_scene();
   std::vector<TruthFrame> truth;
-  VirtualRig rig(scene, {1, false, false, Effects::none()}, [&](const TruthFrame& frame) { truth.push_back(frame); });
-  while (rig.capture(fringes(scene.rig, 0))) continue;
+  VirtualRig rig(scene, {1, false, false, Effects::none()});
+  while (auto view = rig.simulate(fringes(scene.rig, 0))) truth.push_back(std::move(view->truth));
   ASSERT_EQ(truth.size(), 2u);
   for (const TruthFrame& frame : truth) {
     const TimedPose& pose = scene.trajectory.at(static_cast<size_t>(frame.index));
@@ -111,7 +113,9 @@ TEST(VirtualRig, HandsOutOneStackAPoseAndThenNothing) {
     ASSERT_TRUE(stack);
     EXPECT_EQ(stack->index, index);
     EXPECT_EQ(stack->timestamp_s, 0.5 * index);
+    EXPECT_TRUE(stack->patterns == sequence);
     EXPECT_EQ(stack->exposure_s.size(), 9u);
+    EXPECT_EQ(stack->exposure_time_s, exposure_times_s(0.5 * index, 9, scene.rig.timing));
     ASSERT_EQ(stack->images.size(), 9u);
     for (const cv::Mat& image : stack->images) {
       EXPECT_EQ(image.type(), CV_8UC1);
@@ -133,6 +137,19 @@ TEST(VirtualRig, SameSeedSameImagesOtherSeedOtherNoise) {
     EXPECT_EQ(differing(first.images[i], second.images[i]), 0);
     EXPECT_GT(differing(first.images[i], other.images[i]), 10000);
   }
+}
+
+TEST(VirtualRig, GroundTruthChangesNoImage) {
+  const Scene scene = board_scene();
+  const PatternSequence sequence = fringes(scene.rig, 8);
+  VirtualRig with(scene, {4, true, true}), without(scene, {4, true, true});
+  for (int index = 0; index < 2; ++index) {
+    const auto view = with.simulate(sequence);
+    const auto stack = without.capture(sequence);
+    ASSERT_TRUE(view && stack);
+    for (size_t i = 0; i < 9; ++i) EXPECT_EQ(differing(view->stack.images[i], stack->images[i]), 0);
+  }
+  EXPECT_FALSE(with.simulate(sequence));
 }
 
 TEST(VirtualRig, ThreadsDoNotChangeAnImage) {
