@@ -16,6 +16,8 @@ view = json.load(open(folder + "/view.json"))
 numpy.bool = bool  # Blender 3.4's glTF importer uses a name that Debian's numpy no longer has
 bpy.ops.wm.read_factory_settings(use_empty=True)
 bpy.ops.import_scene.gltf(filepath=folder + "/scene.glb")
+for mesh in bpy.data.meshes:
+    mesh.materials.clear()  # the default material: plain diffuse
 
 scene = bpy.context.scene
 scene.render.engine = "CYCLES"
@@ -32,14 +34,13 @@ scene.render.resolution_percentage = 100
 scene.render.image_settings.color_mode = "BW"
 scene.view_settings.view_transform = "Standard"
 
-# The importer converts glTF's y up to Blender's z up; in Blender, cameras and lights look along -z with y up.
-turned = Matrix(((1, 0, 0, 0), (0, 0, -1, 0), (0, 1, 0, 0), (0, 0, 0, 1)))
+# In Blender, cameras and lights look along -z with y up.
 looks = Matrix.Diagonal((1, -1, -1, 1))
 
 
 def place(name, data, world_from_device):
     item = bpy.data.objects.new(name, data)
-    item.matrix_world = turned @ Matrix(world_from_device) @ looks
+    item.matrix_world = Matrix(world_from_device) @ looks
     scene.collection.objects.link(item)
     return item
 
