@@ -611,7 +611,7 @@ TEST(Surface, GlbIsWhatGltfSays) {
     EXPECT_EQ(described.at("componentType"), component);
     EXPECT_EQ(described.at("type"), type);
     EXPECT_EQ(view.at("byteLength"), bytes * count);
-    const auto offset = view.at("byteOffset").get<size_t>();
+    const auto offset = view.value("byteOffset", size_t{0});
     EXPECT_EQ(offset % 4, 0U);
     EXPECT_LE(offset + bytes * count, glb.binary.size());
     return offset;
@@ -645,8 +645,11 @@ TEST(Surface, GlbIsWhatGltfSays) {
 
   const Glb empty = parse_glb(to_glb({}));
   EXPECT_EQ(empty.json.at("scenes").size(), 1U);
+  EXPECT_TRUE(empty.json["scenes"][0].is_object());
   EXPECT_FALSE(empty.json.contains("meshes"));
 }
+
+TEST(Surface, EqualMeshesGiveEqualGlbFiles) { EXPECT_EQ(to_glb(small_mesh()), to_glb(small_mesh())); }
 
 TEST(Surface, GlbIsReadByAssimp) {
   const RigModel rig = support::small_rig(false);
