@@ -41,7 +41,7 @@ struct Arguments {
   std::vector<std::string> sets;
   SceneVariant variant;
   std::string map;
-  bool mesh = false, save_map = false, no_report = false;
+  bool mesh = false, vdb = false, save_map = false, no_report = false;
   LiveOption live;
   double live_rate_hz = 0;
   bool live_wait = false, real_time = false;
@@ -140,7 +140,7 @@ int run(const Arguments& arguments, const Common& common) {
     std::fprintf(stderr, "dropped: %d of %d stacks, because mapping fell behind\n", dropped(), source->stacks());
   if (live) live->feed().finish();
   const std::vector<CloudPoint> cloud = pipeline.map().cloud(settings.pipeline.cloud).points();
-  record.finish(pipeline.trajectory(), cloud, pipeline.surface().mesh());
+  record.finish(pipeline.trajectory(), cloud, pipeline.surface(), arguments.vdb);
   if (rig->model().thermal) record.add_warm_things(thermal.warm_things(pipeline.mapper()));
   if (arguments.save_map) write_text(folder.path() / kMapFile, to_bytes(pipeline.map()));
 
@@ -185,6 +185,7 @@ Verb add_run(Command app, const Common& common) {
   verb.add_option("--map", arguments->map, "Continue in a map saved by an earlier run").check_existing_file();
   verb.add_flag("--save-map", arguments->save_map, "Also write saved.map, in which a later run can continue");
   verb.add_flag("--animation", arguments->animation, "Also write animation.gif: the growing map, fringes and depth");
+  verb.add_flag("--vdb", arguments->vdb, "Also write the fused surface's signed distances as surface.vdb (OpenVDB)");
   verb.add_flag("--no-report", arguments->no_report, "Do not write report.html");
   verb.add_flag("--real-time", arguments->real_time,
                 "Process views at their timestamps, as from a camera; if mapping falls behind, the oldest are dropped");

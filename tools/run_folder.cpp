@@ -158,7 +158,9 @@ void RunFolder::add_warm_things(const std::vector<WarmThing>& things) const {
   write_text(folder_ / "victims.json", to_json(things).dump(1) + "\n");
 }
 
-void RunFolder::finish(const Trajectory& trajectory, const std::vector<CloudPoint>& cloud, const SurfaceMesh& mesh) {
+void RunFolder::finish(const Trajectory& trajectory, const std::vector<CloudPoint>& cloud, const SurfaceModel& surface,
+                       bool vdb) {
+  const SurfaceMesh mesh = surface.mesh();
   trajectory_ = trajectory;
   std::string lost;
   for (const int index : lost_) lost += (lost.empty() ? "# lost: stacks " : ", ") + std::to_string(index);
@@ -166,6 +168,7 @@ void RunFolder::finish(const Trajectory& trajectory, const std::vector<CloudPoin
   write_text(folder_ / "map.ply", to_ply(cloud, "world"));
   write_text(folder_ / "mesh.ply", to_ply(mesh, "world"));
   write_text(folder_ / "mesh.glb", to_glb(mesh));
+  if (vdb) write_text(folder_ / "surface.vdb", surface.to_vdb());
   write_text(folder_ / "frames.json", frames_.dump(1) + "\n");
   write_text(folder_ / "landmarks.json", landmarks_.dump(1) + "\n");
 }

@@ -27,8 +27,9 @@ class RunFolder {
   // Writes mesh.ply of a view that was added before.
   void add_mesh(const Mesh& mesh, int index) const;
 
-  // Writes trajectory.tum, map.ply, mesh.ply, mesh.glb, frames.json and landmarks.json.
-  void finish(const Trajectory& trajectory, const std::vector<CloudPoint>& cloud, const SurfaceMesh& mesh);
+  // Writes trajectory.tum, map.ply, mesh.ply, mesh.glb, frames.json, landmarks.json and, if `vdb`, surface.vdb.
+  void finish(const Trajectory& trajectory, const std::vector<CloudPoint>& cloud, const SurfaceModel& surface,
+              bool vdb);
 
   // Writes error.png of each tracked view and overview.png; `score` is null without ground truth.
   void draw_overview(const std::vector<CloudPoint>& cloud, const RunScore* score) const;

@@ -9,6 +9,7 @@
 #include "core/base/parallel.h"
 #include "core/map/surface_fusion.h"
 #include "core/map/surface_nets.h"
+#include "core/map/surface_vdb.h"
 
 namespace fringeslam {
 
@@ -57,6 +58,18 @@ class SurfaceModel::Grid {
     tree.getNodes(all);
     return all;
   }
+
+  std::vector<Brick> bricks() const {
+    std::vector<Brick> all;
+    for (const Leaf* leaf : leaves()) {
+      const openvdb::Coord& corner = leaf->origin();
+      all.push_back({{corner.x() >> 3, corner.y() >> 3, corner.z() >> 3}, leaf->buffer().data()});
+    }
+    return all;
+  }
+
+  // Returns the smallest weight of voxels that belong to the surface.
+  double min_weight() const { return 1 / (options.max_sigma_m * options.max_sigma_m); }
 
   Pinhole camera;
   VoxelScale scale;
@@ -132,13 +145,10 @@ SurfaceModel surface_of(const KeyframeMap& map, const SurfaceOptions& options) {
   return surface;
 }
 
-SurfaceMesh SurfaceModel::mesh() const {
-  std::vector<Brick> bricks;
-  for (const Leaf* leaf : grid_->leaves()) {
-    const openvdb::Coord& corner = leaf->origin();
-    bricks.push_back({{corner.x() >> 3, corner.y() >> 3, corner.z() >> 3}, leaf->buffer().data()});
-  }
-  return surface_nets(bricks, grid_->scale, 1 / (grid_->options.max_sigma_m * grid_->options.max_sigma_m));
+SurfaceMesh SurfaceModel::mesh() const { return surface_nets(grid_->bricks(), grid_->scale, grid_->min_weight()); }
+
+std::string SurfaceModel::to_vdb() const {
+  return fringeslam::to_vdb(grid_->bricks(), grid_->scale, grid_->min_weight());
 }
 
 double SurfaceModel::voxel_m() const { return grid_->scale.voxel_m; }

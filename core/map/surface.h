@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // The surface fused from all frames, a truncated signed distance function in OpenVDB's sparse grid (docs/method.md,
 // section 8.2; Museth, VDB: high-resolution sparse volumes with dynamic topology, 2013). See surface_fusion.h for the
-// fusion, surface_nets.h for the triangulation, surface_bricks.h for the storage.
+// fusion, surface_nets.h for the triangulation, surface_vdb.h for the export, surface_bricks.h for the storage.
 #pragma once
 
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "core/map/keyframe_map.h"
@@ -60,6 +61,9 @@ class SurfaceModel {
 
   // Triangulates the surface where its standard deviation is at most max_sigma_m.
   SurfaceMesh mesh() const;
+
+  // Returns the signed distances that mesh() triangulates as a .vdb file (surface_vdb.h).
+  std::string to_vdb() const;
 
   double voxel_m() const;
   size_t voxels() const;        // observed voxels

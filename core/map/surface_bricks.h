@@ -20,6 +20,10 @@ constexpr int kBrickEdge = 8, kBrickVoxels = kBrickEdge * kBrickEdge * kBrickEdg
 constexpr float kDistanceSteps = 32767, kGreySteps = 256;
 
 using BrickIndex = std::array<int32_t, 3>;
+struct Brick {
+  BrickIndex index;
+  const int64_t* voxels;
+};
 
 struct VoxelScale {
   double voxel_m = 0, truncation_m = 0;

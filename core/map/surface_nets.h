@@ -18,11 +18,6 @@
 
 namespace fringeslam {
 
-struct Brick {
-  BrickIndex index;
-  const int64_t* voxels;
-};
-
 // Triangulates the bricks. Voxels with a weight below min_weight, or 0, count as unobserved. Vertices follow the order
 // of the bricks.
 SurfaceMesh surface_nets(const std::vector<Brick>& bricks, const VoxelScale& scale, double min_weight);

@@ -93,11 +93,14 @@ TEST_F(ManyViews, TakeTheFinestFringesAloneWhereTheMapTellsTheirOrders) {
 }
 
 TEST_F(ManyViews, LeaveASurfaceThatViewersOpen) {
-  run(scene("straight", repeated(kStep, 2)), "run");
+  run(scene("straight", repeated(kStep, 2)), "run", {"--vdb"});
   EXPECT_THAT(test::read_bytes(temp_ / "run/mesh.ply"), testing::StartsWith("ply\nformat binary_little_endian 1.0\n"));
   const std::string glb = test::read_bytes(temp_ / "run/mesh.glb");
   EXPECT_THAT(glb, testing::StartsWith("glTF"));
   EXPECT_GT(glb.size(), 100000u);
+  const std::string vdb = test::read_bytes(temp_ / "run/surface.vdb");
+  EXPECT_THAT(vdb, testing::StartsWith(" BDV"));
+  EXPECT_GT(vdb.size(), 100000u);
 }
 
 TEST_F(ManyViews, OneThatShowsNothingIsLostAndTheNextFoundAgain) {
