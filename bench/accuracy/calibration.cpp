@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Calibration rows: boards rendered with a known rig, and the rig estimated from them.
-#include <Eigen/LU>
 #include <cmath>
 #include <cstdio>
 #include <numbers>
@@ -11,6 +10,7 @@
 #include "core/decode/decode.h"
 #include "core/depth/depth.h"
 #include "core/score/score.h"
+#include "core/types/linear_algebra.h"
 #include "sim/virtual_rig.h"
 
 namespace fringeslam::bench {
@@ -136,7 +136,7 @@ std::vector<Row> stage_rows(const Context& context) {
                                              {static_cast<uint64_t>(seed)});
     const StageCalibration calibration = calibrate_stage_seed(scene);
     const Vector6d off = difference(calibration.robot_from_camera, scene.rig.robot_from_camera);
-    nees.push_back(off.dot(calibration.covariance.inverse() * off));
+    nees.push_back(off.dot(inverse(calibration.covariance) * off));
     translation.push_back(1e3 * off.tail<3>().norm());
     rotation.push_back(off.head<3>().norm() * 180 / std::numbers::pi);
     std::fprintf(stderr, "  seed %d: %.4f mm, %.5f deg, NEES %.2f; residuals %.4f mm\n", seed, translation.back(),

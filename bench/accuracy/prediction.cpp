@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Fringe orders of three images from the previous view and a slightly wrong predicted pose.
 #include <Eigen/Geometry>
-#include <Eigen/LU>
 #include <cmath>
 #include <cstdio>
 #include <limits>
@@ -16,6 +15,7 @@
 #include "core/map/expected_view.h"
 #include "core/registration/icp.h"
 #include "core/score/score.h"
+#include "core/types/linear_algebra.h"
 #include "sim/virtual_rig.h"
 
 namespace fringeslam::bench {
@@ -99,12 +99,12 @@ Frame decoded_twice(const PredictionPair& pair, const std::string& unwrapping) {
   options.max_distance_m = 0.02;
   const Pose start = pair.predicted.inverse();
   const IcpResult result = point_to_plane_icp(pair.known, first, pair.scene.rig.camera, start, options,
-                                              covariance_of_inverse(pair.predicted, pair.covariance).inverse());
+                                              inverse(covariance_of_inverse(pair.predicted, pair.covariance)));
   if (!result.converged) return first;
   const double excess = std::max(1.0, result.rms_sigma * result.rms_sigma);
   const Pose refined = result.target_from_source;
   return decoded_by(pair, unwrapping, refined.inverse(),
-                    covariance_of_inverse(refined, excess * result.information.inverse()));
+                    covariance_of_inverse(refined, excess * inverse(result.information)));
 }
 
 // Counts over the pixels of one part of the image.

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Sensor rows: noise, sigmas, fringe orders and the projector's response, on scenes with known ground truth.
-#include <Eigen/Dense>
 #include <array>
 #include <cmath>
 #include <cstdio>
@@ -13,6 +12,7 @@
 #include "core/depth/depth.h"
 #include "core/patterns/design.h"
 #include "core/score/score.h"
+#include "core/types/linear_algebra.h"
 #include "sim/virtual_rig.h"
 
 namespace fringeslam::bench {
@@ -46,7 +46,7 @@ double rms_from_plane(const Frame& frame) {
   for (const Eigen::Vector3d& p : points) mean += p / static_cast<double>(points.size());
   Eigen::Matrix3d scatter = Eigen::Matrix3d::Zero();
   for (const Eigen::Vector3d& p : points) scatter += (p - mean) * (p - mean).transpose();
-  const double least = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(scatter).eigenvalues()(0);
+  const double least = symmetric_eigen(scatter).values(0);
   return std::sqrt(least / static_cast<double>(points.size()));
 }
 

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // Random views of rubble, all pairs registered: how often is the result wrong by more than its covariance allows?
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -13,6 +12,7 @@
 #include "bench/frame_pairs.h"
 #include "bench/landmark_method.h"
 #include "bench/row.h"
+#include "core/types/linear_algebra.h"
 
 namespace fringeslam::bench {
 
@@ -114,7 +114,7 @@ struct Judge {
       return;
     }
     const Vector6d error = difference(registration.earlier_from_current, truth);
-    const double sigmas = std::sqrt(error.dot(registration.covariance.ldlt().solve(error)));
+    const double sigmas = std::sqrt(error.dot(solve_symmetric(registration.covariance, error)));
     const bool wrong = !(sigmas <= kSigmas);
     count.wrong += wrong;
     const IcpResult& icp = registration.icp;

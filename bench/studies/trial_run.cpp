@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "bench/studies/trial_run.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -10,6 +9,7 @@
 
 #include "bench/studies/trial_settings.h"
 #include "core/score/score.h"
+#include "core/types/linear_algebra.h"
 
 namespace fringeslam::studies {
 
@@ -76,7 +76,7 @@ double finest_period_px(const PatternSequence& sequence) {
 // Returns e^T C^-1 e for a motion's error e in the tangent space of retract().
 double squared_sigmas(const Pose& estimate, const Pose& truth, const Matrix6d& covariance) {
   const Vector6d error = difference(estimate, truth);
-  return error.dot(covariance.ldlt().solve(error));
+  return error.dot(solve_symmetric(covariance, error));
 }
 
 std::string cause_of(const Seen& seen) {

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/calibrate/initial_rig.h"
 
-#include <Eigen/Dense>
+#include <Eigen/LU>
 #include <cmath>
 #include <opencv2/calib3d.hpp>
 
 #include "core/types/error.h"
+#include "core/types/linear_algebra.h"
 
 namespace fringeslam {
 
@@ -74,30 +75,29 @@ Pinhole initial_projector(const std::vector<Eigen::Vector3d>& points, const std:
     Eigen::Matrix<double, 2, 12> rows;
     rows << x.transpose(), Eigen::RowVector4d::Zero(), -p.x() * x.transpose(),  //
         Eigen::RowVector4d::Zero(), x.transpose(), -p.y() * x.transpose();
-    normal += rows.transpose() * rows;
+    normal += rows.transpose().lazyProduct(rows);
   }
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 12, 12>> solver(normal);
+  const auto eigen = symmetric_eigen(Eigen::MatrixXd(normal));
   // The null space must be one-dimensional; a second null direction means that all points are coplanar.
-  if (!(solver.eigenvalues()(1) > 1e-9 * solver.eigenvalues()(11)))
+  if (!(eigen.values(1) > 1e-9 * eigen.values(11)))
     throw Error(
         "all boards lie in one plane, which does not determine the projector's lens; tilt the board and change its "
         "distance");
-  const Eigen::Matrix<double, 12, 1> h = solver.eigenvectors().col(0);
+  const Eigen::Matrix<double, 12, 1> h = eigen.vectors.col(0);
   Eigen::Matrix<double, 3, 4> matrix;
   matrix << h(0), h(1), h(2), h(3), h(4), h(5), h(6), h(7), h(8), h(9), h(10), h(11);
   matrix = scale_pixels.inverse() * matrix * scale_points;
   if (matrix.row(2).dot(points.front().homogeneous()) < 0) matrix = -matrix;  // points lie in front of the projector
 
-  // Decomposes matrix = K [R t] by RQ: the QR decomposition of the reversed left part.
-  const Eigen::Matrix3d reverse = (Eigen::Matrix3d() << 0, 0, 1, 0, 1, 0, 1, 0, 0).finished();
-  const Eigen::Matrix3d left = matrix.leftCols<3>();
-  const Eigen::HouseholderQR<Eigen::Matrix3d> qr((reverse * left).transpose());
-  Eigen::Matrix3d rotation = reverse * Eigen::Matrix3d(qr.householderQ()).transpose();
-  Eigen::Matrix3d k = reverse * Eigen::Matrix3d(qr.matrixQR().triangularView<Eigen::Upper>()).transpose() * reverse;
-  for (int i = 0; i < 3; ++i) {
-    if (k(i, i) >= 0) continue;
-    k.col(i) *= -1;
-    rotation.row(i) *= -1;
+  // Decomposes matrix = K [R t] with an upper triangular K by Gram-Schmidt orthogonalisation from the last row up.
+  Eigen::Matrix3d rotation = matrix.leftCols<3>(), k = Eigen::Matrix3d::Zero();
+  for (int i = 2; i >= 0; --i) {
+    for (int j = 2; j > i; --j) {
+      k(i, j) = rotation.row(i).dot(rotation.row(j));
+      rotation.row(i) -= k(i, j) * rotation.row(j);
+    }
+    k(i, i) = rotation.row(i).norm();
+    rotation.row(i) /= k(i, i);
   }
   const double scale = k(2, 2);
   projector_from_camera.translation = k.inverse() * matrix.col(3);

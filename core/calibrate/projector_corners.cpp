@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/calibrate/projector_corners.h"
 
-#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <vector>
+
+#include "core/types/linear_algebra.h"
 
 namespace fringeslam {
 
@@ -51,10 +52,9 @@ Eigen::Matrix3d direct_linear(const std::vector<Sample>& samples, const Eigen::V
     rows << x, y, 1, 0, 0, 0, -p.x() * x, -p.x() * y, -p.x(),  //
         0, 0, 0, x, y, 1, -p.y() * x, -p.y() * y, -p.y();
     rows = std::sqrt(sample.trust) * sample.weight.asDiagonal() * rows;
-    normal += rows.transpose() * rows;
+    normal += rows.transpose().lazyProduct(rows);
   }
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 9, 9>> solver(normal);
-  const Eigen::Matrix<double, 9, 1> h = solver.eigenvectors().col(0);
+  const Eigen::Matrix<double, 9, 1> h = symmetric_eigen(Eigen::MatrixXd(normal)).vectors.col(0);
   Eigen::Matrix3d result;
   result << h(0), h(1), h(2), h(3), h(4), h(5), h(6), h(7), h(8);
   Eigen::Matrix3d back = Eigen::Matrix3d::Identity();
@@ -74,7 +74,7 @@ Eigen::Matrix3d affine_fit(const std::vector<Sample>& samples) {
       normal += weight * sample.camera.homogeneous() * sample.camera.homogeneous().transpose();
       right += weight * sample.camera.homogeneous() * sample.projector[axis];
     }
-    result.row(axis) = normal.ldlt().solve(right).transpose();
+    result.row(axis) = solve_symmetric(normal, right).transpose();
   }
   return result;
 }

@@ -4,12 +4,13 @@
 #include <ceres/ceres.h>
 #include <ceres/rotation.h>
 
-#include <Eigen/Dense>
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <string>
 
 #include "core/types/error.h"
+#include "core/types/linear_algebra.h"
 
 namespace fringeslam {
 
@@ -44,19 +45,20 @@ Eigen::Matrix<double, 3, 4> solve_affine(const std::vector<StageView>& views) {
       rows.rightCols<3>() = r0 - ri;
       const Eigen::Vector3d value =
           (views[i].world_from_robot.translation - views[0].world_from_robot.translation) / scale;
-      normal += rows.transpose() * rows;
+      normal += rows.transpose().lazyProduct(rows);
       right += rows.transpose() * value;
     }
   }
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 12, 12>> solver(normal);
-  if (!(solver.eigenvalues()(0) > 1e-7 * solver.eigenvalues()(11))) {
-    const bool offset_open = solver.eigenvectors().col(0).tail<3>().squaredNorm() > 0.5;
+  const auto eigen = symmetric_eigen(Eigen::MatrixXd(normal));
+  if (!(eigen.values(0) > 1e-7 * eigen.values(11))) {
+    const bool offset_open = eigen.vectors.col(0).tail<3>().squaredNorm() > 0.5;
     throw Error(offset_open
                     ? "the motions do not determine the camera's position: there is no rotation, or only one axis; add "
                       "rotations of 5 degrees or more about two axes"
                     : "the motions do not determine the camera's orientation; add translations along three axes");
   }
-  const Eigen::Matrix<double, 12, 1> x = normal.ldlt().solve(right);
+  const Eigen::VectorXd along = eigen.vectors.transpose().lazyProduct(right).cwiseQuotient(eigen.values);
+  const Eigen::Matrix<double, 12, 1> x = eigen.vectors.lazyProduct(along);
   Eigen::Matrix<double, 3, 4> affine;
   for (int k = 0; k < 3; ++k) affine.row(k).head<3>() = x.segment<3>(3 * k).transpose();
   affine.col(3) = scale * x.tail<3>();
@@ -94,11 +96,6 @@ struct CornerResidual {
   }
 };
 
-Eigen::Matrix3d whitening_of(const Eigen::Matrix3d& covariance) {
-  const Eigen::Matrix3d lower = covariance.llt().matrixL();
-  return lower.triangularView<Eigen::Lower>().solve(Eigen::Matrix3d::Identity());
-}
-
 // Variance factor for errors common to all corners of a view, such as the phase error of fringes on the print. These do
 // not average out over the corners, and the transform depends only on differences between views. Returns the reduced
 // chi-square of the views' residual rigid motions: the greater of those out of the image plane (tilts and distance,
@@ -125,7 +122,7 @@ double spread_of_views(const std::vector<StageView>& views, const Pose& robot_fr
       ++seen;
     }
     if (seen < 6) continue;
-    const Matrix6d covariance = normal.inverse();
+    const Matrix6d covariance = inverse(normal);
     const Vector6d motion = covariance * right;
     for (int half = 0; half < 2; ++half) {
       const Eigen::Vector3d part = motion.segment<3>(3 * half);
@@ -156,10 +153,9 @@ void refine(const std::vector<StageView>& views, StageCalibration& result) {
     for (const StageView& view : views) {
       if (!view.corners[j]) continue;
       const Eigen::Matrix3d to_world = view.world_from_robot.rotation * start.rotation;
-      auto* residual =
-          new CornerResidual{view.world_from_robot.rotation, start.rotation,
-                             whitening_of(to_world * view.corners[j]->covariance_m2 * to_world.transpose()),
-                             view.world_from_robot.translation, view.corners[j]->point_m};
+      auto* residual = new CornerResidual{view.world_from_robot.rotation, start.rotation,
+                                          whitening(to_world * view.corners[j]->covariance_m2 * to_world.transpose()),
+                                          view.world_from_robot.translation, view.corners[j]->point_m};
       problem.AddResidualBlock(new ceres::AutoDiffCostFunction<CornerResidual, 3, 6, 3>(residual),
                                new ceres::HuberLoss(3), tangent.data(), corners[j].data());
       residuals += 3;

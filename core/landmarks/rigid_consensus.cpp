@@ -6,6 +6,8 @@
 #include <cmath>
 #include <random>
 
+#include "core/types/linear_algebra.h"
+
 namespace fringeslam {
 
 namespace {

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/map/expected_view.h"
 
-#include <Eigen/Cholesky>
-#include <Eigen/LU>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -12,6 +10,7 @@
 #include "core/base/instruction_set.h"
 #include "core/base/parallel.h"
 #include "core/types/error.h"
+#include "core/types/linear_algebra.h"
 #include "core/types/projection.h"
 
 namespace fringeslam {
@@ -113,10 +112,7 @@ Eigen::Vector2d image_shift_px(const KnownView& view, const Pinhole& camera, dou
 
 ViewError error_of(const KnownView& view, double relative_sigma) {
   ViewError error;
-  const Eigen::LDLT<Matrix6d> factors(view.covariance);  // may be singular
-  const Vector6d spread = factors.vectorD().cwiseMax(0).cwiseSqrt();
-  const Matrix6d lower = factors.matrixL();
-  const Matrix6d root = factors.transpositionsP().transpose() * Matrix6d(lower * spread.asDiagonal());
+  const Matrix6d root = covariance_root(view.covariance);
   for (size_t i = 0; i < 36; ++i)
     error.root[i / 6][i % 6] = static_cast<float>(root(static_cast<int>(i % 6), static_cast<int>(i / 6)));
   for (size_t i = 0; i < 3; ++i)

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/map/pose_edges.h"
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/SparseCholesky>
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+
+#include "core/types/linear_algebra.h"
 
 namespace fringeslam {
 
@@ -108,10 +109,10 @@ Matrix6d information_root(const Matrix6d& information, size_t edge) {
   if (!information.allFinite()) fail("is not finite");
   const double size = information.cwiseAbs().maxCoeff();
   if ((information - information.transpose()).cwiseAbs().maxCoeff() > 1e-9 * size) fail("is not symmetric");
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(0.5 * (information + information.transpose()));
-  if (eigen.eigenvalues().minCoeff() < -1e-9 * size) fail("has a negative eigenvalue");
-  const Vector6d roots = eigen.eigenvalues().cwiseMax(0).cwiseSqrt();
-  return eigen.eigenvectors() * roots.asDiagonal() * eigen.eigenvectors().transpose();
+  const SymmetricEigen<6> eigen = symmetric_eigen(Matrix6d(0.5 * (information + information.transpose())));
+  if (eigen.values.minCoeff() < -1e-9 * size) fail("has a negative eigenvalue");
+  const Vector6d roots = eigen.values.cwiseMax(0).cwiseSqrt();
+  return eigen.vectors * roots.asDiagonal() * eigen.vectors.transpose();
 }
 
 LinearEdge linearise(const PoseEdge& edge, const Matrix6d& root, const Pose& world_from_from,
@@ -153,12 +154,12 @@ std::vector<double> loop_chi2(const std::vector<Pose>& poses, const std::vector<
   std::vector<double> chi2(edges.size(), 0);
   for (size_t i = 0; i < edges.size(); ++i) {
     if (!edges[i].loop || parts[edges[i].from] != parts[edges[i].to]) continue;
-    const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(factor.leverage(edges[i], linear[i]));
-    const Vector6d along = eigen.eigenvectors().transpose() * linear[i].residual;
+    const SymmetricEigen<6> eigen = symmetric_eigen(factor.leverage(edges[i], linear[i]));
+    const Vector6d along = eigen.vectors.transpose() * linear[i].residual;
     for (int k = 0; k < 6; ++k) {
       // In sigmas of the edge, the residual's variance is 1 + g relative to a solution without the edge and 1 - g
       // within its own solution; if the latter is zero, no other edge constrains it.
-      const double g = std::max(0.0, eigen.eigenvalues()[k]);
+      const double g = std::max(0.0, eigen.values[k]);
       const double variance = use[i] ? 1 - g : 1 + g;
       if (variance > 1e-8) chi2[i] += along[k] * along[k] / variance;
     }

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/mapper/mapper.h"
 
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -9,6 +8,7 @@
 #include <utility>
 
 #include "core/base/stage_clock.h"
+#include "core/types/linear_algebra.h"
 
 namespace fringeslam {
 
@@ -167,7 +167,7 @@ bool Mapper::follow_by_prediction(FrameResult& result, const MapperInput& input,
   reconstruct(result, input, {&first, {}});
   // The fringe orders at depth steps are still missing, and the remaining walls may not constrain all directions: the
   // prediction is a prior of the registration.
-  if (!follow(result, predicted, prediction_covariance_.inverse())) return false;
+  if (!follow(result, predicted, inverse(prediction_covariance_))) return false;
   const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera;
   const Pose found = world_from_reference * result.registration.earlier_from_current;
   const ExpectedView second = expected_view(found, result.covariance, true);
@@ -244,7 +244,7 @@ void Mapper::add_keyframe(FrameResult& result, TrackedView& here) {
   finder_.add_keyframe(result.keyframe, result.landmarks);
   here = {here.timestamp_s, result.keyframe, {}};
   if (first) return;
-  map_.link({result.reference, result.keyframe, result.registration.earlier_from_current, result.covariance.inverse(),
+  map_.link({result.reference, result.keyframe, result.registration.earlier_from_current, inverse(result.covariance),
              false});
   result.loops = close_loops(result);
   if (result.loops > 0) result.corrected = map_.correct(options_.pose_graph, options_.mapping.significant_m);
@@ -274,7 +274,7 @@ int Mapper::close_loops(const FrameResult& result) {
                                     point_pairs(earlier.landmarks.keypoints, result.keypoints, recognised[keyframe]),
                                     rig_.camera, middle_m(rig_), options_.registration);
     if (!registration.refined) continue;
-    map_.link({keyframe, result.keyframe, registration.earlier_from_current, registration.covariance.inverse(), true});
+    map_.link({keyframe, result.keyframe, registration.earlier_from_current, inverse(registration.covariance), true});
     ++links;
   }
   return links;

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/mapper/view_registration.h"
 
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <map>
 #include <utility>
 
 #include "core/registration/engines.h"
+#include "core/types/linear_algebra.h"
 
 namespace fringeslam {
 
@@ -37,7 +37,7 @@ double start_error_m(const MotionEstimate& motion, double distance_m) {
 bool agree(const Pose& refined, const MotionEstimate& motion) {
   constexpr double kMaxSquare = 45;
   const Vector6d offset = difference(refined, motion.previous_from_current);
-  return offset.dot(covariance_of(motion).inverse() * offset) <= kMaxSquare;
+  return offset.dot(inverse(covariance_of(motion)) * offset) <= kMaxSquare;
 }
 
 // Residuals wider than the sigmas say that the sigmas are too small, by as much.
@@ -46,7 +46,7 @@ double excess(const IcpResult& icp) { return std::max(1.0, icp.rms_sigma * icp.r
 void take(ViewRegistration& result, const IcpResult& icp) {
   result.found = result.refined = true;
   result.earlier_from_current = orthonormalised(icp.target_from_source);
-  result.covariance = excess(icp) * icp.information.inverse();
+  result.covariance = excess(icp) * inverse(icp.information);
 }
 
 }  // namespace
@@ -90,7 +90,7 @@ ViewRegistration register_views(const Frame& earlier, const Frame& current, cons
   icp.max_distance_m = std::min(icp.max_distance_m, start_error_m(result.motion, distance_m));
   result.icp =
       options.tracking.engine == "point_to_plane"
-          ? point_to_plane_icp(earlier, current, camera, result.earlier_from_current, icp, result.covariance.inverse())
+          ? point_to_plane_icp(earlier, current, camera, result.earlier_from_current, icp, inverse(result.covariance))
           : register_by(options.tracking.engine, earlier, current, camera, result.earlier_from_current, icp);
   if (result.icp.converged && agree(result.icp.target_from_source, result.motion)) take(result, result.icp);
   return result;

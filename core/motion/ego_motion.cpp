@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/motion/ego_motion.h"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -10,6 +8,7 @@
 #include <random>
 
 #include "core/motion/refine.h"
+#include "core/types/linear_algebra.h"
 
 namespace fringeslam {
 
@@ -18,12 +17,12 @@ namespace {
 bool usable(const PointPair& pair) {
   return pair.previous.allFinite() && pair.current.allFinite() && pair.previous_covariance.allFinite() &&
          pair.current_covariance.allFinite() &&
-         (pair.previous_covariance + pair.current_covariance).llt().info() == Eigen::Success;
+         is_positive_definite(pair.previous_covariance + pair.current_covariance);
 }
 
 double mahalanobis2(const PointPair& pair, const Pose& previous_from_current) {
   const Eigen::Vector3d residual = pair.previous - previous_from_current * pair.current;
-  return residual.dot(pair_covariance(pair, previous_from_current).llt().solve(residual));
+  return residual.dot(solve_positive_definite(pair_covariance(pair, previous_from_current), residual));
 }
 
 struct Support {
@@ -147,7 +146,7 @@ MotionEstimate estimate_from(const std::vector<PointPair>& pairs, const MotionOp
 
   const auto worst = [&](int corner) {
     const Eigen::Matrix3d block = result.covariance.block<3, 3>(corner, corner);
-    return std::sqrt(Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(block).eigenvalues().maxCoeff());
+    return std::sqrt(symmetric_eigen(block).values.maxCoeff());
   };
   const bool determined = result.covariance.allFinite() &&
                           worst(0) <= options.max_rotation_sigma_deg * std::numbers::pi / 180 &&

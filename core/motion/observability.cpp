@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/motion/observability.h"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
-#include <Eigen/SVD>
 #include <cmath>
 #include <cstdio>
+
+#include "core/types/linear_algebra.h"
 
 namespace fringeslam {
 
@@ -20,11 +19,14 @@ using Eigen::VectorXd;
 constexpr double kNegligible = 0.05;  // largest share of rotation in a translation, and of advance in a rotation
 constexpr double kZero = 1e-12;       // relative to the largest eigenvalue
 
+// These matrices have at most six rows; lazyProduct() multiplies them without Eigen's blocked kernel, which takes long to
+// compile.
+
 // Returns an orthonormal basis of the span of the columns; each vector is as near to an axis of the frame as the
 // previous ones permit.
 std::vector<Vector3d> nearest_axes(const MatrixXd& columns) {
-  const Eigen::JacobiSVD<MatrixXd> svd(columns, Eigen::ComputeThinU);
-  Matrix3d span = svd.matrixU() * svd.matrixU().transpose();
+  const MatrixXd basis = thin_svd(columns).u;
+  Matrix3d span = basis.lazyProduct(basis.transpose());
   std::vector<Vector3d> axes;
   for (Eigen::Index i = 0; i < columns.cols(); ++i) {
     int nearest = 0;
@@ -39,15 +41,13 @@ std::vector<Vector3d> nearest_axes(const MatrixXd& columns) {
 
 // Returns the combinations of the twists (omega; u), six rows each, that are principal screws.
 std::vector<VectorXd> principal_screws(const MatrixXd& twists, double lever) {
-  const MatrixXd omega = twists.topRows(3), advance = omega.transpose() * twists.bottomRows(3);
-  const Eigen::GeneralizedSelfAdjointEigenSolver<MatrixXd> pitches((advance + advance.transpose()) / 2,
-                                                                   omega.transpose() * omega);
+  const MatrixXd omega = twists.topRows(3), advance = omega.transpose().lazyProduct(twists.bottomRows(3));
+  const auto pitches = generalized_eigen((advance + advance.transpose()) / 2, omega.transpose().lazyProduct(omega));
   std::vector<VectorXd> result;
-  if (pitches.eigenvalues().maxCoeff() - pitches.eigenvalues().minCoeff() > kNegligible * lever) {
-    for (Eigen::Index i = 0; i < twists.cols(); ++i) result.push_back(pitches.eigenvectors().col(i));
+  if (pitches.values.maxCoeff() - pitches.values.minCoeff() > kNegligible * lever) {
+    for (Eigen::Index i = 0; i < twists.cols(); ++i) result.push_back(pitches.vectors.col(i));
   } else {
-    const Eigen::JacobiSVD<MatrixXd> svd(omega, Eigen::ComputeThinU | Eigen::ComputeThinV);
-    for (const Vector3d& axis : nearest_axes(omega)) result.push_back(svd.solve(axis));
+    for (const Vector3d& axis : nearest_axes(omega)) result.push_back(least_squares(omega, axis));
   }
   return result;
 }
@@ -61,7 +61,7 @@ Vector3d common_point(const std::vector<FreeDirection>& axes, const Vector3d& ce
     sum += across;
     moment += across * (axis.point_m - centre);
   }
-  return centre + sum.llt().solve(moment);
+  return centre + solve_positive_definite(sum, moment);
 }
 
 std::string text_of(const Vector3d& v, int digits) {
@@ -97,33 +97,33 @@ std::vector<FreeDirection> free_directions(const Matrix6d& information, const Po
   tangent_from_z.topLeftCorner<3, 3>() /= lever;
   tangent_from_z.bottomLeftCorner<3, 3>() = skew(centre_m - target_from_source.translation) / lever;
   const Matrix6d of_z = tangent_from_z.transpose() * information * tangent_from_z;
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen((of_z + of_z.transpose()) / 2);
-  Vector6d held = eigen.eigenvalues();  // ascending
+  const SymmetricEigen<6> eigen = symmetric_eigen(Matrix6d((of_z + of_z.transpose()) / 2));
+  Vector6d held = eigen.values;  // ascending
   for (double& value : held) value = value <= kZero * held[5] ? 0 : value;
   const double limit = std::pow(options.max_displacement_sigma_m, -2);
   const Eigen::Index free = (held.array() < limit).count();
   if (free == 0) return {};
 
-  const MatrixXd span = eigen.eigenvectors().leftCols(free);
+  const MatrixXd span = eigen.vectors.leftCols(free);
   // In m; `combination` has unit length and refers to the columns of `span`.
   const auto sigma = [&](const VectorXd& combination) {
     return 1 / std::sqrt(combination.cwiseAbs2().dot(held.head(free)));
   };
-  const Eigen::JacobiSVD<MatrixXd> turning(span.topRows(3), Eigen::ComputeFullU | Eigen::ComputeFullV);
-  const Eigen::Index turns = (turning.singularValues().array() > kNegligible).count();
+  const SingularValues turning = full_svd(span.topRows(3));
+  const Eigen::Index turns = (turning.values.array() > kNegligible).count();
   std::vector<FreeDirection> result;
 
-  const MatrixXd slides = turning.matrixV().rightCols(free - turns);
+  const MatrixXd slides = turning.v.rightCols(free - turns);
   if (slides.cols() > 0) {
-    const MatrixXd shifts = span.bottomRows(3) * slides;
+    const MatrixXd shifts = span.bottomRows(3).lazyProduct(slides);
     for (const Vector3d& axis : nearest_axes(shifts))
       result.push_back({FreeKind::translation, axis, Vector3d::Zero(), 0,
                         sigma((slides * (shifts.transpose() * axis)).normalized())});
   }
   if (turns == 0) return result;
 
-  const MatrixXd rest = turning.matrixV().leftCols(turns);
-  MatrixXd twists = span * rest;
+  const MatrixXd rest = turning.v.leftCols(turns);
+  MatrixXd twists = span.lazyProduct(rest);
   twists.topRows(3) /= lever;
   std::vector<FreeDirection> turned;
   for (const VectorXd& screw : principal_screws(twists, lever)) {

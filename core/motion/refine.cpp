@@ -4,8 +4,9 @@
 #include <ceres/ceres.h>
 #include <ceres/rotation.h>
 
-#include <Eigen/Cholesky>
 #include <limits>
+
+#include "core/types/linear_algebra.h"
 
 namespace fringeslam {
 
@@ -30,12 +31,6 @@ struct PairResidual {
   }
 };
 
-// Upper factor U with U^T U = covariance^-1.
-Eigen::Matrix3d whitening_of(const Eigen::Matrix3d& covariance) {
-  const Eigen::Matrix3d lower = covariance.llt().matrixL();
-  return lower.triangularView<Eigen::Lower>().solve(Eigen::Matrix3d::Identity());
-}
-
 }  // namespace
 
 Refinement refine_motion(const std::vector<PointPair>& pairs, const std::vector<char>& use, const Pose& initial) {
@@ -45,7 +40,7 @@ Refinement refine_motion(const std::vector<PointPair>& pairs, const std::vector<
     if (!use[i]) continue;
     const PointPair& pair = pairs[i];
     auto* residual = new PairResidual{pair.previous, initial.rotation * pair.current, initial.translation,
-                                      whitening_of(pair_covariance(pair, initial))};
+                                      whitening(pair_covariance(pair, initial))};
     problem.AddResidualBlock(new ceres::AutoDiffCostFunction<PairResidual, 3, 6>(residual), new ceres::HuberLoss(2.5),
                              tangent.data());
   }
@@ -67,14 +62,11 @@ Refinement refine_motion(const std::vector<PointPair>& pairs, const std::vector<
     if (!use[i]) continue;
     Eigen::Matrix<double, 3, 6> jacobian;
     jacobian << -skew(pose.rotation * pairs[i].current), Eigen::Matrix3d::Identity();
-    jacobian = whitening_of(pair_covariance(pairs[i], pose)) * jacobian;
+    jacobian = whitening(pair_covariance(pairs[i], pose)) * jacobian;
     result.information += jacobian.transpose() * jacobian;
   }
-  const Eigen::LDLT<Matrix6d> factor(result.information);
-  if (factor.info() == Eigen::Success && factor.rcond() > 1e-14)
-    result.covariance = factor.solve(Matrix6d::Identity());
-  else
-    result.covariance.setConstant(std::numeric_limits<double>::quiet_NaN());
+  result.covariance = inverse_if_well_conditioned(result.information, 1e-14)
+                          .value_or(Matrix6d::Constant(std::numeric_limits<double>::quiet_NaN()));
   return result;
 }
 

@@ -1,20 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/registration/icp.h"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <bit>
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <optional>
 #include <random>
 #include <string>
 #include <vector>
 
 #include "core/registration/plane_pairs.h"
 #include "core/types/error.h"
+#include "core/types/linear_algebra.h"
 
 namespace fringeslam {
 
@@ -40,15 +39,12 @@ void take_off_feigned(PlaneSums& sums, const Matrix6d& feigned) {
   // A remainder in a direction with little other information may be chance: windows of neighbouring normals share
   // pixels, so that even with many pairs the noise-induced share is only known to a few per cent.
   constexpr double kMargin = 1.2, kLeast = 1e-3;
-  const Eigen::LLT<Matrix6d> factor(sums.information);
-  if (factor.info() != Eigen::Success) return;
-  const Matrix6d half = factor.matrixL().solve(feigned);
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> shares(factor.matrixL().solve(half.transpose()));
-  const Vector6d left = (1 - kMargin * shares.eigenvalues().array()).max(kLeast);
-  const Matrix6d basis = factor.matrixL() * shares.eigenvectors();
-  const Vector6d gradient = shares.eigenvectors().transpose() * factor.matrixL().solve(sums.gradient);
+  const std::optional<CommonBasis> common = common_basis(sums.information, feigned, sums.gradient);
+  if (!common) return;
+  const Matrix6d& basis = common->basis;
+  const Vector6d left = (1 - kMargin * common->values.array()).max(kLeast);
   sums.information = basis * left.cwiseAbs2().asDiagonal() * basis.transpose();
-  sums.gradient = basis * left.cwiseProduct(gradient);
+  sums.gradient = basis * left.cwiseProduct(common->coordinates);
 }
 
 // In sigmas of the information of all points.
@@ -56,7 +52,7 @@ double reopened_sigma(PlanePairs& problem, double least_sigma_m, const Pose& tar
                       const Matrix6d& information) {
   constexpr double kOpen_m = 5e-3;
   const PlaneSums sums = problem.linearise(target_from_source, {kOpen_m, kOpen_m / least_sigma_m}, stride);
-  const Vector6d step = sums.information.ldlt().solve(-sums.gradient);
+  const Vector6d step = solve_symmetric(sums.information, -sums.gradient);
   return stride * std::sqrt(step.dot(information * step));
 }
 
@@ -97,9 +93,9 @@ IcpResult refined(PlanePairs& problem, double least_sigma_m, const Pose& initial
     if (gates.outlier_sigma < 16 * options.outlier_sigma) stride = std::max(finest, std::min(stride, 2));
     sums = linearised(stride);
     if (sums.pairs < 6) return result;
-    const Eigen::LDLT<Matrix6d> factor(sums.information);
-    if (factor.info() != Eigen::Success || !(factor.rcond() > 1e-12)) return result;
-    const Vector6d step = factor.solve(-sums.gradient);
+    const std::optional<Vector6d> solution = solve_well_conditioned(sums.information, -sums.gradient, 1e-12);
+    if (!solution) return result;
+    const Vector6d& step = *solution;
     // Correspondences keep flipping between neighbouring pixels, and the steps oscillate with them. Damped steps end
     // in between, where the difference is far below the noise.
     damping = step.dot(sums.information * last_step) < 0 ? 0.5 * damping : 1;
@@ -146,7 +142,7 @@ Candidate followed(PlanePairs& problem, double least_sigma_m, Pose pose, double 
     if (sums.pairs < 20) return {pose};
     // Keeps directions in place in which the few points could slide.
     const double hold = 1e-4 * sums.information.diagonal().maxCoeff();
-    pose = retract(pose, (sums.information + hold * Matrix6d::Identity()).ldlt().solve(-sums.gradient));
+    pose = retract(pose, solve_symmetric(Matrix6d(sums.information + hold * Matrix6d::Identity()), -sums.gradient));
   }
   const PlaneSums sums = linearised(last_m);
   const double consistency = sums.pairs / std::max(1.0, static_cast<double>(sums.seen));

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/score/trajectory_score.h"
 
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -9,6 +8,7 @@
 
 #include "core/score/score.h"
 #include "core/types/error.h"
+#include "core/types/linear_algebra.h"
 
 namespace fringeslam {
 
@@ -54,7 +54,8 @@ Similarity alignment(const Associated& poses, const std::string& how, bool needs
   bool unique = false;
   const Similarity result = align_similarity(positions(poses.truth), positions(poses.estimate), how == "sim3", &unique);
   if (needs_rotation && !unique)
-    throw Error("score: collinear positions do not determine the rotation about their line; use align 'origin' instead");
+    throw Error(
+        "score: collinear positions do not determine the rotation about their line; use align 'origin' instead");
   return result;
 }
 
@@ -136,7 +137,7 @@ Similarity align_similarity(const Points& to, const Points& from, bool with_scal
     along += t.dot(result.pose.rotation * f);
   }
   if (unique) {
-    const Eigen::Vector3d singular = Eigen::JacobiSVD<Eigen::Matrix3d>(correlation).singularValues();
+    const Eigen::Vector3d singular = singular_values(correlation);
     *unique = singular[1] > kOnALine * singular[0];
   }
   if (!with_scale) return result;

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/thermal/shape.h"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -10,6 +8,8 @@
 #include <numbers>
 #include <optional>
 #include <utility>
+
+#include "core/types/linear_algebra.h"
 
 namespace fringeslam {
 
@@ -59,7 +59,7 @@ std::optional<Cylinder> started_cylinder(const Patch& patch) {
     mean += p.point_m / static_cast<double>(patch.size());
     normals += p.normal * p.normal.transpose();
   }
-  const Eigen::Vector3d axis = Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(normals).eigenvectors().col(0);
+  const Eigen::Vector3d axis = symmetric_eigen(normals).vectors.col(0);
   const auto [u, v] = frame_across(axis);
   Eigen::Matrix3d information = Eigen::Matrix3d::Zero();
   Eigen::Vector3d right = Eigen::Vector3d::Zero();
@@ -68,7 +68,7 @@ std::optional<Cylinder> started_cylinder(const Patch& patch) {
     information += q * q.transpose();
     right -= (q.x() * q.x() + q.y() * q.y()) * q;
   }
-  const Eigen::Vector3d solution = information.ldlt().solve(right);
+  const Eigen::Vector3d solution = solve_symmetric(information, right);
   const Eigen::Vector2d middle = -0.5 * solution.head<2>();
   const double squared = middle.squaredNorm() - solution.z();
   if (!(squared > 0) || !solution.allFinite()) return std::nullopt;
@@ -78,20 +78,20 @@ std::optional<Cylinder> started_cylinder(const Patch& patch) {
 // One Gauss-Newton step on the distances |across| - radius, in centre, axis and radius.
 void refine(Cylinder& cylinder, const Patch& patch) {
   const auto [u, v] = frame_across(cylinder.axis);
-  Eigen::Matrix<double, 5, 5> information = Eigen::Matrix<double, 5, 5>::Zero();
-  Eigen::Matrix<double, 5, 1> right = Eigen::Matrix<double, 5, 1>::Zero();
+  Matrix5d information = Matrix5d::Zero();
+  Vector5d right = Vector5d::Zero();
   for (const SurfacePoint& p : patch) {
     const Eigen::Vector3d across = cylinder.across(p.point_m);
     const double distance = across.norm(), along = cylinder.along(p.point_m);
     if (!(distance > 0)) continue;
     const Eigen::Vector3d outward = across / distance;
-    Eigen::Matrix<double, 5, 1> g;
+    Vector5d g;
     g << -outward.dot(u), -outward.dot(v), -along * outward.dot(u), -along * outward.dot(v), -1;
     information += g * g.transpose();
     right -= (distance - cylinder.radius) * g;
   }
-  information.diagonal() += Eigen::Matrix<double, 5, 1>::Constant(1e-9 * information.trace());
-  const Eigen::Matrix<double, 5, 1> step = information.ldlt().solve(right);
+  information.diagonal() += Vector5d::Constant(1e-9 * information.trace());
+  const Vector5d step = solve_symmetric(information, right);
   if (!step.allFinite()) return;
   cylinder.centre += step[0] * u + step[1] * v;
   cylinder.axis = (cylinder.axis + step[2] * u + step[3] * v).normalized();

@@ -2,10 +2,10 @@
 #include "core/types/pose.h"
 
 #include <Eigen/Geometry>
-#include <Eigen/LU>
-#include <Eigen/SVD>
 #include <cmath>
 #include <numbers>
+
+#include "core/types/linear_algebra.h"
 
 namespace fringeslam {
 
@@ -52,14 +52,6 @@ Matrix6d covariance_of_inverse(const Pose& pose, const Matrix6d& covariance) {
   jacobian.topLeftCorner<3, 3>() = jacobian.bottomRightCorner<3, 3>() = -pose.rotation.transpose();
   jacobian.bottomLeftCorner<3, 3>() = -pose.rotation.transpose() * skew(pose.translation);
   return jacobian * covariance * jacobian.transpose();
-}
-
-Eigen::Matrix3d nearest_rotation(const Eigen::Matrix3d& matrix) {
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(matrix, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  // The closest orthogonal matrix may be a reflection; then the direction of the smallest singular value is flipped.
-  const double handedness = (svd.matrixU() * svd.matrixV().transpose()).determinant();
-  const Eigen::Vector3d signs(1, 1, handedness < 0 ? -1 : 1);
-  return svd.matrixU() * signs.asDiagonal() * svd.matrixV().transpose();
 }
 
 Pose orthonormalised(const Pose& pose) { return {nearest_rotation(pose.rotation), pose.translation}; }

@@ -41,10 +41,6 @@ Vector6d difference(const Pose& to, const Pose& from);
 // omega, v' = -R^T (v + t x omega).
 Matrix6d covariance_of_inverse(const Pose& pose, const Matrix6d& covariance);
 
-// Returns the rotation closest to `matrix` in the Frobenius norm, which also maximises tr(R^T matrix). It is not unique
-// if the two smallest singular values of `matrix` are zero, or equal and det(matrix) < 0.
-Eigen::Matrix3d nearest_rotation(const Eigen::Matrix3d& matrix);
-
 // Replaces the rotation by the nearest one, to remove rounding drift from long products.
 Pose orthonormalised(const Pose& pose);
 

@@ -2,7 +2,6 @@
 #include "sim/scene/mesh_import.h"
 
 #include <Eigen/Geometry>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cctype>
 #include <charconv>
@@ -11,6 +10,7 @@
 #include <limits>
 
 #include "core/types/error.h"
+#include "core/types/linear_algebra.h"
 #include "sim/scene/cache.h"
 #include "sim/scene/mesh_reader.h"
 
@@ -53,8 +53,7 @@ struct Decomposed {
 };
 
 Decomposed decomposed(const Eigen::Affine3d& transform) {
-  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(transform.linear(), Eigen::ComputeFullU | Eigen::ComputeFullV);
-  Eigen::Matrix3d rotation = svd.matrixU() * svd.matrixV().transpose();
+  Eigen::Matrix3d rotation = nearest_orthogonal(transform.linear());
   if (rotation.determinant() < 0) rotation = -rotation;
   return {rotation.transpose() * transform.linear(), {rotation, transform.translation()}};
 }
@@ -138,8 +137,8 @@ std::string MeshImport::summary(const std::filesystem::path& file) const {
   std::snprintf(text, sizeof text, "unit %g m, %s up; %zu part%s%s, %zu triangles%s, %.4g x %.4g x %.4g m", unit_m,
                 up.c_str(), parts.size(), parts.size() == 1 ? "" : "s",
                 meshes == parts.size() ? "" : (" of " + std::to_string(meshes) + " meshes").c_str(), triangles,
-                degenerate == 0 ? "" : (" (" + std::to_string(degenerate) + " degenerate dropped)").c_str(),
-                size.x(), size.y(), size.z());
+                degenerate == 0 ? "" : (" (" + std::to_string(degenerate) + " degenerate dropped)").c_str(), size.x(),
+                size.y(), size.z());
   return file.filename().string() + ": " + text;
 }
 
