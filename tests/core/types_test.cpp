@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/base/parallel.h"
+#include "core/types/linear_algebra.h"
 #include "core/types/options.h"
 #include "core/types/pinhole.h"
 #include "core/types/pose.h"
