@@ -8,7 +8,7 @@ namespace fringeslam::tools {
 Board read_board(const std::filesystem::path& file) {
   const YamlMap map = YamlMap::load(file);
   Board board;
-  board.kind = board_kind(map.choice("kind", {"checkerboard", "circles", "asymmetric_circles"}));
+  board.kind = map.choice<BoardKind>("kind");
   board.columns = map.integer("columns", {3, 1000});
   board.rows = map.integer("rows", {3, 1000});
   board.spacing_m = map.number("spacing_m", {1e-5, 100});

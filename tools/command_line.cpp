@@ -82,6 +82,11 @@ Option Command::add_option(const std::string& name, std::vector<double>& value, 
   return Option(app_->add_option(name, value, help));
 }
 
+Option Command::add_option(const std::string& name, std::function<void(const std::string&)> assign,
+                           const std::string& help) const {
+  return Option(app_->add_option_function<std::string>(name, std::move(assign), help));
+}
+
 Option Command::add_flag(const std::string& name, bool& value, const std::string& help) const {
   return Option(app_->add_flag(name, value, help));
 }

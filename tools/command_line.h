@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -62,6 +63,9 @@ class Command {
   Option add_option(const std::string& name, std::optional<uint64_t>& value, const std::string& help) const;
   Option add_option(const std::string& name, std::vector<std::string>& value, const std::string& help) const;
   Option add_option(const std::string& name, std::vector<double>& value, const std::string& help) const;
+  // Calls `assign` with the value on parsing.
+  Option add_option(const std::string& name, std::function<void(const std::string&)> assign,
+                    const std::string& help) const;
   Option add_flag(const std::string& name, bool& value, const std::string& help) const;
 
   std::string get_name() const;

@@ -44,7 +44,7 @@ void write_pictures(const fs::path& folder, const FrameResult& view, const Landm
 
 int landmarks(const Arguments& arguments, const Common& common) {
   Settings settings = parse_settings(arguments.sets);
-  settings.pipeline.tracking.landmarks = "every_frame";
+  settings.pipeline.tracking.landmarks = LandmarkViews::every_frame;
   settings.pipeline.mapping.every_view = true;
   const auto source = open_source(arguments.source, arguments.variant, settings, false);
   StagedFolder folder(arguments.out, "landmarks");

@@ -23,7 +23,8 @@ constexpr int kResponseEntries = 1025;    // in the table of the inverse respons
 constexpr size_t kImagesInOneColour = 3;  // R, G, B
 
 struct Arguments {
-  std::string out, rig, size, scene, axis = "columns", gray = "none", pack;
+  std::string out, rig, size, scene, axis = "columns", pack;
+  GrayCode gray = GrayCode::none;
   std::vector<double> periods_px;
   int steps = 3, ramp_levels = 0, bits = 8;
   bool linearise = false, gray_inverted = false, white_black = false, dithered = false;
@@ -45,9 +46,7 @@ SequenceDesign design_of(const Arguments& arguments, const cv::Size& size) {
   design.rows = arguments.axis != "columns";
   design.periods_px = arguments.periods_px;
   design.steps = arguments.steps;
-  design.gray = arguments.gray == "none"    ? GrayCode::none
-                : arguments.gray == "plain" ? GrayCode::plain
-                                            : GrayCode::complementary;
+  design.gray = arguments.gray;
   design.gray_inverted = arguments.gray_inverted;
   design.white_black = arguments.white_black;
   design.ramp_levels = arguments.ramp_levels;
@@ -162,8 +161,7 @@ Verb add_patterns(Command app, const Common& common) {
   note(verb.add_option("--periods", a->periods_px, "Fringe periods, px").delimiter(',').check_range(2.0, 1e5));
   note(verb.add_option("--steps", a->steps, "Phase shifts per period").check_range(3, 64));
   note(verb.add_option("--axis", a->axis, "Coded coordinate").check_one_of({"columns", "rows", "both"}));
-  note(verb.add_option("--gray", a->gray, "Gray code of the finest fringe's period number")
-           .check_one_of({"none", "plain", "complementary"}));
+  note(add_choice(verb, "--gray", a->gray, "Gray code of the finest fringe's period number"));
   note(verb.add_flag("--gray-inverted", a->gray_inverted, "Also write each Gray code image inverted"));
   note(verb.add_flag("--white-black", a->white_black, "Add a white and a black image"));
   note(verb.add_option("--ramp-levels", a->ramp_levels, "Add a grey ramp with this number of flat images")

@@ -107,7 +107,7 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const T
   frames_.push_back({{"index", stack.index},
                      {"tracking", to_string(result.tracking)},
                      {"images", result.images},
-                     {"unwrapping", result.decoded.unwrapping},
+                     {"unwrapping", result.decoded.unwrapping ? to_string(*result.decoded.unwrapping) : ""},
                      {"valid_pixels", cv::countNonZero(depth == depth)},
                      {"keypoints_detected", result.keypoints.detected},
                      {"keypoints_with_depth", result.keypoints.keypoints.size()},

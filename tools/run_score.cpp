@@ -144,10 +144,10 @@ nlohmann::ordered_json to_json(const TrajectoryScore& score) {
           {"ate_umeyama_rmse_mm", score.ate_umeyama_rmse_m * 1e3},
           {"rpe_translation_rmse_mm", score.rpe_translation_rmse_m * 1e3},
           {"rpe_rotation_rmse_deg", score.rpe_rotation_rmse_rad * kDegPerRad},
-          {"align", score.options.align},
+          {"align", to_string(score.options.align)},
           {"scale", score.truth_from_estimate.scale},
-          {"relation", score.options.relation},
-          {score.options.relation == "translation" ? "ape_m" : "ape", to_json(score.ape)},
+          {"relation", to_string(score.options.relation)},
+          {score.options.relation == PoseRelation::translation ? "ape_m" : "ape", to_json(score.ape)},
           {"delta", score.options.delta},
           {"all_pairs", score.options.all_pairs},
           {"steps", score.steps},
@@ -198,14 +198,14 @@ std::string to_table(const TrajectoryScore& score) {
 
 std::string statistics_table(const TrajectoryScore& score) {
   const TrajectoryOptions& options = score.options;
-  std::string text = "\naligned by " + options.align;
-  if (options.align == "sim3") text += format(", scale %.9g", score.truth_from_estimate.scale);
+  std::string text = std::string("\naligned by ") + to_string(options.align);
+  if (options.align == Alignment::sim3) text += format(", scale %.9g", score.truth_from_estimate.scale);
   text += format("; %d steps of %d frame%s\n", score.steps, options.delta, options.delta == 1 ? "" : "s");
   text += "                          rmse        mean      median         std         min         max         sse\n";
-  const bool length = options.relation == "translation";
-  text += statistics_line(length                               ? "APE mm"
-                          : options.relation == "rotation_deg" ? "APE deg"
-                                                               : "APE full",
+  const bool length = options.relation == PoseRelation::translation;
+  text += statistics_line(length                                           ? "APE mm"
+                          : options.relation == PoseRelation::rotation_deg ? "APE deg"
+                                                                           : "APE full",
                           score.ape, length ? 1e3 : 1);
   return text + statistics_line("RPE mm", score.rpe_translation_m, 1e3) +
          statistics_line("RPE deg", score.rpe_rotation_deg, 1);

@@ -79,23 +79,24 @@ void score_map_file(const Arguments& arguments, const Common& common) {
   std::string aligned = "not aligned";
   if (!arguments.trajectory.empty()) {
     world_from_map = align_trajectory(read_trajectory(arguments.trajectory), truth.trajectory, arguments.options);
-    aligned = "aligned by its trajectory: " + arguments.options.align;
-    if (arguments.options.align == "sim3") aligned += ", scale " + to_text(world_from_map.scale);
+    aligned = std::string("aligned by its trajectory: ") + to_string(arguments.options.align);
+    if (arguments.options.align == Alignment::sim3) aligned += ", scale " + to_text(world_from_map.scale);
     for (Eigen::Vector3d& vertex : map.vertices) vertex = world_from_map * vertex;
   }
   const MapScore score = score_map(map, truth, arguments.threshold_m);
-  const nlohmann::ordered_json json = {{"scene", truth.name},
-                                       {"vertices", map.vertices.size()},
-                                       {"triangles", map.triangles.size()},
-                                       {"dropped", map.dropped},
-                                       {"align", arguments.trajectory.empty() ? "none" : arguments.options.align},
-                                       {"scale", world_from_map.scale},
-                                       {"accuracy_mm", distances_json(score.accuracy)},
-                                       {"completeness_mm", distances_json(score.completeness)},
-                                       {"threshold_mm", score.threshold_m * 1e3},
-                                       {"precision", score.precision},
-                                       {"recall", score.recall},
-                                       {"f_score", score.f_score()}};
+  const nlohmann::ordered_json json = {
+      {"scene", truth.name},
+      {"vertices", map.vertices.size()},
+      {"triangles", map.triangles.size()},
+      {"dropped", map.dropped},
+      {"align", to_string(arguments.trajectory.empty() ? Alignment::none : arguments.options.align)},
+      {"scale", world_from_map.scale},
+      {"accuracy_mm", distances_json(score.accuracy)},
+      {"completeness_mm", distances_json(score.completeness)},
+      {"threshold_mm", score.threshold_m * 1e3},
+      {"precision", score.precision},
+      {"recall", score.recall},
+      {"f_score", score.f_score()}};
   print(common, json, map_table(score, map, aligned));
 }
 
@@ -112,15 +113,13 @@ Verb add_score(Command app, const Common& common) {
       "Ground truth. For a trajectory: the true trajectory or a rendered folder; for a map: scene, dataset, run "
       "or TUM RGB-D folder; not for a run folder, which contains its own");
   const Option align =
-      verb.add_option("--align", options.align,
-                      "Alignment: none, origin (first pose), se3 or sim3 (all positions, sim3 with scale); evo's "
-                      "--align_origin, --align, --align --correct_scale")
-          .check_one_of({"none", "origin", "se3", "sim3"})
-          .capture_default_str();
+      add_choice(verb, "--align", options.align,
+                 "Alignment: none, origin (first pose), se3 or sim3 (all positions, sim3 with scale); evo's "
+                 "--align_origin, --align, --align --correct_scale")
+          .default_str(to_string(options.align));
   const std::vector<Option> of_trajectory = {
-      verb.add_option("--relation", options.relation, "Part of the pose compared by the APE")
-          .check_one_of({"translation", "rotation_deg", "full"})
-          .capture_default_str(),
+      add_choice(verb, "--relation", options.relation, "Part of the pose compared by the APE")
+          .default_str(to_string(options.relation)),
       verb.add_option("--delta", options.delta, "Number of frames between the poses of the RPE")
           .check_range(1, 1000000000)
           .capture_default_str(),
@@ -145,7 +144,7 @@ Verb add_score(Command app, const Common& common) {
     if (!is_run && arguments->truth.empty())
       throw Error(std::string("score: a ") + (is_map ? "map needs its true surface: add --truth SCENE"
                                                      : "trajectory needs a true trajectory: add --truth FILE"));
-    if (is_map && align.count() > 0 && arguments->options.align != "none" && arguments->trajectory.empty())
+    if (is_map && align.count() > 0 && arguments->options.align != Alignment::none && arguments->trajectory.empty())
       throw Error("score: a map is aligned by its system's trajectory: add --trajectory FILE");
     if (is_run)
       score_run_folder(*arguments, common);

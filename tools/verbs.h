@@ -7,6 +7,7 @@
 #include <nlohmann/json_fwd.hpp>
 #include <string>
 
+#include "core/types/options.h"
 #include "tools/command_line.h"
 
 namespace fringeslam::tools {
@@ -19,6 +20,17 @@ struct Common {
 
 // Prints a verb's result: the JSON document with --json, otherwise the line unless --quiet is set.
 void say(const Common& common, const nlohmann::ordered_json& document, const std::string& line);
+
+// Adds an option whose value is one of an enum's choices.
+template <NamedEnum E>
+Option add_choice(Command verb, const std::string& name, E& value, const std::string& help) {
+  const auto assign = [&value](const std::string& text) {
+    for (const Choice<E>& choice : choices(E())) {
+      if (choice.name == text) value = choice.value;
+    }
+  };
+  return verb.add_option(name, assign, help).check_one_of(choice_names<E>());
+}
 
 using Verb = std::function<int()>;
 

@@ -119,20 +119,20 @@ std::vector<Variant> variants() {
     change(method);
     all.emplace_back(name, method);
   };
-  for (const char* method : {"depth_sampling", "convex_hull", "both"})
-    vary(std::string("clusters: ") + method, [&](LandmarkMethod& m) {
-      m.landmarks.outlines = "clusters";
+  for (const ClusterMethod method : choice_values<ClusterMethod>())
+    vary(std::string("clusters: ") + to_string(method), [&](LandmarkMethod& m) {
+      m.landmarks.outlines = OutlineSource::clusters;
       m.clusters.method = method;
       m.keypoints.depth_halved = false;
     });
-  for (const std::string& edges : edge_detectors()) {
+  for (const EdgeDetector edges : choice_values<EdgeDetector>()) {
     if (edges != ConditioningOptions().edges)
-      vary("edges: " + edges, [&](LandmarkMethod& m) { m.conditioning.edges = edges; });
+      vary(std::string("edges: ") + to_string(edges), [&](LandmarkMethod& m) { m.conditioning.edges = edges; });
   }
   vary("without guided search", [](LandmarkMethod& m) { m.recognition.guided = false; });
   vary("SIFT instead of RootSIFT", [](LandmarkMethod& m) { m.keypoints.root_sift = false; });
   vary("depth keypoints at full resolution", [](LandmarkMethod& m) { m.keypoints.depth_halved = false; });
-  vary("brute force", [](LandmarkMethod& m) { m.recognition.search = "brute_force"; });
+  vary("brute force", [](LandmarkMethod& m) { m.recognition.search = DescriptorSearch::brute_force; });
   vary("texture keypoints at half resolution", [](LandmarkMethod& m) { m.keypoints.texture_halved = true; });
   vary("1500 keypoints", [](LandmarkMethod& m) { m.keypoints.max_keypoints = 1500; });
   vary("1500 keypoints of contrast 0.01", [](LandmarkMethod& m) {
@@ -140,7 +140,7 @@ std::vector<Variant> variants() {
     m.keypoints.contrast_threshold = 0.01;
   });
   vary("method as published", [](LandmarkMethod& m) {
-    m.landmarks.outlines = "clusters";
+    m.landmarks.outlines = OutlineSource::clusters;
     m.keypoints.depth_halved = false;
     m.landmarks.within_foreground = false;
     m.recognition.guided = false;

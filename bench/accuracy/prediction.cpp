@@ -81,20 +81,19 @@ PredictionPair prediction_pair(const std::string& name, size_t first, uint64_t s
   return pair;
 }
 
-Frame decoded_by(const PredictionPair& pair, const std::string& unwrapping, const Pose& pose,
-                 const Matrix6d& covariance) {
+Frame decoded_by(const PredictionPair& pair, Unwrapping unwrapping, const Pose& pose, const Matrix6d& covariance) {
   const ExpectedView view = expected_view({{&pair.known, pose, covariance}}, pair.scene.rig.camera, pair.rays);
   const ExpectedCoordinate expected = expected_coordinate(pair.scene.rig, pair.rays, view.depth_m, view.sigma_m);
   DecodeOptions options;
   options.unwrapping = unwrapping;
-  options.spatial_reference = "predicted";
+  options.spatial_reference = SpatialReference::predicted;
   return reconstruct(decode(pair.stack, pair.scene.rig, options, {Axis::columns, &expected}), pair.scene.rig,
                      pair.triangulation, {});
 }
 
 // Registers what could be decoded with the predicted pose, then decodes again with the refined pose.
-Frame decoded_twice(const PredictionPair& pair, const std::string& unwrapping) {
-  const Frame first = decoded_by(pair, "predicted", pair.predicted, pair.covariance);
+Frame decoded_twice(const PredictionPair& pair, Unwrapping unwrapping) {
+  const Frame first = decoded_by(pair, Unwrapping::predicted, pair.predicted, pair.covariance);
   IcpOptions options;
   options.max_distance_m = 0.02;
   const Pose start = pair.predicted.inverse();
@@ -138,10 +137,11 @@ struct Way {
 };
 const Way kWays[] = {
     {"all images", [](const PredictionPair& pair) { return pair.full; }},
-    {"predicted", [](const PredictionPair& p) { return decoded_by(p, "predicted", p.predicted, p.covariance); }},
-    {"spatial", [](const PredictionPair& p) { return decoded_by(p, "spatial", p.predicted, p.covariance); }},
-    {"predicted, twice", [](const PredictionPair& p) { return decoded_twice(p, "predicted"); }},
-    {"spatial, twice", [](const PredictionPair& p) { return decoded_twice(p, "spatial"); }},
+    {"predicted",
+     [](const PredictionPair& p) { return decoded_by(p, Unwrapping::predicted, p.predicted, p.covariance); }},
+    {"spatial", [](const PredictionPair& p) { return decoded_by(p, Unwrapping::spatial, p.predicted, p.covariance); }},
+    {"predicted, twice", [](const PredictionPair& p) { return decoded_twice(p, Unwrapping::predicted); }},
+    {"spatial, twice", [](const PredictionPair& p) { return decoded_twice(p, Unwrapping::spatial); }},
 };
 
 std::vector<Row> prediction_rows(const Context& context) {
@@ -209,7 +209,7 @@ MovingErrors moving_errors(const Motion& motion, double speed, uint64_t seed) {
   const Triangulation triangulation(rig, rays, depth_options.near_m, depth_options.far_m);
   const auto expected = expected_coordinate(rig, rays, truth.depth_m, cv::Mat1f(rays.size(), 3e-3f));
   DecodeOptions options;
-  options.unwrapping = "predicted";
+  options.unwrapping = Unwrapping::predicted;
   DecodedStack decoded = decode(stack, rig, options, {Axis::columns, &expected});
   const auto median_error = [&](const Frame& frame) {
     cv::Mat1f depth;

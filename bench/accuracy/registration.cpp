@@ -56,8 +56,8 @@ std::vector<Contender> contenders() {
                    }});
   };
   add("cold", [](const FramePair& pair) { return register_frames(pair.target, pair.source, pair.rig.camera, {}); });
-  for (const std::string& engine : registration_engines()) {
-    add(engine, [engine](const FramePair& pair) {
+  for (const RegistrationEngine engine : registration_engines()) {
+    add(to_string(engine), [engine](const FramePair& pair) {
       IcpOptions options;
       options.max_distance_m = 0.1;
       return register_by(engine, pair.target, pair.source, pair.rig.camera, {}, options);

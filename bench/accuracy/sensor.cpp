@@ -61,7 +61,7 @@ std::vector<Row> range_noise_rows(const Context& context) {
     const auto expected =
         expected_coordinate(scene.rig, rays, cv::Mat1f(rays.size(), 1.0f), cv::Mat1f(rays.size(), 0.002f));
     DecodeOptions options;
-    options.unwrapping = "predicted";
+    options.unwrapping = Unwrapping::predicted;
     const DecodedStack decoded = decode(*stack, scene.rig, options, {Axis::columns, &expected});
     Frame frame;
     triangulate(frame, decoded, Triangulation(scene.rig, rays, 0.4, 2.5), {});
@@ -148,20 +148,23 @@ std::vector<Row> sigma_rows(const Context& context) {
 // --- fringe orders ---
 
 struct Method {
-  std::string id, unwrapping, spatial_order;
+  std::string id;
+  Unwrapping unwrapping;
+  SpatialOrdering spatial_order;
   std::vector<double> periods;
   GrayCode gray;
   double limit;
 };
 
 const std::vector<Method>& methods() {
+  using enum SpatialOrdering;
   static const std::vector<Method> all = {
-      {"multifrequency", "multifrequency", "quality", {1040, 131, 16.5}, GrayCode::none, 1e-4},
-      {"heterodyne", "heterodyne", "quality", {21.66, 18.9, 16.5}, GrayCode::none, 1e-4},
-      {"gray", "gray", "quality", {16.5}, GrayCode::complementary, 1e-4},
-      {"geometric", "geometric", "quality", {480}, GrayCode::none, 1e-4},
-      {"spatial_quality", "spatial", "quality", {1040, 131, 16.5}, GrayCode::none, 1e-4},
-      {"spatial_reliability", "spatial", "reliability", {1040, 131, 16.5}, GrayCode::none, 1e-4}};
+      {"multifrequency", Unwrapping::multifrequency, quality, {1040, 131, 16.5}, GrayCode::none, 1e-4},
+      {"heterodyne", Unwrapping::heterodyne, quality, {21.66, 18.9, 16.5}, GrayCode::none, 1e-4},
+      {"gray", Unwrapping::gray, quality, {16.5}, GrayCode::complementary, 1e-4},
+      {"geometric", Unwrapping::geometric, quality, {480}, GrayCode::none, 1e-4},
+      {"spatial_quality", Unwrapping::spatial, quality, {1040, 131, 16.5}, GrayCode::none, 1e-4},
+      {"spatial_reliability", Unwrapping::spatial, reliability, {1040, 131, 16.5}, GrayCode::none, 1e-4}};
   return all;
 }
 
@@ -207,8 +210,8 @@ double systematic_phase_error(const sim::Scene& scene, const RigModel& model, co
     const auto view = sim::VirtualRig(noisy, {}).simulate(sequence);
     const TruthFrame& truth = view->truth;
     DecodeOptions options;
-    options.unwrapping = "spatial";
-    options.spatial_reference = "none";
+    options.unwrapping = Unwrapping::spatial;
+    options.spatial_reference = SpatialReference::none;
     const DecodedStack decoded = decode(view->stack, model, options);
     for (int row = 0; row < truth.depth_m.rows; ++row) {
       for (int col = 0; col < truth.depth_m.cols; ++col) {

@@ -13,7 +13,7 @@ namespace fringeslam::bench {
 namespace {
 
 struct Way {
-  const char* unwrapping;
+  Unwrapping unwrapping;
   std::vector<double> periods_px;  // three steps each
 };
 
@@ -57,10 +57,10 @@ Totals over_loop(const Way& way, size_t views) {
 }
 
 std::vector<Row> unwrapping_rows(const Context& context) {
-  const Way ways[] = {{"multifrequency", {1040, 131, 16.5}},
-                      {"spatial", {1040, 131, 16.5}},
-                      {"geometric", {480}},
-                      {"predicted", {1040, 131, 16.5}}};
+  const Way ways[] = {{Unwrapping::multifrequency, {1040, 131, 16.5}},
+                      {Unwrapping::spatial, {1040, 131, 16.5}},
+                      {Unwrapping::geometric, {480}},
+                      {Unwrapping::predicted, {1040, 131, 16.5}}};
   double predicted = INFINITY;
   int views = 0;
   for (const Way& way : ways) {
@@ -70,9 +70,9 @@ std::vector<Row> unwrapping_rows(const Context& context) {
         stderr,
         "  %-14s %4.1f images per view, %5.1f %% of the lit pixels, %.1e of %.1f million wrong, median error %.4f "
         "mm, %d of %d views lost, ATE %.4f mm\n",
-        way.unwrapping, t.images / t.views, 100 * t.valid_fraction / t.views, wrong, 1e-6 * t.pixels,
+        to_string(way.unwrapping), t.images / t.views, 100 * t.valid_fraction / t.views, wrong, 1e-6 * t.pixels,
         median_of(t.median_mm), t.lost, t.views, t.ate_mm);
-    if (std::string(way.unwrapping) == "predicted") predicted = wrong, views = t.views;
+    if (way.unwrapping == Unwrapping::predicted) predicted = wrong, views = t.views;
   }
   return {bound_row("wrong_order.predicted", predicted, views, "share", 1e-3, Limit::most)};
 }

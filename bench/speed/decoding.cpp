@@ -33,7 +33,7 @@ struct ThreeImages {
     const auto view = sim::VirtualRig(scene, {}).simulate(sequence);
     stack = view->stack;
     expected = expected_coordinate(scene.rig, rays, view->truth.depth_m, cv::Mat1f(rays.size(), 1e-3f));
-    options.unwrapping = "predicted";
+    options.unwrapping = Unwrapping::predicted;
     decode();
   }
   void decode() { decode_into(decoded, stack, scene.rig, options, {Axis::columns, &expected}); }

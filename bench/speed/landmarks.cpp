@@ -51,7 +51,7 @@ std::vector<Row> cluster_rows(const Context& context) {
   std::vector<DepthKeypoint> keypoints = spread_keypoints(levels, 300);
   std::vector<std::function<void()>> works;
   ClusterOptions methods[2];
-  methods[1].method = "convex_hull";
+  methods[1].method = ClusterMethod::convex_hull;
   for (const ClusterOptions& method : methods)
     works.push_back([&] { find_clusters(keypoints, rounded, edges, method); });
   const auto times = take_turns(works, context.quick ? 5 : 50);

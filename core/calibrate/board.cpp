@@ -8,7 +8,6 @@
 #include <opencv2/imgproc.hpp>
 
 #include "core/calibrate/saddle.h"
-#include "core/types/error.h"
 
 namespace fringeslam {
 
@@ -149,13 +148,6 @@ std::vector<Eigen::Vector3d> Board::points_m() const {
       points.emplace_back(col * spacing_m + shift - middle_x, (row - 0.5 * (rows - 1)) * row_m, 0);
   }
   return points;
-}
-
-BoardKind board_kind(const std::string& name) {
-  if (name == "checkerboard") return BoardKind::checkerboard;
-  if (name == "circles") return BoardKind::circles;
-  if (name == "asymmetric_circles") return BoardKind::asymmetric_circles;
-  throw Error("board kind '" + name + "' is not one of checkerboard, circles, asymmetric_circles");
 }
 
 std::vector<cv::Point2f> detect_board(const cv::Mat1f& image, const Board& board) {

@@ -3,13 +3,22 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <opencv2/core.hpp>
 #include <string>
 #include <vector>
 
+#include "core/types/options.h"
+
 namespace fringeslam {
 
 enum class BoardKind { checkerboard, circles, asymmetric_circles };
+
+constexpr auto choices(BoardKind) {
+  using enum BoardKind;
+  return std::to_array<Choice<BoardKind>>(
+      {{checkerboard, "checkerboard"}, {circles, "circles"}, {asymmetric_circles, "asymmetric_circles"}});
+}
 
 struct Board {
   BoardKind kind = BoardKind::checkerboard;
@@ -23,9 +32,6 @@ struct Board {
   // Board frame: plane z = 0, origin at the centre of the grid, row by row.
   std::vector<Eigen::Vector3d> points_m() const;
 };
-
-// Parses "checkerboard", "circles" or "asymmetric_circles". Throws Error on another name.
-BoardKind board_kind(const std::string& name);
 
 // Detects the board's corners, px (integers at pixel centres), in the order of points_m(); empty unless the whole board
 // is found. `image`: evenly lit grey values of any scale.

@@ -30,8 +30,6 @@ int length_of(const PatternSequence& sequence, Axis axis) {
   return axis == Axis::columns ? sequence.width : sequence.height;
 }
 
-std::string name_of(Axis axis) { return axis == Axis::columns ? "columns" : "rows"; }
-
 // True if the shifts are k 2 pi / N for k = 0 ... N - 1 in any order, up to a common offset.
 bool equally_spaced(const std::vector<double>& shifts_rad) {
   const auto count = static_cast<double>(shifts_rad.size());
@@ -107,12 +105,12 @@ void check_geometric(const RigModel& rig, double period_px, Axis axis) {
 }
 
 // Returns the reason why a method cannot be used; empty if it can.
-std::optional<std::string> obstacle(const std::string& method, const PatternSequence& sequence, const RigModel& rig,
+std::optional<std::string> obstacle(Unwrapping method, const PatternSequence& sequence, const RigModel& rig,
                                     const DecodeOptions& options, const DecodeContext& context) {
   try {
     const std::vector<FringeGroup> groups = used_groups(sequence, context.axis, options);
     const int length = length_of(sequence, context.axis);
-    if (method == "gray") {
+    if (method == Unwrapping::gray) {
       const StepEstimator any = groups.empty() ? StepEstimator{} : least_squares(groups.back());
       const GrayDecoder decoder(sequence, context.axis, groups.empty() ? nullptr : &any);
       if (!groups.empty() && decoder.cell_px() > groups.back().period_px * (1 + 1e-9))
@@ -121,14 +119,14 @@ std::optional<std::string> obstacle(const std::string& method, const PatternSequ
                     " px; add finer bits");
       return std::nullopt;
     }
-    if (groups.empty()) throw Error("the sequence has no fringes along " + name_of(context.axis));
-    if (method == "multifrequency") multifrequency_ladder(groups, length);
-    if (method == "heterodyne") {
+    if (groups.empty()) throw Error(std::string("the sequence has no fringes along ") + to_string(context.axis));
+    if (method == Unwrapping::multifrequency) multifrequency_ladder(groups, length);
+    if (method == Unwrapping::heterodyne) {
       if (groups.size() < 2) throw Error("a beat needs two fringe periods; the sequence has one");
       heterodyne_ladder(groups, length);
     }
-    if (method == "geometric") check_geometric(rig, groups.back().period_px, context.axis);
-    if (method == "predicted" && !context.expected)
+    if (method == Unwrapping::geometric) check_geometric(rig, groups.back().period_px, context.axis);
+    if (method == Unwrapping::predicted && !context.expected)
       throw Error("no coordinate is predicted: there is no map to predict from");
   } catch (const Error& e) {
     return e.what();
@@ -137,22 +135,44 @@ std::optional<std::string> obstacle(const std::string& method, const PatternSequ
 }
 
 // Returns the first method that the sequence supports; empty if there is none.
-std::string first_possible(const PatternSequence& sequence, const RigModel& rig, const DecodeOptions& options,
-                           const DecodeContext& context) {
-  for (const char* method : {"multifrequency", "gray", "heterodyne", "predicted", "geometric"}) {
+std::optional<Unwrapping> first_possible(const PatternSequence& sequence, const RigModel& rig,
+                                         const DecodeOptions& options, const DecodeContext& context) {
+  using enum Unwrapping;
+  for (const Unwrapping method : {multifrequency, gray, heterodyne, predicted, geometric}) {
     if (!obstacle(method, sequence, rig, options, context)) return method;
   }
-  return {};
+  return std::nullopt;
 }
 
-std::string spatial_reference(const PatternSequence& sequence, const RigModel& rig, const DecodeOptions& options,
-                              const DecodeContext& context) {
-  const std::string& wanted = options.spatial_reference;
-  if (wanted == "none") return {};
-  if (wanted == "auto") return first_possible(sequence, rig, options, context);
-  if (const auto reason = obstacle(wanted, sequence, rig, options, context))
-    throw Error("decode.spatial_reference=" + wanted + ": " + *reason);
-  return wanted;
+// Returns the method that the reference names; empty for automatic and none.
+std::optional<Unwrapping> method_of(SpatialReference reference) {
+  switch (reference) {
+    case SpatialReference::automatic:
+    case SpatialReference::none:
+      return std::nullopt;
+    case SpatialReference::multifrequency:
+      return Unwrapping::multifrequency;
+    case SpatialReference::heterodyne:
+      return Unwrapping::heterodyne;
+    case SpatialReference::gray:
+      return Unwrapping::gray;
+    case SpatialReference::geometric:
+      return Unwrapping::geometric;
+    case SpatialReference::predicted:
+      return Unwrapping::predicted;
+  }
+  return std::nullopt;
+}
+
+// Returns the method that votes on the fringe orders; empty if they remain relative.
+std::optional<Unwrapping> spatial_reference(const PatternSequence& sequence, const RigModel& rig,
+                                            const DecodeOptions& options, const DecodeContext& context) {
+  if (options.spatial_reference == SpatialReference::automatic) return first_possible(sequence, rig, options, context);
+  const std::optional<Unwrapping> method = method_of(options.spatial_reference);
+  if (!method) return std::nullopt;
+  if (const auto reason = obstacle(*method, sequence, rig, options, context))
+    throw Error(std::string("decode.spatial_reference=") + to_string(*method) + ": " + *reason);
+  return method;
 }
 
 // `corrected`: the patterns already compensate for the projector's response.
@@ -263,7 +283,7 @@ void gray_alone_row(const GrayDecoder& gray, const RowPlan& plan, const DecodeOp
 // because one of the two is wrong.
 void take_spatial_orders(DecodedStack& out, const DecodeOptions& options, double length_px) {
   const SpatialOrders spatial =
-      options.spatial_order == "quality"
+      options.spatial_order == SpatialOrdering::quality
           ? unwrap_by_quality(out.wrapped_phase, out.sigma_px, options.max_spatial_step_rad, out.fringe_order)
           : unwrap_by_reliability(out.wrapped_phase, options.max_spatial_step_rad, out.fringe_order);
   const std::vector<ComponentOrder> components = vote(spatial, out.fringe_order, options.min_vote);
@@ -296,24 +316,18 @@ void take_spatial_orders(DecodedStack& out, const DecodeOptions& options, double
 
 }  // namespace
 
-std::string resolve_unwrapping(const PatternSequence& sequence, const RigModel& rig, const DecodeOptions& options,
-                               const DecodeContext& context) {
+Unwrapping resolve_unwrapping(const PatternSequence& sequence, const RigModel& rig, const DecodeOptions& options,
+                              const DecodeContext& context) {
   check_options(options, "decode");
-  if (options.unwrapping == "spatial") {
-    if (const auto reason = obstacle("spatial", sequence, rig, options, context))
-      throw Error("decode.unwrapping=spatial: " + *reason);
-    spatial_reference(sequence, rig, options, context);
-    return "spatial";
-  }
-  if (options.unwrapping == "auto") {
-    const std::string method = first_possible(sequence, rig, options, context);
-    if (!method.empty()) return method;
-    const std::string reason = *obstacle("multifrequency", sequence, rig, options, context);
+  if (options.unwrapping == Unwrapping::automatic) {
+    if (const auto method = first_possible(sequence, rig, options, context)) return *method;
+    const std::string reason = *obstacle(Unwrapping::multifrequency, sequence, rig, options, context);
     const bool too_short = reason.starts_with("no fringe period covers");
     throw Error("patterns: " + reason + (too_short ? ", or a Gray code, or periods whose beat does" : ""));
   }
   if (const auto reason = obstacle(options.unwrapping, sequence, rig, options, context))
-    throw Error("decode.unwrapping=" + options.unwrapping + ": " + *reason);
+    throw Error(std::string("decode.unwrapping=") + to_string(options.unwrapping) + ": " + *reason);
+  if (options.unwrapping == Unwrapping::spatial) spatial_reference(sequence, rig, options, context);
   return options.unwrapping;
 }
 
@@ -329,24 +343,24 @@ void decode_into(DecodedStack& out, const FringeStack& stack, const RigModel& ri
   check_stack(stack);
   const PatternSequence& sequence = stack.patterns;
   out.unwrapping = resolve_unwrapping(sequence, rig, options, context);
-  const std::string method =
-      out.unwrapping == "spatial" ? spatial_reference(sequence, rig, options, context) : out.unwrapping;
+  const std::optional<Unwrapping> method =
+      out.unwrapping == Unwrapping::spatial ? spatial_reference(sequence, rig, options, context) : out.unwrapping;
   const int length = length_of(sequence, context.axis);
   std::vector<FringeGroup> groups = used_groups(sequence, context.axis, options);
   // Use only the finest period; coarser images, if any, may have been taken at another pose.
-  if (method == "predicted") groups.erase(groups.begin(), groups.end() - 1);
+  if (method == Unwrapping::predicted) groups.erase(groups.begin(), groups.end() - 1);
   RowPlan plan = make_plan(groups, length, rig, options, !sequence.inverse_response.empty());
-  if (method == "multifrequency") plan.rungs = multifrequency_ladder(groups, length);
-  if (method == "heterodyne") plan.rungs = heterodyne_ladder(groups, length);
+  if (method == Unwrapping::multifrequency) plan.rungs = multifrequency_ladder(groups, length);
+  if (method == Unwrapping::heterodyne) plan.rungs = heterodyne_ladder(groups, length);
   std::optional<GrayDecoder> gray;
-  if (method == "gray") gray.emplace(sequence, context.axis, groups.empty() ? nullptr : &plan.groups.back());
+  if (method == Unwrapping::gray) gray.emplace(sequence, context.axis, groups.empty() ? nullptr : &plan.groups.back());
   ExpectedCoordinate bounds;
   const ExpectedCoordinate* expected = context.expected;
-  if (method == "geometric" && !expected) {
+  if (method == Unwrapping::geometric && !expected) {
     bounds = coordinate_bounds(rig, pixel_rays(rig.camera), context.axis);
     expected = &bounds;
   }
-  if (method != "geometric" && method != "predicted") expected = nullptr;
+  if (method != Unwrapping::geometric && method != Unwrapping::predicted) expected = nullptr;
   const cv::Size size = stack.images.front().size();
   if (expected && expected->coordinate_px.size() != size)
     throw Error("decode: the expected coordinates and the images differ in size");
@@ -384,7 +398,7 @@ void decode_into(DecodedStack& out, const FringeStack& stack, const RigModel& ri
       decode_row(plan, size.width, scratch, target, context.instruction_set);
     }
   });
-  if (out.unwrapping == "spatial") take_spatial_orders(out, options, length);
+  if (out.unwrapping == Unwrapping::spatial) take_spatial_orders(out, options, length);
 }
 
 }  // namespace fringeslam

@@ -19,7 +19,7 @@
 //                   is voted by the best of the above methods that the sequence supports, or remains relative
 #pragma once
 
-#include <string>
+#include <array>
 
 #include "core/decode/row_kernels.h"
 #include "core/patterns/patterns.h"
@@ -31,10 +31,32 @@
 
 namespace fringeslam {
 
+// Order in which `spatial` visits the pixels: by lowest sigma, or by Herraez' reliability.
+enum class SpatialOrdering { quality, reliability };
+
+constexpr auto choices(SpatialOrdering) {
+  using enum SpatialOrdering;
+  return std::to_array<Choice<SpatialOrdering>>({{quality, "quality"}, {reliability, "reliability"}});
+}
+
+// Method that votes on the fringe orders of `spatial`; none: they remain relative.
+enum class SpatialReference { automatic, multifrequency, heterodyne, gray, geometric, predicted, none };
+
+constexpr auto choices(SpatialReference) {
+  using enum SpatialReference;
+  return std::to_array<Choice<SpatialReference>>({{automatic, "auto"},
+                                                  {multifrequency, "multifrequency"},
+                                                  {heterodyne, "heterodyne"},
+                                                  {gray, "gray"},
+                                                  {geometric, "geometric"},
+                                                  {predicted, "predicted"},
+                                                  {none, "none"}});
+}
+
 struct DecodeOptions {
-  std::string unwrapping = "auto";
-  std::string spatial_order = "quality";
-  std::string spatial_reference = "auto";
+  Unwrapping unwrapping = Unwrapping::automatic;
+  SpatialOrdering spatial_order = SpatialOrdering::quality;
+  SpatialReference spatial_reference = SpatialReference::automatic;
   int steps = 0;                      // 0: all
   double min_modulation_dn = 3;       // I''
   double min_data_modulation = 0.05;  // I'' / I'
@@ -48,14 +70,9 @@ struct DecodeOptions {
 
   template <class Visitor>
   void describe(Visitor& v) {
-    v.field("unwrapping", unwrapping,
-            {"auto", "multifrequency", "heterodyne", "gray", "geometric", "predicted", "spatial"},
-            "unwrapping method; auto: the first one that the patterns support");
-    v.field("spatial_order", spatial_order, {"quality", "reliability"},
-            "spatial: flood fill by lowest sigma, or Herraez' reliability sorting");
-    v.field("spatial_reference", spatial_reference,
-            {"auto", "multifrequency", "heterodyne", "gray", "geometric", "predicted", "none"},
-            "spatial: method that votes on the fringe order of a component");
+    v.field("unwrapping", unwrapping, "unwrapping method; auto: the first one that the patterns support");
+    v.field("spatial_order", spatial_order, "spatial: flood fill by lowest sigma, or Herraez' reliability sorting");
+    v.field("spatial_reference", spatial_reference, "spatial: method that votes on the fringe order of a component");
     v.field("steps", steps, {0, 1000}, "number of equally spaced phase steps used per period; 0: all");
     v.field("min_modulation_dn", min_modulation_dn, {0, 65535}, "minimum modulation I'', DN");
     v.field("min_data_modulation", min_data_modulation, {0, 1}, "minimum data modulation I''/I'");
@@ -91,10 +108,10 @@ struct DecodeContext {
   InstructionSet instruction_set = widest_instruction_set();
 };
 
-// Returns the unwrapping method that decode() would use ("spatial" remains "spatial"). Throws Error stating what the
-// sequence lacks for the requested method or, for "auto", for any method.
-std::string resolve_unwrapping(const PatternSequence& sequence, const RigModel& rig, const DecodeOptions& options,
-                               const DecodeContext& context = {});
+// Returns the unwrapping method that decode() would use (`spatial` remains `spatial`). Throws Error stating what the
+// sequence lacks for the requested method or, for `auto`, for any method.
+Unwrapping resolve_unwrapping(const PatternSequence& sequence, const RigModel& rig, const DecodeOptions& options,
+                              const DecodeContext& context = {});
 
 // Decodes a fringe stack. Throws Error if check_stack() does or if the patterns do not support the unwrapping method.
 DecodedStack decode(const FringeStack& stack, const RigModel& rig, const DecodeOptions& options,

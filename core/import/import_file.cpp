@@ -79,10 +79,6 @@ std::vector<std::string> entry_files(const Entry& entry) {
   return files;
 }
 
-Axis read_axis(const YamlMap& map) {
-  return map.choice("axis", {"columns", "rows"}) == "columns" ? Axis::columns : Axis::rows;
-}
-
 double read_period(const YamlMap& map, int length_px) {
   if (!map.has("number_of_periods")) return map.number("period_px", kPeriod);
   if (map.has("period_px")) throw map.error("number_of_periods", "specify period_px or number_of_periods, not both");
@@ -120,7 +116,7 @@ std::vector<double> read_shifts_deg(const YamlMap& map, bool single) {
 
 std::vector<Pattern> read_fringe(const YamlMap& map, bool single, const cv::Size& projector) {
   Pattern pattern;
-  pattern.axis = read_axis(map);
+  pattern.axis = map.choice<Axis>("axis");
   pattern.period_px = read_period(map, pattern.axis == Axis::columns ? projector.width : projector.height);
   const double offset = phase_offset_rad(map, pattern.period_px);
   std::vector<Pattern> patterns;
@@ -146,7 +142,7 @@ std::vector<double> read_cells(const YamlMap& map, bool single, double period_px
 std::vector<Pattern> read_gray(const YamlMap& map, bool single, const cv::Size& projector) {
   Pattern pattern;
   pattern.coding = Coding::gray;
-  pattern.axis = read_axis(map);
+  pattern.axis = map.choice<Axis>("axis");
   const int length_px = pattern.axis == Axis::columns ? projector.width : projector.height;
   std::vector<double> cells = read_cells(map, single, read_period(map, length_px), length_px);
   const bool inverted = !map.boolean_or("bright_is_one", true);
@@ -230,8 +226,7 @@ PatternSequence sequence_of(const std::vector<Entry>& entries, const cv::Size& p
     if (!entry.inverse_response.empty()) sequence.inverse_response = entry.inverse_response;
     for (const std::string& file : entry.files) {
       if (++users[fs::path(file).lexically_normal().string()] > 1)
-        throw entry.map.error(entry.single ? "file" : "files",
-                              file + " is used twice; each image shows one pattern");
+        throw entry.map.error(entry.single ? "file" : "files", file + " is used twice; each image shows one pattern");
     }
     for (const Pattern& pattern : entry.patterns) {
       const bool known =
@@ -412,13 +407,7 @@ ImportCamera read_camera(const YamlMap& map) {
   if (map.has("bits")) camera.bits = map.integer("bits", {8, 16});
   camera.msb_aligned = map.boolean_or("msb_aligned", false);
   if (camera.msb_aligned && camera.bits == 0) throw map.error("msb_aligned", "'msb_aligned' needs `bits`");
-  if (map.has("channel")) {
-    const std::string channel = map.choice("channel", {"luminance", "red", "green", "blue"});
-    camera.grey_from = channel == "red"     ? GreyFrom::red
-                       : channel == "green" ? GreyFrom::green
-                       : channel == "blue"  ? GreyFrom::blue
-                                            : GreyFrom::luminance;
-  }
+  camera.grey_from = map.choice_or("channel", camera.grey_from);
   camera.gain_dn_per_electron = map.number_or("gain_dn_per_electron", -1, {1e-6, 1e3});
   camera.dark_noise_electrons = map.number_or("dark_noise_electrons", -1, {0, 1e5});
   camera.full_well_electrons = map.number_or("full_well_electrons", -1, {1, 1e9});

@@ -2,10 +2,13 @@
 // Atomic writing of files and folders, and image I/O through OpenImageIO.
 #pragma once
 
+#include <array>
 #include <filesystem>
 #include <opencv2/core.hpp>
 #include <string>
 #include <vector>
+
+#include "core/types/options.h"
 
 namespace fringeslam {
 
@@ -71,6 +74,11 @@ void write_exr(const std::filesystem::path& file, const std::vector<ExrChannel>&
 cv::Mat read_grey(const std::filesystem::path& file);
 
 enum class GreyFrom { luminance, red, green, blue };
+
+constexpr auto choices(GreyFrom) {
+  using enum GreyFrom;
+  return std::to_array<Choice<GreyFrom>>({{luminance, "luminance"}, {red, "red"}, {green, "green"}, {blue, "blue"}});
+}
 
 // Reads an image that may be in colour and converts it to grey. Alpha is ignored. If red, green and blue are equal,
 // they are the grey value; otherwise it is the selected channel or the rounded luminance 0.299 R + 0.587 G + 0.114 B

@@ -19,14 +19,18 @@ class HelpWriter {
   void field(const char* name, double& value, Range, const char* help) { line(name, to_text(value), help); }
   void field(const char* name, int& value, Range, const char* help) { line(name, std::to_string(value), help); }
   void field(const char* name, bool& value, const char* help) { line(name, value ? "true" : "false", help); }
-  void field(const char* name, std::string& value, const std::vector<std::string>& choices, const char* help) {
-    std::string list;
-    for (const std::string& choice : choices) list += (list.empty() ? "" : ", ") + choice;
-    line(name, value, std::string(help) + " (" + list + ")");
+  template <NamedEnum E>
+  void field(const char* name, E& value, const char* help) {
+    choice(name, to_string(value), choice_names<E>(), help);
   }
   const std::string& str() const { return text_; }
 
  private:
+  void choice(const char* name, const char* value, const std::vector<std::string>& names, const char* help) {
+    std::string list;
+    for (const std::string& known : names) list += (list.empty() ? "" : ", ") + known;
+    line(name, value, std::string(help) + " (" + list + ")");
+  }
   void line(const char* name, const std::string& value, const std::string& help) {
     char head[128];
     std::snprintf(head, sizeof head, "  %-34s %-8s ", (std::string(group_) + "." + name).c_str(), value.c_str());

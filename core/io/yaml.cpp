@@ -299,6 +299,10 @@ std::string YamlMap::choice(const std::string& key, const std::vector<std::strin
   return node_->tolerant(choices.empty() ? std::string() : choices.front(), [&] { return kind(key, choices); });
 }
 
+size_t YamlMap::choice_index(const std::string& key, const std::vector<std::string>& choices) const {
+  return static_cast<size_t>(std::find(choices.begin(), choices.end(), choice(key, choices)) - choices.begin());
+}
+
 std::string YamlMap::kind(const std::string& key, const std::vector<std::string>& choices) const {
   const std::string value = node_->to_text(key);
   std::string known;

@@ -46,6 +46,15 @@ class YamlMap {
   std::string text(const std::string& key) const;
   std::string text_or(const std::string& key, const std::string& fallback) const;
   std::string choice(const std::string& key, const std::vector<std::string>& choices) const;
+  // The value of an enum given by its name.
+  template <NamedEnum E>
+  E choice(const std::string& key) const {
+    return choices(E())[choice_index(key, choice_names<E>())].value;
+  }
+  template <NamedEnum E>
+  E choice_or(const std::string& key, E fallback) const {
+    return has(key) ? choice<E>(key) : fallback;
+  }
   // Like choice(), but always throws on error, even while errors are collected: use it in attempt() for keys that
   // determine which other keys are read.
   std::string kind(const std::string& key, const std::vector<std::string>& choices) const;
@@ -115,13 +124,16 @@ class YamlMap {
     void field(const char* name, double& value, Range range, const char*) { value = map.number_or(name, value, range); }
     void field(const char* name, int& value, Range range, const char*) { value = map.integer_or(name, value, range); }
     void field(const char* name, bool& value, const char*) { value = map.boolean_or(name, value); }
-    void field(const char* name, std::string& value, const std::vector<std::string>& choices, const char*) {
-      if (map.has(name)) value = map.choice(name, choices);
+    template <NamedEnum E>
+    void field(const char* name, E& value, const char*) {
+      value = map.choice_or(name, value);
     }
   };
   struct Node;
   explicit YamlMap(std::shared_ptr<Node> node);
   YamlMap absent_map(const std::string& key) const;
+  // Index of the choice() among the choices.
+  size_t choice_index(const std::string& key, const std::vector<std::string>& choices) const;
   std::shared_ptr<Node> node_;
 };
 
@@ -135,7 +147,10 @@ class YamlOptionsWriter {
   void field(const char* name, double& value, Range, const char*) { line(name, to_text(value)); }
   void field(const char* name, int& value, Range, const char*) { line(name, std::to_string(value)); }
   void field(const char* name, bool& value, const char*) { line(name, value ? "true" : "false"); }
-  void field(const char* name, std::string& value, const std::vector<std::string>&, const char*) { line(name, value); }
+  template <NamedEnum E>
+  void field(const char* name, E& value, const char*) {
+    line(name, to_string(value));
+  }
   const std::string& str() const { return text_; }
 
  private:

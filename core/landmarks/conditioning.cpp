@@ -115,10 +115,11 @@ cv::Mat1b foreground_of(const Frame& frame, const ConditioningOptions& options) 
   static const auto stands_out = widest(stands_out_portable, stands_out_avx2, stands_out_avx512);
   constexpr float kEverywhere = std::numeric_limits<float>::infinity();
   const Plane infinitely_far{Eigen::Vector3f::Zero(), -kEverywhere};
-  const Plane plane = options.background == "plane"
+  const Plane plane = options.background == Background::plane
                           ? plane_behind(frame, options.plane_clearance_m).value_or(infinitely_far)
                           : infinitely_far;
-  const float farthest = options.background == "depth" ? static_cast<float>(options.background_m) : kEverywhere;
+  const float farthest =
+      options.background == Background::depth ? static_cast<float>(options.background_m) : kEverywhere;
   cv::Mat1b foreground(frame.height(), frame.width());
   for_each_row(frame.height(), [&](int r) {
     stands_out(frame.points_m[r], frame.width(), plane, farthest, static_cast<float>(options.plane_clearance_m),

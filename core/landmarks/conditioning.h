@@ -2,8 +2,8 @@
 // Extraction of the edges of foreground objects from a depth image (docs/method.md, sections 4.2 and 5.1; thesis 3.1).
 #pragma once
 
+#include <array>
 #include <opencv2/core.hpp>
-#include <string>
 
 #include "core/landmarks/bit_image.h"
 #include "core/landmarks/edges.h"
@@ -12,23 +12,31 @@
 
 namespace fringeslam {
 
+// Background: a plane with nothing behind it, all points beyond background_m, or none.
+enum class Background { plane, depth, none };
+
+constexpr auto choices(Background) {
+  using enum Background;
+  return std::to_array<Choice<Background>>({{plane, "plane"}, {depth, "depth"}, {none, "none"}});
+}
+
 struct ConditioningOptions {
-  std::string background = "plane";
+  Background background = Background::plane;
   double background_m = 1.4;
   double plane_clearance_m = 0.008;
-  std::string edges = "canny_deriche";
+  EdgeDetector edges = EdgeDetector::canny_deriche;
   double deriche_alpha = 1;
   double low_step_m = 0.006, high_step_m = 0.012;
   int max_dilations = 3;
 
   template <class Visitor>
   void describe(Visitor& v) {
-    v.field("background", background, {"plane", "depth", "none"},
+    v.field("background", background,
             "background: a plane with nothing behind it, all points beyond background_m, or none");
     v.field("background_m", background_m, {0.01, 100}, "depth beyond which pixels are background");
     v.field("plane_clearance_m", plane_clearance_m, {1e-4, 1},
             "points within this distance in front of the plane belong to it, m");
-    v.field("edges", edges, edge_detectors(), "edge detector");
+    v.field("edges", edges, "edge detector");
     v.field("deriche_alpha", deriche_alpha, {0.1, 5}, "width of the Deriche filter is 1/alpha px");
     v.field("low_step_m", low_step_m, {1e-5, 10}, "least step of an edge connected to a strong edge (hysteresis), m");
     v.field("high_step_m", high_step_m, {1e-5, 10}, "least step of a strong edge, m");

@@ -9,7 +9,6 @@
 #include "core/base/instruction_set.h"
 #include "core/base/parallel.h"
 #include "core/landmarks/morphology.h"
-#include "core/types/error.h"
 
 namespace fringeslam {
 
@@ -153,20 +152,20 @@ BitImage log_edges(const cv::Mat1f& levels, double sigma, double threshold) {
   return BitImage::from(edges);
 }
 
-const std::vector<std::string>& edge_detectors() {
-  static const std::vector<std::string> names = {"canny_deriche", "prewitt", "roberts", "log"};
-  return names;
-}
-
-BitImage detect_edges(const cv::Mat1f& levels, const std::string& detector, double alpha, double low, double high) {
+BitImage detect_edges(const cv::Mat1f& levels, EdgeDetector detector, double alpha, double low, double high) {
   if (levels.rows < 3 || levels.cols < 3) return BitImage(levels.cols, levels.rows);
-  if (detector == "canny_deriche")
-    return linked_ridges(levels.size(), low, high,
-                         [&](const cv::Range& rows) { return deriche_gradient(levels, alpha, rows); });
-  if (detector == "prewitt") return ridges(prewitt_gradient(levels), high, high);
-  if (detector == "roberts") return ridges(roberts_gradient(levels), high, high);
-  if (detector == "log") return log_edges(levels, std::numbers::sqrt2 / alpha, high);
-  throw Error("'" + detector + "' is not an edge detector (canny_deriche, prewitt, roberts, log)");
+  switch (detector) {
+    case EdgeDetector::canny_deriche:
+      return linked_ridges(levels.size(), low, high,
+                           [&](const cv::Range& rows) { return deriche_gradient(levels, alpha, rows); });
+    case EdgeDetector::prewitt:
+      return ridges(prewitt_gradient(levels), high, high);
+    case EdgeDetector::roberts:
+      return ridges(roberts_gradient(levels), high, high);
+    case EdgeDetector::log:
+      return log_edges(levels, std::numbers::sqrt2 / alpha, high);
+  }
+  return BitImage(levels.cols, levels.rows);
 }
 
 }  // namespace fringeslam

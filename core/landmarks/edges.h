@@ -4,11 +4,11 @@
 // NaN: fill pixels without depth first.
 #pragma once
 
+#include <array>
 #include <opencv2/core.hpp>
-#include <string>
-#include <vector>
 
 #include "core/landmarks/bit_image.h"
+#include "core/types/options.h"
 
 namespace fringeslam {
 
@@ -36,9 +36,14 @@ BitImage ridges(const Gradient& gradient, double low, double high);
 // `threshold`.
 BitImage log_edges(const cv::Mat1f& levels, double sigma, double threshold);
 
-// Returns the names of the four detectors.
-const std::vector<std::string>& edge_detectors();
+enum class EdgeDetector { canny_deriche, prewitt, roberts, log };
 
-BitImage detect_edges(const cv::Mat1f& levels, const std::string& detector, double alpha, double low, double high);
+constexpr auto choices(EdgeDetector) {
+  using enum EdgeDetector;
+  return std::to_array<Choice<EdgeDetector>>(
+      {{canny_deriche, "canny_deriche"}, {prewitt, "prewitt"}, {roberts, "roberts"}, {log, "log"}});
+}
+
+BitImage detect_edges(const cv::Mat1f& levels, EdgeDetector detector, double alpha, double low, double high);
 
 }  // namespace fringeslam

@@ -93,7 +93,7 @@ void outline_clusters(const cv::Mat1b& levels, const cv::Mat1b& barriers, const 
   for (size_t c = 0; c < clusters.members.size(); ++c) {
     Landmark landmark;
     landmark.depth_keypoints = std::move(clusters.members[c]);
-    landmark.outline = options.method == "depth_sampling"
+    landmark.outline = options.method == ClusterMethod::depth_sampling
                            ? line_outline(static_cast<int>(c), landmarks, levels.size())
                            : hull_outline(landmark.depth_keypoints, landmarks.depth_keypoints);
     if (landmark.outline.size() < 3) {
@@ -154,7 +154,7 @@ Landmarks identify_landmarks(const Frame& frame, Keypoints keypoints, const RigM
   result.keypoints = std::move(keypoints);
   result.depth_keypoints = detect_depth_keypoints(depths, keypoint_options);
   result.background_keypoints = discard_background(result.depth_keypoints, conditioned.foreground);
-  if (options.outlines == "regions")
+  if (options.outlines == OutlineSource::regions)
     outline_regions(conditioned, options, result);
   else
     outline_clusters(levels, barriers_of(frame, conditioned, options), cluster_options, options.margin_px, result);

@@ -3,17 +3,28 @@
 // foreground regions; the texture keypoints inside an outline form a landmark.
 #pragma once
 
+#include <array>
+
 #include "core/landmarks/conditioning.h"
 #include "core/landmarks/keypoints.h"
 #include "core/landmarks/reference/clusters.h"
 #include "core/types/frame.h"
 #include "core/types/landmark.h"
+#include "core/types/options.h"
 #include "core/types/rig_model.h"
 
 namespace fringeslam {
 
+// Source of the outlines: the papers' clusters of depth keypoints, or connected foreground regions bounded by edges.
+enum class OutlineSource { clusters, regions };
+
+constexpr auto choices(OutlineSource) {
+  using enum OutlineSource;
+  return std::to_array<Choice<OutlineSource>>({{clusters, "clusters"}, {regions, "regions"}});
+}
+
 struct LandmarkOptions {
-  std::string outlines = "regions";
+  OutlineSource outlines = OutlineSource::regions;
   int min_keypoints = 20;
   int min_area_px = 600;
   int bridge_px = 6;
@@ -22,7 +33,7 @@ struct LandmarkOptions {
 
   template <class Visitor>
   void describe(Visitor& v) {
-    v.field("outlines", outlines, {"clusters", "regions"},
+    v.field("outlines", outlines,
             "source of the outlines: the papers' clusters of depth keypoints, or connected foreground regions bounded "
             "by edges");
     v.field("min_area_px", min_area_px, {1, 1000000}, "smallest area of a region, pixels");

@@ -122,7 +122,7 @@ std::vector<LandmarkDatabase::Matches> LandmarkDatabase::matches_by_view(const V
     const uchar* descriptor = current.descriptors[at(current.queried, q)];
     std::vector<Nearest>& own = at(nearest, q);
     const auto note_entry = [&](int entry, int distance2) { note(own, at(entries_, entry).view, entry, distance2); };
-    if (options_.search == "brute_force") {
+    if (options_.search == DescriptorSearch::brute_force) {
       for (int e = 0; e < keypoints(); ++e) note_entry(e, squared_distance(descriptor, descriptors_[e]));
       return;
     }

@@ -4,7 +4,7 @@
 // re-identified if at least `min_matches` matches are consistent with one rigid motion of their 3D points.
 #pragma once
 
-#include <string>
+#include <array>
 #include <vector>
 
 #include "core/landmarks/descriptor_tree.h"
@@ -15,8 +15,15 @@
 
 namespace fringeslam {
 
+enum class DescriptorSearch { best_bin_first, brute_force };
+
+constexpr auto choices(DescriptorSearch) {
+  using enum DescriptorSearch;
+  return std::to_array<Choice<DescriptorSearch>>({{best_bin_first, "best_bin_first"}, {brute_force, "brute_force"}});
+}
+
 struct RecognitionOptions {
-  std::string search = "best_bin_first";
+  DescriptorSearch search = DescriptorSearch::best_bin_first;
   int max_leaves = 16;
   int strongest = 40;
   double max_ratio = 0.85;
@@ -32,7 +39,7 @@ struct RecognitionOptions {
 
   template <class Visitor>
   void describe(Visitor& v) {
-    v.field("search", search, {"best_bin_first", "brute_force"}, "search for the nearest descriptors");
+    v.field("search", search, "search for the nearest descriptors");
     v.field("max_leaves", max_leaves, {1, 1000000}, "kd-tree leaves visited per keypoint");
     v.field("strongest", strongest, {2, 100000},
             "strongest keypoints of a landmark that are searched; half as many are queried, the rest matched guided");

@@ -30,9 +30,9 @@ ReconstructedView FringeFrontEnd::reconstruct(const FringeStack& stack, const Re
   std::optional<ExpectedCoordinate> expected;
   if (prior.expected != nullptr) {
     expected = expected_coordinate(rig_, rays_, prior.expected->depth_m, prior.expected->sigma_m);
-    decoding.unwrapping = "predicted";
-  } else if (decoding.unwrapping == "predicted") {
-    decoding.unwrapping = "auto";
+    decoding.unwrapping = Unwrapping::predicted;
+  } else if (decoding.unwrapping == Unwrapping::predicted) {
+    decoding.unwrapping = Unwrapping::automatic;
   }
   ReconstructedView view;
   view.complete = !needs_prior(stack);

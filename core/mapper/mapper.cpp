@@ -64,7 +64,7 @@ FrameResult Mapper::process(MapperInput input) {
   else if (!input.needs_prior)
     reconstruct(result, input, {nullptr, twist()});
   result.complete = !input.needs_prior;
-  if (result.complete && options_.registration.tracking.landmarks == "every_frame") find_landmarks(result);
+  if (result.complete && options_.registration.tracking.landmarks == LandmarkViews::every_frame) find_landmarks(result);
 
   if (map_.keyframes().empty())
     result.tracking = result.complete ? Tracking::first : Tracking::lost;
@@ -244,8 +244,8 @@ void Mapper::add_keyframe(FrameResult& result, TrackedView& here) {
   finder_.add_keyframe(result.keyframe, result.landmarks);
   here = {here.timestamp_s, result.keyframe, {}};
   if (first) return;
-  map_.link({result.reference, result.keyframe, result.registration.earlier_from_current, inverse(result.covariance),
-             false});
+  map_.link(
+      {result.reference, result.keyframe, result.registration.earlier_from_current, inverse(result.covariance), false});
   result.loops = close_loops(result);
   if (result.loops > 0) result.corrected = map_.correct(options_.pose_graph, options_.mapping.significant_m);
 }

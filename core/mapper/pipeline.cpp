@@ -18,7 +18,7 @@ Pipeline::Pipeline(std::shared_ptr<const FrontEnd> front_end, Mapper mapper, con
                    const PipelineOptions& options)
     : front_end_(std::move(front_end)),
       mapper_(std::move(mapper)),
-      schedule_(sequence, options.decode.unwrapping == "predicted", options.mapping.keyframe_overlap,
+      schedule_(sequence, options.decode.unwrapping == Unwrapping::predicted, options.mapping.keyframe_overlap,
                 options.tracking.min_predicted),
       surface_(options.surface),
       moving_(options.tracking.moving) {

@@ -89,7 +89,7 @@ ViewRegistration register_views(const Frame& earlier, const Frame& current, cons
   IcpOptions icp = options.icp;
   icp.max_distance_m = std::min(icp.max_distance_m, start_error_m(result.motion, distance_m));
   result.icp =
-      options.tracking.engine == "point_to_plane"
+      options.tracking.engine == RegistrationEngine::point_to_plane
           ? point_to_plane_icp(earlier, current, camera, result.earlier_from_current, icp, inverse(result.covariance))
           : register_by(options.tracking.engine, earlier, current, camera, result.earlier_from_current, icp);
   if (result.icp.converged && agree(result.icp.target_from_source, result.motion)) take(result, result.icp);
@@ -130,7 +130,7 @@ LocatedView locate_view(const std::function<SeenView(int)>& earlier, int last, c
     result = {std::move(with), std::move(registration)};
     return result.registration.refined;
   };
-  if (options.tracking.correspondences == "landmarks") {
+  if (options.tracking.correspondences == Correspondences::landmarks) {
     std::vector<ViewMatches> candidates = matches_by_view(recognitions);
     candidates.resize(std::min(candidates.size(), kMostViews));
     for (ViewMatches& with : candidates) {

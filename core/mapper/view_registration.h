@@ -3,25 +3,43 @@
 // or S22 alone, from a predicted motion. And when to believe it: a motion that may be wrong is no motion.
 #pragma once
 
+#include <array>
 #include <functional>
-#include <string>
 #include <vector>
 
 #include "core/landmarks/keypoints.h"
 #include "core/motion/ego_motion.h"
 #include "core/motion/observability.h"
+#include "core/registration/engines.h"
 #include "core/registration/icp.h"
 #include "core/types/frame.h"
 #include "core/types/landmark.h"
+#include "core/types/options.h"
 
 namespace fringeslam {
+
+// Keypoints that tell the motion where it is not predicted: those of recognised landmarks first, or all at once.
+enum class Correspondences { landmarks, keypoints };
+
+constexpr auto choices(Correspondences) {
+  using enum Correspondences;
+  return std::to_array<Choice<Correspondences>>({{landmarks, "landmarks"}, {keypoints, "keypoints"}});
+}
+
+// Views that are searched for landmarks.
+enum class LandmarkViews { keyframes, every_frame };
+
+constexpr auto choices(LandmarkViews) {
+  using enum LandmarkViews;
+  return std::to_array<Choice<LandmarkViews>>({{keyframes, "keyframes"}, {every_frame, "every_frame"}});
+}
 
 struct TrackingOptions {
   bool predict = true;
   double max_prediction_error_m = 0.03;
-  std::string correspondences = "landmarks";
-  std::string landmarks = "keyframes";
-  std::string engine = "point_to_plane";
+  Correspondences correspondences = Correspondences::landmarks;
+  LandmarkViews landmarks = LandmarkViews::keyframes;
+  RegistrationEngine engine = RegistrationEngine::point_to_plane;
   double min_overlap = 0.25;
   double min_consistency = 0.8;
   double max_rms_sigma = 2;
@@ -35,12 +53,11 @@ struct TrackingOptions {
   void describe(Visitor& v) {
     v.field("predict", predict, "views are registered from where constant velocity lets expect them");
     v.field("max_prediction_error_m", max_prediction_error_m, {1e-6, 10}, "by how much surfaces may be off there, m");
-    v.field("correspondences", correspondences, {"landmarks", "keypoints"},
+    v.field("correspondences", correspondences,
             "whose keypoints tell the motion where it is not predicted: of landmarks that are recognised, and of all "
             "where those do not suffice, or of all at once");
-    v.field("landmarks", landmarks, {"keyframes", "every_frame"}, "which views are searched for landmarks");
-    v.field("engine", engine, {"point_to_plane", "besl_mckay", "zhang", "pcl_icp", "pcl_gicp"},
-            "registration that refines the landmarks' motion");
+    v.field("landmarks", landmarks, "which views are searched for landmarks");
+    v.field("engine", engine, "registration that refines the landmarks' motion");
     v.field("min_overlap", min_overlap, {0, 1}, "least share of a view that is followed without landmarks");
     v.field("min_consistency", min_consistency, {0, 1},
             "least share of points that agree with the surface where they fall on one");

@@ -2,9 +2,11 @@
 // Generates pattern sequences from design parameters and packs images for the projector.
 #pragma once
 
+#include <array>
 #include <string>
 
 #include "core/patterns/patterns.h"
+#include "core/types/options.h"
 
 namespace fringeslam {
 
@@ -13,6 +15,11 @@ enum class GrayCode {
   plain,         // one bit per binary digit of the finest fringe period's index
   complementary  // and a bit with cells of half a period, so that no cell edge is ambiguous
 };
+
+constexpr auto choices(GrayCode) {
+  using enum GrayCode;
+  return std::to_array<Choice<GrayCode>>({{none, "none"}, {plain, "plain"}, {complementary, "complementary"}});
+}
 
 struct SequenceDesign {
   int width = 0, height = 0;  // projector resolution, px

@@ -14,6 +14,7 @@
 // See docs/method.md, section 2.
 #pragma once
 
+#include <array>
 #include <opencv2/core.hpp>
 #include <vector>
 

@@ -14,7 +14,6 @@
 #include <numeric>
 
 #include "core/base/parallel.h"
-#include "core/types/error.h"
 
 namespace fringeslam {
 
@@ -209,19 +208,10 @@ double spacing(const Frame& frame, const Pinhole& camera, int every) {
 
 }  // namespace
 
-const std::vector<std::string>& registration_engines() {
-  static const std::vector<std::string> names = {"point_to_plane", "besl_mckay", "zhang", "pcl_icp", "pcl_gicp"};
-  return names;
-}
-
-IcpResult register_by(const std::string& engine, const Frame& target, const Frame& source, const Pinhole& camera,
+IcpResult register_by(RegistrationEngine engine, const Frame& target, const Frame& source, const Pinhole& camera,
                       const Pose& initial, const IcpOptions& options, int points_every) {
   check_options(options, "icp");
-  const auto& names = registration_engines();
-  if (std::find(names.begin(), names.end(), engine) == names.end())
-    throw Error("'" + engine +
-                "' is not a registration engine (point_to_plane, besl_mckay, zhang, pcl_icp, pcl_gicp)");
-  if (engine == "point_to_plane") return point_to_plane_icp(target, source, camera, initial, options);
+  if (engine == RegistrationEngine::point_to_plane) return point_to_plane_icp(target, source, camera, initial, options);
   const Cloud::Ptr to = cloud_of(target, points_every), from = cloud_of(source, points_every);
   IcpResult none;
   none.target_from_source = initial;
@@ -229,11 +219,11 @@ IcpResult register_by(const std::string& engine, const Frame& target, const Fram
   const NearestPoints nearest(to, *from);
   const double apart = spacing(target, camera, points_every);
   IcpResult result;
-  if (engine == "besl_mckay") result = besl_mckay(nearest, initial, options);
-  if (engine == "zhang") result = zhang(nearest, initial, options, apart);
-  if (engine == "pcl_icp")
+  if (engine == RegistrationEngine::besl_mckay) result = besl_mckay(nearest, initial, options);
+  if (engine == RegistrationEngine::zhang) result = zhang(nearest, initial, options, apart);
+  if (engine == RegistrationEngine::pcl_icp)
     result = by_pcl<pcl::IterativeClosestPoint<pcl::PointXYZ, pcl::PointXYZ>>(*to, *from, initial, options);
-  if (engine == "pcl_gicp")
+  if (engine == RegistrationEngine::pcl_gicp)
     result = by_pcl<pcl::GeneralizedIterativeClosestPoint<pcl::PointXYZ, pcl::PointXYZ>>(*to, *from, initial, options);
   if (!result.target_from_source.is_finite()) return none;
   describe_fit(result, nearest, *from, 3 * apart);

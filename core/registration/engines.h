@@ -13,19 +13,31 @@
 // information matrix is that of point pairs with the RMS distance as sigma.
 #pragma once
 
-#include <string>
+#include <array>
 #include <vector>
 
 #include "core/registration/icp.h"
+#include "core/types/options.h"
 
 namespace fringeslam {
 
-// Returns the names of the engines.
-const std::vector<std::string>& registration_engines();
+enum class RegistrationEngine { point_to_plane, besl_mckay, zhang, pcl_icp, pcl_gicp };
 
-// Registers `source` to `target` by the named engine. Throws Error for an unknown name or options out of range. The
-// result has not converged if there are fewer than 100 points or pairs.
-IcpResult register_by(const std::string& engine, const Frame& target, const Frame& source, const Pinhole& camera,
+constexpr auto choices(RegistrationEngine) {
+  using enum RegistrationEngine;
+  return std::to_array<Choice<RegistrationEngine>>({{point_to_plane, "point_to_plane"},
+                                                    {besl_mckay, "besl_mckay"},
+                                                    {zhang, "zhang"},
+                                                    {pcl_icp, "pcl_icp"},
+                                                    {pcl_gicp, "pcl_gicp"}});
+}
+
+// Returns all engines.
+inline std::vector<RegistrationEngine> registration_engines() { return choice_values<RegistrationEngine>(); }
+
+// Registers `source` to `target` by one of the engines. Throws Error for options out of range. The result has not
+// converged if there are fewer than 100 points or pairs.
+IcpResult register_by(RegistrationEngine engine, const Frame& target, const Frame& source, const Pinhole& camera,
                       const Pose& initial, const IcpOptions& options, int points_every = 3);
 
 }  // namespace fringeslam

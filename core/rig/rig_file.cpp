@@ -212,12 +212,11 @@ std::string thermal_lines(const RigModel& rig) {
 
 Pattern read_pattern(const YamlMap& entry) {
   Pattern pattern;
-  const std::string coding = entry.has("coding") ? entry.choice("coding", {"fringe", "gray", "flat"}) : "fringe";
-  pattern.coding = coding == "fringe" ? Coding::fringe : coding == "gray" ? Coding::gray : Coding::flat;
+  pattern.coding = entry.choice_or("coding", Coding::fringe);
   if (pattern.coding == Coding::flat) {
     pattern.level = entry.number("level", kFraction);
   } else {
-    pattern.axis = entry.choice("axis", {"columns", "rows"}) == "columns" ? Axis::columns : Axis::rows;
+    pattern.axis = entry.choice<Axis>("axis");
     pattern.period_px = entry.number("period_px", pattern.coding == Coding::fringe ? kPeriod : kCell);
   }
   if (pattern.coding == Coding::fringe) pattern.shift_rad = entry.number("shift_rad", {-1e3, 1e3});
@@ -232,8 +231,8 @@ std::string pattern_entry(const Pattern& p) {
   if (p.coding == Coding::flat)
     text = "coding: flat, level: " + to_text(p.level);
   else
-    text = std::string(p.coding == Coding::gray ? "coding: gray, " : "") +
-           "axis: " + (p.axis == Axis::columns ? "columns" : "rows") + ", period_px: " + to_text(p.period_px);
+    text = std::string(p.coding == Coding::gray ? "coding: gray, " : "") + "axis: " + to_string(p.axis) +
+           ", period_px: " + to_text(p.period_px);
   if (p.coding == Coding::fringe) text += ", shift_rad: " + to_text(p.shift_rad);
   if (p.inverted) text += ", inverted: true";
   text += ", bits: " + std::to_string(p.bits);
@@ -332,8 +331,7 @@ SequenceDesign read_design(const YamlMap& map, const RigModel& rig) {
   if (design.periods_px.size() > kMostPeriods)
     throw map.error("periods_px", "'periods_px' lists more than " + std::to_string(kMostPeriods) + " periods");
   if (!design.periods_px.empty()) design.steps = map.integer("steps", {3, 64});
-  const std::string gray = map.has("gray") ? map.choice("gray", {"none", "plain", "complementary"}) : "none";
-  design.gray = gray == "none" ? GrayCode::none : gray == "plain" ? GrayCode::plain : GrayCode::complementary;
+  design.gray = map.choice_or("gray", GrayCode::none);
   design.gray_inverted = map.boolean_or("gray_inverted", false);
   design.white_black = map.boolean_or("white_black", false);
   design.bits = map.integer_or("bits", 8, {0, 16});

@@ -48,11 +48,12 @@ Points positions(const std::vector<Pose>& poses) {
   return points;
 }
 
-Similarity alignment(const Associated& poses, const std::string& how, bool needs_rotation) {
-  if (how == "none") return {};
-  if (how == "origin") return {1, poses.truth.front() * poses.estimate.front().inverse()};
+Similarity alignment(const Associated& poses, Alignment how, bool needs_rotation) {
+  if (how == Alignment::none) return {};
+  if (how == Alignment::origin) return {1, poses.truth.front() * poses.estimate.front().inverse()};
   bool unique = false;
-  const Similarity result = align_similarity(positions(poses.truth), positions(poses.estimate), how == "sim3", &unique);
+  const Similarity result =
+      align_similarity(positions(poses.truth), positions(poses.estimate), how == Alignment::sim3, &unique);
   if (needs_rotation && !unique)
     throw Error(
         "score: collinear positions do not determine the rotation about their line; use align 'origin' instead");
@@ -71,14 +72,14 @@ double frobenius_from_identity(const Pose& error) {
 }
 
 std::vector<double> absolute_errors(const Associated& poses, const Similarity& truth_from_estimate,
-                                    const std::string& relation) {
+                                    PoseRelation relation) {
   std::vector<double> errors;
   for (size_t i = 0; i < poses.truth.size(); ++i) {
     const Pose aligned = truth_from_estimate * poses.estimate[i];
     const Pose error = aligned.inverse() * poses.truth[i];
-    errors.push_back(relation == "translation"    ? translation_m(error)
-                     : relation == "rotation_deg" ? rotation_rad(error) * kDegPerRad
-                                                  : frobenius_from_identity(error));
+    errors.push_back(relation == PoseRelation::translation    ? translation_m(error)
+                     : relation == PoseRelation::rotation_deg ? rotation_rad(error) * kDegPerRad
+                                                              : frobenius_from_identity(error));
   }
   return errors;
 }
@@ -183,14 +184,14 @@ TrajectoryScore score_trajectory(const Trajectory& estimate, const Trajectory& t
   const Associated poses = associated(estimate, truth, options.max_gap_s, 2);
   TrajectoryScore score;
   score.poses = static_cast<int>(poses.truth.size());
-  score.ate_rmse_m = ate_rmse(poses, alignment(poses, "origin", false));
-  score.ate_umeyama_rmse_m = ate_rmse(poses, alignment(poses, "se3", false));
+  score.ate_rmse_m = ate_rmse(poses, alignment(poses, Alignment::origin, false));
+  score.ate_umeyama_rmse_m = ate_rmse(poses, alignment(poses, Alignment::se3, false));
   const RelativeErrors consecutive = relative_errors(poses, 1, 1, false);
   score.rpe_translation_rmse_m = statistics_of(consecutive.translation_m).rmse;
   score.rpe_rotation_rmse_rad = statistics_of(consecutive.rotation_deg).rmse / kDegPerRad;
 
   score.options = options;
-  score.truth_from_estimate = alignment(poses, options.align, options.relation != "translation");
+  score.truth_from_estimate = alignment(poses, options.align, options.relation != PoseRelation::translation);
   score.ape = statistics_of(absolute_errors(poses, score.truth_from_estimate, options.relation));
   const RelativeErrors steps =
       relative_errors(poses, score.truth_from_estimate.scale, options.delta, options.all_pairs);

@@ -9,8 +9,8 @@
 // transformation parameters between two point patterns, PAMI 13, 1991, eq. 40-42).
 #pragma once
 
+#include <array>
 #include <limits>
-#include <string>
 #include <utility>
 #include <vector>
 
@@ -19,18 +19,35 @@
 
 namespace fringeslam {
 
+// Alignment before APE: none, of the first poses (origin), of all positions without (se3) or with scale (sim3).
+enum class Alignment { none, origin, se3, sim3 };
+
+constexpr auto choices(Alignment) {
+  using enum Alignment;
+  return std::to_array<Choice<Alignment>>({{none, "none"}, {origin, "origin"}, {se3, "se3"}, {sim3, "sim3"}});
+}
+
+// Part of the pose error that APE measures.
+enum class PoseRelation { translation, rotation_deg, full };
+
+constexpr auto choices(PoseRelation) {
+  using enum PoseRelation;
+  return std::to_array<Choice<PoseRelation>>(
+      {{translation, "translation"}, {rotation_deg, "rotation_deg"}, {full, "full"}});
+}
+
 struct TrajectoryOptions {
-  std::string align = "origin";
-  std::string relation = "translation";
+  Alignment align = Alignment::origin;
+  PoseRelation relation = PoseRelation::translation;
   int delta = 1;
   bool all_pairs = false;
   double max_gap_s = 0.01;
 
   template <class Visitor>
   void describe(Visitor& v) {
-    v.field("align", align, {"none", "origin", "se3", "sim3"},
+    v.field("align", align,
             "before APE: none, of the first poses (origin), of all positions without (se3) or with scale (sim3)");
-    v.field("relation", relation, {"translation", "rotation_deg", "full"}, "part of the pose error that APE measures");
+    v.field("relation", relation, "part of the pose error that APE measures");
     v.field("delta", delta, {1, 1e9}, "distance between the two poses of an RPE, frames");
     v.field("all_pairs", all_pairs, "compute RPE from every frame, not only from every delta-th");
     v.field("max_gap_s", max_gap_s, {0, 1e9}, "largest timestamp difference of associated poses, s");
@@ -84,7 +101,7 @@ struct TrajectoryScore {
 TrajectoryScore score_trajectory(const Trajectory& estimate, const Trajectory& truth,
                                  const TrajectoryOptions& options = {});
 
-// The alignment alone, including its rotation; one associated pose is enough for options.align = "origin". Throws Error
+// The alignment alone, including its rotation; one associated pose is enough for Alignment::origin. Throws Error
 // under the same conditions as score_trajectory().
 Similarity align_trajectory(const Trajectory& estimate, const Trajectory& truth, const TrajectoryOptions& options);
 

@@ -2,11 +2,28 @@
 // Result of decoding a fringe stack: the projector coordinate seen by each camera pixel.
 #pragma once
 
+#include <array>
 #include <opencv2/core.hpp>
-#include <string>
+#include <optional>
 #include <vector>
 
+#include "core/types/options.h"
+
 namespace fringeslam {
+
+// Methods of absolute phase unwrapping (core/decode/decode.h); automatic: the first one that the patterns support.
+enum class Unwrapping { automatic, multifrequency, heterodyne, gray, geometric, predicted, spatial };
+
+constexpr auto choices(Unwrapping) {
+  using enum Unwrapping;
+  return std::to_array<Choice<Unwrapping>>({{automatic, "auto"},
+                                            {multifrequency, "multifrequency"},
+                                            {heterodyne, "heterodyne"},
+                                            {gray, "gray"},
+                                            {geometric, "geometric"},
+                                            {predicted, "predicted"},
+                                            {spatial, "spatial"}});
+}
 
 // A connected region of spatially unwrapped phase.
 struct PhaseComponent {
@@ -21,7 +38,9 @@ struct PhaseComponent {
 struct DecodedStack {
   int index = 0;
   double timestamp_s = 0;
-  std::string unwrapping;   // method used
+  // Method used; empty before decoding.
+  std::optional<Unwrapping> unwrapping;
+
   cv::Mat1f mean;           // I', DN; valid everywhere
   cv::Mat1f modulation;     // I'' of the finest period, DN; valid everywhere
   cv::Mat1f wrapped_phase;  // finest period, rad, (-pi, pi]

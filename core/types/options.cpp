@@ -52,12 +52,4 @@ std::string nearest_name(const std::string& unknown, const std::vector<std::stri
   return best;
 }
 
-void RangeChecker::field(const char* name, const std::string& value, const std::vector<std::string>& choices,
-                         const char*) {
-  if (std::find(choices.begin(), choices.end(), value) != choices.end()) return;
-  const std::string nearest = nearest_name(value, choices);
-  throw Error(prefix_ + "." + name + ": unknown value '" + value + "'" +
-              (nearest.empty() ? "" : "; did you mean '" + nearest + "'?"));
-}
-
 }  // namespace fringeslam

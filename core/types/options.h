@@ -3,13 +3,22 @@
 //
 //   template <class Visitor> void describe(Visitor& v) {
 //     v.field("max_range_m", max_range_m, {0.1, 10}, "maximum depth");
+//     v.field("background", background, "what counts as background");
 //   }
 //
 // The YAML reader, `--set`, the recorded config.yaml and check_options() are visitors of describe(), so each name,
-// default, range and help text is written once.
+// default, range and help text is written once. The choices of an enum field are named beside the enum:
+//
+//   enum class Background { plane, none };
+//   constexpr auto choices(Background) {
+//     return std::to_array<Choice<Background>>({{Background::plane, "plane"}, {Background::none, "none"}});
+//   }
 #pragma once
 
+#include <array>
+#include <concepts>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include "core/types/error.h"
@@ -30,6 +39,44 @@ std::string range_error(const std::string& name, double value, const Range& rang
 // Returns the known name closest to `unknown` by edit distance, or an empty string if none is close.
 std::string nearest_name(const std::string& unknown, const std::vector<std::string>& known);
 
+// A value of an enum and its name in YAML, help and reports.
+template <class E>
+struct Choice {
+  E value;
+  const char* name;
+};
+
+// An enum whose choices(E), found by argument-dependent lookup, returns an array of Choice<E> in the order listed to
+// users.
+template <class E>
+concept NamedEnum = std::is_enum_v<E> && requires(E value) {
+  { choices(value)[0].value } -> std::convertible_to<E>;
+  { choices(value)[0].name } -> std::convertible_to<const char*>;
+};
+
+// Returns the name of a value; "" for a value that is not among the choices.
+template <NamedEnum E>
+constexpr const char* to_string(E value) {
+  for (const Choice<E>& choice : choices(value)) {
+    if (choice.value == value) return choice.name;
+  }
+  return "";
+}
+
+template <NamedEnum E>
+std::vector<E> choice_values() {
+  std::vector<E> values;
+  for (const Choice<E>& choice : choices(E())) values.push_back(choice.value);
+  return values;
+}
+
+template <NamedEnum E>
+std::vector<std::string> choice_names() {
+  std::vector<std::string> names;
+  for (const Choice<E>& choice : choices(E())) names.emplace_back(choice.name);
+  return names;
+}
+
 // Visitor that throws Error naming the first field whose value is out of range.
 class RangeChecker {
  public:
@@ -37,7 +84,8 @@ class RangeChecker {
   void field(const char* name, const double& value, Range range, const char*) { require(name, value, range); }
   void field(const char* name, const int& value, Range range, const char*) { require(name, value, range); }
   void field(const char*, const bool&, const char*) {}
-  void field(const char* name, const std::string& value, const std::vector<std::string>& choices, const char*);
+  template <NamedEnum E>
+  void field(const char*, const E&, const char*) {}
 
  private:
   void require(const char* name, double value, Range range) const {

@@ -4,10 +4,18 @@
 
 #include <vector>
 
+#include "core/types/options.h"
+
 namespace fringeslam {
 
 enum class Axis { columns, rows };  // the coded projector coordinate
 enum class Coding { fringe, gray, flat };
+
+constexpr auto choices(Axis) { return std::to_array<Choice<Axis>>({{Axis::columns, "columns"}, {Axis::rows, "rows"}}); }
+
+constexpr auto choices(Coding) {
+  return std::to_array<Choice<Coding>>({{Coding::fringe, "fringe"}, {Coding::gray, "gray"}, {Coding::flat, "flat"}});
+}
 
 struct Pattern {
   Axis axis = Axis::columns;

@@ -19,10 +19,10 @@ namespace fringeslam::sim {
 namespace {
 
 // Returns the rotation that maps the file's up axis to z, keeping x unless x is up.
-Eigen::Matrix3d ours_from_file(const std::string& up) {
+Eigen::Matrix3d ours_from_file(UpAxis up) {
   Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
-  if (up == "y") rotation << 1, 0, 0, 0, 0, -1, 0, 1, 0;
-  if (up == "x") rotation << 0, 1, 0, 0, 0, 1, 1, 0, 0;
+  if (up == UpAxis::y) rotation << 1, 0, 0, 0, 0, -1, 0, 1, 0;
+  if (up == UpAxis::x) rotation << 0, 1, 0, 0, 0, 1, 1, 0, 0;
   return rotation;
 }
 
@@ -135,7 +135,7 @@ std::string MeshImport::summary(const std::filesystem::path& file) const {
   const Eigen::Vector3d size = high - low;
   char text[256];
   std::snprintf(text, sizeof text, "unit %g m, %s up; %zu part%s%s, %zu triangles%s, %.4g x %.4g x %.4g m", unit_m,
-                up.c_str(), parts.size(), parts.size() == 1 ? "" : "s",
+                to_string(up), parts.size(), parts.size() == 1 ? "" : "s",
                 meshes == parts.size() ? "" : (" of " + std::to_string(meshes) + " meshes").c_str(), triangles,
                 degenerate == 0 ? "" : (" (" + std::to_string(degenerate) + " degenerate dropped)").c_str(), size.x(),
                 size.y(), size.z());
@@ -148,7 +148,7 @@ MeshImport import_mesh(const std::filesystem::path& file, const MeshImportOption
   for (const RawMesh& mesh : model.meshes) check_mesh(file, model, mesh);
   MeshImport result;
   result.unit_m = options.unit_m.value_or(model.unit_m > 0 ? model.unit_m : 1);
-  result.up = options.up.value_or(model.y_up ? "y" : "z");
+  result.up = options.up.value_or(model.y_up ? UpAxis::y : UpAxis::z);
   const Eigen::Matrix3d turned = ours_from_file(result.up);
   result.low.setConstant(std::numeric_limits<double>::infinity());
   result.high = -result.low;

@@ -4,20 +4,28 @@
 // validated here.
 #pragma once
 
+#include <array>
 #include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "core/types/options.h"
 #include "core/types/pose.h"
 #include "sim/scene/mesh.h"
 
 namespace fringeslam::sim {
 
+enum class UpAxis { x, y, z };
+
+constexpr auto choices(UpAxis) {
+  return std::to_array<Choice<UpAxis>>({{UpAxis::x, "x"}, {UpAxis::y, "y"}, {UpAxis::z, "z"}});
+}
+
 struct MeshImportOptions {
-  std::optional<double> unit_m;   // length of one file unit, overriding the file's; default: the file's unit, else 1 m
-  std::optional<std::string> up;  // "x", "y" or "z": file axis mapped to world z, overriding the format's default
+  std::optional<double> unit_m;  // length of one file unit, overriding the file's; default: the file's unit, else 1 m
+  std::optional<UpAxis> up;      // file axis mapped to world z, overriding the format's default
   double time_limit_s = 60;
   double memory_limit_gib = 4;
 };
@@ -35,7 +43,7 @@ struct ImportedPart {
 struct MeshImport {
   std::vector<ImportedPart> parts;
   double unit_m = 1;
-  std::string up;
+  UpAxis up = UpAxis::z;
   size_t triangles = 0, degenerate = 0;  // degenerate triangles are dropped
   size_t meshes = 0;                     // distinct meshes
   Eigen::Vector3d low = Eigen::Vector3d::Zero(), high = Eigen::Vector3d::Zero();

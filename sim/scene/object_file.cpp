@@ -201,7 +201,7 @@ std::vector<Object> read_mesh(const YamlMap& map, const Materials& materials, ui
   const std::filesystem::path file = map.file("file");
   MeshImportOptions options;
   if (map.has("unit_m")) options.unit_m = map.number("unit_m", {1e-6, 1e6});
-  if (map.has("up")) options.up = map.choice("up", {"x", "y", "z"});
+  if (map.has("up")) options.up = map.choice<UpAxis>("up");
   const std::optional<Material> material =
       map.has("material") ? std::optional(find_material(map, materials)) : std::nullopt;
   const Pose pose = map.has("pose") ? map.pose("pose") : Pose{};

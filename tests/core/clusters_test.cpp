@@ -97,7 +97,7 @@ bool crossing(const std::vector<DepthKeypoint>& k, const cv::Vec2i& a, const cv:
   return side(a, b[0]) * side(a, b[1]) < -1e-9 && side(b, a[0]) * side(b, a[1]) < -1e-9;
 }
 
-class EveryMethod : public testing::TestWithParam<const char*> {};
+class EveryMethod : public testing::TestWithParam<ClusterMethod> {};
 
 TEST_P(EveryMethod, EdgesPartClusters) {
   Boxes boxes;
@@ -194,7 +194,7 @@ TEST_P(EveryMethod, AHundredThousandKeypoints) {
   EXPECT_GE(clustered, 400u);
 }
 
-INSTANTIATE_TEST_SUITE_P(Clusters, EveryMethod, testing::Values("depth_sampling", "convex_hull", "both"));
+INSTANTIATE_TEST_SUITE_P(Clusters, EveryMethod, testing::ValuesIn(choice_values<ClusterMethod>()));
 
 TEST(DepthSampling, TwoConnectionsAndNoCrossing) {
   for (uint64_t seed = 1; seed <= 10; ++seed) {
@@ -251,7 +251,7 @@ TEST(DepthSampling, ATrenchParts) {
     for (size_t j = 6; j < 12; ++j) EXPECT_NE(keypoints[i].cluster, keypoints[j].cluster);
   }
   ClusterOptions region;
-  region.method = "convex_hull";
+  region.method = ClusterMethod::convex_hull;
   EXPECT_EQ(find_clusters(keypoints, levels, no_edges, region).members.size(), 1u);
 }
 

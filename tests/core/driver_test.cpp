@@ -12,7 +12,7 @@ namespace {
 
 using support::Bumps;
 
-class Driven : public testing::TestWithParam<std::string> {
+class Driven : public testing::TestWithParam<Unwrapping> {
  protected:
   Driven() {
     options_.decode.unwrapping = GetParam();
@@ -66,8 +66,8 @@ TEST_P(Driven, WorksOnOneCore) {
   EXPECT_EQ(to_tum(got.trajectory()), to_tum(expected.trajectory()));
 }
 
-INSTANTIATE_TEST_SUITE_P(Unwrapping, Driven, testing::Values("multifrequency", "predicted"),
-                         [](const auto& name) { return name.param; });
+INSTANTIATE_TEST_SUITE_P(Unwrapping, Driven, testing::Values(Unwrapping::multifrequency, Unwrapping::predicted),
+                         [](const auto& test) { return std::string(to_string(test.param)); });
 
 TEST(Pipeline, RefusesOtherPatterns) {
   Bumps rig(1);

@@ -76,10 +76,10 @@ TEST(Edges, TheSameWhateverTheThreads) {
   for (float& value : image) value = static_cast<float>(random.uniform(0, 255));
   const int before = cv::getNumThreads();
   cv::setNumThreads(1);
-  const BitImage one = detect_edges(image, "canny_deriche", 1, 20, 60);
+  const BitImage one = detect_edges(image, EdgeDetector::canny_deriche, 1, 20, 60);
   ASSERT_GT(cv::countNonZero(one.mask()), 1000);
   cv::setNumThreads(4);
-  for (int run = 0; run < 50; ++run) ASSERT_TRUE(one == detect_edges(image, "canny_deriche", 1, 20, 60));
+  for (int run = 0; run < 50; ++run) ASSERT_TRUE(one == detect_edges(image, EdgeDetector::canny_deriche, 1, 20, 60));
   cv::setNumThreads(before);
 }
 
@@ -94,7 +94,7 @@ TEST(Edges, AStepHasItsHeight) {
 }
 
 TEST(Edges, EveryDetectorFindsAStepWhereItIsAndNothingElse) {
-  for (const std::string& detector : edge_detectors()) {
+  for (const EdgeDetector detector : choice_values<EdgeDetector>()) {
     for (const double angle : {0.0, 0.4, 0.785, 1.3, 1.571}) {
       const cv::Mat1b edges = detect_edges(step_image(10, angle), detector, 1, 3, 6).mask();
       int found = 0;
@@ -102,14 +102,14 @@ TEST(Edges, EveryDetectorFindsAStepWhereItIsAndNothingElse) {
         for (int c = 0; c < edges.cols; ++c) {
           const double across = (c - 39.5) * std::cos(angle) + (r - 34.5) * std::sin(angle);
           if (edges(r, c)) {
-            EXPECT_LE(std::abs(across), 1.6) << detector << " " << angle << ": " << r << " " << c;
+            EXPECT_LE(std::abs(across), 1.6) << to_string(detector) << " " << angle << ": " << r << " " << c;
           }
           found += edges(r, c) != 0 && r > 8 && r < 62 && c > 8 && c < 72;
         }
       }
-      EXPECT_GE(found, 50) << detector << " " << angle;
+      EXPECT_GE(found, 50) << to_string(detector) << " " << angle;
       EXPECT_EQ(cv::countNonZero(detect_edges(step_image(4, angle), detector, 1, 3, 6).mask()), 0)
-          << detector << " " << angle;
+          << to_string(detector) << " " << angle;
     }
   }
 }
@@ -121,7 +121,7 @@ TEST(Edges, WeakOnesOnlyBesideStrongOnes) {
     for (int c = 20; c < 80; ++c) image(r, c) += static_cast<float>(10 - 6.0 * r / 59);
     for (int c = 60; c < 80; ++c) image(r, c) += 4;
   }
-  const cv::Mat1b edges = detect_edges(image, "canny_deriche", 1.5, 3, 8).mask();
+  const cv::Mat1b edges = detect_edges(image, EdgeDetector::canny_deriche, 1.5, 3, 8).mask();
   EXPECT_GE(cv::countNonZero(edges.colRange(17, 23)), 50);
   EXPECT_EQ(cv::countNonZero(edges.colRange(50, 80)), 0);
 }
@@ -133,12 +133,12 @@ TEST(Edges, NoiseOnASlopeIsNoEdge) {
   for (int r = 0; r < 100; ++r) {
     for (int c = 0; c < 120; ++c) image(r, c) = static_cast<float>(60 + 0.18 * c + 0.036 * random.normal());
   }
-  for (const std::string& detector : edge_detectors())
-    EXPECT_EQ(cv::countNonZero(detect_edges(image, detector, 1, 2.2, 4.4).mask()), 0) << detector;
+  for (const EdgeDetector detector : choice_values<EdgeDetector>())
+    EXPECT_EQ(cv::countNonZero(detect_edges(image, detector, 1, 2.2, 4.4).mask()), 0) << to_string(detector);
 }
 
 TEST(Edges, ImagesWithoutAnInside) {
-  for (const std::string& detector : edge_detectors()) {
+  for (const EdgeDetector detector : choice_values<EdgeDetector>()) {
     for (const cv::Size size : {cv::Size(0, 0), cv::Size(1, 1), cv::Size(2, 40), cv::Size(3, 3)})
       EXPECT_EQ(cv::countNonZero(detect_edges(cv::Mat1f(size, 1.0f), detector, 1, 1, 2).mask()), 0);
   }

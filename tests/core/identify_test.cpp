@@ -36,7 +36,7 @@ Frame view(const RigModel& rig, bool with_slab, double noise_m = 3e-5) {
   return frame;
 }
 
-Landmarks identified(const Frame& frame, const RigModel& rig, const std::string& outlines,
+Landmarks identified(const Frame& frame, const RigModel& rig, OutlineSource outlines,
                      LandmarkStages* stages = nullptr) {
   LandmarkOptions options;
   options.outlines = outlines;
@@ -45,7 +45,7 @@ Landmarks identified(const Frame& frame, const RigModel& rig, const std::string&
                             stages);
 }
 
-class BothOutlines : public testing::TestWithParam<const char*> {};
+class BothOutlines : public testing::TestWithParam<OutlineSource> {};
 
 TEST_P(BothOutlines, NoDepthNoLandmarks) {
   const RigModel rig = small_rig(false);
@@ -80,12 +80,12 @@ TEST_P(BothOutlines, KeypointsOfALandmarkAreWithinItsOutline) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Identify, BothOutlines, testing::Values("clusters", "regions"));
+INSTANTIATE_TEST_SUITE_P(Identify, BothOutlines, testing::ValuesIn(choice_values<OutlineSource>()));
 
 TEST(Identify, ASlabBeforeAWall) {
   const RigModel rig = small_rig(false);
   LandmarkStages stages;
-  const Landmarks landmarks = identified(view(rig, true), rig, "regions", &stages);
+  const Landmarks landmarks = identified(view(rig, true), rig, OutlineSource::regions, &stages);
   cv::Mat1b slab(stages.levels.size(), uchar{0});
   slab(kSlab) = 255;
   EXPECT_EQ(cv::countNonZero(stages.conditioned.foreground != slab), 0);
@@ -111,9 +111,6 @@ TEST(Identify, TheFillTakesTheFartherSide) {
 
 TEST(Identify, OptionsOutOfRangeAreRefused) {
   ConditioningOptions options;
-  options.edges = "sobel";
-  EXPECT_THROW(condition(view(small_rig(false), true), options), Error);
-  options = {};
   options.max_dilations = -1;
   EXPECT_THROW(condition(view(small_rig(false), true), options), Error);
 }

@@ -45,7 +45,7 @@ struct Drift {
     ExpectedCoordinate expected{cv::Mat1f(truth.size()), cv::Mat1f(truth.size(), 0.0f), cv::Mat1f(truth.size(), 0.5f)};
     truth.convertTo(expected.coordinate_px, CV_32F);
     RigModel rig = small_rig(false);
-    options.unwrapping = "predicted";
+    options.unwrapping = Unwrapping::predicted;
     options.max_order_failure = 1;
     options.max_order_residual_sigma = 1e6;
     decoded = decode(stack, rig, options, {Axis::columns, &expected});

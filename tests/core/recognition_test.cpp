@@ -179,7 +179,7 @@ class World {
   std::vector<std::vector<Eigen::Vector3d>> points_;
 };
 
-class BothSearches : public testing::TestWithParam<const char*> {
+class BothSearches : public testing::TestWithParam<DescriptorSearch> {
  protected:
   RecognitionOptions options() const {
     RecognitionOptions options;
@@ -254,7 +254,7 @@ TEST_P(BothSearches, ThePartsOfALandmarkAreKnown) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Recognition, BothSearches, testing::Values("best_bin_first", "brute_force"));
+INSTANTIATE_TEST_SUITE_P(Recognition, BothSearches, testing::ValuesIn(choice_values<DescriptorSearch>()));
 
 // A plane at 1 m, seen by two cameras.
 struct Plane {

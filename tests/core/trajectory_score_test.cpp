@@ -44,7 +44,7 @@ void expect_all(const ErrorStatistics& s, double error, int count) {
   expect_statistics(s, {error, error, error, 0, error, error, count * error * error});
 }
 
-TrajectoryOptions aligned(const std::string& how, const std::string& relation = "translation") {
+TrajectoryOptions aligned(Alignment how, PoseRelation relation = PoseRelation::translation) {
   TrajectoryOptions options;
   options.align = how;
   options.relation = relation;
@@ -86,13 +86,13 @@ TEST(Statistics, OfFourNumbersByHand) {
 TEST(TrajectoryAlignment, AConstantOffsetIsTheErrorUntilItIsAligned) {
   const Eigen::Vector3d offset(0.03, -0.04, 0.12);  // 0.13 m long
   const Trajectory truth = winding(7), estimate = transformed({1, {Eigen::Matrix3d::Identity(), offset}}, truth);
-  expect_all(score_trajectory(estimate, truth, aligned("none")).ape, 0.13, 7);
-  for (const std::string how : {"origin", "se3", "sim3"}) {
+  expect_all(score_trajectory(estimate, truth, aligned(Alignment::none)).ape, 0.13, 7);
+  for (const Alignment how : {Alignment::origin, Alignment::se3, Alignment::sim3}) {
     const TrajectoryScore score = score_trajectory(estimate, truth, aligned(how));
     expect_all(score.ape, 0, 7);
     EXPECT_THAT(score.truth_from_estimate.pose, PoseNear(Pose{Eigen::Matrix3d::Identity(), -offset}, 1e-12, 1e-12));
   }
-  const TrajectoryScore score = score_trajectory(estimate, truth, aligned("none"));
+  const TrajectoryScore score = score_trajectory(estimate, truth, aligned(Alignment::none));
   EXPECT_EQ(score.steps, 6);
   expect_all(score.rpe_translation_m, 0, 6);
 }
@@ -107,25 +107,27 @@ TEST(TrajectoryAlignment, ARotationAboutAPoint) {
   const Trajectory truth = at(kSquare);  // 0, 2, sqrt(8) and 2 m from the axis through c
   const Trajectory estimate = transformed({1, {turn, c - turn * c}}, truth);
   const double far = std::sqrt(8.0), mean = (4 + far) / 4, rms = std::sqrt((4 + 8 + 4) / 4.0);
-  expect_statistics(score_trajectory(estimate, truth, aligned("none")).ape,
+  expect_statistics(score_trajectory(estimate, truth, aligned(Alignment::none)).ape,
                     {chord * rms, chord * mean, chord * 2, chord * std::sqrt(rms * rms - mean * mean), 0, chord * far,
                      chord * chord * 16});
-  expect_all(score_trajectory(estimate, truth, aligned("none", "rotation_deg")).ape, theta * 180 / std::numbers::pi, 4);
-  const ErrorStatistics full = score_trajectory(estimate, truth, aligned("none", "full")).ape;
+  expect_all(score_trajectory(estimate, truth, aligned(Alignment::none, PoseRelation::rotation_deg)).ape,
+             theta * 180 / std::numbers::pi, 4);
+  const ErrorStatistics full = score_trajectory(estimate, truth, aligned(Alignment::none, PoseRelation::full)).ape;
   EXPECT_NEAR(full.sse, chord * chord * (2 * 4 + 16), kClose);
   EXPECT_NEAR(full.min, chord * std::sqrt(2.0), kClose);
   EXPECT_NEAR(full.max, chord * std::sqrt(10.0), kClose);
-  for (const std::string relation : {"translation", "rotation_deg", "full"})
-    EXPECT_NEAR(score_trajectory(estimate, truth, aligned("se3", relation)).ape.max, 0, 1e-7) << relation;
+  for (const PoseRelation relation : choice_values<PoseRelation>())
+    EXPECT_NEAR(score_trajectory(estimate, truth, aligned(Alignment::se3, relation)).ape.max, 0, 1e-7)
+        << to_string(relation);
 }
 
 // The estimate is 1.25 times too large. Alignment without scale leaves 0.25 sqrt(2) at each corner; with scale, a
 // factor 0.8 is exact. A step of 2 m is 0.5 m too long, and exact after scaling.
 TEST(TrajectoryAlignment, APureScale) {
   const Trajectory truth = at(kSquare), estimate = transformed({1.25, {}}, truth);
-  expect_all(score_trajectory(estimate, truth, aligned("se3")).ape, 0.25 * std::sqrt(2.0), 4);
-  expect_all(score_trajectory(estimate, truth, aligned("se3")).rpe_translation_m, 0.5, 3);
-  const TrajectoryScore scaled = score_trajectory(estimate, truth, aligned("sim3"));
+  expect_all(score_trajectory(estimate, truth, aligned(Alignment::se3)).ape, 0.25 * std::sqrt(2.0), 4);
+  expect_all(score_trajectory(estimate, truth, aligned(Alignment::se3)).rpe_translation_m, 0.5, 3);
+  const TrajectoryScore scaled = score_trajectory(estimate, truth, aligned(Alignment::sim3));
   EXPECT_NEAR(scaled.truth_from_estimate.scale, 0.8, kClose);
   expect_all(scaled.ape, 0, 4);
   expect_all(scaled.rpe_translation_m, 0, 3);
@@ -140,8 +142,8 @@ TEST(TrajectoryAlignment, OfASaddleOntoASquare) {
   const double h = 0.2, s = 8 / (8 + 4 * h * h);
   std::vector<Eigen::Vector3d> saddle = kSquare;
   for (size_t i = 0; i < 4; ++i) saddle[i].z() = i % 2 == 0 ? h : -h;
-  expect_all(score_trajectory(at(saddle), at(kSquare), aligned("se3")).ape, h, 4);
-  const TrajectoryScore scaled = score_trajectory(at(saddle), at(kSquare), aligned("sim3"));
+  expect_all(score_trajectory(at(saddle), at(kSquare), aligned(Alignment::se3)).ape, h, 4);
+  const TrajectoryScore scaled = score_trajectory(at(saddle), at(kSquare), aligned(Alignment::sim3));
   EXPECT_NEAR(scaled.truth_from_estimate.scale, s, kClose);
   expect_all(scaled.ape, std::sqrt(2 * (1 - s) * (1 - s) + s * s * h * h), 4);
 }
@@ -152,7 +154,8 @@ TEST(TrajectoryAlignment, FindsAnySimilarity) {
   for (int i = 0; i < 20; ++i) {
     const Similarity by{random.uniform(0.1, 10),
                         {rotation_exp(random.uniform(0, 3) * random.direction()), 10 * random.normals<3>()}};
-    const TrajectoryScore score = score_trajectory(transformed(by, truth), truth, aligned("sim3", "full"));
+    const TrajectoryScore score =
+        score_trajectory(transformed(by, truth), truth, aligned(Alignment::sim3, PoseRelation::full));
     EXPECT_NEAR(score.truth_from_estimate.scale, 1 / by.scale, 1e-12 / by.scale);
     EXPECT_NEAR(score.ape.max, 0, 1e-11);
   }
@@ -166,7 +169,7 @@ TEST(TrajectoryAlignment, IsNeverAMirror) {
   const Similarity found = align_similarity(solid, mirrored, true);
   const Eigen::Matrix3d& r = found.pose.rotation;
   EXPECT_NEAR(r.col(0).cross(r.col(1)).dot(r.col(2)), 1, 1e-12);
-  EXPECT_GT(score_trajectory(at(mirrored), at(solid), aligned("sim3")).ape.rmse, 0.1);
+  EXPECT_GT(score_trajectory(at(mirrored), at(solid), aligned(Alignment::sim3)).ape.rmse, 0.1);
 }
 
 // Errors 0, d, 2d … of n = 6 poses: mean (n-1)/2, sum of squares (n-1) n (2n-1) / 6 = 55, variance (n^2-1)/12.
@@ -199,11 +202,11 @@ TEST(TrajectoryOptions, WhatCannotBeIsRefused) {
   const auto refusal = [&](const Trajectory& estimate, const Trajectory& truth, TrajectoryOptions options) {
     return error_of([&] { score_trajectory(estimate, truth, options); });
   };
-  EXPECT_THAT(refusal(line, line, aligned("se3", "rotation_deg")), HasSubstr("collinear positions"));
-  EXPECT_THAT(refusal(line, line, aligned("sim3", "full")), HasSubstr("collinear positions"));
-  EXPECT_THAT(refusal(still, line, aligned("sim3")), HasSubstr("does not determine a scale"));
-  EXPECT_THAT(refusal(line, still, aligned("sim3")), HasSubstr("does not determine a scale"));
-  EXPECT_THAT(refusal(line, line, aligned("umeyama")), HasSubstr("align"));
+  EXPECT_THAT(refusal(line, line, aligned(Alignment::se3, PoseRelation::rotation_deg)),
+              HasSubstr("collinear positions"));
+  EXPECT_THAT(refusal(line, line, aligned(Alignment::sim3, PoseRelation::full)), HasSubstr("collinear positions"));
+  EXPECT_THAT(refusal(still, line, aligned(Alignment::sim3)), HasSubstr("does not determine a scale"));
+  EXPECT_THAT(refusal(line, still, aligned(Alignment::sim3)), HasSubstr("does not determine a scale"));
   TrajectoryOptions options;
   options.delta = 3;
   EXPECT_THAT(refusal(line, line, options), HasSubstr("no two of 3 associated poses are 3 frames apart"));
@@ -211,19 +214,20 @@ TEST(TrajectoryOptions, WhatCannotBeIsRefused) {
   EXPECT_THAT(refusal(line, line, options), HasSubstr("delta"));
   EXPECT_THAT(refusal(at({{0, 0, 0}}), line, {}), HasSubstr("only 1 poses"));
   // One pose is enough for alignment by the origin.
-  EXPECT_EQ(align_trajectory(at({{0, 0, 0}}), at({{1, 2, 3}}), aligned("origin")).pose.translation,
+  EXPECT_EQ(align_trajectory(at({{0, 0, 0}}), at({{1, 2, 3}}), aligned(Alignment::origin)).pose.translation,
             Eigen::Vector3d(1, 2, 3));
 }
 
 // If the rotation is undetermined, the distances do not depend on it.
 TEST(TrajectoryOptions, PositionsOnALineHaveATranslationError) {
   const Trajectory line = at({{0, 0, 0}, {1, 0, 0}, {2, 0, 0}}), still = at({{1, 2, 3}, {1, 2, 3}, {1, 2, 3}});
-  expect_all(score_trajectory(line, line, aligned("se3")).ape, 0, 3);
-  expect_all(score_trajectory(line, line, aligned("sim3")).ape, 0, 3);
+  expect_all(score_trajectory(line, line, aligned(Alignment::se3)).ape, 0, 3);
+  expect_all(score_trajectory(line, line, aligned(Alignment::sim3)).ape, 0, 3);
   // All at the middle of the line: errors of 1, 0 and 1 m.
-  EXPECT_NEAR(score_trajectory(still, line, aligned("se3")).ape.sse, 2, kClose);
+  EXPECT_NEAR(score_trajectory(still, line, aligned(Alignment::se3)).ape.sse, 2, kClose);
   // Two poses 1 m apart, estimated as 1.2 m apart.
-  expect_all(score_trajectory(at({{0, 0, 0}, {0, 1.2, 0}}), at({{0, 0, 0}, {1, 0, 0}}), aligned("se3")).ape, 0.1, 2);
+  expect_all(score_trajectory(at({{0, 0, 0}, {0, 1.2, 0}}), at({{0, 0, 0}, {1, 0, 0}}), aligned(Alignment::se3)).ape,
+             0.1, 2);
 }
 
 Trajectory times(const std::vector<double>& seconds) {

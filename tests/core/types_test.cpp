@@ -271,13 +271,18 @@ TEST(Options, NearestName) {
   EXPECT_EQ(nearest_name("x", {}), "");
 }
 
+enum class Mode { exact, fast };
+
+// Listed in another order than declared.
+constexpr auto choices(Mode) { return std::to_array<Choice<Mode>>({{Mode::fast, "fast"}, {Mode::exact, "exact"}}); }
+
 struct Sample {
   double range_m = 1;
-  std::string mode = "fast";
+  Mode mode = Mode::fast;
   template <class Visitor>
   void describe(Visitor& v) {
     v.field("range_m", range_m, {0.5, 2}, "");
-    v.field("mode", mode, {"fast", "exact"}, "");
+    v.field("mode", mode, "");
   }
 };
 
@@ -287,7 +292,15 @@ TEST(Options, CheckNamesFieldValueAndLimits) {
   EXPECT_EQ(error_of([] { check_options(Sample{.range_m = 2.25}, "sample"); }),
             "sample.range_m is 2.25; it must lie in [0.5, 2]");
   EXPECT_THAT(error_of([] { check_options(Sample{.range_m = std::nan("")}, "sample"); }), HasSubstr("range_m"));
-  EXPECT_THAT(error_of([] { check_options(Sample{.mode = "exat"}, "sample"); }), HasSubstr("did you mean 'exact'"));
+}
+
+TEST(Options, EnumsHaveNames) {
+  static_assert(NamedEnum<Mode> && !NamedEnum<int>);
+  EXPECT_STREQ(to_string(Mode::fast), "fast");
+  EXPECT_STREQ(to_string(Mode::exact), "exact");
+  EXPECT_EQ(choice_names<Mode>(), (std::vector<std::string>{"fast", "exact"}));
+  EXPECT_EQ(choice_values<Mode>(), (std::vector<Mode>{Mode::fast, Mode::exact}));
+  EXPECT_NO_THROW(check_options(Sample{.mode = Mode::exact}, "sample"));
 }
 
 TEST(Parallel, EveryRowOnceAndInOneThreadWhereThatIsWanted) {

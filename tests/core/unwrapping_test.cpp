@@ -41,17 +41,17 @@ RigModel plain_rig() {
   return rig;
 }
 
-DecodeOptions by(const std::string& unwrapping) {
+DecodeOptions by(Unwrapping unwrapping) {
   DecodeOptions options;
   options.unwrapping = unwrapping;
   return options;
 }
 
 struct Method {
-  std::string name;
+  Unwrapping unwrapping;
   SequenceDesign design;
 };
-void PrintTo(const Method& method, std::ostream* out) { *out << method.name; }
+void PrintTo(const Method& method, std::ostream* out) { *out << to_string(method.unwrapping); }
 
 class AbsoluteMethods : public testing::TestWithParam<Method> {
  protected:
@@ -65,12 +65,14 @@ class AbsoluteMethods : public testing::TestWithParam<Method> {
   }
 };
 INSTANTIATE_TEST_SUITE_P(Unwrapping, AbsoluteMethods,
-                         testing::Values(Method{"multifrequency", design_of({1040, 131, 16.5})},
-                                         Method{"heterodyne", design_of({19.3, 18.0, 16.9})},
-                                         Method{"heterodyne", design_of({66, 62.5})},
-                                         Method{"gray", design_of({16.5}, GrayCode::complementary)},
-                                         Method{"gray", design_of({30}, GrayCode::plain)}),
-                         [](const auto& test) { return test.param.name + std::to_string(test.index); });
+                         testing::Values(Method{Unwrapping::multifrequency, design_of({1040, 131, 16.5})},
+                                         Method{Unwrapping::heterodyne, design_of({19.3, 18.0, 16.9})},
+                                         Method{Unwrapping::heterodyne, design_of({66, 62.5})},
+                                         Method{Unwrapping::gray, design_of({16.5}, GrayCode::complementary)},
+                                         Method{Unwrapping::gray, design_of({30}, GrayCode::plain)}),
+                         [](const auto& test) {
+                           return to_string(test.param.unwrapping) + std::to_string(test.index);
+                         });
 
 TEST_P(AbsoluteMethods, RecoverTheCoordinateUnderNoise) {
   const PatternSequence sequence = design_sequence(GetParam().design);
@@ -78,8 +80,8 @@ TEST_P(AbsoluteMethods, RecoverTheCoordinateUnderNoise) {
   const cv::Mat1d truth = coordinates();
   Random random(3);
   const auto stack = fringe_stack(truth, sequence, {}, CV_8UC1, rig.sensor, &random);
-  const DecodedStack decoded = decode(stack, rig, by(GetParam().name));
-  EXPECT_EQ(decoded.unwrapping, GetParam().name);
+  const DecodedStack decoded = decode(stack, rig, by(GetParam().unwrapping));
+  EXPECT_EQ(decoded.unwrapping, GetParam().unwrapping);
   int valid = 0;
   double squares = 0;
   for (int row = 0; row < truth.rows; ++row) {
@@ -88,7 +90,7 @@ TEST_P(AbsoluteMethods, RecoverTheCoordinateUnderNoise) {
       ++valid;
       const double sigmas = (decoded.coordinate_px(row, col) - truth(row, col)) / decoded.sigma_px(row, col);
       EXPECT_LT(std::abs(sigmas), 5) << row << ", " << col;
-      EXPECT_GE(decoded.confidence(row, col), 1 - by("").max_order_failure - 1e-6);
+      EXPECT_GE(decoded.confidence(row, col), 1 - DecodeOptions().max_order_failure - 1e-6);
       squares += sigmas * sigmas;
     }
   }
@@ -98,7 +100,7 @@ TEST_P(AbsoluteMethods, RecoverTheCoordinateUnderNoise) {
 
 TEST_P(AbsoluteMethods, AutoFindsAMethodThatServes) {
   const PatternSequence sequence = design_sequence(GetParam().design);
-  EXPECT_EQ(resolve_unwrapping(sequence, plain_rig(), {}), GetParam().name);
+  EXPECT_EQ(resolve_unwrapping(sequence, plain_rig(), {}), GetParam().unwrapping);
 }
 
 TEST_P(AbsoluteMethods, EveryInstructionSetGivesTheSameBits) {
@@ -107,7 +109,7 @@ TEST_P(AbsoluteMethods, EveryInstructionSetGivesTheSameBits) {
   Random random(4);
   const auto stack = fringe_stack(coordinates(), sequence, {}, CV_8UC1, rig.sensor, &random);
   const auto with = [&](InstructionSet set) {
-    return decode(stack, rig, by(GetParam().name), {Axis::columns, nullptr, set});
+    return decode(stack, rig, by(GetParam().unwrapping), {Axis::columns, nullptr, set});
   };
   const DecodedStack portable = with(InstructionSet::portable), widest = with(widest_instruction_set());
   const auto same = [](const cv::Mat& a, const cv::Mat& b) {
@@ -169,7 +171,7 @@ TEST(Geometric, OrderFollowsFromTheDepthRange) {
     cv::Mat1d truth;
     seen.coordinate_px.convertTo(truth, CV_64F);
     const auto stack = fringe_stack(truth, sequence, {}, CV_8UC1, rig.sensor, &random);
-    const DecodedStack decoded = decode(stack, rig, by("geometric"));
+    const DecodedStack decoded = decode(stack, rig, by(Unwrapping::geometric));
     int valid = 0, in_beam = 0;
     for (int row = 0; row < 48; ++row) {
       for (int col = 0; col < 64; ++col) {
@@ -182,7 +184,7 @@ TEST(Geometric, OrderFollowsFromTheDepthRange) {
     EXPECT_GT(valid, 0.9 * in_beam) << depth << " m";
   }
   const PatternSequence fine = phase_shift_sequence(1024, 768, {16.5}, 3, Axis::columns, 8);
-  EXPECT_THAT(error_of([&] { resolve_unwrapping(fine, rig, by("geometric")); }),
+  EXPECT_THAT(error_of([&] { resolve_unwrapping(fine, rig, by(Unwrapping::geometric)); }),
               HasSubstr("more than a period of 16.5 px"));
 }
 
@@ -195,7 +197,7 @@ TEST(Predicted, RoundsToTheExpectedOrderAndRefusesWhatDoesNotFit) {
   ExpectedCoordinate expected{cv::Mat1f(1, 2000), cv::Mat1f(1, 2000, 0.0f), cv::Mat1f(1, 2000, 1.5f)};
   const auto decode_with = [&](double error_px) {
     for (int i = 0; i < 2000; ++i) expected.coordinate_px(i) = static_cast<float>(truth(i) + error_px);
-    return decode(stack, rig, by("predicted"), {Axis::columns, &expected});
+    return decode(stack, rig, by(Unwrapping::predicted), {Axis::columns, &expected});
   };
   for (const double error : {0.0, 2.0, -3.0}) {
     const auto decoded = decode_with(error);
@@ -205,8 +207,8 @@ TEST(Predicted, RoundsToTheExpectedOrderAndRefusesWhatDoesNotFit) {
   // Near half a period both orders are equally likely.
   EXPECT_EQ(cv::countNonZero(decode_with(7.7).fringe_order >= 0), 0);
   expected.coordinate_px(5) = std::numeric_limits<float>::quiet_NaN();
-  EXPECT_EQ(decode(stack, rig, by("predicted"), {Axis::columns, &expected}).fringe_order(5), -1);
-  EXPECT_THAT(error_of([&] { decode(stack, rig, by("predicted")); }), HasSubstr("no map to predict from"));
+  EXPECT_EQ(decode(stack, rig, by(Unwrapping::predicted), {Axis::columns, &expected}).fringe_order(5), -1);
+  EXPECT_THAT(error_of([&] { decode(stack, rig, by(Unwrapping::predicted)); }), HasSubstr("no map to predict from"));
 }
 
 TEST(Predicted, LooksAtTheFinestPeriodAlone) {
@@ -219,8 +221,8 @@ TEST(Predicted, LooksAtTheFinestPeriodAlone) {
   const FringeStack last = stack_of(fine, {stack.images.begin() + 6, stack.images.end()});
   ExpectedCoordinate expected{cv::Mat1f(1, 500), cv::Mat1f(1, 500, 0.0f), cv::Mat1f(1, 500, 1.0f)};
   truth.convertTo(expected.coordinate_px, CV_32F);
-  const DecodedStack by_all = decode(stack, rig, by("predicted"), {Axis::columns, &expected}),
-                     by_fine = decode(last, rig, by("predicted"), {Axis::columns, &expected});
+  const DecodedStack by_all = decode(stack, rig, by(Unwrapping::predicted), {Axis::columns, &expected}),
+                     by_fine = decode(last, rig, by(Unwrapping::predicted), {Axis::columns, &expected});
   EXPECT_EQ(cv::countNonZero(by_fine.fringe_order >= 0), 500);
   EXPECT_EQ(cv::norm(by_all.coordinate_px, by_fine.coordinate_px, cv::NORM_INF), 0);
   EXPECT_EQ(cv::norm(by_all.mean, by_fine.mean, cv::NORM_INF), 0);
@@ -251,25 +253,25 @@ TEST(Gray, AFlatBitBetweenTwoFarCellsIsNotBelieved) {
   const PatternSequence sequence = design_sequence(design_of({32}, GrayCode::complementary));
   const RigModel rig = plain_rig();
   auto stack = fringe_stack(cv::Mat1d(1, 1, 203.0), sequence, {}, CV_8UC1);
-  ASSERT_EQ(decode(stack, rig, by("gray")).fringe_order(0), 6);
+  ASSERT_EQ(decode(stack, rig, by(Unwrapping::gray)).fringe_order(0), 6);
   stack.images[4].at<uchar>(0) = 120;  // second coarsest bit at its threshold: the candidate cells are far apart
-  EXPECT_EQ(decode(stack, rig, by("gray")).fringe_order(0), -1);
+  EXPECT_EQ(decode(stack, rig, by(Unwrapping::gray)).fringe_order(0), -1);
 }
 
 TEST(Errors, SayWhatTheSequenceLacks) {
   const RigModel rig = plain_rig();
-  const auto error = [&](const std::string& method, const SequenceDesign& design) {
+  const auto error = [&](Unwrapping method, const SequenceDesign& design) {
     return error_of([&] { resolve_unwrapping(design_sequence(design), rig, by(method)); });
   };
-  EXPECT_THAT(error("multifrequency", design_of({131, 16})),
+  EXPECT_THAT(error(Unwrapping::multifrequency, design_of({131, 16})),
               HasSubstr("no fringe period covers the projector's 1024 px"));
-  EXPECT_THAT(error("heterodyne", design_of({1040})), HasSubstr("a beat needs two fringe periods"));
-  EXPECT_THAT(error("gray", design_of({1040})), HasSubstr("the sequence has no Gray code"));
-  EXPECT_THAT(error("auto", design_of({16})), HasSubstr("no fringe period covers"));
-  EXPECT_THAT(error("fast", design_of({16})), HasSubstr("decode.unwrapping"));
+  EXPECT_THAT(error(Unwrapping::heterodyne, design_of({1040})), HasSubstr("a beat needs two fringe periods"));
+  EXPECT_THAT(error(Unwrapping::gray, design_of({1040})), HasSubstr("the sequence has no Gray code"));
+  EXPECT_THAT(error(Unwrapping::automatic, design_of({16})), HasSubstr("no fringe period covers"));
   PatternSequence gap = design_sequence(design_of({32}, GrayCode::plain));
   gap.patterns.erase(gap.patterns.begin() + 5);
-  EXPECT_THAT(error_of([&] { resolve_unwrapping(gap, rig, by("gray")); }), HasSubstr("no bit between cells of"));
+  EXPECT_THAT(error_of([&] { resolve_unwrapping(gap, rig, by(Unwrapping::gray)); }),
+              HasSubstr("no bit between cells of"));
   DecodeOptions options;
   options.steps = 5;
   SequenceDesign twelve = design_of({1040});
@@ -441,8 +443,8 @@ TEST(SpatialDecoding, ComponentsTakeTheirOrderFromTheReference) {
   const PatternSequence sequence = design_sequence(design);
   Random random(9);
   const auto stack = fringe_stack(truth, sequence, {}, CV_8UC1, rig.sensor, &random);
-  for (const char* order : {"quality", "reliability"}) {
-    DecodeOptions options = by("spatial");
+  for (const SpatialOrdering order : choice_values<SpatialOrdering>()) {
+    DecodeOptions options = by(Unwrapping::spatial);
     options.spatial_order = order;
     const DecodedStack decoded = decode(stack, rig, options);
     ASSERT_EQ(decoded.components.size(), 2U);
@@ -450,7 +452,7 @@ TEST(SpatialDecoding, ComponentsTakeTheirOrderFromTheReference) {
     for (int row = 0; row < 60; ++row) {
       for (int col = 0; col < 80; ++col) EXPECT_NEAR(decoded.coordinate_px(row, col), truth(row, col), 0.5);
     }
-    options.spatial_reference = "none";
+    options.spatial_reference = SpatialReference::none;
     const DecodedStack relative = decode(stack, rig, options);
     EXPECT_FALSE(relative.components[0].absolute);
     EXPECT_TRUE(std::isnan(relative.coordinate_px(3, 3)));

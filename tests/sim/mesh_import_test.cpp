@@ -194,7 +194,7 @@ TEST_F(Import, UnitAndUpAxisAsAsked) {
   MeshImportOptions options;
   options.unit_m = 0.001;
   expect_roof(import_mesh(file("roof.ply", kPly), options), 0.001);
-  options.up = "y";
+  options.up = UpAxis::y;
   const MeshImport turned = import_mesh(file("roof.ply", kPly), options);
   EXPECT_NEAR((turned.high - turned.low - 0.001 * Eigen::Vector3d(4, 3, 2)).norm(), 0, 1e-9);
 }

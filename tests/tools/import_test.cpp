@@ -244,7 +244,7 @@ TEST_P(ImportConventions, DecodeToTheTrueCoordinate) {
   ImportedRig rig(read_import(temp / "import.yaml", temp / "in"));
   EXPECT_FALSE(rig.model().calibrated);
   const auto stack = rig.capture(rig.sequence());
-  const DecodedStack decoded = decode(*stack, rig.model(), {.unwrapping = "gray"});
+  const DecodedStack decoded = decode(*stack, rig.model(), {.unwrapping = Unwrapping::gray});
   int valid = 0;
   for (int col = 0; col < width; ++col) {
     const float found = decoded.coordinate_px(1, col);

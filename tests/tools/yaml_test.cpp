@@ -4,9 +4,13 @@
 
 #include <gmock/gmock.h>
 
+#include <array>
 #include <ostream>
 #include <vector>
 
+#include "core/io/setting_groups.h"
+#include "core/mapper/pipeline.h"
+#include "core/score/trajectory_score.h"
 #include "tests/support/temp_folder.h"
 
 namespace fringeslam {
@@ -182,23 +186,27 @@ TEST(Yaml, PosesAreChecked) {
   EXPECT_THAT(pose_error("  translation_m: [0, .nan, 0]\n"), StartsWith("f.yaml:2: 'translation_m' is nan"));
 }
 
+enum class Speed { slow, quick };
+
+constexpr auto choices(Speed) { return std::to_array<Choice<Speed>>({{Speed::slow, "slow"}, {Speed::quick, "quick"}}); }
+
 struct Options {
   double size_m = 1 / 3.0;
   int count = 7;
   bool fast = true;
-  std::string mode = "slow";
+  Speed mode = Speed::slow;
 
   template <class Visitor>
   void describe(Visitor& v) {
     v.field("size_m", size_m, {0, 1}, "");
     v.field("count", count, {0, 100}, "");
     v.field("fast", fast, "");
-    v.field("mode", mode, {"slow", "quick"}, "");
+    v.field("mode", mode, "how fast");
   }
 };
 
 TEST(Yaml, WrittenOptionsReadBackAsTheSame) {
-  Options written{0.1 + 0.2, 12, false, "quick"}, read;
+  Options written{0.1 + 0.2, 12, false, Speed::quick}, read;
   YamlOptionsWriter writer(2);
   written.describe(writer);
   const YamlMap map = YamlMap::parse("options:\n" + writer.str(), "config.yaml");
@@ -207,7 +215,65 @@ TEST(Yaml, WrittenOptionsReadBackAsTheSame) {
   EXPECT_EQ(read.size_m, written.size_m);
   EXPECT_EQ(read.count, 12);
   EXPECT_FALSE(read.fast);
-  EXPECT_EQ(read.mode, "quick");
+  EXPECT_EQ(read.mode, Speed::quick);
+  EXPECT_THAT(writer.str(), HasSubstr("\n  mode: quick\n"));
+}
+
+TEST(Yaml, EnumsAreReadByName) {
+  const YamlMap map = YamlMap::parse("mode: quick\n", "f.yaml");
+  EXPECT_EQ(map.choice<Speed>("mode"), Speed::quick);
+  EXPECT_EQ(map.choice_or("mode", Speed::slow), Speed::quick);
+  EXPECT_EQ(map.choice_or("other", Speed::quick), Speed::quick);
+  const YamlMap wrong = YamlMap::parse("mode: quik\n", "f.yaml");
+  Options options{.mode = Speed::quick};
+  EXPECT_EQ(message_of([&] { wrong.read(options); }),
+            "f.yaml:1: 'mode: quik' is not one of slow, quick; did you mean 'quick'?");
+  EXPECT_EQ(message_of([&] { YamlMap::parse("mode: 1\n", "f.yaml").read(options); }),
+            "f.yaml:1: 'mode: 1' is not one of slow, quick");
+  EXPECT_EQ(options.mode, Speed::quick);
+}
+
+TEST(Yaml, AnUnknownEnumNameIsTheFirstWhileErrorsAreCollected) {
+  YamlMap map = YamlMap::parse("mode: fast\n", "f.yaml");
+  std::vector<std::string> errors;
+  map.collect_errors(errors);
+  EXPECT_EQ(map.choice<Speed>("mode"), Speed::slow);
+  ASSERT_EQ(errors.size(), 1u);
+  EXPECT_THAT(errors[0], StartsWith("f.yaml:1: 'mode: fast' is not one of slow, quick"));
+}
+
+TEST(Yaml, HelpListsTheNamesOfAnEnum) {
+  Options options{.mode = Speed::quick};
+  HelpWriter writer("stage");
+  options.describe(writer);
+  EXPECT_THAT(writer.str(), HasSubstr("  stage.mode                         quick    how fast (slow, quick)\n"));
+}
+
+// Names of the choices in settings files.
+TEST(Yaml, StagesRefuseUnknownChoices) {
+  PipelineOptions pipeline;
+  TrajectoryOptions trajectory;
+  const auto refusal = [](auto& options, const std::string& line) {
+    return message_of([&] { YamlMap::parse(line, "f.yaml").read(options); });
+  };
+  EXPECT_THAT(refusal(pipeline.decode, "unwrapping: fast"),
+              HasSubstr("auto, multifrequency, heterodyne, gray, geometric, predicted, spatial"));
+  EXPECT_THAT(refusal(pipeline.decode, "unwrapping: none"), HasSubstr("is not one of"));
+  EXPECT_THAT(refusal(pipeline.decode, "spatial_order: fast"), HasSubstr("quality, reliability"));
+  EXPECT_THAT(refusal(pipeline.decode, "spatial_reference: spatial"),
+              HasSubstr("auto, multifrequency, heterodyne, gray, geometric, predicted, none"));
+  EXPECT_THAT(refusal(pipeline.conditioning, "edges: sobel"), HasSubstr("canny_deriche, prewitt, roberts, log"));
+  EXPECT_THAT(refusal(pipeline.conditioning, "background: sky"), HasSubstr("plane, depth, none"));
+  EXPECT_THAT(refusal(pipeline.clusters, "method: all"), HasSubstr("depth_sampling, convex_hull, both"));
+  EXPECT_THAT(refusal(pipeline.clusters, "starts: all"), HasSubstr("random, corners, both"));
+  EXPECT_THAT(refusal(pipeline.landmarks, "outlines: all"), HasSubstr("clusters, regions"));
+  EXPECT_THAT(refusal(pipeline.recognition, "search: all"), HasSubstr("best_bin_first, brute_force"));
+  EXPECT_THAT(refusal(pipeline.tracking, "correspondences: all"), HasSubstr("landmarks, keypoints"));
+  EXPECT_THAT(refusal(pipeline.tracking, "landmarks: all"), HasSubstr("keyframes, every_frame"));
+  EXPECT_THAT(refusal(pipeline.tracking, "engine: gicp"),
+              HasSubstr("point_to_plane, besl_mckay, zhang, pcl_icp, pcl_gicp"));
+  EXPECT_THAT(refusal(trajectory, "align: umeyama"), HasSubstr("none, origin, se3, sim3"));
+  EXPECT_THAT(refusal(trajectory, "relation: all"), HasSubstr("translation, rotation_deg, full"));
 }
 
 }  // namespace

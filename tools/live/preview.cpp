@@ -85,7 +85,7 @@ DecodedStack decode_without_orders(const FringeStack& stack, const RigModel& rig
   const cv::Mat1f nowhere(stack.images.front().size(), std::numeric_limits<float>::quiet_NaN());
   const ExpectedCoordinate nothing{nowhere, nowhere, nowhere};
   DecodeOptions options;
-  options.unwrapping = "predicted";
+  options.unwrapping = Unwrapping::predicted;
   return decode(stack, rig, options, {.axis = axis, .expected = &nothing});
 }
 

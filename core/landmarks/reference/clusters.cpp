@@ -46,7 +46,7 @@ class Search {
         levels_(levels),
         edges_(edges),
         options_(options),
-        by_depth_(options.method != "convex_hull") {
+        by_depth_(options.method != ClusterMethod::convex_hull) {
     for (size_t i = 0; i < keypoints.size(); ++i) {
       DepthKeypoint& k = keypoints[i];
       k.cluster = k.order = -1;
@@ -89,8 +89,8 @@ class Search {
   std::vector<Vector2d> starts() const {
     std::vector<Vector2d> starts;
     const double right = levels_.cols - 1, bottom = levels_.rows - 1;
-    if (options_.starts != "random") starts = {{0, 0}, {right, 0}, {0, bottom}, {right, bottom}};
-    if (options_.starts != "corners") {
+    if (options_.starts != ClusterStarts::random) starts = {{0, 0}, {right, 0}, {0, bottom}, {right, bottom}};
+    if (options_.starts != ClusterStarts::corners) {
       std::mt19937 random(static_cast<uint32_t>(options_.seed));
       const auto below = [&](int size) { return static_cast<double>(random() % static_cast<uint32_t>(size)); };
       for (int i = 0; i < options_.random_starts; ++i) {

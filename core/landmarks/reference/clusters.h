@@ -7,8 +7,8 @@
 // earlier line; every member needs two connections.
 #pragma once
 
+#include <array>
 #include <opencv2/core.hpp>
-#include <string>
 #include <vector>
 
 #include "core/types/landmark.h"
@@ -16,9 +16,27 @@
 
 namespace fringeslam {
 
+// Depth sampling with the area enclosed by its lines, region search with its convex hull, or depth sampling with its
+// convex hull.
+enum class ClusterMethod { depth_sampling, convex_hull, both };
+
+constexpr auto choices(ClusterMethod) {
+  using enum ClusterMethod;
+  return std::to_array<Choice<ClusterMethod>>(
+      {{depth_sampling, "depth_sampling"}, {convex_hull, "convex_hull"}, {both, "both"}});
+}
+
+// Start points of the search: random positions, the image's corners, or both.
+enum class ClusterStarts { random, corners, both };
+
+constexpr auto choices(ClusterStarts) {
+  using enum ClusterStarts;
+  return std::to_array<Choice<ClusterStarts>>({{random, "random"}, {corners, "corners"}, {both, "both"}});
+}
+
 struct ClusterOptions {
-  std::string method = "both";
-  std::string starts = "both";
+  ClusterMethod method = ClusterMethod::both;
+  ClusterStarts starts = ClusterStarts::both;
   int random_starts = 40;
   int seed = 1;
   int samples = 16;
@@ -30,11 +48,10 @@ struct ClusterOptions {
 
   template <class Visitor>
   void describe(Visitor& v) {
-    v.field("method", method, {"depth_sampling", "convex_hull", "both"},
+    v.field("method", method,
             "depth sampling with the area enclosed by its lines, region search with its convex hull, or depth sampling "
             "with its convex hull");
-    v.field("starts", starts, {"random", "corners", "both"},
-            "start points of the search: random positions, the image's corners, or both");
+    v.field("starts", starts, "start points of the search: random positions, the image's corners, or both");
     v.field("random_starts", random_starts, {0, 100000}, "number of random starts");
     v.field("seed", seed, {0, 2147483647}, "seed of the random starts");
     v.field("samples", samples, {1, 1000}, "depth samples per line");
