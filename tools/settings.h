@@ -36,4 +36,7 @@ std::string mesh_yaml(Settings settings);
 // Returns one line per setting for --help: "decode.min_modulation_dn  3  least fringe amplitude …".
 std::string settings_help();
 
+// Returns docs/reference/settings.md: all settings with default, range and meaning.
+std::string settings_markdown();
+
 }  // namespace fringeslam::tools

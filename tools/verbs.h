@@ -38,6 +38,7 @@ Verb add_run(Command app, const Common& common);
 Verb add_effects(Command app, const Common& common);
 Verb add_render(Command app, const Common& common);
 Verb add_scene(Command app, const Common& common);
+Verb add_settings(Command app, const Common& common);
 Verb add_score(Command app, const Common& common);
 Verb add_landmarks(Command app, const Common& common);
 Verb add_info(Command app, const Common& common);

@@ -37,10 +37,20 @@ std::vector<Item> speed_items() {
   return {{{"speed.start.build"},
            "build from scratch, no compiler cache",
            [](const Context&) {
-             return std::vector<Row>{minutes_row("speed.start.build", script_seconds("start.sh", "build"), 6)};
+             return std::vector<Row>{minutes_row("speed.start.build", script_seconds("start.sh", "build"), 5)};
+           }},
+          {{"speed.start.again"},
+           "rebuild after a change of one source file of core",
+           [](const Context&) {
+             return std::vector<Row>{minutes_row("speed.start.again", script_seconds("start.sh", "again"), 0.25)};
+           }},
+          {{"speed.start.test"},
+           "tools/test after tools/run, built and run, no compiler cache",
+           [](const Context&) {
+             return std::vector<Row>{minutes_row("speed.start.test", script_seconds("start.sh", "test"), 14)};
            }},
           {{"speed.start.bare"}, "bare Debian 12 to the first report: tools/run in a fresh system", [](const Context&) {
-             return std::vector<Row>{minutes_row("speed.start.bare", script_seconds("start.sh", "bare"), 12)};
+             return std::vector<Row>{minutes_row("speed.start.bare", script_seconds("start.sh", "bare"), 8)};
            }}};
 }
 

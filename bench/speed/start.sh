@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # Measures the time from scratch. Prints seconds on standard output, everything else on standard error.
 #   start.sh build   configure and build the Release program from a fresh clone, without compiler cache
+#   start.sh again   the same, then one changed .cpp of core, built to the linked program; the time of the second build
+#   start.sh test    after tools/run in a fresh clone: tools/test, built and run, without compiler cache
 #   start.sh bare    a minimal Debian 12 (debootstrap, as root), then git clone and tools/run in it; measured
 #                    from the clone to the end of tools/run
 set -euo pipefail
@@ -19,8 +21,26 @@ case "${1:-}" in
     git clone -q "$root" "$work/clone" >&2
     cd "$work/clone"
     start=$SECONDS
-    { CCACHE_DISABLE=1 cmake --preset release -DFRINGESLAM_TESTS=OFF -DFRINGESLAM_BENCH=OFF &&
-      CCACHE_DISABLE=1 cmake --build --preset release; } >"$work/log" 2>&1 || { tail -n 20 "$work/log" >&2; exit 2; }
+    { CCACHE_DISABLE=1 cmake --preset release && CCACHE_DISABLE=1 ninja -C build/release fringeslam; } >"$work/log" 2>&1 || { tail -n 20 "$work/log" >&2; exit 2; }
+    echo $((SECONDS - start))
+    ;;
+  again)
+    git clone -q "$root" "$work/clone" >&2
+    cd "$work/clone"
+    export CCACHE_DISABLE=1
+    { cmake --preset release && ninja -C build/release fringeslam; } >"$work/log" 2>&1 || { tail -n 20 "$work/log" >&2; exit 2; }
+    echo "// changed" >>core/mapper/mapper.cpp
+    start=$SECONDS
+    ninja -C build/release fringeslam >"$work/log" 2>&1 || { tail -n 20 "$work/log" >&2; exit 2; }
+    echo $((SECONDS - start))
+    ;;
+  test)
+    git clone -q "$root" "$work/clone" >&2
+    cd "$work/clone"
+    export CCACHE_DISABLE=1
+    tools/run >"$work/log" 2>&1 || { tail -n 20 "$work/log" >&2; exit 2; }
+    start=$SECONDS
+    tools/test >"$work/log" 2>&1 || { tail -n 40 "$work/log" >&2; exit 2; }
     echo $((SECONDS - start))
     ;;
   bare)
@@ -50,7 +70,7 @@ case "${1:-}" in
     echo $((SECONDS - start))
     ;;
   *)
-    echo "start.sh: expected build or bare" >&2
+    echo "start.sh: specify build, again, test or bare" >&2
     exit 2
     ;;
 esac

@@ -252,5 +252,13 @@ TEST_F(CommandLine, ScenesAreExported) {
   EXPECT_FALSE(test::fs::exists(temp_ / "b.ply"));
 }
 
+// docs/reference/settings.md is the output of `fringeslam settings`.
+TEST_F(CommandLine, TheSettingsReferenceIsUpToDate) {
+  const test::Finished finished = test::run_program({"settings"});
+  EXPECT_EQ(finished.exit_code, 0);
+  EXPECT_EQ(finished.out, test::read_bytes(std::string(FRINGESLAM_SOURCE_DIR) + "/docs/reference/settings.md"))
+      << "run `fringeslam settings > docs/reference/settings.md`";
+}
+
 }  // namespace
 }  // namespace fringeslam
