@@ -4,8 +4,8 @@
 namespace fringeslam::bench {
 
 Landmarks landmarks_of(const Views& views, const View& view, const LandmarkMethod& method) {
-  return identify_landmarks(view.frame, detect_keypoints(view.frame, views.rig, views.rays, method.keypoints),
-                            views.rig, method.keypoints, method.conditioning, method.clusters, method.landmarks);
+  return extract_landmarks(view.frame, detect_keypoints(view.frame, views.rig, views.rays, method.keypoints), views.rig,
+                           method.keypoints, method.conditioning, method.clusters, method.landmarks);
 }
 
 std::vector<Landmarks> landmarks_of(const Views& views, const LandmarkMethod& method) {

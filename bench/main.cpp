@@ -9,7 +9,7 @@
 
 #include "bench/row.h"
 #include "bench/suite.h"
-#include "core/base/heap.h"
+#include "core/base/malloc_config.h"
 #include "core/io/files.h"
 #include "core/types/error.h"
 #include "core/types/options.h"

@@ -21,7 +21,7 @@ namespace {
 using Changes = std::vector<std::pair<std::string, std::string>>;
 
 sim::Scene load(uint64_t seed, const Changes& changes) {
-  sim::SceneReading reading{seed};
+  sim::SceneLoadOptions reading{seed};
   reading.changes = changes;
   return sim::load_scene(std::string(FRINGESLAM_SCENES) + "/victims/scene.yaml", reading);
 }
@@ -53,13 +53,13 @@ double valid_share(const FrameResult& view, const TruthFrame& truth) {
 
 }  // namespace
 
-Searched search_for_victims(uint64_t seed, const Changes& changes) {
+VictimSearchResult search_for_victims(uint64_t seed, const Changes& changes) {
   const sim::Scene scene = load(seed, changes);
   std::vector<TruthFrame> truth;
   sim::VirtualRig rig(scene, {});
   Pipeline pipeline(rig.model(), scene.patterns, {}, scene.trajectory[0].world_from_robot);
   ThermalObserver thermal(rig.model(), {});
-  Searched result;
+  VictimSearchResult result;
   VisibleVictims visible;
   std::vector<cv::Mat1i> regions;
   std::optional<Pose> last;
@@ -83,14 +83,14 @@ Searched search_for_victims(uint64_t seed, const Changes& changes) {
     last = view.world_from_robot;
   }
 
-  const std::vector<WarmThing> things = thermal.warm_things(pipeline.mapper());
-  const auto shown = [&](const WarmThing& thing) {
+  const std::vector<WarmObject> things = thermal.warm_objects(pipeline.mapper());
+  const auto shown = [&](const WarmObject& thing) {
     const auto view = static_cast<size_t>(thing.best_view);
     return shown_material(scene, truth[view], regions[view], thing.best_region);
   };
   std::vector<VictimCandidate> candidates;
-  std::vector<const WarmThing*> victims;
-  for (const WarmThing& thing : things) {
+  std::vector<const WarmObject*> victims;
+  for (const WarmObject& thing : things) {
     ++result.things[shown(thing)];
     if (!thing.victim) continue;
     victims.push_back(&thing);
@@ -114,7 +114,7 @@ Searched search_for_victims(uint64_t seed, const Changes& changes) {
   return result;
 }
 
-void settle_victims(uint64_t first_seed, int count) {
+void prepare_victim_scenes(uint64_t first_seed, int count) {
   std::atomic<int> next = 0;
   const auto work = [&] {
     for (int i = next++; i < count; i = next++) {

@@ -12,7 +12,7 @@
 
 namespace fringeslam::bench {
 
-struct Searched {
+struct VictimSearchResult {
   VictimScore score;
   // Number of warm objects examined, and of those mistaken for a victim, by predominant material.
   std::map<std::string, int> things, wrong;
@@ -23,9 +23,10 @@ struct Searched {
 };
 
 // `changes` to the scene: paths and YAML values.
-Searched search_for_victims(uint64_t seed, const std::vector<std::pair<std::string, std::string>>& changes = {});
+VictimSearchResult search_for_victims(uint64_t seed,
+                                      const std::vector<std::pair<std::string, std::string>>& changes = {});
 
 // Settles the piles of these seeds, two at a time, so that they are in the cache.
-void settle_victims(uint64_t first_seed, int count);
+void prepare_victim_scenes(uint64_t first_seed, int count);
 
 }  // namespace fringeslam::bench

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Plugs another decoder into the mapper: own_decoder SCENE.yaml. The decoder here is a textbook one: three-step phase
 // shifting of three periods, unwrapped from the coarsest to the finest.
+#include <fringeslam/fringeslam.h>
+
 #include <cmath>
 #include <cstdio>
-#include <fringeslam/fringeslam.h>
 #include <memory>
 #include <numbers>
 
@@ -44,8 +45,8 @@ class TextbookDecoder : public FrontEnd {
       column = std::isnan(column) ? fraction : fraction + period * std::round((column - fraction) / period);
       const double noise_dn = std::sqrt(rig_.sensor.variance_dn2(mean));
       decoded.mean(row, col) = static_cast<float>(mean);
-      decoded.sigma_px(row, col) = static_cast<float>(std::sqrt(2.0 / 3) * noise_dn / modulation * period /
-                                                      (2 * std::numbers::pi));
+      decoded.sigma_px(row, col) =
+          static_cast<float>(std::sqrt(2.0 / 3) * noise_dn / modulation * period / (2 * std::numbers::pi));
     }
     decoded.coordinate_px(row, col) = static_cast<float>(column);
   }

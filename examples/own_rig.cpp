@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Implements a rig: own_rig. This one computes the images of a textured corner of two walls, in front of which it moves
 // sideways by 5 mm per view; replace capture() by your camera and projector.
+#include <fringeslam/fringeslam.h>
+
 #include <cmath>
 #include <cstdio>
-#include <fringeslam/fringeslam.h>
 
 using namespace fringeslam;
 
@@ -67,5 +68,6 @@ int main() {
                 position_mm.x(), position_mm.y(), position_mm.z());
   });
   const Trajectory trajectory = pipeline.trajectory();
-  return trajectory.size() == 8 && std::abs(trajectory.back().world_from_robot.translation.norm() - 0.035) < 1e-3 ? 0 : 1;
+  return trajectory.size() == 8 && std::abs(trajectory.back().world_from_robot.translation.norm() - 0.035) < 1e-3 ? 0
+                                                                                                                  : 1;
 }

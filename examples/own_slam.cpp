@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Runs another SLAM system on our frames and scores it: own_slam SCENE.yaml. The system here is the simplest one:
 // point-to-point ICP from frame to frame.
-#include <cstdio>
 #include <fringeslam/fringeslam.h>
+
+#include <cstdio>
 #include <optional>
 
 using namespace fringeslam;

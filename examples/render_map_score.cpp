@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Renders a scene, maps it and scores the trajectory against ground truth: render_map_score SCENE.yaml
-#include <cstdio>
 #include <fringeslam/fringeslam.h>
+
+#include <cstdio>
 
 using namespace fringeslam;
 

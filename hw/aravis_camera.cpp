@@ -67,8 +67,7 @@ std::string to_words(const std::vector<FoundCamera>& cameras) {
 FoundCamera find(const std::string& id) {
   const std::vector<FoundCamera> cameras = find_cameras();
   if (cameras.empty())
-    throw Error(
-        "camera: none found; is it powered, connected, in the computer's subnet and allowed by the firewall?");
+    throw Error("camera: none found; is it powered, connected, in the computer's subnet and allowed by the firewall?");
   if (id.empty()) {
     if (cameras.size() == 1) return cameras.front();
     throw Error("camera: several found; set hardware.camera.id to one of: " + to_words(cameras));
@@ -238,10 +237,10 @@ class AravisCamera::Connection {
     checked("start", [&](GError** e) { arv_camera_start_acquisition(camera, e); });
   }
 
-  void give_back(ArvBuffer* buffer) { arv_stream_push_buffer(stream_.get(), buffer); }
+  void return_buffer(ArvBuffer* buffer) { arv_stream_push_buffer(stream_.get(), buffer); }
 
   void drain() {
-    while (ArvBuffer* old = arv_stream_try_pop_buffer(stream_.get())) give_back(old);
+    while (ArvBuffer* old = arv_stream_try_pop_buffer(stream_.get())) return_buffer(old);
   }
 
   // After a failed image: keeps an image still in transfer from being taken for that of the next trigger.
@@ -259,8 +258,8 @@ class AravisCamera::Connection {
       reason = to_words(ARV_BUFFER_STATUS_UNKNOWN);
       return std::nullopt;
     }
-    const std::unique_ptr<ArvBuffer, std::function<void(ArvBuffer*)>> returned(buffer,
-                                                                               [this](ArvBuffer* b) { give_back(b); });
+    const std::unique_ptr<ArvBuffer, std::function<void(ArvBuffer*)>> returned(
+        buffer, [this](ArvBuffer* b) { return_buffer(b); });
     const ArvBufferStatus status = arv_buffer_get_status(buffer);
     if (status != ARV_BUFFER_STATUS_SUCCESS) {
       reason = to_words(status);
@@ -329,7 +328,7 @@ void AravisCamera::reopen() {
 }
 
 template <class Get>
-GreyImage AravisCamera::patiently(const Get& get) {
+GreyImage AravisCamera::with_retries(const Get& get) {
   std::string reason;
   for (int attempt = 0; attempt < settings_.attempts; ++attempt) {
     if (!connection_ || connection_->lost()) reopen();
@@ -346,11 +345,11 @@ GreyImage AravisCamera::patiently(const Get& get) {
 }
 
 GreyImage AravisCamera::take() {
-  return patiently([](Connection& camera, std::string& reason) { return camera.take(reason); });
+  return with_retries([](Connection& camera, std::string& reason) { return camera.take(reason); });
 }
 
 GreyImage AravisCamera::next() {
-  return patiently([](Connection& camera, std::string& reason) { return camera.next(reason); });
+  return with_retries([](Connection& camera, std::string& reason) { return camera.next(reason); });
 }
 
 }  // namespace fringeslam

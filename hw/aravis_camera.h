@@ -55,7 +55,7 @@ class AravisCamera : public GreyCamera {
   class Connection;
   void reopen();
   template <class Get>
-  GreyImage patiently(const Get& get);
+  GreyImage with_retries(const Get& get);
 
   CameraSettings settings_;
   CameraStatistics before_;  // of previous connections

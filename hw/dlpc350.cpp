@@ -62,8 +62,7 @@ std::vector<uint8_t> bytes_of(uint32_t value) {
 }  // namespace
 
 std::string validation_faults(uint8_t status) {
-  static const char* const kFaults[] = {"the exposure or the period is out of range",
-                                        "a pattern's number is invalid",
+  static const char* const kFaults[] = {"the exposure or the period is out of range", "a pattern's number is invalid",
                                         "trigger output 1 would be on continuously, or black sectors overlap",
                                         "black is missing before an externally triggered pattern",
                                         "the period exceeds the exposure by less than 230 us"};

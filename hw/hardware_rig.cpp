@@ -46,7 +46,7 @@ GreyImage HardwareRig::image_of(const cv::Mat1b& screen) {
   return camera_->take();
 }
 
-HardwareRig::Taken HardwareRig::take_one_by_one(const PatternSequence& sequence) {
+HardwareRig::Taken HardwareRig::capture_sequential(const PatternSequence& sequence) {
   Taken taken;
   taken.white = image_of(screen_of(kWhite, sequence)).image;
   taken.black = image_of(screen_of(kBlack, sequence)).image;
@@ -70,7 +70,7 @@ std::array<GreyImage, 3> HardwareRig::images_of(const std::vector<cv::Mat1b>& sc
               " images, one of the three channels never occurred; is the camera triggered by the projector?");
 }
 
-HardwareRig::Taken HardwareRig::take_packed(const PatternSequence& sequence) {
+HardwareRig::Taken HardwareRig::capture_packed(const PatternSequence& sequence) {
   const cv::Mat1b white = screen_of(kWhite, sequence), black = screen_of(kBlack, sequence);
   const auto brightest = [](const std::array<GreyImage, 3>& images) {
     const auto light = [](const GreyImage& image) { return cv::mean(image.image)[0]; };
@@ -104,7 +104,7 @@ std::optional<FringeStack> HardwareRig::capture(const PatternSequence& sequence)
   std::string reason;
   for (int attempt = 0; attempt < options_.attempts; ++attempt) {
     retaken_ += attempt > 0;
-    const Taken taken = options_.packing.empty() ? take_one_by_one(sequence) : take_packed(sequence);
+    const Taken taken = options_.packing.empty() ? capture_sequential(sequence) : capture_packed(sequence);
     FringeStack stack;
     stack.patterns = sequence;
     for (const GreyImage& image : taken.images) {
@@ -124,7 +124,7 @@ std::optional<FringeStack> HardwareRig::capture(const PatternSequence& sequence)
     }
     reason = verdict.reason;
   }
-  throw SequenceRefused("rig: no valid sequence in " + std::to_string(options_.attempts) + " attempts: " + reason);
+  throw SequenceRejected("rig: no valid sequence in " + std::to_string(options_.attempts) + " attempts: " + reason);
 }
 
 }  // namespace fringeslam

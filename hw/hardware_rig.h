@@ -31,7 +31,7 @@ struct HardwareOptions {
 };
 
 // The devices work, but the captured images do not show the requested patterns.
-class SequenceRefused : public Error {
+class SequenceRejected : public Error {
  public:
   using Error::Error;
 };
@@ -42,7 +42,7 @@ class HardwareRig : public Rig {
   HardwareRig(const RigModel& model, std::unique_ptr<GreyCamera> camera, std::unique_ptr<Projector> projector,
               const HardwareOptions& options);
   const RigModel& model() const override { return model_; }
-  // Captures one stack, never empty. Throws Error if a device fails, SequenceRefused if all attempts fail the check.
+  // Captures one stack, never empty. Throws Error if a device fails, SequenceRejected if all attempts fail the check.
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
 
   int retaken() const { return retaken_; }  // number of sequences captured again
@@ -56,8 +56,8 @@ class HardwareRig : public Rig {
     std::vector<GreyImage> images;  // one per pattern
     std::string fault;              // empty if none
   };
-  Taken take_one_by_one(const PatternSequence& sequence);
-  Taken take_packed(const PatternSequence& sequence);
+  Taken capture_sequential(const PatternSequence& sequence);
+  Taken capture_packed(const PatternSequence& sequence);
   GreyImage image_of(const cv::Mat1b& screen);
   std::array<GreyImage, 3> images_of(const std::vector<cv::Mat1b>& screens);
 

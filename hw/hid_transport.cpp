@@ -46,7 +46,7 @@ class HidTransport : public ByteTransport {
   std::string name_;
 };
 
-bool is_there(uint16_t vendor, uint16_t product) {
+bool path_exists(uint16_t vendor, uint16_t product) {
   hid_device_info* all = hid_enumerate(vendor, product);
   hid_free_enumeration(all);
   return all != nullptr;
@@ -56,7 +56,7 @@ bool is_there(uint16_t vendor, uint16_t product) {
 
 std::unique_ptr<ByteTransport> open_hid(uint16_t vendor, uint16_t product, const std::string& name) {
   if (hid_device* device = hid_open(vendor, product, nullptr)) return std::make_unique<HidTransport>(device, name);
-  if (!is_there(vendor, product)) throw Error(name + ": not found on USB; is it powered and plugged in?");
+  if (!path_exists(vendor, product)) throw Error(name + ": not found on USB; is it powered and plugged in?");
   throw Error(name + ": cannot be opened; as root, write SUBSYSTEM==\"hidraw\", ATTRS{idVendor}==\"" + hex(vendor) +
               "\", ATTRS{idProduct}==\"" + hex(product) +
               "\", MODE=\"0666\" to /etc/udev/rules.d/60-projector.rules and reconnect it");

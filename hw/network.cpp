@@ -71,9 +71,9 @@ std::string network_fault(const std::string& camera_address, int packet_bytes,
   for (const NetworkInterface& interface : interfaces) {
     if (reaches(interface, *camera)) {
       if (packet_bytes <= interface.mtu) return "";
-      return "packets of " + std::to_string(packet_bytes) + " bytes exceed the MTU of " + interface.name +
-             ", " + std::to_string(interface.mtu) + " bytes; as root, run ip link set " + interface.name +
-             " mtu " + std::to_string(packet_bytes) + ", or reduce hardware.camera.packet_bytes";
+      return "packets of " + std::to_string(packet_bytes) + " bytes exceed the MTU of " + interface.name + ", " +
+             std::to_string(interface.mtu) + " bytes; as root, run ip link set " + interface.name + " mtu " +
+             std::to_string(packet_bytes) + ", or reduce hardware.camera.packet_bytes";
     }
     if (!interface.address.starts_with("127."))
       subnets += (subnets.empty() ? "" : ", ") + interface.name + " " + with_length(interface);

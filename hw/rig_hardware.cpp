@@ -91,10 +91,9 @@ HardwareSettings read_hardware(const fs::path& rig_file, const RigModel& rig) {
     if (projector.has("packing")) settings.rig.packing = projector.choice("packing", kPackings);
     if (projector.has("dlpc350")) settings.dlpc350 = read_dlpc350(projector.map("dlpc350"), settings.rig.packing);
     if (!settings.rig.packing.empty() && settings.camera.trigger == "software")
-      throw map.error(
-          "projector",
-          "packed patterns are timed by the projector; set camera.trigger to the input line that its "
-          "trigger output is connected to");
+      throw map.error("projector",
+                      "packed patterns are timed by the projector; set camera.trigger to the input line that its "
+                      "trigger output is connected to");
   }
   settings.rig.settle_s = map.number_or("settle_s", settings.rig.settle_s, {0, 60});
   settings.rig.attempts = map.integer_or("attempts", settings.rig.attempts, {1, 1000});

@@ -129,7 +129,7 @@ NearestSurface::NearestSurface(Mesh mesh) : impl_(std::make_unique<Impl>()) {
   impl_->device = new_embree_device();
   impl_->scene = rtcNewScene(impl_->device);
   if (!impl_->mesh.triangles.empty()) impl_->attach();
-  // Built in a separate single-thread arena, as in RayWorld, so that Embree leaves the caller's threads alone.
+  // Built in a separate single-thread arena, as in RayScene, so that Embree leaves the caller's threads alone.
   tbb::task_arena(1).execute([this] { rtcCommitScene(impl_->scene); });
 }
 NearestSurface::~NearestSurface() = default;

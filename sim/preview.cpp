@@ -87,7 +87,7 @@ void draw_frustum(LineDrawing& drawing, const Pinhole& device, const Pose& world
 }
 
 // Draws the border of the first view's image projected onto the surfaces.
-void draw_footprint(LineDrawing& drawing, const Scene& scene, const RayWorld& world, const Pen& pen) {
+void draw_footprint(LineDrawing& drawing, const Scene& scene, const RayScene& world, const Pen& pen) {
   constexpr int kPerSide = 100;
   const Pose pose = world_from_camera(scene, 0);
   const std::vector<Eigen::Vector3d> corners = image_corners(scene.rig.camera, 1);
@@ -105,7 +105,7 @@ void draw_footprint(LineDrawing& drawing, const Scene& scene, const RayWorld& wo
   }
 }
 
-void draw_sensor(LineDrawing& drawing, const Scene& scene, const RayWorld& world, double unit) {
+void draw_sensor(LineDrawing& drawing, const Scene& scene, const RayScene& world, double unit) {
   constexpr size_t kMostFrusta = 12, kMostPairs = 4, kMostPlaces = 2000;
   const RigModel& rig = scene.rig;
   const std::vector<size_t> views = some_views(scene.trajectory.size(), kMostFrusta);
@@ -146,7 +146,7 @@ void put_legend(cv::Mat3b& picture, double unit, bool has_path) {
   }
 }
 
-cv::Mat3b overview_panel(const Scene& scene, const RayWorld& world, const Layout& layout) {
+cv::Mat3b overview_panel(const Scene& scene, const RayScene& world, const Layout& layout) {
   const Interest interest = interest_of(scene, world);
   const Viewpoint viewpoint = choose_viewpoint(scene, world, interest, layout.overview.width, layout.overview.height);
   Overview overview = render_overview(scene, world, viewpoint);
@@ -242,7 +242,7 @@ cv::Mat3b preview_picture(const Scene& scene, cv::Size size) {
   Scene shown = scene;
   shown.rig = with_camera_size(scene.rig, layout.view.size());
   const Renderer renderer(shown, seen_effects(), 4);
-  const ShownPatterns light({shown.rig.projector.width, shown.rig.projector.height, {white()}}, shown.rig, {});
+  const ProjectedPatterns light({shown.rig.projector.width, shown.rig.projector.height, {white()}}, shown.rig, {});
   TruthFrame truth;
   const cv::Mat1f lux = renderer.render(light, {world_from_camera(shown, 0)}, 0, &truth)[0];
 

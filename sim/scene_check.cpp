@@ -17,7 +17,7 @@ namespace {
 constexpr double kLeastLit = 0.3, kLeastInRange = 0.3, kLeastOverlap = 0.3;
 
 // Returns an object that contains the point: a ray from inside a closed surface crosses it an odd number of times.
-std::optional<int> object_around(const RayWorld& world, const Eigen::Vector3d& point) {
+std::optional<int> object_around(const RayScene& world, const Eigen::Vector3d& point) {
   std::map<int, int> crossings;
   const Eigen::Vector3d direction = Eigen::Vector3d(0.31, 0.17, 0.93).normalized();
   Eigen::Vector3d from = point;
@@ -44,7 +44,7 @@ std::optional<int> object_around(const RayWorld& world, const Eigen::Vector3d& p
 }
 
 // Share of one view's lit points that project into another view's image.
-double seen_again(const TruthFrame& before, const Pinhole& camera, const Pose& camera_from_world) {
+double overlap_with(const TruthFrame& before, const Pinhole& camera, const Pose& camera_from_world) {
   int lit = 0, seen = 0;
   for (int row = 0; row < before.mask.rows; row += 8) {
     for (int col = 0; col < before.mask.cols; col += 8) {
@@ -70,7 +70,7 @@ void warn(SceneCheck& check, size_t view, const char* format, double share) {
 SceneCheck check_scene(const Scene& scene) {
   const Renderer renderer(scene, Effects::none(), 1);
   const RigModel& rig = scene.rig;
-  const ShownPatterns nothing({rig.projector.width, rig.projector.height, {}}, rig, {});
+  const ProjectedPatterns nothing({rig.projector.width, rig.projector.height, {}}, rig, {});
   SceneCheck check;
   TruthFrame before;
   for (size_t i = 0; i < scene.trajectory.size(); ++i) {
@@ -87,7 +87,7 @@ SceneCheck check_scene(const Scene& scene) {
       view.lit += (lit ? 1 : 0) / pixels;
       view.in_range += (lit && depth >= rig.near_m && depth <= rig.far_m ? 1 : 0) / pixels;
     }
-    view.overlap = i == 0 ? 1 : seen_again(before, rig.camera, world_from_camera.inverse());
+    view.overlap = i == 0 ? 1 : overlap_with(before, rig.camera, world_from_camera.inverse());
     if (const auto object = object_around(renderer.world(), world_from_camera.translation)) {
       view.inside = true;
       view.object = scene.objects[static_cast<size_t>(*object)].name;

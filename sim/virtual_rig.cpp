@@ -67,7 +67,7 @@ BlurRange VirtualRig::blur_range() const {
   return Beam::blur_range(rig, options_.effects, kNearest * rig.near_m, kFarthest * rig.far_m);
 }
 
-const std::vector<ShownPatterns>& VirtualRig::shown(const PatternSequence& sequence) {
+const std::vector<ProjectedPatterns>& VirtualRig::shown(const PatternSequence& sequence) {
   if (!shown_.empty() && shown_sequence_ == sequence) return shown_;
   const RigModel& rig = scene_.rig;
   const BlurRange blur = blur_range();
@@ -99,7 +99,7 @@ std::vector<Pose> VirtualRig::camera_poses(const TimedPose& pose, int image, int
 }
 
 std::vector<cv::Mat1f> VirtualRig::light(const PatternSequence& sequence, const TimedPose& pose, TruthFrame* truth) {
-  const std::vector<ShownPatterns>& shown_patterns = shown(sequence);
+  const std::vector<ProjectedPatterns>& shown_patterns = shown(sequence);
   const int stack = static_cast<int>(next_);
   const Pose still = pose.world_from_robot * scene_.rig.robot_from_camera;
   if (!moving()) return renderer_.render(shown_patterns.front(), {still}, stack, truth);
@@ -164,8 +164,8 @@ TruthFrame VirtualRig::truth_of(size_t pose) const {
   const TimedPose& at = scene_.trajectory.at(pose);
   const auto stack = static_cast<int>(pose);
   TruthFrame truth;
-  renderer_.render(ShownPatterns(nothing, scene_.rig, {}), {at.world_from_robot * scene_.rig.robot_from_camera}, stack,
-                   &truth);
+  renderer_.render(ProjectedPatterns(nothing, scene_.rig, {}), {at.world_from_robot * scene_.rig.robot_from_camera},
+                   stack, &truth);
   label(truth, stack, at);
   note_thermal(truth);
   return truth;
@@ -173,7 +173,7 @@ TruthFrame VirtualRig::truth_of(size_t pose) const {
 
 void VirtualRig::note_thermal(TruthFrame& truth) const {
   if (!scene_.rig.thermal) return;
-  mark_thermally_seen(truth, scene_, renderer_.world(), truth.world_from_robot * scene_.rig.robot_from_camera);
+  mark_thermal_visibility(truth, scene_, renderer_.world(), truth.world_from_robot * scene_.rig.robot_from_camera);
 }
 
 cv::Mat VirtualRig::look(const cv::Mat1b& screen, size_t pose, double exposure_s, int number) {
@@ -186,8 +186,8 @@ cv::Mat VirtualRig::look(const cv::Mat1b& screen, size_t pose, double exposure_s
   screen.convertTo(levels, CV_32F, 1.0 / 255);
   const Pose world_from_camera = scene_.trajectory.at(pose).world_from_robot * rig.robot_from_camera;
   const auto stack = static_cast<int>(pose);
-  const cv::Mat1f light =
-      renderer_.render(ShownPatterns(std::vector<cv::Mat1f>{levels}, rig, blur_range()), {world_from_camera}, stack)[0];
+  const cv::Mat1f light = renderer_.render(ProjectedPatterns(std::vector<cv::Mat1f>{levels}, rig, blur_range()),
+                                           {world_from_camera}, stack)[0];
   return camera_.expose(camera_.electrons_per_s(light), exposure_s,
                         {options_.noise, options_.quantise, scene_.seed, stack, number});
 }

@@ -57,7 +57,7 @@ class VirtualRig : public Rig {
  private:
   BlurRange blur_range() const;
   // Returns the patterns as projected light: one set, or one per pattern if the robot moves during a stack.
-  const std::vector<ShownPatterns>& shown(const PatternSequence& sequence);
+  const std::vector<ProjectedPatterns>& shown(const PatternSequence& sequence);
   // Returns the camera poses during the exposure of image `image` of `images`.
   std::vector<Pose> camera_poses(const TimedPose& pose, int image, int images) const;
   // `truth` may be null.
@@ -73,7 +73,7 @@ class VirtualRig : public Rig {
   Camera camera_;
   std::optional<SampleRays> thermal_rays_;
   PatternSequence shown_sequence_;
-  std::vector<ShownPatterns> shown_;
+  std::vector<ProjectedPatterns> shown_;
   size_t next_ = 0;
 };
 

@@ -53,7 +53,7 @@ StageView look(const Frame& frame, const cv::Mat1f& texture, const RigModel& rig
   StageView view{pose, {}};
   std::vector<cv::Point2f> corners = detect_board(texture, board);
   if (corners.empty()) return view;
-  orient_like(last_corners, corners);
+  align_corner_order(last_corners, corners);
   last_corners = corners;
   for (const cv::Point2f& corner : corners)
     view.corners.push_back(corner_point(frame, rig.camera, {corner.x, corner.y}, fit_radius(corners, board)));

@@ -132,20 +132,20 @@ int capture(const Arguments& arguments, const Common& common) {
   if (mapper) mapper->finish();
   if (page) page->feed().finish();
   const CameraStatistics camera = rig->camera().statistics();
-  say(common,
-      {{"dataset", arguments.out},
-       {"stacks", stacks},
-       {"interrupted", interrupted()},
-       {"stack_s", stacks > 0 ? capturing_s / stacks : 0},
-       {"sequences_retaken", rig->retaken()},
-       {"images", camera.images},
-       {"images_refused", camera.refused},
-       {"packets_resent", camera.resent_packets},
-       {"packets_missing", camera.missing_packets},
-       {"camera_reopened", camera.reopened}},
-      "dataset: " + arguments.out + " (" + kept() + (interrupted() ? ", interrupted" : "") +
-          (rig->retaken() ? ", " + std::to_string(rig->retaken()) + " sequences retaken" : "") +
-          (camera.refused ? ", " + std::to_string(camera.refused) + " images retaken" : "") + ")");
+  print_result(common,
+               {{"dataset", arguments.out},
+                {"stacks", stacks},
+                {"interrupted", interrupted()},
+                {"stack_s", stacks > 0 ? capturing_s / stacks : 0},
+                {"sequences_retaken", rig->retaken()},
+                {"images", camera.images},
+                {"images_refused", camera.refused},
+                {"packets_resent", camera.resent_packets},
+                {"packets_missing", camera.missing_packets},
+                {"camera_reopened", camera.reopened}},
+               "dataset: " + arguments.out + " (" + kept() + (interrupted() ? ", interrupted" : "") +
+                   (rig->retaken() ? ", " + std::to_string(rig->retaken()) + " sequences retaken" : "") +
+                   (camera.refused ? ", " + std::to_string(camera.refused) + " images retaken" : "") + ")");
   return interrupted() && stacks == 0 ? 2 : 0;
 }
 

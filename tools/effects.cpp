@@ -28,7 +28,7 @@ Verb add_effects(Command app, const Common& common) {
     const Settings settings = parse_settings(arguments->sets);
     const sim::Scene scene = sim::load_scene(scene_file(arguments->scene));
     write_png(arguments->out, effects_picture(scene, settings.render));
-    say(common, {{"written", arguments->out}}, "written: " + arguments->out);
+    print_result(common, {{"written", arguments->out}}, "written: " + arguments->out);
     return 0;
   };
 }

@@ -65,9 +65,9 @@ nlohmann::ordered_json to_json(const LandmarkTemperature& temperature, const War
 
 }  // namespace
 
-nlohmann::ordered_json to_json(const std::vector<WarmThing>& things) {
+nlohmann::ordered_json to_json(const std::vector<WarmObject>& things) {
   nlohmann::ordered_json list = nlohmann::ordered_json::array();
-  for (const WarmThing& thing : things) {
+  for (const WarmObject& thing : things) {
     list.push_back({{"victim", thing.victim},
                     {"reason", thing.reason},
                     {"position_m", to_json(thing.position_m)},

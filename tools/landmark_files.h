@@ -18,6 +18,6 @@ std::string keypoint_table(const Landmarks& landmarks);
 nlohmann::ordered_json landmarks_json(int index, const FrameResult& view, const ThermalView& thermal);
 
 // Returns the warm objects of the map and which of them are victims, in the map's world frame.
-nlohmann::ordered_json to_json(const std::vector<WarmThing>& things);
+nlohmann::ordered_json to_json(const std::vector<WarmObject>& things);
 
 }  // namespace fringeslam::tools

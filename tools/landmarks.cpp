@@ -63,8 +63,8 @@ int landmarks(const Arguments& arguments, const Common& common) {
       const FrameResult& view = mapped.result;
       const int index = mapped.stack.index;
       LandmarkStages stages;
-      identify_landmarks(view.frame, view.keypoints, rig->model(), options.keypoints, options.conditioning,
-                         options.clusters, options.landmarks, &stages);
+      extract_landmarks(view.frame, view.keypoints, rig->model(), options.keypoints, options.conditioning,
+                        options.clusters, options.landmarks, &stages);
       const fs::path here = folder.path() / "frames" / stack_name(index);
       fs::create_directories(here);
       write_pictures(here, view, stages);
@@ -82,10 +82,10 @@ int landmarks(const Arguments& arguments, const Common& common) {
   }
   write_text(folder.path() / "landmarks.json", frames.dump(2) + "\n");
   folder.commit();
-  say(common, {{"written", arguments.out}, {"landmarks", found}, {"recognised", recognised}},
-      "written: " + arguments.out + ": " + std::to_string(found) + " landmarks in " + std::to_string(frames.size()) +
-          " views, " + std::to_string(recognised) +
-          " of them re-identified  (see frames/*/stages.png and matches.png)");
+  print_result(common, {{"written", arguments.out}, {"landmarks", found}, {"recognised", recognised}},
+               "written: " + arguments.out + ": " + std::to_string(found) + " landmarks in " +
+                   std::to_string(frames.size()) + " views, " + std::to_string(recognised) +
+                   " of them re-identified  (see frames/*/stages.png and matches.png)");
   return 0;
 }
 

@@ -15,15 +15,15 @@ namespace fs = std::filesystem;
 
 namespace {
 
-bool is_there(const fs::path& path) {
+bool path_exists(const fs::path& path) {
   std::error_code ignored;
   return fs::exists(path, ignored);
 }
 
 // Loads the scene with the images' own rig, whose camera may lack the scene's distortion.
 sim::Scene scene_of_images(const fs::path& folder) {
-  sim::SceneReading reading;
-  if (is_there(folder / "rig.yaml")) reading.rig_file = folder / "rig.yaml";
+  sim::SceneLoadOptions reading;
+  if (path_exists(folder / "rig.yaml")) reading.rig_file = folder / "rig.yaml";
   try {
     return sim::load_scene(folder / kResolvedFile, reading);
   } catch (const Error& error) {
@@ -32,9 +32,9 @@ sim::Scene scene_of_images(const fs::path& folder) {
 }
 
 sim::Scene read_scene(const fs::path& path, std::optional<uint64_t> seed) {
-  if (!is_there(path)) throw Error(path.string() + ": does not exist; give a scene, a dataset or a run as --truth");
-  if (!fs::is_directory(path) || is_there(path / kSceneFile)) return sim::load_scene(scene_file(path), {seed});
-  if (!is_there(path / kResolvedFile))
+  if (!path_exists(path)) throw Error(path.string() + ": does not exist; give a scene, a dataset or a run as --truth");
+  if (!fs::is_directory(path) || path_exists(path / kSceneFile)) return sim::load_scene(scene_file(path), {seed});
+  if (!path_exists(path / kResolvedFile))
     throw Error(path.string() + ": contains neither " + kSceneFile + " nor " + kResolvedFile +
                 ", so its true surface is unknown");
   if (seed) throw Error(path.string() + ": --seed has no effect on a rendered folder; leave it out");
@@ -46,7 +46,7 @@ sim::Scene read_scene(const fs::path& path, std::optional<uint64_t> seed) {
 MapTruth read_map_truth(const fs::path& path, std::optional<uint64_t> seed, const Common& common) {
   sim::Scene scene = read_scene(path, seed);
   Trajectory trajectory = scene.trajectory;
-  if (is_there(path / kTumTruthFile)) {
+  if (path_exists(path / kTumTruthFile)) {
     trajectory = scene.trajectory = read_tum(path / kTumTruthFile);
     const Pose camera_from_robot = scene.rig.robot_from_camera.inverse();
     for (TimedPose& pose : scene.trajectory) pose.world_from_robot = pose.world_from_robot * camera_from_robot;
@@ -56,7 +56,7 @@ MapTruth read_map_truth(const fs::path& path, std::optional<uint64_t> seed, cons
   const sim::VirtualRig rig(scene, {});
   Progress progress("visible surface", static_cast<int>(scene.trajectory.size()), common.quiet || common.json);
   for (size_t pose = 0; pose < scene.trajectory.size(); ++pose) {
-    append_seen(rig.truth_of(pose), scene.rig, rays, truth.seen);
+    append_visible_surface(rig.truth_of(pose), scene.rig, rays, truth.seen);
     progress.step();
   }
   if (truth.seen.empty()) throw Error(path.string() + ": the sensor does not see the surface");
@@ -78,7 +78,7 @@ fs::path true_trajectory_file(const fs::path& path) {
   std::error_code ignored;
   if (!fs::is_directory(path, ignored)) return path;
   for (const fs::path& file : {path / "truth" / "truth.tum", path / kTumTruthFile}) {
-    if (is_there(file)) return file;
+    if (path_exists(file)) return file;
   }
   throw Error(path.string() + ": contains neither truth/truth.tum nor " + kTumTruthFile);
 }

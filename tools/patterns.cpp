@@ -71,7 +71,7 @@ PatternSequence sequence_of(const Arguments& arguments) {
     if (rig.projector_response.empty())
       throw Error(arguments.rig +
                   ": has no projector response for --linearise; run fringeslam calibrate response first");
-    sequence.inverse_response = inverse_table(rig.projector_response, kResponseEntries);
+    sequence.inverse_response = invert_table(rig.projector_response, kResponseEntries);
   }
   return sequence;
 }
@@ -136,9 +136,9 @@ int write_patterns(const Arguments& arguments, const Common& common) {
                  "\npacking: " + (packed ? arguments.pack : "none") + "\nimages:\n" + lines);
   folder.commit();
   const size_t count = sequence.patterns.size();
-  say(common, {{"patterns", arguments.out}, {"count", count}},
-      "patterns: " + arguments.out + " (" + std::to_string(count) + " patterns of " + std::to_string(sequence.width) +
-          "x" + std::to_string(sequence.height) + " px)");
+  print_result(common, {{"patterns", arguments.out}, {"count", count}},
+               "patterns: " + arguments.out + " (" + std::to_string(count) + " patterns of " +
+                   std::to_string(sequence.width) + "x" + std::to_string(sequence.height) + " px)");
   return 0;
 }
 

@@ -46,7 +46,7 @@ Verb add_render(Command app, const Common& common) {
     const auto source = open_source(arguments->scene, arguments->variant, settings, false);
     if (arguments->format == "tum-rgbd") {
       const int images = write_tum_rgbd(*source, settings, arguments->rgbd, arguments->out, common);
-      say(common, {{"dataset", arguments->out}, {"stacks", images}}, "dataset: " + arguments->out);
+      print_result(common, {{"dataset", arguments->out}, {"stacks", images}}, "dataset: " + arguments->out);
       return 0;
     }
     for (const Option& option : of_rgbd) {

@@ -25,7 +25,7 @@ Verb add_report(Command app, const Common& common) {
     if (!fs::is_directory(run)) throw Error(run.string() + ": is not a run folder");
     const fs::path out = arguments->out.empty() ? run / "report.html" : fs::path(arguments->out);
     write_report(run, out);
-    say(common, {{"report", out.string()}, {"bytes", fs::file_size(out)}}, "written: " + out.string());
+    print_result(common, {{"report", out.string()}, {"bytes", fs::file_size(out)}}, "written: " + out.string());
     return 0;
   };
 }

@@ -63,7 +63,7 @@ int list(const Common& common) {
   } catch (const Error& e) {
     text += std::string("\n  none: ") + e.what();
   }
-  say(common, document, text);
+  print_result(common, document, text);
   return 0;
 }
 
@@ -80,7 +80,8 @@ int check(const std::string& rig_file, const Common& common) {
       static_cast<double>(cv::countNonZero(brightest >= full)) / static_cast<double>(brightest.total());
   const double mean = cv::mean(brightest)[0] / full;
   const bool bent = std::abs(rig->gamma() - 1) > 0.1;
-  say(common,
+  print_result(
+      common,
       {{"saturated", saturated}, {"brightness", mean}, {"gamma", rig->gamma()}, {"sequences_retaken", rig->retaken()}},
       "camera and projector work together: brightest image at " + std::to_string(std::lround(100 * mean)) +
           " % of full scale on average, " + to_text(std::round(1e4 * saturated) / 100) + " % saturated" +
@@ -132,16 +133,17 @@ int latency(const std::string& rig_file, const Common& common) {
   std::sort(delays_s.begin(), delays_s.end());
   const double worst_s = delays_s.back(),
                settle_s = std::ceil(1e3 * (1.5 * worst_s + 0.5 * projector->refresh_s())) / 1e3;
-  say(common,
-      {{"delay_s", delays_s[delays_s.size() / 2]},
-       {"largest_delay_s", worst_s},
-       {"image_s", image_s},
-       {"present_interval_s", projector->present_interval_s()},
-       {"refresh_s", projector->refresh_s()},
-       {"settle_s", settle_s}},
-      "an exposure captures a new pattern completely if it starts " + std::to_string(std::lround(1e3 * worst_s)) +
-          " ms after the pattern was shown; an image takes " + std::to_string(std::lround(1e3 * image_s)) +
-          " ms\nadd to the rig file:\n  hardware: {settle_s: " + to_text(settle_s) + "}");
+  print_result(common,
+               {{"delay_s", delays_s[delays_s.size() / 2]},
+                {"largest_delay_s", worst_s},
+                {"image_s", image_s},
+                {"present_interval_s", projector->present_interval_s()},
+                {"refresh_s", projector->refresh_s()},
+                {"settle_s", settle_s}},
+               "an exposure captures a new pattern completely if it starts " +
+                   std::to_string(std::lround(1e3 * worst_s)) + " ms after the pattern was shown; an image takes " +
+                   std::to_string(std::lround(1e3 * image_s)) +
+                   " ms\nadd to the rig file:\n  hardware: {settle_s: " + to_text(settle_s) + "}");
   return 0;
 }
 

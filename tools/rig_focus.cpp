@@ -73,7 +73,7 @@ int focus(const Arguments& arguments, const Common& common) {
     std::optional<FringeStack> stack;
     try {
       stack = rig->capture(sequence);
-    } catch (const SequenceRefused& e) {
+    } catch (const SequenceRejected& e) {
       // Later failures may come from a hand at the lens or in the beam; a rig that has never worked is an error.
       if (readings.empty()) throw;
       if (!common.quiet) std::fprintf(stderr, "no reading: %s\n", e.what());

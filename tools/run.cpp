@@ -57,9 +57,9 @@ std::string file_name(std::string name) {
 }
 
 // Limits the rate of wait() to `rate_hz`; 0: unlimited.
-class ViewRate {
+class RateLimiter {
  public:
-  explicit ViewRate(double rate_hz) : period_s_(rate_hz > 0 ? 1 / rate_hz : 0) {}
+  explicit RateLimiter(double rate_hz) : period_s_(rate_hz > 0 ? 1 / rate_hz : 0) {}
   void wait() {
     if (period_s_ == 0) return;
     const auto now = Clock::now();
@@ -121,7 +121,7 @@ int run(const Arguments& arguments, const Common& common) {
   std::optional<BackgroundRig> camera;
   if (arguments.real_time) camera.emplace(*rig, source->sequence(), kWaitingStacks, Pace::timestamps);
   const auto dropped = [&] { return camera ? camera->dropped() : 0; };
-  ViewRate rate(arguments.live_rate_hz);
+  RateLimiter rate(arguments.live_rate_hz);
   {
     Progress progress("mapping", source->stacks(), common.quiet || common.json);
     Rig& images = camera ? static_cast<Rig&>(*camera) : *rig;
@@ -141,7 +141,7 @@ int run(const Arguments& arguments, const Common& common) {
   if (live) live->feed().finish();
   const std::vector<CloudPoint> cloud = pipeline.map().cloud(settings.pipeline.cloud).points();
   record.finish(pipeline.trajectory(), cloud, pipeline.surface(), arguments.vdb);
-  if (rig->model().thermal) record.add_warm_things(thermal.warm_things(pipeline.mapper()));
+  if (rig->model().thermal) record.add_warm_objects(thermal.warm_objects(pipeline.mapper()));
   if (arguments.save_map) write_text(folder.path() / kMapFile, to_bytes(pipeline.map()));
 
   if (arguments.animation) animation.write(folder.path() / "animation.gif", pipeline.mapper(), settings.pipeline.cloud);

@@ -122,7 +122,7 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const T
                      {"icp_rms_sigma", icp.rms_sigma}});
   auto& entry = frames_.back();
   for (const auto& directions : {motion.undetermined, result.registration.undetermined}) {
-    for (const FreeDirection& free : directions) entry["undetermined"].push_back(to_string(free));
+    for (const UnobservableDirection& free : directions) entry["undetermined"].push_back(to_string(free));
   }
   if (result.relocalized) entry["relocalized"] = true;
   if (result.reference >= 0) entry["reference"] = result.reference;
@@ -154,7 +154,7 @@ void RunFolder::add_mesh(const Mesh& mesh, int index) const {
   write_text(frame_folder(index) / "mesh.ply", to_ply(mesh, "camera"));
 }
 
-void RunFolder::add_warm_things(const std::vector<WarmThing>& things) const {
+void RunFolder::add_warm_objects(const std::vector<WarmObject>& things) const {
   write_text(folder_ / "victims.json", to_json(things).dump(1) + "\n");
 }
 

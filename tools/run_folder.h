@@ -22,7 +22,7 @@ class RunFolder {
   void add(const FringeStack& stack, const FrameResult& result, const ThermalView& thermal, const KeyframeMap& map);
 
   // Writes victims.json: the warm objects found by a thermal camera (tools/landmark_files.h).
-  void add_warm_things(const std::vector<WarmThing>& things) const;
+  void add_warm_objects(const std::vector<WarmObject>& things) const;
 
   // Writes mesh.ply of a view that was added before.
   void add_mesh(const Mesh& mesh, int index) const;

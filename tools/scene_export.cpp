@@ -26,13 +26,13 @@ int export_scene(const Arguments& arguments, const Common& common) {
                 "; glTF files end in .glb or .gltf, PLY files in .ply, OBJ files in .obj");
   const sim::Scene scene = sim::load_scene(scene_file(arguments.scene), {arguments.seed});
   const sim::MeshExport written = sim::export_mesh(scene, arguments.out);
-  say(common,
-      {{"written", arguments.out},
-       {"objects", written.objects},
-       {"meshes", written.meshes},
-       {"triangles", written.triangles}},
-      "written: " + arguments.out + ": " + std::to_string(written.objects) + " objects, " +
-          std::to_string(written.meshes) + " meshes, " + std::to_string(written.triangles) + " triangles");
+  print_result(common,
+               {{"written", arguments.out},
+                {"objects", written.objects},
+                {"meshes", written.meshes},
+                {"triangles", written.triangles}},
+               "written: " + arguments.out + ": " + std::to_string(written.objects) + " objects, " +
+                   std::to_string(written.meshes) + " meshes, " + std::to_string(written.triangles) + " triangles");
   return 0;
 }
 

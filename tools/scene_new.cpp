@@ -80,9 +80,9 @@ int new_scene(const NewArguments& arguments, const Common& common) {
     fs::copy(entry.path(), staged.path() / part, fs::copy_options::recursive);
   }
   staged.commit();
-  say(common, {{"written", target.string()}},
-      "written: " + target.string() + "\nedit " + (target / kSceneFile).string() + ", then: fringeslam scene check " +
-          target.string());
+  print_result(common, {{"written", target.string()}},
+               "written: " + target.string() + "\nedit " + (target / kSceneFile).string() +
+                   ", then: fringeslam scene check " + target.string());
   return 0;
 }
 
@@ -109,8 +109,8 @@ int generate(const GenerateArguments& arguments, const Common& common) {
     }
   }
   staged.commit();
-  say(common, {{"written", arguments.out}, {"scenes", arguments.count}},
-      "written: " + arguments.out + ": " + std::to_string(arguments.count) + " scenes");
+  print_result(common, {{"written", arguments.out}, {"scenes", arguments.count}},
+               "written: " + arguments.out + ": " + std::to_string(arguments.count) + " scenes");
   return 0;
 }
 

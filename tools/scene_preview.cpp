@@ -40,7 +40,7 @@ int preview(const Arguments& arguments, const Common& common) {
   const cv::Size size = size_of(arguments.size);
   const sim::Scene scene = sim::load_scene(scene_file(arguments.scene), arguments.variant.reading());
   write_png(arguments.out, sim::preview_picture(scene, size));
-  say(common, {{"written", arguments.out}}, "written: " + arguments.out);
+  print_result(common, {{"written", arguments.out}}, "written: " + arguments.out);
   return 0;
 }
 

@@ -131,8 +131,8 @@ void SceneVariant::add_to(Command verb) {
                   "rig.camera.sensor.dark_noise_electrons=50 (repeatable)");
 }
 
-sim::SceneReading SceneVariant::reading() const {
-  sim::SceneReading reading{seed};
+sim::SceneLoadOptions SceneVariant::reading() const {
+  sim::SceneLoadOptions reading{seed};
   for (const std::string& change : with) {
     const size_t equals = change.find('=');
     if (equals == std::string::npos || equals == 0 || equals + 1 == change.size())

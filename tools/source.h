@@ -50,7 +50,7 @@ struct SceneVariant {
   // Adds --seed and --with to the verb.
   void add_to(Command verb);
   // Throws Error if one of `with` is not an assignment.
-  sim::SceneReading reading() const;
+  sim::SceneLoadOptions reading() const;
 };
 
 // Opens a scene file, a folder with scene.yaml, or a dataset folder. `uses_render` is true if a render.* setting was

@@ -51,9 +51,9 @@ int merge(const Study& study, const fs::path& folder, const Common& common) {
   const auto lines = merged_lines(folder, study);
   write_tables(folder, study, lines);
   const int missing = study.trials - static_cast<int>(lines.size());
-  say(common, {{"folder", folder.string()}, {"trials", lines.size()}, {"missing", missing}},
-      "merged: " + folder.string() + "/results.jsonl, .csv, .sqlite (" + std::to_string(lines.size()) + " trials" +
-          (missing > 0 ? ", " + std::to_string(missing) + " missing" : "") + ")");
+  print_result(common, {{"folder", folder.string()}, {"trials", lines.size()}, {"missing", missing}},
+               "merged: " + folder.string() + "/results.jsonl, .csv, .sqlite (" + std::to_string(lines.size()) +
+                   " trials" + (missing > 0 ? ", " + std::to_string(missing) + " missing" : "") + ")");
   return 0;
 }
 
@@ -149,16 +149,16 @@ int run(const Arguments& arguments, const Common& common) {
     write_tables(folder, study, lines);
     tell(study, lines, arguments, common, !common.json && !common.quiet);
   }
-  say(common,
-      {{"folder", arguments.out},
-       {"shard", arguments.shard},
-       {"trials", done},
-       {"found", found},
-       {"seconds", seconds},
-       {"trials_a_second", rate},
-       {"largest_worker_mib", report.largest_mib},
-       {"workers_restarted", report.restarted}},
-      std::string(figures) + (found > 0 ? " (" + std::to_string(found) + " existed already)" : ""));
+  print_result(common,
+               {{"folder", arguments.out},
+                {"shard", arguments.shard},
+                {"trials", done},
+                {"found", found},
+                {"seconds", seconds},
+                {"trials_a_second", rate},
+                {"largest_worker_mib", report.largest_mib},
+                {"workers_restarted", report.restarted}},
+               std::string(figures) + (found > 0 ? " (" + std::to_string(found) + " existed already)" : ""));
   return 0;
 }
 
@@ -189,9 +189,9 @@ int submit(const Arguments& arguments, const Common& common) {
   const std::string job =
       submit_to_slurm(study, arguments.out, std::min(arguments.tasks, study.trials), arguments.cpus);
   if (!arguments.wait) {
-    say(common, {{"job", job}, {"folder", arguments.out}},
-        "job " + job + ": squeue -j " + job + " shows its state; when it has ended: fringeslam study merge " +
-            arguments.study + " --out " + arguments.out);
+    print_result(common, {{"job", job}, {"folder", arguments.out}},
+                 "job " + job + ": squeue -j " + job + " shows its state; when it has ended: fringeslam study merge " +
+                     arguments.study + " --out " + arguments.out);
     return 0;
   }
   wait_for_slurm(job);
@@ -200,9 +200,9 @@ int submit(const Arguments& arguments, const Common& common) {
 
 int check(const Study& study, const Common& common) {
   check_study(study);
-  say(common, {{"study", study.name}, {"trials", study.trials}, {"parameters", study.parameters.size()}},
-      study.name + ": " + std::to_string(study.trials) + " trials of " + study.scene.string() + ", " +
-          std::to_string(study.parameters.size()) + " parameters; the study file is valid");
+  print_result(common, {{"study", study.name}, {"trials", study.trials}, {"parameters", study.parameters.size()}},
+               study.name + ": " + std::to_string(study.trials) + " trials of " + study.scene.string() + ", " +
+                   std::to_string(study.parameters.size()) + " parameters; the study file is valid");
   return 0;
 }
 

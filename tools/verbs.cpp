@@ -6,7 +6,7 @@
 
 namespace fringeslam::tools {
 
-void say(const Common& common, const nlohmann::ordered_json& document, const std::string& line) {
+void print_result(const Common& common, const nlohmann::ordered_json& document, const std::string& line) {
   if (common.json)
     std::printf("%s\n", document.dump(2).c_str());
   else if (!common.quiet)

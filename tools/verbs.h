@@ -19,7 +19,7 @@ struct Common {
 };
 
 // Prints a verb's result: the JSON document with --json, otherwise the line unless --quiet is set.
-void say(const Common& common, const nlohmann::ordered_json& document, const std::string& line);
+void print_result(const Common& common, const nlohmann::ordered_json& document, const std::string& line);
 
 // Adds an option whose value is one of an enum's choices.
 template <NamedEnum E>

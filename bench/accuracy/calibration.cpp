@@ -119,7 +119,7 @@ StageCalibration calibrate_stage_seed(const sim::Scene& scene) {
     StageView view{simulated->truth.world_from_robot, {}};
     std::vector<cv::Point2f> corners = detect_board(decoded.mean, checkerboard());
     if (corners.empty()) continue;
-    orient_like(last, corners);
+    align_corner_order(last, corners);
     last = corners;
     const double radius = 0.8 * cv::norm(corners[1] - corners[0]);
     for (const cv::Point2f& corner : corners)

@@ -27,10 +27,10 @@ Sample sample(const ViewPair& pair, const LandmarkMethod& method) {
   const Landmarks first = landmarks_of(pair, pair.views[0], method), second = landmarks_of(pair, pair.views[1], method);
   LandmarkDatabase database(pair.rig.camera, method.recognition);
   database.add(0, first);
-  const std::vector<Recognition> recognised = database.recognise(second);
+  const std::vector<Recognition> recognised = database.reidentify(second);
   const double seconds = static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
   const auto judged = [&](const Landmarks& landmarks, const View& view) {
-    return JudgedView{&landmarks, &view.truth, view.truth.world_from_robot * pair.rig.robot_from_camera};
+    return ScoredView{&landmarks, &view.truth, view.truth.world_from_robot * pair.rig.robot_from_camera};
   };
   return {score_landmarks({judged(first, pair.views[0])}, judged(second, pair.views[1]), recognised, pair.rig.camera),
           static_cast<int>(second.depth_keypoints.size()), static_cast<int>(second.keypoints.keypoints.size()),
@@ -54,7 +54,7 @@ struct Total {
     sum.covisible += s.score.covisible;
     sum.recognised += s.score.recognised;
     sum.repeated += s.score.repeated;
-    sum.false_recognitions += s.score.false_recognitions;
+    sum.false_reidentifications += s.score.false_reidentifications;
     sum.matches += s.score.matches;
     sum.right += s.score.right;
     sum.purity.insert(sum.purity.end(), s.score.purity.begin(), s.score.purity.end());

@@ -81,7 +81,7 @@ MapRun measured(const std::string& name, uint64_t seed) {
   no_loops.mapping.max_links = 0;
   Pipeline pipeline(scene.rig, scene.patterns, {}, start), open(scene.rig, scene.patterns, no_loops, start);
   while (const auto view = rig.simulate(scene.patterns)) {
-    append_seen(view->truth, scene.rig, rays, seen);
+    append_visible_surface(view->truth, scene.rig, rays, seen);
     pipeline.process(view->stack);
     open.process(view->stack);
   }

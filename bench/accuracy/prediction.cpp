@@ -8,9 +8,9 @@
 #include <random>
 
 #include "bench/row.h"
-#include "bench/speed/turns.h"
+#include "bench/speed/interleaving.h"
 #include "core/decode/decode.h"
-#include "core/decode/motion.h"
+#include "core/decode/motion_compensation.h"
 #include "core/depth/depth.h"
 #include "core/map/expected_view.h"
 #include "core/registration/icp.h"
@@ -83,7 +83,7 @@ PredictionPair prediction_pair(const std::string& name, size_t first, uint64_t s
 
 Frame decoded_by(const PredictionPair& pair, Unwrapping unwrapping, const Pose& pose, const Matrix6d& covariance) {
   const ExpectedView view = expected_view({{&pair.known, pose, covariance}}, pair.scene.rig.camera, pair.rays);
-  const ExpectedCoordinate expected = expected_coordinate(pair.scene.rig, pair.rays, view.depth_m, view.sigma_m);
+  const CoordinatePrior expected = predict_coordinate(pair.scene.rig, pair.rays, view.depth_m, view.sigma_m);
   DecodeOptions options;
   options.unwrapping = unwrapping;
   options.spatial_reference = SpatialReference::predicted;
@@ -124,7 +124,7 @@ Share share_of(const PredictionPair& pair, const Frame& frame, const cv::Mat& pa
   depth.setTo(kNaN, outside);
   full.setTo(kNaN, outside);
   const auto coordinate =
-      expected_coordinate(pair.scene.rig, pair.rays, depth, cv::Mat1f(depth.size(), 0.0f)).coordinate_px;
+      predict_coordinate(pair.scene.rig, pair.rays, depth, cv::Mat1f(depth.size(), 0.0f)).coordinate_px;
   const DepthScore score =
       score_depth({depth, frame.sigma_m, coordinate}, pair.truth, pair.fine.patterns.front().period_px);
   return {cv::countNonZero(full == full), score.compared,
@@ -207,7 +207,7 @@ MovingErrors moving_errors(const Motion& motion, double speed, uint64_t seed) {
   const PixelRays rays = pixel_rays(rig.camera);
   const DepthOptions depth_options;
   const Triangulation triangulation(rig, rays, depth_options.near_m, depth_options.far_m);
-  const auto expected = expected_coordinate(rig, rays, truth.depth_m, cv::Mat1f(rays.size(), 3e-3f));
+  const auto expected = predict_coordinate(rig, rays, truth.depth_m, cv::Mat1f(rays.size(), 3e-3f));
   DecodeOptions options;
   options.unwrapping = Unwrapping::predicted;
   DecodedStack decoded = decode(stack, rig, options, {Axis::columns, &expected});
@@ -252,12 +252,12 @@ std::vector<Row> motion_rows(const Context& context) {
 std::vector<Row> expected_view_rows(const Context& context) {
   const PredictionPair pair = prediction_pair("rubble_pile", 0, 1);
   ExpectedView view;
-  ExpectedCoordinate expected;
-  const auto times = take_turns(
+  CoordinatePrior expected;
+  const auto times = interleaved_times(
       {[&] {
          view = expected_view({{&pair.known, pair.predicted, pair.covariance}}, pair.scene.rig.camera, pair.rays);
        },
-       [&] { expected = expected_coordinate(pair.scene.rig, pair.rays, view.depth_m, view.sigma_m); }},
+       [&] { expected = predict_coordinate(pair.scene.rig, pair.rays, view.depth_m, view.sigma_m); }},
       context.quick ? 10 : 50);
   const Row coordinate = median_row("", in_ms(times[1]), "ms", 0);
   std::fprintf(stderr, "  predicted coordinates %.2f ms\n", coordinate.value);

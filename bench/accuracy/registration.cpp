@@ -15,7 +15,7 @@
 #include "bench/frame_pairs.h"
 #include "bench/landmark_method.h"
 #include "bench/row.h"
-#include "bench/speed/turns.h"
+#include "bench/speed/interleaving.h"
 #include "core/registration/engines.h"
 
 namespace fringeslam::bench {
@@ -60,7 +60,7 @@ std::vector<Contender> contenders() {
     add(to_string(engine), [engine](const FramePair& pair) {
       IcpOptions options;
       options.max_distance_m = 0.1;
-      return register_by(engine, pair.target, pair.source, pair.rig.camera, {}, options);
+      return register_with_engine(engine, pair.target, pair.source, pair.rig.camera, {}, options);
     });
   }
   all.push_back({"opencv_fast_icp", opencv_fast_icp});
@@ -122,7 +122,7 @@ std::vector<Row> seeded_rows(const Context& context) {
     const std::vector<Landmarks> landmarks = landmarks_of(pair, {});
     LandmarkDatabase database(pair.rig.camera, {});
     database.add(0, landmarks[0]);
-    const std::vector<Recognition> recognitions = database.recognise(landmarks[1]);
+    const std::vector<Recognition> recognitions = database.reidentify(landmarks[1]);
     const ViewRegistration registration = registered(pair, landmarks, 0, 1, recognitions);
     // A motion that is not found has an infinite error: it can only increase the median.
     const double off_m =

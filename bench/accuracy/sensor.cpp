@@ -59,7 +59,7 @@ std::vector<Row> range_noise_rows(const Context& context) {
     const auto stack = sim::VirtualRig(scene, {}).capture(sequence);
     const PixelRays rays = pixel_rays(scene.rig.camera);
     const auto expected =
-        expected_coordinate(scene.rig, rays, cv::Mat1f(rays.size(), 1.0f), cv::Mat1f(rays.size(), 0.002f));
+        predict_coordinate(scene.rig, rays, cv::Mat1f(rays.size(), 1.0f), cv::Mat1f(rays.size(), 0.002f));
     DecodeOptions options;
     options.unwrapping = Unwrapping::predicted;
     const DecodedStack decoded = decode(*stack, scene.rig, options, {Axis::columns, &expected});
@@ -254,7 +254,7 @@ std::vector<Row> response_rows(const Context& context) {
     corrected.phase_correction =
         phase_correction_from_fringes(as_floats(*stack, 0, fringes), steps.shifts_rad, 3, scene.rig.sensor, {});
     const double before = systematic_phase_error(scene, plain, {});
-    const double inverse = systematic_phase_error(scene, plain, inverse_table(response.table, 1025));
+    const double inverse = systematic_phase_error(scene, plain, invert_table(response.table, 1025));
     const double table = systematic_phase_error(scene, corrected, {});
     std::fprintf(stderr, "  gamma %.3f; phase error %.4f rad, inverse response %.4f, phase table %.4f\n",
                  response.gamma, before, inverse, table);

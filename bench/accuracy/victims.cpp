@@ -24,7 +24,7 @@ struct Total {
   VictimScore score;
   std::map<std::string, int> things, wrong;
 
-  void add(const Searched& s) {
+  void add(const VictimSearchResult& s) {
     score.to_find += s.score.to_find;
     score.found += s.score.found;
     score.candidates += s.score.candidates;
@@ -36,11 +36,11 @@ struct Total {
 
 std::vector<Row> victim_rows(const Context& context) {
   const int count = context.quick ? 15 : 120;
-  settle_victims(kFirstSeed, count);
+  prepare_victim_scenes(kFirstSeed, count);
   Total total;
   for (int i = 0; i < count; ++i) {
     const uint64_t seed = kFirstSeed + static_cast<uint64_t>(i);
-    const Searched s = search_for_victims(seed);
+    const VictimSearchResult s = search_for_victims(seed);
     total.add(s);
     for (const std::string& failure : s.failures)
       std::fprintf(stderr, "  seed %d: %s\n", static_cast<int>(seed), failure.c_str());
@@ -54,7 +54,7 @@ std::vector<Row> victim_rows(const Context& context) {
 }
 
 // A medium or layer between the cameras and the scene, in increasing amounts.
-struct Veil {
+struct Obscurant {
   std::string id, unit, words;
   std::string section, quantity, rest;  // section of the scene file, its varied and its fixed entries
   std::vector<double> levels;
@@ -65,7 +65,7 @@ struct Veil {
   }
 };
 
-Veil in_the_air(const std::string& id, const std::string& what, const std::string& rest) {
+Obscurant in_the_air(const std::string& id, const std::string& what, const std::string& rest) {
   return {id,
           "per metre",
           what + " of this extinction",
@@ -77,12 +77,12 @@ Veil in_the_air(const std::string& id, const std::string& what, const std::strin
 }
 
 // Fine particles: a tenth as dense in the infrared.
-Veil smoke() { return in_the_air("smoke", "smoke", "albedo: 0.85, anisotropy: 0.6"); }
+Obscurant smoke() { return in_the_air("smoke", "smoke", "albedo: 0.85, anisotropy: 0.6"); }
 // Grains of some micrometres: bright and forward-scattering, and nearly as dense in the infrared.
-Veil whirled_dust() {
+Obscurant whirled_dust() {
   return in_the_air("dust_in_air", "dust in the air", "albedo: 0.95, anisotropy: 0.7, infrared_share: 0.8");
 }
-Veil settled_dust() {
+Obscurant settled_dust() {
   return {"dust",
           "covered",
           "settled dust, covered share of level surfaces",
@@ -94,10 +94,10 @@ Veil settled_dust() {
 }
 
 // Measures valid pixels, victims found and correct motions at each level.
-std::vector<Row> veil_rows(const Veil& veil, const Context& context) {
+std::vector<Row> veil_rows(const Obscurant& veil, const Context& context) {
   constexpr double kRight_m = 1e-3;
   const int worlds = context.quick ? 3 : 12;
-  settle_victims(kFirstSeed, worlds);
+  prepare_victim_scenes(kFirstSeed, worlds);
   double rated = 0;
   int rated_to_find = 0;
   std::vector<BarGroup> bars;
@@ -108,7 +108,7 @@ std::vector<Row> veil_rows(const Veil& veil, const Context& context) {
     std::vector<double> valid, translations_m;
     int views = 0, tracked = 0;
     for (int i = 0; i < worlds; ++i) {
-      const Searched s = search_for_victims(kFirstSeed + static_cast<uint64_t>(i), {veil.change(level)});
+      const VictimSearchResult s = search_for_victims(kFirstSeed + static_cast<uint64_t>(i), {veil.change(level)});
       total.add(s);
       valid.push_back(s.valid);
       views += s.views;

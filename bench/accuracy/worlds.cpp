@@ -88,7 +88,7 @@ std::vector<Row> score_rows(const Context&) {
 }
 
 // Returns what is wrong with a generated scene: warnings of its check, saturation, errors.
-std::vector<std::string> complaints(const fs::path& file, uint64_t seed) try {
+std::vector<std::string> problems_of(const fs::path& file, uint64_t seed) try {
   const sim::Scene scene = sim::load_scene(file, {seed});
   std::vector<std::string> found = sim::check_scene(scene).warnings;
   sim::VirtualRig rig(scene, {});
@@ -127,7 +127,7 @@ std::vector<Row> generated_rows(const Context& context) {
   settle_all(file, count);
   int warned = 0;
   for (int seed = 1; seed <= count; ++seed) {
-    const std::vector<std::string> found = complaints(file, static_cast<uint64_t>(seed));
+    const std::vector<std::string> found = problems_of(file, static_cast<uint64_t>(seed));
     warned += !found.empty();
     for (const std::string& complaint : found) std::fprintf(stderr, "  seed %d: %s\n", seed, complaint.c_str());
   }

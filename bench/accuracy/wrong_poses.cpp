@@ -159,7 +159,7 @@ void add_world(const World& world, Deciles& deciles) {
                                std::to_string(earlier) + " and " + std::to_string(current);
       Decile& decile = deciles[static_cast<size_t>(std::clamp(static_cast<int>(10 * overlap), 0, 9))];
       ++decile.pairs;
-      judge(registered(views, landmarks, earlier, current, database.recognise(landmarks[c])), name + " by landmarks",
+      judge(registered(views, landmarks, earlier, current, database.reidentify(landmarks[c])), name + " by landmarks",
             overlap, decile.ways[0]);
       for (size_t i = 0; i < std::size(kStarts); ++i) {
         const auto seed = static_cast<uint64_t>(1000 * earlier + current);

@@ -68,10 +68,9 @@ std::vector<Row> capture_rows(const Context& context) {
 
   constexpr int kImages = 9 + 2;  // of the default sequence, with white and black
   const double image_s = captured["stack_s"].get<double>() / kImages;
-  std::fprintf(
-      stderr,
-      "  %.1f ms per image through window and packets, %.1f ms of it the simulator's; settles in %.1f ms\n",
-      1e3 * image_s, 1e3 * own_s, 1e3 * seen["largest_delay_s"].get<double>());
+  std::fprintf(stderr,
+               "  %.1f ms per image through window and packets, %.1f ms of it the simulator's; settles in %.1f ms\n",
+               1e3 * image_s, 1e3 * own_s, 1e3 * seen["largest_delay_s"].get<double>());
   return {
       bound_row("speed.capture", 1 / image_s, stacks * kImages, "images/s", 5, Limit::least),
       bound_row("speed.capture.overhead", 1e3 * (image_s - own_s), stacks * kImages, "ms an image", 100, Limit::most),

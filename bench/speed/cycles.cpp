@@ -10,8 +10,8 @@
 #include <opencv2/core/utility.hpp>
 
 #include "bench/row.h"
+#include "bench/speed/interleaving.h"
 #include "bench/speed/rubble.h"
-#include "bench/speed/turns.h"
 #include "core/io/files.h"
 #include "core/types/error.h"
 #include "sim/scene/mesh_export.h"
@@ -57,7 +57,7 @@ std::vector<Row> cycles_rows(const Context& context) {
   sim::RenderOptions direct;
   direct.effects = sim::Effects::none();
   Stack three(scene, 3, direct, false), nine(scene, 9, direct, false);
-  const auto ours = take_turns({[&] { three(); }, [&] { nine(); }}, static_cast<int>(theirs.size()));
+  const auto ours = interleaved_times({[&] { three(); }, [&] { nine(); }}, static_cast<int>(theirs.size()));
   std::fprintf(stderr, "  Cycles %.2f s per image; ours %.3f s for three, %.3f s for nine, including camera noise\n",
                median(theirs), median(ours[0]), median(ours[1]));
   std::vector<double> ratio3, ratio9;

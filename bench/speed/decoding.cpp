@@ -5,7 +5,7 @@
 #include <opencv2/structured_light.hpp>
 
 #include "bench/row.h"
-#include "bench/speed/turns.h"
+#include "bench/speed/interleaving.h"
 #include "core/base/parallel.h"
 #include "core/decode/decode.h"
 #include "core/decode/spatial.h"
@@ -24,7 +24,7 @@ struct ThreeImages {
   PixelRays rays = pixel_rays(scene.rig.camera);
   Triangulation triangulation{scene.rig, rays, 0.4, 2.5};
   FringeStack stack;
-  ExpectedCoordinate expected;
+  CoordinatePrior expected;
   DecodeOptions options;
   DecodedStack decoded;
   Frame frame;
@@ -32,7 +32,7 @@ struct ThreeImages {
   ThreeImages() {
     const auto view = sim::VirtualRig(scene, {}).simulate(sequence);
     stack = view->stack;
-    expected = expected_coordinate(scene.rig, rays, view->truth.depth_m, cv::Mat1f(rays.size(), 1e-3f));
+    expected = predict_coordinate(scene.rig, rays, view->truth.depth_m, cv::Mat1f(rays.size(), 1e-3f));
     options.unwrapping = Unwrapping::predicted;
     decode();
   }
@@ -66,7 +66,7 @@ class OpenCvPsp {
 std::vector<Row> decode_rows(const Context& context) {
   ThreeImages ours;
   OpenCvPsp psp(ours);
-  const auto times = take_turns({[&] { psp(); }, [&] { ours.decode(); }}, context.quick ? 5 : 25);
+  const auto times = interleaved_times({[&] { psp(); }, [&] { ours.decode(); }}, context.quick ? 5 : 25);
   const Row theirs = median_row("", in_ms(times[0]), "ms", 0), own = median_row("", in_ms(times[1]), "ms", 0);
   std::fprintf(stderr, "  OpenCV PSP %.0f ms, ours with absolute phase and sigma %.2f ms\n", theirs.value, own.value);
   return {median_row("speed.decode", ratios(times[0], times[1]), "x", 100, Limit::least)};
@@ -91,7 +91,7 @@ std::vector<Row> points_rows(const Context& context) {
       std::copy_n(source.data() + part * static_cast<size_t>(i), part, target.data() + part * static_cast<size_t>(i));
     });
   };
-  const auto times = take_turns({work, copy}, context.quick ? 20 : 200);
+  const auto times = interleaved_times({work, copy}, context.quick ? 20 : 200);
   const Row row = median_row("speed.points", in_ms(times[0]), "ms", 3);
   const Row copied = median_row("", in_ms(times[1]), "ms", 0);
   std::fprintf(stderr, "  %.0f bytes per pixel: a memory copy of as many takes %.2f ms, %.0f %% of ours\n",
@@ -101,9 +101,10 @@ std::vector<Row> points_rows(const Context& context) {
 
 std::vector<Row> spatial_rows(const Context& context) {
   ThreeImages ours;
-  const auto times = take_turns({[&] { unwrap_by_quality(ours.decoded.wrapped_phase, ours.decoded.sigma_px, 1.6); },
-                                 [&] { unwrap_by_reliability(ours.decoded.wrapped_phase, 1.6); }},
-                                context.quick ? 10 : 60);
+  const auto times =
+      interleaved_times({[&] { unwrap_by_quality(ours.decoded.wrapped_phase, ours.decoded.sigma_px, 1.6); },
+                         [&] { unwrap_by_reliability(ours.decoded.wrapped_phase, 1.6); }},
+                        context.quick ? 10 : 60);
   const Row reliability = median_row("", in_ms(times[1]), "ms", 0);
   std::fprintf(stderr, "  by reliability: %.1f ms\n", reliability.value);
   return {median_row("speed.spatial", in_ms(times[0]), "ms", 10)};

@@ -4,8 +4,8 @@
 #include <string>
 
 #include "bench/row.h"
+#include "bench/speed/interleaving.h"
 #include "bench/speed/loop_rig.h"
-#include "bench/speed/turns.h"
 #include "core/base/stage_clock.h"
 #include "core/mapper/driver.h"
 #include "core/score/score.h"
@@ -47,8 +47,8 @@ double frames_per_s(const LoopScene& loop) {
   });
   const double surface_s = seconds_of([&] { pipeline.surface(); });
   const auto views = static_cast<double>(loop.stacks.size());
-  std::fprintf(stderr, "  %.1f frames/s into the map, and %.1f s for the surface of %zu of them\n",
-               views / mapped_s, surface_s, pipeline.map().frames().size());
+  std::fprintf(stderr, "  %.1f frames/s into the map, and %.1f s for the surface of %zu of them\n", views / mapped_s,
+               surface_s, pipeline.map().frames().size());
   return views / (mapped_s + surface_s);
 }
 

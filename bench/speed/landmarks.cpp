@@ -6,7 +6,7 @@
 
 #include "bench/landmark_method.h"
 #include "bench/row.h"
-#include "bench/speed/turns.h"
+#include "bench/speed/interleaving.h"
 #include "core/landmarks/morphology.h"
 
 namespace fringeslam::bench {
@@ -21,9 +21,10 @@ std::vector<Row> conditioning_rows(const Context& context) {
   const cv::Mat1b dilated = conditioned.dilated.mask();
   cv::Mat theirs;
   BitImage ours(0, 0);
-  const auto times = take_turns({[&] { condition(frame, options); }, [&] { cv::ximgproc::thinning(dilated, theirs); },
-                                 [&] { ours = thinned(conditioned.dilated); }},
-                                context.quick ? 5 : 50);
+  const auto times =
+      interleaved_times({[&] { condition(frame, options); }, [&] { cv::ximgproc::thinning(dilated, theirs); },
+                         [&] { ours = thinned(conditioned.dilated); }},
+                        context.quick ? 5 : 50);
   std::fprintf(stderr, "  thinning: OpenCV's (Zhang-Suen) %.1f ms, ours %.2f ms\n", 1e3 * median(times[1]),
                1e3 * median(times[2]));
   return {median_row("speed.conditioning", in_ms(times[0]), "ms", 3)};
@@ -54,7 +55,7 @@ std::vector<Row> cluster_rows(const Context& context) {
   methods[1].method = ClusterMethod::convex_hull;
   for (const ClusterOptions& method : methods)
     works.push_back([&] { find_clusters(keypoints, rounded, edges, method); });
-  const auto times = take_turns(works, context.quick ? 5 : 50);
+  const auto times = interleaved_times(works, context.quick ? 5 : 50);
   std::fprintf(stderr, "  %zu depth keypoints: depth sampling %.2f ms, region search %.2f ms\n", keypoints.size(),
                1e3 * median(times[0]), 1e3 * median(times[1]));
   return {median_row("speed.clusters", in_ms(times[0]), "ms", 3)};
@@ -79,8 +80,8 @@ std::vector<Row> recognition_rows(const Context& context) {
   database.add(1000000, landmarks_of(pair, pair.views[0], method));
   plain.add(1000000, landmarks_of(pair, pair.views[0], method));
   const Landmarks current = landmarks_of(pair, pair.views[1], method);
-  const auto times =
-      take_turns({[&] { database.recognise(current); }, [&] { plain.recognise(current); }}, context.quick ? 5 : 50);
+  const auto times = interleaved_times({[&] { database.reidentify(current); }, [&] { plain.reidentify(current); }},
+                                       context.quick ? 5 : 50);
   int queries = 0;
   for (const Landmark& landmark : current.landmarks) queries += static_cast<int>(landmark.keypoints.size());
   std::fprintf(stderr, "  %d keypoints of %zu landmarks against %d of %d: %.2f ms, without the guided search %.2f ms\n",
@@ -94,7 +95,7 @@ std::vector<Row> keypoint_rows(const Context& context) {
   const Frame& frame = pair.views[0].frame;
   const cv::Mat1f levels = depth_levels(frame, pair.rig.near_m, pair.rig.far_m);
   const KeypointOptions options;
-  const auto times = take_turns(
+  const auto times = interleaved_times(
       {[&] { detect_keypoints(frame, pair.rig, pair.rays, options); }, [&] { detect_depth_keypoints(levels, options); },
        [&] {
          std::vector<cv::KeyPoint> found;

@@ -11,7 +11,7 @@ namespace fringeslam::bench {
 
 namespace {
 
-LoopScene rendered(const sim::SceneReading& reading, size_t views) {
+LoopScene rendered(const sim::SceneLoadOptions& reading, size_t views) {
   LoopScene loop{sim::load_scene(std::string(FRINGESLAM_SCENES) + "/loop/scene.yaml", reading), {}};
   sim::VirtualRig rig(loop.scene, {});
   while (loop.stacks.size() < views) {
@@ -27,7 +27,7 @@ LoopScene rendered(const sim::SceneReading& reading, size_t views) {
 LoopScene rendered_loop() { return rendered({}, std::numeric_limits<size_t>::max()); }
 
 LoopScene rendered_loop_of_a_robot(int views) {
-  sim::SceneReading reading;
+  sim::SceneLoadOptions reading;
   reading.changes = {{"trajectory.spline.count", std::to_string(kRobotViews)}, {"trajectory.interval_s", "0.0333333"}};
   return rendered(reading, static_cast<size_t>(views));
 }

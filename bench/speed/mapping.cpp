@@ -6,7 +6,7 @@
 
 #include "bench/frame_pairs.h"
 #include "bench/row.h"
-#include "bench/speed/turns.h"
+#include "bench/speed/interleaving.h"
 #include "core/map/frame_planes.h"
 #include "core/map/pose_graph.h"
 #include "core/map/surface.h"
@@ -63,7 +63,7 @@ std::vector<Row> pose_graph_rows(const Context& context) {
   const Run run = long_run(1000, 125, 100);
   PoseGraphResult result;
   const auto times =
-      take_turns({[&] { result = optimise_poses(run.dead_reckoning, run.edges, {}); }}, context.quick ? 3 : 9);
+      interleaved_times({[&] { result = optimise_poses(run.dead_reckoning, run.edges, {}); }}, context.quick ? 3 : 9);
   std::fprintf(stderr, "  %d iterations, cost %.4g -> %.4g, every loop %s\n", result.iterations, result.initial_cost,
                result.cost, result.converged && result.weights == run.truths ? "judged right" : "judged WRONG");
   return {median_row("speed.pose_graph", in_ms(times[0]), "ms", 1000)};
@@ -77,11 +77,11 @@ std::vector<Row> surface_rows(const Context& context) {
   std::vector<double> first, alone, steady;
   for (int i = 0; i < repeats; ++i) {
     std::vector<PosedFrame> together;
-    for (uint64_t k = 0; k < kFramesTogether; ++k)
-      together.push_back({pair.target, random_motion(0.05, 0.0005, 1, kFramesTogether * static_cast<uint64_t>(i) + k)});
+    for (uint64_t k = 0; k < kMaxFusedFrames; ++k)
+      together.push_back({pair.target, random_motion(0.05, 0.0005, 1, kMaxFusedFrames * static_cast<uint64_t>(i) + k)});
     model = SurfaceModel(pair.rig, {});
-    first.push_back(seconds_of([&] { model.add(together); }) / kFramesTogether);
-    steady.push_back(seconds_of([&] { model.add(together); }) / kFramesTogether);
+    first.push_back(seconds_of([&] { model.add(together); }) / kMaxFusedFrames);
+    steady.push_back(seconds_of([&] { model.add(together); }) / kMaxFusedFrames);
     alone.push_back(seconds_of([&] { model.add(together[0].frame, together[0].world_from_camera); }));
   }
   SurfaceMesh mesh;

@@ -10,7 +10,7 @@
 #include "bench/fast_icp.h"
 #include "bench/frame_pairs.h"
 #include "bench/row.h"
-#include "bench/speed/turns.h"
+#include "bench/speed/interleaving.h"
 #include "core/registration/engines.h"
 
 namespace fringeslam::bench {
@@ -41,11 +41,13 @@ std::vector<Row> register_rows(const Context& context) {
       {"cold", [](const FramePair& p) { return pose_of(register_frames(p.target, p.source, p.rig.camera, {})); }},
       {"from no motion",
        [&](const FramePair& p) {
-         return pose_of(register_by(RegistrationEngine::point_to_plane, p.target, p.source, p.rig.camera, {}, options));
+         return pose_of(
+             register_with_engine(RegistrationEngine::point_to_plane, p.target, p.source, p.rig.camera, {}, options));
        }},
       {"PCL's ICP",
        [&](const FramePair& p) {
-         return pose_of(register_by(RegistrationEngine::pcl_icp, p.target, p.source, p.rig.camera, {}, options, 1));
+         return pose_of(
+             register_with_engine(RegistrationEngine::pcl_icp, p.target, p.source, p.rig.camera, {}, options, 1));
        }},
       {"OpenCV's FastICPOdometry", opencv_fast_icp}};
   Engine &ours = engines[0], &pcl = engines[2], &opencv = engines[3];

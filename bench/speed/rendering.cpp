@@ -7,9 +7,9 @@
 #include <fstream>
 
 #include "bench/row.h"
+#include "bench/speed/interleaving.h"
 #include "bench/speed/rubble.h"
-#include "bench/speed/turns.h"
-#include "sim/light/bare_rays.h"
+#include "sim/light/ray_tracing_baseline.h"
 #include "sim/virtual_rig.h"
 
 namespace fringeslam::bench {
@@ -19,9 +19,9 @@ namespace {
 std::vector<Row> render_rows(const Context& context) {
   const sim::Scene scene = rubble(4);
   const sim::Renderer renderer(scene, {}, 4);
-  const sim::BareRays bare(scene, renderer);
+  const sim::RayTracingBaseline bare(scene, renderer);
   Stack stack(scene, 3);
-  const auto times = take_turns({[&] { bare(); }, [&] { stack(); }}, context.quick ? 5 : 25);
+  const auto times = interleaved_times({[&] { bare(); }, [&] { stack(); }}, context.quick ? 5 : 25);
   const double rays = static_cast<double>(bare.count());
   std::fprintf(stderr,
                "  %.2f million rays; bare Embree %.1f ms, %.1f Mray/s; three images with truth %.1f ms, %.1f Mray/s\n",
@@ -33,7 +33,7 @@ std::vector<Row> render_rows(const Context& context) {
 std::vector<Row> pattern_rows(const Context& context) {
   const sim::Scene scene = rubble(4);
   Stack one(scene, 1), nine(scene, 9);
-  const auto times = take_turns({[&] { one(); }, [&] { nine(); }}, context.quick ? 5 : 25);
+  const auto times = interleaved_times({[&] { one(); }, [&] { nine(); }}, context.quick ? 5 : 25);
   std::fprintf(stderr, "  one pattern %.1f ms, nine %.1f ms\n", 1e3 * median(times[0]), 1e3 * median(times[1]));
   return {median_row("speed.patterns", ratios(times[1], times[0]), "x", 1.5)};
 }
@@ -54,11 +54,11 @@ std::vector<Row> scaling_rows(const Context& context) {
     for (const sim::Object& object : scene.objects) triangles += static_cast<double>(object.mesh->triangles.size());
     const double before = resident_mib();
     const auto build_start = std::chrono::steady_clock::now();
-    const sim::RayWorld world(scene);
+    const sim::RayScene world(scene);
     const double build = std::chrono::duration<double>(std::chrono::steady_clock::now() - build_start).count();
     memory.push_back((resident_mib() - before) / (1e-6 * triangles));
     Stack stack(scene, 3);
-    seconds.push_back(median(take_turns({[&] { stack(); }}, context.quick ? 3 : 7)[0]));
+    seconds.push_back(median(interleaved_times({[&] { stack(); }}, context.quick ? 3 : 7)[0]));
     std::fprintf(stderr, "  %10.0f triangles: %.0f ms, BVH built in %.1f s, %.0f MiB per million\n", triangles,
                  1e3 * seconds.back(), build, memory.back());
   }
@@ -68,7 +68,7 @@ std::vector<Row> scaling_rows(const Context& context) {
     sim::RenderOptions options;
     options.samples_per_pixel = samples;
     Stack stack(scene, 3, options);
-    by_samples.push_back(median(take_turns({[&] { stack(); }}, context.quick ? 3 : 7)[0]));
+    by_samples.push_back(median(interleaved_times({[&] { stack(); }}, context.quick ? 3 : 7)[0]));
     std::fprintf(stderr, "  %10d samples per pixel: %.0f ms\n", samples, 1e3 * by_samples.back());
   }
   return {bound_row("speed.scaling.triangles", seconds.back() / seconds.front(), 1, "x", 10, Limit::most),

@@ -7,9 +7,9 @@
 #include <sstream>
 
 #include "bench/row.h"
-#include "bench/speed/turns.h"
+#include "bench/speed/interleaving.h"
 #include "core/io/files.h"
-#include "sim/light/ray_world.h"
+#include "sim/light/ray_scene.h"
 #include "sim/scene/scene.h"
 
 namespace fringeslam::bench {
@@ -50,7 +50,7 @@ Loading loading(const fs::path& file) {
   Loading result;
   result.seconds = seconds_of([&] {
     const sim::Scene scene = sim::load_scene(file);
-    const sim::RayWorld world(scene);
+    const sim::RayScene world(scene);
     for (const sim::Object& object : scene.objects)
       result.triangles += static_cast<double>(object.mesh->triangles.size());
   });
@@ -67,8 +67,8 @@ std::vector<Row> world_rows(const Context& context) {
     for (int i = 0; i < repeats; ++i) seconds.push_back((last = loading(file)).seconds);
     last.seconds = median(seconds);
     last.peak_mib = peak_mib();
-    std::fprintf(stderr, "  %s: %.2f million triangles; first load %.1f s, then %.2f s to the BVH, %.0f MiB\n",
-                 what, 1e-6 * last.triangles, first, last.seconds, last.peak_mib);
+    std::fprintf(stderr, "  %s: %.2f million triangles; first load %.1f s, then %.2f s to the BVH, %.0f MiB\n", what,
+                 1e-6 * last.triangles, first, last.seconds, last.peak_mib);
     return last;
   };
   const Loading pile = measured("196 different stones", stone_scene(196, 4, 0));

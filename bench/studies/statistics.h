@@ -16,7 +16,7 @@ Interval wilson(int successes, int trials);
 
 struct SobolIndex {
   double first = 0,
-         total = 0;  // shares of the output's variance: of the parameter alone; and including interactions
+         total = 0;             // shares of the output's variance: of the parameter alone; and including interactions
   Interval first_95, total_95;  // by bootstrap over the rows
 };
 

@@ -22,7 +22,7 @@ TrialSettings settings_of(const Study& study, const Trial& trial) {
 }
 
 sim::Scene scene_of(const Study& study, const Trial& trial) {
-  sim::SceneReading reading{trial.world_seed};
+  sim::SceneLoadOptions reading{trial.world_seed};
   reading.changes = changes_of(study, trial, false);
   return sim::load_scene(study.scene, reading);
 }

@@ -18,15 +18,13 @@ enum class WhenFull { keep_all, keep_latest };
 template <class Item>
 class BoundedQueue {
  public:
-  BoundedQueue(size_t capacity, WhenFull when_full)
-      : capacity_(std::max<size_t>(1, capacity)), when_full_(when_full) {}
+  BoundedQueue(size_t capacity, WhenFull when_full) : capacity_(std::max<size_t>(1, capacity)), when_full_(when_full) {}
 
   // Returns false, without taking the item, if the queue is closed. With keep_all, waits for room.
   bool push(Item item) {
     {
       std::unique_lock lock(mutex_);
-      if (when_full_ == WhenFull::keep_all)
-        changed_.wait(lock, [&] { return closed_ || items_.size() < capacity_; });
+      if (when_full_ == WhenFull::keep_all) changed_.wait(lock, [&] { return closed_ || items_.size() < capacity_; });
       if (closed_) return false;
       items_.push_back(std::move(item));
       if (items_.size() > capacity_) {

@@ -166,7 +166,7 @@ std::vector<cv::Point2f> detect_board(const cv::Mat1f& image, const Board& board
       const int window = std::clamp(static_cast<int>(0.42 * spacing), 2, 15);
       cv::cornerSubPix(stretched(finite), corners, {window, window}, {-1, -1},
                        {cv::TermCriteria::EPS | cv::TermCriteria::COUNT, 60, 1e-4});
-      refine_saddles(finite, board.columns, corners);
+      refine_saddle_points(finite, board.columns, corners);
     } else {
       refine_circles(finite, 0.5 * spacing, corners);
     }
@@ -175,7 +175,7 @@ std::vector<cv::Point2f> detect_board(const cv::Mat1f& image, const Board& board
   return {};
 }
 
-void orient_like(const std::vector<cv::Point2f>& reference, std::vector<cv::Point2f>& corners) {
+void align_corner_order(const std::vector<cv::Point2f>& reference, std::vector<cv::Point2f>& corners) {
   if (reference.empty() || corners.empty()) return;
   const cv::Point2f a = reference.back() - reference.front(), b = corners.back() - corners.front();
   if (a.dot(b) < 0) std::reverse(corners.begin(), corners.end());

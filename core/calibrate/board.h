@@ -39,6 +39,6 @@ std::vector<cv::Point2f> detect_board(const cv::Mat1f& image, const Board& board
 
 // Reverses `corners` if they run against `reference`. A board that looks the same after a 180-degree rotation may be
 // detected starting from either end; the two views must differ by less than 90 degrees of rotation.
-void orient_like(const std::vector<cv::Point2f>& reference, std::vector<cv::Point2f>& corners);
+void align_corner_order(const std::vector<cv::Point2f>& reference, std::vector<cv::Point2f>& corners);
 
 }  // namespace fringeslam

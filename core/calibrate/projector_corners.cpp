@@ -42,7 +42,8 @@ std::vector<Sample> collect(const ProjectorCoordinates& coordinates, const Eigen
 // Weighted direct linear transform: u (h7 x + h8 y + h9) = h1 x + h2 y + h3, likewise for v. Coordinates are small
 // around the window's centre, where the denominator is nearly h9, so the algebraic error approximates the geometric
 // error.
-Eigen::Matrix3d direct_linear(const std::vector<Sample>& samples, const Eigen::Vector2d& middle, double scale) {
+Eigen::Matrix3d direct_linear_transform(const std::vector<Sample>& samples, const Eigen::Vector2d& middle,
+                                        double scale) {
   Eigen::Matrix<double, 9, 9> normal = Eigen::Matrix<double, 9, 9>::Zero();
   for (const Sample& sample : samples) {
     if (sample.trust == 0) continue;
@@ -111,7 +112,7 @@ std::optional<LocalHomography> local_homography(const ProjectorCoordinates& coor
   Eigen::Matrix3d homography;
   std::vector<Eigen::Vector2d> residuals(samples.size());
   for (int round = 0; round < kAbsolute + kSquares; ++round) {
-    homography = round < kAbsolute ? affine_fit(samples) : direct_linear(samples, middle, scale);
+    homography = round < kAbsolute ? affine_fit(samples) : direct_linear_transform(samples, middle, scale);
     std::vector<double> sizes;
     for (size_t i = 0; i < samples.size(); ++i) {
       residuals[i] = (homography * samples[i].camera.homogeneous()).hnormalized() - samples[i].projector;

@@ -67,7 +67,7 @@ class MonotoneCubic {
 };
 
 // Least-squares fit of light = level^gamma in logarithms, residuals weighted by the light.
-double nearest_gamma(const std::vector<double>& level, const std::vector<double>& light) {
+double fitted_gamma(const std::vector<double>& level, const std::vector<double>& light) {
   double top = 0, bottom = 0;
   for (size_t i = 0; i < level.size(); ++i) {
     if (level[i] < 0.05 || level[i] > 0.99 || light[i] <= 0) continue;
@@ -96,7 +96,7 @@ void finish(Response& response, const ResponseOptions& options) {
   for (size_t i = 1; i < response.table.size(); ++i)
     response.table[i] = std::max(response.table[i], response.table[i - 1] + 1e-9);
   for (double& value : response.table) value /= response.table.back();
-  response.gamma = nearest_gamma(response.level, light);
+  response.gamma = fitted_gamma(response.level, light);
 }
 
 void check_images(const std::vector<cv::Mat1f>& images, size_t described, size_t least) {
@@ -108,8 +108,8 @@ void check_images(const std::vector<cv::Mat1f>& images, size_t described, size_t
 
 void require_pixels(int usable, const ResponseOptions& options, int clipped, int dark) {
   if (usable >= options.min_pixels) return;
-  throw Error("only " + std::to_string(usable) + " pixels are usable: " + std::to_string(clipped) +
-              " are saturated, " + std::to_string(dark) + " too dark; " +
+  throw Error("only " + std::to_string(usable) + " pixels are usable: " + std::to_string(clipped) + " are saturated, " +
+              std::to_string(dark) + " too dark; " +
               (clipped > dark ? "reduce the exposure time" : "increase the exposure time or use a bright near board"));
 }
 
@@ -241,8 +241,7 @@ Response response_from_fringes(const std::vector<cv::Mat1f>& images, const std::
     response.light.push_back(mean);
     response.sigma.push_back(std::sqrt(std::max(0.0, squares[b] / counts[b] - mean * mean) / counts[b]));
   }
-  if (response.level.size() < 8)
-    throw Error("the fringes cover too few phases; use a board at least one period wide");
+  if (response.level.size() < 8) throw Error("the fringes cover too few phases; use a board at least one period wide");
   // Normalises to black and white at the ends; the centres of the outermost bins lie 0.02 % of the range inside.
   const double low = response.light.front(), high = response.light.back();
   for (size_t i = 0; i < response.light.size(); ++i) {

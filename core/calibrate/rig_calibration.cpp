@@ -297,7 +297,7 @@ class Bundle {
   std::vector<PoseVector> poses_;
 };
 
-std::string why_unusable(const BoardView& view, size_t corners) {
+std::string rejection_reason(const BoardView& view, size_t corners) {
   if (view.corners_px.size() != corners) return "the board was not found";
   const auto lit =
       std::count_if(view.homographies.begin(), view.homographies.end(), [](const auto& h) { return h.has_value(); });
@@ -375,7 +375,7 @@ RigCalibration calibrate_rig(const std::vector<BoardView>& views, const Board& b
   for (size_t v = 0; v < views.size(); ++v) {
     ViewResult& view = calibration.views.emplace_back();
     view.name = views[v].name;
-    view.reason = why_unusable(views[v], static_cast<size_t>(board.corners()));
+    view.reason = rejection_reason(views[v], static_cast<size_t>(board.corners()));
     if (view.reason.empty()) used.push_back(v);
   }
   Bundle bundle(views, board, rig, options);

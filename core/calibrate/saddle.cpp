@@ -116,7 +116,7 @@ cv::Point2f fitted(const cv::Mat1f& image, const cv::Point2f& corner, const cv::
 
 }  // namespace
 
-void refine_saddles(const cv::Mat1f& image, int columns, std::vector<cv::Point2f>& corners) {
+void refine_saddle_points(const cv::Mat1f& image, int columns, std::vector<cv::Point2f>& corners) {
   const std::vector<cv::Point2f> before = corners;
   const auto width = static_cast<size_t>(columns), total = before.size();
   for_each_row(static_cast<int>(total), [&](int corner) {

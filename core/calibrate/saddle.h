@@ -13,6 +13,6 @@ namespace fringeslam {
 
 // Moves the corners (row by row, `columns` per row, initial errors up to about a pixel) to the fitted centres; a corner
 // whose fit fails or moves too far keeps its position.
-void refine_saddles(const cv::Mat1f& image, int columns, std::vector<cv::Point2f>& corners);
+void refine_saddle_points(const cv::Mat1f& image, int columns, std::vector<cv::Point2f>& corners);
 
 }  // namespace fringeslam

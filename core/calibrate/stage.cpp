@@ -100,8 +100,8 @@ struct CornerResidual {
 // not average out over the corners, and the transform depends only on differences between views. Returns the reduced
 // chi-square of the views' residual rigid motions: the greater of those out of the image plane (tilts and distance,
 // determined by depth) and in it (roll and shifts, determined by the corners' image positions).
-double spread_of_views(const std::vector<StageView>& views, const Pose& robot_from_camera,
-                       const std::vector<Eigen::Vector3d>& corners) {
+double view_variance_factor(const std::vector<StageView>& views, const Pose& robot_from_camera,
+                            const std::vector<Eigen::Vector3d>& corners) {
   Eigen::Vector2d chi2 = Eigen::Vector2d::Zero();
   int freedom = -6;  // per half: 3 for the transform and 3 for the board's pose
   for (const StageView& view : views) {
@@ -179,7 +179,7 @@ void refine(const std::vector<StageView>& views, StageCalibration& result) {
   // The corners' covariances are correct up to a factor, which is estimated from the residuals.
   const double excess = 2 * summary.final_cost / std::max(1, residuals - 6 - 3 * used_corners);
   result.robot_from_camera = {rotation_exp(tangent.head<3>()) * start.rotation, tangent.tail<3>()};
-  result.covariance = std::max(excess, spread_of_views(views, result.robot_from_camera, corners)) * matrix;
+  result.covariance = std::max(excess, view_variance_factor(views, result.robot_from_camera, corners)) * matrix;
   result.corners = used_corners;
 
   double squares = 0;

@@ -10,9 +10,9 @@
 
 #include "core/base/parallel.h"
 #include "core/decode/gray.h"
-#include "core/decode/ladder.h"
 #include "core/decode/spatial.h"
 #include "core/decode/steps.h"
+#include "core/decode/unwrapping_levels.h"
 #include "core/types/error.h"
 
 namespace fringeslam {
@@ -56,7 +56,7 @@ std::vector<float> correction_of(const FringeGroup& group, const PhaseCorrection
   closed.push_back(closed.front());
   const auto offset_turns = [&](double turns) {
     const double at = turns + shift_turns;
-    return table_value(closed, at - std::floor(at)) / kTwoPi;
+    return interpolate_table(closed, at - std::floor(at)) / kTwoPi;
   };
   constexpr int kEntries = 1024;
   std::vector<float> table;
@@ -86,7 +86,7 @@ void check_geometric(const RigModel& rig, double period_px, Axis axis) {
       rays(row, col) = {static_cast<float>(ray.x()), static_cast<float>(ray.y())};
     }
   }
-  const ExpectedCoordinate bounds = coordinate_bounds(rig, rays, axis);
+  const CoordinatePrior bounds = coordinate_bounds(rig, rays, axis);
   int in_beam = 0, served = 0;
   double widest = 0;
   for (int row = 0; row < kGrid; ++row) {
@@ -108,7 +108,7 @@ void check_geometric(const RigModel& rig, double period_px, Axis axis) {
 std::optional<std::string> obstacle(Unwrapping method, const PatternSequence& sequence, const RigModel& rig,
                                     const DecodeOptions& options, const DecodeContext& context) {
   try {
-    const std::vector<FringeGroup> groups = used_groups(sequence, context.axis, options);
+    const std::vector<FringeGroup> groups = select_groups(sequence, context.axis, options);
     const int length = length_of(sequence, context.axis);
     if (method == Unwrapping::gray) {
       const StepEstimator any = groups.empty() ? StepEstimator{} : least_squares(groups.back());
@@ -120,10 +120,10 @@ std::optional<std::string> obstacle(Unwrapping method, const PatternSequence& se
       return std::nullopt;
     }
     if (groups.empty()) throw Error(std::string("the sequence has no fringes along ") + to_string(context.axis));
-    if (method == Unwrapping::multifrequency) multifrequency_ladder(groups, length);
+    if (method == Unwrapping::multifrequency) multifrequency_levels(groups, length);
     if (method == Unwrapping::heterodyne) {
       if (groups.size() < 2) throw Error("a beat needs two fringe periods; the sequence has one");
-      heterodyne_ladder(groups, length);
+      heterodyne_levels(groups, length);
     }
     if (method == Unwrapping::geometric) check_geometric(rig, groups.back().period_px, context.axis);
     if (method == Unwrapping::predicted && !context.expected)
@@ -135,8 +135,8 @@ std::optional<std::string> obstacle(Unwrapping method, const PatternSequence& se
 }
 
 // Returns the first method that the sequence supports; empty if there is none.
-std::optional<Unwrapping> first_possible(const PatternSequence& sequence, const RigModel& rig,
-                                         const DecodeOptions& options, const DecodeContext& context) {
+std::optional<Unwrapping> first_usable_method(const PatternSequence& sequence, const RigModel& rig,
+                                              const DecodeOptions& options, const DecodeContext& context) {
   using enum Unwrapping;
   for (const Unwrapping method : {multifrequency, gray, heterodyne, predicted, geometric}) {
     if (!obstacle(method, sequence, rig, options, context)) return method;
@@ -167,7 +167,8 @@ std::optional<Unwrapping> method_of(SpatialReference reference) {
 // Returns the method that votes on the fringe orders; empty if they remain relative.
 std::optional<Unwrapping> spatial_reference(const PatternSequence& sequence, const RigModel& rig,
                                             const DecodeOptions& options, const DecodeContext& context) {
-  if (options.spatial_reference == SpatialReference::automatic) return first_possible(sequence, rig, options, context);
+  if (options.spatial_reference == SpatialReference::automatic)
+    return first_usable_method(sequence, rig, options, context);
   const std::optional<Unwrapping> method = method_of(options.spatial_reference);
   if (!method) return std::nullopt;
   if (const auto reason = obstacle(*method, sequence, rig, options, context))
@@ -230,7 +231,7 @@ class RowReader {
   std::vector<float> converted_;
 };
 
-void expect_row(const ExpectedCoordinate& expected, int row, double period_px, RowAnchor& anchor) {
+void prior_row(const CoordinatePrior& expected, int row, double period_px, RowPrior& anchor) {
   const auto per_turn = static_cast<float>(1 / period_px);
   const float *coordinate = expected.coordinate_px[row], *half_width = expected.half_width_px[row],
               *sigma = expected.sigma_px[row];
@@ -243,7 +244,7 @@ void expect_row(const ExpectedCoordinate& expected, int row, double period_px, R
 }
 
 // At the edge between two cells, noise may select either neighbour; this is harmless for cells of half a period.
-void gray_row(const GrayDecoder& gray, const RowPlan& plan, const float* const* samples, RowAnchor& anchor) {
+void gray_row(const GrayDecoder& gray, const RowPlan& plan, const float* const* samples, RowPrior& anchor) {
   const double cell = gray.cell_px(), period = plan.period_px;
   const bool neighbours_matter = cell > 0.51 * period;
   for (size_t i = 0; i < anchor.turns.size(); ++i) {
@@ -259,8 +260,8 @@ void gray_row(const GrayDecoder& gray, const RowPlan& plan, const float* const* 
 
 // Without fringes, the coordinate is the cell centre with a uniform error over the cell. Bits with cells near the
 // resolution of the lenses have low contrast, but reading them wrongly moves the coordinate by only a few cells.
-void gray_alone_row(const GrayDecoder& gray, const RowPlan& plan, const DecodeOptions& options,
-                    const float* const* samples, int images, int width, const RowOutput& out) {
+void gray_only_row(const GrayDecoder& gray, const RowPlan& plan, const DecodeOptions& options,
+                   const float* const* samples, int images, int width, const RowOutput& out) {
   const double cell = gray.cell_px();
   for (int i = 0; i < width; ++i) {
     const GrayDecoder::Reading reading = gray.read(plan, samples, i);
@@ -281,7 +282,7 @@ void gray_alone_row(const GrayDecoder& gray, const RowPlan& plan, const DecodeOp
 
 // Assigns the orders of components by vote. A pixel whose own order contradicts that of its component is invalid,
 // because one of the two is wrong.
-void take_spatial_orders(DecodedStack& out, const DecodeOptions& options, double length_px) {
+void assign_spatial_orders(DecodedStack& out, const DecodeOptions& options, double length_px) {
   const SpatialOrders spatial =
       options.spatial_order == SpatialOrdering::quality
           ? unwrap_by_quality(out.wrapped_phase, out.sigma_px, options.max_spatial_step_rad, out.fringe_order)
@@ -320,7 +321,7 @@ Unwrapping resolve_unwrapping(const PatternSequence& sequence, const RigModel& r
                               const DecodeContext& context) {
   check_options(options, "decode");
   if (options.unwrapping == Unwrapping::automatic) {
-    if (const auto method = first_possible(sequence, rig, options, context)) return *method;
+    if (const auto method = first_usable_method(sequence, rig, options, context)) return *method;
     const std::string reason = *obstacle(Unwrapping::multifrequency, sequence, rig, options, context);
     const bool too_short = reason.starts_with("no fringe period covers");
     throw Error("patterns: " + reason + (too_short ? ", or a Gray code, or periods whose beat does" : ""));
@@ -346,16 +347,16 @@ void decode_into(DecodedStack& out, const FringeStack& stack, const RigModel& ri
   const std::optional<Unwrapping> method =
       out.unwrapping == Unwrapping::spatial ? spatial_reference(sequence, rig, options, context) : out.unwrapping;
   const int length = length_of(sequence, context.axis);
-  std::vector<FringeGroup> groups = used_groups(sequence, context.axis, options);
+  std::vector<FringeGroup> groups = select_groups(sequence, context.axis, options);
   // Use only the finest period; coarser images, if any, may have been taken at another pose.
   if (method == Unwrapping::predicted) groups.erase(groups.begin(), groups.end() - 1);
   RowPlan plan = make_plan(groups, length, rig, options, !sequence.inverse_response.empty());
-  if (method == Unwrapping::multifrequency) plan.rungs = multifrequency_ladder(groups, length);
-  if (method == Unwrapping::heterodyne) plan.rungs = heterodyne_ladder(groups, length);
+  if (method == Unwrapping::multifrequency) plan.unwrapping_levels = multifrequency_levels(groups, length);
+  if (method == Unwrapping::heterodyne) plan.unwrapping_levels = heterodyne_levels(groups, length);
   std::optional<GrayDecoder> gray;
   if (method == Unwrapping::gray) gray.emplace(sequence, context.axis, groups.empty() ? nullptr : &plan.groups.back());
-  ExpectedCoordinate bounds;
-  const ExpectedCoordinate* expected = context.expected;
+  CoordinatePrior bounds;
+  const CoordinatePrior* expected = context.expected;
   if (method == Unwrapping::geometric && !expected) {
     bounds = coordinate_bounds(rig, pixel_rays(rig.camera), context.axis);
     expected = &bounds;
@@ -389,16 +390,16 @@ void decode_into(DecodedStack& out, const FringeStack& stack, const RigModel& ri
       const RowOutput target{out.mean[row],     out.modulation[row], out.wrapped_phase[row], out.coordinate_px[row],
                              out.sigma_px[row], out.confidence[row], out.fringe_order[row]};
       if (groups.empty()) {
-        gray_alone_row(*gray, plan, options, scratch.samples.data(), static_cast<int>(stack.images.size()), size.width,
-                       target);
+        gray_only_row(*gray, plan, options, scratch.samples.data(), static_cast<int>(stack.images.size()), size.width,
+                      target);
         continue;
       }
       if (gray) gray_row(*gray, plan, scratch.samples.data(), scratch.anchor);
-      if (expected) expect_row(*expected, row, plan.period_px, scratch.anchor);
+      if (expected) prior_row(*expected, row, plan.period_px, scratch.anchor);
       decode_row(plan, size.width, scratch, target, context.instruction_set);
     }
   });
-  if (out.unwrapping == Unwrapping::spatial) take_spatial_orders(out, options, length);
+  if (out.unwrapping == Unwrapping::spatial) assign_spatial_orders(out, options, length);
 }
 
 }  // namespace fringeslam

@@ -90,21 +90,21 @@ struct DecodeOptions {
 
 // Predicted projector coordinate of each pixel: within +- half_width_px of coordinate_px, with a normal error of
 // sigma_px. NaN: no prediction. All are H x W.
-struct ExpectedCoordinate {
+struct CoordinatePrior {
   cv::Mat1f coordinate_px, half_width_px, sigma_px;
 };
 
 // Prediction from the depth that a map and a predicted pose yield: depth_m and sigma_m are H x W, NaN where unknown.
-ExpectedCoordinate expected_coordinate(const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m,
-                                       const cv::Mat1f& sigma_m, Axis axis = Axis::columns);
+CoordinatePrior predict_coordinate(const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m,
+                                   const cv::Mat1f& sigma_m, Axis axis = Axis::columns);
 
 // Bounds from the rig's working range only (`geometric`): the part of each ray between near_m and far_m that lies in
 // the projector's field.
-ExpectedCoordinate coordinate_bounds(const RigModel& rig, const PixelRays& rays, Axis axis = Axis::columns);
+CoordinatePrior coordinate_bounds(const RigModel& rig, const PixelRays& rays, Axis axis = Axis::columns);
 
 struct DecodeContext {
   Axis axis = Axis::columns;
-  const ExpectedCoordinate* expected = nullptr;  // required by `predicted`; replaces the bounds of `geometric`
+  const CoordinatePrior* expected = nullptr;  // required by `predicted`; replaces the bounds of `geometric`
   InstructionSet instruction_set = widest_instruction_set();
 };
 

@@ -15,7 +15,7 @@ namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
-ExpectedCoordinate nothing_expected(cv::Size size) {
+CoordinatePrior empty_prior(cv::Size size) {
   return {cv::Mat1f(size, kNaN), cv::Mat1f(size, 0.0f), cv::Mat1f(size, 0.0f)};
 }
 
@@ -110,10 +110,10 @@ DepthCoordinate coordinate_of_depth(const RigModel& rig, const PixelRays& rays, 
   return result;
 }
 
-ExpectedCoordinate expected_coordinate(const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m,
-                                       const cv::Mat1f& sigma_m, Axis axis) {
+CoordinatePrior predict_coordinate(const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m,
+                                   const cv::Mat1f& sigma_m, Axis axis) {
   DepthCoordinate of_depth = coordinate_of_depth(rig, rays, depth_m, axis);
-  ExpectedCoordinate expected{of_depth.coordinate_px, cv::Mat1f(rays.size(), 0.0f), of_depth.per_m};
+  CoordinatePrior expected{of_depth.coordinate_px, cv::Mat1f(rays.size(), 0.0f), of_depth.per_m};
   for_each_row(rays.rows, [&](int row) {
     float* sigma_px = expected.sigma_px[row];
     for (int col = 0; col < rays.cols; ++col) sigma_px[col] = std::abs(sigma_px[col]) * sigma_m(row, col);
@@ -121,8 +121,8 @@ ExpectedCoordinate expected_coordinate(const RigModel& rig, const PixelRays& ray
   return expected;
 }
 
-ExpectedCoordinate coordinate_bounds(const RigModel& rig, const PixelRays& rays, Axis axis) {
-  ExpectedCoordinate expected = nothing_expected(rays.size());
+CoordinatePrior coordinate_bounds(const RigModel& rig, const PixelRays& rays, Axis axis) {
+  CoordinatePrior expected = empty_prior(rays.size());
   const CoordinateOfDepth coordinate(rig, axis);
   const double first = -0.5, last = (axis == Axis::columns ? rig.projector.width : rig.projector.height) - 0.5;
   for_each_row(rays.rows, [&](int row) {

@@ -158,7 +158,7 @@ struct AbsoluteRow {
   int32_t* valid;
 };
 
-FRINGESLAM_INLINE void rung_phase(const Rung& rung, const PhaseRow* groups, int width, float* turns) {
+FRINGESLAM_INLINE void level_phase(const UnwrappingLevel& rung, const PhaseRow* groups, int width, float* turns) {
 #pragma GCC ivdep
   for (int i = 0; i < width; ++i) turns[i] = 0;
   int terms = 0;
@@ -192,8 +192,8 @@ FRINGESLAM_INLINE void combined_variance(const float* weights, size_t groups_cou
 // The coarsest phase is unique over one period, which may exceed the projector's length. Phases that noise moves past a
 // border fall in the gap between the phases of the last and the first column; each border is assigned half of the gap.
 // In the middle of the gap, or at the border if there is no gap, the assignment is ambiguous.
-FRINGESLAM_INLINE void first_rung(float first_turns, const float* phase, const float* variance, int width,
-                                  const AbsoluteRow& out) {
+FRINGESLAM_INLINE void unwrap_coarsest_level(float first_turns, const float* phase, const float* variance, int width,
+                                             const AbsoluteRow& out) {
 #pragma GCC ivdep
   for (int i = 0; i < width; ++i) {
     const float order = phase[i] < first_turns ? 1.0f : 0.0f;
@@ -209,8 +209,8 @@ FRINGESLAM_INLINE void first_rung(float first_turns, const float* phase, const f
 }
 
 // K = round(R t_low - theta_high), wrong with probability erfc(1/2 / (sqrt 2 sigma)); docs/method.md, section 3.2.
-FRINGESLAM_INLINE void next_rung(float ratio, float max_residual_sigma, const float* phase, const float* variance,
-                                 int width, const AbsoluteRow& out) {
+FRINGESLAM_INLINE void unwrap_level(float ratio, float max_residual_sigma, const float* phase, const float* variance,
+                                    int width, const AbsoluteRow& out) {
   const float max_square = max_residual_sigma * max_residual_sigma;
 #pragma GCC ivdep
   for (int i = 0; i < width; ++i) {
@@ -226,8 +226,8 @@ FRINGESLAM_INLINE void next_rung(float ratio, float max_residual_sigma, const fl
 
 // K = round(t_anchor - theta). This order lies |r| from the anchor, the next one 1 - |r|; their probabilities follow
 // from the anchor's uniform and normal uncertainty.
-FRINGESLAM_INLINE void anchored_order(const RowAnchor& anchor, float max_residual_sigma, const PhaseRow& finest,
-                                      int width, const AbsoluteRow& out) {
+FRINGESLAM_INLINE void order_from_prior(const RowPrior& anchor, float max_residual_sigma, const PhaseRow& finest,
+                                        int width, const AbsoluteRow& out) {
   const float* expected = anchor.turns.data();
   const float* half_width = anchor.half_width.data();
   const float* sigma = anchor.sigma.data();
@@ -264,7 +264,9 @@ FRINGESLAM_INLINE void write_row(const RowPlan& plan, const PhaseRow& finest, co
     return;
   }
   const auto length = static_cast<float>(plan.length_px);
-  const float gap = plan.rungs.empty() ? 2 * kBorderPx : static_cast<float>(plan.rungs.front().period_px) - length;
+  const float gap = plan.unwrapping_levels.empty()
+                        ? 2 * kBorderPx
+                        : static_cast<float>(plan.unwrapping_levels.front().period_px) - length;
   const float border = std::min(kBorderPx, gap / 2);
 #pragma GCC ivdep
   for (int i = 0; i < width; ++i) {
@@ -310,8 +312,8 @@ FRINGESLAM_INLINE void decode_row_body(const RowPlan& plan, int width, RowScratc
 #pragma GCC ivdep
   for (int i = 0; i < width; ++i) absolute.valid[i] = finest.valid[i];
   if (plan.anchored) {
-    anchored_order(scratch.anchor, plan.max_residual_sigma, finest, width, absolute);
-  } else if (!plan.rungs.empty()) {
+    order_from_prior(scratch.anchor, plan.max_residual_sigma, finest, width, absolute);
+  } else if (!plan.unwrapping_levels.empty()) {
     for (size_t g = 0; g + 1 < groups_count; ++g) {
 #pragma GCC ivdep
       for (int i = 0; i < width; ++i) absolute.valid[i] &= groups[g].valid[i];
@@ -319,23 +321,23 @@ FRINGESLAM_INLINE void decode_row_body(const RowPlan& plan, int width, RowScratc
     float* phase = take();
     float* variance = take();
     float weights[kMaxGroups];
-    for (size_t r = 0; r < plan.rungs.size(); ++r) {
-      const Rung& rung = plan.rungs[r];
-      const auto ratio = static_cast<float>(r == 0 ? 0 : plan.rungs[r - 1].period_px / rung.period_px);
+    for (size_t r = 0; r < plan.unwrapping_levels.size(); ++r) {
+      const UnwrappingLevel& rung = plan.unwrapping_levels[r];
+      const auto ratio = static_cast<float>(r == 0 ? 0 : plan.unwrapping_levels[r - 1].period_px / rung.period_px);
       for (size_t g = 0; g < groups_count; ++g) {
-        const auto coarser = static_cast<float>(r == 0 ? 0 : plan.rungs[r - 1].multiples[g]);
+        const auto coarser = static_cast<float>(r == 0 ? 0 : plan.unwrapping_levels[r - 1].multiples[g]);
         weights[g] = ratio * coarser - static_cast<float>(rung.multiples[g]);
       }
-      rung_phase(rung, groups, width, phase);
+      level_phase(rung, groups, width, phase);
       combined_variance(weights, groups_count, groups, width, variance);
       const auto gap_turns = static_cast<float>(1 - plan.length_px / rung.period_px);
       if (r == 0)
-        first_rung(-0.5f * gap_turns, phase, variance, width, absolute);
+        unwrap_coarsest_level(-0.5f * gap_turns, phase, variance, width, absolute);
       else
-        next_rung(ratio, plan.max_residual_sigma, phase, variance, width, absolute);
+        unwrap_level(ratio, plan.max_residual_sigma, phase, variance, width, absolute);
     }
   }
-  const bool has_absolute = plan.anchored || !plan.rungs.empty();
+  const bool has_absolute = plan.anchored || !plan.unwrapping_levels.empty();
   write_row(plan, finest, finest.valid, has_absolute ? &absolute : nullptr, width, out);
 }
 

@@ -22,18 +22,18 @@ struct StepEstimator {
 
 // Unwrapping level: a linear combination of the groups' phases with integer multiples, which is the phase of a fringe
 // with period 1 / sum(multiple / period): a single period, or a beat of several.
-struct Rung {
+struct UnwrappingLevel {
   double period_px = 0;
   std::vector<int> multiples;  // one per group
 };
 
 // Decoding parameters that are the same for all rows.
 struct RowPlan {
-  std::vector<StepEstimator> groups;  // coarsest first; the last, finest one gives the result
-  std::vector<Rung> rungs;            // coarsest first, the last is the finest group; empty: not used
-  bool anchored = false;              // absolute phase from RowAnchor
-  double period_px = 0;               // finest
-  int length_px = 0;                  // of the projector along the coded axis
+  std::vector<StepEstimator> groups;               // coarsest first; the last, finest one gives the result
+  std::vector<UnwrappingLevel> unwrapping_levels;  // coarsest first, the last is the finest group; empty: not used
+  bool anchored = false;                           // absolute phase from RowPrior
+  double period_px = 0;                            // finest
+  int length_px = 0;                               // of the projector along the coded axis
   // Camera noise: variance of a grey value = constant + per_dn * max(I - offset, 0), DN^2.
   float noise_constant = 0, noise_per_dn = 0, offset_dn = 0;
   // Validity.
@@ -43,7 +43,7 @@ struct RowPlan {
 
 // Prior of the absolute phase: within turns +- half_width, with a normal error of sigma; wrong with probability
 // failure. NaN: unknown.
-struct RowAnchor {
+struct RowPrior {
   std::vector<float> turns, half_width, sigma, failure;
 };
 
@@ -58,7 +58,7 @@ struct RowScratch {
   std::vector<const float*> samples;  // grey values of the row, for each image of the stack
   std::vector<float> floats;
   std::vector<int32_t> masks;
-  RowAnchor anchor;
+  RowPrior anchor;
 };
 
 void decode_row(const RowPlan& plan, int width, RowScratch& scratch, const RowOutput& out, InstructionSet set);

@@ -38,7 +38,7 @@ FringeGroup thinned(const FringeGroup& group, int steps) {
 
 }  // namespace
 
-std::vector<FringeGroup> used_groups(const PatternSequence& sequence, Axis axis, const DecodeOptions& options) {
+std::vector<FringeGroup> select_groups(const PatternSequence& sequence, Axis axis, const DecodeOptions& options) {
   std::vector<FringeGroup> groups;
   for (const FringeGroup& group : fringe_groups(sequence, axis)) groups.push_back(thinned(group, options.steps));
   if (groups.size() > kMaxGroups)

@@ -11,7 +11,7 @@
 namespace fringeslam {
 
 // Returns the fringe groups of an axis, coarsest first, reduced to the number of steps selected by the options.
-std::vector<FringeGroup> used_groups(const PatternSequence& sequence, Axis axis, const DecodeOptions& options);
+std::vector<FringeGroup> select_groups(const PatternSequence& sequence, Axis axis, const DecodeOptions& options);
 
 // Returns the least-squares estimator over (1, cos delta_k, sin delta_k).
 StepEstimator least_squares(const FringeGroup& group);

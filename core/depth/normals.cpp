@@ -4,7 +4,7 @@
 #include <limits>
 
 #include "core/base/parallel.h"
-#include "core/depth/plane_adoption.h"
+#include "core/depth/normal_propagation.h"
 
 namespace fringeslam {
 
@@ -59,7 +59,7 @@ cv::Mat3f estimate_normals(const FitImage& image, const PlaneFit& widest) {
       fit_planes(image, row, fit, wanted[row], fitted);
       take(fitted, row, width, normals, wanted[row]);
     });
-    for_each_row(height, [&](int row) { adopt_normals(image, fitted, row, fit.radius, wanted[row], normals); });
+    for_each_row(height, [&](int row) { propagate_normals(image, fitted, row, fit.radius, wanted[row], normals); });
   }
   return interleaved(normals, image.size);
 }

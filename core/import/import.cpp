@@ -30,7 +30,7 @@ SensorModel sensor_of(const ImportCamera& camera, int bits) {
 
 // Initial values for a calibration: both focal lengths twice the image width, camera and projector side by side, with
 // axes that meet in the middle of the working range.
-void make_nominal(RigModel& rig) {
+void set_nominal_geometry(RigModel& rig) {
   for (Pinhole* device : {&rig.camera, &rig.projector}) {
     device->fx = device->fy = 2.0 * device->width;
     device->cx = 0.5 * (device->width - 1), device->cy = 0.5 * (device->height - 1);
@@ -72,7 +72,7 @@ ImportedRig::ImportedRig(ImportPlan plan) : plan_(std::move(plan)), model_(plan_
     throw Error(first_.string() + ": has " + std::to_string(file_bits(image)) + " bits per pixel, but camera.bits is " +
                 std::to_string(bits));
   model_.sensor = sensor_of(plan_.camera, bits);
-  if (!model_.calibrated) make_nominal(model_);
+  if (!model_.calibrated) set_nominal_geometry(model_);
   check_rig(model_, plan_.config);
 }
 

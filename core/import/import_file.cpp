@@ -247,7 +247,7 @@ PatternSequence sequence_of(const std::vector<Entry>& entries, const cv::Size& p
 // --- image files ---
 
 // Natural order: "pose2" before "pose10".
-bool naturally_less(const std::string& a, const std::string& b) {
+bool natural_order_less(const std::string& a, const std::string& b) {
   size_t i = 0, j = 0;
   const auto is_digit = [](char c) { return std::isdigit(static_cast<unsigned char>(c)) != 0; };
   const auto number_at = [&](const std::string& text, size_t& at) {
@@ -276,7 +276,7 @@ std::vector<std::string> matching_folders(const fs::path& folder, const std::str
     const std::string name = entry.path().filename().string();
     if (entry.is_directory() && fnmatch(glob.c_str(), name.c_str(), FNM_PERIOD) == 0) names.push_back(name);
   }
-  std::sort(names.begin(), names.end(), naturally_less);
+  std::sort(names.begin(), names.end(), natural_order_less);
   return names;
 }
 
@@ -318,8 +318,8 @@ bool is_image(const fs::path& file) {
 }
 
 // Throws Error for images that no entry names: they more likely indicate a mistake in the file than unrelated images.
-void refuse_unused(const fs::path& stack, const std::vector<fs::path>& used, const std::vector<std::string>& ignored,
-                   const YamlMap& map) {
+void check_unused_images(const fs::path& stack, const std::vector<fs::path>& used,
+                         const std::vector<std::string>& ignored, const YamlMap& map) {
   constexpr size_t kShown = 5;
   std::vector<std::string> unused;
   for (const auto& entry : fs::directory_iterator(stack)) {
@@ -333,7 +333,7 @@ void refuse_unused(const fs::path& stack, const std::vector<fs::path>& used, con
     if (!wanted) unused.push_back(name);
   }
   if (unused.empty()) return;
-  std::sort(unused.begin(), unused.end(), naturally_less);
+  std::sort(unused.begin(), unused.end(), natural_order_less);
   std::string list;
   for (size_t i = 0; i < std::min(kShown, unused.size()); ++i) list += (i ? ", " : "") + unused[i];
   if (unused.size() > kShown) list += " and " + std::to_string(unused.size() - kShown) + " more";
@@ -442,7 +442,7 @@ ImportPlan read_import(const fs::path& config, const fs::path& folder) {
   plan.sequence = sequence_of(entries, projector, map);
   for (const fs::path& stack : stacks) {
     plan.stacks.push_back(images_of(stack, entries));
-    refuse_unused(stack, plan.stacks.back(), ignored, map);
+    check_unused_images(stack, plan.stacks.back(), ignored, map);
   }
   return plan;
 }

@@ -159,8 +159,8 @@ class Body {
   virtual Error error(const Element& element, uint64_t index, const std::string& what) const = 0;
 };
 
-class CutOff : public std::exception {};
-class NoNumber : public std::exception {};
+class TruncatedFile : public std::exception {};
+class InvalidNumber : public std::exception {};
 
 class AsciiBody : public Body {
  public:
@@ -168,13 +168,13 @@ class AsciiBody : public Body {
       : file_(file), bytes_(bytes), at_(header.body), line_(header.body_line) {}
   double next(Number) override {
     while (at_ < bytes_.size() && is_blank(bytes_[at_])) line_ += bytes_[at_++] == '\n';
-    if (at_ == bytes_.size()) throw CutOff();
+    if (at_ == bytes_.size()) throw TruncatedFile();
     size_t end = at_;
     while (end < bytes_.size() && !is_blank(bytes_[end])) ++end;
     const char* first = bytes_.data() + at_ + (bytes_[at_] == '+' ? 1 : 0);
     double value = 0;
     const auto [stop, failed] = std::from_chars(first, bytes_.data() + end, value);
-    if (failed == std::errc::invalid_argument || stop != bytes_.data() + end) throw NoNumber();
+    if (failed == std::errc::invalid_argument || stop != bytes_.data() + end) throw InvalidNumber();
     at_ = end;
     return value;
   }
@@ -242,7 +242,7 @@ class BinaryBody : public Body {
  private:
   template <class Value>
   Value take() {
-    if (left() < sizeof(Value)) throw CutOff();
+    if (left() < sizeof(Value)) throw TruncatedFile();
     char raw[sizeof(Value)];
     std::memcpy(raw, bytes_.data() + at_, sizeof raw);
     if (swap_) std::reverse(raw, raw + sizeof raw);
@@ -323,9 +323,9 @@ class BodyReader {
         else
           read_other(element, index, is_face);
       }
-    } catch (const CutOff&) {
+    } catch (const TruncatedFile&) {
       throw body_.error(element, index, "the file is truncated");
-    } catch (const NoNumber&) {
+    } catch (const InvalidNumber&) {
       throw body_.error(element, index, "invalid number");
     }
   }
@@ -359,9 +359,9 @@ class BodyReader {
   void read_list(const Property& property) {
     list_.clear();
     const double count = body_.next(property.count);
-    if (!(count >= 0) || count != std::floor(count)) throw NoNumber();
+    if (!(count >= 0) || count != std::floor(count)) throw InvalidNumber();
     if (count * static_cast<double>(body_.least_bytes(property.type)) > static_cast<double>(body_.left()))
-      throw CutOff();
+      throw TruncatedFile();
     for (double i = 0; i < count; ++i) list_.push_back(body_.next(property.type));
   }
 

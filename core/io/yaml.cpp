@@ -39,7 +39,7 @@ struct YamlMap::Node {
   YAML::Node yaml;
   std::string file;
   std::string path;  // position of this map in the file: the address prefix of its random draws
-  std::shared_ptr<const Draws> draws;
+  std::shared_ptr<const RandomSource> draws;
   std::shared_ptr<AskedPaths> asked_paths = std::make_shared<AskedPaths>();
   std::vector<std::string>* errors = nullptr;  // collects errors; null: errors are thrown
   bool absent = false;                         // placeholder for a map reported as missing
@@ -528,7 +528,7 @@ YamlMap YamlMap::changed_by(const YamlMap& changes, const std::vector<std::strin
   return YamlMap(node);
 }
 
-void YamlMap::draw_from(std::shared_ptr<const Draws> draws, const std::string& place) {
+void YamlMap::draw_from(std::shared_ptr<const RandomSource> draws, const std::string& place) {
   node_->draws = std::move(draws);
   node_->path = place;
 }

@@ -22,9 +22,9 @@
 namespace fringeslam {
 
 // Source of random numbers, indexed by address, for distributions given in place of numbers.
-class Draws {
+class RandomSource {
  public:
-  virtual ~Draws() = default;
+  virtual ~RandomSource() = default;
   virtual double uniform(uint64_t address, uint32_t attempt) const = 0;  // in (0, 1)
   virtual double normal(uint64_t address, uint32_t attempt) const = 0;   // standard
 };
@@ -113,7 +113,7 @@ class YamlMap {
   // From now on, a number in this map or below may be {uniform: [a, b]}, {log_uniform: [a, b]}, {normal: [mean, sigma]}
   // (truncated to the permitted range) or {choice: [...]}, and a string may be a choice. The value drawn depends only
   // on the position in the file. `place` is a prefix for these positions that distinguishes files.
-  void draw_from(std::shared_ptr<const Draws> draws, const std::string& place = "");
+  void draw_from(std::shared_ptr<const RandomSource> draws, const std::string& place = "");
   // Writes these keys as YAML with drawn values in place of distributions; values read as paths are written relative to
   // `folder`.
   std::string dump(const std::vector<std::string>& keys, const std::filesystem::path& folder) const;

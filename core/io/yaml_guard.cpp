@@ -62,8 +62,7 @@ class Guard : public YAML::EventHandler {
   }
   void open(const YAML::Mark& mark, YAML::anchor_t anchor, bool map) {
     add(mark, anchor);
-    if (open_.size() == kDeepest)
-      refuse(mark, "more than " + std::to_string(kDeepest) + " nested maps and lists");
+    if (open_.size() == kDeepest) refuse(mark, "more than " + std::to_string(kDeepest) + " nested maps and lists");
     open_.push_back({map});
   }
 

@@ -49,7 +49,7 @@ Sampled sampled_points(const Frame& frame) {
 
 // Returns the background plane (ground or wall): among planes through three random points, the one with most inliers,
 // provided that at most 2 % of the points lie behind it and more than 4 % on it.
-std::optional<Plane> plane_behind(const Frame& frame, double clearance_m) {
+std::optional<Plane> find_background_plane(const Frame& frame, double clearance_m) {
   constexpr int kHypotheses = 200;
   constexpr double kMostBehind = 0.02, kLeastOn = 0.04;
   const Sampled points = sampled_points(frame);
@@ -90,7 +90,7 @@ std::optional<Plane> plane_behind(const Frame& frame, double clearance_m) {
 
 // Writes 255 for each of `count` points that is nearer than `farthest` and at least `clearance` in front of the plane,
 // else 0 (also for NaN).
-FRINGESLAM_INLINE void stands_out_body(const cv::Vec3f* points, int count, const Plane& plane, float farthest,
+FRINGESLAM_INLINE void foreground_body(const cv::Vec3f* points, int count, const Plane& plane, float farthest,
                                        float clearance, uchar* __restrict out) {
   const float x = plane.normal.x(), y = plane.normal.y(), z = plane.normal.z(), offset = plane.offset;
   for (int i = 0; i < count; ++i) {
@@ -100,15 +100,15 @@ FRINGESLAM_INLINE void stands_out_body(const cv::Vec3f* points, int count, const
 }
 void stands_out_portable(const cv::Vec3f* points, int count, const Plane& plane, float farthest, float clearance,
                          uchar* out) {
-  stands_out_body(points, count, plane, farthest, clearance, out);
+  foreground_body(points, count, plane, farthest, clearance, out);
 }
 FRINGESLAM_AVX2 void stands_out_avx2(const cv::Vec3f* points, int count, const Plane& plane, float farthest,
                                      float clearance, uchar* out) {
-  stands_out_body(points, count, plane, farthest, clearance, out);
+  foreground_body(points, count, plane, farthest, clearance, out);
 }
 FRINGESLAM_AVX512 void stands_out_avx512(const cv::Vec3f* points, int count, const Plane& plane, float farthest,
                                          float clearance, uchar* out) {
-  stands_out_body(points, count, plane, farthest, clearance, out);
+  foreground_body(points, count, plane, farthest, clearance, out);
 }
 
 cv::Mat1b foreground_of(const Frame& frame, const ConditioningOptions& options) {
@@ -116,7 +116,7 @@ cv::Mat1b foreground_of(const Frame& frame, const ConditioningOptions& options) 
   constexpr float kEverywhere = std::numeric_limits<float>::infinity();
   const Plane infinitely_far{Eigen::Vector3f::Zero(), -kEverywhere};
   const Plane plane = options.background == Background::plane
-                          ? plane_behind(frame, options.plane_clearance_m).value_or(infinitely_far)
+                          ? find_background_plane(frame, options.plane_clearance_m).value_or(infinitely_far)
                           : infinitely_far;
   const float farthest =
       options.background == Background::depth ? static_cast<float>(options.background_m) : kEverywhere;
@@ -160,11 +160,11 @@ Conditioned condition(const Frame& frame, const ConditioningOptions& options) {
                               options.low_step_m * levels_per_m, options.high_step_m * levels_per_m);
   // Edges within the background, such as those of shadows on the ground, bound no object.
   result.edges &= dilated(BitImage::from(result.foreground));
-  Closing closing = dilated_until_closed(result.edges, options.max_dilations);
+  Closing closing = close_gaps(result.edges, options.max_dilations);
   result.dilations = closing.dilations;
   result.dilated = std::move(closing.image);
   result.thinned = thinned(result.dilated);
-  result.cleaned = without_loose_ends(result.thinned).mask();
+  result.cleaned = remove_open_lines(result.thinned).mask();
   return result;
 }
 

@@ -30,7 +30,7 @@ class DescriptorTree {
 
   // Calls visit(index, squared distance) for the descriptors of the `most_leaves` nearest leaves.
   template <class Visit>
-  void visit_near(const uchar* query, int most_leaves, const Visit& visit) const;
+  void visit_nearest_leaves(const uchar* query, int most_leaves, const Visit& visit) const;
 
  private:
   struct Node {
@@ -53,7 +53,7 @@ class DescriptorTree {
 };
 
 template <class Visit>
-void DescriptorTree::visit_near(const uchar* query, int most_leaves, const Visit& visit) const {
+void DescriptorTree::visit_nearest_leaves(const uchar* query, int most_leaves, const Visit& visit) const {
   if (nodes_.empty()) return;
   // A heap of unvisited branches, nearest first. The distance is a lower bound unless a dimension was split more than
   // once on the path, since every split then adds to it.

@@ -37,8 +37,7 @@ struct KeypointOptions {
             "SIFT edge threshold of the depth image, whose corners lie on edges");
     v.field("texture_halved", texture_halved,
             "detect texture keypoints at half resolution: half the time, but fewer, less accurate keypoints");
-    v.field("depth_halved", depth_halved,
-            "detect depth-image keypoints at half resolution, in a quarter of the time");
+    v.field("depth_halved", depth_halved, "detect depth-image keypoints at half resolution, in a quarter of the time");
     v.field("root_sift", root_sift, "compare descriptors by histogram overlap (RootSIFT), not by Euclidean distance");
     v.field("edge_threshold", edge_threshold, {1, 1000}, "SIFT edge threshold of texture keypoints");
     v.field("pixel_sigma", pixel_sigma, {0.01, 10}, "localisation sigma of the finest keypoints, px");

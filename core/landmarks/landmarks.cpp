@@ -139,10 +139,10 @@ void drop_indistinct(const LandmarkOptions& options, Landmarks& landmarks) {
 
 }  // namespace
 
-Landmarks identify_landmarks(const Frame& frame, Keypoints keypoints, const RigModel& rig,
-                             const KeypointOptions& keypoint_options, const ConditioningOptions& conditioning,
-                             const ClusterOptions& cluster_options, const LandmarkOptions& options,
-                             LandmarkStages* stages) {
+Landmarks extract_landmarks(const Frame& frame, Keypoints keypoints, const RigModel& rig,
+                            const KeypointOptions& keypoint_options, const ConditioningOptions& conditioning,
+                            const ClusterOptions& cluster_options, const LandmarkOptions& options,
+                            LandmarkStages* stages) {
   check_options(options, "landmarks");
   const Conditioned conditioned = condition(frame, conditioning);
   const cv::Mat1f depths = depth_levels(frame, rig.near_m, rig.far_m);

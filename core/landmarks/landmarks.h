@@ -53,9 +53,9 @@ struct LandmarkStages {
 
 // Extracts the landmarks of a frame from its texture keypoints and its depth. Frames without depth, or with background
 // only, have none. Throws Error for options out of range.
-Landmarks identify_landmarks(const Frame& frame, Keypoints keypoints, const RigModel& rig,
-                             const KeypointOptions& keypoint_options, const ConditioningOptions& conditioning,
-                             const ClusterOptions& clusters, const LandmarkOptions& options,
-                             LandmarkStages* stages = nullptr);
+Landmarks extract_landmarks(const Frame& frame, Keypoints keypoints, const RigModel& rig,
+                            const KeypointOptions& keypoint_options, const ConditioningOptions& conditioning,
+                            const ClusterOptions& clusters, const LandmarkOptions& options,
+                            LandmarkStages* stages = nullptr);
 
 }  // namespace fringeslam

@@ -171,7 +171,7 @@ int euler_number(const BitImage& image) {
   return quads(image.row(0), image.stride(), std::ptrdiff_t{image.stride()} * (image.height() + 1)) / 4;
 }
 
-Closing dilated_until_closed(const BitImage& image, int most) {
+Closing close_gaps(const BitImage& image, int most) {
   Closing closing{image, 0};
   int least = euler_number(image);
   BitImage wide = image;
@@ -317,7 +317,7 @@ BitImage thinned(BitImage image) {
   return image;
 }
 
-BitImage without_loose_ends(BitImage image) {
+BitImage remove_open_lines(BitImage image) {
   struct Pixel {
     int row, col;
   };

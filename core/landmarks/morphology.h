@@ -22,7 +22,7 @@ struct Closing {
 };
 // Dilates up to `most` times until gaps are closed, and not more often: joining components or closing a ring lowers
 // the Euler number, and the smallest number of dilations with the lowest Euler number is used.
-Closing dilated_until_closed(const BitImage& image, int most);
+Closing close_gaps(const BitImage& image, int most);
 
 // Thins to lines one pixel wide (thesis eq. 2): A (x) {B1 … B8}, Golay's L and its rotations by 45 degrees, applied in
 // turn until nothing changes; then remaining 2x2 blocks are reduced. Components and holes are preserved. A block
@@ -31,6 +31,6 @@ BitImage thinned(BitImage image);
 
 // Deletes pixels with no or one 8-neighbour, repeatedly, until every pixel has two or more (thesis 3.1.4). The run
 // time is proportional to the number of edge pixels.
-BitImage without_loose_ends(BitImage image);
+BitImage remove_open_lines(BitImage image);
 
 }  // namespace fringeslam

@@ -129,7 +129,7 @@ std::vector<LandmarkDatabase::Matches> LandmarkDatabase::matches_by_view(const V
     for (const Run& run : runs_) {
       // Each tree visits a number of leaves proportional to its size.
       const int leaves = std::max(2, options_.max_leaves * run.tree.size() / keypoints());
-      run.tree.visit_near(descriptor, leaves, [&](int i, int d2) { note_entry(run.first + i, d2); });
+      run.tree.visit_nearest_leaves(descriptor, leaves, [&](int i, int d2) { note_entry(run.first + i, d2); });
     }
   });
   std::vector<Matches> matches(views_.size());
@@ -164,7 +164,7 @@ LandmarkDatabase::Matches LandmarkDatabase::one_to_one(Matches matches, const Vi
 
 RigidConsensus LandmarkDatabase::consensus(const View& earlier, const View& current, const Matches& matches,
                                            double spread_px, int random_triples) const {
-  std::vector<SpreadPair> pairs;
+  std::vector<WeightedPair> pairs;
   for (const KeypointMatch& match : matches) {
     const Keypoint &e = at(earlier.keypoints, match.earlier), &c = at(current.keypoints, match.current);
     const double noise = std::sqrt((e.covariance_m2 + c.covariance_m2).trace() / 3);
@@ -277,7 +277,7 @@ std::vector<Recognition> LandmarkDatabase::candidates_of(int landmark, const std
   return verified;
 }
 
-std::vector<Recognition> LandmarkDatabase::recognise(const Landmarks& landmarks) const {
+std::vector<Recognition> LandmarkDatabase::reidentify(const Landmarks& landmarks) const {
   const View current = view_of(0, landmarks);
   std::vector<Matches> matches = matches_by_view(current);
   if (options_.guided) {

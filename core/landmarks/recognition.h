@@ -72,7 +72,7 @@ class LandmarkDatabase {
 
   // Returns the re-identified landmarks of the current frame, in their order. Each is matched with one earlier
   // landmark and each keypoint at most once; two current landmarks may be parts of the same earlier one.
-  std::vector<Recognition> recognise(const Landmarks& current) const;
+  std::vector<Recognition> reidentify(const Landmarks& current) const;
 
   int landmarks() const { return landmark_count_; }
   int keypoints() const { return static_cast<int>(entries_.size()); }

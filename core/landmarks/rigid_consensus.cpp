@@ -12,7 +12,7 @@ namespace fringeslam {
 
 namespace {
 
-using Pair = SpreadPair;
+using Pair = WeightedPair;
 
 // Returns a triangle's orthonormal axes; false if it is too thin to determine a rotation.
 bool triangle_axes(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Eigen::Vector3d& c, double least,
@@ -70,14 +70,14 @@ Pose fitted(const std::vector<Pair>& pairs, const std::vector<int>& chosen) {
 
 // Number of triples of which at least one contains only inliers with probability 1 - 10^-4, at the current inlier
 // ratio.
-int triples_enough(size_t inliers, size_t pairs) {
+int required_triples(size_t inliers, size_t pairs) {
   const double share = static_cast<double>(inliers) / static_cast<double>(pairs), right = share * share * share;
   return right > 0.999 ? 1 : right > 1e-6 ? static_cast<int>(std::log(1e-4) / std::log(1 - right)) : 10000000;
 }
 
 }  // namespace
 
-RigidConsensus rigid_consensus(const std::vector<SpreadPair>& pairs, double inlier_sigma, int random_triples) {
+RigidConsensus rigid_consensus(const std::vector<WeightedPair>& pairs, double inlier_sigma, int random_triples) {
   constexpr size_t kAllTriples = 14;
   RigidConsensus best;
   const auto try_triple = [&](size_t i, size_t j, size_t k) {
@@ -95,7 +95,7 @@ RigidConsensus rigid_consensus(const std::vector<SpreadPair>& pairs, double inli
     }
   } else {
     std::mt19937 random(1);
-    for (int t = 0; t < random_triples && t < triples_enough(best.inliers.size(), n); ++t) {
+    for (int t = 0; t < random_triples && t < required_triples(best.inliers.size(), n); ++t) {
       const size_t i = random() % n, j = random() % n, k = random() % n;
       if (i != j && j != k && i != k) try_triple(i, j, k);
     }

@@ -9,7 +9,7 @@
 
 namespace fringeslam {
 
-struct SpreadPair {
+struct WeightedPair {
   Eigen::Vector3d earlier, current;  // m
   double sigma = 0;                  // standard deviation of each coordinate of their difference, m
 };
@@ -22,6 +22,6 @@ struct RigidConsensus {
 // Estimates the motion from triples of pairs with congruent triangles: all triples of up to 14 pairs, else up to
 // `random_triples` of them from a fixed seed. The best hypothesis is refined over its inliers by weighted least
 // squares. Without three consistent pairs there are no inliers.
-RigidConsensus rigid_consensus(const std::vector<SpreadPair>& pairs, double inlier_sigma, int random_triples = 400);
+RigidConsensus rigid_consensus(const std::vector<WeightedPair>& pairs, double inlier_sigma, int random_triples = 400);
 
 }  // namespace fringeslam

@@ -183,12 +183,12 @@ SiftFeatures sift(const cv::Mat1b& image, const SiftOptions& options, Describe d
     return octaves[static_cast<size_t>(e.octave)][static_cast<size_t>(e.level)];
   };
   const auto place_of = [](const Extremum& e) {
-    return LevelPlace{static_cast<float>(e.x), static_cast<float>(e.y), static_cast<float>(level_sigma(e.scale))};
+    return LevelPosition{static_cast<float>(e.x), static_cast<float>(e.y), static_cast<float>(level_sigma(e.scale))};
   };
   std::vector<std::vector<float>> directions(extrema.size());
   for_each_row(static_cast<int>(extrema.size()), [&](int i) {
     const Extremum& extremum = extrema[static_cast<size_t>(i)];
-    directions[static_cast<size_t>(i)] = directions_of(level_of(extremum), place_of(extremum));
+    directions[static_cast<size_t>(i)] = dominant_orientations(level_of(extremum), place_of(extremum));
   });
   std::vector<Directed> directed;
   for (size_t i = 0; i < extrema.size(); ++i) {
@@ -208,7 +208,7 @@ SiftFeatures sift(const cv::Mat1b& image, const SiftOptions& options, Describe d
   features.descriptors.create(static_cast<int>(directed.size()), kDescriptorSize);
   for_each_row(features.descriptors.rows, [&](int i) {
     const auto& [extremum, direction] = directed[static_cast<size_t>(i)];
-    describe_place(level_of(*extremum), place_of(*extremum), direction, features.descriptors[i]);
+    compute_descriptor(level_of(*extremum), place_of(*extremum), direction, features.descriptors[i]);
   });
   return features;
 }

@@ -96,7 +96,7 @@ struct Level {
 };
 
 // Samples the level at the grid points by bilinear interpolation; border values are replicated.
-FRINGESLAM_INLINE void sample_body(Level level, LevelPlace place, float cosine, float sine, const Grid& grid,
+FRINGESLAM_INLINE void sample_body(Level level, LevelPosition place, float cosine, float sine, const Grid& grid,
                                    float* __restrict samples) {
   constexpr float kCellSigmas = 3;
   const float step = kCellSigmas / kPerCell * place.sigma, along = step * cosine, across = step * sine;
@@ -124,7 +124,7 @@ FRINGESLAM_INLINE void sample_body(Level level, LevelPlace place, float cosine, 
   }
 }
 
-FRINGESLAM_INLINE void describe_body(Level level, LevelPlace place, float cosine, float sine, const Grid& grid,
+FRINGESLAM_INLINE void describe_body(Level level, LevelPosition place, float cosine, float sine, const Grid& grid,
                                      float* __restrict descriptor) {
   using L = Lanes<kDirections>;
   alignas(64) float samples[kSamples], angle[kGradients], magnitude[kGradients];
@@ -163,15 +163,15 @@ FRINGESLAM_INLINE void describe_body(Level level, LevelPlace place, float cosine
     L::store(cells[cell / kDescriptorCells][cell % kDescriptorCells], descriptor + cell * kDirections);
 }
 
-void describe_portable(const Level& level, const LevelPlace& place, float cosine, float sine, const Grid& grid,
+void describe_portable(const Level& level, const LevelPosition& place, float cosine, float sine, const Grid& grid,
                        float* descriptor) {
   describe_body(level, place, cosine, sine, grid, descriptor);
 }
-FRINGESLAM_AVX2 void describe_avx2(const Level& level, const LevelPlace& place, float cosine, float sine,
+FRINGESLAM_AVX2 void describe_avx2(const Level& level, const LevelPosition& place, float cosine, float sine,
                                    const Grid& grid, float* descriptor) {
   describe_body(level, place, cosine, sine, grid, descriptor);
 }
-FRINGESLAM_AVX512 void describe_avx512(const Level& level, const LevelPlace& place, float cosine, float sine,
+FRINGESLAM_AVX512 void describe_avx512(const Level& level, const LevelPosition& place, float cosine, float sine,
                                        const Grid& grid, float* descriptor) {
   describe_body(level, place, cosine, sine, grid, descriptor);
 }
@@ -186,7 +186,7 @@ void make_unit(float* descriptor) {
 
 }  // namespace
 
-std::vector<float> directions_of(const cv::Mat1f& level, const LevelPlace& place) {
+std::vector<float> dominant_orientations(const cv::Mat1f& level, const LevelPosition& place) {
   static const auto row_of = widest(row_portable, row_avx2, row_avx512);
   constexpr float kWindowSigmas = 1.5f, kReach = 3, kAlsoMost = 0.8f;
   const float window = kWindowSigmas * place.sigma;
@@ -221,7 +221,7 @@ std::vector<float> directions_of(const cv::Mat1f& level, const LevelPlace& place
   return directions;
 }
 
-void describe_place(const cv::Mat1f& level, const LevelPlace& place, float direction, float* descriptor) {
+void compute_descriptor(const cv::Mat1f& level, const LevelPosition& place, float direction, float* descriptor) {
   static const auto describe = widest(describe_portable, describe_avx2, describe_avx512);
   static const Grid the_grid = grid();
   constexpr float kLargest = 0.2f;

@@ -153,7 +153,7 @@ class Rendering {
     winner_ = cv::Mat1i(rays_.size(), -1);
     const int bands = (rays_.rows + kBandRows - 1) / kBandRows;
     for_each_row(bands, [&](int band) { cover(band * kBandRows, view); });
-    widen_at_steps(view);
+    inflate_sigma_at_steps(view);
     return view;
   }
 
@@ -293,7 +293,7 @@ class Rendering {
     return std::min(off_here, off_there) <= noise ? 0 : std::min(off_here * z_here, off_there * z_there);
   }
 
-  void widen_at_steps(ExpectedView& view) const {
+  void inflate_sigma_at_steps(ExpectedView& view) const {
     cv::Mat1f steps(view.depth_m.size(), 0.0f);
     for_each_row(steps.rows, [&](int row) {
       const auto compare = [&](int col, int other_row, int other_col) {

@@ -157,7 +157,7 @@ FRINGESLAM_AVX512 void unite_avx512(const OctantBoxes& upper, const OctantBoxes&
 
 // Returns the normal of the neighbour whose plane fits the pixel's point best, in sigmas along that normal; NaN if
 // none is within `max_sigmas`.
-cv::Vec3f adopted_normal(const Frame& frame, int row, int col, float max_sigmas) {
+cv::Vec3f neighbour_plane_normal(const Frame& frame, int row, int col, float max_sigmas) {
   cv::Vec3f best = cv::Vec3f::all(kNaN);
   float best2 = max_sigmas * max_sigmas;
   const cv::Vec3f& point = frame.points_m(row, col);
@@ -178,7 +178,7 @@ void fill_normals(const Frame& frame, int row, float max_sigmas, std::vector<cv:
   normals.assign(frame.normals[row], frame.normals[row] + frame.width());
   for (int col = 0; col < frame.width(); ++col) {
     if (std::isnan(normals[static_cast<size_t>(col)][2]) && frame.valid(row, col))
-      normals[static_cast<size_t>(col)] = adopted_normal(frame, row, col, max_sigmas);
+      normals[static_cast<size_t>(col)] = neighbour_plane_normal(frame, row, col, max_sigmas);
   }
 }
 

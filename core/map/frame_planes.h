@@ -20,7 +20,7 @@ namespace fringeslam {
 struct TouchedBrick {
   uint64_t key = 0, octants = 0;
 };
-constexpr int kFramesTogether = 8;
+constexpr int kMaxFusedFrames = 8;
 
 // Touched bricks in the order of their first insertion.
 class BrickSet {

@@ -107,9 +107,9 @@ class Graph {
     bool settled = true;
     const bool loops = std::any_of(edges_.begin(), edges_.end(), [](const PoseEdge& edge) { return edge.loop; });
     if (loops && options_.reject_loops) {
-      against_the_others();
+      test_against_odometry();
       graduate();
-      settled = against_all();
+      settled = test_against_accepted();
     }
     result.converged = solve(1e-14) && settled;
     result.iterations = iterations_;
@@ -172,7 +172,7 @@ class Graph {
 
   // Tests loops against the non-loop edges. Drift bends a chain beyond what the linearised test covers, so the limit
   // is doubled here, in sigmas.
-  void against_the_others() {
+  void test_against_odometry() {
     for (size_t i = 0; i < edges_.size(); ++i) weights_[i] = !edges_[i].loop;
     solve(kCoarse);
     const std::vector<double> distances = chi2();
@@ -202,7 +202,7 @@ class Graph {
   }
 
   // Returns false if the selection does not converge.
-  bool against_all() {
+  bool test_against_accepted() {
     constexpr int kRounds = 50;
     for (int round = 0; round < kRounds; ++round) {
       solve(kCoarse);

@@ -128,8 +128,8 @@ SurfaceModel& SurfaceModel::operator=(SurfaceModel&&) noexcept = default;
 
 void SurfaceModel::add(const std::vector<PosedFrame>& frames) {
   for (const PosedFrame& frame : frames) grid_->check(frame);
-  for (size_t i = 0; i < frames.size(); i += kFramesTogether)
-    grid_->add(frames.data() + i, std::min<size_t>(kFramesTogether, frames.size() - i));
+  for (size_t i = 0; i < frames.size(); i += kMaxFusedFrames)
+    grid_->add(frames.data() + i, std::min<size_t>(kMaxFusedFrames, frames.size() - i));
 }
 
 SurfaceModel surface_of(const KeyframeMap& map, const SurfaceOptions& options) {
@@ -138,7 +138,7 @@ SurfaceModel surface_of(const KeyframeMap& map, const SurfaceOptions& options) {
   std::vector<PosedFrame> together;  // limits the memory use
   for (size_t i = 0; i < frames.size(); ++i) {
     together.push_back({restored(frames[i].frame, map.rays()), map.world_from_camera(frames[i])});
-    if (together.size() < kFramesTogether && i + 1 < frames.size()) continue;
+    if (together.size() < kMaxFusedFrames && i + 1 < frames.size()) continue;
     surface.add(together);
     together.clear();
   }

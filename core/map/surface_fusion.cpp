@@ -184,9 +184,9 @@ FRINGESLAM_INLINE void store_body(const BrickSums& __restrict sums, int64_t* __r
 }
 
 struct BrickFrames {
-  std::array<BrickView, kFramesTogether> views;
-  std::array<const PixelPlane*, kFramesTogether> planes;
-  std::array<unsigned, kFramesTogether> octants;
+  std::array<BrickView, kMaxFusedFrames> views;
+  std::array<const PixelPlane*, kMaxFusedFrames> planes;
+  std::array<unsigned, kMaxFusedFrames> octants;
   size_t count = 0;
 };
 

@@ -32,9 +32,9 @@ struct BrickSurface {
   std::array<int16_t, kBrickVoxels> vertex_of_cell;
 };
 
-class Netter {
+class SurfaceNetsMesher {
  public:
-  Netter(const std::vector<Brick>& bricks, const VoxelScale& scale, double min_weight)
+  SurfaceNetsMesher(const std::vector<Brick>& bricks, const VoxelScale& scale, double min_weight)
       : bricks_(bricks), scale_(scale), min_weight_(static_cast<float>(min_weight)), surfaces_(bricks.size()) {
     number_.reserve(bricks.size());
     for (size_t i = 0; i < bricks.size(); ++i) number_.emplace(brick_key(bricks[i].index), i);
@@ -240,7 +240,7 @@ class Netter {
 }  // namespace
 
 SurfaceMesh surface_nets(const std::vector<Brick>& bricks, const VoxelScale& scale, double min_weight) {
-  return Netter(bricks, scale, min_weight).mesh();
+  return SurfaceNetsMesher(bricks, scale, min_weight).mesh();
 }
 
 }  // namespace fringeslam

@@ -33,7 +33,7 @@ class Driver {
   Driver(Capture capture, Pipeline& pipeline, int ahead = kAhead);
   // Drives a rig, or anything else with Rig's capture(), which must outlive the driver.
   template <class AnyRig>
-    requires requires(AnyRig& rig, const PatternSequence& patterns) { rig.capture(patterns); }
+  requires requires(AnyRig& rig, const PatternSequence& patterns) { rig.capture(patterns); }
   Driver(AnyRig& rig, Pipeline& pipeline, int ahead = kAhead)
       : Driver(Capture([&rig](const PatternSequence& patterns) { return rig.capture(patterns); }), pipeline, ahead) {}
   // Waits for stacks that are being captured or preprocessed.

@@ -27,9 +27,9 @@ ReconstructedView FringeFrontEnd::reconstruct(const FringeStack& stack, const Re
         ": its patterns are neither the whole sequence nor its finest fringes; capture what next_patterns() asks "
         "for");
   DecodeOptions decoding = options_.decode;
-  std::optional<ExpectedCoordinate> expected;
+  std::optional<CoordinatePrior> expected;
   if (prior.expected != nullptr) {
-    expected = expected_coordinate(rig_, rays_, prior.expected->depth_m, prior.expected->sigma_m);
+    expected = predict_coordinate(rig_, rays_, prior.expected->depth_m, prior.expected->sigma_m);
     decoding.unwrapping = Unwrapping::predicted;
   } else if (decoding.unwrapping == Unwrapping::predicted) {
     decoding.unwrapping = Unwrapping::automatic;

@@ -6,7 +6,7 @@
 #include <optional>
 
 #include "core/decode/decode.h"
-#include "core/decode/motion.h"
+#include "core/decode/motion_compensation.h"
 #include "core/depth/depth.h"
 #include "core/map/expected_view.h"
 #include "core/types/fringe_stack.h"

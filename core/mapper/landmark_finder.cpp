@@ -18,9 +18,9 @@ FoundLandmarks LandmarkFinder::find(const Frame& frame) const {
   enter_stage("landmarks");
   FoundLandmarks found;
   found.keypoints = detect_keypoints(frame, rig_, rays_, options_.keypoints);
-  found.landmarks = identify_landmarks(frame, found.keypoints, rig_, options_.keypoints, options_.conditioning,
-                                       options_.clusters, options_.landmarks);
-  found.recognitions = database_.recognise(found.landmarks);
+  found.landmarks = extract_landmarks(frame, found.keypoints, rig_, options_.keypoints, options_.conditioning,
+                                      options_.clusters, options_.landmarks);
+  found.recognitions = database_.reidentify(found.landmarks);
   return found;
 }
 

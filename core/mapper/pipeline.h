@@ -55,7 +55,9 @@ struct PipelineOptions {
 
   FrontEndOptions front_end() const { return {decode, depth}; }
   MapperOptions mapper() const {
-    return {{keypoints, conditioning, clusters, landmarks, recognition}, {matching, motion, icp, tracking}, mapping,
+    return {{keypoints, conditioning, clusters, landmarks, recognition},
+            {matching, motion, icp, tracking},
+            mapping,
             pose_graph};
   }
 };

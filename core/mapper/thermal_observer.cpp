@@ -23,7 +23,7 @@ ThermalView ThermalObserver::observe(const FringeStack& stack, const FrameResult
   return view;
 }
 
-std::vector<WarmThing> ThermalObserver::warm_things(const Mapper& mapper) const {
+std::vector<WarmObject> ThermalObserver::warm_objects(const Mapper& mapper) const {
   std::vector<LocatedRegions> views;
   for (const auto& [view, regions] : seen_) {
     views.push_back(regions);

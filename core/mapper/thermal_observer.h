@@ -25,7 +25,7 @@ class ThermalObserver {
   // Call for each view after it was mapped. Untracked views report warm regions without positions.
   ThermalView observe(const FringeStack& stack, const FrameResult& result);
   // Returns the warm objects at the present poses of the views.
-  std::vector<WarmThing> warm_things(const Mapper& mapper) const;
+  std::vector<WarmObject> warm_objects(const Mapper& mapper) const;
 
  private:
   RigModel rig_;

@@ -91,7 +91,7 @@ ViewRegistration register_views(const Frame& earlier, const Frame& current, cons
   result.icp =
       options.tracking.engine == RegistrationEngine::point_to_plane
           ? point_to_plane_icp(earlier, current, camera, result.earlier_from_current, icp, inverse(result.covariance))
-          : register_by(options.tracking.engine, earlier, current, camera, result.earlier_from_current, icp);
+          : register_with_engine(options.tracking.engine, earlier, current, camera, result.earlier_from_current, icp);
   if (result.icp.converged && agree(result.icp.target_from_source, result.motion)) take(result, result.icp);
   return result;
 }
@@ -110,8 +110,9 @@ ViewRegistration follow_view(const Frame& earlier, const Frame& current, const P
   const Eigen::Vector3d middle(0, 0, distance_m);
   const double spread_m = 0.5 * distance_m * std::hypot(camera.width / camera.fx, camera.height / camera.fy);
   if ((predicted * middle - found.target_from_source * middle).norm() > limits.max_prediction_error_m) return result;
-  result.undetermined = free_directions(found.information / excess(found), found.target_from_source,
-                                        found.target_from_source * middle, spread_m, {limits.max_displacement_sigma_m});
+  result.undetermined =
+      unobservable_directions(found.information / excess(found), found.target_from_source,
+                              found.target_from_source * middle, spread_m, {limits.max_displacement_sigma_m});
   if (!result.undetermined.empty()) return result;
   take(result, found);
   return result;

@@ -81,7 +81,7 @@ struct ViewRegistration {
   Matrix6d covariance = Matrix6d::Zero();  // of the tangent of retract()
   MotionEstimate motion;                   // by keypoints
   IcpResult icp;
-  std::vector<FreeDirection> undetermined;  // why surfaces alone did not do, in the earlier camera's frame
+  std::vector<UnobservableDirection> undetermined;  // why surfaces alone did not do, in the earlier camera's frame
 };
 
 struct RegistrationOptions {

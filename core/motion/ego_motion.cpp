@@ -99,8 +99,8 @@ Hypothesis best_hypothesis(const std::vector<PointPair>& pairs, const MotionOpti
 
 // Returns the directions that `options` classify as undetermined; the lever arm combines their two limits into one. If
 // the scene's position at the inliers' centroid is determined, the camera's own position, far from the scene, is not.
-std::vector<FreeDirection> undetermined(const std::vector<PointPair>& pairs, const MotionEstimate& estimate,
-                                        const Matrix6d& information, const MotionOptions& options) {
+std::vector<UnobservableDirection> undetermined(const std::vector<PointPair>& pairs, const MotionEstimate& estimate,
+                                                const Matrix6d& information, const MotionOptions& options) {
   const double lever_m = options.max_translation_sigma_m / (options.max_rotation_sigma_deg * std::numbers::pi / 180);
   const Pose& pose = estimate.previous_from_current;
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();
@@ -108,8 +108,8 @@ std::vector<FreeDirection> undetermined(const std::vector<PointPair>& pairs, con
     if (estimate.is_inlier[i]) centre += pose * pairs[i].current / estimate.inliers;
   }
   const ObservabilityOptions limits{.max_displacement_sigma_m = options.max_translation_sigma_m};
-  std::vector<FreeDirection> directions = free_directions(information, pose, centre, lever_m, limits);
-  if (directions.empty()) directions = free_directions(information, pose, pose.translation, lever_m, limits);
+  std::vector<UnobservableDirection> directions = unobservable_directions(information, pose, centre, lever_m, limits);
+  if (directions.empty()) directions = unobservable_directions(information, pose, pose.translation, lever_m, limits);
   return directions;
 }
 

@@ -55,8 +55,9 @@ struct MotionEstimate {
   int pairs = 0, inliers = 0;
   double rank = 0;  // l / m
   int iterations = 0;
-  std::vector<char> is_inlier;              // for each pair
-  std::vector<FreeDirection> undetermined;  // if degenerate: unconstrained directions, in the previous camera's frame
+  std::vector<char> is_inlier;  // for each pair
+  std::vector<UnobservableDirection>
+      undetermined;  // if degenerate: unconstrained directions, in the previous camera's frame
 };
 
 // Estimates the motion of the camera from matched points. Pairs that are not finite, or whose summed covariance is

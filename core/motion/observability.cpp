@@ -53,10 +53,10 @@ std::vector<VectorXd> principal_screws(const MatrixXd& twists, double lever) {
 }
 
 // Returns the point nearest to all axes, or `centre` along directions that they leave open.
-Vector3d common_point(const std::vector<FreeDirection>& axes, const Vector3d& centre) {
+Vector3d common_point(const std::vector<UnobservableDirection>& axes, const Vector3d& centre) {
   Matrix3d sum = 1e-9 * Matrix3d::Identity();
   Vector3d moment = Vector3d::Zero();
-  for (const FreeDirection& axis : axes) {
+  for (const UnobservableDirection& axis : axes) {
     const Matrix3d across = Matrix3d::Identity() - axis.axis * axis.axis.transpose();
     sum += across;
     moment += across * (axis.point_m - centre);
@@ -75,7 +75,7 @@ std::string text_of(const Vector3d& v, int digits) {
 
 }  // namespace
 
-std::string to_string(const FreeDirection& direction) {
+std::string to_string(const UnobservableDirection& direction) {
   const std::string axis = text_of(direction.axis, 2);
   if (direction.kind == FreeKind::translation) return "slides along " + axis;
   const std::string line = "turns about " + axis + " through " + text_of(direction.point_m, 3) + " m";
@@ -85,9 +85,9 @@ std::string to_string(const FreeDirection& direction) {
   return line + advance;
 }
 
-std::vector<FreeDirection> free_directions(const Matrix6d& information, const Pose& target_from_source,
-                                           const Vector3d& centre_m, double spread_m,
-                                           const ObservabilityOptions& options) {
+std::vector<UnobservableDirection> unobservable_directions(const Matrix6d& information, const Pose& target_from_source,
+                                                           const Vector3d& centre_m, double spread_m,
+                                                           const ObservabilityOptions& options) {
   check_options(options, "observability");
   if (!information.allFinite() || !target_from_source.is_finite() || !centre_m.allFinite() || !(spread_m >= 0) ||
       std::isinf(spread_m))
@@ -111,7 +111,7 @@ std::vector<FreeDirection> free_directions(const Matrix6d& information, const Po
   };
   const SingularValues turning = full_svd(span.topRows(3));
   const Eigen::Index turns = (turning.values.array() > kNegligible).count();
-  std::vector<FreeDirection> result;
+  std::vector<UnobservableDirection> result;
 
   const MatrixXd slides = turning.v.rightCols(free - turns);
   if (slides.cols() > 0) {
@@ -125,7 +125,7 @@ std::vector<FreeDirection> free_directions(const Matrix6d& information, const Po
   const MatrixXd rest = turning.v.leftCols(turns);
   MatrixXd twists = span.lazyProduct(rest);
   twists.topRows(3) /= lever;
-  std::vector<FreeDirection> turned;
+  std::vector<UnobservableDirection> turned;
   for (const VectorXd& screw : principal_screws(twists, lever)) {
     const Vector6d twist = twists * screw;
     const double rad = twist.head<3>().norm();
@@ -139,7 +139,7 @@ std::vector<FreeDirection> free_directions(const Matrix6d& information, const Po
                       advances ? pitch : 0, sigma(rest * screw.normalized()) * rad / screw.norm()});
   }
   const Vector3d common = common_point(turned, centre_m);
-  for (FreeDirection& direction : turned) {
+  for (UnobservableDirection& direction : turned) {
     direction.point_m += direction.axis * direction.axis.dot(common - direction.point_m);
     result.push_back(direction);
   }

@@ -32,7 +32,7 @@ struct ObservabilityOptions {
 
 enum class FreeKind { translation, rotation, screw };
 
-struct FreeDirection {
+struct UnobservableDirection {
   FreeKind kind = FreeKind::translation;
   Eigen::Vector3d axis = Eigen::Vector3d::Zero();     // unit
   Eigen::Vector3d point_m = Eigen::Vector3d::Zero();  // on the axis of a rotation or screw, near the centroid
@@ -41,14 +41,14 @@ struct FreeDirection {
 };
 
 // Returns e.g. "slides along (0.00, 1.00, 0.00)" or "turns about (0.00, 0.00, 1.00) through (0.100, 0.000, 0.800) m".
-std::string to_string(const FreeDirection& direction);
+std::string to_string(const UnobservableDirection& direction);
 
 // Returns the unconstrained directions, in the target's frame. `information` refers to the tangent of retract() at
 // `target_from_source`; `centre_m` is the points' centroid in the target's frame and `spread_m` their RMS distance
 // from it (0: 1 m is used for rotations). A rotation about a point farther away than 20 spreads counts as a
 // translation; a screw needs an advance of at least spread / 20 per radian. Throws Error if an argument is not finite.
-std::vector<FreeDirection> free_directions(const Matrix6d& information, const Pose& target_from_source,
-                                           const Eigen::Vector3d& centre_m, double spread_m,
-                                           const ObservabilityOptions& options);
+std::vector<UnobservableDirection> unobservable_directions(const Matrix6d& information, const Pose& target_from_source,
+                                                           const Eigen::Vector3d& centre_m, double spread_m,
+                                                           const ObservabilityOptions& options);
 
 }  // namespace fringeslam

@@ -141,7 +141,7 @@ cv::Mat1f pattern_levels(const Pattern& pattern, const PatternSequence& sequence
   const cv::Size size(columns && !flat ? sequence.width : 1, !columns && !flat ? sequence.height : 1);
   cv::Mat1f wanted(size);
   for (int i = 0; i < static_cast<int>(wanted.total()); ++i)
-    wanted(i) = static_cast<float>(table_value(sequence.inverse_response, ideal_intensity(pattern, i)));
+    wanted(i) = static_cast<float>(interpolate_table(sequence.inverse_response, ideal_intensity(pattern, i)));
   if (pattern.bits == 0) return wanted;
   const double levels = (1 << pattern.bits) - 1;
   if (pattern.dithered)
@@ -158,14 +158,14 @@ cv::Mat pattern_image(const Pattern& pattern, const PatternSequence& sequence) {
   return cv::repeat(image, sequence.height / levels.rows, sequence.width / levels.cols);
 }
 
-double table_value(const std::vector<double>& table, double position) {
+double interpolate_table(const std::vector<double>& table, double position) {
   if (table.empty()) return position;
   const double at = std::clamp(position, 0.0, 1.0) * static_cast<double>(table.size() - 1);
   const size_t low = std::min(static_cast<size_t>(at), table.size() - 1), high = std::min(low + 1, table.size() - 1);
   return table[low] + (at - static_cast<double>(low)) * (table[high] - table[low]);
 }
 
-std::vector<double> inverse_table(const std::vector<double>& table, int entries) {
+std::vector<double> invert_table(const std::vector<double>& table, int entries) {
   std::vector<double> inverse;
   for (int i = 0; i < entries; ++i) {
     const double wanted = static_cast<double>(i) / (entries - 1);

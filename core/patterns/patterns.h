@@ -71,10 +71,10 @@ cv::Mat1f pattern_levels(const Pattern& pattern, const PatternSequence& sequence
 cv::Mat pattern_image(const Pattern& pattern, const PatternSequence& sequence);
 
 // Interpolates linearly in a table with equally spaced entries over [0, 1]; an empty table is the identity.
-double table_value(const std::vector<double>& table, double position);
+double interpolate_table(const std::vector<double>& table, double position);
 
 // Inverts such a table, which must be increasing, into a table with `entries` entries. Values outside its range are
 // clipped to 0 or 1.
-std::vector<double> inverse_table(const std::vector<double>& table, int entries);
+std::vector<double> invert_table(const std::vector<double>& table, int entries);
 
 }  // namespace fringeslam

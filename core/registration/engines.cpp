@@ -122,7 +122,7 @@ IcpResult besl_mckay(const NearestPoints& nearest, const Pose& initial, const Ic
 }
 
 // Zhang 1994, section 3.2: largest distance of a pair in the next round.
-double next_reach(const std::vector<NearestPoints::Pair>& pairs, double good_m) {
+double next_max_distance(const std::vector<NearestPoints::Pair>& pairs, double good_m) {
   double mean = 0, square = 0;
   for (const auto& pair : pairs) mean += pair.distance_m, square += pair.distance_m * pair.distance_m;
   mean /= static_cast<double>(pairs.size());
@@ -147,7 +147,7 @@ IcpResult zhang(const NearestPoints& nearest, const Pose& initial, const IcpOpti
     auto pairs = nearest.pairs(result.target_from_source, step);
     std::erase_if(pairs, [&](const auto& pair) { return pair.distance_m > reach; });
     if (static_cast<int>(pairs.size()) < kLeastPoints / kSparse) return result;
-    reach = next_reach(pairs, 3 * spacing_m);
+    reach = next_max_distance(pairs, 3 * spacing_m);
     std::erase_if(pairs, [&](const auto& pair) { return pair.distance_m > reach; });
     const Pose pose = nearest.fitted(pairs);
     const Pose change = pose * result.target_from_source.inverse();
@@ -208,8 +208,9 @@ double spacing(const Frame& frame, const Pinhole& camera, int every) {
 
 }  // namespace
 
-IcpResult register_by(RegistrationEngine engine, const Frame& target, const Frame& source, const Pinhole& camera,
-                      const Pose& initial, const IcpOptions& options, int points_every) {
+IcpResult register_with_engine(RegistrationEngine engine, const Frame& target, const Frame& source,
+                               const Pinhole& camera, const Pose& initial, const IcpOptions& options,
+                               int points_every) {
   check_options(options, "icp");
   if (engine == RegistrationEngine::point_to_plane) return point_to_plane_icp(target, source, camera, initial, options);
   const Cloud::Ptr to = cloud_of(target, points_every), from = cloud_of(source, points_every);

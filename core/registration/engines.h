@@ -37,7 +37,8 @@ inline std::vector<RegistrationEngine> registration_engines() { return choice_va
 
 // Registers `source` to `target` by one of the engines. Throws Error for options out of range. The result has not
 // converged if there are fewer than 100 points or pairs.
-IcpResult register_by(RegistrationEngine engine, const Frame& target, const Frame& source, const Pinhole& camera,
-                      const Pose& initial, const IcpOptions& options, int points_every = 3);
+IcpResult register_with_engine(RegistrationEngine engine, const Frame& target, const Frame& source,
+                               const Pinhole& camera, const Pose& initial, const IcpOptions& options,
+                               int points_every = 3);
 
 }  // namespace fringeslam

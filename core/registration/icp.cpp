@@ -35,11 +35,11 @@ double smallest_sigma(const Frame& frame) {
 // information H is the identity and the noise-induced one is diagonal (lambda), the true share is 1 - lambda, while
 // the gradient has the covariance H: this is a measurement with information (1 - lambda)^2, and the gradient is scaled
 // accordingly.
-void take_off_feigned(PlaneSums& sums, const Matrix6d& feigned) {
+void remove_noise_induced_information(PlaneSums& sums, const Matrix6d& noise_induced) {
   // A remainder in a direction with little other information may be chance: windows of neighbouring normals share
   // pixels, so that even with many pairs the noise-induced share is only known to a few per cent.
   constexpr double kMargin = 1.2, kLeast = 1e-3;
-  const std::optional<CommonBasis> common = common_basis(sums.information, feigned, sums.gradient);
+  const std::optional<CommonBasis> common = common_basis(sums.information, noise_induced, sums.gradient);
   if (!common) return;
   const Matrix6d& basis = common->basis;
   const Vector6d left = (1 - kMargin * common->values.array()).max(kLeast);
@@ -70,7 +70,7 @@ IcpResult refined(PlanePairs& problem, double least_sigma_m, const Pose& initial
   PlaneGates gates{options.max_distance_m, std::max(options.max_distance_m / least_sigma_m, options.outlier_sigma)};
   const bool has_prior = !prior.isZero(0);
   // A quarter of the points suffices to estimate the noise-induced share: windows of neighbouring normals overlap.
-  const auto feigned = [&](int stride, int pairs) -> Matrix6d {
+  const auto noise_induced = [&](int stride, int pairs) -> Matrix6d {
     const PlaneSums some = problem.linearise(result.target_from_source, gates, std::min(2 * stride, kWidestStride),
                                              PairNormal::half_difference);
     return some.information * (static_cast<double>(pairs) / std::max(1, some.pairs));
@@ -78,7 +78,7 @@ IcpResult refined(PlanePairs& problem, double least_sigma_m, const Pose& initial
   const auto linearised = [&](int stride) {
     PlaneSums sums = problem.linearise(result.target_from_source, gates, stride);
     // Without a prior, those directions stay at their current values.
-    if (has_prior) take_off_feigned(sums, feigned(stride, sums.pairs));
+    if (has_prior) remove_noise_induced_information(sums, noise_induced(stride, sums.pairs));
     sums.information += prior;
     sums.gradient += prior * difference(result.target_from_source, initial);
     return sums;
@@ -119,7 +119,7 @@ IcpResult refined(PlanePairs& problem, double least_sigma_m, const Pose& initial
   result.converged = settled && result.overlap >= options.min_overlap && result.rms_sigma <= options.max_rms_sigma;
   if (result.converged)
     result.reopened_sigma = reopened_sigma(problem, least_sigma_m, result.target_from_source, finest, sums.information);
-  if (!has_prior) take_off_feigned(sums, feigned(finest, sums.pairs));
+  if (!has_prior) remove_noise_induced_information(sums, noise_induced(finest, sums.pairs));
   result.information = sums.information;
   return result;
 }

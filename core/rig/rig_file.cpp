@@ -242,7 +242,7 @@ std::string pattern_entry(const Pattern& p) {
 
 }  // namespace
 
-bool beam_meets_view(const RigModel& rig) {
+bool fields_overlap(const RigModel& rig) {
   constexpr int kGrid = 16;
   for (int k = 0; k < kGrid; ++k) {
     const double z = rig.near_m + (rig.far_m - rig.near_m) * k / (kGrid - 1);
@@ -284,7 +284,7 @@ RigModel read_rig(const YamlMap& map) {
   if (translation_m(rig.projector_from_camera) < 1e-3)
     throw map.error("projector_from_camera",
                     "camera and projector have the same position: depth cannot be triangulated");
-  if (!beam_meets_view(rig))
+  if (!fields_overlap(rig))
     throw map.error("projector_from_camera",
                     "the projector illuminates nothing in the camera's view between near_m and far_m; "
                     "rotate or move it");

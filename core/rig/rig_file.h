@@ -25,6 +25,6 @@ std::string to_yaml(const PatternSequence& sequence);
 
 // True if some point of the working range is in the fields of view of both camera and projector; otherwise nothing can
 // be measured.
-bool beam_meets_view(const RigModel& rig);
+bool fields_overlap(const RigModel& rig);
 
 }  // namespace fringeslam

@@ -29,7 +29,7 @@ bool within(const cv::Mat& image, const cv::Point& p) {
 }
 
 // Intersects the ray of a sub-pixel position with the tangent plane of the surface seen by its pixel.
-TruePoint true_point(const JudgedView& view, const Eigen::Vector2d& pixel, const Pinhole& camera) {
+TruePoint true_point(const ScoredView& view, const Eigen::Vector2d& pixel, const Pinhole& camera) {
   TruePoint result;
   const cv::Point p = nearest_pixel(pixel);
   if (!within(view.truth->depth_m, p)) return result;
@@ -50,7 +50,7 @@ TruePoint true_point(const JudgedView& view, const Eigen::Vector2d& pixel, const
 double sigma_of(const Keypoint& k) { return std::sqrt(k.covariance_m2.trace()); }
 
 // Finds the pixel of the view that a world point projects to; false if the point is not visible or not directly lit.
-bool shows(const JudgedView& view, const Eigen::Vector3d& world, const Pinhole& camera, cv::Point& pixel) {
+bool shows(const ScoredView& view, const Eigen::Vector3d& world, const Pinhole& camera, cv::Point& pixel) {
   const Eigen::Vector3d point = view.world_from_camera.inverse() * world;
   if (!(point.z() > 0)) return false;
   pixel = nearest_pixel(camera.project(point));
@@ -61,7 +61,7 @@ bool shows(const JudgedView& view, const Eigen::Vector3d& world, const Pinhole& 
   return std::abs(view.truth->depth_m(pixel) - point.z()) < 0.005;
 }
 
-bool covisible_in(const JudgedView& earlier, const JudgedView& current, const Landmark& landmark,
+bool covisible_in(const ScoredView& earlier, const ScoredView& current, const Landmark& landmark,
                   const Pinhole& camera) {
   int seen = 0;
   cv::Point pixel;
@@ -78,7 +78,7 @@ bool covisible_in(const JudgedView& earlier, const JudgedView& current, const La
 struct Overlap {
   int shown = 0, shared = 0;
 };
-Overlap overlap(const JudgedView& from, const std::vector<cv::Point>& outline, const JudgedView& to,
+Overlap overlap(const ScoredView& from, const std::vector<cv::Point>& outline, const ScoredView& to,
                 const std::vector<cv::Point>& other, const Pinhole& camera) {
   constexpr int kEvery = 4;
   Overlap result;
@@ -95,7 +95,7 @@ Overlap overlap(const JudgedView& from, const std::vector<cv::Point>& outline, c
   return result;
 }
 
-bool repeated_in(const JudgedView& earlier, const JudgedView& current, const Landmark& landmark,
+bool repeated_in(const ScoredView& earlier, const ScoredView& current, const Landmark& landmark,
                  const Pinhole& camera) {
   return std::any_of(earlier.landmarks->landmarks.begin(), earlier.landmarks->landmarks.end(),
                      [&](const Landmark& other) {
@@ -106,7 +106,7 @@ bool repeated_in(const JudgedView& earlier, const JudgedView& current, const Lan
                      });
 }
 
-double purity_of(const JudgedView& view, const Landmark& landmark, const Pinhole& camera) {
+double purity_of(const ScoredView& view, const Landmark& landmark, const Pinhole& camera) {
   std::map<int, int> counts;
   int most = 0;
   for (const int k : landmark.keypoints) {
@@ -118,7 +118,8 @@ double purity_of(const JudgedView& view, const Landmark& landmark, const Pinhole
 
 }  // namespace
 
-bool is_right(const JudgedView& earlier, const JudgedView& current, const KeypointMatch& match, const Pinhole& camera) {
+bool is_correct_match(const ScoredView& earlier, const ScoredView& current, const KeypointMatch& match,
+                      const Pinhole& camera) {
   const Keypoint& e = earlier.landmarks->keypoints.keypoints[static_cast<size_t>(match.earlier)];
   const Keypoint& c = current.landmarks->keypoints.keypoints[static_cast<size_t>(match.current)];
   const TruePoint a = true_point(earlier, e.pixel, camera), b = true_point(current, c.pixel, camera);
@@ -126,7 +127,7 @@ bool is_right(const JudgedView& earlier, const JudgedView& current, const Keypoi
   return (a.world - b.world).norm() <= sigma_of(e) + sigma_of(c) + footprint / 2;  // false for NaN
 }
 
-LandmarkScore score_landmarks(const std::vector<JudgedView>& earlier, const JudgedView& current,
+LandmarkScore score_landmarks(const std::vector<ScoredView>& earlier, const ScoredView& current,
                               const std::vector<Recognition>& recognitions, const Pinhole& camera) {
   LandmarkScore score;
   const std::vector<Landmark>& landmarks = current.landmarks->landmarks;
@@ -134,17 +135,17 @@ LandmarkScore score_landmarks(const std::vector<JudgedView>& earlier, const Judg
   for (const Recognition& r : recognitions) {
     int right = 0;
     for (const KeypointMatch& match : r.matches)
-      right += is_right(earlier[static_cast<size_t>(r.earlier_frame)], current, match, camera);
+      right += is_correct_match(earlier[static_cast<size_t>(r.earlier_frame)], current, match, camera);
     score.matches += static_cast<int>(r.matches.size());
     score.right += right;
-    score.false_recognitions += right < kRecognised;
+    score.false_reidentifications += right < kRecognised;
     right_of[static_cast<size_t>(r.landmark)] = right;
   }
   score.landmarks = static_cast<int>(landmarks.size());
   for (size_t l = 0; l < landmarks.size(); ++l) {
     score.purity.push_back(purity_of(current, landmarks[l], camera));
     bool covisible = false, repeated = false;
-    for (const JudgedView& view : earlier) {
+    for (const ScoredView& view : earlier) {
       if (!covisible_in(view, current, landmarks[l], camera)) continue;
       covisible = true;
       repeated = repeated || repeated_in(view, current, landmarks[l], camera);

@@ -33,8 +33,8 @@ double share_within(const std::vector<double>& distances_m, double threshold_m) 
 
 }  // namespace
 
-void append_seen(const TruthFrame& truth, const RigModel& rig, const PixelRays& rays,
-                 std::vector<Eigen::Vector3d>& seen) {
+void append_visible_surface(const TruthFrame& truth, const RigModel& rig, const PixelRays& rays,
+                            std::vector<Eigen::Vector3d>& seen) {
   const Eigen::Vector3d light = rig.projector_from_camera.inverse().translation;
   const double least_cosine = std::cos(kSteepest_deg * std::numbers::pi / 180);
   for (int row = kEvery / 2; row < truth.mask.rows; row += kEvery) {

@@ -18,8 +18,8 @@ namespace fringeslam {
 // fourth row and keeps those whose only mask bits are kTruthSurface and kTruthInBeam (lit, unmixed), whose depth is
 // within the working range, and which the camera's and the projector's rays meet at less than 80 degrees to the normal.
 // `rays` are those of rig.camera.
-void append_seen(const TruthFrame& truth, const RigModel& rig, const PixelRays& rays,
-                 std::vector<Eigen::Vector3d>& seen);
+void append_visible_surface(const TruthFrame& truth, const RigModel& rig, const PixelRays& rays,
+                            std::vector<Eigen::Vector3d>& seen);
 
 struct DistanceStatistics {
   size_t points = 0;

@@ -126,7 +126,7 @@ Similarity align_similarity(const Points& to, const Points& from, bool with_scal
   // Extents below this are rounding errors.
   constexpr double kLeastExtent_m = 1e-9;
   // Ratio of the correlation's singular values below which both sets are collinear to a millionth of their length.
-  constexpr double kOnALine = 1e-12;
+  constexpr double kCollinearRatio = 1e-12;
   Similarity result{1, align_points(to, from)};
   const Eigen::Vector3d to_mean = mean_of(to), from_mean = mean_of(from);
   Eigen::Matrix3d correlation = Eigen::Matrix3d::Zero();
@@ -139,7 +139,7 @@ Similarity align_similarity(const Points& to, const Points& from, bool with_scal
   }
   if (unique) {
     const Eigen::Vector3d singular = singular_values(correlation);
-    *unique = singular[1] > kOnALine * singular[0];
+    *unique = singular[1] > kCollinearRatio * singular[0];
   }
   if (!with_scale) return result;
   const double least2 = static_cast<double>(to.size()) * kLeastExtent_m * kLeastExtent_m;

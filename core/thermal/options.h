@@ -34,9 +34,8 @@ struct ThermalOptions {
             "pixels within this distance of anything hotter than hottest_c are ignored, thermal pixels");
     v.field("core_contrast", core_contrast, {0, 1},
             "least share of a region's contrast in its core; pixels below it are rim, due to blur");
-    v.field(
-        "rim_px", rim_px, {0, 50},
-        "less warm pixels farther than this from the core belong to another object, thermal pixels");
+    v.field("rim_px", rim_px, {0, 50},
+            "less warm pixels farther than this from the core belong to another object, thermal pixels");
     v.field("step_m", step_m, {1e-4, 1}, "depth step between adjacent pixels that ends a region, m");
     v.field("crease_radius_m", crease_radius_m, {1e-4, 1}, "a concave crease of a smaller radius ends a region, m");
     v.field("min_area_m2", min_area_m2, {0, 10}, "skin: smallest area of a region, m^2");

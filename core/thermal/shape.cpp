@@ -52,7 +52,7 @@ std::pair<Eigen::Vector3d, Eigen::Vector3d> frame_across(const Eigen::Vector3d& 
 }
 
 // Initial cylinder: radius and centre by linear least squares of |q|^2 + a.q + b = 0 across the axis (Kasa 1976).
-std::optional<Cylinder> started_cylinder(const Patch& patch) {
+std::optional<Cylinder> initial_cylinder(const Patch& patch) {
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();
   Eigen::Matrix3d normals = Eigen::Matrix3d::Zero();
   for (const SurfacePoint& p : patch) {
@@ -145,7 +145,7 @@ PipeFit fit_pipe(const Patch& patch, const ThermalOptions& options) {
   constexpr int kRounds = 8;
   PipeFit fit;
   if (patch.size() < kLeast) return fit;
-  std::optional<Cylinder> cylinder = started_cylinder(patch);
+  std::optional<Cylinder> cylinder = initial_cylinder(patch);
   if (!cylinder) return fit;
   // Points far off belong to something else, e.g. a joint: they are excluded from the second half of the rounds on.
   Patch near = patch;
@@ -179,7 +179,7 @@ PipeFit fit_pipe(const Patch& patch, const ThermalOptions& options) {
   return fit;
 }
 
-std::vector<char> on_long_pipe(const Patch& patch, double least_share, const ThermalOptions& options) {
+std::vector<char> find_long_pipe(const Patch& patch, double least_share, const ThermalOptions& options) {
   constexpr size_t kTried = 400, kLooked = 200, kLeast = 60;
   constexpr double kLeastLength = 3;  // relative to its diameter
   if (patch.size() < kLeast) return {};

@@ -30,7 +30,7 @@ PipeFit fit_pipe(const std::vector<SurfacePoint>& patch, const ThermalOptions& o
 
 // Marks the points on the best-supported pipe in the patch, if it holds at least `least_share` of them and is at least
 // three times as long as its diameter; else the result is empty.
-std::vector<char> on_long_pipe(const std::vector<SurfacePoint>& patch, double least_share,
-                               const ThermalOptions& options);
+std::vector<char> find_long_pipe(const std::vector<SurfacePoint>& patch, double least_share,
+                                 const ThermalOptions& options);
 
 }  // namespace fringeslam

@@ -70,8 +70,8 @@ int count_views(const std::vector<const Piece*>& pieces) {
   return static_cast<int>(std::unique(views.begin(), views.end()) - views.begin());
 }
 
-WarmThing summed_up(const std::vector<const Piece*>& pieces) {
-  WarmThing thing;
+WarmObject summed_up(const std::vector<const Piece*>& pieces) {
+  WarmObject thing;
   double all_m2 = 0, skin_m2 = 0;
   for (const Piece* piece : pieces) {
     all_m2 += piece->region->area_m2;
@@ -103,12 +103,12 @@ WarmThing summed_up(const std::vector<const Piece*>& pieces) {
 
 }  // namespace
 
-std::vector<WarmThing> merge_regions(const std::vector<LocatedRegions>& views, const ThermalOptions& options) {
+std::vector<WarmObject> merge_regions(const std::vector<LocatedRegions>& views, const ThermalOptions& options) {
   const std::vector<Piece> pieces = pieces_of(views, options.min_area_m2);
   const std::vector<size_t> thing = things_of(pieces, options);
   std::map<size_t, std::vector<const Piece*>> together;
   for (size_t i = 0; i < pieces.size(); ++i) together[thing[i]].push_back(&pieces[i]);
-  std::vector<WarmThing> things;
+  std::vector<WarmObject> things;
   for (const auto& [number, members] : together) things.push_back(summed_up(members));
   return things;
 }

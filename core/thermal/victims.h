@@ -19,7 +19,7 @@ struct LocatedRegions {
 };
 
 // A warm object in the map.
-struct WarmThing {
+struct WarmObject {
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();  // world; of the largest region with the object's class
   double extent_m = 0;                                   // greatest distance of its points from position_m
   std::vector<Eigen::Vector3d> points_m;                 // world; sampled points of the regions with that class
@@ -33,6 +33,6 @@ struct WarmThing {
 
 // Merges the regions of all views, in the order of their first observation. Regions that are too small or too cold are
 // ignored.
-std::vector<WarmThing> merge_regions(const std::vector<LocatedRegions>& views, const ThermalOptions& options);
+std::vector<WarmObject> merge_regions(const std::vector<LocatedRegions>& views, const ThermalOptions& options);
 
 }  // namespace fringeslam

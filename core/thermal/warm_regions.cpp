@@ -57,7 +57,7 @@ bool hollow(const Frame& frame, cv::Point a, cv::Point b, double radius_m) {
 
 // Separates touching objects: clears pixels where the surface, along a row or a column, is more concave than a face or
 // a hand.
-void part_at_creases(const Frame& frame, double radius_m, cv::Mat1b& warm) {
+void split_at_creases(const Frame& frame, double radius_m, cv::Mat1b& warm) {
   constexpr int kReach = 3;  // px to both sides, since normals are computed over a few pixels
   cv::Mat1b creases(warm.size(), uchar{0});
   for_each_row(warm.rows - 2 * kReach, [&](int r) {
@@ -116,32 +116,32 @@ void judge(WarmRegion& region, const ThermalOptions& o) {
   const PipeFit& pipe = region.pipe;
   const double cm2 = 1e4 * region.area_m2;
   const std::string what = words("%.1f degrees over %.0f cm2", region.warmest_c, cm2);
-  const auto say = [&](WarmKind kind, const std::string& why) {
+  const auto print_result = [&](WarmKind kind, const std::string& why) {
     region.kind = kind;
     region.reason = what + ": " + why;
   };
   if (region.warmest_c > o.hottest_c)
-    say(WarmKind::too_hot, words("hotter than skin (%.1f)", o.hottest_c));
+    print_result(WarmKind::too_hot, words("hotter than skin (%.1f)", o.hottest_c));
   else if (region.warmest_c < o.coldest_c)
-    say(WarmKind::too_cold, words("colder than skin (%.1f)", o.coldest_c));
+    print_result(WarmKind::too_cold, words("colder than skin (%.1f)", o.coldest_c));
   else if (region.area_m2 < o.min_area_m2)
-    say(WarmKind::too_small, words("smaller than %.0f cm2", 1e4 * o.min_area_m2));
+    print_result(WarmKind::too_small, words("smaller than %.0f cm2", 1e4 * o.min_area_m2));
   else if (region.area_m2 > o.max_area_m2)
-    say(WarmKind::too_large, words("larger than %.0f cm2", 1e4 * o.max_area_m2));
+    print_result(WarmKind::too_large, words("larger than %.0f cm2", 1e4 * o.max_area_m2));
   else if (region.planar_share > o.max_planar_share)
-    say(WarmKind::flat, words("flat, %.0f %% on two planes", 100 * region.planar_share));
+    print_result(WarmKind::flat, words("flat, %.0f %% on two planes", 100 * region.planar_share));
   else if (pipe.found && pipe.share > o.pipe_share && pipe.radius_m < o.max_pipe_radius_m &&
            pipe.length_m > o.min_pipe_length * pipe.width_m)
-    say(WarmKind::pipe, words("a pipe, %.0f %% on a cylinder of %.0f mm diameter, %.0f mm long", 100 * pipe.share,
-                              2e3 * pipe.radius_m, 1e3 * pipe.length_m));
+    print_result(WarmKind::pipe, words("a pipe, %.0f %% on a cylinder of %.0f mm diameter, %.0f mm long",
+                                       100 * pipe.share, 2e3 * pipe.radius_m, 1e3 * pipe.length_m));
   else
-    say(WarmKind::skin, words("skin temperature, neither flat (%.0f %% on two planes) nor a pipe (%.0f %%)",
-                              100 * region.planar_share, 100 * pipe.share));
+    print_result(WarmKind::skin, words("skin temperature, neither flat (%.0f %% on two planes) nor a pipe (%.0f %%)",
+                                       100 * region.planar_share, 100 * pipe.share));
 }
 
 // Removes a pipe from `pixels` if it makes up a good part of them, and returns it, so that objects touching it are
 // classified separately.
-std::vector<cv::Point> taken_pipe(const Frame& frame, std::vector<cv::Point>& pixels, const ThermalOptions& options) {
+std::vector<cv::Point> extract_pipe(const Frame& frame, std::vector<cv::Point>& pixels, const ThermalOptions& options) {
   constexpr double kLeastShare = 0.25;
   std::vector<cv::Point> known;
   std::vector<SurfacePoint> patch;
@@ -151,7 +151,7 @@ std::vector<cv::Point> taken_pipe(const Frame& frame, std::vector<cv::Point>& pi
     known.push_back(pixel);
     patch.push_back({vector_of(frame.points_m(pixel)), normal});
   }
-  const std::vector<char> on_pipe = on_long_pipe(patch, kLeastShare, options);
+  const std::vector<char> on_pipe = find_long_pipe(patch, kLeastShare, options);
   if (on_pipe.empty()) return {};
   std::vector<cv::Point> pipe, rest;
   for (size_t i = 0; i < known.size(); ++i) (on_pipe[i] ? pipe : rest).push_back(known[i]);
@@ -252,7 +252,7 @@ class Separation {
       std::vector<cv::Point> core = core_of(temperature_c_, next, surroundings_c_, options_);
       for (auto& part : together(frame_, beyond_rim(next, core, rim_), options_.step_m))
         waiting.push_back(std::move(part));
-      add(taken_pipe(frame_, core, options_));
+      add(extract_pipe(frame_, core, options_));
       for (auto& part : together(frame_, core, options_.step_m)) add(std::move(part));
     }
     return things;
@@ -294,7 +294,7 @@ WarmView find_warm_regions(const Frame& frame, const RegisteredThermal& thermal,
   view.surroundings_c = surroundings(thermal.temperature_c, options.surroundings_quantile);
   view.regions = cv::Mat1i(frame.points_m.size(), -1);
   cv::Mat1b warm = warm_pixels(thermal, view.surroundings_c, options);
-  part_at_creases(frame, options.crease_radius_m, warm);
+  split_at_creases(frame, options.crease_radius_m, warm);
   const Separation separation(frame, thermal, view.surroundings_c, rig, options);
   cv::Mat1i visited = view.regions.clone();
   int number = 0;

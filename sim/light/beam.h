@@ -17,8 +17,8 @@
 
 #include "core/types/rig_model.h"
 #include "sim/light/effects.h"
-#include "sim/light/ray_world.h"
-#include "sim/light/shown_patterns.h"
+#include "sim/light/projected_patterns.h"
+#include "sim/light/ray_scene.h"
 
 namespace fringeslam::sim {
 

@@ -21,7 +21,7 @@ inline constexpr int kBlock = 4;  // px; a packet covers a block of 4 x 4 pixels
 static_assert(kBlock * kBlock == kPacket);
 
 // Low-discrepancy sequence in the unit square (R2: additive recurrence with the plastic number).
-inline Eigen::Vector2d even_point(int index, double shift_x, double shift_y) {
+inline Eigen::Vector2d r2_point(int index, double shift_x, double shift_y) {
   const double x = shift_x + index * 0.7548776662466927, y = shift_y + index * 0.5698402909980532;
   return {x - std::floor(x), y - std::floor(y)};
 }
@@ -54,8 +54,8 @@ struct Station {
 // Renders one block of pixels under all patterns.
 class BlockRenderer {
  public:
-  BlockRenderer(const Renderer& renderer, const ShownPatterns& patterns, const std::vector<Station>& stations,
-                int stack, IndirectLight* indirect, IndirectLight* veil)
+  BlockRenderer(const Renderer& renderer, const ProjectedPatterns& patterns, const std::vector<Station>& stations,
+                int stack, IndirectLightBuffer* indirect, IndirectLightBuffer* veil)
       : r_(renderer),
         patterns_(patterns),
         stations_(stations),
@@ -82,7 +82,7 @@ class BlockRenderer {
       std::fill(std::begin(soft_steady_), std::end(soft_steady_), 0.0f);
     }
     std::fill(veil_sums_.begin(), veil_sums_.end(), 0.0f);
-    if (truth) look_at_centres(*truth);
+    if (truth) trace_centres(*truth);
     const int samples = r_.rays_.per_pixel;
     for (int sample = 0; sample < samples; ++sample) take(sample, truth != nullptr);
     if (truth) {
@@ -127,7 +127,7 @@ class BlockRenderer {
   }
 
   // Stores the block's indirect light for smoothing after all blocks are done.
-  void hand_over(IndirectLight& indirect, const std::vector<float>& sums, const float* steady, float share) {
+  void hand_over(IndirectLightBuffer& indirect, const std::vector<float>& sums, const float* steady, float share) {
     for (int i = 0; i < kPacket; ++i) {
       if (!has(inside_, i)) continue;
       float* light = indirect.at(row_[i], col_[i]);
@@ -139,7 +139,7 @@ class BlockRenderer {
 
   // Records the guides for smoothing: mean weight of indirect light, and normal and position of the surface; normal and
   // position are those of the last sample.
-  void note_surface(IndirectLight& indirect, const HitPacket& hits, const float* weight) const {
+  void record_guides(IndirectLightBuffer& indirect, const HitPacket& hits, const float* weight) const {
     for (int i = 0; i < kPacket; ++i) {
       if (!has(inside_, i)) continue;
       const size_t pixel = pixel_[i];
@@ -176,7 +176,7 @@ class BlockRenderer {
   }
 
   // Traces the rays through the pixel centres and fills in the ground truth.
-  void look_at_centres(TruthFrame& truth) {
+  void trace_centres(TruthFrame& truth) {
     const Station& station = stations_.front();
     Eigen::Vector2d slope[kPacket], start[kPacket];
     for (int i = 0; i < kPacket; ++i) slope[i] = r_.rays_.centres[pixel_[i]], start[i].setZero();
@@ -188,7 +188,7 @@ class BlockRenderer {
     BeamPacket beam;
     station.beam.light(hits.point, hits.hit, beam);
     const LaneMask towards = facing(hits, beam);
-    const LaneMask dark = r_.world_.occluded(RayWorld::lifted(hits), towards, station.beam.position());
+    const LaneMask dark = r_.world_.occluded(RayScene::lifted(hits), towards, station.beam.position());
     centre_.shadow = hits.hit & ~(towards & ~dark);  // surfaces that face away from the light count as shadowed
     centre_.in_beam = beam.inside;
     const Eigen::Matrix3d camera_from_world = station.world_from_camera.rotation.transpose();
@@ -234,7 +234,7 @@ class BlockRenderer {
       slope[i] = r_.rays_.samples[pixel_[i] * samples + static_cast<size_t>(sample)];
       start[i].setZero();
     }
-    if (pupil_m_ > 0) leave_from_pupil(sample, slope, start);
+    if (pupil_m_ > 0) apply_thin_lens(sample, slope, start);
     RayPacket rays;
     rays.active = inside_;
     aim(station.world_from_camera, slope, start, rays);
@@ -267,7 +267,7 @@ class BlockRenderer {
       if (indirect_) {
         alignas(64) float matt[kPacket];
         for (int i = 0; i < kPacket; ++i) matt[i] = weight[i] * surface.albedo[i];
-        note_surface(*indirect_, hits, matt);
+        record_guides(*indirect_, hits, matt);
       }
       follow_paths(station, sample, hits, surface, to_viewer, weight);
     }
@@ -275,14 +275,14 @@ class BlockRenderer {
       if (veil_) {
         alignas(64) float whole[kPacket];
         std::fill_n(whole, kPacket, 1.0f);
-        note_surface(*veil_, hits, whole);
+        record_guides(*veil_, hits, whole);
       }
       scatter_in_air(station, sample, rays, hits, to_viewer, length);
     }
   }
 
   // Thin lens: the ray starts at a point of the pupil and passes through the in-focus point.
-  void leave_from_pupil(int sample, Eigen::Vector2d (&slope)[kPacket], Eigen::Vector2d (&start)[kPacket]) const {
+  void apply_thin_lens(int sample, Eigen::Vector2d (&slope)[kPacket], Eigen::Vector2d (&start)[kPacket]) const {
     const Eigen::Vector2d point = 0.5 * pupil_m_ * r_.rays_.pupil[static_cast<size_t>(sample)];
     for (int i = 0; i < kPacket; ++i) {
       start[i] = point;
@@ -298,8 +298,8 @@ class BlockRenderer {
     station.beam.light(hits.point, active, beam);
     LaneMask lit = facing(hits, beam) & active;
     if (!everywhere) lit &= beam.inside;
-    lit &= ~r_.world_.occluded(RayWorld::lifted(hits), lit, station.beam.position());
-    ShownPatterns::Points points;
+    lit &= ~r_.world_.occluded(RayScene::lifted(hits), lit, station.beam.position());
+    ProjectedPatterns::Points points;
     alignas(64) double cosine[kPacket];
 #pragma GCC ivdep
     for (int i = 0; i < kPacket; ++i) {
@@ -352,18 +352,18 @@ class BlockRenderer {
         const Philox random(r_.scene_.seed, Stream::paths, static_cast<uint32_t>(stack_),
                             bounce == 1 ? 0u : static_cast<uint32_t>(number * 64 + bounce));
         RayPacket rays;
-        rays.origin = RayWorld::lifted(hits);
+        rays.origin = RayScene::lifted(hits);
         rays.coherent = false;
         for (int i = 0; i < kPacket; ++i) {
           rays.direction.set(i, Eigen::Vector3d::UnitZ());
           if (!has(active, i)) continue;
           auto u = random.uniforms(pixel_[i]);
           if (bounce == 1) {
-            const Eigen::Vector2d even = even_point(number, u[0], u[1]);
+            const Eigen::Vector2d even = r2_point(number, u[0], u[1]);
             const double choice = u[2] + number * 0.6180339887498949;
             u = {even.x(), even.y(), choice - std::floor(choice), 0};
           }
-          const ScatteredRay next =
+          const BrdfSample next =
               scatter(surface.reflection(i), surface.normal.at(i), to_viewer.at(i), u[2], u[0], u[1]);
           weight[i] *= static_cast<float>(next.weight);
           if (bounce == 1 && indirect_ && !next.glossy && surface.albedo[i] > 0) {
@@ -425,7 +425,7 @@ class BlockRenderer {
     BeamPacket beam;
     station.beam.light(points, inside_, beam);
     const LaneMask lit = beam.inside & ~r_.world_.occluded(points, beam.inside, station.beam.position());
-    ShownPatterns::Points lit_points{};
+    ProjectedPatterns::Points lit_points{};
     for (int i = 0; i < kPacket; ++i) {
       if (!has(lit, i)) continue;
       // Scattering angle between the direction from the projector and the direction to the camera.
@@ -442,10 +442,10 @@ class BlockRenderer {
   }
 
   const Renderer& r_;
-  const ShownPatterns& patterns_;
+  const ProjectedPatterns& patterns_;
   const std::vector<Station>& stations_;
   int stack_;
-  IndirectLight *indirect_, *veil_;  // indirect and air-scattered light to be smoothed; null: no smoothing
+  IndirectLightBuffer *indirect_, *veil_;  // indirect and air-scattered light to be smoothed; null: no smoothing
   int width_, height_;
   double footprint_, ambient_lux_;
   int bounces_;

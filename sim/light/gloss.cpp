@@ -39,7 +39,7 @@ Eigen::Matrix3d frame_about(const Eigen::Vector3d& n) {
 }
 
 // Samples a microfacet normal from the distribution of visible normals (Heitz 2018); local frame.
-Eigen::Vector3d visible_facet(const Eigen::Vector3d& view, double alpha, double u1, double u2) {
+Eigen::Vector3d sample_visible_normal(const Eigen::Vector3d& view, double alpha, double u1, double u2) {
   const Eigen::Vector3d stretched = Eigen::Vector3d(alpha * view.x(), alpha * view.y(), view.z()).normalized();
   const double side = stretched.head<2>().squaredNorm();
   const Eigen::Vector3d t1 = side > 0
@@ -68,8 +68,8 @@ double reflected(const Reflection& surface, const Eigen::Vector3d& normal, const
   return matt + gloss;
 }
 
-ScatteredRay scatter(const Reflection& surface, const Eigen::Vector3d& normal, const Eigen::Vector3d& to_viewer,
-                     double choice, double u1, double u2) {
+BrdfSample scatter(const Reflection& surface, const Eigen::Vector3d& normal, const Eigen::Vector3d& to_viewer,
+                   double choice, double u1, double u2) {
   const Eigen::Matrix3d frame = frame_about(normal);
   const Eigen::Vector3d view = frame.transpose() * to_viewer;
   if (view.z() <= 0) return {};
@@ -84,7 +84,7 @@ ScatteredRay scatter(const Reflection& surface, const Eigen::Vector3d& normal, c
     const double through = surface.reflectance == 0 ? 1 : 1 - fresnel(surface.reflectance, local.z());
     return {frame * local, matt * through / (1 - gloss_share)};
   }
-  const Eigen::Vector3d facet = visible_facet(view, surface.alpha, u1, u2);
+  const Eigen::Vector3d facet = sample_visible_normal(view, surface.alpha, u1, u2);
   const Eigen::Vector3d local = 2 * view.dot(facet) * facet - view;
   if (local.z() <= 0) return {};
   const double lv = lambda(surface.alpha, view.z()), ll = lambda(surface.alpha, local.z());

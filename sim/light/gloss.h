@@ -23,14 +23,14 @@ double reflected(const Reflection& surface, const Eigen::Vector3d& normal, const
                  const Eigen::Vector3d& to_viewer);
 
 // Sampled direction of incoming light, away from the surface; weight = f_r cos / density, 0 for an invalid sample.
-struct ScatteredRay {
+struct BrdfSample {
   Eigen::Vector3d direction = Eigen::Vector3d::Zero();
   double weight = 0;
   bool glossy = false;  // sampled from the glossy lobe
 };
 // Importance-samples a direction of incoming light: `choice` selects the lobe, u1 and u2 the direction; all are uniform
 // in (0, 1).
-ScatteredRay scatter(const Reflection& surface, const Eigen::Vector3d& normal, const Eigen::Vector3d& to_viewer,
-                     double choice, double u1, double u2);
+BrdfSample scatter(const Reflection& surface, const Eigen::Vector3d& normal, const Eigen::Vector3d& to_viewer,
+                   double choice, double u1, double u2);
 
 }  // namespace fringeslam::sim

@@ -13,7 +13,7 @@ namespace {
 constexpr float kSpline[5] = {1 / 16.0f, 1 / 4.0f, 3 / 8.0f, 1 / 4.0f, 1 / 16.0f};
 
 // Returns a weight from 0 to 1 for how likely two pixels see the same smooth surface.
-float likeness(const IndirectLight& light, size_t p, size_t q, float tolerance_m) {
+float likeness(const IndirectLightBuffer& light, size_t p, size_t q, float tolerance_m) {
   const Eigen::Vector3f &n = light.normal[p], &m = light.normal[q];
   if (m.isZero()) return 0;
   constexpr float kLeastCosine = 0.8f;
@@ -24,7 +24,7 @@ float likeness(const IndirectLight& light, size_t p, size_t q, float tolerance_m
   return off >= 1 ? 0 : agree * (1 - off) * (1 - off);
 }
 
-void smooth_row(const IndirectLight& light, int row, int step, float pixel_m, const Eigen::Vector3f& origin,
+void smooth_row(const IndirectLightBuffer& light, int row, int step, float pixel_m, const Eigen::Vector3f& origin,
                 std::vector<float>& out) {
   const auto channels = static_cast<size_t>(light.channels);
   for (int col = 0; col < light.size.width; ++col) {
@@ -58,7 +58,7 @@ void smooth_row(const IndirectLight& light, int row, int step, float pixel_m, co
 
 }  // namespace
 
-IndirectLight::IndirectLight(cv::Size image_size, int light_channels)
+IndirectLightBuffer::IndirectLightBuffer(cv::Size image_size, int light_channels)
     : size(image_size),
       channels(light_channels),
       lux(static_cast<size_t>(image_size.area()) * static_cast<size_t>(light_channels)),
@@ -66,7 +66,7 @@ IndirectLight::IndirectLight(cv::Size image_size, int light_channels)
       normal(albedo.size(), Eigen::Vector3f::Zero()),
       position(albedo.size(), Eigen::Vector3f::Zero()) {}
 
-void smooth(IndirectLight& light, double pixel_m, const Eigen::Vector3d& origin) {
+void smooth(IndirectLightBuffer& light, double pixel_m, const Eigen::Vector3d& origin) {
   std::vector<float> out(light.lux.size());
   for (const int step : {1, 2, 4}) {
     for_each_row(light.size.height, [&](int row) {

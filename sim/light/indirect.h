@@ -12,8 +12,8 @@
 
 namespace fringeslam::sim {
 
-struct IndirectLight {
-  IndirectLight(cv::Size image_size, int light_channels);
+struct IndirectLightBuffer {
+  IndirectLightBuffer(cv::Size image_size, int light_channels);
 
   cv::Size size;
   int channels = 0;                       // per pixel: one per pattern, then the pattern-independent light
@@ -29,6 +29,6 @@ struct IndirectLight {
 };
 
 // Smooths the irradiance in place. `pixel_m`: width of a pixel's footprint at 1 m; `origin`: camera position, world, m.
-void smooth(IndirectLight& light, double pixel_m, const Eigen::Vector3d& origin);
+void smooth(IndirectLightBuffer& light, double pixel_m, const Eigen::Vector3d& origin);
 
 }  // namespace fringeslam::sim

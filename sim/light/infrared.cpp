@@ -46,7 +46,7 @@ const std::vector<double>& table() {
 
 }  // namespace
 
-double infrared_radiance(double temperature_c) {
+double black_body_radiance(double temperature_c) {
   const std::vector<double>& radiances = table();
   const double at = (std::clamp(temperature_c, kColdest_c, kHottest_c) - kColdest_c) / kStep_k;
   const size_t i = std::min(static_cast<size_t>(at), radiances.size() - 2);

@@ -9,9 +9,9 @@
 namespace fringeslam::sim {
 
 // Returns the in-band radiance of a black body, W / (m^2 sr); temperatures are clamped to -250 to 2100 degrees C.
-double infrared_radiance(double temperature_c);
+double black_body_radiance(double temperature_c);
 
-// Returns the temperature, degrees C, of the black body with this in-band radiance; inverse of infrared_radiance().
+// Returns the temperature, degrees C, of the black body with this in-band radiance; inverse of black_body_radiance().
 double apparent_temperature_c(double radiance);
 
 }  // namespace fringeslam::sim

@@ -38,7 +38,7 @@ Renderer::Renderer(const Scene& scene, const Effects& effects, int samples_per_p
 
 namespace {
 
-void add(IndirectLight& indirect, std::vector<cv::Mat1f>& images) {
+void add(IndirectLightBuffer& indirect, std::vector<cv::Mat1f>& images) {
   const int steady = indirect.channels - 1;
   for_each_row(indirect.size.height, [&](int row) {
     for (int col = 0; col < indirect.size.width; ++col) {
@@ -51,7 +51,7 @@ void add(IndirectLight& indirect, std::vector<cv::Mat1f>& images) {
 
 }  // namespace
 
-std::vector<cv::Mat1f> Renderer::render(const ShownPatterns& patterns, const std::vector<Pose>& world_from_camera,
+std::vector<cv::Mat1f> Renderer::render(const ProjectedPatterns& patterns, const std::vector<Pose>& world_from_camera,
                                         int stack, TruthFrame* truth) const {
   const RigModel& rig = scene_.rig;
   const cv::Size size(rig.camera.width, rig.camera.height);
@@ -66,7 +66,7 @@ std::vector<cv::Mat1f> Renderer::render(const ShownPatterns& patterns, const std
     for (cv::Mat3f* image : {&truth->position_m, &truth->normals}) *image = cv::Mat3f(size, cv::Vec3f::all(kNaN));
   }
   const int across = (size.width + kBlock - 1) / kBlock, down = (size.height + kBlock - 1) / kBlock;
-  std::optional<IndirectLight> indirect, veil;
+  std::optional<IndirectLightBuffer> indirect, veil;
   const bool share = effects_.share_paths && patterns.count() > 0;
   if (share && effects_.interreflection && scene_.bounces > 0) indirect.emplace(size, patterns.count() + 1);
   if (share && effects_.air && scene_.air.extinction_per_m > 0) veil.emplace(size, patterns.count() + 1);

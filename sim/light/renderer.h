@@ -18,9 +18,9 @@
 
 #include "core/types/truth.h"
 #include "sim/light/effects.h"
-#include "sim/light/ray_world.h"
+#include "sim/light/projected_patterns.h"
+#include "sim/light/ray_scene.h"
 #include "sim/light/sample_rays.h"
-#include "sim/light/shown_patterns.h"
 #include "sim/light/surfaces.h"
 
 namespace fringeslam::sim {
@@ -32,10 +32,10 @@ class Renderer {
   // Renders W, lux, under each pattern, in sequence order; H x W. Several poses divide the exposure into equal parts.
   // `truth`, if given, receives the ground truth of the first pose, except index, time, pose and fringe orders. `stack`
   // keys the random paths.
-  std::vector<cv::Mat1f> render(const ShownPatterns& patterns, const std::vector<Pose>& world_from_camera, int stack,
-                                TruthFrame* truth = nullptr) const;
+  std::vector<cv::Mat1f> render(const ProjectedPatterns& patterns, const std::vector<Pose>& world_from_camera,
+                                int stack, TruthFrame* truth = nullptr) const;
 
-  const RayWorld& world() const { return world_; }
+  const RayScene& world() const { return world_; }
   const Surfaces& surfaces() const { return surfaces_; }
   const SampleRays& rays() const { return rays_; }
 
@@ -43,7 +43,7 @@ class Renderer {
   friend class BlockRenderer;
   const Scene& scene_;
   Effects effects_;
-  RayWorld world_;
+  RayScene world_;
   Surfaces surfaces_;
   SampleRays rays_;
 };

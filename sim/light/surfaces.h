@@ -7,7 +7,7 @@
 
 #include "sim/light/effects.h"
 #include "sim/light/gloss.h"
-#include "sim/light/ray_world.h"
+#include "sim/light/ray_scene.h"
 
 namespace fringeslam::sim {
 

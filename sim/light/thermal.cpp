@@ -23,11 +23,11 @@ Eigen::Vector3d vector_of(const cv::Vec3f& v) { return Eigen::Vector3f(v[0], v[1
 // Thermal radiance arriving along rays: emitted and reflected by surfaces, and from the air.
 class HeatSource {
  public:
-  HeatSource(const Scene& scene, const RayWorld& world, const Surfaces& surfaces, const Effects& effects)
+  HeatSource(const Scene& scene, const RayScene& world, const Surfaces& surfaces, const Effects& effects)
       : scene_(scene),
         world_(world),
         surfaces_(surfaces),
-        surrounding_(infrared_radiance(scene.surroundings_c)),
+        surrounding_(black_body_radiance(scene.surroundings_c)),
         extinction_per_m_(effects.air ? scene.air.infrared_share * scene.air.extinction_per_m : 0) {}
 
   // Adds the radiance along each active ray; directions have unit z in the camera frame.
@@ -57,11 +57,11 @@ class HeatSource {
     return bare + dust_cover * (emitted(kDustEmissivity, dust_c) - bare);
   }
   double emitted(double emissivity, double temperature_c) const {
-    return surrounding_ + emissivity * (infrared_radiance(temperature_c) - surrounding_);
+    return surrounding_ + emissivity * (black_body_radiance(temperature_c) - surrounding_);
   }
 
   const Scene& scene_;
-  const RayWorld& world_;
+  const RayScene& world_;
   const Surfaces& surfaces_;
   double surrounding_, extinction_per_m_;
 };
@@ -85,7 +85,7 @@ RayPacket packet(const SampleRays& rays, int sample, int row, int first, int wid
 // Converts the NETD, defined for a black body at 300 K, to a standard deviation of radiance.
 double noise_radiance(double netd_k) {
   constexpr double kReference_c = 300 - kKelvinOfZeroCelsius, kHalf_k = 1;
-  return netd_k * (infrared_radiance(kReference_c + kHalf_k) - infrared_radiance(kReference_c - kHalf_k)) /
+  return netd_k * (black_body_radiance(kReference_c + kHalf_k) - black_body_radiance(kReference_c - kHalf_k)) /
          (2 * kHalf_k);
 }
 
@@ -93,7 +93,7 @@ double noise_radiance(double netd_k) {
 
 SampleRays thermal_rays(const RigModel& rig, int per_pixel) { return sample_rays(rig.thermal->lens, per_pixel); }
 
-cv::Mat1f thermal_image(const Scene& scene, const SampleRays& rays, const RayWorld& world, const Surfaces& surfaces,
+cv::Mat1f thermal_image(const Scene& scene, const SampleRays& rays, const RayScene& world, const Surfaces& surfaces,
                         const Effects& effects, const Pose& world_from_camera, int stack,
                         const ThermalImaging& imaging) {
   const ThermalCamera& thermal = *scene.rig.thermal;
@@ -127,7 +127,8 @@ cv::Mat1f thermal_image(const Scene& scene, const SampleRays& rays, const RayWor
   return temperature_c;
 }
 
-void mark_thermally_seen(TruthFrame& truth, const Scene& scene, const RayWorld& world, const Pose& world_from_camera) {
+void mark_thermal_visibility(TruthFrame& truth, const Scene& scene, const RayScene& world,
+                             const Pose& world_from_camera) {
   const ThermalCamera& thermal = *scene.rig.thermal;
   const Pose thermal_from_world = thermal.thermal_from_camera * world_from_camera.inverse();
   const Eigen::Vector3d eye = thermal_from_world.inverse().translation;

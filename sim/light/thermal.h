@@ -26,11 +26,12 @@ struct ThermalImaging {
 SampleRays thermal_rays(const RigModel& rig, int per_pixel = 9);
 
 // Renders the apparent temperatures, degrees C, of the thermal camera's pixels; `stack` keys the noise.
-cv::Mat1f thermal_image(const Scene& scene, const SampleRays& rays, const RayWorld& world, const Surfaces& surfaces,
+cv::Mat1f thermal_image(const Scene& scene, const SampleRays& rays, const RayScene& world, const Surfaces& surfaces,
                         const Effects& effects, const Pose& world_from_camera, int stack,
                         const ThermalImaging& imaging);
 
 // Sets kTruthThermal in the mask where the thermal camera sees the pixel's surface point.
-void mark_thermally_seen(TruthFrame& truth, const Scene& scene, const RayWorld& world, const Pose& world_from_camera);
+void mark_thermal_visibility(TruthFrame& truth, const Scene& scene, const RayScene& world,
+                             const Pose& world_from_camera);
 
 }  // namespace fringeslam::sim

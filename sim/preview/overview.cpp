@@ -47,7 +47,7 @@ std::vector<Eigen::Vector3d> sky_directions(const Eigen::Vector3d& up) {
 // Lighting of surface points, as the colour that a white surface would have.
 class Light {
  public:
-  Light(const Scene& scene, const RayWorld& world, const Viewpoint& viewpoint)
+  Light(const Scene& scene, const RayScene& world, const Viewpoint& viewpoint)
       : world_(world),
         up_(viewpoint.up),
         sky_(sky_directions(viewpoint.up)),
@@ -61,7 +61,7 @@ class Light {
   }
 
   void on(const HitPacket& hits, const SurfacePacket& surface, int sample, Eigen::Array3f* light) const {
-    const Points lifted = RayWorld::lifted(hits);
+    const Points lifted = RayScene::lifted(hits);
     float sky[kPacket] = {};
     for (int k = 0; k < kSkyRays; ++k) {
       const Eigen::Vector3d& direction = sky_[static_cast<size_t>(sample * kSkyRays + k)];
@@ -133,7 +133,7 @@ class Light {
     return result;
   }
 
-  const RayWorld& world_;
+  const RayScene& world_;
   Eigen::Vector3d up_, to_lamp_;
   std::vector<Eigen::Vector3d> sky_;
   Beam beam_;
@@ -142,7 +142,7 @@ class Light {
 
 class OverviewRenderer {
  public:
-  OverviewRenderer(const Scene& scene, const RayWorld& world, const Viewpoint& viewpoint)
+  OverviewRenderer(const Scene& scene, const RayScene& world, const Viewpoint& viewpoint)
       : viewpoint_(viewpoint),
         opened_(scene, world, viewpoint.window),
         surfaces_(scene, shown_effects()),
@@ -203,14 +203,14 @@ class OverviewRenderer {
   }
 
   const Viewpoint& viewpoint_;
-  OpenedWorld opened_;
+  CutawayScene opened_;
   Surfaces surfaces_;
   Light light_;
 };
 
 }  // namespace
 
-Overview render_overview(const Scene& scene, const RayWorld& world, const Viewpoint& viewpoint) {
+Overview render_overview(const Scene& scene, const RayScene& world, const Viewpoint& viewpoint) {
   const OverviewRenderer renderer(scene, world, viewpoint);
   const cv::Size size(viewpoint.camera.width, viewpoint.camera.height);
   Overview overview{cv::Mat3b(size, kPaper), cv::Mat1f(size, std::numeric_limits<float>::infinity())};

@@ -17,6 +17,6 @@ struct Overview {
 inline const cv::Vec3b kPaper(24, 22, 20);
 
 // Renders the external view from a viewpoint; throws Error if a texture cannot be read.
-Overview render_overview(const Scene& scene, const RayWorld& world, const Viewpoint& viewpoint);
+Overview render_overview(const Scene& scene, const RayScene& world, const Viewpoint& viewpoint);
 
 }  // namespace fringeslam::sim

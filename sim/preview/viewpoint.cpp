@@ -28,7 +28,7 @@ Eigen::Matrix3d world_from_view(const Eigen::Vector3d& to_viewer) {
   return axes;
 }
 
-void add_spots(const Scene& scene, const RayWorld& world, size_t view, int per_side, double farthest_m,
+void add_spots(const Scene& scene, const RayScene& world, size_t view, int per_side, double farthest_m,
                Interest& interest) {
   const Pinhole& camera = scene.rig.camera;
   const Pose pose = world_from_camera(scene, view);
@@ -43,7 +43,7 @@ void add_spots(const Scene& scene, const RayWorld& world, size_t view, int per_s
 }
 
 // Adds the surface points at the corners of a device's image that lie within `farthest_m`.
-void add_corners(const RayWorld& world, const Pinhole& device, const Pose& world_from_device, double farthest_m,
+void add_corners(const RayScene& world, const Pinhole& device, const Pose& world_from_device, double farthest_m,
                  Interest& interest) {
   for (const Eigen::Vector3d& corner : image_corners(device, 1)) {
     const auto hit = world.trace(world_from_device.translation, world_from_device.rotation * corner);
@@ -58,7 +58,7 @@ struct Sight {
 
 class Judge {
  public:
-  Judge(const Interest& interest, const OpenedWorld& world) : interest_(interest), world_(world) {
+  Judge(const Interest& interest, const CutawayScene& world) : interest_(interest), world_(world) {
     const Box box = interest.box();
     // Far enough that the whole interest lies in front of the viewer; a larger distance would cost single precision.
     away_m_ = 2 * (box.high - box.low).norm() + 1e-3;
@@ -100,7 +100,7 @@ class Judge {
   }
 
   const Interest& interest_;
-  const OpenedWorld& world_;
+  const CutawayScene& world_;
   double away_m_ = 1;
 };
 
@@ -148,7 +148,7 @@ double sideways(const Eigen::Vector3d& v, const Eigen::Vector3d& to_viewer) {
   return v.norm() == 0 ? 0 : std::abs(v.normalized().dot(world_from_view(to_viewer).col(0)));
 }
 
-Candidate best_direction(const Scene& scene, const Interest& interest, const OpenedWorld& world,
+Candidate best_direction(const Scene& scene, const Interest& interest, const CutawayScene& world,
                          const Eigen::Vector2d& slope) {
   const Judge judge(interest, world);
   const Pose camera = world_from_camera(scene, 0);
@@ -211,7 +211,7 @@ std::vector<Eigen::Vector3d> image_corners(const Pinhole& device, double depth_m
   return corners;
 }
 
-Interest interest_of(const Scene& scene, const RayWorld& world) {
+Interest interest_of(const Scene& scene, const RayScene& world) {
   constexpr size_t kMostViews = 16, kMostDevices = 64;
   constexpr int kPerSide = 9;
   Interest interest;
@@ -234,17 +234,17 @@ Interest interest_of(const Scene& scene, const RayWorld& world) {
   return interest;
 }
 
-Viewpoint choose_viewpoint(const Scene& scene, const RayWorld& world, const Interest& interest, int width, int height) {
+Viewpoint choose_viewpoint(const Scene& scene, const RayScene& world, const Interest& interest, int width, int height) {
   constexpr double kMargin = 0.88, kHalfHeight = 0.27;  // tangent of half the angle of view
   Box window = interest.box();
   const Eigen::Vector3d padding = Eigen::Vector3d::Constant(0.02 * (window.high - window.low).norm() + 1e-6);
   window.low -= padding, window.high += padding;
   const Eigen::Vector2d slope(kHalfHeight * width / height, kHalfHeight);
-  Candidate best = best_direction(scene, interest, OpenedWorld(scene, world), kMargin * slope);
+  Candidate best = best_direction(scene, interest, CutawayScene(scene, world), kMargin * slope);
   Viewpoint view;
   view.interest_m = (window.high - window.low).norm();
   if (best.sight.spots < 0.6 || best.sight.devices < 0.6) {
-    const Candidate opened = best_direction(scene, interest, OpenedWorld(scene, world, window), kMargin * slope);
+    const Candidate opened = best_direction(scene, interest, CutawayScene(scene, world, window), kMargin * slope);
     if (opened.score > best.score + 0.1) {
       best = opened;
       view.window = window;

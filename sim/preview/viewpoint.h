@@ -5,7 +5,7 @@
 #include <optional>
 #include <vector>
 
-#include "sim/preview/opened_world.h"
+#include "sim/preview/cutaway_scene.h"
 
 namespace fringeslam::sim {
 
@@ -31,18 +31,18 @@ Pose world_from_projector(const Scene& scene, size_t view);
 std::vector<Eigen::Vector3d> image_corners(const Pinhole& device, double depth_m);
 
 // Collects the region of interest of a scene.
-Interest interest_of(const Scene& scene, const RayWorld& world);
+Interest interest_of(const Scene& scene, const RayScene& world);
 
 struct Viewpoint {
   Pinhole camera;
   Pose world_from_camera;
   double interest_m = 1;                          // diagonal of the interest's bounding box
-  std::optional<Box> window;                      // cutaway box, if needed (sim/preview/opened_world.h)
+  std::optional<Box> window;                      // cutaway box, if needed (sim/preview/cutaway_scene.h)
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();  // +z, or -z if the scene is viewed from below
 };
 
 // Chooses the direction from which most of the interest is visible, preferably from above, and the position from which
 // the interest fills an image of the given size, px.
-Viewpoint choose_viewpoint(const Scene& scene, const RayWorld& world, const Interest& interest, int width, int height);
+Viewpoint choose_viewpoint(const Scene& scene, const RayScene& world, const Interest& interest, int width, int height);
 
 }  // namespace fringeslam::sim

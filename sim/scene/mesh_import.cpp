@@ -19,7 +19,7 @@ namespace fringeslam::sim {
 namespace {
 
 // Returns the rotation that maps the file's up axis to z, keeping x unless x is up.
-Eigen::Matrix3d ours_from_file(UpAxis up) {
+Eigen::Matrix3d world_from_file_axes(UpAxis up) {
   Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
   if (up == UpAxis::y) rotation << 1, 0, 0, 0, 0, -1, 0, 1, 0;
   if (up == UpAxis::x) rotation << 0, 1, 0, 0, 0, 1, 1, 0, 0;
@@ -59,14 +59,14 @@ Decomposed decomposed(const Eigen::Affine3d& transform) {
 }
 
 // A mesh of the file at one scale, possibly shared by several nodes.
-struct Stretched {
+struct ScaledMesh {
   Eigen::Matrix3d stretch;
   std::shared_ptr<const Mesh> mesh;
   size_t degenerate = 0;
 };
 
 // Applies `stretch` to the raw mesh and drops degenerate triangles.
-Stretched stretched(const RawMesh& raw, const Eigen::Matrix3d& stretch) {
+ScaledMesh stretched(const RawMesh& raw, const Eigen::Matrix3d& stretch) {
   Mesh mesh;
   for (size_t i = 0; i + 2 < raw.positions.size(); i += 3)
     mesh.vertices.push_back(
@@ -75,7 +75,7 @@ Stretched stretched(const RawMesh& raw, const Eigen::Matrix3d& stretch) {
     for (size_t i = 0; i + 1 < raw.coordinates.size(); i += 2)
       mesh.texture_coordinates.emplace_back(raw.coordinates[i], raw.coordinates[i + 1]);
   }
-  Stretched result{stretch, nullptr};
+  ScaledMesh result{stretch, nullptr};
   // Mirroring reverses the orientation of the triangles.
   const bool mirrored = stretch.determinant() < 0;
   for (size_t i = 0; i + 2 < raw.indices.size(); i += 3) {
@@ -96,8 +96,8 @@ Stretched stretched(const RawMesh& raw, const Eigen::Matrix3d& stretch) {
 }
 
 // Returns the mesh at this scale, creating it on first use; scales that differ only by rounding are shared.
-const Stretched& find_or_make(std::vector<Stretched>& sizes, const RawMesh& raw, const Eigen::Matrix3d& stretch) {
-  for (const Stretched& size : sizes) {
+const ScaledMesh& find_or_make(std::vector<ScaledMesh>& sizes, const RawMesh& raw, const Eigen::Matrix3d& stretch) {
+  for (const ScaledMesh& size : sizes) {
     if ((size.stretch - stretch).norm() <= 1e-6 * stretch.norm()) return size;
   }
   return sizes.emplace_back(stretched(raw, stretch));
@@ -149,10 +149,10 @@ MeshImport import_mesh(const std::filesystem::path& file, const MeshImportOption
   MeshImport result;
   result.unit_m = options.unit_m.value_or(model.unit_m > 0 ? model.unit_m : 1);
   result.up = options.up.value_or(model.y_up ? UpAxis::y : UpAxis::z);
-  const Eigen::Matrix3d turned = ours_from_file(result.up);
+  const Eigen::Matrix3d turned = world_from_file_axes(result.up);
   result.low.setConstant(std::numeric_limits<double>::infinity());
   result.high = -result.low;
-  std::vector<std::vector<Stretched>> sizes(model.meshes.size());
+  std::vector<std::vector<ScaledMesh>> sizes(model.meshes.size());
   for (const RawInstance& instance : model.instances) {
     if (instance.mesh >= model.meshes.size())
       throw Error(file.string() + ": node '" + instance.name + "' refers to a mesh that does not exist");
@@ -165,7 +165,7 @@ MeshImport import_mesh(const std::filesystem::path& file, const MeshImportOption
     ours_from_mesh.linear() = result.unit_m * turned * transform.topLeftCorner<3, 3>();
     ours_from_mesh.translation() = result.unit_m * turned * transform.topRightCorner<3, 1>();
     const auto [stretch, pose] = decomposed(ours_from_mesh);
-    const Stretched& size = find_or_make(sizes[instance.mesh], mesh, stretch);
+    const ScaledMesh& size = find_or_make(sizes[instance.mesh], mesh, stretch);
     result.degenerate += size.degenerate;
     if (size.mesh->triangles.empty()) continue;
     ImportedPart part;

@@ -70,7 +70,7 @@ std::vector<Pose> dense_curve(const std::vector<Pose>& waypoints, bool closed, d
 
 }  // namespace
 
-std::vector<Pose> spline_route(const std::vector<Pose>& waypoints, int count, bool closed, double turn_m_per_rad) {
+std::vector<Pose> sample_spline(const std::vector<Pose>& waypoints, int count, bool closed, double turn_m_per_rad) {
   const std::vector<Pose> curve = dense_curve(waypoints, closed, turn_m_per_rad);
   std::vector<double> travelled = {0};
   for (size_t i = 1; i < curve.size(); ++i)

@@ -22,7 +22,8 @@ Pose interpolate(const Pose& a, const Pose& b, double share);
 // Samples `count` poses at equal steps along a centripetal Catmull-Rom curve through the waypoints, evaluated with
 // Barry and Goldman's pyramid of `interpolate` calls. Step length is translation plus `turn_m_per_rad` times rotation.
 // Requires at least two waypoints; the last view of a closed curve coincides with the first.
-std::vector<Pose> spline_route(const std::vector<Pose>& waypoints, int count, bool closed, double turn_m_per_rad = 0.5);
+std::vector<Pose> sample_spline(const std::vector<Pose>& waypoints, int count, bool closed,
+                                double turn_m_per_rad = 0.5);
 
 struct Orbit {
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // target point

@@ -88,7 +88,7 @@ struct SceneLimits {
   int views = 100000;
 };
 
-struct SceneReading {
+struct SceneLoadOptions {
   std::optional<uint64_t> seed = {};           // overrides the file's seed
   std::vector<std::string>* errors = nullptr;  // if set, collects all errors; the scene is invalid if there are any
   std::filesystem::path resolved_for = {};     // folder that paths in Scene::resolved are relative to; empty: the
@@ -103,6 +103,6 @@ struct SceneReading {
 RigModel calibration_of(const Scene& scene);
 
 // Loads a scene file. Throws Error with file:line on missing, unknown, non-finite, out-of-range or inconsistent values.
-Scene load_scene(const std::filesystem::path& file, const SceneReading& reading = {});
+Scene load_scene(const std::filesystem::path& file, const SceneLoadOptions& reading = {});
 
 }  // namespace fringeslam::sim

@@ -16,7 +16,7 @@ namespace {
 namespace fs = std::filesystem;
 
 // Draws the values of a scene file's distributions from its seed.
-class SceneDraws : public Draws {
+class SceneDraws : public RandomSource {
  public:
   explicit SceneDraws(uint64_t seed) : seed_(seed) {}
   double uniform(uint64_t address, uint32_t attempt) const override { return at(address).uniforms(attempt)[0]; }
@@ -33,7 +33,7 @@ class SceneDraws : public Draws {
 // before its includes; materials and objects are merged from all files.
 class SceneLayers {
  public:
-  SceneLayers(const fs::path& file, const SceneReading& reading) : reading_(reading) {
+  SceneLayers(const fs::path& file, const SceneLoadOptions& reading) : reading_(reading) {
     add(file, "");
     for (const auto& [path, value] : reading_.changes) owner(path.substr(0, path.find('.'))).set(path, value);
     seed = reading.seed.value_or(has("seed") ? with("seed").seed("seed") : 1);
@@ -89,7 +89,7 @@ class SceneLayers {
     }
   }
 
-  SceneReading reading_;
+  SceneLoadOptions reading_;
   std::vector<YamlMap> layers_;
   std::vector<std::string> places_;  // include path of each layer, part of the address of its draws
   std::set<fs::path> files_;
@@ -201,7 +201,7 @@ PatternSequence read_scene_patterns(const YamlMap& map, const RigModel& rig) {
     if (rig.projector_response.empty())
       throw map.error("linearised",
                       "the rig file has no projector.response to invert; run fringeslam calibrate response");
-    sequence.inverse_response = inverse_table(rig.projector_response, 1025);
+    sequence.inverse_response = invert_table(rig.projector_response, 1025);
   }
   return sequence;
 }
@@ -276,7 +276,7 @@ RigModel calibration_of(const Scene& scene) {
   return rig;
 }
 
-Scene load_scene(const fs::path& file, const SceneReading& reading) {
+Scene load_scene(const fs::path& file, const SceneLoadOptions& reading) {
   const SceneLayers layers(file, reading);
   const auto section = [&](const std::string& name, const auto& read) {
     const YamlMap map = layers.section(name);

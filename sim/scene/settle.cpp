@@ -11,7 +11,7 @@
 
 #include "core/types/error.h"
 #include "sim/random.h"
-#include "sim/scene/bulk.h"
+#include "sim/scene/mass_properties.h"
 
 namespace fringeslam::sim {
 
@@ -32,17 +32,17 @@ Eigen::Vector3d from_bullet(const btVector3& v) {
 }
 
 // A body in Bullet's world, where its origin is the centre of mass.
-struct Loose {
+struct RigidBody {
   std::vector<std::unique_ptr<btConvexHullShape>> hulls;
   btCompoundShape compound;  // used if there are several hulls
   std::unique_ptr<btRigidBody> body;
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // centre of mass in the body frame, m
   double radius = 0;                                 // bounding radius about the centre of mass, m
 
-  explicit Loose(const Body& from) {
+  explicit RigidBody(const Body& from) {
     double volume = 0;
     for (const Hull& hull : from.hulls) {
-      const Bulk bulk = bulk_of(hull);
+      const MassProperties bulk = mass_properties_of(hull);
       volume += bulk.volume;
       centre += bulk.volume * bulk.centre;
     }
@@ -100,9 +100,9 @@ constexpr double kGravity = 9.81 / kUnit;
 constexpr double kStep_s = 1.0 / 120;
 constexpr int steps_in(double seconds) { return static_cast<int>(seconds / kStep_s + 0.5); }
 
-class Tumbling {
+class PileSimulation {
  public:
-  Tumbling(const std::vector<Body>& bodies, const DropArea& area, uint64_t seed)
+  PileSimulation(const std::vector<Body>& bodies, const DropArea& area, uint64_t seed)
       : dispatcher_(&configuration_),
         world_(&dispatcher_, &broadphase_, &solver_, &configuration_),
         area_(area),
@@ -127,16 +127,16 @@ class Tumbling {
       add_wall(btVector3(0, 1, 0), x, y);
       add_wall(btVector3(0, -1, 0), x, y);
     }
-    for (const Body& body : bodies) loose_.push_back(std::make_unique<Loose>(body));
+    for (const Body& body : bodies) loose_.push_back(std::make_unique<RigidBody>(body));
   }
-  ~Tumbling() {
+  ~PileSimulation() {
     for (const auto& loose : loose_) world_.removeRigidBody(loose->body.get());
     for (const auto& fixed : fixed_) {
       if (fixed->isInWorld()) world_.removeRigidBody(fixed.get());
     }
   }
-  Tumbling(const Tumbling&) = delete;
-  Tumbling& operator=(const Tumbling&) = delete;
+  PileSimulation(const PileSimulation&) = delete;
+  PileSimulation& operator=(const PileSimulation&) = delete;
 
   Settled run() {
     std::vector<size_t> waiting(loose_.size());
@@ -145,9 +145,9 @@ class Tumbling {
     constexpr int kRounds = 8;
     for (int round = 0; round < kRounds; ++round) {
       drop(waiting);
-      open_chute();
-      waiting = restless();
-      if (waiting.empty()) waiting = inside_others();
+      remove_drop_walls();
+      waiting = bodies_not_at_rest();
+      if (waiting.empty()) waiting = penetrating_bodies();
       if (waiting.empty()) {
         settled.ground_from_body = poses();
         for (const auto& loose : loose_) settled.energy_j_per_kg = std::max(settled.energy_j_per_kg, loose->energy());
@@ -155,7 +155,7 @@ class Tumbling {
         settled.time_s = time_s_;
         return settled;
       }
-      settled.dropped_again += static_cast<int>(waiting.size());
+      settled.redrop_count += static_cast<int>(waiting.size());
       for (const size_t i : waiting) world_.removeRigidBody(loose_[i]->body.get());
     }
     throw Error(std::to_string(waiting.size()) + " of " + std::to_string(loose_.size()) +
@@ -207,7 +207,7 @@ class Tumbling {
     world_.addRigidBody(fixed_.back().get());
     return fixed_.back().get();
   }
-  void open_chute() {
+  void remove_drop_walls() {
     for (btRigidBody* wall : chute_) world_.removeRigidBody(wall);
     chute_.clear();
   }
@@ -229,7 +229,7 @@ class Tumbling {
   std::vector<double> distances_from(const std::vector<Pose>& ground_from_body) const {
     std::vector<double> distances;
     for (size_t i = 0; i < loose_.size(); ++i) {
-      const Loose& loose = *loose_[i];
+      const RigidBody& loose = *loose_[i];
       distances.push_back((loose.pose() * loose.centre - ground_from_body[i] * loose.centre).norm());
     }
     return distances;
@@ -255,7 +255,7 @@ class Tumbling {
       std::vector<std::pair<Eigen::Vector2d, double>> taken;
       const double above = top();
       for (int attempt = 0; attempt < kTries && next < bodies.size();) {
-        Loose& loose = *loose_[bodies[next]];
+        RigidBody& loose = *loose_[bodies[next]];
         const auto room = [&](double size) { return std::max(0.0, size / 2 - loose.radius); };
         const Eigen::Vector2d at(random_.uniform(-1, 1) * room(area_.size_x),
                                  random_.uniform(-1, 1) * room(area_.size_y));
@@ -275,7 +275,7 @@ class Tumbling {
     }
   }
 
-  void release(Loose& loose, const Eigen::Vector3d& at) {
+  void release(RigidBody& loose, const Eigen::Vector3d& at) {
     // Uniformly distributed random rotation (Shoemake 1992).
     const double u = random_.uniform(), a = 2 * std::numbers::pi * random_.uniform(),
                  b = 2 * std::numbers::pi * random_.uniform();
@@ -285,7 +285,7 @@ class Tumbling {
     put(loose, btTransform(turned, to_bullet(at)));
   }
 
-  void put(Loose& loose, const btTransform& at) {
+  void put(RigidBody& loose, const btTransform& at) {
     btRigidBody& body = *loose.body;
     body.setWorldTransform(at);
     body.setInterpolationWorldTransform(body.getWorldTransform());
@@ -298,7 +298,7 @@ class Tumbling {
 
   // Returns the bodies that do not come to rest within a time limit. Bodies creep and rock for long, so they are damped
   // periodically; a body is at rest if it then stays in place under full gravity.
-  std::vector<size_t> restless() {
+  std::vector<size_t> bodies_not_at_rest() {
     constexpr double kStays = 0.003;  // m per second; resting bodies creep by about 1 mm/s in the solver
     constexpr int kSeconds = 30;
     bool calm = false;
@@ -311,7 +311,7 @@ class Tumbling {
       moving = those([&](size_t i) { return moved[i] >= kStays; });
       const bool stayed = moving.empty();
       if (stayed || second % 4 == 3) {
-        const std::vector<size_t> stirred = calm_down();
+        const std::vector<size_t> stirred = damp_motion();
         if (stayed && stirred.empty() && calm) return {};
         if (stayed) moving = stirred;
       }
@@ -322,7 +322,7 @@ class Tumbling {
 
   // Increases damping and reduces gravity, of which the solver leaves a residual in each step. Returns the bodies that
   // are still moving afterwards.
-  std::vector<size_t> calm_down() {
+  std::vector<size_t> damp_motion() {
     constexpr double kStill = 2e-6;  // J/kg: 2 mm/s
     constexpr int kStillSteps = steps_in(0.25), kMostSteps = steps_in(2);
     std::vector<size_t> stirred;
@@ -381,7 +381,7 @@ class Tumbling {
   }
 
   // Returns, for each pair of penetrating bodies, the one with the higher index.
-  std::vector<size_t> inside_others() {
+  std::vector<size_t> penetrating_bodies() {
     std::vector<size_t> found;
     visit_contacts([&](const btPersistentManifold& manifold, double depth) {
       if (depth < kAllowed) return;
@@ -404,7 +404,7 @@ class Tumbling {
   std::vector<std::unique_ptr<btCollisionShape>> shapes_;
   std::vector<std::unique_ptr<btRigidBody>> fixed_;
   std::vector<btRigidBody*> chute_;  // subset of fixed_ that is removed once everything has been dropped
-  std::vector<std::unique_ptr<Loose>> loose_;
+  std::vector<std::unique_ptr<RigidBody>> loose_;
   DropArea area_;
   Philox random_;
   double time_s_ = 0;
@@ -414,12 +414,12 @@ class Tumbling {
 
 Settled settle(const std::vector<Body>& bodies, const DropArea& area, uint64_t seed) {
   if (bodies.empty()) return {};
-  return Tumbling(bodies, area, seed).run();
+  return PileSimulation(bodies, area, seed).run();
 }
 
 std::vector<double> drifts_m(const std::vector<Body>& bodies, const DropArea& area,
                              const std::vector<Pose>& ground_from_body, double seconds) {
-  return Tumbling(bodies, area, 0).drift(ground_from_body, seconds);
+  return PileSimulation(bodies, area, 0).drift(ground_from_body, seconds);
 }
 
 }  // namespace fringeslam::sim

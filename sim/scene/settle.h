@@ -32,7 +32,7 @@ struct Settled {
   double energy_j_per_kg = 0;  // largest kinetic energy of a body per unit mass
   double penetration_m = 0;    // deepest, between bodies or with the ground; negative: gaps everywhere
   double time_s = 0;           // simulated time, from the first drop to rest
-  int dropped_again = 0;       // re-drops of bodies that had not come to rest or had penetrated others
+  int redrop_count = 0;        // re-drops of bodies that had not come to rest or had penetrated others
 };
 
 // Drops the bodies and simulates until all are at rest. Throws Error if they do not come to rest.

@@ -61,7 +61,7 @@ Mesh loft(const std::vector<Points3d>& rings) {
   return mesh;
 }
 
-Mesh loft_around(const std::vector<Points3d>& rings) {
+Mesh loft_closed(const std::vector<Points3d>& rings) {
   Mesh mesh = bands(rings);
   const int sides = static_cast<int>(rings[0].size());
   add_band(mesh, static_cast<int>(mesh.vertices.size()) - sides, 0, sides);

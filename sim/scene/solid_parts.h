@@ -20,7 +20,7 @@ using Points3d = std::vector<Eigen::Vector3d>;
 Mesh loft(const std::vector<Points3d>& rings);
 
 // Builds a closed surface through the rings with the last ring joined to the first.
-Mesh loft_around(const std::vector<Points3d>& rings);
+Mesh loft_closed(const std::vector<Points3d>& rings);
 
 // Builds a ring around each point of a curve. `section` returns the offset of a ring point at an angle, in the normal,
 // binormal and tangent directions of a frame transported along the curve without twist; the normal starts near `up`.

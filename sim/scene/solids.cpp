@@ -70,7 +70,7 @@ struct Chip {
 };
 
 // Returns ticks that are denser towards the ends, where chips and rounded edges need resolution.
-std::vector<double> crowded_ticks(double size, int cells) {
+std::vector<double> edge_refined_ticks(double size, int cells) {
   std::vector<double> ticks = even_ticks(size, cells);
   for (double& tick : ticks) tick = tick / 2 + size / 4 * std::sin(std::numbers::pi * tick / size);
   return ticks;
@@ -100,7 +100,8 @@ Solid brick_solid(const Eigen::Vector3d& size, uint32_t seed) {
   const double small = size.minCoeff(), wear = 0.05 * small;
   Ticks ticks;
   for (int axis = 0; axis < 3; ++axis)
-    ticks[static_cast<size_t>(axis)] = crowded_ticks(size[axis], 10 + static_cast<int>(42 * size[axis] / size.sum()));
+    ticks[static_cast<size_t>(axis)] =
+        edge_refined_ticks(size[axis], 10 + static_cast<int>(42 * size[axis] / size.sum()));
   Mesh mesh = cells_mesh(ticks);
   for (auto& v : mesh.vertices) {
     const double radius = wear * (0.6 + 0.4 * fractal_noise(v / (0.3 * small), 3, seed));

@@ -33,7 +33,7 @@ Points3d circle(double radius, double z, int sides) {
 
 Solid pipe_solid(double outer_radius, double wall, double length, int sides) {
   const double inner_radius = outer_radius - wall, end = length / 2;
-  const Mesh mesh = loft_around({circle(outer_radius, -end, sides), circle(outer_radius, end, sides),
+  const Mesh mesh = loft_closed({circle(outer_radius, -end, sides), circle(outer_radius, end, sides),
                                  circle(inner_radius, end, sides), circle(inner_radius, -end, sides)});
   constexpr int kHullSides = 32;
   const double hull_radius = outer_radius / std::cos(kPi / kHullSides);  // circumscribed

@@ -103,8 +103,8 @@ std::vector<Pose> read_spline(const YamlMap& map, const RigModel& rig, Range cou
   constexpr size_t kMostWaypoints = 10000;  // each expands to 64 poses while the curve is measured
   const std::vector<Pose> waypoints = listed_poses(map, "waypoints", rig, 2, kMostWaypoints);
   const int count = map.integer("count", counts);
-  return spline_route(waypoints, count, map.boolean_or("closed", false),
-                      map.number_or("turn_m_per_rad", 0.5, {0, 100}));
+  return sample_spline(waypoints, count, map.boolean_or("closed", false),
+                       map.number_or("turn_m_per_rad", 0.5, {0, 100}));
 }
 
 std::vector<Pose> read_orbit(const YamlMap& map, const RigModel& rig, Range counts) {

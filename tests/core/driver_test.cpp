@@ -4,13 +4,13 @@
 #include <gmock/gmock.h>
 
 #include "core/types/error.h"
-#include "tests/support/bumps.h"
+#include "tests/support/bump_rig.h"
 #include "tests/support/matchers.h"
 
 namespace fringeslam {
 namespace {
 
-using support::Bumps;
+using support::BumpRig;
 
 class Driven : public testing::TestWithParam<Unwrapping> {
  protected:
@@ -20,7 +20,7 @@ class Driven : public testing::TestWithParam<Unwrapping> {
     options_.tracking.max_displacement_sigma_m = 5e-3;
     options_.icp.min_overlap = 0.1;
   }
-  Pipeline pipeline() const { return Pipeline(Bumps(1).model(), sequence_, options_, {}); }
+  Pipeline pipeline() const { return Pipeline(BumpRig(1).model(), sequence_, options_, {}); }
 
   static constexpr int kViews = 12;
   const PatternSequence sequence_ = phase_shift_sequence(1024, 768, {1040, 131, 16.5}, 3, Axis::columns, 8);
@@ -28,7 +28,7 @@ class Driven : public testing::TestWithParam<Unwrapping> {
 };
 
 TEST_P(Driven, ResultsEqualThoseOfOneViewAtATime) {
-  Bumps one_at_a_time(kViews), ahead(kViews);
+  BumpRig one_at_a_time(kViews), ahead(kViews);
   Pipeline expected = pipeline(), got = pipeline();
   Driver driver(ahead, got);
   int views = 0;
@@ -56,7 +56,7 @@ TEST_P(Driven, ResultsEqualThoseOfOneViewAtATime) {
 TEST_P(Driven, WorksOnOneCore) {
   const int threads = cv::getNumThreads();
   cv::setNumThreads(1);
-  Bumps one_at_a_time(kViews), ahead(kViews);
+  BumpRig one_at_a_time(kViews), ahead(kViews);
   Pipeline expected = pipeline(), got = pipeline();
   while (const auto stack = one_at_a_time.capture(expected.next_patterns())) expected.process(*stack);
   Driver driver(ahead, got);
@@ -70,7 +70,7 @@ INSTANTIATE_TEST_SUITE_P(Unwrapping, Driven, testing::Values(Unwrapping::multifr
                          [](const auto& test) { return std::string(to_string(test.param)); });
 
 TEST(Pipeline, RefusesOtherPatterns) {
-  Bumps rig(1);
+  BumpRig rig(1);
   const PatternSequence sequence = phase_shift_sequence(1024, 768, {1040, 131, 16.5}, 3, Axis::columns, 8);
   Pipeline pipeline(rig.model(), sequence, {}, {});
   const PatternSequence other = phase_shift_sequence(1024, 768, {1040, 131, 16}, 3, Axis::columns, 8);
@@ -78,12 +78,12 @@ TEST(Pipeline, RefusesOtherPatterns) {
               testing::HasSubstr("its patterns are neither"));
 }
 
-class Failing : public Bumps {
+class Failing : public BumpRig {
  public:
-  Failing() : Bumps(100) {}
+  Failing() : BumpRig(100) {}
   std::optional<FringeStack> capture(const PatternSequence& patterns) override {
     if (++taken_ == 4) throw Error("the camera is gone");
-    return Bumps::capture(patterns);
+    return BumpRig::capture(patterns);
   }
 
  private:

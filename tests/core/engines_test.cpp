@@ -37,7 +37,7 @@ TEST_P(Engines, PointsMovedByLessThanTheirSpacingComeBack) {
   IcpOptions options;
   options.max_distance_m = 0.02;
   options.max_iterations = 200;
-  const IcpResult result = register_by(GetParam(), target, source, rig.camera, {}, options, 1);
+  const IcpResult result = register_with_engine(GetParam(), target, source, rig.camera, {}, options, 1);
   EXPECT_THAT(result.target_from_source, PoseNear(truth, 2e-6, 2e-6));
   EXPECT_TRUE(result.converged);
   EXPECT_GT(result.overlap, 0.99);
@@ -53,8 +53,8 @@ TEST_P(Engines, PlanesOfACornerComeTogether) {
   IcpOptions options;
   options.max_distance_m = 0.02;
   options.max_iterations = 200;
-  const IcpResult result = register_by(GetParam(), observe(surface, rig, {}, 2e-5), observe(surface, rig, truth, 2e-5),
-                                       rig.camera, {}, options, 1);
+  const IcpResult result = register_with_engine(GetParam(), observe(surface, rig, {}, 2e-5),
+                                                observe(surface, rig, truth, 2e-5), rig.camera, {}, options, 1);
   // GICP's covariances round off the corner for sparse points.
   const double limit = GetParam() == RegistrationEngine::pcl_gicp ? 3e-3 : 1e-6;
   EXPECT_THAT(result.target_from_source, PoseNear(truth, limit, limit));
@@ -71,9 +71,9 @@ TEST_P(Engines, NothingToRegisterIsNotConverged) {
   empty.points_m.setTo(cv::Scalar::all(std::numeric_limits<double>::quiet_NaN()));
   empty.normals.setTo(cv::Scalar::all(std::numeric_limits<double>::quiet_NaN()));
   empty.sigma_m.setTo(std::numeric_limits<double>::quiet_NaN());
-  EXPECT_FALSE(register_by(GetParam(), frame, empty, rig.camera, {}, {}).converged);
-  EXPECT_FALSE(register_by(GetParam(), empty, frame, rig.camera, {}, {}).converged);
-  EXPECT_FALSE(register_by(GetParam(), empty, empty, rig.camera, {}, {}).converged);
+  EXPECT_FALSE(register_with_engine(GetParam(), frame, empty, rig.camera, {}, {}).converged);
+  EXPECT_FALSE(register_with_engine(GetParam(), empty, frame, rig.camera, {}, {}).converged);
+  EXPECT_FALSE(register_with_engine(GetParam(), empty, empty, rig.camera, {}, {}).converged);
   EXPECT_FALSE(register_frames(empty, frame, rig.camera, {}).converged);
 }
 

@@ -261,13 +261,13 @@ TEST(ExpectedView, OfSeveralViewsTheNearestSurfaceCounts) {
   EXPECT_EQ(std::memcmp(a.depth_m.data, b.depth_m.data, a.depth_m.total() * sizeof(float)), 0);
 }
 
-TEST(ExpectedCoordinate, IsTheProjectionAndItsDerivative) {
+TEST(CoordinatePrior, IsTheProjectionAndItsDerivative) {
   for (const Axis axis : {Axis::columns, Axis::rows}) {
     const RigModel rig = small_rig(true);
     const PixelRays rays = pixel_rays(rig.camera);
     const double depth = 0.93, sigma = 2e-3;
-    const auto expected = expected_coordinate(rig, rays, cv::Mat1f(rays.size(), static_cast<float>(depth)),
-                                              cv::Mat1f(rays.size(), static_cast<float>(sigma)), axis);
+    const auto expected = predict_coordinate(rig, rays, cv::Mat1f(rays.size(), static_cast<float>(depth)),
+                                             cv::Mat1f(rays.size(), static_cast<float>(sigma)), axis);
     for (int row = 0; row < rays.rows; row += 9) {
       for (int col = 0; col < rays.cols; col += 7) {
         const auto coordinate = [&](double z) {

@@ -41,8 +41,8 @@ Landmarks identified(const Frame& frame, const RigModel& rig, OutlineSource outl
   LandmarkOptions options;
   options.outlines = outlines;
   options.min_keypoints = 3;
-  return identify_landmarks(frame, detect_keypoints(frame, rig, pixel_rays(rig.camera), {}), rig, {}, {}, {}, options,
-                            stages);
+  return extract_landmarks(frame, detect_keypoints(frame, rig, pixel_rays(rig.camera), {}), rig, {}, {}, {}, options,
+                           stages);
 }
 
 class BothOutlines : public testing::TestWithParam<OutlineSource> {};

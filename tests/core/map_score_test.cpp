@@ -35,7 +35,7 @@ TEST(MapScore, OnlyWhatTheSensorSeesIsToBeFound) {
   truth.mask = cv::Mat1f(8, 8, kTruthSurface | kTruthInBeam);
   const auto seen = [&] {
     std::vector<Eigen::Vector3d> points;
-    append_seen(truth, rig, pixel_rays(rig.camera), points);
+    append_visible_surface(truth, rig, pixel_rays(rig.camera), points);
     return points.size();
   };
   EXPECT_EQ(seen(), 4u);

@@ -167,12 +167,12 @@ TEST(Morphology, ClosesAGapAndStops) {
   std::vector<std::string> rows(40, std::string(40, '0'));
   for (size_t i = 10; i < 30; ++i) rows[10][i] = rows[29][i] = rows[i][10] = rows[i][29] = '1';
   for (size_t i = 18; i < 21; ++i) rows[10][i] = '0';
-  const Closing closing = dilated_until_closed(image_of(rows), 10);
+  const Closing closing = close_gaps(image_of(rows), 10);
   EXPECT_EQ(holes(closing.image), 1);
   EXPECT_EQ(closing.dilations, 2);
-  EXPECT_EQ(dilated_until_closed(image_of(rows), 1).dilations, 0);
+  EXPECT_EQ(close_gaps(image_of(rows), 1).dilations, 0);
   // Nothing to close, so nothing is dilated.
-  EXPECT_EQ(dilated_until_closed(closing.image, 10).dilations, 0);
+  EXPECT_EQ(close_gaps(closing.image, 10).dilations, 0);
 }
 
 TEST(Morphology, ThinningKeepsWhatIsConnected) {
@@ -213,9 +213,9 @@ TEST(Morphology, ThinsABarToItsMiddle) {
 TEST(Morphology, NothingLooseIsLeft) {
   for (uint64_t seed = 1; seed <= 40; ++seed) {
     const BitImage edges = seed % 2 ? thinned(random_shapes(seed)) : random_specks(seed, 0.12);
-    const BitImage clean = without_loose_ends(edges);
+    const BitImage clean = remove_open_lines(edges);
     clean.for_each([&](int r, int c) { EXPECT_GE(neighbours(clean, r, c), 2) << seed; });
-    EXPECT_EQ(without_loose_ends(clean), clean);
+    EXPECT_EQ(remove_open_lines(clean), clean);
     // The largest such set is unique, so repeated passes over the whole image must find the same.
     BitImage slow = edges;
     for (bool changed = true; changed;) {
@@ -231,8 +231,8 @@ TEST(Morphology, NothingLooseIsLeft) {
 }
 
 TEST(Morphology, ALineDisappearsAndARingStays) {
-  const BitImage clean = without_loose_ends(image_of({"000000000000", "011100001110", "010111111010", "011100001110",
-                                                      "000000000000", "010101111110", "000000000000"}));
+  const BitImage clean = remove_open_lines(image_of({"000000000000", "011100001110", "010111111010", "011100001110",
+                                                     "000000000000", "010101111110", "000000000000"}));
   EXPECT_EQ(rows_of(clean), (std::vector<std::string>{"000000000000", "011100001110", "010111111010", "011100001110",
                                                       "000000000000", "000000000000", "000000000000"}));
 }

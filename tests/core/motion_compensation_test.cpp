@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // Fringes that drift during the sequence, generated directly from their equation, and surfaces that move relative to
 // the camera.
+#include "core/decode/motion_compensation.h"
+
 #include <gmock/gmock.h>
 
 #include <cmath>
 #include <cstring>
 #include <numbers>
 
-#include "core/decode/motion.h"
 #include "tests/support/fringes.h"
 #include "tests/support/matchers.h"
 #include "tests/support/scene.h"
@@ -42,7 +43,7 @@ struct Drift {
     stack = support::stack_of(sequence, images);
     stack.timestamp_s = 1024;
     for (size_t k = 0; k < times.size(); ++k) stack.exposure_time_s[k] = stack.timestamp_s + times[k];
-    ExpectedCoordinate expected{cv::Mat1f(truth.size()), cv::Mat1f(truth.size(), 0.0f), cv::Mat1f(truth.size(), 0.5f)};
+    CoordinatePrior expected{cv::Mat1f(truth.size()), cv::Mat1f(truth.size(), 0.0f), cv::Mat1f(truth.size(), 0.5f)};
     truth.convertTo(expected.coordinate_px, CV_32F);
     RigModel rig = small_rig(false);
     options.unwrapping = Unwrapping::predicted;

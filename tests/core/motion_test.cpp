@@ -279,7 +279,7 @@ TEST(Motion, WhatCollinearPointsLeaveFreeIsNamed) {
     }
     const MotionEstimate estimate = estimate_motion(pairs, {});
     ASSERT_EQ(estimate.undetermined.size(), 1U) << (noisy ? "noisy" : "exact");
-    const FreeDirection& free = estimate.undetermined[0];
+    const UnobservableDirection& free = estimate.undetermined[0];
     EXPECT_EQ(free.kind, FreeKind::rotation);
     EXPECT_GT(std::abs(free.axis.dot(kMotion.rotation * along.normalized())), 0.9999);
     EXPECT_LT(free.axis.cross(kMotion * end - free.point_m).norm(), 1e-3);

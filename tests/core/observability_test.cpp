@@ -52,7 +52,9 @@ struct Scene {
     }
     return sum;
   }
-  std::vector<FreeDirection> free() const { return free_directions(information(), kPose, centre(), spread(), {}); }
+  std::vector<UnobservableDirection> free() const {
+    return unobservable_directions(information(), kPose, centre(), spread(), {});
+  }
 };
 
 Scene scene_of(int count, const std::function<std::pair<Vector3d, Vector3d>()>& draw) {
@@ -93,12 +95,12 @@ void append(Scene& scene, const Scene& more) {
   scene.normals.insert(scene.normals.end(), more.normals.begin(), more.normals.end());
 }
 
-double distance_to_axis(const Vector3d& point, const FreeDirection& direction) {
+double distance_to_axis(const Vector3d& point, const UnobservableDirection& direction) {
   return direction.axis.cross(point - direction.point_m).norm();
 }
 
 // Expects that a small motion along the direction keeps every point in its surface.
-void expect_no_residual(const Scene& scene, const FreeDirection& direction) {
+void expect_no_residual(const Scene& scene, const UnobservableDirection& direction) {
   for (size_t i = 0; i < scene.points.size(); ++i) {
     const Vector3d shift =
         direction.kind == FreeKind::translation
@@ -113,7 +115,7 @@ TEST(Observability, ABarePlaneSlidesTwiceAndTurnsOnce) {
   const Vector3d tilted = Vector3d(0.2, -0.4, -1).normalized();
   for (const Vector3d& normal : {Vector3d(0, 0, -1), tilted}) {
     const Scene scene = plane({0.05, -0.02, 0.9}, normal, 1);
-    const std::vector<FreeDirection> free = scene.free();
+    const std::vector<UnobservableDirection> free = scene.free();
     ASSERT_THAT(free, SizeIs(3));
     for (const int i : {0, 1}) {
       EXPECT_EQ(free[i].kind, FreeKind::translation);
@@ -122,7 +124,7 @@ TEST(Observability, ABarePlaneSlidesTwiceAndTurnsOnce) {
     EXPECT_NEAR(free[0].axis.dot(free[1].axis), 0, 1e-9);
     EXPECT_EQ(free[2].kind, FreeKind::rotation);
     EXPECT_NEAR(std::abs(free[2].axis.dot(normal)), 1, 1e-9);
-    for (const FreeDirection& direction : free) {
+    for (const UnobservableDirection& direction : free) {
       EXPECT_TRUE(std::isinf(direction.sigma));
       expect_no_residual(scene, direction);
     }
@@ -134,9 +136,9 @@ TEST(Observability, ASphereTurnsAboutItsCentre) {
   const Vector3d middle(0.03, 0.05, 0.85);
   for (const double cap : {-1.0, 0.0, 0.5}) {
     const Scene scene = sphere(middle, 0.2, cap, 2);
-    const std::vector<FreeDirection> free = scene.free();
+    const std::vector<UnobservableDirection> free = scene.free();
     ASSERT_THAT(free, SizeIs(3));
-    for (const FreeDirection& direction : free) {
+    for (const UnobservableDirection& direction : free) {
       EXPECT_EQ(direction.kind, FreeKind::rotation);
       EXPECT_LT((direction.point_m - middle).norm(), 1e-6) << cap;
       EXPECT_TRUE(std::isinf(direction.sigma));
@@ -155,7 +157,7 @@ TEST(Observability, ACylinderSlidesAlongItsAxisAndTurnsAboutIt) {
     const Vector3d normal = std::cos(angle) * a + std::sin(angle) * b;
     return std::pair(Vector3d(middle + 0.05 * normal + random.uniform(-0.15, 0.15) * axis), normal);
   });
-  const std::vector<FreeDirection> free = scene.free();
+  const std::vector<UnobservableDirection> free = scene.free();
   ASSERT_THAT(free, SizeIs(2));
   EXPECT_EQ(free[0].kind, FreeKind::translation);
   EXPECT_THAT(free[0].axis, MatrixNear(axis, 1e-9));
@@ -174,7 +176,7 @@ TEST(Observability, AHelixScrews) {
     const Vector3d normal = out.cross(radius * round + kPitch_m * Vector3d::UnitZ()).normalized();
     return std::pair(Vector3d(middle + radius * out + kPitch_m * angle * Vector3d::UnitZ()), normal);
   });
-  const std::vector<FreeDirection> free = scene.free();
+  const std::vector<UnobservableDirection> free = scene.free();
   ASSERT_THAT(free, SizeIs(1));
   EXPECT_EQ(free[0].kind, FreeKind::screw);
   EXPECT_THAT(free[0].axis, MatrixNear(Vector3d(0, 0, 1), 1e-9));
@@ -188,7 +190,7 @@ TEST(Observability, ACornerOfThreePlanesIsHeld) {
   Scene scene = plane({0.1, 0, 0.9}, {1, 0, 0}, 5);
   EXPECT_THAT(scene.free(), SizeIs(3));
   append(scene, plane({0, 0.1, 0.9}, {0, 1, 0}, 6));
-  const std::vector<FreeDirection> edge = scene.free();  // two planes: free along their edge
+  const std::vector<UnobservableDirection> edge = scene.free();  // two planes: free along their edge
   ASSERT_THAT(edge, SizeIs(1));
   EXPECT_EQ(to_string(edge[0]), "slides along (0.00, 0.00, 1.00)");
   append(scene, plane({0, 0, 1}, {0, 0, -1}, 7));
@@ -199,16 +201,16 @@ TEST(Observability, FewPoints) {
   const Vector3d a(0.1, 0, 0.8), b(-0.05, 0.1, 0.9), c(0, -0.1, 1);
   EXPECT_THAT(points_at({a, b, c}).free(), IsEmpty());
 
-  const std::vector<FreeDirection> two = points_at({a, b}).free();
+  const std::vector<UnobservableDirection> two = points_at({a, b}).free();
   ASSERT_THAT(two, SizeIs(1));
   EXPECT_EQ(two[0].kind, FreeKind::rotation);
   EXPECT_NEAR(std::abs(two[0].axis.dot((b - a).normalized())), 1, 1e-9);
   EXPECT_LT(distance_to_axis(a, two[0]), 1e-9);
   EXPECT_LT(distance_to_axis(b, two[0]), 1e-9);
 
-  const std::vector<FreeDirection> one = points_at({a}).free();
+  const std::vector<UnobservableDirection> one = points_at({a}).free();
   ASSERT_THAT(one, SizeIs(3));
-  for (const FreeDirection& direction : one) {
+  for (const UnobservableDirection& direction : one) {
     EXPECT_EQ(direction.kind, FreeKind::rotation);
     EXPECT_LT(distance_to_axis(a, direction), 1e-9);
   }
@@ -216,9 +218,10 @@ TEST(Observability, FewPoints) {
 }
 
 TEST(Observability, NothingKnownIsThreeSlidesAndThreeTurns) {
-  const std::vector<FreeDirection> free = free_directions(Matrix6d::Zero(), kPose, {0, 0, 0.9}, 0.1, {});
+  const std::vector<UnobservableDirection> free =
+      unobservable_directions(Matrix6d::Zero(), kPose, {0, 0, 0.9}, 0.1, {});
   std::vector<std::string> texts;
-  for (const FreeDirection& direction : free) texts.push_back(to_string(direction));
+  for (const UnobservableDirection& direction : free) texts.push_back(to_string(direction));
   EXPECT_THAT(texts, ElementsAre("slides along (1.00, 0.00, 0.00)", "slides along (0.00, 1.00, 0.00)",
                                  "slides along (0.00, 0.00, 1.00)",
                                  "turns about (1.00, 0.00, 0.00) through (0.000, 0.000, 0.900) m",
@@ -235,14 +238,14 @@ TEST(Observability, SigmasAreThoseOfTheInformation) {
   Matrix6d centre_from_tangent = Matrix6d::Identity();
   centre_from_tangent.bottomLeftCorner<3, 3>() = -skew(centre - kPose.translation);
   const Matrix6d information = centre_from_tangent.transpose() * at_centre * centre_from_tangent;
-  const std::vector<FreeDirection> free = free_directions(information, kPose, centre, kSpread, {});
+  const std::vector<UnobservableDirection> free = unobservable_directions(information, kPose, centre, kSpread, {});
   ASSERT_THAT(free, SizeIs(2));
   EXPECT_EQ(to_string(free[0]), "slides along (0.00, 1.00, 0.00)");
   EXPECT_NEAR(free[0].sigma, 0.02, 1e-8);
   EXPECT_EQ(to_string(free[1]), "turns about (1.00, 0.00, 0.00) through (0.100, -0.200, 0.900) m");
   EXPECT_NEAR(free[1].sigma, 0.3, 1e-7);
-  EXPECT_THAT(free_directions(information, kPose, centre, kSpread, {0.0201}), SizeIs(1));
-  EXPECT_THAT(free_directions(information, kPose, centre, kSpread, {0.0361}), IsEmpty());  // 0.3 rad at 0.12 m
+  EXPECT_THAT(unobservable_directions(information, kPose, centre, kSpread, {0.0201}), SizeIs(1));
+  EXPECT_THAT(unobservable_directions(information, kPose, centre, kSpread, {0.0361}), IsEmpty());  // 0.3 rad at 0.12 m
 }
 
 // Millimetre-sized roughness constrains a plane weakly: the directions stay the same, with finite sigmas.
@@ -250,8 +253,8 @@ TEST(Observability, ANearlyBarePlane) {
   Scene scene = plane({0.05, -0.02, 0.9}, {0, 0, -1}, 8);
   Random random(9);
   for (Vector3d& normal : scene.normals) normal = (normal + 1e-3 * random.normals<3>()).normalized();
-  const std::vector<FreeDirection> free =
-      free_directions(scene.information(), kPose, scene.centre(), scene.spread(), {.max_displacement_sigma_m = 1e-3});
+  const std::vector<UnobservableDirection> free = unobservable_directions(
+      scene.information(), kPose, scene.centre(), scene.spread(), {.max_displacement_sigma_m = 1e-3});
   ASSERT_THAT(free, SizeIs(3));
   EXPECT_EQ(free[0].kind, FreeKind::translation);
   EXPECT_EQ(free[1].kind, FreeKind::translation);
@@ -263,13 +266,13 @@ TEST(Observability, ANearlyBarePlane) {
 
 TEST(Observability, WhatIsNotFiniteIsRefused) {
   const Matrix6d nan = Matrix6d::Constant(std::numeric_limits<double>::quiet_NaN());
-  EXPECT_THAT(support::error_of([&] { free_directions(nan, kPose, {0, 0, 1}, 0.1, {}); }), HasSubstr("finite"));
+  EXPECT_THAT(support::error_of([&] { unobservable_directions(nan, kPose, {0, 0, 1}, 0.1, {}); }), HasSubstr("finite"));
   EXPECT_THAT(support::error_of([&] {
-                free_directions(Matrix6d::Zero(), kPose, {0, 0, 1}, nan(0, 0), {});
+                unobservable_directions(Matrix6d::Zero(), kPose, {0, 0, 1}, nan(0, 0), {});
               }),
               HasSubstr("finite"));
   EXPECT_THAT(support::error_of([&] {
-                free_directions(Matrix6d::Zero(), kPose, {0, 0, 1}, 0.1, {0});
+                unobservable_directions(Matrix6d::Zero(), kPose, {0, 0, 1}, 0.1, {0});
               }),
               HasSubstr("observability.max_displacement_sigma_m"));
 }

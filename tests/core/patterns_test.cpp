@@ -216,9 +216,9 @@ TEST(Packing, ChannelsAreTheImagesInTheOrderGiven) {
 TEST(InverseResponse, PatternThroughTheProjectorIsTheSinusoid) {
   std::vector<double> gamma;
   for (int i = 0; i <= 512; ++i) gamma.push_back(std::pow(i / 512.0, 2.2));
-  PatternSequence sequence{64, 64, {}, inverse_table(gamma, 1025)};
+  PatternSequence sequence{64, 64, {}, invert_table(gamma, 1025)};
   for (double level = 0; level <= 1; level += 0.01)
-    EXPECT_NEAR(table_value(gamma, table_value(sequence.inverse_response, level)), level, 2e-3);
+    EXPECT_NEAR(interpolate_table(gamma, interpolate_table(sequence.inverse_response, level)), level, 2e-3);
   const Pattern pattern{Axis::columns, 32, 0.2, 0};
   const cv::Mat1f shown = pattern_levels(pattern, sequence);
   for (int u = 0; u < 64; ++u)

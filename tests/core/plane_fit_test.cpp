@@ -9,7 +9,7 @@
 #include <numbers>
 #include <vector>
 
-#include "core/depth/plane_adoption.h"
+#include "core/depth/normal_propagation.h"
 #include "tests/support/random.h"
 
 namespace fringeslam {
@@ -199,7 +199,7 @@ struct Step {
     cv::Mat3f result(cloud.points.size());
     for (int row = 0; row < kHeight; ++row) fit_planes(image, row, {5, 0.01f, 2.5f}, left[row], normals, set);
     for (int row = 0; row < kHeight; ++row) {
-      adopt_normals(image, normals, row, 5, right[row], beside, set);
+      propagate_normals(image, normals, row, 5, right[row], beside, set);
       of_row(beside, row).copyTo(result.row(row));
       for (int col = 16; col < kWidth; ++col) EXPECT_EQ(right[row][col] == 0, !std::isnan(result(row, col)[2]));
     }

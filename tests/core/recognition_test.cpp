@@ -59,7 +59,7 @@ TEST(DescriptorTree, AllLeavesAreBruteForce) {
     const cv::Mat1b query = quantised(random_descriptors(random, 1));
     std::pair<int, int> best{std::numeric_limits<int>::max(), -1};
     std::vector<int> visited;
-    tree.visit_near(query[0], 1 << 20, [&](int index, int d2) {
+    tree.visit_nearest_leaves(query[0], 1 << 20, [&](int index, int d2) {
       best = std::min(best, {d2, index});
       visited.push_back(index);
     });
@@ -79,7 +79,9 @@ TEST(DescriptorTree, FewLeavesFindANearDescriptor) {
   for (int q = 0; q < queries.rows; ++q) {
     std::pair<int, int> best{std::numeric_limits<int>::max(), -1};
     int visited = 0;
-    tree.visit_near(queries[q], 16, [&](int index, int d2) { best = std::min(best, {d2, index}), ++visited; });
+    tree.visit_nearest_leaves(queries[q], 16, [&](int index, int d2) {
+      best = std::min(best, {d2, index}), ++visited;
+    });
     EXPECT_LE(visited, 16 * 8);
     found += best.second == q;
   }
@@ -90,16 +92,16 @@ TEST(DescriptorTree, AlikeAndNone) {
   const cv::Mat1b alike(300, kDescriptorSize, uchar{7});
   const DescriptorTree tree(alike);
   int visited = 0;
-  tree.visit_near(alike[0], 3, [&](int, int d2) {
+  tree.visit_nearest_leaves(alike[0], 3, [&](int, int d2) {
     EXPECT_EQ(d2, 0);
     ++visited;
   });
   EXPECT_EQ(visited, 300);
-  DescriptorTree(cv::Mat1b(0, kDescriptorSize)).visit_near(alike[0], 3, [](int, int) { FAIL(); });
+  DescriptorTree(cv::Mat1b(0, kDescriptorSize)).visit_nearest_leaves(alike[0], 3, [](int, int) { FAIL(); });
   EXPECT_THROW(DescriptorTree(cv::Mat1b(3, 64, uchar{0})), Error);
 }
 
-SpreadPair pair_of(const Pose& earlier_from_current, const Eigen::Vector3d& current) {
+WeightedPair pair_of(const Pose& earlier_from_current, const Eigen::Vector3d& current) {
   return {earlier_from_current * current, current, 1e-4};
 }
 
@@ -109,7 +111,7 @@ TEST(RigidConsensus, WithstandsEightyPercentOfFalsePairs) {
   for (uint64_t seed = 1; seed <= kTrials; ++seed) {
     Random random(seed);
     const Pose truth{rotation_exp(0.2 * random.direction()), 0.05 * random.direction()};
-    std::vector<SpreadPair> pairs;
+    std::vector<WeightedPair> pairs;
     for (int i = 0; i < 60; ++i) {
       const Eigen::Vector3d p(random.uniform(-0.1, 0.1), random.uniform(-0.1, 0.1), random.uniform(0.9, 1.1));
       pairs.push_back(pair_of(truth, p));
@@ -128,7 +130,7 @@ TEST(RigidConsensus, WithstandsEightyPercentOfFalsePairs) {
 TEST(RigidConsensus, NothingAgrees) {
   EXPECT_TRUE(rigid_consensus({}, 4).inliers.empty());
   Random random(4);
-  std::vector<SpreadPair> pairs;
+  std::vector<WeightedPair> pairs;
   for (int i = 0; i < 40; ++i) pairs.push_back({0.1 * random.normals<3>(), 0.1 * random.normals<3>(), 1e-4});
   EXPECT_LT(rigid_consensus(pairs, 4).inliers.size(), 4u);
   // A line leaves the rotation about it undetermined.
@@ -194,7 +196,7 @@ TEST_P(BothSearches, KnowsWhatItHasSeenWhereItSawIt) {
   database.add(100, world.seen({0, 1, 2, 3}));
   database.add(101, world.seen({4, 5, 6, 7}));
   const Pose moved{rotation_exp({0.02, -0.1, 0.05}), {0.02, 0.01, -0.03}};
-  const auto found = database.recognise(world.seen({6, 9, 1, 4}, moved));
+  const auto found = database.reidentify(world.seen({6, 9, 1, 4}, moved));
   ASSERT_EQ(found.size(), 3u);
   const auto expect = [&](const Recognition& r, int landmark, int frame, int earlier) {
     EXPECT_EQ(r.landmark, landmark);
@@ -214,18 +216,18 @@ TEST_P(BothSearches, AThingSeenManyTimesIsRecognisedAllTheSame) {
   LandmarkDatabase database(camera(), options());
   for (int frame = 0; frame < 30; ++frame) database.add(frame, world.seen({0, 1, 2}));
   EXPECT_EQ(database.landmarks(), 90);
-  EXPECT_EQ(database.recognise(world.seen({2, 4, 0})).size(), 2u);
+  EXPECT_EQ(database.reidentify(world.seen({2, 4, 0})).size(), 2u);
 }
 
 TEST_P(BothSearches, NothingKnown) {
   World world(6);
   LandmarkDatabase database(camera(), options());
-  EXPECT_TRUE(database.recognise(world.seen({0, 1})).empty());
+  EXPECT_TRUE(database.reidentify(world.seen({0, 1})).empty());
   database.add(0, Landmarks{});
-  EXPECT_TRUE(database.recognise(world.seen({0, 1})).empty());
+  EXPECT_TRUE(database.reidentify(world.seen({0, 1})).empty());
   database.add(1, world.seen({2, 3}));
-  EXPECT_TRUE(database.recognise(world.seen({0, 1})).empty());
-  EXPECT_TRUE(database.recognise(Landmarks{}).empty());
+  EXPECT_TRUE(database.reidentify(world.seen({0, 1})).empty());
+  EXPECT_TRUE(database.reidentify(Landmarks{}).empty());
 }
 
 TEST_P(BothSearches, MatchesThatDoNotAgreeAreNoRecognition) {
@@ -235,7 +237,7 @@ TEST_P(BothSearches, MatchesThatDoNotAgreeAreNoRecognition) {
   Landmarks torn = world.seen({0});
   Random random(3);
   for (Keypoint& k : torn.keypoints.keypoints) k.point_m += 0.02 * random.normals<3>();
-  EXPECT_TRUE(database.recognise(torn).empty());
+  EXPECT_TRUE(database.reidentify(torn).empty());
 }
 
 TEST_P(BothSearches, ThePartsOfALandmarkAreKnown) {
@@ -246,7 +248,7 @@ TEST_P(BothSearches, ThePartsOfALandmarkAreKnown) {
                                       whole.landmarks[1].keypoints.end());
   whole.landmarks.pop_back();
   database.add(0, whole);
-  const auto found = database.recognise(world.seen({0, 1}));
+  const auto found = database.reidentify(world.seen({0, 1}));
   ASSERT_EQ(found.size(), 2u);
   std::set<int> earlier;
   for (const Recognition& r : found) {
@@ -268,7 +270,7 @@ struct Plane {
     truth.object_id = cv::Mat1f(size, 1.0f);
     truth.mask = cv::Mat1f(size, static_cast<float>(kTruthSurface | kTruthInBeam));
   }
-  JudgedView judged() const { return {&landmarks, &truth, world_from_camera}; }
+  ScoredView judged() const { return {&landmarks, &truth, world_from_camera}; }
   int add(double x, double y, int object = 1) {
     Keypoint k;
     k.pixel = {x, y};
@@ -294,8 +296,8 @@ TEST(LandmarkScore, CountsWhatIsTrue) {
   b.outline = {{90, 190}, {160, 190}, {160, 250}, {90, 250}};
   earlier.landmarks.landmarks = {a};
   current.landmarks.landmarks = {b};
-  EXPECT_TRUE(is_right(earlier.judged(), current.judged(), right[0], camera()));
-  EXPECT_FALSE(is_right(earlier.judged(), current.judged(), wrong[0], camera()));
+  EXPECT_TRUE(is_correct_match(earlier.judged(), current.judged(), right[0], camera()));
+  EXPECT_FALSE(is_correct_match(earlier.judged(), current.judged(), wrong[0], camera()));
   const auto score = [&](const std::vector<KeypointMatch>& matches) {
     return score_landmarks({earlier.judged()}, current.judged(), {{0, 0, 0, matches, {}}}, camera());
   };
@@ -306,14 +308,14 @@ TEST(LandmarkScore, CountsWhatIsTrue) {
   EXPECT_EQ(good.right, 6);
   EXPECT_THAT(good.purity, testing::ElementsAre(0.5));
   EXPECT_EQ(bad.recognised, 0);
-  EXPECT_EQ(bad.false_recognitions, 1);
+  EXPECT_EQ(bad.false_reidentifications, 1);
   EXPECT_EQ(bad.right, 0);
   EXPECT_EQ(bad.matches, 6);
   // One pixel is 0.5 mm here: an error of half a pixel is accepted, one of a whole pixel is not.
   current.landmarks.keypoints.keypoints[0].pixel.x() += 0.45;
-  EXPECT_TRUE(is_right(earlier.judged(), current.judged(), right[0], camera()));
+  EXPECT_TRUE(is_correct_match(earlier.judged(), current.judged(), right[0], camera()));
   current.landmarks.keypoints.keypoints[0].pixel.x() += 0.5;
-  EXPECT_FALSE(is_right(earlier.judged(), current.judged(), right[0], camera()));
+  EXPECT_FALSE(is_correct_match(earlier.judged(), current.judged(), right[0], camera()));
 }
 
 TEST(LandmarkScore, WhatIsHiddenOrInShadowIsNotCovisible) {

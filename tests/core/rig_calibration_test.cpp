@@ -301,9 +301,9 @@ TEST(BoardPoints, AreCentredAndSpaced) {
 TEST(OrientLike, TurnsABoardThatWasFoundFromTheOtherEnd) {
   const std::vector<cv::Point2f> reference = {{0, 0}, {10, 0}, {0, 10}, {10, 10}};
   std::vector<cv::Point2f> turned = {{12, 11}, {2, 11}, {12, 1}, {2, 1}};
-  orient_like(reference, turned);
+  align_corner_order(reference, turned);
   EXPECT_EQ(turned.front(), cv::Point2f(2, 1));
-  orient_like(reference, turned);
+  align_corner_order(reference, turned);
   EXPECT_EQ(turned.front(), cv::Point2f(2, 1));
 }
 

@@ -376,7 +376,7 @@ TEST(Surface, FramesAtOnceAreFramesOneAfterTheOther) {
   for (int i = 0; i < 3; ++i) {  // twelve, more than are fused at a time
     for (const auto& [frame, pose] : views_of_a_corner(rig)) views.push_back({frame, pose});
   }
-  ASSERT_GT(views.size(), static_cast<size_t>(kFramesTogether));
+  ASSERT_GT(views.size(), static_cast<size_t>(kMaxFusedFrames));
   SurfaceModel together(rig, {}), singly(rig, {});
   together.add(views);
   for (const PosedFrame& view : views) singly.add(view.frame, view.world_from_camera);

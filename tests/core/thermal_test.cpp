@@ -290,12 +290,12 @@ TEST(Shape, FindsThePipeInWhatItTouches) {
     return SurfacePoint{{0.1 + 0.1 * u, 0.25 + 0.1 * v, 1.02}, {0, 0, -1}};
   });
   patch.insert(patch.end(), plate.begin(), plate.end());
-  const std::vector<char> on_pipe = on_long_pipe(patch, 0.25, {});
+  const std::vector<char> on_pipe = find_long_pipe(patch, 0.25, {});
   ASSERT_EQ(on_pipe.size(), patch.size());
   EXPECT_GT(std::count(on_pipe.begin(), on_pipe.begin() + pipe, 1), pipe * 99 / 100);
   EXPECT_LT(std::count(on_pipe.begin() + pipe, on_pipe.end(), 1), pipe * 2 / 100);
-  EXPECT_TRUE(on_long_pipe(plate, 0.25, {}).empty());
-  EXPECT_TRUE(on_long_pipe(pipe_patch(0.033, 0.4, 0.4), 0.25, {}).empty());
+  EXPECT_TRUE(find_long_pipe(plate, 0.25, {}).empty());
+  EXPECT_TRUE(find_long_pipe(pipe_patch(0.033, 0.4, 0.4), 0.25, {}).empty());
 }
 
 WarmRegion region_at(const Eigen::Vector3d& centre_m, WarmKind kind, double area_m2) {
@@ -311,7 +311,7 @@ WarmRegion region_at(const Eigen::Vector3d& centre_m, WarmKind kind, double area
 TEST(Merging, OneThingInSeveralViewsIsOne) {
   const Pose second = pose_from({{200, 0, 0}, {0, 10, 0}});
   const Eigen::Vector3d world(0.1, 0, 1);
-  const std::vector<WarmThing> things =
+  const std::vector<WarmObject> things =
       merge_regions({{0, {}, {region_at(world, WarmKind::skin, 0.004)}},
                      {1, second, {region_at(second.inverse() * world, WarmKind::skin, 0.006)}}},
                     {});
@@ -336,7 +336,7 @@ TEST(Merging, MostOfWhatWasSeenDecides) {
 }
 
 TEST(Merging, ThingsApartStayApart) {
-  const std::vector<WarmThing> things =
+  const std::vector<WarmObject> things =
       merge_regions({{0,
                       {},
                       {region_at({0, 0, 1}, WarmKind::skin, 0.004), region_at({0.3, 0, 1}, WarmKind::flat, 0.01),

@@ -6,8 +6,8 @@
 #include <numbers>
 
 #include "core/decode/decode.h"
-#include "core/decode/ladder.h"
 #include "core/decode/spatial.h"
+#include "core/decode/unwrapping_levels.h"
 #include "core/patterns/design.h"
 #include "tests/support/fringes.h"
 #include "tests/support/matchers.h"
@@ -149,15 +149,15 @@ TEST(Heterodyne, BeatsHaveTheirClosedForm) {
   const auto groups = [](const std::vector<double>& periods) {
     return fringe_groups(phase_shift_sequence(1024, 768, periods, 3, Axis::columns, 8), Axis::columns);
   };
-  const auto two = heterodyne_ladder(groups({66, 62}), 1000);
+  const auto two = heterodyne_levels(groups({66, 62}), 1000);
   ASSERT_EQ(two.size(), 2U);
   EXPECT_NEAR(two[0].period_px, 66 * 62 / 4.0, 1e-9);
   EXPECT_EQ(two[1].period_px, 62);
-  for (const Rung& rung : heterodyne_ladder(groups({19.3, 18.0, 16.9}), 1024)) {
+  for (const UnwrappingLevel& rung : heterodyne_levels(groups({19.3, 18.0, 16.9}), 1024)) {
     const double frequency = rung.multiples[0] / 19.3 + rung.multiples[1] / 18.0 + rung.multiples[2] / 16.9;
     EXPECT_NEAR(1 / rung.period_px, frequency, 1e-12);
   }
-  EXPECT_THAT(error_of([&] { heterodyne_ladder(groups({66, 62}), 1024); }), HasSubstr("the longest is 1023"));
+  EXPECT_THAT(error_of([&] { heterodyne_levels(groups({66, 62}), 1024); }), HasSubstr("the longest is 1023"));
 }
 
 TEST(Geometric, OrderFollowsFromTheDepthRange) {
@@ -167,7 +167,7 @@ TEST(Geometric, OrderFollowsFromTheDepthRange) {
   Random random(6);
   for (const double depth : {0.75, 0.9, 1.1, 1.35}) {
     const auto seen =
-        expected_coordinate(rig, rays, cv::Mat1f(48, 64, static_cast<float>(depth)), cv::Mat1f(48, 64, 0.0f));
+        predict_coordinate(rig, rays, cv::Mat1f(48, 64, static_cast<float>(depth)), cv::Mat1f(48, 64, 0.0f));
     cv::Mat1d truth;
     seen.coordinate_px.convertTo(truth, CV_64F);
     const auto stack = fringe_stack(truth, sequence, {}, CV_8UC1, rig.sensor, &random);
@@ -194,7 +194,7 @@ TEST(Predicted, RoundsToTheExpectedOrderAndRefusesWhatDoesNotFit) {
   Random random(7);
   const cv::Mat1d truth = support::ramp(100, 900, 2000);
   const auto stack = fringe_stack(truth, sequence, {}, CV_8UC1, rig.sensor, &random);
-  ExpectedCoordinate expected{cv::Mat1f(1, 2000), cv::Mat1f(1, 2000, 0.0f), cv::Mat1f(1, 2000, 1.5f)};
+  CoordinatePrior expected{cv::Mat1f(1, 2000), cv::Mat1f(1, 2000, 0.0f), cv::Mat1f(1, 2000, 1.5f)};
   const auto decode_with = [&](double error_px) {
     for (int i = 0; i < 2000; ++i) expected.coordinate_px(i) = static_cast<float>(truth(i) + error_px);
     return decode(stack, rig, by(Unwrapping::predicted), {Axis::columns, &expected});
@@ -219,7 +219,7 @@ TEST(Predicted, LooksAtTheFinestPeriodAlone) {
   FringeStack stack = fringe_stack(truth, all, {}, CV_8UC1);
   for (size_t i = 0; i < 6; ++i) stack.images[i].setTo(255);  // the coarser periods
   const FringeStack last = stack_of(fine, {stack.images.begin() + 6, stack.images.end()});
-  ExpectedCoordinate expected{cv::Mat1f(1, 500), cv::Mat1f(1, 500, 0.0f), cv::Mat1f(1, 500, 1.0f)};
+  CoordinatePrior expected{cv::Mat1f(1, 500), cv::Mat1f(1, 500, 0.0f), cv::Mat1f(1, 500, 1.0f)};
   truth.convertTo(expected.coordinate_px, CV_32F);
   const DecodedStack by_all = decode(stack, rig, by(Unwrapping::predicted), {Axis::columns, &expected}),
                      by_fine = decode(last, rig, by(Unwrapping::predicted), {Axis::columns, &expected});

@@ -143,7 +143,7 @@ void check_scene(const Scene& scene) {
 constexpr SceneLimits kSmall{50, 10, 100'000, 100};
 
 // The file written with a run must describe the same scene.
-void check_resolved(const Scene& scene, const Workplace& place, const SceneReading& reading) {
+void check_resolved(const Scene& scene, const Workplace& place, const SceneLoadOptions& reading) {
   write(place.scene(), scene.resolved);
   try {
     const Scene again = load_scene(place.scene(), reading);
@@ -157,7 +157,7 @@ void check_resolved(const Scene& scene, const Workplace& place, const SceneReadi
 
 // Reads the scene file and returns the error for which it is refused; empty if it is accepted.
 std::string refusal(const Workplace& place, std::vector<std::string>* errors) {
-  SceneReading reading;
+  SceneLoadOptions reading;
   reading.errors = errors;
   reading.limits = kSmall;
   try {

@@ -7,13 +7,13 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
-#include "tests/live/made_run.h"
+#include "tests/live/synthetic_run.h"
 
 namespace fringeslam {
 namespace {
 
 using nlohmann::json;
-using test::MadeRun;
+using test::SyntheticRun;
 using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
@@ -52,7 +52,7 @@ class Viewer {
 
 TEST(LiveFeed, WhoComesLateKnowsWhatWhoWasThereFromTheStartKnows) {
   LiveFeed feed(test::run_setup());
-  MadeRun run;
+  SyntheticRun run;
   Viewer early(feed), rare(feed);
   const auto step = [&](auto&& act) {
     act();
@@ -78,7 +78,7 @@ TEST(LiveFeed, WhoComesLateKnowsWhatWhoWasThereFromTheStartKnows) {
 
 TEST(LiveFeed, OnlyWhatIsNewIsTold) {
   LiveFeed feed(test::run_setup());
-  MadeRun run;
+  SyntheticRun run;
   Viewer viewer(feed);
   for (int i = 0; i < 60; ++i) {
     run.track(feed);
@@ -93,7 +93,7 @@ TEST(LiveFeed, OnlyWhatIsNewIsTold) {
 
 TEST(LiveFeed, ViewsTellHowTheyWereTracked) {
   LiveFeed feed(test::run_setup());
-  MadeRun run;
+  SyntheticRun run;
   run.track(feed);
   run.track(feed);
   run.lose(feed);
@@ -112,7 +112,7 @@ TEST(LiveFeed, ViewsTellHowTheyWereTracked) {
 
 TEST(LiveFeed, ACorrectionMovesAllThatWasTold) {
   LiveFeed feed(test::run_setup());
-  MadeRun run;
+  SyntheticRun run;
   Viewer viewer(feed);
   run.track(feed);
   run.lose(feed);
@@ -132,7 +132,7 @@ TEST(LiveFeed, ACorrectionMovesAllThatWasTold) {
 
 TEST(LiveFeed, LandmarksAreTheMeanOfTheirKeypointsAndOutlined) {
   LiveFeed feed(test::run_setup());
-  MadeRun().track(feed);
+  SyntheticRun().track(feed);
   const json all = json::parse(feed.snapshot());
   EXPECT_EQ(all["keyframes"]["list"][0]["landmarks"], json::parse("[[0.02, 0.02, 1.0]]"));
   EXPECT_EQ(all["newest"]["landmarks"],
@@ -153,7 +153,7 @@ TEST(LiveFeed, CandidatesCarryTheirReason) {
 
 TEST(LiveFeed, AnotherRunIsToldFromItsStart) {
   LiveFeed before(test::run_setup()), after(test::run_setup());
-  MadeRun one, other;
+  SyntheticRun one, other;
   for (int i = 0; i < 3; ++i) one.track(before);
   other.track(after);
   const json old = json::parse(before.snapshot());
@@ -166,7 +166,7 @@ TEST(LiveFeed, AnotherRunIsToldFromItsStart) {
 // Only a few views are kept, for viewers that may still request their pictures; stacks are released once decoded.
 TEST(LiveFeed, NoMoreViewsAreKeptThanViewersMayAskFor) {
   LiveFeed feed(test::run_setup());
-  MadeRun run;
+  SyntheticRun run;
   for (int i = 0; i < 100; ++i) run.track(feed);
   EXPECT_EQ(feed.views_kept(), 1u);  // not yet reported to any viewer
   Viewer viewer(feed);
@@ -185,7 +185,7 @@ TEST(LiveFeed, NoMoreViewsAreKeptThanViewersMayAskFor) {
 
 TEST(LiveFeed, PointsAreThoseOfTheKeyframes) {
   LiveFeed feed(test::run_setup());
-  MadeRun run;
+  SyntheticRun run;
   for (int i = 0; i < 4; ++i) run.track(feed);
   EXPECT_TRUE(feed.points_of(0).has_value());
   EXPECT_EQ(feed.points_of(0), feed.points_of(1));
@@ -201,7 +201,7 @@ TEST(LiveFeed, WaitingEndsWithTheChange) {
     told = true;
   });
   EXPECT_FALSE(told);
-  MadeRun().track(feed);
+  SyntheticRun().track(feed);
   viewer.join();  // would wait for an hour if it were not notified
   EXPECT_TRUE(told);
   // Returns immediately for another run, and as soon as `give_up` is true.

@@ -6,7 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/patterns/design.h"
-#include "tests/support/bumps.h"
+#include "tests/support/bump_rig.h"
 
 namespace fringeslam::tools {
 namespace {
@@ -25,7 +25,7 @@ class Mapped : public testing::Test {
   FringeStack captured() { return *rig_.capture(sequence_); }
   nlohmann::json views() const { return nlohmann::json::parse(feed_.snapshot())["views"]["list"]; }
 
-  support::Bumps rig_{100};
+  support::BumpRig rig_{100};
   const PatternSequence sequence_ = phase_shift_sequence(1024, 768, {1040, 131, 16.5}, 3, Axis::columns, 8);
   LiveFeed feed_;
   LiveMapper mapper_;

@@ -14,7 +14,7 @@
 #include <thread>
 
 #include "core/io/files.h"
-#include "tests/live/made_run.h"
+#include "tests/live/synthetic_run.h"
 #include "tests/support/matchers.h"
 #include "tests/support/temp_folder.h"
 
@@ -23,8 +23,8 @@ namespace {
 
 using nlohmann::json;
 using support::error_of;
-using test::MadeRun;
 using test::ramp_stack;
+using test::SyntheticRun;
 using test::TempFolder;
 using testing::AllOf;
 using testing::HasSubstr;
@@ -42,9 +42,9 @@ tools::LiveSetup capture_setup() {
 int port_of(const LivePage& page) { return page.access().port; }
 
 // A connection that sends some bytes and does not read until asked.
-class SilentViewer {
+class NonReadingClient {
  public:
-  SilentViewer(int port, const std::string& bytes) : socket_(socket(AF_INET, SOCK_STREAM, 0)) {
+  NonReadingClient(int port, const std::string& bytes) : socket_(socket(AF_INET, SOCK_STREAM, 0)) {
     // A small receive buffer, so that an answer does not fit.
     const int room = 2048;
     setsockopt(socket_, SOL_SOCKET, SO_RCVBUF, &room, sizeof room);
@@ -55,9 +55,9 @@ class SilentViewer {
     EXPECT_EQ(connect(socket_, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
     EXPECT_EQ(send(socket_, bytes.data(), bytes.size(), MSG_NOSIGNAL), static_cast<ssize_t>(bytes.size()));
   }
-  ~SilentViewer() { close(socket_); }
-  SilentViewer(const SilentViewer&) = delete;
-  SilentViewer& operator=(const SilentViewer&) = delete;
+  ~NonReadingClient() { close(socket_); }
+  NonReadingClient(const NonReadingClient&) = delete;
+  NonReadingClient& operator=(const NonReadingClient&) = delete;
 
   // Waits until an answer has begun to arrive.
   void await_answer() const {
@@ -208,7 +208,7 @@ TEST_F(LivePageTest, RequestsAreBounded) {
   std::string headers = "GET /snapshot HTTP/1.1\r\n";
   for (int i = 0; i < 2000; ++i) headers += "X-" + std::to_string(i) + ": y\r\n";
   headers += "\r\n";
-  EXPECT_THAT(SilentViewer(port_of(page_), headers).rest(), Not(HasSubstr("200 OK")));
+  EXPECT_THAT(NonReadingClient(port_of(page_), headers).rest(), Not(HasSubstr("200 OK")));
   EXPECT_EQ(status_of(page_, "/snapshot"), 200);
 }
 
@@ -217,7 +217,7 @@ TEST_F(LivePageTest, ForeignNamesAndPagesAreRefused) {
   EXPECT_EQ(status_of(page_, "/snapshot", {{"Host", "evil.com:" + std::to_string(port_of(page_))}}), 403);
   EXPECT_EQ(status_of(page_, "/snapshot", {{"Origin", "http://evil.com"}}), 403);
   EXPECT_EQ(status_of(page_, "/snapshot", {{"Host", "localhost:8080"}}), 200);  // through an SSH tunnel
-  EXPECT_THAT(SilentViewer(port_of(page_), "GET /snapshot HTTP/1.0\r\n\r\n").rest(), HasSubstr("403"));
+  EXPECT_THAT(NonReadingClient(port_of(page_), "GET /snapshot HTTP/1.0\r\n\r\n").rest(), HasSubstr("403"));
 }
 
 TEST_F(LivePageTest, ChangesAreToldWhenTheyCome) {
@@ -258,7 +258,7 @@ TEST(LivePage, NobodyBeyondThisComputerIsServed) {
 
 TEST(LivePage, ALateViewerIsToldWhatAnEarlyOneGathered) {
   LivePage page(test::run_setup(), {});
-  MadeRun run;
+  SyntheticRun run;
   json views = json::array();
   std::string path = wait_for_more(page);
   for (int i = 0; i < 6; ++i) {
@@ -279,16 +279,16 @@ TEST(LivePage, ALateViewerIsToldWhatAnEarlyOneGathered) {
 TEST(LivePage, TooManyViewersAreToldSo) {
   LivePage page(capture_setup(), {});
   const std::string request = "GET " + wait_for_more(page) + " HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n";
-  std::deque<SilentViewer> waiting;
+  std::deque<NonReadingClient> waiting;
   for (size_t i = 0; i < LivePage::kViewers; ++i) waiting.emplace_back(port_of(page), request);
   std::string told;
-  while (told.find("HTTP/1.1 200") == 0 || told.empty()) told = SilentViewer(port_of(page), request).rest();
+  while (told.find("HTTP/1.1 200") == 0 || told.empty()) told = NonReadingClient(port_of(page), request).rest();
   EXPECT_THAT(told, AllOf(StartsWith("HTTP/1.1 503"), HasSubstr("Retry-After:")));
   EXPECT_EQ(status_of(page, "/snapshot"), 200);
   // Viewers that disconnect make room for others: waiting connections are polled.
   waiting.clear();
   page.feed().show(ramp_stack(60));
-  while (told.find("HTTP/1.1 503") == 0) told = SilentViewer(port_of(page), request).rest();
+  while (told.find("HTTP/1.1 503") == 0) told = NonReadingClient(port_of(page), request).rest();
   EXPECT_THAT(told, StartsWith("HTTP/1.1 200"));
 }
 
@@ -315,7 +315,7 @@ TEST(LivePage, ViewersWhoDoNotReadHoldUpNobody) {
   const auto picture = get(*page, path);
   ASSERT_TRUE(picture);
   ASSERT_GT(picture->body.size(), 4'500'000u);
-  std::deque<SilentViewer> silent;
+  std::deque<NonReadingClient> silent;
   for (int i = 0; i < 3; ++i) {
     silent.emplace_back(port_of(*page), "GET " + path + " HTTP/1.1\r\nHost: localhost\r\n\r\n");
     silent.back().await_answer();
@@ -336,9 +336,9 @@ TEST(LivePage, ViewersWhoDoNotReadHoldUpNobody) {
 TEST(LivePage, ACrowdThatNeverReadsDoesNotStopAMap) {
   LivePage page(test::run_setup(), {});
   const std::string request = "GET " + wait_for_more(page) + " HTTP/1.1\r\nHost: localhost\r\n\r\n";
-  std::deque<SilentViewer> crowd;
+  std::deque<NonReadingClient> crowd;
   for (int i = 0; i < 200; ++i) crowd.emplace_back(port_of(page), request.substr(0, i % 2 ? request.size() : 30));
-  MadeRun run;
+  SyntheticRun run;
   for (int i = 0; i < 50; ++i) run.track(page.feed());
   EXPECT_EQ(json::parse(page.feed().snapshot())["views"]["list"].size(), 50u);
   crowd.clear();

@@ -3,9 +3,9 @@
 
 #include <gtest/gtest.h>
 
-#include "sim/light/ray_world.h"
+#include "sim/light/ray_scene.h"
 #include "tests/sim/solid_checks.h"
-#include "tests/sim/worlds.h"
+#include "tests/sim/test_scenes.h"
 
 namespace fringeslam::sim {
 namespace {
@@ -17,7 +17,7 @@ void expect_stands(const Mesh& mesh, const Eigen::Vector3d& size) {
 }
 
 // Height of the surface above (x, y).
-double height_at(const RayWorld& world, double x, double y) {
+double height_at(const RayScene& world, double x, double y) {
   const auto hit = world.trace({x, y, 10}, {0, 0, -1});
   return hit ? hit->point.z() : 0;
 }
@@ -25,7 +25,7 @@ double height_at(const RayWorld& world, double x, double y) {
 // Fraction of parallel rays, spread over a rectangle, that hit nothing.
 double open_share(const Mesh& mesh, const Eigen::Vector3d& corner, const Eigen::Vector3d& across,
                   const Eigen::Vector3d& up, const Eigen::Vector3d& direction) {
-  const RayWorld world(world_of({grey_object(mesh, {})}, coaxial_rig()));
+  const RayScene world(world_of({grey_object(mesh, {})}, coaxial_rig()));
   constexpr int kRays = 200;
   int open = 0;
   for (int i = 0; i < kRays * kRays; ++i) {
@@ -42,7 +42,7 @@ TEST(Furniture, WedgeIsHalfABoxAndRisesAlongX) {
   expect_sound(wedge);
   expect_stands(wedge, size);
   EXPECT_NEAR(signed_volume(wedge), size.prod() / 2, 1e-15);
-  const RayWorld world(world_of({grey_object(wedge, {})}, coaxial_rig()));
+  const RayScene world(world_of({grey_object(wedge, {})}, coaxial_rig()));
   for (double x = -0.24; x < 0.25; x += 0.04)
     EXPECT_NEAR(height_at(world, x, 0.1), size.z() * (x / size.x() + 0.5), 1e-12);
 }
@@ -54,7 +54,7 @@ TEST(Furniture, StairsHaveTheirStepsAndVolume) {
     expect_sound(stairs);
     expect_stands(stairs, size);
     EXPECT_NEAR(signed_volume(stairs), size.prod() * (steps + 1) / (2 * steps), 1e-14);
-    const RayWorld world(world_of({grey_object(stairs, {})}, coaxial_rig()));
+    const RayScene world(world_of({grey_object(stairs, {})}, coaxial_rig()));
     for (int step = 0; step < steps; ++step) {
       const double x = size.x() * ((step + 0.5) / steps - 0.5);
       EXPECT_NEAR(height_at(world, x, -0.1), size.z() * (step + 1) / steps, 1e-12);

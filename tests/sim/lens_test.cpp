@@ -7,7 +7,7 @@
 
 #include "sim/light/camera.h"
 #include "sim/virtual_rig.h"
-#include "tests/sim/worlds.h"
+#include "tests/sim/test_scenes.h"
 
 namespace fringeslam::sim {
 namespace {

@@ -7,7 +7,7 @@
 
 #include "core/io/files.h"
 #include "sim/virtual_rig.h"
-#include "tests/sim/worlds.h"
+#include "tests/sim/test_scenes.h"
 #include "tests/support/temp_folder.h"
 
 namespace fringeslam::sim {

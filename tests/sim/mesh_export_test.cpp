@@ -11,7 +11,7 @@
 
 #include "core/io/files.h"
 #include "sim/scene/mesh_import.h"
-#include "tests/sim/worlds.h"
+#include "tests/sim/test_scenes.h"
 #include "tests/support/matchers.h"
 #include "tests/support/temp_folder.h"
 

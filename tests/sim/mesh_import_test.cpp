@@ -13,7 +13,7 @@
 #include "core/io/files.h"
 #include "core/types/error.h"
 #include "sim/scene/scene.h"
-#include "tests/sim/worlds.h"
+#include "tests/sim/test_scenes.h"
 #include "tests/support/matchers.h"
 #include "tests/support/temp_folder.h"
 

@@ -9,7 +9,7 @@
 #include <limits>
 
 #include "sim/random.h"
-#include "tests/sim/worlds.h"
+#include "tests/sim/test_scenes.h"
 
 namespace fringeslam::sim {
 namespace {

@@ -7,7 +7,7 @@
 
 #include "sim/random.h"
 #include "sim/scene/scene.h"
-#include "tests/sim/worlds.h"
+#include "tests/sim/test_scenes.h"
 
 namespace fringeslam::sim {
 namespace {

@@ -9,7 +9,7 @@
 
 #include "sim/preview/line_drawing.h"
 #include "sim/preview/overview.h"
-#include "tests/sim/worlds.h"
+#include "tests/sim/test_scenes.h"
 #include "tests/support/matchers.h"
 
 namespace fringeslam::sim {
@@ -51,13 +51,13 @@ Scene closed_room() {
 
 constexpr int kWidth = 160, kHeight = 120;
 
-Viewpoint viewpoint_of(const Scene& scene, const RayWorld& world) {
+Viewpoint viewpoint_of(const Scene& scene, const RayScene& world) {
   return choose_viewpoint(scene, world, interest_of(scene, world), kWidth, kHeight);
 }
 
 // Returns the fraction of the spots visible in the overview: its distance agrees with theirs.
 double shown_spots(const Scene& scene) {
-  const RayWorld world(scene);
+  const RayScene world(scene);
   const Interest interest = interest_of(scene, world);
   const Viewpoint view = viewpoint_of(scene, world);
   const Overview overview = render_overview(scene, world, view);
@@ -74,7 +74,7 @@ double shown_spots(const Scene& scene) {
 
 TEST(Preview, WhatIsOfInterestFillsThePicture) {
   for (const Scene& scene : {open_world(), closed_room()}) {
-    const RayWorld world(scene);
+    const RayScene world(scene);
     const Viewpoint view = viewpoint_of(scene, world);
     Eigen::Vector2d low(kWidth, kHeight), high(0, 0);
     for (const Eigen::Vector3d& point : interest_of(scene, world).points()) {
@@ -90,7 +90,7 @@ TEST(Preview, WhatIsOfInterestFillsThePicture) {
 
 TEST(Preview, IsTakenFromAboveWhereThatShowsMost) {
   const Scene scene = open_world();
-  const RayWorld world(scene);
+  const RayScene world(scene);
   const Viewpoint view = viewpoint_of(scene, world);
   EXPECT_FALSE(view.window);
   EXPECT_GT(view.world_from_camera.translation.z(), 1);
@@ -99,7 +99,7 @@ TEST(Preview, IsTakenFromAboveWhereThatShowsMost) {
 
 TEST(Preview, WallsAndRoofAreOpened) {
   const Scene scene = closed_room();
-  const RayWorld world(scene);
+  const RayScene world(scene);
   EXPECT_TRUE(viewpoint_of(scene, world).window);
   EXPECT_GT(shown_spots(scene), 0.8);
 }
@@ -107,7 +107,7 @@ TEST(Preview, WallsAndRoofAreOpened) {
 TEST(Preview, SurfacesUnderAnUpwardCameraAreSeenFromBelow) {
   Scene scene = scene_at({0, 0, 0}, {grey_object(plane_mesh(2, 2), {Eigen::Matrix3d::Identity(), {0, 0, 1}})});
   scene.trajectory = {TimedPose{}};
-  EXPECT_LT(viewpoint_of(scene, RayWorld(scene)).world_from_camera.translation.z(), 0.9);
+  EXPECT_LT(viewpoint_of(scene, RayScene(scene)).world_from_camera.translation.z(), 0.9);
   EXPECT_GT(shown_spots(scene), 0.9);
 }
 
@@ -165,7 +165,7 @@ TEST_F(Drawing, WhatIsHiddenIsFainter) {
 
 TEST(Preview, NothingIsPaper) {
   const Scene scene = scene_at({0, 0, 0}, {box_at({0.1, 0.1, 0.1}, {-50, 0, -50})});
-  const RayWorld world(scene);
+  const RayScene world(scene);
   const Overview overview = render_overview(scene, world, viewpoint_of(scene, world));
   for (const cv::Vec3b& pixel : overview.picture) ASSERT_EQ(pixel, kPaper);
   for (const float distance : overview.distance_m) ASSERT_TRUE(std::isinf(distance));
@@ -178,7 +178,7 @@ TEST(Preview, PalerSurfacesAreBrighter) {
   for (const double albedo : {0.2, 0.6}) {
     Scene scene = open_world();
     for (Object& object : scene.objects) object.material.albedo = albedo;
-    const RayWorld world(scene);
+    const RayScene world(scene);
     means.push_back(cv::mean(render_overview(scene, world, viewpoint_of(scene, world)).picture)[1]);
   }
   EXPECT_GT(means[1], 1.4 * means[0]);

@@ -6,7 +6,7 @@
 #include <Eigen/Geometry>
 #include <cmath>
 
-#include "tests/sim/worlds.h"
+#include "tests/sim/test_scenes.h"
 
 namespace fringeslam::sim {
 namespace {
@@ -37,7 +37,7 @@ std::vector<Pose> waypoints() {
 
 TEST(Routes, ASplineGoesThroughItsWaypoints) {
   for (const bool closed : {false, true}) {
-    const std::vector<Pose> route = spline_route(waypoints(), 2001, closed);
+    const std::vector<Pose> route = sample_spline(waypoints(), 2001, closed);
     ASSERT_EQ(route.size(), 2001u);
     for (const Pose& waypoint : waypoints()) {
       double nearest = 1e9;
@@ -50,7 +50,7 @@ TEST(Routes, ASplineGoesThroughItsWaypoints) {
 }
 
 TEST(Routes, ASplineStepsEvenlyAndTurnsSmoothly) {
-  const std::vector<Pose> route = spline_route(waypoints(), 801, true, 1);
+  const std::vector<Pose> route = sample_spline(waypoints(), 801, true, 1);
   const double mean = distance(route[0], route[1]);
   for (size_t i = 1; i < route.size(); ++i) EXPECT_NEAR(distance(route[i - 1], route[i]), mean, 0.01 * mean) << i;
   // No kinks, including at the closure: the direction changes little from step to step.
@@ -62,7 +62,7 @@ TEST(Routes, ASplineStepsEvenlyAndTurnsSmoothly) {
 }
 
 TEST(Routes, OnTwoWaypointsItIsTheStraightLine) {
-  const std::vector<Pose> route = spline_route({waypoints()[0], waypoints()[1]}, 11, false);
+  const std::vector<Pose> route = sample_spline({waypoints()[0], waypoints()[1]}, 11, false);
   for (int i = 0; i < 11; ++i)
     EXPECT_NEAR(distance(route[static_cast<size_t>(i)], interpolate(waypoints()[0], waypoints()[1], i / 10.0)), 0,
                 1e-9);

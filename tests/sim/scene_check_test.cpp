@@ -3,7 +3,7 @@
 
 #include <gmock/gmock.h>
 
-#include "tests/sim/worlds.h"
+#include "tests/sim/test_scenes.h"
 
 namespace fringeslam::sim {
 namespace {

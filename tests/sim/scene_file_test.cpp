@@ -37,7 +37,7 @@ class SceneFile : public testing::Test {
   // Expects an error at this line, and at least one error when errors are collected.
   void refused(const Said& said, int line, const std::string& says, const SceneLimits& limits = {}) const {
     const auto place = file(said).string() + ":" + std::to_string(line) + ": ";
-    SceneReading reading;
+    SceneLoadOptions reading;
     reading.limits = limits;
     EXPECT_THAT(error_of([&] { load_scene(file(said), reading); }),
                 testing::AllOf(testing::StartsWith(place), HasSubstr(says)));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Scenes that override their file's values: by SceneReading::changes, by keys of `rig:`, and by a calibration error.
+// Scenes that override their file's values: by SceneLoadOptions::changes, by keys of `rig:`, and by a calibration error.
 #include <gmock/gmock.h>
 
 #include <numbers>
@@ -32,7 +32,7 @@ class SceneVariant : public testing::Test {
     return temp_ / "scene.yaml";
   }
   Scene with(const std::vector<std::pair<std::string, std::string>>& changes) const {
-    SceneReading reading;
+    SceneLoadOptions reading;
     reading.changes = changes;
     return load_scene(file(), reading);
   }

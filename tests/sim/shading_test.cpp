@@ -4,7 +4,7 @@
 #include <Eigen/Geometry>
 #include <opencv2/core.hpp>
 
-#include "tests/sim/worlds.h"
+#include "tests/sim/test_scenes.h"
 
 namespace fringeslam::sim {
 namespace {

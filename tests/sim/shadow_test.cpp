@@ -2,7 +2,7 @@
 // Shadow of a box on a plane, compared with the ray that grazes the box's edge.
 #include <gtest/gtest.h>
 
-#include "tests/sim/worlds.h"
+#include "tests/sim/test_scenes.h"
 
 namespace fringeslam::sim {
 namespace {

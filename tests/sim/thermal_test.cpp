@@ -15,7 +15,7 @@
 #include "core/types/centikelvin.h"
 #include "sim/light/infrared.h"
 #include "sim/virtual_rig.h"
-#include "tests/sim/worlds.h"
+#include "tests/sim/test_scenes.h"
 
 namespace fringeslam::sim {
 namespace {
@@ -44,7 +44,7 @@ Scene wall(double temperature_c, double emissivity, const ThermalCamera& thermal
 
 cv::Mat1f image_of(const Scene& scene, const ThermalImaging& imaging = {false, false},
                    const Effects& effects = Effects(), int per_pixel = 4) {
-  const RayWorld world(scene);
+  const RayScene world(scene);
   const Surfaces surfaces(scene, effects);
   return thermal_image(scene, thermal_rays(scene.rig, per_pixel), world, surfaces, effects, {}, 0, imaging);
 }
@@ -67,13 +67,13 @@ double planck_integral(double low_m, double high_m, double kelvin) {
 TEST(Infrared, RadianceIsPlancksLawIntegrated) {
   for (const double temperature_c : {-100.0, -20.0, 0.0, 20.25, 34.0, 120.0, 700.0, 1500.0}) {
     const double expected = planck_integral(8e-6, 14e-6, temperature_c + 273.15);
-    EXPECT_NEAR(infrared_radiance(temperature_c) / expected, 1, 2e-5) << temperature_c;
+    EXPECT_NEAR(black_body_radiance(temperature_c) / expected, 1, 2e-5) << temperature_c;
   }
 }
 
 TEST(Infrared, ApparentTemperatureUndoesRadiance) {
   for (double temperature_c = -150; temperature_c < 1500; temperature_c += 13.37)
-    EXPECT_NEAR(apparent_temperature_c(infrared_radiance(temperature_c)), temperature_c, 1e-9);
+    EXPECT_NEAR(apparent_temperature_c(black_body_radiance(temperature_c)), temperature_c, 1e-9);
 }
 
 TEST(Thermal, BlackBodyReadsItsTemperature) {
@@ -134,7 +134,7 @@ TEST(Thermal, SmokeTakesItsShareOverTheDistance) {
   scene.air.extinction_per_m = 2;
   scene.air.infrared_share = 0.25;
   const double left = std::exp(-0.5);  // transmission over 1 m
-  const double expected = apparent_temperature_c(left * infrared_radiance(60) + (1 - left) * infrared_radiance(20));
+  const double expected = apparent_temperature_c(left * black_body_radiance(60) + (1 - left) * black_body_radiance(20));
   EXPECT_NEAR(centre(image_of(scene, {false, false}, {}, 1)), expected, 1e-4);
   Effects clear;
   clear.air = false;
@@ -147,7 +147,7 @@ TEST(Thermal, DustIsBetweenTheSurfaceAndTheSurroundings) {
   scene.surroundings_c = 10;
   scene.dust = {1, 0.35, 60, -Eigen::Vector3d::UnitZ(), 0.6};
   const double dust_c = 10 + 0.6 * 30;
-  const double expected = apparent_temperature_c(0.95 * infrared_radiance(dust_c) + 0.05 * infrared_radiance(10));
+  const double expected = apparent_temperature_c(0.95 * black_body_radiance(dust_c) + 0.05 * black_body_radiance(10));
   EXPECT_NEAR(centre(image_of(scene)), expected, 1e-3);
 }
 
@@ -190,7 +190,7 @@ TEST(Thermal, NoiseIsTheNetd) {
     return deviation[0];
   };
   EXPECT_NEAR(spread(300 - 273.15), 0.05, 0.0015);  // 19200 pixels: the tolerance is about 6 sigma
-  const auto slope = [](double t) { return infrared_radiance(t + 1) - infrared_radiance(t - 1); };
+  const auto slope = [](double t) { return black_body_radiance(t + 1) - black_body_radiance(t - 1); };
   EXPECT_NEAR(spread(-20), 0.05 * slope(26.85) / slope(-20), 0.0025);
 }
 
@@ -261,9 +261,9 @@ TEST(Thermal, ThePipelineFindsWhatMayBeAVictim) {
     EXPECT_NEAR(thermal.warm.surroundings_c, 12, 0.1);
     ASSERT_NE(view.tracking, Tracking::lost);
   }
-  std::vector<WarmThing> victims = observer.warm_things(pipeline.mapper());
+  std::vector<WarmObject> victims = observer.warm_objects(pipeline.mapper());
   EXPECT_EQ(victims.size(), 3u);
-  std::erase_if(victims, [](const WarmThing& thing) { return !thing.victim; });
+  std::erase_if(victims, [](const WarmObject& thing) { return !thing.victim; });
   ASSERT_EQ(victims.size(), 1u);
   // The centre of the visible cap lies on the half of the ball that faces the camera.
   EXPECT_LT((victims[0].position_m - Eigen::Vector3d(-0.15, 0.05, 1.04)).norm(), 0.06);

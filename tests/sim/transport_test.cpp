@@ -8,7 +8,7 @@
 #include "sim/light/gloss.h"
 #include "sim/random.h"
 #include "sim/virtual_rig.h"
-#include "tests/sim/worlds.h"
+#include "tests/sim/test_scenes.h"
 
 namespace fringeslam::sim {
 namespace {
@@ -254,7 +254,7 @@ TEST(Gloss, DrawnDirectionsCarryTheIntegralOfTheLobes) {
       const Philox random(3, Stream::paths, 0);
       for (uint32_t i = 0; i < kDraws; ++i) {
         const auto u = random.uniforms(i);
-        const ScatteredRay ray = scatter(surface, normal, viewer, u[2], u[0], u[1]);
+        const BrdfSample ray = scatter(surface, normal, viewer, u[2], u[0], u[1]);
         drawn += ray.weight / kDraws;
       }
       EXPECT_NEAR(drawn, integral, 0.015) << surface.reflectance << ", view at " << view_angle;

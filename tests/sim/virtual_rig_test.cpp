@@ -11,7 +11,7 @@
 #include "core/decode/decode.h"
 #include "core/depth/depth.h"
 #include "core/rig/rig_file.h"
-#include "tests/sim/worlds.h"
+#include "tests/sim/test_scenes.h"
 
 namespace fringeslam::sim {
 namespace {

@@ -20,7 +20,7 @@ namespace {
 namespace fs = std::filesystem;
 using test::replaced;
 using test::run_program;
-using test::run_well;
+using test::run_successfully;
 using testing::HasSubstr;
 using Json = nlohmann::json;
 
@@ -62,30 +62,30 @@ class StudyVerb : public testing::Test {
 
 TEST_F(StudyVerb, ShardsMakeTheBytesOfOneRun) {
   const std::string file = study();
-  const auto whole = run_well({"--json", "study", "run", file, "--out", at("whole"), "--jobs", "2"});
+  const auto whole = run_successfully({"--json", "study", "run", file, "--out", at("whole"), "--jobs", "2"});
   EXPECT_EQ(Json::parse(whole.out)["trials"], 6);
-  run_well({"--json", "study", "run", file, "--out", at("parts"), "--jobs", "1", "--shard", "1/3"});
-  run_well({"--json", "study", "run", file, "--out", at("parts"), "--jobs", "1", "--shard", "0/3"});
-  const auto early = run_well({"--json", "study", "merge", file, "--out", at("parts")});
+  run_successfully({"--json", "study", "run", file, "--out", at("parts"), "--jobs", "1", "--shard", "1/3"});
+  run_successfully({"--json", "study", "run", file, "--out", at("parts"), "--jobs", "1", "--shard", "0/3"});
+  const auto early = run_successfully({"--json", "study", "merge", file, "--out", at("parts")});
   EXPECT_EQ(Json::parse(early.out)["missing"], 2);
-  run_well({"--json", "study", "run", file, "--out", at("parts"), "--jobs", "1", "--shard", "2/3"});
-  run_well({"--json", "study", "merge", file, "--out", at("parts")});
+  run_successfully({"--json", "study", "run", file, "--out", at("parts"), "--jobs", "1", "--shard", "2/3"});
+  run_successfully({"--json", "study", "merge", file, "--out", at("parts")});
   EXPECT_EQ(results("parts"), results("whole"));
   EXPECT_EQ(read_bytes(temp_ / "parts/results.sqlite"), read_bytes(temp_ / "whole/results.sqlite"));
   // A repeated run has nothing left to do and changes nothing.
-  const auto again = run_well({"--json", "study", "run", file, "--out", at("whole")});
+  const auto again = run_successfully({"--json", "study", "run", file, "--out", at("whole")});
   EXPECT_EQ(Json::parse(again.out)["trials"], 0);
   EXPECT_EQ(Json::parse(again.out)["found"], 6);
   EXPECT_EQ(results("parts"), results("whole"));
-  EXPECT_THAT(run_well({"study", "report", file, "--out", at("whole")}).out, HasSubstr("small: 6 trials"));
+  EXPECT_THAT(run_successfully({"study", "report", file, "--out", at("whole")}).out, HasSubstr("small: 6 trials"));
   // Each trial on its own gives the same line.
-  const std::string line = run_well({"--json", "study", "replay", file, "--trial", "2"}).out;
+  const std::string line = run_successfully({"--json", "study", "replay", file, "--trial", "2"}).out;
   EXPECT_THAT(results("whole"), HasSubstr(line));
 }
 
 TEST_F(StudyVerb, KilledAtAnyMomentItGoesOn) {
   const std::string file = study(replaced(test::kSmallStudy, "trials: 6", "trials: 40"));
-  run_well({"--quiet", "study", "run", file, "--out", at("whole"), "--jobs", "2", "--worst", "0"});
+  run_successfully({"--quiet", "study", "run", file, "--out", at("whole"), "--jobs", "2", "--worst", "0"});
   support::Random random(20);
   int in_mid_run = 0;
   for (int i = 0; i < 20; ++i) {
@@ -97,7 +97,7 @@ TEST_F(StudyVerb, KilledAtAnyMomentItGoesOn) {
     in_mid_run += WIFSIGNALED(status);
   }
   EXPECT_GE(in_mid_run, 10);  // on fast machines the last ones may find nothing left to do
-  run_well({"--quiet", "study", "run", file, "--out", at("killed"), "--jobs", "2", "--worst", "0"});
+  run_successfully({"--quiet", "study", "run", file, "--out", at("killed"), "--jobs", "2", "--worst", "0"});
   EXPECT_EQ(results("killed"), results("whole"));
 }
 
@@ -122,7 +122,7 @@ TEST_F(StudyVerb, ATrialThatTakesTooLongIsStopped) {
   // With this many rays per pixel it takes minutes.
   const std::string file = study(replaced(replaced(test::kSmallStudy, "trials: 6", "trials: 1\ntimeout_s: 2"),
                                           "fixed:", "fixed:\n  render.samples_per_pixel: 256\n  patterns.steps: 64"));
-  run_well({"--quiet", "study", "run", file, "--out", at("slow")});
+  run_successfully({"--quiet", "study", "run", file, "--out", at("slow")});
   EXPECT_THAT(results("slow"),
               HasSubstr(R"("outcome":"timed_out","cause":"timed_out","message":"took longer than 2 s")"));
 }
@@ -131,7 +131,7 @@ TEST_F(StudyVerb, WhatAWorldRefusesIsAResult) {
   // In every second trial far_m is below near_m, which is rejected.
   const std::string file = study(
       replaced(test::kSmallStudy, "light.ambient_lux: {log_uniform: [10, 5000]}", "rig.far_m: {grid: [1.4, 0.1]}"));
-  run_well({"--quiet", "study", "run", file, "--out", at("refused")});
+  run_successfully({"--quiet", "study", "run", file, "--out", at("refused")});
   const std::string text = results("refused");
   EXPECT_THAT(text, HasSubstr(R"("outcome":"refused","cause":"refused","message":)"));
   EXPECT_THAT(text, HasSubstr("far_m must be larger than near_m"));
@@ -158,7 +158,7 @@ class StudyPage : public StudyVerb {
 
 TEST_F(StudyPage, HasThePicturesOfTheWorst) {
   const std::string file = failing();
-  run_well({"--quiet", "study", "run", file, "--out", at("out"), "--worst", "2"});
+  run_successfully({"--quiet", "study", "run", file, "--out", at("out"), "--worst", "2"});
   const Json data = told("out");
   EXPECT_EQ(data["summary"], Json::parse(read_bytes(temp_ / "out/summary.json")));
   EXPECT_EQ(data["summary"]["successes"], 0);
@@ -171,25 +171,25 @@ TEST_F(StudyPage, HasThePicturesOfTheWorst) {
   }
   // Reporting again gives the same page; --worst 0 gives no pictures.
   const std::string page = read_bytes(temp_ / "out/report.html");
-  EXPECT_THAT(run_well({"study", "report", file, "--out", at("out"), "--worst", "2"}).out,
+  EXPECT_THAT(run_successfully({"study", "report", file, "--out", at("out"), "--worst", "2"}).out,
               HasSubstr("written: " + at("out/report.html")));
   EXPECT_TRUE(read_bytes(temp_ / "out/report.html") == page);
-  run_well({"--json", "study", "report", file, "--out", at("out"), "--worst", "0"});
+  run_successfully({"--json", "study", "report", file, "--out", at("out"), "--worst", "0"});
   EXPECT_TRUE(told("out")["worst"].empty());
 }
 
 TEST_F(StudyPage, SaysWhatATrialDidInsteadOfBeingPictured) {
   // Its results exist, but the sensor file does not.
   const std::string file = failing();
-  run_well({"--quiet", "study", "run", file, "--out", at("out"), "--worst", "0"});
+  run_successfully({"--quiet", "study", "run", file, "--out", at("out"), "--worst", "0"});
   fs::remove(temp_ / "rig.yaml");
-  run_well({"--quiet", "study", "report", file, "--out", at("out"), "--worst", "1"});
+  run_successfully({"--quiet", "study", "report", file, "--out", at("out"), "--worst", "1"});
   EXPECT_THAT(told("out")["worst"][0]["unpictured"].get<std::string>(), HasSubstr("rig.yaml"));
 }
 
 TEST_F(StudyPage, EscapesNames) {
   const std::string file = failing("\"</script><!--<script>&\"");
-  run_well({"--quiet", "study", "run", file, "--out", at("out"), "--worst", "0"});
+  run_successfully({"--quiet", "study", "run", file, "--out", at("out"), "--worst", "0"});
   const std::string page = read_bytes(temp_ / "out/report.html");
   EXPECT_THAT(page, HasSubstr("<title>&lt;/script&gt;&lt;!--&lt;script&gt;&amp;"));
   EXPECT_THAT(page, testing::Not(HasSubstr("</script><!--")));

@@ -25,7 +25,7 @@ TEST(Architecture, ThisTreeHasNoWrongArrow) { EXPECT_THAT(violations(FRINGESLAM_
 
 TEST(Architecture, TheScanReadsThisTree) {
   // Ensures that the test above cannot pass because the scan reads no files.
-  for (const std::string file : {"core/types/pose.h", "sim/light/ray_world.cpp", "tools/main.cpp"})
+  for (const std::string file : {"core/types/pose.h", "sim/light/ray_scene.cpp", "tools/main.cpp"})
     EXPECT_TRUE(test::fs::exists(test::fs::path(FRINGESLAM_SOURCE_DIR) / file)) << file;
 }
 
@@ -37,7 +37,7 @@ TEST(Architecture, AllowedArrowsPass) {
   tree.add("core/io/yaml.cpp", "#include <yaml-cpp/yaml.h>\n#include \"core/io/yaml.h\"\n");
   tree.add("core/motion/refine.cpp", "#include <ceres/ceres.h>\n#include \"core/motion/refine.h\"\n");
   tree.add("core/mapper/pipeline.h", "#include \"core/decode/decode.h\"\n#include \"core/registration/icp.h\"\n");
-  tree.add("sim/light/ray_world.cpp",
+  tree.add("sim/light/ray_scene.cpp",
            "#include <embree3/rtcore.h>\n#include \"core/rig/rig.h\"\n#include \"sim/random.h\"\n");
   tree.add("hw/camera.cpp", "#include <arv.h>\n#include \"core/rig/rig.h\"\n");
   tree.add("bench/speed/decode.cpp", "#include \"core/score/score.h\"\n#include \"sim/virtual_rig.h\"\n");
@@ -60,20 +60,21 @@ TEST(Architecture, WrongArrowsAreReported) {
   tree.add("hw/camera.cpp", "#include \"sim/scene/scene.h\"\n");
   tree.add("sim/virtual_rig.cpp", "#include \"core/score/score.h\"\n#include <core/mapper/pipeline.h>\n");
   tree.add("bench/main.cpp", "#include \"tools/settings.h\"\n");
-  EXPECT_THAT(tree.violations(),
-              ElementsAre("bench/main.cpp:1: tools/settings.h (bench may not include tools)",
-                          "core/decode/decode.h:3: core/depth/depth.h (core/decode may not include core/depth)",
-                          "core/depth/depth.cpp:1: core/io/yaml.h (core/depth may not include core/io)",
-                          "core/io/files.cpp:1: core/decode/decode.h (core/io may not include core/decode)",
-                          "core/mapper/pipeline.cpp:1: core/score/score.h (core/mapper may not include core/score)",
-                          "core/mapper/pipeline.cpp:2: core/rig/rig.h (core/mapper may not include core/rig)",
-                          "core/registration/icp.cpp:1: sim/scene/scene.h (core/registration may not include sim)",
-                          "core/score/score.cpp:1: core/registration/icp.h (core/score may not include core/registration)",
-                          "core/types/pose.cpp:1: core/patterns/patterns.h (core/types may not include core/patterns)",
-                          "core/unknown/a.cpp:1: core/types/pose.h (core/unknown may not include core/types)",
-                          "hw/camera.cpp:1: sim/scene/scene.h (hw may not include sim)",
-                          "sim/virtual_rig.cpp:1: core/score/score.h (sim may not include core/score)",
-                          "sim/virtual_rig.cpp:2: core/mapper/pipeline.h (sim may not include core/mapper)"));
+  EXPECT_THAT(
+      tree.violations(),
+      ElementsAre("bench/main.cpp:1: tools/settings.h (bench may not include tools)",
+                  "core/decode/decode.h:3: core/depth/depth.h (core/decode may not include core/depth)",
+                  "core/depth/depth.cpp:1: core/io/yaml.h (core/depth may not include core/io)",
+                  "core/io/files.cpp:1: core/decode/decode.h (core/io may not include core/decode)",
+                  "core/mapper/pipeline.cpp:1: core/score/score.h (core/mapper may not include core/score)",
+                  "core/mapper/pipeline.cpp:2: core/rig/rig.h (core/mapper may not include core/rig)",
+                  "core/registration/icp.cpp:1: sim/scene/scene.h (core/registration may not include sim)",
+                  "core/score/score.cpp:1: core/registration/icp.h (core/score may not include core/registration)",
+                  "core/types/pose.cpp:1: core/patterns/patterns.h (core/types may not include core/patterns)",
+                  "core/unknown/a.cpp:1: core/types/pose.h (core/unknown may not include core/types)",
+                  "hw/camera.cpp:1: sim/scene/scene.h (hw may not include sim)",
+                  "sim/virtual_rig.cpp:1: core/score/score.h (sim may not include core/score)",
+                  "sim/virtual_rig.cpp:2: core/mapper/pipeline.h (sim may not include core/mapper)"));
 }
 
 TEST(Architecture, LibrariesInTheWrongPlaceAreReported) {

@@ -12,7 +12,7 @@ namespace {
 
 using nlohmann::json;
 using test::run_program;
-using test::run_well;
+using test::run_successfully;
 using testing::HasSubstr;
 
 // The thesis rig with a quarter of its pixels.
@@ -47,7 +47,7 @@ class Calibrate : public testing::Test {
                           "trajectory: " + trajectory + "\n");
     if (!board_.empty()) test::write_bytes(folder / "board.yaml", board_);
     const std::string out = (temp_ / name).string();
-    run_well({"render", folder.string(), "--out", out, "--quiet", "--set", "render.samples_per_pixel=9"});
+    run_successfully({"render", folder.string(), "--out", out, "--quiet", "--set", "render.samples_per_pixel=9"});
     return out;
   }
   std::string at(const std::string& name) const { return (temp_ / name).string(); }
@@ -121,8 +121,8 @@ TEST_F(Calibrate, ResponseOfAGamma) {
   EXPECT_NEAR(rig.projector_response[128], std::pow(0.5, 2.2), 0.01);
   EXPECT_EQ(rig.phase_correction.steps, 3);
   // The measured response can be inverted in patterns.
-  run_well({"patterns", "--rig", at("response/rig.yaml"), "--linearise", "--periods", "1040,131,16.5", "--out",
-            at("patterns"), "--quiet"});
+  run_successfully({"patterns", "--rig", at("response/rig.yaml"), "--linearise", "--periods", "1040,131,16.5", "--out",
+                    at("patterns"), "--quiet"});
   EXPECT_EQ(read_patterns(temp_ / "patterns/patterns.yaml").inverse_response.empty(), false);
   const std::string plain = rendered("plain", "{steps: 3, periods_px: [1040]}", "{grain: plain, albedo: 0.75}", "{}");
   const auto refused = run_program({"calibrate", "response", plain, "--out", at("none")});
@@ -143,7 +143,7 @@ TEST_F(Calibrate, StageFromCommandedMotions) {
     - {translation_mm: [-15, -10, 20], rotation_deg: [-8, 0, 10]}
     - {translation_mm: [0, -10, 0], rotation_deg: [0, -9, 8]})";
   const std::string dataset = rendered("stage", "{steps: 3, periods_px: [1040, 131, 16.5]}", material, trajectory);
-  run_well({"calibrate", "stage", dataset, "--out", at("mount"), "--quiet"});
+  run_successfully({"calibrate", "stage", dataset, "--out", at("mount"), "--quiet"});
   const RigModel rig = read_rig(temp_ / "mount/rig.yaml");
   EXPECT_NEAR(rig.robot_from_camera.translation.x(), 0.1, 2e-4);
   EXPECT_NEAR(rig.robot_from_camera.translation.z(), 1, 2e-4);

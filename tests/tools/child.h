@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "tests/tools/fake_rig.h"
 #include "tests/support/temp_folder.h"
+#include "tests/tools/fake_rig.h"
 #include "tools/shell.h"
 
 namespace fringeslam::test {
@@ -33,7 +33,7 @@ inline Finished run_program(const std::vector<std::string>& arguments) {
 }
 
 // Runs the program and expects success.
-inline Finished run_well(const std::vector<std::string>& arguments) {
+inline Finished run_successfully(const std::vector<std::string>& arguments) {
   Finished finished = run_program(arguments);
   EXPECT_EQ(finished.exit_code, 0) << arguments.front() << ": " << finished.err;
   return finished;

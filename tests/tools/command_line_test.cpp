@@ -11,7 +11,7 @@ namespace {
 
 using nlohmann::json;
 using test::run_program;
-using test::run_well;
+using test::run_successfully;
 using testing::HasSubstr;
 
 // One ray per pixel keeps the runs short.
@@ -41,7 +41,7 @@ class CommandLine : public testing::Test {
   void SetUp() override { test::write_small_scene(scene_); }
   std::string at(const std::string& name) const { return (temp_ / name).string(); }
   void run_scene(const std::string& out, const std::vector<std::string>& more = {}) const {
-    run_well(words(words({"run", scene_.string(), "--out", at(out), "--quiet"}, kFast), more));
+    run_successfully(words(words({"run", scene_.string(), "--out", at(out), "--quiet"}, kFast), more));
   }
 
   test::TempFolder temp_;
@@ -58,18 +58,18 @@ TEST_F(CommandLine, ThreadsDoNotChangeARun) {
 
 TEST_F(CommandLine, ARunOfARenderedDatasetIsARunOfItsScene) {
   run_scene("direct");
-  run_well(words({"render", scene_.string(), "--out", at("dataset"), "--quiet"}, kFast));
-  run_well({"run", at("dataset"), "--out", at("replayed"), "--quiet"});
+  run_successfully(words({"render", scene_.string(), "--out", at("dataset"), "--quiet"}, kFast));
+  run_successfully({"run", at("dataset"), "--out", at("replayed"), "--quiet"});
   expect_same_folders(temp_ / "direct", temp_ / "replayed");
 }
 
 TEST_F(CommandLine, ScoringARunAgainGivesItsScore) {
   run_scene("run");
   const std::string written = test::read_bytes(temp_ / "run/score.json");
-  EXPECT_EQ(run_well({"score", at("run"), "--json"}).out, written);
-  EXPECT_EQ(run_well({"score", at("run"), "--json"}).out, written);
+  EXPECT_EQ(run_successfully({"score", at("run"), "--json"}).out, written);
+  EXPECT_EQ(run_successfully({"score", at("run"), "--json"}).out, written);
   EXPECT_EQ(test::read_bytes(temp_ / "run/score.json"), written);
-  EXPECT_EQ(run_well({"score", at("run")}).out, run_well({"score", at("run")}).out);
+  EXPECT_EQ(run_successfully({"score", at("run")}).out, run_successfully({"score", at("run")}).out);
 }
 
 TEST_F(CommandLine, ASecondRunReplacesTheFirst) {
@@ -89,21 +89,22 @@ json whole_json(const test::Finished& finished) {
 }
 
 TEST_F(CommandLine, JsonIsOneDocument) {
-  const json rendered = whole_json(run_well(words({"render", scene_.string(), "--out", at("data"), "--json"}, kFast)));
+  const json rendered =
+      whole_json(run_successfully(words({"render", scene_.string(), "--out", at("data"), "--json"}, kFast)));
   EXPECT_EQ(rendered.at("stacks"), 2);
-  const json run = whole_json(run_well({"run", at("data"), "--out", at("run"), "--json"}));
+  const json run = whole_json(run_successfully({"run", at("data"), "--out", at("run"), "--json"}));
   EXPECT_EQ(run.at("run"), at("run"));
   EXPECT_EQ(run.at("score"), json::parse(test::read_bytes(temp_ / "run/score.json")));
-  EXPECT_EQ(whole_json(run_well({"score", at("run"), "--json"})), run.at("score"));
-  EXPECT_EQ(whole_json(run_well({"score", at("run/trajectory.tum"), "--truth", at("run/truth.tum"), "--json"})),
+  EXPECT_EQ(whole_json(run_successfully({"score", at("run"), "--json"})), run.at("score"));
+  EXPECT_EQ(whole_json(run_successfully({"score", at("run/trajectory.tum"), "--truth", at("run/truth.tum"), "--json"})),
             run.at("score").at("trajectory"));
   for (const std::string what : {"scene", "data", "run", "run/rig.yaml"})
-    EXPECT_EQ(whole_json(run_well({"info", at(what), "--json"})).at("camera_px"), json({266, 250})) << what;
+    EXPECT_EQ(whole_json(run_successfully({"info", at(what), "--json"})).at("camera_px"), json({266, 250})) << what;
 }
 
 TEST_F(CommandLine, JsonHoldsAnyFolderName) {
   const std::string out = at("a \"quoted\\ name");
-  const json rendered = whole_json(run_well(words({"render", scene_.string(), "--out", out, "--json"}, kFast)));
+  const json rendered = whole_json(run_successfully(words({"render", scene_.string(), "--out", out, "--json"}, kFast)));
   if (!rendered.is_discarded()) {
     EXPECT_EQ(rendered.at("dataset"), out);
   }
@@ -185,7 +186,7 @@ TEST(CommandLineScene, AreMadeFromOthers) {
   const std::string elsewhere = (temp / "a/b/own").string();
   ASSERT_EQ(run_program({"scene", "new", elsewhere, "--from", (temp / "scenes/small").string()}).exit_code, 0);
   for (const std::string& folder : {(temp / "scenes/mine").string(), elsewhere}) {
-    const json checked = whole_json(run_well({"--json", "scene", "check", folder}));
+    const json checked = whole_json(run_successfully({"--json", "scene", "check", folder}));
     EXPECT_EQ(checked.at("scene"), test::fs::path(folder).filename().string());
   }
   const auto again = run_program({"scene", "new", elsewhere, "--from", (temp / "scenes/small").string()});
@@ -202,26 +203,28 @@ TEST(CommandLineScene, AreGenerated) {
   text.replace(text.find("seed: "), 7, "dust: {cover: {uniform: [0.1, 0.9]}}");
   test::write_bytes(temp / "small/scene.yaml", text);
   const std::string out = (temp / "many").string();
-  run_well({"scene", "generate", (temp / "small").string(), "--count", "3", "--seed", "5", "--out", out, "--quiet"});
+  run_successfully(
+      {"scene", "generate", (temp / "small").string(), "--count", "3", "--seed", "5", "--out", out, "--quiet"});
   for (const std::string seed : {"5", "6", "7"}) {
     const std::string one = out + "/00000" + seed;
     EXPECT_EQ(test::read_bytes(one + "/scene.yaml").find("uniform"), std::string::npos);
-    run_well({"scene", "preview", one, "--size", "360", "--out", (temp / "one.png").string(), "--quiet"});
-    run_well({"scene", "preview", (temp / "small").string(), "--seed", seed, "--size", "360", "--out",
-              (temp / "other.png").string(), "--quiet"});
+    run_successfully({"scene", "preview", one, "--size", "360", "--out", (temp / "one.png").string(), "--quiet"});
+    run_successfully({"scene", "preview", (temp / "small").string(), "--seed", seed, "--size", "360", "--out",
+                      (temp / "other.png").string(), "--quiet"});
     EXPECT_EQ(test::read_bytes(temp / "one.png"), test::read_bytes(temp / "other.png")) << seed;
   }
 }
 
 TEST_F(CommandLine, ScenesArePictured) {
   const std::string out = at("preview.png");
-  run_well({"scene", "preview", scene_.string(), "--out", out, "--size", "420x280", "--quiet"});
+  run_successfully({"scene", "preview", scene_.string(), "--out", out, "--size", "420x280", "--quiet"});
   const std::string first = test::read_bytes(out);
-  run_well({"scene", "preview", scene_.string(), "--out", out, "--size", "420", "--quiet", "--threads", "1"});
+  run_successfully({"scene", "preview", scene_.string(), "--out", out, "--size", "420", "--quiet", "--threads", "1"});
   EXPECT_TRUE(test::read_bytes(out) == first) << "a width alone implies a height of two thirds of it";
-  run_well({"scene", "preview", scene_.string(), "--out", out, "--size", "420", "--seed", "8", "--quiet"});
+  run_successfully({"scene", "preview", scene_.string(), "--out", out, "--size", "420", "--seed", "8", "--quiet"});
   EXPECT_FALSE(test::read_bytes(out) == first);
-  EXPECT_EQ(whole_json(run_well({"--json", "scene", "preview", scene_.string(), "--out", out})).at("written"), out);
+  EXPECT_EQ(whole_json(run_successfully({"--json", "scene", "preview", scene_.string(), "--out", out})).at("written"),
+            out);
   for (const std::string size : {"12", "420x", "420x280x", "axb", "99999", "420x-3"}) {
     const auto refused = run_program({"scene", "preview", scene_.string(), "--out", at("none.png"), "--size", size});
     EXPECT_EQ(refused.exit_code, 2) << size;
@@ -235,7 +238,8 @@ TEST_F(CommandLine, ScenesArePictured) {
 
 TEST_F(CommandLine, ScenesAreExported) {
   for (const std::string name : {"a.glb", "a.gltf", "a.ply", "a.obj"}) {
-    const json written = whole_json(run_well({"--json", "scene", "export", scene_.string(), "--out", at(name)}));
+    const json written =
+        whole_json(run_successfully({"--json", "scene", "export", scene_.string(), "--out", at(name)}));
     EXPECT_EQ(written.at("written"), at(name));
     EXPECT_GT(written.at("objects"), 2);
     EXPECT_TRUE(test::fs::exists(at(name)));

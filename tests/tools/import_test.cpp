@@ -119,7 +119,7 @@ TEST_P(ImportFormats, AnotherRigsFilesAreTheSameDataset) {
                         "\", first: 8, fringe: {axis: columns, period_px: 131, "
                         "steps: 3, phase_offset_deg: -120, coordinate_origin: pixel_edge}}\n");
   const test::Finished done =
-      test::run_well({"import", (temp / "in").string(), "--out", (temp / "out").string(), "--json"});
+      test::run_successfully({"import", (temp / "in").string(), "--out", (temp / "out").string(), "--json"});
   EXPECT_EQ(nlohmann::json::parse(done.out).at("stacks"), 2);
 
   ReplayRig replay(temp / "out");
@@ -157,7 +157,7 @@ TEST(Import, ARunOfImportedImagesIsARunOfTheirDataset) {
   const test::TempFolder temp;
   test::write_small_scene(temp / "scene");
   const std::string data = (temp / "data").string(), out = (temp / "imported").string();
-  test::run_well(
+  test::run_successfully(
       {"render", (temp / "scene").string(), "--out", data, "--quiet", "--set", "render.samples_per_pixel=1"});
   const RigModel rig = read_rig(temp / "data/rig.yaml");
   write_calibration(temp / "calibration.yml", rig, true, true);
@@ -176,10 +176,10 @@ TEST(Import, ARunOfImportedImagesIsARunOfTheirDataset) {
                         "0, 120], coordinate_origin: pixel_edge}}\n"
                         "  - {files: \"%02d.png\", first: 6, fringe: {axis: columns, period_px: 16.5, shift_deg: "
                         "[-120, 0, 120], coordinate_origin: pixel_edge}}\n");
-  test::run_well({"import", (temp / "data/stacks").string(), "--config", (temp / "import.yaml").string(), "--out", out,
-                  "--quiet"});
+  test::run_successfully({"import", (temp / "data/stacks").string(), "--config", (temp / "import.yaml").string(),
+                          "--out", out, "--quiet"});
   for (const std::string& source : {data, out})
-    test::run_well({"run", source, "--out", source + "-run", "--quiet", "--mesh"});
+    test::run_successfully({"run", source, "--out", source + "-run", "--quiet", "--mesh"});
   for (const std::string frame : {"000000", "000001"}) {
     const fs::path name = fs::path("frames") / frame;
     const cv::Mat1f ours = read_depth_estimate(fs::path(data + "-run") / name / "depth.exr").depth_m;
@@ -299,8 +299,8 @@ TEST(Import, SingleFilesAndRangesSayTheSame) {
 // Images of the patterns written by `fringeslam patterns` are imported with its patterns.yaml.
 TEST(Import, OurOwnPatternsAreImportedByTheirFile) {
   const test::TempFolder temp;
-  test::run_well({"patterns", "--size", "64x32", "--periods", "16", "--gray", "complementary", "--white-black",
-                  "--ramp-levels", "3", "--out", (temp / "shown").string(), "--quiet"});
+  test::run_successfully({"patterns", "--size", "64x32", "--periods", "16", "--gray", "complementary", "--white-black",
+                          "--ramp-levels", "3", "--out", (temp / "shown").string(), "--quiet"});
   const auto config = [&](const std::string& width) {
     test::write_bytes(temp / "import.yaml", "name: x\nprojector: {width_px: " + width +
                                                 ", height_px: 32}\npatterns:\n" +
@@ -406,7 +406,7 @@ class ImportErrors : public testing::Test {
 
 TEST_F(ImportErrors, TheGoodFileIsGood) {
   test::write_bytes(temp_ / "in/import.yaml", kGood);
-  test::run_well({"import", (temp_ / "in").string(), "--out", (temp_ / "out").string()});
+  test::run_successfully({"import", (temp_ / "in").string(), "--out", (temp_ / "out").string()});
   EXPECT_EQ(test::read_bytes(temp_ / "out/board.yaml"), "kind: circles\ncolumns: 7\nrows: 5\nspacing_m: 0.02\n");
   ReplayRig replay(temp_ / "out");
   expect_near(replay.model(), toy_rig());
@@ -536,7 +536,7 @@ TEST_F(ImportErrors, WithoutCalibrationThereIsNoRun) {
   test::write_bytes(temp_ / "in/import.yaml",
                     test::replaced(kGood, "calibration: {file: calibration.yml, unit_m: 0.001}\n", ""));
   const std::string out = (temp_ / "out").string();
-  test::run_well({"import", (temp_ / "in").string(), "--out", out});
+  test::run_successfully({"import", (temp_ / "in").string(), "--out", out});
   EXPECT_FALSE(ReplayRig(out).model().calibrated);
   const test::Finished finished = test::run_program({"run", out, "--out", (temp_ / "run").string()});
   EXPECT_EQ(finished.exit_code, 2);
@@ -634,9 +634,9 @@ patterns:
   - {files: "%02d.png", first: 12, gray: {axis: columns, period_px: 60, bits: 5, complementary: true}}
 )");
   const std::string data = (temp / "data").string(), run = (temp / "run").string();
-  test::run_well({"import", (fs::path(captures) / "relief").string(), "--config", (temp / "import.yaml").string(),
-                  "--out", data, "--quiet"});
-  test::run_well({"run", data, "--out", run, "--quiet", "--set", "decode.unwrapping=gray"});
+  test::run_successfully({"import", (fs::path(captures) / "relief").string(), "--config",
+                          (temp / "import.yaml").string(), "--out", data, "--quiet"});
+  test::run_successfully({"run", data, "--out", run, "--quiet", "--set", "decode.unwrapping=gray"});
   const cv::Mat1f depth = read_depth_estimate(run + "/frames/000000/depth.exr").depth_m;
   std::vector<float> found;
   for (const float z : depth) {

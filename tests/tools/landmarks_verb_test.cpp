@@ -13,7 +13,7 @@ namespace fringeslam {
 namespace {
 
 using test::run_program;
-using test::run_well;
+using test::run_successfully;
 namespace fs = std::filesystem;
 
 std::string text_of(const fs::path& file) {
@@ -29,7 +29,7 @@ const std::string kScenes = std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/";
 TEST(LandmarksVerb, WritesPicturesAndTables) {
   const test::TempFolder temp;
   const fs::path out = temp / "out";
-  run_well({"landmarks", kScenes + "face_mask", "--out", out.string(), "--set", "render.samples_per_pixel=1"});
+  run_successfully({"landmarks", kScenes + "face_mask", "--out", out.string(), "--set", "render.samples_per_pixel=1"});
   const nlohmann::json views = json_of(out / "landmarks.json");
   ASSERT_EQ(views.size(), 3U);
   int recognised = 0;
@@ -63,7 +63,7 @@ TEST(LandmarksVerb, TheSameWhateverTheThreads) {
   std::string first;
   for (const char* threads : {"1", "2"}) {
     const fs::path out = temp / threads;
-    run_well({"--threads", threads, "landmarks", kScenes + "face_mask", "--out", out.string()});
+    run_successfully({"--threads", threads, "landmarks", kScenes + "face_mask", "--out", out.string()});
     const std::string all = text_of(out / "landmarks.json") + text_of(out / "frames/000002/keypoints.csv") +
                             text_of(out / "frames/000001/matches.png");
     if (first.empty()) first = all;
@@ -74,7 +74,7 @@ TEST(LandmarksVerb, TheSameWhateverTheThreads) {
 TEST(LandmarksVerb, ABareBoardHasNone) {
   const test::TempFolder temp;
   const fs::path out = temp / "out";
-  run_well({"landmarks", kScenes + "flat_board", "--out", out.string()});
+  run_successfully({"landmarks", kScenes + "flat_board", "--out", out.string()});
   EXPECT_TRUE(json_of(out / "landmarks.json")[0]["landmarks"].empty());
 }
 

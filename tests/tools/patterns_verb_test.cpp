@@ -11,7 +11,7 @@ namespace fringeslam {
 namespace {
 
 using test::run_program;
-using test::run_well;
+using test::run_successfully;
 using testing::HasSubstr;
 
 class Patterns : public testing::Test {
@@ -19,7 +19,7 @@ class Patterns : public testing::Test {
   std::string out() const { return (temp_ / "out").string(); }
   void write(std::vector<std::string> arguments) const {
     arguments.insert(arguments.begin(), {"patterns", "--out", out()});
-    run_well(arguments);
+    run_successfully(arguments);
   }
   void expect_refused(std::vector<std::string> arguments, const std::string& says) const {
     arguments.insert(arguments.begin(), {"patterns", "--out", out()});
@@ -78,7 +78,7 @@ TEST_F(Patterns, LinearisedPatternsUndoTheRigsResponse) {
   const cv::Mat1b pixels = image("000.png");
   const Pattern pattern = sequence().patterns[0];
   for (int col = 0; col < 64; ++col) {
-    const double light = table_value(rig.projector_response, pixels(0, col) / 255.0);
+    const double light = interpolate_table(rig.projector_response, pixels(0, col) / 255.0);
     EXPECT_NEAR(light, ideal_intensity(pattern, col), 2.2 / 255 + 1e-3)
         << "tolerance: half a level at the steepest slope, and the table's interpolation";
   }

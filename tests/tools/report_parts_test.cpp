@@ -12,7 +12,7 @@
 #include "tests/tools/fake_rig.h"
 #include "tools/report/map_error.h"
 #include "tools/report/packing.h"
-#include "tools/report/thin_mesh.h"
+#include "tools/report/simplify_mesh.h"
 #include "tools/report/view_pictures.h"
 
 namespace fringeslam::tools {
@@ -54,15 +54,15 @@ double area(const SurfaceMesh& mesh) {
   return sum;
 }
 
-TEST(ThinMesh, LeavesSmallMeshesAsTheyAre) {
-  const ThinMesh thin = thinned(square(10), 100);
+TEST(SimplifiedMesh, LeavesSmallMeshesAsTheyAre) {
+  const SimplifiedMesh thin = thinned(square(10), 100);
   EXPECT_EQ(thin.cell_m, 0);
   EXPECT_EQ(thin.mesh.vertices.size(), 100u);
   EXPECT_EQ(thin.mesh.triangles.size(), 162u);
 }
 
-TEST(ThinMesh, KeepsThePlaneItsAreaAndItsSide) {
-  const ThinMesh thin = thinned(square(200), 2000);
+TEST(SimplifiedMesh, KeepsThePlaneItsAreaAndItsSide) {
+  const SimplifiedMesh thin = thinned(square(200), 2000);
   EXPECT_LE(thin.mesh.vertices.size(), 2000u);
   EXPECT_GT(thin.mesh.vertices.size(), 900u);
   EXPECT_GT(thin.cell_m, 2e-3);
@@ -74,7 +74,7 @@ TEST(ThinMesh, KeepsThePlaneItsAreaAndItsSide) {
   EXPECT_NEAR(area(thin.mesh), 0.199 * 0.199, rim);
 }
 
-TEST(ThinMesh, TakesCloudsAndNothing) {
+TEST(SimplifiedMesh, TakesCloudsAndNothing) {
   SurfaceMesh cloud = square(50);
   cloud.triangles.clear();
   EXPECT_LE(thinned(cloud, 100).mesh.vertices.size(), 100u);

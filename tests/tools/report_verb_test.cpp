@@ -12,7 +12,7 @@ namespace {
 using nlohmann::json;
 using test::read_bytes;
 using test::run_program;
-using test::run_well;
+using test::run_successfully;
 using testing::HasSubstr;
 using testing::Not;
 
@@ -27,7 +27,7 @@ class ReportVerb : public testing::Test {
   static void SetUpTestSuite() {
     temp_ = new test::TempFolder;
     test::write_small_scene(*temp_ / "scene");
-    run_well({"run", at("scene"), "--out", at("run"), "--quiet", "--set", "render.samples_per_pixel=1"});
+    run_successfully({"run", at("scene"), "--out", at("run"), "--quiet", "--set", "render.samples_per_pixel=1"});
   }
   static void TearDownTestSuite() { delete temp_; }
   static std::string at(const std::string& name) { return (*temp_ / name).string(); }
@@ -49,7 +49,7 @@ class ReportVerb : public testing::Test {
 test::TempFolder* ReportVerb::temp_ = nullptr;
 
 TEST_F(ReportVerb, WritesWhatTheRunWrote) {
-  run_well({"report", at("run"), "--out", at("again.html"), "--quiet"});
+  run_successfully({"report", at("run"), "--out", at("again.html"), "--quiet"});
   const std::string page = read_bytes(at("again.html"));
   EXPECT_TRUE(page == read_bytes(at("run/report.html")));
   const json data = data_of(page);
@@ -68,7 +68,8 @@ TEST_F(ReportVerb, WritesWhatTheRunWrote) {
 }
 
 TEST_F(ReportVerb, IsLeftOutOnRequest) {
-  run_well({"run", at("scene"), "--out", at("bare"), "--quiet", "--no-report", "--set", "render.samples_per_pixel=1"});
+  run_successfully(
+      {"run", at("scene"), "--out", at("bare"), "--quiet", "--no-report", "--set", "render.samples_per_pixel=1"});
   EXPECT_FALSE(test::fs::exists(at("bare/report.html")));
   EXPECT_TRUE(test::fs::exists(at("bare/overview.png")));
 }
@@ -100,7 +101,7 @@ TEST_F(ReportVerb, EscapesNames) {
   const std::string config = read_bytes(run + "/config.yaml");
   test::write_bytes(run + "/config.yaml",
                     test::replaced(config, "name: \"small\"", "name: \"</script><!--<script>\\\"&\\xff\""));
-  run_well({"report", run, "--quiet"});
+  run_successfully({"report", run, "--quiet"});
   const std::string page = read_bytes(run + "/report.html");
   EXPECT_THAT(page, HasSubstr("<title>&lt;/script&gt;&lt;!--&lt;script&gt;\"&amp;"));
   EXPECT_THAT(page, Not(HasSubstr("</script><!--")));
@@ -110,7 +111,7 @@ TEST_F(ReportVerb, EscapesNames) {
 TEST_F(ReportVerb, DoesWithoutTruth) {
   const std::string run = copy("untold");
   for (const char* name : {"/truth", "/truth.tum", "/score.json"}) test::fs::remove_all(run + name);
-  run_well({"report", run, "--quiet"});
+  run_successfully({"report", run, "--quiet"});
   const json data = data_of(read_bytes(run + "/report.html"));
   EXPECT_EQ(data["has_truth"], false);
   EXPECT_TRUE(data["summary"]["ate_mm"].is_null());

@@ -212,10 +212,10 @@ TEST(RigFile, RefusesARigThatCanMeasureNothing) {
 
 TEST(RigFile, BeamMeetsViewOnlyInTheWorkingRange) {
   RigModel rig = test::thesis_rig();
-  EXPECT_TRUE(beam_meets_view(rig));
+  EXPECT_TRUE(fields_overlap(rig));
   // At 0.2 m the beam is still 0.15 m beside the view, which is 0.03 m wide to each side.
   rig.near_m = 0.05, rig.far_m = 0.2;
-  EXPECT_FALSE(beam_meets_view(rig));
+  EXPECT_FALSE(fields_overlap(rig));
 }
 
 TEST(PatternsFile, ReadsBackToTheLastBit) {

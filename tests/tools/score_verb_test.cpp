@@ -17,7 +17,7 @@ namespace {
 
 using nlohmann::json;
 using test::run_program;
-using test::run_well;
+using test::run_successfully;
 using testing::HasSubstr;
 
 constexpr const char* kMoreMotions =
@@ -37,11 +37,11 @@ class Score : public testing::Test {
     test::write_small_scene(temp_ / "scene");
     const std::string text(test::kSmallScene);
     file("scene/scene.yaml", text.substr(0, text.find("    - {translation_mm")) + kMoreMotions);
-    run_well({"scene", "export", at("scene"), "--out", at("world.ply"), "--quiet"});
+    run_successfully({"scene", "export", at("scene"), "--out", at("world.ply"), "--quiet"});
   }
   json score(std::vector<std::string> words) const {
     words.insert(words.begin(), {"score", "--json"});
-    const json result = json::parse(run_well(words).out, nullptr, false);
+    const json result = json::parse(run_successfully(words).out, nullptr, false);
     EXPECT_FALSE(result.is_discarded());
     return result;
   }
@@ -101,7 +101,7 @@ TEST_F(Score, TheTrueSurfaceIsAPerfectMapWhateverTellsTheTruth) {
   const std::vector<std::string> fast = {"--set", "render.samples_per_pixel=1", "--quiet"};
   const auto rendered = [&](std::vector<std::string> words) {
     words.insert(words.end(), fast.begin(), fast.end());
-    run_well(words);
+    run_successfully(words);
   };
   rendered({"render", at("scene"), "--out", at("data")});
   rendered({"run", at("scene"), "--out", at("elsewhere/run")});
@@ -137,7 +137,7 @@ TEST_F(Score, DistancesOfAPointAreThoseToTheFloor) {
 // The other system's world frame is rotated, translated and scaled; its trajectory determines the alignment.
 TEST_F(Score, AMapIsAlignedByItsTrajectory) {
   make_world();
-  run_well({"render", at("scene"), "--out", at("data"), "--set", "render.samples_per_pixel=1", "--quiet"});
+  run_successfully({"render", at("scene"), "--out", at("data"), "--set", "render.samples_per_pixel=1", "--quiet"});
   const Similarity theirs{3.7, {rotation_exp({0.3, -2, 0.4}), {5, -3, 2}}};
   PlyMap map = read_ply(temp_ / "world.ply");
   for (Eigen::Vector3d& vertex : map.vertices) vertex = theirs * vertex;
@@ -168,7 +168,7 @@ TEST_F(Score, ATrajectoryOfAnotherFormatAndWorld) {
   EXPECT_EQ(steps.at("steps"), 2);
   EXPECT_NEAR(steps.at("rpe_translation_m").at("mean"), 0.5 * std::sqrt(2.0), 1e-12);
   expect_refused({estimate, "--truth", truth, "--max-gap", "0.003"}, "only 0 poses");
-  EXPECT_THAT(run_well({"score", estimate, "--truth", truth, "--align", "sim3"}).out, HasSubstr("scale 0.8"));
+  EXPECT_THAT(run_successfully({"score", estimate, "--truth", truth, "--align", "sim3"}).out, HasSubstr("scale 0.8"));
 }
 
 TEST_F(Score, WhatCannotBeScored) {

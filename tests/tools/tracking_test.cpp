@@ -13,7 +13,7 @@ namespace {
 
 using nlohmann::json;
 using test::run_program;
-using test::run_well;
+using test::run_successfully;
 using testing::HasSubstr;
 
 constexpr const char* kStep = "    - {translation_mm: [6, 4, 0], rotation_deg: [0, 0, 1]}\n";
@@ -40,7 +40,7 @@ class ManyViews : public testing::Test {
   json run(const std::string& scene, const std::string& out, const std::vector<std::string>& more = {}) const {
     std::vector<std::string> words = {"run", scene, "--out", at(out), "--quiet", "--set", "render.samples_per_pixel=1"};
     words.insert(words.end(), more.begin(), more.end());
-    run_well(words);
+    run_successfully(words);
     return read(out + "/frames.json");
   }
   json read(const std::string& name) const { return json::parse(test::read_bytes(temp_ / name)); }
@@ -86,8 +86,8 @@ TEST_F(ManyViews, TakeTheFinestFringesAloneWhereTheMapTellsTheirOrders) {
     EXPECT_GT(frame["valid_fraction"], 0.6);
   }
   // A recording of all nine images works as well.
-  run_well({"render", here, "--out", at("dataset"), "--quiet", "--set", "render.samples_per_pixel=1"});
-  run_well({"run", at("dataset"), "--out", at("replayed"), "--quiet", "--set", "decode.unwrapping=predicted"});
+  run_successfully({"render", here, "--out", at("dataset"), "--quiet", "--set", "render.samples_per_pixel=1"});
+  run_successfully({"run", at("dataset"), "--out", at("replayed"), "--quiet", "--set", "decode.unwrapping=predicted"});
   EXPECT_EQ(read("replayed/frames.json")[4]["images"], 3);
   EXPECT_LT(read("replayed/score.json")["trajectory"]["ate_rmse_mm"], 0.05);
 }
@@ -139,8 +139,8 @@ TEST_F(ManyViews, IdenticalOnesDoNotFillTheMap) {
 // counted as dropped.
 TEST_F(ManyViews, ThatComeTooFastInRealTimeAreDroppedAndCounted) {
   constexpr int kViews = 12;
-  run_well({"render", scene("fast", repeated(kStep, kViews - 1)), "--out", at("images"), "--quiet", "--set",
-            "render.samples_per_pixel=1"});
+  run_successfully({"render", scene("fast", repeated(kStep, kViews - 1)), "--out", at("images"), "--quiet", "--set",
+                    "render.samples_per_pixel=1"});
   for (int i = 0; i < kViews; ++i) {
     char name[64];
     std::snprintf(name, sizeof name, "images/stacks/%06d/stack.yaml", i);
@@ -149,7 +149,7 @@ TEST_F(ManyViews, ThatComeTooFastInRealTimeAreDroppedAndCounted) {
                                                        "timestamp_s: " + std::to_string(1e-4 * i)));
   }
   const test::Finished finished =
-      run_well({"run", at("images"), "--out", at("run"), "--real-time", "--json", "--no-report"});
+      run_successfully({"run", at("images"), "--out", at("run"), "--real-time", "--json", "--no-report"});
   const int dropped = json::parse(finished.out)["dropped"];
   const json frames = read("run/frames.json");
   EXPECT_EQ(dropped + static_cast<int>(frames.size()), kViews);

@@ -16,7 +16,7 @@ namespace fringeslam {
 namespace {
 
 using test::run_program;
-using test::run_well;
+using test::run_successfully;
 using testing::HasSubstr;
 
 class TumRgbd : public testing::Test {
@@ -27,7 +27,7 @@ class TumRgbd : public testing::Test {
     std::vector<std::string> words = {
         "render", at("scene"), "--out", at(out), "--quiet", "--set", "render.samples_per_pixel=1"};
     words.insert(words.end(), more.begin(), more.end());
-    run_well(words);
+    run_successfully(words);
   }
   cv::Mat depth(const std::string& folder, const std::string& time) const {
     return read_grey(temp_ / folder / "depth" / (time + ".png"));
@@ -60,7 +60,7 @@ TEST_F(TumRgbd, DepthIsTheTruthOrWhatTheSensorMeasuresToHalfAUnit) {
   render("data", {});
   render("true", {"--format", "tum-rgbd", "--depth", "truth", "--distorted"});
   render("measured", {"--format", "tum-rgbd", "--distorted", "--depth-scale", "20000"});
-  run_well({"run", at("data"), "--out", at("run"), "--quiet"});
+  run_successfully({"run", at("data"), "--out", at("run"), "--quiet"});
   for (const auto& [index, time] :
        {std::pair("000000", "0000000000.000000"), std::pair("000001", "0000000000.500000")}) {
     const std::string number = index;
@@ -154,14 +154,14 @@ TEST_F(TumRgbd, ListsAndSettingsAreThoseOfTheBenchmark) {
   EXPECT_EQ(value_of(settings, "Camera.width"), rig.camera.width);
   // The camera's true trajectory is scored against the folder.
   const test::Finished score =
-      run_well({"score", at("rgbd/groundtruth.txt"), "--truth", at("rgbd"), "--align", "none", "--json"});
+      run_successfully({"score", at("rgbd/groundtruth.txt"), "--truth", at("rgbd"), "--align", "none", "--json"});
   EXPECT_EQ(nlohmann::json::parse(score.out).at("ape_m").at("max"), 0);
 }
 
 // A recorded dataset keeps its lens distortion.
 TEST_F(TumRgbd, OfADataset) {
   render("data", {});
-  run_well({"render", at("data"), "--out", at("rgbd"), "--format", "tum-rgbd", "--distorted", "--quiet"});
+  run_successfully({"render", at("data"), "--out", at("rgbd"), "--format", "tum-rgbd", "--distorted", "--quiet"});
   render("direct", {"--format", "tum-rgbd", "--distorted"});
   EXPECT_EQ(test::listing(temp_ / "rgbd"), test::listing(temp_ / "direct"));
   for (const std::string& name : test::listing(temp_ / "direct")) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Does the robot move too fast for its fringes? While it moves, the projector coordinate u seen by a pixel drifts at
-// u' (core/decode/motion.h), that is by u' / f per phase step at camera rate f. In periods p of the finest fringes,
+// u' (core/decode/motion_compensation.h), that is by u' / f per phase step at camera rate f. In periods p of the finest fringes,
 //
 //   d = |u'| / (f p)
 //
@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "core/decode/motion.h"
+#include "core/decode/motion_compensation.h"
 
 namespace fringeslam::tools {
 

@@ -15,8 +15,8 @@ namespace {
 
 using nlohmann::ordered_json;
 
-constexpr size_t kRateViews = 8;  // averaging window of the rate
-constexpr size_t kToldViews = 8;  // views whose pictures a viewer can still request
+constexpr size_t kRateViews = 8;      // averaging window of the rate
+constexpr size_t kReportedViews = 8;  // views whose pictures a viewer can still request
 constexpr size_t kOutlineCorners = 48;
 
 // Rounds to six decimals (micrometres): digits make up most of what is sent.
@@ -32,7 +32,7 @@ ordered_json json_of(const Pose& pose) {
   return list;
 }
 
-ordered_json json_of(const WarmThingMark& mark) {
+ordered_json json_of(const WarmObjectMark& mark) {
   return {{"position_m", json_of(mark.position_m)},
           {"radius_m", mark.radius_m},
           {"state", mark.state},
@@ -126,7 +126,7 @@ struct LiveFeed::Changes {
   size_t views_from = 0, keyframes_from = 0;
   std::vector<SeenView> views;
   std::vector<SeenKeyframe> keyframes;
-  std::optional<std::vector<WarmThingMark>> candidates;
+  std::optional<std::vector<WarmObjectMark>> candidates;
   std::shared_ptr<const LiveView> newest;
 };
 
@@ -164,7 +164,7 @@ void LiveFeed::show(const FringeStack& stack, const FrameResult& result, const K
   if (result.corrected) take_corrections(map, trajectory());
 }
 
-void LiveFeed::show_candidates(std::vector<WarmThingMark> candidates) {
+void LiveFeed::show_candidates(std::vector<WarmObjectMark> candidates) {
   const std::lock_guard lock(mutex_);
   candidates_ = std::move(candidates);
   candidates_at_ = ++sequence_;
@@ -237,8 +237,8 @@ LiveFeed::Changes LiveFeed::changed_since(uint64_t since) const {
   changes.keyframes.assign(keyframes_.begin() + static_cast<std::ptrdiff_t>(changes.keyframes_from), keyframes_.end());
   if (since == 0 || candidates_at_ > since) changes.candidates = candidates_;
   if (!changes.views.empty()) changes.newest = newest_;
-  if (changes.newest && (told_.empty() || told_.back() != newest_)) told_.push_back(newest_);
-  if (told_.size() > kToldViews) told_.pop_front();
+  if (changes.newest && (reported_.empty() || reported_.back() != newest_)) reported_.push_back(newest_);
+  if (reported_.size() > kReportedViews) reported_.pop_front();
   return changes;
 }
 
@@ -270,7 +270,7 @@ std::string LiveFeed::changes(const std::string& run, uint64_t since) const {
   if (changes.newest) document["newest"] = json_of(*changes.newest);
   if (changes.candidates) {
     document["candidates"] = ordered_json::array();
-    for (const WarmThingMark& candidate : *changes.candidates) document["candidates"].push_back(json_of(candidate));
+    for (const WarmObjectMark& candidate : *changes.candidates) document["candidates"].push_back(json_of(candidate));
   }
   return document.dump(-1, ' ', false, ordered_json::error_handler_t::replace);
 }
@@ -290,7 +290,7 @@ void LiveFeed::await_change(const std::string& run, uint64_t since, std::chrono:
 
 std::shared_ptr<const LiveView> LiveFeed::view(int number) const {
   const std::lock_guard lock(mutex_);
-  for (const auto& view : told_) {
+  for (const auto& view : reported_) {
     if (view->number() == number) return view;
   }
   return nullptr;
@@ -313,8 +313,8 @@ std::optional<std::string> LiveFeed::points_of(int keyframe) const {
 
 size_t LiveFeed::views_kept() const {
   const std::lock_guard lock(mutex_);
-  const bool apart = newest_ && (told_.empty() || told_.back() != newest_);
-  return told_.size() + (apart ? 1 : 0);
+  const bool apart = newest_ && (reported_.empty() || reported_.back() != newest_);
+  return reported_.size() + (apart ? 1 : 0);
 }
 
 }  // namespace fringeslam::tools

@@ -50,7 +50,7 @@ struct LiveSetup {
 };
 
 // Mark of a warm thing (core/thermal/victims.h) on the live page.
-struct WarmThingMark {
+struct WarmObjectMark {
   Eigen::Vector3d position_m = Eigen::Vector3d::Zero();  // world frame
   double radius_m = 0;
   std::string state;   // "seen once", "confirmed", …
@@ -68,7 +68,7 @@ class LiveFeed {
   // `dropped` counts the stacks so far that were not mapped because mapping lagged behind.
   void show(const FringeStack& stack, const FrameResult& result, const KeyframeMap& map,
             const std::function<Trajectory()>& trajectory, int dropped);
-  void show_candidates(std::vector<WarmThingMark> candidates);
+  void show_candidates(std::vector<WarmObjectMark> candidates);
   void finish();
 
   // For viewers.
@@ -122,9 +122,9 @@ class LiveFeed {
   uint64_t sequence_ = 0, candidates_at_ = 0;
   std::vector<SeenView> views_;
   std::vector<SeenKeyframe> keyframes_;
-  std::vector<WarmThingMark> candidates_;
+  std::vector<WarmObjectMark> candidates_;
   std::shared_ptr<const LiveView> newest_;
-  mutable std::deque<std::shared_ptr<const LiveView>> told_;
+  mutable std::deque<std::shared_ptr<const LiveView>> reported_;
   std::deque<Clock::time_point> times_;
   PixelRays rays_;
   int dropped_ = 0;

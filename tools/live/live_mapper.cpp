@@ -13,11 +13,11 @@ void show_mapped(LiveFeed& feed, const FringeStack& stack, const FrameResult& re
   feed.show(
       stack, result, mapper.map(), [&] { return mapper.trajectory(); }, dropped);
   if (thermal.warm.list.empty()) return;
-  std::vector<WarmThingMark> candidates;
-  for (const WarmThing& thing : observer.warm_things(mapper))
+  std::vector<WarmObjectMark> candidates;
+  for (const WarmObject& thing : observer.warm_objects(mapper))
     candidates.push_back({thing.position_m, thing.extent_m, thing.victim ? "may be a victim" : "warm, no victim",
                           thing.reason, thing.victim});
-  std::stable_partition(candidates.begin(), candidates.end(), [](const WarmThingMark& c) { return c.victim; });
+  std::stable_partition(candidates.begin(), candidates.end(), [](const WarmObjectMark& c) { return c.victim; });
   feed.show_candidates(std::move(candidates));
 }
 

@@ -19,7 +19,7 @@ struct LiveOption {
 
 // Returns the option --live, which further options of the page need.
 inline Option add_live_option(Command verb, LiveOption& live) {
-  const std::string usual = std::to_string(LivePage::kUsualPort);
+  const std::string usual = std::to_string(LivePage::kDefaultPort);
   const Option page =
       verb.add_option("--live", live.port, "Show incoming data on a web page; 0: any free port [" + usual + "]")
           .type_name("[PORT]")

@@ -26,7 +26,7 @@ namespace {
 constexpr auto kLongestWait = std::chrono::seconds(5);  // for a change
 constexpr int kNice = 10;                               // niceness of the page's threads
 constexpr int kBacklog = 128;                           // pending connections
-constexpr size_t kTurnedAway = 64;  // connections waiting for their 503; any further ones are closed
+constexpr size_t kMaxRejected = 64;  // connections waiting for their 503; any further ones are closed
 
 enum class Service { full, busy, none };
 thread_local Service service = Service::full;       // service level of this thread
@@ -48,9 +48,9 @@ class ViewerStream : public httplib::Stream {
 };
 
 // Threads that answer requests, and one more that answers excess requests with 503.
-class Desks : public httplib::TaskQueue {
+class RequestThreads : public httplib::TaskQueue {
  public:
-  explicit Desks(size_t count) : count_(count) {
+  explicit RequestThreads(size_t count) : count_(count) {
     for (size_t i = 0; i < count; ++i) threads_.emplace_back([this] { work(tasks_, Service::full); });
     threads_.emplace_back([this] { work(turned_away_, Service::busy); });
   }
@@ -75,7 +75,7 @@ class Desks : public httplib::TaskQueue {
   bool taken(const std::function<void()>& task) {
     const std::lock_guard lock(mutex_);
     const bool free = busy_ + tasks_.size() < count_;
-    if (!free && turned_away_.size() >= kTurnedAway) return false;
+    if (!free && turned_away_.size() >= kMaxRejected) return false;
     (free ? tasks_ : turned_away_).push_back(task);
     return true;
   }
@@ -129,7 +129,7 @@ std::string name_for_others(const std::string& host) {
 class LivePage::Server : public httplib::Server {
  public:
   Server(const LiveFeed& feed, LiveAccess access) : feed_(feed), access_(std::move(access)) {
-    new_task_queue = [] { return new Desks(kRequests); };
+    new_task_queue = [] { return new RequestThreads(kRequests); };
     // httplib's default options let two programs share a port.
     set_socket_options([](socket_t socket) {
       const int yes = 1;

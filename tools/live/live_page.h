@@ -22,7 +22,7 @@ namespace fringeslam::tools {
 
 class LivePage {
  public:
-  static constexpr int kUsualPort = 8080;
+  static constexpr int kDefaultPort = 8080;
   static constexpr size_t kViewers = 8;    // waiting for changes concurrently
   static constexpr size_t kRequests = 24;  // of all kinds, answered concurrently
 

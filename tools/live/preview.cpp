@@ -38,7 +38,7 @@ bool coded(const PatternSequence& sequence, Axis axis, bool fringes_only) {
   });
 }
 
-bool tells_orders(const PatternSequence& sequence, const RigModel& rig, Axis axis) {
+bool determines_orders(const PatternSequence& sequence, const RigModel& rig, Axis axis) {
   if (!coded(sequence, axis, false)) return false;
   try {
     resolve_unwrapping(sequence, rig, {}, {.axis = axis});
@@ -83,7 +83,7 @@ void add_light(Preview& preview, const cv::Mat& brightest, double full) {
 DecodedStack decode_without_orders(const FringeStack& stack, const RigModel& rig, Axis axis) {
   if (stack.images.empty()) throw Error("decode: the stack has no images");
   const cv::Mat1f nowhere(stack.images.front().size(), std::numeric_limits<float>::quiet_NaN());
-  const ExpectedCoordinate nothing{nowhere, nowhere, nowhere};
+  const CoordinatePrior nothing{nowhere, nowhere, nowhere};
   DecodeOptions options;
   options.unwrapping = Unwrapping::predicted;
   return decode(stack, rig, options, {.axis = axis, .expected = &nothing});
@@ -91,7 +91,7 @@ DecodedStack decode_without_orders(const FringeStack& stack, const RigModel& rig
 
 std::optional<Triangulation> preview_triangulation(const PatternSequence& sequence, const RigModel& rig) {
   const Axis axis = coded_axis(sequence);
-  if (!tells_orders(sequence, rig, axis)) return std::nullopt;
+  if (!determines_orders(sequence, rig, axis)) return std::nullopt;
   // The union of the pipeline's and the rig's range.
   const DepthOptions options;
   return Triangulation(rig, pixel_rays(rig.camera), std::min(options.near_m, rig.near_m),

@@ -24,7 +24,7 @@ cv::Mat3b small(const cv::Mat3b& picture) {
 
 void write_gif(const std::filesystem::path& file, const std::vector<cv::Mat3b>& frames) {
   const auto fail = [&](const std::string& why) { throw Error(file.string() + ": cannot be written: " + why); };
-  const auto output = OIIO::ImageOutput::create(".gif");
+  const auto output = OIIO::ImageOutput::create("gif");
   if (!output) fail(OIIO::geterror());
   OIIO::ImageSpec spec(frames.front().cols, frames.front().rows, 3, OIIO::TypeDesc::UINT8);
   spec.attribute("FramesPerSecond", OIIO::TypeDesc::TypeRational, std::array<int, 2>{kFramesPerSecond, 1}.data());
@@ -67,8 +67,8 @@ void Animation::write(const std::filesystem::path& file, const Mapper& mapper, c
     while (static_cast<int>(cameras.size()) < sample.views)
       cameras.push_back(mapper.world_from_camera(static_cast<int>(cameras.size())));
     cv::Mat3b left, picture;
-    cv::vconcat(std::vector<cv::Mat3b>{sample.fringes, cv::Mat3b(kMap.height - 2 * kSmall.height, kSmall.width,
-                                                                 cv::Vec3b(24, 22, 20)),
+    cv::vconcat(std::vector<cv::Mat3b>{sample.fringes,
+                                       cv::Mat3b(kMap.height - 2 * kSmall.height, kSmall.width, cv::Vec3b(24, 22, 20)),
                                        sample.depth},
                 left);
     cv::hconcat(left, map_picture(growing.points(), cameras, kMap, &whole), picture);

@@ -82,8 +82,8 @@ cv::Mat3b warm_picture(const cv::Mat1b& texture, const ThermalView& thermal) {
   return picture;
 }
 
-cv::Mat3b map_picture(const std::vector<CloudPoint>& points, const std::vector<Pose>& world_from_camera,
-                      cv::Size size, const std::vector<CloudPoint>* framed) {
+cv::Mat3b map_picture(const std::vector<CloudPoint>& points, const std::vector<Pose>& world_from_camera, cv::Size size,
+                      const std::vector<CloudPoint>* framed) {
   cv::Mat3b picture(size, cv::Vec3b(24, 22, 20));
   if (points.empty() || world_from_camera.empty()) return picture;
   const Pose view = world_from_camera.front().inverse();

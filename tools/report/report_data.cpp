@@ -18,7 +18,7 @@
 #include "core/score/truth_files.h"
 #include "tools/report/map_error.h"
 #include "tools/report/packing.h"
-#include "tools/report/thin_mesh.h"
+#include "tools/report/simplify_mesh.h"
 #include "tools/report/view_pictures.h"
 
 namespace fringeslam::tools {
@@ -73,7 +73,7 @@ class Collector {
  private:
   void locate();
   void read_map();
-  void look_at_views();
+  void compare_views();
   void compare(size_t view, ViewImages& images, MapError& map_error) const;
   ordered_json rig_json() const;
   ordered_json view_json(size_t view) const;
@@ -92,7 +92,7 @@ class Collector {
   std::vector<Located> located_;
   bool has_truth_ = false;
   size_t whole_vertices_ = 0, whole_triangles_ = 0;
-  ThinMesh map_;
+  SimplifiedMesh map_;
   std::vector<float> map_errors_m_;
   size_t every_ = 1;
   PictureScales scales_;
@@ -191,7 +191,7 @@ void Collector::compare(size_t view, ViewImages& images, MapError& map_error) co
   if (located_[view].robot) map_error.add(truth, *located_[view].true_robot * rig_.robot_from_camera);
 }
 
-void Collector::look_at_views() {
+void Collector::compare_views() {
   every_ = std::max<size_t>(1, (indices_.size() + static_cast<size_t>(limits_.pictured_views) - 1) /
                                    static_cast<size_t>(limits_.pictured_views));
   MapError map_error(map_.mesh.vertices, rig_);
@@ -349,7 +349,7 @@ ordered_json Collector::map_json() const {
 ordered_json Collector::collect() {
   locate();
   read_map();
-  look_at_views();
+  compare_views();
   ordered_json json = {{"version", FRINGESLAM_VERSION},
                        {"name", config_.text("name")},
                        {"seed", std::to_string(config_.seed("seed"))},  // JavaScript's numbers end at 2^53

@@ -30,7 +30,7 @@ struct ReportLimits {
 //             cell_mm: grid cell of the thinning; origin, step_m: position = origin + step_m * (x, y, z); white: grey
 //             value of white; x, y, z, grey, error, indices: packed (packing.h), error from 1 to 255 as levels() of
 //             ±error_limit_mm, 0 unknown; null without a map
-//   warm_things  the entries of victims.json; null without a thermal camera
+//   warm_objects  the entries of victims.json; null without a thermal camera
 //
 // Throws Error if the folder is not a run, or a part of it is missing or damaged.
 nlohmann::ordered_json report_data(const std::filesystem::path& run, const ReportLimits& limits = {});

@@ -69,7 +69,7 @@ class Search {
     taken_.resize(keypoints_.size());
     between_.resize(keypoints_.size());
     for (const Vector2d& start : starts()) grow_from(start);
-    if (by_depth_) join_left_over();
+    if (by_depth_) assign_remaining();
     // Remaining keypoints start clusters of their own.
     const std::vector<int> left_over = free_;
     for (const int k : left_over) {
@@ -159,7 +159,7 @@ class Search {
       path.push_back(next);
     }
     give_second_connections(members);
-    drop_loose(members);
+    drop_weakly_connected(members);
     keep(members);
   }
 
@@ -261,7 +261,7 @@ class Search {
   }
 
   // Drops members with fewer than two connections; a removal may leave its neighbour with one.
-  void drop_loose(std::vector<int>& members) {
+  void drop_weakly_connected(std::vector<int>& members) {
     for (bool changed = true; changed;) {
       changed = false;
       for (const int k : members) {
@@ -275,7 +275,7 @@ class Search {
   }
 
   // Remaining keypoints join an existing cluster where they obtain two connections.
-  void join_left_over() {
+  void assign_remaining() {
     const std::vector<int> left_over = free_;
     for (const int k : left_over) {
       for (size_t c = 0; c < found_.members.size(); ++c) {

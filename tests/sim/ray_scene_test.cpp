@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "sim/light/ray_world.h"
+#include "sim/light/ray_scene.h"
 
 #include <gtest/gtest.h>
 
@@ -12,12 +12,12 @@
 #include <thread>
 
 #include "sim/random.h"
-#include "tests/sim/worlds.h"
+#include "tests/sim/test_scenes.h"
 
 namespace fringeslam::sim {
 namespace {
 
-RayWorld world_with(std::vector<Object> objects) { return RayWorld(world_of(std::move(objects), coaxial_rig())); }
+RayScene world_with(std::vector<Object> objects) { return RayScene(world_of(std::move(objects), coaxial_rig())); }
 
 Eigen::Vector3d random_direction(Philox& random) {
   const double z = random.uniform(-1, 1), angle = random.uniform(0, 2 * kPi), radius = std::sqrt(1 - z * z);
@@ -43,9 +43,9 @@ double inner_radius(const Mesh& mesh) {
   return least;
 }
 
-TEST(RayWorld, MeetsATiltedPlaneAtItsExactDepth) {
+TEST(RayScene, MeetsATiltedPlaneAtItsExactDepth) {
   const Pose world_from_plane = pose_from({{20, -30, 1000}, {25, -40, 10}});
-  const RayWorld world = world_with({grey_object(plane_mesh(4, 4), world_from_plane)});
+  const RayScene world = world_with({grey_object(plane_mesh(4, 4), world_from_plane)});
   const Eigen::Vector3d normal = world_from_plane.rotation.col(2);
   for (double x = -0.3; x <= 0.3; x += 0.05) {
     for (double y = -0.3; y <= 0.3; y += 0.05) {
@@ -61,8 +61,8 @@ TEST(RayWorld, MeetsATiltedPlaneAtItsExactDepth) {
   }
 }
 
-TEST(RayWorld, DistanceIsInUnitsOfTheDirection) {
-  const RayWorld world = world_with({grey_object(plane_mesh(2, 2), {Eigen::Matrix3d::Identity(), {0, 0, 3}})});
+TEST(RayScene, DistanceIsInUnitsOfTheDirection) {
+  const RayScene world = world_with({grey_object(plane_mesh(2, 2), {Eigen::Matrix3d::Identity(), {0, 0, 3}})});
   for (const double length : {0.25, 1.0, 8.0}) {
     const auto hit = world.trace({0, 0, 0}, Eigen::Vector3d(0.1, 0.05, 1) * length);
     ASSERT_TRUE(hit);
@@ -70,20 +70,20 @@ TEST(RayWorld, DistanceIsInUnitsOfTheDirection) {
   }
 }
 
-TEST(RayWorld, NormalFacesTheRayFromBothSides) {
-  const RayWorld world = world_with({grey_object(plane_mesh(2, 2), Pose{})});
+TEST(RayScene, NormalFacesTheRayFromBothSides) {
+  const RayScene world = world_with({grey_object(plane_mesh(2, 2), Pose{})});
   const auto above = world.trace({0.1, 0.2, 1}, {0, 0, -1}), below = world.trace({0.1, 0.2, -1}, {0, 0, 1});
   ASSERT_TRUE(above && below);
   EXPECT_EQ(above->normal, Eigen::Vector3d(0, 0, 1));
   EXPECT_EQ(below->normal, Eigen::Vector3d(0, 0, -1));
 }
 
-TEST(RayWorld, MeetsASphereBetweenItsFacetsAndItsVertices) {
+TEST(RayScene, MeetsASphereBetweenItsFacetsAndItsVertices) {
   constexpr double kRadius = 0.2;
   const Mesh sphere = sphere_mesh(kRadius, 5);
   const double inner = inner_radius(sphere);
   ASSERT_GT(inner, kRadius * (1 - 5e-4));  // otherwise the bounds below are too loose
-  const RayWorld world = world_with({grey_object(sphere, Pose{})});
+  const RayScene world = world_with({grey_object(sphere, Pose{})});
   Philox random(3, Stream::shape, 0);
   for (int i = 0; i < 5000; ++i) {
     const Eigen::Vector3d origin = random_direction(random);  // 1 m away
@@ -98,11 +98,11 @@ TEST(RayWorld, MeetsASphereBetweenItsFacetsAndItsVertices) {
   }
 }
 
-TEST(RayWorld, ClosedSurfacesDoNotLeak) {
+TEST(RayScene, ClosedSurfacesDoNotLeak) {
   const Pose world_from_mesh = pose_from({{10, 20, 30}, {10, 20, 30}});
   const Eigen::Vector3d inside(0.01, 0.02, 0.03);
   for (const Mesh& mesh : {box_mesh({0.5, 0.4, 0.3}), sphere_mesh(0.2, 4), cylinder_mesh(0.2, 0.5, 64)}) {
-    const RayWorld world = world_with({grey_object(mesh, world_from_mesh)});
+    const RayScene world = world_with({grey_object(mesh, world_from_mesh)});
     Philox random(4, Stream::shape, 0);
     int leaks = 0;
     for (int i = 0; i < 20000; ++i) leaks += !world.trace(inside, random_direction(random));
@@ -117,9 +117,9 @@ TEST(RayWorld, ClosedSurfacesDoNotLeak) {
   }
 }
 
-TEST(RayWorld, TellsWhichObjectIsNearest) {
+TEST(RayScene, TellsWhichObjectIsNearest) {
   const Pose far{Eigen::Matrix3d::Identity(), {0, 0, 2}}, near{Eigen::Matrix3d::Identity(), {0, 0, 1}};
-  const RayWorld world =
+  const RayScene world =
       world_with({grey_object(plane_mesh(2, 2), far, 0.2), grey_object(box_mesh({0.2, 0.2, 0.2}), near, 0.7)});
   const auto box = world.trace({0, 0, 0}, {0, 0, 1}), plane = world.trace({0, 0, 0}, {0.2, 0, 1});
   ASSERT_TRUE(box && plane);
@@ -129,8 +129,8 @@ TEST(RayWorld, TellsWhichObjectIsNearest) {
 }
 
 // A packet gives the same hits as single rays.
-TEST(RayWorld, PacketsAgreeWithSingleRays) {
-  const RayWorld world = world_with({grey_object(sphere_mesh(0.3, 4), {Eigen::Matrix3d::Identity(), {0, 0, 1}}),
+TEST(RayScene, PacketsAgreeWithSingleRays) {
+  const RayScene world = world_with({grey_object(sphere_mesh(0.3, 4), {Eigen::Matrix3d::Identity(), {0, 0, 1}}),
                                      grey_object(plane_mesh(3, 3), pose_from({{0, 0, 1500}, {20, 10, 0}}))});
   const Eigen::Vector3d light(0.5, 0.2, 0);
   for (int turn = 0; turn < 20; ++turn) {
@@ -142,7 +142,7 @@ TEST(RayWorld, PacketsAgreeWithSingleRays) {
     rays.active = 0xfff7;
     HitPacket hits;
     world.trace(rays, hits);
-    const LaneMask dark = world.occluded(RayWorld::lifted(hits), hits.hit, light);
+    const LaneMask dark = world.occluded(RayScene::lifted(hits), hits.hit, light);
     for (int i = 0; i < kPacket; ++i) {
       const auto single = world.trace(rays.origin.at(i), rays.direction.at(i));
       if (i == 3) {
@@ -159,17 +159,17 @@ TEST(RayWorld, PacketsAgreeWithSingleRays) {
   }
 }
 
-TEST(RayWorld, SeesNothingInAnEmptyWorldOrBesideTheObjects) {
+TEST(RayScene, SeesNothingInAnEmptyWorldOrBesideTheObjects) {
   EXPECT_FALSE(world_with({}).trace({0, 0, 0}, {0, 0, 1}));
-  const RayWorld world = world_with({grey_object(plane_mesh(1, 1), {Eigen::Matrix3d::Identity(), {0, 0, 1}})});
+  const RayScene world = world_with({grey_object(plane_mesh(1, 1), {Eigen::Matrix3d::Identity(), {0, 0, 1}})});
   EXPECT_TRUE(world.trace({0, 0, 0}, {0.4999, 0, 1}));
   EXPECT_FALSE(world.trace({0, 0, 0}, {0.5001, 0, 1}));
   EXPECT_FALSE(world.trace({0, 0, 0}, {0, 0, -1}));  // behind the origin
 }
 
-TEST(RayWorld, OccludedOnlyByWhatLiesBetween) {
+TEST(RayScene, OccludedOnlyByWhatLiesBetween) {
   // A floor, and a ball of radius 0.1 one metre above it.
-  const RayWorld world = world_with({grey_object(plane_mesh(6, 6), Pose{}),
+  const RayScene world = world_with({grey_object(plane_mesh(6, 6), Pose{}),
                                      grey_object(sphere_mesh(0.1, 4), {Eigen::Matrix3d::Identity(), {0, 0, 1}})});
   const auto floor_at = [&](double x) { return world.trace({x, 0, 0.5}, {0, 0, -1}).value(); };
   EXPECT_TRUE(world.occluded(floor_at(0), {0, 0, 2}));
@@ -183,8 +183,8 @@ TEST(RayWorld, OccludedOnlyByWhatLiesBetween) {
   EXPECT_FALSE(world.occluded(floor_at(1.01 * edge), {0, 0, 2}));
 }
 
-TEST(RayWorld, SurfacesDoNotShadowThemselves) {
-  const RayWorld world = world_with({grey_object(plane_mesh(6, 6), pose_from({{0, 0, 0}, {20, 30, 0}}))});
+TEST(RayScene, SurfacesDoNotShadowThemselves) {
+  const RayScene world = world_with({grey_object(plane_mesh(6, 6), pose_from({{0, 0, 0}, {20, 30, 0}}))});
   const Eigen::Vector3d normal = pose_from({{0, 0, 0}, {20, 30, 0}}).rotation.col(2);
   Philox random(5, Stream::shape, 0);
   int shadowed = 0;
@@ -201,10 +201,10 @@ TEST(RayWorld, SurfacesDoNotShadowThemselves) {
 
 // Live and recorded images must give the same bytes, and worker threads the same results as the main thread. Therefore
 // tracing must not change the floating-point mode.
-TEST(RayWorld, LeavesTheFloatingPointModeOfTheCallerAlone) {
+TEST(RayScene, LeavesTheFloatingPointModeOfTheCallerAlone) {
   volatile double tiny = std::numeric_limits<double>::min();
   ASSERT_GT(tiny / 4, 0);
-  const RayWorld world = world_with({grey_object(plane_mesh(1, 1), Pose{})});
+  const RayScene world = world_with({grey_object(plane_mesh(1, 1), Pose{})});
   EXPECT_GT(tiny / 4, 0) << "denormal numbers are flushed to zero on this thread from now on";
 }
 
@@ -222,14 +222,14 @@ int parallel_threads() {
   return most;
 }
 
-TEST(RayWorld, LeavesTheThreadsOfTheCallerAlone) {
+TEST(RayScene, LeavesTheThreadsOfTheCallerAlone) {
   if (parallel_threads() < 2) GTEST_SKIP() << "only one processor";
-  const RayWorld world = world_with({grey_object(plane_mesh(1, 1), Pose{})});
+  const RayScene world = world_with({grey_object(plane_mesh(1, 1), Pose{})});
   EXPECT_GE(parallel_threads(), 2) << "parallel loops run on one thread while a RayWorld exists";
 }
 
 // Instances of a shared mesh give the same hits as copies of the mesh, for single rays and for packets.
-TEST(RayWorld, SharedMeshesAreMetWhereCopiesAre) {
+TEST(RayScene, SharedMeshesAreMetWhereCopiesAre) {
   const auto rock = std::make_shared<const Mesh>(rock_mesh({0.2, 0.3, 0.25}, 3, 0.3, 5));
   std::vector<Object> shared, copies;
   Philox random(3, Stream::placement, 0);
@@ -241,7 +241,7 @@ TEST(RayWorld, SharedMeshesAreMetWhereCopiesAre) {
     object.mesh = std::make_shared<const Mesh>(*rock);
     copies.push_back(object);
   }
-  const RayWorld one = world_with(shared), other = world_with(copies);
+  const RayScene one = world_with(shared), other = world_with(copies);
   int hits = 0;
   for (int i = 0; i < 10000; ++i) {
     RayPacket rays;
@@ -265,7 +265,7 @@ TEST(RayWorld, SharedMeshesAreMetWhereCopiesAre) {
 }
 
 // Packets of shadow rays with instances terminate and agree with single rays.
-TEST(RayWorld, ShadowPacketsAmongSharedMeshes) {
+TEST(RayScene, ShadowPacketsAmongSharedMeshes) {
   const auto rock = std::make_shared<const Mesh>(rock_mesh({0.1, 0.1, 0.1}, 3, 0.3, 5));
   std::vector<Object> objects = {grey_object(plane_mesh(2, 2), {})};
   Philox random(3, Stream::placement, 0);
@@ -276,7 +276,7 @@ TEST(RayWorld, ShadowPacketsAmongSharedMeshes) {
                                 {random.uniform(-0.5, 0.5), random.uniform(-0.5, 0.5), random.uniform(0.05, 0.3)}};
     objects.push_back(object);
   }
-  const RayWorld world = world_with(objects);
+  const RayScene world = world_with(objects);
   const Eigen::Vector3d eye(0, 0, 1), lamp(-0.25, 0, 1);
   int agree = 0, asked = 0;
   for (int i = 0; i < 1000; ++i) {
@@ -289,7 +289,7 @@ TEST(RayWorld, ShadowPacketsAmongSharedMeshes) {
     }
     HitPacket hits;
     world.trace(rays, hits);
-    const LaneMask dark = world.occluded(RayWorld::lifted(hits), hits.hit, lamp);
+    const LaneMask dark = world.occluded(RayScene::lifted(hits), hits.hit, lamp);
     for (int lane = 0; lane < kPacket; ++lane) {
       const auto hit = world.trace(eye, rays.direction.at(lane));
       if (!hit || !has(hits.hit, lane)) continue;

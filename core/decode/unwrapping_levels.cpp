@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/decode/ladder.h"
+#include "core/decode/unwrapping_levels.h"
 
 #include "core/types/error.h"
 #include "core/types/options.h"
@@ -8,38 +8,38 @@ namespace fringeslam {
 
 namespace {
 
-std::vector<Rung> single_periods(const std::vector<FringeGroup>& groups) {
-  std::vector<Rung> rungs;
+std::vector<UnwrappingLevel> single_periods(const std::vector<FringeGroup>& groups) {
+  std::vector<UnwrappingLevel> unwrapping_levels;
   for (size_t g = 0; g < groups.size(); ++g) {
-    Rung rung{groups[g].period_px, std::vector<int>(groups.size(), 0)};
+    UnwrappingLevel rung{groups[g].period_px, std::vector<int>(groups.size(), 0)};
     rung.multiples[g] = 1;
-    rungs.push_back(rung);
+    unwrapping_levels.push_back(rung);
   }
-  return rungs;
+  return unwrapping_levels;
 }
 
 // Difference of two phases, the finer minus the coarser: 1 / beat = 1 / fine - 1 / coarse.
-Rung beat(const Rung& coarse, const Rung& fine) {
-  Rung result{coarse.period_px * fine.period_px / (coarse.period_px - fine.period_px), fine.multiples};
+UnwrappingLevel beat(const UnwrappingLevel& coarse, const UnwrappingLevel& fine) {
+  UnwrappingLevel result{coarse.period_px * fine.period_px / (coarse.period_px - fine.period_px), fine.multiples};
   for (size_t g = 0; g < fine.multiples.size(); ++g) result.multiples[g] -= coarse.multiples[g];
   return result;
 }
 
 }  // namespace
 
-std::vector<Rung> multifrequency_ladder(const std::vector<FringeGroup>& groups, int length_px) {
+std::vector<UnwrappingLevel> multifrequency_levels(const std::vector<FringeGroup>& groups, int length_px) {
   if (groups.front().period_px < length_px)
     throw Error("no fringe period covers the projector's " + std::to_string(length_px) + " px (the longest is " +
                 to_text(groups.front().period_px) + " px); add one that does");
   return single_periods(groups);
 }
 
-std::vector<Rung> heterodyne_ladder(const std::vector<FringeGroup>& groups, int length_px) {
-  std::vector<std::vector<Rung>> levels = {single_periods(groups)};
+std::vector<UnwrappingLevel> heterodyne_levels(const std::vector<FringeGroup>& groups, int length_px) {
+  std::vector<std::vector<UnwrappingLevel>> levels = {single_periods(groups)};
   double longest = 0;
   while (levels.back().size() > 1) {
-    const std::vector<Rung>& level = levels.back();
-    std::vector<Rung> beats;
+    const std::vector<UnwrappingLevel>& level = levels.back();
+    std::vector<UnwrappingLevel> beats;
     // Beats may be in increasing or decreasing order; only neighbours are combined again.
     for (size_t i = 0; i + 1 < level.size(); ++i) {
       const bool ordered = level[i].period_px > level[i + 1].period_px;
@@ -47,15 +47,16 @@ std::vector<Rung> heterodyne_ladder(const std::vector<FringeGroup>& groups, int 
       beats.push_back(ordered ? beat(level[i], level[i + 1]) : beat(level[i + 1], level[i]));
     }
     levels.push_back(beats);
-    for (const Rung& top : beats) {
+    for (const UnwrappingLevel& top : beats) {
       longest = std::max(longest, top.period_px);
       if (top.period_px < length_px) continue;
       // Unwrapping sequence from coarse to fine: the finest phase of each level that is finer than the previous one,
       // ending with the finest period.
-      std::vector<Rung> ladder = {top};
+      std::vector<UnwrappingLevel> ladder = {top};
       for (size_t l = levels.size() - 1; l-- > 0;) {
-        const auto finest = std::min_element(levels[l].begin(), levels[l].end(),
-                                             [](const Rung& a, const Rung& b) { return a.period_px < b.period_px; });
+        const auto finest = std::min_element(
+            levels[l].begin(), levels[l].end(),
+            [](const UnwrappingLevel& a, const UnwrappingLevel& b) { return a.period_px < b.period_px; });
         if (finest->period_px < ladder.back().period_px) ladder.push_back(*finest);
       }
       return ladder;

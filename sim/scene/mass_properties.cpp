@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "sim/scene/bulk.h"
+#include "sim/scene/mass_properties.h"
 
 #include <LinearMath/btConvexHullComputer.h>
 
@@ -8,7 +8,7 @@
 
 namespace fringeslam::sim {
 
-Bulk bulk_of(const std::vector<Eigen::Vector3d>& corners) {
+MassProperties mass_properties_of(const std::vector<Eigen::Vector3d>& corners) {
   constexpr double kUnit = 0.1;  // m; scales lengths to about one, as Bullet's single precision requires
   std::vector<btVector3> points;
   for (const Eigen::Vector3d& corner : corners) {
@@ -17,7 +17,7 @@ Bulk bulk_of(const std::vector<Eigen::Vector3d>& corners) {
   }
   btConvexHullComputer computer;
   computer.compute(&points[0].x(), sizeof(btVector3), static_cast<int>(points.size()), 0, 0);
-  Bulk bulk;
+  MassProperties bulk;
   const auto vertex = [&](int i) {
     const btVector3& v = computer.vertices[i];
     return Eigen::Vector3d(

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tools/report/thin_mesh.h"
+#include "tools/report/simplify_mesh.h"
 
 #include <algorithm>
 #include <cmath>
@@ -81,7 +81,7 @@ std::vector<Triangle> merged(const std::vector<Triangle>& triangles, const Cells
 
 }  // namespace
 
-ThinMesh thinned(SurfaceMesh mesh, size_t max_vertices) {
+SimplifiedMesh thinned(SurfaceMesh mesh, size_t max_vertices) {
   if (mesh.vertices.size() <= max_vertices) return {std::move(mesh), 0};
   Eigen::Vector3f low = mesh.vertices.front().position_m, high = low;
   for (const CloudPoint& vertex : mesh.vertices) {

@@ -7,13 +7,13 @@
 
 namespace fringeslam::tools {
 
-struct ThinMesh {
+struct SimplifiedMesh {
   SurfaceMesh mesh;
   double cell_m = 0;  // edge of the grid's cells; 0: not simplified
 };
 
 // Keeps at most `max_vertices`: in each cell the vertex nearest to the cell's mean, so that it still lies on the
 // surface. Grey values are the cells' means. Triangles that become degenerate are removed.
-ThinMesh thinned(SurfaceMesh mesh, size_t max_vertices);
+SimplifiedMesh thinned(SurfaceMesh mesh, size_t max_vertices);
 
 }  // namespace fringeslam::tools

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/decode/motion.h"
+#include "core/decode/motion_compensation.h"
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
@@ -78,7 +78,7 @@ void compensate_motion(DecodedStack& decoded, const FringeStack& stack, const De
                        const cv::Mat1f& rate_px_s, Axis axis) {
   check_stack(stack);
   if (rate_px_s.size() != decoded.coordinate_px.size()) throw Error("motion: rates and coordinates differ in size");
-  const std::vector<FringeGroup> groups = used_groups(stack.patterns, axis, options);
+  const std::vector<FringeGroup> groups = select_groups(stack.patterns, axis, options);
   if (groups.empty()) return;  // no fringes: the coordinate is from the Gray code
   const double period = groups.back().period_px;
   std::vector<double> times_s = stack.exposure_time_s;

@@ -23,12 +23,12 @@ struct BlurRange {
   double least = 0, largest = 0;
 };
 
-class ShownPatterns {
+class ProjectedPatterns {
  public:
-  ShownPatterns(const PatternSequence& sequence, const RigModel& rig, const BlurRange& blur);
+  ProjectedPatterns(const PatternSequence& sequence, const RigModel& rig, const BlurRange& blur);
   // Uses arbitrary images of the projector's size, input levels from 0 to 1. Images that vary along one axis only give
   // the same light as the corresponding patterns and are faster.
-  ShownPatterns(const std::vector<cv::Mat1f>& images, const RigModel& rig, const BlurRange& blur);
+  ProjectedPatterns(const std::vector<cv::Mat1f>& images, const RigModel& rig, const BlurRange& blur);
 
   int count() const { return count_; }
   // Returns the length of one set of sums, in floats: count() plus padding.
@@ -63,7 +63,7 @@ class ShownPatterns {
 
   void add_images(const Points& points, uint32_t lanes, float* sums) const;
   void add_waves(const Points& points, uint32_t lanes, float* sums) const;
-  ShownPatterns(int count, const RigModel& rig, const BlurRange& blur);
+  ProjectedPatterns(int count, const RigModel& rig, const BlurRange& blur);
   void add_image(int i, const cv::Mat1f& light);
   // `lights`: one line per pattern along the axis, or one pixel for a constant pattern.
   void add_profile(Axis axis, int length, const std::vector<int>& patterns, const std::vector<cv::Mat1f>& lights);

@@ -65,7 +65,7 @@ inline std::vector<cv::Mat1f> lux_of(const Scene& scene, const std::vector<Patte
                                      TruthFrame* truth = nullptr) {
   const PatternSequence sequence{scene.rig.projector.width, scene.rig.projector.height, patterns};
   const BlurRange blur = Beam::blur_range(scene.rig, effects, 0.3, 5);
-  return Renderer(scene, effects, samples).render(ShownPatterns(sequence, scene.rig, blur), {pose}, 0, truth);
+  return Renderer(scene, effects, samples).render(ProjectedPatterns(sequence, scene.rig, blur), {pose}, 0, truth);
 }
 
 inline TruthFrame truth_of(const Scene& scene, int samples = 1, const Pose& pose = {}) {

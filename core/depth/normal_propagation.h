@@ -11,7 +11,7 @@ namespace fringeslam {
 // directions, and takes the normal of the window whose plane fits it best, within 2.5 sigmas of the noise of both. Its
 // four neighbours must lie on that plane as well, which excludes pixels that contain an edge. Normals found are stored
 // in `normals` and their `wanted` flags are cleared.
-void adopt_normals(const FitImage& image, const NormalImages& fitted, int row, int radius, int32_t* wanted,
-                   NormalImages& normals, InstructionSet set = widest_instruction_set());
+void propagate_normals(const FitImage& image, const NormalImages& fitted, int row, int radius, int32_t* wanted,
+                       NormalImages& normals, InstructionSet set = widest_instruction_set());
 
 }  // namespace fringeslam

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "sim/light/shown_patterns.h"
+#include "sim/light/projected_patterns.h"
 
 #include <algorithm>
 #include <bit>
@@ -30,7 +30,8 @@ cv::Mat1f light_at(const cv::Mat1f& levels, const RigModel& rig) {
   cv::Mat1f light = levels.clone();
   const double black = rig.projector_black_level;
   for (float& level : light)
-    level = static_cast<float>(black + (1 - black) * table_value(rig.projector_response, static_cast<double>(level)));
+    level =
+        static_cast<float>(black + (1 - black) * interpolate_table(rig.projector_response, static_cast<double>(level)));
   return light;
 }
 
@@ -100,7 +101,7 @@ float bilinear(const cv::Mat1f& image, const Place& x, const Place& y) {
 
 }  // namespace
 
-ShownPatterns::ShownPatterns(int count, const RigModel& rig, const BlurRange& blur)
+ProjectedPatterns::ProjectedPatterns(int count, const RigModel& rig, const BlurRange& blur)
     : count_(count),
       per_px_(blur.largest > 0 ? kPerPixel : 1),
       black_(static_cast<float>(rig.projector_black_level)),
@@ -113,8 +114,8 @@ ShownPatterns::ShownPatterns(int count, const RigModel& rig, const BlurRange& bl
   }
 }
 
-ShownPatterns::ShownPatterns(const std::vector<cv::Mat1f>& images, const RigModel& rig, const BlurRange& blur)
-    : ShownPatterns(static_cast<int>(images.size()), rig, blur) {
+ProjectedPatterns::ProjectedPatterns(const std::vector<cv::Mat1f>& images, const RigModel& rig, const BlurRange& blur)
+    : ProjectedPatterns(static_cast<int>(images.size()), rig, blur) {
   std::vector<int> columns, rows, plane;
   std::vector<cv::Mat1f> of_columns, of_rows;
   for (int i = 0; i < count_; ++i) {
@@ -136,8 +137,8 @@ ShownPatterns::ShownPatterns(const std::vector<cv::Mat1f>& images, const RigMode
   stride_ = padded(stride_);
 }
 
-ShownPatterns::ShownPatterns(const PatternSequence& sequence, const RigModel& rig, const BlurRange& blur)
-    : ShownPatterns(static_cast<int>(sequence.patterns.size()), rig, blur) {
+ProjectedPatterns::ProjectedPatterns(const PatternSequence& sequence, const RigModel& rig, const BlurRange& blur)
+    : ProjectedPatterns(static_cast<int>(sequence.patterns.size()), rig, blur) {
   std::vector<int> columns, rows, plane;
   for (int i = 0; i < count_; ++i) {
     const Pattern& pattern = sequence.patterns[static_cast<size_t>(i)];
@@ -164,7 +165,7 @@ ShownPatterns::ShownPatterns(const PatternSequence& sequence, const RigModel& ri
   stride_ = padded(stride_);
 }
 
-void ShownPatterns::add_image(int i, const cv::Mat1f& light) {
+void ProjectedPatterns::add_image(int i, const cv::Mat1f& light) {
   Image image{stride_, {}};
   for (const double sigma : sigmas_) {
     // Target variance: sigma^2 + 1/12 px^2, for square pixels; linear interpolation contributes 1/6 px^2 on average.
@@ -176,8 +177,8 @@ void ShownPatterns::add_image(int i, const cv::Mat1f& light) {
   images_.push_back(std::move(image));
 }
 
-void ShownPatterns::add_profile(Axis axis, int length, const std::vector<int>& patterns,
-                                const std::vector<cv::Mat1f>& lights) {
+void ProjectedPatterns::add_profile(Axis axis, int length, const std::vector<int>& patterns,
+                                    const std::vector<cv::Mat1f>& lights) {
   if (patterns.empty()) return;
   Profile profile;
   profile.along_columns = axis == Axis::columns;
@@ -216,7 +217,7 @@ struct Ladder {
 };
 
 // Finds the blur levels that bracket each lane's sigma, and the weight of the softer one, linear in the variance.
-FRINGESLAM_INLINE void find_levels(const ShownPatterns::Points& points, const Ladder& ladder, Places& places,
+FRINGESLAM_INLINE void find_levels(const ProjectedPatterns::Points& points, const Ladder& ladder, Places& places,
                                    float* softer) {
 #pragma GCC ivdep
   for (int i = 0; i < kLanes; ++i) {
@@ -247,29 +248,29 @@ FRINGESLAM_INLINE void find_places(const float* coordinate, const float* weight,
   }
 }
 
-FRINGESLAM_INLINE void both(const ShownPatterns::Points& points, const Ladder& ladder, bool columns, float per_px,
+FRINGESLAM_INLINE void both(const ProjectedPatterns::Points& points, const Ladder& ladder, bool columns, float per_px,
                             int positions, Places& places) {
   alignas(64) float softer[kLanes];
   find_levels(points, ladder, places, softer);
   find_places(columns ? points.column : points.row, points.weight, softer, per_px, positions, places);
 }
 
-void find_portable(const ShownPatterns::Points& points, const Ladder& ladder, bool columns, float per_px, int positions,
-                   Places& places) {
+void find_portable(const ProjectedPatterns::Points& points, const Ladder& ladder, bool columns, float per_px,
+                   int positions, Places& places) {
   both(points, ladder, columns, per_px, positions, places);
 }
-FRINGESLAM_AVX2 void find_avx2(const ShownPatterns::Points& points, const Ladder& ladder, bool columns, float per_px,
-                               int positions, Places& places) {
+FRINGESLAM_AVX2 void find_avx2(const ProjectedPatterns::Points& points, const Ladder& ladder, bool columns,
+                               float per_px, int positions, Places& places) {
   both(points, ladder, columns, per_px, positions, places);
 }
-FRINGESLAM_AVX512 void find_avx512(const ShownPatterns::Points& points, const Ladder& ladder, bool columns,
+FRINGESLAM_AVX512 void find_avx512(const ProjectedPatterns::Points& points, const Ladder& ladder, bool columns,
                                    float per_px, int positions, Places& places) {
   both(points, ladder, columns, per_px, positions, places);
 }
 
 }  // namespace
 
-void ShownPatterns::add(const Points& points, uint32_t lanes, float* sums) const {
+void ProjectedPatterns::add(const Points& points, uint32_t lanes, float* sums) const {
   static const auto find = widest(find_portable, find_avx2, find_avx512);
   const auto n = static_cast<float>(sigmas_.size() - 1);
   const auto least = static_cast<float>(blur_.least), range = static_cast<float>(blur_.largest - blur_.least);
@@ -298,7 +299,7 @@ void ShownPatterns::add(const Points& points, uint32_t lanes, float* sums) const
   if (!waves_.empty()) add_waves(points, lanes, sums);
 }
 
-void ShownPatterns::add_images(const Points& points, uint32_t lanes, float* sums) const {
+void ProjectedPatterns::add_images(const Points& points, uint32_t lanes, float* sums) const {
   for (uint32_t left = lanes; left != 0; left &= left - 1) {
     const int i = std::countr_zero(left);
     for (const Image& image : images_) {
@@ -317,7 +318,7 @@ void ShownPatterns::add_images(const Points& points, uint32_t lanes, float* sums
   }
 }
 
-void ShownPatterns::add_waves(const Points& points, uint32_t lanes, float* sums) const {
+void ProjectedPatterns::add_waves(const Points& points, uint32_t lanes, float* sums) const {
   for (uint32_t left = lanes; left != 0; left &= left - 1) {
     const int i = std::countr_zero(left);
     const auto variance = static_cast<double>(points.blur_px[i] * points.blur_px[i]);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "sim/preview/opened_world.h"
+#include "sim/preview/cutaway_scene.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -33,7 +33,7 @@ void copy_lane(const HitPacket& from, int lane, HitPacket& to) {
 
 }  // namespace
 
-bool OpenedWorld::shows_its_back(const HitPacket& hits, int lane, const Eigen::Vector3d& direction) const {
+bool CutawayScene::is_back_facing(const HitPacket& hits, int lane, const Eigen::Vector3d& direction) const {
   const Object& object = scene_.objects[static_cast<size_t>(hits.object[lane])];
   const Eigen::Vector3i& t = object.mesh->triangles[static_cast<size_t>(hits.triangle[lane])];
   const auto vertex = [&](int i) -> const Eigen::Vector3d& { return object.mesh->vertices[static_cast<size_t>(t[i])]; };
@@ -41,7 +41,7 @@ bool OpenedWorld::shows_its_back(const HitPacket& hits, int lane, const Eigen::V
   return (object.world_from_object.rotation * outside).dot(direction) > 0;
 }
 
-void OpenedWorld::trace(const RayPacket& rays, HitPacket& hits) const {
+void CutawayScene::trace(const RayPacket& rays, HitPacket& hits) const {
   if (!window_) return world_.trace(rays, hits);
   constexpr int kMostBacks = 16;
   RayPacket from = rays;
@@ -59,14 +59,14 @@ void OpenedWorld::trace(const RayPacket& rays, HitPacket& hits) const {
     LaneMask backs = 0;
     for (int i = 0; i < kPacket; ++i) {
       if (has(lanes & hits.hit, i) && start[i] + hits.distance[i] < middle[i] &&
-          shows_its_back(hits, i, rays.direction.at(i)))
+          is_back_facing(hits, i, rays.direction.at(i)))
         backs |= 1u << i;
     }
     return backs;
   };
   LaneMask backs = turned_away(kAllLanes);
   for (int round = 0; backs != 0 && round < kMostBacks; ++round) {
-    const Points lifted = RayWorld::lifted(hits);  // lifted towards the viewer; continue from the opposite side
+    const Points lifted = RayScene::lifted(hits);  // lifted towards the viewer; continue from the opposite side
     for (int i = 0; i < kPacket; ++i) {
       if (!has(backs, i)) continue;
       start[i] += hits.distance[i] + 2 * (lifted.at(i) - hits.point.at(i)).norm();

@@ -24,9 +24,9 @@ inline double stains(const Eigen::Vector3d& world) {
 }
 
 // Views of textured bumps from a robot that moves by 8 mm and 0.5 degrees between views.
-class Bumps : public Rig {
+class BumpRig : public Rig {
  public:
-  explicit Bumps(int views) : views_(views) {}
+  explicit BumpRig(int views) : views_(views) {}
   const RigModel& model() const override { return rig_; }
   std::optional<FringeStack> capture(const PatternSequence& patterns) override {
     if (next_ == views_) return std::nullopt;

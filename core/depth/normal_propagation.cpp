@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/depth/plane_adoption.h"
+#include "core/depth/normal_propagation.h"
 
 #include "core/base/lanes.h"
 
@@ -95,8 +95,8 @@ FRINGESLAM_AVX512 void adopt_avx512(const Rows& rows, int width, int radius, int
 
 }  // namespace
 
-void adopt_normals(const FitImage& image, const NormalImages& fitted, int row, int radius, int32_t* wanted,
-                   NormalImages& normals, InstructionSet set) {
+void propagate_normals(const FitImage& image, const NormalImages& fitted, int row, int radius, int32_t* wanted,
+                       NormalImages& normals, InstructionSet set) {
   const Rows rows{
       image.x[row],    image.y[row], image.z[row], image.sigma[row], {fitted.x[row], fitted.y[row], fitted.z[row]},
       image.z.stride()};

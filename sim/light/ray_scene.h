@@ -50,11 +50,11 @@ struct HitPacket {
   LaneMask hit = 0;              // lanes that hit; the members of other lanes are undefined
 };
 
-class RayWorld {
+class RayScene {
  public:
-  explicit RayWorld(const Scene& scene);
-  ~RayWorld();
-  RayWorld(RayWorld&&) noexcept;
+  explicit RayScene(const Scene& scene);
+  ~RayScene();
+  RayScene(RayScene&&) noexcept;
 
   // Returns the first hit of a ray, world frame; none if it misses.
   std::optional<Hit> trace(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const;
@@ -69,7 +69,7 @@ class RayWorld {
   // Returns the hit points offset along their normals by more than the single-precision resolution at that position.
   static Points lifted(const HitPacket& hits);
 
-  // Underlying Embree scene, for benchmarks (BareRays).
+  // Underlying Embree scene, for benchmarks (RayTracingBaseline).
   RTCSceneTy* embree_scene() const;
 
  private:

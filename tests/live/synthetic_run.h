@@ -32,9 +32,9 @@ inline tools::LiveSetup run_setup() {
 }
 
 // Advances a centimetre per view; every third view is a keyframe with a landmark.
-class MadeRun {
+class SyntheticRun {
  public:
-  MadeRun() : rig_(tiny_rig()), map_(rig_, {}) {
+  SyntheticRun() : rig_(tiny_rig()), map_(rig_, {}) {
     frame_ = support::observe(support::plane(Eigen::Vector3d::UnitZ(), 1), rig_, {}, 0);
     frame_.texture = cv::Mat1b(frame_.points_m.size(), 90);
     frame_.depth_image = cv::Mat1b(frame_.points_m.size(), 128);

@@ -9,11 +9,11 @@
 
 namespace fringeslam::sim {
 
-class BareRays {
+class RayTracingBaseline {
  public:
   // Prepares the rays of the trajectory's first pose. The renderer must outlive this object.
-  BareRays(const Scene& scene, const Renderer& renderer);
-  ~BareRays();
+  RayTracingBaseline(const Scene& scene, const Renderer& renderer);
+  ~RayTracingBaseline();
 
   // Returns the number of rays, camera and shadow rays together.
   size_t count() const;

@@ -7,12 +7,12 @@
 
 namespace fringeslam::sim {
 
-struct Bulk {
+struct MassProperties {
   double volume = 0;                                 // m^3
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();  // centre of mass, m
 };
 
 // Computes the volume and centre of mass of the convex hull of `corners` (m) at uniform density.
-Bulk bulk_of(const std::vector<Eigen::Vector3d>& corners);
+MassProperties mass_properties_of(const std::vector<Eigen::Vector3d>& corners);
 
 }  // namespace fringeslam::sim

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "sim/light/bare_rays.h"
+#include "sim/light/ray_tracing_baseline.h"
 
 #include <embree3/rtcore.h>
 
@@ -12,7 +12,7 @@
 
 namespace fringeslam::sim {
 
-struct BareRays::Impl {
+struct RayTracingBaseline::Impl {
   Impl(const Scene& scene, const Renderer& renderer)
       : scene_(renderer.world().embree_scene()), blocks_down_((scene.rig.camera.height + 3) / 4) {
     const Pose pose = scene.trajectory.front().world_from_robot * scene.rig.robot_from_camera;
@@ -73,11 +73,11 @@ struct BareRays::Impl {
     return ray;
   }
 
-  void add(const RayWorld& world, const RayPacket& packet, const Eigen::Vector3d& light) {
+  void add(const RayScene& world, const RayPacket& packet, const Eigen::Vector3d& light) {
     primary_.push_back(bare(packet.origin, packet.direction, std::numeric_limits<float>::infinity()));
     HitPacket hits;
     world.trace(packet, hits);
-    const Points from = RayWorld::lifted(hits);
+    const Points from = RayScene::lifted(hits);
     Points to;
     Valid valid{};
     for (int i = 0; i < kPacket; ++i) {
@@ -106,11 +106,12 @@ struct BareRays::Impl {
   size_t shadow_rays_ = 0;
 };
 
-BareRays::BareRays(const Scene& scene, const Renderer& renderer) : impl_(std::make_unique<Impl>(scene, renderer)) {}
-BareRays::~BareRays() = default;
+RayTracingBaseline::RayTracingBaseline(const Scene& scene, const Renderer& renderer)
+    : impl_(std::make_unique<Impl>(scene, renderer)) {}
+RayTracingBaseline::~RayTracingBaseline() = default;
 
-size_t BareRays::count() const { return impl_->primary_.size() * kPacket + impl_->shadow_rays_; }
+size_t RayTracingBaseline::count() const { return impl_->primary_.size() * kPacket + impl_->shadow_rays_; }
 
-void BareRays::operator()() const { impl_->trace(); }
+void RayTracingBaseline::operator()() const { impl_->trace(); }
 
 }  // namespace fringeslam::sim

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "sim/light/ray_world.h"
+#include "sim/light/ray_scene.h"
 
 #include <embree3/rtcore.h>
 #include <tbb/task_arena.h>
@@ -29,7 +29,7 @@ constexpr size_t kLeastInstanced = 64;
 
 }  // namespace
 
-struct RayWorld::Impl {
+struct RayScene::Impl {
   // Mesh used by several objects; stored once, in its own frame.
   struct Shared {
     RTCScene scene = nullptr;
@@ -129,7 +129,7 @@ struct RayWorld::Impl {
   }
 };
 
-RayWorld::RayWorld(const Scene& scene) : impl_(std::make_unique<Impl>()) {
+RayScene::RayScene(const Scene& scene) : impl_(std::make_unique<Impl>()) {
   impl_->device = new_embree_device();
   impl_->scene = impl_->new_scene();
   std::map<const Mesh*, int> uses;
@@ -143,10 +143,10 @@ RayWorld::RayWorld(const Scene& scene) : impl_(std::make_unique<Impl>()) {
   Impl::build(impl_->scene);
 }
 
-RayWorld::~RayWorld() = default;
-RayWorld::RayWorld(RayWorld&&) noexcept = default;
+RayScene::~RayScene() = default;
+RayScene::RayScene(RayScene&&) noexcept = default;
 
-RTCSceneTy* RayWorld::embree_scene() const { return impl_->scene; }
+RTCSceneTy* RayScene::embree_scene() const { return impl_->scene; }
 
 namespace {
 
@@ -269,7 +269,7 @@ const PacketKernels& kernels() {
 
 }  // namespace
 
-void RayWorld::trace(const RayPacket& rays, HitPacket& hits) const {
+void RayScene::trace(const RayPacket& rays, HitPacket& hits) const {
   const PacketKernels& kernel = kernels();
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
@@ -298,7 +298,7 @@ void RayWorld::trace(const RayPacket& rays, HitPacket& hits) const {
   kernel.refine(rays, planes, query.ray.tfar, hits);
 }
 
-std::optional<Hit> RayWorld::trace(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const {
+std::optional<Hit> RayScene::trace(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const {
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
   RTCRayHit query{};
@@ -329,13 +329,13 @@ std::optional<Hit> RayWorld::trace(const Eigen::Vector3d& origin, const Eigen::V
   return hit;
 }
 
-Points RayWorld::lifted(const HitPacket& hits) {
+Points RayScene::lifted(const HitPacket& hits) {
   Points points;
   kernels().lift(hits, points);
   return points;
 }
 
-LaneMask RayWorld::occluded(const Points& from, LaneMask active, const Eigen::Vector3d& target) const {
+LaneMask RayScene::occluded(const Points& from, LaneMask active, const Eigen::Vector3d& target) const {
   if (active == 0) return 0;
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
@@ -349,7 +349,7 @@ LaneMask RayWorld::occluded(const Points& from, LaneMask active, const Eigen::Ve
   return dark;
 }
 
-bool RayWorld::occluded(const Hit& from, const Eigen::Vector3d& target) const {
+bool RayScene::occluded(const Hit& from, const Eigen::Vector3d& target) const {
   const Eigen::Vector3d origin = from.point + kLift * (1 + from.point.norm()) * from.normal;
   const Eigen::Vector3d direction = target - origin;
   RTCIntersectContext context;

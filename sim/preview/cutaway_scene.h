@@ -5,7 +5,7 @@
 #include <Eigen/Core>
 #include <optional>
 
-#include "sim/light/ray_world.h"
+#include "sim/light/ray_scene.h"
 
 namespace fringeslam::sim {
 
@@ -14,21 +14,21 @@ struct Box {
   Eigen::Vector3d centre() const { return (low + high) / 2; }
 };
 
-class OpenedWorld {
+class CutawayScene {
  public:
   // With a window, a ray that enters it ignores everything in front of the window and, up to the window's centre,
   // back-facing triangles: the near walls of a room and the insides of objects cut by the window's faces.
-  OpenedWorld(const Scene& scene, const RayWorld& world, std::optional<Box> window = std::nullopt)
+  CutawayScene(const Scene& scene, const RayScene& world, std::optional<Box> window = std::nullopt)
       : scene_(scene), world_(world), window_(std::move(window)) {}
 
-  // Same as RayWorld::trace; directions must have unit length.
+  // Same as RayScene::trace; directions must have unit length.
   void trace(const RayPacket& rays, HitPacket& hits) const;
 
  private:
-  bool shows_its_back(const HitPacket& hits, int lane, const Eigen::Vector3d& direction) const;
+  bool is_back_facing(const HitPacket& hits, int lane, const Eigen::Vector3d& direction) const;
 
   const Scene& scene_;
-  const RayWorld& world_;
+  const RayScene& world_;
   std::optional<Box> window_;
 };
 

@@ -9,11 +9,11 @@
 namespace fringeslam {
 
 // Returns the periods themselves, coarsest first. Throws Error if the coarsest does not cover `length_px`.
-std::vector<Rung> multifrequency_ladder(const std::vector<FringeGroup>& groups, int length_px);
+std::vector<UnwrappingLevel> multifrequency_levels(const std::vector<FringeGroup>& groups, int length_px);
 
 // Forms beats of neighbouring periods, beats of these, and so on, up to the first that covers `length_px`, and returns
 // the levels from it down to the finest period, with the finest phase of each level. Throws Error if no beat covers
 // `length_px`.
-std::vector<Rung> heterodyne_ladder(const std::vector<FringeGroup>& groups, int length_px);
+std::vector<UnwrappingLevel> heterodyne_levels(const std::vector<FringeGroup>& groups, int length_px);
 
 }  // namespace fringeslam

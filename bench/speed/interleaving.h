@@ -16,7 +16,7 @@ inline double seconds_of(const std::function<void()>& work) {
 }
 
 // Returns the seconds of each workload in each turn, after a warm-up turn.
-inline std::vector<std::vector<double>> take_turns(const std::vector<std::function<void()>>& works, int turns) {
+inline std::vector<std::vector<double>> interleaved_times(const std::vector<std::function<void()>>& works, int turns) {
   std::vector<std::vector<double>> times(works.size());
   for (int turn = -1; turn < turns; ++turn) {
     for (size_t i = 0; i < works.size(); ++i) {
