@@ -67,7 +67,7 @@ VictimSearchResult search_for_victims(uint64_t seed, const Changes& changes) {
     truth.push_back(simulated->truth);
     const FrameResult view = pipeline.process(simulated->stack);
     visible.add(truth.back(), scene.rig.camera, truth.back().world_from_robot * scene.rig.robot_from_camera);
-    regions.push_back(thermal.observe(*stack, view).warm.regions);
+    regions.push_back(thermal.observe(simulated->stack, view).warm.regions);
     result.valid = std::min(result.valid, valid_share(view, truth.back()));
     ++result.views;
     if (view.tracking == Tracking::lost) {

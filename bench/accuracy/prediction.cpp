@@ -126,7 +126,7 @@ Share share_of(const PredictionPair& pair, const Frame& frame, const cv::Mat& pa
   const auto coordinate =
       predict_coordinate(pair.scene.rig, pair.rays, depth, cv::Mat1f(depth.size(), 0.0f)).coordinate_px;
   const DepthScore score =
-      score_depth({depth, frame.sigma_m, coordinate}, pair.truth, pair.fine.patterns.front().period_px);
+      score_depth({depth, frame.sigma_m, coordinate}, pair.truth, pair.stack.patterns.patterns.front().period_px);
   return {cv::countNonZero(full == full), score.compared,
           score.compared ? static_cast<int>(std::lround(score.wrong_order * score.compared)) : 0, score.spurious};
 }
