@@ -24,7 +24,8 @@ Eigen::JacobiSVD<Matrix3d> svd(const Matrix3d& matrix) {
 }
 
 bool well_conditioned(const Eigen::LDLT<Matrix6d>& factor, double least_rcond) {
-  return factor.info() == Eigen::Success && factor.rcond() > least_rcond;
+  // Eigen's solution leaves out zero pivots, and with them its condition number.
+  return factor.info() == Eigen::Success && (factor.vectorD().array() != 0).all() && factor.rcond() > least_rcond;
 }
 
 }  // namespace

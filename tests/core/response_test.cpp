@@ -160,7 +160,7 @@ TEST(ResponseErrors, SayWhatIsWrongWithTheImages) {
   EXPECT_THAT(error(bad), HasSubstr("saturated"));
   bad = ramp(9, false);
   for (cv::Mat1f& image : bad.images) image *= 0.05;
-  EXPECT_THAT(error(bad), HasSubstr("too dark; lengthen the exposure"));
+  EXPECT_THAT(error(bad), HasSubstr("too dark; increase the exposure time"));
   bad = ramp(9, false);
   bad.levels.back() = 0.9;
   EXPECT_THAT(error(bad), HasSubstr("end with white"));
@@ -175,7 +175,7 @@ TEST(ResponseErrors, SayWhatIsWrongWithTheImages) {
               HasSubstr("at least 8 images"));
   const Fringes ten = fringes(10, false);
   EXPECT_THAT(error_of([&] { phase_correction_from_fringes(ten.images, ten.shifts, 3, sensor(), {}); }),
-              HasSubstr("needs a larger multiple"));
+              HasSubstr("requires a larger multiple"));
 }
 
 }  // namespace

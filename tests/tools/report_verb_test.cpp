@@ -93,7 +93,7 @@ TEST_F(ReportVerb, NamesWhatIsWrongWithARun) {
   EXPECT_THAT(refused(fewer), HasSubstr("holds 1 poses, but 2 views"));
   const std::string strange = copy("strange");
   test::write_bytes(strange + "/frames.json", "[{\"index\": \"one\"}]");
-  EXPECT_THAT(refused(strange), HasSubstr("not as a run writes it"));
+  EXPECT_THAT(refused(strange), HasSubstr("is not in a run's format"));
 }
 
 TEST_F(ReportVerb, EscapesNames) {
