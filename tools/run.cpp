@@ -33,7 +33,7 @@ constexpr const char* kConfigFile = "config.yaml";
 constexpr const char* kMapFile = "saved.map";
 constexpr size_t kWaitingStacks = 2;  // with --real-time: stacks that may wait before the oldest is dropped
 constexpr int kViewsAhead = 2;        // with --real-time: views that may be in preparation
-constexpr int kAnimationFrames = 24;
+constexpr int kAnimationFrames = 20;
 constexpr bool kHasReport = FRINGESLAM_REPORT;
 
 struct Arguments {

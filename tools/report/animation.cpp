@@ -14,7 +14,7 @@ namespace fringeslam::tools {
 namespace {
 
 constexpr int kFramesPerSecond = 6, kLastFrame = 8;  // the last one is shown this many times
-const cv::Size kSmall(266, 250), kMap(540, 532);
+const cv::Size kSmall(200, 188), kMap(410, 404);
 
 cv::Mat3b small(const cv::Mat3b& picture) {
   cv::Mat3b result;
