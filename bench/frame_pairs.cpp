@@ -15,7 +15,7 @@ FramePair rendered_frames(const std::string& scene_name, uint64_t seed, const Po
   return {pair.rig, std::move(pair.views[0].frame), std::move(pair.views[1].frame), target_from_source};
 }
 
-Pose random_motion(double degrees, double metres, double amid_m, uint64_t seed) {
+Pose random_motion(double degrees, double metres, double middle_m, uint64_t seed) {
   std::mt19937_64 random(seed);
   const auto uniform = [&] { return 2 * static_cast<double>(random() >> 11) / 9007199254740992.0 - 1; };
   const auto direction = [&] {
@@ -24,7 +24,7 @@ Pose random_motion(double degrees, double metres, double amid_m, uint64_t seed) 
       if (square < 1 && square > 1e-4) return Eigen::Vector3d(Eigen::Vector3d(x, y, z) / std::sqrt(square));
     }
   };
-  const Pose to_middle{Eigen::Matrix3d::Identity(), {0, 0, amid_m}};
+  const Pose to_middle{Eigen::Matrix3d::Identity(), {0, 0, middle_m}};
   const Eigen::Vector3d axis = direction(), shift = direction();
   const Pose motion{rotation_exp(degrees * std::numbers::pi / 180 * axis), metres * shift};
   return to_middle * motion * to_middle.inverse();

@@ -20,6 +20,6 @@ FramePair rendered_frames(const std::string& scene_name, uint64_t seed, const Po
 
 // Returns a rotation of the camera by an angle about a random axis through a point within its working range, and a
 // shift.
-Pose random_motion(double degrees, double metres, double amid_m, uint64_t seed);
+Pose random_motion(double degrees, double metres, double middle_m, uint64_t seed);
 
 }  // namespace fringeslam::bench

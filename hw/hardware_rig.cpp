@@ -112,13 +112,13 @@ std::optional<FringeStack> HardwareRig::capture(const PatternSequence& sequence)
       stack.exposure_s.push_back(image.exposure_s);
       // The camera sends an image when its exposure ends.
       stack.exposure_time_s.push_back(image.timestamp_s - 0.5 * image.exposure_s);
-      stack.timestamp_s += stack.exposure_time_s.back() / static_cast<double>(taken.images.size());
     }
     reason = taken.fault;
     if (!reason.empty()) continue;
     const SequenceVerdict verdict = check_sequence(sequence, stack.images, taken.white, taken.black, options_.check);
     if (verdict.good) {
       gamma_ = verdict.gamma;
+      stack.timestamp_s = reference_time_s(sequence, stack.exposure_time_s);
       stack.index = next_++;
       return stack;
     }

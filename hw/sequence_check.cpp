@@ -8,6 +8,7 @@
 #include <optional>
 #include <utility>
 
+#include "core/base/constants.h"
 #include "core/types/error.h"
 #include "core/types/options.h"
 
@@ -15,7 +16,6 @@ namespace fringeslam {
 
 namespace {
 
-constexpr double kTurn = 2 * std::numbers::pi;
 constexpr double kDarkestMean = 0.25, kBrightestMean = 0.75;  // plausible mean of fringes for any response
 
 // Levels, image by image, of the pixels with sufficient contrast between white and black.
@@ -213,7 +213,7 @@ class Check {
       sum += linear;
       squares += linear * linear;
     }
-    const double turns = std::atan2(sine, cosine) / kTurn, count = static_cast<double>(group.images.size());
+    const double turns = std::atan2(sine, cosine) / kTwoPi, count = static_cast<double>(group.images.size());
     const double explained = (sum * sum + 2 * (sine * sine + cosine * cosine)) / count;
     return {static_cast<float>(turns - std::floor(turns)),
             static_cast<float>(std::sqrt(std::max(0.0, squares - explained)))};

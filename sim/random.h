@@ -25,7 +25,8 @@ enum class Stream : uint32_t {
   air = 7,
   draws = 8,
   settling = 9,
-  thermal_noise = 10
+  thermal_noise = 10,
+  vibration = 11
 };
 
 class Philox {

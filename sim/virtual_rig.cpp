@@ -85,29 +85,50 @@ const std::vector<ProjectedPatterns>& VirtualRig::shown(const PatternSequence& s
   return shown_;
 }
 
-std::vector<Pose> VirtualRig::camera_poses(const TimedPose& pose, int image, int images) const {
+std::optional<VirtualRig::Schedule> VirtualRig::schedule(const PatternSequence& sequence) const {
   const Timing& timing = scene_.rig.timing;
-  const int steps = options_.effects.exposure_steps;
-  const double middle_s = (image - 0.5 * (images - 1)) / timing.camera_rate_hz;
+  if (!scene_.path) {
+    if (next_ >= scene_.trajectory.size()) return std::nullopt;
+    const TimedPose& reference = scene_.trajectory[next_];
+    return Schedule{reference, exposure_times_s(reference.timestamp_s, sequence, timing)};
+  }
+  Schedule result;
+  for (size_t i = 0; i < sequence.patterns.size(); ++i)
+    result.exposure_time_s.push_back(clock_s_ + (static_cast<double>(i) + 0.5) / timing.camera_rate_hz);
+  if (result.exposure_time_s.back() > scene_.path->duration_s()) return std::nullopt;
+  const double reference_s = reference_time_s(sequence, result.exposure_time_s);
+  result.reference = {reference_s, scene_.path->at(reference_s)};
+  return result;
+}
+
+Pose VirtualRig::robot_at(const TimedPose& reference, double time_s) const {
+  if (scene_.path) return scene_.path->at(time_s);
+  const double after_s = time_s - reference.timestamp_s;
+  return reference.world_from_robot *
+         Pose{rotation_exp(after_s * scene_.motion.angular_rad_s), after_s * scene_.motion.velocity_m_s};
+}
+
+std::vector<Pose> VirtualRig::camera_poses(const TimedPose& reference, double middle_s) const {
+  // The rays of a pixel are shared among the steps.
+  const int steps = std::min(options_.effects.exposure_steps, options_.samples_per_pixel);
   std::vector<Pose> poses;
   for (int step = 0; step < steps; ++step) {
-    const double time_s = middle_s + ((step + 0.5) / steps - 0.5) * timing.exposure_s;
-    const Pose moved{rotation_exp(time_s * scene_.motion.angular_rad_s), time_s * scene_.motion.velocity_m_s};
-    poses.push_back(pose.world_from_robot * moved * scene_.rig.robot_from_camera);
+    const double time_s = middle_s + ((step + 0.5) / steps - 0.5) * scene_.rig.timing.exposure_s;
+    poses.push_back(robot_at(reference, time_s) * scene_.rig.robot_from_camera);
   }
   return poses;
 }
 
-std::vector<cv::Mat1f> VirtualRig::light(const PatternSequence& sequence, const TimedPose& pose, TruthFrame* truth) {
+std::vector<cv::Mat1f> VirtualRig::light(const PatternSequence& sequence, const Schedule& when, TruthFrame* truth) {
   const std::vector<ProjectedPatterns>& shown_patterns = shown(sequence);
   const int stack = static_cast<int>(next_);
-  const Pose still = pose.world_from_robot * scene_.rig.robot_from_camera;
+  const Pose still = when.reference.world_from_robot * scene_.rig.robot_from_camera;
   if (!moving()) return renderer_.render(shown_patterns.front(), {still}, stack, truth);
-  if (truth) *truth = truth_of(next_);
+  if (truth) *truth = truth_at(when.reference, stack);
   std::vector<cv::Mat1f> images;
-  const int count = static_cast<int>(sequence.patterns.size());
-  for (int i = 0; i < count; ++i)
-    images.push_back(renderer_.render(shown_patterns[static_cast<size_t>(i)], camera_poses(pose, i, count), stack)[0]);
+  for (size_t i = 0; i < sequence.patterns.size(); ++i)
+    images.push_back(
+        renderer_.render(shown_patterns[i], camera_poses(when.reference, when.exposure_time_s[i]), stack)[0]);
   return images;
 }
 
@@ -124,9 +145,17 @@ std::optional<SimulatedView> VirtualRig::simulate(const PatternSequence& sequenc
 }
 
 std::optional<FringeStack> VirtualRig::next_stack(const PatternSequence& sequence, TruthFrame* truth) {
-  if (next_ >= scene_.trajectory.size()) return std::nullopt;
-  const TimedPose& pose = scene_.trajectory[next_];
-  std::vector<cv::Mat1f> images = light(sequence, pose, truth);
+  const Timing& timing = scene_.rig.timing;
+  const double duration_s = static_cast<double>(sequence.patterns.size()) / timing.camera_rate_hz;
+  if (scene_.path && scene_.view_rate_hz > 0 && duration_s * scene_.view_rate_hz > 1 + 1e-9)
+    throw Error("trajectory.continuous.view_rate_hz: " + std::to_string(sequence.patterns.size()) +
+                " images per view at " + to_text(timing.camera_rate_hz) + " images/s take " + to_text(duration_s) +
+                " s, so the camera cannot take " + to_text(scene_.view_rate_hz) +
+                " views/s; use a lower view rate or fewer patterns");
+  const std::optional<Schedule> when = schedule(sequence);
+  if (!when) return std::nullopt;
+  const TimedPose& pose = when->reference;
+  std::vector<cv::Mat1f> images = light(sequence, *when, truth);
   for (cv::Mat1f& image : images) image = camera_.electrons_per_s(image);
 
   double exposure_s = scene_.rig.timing.exposure_s;
@@ -139,7 +168,7 @@ std::optional<FringeStack> VirtualRig::next_stack(const PatternSequence& sequenc
   stack.index = static_cast<int>(next_);
   stack.timestamp_s = pose.timestamp_s;
   stack.patterns = sequence;
-  stack.exposure_time_s = exposure_times_s(pose.timestamp_s, images.size(), scene_.rig.timing);
+  stack.exposure_time_s = when->exposure_time_s;
   for (size_t i = 0; i < images.size(); ++i) {
     stack.images.push_back(camera_.expose(
         images[i], exposure_s, {options_.noise, options_.quantise, scene_.seed, stack.index, static_cast<int>(i)}));
@@ -151,22 +180,28 @@ std::optional<FringeStack> VirtualRig::next_stack(const PatternSequence& sequenc
                                     {options_.noise, options_.quantise});
   if (truth) {
     label(*truth, stack.index, pose);
+    for (const double time_s : when->exposure_time_s)
+      truth->exposures.push_back({time_s, moving() ? robot_at(pose, time_s) : pose.world_from_robot});
     note_thermal(*truth);
     truth->fringe_orders = fringe_orders(sequence, *truth);
   }
   ++next_;
+  clock_s_ += duration_s;
+  if (scene_.view_rate_hz > 0) clock_s_ = static_cast<double>(next_) / scene_.view_rate_hz;
   return stack;
 }
 
 TruthFrame VirtualRig::truth_of(size_t pose) const {
+  return truth_at(scene_.trajectory.at(pose), static_cast<int>(pose));
+}
+
+TruthFrame VirtualRig::truth_at(const TimedPose& pose, int index) const {
   PatternSequence nothing = scene_.patterns;
   nothing.patterns.clear();
-  const TimedPose& at = scene_.trajectory.at(pose);
-  const auto stack = static_cast<int>(pose);
   TruthFrame truth;
-  renderer_.render(ProjectedPatterns(nothing, scene_.rig, {}), {at.world_from_robot * scene_.rig.robot_from_camera},
-                   stack, &truth);
-  label(truth, stack, at);
+  renderer_.render(ProjectedPatterns(nothing, scene_.rig, {}), {pose.world_from_robot * scene_.rig.robot_from_camera},
+                   index, &truth);
+  label(truth, index, pose);
   note_thermal(truth);
   return truth;
 }

@@ -37,13 +37,16 @@ struct SimulatedView {
   TruthFrame truth;
 };
 
-// The images of a stack are exposed at the camera's frame rate, centred on the time of the trajectory pose; the ground
-// truth refers to that time.
+// The images of a stack are exposed at the camera's frame rate; the ground truth refers to the stack's reference time.
+// Without a continuous path, each trajectory pose is the reference of one stack. Along a path, the rig runs on its own
+// clock: the first exposure slot starts at time 0, and the patterns of each stack follow those of the last one without
+// pause, or in the pace of the scene's view rate.
 class VirtualRig : public Rig {
  public:
   VirtualRig(const Scene& scene, const RenderOptions& options);
   const RigModel& model() const override { return calibration_; }
-  // Renders the stack of the next trajectory pose, without ground truth; empty after the last pose.
+  // Renders the next stack, without ground truth; empty after the last pose or at the end of the path. Throws Error if
+  // the camera cannot take the images of a stack at the scene's view rate.
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
   // Like capture(), with the ground truth of the view.
   std::optional<SimulatedView> simulate(const PatternSequence& sequence);
@@ -58,13 +61,21 @@ class VirtualRig : public Rig {
   BlurRange blur_range() const;
   // Returns the patterns as projected light: one set, or one per pattern if the robot moves during a stack.
   const std::vector<ProjectedPatterns>& shown(const PatternSequence& sequence);
-  // Returns the camera poses during the exposure of image `image` of `images`.
-  std::vector<Pose> camera_poses(const TimedPose& pose, int image, int images) const;
+  // Returns the reference pose and exposure times of the next stack; empty at the end.
+  struct Schedule {
+    TimedPose reference;
+    std::vector<double> exposure_time_s;
+  };
+  std::optional<Schedule> schedule(const PatternSequence& sequence) const;
+  Pose robot_at(const TimedPose& reference, double time_s) const;
+  // Returns the camera poses during an exposure.
+  std::vector<Pose> camera_poses(const TimedPose& reference, double middle_s) const;
   // `truth` may be null.
   std::optional<FringeStack> next_stack(const PatternSequence& sequence, TruthFrame* truth);
-  std::vector<cv::Mat1f> light(const PatternSequence& sequence, const TimedPose& pose, TruthFrame* truth);
+  std::vector<cv::Mat1f> light(const PatternSequence& sequence, const Schedule& when, TruthFrame* truth);
+  TruthFrame truth_at(const TimedPose& pose, int index) const;
   void note_thermal(TruthFrame& truth) const;
-  bool moving() const { return options_.effects.motion && !scene_.motion.still(); }
+  bool moving() const { return options_.effects.motion && (scene_.path || !scene_.motion.still()); }
 
   const Scene& scene_;
   RigModel calibration_;
@@ -75,6 +86,7 @@ class VirtualRig : public Rig {
   PatternSequence shown_sequence_;
   std::vector<ProjectedPatterns> shown_;
   size_t next_ = 0;
+  double clock_s_ = 0;  // along a path: start of the next exposure slot
 };
 
 // Writes the ground truth of one view as <index>.exr (channels: core/types/truth.h) into an existing folder.

@@ -26,7 +26,7 @@ struct ResponseSettings {
   }
 };
 
-struct Arguments {
+struct CalibrateResponseArguments {
   std::string dataset, out;
   std::optional<int> steps;
   std::vector<std::string> sets;
@@ -111,7 +111,7 @@ std::string to_table(const Response& response, const PhaseCorrection& correction
   return text;
 }
 
-int calibrate(const Arguments& arguments, const Common& common) {
+int calibrate(const CalibrateResponseArguments& arguments, const Common& common) {
   ResponseSettings settings;
   apply_settings(settings, arguments.sets);
   ReplayRig replay(arguments.dataset);
@@ -160,7 +160,7 @@ int calibrate(const Arguments& arguments, const Common& common) {
 }  // namespace
 
 Verb add_calibrate_response(Command group, const Common& common) {
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<CalibrateResponseArguments>();
   const Command verb = group.add_subcommand("response", "Projector response, from a grey ramp or many-step fringes");
   verb.add_option("dataset", arguments->dataset,
                   "Dataset of one view with flat patterns, or with 8 or more steps of one period")

@@ -33,7 +33,7 @@ struct CalibrationSettings {
   }
 };
 
-struct Arguments {
+struct CalibrateRigArguments {
   std::string dataset, board, out;
   std::vector<std::string> sets;
 };
@@ -127,7 +127,7 @@ nlohmann::ordered_json to_json(const RigCalibration& c) {
   return json;
 }
 
-int calibrate(const Arguments& arguments, const Common& common) {
+int calibrate(const CalibrateRigArguments& arguments, const Common& common) {
   CalibrationSettings settings;
   apply_settings(settings, arguments.sets);
   ReplayRig replay(arguments.dataset);
@@ -169,7 +169,7 @@ int calibrate(const Arguments& arguments, const Common& common) {
 }  // namespace
 
 Verb add_calibrate_rig(Command group, const Common& common) {
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<CalibrateRigArguments>();
   const Command verb =
       group.add_subcommand("rig", "Camera and projector lenses and their relative pose, from views of a flat board");
   verb.add_option("dataset", arguments->dataset, "Dataset of board views with patterns in both axes").required();

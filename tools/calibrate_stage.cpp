@@ -36,7 +36,7 @@ struct StageSettings {
   }
 };
 
-struct Arguments {
+struct CalibrateStageArguments {
   std::string dataset, board, poses, out;
   std::vector<std::string> sets;
 };
@@ -99,7 +99,7 @@ nlohmann::ordered_json to_json(const StageCalibration& c) {
   return json;
 }
 
-int calibrate(const Arguments& arguments, const Common& common) {
+int calibrate(const CalibrateStageArguments& arguments, const Common& common) {
   StageSettings settings;
   apply_settings(settings, arguments.sets);
   ReplayRig replay(arguments.dataset);
@@ -159,7 +159,7 @@ int calibrate(const Arguments& arguments, const Common& common) {
 }  // namespace
 
 Verb add_calibrate_stage(Command group, const Common& common) {
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<CalibrateStageArguments>();
   const Command verb = group.add_subcommand(
       "stage", "Pose of the sensor on its stage or robot, from a board seen during commanded motions");
   verb.add_option("dataset", arguments->dataset, "Dataset of a stationary board, one stack per pose").required();

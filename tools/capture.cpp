@@ -32,7 +32,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-struct Arguments {
+struct CaptureArguments {
   std::string rig, out, patterns;
   int count = 1;
   double interval_s = 0;
@@ -60,7 +60,7 @@ PatternSequence default_sequence(const RigModel& rig) {
                               Axis::columns, 8);
 }
 
-PatternSequence sequence_of(const Arguments& arguments, const RigModel& rig) {
+PatternSequence sequence_of(const CaptureArguments& arguments, const RigModel& rig) {
   if (arguments.patterns.empty()) return default_sequence(rig);
   const fs::path path = arguments.patterns;
   return read_patterns(fs::is_directory(path) ? path / "patterns.yaml" : path);
@@ -78,7 +78,7 @@ bool can_map(const RigModel& rig, const PatternSequence& sequence, const Pipelin
 }
 
 // Captures a dataset that is valid after every stack, even if the capture is interrupted.
-int capture(const Arguments& arguments, const Common& common) {
+int capture(const CaptureArguments& arguments, const Common& common) {
   if (fs::exists(arguments.out) && !(fs::is_directory(arguments.out) && fs::is_empty(arguments.out)))
     throw Error(arguments.out + ": exists; choose another --out or remove it");
   const RigModel model = read_rig(arguments.rig);
@@ -90,8 +90,7 @@ int capture(const Arguments& arguments, const Common& common) {
                                                                          .rig = model,
                                                                          .sequence = sequence,
                                                                          .stacks = arguments.count,
-                                                                         .maps = maps,
-                                                                         .moving = settings.pipeline.tracking.moving});
+                                                                         .maps = maps});
   std::optional<LiveMapper> mapper;
   if (maps) mapper.emplace(model, sequence, settings.pipeline, page->feed());
   const auto rig = open_hardware(arguments.rig);
@@ -152,7 +151,7 @@ int capture(const Arguments& arguments, const Common& common) {
 }  // namespace
 
 Verb add_capture(Command app, const Common& common) {
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<CaptureArguments>();
   const Command verb = app.add_subcommand("capture", "Capture a dataset with a camera and a projector");
   verb.add_option("--rig", arguments->rig, "Rig file with a hardware: section").required();
   verb.add_option("--out", arguments->out, "Dataset folder to write").required();

@@ -14,11 +14,11 @@
 namespace fringeslam::tools {
 
 Verb add_effects(Command app, const Common& common) {
-  struct Arguments {
+  struct EffectsArguments {
     std::string scene, out;
     std::vector<std::string> sets;
   };
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<EffectsArguments>();
   const Command verb =
       app.add_subcommand("effects", "Write an image that shows each simulated light effect of a scene separately");
   verb.add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml").required();

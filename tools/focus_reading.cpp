@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "core/base/constants.h"
 #include "core/decode/decode.h"
 #include "core/patterns/design.h"
 #include "core/types/error.h"
@@ -13,7 +14,6 @@ namespace fringeslam::tools {
 
 namespace {
 
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kLeastRange = 0.05;     // white minus black, share of full scale, for a usable pixel
 constexpr double kLeastMeasured = 0.02;  // minimum share of usable pixels in a region
 
@@ -28,13 +28,13 @@ cv::Mat1f flat_image(const FringeStack& stack, double level) {
   throw Error(std::string("focus: the patterns have no ") + (level > 0 ? "white" : "black"));
 }
 
-double share(const cv::Mat& mask) {
+double usable_share(const cv::Mat& mask) {
   return static_cast<double>(cv::countNonZero(mask)) / static_cast<double>(mask.total());
 }
 
 // Ratio of sums, so that bright pixels, which are less noisy, count more.
 double contrast(const cv::Mat1f& modulation, const cv::Mat1f& range, const cv::Mat& tells) {
-  if (share(tells) < kLeastMeasured) return kNaN;
+  if (usable_share(tells) < kLeastMeasured) return kNaN;
   return 2 * cv::mean(modulation, tells)[0] / cv::mean(range, tells)[0];
 }
 
@@ -74,7 +74,7 @@ FocusReading read_focus(const FringeStack& stack, const RigModel& rig) {
 
   FocusReading reading;
   reading.fringes = contrast(decoded.modulation, range, tells);
-  reading.measured = share(tells);
+  reading.measured = usable_share(tells);
   reading.sharpness = texture_sharpness(decoded.mean);
   const auto cell = [&](int row, int col) {
     const auto third = [](int length, int index) { return length * index / 3; };

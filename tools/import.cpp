@@ -47,10 +47,10 @@ int import_folder(const fs::path& source, const fs::path& config, const std::str
 }  // namespace
 
 Verb add_import(Command app, const Common& common) {
-  struct Arguments {
+  struct ImportArguments {
     std::string folder, config, out;
   };
-  auto a = std::make_shared<Arguments>();
+  auto a = std::make_shared<ImportArguments>();
   const Command verb = app.add_subcommand("import", "Convert the images of any structured-light rig to a dataset");
   verb.add_option("folder", a->folder, "Folder with the images").required();
   verb.add_option("--config", a->config, "Description of the images (default: FOLDER/import.yaml)");

@@ -20,7 +20,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-struct Arguments {
+struct LandmarksArguments {
   std::string source, out;
   std::vector<std::string> sets;
   SceneVariant variant;
@@ -42,7 +42,7 @@ void write_pictures(const fs::path& folder, const FrameResult& view, const Landm
   for (const auto& [name, picture] : pictures) write_png(folder / (std::string(name) + ".png"), picture);
 }
 
-int landmarks(const Arguments& arguments, const Common& common) {
+int landmarks(const LandmarksArguments& arguments, const Common& common) {
   Settings settings = parse_settings(arguments.sets);
   settings.pipeline.tracking.landmarks = LandmarkViews::every_frame;
   settings.pipeline.mapping.every_view = true;
@@ -92,7 +92,7 @@ int landmarks(const Arguments& arguments, const Common& common) {
 }  // namespace
 
 Verb add_landmarks(Command app, const Common& common) {
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<LandmarksArguments>();
   const Command verb =
       app.add_subcommand("landmarks", "Write images and tables of landmark extraction and re-identification");
   verb.add_option("source", arguments->source, "Scene file, folder with scene.yaml, or dataset folder").required();

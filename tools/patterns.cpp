@@ -22,7 +22,7 @@ constexpr int kMaxSize = 16384;           // px
 constexpr int kResponseEntries = 1025;    // in the table of the inverse response
 constexpr size_t kImagesInOneColour = 3;  // R, G, B
 
-struct Arguments {
+struct PatternsArguments {
   std::string out, rig, size, scene, axis = "columns", pack;
   GrayCode gray = GrayCode::none;
   std::vector<double> periods_px;
@@ -39,7 +39,7 @@ cv::Size read_size(const std::string& text) {
   return size;
 }
 
-SequenceDesign design_of(const Arguments& arguments, const cv::Size& size) {
+SequenceDesign design_of(const PatternsArguments& arguments, const cv::Size& size) {
   SequenceDesign design;
   design.width = size.width, design.height = size.height;
   design.columns = arguments.axis != "rows";
@@ -55,7 +55,7 @@ SequenceDesign design_of(const Arguments& arguments, const cv::Size& size) {
   return design;
 }
 
-PatternSequence sequence_of(const Arguments& arguments) {
+PatternSequence sequence_of(const PatternsArguments& arguments) {
   const int sources = !arguments.rig.empty() + !arguments.size.empty() + !arguments.scene.empty();
   if (sources != 1)
     throw Error("patterns: give the projector's size by one of --rig RIG.yaml, --size WxH or --scene SCENE");
@@ -124,7 +124,7 @@ std::string write_packed(const PatternSequence& sequence, const std::string& ord
   return lines;
 }
 
-int write_patterns(const Arguments& arguments, const Common& common) {
+int write_patterns(const PatternsArguments& arguments, const Common& common) {
   const PatternSequence sequence = sequence_of(arguments);
   StagedFolder folder(arguments.out, "patterns");
   const bool packed = !arguments.pack.empty();
@@ -145,7 +145,7 @@ int write_patterns(const Arguments& arguments, const Common& common) {
 }  // namespace
 
 Verb add_patterns(Command app, const Common& common) {
-  auto a = std::make_shared<Arguments>();
+  auto a = std::make_shared<PatternsArguments>();
   const Command verb = app.add_subcommand("patterns", "Write the pattern images for a projector and their description");
   verb.add_option("--out", a->out, "Folder to write").required();
   const Option rig = verb.add_option("--rig", a->rig, "Rig file with the projector's size and response");

@@ -15,14 +15,14 @@
 namespace fringeslam::tools {
 
 Verb add_render(Command app, const Common& common) {
-  struct Arguments {
+  struct RenderArguments {
     std::string scene, out;
     std::vector<std::string> sets;
     SceneVariant variant;
     std::string format = "fringes";
     TumRgbdOptions rgbd;
   };
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<RenderArguments>();
   const Command verb =
       app.add_subcommand("render", "Render a scene's fringe images and their ground truth to a dataset");
   verb.add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml").required();
@@ -56,13 +56,14 @@ Verb add_render(Command app, const Common& common) {
     const auto rig = source->open(folder.path());
     RecordingRig recording(*rig, folder.path());
     Progress progress("rendering", source->stacks(), common.quiet || common.json);
-    while (recording.capture(source->sequence())) progress.step();
+    int stacks = 0;
+    for (; recording.capture(source->sequence()); ++stacks) progress.step();
     recording.finish(source->name(), source->seed(), source->has_truth());
     if (std::filesystem::exists(source->board_file()))
       std::filesystem::copy_file(source->board_file(), folder.path() / kBoardFile);
     folder.commit();
     if (common.json)
-      std::printf("%s\n", nlohmann::json{{"dataset", arguments->out}, {"stacks", source->stacks()}}.dump().c_str());
+      std::printf("%s\n", nlohmann::json{{"dataset", arguments->out}, {"stacks", stacks}}.dump().c_str());
     else if (!common.quiet)
       std::printf("dataset: %s\n", arguments->out.c_str());
     return 0;

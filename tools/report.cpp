@@ -12,10 +12,10 @@ namespace fringeslam::tools {
 namespace fs = std::filesystem;
 
 Verb add_report(Command app, const Common& common) {
-  struct Arguments {
+  struct ReportArguments {
     std::string run, out;
   };
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<ReportArguments>();
   const Command verb =
       app.add_subcommand("report", "Write the report of a run as a single HTML file that also works offline");
   verb.add_option("run", arguments->run, "Run folder").required();

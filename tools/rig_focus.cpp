@@ -20,7 +20,7 @@ namespace {
 
 using nlohmann::ordered_json;
 
-struct Arguments {
+struct RigFocusArguments {
   std::string rig;
   int count = 0;
   double period_px = 16;
@@ -59,7 +59,7 @@ std::string line_of(const FocusReading& reading, const Best& best) {
   return line;
 }
 
-int focus(const Arguments& arguments, const Common& common) {
+int focus(const RigFocusArguments& arguments, const Common& common) {
   const RigModel model = read_rig(arguments.rig);
   const PatternSequence sequence = focus_sequence(model, arguments.period_px);
   const std::unique_ptr<LivePage> page = open_live_page(
@@ -98,7 +98,7 @@ int focus(const Arguments& arguments, const Common& common) {
 }  // namespace
 
 Verb add_rig_focus(Command group, const Common& common) {
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<RigFocusArguments>();
   const Command verb =
       group.add_subcommand("focus", "Print fringe contrast and texture sharpness while the lenses are adjusted");
   verb.add_option("--rig", arguments->rig, "Rig file with a hardware: section").required();

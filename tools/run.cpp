@@ -36,7 +36,7 @@ constexpr int kViewsAhead = 2;        // with --real-time: views that may be in 
 constexpr int kAnimationFrames = 20;
 constexpr bool kHasReport = FRINGESLAM_REPORT;
 
-struct Arguments {
+struct RunArguments {
   std::string source, out;
   std::vector<std::string> sets;
   SceneVariant variant;
@@ -80,7 +80,7 @@ void wait_for_interrupt() {
   while (!interrupted()) wait_s(60);
 }
 
-int run(const Arguments& arguments, const Common& common) {
+int run(const RunArguments& arguments, const Common& common) {
   const Settings settings = parse_settings(arguments.sets);
   const auto sets_any_of = [&](const std::string& group) {
     return std::any_of(arguments.sets.begin(), arguments.sets.end(),
@@ -116,8 +116,7 @@ int run(const Arguments& arguments, const Common& common) {
                                                                          .rig = rig->model(),
                                                                          .sequence = source->sequence(),
                                                                          .stacks = source->stacks(),
-                                                                         .maps = true,
-                                                                         .moving = settings.pipeline.tracking.moving});
+                                                                         .maps = true});
   std::optional<BackgroundRig> camera;
   if (arguments.real_time) camera.emplace(*rig, source->sequence(), kWaitingStacks, Pace::timestamps);
   const auto dropped = [&] { return camera ? camera->dropped() : 0; };
@@ -175,7 +174,7 @@ int run(const Arguments& arguments, const Common& common) {
 }  // namespace
 
 Verb add_run(Command app, const Common& common) {
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<RunArguments>();
   const Command verb =
       app.add_subcommand("run", "Map a scene or a recorded dataset, and score the map if ground truth is available");
   verb.add_option("source", arguments->source, "Scene file, folder with scene.yaml, or dataset folder").required();

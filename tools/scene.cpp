@@ -76,11 +76,11 @@ Verb add_list(Command group, const Common& common) {
 }
 
 Verb add_check(Command group, const Common& common) {
-  struct Arguments {
+  struct SceneArguments {
     std::string scene;
     std::optional<uint64_t> seed;
   };
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<SceneArguments>();
   const Command verb = group.add_subcommand("check", "Print all errors in a scene file, or what each view sees");
   verb.add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml").required();
   verb.add_option("--seed", arguments->seed, "Seed; overrides the scene's").check_non_negative();

@@ -15,12 +15,12 @@ namespace {
 const std::map<std::string, sim::MeshFormat> kFormats = {
     {"gltf", sim::MeshFormat::gltf}, {"ply", sim::MeshFormat::ply}, {"obj", sim::MeshFormat::obj}};
 
-struct Arguments {
+struct SceneExportArguments {
   std::string scene, format, out;
   std::optional<uint64_t> seed;
 };
 
-int export_scene(const Arguments& arguments, const Common& common) {
+int export_scene(const SceneExportArguments& arguments, const Common& common) {
   if (!arguments.format.empty() && sim::mesh_format_of(arguments.out) != kFormats.at(arguments.format))
     throw Error(arguments.out + ": does not match the format " + arguments.format +
                 "; glTF files end in .glb or .gltf, PLY files in .ply, OBJ files in .obj");
@@ -39,7 +39,7 @@ int export_scene(const Arguments& arguments, const Common& common) {
 }  // namespace
 
 Verb add_scene_export(Command group, const Common& common) {
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<SceneExportArguments>();
   std::vector<std::string> formats;
   for (const auto& [name, format] : kFormats) formats.push_back(name);
   const Command verb =

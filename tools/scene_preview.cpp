@@ -14,7 +14,7 @@ namespace fringeslam::tools {
 
 namespace {
 
-struct Arguments {
+struct ScenePreviewArguments {
   std::string scene, out, size = "1200x800";
   SceneVariant variant;
 };
@@ -36,7 +36,7 @@ cv::Size size_of(const std::string& text) {
   return size;
 }
 
-int preview(const Arguments& arguments, const Common& common) {
+int preview(const ScenePreviewArguments& arguments, const Common& common) {
   const cv::Size size = size_of(arguments.size);
   const sim::Scene scene = sim::load_scene(scene_file(arguments.scene), arguments.variant.reading());
   write_png(arguments.out, sim::preview_picture(scene, size));
@@ -47,7 +47,7 @@ int preview(const Arguments& arguments, const Common& common) {
 }  // namespace
 
 Verb add_scene_preview(Command group, const Common& common) {
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<ScenePreviewArguments>();
   const Command verb =
       group.add_subcommand("preview", "Write an image of the scene from outside and of what the first view sees");
   verb.add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml").required();

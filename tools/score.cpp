@@ -16,7 +16,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-struct Arguments {
+struct ScoreArguments {
   std::string estimate, truth, trajectory;
   TrajectoryOptions options;
   double threshold_m = 1e-3;
@@ -27,20 +27,20 @@ void print(const Common& common, const nlohmann::ordered_json& json, const std::
   std::fputs(common.json ? (json.dump(2) + "\n").c_str() : table.c_str(), stdout);
 }
 
-void score_run_folder(const Arguments& arguments, const Common& common) {
+void score_run_folder(const ScoreArguments& arguments, const Common& common) {
   const fs::path folder = arguments.estimate;
   if (!fs::exists(folder / "truth" / "truth.tum"))
     throw Error(folder.string() + ": contains no truth/truth.tum, so it cannot be scored");
   if (!arguments.truth.empty())
     throw Error("score: a run folder is scored against its own ground truth; leave out --truth");
   const RunScore score = score_run(folder, arguments.options);
-  print(common, to_json(score), to_table(score));
+  print(common, tools::to_json(score), to_table(score));
 }
 
-void score_trajectory_file(const Arguments& arguments, const Common& common) {
+void score_trajectory_file(const ScoreArguments& arguments, const Common& common) {
   const TrajectoryScore score = score_trajectory(
       read_trajectory(arguments.estimate), read_trajectory(true_trajectory_file(arguments.truth)), arguments.options);
-  print(common, to_json(score), to_table(score) + statistics_table(score));
+  print(common, tools::to_json(score), to_table(score) + statistics_table(score));
 }
 
 nlohmann::ordered_json distances_json(const DistanceStatistics& s) {
@@ -71,7 +71,7 @@ std::string map_table(const MapScore& score, const PlyMap& map, const std::strin
   return table + text;
 }
 
-void score_map_file(const Arguments& arguments, const Common& common) {
+void score_map_file(const ScoreArguments& arguments, const Common& common) {
   PlyMap map = read_ply(arguments.estimate);
   if (map.vertices.empty()) throw Error(arguments.estimate + ": contains no finite vertex");
   const MapTruth truth = read_map_truth(arguments.truth, arguments.seed, common);
@@ -103,7 +103,7 @@ void score_map_file(const Arguments& arguments, const Common& common) {
 }  // namespace
 
 Verb add_score(Command app, const Common& common) {
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<ScoreArguments>();
   TrajectoryOptions& options = arguments->options;
   const Command verb =
       app.add_subcommand("score", "Score a run, or any system's trajectory or map, against ground truth");

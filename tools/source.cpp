@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/source.h"
 
+#include <algorithm>
 #include <cstdio>
+#include <fstream>
 #include <utility>
 
 #include "core/io/files.h"
@@ -15,23 +17,39 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr const char* kRenderFile = "render.yaml";
+// In the truth folder.
+constexpr const char* kPosesFile = "truth.tum";
+constexpr const char* kExposuresFile = "exposures.tum";
 
-// Renders a scene and writes the ground truth of every view into `folder`.
+// Renders a scene and writes the ground truth of every view into `folder`: its images, its pose into truth.tum, and the
+// pose of every exposure into exposures.tum.
 class SceneRig : public Rig {
  public:
   SceneRig(const sim::Scene& scene, const sim::RenderOptions& options, fs::path folder)
-      : rig_(scene, options), folder_(std::move(folder)) {}
+      : rig_(scene, options), folder_(std::move(folder)), poses_known_(!scene.path) {
+    if (poses_known_) write_text(folder_ / kPosesFile, to_tum(scene.trajectory));
+  }
   const RigModel& model() const override { return rig_.model(); }
   std::optional<FringeStack> capture(const PatternSequence& sequence) override {
     std::optional<sim::SimulatedView> view = rig_.simulate(sequence);
     if (!view) return std::nullopt;
     sim::write_truth(view->truth, folder_);
+    if (!poses_known_) append(kPosesFile, {{view->truth.timestamp_s, view->truth.world_from_robot}});
+    append(kExposuresFile, view->truth.exposures);
     return std::move(view->stack);
   }
 
  private:
+  void append(const char* file, const Trajectory& poses) {
+    const fs::path path = folder_ / file;
+    std::ofstream stream(path, std::ios::app);
+    stream << to_tum(poses) << std::flush;
+    if (!stream) throw Error(path.string() + ": cannot be written");
+  }
+
   sim::VirtualRig rig_;
   fs::path folder_;
+  bool poses_known_;  // before rendering
 };
 
 class SceneSource : public Source {
@@ -45,7 +63,13 @@ class SceneSource : public Source {
   }
   const std::string& name() const override { return scene_.name; }
   uint64_t seed() const override { return scene_.seed; }
-  int stacks() const override { return static_cast<int>(scene_.trajectory.size()); }
+  int stacks() const override {
+    if (!scene_.path) return static_cast<int>(scene_.trajectory.size());
+    const double images_per_view = static_cast<double>(scene_.patterns.patterns.size());
+    const double rate_hz =
+        scene_.view_rate_hz > 0 ? scene_.view_rate_hz : scene_.rig.timing.camera_rate_hz / images_per_view;
+    return std::max(1, static_cast<int>(scene_.path->duration_s() * rate_hz));
+  }
   bool has_truth() const override { return true; }
   const PatternSequence& sequence() const override { return scene_.patterns; }
   const RigModel& model() const override { return model_; }
@@ -58,10 +82,9 @@ class SceneSource : public Source {
   std::unique_ptr<Rig> open(const fs::path& folder) override {
     const fs::path truth = folder / "truth";
     fs::create_directories(truth);
-    write_text(truth / "truth.tum", to_tum(scene_.trajectory));
     write_text(folder / kRenderFile, render_yaml(settings_));
     write_text(folder / kResolvedFile, scene_.resolved);
-    if (scene_.commanded) write_text(folder / kStageFile, to_tum(scene_.trajectory));
+    if (scene_.commanded && !scene_.path) write_text(folder / kStageFile, to_tum(scene_.trajectory));
     return std::make_unique<SceneRig>(scene_, settings_.render, truth);
   }
 
@@ -79,7 +102,7 @@ class DatasetSource : public Source {
     sequence_ = rig_->sequence();
     model_ = rig_->model();
     if (!info_.has_truth) return;
-    require_truth("truth.tum");
+    require_truth(kPosesFile);
     for (int index = 0; index < info_.stacks; ++index) require_truth(stack_name(index) + ".exr");
   }
   const std::string& name() const override { return info_.name; }

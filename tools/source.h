@@ -29,7 +29,7 @@ class Source {
   virtual ~Source() = default;
   virtual const std::string& name() const = 0;
   virtual uint64_t seed() const = 0;
-  virtual int stacks() const = 0;
+  virtual int stacks() const = 0;  // estimated for continuous motion, where it depends on the patterns requested
   virtual bool has_truth() const = 0;
   virtual const PatternSequence& sequence() const = 0;
   virtual const RigModel& model() const = 0;

@@ -32,7 +32,7 @@ namespace {
 
 using namespace fringeslam::studies;
 
-struct Arguments {
+struct StudyArguments {
   std::string study, out, shard = "0/1";
   int jobs = 0, trial = -1, tasks = 0, cpus = 1, worst = 6;
   std::string cluster = "slurm";
@@ -67,7 +67,7 @@ std::vector<std::string> worker_command(const Study& study) {
           fs::absolute(study.file).string()};
 }
 
-int work(const Study& study, [[maybe_unused]] const Arguments& arguments) {
+int work(const Study& study, [[maybe_unused]] const StudyArguments& arguments) {
 #if FRINGESLAM_REPORT
   if (arguments.pictures) {
     studies::work(study, [&](const Trial& trial) { return trial_pictures(study, trial).dump(); });
@@ -80,7 +80,7 @@ int work(const Study& study, [[maybe_unused]] const Arguments& arguments) {
 
 // Writes report.html if this program was built with it; returns a line that reports the outcome.
 std::string write_page([[maybe_unused]] const Study& study, [[maybe_unused]] const std::map<int, std::string>& lines,
-                       [[maybe_unused]] const Summary& summary, [[maybe_unused]] const Arguments& arguments) {
+                       [[maybe_unused]] const Summary& summary, [[maybe_unused]] const StudyArguments& arguments) {
 #if FRINGESLAM_REPORT
   const fs::path file = fs::path(arguments.out) / "report.html";
   StudyReportOptions options;
@@ -96,7 +96,7 @@ std::string write_page([[maybe_unused]] const Study& study, [[maybe_unused]] con
 }
 
 // Writes summary.json and report.html; if `print` is set, also prints the summary as text or JSON.
-void tell(const Study& study, const std::map<int, std::string>& lines, const Arguments& arguments, const Common& common,
+void tell(const Study& study, const std::map<int, std::string>& lines, const StudyArguments& arguments, const Common& common,
           bool print) {
   const Summary summary = summarise(study, lines, std::max(kWorst, arguments.worst));
   const nlohmann::ordered_json json = to_json(summary);
@@ -107,7 +107,7 @@ void tell(const Study& study, const std::map<int, std::string>& lines, const Arg
   if (!common.json && !common.quiet) std::printf("%s\n", written.c_str());
 }
 
-int run(const Arguments& arguments, const Common& common) {
+int run(const StudyArguments& arguments, const Common& common) {
   const Study study = read_study(arguments.study);
   check_study(study);
   const Shard shard = shard_of(arguments.shard);
@@ -162,13 +162,13 @@ int run(const Arguments& arguments, const Common& common) {
   return 0;
 }
 
-int report(const Study& study, const Arguments& arguments, const Common& common) {
+int report(const Study& study, const StudyArguments& arguments, const Common& common) {
   catch_interrupts();
   tell(study, merged_lines(arguments.out, study), arguments, common, true);
   return 0;
 }
 
-int replay(const Arguments& arguments, const Common& common) {
+int replay(const StudyArguments& arguments, const Common& common) {
   const Study study = read_study(arguments.study);
   if (arguments.trial >= study.trials)
     throw Error("--trial " + std::to_string(arguments.trial) + ": the study has trials 0 to " +
@@ -183,7 +183,7 @@ int replay(const Arguments& arguments, const Common& common) {
   return 0;
 }
 
-int submit(const Arguments& arguments, const Common& common) {
+int submit(const StudyArguments& arguments, const Common& common) {
   const Study study = read_study(arguments.study);
   check_study(study);
   const std::string job =
@@ -211,7 +211,7 @@ int check(const Study& study, const Common& common) {
 Verb add_study(Command app, const Common& common) {
   const Command group = app.add_subcommand("study", "Monte Carlo studies: under which conditions does mapping fail?");
   group.require_subcommand(1);
-  auto a = std::make_shared<Arguments>();
+  auto a = std::make_shared<StudyArguments>();
   const auto verb = [&](const char* name, const char* help) {
     const Command added = group.add_subcommand(name, help);
     added.add_option("study", a->study, "Study file").required().check_existing_file();

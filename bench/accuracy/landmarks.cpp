@@ -111,7 +111,7 @@ std::vector<Row> experiment_rows(const Context& context) {
 
 using Variant = std::pair<std::string, LandmarkMethod>;
 
-// S16: the ways to outline a landmark, the edge detectors, and each extension of the papers disabled in turn.
+// The ways to outline a landmark, the edge detectors, and each extension of the papers disabled in turn.
 std::vector<Variant> variants() {
   std::vector<Variant> all = {{"default", {}}};
   const auto vary = [&](const std::string& name, const auto& change) {

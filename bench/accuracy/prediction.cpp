@@ -9,8 +9,8 @@
 
 #include "bench/row.h"
 #include "bench/speed/interleaving.h"
+#include "core/base/constants.h"
 #include "core/decode/decode.h"
-#include "core/decode/motion_compensation.h"
 #include "core/depth/depth.h"
 #include "core/map/expected_view.h"
 #include "core/registration/icp.h"
@@ -21,8 +21,6 @@
 namespace fringeslam::bench {
 
 namespace {
-
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
 // Standard deviations of the predicted pose, of the vectors' norms.
 constexpr double kPoseErrorM = 2e-3, kPoseErrorRad = 0.2 * std::numbers::pi / 180;
@@ -199,7 +197,7 @@ MovingErrors moving_errors(const Motion& motion, double speed, uint64_t seed) {
   const RigModel& rig = scene.rig;
   const PatternSequence sequence =
       phase_shift_sequence(rig.projector.width, rig.projector.height, {16.5}, 3, Axis::columns, 8);
-  const CameraTwist twist{speed * motion.axis, speed * motion.direction};
+  const CameraMotion twist{speed * motion.axis, speed * motion.direction};
   const Pose& mount = rig.robot_from_camera;
   scene.motion.angular_rad_s = mount.rotation * twist.angular_rad_s;
   scene.motion.velocity_m_s = mount.rotation * twist.velocity_m_s - scene.motion.angular_rad_s.cross(mount.translation);
@@ -218,7 +216,10 @@ MovingErrors moving_errors(const Motion& motion, double speed, uint64_t seed) {
   };
   const Frame plain = reconstruct(decoded, rig, triangulation, depth_options);
   const double before = median_error(plain);
-  compensate_motion(decoded, stack, options, coordinate_rate(plain, rig, rays, twist));
+  const AlignedStack aligned = align_stack(stack, rig, rays, filled_depth(truth.depth_m, rig.middle_range_m()), twist);
+  DecodeContext context{Axis::columns, &expected};
+  context.aligned = &aligned;
+  decoded = decode(stack, rig, options, context);
   return {before, median_error(reconstruct(decoded, rig, triangulation, depth_options))};
 }
 

@@ -114,10 +114,10 @@ std::vector<Row> keypoint_rows(const Context& context) {
 }  // namespace
 
 std::vector<Item> landmark_speed_items() {
-  return {{{"speed.conditioning"}, "background, edges, dilation, thinning, loose ends (S6-S10)", conditioning_rows},
-          {{"speed.clusters"}, "clusters of 300 depth keypoints (S13, S14)", cluster_rows},
-          {{"speed.recognition"}, "a view's landmarks matched against 200 of earlier views (S18)", recognition_rows},
-          {{"speed.keypoints"}, "SIFT of both images (S11)", keypoint_rows}};
+  return {{{"speed.conditioning"}, "background, edges, dilation, thinning, loose ends", conditioning_rows},
+          {{"speed.clusters"}, "clusters of 300 depth keypoints", cluster_rows},
+          {{"speed.recognition"}, "a view's landmarks matched against 200 of earlier views", recognition_rows},
+          {{"speed.keypoints"}, "SIFT of both images", keypoint_rows}};
 }
 
 }  // namespace fringeslam::bench

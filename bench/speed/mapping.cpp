@@ -106,7 +106,7 @@ std::vector<Row> surface_rows(const Context& context) {
 std::vector<Item> mapping_speed_items() {
   return {
       {{"speed.pose_graph"}, "pose graph of 1,000 keyframes and 100 loop closures, 20 of them false", pose_graph_rows},
-      {{"speed.surface"}, "a frame of 532 x 500 into the fused surface (S23)", surface_rows}};
+      {{"speed.surface"}, "a frame of 532 x 500 into the fused surface", surface_rows}};
 }
 
 }  // namespace fringeslam::bench

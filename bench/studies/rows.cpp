@@ -3,13 +3,14 @@
 
 #include <nlohmann/json.hpp>
 
+#include "core/base/constants.h"
+
 namespace fringeslam::studies {
 
 namespace {
 
 using Json = nlohmann::json;
 
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 double number_or_nan(const Json& json) { return json.is_number() ? json.get<double>() : kNaN; }
 

@@ -7,6 +7,7 @@
 #include <limits>
 #include <numeric>
 
+#include "core/base/constants.h"
 #include "core/score/score.h"
 #include "sim/random.h"
 
@@ -14,7 +15,6 @@ namespace fringeslam::studies {
 
 namespace {
 
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr int kResamplings = 500;
 
 double mean_of(const std::vector<double>& values) {
@@ -89,7 +89,7 @@ SobolIndex sobol(const std::vector<double>& a, const std::vector<double>& b, con
 
 SobolIndex first_order(const std::vector<double>& parameter, const std::vector<double>& output, int bins,
                        uint64_t seed) {
-  const auto index = [&](const std::vector<size_t>& rows) {
+  const auto index = [&](const std::vector<size_t>& rows) -> double {
     std::vector<size_t> order = rows;
     std::sort(order.begin(), order.end(), [&](size_t i, size_t j) { return parameter[i] < parameter[j]; });
     const double variance = variance_of(picked(output, rows)), mean = mean_of(picked(output, rows));

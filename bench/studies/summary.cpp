@@ -10,6 +10,7 @@
 #include <set>
 
 #include "bench/studies/rows.h"
+#include "core/base/constants.h"
 #include "core/score/score.h"
 #include "core/types/options.h"
 
@@ -17,9 +18,6 @@ namespace fringeslam::studies {
 
 namespace {
 
-using Json = nlohmann::ordered_json;
-
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr int kClasses = 8;
 
 void close(Class& of, const std::vector<const Row*>& rows) {
@@ -180,9 +178,9 @@ void find_worst(const Study& study, const std::vector<Row>& rows, int count, Sum
   }
 }
 
-Json to_json(const Interval& interval) { return {interval.low, interval.high}; }
+nlohmann::ordered_json to_json(const Interval& interval) { return {interval.low, interval.high}; }
 
-Json to_json(const WorstTrial& worst) {
+nlohmann::ordered_json to_json(const WorstTrial& worst) {
   return {{"trial", worst.trial},
           {"outcome", worst.outcome},
           {"cause", worst.cause},
@@ -190,7 +188,7 @@ Json to_json(const WorstTrial& worst) {
           {"command", worst.command}};
 }
 
-Json to_json(const SobolIndex& index) {
+nlohmann::ordered_json to_json(const SobolIndex& index) {
   return {{"first", index.first},
           {"first_95", to_json(index.first_95)},
           {"total", index.total},
@@ -238,8 +236,8 @@ Summary summarise(const Study& study, const std::map<int, std::string>& lines, i
   return summary;
 }
 
-Json to_json(const Summary& summary) {
-  Json json = {{"name", summary.name},
+nlohmann::ordered_json to_json(const Summary& summary) {
+  nlohmann::ordered_json json = {{"name", summary.name},
                {"trials", summary.trials},
                {"missing", summary.missing},
                {"successes", summary.successes},
@@ -249,7 +247,7 @@ Json to_json(const Summary& summary) {
   for (const auto& [percentile, error] : summary.error_percentiles_mm)
     json["translation_percentiles_mm"].push_back({percentile, error});
   for (const ParameterSummary& parameter : summary.parameters) {
-    Json entry = {{"name", parameter.name},
+    nlohmann::ordered_json entry = {{"name", parameter.name},
                   {"of_success", to_json(parameter.of_success)},
                   {"of_error", to_json(parameter.of_error)}};
     for (const Class& c : parameter.classes)
@@ -267,7 +265,7 @@ Json to_json(const Summary& summary) {
     json["envelope"] = {{"trials", summary.envelope_trials},
                         {"successes", summary.envelope_successes},
                         {"success_95", to_json(summary.envelope_95)}};
-  json["worst"] = json["worst_of_causes"] = Json::array();
+  json["worst"] = json["worst_of_causes"] = nlohmann::ordered_json::array();
   for (const WorstTrial& worst : summary.worst) json["worst"].push_back(to_json(worst));
   for (const WorstTrial& worst : summary.worst_of_causes) json["worst_of_causes"].push_back(to_json(worst));
   return json;

@@ -8,6 +8,7 @@
 #include <numbers>
 
 #include "bench/studies/trial_settings.h"
+#include "core/base/constants.h"
 #include "core/score/score.h"
 #include "core/types/linear_algebra.h"
 
@@ -15,7 +16,6 @@ namespace fringeslam::studies {
 
 namespace {
 
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kDegPerRad = 180 / std::numbers::pi;
 
 // Thresholds that attribute a failure to a cause; the first that applies counts.

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "core/calibrate/median.h"
 #include "core/calibrate/projector_corners.h"
 
 #include <algorithm>
@@ -78,12 +79,6 @@ Eigen::Matrix3d affine_fit(const std::vector<Sample>& samples) {
     result.row(axis) = solve_symmetric(normal, right).transpose();
   }
   return result;
-}
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 // True if known pixels surround the corner; a homography extrapolates poorly.

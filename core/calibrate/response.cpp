@@ -5,13 +5,12 @@
 #include <cmath>
 #include <numbers>
 
+#include "core/base/constants.h"
 #include "core/types/error.h"
 
 namespace fringeslam {
 
 namespace {
-
-constexpr double kTwoPi = 2 * std::numbers::pi;
 
 // Pool adjacent violators: the non-decreasing sequence nearest to the values, weighted by 1 / sigma^2.
 std::vector<double> growing(const std::vector<double>& values, const std::vector<double>& sigma) {

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "core/calibrate/median.h"
 #include "core/calibrate/rig_calibration.h"
 
 #include <ceres/ceres.h>
@@ -101,12 +102,6 @@ PoseVector to_vector(const Pose& pose) {
 }
 
 Pose to_pose(const PoseVector& v) { return {rotation_exp({v[0], v[1], v[2]}), {v[3], v[4], v[5]}}; }
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 // Bundle adjustment of both lenses, their relative pose and all board poses.
 class Bundle {

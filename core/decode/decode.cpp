@@ -8,6 +8,7 @@
 #include <numbers>
 #include <optional>
 
+#include "core/base/constants.h"
 #include "core/base/parallel.h"
 #include "core/decode/gray.h"
 #include "core/decode/spatial.h"
@@ -19,12 +20,10 @@ namespace fringeslam {
 
 namespace {
 
-constexpr double kTwoPi = 2 * std::numbers::pi;
 constexpr double kGrayEdgePx = 1;  // blur of an edge between Gray cells extends this far into the cells
 // Minimum contrast of a bit relative to the pixel's highest-contrast bit; a pixel that sees two surfaces has bits in
 // between.
 constexpr float kLeastGrayContrast = 0.5f;
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
 int length_of(const PatternSequence& sequence, Axis axis) {
   return axis == Axis::columns ? sequence.width : sequence.height;
@@ -202,15 +201,23 @@ RowPlan make_plan(const std::vector<FringeGroup>& groups, int length_px, const R
 // Provides rows of a stack's images as floats.
 class RowReader {
  public:
-  RowReader(const FringeStack& stack, RowScratch& scratch) : stack_(stack), scratch_(scratch) {
+  RowReader(const FringeStack& stack, const AlignedStack* aligned, RowScratch& scratch)
+      : stack_(stack), aligned_(aligned), scratch_(scratch) {
     scratch_.samples.resize(stack.images.size());
-    if (stack.images.front().depth() != CV_32F)
+    if (aligned)
+      scratch_.drift_px.resize(stack.images.size());
+    else if (stack.images.front().depth() != CV_32F)
       converted_.resize(stack.images.size() * static_cast<size_t>(stack.images.front().cols));
   }
 
   void read(int row) {
     const auto width = static_cast<size_t>(stack_.images.front().cols);
     for (size_t i = 0; i < stack_.images.size(); ++i) {
+      if (aligned_) {
+        scratch_.samples[i] = aligned_->images[i][row];
+        scratch_.drift_px[i] = aligned_->drift_px[i][row];
+        continue;
+      }
       const cv::Mat& image = stack_.images[i];
       if (image.depth() == CV_32F) {
         scratch_.samples[i] = image.ptr<float>(row);
@@ -227,6 +234,7 @@ class RowReader {
 
  private:
   const FringeStack& stack_;
+  const AlignedStack* aligned_;
   RowScratch& scratch_;
   std::vector<float> converted_;
 };
@@ -366,6 +374,9 @@ void decode_into(DecodedStack& out, const FringeStack& stack, const RigModel& ri
   if (expected && expected->coordinate_px.size() != size)
     throw Error("decode: the expected coordinates and the images differ in size");
   plan.anchored = !groups.empty() && (gray || expected);
+  if (context.aligned && (context.aligned->images.size() != stack.images.size() ||
+                          context.aligned->images.front().size() != size))
+    throw Error("decode: the aligned images do not belong to the stack");
 
   out.index = stack.index;
   out.timestamp_s = stack.timestamp_s;
@@ -381,7 +392,7 @@ void decode_into(DecodedStack& out, const FringeStack& stack, const RigModel& ri
 
   for_each_range(size.height, [&](int first, int end) {
     RowScratch scratch;
-    RowReader reader(stack, scratch);
+    RowReader reader(stack, context.aligned, scratch);
     for (std::vector<float>* values :
          {&scratch.anchor.turns, &scratch.anchor.half_width, &scratch.anchor.sigma, &scratch.anchor.failure})
       values->resize(plan.anchored ? static_cast<size_t>(size.width) : 0);

@@ -21,6 +21,7 @@
 
 #include <array>
 
+#include "core/decode/motion_alignment.h"
 #include "core/decode/row_kernels.h"
 #include "core/patterns/patterns.h"
 #include "core/types/decoded_stack.h"
@@ -106,6 +107,8 @@ struct DecodeContext {
   Axis axis = Axis::columns;
   const CoordinatePrior* expected = nullptr;  // required by `predicted`; replaces the bounds of `geometric`
   InstructionSet instruction_set = widest_instruction_set();
+  // Images aligned with the stack's reference time, if the camera moved; replaces the images of the stack.
+  const AlignedStack* aligned = nullptr;
 };
 
 // Returns the unwrapping method that decode() would use (`spatial` remains `spatial`). Throws Error stating what the

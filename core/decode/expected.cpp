@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "core/base/constants.h"
 #include "core/base/instruction_set.h"
 #include "core/base/parallel.h"
 #include "core/decode/coordinate_of_depth.h"
@@ -12,8 +13,6 @@
 namespace fringeslam {
 
 namespace {
-
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
 CoordinatePrior empty_prior(cv::Size size) {
   return {cv::Mat1f(size, kNaN), cv::Mat1f(size, 0.0f), cv::Mat1f(size, 0.0f)};

@@ -7,16 +7,16 @@
 #include <numbers>
 #include <utility>
 
+#include "core/base/constants.h"
+
 namespace fringeslam {
 
 namespace {
 
-constexpr float kTurn = 2 * std::numbers::pi_v<float>;
 // Phase noise due to the projector's 256 grey levels, turns.
-constexpr float kPatternSigma = 0.0037f / kTurn;
+constexpr float kPatternSigma = 0.0037f / kTwoPiFloat;
 constexpr float kWrapSigmas = 4.5f;
 constexpr float kBorderPx = 0.5f;  // margin by which noise may move a coordinate past the projector's border
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
 FRINGESLAM_INLINE float wrapped(float turns) { return turns - std::floor(turns + 0.5f); }
 
@@ -67,7 +67,7 @@ FRINGESLAM_INLINE void finish_phase(const RowPlan& plan, int i, float mean, floa
                                     float largest, const PhaseRow& out) {
   const float power = c * c + s * s;
   const float modulation = std::sqrt(power);
-  const float variance = variance_sum / (power * power * (kTurn * kTurn));
+  const float variance = variance_sum / (power * power * (kTwoPiFloat * kTwoPiFloat));
   out.mean[i] = mean;
   out.modulation[i] = modulation;
   out.turns[i] = atan2_turns(s, c);
@@ -136,6 +136,94 @@ FRINGESLAM_INLINE void phase_of_many(const RowPlan& plan, const StepEstimator& e
     }
 #pragma GCC ivdep
     for (int i = 0; i < count; ++i) finish_phase(plan, begin + i, mean[i], c[i], s[i], variance[i], largest[i], out);
+  }
+}
+
+// Returns cos and sin of a phase in turns, by Taylor polynomials on a quarter turn with an error of 2e-7.
+FRINGESLAM_INLINE void cosine_sine(float turns, float& cosine, float& sine) {
+  const float quarters = std::floor(4 * turns + 0.5f);
+  const float x = (turns - 0.25f * quarters) * kTwoPiFloat, x2 = x * x;
+  const float s = x * (1 + x2 * (-1.0f / 6 + x2 * (1.0f / 120 + x2 * (-1.0f / 5040 + x2 * (1.0f / 362880)))));
+  const float c = 1 + x2 * (-0.5f + x2 * (1.0f / 24 + x2 * (-1.0f / 720 + x2 * (1.0f / 40320))));
+  const float quadrant = quarters - 4 * std::floor(0.25f * quarters);
+  const bool odd = quadrant == 1 || quadrant == 3;
+  const float swapped_c = odd ? s : c, swapped_s = odd ? c : s;
+  cosine = quadrant == 1 || quadrant == 2 ? -swapped_c : swapped_c;
+  sine = quadrant >= 2 ? -swapped_s : swapped_s;
+}
+
+// The phase at the reference time of a stack taken in motion. The shifts delta_k + 2 pi drift_k / p differ from pixel to
+// pixel: least squares over (1, cos, -sin) of them.
+FRINGESLAM_INLINE void phase_in_motion(const RowPlan& plan, const StepEstimator& e, const RowScratch& scratch,
+                                       int width, const PhaseRow& out) {
+  constexpr int kBlock = 128;
+  constexpr size_t kMaxSteps = 64;
+  const size_t steps = e.images.size();
+  const float per_px = 1 / e.period_px;
+  float cosine[kMaxSteps][kBlock], sine[kMaxSteps][kBlock];
+  for (int begin = 0; begin < width; begin += kBlock) {
+    const int count = std::min(kBlock, width - begin);
+    float cc[kBlock], ss[kBlock], cs[kBlock], c1[kBlock], s1[kBlock], i1[kBlock], ic[kBlock], is[kBlock],
+        largest[kBlock], mean[kBlock], c[kBlock], s[kBlock], variance[kBlock];
+    float vc_c[kBlock], vc_s[kBlock];
+    for (int i = 0; i < kBlock; ++i)
+      cc[i] = ss[i] = cs[i] = c1[i] = s1[i] = i1[i] = ic[i] = is[i] = largest[i] = variance[i] = 0;
+    for (size_t k = 0; k < steps; ++k) {
+      const auto image = static_cast<size_t>(e.images[k]);
+      const float *grey = scratch.samples[image] + begin, *drift = scratch.drift_px[image] + begin;
+      const float shift = e.shift_turns[k];
+#pragma GCC ivdep
+      for (int i = 0; i < count; ++i) {
+        float a, b;
+        cosine_sine(shift + per_px * drift[i], a, b);
+        cosine[k][i] = a;
+        sine[k][i] = b;
+        cc[i] += a * a;
+        ss[i] += b * b;
+        cs[i] += a * b;
+        c1[i] += a;
+        s1[i] += b;
+        i1[i] += grey[i];
+        ic[i] += grey[i] * a;
+        is[i] += grey[i] * b;
+        largest[i] = grey[i] > largest[i] ? grey[i] : largest[i];
+      }
+    }
+    const auto n = static_cast<float>(steps);
+#pragma GCC ivdep
+    for (int i = 0; i < count; ++i) {
+      // Centred second moments; I = I' + C cos - S sin.
+      const float mc = c1[i] / n, ms = s1[i] / n, mi = i1[i] / n;
+      const float vcc = cc[i] - n * mc * mc, vss = ss[i] - n * ms * ms, vcs = cs[i] - n * mc * ms;
+      const float vic = ic[i] - n * mi * mc, vis = is[i] - n * mi * ms;
+      const float determinant = vcc * vss - vcs * vcs;
+      // Ill-conditioned where the drift makes two shifts equal.
+      const float per = determinant > 1e-3f * n * n ? 1 / determinant : kNaN;
+      const float cosine_part = (vss * vic - vcs * vis) * per;
+      const float sine_part = -(vcc * vis - vcs * vic) * per;
+      c[i] = cosine_part;
+      s[i] = sine_part;
+      mean[i] = mi - cosine_part * mc + sine_part * ms;
+      // d phi = slope_k dI_k with slope_k = c dS/dI_k - s dC/dI_k, both linear in (cos_k - mc, sin_k - ms).
+      vc_c[i] = (cosine_part * vcs - sine_part * vss) * per;
+      vc_s[i] = (-cosine_part * vcc + sine_part * vcs) * per;
+    }
+    for (size_t k = 0; k < steps; ++k) {
+      const float* grey = scratch.samples[static_cast<size_t>(e.images[k])] + begin;
+#pragma GCC ivdep
+      for (int i = 0; i < count; ++i) {
+        const float slope = vc_c[i] * (cosine[k][i] - c1[i] / n) + vc_s[i] * (sine[k][i] - s1[i] / n);
+        variance[i] += slope * slope * grey_variance(plan, grey[i]);
+      }
+    }
+#pragma GCC ivdep
+    for (int i = 0; i < count; ++i) {
+      finish_phase(plan, begin + i, mean[i], c[i], s[i], variance[i], largest[i], out);
+      const bool known = variance[i] == variance[i];
+      out.mean[begin + i] = known ? out.mean[begin + i] : i1[i] / n;
+      out.modulation[begin + i] = known ? out.modulation[begin + i] : 0;
+      out.valid[begin + i] &= known;
+    }
   }
 }
 
@@ -253,7 +341,7 @@ FRINGESLAM_INLINE void write_row(const RowPlan& plan, const PhaseRow& finest, co
 #pragma GCC ivdep
   for (int i = 0; i < width; ++i) {
     out.modulation[i] = finest.modulation[i];
-    out.wrapped_phase[i] = fringe[i] ? kTurn * finest.turns[i] : kNaN;
+    out.wrapped_phase[i] = fringe[i] ? kTwoPiFloat * finest.turns[i] : kNaN;
     out.sigma[i] = fringe[i] ? std::sqrt(finest.variance[i]) * period : kNaN;
   }
   if (!absolute) {
@@ -291,7 +379,9 @@ FRINGESLAM_INLINE void decode_row_body(const RowPlan& plan, int width, RowScratc
   for (size_t g = 0; g < groups_count; ++g) {
     groups[g] = {take(), take(), take(), take(), scratch.masks.data() + g * stride};
     const StepEstimator& estimator = plan.groups[g];
-    if (estimator.images.size() == 3)
+    if (!scratch.drift_px.empty())
+      phase_in_motion(plan, estimator, scratch, width, groups[g]);
+    else if (estimator.images.size() == 3)
       phase_of_three(plan, estimator, scratch.samples.data(), width, groups[g]);
     else
       phase_of_many(plan, estimator, scratch.samples.data(), width, groups[g]);

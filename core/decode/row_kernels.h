@@ -16,6 +16,9 @@ namespace fringeslam {
 struct StepEstimator {
   std::vector<int> images;  // indices into the stack
   std::vector<float> mean, cosine, sine;
+  // The phase shifts, turns, and the period: the estimator of each pixel in motion.
+  std::vector<float> shift_turns;
+  float period_px = 0;
   // Offset to be subtracted from the measured phase, in turns, tabulated over one turn of measured phase; empty: none.
   std::vector<float> correction_turns;
 };
@@ -56,6 +59,8 @@ struct RowOutput {
 // Per-thread buffers, reused for all rows.
 struct RowScratch {
   std::vector<const float*> samples;  // grey values of the row, for each image of the stack
+  // Drift of the projector coordinate of each image, px; NaN: no sample. Empty: at rest.
+  std::vector<const float*> drift_px;
   std::vector<float> floats;
   std::vector<int32_t> masks;
   RowPrior anchor;

@@ -7,13 +7,12 @@
 #include <limits>
 #include <numbers>
 
+#include "core/base/constants.h"
 #include "core/base/parallel.h"
 
 namespace fringeslam {
 
 namespace {
-
-constexpr float kTurn = 2 * std::numbers::pi_v<float>;
 
 // A joint of two neighbours stores the order of the second minus that of the first, -1, 0 or 1; kCut: not joined.
 constexpr int8_t kCut = 2;
@@ -24,8 +23,8 @@ struct Joints {
 
 inline int8_t joint(float phase_a, float phase_b, float max_step) {
   const float difference = phase_a - phase_b;
-  const int step = (difference > 0.5f * kTurn) - (difference < -0.5f * kTurn);
-  const bool near = std::abs(difference - kTurn * static_cast<float>(step)) <= max_step;  // false for NaN
+  const int step = (difference > 0.5f * kTwoPiFloat) - (difference < -0.5f * kTwoPiFloat);
+  const bool near = std::abs(difference - kTwoPiFloat * static_cast<float>(step)) <= max_step;  // false for NaN
   return near ? static_cast<int8_t>(step) : kCut;
 }
 
@@ -148,7 +147,7 @@ namespace {
 // smaller is more reliable. Pixels without eight neighbours are least reliable.
 std::vector<uint16_t> unreliability(const cv::Mat1f& phase) {
   std::vector<uint16_t> keys(phase.total(), kKeys / 2 - 1);
-  const auto wrap = [](float x) { return x > 0.5f * kTurn ? x - kTurn : x < -0.5f * kTurn ? x + kTurn : x; };
+  const auto wrap = [](float x) { return x > 0.5f * kTwoPiFloat ? x - kTwoPiFloat : x < -0.5f * kTwoPiFloat ? x + kTwoPiFloat : x; };
   for_each_row(phase.rows - 2, [&](int inner) {
     const int row = inner + 1;
     const float *above = phase[row - 1], *here = phase[row], *below = phase[row + 1];

@@ -6,14 +6,14 @@
 #include <cmath>
 #include <numbers>
 
+#include "core/base/constants.h"
 #include "core/types/error.h"
 
 namespace fringeslam {
 
 namespace {
 
-constexpr double kTwoPi = 2 * std::numbers::pi;
-constexpr size_t kMaxGroups = 16;
+constexpr size_t kMaxGroups = 16, kMaxSteps = 64;
 
 // Selects images of a group so that `steps` equally spaced shifts remain.
 FringeGroup thinned(const FringeGroup& group, int steps) {
@@ -41,6 +41,10 @@ FringeGroup thinned(const FringeGroup& group, int steps) {
 std::vector<FringeGroup> select_groups(const PatternSequence& sequence, Axis axis, const DecodeOptions& options) {
   std::vector<FringeGroup> groups;
   for (const FringeGroup& group : fringe_groups(sequence, axis)) groups.push_back(thinned(group, options.steps));
+  for (const FringeGroup& group : groups) {
+    if (group.images.size() > kMaxSteps)
+      throw Error("patterns: more than " + std::to_string(kMaxSteps) + " phase steps of one period");
+  }
   if (groups.size() > kMaxGroups)
     throw Error("patterns: more than " + std::to_string(kMaxGroups) + " fringe periods in one axis");
   return groups;
@@ -56,6 +60,8 @@ StepEstimator least_squares(const FringeGroup& group) {
   const Eigen::Matrix3Xd weights = (basis.transpose() * basis).inverse() * basis.transpose();
   StepEstimator estimator;
   estimator.images = group.images;
+  estimator.period_px = static_cast<float>(group.period_px);
+  for (const double shift : group.shifts_rad) estimator.shift_turns.push_back(static_cast<float>(shift / kTwoPi));
   for (Eigen::Index k = 0; k < steps; ++k) {
     estimator.mean.push_back(static_cast<float>(weights(0, k)));
     estimator.cosine.push_back(static_cast<float>(weights(1, k)));

@@ -5,6 +5,7 @@
 #include <limits>
 #include <numbers>
 
+#include "core/base/constants.h"
 #include "core/base/parallel.h"
 #include "core/depth/normals.h"
 #include "core/types/error.h"
@@ -12,8 +13,6 @@
 namespace fringeslam {
 
 namespace {
-
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
 // Maximum depth step between neighbours on one surface: the extent of a pixel on a surface of the maximum slope, plus
 // noise.

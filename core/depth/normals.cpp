@@ -3,6 +3,7 @@
 
 #include <limits>
 
+#include "core/base/constants.h"
 #include "core/base/parallel.h"
 #include "core/depth/normal_propagation.h"
 
@@ -30,7 +31,6 @@ void take(const NormalImages& some, int row, int width, NormalImages& all, int32
 }
 
 cv::Mat3f interleaved(const NormalImages& normals, const cv::Size& size) {
-  constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
   cv::Mat3f result(size);
   for_each_row(size.height, [&](int row) {
     const float *const x = normals.x[row], *const y = normals.y[row], *const z = normals.z[row];

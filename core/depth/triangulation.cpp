@@ -7,6 +7,7 @@
 #include <numbers>
 #include <utility>
 
+#include "core/base/constants.h"
 #include "core/base/parallel.h"
 
 namespace fringeslam {
@@ -15,7 +16,6 @@ namespace {
 
 constexpr int kDegree = Triangulation::kDegree;
 constexpr int kNodes = kDegree + 1;
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 constexpr double kMarginPx = 2;    // beyond the projector's border, to allow for noise
 constexpr float kBeyond = 1.001f;  // limit of |s| up to which a polynomial is extrapolated
 

@@ -106,7 +106,7 @@ std::optional<FringeStack> ImportedRig::capture(const PatternSequence& sequence)
   stack.index = static_cast<int>(next_);
   stack.timestamp_s = static_cast<double>(next_) * plan_.interval_s;
   stack.patterns = sequence;
-  stack.exposure_time_s = exposure_times_s(stack.timestamp_s, plan_.stacks[next_].size(), model_.timing);
+  stack.exposure_time_s = exposure_times_s(stack.timestamp_s, stack.patterns, model_.timing);
   for (const fs::path& file : plan_.stacks[next_]) {
     stack.images.push_back(read(file));
     stack.exposure_s.push_back(plan_.exposure_s);

@@ -21,9 +21,9 @@ namespace fs = std::filesystem;
 
 namespace {
 
-constexpr Range kPixels{1, 16384};
-constexpr Range kPeriod{2, 1e5};
-constexpr Range kDegrees{-1e4, 1e4};
+constexpr Range kImagePixels{1, 16384};
+constexpr Range kImagePeriod{2, 1e5};
+constexpr Range kPhaseDegrees{-1e4, 1e4};
 constexpr int kMaxSteps = 1000, kMaxBits = 30, kMaxNumber = 1000000;
 
 double radians(double degrees) { return degrees * std::numbers::pi / 180; }
@@ -80,16 +80,16 @@ std::vector<std::string> entry_files(const Entry& entry) {
 }
 
 double read_period(const YamlMap& map, int length_px) {
-  if (!map.has("number_of_periods")) return map.number("period_px", kPeriod);
+  if (!map.has("number_of_periods")) return map.number("period_px", kImagePeriod);
   if (map.has("period_px")) throw map.error("number_of_periods", "specify period_px or number_of_periods, not both");
   const double period = length_px / map.number("number_of_periods", {1e-3, 1e4});
-  if (!kPeriod.contains(period)) throw map.error("number_of_periods", range_error("the period", period, kPeriod));
+  if (!kImagePeriod.contains(period)) throw map.error("number_of_periods", range_error("the period", period, kImagePeriod));
   return period;
 }
 
 // Phase offset from the other rig's convention to the one used here (see the header).
 double phase_offset_rad(const YamlMap& map, double period_px) {
-  double offset_deg = map.number_or("phase_offset_deg", 0, kDegrees);
+  double offset_deg = map.number_or("phase_offset_deg", 0, kPhaseDegrees);
   if (map.has("wave") && map.choice("wave", {"cos", "sin"}) == "sin") offset_deg -= 90;
   const bool at_edge =
       map.has("coordinate_origin") && map.choice("coordinate_origin", {"pixel_centre", "pixel_edge"}) == "pixel_edge";
@@ -102,12 +102,12 @@ std::vector<double> read_shifts_deg(const YamlMap& map, bool single) {
   if (std::abs(sign) != 1) throw map.error("shift_sign", "'shift_sign' is 1 or -1");
   if (map.has("shift_deg")) {
     std::vector<double> shifts =
-        single ? std::vector{map.number("shift_deg", kDegrees)} : map.numbers("shift_deg", 0, kDegrees);
+        single ? std::vector{map.number("shift_deg", kPhaseDegrees)} : map.numbers("shift_deg", 0, kPhaseDegrees);
     for (double& shift : shifts) shift *= sign;
     return shifts;
   }
   const int steps = map.integer(single ? "of" : "steps", {3, kMaxSteps});
-  const double step_deg = sign * map.number_or("shift_step_deg", 360.0 / steps, kDegrees);
+  const double step_deg = sign * map.number_or("shift_step_deg", 360.0 / steps, kPhaseDegrees);
   if (single) return {step_deg * map.integer("step", {0, kMaxSteps})};
   std::vector<double> shifts;
   for (int k = 0; k < steps; ++k) shifts.push_back(k * step_deg);
@@ -377,7 +377,7 @@ void read_projector_size(const YamlMap& map, Pinhole& projector) {
     return;
   }
   const YamlMap section = map.map("projector");
-  const int width = section.integer("width_px", kPixels), height = section.integer("height_px", kPixels);
+  const int width = section.integer("width_px", kImagePixels), height = section.integer("height_px", kImagePixels);
   if (projector.width > 0 && (projector.width != width || projector.height != height))
     throw map.error("projector", "the calibration is for a projector of " + std::to_string(projector.width) + "x" +
                                      std::to_string(projector.height) + " px");

@@ -63,7 +63,7 @@ class QuietOpenCv {
 };
 
 // Numbers of one entry, in row-major order.
-struct Entry {
+struct StorageNode {
   std::string where;  // "calibration.yml: M1"
   std::vector<double> values;
 
@@ -100,7 +100,7 @@ class Storage {
   }
 
   // Finds the named entry, or the first common name that exists in a file; null if there is none.
-  std::unique_ptr<Entry> find(const std::string& named, const Names& usual) const {
+  std::unique_ptr<StorageNode> find(const std::string& named, const Names& usual) const {
     if (!named.empty()) return find_named(named);
     for (const std::string& name : usual) {
       if (auto entry = find_in_all(name)) return entry;
@@ -108,7 +108,7 @@ class Storage {
     return nullptr;
   }
 
-  Entry require(const std::string& what, const std::string& named, const Names& usual) const {
+  StorageNode require(const std::string& what, const std::string& named, const Names& usual) const {
     if (const auto entry = find(named, usual)) return *entry;
     const std::string tried = named.empty() ? "none of " + joined(usual) : "no '" + named + "'";
     throw Error(all_names() + ": " + tried + " for the " + what + "; the entries are " + contents() +
@@ -134,7 +134,7 @@ class Storage {
     files_.push_back({path, std::move(storage)});
   }
 
-  std::unique_ptr<Entry> find_named(const std::string& named) const {
+  std::unique_ptr<StorageNode> find_named(const std::string& named) const {
     for (const File& file : files_) {
       const std::string prefix = file.path.filename().string() + ":";
       if (named.starts_with(prefix)) return find_in(file, named.substr(prefix.size()));
@@ -142,8 +142,8 @@ class Storage {
     return find_in_all(named);
   }
 
-  std::unique_ptr<Entry> find_in_all(const std::string& name) const {
-    std::unique_ptr<Entry> found;
+  std::unique_ptr<StorageNode> find_in_all(const std::string& name) const {
+    std::unique_ptr<StorageNode> found;
     for (const File& file : files_) {
       auto entry = find_in(file, name);
       if (entry && found)
@@ -154,10 +154,10 @@ class Storage {
     return found;
   }
 
-  static std::unique_ptr<Entry> find_in(const File& file, const std::string& name) {
+  static std::unique_ptr<StorageNode> find_in(const File& file, const std::string& name) {
     const cv::FileNode node = (*file.storage)[name];
     if (node.empty() || node.isNone()) return nullptr;
-    auto entry = std::make_unique<Entry>(Entry{file.path.string() + ": " + name, {}});
+    auto entry = std::make_unique<StorageNode>(StorageNode{file.path.string() + ": " + name, {}});
     try {
       append_numbers(node, entry->values);
     } catch (const std::exception&) {
@@ -186,7 +186,7 @@ class Storage {
   std::vector<File> files_;
 };
 
-void read_matrix(const Entry& entry, Pinhole& device) {
+void read_matrix(const StorageNode& entry, Pinhole& device) {
   const std::vector<double>& m = entry.values;
   if (m.size() != 9) throw entry.error("must be a 3x3 camera matrix");
   if (m[3] != 0 || m[6] != 0 || m[7] != 0 || m[8] != 1 || m[0] <= 0 || m[4] <= 0)
@@ -196,7 +196,7 @@ void read_matrix(const Entry& entry, Pinhole& device) {
   device.fx = m[0], device.fy = m[4], device.cx = m[2], device.cy = m[5];
 }
 
-void read_distortion(const Entry& entry, Pinhole& device) {
+void read_distortion(const StorageNode& entry, Pinhole& device) {
   std::vector<double> d = entry.values;
   if (d.size() != 4 && d.size() != 5 && d.size() != 8 && d.size() != 12 && d.size() != 14)
     throw entry.error("must be 4, 5, 8, 12 or 14 distortion coefficients, but has " + std::to_string(d.size()));
@@ -210,7 +210,7 @@ void read_distortion(const Entry& entry, Pinhole& device) {
   device.distortion = {d[0], d[1], d[2], d[3], d[4]};
 }
 
-Eigen::Matrix3d read_rotation(const Entry& entry) {
+Eigen::Matrix3d read_rotation(const StorageNode& entry) {
   const std::vector<double>& r = entry.values;
   if (r.size() == 3) return rotation_exp({r[0], r[1], r[2]});
   if (r.size() != 9) throw entry.error("must be a 3x3 rotation or a Rodrigues vector of 3");
@@ -221,12 +221,12 @@ Eigen::Matrix3d read_rotation(const Entry& entry) {
   return orthonormalised({rotation, Eigen::Vector3d::Zero()}).rotation;
 }
 
-Eigen::Vector3d read_translation(const Entry& entry, double unit_m) {
+Eigen::Vector3d read_translation(const StorageNode& entry, double unit_m) {
   if (entry.values.size() != 3) throw entry.error("must be a vector of 3");
   return unit_m * Eigen::Vector3d(entry.values.data());
 }
 
-void read_size(const Entry* entry, Pinhole& device) {
+void read_size(const StorageNode* entry, Pinhole& device) {
   if (!entry) return;
   constexpr double kMaxSize = 16384;
   const std::vector<double>& size = entry->values;

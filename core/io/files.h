@@ -51,6 +51,9 @@ class StagedFile {
 
 void write_text(const std::filesystem::path& file, const std::string& text);
 
+// Returns the file name's extension in lower case, with the dot.
+std::string lower_extension(const std::filesystem::path& file);
+
 // Reads a whole file; empty if it does not exist.
 std::string read_bytes(const std::filesystem::path& file);
 

@@ -46,15 +46,15 @@ struct ConditioningOptions {
 
 // Results of the stages as in the thesis, each H x W; masks are 255 or 0.
 struct Conditioned {
-  cv::Mat1b foreground;       // has a depth and is not background (S6)
-  BitImage edges = {0, 0};    // of the depth image (S7), within one pixel of the foreground
-  BitImage dilated = {0, 0};  // until gaps are closed (S8)
-  BitImage thinned = {0, 0};  // to one pixel width (S9)
-  cv::Mat1b cleaned;          // without open lines (S10)
+  cv::Mat1b foreground;       // has a depth and is not background
+  BitImage edges = {0, 0};    // of the depth image, within one pixel of the foreground
+  BitImage dilated = {0, 0};  // until gaps are closed
+  BitImage thinned = {0, 0};  // to one pixel width
+  cv::Mat1b cleaned;          // without open lines
   int dilations = 0;
 };
 
-// Runs the stages S6 to S10. Throws Error for options out of range. A frame without depth has neither foreground nor
+// Runs all stages. Throws Error for options out of range. A frame without depth has neither foreground nor
 // edges.
 Conditioned condition(const Frame& frame, const ConditioningOptions& options);
 

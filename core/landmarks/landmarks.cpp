@@ -16,7 +16,7 @@ cv::Point rounded(const Eigen::Vector2d& p) {
   return {static_cast<int>(std::lround(p.x())), static_cast<int>(std::lround(p.y()))};
 }
 
-// S12: discards keypoints on the background. A keypoint at a corner of the foreground may lie one pixel outside it.
+// Discards keypoints on the background. A keypoint at a corner of the foreground may lie one pixel outside it.
 int discard_background(std::vector<DepthKeypoint>& keypoints, const cv::Mat1b& foreground) {
   const auto on_background = [&](const DepthKeypoint& k) {
     const cv::Point p = rounded(k.pixel);
@@ -69,7 +69,7 @@ std::vector<cv::Point> line_outline(int cluster, const Landmarks& landmarks, con
   return largest;
 }
 
-// Returns the keypoints whose pixel lies in the outline or within margin_px of it (S17).
+// Returns the keypoints whose pixel lies in the outline or within margin_px of it.
 std::vector<int> keypoints_in(const std::vector<cv::Point>& outline, const Keypoints& keypoints, double margin_px) {
   const int margin = static_cast<int>(std::lround(margin_px));
   const cv::Rect box = cv::boundingRect(outline) + cv::Size(2 * margin, 2 * margin) - cv::Point(margin, margin);

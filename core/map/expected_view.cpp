@@ -7,6 +7,7 @@
 #include <limits>
 #include <opencv2/imgproc.hpp>
 
+#include "core/base/constants.h"
 #include "core/base/instruction_set.h"
 #include "core/base/parallel.h"
 #include "core/types/error.h"
@@ -17,7 +18,6 @@ namespace fringeslam {
 
 namespace {
 
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 constexpr float kNowhere = -1e6f;      // for points that are not visible
 constexpr float kLeastCosine = 0.05f;  // of the viewing angle of a plane; planes at a smaller one are ignored
 constexpr int kBandRows = 16;

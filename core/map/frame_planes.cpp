@@ -8,6 +8,7 @@
 #include <limits>
 #include <numbers>
 
+#include "core/base/constants.h"
 #include "core/base/parallel.h"
 
 namespace fringeslam {
@@ -18,7 +19,6 @@ constexpr int kRun = 64, kSquares = kRun / 2;  // pixels prepared together; 2 x 
 constexpr int kBandRows = 16;                  // rows of pixels searched for bricks together
 // In octants: the range in which bricks have keys, and the largest reach of a pixel.
 constexpr float kMaxOctant = 2 * kMaxBrick - 64, kMaxReach = 32, kNone = 1 << 24;
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
 // A run of pixels, with the pose and the frame's limits in the kernel's form.
 struct PixelRun {

@@ -13,8 +13,6 @@ auto& at(List& list, int i) {
   return list[static_cast<size_t>(i)];
 }
 
-double middle_m(const RigModel& rig) { return 0.5 * (rig.near_m + rig.far_m); }
-
 }  // namespace
 
 KeyframeMap::KeyframeMap(const RigModel& rig, const MappingOptions& options)
@@ -26,7 +24,7 @@ Frame KeyframeMap::keyframe_image(int keyframe) const { return restored(at(keyfr
 
 // Mean displacement of a few points at mid range between two views, in image widths.
 double KeyframeMap::view_change(const Pose& one_from_other) const {
-  const double distance = middle_m(rig_), half_width = 0.5 * rig_.camera.width / rig_.camera.fx;
+  const double distance = rig_.middle_range_m(), half_width = 0.5 * rig_.camera.width / rig_.camera.fx;
   double change = 0;
   for (const double x : {-half_width, half_width}) {
     for (const double y : {-half_width, half_width}) {
@@ -57,7 +55,7 @@ bool KeyframeMap::correct(const PoseGraphOptions& options, double significant_m)
   std::vector<Pose> poses;
   for (const Keyframe& keyframe : keyframes_) poses.push_back(keyframe.world_from_camera);
   const PoseGraphResult result = optimise_poses(poses, links_, options);
-  const Eigen::Vector3d before(0, 0, middle_m(rig_));
+  const Eigen::Vector3d before(0, 0, rig_.middle_range_m());
   bool significant = false;
   for (size_t i = 0; i < poses.size(); ++i) {
     significant |= (result.poses[i] * before - poses[i] * before).norm() > significant_m;

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "core/base/constants.h"
 #include "core/base/instruction_set.h"
 #include "core/base/parallel.h"
 
@@ -13,7 +14,6 @@ namespace {
 
 constexpr float kMmPerM = 1e3f, kSteps = 32767;
 constexpr short kNone = -32768;
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
 FRINGESLAM_INLINE short rounded(float steps) {
   return static_cast<short>(static_cast<int>(steps + kSteps + 0.5f) - static_cast<int>(kSteps));

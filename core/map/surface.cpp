@@ -16,8 +16,8 @@ namespace fringeslam {
 namespace {
 
 using Tree = openvdb::Int64Tree;
-using Leaf = Tree::LeafNodeType;
-static_assert(Leaf::DIM == kBrickEdge);
+using VoxelLeaf = Tree::LeafNodeType;
+static_assert(VoxelLeaf::DIM == kBrickEdge);
 
 constexpr int kTogether = 16;  // bricks per parallel task
 
@@ -53,15 +53,15 @@ class SurfaceModel::Grid {
   void add(const PosedFrame* first, size_t count);
 
   // Returns the leaves in the order of their coordinates.
-  std::vector<const Leaf*> leaves() const {
-    std::vector<const Leaf*> all;
+  std::vector<const VoxelLeaf*> leaves() const {
+    std::vector<const VoxelLeaf*> all;
     tree.getNodes(all);
     return all;
   }
 
   std::vector<Brick> bricks() const {
     std::vector<Brick> all;
-    for (const Leaf* leaf : leaves()) {
+    for (const VoxelLeaf* leaf : leaves()) {
       const openvdb::Coord& corner = leaf->origin();
       all.push_back({{corner.x() >> 3, corner.y() >> 3, corner.z() >> 3}, leaf->buffer().data()});
     }
@@ -104,12 +104,12 @@ void SurfaceModel::Grid::add(const PosedFrame* first, size_t count) {
   }
   const std::vector<TouchedBrick>& bricks = touched.bricks();
   // The tree may be searched in parallel but not modified: new leaves are added at the end.
-  std::vector<std::unique_ptr<Leaf>> fresh(bricks.size());
+  std::vector<std::unique_ptr<VoxelLeaf>> fresh(bricks.size());
   for_each(bricks.size(), [&](size_t i) {
     const openvdb::Coord corner = first_voxel(brick_of(bricks[i].key));
-    Leaf* leaf = tree.probeLeaf(corner);
+    VoxelLeaf* leaf = tree.probeLeaf(corner);
     if (leaf == nullptr) {
-      fresh[i] = std::make_unique<Leaf>(corner, 0);
+      fresh[i] = std::make_unique<VoxelLeaf>(corner, 0);
       leaf = fresh[i].get();
     }
     const bool seen = fuse(frames, bricks[i], leaf->buffer().data());
@@ -154,7 +154,7 @@ std::string SurfaceModel::to_vdb() const {
 double SurfaceModel::voxel_m() const { return grid_->scale.voxel_m; }
 
 size_t SurfaceModel::voxels() const {
-  const std::vector<const Leaf*> leaves = grid_->leaves();
+  const std::vector<const VoxelLeaf*> leaves = grid_->leaves();
   std::vector<size_t> counts(leaves.size());
   for_each(leaves.size(), [&](size_t i) {
     const int64_t* const voxels = leaves[i]->buffer().data();

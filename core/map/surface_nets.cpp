@@ -13,7 +13,7 @@ namespace {
 
 constexpr int kPatch = kBrickEdge + 1;  // a brick and the adjacent voxels of its neighbours
 constexpr float kMaxStep = 1.5f;        // largest change of distance along an edge, in voxels
-constexpr int16_t kNoVertex = -1;
+constexpr int16_t kNoCellVertex = -1;
 
 constexpr int patch_at(int x, int y, int z) { return (x * kPatch + y) * kPatch + z; }
 constexpr int cell_at(int x, int y, int z) { return (x * kBrickEdge + y) * kBrickEdge + z; }
@@ -111,7 +111,7 @@ class SurfaceNetsMesher {
 
   void find_vertices(size_t brick) {
     BrickSurface& surface = surfaces_[brick];
-    surface.vertex_of_cell.fill(kNoVertex);
+    surface.vertex_of_cell.fill(kNoCellVertex);
     Patch patch;
     fill(patch, brick);
     for (int x = 0; x < kBrickEdge; ++x) {
@@ -224,7 +224,7 @@ class SurfaceNetsMesher {
     if (brick == nullptr) return false;
     const auto number = static_cast<size_t>(brick - bricks_.data());
     const int16_t found = surfaces_[number].vertex_of_cell[static_cast<size_t>(cell_at(cell[0], cell[1], cell[2]))];
-    if (found == kNoVertex) return false;
+    if (found == kNoCellVertex) return false;
     vertex = first_[number] + static_cast<uint32_t>(found);
     return true;
   }

@@ -15,14 +15,14 @@ namespace fringeslam {
 
 namespace {
 
-using Leaf = openvdb::FloatTree::LeafNodeType;
-static_assert(Leaf::DIM == kBrickEdge);
+using DistanceLeaf = openvdb::FloatTree::LeafNodeType;
+static_assert(DistanceLeaf::DIM == kBrickEdge);
 
-std::unique_ptr<Leaf> leaf_of(const Brick& brick, const VoxelScale& scale, float min_weight) {
+std::unique_ptr<DistanceLeaf> leaf_of(const Brick& brick, const VoxelScale& scale, float min_weight) {
   const auto metres_per_step = static_cast<float>(scale.truncation_m / static_cast<double>(kDistanceSteps));
   const openvdb::Coord corner(kBrickEdge * brick.index[0], kBrickEdge * brick.index[1], kBrickEdge * brick.index[2]);
-  auto leaf = std::make_unique<Leaf>(corner, static_cast<float>(scale.truncation_m));
-  for (openvdb::Index i = 0; i < Leaf::SIZE; ++i) {
+  auto leaf = std::make_unique<DistanceLeaf>(corner, static_cast<float>(scale.truncation_m));
+  for (openvdb::Index i = 0; i < DistanceLeaf::SIZE; ++i) {
     const auto voxel = static_cast<uint64_t>(brick.voxels[i]);
     const float weight = voxel_weight(voxel);
     if (weight > 0 && weight >= min_weight) leaf->setValueOn(i, voxel_distance(voxel) * metres_per_step);

@@ -6,7 +6,7 @@
 #include <optional>
 
 #include "core/decode/decode.h"
-#include "core/decode/motion_compensation.h"
+#include "core/decode/stack_motion.h"
 #include "core/depth/depth.h"
 #include "core/map/expected_view.h"
 #include "core/types/fringe_stack.h"
@@ -18,12 +18,15 @@ struct ReconstructedView {
   Frame frame;
   DecodedStack decoded;  // empty images if the front end does not decode fringes
   bool complete = true;  // false: surfaces that the map did not predict may be missing
+  // Camera motion during the stack, for which the frame is compensated; not converged: unknown, and the frame is not
+  // compensated. Empty: not estimated.
+  std::optional<StackMotion> motion = {};
 };
 
 // Knowledge about a view before it is reconstructed.
 struct ReconstructionPrior {
   const ExpectedView* expected = nullptr;  // depth predicted from the map; null: unknown
-  std::optional<CameraTwist> twist;        // of the camera during the stack; empty: unknown or at rest
+  std::optional<MotionPrior> motion;       // predicted from earlier views; empty: unknown
 };
 
 class FrontEnd {
@@ -34,6 +37,9 @@ class FrontEnd {
   // Reconstructs a view. May be called from several threads at a time; the result depends on the arguments only. Throws
   // Error if the stack cannot be decoded.
   virtual ReconstructedView reconstruct(const FringeStack& stack, const ReconstructionPrior& prior) const = 0;
+  // Returns how the depth of every `stride`-th pixel in every `stride`-th row depends on the motion during the stack.
+  // Empty if the front end does not compensate motion: the mapper then does not estimate it.
+  virtual std::vector<DepthSlope> depth_slopes(const FringeStack&, const ReconstructedView&, int) const { return {}; }
 };
 
 struct FrontEndOptions {
@@ -50,6 +56,8 @@ class FringeFrontEnd : public FrontEnd {
   bool needs_prior(const FringeStack& stack) const override;
   // Throws Error if the stack's patterns are neither the whole sequence nor its finest fringes.
   ReconstructedView reconstruct(const FringeStack& stack, const ReconstructionPrior& prior) const override;
+  std::vector<DepthSlope> depth_slopes(const FringeStack& stack, const ReconstructedView& view,
+                                       int stride) const override;
 
  private:
   RigModel rig_;
@@ -57,6 +65,12 @@ class FringeFrontEnd : public FrontEnd {
   FrontEndOptions options_;
   PixelRays rays_;
   Triangulation triangulation_;
+
+  struct Decoding;
+  void decode_and_triangulate(ReconstructedView& view, const FringeStack& stack, const Decoding& decoding,
+                              const AlignedStack* aligned) const;
+  void compensate_motion(ReconstructedView& view, const FringeStack& stack, const Decoding& decoding,
+                         const ReconstructionPrior& prior) const;
 };
 
 }  // namespace fringeslam

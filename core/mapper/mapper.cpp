@@ -8,13 +8,12 @@
 #include <utility>
 
 #include "core/base/stage_clock.h"
+#include "core/registration/motion_registration.h"
 #include "core/types/linear_algebra.h"
 
 namespace fringeslam {
 
 namespace {
-
-double middle_m(const RigModel& rig) { return 0.5 * (rig.near_m + rig.far_m); }
 
 // Extrapolates a motion to `share` of its duration at constant velocity.
 Pose continued(const Pose& motion, double share) {
@@ -62,16 +61,20 @@ FrameResult Mapper::process(MapperInput input) {
   if (input.view)
     static_cast<ReconstructedView&>(result) = std::move(*input.view);
   else if (!input.needs_prior)
-    reconstruct(result, input, {nullptr, twist()});
+    reconstruct(result, input, {});
   result.complete = !input.needs_prior;
   if (result.complete && options_.registration.tracking.landmarks == LandmarkViews::every_frame) find_landmarks(result);
 
-  if (map_.keyframes().empty())
+  const bool motion_unknown = result.motion && !result.motion->converged;
+  if (motion_unknown)
+    result.tracking = Tracking::lost;
+  else if (map_.keyframes().empty())
     result.tracking = result.complete ? Tracking::first : Tracking::lost;
   else if (input.needs_prior)
     predicted&& follow_by_prediction(result, input, *predicted);
   else
     (predicted && follow(result, *predicted)) || relocalize(result);
+  add_motion_uncertainty(result, input);
 
   if (result.tracking == Tracking::lost) {
     lost_ = !map_.keyframes().empty();
@@ -107,14 +110,6 @@ std::optional<Pose> Mapper::predicted_camera(double timestamp_s) const {
   return orthonormalised(from * continued(orthonormalised(world_from_camera(before).inverse() * from), share));
 }
 
-std::optional<CameraTwist> Mapper::twist() const {
-  if (!options_.registration.tracking.moving || lost_ || track_.size() < 2) return std::nullopt;
-  const TrackedView &before = track_[track_.size() - 2], &last = track_.back();
-  const double duration_s = last.timestamp_s - before.timestamp_s;
-  const Pose motion = world_from_camera(before).inverse() * world_from_camera(last);
-  return CameraTwist{rotation_log(motion.rotation) / duration_s, motion.translation / duration_s};
-}
-
 const Frame& Mapper::keyframe_image(int keyframe) {
   if (image_keyframe_ != keyframe) keyframe_image_ = map_.keyframe_image(keyframe);
   image_keyframe_ = keyframe;
@@ -133,21 +128,27 @@ void Mapper::find_landmarks(FrameResult& result) const {
 }
 
 // Registers with the keyframe that shows most of the view; the previous one is kept unless another shows clearly more.
-bool Mapper::follow(FrameResult& result, const Pose& predicted, const Matrix6d& prior) {
+int Mapper::best_reference(const Frame& frame, const Pose& predicted) const {
   constexpr double kClearly = 0.1;
-  enter_stage("follow");
-  const std::vector<int> candidates = map_.overlapping(result.frame, predicted);
-  if (candidates.empty()) return false;
+  const std::vector<int> candidates = map_.overlapping(frame, predicted);
+  if (candidates.empty()) return -1;
   const int last = track_.back().keyframe, most = candidates.front();
-  const bool change = map_.expected_overlap(result.frame, predicted, most) >
-                      map_.expected_overlap(result.frame, predicted, last) + kClearly;
-  result.reference = change ? most : last;
+  const bool change =
+      map_.expected_overlap(frame, predicted, most) > map_.expected_overlap(frame, predicted, last) + kClearly;
+  return change ? most : last;
+}
+
+bool Mapper::follow(FrameResult& result, const Pose& predicted, const Matrix6d& prior) {
+  enter_stage("follow");
+  const int reference = best_reference(result.frame, predicted);
+  if (reference < 0) return false;
+  result.reference = reference;
   const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera;
   const auto registered = [&](const Pose& expected, int stride) {
     RegistrationOptions options = options_.registration;
     options.icp.stride = std::max(options.icp.stride, stride);
-    return follow_view(keyframe_image(result.reference), result.frame, expected, rig_.camera, middle_m(rig_), options,
-                       prior);
+    return follow_view(keyframe_image(result.reference), result.frame, expected, rig_.camera, rig_.middle_range_m(),
+                       options, prior);
   };
   result.registration = registered(world_from_reference.inverse() * predicted, options_.registration.tracking.stride);
   const Pose found = result.registration.earlier_from_current;
@@ -164,15 +165,85 @@ bool Mapper::follow(FrameResult& result, const Pose& predicted, const Matrix6d& 
 // the predicted pose, which determines more fringe orders.
 bool Mapper::follow_by_prediction(FrameResult& result, const MapperInput& input, const Pose& predicted) {
   const ExpectedView first = expected_view(predicted, prediction_covariance_, false);
-  reconstruct(result, input, {&first, {}});
+  const MotionPrior prior = predicted_motion(input.timestamp_s);
+  reconstruct(result, input, {&first, prior});
+  const Pose start = estimate_motion(result, input, predicted, first, prior);
   // The fringe orders at depth steps are still missing, and the remaining walls may not constrain all directions: the
   // prediction is a prior of the registration.
-  if (!follow(result, predicted, inverse(prediction_covariance_))) return false;
+  if (!follow(result, start, inverse(prediction_covariance_))) return false;
   const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera;
   const Pose found = world_from_reference * result.registration.earlier_from_current;
   const ExpectedView second = expected_view(found, result.covariance, true);
-  reconstruct(result, input, {&second, {}});
+  const std::optional<StackMotion> motion = result.motion;
+  reconstruct(result, input, {&second, motion ? MotionPrior{motion->motion, motion->covariance} : prior});
   return follow(result, found);
+}
+
+// Adds the uncertainty of the motion during the stack to the covariance of the pose. The motion of a complete stack is
+// known from the stack itself; that of others is estimated together with the pose.
+void Mapper::add_motion_uncertainty(FrameResult& result, const MapperInput& input) {
+  constexpr int kStride = 8;
+  if (!result.motion || result.motion->motion.is_still() || !input.depth_slopes || !result.registration.refined) return;
+  const std::vector<DepthSlope> slopes = input.depth_slopes(result, kStride);
+  enter_stage("motion");
+  const MotionRegistration joint =
+      register_motion(keyframe_image(result.reference), result.frame, rig_.camera,
+                      result.registration.earlier_from_current, slopes, result.motion->motion,
+                      result.complete ? MotionPrior{result.motion->motion, result.motion->covariance}
+                                      : predicted_motion(input.timestamp_s));
+  if (joint.valid) result.covariance += joint.pose_covariance - joint.fixed_covariance;
+}
+
+// Predicts the motion during a stack from that of the last view, with accelerations in between.
+MotionPrior Mapper::predicted_motion(double timestamp_s) const {
+  const MotionLimits limits;
+  MotionPrior prior = unknown_motion(limits);
+  if (!last_motion_ || lost_) return prior;
+  const double duration_s = std::abs(timestamp_s - track_.back().timestamp_s);
+  prior.motion.angular_rad_s = last_motion_->motion.angular_rad_s;
+  prior.motion.velocity_m_s = last_motion_->motion.velocity_m_s;
+  const double turn = limits.turn_rad_s2 * duration_s, speed = limits.acceleration_m_s2 * duration_s;
+  Vector6d change;
+  change << Eigen::Vector3d::Constant(turn * turn), Eigen::Vector3d::Constant(speed * speed);
+  prior.covariance.topLeftCorner<6, 6>() = last_motion_->covariance.topLeftCorner<6, 6>();
+  prior.covariance.topLeftCorner<6, 6>().diagonal() += change;
+  return prior;
+}
+
+// Estimates the motion during a stack of one period by registration with the map, and decodes the stack with it.
+// Returns the camera pose found on the way.
+Pose Mapper::estimate_motion(FrameResult& result, const MapperInput& input, const Pose& predicted,
+                             const ExpectedView& expected, const MotionPrior& prior) {
+  constexpr int kStride = 6, kRounds = 4;
+  constexpr double kNegligible = 0.05;  // change of the depths, sigmas
+  if (!input.depth_slopes || !result.motion) return predicted;
+  Pose world_from_camera = predicted;
+  for (int round = 0; round < kRounds; ++round) {
+    const int reference = best_reference(result.frame, world_from_camera);
+    const std::vector<DepthSlope> slopes = input.depth_slopes(result, kStride);
+    if (reference < 0 || slopes.empty()) return predicted;
+    enter_stage("motion");
+    const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(reference)].world_from_camera;
+    const MotionRegistration found =
+        register_motion(keyframe_image(reference), result.frame, rig_.camera,
+                        world_from_reference.inverse() * world_from_camera, slopes, result.motion->motion, prior);
+    if (!found.valid) return predicted;
+    world_from_camera = world_from_reference * found.target_from_source;
+    StackMotion motion = *result.motion;
+    motion.motion = to_motion(to_vector(result.motion->motion) + found.step);
+    motion.covariance = found.motion_covariance;
+    motion.converged = true;
+    if (result.motion->motion.is_still() && !is_moving(motion)) {
+      result.motion->covariance = found.motion_covariance;
+      return predicted;
+    }
+    if (found.ripple_sigma < kNegligible) {
+      result.motion->covariance = found.motion_covariance;
+      break;
+    }
+    reconstruct(result, input, {&expected, MotionPrior{motion.motion, motion.covariance}});
+  }
+  return world_from_camera;
 }
 
 // Depth expected from the last view, and from its keyframe where the last view shows nothing. `covariance` is that of the
@@ -200,7 +271,7 @@ bool Mapper::relocalize(FrameResult& result) {
     return {keyframe_image(keyframe), map_.keyframes()[static_cast<size_t>(keyframe)].landmarks.keypoints};
   };
   LocatedView located = locate_view(known, last, {result.frame, result.keypoints}, result.recognitions, rig_.camera,
-                                    middle_m(rig_), options_.registration);
+                                    rig_.middle_range_m(), options_.registration);
   result.reference = located.with.earlier;
   result.matches = std::move(located.with.matches);
   result.registration = std::move(located.registration);
@@ -268,11 +339,11 @@ int Mapper::close_loops(const FrameResult& result) {
     const Keyframe& earlier = map_.keyframes()[static_cast<size_t>(keyframe)];
     const Frame image = map_.keyframe_image(keyframe);
     ViewRegistration registration = follow_view(image, result.frame, earlier.world_from_camera.inverse() * current,
-                                                rig_.camera, middle_m(rig_), options_.registration);
+                                                rig_.camera, rig_.middle_range_m(), options_.registration);
     if (!registration.refined && recognised.contains(keyframe))
       registration = register_views(image, result.frame,
                                     point_pairs(earlier.landmarks.keypoints, result.keypoints, recognised[keyframe]),
-                                    rig_.camera, middle_m(rig_), options_.registration);
+                                    rig_.camera, rig_.middle_range_m(), options_.registration);
     if (!registration.refined) continue;
     map_.link({keyframe, result.keyframe, registration.earlier_from_current, inverse(registration.covariance), true});
     ++links;
@@ -290,6 +361,7 @@ void Mapper::note_pose(FrameResult& result, const std::optional<Pose>& predicted
     result.previous_from_current = world_from_camera(track_[track_.size() - 2]).inverse() * world_from_current;
   last_frame_ = result.frame;
   last_keyframe_ = result.keyframe;
+  last_motion_ = result.motion;
   if (result.tracking != Tracking::followed) return;
   constexpr double kTurn_rad = 0.03 * std::numbers::pi / 180, kShift_m = 0.3e-3;
   const Vector6d error = difference(world_from_current, *predicted);

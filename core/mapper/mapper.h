@@ -60,6 +60,8 @@ struct MapperInput {
   std::optional<ReconstructedView> view;
   bool needs_prior = false;  // reconstruct() needs the expected depth
   std::function<ReconstructedView(const ReconstructionPrior&)> reconstruct = {};
+  // FrontEnd::depth_slopes() of the view; without it, the motion during the stack is not estimated by registration.
+  std::function<std::vector<DepthSlope>(const ReconstructedView&, int stride)> depth_slopes = {};
 };
 
 class Mapper {
@@ -89,12 +91,16 @@ class Mapper {
 
   Pose world_from_camera(const TrackedView& view) const;
   std::optional<Pose> predicted_camera(double timestamp_s) const;
-  std::optional<CameraTwist> twist() const;
   const Frame& keyframe_image(int keyframe);
   void reconstruct(FrameResult& result, const MapperInput& input, const ReconstructionPrior& prior) const;
   void find_landmarks(FrameResult& result) const;
 
+  MotionPrior predicted_motion(double timestamp_s) const;
+  int best_reference(const Frame& frame, const Pose& predicted) const;
   bool follow(FrameResult& result, const Pose& predicted, const Matrix6d& prior = Matrix6d::Zero());
+  void add_motion_uncertainty(FrameResult& result, const MapperInput& input);
+  Pose estimate_motion(FrameResult& result, const MapperInput& input, const Pose& predicted,
+                       const ExpectedView& expected, const MotionPrior& prior);
   bool follow_by_prediction(FrameResult& result, const MapperInput& input, const Pose& predicted);
   bool relocalize(FrameResult& result);
   bool leaves_keyframe(const FrameResult& result, const Pose& world_from_camera, int keyframe) const;
@@ -116,6 +122,7 @@ class Mapper {
   int image_keyframe_ = -1;  // whose image keyframe_image_ is
   Frame keyframe_image_;
   Frame last_frame_;  // of the last tracked view
+  std::optional<StackMotion> last_motion_;
   int last_keyframe_ = -1;
 };
 

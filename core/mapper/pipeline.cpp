@@ -20,23 +20,23 @@ Pipeline::Pipeline(std::shared_ptr<const FrontEnd> front_end, Mapper mapper, con
       mapper_(std::move(mapper)),
       schedule_(sequence, options.decode.unwrapping == Unwrapping::predicted, options.mapping.keyframe_overlap,
                 options.tracking.min_predicted),
-      surface_(options.surface),
-      moving_(options.tracking.moving) {
+      surface_(options.surface) {
   PipelineOptions checked = options;
   checked.for_each_stage([](const char* name, auto& stage) { check_options(stage, name); });
 }
 
 PreprocessedStack Pipeline::preprocess(FringeStack stack) const {
   PreprocessedStack result{std::move(stack), {}};
-  if (!moving_ && !front_end_->needs_prior(result.stack)) result.view = front_end_->reconstruct(result.stack, {});
+  if (!front_end_->needs_prior(result.stack)) result.view = front_end_->reconstruct(result.stack, {});
   return result;
 }
 
 FrameResult Pipeline::process(PreprocessedStack preprocessed) {
   const FringeStack& stack = preprocessed.stack;
-  FrameResult result =
-      mapper_.process({stack.timestamp_s, std::move(preprocessed.view), front_end_->needs_prior(stack),
-                       [&](const ReconstructionPrior& prior) { return front_end_->reconstruct(stack, prior); }});
+  FrameResult result = mapper_.process(
+      {stack.timestamp_s, std::move(preprocessed.view), front_end_->needs_prior(stack),
+       [&](const ReconstructionPrior& prior) { return front_end_->reconstruct(stack, prior); },
+       [&](const ReconstructedView& view, int stride) { return front_end_->depth_slopes(stack, view, stride); }});
   result.images = static_cast<int>(stack.images.size());
   schedule_.update(result);
   return result;

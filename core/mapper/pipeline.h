@@ -104,7 +104,6 @@ class Pipeline {
   Mapper mapper_;
   PatternSchedule schedule_;
   SurfaceOptions surface_;
-  bool moving_;
 };
 
 }  // namespace fringeslam

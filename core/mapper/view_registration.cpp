@@ -13,16 +13,15 @@ namespace fringeslam {
 
 namespace {
 
-// What shifts keypoints of one surface that is seen from another place shifts them together: it does not average out,
-// as ego-motion takes it to. Where views overlap little its motions are off by twice their sigmas.
+// A change of viewpoint shifts the keypoints of a surface together, while ego-motion assumes independent errors. With
+// little overlap, its errors are twice its sigmas.
 Matrix6d covariance_of(const MotionEstimate& motion) {
-  constexpr double kTogether = 4;
-  return kTogether * motion.covariance;
+  constexpr double kCorrelation = 4;
+  return kCorrelation * motion.covariance;
 }
 
-// How far off surfaces may be when registration starts from the landmarks' motion: three sigmas of a point at the given
-// distance, and not less than a few times what depth noise does. Wider, registration would pair things with what
-// stands behind them.
+// Largest displacement of surfaces when registration starts from the landmarks' motion: three sigmas of a point at the
+// given distance, but at least a few times the depth noise. Wider gates pair objects with the background.
 double start_error_m(const MotionEstimate& motion, double distance_m) {
   constexpr double kSigmas = 3, kLeast = 1e-3;
   Eigen::Matrix<double, 3, 6> jacobian;
@@ -32,15 +31,15 @@ double start_error_m(const MotionEstimate& motion, double distance_m) {
   return std::max(kLeast, kSigmas * std::sqrt(covariance.trace()));
 }
 
-// Whether registration stayed within what the landmarks' covariance allows (chi-square of six degrees of freedom, one
-// false alarm in 10^7): it refines their motion, it does not overrule it.
+// True if registration stayed within the covariance of the landmarks' motion (chi-square of six degrees of freedom, one
+// false alarm in 10^7).
 bool agree(const Pose& refined, const MotionEstimate& motion) {
   constexpr double kMaxSquare = 45;
   const Vector6d offset = difference(refined, motion.previous_from_current);
   return offset.dot(inverse(covariance_of(motion)) * offset) <= kMaxSquare;
 }
 
-// Residuals wider than the sigmas say that the sigmas are too small, by as much.
+// Factor by which residuals exceed their sigmas, as variances.
 double excess(const IcpResult& icp) { return std::max(1.0, icp.rms_sigma * icp.rms_sigma); }
 
 void take(ViewRegistration& result, const IcpResult& icp) {
@@ -59,7 +58,7 @@ std::vector<ViewMatches> matches_by_view(const std::vector<Recognition>& recogni
   }
   std::vector<ViewMatches> list;
   for (auto& [view, matches] : by_view) list.push_back({view, std::move(matches)});
-  // Of equals the latest.
+  // Among equals, the latest comes first.
   std::stable_sort(list.begin(), list.end(), [](const ViewMatches& a, const ViewMatches& b) {
     return a.matches.size() != b.matches.size() ? a.matches.size() > b.matches.size() : a.earlier > b.earlier;
   });

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The motion between two views, by what both are known to show: S20 from matched keypoints, then S22 from all depth;
-// or S22 alone, from a predicted motion. And when to believe it: a motion that may be wrong is no motion.
+// Registration of two views (docs/method.md, sections 6.3 and 7.1): ego-motion from matched keypoints refined by all
+// depth, or depth alone from a predicted motion; and the tests that a motion must pass to be accepted.
 #pragma once
 
 #include <array>
@@ -18,7 +18,7 @@
 
 namespace fringeslam {
 
-// Keypoints that tell the motion where it is not predicted: those of recognised landmarks first, or all at once.
+// Keypoints that estimate the motion where no prediction exists: those of re-identified landmarks first, or all.
 enum class Correspondences { landmarks, keypoints };
 
 constexpr auto choices(Correspondences) {
@@ -26,7 +26,7 @@ constexpr auto choices(Correspondences) {
   return std::to_array<Choice<Correspondences>>({{landmarks, "landmarks"}, {keypoints, "keypoints"}});
 }
 
-// Views that are searched for landmarks.
+// Views in which landmarks are detected.
 enum class LandmarkViews { keyframes, every_frame };
 
 constexpr auto choices(LandmarkViews) {
@@ -47,41 +47,39 @@ struct TrackingOptions {
   double max_displacement_sigma_m = 1e-3;
   double min_predicted = 0.75;
   int stride = 2;
-  bool moving = false;
 
   template <class Visitor>
   void describe(Visitor& v) {
-    v.field("predict", predict, "views are registered from where constant velocity lets expect them");
-    v.field("max_prediction_error_m", max_prediction_error_m, {1e-6, 10}, "by how much surfaces may be off there, m");
-    v.field("correspondences", correspondences,
-            "whose keypoints tell the motion where it is not predicted: of landmarks that are recognised, and of all "
-            "where those do not suffice, or of all at once");
-    v.field("landmarks", landmarks, "which views are searched for landmarks");
-    v.field("engine", engine, "registration that refines the landmarks' motion");
-    v.field("min_overlap", min_overlap, {0, 1}, "least share of a view that is followed without landmarks");
-    v.field("min_consistency", min_consistency, {0, 1},
-            "least share of points that agree with the surface where they fall on one");
-    v.field("max_rms_sigma", max_rms_sigma, {0.1, 1000}, "largest RMS residual of a followed view, sigmas");
+    v.field("predict", predict, "start registration from the pose predicted at constant velocity");
+    v.field("max_prediction_error_m", max_prediction_error_m, {1e-6, 10},
+            "largest displacement of surfaces from that prediction, m");
+    v.field(
+        "correspondences", correspondences,
+        "keypoints that estimate the motion without a prediction: those of re-identified landmarks, then all if these "
+        "do not suffice; or all at once");
+    v.field("landmarks", landmarks, "views in which landmarks are detected");
+    v.field("engine", engine, "registration engine that refines the motion of the landmarks");
+    v.field("min_overlap", min_overlap, {0, 1}, "least overlap of a view tracked by depth alone");
+    v.field("min_consistency", min_consistency, {0, 1}, "least share of points on a target surface that agree with it");
+    v.field("max_rms_sigma", max_rms_sigma, {0.1, 1000}, "largest RMS residual of a tracked view, sigmas");
     v.field("max_reopened_sigma", max_reopened_sigma, {0.1, 1e6},
-            "by how much a followed view may still move if partners that were given up count again, sigmas");
+            "largest displacement of a tracked view when rejected correspondences are admitted again, sigmas");
     v.field("max_displacement_sigma_m", max_displacement_sigma_m, {1e-9, 10},
-            "largest sigma of where surfaces come to lie, m");
+            "largest sigma of the surfaces' positions, m");
     v.field("min_predicted", min_predicted, {0, 1},
-            "share of the fringes whose order is predicted, below which the next view takes all patterns");
-    v.field("stride", stride, {1, 16},
-            "icp.stride of views that are followed; keyframes are registered by icp.stride itself");
-    v.field("moving", moving, "the robot moves while a sequence is taken: its velocity corrects the phase");
+            "least share of fringe orders predicted by the map; below it the next view captures the full sequence");
+    v.field("stride", stride, {1, 16}, "icp.stride of tracked views; keyframes use icp.stride");
   }
 };
 
 struct ViewRegistration {
-  bool found = false;    // the motion is known
+  bool found = false;    // the motion was estimated
   bool refined = false;  // by all depth
   Pose earlier_from_current;
   Matrix6d covariance = Matrix6d::Zero();  // of the tangent of retract()
   MotionEstimate motion;                   // by keypoints
   IcpResult icp;
-  std::vector<UnobservableDirection> undetermined;  // why surfaces alone did not do, in the earlier camera's frame
+  std::vector<UnobservableDirection> undetermined;  // by surfaces alone, in the earlier camera's frame
 };
 
 struct RegistrationOptions {
@@ -91,41 +89,44 @@ struct RegistrationOptions {
   TrackingOptions tracking;
 };
 
-// Keypoints of the current view that are known from an earlier one.
+// Keypoints of the current view matched with those of an earlier view.
 struct ViewMatches {
-  int earlier = 0;  // its number
+  int earlier = 0;  // number of the earlier view
   std::vector<KeypointMatch> matches;
 };
 
-// Of all recognised landmarks, the view of most matches first.
+// Groups the matches of all re-identified landmarks by view, most matches first.
 std::vector<ViewMatches> matches_by_view(const std::vector<Recognition>& recognitions);
 
 std::vector<PointPair> point_pairs(const Keypoints& earlier, const Keypoints& current,
                                    const std::vector<KeypointMatch>& matches);
 
-// From matched keypoints; both frames by one camera, surfaces about `distance_m` away.
+// Estimates the motion from matched keypoints and refines it by depth. Both frames are of the same camera, with surfaces
+// about `distance_m` away.
 ViewRegistration register_views(const Frame& earlier, const Frame& current, const std::vector<PointPair>& pairs,
                                 const Pinhole& camera, double distance_m, const RegistrationOptions& options);
 
-// `prior`: information of `predicted`, as in icp.h. From a motion that may be off by up to max_prediction_error_m at
-// the surfaces. Found only if the surfaces alone determine the motion, and agree wherever both views see one.
+// Registers by depth alone, from a prediction that displaces surfaces by at most max_prediction_error_m. `prior` is the
+// information of `predicted`, as in icp.h. Found only if the surfaces determine the motion and agree where both views
+// see one.
 ViewRegistration follow_view(const Frame& earlier, const Frame& current, const Pose& predicted, const Pinhole& camera,
                              double distance_m, const RegistrationOptions& options,
                              const Matrix6d& prior = Matrix6d::Zero());
 
-// What is known of a view.
+// A view with its keypoints.
 struct SeenView {
   const Frame& frame;
   const Keypoints& keypoints;
 };
 
 struct LocatedView {
-  ViewMatches with;  // the view that it was registered with last, or for good
+  ViewMatches with;  // the view of the accepted or the last registration
   ViewRegistration registration;
 };
 
-// By landmarks, in the views where most of their keypoints were seen; where depth confirms none of those motions, by
-// all keypoints of the view `last`. `earlier` gives the views by their numbers, each until the next is asked for.
+// Registers by re-identified landmarks with the views that share most of their keypoints; if depth confirms none of these
+// motions, by all keypoints of the view `last`. `earlier` returns a view by its number; it stays valid until the next
+// call.
 LocatedView locate_view(const std::function<SeenView(int)>& earlier, int last, const SeenView& current,
                         const std::vector<Recognition>& recognitions, const Pinhole& camera, double distance_m,
                         const RegistrationOptions& options);

@@ -5,13 +5,13 @@
 #include <cmath>
 #include <numbers>
 
+#include "core/base/constants.h"
 #include "core/types/error.h"
 #include "core/types/options.h"
 
 namespace fringeslam {
 
 namespace {
-constexpr double kTwoPi = 2 * std::numbers::pi;
 
 // Counts distinct shifts; shifts that differ by whole turns give the same pattern.
 size_t distinct_shifts(const std::vector<double>& shifts_rad) {

@@ -9,6 +9,7 @@
 #include <numbers>
 #include <numeric>
 
+#include "core/base/constants.h"
 #include "core/base/instruction_set.h"
 #include "core/base/parallel.h"
 #include "core/types/error.h"
@@ -20,7 +21,6 @@ namespace {
 
 constexpr int kLanes = 16;
 constexpr int kChunk = 512;  // points whose sums are accumulated in single precision
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
 struct PointArrays {
   const float *x, *y, *z, *nx, *ny, *nz, *sigma;

@@ -6,14 +6,13 @@
 #include <limits>
 #include <opencv2/imgproc.hpp>
 
+#include "core/base/constants.h"
 #include "core/base/parallel.h"
 #include "core/types/error.h"
 
 namespace fringeslam {
 
 namespace {
-
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
 // Projects the points into the thermal camera: pixel and depth along its z axis; NaN behind the camera or outside the
 // image.

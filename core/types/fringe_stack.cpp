@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/types/fringe_stack.h"
 
+#include <algorithm>
+#include <limits>
+#include <optional>
 #include <string>
 
 #include "core/types/error.h"
@@ -12,6 +15,44 @@ std::vector<double> exposure_times_s(double timestamp_s, size_t images, const Ti
   for (size_t i = 0; i < images; ++i)
     times_s[i] =
         timestamp_s + (static_cast<double>(i) - 0.5 * (static_cast<double>(images) - 1)) / timing.camera_rate_hz;
+  return times_s;
+}
+
+double reference_time_s(const PatternSequence& patterns, const std::vector<double>& exposure_time_s) {
+  const size_t images = exposure_time_s.size();
+  if (images == 0 || images != patterns.patterns.size())
+    throw Error("a stack needs one exposure time per pattern; it has " + std::to_string(images) + " for " +
+                std::to_string(patterns.patterns.size()) + " patterns");
+  const auto middle_of = [&](const auto& counts) -> std::optional<double> {
+    double sum_s = 0;
+    int count = 0;
+    for (size_t i = 0; i < images; ++i) {
+      if (!counts(patterns.patterns[i])) continue;
+      sum_s += exposure_time_s[i] - exposure_time_s.front();  // absolute times may be large
+      ++count;
+    }
+    if (count == 0) return std::nullopt;
+    return exposure_time_s.front() + sum_s / count;
+  };
+  for (const Axis axis : {Axis::columns, Axis::rows}) {
+    double finest_px = std::numeric_limits<double>::infinity();
+    for (const Pattern& pattern : patterns.patterns) {
+      if (pattern.coding == Coding::fringe && pattern.axis == axis) finest_px = std::min(finest_px, pattern.period_px);
+    }
+    const auto time_s = middle_of([&](const Pattern& pattern) {
+      return pattern.coding == Coding::fringe && pattern.axis == axis && pattern.period_px == finest_px;
+    });
+    if (time_s) return *time_s;
+  }
+  return *middle_of([](const Pattern&) { return true; });
+}
+
+std::vector<double> exposure_times_s(double timestamp_s, const PatternSequence& patterns, const Timing& timing) {
+  std::vector<double> times_s(patterns.patterns.size());
+  for (size_t i = 0; i < times_s.size(); ++i) times_s[i] = static_cast<double>(i) / timing.camera_rate_hz;
+  if (times_s.empty()) return times_s;
+  const double reference_s = reference_time_s(patterns, times_s);
+  for (double& time_s : times_s) time_s += timestamp_s - reference_s;
   return times_s;
 }
 

@@ -29,6 +29,11 @@ std::optional<Matrix6d> inverse_if_well_conditioned(const Matrix6d& matrix, doub
 // Returns x with `matrix` x = `right` for a symmetric positive definite matrix, by Cholesky decomposition.
 Eigen::Vector3d solve_positive_definite(const Eigen::Matrix3d& matrix, const Eigen::Vector3d& right);
 
+Eigen::VectorXd solve_positive_definite(const Eigen::MatrixXd& matrix, const Eigen::VectorXd& right);
+
+// Returns the inverse of a symmetric positive definite matrix.
+Eigen::MatrixXd inverse_positive_definite(const Eigen::MatrixXd& matrix);
+
 // True if the symmetric matrix has a Cholesky decomposition.
 bool is_positive_definite(const Eigen::Matrix3d& matrix);
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The decompositions of matrices whose size is known at run time only.
+#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <Eigen/SVD>
 
@@ -17,6 +18,14 @@ SingularValues svd(const MatrixXd& matrix, unsigned parts) {
 }
 
 }  // namespace
+
+Eigen::VectorXd solve_positive_definite(const MatrixXd& matrix, const Eigen::VectorXd& right) {
+  return matrix.llt().solve(right);
+}
+
+MatrixXd inverse_positive_definite(const MatrixXd& matrix) {
+  return matrix.llt().solve(MatrixXd::Identity(matrix.rows(), matrix.cols()));
+}
 
 SymmetricEigen<Eigen::Dynamic> symmetric_eigen(const MatrixXd& matrix) {
   const Eigen::SelfAdjointEigenSolver<MatrixXd> solver(matrix);

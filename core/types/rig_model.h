@@ -96,6 +96,7 @@ struct RigModel {
   std::vector<double> projector_response = {};
   PhaseCorrection phase_correction = {};
   double near_m = 0.7, far_m = 1.4;  // working range along the camera's z
+  double middle_range_m() const { return 0.5 * (near_m + far_m); }
   std::optional<ThermalCamera> thermal = {};
 };
 

@@ -6,7 +6,7 @@
 #include <opencv2/core.hpp>
 #include <vector>
 
-#include "core/types/pose.h"
+#include "core/types/trajectory.h"
 
 namespace fringeslam {
 
@@ -32,6 +32,7 @@ struct TruthFrame {
   int index = 0;
   double timestamp_s = 0;
   Pose world_from_robot;
+  Trajectory exposures;  // robot pose at the middle of each image's exposure; written to truth/exposures.tum
   cv::Mat1f depth_m;                      // camera z                                       channel depth_m
   cv::Mat3f position_m;                   // world frame                                    channels position.x .y .z
   cv::Mat3f normals;                      // unit, camera frame, facing the camera          channels normal.x .y .z

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "core/base/constants.h"
 #include "core/base/instruction_set.h"
 #include "sim/light/photometry.h"
 
@@ -12,7 +13,6 @@ namespace fringeslam::sim {
 
 namespace {
 
-constexpr double kPi = std::numbers::pi;
 // Least blur of the pixel comb, px: beyond it, three harmonics suffice.
 constexpr float kLeastCombBlur = 0.2f;
 

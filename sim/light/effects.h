@@ -12,7 +12,7 @@ struct Effects {
   bool motion = true, fixed_pattern = true;
   bool share_paths = true;
   int bounce_paths = 8;
-  int exposure_steps = 1;
+  int exposure_steps = 4;
 
   template <class Visitor>
   void describe(Visitor& v) {
@@ -30,7 +30,8 @@ struct Effects {
     v.field("fixed_pattern", fixed_pattern, "PRNU, DSNU and dark current of the camera");
     v.field("share_paths", share_paths, "smooth indirect and scattered light over pixels that see the same surface");
     v.field("bounce_paths", bounce_paths, {1, 65536}, "paths per pixel for interreflected light");
-    v.field("exposure_steps", exposure_steps, {1, 256}, "poses per exposure during motion; 1: no motion blur");
+    v.field("exposure_steps", exposure_steps, {1, 256},
+            "poses per exposure during motion, at most samples_per_pixel; 1: no motion blur");
   }
 
   // Returns the set with all effects off.

@@ -6,11 +6,11 @@
 #include <cmath>
 #include <numbers>
 
+#include "core/base/constants.h"
+
 namespace fringeslam::sim {
 
 namespace {
-
-constexpr double kPi = std::numbers::pi;
 
 double fresnel(double reflectance, double cosine) {
   const double x = std::clamp(1 - cosine, 0.0, 1.0);

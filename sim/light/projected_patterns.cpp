@@ -7,13 +7,13 @@
 #include <numbers>
 #include <opencv2/imgproc.hpp>
 
+#include "core/base/constants.h"
 #include "core/base/instruction_set.h"
 
 namespace fringeslam::sim {
 
 namespace {
 
-constexpr double kPi = std::numbers::pi;
 constexpr int kVector = 4;  // floats per vector; sums are padded to a multiple
 constexpr int kBlurLevels = 16;
 constexpr int kPerPixel = 4;

@@ -156,17 +156,19 @@ int object_of(unsigned instance, unsigned geometry) {
 
 constexpr double kLift = 2e-6;  // offset from the surface, relative to (1 m + distance from the world origin)
 
-// Packet arithmetic, compiled for each instruction set.
+// Packet arithmetic, compiled for each instruction set. Inactive lanes are zero: Embree's coherent traversal on AVX2
+// requires finite rays in all lanes.
 FRINGESLAM_INLINE void to_query(const RayPacket& rays, RTCRayHit16& query, int* valid) {
 #pragma GCC ivdep
   for (int i = 0; i < kPacket; ++i) {
-    valid[i] = -static_cast<int>(rays.active >> i & 1);
-    query.ray.org_x[i] = static_cast<float>(rays.origin.x[i]);
-    query.ray.org_y[i] = static_cast<float>(rays.origin.y[i]);
-    query.ray.org_z[i] = static_cast<float>(rays.origin.z[i]);
-    query.ray.dir_x[i] = static_cast<float>(rays.direction.x[i]);
-    query.ray.dir_y[i] = static_cast<float>(rays.direction.y[i]);
-    query.ray.dir_z[i] = static_cast<float>(rays.direction.z[i]);
+    const bool on = rays.active >> i & 1;
+    valid[i] = -static_cast<int>(on);
+    query.ray.org_x[i] = on ? static_cast<float>(rays.origin.x[i]) : 0;
+    query.ray.org_y[i] = on ? static_cast<float>(rays.origin.y[i]) : 0;
+    query.ray.org_z[i] = on ? static_cast<float>(rays.origin.z[i]) : 0;
+    query.ray.dir_x[i] = on ? static_cast<float>(rays.direction.x[i]) : 0;
+    query.ray.dir_y[i] = on ? static_cast<float>(rays.direction.y[i]) : 0;
+    query.ray.dir_z[i] = on ? static_cast<float>(rays.direction.z[i]) : 0;
     query.ray.tnear[i] = 0;
     query.ray.tfar[i] = std::numeric_limits<float>::infinity();
     query.ray.time[i] = 0;
@@ -219,13 +221,14 @@ FRINGESLAM_INLINE void to_shadow_query(const Points& from, const double* target,
                                        int* valid) {
 #pragma GCC ivdep
   for (int i = 0; i < kPacket; ++i) {
-    valid[i] = -static_cast<int>(active >> i & 1);
-    query.org_x[i] = static_cast<float>(from.x[i]);
-    query.org_y[i] = static_cast<float>(from.y[i]);
-    query.org_z[i] = static_cast<float>(from.z[i]);
-    query.dir_x[i] = static_cast<float>(target[0] - from.x[i]);
-    query.dir_y[i] = static_cast<float>(target[1] - from.y[i]);
-    query.dir_z[i] = static_cast<float>(target[2] - from.z[i]);
+    const bool on = active >> i & 1;
+    valid[i] = -static_cast<int>(on);
+    query.org_x[i] = on ? static_cast<float>(from.x[i]) : 0;
+    query.org_y[i] = on ? static_cast<float>(from.y[i]) : 0;
+    query.org_z[i] = on ? static_cast<float>(from.z[i]) : 0;
+    query.dir_x[i] = on ? static_cast<float>(target[0] - from.x[i]) : 0;
+    query.dir_y[i] = on ? static_cast<float>(target[1] - from.y[i]) : 0;
+    query.dir_z[i] = on ? static_cast<float>(target[2] - from.z[i]) : 0;
     query.tnear[i] = 0;
     query.tfar[i] = 1;
     query.time[i] = 0;

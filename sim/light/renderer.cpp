@@ -4,13 +4,12 @@
 #include <limits>
 #include <optional>
 
+#include "core/base/constants.h"
 #include "sim/light/block_renderer.h"
 
 namespace fringeslam::sim {
 
 namespace {
-
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
 // BlockRenderer::render, compiled for each instruction set.
 using RenderBlock = void (*)(BlockRenderer&, int, int, std::vector<cv::Mat1f>&, TruthFrame*);

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "core/io/files.h"
 #include "sim/scene/mesh_export.h"
 
 #include <OpenImageIO/imagebuf.h>
@@ -25,13 +26,6 @@ namespace fringeslam::sim {
 namespace fs = std::filesystem;
 
 namespace {
-
-std::string lower_extension(const fs::path& file) {
-  std::string extension = file.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return std::tolower(c); });
-  return extension;
-}
 
 // The material properties that the file formats can express.
 struct Finish {

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "core/io/files.h"
 #include "sim/scene/mesh_reader.h"
 
 #include <assimp/config.h>
@@ -192,13 +193,6 @@ double unit_of(const aiScene& scene, const std::string& extension) {
   if (scene.mMetaData->Get("UnitScaleFactor", single) && single > 0) return 0.01 * static_cast<double>(single);
   if (scene.mMetaData->Get("UnitScaleFactor", whole) && whole > 0) return 0.01 * whole;
   return 0;
-}
-
-std::string lower_extension(const std::filesystem::path& file) {
-  std::string extension = file.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(),
-                 [](unsigned char c) { return std::tolower(c); });
-  return extension;
 }
 
 // Returns 'm' and the serialised model, or 'e' and an error message.

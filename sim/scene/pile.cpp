@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "core/base/append_bytes.h"
+#include "core/base/constants.h"
 #include "core/types/error.h"
 #include "sim/random.h"
 #include "sim/scene/cache.h"
@@ -28,14 +29,13 @@ Solid convex(Mesh mesh) {
 }
 
 using Size = Eigen::Vector3d;
-struct Kind {
+struct SolidKind {
   std::function<Solid(const Size&, int detail, uint32_t seed, Philox& random)> make;
   double density_kg_m3;
 };
 
-const std::map<std::string, Kind>& kinds() {
-  constexpr double kPi = std::numbers::pi;
-  static const std::map<std::string, Kind> all = {
+const std::map<std::string, SolidKind>& kinds() {
+  static const std::map<std::string, SolidKind> all = {
       {"box", {[](const Size& s, int, uint32_t, Philox&) { return box_solid(s); }, 300}},
       {"cylinder",
        {[](const Size& s, int, uint32_t, Philox&) { return convex(cylinder_mesh(s.x() / 2, s.z(), 48)); }, 700}},

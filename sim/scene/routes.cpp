@@ -26,14 +26,6 @@ Pose interpolate(const Pose& a, const Pose& b, double share) {
   return {a.rotation * rotation_exp(share * turn), a.translation + share * (b.translation - a.translation)};
 }
 
-namespace {
-
-double length(const Pose& a, const Pose& b, double turn_m_per_rad) {
-  const Pose step = a.inverse() * b;
-  return translation_m(step) + turn_m_per_rad * rotation_rad(step);
-}
-
-// Evaluates the Catmull-Rom segment between p[1] and p[2] at knot value t (Barry and Goldman 1988).
 Pose catmull_rom(const Pose p[4], const double knot[4], double t) {
   const auto between = [&](const Pose& a, const Pose& b, int i, int j) {
     return interpolate(a, b, (t - knot[i]) / (knot[j] - knot[i]));
@@ -41,6 +33,13 @@ Pose catmull_rom(const Pose p[4], const double knot[4], double t) {
   const Pose a1 = between(p[0], p[1], 0, 1), a2 = between(p[1], p[2], 1, 2), a3 = between(p[2], p[3], 2, 3);
   const Pose b1 = between(a1, a2, 0, 2), b2 = between(a2, a3, 1, 3);
   return between(b1, b2, 1, 2);
+}
+
+namespace {
+
+double length(const Pose& a, const Pose& b, double turn_m_per_rad) {
+  const Pose step = a.inverse() * b;
+  return translation_m(step) + turn_m_per_rad * rotation_rad(step);
 }
 
 // Samples the whole curve densely.

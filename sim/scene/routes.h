@@ -19,6 +19,9 @@ Pose looking_at(const Eigen::Vector3d& eye, const Eigen::Vector3d& target,
 // Interpolates from a (share 0) to b (share 1), or extrapolates: translation linearly, rotation about a fixed axis.
 Pose interpolate(const Pose& a, const Pose& b, double share);
 
+// Evaluates the Catmull-Rom segment between p[1] and p[2] at knot value `at` (Barry and Goldman 1988).
+Pose catmull_rom(const Pose p[4], const double knot[4], double at);
+
 // Samples `count` poses at equal steps along a centripetal Catmull-Rom curve through the waypoints, evaluated with
 // Barry and Goldman's pyramid of `interpolate` calls. Step length is translation plus `turn_m_per_rad` times rotation.
 // Requires at least two waypoints; the last view of a closed curve coincides with the first.

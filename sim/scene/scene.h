@@ -14,6 +14,7 @@
 #include "core/patterns/patterns.h"
 #include "core/types/rig_model.h"
 #include "core/types/trajectory.h"
+#include "sim/scene/continuous_path.h"
 #include "sim/scene/material.h"
 #include "sim/scene/mesh.h"
 
@@ -74,7 +75,9 @@ struct Scene {
   Dust dust;
   Motion motion;
   CalibrationError calibration_error;
-  Trajectory trajectory;                // of the robot
+  Trajectory trajectory;                    // of the robot; with a path: the poses along it every interval_s
+  std::optional<ContinuousPath> path = {};  // the robot moves continuously; the rig's clock determines the views
+  double view_rate_hz = 0;                  // with a path: views per second; 0: without pause
   std::string resolved = {};            // scene file with includes merged and distributions replaced by drawn values
   std::vector<std::string> notes = {};  // messages for the user, e.g. summaries of imported meshes
   bool commanded = false;               // true if the poses are known to the motion controller (written to stage.tum)

@@ -206,14 +206,6 @@ PatternSequence read_scene_patterns(const YamlMap& map, const RigModel& rig) {
   return sequence;
 }
 
-Motion read_motion(const YamlMap& map) {
-  Motion motion;
-  motion.velocity_m_s = 1e-3 * map.vector3_or("velocity_mm_s", Eigen::Vector3d::Zero(), kMillimetres);
-  motion.angular_rad_s =
-      std::numbers::pi / 180 * map.vector3_or("rotation_deg_s", Eigen::Vector3d::Zero(), {-3600, 3600});
-  return motion;
-}
-
 CalibrationError read_calibration_error(const YamlMap& map) {
   CalibrationError error;
   error.translation_m = 1e-3 * map.vector3_or("translation_mm", Eigen::Vector3d::Zero(), {-100, 100});
@@ -301,8 +293,7 @@ Scene load_scene(const fs::path& file, const SceneLoadOptions& reading) {
   scene.objects = read_all_objects(layers, materials, reading.limits, scene.notes);
   section("trajectory", [&](const YamlMap& map) {
     scene.commanded = map.boolean_or("commanded", false);
-    scene.trajectory = read_trajectory(map, scene.rig, scene.seed, reading.limits);
-    if (map.has("while_capturing")) scene.motion = read_motion(map.map("while_capturing"));
+    read_trajectory(map, reading.limits, scene);
   });
   layers.finish();
   scene.resolved = layers.resolved(reading.resolved_for.empty() ? file.parent_path() : reading.resolved_for);

@@ -32,7 +32,7 @@ struct ObjectContext {
 // Reads entry `number` of the scene's `objects`; scatters, piles and mesh files yield several objects.
 std::vector<Object> read_objects(const YamlMap& entry, uint32_t number, const ObjectContext& context);
 
-// Reads the `trajectory` section into timed robot poses (world_from_robot). Throws Error on invalid values.
-Trajectory read_trajectory(const YamlMap& map, const RigModel& rig, uint64_t seed, const SceneLimits& limits);
+// Reads the `trajectory` section into the scene's trajectory, path and motion. Throws Error on invalid values.
+void read_trajectory(const YamlMap& map, const SceneLimits& limits, Scene& scene);
 
 }  // namespace fringeslam::sim

@@ -16,7 +16,7 @@ namespace fringeslam::sim {
 
 namespace {
 
-enum Kind : uint32_t { kRock = 100, kBrick, kSlab, kFoam };
+enum SolidSurface : uint32_t { kRock = 100, kBrick, kSlab, kFoam };
 
 Eigen::Vector3d random_direction(Philox& random) {
   const double z = random.uniform(-1, 1), angle = random.uniform(0, 2 * std::numbers::pi);

@@ -7,6 +7,7 @@
 #include <numbers>
 #include <span>
 
+#include "core/base/constants.h"
 #include "sim/random.h"
 #include "sim/scene/solid_parts.h"
 #include "sim/scene/solids.h"
@@ -15,7 +16,6 @@ namespace fringeslam::sim {
 
 namespace {
 
-constexpr double kPi = std::numbers::pi;
 constexpr uint32_t kArm = 400;  // selects the random stream
 
 // Semi-axes of the arm's elliptical section at height z; all relative to the arm's length.
@@ -41,7 +41,7 @@ constexpr std::array<ArmSection, 15> kForearm = {{{0.00, 0.098, 0.088},
                                                   {0.828, 0.045, 0.004}}};
 
 // Interpolates the table with `steps` sections per entry.
-std::vector<ArmSection> smooth_sections(int steps) {
+std::vector<ArmSection> smooth_arm_sections(int steps) {
   const int last = static_cast<int>(kForearm.size()) - 1;
   const auto at = [&](int i) { return kForearm[static_cast<size_t>(std::clamp(i, 0, last))]; };
   std::vector<ArmSection> fine;
@@ -58,7 +58,7 @@ std::vector<ArmSection> smooth_sections(int steps) {
 }
 
 Mesh forearm_and_palm() {
-  const std::vector<ArmSection> sections = smooth_sections(3);
+  const std::vector<ArmSection> sections = smooth_arm_sections(3);
   Points3d curve;
   for (const ArmSection& section : sections) curve.emplace_back(0, 0, section.z);
   return loft(rings_along(curve, 32, Eigen::Vector3d::UnitX(), [&](size_t i, double angle) {

@@ -7,6 +7,7 @@
 #include <numbers>
 #include <span>
 
+#include "core/base/constants.h"
 #include "sim/random.h"
 #include "sim/scene/noise.h"
 #include "sim/scene/solid_parts.h"
@@ -16,9 +17,7 @@ namespace fringeslam::sim {
 
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-
-enum Kind : uint32_t { kRebar = 200, kWire };
+enum RodSurface : uint32_t { kRebar = 200, kWire };
 
 Points3d circle(double radius, double z, int sides) {
   Points3d ring;

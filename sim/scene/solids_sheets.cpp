@@ -6,6 +6,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "core/base/constants.h"
 #include "sim/random.h"
 #include "sim/scene/noise.h"
 #include "sim/scene/solid_parts.h"
@@ -15,9 +16,7 @@ namespace fringeslam::sim {
 
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-
-enum Kind : uint32_t { kPlank = 300, kPaper, kCarton, kPlasticBag };
+enum SheetSurface : uint32_t { kPlank = 300, kPaper, kCarton, kPlasticBag };
 
 }  // namespace
 
@@ -223,7 +222,7 @@ constexpr std::array<BagSection, 15> kBag = {{{0.25, -0.50},
                                               {0.08, 0.42}}};
 
 // Interpolates the profile with `steps` sections per table entry.
-std::vector<BagSection> smooth_sections(int steps) {
+std::vector<BagSection> smooth_bag_sections(int steps) {
   const int last = static_cast<int>(kBag.size()) - 1;
   const auto at = [&](int i) { return kBag[static_cast<size_t>(std::clamp(i, 0, last))]; };
   std::vector<BagSection> fine;
@@ -259,7 +258,7 @@ Solid bag_solid(const Eigen::Vector3d& size, uint32_t seed) {
   const Eigen::Vector3d lean(random.uniform(-0.8, 0.8), random.uniform(-0.8, 0.8), 0);
   const int pleats = 2 * static_cast<int>(random.uniform(6, 10));
   std::vector<Points3d> rings;
-  for (const BagSection& section : smooth_sections(3)) {
+  for (const BagSection& section : smooth_bag_sections(3)) {
     Points3d& ring = rings.emplace_back();
     for (int i = 0; i < kSides; ++i) {
       const double angle = 2 * kPi * i / kSides;

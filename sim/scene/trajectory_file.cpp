@@ -99,12 +99,22 @@ std::vector<Pose> listed_poses(const YamlMap& map, const std::string& key, const
   return poses;
 }
 
-std::vector<Pose> read_spline(const YamlMap& map, const RigModel& rig, Range counts) {
+struct Spline {
+  std::vector<Pose> waypoints;
+  int count = 0;
+  bool closed = false;
+  double turn_m_per_rad = 0.5;
+};
+
+// `continuous`: the number of views is not needed.
+Spline read_spline(const YamlMap& map, const RigModel& rig, Range counts, bool continuous) {
   constexpr size_t kMostWaypoints = 10000;  // each expands to 64 poses while the curve is measured
-  const std::vector<Pose> waypoints = listed_poses(map, "waypoints", rig, 2, kMostWaypoints);
-  const int count = map.integer("count", counts);
-  return sample_spline(waypoints, count, map.boolean_or("closed", false),
-                       map.number_or("turn_m_per_rad", 0.5, {0, 100}));
+  Spline spline;
+  spline.waypoints = listed_poses(map, "waypoints", rig, 2, kMostWaypoints);
+  spline.count = continuous && !map.has("count") ? 2 : map.integer("count", counts);
+  spline.closed = map.boolean_or("closed", false);
+  spline.turn_m_per_rad = map.number_or("turn_m_per_rad", spline.turn_m_per_rad, {0, 100});
+  return spline;
 }
 
 std::vector<Pose> read_orbit(const YamlMap& map, const RigModel& rig, Range counts) {
@@ -147,9 +157,63 @@ Trajectory read_file(const YamlMap& map) {
   return trajectory;
 }
 
+Motion read_motion(const YamlMap& map) {
+  Motion motion;
+  motion.velocity_m_s = 1e-3 * map.vector3_or("velocity_mm_s", Eigen::Vector3d::Zero(), kMillimetres);
+  motion.angular_rad_s = kRadian * map.vector3_or("rotation_deg_s", Eigen::Vector3d::Zero(), {-3600, 3600});
+  return motion;
+}
+
+Travel read_travel(const YamlMap& map) {
+  Travel travel;
+  travel.speed_m_s = map.number("speed_m_s", {1e-4, 100});
+  travel.max_rad_s = kRadian * map.number_or("max_deg_s", 60, {1e-2, 3600});
+  travel.acceleration_m_s2 = map.number_or("acceleration_m_s2", travel.acceleration_m_s2, {1e-3, 1e3});
+  travel.from_rest = map.boolean_or("from_rest", false);
+  if (map.has("stop_and_go")) {
+    const YamlMap stops = map.map("stop_and_go");
+    travel.move_s = stops.number("move_s", {1e-2, 1e4});
+    travel.stop_s = stops.number("stop_s", {1e-2, 1e4});
+  }
+  return travel;
+}
+
+Vibration read_vibration(const YamlMap& map) {
+  Vibration vibration;
+  vibration.amplitude_m = 1e-3 * map.number_or("amplitude_mm", 0, {0, 1e3});
+  vibration.amplitude_rad = kRadian * map.number_or("amplitude_deg", 0, {0, 45});
+  const std::vector<double> band = map.numbers("band_hz", 2, {1e-2, 1e4});
+  if (band[0] > band[1]) throw map.error("band_hz", "'band_hz' must be [low, high]");
+  vibration.low_hz = band[0];
+  vibration.high_hz = band[1];
+  return vibration;
+}
+
+// Returns a list of different poses as a densely sampled smooth curve.
+std::vector<Pose> smooth_route(const YamlMap& map, const std::vector<Pose>& poses, bool closed, double turn_m_per_rad) {
+  std::vector<Pose> waypoints;
+  for (const Pose& pose : poses) {
+    const Pose step = waypoints.empty() ? Pose{} : waypoints.back().inverse() * pose;
+    if (waypoints.empty() || translation_m(step) > 1e-9 || rotation_rad(step) > 1e-9) waypoints.push_back(pose);
+  }
+  if (waypoints.size() < 2)
+    throw map.error("continuous", "continuous motion needs a route of at least two different poses");
+  constexpr int kPerWaypoint = 100;
+  return sample_spline(waypoints, kPerWaypoint * static_cast<int>(waypoints.size()), closed, turn_m_per_rad);
+}
+
+// Samples the path for previews and time-less uses of the trajectory.
+Trajectory sampled(const ContinuousPath& path, double interval_s, size_t most) {
+  Trajectory trajectory;
+  for (double time_s = 0; time_s <= path.duration_s() && trajectory.size() < most; time_s += interval_s)
+    trajectory.push_back({time_s, path.at(time_s)});
+  return trajectory;
+}
+
 }  // namespace
 
-Trajectory read_trajectory(const YamlMap& map, const RigModel& rig, uint64_t seed, const SceneLimits& limits) {
+void read_trajectory(const YamlMap& map, const SceneLimits& limits, Scene& scene) {
+  const RigModel& rig = scene.rig;
   const std::vector<std::string> kinds = {"motions", "poses", "spline", "orbit", "random_walk", "file", "board_views"};
   std::vector<std::string> given;
   for (const std::string& kind : kinds) {
@@ -158,23 +222,54 @@ Trajectory read_trajectory(const YamlMap& map, const RigModel& rig, uint64_t see
   if (given.size() > 1) throw map.error(given[1], "give " + given[0] + " or " + given[1] + ", not both");
   const std::string kind = given.empty() ? "" : given[0];
   const double interval = map.number_or("interval_s", 0.5, {1e-3, 1e4});
-  if (kind == "board_views") return board_views(map.map(kind), rig, seed, interval, limits.views);
-  if (kind == "file") return read_file(map);
-  const bool starts = kind.empty() || kind == "motions" || kind == "random_walk";
-  if (map.has("start") && !starts) throw map.error("start", "'start' has no effect with " + kind);
-  const Pose start = starts && map.has("start") ? read_robot_pose(map.map("start"), rig) : Pose{};
-  const Range counts{1, static_cast<double>(limits.views)};
-  const auto most = static_cast<size_t>(limits.views);
-  const std::vector<Pose> route = kind == "motions"       ? stage_motions(map, start, most)
-                                  : kind == "poses"       ? listed_poses(map, kind, rig, 1, most)
-                                  : kind == "spline"      ? read_spline(map.map(kind), rig, counts)
-                                  : kind == "orbit"       ? read_orbit(map.map(kind), rig, counts)
-                                  : kind == "random_walk" ? read_random_walk(map.map(kind), start, seed, counts)
-                                                          : std::vector<Pose>{start};
-  Trajectory trajectory;
-  for (const Pose& pose : route)
-    trajectory.push_back({interval * static_cast<double>(trajectory.size()), orthonormalised(pose)});
-  return trajectory;
+  if (map.has("while_capturing")) scene.motion = read_motion(map.map("while_capturing"));
+  const bool continuous = map.has("continuous");
+  if (continuous && map.has("while_capturing"))
+    throw map.error("while_capturing", "give continuous or while_capturing, not both");
+  std::optional<Spline> spline;
+  const auto views = [&] {
+    if (kind == "board_views") return board_views(map.map(kind), rig, scene.seed, interval, limits.views);
+    if (kind == "file") return read_file(map);
+    const bool starts = kind.empty() || kind == "motions" || kind == "random_walk";
+    if (map.has("start") && !starts) throw map.error("start", "'start' has no effect with " + kind);
+    const Pose start = starts && map.has("start") ? read_robot_pose(map.map("start"), rig) : Pose{};
+    const Range counts{1, static_cast<double>(limits.views)};
+    const auto most = static_cast<size_t>(limits.views);
+    if (kind == "spline") spline = read_spline(map.map(kind), rig, counts, continuous);
+    const std::vector<Pose> route =
+        kind == "motions" ? stage_motions(map, start, most)
+        : kind == "poses" ? listed_poses(map, kind, rig, 1, most)
+        : spline          ? sample_spline(spline->waypoints, spline->count, spline->closed, spline->turn_m_per_rad)
+        : kind == "orbit" ? read_orbit(map.map(kind), rig, counts)
+        : kind == "random_walk" ? read_random_walk(map.map(kind), start, scene.seed, counts)
+                                : std::vector<Pose>{start};
+    Trajectory trajectory;
+    for (const Pose& pose : route)
+      trajectory.push_back({interval * static_cast<double>(trajectory.size()), orthonormalised(pose)});
+    return trajectory;
+  };
+  scene.trajectory = views();
+  if (!continuous) return;
+
+  constexpr double kKnot_s = 0.05;
+  const YamlMap motion = map.map("continuous");
+  scene.view_rate_hz = motion.number_or("view_rate_hz", 0, {0, 1e5});
+  const Vibration vibration = motion.has("vibration") ? read_vibration(motion.map("vibration")) : Vibration{};
+  std::vector<Pose> controls;
+  if (kind == "file" && !motion.has("speed_m_s")) {
+    controls = resampled(scene.trajectory, kKnot_s);
+  } else {
+    std::vector<Pose> poses;
+    if (spline) {
+      poses = smooth_route(map, spline->waypoints, spline->closed, spline->turn_m_per_rad);
+    } else {
+      for (const TimedPose& pose : scene.trajectory) poses.push_back(pose.world_from_robot);
+      poses = smooth_route(map, poses, false, 0.5);
+    }
+    controls = travelled(poses, read_travel(motion), kKnot_s);
+  }
+  scene.path.emplace(std::move(controls), kKnot_s, vibration, scene.seed);
+  scene.trajectory = sampled(*scene.path, interval, static_cast<size_t>(limits.views));
 }
 
 }  // namespace fringeslam::sim

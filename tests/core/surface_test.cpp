@@ -516,7 +516,7 @@ TEST(Surface, WorldMayBeAnywhere) {
   }
 }
 
-TEST(Surface, VoxelIsAPixelAmidTheRange) {
+TEST(Surface, VoxelIsAPixelAtMidRange) {
   RigModel rig = support::small_rig(false);
   EXPECT_NEAR(SurfaceModel(rig, {}).voxel_m(), 1.05 / 511.5, 1e-12);
   EXPECT_EQ(SurfaceModel(rig, {.voxel_m = 0.001}).voxel_m(), 0.001);

@@ -115,7 +115,7 @@ TEST(VirtualRig, HandsOutOneStackAPoseAndThenNothing) {
     EXPECT_EQ(stack->timestamp_s, 0.5 * index);
     EXPECT_TRUE(stack->patterns == sequence);
     EXPECT_EQ(stack->exposure_s.size(), 9u);
-    EXPECT_EQ(stack->exposure_time_s, exposure_times_s(0.5 * index, 9, scene.rig.timing));
+    EXPECT_EQ(stack->exposure_time_s, exposure_times_s(0.5 * index, sequence, scene.rig.timing));
     ASSERT_EQ(stack->images.size(), 9u);
     for (const cv::Mat& image : stack->images) {
       EXPECT_EQ(image.type(), CV_8UC1);

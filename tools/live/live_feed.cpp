@@ -6,7 +6,6 @@
 #include <nlohmann/json.hpp>
 
 #include "tools/live/access.h"
-#include "tools/live/fringe_drift.h"
 #include "tools/live/keyframe_points.h"
 
 namespace fringeslam::tools {
@@ -153,7 +152,7 @@ void LiveFeed::show(const FringeStack& stack, const FrameResult& result, const K
   if (result.tracking != Tracking::lost) seen.world_from_robot = result.world_from_robot;
   std::function<Preview()> prepare = decoded(stack, result, setup_);
   std::vector<LandmarkOutline> outlines = outlines_of(result);
-  std::vector<std::string> sentences = motion_warnings(result, stack.timestamp_s);
+  std::vector<std::string> sentences = motion_warnings(result);
   const std::lock_guard lock(mutex_);
   auto view = std::make_shared<LiveView>(static_cast<int>(views_.size()) + 1, stack.index, std::move(prepare));
   view->landmarks = std::move(outlines);
@@ -206,14 +205,12 @@ void LiveFeed::take_corrections(const KeyframeMap& map, const Trajectory& trajec
   }
 }
 
-std::vector<std::string> LiveFeed::motion_warnings(const FrameResult& result, double timestamp_s) {
+std::vector<std::string> LiveFeed::motion_warnings(const FrameResult& result) {
+  if (result.motion && !result.motion->converged)
+    return {"Moving too fast: the motion during this stack cannot be estimated, so the view is not used. Slow down."};
   if (result.tracking == Tracking::lost)
     return {"Tracking is lost: this view is not in the map. Move back to the mapped area, more slowly."};
-  const std::optional<double> before_s = std::exchange(last_tracked_s_, timestamp_s);
-  if (!setup_.moving || !before_s || result.relocalized) return {};
-  return drift_warnings(fringe_drift(result.frame, rays_, setup_.rig,
-                                     mean_twist(result.previous_from_current, timestamp_s - *before_s),
-                                     result.decoded.finest_period_px));
+  return {};
 }
 
 LiveFeed::Changes LiveFeed::changed_since(uint64_t since) const {

@@ -46,7 +46,6 @@ struct LiveSetup {
   PatternSequence sequence;
   int stacks = 0;       // expected; 0: unknown
   bool maps = false;    // views come with poses and a map
-  bool moving = false;  // the robot moves while a sequence is taken
 };
 
 // Mark of a warm thing (core/thermal/victims.h) on the live page.
@@ -108,12 +107,11 @@ class LiveFeed {
   void add(SeenView seen, std::shared_ptr<const LiveView> view);  // with the lock held
   void take_keyframes(const KeyframeMap& map);
   void take_corrections(const KeyframeMap& map, const Trajectory& trajectory);
-  std::vector<std::string> motion_warnings(const FrameResult& result, double timestamp_s);
+  std::vector<std::string> motion_warnings(const FrameResult& result);
   Changes changed_since(uint64_t since) const;
 
   const LiveSetup setup_;
   const std::string run_;
-  std::optional<double> last_tracked_s_;  // used by the mapping side only
   std::once_flag triangulated_;           // by a capture's first viewer
   std::optional<Triangulation> triangulation_;
 

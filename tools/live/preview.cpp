@@ -64,7 +64,7 @@ cv::Mat1b grey(const cv::Mat& image, double white) {
   return picture;
 }
 
-double share(const cv::Mat& mask) {
+double image_share(const cv::Mat& mask) {
   return static_cast<double>(cv::countNonZero(mask)) / static_cast<double>(mask.total());
 }
 
@@ -72,7 +72,7 @@ double share(const cv::Mat& mask) {
 void add_light(Preview& preview, const cv::Mat& brightest, double full) {
   const cv::Mat clipped = brightest >= DecodeOptions().saturation * full;
   preview.figures.full_scale_dn = full;
-  preview.figures.saturated = share(clipped);
+  preview.figures.saturated = image_share(clipped);
   preview.figures.brightness = cv::mean(brightest)[0] / full;
   preview.saturation = grey_picture(brightest, full);
   preview.saturation.setTo(kRed, clipped);
@@ -131,7 +131,7 @@ Preview preview_of(const FringeStack& stack, const PatternSequence& sequence, co
     modulation = (high - low) / 2;
   }
   add_light(preview, brightest, full);
-  figures.valid = share(preview.depth);
+  figures.valid = image_share(preview.depth);
   figures.mean_modulation_dn = cv::mean(modulation)[0];
   preview.texture = grey(mean, kTextureWhite * full);
   preview.modulation = grey(modulation, full / 2);
@@ -143,7 +143,7 @@ Preview preview_of(const FringeStack& stack, const RigModel& rig, const cv::Mat1
   Preview preview;
   const double full = rig.sensor.max_dn();
   add_light(preview, extremes_of(stack).brightest, full);
-  preview.figures.valid = share(depth);
+  preview.figures.valid = image_share(depth);
   preview.figures.mean_modulation_dn = cv::mean(modulation_dn)[0];
   preview.texture = grey(texture, kTextureWhite * 255);
   preview.modulation = grey(modulation_dn, full / 2);

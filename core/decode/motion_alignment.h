@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+// Alignment of a stack that was exposed in motion (docs/method.md, section 9.2).
+//
+// The point P = z d that a pixel sees at the reference time is seen by exposure k, in the camera's frame at that time, at
+// P_k = M_k P: in the image at x_k = project_camera(P_k), lit by the projector coordinate
+// u_k = project_projector(projector_from_camera P_k). Along the point,
+//
+//   I_k(x_k) = I' + I'' cos(2 pi (u + drift_k) / p + delta_k),   drift_k = u_k - u,
+//
+// so that images resampled at x_k decode like those of a camera at rest whose phase shifts differ from pixel to pixel.
+// x_k and drift_k change little with z: an error of 1 cm in z at 1 m moves x_k by 0.01 px during 3 mm of motion.
+#pragma once
+
+#include <opencv2/core.hpp>
+#include <vector>
+
+#include "core/types/camera_motion.h"
+#include "core/types/frame.h"
+#include "core/types/fringe_stack.h"
+#include "core/types/rig_model.h"
+
+namespace fringeslam {
+
+// One image of each per exposure, H x W.
+struct AlignedStack {
+  std::vector<cv::Mat1f> images;    // grey values at x_k, DN
+  std::vector<cv::Mat1f> drift_px;  // drift_k; NaN where x_k is outside the image or no depth is known
+};
+
+// Aligns the images of a stack with its reference time, for a camera that moves as given and surfaces at `depth_m` (NaN:
+// unknown). Grey values are interpolated by cubic convolution (Keys 1981). Throws Error if sizes differ.
+AlignedStack align_stack(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m,
+                         const CameraMotion& motion, Axis axis = Axis::columns);
+
+// Returns the depth image with unknown pixels filled by the average of their surroundings, from small to large; all NaN
+// becomes `otherwise_m`.
+cv::Mat1f filled_depth(const cv::Mat1f& depth_m, double otherwise_m);
+
+}  // namespace fringeslam

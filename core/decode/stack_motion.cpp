@@ -1,0 +1,457 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/decode/stack_motion.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <opencv2/imgproc.hpp>
+
+#include "core/base/constants.h"
+#include "core/base/parallel.h"
+#include "core/decode/steps.h"
+#include "core/types/error.h"
+#include "core/types/linear_algebra.h"
+
+namespace fringeslam {
+
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+using ProjectionDerivative = Eigen::Matrix<double, 2, 3>;
+
+// Pixel of a point, and its derivative with respect to the point.
+Vector2d project(const Pinhole& lens, const Vector3d& point, ProjectionDerivative& derivative) {
+  const double a = point.x() / point.z(), b = point.y() / point.z(), r2 = a * a + b * b;
+  const Distortion& d = lens.distortion;
+  const double radial = 1 + r2 * (d.k1 + r2 * (d.k2 + r2 * d.k3)), slope = d.k1 + r2 * (2 * d.k2 + r2 * 3 * d.k3);
+  const double aa = radial + 2 * a * a * slope + 2 * d.p1 * b + 6 * d.p2 * a;
+  const double ab = 2 * a * b * slope + 2 * d.p1 * a + 2 * d.p2 * b;
+  const double bb = radial + 2 * b * b * slope + 6 * d.p1 * b + 2 * d.p2 * a;
+  derivative << lens.fx * aa, lens.fx * ab, -lens.fx * (aa * a + ab * b), lens.fy * ab, lens.fy * bb,
+      -lens.fy * (ab * a + bb * b);
+  derivative /= point.z();
+  return {lens.fx * (a * radial + 2 * d.p1 * a * b + d.p2 * (r2 + 2 * a * a)) + lens.cx,
+          lens.fy * (b * radial + d.p1 * (r2 + 2 * b * b) + 2 * d.p2 * a * b) + lens.cy};
+}
+
+// Value and gradient of an image by bilinear interpolation of values and central differences.
+struct Sample {
+  double grey = 0;
+  Eigen::RowVector2d gradient = Eigen::RowVector2d::Zero();
+};
+
+bool sample(const cv::Mat1f& image, const Vector2d& at, Sample& out) {
+  if (!(at.x() >= 1 && at.y() >= 1 && at.x() < image.cols - 2 && at.y() < image.rows - 2)) return false;
+  const int col = static_cast<int>(at.x()), row = static_cast<int>(at.y());
+  const double u = at.x() - col, v = at.y() - row;
+  const double weights[4] = {(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v};
+  const double t[2] = {u, v};
+  // Cubic convolution for the value: bilinear interpolation would flatten the fringes.
+  double w[2][4];
+  for (int axis = 0; axis < 2; ++axis) {
+    const double f = t[axis];
+    w[axis][0] = ((-0.5 * f + 1) * f - 0.5) * f;
+    w[axis][1] = (1.5 * f - 2.5) * f * f + 1;
+    w[axis][2] = ((-1.5 * f + 2) * f + 0.5) * f;
+    w[axis][3] = (0.5 * f - 0.5) * f * f;
+  }
+  out = {};
+  for (int j = 0; j < 4; ++j) {
+    const float* line = image[row - 1 + j] + col - 1;
+    double sum = 0;
+    for (int i = 0; i < 4; ++i) sum += w[0][i] * static_cast<double>(line[i]);
+    out.grey += w[1][j] * sum;
+  }
+  for (int k = 0; k < 4; ++k) {
+    const int r = row + k / 2, c = col + k % 2;
+    out.gradient.x() += weights[k] * 0.5 * static_cast<double>(image(r, c + 1) - image(r, c - 1));
+    out.gradient.y() += weights[k] * 0.5 * static_cast<double>(image(r + 1, c) - image(r - 1, c));
+  }
+  return true;
+}
+
+// One exposure: its time, its pattern, and where it sees the points of the reference time.
+struct Exposure {
+  double time_s = 0, shift_rad = 0;
+  Pose exposure_from_reference;
+};
+
+struct Period {
+  double period_px = 0;
+  std::vector<size_t> images;
+};
+
+// A pixel's estimates from one period, and their derivatives with respect to the motion.
+struct PeriodFit {
+  double mean = 0, phase = 0, mean_variance = 0, phase_variance = 0, modulation = 0;
+  Vector12d mean_slope, phase_slope;
+};
+
+// Sum of squared, whitened residuals and its derivatives at one motion.
+struct MotionSums {
+  Matrix12d information = Matrix12d::Zero();
+  Vector12d gradient = Vector12d::Zero();
+  double squares = 0, cost = 0;  // clipped, and of the robust kernel
+  int residuals = 0;
+};
+
+class Problem {
+ public:
+  Problem(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, Axis axis)
+      : rig_(rig), rays_(rays), row_(axis == Axis::columns ? 0 : 1) {
+    DecodeOptions all;
+    for (const FringeGroup& group : select_groups(stack.patterns, axis, all)) {
+      Period period{group.period_px, {}};
+      for (const int image : group.images) period.images.push_back(static_cast<size_t>(image));
+      periods_.push_back(std::move(period));
+    }
+    for (size_t k = 0; k < stack.images.size(); ++k) {
+      exposures_.push_back({stack.exposure_time_s[k] - stack.timestamp_s, stack.patterns.patterns[k].shift_rad, {}});
+      images_.emplace_back();
+      stack.images[k].convertTo(images_.back(), CV_32F);
+    }
+    blurred_.resize(images_.size());
+    blur(0);
+  }
+
+  size_t periods() const { return periods_.size(); }
+
+  // Depth slopes of the finest fringes; see depth_slopes().
+  std::vector<DepthSlope> slopes(const cv::Mat1f& known_m, const CameraMotion& motion, int stride) {
+    move(motion);
+    const int rows = (rays_.rows + stride - 1) / stride;
+    std::vector<std::vector<DepthSlope>> of_rows(static_cast<size_t>(rows));
+    const Period& finest = periods_.back();
+    for_each_row(rows, [&](int i) {
+      PeriodFit fitted;
+      Vector3d point, normal;
+      for (int col = 0; col < rays_.cols; col += stride) {
+        const int row = i * stride;
+        if (std::isnan(known_m(row, col)) || !surface(row, col, point, normal) || !fit(point, normal, finest, fitted))
+          continue;
+        ProjectionDerivative derivative;
+        ::fringeslam::project(rig_.projector, rig_.projector_from_camera * point, derivative);
+        const double px_per_m = derivative.row(row_).dot(rig_.projector_from_camera.rotation * point) / point.z();
+        of_rows[static_cast<size_t>(i)].push_back(
+            {row, col, finest.period_px / (kTwoPi * px_per_m) * fitted.phase_slope});
+      }
+    });
+    std::vector<DepthSlope> all;
+    for (const auto& some : of_rows) all.insert(all.end(), some.begin(), some.end());
+    return all;
+  }
+
+  // Residuals then are those of images blurred by `sigma_px`, with the noise left.
+  void blur(double sigma_px) {
+    blur_px_ = sigma_px;
+    for (size_t k = 0; k < images_.size(); ++k) {
+      blurred_[k] = images_[k];
+      if (sigma_px == 0) continue;
+      cv::Mat1f blurred;
+      cv::GaussianBlur(images_[k], blurred, {}, sigma_px);
+      blurred_[k] = blurred;
+    }
+  }
+
+  // Sets the rough depth of the surfaces.
+  void set_depth(const cv::Mat1f& depth_m) {
+    depth_m_ = depth_m;
+    constexpr double kSmooth_px = 6;  // slopes at depth steps and noise would exceed those of the surfaces
+    cv::GaussianBlur(depth_m, smooth_m_, {}, kSmooth_px);
+  }
+
+  MotionSums linearise(const CameraMotion& motion, int stride, double outlier_sigma) {
+    move(motion);
+    const int rows = (rays_.rows + stride - 1) / stride;
+    std::vector<MotionSums> of_rows(static_cast<size_t>(rows));
+    for_each_row(rows, [&](int i) {
+      std::vector<PeriodFit> fits(periods_.size());
+      for (int col = 0; col < rays_.cols; col += stride)
+        add_pixel(i * stride, col, outlier_sigma, fits, of_rows[static_cast<size_t>(i)]);
+    });
+    MotionSums total;
+    for (const MotionSums& sums : of_rows) {
+      total.information += sums.information;
+      total.gradient += sums.gradient;
+      total.squares += sums.squares;
+      total.cost += sums.cost;
+      total.residuals += sums.residuals;
+    }
+    return total;
+  }
+
+ private:
+  void move(const CameraMotion& motion) {
+    for (Exposure& exposure : exposures_) exposure.exposure_from_reference = motion.at(exposure.time_s).inverse();
+  }
+
+  // Returns false at the border of the image.
+  bool surface(int row, int col, Vector3d& point, Vector3d& normal) const {
+    const cv::Vec2f& ray = rays_(row, col);
+    if (std::isnan(ray[0]) || row < 1 || col < 1 || row + 1 >= rays_.rows || col + 1 >= rays_.cols) return false;
+    point = static_cast<double>(depth_m_(row, col)) * Vector3d(ray[0], ray[1], 1);
+    const Vector3d across = smooth_point(row, col + 1) - smooth_point(row, col - 1),
+                   down = smooth_point(row + 1, col) - smooth_point(row - 1, col);
+    normal = across.cross(down).normalized();
+    return true;
+  }
+
+  // Point of the smooth depth at a pixel inside the image.
+  Vector3d smooth_point(int row, int col) const {
+    const cv::Vec2f& ray = rays_(row, col);
+    return static_cast<double>(smooth_m_(row, col)) * Vector3d(ray[0], ray[1], 1);
+  }
+
+  // Illumination of a point and brightness of its pixel, up to a factor: the projector's irradiance on a surface with
+  // this normal, and the fall-off of the camera's lens.
+  double brightness(const Vector3d& point, const Vector3d& normal) const {
+    const Vector3d from_projector = rig_.projector_from_camera * point;
+    const double distance = from_projector.norm(), cosine = from_projector.z() / distance;
+    const double facing = std::abs((rig_.projector_from_camera.rotation * normal).dot(from_projector));
+    return facing / (distance * distance * distance) * std::pow(cosine, rig_.projector_lens.vignetting - 3) *
+           std::pow(point.z() / point.norm(), rig_.camera_lens.vignetting);
+  }
+
+  bool fit(const Vector3d& point, const Vector3d& normal, const Period& period, PeriodFit& out) const {
+    constexpr size_t kMaxSteps = 64;
+    std::array<double, kMaxSteps> grey, cosine, sine;
+    std::array<Vector3d, kMaxSteps> texture, coordinate;  // derivatives of grey value and coordinate w.r.t. the point
+    const size_t steps = period.images.size();
+    const double rad_per_px = kTwoPi / period.period_px;
+    ProjectionDerivative derivative;
+    const Vector2d reference = ::fringeslam::project(rig_.projector, rig_.projector_from_camera * point, derivative);
+    Eigen::Matrix3d moments = Eigen::Matrix3d::Zero();
+    Vector3d right = Vector3d::Zero();
+    for (size_t k = 0; k < steps; ++k) {
+      const Exposure& exposure = exposures_[period.images[k]];
+      const Vector3d moved = exposure.exposure_from_reference * point;
+      if (!(moved.z() > 0)) return false;
+      const Vector2d pixel = ::fringeslam::project(rig_.camera, moved, derivative);
+      Sample here;
+      if (!sample(blurred_[period.images[k]], pixel, here)) return false;
+      // Grey values as if exposed from the reference pose.
+      const Vector3d turned = exposure.exposure_from_reference.rotation * normal;
+      const double share = brightness(point, normal) / std::max(1e-12, brightness(moved, turned));
+      grey[k] = rig_.sensor.offset_dn + share * (here.grey - rig_.sensor.offset_dn);
+      texture[k] = share * (here.gradient * derivative).transpose();
+      const Vector2d lit = ::fringeslam::project(rig_.projector, rig_.projector_from_camera * moved, derivative);
+      coordinate[k] = (derivative.row(row_) * rig_.projector_from_camera.rotation).transpose();
+      const double theta = exposure.shift_rad + rad_per_px * (lit - reference)[row_];
+      cosine[k] = std::cos(theta);
+      sine[k] = std::sin(theta);
+      const Vector3d basis(1, cosine[k], -sine[k]);
+      moments += basis * basis.transpose();
+      right += grey[k] * basis;
+    }
+    const Eigen::Matrix3d inverse = moments.inverse();
+    const Vector3d solution = inverse * right;
+    const double c = solution[1], s = solution[2], power = c * c + s * s;
+    out.mean = solution[0];
+    out.modulation = std::sqrt(power);
+    out.phase = std::atan2(s, c);
+    out.mean_variance = out.phase_variance = 0;
+    out.mean_slope.setZero();
+    out.phase_slope.setZero();
+    for (size_t k = 0; k < steps; ++k) {
+      const Exposure& exposure = exposures_[period.images[k]];
+      const Vector3d weights = inverse * Vector3d(1, cosine[k], -sine[k]);
+      const double to_phase = (c * weights[2] - s * weights[1]) / power;
+      const double variance = rig_.sensor.variance_dn2(grey[k]) / noise_averaging();
+      out.mean_variance += weights[0] * weights[0] * variance;
+      out.phase_variance += to_phase * to_phase * variance;
+      // Change of the grey value that the model does not follow, per displacement of the point.
+      const Vector3d change = texture[k] + (c * sine[k] + s * cosine[k]) * rad_per_px * coordinate[k];
+      const Vector3d moved = exposure.exposure_from_reference * point;
+      Vector6d by_displacement;
+      by_displacement << change.cross(moved), -change;
+      Vector12d by_motion;
+      by_motion << exposure.time_s * by_displacement, 0.5 * exposure.time_s * exposure.time_s * by_displacement;
+      out.mean_slope += weights[0] * by_motion;
+      out.phase_slope += to_phase * by_motion;
+    }
+    return true;
+  }
+
+  // Blurring averages the noise of about 4 pi sigma^2 pixels.
+  double noise_averaging() const { return 1 + 4 * kPi * blur_px_ * blur_px_; }
+
+  void add_pixel(int row, int col, double outlier_sigma, std::vector<PeriodFit>& fits, MotionSums& sums) const {
+    constexpr double kMinModulation = 4;
+    Vector3d point, normal;
+    if (!surface(row, col, point, normal)) return;
+    for (size_t g = 0; g < periods_.size(); ++g) {
+      if (!fit(point, normal, periods_[g], fits[g])) return;
+    }
+    const PeriodFit& finest = fits.back();
+    ProjectionDerivative unused;
+    const double expected_px = ::fringeslam::project(rig_.projector, rig_.projector_from_camera * point, unused)[row_];
+    const bool fringes = finest.modulation > kMinModulation && blur_px_ == 0;
+    if (blur_px_ == 0 && !fringes) return;
+    for (size_t g = 0; g + 1 < periods_.size(); ++g) {
+      const PeriodFit& here = fits[g];
+      add(here.mean - finest.mean, here.mean_slope - finest.mean_slope, here.mean_variance + finest.mean_variance,
+          outlier_sigma, sums);
+      if (!fringes || here.modulation <= kMinModulation) continue;
+      // The depth determines the order of the coarser phase; its multiple predicts the finest phase up to whole turns.
+      const double ratio = periods_[g].period_px / periods_.back().period_px;
+      const double order = std::round((expected_px + 0.5) / periods_[g].period_px - here.phase / kTwoPi);
+      const double difference = std::remainder(ratio * (here.phase + kTwoPi * order) - finest.phase, kTwoPi);
+      const double variance = ratio * ratio * here.phase_variance + finest.phase_variance;
+      if (variance > 0.3) continue;  // ambiguous
+      add(difference, ratio * here.phase_slope - finest.phase_slope, variance, outlier_sigma, sums);
+    }
+  }
+
+  static void add(double residual, const Vector12d& slope, double variance, double outlier_sigma, MotionSums& sums) {
+    // Tukey's biweight.
+    const double square = residual * residual / variance, limit = outlier_sigma * outlier_sigma;
+    const double left = std::max(0.0, 1 - square / limit);
+    ++sums.residuals;
+    sums.squares += std::min(square, limit);
+    sums.cost += limit / 6 * (1 - left * left * left);
+    if (left <= 0) return;
+    const double weight = left * left / variance;
+    sums.information.selfadjointView<Eigen::Lower>().rankUpdate(slope, weight);
+    sums.gradient += weight * residual * slope;
+  }
+
+  const RigModel& rig_;
+  const PixelRays& rays_;
+  int row_;
+  std::vector<Exposure> exposures_;
+  std::vector<Period> periods_;
+  std::vector<cv::Mat1f> images_, blurred_;
+  cv::Mat1f depth_m_, smooth_m_;
+  double blur_px_ = 0;
+};
+
+}  // namespace
+
+std::vector<DepthSlope> depth_slopes(const FringeStack& stack, const RigModel& rig, const PixelRays& rays,
+                                     const cv::Mat1f& depth_m, const CameraMotion& motion, int stride, Axis axis) {
+  check_stack(stack);
+  Problem problem(stack, rig, rays, axis);
+  if (problem.periods() == 0) return {};
+  problem.set_depth(filled_depth(depth_m, rig.middle_range_m()));
+  return problem.slopes(depth_m, motion, stride);
+}
+
+namespace {
+
+constexpr int kLeastResiduals = 100;
+
+struct Level {
+  double blur_px;
+  int stride, iterations;
+  double outlier_sigma;
+};
+
+// Errors that do not average out over the pixels: aliased texture, interpolation, and brightness that changes with the
+// pose. Found in simulated stacks.
+Matrix12d systematic_covariance() {
+  constexpr double kTurn_rad_s = 8e-3, kVelocity_m_s = 8e-3, kTurn_rad_s2 = 0.2, kAcceleration_m_s2 = 0.2;
+  Vector12d sigmas;
+  sigmas << Vector3d::Constant(kTurn_rad_s), Vector3d::Constant(kVelocity_m_s), Vector3d::Constant(kTurn_rad_s2),
+      Vector3d::Constant(kAcceleration_m_s2);
+  return sigmas.cwiseAbs2().asDiagonal();
+}
+
+MotionSums with_prior(MotionSums sums, const Matrix12d& information, const Vector12d& from_prior) {
+  sums.information.triangularView<Eigen::StrictlyUpper>() = sums.information.transpose();
+  // Unmodelled residuals, such as depth errors, weaken the evidence.
+  const double excess = std::max(1.0, sums.squares / sums.residuals);
+  sums.information = sums.information / excess + information;
+  sums.gradient = sums.gradient / excess + information * from_prior;
+  return sums;
+}
+
+// Minimises the robust cost of one level by Levenberg-Marquardt: where texture is fine, full steps overshoot.
+bool minimise(Problem& problem, const Level& level, const Matrix12d& information, const Vector12d& prior,
+              Vector12d& motion, MotionSums& sums) {
+  constexpr double kSettledSigmas = 0.1, kStuck = 1e6;
+  problem.blur(level.blur_px);
+  double damping = 1e-3, cost = std::numeric_limits<double>::infinity();
+  Vector12d tried = motion;
+  for (int iteration = 0; iteration < level.iterations; ++iteration) {
+    const MotionSums here = problem.linearise(to_motion(tried), level.stride, level.outlier_sigma);
+    if (here.residuals < kLeastResiduals) return false;
+    if (const double here_cost = here.cost / here.residuals; here_cost <= cost) {
+      cost = here_cost;
+      motion = tried;
+      sums = with_prior(here, information, motion - prior);
+      damping = std::max(1e-6, 0.2 * damping);
+    } else {
+      damping = std::max(1e-3, 10 * damping);
+      if (damping > kStuck) return false;
+    }
+    Matrix12d damped = sums.information;
+    damped.diagonal() *= 1 + damping;
+    const Vector12d step = solve_positive_definite(Eigen::MatrixXd(damped), Eigen::VectorXd(-sums.gradient));
+    if (!step.allFinite()) return false;
+    tried = motion + step;
+    if (std::sqrt(step.dot(sums.information * step)) < kSettledSigmas) return true;
+  }
+  return false;
+}
+
+}  // namespace
+
+StackMotion estimate_stack_motion(const FringeStack& stack, const RigModel& rig, const PixelRays& rays,
+                                  const cv::Mat1f& depth_m, const MotionPrior& prior, bool predicted, Axis axis) {
+  check_stack(stack);
+  StackMotion result;
+  result.motion = prior.motion;
+  result.covariance = prior.covariance;
+  Problem problem(stack, rig, rays, axis);
+  if (problem.periods() < 2) return result;
+  problem.set_depth(depth_m);
+  const Level fine{0, 3, 15, 8};
+  std::vector<Level> levels = {fine};
+  if (!predicted) levels = {{12, 8, 15, 200}, {6, 8, 15, 60}, {3, 6, 15, 30}, {1.5, 4, 12, 20}, fine};
+  const Vector12d start = to_vector(prior.motion);
+  Vector12d motion = start;
+  // Accelerations are held near zero until the velocity is right.
+  Matrix12d rigid = prior.covariance;
+  rigid.bottomRightCorner<6, 6>() *= 1e-4;
+  rigid.topRightCorner<6, 6>().setZero();
+  rigid.bottomLeftCorner<6, 6>().setZero();
+  const Matrix12d held = inverse_positive_definite(Eigen::MatrixXd(rigid)),
+                  free = inverse_positive_definite(Eigen::MatrixXd(prior.covariance));
+  MotionSums sums;
+  bool settled = false;
+  for (const Level& level : levels) settled = minimise(problem, level, held, start, motion, sums);
+  if (sums.residuals < kLeastResiduals) return result;
+  settled = minimise(problem, fine, free, start, motion, sums) || settled;
+  constexpr double kMaxRms = 4;  // of residuals clipped at 8 sigmas: most pixels are explained
+  result.motion = to_motion(motion);
+  result.covariance = inverse_positive_definite(Eigen::MatrixXd(sums.information)) + systematic_covariance();
+  result.rms_sigma = std::sqrt(sums.squares / sums.residuals);
+  result.residuals = sums.residuals;
+  result.converged = settled && result.rms_sigma <= kMaxRms;
+  return result;
+}
+
+bool shows_motion(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m,
+                  Axis axis) {
+  // Far from the minimum, the linearised motion is too small; large residuals give it away.
+  constexpr double kMaxRms = 1.3, kOutlierSigma = 8;
+  constexpr int kStride = 5;
+  Problem problem(stack, rig, rays, axis);
+  if (problem.periods() < 2) return false;
+  problem.set_depth(depth_m);
+  MotionSums sums = problem.linearise({}, kStride, kOutlierSigma);
+  if (sums.residuals < kLeastResiduals) return false;
+  if (sums.squares > kMaxRms * kMaxRms * sums.residuals) return true;
+  const Matrix12d information = inverse_positive_definite(Eigen::MatrixXd(unknown_motion({}).covariance));
+  sums = with_prior(sums, information, Vector12d::Zero());
+  const Vector12d step = solve_positive_definite(Eigen::MatrixXd(sums.information), Eigen::VectorXd(-sums.gradient));
+  StackMotion linear;
+  linear.motion = to_motion(step);
+  linear.covariance = inverse_positive_definite(Eigen::MatrixXd(sums.information)) + systematic_covariance();
+  return is_moving(linear);
+}
+
+}  // namespace fringeslam

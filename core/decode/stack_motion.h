@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+// The camera's motion during a stack, estimated from the stack's own images (docs/method.md, section 9.3), and how the
+// decoded coordinate depends on it.
+//
+// A stack with several fringe periods overdetermines its pixels: at a surface point, the periods must agree in the mean
+// intensity I' and in the absolute phase. With G periods that leaves 2 (G - 1) residuals per pixel. The wrong motion
+// violates them, because texture and fringes drift across the pixel between exposures.
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "core/decode/decode.h"
+#include "core/types/camera_motion.h"
+
+namespace fringeslam {
+
+// Estimates the motion during a stack with at least two periods along `axis`. `depth_m` is a rough depth image without
+// unknown pixels (filled_depth()); it need not be compensated for motion. With `predicted` (its motion is accurate to
+// about a pixel of displacement), the search starts there; otherwise it starts from blurred images. Returns
+// converged = false if the stack has one period only, if too few pixels have texture or fringes, or if no motion
+// explains the images.
+StackMotion estimate_stack_motion(const FringeStack& stack, const RigModel& rig, const PixelRays& rays,
+                                  const cv::Mat1f& depth_m, const MotionPrior& prior, bool predicted,
+                                  Axis axis = Axis::columns);
+
+// Returns false if the images of a stack agree with a camera at rest, or if the stack has one period only. A quick test;
+// true may also mean that the images contain other errors.
+bool shows_motion(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m,
+                  Axis axis = Axis::columns);
+
+// Returns the slopes of every `stride`-th pixel with a known depth in every `stride`-th row, for the finest fringes of a
+// stack decoded with this motion. `depth_m` is the decoded depth.
+std::vector<DepthSlope> depth_slopes(const FringeStack& stack, const RigModel& rig, const PixelRays& rays,
+                                     const cv::Mat1f& depth_m, const CameraMotion& motion, int stride,
+                                     Axis axis = Axis::columns);
+
+}  // namespace fringeslam

@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/registration/motion_registration.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+#include "core/types/linear_algebra.h"
+
+namespace fringeslam {
+
+namespace {
+
+using Eigen::Vector3d;
+using Vector18d = Eigen::Matrix<double, 18, 1>;
+using Matrix18d = Eigen::Matrix<double, 18, 18>;
+
+Vector3d vector_of(const cv::Vec3f& v) { return {v[0], v[1], v[2]}; }
+
+struct Sums {
+  Matrix18d information = Matrix18d::Zero();
+  Vector18d gradient = Vector18d::Zero();
+  double squares = 0;
+  int pairs = 0;
+};
+
+// `uncertain`: the variance of a depth given that of the motion widens the gates.
+Sums linearise(const Frame& target, const Frame& source, const Pinhole& camera, const Pose& pose,
+               const std::vector<DepthSlope>& slopes, const Vector12d& step, const Matrix12d& uncertain,
+               double outlier_sigma) {
+  constexpr double kMinCosine = 0.85;
+  Sums sums;
+  Vector18d jacobian;
+  for (const DepthSlope& slope : slopes) {
+    const Vector3d normal = vector_of(source.normals(slope.row, slope.col));
+    if (std::isnan(normal.z())) continue;
+    const Vector3d seen = vector_of(source.points_m(slope.row, slope.col)), ray = seen / seen.z();
+    const Vector3d point = seen + slope.by_motion.dot(step) * ray;
+    const Vector3d turned = pose.rotation * point, moved = turned + pose.translation;
+    if (!(moved.z() > 0)) continue;
+    const Eigen::Vector2d pixel = camera.project(moved);
+    if (!camera.contains(pixel)) continue;
+    const int row = static_cast<int>(std::lround(pixel.y())), col = static_cast<int>(std::lround(pixel.x()));
+    const Vector3d there = vector_of(target.points_m(row, col)), facing = vector_of(target.normals(row, col));
+    if (std::isnan(there.z()) || std::isnan(facing.z())) continue;
+    const Vector3d own = pose.rotation * normal;
+    if (own.dot(facing) < kMinCosine) continue;
+    const Vector3d mean = (own + facing).normalized();
+    const double by_depth = mean.dot(pose.rotation * ray), by_target = mean.dot(there) / there.z();
+    const double own_sigma = by_depth * static_cast<double>(source.sigma_m(slope.row, slope.col)),
+                 target_sigma = by_target * static_cast<double>(target.sigma_m(row, col));
+    const double variance = own_sigma * own_sigma + target_sigma * target_sigma;
+    const double residual = mean.dot(moved - there);
+    const double gate = outlier_sigma * outlier_sigma *
+                        (variance + by_depth * by_depth * slope.by_motion.dot(uncertain * slope.by_motion));
+    const double left = 1 - residual * residual / gate;
+    if (left <= 0) continue;
+    const double weight = left * left / variance;
+    jacobian << turned.cross(mean), mean, by_depth * slope.by_motion;
+    sums.information.selfadjointView<Eigen::Lower>().rankUpdate(jacobian, weight);
+    sums.gradient += weight * residual * jacobian;
+    sums.squares += residual * residual / variance;
+    ++sums.pairs;
+  }
+  sums.information.triangularView<Eigen::StrictlyUpper>() = sums.information.transpose();
+  return sums;
+}
+
+}  // namespace
+
+MotionRegistration register_motion(const Frame& target, const Frame& source, const Pinhole& camera, const Pose& initial,
+                                   const std::vector<DepthSlope>& slopes, const CameraMotion& current,
+                                   const MotionPrior& prior) {
+  constexpr int kIterations = 8, kLeastPairs = 200;
+  constexpr double kOutlierSigma = 6, kSettledSigmas = 0.1;
+  const Matrix12d prior_information = inverse_positive_definite(Eigen::MatrixXd(prior.covariance));
+  const Vector12d from_prior = to_vector(current) - to_vector(prior.motion);
+  MotionRegistration result;
+  result.target_from_source = initial;
+  // The motion is uncertain at first, then known.
+  Matrix12d uncertain = prior.covariance;
+  Matrix18d information;
+  for (int iteration = 0; iteration < kIterations; ++iteration) {
+    Sums sums =
+        linearise(target, source, camera, result.target_from_source, slopes, result.step, uncertain, kOutlierSigma);
+    result.pairs = sums.pairs;
+    if (sums.pairs < kLeastPairs) return result;
+    const double excess = std::max(1.0, sums.squares / sums.pairs);
+    information = sums.information / excess;
+    Vector18d gradient = sums.gradient / excess;
+    information.bottomRightCorner<12, 12>() += prior_information;
+    gradient.tail<12>() += prior_information * (from_prior + result.step);
+    const Vector18d step = solve_positive_definite(Eigen::MatrixXd(information), Eigen::VectorXd(-gradient));
+    if (!step.allFinite()) return result;
+    result.target_from_source = retract(result.target_from_source, step.head<6>());
+    result.step += step.tail<12>();
+    uncertain *= 0.1;
+    if (iteration > 2 && std::sqrt(step.dot(information * step)) < kSettledSigmas) break;
+  }
+  const Matrix18d covariance = inverse_positive_definite(Eigen::MatrixXd(information));
+  result.motion_covariance = covariance.bottomRightCorner<12, 12>();
+  result.pose_covariance = covariance.topLeftCorner<6, 6>();
+  result.fixed_covariance = inverse_positive_definite(Eigen::MatrixXd(information.topLeftCorner<6, 6>()));
+  double squares = 0;
+  for (const DepthSlope& slope : slopes) {
+    const double change = slope.by_motion.dot(result.step) / static_cast<double>(source.sigma_m(slope.row, slope.col));
+    squares += change * change;
+  }
+  result.ripple_sigma = std::sqrt(squares / static_cast<double>(std::max<size_t>(1, slopes.size())));
+  result.valid = true;
+  return result;
+}
+
+}  // namespace fringeslam

@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/types/camera_motion.h"
+
+#include "core/types/linear_algebra.h"
+
+namespace fringeslam {
+
+Vector12d to_vector(const CameraMotion& motion) {
+  Vector12d parameters;
+  parameters << motion.angular_rad_s, motion.velocity_m_s, motion.angular_rad_s2, motion.acceleration_m_s2;
+  return parameters;
+}
+
+CameraMotion to_motion(const Vector12d& parameters) {
+  return {parameters.segment<3>(0), parameters.segment<3>(3), parameters.segment<3>(6), parameters.segment<3>(9)};
+}
+
+MotionPrior unknown_motion(const MotionLimits& limits) {
+  Vector12d sigmas;
+  sigmas << Eigen::Vector3d::Constant(limits.max_turn_rad_s), Eigen::Vector3d::Constant(limits.max_speed_m_s),
+      Eigen::Vector3d::Constant(limits.turn_rad_s2), Eigen::Vector3d::Constant(limits.acceleration_m_s2);
+  return {{}, sigmas.cwiseAbs2().asDiagonal()};
+}
+
+bool is_moving(const StackMotion& motion) {
+  // Chi-square of twelve degrees of freedom: one false alarm in 10^7 without systematic errors.
+  constexpr double kMaxSquare = 55;
+  const Vector12d parameters = to_vector(motion.motion);
+  const Eigen::VectorXd whitened =
+      solve_positive_definite(Eigen::MatrixXd(motion.covariance), Eigen::VectorXd(parameters));
+  return parameters.dot(whitened) > kMaxSquare;
+}
+
+}  // namespace fringeslam

@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+// Motion of the camera while a stack is exposed (docs/method.md, section 9.1).
+#pragma once
+
+#include <Eigen/Core>
+
+#include "core/types/pose.h"
+
+namespace fringeslam {
+
+// Second-order expansion about the stack's reference time: at time t after it, the camera has turned by
+// exp(angular_rad_s t + angular_rad_s2 t^2 / 2) and moved by velocity_m_s t + acceleration_m_s2 t^2 / 2, both in the
+// axes of the camera at the reference time.
+struct CameraMotion {
+  Eigen::Vector3d angular_rad_s = Eigen::Vector3d::Zero();
+  Eigen::Vector3d velocity_m_s = Eigen::Vector3d::Zero();
+  Eigen::Vector3d angular_rad_s2 = Eigen::Vector3d::Zero();
+  Eigen::Vector3d acceleration_m_s2 = Eigen::Vector3d::Zero();
+
+  bool is_still() const {
+    return angular_rad_s.isZero(0) && velocity_m_s.isZero(0) && angular_rad_s2.isZero(0) && acceleration_m_s2.isZero(0);
+  }
+  // reference_from_camera at time t after the reference time.
+  Pose at(double time_s) const {
+    return {rotation_exp(time_s * angular_rad_s + 0.5 * time_s * time_s * angular_rad_s2),
+            time_s * velocity_m_s + 0.5 * time_s * time_s * acceleration_m_s2};
+  }
+};
+
+using Vector12d = Eigen::Matrix<double, 12, 1>;
+using Matrix12d = Eigen::Matrix<double, 12, 12>;
+
+// Motion parameters in the order (angular_rad_s, velocity_m_s, angular_rad_s2, acceleration_m_s2).
+Vector12d to_vector(const CameraMotion& motion);
+CameraMotion to_motion(const Vector12d& parameters);
+
+// Estimate of the motion during a stack.
+struct StackMotion {
+  CameraMotion motion;                       // still: no motion could be detected
+  Matrix12d covariance = Matrix12d::Zero();  // of to_vector(motion)
+  double rms_sigma = 0;                      // of the residuals; 1 if the sigmas are correct
+  int residuals = 0;
+  bool converged = false;  // false: the motion is unknown
+};
+
+// Motions that are expected of a robot without further knowledge.
+struct MotionLimits {
+  double max_speed_m_s = 1, max_turn_rad_s = 1.6;   // standard deviations of an unknown motion
+  double acceleration_m_s2 = 0.5, turn_rad_s2 = 1;  // within a stack, standard deviations
+};
+
+// Knowledge about a motion before its stack is looked at.
+struct MotionPrior {
+  CameraMotion motion;
+  Matrix12d covariance;
+};
+MotionPrior unknown_motion(const MotionLimits& limits);
+
+// True if the estimate is significantly different from rest.
+bool is_moving(const StackMotion& motion);
+
+// Derivative of a pixel's depth with respect to to_vector(motion), m.
+struct DepthSlope {
+  int row = 0, col = 0;
+  Vector12d by_motion;
+};
+
+}  // namespace fringeslam
