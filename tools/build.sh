@@ -13,7 +13,7 @@ build() {
     jobs=$(nproc)
     ((memory_jobs < jobs)) && jobs=$((memory_jobs > 0 ? memory_jobs : 1))
     if [[ -n $plan ]]; then
-      echo "build: $plan steps with $jobs jobs, about $((plan * 9 / 2 / jobs / 60 + 1)) min (build/$preset)"
+      echo "build: $plan steps with $jobs jobs, about $((plan * 7 / jobs / 60 + 1)) min (build/$preset)"
       NINJA_STATUS='[%f/%t] ' ninja -C "build/$preset" -j "$jobs" "$@" 2>&1 | tee "$log" |
         awk -v terminal="$([[ -t 1 ]] && echo 1)" '
           match($0, /^\[[0-9]+\/[0-9]+\]/) {

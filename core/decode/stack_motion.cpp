@@ -37,7 +37,9 @@ Vector2d project(const Pinhole& lens, const Vector3d& point, ProjectionDerivativ
           lens.fy * (b * radial + d.p1 * (r2 + 2 * b * b) + 2 * d.p2 * a * b) + lens.cy};
 }
 
-// Value and gradient of an image by bilinear interpolation of values and central differences.
+// Grey value of an image by cubic convolution (Keys 1981), as align_stack() interpolates, and its exact gradient. In
+// motion, the gradients of texture and of the moving fringes nearly cancel, so that the error of another gradient, such
+// as central differences, would dominate the rest.
 struct Sample {
   double grey = 0;
   Eigen::RowVector2d gradient = Eigen::RowVector2d::Zero();
@@ -46,30 +48,33 @@ struct Sample {
 bool sample(const cv::Mat1f& image, const Vector2d& at, Sample& out) {
   if (!(at.x() >= 1 && at.y() >= 1 && at.x() < image.cols - 2 && at.y() < image.rows - 2)) return false;
   const int col = static_cast<int>(at.x()), row = static_cast<int>(at.y());
-  const double u = at.x() - col, v = at.y() - row;
-  const double weights[4] = {(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v};
-  const double t[2] = {u, v};
-  // Cubic convolution for the value: bilinear interpolation would flatten the fringes.
-  double w[2][4];
+  const double fraction[2] = {at.x() - col, at.y() - row};
+  float w[2][4], slope[2][4];
   for (int axis = 0; axis < 2; ++axis) {
-    const double f = t[axis];
-    w[axis][0] = ((-0.5 * f + 1) * f - 0.5) * f;
-    w[axis][1] = (1.5 * f - 2.5) * f * f + 1;
-    w[axis][2] = ((-1.5 * f + 2) * f + 0.5) * f;
-    w[axis][3] = (0.5 * f - 0.5) * f * f;
+    const auto f = static_cast<float>(fraction[axis]);
+    w[axis][0] = ((-0.5f * f + 1) * f - 0.5f) * f;
+    w[axis][1] = (1.5f * f - 2.5f) * f * f + 1;
+    w[axis][2] = ((-1.5f * f + 2) * f + 0.5f) * f;
+    w[axis][3] = (0.5f * f - 0.5f) * f * f;
+    slope[axis][0] = (-1.5f * f + 2) * f - 0.5f;
+    slope[axis][1] = (4.5f * f - 5) * f;
+    slope[axis][2] = (-4.5f * f + 4) * f + 0.5f;
+    slope[axis][3] = (1.5f * f - 1) * f;
   }
-  out = {};
+  float grey = 0, across = 0, down = 0;
   for (int j = 0; j < 4; ++j) {
     const float* line = image[row - 1 + j] + col - 1;
-    double sum = 0;
-    for (int i = 0; i < 4; ++i) sum += w[0][i] * static_cast<double>(line[i]);
-    out.grey += w[1][j] * sum;
+    float value = 0, change = 0;
+    for (int i = 0; i < 4; ++i) {
+      value += w[0][i] * line[i];
+      change += slope[0][i] * line[i];
+    }
+    grey += w[1][j] * value;
+    across += w[1][j] * change;
+    down += slope[1][j] * value;
   }
-  for (int k = 0; k < 4; ++k) {
-    const int r = row + k / 2, c = col + k % 2;
-    out.gradient.x() += weights[k] * 0.5 * static_cast<double>(image(r, c + 1) - image(r, c - 1));
-    out.gradient.y() += weights[k] * 0.5 * static_cast<double>(image(r + 1, c) - image(r - 1, c));
-  }
+  out.grey = static_cast<double>(grey);
+  out.gradient << static_cast<double>(across), static_cast<double>(down);
   return true;
 }
 
@@ -148,10 +153,11 @@ class Problem {
   void blur(double sigma_px) {
     blur_px_ = sigma_px;
     for (size_t k = 0; k < images_.size(); ++k) {
-      blurred_[k] = images_[k];
-      if (sigma_px == 0) continue;
-      cv::Mat1f blurred;
-      cv::GaussianBlur(images_[k], blurred, {}, sigma_px);
+      cv::Mat1f blurred = images_[k];
+      if (sigma_px > 0) {
+        blurred = cv::Mat1f();
+        cv::GaussianBlur(images_[k], blurred, {}, sigma_px);
+      }
       blurred_[k] = blurred;
     }
   }

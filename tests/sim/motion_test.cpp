@@ -1,0 +1,199 @@
+// SPDX-License-Identifier: Apache-2.0
+// Stacks that were rendered in motion, decoded and registered.
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "core/decode/stack_motion.h"
+#include "core/mapper/pipeline.h"
+#include "sim/virtual_rig.h"
+
+namespace fringeslam::sim {
+namespace {
+
+Scene loop_scene() { return load_scene(std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop/scene.yaml"); }
+
+// The first view of scenes/loop, exposed while the camera moves at a constant twist.
+struct MovingView {
+  Scene scene = loop_scene();
+  CameraMotion motion;
+  SimulatedView view;
+  PixelRays rays = pixel_rays(scene.rig.camera);
+
+  MovingView(const Eigen::Vector3d& velocity_m_s, const Eigen::Vector3d& angular_rad_s, bool complete,
+             const RenderOptions& options = {}) {
+    const Pose& mount = scene.rig.robot_from_camera;
+    scene.trajectory.resize(1);
+    scene.motion.angular_rad_s = mount.rotation * angular_rad_s;
+    scene.motion.velocity_m_s = mount.rotation * velocity_m_s - scene.motion.angular_rad_s.cross(mount.translation);
+    motion.angular_rad_s = angular_rad_s;
+    motion.velocity_m_s = velocity_m_s;
+    const PatternSequence sequence = complete ? scene.patterns : finest_patterns(scene.patterns, Axis::columns);
+    view = *VirtualRig(scene, options).simulate(sequence);
+  }
+
+  // Median depth error, with fringe orders from a prediction within 2 mm of the truth.
+  double depth_error_m(const CameraMotion& compensated) const {
+    const RigModel& rig = scene.rig;
+    const cv::Mat1f& truth_m = view.truth.depth_m;
+    const CoordinatePrior expected = predict_coordinate(rig, rays, truth_m, cv::Mat1f(truth_m.size(), 2e-3f));
+    DecodeOptions options;
+    options.unwrapping = Unwrapping::predicted;
+    DecodeContext context{Axis::columns, &expected};
+    AlignedStack aligned;
+    if (!compensated.is_still()) {
+      aligned = align_stack(view.stack, rig, rays, filled_depth(truth_m, rig.middle_range_m()), compensated);
+      context.aligned = &aligned;
+    }
+    const Frame frame = reconstruct(decode(view.stack, rig, options, context), rig, rays, {});
+    std::vector<double> errors;
+    for (int row = 0; row < frame.height(); ++row) {
+      for (int col = 0; col < frame.width(); ++col) {
+        const double error = std::abs(static_cast<double>(frame.points_m(row, col)[2] - truth_m(row, col)));
+        if (!std::isnan(error)) errors.push_back(error);
+      }
+    }
+    std::nth_element(errors.begin(), errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2), errors.end());
+    return errors[errors.size() / 2];
+  }
+};
+
+TEST(MovingStack, KnownMotionRestoresTheDepth) {
+  const double at_rest_m = MovingView({0, 0, 0}, {0, 0, 0}, false).depth_error_m({});
+  for (const Eigen::Vector3d& velocity : {Eigen::Vector3d(0, 0.3, 0), Eigen::Vector3d(0, 0, 0.3)}) {
+    const MovingView moving(velocity, {0, 0, 0}, false);
+    EXPECT_LT(moving.depth_error_m(moving.motion), 1.35 * at_rest_m);
+    EXPECT_GT(moving.depth_error_m({}), 3 * at_rest_m);
+  }
+}
+
+TEST(MovingStack, AlignmentAtRestChangesNothing) {
+  const MovingView still({0, 0, 0}, {0, 0, 0}, false);
+  const cv::Mat1f depth_m = filled_depth(still.view.truth.depth_m, 1);
+  const AlignedStack aligned = align_stack(still.view.stack, still.scene.rig, still.rays, depth_m, {});
+  const cv::Rect inner(4, 4, depth_m.cols - 8, depth_m.rows - 8);
+  for (size_t k = 0; k < aligned.images.size(); ++k) {
+    cv::Mat1f image;
+    still.view.stack.images[k].convertTo(image, CV_32F);
+    // The pixels that the rays return to, within the rounding of the lens model.
+    EXPECT_LT(cv::norm(cv::Mat(aligned.images[k](inner)), cv::Mat(image(inner)), cv::NORM_INF), 0.1);
+    EXPECT_LT(cv::norm(cv::Mat(aligned.drift_px[k](inner)), cv::NORM_INF), 1e-3);
+  }
+}
+
+TEST(MovingStack, DepthSlopesPredictTheEffectOfAWrongMotion) {
+  RenderOptions clean{16, false, false, {}};
+  clean.effects.fixed_pattern = false;
+  const MovingView moving({0.1, 0.15, 0.1}, {0.05, 0.1, -0.1}, false, clean);
+  const RigModel& rig = moving.scene.rig;
+  const cv::Mat1f& truth_m = moving.view.truth.depth_m;
+  const CoordinatePrior expected = predict_coordinate(rig, moving.rays, truth_m, cv::Mat1f(truth_m.size(), 2e-3f));
+  DecodeOptions options;
+  options.unwrapping = Unwrapping::predicted;
+  const auto depth_with = [&](const CameraMotion& motion) {
+    const AlignedStack aligned = align_stack(moving.view.stack, rig, moving.rays, filled_depth(truth_m, 1), motion);
+    DecodeContext context{Axis::columns, &expected};
+    context.aligned = &aligned;
+    cv::Mat1f depth;
+    cv::extractChannel(reconstruct(decode(moving.view.stack, rig, options, context), rig, moving.rays, {}).points_m,
+                       depth, 2);
+    return depth;
+  };
+  const cv::Mat1f depth = depth_with(moving.motion);
+  const std::vector<DepthSlope> slopes = depth_slopes(moving.view.stack, rig, moving.rays, depth, moving.motion, 7);
+  ASSERT_GT(slopes.size(), 2000u);
+  Vector12d sizes;
+  sizes << Eigen::Vector3d::Constant(0.01), Eigen::Vector3d::Constant(0.01), Eigen::Vector3d::Constant(1),
+      Eigen::Vector3d::Constant(1);
+  for (int parameter = 0; parameter < 12; ++parameter) {
+    Vector12d change = Vector12d::Zero();
+    change[parameter] = sizes[parameter];
+    const cv::Mat1f changed = depth_with(to_motion(to_vector(moving.motion) + change));
+    double product = 0, predicted = 0, measured = 0;
+    for (const DepthSlope& slope : slopes) {
+      const double by = slope.by_motion.dot(change);
+      const double effect = static_cast<double>(changed(slope.row, slope.col) - depth(slope.row, slope.col));
+      if (std::isnan(effect) || std::abs(effect) > 5e-3 || std::abs(by) > 5e-3) continue;
+      product += by * effect;
+      predicted += by * by;
+      measured += effect * effect;
+    }
+    EXPECT_GT(product / std::sqrt(predicted * measured), 0.9) << parameter;
+    EXPECT_NEAR(product / predicted, 1, 0.1) << parameter;
+  }
+}
+
+TEST(MovingStack, CompleteStacksEstimateTheirMotion) {
+  const double turn = 20 * std::numbers::pi / 180;
+  const std::pair<Eigen::Vector3d, Eigen::Vector3d> motions[] = {{{0.3, 0, 0}, {0, 0, 0}},
+                                                                 {{0, 0.3, 0}, {0, 0, 0}},
+                                                                 {{0, 0, 0.3}, {0, 0, 0}},
+                                                                 {{0, 0, 0}, {turn, 0, 0}},
+                                                                 {{-0.2, 0.1, 0.1}, {0, 0.5 * turn, 0.5 * turn}}};
+  for (const auto& [velocity, angular] : motions) {
+    const MovingView moving(velocity, angular, true);
+    const FringeFrontEnd front_end(moving.scene.rig, moving.scene.patterns, {});
+    const ReconstructedView view = front_end.reconstruct(moving.view.stack, {});
+    ASSERT_TRUE(view.motion && view.motion->converged);
+    EXPECT_LT((view.motion->motion.velocity_m_s - velocity).norm(), 0.03);
+    EXPECT_LT((view.motion->motion.angular_rad_s - angular).norm(), 0.03);
+  }
+}
+
+TEST(MovingStack, AStackAtRestIsDecodedAsAtRest) {
+  const MovingView still({0, 0, 0}, {0, 0, 0}, true);
+  const FringeFrontEnd front_end(still.scene.rig, still.scene.patterns, {});
+  const ReconstructedView view = front_end.reconstruct(still.view.stack, {});
+  ASSERT_TRUE(view.motion && view.motion->converged);
+  EXPECT_TRUE(view.motion->motion.is_still());
+  const DecodedStack decoded = decode(still.view.stack, still.scene.rig, {});
+  const auto same = [](const cv::Mat& a, const cv::Mat& b) {
+    return a.size() == b.size() && std::equal(a.datastart, a.dataend, b.datastart);
+  };
+  EXPECT_TRUE(same(view.decoded.coordinate_px, decoded.coordinate_px));
+  EXPECT_TRUE(same(view.decoded.sigma_px, decoded.sigma_px));
+}
+
+// Half a metre at 0.3 m/s: full sequences, then three images per view at 30 views a second.
+TEST(MovingRobot, IsTrackedWithThreeImagesPerView) {
+  SceneLoadOptions reading;
+  reading.changes = {{"trajectory.continuous.speed_m_s", "0.3"}};
+  const Scene scene = load_scene(std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop/scene.yaml", reading);
+  VirtualRig rig(scene, {});
+  PipelineOptions options;
+  options.decode.unwrapping = Unwrapping::predicted;
+  Pipeline pipeline(rig.model(), scene.patterns, options, {});
+  std::optional<Pose> start_true, start_found;
+  int predicted = 0;
+  for (int i = 0; i < 10; ++i) {
+    SimulatedView view = *rig.simulate(pipeline.next_patterns());
+    ASSERT_EQ(view.truth.exposures.size(), view.stack.images.size());
+    const FrameResult result = pipeline.process(std::move(view.stack));
+    ASSERT_NE(result.tracking, Tracking::lost) << i;
+    predicted += !result.complete;
+    if (!start_true) {
+      start_true = view.truth.world_from_robot;
+      start_found = result.world_from_robot;
+    }
+    const Pose found = start_found->inverse() * result.world_from_robot,
+               truth = start_true->inverse() * view.truth.world_from_robot;
+    EXPECT_LT((found.translation - truth.translation).norm(), 0.3e-3) << i;
+    EXPECT_LT(rotation_rad(truth.inverse() * found), 3e-4) << i;
+  }
+  EXPECT_GE(predicted, 5);
+}
+
+TEST(MovingRobot, AViewRateBeyondTheCameraIsAnError) {
+  SceneLoadOptions reading;
+  reading.changes = {{"trajectory.continuous.speed_m_s", "0.3"}, {"trajectory.continuous.view_rate_hz", "30"}};
+  const Scene scene = load_scene(std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop/scene.yaml", reading);
+  VirtualRig rig(scene, {});
+  EXPECT_THROW(rig.simulate(scene.patterns), Error);
+  EXPECT_TRUE(rig.simulate(finest_patterns(scene.patterns, Axis::columns)));
+}
+
+}  // namespace
+}  // namespace fringeslam::sim
