@@ -7,6 +7,7 @@
 #include "core/base/constants.h"
 #include "core/base/instruction_set.h"
 #include "core/base/parallel.h"
+#include "core/decode/cubic_convolution.h"
 #include "core/types/error.h"
 #include "core/types/projection.h"
 
@@ -43,14 +44,6 @@ FRINGESLAM_AVX512 void project_avx512(const Projection& p, const float* ray, con
   project_body(p, ray, depth, width, u, v);
 }
 
-// Weights of cubic convolution (Keys 1981, a = -1/2) at the fraction t between the second and the third sample.
-struct CubicWeights {
-  float w[4];
-  explicit CubicWeights(float t)
-      : w{((-0.5f * t + 1) * t - 0.5f) * t, (1.5f * t - 2.5f) * t * t + 1, ((-1.5f * t + 2) * t + 0.5f) * t,
-          (0.5f * t - 0.5f) * t * t} {}
-};
-
 template <class Grey>
 float sample(const cv::Mat& image, float u, float v) {
   const int col = static_cast<int>(u), row = static_cast<int>(v);  // both at least 1
@@ -59,8 +52,8 @@ float sample(const cv::Mat& image, float u, float v) {
   for (int j = 0; j < 4; ++j) {
     const Grey* grey = image.ptr<Grey>(row - 1 + j) + col - 1;
     float line = 0;
-    for (int i = 0; i < 4; ++i) line += across.w[i] * static_cast<float>(grey[i]);
-    sum += along.w[j] * line;
+    for (int i = 0; i < 4; ++i) line += across.weight[i] * static_cast<float>(grey[i]);
+    sum += along.weight[j] * line;
   }
   return sum;
 }

@@ -10,6 +10,7 @@
 
 #include "core/base/constants.h"
 #include "core/base/parallel.h"
+#include "core/decode/cubic_convolution.h"
 #include "core/decode/steps.h"
 #include "core/types/error.h"
 #include "core/types/linear_algebra.h"
@@ -48,30 +49,18 @@ struct Sample {
 bool sample(const cv::Mat1f& image, const Vector2d& at, Sample& out) {
   if (!(at.x() >= 1 && at.y() >= 1 && at.x() < image.cols - 2 && at.y() < image.rows - 2)) return false;
   const int col = static_cast<int>(at.x()), row = static_cast<int>(at.y());
-  const double fraction[2] = {at.x() - col, at.y() - row};
-  float w[2][4], slope[2][4];
-  for (int axis = 0; axis < 2; ++axis) {
-    const auto f = static_cast<float>(fraction[axis]);
-    w[axis][0] = ((-0.5f * f + 1) * f - 0.5f) * f;
-    w[axis][1] = (1.5f * f - 2.5f) * f * f + 1;
-    w[axis][2] = ((-1.5f * f + 2) * f + 0.5f) * f;
-    w[axis][3] = (0.5f * f - 0.5f) * f * f;
-    slope[axis][0] = (-1.5f * f + 2) * f - 0.5f;
-    slope[axis][1] = (4.5f * f - 5) * f;
-    slope[axis][2] = (-4.5f * f + 4) * f + 0.5f;
-    slope[axis][3] = (1.5f * f - 1) * f;
-  }
+  const CubicWeights u(static_cast<float>(at.x() - col)), v(static_cast<float>(at.y() - row));
   float grey = 0, across = 0, down = 0;
   for (int j = 0; j < 4; ++j) {
     const float* line = image[row - 1 + j] + col - 1;
     float value = 0, change = 0;
     for (int i = 0; i < 4; ++i) {
-      value += w[0][i] * line[i];
-      change += slope[0][i] * line[i];
+      value += u.weight[i] * line[i];
+      change += u.slope[i] * line[i];
     }
-    grey += w[1][j] * value;
-    across += w[1][j] * change;
-    down += slope[1][j] * value;
+    grey += v.weight[j] * value;
+    across += v.weight[j] * change;
+    down += v.slope[j] * value;
   }
   out.grey = static_cast<double>(grey);
   out.gradient << static_cast<double>(across), static_cast<double>(down);
