@@ -47,6 +47,7 @@ std::vector<Item> sensor_items();
 std::vector<Item> decoding_items();
 std::vector<Item> frame_speed_items();
 std::vector<Item> landmark_items();
+std::vector<Item> motion_items();
 std::vector<Item> prediction_items();
 std::vector<Item> landmark_speed_items();
 std::vector<Item> cycles_items();

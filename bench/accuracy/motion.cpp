@@ -1,0 +1,314 @@
+// SPDX-License-Identifier: Apache-2.0
+// Mapping while the robot moves: depth, poses and their covariances from stacks that are exposed in continuous motion.
+// The pipeline is given images and exposure times only; it estimates the motion during each stack itself.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <numbers>
+#include <numeric>
+#include <random>
+
+#include "bench/moving_run.h"
+#include "bench/row.h"
+#include "core/score/score.h"
+
+namespace fringeslam::bench {
+
+namespace {
+
+using Eigen::Vector3d;
+using Changes = std::vector<std::pair<std::string, std::string>>;
+
+constexpr double kRadPerDeg = std::numbers::pi / 180;
+constexpr double kViewRate_hz = 30;
+
+std::vector<double> depths_of(const MovingRun& run, int images) {
+  std::vector<double> depths;
+  for (const MovingView& view : run.views) {
+    if (view.images == images && view.tracking != Tracking::lost) depths.push_back(view.depth_m);
+  }
+  return depths;
+}
+
+double median_depth_sigmas(const MovingRun& run) {
+  std::vector<double> ratios;
+  for (const MovingView& view : run.views) {
+    if (view.images == 3 && view.tracking != Tracking::lost) ratios.push_back(view.depth_sigmas);
+  }
+  return median_of(std::move(ratios));
+}
+
+// --- moving.depth ---
+
+struct Direction {
+  const char* name;
+  Vector3d velocity, axis;  // of the camera, at 1 m/s or 1 rad/s
+};
+
+std::vector<Row> depth_rows(const Context& context) {
+  const double third = 1 / std::sqrt(3.0);
+  const Direction directions[] = {{"x", {1, 0, 0}, {0, 0, 0}},
+                                  {"-x", {-1, 0, 0}, {0, 0, 0}},
+                                  {"y", {0, 1, 0}, {0, 0, 0}},
+                                  {"z", {0, 0, 1}, {0, 0, 0}},
+                                  {"xyz", {third, third, third}, {0, 0, 0}},
+                                  {"about x", {0, 0, 0}, {1, 0, 0}},
+                                  {"about y", {0, 0, 0}, {0, 1, 0}},
+                                  {"about z", {0, 0, 0}, {0, 0, 1}}};
+  constexpr double kSpeed_m_s = 0.3, kTurn_rad_s = 20 * kRadPerDeg;
+  const double duration_s = context.quick ? 0.25 : 0.5;
+  double worst = 0;
+  int compared = 0;
+  for (const char* name : {"loop", "rubble_pile"}) {
+    const auto measured = [&](const Vector3d& velocity, const Vector3d& axis) {
+      return moving_run(
+          scene_with_constant_motion(name, 1, kSpeed_m_s * velocity, kTurn_rad_s * axis, duration_s, kViewRate_hz), {});
+    };
+    const double rest_m = median_of(depths_of(measured(Vector3d::Zero(), Vector3d::Zero()), 3));
+    for (const Direction& direction : directions) {
+      const MovingRun run = measured(direction.velocity, direction.axis);
+      const std::vector<double> depths = depths_of(run, 3);
+      const double ratio = depths.empty() ? INFINITY : median_of(depths) / rest_m;
+      std::vector<double> off;
+      for (const MovingView* view : run.tracked()) off.push_back(view->off_m);
+      std::fprintf(stderr,
+                   "  %-11s %-7s: %zu views, %d lost, %zu of three images; depth %.3f mm, %.2f of that at rest, "
+                   "|error|/sigma %.2f; pose %.4f mm\n",
+                   name, direction.name, run.views.size(), run.lost(), depths.size(),
+                   depths.empty() ? NAN : 1e3 * median_of(depths), ratio, median_depth_sigmas(run),
+                   off.empty() ? NAN : 1e3 * median_of(off));
+      worst = std::max(worst, ratio);
+      ++compared;
+    }
+  }
+  return {bound_row("moving.depth", worst, compared, "x", 1.3, Limit::most)};
+}
+
+// --- poses along the loop ---
+
+Changes along_the_loop(double speed_m_s, const Changes& more = {}) {
+  Changes changes = {{"trajectory.continuous.speed_m_s", std::to_string(speed_m_s)},
+                     {"trajectory.continuous.view_rate_hz", std::to_string(kViewRate_hz)}};
+  changes.insert(changes.end(), more.begin(), more.end());
+  return changes;
+}
+
+void print(const std::string& what, const MovingRun& run) {
+  std::vector<double> nees, off, bound, depth, speed;
+  int three = 0;
+  for (const MovingView* view : run.tracked()) {
+    nees.push_back(view->sigmas * view->sigmas);
+    off.push_back(view->off_m);
+    bound.push_back(view->over_bound);
+    depth.push_back(view->depth_m);
+    if (!std::isnan(view->velocity_m_s)) speed.push_back(view->velocity_m_s);
+    three += view->images == 3;
+  }
+  const auto keyframes = std::count_if(run.views.begin(), run.views.end(), [](const auto& v) { return v.keyframe; });
+  if (off.empty()) return;
+  std::fprintf(stderr,
+               "  %s: %zu views, %d lost, %td keyframes, %d of three images; ATE %.3f mm; pose error median %.4f mm, "
+               "worst %.4f; NEES mean %.2f, median %.2f; over bound %.2f; depth %.3f mm; velocity error %.1f mm/s\n",
+               what.c_str(), run.views.size(), run.lost(), keyframes, three, 1e3 * run.ate_m, 1e3 * median_of(off),
+               1e3 * *std::max_element(off.begin(), off.end()),
+               std::accumulate(nees.begin(), nees.end(), 0.0) / static_cast<double>(nees.size()), median_of(nees),
+               median_of(bound), 1e3 * median_of(depth), speed.empty() ? NAN : 1e3 * median_of(speed));
+}
+
+std::vector<Row> ate_rows(const Context& context) {
+  std::vector<double> ates;
+  for (int seed = 3; seed < (context.quick ? 4 : 6); ++seed) {
+    MovingRunOptions options;
+    if (context.quick) options.most_views = 60;
+    const MovingRun run = moving_run(scene_with("loop", static_cast<uint64_t>(seed), along_the_loop(0.3)), options);
+    print("seed " + std::to_string(seed), run);
+    ates.push_back(run.lost() > 0 ? INFINITY : 1e3 * run.ate_m);
+  }
+  return {median_row("moving.ate", ates, "mm", 0.3)};
+}
+
+std::vector<Row> nees_row(const std::string& id, const std::vector<double>& nees) {
+  const double mean = std::accumulate(nees.begin(), nees.end(), 0.0) / static_cast<double>(nees.size());
+  const int n = static_cast<int>(nees.size());
+  return {bound_row(id + ".least", mean, n, "", 5.3, Limit::least),
+          bound_row(id + ".most", mean, n, "", 6.7, Limit::most)};
+}
+
+std::vector<Row> pose_rows(const Context& context) {
+  std::vector<double> nees, bounds;
+  for (int seed = 1; seed <= (context.quick ? 1 : 8); ++seed) {
+    MovingRunOptions options;
+    options.most_views = 50;
+    options.bound = true;
+    const MovingRun run = moving_run(scene_with("loop", static_cast<uint64_t>(seed), along_the_loop(0.3)), options);
+    print("moving, seed " + std::to_string(seed), run);
+    for (const MovingView* view : run.tracked()) {
+      nees.push_back(view->sigmas * view->sigmas);
+      bounds.push_back(view->over_bound);
+    }
+  }
+  std::vector<Row> rows = nees_row("moving.nees", nees);
+  rows.push_back(median_row("moving.pose_bound", bounds, "x", 1.4));
+  return rows;
+}
+
+// A robot that stands still for each view, at a pace of 1 cm.
+std::vector<Row> still_rows(const Context& context) {
+  std::vector<double> nees;
+  for (int seed = 1; seed <= (context.quick ? 1 : 8); ++seed) {
+    MovingRunOptions options;
+    options.most_views = 50;
+    options.predicted = seed % 2 == 0;
+    options.bound = true;
+    const MovingRun run =
+        moving_run(scene_with("loop", static_cast<uint64_t>(seed), {{"trajectory.spline.count", "901"}}), options);
+    print("still, seed " + std::to_string(seed), run);
+    for (const MovingView* view : run.tracked()) nees.push_back(view->sigmas * view->sigmas);
+  }
+  return nees_row("still.nees", nees);
+}
+
+std::vector<Row> lost_rows(const Context& context) {
+  int lost = 0, views = 0;
+  for (const double speed_m_s : {0.1, 0.3, 0.5, 1.0}) {
+    for (int seed = 1; seed <= (context.quick ? 1 : 3); ++seed) {
+      MovingRunOptions options;
+      options.most_views = context.quick ? 30 : 90;
+      const MovingRun run =
+          moving_run(scene_with("loop", static_cast<uint64_t>(seed), along_the_loop(speed_m_s)), options);
+      char name[64];
+      std::snprintf(name, sizeof name, "%.1f m/s, seed %d", speed_m_s, seed);
+      print(name, run);
+      if (speed_m_s > 0.3) continue;
+      lost += run.lost();
+      views += static_cast<int>(run.views.size());
+    }
+  }
+  return {bound_row("moving.lost", lost, views, "views", 0, Limit::most)};
+}
+
+// --- moving.blur ---
+
+// The light of each exposure is the same, so that only the blur differs.
+std::vector<Row> blur_rows(const Context& context) {
+  constexpr double kReference_s = 1e-3;
+  std::vector<double> ratios;
+  double first_m = NAN;
+  for (const double exposure_s : {1e-3, 2e-3, 4e-3, 7e-3, 10e-3}) {
+    sim::Scene scene =
+        scene_with_constant_motion("loop", 1, {0.2, 0.2, 0.1}, {0, 0, 0}, context.quick ? 0.2 : 0.4, kViewRate_hz);
+    scene.rig.timing.exposure_s = exposure_s;
+    scene.rig.projector_lens.flux_lm *= 2.78e-3 / exposure_s;
+    const MovingRun run = moving_run(scene, {});
+    const std::vector<double> depths = depths_of(run, 3);
+    const double depth_m = depths.empty() ? INFINITY : median_of(depths);
+    if (exposure_s == kReference_s) first_m = depth_m;
+    char name[64];
+    std::snprintf(name, sizeof name, "exposure %.0f ms", 1e3 * exposure_s);
+    print(name, run);
+    ratios.push_back(depth_m / first_m);
+  }
+  return {bound_row("moving.blur", *std::max_element(ratios.begin(), ratios.end()), static_cast<int>(ratios.size()),
+                    "x", 1.5, Limit::most)};
+}
+
+// --- moving.wrong ---
+
+// Shows the camera's images one pattern late from `image` on, as after a frame that the camera dropped.
+void drop_image(FringeStack& stack, size_t image) {
+  for (size_t k = image; k + 1 < stack.images.size(); ++k) stack.images[k] = stack.images[k + 1];
+  stack.images.back() = stack.images.front();
+}
+
+std::vector<Row> wrong_rows(const Context& context) {
+  constexpr double kSigmas = 10, kOff_m = 1e-3;
+  const int motions = context.quick ? 20 : 1000;
+  int wrong = 0, views = 0, lost = 0;
+  std::array<int, 4> wrong_of{}, lost_of{}, views_of{};
+  for (int number = 1; number <= motions; ++number) {
+    std::mt19937_64 random(static_cast<uint64_t>(number));
+    const auto uniform = [&](double low, double high) {
+      return low + (high - low) * static_cast<double>(random() >> 11) / 9007199254740992.0;
+    };
+    const char* name = number % 2 ? "loop" : "rubble_pile";
+    const int kind = number % 4;  // constant motion, jerks, vibration, dropped images
+    const auto direction = [&] {
+      Vector3d d;
+      do {
+        d = {uniform(-1, 1), uniform(-1, 1), uniform(-1, 1)};
+      } while (d.norm() > 1 || d.norm() < 0.1);
+      return Vector3d(d.normalized());
+    };
+    const Vector3d velocity = uniform(0, 1) * direction(), turn = uniform(0, 90) * kRadPerDeg * direction();
+    constexpr double kDuration_s = 0.3, kKnot_s = 0.05;
+    const auto seed = static_cast<uint64_t>(1 + number / 8);
+    sim::Scene scene = scene_with_constant_motion(name, seed, velocity, turn, kDuration_s, kViewRate_hz);
+    sim::Vibration vibration;
+    if (kind == 2) vibration = {uniform(0, 2e-3), uniform(0, 0.3) * kRadPerDeg, uniform(3, 15), uniform(15, 60)};
+    if (kind == 1 || kind == 2) {
+      const Pose& mount = scene.rig.robot_from_camera;
+      const Pose start = scene.path->at(kDuration_s / 2) * mount;
+      const double jerk = kind == 1 ? uniform(0, 1) : 0;
+      std::vector<Pose> controls;
+      Vector3d v = velocity, w = turn;
+      Pose at = start * Pose{rotation_exp(-0.5 * kDuration_s * turn), -0.5 * kDuration_s * velocity};
+      for (double t = 0; t < kDuration_s + 3 * kKnot_s; t += kKnot_s) {
+        controls.push_back(orthonormalised(at * mount.inverse()));
+        at = at * Pose{rotation_exp(kKnot_s * w), kKnot_s * v};
+        v += 0.3 * jerk * direction();
+        w += 30 * kRadPerDeg * jerk * direction();
+      }
+      scene.path.emplace(std::move(controls), kKnot_s, vibration, seed);
+    }
+    MovingRunOptions options;
+    int view = 0;
+    const int hit = static_cast<int>(uniform(0, 6));
+    const size_t image = static_cast<size_t>(uniform(0, 3));
+    if (kind == 3) {
+      options.disturb = [&view, hit, image](FringeStack& stack) {
+        if (view++ == hit) drop_image(stack, image);
+        return true;
+      };
+    }
+    const MovingRun run = moving_run(scene, options);
+    for (const MovingView& v : run.views) {
+      if (v.has_pose && v.sigmas > kSigmas && v.off_m > kOff_m) {
+        ++wrong;
+        ++wrong_of[static_cast<size_t>(kind)];
+        std::fprintf(
+            stderr,
+            "  WRONG: motion %d (%s, kind %d, %.2f m/s, %.0f deg/s) at %.3f s: %.2f mm, %.1f sigmas, %s, %d images\n",
+            number, name, kind, velocity.norm(), turn.norm() / kRadPerDeg, v.time_s, 1e3 * v.off_m, v.sigmas,
+            to_string(v.tracking).c_str(), v.images);
+      }
+    }
+    views += static_cast<int>(run.views.size());
+    lost += run.lost();
+    lost_of[static_cast<size_t>(kind)] += run.lost();
+    views_of[static_cast<size_t>(kind)] += static_cast<int>(run.views.size());
+  }
+  const char* const kinds[] = {"constant", "jerks", "vibration", "dropped image"};
+  for (size_t i = 0; i < wrong_of.size(); ++i)
+    std::fprintf(stderr, "  %-13s: %d views, %d lost, %d confidently wrong\n", kinds[i], views_of[i], lost_of[i],
+                 wrong_of[i]);
+  return {bound_row("moving.wrong", wrong, motions, "poses", 0, Limit::most)};
+}
+
+}  // namespace
+
+std::vector<Item> motion_items() {
+  return {{{"moving.depth"},
+           "median depth error of three images at 0.3 m/s and 20 deg/s, relative to that at rest: worst direction",
+           depth_rows},
+          {{"moving.nees.least", "moving.nees.most", "moving.pose_bound"},
+           "poses relative to their keyframes at 0.3 m/s: NEES and error relative to the Cramer-Rao bound",
+           pose_rows},
+          {{"still.nees.least", "still.nees.most"}, "the same at rest: NEES", still_rows},
+          {{"moving.lost"}, "views without a pose at 0.1 and 0.3 m/s", lost_rows},
+          {{"moving.blur"}, "depth error with long exposures at 0.3 m/s, relative to 1 ms", blur_rows},
+          {{"moving.ate"}, "one lap at 0.3 m/s, 30 views per second", ate_rows},
+          {{"moving.wrong"}, "random motions up to 1 m/s and 90 deg/s: confidently wrong poses", wrong_rows}};
+}
+
+}  // namespace fringeslam::bench
