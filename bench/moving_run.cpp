@@ -157,7 +157,7 @@ MovingRun moving_run(const sim::Scene& scene, const MovingRunOptions& options) {
     }
     run.views.push_back(scored);
   }
-  if (!truth.empty()) run.ate_m = score_trajectory(pipeline.trajectory(), truth).ate_rmse_m;
+  if (truth.size() > 1) run.ate_m = score_trajectory(pipeline.trajectory(), truth).ate_rmse_m;
   return run;
 }
 

@@ -42,6 +42,14 @@ int KeyframeMap::add_keyframe(const Frame& frame, Landmarks landmarks, const Pos
   return number;
 }
 
+void KeyframeMap::replace_frame(int keyframe, const Frame& frame) {
+  keyframes_[static_cast<size_t>(keyframe)].frame = stored(frame);
+  // A keyframe's own frame precedes the others that are fixed to it.
+  const auto own =
+      std::find_if(frames_.begin(), frames_.end(), [&](const MapFrame& f) { return f.keyframe == keyframe; });
+  if (own != frames_.end()) own->frame = keyframes_[static_cast<size_t>(keyframe)].frame;
+}
+
 bool KeyframeMap::add_frame(const Frame& frame, int keyframe, const Pose& keyframe_from_camera) {
   const Pose here = world_from_camera(keyframe, keyframe_from_camera);
   for (const MapFrame& known : frames_) {

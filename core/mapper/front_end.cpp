@@ -7,6 +7,16 @@
 
 namespace fringeslam {
 
+namespace {
+
+// True if a motion is known so well that the images need not determine it.
+bool is_known(const MotionPrior& prior) {
+  constexpr double kSigma = 4e-3;  // m/s or rad/s: 0.04 px of displacement during three images
+  return prior.covariance.diagonal().head<6>().maxCoeff() <= kSigma * kSigma;
+}
+
+}  // namespace
+
 struct FringeFrontEnd::Decoding {
   DecodeOptions options;
   std::optional<CoordinatePrior> expected;
@@ -42,7 +52,6 @@ ReconstructedView FringeFrontEnd::reconstruct(const FringeStack& stack, const Re
   }
   ReconstructedView view;
   view.complete = !needs_prior(stack);
-  decode_and_triangulate(view, stack, decoding, nullptr);
   compensate_motion(view, stack, decoding, prior);
   return view;
 }
@@ -69,39 +78,49 @@ void FringeFrontEnd::decode_and_triangulate(ReconstructedView& view, const Fring
 // The depth needs the motion, but the motion needs only a rough depth: two rounds suffice.
 void FringeFrontEnd::compensate_motion(ReconstructedView& view, const FringeStack& stack, const Decoding& decoding,
                                        const ReconstructionPrior& prior) const {
-  enter_stage("motion");
+  const auto align = [&](const cv::Mat1f& depth, const CameraMotion& motion) {
+    enter_stage("motion");
+    const AlignedStack aligned = align_stack(stack, rig_, rays_, depth, motion);
+    decode_and_triangulate(view, stack, decoding, &aligned);
+  };
   const auto rough_depth = [&] {
     cv::Mat1f depth;
     cv::extractChannel(view.frame.points_m, depth, 2);
-    if (prior.expected != nullptr) prior.expected->depth_m.copyTo(depth, depth != depth);
     return filled_depth(depth, rig_.middle_range_m());
   };
-  cv::Mat1f depth = rough_depth();
-  const auto align = [&](const CameraMotion& motion) {
-    const AlignedStack aligned = align_stack(stack, rig_, rays_, depth, motion);
-    decode_and_triangulate(view, stack, decoding, &aligned);
-    enter_stage("motion");
-  };
+  const bool predicted = prior.motion && !prior.motion->motion.is_still();
   if (!view.complete) {
     if (prior.motion) view.motion = StackMotion{prior.motion->motion, prior.motion->covariance, 0, 0, true};
-    if (prior.motion && !prior.motion->motion.is_still()) align(prior.motion->motion);
+    if (predicted)
+      align(filled_depth(prior.expected->depth_m, rig_.middle_range_m()), prior.motion->motion);
+    else
+      decode_and_triangulate(view, stack, decoding, nullptr);
     return;
   }
-  const bool predicted = prior.motion && !prior.motion->motion.is_still();
-  if (!predicted && !shows_motion(stack, rig_, rays_, depth)) {
+  decode_and_triangulate(view, stack, decoding, nullptr);
+  if (predicted && is_known(*prior.motion)) {
+    view.motion = StackMotion{prior.motion->motion, prior.motion->covariance, 0, 0, true};
+    for (int round = 0; round < 2; ++round) align(rough_depth(), prior.motion->motion);
+    return;
+  }
+  enter_stage("motion");
+  cv::Mat1f depth = rough_depth();
+  if (!prior.motion) {
+    // Without a prior, only the test is done: the caller may know more.
     view.motion.emplace();
-    view.motion->converged = true;
+    view.motion->converged = !shows_motion(stack, rig_, rays_, depth);
     return;
   }
-  MotionPrior start = predicted ? *prior.motion : unknown_motion({});
+  MotionPrior start = *prior.motion;
   for (int round = 0; round < 2; ++round) {
     view.motion = estimate_stack_motion(stack, rig_, rays_, depth, start, predicted || round > 0);
     if (!view.motion->converged) return;
     if (round == 0 && !is_moving(*view.motion)) {
       view.motion->motion = {};
+      view.motion->residuals = 0;
       return;
     }
-    align(view.motion->motion);
+    align(depth, view.motion->motion);
     depth = rough_depth();
     if (!predicted) start.motion = view.motion->motion;
   }

@@ -57,32 +57,45 @@ Mapper::Mapper(KeyframeMap map, const MapperOptions& options)
 
 FrameResult Mapper::process(MapperInput input) {
   FrameResult result;
-  const std::optional<Pose> predicted = predicted_camera(input.timestamp_s);
+  const std::optional<Prediction> predicted = predict(input.timestamp_s);
   if (input.view)
     static_cast<ReconstructedView&>(result) = std::move(*input.view);
   else if (!input.needs_prior)
     reconstruct(result, input, {});
   result.complete = !input.needs_prior;
+  const auto motion_unknown = [&] { return result.motion && !result.motion->converged; };
+  if (result.complete && motion_unknown() && input.reconstruct)
+    reconstruct(result, input, {nullptr, predicted ? predicted->motion : unknown_motion({})});
   if (result.complete && options_.registration.tracking.landmarks == LandmarkViews::every_frame) find_landmarks(result);
 
-  const bool motion_unknown = result.motion && !result.motion->converged;
-  if (motion_unknown)
+  const bool moving = result.motion && !result.motion->motion.is_still();
+  if (motion_unknown())
     result.tracking = Tracking::lost;
   else if (map_.keyframes().empty())
     result.tracking = result.complete ? Tracking::first : Tracking::lost;
   else if (input.needs_prior)
     predicted&& follow_by_prediction(result, input, *predicted);
+  else if (moving)
+    (predicted && follow_in_motion(result, input, *predicted)) || relocalize(result);
   else
-    (predicted && follow(result, *predicted)) || relocalize(result);
-  add_motion_uncertainty(result, input);
+    (predicted && follow(result, predicted->world_from_camera)) || relocalize(result);
+  const Matrix6d own_motion = add_motion_uncertainty(result, input);
 
   if (result.tracking == Tracking::lost) {
     lost_ = !map_.keyframes().empty();
     return result;
   }
   result.relocalized = std::exchange(lost_, false);
+  if (result.relocalized) continuous_from_ = track_.size();
   extend_map(result);
+  if (result.keyframe >= 0) {
+    keyframe_motion_.resize(static_cast<size_t>(result.keyframe) + 1, Matrix6d::Zero());
+    keyframe_motion_.back() = own_motion;
+  }
+  if (result.tracking == Tracking::first && moving && input.reconstruct)
+    first_keyframe_ = FirstKeyframe{std::move(input), *result.motion};
   note_pose(result, predicted);
+  improve_first_keyframe();
   return result;
 }
 
@@ -98,10 +111,39 @@ Pose Mapper::world_from_camera(const TrackedView& view) const {
   return map_.world_from_camera(view.keyframe, view.keyframe_from_camera);
 }
 
+// Predicts pose and motion of the next view. A robot that moves while it captures has the same motion between its views
+// and during them; for one that stops for each capture, the poses between views do not predict the motion during them.
+std::optional<Mapper::Prediction> Mapper::predict(double timestamp_s) const {
+  // Jerks of a slow robot.
+  constexpr double kTurn_rad = 0.03 * std::numbers::pi / 180, kShift_m = 0.3e-3;
+  if (!options_.registration.tracking.predict || lost_ || track_.empty()) return std::nullopt;
+  if (!in_motion_) {
+    const std::optional<Pose> camera = camera_at_constant_velocity(timestamp_s);
+    if (!camera) return std::nullopt;
+    return Prediction{*camera, prediction_covariance_, motion_like_last(timestamp_s)};
+  }
+  std::optional<MotionPrediction> motion = predict_motion(last_samples(), timestamp_s, {});
+  if (!motion) return std::nullopt;
+  Vector6d sigmas;
+  sigmas << Eigen::Vector3d::Constant(std::max(kTurn_rad, motion->turn_rad)),
+      Eigen::Vector3d::Constant(std::max(kShift_m, motion->shift_m));
+  return Prediction{motion->world_from_camera, sigmas.cwiseAbs2().asDiagonal(), motion->motion};
+}
+
+std::vector<PoseSample> Mapper::last_samples() const {
+  constexpr size_t kMost = 8;
+  const size_t first = std::max(continuous_from_, track_.size() - std::min(kMost, track_.size()));
+  std::vector<PoseSample> samples;
+  for (size_t i = first; i < track_.size(); ++i)
+    samples.push_back({track_[i].timestamp_s, world_from_camera(track_[i]), track_[i].turn_rad2, track_[i].shift_m2,
+                       track_[i].own_motion});
+  return samples;
+}
+
 // Constant velocity between the last two tracked views; empty if they are too far in the past.
-std::optional<Pose> Mapper::predicted_camera(double timestamp_s) const {
+std::optional<Pose> Mapper::camera_at_constant_velocity(double timestamp_s) const {
   constexpr double kFarthest = 3;  // intervals between those views
-  if (!options_.registration.tracking.predict || lost_ || track_.size() < 2) return std::nullopt;
+  if (track_.size() < 2) return std::nullopt;
   const TrackedView &before = track_[track_.size() - 2], &last = track_.back();
   const double share = (timestamp_s - last.timestamp_s) / (last.timestamp_s - before.timestamp_s);
   if (!(share >= 0 && share <= kFarthest)) return std::nullopt;
@@ -163,39 +205,90 @@ bool Mapper::follow(FrameResult& result, const Pose& predicted, const Matrix6d& 
 
 // Unwraps by the depth that the map predicts (docs/method.md, section 3.2, `predicted`). The first registration improves
 // the predicted pose, which determines more fringe orders.
-bool Mapper::follow_by_prediction(FrameResult& result, const MapperInput& input, const Pose& predicted) {
-  const ExpectedView first = expected_view(predicted, prediction_covariance_, false);
-  const MotionPrior prior = predicted_motion(input.timestamp_s);
-  reconstruct(result, input, {&first, prior});
-  const Pose start = estimate_motion(result, input, predicted, first, prior);
+bool Mapper::follow_by_prediction(FrameResult& result, const MapperInput& input, const Prediction& predicted) {
+  const ExpectedView first = expected_view(predicted.world_from_camera, predicted.covariance, false);
+  reconstruct(result, input, {&first, predicted.motion});
+  const Pose start = estimate_motion(result, input, predicted, &first, predicted.motion);
   // The fringe orders at depth steps are still missing, and the remaining walls may not constrain all directions: the
   // prediction is a prior of the registration.
-  if (!follow(result, start, inverse(prediction_covariance_))) return false;
+  if (!follow(result, start, inverse(predicted.covariance))) return false;
   const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera;
   const Pose found = world_from_reference * result.registration.earlier_from_current;
   const ExpectedView second = expected_view(found, result.covariance, true);
   const std::optional<StackMotion> motion = result.motion;
-  reconstruct(result, input, {&second, motion ? MotionPrior{motion->motion, motion->covariance} : prior});
+  reconstruct(result, input, {&second, motion ? MotionPrior{motion->motion, motion->covariance} : predicted.motion});
   return follow(result, found);
 }
 
-// Adds the uncertainty of the motion during the stack to the covariance of the pose. The motion of a complete stack is
-// known from the stack itself; that of others is estimated together with the pose.
-void Mapper::add_motion_uncertainty(FrameResult& result, const MapperInput& input) {
-  constexpr int kStride = 8;
-  if (!result.motion || result.motion->motion.is_still() || !input.depth_slopes || !result.registration.refined) return;
-  const std::vector<DepthSlope> slopes = input.depth_slopes(result, kStride);
-  enter_stage("motion");
-  const MotionRegistration joint =
-      register_motion(keyframe_image(result.reference), result.frame, rig_.camera,
-                      result.registration.earlier_from_current, slopes, result.motion->motion,
-                      result.complete ? MotionPrior{result.motion->motion, result.motion->covariance}
-                                      : predicted_motion(input.timestamp_s));
-  if (joint.valid) result.covariance += joint.pose_covariance - joint.fixed_covariance;
+// Follows a complete view whose stack was exposed in motion.
+bool Mapper::follow_in_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted) {
+  const StackMotion& own = *result.motion;
+  const MotionPrior prior = own.residuals > 0 ? MotionPrior{own.motion, own.covariance} : predicted.motion;
+  return follow(result, estimate_motion(result, input, predicted, nullptr, prior));
 }
 
-// Predicts the motion during a stack from that of the last view, with accelerations in between.
-MotionPrior Mapper::predicted_motion(double timestamp_s) const {
+// Returns the covariance that the uncertain motion during the stack adds to the pose of its frame relative to `target`.
+Matrix6d Mapper::motion_covariance(const ReconstructedView& view, const MapperInput& input, const Frame& target,
+                                   const Pose& target_from_source) const {
+  constexpr int kStride = 8;
+  if (!view.motion || view.motion->motion.is_still() || !input.depth_slopes) return Matrix6d::Zero();
+  const std::vector<DepthSlope> slopes = input.depth_slopes(view, kStride);
+  enter_stage("motion");
+  const Matrix6x12d derivative = pose_by_motion(target, view.frame, rig_.camera, target_from_source, slopes);
+  return derivative * view.motion->covariance * derivative.transpose();
+}
+
+// Adds the uncertainty of the motion during the stack, and during that of the keyframe, to the covariance of the pose.
+// Returns the former in the axes of the view.
+Matrix6d Mapper::add_motion_uncertainty(FrameResult& result, const MapperInput& input) {
+  if (result.tracking == Tracking::first) return motion_covariance(result, input, result.frame, {});
+  if (!result.registration.refined) return Matrix6d::Zero();
+  const Pose& pose = result.registration.earlier_from_current;
+  const Matrix6d own = motion_covariance(result, input, keyframe_image(result.reference), pose);
+  result.covariance += own;
+  Matrix6d turned = Matrix6d::Zero();
+  turned.topLeftCorner<3, 3>() = turned.bottomRightCorner<3, 3>() = pose.rotation.transpose();
+  if (const auto reference = static_cast<size_t>(result.reference); reference < keyframe_motion_.size()) {
+    // A shift of the keyframe's frame moves the pose from the left.
+    Matrix6d moved = Matrix6d::Identity();
+    moved.bottomLeftCorner<3, 3>() = -skew(pose.translation);
+    result.covariance += moved * keyframe_motion_[reference] * moved.transpose();
+  }
+  return turned * own * turned.transpose();
+}
+
+// Decodes the first keyframe again as soon as the views after it determine its motion better than its own stack.
+void Mapper::improve_first_keyframe() {
+  constexpr size_t kViews = 4;
+  if (!first_keyframe_ || track_.size() < kViews) return;
+  const FirstKeyframe first = *std::exchange(first_keyframe_, std::nullopt);
+  if (continuous_from_ > 0 || !in_motion_) return;
+  // Reversed in time, the later views predict the first one.
+  std::vector<PoseSample> samples = last_samples();
+  samples.erase(samples.begin());
+  std::reverse(samples.begin(), samples.end());
+  for (PoseSample& sample : samples) {
+    sample.timestamp_s = -sample.timestamp_s;
+    sample.motion.reset();
+  }
+  const std::optional<MotionPrediction> reversed = predict_motion(samples, -first.input.timestamp_s, {});
+  if (!reversed) return;
+  MotionPrior motion = reversed->motion;
+  motion.motion.angular_rad_s *= -1;
+  motion.motion.velocity_m_s *= -1;
+  motion.covariance.topRightCorner<6, 6>() *= -1;
+  motion.covariance.bottomLeftCorner<6, 6>() *= -1;
+  const auto uncertainty = [](const Matrix12d& covariance) { return covariance.diagonal().head<6>().maxCoeff(); };
+  if (uncertainty(motion.covariance) >= uncertainty(first.motion.covariance)) return;
+  const ReconstructedView view = first.input.reconstruct({nullptr, motion});
+  if (!view.motion || !view.motion->converged) return;
+  map_.replace_frame(0, view.frame);
+  keyframe_motion_[0] = motion_covariance(view, first.input, view.frame, {});
+  image_keyframe_ = -1;
+}
+
+// Predicts the motion during a stack from that of the last one, with accelerations in between.
+MotionPrior Mapper::motion_like_last(double timestamp_s) const {
   const MotionLimits limits;
   MotionPrior prior = unknown_motion(limits);
   if (!last_motion_ || lost_) return prior;
@@ -210,24 +303,24 @@ MotionPrior Mapper::predicted_motion(double timestamp_s) const {
   return prior;
 }
 
-// Estimates the motion during a stack of one period by registration with the map, and decodes the stack with it.
-// Returns the camera pose found on the way.
-Pose Mapper::estimate_motion(FrameResult& result, const MapperInput& input, const Pose& predicted,
-                             const ExpectedView& expected, const MotionPrior& prior) {
+// Estimates the motion during a stack by registration with the map, and decodes the stack with it. Returns the camera
+// pose found on the way.
+Pose Mapper::estimate_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted,
+                             const ExpectedView* expected, const MotionPrior& prior) {
   constexpr int kStride = 6, kRounds = 4;
   constexpr double kNegligible = 0.05;  // change of the depths, sigmas
-  if (!input.depth_slopes || !result.motion) return predicted;
-  Pose world_from_camera = predicted;
+  if (!input.depth_slopes || !result.motion) return predicted.world_from_camera;
+  Pose world_from_camera = predicted.world_from_camera;
   for (int round = 0; round < kRounds; ++round) {
     const int reference = best_reference(result.frame, world_from_camera);
     const std::vector<DepthSlope> slopes = input.depth_slopes(result, kStride);
-    if (reference < 0 || slopes.empty()) return predicted;
+    if (reference < 0 || slopes.empty()) return predicted.world_from_camera;
     enter_stage("motion");
     const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(reference)].world_from_camera;
     const MotionRegistration found =
         register_motion(keyframe_image(reference), result.frame, rig_.camera,
                         world_from_reference.inverse() * world_from_camera, slopes, result.motion->motion, prior);
-    if (!found.valid) return predicted;
+    if (!found.valid) return predicted.world_from_camera;
     world_from_camera = world_from_reference * found.target_from_source;
     StackMotion motion = *result.motion;
     motion.motion = to_motion(to_vector(result.motion->motion) + found.step);
@@ -235,13 +328,14 @@ Pose Mapper::estimate_motion(FrameResult& result, const MapperInput& input, cons
     motion.converged = true;
     if (result.motion->motion.is_still() && !is_moving(motion)) {
       result.motion->covariance = found.motion_covariance;
-      return predicted;
+      return predicted.world_from_camera;
     }
     if (found.ripple_sigma < kNegligible) {
       result.motion->covariance = found.motion_covariance;
       break;
     }
-    reconstruct(result, input, {&expected, MotionPrior{motion.motion, motion.covariance}});
+    reconstruct(result, input, {expected, MotionPrior{motion.motion, motion.covariance}});
+    result.complete = !input.needs_prior;
   }
   return world_from_camera;
 }
@@ -353,7 +447,7 @@ int Mapper::close_loops(const FrameResult& result) {
 
 // Fills in the poses, and keeps what predicts the next view. The error of constant velocity is assumed to be at most
 // twice the present one, and not less than the jerks of a slow robot.
-void Mapper::note_pose(FrameResult& result, const std::optional<Pose>& predicted) {
+void Mapper::note_pose(FrameResult& result, const std::optional<Prediction>& predicted) {
   enter_stage("other");
   const Pose world_from_current = world_from_camera(track_.back());
   result.world_from_robot = orthonormalised(world_from_current * rig_.robot_from_camera.inverse());
@@ -362,9 +456,13 @@ void Mapper::note_pose(FrameResult& result, const std::optional<Pose>& predicted
   last_frame_ = result.frame;
   last_keyframe_ = result.keyframe;
   last_motion_ = result.motion;
+  in_motion_ = result.motion && !result.motion->motion.is_still();
+  track_.back().turn_rad2 = result.covariance.topLeftCorner<3, 3>().trace() / 3;
+  track_.back().shift_m2 = result.covariance.bottomRightCorner<3, 3>().trace() / 3;
+  if (in_motion_ && result.motion->residuals > 0) track_.back().own_motion = result.motion;
   if (result.tracking != Tracking::followed) return;
   constexpr double kTurn_rad = 0.03 * std::numbers::pi / 180, kShift_m = 0.3e-3;
-  const Vector6d error = difference(world_from_current, *predicted);
+  const Vector6d error = difference(world_from_current, predicted->world_from_camera);
   Vector6d sigmas;
   sigmas << Eigen::Vector3d::Constant(std::max(kTurn_rad, 2 * error.head<3>().norm())),
       Eigen::Vector3d::Constant(std::max(kShift_m, 2 * error.tail<3>().norm()));

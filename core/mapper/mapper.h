@@ -12,6 +12,7 @@
 #include "core/map/keyframe_map.h"
 #include "core/mapper/front_end.h"
 #include "core/mapper/landmark_finder.h"
+#include "core/mapper/motion_predictor.h"
 #include "core/mapper/view_registration.h"
 #include "core/types/trajectory.h"
 
@@ -87,21 +88,42 @@ class Mapper {
     double timestamp_s = 0;
     int keyframe = 0;
     Pose keyframe_from_camera;
+    double turn_rad2 = 0, shift_m2 = 0;          // mean variance of the pose's components
+    std::optional<StackMotion> own_motion = {};  // estimated from the stack without a prediction
+  };
+
+  // The next view as expected from the last ones.
+  struct Prediction {
+    Pose world_from_camera;
+    Matrix6d covariance;
+    MotionPrior motion;
+  };
+
+  // The first keyframe, to be decoded again once later views determine its motion better than its own stack.
+  struct FirstKeyframe {
+    MapperInput input;
+    StackMotion motion;
   };
 
   Pose world_from_camera(const TrackedView& view) const;
-  std::optional<Pose> predicted_camera(double timestamp_s) const;
+  std::optional<Prediction> predict(double timestamp_s) const;
+  std::optional<Pose> camera_at_constant_velocity(double timestamp_s) const;
+  std::vector<PoseSample> last_samples() const;
   const Frame& keyframe_image(int keyframe);
   void reconstruct(FrameResult& result, const MapperInput& input, const ReconstructionPrior& prior) const;
   void find_landmarks(FrameResult& result) const;
 
-  MotionPrior predicted_motion(double timestamp_s) const;
+  MotionPrior motion_like_last(double timestamp_s) const;
   int best_reference(const Frame& frame, const Pose& predicted) const;
   bool follow(FrameResult& result, const Pose& predicted, const Matrix6d& prior = Matrix6d::Zero());
-  void add_motion_uncertainty(FrameResult& result, const MapperInput& input);
-  Pose estimate_motion(FrameResult& result, const MapperInput& input, const Pose& predicted,
-                       const ExpectedView& expected, const MotionPrior& prior);
-  bool follow_by_prediction(FrameResult& result, const MapperInput& input, const Pose& predicted);
+  Pose estimate_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted,
+                       const ExpectedView* expected, const MotionPrior& prior);
+  bool follow_in_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted);
+  bool follow_by_prediction(FrameResult& result, const MapperInput& input, const Prediction& predicted);
+  Matrix6d motion_covariance(const ReconstructedView& view, const MapperInput& input, const Frame& target,
+                             const Pose& target_from_source) const;
+  Matrix6d add_motion_uncertainty(FrameResult& result, const MapperInput& input);
+  void improve_first_keyframe();
   bool relocalize(FrameResult& result);
   bool leaves_keyframe(const FrameResult& result, const Pose& world_from_camera, int keyframe) const;
   ExpectedView expected_view(const Pose& world_from_current, const Matrix6d& covariance, bool by_reference) const;
@@ -109,7 +131,7 @@ class Mapper {
   void extend_map(FrameResult& result);
   void add_keyframe(FrameResult& result, TrackedView& here);
   int close_loops(const FrameResult& result);
-  void note_pose(FrameResult& result, const std::optional<Pose>& predicted);
+  void note_pose(FrameResult& result, const std::optional<Prediction>& predicted);
 
   RigModel rig_;
   MapperOptions options_;
@@ -123,7 +145,11 @@ class Mapper {
   Frame keyframe_image_;
   Frame last_frame_;  // of the last tracked view
   std::optional<StackMotion> last_motion_;
+  bool in_motion_ = false;  // the last stack was exposed in motion
   int last_keyframe_ = -1;
+  size_t continuous_from_ = 0;             // first view of track_ since tracking was last lost
+  std::vector<Matrix6d> keyframe_motion_;  // covariance of each keyframe's frame due to its motion, in its own axes
+  std::optional<FirstKeyframe> first_keyframe_;
 };
 
 }  // namespace fringeslam

@@ -66,17 +66,37 @@ Sums linearise(const Frame& target, const Frame& source, const Pinhole& camera, 
   return sums;
 }
 
+Matrix6x12d derivative_of_pose(const Matrix18d& information) {
+  const Matrix6d pose = information.topLeftCorner<6, 6>();
+  return -inverse(pose) * information.topRightCorner<6, 12>();
+}
+
+constexpr int kLeastPairs = 200;
+constexpr double kOutlierSigma = 6;
+
 }  // namespace
+
+Matrix6x12d pose_by_motion(const Frame& target, const Frame& source, const Pinhole& camera,
+                           const Pose& target_from_source, const std::vector<DepthSlope>& slopes) {
+  const Sums sums = linearise(target, source, camera, target_from_source, slopes, Vector12d::Zero(), Matrix12d::Zero(),
+                              kOutlierSigma);
+  if (sums.pairs < kLeastPairs) return Matrix6x12d::Zero();
+  return derivative_of_pose(sums.information);
+}
 
 MotionRegistration register_motion(const Frame& target, const Frame& source, const Pinhole& camera, const Pose& initial,
                                    const std::vector<DepthSlope>& slopes, const CameraMotion& current,
                                    const MotionPrior& prior) {
-  constexpr int kIterations = 8, kLeastPairs = 200;
-  constexpr double kOutlierSigma = 6, kSettledSigmas = 0.1;
+  constexpr int kIterations = 8;
+  constexpr double kSettledSigmas = 0.1, kScaleSettled = 1.2;
+  constexpr int kScaleIterations = 20;
   const Matrix12d prior_information = inverse_positive_definite(Eigen::MatrixXd(prior.covariance));
   const Vector12d from_prior = to_vector(current) - to_vector(prior.motion);
   MotionRegistration result;
   result.target_from_source = initial;
+  // Factor of the prior's covariance, by expectation maximisation: a motion that contradicts the prior in the directions
+  // that the depth determines makes the prior doubtful in the others too.
+  double scale = 1;
   // The motion is uncertain at first, then known.
   Matrix12d uncertain = prior.covariance;
   Matrix18d information;
@@ -86,11 +106,25 @@ MotionRegistration register_motion(const Frame& target, const Frame& source, con
     result.pairs = sums.pairs;
     if (sums.pairs < kLeastPairs) return result;
     const double excess = std::max(1.0, sums.squares / sums.pairs);
-    information = sums.information / excess;
-    Vector18d gradient = sums.gradient / excess;
-    information.bottomRightCorner<12, 12>() += prior_information;
-    gradient.tail<12>() += prior_information * (from_prior + result.step);
-    const Vector18d step = solve_positive_definite(Eigen::MatrixXd(information), Eigen::VectorXd(-gradient));
+    const Matrix18d measured = sums.information / excess;
+    const Vector18d gradient = sums.gradient / excess;
+    const auto solved = [&] {
+      information = measured;
+      information.bottomRightCorner<12, 12>() += prior_information / scale;
+      Vector18d right = gradient;
+      right.tail<12>() += prior_information * (from_prior + result.step) / scale;
+      return Vector18d(solve_positive_definite(Eigen::MatrixXd(information), Eigen::VectorXd(-right)));
+    };
+    Vector18d step = solved();
+    for (int i = 0; i < kScaleIterations && step.allFinite(); ++i) {
+      const Vector12d off = from_prior + result.step + step.tail<12>();
+      const Matrix12d left = inverse_positive_definite(Eigen::MatrixXd(information)).bottomRightCorner<12, 12>();
+      const double found = std::max(1.0, (off.dot(prior_information * off) + (prior_information * left).trace()) / 12);
+      const bool settled = found < kScaleSettled * scale;
+      scale = std::max(scale, found);
+      if (settled) break;
+      step = solved();
+    }
     if (!step.allFinite()) return result;
     result.target_from_source = retract(result.target_from_source, step.head<6>());
     result.step += step.tail<12>();
@@ -99,8 +133,8 @@ MotionRegistration register_motion(const Frame& target, const Frame& source, con
   }
   const Matrix18d covariance = inverse_positive_definite(Eigen::MatrixXd(information));
   result.motion_covariance = covariance.bottomRightCorner<12, 12>();
-  result.pose_covariance = covariance.topLeftCorner<6, 6>();
-  result.fixed_covariance = inverse_positive_definite(Eigen::MatrixXd(information.topLeftCorner<6, 6>()));
+  result.pose_by_motion = derivative_of_pose(information);
+  result.prior_scale = scale;
   double squares = 0;
   for (const DepthSlope& slope : slopes) {
     const double change = slope.by_motion.dot(result.step) / static_cast<double>(source.sigma_m(slope.row, slope.col));

@@ -18,21 +18,30 @@
 
 namespace fringeslam {
 
+using Matrix6x12d = Eigen::Matrix<double, 6, 12>;
+
 struct MotionRegistration {
   Pose target_from_source;
-  Vector12d step = Vector12d::Zero();               // to be added to the motion that the source was decoded with
-  Matrix12d motion_covariance = Matrix12d::Zero();  // with the pose unknown
-  Matrix6d pose_covariance = Matrix6d::Zero();      // with the motion unknown, tangent of retract()
-  Matrix6d fixed_covariance = Matrix6d::Zero();     // of the pose if the motion were known
-  double ripple_sigma = 0;                          // RMS of the step's effect on the depths, in sigmas of the depth
+  Vector12d step = Vector12d::Zero();                // to be added to the motion that the source was decoded with
+  Matrix12d motion_covariance = Matrix12d::Zero();   // with the pose unknown
+  Matrix6x12d pose_by_motion = Matrix6x12d::Zero();  // see pose_by_motion()
+  double ripple_sigma = 0;                           // RMS of the step's effect on the depths, in sigmas of the depth
+  double prior_scale = 1;                            // by which the prior's covariance was multiplied, at least 1
   int pairs = 0;
   bool valid = false;
 };
 
 // Registers `source`, decoded with the motion `current`, to `target`, starting at `initial`. `slopes` are those of the
-// source's pixels. Not valid if too few points correspond.
+// source's pixels. If the motion that explains the depths contradicts the prior, the prior's covariance is multiplied by the
+// factor of greatest likelihood. Not valid if too few points correspond.
 MotionRegistration register_motion(const Frame& target, const Frame& source, const Pinhole& camera, const Pose& initial,
                                    const std::vector<DepthSlope>& slopes, const CameraMotion& current,
                                    const MotionPrior& prior);
+
+// Returns the derivative of the pose of `source` registered to `target`, in the tangent of retract(), with respect to the
+// motion that `source` is decoded with: with the covariance C of the motion, the pose has the additional covariance
+// D C D^T. Zero if too few points correspond.
+Matrix6x12d pose_by_motion(const Frame& target, const Frame& source, const Pinhole& camera,
+                           const Pose& target_from_source, const std::vector<DepthSlope>& slopes);
 
 }  // namespace fringeslam
