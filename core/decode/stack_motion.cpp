@@ -92,6 +92,22 @@ struct MotionSums {
   int residuals = 0;
 };
 
+// Gaussian blur, at a lower resolution if it is wide.
+cv::Mat1f blurred_image(const cv::Mat1f& image, double sigma_px) {
+  constexpr double kFinest_px = 3;
+  cv::Mat1f blurred;
+  const double scale = std::max(1.0, sigma_px / kFinest_px);
+  if (scale < 2) {
+    cv::GaussianBlur(image, blurred, {}, sigma_px);
+    return blurred;
+  }
+  cv::Mat1f small;
+  cv::resize(image, small, {}, 1 / scale, 1 / scale, cv::INTER_AREA);
+  cv::GaussianBlur(small, small, {}, kFinest_px);
+  cv::resize(small, blurred, image.size(), 0, 0, cv::INTER_CUBIC);
+  return blurred;
+}
+
 class Problem {
  public:
   Problem(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, Axis axis)
@@ -112,6 +128,7 @@ class Problem {
   }
 
   size_t periods() const { return periods_.size(); }
+  const std::vector<Period>& all_periods() const { return periods_; }
 
   // Depth slopes of the finest fringes; see depth_slopes().
   std::vector<DepthSlope> slopes(const cv::Mat1f& known_m, const CameraMotion& motion, int stride) {
@@ -143,10 +160,7 @@ class Problem {
     blur_px_ = sigma_px;
     for (size_t k = 0; k < images_.size(); ++k) {
       cv::Mat1f blurred = images_[k];
-      if (sigma_px > 0) {
-        blurred = cv::Mat1f();
-        cv::GaussianBlur(images_[k], blurred, {}, sigma_px);
-      }
+      if (sigma_px > 0) blurred = blurred_image(images_[k], sigma_px);
       blurred_[k] = blurred;
     }
   }
@@ -281,14 +295,28 @@ class Problem {
       if (!fit(point, normal, periods_[g], fits[g])) return;
     }
     const PeriodFit& finest = fits.back();
+    // Fringes that drift by about 60 degrees against their shifts leave mean and phase of their period nearly
+    // undetermined, which amplifies errors that are not noise.
+    constexpr double kMaxAmplification = 6;
+    const size_t best = static_cast<size_t>(
+        std::min_element(fits.begin(), fits.end(),
+                         [](const PeriodFit& a, const PeriodFit& b) { return a.mean_variance < b.mean_variance; }) -
+        fits.begin());
+    const auto amplified = [&](const PeriodFit& fit) {
+      return fit.mean_variance > kMaxAmplification * fits[best].mean_variance;
+    };
+    for (size_t g = 0; g < fits.size(); ++g) {
+      if (g == best || amplified(fits[g])) continue;
+      add(fits[g].mean - fits[best].mean, fits[g].mean_slope - fits[best].mean_slope,
+          fits[g].mean_variance + fits[best].mean_variance, outlier_sigma, sums);
+    }
     ProjectionDerivative unused;
     const double expected_px = ::fringeslam::project(rig_.projector, rig_.projector_from_camera * point, unused)[row_];
     const bool fringes = finest.modulation > kMinModulation && blur_px_ == 0;
     if (blur_px_ == 0 && !fringes) return;
+    if (amplified(finest)) return;
     for (size_t g = 0; g + 1 < periods_.size(); ++g) {
       const PeriodFit& here = fits[g];
-      add(here.mean - finest.mean, here.mean_slope - finest.mean_slope, here.mean_variance + finest.mean_variance,
-          outlier_sigma, sums);
       if (!fringes || here.modulation <= kMinModulation) continue;
       // The depth determines the order of the coarser phase; its multiple predicts the finest phase up to whole turns.
       const double ratio = periods_[g].period_px / periods_.back().period_px;
@@ -338,6 +366,45 @@ namespace {
 
 constexpr int kLeastResiduals = 100;
 
+// Starting point for displacements of many pixels: the shift between the mean images of the two coarsest periods, whose
+// fringes hardly drift, by phase correlation; explained by rotation and translation in proportion to the prior.
+Vector12d coarse_motion(const FringeStack& stack, const std::vector<Period>& periods, const RigModel& rig,
+                        double distance_m, const MotionPrior& prior) {
+  constexpr double kLeastResponse = 0.02, kLeast_px = 1.5;
+  Vector12d motion = to_vector(prior.motion);
+  cv::Mat1f means[2];
+  double time_s[2] = {};
+  for (int i = 0; i < 2; ++i) {
+    const std::vector<size_t>& images = periods[static_cast<size_t>(i)].images;
+    for (const size_t k : images) {
+      cv::Mat1f image;
+      stack.images[k].convertTo(image, CV_32F, 1 / static_cast<double>(images.size()));
+      if (means[i].empty())
+        means[i] = image;
+      else
+        means[i] += image;
+      time_s[i] += stack.exposure_time_s[k] / static_cast<double>(images.size());
+    }
+    cv::Mat1f slow;
+    cv::blur(means[i], slow, {31, 31});
+    means[i] = (means[i] - slow) / (slow + 1);
+  }
+  cv::Mat window;
+  cv::createHanningWindow(window, means[0].size(), CV_32F);
+  double response = 0;
+  const cv::Point2d shift = cv::phaseCorrelate(means[0], means[1], window, &response);
+  if (response < kLeastResponse || std::hypot(shift.x, shift.y) < kLeast_px) return motion;
+  const double dt = time_s[1] - time_s[0];
+  const Vector2d rate(shift.x / (rig.camera.fx * dt), shift.y / (rig.camera.fy * dt));
+  const double by_shift = prior.covariance(3, 3) / (distance_m * distance_m), by_turn = prior.covariance(0, 0);
+  const double share = by_shift / (by_shift + by_turn);
+  motion[0] = (1 - share) * rate.y();
+  motion[1] = -(1 - share) * rate.x();
+  motion[3] = -share * distance_m * rate.x();
+  motion[4] = -share * distance_m * rate.y();
+  return motion;
+}
+
 struct Level {
   double blur_px;
   int stride, iterations;
@@ -354,6 +421,12 @@ Matrix12d systematic_covariance() {
   return sigmas.cwiseAbs2().asDiagonal();
 }
 
+// Residuals of neighbouring pixels share their errors.
+Matrix12d motion_covariance(const MotionSums& sums) {
+  constexpr double kSharing = 100;
+  return kSharing * inverse_positive_definite(Eigen::MatrixXd(sums.information)) + systematic_covariance();
+}
+
 MotionSums with_prior(MotionSums sums, const Matrix12d& information, const Vector12d& from_prior) {
   sums.information.triangularView<Eigen::StrictlyUpper>() = sums.information.transpose();
   // Unmodelled residuals, such as depth errors, weaken the evidence.
@@ -366,7 +439,7 @@ MotionSums with_prior(MotionSums sums, const Matrix12d& information, const Vecto
 // Minimises the robust cost of one level by Levenberg-Marquardt: where texture is fine, full steps overshoot.
 bool minimise(Problem& problem, const Level& level, const Matrix12d& information, const Vector12d& prior,
               Vector12d& motion, MotionSums& sums) {
-  constexpr double kSettledSigmas = 0.1, kStuck = 1e6;
+  constexpr double kSettledSigmas = 0.5, kStuck = 1e6;
   problem.blur(level.blur_px);
   double damping = 1e-3, cost = std::numeric_limits<double>::infinity();
   Vector12d tried = motion;
@@ -403,11 +476,12 @@ StackMotion estimate_stack_motion(const FringeStack& stack, const RigModel& rig,
   Problem problem(stack, rig, rays, axis);
   if (problem.periods() < 2) return result;
   problem.set_depth(depth_m);
-  const Level fine{0, 3, 15, 8};
+  const Level fine{0, 4, 20, 8};
   std::vector<Level> levels = {fine};
   if (!predicted) levels = {{12, 8, 15, 200}, {6, 8, 15, 60}, {3, 6, 15, 30}, {1.5, 4, 12, 20}, fine};
   const Vector12d start = to_vector(prior.motion);
   Vector12d motion = start;
+  if (!predicted) motion = coarse_motion(stack, problem.all_periods(), rig, cv::mean(depth_m)[0], prior);
   // Accelerations are held near zero until the velocity is right.
   Matrix12d rigid = prior.covariance;
   rigid.bottomRightCorner<6, 6>() *= 1e-4;
@@ -422,7 +496,7 @@ StackMotion estimate_stack_motion(const FringeStack& stack, const RigModel& rig,
   settled = minimise(problem, fine, free, start, motion, sums) || settled;
   constexpr double kMaxRms = 4;  // of residuals clipped at 8 sigmas: most pixels are explained
   result.motion = to_motion(motion);
-  result.covariance = inverse_positive_definite(Eigen::MatrixXd(sums.information)) + systematic_covariance();
+  result.covariance = motion_covariance(sums);
   result.rms_sigma = std::sqrt(sums.squares / sums.residuals);
   result.residuals = sums.residuals;
   result.converged = settled && result.rms_sigma <= kMaxRms;
@@ -445,7 +519,7 @@ bool shows_motion(const FringeStack& stack, const RigModel& rig, const PixelRays
   const Vector12d step = solve_positive_definite(Eigen::MatrixXd(sums.information), Eigen::VectorXd(-sums.gradient));
   StackMotion linear;
   linear.motion = to_motion(step);
-  linear.covariance = inverse_positive_definite(Eigen::MatrixXd(sums.information)) + systematic_covariance();
+  linear.covariance = motion_covariance(sums);
   return is_moving(linear);
 }
 
