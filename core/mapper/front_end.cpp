@@ -1,9 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/mapper/front_end.h"
 
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
 #include <utility>
 
+#include "core/base/constants.h"
 #include "core/base/stage_clock.h"
+#include "core/patterns/patterns.h"
 
 namespace fringeslam {
 
@@ -13,6 +18,35 @@ namespace {
 bool is_known(const MotionPrior& prior) {
   constexpr double kSigma = 4e-3;  // m/s or rad/s: 0.04 px of displacement during three images
   return prior.covariance.diagonal().head<6>().maxCoeff() <= kSigma * kSigma;
+}
+
+double least_separation(const std::vector<double>& shifts_rad) {
+  double least = kPi;
+  for (size_t i = 0; i < shifts_rad.size(); ++i) {
+    for (size_t j = 0; j < i; ++j)
+      least = std::min(least, std::abs(std::remainder(shifts_rad[i] - shifts_rad[j], kTwoPi)));
+  }
+  return least;
+}
+
+// Shifts that become `shifts_rad`, or these in reversed order, by the drift. The order is reversed where the drift would
+// leave hardly any difference between the patterns.
+std::vector<double> anticipated_shifts(const std::vector<double>& shifts_rad, const std::vector<double>& drifts_rad) {
+  constexpr double kDistinct_rad = kPi / 4;
+  std::vector<double> ordered, reversed;
+  for (size_t i = 0; i < shifts_rad.size(); ++i) {
+    ordered.push_back(shifts_rad[i] - drifts_rad[i]);
+    reversed.push_back(shifts_rad[shifts_rad.size() - 1 - i] - drifts_rad[i]);
+  }
+  const bool keep = least_separation(ordered) >= std::min(kDistinct_rad, least_separation(reversed));
+  return keep ? ordered : reversed;
+}
+
+bool differ_in_shifts_only(const PatternSequence& one, const PatternSequence& other) {
+  if (one.patterns.size() != other.patterns.size()) return false;
+  PatternSequence with_shifts = one;
+  for (size_t k = 0; k < one.patterns.size(); ++k) with_shifts.patterns[k].shift_rad = other.patterns[k].shift_rad;
+  return with_shifts == other;
 }
 
 }  // namespace
@@ -38,7 +72,7 @@ bool FringeFrontEnd::needs_prior(const FringeStack& stack) const {
 }
 
 ReconstructedView FringeFrontEnd::reconstruct(const FringeStack& stack, const ReconstructionPrior& prior) const {
-  if (!(stack.patterns == sequence_) && !(stack.patterns == finest_))
+  if (!differ_in_shifts_only(stack.patterns, sequence_) && !differ_in_shifts_only(stack.patterns, finest_))
     throw Error(
         "stack " + std::to_string(stack.index) +
         ": its patterns are neither the whole sequence nor its finest fringes; capture what next_patterns() asks "
@@ -63,6 +97,48 @@ std::vector<DepthSlope> FringeFrontEnd::depth_slopes(const FringeStack& stack, c
   cv::extractChannel(view.frame.points_m, depth, 2);
   return fringeslam::depth_slopes(stack, rig_, rays_, depth, view.motion ? view.motion->motion : CameraMotion{},
                                   stride);
+}
+
+PatternSequence FringeFrontEnd::anticipated(const PatternSequence& patterns, const ReconstructedView& last) const {
+  constexpr int kStride = 16;
+  constexpr double kStep_rad = kTwoPi / 24;
+  if (!last.motion || !last.motion->converged || last.motion->motion.is_still()) return patterns;
+  CameraMotion motion = last.motion->motion;
+  motion.angular_rad_s2.setZero();
+  motion.acceleration_m_s2.setZero();
+  const std::vector<double> times_s = exposure_times_s(0, patterns, rig_.timing);
+  const auto drift_rad = [&](size_t k, const Pattern& pattern) {
+    const Pose exposure_from_reference = motion.at(times_s[k]).inverse();
+    const int coordinate = pattern.axis == Axis::columns ? 0 : 1;
+    std::vector<double> drifts_px;
+    for (int row = 0; row < last.frame.height(); row += kStride) {
+      for (int col = 0; col < last.frame.width(); col += kStride) {
+        const cv::Vec3f p = last.frame.points_m(row, col);
+        if (std::isnan(p[2])) continue;
+        const Eigen::Vector3d point(p[0], p[1], p[2]),
+            here = rig_.projector_from_camera * point,
+            there = rig_.projector_from_camera * (exposure_from_reference * point);
+        if (here.z() > 0 && there.z() > 0)
+          drifts_px.push_back((rig_.projector.project(there) - rig_.projector.project(here))[coordinate]);
+      }
+    }
+    if (drifts_px.empty()) return 0.0;
+    const auto middle = drifts_px.begin() + static_cast<std::ptrdiff_t>(drifts_px.size() / 2);
+    std::nth_element(drifts_px.begin(), middle, drifts_px.end());
+    return kStep_rad * std::round(kTwoPi * *middle / pattern.period_px / kStep_rad);
+  };
+  PatternSequence changed = patterns;
+  for (const Axis axis : {Axis::columns, Axis::rows}) {
+    for (const FringeGroup& group : fringe_groups(patterns, axis)) {
+      std::vector<double> drifts_rad;
+      for (const int image : group.images)
+        drifts_rad.push_back(drift_rad(static_cast<size_t>(image), patterns.patterns[static_cast<size_t>(image)]));
+      const std::vector<double> shifts_rad = anticipated_shifts(group.shifts_rad, drifts_rad);
+      for (size_t i = 0; i < group.images.size(); ++i)
+        changed.patterns[static_cast<size_t>(group.images[i])].shift_rad = shifts_rad[i];
+    }
+  }
+  return changed;
 }
 
 void FringeFrontEnd::decode_and_triangulate(ReconstructedView& view, const FringeStack& stack, const Decoding& decoding,

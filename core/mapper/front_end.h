@@ -40,6 +40,10 @@ class FrontEnd {
   // Returns how the depth of every `stride`-th pixel in every `stride`-th row depends on the motion during the stack.
   // Empty if the front end does not compensate motion: the mapper then does not estimate it.
   virtual std::vector<DepthSlope> depth_slopes(const FringeStack&, const ReconstructedView&, int) const { return {}; }
+  // Returns the patterns for the next stack of a camera that moves on as during the view `last`.
+  virtual PatternSequence anticipated(const PatternSequence& patterns, const ReconstructedView&) const {
+    return patterns;
+  }
 };
 
 struct FrontEndOptions {
@@ -58,6 +62,10 @@ class FringeFrontEnd : public FrontEnd {
   ReconstructedView reconstruct(const FringeStack& stack, const ReconstructionPrior& prior) const override;
   std::vector<DepthSlope> depth_slopes(const FringeStack& stack, const ReconstructedView& view,
                                        int stride) const override;
+  // Changes the phase shifts so that those of the aligned images are as in `patterns`: drifting fringes would otherwise
+  // move them together (docs/method.md, section 9.2). Shifts are multiples of 15 degrees, so that a projector can store
+  // all patterns.
+  PatternSequence anticipated(const PatternSequence& patterns, const ReconstructedView& last) const override;
 
  private:
   RigModel rig_;

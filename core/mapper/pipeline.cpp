@@ -20,6 +20,7 @@ Pipeline::Pipeline(std::shared_ptr<const FrontEnd> front_end, Mapper mapper, con
       mapper_(std::move(mapper)),
       schedule_(sequence, options.decode.unwrapping == Unwrapping::predicted, options.mapping.keyframe_overlap,
                 options.tracking.min_predicted),
+      next_(schedule_.next()),
       surface_(options.surface) {
   PipelineOptions checked = options;
   checked.for_each_stage([](const char* name, auto& stage) { check_options(stage, name); });
@@ -33,12 +34,17 @@ PreprocessedStack Pipeline::preprocess(FringeStack stack) const {
 
 FrameResult Pipeline::process(PreprocessedStack preprocessed) {
   const FringeStack& stack = preprocessed.stack;
-  FrameResult result = mapper_.process(
-      {stack.timestamp_s, std::move(preprocessed.view), front_end_->needs_prior(stack),
-       [&](const ReconstructionPrior& prior) { return front_end_->reconstruct(stack, prior); },
-       [&](const ReconstructedView& view, int stride) { return front_end_->depth_slopes(stack, view, stride); }});
+  // The mapper may keep the input to reconstruct the view again.
+  FrameResult result = mapper_.process({stack.timestamp_s, std::move(preprocessed.view), front_end_->needs_prior(stack),
+                                        [front_end = front_end_, stack](const ReconstructionPrior& prior) {
+                                          return front_end->reconstruct(stack, prior);
+                                        },
+                                        [front_end = front_end_, stack](const ReconstructedView& view, int stride) {
+                                          return front_end->depth_slopes(stack, view, stride);
+                                        }});
   result.images = static_cast<int>(stack.images.size());
   schedule_.update(result);
+  next_ = schedule_.is_fixed() ? schedule_.next() : front_end_->anticipated(schedule_.next(), result);
   return result;
 }
 

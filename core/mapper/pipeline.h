@@ -81,7 +81,7 @@ class Pipeline {
            const PipelineOptions& options);
 
   // Patterns to project for the next stack.
-  const PatternSequence& next_patterns() const { return schedule_.next(); }
+  const PatternSequence& next_patterns() const { return next_; }
   // True if next_patterns() does not depend on stacks that are still to be processed.
   bool has_fixed_patterns() const { return schedule_.is_fixed(); }
 
@@ -103,6 +103,7 @@ class Pipeline {
   std::shared_ptr<const FrontEnd> front_end_;
   Mapper mapper_;
   PatternSchedule schedule_;
+  PatternSequence next_;
   SurfaceOptions surface_;
 };
 
