@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/decode/motion_alignment.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <opencv2/imgproc.hpp>
 
 #include "core/base/constants.h"
 #include "core/base/instruction_set.h"
@@ -68,7 +70,60 @@ void sample_row(const cv::Mat& image, const float* u, const float* v, float* gre
   }
 }
 
+// Factors that give grey values the brightness of the reference time: one image per exposure, a pixel for each
+// kCell x kCell pixels of the camera, within which brightness changes hardly.
+constexpr int kCell = 8;
+
+std::vector<cv::Mat1f> brightness_shares(const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m,
+                                         const std::vector<Pose>& exposures_from_reference) {
+  // At depth steps and in grazing light, the normal of the averaged surface is not that of any surface.
+  constexpr double kLeastCosine = 0.3;
+  const cv::Size size((depth_m.cols + kCell - 1) / kCell, (depth_m.rows + kCell - 1) / kCell);
+  cv::Mat1f depth;
+  cv::Mat2f directions;
+  cv::resize(depth_m, depth, size, 0, 0, cv::INTER_AREA);
+  cv::resize(rays, directions, size, 0, 0, cv::INTER_AREA);
+  const auto point_at = [&](int row, int col) {
+    const cv::Vec2f& ray = directions(row, col);
+    const auto z = static_cast<double>(depth(row, col));
+    return Eigen::Vector3d(z * static_cast<double>(ray[0]), z * static_cast<double>(ray[1]), z);
+  };
+  std::vector<cv::Mat1f> shares(exposures_from_reference.size());
+  for (cv::Mat1f& share : shares) share = cv::Mat1f(size, 1.0f);
+  for (int row = 1; row + 1 < size.height; ++row) {
+    for (int col = 1; col + 1 < size.width; ++col) {
+      const Eigen::Vector3d point = point_at(row, col);
+      Eigen::Vector3d normal = (point_at(row, col + 1) - point_at(row, col - 1))
+                                   .cross(point_at(row + 1, col) - point_at(row - 1, col))
+                                   .normalized();
+      const Eigen::Vector3d lit = rig.projector_from_camera * point;
+      const Eigen::Vector3d light = rig.projector_from_camera.rotation.transpose() * lit.normalized();
+      if (!(std::abs(normal.dot(light)) > kLeastCosine)) normal = light;
+      const double reference = relative_brightness(rig, point, normal);
+      for (size_t k = 0; k < shares.size(); ++k) {
+        const Pose& exposure = exposures_from_reference[k];
+        const double share = reference / relative_brightness(rig, exposure * point, exposure.rotation * normal);
+        if (std::isfinite(share)) shares[k](row, col) = static_cast<float>(share);
+      }
+    }
+  }
+  for (cv::Mat1f& share : shares) {
+    if (size.width > 2 && size.height > 2)
+      cv::copyMakeBorder(share(cv::Rect(1, 1, size.width - 2, size.height - 2)), share, 1, 1, 1, 1,
+                         cv::BORDER_REPLICATE | cv::BORDER_ISOLATED);
+  }
+  return shares;
+}
+
 }  // namespace
+
+double relative_brightness(const RigModel& rig, const Eigen::Vector3d& point, const Eigen::Vector3d& normal) {
+  const Eigen::Vector3d from_projector = rig.projector_from_camera * point;
+  const double distance = from_projector.norm(), cosine = from_projector.z() / distance;
+  const double facing = std::abs((rig.projector_from_camera.rotation * normal).dot(from_projector));
+  return facing / (distance * distance * distance) * std::pow(cosine, rig.projector_lens.vignetting - 3) *
+         std::pow(point.z() / point.norm(), rig.camera_lens.vignetting);
+}
 
 AlignedStack align_stack(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m,
                          const CameraMotion& motion, Axis axis) {
@@ -80,8 +135,10 @@ AlignedStack align_stack(const FringeStack& stack, const RigModel& rig, const Pi
   const size_t images = stack.images.size();
   std::vector<Projection> camera, projector;
   std::vector<bool> moved;
+  std::vector<Pose> exposures_from_reference;
   for (const double time_s : stack.exposure_time_s) {
     const Pose exposure_from_reference = motion.at(time_s - stack.timestamp_s).inverse();
+    exposures_from_reference.push_back(exposure_from_reference);
     camera.emplace_back(exposure_from_reference, rig.camera);
     projector.emplace_back(rig.projector_from_camera * exposure_from_reference, rig.projector);
     moved.push_back(time_s != stack.timestamp_s);
@@ -92,6 +149,8 @@ AlignedStack align_stack(const FringeStack& stack, const RigModel& rig, const Pi
     aligned.images.emplace_back(size);
     aligned.drift_px.emplace_back(size);
   }
+  const std::vector<cv::Mat1f> shares = brightness_shares(rig, rays, depth_m, exposures_from_reference);
+  const auto offset = static_cast<float>(rig.sensor.offset_dn);
   for_each_range(size.height, [&](int first, int end) {
     const auto width = static_cast<size_t>(size.width);
     std::vector<float> buffer(4 * width);
@@ -118,6 +177,8 @@ AlignedStack align_stack(const FringeStack& stack, const RigModel& rig, const Pi
           sample_row<ushort>(image, u, v, grey, drift);
         else
           sample_row<float>(image, u, v, grey, drift);
+        const float* const share = shares[k][row / kCell];
+        for (size_t i = 0; i < width; ++i) grey[i] = offset + share[i / kCell] * (grey[i] - offset);
       }
     }
   });
