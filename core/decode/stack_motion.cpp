@@ -170,7 +170,7 @@ class Problem {
   void set_depth(const cv::Mat1f& depth_m) {
     depth_m_ = depth_m;
     constexpr double kSmooth_px = 6;  // slopes at depth steps and noise would exceed those of the surfaces
-    cv::GaussianBlur(depth_m, smooth_m_, {}, kSmooth_px);
+    smooth_m_ = blurred_image(depth_m, kSmooth_px);
   }
 
   MotionSums linearise(const CameraMotion& motion, int stride, double outlier_sigma) {

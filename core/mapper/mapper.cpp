@@ -69,17 +69,18 @@ FrameResult Mapper::process(MapperInput input) {
   if (result.complete && options_.registration.tracking.landmarks == LandmarkViews::every_frame) find_landmarks(result);
 
   const bool moving = result.motion && !result.motion->motion.is_still();
+  MotionEffect effect;
   if (motion_unknown())
     result.tracking = Tracking::lost;
   else if (map_.keyframes().empty())
     result.tracking = result.complete ? Tracking::first : Tracking::lost;
   else if (input.needs_prior)
-    predicted&& follow_by_prediction(result, input, *predicted);
+    predicted&& follow_by_prediction(result, input, *predicted, effect);
   else if (moving)
-    (predicted && follow_in_motion(result, input, *predicted)) || relocalize(result);
+    (predicted && follow_in_motion(result, input, *predicted, effect)) || relocalize(result);
   else
     (predicted && follow(result, predicted->world_from_camera)) || relocalize(result);
-  const Matrix6d own_motion = add_motion_uncertainty(result, input);
+  const Matrix6d own_motion = add_motion_uncertainty(result, input, effect);
 
   if (result.tracking == Tracking::lost) {
     lost_ = !map_.keyframes().empty();
@@ -114,8 +115,8 @@ Pose Mapper::world_from_camera(const TrackedView& view) const {
 // Predicts pose and motion of the next view. A robot that moves while it captures has the same motion between its views
 // and during them; for one that stops for each capture, the poses between views do not predict the motion during them.
 std::optional<Mapper::Prediction> Mapper::predict(double timestamp_s) const {
-  // Jerks of a slow robot.
-  constexpr double kTurn_rad = 0.03 * std::numbers::pi / 180, kShift_m = 0.3e-3;
+  // Errors of the poses that the prediction shares with its reference.
+  constexpr double kTurn_rad = 0.006 * std::numbers::pi / 180, kShift_m = 0.06e-3;
   if (!options_.registration.tracking.predict || lost_ || track_.empty()) return std::nullopt;
   if (!in_motion_) {
     const std::optional<Pose> camera = camera_at_constant_velocity(timestamp_s);
@@ -180,7 +181,7 @@ int Mapper::best_reference(const Frame& frame, const Pose& predicted) const {
   return change ? most : last;
 }
 
-bool Mapper::follow(FrameResult& result, const Pose& predicted, const Matrix6d& prior) {
+bool Mapper::follow(FrameResult& result, const Pose& predicted, const Matrix6d& prior, double max_error_m) {
   enter_stage("follow");
   const int reference = best_reference(result.frame, predicted);
   if (reference < 0) return false;
@@ -189,6 +190,7 @@ bool Mapper::follow(FrameResult& result, const Pose& predicted, const Matrix6d& 
   const auto registered = [&](const Pose& expected, int stride) {
     RegistrationOptions options = options_.registration;
     options.icp.stride = std::max(options.icp.stride, stride);
+    options.tracking.max_prediction_error_m = std::min(options.tracking.max_prediction_error_m, max_error_m);
     return follow_view(keyframe_image(result.reference), result.frame, expected, rig_.camera, rig_.middle_range_m(),
                        options, prior);
   };
@@ -205,10 +207,15 @@ bool Mapper::follow(FrameResult& result, const Pose& predicted, const Matrix6d& 
 
 // Unwraps by the depth that the map predicts (docs/method.md, section 3.2, `predicted`). The first registration improves
 // the predicted pose, which determines more fringe orders.
-bool Mapper::follow_by_prediction(FrameResult& result, const MapperInput& input, const Prediction& predicted) {
-  const ExpectedView first = expected_view(predicted.world_from_camera, predicted.covariance, false);
+bool Mapper::follow_by_prediction(FrameResult& result, const MapperInput& input, const Prediction& predicted,
+                                  MotionEffect& effect) {
+  // In motion, the prediction is so accurate that the first registration improves no fringe orders.
+  const bool accurate = !predicted.motion.motion.is_still();
+  if (accurate) keyframe_image(track_.back().keyframe);
+  const ExpectedView first = expected_view(predicted.world_from_camera, predicted.covariance, accurate);
   reconstruct(result, input, {&first, predicted.motion});
-  const Pose start = estimate_motion(result, input, predicted, &first, predicted.motion);
+  const Pose start = estimate_motion(result, input, predicted, &first, predicted.motion, effect);
+  if (accurate) return follow(result, start, Matrix6d::Zero(), largest_error_m(predicted));
   // The fringe orders at depth steps are still missing, and the remaining walls may not constrain all directions: the
   // prediction is a prior of the registration.
   if (!follow(result, start, inverse(predicted.covariance))) return false;
@@ -220,11 +227,19 @@ bool Mapper::follow_by_prediction(FrameResult& result, const MapperInput& input,
   return follow(result, found);
 }
 
+// Largest displacement of surfaces from their predicted positions.
+double Mapper::largest_error_m(const Prediction& predicted) const {
+  constexpr double kSigmas = 6;
+  const Vector6d sigmas = predicted.covariance.diagonal().cwiseSqrt();
+  return kSigmas * (sigmas.head<3>().maxCoeff() * rig_.middle_range_m() + sigmas.tail<3>().maxCoeff());
+}
+
 // Follows a complete view whose stack was exposed in motion.
-bool Mapper::follow_in_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted) {
+bool Mapper::follow_in_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted,
+                              MotionEffect& effect) {
   const StackMotion& own = *result.motion;
   const MotionPrior prior = own.residuals > 0 ? MotionPrior{own.motion, own.covariance} : predicted.motion;
-  return follow(result, estimate_motion(result, input, predicted, nullptr, prior));
+  return follow(result, estimate_motion(result, input, predicted, nullptr, prior, effect));
 }
 
 // Returns the covariance that the uncertain motion during the stack adds to the pose of its frame relative to `target`.
@@ -240,11 +255,14 @@ Matrix6d Mapper::motion_covariance(const ReconstructedView& view, const MapperIn
 
 // Adds the uncertainty of the motion during the stack, and during that of the keyframe, to the covariance of the pose.
 // Returns the former in the axes of the view.
-Matrix6d Mapper::add_motion_uncertainty(FrameResult& result, const MapperInput& input) {
+Matrix6d Mapper::add_motion_uncertainty(FrameResult& result, const MapperInput& input, const MotionEffect& effect) {
   if (result.tracking == Tracking::first) return motion_covariance(result, input, result.frame, {});
   if (!result.registration.refined) return Matrix6d::Zero();
   const Pose& pose = result.registration.earlier_from_current;
-  const Matrix6d own = motion_covariance(result, input, keyframe_image(result.reference), pose);
+  const bool known = effect.reference == result.reference && result.motion;
+  const Matrix6d own =
+      known ? Matrix6d(effect.pose_by_motion * result.motion->covariance * effect.pose_by_motion.transpose())
+            : motion_covariance(result, input, keyframe_image(result.reference), pose);
   result.covariance += own;
   Matrix6d turned = Matrix6d::Zero();
   turned.topLeftCorner<3, 3>() = turned.bottomRightCorner<3, 3>() = pose.rotation.transpose();
@@ -306,14 +324,16 @@ MotionPrior Mapper::motion_like_last(double timestamp_s) const {
 // Estimates the motion during a stack by registration with the map, and decodes the stack with it. Returns the camera
 // pose found on the way.
 Pose Mapper::estimate_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted,
-                             const ExpectedView* expected, const MotionPrior& prior) {
-  constexpr int kStride = 6, kRounds = 4;
-  constexpr double kNegligible = 0.05;  // change of the depths, sigmas
+                             const ExpectedView* expected, const MotionPrior& prior, MotionEffect& effect) {
+  constexpr int kRounds = 4;
+  constexpr double kNegligible = 0.15;  // change of the depths, sigmas
   if (!input.depth_slopes || !result.motion) return predicted.world_from_camera;
   Pose world_from_camera = predicted.world_from_camera;
   for (int round = 0; round < kRounds; ++round) {
     const int reference = best_reference(result.frame, world_from_camera);
-    const std::vector<DepthSlope> slopes = input.depth_slopes(result, kStride);
+    // Whether there is motion at all can be seen from fewer pixels.
+    const int stride = result.motion->motion.is_still() ? 12 : 6;
+    const std::vector<DepthSlope> slopes = input.depth_slopes(result, stride);
     if (reference < 0 || slopes.empty()) return predicted.world_from_camera;
     enter_stage("motion");
     const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(reference)].world_from_camera;
@@ -322,6 +342,7 @@ Pose Mapper::estimate_motion(FrameResult& result, const MapperInput& input, cons
                         world_from_reference.inverse() * world_from_camera, slopes, result.motion->motion, prior);
     if (!found.valid) return predicted.world_from_camera;
     world_from_camera = world_from_reference * found.target_from_source;
+    effect = {reference, found.pose_by_motion};
     StackMotion motion = *result.motion;
     motion.motion = to_motion(to_vector(result.motion->motion) + found.step);
     motion.covariance = found.motion_covariance;

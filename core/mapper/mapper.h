@@ -5,6 +5,7 @@
 #pragma once
 
 #include <functional>
+#include <limits>
 #include <optional>
 #include <string>
 #include <vector>
@@ -14,6 +15,7 @@
 #include "core/mapper/landmark_finder.h"
 #include "core/mapper/motion_predictor.h"
 #include "core/mapper/view_registration.h"
+#include "core/registration/motion_registration.h"
 #include "core/types/trajectory.h"
 
 namespace fringeslam {
@@ -105,6 +107,12 @@ class Mapper {
     StackMotion motion;
   };
 
+  // How the pose relative to keyframe `reference` depends on the motion during the stack; -1: not computed yet.
+  struct MotionEffect {
+    int reference = -1;
+    Matrix6x12d pose_by_motion;
+  };
+
   Pose world_from_camera(const TrackedView& view) const;
   std::optional<Prediction> predict(double timestamp_s) const;
   std::optional<Pose> camera_at_constant_velocity(double timestamp_s) const;
@@ -115,14 +123,18 @@ class Mapper {
 
   MotionPrior motion_like_last(double timestamp_s) const;
   int best_reference(const Frame& frame, const Pose& predicted) const;
-  bool follow(FrameResult& result, const Pose& predicted, const Matrix6d& prior = Matrix6d::Zero());
+  bool follow(FrameResult& result, const Pose& predicted, const Matrix6d& prior = Matrix6d::Zero(),
+              double max_error_m = std::numeric_limits<double>::infinity());
   Pose estimate_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted,
-                       const ExpectedView* expected, const MotionPrior& prior);
-  bool follow_in_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted);
-  bool follow_by_prediction(FrameResult& result, const MapperInput& input, const Prediction& predicted);
+                       const ExpectedView* expected, const MotionPrior& prior, MotionEffect& effect);
+  bool follow_in_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted,
+                        MotionEffect& effect);
+  bool follow_by_prediction(FrameResult& result, const MapperInput& input, const Prediction& predicted,
+                            MotionEffect& effect);
+  double largest_error_m(const Prediction& predicted) const;
   Matrix6d motion_covariance(const ReconstructedView& view, const MapperInput& input, const Frame& target,
                              const Pose& target_from_source) const;
-  Matrix6d add_motion_uncertainty(FrameResult& result, const MapperInput& input);
+  Matrix6d add_motion_uncertainty(FrameResult& result, const MapperInput& input, const MotionEffect& effect);
   void improve_first_keyframe();
   bool relocalize(FrameResult& result);
   bool leaves_keyframe(const FrameResult& result, const Pose& world_from_camera, int keyframe) const;

@@ -97,7 +97,9 @@ MotionRegistration register_motion(const Frame& target, const Frame& source, con
   // Factor of the prior's covariance, by expectation maximisation: a motion that contradicts the prior in the directions
   // that the depth determines makes the prior doubtful in the others too.
   double scale = 1;
-  // The motion is uncertain at first, then known.
+  // The motion is uncertain at first, then known. A narrow prior hardly widens the gates.
+  constexpr double kNarrow = 5e-3;  // m/s or rad/s
+  const bool is_narrow = prior.covariance.diagonal().head<6>().maxCoeff() < kNarrow * kNarrow;
   Matrix12d uncertain = prior.covariance;
   Matrix18d information;
   for (int iteration = 0; iteration < kIterations; ++iteration) {
@@ -129,7 +131,8 @@ MotionRegistration register_motion(const Frame& target, const Frame& source, con
     result.target_from_source = retract(result.target_from_source, step.head<6>());
     result.step += step.tail<12>();
     uncertain *= 0.1;
-    if (iteration > 2 && std::sqrt(step.dot(information * step)) < kSettledSigmas) break;
+    const bool gates_settled = iteration > 2 || is_narrow;
+    if (gates_settled && std::sqrt(step.dot(information * step)) < kSettledSigmas) break;
   }
   const Matrix18d covariance = inverse_positive_definite(Eigen::MatrixXd(information));
   result.motion_covariance = covariance.bottomRightCorner<12, 12>();
