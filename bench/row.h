@@ -54,6 +54,7 @@ std::vector<Item> cycles_items();
 std::vector<Item> large_world_items();
 std::vector<Item> mapping_items();
 std::vector<Item> mapping_speed_items();
+std::vector<Item> moving_hand_items();
 std::vector<Item> registration_items();
 std::vector<Item> registration_speed_items();
 std::vector<Item> rendering_items();

@@ -11,8 +11,8 @@
 // A, A', B and phi belong to the pixel; the drift eps and its change a are smooth over the image; h_c and h_s are the same
 // for the whole image. Decoded as if the scene were at rest, three steps have an error of -(eps / sqrt 3) sin 2 phi and
 // four steps one of (eps / 2) cos 2 phi, with phi taken at the reference time. The harmonic N - 1 is the first one that N
-// steps confuse with the fringe: at rest it causes an error of -h_c sin(N phi) + h_s cos(N phi), and in motion it changes
-// the amplitude of the ripple by a factor of 1 - (N - 1) h_c. Only motion tells it from the shape of the surface.
+// steps confuse with the fringe: at rest it causes an error of -h_c sin(N phi) + h_s cos(N phi), and in motion it also
+// changes the ripple of four steps, by -3 h_c of its amplitude. Only motion tells it from the shape of the surface.
 #pragma once
 
 #include <cstddef>

@@ -5,25 +5,24 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
-#include <filesystem>
 #include <functional>
 #include <numbers>
+#include <optional>
 
+#include "bench/accuracy/fringe_ripple.h"
+#include "bench/accuracy/moving_hand.h"
 #include "core/decode/decode.h"
-#include "core/io/files.h"
-#include "tests/support/fringe_ripple.h"
 #include "tests/support/fringes.h"
 #include "tests/support/matchers.h"
 
 namespace fringeslam {
 namespace {
 
-using support::binomial_phase;
+using bench::binomial_phase;
+using bench::four_step_phase;
+using bench::tile_ripple;
 using support::error_of;
-using support::four_step_phase;
 using support::Random;
-using support::tile_ripple;
 using testing::HasSubstr;
 
 constexpr double kPi = std::numbers::pi;
@@ -37,9 +36,11 @@ struct Drifting {
   double harmonic = 0;  // of order steps - 1
   double mean_dn = 110, mean_drift_dn = 0, modulation_dn = 70;
   cv::Size size{160, 80};
+  std::function<double(int row, int col)> relief_rad = [](int, int) { return 0.0; };
 
   double phase(int row, int col, double image) const {
-    return 0.15 * col + 0.03 * row + drift_rad(row, col) * image + 0.5 * drift_change_rad * image * image;
+    return 0.15 * col + 0.03 * row + relief_rad(row, col) + drift_rad(row, col) * image +
+           0.5 * drift_change_rad * image * image;
   }
   double grey(int row, int col, double image, double shift_rad) const {
     const double psi = phase(row, col, image) + shift_rad;
@@ -201,6 +202,14 @@ TEST(RollingPhase, SigmaIsTheScatterOfThePhaseWhereTheDriftVaries) {
   EXPECT_NEAR(std::sqrt(squares / kSeeds), 1, 0.1);
 }
 
+TEST(RollingPhase, FineStructureRemains) {
+  // Grooves one pixel wide, and a step.
+  const auto relief = [](int row, int col) { return (row % 7 == 3 ? 0.3 : 0) + (col > 90 ? 1.1 : 0); };
+  const Drifting scene{.drift_rad = [](int, int) { return 0.2; }, .relief_rad = relief};
+  const RollingPhase out = decode_rolling_window(recording(scene, 8), 2, 4, fine_sensor(), {.harmonic_prior = 0});
+  EXPECT_LT(largest(phase_error(out.wrapped_phase, scene, 3.5)), 1e-3);
+}
+
 TEST(RollingPhase, SigmaOfTheDriftCoversItsError) {
   const Drifting scene{.drift_rad = bent_drift};
   SensorModel sensor;
@@ -301,86 +310,17 @@ TEST(RollingPhase, BadInputIsAnError) {
 
 // --- a real capture, if available ---
 
-std::filesystem::path captures() {
-  const char* folder = std::getenv("FRINGESLAM_CAPTURES");
-  return folder ? std::filesystem::path(folder) : std::filesystem::path(FRINGESLAM_SOURCE_DIR) / "../shared/captures";
-}
-
-FringeStack moving_hand(const std::filesystem::path& folder) {
-  FringeStack out;
-  out.patterns = {1280, 800};
-  for (int k = 0; k < 60; ++k) {
-    Pattern pattern;
-    pattern.period_px = 1280 / 28.5;
-    pattern.shift_rad = shift_of(k, 4);
-    out.patterns.patterns.push_back(pattern);
-    out.images.push_back(read_grey(folder / (std::string(k < 10 ? "0" : "") + std::to_string(k) + ".png")));
-    out.exposure_s.push_back(kInterval_s);
-    out.exposure_time_s.push_back(k * kInterval_s);
-  }
-  return out;
-}
-
-// Ripples of many windows. The shape of the surface leaks into a tile's amplitude with any sign; motion gives all tiles
-// of a hand the same sign, so its ripple remains in their mean.
-class Ripple {
- public:
-  void add(const std::vector<cv::Vec2d>& tiles) {
-    cv::Vec2d sum;
-    int known = 0;
-    for (const cv::Vec2d& tile : tiles) {
-      if (std::isnan(tile[0])) continue;
-      sum += tile;
-      tile_squares_ += tile.dot(tile);
-      ++known;
-    }
-    ASSERT_GT(known, 10);
-    tiles_ += known;
-    window_squares_ += sum.dot(sum) / (known * known);
-    ++windows_;
-  }
-  // Of the mean over the tiles, rms over the windows.
-  double common_rad() const { return std::sqrt(window_squares_ / windows_); }
-  double tile_rad() const { return std::sqrt(tile_squares_ / tiles_); }
-
- private:
-  double window_squares_ = 0, tile_squares_ = 0;
-  int windows_ = 0, tiles_ = 0;
-};
-
 TEST(Captures, RollingPhaseOfAMovingHandHasLessRippleThanBinomialCompensation) {
-  const std::filesystem::path folder = captures() / "moving_hand";
-  if (!std::filesystem::is_directory(folder))
-    GTEST_SKIP() << "no real data: set FRINGESLAM_CAPTURES to the folder that contains moving_hand/";
-  const FringeStack stack = moving_hand(folder);
-  std::vector<cv::Mat1f> images;
-  for (const cv::Mat& image : stack.images) {
-    images.emplace_back();
-    image.convertTo(images.back(), CV_32F);
-  }
-  Ripple plain[2], binomial[2], rolling[2];  // of 2 phi and of 4 phi
-  for (size_t first = 2; first + 6 <= 60; first += 3) {
-    const RollingPhase out = decode_rolling_window(stack, first, 4, {});
-    cv::Mat1b mask;
-    cv::compare(out.modulation, 15, mask, cv::CMP_GT);
-    for (const int i : {0, 1}) {
-      const auto ripple = [&](const cv::Mat1f& phase) { return tile_ripple(phase, mask, {80, 40}, 2 * (i + 1)); };
-      plain[i].add(ripple(four_step_phase(images, first)));
-      binomial[i].add(ripple(binomial_phase(images, first - 2, 4)));
-      rolling[i].add(ripple(out.wrapped_phase));
-    }
-  }
-  for (const int i : {0, 1})
-    std::printf(
-        "ripple of %d phi, all tiles (each tile), mrad: plain %.2f (%.2f), binomial %.2f (%.2f), rolling %.2f "
-        "(%.2f)\n",
-        2 * (i + 1), 1e3 * plain[i].common_rad(), 1e3 * plain[i].tile_rad(), 1e3 * binomial[i].common_rad(),
-        1e3 * binomial[i].tile_rad(), 1e3 * rolling[i].common_rad(), 1e3 * rolling[i].tile_rad());
-  EXPECT_LE(rolling[0].common_rad(), plain[0].common_rad() / 3);
-  EXPECT_LE(rolling[0].tile_rad(), plain[0].tile_rad() / 3);
-  EXPECT_LE(rolling[0].common_rad(), binomial[0].common_rad());
-  // The harmonic that four steps confuse with the fringe is not an effect of motion; binomial weights do not reduce it.
-  EXPECT_LE(rolling[1].common_rad(), 0.5 * binomial[1].common_rad());
+  const std::optional<bench::HandRipples> found =
+      bench::measure_hand_ripples(bench::moving_hand_folder(FRINGESLAM_SOURCE_DIR));
+  if (!found) GTEST_SKIP() << "set FRINGESLAM_CAPTURES to the folder that contains moving_hand/";
+  EXPECT_GT(found->tiles, 400);
+  const bench::HandRipples::Method &plain = found->plain, &binomial = found->binomial, &rolling = found->rolling;
+  EXPECT_LE(rolling.second.mean_of_tiles_rad, plain.second.mean_of_tiles_rad / 3);
+  EXPECT_LE(rolling.second.each_tile_rad, plain.second.each_tile_rad / 3);
+  EXPECT_LE(rolling.second.mean_of_tiles_rad, binomial.second.mean_of_tiles_rad);
+  // At rest, too, four steps confuse the third harmonic with the fringe; binomial weights do not reduce its ripple.
+  EXPECT_LE(rolling.fourth.mean_of_tiles_rad, binomial.fourth.mean_of_tiles_rad / 2);
 }
 
 }  // namespace

@@ -5,7 +5,7 @@
 #include <opencv2/core.hpp>
 #include <vector>
 
-namespace fringeslam::support {
+namespace fringeslam::bench {
 
 // Phase of four steps decoded as if the scene were at rest: images first, …, first + 3, image k with the shift k pi/2.
 // H x W, rad, (-pi, pi].
@@ -21,4 +21,4 @@ cv::Mat1f binomial_phase(const std::vector<cv::Mat1f>& images, size_t first, int
 // exceeds 0.15 rad contain a surface edge and are NaN. Tiles are in row-major order, and the same for equal sizes.
 std::vector<cv::Vec2d> tile_ripple(const cv::Mat1f& wrapped_phase, const cv::Mat1b& mask, cv::Size tile, int harmonic);
 
-}  // namespace fringeslam::support
+}  // namespace fringeslam::bench

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/support/fringe_ripple.h"
+#include "bench/accuracy/fringe_ripple.h"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
@@ -9,7 +9,7 @@
 #include <numbers>
 #include <optional>
 
-namespace fringeslam::support {
+namespace fringeslam::bench {
 
 namespace {
 
@@ -132,4 +132,4 @@ std::vector<cv::Vec2d> tile_ripple(const cv::Mat1f& wrapped_phase, const cv::Mat
   return out;
 }
 
-}  // namespace fringeslam::support
+}  // namespace fringeslam::bench
