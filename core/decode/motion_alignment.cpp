@@ -1,16 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/decode/motion_alignment.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
 #include "core/base/constants.h"
+#include "core/base/cubic_spline.h"
 #include "core/base/instruction_set.h"
 #include "core/base/parallel.h"
-#include "core/decode/cubic_convolution.h"
 #include "core/types/error.h"
+#include "core/types/irradiance.h"
 #include "core/types/projection.h"
 
 namespace fringeslam {
@@ -46,119 +47,155 @@ FRINGESLAM_AVX512 void project_avx512(const Projection& p, const float* ray, con
   project_body(p, ray, depth, width, u, v);
 }
 
-template <class Grey>
-float sample(const cv::Mat& image, float u, float v) {
+// Rows of the image of viewing rays and of the smooth depth: above, at and below a row.
+struct SurfaceRows {
+  const float *ray[3], *depth[3];
+};
+
+// Writes six values per point of a row: the derivatives of the logarithm of its brightness, with the normal of the smooth
+// surface.
+FRINGESLAM_INLINE void brightness_body(const Irradiance<float>& irradiance, const SurfaceRows& rows, int width,
+                                       float* __restrict out) {
+  const float *const ray = rows.ray[1], *const ray_above = rows.ray[0], *const ray_below = rows.ray[2];
+  const float *const level = rows.depth[1], *const above = rows.depth[0], *const below = rows.depth[2];
+#pragma GCC ivdep
+  for (int i = 1; i < width - 1; ++i) {
+    const float across_z = level[i + 1] - level[i - 1], down_z = below[i] - above[i];
+    const float across_x = level[i + 1] * ray[2 * i + 2] - level[i - 1] * ray[2 * i - 2],
+                across_y = level[i + 1] * ray[2 * i + 3] - level[i - 1] * ray[2 * i - 1];
+    const float down_x = below[i] * ray_below[2 * i] - above[i] * ray_above[2 * i],
+                down_y = below[i] * ray_below[2 * i + 1] - above[i] * ray_above[2 * i + 1];
+    const float normal[3] = {across_y * down_z - across_z * down_y, across_z * down_x - across_x * down_z,
+                             across_x * down_y - across_y * down_x};
+    const float point[3] = {level[i] * ray[2 * i], level[i] * ray[2 * i + 1], level[i]};
+    const auto slope = irradiance.slope(point, normal);
+    for (int k = 0; k < 3; ++k) {
+      out[k * width + i] = slope.by_shift[k];
+      out[(3 + k) * width + i] = slope.by_turn[k];
+    }
+  }
+}
+
+// Converts grey values at a moved pose to those at the reference pose, to second order. The change is limited, because
+// normals at depth steps are those of no surface.
+FRINGESLAM_INLINE void rescale_body(const Projection& p, const float* turn, const float* ray, const float* depth,
+                                    const float* slope, float offset, int width, float* __restrict grey) {
+#pragma GCC ivdep
+  for (int i = 1; i < width - 1; ++i) {
+    const float z = depth[i], px = z * ray[2 * i], py = z * ray[2 * i + 1];
+    const float x = (p.r[0] - 1) * px + p.r[1] * py + p.r[2] * z + p.t[0];
+    const float y = p.r[3] * px + (p.r[4] - 1) * py + p.r[5] * z + p.t[1];
+    const float w = p.r[6] * px + p.r[7] * py + (p.r[8] - 1) * z + p.t[2];
+    const float change = slope[i] * x + slope[width + i] * y + slope[2 * width + i] * w +
+                         slope[3 * width + i] * turn[0] + slope[4 * width + i] * turn[1] +
+                         slope[5 * width + i] * turn[2];
+    constexpr float kMost = 0.1f;
+    const float brighter = change > kMost ? kMost : (change < -kMost ? -kMost : change);
+    grey[i] = offset + (1 - brighter * (1 - 0.5f * brighter)) * (grey[i] - offset);
+  }
+}
+
+void brightness_portable(const Irradiance<float>& irradiance, const SurfaceRows& rows, int width, float* out) {
+  brightness_body(irradiance, rows, width, out);
+}
+FRINGESLAM_AVX2 void brightness_avx2(const Irradiance<float>& irradiance, const SurfaceRows& rows, int width,
+                                     float* out) {
+  brightness_body(irradiance, rows, width, out);
+}
+FRINGESLAM_AVX512 void brightness_avx512(const Irradiance<float>& irradiance, const SurfaceRows& rows, int width,
+                                         float* out) {
+  brightness_body(irradiance, rows, width, out);
+}
+void rescale_portable(const Projection& p, const float* turn, const float* ray, const float* depth, const float* slope,
+                      float offset, int width, float* grey) {
+  rescale_body(p, turn, ray, depth, slope, offset, width, grey);
+}
+FRINGESLAM_AVX2 void rescale_avx2(const Projection& p, const float* turn, const float* ray, const float* depth,
+                                  const float* slope, float offset, int width, float* grey) {
+  rescale_body(p, turn, ray, depth, slope, offset, width, grey);
+}
+FRINGESLAM_AVX512 void rescale_avx512(const Projection& p, const float* turn, const float* ray, const float* depth,
+                                      const float* slope, float offset, int width, float* grey) {
+  rescale_body(p, turn, ray, depth, slope, offset, width, grey);
+}
+
+float sample(const cv::Mat1f& coefficients, float u, float v) {
   const int col = static_cast<int>(u), row = static_cast<int>(v);  // both at least 1
-  const CubicWeights across(u - static_cast<float>(col)), along(v - static_cast<float>(row));
+  const SplineWeights across(u - static_cast<float>(col)), along(v - static_cast<float>(row));
   float sum = 0;
   for (int j = 0; j < 4; ++j) {
-    const Grey* grey = image.ptr<Grey>(row - 1 + j) + col - 1;
+    const float* grey = coefficients[row - 1 + j] + col - 1;
     float line = 0;
-    for (int i = 0; i < 4; ++i) line += across.weight[i] * static_cast<float>(grey[i]);
+    for (int i = 0; i < 4; ++i) line += across.weight[i] * grey[i];
     sum += along.weight[j] * line;
   }
   return sum;
 }
 
-template <class Grey>
-void sample_row(const cv::Mat& image, const float* u, const float* v, float* grey, float* drift) {
-  const auto right = static_cast<float>(image.cols - 2), bottom = static_cast<float>(image.rows - 2);
-  for (int i = 0; i < image.cols; ++i) {
+void sample_row(const cv::Mat1f& coefficients, const float* u, const float* v, float* grey, float* drift) {
+  const auto right = static_cast<float>(coefficients.cols - 2), bottom = static_cast<float>(coefficients.rows - 2);
+  for (int i = 0; i < coefficients.cols; ++i) {
     const bool inside = u[i] >= 1 && v[i] >= 1 && u[i] < right && v[i] < bottom;
-    grey[i] = inside ? sample<Grey>(image, u[i], v[i]) : 0.0f;
+    grey[i] = inside ? sample(coefficients, u[i], v[i]) : 0.0f;
     if (!inside) drift[i] = kNaN;
   }
 }
 
-// Factors that give grey values the brightness of the reference time: one image per exposure, a pixel for each
-// kCell x kCell pixels of the camera, within which brightness changes hardly.
-constexpr int kCell = 8;
-
-std::vector<cv::Mat1f> brightness_shares(const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m,
-                                         const std::vector<Pose>& exposures_from_reference) {
-  // At depth steps and in grazing light, the normal of the averaged surface is not that of any surface.
-  constexpr double kLeastCosine = 0.3;
-  const cv::Size size((depth_m.cols + kCell - 1) / kCell, (depth_m.rows + kCell - 1) / kCell);
-  cv::Mat1f depth;
-  cv::Mat2f directions;
-  cv::resize(depth_m, depth, size, 0, 0, cv::INTER_AREA);
-  cv::resize(rays, directions, size, 0, 0, cv::INTER_AREA);
-  const auto point_at = [&](int row, int col) {
-    const cv::Vec2f& ray = directions(row, col);
-    const auto z = static_cast<double>(depth(row, col));
-    return Eigen::Vector3d(z * static_cast<double>(ray[0]), z * static_cast<double>(ray[1]), z);
-  };
-  std::vector<cv::Mat1f> shares(exposures_from_reference.size());
-  for (cv::Mat1f& share : shares) share = cv::Mat1f(size, 1.0f);
-  for (int row = 1; row + 1 < size.height; ++row) {
-    for (int col = 1; col + 1 < size.width; ++col) {
-      const Eigen::Vector3d point = point_at(row, col);
-      Eigen::Vector3d normal = (point_at(row, col + 1) - point_at(row, col - 1))
-                                   .cross(point_at(row + 1, col) - point_at(row - 1, col))
-                                   .normalized();
-      const Eigen::Vector3d lit = rig.projector_from_camera * point;
-      const Eigen::Vector3d light = rig.projector_from_camera.rotation.transpose() * lit.normalized();
-      if (!(std::abs(normal.dot(light)) > kLeastCosine)) normal = light;
-      const double reference = relative_brightness(rig, point, normal);
-      for (size_t k = 0; k < shares.size(); ++k) {
-        const Pose& exposure = exposures_from_reference[k];
-        const double share = reference / relative_brightness(rig, exposure * point, exposure.rotation * normal);
-        if (std::isfinite(share)) shares[k](row, col) = static_cast<float>(share);
-      }
-    }
-  }
-  for (cv::Mat1f& share : shares) {
-    if (size.width > 2 && size.height > 2)
-      cv::copyMakeBorder(share(cv::Rect(1, 1, size.width - 2, size.height - 2)), share, 1, 1, 1, 1,
-                         cv::BORDER_REPLICATE | cv::BORDER_ISOLATED);
-  }
-  return shares;
-}
-
 }  // namespace
-
-double relative_brightness(const RigModel& rig, const Eigen::Vector3d& point, const Eigen::Vector3d& normal) {
-  const Eigen::Vector3d from_projector = rig.projector_from_camera * point;
-  const double distance = from_projector.norm(), cosine = from_projector.z() / distance;
-  const double facing = std::abs((rig.projector_from_camera.rotation * normal).dot(from_projector));
-  return facing / (distance * distance * distance) * std::pow(cosine, rig.projector_lens.vignetting - 3) *
-         std::pow(point.z() / point.norm(), rig.camera_lens.vignetting);
-}
 
 AlignedStack align_stack(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m,
                          const CameraMotion& motion, Axis axis) {
   check_stack(stack);
   static const auto project = widest(project_portable, project_avx2, project_avx512);
+  static const auto brightness = widest(brightness_portable, brightness_avx2, brightness_avx512);
+  static const auto rescale = widest(rescale_portable, rescale_avx2, rescale_avx512);
   const cv::Size size = rays.size();
   if (depth_m.size() != size || stack.images.front().size() != size)
     throw Error("motion: the images, the depth and the camera differ in size");
   const size_t images = stack.images.size();
   std::vector<Projection> camera, projector;
   std::vector<bool> moved;
-  std::vector<Pose> exposures_from_reference;
+  std::vector<std::array<float, 3>> turn;
   for (const double time_s : stack.exposure_time_s) {
     const Pose exposure_from_reference = motion.at(time_s - stack.timestamp_s).inverse();
-    exposures_from_reference.push_back(exposure_from_reference);
     camera.emplace_back(exposure_from_reference, rig.camera);
     projector.emplace_back(rig.projector_from_camera * exposure_from_reference, rig.projector);
     moved.push_back(time_s != stack.timestamp_s);
+    const Eigen::Vector3d rotation = rotation_log(exposure_from_reference.rotation);
+    turn.push_back(
+        {static_cast<float>(rotation.x()), static_cast<float>(rotation.y()), static_cast<float>(rotation.z())});
   }
+  const auto filter = spline_prefilter();
+  const cv::Mat1f kernel(1, static_cast<int>(filter.size()), const_cast<float*>(filter.data()));
+  std::vector<cv::Mat1f> coefficients(images);
+  for (size_t k = 0; k < images; ++k) {
+    if (moved[k]) cv::sepFilter2D(stack.images[k], coefficients[k], CV_32F, kernel, kernel);
+  }
+  // Normals at the scale of a few fringes: the depths' noise averages out.
+  constexpr int kSmooth_px = 11;
+  cv::Mat1f smooth_m = filled_depth(depth_m, rig.middle_range_m());
+  for (int i = 0; i < 2; ++i) cv::blur(smooth_m, smooth_m, {kSmooth_px, kSmooth_px});
+  const Irradiance<float> irradiance(rig);
+  const auto offset_dn = static_cast<float>(rig.sensor.offset_dn);
   const Projection reference(rig.projector_from_camera, rig.projector);
   AlignedStack aligned;
   for (size_t k = 0; k < images; ++k) {
     aligned.images.emplace_back(size);
     aligned.drift_px.emplace_back(size);
   }
-  const std::vector<cv::Mat1f> shares = brightness_shares(rig, rays, depth_m, exposures_from_reference);
-  const auto offset = static_cast<float>(rig.sensor.offset_dn);
   for_each_range(size.height, [&](int first, int end) {
     const auto width = static_cast<size_t>(size.width);
-    std::vector<float> buffer(4 * width);
-    float *const u = buffer.data(), *const v = u + width, *const at = v + width, *const other = at + width;
+    std::vector<float> buffer(10 * width);
+    float *const u = buffer.data(), *const v = u + width, *const at = v + width, *const other = at + width,
+                 *const slope = other + width;
     for (int row = first; row < end; ++row) {
       const float *const ray = &rays[row][0][0], *const depth = depth_m[row];
       project(reference, ray, depth, size.width, at, other);
       if (axis == Axis::rows) std::copy_n(other, width, at);
+      const int above = std::max(row - 1, 0), below = std::min(row + 1, size.height - 1);
+      brightness(irradiance,
+                 {{&rays[above][0][0], ray, &rays[below][0][0]}, {smooth_m[above], smooth_m[row], smooth_m[below]}},
+                 size.width, slope);
       for (size_t k = 0; k < images; ++k) {
         const cv::Mat& image = stack.images[k];
         float *const grey = aligned.images[k][row], *const drift = aligned.drift_px[k][row];
@@ -171,14 +208,8 @@ AlignedStack align_stack(const FringeStack& stack, const RigModel& rig, const Pi
         const float* coordinate = axis == Axis::columns ? u : v;
         for (size_t i = 0; i < width; ++i) drift[i] = coordinate[i] - at[i];
         project(camera[k], ray, depth, size.width, u, v);
-        if (image.depth() == CV_8U)
-          sample_row<uchar>(image, u, v, grey, drift);
-        else if (image.depth() == CV_16U)
-          sample_row<ushort>(image, u, v, grey, drift);
-        else
-          sample_row<float>(image, u, v, grey, drift);
-        const float* const share = shares[k][row / kCell];
-        for (size_t i = 0; i < width; ++i) grey[i] = offset + share[i / kCell] * (grey[i] - offset);
+        sample_row(coefficients[k], u, v, grey, drift);
+        rescale(camera[k], turn[k].data(), ray, depth, slope, offset_dn, size.width, grey);
       }
     }
   });

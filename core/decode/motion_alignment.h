@@ -8,8 +8,7 @@
 //   I_k(x_k) = I' + I'' cos(2 pi (u + drift_k) / p + delta_k),   drift_k = u_k - u,
 //
 // so that images resampled at x_k decode like those of a camera at rest whose phase shifts differ from pixel to pixel.
-// Grey values are scaled to the brightness of the reference time (relative_brightness()): a camera that comes 0.3 % closer
-// during a stack would otherwise shift the phase.
+// Grey values are scaled by the change of the point's brightness with distance and incidence, 1 to 2 % over a stack.
 //
 // x_k and drift_k change little with z: an error of 1 cm in z at 1 m moves x_k by 0.01 px during 3 mm of motion.
 #pragma once
@@ -26,18 +25,14 @@ namespace fringeslam {
 
 // One image of each per exposure, H x W.
 struct AlignedStack {
-  std::vector<cv::Mat1f> images;    // grey values at x_k with the brightness of the reference time, DN
+  std::vector<cv::Mat1f> images;    // grey values at x_k, DN
   std::vector<cv::Mat1f> drift_px;  // drift_k; NaN where x_k is outside the image or no depth is known
 };
 
 // Aligns the images of a stack with its reference time, for a camera that moves as given and surfaces at `depth_m` (NaN:
-// unknown). Grey values are interpolated by cubic convolution (Keys 1981). Throws Error if sizes differ.
+// unknown). Grey values are interpolated by cubic B-splines. Throws Error if sizes differ.
 AlignedStack align_stack(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m,
                          const CameraMotion& motion, Axis axis = Axis::columns);
-
-// Returns the brightness of a surface element in the image, up to a factor: the irradiance by the projector on a surface
-// with this normal, and the fall-off of the camera's lens. Point and normal are in the camera's frame.
-double relative_brightness(const RigModel& rig, const Eigen::Vector3d& point, const Eigen::Vector3d& normal);
 
 // Returns the depth image with unknown pixels filled by the average of their surroundings, from small to large; all NaN
 // becomes `otherwise_m`.

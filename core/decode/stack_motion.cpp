@@ -215,6 +215,16 @@ class Problem {
     return static_cast<double>(smooth_m_(row, col)) * Vector3d(ray[0], ray[1], 1);
   }
 
+  // Illumination of a point and brightness of its pixel, up to a factor: the projector's irradiance on a surface with
+  // this normal, and the fall-off of the camera's lens.
+  double brightness(const Vector3d& point, const Vector3d& normal) const {
+    const Vector3d from_projector = rig_.projector_from_camera * point;
+    const double distance = from_projector.norm(), cosine = from_projector.z() / distance;
+    const double facing = std::abs((rig_.projector_from_camera.rotation * normal).dot(from_projector));
+    return facing / (distance * distance * distance) * std::pow(cosine, rig_.projector_lens.vignetting - 3) *
+           std::pow(point.z() / point.norm(), rig_.camera_lens.vignetting);
+  }
+
   bool fit(const Vector3d& point, const Vector3d& normal, const Period& period, PeriodFit& out) const {
     constexpr size_t kMaxSteps = 64;
     std::array<double, kMaxSteps> grey, cosine, sine;
@@ -223,7 +233,7 @@ class Problem {
     const double rad_per_px = kTwoPi / period.period_px;
     ProjectionDerivative derivative;
     const Vector2d reference = ::fringeslam::project(rig_.projector, rig_.projector_from_camera * point, derivative);
-    const double reference_brightness = relative_brightness(rig_, point, normal);
+    const double at_reference = brightness(point, normal);
     Eigen::Matrix3d moments = Eigen::Matrix3d::Zero();
     Vector3d right = Vector3d::Zero();
     for (size_t k = 0; k < steps; ++k) {
@@ -235,7 +245,7 @@ class Problem {
       if (!sample(blurred_[period.images[k]], pixel, here)) return false;
       // Grey values as if exposed from the reference pose.
       const Vector3d turned = exposure.exposure_from_reference.rotation * normal;
-      const double share = reference_brightness / std::max(1e-12, relative_brightness(rig_, moved, turned));
+      const double share = at_reference / std::max(1e-12, brightness(moved, turned));
       grey[k] = rig_.sensor.offset_dn + share * (here.grey - rig_.sensor.offset_dn);
       texture[k] = share * (here.gradient * derivative).transpose();
       const Vector2d lit = ::fringeslam::project(rig_.projector, rig_.projector_from_camera * moved, derivative);
