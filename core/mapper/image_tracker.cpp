@@ -1,0 +1,160 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/mapper/image_tracker.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "core/types/linear_algebra.h"
+
+namespace fringeslam {
+
+namespace {
+
+// Rotates both parts of a tangent.
+Matrix6d turned_tangent(const Eigen::Matrix3d& rotation) {
+  Matrix6d turn = Matrix6d::Zero();
+  turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = rotation;
+  return turn;
+}
+
+Matrix6d symmetric(const Matrix6d& matrix) { return 0.5 * (matrix + matrix.transpose()); }
+
+}  // namespace
+
+ImageTracker::ImageTracker(const RigModel& rig, const PatternSequence& sequence, const ImageTrackerOptions& options)
+    : rig_(rig), sequence_(sequence), options_(options) {
+  check_options(options, "image tracker");
+}
+
+void ImageTracker::set_reference(const ImageReference& reference, const Pose& world_from_camera,
+                                 const Matrix6d& covariance, double timestamp_s,
+                                 const std::optional<MotionPrior>& motion) {
+  estimator_ = std::make_shared<const ImagePoseEstimator>(rig_, reference, options_.stride);
+  world_from_reference_ = world_from_camera;
+  last_ = {};
+  last_.valid = true;
+  reference_covariance_ = covariance;
+  if (state_ && std::abs(timestamp_s - state_->time_s) <= options_.max_gap_s) {
+    // The pose of the filter has the errors of the old reference, those of the new one are others.
+    state_->covariance.topLeftCorner<6, 6>() += common_ + covariance;
+    return;
+  }
+  common_ = covariance;
+  const MotionPrior known = motion ? *motion : unknown_motion({});
+  State start{timestamp_s, world_from_camera, {}, Matrix12d::Zero()};
+  const Matrix6d turn = turned_tangent(world_from_camera.rotation);
+  start.rate = turn * to_vector(known.motion).head<6>();
+  start.covariance.bottomRightCorner<6, 6>() = turn * known.covariance.topLeftCorner<6, 6>() * turn.transpose();
+  state_ = start;
+}
+
+bool ImageTracker::needs_reference() const {
+  return !estimator_ || !last_.valid || last_.rms_sigma > options_.max_rms_sigma ||
+         translation_m(last_.reference_from_camera) > options_.max_distance * rig_.middle_range_m();
+}
+
+ImageTracker::State ImageTracker::at(double time_s) const {
+  State state = *state_;
+  const double after_s = time_s - state.time_s;
+  state.time_s = time_s;
+  state.world_from_camera = orthonormalised(retract(state.world_from_camera, after_s * state.rate));
+  Matrix12d transition = Matrix12d::Identity();
+  transition.topRightCorner<6, 6>() = after_s * Matrix6d::Identity();
+  Vector6d variances;
+  variances << Eigen::Vector3d::Constant(options_.turn_rad_s2 * options_.turn_rad_s2),
+      Eigen::Vector3d::Constant(options_.acceleration_m_s2 * options_.acceleration_m_s2);
+  Eigen::Matrix<double, 12, 6> by_acceleration;
+  by_acceleration << 0.5 * after_s * after_s * Matrix6d::Identity(), after_s * Matrix6d::Identity();
+  state.covariance = transition * state.covariance * transition.transpose() +
+                     by_acceleration * variances.asDiagonal() * by_acceleration.transpose();
+  return state;
+}
+
+std::optional<CameraPrediction> ImageTracker::predict(double time_s) const {
+  if (!state_ || std::abs(time_s - state_->time_s) > options_.max_gap_s) return std::nullopt;
+  const State state = at(time_s);
+  CameraPrediction prediction{state.world_from_camera, state.covariance.topLeftCorner<6, 6>() + common_,
+                              unknown_motion({})};
+  const Matrix6d turn = turned_tangent(state.world_from_camera.rotation.transpose());
+  const Vector6d rate = turn * state.rate;
+  prediction.motion.motion.angular_rad_s = rate.head<3>();
+  prediction.motion.motion.velocity_m_s = rate.tail<3>();
+  prediction.motion.covariance.topLeftCorner<6, 6>() =
+      turn * state.covariance.bottomRightCorner<6, 6>() * turn.transpose();
+  return prediction;
+}
+
+TrackedImage ImageTracker::track(const cv::Mat& image, const Pattern& expected, double time_s) {
+  TrackedImage result;
+  result.timestamp_s = time_s;
+  if (!estimator_ || !state_ || std::abs(time_s - state_->time_s) > options_.max_gap_s) return result;
+  const State state = at(time_s);
+  const Matrix6d turn = turned_tangent(world_from_reference_.rotation);
+  const Pose predicted = world_from_reference_.inverse() * state.world_from_camera;
+  // The prediction is hardly part of the estimate, which is to be a measurement for the filter; it only holds directions
+  // that the image leaves undetermined.
+  constexpr double kWeak = 0.01, kLeastVariance = 1e-12;
+  const Matrix6d prior = turn.transpose() * state.covariance.topLeftCorner<6, 6>() * turn;
+  const Matrix6d information = kWeak * symmetric(inverse(prior + kLeastVariance * Matrix6d::Identity()));
+  result.relative = estimator_->estimate(image, expected, predicted, information);
+  if (result.relative.valid) {
+    result.shown = expected;
+    result.as_expected = true;
+  } else {
+    std::vector<Pattern> candidates = {expected};
+    for (const Pattern& pattern : sequence_.patterns) {
+      if (std::find(candidates.begin(), candidates.end(), pattern) == candidates.end()) candidates.push_back(pattern);
+    }
+    const ShownPattern shown = estimator_->shown_pattern(image, candidates, predicted, information);
+    result.as_expected = shown.agrees_with(0);
+    if (shown.explained) result.shown = candidates[shown.pattern];
+    if (shown.explained && shown.pattern != 0)
+      result.relative = estimator_->estimate(image, candidates[shown.pattern], predicted, information);
+  }
+  last_ = result.relative;
+  if (!result.relative.valid) return result;
+  correct(state, result.relative);
+  result.tracked = true;
+  result.world_from_camera = state_->world_from_camera;
+  result.covariance = state_->covariance.topLeftCorner<6, 6>() + common_;
+  return result;
+}
+
+void ImageTracker::correct(State state, const ImagePose& found) {
+  const Matrix6d turn = turned_tangent(world_from_reference_.rotation);
+  const Vector6d step = difference(world_from_reference_ * found.reference_from_camera, state.world_from_camera);
+  // What is common to the images of a reference is estimated, so some of it may vary from image to image.
+  constexpr double kLeastOwnShare = 0.1;
+  Matrix6d own = found.covariance - found.reference_covariance;
+  own = symmetric(own + kLeastOwnShare * found.covariance);
+  const Matrix6d noise = turn * own * turn.transpose();
+  const Matrix6d before = state.covariance.topLeftCorner<6, 6>();
+  const Eigen::Matrix<double, 12, 6> gain = state.covariance.leftCols<6>() * inverse(symmetric(before + noise));
+  const Vector12d change = gain * step;
+  state.world_from_camera = orthonormalised(retract(state.world_from_camera, change.head<6>()));
+  state.rate += change.tail<6>();
+  // Joseph's form stays positive definite.
+  Matrix12d left = Matrix12d::Identity();
+  left.leftCols<6>() -= gain;
+  state.covariance = left * state.covariance * left.transpose() + gain * noise * gain.transpose();
+  // An error of the reference's pose moves the camera with it.
+  const Eigen::Vector3d lever = world_from_reference_.rotation * found.reference_from_camera.translation;
+  Matrix6d moved = Matrix6d::Identity();
+  moved.bottomLeftCorner<3, 3>() = -skew(lever);
+  common_ = symmetric(moved * reference_covariance_ * moved.transpose() +
+                      turn * found.reference_covariance * turn.transpose());
+  state_ = std::move(state);
+}
+
+std::optional<size_t> first_inconsistent_image(ImageTracker tracker, const FringeStack& stack) {
+  check_stack(stack);
+  for (size_t i = 0; i < stack.images.size(); ++i) {
+    if (!tracker.predict(stack.exposure_time_s[i])) return std::nullopt;
+    const TrackedImage image = tracker.track(stack.images[i], stack.patterns.patterns[i], stack.exposure_time_s[i]);
+    if (!image.as_expected) return i;
+  }
+  return std::nullopt;
+}
+
+}  // namespace fringeslam

@@ -1,0 +1,267 @@
+// SPDX-License-Identifier: Apache-2.0
+// Poses of single images, the patterns they show, and views from any three of them.
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+#include "core/mapper/front_end.h"
+#include "core/mapper/image_tracker.h"
+#include "core/mapper/rolling_views.h"
+#include "core/types/linear_algebra.h"
+#include "sim/virtual_rig.h"
+
+namespace fringeslam::sim {
+namespace {
+
+// scenes/loop, seen by a robot that moves at 0.3 m/s, as stacks of the finest fringes.
+class MovingImages : public ::testing::Test {
+ protected:
+  static Scene scene_at(uint64_t seed) {
+    SceneLoadOptions reading;
+    reading.seed = seed;
+    reading.changes = {{"trajectory.continuous.speed_m_s", "0.3"}};
+    return load_scene(std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop/scene.yaml", reading);
+  }
+  explicit MovingImages(uint64_t seed = 3)
+      : scene(scene_at(seed)),
+        finest(finest_patterns(scene.patterns, Axis::columns)),
+        rays(pixel_rays(scene.rig.camera)) {
+    VirtualRig rig(scene, {});
+    for (int i = 0; i < 3; ++i) views.push_back(*rig.simulate(finest));
+  }
+
+  Pose camera_at(double time_s) const { return scene.path->at(time_s) * scene.rig.robot_from_camera; }
+  // The motion about a time, by finite differences of the true path.
+  CameraMotion motion_at(double time_s) const {
+    constexpr double kStep_s = 0.01;
+    const Pose now = camera_at(time_s);
+    const Vector6d before = difference(now.inverse() * camera_at(time_s - kStep_s), {}),
+                   after = difference(now.inverse() * camera_at(time_s + kStep_s), {});
+    Vector12d motion;
+    motion << (after - before) / (2 * kStep_s), (after + before) / (kStep_s * kStep_s);
+    return to_motion(motion);
+  }
+
+  // Decodes a stack with the true motion and fringe orders.
+  ReconstructedView decoded(const FringeStack& stack, const cv::Mat1f& truth_m) const {
+    const RigModel& rig = scene.rig;
+    const CoordinatePrior expected = predict_coordinate(rig, rays, truth_m, cv::Mat1f(truth_m.size(), 2e-3f));
+    const AlignedStack aligned =
+        align_stack(stack, rig, rays, filled_depth(truth_m, rig.middle_range_m()), motion_at(stack.timestamp_s));
+    DecodeOptions options;
+    options.unwrapping = Unwrapping::predicted;
+    DecodeContext context{Axis::columns, &expected};
+    context.aligned = &aligned;
+    ReconstructedView view;
+    view.decoded = decode(stack, rig, options, context);
+    view.frame = reconstruct(view.decoded, rig, rays, {});
+    return view;
+  }
+
+  ImageReference reference(const SimulatedView& from) const {
+    const ReconstructedView view = decoded(from.stack, from.truth.depth_m);
+    ImageReference reference{view.frame,
+                             view.decoded.mean,
+                             view.decoded.modulation,
+                             view.decoded.finest_period_px,
+                             {},
+                             {},
+                             motion_at(from.stack.timestamp_s)};
+    for (size_t k = 0; k < from.stack.images.size(); ++k) {
+      reference.shifts_rad.push_back(from.stack.patterns.patterns[k].shift_rad);
+      reference.times_s.push_back(from.stack.exposure_time_s[k] - from.stack.timestamp_s);
+    }
+    return reference;
+  }
+
+  // A tracker with the first view as its reference.
+  ImageTracker tracker() const {
+    const FringeStack& stack = views[0].stack;
+    ImageTracker tracker(scene.rig, scene.patterns);
+    MotionPrior motion = unknown_motion({});
+    motion.motion = motion_at(stack.timestamp_s);
+    motion.covariance *= 1e-4;
+    tracker.set_reference(reference(views[0]), camera_at(stack.timestamp_s), Matrix6d::Zero(), stack.timestamp_s,
+                          motion);
+    return tracker;
+  }
+
+  Scene scene;
+  PatternSequence finest;
+  PixelRays rays;
+  std::vector<SimulatedView> views;
+};
+
+double nees(const Vector6d& error, const Matrix6d& covariance) { return error.dot(solve_symmetric(covariance, error)); }
+
+double median_depth_error_m(const Frame& frame, const cv::Mat1f& truth_m) {
+  std::vector<double> errors;
+  for (int row = 0; row < frame.height(); ++row) {
+    for (int col = 0; col < frame.width(); ++col) {
+      const double error = std::abs(static_cast<double>(frame.points_m(row, col)[2] - truth_m(row, col)));
+      if (!std::isnan(error)) errors.push_back(error);
+    }
+  }
+  std::nth_element(errors.begin(), errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2), errors.end());
+  return errors[errors.size() / 2];
+}
+
+TEST(ImagePose, IsAsAccurateAsItsCovarianceOverSeeds) {
+  class Images : public MovingImages {
+   public:
+    explicit Images(uint64_t seed) : MovingImages(seed) {}
+    void TestBody() override {
+      const ImagePoseEstimator estimator(scene.rig, reference(views[0]));
+      const Pose reference_pose = camera_at(views[0].stack.timestamp_s);
+      for (size_t view = 1; view < views.size(); ++view) {
+        for (size_t k = 0; k < finest.patterns.size(); ++k) {
+          const FringeStack& stack = views[view].stack;
+          const Pose truth = reference_pose.inverse() * camera_at(stack.exposure_time_s[k]);
+          // A millimetre and a milliradian away, which is a third of a fringe.
+          Vector6d off;
+          off << 1e-3, -1e-3, 1e-3, 1e-3, 1e-3, -1e-3;
+          const ImagePose found =
+              estimator.estimate(stack.images[k], finest.patterns[k], retract(truth, off), Matrix6d::Zero());
+          ASSERT_TRUE(found.valid);
+          const Vector6d error = difference(found.reference_from_camera, truth);
+          EXPECT_LT(error.tail<3>().norm(), 0.3e-3);
+          sum += nees(error, found.covariance);
+          ++count;
+        }
+      }
+    }
+    double sum = 0;
+    int count = 0;
+  };
+  double sum = 0;
+  int count = 0;
+  for (const uint64_t seed : {3, 4, 5, 6}) {
+    Images images(seed);
+    images.TestBody();
+    sum += images.sum;
+    count += images.count;
+  }
+  ASSERT_EQ(count, 24);
+  // Six for six degrees of freedom. Images of one scene share their reference, so that four scenes count: three sigmas
+  // of the mean of four chi-squares. The covariance also covers systematic errors, so that it may be too large.
+  EXPECT_LT(sum / count, 6 + 3 * std::sqrt(12.0 / 4));
+  EXPECT_GT(sum / count, 0.5);
+}
+
+TEST_F(MovingImages, ThePatternOfAnImageIsRecognised) {
+  const ImagePoseEstimator estimator(scene.rig, reference(views[0]));
+  const Pose reference_pose = camera_at(views[0].stack.timestamp_s);
+  const FringeStack& stack = views[1].stack;
+  const Matrix6d information = 1e7 * Matrix6d::Identity();  // 0.3 mm and 0.3 mrad
+  for (size_t k = 0; k < stack.images.size(); ++k) {
+    const Pose pose = reference_pose.inverse() * camera_at(stack.exposure_time_s[k]);
+    const ShownPattern shown = estimator.shown_pattern(stack.images[k], scene.patterns.patterns, pose, information);
+    EXPECT_TRUE(shown.explained);
+    EXPECT_EQ(scene.patterns.patterns[shown.pattern], finest.patterns[k]);
+    EXPECT_FALSE(shown.agrees_with(shown.pattern == 0 ? 1 : 0));
+    const ShownPattern wrong =
+        estimator.shown_pattern(stack.images[k], {finest.patterns[(k + 1) % 3]}, pose, information);
+    EXPECT_FALSE(wrong.explained);
+  }
+}
+
+TEST_F(MovingImages, DroppedAndRepeatedImagesAreFound) {
+  const ImageTracker start = tracker();
+  FringeStack stack = views[1].stack;
+  EXPECT_EQ(first_inconsistent_image(start, stack), std::nullopt);
+  // The second image is missing: those after it move up, and the first of the next stack is the last.
+  FringeStack dropped = stack;
+  dropped.images[1] = stack.images[2];
+  dropped.images[2] = views[2].stack.images[0];
+  EXPECT_EQ(first_inconsistent_image(start, dropped), 1u);
+  // The projector repeats its first pattern.
+  FringeStack repeated = stack;
+  repeated.images[1] = stack.images[0];
+  EXPECT_EQ(first_inconsistent_image(start, repeated), 1u);
+  // A dark image shows no pattern of the sequence.
+  FringeStack dark = stack;
+  dark.images[2] = cv::Mat::zeros(stack.images[2].size(), stack.images[2].type());
+  EXPECT_EQ(first_inconsistent_image(start, dark), 2u);
+}
+
+TEST_F(MovingImages, TheTrackerFollowsImagesAndPredictsTheNextView) {
+  ImageTracker tracker = this->tracker();
+  double sum = 0;
+  for (size_t view = 1; view < views.size(); ++view) {
+    const FringeStack& stack = views[view].stack;
+    for (size_t k = 0; k < stack.images.size(); ++k) {
+      const TrackedImage image = tracker.track(stack.images[k], finest.patterns[k], stack.exposure_time_s[k]);
+      ASSERT_TRUE(image.tracked);
+      EXPECT_TRUE(image.as_expected);
+      sum += nees(difference(image.world_from_camera, camera_at(stack.exposure_time_s[k])), image.covariance);
+    }
+  }
+  EXPECT_LT(sum / 6, 16.8);  // 99 % of chi-square with 6 degrees of freedom; the images share their reference
+  EXPECT_FALSE(tracker.needs_reference());
+  const double next_s = views.back().stack.timestamp_s + 3 / scene.rig.timing.camera_rate_hz;
+  const auto prediction = tracker.predict(next_s);
+  ASSERT_TRUE(prediction);
+  EXPECT_LT(nees(difference(prediction->world_from_camera, camera_at(next_s)), prediction->covariance), 22.5);
+  const CameraMotion truth = motion_at(next_s);
+  EXPECT_LT((prediction->motion.motion.velocity_m_s - truth.velocity_m_s).norm(), 0.02);
+  EXPECT_LT((prediction->motion.motion.angular_rad_s - truth.angular_rad_s).norm(), 0.02);
+  EXPECT_FALSE(tracker.predict(next_s + 1));
+}
+
+TEST_F(MovingImages, AnyThreeConsecutiveImagesMakeAView) {
+  RollingViews rolling(scene.patterns, scene.rig.timing);
+  std::vector<FringeStack> stacks;
+  for (const SimulatedView& view : views) {
+    for (size_t k = 0; k < view.stack.images.size(); ++k) {
+      auto stack = rolling.push({view.stack.images[k], view.stack.patterns.patterns[k], view.stack.exposure_s[k],
+                                 view.stack.exposure_time_s[k]});
+      if (stack) stacks.push_back(std::move(*stack));
+    }
+  }
+  ASSERT_EQ(stacks.size(), 7u);  // nine images
+
+  const double regular_m =
+      median_depth_error_m(decoded(views[1].stack, views[1].truth.depth_m).frame, views[1].truth.depth_m);
+  for (size_t i = 0; i < stacks.size(); ++i) {
+    const FringeStack& stack = stacks[i];
+    EXPECT_NO_THROW(check_stack(stack));
+    EXPECT_EQ(stack.index, static_cast<int>(i));
+    EXPECT_NEAR(stack.timestamp_s, stack.exposure_time_s[1], 1e-9);
+    EXPECT_EQ(stack.patterns.patterns[0], finest.patterns[i % 3]);
+    if (i % 3 == 0) {
+      const SimulatedView& same = views[i / 3];
+      EXPECT_EQ(stack.patterns, same.stack.patterns);
+      EXPECT_NEAR(stack.timestamp_s, same.stack.timestamp_s, 1e-9);
+    }
+  }
+  // Views in between: their true depth is rendered from the path.
+  Scene between = scene;
+  between.path.reset();
+  for (const size_t i : {1u, 2u}) {
+    between.trajectory = {{stacks[i].timestamp_s, scene.path->at(stacks[i].timestamp_s)}};
+    const cv::Mat1f truth_m = VirtualRig(between, {}).truth_of(0).depth_m;
+    EXPECT_LT(median_depth_error_m(decoded(stacks[i], truth_m).frame, truth_m), 1.2 * regular_m);
+  }
+}
+
+TEST_F(MovingImages, GapsAndOtherPatternsMakeNoView) {
+  RollingViews rolling(scene.patterns, scene.rig.timing);
+  const FringeStack& stack = views[0].stack;
+  const auto push = [&](const Pattern& pattern, double time_s) {
+    return rolling.push({stack.images[0], pattern, stack.exposure_s[0], time_s}).has_value();
+  };
+  const double interval_s = 1 / scene.rig.timing.camera_rate_hz;
+  EXPECT_FALSE(push(finest.patterns[0], 0));
+  EXPECT_FALSE(push(finest.patterns[1], interval_s));
+  EXPECT_FALSE(push(finest.patterns[2], 3 * interval_s));  // one is missing
+  EXPECT_FALSE(push(finest.patterns[0], 4 * interval_s));
+  EXPECT_TRUE(push(finest.patterns[1], 5 * interval_s));
+  EXPECT_FALSE(push(finest.patterns[1], 6 * interval_s));          // two shifts only
+  EXPECT_FALSE(push(scene.patterns.patterns[0], 7 * interval_s));  // coarse fringes
+  EXPECT_THROW(RollingViews(scene.patterns, scene.rig.timing, 2), Error);
+}
+
+}  // namespace
+}  // namespace fringeslam::sim
