@@ -71,16 +71,16 @@ Matrix6x12d derivative_of_pose(const Matrix18d& information) {
   return -inverse(pose) * information.topRightCorner<6, 12>();
 }
 
-constexpr int kLeastPairs = 200;
-constexpr double kOutlierSigma = 6;
+constexpr int kLeastMotionPairs = 200;
+constexpr double kMaxResidualSigmas = 6;
 
 }  // namespace
 
 Matrix6x12d pose_by_motion(const Frame& target, const Frame& source, const Pinhole& camera,
                            const Pose& target_from_source, const std::vector<DepthSlope>& slopes) {
   const Sums sums = linearise(target, source, camera, target_from_source, slopes, Vector12d::Zero(), Matrix12d::Zero(),
-                              kOutlierSigma);
-  if (sums.pairs < kLeastPairs) return Matrix6x12d::Zero();
+                              kMaxResidualSigmas);
+  if (sums.pairs < kLeastMotionPairs) return Matrix6x12d::Zero();
   return derivative_of_pose(sums.information);
 }
 
@@ -103,10 +103,10 @@ MotionRegistration register_motion(const Frame& target, const Frame& source, con
   Matrix12d uncertain = prior.covariance;
   Matrix18d information;
   for (int iteration = 0; iteration < kIterations; ++iteration) {
-    Sums sums =
-        linearise(target, source, camera, result.target_from_source, slopes, result.step, uncertain, kOutlierSigma);
+    Sums sums = linearise(target, source, camera, result.target_from_source, slopes, result.step, uncertain,
+                          kMaxResidualSigmas);
     result.pairs = sums.pairs;
-    if (sums.pairs < kLeastPairs) return result;
+    if (sums.pairs < kLeastMotionPairs) return result;
     const double excess = std::max(1.0, sums.squares / sums.pairs);
     const Matrix18d measured = sums.information / excess;
     const Vector18d gradient = sums.gradient / excess;
