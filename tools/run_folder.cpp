@@ -124,6 +124,16 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const T
   for (const auto& directions : {motion.undetermined, result.registration.undetermined}) {
     for (const UnobservableDirection& free : directions) entry["undetermined"].push_back(to_string(free));
   }
+  if (result.motion && result.motion->converged) {
+    const CameraMotion& during = result.motion->motion;
+    const auto sigma = result.motion->covariance.diagonal().cwiseSqrt();
+    entry["speed_m_s"] = during.velocity_m_s.norm();
+    entry["turn_rad_s"] = during.angular_rad_s.norm();
+    entry["speed_sigma_m_s"] = sigma.segment<3>(3).maxCoeff();
+    entry["turn_sigma_rad_s"] = sigma.segment<3>(0).maxCoeff();
+  } else if (result.motion) {
+    entry["motion_unknown"] = true;
+  }
   if (result.relocalized) entry["relocalized"] = true;
   if (result.reference >= 0) entry["reference"] = result.reference;
   if (result.keyframe >= 0) entry["keyframe"] = result.keyframe;

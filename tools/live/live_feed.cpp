@@ -147,8 +147,17 @@ void LiveFeed::show(const FringeStack& stack) {
 
 void LiveFeed::show(const FringeStack& stack, const FrameResult& result, const KeyframeMap& map,
                     const std::function<Trajectory()>& trajectory, int dropped) {
-  SeenView seen{0, stack.index, stack.timestamp_s, result.tracking, result.relocalized, result.loops, result.corrected,
+  SeenView seen{0,
+                stack.index,
+                stack.timestamp_s,
+                result.tracking,
+                result.relocalized,
+                result.loops,
+                result.corrected,
+                {},
+                result.images,
                 {}};
+  if (result.motion && result.motion->converged) seen.motion = result.motion->motion;
   if (result.tracking != Tracking::lost) seen.world_from_robot = result.world_from_robot;
   std::function<Preview()> prepare = decoded(stack, result, setup_);
   std::vector<LandmarkOutline> outlines = outlines_of(result);
@@ -255,6 +264,11 @@ std::string LiveFeed::changes(const std::string& run, uint64_t since) const {
     if (view.relocalized) entry["relocalized"] = true;
     if (view.loops > 0) entry["loops"] = view.loops;
     if (view.corrected) entry["corrected"] = true;
+    if (view.images > 0) entry["images"] = view.images;
+    if (view.motion) {
+      entry["speed_m_s"] = view.motion->velocity_m_s.norm();
+      entry["turn_rad_s"] = view.motion->angular_rad_s.norm();
+    }
     if (view.world_from_robot) entry["pose"] = json_of(*view.world_from_robot);
   }
   for (const SeenKeyframe& keyframe : changes.keyframes) {

@@ -44,8 +44,8 @@ struct LiveSetup {
   std::string name;  // of the capture or run
   RigModel rig;
   PatternSequence sequence;
-  int stacks = 0;       // expected; 0: unknown
-  bool maps = false;    // views come with poses and a map
+  int stacks = 0;     // expected; 0: unknown
+  bool maps = false;  // views come with poses and a map
 };
 
 // Mark of a warm thing (core/thermal/victims.h) on the live page.
@@ -94,6 +94,8 @@ class LiveFeed {
     int loops = 0;
     bool corrected = false;
     std::optional<Pose> world_from_robot;
+    int images = 0;
+    std::optional<CameraMotion> motion;  // during the stack
   };
   struct SeenKeyframe {
     uint64_t sequence = 0;
@@ -112,7 +114,7 @@ class LiveFeed {
 
   const LiveSetup setup_;
   const std::string run_;
-  std::once_flag triangulated_;           // by a capture's first viewer
+  std::once_flag triangulated_;  // by a capture's first viewer
   std::optional<Triangulation> triangulation_;
 
   mutable std::mutex mutex_;  // guards all members below; held only while copying

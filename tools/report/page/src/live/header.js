@@ -4,7 +4,7 @@ import {byId, element} from '../shared/dom.js';
 import {count, figure, fixed, percent} from '../shared/format.js';
 import {tile} from '../shared/tile.js';
 import {lastTracked, on, store} from './store.js';
-import {trackingText} from './tracking.js';
+import {motionText, trackingText} from './tracking.js';
 
 const kVerbs = {run: 'Mapping', capture: 'Capturing', focus: 'Focusing'};
 
@@ -38,7 +38,9 @@ function showPose() {
   if (!view) return void (byId('pose').textContent = '');
   const turn = 2 * Math.acos(Math.min(1, Math.abs(view.pose[6])));
   const where = view.pose.slice(0, 3).map((value) => fixed(value, 3)).join(', ');
-  byId('pose').textContent = `Robot at ${where} m, rotated by ${fixed((turn * 180) / Math.PI, 1)}°`;
+  const motion = motionText(view);
+  byId('pose').textContent =
+      `Robot at ${where} m, rotated by ${fixed((turn * 180) / Math.PI, 1)}°${motion && `; moving at ${motion}`}`;
 }
 
 function showWarnings() {

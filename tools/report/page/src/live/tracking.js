@@ -8,6 +8,12 @@ export function trackingText(view) {
   return view.relocalized ? 'relocalized' : kWords[view.tracking] ?? '';
 }
 
+// Speed and number of images; empty for a view that was exposed at rest.
+export function motionText(view) {
+  if (!(view.speed_m_s > 0)) return '';
+  return `${view.speed_m_s.toFixed(2)} m/s, ${(view.turn_rad_s * 180 / Math.PI).toFixed(0)} °/s, ${view.images} images`;
+}
+
 function eventOf(view, lostAt) {
   if (view.tracking === 'lost') return lostAt === null ? 'tracking lost' : null;
   const parts = [];

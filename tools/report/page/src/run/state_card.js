@@ -4,6 +4,8 @@ import {element} from '../shared/dom.js';
 import {count, figure, fixed, percent} from '../shared/format.js';
 import {stateText} from './scrubber.js';
 
+const kDegrees = 180 / Math.PI;
+
 function rows(view) {
   const {score} = view;
   const list = [];
@@ -15,6 +17,11 @@ function rows(view) {
   row('Pixels with depth', percent(view.valid_share));
   row('Images', String(view.images));
   row('Fringe orders from', view.unwrapping);
+  if (view.motion_unknown) row('Motion during the stack', 'unknown');
+  if (view.speed_m_s > 0) {
+    row('Speed', `${fixed(view.speed_m_s, 3)} ± ${fixed(view.speed_sigma_m_s, 3)} m/s`);
+    row('Turn rate', `${fixed(view.turn_rad_s * kDegrees, 2)} ± ${fixed(view.turn_sigma_rad_s * kDegrees, 2)} °/s`);
+  }
   row('Keypoints with depth', count(view.keypoints_with_depth));
   if (view.matches) row('Matches, inliers', `${count(view.matches)}, ${count(view.inliers)}`);
   if (view.reference !== undefined) row('Reference keyframe', String(view.reference));
