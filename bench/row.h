@@ -46,6 +46,7 @@ std::vector<Item> capture_items();
 std::vector<Item> sensor_items();
 std::vector<Item> decoding_items();
 std::vector<Item> frame_speed_items();
+std::vector<Item> image_pose_items();
 std::vector<Item> landmark_items();
 std::vector<Item> motion_items();
 std::vector<Item> prediction_items();

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "core/types/error.h"
 #include "core/types/linear_algebra.h"
 
 namespace fringeslam {
@@ -21,6 +22,25 @@ Matrix6d turned_tangent(const Eigen::Matrix3d& rotation) {
 Matrix6d symmetric(const Matrix6d& matrix) { return 0.5 * (matrix + matrix.transpose()); }
 
 }  // namespace
+
+ImageReference image_reference(const ReconstructedView& view, const FringeStack& stack) {
+  if (view.decoded.mean.empty() || !(view.decoded.finest_period_px > 0))
+    throw Error("image pose: view " + std::to_string(stack.index) + " was not decoded from fringes");
+  ImageReference reference{view.frame, view.decoded.mean, view.decoded.modulation, view.decoded.finest_period_px};
+  for (size_t k = 0; k < stack.images.size(); ++k) {
+    const Pattern& pattern = stack.patterns.patterns[k];
+    if (pattern.coding != Coding::fringe || pattern.axis != Axis::columns ||
+        pattern.period_px != view.decoded.finest_period_px)
+      continue;
+    reference.shifts_rad.push_back(pattern.shift_rad);
+    reference.times_s.push_back(stack.exposure_time_s[k] - stack.timestamp_s);
+  }
+  if (view.motion && view.motion->converged) {
+    reference.motion = view.motion->motion;
+    reference.motion_covariance = view.motion->covariance;
+  }
+  return reference;
+}
 
 ImageTracker::ImageTracker(const RigModel& rig, const PatternSequence& sequence, const ImageTrackerOptions& options)
     : rig_(rig), sequence_(sequence), options_(options) {

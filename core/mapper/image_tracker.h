@@ -10,6 +10,7 @@
 #include <memory>
 #include <optional>
 
+#include "core/mapper/front_end.h"
 #include "core/registration/image_pose.h"
 #include "core/types/camera_motion.h"
 #include "core/types/fringe_stack.h"
@@ -54,6 +55,10 @@ struct TrackedImage {
   std::optional<Pattern> shown;
   bool as_expected = false;
 };
+
+// Returns what single images are compared with: the view of a stack with known motion, from its finest fringes along the
+// columns. Throws Error if the view was not decoded from fringes.
+ImageReference image_reference(const ReconstructedView& view, const FringeStack& stack);
 
 class ImageTracker {
  public:

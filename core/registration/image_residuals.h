@@ -22,9 +22,9 @@ struct ImageReference {
   double period_px = 0;
   // The images that I' and I'' come from: phase shifts and times after the frame's reference time. Empty: three equal
   // steps at rest.
-  std::vector<double> shifts_rad, times_s;
+  std::vector<double> shifts_rad = {}, times_s = {};
   // The motion that the view was decoded with, and its covariance.
-  CameraMotion motion;
+  CameraMotion motion = {};
   Matrix12d motion_covariance = Matrix12d::Zero();
 };
 

@@ -61,19 +61,9 @@ class MovingImages : public ::testing::Test {
   }
 
   ImageReference reference(const SimulatedView& from) const {
-    const ReconstructedView view = decoded(from.stack, from.truth.depth_m);
-    ImageReference reference{view.frame,
-                             view.decoded.mean,
-                             view.decoded.modulation,
-                             view.decoded.finest_period_px,
-                             {},
-                             {},
-                             motion_at(from.stack.timestamp_s)};
-    for (size_t k = 0; k < from.stack.images.size(); ++k) {
-      reference.shifts_rad.push_back(from.stack.patterns.patterns[k].shift_rad);
-      reference.times_s.push_back(from.stack.exposure_time_s[k] - from.stack.timestamp_s);
-    }
-    return reference;
+    ReconstructedView view = decoded(from.stack, from.truth.depth_m);
+    view.motion = StackMotion{motion_at(from.stack.timestamp_s), Matrix12d::Zero(), 1, 0, true};
+    return image_reference(view, from.stack);
   }
 
   // A tracker with the first view as its reference.
