@@ -47,7 +47,7 @@ void score_depth_of(const FrameResult& result, const TruthFrame& truth, MovingVi
   view.depth_sigmas = median_of(std::move(sigmas));
 }
 
-// Fisher information of the pose when the velocity during the stack has to be estimated too (docs/method.md, 9.5).
+// Fisher information of the pose when the velocity during the stack has to be estimated too (docs/method.md, section 9.4).
 Matrix6d information_in_motion(const Frame& keyframe, const TruthFrame& keyframe_truth, const FringeStack& stack,
                                const FrameResult& result, const TruthFrame& truth, const RigModel& rig,
                                const CameraMotion& motion, const Pose& keyframe_from_camera) {
@@ -95,7 +95,7 @@ Matrix6d information_in_motion(const Frame& keyframe, const TruthFrame& keyframe
 
 int MovingRun::lost() const {
   return static_cast<int>(
-      std::count_if(views.begin(), views.end(), [](const MovingView& v) { return v.tracking == Tracking::lost; }));
+      std::count_if(views.begin(), views.end(), [](const MovingView& v) { return !has_pose(v.tracking); }));
 }
 
 std::vector<const MovingView*> MovingRun::tracked() const {
@@ -134,7 +134,7 @@ MovingRun moving_run(const sim::Scene& scene, const MovingRunOptions& options) {
       scored.velocity_m_s = (result.motion->motion.velocity_m_s - motion.velocity_m_s).norm();
       scored.angular_rad_s = (result.motion->motion.angular_rad_s - motion.angular_rad_s).norm();
     }
-    if (result.tracking != Tracking::lost) {
+    if (has_pose(result.tracking)) {
       truth.push_back({scored.time_s, view->truth.world_from_robot});
       score_depth_of(result, view->truth, scored);
       if (result.tracking != Tracking::first) {

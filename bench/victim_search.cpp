@@ -70,7 +70,7 @@ VictimSearchResult search_for_victims(uint64_t seed, const Changes& changes) {
     regions.push_back(thermal.observe(simulated->stack, view).warm.regions);
     result.valid = std::min(result.valid, valid_share(view, truth.back()));
     ++result.views;
-    if (view.tracking == Tracking::lost) {
+    if (!has_pose(view.tracking)) {
       last.reset();
       continue;
     }

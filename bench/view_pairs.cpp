@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "bench/view_pairs.h"
 
+#include <utility>
+
 #include "core/decode/decode.h"
 #include "core/depth/depth.h"
 #include "sim/virtual_rig.h"
@@ -30,7 +32,10 @@ Views views_of(const sim::Scene& scene, size_t count) {
 }  // namespace
 
 Views rendered_views(const std::string& scene_name, uint64_t seed, const std::vector<Pose>& world_from_camera) {
-  sim::Scene scene = scene_of(scene_name, seed);
+  return rendered_views(scene_of(scene_name, seed), world_from_camera);
+}
+
+Views rendered_views(sim::Scene scene, const std::vector<Pose>& world_from_camera) {
   const Pose camera_from_robot = scene.rig.robot_from_camera.inverse();
   scene.trajectory.clear();
   for (const Pose& pose : world_from_camera)

@@ -10,6 +10,10 @@
 #include "core/types/rig_model.h"
 #include "core/types/truth.h"
 
+namespace fringeslam::sim {
+struct Scene;
+}
+
 namespace fringeslam::bench {
 
 struct View {
@@ -28,6 +32,7 @@ using ViewPair = Views;  // exactly two
 
 // Views from the given camera poses.
 Views rendered_views(const std::string& scene_name, uint64_t seed, const std::vector<Pose>& world_from_camera);
+Views rendered_views(sim::Scene scene, const std::vector<Pose>& world_from_camera);
 
 // The first two views of the scene's trajectory, or the first one and one with the camera at `first_from_second`.
 ViewPair rendered_pair(const std::string& scene_name, uint64_t seed,

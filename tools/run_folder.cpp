@@ -71,6 +71,15 @@ std::vector<std::string> summary(const RunScore& score) {
   return lines;
 }
 
+// A pose that explains an ambiguous view, relative to the reference keyframe.
+nlohmann::ordered_json alternative_json(const Pose& reference_from_view, double log_likelihood) {
+  const SixDof six = six_dof(reference_from_view);
+  const Eigen::Vector3d &shift = six.translation_mm, &angles = six.angles_deg;
+  return {{"translation_mm", {shift.x(), shift.y(), shift.z()}},
+          {"angles_deg", {angles.x(), angles.y(), angles.z()}},
+          {"log_likelihood", log_likelihood}};
+}
+
 }  // namespace
 
 RunFolder::RunFolder(fs::path folder, const RigModel& rig, const PatternSequence& sequence)
@@ -101,7 +110,7 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const T
     write_png(folder / "temperature.png", warm_picture(frame.texture, thermal));
   }
 
-  const bool tracked = result.tracking != Tracking::lost;
+  const bool tracked = has_pose(result.tracking);
   const MotionEstimate& motion = result.registration.motion;
   const IcpResult& icp = result.registration.icp;
   frames_.push_back({{"index", stack.index},
@@ -123,6 +132,11 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const T
   auto& entry = frames_.back();
   for (const auto& directions : {motion.undetermined, result.registration.undetermined}) {
     for (const UnobservableDirection& free : directions) entry["undetermined"].push_back(to_string(free));
+  }
+  if (result.tracking == Tracking::ambiguous) {
+    entry["alternatives"].push_back(alternative_json(result.registration.earlier_from_current, 0));
+    for (const AlternativePose& other : result.registration.alternatives)
+      entry["alternatives"].push_back(alternative_json(other.target_from_source, other.log_likelihood));
   }
   if (result.motion && result.motion->converged) {
     const CameraMotion& during = result.motion->motion;

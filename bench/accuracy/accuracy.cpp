@@ -28,7 +28,7 @@ PairError first_motion_error(const std::string& scene_name, uint64_t seed) {
   Pipeline pipeline(scene.rig, scene.patterns, {}, scene.trajectory[0].world_from_robot);
   const auto earlier = rig.simulate(scene.patterns), later = rig.simulate(scene.patterns);
   const FrameResult first = pipeline.process(earlier->stack), second = pipeline.process(later->stack);
-  if (second.tracking == Tracking::lost) return {INFINITY, INFINITY, INFINITY};
+  if (!has_pose(second.tracking)) return {INFINITY, INFINITY, INFINITY};
 
   const Pose& robot_from_camera = scene.rig.robot_from_camera;
   const Pose true_motion = earlier->truth.world_from_robot.inverse() * later->truth.world_from_robot;

@@ -26,7 +26,7 @@ constexpr double kViewRate_hz = 0;  // without pause: 90 images per second, 30 v
 std::vector<double> depths_of(const MovingRun& run, int images) {
   std::vector<double> depths;
   for (const MovingView& view : run.views) {
-    if (view.images == images && view.tracking != Tracking::lost) depths.push_back(view.depth_m);
+    if (view.images == images && has_pose(view.tracking)) depths.push_back(view.depth_m);
   }
   return depths;
 }
@@ -34,7 +34,7 @@ std::vector<double> depths_of(const MovingRun& run, int images) {
 double median_depth_sigmas(const MovingRun& run) {
   std::vector<double> ratios;
   for (const MovingView& view : run.views) {
-    if (view.images == 3 && view.tracking != Tracking::lost) ratios.push_back(view.depth_sigmas);
+    if (view.images == 3 && has_pose(view.tracking)) ratios.push_back(view.depth_sigmas);
   }
   return median_of(std::move(ratios));
 }
@@ -195,8 +195,7 @@ std::vector<Row> blur_rows(const Context&) {
   std::vector<double> ratios;
   double first_m = NAN;
   for (const double exposure_s : {1e-3, 2e-3, 4e-3, 7e-3, 10e-3}) {
-    sim::Scene scene =
-        scene_with_constant_motion("loop", 1, {0.2, 0.2, 0.1}, {0, 0, 0}, 0.4, kViewRate_hz);
+    sim::Scene scene = scene_with_constant_motion("loop", 1, {0.2, 0.2, 0.1}, {0, 0, 0}, 0.4, kViewRate_hz);
     scene.rig.timing.exposure_s = exposure_s;
     scene.rig.projector_lens.flux_lm *= 2.78e-3 / exposure_s;
     const MovingRun run = moving_run(scene, {});

@@ -26,7 +26,7 @@ struct Totals {
 
 void add(const FrameResult& view, const TruthFrame& truth, double finest_period_px, Totals& totals) {
   ++totals.views;
-  totals.lost += view.tracking == Tracking::lost;
+  totals.lost += !has_pose(view.tracking);
   totals.images += view.images;
   cv::Mat1f depth;
   cv::extractChannel(view.frame.points_m, depth, 2);

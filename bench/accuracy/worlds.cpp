@@ -56,7 +56,7 @@ Outcome run(const std::string& name) {
     outcome.valid = std::min(outcome.valid, depth.valid_fraction);
     outcome.depth_m = std::max(outcome.depth_m, depth.median_m);
     ++outcome.views;
-    if (result.tracking == Tracking::lost) {
+    if (!has_pose(result.tracking)) {
       ++outcome.lost;
       last.reset();
       continue;

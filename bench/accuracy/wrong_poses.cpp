@@ -1,18 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
-// Random views of rubble, all pairs registered: how often is the result wrong by more than its covariance allows?
+// Random views of rubble and of repetitive scenes, all pairs registered: how often is the result wrong by more than its
+// covariance allows?
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdio>
 #include <numbers>
+#include <numeric>
 #include <random>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "bench/frame_pairs.h"
 #include "bench/landmark_method.h"
+#include "bench/pose_judge.h"
+#include "bench/repeating_scenes.h"
 #include "bench/row.h"
-#include "core/types/linear_algebra.h"
 
 namespace fringeslam::bench {
 
@@ -27,7 +31,7 @@ struct World {
 constexpr World kWorlds[] = {{"rubble_pile", 1}, {"rubble_pile", 2},       {"rubble_pile", 3},
                              {"rubble_pile", 4}, {"rubble_under_dust", 1}, {"rubble_pile", 5},
                              {"rubble_pile", 6}, {"rubble_under_dust", 2}};
-constexpr int kViews = 17;
+constexpr int kViews = 17, kRepeatingViews = 8;
 
 // Cameras that look down from all sides at places near the centre, four of them close together.
 std::vector<Pose> random_cameras(uint64_t seed) {
@@ -84,50 +88,6 @@ double true_overlap(const Views& views, size_t earlier, size_t current) {
   return static_cast<double>(shared) / std::max(1, all);
 }
 
-// Largest displacement of points on the camera's axis and corner rays at the middle of its range.
-double displacement_m(const Pose& found, const Pose& truth, const RigModel& rig) {
-  const Pinhole& camera = rig.camera;
-  const double z = 0.5 * (rig.near_m + rig.far_m);
-  const double x = z * 0.5 * camera.width / camera.fx, y = z * 0.5 * camera.height / camera.fy;
-  double largest = 0;
-  for (const Eigen::Vector3d& point : {Eigen::Vector3d(0, 0, z), Eigen::Vector3d(x, y, z), Eigen::Vector3d(-x, y, z),
-                                       Eigen::Vector3d(x, -y, z), Eigen::Vector3d(-x, -y, z)})
-    largest = std::max(largest, (found * point - truth * point).norm());
-  return largest;
-}
-
-struct Count {
-  int found = 0, right = 0, wrong = 0;
-};
-
-struct Judge {
-  const RigModel& rig;
-  const Pose& truth;
-
-  void operator()(const ViewRegistration& registration, const std::string& name, double overlap, Count& count) const {
-    constexpr double kOff_m = 1e-3, kSigmas = 10;
-    if (!registration.found) return;
-    ++count.found;
-    const double off_m = displacement_m(registration.earlier_from_current, truth, rig);
-    if (off_m <= kOff_m) {
-      ++count.right;
-      return;
-    }
-    const Vector6d error = difference(registration.earlier_from_current, truth);
-    const double sigmas = std::sqrt(error.dot(solve_symmetric(registration.covariance, error)));
-    const bool wrong = !(sigmas <= kSigmas);
-    count.wrong += wrong;
-    const IcpResult& icp = registration.icp;
-    std::fprintf(stderr,
-                 "  %s: %s, overlap %.0f %%, %.1f mm and %.1f sigmas off; keypoints %d of %d%s, overlap %.2f, "
-                 "consistency %.2f, RMS %.2f sigmas, %.1f if reopened\n",
-                 wrong ? "WRONG" : "unsure", name.c_str(), 100 * overlap, 1e3 * off_m, sigmas,
-                 registration.motion.inliers, registration.motion.pairs,
-                 registration.refined ? "" : ", not confirmed by depth", icp.overlap, icp.consistency, icp.rms_sigma,
-                 icp.reopened_sigma);
-  }
-};
-
 // Wrong initial poses, in addition to landmarks.
 struct Start {
   double degrees, metres;
@@ -135,79 +95,140 @@ struct Start {
 constexpr Start kStarts[] = {{1, 0.01}, {3, 0.03}};
 constexpr size_t kWays = 1 + std::size(kStarts);
 
-struct Decile {
-  int pairs = 0;
-  std::array<Count, kWays> ways;
-};
-using Deciles = std::array<Decile, 10>;
+using Counts = std::array<Count, kWays>;
 
-void add_world(const World& world, Deciles& deciles) {
-  const Views views = rendered_views(world.scene, world.seed, random_cameras(world.seed));
-  const LandmarkMethod method;
-  const RegistrationOptions options;
+// Registers two views by landmarks and from wrong starts.
+void add_pair(const Views& views, const std::vector<Landmarks>& landmarks, const LandmarkDatabase& database,
+              int earlier, int current, double overlap, const std::string& scene, Counts& counts) {
+  const auto e = static_cast<size_t>(earlier), c = static_cast<size_t>(current);
   const double middle_m = 0.5 * (views.rig.near_m + views.rig.far_m);
-  const std::vector<Landmarks> landmarks = landmarks_of(views, method);
-  for (int earlier = 0; earlier < kViews; ++earlier) {
-    LandmarkDatabase database(views.rig.camera, method.recognition);
-    database.add(earlier, landmarks[static_cast<size_t>(earlier)]);
-    for (int current = earlier + 1; current < kViews; ++current) {
-      const auto e = static_cast<size_t>(earlier), c = static_cast<size_t>(current);
-      const double overlap = true_overlap(views, e, c);
-      const Pose truth = views.world_from_camera(e).inverse() * views.world_from_camera(c);
-      const Judge judge{views.rig, truth};
-      const std::string name = std::string(world.scene) + " " + std::to_string(world.seed) + " views " +
-                               std::to_string(earlier) + " and " + std::to_string(current);
-      Decile& decile = deciles[static_cast<size_t>(std::clamp(static_cast<int>(10 * overlap), 0, 9))];
-      ++decile.pairs;
-      judge(registered(views, landmarks, earlier, current, database.reidentify(landmarks[c])), name + " by landmarks",
-            overlap, decile.ways[0]);
-      for (size_t i = 0; i < std::size(kStarts); ++i) {
-        const auto seed = static_cast<uint64_t>(1000 * earlier + current);
-        const Pose start = truth * random_motion(kStarts[i].degrees, kStarts[i].metres, middle_m, seed);
-        judge(follow_view(views.views[e].frame, views.views[c].frame, start, views.rig.camera, middle_m, options),
-              name + " from " + std::to_string(static_cast<int>(1e3 * kStarts[i].metres)) + " mm", overlap,
-              decile.ways[1 + i]);
-      }
-    }
+  const Pose truth = views.world_from_camera(e).inverse() * views.world_from_camera(c);
+  const std::string name = scene + " views " + std::to_string(earlier) + " and " + std::to_string(current);
+  judge(registered(views, landmarks, earlier, current, database.reidentify(landmarks[c])), truth, views.rig,
+        name + " by landmarks", overlap, counts[0]);
+  for (size_t i = 0; i < std::size(kStarts); ++i) {
+    const auto seed = static_cast<uint64_t>(1000 * earlier + current);
+    const Pose start = truth * random_motion(kStarts[i].degrees, kStarts[i].metres, middle_m, seed);
+    judge(follow_view(views.views[e].frame, views.views[c].frame, start, views.rig.camera, middle_m, {}), truth,
+          views.rig, name + " from " + std::to_string(static_cast<int>(1e3 * kStarts[i].metres)) + " mm", overlap,
+          counts[1 + i]);
   }
 }
 
+// Calls add(earlier, current, overlap, database of the earlier view) for all pairs of views.
+template <class Add>
+void for_each_pair(const Views& views, const std::vector<Landmarks>& landmarks, const Add& add) {
+  const int count = static_cast<int>(views.views.size());
+  for (int earlier = 0; earlier < count; ++earlier) {
+    LandmarkDatabase database(views.rig.camera, LandmarkMethod().recognition);
+    database.add(earlier, landmarks[static_cast<size_t>(earlier)]);
+    for (int current = earlier + 1; current < count; ++current)
+      add(earlier, current, true_overlap(views, static_cast<size_t>(earlier), static_cast<size_t>(current)), database);
+  }
+}
+
+// Pairs of a class, and how they were registered.
+struct Tally {
+  int pairs = 0;
+  Counts ways;
+
+  Tally& operator+=(const Tally& other) {
+    pairs += other.pairs;
+    for (size_t i = 0; i < kWays; ++i) ways[i] += other.ways[i];
+    return *this;
+  }
+  int wrong() const {
+    int count = 0;
+    for (const Count& way : ways) count += way.wrong;
+    return count;
+  }
+};
+
+void print_head(const char* classes) {
+  std::fprintf(stderr, "  %-38s %6s", classes, "pairs");
+  for (const char* way : {"by landmarks", "from 10 mm, 1 deg", "from 30 mm, 3 deg"})
+    std::fprintf(stderr, " | %-32s", way);
+  std::fprintf(stderr, "\n  %-38s %6s", "", "");
+  for (size_t i = 0; i < kWays; ++i)
+    std::fprintf(stderr, " | %6s %7s %7s %9s", "found", "correct", "wrong", "ambiguous");
+  std::fprintf(stderr, "\n");
+}
+
+void print(const std::string& name, const Tally& tally) {
+  std::fprintf(stderr, "  %-38s %6d", name.c_str(), tally.pairs);
+  for (const Count& way : tally.ways)
+    std::fprintf(stderr, " | %6d %7d %7d %9d", way.found, way.right, way.wrong, way.ambiguous);
+  std::fprintf(stderr, "\n");
+}
+
+using Deciles = std::array<Tally, 10>;
+
+void add_world(const World& world, Deciles& deciles) {
+  const Views views = rendered_views(world.scene, world.seed, random_cameras(world.seed));
+  const std::vector<Landmarks> landmarks = landmarks_of(views, LandmarkMethod());
+  for_each_pair(views, landmarks, [&](int earlier, int current, double overlap, const LandmarkDatabase& database) {
+    Tally& decile = deciles[static_cast<size_t>(std::clamp(static_cast<int>(10 * overlap), 0, 9))];
+    ++decile.pairs;
+    add_pair(views, landmarks, database, earlier, current, overlap,
+             std::string(world.scene) + " " + std::to_string(world.seed), decile.ways);
+  });
+}
+
+// The share of pairs of rubble that count as ambiguous, in percent, is the price of the check.
 std::vector<Row> wrong_rows(const Context& context) {
+  constexpr double kMostAmbiguous = 1;
   Deciles deciles;
   for (const World& world : kWorlds) {
     if (context.quick && &world - kWorlds >= 2) break;
     add_world(world, deciles);
   }
-  std::fprintf(stderr, "  %-10s %6s", "overlap %", "pairs");
-  for (const char* way : {"by landmarks", "from 10 mm, 1 deg", "from 30 mm, 3 deg"})
-    std::fprintf(stderr, " | %-22s", way);
-  std::fprintf(stderr, "\n  %-10s %6s", "", "");
-  for (size_t i = 0; i < kWays; ++i) std::fprintf(stderr, " | %6s %7s %7s", "found", "correct", "wrong");
-  const auto print = [](const std::string& name, const Decile& decile) {
-    std::fprintf(stderr, "\n  %-10s %6d", name.c_str(), decile.pairs);
-    for (const Count& way : decile.ways) std::fprintf(stderr, " | %6d %7d %7d", way.found, way.right, way.wrong);
-  };
-  Decile all;
+  print_head("overlap %");
+  Tally all;
   for (size_t d = 0; d < deciles.size(); ++d) {
     print(std::to_string(10 * d) + " to " + std::to_string(10 * d + 10), deciles[d]);
-    all.pairs += deciles[d].pairs;
-    for (size_t i = 0; i < kWays; ++i) {
-      all.ways[i].found += deciles[d].ways[i].found;
-      all.ways[i].right += deciles[d].ways[i].right;
-      all.ways[i].wrong += deciles[d].ways[i].wrong;
-    }
+    all += deciles[d];
   }
   print("all", all);
-  std::fprintf(stderr, "\n");
-  int wrong = 0;
-  for (const Count& way : all.ways) wrong += way.wrong;
-  return {bound_row("pose.wrong", wrong, all.pairs, "wrong", 0, Limit::most)};
+  const Count& located = all.ways[0];
+  return {bound_row("pose.wrong", all.wrong(), all.pairs, "wrong", 0, Limit::most),
+          bound_row("pose.ambiguous", 100.0 * located.ambiguous / std::max(1, located.found + located.ambiguous),
+                    located.found + located.ambiguous, "%", kMostAmbiguous, Limit::most)};
+}
+
+std::vector<Row> repeating_rows(const Context& context) {
+  constexpr int kQuickScenes[] = {3, 11}, kQuickViews = 5;
+  Tally all;
+  std::vector<std::pair<std::string, Tally>> scenes;
+  std::vector<int> numbers(std::begin(kQuickScenes), std::end(kQuickScenes));
+  if (!context.quick) {
+    numbers.resize(static_cast<size_t>(repeating_scene_count()));
+    std::iota(numbers.begin(), numbers.end(), 0);
+  }
+  for (const int number : numbers) {
+    RepeatingScene repeating = repeating_scene(number);
+    const std::vector<Pose> cameras =
+        cameras_above(repeating, context.quick ? kQuickViews : kRepeatingViews, static_cast<uint64_t>(100 + number));
+    const Views views = rendered_views(std::move(repeating.scene), cameras);
+    const std::vector<Landmarks> landmarks = landmarks_of(views, LandmarkMethod());
+    Tally tally;
+    for_each_pair(views, landmarks, [&](int earlier, int current, double overlap, const LandmarkDatabase& database) {
+      ++tally.pairs;
+      add_pair(views, landmarks, database, earlier, current, overlap, repeating.name, tally.ways);
+    });
+    scenes.emplace_back(repeating.name, tally);
+    all += tally;
+  }
+  print_head("scene");
+  for (const auto& [name, tally] : scenes) print(name, tally);
+  print("all", all);
+  return {bound_row("pose.repeating", all.wrong(), all.pairs, "wrong", 0, Limit::most)};
 }
 
 }  // namespace
 
 std::vector<Item> wrong_pose_items() {
-  return {{{"pose.wrong"}, "random pairs of views: confidently wrong registrations", wrong_rows}};
+  return {{{"pose.wrong", "pose.ambiguous"}, "random pairs of views: confidently wrong registrations", wrong_rows},
+          {{"pose.repeating"}, "pairs of views of repetitive scenes: confidently wrong registrations", repeating_rows}};
 }
 
 }  // namespace fringeslam::bench

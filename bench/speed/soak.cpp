@@ -68,7 +68,7 @@ Soak soaked(double duration_s) {
     for (const TimedPose& truth : loop.scene.trajectory) {
       const FrameResult result = driver.next()->result;
       ++soak.views;
-      if (result.tracking == Tracking::lost)
+      if (!has_pose(result.tracking))
         ++soak.lost;
       else
         soak.wrong_views += wrong(result.world_from_robot, truth.world_from_robot);

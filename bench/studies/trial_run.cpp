@@ -106,17 +106,16 @@ class Record {
       seen_.depth_m = std::max(seen_.depth_m, score.median_m);
     }
     ++seen_.views;
-    seen_.tracked += result.tracking != Tracking::lost;
+    seen_.tracked += has_pose(result.tracking);
     if (result.reference >= 0) {
       seen_.matches = std::min(seen_.matches, static_cast<int>(result.matches.size()));
-      if (result.tracking != Tracking::lost)
+      if (has_pose(result.tracking))
         note_motion(result, truth, map.keyframes()[static_cast<size_t>(result.reference)].index);
     }
     if (!truths_.empty()) seen_.overlap = std::min(seen_.overlap, true_overlap(truths_.back(), truth, scene_.rig));
-    if (result.tracking != Tracking::lost && last_tracked_ + 1 == static_cast<int>(truths_.size()) &&
-        last_tracked_ >= 0)
+    if (has_pose(result.tracking) && last_tracked_ + 1 == static_cast<int>(truths_.size()) && last_tracked_ >= 0)
       note_bound(result, truth, told);
-    if (result.tracking != Tracking::lost) {
+    if (has_pose(result.tracking)) {
       last_tracked_ = static_cast<int>(truths_.size());
       last_sigma_m_ = result.frame.sigma_m.clone();
     }

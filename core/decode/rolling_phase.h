@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Phase of a moving scene from a rolling window: N consecutive images of an endless sequence of phase shifts of one
 // period, with the drift of the phase between images estimated from the images themselves (docs/method.md,
-// section 9.5). Needs no calibration and no rigid scene: the drift is a smooth field over the image.
+// section 9.6). Needs no calibration and no rigid scene: the drift is a smooth field over the image.
 //
 // About the reference time of the window, with tau the time in image intervals, a pixel sees
 //

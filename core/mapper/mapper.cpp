@@ -20,6 +20,46 @@ Pose continued(const Pose& motion, double share) {
   return {rotation_exp(share * rotation_log(motion.rotation)), share * motion.translation};
 }
 
+// Bounds the covariance of the motion between two keyframes by the links of the shortest path between them. Their sigmas
+// are added, because a bias is common to all; errors of rotation act over the distance that is left. Loops that disagree
+// with the map do not count. Zero (unknown) if there is no path of links that determine their motions.
+Matrix6d covariance_between(const KeyframeMap& map, int from, int to) {
+  constexpr double kLeastCondition = 1e-15, kMostSquare = 36;
+  const auto pose = [&](int keyframe) { return map.keyframes()[static_cast<size_t>(keyframe)].world_from_camera; };
+  std::vector<std::vector<const PoseEdge*>> links(map.keyframes().size());
+  for (const PoseEdge& link : map.links()) {
+    const Vector6d residual = difference(pose(link.from).inverse() * pose(link.to), link.from_from_to);
+    if (link.loop && residual.dot(link.information * residual) > kMostSquare) continue;
+    links[static_cast<size_t>(link.from)].push_back(&link);
+    links[static_cast<size_t>(link.to)].push_back(&link);
+  }
+  std::vector<const PoseEdge*> towards(map.keyframes().size(), nullptr);  // the link that leads to `to`
+  std::vector<int> reached = {to};
+  for (size_t i = 0; i < reached.size() && towards[static_cast<size_t>(from)] == nullptr; ++i) {
+    for (const PoseEdge* link : links[static_cast<size_t>(reached[i])]) {
+      const int next = link->from == reached[i] ? link->to : link->from;
+      if (next == to || towards[static_cast<size_t>(next)] != nullptr) continue;
+      towards[static_cast<size_t>(next)] = link;
+      reached.push_back(next);
+    }
+  }
+  double turn_rad = 0, shift_m = 0;
+  for (int at = from; at != to;) {
+    const PoseEdge* link = towards[static_cast<size_t>(at)];
+    if (link == nullptr) return Matrix6d::Zero();
+    const std::optional<Matrix6d> covariance = inverse_if_well_conditioned(link->information, kLeastCondition);
+    if (!covariance) return Matrix6d::Zero();
+    const double turn = std::sqrt(covariance->topLeftCorner<3, 3>().trace());
+    turn_rad += turn;
+    shift_m += std::sqrt(covariance->bottomRightCorner<3, 3>().trace()) +
+               turn * (pose(at).translation - pose(to).translation).norm();
+    at = link->from == at ? link->to : link->from;
+  }
+  Vector6d variances;
+  variances << Eigen::Vector3d::Constant(turn_rad * turn_rad), Eigen::Vector3d::Constant(shift_m * shift_m);
+  return variances.asDiagonal();
+}
+
 }  // namespace
 
 std::string to_string(Tracking tracking) {
@@ -32,6 +72,8 @@ std::string to_string(Tracking tracking) {
       return "refined";
     case Tracking::landmarks:
       return "landmarks";
+    case Tracking::ambiguous:
+      return "ambiguous";
     case Tracking::lost:
       return "lost";
   }
@@ -49,6 +91,7 @@ Mapper::Mapper(KeyframeMap map, const MapperOptions& options)
   check_options(options.registration.motion, "motion");
   check_options(options.registration.icp, "icp");
   check_options(options.registration.tracking, "tracking");
+  check_options(options.registration.ambiguity, "ambiguity");
   check_options(options.mapping, "mapping");
   check_options(options.pose_graph, "pose_graph");
   for (size_t i = 0; i < map_.keyframes().size(); ++i)
@@ -58,6 +101,10 @@ Mapper::Mapper(KeyframeMap map, const MapperOptions& options)
 FrameResult Mapper::process(MapperInput input) {
   FrameResult result;
   const std::optional<Prediction> predicted = predict(input.timestamp_s);
+  if (predicted && in_motion_) {
+    prediction_covariance_ = predicted->covariance;
+    prediction_checked_ = true;
+  }
   if (input.view)
     static_cast<ReconstructedView&>(result) = std::move(*input.view);
   else if (!input.needs_prior)
@@ -82,7 +129,8 @@ FrameResult Mapper::process(MapperInput input) {
     (predicted && follow(result, predicted->world_from_camera)) || relocalize(result);
   const Matrix6d own_motion = add_motion_uncertainty(result, input, effect);
 
-  if (result.tracking == Tracking::lost) {
+  if (!has_pose(result.tracking)) {
+    if (result.registration.ambiguous) result.tracking = Tracking::ambiguous;
     lost_ = !map_.keyframes().empty();
     return result;
   }
@@ -192,7 +240,7 @@ bool Mapper::follow(FrameResult& result, const Pose& predicted, const Matrix6d& 
     options.icp.stride = std::max(options.icp.stride, stride);
     options.tracking.max_prediction_error_m = std::min(options.tracking.max_prediction_error_m, max_error_m);
     return follow_view(keyframe_image(result.reference), result.frame, expected, rig_.camera, rig_.middle_range_m(),
-                       options, prior);
+                       options, prior, prediction_checked_ ? prediction_covariance_ : Matrix6d::Zero());
   };
   result.registration = registered(world_from_reference.inverse() * predicted, options_.registration.tracking.stride);
   const Pose found = result.registration.earlier_from_current;
@@ -387,6 +435,8 @@ bool Mapper::relocalize(FrameResult& result) {
   };
   LocatedView located = locate_view(known, last, {result.frame, result.keypoints}, result.recognitions, rig_.camera,
                                     rig_.middle_range_m(), options_.registration);
+  // That the view is ambiguous close to its prediction is worth more than not to have found it elsewhere.
+  if (result.registration.ambiguous && !located.registration.found && !located.registration.ambiguous) return false;
   result.reference = located.with.earlier;
   result.matches = std::move(located.with.matches);
   result.registration = std::move(located.registration);
@@ -454,7 +504,8 @@ int Mapper::close_loops(const FrameResult& result) {
     const Keyframe& earlier = map_.keyframes()[static_cast<size_t>(keyframe)];
     const Frame image = map_.keyframe_image(keyframe);
     ViewRegistration registration = follow_view(image, result.frame, earlier.world_from_camera.inverse() * current,
-                                                rig_.camera, rig_.middle_range_m(), options_.registration);
+                                                rig_.camera, rig_.middle_range_m(), options_.registration,
+                                                Matrix6d::Zero(), covariance_between(map_, keyframe, result.keyframe));
     if (!registration.refined && recognised.contains(keyframe))
       registration = register_views(image, result.frame,
                                     point_pairs(earlier.landmarks.keypoints, result.keypoints, recognised[keyframe]),
@@ -477,11 +528,12 @@ void Mapper::note_pose(FrameResult& result, const std::optional<Prediction>& pre
   last_frame_ = result.frame;
   last_keyframe_ = result.keyframe;
   last_motion_ = result.motion;
+  prediction_checked_ = result.tracking == Tracking::followed;
   in_motion_ = result.motion && !result.motion->motion.is_still();
   track_.back().turn_rad2 = result.covariance.topLeftCorner<3, 3>().trace() / 3;
   track_.back().shift_m2 = result.covariance.bottomRightCorner<3, 3>().trace() / 3;
   if (in_motion_ && result.motion->residuals > 0) track_.back().own_motion = result.motion;
-  if (result.tracking != Tracking::followed) return;
+  if (!prediction_checked_) return;
   constexpr double kTurn_rad = 0.03 * std::numbers::pi / 180, kShift_m = 0.3e-3;
   const Vector6d error = difference(world_from_current, predicted->world_from_camera);
   Vector6d sigmas;

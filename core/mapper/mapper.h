@@ -31,22 +31,24 @@ enum class Tracking {
   first,      // nothing to register with
   followed,   // registered from the pose that constant velocity predicts
   refined,    // relocalized by landmarks, then registered
-  landmarks,  // registration did not converge; the pose is that of the landmarks
-  lost        // no pose; the view is left out of trajectory and map
+  landmarks,  // registration did not converge; the pose is that of the landmarks, and depth does not contradict it
+  ambiguous,  // several poses explain the view equally well; left out of trajectory and map
+  lost        // no pose; left out of trajectory and map
 };
 std::string to_string(Tracking tracking);
+constexpr bool has_pose(Tracking tracking) { return tracking != Tracking::lost && tracking != Tracking::ambiguous; }
 
 struct FrameResult : ReconstructedView {
   Keypoints keypoints;  // empty if landmarks were not searched for
   Landmarks landmarks;
   std::vector<Recognition> recognitions;   // re-identified landmarks of earlier keyframes
   std::vector<KeypointMatch> matches;      // with the reference; empty if the view was followed
-  ViewRegistration registration;           // with the reference
+  ViewRegistration registration;           // with the reference; its alternatives if the view is ambiguous
   Matrix6d covariance = Matrix6d::Zero();  // of registration.earlier_from_current, tangent of retract()
   Tracking tracking = Tracking::lost;
-  bool relocalized = false;      // tracked, after a view that was lost
+  bool relocalized = false;      // tracked, after a view without a pose
   bool leaves_keyframe = false;  // shows so much beyond its keyframe that it starts another one
-  int view = -1;                 // position among the tracked views; -1: lost
+  int view = -1;                 // position among the tracked views; -1: no pose
   int reference = -1;            // keyframe that it was registered with
   int keyframe = -1;             // its own number if it became one
   bool in_map = false;           // its surface is part of the map
@@ -153,7 +155,8 @@ class Mapper {
   std::vector<TrackedView> track_;
   bool lost_ = false;  // since the last view of track_
   Matrix6d prediction_covariance_ = Matrix6d::Zero();
-  int image_keyframe_ = -1;  // whose image keyframe_image_ is
+  bool prediction_checked_ = false;  // the last view was where it had been predicted
+  int image_keyframe_ = -1;          // whose image keyframe_image_ is
   Frame keyframe_image_;
   Frame last_frame_;  // of the last tracked view
   std::optional<StackMotion> last_motion_;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Prediction of the camera's pose and motion from the poses of the last views (docs/method.md, section 9.6).
+// Prediction of the camera's pose and motion from the poses of the last views (docs/method.md, section 9.4).
 #pragma once
 
 #include <optional>

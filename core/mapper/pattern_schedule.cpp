@@ -20,7 +20,7 @@ bool PatternSchedule::leaves_fringes_unresolved(const DecodedStack& decoded) con
 }
 
 void PatternSchedule::update(const FrameResult& result) {
-  if (result.tracking == Tracking::lost) {
+  if (!has_pose(result.tracking)) {
     wants_all_ = true;
     prediction_failed_ |= !result.complete;
     return;

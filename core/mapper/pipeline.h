@@ -26,6 +26,7 @@ struct PipelineOptions {
   MotionOptions motion;
   IcpOptions icp;
   TrackingOptions tracking;
+  AmbiguityOptions ambiguity;
   MappingOptions mapping;
   PoseGraphOptions pose_graph;
   CloudOptions cloud;
@@ -46,6 +47,7 @@ struct PipelineOptions {
     visit("motion", motion);
     visit("icp", icp);
     visit("tracking", tracking);
+    visit("ambiguity", ambiguity);
     visit("mapping", mapping);
     visit("pose_graph", pose_graph);
     visit("cloud", cloud);
@@ -56,7 +58,7 @@ struct PipelineOptions {
   FrontEndOptions front_end() const { return {decode, depth}; }
   MapperOptions mapper() const {
     return {{keypoints, conditioning, clusters, landmarks, recognition},
-            {matching, motion, icp, tracking},
+            {matching, motion, icp, tracking, ambiguity},
             mapping,
             pose_graph};
   }

@@ -18,7 +18,7 @@ ThermalView ThermalObserver::observe(const FringeStack& stack, const FrameResult
   view.temperature_c = thermal.temperature_c;
   view.warm = find_warm_regions(result.frame, thermal, rig_, options_);
   view.landmarks = landmark_temperatures(thermal.temperature_c, view.warm, result.landmarks, options_);
-  const bool keep = result.in_map || (result.tracking != Tracking::followed && result.tracking != Tracking::lost);
+  const bool keep = result.in_map || (result.tracking != Tracking::followed && has_pose(result.tracking));
   if (keep && !view.warm.list.empty()) seen_[result.view] = {stack.index, {}, view.warm.list};
   return view;
 }

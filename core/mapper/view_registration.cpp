@@ -20,23 +20,26 @@ Matrix6d covariance_of(const MotionEstimate& motion) {
   return kCorrelation * motion.covariance;
 }
 
+// Standard deviation of the position of a point on the optical axis at the given distance.
+double displacement_sigma_m(const Pose& earlier_from_current, const Matrix6d& covariance, double distance_m) {
+  Eigen::Matrix<double, 3, 6> jacobian;
+  jacobian << -skew(earlier_from_current.rotation * Eigen::Vector3d(0, 0, distance_m)), Eigen::Matrix3d::Identity();
+  return std::sqrt((jacobian * covariance * jacobian.transpose()).trace());
+}
+
 // Largest displacement of surfaces when registration starts from the landmarks' motion: three sigmas of a point at the
 // given distance, but at least a few times the depth noise. Wider gates pair objects with the background.
 double start_error_m(const MotionEstimate& motion, double distance_m) {
   constexpr double kSigmas = 3, kLeast = 1e-3;
-  Eigen::Matrix<double, 3, 6> jacobian;
-  jacobian << -skew(motion.previous_from_current.rotation * Eigen::Vector3d(0, 0, distance_m)),
-      Eigen::Matrix3d::Identity();
-  const Eigen::Matrix3d covariance = jacobian * covariance_of(motion) * jacobian.transpose();
-  return std::max(kLeast, kSigmas * std::sqrt(covariance.trace()));
+  return std::max(kLeast,
+                  kSigmas * displacement_sigma_m(motion.previous_from_current, covariance_of(motion), distance_m));
 }
 
-// True if registration stayed within the covariance of the landmarks' motion (chi-square of six degrees of freedom, one
-// false alarm in 10^7).
-bool agree(const Pose& refined, const MotionEstimate& motion) {
+// True if a pose lies within the covariance of another (chi-square of six degrees of freedom, one false alarm in 10^7).
+bool agree(const Pose& pose, const Pose& other, const Matrix6d& covariance) {
   constexpr double kMaxSquare = 45;
-  const Vector6d offset = difference(refined, motion.previous_from_current);
-  return offset.dot(inverse(covariance_of(motion)) * offset) <= kMaxSquare;
+  const Vector6d offset = difference(pose, other);
+  return offset.dot(inverse(covariance) * offset) <= kMaxSquare;
 }
 
 // Factor by which residuals exceed their sigmas, as variances.
@@ -46,6 +49,30 @@ void take(ViewRegistration& result, const IcpResult& icp) {
   result.found = result.refined = true;
   result.earlier_from_current = orthonormalised(icp.target_from_source);
   result.covariance = excess(icp) * inverse(icp.information);
+}
+
+// True if the depth of both views agrees at a motion that registration did not refine, to within its uncertainty.
+bool agrees_with_depth(const Frame& earlier, const Frame& current, const Pinhole& camera, double distance_m,
+                       const MotionEstimate& motion) {
+  constexpr double kLeastTolerance_m = 5e-3, kLeastOverlap = 0.05, kLeastAgreement = 0.6;
+  const DepthAgreement depth = depth_agreement(earlier, current, camera, motion.previous_from_current,
+                                               std::max(kLeastTolerance_m, start_error_m(motion, distance_m)));
+  return depth.overlap >= kLeastOverlap && depth.agrees >= kLeastAgreement;
+}
+
+// Withdraws a registration that other motions equal or the views contradict.
+void check_alternatives(const Frame& earlier, const Frame& current, const Pinhole& camera,
+                        const AmbiguityOptions& options, const Admissible& admissible, ViewRegistration& result) {
+  if (!options.detect || !result.found) return;
+  AmbiguityReport report =
+      find_alternatives(earlier, current, camera, result.earlier_from_current, options, admissible);
+  // Poses within the covariance are no alternatives: the registration does not exclude them.
+  std::erase_if(report.alternatives, [&](const AlternativePose& other) {
+    return agree(other.target_from_source, result.earlier_from_current, result.covariance);
+  });
+  result.ambiguous = !report.alternatives.empty();
+  result.alternatives = std::move(report.alternatives);
+  if (result.ambiguous || report.contradicted) result.found = result.refined = false;
 }
 
 }  // namespace
@@ -91,12 +118,17 @@ ViewRegistration register_views(const Frame& earlier, const Frame& current, cons
       options.tracking.engine == RegistrationEngine::point_to_plane
           ? point_to_plane_icp(earlier, current, camera, result.earlier_from_current, icp, inverse(result.covariance))
           : register_with_engine(options.tracking.engine, earlier, current, camera, result.earlier_from_current, icp);
-  if (result.icp.converged && agree(result.icp.target_from_source, result.motion)) take(result, result.icp);
+  if (result.icp.converged &&
+      agree(result.icp.target_from_source, result.motion.previous_from_current, covariance_of(result.motion)))
+    take(result, result.icp);
+  if (!result.refined) result.found = agrees_with_depth(earlier, current, camera, distance_m, result.motion);
+  check_alternatives(earlier, current, camera, options.ambiguity, {}, result);
   return result;
 }
 
 ViewRegistration follow_view(const Frame& earlier, const Frame& current, const Pose& predicted, const Pinhole& camera,
-                             double distance_m, const RegistrationOptions& options, const Matrix6d& prior) {
+                             double distance_m, const RegistrationOptions& options, const Matrix6d& prior,
+                             const Matrix6d& predicted_covariance) {
   const TrackingOptions& limits = options.tracking;
   ViewRegistration result;
   IcpOptions icp = options.icp;
@@ -108,12 +140,23 @@ ViewRegistration follow_view(const Frame& earlier, const Frame& current, const P
     return result;
   const Eigen::Vector3d middle(0, 0, distance_m);
   const double spread_m = 0.5 * distance_m * std::hypot(camera.width / camera.fx, camera.height / camera.fy);
-  if ((predicted * middle - found.target_from_source * middle).norm() > limits.max_prediction_error_m) return result;
+  const auto displacement_m = [&](const Pose& pose) { return (predicted * middle - pose * middle).norm(); };
+  if (displacement_m(found.target_from_source) > limits.max_prediction_error_m) return result;
   result.undetermined =
       unobservable_directions(found.information / excess(found), found.target_from_source,
                               found.target_from_source * middle, spread_m, {limits.max_displacement_sigma_m});
   if (!result.undetermined.empty()) return result;
   take(result, found);
+
+  // Sigmas of one axis. The true pose may lie at the limit.
+  constexpr double kSigmas = 3, kOutside = 1.1;
+  double gate_m = limits.max_prediction_error_m;
+  const double known_m = kSigmas * displacement_sigma_m(predicted, predicted_covariance, distance_m) / std::sqrt(3.0);
+  if (known_m > displacement_m(result.earlier_from_current)) gate_m = std::min(gate_m, known_m);
+  if (gate_m > least_period_m(camera, distance_m))
+    check_alternatives(
+        earlier, current, camera, options.ambiguity,
+        [&](const Pose& pose) { return displacement_m(pose) <= kOutside * gate_m; }, result);
   return result;
 }
 
@@ -126,7 +169,9 @@ LocatedView locate_view(const std::function<SeenView(int)>& earlier, int last, c
     ViewRegistration registration =
         register_views(view.frame, current.frame, point_pairs(view.keypoints, current.keypoints, with.matches), camera,
                        distance_m, options);
-    if (result.registration.found && !registration.refined) return false;
+    const auto rank = [](const ViewRegistration& r) { return r.refined ? 3 : r.found ? 2 : r.ambiguous ? 1 : 0; };
+    if (rank(registration) < rank(result.registration) || (result.registration.found && !registration.refined))
+      return false;
     result = {std::move(with), std::move(registration)};
     return result.registration.refined;
   };
@@ -138,7 +183,8 @@ LocatedView locate_view(const std::function<SeenView(int)>& earlier, int last, c
       if (attempt(earlier(number), std::move(with))) break;
     }
   }
-  if (!result.registration.refined) {
+  // What is ambiguous with that view by its landmarks is ambiguous by all its keypoints.
+  if (!result.registration.refined && !(result.registration.ambiguous && result.with.earlier == last)) {
     const SeenView view = earlier(last);
     attempt(view, {last, match_keypoints(view.keypoints, current.keypoints, options.matching)});
   }

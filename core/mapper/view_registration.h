@@ -10,6 +10,7 @@
 #include "core/landmarks/keypoints.h"
 #include "core/motion/ego_motion.h"
 #include "core/motion/observability.h"
+#include "core/registration/ambiguity.h"
 #include "core/registration/engines.h"
 #include "core/registration/icp.h"
 #include "core/types/frame.h"
@@ -73,13 +74,15 @@ struct TrackingOptions {
 };
 
 struct ViewRegistration {
-  bool found = false;    // the motion was estimated
-  bool refined = false;  // by all depth
+  bool found = false;      // the motion was estimated, and is the only one that explains the views
+  bool refined = false;    // by all depth
+  bool ambiguous = false;  // not found, because the alternatives explain the views as well
   Pose earlier_from_current;
   Matrix6d covariance = Matrix6d::Zero();  // of the tangent of retract()
   MotionEstimate motion;                   // by keypoints
   IcpResult icp;
   std::vector<UnobservableDirection> undetermined;  // by surfaces alone, in the earlier camera's frame
+  std::vector<AlternativePose> alternatives;        // to earlier_from_current, if ambiguous
 };
 
 struct RegistrationOptions {
@@ -87,6 +90,7 @@ struct RegistrationOptions {
   MotionOptions motion;
   IcpOptions icp;
   TrackingOptions tracking;
+  AmbiguityOptions ambiguity;
 };
 
 // Keypoints of the current view matched with those of an earlier view.
@@ -102,16 +106,19 @@ std::vector<PointPair> point_pairs(const Keypoints& earlier, const Keypoints& cu
                                    const std::vector<KeypointMatch>& matches);
 
 // Estimates the motion from matched keypoints and refines it by depth. Both frames are of the same camera, with surfaces
-// about `distance_m` away.
+// about `distance_m` away. Not found if depth contradicts the motion, ambiguous if another explains the views as well.
 ViewRegistration register_views(const Frame& earlier, const Frame& current, const std::vector<PointPair>& pairs,
                                 const Pinhole& camera, double distance_m, const RegistrationOptions& options);
 
 // Registers by depth alone, from a prediction that displaces surfaces by at most max_prediction_error_m. `prior` is the
 // information of `predicted`, as in icp.h. Found only if the surfaces determine the motion and agree where both views
-// see one.
+// see one; ambiguous if another motion as close to the prediction explains the views as well. A prediction whose
+// `predicted_covariance` is known (not zero) excludes motions that are more than three sigmas away, unless the result is
+// one of them.
 ViewRegistration follow_view(const Frame& earlier, const Frame& current, const Pose& predicted, const Pinhole& camera,
                              double distance_m, const RegistrationOptions& options,
-                             const Matrix6d& prior = Matrix6d::Zero());
+                             const Matrix6d& prior = Matrix6d::Zero(),
+                             const Matrix6d& predicted_covariance = Matrix6d::Zero());
 
 // A view with its keypoints.
 struct SeenView {
@@ -125,7 +132,8 @@ struct LocatedView {
 };
 
 // Registers by re-identified landmarks with the views that share most of their keypoints; if depth confirms none of these
-// motions, by all keypoints of the view `last`. `earlier` returns a view by its number; it stays valid until the next
+// motions, by all keypoints of the view `last`. A registration that is ambiguous with one view may be unique with the
+// next. `earlier` returns a view by its number; it stays valid until the next
 // call.
 LocatedView locate_view(const std::function<SeenView(int)>& earlier, int last, const SeenView& current,
                         const std::vector<Recognition>& recognitions, const Pinhole& camera, double distance_m,

@@ -158,7 +158,7 @@ void LiveFeed::show(const FringeStack& stack, const FrameResult& result, const K
                 result.images,
                 {}};
   if (result.motion && result.motion->converged) seen.motion = result.motion->motion;
-  if (result.tracking != Tracking::lost) seen.world_from_robot = result.world_from_robot;
+  if (has_pose(result.tracking)) seen.world_from_robot = result.world_from_robot;
   std::function<Preview()> prepare = decoded(stack, result, setup_);
   std::vector<LandmarkOutline> outlines = outlines_of(result);
   std::vector<std::string> sentences = motion_warnings(result);
@@ -217,7 +217,11 @@ void LiveFeed::take_corrections(const KeyframeMap& map, const Trajectory& trajec
 std::vector<std::string> LiveFeed::motion_warnings(const FrameResult& result) {
   if (result.motion && !result.motion->converged)
     return {"Moving too fast: the motion during this stack cannot be estimated, so the view is not used. Slow down."};
-  if (result.tracking == Tracking::lost)
+  if (result.tracking == Tracking::ambiguous)
+    return {
+        "Several poses explain this view equally well, so it is not in the map. Look at something that does not "
+        "repeat."};
+  if (!has_pose(result.tracking))
     return {"Tracking is lost: this view is not in the map. Move back to the mapped area, more slowly."};
   return {};
 }

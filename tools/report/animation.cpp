@@ -42,7 +42,7 @@ void write_gif(const std::filesystem::path& file, const std::vector<cv::Mat3b>& 
 }  // namespace
 
 void Animation::add(const FringeStack& stack, const FrameResult& result, const KeyframeMap& map) {
-  if (result.tracking == Tracking::lost) return;
+  if (!has_pose(result.tracking)) return;
   ++tracked_;
   if (seen_++ % every_ != 0) return;
   cv::Mat1f depth;

@@ -120,7 +120,7 @@ void Collector::locate() {
   located_.resize(indices_.size());
   std::vector<size_t> tracked;
   for (size_t v = 0; v < indices_.size(); ++v) {
-    if (frames_[v].at("tracking") != "lost") tracked.push_back(v);
+    if (frames_[v].at("tracking") != "lost" && frames_[v].at("tracking") != "ambiguous") tracked.push_back(v);
   }
   Trajectory trajectory;
   if (!tracked.empty()) trajectory = read_tum(folder_ / "trajectory.tum");

@@ -44,7 +44,7 @@ struct Seen {
 ordered_json trial_pictures(const Study& study, const Trial& trial) {
   std::vector<Seen> seen;
   const TrialResult result = run_trial(study, trial, [&](const FrameResult& frame, const TruthFrame& truth) {
-    seen.push_back({images_of(frame, truth), frame.tracking == Tracking::lost});
+    seen.push_back({images_of(frame, truth), !has_pose(frame.tracking)});
   });
   ordered_json json = {{"trial", trial.index}};
   if (seen.empty()) {

@@ -3,6 +3,7 @@
 import {byId, element} from '../shared/dom.js';
 import {count, figure, fixed, percent} from '../shared/format.js';
 import {tile} from '../shared/tile.js';
+import {hasPose} from '../shared/tracking.js';
 import {lastTracked, on, store} from './store.js';
 import {motionText, trackingText} from './tracking.js';
 
@@ -29,7 +30,7 @@ function showTracking() {
   const text = view ? trackingText(view) : '';
   badge.hidden = text === '';
   if (badge.textContent !== text) badge.textContent = text;
-  badge.classList.toggle('lost', view?.tracking === 'lost');
+  badge.classList.toggle('lost', view !== undefined && !hasPose(view));
 }
 
 // The robot's current or last known position.

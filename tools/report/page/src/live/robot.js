@@ -5,6 +5,7 @@ import {inks} from '../shared/colours.js';
 import {frustum, placed, sides} from '../shared/frustum.js';
 import {segments, setSegments} from '../shared/lines.js';
 import {theme} from '../shared/theme.js';
+import {hasPose} from '../shared/tracking.js';
 import {cameraPose, lastTracked, poseOf, store} from './store.js';
 
 const kAxesM = 0.08;
@@ -99,7 +100,8 @@ export class Robot {
 
   colour() {
     const ink = inks(theme.dark);
-    const now = store.views.at(-1)?.tracking === 'lost' ? ink.lost : ink.chosen;
+    const newest = store.views.at(-1);
+    const now = newest && !hasPose(newest) ? ink.lost : ink.chosen;
     this.path.material.color.set(ink.estimate);
     this.frustum.material.color.set(now);
     this.pane.material.color.set(now);

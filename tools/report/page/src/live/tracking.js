@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Texts for a view's tracking state, and the events.
+import {hasPose} from '../shared/tracking.js';
+
 const kWords = {
-  first: 'first view', followed: 'tracking', refined: 'tracking', landmarks: 'tracking by landmarks only', lost: 'lost',
+  first: 'first view', followed: 'tracking', refined: 'tracking', landmarks: 'tracking by landmarks only',
+  ambiguous: 'ambiguous', lost: 'lost',
 };
 
 export function trackingText(view) {
@@ -15,7 +18,10 @@ export function motionText(view) {
 }
 
 function eventOf(view, lostAt) {
-  if (view.tracking === 'lost') return lostAt === null ? 'tracking lost' : null;
+  if (!hasPose(view)) {
+    if (lostAt !== null) return null;
+    return view.tracking === 'ambiguous' ? 'several poses fit the view' : 'tracking lost';
+  }
   const parts = [];
   if (lostAt !== null) parts.push(`relocalized, lost since view ${lostAt}`);
   if (view.loops) parts.push(`loop closed${view.corrected ? ', map corrected' : ''}`);
@@ -28,7 +34,7 @@ export function trackingEvents(views) {
   let lostAt = null;
   for (const view of views) {
     const text = eventOf(view, lostAt);
-    const lost = view.tracking === 'lost';
+    const lost = !hasPose(view);
     if (text) events.push({index: view.index, lost, text});
     lostAt = lost ? lostAt ?? view.index : null;
   }

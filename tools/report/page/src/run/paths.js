@@ -6,6 +6,7 @@ import {data} from '../shared/data.js';
 import {frustum, placed, sides} from '../shared/frustum.js';
 import {segments, setSegments} from '../shared/lines.js';
 import {theme} from '../shared/theme.js';
+import {hasPose} from '../shared/tracking.js';
 import {store} from './store.js';
 
 const kFrustumShare = 0.14;  // frustum depth of all views but the chosen one, relative to the median depth
@@ -64,7 +65,7 @@ export function paths(scale) {
   chosen.renderOrder = 2;
   const colour = () => {
     const ink = inks(theme.dark);
-    const lost = data.views[store.view].tracking === 'lost';
+    const lost = !hasPose(data.views[store.view]);
     estimate.material.color.set(ink.estimate);
     truth.material.color.set(ink.truth);
     frusta.material.color.set(ink.frustum);
@@ -75,7 +76,7 @@ export function paths(scale) {
   return {
     group, estimate, truth, frusta, errors,
     colour,
-    // A lost view is shown at its true pose.
+    // A view without a pose is shown at its true pose.
     choose(view) {
       const pose = view.pose ?? view.true_pose;
       setSegments(chosen, pose ? frustum(pose, middle, data.rig.corners) : []);

@@ -6,6 +6,7 @@ import {data} from '../shared/data.js';
 import {byId, element} from '../shared/dom.js';
 import {figure} from '../shared/format.js';
 import {theme} from '../shared/theme.js';
+import {hasPose} from '../shared/tracking.js';
 import {placeOf, store} from './store.js';
 
 const kHeight = 190;
@@ -87,7 +88,7 @@ function charts() {
   return list;
 }
 
-// Draws lost views as stripes behind the curves and the chosen view as a line.
+// Draws views without a pose as stripes behind the curves and the chosen view as a line.
 function marks(plot) {
   const {ctx, bbox} = plot;
   const ink = inks(theme.dark);
@@ -98,7 +99,7 @@ function marks(plot) {
   ctx.clip();
   ctx.fillStyle = ink.quiet;
   for (const view of data.views) {
-    if (view.tracking !== 'lost') continue;
+    if (hasPose(view)) continue;
     ctx.fillRect(plot.valToPos(view.index, 'x', true) - half, bbox.top, 2 * half, bbox.height);
   }
   ctx.strokeStyle = ink.chosen;

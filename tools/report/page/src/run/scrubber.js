@@ -12,6 +12,7 @@ const kStates = {
   followed: 'tracked by prediction',
   refined: 'landmarks, refined',
   landmarks: 'landmarks only',
+  ambiguous: 'ambiguous',
   lost: 'lost',
 };
 

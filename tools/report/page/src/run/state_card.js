@@ -2,6 +2,7 @@
 // Facts about the chosen view.
 import {element} from '../shared/dom.js';
 import {count, figure, fixed, percent} from '../shared/format.js';
+import {hasPose} from '../shared/tracking.js';
 import {stateText} from './scrubber.js';
 
 const kDegrees = 180 / Math.PI;
@@ -40,7 +41,7 @@ export function stateCard() {
     node,
     show(view) {
       badge.textContent = stateText(view);
-      badge.classList.toggle('lost', view.tracking === 'lost');
+      badge.classList.toggle('lost', !hasPose(view));
       list.replaceChildren(...rows(view).flatMap(([title, text]) => [element('dt', {}, title), element('dd', {}, text)]));
     },
   };
