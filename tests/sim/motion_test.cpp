@@ -4,6 +4,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 
@@ -129,17 +130,72 @@ TEST(MovingStack, DepthSlopesPredictTheEffectOfAWrongMotion) {
 TEST(MovingStack, CompleteStacksEstimateTheirMotion) {
   const double turn = 20 * std::numbers::pi / 180;
   const std::pair<Eigen::Vector3d, Eigen::Vector3d> motions[] = {{{0.3, 0, 0}, {0, 0, 0}},
+                                                                 {{-0.3, 0, 0}, {0, 0, 0}},
                                                                  {{0, 0.3, 0}, {0, 0, 0}},
                                                                  {{0, 0, 0.3}, {0, 0, 0}},
                                                                  {{0, 0, 0}, {turn, 0, 0}},
+                                                                 {{0, 0, 0}, {0, -turn, 0}},
                                                                  {{-0.2, 0.1, 0.1}, {0, 0.5 * turn, 0.5 * turn}}};
   for (const auto& [velocity, angular] : motions) {
     const MovingView moving(velocity, angular, true);
     const FringeFrontEnd front_end(moving.scene.rig, moving.scene.patterns, {});
-    const ReconstructedView view = front_end.reconstruct(moving.view.stack, {});
+    const ReconstructedView detected = front_end.reconstruct(moving.view.stack, {});
+    ASSERT_TRUE(detected.motion);
+    EXPECT_FALSE(detected.motion->converged);
+    const ReconstructedView view = front_end.reconstruct(moving.view.stack, {nullptr, unknown_motion({})});
     ASSERT_TRUE(view.motion && view.motion->converged);
     EXPECT_LT((view.motion->motion.velocity_m_s - velocity).norm(), 0.03);
     EXPECT_LT((view.motion->motion.angular_rad_s - angular).norm(), 0.03);
+  }
+}
+
+// Along the baseline, drift turns steps of 120 degrees into 65 in one direction and 175 in the other.
+TEST(MovingStack, AnticipatedShiftsAreEvenlySpacedAfterTheDrift) {
+  for (const double speed_m_s : {-0.3, 0.3, 0.6}) {
+    const MovingView before({speed_m_s, 0, 0}, {0, 0, 0}, true);
+    const RigModel& rig = before.scene.rig;
+    const FringeFrontEnd front_end(rig, before.scene.patterns, {});
+    ReconstructedView last;
+    cv::Mat1f depth = before.view.truth.depth_m;
+    last.frame.points_m.create(depth.size());
+    for (int row = 0; row < depth.rows; ++row) {
+      for (int col = 0; col < depth.cols; ++col) {
+        const cv::Vec2f& ray = before.rays(row, col);
+        last.frame.points_m(row, col) = depth(row, col) * cv::Vec3f(ray[0], ray[1], 1);
+      }
+    }
+    last.motion.emplace();
+    last.motion->motion = before.motion;
+    last.motion->converged = true;
+    const PatternSequence finest = finest_patterns(before.scene.patterns, Axis::columns);
+    const PatternSequence patterns = front_end.anticipated(finest, last);
+    FringeStack stack = before.view.stack;
+    stack.patterns = patterns;
+    stack.exposure_time_s = exposure_times_s(0, patterns, rig.timing);
+    stack.timestamp_s = 0;
+    stack.images.resize(3);
+    stack.exposure_s.resize(3);
+    const AlignedStack aligned =
+        align_stack(stack, rig, before.rays, filled_depth(depth, rig.middle_range_m()), before.motion);
+    std::array<std::vector<double>, 2> steps;
+    const double rad_per_px = 2 * std::numbers::pi / patterns.patterns[0].period_px;
+    for (int row = 0; row < depth.rows; row += 10) {
+      for (int col = 0; col < depth.cols; col += 10) {
+        for (size_t k = 0; k < 2; ++k) {
+          const double drift_px =
+              static_cast<double>(aligned.drift_px[k + 1](row, col) - aligned.drift_px[k](row, col));
+          if (std::isnan(drift_px)) continue;
+          const double step =
+              patterns.patterns[k + 1].shift_rad - patterns.patterns[k].shift_rad + rad_per_px * drift_px;
+          steps[k].push_back(std::abs(std::remainder(step, 2 * std::numbers::pi)));
+        }
+      }
+    }
+    for (std::vector<double>& list : steps) {
+      ASSERT_GT(list.size(), 100u);
+      std::nth_element(list.begin(), list.begin() + static_cast<std::ptrdiff_t>(list.size() / 2), list.end());
+      EXPECT_NEAR(list[list.size() / 2] * 180 / std::numbers::pi, 120, 16) << speed_m_s;
+    }
   }
 }
 
