@@ -277,9 +277,11 @@ bool Mapper::follow_by_prediction(FrameResult& result, const MapperInput& input,
 
 // Largest displacement of surfaces from their predicted positions.
 double Mapper::largest_error_m(const Prediction& predicted) const {
-  constexpr double kSigmas = 6;
+  // Noise of dark or distant surfaces must not make them look contradictory.
+  constexpr double kSigmas = 6, kLeast_m = 5e-3;
   const Vector6d sigmas = predicted.covariance.diagonal().cwiseSqrt();
-  return kSigmas * (sigmas.head<3>().maxCoeff() * rig_.middle_range_m() + sigmas.tail<3>().maxCoeff());
+  return std::max(kLeast_m,
+                  kSigmas * (sigmas.head<3>().maxCoeff() * rig_.middle_range_m() + sigmas.tail<3>().maxCoeff()));
 }
 
 // Follows a complete view whose stack was exposed in motion.
