@@ -26,7 +26,7 @@ struct ReconstructedView {
 // Knowledge about a view before it is reconstructed.
 struct ReconstructionPrior {
   const ExpectedView* expected = nullptr;  // depth predicted from the map; null: unknown
-  std::optional<MotionPrior> motion;       // predicted from earlier views; empty: unknown
+  std::optional<MotionPrior> motion;       // prediction; empty: motion is only detected, not estimated
 };
 
 class FrontEnd {
