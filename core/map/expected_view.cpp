@@ -4,7 +4,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <limits>
+#include <memory>
 #include <opencv2/imgproc.hpp>
 
 #include "core/base/constants.h"
@@ -21,6 +23,7 @@ namespace {
 constexpr float kNowhere = -1e6f;      // for points that are not visible
 constexpr float kLeastCosine = 0.05f;  // of the viewing angle of a plane; planes at a smaller one are ignored
 constexpr int kBandRows = 16;
+constexpr uint8_t kNoView = 255;
 // Standard deviation, relative to the point's, of a plane through a point and its two neighbours at a distance of 1.5
 // pixels in both directions.
 constexpr float kRoughSigmas = 2.3f;
@@ -70,6 +73,88 @@ FRINGESLAM_AVX512 void splat_avx512(const cv::Vec3f* points, const cv::Vec3f* no
   splat_body(points, normals, sigma, width, p, out);
 }
 
+// A row of the image that is rendered: its viewing rays, the tangent planes m that win its pixels and their noise (NaN
+// where nothing is visible), and the depths on those planes.
+struct PlaneRow {
+  const float *ray, *mx, *my, *mz, *noise, *depth;
+};
+
+// Pose of a view for the final pass.
+struct ViewError {
+  float translation[3];
+  float root[6][6];          // columns of a root of the covariance: cov = root root^T
+  float relative_sigma = 0;  // largest relative sigma of 1/z due to the pose
+};
+
+// Writes depth and sigma of the pixels that show view `view`.
+FRINGESLAM_INLINE void finish_body(const PlaneRow& row, const uint8_t* winning_view, uint8_t view,
+                                   const ViewError& error, int width, float* __restrict depth,
+                                   float* __restrict sigma) {
+#pragma GCC ivdep
+  for (int i = 0; i < width; ++i) {
+    const float mx = row.mx[i], my = row.my[i], mz = row.mz[i], rx = row.ray[2 * i], ry = row.ray[2 * i + 1];
+    const float z_here = 1 / (mx * rx + my * ry + mz);
+    const float x = z_here * rx - error.translation[0], y = z_here * ry - error.translation[1],
+                z = z_here - error.translation[2];
+    // With m in place of n, g becomes g / D, and n.d becomes D / z.
+    const float g[6] = {y * mz - z * my, z * mx - x * mz, x * my - y * mx, mx, my, mz};
+    float square = row.noise[i] * row.noise[i];
+    for (int column = 0; column < 6; ++column) {
+      float along = 0;
+      for (int k = 0; k < 6; ++k) along += error.root[column][k] * g[k];
+      square += along * along;
+    }
+    const bool own = winning_view[i] == view;
+    depth[i] = own ? z_here : depth[i];
+    sigma[i] = own ? z_here * std::sqrt(square) : sigma[i];
+  }
+}
+
+// Distance of two pixels from each other's planes, m; 0 if noise explains it, NaN if either is unknown.
+FRINGESLAM_INLINE float step_between(const PlaneRow& a, int i, const PlaneRow& b, int j, float surface_sigmas) {
+  const float off_b = std::abs(1 - b.depth[j] * (a.mx[i] * b.ray[2 * j] + a.my[i] * b.ray[2 * j + 1] + a.mz[i]));
+  const float off_a = std::abs(1 - a.depth[i] * (b.mx[j] * a.ray[2 * i] + b.my[j] * a.ray[2 * i + 1] + b.mz[j]));
+  const float noise = surface_sigmas * std::sqrt(a.noise[i] * a.noise[i] + b.noise[j] * b.noise[j]) + 1e-5f;
+  const float at_a = off_a * a.depth[i], at_b = off_b * b.depth[j];
+  const float least = off_a < off_b ? off_a : off_b, size = at_a < at_b ? at_a : at_b;
+  return least <= noise ? 0 : size;
+}
+
+// Raises `step` to the distances between pixels `offset` apart in two rows.
+FRINGESLAM_INLINE void steps_body(const PlaneRow& row, const PlaneRow& other, int offset, int width,
+                                  float surface_sigmas, float* __restrict step) {
+#pragma GCC ivdep
+  for (int i = 0; i < width; ++i) {
+    const float size = step_between(row, i, other, i + offset, surface_sigmas);
+    step[i] = size > step[i] ? size : step[i];  // false for NaN
+  }
+}
+
+void finish_portable(const PlaneRow& row, const uint8_t* winning_view, uint8_t view, const ViewError& error, int width,
+                     float* depth, float* sigma) {
+  finish_body(row, winning_view, view, error, width, depth, sigma);
+}
+FRINGESLAM_AVX2 void finish_avx2(const PlaneRow& row, const uint8_t* winning_view, uint8_t view, const ViewError& error,
+                                 int width, float* depth, float* sigma) {
+  finish_body(row, winning_view, view, error, width, depth, sigma);
+}
+FRINGESLAM_AVX512 void finish_avx512(const PlaneRow& row, const uint8_t* winning_view, uint8_t view,
+                                     const ViewError& error, int width, float* depth, float* sigma) {
+  finish_body(row, winning_view, view, error, width, depth, sigma);
+}
+void steps_portable(const PlaneRow& row, const PlaneRow& other, int offset, int width, float surface_sigmas,
+                    float* step) {
+  steps_body(row, other, offset, width, surface_sigmas, step);
+}
+FRINGESLAM_AVX2 void steps_avx2(const PlaneRow& row, const PlaneRow& other, int offset, int width, float surface_sigmas,
+                                float* step) {
+  steps_body(row, other, offset, width, surface_sigmas, step);
+}
+FRINGESLAM_AVX512 void steps_avx512(const PlaneRow& row, const PlaneRow& other, int offset, int width,
+                                    float surface_sigmas, float* step) {
+  steps_body(row, other, offset, width, surface_sigmas, step);
+}
+
 // A row of a known frame and the range of image rows it projects to.
 struct SourceRow {
   int view = 0, row = 0;
@@ -78,18 +163,16 @@ struct SourceRow {
   float lowest_v = 0, highest_v = 0;
 };
 
-// Properties of a view that the final pass needs.
-struct ViewError {
-  std::array<float, 3> translation{};
-  std::array<std::array<float, 6>, 6> root{};  // columns of a root of the covariance: cov = root root^T
-  float relative_sigma = 0;                    // largest relative sigma of 1/z due to the pose
+// How a view's points appear from the new pose: the maximum over a grid of them.
+struct Appearance {
+  Eigen::Vector2d shift_px = Eigen::Vector2d::Zero();  // standard deviations of the shift due to the view's pose error
+  double relative_depth = 0;                           // that of the depth, relative to it
+  double magnification = 1;
 };
 
-// Returns the standard deviations of the image shift due to the view's pose error, px: the maximum over a grid of its
-// points.
-Eigen::Vector2d image_shift_px(const KnownView& view, const Pinhole& camera, double& relative_depth) {
+Appearance appearance_of(const KnownView& view, const Pinhole& camera) {
   constexpr int kStep = 32;
-  Eigen::Vector2d shift = Eigen::Vector2d::Zero();
+  Appearance result;
   for (int row = kStep / 2; row < view.frame->height(); row += kStep) {
     for (int col = kStep / 2; col < view.frame->width(); col += kStep) {
       if (!view.frame->valid(row, col)) continue;
@@ -103,20 +186,20 @@ Eigen::Vector2d image_shift_px(const KnownView& view, const Pinhole& camera, dou
       seen << camera.fx / x.z(), 0, -camera.fx * x.x() / (x.z() * x.z()), 0, camera.fy / x.z(),
           -camera.fy * x.y() / (x.z() * x.z());
       const Eigen::Matrix3d covariance = moved * view.covariance * moved.transpose();
-      shift = shift.cwiseMax((seen * covariance * seen.transpose()).diagonal().cwiseMax(0).cwiseSqrt());
-      relative_depth = std::max(relative_depth, std::sqrt(std::max(0.0, covariance.trace())) / x.z());
+      result.shift_px =
+          result.shift_px.cwiseMax((seen * covariance * seen.transpose()).diagonal().cwiseMax(0).cwiseSqrt());
+      result.relative_depth = std::max(result.relative_depth, std::sqrt(std::max(0.0, covariance.trace())) / x.z());
+      result.magnification = std::max(result.magnification, static_cast<double>(p[2]) / x.z());
     }
   }
-  return shift;
+  return result;
 }
 
 ViewError error_of(const KnownView& view, double relative_sigma) {
   ViewError error;
   const Matrix6d root = covariance_root(view.covariance);
-  for (size_t i = 0; i < 36; ++i)
-    error.root[i / 6][i % 6] = static_cast<float>(root(static_cast<int>(i % 6), static_cast<int>(i / 6)));
-  for (size_t i = 0; i < 3; ++i)
-    error.translation[i] = static_cast<float>(view.current_from_known.translation[static_cast<int>(i)]);
+  for (int i = 0; i < 36; ++i) error.root[i / 6][i % 6] = static_cast<float>(root(i % 6, i / 6));
+  for (int i = 0; i < 3; ++i) error.translation[i] = static_cast<float>(view.current_from_known.translation[i]);
   error.relative_sigma = static_cast<float>(relative_sigma);
   return error;
 }
@@ -126,21 +209,24 @@ class Rendering {
   Rendering(const std::vector<KnownView>& known, const Pinhole& camera, const PixelRays& rays,
             const ExpectedViewOptions& options)
       : known_(known), camera_(camera), rays_(rays), surface_sigmas_(static_cast<float>(options.surface_sigmas)) {
+    // A footprint of two pixels leaves no gaps between points up to sqrt(2) pixels apart.
+    constexpr double kMagnified = 1.25;
     Eigen::Vector2d shift = Eigen::Vector2d::Zero();
     size_t points = 0;
     for (size_t v = 0; v < known.size(); ++v) {
       const Frame& frame = *known[v].frame;
-      double relative_depth = 0;
-      shift = shift.cwiseMax(image_shift_px(known[v], camera, relative_depth));
-      errors_.push_back(error_of(known[v], relative_depth));
+      const Appearance appearance = appearance_of(known[v], camera);
+      shift = shift.cwiseMax(appearance.shift_px);
+      errors_.push_back(error_of(known[v], appearance.relative_depth));
+      magnified_ = magnified_ || appearance.magnification > kMagnified;
       for (int row = 0; row < frame.height(); ++row, points += static_cast<size_t>(frame.width()))
         rows_.push_back({static_cast<int>(v), row, points, frame.width()});
     }
     // The splats extend half a pixel beyond the shift.
     reach_ = {static_cast<int>(std::ceil(0.5 + options.shift_sigmas * shift.x())),
               static_cast<int>(std::ceil(0.5 + options.shift_sigmas * shift.y()))};
-    arrays_.resize(6 * points);
-    float* free_floats = arrays_.data();
+    arrays_ = std::make_unique_for_overwrite<float[]>(6 * points);
+    float* free_floats = arrays_.get();
     for (float** array : {&splats_.u, &splats_.v, &splats_.mx, &splats_.my, &splats_.mz, &splats_.noise}) {
       *array = free_floats;
       free_floats += points;
@@ -150,9 +236,11 @@ class Rendering {
   ExpectedView render() {
     for_each_row(static_cast<int>(rows_.size()), [&](int row) { project(rows_[static_cast<size_t>(row)]); });
     ExpectedView view{cv::Mat1f(rays_.size(), kNaN), cv::Mat1f(rays_.size(), kNaN)};
-    winner_ = cv::Mat1i(rays_.size(), -1);
+    for (cv::Mat1f* image : {&mx_, &my_, &mz_, &noise_}) *image = cv::Mat1f(rays_.size(), kNaN);
+    winning_view_ = cv::Mat1b(rays_.size(), kNoView);
     const int bands = (rays_.rows + kBandRows - 1) / kBandRows;
-    for_each_row(bands, [&](int band) { cover(band * kBandRows, view); });
+    for_each_row(bands,
+                 [&](int band) { magnified_ ? cover<3>(band * kBandRows, view) : cover<2>(band * kBandRows, view); });
     inflate_sigma_at_steps(view);
     return view;
   }
@@ -181,12 +269,14 @@ class Rendering {
     }
   }
 
-  float inverse_depth(size_t splat, const cv::Vec2f& ray) const {
-    return splats_.mx[splat] * ray[0] + splats_.my[splat] * ray[1] + splats_.mz[splat];
+  PlaneRow plane_row(const ExpectedView& view, int row) const {
+    return {&rays_[row][0][0], mx_[row], my_[row], mz_[row], noise_[row], view.depth_m[row]};
   }
 
   // Renders everything that falls on a band of rows; each band is written by one thread. The band's buffers have a
   // border of two pixels, so that the footprint of any splat that covers one of its pixels lies within them.
+  // `footprint`: pixels that a point covers along rows and columns.
+  template <int footprint>
   void cover(int first_row, ExpectedView& view) {
     constexpr int kBorder = 2;
     const int rows = std::min(kBandRows, rays_.rows - first_row), cols = rays_.cols, stride = cols + 2 * kBorder;
@@ -206,41 +296,61 @@ class Rendering {
     };
     std::vector<Candidate> candidates;
     candidates.reserve(size);
-    const float low = static_cast<float>(first_row) - 1.5f, high = static_cast<float>(first_row + rows) + 0.5f;
-    const float right = static_cast<float>(cols) + 0.5f;
-    for (const SourceRow& source : rows_) {
-      if (source.highest_v < low || source.lowest_v > high) continue;
-      for (size_t i = source.first; i < source.first + static_cast<size_t>(source.width); ++i) {
-        const float u = splats_.u[i], v = splats_.v[i];
-        if (!((v >= low) & (v < high) & (u >= -1.5f) & (u < right))) continue;
-        // The argument is positive, so the conversion rounds down.
-        const int col = static_cast<int>(u + 2.5f) - 1,
-                  row = static_cast<int>(v - static_cast<float>(first_row) + 2.5f) - 1;
-        candidates.push_back({static_cast<int>(i), source.view, row * stride + col,
-                              u - static_cast<float>(col - kBorder),
-                              v - static_cast<float>(first_row + row - kBorder)});
-      }
-    }
+    // Surfaces behind this share of the inverse depth are hidden. Pose errors only matter between different views.
+    const auto share_of = [&](const Candidate& c) {
+      const float other = known_.size() > 1 ? errors_[static_cast<size_t>(c.view)].relative_sigma : 0;
+      const float noise = splats_.noise[c.splat];
+      return 1 - surface_sigmas_ * std::sqrt(noise * noise + other * other) - 1e-6f;
+    };
     const auto for_each_covered = [&](const Candidate& c, const auto& use) {
       const auto splat = static_cast<size_t>(c.splat);
       const float mx = splats_.mx[splat], my = splats_.my[splat], mz = splats_.mz[splat];
-      for (int row = 0; row < 3; ++row) {
+      for (int row = 0; row < footprint; ++row) {
         const auto first = static_cast<size_t>(c.corner + row * stride);
-        for (size_t col = 0; col < 3; ++col)
+        for (size_t col = 0; col < static_cast<size_t>(footprint); ++col)
           use(first + col, row, col, mx * ray_x[first + col] + my * ray_y[first + col] + mz);
       }
     };
-    for (const Candidate& c : candidates) {
-      for_each_covered(c, [&](size_t at, int, size_t, float inverse) {
-        nearest[at] = inverse > nearest[at] ? inverse : nearest[at];  // false for NaN
-      });
+    size_t entered = 0;
+    const auto enter_candidates = [&] {
+      for (; entered < candidates.size(); ++entered) {
+        for_each_covered(candidates[entered], [&](size_t at, int, size_t, float inverse) {
+          nearest[at] = inverse > nearest[at] ? inverse : nearest[at];  // false for NaN
+        });
+      }
+    };
+    // The first pixel of a footprint is the rounded position, less one for three pixels, and the one below it for two.
+    const float to_first = footprint == 3 ? 0.5f - 1 : 0;
+    const float before = static_cast<float>(footprint - 1) + to_first;
+    const float low = static_cast<float>(first_row) - before, high = static_cast<float>(first_row + rows) - to_first;
+    const float right = static_cast<float>(cols) - to_first;
+    int last_view = 0;
+    for (const SourceRow& source : rows_) {
+      if (source.highest_v < low || source.lowest_v > high) continue;
+      if (source.view != last_view) enter_candidates();
+      last_view = source.view;
+      for (size_t i = source.first; i < source.first + static_cast<size_t>(source.width); ++i) {
+        const float u = splats_.u[i], v = splats_.v[i];
+        if (!((v >= low) & (v < high) & (u >= -before) & (u < right))) continue;
+        // The arguments are positive, so the conversion rounds down.
+        const int col = static_cast<int>(u + to_first + kBorder),
+                  row = static_cast<int>(v - static_cast<float>(first_row) + to_first + kBorder);
+        const Candidate candidate{static_cast<int>(i), source.view, row * stride + col,
+                                  u - static_cast<float>(col - kBorder),
+                                  v - static_cast<float>(first_row + row - kBorder)};
+        // Later views fill what the earlier ones leave open, and cover what they show behind them.
+        if (source.view > 0) {
+          const auto at = static_cast<size_t>(candidate.corner + static_cast<int>(candidate.u + 0.5f) +
+                                              stride * static_cast<int>(candidate.v + 0.5f));
+          const float inverse = splats_.mx[i] * ray_x[at] + splats_.my[i] * ray_y[at] + splats_.mz[i];
+          if (nearest[at] > 0 && !(share_of(candidate) * inverse > nearest[at])) continue;
+        }
+        candidates.push_back(candidate);
+      }
     }
-    const bool several = known_.size() > 1;
+    enter_candidates();
     for (const Candidate& c : candidates) {
-      // Pose errors only matter between different views.
-      const float other = several ? errors_[static_cast<size_t>(c.view)].relative_sigma : 0;
-      const float noise = splats_.noise[c.splat];
-      const float share = 1 - surface_sigmas_ * std::sqrt(noise * noise + other * other) - 1e-6f;
+      const float share = share_of(c);
       for_each_covered(c, [&](size_t at, int row, size_t col, float inverse) {
         const float du = c.u - static_cast<float>(col), dv = c.v - static_cast<float>(row), square = du * du + dv * dv;
         if (!((inverse >= share * nearest[at]) & (square < distance[at]))) return;
@@ -249,66 +359,56 @@ class Rendering {
         winning_view[at] = c.view;
       });
     }
-    for (int row = 0; row < rows; ++row) {
+    static const auto finish = widest(finish_portable, finish_avx2, finish_avx512);
+    for (int band_row = 0; band_row < rows; ++band_row) {
+      const int row = first_row + band_row;
       for (int col = 0; col < cols; ++col) {
-        const auto at = static_cast<size_t>((row + kBorder) * stride + col + kBorder);
+        const auto at = static_cast<size_t>((band_row + kBorder) * stride + col + kBorder);
         if (winner[at] < 0) continue;
-        winner_(first_row + row, col) = winner[at];
-        finish(first_row + row, col, errors_[static_cast<size_t>(winning_view[at])], view);
+        const auto splat = static_cast<size_t>(winner[at]);
+        mx_(row, col) = splats_.mx[splat];
+        my_(row, col) = splats_.my[splat];
+        mz_(row, col) = splats_.mz[splat];
+        noise_(row, col) = splats_.noise[splat];
+        winning_view_(row, col) = static_cast<uint8_t>(winning_view[at]);
       }
+      for (size_t v = 0; v < errors_.size(); ++v)
+        finish(plane_row(view, row), winning_view_[row], static_cast<uint8_t>(v), errors_[v], cols, view.depth_m[row],
+               view.sigma_m[row]);
     }
   }
 
-  // Sets the depth and sigma of a pixel from the splat that covers it.
-  void finish(int row, int col, const ViewError& error, ExpectedView& view) const {
-    const auto splat = static_cast<size_t>(winner_(row, col));
-    const cv::Vec2f& ray = rays_(row, col);
-    const float inverse = inverse_depth(splat, ray);
-    const float depth = 1 / inverse;
-    const float mx = splats_.mx[splat], my = splats_.my[splat], mz = splats_.mz[splat];
-    const float x = depth * ray[0] - error.translation[0], y = depth * ray[1] - error.translation[1],
-                z = depth - error.translation[2];
-    // With m in place of n, g becomes g / D, and n.d becomes D / z.
-    const float g[6] = {y * mz - z * my, z * mx - x * mz, x * my - y * mx, mx, my, mz};
-    float by_pose = 0;
-    for (const std::array<float, 6>& column : error.root) {
-      float along = 0;
-      for (size_t i = 0; i < 6; ++i) along += column[i] * g[i];
-      by_pose += along * along;
-    }
-    const float by_noise = splats_.noise[splat];
-    view.depth_m(row, col) = depth;
-    view.sigma_m(row, col) = depth * std::sqrt(by_pose + by_noise * by_noise);
-  }
+  bool is_visible(int row, int col) const { return winning_view_(row, col) != kNoView; }
 
-  // Returns the distance of two pixels from each other's planes, m; 0 if noise explains it.
-  float step(const ExpectedView& view, int row, int col, int other_row, int other_col) const {
-    const auto here = static_cast<size_t>(winner_(row, col)),
-               there = static_cast<size_t>(winner_(other_row, other_col));
-    const float z_here = view.depth_m(row, col), z_there = view.depth_m(other_row, other_col);
-    const float off_there = std::abs(1 - z_there * inverse_depth(here, rays_(other_row, other_col)));
-    const float off_here = std::abs(1 - z_here * inverse_depth(there, rays_(row, col)));
-    const float a = splats_.noise[here], b = splats_.noise[there];
-    const float noise = surface_sigmas_ * std::sqrt(a * a + b * b) + 1e-5f;
-    return std::min(off_here, off_there) <= noise ? 0 : std::min(off_here * z_here, off_there * z_there);
-  }
-
+  // Compares each pixel with the nearest visible ones to its left and right, above and below.
   void inflate_sigma_at_steps(ExpectedView& view) const {
+    static const auto compare = widest(steps_portable, steps_avx2, steps_avx512);
     cv::Mat1f steps(view.depth_m.size(), 0.0f);
-    for_each_row(steps.rows, [&](int row) {
-      const auto compare = [&](int col, int other_row, int other_col) {
-        const float size = step(view, row, col, other_row, other_col);
-        steps(row, col) = std::max(steps(row, col), size);
-        if (other_row == row) steps(row, other_col) = std::max(steps(row, other_col), size);
-      };
-      for (int col = 0, last = -1; col < steps.cols; ++col) {
-        if (winner_(row, col) < 0) continue;
-        if (last >= 0) compare(col, row, last);
+    const int rows = steps.rows, cols = steps.cols;
+    for_each_row(rows, [&](int row) {
+      const PlaneRow here = plane_row(view, row);
+      float* const step = steps[row];
+      compare(here, here, 1, cols - 1, surface_sigmas_, step);
+      const PlaneRow next{here.ray + 2, here.mx + 1, here.my + 1, here.mz + 1, here.noise + 1, here.depth + 1};
+      compare(next, here, 0, cols - 1, surface_sigmas_, step + 1);
+      if (row > 0) compare(here, plane_row(view, row - 1), 0, cols, surface_sigmas_, step);
+      if (row + 1 < rows) compare(here, plane_row(view, row + 1), 0, cols, surface_sigmas_, step);
+      // Across gaps.
+      const auto raise = [](float& value, float size) { value = std::max(value, size); };
+      for (int col = 0, last = -1; col < cols; ++col) {
+        if (!is_visible(row, col)) continue;
+        if (last >= 0 && last + 1 < col) {
+          const float size = step_between(here, col, here, last, surface_sigmas_);
+          raise(step[col], size);
+          raise(step[last], size);
+        }
         last = col;
         for (const int way : {-1, 1}) {
           int other = row + way;
-          while (other >= 0 && other < steps.rows && winner_(other, col) < 0) other += way;
-          if (other >= 0 && other < steps.rows) compare(col, other, col);
+          if (other < 0 || other >= rows || is_visible(other, col)) continue;
+          while (other >= 0 && other < rows && !is_visible(other, col)) other += way;
+          if (other >= 0 && other < rows)
+            raise(step[col], step_between(here, col, plane_row(view, other), col, surface_sigmas_));
         }
       }
     });
@@ -323,12 +423,14 @@ class Rendering {
   const Pinhole& camera_;
   const PixelRays& rays_;
   float surface_sigmas_;
+  bool magnified_ = false;
   cv::Size reach_;
   std::vector<ViewError> errors_;
   std::vector<SourceRow> rows_;
-  std::vector<float> arrays_;
+  std::unique_ptr<float[]> arrays_;
   Splats splats_{};
-  cv::Mat1i winner_;
+  cv::Mat1f mx_, my_, mz_, noise_;  // of the splats that win the pixels
+  cv::Mat1b winning_view_;
 };
 
 }  // namespace
@@ -338,6 +440,7 @@ ExpectedView expected_view(const std::vector<KnownView>& known, const Pinhole& c
   check_options(options, "expected_view");
   if (rays.size() != cv::Size(camera.width, camera.height))
     throw Error("expected view: the rays do not have the camera's size");
+  if (known.size() >= kNoView) throw Error("expected view: more than " + std::to_string(kNoView - 1) + " frames");
   for (const KnownView& view : known) {
     if (view.frame->normals.size() != view.frame->points_m.size() ||
         view.frame->sigma_m.size() != view.frame->points_m.size())

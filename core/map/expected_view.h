@@ -56,8 +56,8 @@ struct ExpectedView {
   cv::Mat1f depth_m, sigma_m;
 };
 
-// Predicts the depth and its sigma from the known frames. `rays` are those of `camera`. Throws Error if sizes differ
-// or options are out of range.
+// Predicts the depth and its sigma from the known frames, at most 254; earlier ones take precedence where several show
+// the same surface. `rays` are those of `camera`. Throws Error if sizes differ or options are out of range.
 ExpectedView expected_view(const std::vector<KnownView>& known, const Pinhole& camera, const PixelRays& rays,
                            const ExpectedViewOptions& options = {});
 
