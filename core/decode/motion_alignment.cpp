@@ -168,13 +168,15 @@ AlignedStack align_stack(const FringeStack& stack, const RigModel& rig, const Pi
   const auto filter = spline_prefilter();
   const cv::Mat1f kernel(1, static_cast<int>(filter.size()), const_cast<float*>(filter.data()));
   std::vector<cv::Mat1f> coefficients(images);
-  for (size_t k = 0; k < images; ++k) {
+  for_each_row(static_cast<int>(images), [&](int image) {
+    const auto k = static_cast<size_t>(image);
     if (moved[k]) cv::sepFilter2D(stack.images[k], coefficients[k], CV_32F, kernel, kernel);
-  }
+  });
   // Normals at the scale of a few fringes: the depths' noise averages out.
   constexpr int kSmooth_px = 11;
-  cv::Mat1f smooth_m = filled_depth(depth_m, rig.middle_range_m());
-  for (int i = 0; i < 2; ++i) cv::blur(smooth_m, smooth_m, {kSmooth_px, kSmooth_px});
+  cv::Mat1f smooth_m;
+  cv::blur(filled_depth(depth_m, rig.middle_range_m()), smooth_m, {kSmooth_px, kSmooth_px});
+  cv::blur(smooth_m, smooth_m, {kSmooth_px, kSmooth_px});
   const Irradiance<float> irradiance(rig);
   const auto offset_dn = static_cast<float>(rig.sensor.offset_dn);
   const Projection reference(rig.projector_from_camera, rig.projector);
@@ -217,6 +219,7 @@ AlignedStack align_stack(const FringeStack& stack, const RigModel& rig, const Pi
 }
 
 cv::Mat1f filled_depth(const cv::Mat1f& depth_m, double otherwise_m) {
+  if (cv::checkRange(depth_m, true)) return depth_m;
   // Halves the image until one pixel is left, averaging what is known; then fills from there.
   std::vector<cv::Mat1f> levels = {depth_m};
   while (levels.back().rows > 1 || levels.back().cols > 1) {

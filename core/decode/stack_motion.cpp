@@ -74,9 +74,27 @@ struct Exposure {
   Pose exposure_from_reference;
 };
 
+// Cosine and sine of an image's phase shift, and the weights of its grey value in the least-squares solution
+// (mean, c, s) of grey = mean + c cos - s sin.
+struct PhaseStep {
+  double cosine = 0, sine = 0;
+  Vector3d weights;
+};
+
 struct Period {
   double period_px = 0;
   std::vector<size_t> images;
+  std::vector<PhaseStep> at_rest;  // of the images, if the camera stands still
+};
+
+// A surface point, where the reference exposure sees it, and the derivatives of its pixel and of its projector coordinate
+// with respect to its displacement.
+struct PixelSurface {
+  int row = 0, col = 0;
+  Vector3d point, normal;
+  ProjectionDerivative pixel_by_point;
+  Vector2d lit;
+  Vector3d coordinate_by_point;
 };
 
 // A pixel's estimates from one period, and their derivatives with respect to the motion.
@@ -115,7 +133,7 @@ class Problem {
       : rig_(rig), rays_(rays), row_(axis == Axis::columns ? 0 : 1) {
     DecodeOptions all;
     for (const FringeGroup& group : select_groups(stack.patterns, axis, all)) {
-      Period period{group.period_px, {}};
+      Period period{group.period_px, {}, {}};
       for (const int image : group.images) period.images.push_back(static_cast<size_t>(image));
       periods_.push_back(std::move(period));
     }
@@ -139,14 +157,11 @@ class Problem {
     const Period& finest = periods_.back();
     for_each_row(rows, [&](int i) {
       PeriodFit fitted;
-      Vector3d point, normal;
+      PixelSurface pixel;
       for (int col = 0; col < rays_.cols; col += stride) {
         const int row = i * stride;
-        if (std::isnan(known_m(row, col)) || !surface(row, col, point, normal) || !fit(point, normal, finest, fitted))
-          continue;
-        ProjectionDerivative derivative;
-        ::fringeslam::project(rig_.projector, rig_.projector_from_camera * point, derivative);
-        const double px_per_m = derivative.row(row_).dot(rig_.projector_from_camera.rotation * point) / point.z();
+        if (std::isnan(known_m(row, col)) || !surface(row, col, pixel) || !fit(pixel, finest, fitted)) continue;
+        const double px_per_m = pixel.coordinate_by_point.dot(pixel.point) / pixel.point.z();
         of_rows[static_cast<size_t>(i)].push_back(
             {row, col, finest.period_px / (kTwoPi * px_per_m) * fitted.phase_slope});
       }
@@ -166,9 +181,10 @@ class Problem {
     }
   }
 
-  // Sets the rough depth of the surfaces.
-  void set_depth(const cv::Mat1f& depth_m) {
+  // Sets the rough depth of the surfaces. Without normals, their brightness does not depend on the pose.
+  void set_depth(const cv::Mat1f& depth_m, bool with_normals) {
     depth_m_ = depth_m;
+    if (!with_normals) return;
     constexpr double kSmooth_px = 6;  // slopes at depth steps and noise would exceed those of the surfaces
     smooth_m_ = blurred_image(depth_m, kSmooth_px);
   }
@@ -196,16 +212,41 @@ class Problem {
  private:
   void move(const CameraMotion& motion) {
     for (Exposure& exposure : exposures_) exposure.exposure_from_reference = motion.at(exposure.time_s).inverse();
+    at_rest_ = motion.is_still();
+    for (Period& period : periods_) set_steps_at_rest(period);
+  }
+
+  void set_steps_at_rest(Period& period) const {
+    Eigen::Matrix3d moments = Eigen::Matrix3d::Zero();
+    period.at_rest.resize(period.images.size());
+    for (size_t k = 0; k < period.images.size(); ++k) {
+      PhaseStep& step = period.at_rest[k];
+      step.cosine = std::cos(exposures_[period.images[k]].shift_rad);
+      step.sine = std::sin(exposures_[period.images[k]].shift_rad);
+      step.weights = {1, step.cosine, -step.sine};
+      moments += step.weights * step.weights.transpose();
+    }
+    const Eigen::Matrix3d inverse = moments.inverse();
+    for (PhaseStep& step : period.at_rest) step.weights = inverse * step.weights;
   }
 
   // Returns false at the border of the image.
-  bool surface(int row, int col, Vector3d& point, Vector3d& normal) const {
+  bool surface(int row, int col, PixelSurface& out) const {
     const cv::Vec2f& ray = rays_(row, col);
     if (std::isnan(ray[0]) || row < 1 || col < 1 || row + 1 >= rays_.rows || col + 1 >= rays_.cols) return false;
-    point = static_cast<double>(depth_m_(row, col)) * Vector3d(ray[0], ray[1], 1);
-    const Vector3d across = smooth_point(row, col + 1) - smooth_point(row, col - 1),
-                   down = smooth_point(row + 1, col) - smooth_point(row - 1, col);
-    normal = across.cross(down).normalized();
+    out.row = row;
+    out.col = col;
+    out.point = static_cast<double>(depth_m_(row, col)) * Vector3d(ray[0], ray[1], 1);
+    ProjectionDerivative derivative;
+    out.lit = ::fringeslam::project(rig_.projector, rig_.projector_from_camera * out.point, derivative);
+    out.coordinate_by_point = (derivative.row(row_) * rig_.projector_from_camera.rotation).transpose();
+    if (at_rest_) {
+      ::fringeslam::project(rig_.camera, out.point, out.pixel_by_point);
+    } else if (!smooth_m_.empty()) {
+      const Vector3d across = smooth_point(row, col + 1) - smooth_point(row, col - 1),
+                     down = smooth_point(row + 1, col) - smooth_point(row - 1, col);
+      out.normal = across.cross(down).normalized();
+    }
     return true;
   }
 
@@ -221,44 +262,52 @@ class Problem {
     const Vector3d from_projector = rig_.projector_from_camera * point;
     const double distance = from_projector.norm(), cosine = from_projector.z() / distance;
     const double facing = std::abs((rig_.projector_from_camera.rotation * normal).dot(from_projector));
-    return facing / (distance * distance * distance) * std::pow(cosine, rig_.projector_lens.vignetting - 3) *
-           std::pow(point.z() / point.norm(), rig_.camera_lens.vignetting);
+    return facing / (distance * distance * distance) * power(cosine, rig_.projector_lens.vignetting - 3) *
+           power(point.z() / point.norm(), rig_.camera_lens.vignetting);
   }
 
-  bool fit(const Vector3d& point, const Vector3d& normal, const Period& period, PeriodFit& out) const {
+  // The usual exponents need no std::pow().
+  static double power(double x, double exponent) {
+    if (exponent == 0) return 1;
+    return exponent == 4 ? x * x * x * x : std::pow(x, exponent);
+  }
+
+  bool fit(const PixelSurface& pixel, const Period& period, PeriodFit& out) const {
     constexpr size_t kMaxSteps = 64;
-    std::array<double, kMaxSteps> grey, cosine, sine;
+    std::array<double, kMaxSteps> grey;
     std::array<Vector3d, kMaxSteps> texture, coordinate;  // derivatives of grey value and coordinate w.r.t. the point
-    const size_t steps = period.images.size();
-    const double rad_per_px = kTwoPi / period.period_px;
-    ProjectionDerivative derivative;
-    const Vector2d reference = ::fringeslam::project(rig_.projector, rig_.projector_from_camera * point, derivative);
-    const double at_reference = brightness(point, normal);
-    Eigen::Matrix3d moments = Eigen::Matrix3d::Zero();
-    Vector3d right = Vector3d::Zero();
-    for (size_t k = 0; k < steps; ++k) {
-      const Exposure& exposure = exposures_[period.images[k]];
-      const Vector3d moved = exposure.exposure_from_reference * point;
-      if (!(moved.z() > 0)) return false;
-      const Vector2d pixel = ::fringeslam::project(rig_.camera, moved, derivative);
-      Sample here;
-      if (!sample(blurred_[period.images[k]], pixel, here)) return false;
-      // Grey values as if exposed from the reference pose.
-      const Vector3d turned = exposure.exposure_from_reference.rotation * normal;
-      const double share = at_reference / std::max(1e-12, brightness(moved, turned));
-      grey[k] = rig_.sensor.offset_dn + share * (here.grey - rig_.sensor.offset_dn);
-      texture[k] = share * (here.gradient * derivative).transpose();
-      const Vector2d lit = ::fringeslam::project(rig_.projector, rig_.projector_from_camera * moved, derivative);
-      coordinate[k] = (derivative.row(row_) * rig_.projector_from_camera.rotation).transpose();
-      const double theta = exposure.shift_rad + rad_per_px * (lit - reference)[row_];
-      cosine[k] = std::cos(theta);
-      sine[k] = std::sin(theta);
-      const Vector3d basis(1, cosine[k], -sine[k]);
-      moments += basis * basis.transpose();
-      right += grey[k] * basis;
+    std::array<PhaseStep, kMaxSteps> moving_steps;
+    const size_t count = period.images.size();
+    Vector3d solution = Vector3d::Zero();
+    const PhaseStep* steps = period.at_rest.data();
+    if (at_rest_) {
+      for (size_t k = 0; k < count; ++k) {
+        const cv::Mat1f& image = blurred_[period.images[k]];
+        const float *const line = image[pixel.row] + pixel.col, *const above = image[pixel.row - 1] + pixel.col,
+                           *const below = image[pixel.row + 1] + pixel.col;
+        const Eigen::RowVector2d gradient(0.5 * static_cast<double>(line[1] - line[-1]),
+                                          0.5 * static_cast<double>(*below - *above));
+        grey[k] = static_cast<double>(*line);
+        texture[k] = (gradient * pixel.pixel_by_point).transpose();
+        coordinate[k] = pixel.coordinate_by_point;
+        solution += grey[k] * steps[k].weights;
+      }
+    } else {
+      if (!sample_in_motion(pixel, period, grey.data(), texture.data(), coordinate.data(), moving_steps.data()))
+        return false;
+      Eigen::Matrix3d moments = Eigen::Matrix3d::Zero();
+      Vector3d right = Vector3d::Zero();
+      for (size_t k = 0; k < count; ++k) {
+        const Vector3d& basis = moving_steps[k].weights;
+        moments += basis * basis.transpose();
+        right += grey[k] * basis;
+      }
+      const Eigen::Matrix3d inverse = moments.inverse();
+      for (size_t k = 0; k < count; ++k) moving_steps[k].weights = inverse * moving_steps[k].weights;
+      solution = inverse * right;
+      steps = moving_steps.data();
     }
-    const Eigen::Matrix3d inverse = moments.inverse();
-    const Vector3d solution = inverse * right;
+    const double rad_per_px = kTwoPi / period.period_px;
     const double c = solution[1], s = solution[2], power = c * c + s * s;
     out.mean = solution[0];
     out.modulation = std::sqrt(power);
@@ -266,16 +315,16 @@ class Problem {
     out.mean_variance = out.phase_variance = 0;
     out.mean_slope.setZero();
     out.phase_slope.setZero();
-    for (size_t k = 0; k < steps; ++k) {
+    for (size_t k = 0; k < count; ++k) {
       const Exposure& exposure = exposures_[period.images[k]];
-      const Vector3d weights = inverse * Vector3d(1, cosine[k], -sine[k]);
+      const auto& [cosine, sine, weights] = steps[k];
       const double to_phase = (c * weights[2] - s * weights[1]) / power;
       const double variance = rig_.sensor.variance_dn2(grey[k]) / noise_averaging();
       out.mean_variance += weights[0] * weights[0] * variance;
       out.phase_variance += to_phase * to_phase * variance;
       // Change of the grey value that the model does not follow, per displacement of the point.
-      const Vector3d change = texture[k] + (c * sine[k] + s * cosine[k]) * rad_per_px * coordinate[k];
-      const Vector3d moved = exposure.exposure_from_reference * point;
+      const Vector3d change = texture[k] + (c * sine + s * cosine) * rad_per_px * coordinate[k];
+      const Vector3d moved = at_rest_ ? pixel.point : exposure.exposure_from_reference * pixel.point;
       Vector6d by_displacement;
       by_displacement << change.cross(moved), -change;
       Vector12d by_motion;
@@ -286,15 +335,47 @@ class Problem {
     return true;
   }
 
+  // Samples the images of a period where they see the point, as if exposed from the reference pose. The steps' weights
+  // are those of the basis (1, cos, -sin). Returns false if an image does not show the point.
+  bool sample_in_motion(const PixelSurface& pixel, const Period& period, double* grey, Vector3d* texture,
+                        Vector3d* coordinate, PhaseStep* steps) const {
+    const double rad_per_px = kTwoPi / period.period_px;
+    const bool with_brightness = !smooth_m_.empty();
+    const double at_reference = with_brightness ? brightness(pixel.point, pixel.normal) : 0;
+    ProjectionDerivative derivative;
+    for (size_t k = 0; k < period.images.size(); ++k) {
+      const Exposure& exposure = exposures_[period.images[k]];
+      const Vector3d moved = exposure.exposure_from_reference * pixel.point;
+      if (!(moved.z() > 0)) return false;
+      const Vector2d seen = ::fringeslam::project(rig_.camera, moved, derivative);
+      Sample here;
+      if (!sample(blurred_[period.images[k]], seen, here)) return false;
+      double share = 1;
+      if (with_brightness) {
+        const Vector3d turned = exposure.exposure_from_reference.rotation * pixel.normal;
+        share = at_reference / std::max(1e-12, brightness(moved, turned));
+      }
+      grey[k] = rig_.sensor.offset_dn + share * (here.grey - rig_.sensor.offset_dn);
+      texture[k] = share * (here.gradient * derivative).transpose();
+      const Vector2d lit = ::fringeslam::project(rig_.projector, rig_.projector_from_camera * moved, derivative);
+      coordinate[k] = (derivative.row(row_) * rig_.projector_from_camera.rotation).transpose();
+      const double theta = exposure.shift_rad + rad_per_px * (lit - pixel.lit)[row_];
+      steps[k].cosine = std::cos(theta);
+      steps[k].sine = std::sin(theta);
+      steps[k].weights = {1, steps[k].cosine, -steps[k].sine};
+    }
+    return true;
+  }
+
   // Blurring averages the noise of about 4 pi sigma^2 pixels.
   double noise_averaging() const { return 1 + 4 * kPi * blur_px_ * blur_px_; }
 
   void add_pixel(int row, int col, double outlier_sigma, std::vector<PeriodFit>& fits, MotionSums& sums) const {
     constexpr double kMinModulation = 4;
-    Vector3d point, normal;
-    if (!surface(row, col, point, normal)) return;
+    PixelSurface pixel;
+    if (!surface(row, col, pixel)) return;
     for (size_t g = 0; g < periods_.size(); ++g) {
-      if (!fit(point, normal, periods_[g], fits[g])) return;
+      if (!fit(pixel, periods_[g], fits[g])) return;
     }
     const PeriodFit& finest = fits.back();
     // Fringes that drift by about 60 degrees against their shifts leave mean and phase of their period nearly
@@ -312,8 +393,7 @@ class Problem {
       add(fits[g].mean - fits[best].mean, fits[g].mean_slope - fits[best].mean_slope,
           fits[g].mean_variance + fits[best].mean_variance, outlier_sigma, sums);
     }
-    ProjectionDerivative unused;
-    const double expected_px = ::fringeslam::project(rig_.projector, rig_.projector_from_camera * point, unused)[row_];
+    const double expected_px = pixel.lit[row_];
     const bool fringes = finest.modulation > kMinModulation && blur_px_ == 0;
     if (blur_px_ == 0 && !fringes) return;
     if (amplified(finest)) return;
@@ -351,6 +431,7 @@ class Problem {
   std::vector<cv::Mat1f> images_, blurred_;
   cv::Mat1f depth_m_, smooth_m_;
   double blur_px_ = 0;
+  bool at_rest_ = false;
 };
 
 }  // namespace
@@ -360,7 +441,7 @@ std::vector<DepthSlope> depth_slopes(const FringeStack& stack, const RigModel& r
   check_stack(stack);
   Problem problem(stack, rig, rays, axis);
   if (problem.periods() == 0) return {};
-  problem.set_depth(filled_depth(depth_m, rig.middle_range_m()));
+  problem.set_depth(depth_m, false);
   return problem.slopes(depth_m, motion, stride);
 }
 
@@ -477,7 +558,7 @@ StackMotion estimate_stack_motion(const FringeStack& stack, const RigModel& rig,
   result.covariance = prior.covariance;
   Problem problem(stack, rig, rays, axis);
   if (problem.periods() < 2) return result;
-  problem.set_depth(depth_m);
+  problem.set_depth(depth_m, true);
   const Level fine{0, 4, 20, 8};
   std::vector<Level> levels = {fine};
   if (!predicted) levels = {{12, 8, 15, 200}, {6, 8, 15, 60}, {3, 6, 15, 30}, {1.5, 4, 12, 20}, fine};
@@ -512,7 +593,7 @@ bool shows_motion(const FringeStack& stack, const RigModel& rig, const PixelRays
   constexpr int kStride = 5;
   Problem problem(stack, rig, rays, axis);
   if (problem.periods() < 2) return false;
-  problem.set_depth(depth_m);
+  problem.set_depth(depth_m, false);
   MotionSums sums = problem.linearise({}, kStride, kOutlierSigma);
   if (sums.residuals < kLeastResiduals) return false;
   if (sums.squares > kMaxRms * kMaxRms * sums.residuals) return true;
