@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/base/parallel.h"
 #include "core/types/linear_algebra.h"
 
 namespace fringeslam {
@@ -24,14 +25,14 @@ struct Sums {
   int pairs = 0;
 };
 
-// `uncertain`: the variance of a depth given that of the motion widens the gates.
-Sums linearise(const Frame& target, const Frame& source, const Pinhole& camera, const Pose& pose,
-               const std::vector<DepthSlope>& slopes, const Vector12d& step, const Matrix12d& uncertain,
-               double outlier_sigma) {
+// Adds the slopes [first, end); see linearise().
+void add_slopes(const Frame& target, const Frame& source, const Pinhole& camera, const Pose& pose,
+                const std::vector<DepthSlope>& slopes, size_t first, size_t end, const Vector12d& step,
+                const Matrix12d& uncertain, double outlier_sigma, Sums& sums) {
   constexpr double kMinCosine = 0.85;
-  Sums sums;
   Vector18d jacobian;
-  for (const DepthSlope& slope : slopes) {
+  for (size_t i = first; i < end; ++i) {
+    const DepthSlope& slope = slopes[i];
     const Vector3d normal = vector_of(source.normals(slope.row, slope.col));
     if (std::isnan(normal.z())) continue;
     const Vector3d seen = vector_of(source.points_m(slope.row, slope.col)), ray = seen / seen.z();
@@ -61,6 +62,27 @@ Sums linearise(const Frame& target, const Frame& source, const Pinhole& camera, 
     sums.gradient += weight * residual * jacobian;
     sums.squares += residual * residual / variance;
     ++sums.pairs;
+  }
+}
+
+// `uncertain`: the variance of a depth given that of the motion widens the gates.
+Sums linearise(const Frame& target, const Frame& source, const Pinhole& camera, const Pose& pose,
+               const std::vector<DepthSlope>& slopes, const Vector12d& step, const Matrix12d& uncertain,
+               double outlier_sigma) {
+  // The parts do not depend on the number of threads, nor does their sum.
+  constexpr size_t kPart = 512;
+  std::vector<Sums> parts((slopes.size() + kPart - 1) / kPart);
+  for_each_row(static_cast<int>(parts.size()), [&](int number) {
+    const auto part = static_cast<size_t>(number);
+    add_slopes(target, source, camera, pose, slopes, part * kPart, std::min(slopes.size(), (part + 1) * kPart), step,
+               uncertain, outlier_sigma, parts[part]);
+  });
+  Sums sums;
+  for (const Sums& part : parts) {
+    sums.information += part.information;
+    sums.gradient += part.gradient;
+    sums.squares += part.squares;
+    sums.pairs += part.pairs;
   }
   sums.information.triangularView<Eigen::StrictlyUpper>() = sums.information.transpose();
   return sums;
