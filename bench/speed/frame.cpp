@@ -39,7 +39,7 @@ struct Latencies {
 // Fuses the surface of all views with their final poses.
 double frames_per_s(const LoopScene& loop) {
   LoopRig rig(loop, 1);
-  Pipeline pipeline(loop.scene.rig, loop.scene.patterns, {}, loop.scene.trajectory[0].world_from_robot);
+  Pipeline pipeline(loop.scene.rig, loop.scene.patterns, loop.pipeline, loop.scene.trajectory[0].world_from_robot);
   const double mapped_s = seconds_of([&] {
     Driver driver(rig, pipeline);
     while (driver.next()) {
@@ -55,7 +55,7 @@ double frames_per_s(const LoopScene& loop) {
 // Processes one view at a time and prints each stage's share.
 void time_stages(const LoopScene& loop, Latencies& latencies) {
   StageClock clock;
-  Pipeline pipeline(loop.scene.rig, loop.scene.patterns, {}, loop.scene.trajectory[0].world_from_robot);
+  Pipeline pipeline(loop.scene.rig, loop.scene.patterns, loop.pipeline, loop.scene.trajectory[0].world_from_robot);
   const StageClock::Use use(clock);
   const double seconds = seconds_of([&] {
     for (const FringeStack& stack : loop.stacks) {
@@ -97,6 +97,11 @@ std::vector<Row> robot_rows(const Context& context) {
                  context.quick ? 1 : 3);
 }
 
+std::vector<Row> moving_rows(const Context& context) {
+  return rows_of(rendered_loop_in_motion(context.quick ? kRobotViews / 4 : kRobotViews), ".moving", 1,
+                 context.quick ? 1 : 3);
+}
+
 }  // namespace
 
 std::vector<Item> frame_speed_items() {
@@ -106,7 +111,11 @@ std::vector<Item> frame_speed_items() {
           {{"speed.frame.robot", "speed.latency.robot.pose", "speed.latency.robot.pose_99", "speed.latency.robot.map",
             "speed.latency.robot.map_99"},
            "the same path at 0.3 m/s, 30 views per second",
-           robot_rows}};
+           robot_rows},
+          {{"speed.frame.moving", "speed.latency.moving.pose", "speed.latency.moving.pose_99",
+            "speed.latency.moving.map", "speed.latency.moving.map_99"},
+           "the same path without stops at 0.3 m/s, three images per view at 90 images per second",
+           moving_rows}};
 }
 
 }  // namespace fringeslam::bench

@@ -11,8 +11,12 @@ namespace fringeslam::bench {
 
 namespace {
 
+sim::Scene loaded(const sim::SceneLoadOptions& reading) {
+  return sim::load_scene(std::string(FRINGESLAM_SCENES) + "/loop/scene.yaml", reading);
+}
+
 LoopScene rendered(const sim::SceneLoadOptions& reading, size_t views) {
-  LoopScene loop{sim::load_scene(std::string(FRINGESLAM_SCENES) + "/loop/scene.yaml", reading), {}};
+  LoopScene loop{loaded(reading), {}};
   sim::VirtualRig rig(loop.scene, {});
   while (loop.stacks.size() < views) {
     auto stack = rig.capture(loop.scene.patterns);
@@ -30,6 +34,22 @@ LoopScene rendered_loop_of_a_robot(int views) {
   sim::SceneLoadOptions reading;
   reading.changes = {{"trajectory.spline.count", std::to_string(kRobotViews)}, {"trajectory.interval_s", "0.0333333"}};
   return rendered(reading, static_cast<size_t>(views));
+}
+
+LoopScene rendered_loop_in_motion(int views) {
+  sim::SceneLoadOptions reading;
+  reading.changes = {{"trajectory.continuous.speed_m_s", "0.3"}};
+  LoopScene loop{loaded(reading), {}};
+  loop.pipeline.decode.unwrapping = Unwrapping::predicted;
+  sim::VirtualRig rig(loop.scene, {});
+  Pipeline pipeline(loop.scene.rig, loop.scene.patterns, loop.pipeline, loop.scene.trajectory[0].world_from_robot);
+  while (loop.stacks.size() < static_cast<size_t>(views)) {
+    auto stack = rig.capture(pipeline.next_patterns());
+    if (!stack) break;
+    pipeline.process(*stack);
+    loop.stacks.push_back(std::move(*stack));
+  }
+  return loop;
 }
 
 std::optional<FringeStack> LoopRig::capture(const PatternSequence&) {

@@ -4,6 +4,7 @@
 
 #include <vector>
 
+#include "core/mapper/pipeline.h"
 #include "core/rig/rig.h"
 #include "sim/scene/scene.h"
 
@@ -12,6 +13,7 @@ namespace fringeslam::bench {
 struct LoopScene {
   sim::Scene scene;
   std::vector<FringeStack> stacks;
+  PipelineOptions pipeline = {};  // that the stacks were captured for
 };
 // Renders the scene as defined: 7.5 cm between views.
 LoopScene rendered_loop();
@@ -19,6 +21,9 @@ LoopScene rendered_loop();
 // thousand views need 2.4 GB.
 constexpr int kRobotViews = 901;  // one lap
 LoopScene rendered_loop_of_a_robot(int views);
+// Renders the first `views` views of a robot that does not stop: 0.3 m/s, 90 images per second, motion blur, and three
+// images per view once the robot is tracked. The patterns depend on the pipeline, which maps the views meanwhile.
+LoopScene rendered_loop_in_motion(int views);
 
 // A rig that replays the stacks lap after lap, with increasing indices and timestamps.
 class LoopRig : public Rig {
