@@ -504,10 +504,12 @@ Matrix12d systematic_covariance() {
   return sigmas.cwiseAbs2().asDiagonal();
 }
 
-// Residuals of neighbouring pixels share their errors.
-Matrix12d motion_covariance(const MotionSums& sums) {
-  constexpr double kSharing = 100;
-  return kSharing * inverse_positive_definite(Eigen::MatrixXd(sums.information)) + systematic_covariance();
+// Residuals of neighbouring pixels share their errors; `stride`: between the pixels of the sums.
+Matrix12d motion_covariance(const MotionSums& sums, int stride) {
+  constexpr double kSharing_px2 = 1600;
+  return std::max(1.0, kSharing_px2 / (stride * stride)) *
+             inverse_positive_definite(Eigen::MatrixXd(sums.information)) +
+         systematic_covariance();
 }
 
 MotionSums with_prior(MotionSums sums, const Matrix12d& information, const Vector12d& from_prior) {
@@ -559,9 +561,9 @@ StackMotion estimate_stack_motion(const FringeStack& stack, const RigModel& rig,
   Problem problem(stack, rig, rays, axis);
   if (problem.periods() < 2) return result;
   problem.set_depth(depth_m, true);
-  const Level fine{0, 4, 20, 8};
+  const Level fine{0, 8, 20, 8};
   std::vector<Level> levels = {fine};
-  if (!predicted) levels = {{12, 8, 15, 200}, {6, 8, 15, 60}, {3, 6, 15, 30}, {1.5, 4, 12, 20}, fine};
+  if (!predicted) levels = {{12, 8, 15, 200}, {6, 8, 15, 60}, {3, 8, 15, 30}, {1.5, 8, 12, 20}, fine};
   const Vector12d start = to_vector(prior.motion);
   Vector12d motion = start;
   if (!predicted) motion = coarse_motion(stack, problem.all_periods(), rig, cv::mean(depth_m)[0], prior);
@@ -579,7 +581,7 @@ StackMotion estimate_stack_motion(const FringeStack& stack, const RigModel& rig,
   settled = minimise(problem, fine, free, start, motion, sums) || settled;
   constexpr double kMaxRms = 4;  // of residuals clipped at 8 sigmas: most pixels are explained
   result.motion = to_motion(motion);
-  result.covariance = motion_covariance(sums);
+  result.covariance = motion_covariance(sums, fine.stride);
   result.rms_sigma = std::sqrt(sums.squares / sums.residuals);
   result.residuals = sums.residuals;
   result.converged = settled && result.rms_sigma <= kMaxRms;
@@ -602,7 +604,7 @@ bool shows_motion(const FringeStack& stack, const RigModel& rig, const PixelRays
   const Vector12d step = solve_positive_definite(Eigen::MatrixXd(sums.information), Eigen::VectorXd(-sums.gradient));
   StackMotion linear;
   linear.motion = to_motion(step);
-  linear.covariance = motion_covariance(sums);
+  linear.covariance = motion_covariance(sums, kStride);
   return is_moving(linear);
 }
 

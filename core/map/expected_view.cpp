@@ -256,16 +256,34 @@ class Rendering {
     splat(frame.points_m[source.row], normals, frame.sigma_m[source.row], source.width, projection, out);
     source.lowest_v = std::numeric_limits<float>::max();
     source.highest_v = std::numeric_limits<float>::lowest();
+    splat_without_normals(frame, source, projection, out);
     for (int i = 0; i < source.width; ++i) {
-      if (std::isnan(normals[i][2]) && frame.valid(source.row, i)) {
-        const cv::Vec3f rough = neighbour_normal(frame.points_m, source.row, i);
-        const float sigma = kRoughSigmas * frame.sigma_m(source.row, i);
-        splat(&frame.points_m(source.row, i), &rough, &sigma, 1, projection,
-              splats_.from(source.first + static_cast<size_t>(i)));
-      }
       if (out.u[i] == kNowhere) continue;
       source.lowest_v = std::min(source.lowest_v, out.v[i]);
       source.highest_v = std::max(source.highest_v, out.v[i]);
+    }
+  }
+
+  static void splat_without_normals(const Frame& frame, const SourceRow& source, const Projection& projection,
+                                    const Splats& out) {
+    static const auto splat = widest(splat_portable, splat_avx2, splat_avx512);
+    std::vector<int> cols;
+    std::vector<cv::Vec3f> points, normals;
+    std::vector<float> sigmas;
+    for (int i = 0; i < source.width; ++i) {
+      if (!std::isnan(frame.normals(source.row, i)[2]) || !frame.valid(source.row, i)) continue;
+      cols.push_back(i);
+      points.push_back(frame.points_m(source.row, i));
+      normals.push_back(neighbour_normal(frame.points_m, source.row, i));
+      sigmas.push_back(kRoughSigmas * frame.sigma_m(source.row, i));
+    }
+    std::array<std::vector<float>, 6> some;
+    for (std::vector<float>& values : some) values.resize(cols.size());
+    splat(points.data(), normals.data(), sigmas.data(), static_cast<int>(cols.size()), projection,
+          {some[0].data(), some[1].data(), some[2].data(), some[3].data(), some[4].data(), some[5].data()});
+    float* const to[6] = {out.u, out.v, out.mx, out.my, out.mz, out.noise};
+    for (size_t k = 0; k < some.size(); ++k) {
+      for (size_t i = 0; i < cols.size(); ++i) to[k][cols[i]] = some[k][i];
     }
   }
 

@@ -141,12 +141,15 @@ PatternSequence FringeFrontEnd::anticipated(const PatternSequence& patterns, con
   return changed;
 }
 
-void FringeFrontEnd::decode_and_triangulate(ReconstructedView& view, const FringeStack& stack, const Decoding& decoding,
-                                            const AlignedStack* aligned) const {
+void FringeFrontEnd::decode_into(ReconstructedView& view, const FringeStack& stack, const Decoding& decoding,
+                                 const AlignedStack* aligned) const {
   enter_stage("decode");
   DecodeContext context{Axis::columns, decoding.expected ? &*decoding.expected : nullptr};
   context.aligned = aligned;
   view.decoded = decode(stack, rig_, decoding.options, context);
+}
+
+void FringeFrontEnd::reconstruct_frame(ReconstructedView& view) const {
   enter_stage("depth");
   view.frame = fringeslam::reconstruct(view.decoded, rig_, triangulation_, options_.depth);
 }
@@ -154,33 +157,46 @@ void FringeFrontEnd::decode_and_triangulate(ReconstructedView& view, const Fring
 // The depth needs the motion, but the motion needs only a rough depth: two rounds suffice.
 void FringeFrontEnd::compensate_motion(ReconstructedView& view, const FringeStack& stack, const Decoding& decoding,
                                        const ReconstructionPrior& prior) const {
-  const auto align = [&](const cv::Mat1f& depth, const CameraMotion& motion) {
+  const auto decode_aligned = [&](const cv::Mat1f& depth, const CameraMotion& motion) {
     enter_stage("motion");
     const AlignedStack aligned = align_stack(stack, rig_, rays_, depth, motion);
-    decode_and_triangulate(view, stack, decoding, &aligned);
+    decode_into(view, stack, decoding, &aligned);
   };
-  const auto rough_depth = [&] {
+  const auto rough_depth = [&](const Frame& frame) {
     cv::Mat1f depth;
-    cv::extractChannel(view.frame.points_m, depth, 2);
+    cv::extractChannel(frame.points_m, depth, 2);
     return filled_depth(depth, rig_.middle_range_m());
+  };
+  const auto triangulated_depth = [&] {
+    enter_stage("depth");
+    Frame frame;
+    triangulate(frame, view.decoded, triangulation_, options_.depth);
+    return rough_depth(frame);
   };
   const bool predicted = prior.motion && !prior.motion->motion.is_still();
   if (!view.complete) {
     if (prior.motion) view.motion = StackMotion{prior.motion->motion, prior.motion->covariance, 0, 0, true};
     if (predicted)
-      align(filled_depth(prior.expected->depth_m, rig_.middle_range_m()), prior.motion->motion);
+      decode_aligned(filled_depth(prior.expected->depth_m, rig_.middle_range_m()), prior.motion->motion);
     else
-      decode_and_triangulate(view, stack, decoding, nullptr);
-    return;
+      decode_into(view, stack, decoding, nullptr);
+    return reconstruct_frame(view);
   }
-  decode_and_triangulate(view, stack, decoding, nullptr);
+  if (prior.rough != nullptr && prior.expected == nullptr) {
+    view.decoded = prior.rough->decoded;
+    view.frame = prior.rough->frame;
+  } else {
+    decode_into(view, stack, decoding, nullptr);
+    reconstruct_frame(view);
+  }
+  cv::Mat1f depth = rough_depth(view.frame);
   if (predicted && is_known(*prior.motion)) {
     view.motion = StackMotion{prior.motion->motion, prior.motion->covariance, 0, 0, true};
-    for (int round = 0; round < 2; ++round) align(rough_depth(), prior.motion->motion);
-    return;
+    decode_aligned(depth, prior.motion->motion);
+    decode_aligned(triangulated_depth(), prior.motion->motion);
+    return reconstruct_frame(view);
   }
   enter_stage("motion");
-  cv::Mat1f depth = rough_depth();
   if (!prior.motion) {
     // Without a prior, only the test is done: the caller may know more.
     view.motion.emplace();
@@ -189,17 +205,19 @@ void FringeFrontEnd::compensate_motion(ReconstructedView& view, const FringeStac
   }
   MotionPrior start = *prior.motion;
   for (int round = 0; round < 2; ++round) {
+    enter_stage("motion");
     view.motion = estimate_stack_motion(stack, rig_, rays_, depth, start, predicted || round > 0);
-    if (!view.motion->converged) return;
+    if (!view.motion->converged) break;
     if (round == 0 && !is_moving(*view.motion)) {
       view.motion->motion = {};
       view.motion->residuals = 0;
       return;
     }
-    align(depth, view.motion->motion);
-    depth = rough_depth();
+    decode_aligned(depth, view.motion->motion);
+    if (round == 0) depth = triangulated_depth();
     if (!predicted) start.motion = view.motion->motion;
   }
+  reconstruct_frame(view);
 }
 
 }  // namespace fringeslam

@@ -25,8 +25,9 @@ struct ReconstructedView {
 
 // Knowledge about a view before it is reconstructed.
 struct ReconstructionPrior {
-  const ExpectedView* expected = nullptr;  // depth predicted from the map; null: unknown
-  std::optional<MotionPrior> motion;       // prediction; empty: motion is only detected, not estimated
+  const ExpectedView* expected = nullptr;    // depth predicted from the map; null: unknown
+  std::optional<MotionPrior> motion;         // prediction; empty: motion is only detected, not estimated
+  const ReconstructedView* rough = nullptr;  // the same stack, reconstructed without a prior; null: not yet
 };
 
 class FrontEnd {
@@ -75,8 +76,9 @@ class FringeFrontEnd : public FrontEnd {
   Triangulation triangulation_;
 
   struct Decoding;
-  void decode_and_triangulate(ReconstructedView& view, const FringeStack& stack, const Decoding& decoding,
-                              const AlignedStack* aligned) const;
+  void decode_into(ReconstructedView& view, const FringeStack& stack, const Decoding& decoding,
+                   const AlignedStack* aligned) const;
+  void reconstruct_frame(ReconstructedView& view) const;
   void compensate_motion(ReconstructedView& view, const FringeStack& stack, const Decoding& decoding,
                          const ReconstructionPrior& prior) const;
 };

@@ -111,8 +111,10 @@ FrameResult Mapper::process(MapperInput input) {
     reconstruct(result, input, {});
   result.complete = !input.needs_prior;
   const auto motion_unknown = [&] { return result.motion && !result.motion->converged; };
-  if (result.complete && motion_unknown() && input.reconstruct)
-    reconstruct(result, input, {nullptr, predicted ? predicted->motion : unknown_motion({})});
+  if (result.complete && motion_unknown() && input.reconstruct) {
+    const ReconstructedView rough = result;  // shares its images
+    reconstruct(result, input, {nullptr, predicted ? predicted->motion : unknown_motion({}), &rough});
+  }
   if (result.complete && options_.registration.tracking.landmarks == LandmarkViews::every_frame) find_landmarks(result);
 
   const bool moving = result.motion && !result.motion->motion.is_still();
@@ -325,10 +327,11 @@ Matrix6d Mapper::add_motion_uncertainty(FrameResult& result, const MapperInput& 
   return turned * own * turned.transpose();
 }
 
-// Decodes the first keyframe again as soon as the views after it determine its motion better than its own stack.
+// Decodes the first keyframe again as soon as the views after it determine its motion better than its own stack, and
+// once more when there are enough of them to determine it as well as that of a predicted view.
 void Mapper::improve_first_keyframe() {
-  constexpr size_t kViews = 4;
-  if (!first_keyframe_ || track_.size() < kViews) return;
+  constexpr size_t kMostViews = 8;
+  if (!first_keyframe_ || track_.size() < first_keyframe_->views) return;
   const FirstKeyframe first = *std::exchange(first_keyframe_, std::nullopt);
   if (continuous_from_ > 0 || !in_motion_) return;
   // Reversed in time, the later views predict the first one.
@@ -353,6 +356,7 @@ void Mapper::improve_first_keyframe() {
   map_.replace_frame(0, view.frame);
   keyframe_motion_[0] = motion_covariance(view, first.input, view.frame, {});
   image_keyframe_ = -1;
+  if (first.views < kMostViews) first_keyframe_ = FirstKeyframe{first.input, *view.motion, 2 * first.views};
 }
 
 // Predicts the motion during a stack from that of the last one, with accelerations in between.

@@ -107,6 +107,7 @@ class Mapper {
   struct FirstKeyframe {
     MapperInput input;
     StackMotion motion;
+    size_t views = 4;  // in the track when it is decoded again
   };
 
   // How the pose relative to keyframe `reference` depends on the motion during the stack; -1: not computed yet.

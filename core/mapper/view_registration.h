@@ -47,7 +47,7 @@ struct TrackingOptions {
   double max_reopened_sigma = 8;
   double max_displacement_sigma_m = 1e-3;
   double min_predicted = 0.75;
-  int stride = 2;
+  int stride = 1;
 
   template <class Visitor>
   void describe(Visitor& v) {

@@ -527,21 +527,48 @@ std::vector<Pose> similar_places(const Side& target, const Side& source, const P
                                here = grid_points(source, plane_from_target * target_from_source);
   if (there.size() < kLeastPoints || here.size() < kLeastPoints) return {};
   const double half_m = reach_m(there, here);
-  const Scales scales = scales_of(there);
-  std::vector<Pose> motions;
+  const Scales unit = scales_of(there);
+  // Lattices have no other rotational symmetries; what repeats after a turn repeats without it at a finer scale.
+  const std::vector<int> turns_deg =
+      admissible ? std::vector<int>{0} : std::vector<int>{0, 60, 90, 120, 180, 240, 270, 300};
+  struct Scale {
+    PlaneGrid grid;
+    size_t every;  // of these points, one is used
+    Spectra fixed;
+  };
+  std::vector<Scale> scales;
+  const Vector2d middle_m = middle_of_overlap(there, here);
   for (const int finer : {1, 2, 4}) {
     // The whole view is centred at the plane's origin, about which the source turns.
     PlaneGrid grid{2 * half_m / (kGrid * finer), Vector2d::Constant(-half_m / finer), kGrid};
-    if (finer > 1) grid.low_m += middle_of_overlap(there, here);
-    const size_t every = finer > 1 ? 1 : 3;
-    const Spectra fixed = spectra_of(there, every, grid, scales, 0);
-    // Lattices have no other rotational symmetries; what repeats after a turn repeats without it at a finer scale.
-    const std::vector<int> turns_deg =
-        admissible || finer > 1 ? std::vector<int>{0} : std::vector<int>{0, 60, 90, 120, 180, 240, 270, 300};
+    if (finer > 1) grid.low_m += middle_m;
+    scales.push_back({grid, finer > 1 ? size_t{1} : size_t{3}, {}});
+  }
+  struct Turned {
+    size_t scale;
+    double turn_rad;
     std::vector<Shift> shifts;
-    for (const int turn_deg : turns_deg) {
-      const double turn_rad = turn_deg * std::numbers::pi / 180;
-      add_shifts(fixed, spectra_of(here, every, grid, scales, turn_rad), grid, turn_rad, shifts);
+  };
+  std::vector<Turned> attempts;
+  for (const int turn_deg : turns_deg) attempts.push_back({0, turn_deg * std::numbers::pi / 180, {}});
+  attempts.push_back({1, 0, {}});
+  attempts.push_back({2, 0, {}});
+  for_each_row(static_cast<int>(scales.size()), [&](int i) {
+    Scale& scale = scales[static_cast<size_t>(i)];
+    scale.fixed = spectra_of(there, scale.every, scale.grid, unit, 0);
+  });
+  for_each_row(static_cast<int>(attempts.size()), [&](int i) {
+    Turned& attempt = attempts[static_cast<size_t>(i)];
+    const Scale& scale = scales[attempt.scale];
+    add_shifts(scale.fixed, spectra_of(here, scale.every, scale.grid, unit, attempt.turn_rad), scale.grid,
+               attempt.turn_rad, attempt.shifts);
+  });
+  std::vector<Pose> motions;
+  for (size_t scale = 0; scale < scales.size(); ++scale) {
+    const PlaneGrid& grid = scales[scale].grid;
+    std::vector<Shift> shifts;
+    for (const Turned& attempt : attempts) {
+      if (attempt.scale == scale) shifts.insert(shifts.end(), attempt.shifts.begin(), attempt.shifts.end());
     }
     std::stable_sort(shifts.begin(), shifts.end(),
                      [](const Shift& a, const Shift& b) { return a.difference < b.difference; });
