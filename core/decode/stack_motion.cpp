@@ -553,7 +553,7 @@ bool minimise(Problem& problem, const Level& level, const Matrix12d& information
 }  // namespace
 
 StackMotion estimate_stack_motion(const FringeStack& stack, const RigModel& rig, const PixelRays& rays,
-                                  const cv::Mat1f& depth_m, const MotionPrior& prior, bool predicted, Axis axis) {
+                                  const cv::Mat1f& depth_m, const MotionPrior& prior, MotionSearch search, Axis axis) {
   check_stack(stack);
   StackMotion result;
   result.motion = prior.motion;
@@ -561,12 +561,15 @@ StackMotion estimate_stack_motion(const FringeStack& stack, const RigModel& rig,
   Problem problem(stack, rig, rays, axis);
   if (problem.periods() < 2) return result;
   problem.set_depth(depth_m, true);
-  const Level fine{0, 8, 20, 8};
+  // The texture between pixels aliases; more pixels average its errors.
+  constexpr int kRoughStride = 8, kFineStride = 4;
+  const bool wide = search == MotionSearch::wide;
+  const Level fine{0, kRoughStride, 20, 8}, last{0, wide ? kRoughStride : kFineStride, 20, 8};
   std::vector<Level> levels = {fine};
-  if (!predicted) levels = {{12, 8, 15, 200}, {6, 8, 15, 60}, {3, 8, 15, 30}, {1.5, 8, 12, 20}, fine};
+  if (wide) levels = {{12, 8, 15, 200}, {6, 8, 15, 60}, {3, 8, 15, 30}, {1.5, 8, 12, 20}, fine};
   const Vector12d start = to_vector(prior.motion);
   Vector12d motion = start;
-  if (!predicted) motion = coarse_motion(stack, problem.all_periods(), rig, cv::mean(depth_m)[0], prior);
+  if (wide) motion = coarse_motion(stack, problem.all_periods(), rig, cv::mean(depth_m)[0], prior);
   // Accelerations are held near zero until the velocity is right.
   Matrix12d rigid = prior.covariance;
   rigid.bottomRightCorner<6, 6>() *= 1e-4;
@@ -578,10 +581,10 @@ StackMotion estimate_stack_motion(const FringeStack& stack, const RigModel& rig,
   bool settled = false;
   for (const Level& level : levels) settled = minimise(problem, level, held, start, motion, sums);
   if (sums.residuals < kLeastResiduals) return result;
-  settled = minimise(problem, fine, free, start, motion, sums) || settled;
+  settled = minimise(problem, last, free, start, motion, sums) || settled;
   constexpr double kMaxRms = 4;  // of residuals clipped at 8 sigmas: most pixels are explained
   result.motion = to_motion(motion);
-  result.covariance = motion_covariance(sums, fine.stride);
+  result.covariance = motion_covariance(sums, last.stride);
   result.rms_sigma = std::sqrt(sums.squares / sums.residuals);
   result.residuals = sums.residuals;
   result.converged = settled && result.rms_sigma <= kMaxRms;

@@ -15,13 +15,17 @@
 
 namespace fringeslam {
 
+enum class MotionSearch {
+  wide,  // starts from blurred images and uses few pixels: a start for the other
+  close  // starts at the prior's motion, accurate to about a pixel of displacement
+};
+
 // Estimates the motion during a stack with at least two periods along `axis`. `depth_m` is a rough depth image without
-// unknown pixels (filled_depth()); it need not be compensated for motion. With `predicted` (its motion is accurate to
-// about a pixel of displacement), the search starts there; otherwise it starts from blurred images. Returns
+// unknown pixels (filled_depth()); it need not be compensated for motion. Returns
 // converged = false if the stack has one period only, if too few pixels have texture or fringes, or if no motion
 // explains the images.
 StackMotion estimate_stack_motion(const FringeStack& stack, const RigModel& rig, const PixelRays& rays,
-                                  const cv::Mat1f& depth_m, const MotionPrior& prior, bool predicted,
+                                  const cv::Mat1f& depth_m, const MotionPrior& prior, MotionSearch search,
                                   Axis axis = Axis::columns);
 
 // Returns false if the images of a stack agree with a camera at rest, or if the stack has one period only. A quick test;

@@ -206,7 +206,8 @@ void FringeFrontEnd::compensate_motion(ReconstructedView& view, const FringeStac
   MotionPrior start = *prior.motion;
   for (int round = 0; round < 2; ++round) {
     enter_stage("motion");
-    view.motion = estimate_stack_motion(stack, rig_, rays_, depth, start, predicted || round > 0);
+    view.motion = estimate_stack_motion(stack, rig_, rays_, depth, start,
+                                        predicted || round > 0 ? MotionSearch::close : MotionSearch::wide);
     if (!view.motion->converged) break;
     if (round == 0 && !is_moving(*view.motion)) {
       view.motion->motion = {};
