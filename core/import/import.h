@@ -18,6 +18,7 @@ class ImportedRig : public Rig {
   // Returns the next stack. Throws Error naming the image if it is damaged, differs from the first in size or type, or
   // has grey values above its bit depth.
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
+  bool can_change_patterns() const override { return false; }
 
  private:
   cv::Mat read(const std::filesystem::path& file) const;

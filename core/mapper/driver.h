@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The driver loop: captures stacks, preprocesses them and maps them, several at a time. While the pipeline maps one view,
-// other threads capture and reconstruct the next ones. The results equal those of one view at a time.
+// other threads capture and reconstruct the next ones. The results equal those of one view at a time, unless the robot
+// starts to move: the views that were requested before are captured with all patterns.
 #pragma once
 
 #include <functional>
@@ -35,7 +36,11 @@ class Driver {
   template <class AnyRig>
   requires requires(AnyRig& rig, const PatternSequence& patterns) { rig.capture(patterns); }
   Driver(AnyRig& rig, Pipeline& pipeline, int ahead = kAhead)
-      : Driver(Capture([&rig](const PatternSequence& patterns) { return rig.capture(patterns); }), pipeline, ahead) {}
+      : Driver(Capture([&rig](const PatternSequence& patterns) { return rig.capture(patterns); }), pipeline, ahead) {
+    if constexpr (requires { rig.can_change_patterns(); }) {
+      if (!rig.can_change_patterns()) pipeline.keep_all_patterns();
+    }
+  }
   // Waits for stacks that are being captured or preprocessed.
   ~Driver();
   Driver(const Driver&) = delete;

@@ -111,17 +111,20 @@ PatternSequence FringeFrontEnd::anticipated(const PatternSequence& patterns, con
     const Pose exposure_from_reference = motion.at(times_s[k]).inverse();
     const int coordinate = pattern.axis == Axis::columns ? 0 : 1;
     std::vector<double> drifts_px;
+    const auto add = [&](const Eigen::Vector3d& point) {
+      const Eigen::Vector3d here = rig_.projector_from_camera * point,
+                            there = rig_.projector_from_camera * (exposure_from_reference * point);
+      if (here.z() > 0 && there.z() > 0)
+        drifts_px.push_back((rig_.projector.project(there) - rig_.projector.project(here))[coordinate]);
+    };
     for (int row = 0; row < last.frame.height(); row += kStride) {
       for (int col = 0; col < last.frame.width(); col += kStride) {
         const cv::Vec3f p = last.frame.points_m(row, col);
-        if (std::isnan(p[2])) continue;
-        const Eigen::Vector3d point(p[0], p[1], p[2]),
-            here = rig_.projector_from_camera * point,
-            there = rig_.projector_from_camera * (exposure_from_reference * point);
-        if (here.z() > 0 && there.z() > 0)
-          drifts_px.push_back((rig_.projector.project(there) - rig_.projector.project(here))[coordinate]);
+        if (!std::isnan(p[2])) add({p[0], p[1], p[2]});
       }
     }
+    // Fringes that drift too fast leave no depth at all.
+    if (drifts_px.empty()) add({0, 0, rig_.middle_range_m()});
     if (drifts_px.empty()) return 0.0;
     const auto middle = drifts_px.begin() + static_cast<std::ptrdiff_t>(drifts_px.size() / 2);
     std::nth_element(drifts_px.begin(), middle, drifts_px.end());
@@ -202,6 +205,11 @@ void FringeFrontEnd::compensate_motion(ReconstructedView& view, const FringeStac
     view.motion.emplace();
     view.motion->converged = !shows_motion(stack, rig_, rays_, depth);
     return;
+  }
+  if (predicted) {
+    // The patterns may have been changed for this motion: without it, hardly any of their fringe orders are found.
+    decode_aligned(depth, prior.motion->motion);
+    depth = triangulated_depth();
   }
   MotionPrior start = *prior.motion;
   for (int round = 0; round < 2; ++round) {

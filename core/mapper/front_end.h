@@ -18,8 +18,8 @@ struct ReconstructedView {
   Frame frame;
   DecodedStack decoded;  // empty images if the front end does not decode fringes
   bool complete = true;  // false: surfaces that the map did not predict may be missing
-  // Camera motion during the stack, for which the frame is compensated; not converged: unknown, and the frame is not
-  // compensated. Empty: not estimated.
+  // Camera motion during the stack, for which the frame is compensated; not converged: unknown, and the frame is
+  // compensated for its prediction at best. Empty: not estimated.
   std::optional<StackMotion> motion = {};
 };
 

@@ -60,6 +60,16 @@ Matrix6d covariance_between(const KeyframeMap& map, int from, int to) {
   return variances.asDiagonal();
 }
 
+// A map needs some surface to start with.
+bool can_start_map(const Frame& frame) {
+  constexpr double kLeast = 0.01;
+  int valid = 0;
+  for (int row = 0; row < frame.height(); ++row) {
+    for (int col = 0; col < frame.width(); ++col) valid += frame.valid(row, col);
+  }
+  return valid >= kLeast * frame.height() * frame.width();
+}
+
 }  // namespace
 
 std::string to_string(Tracking tracking) {
@@ -122,7 +132,7 @@ FrameResult Mapper::process(MapperInput input) {
   if (motion_unknown())
     result.tracking = Tracking::lost;
   else if (map_.keyframes().empty())
-    result.tracking = result.complete ? Tracking::first : Tracking::lost;
+    result.tracking = result.complete && can_start_map(result.frame) ? Tracking::first : Tracking::lost;
   else if (input.needs_prior)
     predicted&& follow_by_prediction(result, input, *predicted, effect);
   else if (moving)
@@ -411,6 +421,8 @@ Pose Mapper::estimate_motion(FrameResult& result, const MapperInput& input, cons
     }
     reconstruct(result, input, {expected, MotionPrior{motion.motion, motion.covariance}});
     result.complete = !input.needs_prior;
+    // The images may disagree with each other without this making the registered motion wrong.
+    if (!result.motion->converged) result.motion = motion;
   }
   return world_from_camera;
 }

@@ -5,11 +5,11 @@
 
 namespace fringeslam {
 
-PatternSchedule::PatternSchedule(const PatternSequence& sequence, bool predicted, double keyframe_overlap,
+PatternSchedule::PatternSchedule(const PatternSequence& sequence, FinestAlone finest, double keyframe_overlap,
                                  double min_predicted)
     : sequence_(sequence),
       finest_(finest_patterns(sequence, Axis::columns)),
-      predicted_(predicted),
+      finest_alone_(finest),
       keyframe_overlap_(keyframe_overlap),
       min_predicted_(min_predicted) {}
 
@@ -19,7 +19,13 @@ bool PatternSchedule::leaves_fringes_unresolved(const DecodedStack& decoded) con
   return orders < min_predicted_ * fringes;
 }
 
+void PatternSchedule::keep_all() {
+  if (finest_alone_ == FinestAlone::in_motion) finest_alone_ = FinestAlone::never;
+}
+
 void PatternSchedule::update(const FrameResult& result) {
+  const bool moves = result.motion && result.motion->converged && !result.motion->motion.is_still();
+  has_moved_ |= moves;
   if (!has_pose(result.tracking)) {
     wants_all_ = true;
     prediction_failed_ |= !result.complete;
@@ -27,7 +33,8 @@ void PatternSchedule::update(const FrameResult& result) {
   }
   if (result.keyframe >= 0) prediction_failed_ = false;
   const bool leaves_keyframe = result.keyframe < 0 && result.registration.icp.overlap < keyframe_overlap_;
-  wants_all_ = !predicted_ || prediction_failed_ || result.tracking != Tracking::followed || leaves_keyframe ||
+  const bool finest = finest_alone_ == FinestAlone::always || (finest_alone_ == FinestAlone::in_motion && moves);
+  wants_all_ = !finest || prediction_failed_ || result.tracking != Tracking::followed || leaves_keyframe ||
                leaves_fringes_unresolved(result.decoded);
 }
 

@@ -1,20 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which patterns to project next: the whole sequence, or with `decode.unwrapping=predicted` the finest fringes alone
-// while the map predicts their fringe orders (docs/method.md, section 3.2).
+// Which patterns to project next: the whole sequence, or the finest fringes alone while the map predicts their fringe
+// orders (docs/method.md, section 3.2).
 #pragma once
 
 #include "core/mapper/mapper.h"
 
 namespace fringeslam {
 
+// When the finest fringes may be projected alone.
+enum class FinestAlone { never, in_motion, always };
+
 class PatternSchedule {
  public:
-  // `predicted`: whether fringe orders may come from the map.
-  PatternSchedule(const PatternSequence& sequence, bool predicted, double keyframe_overlap, double min_predicted);
+  PatternSchedule(const PatternSequence& sequence, FinestAlone finest, double keyframe_overlap, double min_predicted);
 
   const PatternSequence& next() const { return wants_all_ ? sequence_ : finest_; }
-  // True if next() does not depend on views that are still to be processed.
-  bool is_fixed() const { return !predicted_; }
+  // True if next() does not depend on views that are still to be processed. Changes once the robot moves during a view.
+  bool is_fixed() const {
+    return finest_alone_ == FinestAlone::never || (finest_alone_ == FinestAlone::in_motion && !has_moved_);
+  }
+  // Projects whole sequences only, unless the finest fringes are to be projected alone even at rest.
+  void keep_all();
   // Takes the result of the newest view into account.
   void update(const FrameResult& result);
 
@@ -22,7 +28,8 @@ class PatternSchedule {
   bool leaves_fringes_unresolved(const DecodedStack& decoded) const;
 
   PatternSequence sequence_, finest_;
-  bool predicted_;
+  FinestAlone finest_alone_;
+  bool has_moved_ = false;
   double keyframe_overlap_, min_predicted_;
   bool wants_all_ = true;
   bool prediction_failed_ = false;  // since the last keyframe

@@ -5,6 +5,15 @@
 
 namespace fringeslam {
 
+namespace {
+
+FinestAlone finest_alone(const PipelineOptions& options) {
+  if (options.decode.unwrapping == Unwrapping::predicted) return FinestAlone::always;
+  return options.tracking.predict && options.tracking.finest_in_motion ? FinestAlone::in_motion : FinestAlone::never;
+}
+
+}  // namespace
+
 Pipeline::Pipeline(const RigModel& rig, const PatternSequence& sequence, const PipelineOptions& options,
                    const Pose& world_from_robot)
     : Pipeline(std::make_shared<FringeFrontEnd>(rig, sequence, options.front_end()),
@@ -18,12 +27,16 @@ Pipeline::Pipeline(std::shared_ptr<const FrontEnd> front_end, Mapper mapper, con
                    const PipelineOptions& options)
     : front_end_(std::move(front_end)),
       mapper_(std::move(mapper)),
-      schedule_(sequence, options.decode.unwrapping == Unwrapping::predicted, options.mapping.keyframe_overlap,
-                options.tracking.min_predicted),
+      schedule_(sequence, finest_alone(options), options.mapping.keyframe_overlap, options.tracking.min_predicted),
       next_(schedule_.next()),
       surface_(options.surface) {
   PipelineOptions checked = options;
   checked.for_each_stage([](const char* name, auto& stage) { check_options(stage, name); });
+}
+
+void Pipeline::keep_all_patterns() {
+  schedule_.keep_all();
+  next_ = schedule_.next();
 }
 
 PreprocessedStack Pipeline::preprocess(FringeStack stack) const {

@@ -87,6 +87,10 @@ class Pipeline {
   // True if next_patterns() does not depend on stacks that are still to be processed.
   bool has_fixed_patterns() const { return schedule_.is_fixed(); }
 
+  // Requests whole sequences even in motion, for images that cannot show anything else. Does not affect
+  // decode.unwrapping=predicted.
+  void keep_all_patterns();
+
   // Throws Error if the stack cannot be decoded.
   FrameResult process(FringeStack stack) { return process(preprocess(std::move(stack))); }
   // The same in two steps. preprocess() needs no map: other threads may call it for later stacks meanwhile, with the same

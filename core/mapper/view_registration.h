@@ -47,6 +47,7 @@ struct TrackingOptions {
   double max_reopened_sigma = 8;
   double max_displacement_sigma_m = 1e-3;
   double min_predicted = 0.75;
+  bool finest_in_motion = true;
   int stride = 1;
 
   template <class Visitor>
@@ -69,6 +70,9 @@ struct TrackingOptions {
             "largest sigma of the surfaces' positions, m");
     v.field("min_predicted", min_predicted, {0, 1},
             "least share of fringe orders predicted by the map; below it the next view captures the full sequence");
+    v.field("finest_in_motion", finest_in_motion,
+            "capture the finest fringes alone while the robot moves and the map predicts their orders; "
+            "decode.unwrapping=predicted does so at rest too");
     v.field("stride", stride, {1, 16}, "icp.stride of tracked views; keyframes use icp.stride");
   }
 };

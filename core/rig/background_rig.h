@@ -33,6 +33,7 @@ class BackgroundRig : public Rig {
   // Returns the oldest stack in the queue and waits for one; drops stacks with other patterns. Throws what the inner rig
   // threw, after the stacks captured before.
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
+  bool can_change_patterns() const override { return false; }
   // Number of stacks dropped so far.
   int dropped() const { return queue_.dropped() + other_patterns_; }
 

@@ -40,6 +40,7 @@ class ReplayRig : public Rig {
   const RigModel& model() const override { return model_; }
   const PatternSequence& sequence() const { return sequence_; }
   const DatasetInfo& info() const { return info_; }
+  bool can_change_patterns() const override { return false; }
   // Returns the next stack. Throws Error unless `sequence` is the recorded sequence or a subsequence of it.
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
 
@@ -61,6 +62,7 @@ class RecordingRig : public Rig {
   RecordingRig(Rig& inner, std::filesystem::path folder);
   const RigModel& model() const override { return inner_.model(); }
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
+  bool can_change_patterns() const override { return false; }
   void finish(const std::string& name, uint64_t seed, bool has_truth);
 
  private:

@@ -17,6 +17,9 @@ class Rig {
   virtual const RigModel& model() const = 0;
   // Returns the camera images of one pass through the sequence; empty at the end of the recording or scene.
   virtual std::optional<FringeStack> capture(const PatternSequence& sequence) = 0;
+  // True if the next stack may show other patterns than the last one without loss: false for recordings, and where
+  // stacks are captured ahead.
+  virtual bool can_change_patterns() const { return true; }
 };
 
 }  // namespace fringeslam
