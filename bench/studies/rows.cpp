@@ -11,7 +11,6 @@ namespace {
 
 using Json = nlohmann::json;
 
-
 double number_or_nan(const Json& json) { return json.is_number() ? json.get<double>() : kNaN; }
 
 }  // namespace

@@ -118,6 +118,7 @@ Study read_study(const fs::path& file) {
   study.worlds = map.integer_or("worlds", 0, {0, 1'000'000});
   if (map.has("design") && map.choice("design", {"random", "saltelli"}) == "saltelli") study.design = Design::saltelli;
   study.timeout_s = map.number_or("timeout_s", study.timeout_s, {1, 86400});
+  study.views = map.integer_or("views", 0, {0, 1'000'000});
   if (map.has("success")) read_success(map.map("success"), study.success);
   const YamlMap parameters = map.map("parameters");
   for (const std::string& name : parameters.keys()) {

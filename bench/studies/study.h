@@ -57,6 +57,7 @@ struct Study {
   int worlds = 0;  // number of scene seeds that trials cycle through; 0: each trial has its own
   Design design = Design::random;
   double timeout_s = 300;
+  int views = 0;  // most views of a trial; 0: to the end of the scene
   std::vector<Parameter> parameters;
   std::vector<Fixed> fixed;
   SuccessRule success;

@@ -238,18 +238,18 @@ Summary summarise(const Study& study, const std::map<int, std::string>& lines, i
 
 nlohmann::ordered_json to_json(const Summary& summary) {
   nlohmann::ordered_json json = {{"name", summary.name},
-               {"trials", summary.trials},
-               {"missing", summary.missing},
-               {"successes", summary.successes},
-               {"success_95", to_json(summary.rate_95)},
-               {"outcomes", summary.outcomes},
-               {"causes", summary.causes}};
+                                 {"trials", summary.trials},
+                                 {"missing", summary.missing},
+                                 {"successes", summary.successes},
+                                 {"success_95", to_json(summary.rate_95)},
+                                 {"outcomes", summary.outcomes},
+                                 {"causes", summary.causes}};
   for (const auto& [percentile, error] : summary.error_percentiles_mm)
     json["translation_percentiles_mm"].push_back({percentile, error});
   for (const ParameterSummary& parameter : summary.parameters) {
     nlohmann::ordered_json entry = {{"name", parameter.name},
-                  {"of_success", to_json(parameter.of_success)},
-                  {"of_error", to_json(parameter.of_error)}};
+                                    {"of_success", to_json(parameter.of_success)},
+                                    {"of_error", to_json(parameter.of_error)}};
     for (const Class& c : parameter.classes)
       entry["classes"].push_back({{"label", c.label},
                                   {"range", {c.low, c.high}},

@@ -6,6 +6,7 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <numbers>
+#include <optional>
 
 #include "bench/studies/trial_settings.h"
 #include "core/base/constants.h"
@@ -120,11 +121,14 @@ class Record {
       last_sigma_m_ = result.frame.sigma_m.clone();
     }
     truths_.push_back(truth);
+    truth_.push_back({stack.timestamp_s, truth.world_from_robot});
   }
 
   TrialResult result(const Trajectory& trajectory) {
-    for (const auto& [e, t] : associate(trajectory, truth())) {
-      if (t > 0 && e > 0) note_pair(trajectory, e, t);
+    std::optional<std::pair<size_t, size_t>> last;
+    for (const auto& [e, t] : associate(trajectory, truth_)) {
+      if (last && last->first + 1 == e && last->second + 1 == t) note_pair(trajectory, e, t);
+      last = {e, t};
     }
     TrialResult result;
     const SuccessRule& rule = study_.success;
@@ -177,7 +181,7 @@ class Record {
     const Pose& mount = scene_.rig.robot_from_camera;
     const Pose true_motion = (earlier->world_from_robot * mount).inverse() * (truth.world_from_robot * mount);
     const Pose& measured = result.registration.earlier_from_current;
-    const double squared = squared_sigmas(measured, true_motion, result.registration.covariance);
+    const double squared = squared_sigmas(measured, true_motion, result.covariance);
     seen_.nees = std::max(seen_.nees, squared);
     const double off_m = translation_m(true_motion.inverse() * measured);
     seen_.confidently_wrong |= off_m > 1e-3 && squared > 100;
@@ -194,20 +198,18 @@ class Record {
   }
 
   void note_pair(const Trajectory& estimate, size_t e, size_t t) {
-    const Pose true_motion =
-        scene_.trajectory[t - 1].world_from_robot.inverse() * scene_.trajectory[t].world_from_robot;
+    const Pose true_motion = truth_[t - 1].world_from_robot.inverse() * truth_[t].world_from_robot;
     const Pose motion = estimate[e - 1].world_from_robot.inverse() * estimate[e].world_from_robot;
     const MotionScore score = score_motion(motion, true_motion);
     seen_.translation_m = std::max(seen_.translation_m, score.translation_error_m);
     seen_.rotation_rad = std::max(seen_.rotation_rad, score.rotation_error_rad);
   }
 
-  const Trajectory& truth() const { return scene_.trajectory; }
-
   const Study& study_;
   const sim::Scene& scene_;
   Seen seen_;
   std::vector<TruthFrame> truths_;
+  Trajectory truth_;
   cv::Mat1f last_sigma_m_;
   int last_tracked_ = -1;
 };
@@ -242,7 +244,9 @@ TrialResult run_trial(const Study& study, const Trial& trial, const ViewWatcher&
     sim::VirtualRig rig(scene, settings.render);
     Pipeline pipeline(rig.model(), scene.patterns, settings.pipeline, Pose{});
     Record record(study, scene);
-    while (const auto view = rig.simulate(pipeline.next_patterns())) {
+    for (int number = 0; study.views == 0 || number < study.views; ++number) {
+      const auto view = rig.simulate(pipeline.next_patterns());
+      if (!view) break;
       const FrameResult frame = pipeline.process(view->stack);
       record.add(view->stack, frame, view->truth, pipeline.map(), rig.model());
       if (watch) watch(frame, view->truth);
