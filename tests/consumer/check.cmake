@@ -38,4 +38,5 @@ must_run(${WORK_FOLDER}/build/render_map_score ${scenes}/boxes_and_foam/scene.ya
 must_run(${WORK_FOLDER}/build/own_decoder ${scenes}/boxes_and_foam/scene.yaml)
 must_run(${WORK_FOLDER}/build/own_slam ${scenes}/rubble_pile/scene.yaml)
 must_run(${WORK_FOLDER}/build/own_rig)
+must_run(${WORK_FOLDER}/build/motion_compensation ${scenes}/loop/scene.yaml ${WORK_FOLDER}/moving_depth.png)
 must_run(${prefix}/bin/fringeslam --version)
