@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace fringeslam {
 
@@ -42,12 +43,17 @@ int KeyframeMap::add_keyframe(const Frame& frame, Landmarks landmarks, const Pos
   return number;
 }
 
-void KeyframeMap::replace_frame(int keyframe, const Frame& frame) {
+void KeyframeMap::replace_frame(int keyframe, const Frame& frame, const Pose& new_from_old) {
   keyframes_[static_cast<size_t>(keyframe)].frame = stored(frame);
   // A keyframe's own frame precedes the others that are fixed to it.
-  const auto own =
-      std::find_if(frames_.begin(), frames_.end(), [&](const MapFrame& f) { return f.keyframe == keyframe; });
-  if (own != frames_.end()) own->frame = keyframes_[static_cast<size_t>(keyframe)].frame;
+  bool own = true;
+  for (MapFrame& fixed : frames_) {
+    if (fixed.keyframe != keyframe) continue;
+    if (std::exchange(own, false))
+      fixed.frame = keyframes_[static_cast<size_t>(keyframe)].frame;
+    else
+      fixed.keyframe_from_camera = orthonormalised(new_from_old * fixed.keyframe_from_camera);
+  }
 }
 
 bool KeyframeMap::add_frame(const Frame& frame, int keyframe, const Pose& keyframe_from_camera) {

@@ -75,8 +75,9 @@ class KeyframeMap {
 
   // Adds a keyframe and returns its number.
   int add_keyframe(const Frame& frame, Landmarks landmarks, const Pose& world_from_camera);
-  // Replaces a keyframe's frame by a better reconstruction of the same view.
-  void replace_frame(int keyframe, const Frame& frame);
+  // Replaces a keyframe's frame by a better reconstruction of the same view. `new_from_old` moves the other frames that
+  // are fixed to the keyframe.
+  void replace_frame(int keyframe, const Frame& frame, const Pose& new_from_old);
   // Adds the frame unless its view is too similar to any view in the map; returns whether it was added.
   bool add_frame(const Frame& frame, int keyframe, const Pose& keyframe_from_camera);
 

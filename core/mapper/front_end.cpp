@@ -193,8 +193,9 @@ void FringeFrontEnd::compensate_motion(ReconstructedView& view, const FringeStac
     reconstruct_frame(view);
   }
   cv::Mat1f depth = rough_depth(view.frame);
-  if (predicted && is_known(*prior.motion)) {
+  if (prior.motion && (prior.motion_is_known || (predicted && is_known(*prior.motion)))) {
     view.motion = StackMotion{prior.motion->motion, prior.motion->covariance, 0, 0, true};
+    if (!predicted) return;
     decode_aligned(depth, prior.motion->motion);
     decode_aligned(triangulated_depth(), prior.motion->motion);
     return reconstruct_frame(view);

@@ -27,6 +27,7 @@ struct ReconstructedView {
 struct ReconstructionPrior {
   const ExpectedView* expected = nullptr;    // depth predicted from the map; null: unknown
   std::optional<MotionPrior> motion;         // prediction; empty: motion is only detected, not estimated
+  bool motion_is_known = false;              // decode with this motion instead of estimating it from the stack
   const ReconstructedView* rough = nullptr;  // the same stack, reconstructed without a prior; null: not yet
 };
 

@@ -123,12 +123,13 @@ FrameResult Mapper::process(MapperInput input) {
   const auto motion_unknown = [&] { return result.motion && !result.motion->converged; };
   if (result.complete && motion_unknown() && input.reconstruct) {
     const ReconstructedView rough = result;  // shares its images
-    reconstruct(result, input, {nullptr, predicted ? predicted->motion : unknown_motion({}), &rough});
+    reconstruct(result, input, {nullptr, predicted ? predicted->motion : unknown_motion({}), false, &rough});
   }
   if (result.complete && options_.registration.tracking.landmarks == LandmarkViews::every_frame) find_landmarks(result);
 
   const bool moving = result.motion && !result.motion->motion.is_still();
   MotionEffect effect;
+  shake_ = {};
   if (motion_unknown())
     result.tracking = Tracking::lost;
   else if (map_.keyframes().empty())
@@ -139,7 +140,7 @@ FrameResult Mapper::process(MapperInput input) {
     (predicted && follow_in_motion(result, input, *predicted, effect)) || relocalize(result);
   else
     (predicted && follow(result, predicted->world_from_camera)) || relocalize(result);
-  const Matrix6d own_motion = add_motion_uncertainty(result, input, effect);
+  const FrameMotion own_motion = add_motion_uncertainty(result, input, effect);
 
   if (!has_pose(result.tracking)) {
     if (result.registration.ambiguous) result.tracking = Tracking::ambiguous;
@@ -150,11 +151,11 @@ FrameResult Mapper::process(MapperInput input) {
   if (result.relocalized) continuous_from_ = track_.size();
   extend_map(result);
   if (result.keyframe >= 0) {
-    keyframe_motion_.resize(static_cast<size_t>(result.keyframe) + 1, Matrix6d::Zero());
+    keyframe_motion_.resize(static_cast<size_t>(result.keyframe) + 1);
     keyframe_motion_.back() = own_motion;
   }
   if (result.tracking == Tracking::first && moving && input.reconstruct)
-    first_keyframe_ = FirstKeyframe{std::move(input), *result.motion};
+    first_keyframe_ = FirstKeyframe{std::move(input)};
   note_pose(result, predicted);
   improve_first_keyframe();
   return result;
@@ -304,43 +305,92 @@ bool Mapper::follow_in_motion(FrameResult& result, const MapperInput& input, con
   return follow(result, estimate_motion(result, input, predicted, nullptr, prior, effect));
 }
 
-// Returns the covariance that the uncertain motion during the stack adds to the pose of its frame relative to `target`.
-Matrix6d Mapper::motion_covariance(const ReconstructedView& view, const MapperInput& input, const Frame& target,
-                                   const Pose& target_from_source) const {
+// Returns how the uncertain motion during the stack changes the pose of its frame relative to `target`.
+Mapper::FrameMotion Mapper::frame_motion(const ReconstructedView& view, const MapperInput& input, const Frame& target,
+                                         const Pose& target_from_source) const {
   constexpr int kStride = 8;
-  if (!view.motion || view.motion->motion.is_still() || !input.depth_slopes) return Matrix6d::Zero();
+  if (!view.motion || view.motion->motion.is_still() || !input.depth_slopes) return {};
   const std::vector<DepthSlope> slopes = input.depth_slopes(view, kStride);
   enter_stage("motion");
-  const Matrix6x12d derivative = pose_by_motion(target, view.frame, rig_.camera, target_from_source, slopes);
-  return derivative * view.motion->covariance * derivative.transpose();
+  return {pose_by_motion(target, view.frame, rig_.camera, target_from_source, slopes), view.motion->covariance};
+}
+
+// The largest changes of the motion between the last views.
+Mapper::Shake Mapper::recent_shake() const {
+  constexpr size_t kViews = 8;
+  Shake most = shake_;
+  const size_t first = std::max(continuous_from_, track_.size() - std::min(kViews, track_.size()));
+  for (size_t i = first; i < track_.size(); ++i) {
+    most.angular_rad2_s2 = std::max(most.angular_rad2_s2, track_[i].angular_shake_rad2_s2);
+    most.velocity_m2_s2 = std::max(most.velocity_m2_s2, track_[i].velocity_shake_m2_s2);
+  }
+  return most;
+}
+
+// Notes a change of the motion against its prediction, or against its estimate from the stack alone. Returns true if
+// it is clearly larger than those of the last views.
+bool Mapper::note_shake(const Vector12d& change, const Matrix12d& covariance, bool by_own_stack) {
+  constexpr double kSmooth = 1e-2;  // m/s or rad/s
+  constexpr double kSigmas = 3, kClearly = 2;
+  const auto excess = [&](int first) {
+    // A predictor that has adapted to vibration predicts it widely; an estimate from the stack has errors of its own.
+    const double own = by_own_stack ? kSigmas * kSigmas * covariance.diagonal().segment<3>(first).mean() : 0;
+    const double square = change.segment<3>(first).squaredNorm() / 3;
+    return square > std::max(own, kSmooth * kSmooth) ? square : 0;
+  };
+  const Shake before = recent_shake();
+  shake_ = {std::max(shake_.angular_rad2_s2, excess(0)), std::max(shake_.velocity_m2_s2, excess(3))};
+  return shake_.angular_rad2_s2 > kClearly * before.angular_rad2_s2 ||
+         shake_.velocity_m2_s2 > kClearly * before.velocity_m2_s2;
+}
+
+// Widens the covariance of a motion. A camera whose velocity changes suddenly from view to view vibrates, and its
+// velocity changes as much from image to image: poses at the rate of the views do not show such accelerations.
+void Mapper::widen(Matrix12d& covariance, const Shake& shake) const {
+  const double per_s = 2 * rig_.timing.camera_rate_hz, per_s2 = per_s * per_s;
+  covariance.diagonal().segment<3>(0).array() += shake.angular_rad2_s2;
+  covariance.diagonal().segment<3>(3).array() += shake.velocity_m2_s2;
+  covariance.diagonal().segment<3>(6).array() += per_s2 * shake.angular_rad2_s2;
+  covariance.diagonal().segment<3>(9).array() += per_s2 * shake.velocity_m2_s2;
 }
 
 // Adds the uncertainty of the motion during the stack, and during that of the keyframe, to the covariance of the pose.
 // Returns the former in the axes of the view.
-Matrix6d Mapper::add_motion_uncertainty(FrameResult& result, const MapperInput& input, const MotionEffect& effect) {
-  if (result.tracking == Tracking::first) return motion_covariance(result, input, result.frame, {});
-  if (!result.registration.refined) return Matrix6d::Zero();
+Mapper::FrameMotion Mapper::add_motion_uncertainty(FrameResult& result, const MapperInput& input,
+                                                   const MotionEffect& effect) {
+  const auto spread = [](const FrameMotion& motion) {
+    return Matrix6d(motion.pose_by_motion * motion.covariance * motion.pose_by_motion.transpose());
+  };
+  if (result.tracking == Tracking::first) {
+    FrameMotion own = frame_motion(result, input, result.frame, {});
+    own.by_own_stack = true;
+    return own;
+  }
+  if (!result.registration.refined) return {};
   const Pose& pose = result.registration.earlier_from_current;
   const bool known = effect.reference == result.reference && result.motion;
-  const Matrix6d own =
-      known ? Matrix6d(effect.pose_by_motion * result.motion->covariance * effect.pose_by_motion.transpose())
-            : motion_covariance(result, input, keyframe_image(result.reference), pose);
-  result.covariance += own;
-  Matrix6d turned = Matrix6d::Zero();
-  turned.topLeftCorner<3, 3>() = turned.bottomRightCorner<3, 3>() = pose.rotation.transpose();
+  FrameMotion own = known ? FrameMotion{effect.pose_by_motion, result.motion->covariance}
+                          : frame_motion(result, input, keyframe_image(result.reference), pose);
+  result.covariance += spread(own);
   if (const auto reference = static_cast<size_t>(result.reference); reference < keyframe_motion_.size()) {
     // A shift of the keyframe's frame moves the pose from the left.
     Matrix6d moved = Matrix6d::Identity();
     moved.bottomLeftCorner<3, 3>() = -skew(pose.translation);
-    result.covariance += moved * keyframe_motion_[reference] * moved.transpose();
+    FrameMotion other = keyframe_motion_[reference];
+    if (other.by_own_stack) widen(other.covariance, recent_shake());
+    result.covariance += moved * spread(other) * moved.transpose();
   }
-  return turned * own * turned.transpose();
+  Matrix6d turned = Matrix6d::Zero();
+  turned.topLeftCorner<3, 3>() = turned.bottomRightCorner<3, 3>() = pose.rotation.transpose();
+  own.pose_by_motion = turned * own.pose_by_motion;
+  return own;
 }
 
 // Decodes the first keyframe again as soon as the views after it determine its motion better than its own stack, and
 // once more when there are enough of them to determine it as well as that of a predicted view.
 void Mapper::improve_first_keyframe() {
   constexpr size_t kMostViews = 8;
+  constexpr int kStride = 6;
   if (!first_keyframe_ || track_.size() < first_keyframe_->views) return;
   const FirstKeyframe first = *std::exchange(first_keyframe_, std::nullopt);
   if (continuous_from_ > 0 || !in_motion_) return;
@@ -359,14 +409,31 @@ void Mapper::improve_first_keyframe() {
   motion.motion.velocity_m_s *= -1;
   motion.covariance.topRightCorner<6, 6>() *= -1;
   motion.covariance.bottomLeftCorner<6, 6>() *= -1;
-  const auto uncertainty = [](const Matrix12d& covariance) { return covariance.diagonal().head<6>().maxCoeff(); };
-  if (uncertainty(motion.covariance) >= uncertainty(first.motion.covariance)) return;
-  const ReconstructedView view = first.input.reconstruct({nullptr, motion});
-  if (!view.motion || !view.motion->converged) return;
-  map_.replace_frame(0, view.frame);
-  keyframe_motion_[0] = motion_covariance(view, first.input, view.frame, {});
+  widen(motion.covariance, recent_shake());
+  if (!first.input.depth_slopes) return;
+  ReconstructedView view = first.input.reconstruct({nullptr, motion, true});
+  if (!view.motion) return;
+  enter_stage("motion");
+  const Pose last_from_first = world_from_camera(track_.back()).inverse() * map_.keyframes()[0].world_from_camera;
+  const MotionRegistration found =
+      register_motion(last_frame_, view.frame, rig_.camera, last_from_first, first.input.depth_slopes(view, kStride),
+                      view.motion->motion, motion);
+  if (!found.valid) return;
+  const MotionPrior known{to_motion(to_vector(view.motion->motion) + found.step), found.motion_covariance};
+  view = first.input.reconstruct({nullptr, known, true});
+  const IcpResult moved =
+      point_to_plane_icp(last_frame_, view.frame, rig_.camera, found.target_from_source, options_.registration.icp);
+  if (!moved.converged) return;
+  // The views so far stay where they are; their keyframe's frame has moved.
+  const Pose new_from_old = moved.target_from_source.inverse() * last_from_first;
+  for (TrackedView& tracked : track_) {
+    if (tracked.keyframe == 0 && &tracked != &track_.front())
+      tracked.keyframe_from_camera = orthonormalised(new_from_old * tracked.keyframe_from_camera);
+  }
+  map_.replace_frame(0, view.frame, new_from_old);
+  keyframe_motion_[0] = frame_motion(view, first.input, view.frame, {});
   image_keyframe_ = -1;
-  if (first.views < kMostViews) first_keyframe_ = FirstKeyframe{first.input, *view.motion, 2 * first.views};
+  if (first.views < kMostViews) first_keyframe_ = FirstKeyframe{first.input, 2 * first.views};
 }
 
 // Predicts the motion during a stack from that of the last one, with accelerations in between.
@@ -389,9 +456,12 @@ MotionPrior Mapper::motion_like_last(double timestamp_s) const {
 // pose found on the way.
 Pose Mapper::estimate_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted,
                              const ExpectedView* expected, const MotionPrior& prior, MotionEffect& effect) {
-  constexpr int kRounds = 4;
+  constexpr int kRounds = 6;
   constexpr double kNegligible = 0.15;  // change of the depths, sigmas
   if (!input.depth_slopes || !result.motion) return predicted.world_from_camera;
+  const bool by_own_stack = result.motion->residuals > 0;
+  MotionPrior widened = prior;
+  widen(widened.covariance, recent_shake());
   Pose world_from_camera = predicted.world_from_camera;
   for (int round = 0; round < kRounds; ++round) {
     const int reference = best_reference(result.frame, world_from_camera);
@@ -403,8 +473,15 @@ Pose Mapper::estimate_motion(FrameResult& result, const MapperInput& input, cons
     const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(reference)].world_from_camera;
     const MotionRegistration found =
         register_motion(keyframe_image(reference), result.frame, rig_.camera,
-                        world_from_reference.inverse() * world_from_camera, slopes, result.motion->motion, prior);
+                        world_from_reference.inverse() * world_from_camera, slopes, result.motion->motion, widened);
     if (!found.valid) return predicted.world_from_camera;
+    const Vector12d change = to_vector(result.motion->motion) + found.step - to_vector(prior.motion);
+    if (note_shake(change, prior.covariance, by_own_stack)) {
+      widened = prior;
+      widen(widened.covariance, recent_shake());
+      world_from_camera = world_from_reference * found.target_from_source;
+      continue;
+    }
     world_from_camera = world_from_reference * found.target_from_source;
     effect = {reference, found.pose_by_motion};
     StackMotion motion = *result.motion;
@@ -419,11 +496,12 @@ Pose Mapper::estimate_motion(FrameResult& result, const MapperInput& input, cons
       result.motion->covariance = found.motion_covariance;
       break;
     }
-    reconstruct(result, input, {expected, MotionPrior{motion.motion, motion.covariance}});
+    reconstruct(result, input, {expected, MotionPrior{motion.motion, motion.covariance}, true});
     result.complete = !input.needs_prior;
-    // The images may disagree with each other without this making the registered motion wrong.
-    if (!result.motion->converged) result.motion = motion;
   }
+  // The ripples of the keyframe's own stack resemble those of this one: with errors as large as a vibration, they do not
+  // average out.
+  widen(result.motion->covariance, recent_shake());
   return world_from_camera;
 }
 
@@ -551,6 +629,9 @@ void Mapper::note_pose(FrameResult& result, const std::optional<Prediction>& pre
   track_.back().turn_rad2 = result.covariance.topLeftCorner<3, 3>().trace() / 3;
   track_.back().shift_m2 = result.covariance.bottomRightCorner<3, 3>().trace() / 3;
   if (in_motion_ && result.motion->residuals > 0) track_.back().own_motion = result.motion;
+  track_.back().angular_shake_rad2_s2 = shake_.angular_rad2_s2;
+  track_.back().velocity_shake_m2_s2 = shake_.velocity_m2_s2;
+  shake_ = {};
   if (!prediction_checked_) return;
   constexpr double kTurn_rad = 0.03 * std::numbers::pi / 180, kShift_m = 0.3e-3;
   const Vector6d error = difference(world_from_current, predicted->world_from_camera);

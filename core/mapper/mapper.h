@@ -92,8 +92,9 @@ class Mapper {
     double timestamp_s = 0;
     int keyframe = 0;
     Pose keyframe_from_camera;
-    double turn_rad2 = 0, shift_m2 = 0;          // mean variance of the pose's components
-    std::optional<StackMotion> own_motion = {};  // estimated from the stack without a prediction
+    double turn_rad2 = 0, shift_m2 = 0;                          // mean variance of the pose's components
+    std::optional<StackMotion> own_motion = {};                  // estimated from the stack without a prediction
+    double angular_shake_rad2_s2 = 0, velocity_shake_m2_s2 = 0;  // change of the motion that was not predicted
   };
 
   // The next view as expected from the last ones.
@@ -103,10 +104,21 @@ class Mapper {
     MotionPrior motion;
   };
 
+  // How the error of the motion during a stack changes the frame's pose.
+  struct FrameMotion {
+    Matrix6x12d pose_by_motion = Matrix6x12d::Zero();
+    Matrix12d covariance = Matrix12d::Zero();
+    bool by_own_stack = false;  // no other view has confirmed the motion
+  };
+
+  // Mean squares of the components of sudden changes of the motion between views.
+  struct Shake {
+    double angular_rad2_s2 = 0, velocity_m2_s2 = 0;
+  };
+
   // The first keyframe, to be decoded again once later views determine its motion better than its own stack.
   struct FirstKeyframe {
     MapperInput input;
-    StackMotion motion;
     size_t views = 4;  // in the track when it is decoded again
   };
 
@@ -135,9 +147,12 @@ class Mapper {
   bool follow_by_prediction(FrameResult& result, const MapperInput& input, const Prediction& predicted,
                             MotionEffect& effect);
   double largest_error_m(const Prediction& predicted) const;
-  Matrix6d motion_covariance(const ReconstructedView& view, const MapperInput& input, const Frame& target,
-                             const Pose& target_from_source) const;
-  Matrix6d add_motion_uncertainty(FrameResult& result, const MapperInput& input, const MotionEffect& effect);
+  FrameMotion frame_motion(const ReconstructedView& view, const MapperInput& input, const Frame& target,
+                           const Pose& target_from_source) const;
+  Shake recent_shake() const;
+  bool note_shake(const Vector12d& change, const Matrix12d& covariance, bool by_own_stack);
+  void widen(Matrix12d& covariance, const Shake& shake) const;
+  FrameMotion add_motion_uncertainty(FrameResult& result, const MapperInput& input, const MotionEffect& effect);
   void improve_first_keyframe();
   bool relocalize(FrameResult& result);
   bool leaves_keyframe(const FrameResult& result, const Pose& world_from_camera, int keyframe) const;
@@ -163,8 +178,9 @@ class Mapper {
   std::optional<StackMotion> last_motion_;
   bool in_motion_ = false;  // the last stack was exposed in motion
   int last_keyframe_ = -1;
-  size_t continuous_from_ = 0;             // first view of track_ since tracking was last lost
-  std::vector<Matrix6d> keyframe_motion_;  // covariance of each keyframe's frame due to its motion, in its own axes
+  size_t continuous_from_ = 0;                // first view of track_ since tracking was last lost
+  std::vector<FrameMotion> keyframe_motion_;  // of each keyframe, in its own axes
+  Shake shake_;                               // of the view that is being processed
   std::optional<FirstKeyframe> first_keyframe_;
 };
 
