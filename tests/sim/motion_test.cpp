@@ -10,6 +10,7 @@
 
 #include "core/decode/stack_motion.h"
 #include "core/mapper/pipeline.h"
+#include "core/types/linear_algebra.h"
 #include "sim/virtual_rig.h"
 
 namespace fringeslam::sim {
@@ -240,6 +241,43 @@ TEST(MovingRobot, IsTrackedWithThreeImagesPerView) {
     EXPECT_LT(rotation_rad(truth.inverse() * found), 3e-4) << i;
   }
   EXPECT_GE(predicted, 5);
+}
+
+// The poses' errors are those of the exposures' unknown accelerations, ten times what a smooth motion leaves.
+TEST(MovingRobot, VibrationWidensTheCovariance) {
+  constexpr double kDetected_s = 0.5;
+  std::vector<double> squared_sigmas, sigmas_m;
+  for (const uint64_t seed : {uint64_t{1}, uint64_t{2}}) {
+    SceneLoadOptions reading{seed};
+    reading.changes = {{"trajectory.continuous.speed_m_s", "0.3"},
+                       {"trajectory.continuous.vibration", "{amplitude_mm: 0.3, amplitude_deg: 0, band_hz: [5, 40]}"}};
+    const Scene scene = load_scene(std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop/scene.yaml", reading);
+    VirtualRig rig(scene, {});
+    Pipeline pipeline(rig.model(), scene.patterns, {}, {});
+    const Pose& mount = scene.rig.robot_from_camera;
+    std::vector<Pose> keyframes;
+    for (int i = 0; i < 16; ++i) {
+      SimulatedView view = *rig.simulate(pipeline.next_patterns());
+      const double time_s = view.stack.timestamp_s;
+      const Pose camera = view.truth.world_from_robot * mount;
+      const FrameResult result = pipeline.process(std::move(view.stack));
+      ASSERT_TRUE(has_pose(result.tracking)) << i;
+      if (result.keyframe >= 0) keyframes.push_back(camera);
+      if (result.tracking != Tracking::followed || time_s < kDetected_s) continue;
+      const Vector6d error = difference(result.registration.earlier_from_current,
+                                        keyframes[static_cast<size_t>(result.reference)].inverse() * camera);
+      squared_sigmas.push_back(error.dot(solve_symmetric(result.covariance, error)));
+      sigmas_m.push_back(std::sqrt(result.covariance.bottomRightCorner<3, 3>().trace()));
+    }
+  }
+  ASSERT_GE(squared_sigmas.size(), 10);
+  const auto median = [](std::vector<double> values) {
+    std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2), values.end());
+    return values[values.size() / 2];
+  };
+  EXPECT_LT(median(squared_sigmas), 13) << "95 % of a chi-square distribution with six degrees of freedom";
+  EXPECT_LT(*std::max_element(squared_sigmas.begin(), squared_sigmas.end()), 60);
+  EXPECT_LT(median(sigmas_m), 1e-3);
 }
 
 TEST(MovingRobot, AViewRateBeyondTheCameraIsAnError) {
