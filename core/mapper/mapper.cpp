@@ -327,16 +327,18 @@ Mapper::Shake Mapper::recent_shake() const {
   return most;
 }
 
-// Notes a change of the motion against its prediction, or against its estimate from the stack alone. Returns true if
-// it is clearly larger than those of the last views.
-bool Mapper::note_shake(const Vector12d& change, const Matrix12d& covariance, bool by_own_stack) {
+// Notes a change of the motion against its prediction. Returns true if it is clearly larger than those of the last views.
+bool Mapper::note_shake(const Vector12d& change, const Matrix12d& covariance) {
   constexpr double kSmooth = 1e-2;  // m/s or rad/s
   constexpr double kSigmas = 3, kClearly = 2;
+  constexpr size_t kFew = 4;
+  const bool few = track_.size() < continuous_from_ + kFew;
   const auto excess = [&](int first) {
-    // A predictor that has adapted to vibration predicts it widely; an estimate from the stack has errors of its own.
-    const double own = by_own_stack ? kSigmas * kSigmas * covariance.diagonal().segment<3>(first).mean() : 0;
+    // The first views are predicted from motions that their stacks determined by themselves. Later, the predictor adapts
+    // to vibration and predicts it widely.
+    const double doubtful = few ? kSigmas * kSigmas * covariance.diagonal().segment<3>(first).mean() : 0;
     const double square = change.segment<3>(first).squaredNorm() / 3;
-    return square > std::max(own, kSmooth * kSmooth) ? square : 0;
+    return square > std::max(doubtful, kSmooth * kSmooth) ? square : 0;
   };
   const Shake before = recent_shake();
   shake_ = {std::max(shake_.angular_rad2_s2, excess(0)), std::max(shake_.velocity_m2_s2, excess(3))};
@@ -476,7 +478,7 @@ Pose Mapper::estimate_motion(FrameResult& result, const MapperInput& input, cons
                         world_from_reference.inverse() * world_from_camera, slopes, result.motion->motion, widened);
     if (!found.valid) return predicted.world_from_camera;
     const Vector12d change = to_vector(result.motion->motion) + found.step - to_vector(prior.motion);
-    if (note_shake(change, prior.covariance, by_own_stack)) {
+    if (!by_own_stack && note_shake(change, prior.covariance)) {
       widened = prior;
       widen(widened.covariance, recent_shake());
       world_from_camera = world_from_reference * found.target_from_source;

@@ -150,7 +150,7 @@ class Mapper {
   FrameMotion frame_motion(const ReconstructedView& view, const MapperInput& input, const Frame& target,
                            const Pose& target_from_source) const;
   Shake recent_shake() const;
-  bool note_shake(const Vector12d& change, const Matrix12d& covariance, bool by_own_stack);
+  bool note_shake(const Vector12d& change, const Matrix12d& covariance);
   void widen(Matrix12d& covariance, const Shake& shake) const;
   FrameMotion add_motion_uncertainty(FrameResult& result, const MapperInput& input, const MotionEffect& effect);
   void improve_first_keyframe();
