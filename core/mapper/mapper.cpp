@@ -368,7 +368,7 @@ Mapper::FrameMotion Mapper::add_motion_uncertainty(FrameResult& result, const Ma
     own.by_own_stack = true;
     return own;
   }
-  if (!result.registration.refined) return {};
+  if (!has_pose(result.tracking)) return {};
   const Pose& pose = result.registration.earlier_from_current;
   const bool known = effect.reference == result.reference && result.motion;
   FrameMotion own = known ? FrameMotion{effect.pose_by_motion, result.motion->covariance}
@@ -539,6 +539,11 @@ bool Mapper::relocalize(FrameResult& result) {
   result.matches = std::move(located.with.matches);
   result.registration = std::move(located.registration);
   result.leaves_keyframe = false;
+  // Landmarks do not reveal that the keyframe is distorted by a motion that its own stack misjudged.
+  const auto reference = static_cast<size_t>(result.reference);
+  const bool doubtful = reference < keyframe_motion_.size() && keyframe_motion_[reference].by_own_stack &&
+                        !keyframe_motion_[reference].covariance.isZero(0);
+  if (doubtful && !result.registration.refined) result.registration.found = false;
   if (!result.registration.found) return false;
   result.covariance = result.registration.covariance;
   result.tracking = result.registration.refined ? Tracking::refined : Tracking::landmarks;
