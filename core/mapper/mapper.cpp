@@ -321,8 +321,8 @@ Mapper::Shake Mapper::recent_shake() const {
   Shake most = shake_;
   const size_t first = std::max(continuous_from_, track_.size() - std::min(kViews, track_.size()));
   for (size_t i = first; i < track_.size(); ++i) {
-    most.angular_rad2_s2 = std::max(most.angular_rad2_s2, track_[i].angular_shake_rad2_s2);
-    most.velocity_m2_s2 = std::max(most.velocity_m2_s2, track_[i].velocity_shake_m2_s2);
+    most.angular_rad2_s2 = std::max(most.angular_rad2_s2, track_[i].shake.angular_rad2_s2);
+    most.velocity_m2_s2 = std::max(most.velocity_m2_s2, track_[i].shake.velocity_m2_s2);
   }
   return most;
 }
@@ -365,7 +365,7 @@ Mapper::FrameMotion Mapper::add_motion_uncertainty(FrameResult& result, const Ma
   };
   if (result.tracking == Tracking::first) {
     FrameMotion own = frame_motion(result, input, result.frame, {});
-    own.by_own_stack = true;
+    own.by_own_stack = result.motion && !result.motion->motion.is_still();
     return own;
   }
   if (!has_pose(result.tracking)) return {};
@@ -541,8 +541,7 @@ bool Mapper::relocalize(FrameResult& result) {
   result.leaves_keyframe = false;
   // Landmarks do not reveal that the keyframe is distorted by a motion that its own stack misjudged.
   const auto reference = static_cast<size_t>(result.reference);
-  const bool doubtful = reference < keyframe_motion_.size() && keyframe_motion_[reference].by_own_stack &&
-                        !keyframe_motion_[reference].covariance.isZero(0);
+  const bool doubtful = reference < keyframe_motion_.size() && keyframe_motion_[reference].by_own_stack;
   if (doubtful && !result.registration.refined) result.registration.found = false;
   if (!result.registration.found) return false;
   result.covariance = result.registration.covariance;
@@ -636,9 +635,7 @@ void Mapper::note_pose(FrameResult& result, const std::optional<Prediction>& pre
   track_.back().turn_rad2 = result.covariance.topLeftCorner<3, 3>().trace() / 3;
   track_.back().shift_m2 = result.covariance.bottomRightCorner<3, 3>().trace() / 3;
   if (in_motion_ && result.motion->residuals > 0) track_.back().own_motion = result.motion;
-  track_.back().angular_shake_rad2_s2 = shake_.angular_rad2_s2;
-  track_.back().velocity_shake_m2_s2 = shake_.velocity_m2_s2;
-  shake_ = {};
+  track_.back().shake = shake_;
   if (!prediction_checked_) return;
   constexpr double kTurn_rad = 0.03 * std::numbers::pi / 180, kShift_m = 0.3e-3;
   const Vector6d error = difference(world_from_current, predicted->world_from_camera);

@@ -87,14 +87,19 @@ class Mapper {
   Pose world_from_camera(int view) const { return world_from_camera(track_[static_cast<size_t>(view)]); }
 
  private:
+  // Mean squares of the components of sudden changes of the motion between views.
+  struct Shake {
+    double angular_rad2_s2 = 0, velocity_m2_s2 = 0;
+  };
+
   // A tracked view and its pose relative to a keyframe, which moves when loops are closed.
   struct TrackedView {
     double timestamp_s = 0;
     int keyframe = 0;
     Pose keyframe_from_camera;
-    double turn_rad2 = 0, shift_m2 = 0;                          // mean variance of the pose's components
-    std::optional<StackMotion> own_motion = {};                  // estimated from the stack without a prediction
-    double angular_shake_rad2_s2 = 0, velocity_shake_m2_s2 = 0;  // change of the motion that was not predicted
+    double turn_rad2 = 0, shift_m2 = 0;          // mean variance of the pose's components
+    std::optional<StackMotion> own_motion = {};  // estimated from the stack without a prediction
+    Shake shake = {};                            // against the prediction
   };
 
   // The next view as expected from the last ones.
@@ -109,11 +114,6 @@ class Mapper {
     Matrix6x12d pose_by_motion = Matrix6x12d::Zero();
     Matrix12d covariance = Matrix12d::Zero();
     bool by_own_stack = false;  // no other view has confirmed the motion
-  };
-
-  // Mean squares of the components of sudden changes of the motion between views.
-  struct Shake {
-    double angular_rad2_s2 = 0, velocity_m2_s2 = 0;
   };
 
   // The first keyframe, to be decoded again once later views determine its motion better than its own stack.
