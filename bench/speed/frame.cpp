@@ -39,7 +39,7 @@ struct Latencies {
 // Fuses the surface of all views with their final poses.
 double frames_per_s(const LoopScene& loop) {
   LoopRig rig(loop, 1);
-  Pipeline pipeline(loop.scene.rig, loop.scene.patterns, loop.pipeline, loop.scene.trajectory[0].world_from_robot);
+  Pipeline pipeline(loop.scene.rig, loop.scene.patterns, {}, loop.scene.trajectory[0].world_from_robot);
   const double mapped_s = seconds_of([&] {
     Driver driver(rig, pipeline);
     while (driver.next()) {
@@ -55,7 +55,7 @@ double frames_per_s(const LoopScene& loop) {
 // Processes one view at a time and prints each stage's share.
 void time_stages(const LoopScene& loop, Latencies& latencies) {
   StageClock clock;
-  Pipeline pipeline(loop.scene.rig, loop.scene.patterns, loop.pipeline, loop.scene.trajectory[0].world_from_robot);
+  Pipeline pipeline(loop.scene.rig, loop.scene.patterns, {}, loop.scene.trajectory[0].world_from_robot);
   const StageClock::Use use(clock);
   const double seconds = seconds_of([&] {
     for (const FringeStack& stack : loop.stacks) {

@@ -5,6 +5,7 @@
 #include <string>
 #include <utility>
 
+#include "core/mapper/pipeline.h"
 #include "sim/virtual_rig.h"
 
 namespace fringeslam::bench {
@@ -40,9 +41,8 @@ LoopScene rendered_loop_in_motion(int views) {
   sim::SceneLoadOptions reading;
   reading.changes = {{"trajectory.continuous.speed_m_s", "0.3"}};
   LoopScene loop{loaded(reading), {}};
-  loop.pipeline.decode.unwrapping = Unwrapping::predicted;
   sim::VirtualRig rig(loop.scene, {});
-  Pipeline pipeline(loop.scene.rig, loop.scene.patterns, loop.pipeline, loop.scene.trajectory[0].world_from_robot);
+  Pipeline pipeline(loop.scene.rig, loop.scene.patterns, {}, loop.scene.trajectory[0].world_from_robot);
   while (loop.stacks.size() < static_cast<size_t>(views)) {
     auto stack = rig.capture(pipeline.next_patterns());
     if (!stack) break;

@@ -4,7 +4,6 @@
 
 #include <vector>
 
-#include "core/mapper/pipeline.h"
 #include "core/rig/rig.h"
 #include "sim/scene/scene.h"
 
@@ -13,7 +12,6 @@ namespace fringeslam::bench {
 struct LoopScene {
   sim::Scene scene;
   std::vector<FringeStack> stacks;
-  PipelineOptions pipeline = {};  // that the stacks were captured for
 };
 // Renders the scene as defined: 7.5 cm between views.
 LoopScene rendered_loop();
