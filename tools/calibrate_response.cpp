@@ -10,7 +10,7 @@
 #include "core/io/setting_groups.h"
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
-#include "tools/report/curve.h"
+#include "tools/report/plot.h"
 #include "tools/verbs.h"
 
 namespace fringeslam::tools {
@@ -111,6 +111,17 @@ std::string to_table(const Response& response, const PhaseCorrection& correction
   return text;
 }
 
+cv::Mat3b picture_of(const Response& response) {
+  Plot plot{{"projector input"}, {"light"}, {{{{0, 0}, {1, 1}}, {90, 90, 90}, 1}, {}}, {{}}};
+  const double last = static_cast<double>(response.table.size() - 1);
+  for (size_t i = 0; i < response.table.size(); ++i)
+    plot.lines[1].points.emplace_back(static_cast<double>(i) / last, response.table[i]);
+  for (size_t i = 0; i < response.level.size(); ++i)
+    plot.marks[0].points.emplace_back(response.level[i], response.light[i]);
+  plot.marks[0].sigma = response.sigma;
+  return draw(plot);
+}
+
 int calibrate(const CalibrateResponseArguments& arguments, const Common& common) {
   ResponseSettings settings;
   apply_settings(settings, arguments.sets);
@@ -147,7 +158,7 @@ int calibrate(const CalibrateResponseArguments& arguments, const Common& common)
   }
   write_text(folder.path() / "rig.yaml", to_yaml(rig));
   write_text(folder.path() / "response.json", to_json(response, rig.phase_correction).dump(2) + "\n");
-  write_png(folder.path() / "response.png", curve_picture(response));
+  write_png(folder.path() / "response.png", picture_of(response));
   folder.commit();
   if (common.json)
     std::printf("%s\n", to_json(response, rig.phase_correction).dump(2).c_str());

@@ -5,9 +5,13 @@
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 
+#include "core/calibrate/camera_noise.h"
 #include "core/rig/dataset.h"
+#include "core/rig/rig_file.h"
 #include "tools/progress.h"
+#include "tools/report/noise_report.h"
 #include "tools/verbs.h"
 
 namespace fringeslam::tools {
@@ -18,11 +22,68 @@ namespace {
 
 constexpr const char* kImportFile = "import.yaml";
 
+// Noise parameters of the imported rig and their description for the user.
+struct ImportedNoise {
+  SensorModel sensor;
+  std::optional<CameraNoise> measured;
+  std::string summary;
+  std::vector<std::string> warnings;
+};
+
+std::string summary_of(const CameraNoise& noise) {
+  char text[200];
+  const NoiseInterval &gain = noise.gain_dn_per_electron, &dark = noise.dark_noise_electrons;
+  std::snprintf(text, sizeof text,
+                "measured: gain %.4g DN/electron (%.4g to %.4g), dark noise %.3g electrons (%.3g to %.3g), offset %.3g "
+                "DN; %lld samples",
+                gain.value, gain.low, gain.high, dark.value, dark.low, dark.high, noise.offset_dn.value,
+                static_cast<long long>(noise.samples));
+  return text;
+}
+
+// Measures the noise from the first stacks, or reads it, as import.yaml requests.
+ImportedNoise noise_of(const ImportPlan& plan) {
+  constexpr int kStacks = 8;
+  ImportedRig rig(plan);
+  ImportedNoise result{rig.model().sensor, {}, "", {}};
+  if (plan.camera.noise == NoiseSource::defaults) {
+    result.summary = "as described in " + plan.config.filename().string() + ", otherwise defaults";
+    return result;
+  }
+  if (plan.camera.noise == NoiseSource::file) {
+    result.sensor = read_rig(plan.camera.noise_file).sensor;
+    result.summary = "from " + plan.camera.noise_file.string();
+    return result;
+  }
+  NoiseEstimator estimator(result.sensor, {});
+  for (int i = 0; i < kStacks; ++i) {
+    const auto stack = rig.capture(rig.sequence());
+    if (!stack) break;
+    estimator.add(*stack);
+  }
+  try {
+    result.measured = estimator.estimate();
+    result.sensor = result.measured->sensor;
+    result.summary = summary_of(*result.measured);
+    result.warnings = warnings_of(*result.measured);
+  } catch (const Error& e) {
+    if (plan.camera.noise == NoiseSource::measured)
+      throw Error(plan.config.string() + ": camera.noise: measured: " + e.what());
+    result.summary = "defaults";
+    result.warnings.push_back(
+        "the camera's noise is unknown, so sigmas may be wrong by a factor of two: " + std::string(e.what()) +
+        "; or set `camera: {noise: FILE}` with a rig.yaml of `fringeslam calibrate noise`");
+  }
+  return result;
+}
+
 int import_folder(const fs::path& source, const fs::path& config, const std::string& out, const Common& common) {
   ImportPlan plan = read_import(config, source);
   const size_t stacks = plan.stacks.size(), images = plan.sequence.patterns.size();
   const std::string name = plan.rig.name, board_yaml = plan.board_yaml;
+  const ImportedNoise noise = noise_of(plan);
   ImportedRig rig(std::move(plan));
+  rig.set_sensor(noise.sensor);
   StagedFolder folder(out, "dataset");
   RecordingRig recording(rig, folder.path());
   {
@@ -31,15 +92,25 @@ int import_folder(const fs::path& source, const fs::path& config, const std::str
   }
   if (!board_yaml.empty()) write_text(folder.path() / "board.yaml", board_yaml);
   recording.finish(name, 0, false);
+  if (noise.measured) {
+    write_text(folder.path() / "noise.json", to_json(*noise.measured).dump(2) + "\n");
+    write_png(folder.path() / "noise.png", picture_of(*noise.measured, noise.measured->sensor));
+  }
   folder.commit();
   const RigModel& model = rig.model();
+  for (const std::string& warning : noise.warnings) std::fprintf(stderr, "warning: %s\n", warning.c_str());
   if (common.json) {
     const nlohmann::ordered_json json = {
-        {"dataset", out}, {"stacks", stacks}, {"images_per_stack", images}, {"calibrated", model.calibrated}};
+        {"dataset", out},
+        {"stacks", stacks},
+        {"images_per_stack", images},
+        {"calibrated", model.calibrated},
+        {"noise", noise.measured ? to_json(*noise.measured) : nlohmann::ordered_json(noise.summary)}};
     std::printf("%s\n", json.dump().c_str());
   } else if (!common.quiet) {
     std::printf("dataset: %s (%zu x %zu images, %dx%d px%s)\n", out.c_str(), stacks, images, model.camera.width,
                 model.camera.height, model.calibrated ? "" : "; not calibrated: run fringeslam calibrate rig");
+    std::printf("camera noise: %s\n", noise.summary.c_str());
   }
   return 0;
 }

@@ -44,6 +44,7 @@ Verb add_landmarks(Command app, const Common& common);
 Verb add_info(Command app, const Common& common);
 Verb add_calibrate(Command app, const Common& common);
 Verb add_calibrate_rig(Command group, const Common& common);
+Verb add_calibrate_noise(Command group, const Common& common);
 Verb add_calibrate_response(Command group, const Common& common);
 Verb add_calibrate_stage(Command group, const Common& common);
 Verb add_import(Command app, const Common& common);

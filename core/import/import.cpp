@@ -76,6 +76,13 @@ ImportedRig::ImportedRig(ImportPlan plan) : plan_(std::move(plan)), model_(plan_
   check_rig(model_, plan_.config);
 }
 
+void ImportedRig::set_sensor(const SensorModel& sensor) {
+  if (sensor.bits != model_.sensor.bits)
+    throw Error(first_.string() + ": has " + std::to_string(model_.sensor.bits) +
+                " bits per pixel, but the noise parameters are for a camera with " + std::to_string(sensor.bits));
+  model_.sensor = sensor;
+}
+
 cv::Mat ImportedRig::read(const fs::path& file) const {
   cv::Mat image = read_as_grey(file, plan_.camera.grey_from);
   if (image.cols != model_.camera.width || image.rows != model_.camera.height)

@@ -19,6 +19,8 @@ class ImportedRig : public Rig {
   // has grey values above its bit depth.
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
   bool can_change_patterns() const override { return false; }
+  // Replaces the noise parameters. Throws Error if the bit depth differs.
+  void set_sensor(const SensorModel& sensor);
 
  private:
   cv::Mat read(const std::filesystem::path& file) const;

@@ -83,7 +83,8 @@ double read_period(const YamlMap& map, int length_px) {
   if (!map.has("number_of_periods")) return map.number("period_px", kImagePeriod);
   if (map.has("period_px")) throw map.error("number_of_periods", "specify period_px or number_of_periods, not both");
   const double period = length_px / map.number("number_of_periods", {1e-3, 1e4});
-  if (!kImagePeriod.contains(period)) throw map.error("number_of_periods", range_error("the period", period, kImagePeriod));
+  if (!kImagePeriod.contains(period))
+    throw map.error("number_of_periods", range_error("the period", period, kImagePeriod));
   return period;
 }
 
@@ -402,7 +403,35 @@ RigModel read_rig_parts(const YamlMap& map, const std::string& name, const fs::p
   return rig;
 }
 
-ImportCamera read_camera(const YamlMap& map) {
+// `noise: measured | default | FILE`.
+void read_noise_source(const YamlMap& map, const fs::path& folder, ImportCamera& camera) {
+  const bool described = camera.gain_dn_per_electron >= 0 || camera.dark_noise_electrons >= 0;
+  if (!map.has("noise")) {
+    if (described) camera.noise = NoiseSource::defaults;
+    return;
+  }
+  const std::string source = map.text("noise");
+  if (source == "default") {
+    camera.noise = NoiseSource::defaults;
+    return;
+  }
+  if (described)
+    throw map.error(
+        "noise", "specify either gain_dn_per_electron and dark_noise_electrons or `noise: " + source + "`, not both");
+  if (source == "measured") {
+    camera.noise = NoiseSource::measured;
+    return;
+  }
+  camera.noise = NoiseSource::file;
+  for (const fs::path& candidate : {map.folder() / source, folder / source}) {
+    if (fs::is_regular_file(candidate)) camera.noise_file = candidate;
+  }
+  if (camera.noise_file.empty())
+    throw map.error("noise", "'noise' must be measured, default or a rig.yaml file; " + source +
+                                 " is neither next to this file nor in " + folder.string());
+}
+
+ImportCamera read_camera(const YamlMap& map, const fs::path& folder) {
   ImportCamera camera;
   if (map.has("bits")) camera.bits = map.integer("bits", {8, 16});
   camera.msb_aligned = map.boolean_or("msb_aligned", false);
@@ -412,6 +441,7 @@ ImportCamera read_camera(const YamlMap& map) {
   camera.dark_noise_electrons = map.number_or("dark_noise_electrons", -1, {0, 1e5});
   camera.full_well_electrons = map.number_or("full_well_electrons", -1, {1, 1e9});
   camera.offset_dn = map.number_or("offset_dn", -1, {0, 3e4});
+  read_noise_source(map, folder, camera);
   return camera;
 }
 
@@ -430,7 +460,7 @@ ImportPlan read_import(const fs::path& config, const fs::path& folder) {
   ImportPlan plan;
   plan.config = config;
   plan.rig = read_rig_parts(map, map.text("name"), folder);
-  if (map.has("camera")) plan.camera = read_camera(map.map("camera"));
+  if (map.has("camera")) plan.camera = read_camera(map.map("camera"), folder);
   plan.interval_s = map.number_or("interval_s", plan.interval_s, {1e-6, 1e6});
   plan.exposure_s = map.number_or("exposure_s", plan.exposure_s, {1e-9, 1e3});
   if (map.has("board")) plan.board_yaml = read_board(map.map("board"));

@@ -25,12 +25,17 @@
 
 namespace fringeslam {
 
+// Origin of the camera's noise parameters. automatic: measured if the images allow it, otherwise defaults.
+enum class NoiseSource { automatic, measured, defaults, file };
+
 // Camera parameters that the file may omit; negative values are replaced by defaults for the bit depth of the images.
 struct ImportCamera {
   int bits = 0;              // 0: bit depth of the image files
   bool msb_aligned = false;  // values occupy the most significant bits
   GreyFrom grey_from = GreyFrom::luminance;
   double gain_dn_per_electron = -1, dark_noise_electrons = -1, full_well_electrons = -1, offset_dn = -1;
+  NoiseSource noise = NoiseSource::automatic;
+  std::filesystem::path noise_file;  // rig.yaml with the noise parameters, for NoiseSource::file
 };
 
 struct ImportPlan {

@@ -130,6 +130,27 @@ TEST_F(Calibrate, ResponseOfAGamma) {
   EXPECT_THAT(refused.err, HasSubstr("neither a grey ramp of 5 levels or more nor 8 or more steps"));
 }
 
+TEST_F(Calibrate, NoiseOfTheCamera) {
+  const std::string material =
+      "{grain: checkerboard, columns: 9, rows: 9, spacing_m: 0.02, albedo: 0.8, print_albedo: 0.1}";
+  const std::string dataset = rendered("noise", "{steps: 12, periods_px: [64]}", material, "{}");
+  const auto measured = run_program({"calibrate", "noise", dataset, "--out", at("measured"), "--json"});
+  ASSERT_EQ(measured.exit_code, 0) << measured.err;
+  const json printed = json::parse(measured.out);
+  EXPECT_NEAR(printed.at("gain_dn_per_electron").at("value"), 0.0068, 0.05 * 0.0068);
+  const RigModel rig = read_rig(temp_ / "measured/rig.yaml");
+  for (const double grey : {40.0, 120.0, 200.0}) {
+    const double truth = 0.0068 * (grey - 2) + std::pow(0.0068 * 25, 2) + 1.0 / 12;
+    EXPECT_NEAR(rig.sensor.variance_dn2(grey) / truth, 1, 0.05) << grey;
+  }
+  EXPECT_TRUE(test::fs::exists(temp_ / "measured/noise.png"));
+  const std::string plain = rendered("plain", "{steps: 3, periods_px: [1040]}", material, "{}");
+  const auto refused = run_program({"calibrate", "noise", plain, "--out", at("none")});
+  EXPECT_EQ(refused.exit_code, 2);
+  EXPECT_THAT(refused.err, HasSubstr("the images contain no redundancy that shows noise"));
+  EXPECT_FALSE(test::fs::exists(temp_ / "none"));
+}
+
 TEST_F(Calibrate, StageFromCommandedMotions) {
   board_ = "kind: checkerboard\ncolumns: 7\nrows: 6\nspacing_m: 0.016\n";
   const std::string material =

@@ -615,6 +615,32 @@ TEST(OpenCvFiles, RoundedRotationsBecomeRotations) {
   EXPECT_LT((r - rig.projector_from_camera.rotation).norm(), 2e-5);
 }
 
+TEST_F(ImportErrors, SourcesOfTheNoise) {
+  expect_refused("projector: {width", "camera: {noise: none.yaml}\nprojector: {width",
+                 "'noise' must be measured, default or a rig.yaml file; none.yaml is neither next to this file nor in");
+  expect_refused("projector: {width", "camera: {noise: measured, gain_dn_per_electron: 1}\nprojector: {width",
+                 "specify either gain_dn_per_electron and dark_noise_electrons or `noise: measured`, not both");
+  const auto import_with = [&](const std::string& camera) {
+    test::write_bytes(temp_ / "in/import.yaml", camera + kGood);
+    return test::run_program({"import", (temp_ / "in").string(), "--out", (temp_ / "out").string()});
+  };
+  const auto gain = [&] { return ReplayRig(temp_ / "out").model().sensor.gain_dn_per_electron; };
+  EXPECT_THAT(import_with("").err, HasSubstr("warning: the camera's noise is unknown"));
+  EXPECT_THAT(import_with("camera: {noise: default}\n").err, testing::Not(HasSubstr("warning")));
+  const auto measured = import_with("camera: {noise: measured}\n");
+  EXPECT_EQ(measured.exit_code, 2);
+  EXPECT_THAT(measured.err, HasSubstr("import.yaml: camera.noise: measured: the images contain no redundancy"));
+  RigModel rig = toy_rig();
+  rig.name = "other";
+  rig.sensor.gain_dn_per_electron = 0.02;
+  write_text(temp_ / "in/other.yaml", to_yaml(rig));
+  EXPECT_EQ(import_with("camera: {noise: other.yaml}\n").exit_code, 0);
+  EXPECT_EQ(gain(), 0.02);
+  rig.sensor.bits = 12;
+  write_text(temp_ / "in/other.yaml", to_yaml(rig));
+  EXPECT_THAT(import_with("camera: {noise: other.yaml}\n").err, HasSubstr("for a camera with 12"));
+}
+
 // --- a real capture, if available ---
 
 TEST(Captures, ReliefIsMeasured) {
