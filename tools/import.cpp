@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "core/calibrate/camera_noise.h"
+#include "core/check/conventions.h"
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
 #include "tools/progress.h"
@@ -77,11 +78,35 @@ ImportedNoise noise_of(const ImportPlan& plan) {
   return result;
 }
 
-int import_folder(const fs::path& source, const fs::path& config, const std::string& out, const Common& common) {
+// Compares the described conventions with alternatives on the first stack. Throws Error if one fits far better; returns
+// warnings otherwise.
+std::vector<std::string> check_of(const ImportPlan& plan, const SensorModel& sensor) {
+  ImportedRig rig(plan);
+  rig.set_sensor(sensor);
+  const auto stack = rig.capture(rig.sequence());
+  if (!stack) return {};
+  ConventionReport report;
+  try {
+    report = check_conventions(*stack, rig.model(), plan.offset_rad);
+  } catch (const Error& e) {
+    return {"the described conventions were not checked: " + std::string(e.what())};
+  }
+  if (report.verdict == ConventionReport::Verdict::fits) return {};
+  const std::string message = plan.config.string() + ": " + report.message;
+  if (report.verdict == ConventionReport::Verdict::wrong)
+    throw Error(message + "; correct the description, or pass --no-check to import it as it is");
+  return {message};
+}
+
+int import_folder(const fs::path& source, const fs::path& config, const std::string& out, bool check,
+                  const Common& common) {
   ImportPlan plan = read_import(config, source);
   const size_t stacks = plan.stacks.size(), images = plan.sequence.patterns.size();
   const std::string name = plan.rig.name, board_yaml = plan.board_yaml;
-  const ImportedNoise noise = noise_of(plan);
+  ImportedNoise noise = noise_of(plan);
+  if (check) {
+    for (std::string& warning : check_of(plan, noise.sensor)) noise.warnings.push_back(std::move(warning));
+  }
   ImportedRig rig(std::move(plan));
   rig.set_sensor(noise.sensor);
   StagedFolder folder(out, "dataset");
@@ -120,15 +145,18 @@ int import_folder(const fs::path& source, const fs::path& config, const std::str
 Verb add_import(Command app, const Common& common) {
   struct ImportArguments {
     std::string folder, config, out;
+    bool unchecked = false;
   };
   auto a = std::make_shared<ImportArguments>();
   const Command verb = app.add_subcommand("import", "Convert the images of any structured-light rig to a dataset");
   verb.add_option("folder", a->folder, "Folder with the images").required();
   verb.add_option("--config", a->config, "Description of the images (default: FOLDER/import.yaml)");
   verb.add_option("--out", a->out, "Dataset folder to write").required();
+  verb.add_flag("--no-check", a->unchecked, "Import even if other conventions fit the images far better");
   return [a, &common] {
     const fs::path folder(a->folder);
-    return import_folder(folder, a->config.empty() ? folder / kImportFile : fs::path(a->config), a->out, common);
+    return import_folder(folder, a->config.empty() ? folder / kImportFile : fs::path(a->config), a->out, !a->unchecked,
+                         common);
   };
 }
 

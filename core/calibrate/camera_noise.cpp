@@ -12,6 +12,7 @@
 #include "core/calibrate/median.h"
 #include "core/patterns/patterns.h"
 #include "core/types/error.h"
+#include "core/types/grey_value.h"
 #include "core/types/linear_algebra.h"
 
 namespace fringeslam {
@@ -139,17 +140,6 @@ StackModel model_of(const PatternSequence& sequence) {
 
 // --- pixels ---
 
-float grey_at(const cv::Mat& image, int row, int col) {
-  switch (image.depth()) {
-    case CV_8U:
-      return image.at<uint8_t>(row, col);
-    case CV_16U:
-      return image.at<uint16_t>(row, col);
-    default:
-      return image.at<float>(row, col);
-  }
-}
-
 uint8_t block_of(int row, int col, const cv::Size& size) {
   const int r = row * kTiles / size.height, c = col * kTiles / size.width;
   return static_cast<uint8_t>(r % 4 * 4 + c % 4);
@@ -172,7 +162,7 @@ struct PixelFit {
   bool fit(const StackModel& model, const FringeStack& stack, int row, int col, double limit_dn) {
     grey.resize(static_cast<int>(model.images.size()));
     for (size_t i = 0; i < model.images.size(); ++i) {
-      const float y = grey_at(stack.images[static_cast<size_t>(model.images[i])], row, col);
+      const float y = grey_value(stack.images[static_cast<size_t>(model.images[i])], row, col);
       if (!(static_cast<double>(y) < limit_dn)) return false;
       grey[static_cast<int>(i)] = static_cast<double>(y);
     }
@@ -338,7 +328,7 @@ void NoiseEstimator::add(const FringeStack& stack) {
   const cv::Size size = stack.images[0].size();
   for (const cv::Mat& image : stack.images) {
     for_grid(size, options_.max_pixels, [&](int row, int col) {
-      const double level = static_cast<double>(grey_at(image, row, col)) / prior_.max_dn() * 255;
+      const double level = static_cast<double>(grey_value(image, row, col)) / prior_.max_dn() * 255;
       ++histogram_[static_cast<size_t>(std::clamp(level, 0.0, 255.0))];
     });
   }
@@ -441,18 +431,21 @@ void NoiseEstimator::add_differences(const FringeStack& stack) {
     const cv::Mat &now = stack.images[i], &before = previous_[i];
     double products = 0, squares = 0;
     for_grid(size, options_.max_pixels, [&](int row, int col) {
-      const double a = static_cast<double>(grey_at(now, row, col)), b = static_cast<double>(grey_at(before, row, col));
+      const double a = static_cast<double>(grey_value(now, row, col)),
+                   b = static_cast<double>(grey_value(before, row, col));
       if (a >= limit_dn || b >= limit_dn) return;
       products += a * b, squares += b * b;
     });
     if (squares == 0) continue;
     const double factor = products / squares, norm = std::sqrt(1 + factor * factor);
     const auto difference = [&](int row, int col) {
-      return (static_cast<double>(grey_at(now, row, col)) - factor * static_cast<double>(grey_at(before, row, col))) /
+      return (static_cast<double>(grey_value(now, row, col)) -
+              factor * static_cast<double>(grey_value(before, row, col))) /
              norm;
     };
     for_grid(size, std::max(1000, options_.max_pixels / static_cast<int>(stack.images.size())), [&](int row, int col) {
-      const double a = static_cast<double>(grey_at(now, row, col)), b = static_cast<double>(grey_at(before, row, col));
+      const double a = static_cast<double>(grey_value(now, row, col)),
+                   b = static_cast<double>(grey_value(before, row, col));
       if (a >= limit_dn || b >= limit_dn) return;
       const double grey = 0.5 * (a + b), noise = difference(row, col);
       samples.push_back(

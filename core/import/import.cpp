@@ -49,7 +49,8 @@ void check_rig(const RigModel& rig, const fs::path& config) {
   } catch (const Error& e) {
     // Remove the location: its line refers to a text that is not stored anywhere.
     const std::string message = e.what();
-    throw Error(config.string() + ": the described rig is invalid: " + message.substr(message.find(": ") + 2));
+    throw Error(config.string() + ": the described rig is invalid: " + message.substr(message.find(": ") + 2) +
+                (rig.calibrated ? " (check unit_m, direction, near_m and far_m)" : ""));
   }
 }
 

@@ -37,6 +37,7 @@ struct Entry {
   std::vector<Pattern> patterns;
   std::vector<std::string> files;
   std::vector<double> inverse_response;  // from `sequence`
+  double offset_rad = 0;                 // phase shift of step 0 of `fringe`
 };
 
 // Formats a file name such as "img_{:02d}.png" or "img_%02d.png" with a number.
@@ -115,14 +116,14 @@ std::vector<double> read_shifts_deg(const YamlMap& map, bool single) {
   return shifts;
 }
 
-std::vector<Pattern> read_fringe(const YamlMap& map, bool single, const cv::Size& projector) {
+std::vector<Pattern> read_fringe(const YamlMap& map, bool single, const cv::Size& projector, double& offset_rad) {
   Pattern pattern;
   pattern.axis = map.choice<Axis>("axis");
   pattern.period_px = read_period(map, pattern.axis == Axis::columns ? projector.width : projector.height);
-  const double offset = phase_offset_rad(map, pattern.period_px);
+  offset_rad = phase_offset_rad(map, pattern.period_px);
   std::vector<Pattern> patterns;
   for (const double shift_deg : read_shifts_deg(map, single)) {
-    pattern.shift_rad = std::remainder(offset + radians(shift_deg), 2 * std::numbers::pi);
+    pattern.shift_rad = std::remainder(offset_rad + radians(shift_deg), 2 * std::numbers::pi);
     patterns.push_back(pattern);
   }
   return patterns;
@@ -186,12 +187,12 @@ PatternSequence read_sequence(const YamlMap& map, const cv::Size& projector) {
   return sequence;
 }
 
-std::vector<Pattern> read_coding(const YamlMap& map, bool single, const cv::Size& projector) {
+std::vector<Pattern> read_coding(const YamlMap& map, bool single, const cv::Size& projector, double& offset_rad) {
   const bool white = map.boolean_or("white", false), black = map.boolean_or("black", false);
   if (map.has("fringe") + map.has("gray") + map.has("flat") + white + black != 1)
     throw map.error(
         "an entry of patterns must have exactly one of fringe, gray, flat, white: true, black: true and sequence");
-  if (map.has("fringe")) return read_fringe(map.map("fringe"), single, projector);
+  if (map.has("fringe")) return read_fringe(map.map("fringe"), single, projector, offset_rad);
   if (map.has("gray")) return read_gray(map.map("gray"), single, projector);
   if (white || black) return {flat(white ? 1 : 0)};
   if (single) return {flat(map.number("flat", {0, 1}))};
@@ -203,7 +204,7 @@ std::vector<Pattern> read_coding(const YamlMap& map, bool single, const cv::Size
 std::vector<Entry> read_entries(const YamlMap& map, const cv::Size& projector) {
   std::vector<Entry> entries;
   for (const YamlMap& line : map.maps("patterns")) {
-    Entry entry{line, line.has("file"), {}, {}, {}};
+    Entry entry{line, line.has("file"), {}, {}, {}, 0};
     if (entry.single == line.has("files"))
       throw line.error("an entry of patterns needs either `file` for one image or `files` for several, not both");
     if (!entry.single && line.has("sequence")) {
@@ -211,7 +212,7 @@ std::vector<Entry> read_entries(const YamlMap& map, const cv::Size& projector) {
       entry.patterns = std::move(sequence.patterns);
       entry.inverse_response = std::move(sequence.inverse_response);
     } else {
-      entry.patterns = read_coding(line, entry.single, projector);
+      entry.patterns = read_coding(line, entry.single, projector, entry.offset_rad);
     }
     entry.files = entry_files(entry);
     entries.push_back(std::move(entry));
@@ -470,6 +471,8 @@ ImportPlan read_import(const fs::path& config, const fs::path& folder) {
   const std::vector<fs::path> stacks = stack_folders(map, folder);
   map.finish();  // report misspelt keys before their consequences
   plan.sequence = sequence_of(entries, projector, map);
+  for (const Entry& entry : entries)
+    plan.offset_rad.insert(plan.offset_rad.end(), entry.patterns.size(), entry.offset_rad);
   for (const fs::path& stack : stacks) {
     plan.stacks.push_back(images_of(stack, entries));
     check_unused_images(stack, plan.stacks.back(), ignored, map);

@@ -43,6 +43,7 @@ struct ImportPlan {
   RigModel rig;  // camera size 0 if not in the calibration; intrinsics and pose 0 unless rig.calibrated
   ImportCamera camera;
   PatternSequence sequence;
+  std::vector<double> offset_rad;  // phase shift of step 0 of each pattern's period; 0 for other patterns
   std::vector<std::vector<std::filesystem::path>> stacks;  // one image per pattern
   double interval_s = 1;                                   // between stacks
   double exposure_s = 0.01;

@@ -47,6 +47,10 @@ const Names kProjectorDistortion = {"projector_distortion",
 const Names kRotation = {"R", "rotation", "rotation_matrix", "Rlp"};
 const Names kTranslation = {"T", "t", "translation", "translation_vector", "Tlp"};
 const Names kCameraSize = {"camera_size", "cameraSize", "image_size", "imageSize"};
+const std::vector<std::pair<std::string, std::string>> kCameraSizePairs = {{"frameWidth", "frameHeight"},
+                                                                           {"image_width", "image_height"}};
+const std::vector<std::pair<std::string, std::string>> kProjectorSizePairs = {
+    {"screenResX", "screenResY"}, {"projector_width", "projector_height"}, {"proj_width", "proj_height"}};
 const Names kProjectorSize = {"projector_size", "projectorSize"};
 
 // Suppresses the messages that OpenCV prints on standard error before it throws.
@@ -236,15 +240,31 @@ void read_size(const StorageNode* entry, Pinhole& device) {
   device.width = static_cast<int>(size[0]), device.height = static_cast<int>(size[1]);
 }
 
+// Two entries that hold width and height.
+using SizeEntries = std::pair<std::string, std::string>;
+
+std::unique_ptr<StorageNode> find_size(const Storage& storage, const std::string& named, const Names& usual,
+                                       const std::vector<SizeEntries>& usual_pairs) {
+  if (auto entry = storage.find(named, usual)) return entry;
+  for (const auto& [width, height] : usual_pairs) {
+    auto entry = storage.find(width, {});
+    const auto second = storage.find(height, {});
+    if (!entry || !second) continue;
+    entry->values.insert(entry->values.end(), second->values.begin(), second->values.end());
+    return entry;
+  }
+  return nullptr;
+}
+
 Pinhole read_device(const Storage& storage, const std::string& what, const std::string& matrix,
                     const Names& usual_matrix, const std::string& distortion, const Names& usual_distortion,
-                    const std::string& size, const Names& usual_size) {
+                    const std::string& size, const Names& usual_size, const std::vector<SizeEntries>& usual_pairs) {
   Pinhole device;
   read_matrix(storage.require(what + " matrix", matrix, usual_matrix), device);
   if (distortion != "none")
     read_distortion(storage.require(what + " distortion", distortion, usual_distortion), device);
   if (!size.empty()) storage.require(what + " size", size, usual_size);
-  read_size(storage.find(size, usual_size).get(), device);
+  read_size(find_size(storage, size, usual_size, usual_pairs).get(), device);
   return device;
 }
 
@@ -256,10 +276,10 @@ RigCalibration read_opencv_calibration(const CalibrationFiles& source) {
   const CalibrationNames& names = source.names;
   RigCalibration calibration;
   calibration.camera = read_device(storage, "camera", names.camera_matrix, kCameraMatrix, names.camera_distortion,
-                                   kCameraDistortion, names.camera_size, kCameraSize);
+                                   kCameraDistortion, names.camera_size, kCameraSize, kCameraSizePairs);
   calibration.projector =
       read_device(storage, "projector", names.projector_matrix, kProjectorMatrix, names.projector_distortion,
-                  kProjectorDistortion, names.projector_size, kProjectorSize);
+                  kProjectorDistortion, names.projector_size, kProjectorSize, kProjectorSizePairs);
   const Pose pose{read_rotation(storage.require("rotation", names.rotation, kRotation)),
                   read_translation(storage.require("translation", names.translation, kTranslation), source.unit_m)};
   calibration.projector_from_camera = source.projector_from_camera ? pose : pose.inverse();
