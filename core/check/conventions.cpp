@@ -7,6 +7,7 @@
 #include <limits>
 #include <numbers>
 #include <optional>
+#include <set>
 
 #include "core/base/constants.h"
 #include "core/decode/decode.h"
@@ -19,7 +20,8 @@ namespace fringeslam {
 namespace {
 
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
-constexpr int kStride = 4, kStep = 3;  // px: of the examined pixels, and to the neighbours that give the slope
+constexpr int kStride = 4, kStep = 3;         // px: of the examined pixels, and to the neighbours that give the slope
+constexpr int kBand = 4, kBandDistance = 12;  // rows: of the bands that are examined
 
 // --- lit pixels ---
 
@@ -85,6 +87,22 @@ bool in_working_range(const RigModel& rig, const SurfacePoint& p) {
 
 // --- agreement of phases ---
 
+double agreement_factor(const Agreement& agreement) {
+  // Descriptions without the test do not gain from its absence.
+  constexpr double kUntested = 0.8;
+  if (std::isnan(agreement.concentration)) return kUntested;
+  // An offset of 30 degrees, which moves depths by a twelfth of a period, must matter.
+  const double angle = std::min(1.5 * std::abs(agreement.offset_deg), 90.0) * std::numbers::pi / 180;
+  return std::max(0.05, agreement.concentration * std::cos(angle));
+}
+
+// The one of two agreements that is worse; those without a test are left out.
+Agreement worse(const Agreement& a, const Agreement& b) {
+  if (std::isnan(a.concentration)) return b;
+  if (std::isnan(b.concentration)) return a;
+  return agreement_factor(a) < agreement_factor(b) ? a : b;
+}
+
 // Mean of unit phasors.
 class MeanPhasor {
  public:
@@ -93,7 +111,10 @@ class MeanPhasor {
     ++count_;
   }
   int count() const { return count_; }
-  double mean_cosine() const { return count_ > 0 ? sum_.real() / count_ : kNone; }
+  Agreement agreement() const {
+    if (count_ == 0) return {};
+    return {std::abs(sum_) / count_, std::arg(sum_) * 180 / std::numbers::pi};
+  }
 
  private:
   std::complex<double> sum_ = 0;
@@ -115,10 +136,10 @@ double wrapped_phase_at(const FringeStack& stack, const FringeGroup& group, int 
 }
 
 // Phase differences between the decoded coordinate and every other period, in units of the finer period's phase.
-double agreement_of_periods(const FringeStack& stack, const PatternSequence& sequence, const cv::Mat1b& lit,
-                            Axis axis) {
+Agreement agreement_of_periods(const FringeStack& stack, const PatternSequence& sequence, const cv::Mat1b& lit,
+                               Axis axis) {
   const std::vector<FringeGroup> groups = fringe_groups(sequence, axis);
-  double least = kNone;
+  Agreement least;
   for (size_t g = 1; g < groups.size(); ++g) {
     const FringeGroup &coarse = groups[g - 1], &fine = groups[g];
     const double ratio = coarse.period_px / fine.period_px;
@@ -133,20 +154,20 @@ double agreement_of_periods(const FringeStack& stack, const PatternSequence& seq
         mean.add(ratio * absolute - wrapped_phase_at(stack, fine, row, col));
       }
     }
-    if (mean.count() > 0) least = std::fmin(least, mean.mean_cosine());
+    if (mean.count() > 0) least = worse(least, mean.agreement());
   }
   return least;
 }
 
-// Phases at the edges of the finest Gray code cells, which lie at multiples of the cell width.
-double agreement_with_gray(const FringeStack& stack, const PatternSequence& sequence, const DecodedStack& decoded,
-                           const cv::Mat1b& lit, Axis axis) {
+// Coordinates at the edges of the finest Gray code cells, which are multiples of the cell width.
+Agreement agreement_with_gray(const FringeStack& stack, const PatternSequence& sequence, const DecodedStack& decoded,
+                              const cv::Mat1b& lit, Axis axis) {
   const std::vector<FringeGroup> groups = fringe_groups(sequence, axis);
   const std::vector<GrayBit> bits = gray_bits(sequence, axis);
-  if (groups.empty() || bits.empty() || bits.back().image < 0) return kNone;
+  if (groups.empty() || bits.empty() || bits.back().image < 0) return {};
   const GrayBit& finest = bits.back();
-  const double turns = groups.back().period_px / finest.cell_px;
-  if (turns < 0.99) return kNone;
+  const double period_px = groups.back().period_px;
+  if (period_px < 0.99 * finest.cell_px) return {};
   const auto is_bright = [&](int row, int col) {
     const cv::Mat& image = stack.images[static_cast<size_t>(finest.image)];
     const double y = static_cast<double>(grey_value(image, row, col));
@@ -156,12 +177,13 @@ double agreement_with_gray(const FringeStack& stack, const PatternSequence& sequ
   for (int row = 0; row < lit.rows; row += kStride) {
     for (int col = 1; col < lit.cols; ++col) {
       if (!lit(row, col) || !lit(row, col - 1) || is_bright(row, col) == is_bright(row, col - 1)) continue;
-      const float phase = decoded.wrapped_phase(row, col);
-      // The finest bit changes in the middle of its cells' doubles: floor((j + 1) / 2) is odd.
-      if (phase == phase) mean.add(turns * static_cast<double>(phase));
+      const float coordinate = decoded.coordinate_px(row, col), phase = decoded.wrapped_phase(row, col);
+      const double from_edge_px = coordinate == coordinate ? static_cast<double>(coordinate) + 0.5
+                                                           : static_cast<double>(phase) / kTwoPi * period_px;
+      if (phase == phase) mean.add(kTwoPi * from_edge_px / finest.cell_px);
     }
   }
-  return mean.count() >= 50 ? mean.mean_cosine() : kNone;
+  return mean.count() >= 50 ? mean.agreement() : Agreement{};
 }
 
 // --- fit ---
@@ -176,13 +198,45 @@ bool codes(const PatternSequence& sequence, Axis axis) {
                      [&](const Pattern& p) { return p.coding != Coding::flat && p.axis == axis; });
 }
 
+// Rows of an image in bands of kBand, one every kBandDistance.
+cv::Mat bands_of(const cv::Mat& image) {
+  std::vector<cv::Mat> bands;
+  for (int row = 0; row + kBand <= image.rows; row += kBandDistance) bands.push_back(image.rowRange(row, row + kBand));
+  cv::Mat joined;
+  cv::vconcat(bands, joined);
+  return joined;
+}
+
+// Decoding needs complete images where it depends on neighbours or on the geometry.
+bool decodes_each_pixel_alone(const PatternSequence& sequence, const RigModel& rig) {
+  for (const Axis axis : {Axis::columns, Axis::rows}) {
+    if (!codes(sequence, axis)) continue;
+    DecodeContext context;
+    context.axis = axis;
+    try {
+      const Unwrapping method = resolve_unwrapping(sequence, rig, DecodeOptions(), context);
+      if (method == Unwrapping::geometric || method == Unwrapping::spatial) return false;
+    } catch (const Error&) {
+      return false;
+    }
+  }
+  return true;
+}
+
 // Fits of one stack to several descriptions.
 class Examiner {
  public:
-  Examiner(const FringeStack& stack, const SensorModel& sensor) : stack_(stack), lit_(lit_pixels(stack, sensor)) {}
+  Examiner(const FringeStack& stack, const RigModel& rig) : stack_(stack) {
+    banded_ = decodes_each_pixel_alone(stack.patterns, rig) && stack.images[0].rows >= 20 * kBandDistance;
+    if (banded_) {
+      for (cv::Mat& image : stack_.images) image = bands_of(image);
+    }
+    lit_ = lit_pixels(stack_, rig.sensor);
+  }
 
   DescriptionFit fit(const RigDescription& description) {
     decode_as(description);
+    find_rays(description.rig.camera);
     return evaluate(description.rig);
   }
 
@@ -193,7 +247,7 @@ class Examiner {
     if (!axes_.empty() && stack_.patterns == description.sequence && !geometric_) return;
     axes_.clear();
     stack_.patterns = description.sequence;
-    agreement_ = kNone;
+    agreement_ = {};
     geometric_ = false;
     for (const Axis axis : {Axis::columns, Axis::rows}) {
       if (!codes(description.sequence, axis)) continue;
@@ -202,18 +256,39 @@ class Examiner {
       axes_.push_back({axis, decode(stack_, description.rig, DecodeOptions(), context)});
       const DecodedStack& decoded = axes_.back().decoded;
       geometric_ = geometric_ || decoded.unwrapping == Unwrapping::geometric;
-      agreement_ = std::fmin(agreement_, agreement_of_periods(stack_, description.sequence, lit_, axis));
-      agreement_ = std::fmin(agreement_, agreement_with_gray(stack_, description.sequence, decoded, lit_, axis));
+      agreement_ = worse(agreement_, agreement_of_periods(stack_, description.sequence, lit_, axis));
+      agreement_ = worse(agreement_, agreement_with_gray(stack_, description.sequence, decoded, lit_, axis));
     }
     if (axes_.empty()) throw Error("the patterns code neither columns nor rows");
   }
 
   DescriptionFit evaluate(const RigModel& rig) const;
 
+  int image_row(int row) const { return banded_ ? row / kBand * kBandDistance + row % kBand : row; }
+
+  // Undistorts the examined pixels and their neighbours.
+  void find_rays(const Pinhole& camera) {
+    if (!rays_.empty() && camera.fx == camera_.fx && camera.cx == camera_.cx) return;
+    camera_ = camera;
+    rays_.create(lit_.size());
+    for (int row = 0; row < lit_.rows; ++row) {
+      for (int col = 0; col < lit_.cols; ++col) {
+        const bool examined = (row % kStride == 0 && (col % kStride == 0 || col % kStride == kStep)) ||
+                              (row % kStride == kStep && col % kStride == 0);
+        if (!examined || !lit_(row, col)) continue;
+        const Eigen::Vector2d ray = camera.undistort({col, image_row(row)});
+        rays_(row, col) = {ray.x(), ray.y()};
+      }
+    }
+  }
+
   FringeStack stack_;
   cv::Mat1b lit_;
   std::vector<DecodedAxis> axes_;
-  double agreement_ = kNone;
+  bool banded_ = false;  // the stack's images are bands of the camera's
+  cv::Mat2d rays_;
+  Pinhole camera_;  // of the rays
+  Agreement agreement_;
   bool geometric_ = false;
 };
 
@@ -253,9 +328,8 @@ DescriptionFit Examiner::evaluate(const RigModel& rig) const {
       SurfacePoint points[3];
       bool inside = true;
       for (int i = 0; i < 3; ++i) {
-        const Eigen::Vector2d normalised = rig.camera.undistort({cols[i], rows[i]});
-        points[i] =
-            triangulated(rig, {normalised.x(), normalised.y(), 1}, coordinate(0, rows[i], cols[i]), axes_[0].axis);
+        const cv::Vec2d& ray = rays_(rows[i], cols[i]);
+        points[i] = triangulated(rig, {ray[0], ray[1], 1}, coordinate(0, rows[i], cols[i]), axes_[0].axis);
         inside = inside && in_working_range(rig, points[i]);
       }
       if (points[0].valid()) depths.push_back(points[0].point.z());
@@ -295,7 +369,7 @@ DescriptionFit Examiner::evaluate(const RigModel& rig) const {
 }  // namespace
 
 DescriptionFit fit_of(const FringeStack& stack, const RigDescription& description) {
-  return Examiner(stack, description.rig.sensor).fit(description);
+  return Examiner(stack, description.rig).fit(description);
 }
 
 // --- alternatives ---
@@ -319,6 +393,8 @@ class Alternatives {
       fringes(axis);
       gray(axis);
     }
+    if (codes(stated_.sequence, Axis::columns) && codes(stated_.sequence, Axis::rows))
+      offsets({Axis::columns, Axis::rows});
     sizes();
     axes();
     if (stated_.rig.calibrated) geometry();
@@ -353,19 +429,13 @@ class Alternatives {
     const bool rising = std::remainder(shifts[1] - shifts[0], kTwoPi) > 0;
     for_patterns(add(std::string("shift_sign: ") + (rising ? "-1" : "1") + on(axis)).sequence, Coding::fringe, axis,
                  [&](Pattern& p, size_t i) { p.shift_rad = std::remainder(2 * offset_rad_[i] - p.shift_rad, kTwoPi); });
-    // Sine for cosine, the papers' centred steps for steps from 0, and inverted images, among others.
-    for (const int degrees : {30, 45, 60, 90, 120, 135, 150, 180, -150, -135, -120, -90, -60, -45, -30}) {
-      for_patterns(
-          add("phase_offset_deg " + std::string(degrees > 0 ? "+" : "") + std::to_string(degrees) + on(axis)).sequence,
-          Coding::fringe, axis, [&](Pattern& p, size_t) {
-            p.shift_rad = std::remainder(p.shift_rad + degrees * std::numbers::pi / 180, kTwoPi);
-          });
-    }
+    offsets({axis});
     exchanged_periods(axis, groups);
     const double length_px = axis == Axis::columns ? stated_.sequence.width : stated_.sequence.height;
     for (const FringeGroup& group : groups) {
       const double count = length_px / group.period_px;
-      for (const double other : {count - 1, count + 1, count - 0.5, count + 0.5, 2 * count, count / 2}) {
+      for (const double other :
+           std::set<double>{count - 1, count + 1, count - 0.5, count + 0.5, 2 * count, count / 2}) {
         if (other < 0.5) continue;
         const std::string what =
             std::abs(count - std::round(count)) < 1e-9
@@ -374,6 +444,32 @@ class Alternatives {
         for_patterns(add(what + on(axis)).sequence, Coding::fringe, axis, [&](Pattern& p, size_t) {
           if (std::abs(p.period_px - group.period_px) < 1e-9) p.period_px = length_px / other;
         });
+      }
+    }
+  }
+
+  // Other offsets of all periods, and of the finest only: sine for cosine, the papers' centred steps for steps from 0,
+  // and inverted images, among others.
+  void offsets(const std::vector<Axis>& axes) {
+    const std::string where = axes.size() > 1 ? " (both axes)" : on(axes[0]);
+    for (const bool finest_only : {false, true}) {
+      for (const int degrees : {30, 45, 60, 90, 120, 135, 150, 180, -150, -135, -120, -90, -60, -45, -30}) {
+        if (finest_only && (std::abs(degrees) % 30 != 0 || std::abs(degrees) == 150)) continue;
+        RigDescription shifted = stated_;
+        bool several = false;
+        for (const Axis axis : axes) {
+          const std::vector<FringeGroup> groups = fringe_groups(stated_.sequence, axis);
+          if (groups.empty()) return;
+          several = several || groups.size() > 1;
+          for_patterns(shifted.sequence, Coding::fringe, axis, [&](Pattern& p, size_t) {
+            if (!finest_only || std::abs(p.period_px - groups.back().period_px) < 1e-9)
+              p.shift_rad = std::remainder(p.shift_rad + degrees * std::numbers::pi / 180, kTwoPi);
+          });
+        }
+        if (finest_only && !several) return;
+        shifted.change = "phase_offset_deg " + std::string(degrees > 0 ? "+" : "") + std::to_string(degrees) +
+                         (finest_only ? " for the finest period" : "") + where;
+        found_.push_back(std::move(shifted));
       }
     }
   }
@@ -494,13 +590,14 @@ std::vector<RigDescription> alternative_descriptions(const PatternSequence& sequ
 
 namespace {
 
-bool is_near_middle(double center) { return std::isnan(center) || (center > 0.2 && center < 0.8); }
+// Images of cameras are often cropped; projectors shift their image vertically at most.
+bool camera_fits(const DescriptionFit& fit) { return !(std::abs(fit.camera_center - 0.5) > 0.3); }
+bool projector_fits(const DescriptionFit& fit) { return !(std::abs(fit.projector_center - 0.5) > 0.2); }
 
 // One number to compare descriptions by.
 double merit(const DescriptionFit& fit) {
-  const double centers =
-      (is_near_middle(fit.camera_center) ? 1 : 0.5) * (is_near_middle(fit.projector_center) ? 1 : 0.5);
-  return centers * fit.plausible * (std::isnan(fit.agreement) ? 1 : std::max(0.05, fit.agreement));
+  const double centers = (camera_fits(fit) ? 1 : 0.5) * (projector_fits(fit) ? 1 : 0.5);
+  return centers * fit.plausible * agreement_factor(fit.agreement);
 }
 
 std::string percent_of(double fraction) { return number(std::round(100 * fraction)) + " %"; }
@@ -516,7 +613,7 @@ std::string comparison(const DescriptionFit& best, const DescriptionFit& stated)
       {best.facing, stated.facing, "of the pixels on surfaces that face the projector"},
       {best.ordered, stated.ordered, "of the lit pixels with a consistent fringe order"},
       {best.plausible, stated.plausible, "of the lit pixels on plausible surfaces"}};
-  if (is_near_middle(best.projector_center) && !is_near_middle(stated.projector_center))
+  if (projector_fits(best) && !projector_fits(stated))
     return "the projector's principal point at " + percent_of(best.projector_center) + " of the width instead of " +
            percent_of(stated.projector_center);
   const Property* greatest = &properties.back();
@@ -526,10 +623,12 @@ std::string comparison(const DescriptionFit& best, const DescriptionFit& stated)
   if (std::isfinite(best.epipolar_px) && best.epipolar_px < 0.2 * stated.epipolar_px)
     return "a median distance of " + number(std::round(10 * best.epipolar_px) / 10) +
            " px between pixels and their epipolar lines instead of " + number(std::round(10 * stated.epipolar_px) / 10);
-  if (best.agreement - stated.agreement > 0.2 && greatest->best - greatest->stated < 0.3)
-    return "the phases of different periods agree (mean cosine of their differences " +
-           number(std::round(100 * best.agreement) / 100) + " instead of " +
-           number(std::round(100 * stated.agreement) / 100) + ")";
+  if (agreement_factor(best.agreement) - agreement_factor(stated.agreement) > 0.2 &&
+      greatest->best - greatest->stated < 0.3)
+    return "the phases of different periods, or of fringes and Gray code, differ by " +
+           number(std::round(best.agreement.offset_deg)) + " instead of " +
+           number(std::round(stated.agreement.offset_deg)) + " degrees and agree to " +
+           percent_of(best.agreement.concentration) + " instead of " + percent_of(stated.agreement.concentration);
   return percent_of(greatest->best) + " " + greatest->name + " instead of " + percent_of(greatest->stated);
 }
 
@@ -589,16 +688,35 @@ void add_combinations(Examiner& examiner, const std::vector<double>& offset_rad,
   sort_by_merit(candidates);
 }
 
+// Explains that a darker flat pattern is brighter in the images; empty if none is.
+std::string reversed_flats(const FringeStack& stack) {
+  const std::vector<Pattern>& patterns = stack.patterns.patterns;
+  for (size_t i = 0; i < patterns.size(); ++i) {
+    for (size_t k = 0; k < patterns.size(); ++k) {
+      if (patterns[i].coding != Coding::flat || patterns[k].coding != Coding::flat) continue;
+      if (patterns[i].level > patterns[k].level && cv::mean(stack.images[i])[0] < cv::mean(stack.images[k])[0])
+        return "the image of level " + number(patterns[i].level) + " is darker than that of level " +
+               number(patterns[k].level) + "; exchange white and black";
+    }
+  }
+  return "";
+}
+
 }  // namespace
 
 ConventionReport check_conventions(const FringeStack& stack, const RigModel& rig,
                                    const std::vector<double>& offset_rad) {
   constexpr double kDoubtful = 0.85, kWrong = 0.6;  // of the best alternative's merit
-  constexpr int kLeastLit = 200;
-  Examiner examiner(stack, rig.sensor);
+  constexpr int kLeastLit = 100;
+  Examiner examiner(stack, rig);
   const RigDescription stated{"", stack.patterns, rig};
   ConventionReport report;
   using enum ConventionReport::Verdict;
+  if (const std::string reversed = reversed_flats(stack); !reversed.empty()) {
+    report.verdict = wrong;
+    report.message = reversed;
+    return report;
+  }
   std::string undecodable;
   try {
     report.stated = examiner.fit(stated);
@@ -607,7 +725,7 @@ ConventionReport check_conventions(const FringeStack& stack, const RigModel& rig
   }
   if (undecodable.empty() && report.stated.lit < kLeastLit) {
     report.verdict = doubtful;
-    report.message = "the patterns are visible in only " + std::to_string(report.stated.lit * kStride * kStride) +
+    report.message = "the patterns are visible in only " + std::to_string(report.stated.lit * kStride * kBandDistance) +
                      " pixels, too few to check the described conventions; check the files and the exposure";
     return report;
   }
@@ -638,8 +756,8 @@ ConventionReport check_conventions(const FringeStack& stack, const RigModel& rig
     return report;
   }
   if (!undecodable.empty()) throw Error(undecodable);
-  if (!is_near_middle(report.stated.projector_center) || !is_near_middle(report.stated.camera_center)) {
-    const bool camera = !is_near_middle(report.stated.camera_center);
+  if (!projector_fits(report.stated) || !camera_fits(report.stated)) {
+    const bool camera = !camera_fits(report.stated);
     report.verdict = doubtful;
     report.message = std::string("the ") + (camera ? "camera" : "projector") + "'s principal point lies at " +
                      percent_of(camera ? report.stated.camera_center : report.stated.projector_center) +

@@ -12,6 +12,7 @@
 //                camera to projector at least preserves orientation
 #pragma once
 
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -27,6 +28,13 @@ struct RigDescription {
   RigModel rig;
 };
 
+// Difference between the phases of two periods, or of fringes and the edges of a Gray code, which is 0 on average if they
+// are described correctly.
+struct Agreement {
+  double concentration = std::numeric_limits<double>::quiet_NaN();  // length of the mean phasor, 0 to 1; NaN: no test
+  double offset_deg = 0;                                            // its angle
+};
+
 // How well images fit a description. Fractions are of the lit pixels; NaN where the patterns or a missing calibration
 // do not allow the test.
 struct DescriptionFit {
@@ -40,7 +48,7 @@ struct DescriptionFit {
   double camera_center = 0, projector_center = 0;
   double median_depth_m = 0;
   double epipolar_px = 0;  // median distance between the decoded and the epipolar row
-  double agreement = 0;    // mean cosine of the phase difference between periods, the least of all pairs; at most 1
+  Agreement agreement;     // the worst of all pairs
 };
 
 // Result of comparing a description with its alternatives.
