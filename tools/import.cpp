@@ -116,7 +116,7 @@ int import_folder(const fs::path& source, const fs::path& config, const std::str
     while (recording.capture(rig.sequence())) progress.step();
   }
   if (!board_yaml.empty()) write_text(folder.path() / "board.yaml", board_yaml);
-  recording.finish(name, 0, false);
+  recording.finish(name, 0, false, true);
   if (noise.measured) {
     write_text(folder.path() / "noise.json", to_json(*noise.measured).dump(2) + "\n");
     write_png(folder.path() / "noise.png", picture_of(*noise.measured, noise.measured->sensor));

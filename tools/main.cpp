@@ -43,9 +43,9 @@ int main(int argc, char** argv) {
       .check_range(0, 1024);
 
   std::vector<std::pair<Command, Verb>> verbs;
-  std::vector<Verb (*)(Command, const Common&)> adders = {add_run,      add_render,   add_effects,   add_scene,
-                                                          add_score,    add_settings, add_info,      add_landmarks,
-                                                          add_patterns, add_import,   add_calibrate, add_study};
+  std::vector<Verb (*)(Command, const Common&)> adders = {
+      add_run,       add_render, add_effects,  add_scene,  add_score,     add_settings, add_info,
+      add_landmarks, add_decode, add_patterns, add_import, add_calibrate, add_study};
 #if FRINGESLAM_REPORT
   adders.push_back(add_report);
 #endif

@@ -6,6 +6,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "core/check/conventions.h"
 #include "core/io/files.h"
 #include "core/io/yaml.h"
 #include "core/map/map_file.h"
@@ -74,6 +75,29 @@ class RateLimiter {
   int turn_ = 0;
 };
 
+// Explains runs that reconstruct nearly nothing.
+class Emptiness {
+ public:
+  void add(const FringeStack& stack, const Frame& frame) {
+    if (!first_) first_ = stack;
+    pixels_ += static_cast<int64_t>(frame.points_m.total());
+    for (const cv::Vec3f& p : frame.points_m) valid_ += p[2] == p[2];
+  }
+  // Returns one line, or nothing if the result is not nearly empty.
+  std::string reason(RigModel rig, const DepthOptions& depth) const {
+    constexpr double kNearlyNothing = 1e-4;
+    if (!first_ || static_cast<double>(valid_) > kNearlyNothing * static_cast<double>(pixels_)) return "";
+    rig.near_m = depth.near_m;
+    rig.far_m = depth.far_m;
+    return std::to_string(valid_) + " of " + std::to_string(pixels_) +
+           " pixels have a depth: " + reason_for_no_depth(*first_, rig);
+  }
+
+ private:
+  std::optional<FringeStack> first_;
+  int64_t pixels_ = 0, valid_ = 0;
+};
+
 void wait_for_interrupt() {
   std::fflush(stdout);  // delivers the score to a reader at the other end of a pipe
   catch_interrupts();
@@ -81,13 +105,22 @@ void wait_for_interrupt() {
 }
 
 int run(const RunArguments& arguments, const Common& common) {
-  const Settings settings = parse_settings(arguments.sets);
+  Settings settings = parse_settings(arguments.sets);
   const auto sets_any_of = [&](const std::string& group) {
     return std::any_of(arguments.sets.begin(), arguments.sets.end(),
                        [&](const std::string& set) { return set.starts_with(group + "."); });
   };
   if (sets_any_of("mesh") && !arguments.mesh) throw Error("mesh.* settings have no effect without --mesh; add it");
   const auto source = open_source(arguments.source, arguments.variant, settings, sets_any_of("render"));
+  if (source->imported()) {
+    const auto is_set = [&](const std::string& key) {
+      return std::any_of(arguments.sets.begin(), arguments.sets.end(),
+                         [&](const std::string& set) { return set.starts_with(key + "="); });
+    };
+    DepthOptions& depth = settings.pipeline.depth;
+    if (!is_set("depth.near_m")) depth.near_m = source->model().near_m;
+    if (!is_set("depth.far_m")) depth.far_m = source->model().far_m;
+  }
   try {
     check_mappable(source->model(), source->sequence(), settings.pipeline.decode);
   } catch (const Error& e) {
@@ -121,6 +154,7 @@ int run(const RunArguments& arguments, const Common& common) {
   if (arguments.real_time) camera.emplace(*rig, source->sequence(), kWaitingStacks, Pace::timestamps);
   const auto dropped = [&] { return camera ? camera->dropped() : 0; };
   RateLimiter rate(arguments.live_rate_hz);
+  Emptiness emptiness;
   {
     Progress progress("mapping", source->stacks(), common.quiet || common.json);
     Rig& images = camera ? static_cast<Rig&>(*camera) : *rig;
@@ -128,6 +162,7 @@ int run(const RunArguments& arguments, const Common& common) {
     driver.run([&](const MappedView& view) {
       const ThermalView warmth = thermal.observe(view.stack, view.result);
       record.add(view.stack, view.result, warmth, pipeline.map());
+      emptiness.add(view.stack, view.result.frame);
       if (arguments.animation) animation.add(view.stack, view.result, pipeline.map());
       if (live) show_mapped(live->feed(), view.stack, view.result, pipeline.mapper(), warmth, thermal, dropped());
       if (arguments.mesh) record.add_mesh(frame_mesh(view.result.frame, settings.mesh), view.stack.index);
@@ -167,8 +202,10 @@ int run(const RunArguments& arguments, const Common& common) {
     const char* look = kHasReport && !arguments.no_report ? "report.html" : "overview.png";
     std::printf("written: %s  (see %s/%s)\n", out.c_str(), out.c_str(), look);
   }
+  const std::string reason = emptiness.reason(rig->model(), settings.pipeline.depth);
+  if (!reason.empty()) std::fprintf(stderr, "fringeslam: %s: %s\n", arguments.source.c_str(), reason.c_str());
   if (live && arguments.live_wait) wait_for_interrupt();
-  return 0;
+  return reason.empty() ? 0 : 1;
 }
 
 }  // namespace

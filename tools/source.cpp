@@ -109,6 +109,7 @@ class DatasetSource : public Source {
   uint64_t seed() const override { return info_.seed; }
   int stacks() const override { return info_.stacks; }
   bool has_truth() const override { return info_.has_truth; }
+  bool imported() const override { return info_.imported; }
   const PatternSequence& sequence() const override { return sequence_; }
   const RigModel& model() const override { return model_; }
   void undistort() override {

@@ -31,6 +31,8 @@ class Source {
   virtual uint64_t seed() const = 0;
   virtual int stacks() const = 0;  // estimated for continuous motion, where it depends on the patterns requested
   virtual bool has_truth() const = 0;
+  // True if the images are those of another rig, whose near_m and far_m bound the depths.
+  virtual bool imported() const { return false; }
   virtual const PatternSequence& sequence() const = 0;
   virtual const RigModel& model() const = 0;
   // Removes the camera's lens distortion from images that are still to be rendered. Throws Error if the images are

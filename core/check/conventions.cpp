@@ -779,4 +779,26 @@ ConventionReport check_conventions(const FringeStack& stack, const RigModel& rig
   return report;
 }
 
+std::string reason_for_no_depth(const FringeStack& stack, const RigModel& rig) {
+  DescriptionFit fit;
+  try {
+    fit = fit_of(stack, {"", stack.patterns, rig});
+  } catch (const Error& e) {
+    return std::string("the patterns do not determine fringe orders without a map (") + e.what() + ")";
+  }
+  constexpr int kLeastLit = 100;
+  if (fit.lit < kLeastLit)
+    return "the patterns are hardly visible in the images of the first view; check the files, the exposure and the "
+           "saturation";
+  if (fit.ordered < 0.01)
+    return percent_of(fit.ordered) +
+           " of the lit pixels have a consistent fringe order; check the order of the images, shift_sign, the periods "
+           "and the bits of the Gray code";
+  if (fit.in_range < 0.01)
+    return "depths are about " + number(std::round(1e4 * fit.median_depth_m) / 1e4) +
+           " m, outside the range from near_m = " + number(rig.near_m) + " to far_m = " + number(rig.far_m) +
+           " or the projector's image; check `direction` and `unit_m` of the calibration, near_m and far_m";
+  return "depths are in range but rejected; check the depth sigmas (depth.max_sigma_m) and the exposure";
+}
+
 }  // namespace fringeslam

@@ -73,4 +73,7 @@ std::vector<RigDescription> alternative_descriptions(const PatternSequence& sequ
 ConventionReport check_conventions(const FringeStack& stack, const RigModel& rig,
                                    const std::vector<double>& offset_rad);
 
+// Explains in one line why a stack yields no depth between near_m and far_m.
+std::string reason_for_no_depth(const FringeStack& stack, const RigModel& rig);
+
 }  // namespace fringeslam

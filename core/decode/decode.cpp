@@ -332,7 +332,10 @@ Unwrapping resolve_unwrapping(const PatternSequence& sequence, const RigModel& r
     if (const auto method = first_usable_method(sequence, rig, options, context)) return *method;
     const std::string reason = *obstacle(Unwrapping::multifrequency, sequence, rig, options, context);
     const bool too_short = reason.starts_with("no fringe period covers");
-    throw Error("patterns: " + reason + (too_short ? ", or a Gray code, or periods whose beat does" : ""));
+    throw Error("patterns: " + reason +
+                (too_short ? ", or a Gray code, or periods whose beat does; decode.unwrapping=spatial gives relative "
+                             "phases without any"
+                           : ""));
   }
   if (const auto reason = obstacle(options.unwrapping, sequence, rig, options, context))
     throw Error(std::string("decode.unwrapping=") + to_string(options.unwrapping) + ": " + *reason);
@@ -374,8 +377,8 @@ void decode_into(DecodedStack& out, const FringeStack& stack, const RigModel& ri
   if (expected && expected->coordinate_px.size() != size)
     throw Error("decode: the expected coordinates and the images differ in size");
   plan.anchored = !groups.empty() && (gray || expected);
-  if (context.aligned && (context.aligned->images.size() != stack.images.size() ||
-                          context.aligned->images.front().size() != size))
+  if (context.aligned &&
+      (context.aligned->images.size() != stack.images.size() || context.aligned->images.front().size() != size))
     throw Error("decode: the aligned images do not belong to the stack");
 
   out.index = stack.index;

@@ -68,15 +68,18 @@ std::vector<std::string> entry_files(const Entry& entry) {
   if (entry.single) return {entry.map.text("file")};
   std::vector<std::string> files = entry.map.texts("files");
   const size_t count = entry.patterns.size();
-  if (files.size() == 1) {
+  const bool is_format = files.size() == 1 && files[0].find_first_of("{%") != std::string::npos;
+  if (is_format) {
     const std::string format = files[0];
     const int first = entry.map.integer_or("first", 0, {0, kMaxNumber});
     files.clear();
     for (size_t i = 0; i < count; ++i) files.push_back(numbered(entry.map, format, first + static_cast<int>(i)));
   }
   if (files.size() != count)
-    throw entry.map.error("files", "'files' lists " + std::to_string(files.size()) +
-                                       " images, but the entry describes " + std::to_string(count) + " patterns");
+    throw entry.map.error("files",
+                          "'files' lists " + std::to_string(files.size()) + " image" + (files.size() == 1 ? "" : "s") +
+                              ", but the entry describes " + std::to_string(count) +
+                              " patterns; list one image per pattern, or use a name with a number field such as %02d");
   return files;
 }
 

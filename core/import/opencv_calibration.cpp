@@ -262,7 +262,9 @@ Pinhole read_device(const Storage& storage, const std::string& what, const std::
   Pinhole device;
   read_matrix(storage.require(what + " matrix", matrix, usual_matrix), device);
   if (distortion != "none")
-    read_distortion(storage.require(what + " distortion", distortion, usual_distortion), device);
+    read_distortion(
+        storage.require(what + " distortion (or `" + what + "_distortion: none`)", distortion, usual_distortion),
+        device);
   if (!size.empty()) storage.require(what + " size", size, usual_size);
   read_size(find_size(storage, size, usual_size, usual_pairs).get(), device);
   return device;

@@ -58,6 +58,7 @@ DatasetInfo read_dataset_info(const fs::path& folder) {
   info.stacks = map.integer("stacks", {1, 1e6});
   info.has_truth = map.boolean_or("truth", false);
   info.has_thermal = map.boolean_or("thermal", false);
+  info.imported = map.boolean_or("imported", false);
   map.finish();
   return info;
 }
@@ -205,13 +206,13 @@ std::optional<FringeStack> RecordingRig::capture(const PatternSequence& sequence
   return stack;
 }
 
-void RecordingRig::finish(const std::string& name, uint64_t seed, bool has_truth) {
+void RecordingRig::finish(const std::string& name, uint64_t seed, bool has_truth, bool imported) {
   // Written atomically, so that a growing dataset is valid at any time.
   StagedFile staged(folder_ / kDatasetFile);
   write_text(staged.path(), std::string("format: ") + kFormat + "\nname: " + yaml_quoted(name) +
                                 "\nseed: " + std::to_string(seed) + "\nstacks: " + std::to_string(stacks_) +
                                 "\ntruth: " + (has_truth ? "true" : "false") + "\n" +
-                                (has_thermal_ ? "thermal: true\n" : ""));
+                                (has_thermal_ ? "thermal: true\n" : "") + (imported ? "imported: true\n" : ""));
   staged.commit();
 }
 

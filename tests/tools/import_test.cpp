@@ -424,7 +424,7 @@ TEST_F(ImportErrors, KeysAndValues) {
   expect_refused("steps: 3", "steps: 2", "'steps' is 2");
   expect_refused("steps: 3", "steps: 3, wave: tan", "'wave: tan' is not one of cos, sin");
   expect_refused("steps: 3", "steps: 3, shift_sign: 0.5", "'shift_sign' is 1 or -1");
-  expect_refused("\"f%02d.png\"", "\"f.png\"", "must contain one number field");
+  expect_refused("\"f%02d.png\"", "\"f.png\"", "or use a name with a number field such as %02d");
   expect_refused("\"f%02d.png\"", "\"f%s.png\"", "must contain one number field");
   expect_refused("[g1.png, g0.png]", "[g1.png, g0.png, white.png]", "lists 3 images, but the entry describes 2");
   expect_refused("kind: circles", "kind: dots", "'kind: dots' is not one of checkerboard");
@@ -613,6 +613,26 @@ TEST(OpenCvFiles, RoundedRotationsBecomeRotations) {
       read_opencv_calibration({{temp / "calibration.yml"}, {}, true, 1e-3}).projector_from_camera.rotation;
   EXPECT_LT((r.transpose() * r - Eigen::Matrix3d::Identity()).norm(), 1e-14);
   EXPECT_LT((r - rig.projector_from_camera.rotation).norm(), 2e-5);
+}
+
+TEST_F(ImportErrors, MessagesNameTheWayOut) {
+  expect_refused("files: [g1.png, g0.png]", "files: [g1.png]",
+                 "'files' lists 1 image, but the entry describes 2 patterns; list one image per pattern");
+  const std::string missing = calibrated([](cv::FileStorage& storage) {
+    storage << "cam_K" << matrix_of(toy_rig().camera) << "proj_K" << matrix_of(toy_rig().projector);
+  });
+  EXPECT_THAT(missing, HasSubstr("for the camera distortion (or `camera_distortion: none`)"));
+}
+
+TEST_F(ImportErrors, SizesInTheCalibrationMustMatch) {
+  const std::string message = calibrated([](cv::FileStorage& storage) {
+    const RigModel rig = toy_rig();
+    storage << "cam_K" << matrix_of(rig.camera) << "cam_kc" << distortion_of(rig.camera) << "proj_K"
+            << matrix_of(rig.projector) << "proj_kc" << distortion_of(rig.projector) << "R"
+            << rotation_of(rig.projector_from_camera, false) << "T"
+            << millimetres(rig.projector_from_camera.translation) << "screenResX" << 128 << "screenResY" << 8;
+  });
+  EXPECT_THAT(message, HasSubstr("the calibration is for a projector of 128x8 px"));
 }
 
 TEST_F(ImportErrors, SourcesOfTheNoise) {
