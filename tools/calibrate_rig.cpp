@@ -76,6 +76,17 @@ std::string to_table(const RigCalibration& c) {
   std::snprintf(line, sizeof line, "%-14s %10.4f %13.4f  (RMS reprojection)\n\n", "all", c.camera_rms_px,
                 c.projector_rms_px);
   text += line;
+  text += "board measured with the rig from the others:  plane RMS mm   scale error %\n";
+  for (const HeldOutBoard& board : c.held_out) {
+    std::snprintf(line, sizeof line, "%-45s %13.3f %15.3f\n", board.name.c_str(), 1e3 * board.plane_rms_m,
+                  100 * board.scale_error);
+    text += line;
+  }
+  std::snprintf(line, sizeof line,
+                "corners cover %.0f %% of the camera's and %.0f %% of the projector's image; the boards disagree by "
+                "%.1f times the noise of their corners\n\n",
+                100 * c.camera_coverage, 100 * c.projector_coverage, c.covariance_factor);
+  text += line;
   text += parameter_lines("camera", c.rig.camera, c.camera_sigma);
   text += parameter_lines("projector", c.rig.projector, c.projector_sigma);
   const SixDof pose = six_dof(c.rig.projector_from_camera);
@@ -114,6 +125,12 @@ nlohmann::ordered_json to_json(const RigCalibration& c) {
     const Eigen::VectorXd values = c.covariance.row(row);
     json["covariance"].push_back(std::vector<double>(values.begin(), values.end()));
   }
+  json["covariance_factor"] = c.covariance_factor;
+  json["coverage"] = {{"camera", c.camera_coverage}, {"projector", c.projector_coverage}};
+  json["warnings"] = c.warnings;
+  for (const HeldOutBoard& board : c.held_out)
+    json["held_out"].push_back(
+        {{"name", board.name}, {"plane_rms_mm", 1e3 * board.plane_rms_m}, {"scale_error", board.scale_error}});
   for (const ViewResult& view : c.views) {
     nlohmann::ordered_json entry = {{"name", view.name}, {"used", view.used}};
     if (view.used) {
@@ -158,6 +175,7 @@ int calibrate(const CalibrateRigArguments& arguments, const Common& common) {
   write_text(folder.path() / "calibration.json", to_json(calibration).dump(2) + "\n");
   write_png(folder.path() / "coverage.png", coverage_picture(calibration));
   folder.commit();
+  for (const std::string& warning : calibration.warnings) std::fprintf(stderr, "warning: %s\n", warning.c_str());
   if (common.json)
     std::printf("%s\n", to_json(calibration).dump(2).c_str());
   else

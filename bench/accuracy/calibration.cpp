@@ -23,9 +23,12 @@ Board checkerboard() { return {BoardKind::checkerboard, 12, 10, 0.01, 0}; }
 // A camera pixel integrates over its area: corners are only as accurate as the renderer's model of that.
 constexpr int kSamplesPerPixel = 16;
 
-RigCalibration calibrate_seed(uint64_t seed) {
+RigCalibration calibrate_seed(uint64_t seed, int boards = 15) {
+  sim::SceneLoadOptions reading;
+  reading.seed = seed;
+  reading.changes = {{"trajectory.board_views.count", std::to_string(boards)}};
   const sim::Scene scene =
-      sim::load_scene(std::string(FRINGESLAM_SCENES) + "/calibration_checkerboard/scene.yaml", {seed});
+      sim::load_scene(std::string(FRINGESLAM_SCENES) + "/calibration_checkerboard/scene.yaml", reading);
   sim::VirtualRig rig(scene, {kSamplesPerPixel, true, true});
   std::vector<BoardView> views;
   while (const auto stack = rig.capture(scene.patterns)) {
@@ -105,6 +108,57 @@ std::vector<Row> rig_rows(const Context& context) {
           median_row("calibration.rig.shape", shape, "mm", 0.1)};
 }
 
+// Lenses and relative pose in the order of RigCalibration::covariance, as differences from the truth.
+Eigen::VectorXd parameter_errors(const RigModel& truth, const RigModel& estimate) {
+  Eigen::VectorXd errors(24);
+  const auto lens = [&](Eigen::Index first, const Pinhole& a, const Pinhole& b) {
+    const Distortion &d = a.distortion, &e = b.distortion;
+    errors.segment(first, 9) << b.fx - a.fx, b.fy - a.fy, b.cx - a.cx, b.cy - a.cy, e.k1 - d.k1, e.k2 - d.k2,
+        e.p1 - d.p1, e.p2 - d.p2, e.k3 - d.k3;
+  };
+  lens(0, truth.camera, estimate.camera);
+  lens(9, truth.projector, estimate.projector);
+  errors.segment<3>(18) =
+      rotation_log(estimate.projector_from_camera.rotation) - rotation_log(truth.projector_from_camera.rotation);
+  errors.segment<3>(21) = estimate.projector_from_camera.translation - truth.projector_from_camera.translation;
+  return errors;
+}
+
+// Honesty of the rig's covariance: for each parameter, the mean over the sets of its squared error divided by its
+// variance. The limits contain all of 22 parameters with a probability of 95 % if the variances are right: quantiles of
+// chi-square per degree of freedom at 0.05 / 44.
+std::vector<Row> rig_nees_rows(const Context& context) {
+  const RigModel truth = sim::load_scene(std::string(FRINGESLAM_SCENES) + "/calibration_checkerboard/scene.yaml").rig;
+  const int sets = context.quick ? 10 : 50;
+  Eigen::VectorXd sum = Eigen::VectorXd::Zero(24);
+  double factors = 0;
+  Eigen::VectorXd estimated;
+  for (int set = 0; set < sets; ++set) {
+    const RigCalibration calibration = calibrate_seed(static_cast<uint64_t>(100 + set), 6 + set % 10);
+    const Eigen::VectorXd errors = parameter_errors(truth, calibration.rig),
+                          variances = calibration.covariance.diagonal();
+    estimated = variances;
+    for (Eigen::Index i = 0; i < errors.size(); ++i) {
+      if (variances[i] > 0) sum[i] += errors[i] * errors[i] / variances[i] / sets;
+    }
+    factors += calibration.covariance_factor / sets;
+  }
+  double least = 1e9, greatest = 0;
+  for (Eigen::Index i = 0; i < sum.size(); ++i) {
+    if (!(estimated[i] > 0)) continue;
+    least = std::min(least, sum[i]);
+    greatest = std::max(greatest, sum[i]);
+    std::fprintf(stderr, "  parameter %ld: NEES %.2f\n", static_cast<long>(i), sum[i]);
+  }
+  std::fprintf(stderr, "  mean factor on the covariance's sigmas %.2f\n", factors);
+  const auto quantile = [&](double normal) {
+    const double spread = 2 / (9.0 * sets);
+    return std::pow(1 - spread + normal * std::sqrt(spread), 3);
+  };
+  return {bound_row("calibration.rig.nees.least", least, sets, "(1)", quantile(-3.05), Limit::least),
+          bound_row("calibration.rig.nees.greatest", greatest, sets, "(1)", quantile(3.05), Limit::most)};
+}
+
 // Sensor-to-stage calibration: errors, and the error squared normalized by the covariance (expected value 6 for six
 // degrees of freedom).
 StageCalibration calibrate_stage_seed(const sim::Scene& scene) {
@@ -159,6 +213,9 @@ std::vector<Item> calibration_items() {
       {{"calibration.rig.camera", "calibration.rig.projector", "calibration.rig.depth_bias", "calibration.rig.shape"},
        "the rig from 15 rendered boards: reprojection, depth bias from 0.7 to 1.4 m",
        rig_rows},
+      {{"calibration.rig.nees.least", "calibration.rig.nees.greatest"},
+       "errors of rig parameters over their sigmas, 6 to 15 rendered boards",
+       rig_nees_rows},
       {{"calibration.stage.translation", "calibration.stage.rotation", "calibration.stage.nees"},
        "sensor-to-stage calibration from 8 rendered motions ([T] 4.1.1)",
        stage_rows}};

@@ -175,6 +175,52 @@ std::vector<cv::Point2f> detect_board(const cv::Mat1f& image, const Board& board
   return {};
 }
 
+namespace {
+
+// Contrast of the four fields around a crossing: the difference between its diagonal pairs. `along` and `across` lead to
+// the neighbouring crossings. NaN outside the image.
+double crossing_contrast(const cv::Mat1f& image, const cv::Point2f& at, const cv::Point2f& along,
+                         const cv::Point2f& across) {
+  const auto field = [&](float a, float b) {
+    const cv::Point2f p = at + 0.3f * (a * along + b * across);
+    const cv::Point pixel(cvRound(p.x), cvRound(p.y));
+    return cv::Rect(0, 0, image.cols, image.rows).contains(pixel) ? static_cast<double>(image(pixel)) : std::nan("");
+  };
+  return std::abs(field(1, 1) + field(-1, -1) - field(1, -1) - field(-1, 1));
+}
+
+}  // namespace
+
+bool continues_beyond(const cv::Mat1f& image, const Board& board, const std::vector<cv::Point2f>& corners) {
+  if (board.kind != BoardKind::checkerboard || corners.size() != static_cast<size_t>(board.corners())) return false;
+  constexpr int kLeast = 3;  // corners in either direction for the extrapolation
+  if (board.columns < kLeast || board.rows < kLeast) return false;
+  const auto corner = [&](int row, int col) { return corners[static_cast<size_t>(row * board.columns + col)]; };
+  // On each side, compares the contrast of the extrapolated next crossings with that of the outermost ones. At the edge
+  // of a complete board only two of the four fields differ, which halves it.
+  for (int side = 0; side < 4; ++side) {
+    const bool vertical = side < 2;  // a column of crossings
+    const int count = vertical ? board.rows : board.columns, depth = vertical ? board.columns : board.rows;
+    const auto at = [&](int along, int inward) {
+      const int across = side % 2 == 0 ? inward : depth - 1 - inward;
+      return vertical ? corner(along, across) : corner(across, along);
+    };
+    int crossings = 0, examined = 0;
+    for (int i = 0; i < count; ++i) {
+      const cv::Point2f next = 3.0f * at(i, 0) - 3.0f * at(i, 1) + at(i, 2);
+      const cv::Point2f along = i + 1 < count ? at(i + 1, 0) - at(i, 0) : at(i, 0) - at(i - 1, 0);
+      const cv::Point2f across = at(i, 0) - at(i, 1);
+      const double inside = crossing_contrast(image, at(i, 0), along, across);
+      const double outside = crossing_contrast(image, next, along, across);
+      if (std::isnan(outside) || std::isnan(inside)) continue;
+      ++examined;
+      crossings += outside > 0.75 * inside;
+    }
+    if (2 * examined >= count && 4 * crossings >= 3 * examined) return true;
+  }
+  return false;
+}
+
 void align_corner_order(const std::vector<cv::Point2f>& reference, std::vector<cv::Point2f>& corners) {
   if (reference.empty() || corners.empty()) return;
   const cv::Point2f a = reference.back() - reference.front(), b = corners.back() - corners.front();

@@ -37,6 +37,9 @@ struct Board {
 // is found. `image`: evenly lit grey values of any scale.
 std::vector<cv::Point2f> detect_board(const cv::Mat1f& image, const Board& board);
 
+// True if a checkerboard's crossings continue beyond the detected corners, which are then part of a larger board.
+bool continues_beyond(const cv::Mat1f& image, const Board& board, const std::vector<cv::Point2f>& corners);
+
 // Reverses `corners` if they run against `reference`. A board that looks the same after a 180-degree rotation may be
 // detected starting from either end; the two views must differ by less than 90 degrees of rotation.
 void align_corner_order(const std::vector<cv::Point2f>& reference, std::vector<cv::Point2f>& corners);

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/calibrate/median.h"
 #include "core/calibrate/rig_calibration.h"
 
 #include <ceres/ceres.h>
@@ -12,12 +11,15 @@
 #include <numbers>
 
 #include "core/calibrate/initial_rig.h"
+#include "core/calibrate/median.h"
 #include "core/types/error.h"
+#include "core/types/linear_algebra.h"
 
 namespace fringeslam {
 
 namespace {
 
+constexpr const char* kNotFound = "the board was not found";
 constexpr int kLens = 9;                      // fx fy cx cy k1 k2 p1 p2 k3
 constexpr double kFirstCornerSigmaPx = 0.05;  // initial value, re-estimated from the residuals
 constexpr double kLeastCornerSigmaPx = 0.003;
@@ -137,7 +139,7 @@ class Bundle {
   }
 
   // Minimises over the used views; returns the covariance of lenses and relative pose, empty if it is singular.
-  Eigen::MatrixXd refine(const std::vector<size_t>& used) {
+  Eigen::MatrixXd refine(const std::vector<size_t>& used, bool with_covariance = true) {
     ceres::Problem problem;
     for (const size_t v : used) {
       for (size_t j = 0; j < points_.size(); ++j) {
@@ -168,6 +170,7 @@ class Bundle {
     ceres::Solver::Summary summary;
     ceres::Solve(solver, &problem, &summary);
 
+    if (!with_covariance) return {};
     ceres::Covariance::Options covariance_options;
     covariance_options.algorithm_type = ceres::SPARSE_QR;
     ceres::Covariance covariance(covariance_options);
@@ -242,6 +245,18 @@ class Bundle {
   Pinhole camera_lens() const { return to_pinhole(camera_, rig_.camera.width, rig_.camera.height); }
   Pinhole projector_lens() const { return to_pinhole(projector_, rig_.projector.width, rig_.projector.height); }
   Pose relative() const { return to_pose(relative_); }
+  // Lenses and relative pose in the order of the covariance.
+  Eigen::VectorXd parameters() const {
+    Eigen::VectorXd all(2 * kLens + 6);
+    all << Eigen::Map<const Eigen::Matrix<double, kLens, 1>>(camera_.data()),
+        Eigen::Map<const Eigen::Matrix<double, kLens, 1>>(projector_.data()),
+        Eigen::Map<const Vector6d>(relative_.data());
+    return all;
+  }
+
+  // Triangulates a board from its corners and projector columns and compares it with its plan.
+  HeldOutBoard measure(size_t v) const;
+
   Pose board_pose(size_t v) const { return to_pose(poses_[v]); }
 
  private:
@@ -292,8 +307,157 @@ class Bundle {
   std::vector<PoseVector> poses_;
 };
 
+// Intersects the ray of a camera pixel with the surface of constant projector column.
+Eigen::Vector3d triangulated(const Pinhole& camera, const Pinhole& projector, const Pose& projector_from_camera,
+                             const Eigen::Vector2d& camera_px, const Eigen::Vector2d& projector_px) {
+  const Eigen::Vector2d ray = camera.undistort(camera_px), lit = projector.undistort(projector_px);
+  const Eigen::Vector3d d = projector_from_camera.rotation * Eigen::Vector3d(ray.x(), ray.y(), 1);
+  const Eigen::Vector3d& t = projector_from_camera.translation;
+  const double z = (lit.x() * t.z() - t.x()) / (d.x() - lit.x() * d.z());
+  return z * Eigen::Vector3d(ray.x(), ray.y(), 1);
+}
+
+HeldOutBoard Bundle::measure(size_t v) const {
+  const Pinhole camera = camera_lens(), projector = projector_lens();
+  std::vector<Eigen::Vector3d> measured, planned;
+  for (size_t j = 0; j < points_.size(); ++j) {
+    if (!views_[v].homographies[j]) continue;
+    measured.push_back(triangulated(camera, projector, relative(), camera_corner(v, j), projector_corner(v, j)));
+    planned.push_back(points_[j]);
+  }
+  HeldOutBoard board;
+  board.name = views_[v].name;
+  const auto count = static_cast<double>(measured.size());
+  Eigen::Vector3d center = Eigen::Vector3d::Zero(), planned_center = center;
+  for (size_t i = 0; i < measured.size(); ++i) center += measured[i] / count, planned_center += planned[i] / count;
+  Eigen::Matrix3d spread = Eigen::Matrix3d::Zero();
+  double measured_squares = 0, planned_squares = 0;
+  for (size_t i = 0; i < measured.size(); ++i) {
+    spread += (measured[i] - center) * (measured[i] - center).transpose() / count;
+    measured_squares += (measured[i] - center).squaredNorm();
+    planned_squares += (planned[i] - planned_center).squaredNorm();
+  }
+  board.plane_rms_m = std::sqrt(std::max(0.0, symmetric_eigen(spread).values[0]));
+  board.scale_error = std::sqrt(measured_squares / planned_squares) - 1;
+  return board;
+}
+
+// Covariance of the parameters by leaving out one view at a time, from the changes of the parameters.
+Eigen::MatrixXd jackknife_covariance(const std::vector<HeldOutBoard>& held_out) {
+  const auto n = static_cast<double>(held_out.size());
+  Eigen::VectorXd mean = Eigen::VectorXd::Zero(held_out[0].change.size());
+  for (const HeldOutBoard& board : held_out) mean += board.change / n;
+  Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(mean.size(), mean.size());
+  for (const HeldOutBoard& board : held_out)
+    covariance += (n - 1) / n * (board.change - mean) * (board.change - mean).transpose();
+  return covariance;
+}
+
+// Upper 97.5 % quantile of chi-square per degree of freedom (Wilson and Hilferty 1931).
+double upper_chi_square_per_dof(double dof) {
+  constexpr double kNormal = 1.96;
+  const double spread = 2 / (9 * dof);
+  return std::pow(1 - spread + kNormal * std::sqrt(spread), 3);
+}
+
+// Widens the covariance of independent corners by the disagreement of the views: errors of a view's corners have common
+// causes, such as a bent board, an imperfect lens model or blur, which do not average over its corners. All parameters
+// share one factor, which is estimated well; a parameter that disagrees significantly more is widened on its own.
+void widen_covariance(RigCalibration& calibration) {
+  Eigen::MatrixXd& covariance = calibration.covariance;
+  const Eigen::MatrixXd jackknife = jackknife_covariance(calibration.held_out);
+  std::vector<Eigen::Index> estimated;
+  for (Eigen::Index i = 0; i < covariance.rows(); ++i) {
+    if (covariance(i, i) > 0) estimated.push_back(i);
+  }
+  std::vector<double> ratios;
+  for (const Eigen::Index i : estimated) ratios.push_back(jackknife(i, i) / covariance(i, i));
+  const double squared = median(ratios);
+  calibration.covariance_factor = std::sqrt(std::max(1.0, squared));
+  covariance *= std::max(1.0, squared);
+  const double limit = upper_chi_square_per_dof(static_cast<double>(calibration.held_out.size()) - 1);
+  for (const Eigen::Index i : estimated) {
+    const double ratio = jackknife(i, i) / covariance(i, i);
+    if (ratio <= limit) continue;
+    covariance.row(i) *= std::sqrt(ratio);
+    covariance.col(i) *= std::sqrt(ratio);
+  }
+}
+
+// Share of the cells of an 8 x 8 grid over an image that contain one of the points.
+double coverage_of(const std::vector<ViewResult>& views, std::vector<Eigen::Vector2d> ViewResult::*points,
+                   const Pinhole& device) {
+  constexpr int kCells = 8;
+  std::array<bool, kCells * kCells> seen{};
+  for (const ViewResult& view : views) {
+    if (!view.used) continue;
+    for (const Eigen::Vector2d& p : view.*points) {
+      if (!device.contains(p)) continue;
+      const int col = static_cast<int>((p.x() + 0.5) / device.width * kCells),
+                row = static_cast<int>((p.y() + 0.5) / device.height * kCells);
+      seen[static_cast<size_t>(row * kCells + col)] = true;
+    }
+  }
+  return static_cast<double>(std::count(seen.begin(), seen.end(), true)) / (kCells * kCells);
+}
+
+std::string rounded(double value, int decimals) {
+  char text[40];
+  std::snprintf(text, sizeof text, "%.*f", decimals, value);
+  return text;
+}
+
+void add_warnings(RigCalibration& calibration, double widest_tilt_deg) {
+  std::vector<std::string>& warnings = calibration.warnings;
+  const auto all = calibration.views.size();
+  size_t used = 0, missing = 0, larger = 0;
+  for (const ViewResult& view : calibration.views) {
+    used += view.used;
+    missing += view.reason == kNotFound;
+    larger += view.continues;
+  }
+  if (missing > 0 && 4 * missing >= all)
+    warnings.push_back("the board was not found in " + std::to_string(missing) + " of " + std::to_string(all) +
+                       " views; check its number of columns and rows, and that it is completely visible");
+  if (2 * larger >= used)
+    warnings.push_back("the board's crossings continue beyond the described columns and rows in " +
+                       std::to_string(larger) + " of " + std::to_string(used) +
+                       " views; count its inner corners again");
+  constexpr size_t kFewViews = 6;
+  if (used < kFewViews)
+    warnings.push_back("only " + std::to_string(used) +
+                       " views are used; 10 to 15 are recommended, and the sigmas are themselves uncertain");
+  constexpr double kLeastTilt = 25;
+  if (widest_tilt_deg < kLeastTilt)
+    warnings.push_back("the boards are tilted against each other by at most " + rounded(widest_tilt_deg, 0) +
+                       " degrees; tilt them by 20 to 40 degrees in several directions");
+  for (const bool camera : {true, false}) {
+    const Pinhole& lens = camera ? calibration.rig.camera : calibration.rig.projector;
+    const LensSigmas& sigma = camera ? calibration.camera_sigma : calibration.projector_sigma;
+    const std::string device = camera ? "camera" : "projector";
+    constexpr double kLeastCoverage = 0.35;
+    const double coverage = camera ? calibration.camera_coverage : calibration.projector_coverage;
+    if (coverage < kLeastCoverage)
+      warnings.push_back("the corners cover " + rounded(100 * coverage, 0) + " % of the " + device +
+                         "'s image; the lens is extrapolated elsewhere: show the board in all parts of the image");
+    constexpr double kAspect = 0.05;
+    if (std::abs(lens.fx / lens.fy - 1) > kAspect)
+      warnings.push_back("the " + device + "'s fx and fy differ by " +
+                         rounded(100 * std::abs(lens.fx / lens.fy - 1), 0) + " %; check " +
+                         (camera ? "that its pixels are not square" : "projector width_px and height_px"));
+    if (lens.cx < 0 || lens.cx > lens.width)
+      warnings.push_back("the " + device + "'s principal point lies beside the image (cx = " + rounded(lens.cx, 0) +
+                         " px); check the size of its image and the sign of the fringes");
+    constexpr double kFocal = 0.003;
+    const double relative = std::max(sigma.fx / lens.fx, sigma.fy / lens.fy);
+    if (relative > kFocal)
+      warnings.push_back("the " + device + "'s focal length is known to " + rounded(100 * relative, 1) +
+                         " % only; add tilted views");
+  }
+}
+
 std::string rejection_reason(const BoardView& view, size_t corners) {
-  if (view.corners_px.size() != corners) return "the board was not found";
+  if (view.corners_px.size() != corners) return kNotFound;
   const auto lit =
       std::count_if(view.homographies.begin(), view.homographies.end(), [](const auto& h) { return h.has_value(); });
   const size_t wanted = std::max<size_t>(6, corners / 2);
@@ -310,8 +474,9 @@ std::string list_of(const std::vector<ViewResult>& views) {
   return text.empty() ? "" : text + ")";
 }
 
-// Focal lengths follow from foreshortening, so parallel boards do not determine them.
-void check_tilts(const Bundle& bundle, const std::vector<size_t>& used) {
+// Returns the largest angle between two boards. Focal lengths follow from foreshortening, so parallel boards do not
+// determine them; throws Error.
+double check_tilts(const Bundle& bundle, const std::vector<size_t>& used) {
   double widest = 0;
   for (const size_t a : used) {
     for (const size_t b : used)
@@ -325,6 +490,7 @@ void check_tilts(const Bundle& bundle, const std::vector<size_t>& used) {
     throw Error(
         "the boards of all views are parallel to within " + std::to_string(static_cast<int>(std::ceil(degrees))) +
         " degrees and do not determine the focal lengths; tilt the board by 20 to 40 degrees in several directions");
+  return degrees;
 }
 
 LensSigmas lens_sigmas(const Eigen::MatrixXd& covariance, int first) {
@@ -351,6 +517,7 @@ BoardView observe_board(const std::string& name, const cv::Mat1f& texture, const
                         const Board& board, const RigCalibrationOptions& options) {
   BoardView view{name, detect_board(texture, board), {}};
   if (view.corners_px.empty()) return view;
+  view.continues = continues_beyond(texture, board, view.corners_px);
   const auto columns = static_cast<size_t>(board.columns);
   for (size_t j = 0; j < view.corners_px.size(); ++j) {
     const cv::Point2f& corner = view.corners_px[j];
@@ -375,6 +542,7 @@ RigCalibration calibrate_rig(const std::vector<BoardView>& views, const Board& b
   }
   Bundle bundle(views, board, rig, options);
   bool started = false;
+  double widest_tilt_deg = 0;
   while (true) {
     if (static_cast<int>(used.size()) < options.min_views)
       throw Error(std::to_string(used.size()) + " of " + std::to_string(views.size()) + " views are usable; at least " +
@@ -382,7 +550,7 @@ RigCalibration calibrate_rig(const std::vector<BoardView>& views, const Board& b
                   list_of(calibration.views));
     if (!started) bundle.start(used);
     started = true;
-    check_tilts(bundle, used);
+    widest_tilt_deg = check_tilts(bundle, used);
     // The sigmas and the circles' perspective bias are estimated from a first solution.
     bundle.refine(used);
     bundle.correct_circles(used);
@@ -419,6 +587,19 @@ RigCalibration calibrate_rig(const std::vector<BoardView>& views, const Board& b
   calibration.rig.projector_from_camera = bundle.relative();
   calibration.camera_sigma = lens_sigmas(calibration.covariance, 0);
   calibration.projector_sigma = lens_sigmas(calibration.covariance, kLens);
+  check_determined(calibration, options.max_focal_sigma);
+  for (const size_t v : used) {
+    calibration.views[v].continues = views[v].continues;
+    Bundle others = bundle;
+    std::vector<size_t> rest = used;
+    std::erase(rest, v);
+    others.refine(rest, false);
+    calibration.held_out.push_back(others.measure(v));
+    calibration.held_out.back().change = others.parameters() - bundle.parameters();
+  }
+  widen_covariance(calibration);
+  calibration.camera_sigma = lens_sigmas(calibration.covariance, 0);
+  calibration.projector_sigma = lens_sigmas(calibration.covariance, kLens);
   calibration.rotation_sigma_rad = calibration.covariance.diagonal().segment<3>(2 * kLens).cwiseSqrt();
   calibration.translation_sigma_m = calibration.covariance.diagonal().segment<3>(2 * kLens + 3).cwiseSqrt();
   double camera_squares = 0, projector_squares = 0;
@@ -428,7 +609,9 @@ RigCalibration calibrate_rig(const std::vector<BoardView>& views, const Board& b
   }
   calibration.camera_rms_px = std::sqrt(camera_squares / static_cast<double>(used.size()));
   calibration.projector_rms_px = std::sqrt(projector_squares / static_cast<double>(used.size()));
-  check_determined(calibration, options.max_focal_sigma);
+  calibration.camera_coverage = coverage_of(calibration.views, &ViewResult::camera_px, calibration.rig.camera);
+  calibration.projector_coverage = coverage_of(calibration.views, &ViewResult::projector_px, calibration.rig.projector);
+  add_warnings(calibration, widest_tilt_deg);
   return calibration;
 }
 

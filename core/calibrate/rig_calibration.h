@@ -50,6 +50,7 @@ struct BoardView {
   std::string name;                                          // for messages
   std::vector<cv::Point2f> corners_px;                       // camera; empty when the board was not found
   std::vector<std::optional<LocalHomography>> homographies;  // one per corner
+  bool continues = false;                                    // the board is larger than described
 };
 
 // Detects the board in the texture and fits a local homography at each corner.
@@ -59,11 +60,21 @@ BoardView observe_board(const std::string& name, const cv::Mat1f& texture, const
 struct ViewResult {
   std::string name;
   bool used = false;
-  std::string reason;  // why the view is not used; empty if it is used
+  std::string reason;      // why the view is not used; empty if it is used
+  bool continues = false;  // the board is larger than described
   Pose camera_from_board;
   double camera_rms_px = 0, projector_rms_px = 0;
   // Measured corners and residuals (measured minus projected) in the order of the corners; NaN where unmeasured.
   std::vector<Eigen::Vector2d> camera_px, projector_px, camera_residual_px, projector_residual_px;
+};
+
+// Measurements of a board with the rig calibrated from the other boards.
+struct HeldOutBoard {
+  std::string name;
+  double plane_rms_m = 0;  // of the corners, triangulated from the camera's corners and the projector columns
+  double scale_error = 0;  // of the corners' distances, relative
+  // Changes of the lenses' parameters, in the order of RigCalibration::covariance.
+  Eigen::VectorXd change;
 };
 
 struct LensSigmas {
@@ -76,8 +87,14 @@ struct RigCalibration {
   LensSigmas camera_sigma, projector_sigma;
   Eigen::Vector3d rotation_sigma_rad{0, 0, 0}, translation_sigma_m{0, 0, 0};  // of projector_from_camera
   // 24 x 24: camera (fx fy cx cy k1 k2 p1 p2 k3), projector (the same), projector_from_camera (rotation, translation);
-  // zero rows and columns for parameters that were not estimated.
+  // zero rows and columns for parameters that were not estimated. It contains what the views' disagreement shows beyond
+  // the noise of independent corners; the sigmas follow from it.
   Eigen::MatrixXd covariance;
+  double covariance_factor = 1;        // by which that disagreement exceeds the noise of independent corners
+  std::vector<HeldOutBoard> held_out;  // one per used view
+  std::vector<std::string> warnings;   // one sentence each on whatever makes the calibration doubtful
+  // Share of an 8 x 8 grid over the images in which corners were seen.
+  double camera_coverage = 0, projector_coverage = 0;
   double camera_rms_px = 0, projector_rms_px = 0;
   std::vector<ViewResult> views;
 };

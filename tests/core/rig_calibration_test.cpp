@@ -187,6 +187,93 @@ TEST(CalibrateRig, ErrorsStayWithinTheCovariance) {
   EXPECT_LT(baseline, 2.5);
 }
 
+// Errors that all corners of a view share, here a projector that drifts by 0.5 px from view to view, do not average over
+// the corners. The sigmas must show it.
+TEST(CalibrateRig, CommonErrorsOfAViewWidenTheCovariance) {
+  const RigModel rig = true_rig();
+  Random random(6);
+  constexpr int kTrials = 10;
+  double narrow = 0, wide = 0, factor = 0;
+  for (int trial = 0; trial < kTrials; ++trial) {
+    std::vector<BoardView> views;
+    for (const Pose& pose : board_poses(10, 35, random)) {
+      RigModel drifted = rig;
+      drifted.projector.cx += 0.5 * random.normal();
+      drifted.projector.cy += 0.5 * random.normal();
+      views.push_back(view_of(drifted, pose, "view", 0.02, random));
+    }
+    const RigCalibration result = calibrate_rig(views, board(), rig, {});
+    const Pinhole &found = result.rig.projector, &truth = rig.projector;
+    const double error = std::pow((found.fx - truth.fx) / result.projector_sigma.fx, 2) +
+                         std::pow((found.cx - truth.cx) / result.projector_sigma.cx, 2) +
+                         std::pow((found.cy - truth.cy) / result.projector_sigma.cy, 2);
+    wide += error / (3 * kTrials);
+    narrow += error * std::pow(result.covariance_factor, 2) / (3 * kTrials);
+    factor += result.covariance_factor / kTrials;
+  }
+  EXPECT_GT(factor, 1.5);
+  EXPECT_GT(narrow, 3);
+  EXPECT_LT(wide, 2.5);
+}
+
+TEST(CalibrateRig, WeakSetsAreFlagged) {
+  const RigModel rig = true_rig();
+  Random random(7);
+  const auto warnings = [&](const std::vector<BoardView>& views) {
+    std::string all;
+    for (const std::string& warning : calibrate_rig(views, board(), rig, {}).warnings) all += warning + "\n";
+    return all;
+  };
+  EXPECT_THAT(warnings(views_of(rig, board_poses(4, 35, random), 0.02, random)), HasSubstr("only 4 views are used"));
+  EXPECT_THAT(warnings(views_of(rig, board_poses(10, 12, random), 0.02, random)),
+              HasSubstr("tilted against each other"));
+  auto views = views_of(rig, board_poses(10, 35, random), 0.02, random);
+  EXPECT_THAT(warnings(views), testing::Not(HasSubstr("not found")));
+  for (size_t v = 0; v < 3; ++v) views[v].corners_px.clear();
+  EXPECT_THAT(warnings(views), HasSubstr("the board was not found in 3 of 10 views"));
+  for (BoardView& view : views) view.continues = true;
+  EXPECT_THAT(warnings(views), HasSubstr("count its inner corners again"));
+  RigModel narrow = rig;
+  narrow.projector.width /= 2;
+  narrow.projector.fx /= 2, narrow.projector.cx /= 2;
+  EXPECT_THAT(warnings(views_of(narrow, board_poses(10, 35, random), 0.02, random)),
+              HasSubstr("the projector's fx and fy differ by 50 %"));
+}
+
+TEST(CalibrateRig, HeldOutBoardsAreFlatAndTrueToScale) {
+  const RigModel rig = true_rig();
+  Random random(8);
+  const RigCalibration result =
+      calibrate_rig(views_of(rig, board_poses(10, 35, random), 0.02, random), board(), rig, {});
+  ASSERT_EQ(result.held_out.size(), 10U);
+  for (const HeldOutBoard& measured : result.held_out) {
+    EXPECT_LT(measured.plane_rms_m, 1e-4);
+    EXPECT_LT(std::abs(measured.scale_error), 1e-3);
+  }
+}
+
+TEST(ContinuesBeyond, FindsLargerBoards) {
+  const auto image_of = [](int columns, int rows) {
+    cv::Mat1f image(60 + 20 * (rows + 1), 60 + 20 * (columns + 1), 200.0f);
+    for (int row = 0; row <= rows; ++row) {
+      for (int col = 0; col <= columns; ++col) {
+        if ((row + col) % 2 == 0) image(cv::Rect(30 + 20 * col, 30 + 20 * row, 20, 20)) = 40.0f;
+      }
+    }
+    cv::GaussianBlur(image, image, {0, 0}, 1);
+    return image;
+  };
+  const Board described{BoardKind::checkerboard, 6, 5, 0.02, 0};
+  std::vector<cv::Point2f> corners;
+  for (int row = 0; row < 5; ++row) {
+    for (int col = 0; col < 6; ++col)
+      corners.emplace_back(49.5f + 20.0f * static_cast<float>(col), 49.5f + 20.0f * static_cast<float>(row));
+  }
+  EXPECT_FALSE(continues_beyond(image_of(6, 5), described, corners));
+  EXPECT_TRUE(continues_beyond(image_of(7, 5), described, corners));
+  EXPECT_TRUE(continues_beyond(image_of(6, 7), described, corners));
+}
+
 TEST(CalibrateRig, BadViewsAreLeftOutWithTheReason) {
   const RigModel rig = true_rig();
   Random random(5);
