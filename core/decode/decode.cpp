@@ -103,6 +103,10 @@ void check_geometric(const RigModel& rig, double period_px, Axis axis) {
                 to_text(period_px) + " px; use a longer period or a narrower range");
 }
 
+bool numbers_periods(const GrayDecoder& decoder, const FringeGroup& group) {
+  return decoder.cell_px() <= group.period_px * (1 + 1e-9);
+}
+
 // Returns the reason why a method cannot be used; empty if it can.
 std::optional<std::string> obstacle(Unwrapping method, const PatternSequence& sequence, const RigModel& rig,
                                     const DecodeOptions& options, const DecodeContext& context) {
@@ -112,9 +116,9 @@ std::optional<std::string> obstacle(Unwrapping method, const PatternSequence& se
     if (method == Unwrapping::gray) {
       const StepEstimator any = groups.empty() ? StepEstimator{} : least_squares(groups.back());
       const GrayDecoder decoder(sequence, context.axis, groups.empty() ? nullptr : &any);
-      if (!groups.empty() && decoder.cell_px() > groups.back().period_px * (1 + 1e-9))
+      if (!groups.empty() && !numbers_periods(decoder, groups.front()))
         throw Error("the Gray code's cells of " + to_text(decoder.cell_px()) +
-                    " px are wider than the finest period, " + to_text(groups.back().period_px) +
+                    " px are wider than the longest period, " + to_text(groups.front().period_px) +
                     " px; add finer bits");
       return std::nullopt;
     }
@@ -343,6 +347,54 @@ Unwrapping resolve_unwrapping(const PatternSequence& sequence, const RigModel& r
   return options.unwrapping;
 }
 
+namespace {
+
+// The images of a stack whose patterns satisfy a condition.
+template <class Keep>
+FringeStack images_of(const FringeStack& stack, Keep&& keep) {
+  FringeStack part;
+  part.index = stack.index;
+  part.timestamp_s = stack.timestamp_s;
+  part.patterns = {stack.patterns.width, stack.patterns.height, {}, stack.patterns.inverse_response};
+  for (size_t i = 0; i < stack.images.size(); ++i) {
+    if (!keep(stack.patterns.patterns[i])) continue;
+    part.patterns.patterns.push_back(stack.patterns.patterns[i]);
+    part.images.push_back(stack.images[i]);
+    part.exposure_s.push_back(stack.exposure_s[i]);
+    part.exposure_time_s.push_back(stack.exposure_time_s[i]);
+  }
+  return part;
+}
+
+// Decodes a Gray code that numbers a coarser period than the finest: first that period, then each finer one as predicted
+// by the one before.
+void decode_finer_than_gray(DecodedStack& out, const FringeStack& stack, const RigModel& rig,
+                            const DecodeOptions& options, const DecodeContext& context,
+                            const std::vector<FringeGroup>& groups, size_t numbered) {
+  const auto has_period = [&](const Pattern& p, const FringeGroup& group) {
+    return p.coding == Coding::fringe && p.axis == context.axis && p.period_px == group.period_px;
+  };
+  decode_into(
+      out,
+      images_of(stack, [&](const Pattern& p) { return p.coding != Coding::fringe || has_period(p, groups[numbered]); }),
+      rig, options, context);
+  DecodeOptions finer = options;
+  finer.unwrapping = Unwrapping::predicted;
+  for (size_t g = numbered + 1; g < groups.size(); ++g) {
+    const CoordinatePrior before{out.coordinate_px.clone(), cv::Mat1f(out.coordinate_px.size(), 0.0f),
+                                 out.sigma_px.clone()};
+    const cv::Mat1f confidence = out.confidence.clone();
+    DecodeContext predicted = context;
+    predicted.expected = &before;
+    decode_into(out, images_of(stack, [&](const Pattern& p) { return has_period(p, groups[g]); }), rig, finer,
+                predicted);
+    out.confidence = out.confidence.mul(confidence);
+  }
+  out.unwrapping = Unwrapping::gray;
+}
+
+}  // namespace
+
 DecodedStack decode(const FringeStack& stack, const RigModel& rig, const DecodeOptions& options,
                     const DecodeContext& context) {
   DecodedStack out;
@@ -366,6 +418,13 @@ void decode_into(DecodedStack& out, const FringeStack& stack, const RigModel& ri
   if (method == Unwrapping::heterodyne) plan.unwrapping_levels = heterodyne_levels(groups, length);
   std::optional<GrayDecoder> gray;
   if (method == Unwrapping::gray) gray.emplace(sequence, context.axis, groups.empty() ? nullptr : &plan.groups.back());
+  if (gray && !groups.empty() && !numbers_periods(*gray, groups.back())) {
+    if (context.aligned)
+      throw Error("decode: images in motion need a Gray code with cells no wider than the finest period");
+    size_t numbered = groups.size() - 1;
+    while (!numbers_periods(*gray, groups[numbered])) --numbered;
+    return decode_finer_than_gray(out, stack, rig, options, context, groups, numbered);
+  }
   CoordinatePrior bounds;
   const CoordinatePrior* expected = context.expected;
   if (method == Unwrapping::geometric && !expected) {

@@ -23,6 +23,7 @@ namespace {
 
 constexpr Range kImagePixels{1, 16384};
 constexpr Range kImagePeriod{2, 1e5};
+constexpr Range kImageCell{1, 1e5};  // OpenCV's Gray codes have cells of 1 px
 constexpr Range kPhaseDegrees{-1e4, 1e4};
 constexpr int kMaxSteps = 1000, kMaxBits = 30, kMaxNumber = 1000000;
 
@@ -83,12 +84,11 @@ std::vector<std::string> entry_files(const Entry& entry) {
   return files;
 }
 
-double read_period(const YamlMap& map, int length_px) {
-  if (!map.has("number_of_periods")) return map.number("period_px", kImagePeriod);
+double read_period(const YamlMap& map, int length_px, const Range& range) {
+  if (!map.has("number_of_periods")) return map.number("period_px", range);
   if (map.has("period_px")) throw map.error("number_of_periods", "specify period_px or number_of_periods, not both");
   const double period = length_px / map.number("number_of_periods", {1e-3, 1e4});
-  if (!kImagePeriod.contains(period))
-    throw map.error("number_of_periods", range_error("the period", period, kImagePeriod));
+  if (!range.contains(period)) throw map.error("number_of_periods", range_error("the period", period, range));
   return period;
 }
 
@@ -122,7 +122,8 @@ std::vector<double> read_shifts_deg(const YamlMap& map, bool single) {
 std::vector<Pattern> read_fringe(const YamlMap& map, bool single, const cv::Size& projector, double& offset_rad) {
   Pattern pattern;
   pattern.axis = map.choice<Axis>("axis");
-  pattern.period_px = read_period(map, pattern.axis == Axis::columns ? projector.width : projector.height);
+  pattern.period_px =
+      read_period(map, pattern.axis == Axis::columns ? projector.width : projector.height, kImagePeriod);
   offset_rad = phase_offset_rad(map, pattern.period_px);
   std::vector<Pattern> patterns;
   for (const double shift_deg : read_shifts_deg(map, single)) {
@@ -149,7 +150,7 @@ std::vector<Pattern> read_gray(const YamlMap& map, bool single, const cv::Size& 
   pattern.coding = Coding::gray;
   pattern.axis = map.choice<Axis>("axis");
   const int length_px = pattern.axis == Axis::columns ? projector.width : projector.height;
-  std::vector<double> cells = read_cells(map, single, read_period(map, length_px), length_px);
+  std::vector<double> cells = read_cells(map, single, read_period(map, length_px, kImageCell), length_px);
   const bool inverted = !map.boolean_or("bright_is_one", true);
   std::string inverse = "none";
   if (!single) {

@@ -249,6 +249,32 @@ TEST(Gray, AloneGivesItsCells) {
   }
 }
 
+TEST(Gray, NumbersACoarserPeriodThanTheFinest) {
+  // Gray code of the 128 px period; 128 px unwraps 32 px, which unwraps 8 px.
+  PatternSequence sequence = phase_shift_sequence(1024, 768, {128, 32, 8}, 4, Axis::columns, 8);
+  for (const Pattern& bit : gray_patterns(Axis::columns, 64, 1024, 8)) sequence.patterns.push_back(bit);
+  const RigModel rig = plain_rig();
+  Random random(4);
+  const cv::Mat1d truth = support::ramp(1.2, 1021, 3000);
+  const FringeStack stack = fringe_stack(truth, sequence, {}, CV_8UC1, rig.sensor, &random);
+  ASSERT_EQ(resolve_unwrapping(sequence, rig, {}), Unwrapping::gray);
+  const DecodedStack decoded = decode(stack, rig, {});
+  EXPECT_EQ(decoded.unwrapping, Unwrapping::gray);
+  EXPECT_EQ(decoded.finest_period_px, 8);
+  int valid = 0;
+  for (int i = 0; i < 3000; ++i) {
+    if (std::isnan(decoded.coordinate_px(i))) continue;
+    ++valid;
+    EXPECT_NEAR(decoded.coordinate_px(i), truth(i), 0.3);
+  }
+  EXPECT_GT(valid, 2900);
+  PatternSequence coarse{1024, 768, {}};
+  coarse.patterns = phase_shift_sequence(1024, 768, {32, 8}, 4, Axis::columns, 8).patterns;
+  for (const Pattern& bit : gray_patterns(Axis::columns, 64, 1024, 8)) coarse.patterns.push_back(bit);
+  EXPECT_THAT(error_of([&] { resolve_unwrapping(coarse, rig, by(Unwrapping::gray)); }),
+              HasSubstr("wider than the longest period, 32 px"));
+}
+
 TEST(Gray, AFlatBitBetweenTwoFarCellsIsNotBelieved) {
   const PatternSequence sequence = design_sequence(design_of({32}, GrayCode::complementary));
   const RigModel rig = plain_rig();

@@ -624,6 +624,13 @@ TEST_F(ImportErrors, MessagesNameTheWayOut) {
   EXPECT_THAT(missing, HasSubstr("for the camera distortion (or `camera_distortion: none`)"));
 }
 
+TEST_F(ImportErrors, GrayCellsOfOnePixelAreAccepted) {
+  test::write_bytes(temp_ / "in/import.yaml", test::replaced(kGood, "gray: {axis: columns, period_px: 16}",
+                                                             "gray: {axis: columns, period_px: 1, bits: 2}"));
+  EXPECT_EQ(gray_bits(read_import(temp_ / "in/import.yaml", temp_ / "in").sequence, Axis::columns).back().cell_px, 1);
+  expect_refused("gray: {axis: columns, period_px: 16}", "gray: {axis: columns, period_px: 0.5}", "period_px");
+}
+
 TEST_F(ImportErrors, SizesInTheCalibrationMustMatch) {
   const std::string message = calibrated([](cv::FileStorage& storage) {
     const RigModel rig = toy_rig();
