@@ -56,6 +56,7 @@ std::vector<Item> large_world_items();
 std::vector<Item> mapping_items();
 std::vector<Item> mapping_speed_items();
 std::vector<Item> moving_hand_items();
+std::vector<Item> real_capture_items();
 std::vector<Item> registration_items();
 std::vector<Item> registration_speed_items();
 std::vector<Item> rendering_items();
