@@ -373,8 +373,10 @@ void NoiseEstimator::add_residuals(const FringeStack& stack) {
     if (pass == 0) typical = std::max(median(std::move(sizes)) / static_cast<double>(model.residual.cols()), 1e-6);
     coefficients = regression.solve(typical, static_cast<Eigen::Index>(model.images.size()));
   }
-  // What remains of the deterministic residuals, such as indirect light, varies smoothly over the image. The second
-  // difference over kDistance px removes it; over 1 px it would also remove noise that interpolation has correlated.
+  // What remains of the deterministic residuals, such as indirect light, varies smoothly over the image, and harmonics
+  // whose amplitude varies over the image vary only across the fringes. The second difference over kDistance px along
+  // the rows or the columns, whichever is smaller, removes both; over 1 px it would also remove noise that
+  // interpolation has correlated.
   constexpr int kDistance = 3;
   constexpr double kWeights[3] = {1, -2, 1};
   const double norm = std::sqrt(6.0);
@@ -382,13 +384,17 @@ void NoiseEstimator::add_residuals(const FringeStack& stack) {
     Eigen::VectorXd noise, grey;
     double darkest = 0;
   };
+  bool along_rows = true;
   const auto difference_at = [&](int row, int col, Difference& d) {
-    if (col < kDistance || col + kDistance >= size.width) return false;
+    const int at = along_rows ? col : row, length = along_rows ? size.width : size.height;
+    if (at < kDistance || at + kDistance >= length) return false;
     d.darkest = prior_.max_dn();
     d.noise.setZero(model.residual.cols());
     d.grey.setZero(model.residual.cols());
     for (int i = 0; i < 3; ++i) {
-      if (!pixel.fit(model, stack, row, col + (i - 1) * kDistance, limit_dn)) return false;
+      const int step = (i - 1) * kDistance;
+      if (!pixel.fit(model, stack, along_rows ? row : row + step, along_rows ? col + step : col, limit_dn))
+        return false;
       derivatives_of(model, pixel, in_images, derivatives);
       d.noise += kWeights[i] / norm * (pixel.residual - derivatives * coefficients);
       d.grey += kWeights[i] * kWeights[i] / 6 * (squared * pixel.grey);
@@ -399,6 +405,19 @@ void NoiseEstimator::add_residuals(const FringeStack& stack) {
   constexpr int kCompared = 4;  // every kCompared-th pixel is compared with its neighbour
   std::vector<std::pair<double, double>> neighbours;
   Difference here, beside;
+  double least = 0;
+  bool best = true;
+  for (const bool rows : {true, false}) {
+    along_rows = rows;
+    std::vector<double> sizes;
+    for_grid(size, options_.max_pixels / 16, [&](int row, int col) {
+      if (difference_at(row, col, here) && here.darkest >= kDarkestDn)
+        sizes.push_back(here.noise.squaredNorm() / (here.grey.mean() + 10));
+    });
+    const double typical_size = sizes.empty() ? 0 : median(std::move(sizes));
+    if (rows || typical_size < least) best = rows, least = typical_size;
+  }
+  along_rows = best;
   int visited = 0;
   for_grid(size, options_.max_pixels, [&](int row, int col) {
     if (!difference_at(row, col, here)) return;
