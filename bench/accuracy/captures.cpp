@@ -18,6 +18,7 @@
 #include "core/decode/decode.h"
 #include "core/depth/depth.h"
 #include "core/import/import.h"
+#include "core/score/local_scatter.h"
 #include "core/types/grey_value.h"
 #include "core/types/linear_algebra.h"
 
@@ -127,45 +128,10 @@ std::vector<Row> skull_rows(const Context&) {
 
 // --- local scatter over predicted sigma ---
 
-// Scatter of depths around a quadric in 9 x 9 windows, divided by their sigmas; the median over windows that are at least
-// 90 % valid.
 double scatter_ratio(const Frame& frame) {
-  constexpr int kRadius = 4, kStride = 5, kTerms = 6;
-  std::vector<double> ratios;
-  for (int row = kRadius; row + kRadius < frame.height(); row += kStride) {
-    for (int col = kRadius; col + kRadius < frame.width(); col += kStride) {
-      Eigen::Matrix<double, kTerms, kTerms> normal = Eigen::Matrix<double, kTerms, kTerms>::Zero();
-      Eigen::Matrix<double, kTerms, 1> right = Eigen::Matrix<double, kTerms, 1>::Zero();
-      struct Sample {
-        Eigen::Matrix<double, kTerms, 1> terms;
-        double z, sigma;
-      };
-      std::vector<Sample> samples;
-      for (int dy = -kRadius; dy <= kRadius; ++dy) {
-        for (int dx = -kRadius; dx <= kRadius; ++dx) {
-          if (!frame.valid(row + dy, col + dx)) continue;
-          Sample s;
-          const double x = dx, y = dy;
-          s.terms << 1, x, y, x * x, x * y, y * y;
-          s.z = static_cast<double>(frame.points_m(row + dy, col + dx)[2]);
-          s.sigma = static_cast<double>(frame.sigma_m(row + dy, col + dx));
-          samples.push_back(s);
-          const double weight = 1 / (s.sigma * s.sigma);
-          normal += weight * s.terms * s.terms.transpose();
-          right += weight * s.z * s.terms;
-        }
-      }
-      if (samples.size() < 73) continue;
-      const Eigen::VectorXd fit = solve_positive_definite(Eigen::MatrixXd(normal), Eigen::VectorXd(right));
-      double squares = 0;
-      for (const Sample& s : samples) {
-        const double rest = (s.z - s.terms.dot(fit)) / s.sigma;
-        squares += rest * rest;
-      }
-      ratios.push_back(std::sqrt(squares / static_cast<double>(samples.size() - kTerms)));
-    }
-  }
-  return median_of(std::move(ratios));
+  cv::Mat1f depth(frame.points_m.size());
+  cv::extractChannel(frame.points_m, depth, 2);
+  return local_scatter(depth, frame.sigma_m).over_sigma;
 }
 
 std::vector<Row> sigma_rows(const Context&) {
