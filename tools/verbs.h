@@ -41,6 +41,7 @@ Verb add_scene(Command app, const Common& common);
 Verb add_settings(Command app, const Common& common);
 Verb add_score(Command app, const Common& common);
 Verb add_decode(Command app, const Common& common);
+Verb add_twin(Command app, const Common& common);
 Verb add_landmarks(Command app, const Common& common);
 Verb add_info(Command app, const Common& common);
 Verb add_calibrate(Command app, const Common& common);
