@@ -12,6 +12,7 @@
 #include <regex>
 
 #include "bench/row.h"
+#include "bench/twin/twin.h"
 #include "core/calibrate/camera_noise.h"
 #include "core/calibrate/rig_calibration.h"
 #include "core/check/conventions.h"
@@ -221,6 +222,32 @@ std::vector<Row> board_rows(const Context&) {
   return {bound_row("captures.boards", mean, static_cast<int>(rms.size()), "mm", 0.22, Limit::most)};
 }
 
+// --- digital twins ---
+
+std::vector<Row> twin_rows(const Context&) {
+  if (!has_captures()) return {};
+  const Measurement skull = measured(kSkull);
+  const std::vector<std::pair<std::string, Measurement>> captures = {
+      {"skull_2x3", skull}, {"skull_gray", measured(kSkullGray, skull.rig.sensor)}, {"relief", measured(kRelief)}};
+  const fs::path folder = fs::temp_directory_path() / ("fringeslam-twin-" + std::to_string(std::random_device{}()));
+  double least = 1e9, greatest = 0;
+  for (const auto& [name, capture] : captures) {
+    fs::create_directories(folder);
+    const twin::Twin made = twin::make_twin(capture.stacks[0], capture.rig, name, folder, [] {});
+    std::fprintf(stderr, "  %s: blur %.2f px\n", name.c_str(), made.rig.projector_lens.blur_px);
+    for (const twin::Comparison& c : made.comparisons) {
+      std::fprintf(stderr, "  %s, %s: real %.4g, simulated %.4g %s\n", name.c_str(), c.name.c_str(), c.real,
+                   c.simulated, c.unit.c_str());
+      if (c.name != "phase noise" && c.name != "depth scatter") continue;
+      least = std::min(least, c.simulated / c.real);
+      greatest = std::max(greatest, c.simulated / c.real);
+    }
+    fs::remove_all(folder);
+  }
+  return {bound_row("captures.twin.least", least, 6, "x", 0.9, Limit::least),
+          bound_row("captures.twin.greatest", greatest, 6, "x", 1.1, Limit::most)};
+}
+
 // --- mistakes ---
 
 struct Mistake {
@@ -330,6 +357,9 @@ std::vector<Item> real_capture_items() {
            "local scatter of real captures over predicted sigmas, with measured noise",
            sigma_rows},
           {{"captures.boards"}, "real boards, each measured with a calibration from the other four", board_rows},
+          {{"captures.twin.least", "captures.twin.greatest"},
+           "simulated over real phase noise and depth scatter of three captures",
+           twin_rows},
           {{"captures.wrong.unnoticed", "captures.wrong.false_alarms"},
            "mistakes in the descriptions of real captures",
            wrong_rows}};
