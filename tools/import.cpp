@@ -80,8 +80,10 @@ ImportedNoise noise_of(const ImportPlan& plan) {
 
 // Compares the described conventions with alternatives on the first stack. Throws Error if one fits far better; returns
 // warnings otherwise.
-std::vector<std::string> check_of(const ImportPlan& plan, const SensorModel& sensor) {
+std::vector<std::string> check_of(const ImportPlan& plan, const SensorModel& sensor,
+                                  const std::optional<RigModel>& calibration) {
   ImportedRig rig(plan);
+  if (calibration) rig.recalibrate(*calibration);
   rig.set_sensor(sensor);
   const auto stack = rig.capture(rig.sequence());
   if (!stack) return {};
@@ -98,16 +100,19 @@ std::vector<std::string> check_of(const ImportPlan& plan, const SensorModel& sen
   return {message};
 }
 
-int import_folder(const fs::path& source, const fs::path& config, const std::string& out, bool check,
-                  const Common& common) {
+int import_folder(const fs::path& source, const fs::path& config, const std::string& out, const std::string& rig_file,
+                  bool check, const Common& common) {
+  std::optional<RigModel> calibration;
+  if (!rig_file.empty()) calibration = read_rig(fs::path(rig_file));
   ImportPlan plan = read_import(config, source);
   const size_t stacks = plan.stacks.size(), images = plan.sequence.patterns.size();
   const std::string name = plan.rig.name, board_yaml = plan.board_yaml;
   ImportedNoise noise = noise_of(plan);
   if (check) {
-    for (std::string& warning : check_of(plan, noise.sensor)) noise.warnings.push_back(std::move(warning));
+    for (std::string& warning : check_of(plan, noise.sensor, calibration)) noise.warnings.push_back(std::move(warning));
   }
   ImportedRig rig(std::move(plan));
+  if (calibration) rig.recalibrate(*calibration);
   rig.set_sensor(noise.sensor);
   StagedFolder folder(out, "dataset");
   RecordingRig recording(rig, folder.path());
@@ -144,7 +149,7 @@ int import_folder(const fs::path& source, const fs::path& config, const std::str
 
 Verb add_import(Command app, const Common& common) {
   struct ImportArguments {
-    std::string folder, config, out;
+    std::string folder, config, out, rig;
     bool unchecked = false;
   };
   auto a = std::make_shared<ImportArguments>();
@@ -152,11 +157,13 @@ Verb add_import(Command app, const Common& common) {
   verb.add_option("folder", a->folder, "Folder with the images").required();
   verb.add_option("--config", a->config, "Description of the images (default: FOLDER/import.yaml)");
   verb.add_option("--out", a->out, "Dataset folder to write").required();
+  verb.add_option("--rig", a->rig, "Calibration, a rig.yaml such as that of calibrate rig; replaces import.yaml's")
+      .check_existing_file();
   verb.add_flag("--no-check", a->unchecked, "Import even if other conventions fit the images far better");
   return [a, &common] {
     const fs::path folder(a->folder);
-    return import_folder(folder, a->config.empty() ? folder / kImportFile : fs::path(a->config), a->out, !a->unchecked,
-                         common);
+    return import_folder(folder, a->config.empty() ? folder / kImportFile : fs::path(a->config), a->out, a->rig,
+                         !a->unchecked, common);
   };
 }
 

@@ -13,6 +13,7 @@
 #include "core/mapper/driver.h"
 #include "core/mapper/thermal_observer.h"
 #include "core/rig/background_rig.h"
+#include "core/rig/rig_file.h"
 #include "tools/interrupt.h"
 #include "tools/live/live_mapper.h"
 #include "tools/live/live_option.h"
@@ -41,7 +42,7 @@ struct RunArguments {
   std::string source, out;
   std::vector<std::string> sets;
   SceneVariant variant;
-  std::string map;
+  std::string map, rig;
   bool mesh = false, vdb = false, save_map = false, no_report = false;
   LiveOption live;
   double live_rate_hz = 0;
@@ -112,6 +113,7 @@ int run(const RunArguments& arguments, const Common& common) {
   };
   if (sets_any_of("mesh") && !arguments.mesh) throw Error("mesh.* settings have no effect without --mesh; add it");
   const auto source = open_source(arguments.source, arguments.variant, settings, sets_any_of("render"));
+  if (!arguments.rig.empty()) source->recalibrate(read_rig(arguments.rig));
   if (source->imported()) {
     const auto is_set = [&](const std::string& key) {
       return std::any_of(arguments.sets.begin(), arguments.sets.end(),
@@ -218,6 +220,10 @@ Verb add_run(Command app, const Common& common) {
   verb.add_option("--out", arguments->out, "Run folder to write (default: runs/NAME-SEED)");
   arguments->variant.add_to(verb);
   verb.add_flag("--mesh", arguments->mesh, "Also write each view's surface mesh as frames/NNNNNN/mesh.ply");
+  verb.add_option("--rig", arguments->rig,
+                  "Calibration to use instead of the dataset's, a rig.yaml such as that of calibrate rig; the "
+                  "dataset's camera noise remains")
+      .check_existing_file();
   verb.add_option("--map", arguments->map, "Continue in a map saved by an earlier run").check_existing_file();
   verb.add_flag("--save-map", arguments->save_map, "Also write saved.map, in which a later run can continue");
   verb.add_flag("--animation", arguments->animation, "Also write animation.gif: the growing map, fringes and depth");

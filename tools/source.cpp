@@ -63,6 +63,9 @@ class SceneSource : public Source {
   }
   const std::string& name() const override { return scene_.name; }
   uint64_t seed() const override { return scene_.seed; }
+  void recalibrate(const RigModel&) override {
+    throw Error(board_.parent_path().string() + ": is a scene with its own rig; --rig applies to datasets");
+  }
   int stacks() const override {
     if (!scene_.path) return static_cast<int>(scene_.trajectory.size());
     const double images_per_view = static_cast<double>(scene_.patterns.patterns.size());
@@ -112,6 +115,10 @@ class DatasetSource : public Source {
   bool imported() const override { return info_.imported; }
   const PatternSequence& sequence() const override { return sequence_; }
   const RigModel& model() const override { return model_; }
+  void recalibrate(const RigModel& calibration) override {
+    rig_->recalibrate(calibration);
+    model_ = rig_->model();
+  }
   void undistort() override {
     if (!model_.camera.distortion.is_zero())
       throw Error(folder_.string() + ": its images have lens distortion; add --distorted to keep it");

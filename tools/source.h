@@ -35,6 +35,8 @@ class Source {
   virtual bool imported() const { return false; }
   virtual const PatternSequence& sequence() const = 0;
   virtual const RigModel& model() const = 0;
+  // Replaces lenses and relative pose by those of a calibration. Throws Error for scenes, whose rig is part of them.
+  virtual void recalibrate(const RigModel& calibration) = 0;
   // Removes the camera's lens distortion from images that are still to be rendered. Throws Error if the images are
   // recorded and distorted.
   virtual void undistort() = 0;

@@ -77,6 +77,15 @@ ImportedRig::ImportedRig(ImportPlan plan) : plan_(std::move(plan)), model_(plan_
   check_rig(model_, plan_.config);
 }
 
+void ImportedRig::recalibrate(const RigModel& calibration) {
+  try {
+    model_ = with_calibration(model_, calibration);
+  } catch (const Error& e) {
+    throw Error(first_.string() + ": " + e.what());
+  }
+  check_rig(model_, plan_.config);
+}
+
 void ImportedRig::set_sensor(const SensorModel& sensor) {
   if (sensor.bits != model_.sensor.bits)
     throw Error(first_.string() + ": has " + std::to_string(model_.sensor.bits) +

@@ -13,6 +13,8 @@ namespace fringeslam {
 class ImportedRig : public Rig {
  public:
   explicit ImportedRig(ImportPlan plan);
+  // Replaces lenses and relative pose by those of a calibration; see with_calibration().
+  void recalibrate(const RigModel& calibration);
   const RigModel& model() const override { return model_; }
   const PatternSequence& sequence() const { return plan_.sequence; }
   // Returns the next stack. Throws Error naming the image if it is damaged, differs from the first in size or type, or

@@ -146,6 +146,14 @@ std::optional<FringeStack> ReplayRig::capture(const PatternSequence& sequence) {
   return stack;
 }
 
+void ReplayRig::recalibrate(const RigModel& calibration) {
+  try {
+    model_ = with_calibration(model_, calibration);
+  } catch (const Error& e) {
+    throw Error(folder_.string() + ": " + e.what());
+  }
+}
+
 RecordingRig::RecordingRig(Rig& inner, fs::path folder) : inner_(inner), folder_(std::move(folder)) {
   write_text(folder_ / "rig.yaml", to_yaml(inner_.model()));
 }

@@ -42,6 +42,8 @@ class ReplayRig : public Rig {
   const PatternSequence& sequence() const { return sequence_; }
   const DatasetInfo& info() const { return info_; }
   bool can_change_patterns() const override { return false; }
+  // Replaces lenses and relative pose by those of a calibration; see with_calibration().
+  void recalibrate(const RigModel& calibration);
   // Returns the next stack. Throws Error unless `sequence` is the recorded sequence or a subsequence of it.
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
 

@@ -361,4 +361,22 @@ std::string to_yaml(const PatternSequence& sequence) {
   return text;
 }
 
+RigModel with_calibration(RigModel rig, const RigModel& calibration) {
+  const auto require_size = [](const char* device, const Pinhole& images, const Pinhole& calibrated) {
+    if (images.width != calibrated.width || images.height != calibrated.height)
+      throw Error("the calibration is for a " + std::string(device) + " of " + std::to_string(calibrated.width) + "x" +
+                  std::to_string(calibrated.height) + " px, but this one has " + std::to_string(images.width) + "x" +
+                  std::to_string(images.height) + " px");
+  };
+  require_size("camera", rig.camera, calibration.camera);
+  require_size("projector", rig.projector, calibration.projector);
+  rig.calibrated = calibration.calibrated;
+  rig.camera = calibration.camera;
+  rig.projector = calibration.projector;
+  rig.projector_from_camera = calibration.projector_from_camera;
+  rig.projector_response = calibration.projector_response;
+  rig.phase_correction = calibration.phase_correction;
+  return rig;
+}
+
 }  // namespace fringeslam

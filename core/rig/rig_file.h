@@ -23,6 +23,10 @@ SequenceDesign read_design(const YamlMap& map, const RigModel& rig);
 PatternSequence read_patterns(const std::filesystem::path& file);
 std::string to_yaml(const PatternSequence& sequence);
 
+// Returns `rig` with the lenses, relative pose, response and phase correction of a calibration; its noise, timing, mount
+// and working range remain. Throws Error if the image sizes differ.
+RigModel with_calibration(RigModel rig, const RigModel& calibration);
+
 // True if some point of the working range is in the fields of view of both camera and projector; otherwise nothing can
 // be measured.
 bool fields_overlap(const RigModel& rig);

@@ -631,6 +631,28 @@ TEST_F(ImportErrors, GrayCellsOfOnePixelAreAccepted) {
   expect_refused("gray: {axis: columns, period_px: 16}", "gray: {axis: columns, period_px: 0.5}", "period_px");
 }
 
+TEST_F(ImportErrors, RigFilesReplaceTheCalibration) {
+  RigModel calibrated = toy_rig();
+  calibrated.name = "calibrated";
+  calibrated.camera.fx = 23;
+  calibrated.projector_from_camera.translation = {-0.12, 0.003, 0.02};
+  calibrated.sensor.gain_dn_per_electron = 0.5;
+  write_text(temp_ / "calibrated.yaml", to_yaml(calibrated));
+  test::write_bytes(temp_ / "in/import.yaml", kGood);
+  test::run_successfully({"import", (temp_ / "in").string(), "--out", (temp_ / "out").string(), "--rig",
+                          (temp_ / "calibrated.yaml").string()});
+  const RigModel imported = ReplayRig(temp_ / "out").model();
+  expect_near(imported, calibrated);
+  EXPECT_NE(imported.sensor.gain_dn_per_electron, 0.5);
+  EXPECT_NE(imported.name, "calibrated");
+  calibrated.projector.width = 128;
+  write_text(temp_ / "calibrated.yaml", to_yaml(calibrated));
+  const auto refused = test::run_program({"import", (temp_ / "in").string(), "--out", (temp_ / "out2").string(),
+                                          "--rig", (temp_ / "calibrated.yaml").string()});
+  EXPECT_EQ(refused.exit_code, 2);
+  EXPECT_THAT(refused.err, HasSubstr("the calibration is for a projector of 128x8 px, but this one has 64x8 px"));
+}
+
 TEST_F(ImportErrors, SizesInTheCalibrationMustMatch) {
   const std::string message = calibrated([](cv::FileStorage& storage) {
     const RigModel rig = toy_rig();
