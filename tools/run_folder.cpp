@@ -161,10 +161,26 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const T
     fringe_ = grey_picture(stack.images[std::min(static_cast<size_t>(finest_image_), stack.images.size() - 1)],
                            0.8 * rig_.sensor.max_dn());
     phase_ = phase;
-    depth_ = false_colour(depth, rig_.near_m, rig_.far_m);
-    double low = 0, high = 0;
-    cv::minMaxLoc(depth, &low, &high, nullptr, nullptr, depth == depth);
-    if (high > low) depth_ = false_colour(depth, low, high);
+    const auto [near_m, far_m] = content_limits(depth);
+    depth_ = false_colour(depth, near_m, far_m);
+    depth_title_ = "depth, " + fixed(1e3 * near_m, 0) + " to " + fixed(1e3 * far_m, 0) + " mm, near = blue";
+    const double largest_sigma_m = content_limits(result.frame.sigma_m).second;
+    sigma_ = false_colour(result.frame.sigma_m, 0, largest_sigma_m);
+    sigma_title_ = "depth sigma, 0 to " + fixed(1e3 * largest_sigma_m, 2) + " mm";
+    shaded_ = shaded_picture(result.frame.normals);
+    texture_ = grey_picture(result.frame.texture, 0.8 * 255);
+    const int valid = static_cast<int>(std::count_if(depth.begin(), depth.end(), [](float z) { return z == z; }));
+    std::vector<float> sigmas;
+    for (const float sigma : result.frame.sigma_m) {
+      if (sigma == sigma) sigmas.push_back(sigma);
+    }
+    const auto middle = sigmas.begin() + static_cast<std::ptrdiff_t>(sigmas.size() / 2);
+    std::nth_element(sigmas.begin(), middle, sigmas.end());
+    facts_ = {"no ground truth, no score", "",
+              std::to_string(valid) + " pixels with depth (" +
+                  fixed(100.0 * valid / static_cast<double>(depth.total()), 1) + " %)",
+              "depth " + fixed(1e3 * near_m, 1) + " to " + fixed(1e3 * far_m, 1) + " mm (1 to 99 %)"};
+    if (!sigmas.empty()) facts_.push_back("median sigma " + fixed(1e3 * static_cast<double>(*middle), 3) + " mm");
   }
   if (first_matches) {
     const Keyframe& reference = map.keyframes()[static_cast<size_t>(result.reference)];
@@ -198,7 +214,7 @@ void RunFolder::finish(const Trajectory& trajectory, const std::vector<CloudPoin
 }
 
 void RunFolder::draw_overview(const std::vector<CloudPoint>& cloud, const RunScore* score) const {
-  Panel error{"no ground truth: depth error unknown", {}, 1};
+  Panel error{sigma_title_, sigma_, 1};
   if (score) {
     for (const int index : tracked_) {
       const DepthEstimate estimate = read_depth_estimate(frame_folder(index) / "depth.exr");
@@ -213,18 +229,23 @@ void RunFolder::draw_overview(const std::vector<CloudPoint>& cloud, const RunSco
   std::vector<Pose> cameras;
   for (const TimedPose& pose : trajectory_) cameras.push_back(pose.world_from_robot * rig_.robot_from_camera);
   const cv::Size cell(448, 421);
-  const std::vector<std::string> lines =
-      score ? summary(*score) : std::vector<std::string>{"no ground truth, no score"};
-  write_png(folder_ / "overview.png",
-            sheet({{{"view " + std::to_string(shown_) + ": fringe image", fringe_, 1},
-                    {"wrapped phase", phase_, 1},
-                    {"depth, near = blue", depth_, 1},
-                    error},
-                   {{match_title_, matches_, 2},
-                    {"map from above, " + std::to_string(cloud.size()) + " points; cameras yellow",
-                     map_picture(cloud, cameras, cell), 1},
-                    {"score", text_picture(lines, cell), 1}}},
-                  cell));
+  std::vector<std::string> facts = facts_;
+  facts.push_back(std::to_string(tracked_.size()) + " views tracked, " + std::to_string(lost_.size()) + " lost");
+  // Without a second view there are no matches; the surface and its sigma are shown instead.
+  std::vector<Panel> second_row = {{match_title_, matches_, 2}};
+  if (matches_.empty()) {
+    second_row = {{"surface, shaded by its normals", shaded_, 1},
+                  score ? Panel{sigma_title_, sigma_, 1} : Panel{"texture", texture_, 1}};
+  }
+  second_row.push_back({"map from above, " + std::to_string(cloud.size()) + " points; cameras yellow",
+                        map_picture(cloud, cameras, cell), 1});
+  second_row.push_back({"score", text_picture(score ? summary(*score) : facts, cell), 1});
+  write_png(folder_ / "overview.png", sheet({{{"view " + std::to_string(shown_) + ": fringe image", fringe_, 1},
+                                              {"wrapped phase", phase_, 1},
+                                              {depth_title_, depth_, 1},
+                                              error},
+                                             second_row},
+                                            cell));
 }
 
 }  // namespace fringeslam::tools

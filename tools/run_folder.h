@@ -45,7 +45,9 @@ class RunFolder {
   nlohmann::ordered_json frames_ = nlohmann::ordered_json::array(), landmarks_ = nlohmann::ordered_json::array();
   // Images of the first tracked view with matches, or of the first view, for the overview.
   int shown_ = 0;
-  cv::Mat3b fringe_, phase_, depth_, matches_;
+  cv::Mat3b fringe_, phase_, depth_, sigma_, shaded_, texture_, matches_;
+  std::string depth_title_, sigma_title_;
+  std::vector<std::string> facts_;  // about the view shown, for runs without ground truth
   std::string match_title_;
 };
 

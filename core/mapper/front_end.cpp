@@ -86,12 +86,18 @@ ReconstructedView FringeFrontEnd::reconstruct(const FringeStack& stack, const Re
   }
   ReconstructedView view;
   view.complete = !needs_prior(stack);
-  compensate_motion(view, stack, decoding, prior);
+  if (options_.at_rest) {
+    decode_into(view, stack, decoding, nullptr);
+    reconstruct_frame(view);
+  } else {
+    compensate_motion(view, stack, decoding, prior);
+  }
   return view;
 }
 
 std::vector<DepthSlope> FringeFrontEnd::depth_slopes(const FringeStack& stack, const ReconstructedView& view,
                                                      int stride) const {
+  if (options_.at_rest) return {};
   enter_stage("motion");
   cv::Mat1f depth;
   cv::extractChannel(view.frame.points_m, depth, 2);

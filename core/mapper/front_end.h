@@ -51,6 +51,7 @@ class FrontEnd {
 struct FrontEndOptions {
   DecodeOptions decode;
   DepthOptions depth;
+  bool at_rest = false;  // during each stack: motion is not looked for
 };
 
 // Decodes and triangulates phase-shifted fringes. With `decode.unwrapping=predicted`, stacks of the finest fringes alone

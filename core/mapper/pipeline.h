@@ -55,7 +55,7 @@ struct PipelineOptions {
     visit("thermal", thermal);
   }
 
-  FrontEndOptions front_end() const { return {decode, depth}; }
+  FrontEndOptions front_end() const { return {decode, depth, tracking.at_rest}; }
   MapperOptions mapper() const {
     return {{keypoints, conditioning, clusters, landmarks, recognition},
             {matching, motion, icp, tracking, ambiguity},

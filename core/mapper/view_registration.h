@@ -48,6 +48,7 @@ struct TrackingOptions {
   double max_displacement_sigma_m = 1e-3;
   double min_predicted = 0.75;
   bool finest_in_motion = true;
+  bool at_rest = false;
   int stride = 1;
 
   template <class Visitor>
@@ -70,6 +71,10 @@ struct TrackingOptions {
             "largest sigma of the surfaces' positions, m");
     v.field("min_predicted", min_predicted, {0, 1},
             "least share of fringe orders predicted by the map; below it the next view captures the full sequence");
+    v.field(
+        "at_rest", at_rest,
+        "the camera is at rest during each stack: motion is neither detected nor estimated; run sets it for imported "
+        "datasets, whose images have no times");
     v.field("finest_in_motion", finest_in_motion,
             "capture the finest fringes alone while the robot moves and the map predicts their orders; "
             "decode.unwrapping=predicted does so at rest too");

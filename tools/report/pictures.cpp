@@ -36,6 +36,36 @@ cv::Mat3b false_colour(const cv::Mat1f& values, double low, double high) {
   return colours;
 }
 
+cv::Mat3b shaded_picture(const cv::Mat3f& normals) {
+  cv::Mat3b picture(normals.size(), cv::Vec3b(0, 0, 0));
+  // Normals face the camera, towards -z; y points down.
+  const cv::Vec3f light = cv::normalize(cv::Vec3f(-0.5f, -0.7f, -1.0f));
+  for (int row = 0; row < normals.rows; ++row) {
+    for (int col = 0; col < normals.cols; ++col) {
+      const cv::Vec3f& n = normals(row, col);
+      if (n[2] != n[2]) continue;
+      const auto grey = cv::saturate_cast<uchar>(30 + 225 * std::max(0.0f, n.dot(light)));
+      picture(row, col) = cv::Vec3b(grey, grey, grey);
+    }
+  }
+  return picture;
+}
+
+std::pair<double, double> content_limits(const cv::Mat1f& values) {
+  std::vector<float> valid;
+  for (const float value : values) {
+    if (value == value) valid.push_back(value);
+  }
+  if (valid.size() < 2) return {0, 1};
+  const auto quantile = [&](double share) {
+    const auto nth = valid.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(valid.size() - 1));
+    std::nth_element(valid.begin(), nth, valid.end());
+    return static_cast<double>(*nth);
+  };
+  const double low = quantile(0.01), high = quantile(0.99);
+  return high > low ? std::pair(low, high) : std::pair(low, low + 1e-6);
+}
+
 cv::Mat3b grey_picture(const cv::Mat& image, double full_scale) {
   cv::Mat grey, colours;
   image.convertTo(grey, CV_8U, 255 / full_scale);

@@ -14,6 +14,12 @@ namespace fringeslam::tools {
 // Maps values of [low, high] to the Turbo colour map; NaN is black. Signed errors use [-limit, limit].
 cv::Mat3b false_colour(const cv::Mat1f& values, double low, double high);
 
+// Surface under a light from above left, by its normals; black where there are none.
+cv::Mat3b shaded_picture(const cv::Mat3f& normals);
+
+// Limits that contain all valid values but the lowest and highest 1 %; {0, 1} if there are none.
+std::pair<double, double> content_limits(const cv::Mat1f& values);
+
 cv::Mat3b grey_picture(const cv::Mat& image, double full_scale);
 
 // Matched keypoints of two textures side by side: inliers of the motion green, the rest red.
