@@ -13,6 +13,7 @@
 #include "core/rig/rig_file.h"
 #include "tools/board_file.h"
 #include "tools/progress.h"
+#include "tools/report/calibration_page.h"
 #include "tools/report/coverage.h"
 #include "tools/verbs.h"
 
@@ -39,10 +40,9 @@ struct CalibrateRigArguments {
 };
 
 BoardView observe(const FringeStack& stack, const RigModel& rig, const Board& board,
-                  const CalibrationSettings& settings) {
+                  const CalibrationSettings& settings, cv::Mat1f& texture) {
   const DecodedStack columns = decode(stack, rig, settings.decode, {Axis::columns});
   const DecodedStack rows = decode(stack, rig, settings.decode, {Axis::rows});
-  cv::Mat1f texture;
   cv::addWeighted(columns.mean, 0.5, rows.mean, 0.5, 0, texture);
   return observe_board("view " + std::to_string(stack.index), texture,
                        {columns.coordinate_px, rows.coordinate_px, columns.sigma_px, rows.sigma_px}, board,
@@ -158,10 +158,11 @@ int calibrate(const CalibrateRigArguments& arguments, const Common& common) {
   }
   StagedFolder folder(arguments.out, "calibration");
   std::vector<BoardView> views;
+  std::vector<cv::Mat1f> textures;
   {
     Progress progress("finding boards", replay.info().stacks, common.quiet || common.json);
     while (const auto stack = replay.capture(replay.sequence())) {
-      views.push_back(observe(*stack, replay.model(), board, settings));
+      views.push_back(observe(*stack, replay.model(), board, settings, textures.emplace_back()));
       progress.step();
     }
   }
@@ -174,13 +175,14 @@ int calibrate(const CalibrateRigArguments& arguments, const Common& common) {
   write_text(folder.path() / "rig.yaml", to_yaml(calibration.rig));
   write_text(folder.path() / "calibration.json", to_json(calibration).dump(2) + "\n");
   write_png(folder.path() / "coverage.png", coverage_picture(calibration));
+  write_calibration_page(folder.path(), calibration, textures);
   folder.commit();
   for (const std::string& warning : calibration.warnings) std::fprintf(stderr, "warning: %s\n", warning.c_str());
   if (common.json)
     std::printf("%s\n", to_json(calibration).dump(2).c_str());
   else
-    std::printf("%s\nwritten: %s  (rig.yaml, calibration.json, coverage.png)\n", to_table(calibration).c_str(),
-                arguments.out.c_str());
+    std::printf("%s\nwritten: %s  (rig.yaml, calibration.json, calibration.html, coverage.png)\n",
+                to_table(calibration).c_str(), arguments.out.c_str());
   return 0;
 }
 
@@ -192,7 +194,7 @@ Verb add_calibrate_rig(Command group, const Common& common) {
       group.add_subcommand("rig", "Camera and projector lenses and their relative pose, from views of a flat board");
   verb.add_option("dataset", arguments->dataset, "Dataset of board views with patterns in both axes").required();
   verb.add_option("--board", arguments->board, "Board file (default: DATASET/board.yaml)");
-  verb.add_option("--out", arguments->out, "Folder for rig.yaml, calibration.json and coverage.png").required();
+  verb.add_option("--out", arguments->out, "Folder for rig.yaml, calibration.json and calibration.html").required();
   verb.add_option("--set", arguments->sets, "calibration.key=value or decode.key=value (repeatable; listed below)");
   verb.footer(groups_help(CalibrationSettings()));
   return [arguments, &common] { return calibrate(*arguments, common); };

@@ -83,6 +83,8 @@ TEST_F(Calibrate, RigFromBothKindsOfBoards) {
         << kind.name;
     EXPECT_EQ(rig.sensor.dark_noise_electrons, 25);  // parameters that are not calibrated are kept
     EXPECT_TRUE(test::fs::exists(temp_ / (kind.name + "_rig/coverage.png")));
+    EXPECT_TRUE(test::fs::exists(temp_ / (kind.name + "_rig/calibration.html")));
+    EXPECT_TRUE(test::fs::exists(temp_ / (kind.name + "_rig/views/000000.png")));
     EXPECT_EQ(json::parse(test::read_bytes(temp_ / (kind.name + "_rig/calibration.json"))), printed);
   }
 }

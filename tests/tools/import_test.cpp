@@ -728,5 +728,33 @@ patterns:
   EXPECT_NEAR(quantile(0.97), 0.771, 0.006);
 }
 
+TEST(Captures, SkullIsImportedWithItsNoiseAndMapped) {
+  const char* captures = std::getenv("FRINGESLAM_CAPTURES");
+  const fs::path skull = captures ? fs::path(captures) / "skull" : fs::path();
+  if (skull.empty() || !fs::is_directory(skull))
+    GTEST_SKIP() << "set FRINGESLAM_CAPTURES to the folder that contains skull/ (see core/rig/README.md)";
+  const test::TempFolder temp;
+  const fs::path config = fs::path(FRINGESLAM_SOURCE_DIR) / "bench/accuracy/captures/skull_2x3.yaml";
+  const auto import = [&](const std::string& from, const std::string& to, const std::string& out) {
+    test::write_bytes(temp / "import.yaml", test::replaced(test::read_bytes(config), from, to));
+    return test::run_program({"import", (skull / "skull_2x3").string(), "--config", (temp / "import.yaml").string(),
+                              "--out", (temp / out).string(), "--quiet"});
+  };
+  const auto good = import("skull_2x3", "skull", "good");
+  EXPECT_EQ(good.exit_code, 0) << good.err;
+  EXPECT_EQ(good.err, "");
+  // Measured independently from two captures of the same patterns: 0.0325 DN/e-.
+  EXPECT_NEAR(ReplayRig(temp / "good").model().sensor.gain_dn_per_electron, 0.0325, 0.002);
+  test::run_successfully({"run", (temp / "good").string(), "--out", (temp / "run").string(), "--quiet"});
+  const nlohmann::json frames = nlohmann::json::parse(test::read_bytes(temp / "run/frames.json"));
+  EXPECT_EQ(frames[0]["tracking"], "first");
+  EXPECT_GT(frames[0]["valid_pixels"], 330000);
+
+  const auto wrong = import("number_of_periods: 16", "number_of_periods: 15", "wrong");
+  EXPECT_EQ(wrong.exit_code, 2);
+  EXPECT_THAT(wrong.err, HasSubstr("`number_of_periods: 16 instead of 15` fits better"));
+  EXPECT_FALSE(fs::exists(temp / "wrong"));
+}
+
 }  // namespace
 }  // namespace fringeslam

@@ -76,6 +76,12 @@ std::vector<std::string> warnings_of(const CameraNoise& noise) {
                        to_text(std::round(noise.correlation * 100) / 100) +
                        "), so the images are interpolated, filtered or compressed, or the view moved; sigmas of "
                        "smoothed results would be too small");
+  constexpr double kLargestHarmonic = 0.05;
+  if (noise.harmonics > kLargestHarmonic)
+    warnings.push_back("the fringes have harmonics of " + percentage(noise.harmonics) +
+                       " of their modulation, as from a projector with a nonlinear response, which bias the phase with "
+                       "few steps: measure the response with `fringeslam calibrate response` and project linearized "
+                       "patterns");
   if (gain.high - gain.low > gain.value)
     warnings.push_back("the gain is uncertain; use more stacks or a view with more grey levels");
   return warnings;
@@ -83,7 +89,10 @@ std::vector<std::string> warnings_of(const CameraNoise& noise) {
 
 cv::Mat3b picture_of(const CameraNoise& noise, const SensorModel& before) {
   double greatest = 0;
-  Plot plot{{"grey value, DN", 0, 1.1 * noise.bins.back().grey_dn}, {"temporal variance, DN^2"}, {{{}, {110, 110, 110}, 1}, {}}, {{}}};
+  Plot plot{{"grey value, DN", 0, 1.1 * noise.bins.back().grey_dn},
+            {"temporal variance, DN^2"},
+            {{{}, {110, 110, 110}, 1}, {}},
+            {{}}};
   for (const NoiseBin& bin : noise.bins) {
     plot.marks[0].points.emplace_back(bin.grey_dn, bin.variance_dn2);
     plot.marks[0].sigma.push_back(bin.variance_dn2 * std::sqrt(2 / static_cast<double>(bin.samples)));
