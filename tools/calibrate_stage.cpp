@@ -52,6 +52,7 @@ StageView look(const Frame& frame, const cv::Mat1f& texture, const RigModel& rig
                std::vector<cv::Point2f>& last_corners) {
   StageView view{pose, {}};
   std::vector<cv::Point2f> corners = detect_board(texture, board);
+  if (!is_complete(corners)) corners.clear();
   if (corners.empty()) return view;
   align_corner_order(last_corners, corners);
   last_corners = corners;

@@ -3,11 +3,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <opencv2/aruco/charuco.hpp>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "core/calibrate/saddle.h"
+#include "core/types/error.h"
 
 namespace fringeslam {
 
@@ -150,10 +152,56 @@ std::vector<Eigen::Vector3d> Board::points_m() const {
   return points;
 }
 
+namespace {
+
+int dictionary_of(const Board& board) {
+  // The dictionaries of a size follow one another with 50, 100, 250 and 1000 markers.
+  const int first[] = {cv::aruco::DICT_4X4_50, cv::aruco::DICT_5X5_50, cv::aruco::DICT_6X6_50, cv::aruco::DICT_7X7_50};
+  const int sizes[] = {50, 100, 250, 1000};
+  const auto* const size = std::find(std::begin(sizes), std::end(sizes), board.markers);
+  if (board.marker_bits < 4 || board.marker_bits > 7 || size == std::end(sizes))
+    throw Error("ChArUco markers have 4 to 7 bits and dictionaries of 50, 100, 250 or 1000");
+  return first[board.marker_bits - 4] + static_cast<int>(size - std::begin(sizes));
+}
+
+// Corners that are not found are NaN; empty if there are fewer than 6.
+std::vector<cv::Point2f> find_charuco(const cv::Mat1b& image, const Board& board) {
+  constexpr size_t kLeast = 6;
+  const auto plan = cv::aruco::CharucoBoard::create(
+      board.columns + 1, board.rows + 1, static_cast<float>(board.spacing_m), static_cast<float>(board.marker_m),
+      cv::aruco::getPredefinedDictionary(dictionary_of(board)));
+  std::vector<int> markers, ids;
+  std::vector<std::vector<cv::Point2f>> outlines;
+  cv::aruco::detectMarkers(image, plan->dictionary, outlines, markers);
+  if (markers.empty()) return {};
+  std::vector<cv::Point2f> found;
+  cv::aruco::interpolateCornersCharuco(outlines, markers, image, plan, found, ids);
+  if (found.size() < kLeast) return {};
+  std::vector<cv::Point2f> corners(static_cast<size_t>(board.corners()), cv::Point2f(std::nanf(""), std::nanf("")));
+  double spacing = 1e9;
+  for (size_t a = 0; a < found.size(); ++a) {
+    for (size_t b = a + 1; b < found.size(); ++b) spacing = std::min(spacing, cv::norm(found[a] - found[b]));
+  }
+  // The markers end at a distance from the crossings that the window must not exceed.
+  const double free = 0.5 * (board.spacing_m - board.marker_m) / board.spacing_m;
+  const int window = std::clamp(static_cast<int>(free * spacing), 2, 15);
+  cv::cornerSubPix(image, found, {window, window}, {-1, -1},
+                   {cv::TermCriteria::EPS | cv::TermCriteria::COUNT, 60, 1e-4});
+  for (size_t i = 0; i < found.size(); ++i) corners[static_cast<size_t>(ids[i])] = found[i];
+  return corners;
+}
+
+}  // namespace
+
+bool is_complete(const std::vector<cv::Point2f>& corners) {
+  return std::none_of(corners.begin(), corners.end(), [](const cv::Point2f& c) { return std::isnan(c.x); });
+}
+
 std::vector<cv::Point2f> detect_board(const cv::Mat1f& image, const Board& board) {
   const cv::Size size(board.columns, board.rows);
   cv::Mat1f finite = image.clone();
   cv::patchNaNs(finite, 0);
+  if (board.kind == BoardKind::charuco) return find_charuco(stretched(finite), board);
   for (const Attempt& attempt : attempts(finite)) {
     std::vector<cv::Point2f> corners = board.kind == BoardKind::checkerboard
                                            ? find_checkerboard(attempt, size)

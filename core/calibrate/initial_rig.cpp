@@ -30,14 +30,22 @@ Eigen::Matrix<double, N + 1, N + 1> normalising(const std::vector<Eigen::Matrix<
 
 Pinhole initial_camera(const std::vector<std::vector<cv::Point2f>>& corners, const std::vector<Eigen::Vector3d>& board,
                        cv::Size size, std::vector<Pose>& poses) {
-  std::vector<cv::Point3f> object;
-  for (const Eigen::Vector3d& p : board)
-    object.emplace_back(static_cast<float>(p.x()), static_cast<float>(p.y()), static_cast<float>(p.z()));
-  const std::vector<std::vector<cv::Point3f>> objects(corners.size(), object);
+  std::vector<std::vector<cv::Point3f>> objects;
+  std::vector<std::vector<cv::Point2f>> images;
+  for (const std::vector<cv::Point2f>& view : corners) {
+    objects.emplace_back();
+    images.emplace_back();
+    for (size_t j = 0; j < view.size(); ++j) {
+      if (std::isnan(view[j].x)) continue;
+      const Eigen::Vector3d& p = board[j];
+      objects.back().emplace_back(static_cast<float>(p.x()), static_cast<float>(p.y()), static_cast<float>(p.z()));
+      images.back().push_back(view[j]);
+    }
+  }
   cv::Mat1d matrix, distortion;
   std::vector<cv::Mat> rotations, translations;
   try {
-    cv::calibrateCamera(objects, corners, size, matrix, distortion, rotations, translations,
+    cv::calibrateCamera(objects, images, size, matrix, distortion, rotations, translations,
                         cv::CALIB_ZERO_TANGENT_DIST | cv::CALIB_FIX_K3);
   } catch (const cv::Exception& e) {
     throw Error("the camera's intrinsics cannot be estimated from these views: " +

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/calibrate/median.h"
 #include "core/calibrate/projector_corners.h"
 
 #include <algorithm>
 #include <cmath>
 #include <vector>
 
+#include "core/calibrate/median.h"
 #include "core/types/linear_algebra.h"
 
 namespace fringeslam {

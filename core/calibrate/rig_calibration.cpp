@@ -125,7 +125,7 @@ class Bundle {
     for (size_t i = 0; i < used.size(); ++i) {
       poses_[used[i]] = to_vector(poses[i]);
       for (size_t j = 0; j < points_.size(); ++j) {
-        if (!views_[used[i]].homographies[j]) continue;
+        if (!views_[used[i]].homographies[j]) continue;  // nor is there one without a camera corner
         points.push_back(poses[i] * points_[j]);
         pixels.push_back(projector_corner(used[i], j));
       }
@@ -143,6 +143,7 @@ class Bundle {
     ceres::Problem problem;
     for (const size_t v : used) {
       for (size_t j = 0; j < points_.size(); ++j) {
+        if (!is_seen(v, j)) continue;
         auto* seen = new CameraResidual{points_[j], camera_corner(v, j), corner_sigma_px_};
         problem.AddResidualBlock(new ceres::AutoDiffCostFunction<CameraResidual, 2, kLens, 6>(seen),
                                  new ceres::CauchyLoss(kRobustSigmas), camera_.data(), poses_[v].data());
@@ -190,6 +191,7 @@ class Bundle {
     for (const size_t v : used) {
       const Pose camera_from_board = to_pose(poses_[v]);
       for (size_t j = 0; j < points_.size(); ++j) {
+        if (!is_seen(v, j)) continue;
         const Eigen::Vector2d off = camera.project(camera_from_board * points_[j]) - camera_corner(v, j);
         in_camera.push_back(off.norm());
         const auto& local = views_[v].homographies[j];
@@ -223,11 +225,14 @@ class Bundle {
     const Pinhole camera = camera_lens(), projector = projector_lens();
     const Pose projector_from_board = to_pose(relative_) * result.camera_from_board;
     double camera_squares = 0, projector_squares = 0;
-    int lit = 0;
+    int lit = 0, seen = 0;
     for (size_t j = 0; j < points_.size(); ++j) {
       result.camera_px.push_back(camera_corner(v, j));
       result.camera_residual_px.push_back(result.camera_px[j] - camera.project(result.camera_from_board * points_[j]));
-      camera_squares += result.camera_residual_px[j].squaredNorm();
+      if (is_seen(v, j)) {
+        camera_squares += result.camera_residual_px[j].squaredNorm();
+        ++seen;
+      }
       const bool known = views_[v].homographies[j].has_value();
       result.projector_px.push_back(known ? projector_corner(v, j) : kNone);
       result.projector_residual_px.push_back(
@@ -237,7 +242,7 @@ class Bundle {
       projector_squares += result.projector_residual_px[j].squaredNorm();
       ++lit;
     }
-    result.camera_rms_px = std::sqrt(camera_squares / static_cast<double>(points_.size()));
+    result.camera_rms_px = std::sqrt(camera_squares / std::max(1, seen));
     result.projector_rms_px = std::sqrt(projector_squares / std::max(1, lit));
     return result;
   }
@@ -260,6 +265,7 @@ class Bundle {
   Pose board_pose(size_t v) const { return to_pose(poses_[v]); }
 
  private:
+  bool is_seen(size_t v, size_t j) const { return !std::isnan(views_[v].corners_px[j].x); }
   Eigen::Vector2d camera_corner(size_t v, size_t j) const {
     const cv::Point2f& corner = views_[v].corners_px[j];
     return Eigen::Vector2d(corner.x, corner.y) + offsets_[v][j];
@@ -460,7 +466,9 @@ std::string rejection_reason(const BoardView& view, size_t corners) {
   if (view.corners_px.size() != corners) return kNotFound;
   const auto lit =
       std::count_if(view.homographies.begin(), view.homographies.end(), [](const auto& h) { return h.has_value(); });
-  const size_t wanted = std::max<size_t>(6, corners / 2);
+  const auto seen = std::count_if(view.corners_px.begin(), view.corners_px.end(),
+                                  [](const cv::Point2f& c) { return !std::isnan(c.x); });
+  const size_t wanted = std::max<size_t>(6, static_cast<size_t>(seen) / 2);
   if (static_cast<size_t>(lit) < wanted)
     return "only " + std::to_string(lit) + " of " + std::to_string(corners) + " corners have projector coordinates";
   return {};
@@ -519,11 +527,17 @@ BoardView observe_board(const std::string& name, const cv::Mat1f& texture, const
   if (view.corners_px.empty()) return view;
   view.continues = continues_beyond(texture, board, view.corners_px);
   const auto columns = static_cast<size_t>(board.columns);
+  double spacing_px = 0;
   for (size_t j = 0; j < view.corners_px.size(); ++j) {
     const cv::Point2f& corner = view.corners_px[j];
     const size_t beside = j % columns + 1 < columns ? j + 1 : j - 1;
-    const double radius =
-        std::clamp(options.window * cv::norm(view.corners_px[beside] - corner), 3.0, options.max_window_px);
+    const double distance = cv::norm(view.corners_px[beside] - corner);
+    if (distance > 0) spacing_px = distance;  // of the last pair, where one of the two was not found
+    if (std::isnan(corner.x) || spacing_px == 0) {
+      view.homographies.emplace_back();
+      continue;
+    }
+    const double radius = std::clamp(options.window * spacing_px, 3.0, options.max_window_px);
     view.homographies.push_back(local_homography(coordinates, {corner.x, corner.y}, radius));
   }
   return view;

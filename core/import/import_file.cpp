@@ -451,10 +451,15 @@ ImportCamera read_camera(const YamlMap& map, const fs::path& folder) {
 }
 
 std::string read_board(const YamlMap& map) {
-  const std::string kind = map.choice("kind", {"checkerboard", "circles", "asymmetric_circles"});
+  const std::string kind = map.choice("kind", {"checkerboard", "circles", "asymmetric_circles", "charuco"});
+  std::string charuco;
+  if (kind == "charuco")
+    charuco = "marker_m: " + to_text(map.number("marker_m", {1e-5, 10})) +
+              "\nmarker_bits: " + std::to_string(map.integer_or("marker_bits", 4, {4, 7})) +
+              "\nmarkers: " + std::to_string(map.integer_or("markers", 50, {50, 1000})) + "\n";
   const int columns = map.integer("columns", {2, 1000}), rows = map.integer("rows", {2, 1000});
   return "kind: " + kind + "\ncolumns: " + std::to_string(columns) + "\nrows: " + std::to_string(rows) +
-         "\nspacing_m: " + to_text(map.number("spacing_m", {1e-5, 10})) + "\n";
+         "\nspacing_m: " + to_text(map.number("spacing_m", {1e-5, 10})) + "\n" + charuco;
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <numbers>
+#include <opencv2/aruco/charuco.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "core/calibrate/initial_rig.h"
@@ -238,6 +239,56 @@ TEST(CalibrateRig, WeakSetsAreFlagged) {
   narrow.projector.fx /= 2, narrow.projector.cx /= 2;
   EXPECT_THAT(warnings(views_of(narrow, board_poses(10, 35, random), 0.02, random)),
               HasSubstr("the projector's fx and fy differ by 50 %"));
+}
+
+TEST(CalibrateRig, PartlyVisibleBoardsCount) {
+  const RigModel rig = true_rig();
+  Random random(9);
+  auto views = views_of(rig, board_poses(12, 35, random), 0.02, random);
+  for (size_t v = 0; v < views.size(); v += 2) {
+    for (size_t j = 0; j < views[v].corners_px.size(); ++j) {
+      if (random.uniform(0, 1) < 0.6) continue;
+      views[v].corners_px[j] = {std::nanf(""), std::nanf("")};
+      views[v].homographies[j].reset();
+    }
+  }
+  const RigCalibration result = calibrate_rig(views, board(), rig, {});
+  for (const ViewResult& view : result.views) EXPECT_TRUE(view.used) << view.reason;
+  EXPECT_NEAR(result.camera_rms_px, 0.02 * std::sqrt(2.0), 0.005);
+  EXPECT_LT(std::abs(result.rig.camera.fx - rig.camera.fx), 5 * result.camera_sigma.fx);
+  EXPECT_LT(std::abs(result.rig.projector.cy - rig.projector.cy), 5 * result.projector_sigma.cy);
+}
+
+TEST(DetectBoard, PartlyHiddenCharucoBoards) {
+  Board charuco{BoardKind::charuco, 6, 4, 0.03, 0};
+  charuco.marker_m = 0.022;
+  constexpr int kSquare = 60, kMargin = 40;
+  cv::Mat drawn;
+  cv::aruco::CharucoBoard::create(7, 5, 0.03f, 0.022f, cv::aruco::getPredefinedDictionary(cv::aruco::DICT_4X4_50))
+      ->draw({7 * kSquare + 2 * kMargin, 5 * kSquare + 2 * kMargin}, drawn, kMargin);
+  cv::Mat1f image;
+  drawn.convertTo(image, CV_32F);
+  cv::GaussianBlur(image, image, {0, 0}, 0.8);
+  const auto all = detect_board(image, charuco);
+  ASSERT_EQ(all.size(), 24U);
+  EXPECT_TRUE(is_complete(all));
+  // Any order of the corners is right if neighbours in it are neighbours on the board.
+  for (size_t row = 0; row < 4; ++row) {
+    for (size_t col = 0; col + 1 < 6; ++col)
+      EXPECT_NEAR(cv::norm(all[6 * row + col + 1] - all[6 * row + col]), kSquare, 0.2);
+  }
+  image.colRange(kMargin + 4 * kSquare, image.cols).setTo(255.0f);
+  const auto part = detect_board(image, charuco);
+  ASSERT_EQ(part.size(), 24U);
+  int found = 0;
+  for (size_t j = 0; j < part.size(); ++j) {
+    if (std::isnan(part[j].x)) continue;
+    ++found;
+    EXPECT_LT(cv::norm(part[j] - all[j]), 0.2);
+  }
+  EXPECT_GE(found, 12);
+  EXPECT_LT(found, 24);
+  EXPECT_TRUE(detect_board(cv::Mat1f(200, 200, 128.0f), charuco).empty());
 }
 
 TEST(CalibrateRig, HeldOutBoardsAreFlatAndTrueToScale) {

@@ -35,6 +35,7 @@ cv::Mat3b residual_picture(const cv::Mat1f& texture, const ViewResult& view) {
   };
   for (size_t j = 0; j < view.camera_px.size(); ++j) {
     const Eigen::Vector2d& corner = view.camera_px[j];
+    if (!corner.allFinite()) continue;
     cv::circle(picture, point(corner), 3 << kShift, {80, 220, 250}, 1, cv::LINE_AA, kShift);
     const Eigen::Vector2d& residual = view.camera_residual_px[j];
     if (residual.allFinite())
