@@ -27,6 +27,7 @@ struct PatternsArguments {
   GrayCode gray = GrayCode::none;
   std::vector<double> periods_px;
   int steps = 3, ramp_levels = 0, bits = 8;
+  double gray_cell_px = 0;
   bool linearise = false, gray_inverted = false, white_black = false, dithered = false;
 };
 
@@ -47,6 +48,7 @@ SequenceDesign design_of(const PatternsArguments& arguments, const cv::Size& siz
   design.periods_px = arguments.periods_px;
   design.steps = arguments.steps;
   design.gray = arguments.gray;
+  design.gray_cell_px = arguments.gray_cell_px;
   design.gray_inverted = arguments.gray_inverted;
   design.white_black = arguments.white_black;
   design.ramp_levels = arguments.ramp_levels;
@@ -162,6 +164,9 @@ Verb add_patterns(Command app, const Common& common) {
   note(verb.add_option("--steps", a->steps, "Phase shifts per period").check_range(3, 64));
   note(verb.add_option("--axis", a->axis, "Coded coordinate").check_one_of({"columns", "rows", "both"}));
   note(add_choice(verb, "--gray", a->gray, "Gray code of the finest fringe's period number"));
+  note(verb.add_option("--gray-cell", a->gray_cell_px,
+                       "Gray code with cells of this width, px, with or without fringes (OpenCV's: 1)")
+           .check_range(0.5, 1e5));
   note(verb.add_flag("--gray-inverted", a->gray_inverted, "Also write each Gray code image inverted"));
   note(verb.add_flag("--white-black", a->white_black, "Add a white and a black image"));
   note(verb.add_option("--ramp-levels", a->ramp_levels, "Add a grey ramp with this number of flat images")

@@ -13,11 +13,14 @@ std::vector<Pattern> axis_patterns(const SequenceDesign& design, Axis axis) {
   const int length = axis == Axis::columns ? design.width : design.height;
   std::vector<Pattern> patterns =
       phase_shift_sequence(design.width, design.height, design.periods_px, design.steps, axis, design.bits).patterns;
-  if (design.gray == GrayCode::none) return patterns;
-  if (design.periods_px.empty())
-    throw Error("patterns: a Gray code numbers fringe periods, but there are none; add periods_px");
-  const double period = *std::min_element(design.periods_px.begin(), design.periods_px.end());
-  const double finest = design.gray == GrayCode::complementary ? period / 2 : period;
+  double finest = design.gray_cell_px;
+  if (finest == 0) {
+    if (design.gray == GrayCode::none) return patterns;
+    if (design.periods_px.empty())
+      throw Error("patterns: a Gray code numbers fringe periods, but there are none; add periods_px or gray_cell_px");
+    const double period = *std::min_element(design.periods_px.begin(), design.periods_px.end());
+    finest = design.gray == GrayCode::complementary ? period / 2 : period;
+  }
   for (Pattern pattern : gray_patterns(axis, finest, length, design.bits)) {
     patterns.push_back(pattern);
     pattern.inverted = true;
@@ -45,7 +48,7 @@ PatternSequence design_sequence(const SequenceDesign& design) {
   if (design.white_black) append({flat_pattern(1, design.bits), flat_pattern(0, design.bits)});
   for (int i = 0; i < design.ramp_levels; ++i)
     all.push_back(flat_pattern(static_cast<double>(i) / std::max(1, design.ramp_levels - 1), design.bits));
-  if (all.empty()) throw Error("patterns: the sequence is empty; specify periods_px or ramp_levels");
+  if (all.empty()) throw Error("patterns: the sequence is empty; specify periods_px, gray_cell_px or ramp_levels");
   for (Pattern& pattern : all) pattern.dithered = design.dithered && pattern.coding == Coding::fringe;
   return sequence;
 }

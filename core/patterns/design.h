@@ -27,6 +27,7 @@ struct SequenceDesign {
   std::vector<double> periods_px = {};
   int steps = 3;
   GrayCode gray = GrayCode::none;
+  double gray_cell_px = 0;     // cells of a Gray code by itself, with or without fringes; 0: as `gray` states
   bool gray_inverted = false;  // also project each bit inverted
   bool white_black = false;    // a white and a black image
   int ramp_levels = 0;         // equally spaced flat levels from black to white
@@ -35,7 +36,7 @@ struct SequenceDesign {
 };
 
 // Builds the sequence: fringes period by period, then the Gray code, coarsest bit first; columns before rows; flat
-// images last. Throws Error if the sequence is empty or if a Gray code is requested without fringes.
+// images last. Throws Error if the sequence is empty or if a Gray code of fringe periods is requested without fringes.
 PatternSequence design_sequence(const SequenceDesign& design);
 
 // Packs three grey images into one colour image (OpenCV's BGR) for a projector in black-and-white mode, which shows the

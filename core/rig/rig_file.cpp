@@ -326,12 +326,14 @@ SequenceDesign read_design(const YamlMap& map, const RigModel& rig) {
   design.columns = axis != "rows";
   design.rows = axis != "columns";
   design.ramp_levels = map.integer_or("ramp_levels", 0, {0, 65536});
-  if (map.has("periods_px") || design.ramp_levels == 0) design.periods_px = map.numbers("periods_px", 0, kPeriod);
+  if (map.has("periods_px") || (design.ramp_levels == 0 && !map.has("gray_cell_px")))
+    design.periods_px = map.numbers("periods_px", 0, kPeriod);
   constexpr size_t kMostPeriods = 100;
   if (design.periods_px.size() > kMostPeriods)
     throw map.error("periods_px", "'periods_px' lists more than " + std::to_string(kMostPeriods) + " periods");
   if (!design.periods_px.empty()) design.steps = map.integer("steps", {3, 64});
   design.gray = map.choice_or("gray", GrayCode::none);
+  design.gray_cell_px = map.has("gray_cell_px") ? map.number("gray_cell_px", kCell) : 0;
   design.gray_inverted = map.boolean_or("gray_inverted", false);
   design.white_black = map.boolean_or("white_black", false);
   design.bits = map.integer_or("bits", 8, {0, 16});

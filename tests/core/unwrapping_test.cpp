@@ -249,6 +249,24 @@ TEST(Gray, AloneGivesItsCells) {
   }
 }
 
+TEST(Gray, AloneHasAnyCells) {
+  SequenceDesign design = design_of({});
+  design.gray_cell_px = 1;
+  design.white_black = true;
+  const PatternSequence sequence = design_sequence(design);
+  EXPECT_EQ(sequence.patterns.size(), 12U);  // 10 bits number 1024 columns
+  const RigModel rig = plain_rig();
+  std::vector<cv::Mat> images;
+  const cv::Mat1d truth = support::ramp(1.2, 1021, 600);
+  for (const Pattern& pattern : sequence.patterns) {
+    cv::Mat1b image(1, 600);
+    for (int i = 0; i < 600; ++i) image(i) = static_cast<uchar>(30 + 150 * ideal_intensity(pattern, truth(i)));
+    images.push_back(image);
+  }
+  const DecodedStack decoded = decode(stack_of(sequence, images), rig, {});
+  for (int i = 0; i < 600; ++i) EXPECT_LE(std::abs(decoded.coordinate_px(i) - truth(i)), 0.5 + 1e-4);
+}
+
 TEST(Gray, NumbersACoarserPeriodThanTheFinest) {
   // Gray code of the 128 px period; 128 px unwraps 32 px, which unwraps 8 px.
   PatternSequence sequence = phase_shift_sequence(1024, 768, {128, 32, 8}, 4, Axis::columns, 8);
