@@ -27,12 +27,12 @@ struct SequenceDesign {
   std::vector<double> periods_px = {};
   int steps = 3;
   GrayCode gray = GrayCode::none;
-  double gray_cell_px = 0;     // cells of a Gray code by itself, with or without fringes; 0: as `gray` states
   bool gray_inverted = false;  // also project each bit inverted
   bool white_black = false;    // a white and a black image
   int ramp_levels = 0;         // equally spaced flat levels from black to white
   int bits = 8;
   bool dithered = false;
+  double gray_cell_px = 0;     // cells of a Gray code by itself, with or without fringes; 0: as `gray` states
 };
 
 // Builds the sequence: fringes period by period, then the Gray code, coarsest bit first; columns before rows; flat
