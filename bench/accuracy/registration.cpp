@@ -16,7 +16,7 @@
 #include "bench/landmark_method.h"
 #include "bench/row.h"
 #include "bench/speed/interleaving.h"
-#include "core/registration/engines.h"
+#include "core/registration/reference/engines.h"
 
 namespace fringeslam::bench {
 

@@ -11,7 +11,7 @@
 #include "bench/frame_pairs.h"
 #include "bench/row.h"
 #include "bench/speed/interleaving.h"
-#include "core/registration/engines.h"
+#include "core/registration/reference/engines.h"
 
 namespace fringeslam::bench {
 

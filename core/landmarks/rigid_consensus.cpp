@@ -4,8 +4,9 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <random>
+#include <optional>
 
+#include "core/base/ransac.h"
 #include "core/types/linear_algebra.h"
 
 namespace fringeslam {
@@ -68,38 +69,25 @@ Pose fitted(const std::vector<Pair>& pairs, const std::vector<int>& chosen) {
   return align_points(earlier, current, variances);
 }
 
-// Number of triples of which at least one contains only inliers with probability 1 - 10^-4, at the current inlier
-// ratio.
-int required_triples(size_t inliers, size_t pairs) {
-  const double share = static_cast<double>(inliers) / static_cast<double>(pairs), right = share * share * share;
-  return right > 0.999 ? 1 : right > 1e-6 ? static_cast<int>(std::log(1e-4) / std::log(1 - right)) : 10000000;
-}
+struct TripleHypothesis {
+  Pose motion;
+  std::vector<int> indices;
+  size_t inliers() const { return indices.size(); }
+};
 
 }  // namespace
 
 RigidConsensus rigid_consensus(const std::vector<WeightedPair>& pairs, double inlier_sigma, int random_triples) {
-  constexpr size_t kAllTriples = 14;
-  RigidConsensus best;
-  const auto try_triple = [&](size_t i, size_t j, size_t k) {
+  const auto fit = [&](size_t i, size_t j, size_t k) -> std::optional<TripleHypothesis> {
     Pose motion;
-    if (!motion_of_three(pairs[i], pairs[j], pairs[k], inlier_sigma, motion)) return;
-    std::vector<int> inliers = inliers_of(pairs, motion, inlier_sigma);
-    if (inliers.size() > best.inliers.size()) best = {motion, std::move(inliers)};
+    if (!motion_of_three(pairs[i], pairs[j], pairs[k], inlier_sigma, motion)) return std::nullopt;
+    return TripleHypothesis{motion, inliers_of(pairs, motion, inlier_sigma)};
   };
-  const size_t n = pairs.size();
-  if (n <= kAllTriples) {
-    for (size_t i = 0; i < n; ++i) {
-      for (size_t j = i + 1; j < n; ++j) {
-        for (size_t k = j + 1; k < n; ++k) try_triple(i, j, k);
-      }
-    }
-  } else {
-    std::mt19937 random(1);
-    for (int t = 0; t < random_triples && t < required_triples(best.inliers.size(), n); ++t) {
-      const size_t i = random() % n, j = random() % n, k = random() % n;
-      if (i != j && j != k && i != k) try_triple(i, j, k);
-    }
-  }
+  const auto better = [](const TripleHypothesis& a, const TripleHypothesis& b) { return a.inliers() > b.inliers(); };
+  const RansacOptions search{.exhaustive_up_to = 14, .max_triples = random_triples, .miss_probability = 1e-4};
+  RigidConsensus best;
+  if (auto hypothesis = best_of_triples(pairs.size(), search, fit, better); hypothesis && hypothesis->inliers() > 0)
+    best = {hypothesis->motion, std::move(hypothesis->indices)};
   for (int round = 0; round < 3 && best.inliers.size() >= 3; ++round) {
     best.earlier_from_current = fitted(pairs, best.inliers);
     best.inliers = inliers_of(pairs, best.earlier_from_current, inlier_sigma);

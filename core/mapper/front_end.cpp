@@ -108,7 +108,7 @@ std::vector<DepthSlope> FringeFrontEnd::depth_slopes(const FringeStack& stack, c
 PatternSequence FringeFrontEnd::anticipated(const PatternSequence& patterns, const ReconstructedView& last) const {
   constexpr int kStride = 16;
   constexpr double kStep_rad = kTwoPi / 24;
-  if (!last.motion || !last.motion->converged || last.motion->motion.is_still()) return patterns;
+  if (!last.in_motion() || last.motion_unknown()) return patterns;
   CameraMotion motion = last.motion->motion;
   motion.angular_rad_s2.setZero();
   motion.acceleration_m_s2.setZero();

@@ -21,6 +21,9 @@ struct ReconstructedView {
   // Camera motion during the stack, for which the frame is compensated; not converged: unknown, and the frame is
   // compensated for its prediction at best. Empty: not estimated.
   std::optional<StackMotion> motion = {};
+
+  bool in_motion() const { return motion && !motion->motion.is_still(); }
+  bool motion_unknown() const { return motion && !motion->converged; }
 };
 
 // Knowledge about a view before it is reconstructed.

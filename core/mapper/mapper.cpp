@@ -96,7 +96,11 @@ Mapper::Mapper(const RigModel& rig, const MapperOptions& options, const Pose& wo
 }
 
 Mapper::Mapper(KeyframeMap map, const MapperOptions& options)
-    : rig_(map.rig()), options_(options), finder_(rig_, options.finder), map_(std::move(map)) {
+    : rig_(map.rig()),
+      options_(options),
+      finder_(rig_, options.finder),
+      map_(std::move(map)),
+      vibration_(rig_.timing.camera_rate_hz) {
   check_options(options.registration.matching, "matching");
   check_options(options.registration.motion, "motion");
   check_options(options.registration.icp, "icp");
@@ -110,55 +114,65 @@ Mapper::Mapper(KeyframeMap map, const MapperOptions& options)
 
 FrameResult Mapper::process(MapperInput input) {
   FrameResult result;
+  MotionEffect effect;
   const std::optional<Prediction> predicted = predict(input.timestamp_s);
-  if (predicted && in_motion_) {
-    prediction_covariance_ = predicted->covariance;
-    prediction_checked_ = true;
+  vibration_.begin_view();
+  reconstruct_unless_predicted(result, input, predicted);
+  track(result, input, predicted, effect);
+  const FrameMotion motion = add_motion_uncertainty(result, input, effect);
+  if (!has_pose(result.tracking)) {
+    lost_ = !map_.keyframes().empty();
+    return result;
   }
+  result.relocalized = std::exchange(lost_, false);
+  if (result.relocalized) restart();
+  extend_map(result, motion);
+  note_pose(result, predicted);
+  note_first_keyframe(result, std::move(input));
+  improve_first_keyframe();
+  return result;
+}
+
+// After a view without a pose, earlier views say nothing about the motion.
+void Mapper::restart() {
+  continuous_from_ = track_.size();
+  vibration_.restart();
+}
+
+// Reconstructs the view, unless that takes the depth that the map predicts. A motion that the stack does not determine
+// by itself may be determined together with the prediction.
+void Mapper::reconstruct_unless_predicted(FrameResult& result, MapperInput& input,
+                                          const std::optional<Prediction>& predicted) const {
   if (input.view)
     static_cast<ReconstructedView&>(result) = std::move(*input.view);
   else if (!input.needs_prior)
     reconstruct(result, input, {});
   result.complete = !input.needs_prior;
-  const auto motion_unknown = [&] { return result.motion && !result.motion->converged; };
-  if (result.complete && motion_unknown() && input.reconstruct) {
+  if (result.complete && result.motion_unknown() && input.reconstruct) {
     const ReconstructedView rough = result;  // shares its images
     reconstruct(result, input, {nullptr, predicted ? predicted->motion : unknown_motion({}), false, &rough});
   }
   if (result.complete && options_.registration.tracking.landmarks == LandmarkViews::every_frame) find_landmarks(result);
+}
 
-  const bool moving = result.motion && !result.motion->motion.is_still();
-  MotionEffect effect;
-  shake_ = {};
-  if (motion_unknown())
-    result.tracking = Tracking::lost;
-  else if (map_.keyframes().empty())
-    result.tracking = result.complete && can_start_map(result.frame) ? Tracking::first : Tracking::lost;
-  else if (input.needs_prior)
-    predicted&& follow_by_prediction(result, input, *predicted, effect);
-  else if (moving)
-    (predicted && follow_in_motion(result, input, *predicted, effect)) || relocalize(result);
-  else
-    (predicted && follow(result, predicted->world_from_camera)) || relocalize(result);
-  const FrameMotion own_motion = add_motion_uncertainty(result, input, effect);
-
-  if (!has_pose(result.tracking)) {
-    if (result.registration.ambiguous) result.tracking = Tracking::ambiguous;
-    lost_ = !map_.keyframes().empty();
-    return result;
+// Finds the pose: from the prediction if possible, else by landmarks.
+void Mapper::track(FrameResult& result, const MapperInput& input, const std::optional<Prediction>& predicted,
+                   MotionEffect& effect) {
+  if (predicted && in_motion_) {
+    prediction_covariance_ = predicted->covariance;
+    prediction_checked_ = true;
   }
-  result.relocalized = std::exchange(lost_, false);
-  if (result.relocalized) continuous_from_ = track_.size();
-  extend_map(result);
-  if (result.keyframe >= 0) {
-    keyframe_motion_.resize(static_cast<size_t>(result.keyframe) + 1);
-    keyframe_motion_.back() = own_motion;
+  const bool moving = result.in_motion();
+  if (result.motion_unknown()) return;
+  if (map_.keyframes().empty()) {
+    if (result.complete && can_start_map(result.frame)) result.tracking = Tracking::first;
+  } else if (input.needs_prior) {
+    if (predicted) follow_by_prediction(result, input, *predicted, effect);
+  } else if (!(predicted && (moving ? follow_in_motion(result, input, *predicted, effect)
+                                    : follow(result, predicted->world_from_camera)))) {
+    relocalize(result);
   }
-  if (result.tracking == Tracking::first && moving && input.reconstruct)
-    first_keyframe_ = FirstKeyframe{std::move(input)};
-  note_pose(result, predicted);
-  improve_first_keyframe();
-  return result;
+  if (!has_pose(result.tracking) && result.registration.ambiguous) result.tracking = Tracking::ambiguous;
 }
 
 Trajectory Mapper::trajectory() const {
@@ -288,225 +302,6 @@ bool Mapper::follow_by_prediction(FrameResult& result, const MapperInput& input,
   return follow(result, found);
 }
 
-// Largest displacement of surfaces from their predicted positions.
-double Mapper::largest_error_m(const Prediction& predicted) const {
-  // Noise of dark or distant surfaces must not make them look contradictory.
-  constexpr double kSigmas = 6, kLeast_m = 5e-3;
-  const Vector6d sigmas = predicted.covariance.diagonal().cwiseSqrt();
-  return std::max(kLeast_m,
-                  kSigmas * (sigmas.head<3>().maxCoeff() * rig_.middle_range_m() + sigmas.tail<3>().maxCoeff()));
-}
-
-// Follows a complete view whose stack was exposed in motion.
-bool Mapper::follow_in_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted,
-                              MotionEffect& effect) {
-  const StackMotion& own = *result.motion;
-  const MotionPrior prior = own.residuals > 0 ? MotionPrior{own.motion, own.covariance} : predicted.motion;
-  return follow(result, estimate_motion(result, input, predicted, nullptr, prior, effect));
-}
-
-// Returns how the uncertain motion during the stack changes the pose of its frame relative to `target`.
-Mapper::FrameMotion Mapper::frame_motion(const ReconstructedView& view, const MapperInput& input, const Frame& target,
-                                         const Pose& target_from_source) const {
-  constexpr int kStride = 8;
-  if (!view.motion || view.motion->motion.is_still() || !input.depth_slopes) return {};
-  const std::vector<DepthSlope> slopes = input.depth_slopes(view, kStride);
-  enter_stage("motion");
-  return {pose_by_motion(target, view.frame, rig_.camera, target_from_source, slopes), view.motion->covariance};
-}
-
-// The largest changes of the motion between the last views.
-Mapper::Shake Mapper::recent_shake() const {
-  constexpr size_t kViews = 8;
-  Shake most = shake_;
-  const size_t first = std::max(continuous_from_, track_.size() - std::min(kViews, track_.size()));
-  for (size_t i = first; i < track_.size(); ++i) {
-    most.angular_rad2_s2 = std::max(most.angular_rad2_s2, track_[i].shake.angular_rad2_s2);
-    most.velocity_m2_s2 = std::max(most.velocity_m2_s2, track_[i].shake.velocity_m2_s2);
-  }
-  return most;
-}
-
-// Notes a change of the motion against its prediction. Returns true if it is clearly larger than those of the last views.
-bool Mapper::note_shake(const Vector12d& change, const Matrix12d& covariance) {
-  constexpr double kSmooth = 1e-2;  // m/s or rad/s
-  constexpr double kSigmas = 3, kClearly = 2;
-  constexpr size_t kFew = 4;
-  const bool few = track_.size() < continuous_from_ + kFew;
-  const auto excess = [&](int first) {
-    // The first views are predicted from motions that their stacks determined by themselves. Later, the predictor adapts
-    // to vibration and predicts it widely.
-    const double doubtful = few ? kSigmas * kSigmas * covariance.diagonal().segment<3>(first).mean() : 0;
-    const double square = change.segment<3>(first).squaredNorm() / 3;
-    return square > std::max(doubtful, kSmooth * kSmooth) ? square : 0;
-  };
-  const Shake before = recent_shake();
-  shake_ = {std::max(shake_.angular_rad2_s2, excess(0)), std::max(shake_.velocity_m2_s2, excess(3))};
-  return shake_.angular_rad2_s2 > kClearly * before.angular_rad2_s2 ||
-         shake_.velocity_m2_s2 > kClearly * before.velocity_m2_s2;
-}
-
-// Widens the covariance of a motion. A camera whose velocity changes suddenly from view to view vibrates, and its
-// velocity changes as much from image to image: poses at the rate of the views do not show such accelerations.
-void Mapper::widen(Matrix12d& covariance, const Shake& shake) const {
-  const double per_s = 2 * rig_.timing.camera_rate_hz, per_s2 = per_s * per_s;
-  covariance.diagonal().segment<3>(0).array() += shake.angular_rad2_s2;
-  covariance.diagonal().segment<3>(3).array() += shake.velocity_m2_s2;
-  covariance.diagonal().segment<3>(6).array() += per_s2 * shake.angular_rad2_s2;
-  covariance.diagonal().segment<3>(9).array() += per_s2 * shake.velocity_m2_s2;
-}
-
-// Adds the uncertainty of the motion during the stack, and during that of the keyframe, to the covariance of the pose.
-// Returns the former in the axes of the view.
-Mapper::FrameMotion Mapper::add_motion_uncertainty(FrameResult& result, const MapperInput& input,
-                                                   const MotionEffect& effect) {
-  const auto spread = [](const FrameMotion& motion) {
-    return Matrix6d(motion.pose_by_motion * motion.covariance * motion.pose_by_motion.transpose());
-  };
-  if (result.tracking == Tracking::first) {
-    FrameMotion own = frame_motion(result, input, result.frame, {});
-    own.by_own_stack = result.motion && !result.motion->motion.is_still();
-    return own;
-  }
-  if (!has_pose(result.tracking)) return {};
-  const Pose& pose = result.registration.earlier_from_current;
-  const bool known = effect.reference == result.reference && result.motion;
-  FrameMotion own = known ? FrameMotion{effect.pose_by_motion, result.motion->covariance}
-                          : frame_motion(result, input, keyframe_image(result.reference), pose);
-  result.covariance += spread(own);
-  if (const auto reference = static_cast<size_t>(result.reference); reference < keyframe_motion_.size()) {
-    // A shift of the keyframe's frame moves the pose from the left.
-    Matrix6d moved = Matrix6d::Identity();
-    moved.bottomLeftCorner<3, 3>() = -skew(pose.translation);
-    FrameMotion other = keyframe_motion_[reference];
-    if (other.by_own_stack) widen(other.covariance, recent_shake());
-    result.covariance += moved * spread(other) * moved.transpose();
-  }
-  Matrix6d turned = Matrix6d::Zero();
-  turned.topLeftCorner<3, 3>() = turned.bottomRightCorner<3, 3>() = pose.rotation.transpose();
-  own.pose_by_motion = turned * own.pose_by_motion;
-  return own;
-}
-
-// Decodes the first keyframe again as soon as the views after it determine its motion better than its own stack, and
-// once more when there are enough of them to determine it as well as that of a predicted view.
-void Mapper::improve_first_keyframe() {
-  constexpr size_t kMostViews = 8;
-  constexpr int kStride = 6;
-  if (!first_keyframe_ || track_.size() < first_keyframe_->views) return;
-  const FirstKeyframe first = *std::exchange(first_keyframe_, std::nullopt);
-  if (continuous_from_ > 0 || !in_motion_) return;
-  // Reversed in time, the later views predict the first one.
-  std::vector<PoseSample> samples = last_samples();
-  samples.erase(samples.begin());
-  std::reverse(samples.begin(), samples.end());
-  for (PoseSample& sample : samples) {
-    sample.timestamp_s = -sample.timestamp_s;
-    sample.motion.reset();
-  }
-  const std::optional<MotionPrediction> reversed = predict_motion(samples, -first.input.timestamp_s, {});
-  if (!reversed) return;
-  MotionPrior motion = reversed->motion;
-  motion.motion.angular_rad_s *= -1;
-  motion.motion.velocity_m_s *= -1;
-  motion.covariance.topRightCorner<6, 6>() *= -1;
-  motion.covariance.bottomLeftCorner<6, 6>() *= -1;
-  widen(motion.covariance, recent_shake());
-  if (!first.input.depth_slopes) return;
-  ReconstructedView view = first.input.reconstruct({nullptr, motion, true});
-  if (!view.motion) return;
-  enter_stage("motion");
-  const Pose last_from_first = world_from_camera(track_.back()).inverse() * map_.keyframes()[0].world_from_camera;
-  const MotionRegistration found =
-      register_motion(last_frame_, view.frame, rig_.camera, last_from_first, first.input.depth_slopes(view, kStride),
-                      view.motion->motion, motion);
-  if (!found.valid) return;
-  const MotionPrior known{to_motion(to_vector(view.motion->motion) + found.step), found.motion_covariance};
-  view = first.input.reconstruct({nullptr, known, true});
-  const IcpResult moved =
-      point_to_plane_icp(last_frame_, view.frame, rig_.camera, found.target_from_source, options_.registration.icp);
-  if (!moved.converged) return;
-  // The views so far stay where they are; their keyframe's frame has moved.
-  const Pose new_from_old = moved.target_from_source.inverse() * last_from_first;
-  for (TrackedView& tracked : track_) {
-    if (tracked.keyframe == 0 && &tracked != &track_.front())
-      tracked.keyframe_from_camera = orthonormalised(new_from_old * tracked.keyframe_from_camera);
-  }
-  map_.replace_frame(0, view.frame, new_from_old);
-  keyframe_motion_[0] = frame_motion(view, first.input, view.frame, {});
-  image_keyframe_ = -1;
-  if (first.views < kMostViews) first_keyframe_ = FirstKeyframe{first.input, 2 * first.views};
-}
-
-// Predicts the motion during a stack from that of the last one, with accelerations in between.
-MotionPrior Mapper::motion_like_last(double timestamp_s) const {
-  const MotionLimits limits;
-  MotionPrior prior = unknown_motion(limits);
-  if (!last_motion_ || lost_) return prior;
-  const double duration_s = std::abs(timestamp_s - track_.back().timestamp_s);
-  prior.motion.angular_rad_s = last_motion_->motion.angular_rad_s;
-  prior.motion.velocity_m_s = last_motion_->motion.velocity_m_s;
-  const double turn = limits.turn_rad_s2 * duration_s, speed = limits.acceleration_m_s2 * duration_s;
-  Vector6d change;
-  change << Eigen::Vector3d::Constant(turn * turn), Eigen::Vector3d::Constant(speed * speed);
-  prior.covariance.topLeftCorner<6, 6>() = last_motion_->covariance.topLeftCorner<6, 6>();
-  prior.covariance.topLeftCorner<6, 6>().diagonal() += change;
-  return prior;
-}
-
-// Estimates the motion during a stack by registration with the map, and decodes the stack with it. Returns the camera
-// pose found on the way.
-Pose Mapper::estimate_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted,
-                             const ExpectedView* expected, const MotionPrior& prior, MotionEffect& effect) {
-  constexpr int kRounds = 6;
-  constexpr double kNegligible = 0.15;  // change of the depths, sigmas
-  if (!input.depth_slopes || !result.motion) return predicted.world_from_camera;
-  const bool by_own_stack = result.motion->residuals > 0;
-  MotionPrior widened = prior;
-  widen(widened.covariance, recent_shake());
-  Pose world_from_camera = predicted.world_from_camera;
-  for (int round = 0; round < kRounds; ++round) {
-    const int reference = best_reference(result.frame, world_from_camera);
-    // Whether there is motion at all can be seen from fewer pixels.
-    const int stride = result.motion->motion.is_still() ? 12 : 6;
-    const std::vector<DepthSlope> slopes = input.depth_slopes(result, stride);
-    if (reference < 0 || slopes.empty()) return predicted.world_from_camera;
-    enter_stage("motion");
-    const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(reference)].world_from_camera;
-    const MotionRegistration found =
-        register_motion(keyframe_image(reference), result.frame, rig_.camera,
-                        world_from_reference.inverse() * world_from_camera, slopes, result.motion->motion, widened);
-    if (!found.valid) return predicted.world_from_camera;
-    const Vector12d change = to_vector(result.motion->motion) + found.step - to_vector(prior.motion);
-    if (!by_own_stack && note_shake(change, prior.covariance)) {
-      widened = prior;
-      widen(widened.covariance, recent_shake());
-      world_from_camera = world_from_reference * found.target_from_source;
-      continue;
-    }
-    world_from_camera = world_from_reference * found.target_from_source;
-    effect = {reference, found.pose_by_motion};
-    StackMotion motion = *result.motion;
-    motion.motion = to_motion(to_vector(result.motion->motion) + found.step);
-    motion.covariance = found.motion_covariance;
-    motion.converged = true;
-    if (result.motion->motion.is_still() && !is_moving(motion)) {
-      result.motion->covariance = found.motion_covariance;
-      return predicted.world_from_camera;
-    }
-    if (found.ripple_sigma < kNegligible) {
-      result.motion->covariance = found.motion_covariance;
-      break;
-    }
-    reconstruct(result, input, {expected, MotionPrior{motion.motion, motion.covariance}, true});
-    result.complete = !input.needs_prior;
-  }
-  // The ripples of the keyframe's own stack resemble those of this one: with errors as large as a vibration, they do not
-  // average out.
-  widen(result.motion->covariance, recent_shake());
-  return world_from_camera;
-}
-
 // Depth expected from the last view, and from its keyframe where the last view shows nothing. `covariance` is that of the
 // camera pose relative to them.
 ExpectedView Mapper::expected_view(const Pose& world_from_current, const Matrix6d& covariance,
@@ -561,18 +356,18 @@ bool Mapper::leaves_keyframe(const FrameResult& result, const Pose& world_from_c
 }
 
 // Adds the view to the track, and to the map if registration by depth confirmed its pose.
-void Mapper::extend_map(FrameResult& result) {
+void Mapper::extend_map(FrameResult& result, const FrameMotion& motion) {
   enter_stage("map");
   TrackedView here{result.frame.timestamp_s, result.reference, result.registration.earlier_from_current};
   if (result.tracking == Tracking::first || result.leaves_keyframe)
-    add_keyframe(result, here);
+    add_keyframe(result, here, motion);
   else if (result.registration.refined)
     result.in_map = map_.add_frame(result.frame, here.keyframe, here.keyframe_from_camera);
   result.view = static_cast<int>(track_.size());
   track_.push_back(here);
 }
 
-void Mapper::add_keyframe(FrameResult& result, TrackedView& here) {
+void Mapper::add_keyframe(FrameResult& result, TrackedView& here, const FrameMotion& motion) {
   const bool first = result.tracking == Tracking::first;
   const Pose current = first ? start_ * rig_.robot_from_camera : world_from_camera(here);
   if (result.keypoints.detected == 0) find_landmarks(result);
@@ -580,6 +375,8 @@ void Mapper::add_keyframe(FrameResult& result, TrackedView& here) {
   result.keyframe = map_.add_keyframe(result.frame, result.landmarks, current);
   result.in_map = true;
   finder_.add_keyframe(result.keyframe, result.landmarks);
+  keyframe_motion_.resize(static_cast<size_t>(result.keyframe) + 1);
+  keyframe_motion_.back() = motion;
   here = {here.timestamp_s, result.keyframe, {}};
   if (first) return;
   map_.link(
@@ -631,11 +428,11 @@ void Mapper::note_pose(FrameResult& result, const std::optional<Prediction>& pre
   last_keyframe_ = result.keyframe;
   last_motion_ = result.motion;
   prediction_checked_ = result.tracking == Tracking::followed;
-  in_motion_ = result.motion && !result.motion->motion.is_still();
+  in_motion_ = result.in_motion();
   track_.back().turn_rad2 = result.covariance.topLeftCorner<3, 3>().trace() / 3;
   track_.back().shift_m2 = result.covariance.bottomRightCorner<3, 3>().trace() / 3;
   if (in_motion_ && result.motion->residuals > 0) track_.back().own_motion = result.motion;
-  track_.back().shake = shake_;
+  vibration_.end_view();
   if (!prediction_checked_) return;
   constexpr double kTurn_rad = 0.03 * std::numbers::pi / 180, kShift_m = 0.3e-3;
   const Vector6d error = difference(world_from_current, predicted->world_from_camera);

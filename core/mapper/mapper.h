@@ -14,6 +14,7 @@
 #include "core/mapper/front_end.h"
 #include "core/mapper/landmark_finder.h"
 #include "core/mapper/motion_predictor.h"
+#include "core/mapper/vibration.h"
 #include "core/mapper/view_registration.h"
 #include "core/registration/motion_registration.h"
 #include "core/types/trajectory.h"
@@ -87,11 +88,6 @@ class Mapper {
   Pose world_from_camera(int view) const { return world_from_camera(track_[static_cast<size_t>(view)]); }
 
  private:
-  // Mean squares of the components of sudden changes of the motion between views.
-  struct Shake {
-    double angular_rad2_s2 = 0, velocity_m2_s2 = 0;
-  };
-
   // A tracked view and its pose relative to a keyframe, which moves when loops are closed.
   struct TrackedView {
     double timestamp_s = 0;
@@ -99,7 +95,6 @@ class Mapper {
     Pose keyframe_from_camera;
     double turn_rad2 = 0, shift_m2 = 0;          // mean variance of the pose's components
     std::optional<StackMotion> own_motion = {};  // estimated from the stack without a prediction
-    Shake shake = {};                            // against the prediction
   };
 
   // The next view as expected from the last ones.
@@ -134,6 +129,10 @@ class Mapper {
   std::vector<PoseSample> last_samples() const;
   const Frame& keyframe_image(int keyframe);
   void reconstruct(FrameResult& result, const MapperInput& input, const ReconstructionPrior& prior) const;
+  void reconstruct_unless_predicted(FrameResult& result, MapperInput& input,
+                                    const std::optional<Prediction>& predicted) const;
+  void track(FrameResult& result, const MapperInput& input, const std::optional<Prediction>& predicted,
+             MotionEffect& effect);
   void find_landmarks(FrameResult& result) const;
 
   MotionPrior motion_like_last(double timestamp_s) const;
@@ -149,17 +148,16 @@ class Mapper {
   double largest_error_m(const Prediction& predicted) const;
   FrameMotion frame_motion(const ReconstructedView& view, const MapperInput& input, const Frame& target,
                            const Pose& target_from_source) const;
-  Shake recent_shake() const;
-  bool note_shake(const Vector12d& change, const Matrix12d& covariance);
-  void widen(Matrix12d& covariance, const Shake& shake) const;
   FrameMotion add_motion_uncertainty(FrameResult& result, const MapperInput& input, const MotionEffect& effect);
+  void note_first_keyframe(const FrameResult& result, MapperInput input);
   void improve_first_keyframe();
   bool relocalize(FrameResult& result);
   bool leaves_keyframe(const FrameResult& result, const Pose& world_from_camera, int keyframe) const;
   ExpectedView expected_view(const Pose& world_from_current, const Matrix6d& covariance, bool by_reference) const;
 
-  void extend_map(FrameResult& result);
-  void add_keyframe(FrameResult& result, TrackedView& here);
+  void restart();
+  void extend_map(FrameResult& result, const FrameMotion& motion);
+  void add_keyframe(FrameResult& result, TrackedView& here, const FrameMotion& motion);
   int close_loops(const FrameResult& result);
   void note_pose(FrameResult& result, const std::optional<Prediction>& predicted);
 
@@ -180,7 +178,7 @@ class Mapper {
   int last_keyframe_ = -1;
   size_t continuous_from_ = 0;                // first view of track_ since tracking was last lost
   std::vector<FrameMotion> keyframe_motion_;  // of each keyframe, in its own axes
-  Shake shake_;                               // of the view that is being processed
+  Vibration vibration_;
   std::optional<FirstKeyframe> first_keyframe_;
 };
 

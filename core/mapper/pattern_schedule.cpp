@@ -24,7 +24,7 @@ void PatternSchedule::keep_all() {
 }
 
 void PatternSchedule::update(const FrameResult& result) {
-  const bool moves = result.motion && result.motion->converged && !result.motion->motion.is_still();
+  const bool moves = result.in_motion() && !result.motion_unknown();
   has_moved_ |= moves;
   if (!has_pose(result.tracking)) {
     wants_all_ = true;

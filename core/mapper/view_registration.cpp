@@ -6,7 +6,7 @@
 #include <map>
 #include <utility>
 
-#include "core/registration/engines.h"
+#include "core/registration/reference/engines.h"
 #include "core/types/linear_algebra.h"
 
 namespace fringeslam {

@@ -5,8 +5,9 @@
 #include <array>
 #include <cmath>
 #include <numbers>
-#include <random>
+#include <optional>
 
+#include "core/base/ransac.h"
 #include "core/motion/refine.h"
 #include "core/types/linear_algebra.h"
 
@@ -59,42 +60,30 @@ bool congruent(const std::vector<PointPair>& pairs, const std::array<size_t, 3>&
   return true;
 }
 
-// std::uniform_int_distribution differs between standard libraries; this does not.
-size_t draw(std::mt19937_64& random, size_t count) { return static_cast<size_t>(random() % count); }
-
 struct Hypothesis {
   Pose pose;
   Support support;
-  bool found = false;
+  int inliers() const { return support.count; }
 };
 
-Hypothesis best_hypothesis(const std::vector<PointPair>& pairs, const MotionOptions& options) {
-  std::mt19937_64 random(static_cast<uint64_t>(options.seed));
-  Hypothesis best;
-  int needed = options.max_hypotheses;
-  for (int trial = 0; trial < needed; ++trial) {
-    const std::array<size_t, 3> triple = {draw(random, pairs.size()), draw(random, pairs.size()),
-                                          draw(random, pairs.size())};
-    if (triple[0] == triple[1] || triple[1] == triple[2] || triple[0] == triple[2]) continue;
-    if (!congruent(pairs, triple, options.inlier_sigma)) continue;
+std::optional<Hypothesis> best_hypothesis(const std::vector<PointPair>& pairs, const MotionOptions& options) {
+  const auto fit = [&](size_t i, size_t j, size_t k) -> std::optional<Hypothesis> {
+    const std::array<size_t, 3> triple = {i, j, k};
+    if (!congruent(pairs, triple, options.inlier_sigma)) return std::nullopt;
     std::vector<Eigen::Vector3d> previous, current;
-    for (const size_t i : triple) {
-      previous.push_back(pairs[i].previous);
-      current.push_back(pairs[i].current);
+    for (const size_t item : triple) {
+      previous.push_back(pairs[item].previous);
+      current.push_back(pairs[item].current);
     }
     const Pose pose = align_points(previous, current);
     // A motion from three noisy points has large errors at distant points, so the inlier limit is doubled here.
-    Support support = support_of(pose, pairs, 2 * options.inlier_sigma);
-    if (best.found && (support.count < best.support.count ||
-                       (support.count == best.support.count && support.cost >= best.support.cost)))
-      continue;
-    best = {pose, std::move(support), true};
-    // Enough trials that the probability of having missed an all-inlier triple is below 1e-6.
-    const double share = static_cast<double>(best.support.count) / static_cast<double>(pairs.size());
-    const double enough = std::ceil(-13.8 / std::log1p(-std::min(0.999999, share * share * share)));
-    if (enough < needed) needed = std::max(trial + 1, static_cast<int>(enough));
-  }
-  return best;
+    return Hypothesis{pose, support_of(pose, pairs, 2 * options.inlier_sigma)};
+  };
+  const auto better = [](const Hypothesis& a, const Hypothesis& b) {
+    return a.support.count > b.support.count || (a.support.count == b.support.count && a.support.cost < b.support.cost);
+  };
+  const RansacOptions search{.max_triples = options.max_hypotheses, .seed = static_cast<uint64_t>(options.seed)};
+  return best_of_triples(pairs.size(), search, fit, better);
 }
 
 // Returns the directions that `options` classify as undetermined; the lever arm combines their two limits into one. If
@@ -120,10 +109,10 @@ MotionEstimate estimate_from(const std::vector<PointPair>& pairs, const MotionOp
   if (result.pairs < std::max(3, options.min_inliers)) return result;
 
   result.status = MotionStatus::no_consensus;
-  const Hypothesis best = best_hypothesis(pairs, options);
-  if (!best.found) return result;
-  Pose pose = best.pose;
-  Support support = best.support;
+  const std::optional<Hypothesis> best = best_hypothesis(pairs, options);
+  if (!best) return result;
+  Pose pose = best->pose;
+  Support support = best->support;
   Matrix6d information = Matrix6d::Zero();
   // Inliers and pose usually converge within a few rounds.
   for (int round = 0; round < 5; ++round) {

@@ -42,7 +42,8 @@ struct PhaseCorrection {
   std::vector<double> offset_rad;
 };
 
-// Lens properties other than the projection geometry; used only by the simulator.
+// Lens properties other than the projection geometry. The simulator uses all of them; motion compensation uses
+// `vignetting` alone.
 struct CameraLens {
   double pixel_m = 10e-6;     // pitch of the sensor's pixels
   double f_number = 8;        // focal length / entrance pupil diameter

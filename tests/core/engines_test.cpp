@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/registration/engines.h"
+#include "core/registration/reference/engines.h"
 
 #include <gmock/gmock.h>
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The only file that includes PCL, whose templates take half a minute to compile.
-#include "core/registration/engines.h"
+#include "core/registration/reference/engines.h"
 
 #include <pcl/kdtree/kdtree_flann.h>
 #include <pcl/point_types.h>

@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: Apache-2.0
+// Mapper: the motion of the camera during stacks, estimated together with poses, and what its uncertainty does to them
+// (docs/method.md, section 9).
+#include <algorithm>
+#include <utility>
+
+#include "core/base/stage_clock.h"
+#include "core/mapper/mapper.h"
+#include "core/registration/motion_registration.h"
+
+namespace fringeslam {
+
+// Largest displacement of surfaces from their predicted positions.
+double Mapper::largest_error_m(const Prediction& predicted) const {
+  // Noise of dark or distant surfaces must not make them look contradictory.
+  constexpr double kSigmas = 6, kLeast_m = 5e-3;
+  const Vector6d sigmas = predicted.covariance.diagonal().cwiseSqrt();
+  return std::max(kLeast_m,
+                  kSigmas * (sigmas.head<3>().maxCoeff() * rig_.middle_range_m() + sigmas.tail<3>().maxCoeff()));
+}
+
+// Follows a complete view whose stack was exposed in motion.
+bool Mapper::follow_in_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted,
+                              MotionEffect& effect) {
+  const StackMotion& own = *result.motion;
+  const MotionPrior prior = own.residuals > 0 ? MotionPrior{own.motion, own.covariance} : predicted.motion;
+  return follow(result, estimate_motion(result, input, predicted, nullptr, prior, effect));
+}
+
+// Returns how the uncertain motion during the stack changes the pose of its frame relative to `target`.
+Mapper::FrameMotion Mapper::frame_motion(const ReconstructedView& view, const MapperInput& input, const Frame& target,
+                                         const Pose& target_from_source) const {
+  constexpr int kStride = 8;
+  if (!view.in_motion() || !input.depth_slopes) return {};
+  const std::vector<DepthSlope> slopes = input.depth_slopes(view, kStride);
+  enter_stage("motion");
+  return {pose_by_motion(target, view.frame, rig_.camera, target_from_source, slopes), view.motion->covariance};
+}
+
+// Adds the uncertainty of the motion during the stack, and during that of the keyframe, to the covariance of the pose.
+// Returns the former in the axes of the view.
+Mapper::FrameMotion Mapper::add_motion_uncertainty(FrameResult& result, const MapperInput& input,
+                                                   const MotionEffect& effect) {
+  const auto spread = [](const FrameMotion& motion) {
+    return Matrix6d(motion.pose_by_motion * motion.covariance * motion.pose_by_motion.transpose());
+  };
+  if (result.tracking == Tracking::first) {
+    FrameMotion own = frame_motion(result, input, result.frame, {});
+    own.by_own_stack = result.in_motion();
+    return own;
+  }
+  if (!has_pose(result.tracking)) return {};
+  const Pose& pose = result.registration.earlier_from_current;
+  const bool known = effect.reference == result.reference && result.motion;
+  FrameMotion own = known ? FrameMotion{effect.pose_by_motion, result.motion->covariance}
+                          : frame_motion(result, input, keyframe_image(result.reference), pose);
+  result.covariance += spread(own);
+  if (const auto reference = static_cast<size_t>(result.reference); reference < keyframe_motion_.size()) {
+    // A shift of the keyframe's frame moves the pose from the left.
+    Matrix6d moved = Matrix6d::Identity();
+    moved.bottomLeftCorner<3, 3>() = -skew(pose.translation);
+    FrameMotion other = keyframe_motion_[reference];
+    if (other.by_own_stack) vibration_.widen(other.covariance);
+    result.covariance += moved * spread(other) * moved.transpose();
+  }
+  Matrix6d turned = Matrix6d::Zero();
+  turned.topLeftCorner<3, 3>() = turned.bottomRightCorner<3, 3>() = pose.rotation.transpose();
+  own.pose_by_motion = turned * own.pose_by_motion;
+  return own;
+}
+
+// Keeps the first stack if its motion has to be determined better.
+void Mapper::note_first_keyframe(const FrameResult& result, MapperInput input) {
+  if (result.tracking == Tracking::first && result.in_motion() && input.reconstruct)
+    first_keyframe_ = FirstKeyframe{std::move(input)};
+}
+
+// Decodes the first keyframe again as soon as the views after it determine its motion better than its own stack, and
+// once more when there are enough of them to determine it as well as that of a predicted view.
+void Mapper::improve_first_keyframe() {
+  constexpr size_t kMostViews = 8;
+  constexpr int kStride = 6;
+  if (!first_keyframe_ || track_.size() < first_keyframe_->views) return;
+  const FirstKeyframe first = *std::exchange(first_keyframe_, std::nullopt);
+  if (continuous_from_ > 0 || !in_motion_) return;
+  // Reversed in time, the later views predict the first one.
+  std::vector<PoseSample> samples = last_samples();
+  samples.erase(samples.begin());
+  std::reverse(samples.begin(), samples.end());
+  for (PoseSample& sample : samples) {
+    sample.timestamp_s = -sample.timestamp_s;
+    sample.motion.reset();
+  }
+  const std::optional<MotionPrediction> reversed = predict_motion(samples, -first.input.timestamp_s, {});
+  if (!reversed) return;
+  MotionPrior motion = reversed->motion;
+  motion.motion.angular_rad_s *= -1;
+  motion.motion.velocity_m_s *= -1;
+  motion.covariance.topRightCorner<6, 6>() *= -1;
+  motion.covariance.bottomLeftCorner<6, 6>() *= -1;
+  vibration_.widen(motion.covariance);
+  if (!first.input.depth_slopes) return;
+  ReconstructedView view = first.input.reconstruct({nullptr, motion, true});
+  if (!view.motion) return;
+  enter_stage("motion");
+  const Pose last_from_first = world_from_camera(track_.back()).inverse() * map_.keyframes()[0].world_from_camera;
+  const MotionRegistration found =
+      register_motion(last_frame_, view.frame, rig_.camera, last_from_first, first.input.depth_slopes(view, kStride),
+                      view.motion->motion, motion);
+  if (!found.valid) return;
+  const MotionPrior known{to_motion(to_vector(view.motion->motion) + found.step), found.motion_covariance};
+  view = first.input.reconstruct({nullptr, known, true});
+  const IcpResult moved =
+      point_to_plane_icp(last_frame_, view.frame, rig_.camera, found.target_from_source, options_.registration.icp);
+  if (!moved.converged) return;
+  // The views so far stay where they are; their keyframe's frame has moved.
+  const Pose new_from_old = moved.target_from_source.inverse() * last_from_first;
+  for (TrackedView& tracked : track_) {
+    if (tracked.keyframe == 0 && &tracked != &track_.front())
+      tracked.keyframe_from_camera = orthonormalised(new_from_old * tracked.keyframe_from_camera);
+  }
+  map_.replace_frame(0, view.frame, new_from_old);
+  keyframe_motion_[0] = frame_motion(view, first.input, view.frame, {});
+  image_keyframe_ = -1;
+  if (first.views < kMostViews) first_keyframe_ = FirstKeyframe{first.input, 2 * first.views};
+}
+
+// Predicts the motion during a stack from that of the last one, with accelerations in between.
+MotionPrior Mapper::motion_like_last(double timestamp_s) const {
+  const MotionLimits limits;
+  MotionPrior prior = unknown_motion(limits);
+  if (!last_motion_ || lost_) return prior;
+  const double duration_s = std::abs(timestamp_s - track_.back().timestamp_s);
+  prior.motion.angular_rad_s = last_motion_->motion.angular_rad_s;
+  prior.motion.velocity_m_s = last_motion_->motion.velocity_m_s;
+  const double turn = limits.turn_rad_s2 * duration_s, speed = limits.acceleration_m_s2 * duration_s;
+  Vector6d change;
+  change << Eigen::Vector3d::Constant(turn * turn), Eigen::Vector3d::Constant(speed * speed);
+  prior.covariance.topLeftCorner<6, 6>() = last_motion_->covariance.topLeftCorner<6, 6>();
+  prior.covariance.topLeftCorner<6, 6>().diagonal() += change;
+  return prior;
+}
+
+// Estimates the motion during a stack by registration with the map, and decodes the stack with it. Returns the camera
+// pose found on the way.
+Pose Mapper::estimate_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted,
+                             const ExpectedView* expected, const MotionPrior& prior, MotionEffect& effect) {
+  constexpr int kRounds = 6;
+  constexpr double kNegligible = 0.15;  // change of the depths, sigmas
+  if (!input.depth_slopes || !result.motion) return predicted.world_from_camera;
+  const bool by_own_stack = result.motion->residuals > 0;
+  MotionPrior widened = prior;
+  vibration_.widen(widened.covariance);
+  Pose world_from_camera = predicted.world_from_camera;
+  for (int round = 0; round < kRounds; ++round) {
+    const int reference = best_reference(result.frame, world_from_camera);
+    // Whether there is motion at all can be seen from fewer pixels.
+    const int stride = result.motion->motion.is_still() ? 12 : 6;
+    const std::vector<DepthSlope> slopes = input.depth_slopes(result, stride);
+    if (reference < 0 || slopes.empty()) return predicted.world_from_camera;
+    enter_stage("motion");
+    const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(reference)].world_from_camera;
+    const MotionRegistration found =
+        register_motion(keyframe_image(reference), result.frame, rig_.camera,
+                        world_from_reference.inverse() * world_from_camera, slopes, result.motion->motion, widened);
+    if (!found.valid) return predicted.world_from_camera;
+    const Vector12d change = to_vector(result.motion->motion) + found.step - to_vector(prior.motion);
+    if (!by_own_stack && vibration_.note(change, prior.covariance)) {
+      widened = prior;
+      vibration_.widen(widened.covariance);
+      world_from_camera = world_from_reference * found.target_from_source;
+      continue;
+    }
+    world_from_camera = world_from_reference * found.target_from_source;
+    effect = {reference, found.pose_by_motion};
+    StackMotion motion = *result.motion;
+    motion.motion = to_motion(to_vector(result.motion->motion) + found.step);
+    motion.covariance = found.motion_covariance;
+    motion.converged = true;
+    if (result.motion->motion.is_still() && !is_moving(motion)) {
+      result.motion->covariance = found.motion_covariance;
+      return predicted.world_from_camera;
+    }
+    if (found.ripple_sigma < kNegligible) {
+      result.motion->covariance = found.motion_covariance;
+      break;
+    }
+    reconstruct(result, input, {expected, MotionPrior{motion.motion, motion.covariance}, true});
+    result.complete = !input.needs_prior;
+  }
+  // The ripples of the keyframe's own stack resemble those of this one: with errors as large as a vibration, they do not
+  // average out.
+  vibration_.widen(result.motion->covariance);
+  return world_from_camera;
+}
+
+}  // namespace fringeslam

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/mapper/vibration.h"
+
+#include <algorithm>
+
+namespace fringeslam {
+
+bool Vibration::note(const Vector12d& change, const Matrix12d& covariance) {
+  constexpr double kSmooth = 1e-2;  // m/s or rad/s
+  constexpr double kSigmas = 3, kClearly = 2;
+  constexpr size_t kFew = 4;
+  const auto excess = [&](int first) {
+    // The first views are predicted from motions that their stacks determined by themselves. Later, the predictor adapts
+    // to vibration and predicts it widely.
+    const double doubtful = views_ < kFew ? kSigmas * kSigmas * covariance.diagonal().segment<3>(first).mean() : 0;
+    const double square = change.segment<3>(first).squaredNorm() / 3;
+    return square > std::max(doubtful, kSmooth * kSmooth) ? square : 0;
+  };
+  const Changes before = recent();
+  here_ = {std::max(here_.angular_rad2_s2, excess(0)), std::max(here_.velocity_m2_s2, excess(3))};
+  return here_.angular_rad2_s2 > kClearly * before.angular_rad2_s2 ||
+         here_.velocity_m2_s2 > kClearly * before.velocity_m2_s2;
+}
+
+void Vibration::end_view() {
+  constexpr size_t kViews = 8;
+  last_.push_back(here_);
+  if (last_.size() > kViews) last_.pop_front();
+  ++views_;
+}
+
+void Vibration::restart() {
+  last_.clear();
+  views_ = 0;
+}
+
+// A camera whose velocity changes suddenly from view to view vibrates, and its velocity changes as much from image to
+// image: poses at the rate of the views do not show such accelerations.
+void Vibration::widen(Matrix12d& covariance) const {
+  const Changes most = recent();
+  const double per_s = 2 * camera_rate_hz_, per_s2 = per_s * per_s;
+  covariance.diagonal().segment<3>(0).array() += most.angular_rad2_s2;
+  covariance.diagonal().segment<3>(3).array() += most.velocity_m2_s2;
+  covariance.diagonal().segment<3>(6).array() += per_s2 * most.angular_rad2_s2;
+  covariance.diagonal().segment<3>(9).array() += per_s2 * most.velocity_m2_s2;
+}
+
+// The largest changes of the present and the last views.
+Vibration::Changes Vibration::recent() const {
+  Changes most = here_;
+  for (const Changes& view : last_) {
+    most.angular_rad2_s2 = std::max(most.angular_rad2_s2, view.angular_rad2_s2);
+    most.velocity_m2_s2 = std::max(most.velocity_m2_s2, view.velocity_m2_s2);
+  }
+  return most;
+}
+
+}  // namespace fringeslam
