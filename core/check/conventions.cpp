@@ -48,21 +48,21 @@ cv::Mat1b lit_pixels(const FringeStack& stack, const SensorModel& sensor) {
 
 // --- triangulation, exact but slow ---
 
-struct SurfacePoint {
+struct LitPoint {
   Eigen::Vector3d point = {kNone, kNone, kNone};  // camera frame, m
   Eigen::Vector2d projector = {kNone, kNone};     // its projection, px
   bool valid() const { return point.z() == point.z(); }
 };
 
 // Intersects the ray of a pixel with the surface of constant projector coordinate.
-SurfacePoint triangulated(const RigModel& rig, const Eigen::Vector3d& ray, double coordinate_px, Axis axis) {
+LitPoint triangulated(const RigModel& rig, const Eigen::Vector3d& ray, double coordinate_px, Axis axis) {
   const int i = axis == Axis::columns ? 0 : 1;
   const Pinhole& projector = rig.projector;
   const double focal = i == 0 ? projector.fx : projector.fy, center = i == 0 ? projector.cx : projector.cy;
   const Eigen::Vector3d direction = rig.projector_from_camera.rotation * ray;
   const Eigen::Vector3d& t = rig.projector_from_camera.translation;
   double normalised = (coordinate_px - center) / focal;
-  SurfacePoint result;
+  LitPoint result;
   // The projector's lens distorts by a few pixels; each iteration corrects by the remaining error.
   for (int iteration = 0; iteration < 4; ++iteration) {
     const double z = (normalised * t.z() - t[i]) / (direction[i] - normalised * direction.z());
@@ -79,7 +79,7 @@ SurfacePoint triangulated(const RigModel& rig, const Eigen::Vector3d& ray, doubl
   return result;
 }
 
-bool in_working_range(const RigModel& rig, const SurfacePoint& p) {
+bool in_working_range(const RigModel& rig, const LitPoint& p) {
   const bool behind = (rig.projector_from_camera * p.point).z() <= 0;
   return p.valid() && !behind && p.point.z() > rig.near_m && p.point.z() < rig.far_m &&
          rig.projector.contains(p.projector);
@@ -325,7 +325,7 @@ DescriptionFit Examiner::evaluate(const RigModel& rig) const {
         plausible += preserved;
         continue;
       }
-      SurfacePoint points[3];
+      LitPoint points[3];
       bool inside = true;
       for (int i = 0; i < 3; ++i) {
         const cv::Vec2d& ray = rays_(rows[i], cols[i]);

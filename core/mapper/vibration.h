@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+// Detects vibration of the camera from changes of its motion that were not predicted (docs/method.md, section 9.4).
+#pragma once
+
+#include <cstddef>
+#include <deque>
+
+#include "core/types/camera_motion.h"
+
+namespace fringeslam {
+
+class Vibration {
+ public:
+  explicit Vibration(double camera_rate_hz) : camera_rate_hz_(camera_rate_hz) {}
+
+  void begin_view() { here_ = {}; }
+  // Notes how the motion during the present view differs from its prediction, which has this covariance. Returns true
+  // if the difference is clearly larger than those of the last views.
+  bool note(const Vector12d& change, const Matrix12d& covariance);
+  void end_view();  // the view is tracked
+  void restart();   // tracking was lost before the present view
+
+  // Widens the covariance of a motion by the largest unpredicted changes of the last views.
+  void widen(Matrix12d& covariance) const;
+
+ private:
+  // Mean squares of the components of unpredicted changes of the motion.
+  struct Changes {
+    double angular_rad2_s2 = 0, velocity_m2_s2 = 0;
+  };
+  Changes recent() const;
+
+  double camera_rate_hz_;
+  Changes here_;
+  std::deque<Changes> last_;  // of the last views
+  size_t views_ = 0;          // since tracking was last lost
+};
+
+}  // namespace fringeslam
