@@ -4,6 +4,7 @@
 #   start.sh build   configure and build the Release program from a fresh clone, without compiler cache
 #   start.sh again   the same, then one changed .cpp of core, built to the linked program; the time of the second build
 #   start.sh test    after tools/run in a fresh clone: tools/test, built and run, without compiler cache
+#   start.sh all     build, again and test one after the other in one fresh clone; prints the three times
 #   start.sh bare    a minimal Debian 12 (debootstrap, as root), then git clone and tools/run in it; measured
 #                    from the clone to the end of tools/run
 set -euo pipefail
@@ -16,32 +17,53 @@ clean() {
 }
 trap clean EXIT
 
+export CCACHE_DISABLE=1
+
+# timed COMMAND…: sets `seconds` to the time that the command took; its output goes to the log.
+timed() {
+  local start=$SECONDS
+  "$@" >"$work/log" 2>&1 || { tail -n 40 "$work/log" >&2; exit 2; }
+  seconds=$((SECONDS - start))
+}
+compile() { ninja -C build/release fringeslam; }
+build() { cmake --preset release && compile; }
+clone() {
+  git clone -q "$root" "$work/clone" >&2
+  cd "$work/clone"
+}
+# A change that compiles one file of core again, and links the program.
+change() { echo "// changed" >>core/mapper/mapper.cpp; }
+
 case "${1:-}" in
   build)
-    git clone -q "$root" "$work/clone" >&2
-    cd "$work/clone"
-    start=$SECONDS
-    { CCACHE_DISABLE=1 cmake --preset release && CCACHE_DISABLE=1 ninja -C build/release fringeslam; } >"$work/log" 2>&1 || { tail -n 20 "$work/log" >&2; exit 2; }
-    echo $((SECONDS - start))
+    clone
+    timed build
+    echo "$seconds"
     ;;
   again)
-    git clone -q "$root" "$work/clone" >&2
-    cd "$work/clone"
-    export CCACHE_DISABLE=1
-    { cmake --preset release && ninja -C build/release fringeslam; } >"$work/log" 2>&1 || { tail -n 20 "$work/log" >&2; exit 2; }
-    echo "// changed" >>core/mapper/mapper.cpp
-    start=$SECONDS
-    ninja -C build/release fringeslam >"$work/log" 2>&1 || { tail -n 20 "$work/log" >&2; exit 2; }
-    echo $((SECONDS - start))
+    clone
+    timed build
+    change
+    timed compile
+    echo "$seconds"
     ;;
   test)
-    git clone -q "$root" "$work/clone" >&2
-    cd "$work/clone"
-    export CCACHE_DISABLE=1
-    tools/run >"$work/log" 2>&1 || { tail -n 20 "$work/log" >&2; exit 2; }
-    start=$SECONDS
-    tools/test >"$work/log" 2>&1 || { tail -n 40 "$work/log" >&2; exit 2; }
-    echo $((SECONDS - start))
+    clone
+    timed tools/run
+    timed tools/test
+    echo "$seconds"
+    ;;
+  all)
+    clone
+    timed build
+    echo "build $seconds"
+    change
+    timed compile
+    echo "again $seconds"
+    git checkout -q core/mapper/mapper.cpp
+    timed tools/run
+    timed tools/test
+    echo "test $seconds"
     ;;
   bare)
     if ((EUID != 0)); then echo "start.sh bare: creating a fresh system needs root" >&2; exit 2; fi
@@ -70,7 +92,7 @@ case "${1:-}" in
     echo $((SECONDS - start))
     ;;
   *)
-    echo "start.sh: specify build, again, test or bare" >&2
+    echo "start.sh: specify build, again, test, all or bare" >&2
     exit 2
     ;;
 esac
