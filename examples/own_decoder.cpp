@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Plugs another decoder into the mapper: own_decoder SCENE.yaml. The decoder here is a textbook one: three-step phase
-// shifting of three periods, unwrapped from the coarsest to the finest.
+// Plugs another decoder into the mapper: own_decoder SCENE.yaml. This is a textbook decoder: three-step phase shifting,
+// unwrapped from the coarsest period to the finest. It assumes 8-bit images; three steps of -120, 0 and 120 degrees per
+// period; only column fringes, ordered from coarse to fine; a coarsest period that covers the projector; and a camera at
+// rest during each stack. It checks none of this.
 #include <fringeslam/fringeslam.h>
 
 #include <cmath>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Reads board.yaml: kind (checkerboard, circles, asymmetric_circles), columns, rows (inner corners, or circles),
-// spacing_m and, for circles, diameter_m.
+// Reads board.yaml: kind (checkerboard, circles, asymmetric_circles, charuco), columns, rows (inner corners, or circles),
+// spacing_m and, for circles, diameter_m; for ChArUco, marker_m, marker_bits and markers.
 #pragma once
 
 #include <filesystem>

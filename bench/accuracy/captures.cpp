@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Rows on real captures of other rigs: agreement of two codings, honesty of the sigmas with measured noise, boards measured
-// with a calibration from the others, and mistakes in the description that go unnoticed.
+// with a calibration from the others, and mistakes in the description that are not detected.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>

@@ -95,7 +95,7 @@ std::vector<Row> image_pose_rows(const Context& context) {
     errors.views.print("views");
     errors.finest.print("images, finest fringes");
     errors.others.print("images, other patterns");
-    // An image without a pose is as bad as it gets.
+    // An image without a pose counts as an infinite error.
     const double ratio = errors.finest.lost > 0 ? INFINITY
                                                 : std::max(errors.finest.rms_m() / errors.views.rms_m(),
                                                            errors.finest.rms_rad() / errors.views.rms_rad());

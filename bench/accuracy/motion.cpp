@@ -138,7 +138,7 @@ std::vector<Row> pose_rows(const Context& context) {
   std::vector<double> nees, bounds;
   for (int seed = 1; seed <= (context.quick ? 1 : 8); ++seed) {
     MovingRunOptions options;
-    options.most_views = 100;  // the first views, whose motion is known less well, are only a few of them
+    options.most_views = 100;  // so many that the first ones, whose motion is less certain, hardly matter
     options.bound = true;
     const MovingRun run = moving_run(scene_with("loop", static_cast<uint64_t>(seed), along_the_loop(0.3)), options);
     print("moving, seed " + std::to_string(seed), run);

@@ -174,7 +174,7 @@ void add_world(const World& world, Deciles& deciles) {
   });
 }
 
-// The share of pairs of rubble that count as ambiguous, in percent, is the price of the check.
+// The share of pairs of rubble that count as ambiguous, in percent, is the cost of the check.
 std::vector<Row> wrong_rows(const Context& context) {
   constexpr double kMostAmbiguous = 1;
   Deciles deciles;

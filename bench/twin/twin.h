@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Digital twin of a real capture: its rig, its surface with its albedo, and its light as a scene, rendered under the same
-// patterns and decoded like the original (docs/method.md, section 12.4). What differs between the two is not modelled.
+// patterns and decoded like the original (docs/method.md, section 12.5). Differences between the two show
+// effects that are not modelled.
 #pragma once
 
 #include <filesystem>

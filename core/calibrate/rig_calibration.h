@@ -92,7 +92,7 @@ struct RigCalibration {
   Eigen::MatrixXd covariance;
   double covariance_factor = 1;        // by which that disagreement exceeds the noise of independent corners
   std::vector<HeldOutBoard> held_out;  // one per used view
-  std::vector<std::string> warnings;   // one sentence each on whatever makes the calibration doubtful
+  std::vector<std::string> warnings;   // one sentence for each reason to doubt the calibration
   // Share of an 8 x 8 grid over the images in which corners were seen.
   double camera_coverage = 0, projector_coverage = 0;
   double camera_rms_px = 0, projector_rms_px = 0;

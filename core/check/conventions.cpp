@@ -632,7 +632,7 @@ std::string comparison(const DescriptionFit& best, const DescriptionFit& stated)
   return percent_of(greatest->best) + " " + greatest->name + " instead of " + percent_of(greatest->stated);
 }
 
-constexpr double kHardly = 0.2;  // merit of a description that fits hardly at all
+constexpr double kHardly = 0.2;  // merit of a description that hardly fits
 
 struct Candidate {
   RigDescription description;

@@ -2,7 +2,7 @@
 // Checks whether the described conventions of a rig (phase shifts, periods, Gray codes, calibration) fit its images, by
 // comparing the description with alternatives that differ in one convention (docs/method.md, section 11.5).
 //
-// A wrong convention usually still decodes to smooth surfaces. It betrays itself where measurements are redundant:
+// A wrong convention usually still decodes to smooth surfaces. Redundant measurements reveal it:
 //
 //   orientation  a surface seen by the camera and lit by the projector faces both; a wrong shift_sign turns it away
 //   range        depths lie in the working range, in front of the camera and within the projector's image
@@ -68,7 +68,7 @@ DescriptionFit fit_of(const FringeStack& stack, const RigDescription& descriptio
 std::vector<RigDescription> alternative_descriptions(const PatternSequence& sequence, const RigModel& rig,
                                                      const std::vector<double>& offset_rad);
 
-// Compares a description with its alternatives, and with combinations of two if it fits hardly at all. Throws Error if
+// Compares a description with its alternatives, and with combinations of two if it hardly fits. Throws Error if
 // the stack cannot be decoded as described.
 ConventionReport check_conventions(const FringeStack& stack, const RigModel& rig,
                                    const std::vector<double>& offset_rad);

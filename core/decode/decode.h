@@ -12,8 +12,8 @@
 //                   erfc(pi / (sqrt 2 sqrt(R^2 sigma_low^2 + sigma_high^2)))
 //   heterodyne      like multifrequency, but starting from beats: the difference of two phases has the period
 //                   p1 p2 / (p2 - p1); beats of beats are longer, until one covers the projector
-//   gray            a Gray code with cells no wider than a period gives the cell of the coordinate; finer periods are
-//                   unwrapped by the one before
+//   gray            a Gray code with cells no wider than the longest period gives the cell of the coordinate; finer
+//                   periods are each unwrapped by the one before
 //   geometric       the depth range bounds the coordinate of each pixel to an interval shorter than a period
 //   predicted       a predicted coordinate and its sigma, from a map and a predicted pose
 //   spatial         along connected pixels whose phases differ by less than half a turn; the order of each component

@@ -12,7 +12,8 @@
 // for the whole image. Decoded as if the scene were at rest, three steps have an error of -(eps / sqrt 3) sin 2 phi and
 // four steps one of (eps / 2) cos 2 phi, with phi taken at the reference time. The harmonic N - 1 is the first one that N
 // steps confuse with the fringe: at rest it causes an error of -h_c sin(N phi) + h_s cos(N phi), and in motion it also
-// changes the ripple of four steps, by -3 h_c of its amplitude. Only motion tells it from the shape of the surface.
+// changes the ripple of four steps, by -3 h_c of its amplitude. Only motion distinguishes it from the shape of
+// the surface.
 #pragma once
 
 #include <cstddef>

@@ -14,7 +14,7 @@ namespace fringeslam {
 
 namespace {
 
-// True if a motion is known so well that the images need not determine it.
+// True if a motion is known accurately enough to skip its estimation from the images.
 bool is_known(const MotionPrior& prior) {
   constexpr double kSigma = 4e-3;  // m/s or rad/s: 0.04 px of displacement during three images
   return prior.covariance.diagonal().head<6>().maxCoeff() <= kSigma * kSigma;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The front end: fringe images -> one reconstructed view. This is the seam for other decoders: derive from FrontEnd and
-// pass it to Pipeline, and the mapper works on your frames. FringeFrontEnd is ours (docs/method.md, sections 3 and 4).
+// pass it to Pipeline, and the mapper works on your frames. FringeFrontEnd is the project's own
+// (docs/method.md, sections 3 and 4).
 #pragma once
 
 #include <optional>
@@ -54,7 +55,7 @@ class FrontEnd {
 struct FrontEndOptions {
   DecodeOptions decode;
   DepthOptions depth;
-  bool at_rest = false;  // during each stack: motion is not looked for
+  bool at_rest = false;  // during each stack: motion is not detected
 };
 
 // Decodes and triangulates phase-shifted fringes. With `decode.unwrapping=predicted`, stacks of the finest fringes alone

@@ -56,7 +56,7 @@ void ImageTracker::set_reference(const ImageReference& reference, const Pose& wo
   last_.valid = true;
   reference_covariance_ = covariance;
   if (state_ && std::abs(timestamp_s - state_->time_s) <= options_.max_gap_s) {
-    // The pose of the filter has the errors of the old reference, those of the new one are others.
+    // The filter's pose has the errors of the old reference; the new reference has different ones.
     state_->covariance.topLeftCorner<6, 6>() += common_ + covariance;
     return;
   }
@@ -144,7 +144,7 @@ TrackedImage ImageTracker::track(const cv::Mat& image, const Pattern& expected, 
 void ImageTracker::correct(State state, const ImagePose& found) {
   const Matrix6d turn = turned_tangent(world_from_reference_.rotation);
   const Vector6d step = difference(world_from_reference_ * found.reference_from_camera, state.world_from_camera);
-  // What is common to the images of a reference is estimated, so some of it may vary from image to image.
+  // The part common to the images of a reference is only an estimate; some of it may vary from image to image.
   constexpr double kLeastOwnShare = 0.1;
   Matrix6d own = found.covariance - found.reference_covariance;
   own = symmetric(own + kLeastOwnShare * found.covariance);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Poses at camera rate: each image is compared with what a reference view predicts of it (core/registration/image_pose.h),
-// starting from the pose that constant velocity predicts (docs/method.md, section 9.5).
+// Poses at camera rate: each image is compared with its prediction from a reference view
+// (core/registration/image_pose.h), starting from the pose that constant velocity predicts (docs/method.md, section 9.5).
 //
 // The filter's state is the pose world_from_camera, its rate of change in the tangent of retract(), and the covariance of
 // both. Accelerations are white noise. What all images of a reference have in common, the error of its pose and the
@@ -106,7 +106,7 @@ class ImageTracker {
 };
 
 // Returns the index of the first image of a stack that does not show its pattern, for instance because an image was
-// dropped or repeated. Empty if all agree, or if the tracker cannot tell because it has no prediction.
+// dropped or repeated. Empty if all agree, or if the tracker has no prediction to compare with.
 std::optional<size_t> first_inconsistent_image(ImageTracker tracker, const FringeStack& stack);
 
 }  // namespace fringeslam

@@ -21,8 +21,8 @@ Pose continued(const Pose& motion, double share) {
 }
 
 // Bounds the covariance of the motion between two keyframes by the links of the shortest path between them. Their sigmas
-// are added, because a bias is common to all; errors of rotation act over the distance that is left. Loops that disagree
-// with the map do not count. Zero (unknown) if there is no path of links that determine their motions.
+// are added, because their biases are correlated. A rotation error is multiplied by the remaining distance. Loops that
+// disagree with the map are ignored. Zero (unknown) if there is no path of links that determine their motions.
 Matrix6d covariance_between(const KeyframeMap& map, int from, int to) {
   constexpr double kLeastCondition = 1e-15, kMostSquare = 36;
   const auto pose = [&](int keyframe) { return map.keyframes()[static_cast<size_t>(keyframe)].world_from_camera; };
@@ -60,7 +60,7 @@ Matrix6d covariance_between(const KeyframeMap& map, int from, int to) {
   return variances.asDiagonal();
 }
 
-// A map needs some surface to start with.
+// The first keyframe must show enough surface to register the next views with.
 bool can_start_map(const Frame& frame) {
   constexpr double kLeast = 0.01;
   int valid = 0;
@@ -133,14 +133,14 @@ FrameResult Mapper::process(MapperInput input) {
   return result;
 }
 
-// After a view without a pose, earlier views say nothing about the motion.
+// After a view without a pose, earlier views do not predict the motion.
 void Mapper::restart() {
   continuous_from_ = track_.size();
   vibration_.restart();
 }
 
-// Reconstructs the view, unless that takes the depth that the map predicts. A motion that the stack does not determine
-// by itself may be determined together with the prediction.
+// Reconstructs the view, unless that requires the depth predicted by the map. If the stack alone does not determine the
+// motion, it is estimated again with the prediction.
 void Mapper::reconstruct_unless_predicted(FrameResult& result, MapperInput& input,
                                           const std::optional<Prediction>& predicted) const {
   if (input.view)
@@ -328,7 +328,7 @@ bool Mapper::relocalize(FrameResult& result) {
   };
   LocatedView located = locate_view(known, last, {result.frame, result.keypoints}, result.recognitions, rig_.camera,
                                     rig_.middle_range_m(), options_.registration);
-  // That the view is ambiguous close to its prediction is worth more than not to have found it elsewhere.
+  // A view that is ambiguous near its prediction is reported as ambiguous even if relocalization fails.
   if (result.registration.ambiguous && !located.registration.found && !located.registration.ambiguous) return false;
   result.reference = located.with.earlier;
   result.matches = std::move(located.with.matches);
@@ -416,8 +416,8 @@ int Mapper::close_loops(const FrameResult& result) {
   return links;
 }
 
-// Fills in the poses, and keeps what predicts the next view. The error of constant velocity is assumed to be at most
-// twice the present one, and not less than the jerks of a slow robot.
+// Fills in the poses, and stores the state from which the next view is predicted. The next error of constant velocity is
+// assumed to be at most twice the current one, and at least that of a robot that moves slowly and unevenly.
 void Mapper::note_pose(FrameResult& result, const std::optional<Prediction>& predicted) {
   enter_stage("other");
   const Pose world_from_current = world_from_camera(track_.back());

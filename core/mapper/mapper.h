@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The mapper: reconstructed views in, poses and a keyframe map out (docs/method.md, sections 6 to 8). For each view it
+// The mapper: reconstructed views in, poses and a keyframe map out (docs/method.md, sections 6 to 9). For each view it
 // predicts the pose, registers the view with the keyframe that shows most of it (or relocalizes by landmarks), extends
 // the map where the view shows something new, and closes loops.
 #pragma once
@@ -30,7 +30,7 @@ struct MapperOptions {
 
 enum class Tracking {
   first,      // nothing to register with
-  followed,   // registered from the pose that constant velocity predicts
+  followed,   // registered from the predicted pose
   refined,    // relocalized by landmarks, then registered
   landmarks,  // registration did not converge; the pose is that of the landmarks, and depth does not contradict it
   ambiguous,  // several poses explain the view equally well; left out of trajectory and map
@@ -74,17 +74,17 @@ class Mapper {
  public:
   // `world_from_robot` is the pose of the robot at the first view. Throws Error if an option is out of range.
   Mapper(const RigModel& rig, const MapperOptions& options, const Pose& world_from_robot);
-  // Continues in a map, in which the robot has to be relocalized.
+  // Continues an existing map, in which the robot must first be relocalized.
   Mapper(KeyframeMap map, const MapperOptions& options);
 
   FrameResult process(MapperInput input);
-  // Registers a frame of any origin and adds it to the map.
+  // Registers a frame from any source and adds it to the map.
   FrameResult process(const Frame& frame) { return process({frame.timestamp_s, ReconstructedView{frame, {}, true}}); }
 
   const KeyframeMap& map() const { return map_; }
-  // Robot poses of all tracked views in the order of processing, by the present state of the map.
+  // Robot poses of all tracked views in the order of processing, given the current map.
   Trajectory trajectory() const;
-  // Camera pose of a tracked view (FrameResult::view), by the present state of the map.
+  // Camera pose of a tracked view (FrameResult::view), given the current map.
   Pose world_from_camera(int view) const { return world_from_camera(track_[static_cast<size_t>(view)]); }
 
  private:
@@ -111,10 +111,10 @@ class Mapper {
     bool by_own_stack = false;  // no other view has confirmed the motion
   };
 
-  // The first keyframe, to be decoded again once later views determine its motion better than its own stack.
+  // The first keyframe, to be re-decoded once later views determine its motion better than its own stack.
   struct FirstKeyframe {
     MapperInput input;
-    size_t views = 4;  // in the track when it is decoded again
+    size_t views = 4;  // in the track when it is re-decoded
   };
 
   // How the pose relative to keyframe `reference` depends on the motion during the stack; -1: not computed yet.

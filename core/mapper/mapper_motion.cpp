@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Mapper: the motion of the camera during stacks, estimated together with poses, and what its uncertainty does to them
+// Mapper: estimates the motion of the camera during stacks together with poses, and propagates its uncertainty to them
 // (docs/method.md, section 9).
 #include <algorithm>
 #include <utility>
@@ -75,7 +75,7 @@ void Mapper::note_first_keyframe(const FrameResult& result, MapperInput input) {
     first_keyframe_ = FirstKeyframe{std::move(input)};
 }
 
-// Decodes the first keyframe again as soon as the views after it determine its motion better than its own stack, and
+// Re-decodes the first keyframe as soon as the views after it determine its motion better than its own stack, and
 // once more when there are enough of them to determine it as well as that of a predicted view.
 void Mapper::improve_first_keyframe() {
   constexpr size_t kMostViews = 8;
@@ -142,7 +142,7 @@ MotionPrior Mapper::motion_like_last(double timestamp_s) const {
 }
 
 // Estimates the motion during a stack by registration with the map, and decodes the stack with it. Returns the camera
-// pose found on the way.
+// pose that was estimated with it.
 Pose Mapper::estimate_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted,
                              const ExpectedView* expected, const MotionPrior& prior, MotionEffect& effect) {
   constexpr int kRounds = 6;
@@ -154,7 +154,7 @@ Pose Mapper::estimate_motion(FrameResult& result, const MapperInput& input, cons
   Pose world_from_camera = predicted.world_from_camera;
   for (int round = 0; round < kRounds; ++round) {
     const int reference = best_reference(result.frame, world_from_camera);
-    // Whether there is motion at all can be seen from fewer pixels.
+    // Detecting motion requires fewer pixels than estimating it.
     const int stride = result.motion->motion.is_still() ? 12 : 6;
     const std::vector<DepthSlope> slopes = input.depth_slopes(result, stride);
     if (reference < 0 || slopes.empty()) return predicted.world_from_camera;

@@ -13,7 +13,7 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// Spectral densities of the jerk, (m/s^3)^2 s or (rad/s^3)^2 s: from a rail to a robot that is hit.
+// Spectral densities of the jerk, (m/s^3)^2 s or (rad/s^3)^2 s: from a sensor on a rail to a robot that is pushed.
 constexpr std::array kJerks = {1e-3, 1e-2, 1e-1, 1e0, 1e1, 1e2, 1e3, 1e4};
 
 // One component of the pose as measured at a time, for three axes at once: rotation or translation.

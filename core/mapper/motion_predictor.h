@@ -27,8 +27,8 @@ struct MotionPrediction {
 
 // Predicts pose and motion at `timestamp_s` from samples in the order of time, the last ones of which are used: Kalman
 // filters with constant acceleration and white-noise jerk, averaged over intensities of the jerk by how well each
-// predicted the samples (Bayesian model averaging), so that a smooth motion is predicted narrowly and a jerky one widely.
-// Empty if there are no samples, or if there is one without a motion of its own, or if the last one is too old.
+// predicted the samples (Bayesian model averaging), so that the covariance is small for smooth and large for jerky
+// motion. Empty if there are no samples, or if there is one without a motion of its own, or if the last one is too old.
 std::optional<MotionPrediction> predict_motion(const std::vector<PoseSample>& samples, double timestamp_s,
                                                const MotionLimits& limits);
 

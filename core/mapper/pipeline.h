@@ -101,7 +101,7 @@ class Pipeline {
   const Mapper& mapper() const { return mapper_; }
   const KeyframeMap& map() const { return mapper_.map(); }
   Trajectory trajectory() const { return mapper_.trajectory(); }
-  // Fuses the surface of all frames of the map at their present poses. A loop closure moves nearly every frame, so the
+  // Fuses the surface of all frames of the map at their current poses. A loop closure moves nearly every frame, so the
   // surface is fused on request instead of with each view.
   SurfaceModel surface() const { return surface_of(map(), surface_); }
 

@@ -20,8 +20,8 @@ struct TimedImage {
 
 class RollingViews {
  public:
-  // `images` is the number of images per stack, at least 3; `sequence` tells the finest period along `axis`. Throws Error
-  // if the sequence has no fringes there.
+  // `images` is the number of images per stack, at least 3; `sequence` determines the finest period along `axis`. Throws
+  // Error if the sequence has no fringes there.
   RollingViews(const PatternSequence& sequence, const Timing& timing, int images = 3, Axis axis = Axis::columns);
 
   // Takes the next image and returns the stack that ends with it, with the time stamp in the middle of its exposures.

@@ -24,7 +24,7 @@ class ThermalObserver {
   ThermalObserver(const RigModel& rig, const ThermalOptions& options);
   // Call for each view after it was mapped. Untracked views report warm regions without positions.
   ThermalView observe(const FringeStack& stack, const FrameResult& result);
-  // Returns the warm objects at the present poses of the views.
+  // Returns the warm objects at the current poses of the views.
   std::vector<WarmObject> warm_objects(const Mapper& mapper) const;
 
  private:

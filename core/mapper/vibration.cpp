@@ -11,7 +11,7 @@ bool Vibration::note(const Vector12d& change, const Matrix12d& covariance) {
   constexpr size_t kFew = 4;
   const auto excess = [&](int first) {
     // The first views are predicted from motions that their stacks determined by themselves. Later, the predictor adapts
-    // to vibration and predicts it widely.
+    // to vibration and inflates its covariance.
     const double doubtful = views_ < kFew ? kSigmas * kSigmas * covariance.diagonal().segment<3>(first).mean() : 0;
     const double square = change.segment<3>(first).squaredNorm() / 3;
     return square > std::max(doubtful, kSmooth * kSmooth) ? square : 0;
@@ -45,7 +45,7 @@ void Vibration::widen(Matrix12d& covariance) const {
   covariance.diagonal().segment<3>(9).array() += per_s2 * most.velocity_m2_s2;
 }
 
-// The largest changes of the present and the last views.
+// The largest changes of the current and the last views.
 Vibration::Changes Vibration::recent() const {
   Changes most = here_;
   for (const Changes& view : last_) {

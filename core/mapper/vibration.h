@@ -14,11 +14,11 @@ class Vibration {
   explicit Vibration(double camera_rate_hz) : camera_rate_hz_(camera_rate_hz) {}
 
   void begin_view() { here_ = {}; }
-  // Notes how the motion during the present view differs from its prediction, which has this covariance. Returns true
+  // Notes how the motion during the current view differs from its prediction, which has this covariance. Returns true
   // if the difference is clearly larger than those of the last views.
   bool note(const Vector12d& change, const Matrix12d& covariance);
   void end_view();  // the view is tracked
-  void restart();   // tracking was lost before the present view
+  void restart();   // tracking was lost before the current view
 
   // Widens the covariance of a motion by the largest unpredicted changes of the last views.
   void widen(Matrix12d& covariance) const;

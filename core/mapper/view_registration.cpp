@@ -60,7 +60,7 @@ bool agrees_with_depth(const Frame& earlier, const Frame& current, const Pinhole
   return depth.overlap >= kLeastOverlap && depth.agrees >= kLeastAgreement;
 }
 
-// Withdraws a registration that other motions equal or the views contradict.
+// Rejects a registration that other motions match equally well or that the views contradict.
 void check_alternatives(const Frame& earlier, const Frame& current, const Pinhole& camera,
                         const AmbiguityOptions& options, const Admissible& admissible, ViewRegistration& result) {
   if (!options.detect || !result.found) return;
@@ -183,7 +183,7 @@ LocatedView locate_view(const std::function<SeenView(int)>& earlier, int last, c
       if (attempt(earlier(number), std::move(with))) break;
     }
   }
-  // What is ambiguous with that view by its landmarks is ambiguous by all its keypoints.
+  // A pose that is ambiguous from that view's landmarks is ambiguous from all its keypoints, too.
   if (!result.registration.refined && !(result.registration.ambiguous && result.with.earlier == last)) {
     const SeenView view = earlier(last);
     attempt(view, {last, match_keypoints(view.keypoints, current.keypoints, options.matching)});

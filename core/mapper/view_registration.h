@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Registration of two views (docs/method.md, sections 6.3 and 7.1): ego-motion from matched keypoints refined by all
+// Registration of two views (docs/method.md, sections 6 and 7): ego-motion from matched keypoints refined by all
 // depth, or depth alone from a predicted motion; and the tests that a motion must pass to be accepted.
 #pragma once
 
@@ -53,7 +53,7 @@ struct TrackingOptions {
 
   template <class Visitor>
   void describe(Visitor& v) {
-    v.field("predict", predict, "start registration from the pose predicted at constant velocity");
+    v.field("predict", predict, "start registration from the predicted pose");
     v.field("max_prediction_error_m", max_prediction_error_m, {1e-6, 10},
             "largest displacement of surfaces from that prediction, m");
     v.field(

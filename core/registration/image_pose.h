@@ -43,7 +43,7 @@ struct ShownPattern {
   double log_ratio = 0;  // log-likelihood of that candidate minus that of the next one; infinite if it is the only one
   bool explained = false;        // most points agree with that candidate
   std::vector<PatternFit> fits;  // one per candidate
-  // True if the image shows candidate `expected`, or if nothing can be said against it.
+  // True if the image shows candidate `expected`, or if there is no evidence against it.
   bool agrees_with(size_t expected) const;
 };
 

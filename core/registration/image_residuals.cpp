@@ -138,7 +138,7 @@ Wave wave_of(const Pattern& pattern) {
   return wave;
 }
 
-// Everything that is the same for all points.
+// Quantities that are the same for all points.
 struct Setting {
   Projection camera, projector;  // projector: from the reference
   float from_camera[9];          // rotation, projector from camera

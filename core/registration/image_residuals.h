@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Residuals between a fringe image and what a reference view predicts of it, and their normal equations; see
+// Residuals between a fringe image and its prediction from a reference view, and their normal equations; see
 // image_pose.h. Sixteen points are processed at a time in single precision.
 #pragma once
 

@@ -117,7 +117,7 @@ MotionRegistration register_motion(const Frame& target, const Frame& source, con
   MotionRegistration result;
   result.target_from_source = initial;
   // Factor of the prior's covariance, by expectation maximisation: a motion that contradicts the prior in the directions
-  // that the depth determines makes the prior doubtful in the others too.
+  // that the depth determines reduces confidence in the prior in the other directions, too.
   double scale = 1;
   // The motion is uncertain at first, then known. A narrow prior hardly widens the gates.
   constexpr double kNarrow = 5e-3;  // m/s or rad/s

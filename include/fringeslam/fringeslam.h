@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Everything: `#include <fringeslam/fringeslam.h>`. docs/architecture.md shows how the parts fit together.
+// Includes all public headers. docs/architecture.md in the project's repository describes how the parts fit together.
 #pragma once
 
 #include "fringeslam/front_end.h"

@@ -27,7 +27,7 @@ struct Camera {
   double saturation_dn = 255;
 };
 
-// What distorts the images in addition to noise.
+// Distortions of the images in addition to noise.
 struct Disturbance {
   double second_harmonic = 0;                          // of the waveform, relative to its modulation
   std::function<double(size_t)> brightness = nullptr;  // factor of an image

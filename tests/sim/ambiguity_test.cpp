@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Views of repetitive structure: poses that other poses equal are ambiguous, and none that depth contradicts is kept.
+// Views of repetitive structure: a pose is ambiguous if others fit equally well, and rejected if depth contradicts it.
 #include "core/registration/ambiguity.h"
 
 #include <gtest/gtest.h>
@@ -159,7 +159,7 @@ TEST(Ambiguity, AmbiguousViewsStayOutOfTheMap) {
     object.material.grain_m = 0.008;
     object.texture_seed = 1;
   }
-  // The floor is plain; otherwise its grain would tell the places apart.
+  // The floor is plain; otherwise its grain would distinguish the places.
   scene.objects.front().material = grey_object(plane_mesh(1, 1), {}, 0.4).material;
   set_cameras(scene, {camera_above(0, 0, 0), camera_above(0.04, 0.03, 3)});
   VirtualRig rig(scene, {});

@@ -79,7 +79,7 @@ bool starts_with_any(const std::string& text, const Names& prefixes) {
   return std::any_of(prefixes.begin(), prefixes.end(), [&](const std::string& p) { return text.starts_with(p); });
 }
 
-// Returns "core/depth" for core/depth/depth.h, "sim" for sim/light/shading.h.
+// Returns "core/depth" for core/depth/depth.h, "sim" for sim/light/effects.h.
 std::string folder_of(const fs::path& file) {
   auto part = file.begin();
   const std::string top = part->string();

@@ -732,7 +732,7 @@ TEST(Captures, SkullIsImportedWithItsNoiseAndMapped) {
   const char* captures = std::getenv("FRINGESLAM_CAPTURES");
   const fs::path skull = captures ? fs::path(captures) / "skull" : fs::path();
   if (skull.empty() || !fs::is_directory(skull))
-    GTEST_SKIP() << "set FRINGESLAM_CAPTURES to the folder that contains skull/ (see core/rig/README.md)";
+    GTEST_SKIP() << "set FRINGESLAM_CAPTURES to the folder that contains skull/ (see bench/accuracy/README.md)";
   const test::TempFolder temp;
   const fs::path config = fs::path(FRINGESLAM_SOURCE_DIR) / "bench/accuracy/captures/skull_2x3.yaml";
   const auto import = [&](const std::string& from, const std::string& to, const std::string& out) {

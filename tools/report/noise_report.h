@@ -16,7 +16,7 @@ nlohmann::ordered_json to_json(const CameraNoise& noise);
 // A table with 95 % confidence intervals.
 std::string to_table(const CameraNoise& noise);
 
-// One sentence each on whatever makes the estimate doubtful.
+// One sentence for each reason to doubt the estimate.
 std::vector<std::string> warnings_of(const CameraNoise& noise);
 
 // Variance over grey value: measured (marks), fitted (line), of the rig's previous parameters (grey line).
