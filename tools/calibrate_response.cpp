@@ -8,6 +8,7 @@
 #include "core/calibrate/response.h"
 #include "core/io/files.h"
 #include "core/io/setting_groups.h"
+#include "core/patterns/waveform.h"
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
 #include "tools/report/plot.h"
@@ -122,6 +123,33 @@ cv::Mat3b picture_of(const Response& response) {
   return draw(plot);
 }
 
+// Returns the axes with at least two periods of equally spaced steps.
+std::vector<Axis> axes_of_several_periods(const PatternSequence& sequence) {
+  std::vector<Axis> axes;
+  for (const Axis axis : {Axis::columns, Axis::rows}) {
+    if (fringe_groups(sequence, axis).size() > 1) axes.push_back(axis);
+  }
+  return axes;
+}
+
+// Measures the response by comparing the periods of one sequence, over all stacks, and corrects the phases of as many
+// steps as the finest period has.
+void calibrate_by_periods(const CalibrateResponseArguments& arguments, ReplayRig& replay,
+                          const ResponseOptions& options, RigModel& rig, Response& response) {
+  std::vector<PeriodDeviation> deviations;
+  while (const auto stack = replay.capture(replay.sequence())) {
+    for (const Axis axis : axes_of_several_periods(stack->patterns)) {
+      for (PeriodDeviation& deviation : period_deviations(stack->images, stack->patterns, axis, rig.sensor, options))
+        deviations.push_back(std::move(deviation));
+    }
+  }
+  response = response_from_deviations(deviations, options);
+  rig.projector_response = response.table;
+  const Axis axis = axes_of_several_periods(replay.sequence()).front();
+  const auto finest = static_cast<int>(fringe_groups(replay.sequence(), axis).back().images.size());
+  rig.phase_correction = phase_correction_of(response.table, arguments.steps.value_or(finest));
+}
+
 int calibrate(const CalibrateResponseArguments& arguments, const Common& common) {
   ResponseSettings settings;
   apply_settings(settings, arguments.sets);
@@ -129,10 +157,13 @@ int calibrate(const CalibrateResponseArguments& arguments, const Common& common)
   const PatternSequence& sequence = replay.sequence();
   const Ramp ramp = ramp_of(sequence);
   const std::optional<FringeGroup> fringes = many_steps(sequence);
-  if (ramp.images.size() < 5 && !fringes)
-    throw Error(arguments.dataset +
-                ": contains neither a grey ramp of 5 levels or more nor 8 or more steps of a period; render or capture "
-                "patterns with `ramp_levels: 33` or `steps: 12`");
+  const bool by_periods = ramp.images.size() < 5 && !fringes;
+  if (by_periods && axes_of_several_periods(sequence).empty())
+    throw Error(
+        arguments.dataset +
+        ": contains neither a grey ramp of 5 levels or more, nor 8 or more steps of a period, nor three or more "
+        "steps of several periods; render or capture patterns with `ramp_levels: 33`, `steps: 12` or "
+        "`periods_px: [1040, 131, 16.5]`");
   if (!sequence.inverse_response.empty())
     throw Error(arguments.dataset +
                 ": its patterns are already corrected by an inverse response; capture uncorrected ones");
@@ -140,19 +171,24 @@ int calibrate(const CalibrateResponseArguments& arguments, const Common& common)
   RigModel rig = replay.model();
   Response response;
   try {
-    const std::vector<cv::Mat1f> images = mean_images(replay);
-    response =
-        ramp.images.size() >= 5
-            ? response_from_ramp(pick(images, ramp.images), ramp.levels, rig.sensor, settings.response)
-            : response_from_fringes(pick(images, fringes->images), fringes->shifts_rad, rig.sensor, settings.response);
-    rig.projector_response = response.table;
-    rig.phase_correction = {};
-    if (arguments.steps && !fringes)
-      throw Error("--steps: a phase correction needs fringes with 8 or more steps; the dataset has none");
-    // By default a correction for the papers' three steps, if their number divides that of the fringes' steps.
-    if (arguments.steps || (fringes && fringes->images.size() % 3 == 0))
-      rig.phase_correction = phase_correction_from_fringes(pick(images, fringes->images), fringes->shifts_rad,
-                                                           arguments.steps.value_or(3), rig.sensor, settings.response);
+    if (by_periods) {
+      calibrate_by_periods(arguments, replay, settings.response, rig, response);
+    } else {
+      const std::vector<cv::Mat1f> images = mean_images(replay);
+      response = ramp.images.size() >= 5
+                     ? response_from_ramp(pick(images, ramp.images), ramp.levels, rig.sensor, settings.response)
+                     : response_from_fringes(pick(images, fringes->images), fringes->shifts_rad, rig.sensor,
+                                             settings.response);
+      rig.projector_response = response.table;
+      rig.phase_correction = {};
+      if (arguments.steps && !fringes)
+        throw Error("--steps: a phase correction needs fringes with 8 or more steps; the dataset has none");
+      // By default a correction for the papers' three steps, if their number divides that of the fringes' steps.
+      if (arguments.steps || (fringes && fringes->images.size() % 3 == 0))
+        rig.phase_correction =
+            phase_correction_from_fringes(pick(images, fringes->images), fringes->shifts_rad,
+                                          arguments.steps.value_or(3), rig.sensor, settings.response);
+    }
   } catch (const Error& e) {
     throw Error(arguments.dataset + ": " + e.what());
   }
@@ -172,9 +208,10 @@ int calibrate(const CalibrateResponseArguments& arguments, const Common& common)
 
 Verb add_calibrate_response(Command group, const Common& common) {
   auto arguments = std::make_shared<CalibrateResponseArguments>();
-  const Command verb = group.add_subcommand("response", "Projector response, from a grey ramp or many-step fringes");
+  const Command verb = group.add_subcommand("response", "Projector response, from a grey ramp or from fringes");
   verb.add_option("dataset", arguments->dataset,
-                  "Dataset of one view with flat patterns, or with 8 or more steps of one period")
+                  "Dataset with flat patterns or 8 or more steps of one period, of one view, or with three or more "
+                  "steps of several periods")
       .required();
   verb.add_option("--out", arguments->out, "Folder for rig.yaml, response.json and response.png").required();
   verb.add_option(

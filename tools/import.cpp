@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "core/calibrate/camera_noise.h"
+#include "core/calibrate/response.h"
 #include "core/check/conventions.h"
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
@@ -100,6 +101,33 @@ std::vector<std::string> check_of(const ImportPlan& plan, const SensorModel& sen
   return {message};
 }
 
+// Returns a warning if the phases of two periods disagree in a way that repeats with the phase: waveforms that are not the
+// described sinusoids bias three-step phases by several percent of a period.
+std::vector<std::string> waveform_warnings(const ImportPlan& plan, const SensorModel& sensor) {
+  constexpr double kLeast_rad = 0.03, kLeast_px = 0.1, kSigmas = 5;
+  ImportedRig rig(plan);
+  rig.set_sensor(sensor);
+  const auto stack = rig.capture(rig.sequence());
+  if (!stack) return {};
+  std::optional<PeriodDeviation> worst;
+  for (const Axis axis : {Axis::columns, Axis::rows}) {
+    for (const PeriodDeviation& deviation : period_deviations(stack->images, stack->patterns, axis, sensor, {})) {
+      const bool significant = deviation.rms_rad > std::max(kLeast_rad, kSigmas * deviation.sigma_rad);
+      if (significant && deviation.rms_px() > kLeast_px && (!worst || deviation.rms_rad > worst->rms_rad))
+        worst = deviation;
+    }
+  }
+  if (!worst) return {};
+  char text[400];
+  std::snprintf(
+      text, sizeof text,
+      "the fringes are not sinusoidal: the phase of the %s px period deviates from the next finer one by %.2f px "
+      "(RMS) as it repeats, as behind a projector of gamma %.2f; measure it with `fringeslam calibrate "
+      "response` and import again with --rig, or state `projector: {gamma: ...}`",
+      to_text(worst->period_px).c_str(), worst->rms_px(), worst->gamma);
+  return {text};
+}
+
 int import_folder(const fs::path& source, const fs::path& config, const std::string& out, const std::string& rig_file,
                   bool check, const Common& common) {
   std::optional<RigModel> calibration;
@@ -107,9 +135,15 @@ int import_folder(const fs::path& source, const fs::path& config, const std::str
   ImportPlan plan = read_import(config, source);
   const size_t stacks = plan.stacks.size(), images = plan.sequence.patterns.size();
   const std::string name = plan.rig.name, board_yaml = plan.board_yaml;
+  const bool image_times = plan.has_image_times();
   ImportedNoise noise = noise_of(plan);
   if (check) {
     for (std::string& warning : check_of(plan, noise.sensor, calibration)) noise.warnings.push_back(std::move(warning));
+  }
+  const bool corrected = !plan.rig.phase_correction.offset_rad.empty() ||
+                         (calibration && !calibration->phase_correction.offset_rad.empty());
+  if (check && !corrected) {
+    for (std::string& warning : waveform_warnings(plan, noise.sensor)) noise.warnings.push_back(std::move(warning));
   }
   ImportedRig rig(std::move(plan));
   if (calibration) rig.recalibrate(*calibration);
@@ -121,7 +155,7 @@ int import_folder(const fs::path& source, const fs::path& config, const std::str
     while (recording.capture(rig.sequence())) progress.step();
   }
   if (!board_yaml.empty()) write_text(folder.path() / "board.yaml", board_yaml);
-  recording.finish(name, 0, false, true);
+  recording.finish(name, 0, false, true, image_times);
   if (noise.measured) {
     write_text(folder.path() / "noise.json", to_json(*noise.measured).dump(2) + "\n");
     write_png(folder.path() / "noise.png", picture_of(*noise.measured, noise.measured->sensor));

@@ -122,7 +122,7 @@ int run(const RunArguments& arguments, const Common& common) {
     DepthOptions& depth = settings.pipeline.depth;
     if (!is_set("depth.near_m")) depth.near_m = source->model().near_m;
     if (!is_set("depth.far_m")) depth.far_m = source->model().far_m;
-    if (!is_set("tracking.at_rest")) settings.pipeline.tracking.at_rest = true;
+    if (!is_set("tracking.at_rest") && !source->has_image_times()) settings.pipeline.tracking.at_rest = true;
   }
   try {
     check_mappable(source->model(), source->sequence(), settings.pipeline.decode);

@@ -113,6 +113,7 @@ class DatasetSource : public Source {
   int stacks() const override { return info_.stacks; }
   bool has_truth() const override { return info_.has_truth; }
   bool imported() const override { return info_.imported; }
+  bool has_image_times() const override { return !info_.imported || info_.image_times; }
   const PatternSequence& sequence() const override { return sequence_; }
   const RigModel& model() const override { return model_; }
   void recalibrate(const RigModel& calibration) override {

@@ -33,6 +33,8 @@ class Source {
   virtual bool has_truth() const = 0;
   // True if the images are those of another rig, whose near_m and far_m bound the depths.
   virtual bool imported() const { return false; }
+  // True if motion during the stacks can be estimated.
+  virtual bool has_image_times() const { return true; }
   virtual const PatternSequence& sequence() const = 0;
   virtual const RigModel& model() const = 0;
   // Replaces lenses and relative pose by those of a calibration. Throws Error for scenes, whose rig is part of them.

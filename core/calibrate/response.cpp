@@ -2,11 +2,16 @@
 #include "core/calibrate/response.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <complex>
 #include <numbers>
+#include <optional>
 
 #include "core/base/constants.h"
+#include "core/patterns/waveform.h"
 #include "core/types/error.h"
+#include "core/types/linear_algebra.h"
 
 namespace fringeslam {
 
@@ -289,6 +294,271 @@ PhaseCorrection phase_correction_from_fringes(const std::vector<cv::Mat1f>& imag
     correction.offset_rad.push_back(sum[b] / counts[b]);
   }
   return correction;
+}
+
+double PeriodDeviation::rms_px() const { return rms_rad * period_px / kTwoPi; }
+
+namespace {
+
+// Fourier coefficient of a table at `harmonic` turns per turn.
+std::complex<double> coefficient_of(const std::vector<double>& table, int harmonic) {
+  std::complex<double> sum = 0;
+  for (size_t i = 0; i < table.size(); ++i) {
+    const double angle = kTwoPi * harmonic * static_cast<double>(i) / static_cast<double>(table.size());
+    sum += table[i] * std::polar(2.0 / static_cast<double>(table.size()), -angle);
+  }
+  return sum;
+}
+
+constexpr double kLeastGamma = 0.2, kMostGamma = 5;
+
+// The amplitude of sin(N phi) in the phase error of N steps behind a power law.
+double error_amplitude(double gamma, int steps) {
+  return -coefficient_of(phase_correction_of(gamma_table(gamma), steps).offset_rad, steps).imag();
+}
+
+// Inverts error_amplitude() for three steps, which falls with gamma.
+double gamma_of_amplitude(double amplitude) {
+  double low = kLeastGamma, high = kMostGamma;
+  for (int iteration = 0; iteration < 50; ++iteration) {
+    const double middle = 0.5 * (low + high);
+    (error_amplitude(middle, 3) > amplitude ? low : high) = middle;
+  }
+  return 0.5 * (low + high);
+}
+
+// The second harmonic of the waveform, relative to the first, in the residuals of more than three steps: least squares
+// over the pixels of I_k = A + B cos(theta_k + e) + r B cos(2 theta_k).
+class SecondHarmonic {
+ public:
+  explicit SecondHarmonic(const std::vector<double>& shifts_rad)
+      : shifts_rad_(shifts_rad), values_(shifts_rad.size()) {}
+
+  void add(const std::vector<cv::Mat1f>& images, int row, int col, double phase, double modulation) {
+    for (size_t k = 0; k < images.size(); ++k) values_[k] = images[k](row, col);
+    remove_first_harmonic();
+    std::vector<double> grey = values_;
+    for (size_t k = 0; k < images.size(); ++k) values_[k] = modulation * std::cos(2 * (phase + shifts_rad_[k]));
+    remove_first_harmonic();
+    for (size_t k = 0; k < images.size(); ++k) product_ += grey[k] * values_[k], square_ += values_[k] * values_[k];
+  }
+  double value() const { return square_ > 0 ? product_ / square_ : 0; }
+
+ private:
+  // Mean, sine and cosine of equally spaced steps are orthogonal.
+  void remove_first_harmonic() {
+    double mean = 0, c = 0, s = 0;
+    for (size_t k = 0; k < values_.size(); ++k) {
+      mean += values_[k];
+      c += values_[k] * std::cos(shifts_rad_[k]);
+      s += values_[k] * std::sin(shifts_rad_[k]);
+    }
+    const auto count = static_cast<double>(values_.size());
+    for (size_t k = 0; k < values_.size(); ++k)
+      values_[k] -= (mean + 2 * c * std::cos(shifts_rad_[k]) + 2 * s * std::sin(shifts_rad_[k])) / count;
+  }
+
+  const std::vector<double>& shifts_rad_;
+  std::vector<double> values_;
+  double product_ = 0, square_ = 0;
+};
+
+// A power law has r = (gamma - 1) / (gamma + 2).
+double gamma_of_second_harmonic(double r) { return std::clamp((1 + 2 * r) / (1 - r), kLeastGamma, kMostGamma); }
+
+// Phases of one period. The table's phase is that of steps centred on zero; it exceeds the phase by `to_table_rad`.
+struct PeriodPhases {
+  std::vector<cv::Mat1f> images;
+  cv::Mat1d phase_rad, modulation_dn;  // NaN, 0: saturated or dark
+  double to_table_rad = 0;
+};
+
+PeriodPhases phases_of(const std::vector<cv::Mat>& images, const FringeGroup& group, const SensorModel& sensor,
+                       const ResponseOptions& options) {
+  PeriodPhases result;
+  for (const int i : group.images) {
+    cv::Mat1f image;
+    images[static_cast<size_t>(i)].convertTo(image, CV_32F);
+    result.images.push_back(image);
+  }
+  const double first = *std::min_element(group.shifts_rad.begin(), group.shifts_rad.end());
+  const auto steps = static_cast<double>(group.images.size());
+  result.to_table_rad = first + std::numbers::pi * (steps - 1) / steps;
+  const cv::Size size = result.images.front().size();
+  result.phase_rad = cv::Mat1d(size, std::numeric_limits<double>::quiet_NaN());
+  result.modulation_dn = cv::Mat1d(size, 0.0);
+  const std::vector<size_t> all = all_of(result.images.size());
+  for (int row = 0; row < size.height; ++row) {
+    for (int col = 0; col < size.width; ++col) {
+      double largest = 0;
+      for (const cv::Mat1f& image : result.images) largest = std::max(largest, static_cast<double>(image(row, col)));
+      const Harmonic h = first_harmonic(result.images, group.shifts_rad, all, row, col);
+      if (largest > options.saturation * sensor.max_dn() || 2 * h.modulation < options.min_contrast_dn) continue;
+      result.phase_rad(row, col) = h.phase;
+      result.modulation_dn(row, col) = h.modulation;
+    }
+  }
+  return result;
+}
+
+// Mean difference of two phases in bins of the coarser one.
+class BinnedDifference {
+ public:
+  void add(double table_phase_rad, double difference_rad) {
+    const double turns = table_phase_rad / kTwoPi;
+    const auto bin = static_cast<size_t>((turns - std::floor(turns)) * kBins) % kBins;
+    sums_[bin] += std::polar(1.0, difference_rad);
+    ++counts_[bin];
+  }
+
+  struct Bin {
+    double phase_rad = 0, difference_rad = 0, weight = 0;
+  };
+  // The differences are continuous over the phase, so they may exceed half a turn; their mean does not.
+  std::vector<Bin> unwrapped() const {
+    std::vector<Bin> bins;
+    double last = 0, sum = 0, weights = 0;
+    for (size_t b = 0; b < kBins; ++b) {
+      if (counts_[b] == 0) continue;
+      last += std::remainder(std::arg(sums_[b]) - last, kTwoPi);
+      bins.push_back({kTwoPi * (static_cast<double>(b) + 0.5) / kBins, last, static_cast<double>(counts_[b])});
+      sum += last * bins.back().weight;
+      weights += bins.back().weight;
+    }
+    const double turns = weights > 0 ? std::round(sum / weights / kTwoPi) : 0;
+    for (Bin& bin : bins) bin.difference_rad -= kTwoPi * turns;
+    return bins;
+  }
+
+ private:
+  static constexpr size_t kBins = 720;
+  std::array<std::complex<double>, kBins> sums_{};
+  std::array<int64_t, kBins> counts_{};
+};
+
+// Fits the deviation by its harmonics N phi, 2 N phi over the true phase. The table is that of the fit, because a narrow
+// view need not show all phases.
+std::optional<PeriodDeviation> fitted(const std::vector<BinnedDifference::Bin>& bins, double ratio, int steps) {
+  constexpr int kMultiples = 2, kEntries = 360, kUnknowns = 1 + 2 * kMultiples;
+  Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(kUnknowns, kUnknowns);
+  Eigen::VectorXd right = Eigen::VectorXd::Zero(kUnknowns);
+  double squares = 0, pixels = 0;
+  for (const auto& bin : bins) {
+    const double deviation = -bin.difference_rad / ratio, phase = bin.phase_rad - deviation;
+    Eigen::VectorXd terms(kUnknowns);
+    terms[0] = 1;
+    for (int m = 1; m <= kMultiples; ++m) {
+      terms[2 * m - 1] = std::cos(m * steps * phase);
+      terms[2 * m] = std::sin(m * steps * phase);
+    }
+    normal += bin.weight * terms * terms.transpose();
+    right += bin.weight * deviation * terms;
+    squares += bin.weight * deviation * deviation;
+    pixels += bin.weight;
+  }
+  // A view of less than a period of the error does not determine it: this keeps it small.
+  normal.diagonal().array() += 1e-6 * pixels;
+  const Eigen::VectorXd fit = solve_positive_definite(normal, right);
+  PeriodDeviation deviation;
+  deviation.pixels = static_cast<int64_t>(pixels);
+  deviation.correction.steps = steps;
+  for (int i = 0; i < kEntries; ++i) {
+    const double phase = kTwoPi * i / kEntries;
+    double offset = 0;
+    for (int m = 1; m <= kMultiples; ++m)
+      offset += fit[2 * m - 1] * std::cos(m * steps * phase) + fit[2 * m] * std::sin(m * steps * phase);
+    deviation.correction.offset_rad.push_back(offset);
+  }
+  deviation.rms_rad = fit.tail(2 * kMultiples).norm() / std::numbers::sqrt2;
+  deviation.sigma_rad =
+      std::sqrt(2 * std::max(0.0, squares - right.dot(fit)) / pixels / static_cast<double>(bins.size()));
+  deviation.gamma = gamma_of_amplitude(fit[2]);
+  return deviation;
+}
+
+}  // namespace
+
+std::vector<PeriodDeviation> period_deviations(const std::vector<cv::Mat>& images, const PatternSequence& sequence,
+                                               Axis axis, const SensorModel& sensor, const ResponseOptions& options) {
+  constexpr double kWhole = 0.97;  // of the projector's image: the coarsest period has no fringe orders
+  check_options(options, "response");
+  std::vector<PeriodDeviation> deviations;
+  const std::vector<FringeGroup> groups = fringe_groups(sequence, axis);
+  const int length_px = axis == Axis::columns ? sequence.width : sequence.height;
+  if (groups.size() < 2 || groups.front().period_px < kWhole * length_px) return deviations;
+  for (const FringeGroup& group : groups) {
+    if (!equally_spaced(group.shifts_rad)) return deviations;
+  }
+  PeriodPhases coarse = phases_of(images, groups.front(), sensor, options);
+  cv::Mat1d order(coarse.phase_rad.size(), 0.0);  // of the coarser period
+  for (double& phase : coarse.phase_rad) phase -= kTwoPi * std::floor(phase / kTwoPi);
+  for (size_t g = 1; g < groups.size(); ++g) {
+    const FringeGroup &group = groups[g - 1], &finer = groups[g];
+    PeriodPhases fine = phases_of(images, finer, sensor, options);
+    const double ratio = group.period_px / finer.period_px;
+    const auto steps = static_cast<int>(group.images.size());
+    BinnedDifference differences;
+    SecondHarmonic second(group.shifts_rad);
+    int64_t pixels = 0;
+    const auto usable = [&](int row, int col) {
+      return !std::isnan(coarse.phase_rad(row, col) + fine.phase_rad(row, col) + order(row, col));
+    };
+    const auto absolute = [&](int row, int col) { return coarse.phase_rad(row, col) + kTwoPi * order(row, col); };
+    for (int row = 0; row < order.rows; ++row) {
+      for (int col = 0; col < order.cols; ++col) {
+        if (!usable(row, col)) continue;
+        ++pixels;
+        const double phase = coarse.phase_rad(row, col);
+        differences.add(phase + coarse.to_table_rad, fine.phase_rad(row, col) - ratio * absolute(row, col));
+        if (steps > 3) second.add(coarse.images, row, col, phase, coarse.modulation_dn(row, col));
+      }
+    }
+    if (pixels < options.min_pixels) return deviations;
+    std::optional<PeriodDeviation> deviation = fitted(differences.unwrapped(), ratio, steps);
+    if (steps > 3) deviation->gamma = gamma_of_second_harmonic(second.value());
+    deviation->period_px = group.period_px;
+    // Fringe orders of the finer period, from the corrected coarser one.
+    std::vector<double> table = deviation->correction.offset_rad;
+    table.push_back(table.front());
+    for (int row = 0; row < order.rows; ++row) {
+      for (int col = 0; col < order.cols; ++col) {
+        const double turns = (coarse.phase_rad(row, col) + coarse.to_table_rad) / kTwoPi;
+        const double corrected = absolute(row, col) - interpolate_table(table, turns - std::floor(turns));
+        order(row, col) = std::round((ratio * corrected - fine.phase_rad(row, col)) / kTwoPi);
+      }
+    }
+    deviations.push_back(std::move(*deviation));
+    coarse = std::move(fine);
+  }
+  return deviations;
+}
+
+Response response_from_deviations(const std::vector<PeriodDeviation>& deviations, const ResponseOptions& options) {
+  if (deviations.empty()) throw Error("no period has enough usable pixels to compare its phase with the finest one");
+  constexpr int kLevels = 17;
+  Response response;
+  double sum = 0, weights = 0;
+  for (const PeriodDeviation& deviation : deviations) {
+    sum += static_cast<double>(deviation.pixels) * std::log(deviation.gamma);
+    weights += static_cast<double>(deviation.pixels);
+    response.pixels = std::max(response.pixels, static_cast<int>(deviation.pixels));
+  }
+  response.gamma = std::exp(sum / weights);
+  // Blur and the unequal errors of the periods are common to their pixels, so the periods' scatter counts.
+  constexpr double kSingle = 0.03;
+  double squares = 0;
+  for (const PeriodDeviation& deviation : deviations)
+    squares += static_cast<double>(deviation.pixels) / weights * std::pow(deviation.gamma - response.gamma, 2);
+  const auto count = static_cast<double>(deviations.size());
+  const double sigma = count > 1 ? std::sqrt(squares / (count - 1)) : kSingle * response.gamma;
+  response.table = gamma_table(response.gamma, options.entries);
+  for (int i = 0; i < kLevels; ++i) {
+    const double level = static_cast<double>(i) / (kLevels - 1);
+    response.level.push_back(level);
+    response.light.push_back(std::pow(level, response.gamma));
+    response.sigma.push_back(level > 0 ? std::abs(response.light.back() * std::log(level)) * sigma : 0);
+  }
+  return response;
 }
 
 }  // namespace fringeslam

@@ -6,11 +6,16 @@
 // Two methods. Grey ramp, per pixel: light_k = (I_k - I_black) / (I_white - I_black). Many-step fringes: N steps give a
 // phase nearly free of harmonics and thereby each image's ideal level 1/2 + 1/2 cos(phi + delta_k); grey values plotted
 // against ideal levels are the response, up to an offset and a scale per pixel.
+//
+// Sequences with three or more steps of several periods show the harmonics, too: they make the phase of a coarse period
+// deviate from that of the next finer one, as a function of the phase.
 #pragma once
 
+#include <cstdint>
 #include <opencv2/core.hpp>
 #include <vector>
 
+#include "core/patterns/patterns.h"
 #include "core/types/options.h"
 #include "core/types/rig_model.h"
 
@@ -54,5 +59,27 @@ Response response_from_fringes(const std::vector<cv::Mat1f>& images, const std::
 PhaseCorrection phase_correction_from_fringes(const std::vector<cv::Mat1f>& images,
                                               const std::vector<double>& shifts_rad, int steps,
                                               const SensorModel& sensor, const ResponseOptions& options);
+
+// How the phase of one period deviates from that of the next finer one of the same axis.
+struct PeriodDeviation {
+  double period_px = 0;
+  PhaseCorrection correction;  // deviation that repeats with the phase; its steps are those of the period
+  double sigma_rad = 0;        // standard deviation of the table's entries
+  double rms_rad = 0;          // of the correction
+  double gamma = 1;            // of the power law that causes a correction of that size
+  int64_t pixels = 0;
+
+  double rms_px() const;
+};
+
+// Measures the deviations of all periods but the finest, coarsest first, from images (DN, H x W each) of a sequence whose
+// coarsest period covers the projector's image. Empty if it does not, or if the steps of a period are not equally spaced;
+// ends at the first period with fewer than `options.min_pixels` usable pixels.
+std::vector<PeriodDeviation> period_deviations(const std::vector<cv::Mat>& images, const PatternSequence& sequence,
+                                               Axis axis, const SensorModel& sensor, const ResponseOptions& options);
+
+// Returns the power law that the deviations show, weighted by their pixels, as a response. Throws Error without
+// deviations.
+Response response_from_deviations(const std::vector<PeriodDeviation>& deviations, const ResponseOptions& options);
 
 }  // namespace fringeslam

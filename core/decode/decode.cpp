@@ -14,6 +14,7 @@
 #include "core/decode/spatial.h"
 #include "core/decode/steps.h"
 #include "core/decode/unwrapping_levels.h"
+#include "core/patterns/waveform.h"
 #include "core/types/error.h"
 
 namespace fringeslam {
@@ -27,19 +28,6 @@ constexpr float kLeastGrayContrast = 0.5f;
 
 int length_of(const PatternSequence& sequence, Axis axis) {
   return axis == Axis::columns ? sequence.width : sequence.height;
-}
-
-// True if the shifts are k 2 pi / N for k = 0 ... N - 1 in any order, up to a common offset.
-bool equally_spaced(const std::vector<double>& shifts_rad) {
-  const auto count = static_cast<double>(shifts_rad.size());
-  std::vector<bool> seen(shifts_rad.size(), false);
-  for (const double shift : shifts_rad) {
-    const double place = (shift - shifts_rad.front()) * count / kTwoPi;
-    if (std::abs(place - std::round(place)) > 1e-3) return false;
-    const auto index = static_cast<long>(std::lround(place)) % static_cast<long>(shifts_rad.size());
-    seen[static_cast<size_t>(index < 0 ? index + static_cast<long>(shifts_rad.size()) : index)] = true;
-  }
-  return std::find(seen.begin(), seen.end(), false) == seen.end();
 }
 
 // Returns the rig's phase correction as a table over the measured phase. The phase error of N steps depends on phi +

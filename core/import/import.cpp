@@ -123,7 +123,12 @@ std::optional<FringeStack> ImportedRig::capture(const PatternSequence& sequence)
   stack.index = static_cast<int>(next_);
   stack.timestamp_s = static_cast<double>(next_) * plan_.interval_s;
   stack.patterns = sequence;
-  stack.exposure_time_s = exposure_times_s(stack.timestamp_s, stack.patterns, model_.timing);
+  if (plan_.image_times_s.empty()) {
+    stack.exposure_time_s = exposure_times_s(stack.timestamp_s, stack.patterns, model_.timing);
+  } else {
+    stack.exposure_time_s = plan_.image_times_s[next_];
+    stack.timestamp_s = reference_time_s(stack.patterns, stack.exposure_time_s);
+  }
   for (const fs::path& file : plan_.stacks[next_]) {
     stack.images.push_back(read(file));
     stack.exposure_s.push_back(plan_.exposure_s);

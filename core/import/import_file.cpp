@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <cctype>
 #include <cmath>
+#include <cstdlib>
+#include <fstream>
 #include <map>
 #include <numbers>
 #include <optional>
@@ -13,6 +15,7 @@
 
 #include "core/import/opencv_calibration.h"
 #include "core/io/yaml.h"
+#include "core/patterns/waveform.h"
 #include "core/rig/rig_file.h"
 
 namespace fringeslam {
@@ -25,6 +28,7 @@ constexpr Range kImagePixels{1, 16384};
 constexpr Range kImagePeriod{2, 1e5};
 constexpr Range kImageCell{1, 1e5};  // OpenCV's Gray codes have cells of 1 px
 constexpr Range kPhaseDegrees{-1e4, 1e4};
+constexpr int kInverseEntries = 1025;
 constexpr int kMaxSteps = 1000, kMaxBits = 30, kMaxNumber = 1000000;
 
 double radians(double degrees) { return degrees * std::numbers::pi / 180; }
@@ -376,21 +380,53 @@ CalibrationFiles read_calibration_section(const YamlMap& map, const fs::path& fo
   return source;
 }
 
-void read_projector_size(const YamlMap& map, Pinhole& projector) {
+// The response of the projector to the patterns' ideal light, and the phase correction that it requires.
+struct Waveform {
+  std::vector<double> response, inverse_response;
+  bool linear = true;
+};
+
+// Combines the projector's response with the distortion that was applied to the patterns beforehand. If together they
+// are linear, the patterns need no correction. Otherwise the fringes are described as ideal ones behind the combination.
+Waveform read_waveform(const YamlMap& section) {
+  constexpr double kNegligible_rad = 1e-3;  // phase error of three steps
+  Waveform waveform;
+  waveform.response = read_response(section, "response");
+  if (section.has("pre_distortion")) {
+    const YamlMap distortion = section.map("pre_distortion");
+    waveform.inverse_response = distortion.has("gamma")
+                                    ? gamma_table(1 / distortion.number("gamma", {0.2, 5}), kInverseEntries)
+                                    : read_response(distortion, "table");
+    if (waveform.inverse_response.empty())
+      throw section.error("pre_distortion",
+                          "'pre_distortion' needs gamma: (level = light^(1/gamma)) or table: (levels "
+                          "at equally spaced light from 0 to 1)");
+    // Without a stated response, the distortion is taken to linearize the projector.
+    if (waveform.response.empty()) waveform.response = invert_table(waveform.inverse_response, kInverseEntries);
+  }
+  const std::vector<double> total = composed_table(waveform.response, waveform.inverse_response);
+  waveform.linear = largest_offset_rad(phase_correction_of(total, 3)) < kNegligible_rad;
+  if (!waveform.linear) waveform = {total, {}, false};
+  return waveform;
+}
+
+Waveform read_projector(const YamlMap& map, Pinhole& projector) {
   if (!map.has("projector")) {
     if (projector.width == 0)
       throw map.error("'projector' is missing; add `projector: {width_px: ..., height_px: ...}`");
-    return;
+    return {};
   }
   const YamlMap section = map.map("projector");
+  if (projector.width > 0 && !section.has("width_px") && !section.has("height_px")) return read_waveform(section);
   const int width = section.integer("width_px", kImagePixels), height = section.integer("height_px", kImagePixels);
   if (projector.width > 0 && (projector.width != width || projector.height != height))
     throw map.error("projector", "the calibration is for a projector of " + std::to_string(projector.width) + "x" +
                                      std::to_string(projector.height) + " px");
   projector.width = width, projector.height = height;
+  return read_waveform(section);
 }
 
-RigModel read_rig_parts(const YamlMap& map, const std::string& name, const fs::path& folder) {
+RigModel read_rig_parts(const YamlMap& map, const std::string& name, const fs::path& folder, Waveform& waveform) {
   RigModel rig;
   rig.name = name;
   rig.near_m = map.number_or("near_m", 0.3, {0.01, 100});
@@ -404,7 +440,7 @@ RigModel read_rig_parts(const YamlMap& map, const std::string& name, const fs::p
     rig.projector = calibration.projector;
     rig.projector_from_camera = calibration.projector_from_camera;
   }
-  read_projector_size(map, rig.projector);
+  waveform = read_projector(map, rig.projector);
   return rig;
 }
 
@@ -462,6 +498,48 @@ std::string read_board(const YamlMap& map) {
          "\nspacing_m: " + to_text(map.number("spacing_m", {1e-5, 10})) + "\n" + charuco;
 }
 
+// Reads `image_interval_s` and returns the name of `image_times`; empty if there is none.
+std::string read_image_timing(const YamlMap& map, ImportPlan& plan) {
+  const std::string file = map.text_or("image_times", "");
+  if (!map.has("image_interval_s")) return file;
+  if (!file.empty()) throw map.error("image_interval_s", "specify image_interval_s or image_times, not both");
+  plan.image_interval_s = map.number("image_interval_s", {1e-5, 100});
+  plan.rig.timing.camera_rate_hz = 1 / plan.image_interval_s;
+  plan.rig.timing.pattern_rate_hz = plan.rig.timing.camera_rate_hz;
+  return file;
+}
+
+// Reads a text file: the middle of each exposure in seconds, in the order of the patterns.
+std::vector<double> read_image_times(const YamlMap& map, const fs::path& file, const ImportPlan& plan) {
+  if (!fs::is_regular_file(file)) throw map.error("image_times", file.string() + " is missing");
+  std::ifstream text(file);
+  std::vector<double> times_s;
+  for (std::string word; text >> word;) {
+    char* end = nullptr;
+    const double time_s = std::strtod(word.c_str(), &end);
+    if (end != word.c_str() + word.size() || !std::isfinite(time_s))
+      throw Error(file.string() + ": '" + word + "' is no time in seconds; list one number per image");
+    times_s.push_back(time_s);
+  }
+  if (times_s.size() != plan.sequence.patterns.size())
+    throw Error(file.string() + ": lists " + std::to_string(times_s.size()) + " times for " +
+                std::to_string(plan.sequence.patterns.size()) + " images; list one number per image");
+  return times_s;
+}
+
+// The correction belongs to the number of steps of the finest period.
+void apply(const Waveform& waveform, ImportPlan& plan) {
+  plan.rig.projector_response = waveform.response;
+  if (!waveform.inverse_response.empty()) plan.sequence.inverse_response = waveform.inverse_response;
+  if (waveform.linear) return;
+  for (const Axis axis : {Axis::rows, Axis::columns}) {
+    const std::vector<FringeGroup> groups = fringe_groups(plan.sequence, axis);
+    if (!groups.empty())
+      plan.rig.phase_correction =
+          phase_correction_of(waveform.response, static_cast<int>(groups.back().shifts_rad.size()));
+  }
+}
+
 }  // namespace
 
 ImportPlan read_import(const fs::path& config, const fs::path& folder) {
@@ -469,9 +547,11 @@ ImportPlan read_import(const fs::path& config, const fs::path& folder) {
   const YamlMap map = YamlMap::load(config);
   ImportPlan plan;
   plan.config = config;
-  plan.rig = read_rig_parts(map, map.text("name"), folder);
+  Waveform waveform;
+  plan.rig = read_rig_parts(map, map.text("name"), folder, waveform);
   if (map.has("camera")) plan.camera = read_camera(map.map("camera"), folder);
   plan.interval_s = map.number_or("interval_s", plan.interval_s, {1e-6, 1e6});
+  const std::string image_times = read_image_timing(map, plan);
   plan.exposure_s = map.number_or("exposure_s", plan.exposure_s, {1e-9, 1e3});
   if (map.has("board")) plan.board_yaml = read_board(map.map("board"));
   const cv::Size projector(plan.rig.projector.width, plan.rig.projector.height);
@@ -480,11 +560,13 @@ ImportPlan read_import(const fs::path& config, const fs::path& folder) {
   const std::vector<fs::path> stacks = stack_folders(map, folder);
   map.finish();  // report misspelt keys before their consequences
   plan.sequence = sequence_of(entries, projector, map);
+  apply(waveform, plan);
   for (const Entry& entry : entries)
     plan.offset_rad.insert(plan.offset_rad.end(), entry.patterns.size(), entry.offset_rad);
   for (const fs::path& stack : stacks) {
     plan.stacks.push_back(images_of(stack, entries));
     check_unused_images(stack, plan.stacks.back(), ignored, map);
+    if (!image_times.empty()) plan.image_times_s.push_back(read_image_times(map, stack / image_times, plan));
   }
   return plan;
 }

@@ -46,6 +46,9 @@ struct ImportPlan {
   std::vector<double> offset_rad;  // phase shift of step 0 of each pattern's period; 0 for other patterns
   std::vector<std::vector<std::filesystem::path>> stacks;  // one image per pattern
   double interval_s = 1;                                   // between stacks
+  double image_interval_s = 0;                             // between images of a stack; 0: unknown
+  std::vector<std::vector<double>> image_times_s;          // middles of the exposures, per stack; empty: unknown
+  bool has_image_times() const { return image_interval_s > 0 || !image_times_s.empty(); }
   double exposure_s = 0.01;
   std::string board_yaml;  // content of the dataset's board.yaml; empty: none
 };

@@ -106,6 +106,7 @@ Mapper::Mapper(KeyframeMap map, const MapperOptions& options)
   check_options(options.registration.icp, "icp");
   check_options(options.registration.tracking, "tracking");
   check_options(options.registration.ambiguity, "ambiguity");
+  check_options(options.registration.motion_prior, "motion_prior");
   check_options(options.mapping, "mapping");
   check_options(options.pose_graph, "pose_graph");
   for (size_t i = 0; i < map_.keyframes().size(); ++i)
@@ -150,7 +151,9 @@ void Mapper::reconstruct_unless_predicted(FrameResult& result, MapperInput& inpu
   result.complete = !input.needs_prior;
   if (result.complete && result.motion_unknown() && input.reconstruct) {
     const ReconstructedView rough = result;  // shares its images
-    reconstruct(result, input, {nullptr, predicted ? predicted->motion : unknown_motion({}), false, &rough});
+    reconstruct(
+        result, input,
+        {nullptr, predicted ? predicted->motion : unknown_motion(options_.registration.motion_prior), false, &rough});
   }
   if (result.complete && options_.registration.tracking.landmarks == LandmarkViews::every_frame) find_landmarks(result);
 }
@@ -198,7 +201,8 @@ std::optional<Mapper::Prediction> Mapper::predict(double timestamp_s) const {
     if (!camera) return std::nullopt;
     return Prediction{*camera, prediction_covariance_, motion_like_last(timestamp_s)};
   }
-  std::optional<MotionPrediction> motion = predict_motion(last_samples(), timestamp_s, {});
+  std::optional<MotionPrediction> motion =
+      predict_motion(last_samples(), timestamp_s, options_.registration.motion_prior);
   if (!motion) return std::nullopt;
   Vector6d sigmas;
   sigmas << Eigen::Vector3d::Constant(std::max(kTurn_rad, motion->turn_rad)),

@@ -91,7 +91,8 @@ void Mapper::improve_first_keyframe() {
     sample.timestamp_s = -sample.timestamp_s;
     sample.motion.reset();
   }
-  const std::optional<MotionPrediction> reversed = predict_motion(samples, -first.input.timestamp_s, {});
+  const std::optional<MotionPrediction> reversed =
+      predict_motion(samples, -first.input.timestamp_s, options_.registration.motion_prior);
   if (!reversed) return;
   MotionPrior motion = reversed->motion;
   motion.motion.angular_rad_s *= -1;
@@ -127,7 +128,7 @@ void Mapper::improve_first_keyframe() {
 
 // Predicts the motion during a stack from that of the last one, with accelerations in between.
 MotionPrior Mapper::motion_like_last(double timestamp_s) const {
-  const MotionLimits limits;
+  const MotionLimits& limits = options_.registration.motion_prior;
   MotionPrior prior = unknown_motion(limits);
   if (!last_motion_ || lost_) return prior;
   const double duration_s = std::abs(timestamp_s - track_.back().timestamp_s);

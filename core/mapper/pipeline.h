@@ -27,6 +27,7 @@ struct PipelineOptions {
   IcpOptions icp;
   TrackingOptions tracking;
   AmbiguityOptions ambiguity;
+  MotionLimits motion_prior;
   MappingOptions mapping;
   PoseGraphOptions pose_graph;
   CloudOptions cloud;
@@ -48,6 +49,7 @@ struct PipelineOptions {
     visit("icp", icp);
     visit("tracking", tracking);
     visit("ambiguity", ambiguity);
+    visit("motion_prior", motion_prior);
     visit("mapping", mapping);
     visit("pose_graph", pose_graph);
     visit("cloud", cloud);
@@ -58,7 +60,7 @@ struct PipelineOptions {
   FrontEndOptions front_end() const { return {decode, depth, tracking.at_rest}; }
   MapperOptions mapper() const {
     return {{keypoints, conditioning, clusters, landmarks, recognition},
-            {matching, motion, icp, tracking, ambiguity},
+            {matching, motion, icp, tracking, ambiguity, motion_prior},
             mapping,
             pose_graph};
   }

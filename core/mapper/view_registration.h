@@ -13,6 +13,7 @@
 #include "core/registration/ambiguity.h"
 #include "core/registration/icp.h"
 #include "core/registration/reference/engines.h"
+#include "core/types/camera_motion.h"
 #include "core/types/frame.h"
 #include "core/types/landmark.h"
 #include "core/types/options.h"
@@ -74,7 +75,7 @@ struct TrackingOptions {
     v.field(
         "at_rest", at_rest,
         "the camera is at rest during each stack: motion is neither detected nor estimated; run sets it for imported "
-        "datasets, whose images have no times");
+        "datasets without image times");
     v.field("finest_in_motion", finest_in_motion,
             "capture the finest fringes alone while the robot moves and the map predicts their orders; "
             "decode.unwrapping=predicted does so at rest too");
@@ -100,6 +101,7 @@ struct RegistrationOptions {
   IcpOptions icp;
   TrackingOptions tracking;
   AmbiguityOptions ambiguity;
+  MotionLimits motion_prior = {};
 };
 
 // Keypoints of the current view matched with those of an earlier view.

@@ -59,6 +59,7 @@ DatasetInfo read_dataset_info(const fs::path& folder) {
   info.has_truth = map.boolean_or("truth", false);
   info.has_thermal = map.boolean_or("thermal", false);
   info.imported = map.boolean_or("imported", false);
+  info.image_times = map.boolean_or("image_times", false);
   map.finish();
   return info;
 }
@@ -214,13 +215,14 @@ std::optional<FringeStack> RecordingRig::capture(const PatternSequence& sequence
   return stack;
 }
 
-void RecordingRig::finish(const std::string& name, uint64_t seed, bool has_truth, bool imported) {
+void RecordingRig::finish(const std::string& name, uint64_t seed, bool has_truth, bool imported, bool image_times) {
   // Written atomically, so that a growing dataset is valid at any time.
   StagedFile staged(folder_ / kDatasetFile);
   write_text(staged.path(), std::string("format: ") + kFormat + "\nname: " + yaml_quoted(name) +
                                 "\nseed: " + std::to_string(seed) + "\nstacks: " + std::to_string(stacks_) +
                                 "\ntruth: " + (has_truth ? "true" : "false") + "\n" +
-                                (has_thermal_ ? "thermal: true\n" : "") + (imported ? "imported: true\n" : ""));
+                                (has_thermal_ ? "thermal: true\n" : "") + (imported ? "imported: true\n" : "") +
+                                (image_times ? "image_times: true\n" : ""));
   staged.commit();
 }
 

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Recorded fringe stacks: the folder format that RecordingRig writes and ReplayRig reads.
 //
-//   dataset.yaml                  format, name, seed, number of stacks, truth, thermal and imported: true|false
+//   dataset.yaml                  format, name, seed, number of stacks, truth, thermal, imported and
+//                                 image_times: true|false
 //   rig.yaml  patterns.yaml       core/rig/rig_file.h
 //   stacks/000000/stack.yaml      timestamp_s; exposure_s and exposure_time_s (middle): one per image
 //   stacks/000000/thermal.png     16 bit, hundredths of a kelvin (.exr in degrees C if unquantised); only with
@@ -23,7 +24,8 @@ struct DatasetInfo {
   int stacks = 0;
   bool has_truth = false;
   bool has_thermal = false;
-  bool imported = false;  // images of another rig, with the working range that their importer stated
+  bool imported = false;     // images of another rig, with the working range that their importer stated
+  bool image_times = false;  // imported: the times of the images within a stack are known
 };
 
 constexpr const char* kDatasetFile = "dataset.yaml";
@@ -66,7 +68,7 @@ class RecordingRig : public Rig {
   const RigModel& model() const override { return inner_.model(); }
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
   bool can_change_patterns() const override { return false; }
-  void finish(const std::string& name, uint64_t seed, bool has_truth, bool imported = false);
+  void finish(const std::string& name, uint64_t seed, bool has_truth, bool imported = false, bool image_times = false);
 
  private:
   Rig& inner_;

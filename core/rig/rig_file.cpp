@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "core/io/yaml.h"
+#include "core/patterns/waveform.h"
 #include "core/types/centikelvin.h"
 
 namespace fringeslam {
@@ -118,27 +119,6 @@ Timing read_timing(const YamlMap& map) {
     throw map.error("exposure_s", "exposure_s exceeds the display time of a pattern, 1 / pattern_rate_hz = " +
                                       to_text(1 / timing.pattern_rate_hz) + " s");
   return timing;
-}
-
-// Reads `response:` (a table) or its shorthand `gamma:`.
-std::vector<double> read_response(const YamlMap& projector) {
-  constexpr int kGammaEntries = 257;
-  if (projector.has("gamma")) {
-    if (projector.has("response")) throw projector.error("gamma", "specify gamma or response, not both");
-    const double gamma = projector.number("gamma", {0.2, 5});
-    std::vector<double> response;
-    for (int i = 0; i < kGammaEntries; ++i) response.push_back(std::pow(i / (kGammaEntries - 1.0), gamma));
-    return response;
-  }
-  if (!projector.has("response")) return {};
-  const std::vector<double> response = projector.numbers("response", 0, {0, 1});
-  for (size_t i = 1; i < response.size(); ++i) {
-    if (response[i] <= response[i - 1])
-      throw projector.error("response",
-                            "the response must increase strictly; entry " + std::to_string(i + 1) + " does not");
-  }
-  if (response.size() < 2) throw projector.error("response", "a response needs at least two entries");
-  return response;
 }
 
 ThermalCamera read_thermal(const YamlMap& map) {
@@ -258,6 +238,22 @@ bool fields_overlap(const RigModel& rig) {
   return false;
 }
 
+std::vector<double> read_response(const YamlMap& map, const char* table_key) {
+  if (map.has("gamma")) {
+    if (map.has(table_key)) throw map.error("gamma", std::string("specify gamma or ") + table_key + ", not both");
+    return gamma_table(map.number("gamma", {0.2, 5}));
+  }
+  if (!map.has(table_key)) return {};
+  const std::vector<double> table = map.numbers(table_key, 0, {0, 1});
+  for (size_t i = 1; i < table.size(); ++i) {
+    if (table[i] <= table[i - 1])
+      throw map.error(table_key, std::string("the ") + table_key + " must increase strictly; entry " +
+                                     std::to_string(i + 1) + " does not");
+  }
+  if (table.size() < 2) throw map.error(table_key, std::string("the ") + table_key + " needs at least two entries");
+  return table;
+}
+
 RigModel read_rig(const YamlMap& map) {
   RigModel rig;
   rig.name = map.text("name");
@@ -275,7 +271,7 @@ RigModel read_rig(const YamlMap& map) {
   if (projector.has("lens")) rig.projector_lens = read_projector_lens(projector.map("lens"));
   if (map.has("timing")) rig.timing = read_timing(map.map("timing"));
   rig.projector_black_level = projector.number("black_level", {0, 0.5});
-  rig.projector_response = read_response(projector);
+  rig.projector_response = read_response(projector, "response");
   if (projector.has("phase_correction"))
     rig.phase_correction = read_phase_correction(projector.map("phase_correction"));
   rig.projector_from_camera = map.pose("projector_from_camera");
@@ -376,8 +372,10 @@ RigModel with_calibration(RigModel rig, const RigModel& calibration) {
   rig.camera = calibration.camera;
   rig.projector = calibration.projector;
   rig.projector_from_camera = calibration.projector_from_camera;
-  rig.projector_response = calibration.projector_response;
-  rig.phase_correction = calibration.phase_correction;
+  if (!calibration.projector_response.empty() || !calibration.phase_correction.offset_rad.empty()) {
+    rig.projector_response = calibration.projector_response;
+    rig.phase_correction = calibration.phase_correction;
+  }
   return rig;
 }
 

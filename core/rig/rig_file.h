@@ -5,6 +5,7 @@
 
 #include <filesystem>
 #include <string>
+#include <vector>
 
 #include "core/patterns/design.h"
 #include "core/types/rig_model.h"
@@ -17,14 +18,18 @@ RigModel read_rig(const std::filesystem::path& file);
 RigModel read_rig(const YamlMap& map);
 std::string to_yaml(const RigModel& rig);
 
+// Reads a response: light (0 to 1) at equally spaced levels, under `table_key`, or a power law under `gamma`. Empty if
+// there is neither. Throws Error unless it increases strictly.
+std::vector<double> read_response(const YamlMap& map, const char* table_key);
+
 // Reads the `patterns:` section of a scene.
 SequenceDesign read_design(const YamlMap& map, const RigModel& rig);
 
 PatternSequence read_patterns(const std::filesystem::path& file);
 std::string to_yaml(const PatternSequence& sequence);
 
-// Returns `rig` with the lenses, relative pose, response and phase correction of a calibration; its noise, timing, mount
-// and working range remain. Throws Error if the image sizes differ.
+// Returns `rig` with the lenses and relative pose of a calibration, and with its response and phase correction if it has
+// any; its noise, timing, mount and working range remain. Throws Error if the image sizes differ.
 RigModel with_calibration(RigModel rig, const RigModel& calibration);
 
 // True if some point of the working range is in the fields of view of both camera and projector; otherwise nothing can

@@ -4,6 +4,7 @@
 
 #include <Eigen/Core>
 
+#include "core/types/options.h"
 #include "core/types/pose.h"
 
 namespace fringeslam {
@@ -47,6 +48,18 @@ struct StackMotion {
 struct MotionLimits {
   double max_speed_m_s = 1, max_turn_rad_s = 1.6;   // standard deviations of an unknown motion
   double acceleration_m_s2 = 0.5, turn_rad_s2 = 1;  // within a stack, standard deviations
+
+  template <class Visitor>
+  void describe(Visitor& v) {
+    v.field("max_speed_m_s", max_speed_m_s, {1e-3, 100},
+            "standard deviation of each component of an unknown velocity, m/s");
+    v.field("max_turn_rad_s", max_turn_rad_s, {1e-3, 100},
+            "standard deviation of each component of an unknown turn rate, rad/s");
+    v.field("acceleration_m_s2", acceleration_m_s2, {1e-3, 1000},
+            "standard deviation of each component of the acceleration during a stack and between stacks, m/s^2");
+    v.field("turn_rad_s2", turn_rad_s2, {1e-3, 1000},
+            "standard deviation of each component of the angular acceleration, rad/s^2");
+  }
 };
 
 // Knowledge about a motion before its stack is looked at.

@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include "core/patterns/patterns.h"
+#include "core/patterns/waveform.h"
 #include "tests/support/matchers.h"
 #include "tests/support/random.h"
 
@@ -149,6 +150,76 @@ TEST(PhaseCorrectionFromFringes, IsTheClosedFormOfThePowerLaw) {
     EXPECT_LT(worst, 0.01) << first;
     EXPECT_NEAR(largest, 0.29, 0.01);
   }
+}
+
+// Images of a sequence on a slanted board, behind a power law.
+std::vector<cv::Mat> periods(const PatternSequence& sequence, double gamma, bool noise, uint64_t seed = 1) {
+  Random random(seed);
+  std::vector<cv::Mat> images;
+  for (const Pattern& pattern : sequence.patterns) {
+    const cv::Mat1f image = image_of(
+        [&](int row, int col) {
+          const double coordinate = 40 + 11.7 * col + 0.31 * row + 0.02 * col * row;
+          return std::pow(ideal_intensity(pattern, coordinate), gamma);
+        },
+        random, noise);
+    images.push_back(image);
+  }
+  return images;
+}
+
+TEST(PhaseCorrectionOf, IsZeroForALinearResponseAndAgreesWithTheHarmonics) {
+  EXPECT_LT(largest_offset_rad(phase_correction_of({0, 1}, 3)), 1e-12);
+  EXPECT_LT(largest_offset_rad(phase_correction_of({}, 4)), 1e-12);
+  // docs/method.md, section 3.3: r4 - r2 of a power law, to first order.
+  const double gamma = 1.2, r2 = (gamma - 1) / (gamma + 2), r3 = r2 * (gamma - 2) / (gamma + 3);
+  const double r4 = r3 * (gamma - 3) / (gamma + 4);
+  const PhaseCorrection correction = phase_correction_of(gamma_table(gamma), 3);
+  EXPECT_NEAR(correction.offset_rad[30], r4 - r2, 0.02 * r2);  // at 30 degrees, where sin 3 phi is 1
+  EXPECT_NEAR(correction.offset_rad[60], 0, 1e-3);
+  // A response and its inverse are linear together.
+  const std::vector<double> both = composed_table(gamma_table(2.2), gamma_table(1 / 2.2, 1025));
+  EXPECT_LT(largest_offset_rad(phase_correction_of(both, 3)), 1e-3);
+}
+
+TEST(PeriodDeviations, ShowTheGammaOfThreeAndFourSteps) {
+  for (const int steps : {3, 4}) {
+    for (const double gamma : {0.7, 1.0, 1.4, 2.2}) {
+      const PatternSequence sequence = phase_shift_sequence(1024, 768, {1040, 131, 16.5}, steps, Axis::columns, 0);
+      for (const bool noise : {false, true}) {
+        const auto images = periods(sequence, gamma, noise);
+        const auto deviations = period_deviations(images, sequence, Axis::columns, sensor(), {});
+        ASSERT_EQ(deviations.size(), 2U) << steps << ' ' << gamma;
+        EXPECT_EQ(deviations[0].period_px, 1040);
+        // The finest period's own error averages out over the coarser phase.
+        const PhaseCorrection expected = phase_correction_of(gamma_table(gamma), steps);
+        for (const PeriodDeviation& deviation : deviations) {
+          EXPECT_EQ(deviation.correction.steps, steps);
+          double worst = 0;
+          for (size_t i = 0; i < expected.offset_rad.size(); ++i)
+            worst = std::max(worst, std::abs(expected.offset_rad[i] - deviation.correction.offset_rad[i]));
+          EXPECT_LT(worst, 0.02 + 0.08 * largest_offset_rad(expected)) << steps << ' ' << gamma << ' ' << noise;
+        }
+        const Response response = response_from_deviations(deviations, {});
+        EXPECT_NEAR(response.gamma, gamma, 0.06) << steps << ' ' << noise;
+      }
+    }
+  }
+}
+
+TEST(PeriodDeviations, AreSmallComparedWithTheirSigmaWithoutHarmonics) {
+  const PatternSequence sequence = phase_shift_sequence(1024, 768, {1040, 131, 16.5}, 3, Axis::columns, 0);
+  for (uint64_t seed = 1; seed <= 10; ++seed) {
+    for (const auto& deviation :
+         period_deviations(periods(sequence, 1, true, seed), sequence, Axis::columns, sensor(), {}))
+      EXPECT_LT(deviation.rms_rad, 5 * deviation.sigma_rad + 2e-3);
+  }
+  // Nothing can be compared: one period, or none that covers the projector's image.
+  const PatternSequence one = phase_shift_sequence(1024, 768, {1040}, 3, Axis::columns, 0);
+  EXPECT_TRUE(period_deviations(periods(one, 2, false), one, Axis::columns, sensor(), {}).empty());
+  const PatternSequence fine = phase_shift_sequence(1024, 768, {131, 16.5}, 3, Axis::columns, 0);
+  EXPECT_TRUE(period_deviations(periods(fine, 2, false), fine, Axis::columns, sensor(), {}).empty());
+  EXPECT_THAT(error_of([&] { response_from_deviations({}, {}); }), HasSubstr("no period has enough usable pixels"));
 }
 
 TEST(ResponseErrors, SayWhatIsWrongWithTheImages) {

@@ -296,6 +296,36 @@ TEST(Import, SingleFilesAndRangesSayTheSame) {
   EXPECT_TRUE(range.patterns[6].inverted);
 }
 
+// A projector's response, and what was done to the patterns to compensate it.
+TEST(Import, ResponsesAndPreDistortionsAreCombined) {
+  const test::TempFolder temp;
+  for (int i = 0; i < 6; ++i) write_image(temp / (std::to_string(i) + ".png"), cv::Mat1b(4, 4, uchar{0}));
+  const auto plan = [&](const std::string& projector) {
+    test::write_bytes(temp / "import.yaml",
+                      "name: x\nprojector: {width_px: 64, height_px: 32" + projector +
+                          "}\npatterns:\n"
+                          "  - {files: \"%d.png\", fringe: {axis: columns, period_px: 64, steps: 3}}\n"
+                          "  - {files: \"%d.png\", first: 3, fringe: {axis: columns, period_px: 8, steps: 3}}\n");
+    return read_import(temp / "import.yaml", temp.path());
+  };
+  EXPECT_TRUE(plan("").rig.phase_correction.offset_rad.empty());
+  const ImportPlan plain = plan(", gamma: 2.2");
+  EXPECT_EQ(plain.rig.phase_correction.steps, 3);
+  EXPECT_NEAR(plain.rig.phase_correction.offset_rad[30], -0.29, 0.02);
+  EXPECT_TRUE(plain.sequence.inverse_response.empty());
+  const ImportPlan compensated = plan(", gamma: 2.2, pre_distortion: {gamma: 2.2}");
+  EXPECT_TRUE(compensated.rig.phase_correction.offset_rad.empty());
+  EXPECT_FALSE(compensated.sequence.inverse_response.empty());
+  EXPECT_NEAR(compensated.rig.projector_response[128], std::pow(0.5, 2.2), 1e-9);
+  const ImportPlan half = plan(", gamma: 2.2, pre_distortion: {gamma: 1.5}");
+  EXPECT_LT(half.rig.phase_correction.offset_rad[30], -0.05);
+  EXPECT_GT(half.rig.phase_correction.offset_rad[30], -0.2);
+  EXPECT_TRUE(plan(", pre_distortion: {table: [0, 0.7, 1]}").rig.phase_correction.offset_rad.empty());
+  EXPECT_THAT(message_of([&] { plan(", pre_distortion: {table: [0, 0.7, 0.6]}"); }),
+              HasSubstr("the table must increase strictly; entry 3 does not"));
+  EXPECT_THAT(message_of([&] { plan(", gamma: 2, response: [0, 1]"); }), HasSubstr("specify gamma or response"));
+}
+
 // Images of the patterns written by `fringeslam patterns` are imported with its patterns.yaml.
 TEST(Import, OurOwnPatternsAreImportedByTheirFile) {
   const test::TempFolder temp;
