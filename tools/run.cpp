@@ -76,18 +76,22 @@ class RateLimiter {
   int turn_ = 0;
 };
 
-// Explains runs that reconstruct nearly nothing.
+// Explains runs that reconstruct nearly nothing, or track no view.
 class Emptiness {
  public:
-  void add(const FringeStack& stack, const Frame& frame) {
+  void add(const FringeStack& stack, const FrameResult& result) {
     if (!first_) first_ = stack;
-    pixels_ += static_cast<int64_t>(frame.points_m.total());
-    for (const cv::Vec3f& p : frame.points_m) valid_ += p[2] == p[2];
+    pixels_ += static_cast<int64_t>(result.frame.points_m.total());
+    for (const cv::Vec3f& p : result.frame.points_m) valid_ += p[2] == p[2];
+    ++views_;
+    tracked_ += has_pose(result.tracking);
+    motion_unknown_ += result.motion_unknown();
   }
   // Returns one line, or nothing if the result is not nearly empty.
   std::string reason(RigModel rig, const DepthOptions& depth) const {
     constexpr double kNearlyNothing = 1e-4;
-    if (!first_ || static_cast<double>(valid_) > kNearlyNothing * static_cast<double>(pixels_)) return "";
+    if (!first_) return "";
+    if (static_cast<double>(valid_) > kNearlyNothing * static_cast<double>(pixels_)) return reason_for_no_pose();
     rig.near_m = depth.near_m;
     rig.far_m = depth.far_m;
     return std::to_string(valid_) + " of " + std::to_string(pixels_) +
@@ -95,8 +99,20 @@ class Emptiness {
   }
 
  private:
+  std::string reason_for_no_pose() const {
+    if (tracked_ > 0) return "";
+    const std::string none = "no view of " + std::to_string(views_) + " has a pose: ";
+    if (motion_unknown_ == views_)
+      return none +
+             "the images of each stack disagree as if the camera had moved, but no motion explains them; if it stood "
+             "still, add --set tracking.at_rest=true; if the projector's response is not linear, measure it with "
+             "`fringeslam calibrate response` and pass its rig.yaml with --rig";
+    return none + "too little surface is visible to start a map; check exposure, working range and overview.png";
+  }
+
   std::optional<FringeStack> first_;
   int64_t pixels_ = 0, valid_ = 0;
+  int views_ = 0, tracked_ = 0, motion_unknown_ = 0;
 };
 
 void wait_for_interrupt() {
@@ -165,7 +181,7 @@ int run(const RunArguments& arguments, const Common& common) {
     driver.run([&](const MappedView& view) {
       const ThermalView warmth = thermal.observe(view.stack, view.result);
       record.add(view.stack, view.result, warmth, pipeline.map());
-      emptiness.add(view.stack, view.result.frame);
+      emptiness.add(view.stack, view.result);
       if (arguments.animation) animation.add(view.stack, view.result, pipeline.map());
       if (live) show_mapped(live->feed(), view.stack, view.result, pipeline.mapper(), warmth, thermal, dropped());
       if (arguments.mesh) record.add_mesh(frame_mesh(view.result.frame, settings.mesh), view.stack.index);
@@ -184,7 +200,7 @@ int run(const RunArguments& arguments, const Common& common) {
   if (arguments.animation) animation.write(folder.path() / "animation.gif", pipeline.mapper(), settings.pipeline.cloud);
 
   std::optional<RunScore> score;
-  if (source->has_truth()) {
+  if (source->has_truth() && !pipeline.trajectory().empty()) {
     fs::copy_file(folder.path() / "truth" / "truth.tum", folder.path() / "truth.tum");
     score = score_run(folder.path());
     write_text(folder.path() / "score.json", to_json(*score).dump(2) + "\n");

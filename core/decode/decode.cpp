@@ -14,7 +14,6 @@
 #include "core/decode/spatial.h"
 #include "core/decode/steps.h"
 #include "core/decode/unwrapping_levels.h"
-#include "core/patterns/waveform.h"
 #include "core/types/error.h"
 
 namespace fringeslam {
@@ -28,36 +27,6 @@ constexpr float kLeastGrayContrast = 0.5f;
 
 int length_of(const PatternSequence& sequence, Axis axis) {
   return axis == Axis::columns ? sequence.width : sequence.height;
-}
-
-// Returns the rig's phase correction as a table over the measured phase. The phase error of N steps depends on phi +
-// delta_0, so the table for centred steps is shifted for other steps.
-std::vector<float> correction_of(const FringeGroup& group, const PhaseCorrection& correction) {
-  const auto steps = static_cast<double>(group.images.size());
-  if (correction.offset_rad.empty() || correction.steps != static_cast<int>(group.images.size()) ||
-      !equally_spaced(group.shifts_rad))
-    return {};
-  const double first = *std::min_element(group.shifts_rad.begin(), group.shifts_rad.end());
-  const double shift_turns = first / kTwoPi + 0.5 * (steps - 1) / steps;
-  std::vector<double> closed = correction.offset_rad;
-  closed.push_back(closed.front());
-  const auto offset_turns = [&](double turns) {
-    const double at = turns + shift_turns;
-    return interpolate_table(closed, at - std::floor(at)) / kTwoPi;
-  };
-  constexpr int kEntries = 1024;
-  std::vector<float> table;
-  for (int i = 0; i < kEntries; ++i) {
-    const double measured = static_cast<double>(i) / kEntries;
-    // Solve true + offset(true) = measured, which is monotonic, by bisection.
-    double low = measured - 0.25, high = measured + 0.25;
-    for (int iteration = 0; iteration < 40; ++iteration) {
-      const double middle = 0.5 * (low + high);
-      (middle + offset_turns(middle) < measured ? low : high) = middle;
-    }
-    table.push_back(static_cast<float>(measured - low));
-  }
-  return table;
 }
 
 // Throws Error unless the working range spans less than a period for most rays, as `geometric` requires.

@@ -147,7 +147,9 @@ namespace {
 // smaller is more reliable. Pixels without eight neighbours are least reliable.
 std::vector<uint16_t> unreliability(const cv::Mat1f& phase) {
   std::vector<uint16_t> keys(phase.total(), kKeys / 2 - 1);
-  const auto wrap = [](float x) { return x > 0.5f * kTwoPiFloat ? x - kTwoPiFloat : x < -0.5f * kTwoPiFloat ? x + kTwoPiFloat : x; };
+  const auto wrap = [](float x) {
+    return x > 0.5f * kTwoPiFloat ? x - kTwoPiFloat : x < -0.5f * kTwoPiFloat ? x + kTwoPiFloat : x;
+  };
   for_each_row(phase.rows - 2, [&](int inner) {
     const int row = inner + 1;
     const float *above = phase[row - 1], *here = phase[row], *below = phase[row + 1];

@@ -13,6 +13,7 @@
 #include "core/decode/cubic_convolution.h"
 #include "core/decode/motion_alignment.h"
 #include "core/decode/steps.h"
+#include "core/patterns/waveform.h"
 #include "core/types/error.h"
 #include "core/types/linear_algebra.h"
 
@@ -85,6 +86,11 @@ struct Period {
   double period_px = 0;
   std::vector<size_t> images;
   std::vector<PhaseStep> at_rest;  // of the images, if the camera stands still
+  // Errors that a nonlinear projector causes: of the phase over the measured phase, turns; of the mean relative to the
+  // modulation over the true phase, which is shifted for steps that are not centred on zero. Empty: none.
+  std::vector<float> phase_error_turns;
+  std::vector<double> mean_ripple;
+  double centre_turns = 0;
 };
 
 // A surface point, where the reference exposure sees it, and the derivatives of its pixel and of its projector coordinate
@@ -133,8 +139,9 @@ class Problem {
       : rig_(rig), rays_(rays), row_(axis == Axis::columns ? 0 : 1) {
     DecodeOptions all;
     for (const FringeGroup& group : select_groups(stack.patterns, axis, all)) {
-      Period period{group.period_px, {}, {}};
+      Period period{group.period_px, {}, {}, {}, {}, 0};
       for (const int image : group.images) period.images.push_back(static_cast<size_t>(image));
+      if (stack.patterns.inverse_response.empty()) set_errors(period, group);
       periods_.push_back(std::move(period));
     }
     for (size_t k = 0; k < stack.images.size(); ++k) {
@@ -210,6 +217,31 @@ class Problem {
   }
 
  private:
+  void set_errors(Period& period, const FringeGroup& group) const {
+    period.phase_error_turns = correction_of(group, rig_.phase_correction);
+    if (period.phase_error_turns.empty() || rig_.projector_response.empty()) return;
+    period.mean_ripple = mean_ripple_of(rig_.projector_response, rig_.phase_correction.steps);
+    period.mean_ripple.push_back(period.mean_ripple.front());
+    const double first = *std::min_element(group.shifts_rad.begin(), group.shifts_rad.end());
+    period.centre_turns = first / kTwoPi + 0.5 * (rig_.phase_correction.steps - 1) / rig_.phase_correction.steps;
+  }
+
+  // Removes the errors of a nonlinear projector.
+  static void correct(const Period& period, PeriodFit& fit) {
+    if (period.phase_error_turns.empty()) return;
+    const auto entries = static_cast<double>(period.phase_error_turns.size());
+    double turns = fit.phase / kTwoPi;
+    turns -= std::floor(turns);
+    const double at = turns * entries, low = std::floor(at), share = at - low;
+    const auto first = static_cast<size_t>(low) % period.phase_error_turns.size();
+    const size_t second = (first + 1) % period.phase_error_turns.size();
+    fit.phase -= kTwoPi * ((1 - share) * static_cast<double>(period.phase_error_turns[first]) +
+                           share * static_cast<double>(period.phase_error_turns[second]));
+    if (period.mean_ripple.empty()) return;
+    const double place = fit.phase / kTwoPi + period.centre_turns;
+    fit.mean -= fit.modulation * interpolate_table(period.mean_ripple, place - std::floor(place));
+  }
+
   void move(const CameraMotion& motion) {
     for (Exposure& exposure : exposures_) exposure.exposure_from_reference = motion.at(exposure.time_s).inverse();
     at_rest_ = motion.is_still();
@@ -312,6 +344,7 @@ class Problem {
     out.mean = solution[0];
     out.modulation = std::sqrt(power);
     out.phase = std::atan2(s, c);
+    correct(period, out);
     out.mean_variance = out.phase_variance = 0;
     out.mean_slope.setZero();
     out.phase_slope.setZero();

@@ -16,4 +16,8 @@ std::vector<FringeGroup> select_groups(const PatternSequence& sequence, Axis axi
 // Returns the least-squares estimator over (1, cos delta_k, sin delta_k).
 StepEstimator least_squares(const FringeGroup& group);
 
+// Returns the rig's phase correction as a table over the measured phase: measured minus true phase, turns. Empty if it
+// belongs to another number of steps or the steps are not equally spaced.
+std::vector<float> correction_of(const FringeGroup& group, const PhaseCorrection& correction);
+
 }  // namespace fringeslam

@@ -35,22 +35,51 @@ std::vector<double> composed_table(const std::vector<double>& outer, const std::
   return inner.empty() ? outer : table;
 }
 
+namespace {
+
+// Mean, and cosine and sine components, of steps centred on zero at a true phase.
+struct StepSums {
+  double mean = 0, c = 0, s = 0;
+};
+StepSums sums_of(const std::vector<double>& response, int steps, double phase) {
+  StepSums sums;
+  for (int k = 0; k < steps; ++k) {
+    const double shift = kTwoPi * (k - 0.5 * (steps - 1)) / steps;
+    const double light = interpolate_table(response, 0.5 + 0.5 * std::cos(phase + shift)) / steps;
+    sums.mean += light;
+    sums.c += 2 * light * std::cos(shift);
+    sums.s -= 2 * light * std::sin(shift);
+  }
+  return sums;
+}
+
+constexpr int kPhases = 360;
+double phase_at(int i) { return kTwoPi * i / kPhases; }
+
+}  // namespace
+
 PhaseCorrection phase_correction_of(const std::vector<double>& response, int steps) {
-  constexpr int kEntries = 360;
   if (steps < 3) throw Error("a phase requires at least three steps, not " + std::to_string(steps));
   PhaseCorrection correction{steps, {}};
-  for (int i = 0; i < kEntries; ++i) {
-    const double phase = kTwoPi * i / kEntries;
-    double c = 0, s = 0;
-    for (int k = 0; k < steps; ++k) {
-      const double shift = kTwoPi * (k - 0.5 * (steps - 1)) / steps;
-      const double light = interpolate_table(response, 0.5 + 0.5 * std::cos(phase + shift));
-      c += light * std::cos(shift);
-      s -= light * std::sin(shift);
-    }
-    correction.offset_rad.push_back(std::remainder(std::atan2(s, c) - phase, kTwoPi));
+  for (int i = 0; i < kPhases; ++i) {
+    const StepSums sums = sums_of(response, steps, phase_at(i));
+    correction.offset_rad.push_back(std::remainder(std::atan2(sums.s, sums.c) - phase_at(i), kTwoPi));
   }
   return correction;
+}
+
+std::vector<double> mean_ripple_of(const std::vector<double>& response, int steps) {
+  if (response.empty()) return {};
+  std::vector<double> means, modulations;
+  double average = 0;
+  for (int i = 0; i < kPhases; ++i) {
+    const StepSums sums = sums_of(response, steps, phase_at(i));
+    means.push_back(sums.mean);
+    modulations.push_back(std::hypot(sums.c, sums.s));
+    average += sums.mean / kPhases;
+  }
+  for (size_t i = 0; i < means.size(); ++i) means[i] = (means[i] - average) / modulations[i];
+  return means;
 }
 
 double largest_offset_rad(const PhaseCorrection& correction) {

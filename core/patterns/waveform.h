@@ -22,6 +22,10 @@ std::vector<double> composed_table(const std::vector<double>& outer, const std::
 // equally spaced levels from 0 to 1). Zero for a linear response. Throws Error for fewer than three steps.
 PhaseCorrection phase_correction_of(const std::vector<double>& response, int steps);
 
+// Returns how the mean of `steps` equally spaced images behind a response deviates from its average over the phase, relative
+// to the modulation, at equally spaced true phases from 0; steps centred on zero. Empty for a linear response.
+std::vector<double> mean_ripple_of(const std::vector<double>& response, int steps);
+
 // Largest magnitude of the correction, rad.
 double largest_offset_rad(const PhaseCorrection& correction);
 
