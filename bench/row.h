@@ -23,6 +23,7 @@ struct Row {
 
 struct Context {
   bool quick = false;  // fewer samples: a rough estimate, not the published figure
+  double minutes = 0;  // of rows over random cases, which then report the cases so far; 0: all cases
 };
 
 // A measurement that produces one or more rows. It runs if --only selects any of its ids.

@@ -90,24 +90,25 @@ Errors errors_along_the_loop(uint64_t seed, int views) {
 std::vector<Row> image_pose_rows(const Context& context) {
   const int seeds = context.quick ? 1 : 5, views = context.quick ? 20 : 40;
   std::vector<double> ratios;
+  int lost = 0, images = 0;
   for (int seed = 1; seed <= seeds; ++seed) {
     const Errors errors = errors_along_the_loop(static_cast<uint64_t>(seed), views);
     errors.views.print("views");
     errors.finest.print("images, finest fringes");
     errors.others.print("images, other patterns");
-    // An image without a pose counts as an infinite error.
-    const double ratio = errors.finest.lost > 0 ? INFINITY
-                                                : std::max(errors.finest.rms_m() / errors.views.rms_m(),
-                                                           errors.finest.rms_rad() / errors.views.rms_rad());
-    ratios.push_back(ratio);
+    ratios.push_back(std::max(errors.finest.rms_m() / errors.views.rms_m(),
+                              errors.finest.rms_rad() / errors.views.rms_rad()));
+    lost += errors.finest.lost;
+    images += errors.finest.lost + errors.finest.count;
   }
-  return {median_row("moving.image", ratios, "x", 3)};
+  return {median_row("moving.image", ratios, "x", 3),
+          bound_row("moving.image.lost", lost, images, "images", 0, Limit::most)};
 }
 
 }  // namespace
 
 std::vector<Item> image_pose_items() {
-  return {{{"moving.image"},
+  return {{{"moving.image", "moving.image.lost"},
            "RMS error of the poses of single images of the finest fringes relative to that of views, the larger of "
            "position "
            "and rotation, 0.3 m/s",

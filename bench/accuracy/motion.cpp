@@ -3,6 +3,7 @@
 // The pipeline is given images and exposure times only; it estimates the motion during each stack itself.
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <numbers>
@@ -225,7 +226,13 @@ std::vector<Row> wrong_rows(const Context& context) {
   const int motions = context.quick ? 20 : 1000;
   int wrong = 0, views = 0, lost = 0;
   std::array<int, 4> wrong_of{}, lost_of{}, views_of{};
-  for (int number = 1; number <= motions; ++number) {
+  int done = 0;
+  const auto start = std::chrono::steady_clock::now();
+  const auto in_time = [&] {
+    const std::chrono::duration<double> passed = std::chrono::steady_clock::now() - start;
+    return context.minutes == 0 || passed.count() < 60 * context.minutes;
+  };
+  for (int number = 1; number <= motions && in_time(); ++number, ++done) {
     std::mt19937_64 random(static_cast<uint64_t>(number));
     const auto uniform = [&](double low, double high) {
       return low + (high - low) * static_cast<double>(random() >> 11) / 9007199254740992.0;
@@ -291,7 +298,7 @@ std::vector<Row> wrong_rows(const Context& context) {
   for (size_t i = 0; i < wrong_of.size(); ++i)
     std::fprintf(stderr, "  %-13s: %d views, %d lost, %d confidently wrong\n", kinds[i], views_of[i], lost_of[i],
                  wrong_of[i]);
-  return {bound_row("moving.wrong", wrong, motions, "poses", 0, Limit::most)};
+  return {bound_row("moving.wrong", wrong, done, "poses", 0, Limit::most)};
 }
 
 }  // namespace
