@@ -75,16 +75,6 @@ FRINGESLAM_INLINE void normals(const uint32_t* key, const uint32_t* counter, uin
   }
 }
 
-void normals_portable(const uint32_t* key, const uint32_t* counter, uint32_t first, float* out) {
-  normals(key, counter, first, out);
-}
-FRINGESLAM_AVX2 void normals_avx2(const uint32_t* key, const uint32_t* counter, uint32_t first, float* out) {
-  normals(key, counter, first, out);
-}
-FRINGESLAM_AVX512 void normals_avx512(const uint32_t* key, const uint32_t* counter, uint32_t first, float* out) {
-  normals(key, counter, first, out);
-}
-
 }  // namespace
 
 NormalField::NormalField(uint64_t seed, Stream stream, uint32_t a, uint32_t b)
@@ -92,7 +82,7 @@ NormalField::NormalField(uint64_t seed, Stream stream, uint32_t a, uint32_t b)
       counter_{static_cast<uint32_t>(stream), a, b} {}
 
 void NormalField::row(uint32_t row, std::span<float> values) const {
-  static const auto kernel = widest(normals_portable, normals_avx2, normals_avx512);
+  static const auto kernel = Variants<normals>::of(widest_instruction_set());
   // Rows of up to 2^16 blocks do not share numbers.
   uint32_t block = row << 16;
   alignas(64) float numbers[kNumbers];

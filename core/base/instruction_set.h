@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Runtime dispatch by instruction set: hot loops are compiled from one source for several instruction sets, and the
-// widest one that the CPU supports is selected at run time. Floating-point contraction is disabled in these files, so
-// all variants give bit-identical results.
+// variant for the widest one that the CPU supports is selected at run time. Floating-point contraction is disabled in
+// these files, so all variants give bit-identical results.
 #pragma once
 
 #define FRINGESLAM_INLINE inline __attribute__((always_inline))
@@ -27,17 +27,25 @@ inline InstructionSet widest_instruction_set() {
   return InstructionSet::portable;
 }
 
-// Returns the variant of a function for the widest supported instruction set.
-template <class Function>
-Function* widest(Function* portable, Function* avx2, Function* avx512) {
-  switch (widest_instruction_set()) {
-    case InstructionSet::avx512:
-      return avx512;
-    case InstructionSet::avx2:
-      return avx2;
-    default:
-      return portable;
+// A kernel's variants: one body, or one per instruction set, compiled for each of them. Bodies are FRINGESLAM_INLINE,
+// because only inlined code is compiled for the variant's instruction set.
+template <auto portable_body, auto avx2_body = portable_body, auto avx512_body = avx2_body>
+struct Variants;
+
+template <class Result, class... Args, Result (*portable_body)(Args...), Result (*avx2_body)(Args...),
+          Result (*avx512_body)(Args...)>
+struct Variants<portable_body, avx2_body, avx512_body> {
+  static Result portable(Args... args) { return portable_body(args...); }
+  FRINGESLAM_AVX2 static Result avx2(Args... args) { return avx2_body(args...); }
+  FRINGESLAM_AVX512 static Result avx512(Args... args) { return avx512_body(args...); }
+
+  static auto of([[maybe_unused]] InstructionSet set) -> Result (*)(Args...) {
+#if defined(__x86_64__)
+    if (set == InstructionSet::avx512) return avx512;
+    if (set == InstructionSet::avx2) return avx2;
+#endif
+    return portable;
   }
-}
+};
 
 }  // namespace fringeslam

@@ -84,23 +84,10 @@ FRINGESLAM_INLINE void coordinate_body(CoordinateKernel p, const cv::Vec2f* rays
   }
 }
 
-void coordinate_portable(const CoordinateKernel& p, const cv::Vec2f* rays, const float* depth, int width,
-                         float* coordinate, float* per_m) {
-  coordinate_body(p, rays, depth, width, coordinate, per_m);
-}
-FRINGESLAM_AVX2 void coordinate_avx2(const CoordinateKernel& p, const cv::Vec2f* rays, const float* depth, int width,
-                                     float* coordinate, float* per_m) {
-  coordinate_body(p, rays, depth, width, coordinate, per_m);
-}
-FRINGESLAM_AVX512 void coordinate_avx512(const CoordinateKernel& p, const cv::Vec2f* rays, const float* depth,
-                                         int width, float* coordinate, float* per_m) {
-  coordinate_body(p, rays, depth, width, coordinate, per_m);
-}
-
 }  // namespace
 
 DepthCoordinate coordinate_of_depth(const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m, Axis axis) {
-  static const auto coordinates = widest(coordinate_portable, coordinate_avx2, coordinate_avx512);
+  static const auto coordinates = Variants<coordinate_body>::of(widest_instruction_set());
   DepthCoordinate result{cv::Mat1f(rays.size()), cv::Mat1f(rays.size())};
   const CoordinateKernel kernel(rig, axis);
   for_each_row(rays.rows, [&](int row) {

@@ -35,18 +35,6 @@ FRINGESLAM_INLINE void project_body(const Projection& p, const float* ray, const
   }
 }
 
-void project_portable(const Projection& p, const float* ray, const float* depth, int width, float* u, float* v) {
-  project_body(p, ray, depth, width, u, v);
-}
-FRINGESLAM_AVX2 void project_avx2(const Projection& p, const float* ray, const float* depth, int width, float* u,
-                                  float* v) {
-  project_body(p, ray, depth, width, u, v);
-}
-FRINGESLAM_AVX512 void project_avx512(const Projection& p, const float* ray, const float* depth, int width, float* u,
-                                      float* v) {
-  project_body(p, ray, depth, width, u, v);
-}
-
 // Rows of the image of viewing rays and of the smooth depth: above, at and below a row.
 struct SurfaceRows {
   const float *ray[3], *depth[3];
@@ -95,30 +83,6 @@ FRINGESLAM_INLINE void rescale_body(const Projection& p, const float* turn, cons
   }
 }
 
-void brightness_portable(const Irradiance<float>& irradiance, const SurfaceRows& rows, int width, float* out) {
-  brightness_body(irradiance, rows, width, out);
-}
-FRINGESLAM_AVX2 void brightness_avx2(const Irradiance<float>& irradiance, const SurfaceRows& rows, int width,
-                                     float* out) {
-  brightness_body(irradiance, rows, width, out);
-}
-FRINGESLAM_AVX512 void brightness_avx512(const Irradiance<float>& irradiance, const SurfaceRows& rows, int width,
-                                         float* out) {
-  brightness_body(irradiance, rows, width, out);
-}
-void rescale_portable(const Projection& p, const float* turn, const float* ray, const float* depth, const float* slope,
-                      float offset, int width, float* grey) {
-  rescale_body(p, turn, ray, depth, slope, offset, width, grey);
-}
-FRINGESLAM_AVX2 void rescale_avx2(const Projection& p, const float* turn, const float* ray, const float* depth,
-                                  const float* slope, float offset, int width, float* grey) {
-  rescale_body(p, turn, ray, depth, slope, offset, width, grey);
-}
-FRINGESLAM_AVX512 void rescale_avx512(const Projection& p, const float* turn, const float* ray, const float* depth,
-                                      const float* slope, float offset, int width, float* grey) {
-  rescale_body(p, turn, ray, depth, slope, offset, width, grey);
-}
-
 float sample(const cv::Mat1f& coefficients, float u, float v) {
   const int col = static_cast<int>(u), row = static_cast<int>(v);  // both at least 1
   const SplineWeights across(u - static_cast<float>(col)), along(v - static_cast<float>(row));
@@ -146,9 +110,9 @@ void sample_row(const cv::Mat1f& coefficients, const float* u, const float* v, f
 AlignedStack align_stack(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m,
                          const CameraMotion& motion, Axis axis) {
   check_stack(stack);
-  static const auto project = widest(project_portable, project_avx2, project_avx512);
-  static const auto brightness = widest(brightness_portable, brightness_avx2, brightness_avx512);
-  static const auto rescale = widest(rescale_portable, rescale_avx2, rescale_avx512);
+  static const auto project = Variants<project_body>::of(widest_instruction_set());
+  static const auto brightness = Variants<brightness_body>::of(widest_instruction_set());
+  static const auto rescale = Variants<rescale_body>::of(widest_instruction_set());
   const cv::Size size = rays.size();
   if (depth_m.size() != size || stack.images.front().size() != size)
     throw Error("motion: the images, the depth and the camera differ in size");

@@ -431,28 +431,10 @@ FRINGESLAM_INLINE void decode_row_body(const RowPlan& plan, int width, RowScratc
   write_row(plan, finest, finest.valid, has_absolute ? &absolute : nullptr, width, out);
 }
 
-void decode_row_portable(const RowPlan& plan, int width, RowScratch& scratch, const RowOutput& out) {
-  decode_row_body(plan, width, scratch, out);
-}
-
-#if defined(__x86_64__)
-FRINGESLAM_AVX2 void decode_row_avx2(const RowPlan& plan, int width, RowScratch& scratch, const RowOutput& out) {
-  decode_row_body(plan, width, scratch, out);
-}
-
-FRINGESLAM_AVX512 void decode_row_avx512(const RowPlan& plan, int width, RowScratch& scratch, const RowOutput& out) {
-  decode_row_body(plan, width, scratch, out);
-}
-#endif
-
 }  // namespace
 
 void decode_row(const RowPlan& plan, int width, RowScratch& scratch, const RowOutput& out, InstructionSet set) {
-#if defined(__x86_64__)
-  if (set == InstructionSet::avx512) return decode_row_avx512(plan, width, scratch, out);
-  if (set == InstructionSet::avx2) return decode_row_avx2(plan, width, scratch, out);
-#endif
-  decode_row_portable(plan, width, scratch, out);
+  Variants<decode_row_body>::of(set)(plan, width, scratch, out);
 }
 
 }  // namespace fringeslam

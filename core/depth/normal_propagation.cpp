@@ -83,16 +83,6 @@ FRINGESLAM_INLINE void adopt_row(const Rows& rows, int width, int radius, int32_
   }
 }
 
-void adopt_portable(const Rows& rows, int width, int radius, int32_t* wanted, float* const to[3]) {
-  adopt_row<4>(rows, width, radius, wanted, to);
-}
-FRINGESLAM_AVX2 void adopt_avx2(const Rows& rows, int width, int radius, int32_t* wanted, float* const to[3]) {
-  adopt_row<8>(rows, width, radius, wanted, to);
-}
-FRINGESLAM_AVX512 void adopt_avx512(const Rows& rows, int width, int radius, int32_t* wanted, float* const to[3]) {
-  adopt_row<16>(rows, width, radius, wanted, to);
-}
-
 }  // namespace
 
 void propagate_normals(const FitImage& image, const NormalImages& fitted, int row, int radius, int32_t* wanted,
@@ -101,10 +91,7 @@ void propagate_normals(const FitImage& image, const NormalImages& fitted, int ro
       image.x[row],    image.y[row], image.z[row], image.sigma[row], {fitted.x[row], fitted.y[row], fitted.z[row]},
       image.z.stride()};
   float* const to[3] = {normals.x[row], normals.y[row], normals.z[row]};
-  const int width = image.size.width;
-  if (set == InstructionSet::avx512) return adopt_avx512(rows, width, radius, wanted, to);
-  if (set == InstructionSet::avx2) return adopt_avx2(rows, width, radius, wanted, to);
-  adopt_portable(rows, width, radius, wanted, to);
+  Variants<adopt_row<4>, adopt_row<8>, adopt_row<16>>::of(set)(rows, image.size.width, radius, wanted, to);
 }
 
 }  // namespace fringeslam

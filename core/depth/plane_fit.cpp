@@ -125,19 +125,6 @@ FRINGESLAM_INLINE void fit_row(const FitRow& r, int width, const PlaneFit& fit, 
   }
 }
 
-void fit_portable(const FitRow& r, int width, const PlaneFit& fit, const int32_t* wanted, float* x, float* y,
-                  float* z) {
-  fit_row<4>(r, width, fit, wanted, x, y, z);
-}
-FRINGESLAM_AVX2 void fit_avx2(const FitRow& r, int width, const PlaneFit& fit, const int32_t* wanted, float* x,
-                              float* y, float* z) {
-  fit_row<8>(r, width, fit, wanted, x, y, z);
-}
-FRINGESLAM_AVX512 void fit_avx512(const FitRow& r, int width, const PlaneFit& fit, const int32_t* wanted, float* x,
-                                  float* y, float* z) {
-  fit_row<16>(r, width, fit, wanted, x, y, z);
-}
-
 // Extrapolates a row of rays by one pixel on both sides.
 void extend(float* row, int width) {
   row[-1] = width > 1 ? 2 * row[0] - row[1] : row[0];
@@ -182,12 +169,8 @@ FitImage::FitImage(const cv::Mat3f& points_m, const PixelRays& rays, const cv::M
 void fit_planes(const FitImage& image, int row, const PlaneFit& fit, const int32_t* wanted, NormalImages& normals,
                 InstructionSet set) {
   const FitRow r{image.x[row], image.y[row], image.z[row], image.w[row], image.sigma[row], image.w.stride()};
-  const auto call = [&](auto* kernel) {
-    kernel(r, image.size.width, fit, wanted, normals.x[row], normals.y[row], normals.z[row]);
-  };
-  if (set == InstructionSet::avx512) return call(fit_avx512);
-  if (set == InstructionSet::avx2) return call(fit_avx2);
-  call(fit_portable);
+  Variants<fit_row<4>, fit_row<8>, fit_row<16>>::of(set)(r, image.size.width, fit, wanted, normals.x[row],
+                                                         normals.y[row], normals.z[row]);
 }
 
 }  // namespace fringeslam

@@ -130,37 +130,6 @@ FRINGESLAM_INLINE void points_body(const DepthRows& rows, int width, float per_d
   }
 }
 
-void points_portable(const DepthRows& rows, int width, float per_depth, float* depth, cv::Vec3f* points, float* sigma) {
-  points_body(rows, width, per_depth, depth, points, sigma);
-}
-
-void row_portable(const TriangulationRow& t, int width, const float* coordinate, const float* sigma_px, float* depth,
-                  float* sigma) {
-  row_body(t, width, coordinate, sigma_px, depth, sigma);
-}
-
-#if defined(__x86_64__)
-FRINGESLAM_AVX2 void row_avx2(const TriangulationRow& t, int width, const float* coordinate, const float* sigma_px,
-                              float* depth, float* sigma) {
-  row_body(t, width, coordinate, sigma_px, depth, sigma);
-}
-
-FRINGESLAM_AVX512 void row_avx512(const TriangulationRow& t, int width, const float* coordinate, const float* sigma_px,
-                                  float* depth, float* sigma) {
-  row_body(t, width, coordinate, sigma_px, depth, sigma);
-}
-
-FRINGESLAM_AVX2 void points_avx2(const DepthRows& rows, int width, float per_depth, float* depth, cv::Vec3f* points,
-                                 float* sigma) {
-  points_body(rows, width, per_depth, depth, points, sigma);
-}
-
-FRINGESLAM_AVX512 void points_avx512(const DepthRows& rows, int width, float per_depth, float* depth, cv::Vec3f* points,
-                                     float* sigma) {
-  points_body(rows, width, per_depth, depth, points, sigma);
-}
-#endif
-
 }  // namespace
 
 Triangulation::Triangulation(const RigModel& rig, const PixelRays& rays, double near_m, double far_m, Axis axis)
@@ -194,20 +163,12 @@ void Triangulation::row(int row, const float* coordinate_px, const float* sigma_
                      max_sigma_m};
   for (size_t k = 0; k < kNodes; ++k) t.coefficients[k] = coefficients_[k][row];
   const int width = rays_.cols;
-#if defined(__x86_64__)
-  if (set == InstructionSet::avx512) return row_avx512(t, width, coordinate_px, sigma_px, depth_m, sigma_m);
-  if (set == InstructionSet::avx2) return row_avx2(t, width, coordinate_px, sigma_px, depth_m, sigma_m);
-#endif
-  row_portable(t, width, coordinate_px, sigma_px, depth_m, sigma_m);
+  Variants<row_body>::of(set)(t, width, coordinate_px, sigma_px, depth_m, sigma_m);
 }
 
 void points_row(const DepthRows& rows, int width, float per_depth, float* depth, cv::Vec3f* points, float* sigma,
                 InstructionSet set) {
-#if defined(__x86_64__)
-  if (set == InstructionSet::avx512) return points_avx512(rows, width, per_depth, depth, points, sigma);
-  if (set == InstructionSet::avx2) return points_avx2(rows, width, per_depth, depth, points, sigma);
-#endif
-  points_portable(rows, width, per_depth, depth, points, sigma);
+  Variants<points_body>::of(set)(rows, width, per_depth, depth, points, sigma);
 }
 
 }  // namespace fringeslam

@@ -90,7 +90,7 @@ std::optional<Plane> find_background_plane(const Frame& frame, double clearance_
 
 // Writes 255 for each of `count` points that is nearer than `farthest` and at least `clearance` in front of the plane,
 // else 0 (also for NaN).
-FRINGESLAM_INLINE void foreground_body(const cv::Vec3f* points, int count, const Plane& plane, float farthest,
+FRINGESLAM_INLINE void stands_out_body(const cv::Vec3f* points, int count, const Plane& plane, float farthest,
                                        float clearance, uchar* __restrict out) {
   const float x = plane.normal.x(), y = plane.normal.y(), z = plane.normal.z(), offset = plane.offset;
   for (int i = 0; i < count; ++i) {
@@ -98,21 +98,9 @@ FRINGESLAM_INLINE void foreground_body(const cv::Vec3f* points, int count, const
     out[i] = ((depth < farthest) & (height > clearance)) ? 255 : 0;
   }
 }
-void stands_out_portable(const cv::Vec3f* points, int count, const Plane& plane, float farthest, float clearance,
-                         uchar* out) {
-  foreground_body(points, count, plane, farthest, clearance, out);
-}
-FRINGESLAM_AVX2 void stands_out_avx2(const cv::Vec3f* points, int count, const Plane& plane, float farthest,
-                                     float clearance, uchar* out) {
-  foreground_body(points, count, plane, farthest, clearance, out);
-}
-FRINGESLAM_AVX512 void stands_out_avx512(const cv::Vec3f* points, int count, const Plane& plane, float farthest,
-                                         float clearance, uchar* out) {
-  foreground_body(points, count, plane, farthest, clearance, out);
-}
 
 cv::Mat1b foreground_of(const Frame& frame, const ConditioningOptions& options) {
-  static const auto stands_out = widest(stands_out_portable, stands_out_avx2, stands_out_avx512);
+  static const auto stands_out = Variants<stands_out_body>::of(widest_instruction_set());
   constexpr float kEverywhere = std::numeric_limits<float>::infinity();
   const Plane infinitely_far{Eigen::Vector3f::Zero(), -kEverywhere};
   const Plane plane = options.background == Background::plane

@@ -127,28 +127,6 @@ FRINGESLAM_INLINE void rows_body(float* rows, size_t stride, int width, const Re
   }
 }
 
-void columns_portable(const float* in, float* smooth, float* slope, int count, size_t in_stride, size_t out_stride,
-                      const Recursion& s, const Recursion& d) {
-  columns_body(in, smooth, slope, count, in_stride, out_stride, s, d);
-}
-FRINGESLAM_AVX2 void columns_avx2(const float* in, float* smooth, float* slope, int count, size_t in_stride,
-                                  size_t out_stride, const Recursion& s, const Recursion& d) {
-  columns_body(in, smooth, slope, count, in_stride, out_stride, s, d);
-}
-FRINGESLAM_AVX512 void columns_avx512(const float* in, float* smooth, float* slope, int count, size_t in_stride,
-                                      size_t out_stride, const Recursion& s, const Recursion& d) {
-  columns_body(in, smooth, slope, count, in_stride, out_stride, s, d);
-}
-void rows_portable(float* rows, size_t stride, int width, const Recursion& f, float* columns) {
-  rows_body(rows, stride, width, f, columns);
-}
-FRINGESLAM_AVX2 void rows_avx2(float* rows, size_t stride, int width, const Recursion& f, float* columns) {
-  rows_body(rows, stride, width, f, columns);
-}
-FRINGESLAM_AVX512 void rows_avx512(float* rows, size_t stride, int width, const Recursion& f, float* columns) {
-  rows_body(rows, stride, width, f, columns);
-}
-
 // Number of rows after which a recursion has forgotten its initial state.
 int memory_px(double alpha) { return static_cast<int>(std::ceil(16 / alpha)); }
 
@@ -157,8 +135,8 @@ int memory_px(double alpha) { return static_cast<int>(std::ceil(16 / alpha)); }
 // The filters of the two axes commute: columns are filtered by both first, then each result's rows by the other
 // filter.
 Gradient deriche_gradient(const cv::Mat1f& levels, double alpha, cv::Range rows) {
-  static const auto filter_columns = widest(columns_portable, columns_avx2, columns_avx512);
-  static const auto filter_rows = widest(rows_portable, rows_avx2, rows_avx512);
+  static const auto filter_columns = Variants<columns_body>::of(widest_instruction_set());
+  static const auto filter_rows = Variants<rows_body>::of(widest_instruction_set());
   if (rows == cv::Range::all()) rows = {0, levels.rows};
   if (levels.empty() || rows.empty()) return {};
   if (levels.cols < kColumns) {

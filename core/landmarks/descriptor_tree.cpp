@@ -24,10 +24,6 @@ FRINGESLAM_INLINE int distance_body(const uchar* a, const uchar* b) {
   return sum;
 }
 
-int portable_distance(const uchar* a, const uchar* b) { return distance_body(a, b); }
-FRINGESLAM_AVX2 int avx2_distance(const uchar* a, const uchar* b) { return distance_body(a, b); }
-FRINGESLAM_AVX512 int avx512_distance(const uchar* a, const uchar* b) { return distance_body(a, b); }
-
 // Returns the dimension of largest variance among [first, last), and its mean.
 std::pair<int, int> split_of(const cv::Mat1b& descriptors, const std::vector<int>& order, int first, int last) {
   const int step = std::max(1, (last - first) / kSampled);
@@ -55,7 +51,7 @@ cv::Mat1b quantised(const cv::Mat1f& descriptors) {
 }
 
 int squared_distance(const uchar* a, const uchar* b) {
-  static const auto distance = widest(portable_distance, avx2_distance, avx512_distance);
+  static const auto distance = Variants<distance_body>::of(widest_instruction_set());
   return distance(a, b);
 }
 

@@ -82,22 +82,10 @@ FRINGESLAM_INLINE void classify_body(const LengthRows& length, const float* x, c
     kind[c] = static_cast<uchar>(ridge ? (here >= strong ? kStrong : kWeak) : kNone);
   }
 }
-void classify_portable(const LengthRows& length, const float* x, const float* y, int width, float weak, float strong,
-                       uchar* kind) {
-  classify_body(length, x, y, width, weak, strong, kind);
-}
-FRINGESLAM_AVX2 void classify_avx2(const LengthRows& length, const float* x, const float* y, int width, float weak,
-                                   float strong, uchar* kind) {
-  classify_body(length, x, y, width, weak, strong, kind);
-}
-FRINGESLAM_AVX512 void classify_avx512(const LengthRows& length, const float* x, const float* y, int width, float weak,
-                                       float strong, uchar* kind) {
-  classify_body(length, x, y, width, weak, strong, kind);
-}
 
 // Classifies all rows of a gradient except the first and the last, into the rows of `kinds`.
 void classify_rows(const Gradient& gradient, double low, double high, cv::Mat1b kinds) {
-  static const auto classify = widest(classify_portable, classify_avx2, classify_avx512);
+  static const auto classify = Variants<classify_body>::of(widest_instruction_set());
   cv::Mat1f length(gradient.x.size());
   for (int r = 0; r < length.rows; ++r) {
     const float *x = gradient.x[r], *y = gradient.y[r];

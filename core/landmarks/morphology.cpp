@@ -153,20 +153,11 @@ FRINGESLAM_INLINE int quads_body(const uint64_t* words, std::ptrdiff_t stride, s
   }
   return sum;
 }
-int quads_portable(const uint64_t* words, std::ptrdiff_t stride, std::ptrdiff_t count) {
-  return quads_body(words, stride, count);
-}
-FRINGESLAM_AVX2 int quads_avx2(const uint64_t* words, std::ptrdiff_t stride, std::ptrdiff_t count) {
-  return quads_body(words, stride, count);
-}
-FRINGESLAM_AVX512 int quads_avx512(const uint64_t* words, std::ptrdiff_t stride, std::ptrdiff_t count) {
-  return quads_body(words, stride, count);
-}
 
 }  // namespace
 
 int euler_number(const BitImage& image) {
-  static const auto quads = widest(quads_portable, quads_avx2, quads_avx512);
+  static const auto quads = Variants<quads_body>::of(widest_instruction_set());
   // Includes the row below the image and the zero words between rows, which hold the quads right of the last column.
   return quads(image.row(0), image.stride(), std::ptrdiff_t{image.stride()} * (image.height() + 1)) / 4;
 }
@@ -200,18 +191,6 @@ FRINGESLAM_INLINE void hits_body(const uint64_t* image, std::ptrdiff_t stride, s
     if constexpr (turn % 2 == 0) held &= n[(4 + turn) % 8];
     hit[i] = image[i] & free & held;
   }
-}
-template <int turn>
-void hits_portable(const uint64_t* image, std::ptrdiff_t stride, std::ptrdiff_t count, uint64_t* hit) {
-  hits_body<turn>(image, stride, count, hit);
-}
-template <int turn>
-FRINGESLAM_AVX2 void hits_avx2(const uint64_t* image, std::ptrdiff_t stride, std::ptrdiff_t count, uint64_t* hit) {
-  hits_body<turn>(image, stride, count, hit);
-}
-template <int turn>
-FRINGESLAM_AVX512 void hits_avx512(const uint64_t* image, std::ptrdiff_t stride, std::ptrdiff_t count, uint64_t* hit) {
-  hits_body<turn>(image, stride, count, hit);
 }
 
 // Rows in which pixels may still be removed: those next to a change in the last round.
@@ -250,7 +229,7 @@ class ActiveRows {
 
 template <int turn>
 void thin_once(BitImage& image, BitImage& hit, ActiveRows& active) {
-  static const auto find_hits = widest(hits_portable<turn>, hits_avx2<turn>, hits_avx512<turn>);
+  static const auto find_hits = Variants<hits_body<turn>>::of(widest_instruction_set());
   const int stride = image.stride();
   const std::vector<cv::Range> runs = active.runs();
   for (const cv::Range& rows : runs)

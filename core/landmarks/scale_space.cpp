@@ -71,10 +71,6 @@ FRINGESLAM_INLINE void sum_body(const RowPairs& rows, int cols, float* sums) {
   }
 }
 
-void sum_portable(const RowPairs& rows, int cols, float* sums) { sum_body<4>(rows, cols, sums); }
-FRINGESLAM_AVX2 void sum_avx2(const RowPairs& rows, int cols, float* sums) { sum_body<8>(rows, cols, sums); }
-FRINGESLAM_AVX512 void sum_avx512(const RowPairs& rows, int cols, float* sums) { sum_body<16>(rows, cols, sums); }
-
 cv::Mat1f every_second_pixel(const cv::Mat1f& image) {
   cv::Mat1f result((image.rows + 1) / 2, (image.cols + 1) / 2);
   for_each_row(result.rows, [&](int row) {
@@ -88,7 +84,7 @@ cv::Mat1f every_second_pixel(const cv::Mat1f& image) {
 }  // namespace
 
 cv::Mat1f blurred(const cv::Mat1f& image, double sigma) {
-  static const auto sum = widest(sum_portable, sum_avx2, sum_avx512);
+  static const auto sum = Variants<sum_body<4>, sum_body<8>, sum_body<16>>::of(widest_instruction_set());
   const std::vector<float> half = gaussian_half(sigma);
   const int count = static_cast<int>(half.size()), radius = count - 1;
   cv::Mat1f result(image.size());

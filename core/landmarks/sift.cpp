@@ -55,18 +55,6 @@ FRINGESLAM_INLINE void extrema_body(const DifferenceRows& rows, int level, int f
   }
 }
 
-void extrema_portable(const DifferenceRows& rows, int level, int first, int end, float threshold, uint8_t* found) {
-  extrema_body(rows, level, first, end, threshold, found);
-}
-FRINGESLAM_AVX2 void extrema_avx2(const DifferenceRows& rows, int level, int first, int end, float threshold,
-                                  uint8_t* found) {
-  extrema_body(rows, level, first, end, threshold, found);
-}
-FRINGESLAM_AVX512 void extrema_avx512(const DifferenceRows& rows, int level, int first, int end, float threshold,
-                                      uint8_t* found) {
-  extrema_body(rows, level, first, end, threshold, found);
-}
-
 double difference(const Octave& octave, int level, int row, int col) {
   const auto at = static_cast<size_t>(level);
   return (static_cast<double>(octave[at + 1](row, col)) - static_cast<double>(octave[at](row, col))) /
@@ -116,7 +104,7 @@ std::optional<Extremum> located(const Octave& octave, Extremum at, const SiftOpt
 // Finds the extrema in rows [first, end) of an octave.
 void find_extrema(const Octave& octave, int number, int first, int end, const SiftOptions& options,
                   std::vector<Extremum>& found) {
-  static const auto extrema = widest(extrema_portable, extrema_avx2, extrema_avx512);
+  static const auto extrema = Variants<extrema_body>::of(widest_instruction_set());
   const int cols = octave[0].cols;
   const auto threshold = static_cast<float>(0.5 * options.contrast_threshold / kScalesPerOctave) * kFullScale;
   std::array<cv::Mat1f, kDifferences> differences;  // rows first - 1 to end

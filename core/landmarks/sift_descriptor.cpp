@@ -44,19 +44,6 @@ FRINGESLAM_INLINE void row_body(const float* above, const float* row, const floa
   }
 }
 
-void row_portable(const float* above, const float* row, const float* below, const float* weights, float weight,
-                  int count, int32_t* bins, float* parts) {
-  row_body(above, row, below, weights, weight, count, bins, parts);
-}
-FRINGESLAM_AVX2 void row_avx2(const float* above, const float* row, const float* below, const float* weights,
-                              float weight, int count, int32_t* bins, float* parts) {
-  row_body(above, row, below, weights, weight, count, bins, parts);
-}
-FRINGESLAM_AVX512 void row_avx512(const float* above, const float* row, const float* below, const float* weights,
-                                  float weight, int count, int32_t* bins, float* parts) {
-  row_body(above, row, below, weights, weight, count, bins, parts);
-}
-
 // ---- descriptors
 
 constexpr int kPerCell = 4;                                                  // samples along a cell's side
@@ -163,19 +150,6 @@ FRINGESLAM_INLINE void describe_body(Level level, LevelPosition place, float cos
     L::store(cells[cell / kDescriptorCells][cell % kDescriptorCells], descriptor + cell * kDirections);
 }
 
-void describe_portable(const Level& level, const LevelPosition& place, float cosine, float sine, const Grid& grid,
-                       float* descriptor) {
-  describe_body(level, place, cosine, sine, grid, descriptor);
-}
-FRINGESLAM_AVX2 void describe_avx2(const Level& level, const LevelPosition& place, float cosine, float sine,
-                                   const Grid& grid, float* descriptor) {
-  describe_body(level, place, cosine, sine, grid, descriptor);
-}
-FRINGESLAM_AVX512 void describe_avx512(const Level& level, const LevelPosition& place, float cosine, float sine,
-                                       const Grid& grid, float* descriptor) {
-  describe_body(level, place, cosine, sine, grid, descriptor);
-}
-
 void make_unit(float* descriptor) {
   double sum = 0;
   for (int i = 0; i < kDescriptorSize; ++i)
@@ -187,7 +161,7 @@ void make_unit(float* descriptor) {
 }  // namespace
 
 std::vector<float> dominant_orientations(const cv::Mat1f& level, const LevelPosition& place) {
-  static const auto row_of = widest(row_portable, row_avx2, row_avx512);
+  static const auto row_of = Variants<row_body>::of(widest_instruction_set());
   constexpr float kWindowSigmas = 1.5f, kReach = 3, kAlsoMost = 0.8f;
   const float window = kWindowSigmas * place.sigma;
   const int radius = std::min(kMaxRadius, static_cast<int>(std::lround(kReach * window)));
@@ -222,7 +196,7 @@ std::vector<float> dominant_orientations(const cv::Mat1f& level, const LevelPosi
 }
 
 void compute_descriptor(const cv::Mat1f& level, const LevelPosition& place, float direction, float* descriptor) {
-  static const auto describe = widest(describe_portable, describe_avx2, describe_avx512);
+  static const auto describe = Variants<describe_body>::of(widest_instruction_set());
   static const Grid the_grid = grid();
   constexpr float kLargest = 0.2f;
   // The upper limit guarantees a pixel to the right and below.

@@ -60,19 +60,6 @@ FRINGESLAM_INLINE void splat_body(const cv::Vec3f* points, const cv::Vec3f* norm
   }
 }
 
-void splat_portable(const cv::Vec3f* points, const cv::Vec3f* normals, const float* sigma, int width,
-                    const Projection& p, const Splats& out) {
-  splat_body(points, normals, sigma, width, p, out);
-}
-FRINGESLAM_AVX2 void splat_avx2(const cv::Vec3f* points, const cv::Vec3f* normals, const float* sigma, int width,
-                                const Projection& p, const Splats& out) {
-  splat_body(points, normals, sigma, width, p, out);
-}
-FRINGESLAM_AVX512 void splat_avx512(const cv::Vec3f* points, const cv::Vec3f* normals, const float* sigma, int width,
-                                    const Projection& p, const Splats& out) {
-  splat_body(points, normals, sigma, width, p, out);
-}
-
 // A row of the image that is rendered: its viewing rays, the tangent planes m that win its pixels and their noise (NaN
 // where nothing is visible), and the depths on those planes.
 struct PlaneRow {
@@ -128,31 +115,6 @@ FRINGESLAM_INLINE void steps_body(const PlaneRow& row, const PlaneRow& other, in
     const float size = step_between(row, i, other, i + offset, surface_sigmas);
     step[i] = size > step[i] ? size : step[i];  // false for NaN
   }
-}
-
-void finish_portable(const PlaneRow& row, const uint8_t* winning_view, uint8_t view, const ViewError& error, int width,
-                     float* depth, float* sigma) {
-  finish_body(row, winning_view, view, error, width, depth, sigma);
-}
-FRINGESLAM_AVX2 void finish_avx2(const PlaneRow& row, const uint8_t* winning_view, uint8_t view, const ViewError& error,
-                                 int width, float* depth, float* sigma) {
-  finish_body(row, winning_view, view, error, width, depth, sigma);
-}
-FRINGESLAM_AVX512 void finish_avx512(const PlaneRow& row, const uint8_t* winning_view, uint8_t view,
-                                     const ViewError& error, int width, float* depth, float* sigma) {
-  finish_body(row, winning_view, view, error, width, depth, sigma);
-}
-void steps_portable(const PlaneRow& row, const PlaneRow& other, int offset, int width, float surface_sigmas,
-                    float* step) {
-  steps_body(row, other, offset, width, surface_sigmas, step);
-}
-FRINGESLAM_AVX2 void steps_avx2(const PlaneRow& row, const PlaneRow& other, int offset, int width, float surface_sigmas,
-                                float* step) {
-  steps_body(row, other, offset, width, surface_sigmas, step);
-}
-FRINGESLAM_AVX512 void steps_avx512(const PlaneRow& row, const PlaneRow& other, int offset, int width,
-                                    float surface_sigmas, float* step) {
-  steps_body(row, other, offset, width, surface_sigmas, step);
 }
 
 // A row of a known frame and the range of image rows it projects to.
@@ -247,7 +209,7 @@ class Rendering {
 
  private:
   void project(SourceRow& source) {
-    static const auto splat = widest(splat_portable, splat_avx2, splat_avx512);
+    static const auto splat = Variants<splat_body>::of(widest_instruction_set());
     const KnownView& view = known_[static_cast<size_t>(source.view)];
     const Frame& frame = *view.frame;
     const Projection projection(view.current_from_known, camera_);
@@ -266,7 +228,7 @@ class Rendering {
 
   static void splat_without_normals(const Frame& frame, const SourceRow& source, const Projection& projection,
                                     const Splats& out) {
-    static const auto splat = widest(splat_portable, splat_avx2, splat_avx512);
+    static const auto splat = Variants<splat_body>::of(widest_instruction_set());
     std::vector<int> cols;
     std::vector<cv::Vec3f> points, normals;
     std::vector<float> sigmas;
@@ -377,7 +339,7 @@ class Rendering {
         winning_view[at] = c.view;
       });
     }
-    static const auto finish = widest(finish_portable, finish_avx2, finish_avx512);
+    static const auto finish = Variants<finish_body>::of(widest_instruction_set());
     for (int band_row = 0; band_row < rows; ++band_row) {
       const int row = first_row + band_row;
       for (int col = 0; col < cols; ++col) {
@@ -400,7 +362,7 @@ class Rendering {
 
   // Compares each pixel with the nearest visible ones to its left and right, above and below.
   void inflate_sigma_at_steps(ExpectedView& view) const {
-    static const auto compare = widest(steps_portable, steps_avx2, steps_avx512);
+    static const auto compare = Variants<steps_body>::of(widest_instruction_set());
     cv::Mat1f steps(view.depth_m.size(), 0.0f);
     const int rows = steps.rows, cols = steps.cols;
     for_each_row(rows, [&](int row) {

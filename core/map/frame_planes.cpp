@@ -134,27 +134,6 @@ FRINGESLAM_INLINE void unite_body(const OctantBoxes& __restrict upper, const Oct
   }
 }
 
-void prepare_portable(const PixelRun& run, uint32_t* planes, OctantBoxes& boxes) { prepare_body(run, planes, boxes); }
-FRINGESLAM_AVX2 void prepare_avx2(const PixelRun& run, uint32_t* planes, OctantBoxes& boxes) {
-  prepare_body(run, planes, boxes);
-}
-FRINGESLAM_AVX512 void prepare_avx512(const PixelRun& run, uint32_t* planes, OctantBoxes& boxes) {
-  prepare_body(run, planes, boxes);
-}
-
-void unite_portable(const OctantBoxes& upper, const OctantBoxes& lower, const SquareBoxes& above,
-                    SquareBoxes& squares) {
-  unite_body(upper, lower, above, squares);
-}
-FRINGESLAM_AVX2 void unite_avx2(const OctantBoxes& upper, const OctantBoxes& lower, const SquareBoxes& above,
-                                SquareBoxes& squares) {
-  unite_body(upper, lower, above, squares);
-}
-FRINGESLAM_AVX512 void unite_avx512(const OctantBoxes& upper, const OctantBoxes& lower, const SquareBoxes& above,
-                                    SquareBoxes& squares) {
-  unite_body(upper, lower, above, squares);
-}
-
 // Returns the normal of the neighbour whose plane fits the pixel's point best, in sigmas along that normal; NaN if
 // none is within `max_sigmas`.
 cv::Vec3f neighbour_plane_normal(const Frame& frame, int row, int col, float max_sigmas) {
@@ -259,8 +238,8 @@ FramePlanes::FramePlanes(const Pinhole& camera, const VoxelScale& scale, const P
 }
 
 void FramePlanes::take(const Frame& frame, const Pose& world_from_camera) {
-  static const auto prepare = widest(prepare_portable, prepare_avx2, prepare_avx512);
-  static const auto unite = widest(unite_portable, unite_avx2, unite_avx512);
+  static const auto prepare = Variants<prepare_body>::of(widest_instruction_set());
+  static const auto unite = Variants<unite_body>::of(widest_instruction_set());
   camera_from_world_ = world_from_camera.inverse();
   const double octants_per_m = 2 / (kBrickEdge * scale_.voxel_m);
   const double min_slope_cos = std::cos(limits_.max_slope_deg * std::numbers::pi / 180);

@@ -54,34 +54,13 @@ FRINGESLAM_INLINE void place_body(const float* depths, const float* rays, int co
   }
 }
 
-void fold_portable(const float* normals, int count, short* squares) { fold_body(normals, count, squares); }
-FRINGESLAM_AVX2 void fold_avx2(const float* normals, int count, short* squares) { fold_body(normals, count, squares); }
-FRINGESLAM_AVX512 void fold_avx512(const float* normals, int count, short* squares) {
-  fold_body(normals, count, squares);
-}
-
-struct StoredRow {
-  const float *depths, *rays;
-  const short* squares;
-  int count;
-};
-void restore_portable(const StoredRow& row, float* points, float* normals) {
-  place_body(row.depths, row.rays, row.count, points), unfold_body(row.squares, row.count, normals);
-}
-FRINGESLAM_AVX2 void restore_avx2(const StoredRow& row, float* points, float* normals) {
-  place_body(row.depths, row.rays, row.count, points), unfold_body(row.squares, row.count, normals);
-}
-FRINGESLAM_AVX512 void restore_avx512(const StoredRow& row, float* points, float* normals) {
-  place_body(row.depths, row.rays, row.count, points), unfold_body(row.squares, row.count, normals);
-}
-
 }  // namespace
 
 StoredFrame stored(const Frame& frame) {
   StoredFrame result{frame.index, frame.timestamp_s, {}, {}, cv::Mat2s(frame.normals.size()), frame.texture.clone()};
   cv::extractChannel(frame.points_m, result.depth_m, 2);
   cv::convertFp16(cv::Mat1f(kMmPerM * frame.sigma_m), result.sigma);
-  static const auto fold = widest(fold_portable, fold_avx2, fold_avx512);
+  static const auto fold = Variants<fold_body>::of(widest_instruction_set());
   for_each_row(frame.height(),
                [&](int row) { fold(frame.normals[row]->val, frame.width(), result.normals[row]->val); });
   return result;
@@ -97,10 +76,11 @@ Frame restored(const StoredFrame& stored, const PixelRays& rays) {
   cv::Mat sigma_mm;
   cv::convertFp16(stored.sigma, sigma_mm);
   frame.sigma_m = cv::Mat1f(sigma_mm / kMmPerM);
-  static const auto restore = widest(restore_portable, restore_avx2, restore_avx512);
+  static const auto place = Variants<place_body>::of(widest_instruction_set());
+  static const auto unfold = Variants<unfold_body>::of(widest_instruction_set());
   for_each_row(stored.depth_m.rows, [&](int row) {
-    restore({stored.depth_m[row], rays[row]->val, stored.normals[row]->val, stored.depth_m.cols},
-            frame.points_m[row]->val, frame.normals[row]->val);
+    place(stored.depth_m[row], rays[row]->val, stored.depth_m.cols, frame.points_m[row]->val);
+    unfold(stored.normals[row]->val, stored.depth_m.cols, frame.normals[row]->val);
   });
   return frame;
 }

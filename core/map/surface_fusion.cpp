@@ -200,10 +200,6 @@ FRINGESLAM_INLINE bool fuse_body(const BrickFrames& frames, int64_t* voxels) {
   return seen;
 }
 
-bool fuse_portable(const BrickFrames& frames, int64_t* voxels) { return fuse_body(frames, voxels); }
-FRINGESLAM_AVX2 bool fuse_avx2(const BrickFrames& frames, int64_t* voxels) { return fuse_body(frames, voxels); }
-FRINGESLAM_AVX512 bool fuse_avx512(const BrickFrames& frames, int64_t* voxels) { return fuse_body(frames, voxels); }
-
 BrickView view_of(const FramePlanes& frame, const Eigen::Vector3d& corner) {
   const Pinhole& camera = frame.camera();
   const Eigen::Vector3d origin = frame.camera_from_world() * corner;
@@ -242,9 +238,7 @@ bool fuse(const std::vector<FramePlanes>& frames, const TouchedBrick& brick, int
     with.planes[with.count] = frames[i].planes();
     with.octants[with.count++] = octants;
   }
-  if (set == InstructionSet::avx512) return fuse_avx512(with, voxels);
-  if (set == InstructionSet::avx2) return fuse_avx2(with, voxels);
-  return fuse_portable(with, voxels);
+  return Variants<fuse_body>::of(set)(with, voxels);
 }
 
 }  // namespace fringeslam

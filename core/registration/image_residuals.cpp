@@ -299,27 +299,6 @@ FRINGESLAM_INLINE void sum_body(const PointValues& points, const Samples& sample
   }
 }
 
-void locate_portable(const PointValues& points, int count, const Projection& p, Samples& samples) {
-  locate_body(points, count, p, samples);
-}
-FRINGESLAM_AVX2 void locate_avx2(const PointValues& points, int count, const Projection& p, Samples& samples) {
-  locate_body(points, count, p, samples);
-}
-FRINGESLAM_AVX512 void locate_avx512(const PointValues& points, int count, const Projection& p, Samples& samples) {
-  locate_body(points, count, p, samples);
-}
-void sum_portable(const PointValues& points, const Samples& samples, int count, const Setting& s, PixelSums& sums) {
-  sum_body(points, samples, count, s, sums);
-}
-FRINGESLAM_AVX2 void sum_avx2(const PointValues& points, const Samples& samples, int count, const Setting& s,
-                              PixelSums& sums) {
-  sum_body(points, samples, count, s, sums);
-}
-FRINGESLAM_AVX512 void sum_avx512(const PointValues& points, const Samples& samples, int count, const Setting& s,
-                                  PixelSums& sums) {
-  sum_body(points, samples, count, s, sums);
-}
-
 void add_chunk(const PixelSums& lanes, ImageSums& total) {
   std::array<double, kSums> sums{};
   for (size_t k = 0; k < kSums; ++k) {
@@ -514,8 +493,8 @@ Eigen::Matrix<double, kImageParameters, 12> ImageResiduals::motion_coupling(cons
 
 ImageSums ImageResiduals::linearise(const cv::Mat1f& coefficients, const Pattern& pattern, const ImageParameters& at,
                                     double outlier_sigma, int points, ImageInformation information) const {
-  static const auto locate = widest(locate_portable, locate_avx2, locate_avx512);
-  static const auto sum = widest(sum_portable, sum_avx2, sum_avx512);
+  static const auto locate = Variants<locate_body>::of(widest_instruction_set());
+  static const auto sum = Variants<sum_body>::of(widest_instruction_set());
   const Pose& pose = at.camera_from_reference;
   const Vector3d turn = rotation_log(pose.rotation);
   Setting setting{Projection(pose, camera_),

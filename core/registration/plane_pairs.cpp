@@ -150,28 +150,6 @@ FRINGESLAM_INLINE void linearise_body(PointArrays source, const int32_t* pixel, 
   }
 }
 
-void associate_portable(const PointArrays& source, int count, const Projection& p, int32_t* pixel) {
-  associate_body(source, count, p, pixel);
-}
-FRINGESLAM_AVX2 void associate_avx2(const PointArrays& source, int count, const Projection& p, int32_t* pixel) {
-  associate_body(source, count, p, pixel);
-}
-FRINGESLAM_AVX512 void associate_avx512(const PointArrays& source, int count, const Projection& p, int32_t* pixel) {
-  associate_body(source, count, p, pixel);
-}
-void linearise_portable(const PointArrays& s, const int32_t* pixel, int n, const Projection& p, const Partners& t,
-                        Gates gates, LaneSums& sums) {
-  linearise_body(s, pixel, n, p, t, gates, sums);
-}
-FRINGESLAM_AVX2 void linearise_avx2(const PointArrays& s, const int32_t* pixel, int n, const Projection& p,
-                                    const Partners& t, Gates gates, LaneSums& sums) {
-  linearise_body(s, pixel, n, p, t, gates, sums);
-}
-FRINGESLAM_AVX512 void linearise_avx512(const PointArrays& s, const int32_t* pixel, int n, const Projection& p,
-                                        const Partners& t, Gates gates, LaneSums& sums) {
-  linearise_body(s, pixel, n, p, t, gates, sums);
-}
-
 void add(const LaneSums& lanes, PlaneSums& total) {
   std::array<double, kSums> sums{};
   for (size_t k = 0; k < kSums; ++k) {
@@ -241,8 +219,8 @@ const PlanePairs::Points& PlanePairs::level(int stride) {
 
 PlaneSums PlanePairs::linearise(const Pose& target_from_source, const PlaneGates& gates, int stride,
                                 PairNormal normal) {
-  static const auto associate = widest(associate_portable, associate_avx2, associate_avx512);
-  static const auto linearise_chunk = widest(linearise_portable, linearise_avx2, linearise_avx512);
+  static const auto associate = Variants<associate_body>::of(widest_instruction_set());
+  static const auto linearise_chunk = Variants<linearise_body>::of(widest_instruction_set());
   const Points& points = level(stride);
   const auto from = [&](int first) {
     const auto at = [&](int quantity) { return points.array(quantity) + first; };

@@ -106,15 +106,8 @@ struct BeamKernel {
 
 namespace {
 
-void light_portable(const BeamKernel& kernel, const Points& points, BeamPacket& result, double* z, double* margin) {
-  kernel.light(points, result, z, margin);
-}
-FRINGESLAM_AVX2 void light_avx2(const BeamKernel& kernel, const Points& points, BeamPacket& result, double* z,
-                                double* margin) {
-  kernel.light(points, result, z, margin);
-}
-FRINGESLAM_AVX512 void light_avx512(const BeamKernel& kernel, const Points& points, BeamPacket& result, double* z,
-                                    double* margin) {
+FRINGESLAM_INLINE void light_body(const BeamKernel& kernel, const Points& points, BeamPacket& result, double* z,
+                                  double* margin) {
   kernel.light(points, result, z, margin);
 }
 
@@ -154,7 +147,7 @@ Beam::Beam(const RigModel& rig, const Effects& effects, const Pose& world_from_c
 }
 
 void Beam::light(const Points& points, LaneMask active, BeamPacket& result) const {
-  static const auto kernel = widest(light_portable, light_avx2, light_avx512);
+  static const auto kernel = Variants<light_body>::of(widest_instruction_set());
   alignas(64) double z[kPacket];
   alignas(64) double margin[kPacket];
   kernel(*kernel_, points, result, z, margin);

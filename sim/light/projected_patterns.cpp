@@ -248,30 +248,17 @@ FRINGESLAM_INLINE void find_places(const float* coordinate, const float* weight,
   }
 }
 
-FRINGESLAM_INLINE void both(const ProjectedPatterns::Points& points, const Ladder& ladder, bool columns, float per_px,
-                            int positions, Places& places) {
+FRINGESLAM_INLINE void find_body(const ProjectedPatterns::Points& points, const Ladder& ladder, bool columns,
+                                 float per_px, int positions, Places& places) {
   alignas(64) float softer[kLanes];
   find_levels(points, ladder, places, softer);
   find_places(columns ? points.column : points.row, points.weight, softer, per_px, positions, places);
 }
 
-void find_portable(const ProjectedPatterns::Points& points, const Ladder& ladder, bool columns, float per_px,
-                   int positions, Places& places) {
-  both(points, ladder, columns, per_px, positions, places);
-}
-FRINGESLAM_AVX2 void find_avx2(const ProjectedPatterns::Points& points, const Ladder& ladder, bool columns,
-                               float per_px, int positions, Places& places) {
-  both(points, ladder, columns, per_px, positions, places);
-}
-FRINGESLAM_AVX512 void find_avx512(const ProjectedPatterns::Points& points, const Ladder& ladder, bool columns,
-                                   float per_px, int positions, Places& places) {
-  both(points, ladder, columns, per_px, positions, places);
-}
-
 }  // namespace
 
 void ProjectedPatterns::add(const Points& points, uint32_t lanes, float* sums) const {
-  static const auto find = widest(find_portable, find_avx2, find_avx512);
+  static const auto find = Variants<find_body>::of(widest_instruction_set());
   const auto n = static_cast<float>(sigmas_.size() - 1);
   const auto least = static_cast<float>(blur_.least), range = static_cast<float>(blur_.largest - blur_.least);
   const bool ladder_has_steps = n > 0 && range > 0;

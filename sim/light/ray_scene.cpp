@@ -158,7 +158,7 @@ constexpr double kLift = 2e-6;  // offset from the surface, relative to (1 m + d
 
 // Packet arithmetic, compiled for each instruction set. Inactive lanes are zero: Embree's coherent traversal on AVX2
 // requires finite rays in all lanes.
-FRINGESLAM_INLINE void to_query(const RayPacket& rays, RTCRayHit16& query, int* valid) {
+FRINGESLAM_INLINE void to_query_body(const RayPacket& rays, RTCRayHit16& query, int* valid) {
 #pragma GCC ivdep
   for (int i = 0; i < kPacket; ++i) {
     const bool on = rays.active >> i & 1;
@@ -184,7 +184,8 @@ struct alignas(64) PlanePacket {
   double x[kPacket], y[kPacket], z[kPacket], offset[kPacket];
 };
 
-FRINGESLAM_INLINE void refine(const RayPacket& rays, const PlanePacket& planes, const float* single, HitPacket& hits) {
+FRINGESLAM_INLINE void refine_body(const RayPacket& rays, const PlanePacket& planes, const float* single,
+                                   HitPacket& hits) {
 #pragma GCC ivdep
   for (int i = 0; i < kPacket; ++i) {
     const Points &o = rays.origin, &d = rays.direction;
@@ -206,7 +207,7 @@ FRINGESLAM_INLINE void refine(const RayPacket& rays, const PlanePacket& planes, 
   }
 }
 
-FRINGESLAM_INLINE void lift(const HitPacket& hits, Points& points) {
+FRINGESLAM_INLINE void lift_body(const HitPacket& hits, Points& points) {
 #pragma GCC ivdep
   for (int i = 0; i < kPacket; ++i) {
     const double x = hits.point.x[i], y = hits.point.y[i], z = hits.point.z[i];
@@ -217,8 +218,8 @@ FRINGESLAM_INLINE void lift(const HitPacket& hits, Points& points) {
   }
 }
 
-FRINGESLAM_INLINE void to_shadow_query(const Points& from, const double* target, LaneMask active, RTCRay16& query,
-                                       int* valid) {
+FRINGESLAM_INLINE void to_shadow_query_body(const Points& from, const double* target, LaneMask active, RTCRay16& query,
+                                            int* valid) {
 #pragma GCC ivdep
   for (int i = 0; i < kPacket; ++i) {
     const bool on = active >> i & 1;
@@ -237,49 +238,17 @@ FRINGESLAM_INLINE void to_shadow_query(const Points& from, const double* target,
   }
 }
 
-struct PacketKernels {
-  void (*to_query)(const RayPacket&, RTCRayHit16&, int*);
-  void (*refine)(const RayPacket&, const PlanePacket&, const float*, HitPacket&);
-  void (*lift)(const HitPacket&, Points&);
-  void (*to_shadow_query)(const Points&, const double*, LaneMask, RTCRay16&, int*);
-};
-
-#define FRINGESLAM_PACKET_KERNELS(NAME, TARGET)                                                                     \
-  TARGET void NAME##_query(const RayPacket& rays, RTCRayHit16& query, int* valid) { to_query(rays, query, valid); } \
-  TARGET void NAME##_refine(const RayPacket& rays, const PlanePacket& planes, const float* single, HitPacket& h) {  \
-    refine(rays, planes, single, h);                                                                                \
-  }                                                                                                                 \
-  TARGET void NAME##_lift(const HitPacket& hits, Points& points) { lift(hits, points); }                            \
-  TARGET void NAME##_shadow(const Points& from, const double* to, LaneMask active, RTCRay16& query, int* valid) {   \
-    to_shadow_query(from, to, active, query, valid);                                                                \
-  }                                                                                                                 \
-  constexpr PacketKernels NAME##_kernels{NAME##_query, NAME##_refine, NAME##_lift, NAME##_shadow};
-
-FRINGESLAM_PACKET_KERNELS(portable, )
-#if defined(__x86_64__)
-FRINGESLAM_PACKET_KERNELS(avx2, FRINGESLAM_AVX2)
-FRINGESLAM_PACKET_KERNELS(avx512, FRINGESLAM_AVX512)
-#endif
-
-const PacketKernels& kernels() {
-#if defined(__x86_64__)
-  static const InstructionSet widest = widest_instruction_set();
-  if (widest == InstructionSet::avx512) return avx512_kernels;
-  if (widest == InstructionSet::avx2) return avx2_kernels;
-#endif
-  return portable_kernels;
-}
-
 }  // namespace
 
 void RayScene::trace(const RayPacket& rays, HitPacket& hits) const {
-  const PacketKernels& kernel = kernels();
+  static const auto to_query = Variants<to_query_body>::of(widest_instruction_set());
+  static const auto refine = Variants<refine_body>::of(widest_instruction_set());
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
   if (rays.coherent && impl_->coherent_packets()) context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
   alignas(64) RTCRayHit16 query;
   alignas(64) int valid[kPacket];
-  kernel.to_query(rays, query, valid);
+  to_query(rays, query, valid);
   rtcIntersect16(valid, impl_->scene, &context, &query);
 
   PlanePacket planes;
@@ -298,7 +267,7 @@ void RayScene::trace(const RayPacket& rays, HitPacket& hits) const {
     hits.v[i] = query.hit.v[i];
     hits.hit |= static_cast<LaneMask>(met) << i;
   }
-  kernel.refine(rays, planes, query.ray.tfar, hits);
+  refine(rays, planes, query.ray.tfar, hits);
 }
 
 std::optional<Hit> RayScene::trace(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) const {
@@ -333,19 +302,21 @@ std::optional<Hit> RayScene::trace(const Eigen::Vector3d& origin, const Eigen::V
 }
 
 Points RayScene::lifted(const HitPacket& hits) {
+  static const auto lift = Variants<lift_body>::of(widest_instruction_set());
   Points points;
-  kernels().lift(hits, points);
+  lift(hits, points);
   return points;
 }
 
 LaneMask RayScene::occluded(const Points& from, LaneMask active, const Eigen::Vector3d& target) const {
+  static const auto to_shadow_query = Variants<to_shadow_query_body>::of(widest_instruction_set());
   if (active == 0) return 0;
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
   if (impl_->coherent_packets()) context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
   alignas(64) RTCRay16 query;
   alignas(64) int valid[kPacket];
-  kernels().to_shadow_query(from, target.data(), active, query, valid);
+  to_shadow_query(from, target.data(), active, query, valid);
   rtcOccluded16(valid, impl_->scene, &context, &query);
   LaneMask dark = 0;
   for (int i = 0; i < kPacket; ++i) dark |= static_cast<LaneMask>(valid[i] && query.tfar[i] < 0) << i;

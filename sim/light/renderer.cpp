@@ -11,9 +11,7 @@ namespace fringeslam::sim {
 
 namespace {
 
-// BlockRenderer::render, compiled for each instruction set.
-using RenderBlock = void (*)(BlockRenderer&, int, int, std::vector<cv::Mat1f>&, TruthFrame*);
-
+// BlockRenderer::render is not FRINGESLAM_INLINE: the functions for AVX inline all that it calls.
 void render_portable(BlockRenderer& block, int row, int col, std::vector<cv::Mat1f>& images, TruthFrame* truth) {
   block.render(row, col, images, truth);
 }
@@ -69,7 +67,7 @@ std::vector<cv::Mat1f> Renderer::render(const ProjectedPatterns& patterns, const
   const bool share = effects_.share_paths && patterns.count() > 0;
   if (share && effects_.interreflection && scene_.bounces > 0) indirect.emplace(size, patterns.count() + 1);
   if (share && effects_.air && scene_.air.extinction_per_m > 0) veil.emplace(size, patterns.count() + 1);
-  static const RenderBlock render_block = widest(render_portable, render_avx2, render_avx512);
+  static const auto render_block = Variants<render_portable, render_avx2, render_avx512>::of(widest_instruction_set());
   for_each_row(down, [&](int block_row) {
     BlockRenderer block(*this, patterns, stations, stack, indirect ? &*indirect : nullptr, veil ? &*veil : nullptr);
     for (int block_col = 0; block_col < across; ++block_col) render_block(block, block_row, block_col, images, truth);

@@ -63,34 +63,12 @@ FRINGESLAM_INLINE void fractal(const NoisePoints& points, int octaves, uint32_t 
   }
 }
 
-void fractal_portable(const NoisePoints& points, int octaves, uint32_t seed, NoiseValues& sum) {
-  fractal(points, octaves, seed, sum);
-}
-#if defined(__x86_64__)
-FRINGESLAM_AVX2 void fractal_avx2(const NoisePoints& points, int octaves, uint32_t seed, NoiseValues& sum) {
-  fractal(points, octaves, seed, sum);
-}
-FRINGESLAM_AVX512 void fractal_avx512(const NoisePoints& points, int octaves, uint32_t seed, NoiseValues& sum) {
-  fractal(points, octaves, seed, sum);
-}
-#endif
-
 }  // namespace
 
 NoiseValues fractal_noise(const NoisePoints& points, int octaves, uint32_t seed) {
-  static const InstructionSet instructions = widest_instruction_set();
+  static const auto add = Variants<fractal>::of(widest_instruction_set());
   NoiseValues sum{};
-#if defined(__x86_64__)
-  if (instructions == InstructionSet::avx512) {
-    fractal_avx512(points, octaves, seed, sum);
-    return sum;
-  }
-  if (instructions == InstructionSet::avx2) {
-    fractal_avx2(points, octaves, seed, sum);
-    return sum;
-  }
-#endif
-  fractal_portable(points, octaves, seed, sum);
+  add(points, octaves, seed, sum);
   return sum;
 }
 
