@@ -2,6 +2,7 @@
 #include "hw/sequence_check.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -77,6 +78,8 @@ class Check {
     return static_cast<double>(count) > options_.max_outliers * static_cast<double>(levels_.pixels);
   }
 
+  static size_t index_of(Axis axis) { return axis == Axis::columns ? 0 : 1; }
+
   static std::string image(size_t i) { return "image " + std::to_string(i) + " of the sequence"; }
 
   std::optional<std::string> single(size_t i) const {
@@ -86,6 +89,7 @@ class Check {
         (pattern.level == 0 || pattern.level == 1) &&
         too_many([&](size_t p) { return std::abs(level[p] - pattern.level) > options_.tolerance; }))
       return image(i) + " should be entirely " + (pattern.level > 0 ? "white" : "black") + " but is not";
+    if (pattern.coding == Coding::extra || pattern.coding == Coding::product) return single_wave(i);
     if (pattern.coding != Coding::gray) return std::nullopt;
     if (too_many(
             [&](size_t p) { return std::min(std::abs(level[p]), std::abs(1 - level[p])) > 2 * options_.tolerance; }))
@@ -104,10 +108,34 @@ class Check {
     return std::nullopt;
   }
 
-  bool same_everywhere(size_t i, size_t j) const {
+  bool same_everywhere(size_t i, size_t j, float tolerance = 0.5f) const {
     size_t differ = 0;
-    for (size_t p = 0; p < levels_.pixels; ++p) differ += std::abs(levels_.of[i][p] - levels_.of[j][p]) > 0.5f;
+    for (size_t p = 0; p < levels_.pixels; ++p) differ += std::abs(levels_.of[i][p] - levels_.of[j][p]) > tolerance;
     return static_cast<double>(differ) < 0.005 * static_cast<double>(levels_.pixels);
+  }
+
+  // Checks an image of an extra frequency or of a product of cosines.
+  std::optional<std::string> single_wave(size_t i) const {
+    constexpr double kCoarsest = 4;  // the noise of the phase of longer periods exceeds the tolerance
+    const Pattern& pattern = sequence_.patterns[i];
+    const Located& known = located_[index_of(pattern.axis)];
+    const double period_px =
+        pattern.coding == Coding::product ? std::min(pattern.period_px, pattern.carrier_px) : pattern.period_px;
+    if (known.coordinate_px.empty() || known.period_px > kCoarsest * period_px) {
+      for (size_t j = 0; j < sequence_.patterns.size(); ++j) {
+        if (j != i && sequence_.patterns[j] != pattern && same_everywhere(i, j, 0.1f))
+          return image(i) + " and image " + std::to_string(j) + " show the same pattern";
+      }
+      return std::nullopt;
+    }
+    if (too_many([&](size_t p) {
+          const double light = std::pow(ideal_intensity(pattern, known.coordinate_px[p]), gamma_);
+          return std::abs(static_cast<double>(levels_.of[i][p]) - light) > 2 * options_.tolerance;
+        }))
+      return image(i) + " does not show its " +
+             (pattern.coding == Coding::product ? "product of cosines" : "extra frequency") + " of period " +
+             to_text(pattern.period_px) + " px";
+    return std::nullopt;
   }
 
   struct Phases {
@@ -115,8 +143,23 @@ class Check {
     std::vector<float> turns;  // wrapped, one per pixel
   };
 
-  std::optional<std::string> fringes(Axis axis) const {
+  // Projector coordinates of the pixels, from the finest period whose orders the coarser ones determine.
+  struct Located {
+    double period_px = 0;
+    std::vector<double> coordinate_px;  // empty: unknown
+  };
+
+  static Located located(const Phases& phases) {
+    Located result{phases.period_px, {}};
+    for (const float turns : phases.turns)
+      result.coordinate_px.push_back(projector_coordinate(kTwoPi * static_cast<double>(turns), phases.period_px));
+    return result;
+  }
+
+  // Checks the periods of an axis against each other, and notes the coordinates that they determine.
+  std::optional<std::string> fringes(Axis axis) {
     std::optional<Phases> coarser;
+    bool ordered = true;
     for (const FringeGroup& group : fringe_groups(sequence_, axis)) {
       const std::string these = "the " + std::to_string(group.images.size()) + " images of period " +
                                 to_text(group.period_px) + " px are inconsistent";
@@ -145,12 +188,14 @@ class Check {
         // Tolerance for the noise of the coarser phase times the ratio; above a third of a turn the check is
         // impossible.
         const double most = 0.1 + 0.01 * ratio;
+        ordered = ordered && most < 0.33;
         if (most < 0.33 && too_many([&](size_t p) { return off[p] > most; }))
           return "the images of period " + to_text(phases.period_px) + " px are inconsistent with those of " +
                  to_text(coarser->period_px) + " px";
       } else if (phases.period_px < length(axis)) {
         continue;
       }
+      if (ordered) located_[index_of(axis)] = located(phases);
       coarser = std::move(phases);
     }
     return std::nullopt;
@@ -222,7 +267,8 @@ class Check {
   const PatternSequence& sequence_;
   const Levels& levels_;
   const SequenceCheckOptions& options_;
-  double mean_ = 0.5, gamma_ = 1;  // mean level of the fringes; gamma of the response
+  double mean_ = 0.5, gamma_ = 1;   // mean level of the fringes; gamma of the response
+  std::array<Located, 2> located_;  // columns, rows
 };
 
 double mean_of_gamma(double gamma) {

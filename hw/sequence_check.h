@@ -9,7 +9,10 @@
 //   gray    v is 0 or 1, and a bit and its inverse are opposite where both are shown;
 //   fringe  the mean of the N images of a period is the same at all pixels and for all periods; N > 3 images fit a
 //           cosine; and the phase of a finer period equals the phase of the coarser one times the ratio of the periods,
-//           up to whole turns.
+//           up to whole turns;
+//   extra, product
+//           v is the pattern's level at the coordinate that the fringes give. Without such fringes, v differs from that
+//           of all other images.
 //
 // A wrong pattern violates one of these conditions at most pixels. If the projector's light is the gamma'th power of
 // the grey value, fringes are not cosines and their mean is not 1/2 but (s: fringe phase)

@@ -59,11 +59,15 @@ cv::Mat1w to_16_bits(const Map& map) {
   return image;
 }
 
-bool codes_axis(const PatternSequence& sequence, Axis axis) {
-  for (const Pattern& p : sequence.patterns) {
-    if (p.coding != Coding::flat && p.axis == axis) return true;
+// The axes that can be decoded. Throws Error if there are none.
+std::vector<Axis> coded_axes(const PatternSequence& sequence) {
+  std::vector<Axis> coded;
+  for (const Axis axis : {Axis::columns, Axis::rows}) {
+    if (codes_axis(sequence, axis)) coded.push_back(axis);
   }
-  return false;
+  if (!coded.empty()) return coded;
+  for (const Axis axis : {Axis::columns, Axis::rows}) require_decoder(sequence, axis);
+  throw Error("its patterns code neither columns nor rows");
 }
 
 // Returns the options with which the axis can be decoded: as given, or, if no method yields absolute coordinates,
@@ -147,10 +151,11 @@ int decode_dataset(const DecodeArguments& arguments, const Common& common) {
   ReplayRig replay(arguments.dataset);
   const PatternSequence& sequence = replay.sequence();
   std::vector<Axis> coded;
-  for (const Axis axis : {Axis::columns, Axis::rows}) {
-    if (codes_axis(sequence, axis)) coded.push_back(axis);
+  try {
+    coded = coded_axes(sequence);
+  } catch (const Error& e) {
+    throw Error(arguments.dataset + ": " + e.what());
   }
-  if (coded.empty()) throw Error(arguments.dataset + ": its patterns code neither columns nor rows");
   StagedFolder folder(arguments.out, "decoded");
   nlohmann::ordered_json stacks = nlohmann::ordered_json::array();
   {

@@ -25,9 +25,9 @@ constexpr size_t kImagesInOneColour = 3;  // R, G, B
 struct PatternsArguments {
   std::string out, rig, size, scene, axis = "columns", pack;
   GrayCode gray = GrayCode::none;
-  std::vector<double> periods_px;
+  std::vector<double> periods_px, extra_periods_px, product_periods_px;
   int steps = 3, ramp_levels = 0, bits = 8;
-  double gray_cell_px = 0;
+  double gray_cell_px = 0, carrier_px = 0;
   bool linearise = false, gray_inverted = false, white_black = false, dithered = false;
 };
 
@@ -54,6 +54,9 @@ SequenceDesign design_of(const PatternsArguments& arguments, const cv::Size& siz
   design.ramp_levels = arguments.ramp_levels;
   design.bits = arguments.bits;
   design.dithered = arguments.dithered;
+  design.extra_periods_px = arguments.extra_periods_px;
+  design.product_periods_px = arguments.product_periods_px;
+  design.carrier_px = arguments.carrier_px;
   return design;
 }
 
@@ -162,6 +165,16 @@ Verb add_patterns(Command app, const Common& common) {
   note(verb.add_flag("--linearise", a->linearise, "Apply the inverse of the rig's projector response to the patterns"));
   note(verb.add_option("--periods", a->periods_px, "Fringe periods, px").delimiter(',').check_range(2.0, 1e5));
   note(verb.add_option("--steps", a->steps, "Phase shifts per period").check_range(3, 64));
+  note(verb.add_option("--extra-periods", a->extra_periods_px,
+                       "Add one image of each of these periods, px, as for micro phase shifting; not decoded yet")
+           .delimiter(',')
+           .check_range(2.0, 1e5));
+  const Option products =
+      verb.add_option("--product-periods", a->product_periods_px,
+                      "Add products of cosines of these periods, px, and a carrier, in --steps shifts of "
+                      "each, as for modulated phase shifting; not decoded yet");
+  note(products.delimiter(',').check_range(2.0, 1e5));
+  note(verb.add_option("--carrier", a->carrier_px, "Period of the products' second cosine, px").check_range(2.0, 1e5));
   note(verb.add_option("--axis", a->axis, "Coded coordinate").check_one_of({"columns", "rows", "both"}));
   note(add_choice(verb, "--gray", a->gray, "Gray code of the finest fringe's period number"));
   note(verb.add_option("--gray-cell", a->gray_cell_px,

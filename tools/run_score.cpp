@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdarg>
 #include <cstdio>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <numbers>
 
@@ -81,9 +82,13 @@ std::vector<VictimCandidate> read_victims(const fs::path& file) {
   return victims;
 }
 
+// Of the images that decoders use.
 double finest_period(const PatternSequence& sequence) {
-  double finest = sequence.patterns.front().period_px;
-  for (const Pattern& pattern : sequence.patterns) finest = std::min(finest, pattern.period_px);
+  double finest = std::numeric_limits<double>::infinity();
+  for (const Pattern& pattern : sequence.patterns) {
+    if (pattern.coding == Coding::fringe || pattern.coding == Coding::gray)
+      finest = std::min(finest, pattern.period_px);
+  }
   return finest;
 }
 

@@ -193,11 +193,6 @@ struct DecodedAxis {
   DecodedStack decoded;
 };
 
-bool codes(const PatternSequence& sequence, Axis axis) {
-  return std::any_of(sequence.patterns.begin(), sequence.patterns.end(),
-                     [&](const Pattern& p) { return p.coding != Coding::flat && p.axis == axis; });
-}
-
 // Rows of an image in bands of kBand, one every kBandDistance.
 cv::Mat bands_of(const cv::Mat& image) {
   std::vector<cv::Mat> bands;
@@ -210,7 +205,7 @@ cv::Mat bands_of(const cv::Mat& image) {
 // Decoding needs complete images where it depends on neighbours or on the geometry.
 bool decodes_each_pixel_alone(const PatternSequence& sequence, const RigModel& rig) {
   for (const Axis axis : {Axis::columns, Axis::rows}) {
-    if (!codes(sequence, axis)) continue;
+    if (!codes_axis(sequence, axis)) continue;
     DecodeContext context;
     context.axis = axis;
     try {
@@ -250,7 +245,7 @@ class Examiner {
     agreement_ = {};
     geometric_ = false;
     for (const Axis axis : {Axis::columns, Axis::rows}) {
-      if (!codes(description.sequence, axis)) continue;
+      if (!codes_axis(description.sequence, axis)) continue;
       DecodeContext context;
       context.axis = axis;
       axes_.push_back({axis, decode(stack_, description.rig, DecodeOptions(), context)});
@@ -259,7 +254,10 @@ class Examiner {
       agreement_ = worse(agreement_, agreement_of_periods(stack_, description.sequence, lit_, axis));
       agreement_ = worse(agreement_, agreement_with_gray(stack_, description.sequence, decoded, lit_, axis));
     }
-    if (axes_.empty()) throw Error("the patterns code neither columns nor rows");
+    if (axes_.empty()) {
+      for (const Axis axis : {Axis::columns, Axis::rows}) require_decoder(description.sequence, axis);
+      throw Error("the patterns code neither columns nor rows");
+    }
   }
 
   DescriptionFit evaluate(const RigModel& rig) const;
@@ -389,11 +387,11 @@ class Alternatives {
 
   std::vector<RigDescription> all() {
     for (const Axis axis : {Axis::columns, Axis::rows}) {
-      if (!codes(stated_.sequence, axis)) continue;
+      if (!codes_axis(stated_.sequence, axis)) continue;
       fringes(axis);
       gray(axis);
     }
-    if (codes(stated_.sequence, Axis::columns) && codes(stated_.sequence, Axis::rows))
+    if (codes_axis(stated_.sequence, Axis::columns) && codes_axis(stated_.sequence, Axis::rows))
       offsets({Axis::columns, Axis::rows});
     sizes();
     axes();
@@ -418,7 +416,7 @@ class Alternatives {
   }
 
   std::string on(Axis axis) const {
-    const bool both = codes(stated_.sequence, Axis::columns) && codes(stated_.sequence, Axis::rows);
+    const bool both = codes_axis(stated_.sequence, Axis::columns) && codes_axis(stated_.sequence, Axis::rows);
     return !both ? "" : axis == Axis::columns ? " (columns)" : " (rows)";
   }
 
@@ -520,22 +518,27 @@ class Alternatives {
     scale(add("Gray code cells half as wide" + on(axis)).sequence, 0.5);
   }
 
+  static void scale_periods(Pattern& pattern, double factor) {
+    pattern.period_px *= factor;
+    pattern.carrier_px *= factor;
+  }
+
   // The same patterns on a projector of another size.
   void scale_projector(RigDescription& description, double columns, double rows) {
     description.rig.projector.width = static_cast<int>(std::lround(description.rig.projector.width * columns));
     description.rig.projector.height = static_cast<int>(std::lround(description.rig.projector.height * rows));
     description.sequence.width = description.rig.projector.width;
     description.sequence.height = description.rig.projector.height;
-    for (Pattern& p : description.sequence.patterns) p.period_px *= p.axis == Axis::columns ? columns : rows;
+    for (Pattern& p : description.sequence.patterns) scale_periods(p, p.axis == Axis::columns ? columns : rows);
   }
 
   void sizes() {
     const Pinhole& projector = stated_.rig.projector;
     for (const double factor : {0.5, 2.0}) {
-      if (codes(stated_.sequence, Axis::columns))
+      if (codes_axis(stated_.sequence, Axis::columns))
         scale_projector(add("projector width_px: " + number(factor * projector.width) + " with periods in proportion"),
                         factor, 1);
-      if (codes(stated_.sequence, Axis::rows))
+      if (codes_axis(stated_.sequence, Axis::rows))
         scale_projector(
             add("projector height_px: " + number(factor * projector.height) + " with periods in proportion"), 1,
             factor);
@@ -544,14 +547,14 @@ class Alternatives {
 
   // Columns for rows; periods in px, or in proportion to the projector's size.
   void axes() {
-    const bool columns = codes(stated_.sequence, Axis::columns), rows = codes(stated_.sequence, Axis::rows);
+    const bool columns = codes_axis(stated_.sequence, Axis::columns), rows = codes_axis(stated_.sequence, Axis::rows);
     const auto swap = [](Axis axis) { return axis == Axis::columns ? Axis::rows : Axis::columns; };
     const std::string change =
         columns && rows ? "columns and rows exchanged" : std::string("axis: ") + (columns ? "rows" : "columns");
     const double aspect = static_cast<double>(stated_.sequence.height) / stated_.sequence.width;
     for (const bool in_proportion : {false, true}) {
       for (Pattern& p : add(change + (in_proportion ? " with periods in proportion" : "")).sequence.patterns) {
-        if (in_proportion) p.period_px *= p.axis == Axis::columns ? aspect : 1 / aspect;
+        if (in_proportion) scale_periods(p, p.axis == Axis::columns ? aspect : 1 / aspect);
         p.axis = swap(p.axis);
       }
     }

@@ -227,16 +227,26 @@ void gray_row(const GrayDecoder& gray, const RowPlan& plan, const float* const* 
   }
 }
 
+// Images that a stack without fringes averages for its texture: all but those that decoders ignore.
+std::vector<int> averaged_images(const PatternSequence& sequence) {
+  std::vector<int> images;
+  for (size_t i = 0; i < sequence.patterns.size(); ++i) {
+    const Coding coding = sequence.patterns[i].coding;
+    if (coding != Coding::extra && coding != Coding::product) images.push_back(static_cast<int>(i));
+  }
+  return images;
+}
+
 // Without fringes, the coordinate is the cell centre with a uniform error over the cell. Bits with cells near the
 // resolution of the lenses have low contrast, but reading them wrongly moves the coordinate by only a few cells.
 void gray_only_row(const GrayDecoder& gray, const RowPlan& plan, const DecodeOptions& options,
-                   const float* const* samples, int images, int width, const RowOutput& out) {
+                   const float* const* samples, const std::vector<int>& averaged, int width, const RowOutput& out) {
   const double cell = gray.cell_px();
   for (int i = 0; i < width; ++i) {
     const GrayDecoder::Reading reading = gray.read(plan, samples, i);
     float sum = 0;
-    for (int k = 0; k < images; ++k) sum += samples[k][i];
-    out.mean[i] = sum / static_cast<float>(images);
+    for (const int k : averaged) sum += samples[k][i];
+    out.mean[i] = sum / static_cast<float>(averaged.size());
     out.modulation[i] = reading.best_contrast_dn;
     const double coordinate = (reading.cell + 0.5) * cell - 0.5;
     const bool valid = static_cast<double>(reading.best_contrast_dn) >= options.min_modulation_dn &&
@@ -289,6 +299,7 @@ void assign_spatial_orders(DecodedStack& out, const DecodeOptions& options, doub
 Unwrapping resolve_unwrapping(const PatternSequence& sequence, const RigModel& rig, const DecodeOptions& options,
                               const DecodeContext& context) {
   check_options(options, "decode");
+  require_decoder(sequence, context.axis);
   if (options.unwrapping == Unwrapping::automatic) {
     if (const auto method = first_usable_method(sequence, rig, options, context)) return *method;
     const std::string reason = *obstacle(Unwrapping::multifrequency, sequence, rig, options, context);
@@ -409,6 +420,7 @@ void decode_into(DecodedStack& out, const FringeStack& stack, const RigModel& ri
   out.relative_phase.release();
   out.components.clear();
 
+  const std::vector<int> averaged = averaged_images(sequence);
   for_each_range(size.height, [&](int first, int end) {
     RowScratch scratch;
     RowReader reader(stack, context.aligned, scratch);
@@ -420,8 +432,7 @@ void decode_into(DecodedStack& out, const FringeStack& stack, const RigModel& ri
       const RowOutput target{out.mean[row],     out.modulation[row], out.wrapped_phase[row], out.coordinate_px[row],
                              out.sigma_px[row], out.confidence[row], out.fringe_order[row]};
       if (groups.empty()) {
-        gray_only_row(*gray, plan, options, scratch.samples.data(), static_cast<int>(stack.images.size()), size.width,
-                      target);
+        gray_only_row(*gray, plan, options, scratch.samples.data(), averaged, size.width, target);
         continue;
       }
       if (gray) gray_row(*gray, plan, scratch.samples.data(), scratch.anchor);

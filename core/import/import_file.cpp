@@ -4,16 +4,16 @@
 #include <fnmatch.h>
 
 #include <algorithm>
-#include <cctype>
 #include <cmath>
 #include <cstdlib>
 #include <fstream>
 #include <map>
 #include <numbers>
 #include <optional>
-#include <set>
 
+#include "core/import/file_names.h"
 #include "core/import/opencv_calibration.h"
+#include "core/import/projected.h"
 #include "core/io/yaml.h"
 #include "core/patterns/waveform.h"
 #include "core/rig/rig_file.h"
@@ -43,42 +43,22 @@ struct Entry {
   std::vector<std::string> files;
   std::vector<double> inverse_response;  // from `sequence`
   double offset_rad = 0;                 // phase shift of step 0 of `fringe`
+  std::vector<fs::path> projected = {};  // what the images show, to be recognized
 };
 
-// Formats a file name such as "img_{:02d}.png" or "img_%02d.png" with a number.
-std::string numbered(const YamlMap& map, const std::string& format, int number) {
-  const size_t brace = format.find('{'), percent = format.find('%');
-  const bool python = brace != std::string::npos;
-  const size_t begin = python ? brace : percent, end = format.find_first_of(python ? "}" : "d", begin);
-  const Error malformed =
-      map.error("files", "'" + format + "' must contain one number field such as {:02d} or %02d; or list the files");
-  if (begin == std::string::npos || end == std::string::npos) throw malformed;
-  std::string field = format.substr(begin + 1, end - begin - 1);  // ":02d", "02"
-  if (python) {
-    if (field.starts_with(":")) field.erase(0, 1);
-    if (field.ends_with("d")) field.pop_back();
-  }
-  const bool zeros = field.starts_with("0");
-  if (field.size() > 3 || !std::all_of(field.begin(), field.end(), [](unsigned char c) { return std::isdigit(c); }))
-    throw malformed;
-  const size_t width = field.empty() ? 0 : static_cast<size_t>(std::stoi(field));
-  std::string digits = std::to_string(number);
-  if (digits.size() < width) digits.insert(0, width - digits.size(), zeros ? '0' : ' ');
-  const std::string before = format.substr(0, begin), after = format.substr(end + 1);
-  if ((before + after).find_first_of("{}%") != std::string::npos) throw malformed;
-  return before + digits + after;
-}
-
 std::vector<std::string> entry_files(const Entry& entry) {
+  const size_t count = entry.patterns.size();
+  if (entry.single && count != 1)
+    throw entry.map.error(
+        "file", "'file' is one image, but the entry describes " + std::to_string(count) + " patterns; use `files`");
   if (entry.single) return {entry.map.text("file")};
   std::vector<std::string> files = entry.map.texts("files");
-  const size_t count = entry.patterns.size();
-  const bool is_format = files.size() == 1 && files[0].find_first_of("{%") != std::string::npos;
-  if (is_format) {
+  if (is_numbered(files)) {
     const std::string format = files[0];
     const int first = entry.map.integer_or("first", 0, {0, kMaxNumber});
     files.clear();
-    for (size_t i = 0; i < count; ++i) files.push_back(numbered(entry.map, format, first + static_cast<int>(i)));
+    for (size_t i = 0; i < count; ++i)
+      files.push_back(numbered(entry.map, "files", format, first + static_cast<int>(i)));
   }
   if (files.size() != count)
     throw entry.map.error("files",
@@ -96,9 +76,9 @@ double read_period(const YamlMap& map, int length_px, const Range& range) {
   return period;
 }
 
-// Phase offset from the other rig's convention to the one used here (see the header).
-double phase_offset_rad(const YamlMap& map, double period_px) {
-  double offset_deg = map.number_or("phase_offset_deg", 0, kPhaseDegrees);
+// Phase offset from the other rig's convention to the one used here (see the header); `key`: the offset at u' = 0.
+double phase_offset_rad(const YamlMap& map, double period_px, const std::string& key = "phase_offset_deg") {
+  double offset_deg = map.number_or(key, 0, kPhaseDegrees);
   if (map.has("wave") && map.choice("wave", {"cos", "sin"}) == "sin") offset_deg -= 90;
   const bool at_edge =
       map.has("coordinate_origin") && map.choice("coordinate_origin", {"pixel_centre", "pixel_edge"}) == "pixel_edge";
@@ -106,9 +86,14 @@ double phase_offset_rad(const YamlMap& map, double period_px) {
   return radians(offset_deg);
 }
 
-std::vector<double> read_shifts_deg(const YamlMap& map, bool single) {
+double read_shift_sign(const YamlMap& map) {
   const double sign = map.has("shift_sign") ? map.number("shift_sign", {-1, 1}) : 1;
   if (std::abs(sign) != 1) throw map.error("shift_sign", "'shift_sign' is 1 or -1");
+  return sign;
+}
+
+std::vector<double> read_shifts_deg(const YamlMap& map, bool single) {
+  const double sign = read_shift_sign(map);
   if (map.has("shift_deg")) {
     std::vector<double> shifts =
         single ? std::vector{map.number("shift_deg", kPhaseDegrees)} : map.numbers("shift_deg", 0, kPhaseDegrees);
@@ -133,6 +118,70 @@ std::vector<Pattern> read_fringe(const YamlMap& map, bool single, const cv::Size
   for (const double shift_deg : read_shifts_deg(map, single)) {
     pattern.shift_rad = std::remainder(offset_rad + radians(shift_deg), 2 * std::numbers::pi);
     patterns.push_back(pattern);
+  }
+  return patterns;
+}
+
+double wrapped_rad(double angle_rad) { return std::remainder(angle_rad, 2 * std::numbers::pi); }
+
+// One image for each period; `periods_px` instead of `period_px` lists several.
+std::vector<Pattern> read_extra(const YamlMap& map, bool single, const cv::Size& projector) {
+  Pattern pattern;
+  pattern.coding = Coding::extra;
+  pattern.axis = map.choice<Axis>("axis");
+  const int length_px = pattern.axis == Axis::columns ? projector.width : projector.height;
+  const double shift_deg = read_shift_sign(map) * map.number_or("shift_deg", 0, kPhaseDegrees);
+  const bool several = !single && map.has("periods_px");
+  std::vector<Pattern> patterns;
+  for (const double period_px :
+       several ? map.numbers("periods_px", 0, kImagePeriod) : std::vector{read_period(map, length_px, kImagePeriod)}) {
+    pattern.period_px = period_px;
+    pattern.shift_rad = wrapped_rad(phase_offset_rad(map, period_px) + radians(shift_deg));
+    patterns.push_back(pattern);
+  }
+  return patterns;
+}
+
+// Phase shifts of one cosine of a product: listed, or equal steps of a turn.
+std::vector<double> read_product_shifts_deg(const YamlMap& map, bool single, const std::string& prefix) {
+  constexpr int kMaxProductSteps = 64;
+  const double sign = read_shift_sign(map);
+  const std::string key = prefix + "shift_deg";
+  if (single) return {sign * map.number_or(key, 0, kPhaseDegrees)};
+  std::vector<double> shifts;
+  if (map.has(key)) {
+    for (const double shift : map.numbers(key, 0, kPhaseDegrees)) shifts.push_back(sign * shift);
+    return shifts;
+  }
+  const int steps = map.integer(prefix + "steps", {1, kMaxProductSteps});
+  for (int k = 0; k < steps; ++k) shifts.push_back(sign * k * 360 / steps);
+  return shifts;
+}
+
+// Two lists of shifts are those of each image; steps are combined, the carrier's first.
+std::vector<Pattern> read_product(const YamlMap& map, bool single, const cv::Size& projector) {
+  Pattern pattern;
+  pattern.coding = Coding::product;
+  pattern.axis = map.choice<Axis>("axis");
+  const int length_px = pattern.axis == Axis::columns ? projector.width : projector.height;
+  pattern.period_px = read_period(map, length_px, kImagePeriod);
+  pattern.carrier_px = map.number("carrier_px", kImagePeriod);
+  const double offset_rad = phase_offset_rad(map, pattern.period_px),
+               carrier_offset_rad = phase_offset_rad(map, pattern.carrier_px, "carrier_offset_deg");
+  const std::vector<double> shifts = read_product_shifts_deg(map, single, ""),
+                            carrier_shifts = read_product_shifts_deg(map, single, "carrier_");
+  const bool paired = !single && map.has("shift_deg") && map.has("carrier_shift_deg");
+  if (paired && shifts.size() != carrier_shifts.size())
+    throw map.error("carrier_shift_deg", "'shift_deg' lists " + std::to_string(shifts.size()) +
+                                             " shifts and 'carrier_shift_deg' " +
+                                             std::to_string(carrier_shifts.size()) + "; list one of each per image");
+  std::vector<Pattern> patterns;
+  for (size_t i = 0; i < shifts.size(); ++i) {
+    for (size_t k = paired ? i : 0; k < (paired ? i + 1 : carrier_shifts.size()); ++k) {
+      pattern.shift_rad = wrapped_rad(offset_rad + radians(shifts[i]));
+      pattern.carrier_shift_rad = wrapped_rad(carrier_offset_rad + radians(carrier_shifts[k]));
+      patterns.push_back(pattern);
+    }
   }
   return patterns;
 }
@@ -197,11 +246,15 @@ PatternSequence read_sequence(const YamlMap& map, const cv::Size& projector) {
 
 std::vector<Pattern> read_coding(const YamlMap& map, bool single, const cv::Size& projector, double& offset_rad) {
   const bool white = map.boolean_or("white", false), black = map.boolean_or("black", false);
-  if (map.has("fringe") + map.has("gray") + map.has("flat") + white + black != 1)
+  if (map.has("fringe") + map.has("gray") + map.has("flat") + map.has("extra") + map.has("product") + white + black !=
+      1)
     throw map.error(
-        "an entry of patterns must have exactly one of fringe, gray, flat, white: true, black: true and sequence");
+        "an entry of patterns must have exactly one of fringe, gray, flat, white: true, black: true, extra, product, "
+        "projected and sequence");
   if (map.has("fringe")) return read_fringe(map.map("fringe"), single, projector, offset_rad);
   if (map.has("gray")) return read_gray(map.map("gray"), single, projector);
+  if (map.has("extra")) return read_extra(map.map("extra"), single, projector);
+  if (map.has("product")) return read_product(map.map("product"), single, projector);
   if (white || black) return {flat(white ? 1 : 0)};
   if (single) return {flat(map.number("flat", {0, 1}))};
   std::vector<Pattern> patterns;
@@ -209,7 +262,7 @@ std::vector<Pattern> read_coding(const YamlMap& map, bool single, const cv::Size
   return patterns;
 }
 
-std::vector<Entry> read_entries(const YamlMap& map, const cv::Size& projector) {
+std::vector<Entry> read_entries(const YamlMap& map, const cv::Size& projector, const fs::path& folder) {
   std::vector<Entry> entries;
   for (const YamlMap& line : map.maps("patterns")) {
     Entry entry{line, line.has("file"), {}, {}, {}, 0};
@@ -219,6 +272,14 @@ std::vector<Entry> read_entries(const YamlMap& map, const cv::Size& projector) {
       PatternSequence sequence = read_sequence(line, projector);
       entry.patterns = std::move(sequence.patterns);
       entry.inverse_response = std::move(sequence.inverse_response);
+    } else if (line.has("projected")) {
+      for (const char* other : {"fringe", "gray", "flat", "white", "black", "extra", "product", "sequence"}) {
+        if (line.has(other))
+          throw line.error(other,
+                           "'projected' gives the patterns of this entry; remove it or '" + std::string(other) + "'");
+      }
+      entry.projected = projected_files(line, folder);
+      entry.patterns.resize(entry.projected.size());
     } else {
       entry.patterns = read_coding(line, entry.single, projector, entry.offset_rad);
     }
@@ -227,6 +288,22 @@ std::vector<Entry> read_entries(const YamlMap& map, const cv::Size& projector) {
   }
   if (entries.empty()) throw map.error("patterns", "'patterns' is empty; specify which file shows which pattern");
   return entries;
+}
+
+// Recognizes what the images of `projected` show.
+void recognize_entries(std::vector<Entry>& entries, const cv::Size& projector) {
+  std::vector<RecognizedPattern> recognized;
+  std::vector<Pattern> described;
+  for (const Entry& entry : entries) {
+    if (entry.projected.empty()) described.insert(described.end(), entry.patterns.begin(), entry.patterns.end());
+    for (const fs::path& file : entry.projected) recognized.push_back(recognize_file(entry.map, file, projector));
+  }
+  reconcile_patterns(recognized, described, projector);
+  auto next = recognized.begin();
+  for (Entry& entry : entries) {
+    if (entry.projected.empty()) continue;
+    for (Pattern& pattern : entry.patterns) pattern = (next++)->pattern;
+  }
 }
 
 PatternSequence sequence_of(const std::vector<Entry>& entries, const cv::Size& projector, const YamlMap& map) {
@@ -255,30 +332,6 @@ PatternSequence sequence_of(const std::vector<Entry>& entries, const cv::Size& p
 }
 
 // --- image files ---
-
-// Natural order: "pose2" before "pose10".
-bool natural_order_less(const std::string& a, const std::string& b) {
-  size_t i = 0, j = 0;
-  const auto is_digit = [](char c) { return std::isdigit(static_cast<unsigned char>(c)) != 0; };
-  const auto number_at = [&](const std::string& text, size_t& at) {
-    std::string digits;
-    for (; at < text.size() && is_digit(text[at]); ++at) digits += text[at];
-    digits.erase(0, std::min(digits.find_first_not_of('0'), digits.size()));
-    return digits;
-  };
-  while (i < a.size() && j < b.size()) {
-    if (is_digit(a[i]) && is_digit(b[j])) {
-      const std::string left = number_at(a, i), right = number_at(b, j);
-      if (left.size() != right.size()) return left.size() < right.size();
-      if (left != right) return left < right;
-    } else if (a[i] != b[j]) {
-      return a[i] < b[j];
-    } else {
-      ++i, ++j;
-    }
-  }
-  return a.size() - i != b.size() - j ? a.size() - i < b.size() - j : a < b;
-}
 
 std::vector<std::string> matching_folders(const fs::path& folder, const std::string& glob) {
   std::vector<std::string> names;
@@ -317,14 +370,6 @@ std::vector<fs::path> images_of(const fs::path& stack, const std::vector<Entry>&
     }
   }
   return images;
-}
-
-bool is_image(const fs::path& file) {
-  static const std::set<std::string> kExtensions = {".png", ".bmp",  ".tif", ".tiff", ".exr",
-                                                    ".jpg", ".jpeg", ".pgm", ".ppm",  ".webp"};
-  std::string extension = file.extension().string();
-  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  return kExtensions.count(extension) > 0;
 }
 
 // Throws Error for images that no entry names: they more likely indicate a mistake in the file than unrelated images.
@@ -555,17 +600,20 @@ ImportPlan read_import(const fs::path& config, const fs::path& folder) {
   plan.exposure_s = map.number_or("exposure_s", plan.exposure_s, {1e-9, 1e3});
   if (map.has("board")) plan.board_yaml = read_board(map.map("board"));
   const cv::Size projector(plan.rig.projector.width, plan.rig.projector.height);
-  const std::vector<Entry> entries = read_entries(map, projector);
+  std::vector<Entry> entries = read_entries(map, projector, folder);
   const std::vector<std::string> ignored = map.has("ignore") ? map.texts("ignore") : std::vector<std::string>{};
   const std::vector<fs::path> stacks = stack_folders(map, folder);
   map.finish();  // report misspelt keys before their consequences
+  recognize_entries(entries, projector);
   plan.sequence = sequence_of(entries, projector, map);
   apply(waveform, plan);
   for (const Entry& entry : entries)
     plan.offset_rad.insert(plan.offset_rad.end(), entry.patterns.size(), entry.offset_rad);
   for (const fs::path& stack : stacks) {
     plan.stacks.push_back(images_of(stack, entries));
-    check_unused_images(stack, plan.stacks.back(), ignored, map);
+    std::vector<fs::path> used = plan.stacks.back();
+    for (const Entry& entry : entries) used.insert(used.end(), entry.projected.begin(), entry.projected.end());
+    check_unused_images(stack, used, ignored, map);
     if (!image_times.empty()) plan.image_times_s.push_back(read_image_times(map, stack / image_times, plan));
   }
   return plan;

@@ -109,6 +109,10 @@ TrackedImage ImageTracker::track(const cv::Mat& image, const Pattern& expected, 
   TrackedImage result;
   result.timestamp_s = time_s;
   if (!estimator_ || !state_ || std::abs(time_s - state_->time_s) > options_.max_gap_s) return result;
+  if (expected.coding == Coding::product) {  // has no model, so nothing contradicts it
+    result.as_expected = true;
+    return result;
+  }
   const State state = at(time_s);
   const Matrix6d turn = turned_tangent(world_from_reference_.rotation);
   const Pose predicted = world_from_reference_.inverse() * state.world_from_camera;
@@ -124,6 +128,7 @@ TrackedImage ImageTracker::track(const cv::Mat& image, const Pattern& expected, 
   } else {
     std::vector<Pattern> candidates = {expected};
     for (const Pattern& pattern : sequence_.patterns) {
+      if (pattern.coding == Coding::product) continue;
       if (std::find(candidates.begin(), candidates.end(), pattern) == candidates.end()) candidates.push_back(pattern);
     }
     const ShownPattern shown = estimator_->shown_pattern(image, candidates, predicted, information);

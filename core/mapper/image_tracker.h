@@ -77,7 +77,8 @@ class ImageTracker {
   bool needs_reference() const;
 
   // Tracks the image that was exposed at `time_s` (middle) while `expected` should have been shown. An image that shows
-  // another pattern of the sequence is tracked with that one. Images have to come in the order of their times.
+  // another pattern of the sequence is tracked with that one. Images have to come in the order of their times. Images of
+  // products of cosines are not tracked.
   TrackedImage track(const cv::Mat& image, const Pattern& expected, double time_s);
 
   // Predicts the pose and the motion at a time, which may be slightly in the past. Empty without a reference, or if the

@@ -9,24 +9,56 @@ namespace fringeslam {
 
 namespace {
 
-std::vector<Pattern> axis_patterns(const SequenceDesign& design, Axis axis) {
+// Cell width of the Gray code's finest bit; 0: no Gray code.
+double finest_cell_px(const SequenceDesign& design) {
+  if (design.gray_cell_px > 0 || design.gray == GrayCode::none) return design.gray_cell_px;
+  if (design.periods_px.empty())
+    throw Error("patterns: a Gray code numbers fringe periods, but there are none; add periods_px or gray_cell_px");
+  const double period = *std::min_element(design.periods_px.begin(), design.periods_px.end());
+  return design.gray == GrayCode::complementary ? period / 2 : period;
+}
+
+std::vector<Pattern> gray_code(const SequenceDesign& design, Axis axis) {
+  std::vector<Pattern> patterns;
+  const double finest_px = finest_cell_px(design);
+  if (finest_px == 0) return patterns;
   const int length = axis == Axis::columns ? design.width : design.height;
-  std::vector<Pattern> patterns =
-      phase_shift_sequence(design.width, design.height, design.periods_px, design.steps, axis, design.bits).patterns;
-  double finest = design.gray_cell_px;
-  if (finest == 0) {
-    if (design.gray == GrayCode::none) return patterns;
-    if (design.periods_px.empty())
-      throw Error("patterns: a Gray code numbers fringe periods, but there are none; add periods_px or gray_cell_px");
-    const double period = *std::min_element(design.periods_px.begin(), design.periods_px.end());
-    finest = design.gray == GrayCode::complementary ? period / 2 : period;
-  }
-  for (Pattern pattern : gray_patterns(axis, finest, length, design.bits)) {
+  for (Pattern pattern : gray_patterns(axis, finest_px, length, design.bits)) {
     patterns.push_back(pattern);
     pattern.inverted = true;
     if (design.gray_inverted) patterns.push_back(pattern);
   }
   return patterns;
+}
+
+std::vector<Pattern> extra_patterns(const SequenceDesign& design, Axis axis) {
+  std::vector<Pattern> patterns;
+  for (const double period : design.extra_periods_px)
+    patterns.push_back({.axis = axis, .period_px = period, .bits = design.bits, .coding = Coding::extra});
+  return patterns;
+}
+
+std::vector<Pattern> products(const SequenceDesign& design, Axis axis) {
+  const auto fringes = [&](const std::vector<double>& periods_px) {
+    return phase_shift_sequence(design.width, design.height, periods_px, design.steps, axis, design.bits).patterns;
+  };
+  std::vector<Pattern> patterns;
+  for (Pattern pattern : fringes(design.product_periods_px)) {
+    pattern.coding = Coding::product;
+    pattern.carrier_px = design.carrier_px;
+    for (const Pattern& carrier : fringes({design.carrier_px})) {
+      pattern.carrier_shift_rad = carrier.shift_rad;
+      patterns.push_back(pattern);
+    }
+  }
+  return patterns;
+}
+
+void check_carrier(const SequenceDesign& design) {
+  if (design.carrier_px > 0 && design.product_periods_px.empty())
+    throw Error("patterns: carrier_px is the second period of products, but there are none; add product_periods_px");
+  if (design.carrier_px == 0 && !design.product_periods_px.empty())
+    throw Error("patterns: the second period of the products of product_periods_px is missing; add carrier_px");
 }
 
 Pattern flat_pattern(double level, int bits) {
@@ -43,13 +75,24 @@ PatternSequence design_sequence(const SequenceDesign& design) {
   PatternSequence sequence{design.width, design.height, {}};
   std::vector<Pattern>& all = sequence.patterns;
   const auto append = [&](const std::vector<Pattern>& more) { all.insert(all.end(), more.begin(), more.end()); };
-  if (design.columns) append(axis_patterns(design, Axis::columns));
-  if (design.rows) append(axis_patterns(design, Axis::rows));
+  check_carrier(design);
+  for (const Axis axis : {Axis::columns, Axis::rows}) {
+    if (!(axis == Axis::columns ? design.columns : design.rows)) continue;
+    append(
+        phase_shift_sequence(design.width, design.height, design.periods_px, design.steps, axis, design.bits).patterns);
+    append(gray_code(design, axis));
+    append(extra_patterns(design, axis));
+    append(products(design, axis));
+  }
   if (design.white_black) append({flat_pattern(1, design.bits), flat_pattern(0, design.bits)});
   for (int i = 0; i < design.ramp_levels; ++i)
     all.push_back(flat_pattern(static_cast<double>(i) / std::max(1, design.ramp_levels - 1), design.bits));
-  if (all.empty()) throw Error("patterns: the sequence is empty; specify periods_px, gray_cell_px or ramp_levels");
-  for (Pattern& pattern : all) pattern.dithered = design.dithered && pattern.coding == Coding::fringe;
+  if (all.empty())
+    throw Error(
+        "patterns: the sequence is empty; specify periods_px, gray_cell_px, extra_periods_px, product_periods_px or "
+        "ramp_levels");
+  for (Pattern& pattern : all)
+    pattern.dithered = design.dithered && pattern.coding != Coding::gray && pattern.coding != Coding::flat;
   return sequence;
 }
 

@@ -32,11 +32,16 @@ struct SequenceDesign {
   int ramp_levels = 0;         // equally spaced flat levels from black to white
   int bits = 8;
   bool dithered = false;
-  double gray_cell_px = 0;     // cells of a Gray code by itself, with or without fringes; 0: as `gray` states
+  double gray_cell_px = 0;  // cells of a Gray code by itself, with or without fringes; 0: as `gray` states
+  std::vector<double> extra_periods_px = {};    // one image each, with a shift of 0
+  std::vector<double> product_periods_px = {};  // `steps` shifts times `steps` shifts of the carrier, each
+  double carrier_px = 0;                        // period of the products' second cosine
 };
 
-// Builds the sequence: fringes period by period, then the Gray code, coarsest bit first; columns before rows; flat
-// images last. Throws Error if the sequence is empty or if a Gray code of fringe periods is requested without fringes.
+// Builds the sequence: fringes period by period, then the Gray code, coarsest bit first, then images of extra periods,
+// then products period by period, in which the carrier's shifts vary fastest; columns before rows; flat images last.
+// Throws Error if the sequence is empty, if a Gray code of fringe periods is requested without fringes, or if products
+// lack a carrier.
 PatternSequence design_sequence(const SequenceDesign& design);
 
 // Packs three grey images into one colour image (OpenCV's BGR) for a projector in black-and-white mode, which shows the

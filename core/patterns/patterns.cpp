@@ -95,7 +95,7 @@ std::vector<FringeGroup> fringe_groups(const PatternSequence& sequence, Axis axi
   for (const FringeGroup& group : groups) {
     if (distinct_shifts(group.shifts_rad) < 3)
       throw Error("patterns: period " + to_text(group.period_px) +
-                  " px has fewer than three distinct phase shifts; add steps");
+                  " px has fewer than three distinct phase shifts; add steps, or describe its images by `extra`");
   }
   std::stable_sort(groups.begin(), groups.end(),
                    [](const auto& a, const auto& b) { return a.period_px > b.period_px; });
@@ -109,6 +109,22 @@ PatternSequence finest_patterns(const PatternSequence& sequence, Axis axis) {
   if (groups.empty()) return finest;
   for (const int image : groups.back().images) finest.patterns.push_back(sequence.patterns[static_cast<size_t>(image)]);
   return finest;
+}
+
+bool codes_axis(const PatternSequence& sequence, Axis axis) {
+  return std::any_of(sequence.patterns.begin(), sequence.patterns.end(), [&](const Pattern& p) {
+    return p.axis == axis && (p.coding == Coding::fringe || p.coding == Coding::gray);
+  });
+}
+
+void require_decoder(const PatternSequence& sequence, Axis axis) {
+  const bool others = std::any_of(sequence.patterns.begin(), sequence.patterns.end(), [&](const Pattern& p) {
+    return p.axis == axis && (p.coding == Coding::extra || p.coding == Coding::product);
+  });
+  if (others && !codes_axis(sequence, axis))
+    throw Error(std::string("patterns: ") + to_string(axis) +
+                " are coded only by `extra` and `product` images, for which no decoder exists yet; add `fringe` images "
+                "with three or more phase shifts of a period, or a `gray` code");
 }
 
 std::vector<GrayBit> gray_bits(const PatternSequence& sequence, Axis axis) {
@@ -127,7 +143,11 @@ std::vector<GrayBit> gray_bits(const PatternSequence& sequence, Axis axis) {
 double ideal_intensity(const Pattern& pattern, double coordinate_px) {
   switch (pattern.coding) {
     case Coding::fringe:
+    case Coding::extra:
       return 0.5 + 0.5 * std::cos(absolute_phase(coordinate_px, pattern.period_px) + pattern.shift_rad);
+    case Coding::product:
+      return 0.5 + 0.5 * std::cos(absolute_phase(coordinate_px, pattern.period_px) + pattern.shift_rad) *
+                       std::cos(absolute_phase(coordinate_px, pattern.carrier_px) + pattern.carrier_shift_rad);
     case Coding::gray:
       return ((gray_cell(coordinate_px, pattern.period_px) + 1) >> 1) % 2 != (pattern.inverted ? 1 : 0) ? 1 : 0;
     case Coding::flat:

@@ -10,6 +10,12 @@
 //           number the periods of a fringe pattern. An additional bit with cells of p/2 makes the code
 //           complementary: the fringe order can then be decoded without relying on pixels at cell edges.
 //   flat    constant level: white, black, or one step of a grey ramp.
+//   extra   a single image of a fringe with a period of its own, as micro phase shifting projects in addition to the
+//           phase steps of one period. It has too few phase steps to determine a phase by itself.
+//   product 1/2 + 1/2 cos(Phi + delta) cos(Phi_c + delta_c), Phi_c with the period of a carrier, as modulated phase
+//           shifting projects.
+//
+// Fringes and Gray codes can be decoded; decoders ignore all other images, except for flat ones as thresholds.
 //
 // See docs/method.md, section 2.
 #pragma once
@@ -56,6 +62,12 @@ std::vector<FringeGroup> fringe_groups(const PatternSequence& sequence, Axis axi
 // Returns the sequence reduced to the finest period of one axis: what must be projected if fringe orders are already
 // known.
 PatternSequence finest_patterns(const PatternSequence& sequence, Axis axis);
+
+// True if the sequence has fringes or Gray bits along the axis: images that decoders use.
+bool codes_axis(const PatternSequence& sequence, Axis axis);
+
+// Throws Error if all images that code the axis are of codings without a decoder: `extra` and `product`.
+void require_decoder(const PatternSequence& sequence, Axis axis);
 
 // Returns the Gray bits of one axis, coarsest first.
 std::vector<GrayBit> gray_bits(const PatternSequence& sequence, Axis axis);

@@ -118,6 +118,7 @@ Wave wave_of(const Pattern& pattern) {
   wave.columns = pattern.axis == Axis::columns;
   switch (pattern.coding) {
     case Coding::fringe:
+    case Coding::extra:
       wave.turns_per_px = static_cast<float>(1 / pattern.period_px);
       wave.turns = static_cast<float>(0.5 / pattern.period_px + pattern.shift_rad / kTwoPi);
       break;
@@ -134,6 +135,8 @@ Wave wave_of(const Pattern& pattern) {
     case Coding::flat:
       wave.turns = static_cast<float>(std::acos(std::clamp(2 * pattern.level - 1, -1.0, 1.0)) / kTwoPi);
       break;
+    case Coding::product:
+      throw Error("image pose: images of products of cosines have no model; use fringes, Gray codes or flat images");
   }
   return wave;
 }

@@ -17,6 +17,7 @@ constexpr Range kFocal{1, 1e6};
 constexpr Range kCentre{-1e5, 1e5};
 constexpr Range kPeriod{2, 1e5};
 constexpr Range kCell{0.5, 1e5};
+constexpr Range kShift{-1e3, 1e3};
 constexpr Range kFraction{0, 1};
 
 // Minimum fraction of the image over which the lens mapping must be invertible. Calibrated polynomials of real lenses
@@ -197,23 +198,39 @@ Pattern read_pattern(const YamlMap& entry) {
     pattern.level = entry.number("level", kFraction);
   } else {
     pattern.axis = entry.choice<Axis>("axis");
-    pattern.period_px = entry.number("period_px", pattern.coding == Coding::fringe ? kPeriod : kCell);
+    pattern.period_px = entry.number("period_px", pattern.coding == Coding::gray ? kCell : kPeriod);
+    if (pattern.coding == Coding::gray)
+      pattern.inverted = entry.boolean_or("inverted", false);
+    else
+      pattern.shift_rad = entry.number("shift_rad", kShift);
   }
-  if (pattern.coding == Coding::fringe) pattern.shift_rad = entry.number("shift_rad", {-1e3, 1e3});
-  if (pattern.coding == Coding::gray) pattern.inverted = entry.boolean_or("inverted", false);
+  if (pattern.coding == Coding::product) {
+    pattern.carrier_px = entry.number("carrier_px", kPeriod);
+    pattern.carrier_shift_rad = entry.number("carrier_shift_rad", kShift);
+  }
   pattern.bits = entry.integer_or("bits", 8, {0, 16});
   pattern.dithered = entry.boolean_or("dithered", false);
   return pattern;
 }
 
+std::vector<double> read_periods(const YamlMap& map, const std::string& key) {
+  constexpr size_t kMostPeriods = 100;
+  std::vector<double> periods_px = map.numbers(key, 0, kPeriod);
+  if (periods_px.size() > kMostPeriods)
+    throw map.error(key, "'" + key + "' lists more than " + std::to_string(kMostPeriods) + " periods");
+  return periods_px;
+}
+
 std::string pattern_entry(const Pattern& p) {
   std::string text;
+  if (p.coding != Coding::fringe) text = std::string("coding: ") + to_string(p.coding) + ", ";
   if (p.coding == Coding::flat)
-    text = "coding: flat, level: " + to_text(p.level);
+    text += "level: " + to_text(p.level);
   else
-    text = std::string(p.coding == Coding::gray ? "coding: gray, " : "") + "axis: " + to_string(p.axis) +
-           ", period_px: " + to_text(p.period_px);
-  if (p.coding == Coding::fringe) text += ", shift_rad: " + to_text(p.shift_rad);
+    text += std::string("axis: ") + to_string(p.axis) + ", period_px: " + to_text(p.period_px);
+  if (p.coding != Coding::flat && p.coding != Coding::gray) text += ", shift_rad: " + to_text(p.shift_rad);
+  if (p.coding == Coding::product)
+    text += ", carrier_px: " + to_text(p.carrier_px) + ", carrier_shift_rad: " + to_text(p.carrier_shift_rad);
   if (p.inverted) text += ", inverted: true";
   text += ", bits: " + std::to_string(p.bits);
   if (p.dithered) text += ", dithered: true";
@@ -322,12 +339,13 @@ SequenceDesign read_design(const YamlMap& map, const RigModel& rig) {
   design.columns = axis != "rows";
   design.rows = axis != "columns";
   design.ramp_levels = map.integer_or("ramp_levels", 0, {0, 65536});
-  if (map.has("periods_px") || (design.ramp_levels == 0 && !map.has("gray_cell_px")))
-    design.periods_px = map.numbers("periods_px", 0, kPeriod);
-  constexpr size_t kMostPeriods = 100;
-  if (design.periods_px.size() > kMostPeriods)
-    throw map.error("periods_px", "'periods_px' lists more than " + std::to_string(kMostPeriods) + " periods");
-  if (!design.periods_px.empty()) design.steps = map.integer("steps", {3, 64});
+  const bool others = map.has("gray_cell_px") || map.has("extra_periods_px") || map.has("product_periods_px");
+  if (map.has("periods_px") || (design.ramp_levels == 0 && !others))
+    design.periods_px = read_periods(map, "periods_px");
+  if (map.has("extra_periods_px")) design.extra_periods_px = read_periods(map, "extra_periods_px");
+  if (map.has("product_periods_px")) design.product_periods_px = read_periods(map, "product_periods_px");
+  if (map.has("carrier_px")) design.carrier_px = map.number("carrier_px", kPeriod);
+  if (!design.periods_px.empty() || !design.product_periods_px.empty()) design.steps = map.integer("steps", {3, 64});
   design.gray = map.choice_or("gray", GrayCode::none);
   design.gray_cell_px = map.has("gray_cell_px") ? map.number("gray_cell_px", kCell) : 0;
   design.gray_inverted = map.boolean_or("gray_inverted", false);

@@ -9,23 +9,27 @@
 namespace fringeslam {
 
 enum class Axis { columns, rows };  // the coded projector coordinate
-enum class Coding { fringe, gray, flat };
+enum class Coding { fringe, gray, flat, extra, product };
 
 constexpr auto choices(Axis) { return std::to_array<Choice<Axis>>({{Axis::columns, "columns"}, {Axis::rows, "rows"}}); }
 
 constexpr auto choices(Coding) {
-  return std::to_array<Choice<Coding>>({{Coding::fringe, "fringe"}, {Coding::gray, "gray"}, {Coding::flat, "flat"}});
+  using enum Coding;
+  return std::to_array<Choice<Coding>>(
+      {{fringe, "fringe"}, {gray, "gray"}, {flat, "flat"}, {extra, "extra"}, {product, "product"}});
 }
 
 struct Pattern {
   Axis axis = Axis::columns;
-  double period_px = 0;  // fringe: period; gray: code cell width
-  double shift_rad = 0;  // fringe: delta
+  double period_px = 0;  // fringe, extra, product: period; gray: code cell width
+  double shift_rad = 0;  // fringe, extra, product: delta
   int bits = 8;          // grey-level bit depth of the projector; 0: continuous intensity, for numerical studies
   Coding coding = Coding::fringe;
-  bool inverted = false;  // gray: 1 - bit
-  double level = 0;       // flat: 0 black to 1 white
-  bool dithered = false;  // intermediate levels by error diffusion (1 bit: only black and white)
+  bool inverted = false;         // gray: 1 - bit
+  double level = 0;              // flat: 0 black to 1 white
+  bool dithered = false;         // intermediate levels by error diffusion (1 bit: only black and white)
+  double carrier_px = 0;         // product: period of the second cosine
+  double carrier_shift_rad = 0;  // product: its delta
   bool operator==(const Pattern&) const = default;
 };
 

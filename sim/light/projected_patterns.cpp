@@ -21,8 +21,8 @@ constexpr int kPerPixel = 4;
 int padded(int n) { return (n + kVector - 1) / kVector * kVector; }
 
 bool is_wave(const Pattern& pattern, const PatternSequence& sequence, const RigModel& rig) {
-  return pattern.coding == Coding::fringe && pattern.bits == 0 && sequence.inverse_response.empty() &&
-         rig.projector_response.empty();
+  const bool cosine = pattern.coding == Coding::fringe || pattern.coding == Coding::extra;
+  return cosine && pattern.bits == 0 && sequence.inverse_response.empty() && rig.projector_response.empty();
 }
 
 // Projected light of pixels with input levels from 0 to 1.

@@ -115,6 +115,43 @@ TEST(Patterns, ImageVariesAlongItsAxisOnly) {
   }
 }
 
+// A product of cosines is half the sum of the cosines of the sum and of the difference of the phases.
+TEST(Patterns, ProductIsTheSumOfTwoCosines) {
+  Pattern product{Axis::columns, 64, 0.3, 0, Coding::product};
+  product.carrier_px = 16;
+  product.carrier_shift_rad = -0.8;
+  for (double u = -0.5; u < 200; u += 3.7) {
+    const double sum = 2 * kPi * (u + 0.5) * (1.0 / 16 + 1.0 / 64) + 0.3 - 0.8,
+                 difference = 2 * kPi * (u + 0.5) * (1.0 / 16 - 1.0 / 64) - 0.8 - 0.3;
+    EXPECT_NEAR(ideal_intensity(product, u), 0.5 + 0.25 * (std::cos(sum) + std::cos(difference)), 1e-13);
+  }
+}
+
+TEST(Patterns, ExtraImageIsAFringe) {
+  Pattern extra{Axis::rows, 21.1, 0.3, 8, Coding::extra};
+  Pattern fringe = extra;
+  fringe.coding = Coding::fringe;
+  EXPECT_EQ(profile(extra, 300), profile(fringe, 300));
+}
+
+TEST(Patterns, WithoutADecoderBelongToNoGroup) {
+  PatternSequence sequence = phase_shift_sequence(1024, 768, {64}, 3, Axis::columns, 8);
+  for (const double shift : {0.0, 2.0, 4.0}) {
+    sequence.patterns.push_back({Axis::columns, 64, shift + 0.1, 8, Coding::extra});
+    sequence.patterns.push_back({Axis::columns, 64, shift + 0.1, 8, Coding::product});
+    sequence.patterns.push_back({Axis::rows, 64, shift + 0.1, 8, Coding::extra});
+  }
+  EXPECT_THAT(fringe_groups(sequence, Axis::columns).at(0).images, ElementsAre(0, 1, 2));
+  EXPECT_EQ(finest_patterns(sequence, Axis::columns).patterns.size(), 3U);
+  EXPECT_TRUE(fringe_groups(sequence, Axis::rows).empty());
+  EXPECT_TRUE(codes_axis(sequence, Axis::columns));
+  EXPECT_FALSE(codes_axis(sequence, Axis::rows));
+  EXPECT_NO_THROW(require_decoder(sequence, Axis::columns));
+  EXPECT_THAT(error_of([&] { require_decoder(sequence, Axis::rows); }),
+              HasSubstr("rows are coded only by `extra` and `product` images, for which no decoder exists yet; add "
+                        "`fringe` images"));
+}
+
 Pattern gray(double cell_px, bool inverted = false) {
   Pattern pattern{Axis::columns, cell_px, 0, 1, Coding::gray};
   pattern.inverted = inverted;
@@ -176,6 +213,31 @@ TEST(Design, SequenceHasWhatWasAskedFor) {
   }
   EXPECT_EQ(sequence.patterns.end()[-2].level, 1);
   EXPECT_EQ(sequence.patterns.back().level, 0);
+}
+
+TEST(Design, ExtraPeriodsAndProductsFollowTheGrayCode) {
+  SequenceDesign design{64, 48, true, true, {16}, 3, GrayCode::plain};
+  design.extra_periods_px = {21.1, 20.3};
+  design.product_periods_px = {32};
+  design.carrier_px = 8;
+  const std::vector<Pattern> patterns = design_sequence(design).patterns;
+  // Per axis 3 fringes, 2 bits, 2 extra images, 3 x 3 products.
+  ASSERT_EQ(patterns.size(), 2 * (3 + 2 + 2 + 9U));
+  EXPECT_EQ(patterns[5], (Pattern{Axis::columns, 21.1, 0, 8, Coding::extra}));
+  EXPECT_EQ(patterns[16 + 6], (Pattern{Axis::rows, 20.3, 0, 8, Coding::extra}));
+  for (int k = 0; k < 9; ++k) {
+    const Pattern& product = patterns[static_cast<size_t>(7 + k)];
+    EXPECT_EQ(product.coding, Coding::product);
+    EXPECT_EQ(product.period_px, 32);
+    EXPECT_EQ(product.carrier_px, 8);
+    EXPECT_NEAR(product.shift_rad, 2 * kPi / 3 * (k / 3 - 1), 1e-14);
+    EXPECT_NEAR(product.carrier_shift_rad, 2 * kPi / 3 * (k % 3 - 1), 1e-14);
+  }
+  design.carrier_px = 0;
+  EXPECT_THAT(error_of([&] { design_sequence(design); }), HasSubstr("add carrier_px"));
+  design.product_periods_px.clear();
+  design.carrier_px = 8;
+  EXPECT_THAT(error_of([&] { design_sequence(design); }), HasSubstr("add product_periods_px"));
 }
 
 TEST(Design, EmptyOrUnnumberedIsAnError) {

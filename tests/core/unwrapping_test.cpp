@@ -302,6 +302,56 @@ TEST(Gray, AFlatBitBetweenTwoFarCellsIsNotBelieved) {
   EXPECT_EQ(decode(stack, rig, by(Unwrapping::gray)).fringe_order(0), -1);
 }
 
+// Images of extra frequencies and products of cosines, before and after each image of a sequence.
+PatternSequence with_others(const PatternSequence& sequence) {
+  PatternSequence more{sequence.width, sequence.height, {}};
+  Pattern product{Axis::columns, 64, 0, 8, Coding::product};
+  product.carrier_px = 16;
+  for (const Pattern& pattern : sequence.patterns) {
+    const double period_px = pattern.coding == Coding::fringe ? pattern.period_px : 50;
+    more.patterns.push_back({Axis::columns, period_px, 0.4 + pattern.shift_rad, 8, Coding::extra});
+    more.patterns.push_back(pattern);
+    product.shift_rad += 1;
+    more.patterns.push_back(product);
+  }
+  return more;
+}
+
+TEST(ImagesWithoutADecoder, AreIgnored) {
+  SequenceDesign bits_alone = design_of({}, GrayCode::none);
+  bits_alone.gray_cell_px = 8;
+  bits_alone.white_black = true;
+  const RigModel rig = plain_rig();
+  const cv::Mat1d truth = support::ramp(1.2, 1021, 600);
+  for (const SequenceDesign& design :
+       {design_of({1040, 131, 16.5}), design_of({66, 62.5}), design_of({30}, GrayCode::complementary), bits_alone}) {
+    const PatternSequence alone = design_sequence(design), together = with_others(alone);
+    const DecodedStack expected = decode(fringe_stack(truth, alone, {}, CV_8UC1), rig, {}),
+                       found = decode(fringe_stack(truth, together, {}, CV_8UC1), rig, {});
+    EXPECT_EQ(found.unwrapping, expected.unwrapping);
+    for (const auto image : {&DecodedStack::mean, &DecodedStack::modulation, &DecodedStack::wrapped_phase,
+                             &DecodedStack::coordinate_px, &DecodedStack::sigma_px, &DecodedStack::confidence}) {
+      const cv::Mat1f &a = expected.*image, &b = found.*image;
+      for (int i = 0; i < 600; ++i) ASSERT_TRUE(a(i) == b(i) || (std::isnan(a(i)) && std::isnan(b(i)))) << i;
+    }
+    EXPECT_EQ(cv::countNonZero(found.fringe_order != expected.fringe_order), 0);
+  }
+}
+
+TEST(ImagesWithoutADecoder, AloneAreAnErrorThatNamesTheUsableCodings) {
+  SequenceDesign design = design_of({});
+  design.extra_periods_px = {21.1, 20.3, 22.4};
+  design.white_black = true;
+  const std::string says =
+      "patterns: columns are coded only by `extra` and `product` images, for which no decoder exists yet; add `fringe` "
+      "images with three or more phase shifts of a period, or a `gray` code";
+  for (const Unwrapping method : {Unwrapping::automatic, Unwrapping::gray, Unwrapping::spatial})
+    EXPECT_EQ(error_of([&] { resolve_unwrapping(design_sequence(design), plain_rig(), by(method)); }), says);
+  const PatternSequence sequence = design_sequence(design);
+  EXPECT_EQ(error_of([&] { decode(fringe_stack(support::ramp(1, 1000, 50), sequence, {}, CV_8UC1), plain_rig(), {}); }),
+            says);
+}
+
 TEST(Errors, SayWhatTheSequenceLacks) {
   const RigModel rig = plain_rig();
   const auto error = [&](Unwrapping method, const SequenceDesign& design) {

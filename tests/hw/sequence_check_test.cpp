@@ -102,6 +102,11 @@ std::vector<Case> cases() {
     all.push_back({design({1040}), gamma});
     all.push_back({design({1040}, GrayCode::none, 8), gamma});
     all.push_back({design({64}, GrayCode::complementary), gamma});
+    SequenceDesign others = design({1040, 131, 16.5});
+    others.extra_periods_px = {21.1, 20.3};
+    others.product_periods_px = {64};
+    others.carrier_px = 14;
+    all.push_back({others, gamma});
   }
   return all;
 }

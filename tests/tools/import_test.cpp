@@ -344,6 +344,210 @@ TEST(Import, OurOwnPatternsAreImportedByTheirFile) {
               HasSubstr("import.yaml:4: shown/patterns.yaml is for a projector of 64x32 px, but this one has 63x32"));
 }
 
+// --- patterns given as images ---
+
+// The import described by what was projected is that described by numbers.
+TEST(Import, ARenderedStackDescribedByItsProjectedImagesHasTheSamePatterns) {
+  const test::TempFolder temp;
+  test::write_small_scene(temp / "scene");
+  test::run_successfully({"render", (temp / "scene").string(), "--out", (temp / "data").string(), "--quiet", "--set",
+                          "render.samples_per_pixel=1", "--with",
+                          "patterns={steps: 3, periods_px: [1040, 131, 16.5], gray: plain, white_black: true, "
+                          "extra_periods_px: [21.1, 20.3]}"});
+  fs::create_directories(temp / "shown");
+  const PatternSequence shown = read_patterns(temp / "data/patterns.yaml");
+  for (size_t i = 0; i < shown.patterns.size(); ++i)
+    write_image(temp / "shown" / (std::to_string(i) + ".png"), pattern_image(shown.patterns[i], shown));
+  const auto imported = [&](const std::string& name, const std::string& patterns) {
+    test::write_bytes(temp / (name + ".yaml"),
+                      "name: small\nnear_m: 0.7\nfar_m: 1.4\nstacks: [\"000000\", \"000001\"]\n"
+                      "projector: {width_px: 1024, height_px: 768}\npatterns:\n" +
+                          patterns);
+    test::run_successfully({"import", (temp / "data/stacks").string(), "--config", (temp / (name + ".yaml")).string(),
+                            "--out", (temp / name).string(), "--quiet"});
+    return test::read_bytes(temp / name / "patterns.yaml");
+  };
+  const std::string fringes = "fringe: {axis: columns, shift_deg: [-120, 0, 120], coordinate_origin: pixel_edge, ";
+  const std::string described =
+      imported("described", "  - {files: \"%02d.png\", " + fringes + "period_px: 1040}}\n" +
+                                "  - {files: \"%02d.png\", first: 3, " + fringes + "period_px: 131}}\n" +
+                                "  - {files: \"%02d.png\", first: 6, " + fringes + "period_px: 16.5}}\n" +
+                                "  - {files: \"%02d.png\", first: 9, gray: {axis: columns, period_px: 16.5}}\n" +
+                                "  - {files: [15.png, 16.png], extra: {axis: columns, periods_px: [21.1, 20.3], "
+                                "coordinate_origin: pixel_edge}}\n"
+                                "  - {file: 17.png, white: true}\n  - {file: 18.png, black: true}\n");
+  EXPECT_EQ(imported("by_folder", "  - {files: \"%02d.png\", projected: shown}\n"), described);
+  EXPECT_EQ(imported("by_number", "  - {files: \"%02d.png\", projected: \"shown/%d.png\"}\n"), described);
+  // Entries of one sequence may mix both.
+  EXPECT_EQ(imported("mixed", "  - {files: \"%02d.png\", " + fringes + "period_px: 1040}}\n" +
+                                  "  - {file: 03.png, projected: shown/3.png}\n" +
+                                  "  - {files: [04.png, 05.png], projected: [shown/4.png, shown/5.png]}\n" +
+                                  "  - {files: \"%02d.png\", first: 6, projected: \"shown/{}.png\"}\n"),
+            described);
+}
+
+class ImportProjected : public testing::Test {
+ protected:
+  static constexpr const char* kYaml =
+      "name: x\nprojector: {width_px: 256, height_px: 16}\npatterns:\n"
+      "  - {files: \"c%d.png\", projected: \"p%d.png\"}\n";
+  void SetUp() override {
+    for (int k = 0; k < 3; ++k) {
+      capture(k);
+      show(k, {Axis::columns, 32, kTwoPi * k / 3});
+    }
+  }
+  void capture(int k) const { write_image(temp_ / ("c" + std::to_string(k) + ".png"), cv::Mat1b(6, 8, uchar{9})); }
+  void show(int k, const Pattern& pattern) const {
+    write_image(temp_ / ("p" + std::to_string(k) + ".png"), pattern_image(pattern, {256, 16, {}}));
+  }
+  PatternSequence sequence(const std::string& yaml = kYaml) const {
+    test::write_bytes(temp_ / "import.yaml", yaml);
+    return read_import(temp_ / "import.yaml", temp_.path()).sequence;
+  }
+  std::string error(const std::string& yaml = kYaml) const {
+    return message_of([&] { sequence(yaml); });
+  }
+  std::string at(const std::string& name) const { return (temp_ / name).string(); }
+
+  test::TempFolder temp_;
+};
+
+TEST_F(ImportProjected, ImagesMayLieAmongTheCaptures) {
+  const PatternSequence found = sequence();
+  ASSERT_EQ(found.patterns.size(), 3U);
+  EXPECT_EQ(fringe_groups(found, Axis::columns).at(0).period_px, 32);
+  for (int k = 0; k < 3; ++k)
+    EXPECT_NEAR(std::remainder(found.patterns[static_cast<size_t>(k)].shift_rad - kTwoPi * k / 3, kTwoPi), 0, 1e-12);
+}
+
+TEST_F(ImportProjected, PeriodsOfFewerThanThreeImagesAreExtra) {
+  capture(3);
+  show(3, {Axis::columns, 21.1, 0});
+  EXPECT_EQ(sequence().patterns[3], (Pattern{Axis::columns, 21.1, 0, 8, Coding::extra}));
+}
+
+TEST_F(ImportProjected, OneUsedChannelIsThePattern) {
+  const cv::Mat pattern = read_grey(temp_ / "p1.png"), dark = cv::Mat1b(pattern.size(), uchar{0});
+  cv::Mat blue;
+  cv::merge(std::vector<cv::Mat>{dark, dark, pattern}, blue);
+  write_image(temp_ / "p1.png", blue);
+  EXPECT_EQ(fringe_groups(sequence(), Axis::columns).at(0).images.size(), 3U);
+  cv::Mat packed;
+  cv::merge(std::vector<cv::Mat>{read_grey(temp_ / "p0.png"), pattern, read_grey(temp_ / "p2.png")}, packed);
+  write_image(temp_ / "p1.png", packed);
+  EXPECT_EQ(error(), at("import.yaml") + ":4: " + at("p1.png") +
+                         ": its colour channels differ; store the pattern of each channel as a grey image and list "
+                         "these");
+}
+
+TEST_F(ImportProjected, WhatIsNotRecognizedIsNamedWithItsFile) {
+  write_image(temp_ / "p1.png", cv::Mat1b(16, 128, uchar{0}));
+  EXPECT_THAT(error(), StartsWith(at("import.yaml") + ":4: " + at("p1.png") +
+                                  ": is 128x16 px but the projector has 256x16 px; "));
+  PatternSequence gamma{256, 16, {}};
+  for (int i = 0; i <= 256; ++i) gamma.inverse_response.push_back(std::pow(i / 256.0, 1 / 2.2));
+  write_image(temp_ / "p1.png", pattern_image({Axis::columns, 32, 0.3}, gamma));
+  EXPECT_THAT(error(), HasSubstr(at("p1.png") + ": is not a cosine (the best one leaves "));
+  EXPECT_THAT(error(), HasSubstr("a monotone function of one along columns, of period 3"));
+  Pattern product{Axis::columns, 64, 0.3, 8, Coding::product};
+  product.carrier_px = 12;
+  show(1, product);
+  EXPECT_THAT(error(), HasSubstr(at("p1.png") + ": is neither flat nor a Gray code bit nor a cosine"));
+}
+
+TEST_F(ImportProjected, EntriesThatDoNotFitAreRefused) {
+  const auto with = [&](const std::string& from, const std::string& to) {
+    return error(test::replaced(kYaml, from, to));
+  };
+  EXPECT_THAT(with("p%d.png", "q%d.png"), HasSubstr(":4: q0.png is not an image next to this file or in "));
+  EXPECT_THAT(with("\"p%d.png\"", "[p0.png, p1.png]"),
+              HasSubstr("no entry uses: c2.png, p2.png; describe them, or add `ignore"));
+  EXPECT_THAT(with("\"c%d.png\"", "[c0.png, c1.png]"), HasSubstr("lists 2 images, but the entry describes 3 patterns"));
+  EXPECT_THAT(with("files: \"c%d.png\"", "file: c0.png"),
+              HasSubstr("'file' is one image, but the entry describes 3 patterns; use `files`"));
+  EXPECT_THAT(with("projected:", "white: true, projected:"),
+              HasSubstr(":4: 'projected' gives the patterns of this entry; remove it or 'white'"));
+  show(1, {Axis::columns, 32, 0});
+  EXPECT_THAT(error(), HasSubstr(":4: this pattern is a duplicate of an earlier one"));
+}
+
+// --- codings that are described but not decoded ---
+
+TEST(Import, ExtraImagesAndProductsAreDescribed) {
+  const test::TempFolder temp;
+  for (int i = 0; i < 10; ++i) write_image(temp / (std::to_string(i) + ".png"), cv::Mat1b(4, 4, uchar{0}));
+  const auto patterns = [&](const std::string& entries, int count) {
+    std::string ignored = "ignore: [none";
+    for (int i = count; i < 10; ++i) ignored += ", " + std::to_string(i) + ".png";
+    test::write_bytes(temp / "import.yaml",
+                      "name: x\nprojector: {width_px: 64, height_px: 32}\n" + ignored + "]\npatterns:\n" + entries);
+    return read_import(temp / "import.yaml", temp.path()).sequence.patterns;
+  };
+  const auto extra = patterns(
+      "  - {file: 0.png, extra: {axis: rows, number_of_periods: 4, shift_deg: 90, coordinate_origin: pixel_edge}}\n"
+      "  - {files: \"%d.png\", first: 1, extra: {axis: columns, periods_px: [10, 12], wave: sin}}\n",
+      3);
+  EXPECT_EQ(extra[0].axis, Axis::rows);
+  EXPECT_EQ(extra[0].period_px, 8);
+  EXPECT_NEAR(extra[0].shift_rad, kTwoPi / 4, 1e-14);
+  EXPECT_EQ(extra[2].coding, Coding::extra);
+  for (double u = 0; u < 64; ++u)
+    EXPECT_NEAR(ideal_intensity(extra[2], u), 0.5 + 0.5 * std::sin(kTwoPi * u / 12), 1e-13);
+
+  const auto shown = [](double u, double shift_deg, double carrier_deg) {
+    return 0.5 + 0.5 * std::cos(kTwoPi * (u / 16 + shift_deg / 360)) * std::cos(kTwoPi * (u / 5 + carrier_deg / 360));
+  };
+  const auto steps = patterns(
+      "  - {files: \"%d.png\", product: {axis: columns, period_px: 16, carrier_px: 5, steps: 3, carrier_steps: 2, "
+      "phase_offset_deg: 10, carrier_offset_deg: 20}}\n",
+      6);
+  for (int i = 0; i < 6; ++i) {
+    for (double u = 0; u < 64; ++u)
+      EXPECT_NEAR(ideal_intensity(steps[static_cast<size_t>(i)], u), shown(u, 10 + 120 * (i / 2), 20 + 180 * (i % 2)),
+                  1e-13);
+  }
+  const auto listed = patterns(
+      "  - {files: \"%d.png\", product: {axis: columns, period_px: 16, carrier_px: 5, shift_deg: [0, 30], "
+      "carrier_shift_deg: [90, 45], shift_sign: -1}}\n"
+      "  - {file: 2.png, product: {axis: columns, period_px: 16, carrier_px: 5, carrier_shift_deg: 7}}\n",
+      3);
+  for (double u = 0; u < 64; ++u) {
+    EXPECT_NEAR(ideal_intensity(listed[1], u), shown(u, -30, -45), 1e-13);
+    EXPECT_NEAR(ideal_intensity(listed[2], u), shown(u, 0, 7), 1e-13);
+  }
+  EXPECT_THAT(message_of([&] {
+                patterns(
+                    "  - {files: \"%d.png\", product: {axis: columns, period_px: 16, carrier_px: 5, "
+                    "shift_deg: [0, 30], carrier_shift_deg: [90, 45, 0]}}\n",
+                    2);
+              }),
+              HasSubstr("'shift_deg' lists 2 shifts and 'carrier_shift_deg' 3; list one of each per image"));
+}
+
+// Such images can be imported; decoding says what is missing.
+TEST(Import, StacksWithoutADecoderAreNotDecoded) {
+  const test::TempFolder temp;
+  fs::create_directories(temp / "in");
+  for (int i = 0; i < 3; ++i) {
+    cv::Mat1b noise(48, 64);
+    cv::RNG(static_cast<uint64_t>(i)).fill(noise, cv::RNG::UNIFORM, 0, 200);
+    write_image(temp / ("in/" + std::to_string(i) + ".png"), noise);
+  }
+  test::write_bytes(temp / "in/import.yaml",
+                    "name: x\nprojector: {width_px: 64, height_px: 32}\npatterns:\n  - {files: \"%d.png\", extra: "
+                    "{axis: columns, periods_px: [10, 11, 12]}}\n");
+  const std::string data = (temp / "data").string();
+  EXPECT_THAT(test::run_successfully({"import", (temp / "in").string(), "--out", data}).err,
+              HasSubstr("warning: the described conventions were not checked: patterns: columns are coded only by"));
+  const test::Finished decoded = test::run_program({"decode", data, "--out", (temp / "out").string()});
+  EXPECT_EQ(decoded.exit_code, 2);
+  EXPECT_EQ(decoded.err, "fringeslam: " + data +
+                             ": patterns: columns are coded only by `extra` and `product` images, for which no decoder "
+                             "exists yet; add `fringe` images with three or more phase shifts of a period, or a `gray` "
+                             "code\n");
+}
+
 // --- images ---
 
 TEST(ReadAsGrey, EqualChannelsAreThemselvesOthersByTheRule) {
@@ -756,6 +960,32 @@ patterns:
   EXPECT_NEAR(quantile(0.5), 0.728, 0.002);
   EXPECT_NEAR(quantile(0.02), 0.697, 0.006);
   EXPECT_NEAR(quantile(0.97), 0.771, 0.006);
+}
+
+// Micro phase shifting: three steps of one period and one image of each of four others.
+TEST(Captures, WaxbowlIsDescribed) {
+  const char* captures = std::getenv("FRINGESLAM_CAPTURES");
+  const fs::path waxbowl = captures ? fs::path(captures) / "waxbowl" : fs::path();
+  if (waxbowl.empty() || !fs::is_directory(waxbowl))
+    GTEST_SKIP() << "set FRINGESLAM_CAPTURES to the folder that contains waxbowl/ (see core/rig/README.md)";
+  const test::TempFolder temp;
+  test::write_bytes(temp / "import.yaml", R"(name: waxbowl
+projector: {width_px: 1024, height_px: 768}
+ignore: [column_x16.png]
+patterns:
+  - {files: "%d.png", fringe: {axis: columns, period_px: 21.489, steps: 3}}
+  - {files: "%d.png", first: 3, extra: {axis: columns, periods_px: [21.123, 20.266, 21.822, 22.047]}}
+)");
+  const std::string data = (temp / "data").string();
+  test::run_successfully(
+      {"import", waxbowl.string(), "--config", (temp / "import.yaml").string(), "--out", data, "--quiet"});
+  const PatternSequence sequence = read_patterns(temp / "data/patterns.yaml");
+  ASSERT_EQ(sequence.patterns.size(), 7U);
+  EXPECT_EQ(fringe_groups(sequence, Axis::columns).at(0).images.size(), 3U);
+  for (size_t i = 3; i < 7; ++i) EXPECT_EQ(sequence.patterns[i].coding, Coding::extra);
+  // The fringes are decoded, with relative phases.
+  test::run_successfully({"decode", data, "--out", (temp / "out").string(), "--format", "npy", "--quiet"});
+  EXPECT_TRUE(fs::exists(temp / "out/000000/relative_phase.npy"));
 }
 
 TEST(Captures, SkullIsImportedWithItsNoiseAndMapped) {

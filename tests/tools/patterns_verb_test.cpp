@@ -60,6 +60,33 @@ TEST_F(Patterns, PixelsOfTheFilesAreTheIdealIntensities) {
   }
 }
 
+TEST_F(Patterns, ExtraPeriodsAndProductsAreWritten) {
+  write({"--size", "64x48", "--periods", "16", "--extra-periods", "21.1,20.3", "--product-periods", "32", "--carrier",
+         "8", "--axis", "both"});
+  const PatternSequence written = sequence();
+  ASSERT_EQ(written.patterns.size(), 2 * (3 + 2 + 9U));
+  EXPECT_EQ(written.patterns[3].coding, Coding::extra);
+  EXPECT_EQ(written.patterns[5].coding, Coding::product);
+  for (size_t i = 0; i < written.patterns.size(); ++i) {
+    const cv::Mat1b pixels = image(number(i));
+    for (int row = 0; row < 48; ++row) {
+      for (int col = 0; col < 64; ++col)
+        ASSERT_NEAR(pixels(row, col), 255 * wanted(written.patterns[i], row, col), 0.5 + 1e-3) << i;
+    }
+  }
+}
+
+TEST_F(Patterns, OfASceneMayBeExtraPeriodsAndProducts) {
+  test::write_bytes(temp_ / "scene/scene.yaml",
+                    test::replaced(test::kSmallScene, "  periods_px: [1040, 131, 16.5]",
+                                   "  extra_periods_px: [21.1]\n  product_periods_px: [64, 32]\n  carrier_px: 16"));
+  test::write_bytes(temp_ / "scene/rig.yaml", to_yaml(test::thesis_rig_reduced(2)));
+  write({"--scene", (temp_ / "scene").string()});
+  ASSERT_EQ(sequence().patterns.size(), 1 + 2 * 9U);
+  EXPECT_EQ(sequence().patterns[0], (Pattern{Axis::columns, 21.1, 0, 8, Coding::extra}));
+  EXPECT_EQ(sequence().patterns[10].period_px, 32);
+}
+
 TEST_F(Patterns, MoreThanEightBitsAreSixteenBitFiles) {
   write({"--size", "40x4", "--periods", "40", "--bits", "10"});
   const cv::Mat1w pixels = image("001.png");
@@ -125,6 +152,9 @@ TEST_F(Patterns, BadOptionsAreRefused) {
   expect_refused({"--size", "64x48", "--rig", "rig.yaml", periods, "16"}, "excludes");
   expect_refused({"--size", "64x48", periods, "16", "--linearise"}, "needs --rig");
   expect_refused({"--size", "64x48"}, "the sequence is empty");
+  expect_refused({"--size", "64x48", "--product-periods", "16"}, "is missing; add carrier_px");
+  expect_refused({"--size", "64x48", periods, "16", "--carrier", "8"}, "there are none; add product_periods_px");
+  expect_refused({"--size", "64x48", "--extra-periods", "1"}, "--extra-periods");
   expect_refused({"--size", "64x48", "--gray", "plain"}, "a Gray code numbers fringe periods");
   expect_refused({"--size", "64x48", periods, "16", "--steps", "2"}, "--steps");
   expect_refused({"--size", "64x48", periods, "1"}, "--periods");

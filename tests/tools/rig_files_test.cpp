@@ -227,6 +227,24 @@ TEST(PatternsFile, ReadsBackToTheLastBit) {
   EXPECT_TRUE(read_patterns(temp / "patterns.yaml") == sequence);
 }
 
+TEST(PatternsFile, EveryCodingReadsBack) {
+  PatternSequence sequence{1024, 768, {}};
+  sequence.patterns.push_back({Axis::rows, 21.1, 1 / 3.0, 8, Coding::extra});
+  Pattern product{Axis::columns, 1024 / 7.0, -0.1, 10, Coding::product};
+  product.carrier_px = 50 / 3.0;
+  product.carrier_shift_rad = 2 / 7.0;
+  sequence.patterns.push_back(product);
+  sequence.patterns.push_back({.axis = Axis::rows, .period_px = 3.7, .coding = Coding::gray, .inverted = true});
+  sequence.patterns.push_back({.coding = Coding::flat, .level = 1 / 3.0});
+  const test::TempFolder temp;
+  const std::string text = to_yaml(sequence);
+  test::write_bytes(temp / "patterns.yaml", text);
+  EXPECT_TRUE(read_patterns(temp / "patterns.yaml") == sequence);
+  test::write_bytes(temp / "patterns.yaml", test::replaced(text, "carrier_px", "carrier"));
+  EXPECT_THAT(message_of([&] { read_patterns(temp / "patterns.yaml"); }),
+              HasSubstr("patterns.yaml:5: 'carrier_px' is missing"));
+}
+
 TEST(PatternsFile, ErrorsSayFileAndLine) {
   const test::TempFolder temp;
   const std::string good = to_yaml(phase_shift_sequence(1024, 768, {1040}, 3, Axis::columns, 8));
