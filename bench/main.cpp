@@ -102,7 +102,8 @@ int main(int argc, char** argv) {
       ->delimiter(',');
   app.add_option("--json", json_file, "Write the rows as JSON to this file (- for standard output)");
   app.add_flag("--quick", context.quick, "Fewer samples: a rough estimate");
-  app.add_option("--minutes", context.minutes, "Stop rows over random motions after this time; their n is what they reached")
+  app.add_option("--minutes", context.minutes,
+                 "Stop rows over random motions after this time; their n is what they reached")
       ->check(CLI::Range(0.01, 1e5));
   app.add_flag("--list", list, "List all rows");
   app.add_option("--suite", suite, "The rows of bench/accuracy/suites/NAME.yaml: ci, full")->excludes("--only");

@@ -96,8 +96,8 @@ std::vector<Row> image_pose_rows(const Context& context) {
     errors.views.print("views");
     errors.finest.print("images, finest fringes");
     errors.others.print("images, other patterns");
-    ratios.push_back(std::max(errors.finest.rms_m() / errors.views.rms_m(),
-                              errors.finest.rms_rad() / errors.views.rms_rad()));
+    ratios.push_back(
+        std::max(errors.finest.rms_m() / errors.views.rms_m(), errors.finest.rms_rad() / errors.views.rms_rad()));
     lost += errors.finest.lost;
     images += errors.finest.lost + errors.finest.count;
   }

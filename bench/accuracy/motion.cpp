@@ -227,9 +227,9 @@ std::vector<Row> wrong_rows(const Context& context) {
   int wrong = 0, views = 0, lost = 0;
   std::array<int, 4> wrong_of{}, lost_of{}, views_of{};
   int done = 0;
-  const auto start = std::chrono::steady_clock::now();
+  const auto began = std::chrono::steady_clock::now();
   const auto in_time = [&] {
-    const std::chrono::duration<double> passed = std::chrono::steady_clock::now() - start;
+    const std::chrono::duration<double> passed = std::chrono::steady_clock::now() - began;
     return context.minutes == 0 || passed.count() < 60 * context.minutes;
   };
   for (int number = 1; number <= motions && in_time(); ++number, ++done) {
