@@ -133,11 +133,40 @@ double gray_blur_px(const FringeStack& stack, const cv::Mat1b& mask) {
   return least * 4 * bits.back().cell_px;  // a bit's period has four cells
 }
 
+// Returns the black level of each pixel: the darkest of its coarser Gray bits, which lies far from the edges of most of
+// them. Empty with fewer than four bits.
+cv::Mat black_of_gray_code(const FringeStack& stack) {
+  constexpr size_t kLeastBits = 4;
+  const std::vector<GrayBit> bits = gray_bits(stack.patterns, Axis::columns);
+  cv::Mat black;
+  for (size_t b = 0; bits.size() >= kLeastBits && b + 1 < bits.size(); ++b) {
+    if (bits[b].image < 0) continue;
+    const cv::Mat& image = stack.images[static_cast<size_t>(bits[b].image)];
+    black = black.empty() ? image.clone() : cv::Mat(cv::min(black, image));
+  }
+  return black;
+}
+
+// Blur of fringes from their modulation relative to their mean above black, which are equal without blur.
+double fringe_blur_px(const FringeStack& stack, const FringeGroup& group, const cv::Mat1b& mask, const RigModel& rig) {
+  const cv::Mat black = black_of_gray_code(stack);
+  if (black.empty()) return 0;
+  const DecodedStack decoded = decode(stack, rig, {});
+  const double ratio = median_over(mask, [&](int row, int col) {
+    return static_cast<double>(decoded.modulation(row, col)) /
+           (static_cast<double>(decoded.mean(row, col)) - static_cast<double>(grey_value(black, row, col)));
+  });
+  return ratio > 0 && ratio < 1 ? group.period_px * std::sqrt(-std::log(ratio) / 2) / std::numbers::pi : 0;
+}
+
 // Blur of projector and camera together, projector px, from the lower modulation of the finest period: a period p keeps
-// exp(-2 pi^2 sigma^2 / p^2). With a single period, from the Gray code.
+// exp(-2 pi^2 sigma^2 / p^2). With a single period, from the contrast of the Gray code, or else from its black level.
 double blur_px(const FringeStack& stack, const cv::Mat1b& mask, const RigModel& rig) {
   const std::vector<FringeGroup> groups = fringe_groups(stack.patterns, Axis::columns);
-  if (groups.size() < 2) return gray_blur_px(stack, mask);
+  if (groups.size() < 2) {
+    const double by_contrast = gray_blur_px(stack, mask);
+    return by_contrast > 0 || groups.empty() ? by_contrast : fringe_blur_px(stack, groups.front(), mask, rig);
+  }
   const cv::Mat1f coarse = modulation_of(stack, groups.front(), rig), fine = modulation_of(stack, groups.back(), rig);
   const double ratio =
       median_over(mask, [&](int row, int col) { return static_cast<double>(fine(row, col) / coarse(row, col)); });
