@@ -161,7 +161,7 @@ int calibrate(const CalibrateResponseArguments& arguments, const Common& common)
   if (by_periods && axes_of_several_periods(sequence).empty())
     throw Error(
         arguments.dataset +
-        ": contains neither a grey ramp of 5 levels or more, nor 8 or more steps of a period, nor three or more "
+        ": contains neither a grey ramp of 5 levels or more nor 8 or more steps of a period, nor three or more "
         "steps of several periods; render or capture patterns with `ramp_levels: 33`, `steps: 12` or "
         "`periods_px: [1040, 131, 16.5]`");
   if (!sequence.inverse_response.empty())

@@ -795,8 +795,8 @@ std::string reason_for_no_depth(const FringeStack& stack, const RigModel& rig) {
            "saturation";
   if (fit.ordered < 0.01)
     return percent_of(fit.ordered) +
-           " of the lit pixels have a consistent fringe order; check the order of the images, shift_sign, the periods "
-           "and the bits of the Gray code";
+           " of the lit pixels have a consistent fringe order; check the order of the images, shift_sign, the periods, "
+           "the bits of the Gray code and, with `fringeslam calibrate response`, the projector's response";
   if (fit.in_range < 0.01)
     return "depths are about " + number(std::round(1e4 * fit.median_depth_m) / 1e4) +
            " m, outside the range from near_m = " + number(rig.near_m) + " to far_m = " + number(rig.far_m) +

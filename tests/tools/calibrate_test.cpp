@@ -132,6 +132,22 @@ TEST_F(Calibrate, ResponseOfAGamma) {
   EXPECT_THAT(refused.err, HasSubstr("neither a grey ramp of 5 levels or more nor 8 or more steps"));
 }
 
+// The usual sequence shows the response, too. Without it, the images seem to be of a moving camera; with it, they are mapped.
+TEST_F(Calibrate, ResponseOfSeveralPeriods) {
+  const std::string dataset =
+      rendered("bent", "{steps: 3, periods_px: [1040, 131, 16.5]}", "{grain: plain, albedo: 0.75}", "{}", "2.2");
+  const json printed =
+      json::parse(run_program({"calibrate", "response", dataset, "--out", at("response"), "--json"}).out);
+  EXPECT_NEAR(printed.at("gamma"), 2.2, 0.06);
+  EXPECT_EQ(read_rig(temp_ / "response/rig.yaml").phase_correction.steps, 3);
+  const auto lost = run_program({"run", dataset, "--out", at("lost"), "--quiet", "--no-report"});
+  EXPECT_EQ(lost.exit_code, 1);
+  EXPECT_THAT(lost.err, HasSubstr("calibrate response"));
+  const auto mapped =
+      run_program({"run", dataset, "--rig", at("response/rig.yaml"), "--out", at("mapped"), "--quiet", "--no-report"});
+  EXPECT_EQ(mapped.exit_code, 0) << mapped.err;
+}
+
 TEST_F(Calibrate, NoiseOfTheCamera) {
   const std::string material =
       "{grain: checkerboard, columns: 9, rows: 9, spacing_m: 0.02, albedo: 0.8, print_albedo: 0.1}";
