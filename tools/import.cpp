@@ -81,16 +81,10 @@ ImportedNoise noise_of(const ImportPlan& plan) {
 
 // Compares the described conventions with alternatives on the first stack. Throws Error if one fits far better; returns
 // warnings otherwise.
-std::vector<std::string> check_of(const ImportPlan& plan, const SensorModel& sensor,
-                                  const std::optional<RigModel>& calibration) {
-  ImportedRig rig(plan);
-  if (calibration) rig.recalibrate(*calibration);
-  rig.set_sensor(sensor);
-  const auto stack = rig.capture(rig.sequence());
-  if (!stack) return {};
+std::vector<std::string> convention_warnings(const ImportPlan& plan, const FringeStack& stack, const RigModel& rig) {
   ConventionReport report;
   try {
-    report = check_conventions(*stack, rig.model(), plan.offset_rad);
+    report = check_conventions(stack, rig, plan.offset_rad);
   } catch (const Error& e) {
     return {"the described conventions were not checked: " + std::string(e.what())};
   }
@@ -103,15 +97,12 @@ std::vector<std::string> check_of(const ImportPlan& plan, const SensorModel& sen
 
 // Returns a warning if the phases of two periods disagree in a way that repeats with the phase: waveforms that are not the
 // described sinusoids bias three-step phases by several percent of a period.
-std::vector<std::string> waveform_warnings(const ImportPlan& plan, const SensorModel& sensor) {
+std::vector<std::string> waveform_warnings(const FringeStack& stack, const RigModel& rig) {
   constexpr double kLeast_rad = 0.03, kLeast_px = 0.1, kSigmas = 5;
-  ImportedRig rig(plan);
-  rig.set_sensor(sensor);
-  const auto stack = rig.capture(rig.sequence());
-  if (!stack) return {};
+  if (!rig.phase_correction.offset_rad.empty()) return {};
   std::optional<PeriodDeviation> worst;
   for (const Axis axis : {Axis::columns, Axis::rows}) {
-    for (const PeriodDeviation& deviation : period_deviations(stack->images, stack->patterns, axis, sensor, {})) {
+    for (const PeriodDeviation& deviation : period_deviations(stack.images, stack.patterns, axis, rig.sensor, {})) {
       const bool significant = deviation.rms_rad > std::max(kLeast_rad, kSigmas * deviation.sigma_rad);
       if (significant && deviation.rms_px() > kLeast_px && (!worst || deviation.rms_rad > worst->rms_rad))
         worst = deviation;
@@ -128,6 +119,19 @@ std::vector<std::string> waveform_warnings(const ImportPlan& plan, const SensorM
   return {text};
 }
 
+// Compares the first stack with its description.
+std::vector<std::string> check_of(const ImportPlan& plan, const SensorModel& sensor,
+                                  const std::optional<RigModel>& calibration) {
+  ImportedRig rig(plan);
+  if (calibration) rig.recalibrate(*calibration);
+  rig.set_sensor(sensor);
+  const auto stack = rig.capture(rig.sequence());
+  if (!stack) return {};
+  std::vector<std::string> warnings = convention_warnings(plan, *stack, rig.model());
+  for (std::string& warning : waveform_warnings(*stack, rig.model())) warnings.push_back(std::move(warning));
+  return warnings;
+}
+
 int import_folder(const fs::path& source, const fs::path& config, const std::string& out, const std::string& rig_file,
                   bool check, const Common& common) {
   std::optional<RigModel> calibration;
@@ -139,11 +143,6 @@ int import_folder(const fs::path& source, const fs::path& config, const std::str
   ImportedNoise noise = noise_of(plan);
   if (check) {
     for (std::string& warning : check_of(plan, noise.sensor, calibration)) noise.warnings.push_back(std::move(warning));
-  }
-  const bool corrected = !plan.rig.phase_correction.offset_rad.empty() ||
-                         (calibration && !calibration->phase_correction.offset_rad.empty());
-  if (check && !corrected) {
-    for (std::string& warning : waveform_warnings(plan, noise.sensor)) noise.warnings.push_back(std::move(warning));
   }
   ImportedRig rig(std::move(plan));
   if (calibration) rig.recalibrate(*calibration);

@@ -82,7 +82,7 @@ std::vector<VictimCandidate> read_victims(const fs::path& file) {
   return victims;
 }
 
-// Of the images that decoders use.
+// Images that decoders use.
 double finest_period(const PatternSequence& sequence) {
   double finest = std::numeric_limits<double>::infinity();
   for (const Pattern& pattern : sequence.patterns) {

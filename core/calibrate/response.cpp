@@ -381,9 +381,7 @@ PeriodPhases phases_of(const std::vector<cv::Mat>& images, const FringeGroup& gr
     images[static_cast<size_t>(i)].convertTo(image, CV_32F);
     result.images.push_back(image);
   }
-  const double first = *std::min_element(group.shifts_rad.begin(), group.shifts_rad.end());
-  const auto steps = static_cast<double>(group.images.size());
-  result.to_table_rad = first + std::numbers::pi * (steps - 1) / steps;
+  result.to_table_rad = kTwoPi * turns_from_centred(group.shifts_rad);
   const cv::Size size = result.images.front().size();
   result.phase_rad = cv::Mat1d(size, std::numeric_limits<double>::quiet_NaN());
   result.modulation_dn = cv::Mat1d(size, 0.0);

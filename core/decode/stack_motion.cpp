@@ -222,8 +222,7 @@ class Problem {
     if (period.phase_error_turns.empty() || rig_.projector_response.empty()) return;
     period.mean_ripple = mean_ripple_of(rig_.projector_response, rig_.phase_correction.steps);
     period.mean_ripple.push_back(period.mean_ripple.front());
-    const double first = *std::min_element(group.shifts_rad.begin(), group.shifts_rad.end());
-    period.centre_turns = first / kTwoPi + 0.5 * (rig_.phase_correction.steps - 1) / rig_.phase_correction.steps;
+    period.centre_turns = turns_from_centred(group.shifts_rad);
   }
 
   // Removes the errors of a nonlinear projector.

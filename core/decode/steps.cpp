@@ -74,12 +74,10 @@ StepEstimator least_squares(const FringeGroup& group) {
 
 // The phase error of N steps depends on phi + delta_0, so the table for centred steps is shifted for other steps.
 std::vector<float> correction_of(const FringeGroup& group, const PhaseCorrection& correction) {
-  const auto steps = static_cast<double>(group.images.size());
   if (correction.offset_rad.empty() || correction.steps != static_cast<int>(group.images.size()) ||
       !equally_spaced(group.shifts_rad))
     return {};
-  const double first = *std::min_element(group.shifts_rad.begin(), group.shifts_rad.end());
-  const double shift_turns = first / kTwoPi + 0.5 * (steps - 1) / steps;
+  const double shift_turns = turns_from_centred(group.shifts_rad);
   std::vector<double> closed = correction.offset_rad;
   closed.push_back(closed.front());
   const auto offset_turns = [&](double turns) {

@@ -402,7 +402,7 @@ void unite_cells(std::vector<RecognizedPattern>& recognized, const std::vector<P
   const double finest_px = (*std::min_element(bits.begin(), bits.end(), [](const Pattern* a, const Pattern* b) {
                              return a->period_px < b->period_px;
                            }))->period_px;
-  // Of the finest bit, given all bits.
+  // Cell widths of the finest bit that agree with all bits.
   CellRange common{0, static_cast<double>(length)};
   for (const Pattern* bit : bits) {
     const CellRange own = cells_with(edges_of(*bit, length), length);

@@ -23,6 +23,11 @@ bool equally_spaced(const std::vector<double>& shifts_rad) {
   return std::find(seen.begin(), seen.end(), false) == seen.end();
 }
 
+double turns_from_centred(const std::vector<double>& shifts_rad) {
+  const auto steps = static_cast<double>(shifts_rad.size());
+  return *std::min_element(shifts_rad.begin(), shifts_rad.end()) / kTwoPi + 0.5 * (steps - 1) / steps;
+}
+
 std::vector<double> gamma_table(double gamma, int entries) {
   std::vector<double> table;
   for (int i = 0; i < entries; ++i) table.push_back(std::pow(static_cast<double>(i) / (entries - 1), gamma));

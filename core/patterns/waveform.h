@@ -12,6 +12,10 @@ namespace fringeslam {
 // Returns true if the shifts are k 2 pi / N for k = 0 ... N - 1 in any order, up to a common offset.
 bool equally_spaced(const std::vector<double>& shifts_rad);
 
+// Returns by how many turns the first of equally spaced shifts lies before that of steps centred on zero: tables over the
+// phase of centred steps are read at the phase plus this.
+double turns_from_centred(const std::vector<double>& shifts_rad);
+
 // Returns the table of a power law, light = level^gamma, with equally spaced levels from 0 to 1.
 std::vector<double> gamma_table(double gamma, int entries = 257);
 
