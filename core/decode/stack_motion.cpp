@@ -154,7 +154,6 @@ class Problem {
   }
 
   size_t periods() const { return periods_.size(); }
-  const std::vector<Period>& all_periods() const { return periods_; }
 
   // Depth slopes of the finest fringes; see depth_slopes().
   std::vector<DepthSlope> slopes(const cv::Mat1f& known_m, const CameraMotion& motion, int stride) {
@@ -481,45 +480,6 @@ namespace {
 
 constexpr int kLeastResiduals = 100;
 
-// Starting point for displacements of many pixels: the shift between the mean images of the two coarsest periods, whose
-// fringes hardly drift, by phase correlation; explained by rotation and translation in proportion to the prior.
-Vector12d coarse_motion(const FringeStack& stack, const std::vector<Period>& periods, const RigModel& rig,
-                        double distance_m, const MotionPrior& prior) {
-  constexpr double kLeastResponse = 0.02, kLeast_px = 1.5;
-  Vector12d motion = to_vector(prior.motion);
-  cv::Mat1f means[2];
-  double time_s[2] = {};
-  for (int i = 0; i < 2; ++i) {
-    const std::vector<size_t>& images = periods[static_cast<size_t>(i)].images;
-    for (const size_t k : images) {
-      cv::Mat1f image;
-      stack.images[k].convertTo(image, CV_32F, 1 / static_cast<double>(images.size()));
-      if (means[i].empty())
-        means[i] = image;
-      else
-        means[i] += image;
-      time_s[i] += stack.exposure_time_s[k] / static_cast<double>(images.size());
-    }
-    cv::Mat1f slow;
-    cv::blur(means[i], slow, {31, 31});
-    means[i] = (means[i] - slow) / (slow + 1);
-  }
-  cv::Mat window;
-  cv::createHanningWindow(window, means[0].size(), CV_32F);
-  double response = 0;
-  const cv::Point2d shift = cv::phaseCorrelate(means[0], means[1], window, &response);
-  if (response < kLeastResponse || std::hypot(shift.x, shift.y) < kLeast_px) return motion;
-  const double dt = time_s[1] - time_s[0];
-  const Vector2d rate(shift.x / (rig.camera.fx * dt), shift.y / (rig.camera.fy * dt));
-  const double by_shift = prior.covariance(3, 3) / (distance_m * distance_m), by_turn = prior.covariance(0, 0);
-  const double share = by_shift / (by_shift + by_turn);
-  motion[0] = (1 - share) * rate.y();
-  motion[1] = -(1 - share) * rate.x();
-  motion[3] = -share * distance_m * rate.x();
-  motion[4] = -share * distance_m * rate.y();
-  return motion;
-}
-
 struct Level {
   double blur_px;
   int stride, iterations;
@@ -536,9 +496,10 @@ Matrix12d systematic_covariance() {
   return sigmas.cwiseAbs2().asDiagonal();
 }
 
-// Residuals of neighbouring pixels share their errors; `stride`: between the pixels of the sums.
+constexpr double kSharing_px2 = 1600;  // area within which residuals share their errors
+
+// `stride`: between the pixels of the sums.
 Matrix12d motion_covariance(const MotionSums& sums, int stride) {
-  constexpr double kSharing_px2 = 1600;
   return std::max(1.0, kSharing_px2 / (stride * stride)) *
              inverse_positive_definite(Eigen::MatrixXd(sums.information)) +
          systematic_covariance();
@@ -553,12 +514,16 @@ MotionSums with_prior(MotionSums sums, const Matrix12d& information, const Vecto
   return sums;
 }
 
-// Minimises the robust cost of one level by Levenberg-Marquardt: where texture is fine, full steps overshoot.
+// Minimises the robust cost of one level by Levenberg-Marquardt: where texture is fine, full steps overshoot. Returns true
+// if the last step is small relative to the sigmas that motion_covariance() reports.
 bool minimise(Problem& problem, const Level& level, const Matrix12d& information, const Vector12d& prior,
               Vector12d& motion, MotionSums& sums) {
-  constexpr double kSettledSigmas = 0.5, kStuck = 1e6;
+  constexpr double kSettledSigmas = 0.1, kStuck = 1e6;
+  // The kernel's weights change with the motion, so that Gauss-Newton steps are too short: successful ones get longer.
+  constexpr double kLonger = 1.5, kLongest = 5;
+  const double sharing = std::max(1.0, kSharing_px2 / (level.stride * level.stride));
   problem.blur(level.blur_px);
-  double damping = 1e-3, cost = std::numeric_limits<double>::infinity();
+  double damping = 1e-3, factor = 1, cost = std::numeric_limits<double>::infinity();
   Vector12d tried = motion;
   for (int iteration = 0; iteration < level.iterations; ++iteration) {
     const MotionSums here = problem.linearise(to_motion(tried), level.stride, level.outlier_sigma);
@@ -568,16 +533,18 @@ bool minimise(Problem& problem, const Level& level, const Matrix12d& information
       motion = tried;
       sums = with_prior(here, information, motion - prior);
       damping = std::max(1e-6, 0.2 * damping);
+      factor = std::min(kLongest, iteration > 0 ? kLonger * factor : 1);
     } else {
-      damping = std::max(1e-3, 10 * damping);
+      if (factor == 1) damping = std::max(1e-3, 10 * damping);
+      factor = 1;
       if (damping > kStuck) return false;
     }
     Matrix12d damped = sums.information;
     damped.diagonal() *= 1 + damping;
     const Vector12d step = solve_positive_definite(Eigen::MatrixXd(damped), Eigen::VectorXd(-sums.gradient));
     if (!step.allFinite()) return false;
-    tried = motion + step;
-    if (std::sqrt(step.dot(sums.information * step)) < kSettledSigmas) return true;
+    tried = motion + factor * step;
+    if (std::sqrt(step.dot(sums.information * step) / sharing) < kSettledSigmas) return true;
   }
   return false;
 }
@@ -601,7 +568,6 @@ StackMotion estimate_stack_motion(const FringeStack& stack, const RigModel& rig,
   if (wide) levels = {{12, 8, 15, 200}, {6, 8, 15, 60}, {3, 8, 15, 30}, {1.5, 8, 12, 20}, fine};
   const Vector12d start = to_vector(prior.motion);
   Vector12d motion = start;
-  if (wide) motion = coarse_motion(stack, problem.all_periods(), rig, cv::mean(depth_m)[0], prior);
   // Accelerations are held near zero until the velocity is right.
   Matrix12d rigid = prior.covariance;
   rigid.bottomRightCorner<6, 6>() *= 1e-4;

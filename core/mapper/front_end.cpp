@@ -4,10 +4,12 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "core/base/constants.h"
 #include "core/base/stage_clock.h"
+#include "core/decode/texture_flow.h"
 #include "core/patterns/patterns.h"
 
 namespace fringeslam {
@@ -219,18 +221,46 @@ void FringeFrontEnd::compensate_motion(ReconstructedView& view, const FringeStac
     depth = triangulated_depth();
   }
   MotionPrior start = *prior.motion;
-  for (int round = 0; round < 2; ++round) {
+  MotionSearch search = MotionSearch::close;
+  bool aligned = predicted;
+  const auto align = [&] {
+    decode_aligned(depth, start.motion);
+    depth = triangulated_depth();
+    aligned = true;
+  };
+  if (!predicted) {
     enter_stage("motion");
-    view.motion = estimate_stack_motion(stack, rig_, rays_, depth, start,
-                                        predicted || round > 0 ? MotionSearch::close : MotionSearch::wide);
-    if (!view.motion->converged) break;
-    if (round == 0 && !is_moving(*view.motion)) {
+    const std::optional<CameraMotion> rough = motion_from_texture(stack, rig_, rays_, depth, start);
+    if (rough) {
+      start.motion = *rough;
+      align();
+    } else {
+      search = MotionSearch::wide;
+    }
+  }
+  // A rough depth with many wrong fringe orders leaves large residuals at the right motion, too; that of the stack aligned
+  // with a motion near it is better.
+  constexpr int kRounds = 4;
+  constexpr double kImproved = 0.9;
+  double last_rms = std::numeric_limits<double>::infinity();
+  for (int round = 0; round < kRounds; ++round) {
+    enter_stage("motion");
+    view.motion = estimate_stack_motion(stack, rig_, rays_, depth, start, search);
+    search = MotionSearch::close;
+    const bool improved = view.motion->residuals > 0 && view.motion->rms_sigma < kImproved * last_rms;
+    last_rms = view.motion->rms_sigma;
+    if (!view.motion->converged && !improved) break;
+    if (round == 0 && view.motion->converged && !is_moving(*view.motion)) {
       view.motion->motion = {};
       view.motion->residuals = 0;
-      return;
+      if (!aligned) return;
+      decode_into(view, stack, decoding, nullptr);
+      break;
     }
     decode_aligned(depth, view.motion->motion);
-    if (round == 0) depth = triangulated_depth();
+    aligned = true;
+    if (view.motion->converged && round > 0) break;
+    depth = triangulated_depth();
     if (!predicted) start.motion = view.motion->motion;
   }
   reconstruct_frame(view);

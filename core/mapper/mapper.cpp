@@ -141,7 +141,7 @@ void Mapper::restart() {
 }
 
 // Reconstructs the view, unless that requires the depth predicted by the map. If the stack alone does not determine the
-// motion, it is estimated again with the prediction.
+// motion, it is estimated again with the prediction, and without it if the prediction does not lead to a motion.
 void Mapper::reconstruct_unless_predicted(FrameResult& result, MapperInput& input,
                                           const std::optional<Prediction>& predicted) const {
   if (input.view)
@@ -151,9 +151,9 @@ void Mapper::reconstruct_unless_predicted(FrameResult& result, MapperInput& inpu
   result.complete = !input.needs_prior;
   if (result.complete && result.motion_unknown() && input.reconstruct) {
     const ReconstructedView rough = result;  // shares its images
-    reconstruct(
-        result, input,
-        {nullptr, predicted ? predicted->motion : unknown_motion(options_.registration.motion_prior), false, &rough});
+    if (predicted) reconstruct(result, input, {nullptr, predicted->motion, false, &rough});
+    if (result.motion_unknown())
+      reconstruct(result, input, {nullptr, unknown_motion(options_.registration.motion_prior), false, &rough});
   }
   if (result.complete && options_.registration.tracking.landmarks == LandmarkViews::every_frame) find_landmarks(result);
 }
