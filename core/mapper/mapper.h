@@ -114,6 +114,7 @@ class Mapper {
   // The first keyframe, to be re-decoded once later views determine its motion better than its own stack.
   struct FirstKeyframe {
     MapperInput input;
+    MotionPrior own;   // estimated from its own stack
     size_t views = 4;  // in the track when it is re-decoded
   };
 

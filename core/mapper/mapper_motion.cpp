@@ -69,10 +69,25 @@ Mapper::FrameMotion Mapper::add_motion_uncertainty(FrameResult& result, const Ma
   return own;
 }
 
+namespace {
+
+// Combines two independent estimates of a motion.
+MotionPrior fused(const MotionPrior& one, const MotionPrior& other) {
+  const Matrix12d information = inverse_positive_definite(Eigen::MatrixXd(one.covariance)),
+                  added = inverse_positive_definite(Eigen::MatrixXd(other.covariance));
+  MotionPrior both = one;
+  both.covariance = inverse_positive_definite(Eigen::MatrixXd(information + added));
+  const Vector12d change = both.covariance * (added * (to_vector(other.motion) - to_vector(one.motion)));
+  both.motion = to_motion(to_vector(one.motion) + change);
+  return both;
+}
+
+}  // namespace
+
 // Keeps the first stack if its motion has to be determined better.
 void Mapper::note_first_keyframe(const FrameResult& result, MapperInput input) {
   if (result.tracking == Tracking::first && result.in_motion() && input.reconstruct)
-    first_keyframe_ = FirstKeyframe{std::move(input)};
+    first_keyframe_ = FirstKeyframe{std::move(input), {result.motion->motion, result.motion->covariance}};
 }
 
 // Re-decodes the first keyframe as soon as the views after it determine its motion better than its own stack, and
@@ -100,6 +115,7 @@ void Mapper::improve_first_keyframe() {
   motion.covariance.topRightCorner<6, 6>() *= -1;
   motion.covariance.bottomLeftCorner<6, 6>() *= -1;
   vibration_.widen(motion.covariance);
+  motion = fused(motion, first.own);
   if (!first.input.depth_slopes) return;
   ReconstructedView view = first.input.reconstruct({nullptr, motion, true});
   if (!view.motion) return;
@@ -109,7 +125,9 @@ void Mapper::improve_first_keyframe() {
       register_motion(last_frame_, view.frame, rig_.camera, last_from_first, first.input.depth_slopes(view, kStride),
                       view.motion->motion, motion);
   if (!found.valid) return;
-  const MotionPrior known{to_motion(to_vector(view.motion->motion) + found.step), found.motion_covariance};
+  MotionPrior known{to_motion(to_vector(view.motion->motion) + found.step), found.motion_covariance};
+  // The ripples of the last view's depth, which its own motion left, resemble those of the keyframe.
+  if (last_motion_) known.covariance += last_motion_->covariance;
   view = first.input.reconstruct({nullptr, known, true});
   const IcpResult moved =
       point_to_plane_icp(last_frame_, view.frame, rig_.camera, found.target_from_source, options_.registration.icp);
@@ -123,7 +141,7 @@ void Mapper::improve_first_keyframe() {
   map_.replace_frame(0, view.frame, new_from_old);
   keyframe_motion_[0] = frame_motion(view, first.input, view.frame, {});
   image_keyframe_ = -1;
-  if (first.views < kMostViews) first_keyframe_ = FirstKeyframe{first.input, 2 * first.views};
+  if (first.views < kMostViews) first_keyframe_ = FirstKeyframe{first.input, first.own, 2 * first.views};
 }
 
 // Predicts the motion during a stack from that of the last one, with accelerations in between.

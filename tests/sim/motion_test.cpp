@@ -7,8 +7,10 @@
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <opencv2/core.hpp>
 
 #include "core/decode/stack_motion.h"
+#include "core/decode/texture_flow.h"
 #include "core/mapper/pipeline.h"
 #include "core/types/linear_algebra.h"
 #include "sim/virtual_rig.h"
@@ -150,6 +152,42 @@ TEST(MovingStack, CompleteStacksEstimateTheirMotion) {
   }
 }
 
+// Between the images of one period, the texture moves by up to 20 px, and the depth decoded as at rest has many wrong
+// fringe orders.
+TEST(MovingStack, TextureShowsFastMotions) {
+  const double turn = 60 * std::numbers::pi / 180;
+  const std::pair<Eigen::Vector3d, Eigen::Vector3d> motions[] = {
+      {{0.6, 0, 0}, {0, 0, turn}}, {{0, -0.8, 0}, {0, turn, 0}}, {{0.3, 0.3, -0.3}, {-turn, 0.5 * turn, 0}}};
+  for (const auto& [velocity, angular] : motions) {
+    const MovingView moving(velocity, angular, true);
+    const RigModel& rig = moving.scene.rig;
+    const FringeFrontEnd front_end(rig, moving.scene.patterns, {});
+    const ReconstructedView at_rest = front_end.reconstruct(moving.view.stack, {});
+    cv::Mat1f depth_m;
+    cv::extractChannel(at_rest.frame.points_m, depth_m, 2);
+    const std::optional<CameraMotion> rough = motion_from_texture(
+        moving.view.stack, rig, moving.rays, filled_depth(depth_m, rig.middle_range_m()), unknown_motion({}));
+    ASSERT_TRUE(rough);
+    // Rotation and translation are hardly distinguishable; their common displacement of surfaces is known.
+    const Eigen::Vector3d middle(0, 0, rig.middle_range_m());
+    const auto flow_m_s = [&](const Eigen::Vector3d& w, const Eigen::Vector3d& v) {
+      return Eigen::Vector3d(w.cross(middle) + v);
+    };
+    EXPECT_LT((flow_m_s(rough->angular_rad_s, rough->velocity_m_s) - flow_m_s(angular, velocity)).norm(), 0.1);
+    const ReconstructedView view = front_end.reconstruct(moving.view.stack, {nullptr, unknown_motion({})});
+    ASSERT_TRUE(view.motion && view.motion->converged);
+    EXPECT_LT((view.motion->motion.velocity_m_s - velocity).norm(), 0.05);
+    EXPECT_LT((view.motion->motion.angular_rad_s - angular).norm(), 0.05);
+  }
+}
+
+TEST(MovingStack, NoTextureShowsNoMotion) {
+  MovingView still({0, 0, 0}, {0, 0, 0}, true);
+  for (cv::Mat& image : still.view.stack.images) image.setTo(100);
+  EXPECT_FALSE(motion_from_texture(still.view.stack, still.scene.rig, still.rays,
+                                   cv::Mat1f(still.view.truth.depth_m.size(), 1.f), unknown_motion({})));
+}
+
 // Along the baseline, drift turns steps of 120 degrees into 65 in one direction and 175 in the other.
 TEST(MovingStack, AnticipatedShiftsAreEvenlySpacedAfterTheDrift) {
   for (const double speed_m_s : {-0.3, 0.3, 0.6}) {
@@ -212,6 +250,11 @@ TEST(MovingStack, AStackAtRestIsDecodedAsAtRest) {
   };
   EXPECT_TRUE(same(view.decoded.coordinate_px, decoded.coordinate_px));
   EXPECT_TRUE(same(view.decoded.sigma_px, decoded.sigma_px));
+  // Nor does the estimation of a motion change a stack that turns out to be at rest.
+  const ReconstructedView estimated = front_end.reconstruct(still.view.stack, {nullptr, unknown_motion({})});
+  ASSERT_TRUE(estimated.motion && estimated.motion->converged);
+  EXPECT_TRUE(estimated.motion->motion.is_still());
+  EXPECT_TRUE(same(estimated.decoded.coordinate_px, decoded.coordinate_px));
 }
 
 // Half a metre at 0.3 m/s: full sequences, then three images per view at 30 views a second.
