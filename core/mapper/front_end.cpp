@@ -165,103 +165,132 @@ void FringeFrontEnd::reconstruct_frame(ReconstructedView& view) const {
   view.frame = fringeslam::reconstruct(view.decoded, rig_, triangulation_, options_.depth);
 }
 
-// The depth needs the motion, but the motion needs only a rough depth: two rounds suffice.
-void FringeFrontEnd::compensate_motion(ReconstructedView& view, const FringeStack& stack, const Decoding& decoding,
-                                       const ReconstructionPrior& prior) const {
-  const auto decode_aligned = [&](const cv::Mat1f& depth, const CameraMotion& motion) {
+// Decodes one stack with motions and rough depths that improve each other: the depth needs the motion, but the motion needs
+// only a rough depth.
+class FringeFrontEnd::Compensation {
+ public:
+  Compensation(const FringeFrontEnd& front_end, const FringeStack& stack, const Decoding& decoding,
+               ReconstructedView& view)
+      : front_end_(front_end), stack_(stack), decoding_(decoding), view_(view) {}
+
+  void decode_at_rest() {
+    front_end_.decode_into(view_, stack_, decoding_, nullptr);
+    aligned_ = false;
+  }
+
+  void decode_with(const CameraMotion& motion, const cv::Mat1f& depth_m) {
     enter_stage("motion");
-    const AlignedStack aligned = align_stack(stack, rig_, rays_, depth, motion);
-    decode_into(view, stack, decoding, &aligned);
-  };
-  const auto rough_depth = [&](const Frame& frame) {
-    cv::Mat1f depth;
-    cv::extractChannel(frame.points_m, depth, 2);
-    return filled_depth(depth, rig_.middle_range_m());
-  };
-  const auto triangulated_depth = [&] {
+    const AlignedStack aligned = align_stack(stack_, front_end_.rig_, front_end_.rays_, depth_m, motion);
+    front_end_.decode_into(view_, stack_, decoding_, &aligned);
+    aligned_ = true;
+  }
+
+  // Depth of a frame, with its gaps filled.
+  cv::Mat1f filled_depth_of(const Frame& frame) const {
+    cv::Mat1f depth_m;
+    cv::extractChannel(frame.points_m, depth_m, 2);
+    return filled_depth(depth_m, front_end_.rig_.middle_range_m());
+  }
+
+  // The same of the stack as decoded last.
+  cv::Mat1f decoded_depth() const {
     enter_stage("depth");
     Frame frame;
-    triangulate(frame, view.decoded, triangulation_, options_.depth);
-    return rough_depth(frame);
-  };
+    triangulate(frame, view_.decoded, front_end_.triangulation_, front_end_.options_.depth);
+    return filled_depth_of(frame);
+  }
+
+  // Estimates the motion from the stack, and decodes the stack with it. `is_prediction`: the prior's motion is more than
+  // a guess.
+  void estimate(cv::Mat1f depth_m, const MotionPrior& prior, bool is_prediction) {
+    const RigModel& rig = front_end_.rig_;
+    const PixelRays& rays = front_end_.rays_;
+    MotionPrior start = prior;
+    MotionSearch search = MotionSearch::close;
+    if (!is_prediction) {
+      enter_stage("motion");
+      const std::optional<CameraMotion> rough = motion_from_texture(stack_, rig, rays, depth_m, start);
+      if (rough)
+        start.motion = *rough;
+      else
+        search = MotionSearch::wide;
+    }
+    // Shifts that anticipate a motion leave hardly any fringe orders to a decoder that assumes rest.
+    if (search == MotionSearch::close) {
+      decode_with(start.motion, depth_m);
+      depth_m = decoded_depth();
+    }
+    // A rough depth with many wrong fringe orders leaves large residuals at the right motion, too; that of the stack
+    // decoded with a motion near it is better.
+    constexpr int kRounds = 4;
+    constexpr double kImproved = 0.9;
+    double last_rms = std::numeric_limits<double>::infinity();
+    for (int round = 0; round < kRounds; ++round) {
+      enter_stage("motion");
+      const StackMotion found = estimate_stack_motion(stack_, rig, rays, depth_m, start, search);
+      view_.motion = found;
+      search = MotionSearch::close;
+      const bool improved = found.residuals > 0 && found.rms_sigma < kImproved * last_rms;
+      last_rms = found.rms_sigma;
+      if (!found.converged && !improved) return;
+      if (round == 0 && found.converged && !is_moving(found)) {
+        view_.motion->motion = {};
+        view_.motion->residuals = 0;
+        if (aligned_) decode_at_rest();
+        return;
+      }
+      decode_with(found.motion, depth_m);
+      if (found.converged && round > 0) return;
+      depth_m = decoded_depth();
+      if (!is_prediction) start.motion = found.motion;
+    }
+  }
+
+ private:
+  const FringeFrontEnd& front_end_;
+  const FringeStack& stack_;
+  const Decoding& decoding_;
+  ReconstructedView& view_;
+  bool aligned_ = false;
+};
+
+void FringeFrontEnd::compensate_motion(ReconstructedView& view, const FringeStack& stack, const Decoding& decoding,
+                                       const ReconstructionPrior& prior) const {
+  Compensation compensation(*this, stack, decoding, view);
   const bool predicted = prior.motion && !prior.motion->motion.is_still();
+  const auto take_prior = [&] {
+    view.motion = StackMotion{prior.motion->motion, prior.motion->covariance, 0, 0, true};
+  };
   if (!view.complete) {
-    if (prior.motion) view.motion = StackMotion{prior.motion->motion, prior.motion->covariance, 0, 0, true};
+    if (prior.motion) take_prior();
     if (predicted)
-      decode_aligned(filled_depth(prior.expected->depth_m, rig_.middle_range_m()), prior.motion->motion);
+      compensation.decode_with(prior.motion->motion, filled_depth(prior.expected->depth_m, rig_.middle_range_m()));
     else
-      decode_into(view, stack, decoding, nullptr);
+      compensation.decode_at_rest();
     return reconstruct_frame(view);
   }
   if (prior.rough != nullptr && prior.expected == nullptr) {
     view.decoded = prior.rough->decoded;
     view.frame = prior.rough->frame;
   } else {
-    decode_into(view, stack, decoding, nullptr);
+    compensation.decode_at_rest();
     reconstruct_frame(view);
   }
-  cv::Mat1f depth = rough_depth(view.frame);
-  if (prior.motion && (prior.motion_is_known || (predicted && is_known(*prior.motion)))) {
-    view.motion = StackMotion{prior.motion->motion, prior.motion->covariance, 0, 0, true};
-    if (!predicted) return;
-    decode_aligned(depth, prior.motion->motion);
-    decode_aligned(triangulated_depth(), prior.motion->motion);
-    return reconstruct_frame(view);
-  }
-  enter_stage("motion");
+  cv::Mat1f depth_m = compensation.filled_depth_of(view.frame);
   if (!prior.motion) {
     // Without a prior, only the test is done: the caller may know more.
+    enter_stage("motion");
     view.motion.emplace();
-    view.motion->converged = !shows_motion(stack, rig_, rays_, depth);
+    view.motion->converged = !shows_motion(stack, rig_, rays_, depth_m);
     return;
   }
-  if (predicted) {
-    // The patterns may have been changed for this motion: without it, hardly any of their fringe orders are found.
-    decode_aligned(depth, prior.motion->motion);
-    depth = triangulated_depth();
-  }
-  MotionPrior start = *prior.motion;
-  MotionSearch search = MotionSearch::close;
-  bool aligned = predicted;
-  const auto align = [&] {
-    decode_aligned(depth, start.motion);
-    depth = triangulated_depth();
-    aligned = true;
-  };
-  if (!predicted) {
-    enter_stage("motion");
-    const std::optional<CameraMotion> rough = motion_from_texture(stack, rig_, rays_, depth, start);
-    if (rough) {
-      start.motion = *rough;
-      align();
-    } else {
-      search = MotionSearch::wide;
-    }
-  }
-  // A rough depth with many wrong fringe orders leaves large residuals at the right motion, too; that of the stack aligned
-  // with a motion near it is better.
-  constexpr int kRounds = 4;
-  constexpr double kImproved = 0.9;
-  double last_rms = std::numeric_limits<double>::infinity();
-  for (int round = 0; round < kRounds; ++round) {
-    enter_stage("motion");
-    view.motion = estimate_stack_motion(stack, rig_, rays_, depth, start, search);
-    search = MotionSearch::close;
-    const bool improved = view.motion->residuals > 0 && view.motion->rms_sigma < kImproved * last_rms;
-    last_rms = view.motion->rms_sigma;
-    if (!view.motion->converged && !improved) break;
-    if (round == 0 && view.motion->converged && !is_moving(*view.motion)) {
-      view.motion->motion = {};
-      view.motion->residuals = 0;
-      if (!aligned) return;
-      decode_into(view, stack, decoding, nullptr);
-      break;
-    }
-    decode_aligned(depth, view.motion->motion);
-    aligned = true;
-    if (view.motion->converged && round > 0) break;
-    depth = triangulated_depth();
-    if (!predicted) start.motion = view.motion->motion;
+  if (prior.motion_is_known || (predicted && is_known(*prior.motion))) {
+    take_prior();
+    if (!predicted) return;
+    compensation.decode_with(prior.motion->motion, depth_m);
+    compensation.decode_with(prior.motion->motion, compensation.decoded_depth());
+  } else {
+    compensation.estimate(std::move(depth_m), *prior.motion, predicted);
   }
   reconstruct_frame(view);
 }

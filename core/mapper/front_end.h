@@ -82,6 +82,7 @@ class FringeFrontEnd : public FrontEnd {
   Triangulation triangulation_;
 
   struct Decoding;
+  class Compensation;
   void decode_into(ReconstructedView& view, const FringeStack& stack, const Decoding& decoding,
                    const AlignedStack* aligned) const;
   void reconstruct_frame(ReconstructedView& view) const;

@@ -338,9 +338,10 @@ bool Mapper::relocalize(FrameResult& result) {
   result.matches = std::move(located.with.matches);
   result.registration = std::move(located.registration);
   result.leaves_keyframe = false;
-  // Landmarks do not reveal that the keyframe is distorted by a motion that its own stack misjudged.
+  // Landmarks do not reveal that a view or its keyframe is distorted by a motion that its own stack misjudged.
   const auto reference = static_cast<size_t>(result.reference);
-  const bool doubtful = reference < keyframe_motion_.size() && keyframe_motion_[reference].by_own_stack;
+  const bool doubtful = (reference < keyframe_motion_.size() && keyframe_motion_[reference].by_own_stack) ||
+                        (result.in_motion() && result.motion->residuals > 0);
   if (doubtful && !result.registration.refined) result.registration.found = false;
   if (!result.registration.found) return false;
   result.covariance = result.registration.covariance;
