@@ -95,9 +95,9 @@ std::vector<Track> tracks_of(const FringeStack& stack, const std::vector<FringeG
   return tracks;
 }
 
-class Fit {
+class TrackFit {
  public:
-  Fit(const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m, const MotionPrior& prior)
+  TrackFit(const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m, const MotionPrior& prior)
       : rig_(rig), rays_(rays), depth_m_(depth_m), start_(prior.motion) {
     information_ = inverse_positive_definite(Eigen::MatrixXd(prior.covariance.topLeftCorner<6, 6>()));
   }
@@ -181,7 +181,7 @@ std::optional<CameraMotion> motion_from_texture(const FringeStack& stack, const 
   if (periods.size() > 2) periods.pop_back();
   const std::vector<Track> tracks = tracks_of(stack, periods);
   if (tracks.size() < kLeastTracks) return std::nullopt;
-  const Fit fit(rig, rays, depth_m, prior);
+  const TrackFit fit(rig, rays, depth_m, prior);
   const Vector6d found = fit.solve(tracks);
   if (!found.allFinite() || fit.explained(tracks, found) < kLeastExplained) return std::nullopt;
   CameraMotion motion = prior.motion;

@@ -286,6 +286,44 @@ TEST(MovingRobot, IsTrackedWithThreeImagesPerView) {
   EXPECT_GE(predicted, 5);
 }
 
+// A robot that was pushed between two views: the prediction misleads the estimation of the second one's motion.
+TEST(MovingRobot, AStackThatContradictsItsPredictionIsEstimatedWithoutIt) {
+  const MovingView still({0, 0, 0}, {0, 0, 0}, true);
+  const RigModel& rig = still.scene.rig;
+  const FringeFrontEnd front_end(rig, still.scene.patterns, {});
+  const ReconstructedView seen = front_end.reconstruct(still.view.stack, {});
+  StackMotion moving;
+  moving.motion.velocity_m_s = {0.02, 0, 0};
+  moving.covariance = 1e-6 * Matrix12d::Identity();
+  moving.residuals = 1000;
+  moving.converged = true;
+  StackMotion unknown = moving;
+  unknown.converged = false;
+  Mapper mapper(rig, PipelineOptions().mapper(), {});
+  std::vector<std::optional<MotionPrior>> asked;
+  for (int i = 0; i < 2; ++i) {
+    asked.clear();
+    MapperInput input;
+    input.timestamp_s = 0.1 * i;
+    input.reconstruct = [&](const ReconstructionPrior& prior) {
+      asked.push_back(prior.motion);
+      ReconstructedView view = seen;
+      view.frame.timestamp_s = 0.1 * i;
+      const bool with_prediction = prior.motion && !prior.motion->motion.is_still();
+      view.motion = prior.motion && !with_prediction ? moving : unknown;
+      return view;
+    };
+    const FrameResult result = mapper.process(std::move(input));
+    EXPECT_TRUE(has_pose(result.tracking)) << i;
+    ASSERT_TRUE(result.motion && result.motion->converged) << i;
+  }
+  // The second view: without a prior, with the prediction, with the prior of an unknown motion.
+  ASSERT_EQ(asked.size(), 3u);
+  EXPECT_FALSE(asked[0]);
+  EXPECT_GT(asked[1]->motion.velocity_m_s.norm(), 0.01);
+  EXPECT_TRUE(asked[2]->motion.is_still());
+}
+
 // The poses' errors are those of the exposures' unknown accelerations, ten times what a smooth motion leaves.
 TEST(MovingRobot, VibrationWidensTheCovariance) {
   constexpr double kDetected_s = 0.5;
