@@ -580,7 +580,7 @@ StackMotion estimate_stack_motion(const FringeStack& stack, const RigModel& rig,
   for (const Level& level : levels) settled = minimise(problem, level, held, start, motion, sums);
   if (sums.residuals < kLeastResiduals) return result;
   settled = minimise(problem, last, free, start, motion, sums) || settled;
-  // Of residuals clipped at 8 sigmas: most pixels are explained. Wrong motions of fast stacks left 3.6 and more.
+  // Residuals are clipped at 8 sigmas. Wrong motions of fast stacks leave an RMS of 3.6 and more.
   constexpr double kMaxRms = 3.3;
   result.motion = to_motion(motion);
   result.covariance = motion_covariance(sums, last.stride);
