@@ -99,42 +99,38 @@ class TrackFit {
  public:
   TrackFit(const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m, const MotionPrior& prior)
       : rig_(rig), rays_(rays), depth_m_(depth_m), start_(prior.motion) {
-    information_ = inverse_positive_definite(Eigen::MatrixXd(prior.covariance.topLeftCorner<6, 6>()));
+    information_ = inverse_positive_definite(Eigen::MatrixXd(prior.covariance));
   }
 
-  // Angular rate and velocity of the least robust cost. The scale of the robust kernel shrinks from that of any
-  // displacement to that of the tracks' errors (graduated non-convexity), so that no start is needed.
-  Vector6d solve(const std::vector<Track>& tracks) const {
-    constexpr double kWidest_px = 64, kNarrowest_px = 1, kNarrower = 0.7, kSigma_px = 0.3;
-    constexpr double kStep = 1e-3;  // rad/s or m/s, of the numerical derivative
-    Vector6d motion = to_vector(start_).head<6>();
-    const Vector6d prior = motion;
+  // Motion of the least robust cost. The scale of the robust kernel shrinks from that of any displacement to that of the
+  // tracks' errors (graduated non-convexity), so that no start is needed. Accelerations follow once the velocity is
+  // roughly known, if `accelerated`.
+  Vector12d solve(const std::vector<Track>& tracks, bool accelerated) const {
+    constexpr double kWidest_px = 64, kAccelerated_px = 12, kNarrowest_px = 1, kNarrower = 0.7, kSigma_px = 0.3;
+    constexpr double kHeld = 1e6;
+    Vector12d motion = to_vector(start_);
+    const Vector12d prior = motion;
     for (double scale_px = kWidest_px; scale_px > kNarrowest_px; scale_px *= kNarrower) {
-      Matrix6d information = information_;
-      Vector6d gradient = information_ * (motion - prior);
+      Matrix12d information = information_;
+      if (!accelerated || scale_px > kAccelerated_px) information.diagonal().tail<6>() *= kHeld;
+      Vector12d gradient = information * (motion - prior);
       for (const Track& track : tracks) {
-        Vector2d residual, moved;
-        if (!residual_px(track, motion, residual)) continue;
-        Eigen::Matrix<double, 2, 6> jacobian;
-        bool valid = true;
-        for (int i = 0; i < 6 && valid; ++i) {
-          valid = residual_px(track, motion + kStep * Vector6d::Unit(i), moved);
-          jacobian.col(i) = (moved - residual) / kStep;
-        }
-        if (!valid) continue;
+        Vector2d residual;
+        Eigen::Matrix<double, 2, 12> jacobian;
+        if (!residual_px(track, motion, residual, &jacobian)) continue;
         // Geman-McClure.
         const double share = 1 / (1 + residual.squaredNorm() / (scale_px * scale_px));
         const double weight = share * share / std::max(kSigma_px * kSigma_px, 0.01 * scale_px * scale_px);
         information += weight * jacobian.transpose() * jacobian;
         gradient += weight * jacobian.transpose() * residual;
       }
-      motion -= solve_symmetric(information, gradient);
+      motion -= solve_positive_definite(Eigen::MatrixXd(information), Eigen::VectorXd(gradient));
     }
     return motion;
   }
 
   // Share of the tracks that a motion explains.
-  double explained(const std::vector<Track>& tracks, const Vector6d& motion) const {
+  double explained(const std::vector<Track>& tracks, const Vector12d& motion) const {
     constexpr double kInlier_px = 2;
     int inliers = 0;
     for (const Track& track : tracks) {
@@ -145,19 +141,31 @@ class TrackFit {
   }
 
  private:
-  bool residual_px(const Track& track, const Vector6d& motion, Vector2d& out) const {
+  // `derivative`: with respect to the motion, to first order in the turn during the stack and without the lens's
+  // distortion.
+  bool residual_px(const Track& track, const Vector12d& motion, Vector2d& out,
+                   Eigen::Matrix<double, 2, 12>* derivative = nullptr) const {
     const int row = static_cast<int>(track.before.y() + 0.5), col = static_cast<int>(track.before.x() + 0.5);
     if (row < 0 || col < 0 || row >= rays_.rows || col >= rays_.cols) return false;
     const cv::Vec2f& ray = rays_(row, col);
     if (std::isnan(ray[0])) return false;
-    CameraMotion here = start_;
-    here.angular_rad_s = motion.head<3>();
-    here.velocity_m_s = motion.tail<3>();
+    const CameraMotion here = to_motion(motion);
     const Pose before = here.at(track.before_s), after = here.at(track.after_s);
     const Vector3d point = static_cast<double>(depth_m_(row, col)) * Vector3d(ray[0], ray[1], 1);
     const Vector3d moved = after.inverse() * (before * point);
     if (!(moved.z() > 0)) return false;
     out = rig_.camera.project(moved) - rig_.camera.project(point) - (track.after - track.before);
+    if (derivative == nullptr) return true;
+    Eigen::Matrix<double, 2, 3> by_point;
+    by_point << rig_.camera.fx, 0, -rig_.camera.fx * moved.x() / moved.z(), 0, rig_.camera.fy,
+        -rig_.camera.fy * moved.y() / moved.z();
+    by_point /= moved.z();
+    Eigen::Matrix<double, 2, 6> by_displacement;
+    for (int axis = 0; axis < 3; ++axis) by_displacement.col(axis) = by_point * moved.cross(Vector3d::Unit(axis));
+    by_displacement.rightCols<3>() = -by_point;
+    const double first = track.after_s - track.before_s,
+                 second = 0.5 * (track.after_s * track.after_s - track.before_s * track.before_s);
+    *derivative << first * by_displacement, second * by_displacement;
     return true;
   }
 
@@ -165,7 +173,7 @@ class TrackFit {
   const PixelRays& rays_;
   const cv::Mat1f& depth_m_;
   CameraMotion start_;
-  Matrix6d information_;
+  Matrix12d information_;
 };
 
 }  // namespace
@@ -182,12 +190,14 @@ std::optional<CameraMotion> motion_from_texture(const FringeStack& stack, const 
   const std::vector<Track> tracks = tracks_of(stack, periods);
   if (tracks.size() < kLeastTracks) return std::nullopt;
   const TrackFit fit(rig, rays, depth_m, prior);
-  const Vector6d found = fit.solve(tracks);
-  if (!found.allFinite() || fit.explained(tracks, found) < kLeastExplained) return std::nullopt;
-  CameraMotion motion = prior.motion;
-  motion.angular_rad_s = found.head<3>();
-  motion.velocity_m_s = found.tail<3>();
-  return motion;
+  // Accelerations make the velocity less certain, so they must explain tracks that it does not.
+  constexpr double kClearly = 0.05;
+  const Vector12d steady = fit.solve(tracks, false), accelerated = fit.solve(tracks, true);
+  const double by_steady = fit.explained(tracks, steady), by_accelerated = fit.explained(tracks, accelerated);
+  const bool accelerates = by_accelerated > by_steady + kClearly;
+  const Vector12d& found = accelerates ? accelerated : steady;
+  if (!found.allFinite() || std::max(by_steady, by_accelerated) < kLeastExplained) return std::nullopt;
+  return to_motion(found);
 }
 
 }  // namespace fringeslam

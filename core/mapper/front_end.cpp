@@ -111,9 +111,7 @@ PatternSequence FringeFrontEnd::anticipated(const PatternSequence& patterns, con
   constexpr int kStride = 16;
   constexpr double kStep_rad = kTwoPi / 24;
   if (!last.in_motion() || last.motion_unknown()) return patterns;
-  CameraMotion motion = last.motion->motion;
-  motion.angular_rad_s2.setZero();
-  motion.acceleration_m_s2.setZero();
+  const CameraMotion motion{last.motion->motion.angular_rad_s, last.motion->motion.velocity_m_s};
   const std::vector<double> times_s = exposure_times_s(0, patterns, rig_.timing);
   const auto drift_rad = [&](size_t k, const Pattern& pattern) {
     const Pose exposure_from_reference = motion.at(times_s[k]).inverse();
@@ -223,7 +221,8 @@ class FringeFrontEnd::Compensation {
     // A rough depth with many wrong fringe orders leaves large residuals at the right motion, too; that of the stack
     // decoded with a motion near it is better.
     constexpr int kRounds = 4;
-    constexpr double kImproved = 0.9;
+    // A prediction that leaves such residuals is far from the motion.
+    constexpr double kImproved = 0.9, kHopeless_rms = 5;
     double last_rms = std::numeric_limits<double>::infinity();
     for (int round = 0; round < kRounds; ++round) {
       enter_stage("motion");
@@ -232,7 +231,7 @@ class FringeFrontEnd::Compensation {
       search = MotionSearch::close;
       const bool improved = found.residuals > 0 && found.rms_sigma < kImproved * last_rms;
       last_rms = found.rms_sigma;
-      if (!found.converged && !improved) return;
+      if (!found.converged && (!improved || (is_prediction && found.rms_sigma > kHopeless_rms))) return;
       if (round == 0 && found.converged && !is_moving(found)) {
         view_.motion->motion = {};
         view_.motion->residuals = 0;

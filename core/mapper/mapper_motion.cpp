@@ -78,7 +78,7 @@ MotionPrior fused(const MotionPrior& one, const MotionPrior& other) {
   MotionPrior both = one;
   both.covariance = inverse_positive_definite(Eigen::MatrixXd(information + added));
   const Vector12d change = both.covariance * (added * (to_vector(other.motion) - to_vector(one.motion)));
-  both.motion = to_motion(to_vector(one.motion) + change);
+  both.motion = changed(one.motion, change);
   return both;
 }
 
@@ -115,7 +115,7 @@ void Mapper::improve_first_keyframe() {
   motion.covariance.topRightCorner<6, 6>() *= -1;
   motion.covariance.bottomLeftCorner<6, 6>() *= -1;
   vibration_.widen(motion.covariance);
-  motion = fused(motion, first.own);
+  motion = fused(first.own, motion);
   if (!first.input.depth_slopes) return;
   ReconstructedView view = first.input.reconstruct({nullptr, motion, true});
   if (!view.motion) return;
@@ -125,7 +125,7 @@ void Mapper::improve_first_keyframe() {
       register_motion(last_frame_, view.frame, rig_.camera, last_from_first, first.input.depth_slopes(view, kStride),
                       view.motion->motion, motion);
   if (!found.valid) return;
-  MotionPrior known{to_motion(to_vector(view.motion->motion) + found.step), found.motion_covariance};
+  MotionPrior known{changed(view.motion->motion, found.step), found.motion_covariance};
   // The ripples of the last view's depth, which its own motion left, resemble those of the keyframe.
   if (last_motion_) known.covariance += last_motion_->covariance;
   view = first.input.reconstruct({nullptr, known, true});
@@ -193,7 +193,7 @@ Pose Mapper::estimate_motion(FrameResult& result, const MapperInput& input, cons
     world_from_camera = world_from_reference * found.target_from_source;
     effect = {reference, found.pose_by_motion};
     StackMotion motion = *result.motion;
-    motion.motion = to_motion(to_vector(result.motion->motion) + found.step);
+    motion.motion = changed(result.motion->motion, found.step);
     motion.covariance = found.motion_covariance;
     motion.converged = true;
     if (result.motion->motion.is_still() && !is_moving(motion)) {

@@ -11,8 +11,15 @@ Vector12d to_vector(const CameraMotion& motion) {
   return parameters;
 }
 
-CameraMotion to_motion(const Vector12d& parameters) {
-  return {parameters.segment<3>(0), parameters.segment<3>(3), parameters.segment<3>(6), parameters.segment<3>(9)};
+CameraMotion to_motion(const Vector12d& parameters) { return changed({}, parameters); }
+
+CameraMotion changed(const CameraMotion& motion, const Vector12d& change) {
+  CameraMotion result = motion;
+  result.angular_rad_s += change.segment<3>(0);
+  result.velocity_m_s += change.segment<3>(3);
+  result.angular_rad_s2 += change.segment<3>(6);
+  result.acceleration_m_s2 += change.segment<3>(9);
+  return result;
 }
 
 MotionPrior unknown_motion(const MotionLimits& limits) {

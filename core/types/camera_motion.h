@@ -9,31 +9,39 @@
 
 namespace fringeslam {
 
-// Second-order expansion about the stack's reference time: at time t after it, the camera has turned by
-// exp(angular_rad_s t + angular_rad_s2 t^2 / 2) and moved by velocity_m_s t + acceleration_m_s2 t^2 / 2, both in the
-// axes of the camera at the reference time.
+// Third-order expansion about the stack's reference time: at time t after it, the camera has turned by
+// exp(angular_rad_s t + angular_rad_s2 t^2 / 2 + angular_rad_s3 t^3 / 6) and moved by
+// velocity_m_s t + acceleration_m_s2 t^2 / 2 + jerk_m_s3 t^3 / 6, both in the axes of the camera at the reference time.
 struct CameraMotion {
   Eigen::Vector3d angular_rad_s = Eigen::Vector3d::Zero();
   Eigen::Vector3d velocity_m_s = Eigen::Vector3d::Zero();
   Eigen::Vector3d angular_rad_s2 = Eigen::Vector3d::Zero();
   Eigen::Vector3d acceleration_m_s2 = Eigen::Vector3d::Zero();
+  Eigen::Vector3d angular_rad_s3 = Eigen::Vector3d::Zero();
+  Eigen::Vector3d jerk_m_s3 = Eigen::Vector3d::Zero();
 
   bool is_still() const {
-    return angular_rad_s.isZero(0) && velocity_m_s.isZero(0) && angular_rad_s2.isZero(0) && acceleration_m_s2.isZero(0);
+    return angular_rad_s.isZero(0) && velocity_m_s.isZero(0) && angular_rad_s2.isZero(0) &&
+           acceleration_m_s2.isZero(0) && angular_rad_s3.isZero(0) && jerk_m_s3.isZero(0);
   }
   // reference_from_camera at time t after the reference time.
   Pose at(double time_s) const {
-    return {rotation_exp(time_s * angular_rad_s + 0.5 * time_s * time_s * angular_rad_s2),
-            time_s * velocity_m_s + 0.5 * time_s * time_s * acceleration_m_s2};
+    const double square = time_s * time_s / 2, cube = time_s * time_s * time_s / 6;
+    return {rotation_exp(time_s * angular_rad_s + square * angular_rad_s2 + cube * angular_rad_s3),
+            time_s * velocity_m_s + square * acceleration_m_s2 + cube * jerk_m_s3};
   }
 };
 
 using Vector12d = Eigen::Matrix<double, 12, 1>;
 using Matrix12d = Eigen::Matrix<double, 12, 12>;
 
-// Motion parameters in the order (angular_rad_s, velocity_m_s, angular_rad_s2, acceleration_m_s2).
+// Motion parameters in the order (angular_rad_s, velocity_m_s, angular_rad_s2, acceleration_m_s2). The third order is
+// estimated from a stack only, and its uncertainty is contained in that of these twelve.
 Vector12d to_vector(const CameraMotion& motion);
 CameraMotion to_motion(const Vector12d& parameters);
+
+// Adds `change` to the parameters above and keeps the third order.
+CameraMotion changed(const CameraMotion& motion, const Vector12d& change);
 
 // Estimate of the motion during a stack.
 struct StackMotion {

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <numbers>
 #include <opencv2/core.hpp>
+#include <random>
 
 #include "core/decode/stack_motion.h"
 #include "core/decode/texture_flow.h"
@@ -178,6 +179,46 @@ TEST(MovingStack, TextureShowsFastMotions) {
     ASSERT_TRUE(view.motion && view.motion->converged);
     EXPECT_LT((view.motion->motion.velocity_m_s - velocity).norm(), 0.05);
     EXPECT_LT((view.motion->motion.angular_rad_s - angular).norm(), 0.05);
+  }
+}
+
+// Accelerations of 1.6 to 2.9 m/s^2 and rad/s^2 that change every 50 ms: more than a motion of second order can follow.
+TEST(MovingStack, ChangingAccelerationsAreEstimatedWithinTheirSigmas) {
+  constexpr double kKnot_s = 0.05, kStep_s = 2e-3;
+  Scene scene = loop_scene();
+  const Pose mount = scene.rig.robot_from_camera, start = scene.trajectory.front().world_from_robot * mount;
+  for (const uint64_t seed : {uint64_t{1}, uint64_t{2}, uint64_t{3}}) {
+    std::mt19937_64 random(seed);
+    const auto change = [&] {
+      return Eigen::Vector3d::NullaryExpr([&] { return 2 * static_cast<double>(random() >> 11) / 0x1p53 - 1; }).eval();
+    };
+    Eigen::Vector3d velocity = 0.25 * change(), turn = 0.3 * change();
+    std::vector<Pose> controls;
+    for (Pose at = start; controls.size() < 8; at = at * Pose{rotation_exp(kKnot_s * turn), kKnot_s * velocity}) {
+      controls.push_back(orthonormalised(at * mount.inverse()));
+      velocity += 0.08 * change();
+      turn += 0.12 * change();
+    }
+    scene.path.emplace(std::move(controls), kKnot_s, Vibration{}, seed);
+    scene.view_rate_hz = 0;
+    VirtualRig rig(scene, {});
+    const SimulatedView view = *rig.simulate(scene.patterns);
+    const FringeFrontEnd front_end(scene.rig, scene.patterns, {});
+    const ReconstructedView found = front_end.reconstruct(view.stack, {nullptr, unknown_motion({})});
+    ASSERT_TRUE(found.motion && found.motion->converged) << seed;
+    const Pose reference = scene.path->at(view.stack.timestamp_s) * mount;
+    const auto moved = [&](double after_s) {
+      return reference.inverse() * scene.path->at(view.stack.timestamp_s + after_s) * mount;
+    };
+    const Pose before = moved(-kStep_s), after = moved(kStep_s);
+    Vector6d rate;
+    rate << rotation_log(after.rotation) - rotation_log(before.rotation), after.translation - before.translation;
+    rate /= 2 * kStep_s;
+    const Vector6d error = to_vector(found.motion->motion).head<6>() - rate;
+    const Matrix6d covariance = found.motion->covariance.topLeftCorner<6, 6>();
+    EXPECT_LT(error.norm(), 0.1) << seed;
+    // 99.9 % of a chi-square distribution with six degrees of freedom
+    EXPECT_LT(error.dot(solve_symmetric(covariance, error)), 22.5) << seed;
   }
 }
 
