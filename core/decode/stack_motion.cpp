@@ -215,7 +215,7 @@ StackMotion estimate_stack_motion(const FringeStack& stack, const RigModel& rig,
   const auto [earliest, latest] = std::minmax_element(stack.exposure_time_s.begin(), stack.exposure_time_s.end());
   const ThirdOrder third = third_order_of(motion_of(motion), *latest - *earliest);
   constexpr double kLarger = 1.5;
-  if ((third.turn_rad_s3 > kLarger * ThirdOrder().turn_rad_s3 || third.jerk_m_s3 > kLarger * ThirdOrder().jerk_m_s3))
+  if (third.turn_rad_s3 > kLarger * ThirdOrder().turn_rad_s3 || third.jerk_m_s3 > kLarger * ThirdOrder().jerk_m_s3)
     settled = minimise(problem, last, {information_of(prior, third), start}, motion, sums);
   // Residuals are clipped at 8 sigmas. Wrong motions of fast stacks leave an RMS of 3.6 and more.
   constexpr double kMaxRms = 3.3;
