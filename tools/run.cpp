@@ -11,6 +11,7 @@
 #include "core/io/yaml.h"
 #include "core/map/map_file.h"
 #include "core/mapper/driver.h"
+#include "core/mapper/image_trajectory.h"
 #include "core/mapper/thermal_observer.h"
 #include "core/rig/background_rig.h"
 #include "core/rig/rig_file.h"
@@ -43,7 +44,7 @@ struct RunArguments {
   std::vector<std::string> sets;
   SceneVariant variant;
   std::string map, rig;
-  bool mesh = false, vdb = false, save_map = false, no_report = false;
+  bool mesh = false, vdb = false, save_map = false, no_report = false, image_poses = false;
   LiveOption live;
   double live_rate_hz = 0;
   bool live_wait = false, real_time = false;
@@ -115,6 +116,17 @@ class Emptiness {
   int views_ = 0, tracked_ = 0, motion_unknown_ = 0;
 };
 
+// Names the images that do not show their pattern: the camera or the projector dropped or repeated one.
+void report_unexpected(const std::vector<ImageOfRun>& images) {
+  const auto unexpected = [](const ImageOfRun& image) { return !image.as_expected; };
+  const auto first = std::find_if(images.begin(), images.end(), unexpected);
+  if (first == images.end()) return;
+  std::fprintf(stderr,
+               "%d of %d images do not show their pattern, the first is image %d of stack %d (see images.json)\n",
+               static_cast<int>(std::count_if(first, images.end(), unexpected)), static_cast<int>(images.size()),
+               first->image, first->stack);
+}
+
 void wait_for_interrupt() {
   std::fflush(stdout);  // delivers the score to a reader at the other end of a pipe
   catch_interrupts();
@@ -128,6 +140,8 @@ int run(const RunArguments& arguments, const Common& common) {
                        [&](const std::string& set) { return set.starts_with(group + "."); });
   };
   if (sets_any_of("mesh") && !arguments.mesh) throw Error("mesh.* settings have no effect without --mesh; add it");
+  if (sets_any_of("image_poses") && !arguments.image_poses)
+    throw Error("image_poses.* settings have no effect without --image-poses; add it");
   const auto source = open_source(arguments.source, arguments.variant, settings, sets_any_of("render"));
   if (!arguments.rig.empty()) source->recalibrate(read_rig(arguments.rig));
   if (source->imported()) {
@@ -152,7 +166,8 @@ int run(const RunArguments& arguments, const Common& common) {
   write_text(folder.path() / kConfigFile, "name: " + yaml_quoted(source->name()) +
                                               "\nseed: " + std::to_string(source->seed()) +
                                               "\nstacks: " + std::to_string(source->stacks()) + "\n" +
-                                              pipeline_yaml(settings) + (arguments.mesh ? mesh_yaml(settings) : ""));
+                                              pipeline_yaml(settings) + (arguments.mesh ? mesh_yaml(settings) : "") +
+                                              (arguments.image_poses ? image_poses_yaml(settings) : ""));
   const auto rig = source->open(folder.path());
   // The world frame of a new map is the robot's frame at the first stack.
   Pipeline pipeline =
@@ -161,6 +176,8 @@ int run(const RunArguments& arguments, const Common& common) {
           : Pipeline(map_from_bytes(read_bytes(arguments.map), arguments.map, rig->model(), settings.pipeline.mapping),
                      source->sequence(), settings.pipeline);
   ThermalObserver thermal(rig->model(), settings.pipeline.thermal);
+  std::optional<ImageTrajectory> images;
+  if (arguments.image_poses) images.emplace(rig->model(), source->sequence(), settings.image_poses);
   Animation animation(rig->model(), std::max(1, source->stacks() / kAnimationFrames));
   RunFolder record(folder.path(), rig->model(), source->sequence());
   const std::unique_ptr<LivePage> live = open_live_page(arguments.live, {.verb = "run",
@@ -176,12 +193,13 @@ int run(const RunArguments& arguments, const Common& common) {
   Emptiness emptiness;
   {
     Progress progress("mapping", source->stacks(), common.quiet || common.json);
-    Rig& images = camera ? static_cast<Rig&>(*camera) : *rig;
-    Driver driver(images, pipeline, camera ? kViewsAhead : Driver::kAhead);
+    Rig& stacks = camera ? static_cast<Rig&>(*camera) : *rig;
+    Driver driver(stacks, pipeline, camera ? kViewsAhead : Driver::kAhead);
     driver.run([&](const MappedView& view) {
       const ThermalView warmth = thermal.observe(view.stack, view.result);
       record.add(view.stack, view.result, warmth, pipeline.map());
       emptiness.add(view.stack, view.result);
+      if (images) images->add(view.stack, view.result, pipeline.mapper());
       if (arguments.animation) animation.add(view.stack, view.result, pipeline.map());
       if (live) show_mapped(live->feed(), view.stack, view.result, pipeline.mapper(), warmth, thermal, dropped());
       if (arguments.mesh) record.add_mesh(frame_mesh(view.result.frame, settings.mesh), view.stack.index);
@@ -195,6 +213,7 @@ int run(const RunArguments& arguments, const Common& common) {
   const std::vector<CloudPoint> cloud = pipeline.map().cloud(settings.pipeline.cloud).points();
   record.finish(pipeline.trajectory(), cloud, pipeline.surface(), arguments.vdb);
   if (rig->model().thermal) record.add_warm_objects(thermal.warm_objects(pipeline.mapper()));
+  if (images) record.add_image_poses(*images, pipeline.mapper());
   if (arguments.save_map) write_text(folder.path() / kMapFile, to_bytes(pipeline.map()));
 
   if (arguments.animation) animation.write(folder.path() / "animation.gif", pipeline.mapper(), settings.pipeline.cloud);
@@ -221,6 +240,7 @@ int run(const RunArguments& arguments, const Common& common) {
     const char* look = kHasReport && !arguments.no_report ? "report.html" : "overview.png";
     std::printf("written: %s  (see %s/%s)\n", out.c_str(), out.c_str(), look);
   }
+  if (images) report_unexpected(images->images());
   const std::string reason = emptiness.reason(rig->model(), settings.pipeline.depth);
   if (!reason.empty()) std::fprintf(stderr, "fringeslam: %s: %s\n", arguments.source.c_str(), reason.c_str());
   if (live && arguments.live_wait) wait_for_interrupt();
@@ -244,6 +264,10 @@ Verb add_run(Command app, const Common& common) {
   verb.add_option("--map", arguments->map, "Continue in a map saved by an earlier run").check_existing_file();
   verb.add_flag("--save-map", arguments->save_map, "Also write saved.map, in which a later run can continue");
   verb.add_flag("--animation", arguments->animation, "Also write animation.gif: the growing map, fringes and depth");
+  verb.add_flag(
+      "--image-poses", arguments->image_poses,
+      "Also write images.tum and images.json: the pose at every single image, and whether the image shows its "
+      "pattern");
   verb.add_flag("--vdb", arguments->vdb, "Also write the fused surface's signed distances as surface.vdb (OpenVDB)");
   verb.add_flag("--no-report", arguments->no_report, "Do not write report.html");
   verb.add_flag("--real-time", arguments->real_time,

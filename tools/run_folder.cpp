@@ -194,6 +194,30 @@ void RunFolder::add_mesh(const Mesh& mesh, int index) const {
   write_text(frame_folder(index) / "mesh.ply", to_ply(mesh, "camera"));
 }
 
+void RunFolder::add_image_poses(const ImageTrajectory& images, const Mapper& mapper) const {
+  nlohmann::ordered_json list = nlohmann::ordered_json::array();
+  for (const ImageOfRun& image : images.images()) {
+    nlohmann::ordered_json entry = {
+        {"stack", image.stack}, {"image", image.image}, {"timestamp_s", image.timestamp_s}, {"tracked", image.tracked}};
+    if (image.tracked) {
+      const auto sigma = image.covariance.diagonal().cwiseSqrt();
+      entry["sigma_rad"] = sigma.head<3>().maxCoeff();
+      entry["sigma_m"] = sigma.tail<3>().maxCoeff();
+    }
+    if (!image.as_expected) {
+      entry["unexpected"] = true;
+      if (image.shown)
+        entry["shown"] = {{"coding", to_string(image.shown->coding)},
+                          {"axis", to_string(image.shown->axis)},
+                          {"period_px", image.shown->period_px},
+                          {"shift_rad", image.shown->shift_rad}};
+    }
+    list.push_back(std::move(entry));
+  }
+  write_text(folder_ / "images.json", list.dump(1) + "\n");
+  write_text(folder_ / "images.tum", to_tum(images.trajectory(mapper)));
+}
+
 void RunFolder::add_warm_objects(const std::vector<WarmObject>& things) const {
   write_text(folder_ / "victims.json", to_json(things).dump(1) + "\n");
 }

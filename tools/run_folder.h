@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "core/map/mesh.h"
+#include "core/mapper/image_trajectory.h"
 #include "core/mapper/pipeline.h"
 #include "core/mapper/thermal_observer.h"
 #include "tools/report/pictures.h"
@@ -23,6 +24,9 @@ class RunFolder {
 
   // Writes victims.json: the warm objects found by a thermal camera (tools/landmark_files.h).
   void add_warm_objects(const std::vector<WarmObject>& things) const;
+
+  // Writes images.tum, the poses of the robot at single images, and images.json, which lists all images.
+  void add_image_poses(const ImageTrajectory& images, const Mapper& mapper) const;
 
   // Writes mesh.ply of a view that was added before.
   void add_mesh(const Mesh& mesh, int index) const;

@@ -139,6 +139,19 @@ RunScore score_run(const fs::path& folder, const TrajectoryOptions& options) {
     }
     score.victims = score_victims(visible, candidates);
   }
+  const fs::path images = folder / "images.tum", exposures = folder / "truth" / "exposures.tum";
+  if (!pairs.empty() && fs::exists(images) && fs::exists(exposures)) {
+    // Aligned by the first view, like the trajectory of the views.
+    const auto [i, j] = pairs.front();
+    const Pose truth_from_map = truth[j].world_from_robot * estimate[i].world_from_robot.inverse();
+    Trajectory poses = read_tum(images);
+    for (TimedPose& pose : poses) pose.world_from_robot = truth_from_map * pose.world_from_robot;
+    const Trajectory true_poses = read_tum(exposures);
+    TrajectoryOptions aligned = options;
+    aligned.align = Alignment::none;
+    if (associate(poses, true_poses, aligned.max_gap_s).size() >= 2)
+      score.images = score_trajectory(poses, true_poses, aligned);
+  }
   if (pairs.size() >= 2) score.trajectory = score_trajectory(estimate, truth, options);
   return score;
 }
@@ -188,6 +201,7 @@ nlohmann::ordered_json to_json(const RunScore& score) {
                               {"spurious", frame.depth.spurious}});
   }
   json["trajectory"] = to_json(score.trajectory);
+  if (score.images) json["images"] = to_json(*score.images);
   if (score.victims)
     json["victims"] = {{"to_find", score.victims->to_find}, {"found", score.victims->found},
                        {"recall", score.victims->recall()}, {"candidates", score.victims->candidates},
@@ -244,7 +258,12 @@ std::string to_table(const RunScore& score) {
     text += format("\nvictims: %d of %d found; %d of %d candidates correct\n", score.victims->found,
                    score.victims->to_find, score.victims->right, score.victims->candidates);
   if (score.pairs.empty()) return text + "\nno motion was estimated\n";
-  return text + "\n" + to_table(score.trajectory);
+  text += "\n" + to_table(score.trajectory);
+  if (score.images)
+    text += format("poses of %d single images: ATE %.4f mm, RPE %.4f mm, %.5f deg\n", score.images->poses,
+                   score.images->ate_rmse_m * 1e3, score.images->rpe_translation_rmse_m * 1e3,
+                   score.images->rpe_rotation_rmse_rad * kDegPerRad);
+  return text;
 }
 
 }  // namespace fringeslam::tools

@@ -31,11 +31,12 @@ struct RunScore {
   std::vector<FrameScore> frames;
   std::vector<PairScore> pairs;
   TrajectoryScore trajectory;
-  std::optional<VictimScore> victims;  // only for rigs with a thermal camera
+  std::optional<TrajectoryScore> images;  // only for runs with poses of single images
+  std::optional<VictimScore> victims;     // only for rigs with a thermal camera
 };
 
-// Scores the folder, which contains config.yaml, rig.yaml, patterns.yaml, frames/, trajectory.tum, truth/ and, for a
-// rig with a thermal camera, victims.json. Throws Error on missing or invalid files.
+// Scores the folder, which contains config.yaml, rig.yaml, patterns.yaml, frames/, trajectory.tum, truth/, for a rig
+// with a thermal camera victims.json, and for a run with poses of single images images.tum. Throws Error on missing or invalid files.
 RunScore score_run(const std::filesystem::path& folder, const TrajectoryOptions& options = {});
 
 nlohmann::ordered_json to_json(const RunScore& score);

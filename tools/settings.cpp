@@ -61,6 +61,8 @@ std::string render_yaml(Settings settings) { return group_yaml("render", setting
 
 std::string mesh_yaml(Settings settings) { return group_yaml("mesh", settings.mesh); }
 
+std::string image_poses_yaml(Settings settings) { return group_yaml("image_poses", settings.image_poses); }
+
 std::string settings_help() { return groups_help(Settings()); }
 
 std::string settings_markdown() {

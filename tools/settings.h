@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "core/map/mesh.h"
+#include "core/mapper/image_tracker.h"
 #include "core/mapper/pipeline.h"
 #include "sim/virtual_rig.h"
 
@@ -15,6 +16,7 @@ struct Settings {
   PipelineOptions pipeline;
   sim::RenderOptions render;
   MeshOptions mesh;
+  ImageTrackerOptions image_poses;
 
   // Calls visit(name, options) for each group of options.
   template <class Visit>
@@ -22,6 +24,7 @@ struct Settings {
     pipeline.for_each_stage(visit);
     visit("render", render);
     visit("mesh", mesh);
+    visit("image_poses", image_poses);
   }
 };
 
@@ -32,6 +35,7 @@ Settings parse_settings(const std::vector<std::string>& sets);
 std::string pipeline_yaml(Settings settings);
 std::string render_yaml(Settings settings);
 std::string mesh_yaml(Settings settings);
+std::string image_poses_yaml(Settings settings);
 
 // Returns one line per setting for --help: "decode.min_modulation_dn  3  least fringe amplitude …".
 std::string settings_help();

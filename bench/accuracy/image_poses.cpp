@@ -78,11 +78,12 @@ Errors errors_along_the_loop(uint64_t seed, int views) {
     const Pose found = pipeline.mapper().world_from_camera(result.view), truth = view.truth.world_from_robot * mount;
     if (i == 0) map_from_truth = found * truth.inverse();
     if (i >= kSettled) errors.views.add(found, map_from_truth * truth, result.covariance);
-    if (!result.complete && !tracker.needs_reference()) continue;
+    const ImageReference reference = image_reference(result, stack);
+    if (!result.complete && !tracker.should_replace_reference(reference)) continue;
     std::optional<MotionPrior> motion;
     if (result.motion && result.motion->converged)
       motion = MotionPrior{result.motion->motion, result.motion->covariance};
-    tracker.set_reference(image_reference(result, stack), found, result.covariance, stack.timestamp_s, motion);
+    tracker.set_reference(reference, found, result.covariance, stack.timestamp_s, motion);
   }
   return errors;
 }

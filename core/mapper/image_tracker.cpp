@@ -55,6 +55,7 @@ void ImageTracker::set_reference(const ImageReference& reference, const Pose& wo
   last_ = {};
   last_.valid = true;
   reference_covariance_ = covariance;
+  reference_speed_variance_ = speed_variance(reference);
   if (state_ && std::abs(timestamp_s - state_->time_s) <= options_.max_gap_s) {
     // The filter's pose has the errors of the old reference; the new reference has different ones.
     state_->covariance.topLeftCorner<6, 6>() += common_ + covariance;
@@ -72,6 +73,17 @@ void ImageTracker::set_reference(const ImageReference& reference, const Pose& wo
 bool ImageTracker::needs_reference() const {
   return !estimator_ || !last_.valid || last_.rms_sigma > options_.max_rms_sigma ||
          translation_m(last_.reference_from_camera) > options_.max_distance * rig_.middle_range_m();
+}
+
+double ImageTracker::speed_variance(const ImageReference& reference) const {
+  const double range_m = rig_.middle_range_m();
+  const Matrix12d& covariance = reference.motion_covariance;
+  return range_m * range_m * covariance.diagonal().head<3>().sum() + covariance.diagonal().segment<3>(3).sum();
+}
+
+bool ImageTracker::should_replace_reference(const ImageReference& view) const {
+  constexpr double kGain = 2;
+  return needs_reference() || kGain * kGain * speed_variance(view) < reference_speed_variance_;
 }
 
 ImageTracker::State ImageTracker::at(double time_s) const {
@@ -105,7 +117,8 @@ std::optional<CameraPrediction> ImageTracker::predict(double time_s) const {
   return prediction;
 }
 
-TrackedImage ImageTracker::track(const cv::Mat& image, const Pattern& expected, double time_s) {
+TrackedImage ImageTracker::track(const cv::Mat& image, const Pattern& expected, double time_s,
+                                 const std::vector<Pattern>& requested) {
   TrackedImage result;
   result.timestamp_s = time_s;
   if (!estimator_ || !state_ || std::abs(time_s - state_->time_s) > options_.max_gap_s) return result;
@@ -127,10 +140,14 @@ TrackedImage ImageTracker::track(const cv::Mat& image, const Pattern& expected, 
     result.as_expected = true;
   } else {
     std::vector<Pattern> candidates = {expected};
-    for (const Pattern& pattern : sequence_.patterns) {
-      if (pattern.coding == Coding::product) continue;
-      if (std::find(candidates.begin(), candidates.end(), pattern) == candidates.end()) candidates.push_back(pattern);
-    }
+    const auto add = [&](const std::vector<Pattern>& patterns) {
+      for (const Pattern& pattern : patterns) {
+        if (pattern.coding == Coding::product) continue;
+        if (std::find(candidates.begin(), candidates.end(), pattern) == candidates.end()) candidates.push_back(pattern);
+      }
+    };
+    add(requested);
+    add(sequence_.patterns);
     const ShownPattern shown = estimator_->shown_pattern(image, candidates, predicted, information);
     result.as_expected = shown.agrees_with(0);
     if (shown.explained) result.shown = candidates[shown.pattern];
@@ -176,7 +193,8 @@ std::optional<size_t> first_inconsistent_image(ImageTracker tracker, const Fring
   check_stack(stack);
   for (size_t i = 0; i < stack.images.size(); ++i) {
     if (!tracker.predict(stack.exposure_time_s[i])) return std::nullopt;
-    const TrackedImage image = tracker.track(stack.images[i], stack.patterns.patterns[i], stack.exposure_time_s[i]);
+    const TrackedImage image =
+        tracker.track(stack.images[i], stack.patterns.patterns[i], stack.exposure_time_s[i], stack.patterns.patterns);
     if (!image.as_expected) return i;
   }
   return std::nullopt;

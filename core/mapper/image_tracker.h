@@ -9,6 +9,7 @@
 
 #include <memory>
 #include <optional>
+#include <vector>
 
 #include "core/mapper/front_end.h"
 #include "core/registration/image_pose.h"
@@ -72,14 +73,18 @@ class ImageTracker {
                      double timestamp_s, const std::optional<MotionPrior>& motion);
 
   // True if there is no reference, or if it no longer explains the images well or lies far behind: the next view should
-  // replace it. Until then, keep a reference whose motion is known well, such as a complete stack's: an error of its motion
-  // distorts all poses relative to it.
+  // replace it.
   bool needs_reference() const;
 
+  // True if the motion of this view is known better than the reference's by a factor of two, or if a reference is needed.
+  // An error of the reference's motion shifts all poses relative to it.
+  bool should_replace_reference(const ImageReference& view) const;
+
   // Tracks the image that was exposed at `time_s` (middle) while `expected` should have been shown. An image that shows
-  // another pattern of the sequence is tracked with that one. Images have to come in the order of their times. Images of
-  // products of cosines are not tracked.
-  TrackedImage track(const cv::Mat& image, const Pattern& expected, double time_s);
+  // another pattern of the sequence, or of those that were `requested` for the same stack, is tracked with that one.
+  // Images have to come in the order of their times. Images of products of cosines are not tracked.
+  TrackedImage track(const cv::Mat& image, const Pattern& expected, double time_s,
+                     const std::vector<Pattern>& requested = {});
 
   // Predicts the pose and the motion at a time, which may be slightly in the past. Empty without a reference, or if the
   // last pose is too old.
@@ -93,6 +98,8 @@ class ImageTracker {
     Matrix12d covariance = Matrix12d::Zero();  // of pose and rate, without what the images have in common
   };
   State at(double time_s) const;
+  // Variance of the apparent motion at the middle of the range, m2/s2.
+  double speed_variance(const ImageReference& reference) const;
   void correct(State state, const ImagePose& found);
 
   RigModel rig_;
@@ -101,7 +108,8 @@ class ImageTracker {
   std::shared_ptr<const ImagePoseEstimator> estimator_;
   Pose world_from_reference_;
   Matrix6d reference_covariance_ = Matrix6d::Zero();  // of the reference's pose
-  Matrix6d common_ = Matrix6d::Zero();                // of the last image, in the world
+  double reference_speed_variance_ = 0;
+  Matrix6d common_ = Matrix6d::Zero();  // of the last image, in the world
   std::optional<State> state_;
   ImagePose last_;  // relative to the reference
 };

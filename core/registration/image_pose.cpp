@@ -113,8 +113,8 @@ bool ImagePoseEstimator::fit(const cv::Mat1f& image, const Pattern& pattern, con
 
 ImagePose ImagePoseEstimator::estimate(const cv::Mat& image, const Pattern& pattern, const Pose& initial,
                                        const Matrix6d& information) const {
-  constexpr int kCoarseIterations = 8, kIterations = 8;
-  constexpr double kMaxRms = 2.5, kLeastShare = 0.5;  // most points are explained
+  constexpr int kCoarseIterations = 8, kIterations = 100;  // few images need more than eight
+  constexpr double kMaxRms = 2.5, kLeastShare = 0.5;       // most points are explained
   const cv::Mat1f grey = coefficients_of(image);
   const Prior prior = prior_of(pattern, initial, information);
   ImagePose result;
@@ -139,13 +139,14 @@ ImagePose ImagePoseEstimator::estimate(const cv::Mat& image, const Pattern& patt
   const Eigen::Matrix<double, kImageParameters, 12> by_motion =
       covariance * residuals_.motion_coupling(pattern, found.at) / excess;
   const ImageMatrix of_motion = by_motion * motion_covariance_ * by_motion.transpose();
-  result.covariance += covariance_of_inverse(pose, of_motion.topLeftCorner<6, 6>());
+  const Matrix6d from_motion = covariance_of_inverse(pose, of_motion.topLeftCorner<6, 6>());
+  result.covariance += from_motion;
   // The coarse subset represents all points.
   const ImageSums of_reference = residuals_.linearise(grey, pattern, found.at, kOutlierSigma,
                                                       residuals_.coarse_points(), ImageInformation::reference_noise);
   const double share = static_cast<double>(residuals_.points()) / std::max(1, residuals_.coarse_points());
   const ImageMatrix caused = covariance * of_reference.information * covariance * (share / (excess * excess));
-  result.reference_covariance = covariance_of_inverse(pose, caused.topLeftCorner<6, 6>()) + systematic_;
+  result.reference_covariance = covariance_of_inverse(pose, caused.topLeftCorner<6, 6>()) + from_motion + systematic_;
   return result;
 }
 

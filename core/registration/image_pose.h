@@ -23,7 +23,7 @@ struct ImagePose {
   // Given the image and the prior, with the uncertainty of the reference's motion; tangent of retract().
   Matrix6d covariance = Matrix6d::Zero();
   // The part of it that is common to all images that are compared with this reference and does not average out over them:
-  // the noise of the reference, and systematic errors.
+  // the noise of the reference, the error of its motion, and systematic errors.
   Matrix6d reference_covariance = Matrix6d::Zero();
   double gain = 0, contrast = 0;  // g and m
   double rms_sigma = 0;           // of the residuals, clipped at the cut-off; about 1 if the sigmas are correct

@@ -6,6 +6,7 @@
 
 #include "core/base/constants.h"
 #include "core/types/error.h"
+#include "core/types/linear_algebra.h"
 #include "sim/random.h"
 #include "sim/scene/routes.h"
 
@@ -74,32 +75,78 @@ Pose ContinuousPath::at(double time_s) const {
   return orthonormalised(pose * Pose{rotation_exp(turn), shift});
 }
 
+namespace {
+
+// A route by its generalized length: a rotation counts as the distance that the robot covers at its speed meanwhile.
+struct MeasuredRoute {
+  std::vector<double> length_m;   // from the start to each pose
+  std::vector<double> speed_m_s;  // highest speed at each pose
+};
+
+// The speed along the route is limited by `travel.speed_m_s`, and so that the accelerations along and across the curve
+// add up to `travel.acceleration_m_s2` at most, everywhere and in both directions.
+MeasuredRoute measured(const std::vector<Pose>& route, const Travel& travel) {
+  const double m_per_rad = travel.speed_m_s / travel.max_rad_s;
+  MeasuredRoute result;
+  result.length_m = {0};
+  std::vector<Vector6d> directions;
+  for (size_t i = 1; i < route.size(); ++i) {
+    Vector6d step;
+    step << m_per_rad * rotation_log(route[i].rotation * route[i - 1].rotation.transpose()),
+        route[i].translation - route[i - 1].translation;
+    // A segment takes as long as the slower of its translation and its rotation.
+    const double length_m = std::max(step.head<3>().norm(), step.tail<3>().norm());
+    result.length_m.push_back(result.length_m.back() + length_m);
+    directions.push_back(length_m > 0         ? Vector6d(step / length_m)
+                         : directions.empty() ? Vector6d(Vector6d::Zero())
+                                              : directions.back());
+  }
+  if (!(result.length_m.back() > 0)) throw Error("a route to travel needs at least two different poses");
+
+  // Of the two parts of the motion, the one with the larger acceleration counts.
+  const auto larger = [](const Vector6d& v) { return std::max(v.head<3>().norm(), v.tail<3>().norm()); };
+  std::vector<double> curvature_per_m(route.size(), 0);
+  for (size_t i = 1; i + 1 < route.size(); ++i) {
+    const double span_m = 0.5 * (result.length_m[i + 1] - result.length_m[i - 1]);
+    if (span_m > 0) curvature_per_m[i] = larger(directions[i] - directions[i - 1]) / span_m;
+  }
+  const double most = travel.acceleration_m_s2;
+  for (const double curvature : curvature_per_m)
+    result.speed_m_s.push_back(std::min(travel.speed_m_s, std::sqrt(most / std::max(curvature, 1e-12))));
+  const auto limit = [&](size_t from, size_t to) {
+    const double square = result.speed_m_s[from] * result.speed_m_s[from];
+    const double across = curvature_per_m[from] * square;
+    // Translation and rotation share one speed, so the accelerations need not be perpendicular.
+    const double along = std::max(0.0, most - across);
+    const double step_m = std::abs(result.length_m[to] - result.length_m[from]);
+    result.speed_m_s[to] = std::min(result.speed_m_s[to], std::sqrt(square + 2 * along * step_m));
+  };
+  for (size_t i = 1; i < route.size(); ++i) limit(i - 1, i);
+  for (size_t i = route.size() - 1; i > 0; --i) limit(i, i - 1);
+  return result;
+}
+
+}  // namespace
+
 std::vector<Pose> travelled(const std::vector<Pose>& route, const Travel& travel, double step_s) {
   if (route.size() < 2) throw Error("a route to travel needs at least two different poses");
-  // Generalised length: a segment takes as long as the slower of its translation and its rotation.
-  std::vector<double> length_m = {0};
-  for (size_t i = 1; i < route.size(); ++i) {
-    const Pose step = route[i - 1].inverse() * route[i];
-    length_m.push_back(length_m.back() +
-                       std::max(translation_m(step), rotation_rad(step) * travel.speed_m_s / travel.max_rad_s));
-  }
-  if (!(length_m.back() > 0)) throw Error("a route to travel needs at least two different poses");
+  const MeasuredRoute measures = measured(route, travel);
+  const std::vector<double>& length_m = measures.length_m;
   const bool stops = travel.stop_s > 0;
   constexpr int kSubSteps = 16;
   const double dt = step_s / kSubSteps;
-  double speed = travel.from_rest || stops ? 0 : travel.speed_m_s, at_m = 0;
+  double speed = travel.from_rest || stops ? 0 : measures.speed_m_s.front(), at_m = 0;
   std::vector<Pose> poses;
   size_t segment = 1;
   for (long tick = 0; at_m < length_m.back(); ++tick) {
-    if (tick % kSubSteps == 0) {
-      while (segment + 1 < route.size() && length_m[segment] < at_m) ++segment;
-      const double size = length_m[segment] - length_m[segment - 1];
-      poses.push_back(
-          interpolate(route[segment - 1], route[segment], size > 0 ? (at_m - length_m[segment - 1]) / size : 0));
-    }
+    while (segment + 1 < route.size() && length_m[segment] < at_m) ++segment;
+    const double size = length_m[segment] - length_m[segment - 1];
+    const double part = size > 0 ? (at_m - length_m[segment - 1]) / size : 0;
+    if (tick % kSubSteps == 0) poses.push_back(interpolate(route[segment - 1], route[segment], part));
     // Standing comes first: the robot waits, moves, and waits again.
     const double cycle_s = std::fmod(static_cast<double>(tick) * dt, travel.stop_s + travel.move_s);
-    const double wanted = stops && cycle_s < travel.stop_s ? 0 : travel.speed_m_s;
+    const double limit = std::lerp(measures.speed_m_s[segment - 1], measures.speed_m_s[segment], part);
+    const double wanted = stops && cycle_s < travel.stop_s ? 0 : limit;
     speed += std::clamp(wanted - speed, -travel.acceleration_m_s2 * dt, travel.acceleration_m_s2 * dt);
     at_m += speed * dt;
   }

@@ -14,10 +14,12 @@ namespace fringeslam::sim {
 // Speed profile along a route.
 struct Travel {
   double speed_m_s = 0.3;
-  double max_rad_s = 1;            // turn rate; slows the robot down in tight curves
-  double acceleration_m_s2 = 0.5;  // bound on the change of speed
-  bool from_rest = false;          // false: the robot moves at full speed from the first image on
-  double move_s = 0, stop_s = 0;   // stop and go: alternate moving and standing; 0: never stop
+  double max_rad_s = 1;  // turn rate; slows the robot down where it turns faster
+  // Bound on the acceleration, along and across the path; slows the robot down in tight curves. Angular accelerations are
+  // bounded by acceleration_m_s2 max_rad_s / speed_m_s.
+  double acceleration_m_s2 = 0.5;
+  bool from_rest = false;         // false: the robot moves at full speed from the first image on
+  double move_s = 0, stop_s = 0;  // stop and go: alternate moving and standing; 0: never stop
 };
 
 // Sum of harmonics with random phases and directions, band-limited to [low_hz, high_hz].
@@ -49,7 +51,8 @@ class ContinuousPath {
   std::vector<Harmonic> harmonics_;
 };
 
-// Poses at equal time steps of `step_s` along a densely sampled route that is travelled with the given speed profile.
+// Poses at equal time steps of `step_s` along a densely sampled smooth route that is travelled with the given speed
+// profile, at full speed from the start unless `travel` says otherwise. Throws Error if all poses are the same.
 std::vector<Pose> travelled(const std::vector<Pose>& route, const Travel& travel, double step_s);
 
 // Poses at equal time steps along timed poses, interpolated by Catmull-Rom splines in time.

@@ -74,6 +74,54 @@ TEST(Travelled, KeepsSpeedAndAcceleration) {
   EXPECT_LT((poses.back().translation - Eigen::Vector3d(1.98, 0, 0)).norm(), 1e-9);
 }
 
+// A circle of radius r is travelled at v^2 / r = a.
+TEST(Travelled, SlowsDownInCircles) {
+  Travel travel;
+  travel.speed_m_s = 1;
+  travel.max_rad_s = 100;
+  travel.acceleration_m_s2 = 0.8;
+  const double radius_m = 0.2, step_s = 0.01;
+  std::vector<Pose> route;
+  for (int i = 0; i <= 2000; ++i) {
+    const double angle = 2e-3 * i;
+    route.push_back({Eigen::Matrix3d::Identity(), radius_m * Eigen::Vector3d(std::cos(angle), std::sin(angle), 0)});
+  }
+  const std::vector<Pose> poses = travelled(route, travel, step_s);
+  for (size_t i = 1; i + 1 < poses.size(); ++i)
+    EXPECT_NEAR((poses[i].translation - poses[i - 1].translation).norm() / step_s, 0.4, 1e-4);
+}
+
+TEST(Travelled, BoundsTotalAccelerationsOnWindingRoutes) {
+  Travel travel;
+  travel.speed_m_s = 1;
+  travel.acceleration_m_s2 = 0.7;
+  travel.max_rad_s = 0.8;
+  const double step_s = 0.01;
+  std::vector<Pose> route;
+  for (int i = 0; i <= 8000; ++i) {
+    const double t = 2.5e-4 * i;
+    route.push_back({rotation_exp({0.2 * std::sin(9 * t), 0, 0.3 * std::sin(6 * t)}),
+                     {t, 0.1 * std::sin(12 * t), 0.02 * std::cos(20 * t)}});
+  }
+  const std::vector<Pose> poses = travelled(route, travel, step_s);
+  double fastest = 0, most_m_s2 = 0, most_rad_s2 = 0;
+  for (size_t i = 1; i + 2 < poses.size(); ++i) {
+    const Pose &a = poses[i - 1], &b = poses[i], &c = poses[i + 1];
+    fastest = std::max(fastest, (c.translation - b.translation).norm() / step_s);
+    most_m_s2 = std::max(most_m_s2, (a.translation - 2 * b.translation + c.translation).norm() / (step_s * step_s));
+    const Eigen::Vector3d before = rotation_log(b.rotation * a.rotation.transpose()),
+                          after = rotation_log(c.rotation * b.rotation.transpose());
+    most_rad_s2 = std::max(most_rad_s2, (after - before).norm() / (step_s * step_s));
+  }
+  EXPECT_LE(most_m_s2, 1.03 * travel.acceleration_m_s2);
+  EXPECT_LE(most_rad_s2, 1.03 * travel.acceleration_m_s2 * travel.max_rad_s / travel.speed_m_s);
+  // The bound is used, not only kept.
+  EXPECT_GE(std::max(most_m_s2 / travel.acceleration_m_s2,
+                     most_rad_s2 / (travel.acceleration_m_s2 * travel.max_rad_s / travel.speed_m_s)),
+            0.9);
+  EXPECT_GT(fastest, 0.3);
+}
+
 TEST(Travelled, TurnsNoFasterThanAllowed) {
   Travel travel;
   travel.max_rad_s = 0.2;

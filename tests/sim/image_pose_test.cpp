@@ -8,6 +8,8 @@
 
 #include "core/mapper/front_end.h"
 #include "core/mapper/image_tracker.h"
+#include "core/mapper/image_trajectory.h"
+#include "core/mapper/pipeline.h"
 #include "core/mapper/rolling_views.h"
 #include "core/types/linear_algebra.h"
 #include "sim/virtual_rig.h"
@@ -198,6 +200,53 @@ TEST_F(MovingImages, TheTrackerFollowsImagesAndPredictsTheNextView) {
   EXPECT_LT((prediction->motion.motion.velocity_m_s - truth.velocity_m_s).norm(), 0.02);
   EXPECT_LT((prediction->motion.motion.angular_rad_s - truth.angular_rad_s).norm(), 0.02);
   EXPECT_FALSE(tracker.predict(next_s + 1));
+}
+
+// The images of all stacks but the first, a complete one, get poses, and two patterns projected in the wrong order are noticed.
+TEST(ImagesOfARun, HavePosesAndShowTheirPatterns) {
+  SceneLoadOptions reading;
+  reading.changes = {{"trajectory.continuous.speed_m_s", "0.3"}};
+  const Scene scene = load_scene(std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop/scene.yaml", reading);
+  VirtualRig rig(scene, {});
+  Pipeline pipeline(rig.model(), scene.patterns, {}, {});
+  ImageTrajectory images(rig.model(), scene.patterns);
+  constexpr int kStacks = 6;
+  Trajectory truth;
+  Pose map_from_truth;
+  size_t shown = 0, swapped = 0;
+  for (int i = 0; i < kStacks; ++i) {
+    SimulatedView view = *rig.simulate(pipeline.next_patterns());
+    for (const TimedPose& exposure : view.truth.exposures) truth.push_back(exposure);
+    const FrameResult result = pipeline.process(view.stack);
+    ASSERT_TRUE(has_pose(result.tracking));
+    if (i == 0) map_from_truth = result.world_from_robot * view.truth.world_from_robot.inverse();
+    FringeStack seen = view.stack;
+    if (i == kStacks - 1) {
+      ASSERT_GE(seen.images.size(), 3u);
+      std::swap(seen.patterns.patterns[0], seen.patterns.patterns[1]);
+      swapped = shown;
+    }
+    shown += seen.images.size();
+    images.add(seen, result, pipeline.mapper());
+  }
+  ASSERT_EQ(images.images().size(), shown);
+  for (size_t k = 0; k < shown; ++k) {
+    const ImageOfRun& image = images.images()[k];
+    EXPECT_EQ(image.tracked, image.stack > 0) << k;
+    EXPECT_EQ(image.as_expected, k != swapped && k != swapped + 1) << k;
+    EXPECT_EQ(image.shown.has_value(), !image.as_expected) << k;
+  }
+  const Trajectory poses = images.trajectory(pipeline.mapper());
+  ASSERT_EQ(poses.size(), shown - scene.patterns.patterns.size());
+  for (const TimedPose& pose : poses) {
+    const auto true_pose = std::find_if(truth.begin(), truth.end(), [&](const TimedPose& exposure) {
+      return std::abs(exposure.timestamp_s - pose.timestamp_s) < 1e-9;
+    });
+    ASSERT_NE(true_pose, truth.end());
+    const Pose expected = map_from_truth * true_pose->world_from_robot;
+    EXPECT_LT(translation_m(expected.inverse() * pose.world_from_robot), 1e-3);
+    EXPECT_LT(rotation_rad(expected.inverse() * pose.world_from_robot), 1e-3);
+  }
 }
 
 TEST_F(MovingImages, AnyThreeConsecutiveImagesMakeAView) {
