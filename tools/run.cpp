@@ -77,6 +77,16 @@ class RateLimiter {
   int turn_ = 0;
 };
 
+// Prints the progress of what follows mapping, over tiles or views; a few of them are not worth a line.
+TileProgress phase_progress(const std::string& what, bool silent) {
+  constexpr size_t kFew = 8;
+  auto progress = std::make_shared<std::optional<Progress>>();
+  return [progress, what, silent](size_t, size_t all) {
+    if (!*progress) progress->emplace(what, static_cast<int>(all), silent || all < kFew);
+    (*progress)->step();
+  };
+}
+
 // Explains runs that reconstruct nearly nothing, or track no view.
 class Emptiness {
  public:
@@ -210,8 +220,12 @@ int run(const RunArguments& arguments, const Common& common) {
   if (dropped() > 0 && !common.json)
     std::fprintf(stderr, "dropped: %d of %d stacks, because mapping fell behind\n", dropped(), source->stacks());
   if (live) live->feed().finish();
-  const std::vector<CloudPoint> cloud = pipeline.map().cloud(settings.pipeline.cloud).points();
-  record.finish(pipeline.trajectory(), cloud, pipeline.surface(), arguments.vdb);
+  const bool silent = common.quiet || common.json;
+  record.finish(pipeline.trajectory());
+  record.write_cloud(pipeline.map(), settings.pipeline.cloud, phase_progress("merging the cloud", silent));
+  if (!record.write_surface(pipeline.map(), settings.pipeline.surface, phase_progress("fusing the surface", silent)))
+    std::fprintf(stderr, "mesh.glb: left out, because the mesh exceeds the 4 GiB of a GLB file; see mesh.ply\n");
+  if (arguments.vdb) write_text(folder.path() / "surface.vdb", pipeline.surface().to_vdb());
   if (rig->model().thermal) record.add_warm_objects(thermal.warm_objects(pipeline.mapper()));
   if (images) record.add_image_poses(*images, pipeline.mapper());
   if (arguments.save_map) write_text(folder.path() / kMapFile, to_bytes(pipeline.map()));
@@ -221,10 +235,10 @@ int run(const RunArguments& arguments, const Common& common) {
   std::optional<RunScore> score;
   if (source->has_truth() && !pipeline.trajectory().empty()) {
     fs::copy_file(folder.path() / "truth" / "truth.tum", folder.path() / "truth.tum");
-    score = score_run(folder.path());
+    score = score_run(folder.path(), {}, phase_progress("scoring", silent));
     write_text(folder.path() / "score.json", to_json(*score).dump(2) + "\n");
   }
-  record.draw_overview(cloud, score ? &*score : nullptr);
+  record.draw_overview(score ? &*score : nullptr, phase_progress("drawing", silent));
 #if FRINGESLAM_REPORT
   if (!arguments.no_report) write_report(folder.path(), folder.path() / "report.html");
 #endif

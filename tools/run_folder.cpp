@@ -11,7 +11,7 @@
 #include <sstream>
 
 #include "core/io/files.h"
-#include "core/io/ply.h"
+#include "core/io/ply_writer.h"
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
 #include "core/score/truth_files.h"
@@ -222,23 +222,54 @@ void RunFolder::add_warm_objects(const std::vector<WarmObject>& things) const {
   write_text(folder_ / "victims.json", to_json(things).dump(1) + "\n");
 }
 
-void RunFolder::finish(const Trajectory& trajectory, const std::vector<CloudPoint>& cloud, const SurfaceModel& surface,
-                       bool vdb) {
-  const SurfaceMesh mesh = surface.mesh();
+void RunFolder::finish(const Trajectory& trajectory) {
   trajectory_ = trajectory;
   std::string lost;
   for (const int index : lost_) lost += (lost.empty() ? "# lost: stacks " : ", ") + std::to_string(index);
   write_text(folder_ / "trajectory.tum", (lost.empty() ? lost : lost + "\n") + to_tum(trajectory_));
-  write_text(folder_ / "map.ply", to_ply(cloud, "world"));
-  write_text(folder_ / "mesh.ply", to_ply(mesh, "world"));
-  write_text(folder_ / "mesh.glb", to_glb(mesh));
-  if (vdb) write_text(folder_ / "surface.vdb", surface.to_vdb());
   write_text(folder_ / "frames.json", frames_.dump(1) + "\n");
   write_text(folder_ / "landmarks.json", landmarks_.dump(1) + "\n");
 }
 
-void RunFolder::draw_overview(const std::vector<CloudPoint>& cloud, const RunScore* score) const {
+void RunFolder::write_cloud(const KeyframeMap& map, const CloudOptions& options, const TileProgress& progress) {
+  constexpr size_t kMostShown = 2'000'000;
+  size_t every = 1;
+  PlyWriter file(folder_ / "map.ply", {"world", 0, true, true, std::nullopt});
+  for_each_cloud_part(
+      map, options,
+      [&](const std::vector<CloudPoint>& part) {
+        file.add(part);
+        for (const CloudPoint& point : part) {
+          if (cloud_points_++ % every == 0) cloud_.push_back(point);
+          if (cloud_.size() < kMostShown) continue;
+          for (size_t i = 0; 2 * i < cloud_.size(); ++i) cloud_[i] = cloud_[2 * i];
+          cloud_.resize((cloud_.size() + 1) / 2);
+          every *= 2;
+        }
+      },
+      progress);
+  file.finish();
+}
+
+bool RunFolder::write_surface(const KeyframeMap& map, const SurfaceOptions& options,
+                              const TileProgress& progress) const {
+  PlyWriter file(folder_ / "mesh.ply", {"world", 0, true, true, 0});
+  for_each_surface_part(
+      map, options,
+      [&](const SurfaceMesh& part) {
+        file.add(part.vertices);
+        file.add(part.triangles);
+      },
+      progress);
+  file.finish();
+  if (!fits_glb(file.layout().vertices, *file.layout().triangles)) return false;
+  ply_to_glb(folder_ / "mesh.ply", folder_ / "mesh.glb");
+  return true;
+}
+
+void RunFolder::draw_overview(const RunScore* score, const TileProgress& progress) const {
   Panel error{sigma_title_, sigma_, 1};
+  size_t drawn = 0;
   if (score) {
     for (const int index : tracked_) {
       const DepthEstimate estimate = read_depth_estimate(frame_folder(index) / "depth.exr");
@@ -247,6 +278,7 @@ void RunFolder::draw_overview(const std::vector<CloudPoint>& cloud, const RunSco
       cv::subtract(estimate.depth_m, truth.depth_m, difference);
       const cv::Mat3b picture = false_colour(difference, -kErrorLimitM, kErrorLimitM);
       write_png(frame_folder(index) / "error.png", picture);
+      if (progress) progress(++drawn, tracked_.size());
       if (index == shown_) error = {"depth error, -0.3 to 0.3 mm", picture, 1};
     }
   }
@@ -261,8 +293,8 @@ void RunFolder::draw_overview(const std::vector<CloudPoint>& cloud, const RunSco
     second_row = {{"surface, shaded by its normals", shaded_, 1},
                   score ? Panel{sigma_title_, sigma_, 1} : Panel{"texture", texture_, 1}};
   }
-  second_row.push_back({"map from above, " + std::to_string(cloud.size()) + " points; cameras yellow",
-                        map_picture(cloud, cameras, cell), 1});
+  second_row.push_back({"map from above, " + std::to_string(cloud_points_) + " points; cameras yellow",
+                        map_picture(cloud_, cameras, cell), 1});
   second_row.push_back({"score", text_picture(score ? summary(*score) : facts, cell), 1});
   write_png(folder_ / "overview.png", sheet({{{"view " + std::to_string(shown_) + ": fringe image", fringe_, 1},
                                               {"wrapped phase", phase_, 1},

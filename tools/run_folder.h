@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <vector>
 
+#include "core/map/map_cloud.h"
 #include "core/map/mesh.h"
 #include "core/mapper/image_trajectory.h"
 #include "core/mapper/pipeline.h"
@@ -31,12 +32,17 @@ class RunFolder {
   // Writes mesh.ply of a view that was added before.
   void add_mesh(const Mesh& mesh, int index) const;
 
-  // Writes trajectory.tum, map.ply, mesh.ply, mesh.glb, frames.json, landmarks.json and, if `vdb`, surface.vdb.
-  void finish(const Trajectory& trajectory, const std::vector<CloudPoint>& cloud, const SurfaceModel& surface,
-              bool vdb);
+  // Writes trajectory.tum, frames.json and landmarks.json.
+  void finish(const Trajectory& trajectory);
+
+  // Writes map.ply; only one tile of the map is in memory at a time.
+  void write_cloud(const KeyframeMap& map, const CloudOptions& options, const TileProgress& progress);
+  // Writes mesh.ply and mesh.glb in the same way. A mesh that exceeds the limit of GLB files is only written as PLY;
+  // returns false then.
+  bool write_surface(const KeyframeMap& map, const SurfaceOptions& options, const TileProgress& progress) const;
 
   // Writes error.png of each tracked view and overview.png; `score` is null without ground truth.
-  void draw_overview(const std::vector<CloudPoint>& cloud, const RunScore* score) const;
+  void draw_overview(const RunScore* score, const TileProgress& progress = {}) const;
 
  private:
   std::filesystem::path frame_folder(int index) const;
@@ -53,6 +59,8 @@ class RunFolder {
   std::string depth_title_, sigma_title_;
   std::vector<std::string> facts_;  // about the view shown, for runs without ground truth
   std::string match_title_;
+  std::vector<CloudPoint> cloud_;  // for the overview: every n-th point of the cloud
+  size_t cloud_points_ = 0;        // of the whole cloud
 };
 
 }  // namespace fringeslam::tools

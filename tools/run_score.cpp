@@ -94,7 +94,8 @@ double finest_period(const PatternSequence& sequence) {
 
 }  // namespace
 
-RunScore score_run(const fs::path& folder, const TrajectoryOptions& options) {
+RunScore score_run(const fs::path& folder, const TrajectoryOptions& options,
+                   const std::function<void(size_t done, size_t all)>& progress) {
   RunScore score;
   const YamlMap config = YamlMap::load(folder / "config.yaml");
   score.name = config.text("name");
@@ -129,6 +130,7 @@ RunScore score_run(const fs::path& folder, const TrajectoryOptions& options) {
                              error_over_bound(camera_motion, true_camera_motion, information)});
     }
     previous = std::move(current);
+    if (progress) progress(k + 1, pairs.size());
   }
   if (rig.thermal && !pairs.empty()) {
     const auto [i, j] = pairs.front();

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
@@ -37,7 +38,9 @@ struct RunScore {
 
 // Scores the folder, which contains config.yaml, rig.yaml, patterns.yaml, frames/, trajectory.tum, truth/, for a rig
 // with a thermal camera victims.json, and for a run with poses of single images images.tum. Throws Error on missing or invalid files.
-RunScore score_run(const std::filesystem::path& folder, const TrajectoryOptions& options = {});
+// `progress`, if any, is called with the number of views that are finished, and of all.
+RunScore score_run(const std::filesystem::path& folder, const TrajectoryOptions& options = {},
+                   const std::function<void(size_t done, size_t all)>& progress = {});
 
 nlohmann::ordered_json to_json(const RunScore& score);
 nlohmann::ordered_json to_json(const TrajectoryScore& score);

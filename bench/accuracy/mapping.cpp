@@ -6,6 +6,7 @@
 #include <map>
 
 #include "bench/row.h"
+#include "core/map/map_cloud.h"
 #include "core/map/surface.h"
 #include "core/mapper/pipeline.h"
 #include "core/score/map_score.h"
@@ -58,7 +59,7 @@ void measure_map(const sim::Scene& scene, Pipeline& pipeline, const std::vector<
   const double area = area_m2(surface), mib = 1048576;
   const sim::NearestSurface truth(scene);
   const std::vector<double> distances = truth.distances_m(surface.vertices, kFarthest_m);
-  run.cloud_m = median_of(truth.distances_m(positions(map.cloud({}).points()), kFarthest_m));
+  run.cloud_m = median_of(truth.distances_m(positions(cloud_of(map, {})), kFarthest_m));
   run.score =
       score_map(distances, sim::NearestSurface(std::move(surface)).distances_m(seen, kFarthest_m), kTolerance_m);
   std::fprintf(stderr,

@@ -62,6 +62,12 @@ void append_ply_vertex(std::string& bytes, const Vertex& vertex) {
   if constexpr (kHasSigma<Vertex>) append_bytes(bytes, static_cast<float>(vertex.sigma_m));
 }
 
+template <class Triangle>
+void append_ply_triangle(std::string& bytes, const Triangle& triangle) {
+  append_bytes(bytes, uint8_t{3});
+  for (const auto corner : triangle) append_bytes(bytes, static_cast<int32_t>(corner));
+}
+
 // Returns a binary PLY file of points with `position_m`, `grey` and, if they have them, `normal` and `sigma_m`; `frame`
 // names the frame of their coordinates.
 template <class Vertex>
@@ -78,10 +84,7 @@ std::string to_ply(const Mesh& mesh, const std::string& frame) {
   std::string bytes =
       ply_header({frame, mesh.vertices.size(), kHasNormal<Vertex>, kHasSigma<Vertex>, mesh.triangles.size()});
   for (const Vertex& vertex : mesh.vertices) append_ply_vertex(bytes, vertex);
-  for (const auto& triangle : mesh.triangles) {
-    append_bytes(bytes, uint8_t{3});
-    for (const auto corner : triangle) append_bytes(bytes, static_cast<int32_t>(corner));
-  }
+  for (const auto& triangle : mesh.triangles) append_ply_triangle(bytes, triangle);
   return bytes;
 }
 

@@ -3,35 +3,71 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
+
+#include "core/types/error.h"
 
 namespace fringeslam {
 
 namespace {
 
-Eigen::Vector3d to_eigen(const cv::Vec3f& v) { return {v[0], v[1], v[2]}; }
-
-}  // namespace
-
-size_t CloudMap::KeyHash::operator()(const Key& key) const {
+size_t hash_of(const std::array<int32_t, 3>& key) {
   uint64_t h = 0;
   for (const int32_t k : key) h = (h ^ static_cast<uint32_t>(k)) * 0x9e3779b97f4a7c15u, h ^= h >> 29;
   return static_cast<size_t>(h);
 }
 
-CloudMap::CloudMap(const CloudOptions& options) : cell_m_(options.cell_m) { check_options(options, "cloud"); }
+}  // namespace
+
+CloudMap::CloudMap(double cell_m, const CellRange& range) : cell_m_(cell_m), range_(range), slots_(1024) {
+  constexpr double kLeast_m = 1e-5;
+  if (!(cell_m >= kLeast_m && cell_m <= 1))
+    throw Error("cloud.cell_m is " + to_text(cell_m) + "; it must lie in " + to_text(kLeast_m) + " to 1");
+}
+
+// Doubles the hash table; cells keep their positions.
+void CloudMap::grow() {
+  slots_.assign(2 * slots_.size(), 0);
+  const size_t mask = slots_.size() - 1;
+  for (size_t i = 0; i < keys_.size(); ++i) {
+    size_t slot = hash_of(keys_[i]) & mask;
+    while (slots_[slot] != 0) slot = (slot + 1) & mask;
+    slots_[slot] = static_cast<uint32_t>(i + 1);
+  }
+}
+
+CloudMap::Cell& CloudMap::cell_at(const Key& key) {
+  if (2 * (keys_.size() + 1) > slots_.size()) grow();
+  const size_t mask = slots_.size() - 1;
+  size_t slot = hash_of(key) & mask;
+  while (slots_[slot] != 0) {
+    const size_t found = slots_[slot] - 1;
+    if (keys_[found] == key) return cells_[found];
+    slot = (slot + 1) & mask;
+  }
+  keys_.push_back(key);
+  cells_.emplace_back();
+  slots_[slot] = static_cast<uint32_t>(keys_.size());
+  return cells_.back();
+}
 
 void CloudMap::add(const Frame& frame, const Pose& world_from_camera) {
   for (int row = 0; row < frame.height(); ++row) {
     for (int col = 0; col < frame.width(); ++col) {
       if (std::isnan(frame.normals(row, col)[2])) continue;
-      const Eigen::Vector3d point = world_from_camera * to_eigen(frame.points_m(row, col));
+      const Eigen::Vector3d point = world_from_camera * vector_of(frame.points_m(row, col));
       Key key;
-      for (int i = 0; i < 3; ++i) key[static_cast<size_t>(i)] = static_cast<int32_t>(std::floor(point[i] / cell_m_));
+      bool inside = true;
+      for (size_t i = 0; i < 3; ++i) {
+        key[i] = static_cast<int32_t>(std::floor(point[static_cast<int>(i)] / cell_m_));
+        inside &= key[i] >= range_.first[i] && key[i] <= range_.last[i];
+      }
+      if (!inside) continue;
       const double sigma = frame.sigma_m(row, col);
       const double weight = 1 / (sigma * sigma + 1e-18);
-      Cell& cell = cells_[key];
+      Cell& cell = cell_at(key);
       cell.position += weight * point;
-      cell.normal += weight * (world_from_camera.rotation * to_eigen(frame.normals(row, col)));
+      cell.normal += weight * (world_from_camera.rotation * vector_of(frame.normals(row, col)));
       cell.grey += weight * frame.texture(row, col);
       cell.weight += weight;
     }
@@ -39,14 +75,13 @@ void CloudMap::add(const Frame& frame, const Pose& world_from_camera) {
 }
 
 std::vector<CloudPoint> CloudMap::points() const {
-  std::vector<const std::pair<const Key, Cell>*> order;
-  order.reserve(cells_.size());
-  for (const auto& entry : cells_) order.push_back(&entry);
-  std::sort(order.begin(), order.end(), [](const auto* a, const auto* b) { return a->first < b->first; });
+  std::vector<uint32_t> order(keys_.size());
+  std::iota(order.begin(), order.end(), 0u);
+  std::sort(order.begin(), order.end(), [&](uint32_t a, uint32_t b) { return keys_[a] < keys_[b]; });
   std::vector<CloudPoint> points;
   points.reserve(order.size());
-  for (const auto* entry : order) {
-    const Cell& cell = entry->second;
+  for (const uint32_t i : order) {
+    const Cell& cell = cells_[i];
     points.push_back({(cell.position / cell.weight).cast<float>(), cell.normal.normalized().cast<float>(),
                       static_cast<uint8_t>(std::lround(std::clamp(cell.grey / cell.weight, 0.0, 255.0))),
                       static_cast<float>(1 / std::sqrt(cell.weight))});

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Point cloud in the world frame (docs/method.md, section 8.3): frames are merged in cells of a fixed size, and the
-// points of one cell are averaged, weighted by their sigmas.
+// points of one cell are averaged, weighted by their sigmas. map_cloud.h makes the cloud of a whole map.
 #pragma once
 
 #include <array>
 #include <cstdint>
-#include <unordered_map>
 #include <vector>
 
 #include "core/types/frame.h"
@@ -15,11 +14,12 @@
 namespace fringeslam {
 
 struct CloudOptions {
-  double cell_m = 0.001;
+  double cell_m = 0;
 
   template <class Visitor>
   void describe(Visitor& v) {
-    v.field("cell_m", cell_m, {1e-5, 1}, "edge length of the cells in which points are merged, m");
+    v.field("cell_m", cell_m, {0, 1},
+            "edge length of the cells in which points are merged, m; 0: a pixel's footprint at mid range");
   }
 };
 
@@ -30,24 +30,33 @@ struct CloudPoint {
   float sigma_m = 0;
 };
 
+// Cells from `first` to `last`, both included.
+struct CellRange {
+  std::array<int32_t, 3> first = {INT32_MIN, INT32_MIN, INT32_MIN}, last = {INT32_MAX, INT32_MAX, INT32_MAX};
+};
+
 class CloudMap {
  public:
-  explicit CloudMap(const CloudOptions& options);
+  // Throws Error unless cell_m is at least 1e-5. Points in cells outside `range` are ignored.
+  explicit CloudMap(double cell_m, const CellRange& range = {});
   void add(const Frame& frame, const Pose& world_from_camera);
   // Returns the points sorted by cell coordinates, independent of the order in which cells were created.
   std::vector<CloudPoint> points() const;
 
  private:
   using Key = std::array<int32_t, 3>;
-  struct KeyHash {
-    size_t operator()(const Key& key) const;
-  };
   struct Cell {
     Eigen::Vector3d position = Eigen::Vector3d::Zero(), normal = Eigen::Vector3d::Zero();
     double grey = 0, weight = 0;
   };
+  Cell& cell_at(const Key& key);
+  void grow();
+
   double cell_m_;
-  std::unordered_map<Key, Cell, KeyHash> cells_;
+  CellRange range_;
+  std::vector<Key> keys_;  // of the cells
+  std::vector<Cell> cells_;
+  std::vector<uint32_t> slots_;  // hash table: position of a cell + 1, or 0
 };
 
 }  // namespace fringeslam

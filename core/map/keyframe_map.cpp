@@ -38,13 +38,14 @@ double KeyframeMap::view_change(const Pose& one_from_other) const {
 
 int KeyframeMap::add_keyframe(const Frame& frame, Landmarks landmarks, const Pose& world_from_camera) {
   const int number = static_cast<int>(keyframes_.size());
-  keyframes_.push_back({frame.index, frame.timestamp_s, world_from_camera, std::move(landmarks), stored(frame)});
+  keyframes_.push_back(
+      {frame.index, frame.timestamp_s, world_from_camera, std::move(landmarks), memory_.moved(stored(frame))});
   frames_.push_back({number, {}, keyframes_.back().frame});  // shares the images
   return number;
 }
 
 void KeyframeMap::replace_frame(int keyframe, const Frame& frame, const Pose& new_from_old) {
-  keyframes_[static_cast<size_t>(keyframe)].frame = stored(frame);
+  keyframes_[static_cast<size_t>(keyframe)].frame = memory_.moved(stored(frame));
   // A keyframe's own frame precedes the others that are fixed to it.
   bool own = true;
   for (MapFrame& fixed : frames_) {
@@ -61,7 +62,7 @@ bool KeyframeMap::add_frame(const Frame& frame, int keyframe, const Pose& keyfra
   for (const MapFrame& known : frames_) {
     if (view_change(world_from_camera(known).inverse() * here) < options_.min_view_change) return false;
   }
-  frames_.push_back({keyframe, keyframe_from_camera, stored(frame)});
+  frames_.push_back({keyframe, keyframe_from_camera, memory_.moved(stored(frame))});
   return true;
 }
 
@@ -114,12 +115,6 @@ std::vector<int> KeyframeMap::overlapping(const Frame& frame, const Pose& world_
   return numbers;
 }
 
-CloudMap KeyframeMap::cloud(const CloudOptions& options) const {
-  CloudMap cloud(options);
-  for (const MapFrame& frame : frames_) cloud.add(restored(frame.frame, rays_), world_from_camera(frame));
-  return cloud;
-}
-
 size_t KeyframeMap::memory_bytes() const {
   size_t bytes = 0;
   for (const MapFrame& frame : frames_) bytes += bytes_of(frame.frame);
@@ -130,6 +125,15 @@ size_t KeyframeMap::memory_bytes() const {
 }
 
 void KeyframeMap::restore(std::vector<Keyframe> keyframes, std::vector<MapFrame> frames, std::vector<PoseEdge> links) {
+  std::vector<StoredFrame> moved;
+  for (const Keyframe& keyframe : keyframes) moved.push_back(memory_.moved(keyframe.frame));
+  for (MapFrame& frame : frames) {
+    // A keyframe shares its images with its own frame.
+    const auto number = static_cast<size_t>(frame.keyframe);
+    const bool own = frame.frame.depth_m.data == keyframes[number].frame.depth_m.data;
+    frame.frame = own ? moved[number] : memory_.moved(frame.frame);
+  }
+  for (size_t i = 0; i < keyframes.size(); ++i) keyframes[i].frame = moved[i];
   keyframes_ = std::move(keyframes);
   frames_ = std::move(frames);
   links_ = std::move(links);

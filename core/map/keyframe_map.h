@@ -3,13 +3,14 @@
 // between them, each fixed to a keyframe. When a loop is closed, the keyframes move and their frames move with them.
 // Cloud and surface are fused from the frames on request.
 //
-// Only views that show something new are kept, so a stationary robot does not fill the memory.
+// Only views that show something new are kept, so a stationary robot does not fill the memory. Frames are kept in a file
+// without a name (frame_memory.h), so a long path does not fill it either.
 #pragma once
 
 #include <optional>
 #include <vector>
 
-#include "core/map/cloud.h"
+#include "core/map/frame_memory.h"
 #include "core/map/pose_graph.h"
 #include "core/map/stored_frame.h"
 #include "core/types/landmark.h"
@@ -93,7 +94,6 @@ class KeyframeMap {
   // Returns the keyframes with an expected overlap of at least min_loop_overlap, in descending order of overlap.
   std::vector<int> overlapping(const Frame& frame, const Pose& world_from_camera) const;
 
-  CloudMap cloud(const CloudOptions& options) const;
   size_t memory_bytes() const;
 
   // Replaces the content by that read from a file (map_file.h).
@@ -108,6 +108,7 @@ class KeyframeMap {
   std::vector<Keyframe> keyframes_;
   std::vector<MapFrame> frames_;
   std::vector<PoseEdge> links_;
+  FrameMemory memory_;  // copies of the map share it
 };
 
 }  // namespace fringeslam

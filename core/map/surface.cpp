@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <numeric>
+#include <unordered_map>
 
 #include "core/base/parallel.h"
 #include "core/map/surface_fusion.h"
@@ -27,8 +28,7 @@ openvdb::Coord first_voxel(const BrickIndex& brick) {
 
 VoxelScale scale_of(const RigModel& rig, const SurfaceOptions& options) {
   check_options(options, "surface");
-  const double pixel_m = (rig.near_m + rig.far_m) / (rig.camera.fx + rig.camera.fy);
-  const double voxel_m = options.voxel_m > 0 ? options.voxel_m : pixel_m;
+  const double voxel_m = options.voxel_m > 0 ? options.voxel_m : rig.pixel_footprint_m();
   return {voxel_m, options.truncation_voxels * voxel_m};
 }
 
@@ -51,6 +51,8 @@ class SurfaceModel::Grid {
   void check(const PosedFrame& posed) const;
   // Adds at most kFramesTogether frames.
   void add(const PosedFrame* first, size_t count);
+  // Ignores everything outside these bricks from now on.
+  void limit(const BrickRange& range) { range_ = range; }
 
   // Returns the leaves in the order of their coordinates.
   std::vector<const VoxelLeaf*> leaves() const {
@@ -80,6 +82,7 @@ class SurfaceModel::Grid {
   // Kept between calls, since allocating memory costs more than writing to it.
   std::vector<FramePlanes> frames;
   BrickSet touched;
+  BrickRange range_;
 };
 
 void SurfaceModel::Grid::check(const PosedFrame& posed) const {
@@ -106,7 +109,9 @@ void SurfaceModel::Grid::add(const PosedFrame* first, size_t count) {
   // The tree may be searched in parallel but not modified: new leaves are added at the end.
   std::vector<std::unique_ptr<VoxelLeaf>> fresh(bricks.size());
   for_each(bricks.size(), [&](size_t i) {
-    const openvdb::Coord corner = first_voxel(brick_of(bricks[i].key));
+    const BrickIndex brick = brick_of(bricks[i].key);
+    if (!range_.contains(brick)) return;
+    const openvdb::Coord corner = first_voxel(brick);
     VoxelLeaf* leaf = tree.probeLeaf(corner);
     if (leaf == nullptr) {
       fresh[i] = std::make_unique<VoxelLeaf>(corner, 0);
@@ -132,17 +137,96 @@ void SurfaceModel::add(const std::vector<PosedFrame>& frames) {
     grid_->add(frames.data() + i, std::min<size_t>(kMaxFusedFrames, frames.size() - i));
 }
 
-SurfaceModel surface_of(const KeyframeMap& map, const SurfaceOptions& options) {
-  SurfaceModel surface(map.rig(), options);
-  const std::vector<MapFrame>& frames = map.frames();
+namespace {
+
+void add_frames(const KeyframeMap& map, const std::vector<size_t>& frames, SurfaceModel& surface) {
   std::vector<PosedFrame> together;  // limits the memory use
   for (size_t i = 0; i < frames.size(); ++i) {
-    together.push_back({restored(frames[i].frame, map.rays()), map.world_from_camera(frames[i])});
+    const MapFrame& frame = map.frames()[frames[i]];
+    together.push_back({restored(frame.frame, map.rays()), map.world_from_camera(frame)});
     if (together.size() < kMaxFusedFrames && i + 1 < frames.size()) continue;
     surface.add(together);
     together.clear();
   }
+}
+
+struct CellHash {
+  size_t operator()(const SurfaceCell& cell) const {
+    return static_cast<size_t>((cell.brick_key ^ static_cast<uint64_t>(cell.cell) << 55) * 0x9e3779b97f4a7c15u >> 7);
+  }
+};
+
+// Numbers the vertices of a mesh that is made of patches. Vertices at the border of a tile belong to several patches.
+class PatchStitcher {
+ public:
+  // `edge` is that of a tile, bricks; 0: there is only one.
+  explicit PatchStitcher(int32_t edge) : edge_(edge) {}
+
+  // Removes the vertices that an earlier patch had, and lets the triangles refer to all vertices so far.
+  SurfaceMesh stitched(SurfacePatch patch) {
+    SurfaceMesh part;
+    std::vector<uint32_t> numbers(patch.mesh.vertices.size());
+    for (size_t i = 0; i < numbers.size(); ++i) {
+      const SurfaceCell& cell = patch.cells[i];
+      const bool shared = is_shared(brick_of(cell.brick_key));
+      const auto next = static_cast<uint32_t>(count_ + part.vertices.size());
+      numbers[i] = shared ? border_.emplace(cell, next).first->second : next;
+      if (numbers[i] == next) part.vertices.push_back(patch.mesh.vertices[i]);
+    }
+    count_ += part.vertices.size();
+    part.triangles = std::move(patch.mesh.triangles);
+    for (auto& triangle : part.triangles) {
+      for (uint32_t& vertex : triangle) vertex = numbers[vertex];
+    }
+    return part;
+  }
+
+ private:
+  // Triangles use vertices of their own brick and of those that precede it.
+  bool is_shared(const BrickIndex& brick) const {
+    return edge_ > 0 && std::any_of(brick.begin(), brick.end(), [&](int32_t i) { return (i + 1) % edge_ == 0; });
+  }
+
+  int32_t edge_;
+  size_t count_ = 0;
+  std::unordered_map<SurfaceCell, uint32_t, CellHash> border_;
+};
+
+}  // namespace
+
+SurfaceModel surface_of(const KeyframeMap& map, const SurfaceOptions& options) {
+  SurfaceModel surface(map.rig(), options);
+  std::vector<size_t> all(map.frames().size());
+  std::iota(all.begin(), all.end(), size_t{0});
+  add_frames(map, all, surface);
   return surface;
+}
+
+void for_each_surface_part(const KeyframeMap& map, const SurfaceOptions& options,
+                           const std::function<void(const SurfaceMesh&)>& take, const TileProgress& progress) {
+  const VoxelScale scale = scale_of(map.rig(), options);
+  const int32_t edge = tile_edge(map, scale.voxel_m) / kBrickEdge;
+  // The triangles of a tile need all bricks next to it, and these need all frames within the band around them.
+  const double margin_m = scale.truncation_m + (kBrickEdge + 1) * scale.voxel_m;
+  const std::vector<MapTile> tiles = tiles_of(map, edge * kBrickEdge * scale.voxel_m, margin_m);
+  PatchStitcher stitcher(edge);
+  for (size_t t = 0; t < tiles.size(); ++t) {
+    SurfaceModel surface(map.rig(), options);
+    BrickRange own;
+    if (edge > 0) {
+      BrickRange wide;
+      for (size_t i = 0; i < 3; ++i) {
+        own.first[i] = edge * tiles[t].index[i];
+        own.last[i] = own.first[i] + edge - 1;
+        wide.first[i] = own.first[i] - 1;
+        wide.last[i] = own.last[i] + 1;
+      }
+      surface.grid_->limit(wide);
+    }
+    add_frames(map, tiles[t].frames, surface);
+    take(stitcher.stitched(surface_nets(surface.grid_->bricks(), scale, surface.grid_->min_weight(), own)));
+    if (progress) progress(t + 1, tiles.size());
+  }
 }
 
 SurfaceMesh SurfaceModel::mesh() const { return surface_nets(grid_->bricks(), grid_->scale, grid_->min_weight()); }

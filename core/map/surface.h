@@ -4,11 +4,13 @@
 // fusion, surface_nets.h for the triangulation, surface_vdb.h for the export, surface_bricks.h for the storage.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include "core/map/keyframe_map.h"
+#include "core/map/map_tiles.h"
 #include "core/map/surface_mesh.h"
 #include "core/types/frame.h"
 #include "core/types/options.h"
@@ -71,8 +73,15 @@ class SurfaceModel {
 
  private:
   class Grid;
+  friend void for_each_surface_part(const KeyframeMap& map, const SurfaceOptions& options,
+                                    const std::function<void(const SurfaceMesh&)>& take, const TileProgress& progress);
   std::unique_ptr<Grid> grid_;
 };
+
+// Fuses all frames of the map at their current poses, one tile (map_tiles.h) at a time, and passes the parts of the mesh
+// to `take`. A part's triangles refer to the vertices of all parts so far, numbered in their order.
+void for_each_surface_part(const KeyframeMap& map, const SurfaceOptions& options,
+                           const std::function<void(const SurfaceMesh&)>& take, const TileProgress& progress = {});
 
 // Fuses all frames of the map at their current poses.
 SurfaceModel surface_of(const KeyframeMap& map, const SurfaceOptions& options);

@@ -20,6 +20,15 @@ constexpr int kBrickEdge = 8, kBrickVoxels = kBrickEdge * kBrickEdge * kBrickEdg
 constexpr float kDistanceSteps = 32767, kGreySteps = 256;
 
 using BrickIndex = std::array<int32_t, 3>;
+// Bricks from `first` to `last`, both included; by default all.
+struct BrickRange {
+  BrickIndex first = {INT32_MIN, INT32_MIN, INT32_MIN}, last = {INT32_MAX, INT32_MAX, INT32_MAX};
+  bool contains(const BrickIndex& brick) const {
+    bool inside = true;
+    for (size_t i = 0; i < 3; ++i) inside &= brick[i] >= first[i] && brick[i] <= last[i];
+    return inside;
+  }
+};
 struct Brick {
   BrickIndex index;
   const int64_t* voxels;

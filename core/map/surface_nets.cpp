@@ -40,19 +40,21 @@ class SurfaceNetsMesher {
     for (size_t i = 0; i < bricks.size(); ++i) number_.emplace(brick_key(bricks[i].index), i);
   }
 
-  SurfaceMesh mesh() {
+  SurfacePatch patch(const BrickRange& range) {
     const int count = static_cast<int>(bricks_.size());
     for_each_row(count, [&](int i) { find_vertices(static_cast<size_t>(i)); });
     first_.assign(bricks_.size() + 1, 0);
     for (size_t i = 0; i < bricks_.size(); ++i)
       first_[i + 1] = first_[i] + static_cast<uint32_t>(surfaces_[i].vertices.size());
-    for_each_row(count, [&](int i) { find_triangles(static_cast<size_t>(i)); });
+    for_each_row(count, [&](int i) {
+      if (range.contains(bricks_[static_cast<size_t>(i)].index)) find_triangles(static_cast<size_t>(i));
+    });
     return collected();
   }
 
  private:
   // Concatenates the bricks' meshes, without unused vertices.
-  SurfaceMesh collected() const {
+  SurfacePatch collected() const {
     constexpr uint32_t kUnused = UINT32_MAX;
     std::vector<uint32_t> place(first_.back(), kUnused);
     for (const BrickSurface& surface : surfaces_) {
@@ -60,22 +62,24 @@ class SurfaceNetsMesher {
         for (const uint32_t vertex : triangle) place[vertex] = 0;
       }
     }
-    SurfaceMesh mesh;
-    mesh.vertices.reserve(place.size());
+    SurfacePatch result;
+    SurfaceMesh& mesh = result.mesh;
     size_t number = 0;
-    for (const BrickSurface& surface : surfaces_) {
-      for (const CloudPoint& vertex : surface.vertices) {
+    for (size_t b = 0; b < surfaces_.size(); ++b) {
+      const uint64_t key = brick_key(bricks_[b].index);
+      for (size_t v = 0; v < surfaces_[b].vertices.size(); ++v) {
         uint32_t& at = place[number++];
         if (at == kUnused) continue;
         at = static_cast<uint32_t>(mesh.vertices.size());
-        mesh.vertices.push_back(vertex);
+        mesh.vertices.push_back(surfaces_[b].vertices[v]);
+        result.cells.push_back({key, static_cast<uint16_t>(surfaces_[b].cells[v].cell)});
       }
     }
     for (const BrickSurface& surface : surfaces_) {
       for (const auto& triangle : surface.triangles)
         mesh.triangles.push_back({place[triangle[0]], place[triangle[1]], place[triangle[2]]});
     }
-    return mesh;
+    return result;
   }
 
   struct Patch {
@@ -240,7 +244,12 @@ class SurfaceNetsMesher {
 }  // namespace
 
 SurfaceMesh surface_nets(const std::vector<Brick>& bricks, const VoxelScale& scale, double min_weight) {
-  return SurfaceNetsMesher(bricks, scale, min_weight).mesh();
+  return surface_nets(bricks, scale, min_weight, {}).mesh;
+}
+
+SurfacePatch surface_nets(const std::vector<Brick>& bricks, const VoxelScale& scale, double min_weight,
+                          const BrickRange& range) {
+  return SurfaceNetsMesher(bricks, scale, min_weight).patch(range);
 }
 
 }  // namespace fringeslam

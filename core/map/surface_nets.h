@@ -22,4 +22,22 @@ namespace fringeslam {
 // of the bricks.
 SurfaceMesh surface_nets(const std::vector<Brick>& bricks, const VoxelScale& scale, double min_weight);
 
+// A cell of a brick, z varying fastest.
+struct SurfaceCell {
+  uint64_t brick_key = 0;
+  uint16_t cell = 0;
+  bool operator==(const SurfaceCell&) const = default;
+};
+
+// Part of a mesh, and the cells of its vertices.
+struct SurfacePatch {
+  SurfaceMesh mesh;
+  std::vector<SurfaceCell> cells;
+};
+
+// Triangulates part of a surface: the triangles around grid edges that start in bricks of `range`. They equal those of the
+// whole surface if `bricks` holds all bricks within one of `range`.
+SurfacePatch surface_nets(const std::vector<Brick>& bricks, const VoxelScale& scale, double min_weight,
+                          const BrickRange& range);
+
 }  // namespace fringeslam

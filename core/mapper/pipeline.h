@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 
+#include "core/map/cloud.h"
 #include "core/map/surface.h"
 #include "core/mapper/front_end.h"
 #include "core/mapper/mapper.h"

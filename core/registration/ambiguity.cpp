@@ -22,8 +22,6 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-Vector3d vector_of(const cv::Vec3f& v) { return Vector3d(cv::Vec3d(v).val); }
-
 // Texture without the illumination, which moves with the projector: the relative deviation from the mean of the
 // measured surroundings. Zero without a depth, where shadows move as well.
 cv::Mat1f relative_texture(const Frame& frame) {

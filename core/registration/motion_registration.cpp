@@ -16,8 +16,6 @@ using Eigen::Vector3d;
 using Vector18d = Eigen::Matrix<double, 18, 1>;
 using Matrix18d = Eigen::Matrix<double, 18, 18>;
 
-Vector3d vector_of(const cv::Vec3f& v) { return {v[0], v[1], v[2]}; }
-
 struct Sums {
   Matrix18d information = Matrix18d::Zero();
   Vector18d gradient = Vector18d::Zero();

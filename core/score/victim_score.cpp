@@ -6,11 +6,11 @@
 #include <cmath>
 #include <limits>
 
+#include "core/types/frame.h"
+
 namespace fringeslam {
 
 namespace {
-
-Eigen::Vector3d vector_of(const cv::Vec3f& v) { return Eigen::Vector3f(v[0], v[1], v[2]).cast<double>(); }
 
 bool is_visible(int mask) {
   constexpr int kWanted = kTruthSurface | kTruthInBeam | kTruthVictim | kTruthThermal;

@@ -18,8 +18,6 @@ namespace {
 constexpr size_t kLeastPixels = 12;  // of a region; smaller ones are dropped
 constexpr double kNothing = std::numeric_limits<double>::infinity();
 
-Eigen::Vector3d vector_of(const cv::Vec3f& v) { return Eigen::Vector3f(v[0], v[1], v[2]).cast<double>(); }
-
 double quantile(std::vector<float>& values, double q) {
   if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
   const auto at = values.begin() + static_cast<std::ptrdiff_t>(q * static_cast<double>(values.size() - 1));

@@ -23,6 +23,10 @@ struct Frame {
   bool valid(int row, int col) const { return points_m(row, col)[2] == points_m(row, col)[2]; }
 };
 
+inline Eigen::Vector3d vector_of(const cv::Vec3f& v) {
+  return {static_cast<double>(v[0]), static_cast<double>(v[1]), static_cast<double>(v[2])};
+}
+
 // Returns the camera-facing unit normal from the point and, along its row and its column, the neighbour that is closer
 // in depth; NaN if a row or column has no valid neighbour. It is noisy, but available at edges, where Frame::normals is
 // NaN.

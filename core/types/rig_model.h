@@ -98,6 +98,8 @@ struct RigModel {
   PhaseCorrection phase_correction = {};
   double near_m = 0.7, far_m = 1.4;  // working range along the camera's z
   double middle_range_m() const { return 0.5 * (near_m + far_m); }
+  // Edge of the square that a pixel covers on a surface at mid range, facing the camera.
+  double pixel_footprint_m() const { return 2 * middle_range_m() / (camera.fx + camera.fy); }
   std::optional<ThermalCamera> thermal = {};
 };
 

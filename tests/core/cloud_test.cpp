@@ -49,7 +49,7 @@ Frame frame_of(const std::vector<Sample>& samples) {
 }
 
 std::vector<CloudPoint> cloud_of(const Frame& frame, const Pose& world_from_camera, double cell_m) {
-  CloudMap map({.cell_m = cell_m});
+  CloudMap map(cell_m);
   map.add(frame, world_from_camera);
   return map.points();
 }
@@ -96,7 +96,7 @@ TEST(Cloud, OrderOfInsertionDoesNotMatter) {
     const Pose pose = pose_from({{10.0 * i, -5.0 * i, 0}, {0, 0, 3.0 * i}});
     return std::pair(support::observe(support::corner({0, 0, 1.1}), rig, pose, 1e-5 * (i + 1)), pose);
   };
-  CloudMap forward({.cell_m = 0.004}), backward({.cell_m = 0.004});
+  CloudMap forward(0.004), backward(0.004);
   for (int i = 0; i < 4; ++i) forward.add(view(i).first, view(i).second);
   for (int i = 3; i >= 0; --i) backward.add(view(i).first, view(i).second);
   const auto a = forward.points(), b = backward.points();
@@ -112,7 +112,7 @@ TEST(Cloud, OrderOfInsertionDoesNotMatter) {
 TEST(Cloud, RepeatedViewsMergeIntoTheSurface) {
   const RigModel rig = support::small_rig(false);
   support::Random random(1);
-  CloudMap map({.cell_m = 0.005});
+  CloudMap map(0.005);
   for (int i = 0; i < 10; ++i) map.add(support::observe(support::plane({0, 0, 1}, 1.0025), rig, {}, 1e-4, &random), {});
   double squares = 0, count = 0;
   for (const CloudPoint& point : map.points()) {
@@ -123,7 +123,7 @@ TEST(Cloud, RepeatedViewsMergeIntoTheSurface) {
 }
 
 TEST(Cloud, CellSizeIsChecked) {
-  EXPECT_THAT(error_of([] { CloudMap({.cell_m = 0}); }), HasSubstr("cloud.cell_m is 0; it must lie in"));
+  EXPECT_THAT(error_of([] { CloudMap(0); }), HasSubstr("cloud.cell_m is 0; it must lie in"));
 }
 
 template <class Value>

@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 
+#include "core/map/map_cloud.h"
 #include "core/map/map_file.h"
 #include "tests/support/matchers.h"
 #include "tests/support/scene.h"
@@ -109,7 +110,7 @@ TEST(KeyframeMap, CorrectionMovesKeyframesAndTheirFrames) {
   EXPECT_FALSE(map.correct({}, 1e-4)) << "already corrected";
   // After the correction the whole cloud lies on the surface.
   const double before = 2e-3;
-  for (const CloudPoint& point : map.cloud({}).points()) {
+  for (const CloudPoint& point : cloud_of(map, {})) {
     const Eigen::Vector3d p = point.position_m.cast<double>();
     const auto hit = kSurface(Eigen::Vector3d(p.x(), p.y(), 0), Eigen::Vector3d(0, 0, 1));
     ASSERT_TRUE(hit);

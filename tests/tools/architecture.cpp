@@ -65,7 +65,6 @@ const std::vector<Library>& libraries() {
       {"pcl/", {"core/registration"}, false},
       {"OpenImageIO/", {}, false},
       {"openvdb/", {"core/map"}, false},
-      {"tiny_gltf.h", {"core/map"}, false},
       {"yaml-cpp/", {}, false},
       {"arv.h", {"hw"}, false},
       {"aravis", {"hw"}, false},

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <opencv2/imgproc.hpp>
 
+#include "core/map/map_cloud.h"
 #include "core/types/error.h"
 #include "tools/report/pictures.h"
 
@@ -54,8 +55,8 @@ void Animation::add(const FringeStack& stack, const FrameResult& result, const K
 void Animation::write(const std::filesystem::path& file, const Mapper& mapper, const CloudOptions& options) const {
   if (samples_.empty()) throw Error("animation: no view was tracked, so there is nothing to draw");
   const KeyframeMap& map = mapper.map();
-  const std::vector<CloudPoint> whole = map.cloud(options).points();
-  CloudMap growing(options);
+  const std::vector<CloudPoint> whole = cloud_of(map, options);
+  CloudMap growing(cell_m_of(map.rig(), options));
   size_t added = 0;
   std::vector<Pose> cameras;
   std::vector<cv::Mat3b> frames;

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <vector>
 
+#include "core/map/cloud.h"
 #include "core/mapper/mapper.h"
 #include "core/types/fringe_stack.h"
 

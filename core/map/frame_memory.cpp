@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/map/frame_memory.h"
+
+#include <utility>
+
+namespace fringeslam {
+
+// OpenCV asks the allocator of an image for its pixels. Each image holds a reference to its allocator.
+class FrameMemory::Allocator : public cv::MatAllocator, public std::enable_shared_from_this<Allocator> {
+ public:
+  cv::UMatData* allocate(int dims, const int* sizes, int type, void* data, size_t* step, cv::AccessFlag,
+                         cv::UMatUsageFlags) const override {
+    size_t total = CV_ELEM_SIZE(type);
+    for (int i = dims - 1; i >= 0; --i) {
+      if (step != nullptr) step[i] = total;
+      total *= static_cast<size_t>(sizes[i]);
+    }
+    CV_Assert(data == nullptr);
+    auto* pixels = new cv::UMatData(this);
+    pixels->data = pixels->origdata = reinterpret_cast<uchar*>(memory_.allocate(total));
+    pixels->size = total;
+    pixels->handle = new std::shared_ptr<const Allocator>(shared_from_this());
+    return pixels;
+  }
+  bool allocate(cv::UMatData* pixels, cv::AccessFlag, cv::UMatUsageFlags) const override { return pixels != nullptr; }
+  void deallocate(cv::UMatData* pixels) const override {
+    if (pixels == nullptr) return;
+    auto* const self = static_cast<std::shared_ptr<const Allocator>*>(pixels->handle);
+    delete pixels;
+    delete self;  // possibly the last reference to this
+  }
+
+  const FileMemory& memory() const { return memory_; }
+
+ private:
+  mutable FileMemory memory_;
+};
+
+FrameMemory::FrameMemory() : allocator_(std::make_shared<Allocator>()) {}
+
+const FileMemory& FrameMemory::memory() const { return allocator_->memory(); }
+
+StoredFrame FrameMemory::moved(const StoredFrame& frame) {
+  StoredFrame result{frame.index, frame.timestamp_s, {}, {}, {}, {}};
+  const auto move = [&](const cv::Mat& from, cv::Mat& to) {
+    to.allocator = allocator_.get();
+    from.copyTo(to);
+    to.allocator = nullptr;  // later assignments allocate as usual
+  };
+  move(frame.depth_m, result.depth_m);
+  move(frame.sigma, result.sigma);
+  move(frame.normals, result.normals);
+  move(frame.texture, result.texture);
+  return result;
+}
+
+}  // namespace fringeslam

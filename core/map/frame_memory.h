@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+// Images of a map's frames in memory that the kernel can keep on disk (core/map/file_memory.h).
+#pragma once
+
+#include <memory>
+#include <opencv2/core.hpp>
+
+#include "core/map/file_memory.h"
+#include "core/map/stored_frame.h"
+
+namespace fringeslam {
+
+// Moves frames to such memory. The images may outlive this object: they keep the memory.
+class FrameMemory {
+ public:
+  FrameMemory();
+  // Returns the frame with its images moved. Images share their pixels as usual when copied.
+  StoredFrame moved(const StoredFrame& frame);
+
+  const FileMemory& memory() const;
+
+ private:
+  class Allocator;
+  std::shared_ptr<Allocator> allocator_;
+};
+
+}  // namespace fringeslam

@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+// Divides a map into cubes, so that what is fused from all of its frames never has to be in memory at once.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <vector>
+
+#include "core/map/keyframe_map.h"
+
+namespace fringeslam {
+
+// Cubic tiles with edges of `edge_m`; tile i covers [i edge_m, (i + 1) edge_m) of each axis of the world. 0: a single tile
+// covers everything.
+struct MapTile {
+  std::array<int32_t, 3> index{};
+  std::vector<size_t> frames;  // positions in KeyframeMap::frames(), ascending
+};
+
+// Receives how many of all tiles are finished.
+using TileProgress = std::function<void(size_t done, size_t all)>;
+
+// Returns the number of cells or voxels of `unit_m` along the edge of a tile: enough for one and a half views, and at least
+// 1,024. 0 for maps of a few frames, which need no tiles.
+int32_t tile_edge(const KeyframeMap& map, double unit_m);
+
+// Returns the tiles that frames may have points in, or within `margin_m` of, in ascending order of their indices, each
+// with those frames. A frame's points are bounded by its least and greatest depth. Throws Error if a pose is so far from
+// the origin that the tiles cannot be numbered.
+std::vector<MapTile> tiles_of(const KeyframeMap& map, double edge_m, double margin_m);
+
+}  // namespace fringeslam
