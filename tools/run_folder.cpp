@@ -11,6 +11,7 @@
 #include <sstream>
 
 #include "core/io/files.h"
+#include "core/io/glb.h"
 #include "core/io/ply_writer.h"
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
@@ -72,6 +73,10 @@ std::vector<std::string> summary(const RunScore& score) {
 }
 
 // A pose that explains an ambiguous view, relative to the reference keyframe.
+cv::Mat3b phase_picture(const DecodedStack& decoded) {
+  return false_colour(decoded.wrapped_phase, -std::numbers::pi, std::numbers::pi);
+}
+
 nlohmann::ordered_json alternative_json(const Pose& reference_from_view, double log_likelihood) {
   const SixDof six = six_dof(reference_from_view);
   const Eigen::Vector3d &shift = six.translation_mm, &angles = six.angles_deg;
@@ -92,23 +97,22 @@ fs::path RunFolder::frame_folder(int index) const { return folder_ / "frames" / 
 
 void RunFolder::add(const FringeStack& stack, const FrameResult& result, const ThermalView& thermal,
                     const KeyframeMap& map) {
-  const fs::path folder = frame_folder(stack.index);
-  fs::create_directories(folder);
   const Frame& frame = result.frame;
   const cv::Mat1f depth = depth_of(frame);
-  // The coordinate is written only where a depth was kept.
-  cv::Mat1f column = result.decoded.coordinate_px.clone();
-  column.setTo(std::nan(""), depth != depth);
-  write_exr(folder / "depth.exr", {{"depth_m", depth}, {"sigma_m", frame.sigma_m}, {"projector_column", column}});
-  write_png(folder / "texture.png", frame.texture);
-  write_png(folder / "depth.png", frame.depth_image);
-  const cv::Mat3b phase = false_colour(result.decoded.wrapped_phase, -std::numbers::pi, std::numbers::pi);
-  write_png(folder / "phase.png", phase);
-
-  if (!thermal.temperature_c.empty()) {
+  // Images share their pixels when copied.
+  writing_.add([folder = frame_folder(stack.index), depth, frame, decoded = result.decoded, thermal] {
+    fs::create_directories(folder);
+    // The coordinate is written only where a depth was kept.
+    cv::Mat1f column = decoded.coordinate_px.clone();
+    column.setTo(std::nan(""), depth != depth);
+    write_exr(folder / "depth.exr", {{"depth_m", depth}, {"sigma_m", frame.sigma_m}, {"projector_column", column}});
+    write_png(folder / "texture.png", frame.texture);
+    write_png(folder / "depth.png", frame.depth_image);
+    write_png(folder / "phase.png", phase_picture(decoded));
+    if (thermal.temperature_c.empty()) return;
     write_exr(folder / "temperature.exr", {{"Y", thermal.temperature_c}});
     write_png(folder / "temperature.png", warm_picture(frame.texture, thermal));
-  }
+  });
 
   const bool tracked = has_pose(result.tracking);
   const MotionEstimate& motion = result.registration.motion;
@@ -160,7 +164,7 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const T
     shown_ = stack.index;
     fringe_ = grey_picture(stack.images[std::min(static_cast<size_t>(finest_image_), stack.images.size() - 1)],
                            0.8 * rig_.sensor.max_dn());
-    phase_ = phase;
+    phase_ = phase_picture(result.decoded);
     const auto [near_m, far_m] = content_limits(depth);
     depth_ = false_colour(depth, near_m, far_m);
     depth_title_ = "depth, " + fixed(1e3 * near_m, 0) + " to " + fixed(1e3 * far_m, 0) + " mm, near = blue";
@@ -190,8 +194,11 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const T
   }
 }
 
-void RunFolder::add_mesh(const Mesh& mesh, int index) const {
-  write_text(frame_folder(index) / "mesh.ply", to_ply(mesh, "camera"));
+void RunFolder::add_mesh(const Mesh& mesh, int index) {
+  writing_.add([folder = frame_folder(index), mesh] {
+    fs::create_directories(folder);
+    write_text(folder / "mesh.ply", to_ply(mesh, "camera"));
+  });
 }
 
 void RunFolder::add_image_poses(const ImageTrajectory& images, const Mapper& mapper) const {
@@ -229,6 +236,7 @@ void RunFolder::finish(const Trajectory& trajectory) {
   write_text(folder_ / "trajectory.tum", (lost.empty() ? lost : lost + "\n") + to_tum(trajectory_));
   write_text(folder_ / "frames.json", frames_.dump(1) + "\n");
   write_text(folder_ / "landmarks.json", landmarks_.dump(1) + "\n");
+  writing_.finish();
 }
 
 void RunFolder::write_cloud(const KeyframeMap& map, const CloudOptions& options, const TileProgress& progress) {

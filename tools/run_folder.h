@@ -11,6 +11,7 @@
 #include "core/mapper/image_trajectory.h"
 #include "core/mapper/pipeline.h"
 #include "core/mapper/thermal_observer.h"
+#include "tools/background_tasks.h"
 #include "tools/report/pictures.h"
 #include "tools/run_score.h"
 
@@ -20,7 +21,7 @@ class RunFolder {
  public:
   RunFolder(std::filesystem::path folder, const RigModel& rig, const PatternSequence& sequence);
 
-  // Writes the images and depth of one view and appends its entries to frames.json and landmarks.json.
+  // Writes the images and depth of one view, in the background until finish(), and appends its entries to frames.json and landmarks.json.
   void add(const FringeStack& stack, const FrameResult& result, const ThermalView& thermal, const KeyframeMap& map);
 
   // Writes victims.json: the warm objects found by a thermal camera (tools/landmark_files.h).
@@ -30,9 +31,9 @@ class RunFolder {
   void add_image_poses(const ImageTrajectory& images, const Mapper& mapper) const;
 
   // Writes mesh.ply of a view that was added before.
-  void add_mesh(const Mesh& mesh, int index) const;
+  void add_mesh(const Mesh& mesh, int index);
 
-  // Writes trajectory.tum, frames.json and landmarks.json.
+  // Writes trajectory.tum, frames.json and landmarks.json, and waits for the images.
   void finish(const Trajectory& trajectory);
 
   // Writes map.ply; only one tile of the map is in memory at a time.
@@ -47,9 +48,11 @@ class RunFolder {
  private:
   std::filesystem::path frame_folder(int index) const;
 
+  static constexpr int kWriters = 2;
   std::filesystem::path folder_;
   RigModel rig_;
-  int finest_image_ = 0;  // index of the image with the finest fringes, shown in the overview
+  BackgroundTasks writing_{kWriters};  // the images of the views
+  int finest_image_ = 0;               // index of the image with the finest fringes, shown in the overview
   Trajectory trajectory_;
   std::vector<int> tracked_, lost_;
   nlohmann::ordered_json frames_ = nlohmann::ordered_json::array(), landmarks_ = nlohmann::ordered_json::array();

@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/map/map_cloud.h"
 
+#include <algorithm>
+#include <opencv2/core/utility.hpp>
+
+#include "core/base/parallel.h"
 #include "core/map/map_tiles.h"
 
 namespace fringeslam {
@@ -14,21 +18,33 @@ void for_each_cloud_part(const KeyframeMap& map, const CloudOptions& options,
                          const std::function<void(const std::vector<CloudPoint>&)>& take,
                          const TileProgress& progress) {
   const double cell_m = cell_m_of(map.rig(), options);
+  size_t done = 0;
   const int32_t edge = tile_edge(map, cell_m);
   const std::vector<MapTile> tiles = tiles_of(map, edge * cell_m, cell_m);
-  for (size_t t = 0; t < tiles.size(); ++t) {
+  const auto points_of = [&](const MapTile& tile) {
+    const SerialLoops serial;  // the other cores work on other tiles
     CellRange range;
     for (size_t i = 0; i < 3 && edge > 0; ++i) {
-      range.first[i] = edge * tiles[t].index[i];
+      range.first[i] = edge * tile.index[i];
       range.last[i] = range.first[i] + edge - 1;
     }
     CloudMap cloud(cell_m, range);
-    for (const size_t i : tiles[t].frames) {
+    for (const size_t i : tile.frames) {
       const MapFrame& frame = map.frames()[i];
       cloud.add(restored(frame.frame, map.rays()), map.world_from_camera(frame));
     }
-    take(cloud.points());
-    if (progress) progress(t + 1, tiles.size());
+    return cloud.points();
+  };
+  constexpr int kMostTogether = 4;  // limits the memory use
+  const auto together = static_cast<size_t>(std::clamp(cv::getNumThreads(), 1, kMostTogether));
+  for (size_t first = 0; first < tiles.size(); first += together) {
+    std::vector<std::vector<CloudPoint>> parts(std::min(together, tiles.size() - first));
+    for_each_row(static_cast<int>(parts.size()),
+                 [&](int i) { parts[static_cast<size_t>(i)] = points_of(tiles[first + static_cast<size_t>(i)]); });
+    for (const std::vector<CloudPoint>& part : parts) {
+      take(part);
+      if (progress) progress(++done, tiles.size());
+    }
   }
 }
 

@@ -14,7 +14,7 @@ namespace fringeslam {
 double cell_m_of(const RigModel& rig, const CloudOptions& options);
 
 // Merges all frames of the map at their current poses, and passes the points of each tile to `take`, sorted by their cells'
-// coordinates within a tile. Only one tile is in memory at a time.
+// coordinates within a tile. Only a few tiles are in memory at a time.
 void for_each_cloud_part(const KeyframeMap& map, const CloudOptions& options,
                          const std::function<void(const std::vector<CloudPoint>&)>& take,
                          const TileProgress& progress = {});

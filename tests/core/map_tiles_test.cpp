@@ -11,6 +11,7 @@
 #include <map>
 #include <set>
 
+#include "core/io/glb.h"
 #include "core/io/ply_writer.h"
 #include "core/map/frame_memory.h"
 #include "core/map/map_cloud.h"

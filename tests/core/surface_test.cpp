@@ -13,6 +13,7 @@
 #include <nlohmann/json.hpp>
 #include <numeric>
 
+#include "core/io/glb.h"
 #include "core/io/ply.h"
 #include "core/map/surface_fusion.h"
 #include "tests/support/matchers.h"
@@ -643,7 +644,7 @@ TEST(Surface, GlbIsWhatGltfSays) {
   const Eigen::Quaterniond rotation(turn[3], turn[0], turn[1], turn[2]);
   EXPECT_LT((rotation * Eigen::Vector3d::UnitZ() - Eigen::Vector3d::UnitY()).norm(), 1e-12);
 
-  const Glb empty = parse_glb(to_glb({}));
+  const Glb empty = parse_glb(to_glb(SurfaceMesh{}));
   EXPECT_EQ(empty.json.at("scenes").size(), 1U);
   EXPECT_TRUE(empty.json["scenes"][0].is_object());
   EXPECT_FALSE(empty.json.contains("meshes"));

@@ -7,7 +7,9 @@
 #include <numbers>
 #include <opencv2/core.hpp>
 
+#include "core/io/ply_writer.h"
 #include "core/types/error.h"
+#include "tests/support/matchers.h"
 #include "tests/support/temp_folder.h"
 #include "tests/tools/fake_rig.h"
 #include "tools/report/map_error.h"
@@ -78,7 +80,35 @@ TEST(SimplifiedMesh, TakesCloudsAndNothing) {
   SurfaceMesh cloud = square(50);
   cloud.triangles.clear();
   EXPECT_LE(thinned(cloud, 100).mesh.vertices.size(), 100u);
-  EXPECT_TRUE(thinned({}, 100).mesh.vertices.empty());
+  EXPECT_TRUE(thinned(SurfaceMesh{}, 100).mesh.vertices.empty());
+}
+
+TEST(SimplifiedMesh, ReadsFilesInPasses) {
+  const test::TempFolder temp;
+  const SurfaceMesh mesh = square(200);
+  PlyWriter file(temp / "mesh.ply", {"world", 0, true, true, 0});
+  file.add(mesh.vertices);
+  file.add(mesh.triangles);
+  file.finish();
+  for (const size_t most : {100000u, 2000u}) {
+    const SimplifiedMesh of_file = thinned(temp / "mesh.ply", most), of_mesh = thinned(mesh, most);
+    EXPECT_EQ(of_file.cell_m, of_mesh.cell_m);
+    EXPECT_EQ(of_file.whole_vertices, 40000u);
+    EXPECT_EQ(of_file.whole_triangles, mesh.triangles.size());
+    EXPECT_EQ(of_file.mesh.triangles, of_mesh.mesh.triangles);
+    ASSERT_EQ(of_file.mesh.vertices.size(), of_mesh.mesh.vertices.size());
+    for (size_t i = 0; i < of_mesh.mesh.vertices.size(); ++i) {
+      EXPECT_EQ(of_file.mesh.vertices[i].position_m, of_mesh.mesh.vertices[i].position_m);
+      EXPECT_EQ(of_file.mesh.vertices[i].grey, of_mesh.mesh.vertices[i].grey);
+      EXPECT_EQ(of_file.mesh.vertices[i].sigma_m, of_mesh.mesh.vertices[i].sigma_m);
+    }
+  }
+  test::write_bytes(temp / "other.ply", "ply\nformat ascii 1.0\nelement vertex 0\nend_header\n");
+  EXPECT_THAT(support::error_of([&] { thinned(temp / "other.ply", 10); }),
+              HasSubstr("other.ply: is not a map written by fringeslam run"));
+  const std::string whole = test::read_bytes(temp / "mesh.ply");
+  test::write_bytes(temp / "cut.ply", whole.substr(0, whole.size() - 1));
+  EXPECT_THAT(support::error_of([&] { thinned(temp / "cut.ply", 100); }), HasSubstr("cut.ply: the file is truncated"));
 }
 
 TEST(Packing, IsBase64) {

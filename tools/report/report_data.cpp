@@ -10,7 +10,6 @@
 #include <optional>
 
 #include "core/io/files.h"
-#include "core/io/ply.h"
 #include "core/io/yaml.h"
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
@@ -91,7 +90,6 @@ class Collector {
   std::vector<int> indices_;                 // of the views
   std::vector<Located> located_;
   bool has_truth_ = false;
-  size_t whole_vertices_ = 0, whole_triangles_ = 0;
   SimplifiedMesh map_;
   std::vector<float> map_errors_m_;
   size_t every_ = 1;
@@ -145,28 +143,12 @@ void Collector::locate() {
   }
 }
 
-// Reads the surface or the cloud of a run; a cloud has no triangles.
-SurfaceMesh read_run_map(const fs::path& file) {
-  const PlyMap map = read_ply(file);
-  const size_t count = map.vertices.size();
-  if (map.normals.size() != count || map.colours.size() != count || map.sigma_m.size() != count)
-    throw Error(file.string() + ": is not a map written by fringeslam run");
-  SurfaceMesh mesh;
-  for (size_t i = 0; i < count; ++i)
-    mesh.vertices.push_back({map.vertices[i].cast<float>(), map.normals[i], map.colours[i][0], map.sigma_m[i]});
-  for (const Eigen::Vector3i& t : map.triangles)
-    mesh.triangles.push_back({static_cast<uint32_t>(t[0]), static_cast<uint32_t>(t[1]), static_cast<uint32_t>(t[2])});
-  return mesh;
-}
-
 void Collector::read_map() {
   // The fused surface or, if it is missing or empty, the cloud.
-  SurfaceMesh mesh;
-  if (fs::exists(folder_ / "mesh.ply")) mesh = read_run_map(folder_ / "mesh.ply");
-  if (mesh.vertices.empty() && fs::exists(folder_ / "map.ply")) mesh = read_run_map(folder_ / "map.ply");
-  whole_vertices_ = mesh.vertices.size();
-  whole_triangles_ = mesh.triangles.size();
-  map_ = thinned(std::move(mesh), limits_.vertices);
+  for (const char* name : {"mesh.ply", "map.ply"}) {
+    if (!map_.mesh.vertices.empty() || !fs::exists(folder_ / name)) continue;
+    map_ = thinned(folder_ / name, limits_.vertices);
+  }
 }
 
 // Returns the 10, 50 and 90 % quantiles of every 7th pixel.
@@ -324,8 +306,8 @@ ordered_json Collector::map_json() const {
   for (const auto& triangle : map_.mesh.triangles) indices.insert(indices.end(), triangle.begin(), triangle.end());
   ordered_json json = {{"vertices", vertices.size()},
                        {"triangles", map_.mesh.triangles.size()},
-                       {"whole_vertices", whole_vertices_},
-                       {"whole_triangles", whole_triangles_},
+                       {"whole_vertices", map_.whole_vertices},
+                       {"whole_triangles", map_.whole_triangles},
                        {"cell_mm", map_.cell_m * 1e3},
                        {"origin", {low.x(), low.y(), low.z()}},
                        {"step_m", step_m},

@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/io/ply_blocks.h"
+
+#include <charconv>
+#include <string>
+#include <system_error>
+
+#include "core/io/ply.h"
+#include "core/types/error.h"
+
+namespace fringeslam {
+
+PlyBlocks::PlyBlocks(const std::filesystem::path& file) : path_(file), stream_(file, std::ios::binary) {
+  if (!stream_) throw Error(path_.string() + ": cannot be read");
+  // The header without its comments and numbers, which has to be that of PlyWriter.
+  std::string line, layout;
+  bool has_faces = false;
+  while (std::getline(stream_, line)) {
+    const auto number_after = [&](const std::string& start) {
+      uint64_t number = 0;
+      const char* const end = line.data() + line.size();
+      const auto [stop, error] = std::from_chars(line.data() + start.size(), end, number);
+      if (error != std::errc() || stop != end) throw Error(path_.string() + ": invalid number in '" + line + "'");
+      line = start + "0";
+      return number;
+    };
+    if (line.starts_with("element vertex ")) vertices_ = number_after("element vertex ");
+    if (line.starts_with("element face ")) triangles_ = number_after("element face "), has_faces = true;
+    if (!line.starts_with("comment ")) layout += line + "\n";
+    if (line == "end_header") break;
+  }
+  start_ = stream_.tellg();
+  PlyLayout expected{"", 0, true, true, std::nullopt};
+  if (has_faces) expected.triangles = 0;
+  std::string ours = ply_header(expected);
+  const size_t comment = ours.find("comment ");
+  ours.erase(comment, ours.find('\n', comment) + 1 - comment);
+  if (!stream_ || layout != ours) throw Error(path_.string() + ": is not a map written by fringeslam run");
+}
+
+void PlyBlocks::read(uint64_t offset, std::vector<char>& block, size_t bytes) {
+  stream_.clear();
+  stream_.seekg(start_ + static_cast<std::streamoff>(offset));
+  stream_.read(block.data(), static_cast<std::streamsize>(bytes));
+  if (!stream_) throw Error(path_.string() + ": the file is truncated");
+}
+
+}  // namespace fringeslam
