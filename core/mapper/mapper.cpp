@@ -171,9 +171,18 @@ void Mapper::track(FrameResult& result, const MapperInput& input, const std::opt
     if (result.complete && can_start_map(result.frame)) result.tracking = Tracking::first;
   } else if (input.needs_prior) {
     if (predicted) follow_by_prediction(result, input, *predicted, effect);
-  } else if (!(predicted && (moving ? follow_in_motion(result, input, *predicted, effect)
-                                    : follow(result, predicted->world_from_camera)))) {
-    relocalize(result);
+  } else if (!moving) {
+    if (!predicted || !follow(result, predicted->world_from_camera)) relocalize(result);
+  } else {
+    const ReconstructedView own = result;  // shares its images
+    if (!predicted || !follow_in_motion(result, input, *predicted, effect)) {
+      // The motion was estimated for a pose that is wrong.
+      static_cast<ReconstructedView&>(result) = own;
+      effect = {};
+      if (own.motion->residuals == 0 && input.reconstruct)
+        reconstruct(result, input, {nullptr, unknown_motion(options_.registration.motion_prior), false, nullptr});
+      if (!result.motion_unknown()) relocalize(result);
+    }
   }
   if (!has_pose(result.tracking) && result.registration.ambiguous) result.tracking = Tracking::ambiguous;
 }

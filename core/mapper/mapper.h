@@ -121,7 +121,7 @@ class Mapper {
   // How the pose relative to keyframe `reference` depends on the motion during the stack; -1: not computed yet.
   struct MotionEffect {
     int reference = -1;
-    Matrix6x12d pose_by_motion;
+    Matrix6x12d pose_by_motion = Matrix6x12d::Zero();
   };
 
   Pose world_from_camera(const TrackedView& view) const;

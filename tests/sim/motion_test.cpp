@@ -366,6 +366,62 @@ TEST(MovingRobot, AStackThatContradictsItsPredictionIsEstimatedWithoutIt) {
 }
 
 // The poses' errors are those of the exposures' unknown accelerations, ten times what a smooth motion leaves.
+// A robot whose velocity changes abruptly every 50 ms: the prediction of its second view is wrong, and so is the motion that
+// is estimated with it. Landmarks must not be registered with a view that was decoded with that motion.
+TEST(MovingRobot, FailedPredictionsLeaveNoWrongPoses) {
+  SceneLoadOptions loading;
+  loading.seed = 21;
+  Scene scene = load_scene(std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop/scene.yaml", loading);
+  std::mt19937_64 random(161);
+  const auto uniform = [&](double low, double high) {
+    return low + (high - low) * static_cast<double>(random() >> 11) / 9007199254740992.0;
+  };
+  const auto direction = [&] {
+    Eigen::Vector3d d;
+    do {
+      for (double& x : d) x = uniform(-1, 1);
+    } while (d.norm() > 1 || d.norm() < 0.1);
+    return Eigen::Vector3d(d.normalized());
+  };
+  constexpr double kDuration_s = 0.4, kKnot_s = 0.05, kRadPerDeg = std::numbers::pi / 180;
+  Eigen::Vector3d v = direction();
+  v *= uniform(0, 1);
+  Eigen::Vector3d w = direction();
+  w *= uniform(0, 90) * kRadPerDeg;
+  const double jerk = uniform(0, 1);
+  const Pose &mount = scene.rig.robot_from_camera, start = scene.trajectory.front().world_from_robot * mount;
+  Pose at = start * Pose{rotation_exp(-0.5 * kDuration_s * w), -0.5 * kDuration_s * v};
+  std::vector<Pose> controls;
+  for (double t = 0; t < kDuration_s + 3 * kKnot_s; t += kKnot_s) {
+    controls.push_back(orthonormalised(at * mount.inverse()));
+    at = at * Pose{rotation_exp(kKnot_s * w), kKnot_s * v};
+    v += 0.3 * jerk * direction();
+    w += 30 * kRadPerDeg * jerk * direction();
+  }
+  scene.path.emplace(std::move(controls), kKnot_s, Vibration{}, 21);
+  VirtualRig rig(scene, {});
+  Pipeline pipeline(rig.model(), scene.patterns, {}, {});
+  std::vector<Pose> keyframes;  // true poses of the camera
+  int posed = 0;
+  for (int i = 0; i < 4; ++i) {
+    const SimulatedView view = *rig.simulate(pipeline.next_patterns());
+    const Pose camera = view.truth.world_from_robot * mount;
+    const FrameResult result = pipeline.process(view.stack);
+    if (result.tracking != Tracking::first && has_pose(result.tracking)) {
+      ++posed;
+      const Pose truth = keyframes[static_cast<size_t>(result.reference)].inverse() * camera;
+      const Vector6d error = difference(result.registration.earlier_from_current, truth);
+      const double sigmas = std::sqrt(error.dot(solve_symmetric(result.covariance, error)));
+      const Eigen::Vector3d middle(0, 0, scene.rig.middle_range_m());
+      const double off_m = (result.registration.earlier_from_current * middle - truth * middle).norm();
+      EXPECT_FALSE(sigmas > 10 && off_m > 1e-3)
+          << "view " << i << ": " << 1e3 * off_m << " mm, " << sigmas << " sigmas";
+    }
+    if (result.keyframe >= 0) keyframes.push_back(camera);
+  }
+  EXPECT_GE(posed, 1);
+}
+
 TEST(MovingRobot, VibrationWidensTheCovariance) {
   constexpr double kDetected_s = 0.5;
   std::vector<double> squared_sigmas, sigmas_m;
