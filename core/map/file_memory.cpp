@@ -66,7 +66,7 @@ FileMemory::Segment& FileMemory::segment_for(size_t bytes) {
 std::byte* FileMemory::allocate(size_t bytes) {
   const std::lock_guard lock(mutex_);
   const size_t size = rounded_up(std::max<size_t>(bytes, 1), kAlignment);
-  if (since_release_ + size > resident_bytes_) release();
+  if (since_release_ + size > resident_bytes_) release_segments();
   Segment& segment = segment_for(size);
   std::byte* const data = segment.data + segment.used;
   segment.used += size;
@@ -75,8 +75,13 @@ std::byte* FileMemory::allocate(size_t bytes) {
   return data;
 }
 
-// Pages of a shared mapping remain in the file; they return on access.
 void FileMemory::release() {
+  const std::lock_guard lock(mutex_);
+  release_segments();
+}
+
+// Pages of a shared mapping remain in the file; they return on access.
+void FileMemory::release_segments() {
   for (const Segment& segment : segments_) {
     if (segment.in_file) ::madvise(segment.data, segment.size, MADV_DONTNEED);
   }

@@ -25,6 +25,9 @@ class FileMemory {
   // Throws std::bad_alloc if there is neither disk space nor memory.
   std::byte* allocate(size_t bytes);
 
+  // Lets the kernel keep everything on disk until it is used again.
+  void release();
+
   // Number of bytes that have been allocated, and whether all of them are in the file.
   size_t allocated_bytes() const;
   bool on_disk() const;
@@ -36,7 +39,7 @@ class FileMemory {
     bool in_file = false;
   };
   Segment& segment_for(size_t bytes);
-  void release();
+  void release_segments();
 
   mutable std::mutex mutex_;
   size_t resident_bytes_;

@@ -30,6 +30,7 @@ class FrameMemory::Allocator : public cv::MatAllocator, public std::enable_share
     delete self;  // possibly the last reference to this
   }
 
+  void release() const { memory_.release(); }
   const FileMemory& memory() const { return memory_; }
 
  private:
@@ -37,6 +38,8 @@ class FrameMemory::Allocator : public cv::MatAllocator, public std::enable_share
 };
 
 FrameMemory::FrameMemory() : allocator_(std::make_shared<Allocator>()) {}
+
+void FrameMemory::release() const { allocator_->release(); }
 
 const FileMemory& FrameMemory::memory() const { return allocator_->memory(); }
 

@@ -17,6 +17,9 @@ class FrameMemory {
   // Returns the frame with its images moved. Images share their pixels as usual when copied.
   StoredFrame moved(const StoredFrame& frame);
 
+  // Lets the kernel keep all frames on disk until they are used again.
+  void release() const;
+
   const FileMemory& memory() const;
 
  private:

@@ -95,6 +95,8 @@ class KeyframeMap {
   std::vector<int> overlapping(const Frame& frame, const Pose& world_from_camera) const;
 
   size_t memory_bytes() const;
+  // Frames that were used since they were added need not stay in memory (frame_memory.h).
+  void release_frames() const { memory_.release(); }
 
   // Replaces the content by that read from a file (map_file.h).
   void restore(std::vector<Keyframe> keyframes, std::vector<MapFrame> frames, std::vector<PoseEdge> links);

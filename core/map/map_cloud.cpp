@@ -41,6 +41,7 @@ void for_each_cloud_part(const KeyframeMap& map, const CloudOptions& options,
     std::vector<std::vector<CloudPoint>> parts(std::min(together, tiles.size() - first));
     for_each_row(static_cast<int>(parts.size()),
                  [&](int i) { parts[static_cast<size_t>(i)] = points_of(tiles[first + static_cast<size_t>(i)]); });
+    map.release_frames();
     for (const std::vector<CloudPoint>& part : parts) {
       take(part);
       if (progress) progress(++done, tiles.size());

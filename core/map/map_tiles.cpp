@@ -85,6 +85,7 @@ std::vector<MapTile> tiles_of(const KeyframeMap& map, double edge_m, double marg
       }
     }
   }
+  map.release_frames();
   std::vector<MapTile> list;
   for (auto& [index, members] : tiles) list.push_back({index, std::move(members)});
   return list;

@@ -224,6 +224,7 @@ void for_each_surface_part(const KeyframeMap& map, const SurfaceOptions& options
       surface.grid_->limit(wide);
     }
     add_frames(map, tiles[t].frames, surface);
+    map.release_frames();
     take(stitcher.stitched(surface_nets(surface.grid_->bricks(), scale, surface.grid_->min_weight(), own)));
     if (progress) progress(t + 1, tiles.size());
   }
