@@ -38,25 +38,6 @@ std::string chunk_head(uint64_t size, const char* type) {
   return bytes + std::string(type, 4);
 }
 
-// Collects small pieces for a file.
-class Buffered {
- public:
-  explicit Buffered(OutputFile& file) : file_(file) {}
-  void write(const char* bytes, size_t size) {
-    bytes_.append(bytes, size);
-    if (bytes_.size() > kMost) flush();
-  }
-  void flush() {
-    file_.write(bytes_);
-    bytes_.clear();
-  }
-
- private:
-  static constexpr size_t kMost = 1 << 20;
-  OutputFile& file_;
-  std::string bytes_;
-};
-
 }  // namespace
 
 bool fits_glb(uint64_t vertices, uint64_t triangles) {
@@ -117,17 +98,15 @@ void ply_to_glb(const fs::path& ply, const fs::path& glb) {
   OutputFile file(glb);
   file.write(glb_head(extent));
   if (extent.triangles > 0) {
-    Buffered out(file);
-    blocks.for_each_vertex([&](const char* vertex) { out.write(vertex, PlyBlocks::kNormal); });
+    blocks.for_each_vertex([&](const char* vertex) { file.write(vertex, PlyBlocks::kNormal); });
     blocks.for_each_vertex(
-        [&](const char* vertex) { out.write(vertex + PlyBlocks::kNormal, PlyBlocks::kGrey - PlyBlocks::kNormal); });
+        [&](const char* vertex) { file.write(vertex + PlyBlocks::kNormal, PlyBlocks::kGrey - PlyBlocks::kNormal); });
     blocks.for_each_vertex([&](const char* vertex) {
       const std::array<uint8_t, 4> colour = glb_colour(static_cast<uint8_t>(vertex[PlyBlocks::kGrey]));
-      out.write(reinterpret_cast<const char*>(colour.data()), colour.size());
+      file.write(reinterpret_cast<const char*>(colour.data()), colour.size());
     });
-    blocks.for_each_vertex([&](const char* vertex) { out.write(vertex + PlyBlocks::kSigma, sizeof(float)); });
-    blocks.for_each_triangle([&](const char* triangle) { out.write(triangle + 1, kTriangles.bytes); });
-    out.flush();
+    blocks.for_each_vertex([&](const char* vertex) { file.write(vertex + PlyBlocks::kSigma, sizeof(float)); });
+    blocks.for_each_triangle([&](const char* triangle) { file.write(triangle + 1, kTriangles.bytes); });
   }
   file.close();
 }

@@ -11,7 +11,7 @@ namespace fringeslam {
 
 namespace {
 
-size_t hash_of(const std::array<int32_t, 3>& key) {
+size_t hash_of(const GridIndex& key) {
   uint64_t h = 0;
   for (const int32_t k : key) h = (h ^ static_cast<uint32_t>(k)) * 0x9e3779b97f4a7c15u, h ^= h >> 29;
   return static_cast<size_t>(h);
@@ -19,7 +19,7 @@ size_t hash_of(const std::array<int32_t, 3>& key) {
 
 }  // namespace
 
-CloudMap::CloudMap(double cell_m, const CellRange& range) : cell_m_(cell_m), range_(range), slots_(1024) {
+CloudMap::CloudMap(double cell_m, const GridRange& range) : cell_m_(cell_m), range_(range), slots_(1024) {
   constexpr double kLeast_m = 1e-5;
   if (!(cell_m >= kLeast_m && cell_m <= 1))
     throw Error("cloud.cell_m is " + to_text(cell_m) + "; it must lie in " + to_text(kLeast_m) + " to 1");
@@ -57,12 +57,8 @@ void CloudMap::add(const Frame& frame, const Pose& world_from_camera) {
       if (std::isnan(frame.normals(row, col)[2])) continue;
       const Eigen::Vector3d point = world_from_camera * vector_of(frame.points_m(row, col));
       Key key;
-      bool inside = true;
-      for (size_t i = 0; i < 3; ++i) {
-        key[i] = static_cast<int32_t>(std::floor(point[static_cast<int>(i)] / cell_m_));
-        inside &= key[i] >= range_.first[i] && key[i] <= range_.last[i];
-      }
-      if (!inside) continue;
+      for (int i = 0; i < 3; ++i) key[static_cast<size_t>(i)] = static_cast<int32_t>(std::floor(point[i] / cell_m_));
+      if (!range_.contains(key)) continue;
       const double sigma = frame.sigma_m(row, col);
       const double weight = 1 / (sigma * sigma + 1e-18);
       Cell& cell = cell_at(key);

@@ -3,10 +3,10 @@
 // points of one cell are averaged, weighted by their sigmas. map_cloud.h makes the cloud of a whole map.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <vector>
 
+#include "core/map/grid_range.h"
 #include "core/types/frame.h"
 #include "core/types/options.h"
 #include "core/types/pose.h"
@@ -30,21 +30,16 @@ struct CloudPoint {
   float sigma_m = 0;
 };
 
-// Cells from `first` to `last`, both included.
-struct CellRange {
-  std::array<int32_t, 3> first = {INT32_MIN, INT32_MIN, INT32_MIN}, last = {INT32_MAX, INT32_MAX, INT32_MAX};
-};
-
 class CloudMap {
  public:
   // Throws Error unless cell_m is at least 1e-5. Points in cells outside `range` are ignored.
-  explicit CloudMap(double cell_m, const CellRange& range = {});
+  explicit CloudMap(double cell_m, const GridRange& range = {});
   void add(const Frame& frame, const Pose& world_from_camera);
   // Returns the points sorted by cell coordinates, independent of the order in which cells were created.
   std::vector<CloudPoint> points() const;
 
  private:
-  using Key = std::array<int32_t, 3>;
+  using Key = GridIndex;
   struct Cell {
     Eigen::Vector3d position = Eigen::Vector3d::Zero(), normal = Eigen::Vector3d::Zero();
     double grey = 0, weight = 0;
@@ -53,7 +48,7 @@ class CloudMap {
   void grow();
 
   double cell_m_;
-  CellRange range_;
+  GridRange range_;
   std::vector<Key> keys_;  // of the cells
   std::vector<Cell> cells_;
   std::vector<uint32_t> slots_;  // hash table: position of a cell + 1, or 0

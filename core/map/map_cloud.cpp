@@ -23,12 +23,7 @@ void for_each_cloud_part(const KeyframeMap& map, const CloudOptions& options,
   const std::vector<MapTile> tiles = tiles_of(map, edge * cell_m, cell_m);
   const auto points_of = [&](const MapTile& tile) {
     const SerialLoops serial;  // the other cores work on other tiles
-    CellRange range;
-    for (size_t i = 0; i < 3 && edge > 0; ++i) {
-      range.first[i] = edge * tile.index[i];
-      range.last[i] = range.first[i] + edge - 1;
-    }
-    CloudMap cloud(cell_m, range);
+    CloudMap cloud(cell_m, tile.range(edge));
     for (const size_t i : tile.frames) {
       const MapFrame& frame = map.frames()[i];
       cloud.add(restored(frame.frame, map.rays()), map.world_from_camera(frame));

@@ -59,6 +59,15 @@ bool range_of(const StoredFrame& frame, const Pose& world_from_camera, const Ray
 
 }  // namespace
 
+GridRange MapTile::range(int32_t edge, int32_t margin) const {
+  GridRange range;
+  for (size_t i = 0; i < 3 && edge > 0; ++i) {
+    range.first[i] = edge * index[i] - margin;
+    range.last[i] = edge * (index[i] + 1) - 1 + margin;
+  }
+  return range;
+}
+
 int32_t tile_edge(const KeyframeMap& map, double unit_m) {
   constexpr size_t kFew = 32;
   constexpr int32_t kLeast = 1024, kStep = 8;  // whole bricks of voxels
@@ -75,7 +84,7 @@ std::vector<MapTile> tiles_of(const KeyframeMap& map, double edge_m, double marg
     return frames.empty() ? std::vector<MapTile>{} : std::vector<MapTile>{all};
   }
   const RayBounds rays = bounds_of(map.rays());
-  std::map<std::array<int32_t, 3>, std::vector<size_t>> tiles;
+  std::map<GridIndex, std::vector<size_t>> tiles;
   for (size_t i = 0; i < frames.size(); ++i) {
     TileRange range;
     if (!range_of(frames[i].frame, map.world_from_camera(frames[i]), rays, edge_m, margin_m, range)) continue;

@@ -2,11 +2,11 @@
 // Divides a map into cubes, so that what is fused from all of its frames never has to be in memory at once.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <functional>
 #include <vector>
 
+#include "core/map/grid_range.h"
 #include "core/map/keyframe_map.h"
 
 namespace fringeslam {
@@ -14,8 +14,11 @@ namespace fringeslam {
 // Cubic tiles with edges of `edge_m`; tile i covers [i edge_m, (i + 1) edge_m) of each axis of the world. 0: a single tile
 // covers everything.
 struct MapTile {
-  std::array<int32_t, 3> index{};
+  GridIndex index{};
   std::vector<size_t> frames;  // positions in KeyframeMap::frames(), ascending
+
+  // The tile's cells or bricks, of which `edge` lie along its edge, and `margin` more on each side; 0: all.
+  GridRange range(int32_t edge, int32_t margin = 0) const;
 };
 
 // Receives how many of all tiles are finished.

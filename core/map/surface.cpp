@@ -52,7 +52,7 @@ class SurfaceModel::Grid {
   // Adds at most kFramesTogether frames.
   void add(const PosedFrame* first, size_t count);
   // Ignores everything outside these bricks from now on.
-  void limit(const BrickRange& range) { range_ = range; }
+  void limit(const GridRange& range) { range_ = range; }
 
   // Returns the leaves in the order of their coordinates.
   std::vector<const VoxelLeaf*> leaves() const {
@@ -82,7 +82,7 @@ class SurfaceModel::Grid {
   // Kept between calls, since allocating memory costs more than writing to it.
   std::vector<FramePlanes> frames;
   BrickSet touched;
-  BrickRange range_;
+  GridRange range_;
 };
 
 void SurfaceModel::Grid::check(const PosedFrame& posed) const {
@@ -212,20 +212,11 @@ void for_each_surface_part(const KeyframeMap& map, const SurfaceOptions& options
   PatchStitcher stitcher(edge);
   for (size_t t = 0; t < tiles.size(); ++t) {
     SurfaceModel surface(map.rig(), options);
-    BrickRange own;
-    if (edge > 0) {
-      BrickRange wide;
-      for (size_t i = 0; i < 3; ++i) {
-        own.first[i] = edge * tiles[t].index[i];
-        own.last[i] = own.first[i] + edge - 1;
-        wide.first[i] = own.first[i] - 1;
-        wide.last[i] = own.last[i] + 1;
-      }
-      surface.grid_->limit(wide);
-    }
+    surface.grid_->limit(tiles[t].range(edge, 1));
     add_frames(map, tiles[t].frames, surface);
     map.release_frames();
-    take(stitcher.stitched(surface_nets(surface.grid_->bricks(), scale, surface.grid_->min_weight(), own)));
+    take(stitcher.stitched(
+        surface_nets(surface.grid_->bricks(), scale, surface.grid_->min_weight(), tiles[t].range(edge))));
     if (progress) progress(t + 1, tiles.size());
   }
 }

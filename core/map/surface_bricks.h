@@ -8,27 +8,18 @@
 // unobserved. With 0.5 mm voxels a distance step is 0.05 um, less than a float's rounding of a depth of 1 m.
 #pragma once
 
-#include <array>
 #include <bit>
 #include <cstdint>
 
 #include "core/base/instruction_set.h"
+#include "core/map/grid_range.h"
 
 namespace fringeslam {
 
 constexpr int kBrickEdge = 8, kBrickVoxels = kBrickEdge * kBrickEdge * kBrickEdge;
 constexpr float kDistanceSteps = 32767, kGreySteps = 256;
 
-using BrickIndex = std::array<int32_t, 3>;
-// Bricks from `first` to `last`, both included; by default all.
-struct BrickRange {
-  BrickIndex first = {INT32_MIN, INT32_MIN, INT32_MIN}, last = {INT32_MAX, INT32_MAX, INT32_MAX};
-  bool contains(const BrickIndex& brick) const {
-    bool inside = true;
-    for (size_t i = 0; i < 3; ++i) inside &= brick[i] >= first[i] && brick[i] <= last[i];
-    return inside;
-  }
-};
+using BrickIndex = GridIndex;
 struct Brick {
   BrickIndex index;
   const int64_t* voxels;

@@ -40,7 +40,7 @@ class SurfaceNetsMesher {
     for (size_t i = 0; i < bricks.size(); ++i) number_.emplace(brick_key(bricks[i].index), i);
   }
 
-  SurfacePatch patch(const BrickRange& range) {
+  SurfacePatch patch(const GridRange& range) {
     const int count = static_cast<int>(bricks_.size());
     for_each_row(count, [&](int i) { find_vertices(static_cast<size_t>(i)); });
     first_.assign(bricks_.size() + 1, 0);
@@ -248,7 +248,7 @@ SurfaceMesh surface_nets(const std::vector<Brick>& bricks, const VoxelScale& sca
 }
 
 SurfacePatch surface_nets(const std::vector<Brick>& bricks, const VoxelScale& scale, double min_weight,
-                          const BrickRange& range) {
+                          const GridRange& range) {
   return SurfaceNetsMesher(bricks, scale, min_weight).patch(range);
 }
 

@@ -38,6 +38,6 @@ struct SurfacePatch {
 // Triangulates part of a surface: the triangles around grid edges that start in bricks of `range`. They equal those of the
 // whole surface if `bricks` holds all bricks within one of `range`.
 SurfacePatch surface_nets(const std::vector<Brick>& bricks, const VoxelScale& scale, double min_weight,
-                          const BrickRange& range);
+                          const GridRange& range);
 
 }  // namespace fringeslam

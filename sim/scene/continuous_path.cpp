@@ -103,7 +103,7 @@ MeasuredRoute measured(const std::vector<Pose>& route, const Travel& travel) {
   }
   if (!(result.length_m.back() > 0)) throw Error("a route to travel needs at least two different poses");
 
-  // Of the two parts of the motion, the one with the larger acceleration counts.
+  // The larger of the accelerations of translation and rotation counts.
   const auto larger = [](const Vector6d& v) { return std::max(v.head<3>().norm(), v.tail<3>().norm()); };
   std::vector<double> curvature_per_m(route.size(), 0);
   for (size_t i = 1; i + 1 < route.size(); ++i) {
