@@ -2,12 +2,11 @@
 // Poses of single images, compared with those of views: a robot on scenes/loop at 0.3 m/s.
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdio>
 
 #include "bench/row.h"
-#include "core/mapper/image_tracker.h"
+#include "core/mapper/image_trajectory.h"
 #include "core/mapper/pipeline.h"
 #include "core/types/linear_algebra.h"
 #include "sim/virtual_rig.h"
@@ -17,7 +16,7 @@ namespace {
 
 // Sums over poses.
 struct PoseErrors {
-  double square_m2 = 0, square_rad2 = 0, nees = 0, time_s = 0;
+  double square_m2 = 0, square_rad2 = 0, nees = 0;
   int count = 0, lost = 0;
 
   void add(const Pose& found, const Pose& truth, const Matrix6d& covariance) {
@@ -30,8 +29,8 @@ struct PoseErrors {
   double rms_m() const { return std::sqrt(square_m2 / std::max(1, count)); }
   double rms_rad() const { return std::sqrt(square_rad2 / std::max(1, count)); }
   void print(const char* name) const {
-    std::fprintf(stderr, "  %-22s %4d poses, %d lost: RMS %6.1f um, %6.1f urad, NEES %5.2f, %4.1f ms\n", name, count,
-                 lost, 1e6 * rms_m(), 1e6 * rms_rad(), nees / std::max(1, count), 1e3 * time_s / std::max(1, count));
+    std::fprintf(stderr, "  %-22s %4d poses, %d lost: RMS %6.1f um, %6.1f urad, NEES %5.2f\n", name, count, lost,
+                 1e6 * rms_m(), 1e6 * rms_rad(), nees / std::max(1, count));
   }
 };
 
@@ -39,8 +38,7 @@ struct Errors {
   PoseErrors views, finest, others;  // images of the finest fringes, and of other patterns of complete stacks
 };
 
-// Runs the pipeline and the tracker of images; errors are relative to the first view. Images are tracked before their
-// view is known.
+// Runs the pipeline and the tracker of images; errors are relative to the first view.
 Errors errors_along_the_loop(uint64_t seed, int views) {
   constexpr int kSettled = 3;  // views until the motion is known
   sim::SceneLoadOptions reading;
@@ -51,7 +49,7 @@ Errors errors_along_the_loop(uint64_t seed, int views) {
   PipelineOptions options;
   options.decode.unwrapping = Unwrapping::predicted;
   Pipeline pipeline(rig.model(), scene.patterns, options, {});
-  ImageTracker tracker(rig.model(), scene.patterns);
+  ImageTrajectory images(rig.model(), scene.patterns);
   const double finest_px = finest_patterns(scene.patterns, Axis::columns).patterns.front().period_px;
   const Pose& mount = scene.rig.robot_from_camera;
   Pose map_from_truth;
@@ -59,31 +57,21 @@ Errors errors_along_the_loop(uint64_t seed, int views) {
   for (int i = 0; i < views; ++i) {
     const sim::SimulatedView view = *rig.simulate(pipeline.next_patterns());
     const FringeStack& stack = view.stack;
-    for (size_t k = 0; i > 0 && k < stack.images.size(); ++k) {
-      const Pattern& pattern = stack.patterns.patterns[k];
-      const auto start = std::chrono::steady_clock::now();
-      const TrackedImage image = tracker.track(stack.images[k], pattern, stack.exposure_time_s[k]);
-      const double time_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-      if (i < kSettled) continue;
-      PoseErrors& sums = pattern.period_px == finest_px ? errors.finest : errors.others;
-      sums.time_s += time_s;
+    const FrameResult result = pipeline.process(stack);
+    images.add(stack, result, pipeline.mapper());
+    for (size_t k = 0; i >= kSettled && k < stack.images.size(); ++k) {
+      const ImageOfRun& image = images.images()[images.images().size() - stack.images.size() + k];
+      PoseErrors& sums = stack.patterns.patterns[k].period_px == finest_px ? errors.finest : errors.others;
       sums.lost += !image.tracked;
       if (image.tracked)
-        sums.add(image.world_from_camera, map_from_truth * view.truth.exposures[k].world_from_robot * mount,
-                 image.covariance);
+        sums.add(pipeline.mapper().world_from_camera(image.view) * image.reference_from_camera,
+                 map_from_truth * view.truth.exposures[k].world_from_robot * mount, image.covariance);
     }
-    const FrameResult result = pipeline.process(stack);
     errors.views.lost += result.tracking == Tracking::lost;
     if (result.tracking == Tracking::lost) continue;
     const Pose found = pipeline.mapper().world_from_camera(result.view), truth = view.truth.world_from_robot * mount;
     if (i == 0) map_from_truth = found * truth.inverse();
     if (i >= kSettled) errors.views.add(found, map_from_truth * truth, result.covariance);
-    const ImageReference reference = image_reference(result, stack);
-    if (!result.complete && !tracker.should_replace_reference(reference)) continue;
-    std::optional<MotionPrior> motion;
-    if (result.motion && result.motion->converged)
-      motion = MotionPrior{result.motion->motion, result.motion->covariance};
-    tracker.set_reference(reference, found, result.covariance, stack.timestamp_s, motion);
   }
   return errors;
 }
