@@ -180,11 +180,12 @@ int run(const RunArguments& arguments, const Common& common) {
                                               (arguments.image_poses ? image_poses_yaml(settings) : ""));
   const auto rig = source->open(folder.path());
   // The world frame of a new map is the robot's frame at the first stack.
-  Pipeline pipeline =
+  auto pipeline =
       arguments.map.empty()
-          ? Pipeline(rig->model(), source->sequence(), settings.pipeline, Pose{})
-          : Pipeline(map_from_bytes(read_bytes(arguments.map), arguments.map, rig->model(), settings.pipeline.mapping),
-                     source->sequence(), settings.pipeline);
+          ? std::make_unique<Pipeline>(rig->model(), source->sequence(), settings.pipeline, Pose{})
+          : std::make_unique<Pipeline>(
+                map_from_bytes(read_bytes(arguments.map), arguments.map, rig->model(), settings.pipeline.mapping),
+                source->sequence(), settings.pipeline);
   ThermalObserver thermal(rig->model(), settings.pipeline.thermal);
   std::optional<ImageTrajectory> images;
   if (arguments.image_poses) images.emplace(rig->model(), source->sequence(), settings.image_poses);
@@ -204,14 +205,14 @@ int run(const RunArguments& arguments, const Common& common) {
   {
     Progress progress("mapping", source->stacks(), common.quiet || common.json);
     Rig& stacks = camera ? static_cast<Rig&>(*camera) : *rig;
-    Driver driver(stacks, pipeline, camera ? kViewsAhead : Driver::kAhead);
+    Driver driver(stacks, *pipeline, camera ? kViewsAhead : Driver::kAhead);
     driver.run([&](const MappedView& view) {
       const ThermalView warmth = thermal.observe(view.stack, view.result);
-      record.add(view.stack, view.result, warmth, pipeline.map());
+      record.add(view.stack, view.result, warmth, pipeline->map());
       emptiness.add(view.stack, view.result);
-      if (images) images->add(view.stack, view.result, pipeline.mapper());
-      if (arguments.animation) animation.add(view.stack, view.result, pipeline.map());
-      if (live) show_mapped(live->feed(), view.stack, view.result, pipeline.mapper(), warmth, thermal, dropped());
+      if (images) images->add(view.stack, view.result, pipeline->mapper());
+      if (arguments.animation) animation.add(view.stack, view.result, pipeline->map());
+      if (live) show_mapped(live->feed(), view.stack, view.result, pipeline->mapper(), warmth, thermal, dropped());
       if (arguments.mesh) record.add_mesh(frame_mesh(view.result.frame, settings.mesh), view.stack.index);
       progress.step();
       rate.wait();
@@ -221,24 +222,29 @@ int run(const RunArguments& arguments, const Common& common) {
     std::fprintf(stderr, "dropped: %d of %d stacks, because mapping fell behind\n", dropped(), source->stacks());
   if (live) live->feed().finish();
   const bool silent = common.quiet || common.json;
-  record.finish(pipeline.trajectory());
-  record.write_cloud(pipeline.map(), settings.pipeline.cloud, phase_progress("merging the cloud", silent));
-  if (!record.write_surface(pipeline.map(), settings.pipeline.surface, phase_progress("fusing the surface", silent)))
+  record.finish(pipeline->trajectory());
+  record.write_cloud(pipeline->map(), settings.pipeline.cloud, phase_progress("merging the cloud", silent));
+  if (!record.write_surface(pipeline->map(), settings.pipeline.surface, phase_progress("fusing the surface", silent)))
     std::fprintf(stderr, "mesh.glb: left out, because the mesh exceeds the 4 GiB of a GLB file; see mesh.ply\n");
-  if (arguments.vdb) write_text(folder.path() / "surface.vdb", pipeline.surface().to_vdb());
-  if (rig->model().thermal) record.add_warm_objects(thermal.warm_objects(pipeline.mapper()));
-  if (images) record.add_image_poses(*images, pipeline.mapper());
-  if (arguments.save_map) write_text(folder.path() / kMapFile, to_bytes(pipeline.map()));
+  if (arguments.vdb) write_text(folder.path() / "surface.vdb", pipeline->surface().to_vdb());
+  if (rig->model().thermal) record.add_warm_objects(thermal.warm_objects(pipeline->mapper()));
+  if (images) record.add_image_poses(*images, pipeline->mapper());
+  if (arguments.save_map) write_text(folder.path() / kMapFile, to_bytes(pipeline->map()));
 
-  if (arguments.animation) animation.write(folder.path() / "animation.gif", pipeline.mapper(), settings.pipeline.cloud);
+  if (arguments.animation) animation.write(folder.path() / "animation.gif", pipeline->mapper(), settings.pipeline.cloud);
 
+  const bool tracked = !pipeline->trajectory().empty();
+  pipeline.reset();  // the rest needs memory, but not the map
   std::optional<RunScore> score;
-  if (source->has_truth() && !pipeline.trajectory().empty()) {
+  if (source->has_truth() && tracked) {
     fs::copy_file(folder.path() / "truth" / "truth.tum", folder.path() / "truth.tum");
-    score = score_run(folder.path(), {}, phase_progress("scoring", silent));
+    score = score_run(folder.path(), {},
+                      {.view = [&](int index, const DepthEstimate& estimate,
+                                   const TruthFrame& truth) { record.draw_error(index, estimate, truth); },
+                       .progress = phase_progress("scoring", silent)});
     write_text(folder.path() / "score.json", to_json(*score).dump(2) + "\n");
   }
-  record.draw_overview(score ? &*score : nullptr, phase_progress("drawing", silent));
+  record.draw_overview(score ? &*score : nullptr);
 #if FRINGESLAM_REPORT
   if (!arguments.no_report) write_report(folder.path(), folder.path() / "report.html");
 #endif

@@ -15,7 +15,6 @@
 #include "core/io/ply_writer.h"
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
-#include "core/score/truth_files.h"
 #include "tools/landmark_files.h"
 
 namespace fringeslam::tools {
@@ -72,11 +71,23 @@ std::vector<std::string> summary(const RunScore& score) {
   return lines;
 }
 
-// A pose that explains an ambiguous view, relative to the reference keyframe.
+// Returns the 10, 50 and 90 % quantiles of every 7th pixel.
+nlohmann::ordered_json sigmas_mm(const cv::Mat1f& sigma_m) {
+  std::vector<double> sigmas;
+  for (int row = 0; row < sigma_m.rows; ++row) {
+    for (int col = row % 7; col < sigma_m.cols; col += 7) {
+      if (!std::isnan(sigma_m(row, col))) sigmas.push_back(1e3 * sigma_m(row, col));
+    }
+  }
+  if (sigmas.empty()) return nullptr;
+  return {quantile_of(sigmas, 0.1), quantile_of(sigmas, 0.5), quantile_of(sigmas, 0.9)};
+}
+
 cv::Mat3b phase_picture(const DecodedStack& decoded) {
   return false_colour(decoded.wrapped_phase, -std::numbers::pi, std::numbers::pi);
 }
 
+// Returns a pose that explains an ambiguous view, relative to the reference keyframe.
 nlohmann::ordered_json alternative_json(const Pose& reference_from_view, double log_likelihood) {
   const SixDof six = six_dof(reference_from_view);
   const Eigen::Vector3d &shift = six.translation_mm, &angles = six.angles_deg;
@@ -105,7 +116,8 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const T
     // The coordinate is written only where a depth was kept.
     cv::Mat1f column = decoded.coordinate_px.clone();
     column.setTo(std::nan(""), depth != depth);
-    write_exr(folder / "depth.exr", {{"depth_m", depth}, {"sigma_m", frame.sigma_m}, {"projector_column", column}});
+    write_exr(folder / "depth.exr", {{"depth_m", depth}, {"sigma_m", frame.sigma_m}, {"projector_column", column}},
+              ExrCompression::run_lengths);
     write_png(folder / "texture.png", frame.texture);
     write_png(folder / "depth.png", frame.depth_image);
     write_png(folder / "phase.png", phase_picture(decoded));
@@ -122,6 +134,7 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const T
                      {"images", result.images},
                      {"unwrapping", result.decoded.unwrapping ? to_string(*result.decoded.unwrapping) : ""},
                      {"valid_pixels", cv::countNonZero(depth == depth)},
+                     {"sigma_mm", sigmas_mm(frame.sigma_m)},
                      {"keypoints_detected", result.keypoints.detected},
                      {"keypoints_with_depth", result.keypoints.keypoints.size()},
                      {"matches", result.matches.size()},
@@ -275,21 +288,17 @@ bool RunFolder::write_surface(const KeyframeMap& map, const SurfaceOptions& opti
   return true;
 }
 
-void RunFolder::draw_overview(const RunScore* score, const TileProgress& progress) const {
+void RunFolder::draw_error(int index, const DepthEstimate& estimate, const TruthFrame& truth) {
+  cv::Mat1f difference;
+  cv::subtract(estimate.depth_m, truth.depth_m, difference);
+  const cv::Mat3b picture = false_colour(difference, -kErrorLimitM, kErrorLimitM);
+  write_png(frame_folder(index) / "error.png", picture);
+  if (index == shown_) error_ = picture;
+}
+
+void RunFolder::draw_overview(const RunScore* score) const {
   Panel error{sigma_title_, sigma_, 1};
-  size_t drawn = 0;
-  if (score) {
-    for (const int index : tracked_) {
-      const DepthEstimate estimate = read_depth_estimate(frame_folder(index) / "depth.exr");
-      const TruthFrame truth = read_truth_frame(folder_ / "truth" / (stack_name(index) + ".exr"));
-      cv::Mat1f difference;
-      cv::subtract(estimate.depth_m, truth.depth_m, difference);
-      const cv::Mat3b picture = false_colour(difference, -kErrorLimitM, kErrorLimitM);
-      write_png(frame_folder(index) / "error.png", picture);
-      if (progress) progress(++drawn, tracked_.size());
-      if (index == shown_) error = {"depth error, -0.3 to 0.3 mm", picture, 1};
-    }
-  }
+  if (!error_.empty()) error = {"depth error, -0.3 to 0.3 mm", error_, 1};
   std::vector<Pose> cameras;
   for (const TimedPose& pose : trajectory_) cameras.push_back(pose.world_from_robot * rig_.robot_from_camera);
   const cv::Size cell(448, 421);

@@ -21,7 +21,8 @@ class RunFolder {
  public:
   RunFolder(std::filesystem::path folder, const RigModel& rig, const PatternSequence& sequence);
 
-  // Writes the images and depth of one view, in the background until finish(), and appends its entries to frames.json and landmarks.json.
+  // Writes the images and depth of one view, in the background until finish(), and appends its entries to frames.json
+  // and landmarks.json.
   void add(const FringeStack& stack, const FrameResult& result, const ThermalView& thermal, const KeyframeMap& map);
 
   // Writes victims.json: the warm objects found by a thermal camera (tools/landmark_files.h).
@@ -42,8 +43,11 @@ class RunFolder {
   // returns false then.
   bool write_surface(const KeyframeMap& map, const SurfaceOptions& options, const TileProgress& progress) const;
 
-  // Writes error.png of each tracked view and overview.png; `score` is null without ground truth.
-  void draw_overview(const RunScore* score, const TileProgress& progress = {}) const;
+  // Writes error.png of a view: its depth minus the true depth. Views may be drawn concurrently.
+  void draw_error(int index, const DepthEstimate& estimate, const TruthFrame& truth);
+
+  // Writes overview.png, with the depth error if that view was drawn; `score` is null without ground truth.
+  void draw_overview(const RunScore* score) const;
 
  private:
   std::filesystem::path frame_folder(int index) const;
@@ -58,7 +62,7 @@ class RunFolder {
   nlohmann::ordered_json frames_ = nlohmann::ordered_json::array(), landmarks_ = nlohmann::ordered_json::array();
   // Images of the first tracked view with matches, or of the first view, for the overview.
   int shown_ = 0;
-  cv::Mat3b fringe_, phase_, depth_, sigma_, shaded_, texture_, matches_;
+  cv::Mat3b fringe_, phase_, depth_, sigma_, shaded_, texture_, matches_, error_;
   std::string depth_title_, sigma_title_;
   std::vector<std::string> facts_;  // about the view shown, for runs without ground truth
   std::string match_title_;

@@ -6,9 +6,11 @@
 #include <cstdarg>
 #include <cstdio>
 #include <limits>
+#include <mutex>
 #include <nlohmann/json.hpp>
 #include <numbers>
 
+#include "core/base/parallel.h"
 #include "core/depth/depth.h"
 #include "core/io/files.h"
 #include "core/io/yaml.h"
@@ -82,7 +84,7 @@ std::vector<VictimCandidate> read_victims(const fs::path& file) {
   return victims;
 }
 
-// Images that decoders use.
+// Returns the shortest period of the patterns that carry code; infinity if there are none.
 double finest_period(const PatternSequence& sequence) {
   double finest = std::numeric_limits<double>::infinity();
   for (const Pattern& pattern : sequence.patterns) {
@@ -92,46 +94,69 @@ double finest_period(const PatternSequence& sequence) {
   return finest;
 }
 
+struct AssociatedPoses {
+  const Trajectory &estimate, &truth;
+  const std::vector<std::pair<size_t, size_t>>& pairs;  // indices of a view's two poses
+};
+
+// Scores depth and motion of all views. Reading them takes most of the time, so blocks of views are scored
+// concurrently; each block reads its predecessor's last view again.
+void score_views(const fs::path& folder, const RigModel& rig, const AssociatedPoses& poses,
+                 const ScoreObserver& observer, RunScore& score, VisibleVictims& visible) {
+  constexpr size_t kBlock = 16;
+  const auto& [estimate, truth, pairs] = poses;
+  const size_t views = pairs.size();
+  const double period = finest_period(read_patterns(folder / "patterns.yaml"));
+  const PixelRays rays = pixel_rays(rig.camera);
+  const Pose camera_from_robot = rig.robot_from_camera.inverse();
+  score.frames.resize(views);
+  score.pairs.resize(views > 0 ? views - 1 : 0);
+  std::mutex mutex;
+  size_t done = 0;  // guarded by mutex
+  const auto index_of = [&](size_t k) { return static_cast<int>(pairs[k].second); };
+  const auto score_block = [&](int block) {
+    const size_t first = static_cast<size_t>(block) * kBlock, end = std::min(views, first + kBlock);
+    View previous = first > 0 ? read_view(folder, index_of(first - 1)) : View();
+    for (size_t k = first; k < end; ++k) {
+      const auto [i, j] = pairs[k];
+      View current = read_view(folder, index_of(k));
+      score.frames[k] = {index_of(k), score_depth(current.estimate, current.truth, period)};
+      if (k > 0) {
+        const auto [last_i, last_j] = pairs[k - 1];
+        const Pose true_motion = truth[last_j].world_from_robot.inverse() * truth[j].world_from_robot;
+        const Pose motion = estimate[last_i].world_from_robot.inverse() * estimate[i].world_from_robot;
+        const Pose true_camera_motion = camera_from_robot * true_motion * rig.robot_from_camera;
+        const Pose camera_motion = camera_from_robot * motion * rig.robot_from_camera;
+        const Matrix6d information = pose_information(previous.truth, previous.estimate.sigma_m, current.truth,
+                                                      current.estimate.sigma_m, rig.camera, rays, true_camera_motion);
+        score.pairs[k - 1] = {index_of(k - 1), index_of(k), score_motion(motion, true_motion),
+                              error_over_bound(camera_motion, true_camera_motion, information)};
+      }
+      if (observer.view) observer.view(index_of(k), current.estimate, current.truth);
+      const std::lock_guard lock(mutex);
+      if (rig.thermal) visible.add(current.truth, rig.camera, truth[j].world_from_robot * rig.robot_from_camera);
+      if (observer.progress) observer.progress(++done, views);
+      previous = std::move(current);
+    }
+  };
+  for_each_row(static_cast<int>((views + kBlock - 1) / kBlock), score_block);
+}
+
 }  // namespace
 
-RunScore score_run(const fs::path& folder, const TrajectoryOptions& options,
-                   const std::function<void(size_t done, size_t all)>& progress) {
+RunScore score_run(const fs::path& folder, const TrajectoryOptions& options, const ScoreObserver& observer) {
   RunScore score;
   const YamlMap config = YamlMap::load(folder / "config.yaml");
   score.name = config.text("name");
   score.seed = config.seed("seed");
   score.stacks = config.integer("stacks", {1, 1e6});
   const RigModel rig = read_rig(folder / "rig.yaml");
-  const double period = finest_period(read_patterns(folder / "patterns.yaml"));
-  const PixelRays rays = pixel_rays(rig.camera);
   const Trajectory truth = read_tum(folder / "truth" / "truth.tum");
   const Trajectory estimate = read_tum(folder / "trajectory.tum");
   const auto pairs = associate(estimate, truth, options.max_gap_s);
   score.tracked = static_cast<int>(pairs.size());
-
-  View previous;
   VisibleVictims visible;
-  for (size_t k = 0; k < pairs.size(); ++k) {
-    const auto [i, j] = pairs[k];
-    const int index = static_cast<int>(j);
-    View current = read_view(folder, index);
-    score.frames.push_back({index, score_depth(current.estimate, current.truth, period)});
-    if (rig.thermal) visible.add(current.truth, rig.camera, truth[j].world_from_robot * rig.robot_from_camera);
-    if (k > 0) {
-      const auto [last_i, last_j] = pairs[k - 1];
-      const Pose true_motion = truth[last_j].world_from_robot.inverse() * truth[j].world_from_robot;
-      const Pose motion = estimate[last_i].world_from_robot.inverse() * estimate[i].world_from_robot;
-      const Pose camera_from_robot = rig.robot_from_camera.inverse();
-      const Pose true_camera_motion = camera_from_robot * true_motion * rig.robot_from_camera;
-      const Pose camera_motion = camera_from_robot * motion * rig.robot_from_camera;
-      const Matrix6d information = pose_information(previous.truth, previous.estimate.sigma_m, current.truth,
-                                                    current.estimate.sigma_m, rig.camera, rays, true_camera_motion);
-      score.pairs.push_back({static_cast<int>(last_j), index, score_motion(motion, true_motion),
-                             error_over_bound(camera_motion, true_camera_motion, information)});
-    }
-    previous = std::move(current);
-    if (progress) progress(k + 1, pairs.size());
-  }
+  score_views(folder, rig, {estimate, truth, pairs}, observer, score, visible);
   if (rig.thermal && !pairs.empty()) {
     const auto [i, j] = pairs.front();
     const Pose truth_from_map = truth[j].world_from_robot * estimate[i].world_from_robot.inverse();

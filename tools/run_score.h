@@ -37,10 +37,14 @@ struct RunScore {
 };
 
 // Scores the folder, which contains config.yaml, rig.yaml, patterns.yaml, frames/, trajectory.tum, truth/, for a rig
-// with a thermal camera victims.json, and for a run with poses of single images images.tum. Throws Error on missing or invalid files.
-// `progress`, if any, is called with the number of views that are finished, and of all.
+// with a thermal camera victims.json, and for a run with poses of single images images.tum. Throws Error on missing or
+// invalid files. `observer` receives the views from several threads at a time.
+struct ScoreObserver {
+  std::function<void(int index, const DepthEstimate&, const TruthFrame&)> view;  // each scored view once
+  std::function<void(size_t done, size_t all)> progress;                         // numbers of views
+};
 RunScore score_run(const std::filesystem::path& folder, const TrajectoryOptions& options = {},
-                   const std::function<void(size_t done, size_t all)>& progress = {});
+                   const ScoreObserver& observer = {});
 
 nlohmann::ordered_json to_json(const RunScore& score);
 nlohmann::ordered_json to_json(const TrajectoryScore& score);

@@ -166,6 +166,10 @@ std::string png_bytes(const cv::Mat& image, int compression) {
   const OIIO::TypeDesc type = image.depth() == CV_16U ? OIIO::TypeDesc::UINT16 : OIIO::TypeDesc::UINT8;
   OIIO::ImageSpec spec(image.cols, image.rows, image.channels(), type);
   spec.attribute("png:compressionLevel", compression);
+  // Choosing the filter row by row, libpng's default, costs two thirds of the time of a fast level. False colours
+  // are smallest without a filter, grey images with the row above as prediction.
+  constexpr int kHighestFastLevel = 3, kNoFilter = 0x08, kUpFilter = 0x20;
+  if (compression <= kHighestFastLevel) spec.attribute("png:filter", image.channels() == 1 ? kUpFilter : kNoFilter);
   return encoded("memory.png", spec, pixels);
 }
 
@@ -176,13 +180,13 @@ std::string jpeg_bytes(const cv::Mat1b& image, int quality) {
 }
 
 void write_png(const fs::path& file, const cv::Mat& image) {
-  const std::string bytes = png_bytes(image, 3);
+  const std::string bytes = png_bytes(image);
   StagedFile staged(file);
   write_text(staged.path(), bytes);
   staged.commit();
 }
 
-void write_exr(const fs::path& file, const std::vector<ExrChannel>& channels) {
+void write_exr(const fs::path& file, const std::vector<ExrChannel>& channels, ExrCompression compression) {
   std::vector<cv::Mat> planes;
   for (const ExrChannel& channel : channels) planes.push_back(channel.image);
   cv::Mat pixels;
@@ -190,7 +194,7 @@ void write_exr(const fs::path& file, const std::vector<ExrChannel>& channels) {
   OIIO::ImageSpec spec(pixels.cols, pixels.rows, pixels.channels(), OIIO::TypeDesc::FLOAT);
   spec.channelnames.clear();
   for (const ExrChannel& channel : channels) spec.channelnames.push_back(channel.name);
-  spec.attribute("compression", "zips");
+  spec.attribute("compression", compression == ExrCompression::zip ? "zips" : "rle");
   // A fixed time stamp: OpenImageIO would write the current time and identical results would differ.
   spec.attribute("DateTime", "1970:01:01 00:00:00");
   write_image(file, spec, pixels.data, pixels.step);

@@ -2,13 +2,16 @@
 #include "tools/report/report_data.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <fstream>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <opencv2/imgproc.hpp>
 #include <optional>
 
+#include "core/base/parallel.h"
 #include "core/io/files.h"
 #include "core/io/yaml.h"
 #include "core/rig/dataset.h"
@@ -73,7 +76,7 @@ class Collector {
   void locate();
   void read_map();
   void compare_views();
-  void compare(size_t view, ViewImages& images, MapError& map_error) const;
+  ViewImages read_images(size_t view, TruthFrame* truth) const;
   ordered_json rig_json() const;
   ordered_json view_json(size_t view) const;
   ordered_json summary() const;
@@ -87,7 +90,8 @@ class Collector {
   RigModel rig_;
   ordered_json frames_, landmarks_, score_;  // as written; score_ is null without ground truth
   ordered_json warm_;                        // victims.json; null without a thermal camera
-  std::vector<int> indices_;                 // of the views
+  std::map<int, const ordered_json*> score_of_, landmarks_of_;  // entries of score_ and landmarks_ by view index
+  std::vector<int> indices_;                                    // of the views
   std::vector<Located> located_;
   bool has_truth_ = false;
   SimplifiedMesh map_;
@@ -111,6 +115,10 @@ Collector::Collector(fs::path folder, const ReportLimits& limits)
   if (fs::exists(folder_ / "score.json")) score_ = read_json(folder_ / "score.json");
   has_truth_ = !score_.is_null() && fs::exists(folder_ / "truth" / "truth.tum");
   for (const auto& frame : frames_) indices_.push_back(frame.at("index"));
+  if (score_.contains("frames")) {
+    for (const auto& frame : score_["frames"]) score_of_[frame.at("index")] = &frame;
+  }
+  for (const auto& view : landmarks_) landmarks_of_[view.at("index")] = &view;
 }
 
 // trajectory.tum contains a pose for each tracked view, in their order; truth.tum one for each stack.
@@ -151,46 +159,44 @@ void Collector::read_map() {
   }
 }
 
-// Returns the 10, 50 and 90 % quantiles of every 7th pixel.
-ordered_json sigmas_mm(const cv::Mat1f& sigma_m) {
-  std::vector<double> sigmas;
-  for (int row = 0; row < sigma_m.rows; ++row) {
-    for (int col = row % 7; col < sigma_m.cols; col += 7) {
-      if (!std::isnan(sigma_m(row, col))) sigmas.push_back(1e3 * sigma_m(row, col));
-    }
-  }
-  if (sigmas.empty()) return nullptr;
-  return {quantile_of(sigmas, 0.1), quantile_of(sigmas, 0.5), quantile_of(sigmas, 0.9)};
-}
-
-// Compares a view with its ground truth: the error image, and the map's errors where the view sees it.
-void Collector::compare(size_t view, ViewImages& images, MapError& map_error) const {
+// Reads a view's pictures and, if `truth` is wanted, its ground truth, and compares both.
+ViewImages Collector::read_images(size_t view, TruthFrame* truth) const {
+  const fs::path folder = folder_ / "frames" / stack_name(indices_[view]);
+  ViewImages images{indices_[view], read_grey(folder / "texture.png"),
+                    read_depth_estimate(folder / "depth.exr").depth_m, {}};
+  if (images.texture.size() != images.depth_m.size() || images.texture.type() != CV_8UC1)
+    throw Error((folder / "texture.png").string() + ": does not have 8 bits and the size of depth.exr");
+  if (rig_.thermal && fs::exists(folder / "temperature.exr"))
+    images.temperature_c = read_grey(folder / "temperature.exr");
+  if (!truth) return images;
   const fs::path file = folder_ / "truth" / (stack_name(indices_[view]) + ".exr");
-  const TruthFrame truth = read_truth_frame(file);
-  if (truth.depth_m.size() != images.depth_m.size())
+  *truth = read_truth_frame(file);
+  if (truth->depth_m.size() != images.depth_m.size())
     throw Error(file.string() + ": does not have the size of the view's depth.exr");
-  cv::subtract(images.depth_m, truth.depth_m, images.error_m);
-  if (located_[view].robot) map_error.add(truth, *located_[view].true_robot * rig_.robot_from_camera);
+  cv::subtract(images.depth_m, truth->depth_m, images.error_m);
+  return images;
 }
 
 void Collector::compare_views() {
   every_ = std::max<size_t>(1, (indices_.size() + static_cast<size_t>(limits_.pictured_views) - 1) /
                                    static_cast<size_t>(limits_.pictured_views));
+  for (size_t v = 0; v < indices_.size(); ++v) views_.push_back(view_json(v));
   MapError map_error(map_.mesh.vertices, rig_);
-  std::vector<ViewImages> pictured;
-  for (size_t v = 0; v < indices_.size(); ++v) {
-    const fs::path folder = folder_ / "frames" / stack_name(indices_[v]);
-    const DepthEstimate estimate = read_depth_estimate(folder / "depth.exr");
-    views_.push_back(view_json(v));
-    views_.back()["sigma_mm"] = sigmas_mm(estimate.sigma_m);
-    if (v % every_ != 0) continue;
-    ViewImages images{indices_[v], read_grey(folder / "texture.png"), estimate.depth_m, {}};
-    if (images.texture.size() != images.depth_m.size() || images.texture.type() != CV_8UC1)
-      throw Error((folder / "texture.png").string() + ": does not have 8 bits and the size of depth.exr");
-    if (rig_.thermal && fs::exists(folder / "temperature.exr"))
-      images.temperature_c = read_grey(folder / "temperature.exr");
-    if (has_truth_) compare(v, images, map_error);
-    pictured.push_back(shrunk(images, limits_.picture_width_px));
+  std::vector<ViewImages> pictured((indices_.size() + every_ - 1) / every_);
+  // Reading takes most of the time. The map's errors are collected in the order of the views.
+  constexpr size_t kAtOnce = 8;
+  std::array<TruthFrame, kAtOnce> truths;
+  for (size_t first = 0; first < pictured.size(); first += kAtOnce) {
+    const size_t count = std::min(kAtOnce, pictured.size() - first);
+    for_each_row(static_cast<int>(count), [&](int i) {
+      const size_t at = first + static_cast<size_t>(i);
+      TruthFrame* truth = has_truth_ ? &truths[static_cast<size_t>(i)] : nullptr;
+      pictured[at] = shrunk(read_images(at * every_, truth), limits_.picture_width_px);
+    });
+    for (size_t i = 0; has_truth_ && i < count; ++i) {
+      const Located& located = located_[(first + i) * every_];
+      if (located.robot) map_error.add(truths[i], *located.true_robot * rig_.robot_from_camera);
+    }
   }
   map_errors_m_ = map_error.distances_m();
   scales_ = picture_scales(pictured);
@@ -226,13 +232,9 @@ ordered_json Collector::view_json(size_t view) const {
   json["position_error_mm"] = nullptr;
   if (located.robot && located.true_robot)
     json["position_error_mm"] = 1e3 * (located.robot->translation - located.true_robot->translation).norm();
-  json["sigma_mm"] = nullptr;
-  json["score"] = nullptr;
-  if (score_.contains("frames")) {
-    for (const auto& frame : score_["frames"]) {
-      if (frame.at("index") == indices_[view]) json["score"] = frame;
-    }
-  }
+  if (!json.contains("sigma_mm")) json["sigma_mm"] = nullptr;
+  const auto score = score_of_.find(indices_[view]);
+  json["score"] = score == score_of_.end() ? ordered_json() : *score->second;
   json["pictures"] = nullptr;
   json["landmarks"] = nullptr;
   return json;
@@ -240,17 +242,16 @@ ordered_json Collector::view_json(size_t view) const {
 
 ordered_json Collector::landmarks_of(int index) const {
   ordered_json list = ordered_json::array();
-  for (const auto& view : landmarks_) {
-    if (view.at("index") != index) continue;
-    for (const auto& landmark : view.at("landmarks")) {
-      std::vector<cv::Point> outline, simple;
-      for (const auto& point : landmark.at("outline_px")) outline.emplace_back(point.at(0), point.at(1));
-      if (outline.size() < 3) continue;
-      cv::approxPolyDP(outline, simple, kOutlineTolerancePx, true);
-      ordered_json numbers = ordered_json::array();
-      for (const cv::Point& point : simple) numbers.insert(numbers.end(), {point.x, point.y});
-      list.push_back({{"outline", numbers}, {"recognised", landmark.contains("recognised")}});
-    }
+  const auto view = landmarks_of_.find(index);
+  if (view == landmarks_of_.end()) return list;
+  for (const auto& landmark : view->second->at("landmarks")) {
+    std::vector<cv::Point> outline, simple;
+    for (const auto& point : landmark.at("outline_px")) outline.emplace_back(point.at(0), point.at(1));
+    if (outline.size() < 3) continue;
+    cv::approxPolyDP(outline, simple, kOutlineTolerancePx, true);
+    ordered_json numbers = ordered_json::array();
+    for (const cv::Point& point : simple) numbers.insert(numbers.end(), {point.x, point.y});
+    list.push_back({{"outline", numbers}, {"recognised", landmark.contains("recognised")}});
   }
   return list;
 }
