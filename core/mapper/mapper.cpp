@@ -181,7 +181,7 @@ void Mapper::track(FrameResult& result, const MapperInput& input, const std::opt
       effect = {};
       if (own.motion->residuals == 0 && input.reconstruct)
         reconstruct(result, input, {nullptr, unknown_motion(options_.registration.motion_prior), false, nullptr});
-      if (!result.motion_unknown()) relocalize(result);
+      if (!result.motion_unknown() && relocalize(result)) confirm_in_motion(result, input);
     }
   }
   if (!has_pose(result.tracking) && result.registration.ambiguous) result.tracking = Tracking::ambiguous;

@@ -109,6 +109,9 @@ class Mapper {
     Matrix6x12d pose_by_motion = Matrix6x12d::Zero();
     Matrix12d covariance = Matrix12d::Zero();
     bool by_own_stack = false;  // no other view has confirmed the motion
+
+    // Covariance of the pose that the uncertain motion causes.
+    Matrix6d spread() const { return pose_by_motion * covariance * pose_by_motion.transpose(); }
   };
 
   // The first keyframe, to be re-decoded once later views determine its motion better than its own stack.
@@ -142,6 +145,7 @@ class Mapper {
               double max_error_m = std::numeric_limits<double>::infinity());
   Pose estimate_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted,
                        const ExpectedView* expected, const MotionPrior& prior, MotionEffect& effect);
+  void confirm_in_motion(FrameResult& result, const MapperInput& input);
   bool follow_in_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted,
                         MotionEffect& effect);
   bool follow_by_prediction(FrameResult& result, const MapperInput& input, const Prediction& predicted,

@@ -7,6 +7,7 @@
 #include "core/base/stage_clock.h"
 #include "core/mapper/mapper.h"
 #include "core/registration/motion_registration.h"
+#include "core/types/linear_algebra.h"
 
 namespace fringeslam {
 
@@ -27,6 +28,30 @@ bool Mapper::follow_in_motion(FrameResult& result, const MapperInput& input, con
   return follow(result, estimate_motion(result, input, predicted, nullptr, prior, effect));
 }
 
+// Rejects a relocalized view whose pose changes by more than its uncertainty, or is lost, when it is estimated together
+// with the motion: depth that its stack's own estimate distorted matches the map at a wrong pose.
+void Mapper::confirm_in_motion(FrameResult& result, const MapperInput& input) {
+  constexpr double kMaxSquare = 45;  // chi-square of six degrees of freedom, one false alarm in 10^7
+  if (!result.registration.refined || result.motion->residuals == 0) return;
+  const Pose& pose = result.registration.earlier_from_current;
+  const FrameMotion own = frame_motion(result, input, keyframe_image(result.reference), pose);
+  const Matrix6d covariance = result.covariance + own.spread();
+  const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera;
+  prediction_checked_ = false;  // the pose contradicts the prediction
+  FrameResult joint = result;   // shares its images
+  MotionEffect effect;
+  bool confirmed = follow_in_motion(joint, input, {world_from_reference * pose, covariance, {}}, effect);
+  if (confirmed) {
+    const Pose world_from_joint = map_.keyframes()[static_cast<size_t>(joint.reference)].world_from_camera *
+                                  joint.registration.earlier_from_current;
+    const Vector6d change = difference(world_from_reference.inverse() * world_from_joint, pose);
+    confirmed = change.dot(solve_symmetric(covariance, change)) <= kMaxSquare;
+  }
+  if (confirmed) return;
+  result.tracking = Tracking::lost;
+  result.registration.found = false;
+}
+
 // Returns how the uncertain motion during the stack changes the pose of its frame relative to `target`.
 Mapper::FrameMotion Mapper::frame_motion(const ReconstructedView& view, const MapperInput& input, const Frame& target,
                                          const Pose& target_from_source) const {
@@ -41,9 +66,6 @@ Mapper::FrameMotion Mapper::frame_motion(const ReconstructedView& view, const Ma
 // Returns the former in the axes of the view.
 Mapper::FrameMotion Mapper::add_motion_uncertainty(FrameResult& result, const MapperInput& input,
                                                    const MotionEffect& effect) {
-  const auto spread = [](const FrameMotion& motion) {
-    return Matrix6d(motion.pose_by_motion * motion.covariance * motion.pose_by_motion.transpose());
-  };
   if (result.tracking == Tracking::first) {
     FrameMotion own = frame_motion(result, input, result.frame, {});
     own.by_own_stack = result.in_motion();
@@ -54,14 +76,14 @@ Mapper::FrameMotion Mapper::add_motion_uncertainty(FrameResult& result, const Ma
   const bool known = effect.reference == result.reference && result.motion;
   FrameMotion own = known ? FrameMotion{effect.pose_by_motion, result.motion->covariance}
                           : frame_motion(result, input, keyframe_image(result.reference), pose);
-  result.covariance += spread(own);
+  result.covariance += own.spread();
   if (const auto reference = static_cast<size_t>(result.reference); reference < keyframe_motion_.size()) {
     // A shift of the keyframe's frame moves the pose from the left.
     Matrix6d moved = Matrix6d::Identity();
     moved.bottomLeftCorner<3, 3>() = -skew(pose.translation);
     FrameMotion other = keyframe_motion_[reference];
     if (other.by_own_stack) vibration_.widen(other.covariance);
-    result.covariance += moved * spread(other) * moved.transpose();
+    result.covariance += moved * other.spread() * moved.transpose();
   }
   Matrix6d turned = Matrix6d::Zero();
   turned.topLeftCorner<3, 3>() = turned.bottomRightCorner<3, 3>() = pose.rotation.transpose();
