@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // fringeslam run SCENE|DATASET
+#include <sys/resource.h>
+
 #include <algorithm>
 #include <cctype>
+#include <chrono>
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -76,6 +79,22 @@ class RateLimiter {
   Clock::time_point start_;
   int turn_ = 0;
 };
+
+// Measures the time since its construction.
+class Stopwatch {
+ public:
+  double seconds() const { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count(); }
+
+ private:
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+};
+
+// Returns the largest resident size of the process so far.
+double peak_resident_mib() {
+  rusage usage{};
+  ::getrusage(RUSAGE_SELF, &usage);
+  return static_cast<double>(usage.ru_maxrss) / 1024;
+}
 
 // Prints the progress of what follows mapping, over tiles or views; a few of them are not worth a line.
 TileProgress phase_progress(const std::string& what, bool silent) {
@@ -202,6 +221,7 @@ int run(const RunArguments& arguments, const Common& common) {
   const auto dropped = [&] { return camera ? camera->dropped() : 0; };
   RateLimiter rate(arguments.live_rate_hz);
   Emptiness emptiness;
+  const Stopwatch mapping_time;
   {
     Progress progress("mapping", source->stacks(), common.quiet || common.json);
     Rig& stacks = camera ? static_cast<Rig&>(*camera) : *rig;
@@ -218,6 +238,8 @@ int run(const RunArguments& arguments, const Common& common) {
       rate.wait();
     });
   }
+  const double mapping_s = mapping_time.seconds();
+  const Stopwatch after_mapping;
   if (dropped() > 0 && !common.json)
     std::fprintf(stderr, "dropped: %d of %d stacks, because mapping fell behind\n", dropped(), source->stacks());
   if (live) live->feed().finish();
@@ -253,6 +275,9 @@ int run(const RunArguments& arguments, const Common& common) {
   if (common.json) {
     nlohmann::ordered_json json = {{"run", out}};
     if (arguments.real_time) json["dropped"] = dropped();
+    json["mapping_s"] = mapping_s;
+    json["after_mapping_s"] = after_mapping.seconds();
+    json["peak_mib"] = peak_resident_mib();
     json["score"] = score ? to_json(*score) : nlohmann::ordered_json();
     std::printf("%s\n", json.dump(2).c_str());
   } else {

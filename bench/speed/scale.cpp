@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+// Runs over many views: memory, and the time that follows mapping.
+#include <unistd.h>
+
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "bench/row.h"
+#include "core/types/error.h"
+
+namespace fringeslam::bench {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+void call(const std::string& arguments, const fs::path& answer) {
+  const std::string command = std::string(FRINGESLAM_BENCH_PROGRAM) + " --json " + arguments + " > '" +
+                              answer.string() + "'";
+  if (std::system(command.c_str()) != 0) throw Error(arguments + ": failed; see its message above");
+}
+
+// Maps the recorded terrain with the default outputs of `run`.
+std::vector<Row> run_rows(const Context& context) {
+  const fs::path folder = fs::temp_directory_path() / ("fringeslam-scale-" + std::to_string(::getpid()));
+  fs::create_directories(folder);
+  const std::string terrain = std::string(FRINGESLAM_SCENES) + "/terrain";
+  const std::string dataset = "'" + (folder / "dataset").string() + "'";
+  std::fprintf(stderr, "  rendering the terrain to %s\n", dataset.c_str());
+  call("render '" + terrain + "' --out " + dataset + (context.quick ? " --with trajectory.spline.count=90" : ""),
+       folder / "render.json");
+  call("run " + dataset + " --out '" + (folder / "run").string() + "'", folder / "run.json");
+  const auto run = nlohmann::json::parse(std::ifstream(folder / "run.json"));
+  fs::remove_all(folder);
+  const int views = run.at("score").at("stacks");
+  const double mapping_s = run.at("mapping_s"), after_s = run.at("after_mapping_s"), peak_mib = run.at("peak_mib");
+  std::fprintf(stderr, "  %d views, %d tracked: mapping %.0f s, then %.0f s\n", views,
+               run.at("score").at("tracked").get<int>(), mapping_s, after_s);
+  return {bound_row("scale.run.memory", peak_mib / 1024, views, "GiB", 2, Limit::most),
+          bound_row("scale.run.after", after_s / mapping_s, views, "x", 0.5, Limit::most),
+          bound_row("speed.run.dataset", views / mapping_s, views, "views/s", 25, Limit::least)};
+}
+
+}  // namespace
+
+std::vector<Item> scale_items() {
+  return {{{"scale.run.memory", "scale.run.after", "speed.run.dataset"},
+           "run over 900 recorded views: peak memory, time after mapping relative to mapping, and rate of mapping",
+           run_rows,
+           true}};
+}
+
+}  // namespace fringeslam::bench
