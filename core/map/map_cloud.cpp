@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/map/map_cloud.h"
 
-#include <algorithm>
-#include <opencv2/core/utility.hpp>
-
-#include "core/base/parallel.h"
+#include "core/base/in_order.h"
 #include "core/map/map_tiles.h"
 
 namespace fringeslam {
@@ -18,11 +15,10 @@ void for_each_cloud_part(const KeyframeMap& map, const CloudOptions& options,
                          const std::function<void(const std::vector<CloudPoint>&)>& take,
                          const TileProgress& progress) {
   const double cell_m = cell_m_of(map.rig(), options);
-  size_t done = 0;
   const int32_t edge = tile_edge(map, cell_m);
   const std::vector<MapTile> tiles = tiles_of(map, edge * cell_m, cell_m);
-  const auto points_of = [&](const MapTile& tile) {
-    const SerialLoops serial;  // the other cores work on other tiles
+  const auto points_of = [&](size_t number) {
+    const MapTile& tile = tiles[number];
     CloudMap cloud(cell_m, tile.range(edge));
     for (const size_t i : tile.frames) {
       const MapFrame& frame = map.frames()[i];
@@ -30,18 +26,13 @@ void for_each_cloud_part(const KeyframeMap& map, const CloudOptions& options,
     }
     return cloud.points();
   };
-  constexpr int kMostTogether = 4;  // limits the memory use
-  const auto together = static_cast<size_t>(std::clamp(cv::getNumThreads(), 1, kMostTogether));
-  for (size_t first = 0; first < tiles.size(); first += together) {
-    std::vector<std::vector<CloudPoint>> parts(std::min(together, tiles.size() - first));
-    for_each_row(static_cast<int>(parts.size()),
-                 [&](int i) { parts[static_cast<size_t>(i)] = points_of(tiles[first + static_cast<size_t>(i)]); });
+  constexpr size_t kMostTogether = 5;  // limits the memory use
+  size_t done = 0;
+  in_order(tiles.size(), kMostTogether, points_of, [&](const std::vector<CloudPoint>& part) {
     map.release_frames();
-    for (const std::vector<CloudPoint>& part : parts) {
-      take(part);
-      if (progress) progress(++done, tiles.size());
-    }
-  }
+    take(part);
+    if (progress) progress(++done, tiles.size());
+  });
 }
 
 std::vector<CloudPoint> cloud_of(const KeyframeMap& map, const CloudOptions& options) {
