@@ -18,8 +18,8 @@ namespace {
 namespace fs = std::filesystem;
 
 void call(const std::string& arguments, const fs::path& answer) {
-  const std::string command = std::string(FRINGESLAM_BENCH_PROGRAM) + " --json " + arguments + " > '" +
-                              answer.string() + "'";
+  const std::string command =
+      std::string(FRINGESLAM_BENCH_PROGRAM) + " --json " + arguments + " > '" + answer.string() + "'";
   if (std::system(command.c_str()) != 0) throw Error(arguments + ": failed; see its message above");
 }
 

@@ -55,7 +55,8 @@ TEST(InOrder, FailuresReachTheCaller) {
 
 TEST(InOrder, LoopsInsideRunSerially) {
   const int threads = cv::getNumThreads();
-  in_order(4, 3, [&](size_t) { return threads == 1 || SerialLoops::wanted(); }, [](bool serial) { EXPECT_TRUE(serial); });
+  in_order(
+      4, 3, [&](size_t) { return threads == 1 || SerialLoops::wanted(); }, [](bool serial) { EXPECT_TRUE(serial); });
   EXPECT_FALSE(SerialLoops::wanted());
 }
 

@@ -88,8 +88,8 @@ class Collector {
   ReportLimits limits_;
   YamlMap config_;
   RigModel rig_;
-  ordered_json frames_, landmarks_, score_;  // as written; score_ is null without ground truth
-  ordered_json warm_;                        // victims.json; null without a thermal camera
+  ordered_json frames_, landmarks_, score_;                     // as written; score_ is null without ground truth
+  ordered_json warm_;                                           // victims.json; null without a thermal camera
   std::map<int, const ordered_json*> score_of_, landmarks_of_;  // entries of score_ and landmarks_ by view index
   std::vector<int> indices_;                                    // of the views
   std::vector<Located> located_;
@@ -162,8 +162,8 @@ void Collector::read_map() {
 // Reads a view's pictures and, if `truth` is wanted, its ground truth, and compares both.
 ViewImages Collector::read_images(size_t view, TruthFrame* truth) const {
   const fs::path folder = folder_ / "frames" / stack_name(indices_[view]);
-  ViewImages images{indices_[view], read_grey(folder / "texture.png"),
-                    read_depth_estimate(folder / "depth.exr").depth_m, {}};
+  ViewImages images{
+      indices_[view], read_grey(folder / "texture.png"), read_depth_estimate(folder / "depth.exr").depth_m, {}};
   if (images.texture.size() != images.depth_m.size() || images.texture.type() != CV_8UC1)
     throw Error((folder / "texture.png").string() + ": does not have 8 bits and the size of depth.exr");
   if (rig_.thermal && fs::exists(folder / "temperature.exr"))
