@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // fringeslam run SCENE|DATASET
-#include <sys/resource.h>
-
 #include <algorithm>
 #include <cctype>
 #include <chrono>
@@ -26,6 +24,7 @@
 #include "tools/report/animation.h"
 #include "tools/report/html_report.h"
 #include "tools/run_folder.h"
+#include "tools/run_phases.h"
 #include "tools/source.h"
 #include "tools/verbs.h"
 
@@ -41,6 +40,7 @@ constexpr size_t kWaitingStacks = 2;  // with --real-time: stacks that may wait 
 constexpr int kViewsAhead = 2;        // with --real-time: views that may be in preparation
 constexpr int kAnimationFrames = 20;
 constexpr bool kHasReport = FRINGESLAM_REPORT;
+constexpr int kInterrupted = 130;  // exit code, that of a program that Ctrl-C ended
 
 struct RunArguments {
   std::string source, out;
@@ -79,32 +79,6 @@ class RateLimiter {
   Clock::time_point start_;
   int turn_ = 0;
 };
-
-// Measures the time since its construction.
-class Stopwatch {
- public:
-  double seconds() const { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count(); }
-
- private:
-  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
-};
-
-// Returns the largest resident size of the process so far.
-double peak_resident_mib() {
-  rusage usage{};
-  ::getrusage(RUSAGE_SELF, &usage);
-  return static_cast<double>(usage.ru_maxrss) / 1024;
-}
-
-// Prints the progress of what follows mapping, over tiles or views; a few of them are not worth a line.
-TileProgress phase_progress(const std::string& what, bool silent) {
-  constexpr size_t kFew = 8;
-  auto progress = std::make_shared<std::optional<Progress>>();
-  return [progress, what, silent](size_t, size_t all) {
-    if (!*progress) progress->emplace(what, static_cast<int>(all), silent || all < kFew);
-    (*progress)->step();
-  };
-}
 
 // Explains runs that reconstruct nearly nothing, or track no view.
 class Emptiness {
@@ -156,9 +130,14 @@ void report_unexpected(const std::vector<ImageOfRun>& images) {
                first->image, first->stack);
 }
 
+std::string kept_text(int views, int all, const std::vector<std::string>& left_out) {
+  std::string text = "interrupted: " + std::to_string(views) + " of " + std::to_string(all) + " views are kept";
+  for (const std::string& file : left_out) text += (&file == &left_out.front() ? ", without " : ", ") + file;
+  return text;
+}
+
 void wait_for_interrupt() {
   std::fflush(stdout);  // delivers the score to a reader at the other end of a pipe
-  catch_interrupts();
   while (!interrupted()) wait_s(60);
 }
 
@@ -199,12 +178,11 @@ int run(const RunArguments& arguments, const Common& common) {
                                               (arguments.image_poses ? image_poses_yaml(settings) : ""));
   const auto rig = source->open(folder.path());
   // The world frame of a new map is the robot's frame at the first stack.
-  auto pipeline =
-      arguments.map.empty()
-          ? std::make_unique<Pipeline>(rig->model(), source->sequence(), settings.pipeline, Pose{})
-          : std::make_unique<Pipeline>(
-                map_from_bytes(read_bytes(arguments.map), arguments.map, rig->model(), settings.pipeline.mapping),
-                source->sequence(), settings.pipeline);
+  auto pipeline = arguments.map.empty()
+                      ? std::make_unique<Pipeline>(rig->model(), source->sequence(), settings.pipeline, Pose{})
+                      : std::make_unique<Pipeline>(map_from_bytes(read_bytes(arguments.map), arguments.map,
+                                                                  rig->model(), settings.pipeline.mapping),
+                                                   source->sequence(), settings.pipeline);
   ThermalObserver thermal(rig->model(), settings.pipeline.thermal);
   std::optional<ImageTrajectory> images;
   if (arguments.image_poses) images.emplace(rig->model(), source->sequence(), settings.image_poses);
@@ -221,71 +199,95 @@ int run(const RunArguments& arguments, const Common& common) {
   const auto dropped = [&] { return camera ? camera->dropped() : 0; };
   RateLimiter rate(arguments.live_rate_hz);
   Emptiness emptiness;
-  const Stopwatch mapping_time;
+  RunPhases phases(folder.path(), common.quiet || common.json);
+  int mapped = 0;
+  catch_interrupts();
   {
     Progress progress("mapping", source->stacks(), common.quiet || common.json);
     Rig& stacks = camera ? static_cast<Rig&>(*camera) : *rig;
     Driver driver(stacks, *pipeline, camera ? kViewsAhead : Driver::kAhead);
-    driver.run([&](const MappedView& view) {
-      const ThermalView warmth = thermal.observe(view.stack, view.result);
-      record.add(view.stack, view.result, warmth, pipeline->map());
-      emptiness.add(view.stack, view.result);
-      if (images) images->add(view.stack, view.result, pipeline->mapper());
-      if (arguments.animation) animation.add(view.stack, view.result, pipeline->map());
-      if (live) show_mapped(live->feed(), view.stack, view.result, pipeline->mapper(), warmth, thermal, dropped());
-      if (arguments.mesh) record.add_mesh(frame_mesh(view.result.frame, settings.mesh), view.stack.index);
+    while (!interrupted()) {
+      const std::optional<MappedView> view = driver.next();
+      if (!view) break;
+      const auto& [stack, result] = *view;
+      const ThermalView warmth = thermal.observe(stack, result);
+      record.add(stack, result, warmth, pipeline->map());
+      emptiness.add(stack, result);
+      if (images) images->add(stack, result, pipeline->mapper());
+      if (arguments.animation) animation.add(stack, result, pipeline->map());
+      if (live) show_mapped(live->feed(), stack, result, pipeline->mapper(), warmth, thermal, dropped());
+      if (arguments.mesh) record.add_mesh(frame_mesh(result.frame, settings.mesh), stack.index);
       progress.step();
       rate.wait();
-    });
+      ++mapped;
+    }
   }
-  const double mapping_s = mapping_time.seconds();
-  const Stopwatch after_mapping;
+  if (mapped == 0 && interrupted()) throw Error("interrupted before the first view; nothing is written");
+  phases.note("mapping");
   if (dropped() > 0 && !common.json)
     std::fprintf(stderr, "dropped: %d of %d stacks, because mapping fell behind\n", dropped(), source->stacks());
   if (live) live->feed().finish();
-  const bool silent = common.quiet || common.json;
   record.finish(pipeline->trajectory());
-  record.write_cloud(pipeline->map(), settings.pipeline.cloud, phase_progress("merging the cloud", silent));
-  if (!record.write_surface(pipeline->map(), settings.pipeline.surface, phase_progress("fusing the surface", silent)))
-    std::fprintf(stderr, "mesh.glb: left out, because the mesh exceeds the 4 GiB of a GLB file; see mesh.ply\n");
-  if (arguments.vdb) write_text(folder.path() / "surface.vdb", pipeline->surface().to_vdb());
   if (rig->model().thermal) record.add_warm_objects(thermal.warm_objects(pipeline->mapper()));
   if (images) record.add_image_poses(*images, pipeline->mapper());
   if (arguments.save_map) write_text(folder.path() / kMapFile, to_bytes(pipeline->map()));
 
-  if (arguments.animation) animation.write(folder.path() / "animation.gif", pipeline->mapper(), settings.pipeline.cloud);
+  phases.note("trajectory");
+  phases.run("cloud", {"map.ply"}, [&] {
+    record.write_cloud(pipeline->map(), settings.pipeline.cloud, phases.progress("merging the cloud"));
+  });
+  phases.run("surface", {"mesh.ply", "mesh.glb"}, [&] {
+    if (!record.write_surface(pipeline->map(), settings.pipeline.surface, phases.progress("fusing the surface")))
+      std::fprintf(stderr, "mesh.glb: left out, because the mesh exceeds the 4 GiB of a GLB file; see mesh.ply\n");
+  });
+  if (arguments.vdb)
+    phases.run("vdb", {"surface.vdb"},
+               [&] { write_text(folder.path() / "surface.vdb", pipeline->surface().to_vdb()); });
+  if (arguments.animation)
+    phases.run("animation", {"animation.gif"},
+               [&] { animation.write(folder.path() / "animation.gif", pipeline->mapper(), settings.pipeline.cloud); });
 
   const bool tracked = !pipeline->trajectory().empty();
   pipeline.reset();  // the rest needs memory, but not the map
   std::optional<RunScore> score;
   if (source->has_truth() && tracked) {
-    fs::copy_file(folder.path() / "truth" / "truth.tum", folder.path() / "truth.tum");
-    score = score_run(folder.path(), {},
-                      {.view = [&](int index, const DepthEstimate& estimate,
-                                   const TruthFrame& truth) { record.draw_error(index, estimate, truth); },
-                       .progress = phase_progress("scoring", silent)});
-    write_text(folder.path() / "score.json", to_json(*score).dump(2) + "\n");
+    phases.run("scoring", {"truth.tum", "score.json"}, [&] {
+      fs::copy_file(folder.path() / "truth" / "truth.tum", folder.path() / "truth.tum");
+      score = score_run(folder.path(), {},
+                        {.view = [&](int index, const DepthEstimate& estimate,
+                                     const TruthFrame& truth) { record.draw_error(index, estimate, truth); },
+                         .progress = phases.progress("scoring")});
+      write_text(folder.path() / "score.json", to_json(*score).dump(2) + "\n");
+    });
   }
-  record.draw_overview(score ? &*score : nullptr);
+  phases.run("overview", {"overview.png"}, [&] { record.draw_overview(score ? &*score : nullptr); });
 #if FRINGESLAM_REPORT
-  if (!arguments.no_report) write_report(folder.path(), folder.path() / "report.html");
+  if (!arguments.no_report)
+    phases.run("report", {"report.html"}, [&] { write_report(folder.path(), folder.path() / "report.html"); });
 #endif
   folder.commit();
 
   if (common.json) {
     nlohmann::ordered_json json = {{"run", out}};
     if (arguments.real_time) json["dropped"] = dropped();
-    json["mapping_s"] = mapping_s;
-    json["after_mapping_s"] = after_mapping.seconds();
-    json["peak_mib"] = peak_resident_mib();
+    for (const RunPhases::Phase& phase : phases.all())
+      json["phases"].push_back({{"name", phase.name}, {"seconds", phase.seconds}, {"peak_mib", phase.peak_mib}});
+    if (interrupted()) json["left_out"] = phases.left_out();
     json["score"] = score ? to_json(*score) : nlohmann::ordered_json();
     std::printf("%s\n", json.dump(2).c_str());
   } else {
     if (score) std::printf("%s\n", to_table(*score).c_str());
     const char* look = kHasReport && !arguments.no_report ? "report.html" : "overview.png";
-    std::printf("written: %s  (see %s/%s)\n", out.c_str(), out.c_str(), look);
+    if (phases.left_out().empty())
+      std::printf("written: %s  (see %s/%s)\n", out.c_str(), out.c_str(), look);
+    else
+      std::printf("written: %s\n", out.c_str());
   }
   if (images) report_unexpected(images->images());
+  if (interrupted()) {
+    std::fprintf(stderr, "%s\n", kept_text(mapped, source->stacks(), phases.left_out()).c_str());
+    return kInterrupted;
+  }
   const std::string reason = emptiness.reason(rig->model(), settings.pipeline.depth);
   if (!reason.empty()) std::fprintf(stderr, "fringeslam: %s: %s\n", arguments.source.c_str(), reason.c_str());
   if (live && arguments.live_wait) wait_for_interrupt();

@@ -36,9 +36,15 @@ std::vector<Row> run_rows(const Context& context) {
   const auto run = nlohmann::json::parse(std::ifstream(folder / "run.json"));
   fs::remove_all(folder);
   const int views = run.at("score").at("stacks");
-  const double mapping_s = run.at("mapping_s"), after_s = run.at("after_mapping_s"), peak_mib = run.at("peak_mib");
-  std::fprintf(stderr, "  %d views, %d tracked: mapping %.0f s, then %.0f s\n", views,
-               run.at("score").at("tracked").get<int>(), mapping_s, after_s);
+  std::fprintf(stderr, "  %d views, %d tracked\n", views, run.at("score").at("tracked").get<int>());
+  double mapping_s = 0, after_s = 0, peak_mib = 0;
+  for (const auto& phase : run.at("phases")) {
+    const std::string name = phase.at("name");
+    const double seconds = phase.at("seconds");
+    (name == "mapping" ? mapping_s : after_s) += seconds;
+    peak_mib = phase.at("peak_mib");
+    std::fprintf(stderr, "  %-10s %4.0f s, resident so far at most %5.0f MiB\n", name.c_str(), seconds, peak_mib);
+  }
   return {bound_row("scale.run.memory", peak_mib / 1024, views, "GiB", 2, Limit::most),
           bound_row("scale.run.after", after_s / mapping_s, views, "x", 0.5, Limit::most),
           bound_row("speed.run.dataset", views / mapping_s, views, "views/s", 25, Limit::least)};

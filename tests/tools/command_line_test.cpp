@@ -80,6 +80,29 @@ TEST_F(CommandLine, ASecondRunReplacesTheFirst) {
   EXPECT_EQ(test::listing(temp_.path()).count("run.partial"), 0u);
 }
 
+// Ends `run` while it maps, and looks at what it leaves.
+TEST_F(CommandLine, AnInterruptedRunKeepsItsViews) {
+  const std::string scene = std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop", out = at("run");
+  const std::string command = test::quoted(FRINGESLAM_PROGRAM) + " run " + test::quoted(scene) + " --out " +
+                              test::quoted(out) + " --set render.samples_per_pixel=1 --save-map > " +
+                              test::quoted(at("out")) + " 2> " + test::quoted(at("err")) + " & pid=$!; until ls " +
+                              test::quoted(temp_.path().string()) +
+                              "/run.partial-*/frames/000001/depth.exr > /dev/null 2>&1; do sleep 0.05; done; "
+                              "kill -TERM $pid; wait $pid; exit $?";
+  const int status = std::system(command.c_str());
+  ASSERT_EQ(WEXITSTATUS(status), 130) << test::read_bytes(temp_ / "err");
+  for (const auto& entry : test::fs::directory_iterator(temp_.path()))
+    EXPECT_THAT(entry.path().filename().string(), testing::Not(HasSubstr("partial")));
+  const json frames = json::parse(test::read_bytes(temp_ / "run/frames.json"));
+  EXPECT_GE(frames.size(), 2u);
+  for (const char* file : {"trajectory.tum", "landmarks.json", "saved.map", "rig.yaml"})
+    EXPECT_TRUE(test::fs::exists(temp_ / "run" / file)) << file;
+  for (const char* file : {"map.ply", "mesh.ply", "mesh.glb", "score.json", "overview.png", "report.html"})
+    EXPECT_FALSE(test::fs::exists(temp_ / "run" / file)) << file;
+  EXPECT_THAT(test::read_bytes(temp_ / "err"),
+              HasSubstr("interrupted: " + std::to_string(frames.size()) + " of 121 views are kept, without map.ply, "));
+}
+
 // The complete output must be one JSON value: the parser refuses anything before or after it.
 json whole_json(const test::Finished& finished) {
   EXPECT_EQ(finished.err, "");

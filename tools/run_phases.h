@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: Apache-2.0
+// The phases of a run, with their times. After mapping, an interrupt ends the phase at its next step and skips the later ones; what is
+// finished is kept.
+#pragma once
+
+#include <sys/resource.h>
+
+#include <chrono>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "tools/interrupt.h"
+#include "tools/progress.h"
+
+namespace fringeslam::tools {
+
+class RunPhases {
+ public:
+  RunPhases(std::filesystem::path folder, bool silent) : folder_(std::move(folder)), silent_(silent) {}
+
+  // Runs a phase that writes `files` of the run folder. Unless it finishes, they are removed.
+  void run(const std::string& name, const std::vector<std::string>& files, const std::function<void()>& phase) {
+    bool finished = false;
+    if (!interrupted()) {
+      try {
+        phase();
+        finished = true;
+      } catch (const Stopped&) {
+      }
+    }
+    note(name);
+    if (finished) return;
+    for (const std::string& file : files) {
+      std::filesystem::remove(folder_ / file);
+      left_out_.push_back(file);
+    }
+  }
+
+  // Notes the end of a phase: the time since the last one, and the largest resident size of the process so far.
+  void note(const std::string& name) {
+    const auto now = Clock::now();
+    rusage usage{};
+    ::getrusage(RUSAGE_SELF, &usage);
+    phases_.push_back(
+        {name, std::chrono::duration<double>(now - begun_).count(), static_cast<double>(usage.ru_maxrss) / 1024});
+    begun_ = now;
+  }
+
+  // Prints the progress of a phase over tiles or views; a few of them are not worth a line. Throws if interrupted.
+  std::function<void(size_t done, size_t all)> progress(const std::string& what) const {
+    constexpr size_t kFew = 8;
+    auto progress = std::make_shared<std::optional<Progress>>();
+    return [progress, what, silent = silent_](size_t, size_t all) {
+      if (interrupted()) throw Stopped();
+      if (!*progress) progress->emplace(what, static_cast<int>(all), silent || all < kFew);
+      (*progress)->step();
+    };
+  }
+
+  const std::vector<std::string>& left_out() const { return left_out_; }
+
+  struct Phase {
+    std::string name;
+    double seconds = 0, peak_mib = 0;
+  };
+  const std::vector<Phase>& all() const { return phases_; }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  struct Stopped {};
+
+  std::filesystem::path folder_;
+  bool silent_;
+  std::vector<std::string> left_out_;
+  std::vector<Phase> phases_;
+  Clock::time_point begun_ = Clock::now();
+};
+
+}  // namespace fringeslam::tools
