@@ -249,6 +249,7 @@ void RunFolder::finish(const Trajectory& trajectory) {
   write_text(folder_ / "trajectory.tum", (lost.empty() ? lost : lost + "\n") + to_tum(trajectory_));
   write_text(folder_ / "frames.json", frames_.dump(1) + "\n");
   write_text(folder_ / "landmarks.json", landmarks_.dump(1) + "\n");
+  landmarks_ = nullptr;  // hundreds of megabytes after a long run
   writing_.finish();
 }
 

@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "core/base/malloc_config.h"
 #include "tools/interrupt.h"
 #include "tools/progress.h"
 
@@ -48,6 +49,7 @@ class RunPhases {
     phases_.push_back(
         {name, std::chrono::duration<double>(now - begun_).count(), static_cast<double>(usage.ru_maxrss) / 1024});
     begun_ = now;
+    release_freed_memory();
   }
 
   // Prints the progress of a phase over tiles or views; a few of them are not worth a line. Throws if interrupted.

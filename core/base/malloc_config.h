@@ -17,4 +17,11 @@ inline void keep_freed_memory() {
 #endif
 }
 
+// Returns freed memory to the system, at the end of a phase that needed more than the next one.
+inline void release_freed_memory() {
+#if defined(__GLIBC__)
+  malloc_trim(0);
+#endif
+}
+
 }  // namespace fringeslam

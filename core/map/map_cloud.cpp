@@ -19,9 +19,11 @@ void for_each_cloud_part(const KeyframeMap& map, const CloudOptions& options,
   const std::vector<MapTile> tiles = tiles_of(map, edge * cell_m, cell_m);
   const auto points_of = [&](size_t number) {
     const MapTile& tile = tiles[number];
+    constexpr size_t kResident = 32;  // frames whose pages are in memory at a time
     CloudMap cloud(cell_m, tile.range(edge));
-    for (const size_t i : tile.frames) {
-      const MapFrame& frame = map.frames()[i];
+    for (size_t i = 0; i < tile.frames.size(); ++i) {
+      if (i % kResident == 0) map.release_frames();
+      const MapFrame& frame = map.frames()[tile.frames[i]];
       cloud.add(restored(frame.frame, map.rays()), map.world_from_camera(frame));
     }
     return cloud.points();
@@ -29,7 +31,6 @@ void for_each_cloud_part(const KeyframeMap& map, const CloudOptions& options,
   constexpr size_t kMostTogether = 5;  // limits the memory use
   size_t done = 0;
   in_order(tiles.size(), kMostTogether, points_of, [&](const std::vector<CloudPoint>& part) {
-    map.release_frames();
     take(part);
     if (progress) progress(++done, tiles.size());
   });

@@ -85,7 +85,9 @@ std::vector<MapTile> tiles_of(const KeyframeMap& map, double edge_m, double marg
   }
   const RayBounds rays = bounds_of(map.rays());
   std::map<GridIndex, std::vector<size_t>> tiles;
+  constexpr size_t kResident = 64;  // frames whose pages are in memory at a time
   for (size_t i = 0; i < frames.size(); ++i) {
+    if (i % kResident == 0) map.release_frames();
     TileRange range;
     if (!range_of(frames[i].frame, map.world_from_camera(frames[i]), rays, edge_m, margin_m, range)) continue;
     for (int32_t x = range[0][0]; x <= range[0][1]; ++x) {

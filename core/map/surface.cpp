@@ -140,8 +140,10 @@ void SurfaceModel::add(const std::vector<PosedFrame>& frames) {
 namespace {
 
 void add_frames(const KeyframeMap& map, const std::vector<size_t>& frames, SurfaceModel& surface) {
+  constexpr size_t kResident = 32;   // frames whose pages are in memory at a time
   std::vector<PosedFrame> together;  // limits the memory use
   for (size_t i = 0; i < frames.size(); ++i) {
+    if (i % kResident == 0) map.release_frames();
     const MapFrame& frame = map.frames()[frames[i]];
     together.push_back({restored(frame.frame, map.rays()), map.world_from_camera(frame)});
     if (together.size() < kMaxFusedFrames && i + 1 < frames.size()) continue;
@@ -214,7 +216,6 @@ void for_each_surface_part(const KeyframeMap& map, const SurfaceOptions& options
     SurfaceModel surface(map.rig(), options);
     surface.grid_->limit(tiles[t].range(edge, 1));
     add_frames(map, tiles[t].frames, surface);
-    map.release_frames();
     take(stitcher.stitched(
         surface_nets(surface.grid_->bricks(), scale, surface.grid_->min_weight(), tiles[t].range(edge))));
     if (progress) progress(t + 1, tiles.size());
