@@ -56,16 +56,38 @@ std::vector<std::string> summary(const RunScore& score) {
       score.name + ", seed " + std::to_string(score.seed),
       std::to_string(score.tracked) + " of " + std::to_string(score.stacks) + " views tracked", "",
       "motion error      mm        deg    / bound"};
-  for (const PairScore& pair : score.pairs)
-    lines.push_back(std::to_string(pair.previous) + " -> " + std::to_string(pair.current) + "            " +
-                    fixed(pair.motion.translation_error_m * 1e3, 4) + "    " +
-                    fixed(pair.motion.rotation_error_rad * 180 / std::numbers::pi, 5) + "    " +
-                    fixed(pair.error_over_bound, 2));
+  const auto motion = [&](const std::string& label, double error_m, double error_rad, double over_bound) {
+    lines.push_back(label + "            " + fixed(error_m * 1e3, 4) + "    " +
+                    fixed(error_rad * 180 / std::numbers::pi, 5) + "    " + fixed(over_bound, 2));
+  };
+  const auto depth = [&](const std::string& label, double median_m, double p99_m) {
+    lines.push_back(label + "               " + fixed(median_m * 1e3, 4) + "    " + fixed(p99_m * 1e3, 4));
+  };
+  // Long runs do not fit line by line.
+  constexpr size_t kMostLines = 6;
+  const bool all = score.frames.size() <= kMostLines;
+  const auto middle = [](const auto& list, const auto& value_of) {
+    std::vector<double> values;
+    for (const auto& entry : list) values.push_back(value_of(entry));
+    return median_of(std::move(values));
+  };
+  for (const PairScore& pair : score.pairs) {
+    if (all)
+      motion(std::to_string(pair.previous) + " -> " + std::to_string(pair.current), pair.motion.translation_error_m,
+             pair.motion.rotation_error_rad, pair.error_over_bound);
+  }
+  if (!all)
+    motion("median", middle(score.pairs, [](const PairScore& p) { return p.motion.translation_error_m; }),
+           middle(score.pairs, [](const PairScore& p) { return p.motion.rotation_error_rad; }),
+           middle(score.pairs, [](const PairScore& p) { return p.error_over_bound; }));
   lines.push_back("");
   lines.push_back("depth error mm     median     99 %");
-  for (const FrameScore& frame : score.frames)
-    lines.push_back("view " + std::to_string(frame.index) + "               " + fixed(frame.depth.median_m * 1e3, 4) +
-                    "    " + fixed(frame.depth.p99_m * 1e3, 4));
+  for (const FrameScore& frame : score.frames) {
+    if (all) depth("view " + std::to_string(frame.index), frame.depth.median_m, frame.depth.p99_m);
+  }
+  if (!all)
+    depth("median", middle(score.frames, [](const FrameScore& f) { return f.depth.median_m; }),
+          middle(score.frames, [](const FrameScore& f) { return f.depth.p99_m; }));
   lines.push_back("");
   lines.push_back("ATE " + fixed(score.trajectory.ate_rmse_m * 1e3, 4) + " mm");
   return lines;
