@@ -71,23 +71,24 @@ std::vector<std::string> summary(const RunScore& score) {
     for (const auto& entry : list) values.push_back(value_of(entry));
     return median_of(std::move(values));
   };
-  for (const PairScore& pair : score.pairs) {
-    if (all)
+  if (all) {
+    for (const PairScore& pair : score.pairs)
       motion(std::to_string(pair.previous) + " -> " + std::to_string(pair.current), pair.motion.translation_error_m,
              pair.motion.rotation_error_rad, pair.error_over_bound);
-  }
-  if (!all)
+  } else {
     motion("median", middle(score.pairs, [](const PairScore& p) { return p.motion.translation_error_m; }),
            middle(score.pairs, [](const PairScore& p) { return p.motion.rotation_error_rad; }),
            middle(score.pairs, [](const PairScore& p) { return p.error_over_bound; }));
+  }
   lines.push_back("");
   lines.push_back("depth error mm     median     99 %");
-  for (const FrameScore& frame : score.frames) {
-    if (all) depth("view " + std::to_string(frame.index), frame.depth.median_m, frame.depth.p99_m);
-  }
-  if (!all)
+  if (all) {
+    for (const FrameScore& frame : score.frames)
+      depth("view " + std::to_string(frame.index), frame.depth.median_m, frame.depth.p99_m);
+  } else {
     depth("median", middle(score.frames, [](const FrameScore& f) { return f.depth.median_m; }),
           middle(score.frames, [](const FrameScore& f) { return f.depth.p99_m; }));
+  }
   lines.push_back("");
   lines.push_back("ATE " + fixed(score.trajectory.ate_rmse_m * 1e3, 4) + " mm");
   return lines;

@@ -37,9 +37,9 @@ class RunFolder {
   // Writes trajectory.tum, frames.json and landmarks.json, and waits for the images.
   void finish(const Trajectory& trajectory);
 
-  // Writes map.ply; only one tile of the map is in memory at a time.
+  // Writes map.ply; only a few tiles of the map are in memory at a time.
   void write_cloud(const KeyframeMap& map, const CloudOptions& options, const TileProgress& progress);
-  // Writes mesh.ply and mesh.glb in the same way. A mesh that exceeds the limit of GLB files is only written as PLY;
+  // Writes mesh.ply and mesh.glb, tile by tile. A mesh that exceeds the limit of GLB files is only written as PLY;
   // returns false then.
   bool write_surface(const KeyframeMap& map, const SurfaceOptions& options, const TileProgress& progress) const;
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The phases of a run, with their times. After mapping, an interrupt ends the phase at its next step and skips the later ones; what is
-// finished is kept.
+// The phases of a run, with their times. After mapping, an interrupt ends the phase at its next step and skips the later
+// ones; what is finished is kept.
 #pragma once
 
 #include <sys/resource.h>

@@ -36,13 +36,15 @@ struct RunScore {
   std::optional<VictimScore> victims;     // only for rigs with a thermal camera
 };
 
-// Scores the folder, which contains config.yaml, rig.yaml, patterns.yaml, frames/, trajectory.tum, truth/, for a rig
-// with a thermal camera victims.json, and for a run with poses of single images images.tum. Throws Error on missing or
-// invalid files. `observer` receives the views from several threads at a time.
+// Receives the views from several threads at a time; empty functions are not called.
 struct ScoreObserver {
   std::function<void(int index, const DepthEstimate&, const TruthFrame&)> view;  // each scored view once
   std::function<void(size_t done, size_t all)> progress;                         // numbers of views
 };
+
+// Scores the folder, which contains config.yaml, rig.yaml, patterns.yaml, frames/, trajectory.tum, truth/, for a rig
+// with a thermal camera victims.json, and for a run with poses of single images images.tum. Throws Error on missing or
+// invalid files.
 RunScore score_run(const std::filesystem::path& folder, const TrajectoryOptions& options = {},
                    const ScoreObserver& observer = {});
 

@@ -19,13 +19,9 @@ void for_each_cloud_part(const KeyframeMap& map, const CloudOptions& options,
   const std::vector<MapTile> tiles = tiles_of(map, edge * cell_m, cell_m);
   const auto points_of = [&](size_t number) {
     const MapTile& tile = tiles[number];
-    constexpr size_t kResident = 32;  // frames whose pages are in memory at a time
     CloudMap cloud(cell_m, tile.range(edge));
-    for (size_t i = 0; i < tile.frames.size(); ++i) {
-      if (i % kResident == 0) map.release_frames();
-      const MapFrame& frame = map.frames()[tile.frames[i]];
-      cloud.add(restored(frame.frame, map.rays()), map.world_from_camera(frame));
-    }
+    for_each_frame(map, tile.frames,
+                   [&](const Frame& frame, const Pose& world_from_camera) { cloud.add(frame, world_from_camera); });
     return cloud.points();
   };
   constexpr size_t kMostTogether = 5;  // limits the memory use

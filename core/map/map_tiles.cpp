@@ -68,6 +68,16 @@ GridRange MapTile::range(int32_t edge, int32_t margin) const {
   return range;
 }
 
+void for_each_frame(const KeyframeMap& map, const std::vector<size_t>& frames,
+                    const std::function<void(Frame, const Pose&)>& take) {
+  constexpr size_t kResident = 32;  // frames whose pages are in memory at a time
+  for (size_t i = 0; i < frames.size(); ++i) {
+    if (i % kResident == 0) map.release_frames();
+    const MapFrame& frame = map.frames()[frames[i]];
+    take(restored(frame.frame, map.rays()), map.world_from_camera(frame));
+  }
+}
+
 int32_t tile_edge(const KeyframeMap& map, double unit_m) {
   constexpr size_t kFew = 32;
   constexpr int32_t kLeast = 1024, kStep = 8;  // whole bricks of voxels

@@ -21,6 +21,11 @@ struct MapTile {
   GridRange range(int32_t edge, int32_t margin = 0) const;
 };
 
+// Restores frames of the map, in the given order, and passes them with their camera poses to `take`. Few frames are in
+// memory at a time.
+void for_each_frame(const KeyframeMap& map, const std::vector<size_t>& frames,
+                    const std::function<void(Frame, const Pose& world_from_camera)>& take);
+
 // Receives how many of all tiles are finished.
 using TileProgress = std::function<void(size_t done, size_t all)>;
 

@@ -140,16 +140,14 @@ void SurfaceModel::add(const std::vector<PosedFrame>& frames) {
 namespace {
 
 void add_frames(const KeyframeMap& map, const std::vector<size_t>& frames, SurfaceModel& surface) {
-  constexpr size_t kResident = 32;   // frames whose pages are in memory at a time
   std::vector<PosedFrame> together;  // limits the memory use
-  for (size_t i = 0; i < frames.size(); ++i) {
-    if (i % kResident == 0) map.release_frames();
-    const MapFrame& frame = map.frames()[frames[i]];
-    together.push_back({restored(frame.frame, map.rays()), map.world_from_camera(frame)});
-    if (together.size() < kMaxFusedFrames && i + 1 < frames.size()) continue;
+  for_each_frame(map, frames, [&](Frame frame, const Pose& world_from_camera) {
+    together.push_back({std::move(frame), world_from_camera});
+    if (together.size() < kMaxFusedFrames) return;
     surface.add(together);
     together.clear();
-  }
+  });
+  surface.add(together);
 }
 
 struct CellHash {

@@ -7,7 +7,6 @@
 #include "core/base/stage_clock.h"
 #include "core/mapper/mapper.h"
 #include "core/registration/motion_registration.h"
-#include "core/types/linear_algebra.h"
 
 namespace fringeslam {
 
@@ -31,7 +30,6 @@ bool Mapper::follow_in_motion(FrameResult& result, const MapperInput& input, con
 // Rejects a relocalized view whose pose changes by more than its uncertainty, or is lost, when it is estimated together
 // with the motion: depth that its stack's own estimate distorted matches the map at a wrong pose.
 void Mapper::confirm_in_motion(FrameResult& result, const MapperInput& input) {
-  constexpr double kMaxSquare = 45;  // chi-square of six degrees of freedom, one false alarm in 10^7
   if (!result.registration.refined || result.motion->residuals == 0) return;
   const Pose& pose = result.registration.earlier_from_current;
   const FrameMotion own = frame_motion(result, input, keyframe_image(result.reference), pose);
@@ -44,8 +42,7 @@ void Mapper::confirm_in_motion(FrameResult& result, const MapperInput& input) {
   if (confirmed) {
     const Pose world_from_joint = map_.keyframes()[static_cast<size_t>(joint.reference)].world_from_camera *
                                   joint.registration.earlier_from_current;
-    const Vector6d change = difference(world_from_reference.inverse() * world_from_joint, pose);
-    confirmed = change.dot(solve_symmetric(covariance, change)) <= kMaxSquare;
+    confirmed = agree(world_from_reference.inverse() * world_from_joint, pose, covariance);
   }
   if (confirmed) return;
   result.tracking = Tracking::lost;

@@ -35,13 +35,6 @@ double start_error_m(const MotionEstimate& motion, double distance_m) {
                   kSigmas * displacement_sigma_m(motion.previous_from_current, covariance_of(motion), distance_m));
 }
 
-// True if a pose lies within the covariance of another (chi-square of six degrees of freedom, one false alarm in 10^7).
-bool agree(const Pose& pose, const Pose& other, const Matrix6d& covariance) {
-  constexpr double kMaxSquare = 45;
-  const Vector6d offset = difference(pose, other);
-  return offset.dot(inverse(covariance) * offset) <= kMaxSquare;
-}
-
 // Factor by which residuals exceed their sigmas, as variances.
 double excess(const IcpResult& icp) { return std::max(1.0, icp.rms_sigma * icp.rms_sigma); }
 
@@ -76,6 +69,12 @@ void check_alternatives(const Frame& earlier, const Frame& current, const Pinhol
 }
 
 }  // namespace
+
+bool agree(const Pose& pose, const Pose& other, const Matrix6d& covariance) {
+  constexpr double kMaxSquare = 45;
+  const Vector6d offset = difference(pose, other);
+  return offset.dot(inverse(covariance) * offset) <= kMaxSquare;
+}
 
 std::vector<ViewMatches> matches_by_view(const std::vector<Recognition>& recognitions) {
   std::map<int, std::vector<KeypointMatch>> by_view;

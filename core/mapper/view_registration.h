@@ -104,6 +104,9 @@ struct RegistrationOptions {
   MotionLimits motion_prior = {};
 };
 
+// True if a pose lies within the covariance of another (chi-square of six degrees of freedom, one false alarm in 10^7).
+bool agree(const Pose& pose, const Pose& other, const Matrix6d& covariance);
+
 // Keypoints of the current view matched with those of an earlier view.
 struct ViewMatches {
   int earlier = 0;  // number of the earlier view
