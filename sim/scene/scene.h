@@ -100,6 +100,9 @@ struct SceneLoadOptions {
   // Overrides of the file's values: a key path such as light.ambient_lux or objects.2.count, and a YAML value.
   std::vector<std::pair<std::string, std::string>> changes = {};
   std::filesystem::path rig_file = {};  // overrides the scene's rig file
+  // Content of the scene file, which need not exist then: its path serves for messages and relative paths. Empty: read
+  // the file.
+  std::string text = {};
 };
 
 // Returns the rig with the scene's calibration error applied, as given to the pipeline.

@@ -73,7 +73,8 @@ class SceneLayers {
     constexpr size_t kMost = 100;
     if (layers_.size() == kMost) throw Error(file.string() + ": more than 100 included files");
     if (!files_.insert(fs::weakly_canonical(file)).second) return;
-    YamlMap map = YamlMap::load(file);
+    const bool given = layers_.empty() && !reading_.text.empty();
+    YamlMap map = given ? YamlMap::parse(reading_.text, file.string()) : YamlMap::load(file);
     if (reading_.errors) map.collect_errors(*reading_.errors);
     layers_.push_back(map);
     places_.push_back(place);

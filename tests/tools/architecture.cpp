@@ -15,7 +15,7 @@ namespace {
 
 using Names = std::set<std::string>;
 
-const Names kTops = {"core", "sim", "hw", "bench", "tools"};
+const Names kTops = {"core", "sim", "hw", "bench", "tools", "python"};
 const Names kStages = {"core/decode",       "core/depth", "core/landmarks", "core/motion",
                        "core/registration", "core/map",   "core/thermal"};
 const Names kBasics = {"core/base", "core/types", "core/patterns"};
@@ -39,7 +39,8 @@ const std::map<std::string, Names>& allowed_folders() {
                                           {"sim", kBasics + Names{"core/io", "core/rig", "sim"}},
                                           {"hw", kBasics + Names{"core/io", "core/rig", "hw"}},
                                           {"bench", {"core", "sim", "bench"}},
-                                          {"tools", kTops}};
+                                          {"python", {"core", "sim", "python"}},
+                                          {"tools", {"core", "sim", "hw", "bench", "tools"}}};
     for (const std::string& stage : kStages + Names{"core/calibrate", "core/score"})
       table[stage] = kBasics + Names{stage};
     return table;
@@ -70,7 +71,8 @@ const std::vector<Library>& libraries() {
       {"aravis", {"hw"}, false},
       {"SDL", {"hw"}, false},
       {"hidapi", {"hw"}, false},
-      {"httplib.h", {"tools"}, false}};
+      {"httplib.h", {"tools"}, false},
+      {"pybind11/", {"python"}}};
   return all;
 }
 

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scenes, datasets and trajectories as files, and scenes made in Python."""
+import subprocess
+
+import fringeslam as fs
+import numpy as np
+import pytest
+
+
+def test_a_scene_is_changed_by_key(root):
+    folder = root / "scenes/boxes_and_foam"
+    assert fs.load_scene(folder, seed=7).seed == 7
+    dark = fs.load_scene(folder, changes={"light.ambient_lux": 0, "name": "night"})
+    assert dark.name == "night"
+    assert "ambient_lux: 0" in dark.resolved
+    with pytest.raises(fs.Error, match="ambient"):
+        fs.load_scene(folder, changes={"light.ambient_luxx": 1})
+
+
+def wall(root, distance_m):
+    return {
+        "name": "wall",
+        "seed": 1,
+        "rig": {"file": str(root / "scenes/rigs/thesis.yaml"), "robot_from_camera": {"translation_m": [0, 0, 0]}},
+        "patterns": {"axis": "columns", "steps": 3, "periods_px": [1040, 131, 16.5]},
+        "materials": {"board": {"grain": "plain", "albedo": 0.8}},
+        "objects": [
+            {"shape": "plane", "size_m": [0.6, 0.6], "material": "board", "pose": {"translation_m": [0, 0, distance_m]}}
+        ],
+        "trajectory": {},
+    }
+
+
+def test_a_scene_is_made_from_a_dict(root):
+    scene = fs.make_scene(wall(root, 0.9))
+    view = fs.VirtualRig(scene, noise=False).simulate()
+    seen = view.truth.depth_m[np.isfinite(view.truth.depth_m)]
+    assert len(seen) > 10000
+    assert np.allclose(seen, 0.9, atol=1e-6)
+    assert scene.objects[0].vertices_m.shape == (4, 3)
+    with pytest.raises(fs.Error, match="scene from Python.*objectz"):
+        fs.make_scene(wall(root, 0.9) | {"objectz": []})
+
+
+def test_relative_paths_refer_to_the_folder(root):
+    scene = wall(root, 0.9)
+    scene["rig"]["file"] = "rigs/thesis.yaml"
+    assert fs.make_scene(scene, folder=root / "scenes").rig.name == "thesis"
+    with pytest.raises(fs.Error, match="rigs/thesis.yaml"):
+        fs.make_scene(scene, folder=root)
+
+
+def test_recorded_datasets_equal_those_of_the_program(root, program, scene, tmp_path):
+    recorder = fs.RecordingRig(fs.VirtualRig(scene), tmp_path / "python")
+    while recorder.capture(scene.patterns) is not None:
+        assert not (tmp_path / "python").exists()
+    recorder.finish(scene.name, scene.seed)
+    subprocess.run([program, "render", root / "scenes/boxes_and_foam", "--out", tmp_path / "cpp", "--quiet"], check=True)
+    images = sorted((tmp_path / "cpp/stacks").rglob("*.png"))
+    assert len(images) == len(scene.trajectory) * len(scene.patterns)
+    for image in images:
+        assert (tmp_path / "python" / image.relative_to(tmp_path / "cpp")).read_bytes() == image.read_bytes()
+    replayed = fs.ReplayRig(tmp_path / "cpp")
+    assert replayed.has_truth
+    assert replayed.patterns == scene.patterns
+    stacks = list(replayed)
+    assert len(stacks) == len(scene.trajectory)
+    rendered = list(fs.VirtualRig(scene))
+    for stack, other in zip(stacks, rendered):
+        assert all(np.array_equal(a, b) for a, b in zip(stack.images, other.stack.images))
+    truth = fs.read_truth(tmp_path / "cpp/truth/000001.exr")
+    assert np.array_equal(truth.depth_m, rendered[1].truth.depth_m, equal_nan=True)
+
+
+def test_an_unfinished_recording_leaves_nothing(scene, tmp_path):
+    recorder = fs.RecordingRig(fs.VirtualRig(scene), tmp_path / "dataset")
+    recorder.capture(scene.patterns)
+    del recorder
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_trajectories_are_written_and_read(tmp_path):
+    poses = np.stack([np.eye(4)] * 3)
+    poses[:, 0, 3] = [0, 1, 2]
+    trajectory = fs.Trajectory([0.0, 0.5, 1.0], list(poses))
+    (tmp_path / "t.tum").write_text(trajectory.to_tum())
+    read = fs.read_trajectory(tmp_path / "t.tum")
+    assert np.array_equal(read.timestamps_s, [0, 0.5, 1])
+    assert np.array_equal(read.world_from_robot, poses)
+    assert fs.score_trajectory(read, trajectory).ate_rmse_m == 0
+    with pytest.raises(fs.Error, match="as many"):
+        fs.Trajectory([0.0], list(poses))
+    (tmp_path / "t.tum").write_text("0 1 2\n")
+    with pytest.raises(fs.Error, match="t.tum:1"):
+        fs.read_trajectory(tmp_path / "t.tum")
+
+
+@pytest.mark.parametrize("call", [fs.load_scene, fs.ReplayRig, fs.ImportedRig, fs.read_rig, fs.read_trajectory])
+def test_missing_files_are_errors_of_one_line(call):
+    with pytest.raises(fs.Error, match="nowhere") as error:
+        call("nowhere")
+    assert "\n" not in str(error.value)
