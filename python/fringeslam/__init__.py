@@ -7,3 +7,10 @@ in metres, angles in radians, times in seconds. Errors in files, options and dat
 
 from ._fringeslam import *  # noqa: F401,F403
 from ._fringeslam import __version__  # noqa: F401
+from .slam import TrackedScene, odometry, track  # noqa: F401
+from .studies import study  # noqa: F401
+
+for _value in list(vars().values()):
+    if isinstance(_value, type) and _value.__module__ == "fringeslam._fringeslam":
+        _value.__module__ = "fringeslam"  # in messages and documentation
+del _value

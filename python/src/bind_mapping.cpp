@@ -173,14 +173,6 @@ void bind_map(py::module_& m) {
 }
 
 void bind_results(py::module_& m) {
-  py::class_<StackMotion>(m, "StackMotion", "Motion of the camera during a stack.")
-      .def_readonly("converged", &StackMotion::converged, "False: the motion is unknown.")
-      .def_property_readonly(
-          "velocity_m_s", [](const StackMotion& s) { return s.motion.velocity_m_s; }, "(3,), camera frame.")
-      .def_property_readonly(
-          "angular_rad_s", [](const StackMotion& s) { return s.motion.angular_rad_s; }, "(3,), camera frame.")
-      .def_readonly("covariance", &StackMotion::covariance,
-                    "12 x 12, of (angular rate, velocity, angular acceleration, acceleration).");
   py::class_<FrameResult>(m, "FrameResult", "What the mapper made of one view.")
       .def_readonly("frame", &FrameResult::frame)
       .def_readonly("decoded", &FrameResult::decoded)

@@ -107,7 +107,7 @@ void bind_scene(py::module_& m) {
       .def_readonly("resolved", &Scene::resolved, "Equivalent scene file (YAML) with all values drawn.")
       .def(
           "preview",
-          [](const Scene& scene, int width, int height) {
+          [](const Scene& scene, int width, int height) -> py::object {
             cv::Mat3b picture;
             {
               const py::gil_scoped_release release;

@@ -17,7 +17,7 @@ cv::Mat1f depth_of(const Frame& frame) {
 }
 
 void bind_trajectory_score(py::module_& m) {
-  py::class_<ErrorStatistics>(m, "ErrorStatistics")
+  py::class_<ErrorStatistics>(m, "ErrorStatistics", "Summary of errors.")
       .def_readonly("rmse", &ErrorStatistics::rmse)
       .def_readonly("mean", &ErrorStatistics::mean)
       .def_readonly("median", &ErrorStatistics::median)
@@ -81,7 +81,7 @@ void bind_motion_score(py::module_& m) {
 }
 
 void bind_map_score(py::module_& m) {
-  py::class_<DistanceStatistics>(m, "DistanceStatistics")
+  py::class_<DistanceStatistics>(m, "DistanceStatistics", "Summary of distances, m.")
       .def_readonly("points", &DistanceStatistics::points)
       .def_readonly("mean_m", &DistanceStatistics::mean_m)
       .def_readonly("median_m", &DistanceStatistics::median_m)

@@ -78,7 +78,7 @@ void bind_stages(py::module_& m) {
   m.def("reconstruct", &reconstruct_frame, py::arg("decoded"), py::arg("rig"), py::arg("options") = py::none(),
         "Triangulates decoded coordinates to a Frame (docs/method.md, section 4). Options: DepthOptions.");
   m.def(
-      "reconstruct",
+      "reconstruct_coordinates",
       [](const cv::Mat1f& coordinate_px, const cv::Mat1f& sigma_px, const RigModel& rig, const cv::Mat1f& texture,
          const py::object& options, const py::kwargs& changes) {
         DecodedStack decoded;
@@ -90,13 +90,25 @@ void bind_stages(py::module_& m) {
       },
       py::arg("coordinate_px"), py::arg("sigma_px"), py::arg("rig"), py::arg("texture") = py::none(),
       py::arg("options") = py::none(),
-      "The same for coordinates of any decoder: projector columns and their standard deviations, (H, W), NaN where "
-      "unknown.");
+      "Triangulates coordinates of any decoder to a Frame: projector columns and their standard deviations, (H, W), "
+      "NaN "
+      "where unknown. Options: DepthOptions.");
   py::class_<FrontEnd, std::shared_ptr<FrontEnd>>(m, "FrontEnd", "Reconstructs stacks without a map.")
       .def(
           "reconstruct",
           [](const FrontEnd& front_end, const FringeStack& stack) { return front_end.reconstruct(stack, {}).frame; },
-          py::arg("stack"), ReleaseGil(), "Reconstructs one stack to a Frame.");
+          py::arg("stack"), ReleaseGil(), "Reconstructs a stack of a camera at rest to a Frame.")
+      .def(
+          "reconstruct_moving",
+          [](const FrontEnd& front_end, const FringeStack& stack) {
+            ReconstructionPrior prior;
+            prior.motion = unknown_motion({});
+            ReconstructedView view = front_end.reconstruct(stack, prior);
+            return std::pair(std::move(view.frame), std::move(view.motion));
+          },
+          py::arg("stack"), ReleaseGil(),
+          "Estimates the motion during a stack from its own images (docs/method.md, section 9) and compensates it; "
+          "returns (Frame, StackMotion).");
   py::class_<FringeFrontEnd, FrontEnd, std::shared_ptr<FringeFrontEnd>>(
       m, "FringeFrontEnd", "Decodes and triangulates fringes; rays and triangulation are prepared once per rig.")
       .def(py::init([](const RigModel& rig, const PatternSequence& patterns, const py::object& decode,

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // Values that stages exchange: lenses, rigs, patterns, stacks, frames, trajectories, ground truth.
+#include "core/io/files.h"
 #include "core/patterns/design.h"
 #include "core/patterns/patterns.h"
 #include "core/rig/rig_file.h"
 #include "core/score/trajectory_file.h"
+#include "core/types/camera_motion.h"
 #include "core/types/decoded_stack.h"
 #include "core/types/frame.h"
 #include "core/types/fringe_stack.h"
@@ -158,6 +160,17 @@ void bind_patterns(py::module_& m) {
           "Returns the sequence reduced to its finest period along the columns.")
       .def(
           "to_yaml", [](const PatternSequence& s) { return to_yaml(s); }, "Returns the content of patterns.yaml.");
+  m.def(
+      "read_image", [](const std::filesystem::path& file) { return read_as_grey(file, GreyFrom::luminance); },
+      py::arg("file"), "Reads an image as grey values: uint8, uint16 or float32 (H, W).");
+  m.def(
+      "write_image",
+      [](const std::filesystem::path& file, const cv::Mat& image) {
+        StagedFile staged(file);
+        write_png(staged.path(), image);
+        staged.commit();
+      },
+      py::arg("file"), py::arg("image"), "Writes a PNG file of a grey image, uint8 or uint16 (H, W).");
   m.def("read_patterns", &read_patterns, py::arg("file"), "Reads patterns.yaml. Raises Error with file:line.");
   m.def(
       "design_patterns",
@@ -312,6 +325,17 @@ void bind_truth(py::module_& m) {
       .def_readonly("mask", &TruthFrame::mask, "Sum of the TRUTH_ bits, float32.");
 }
 
+void bind_motion(py::module_& m) {
+  py::class_<StackMotion>(m, "StackMotion", "Motion of the camera during a stack.")
+      .def_readonly("converged", &StackMotion::converged, "False: the motion is unknown.")
+      .def_property_readonly(
+          "velocity_m_s", [](const StackMotion& s) { return s.motion.velocity_m_s; }, "(3,), camera frame.")
+      .def_property_readonly(
+          "angular_rad_s", [](const StackMotion& s) { return s.motion.angular_rad_s; }, "(3,), camera frame.")
+      .def_readonly("covariance", &StackMotion::covariance,
+                    "12 x 12, of (angular rate, velocity, angular acceleration, acceleration).");
+}
+
 }  // namespace
 
 void bind_types(py::module_& m) {
@@ -321,6 +345,7 @@ void bind_types(py::module_& m) {
   bind_trajectories(m);
   bind_stacks(m);
   bind_truth(m);
+  bind_motion(m);
 }
 
 }  // namespace fringeslam::python

@@ -15,6 +15,8 @@ void bind_scenes(py::module_& m);
 void bind_stages(py::module_& m);
 void bind_mapping(py::module_& m);
 void bind_scores(py::module_& m);
+void bind_calibration(py::module_& m);
+void bind_studies(py::module_& m);
 
 // Heavy functions release Python's lock, so that other threads, and rigs and decoders written in Python, can run.
 using ReleaseGil = py::call_guard<py::gil_scoped_release>;

@@ -25,4 +25,6 @@ PYBIND11_MODULE(_fringeslam, m) {
   bind_stages(m);
   bind_mapping(m);
   bind_scores(m);
+  bind_calibration(m);
+  bind_studies(m);
 }

@@ -35,7 +35,7 @@ def test_textbook_phase_shifting_in_numpy_agrees(view, rig):
 
 def test_coordinates_of_another_decoder_are_triangulated(view, rig):
     exact = view.truth.projector_column
-    frame = fs.reconstruct(exact, np.full_like(exact, 0.01), rig)
+    frame = fs.reconstruct_coordinates(exact, np.full_like(exact, 0.01), rig)
     both = np.isfinite(frame.depth_m) & np.isfinite(view.truth.depth_m)
     assert both.mean() > 0.5
     assert np.nanmax(np.abs(frame.depth_m - view.truth.depth_m)[both]) < 1e-5

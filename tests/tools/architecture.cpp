@@ -39,7 +39,7 @@ const std::map<std::string, Names>& allowed_folders() {
                                           {"sim", kBasics + Names{"core/io", "core/rig", "sim"}},
                                           {"hw", kBasics + Names{"core/io", "core/rig", "hw"}},
                                           {"bench", {"core", "sim", "bench"}},
-                                          {"python", {"core", "sim", "python"}},
+                                          {"python", {"core", "sim", "bench", "python"}},
                                           {"tools", {"core", "sim", "hw", "bench", "tools"}}};
     for (const std::string& stage : kStages + Names{"core/calibrate", "core/score"})
       table[stage] = kBasics + Names{stage};
