@@ -26,7 +26,7 @@ class TrackedScene:
     lost: List[int]  #: indices of views without a pose
     seconds: List[float]  #: time of each call
     nees: List[float]  #: squared Mahalanobis error of each pose with a covariance; 6 on average if it is honest
-    truth: fs.Trajectory
+    truth: fs.Trajectory  #: true poses of the tracked views
 
     @property
     def score(self) -> fs.TrajectoryScore:
@@ -73,6 +73,7 @@ def track(slam: Slam, scene: fs.Scene, *, views: Optional[int] = None, **render:
     lost: List[int] = []
     seconds: List[float] = []
     nees: List[float] = []
+    true_poses: List[Array] = []
     origin: Optional[Tuple[Array, Array]] = None
     count = 0
     for frame, truth in _frames(rig):
@@ -92,8 +93,11 @@ def track(slam: Slam, scene: fs.Scene, *, views: Optional[int] = None, **render:
             error = fs.pose_difference(np.linalg.inv(origin[0]) @ pose, np.linalg.inv(origin[1]) @ true_pose)
             nees.append(float(error @ np.linalg.solve(covariance, error)))
         times.append(frame.timestamp_s)
+        true_poses.append(truth.world_from_robot)
         poses.append(pose @ np.linalg.inv(robot_from_camera))
-    return TrackedScene(fs.Trajectory(times, poses), count, lost, seconds, nees, scene.trajectory)
+    return TrackedScene(
+        fs.Trajectory(times, poses), count, lost, seconds, nees, fs.Trajectory(times, true_poses)
+    )
 
 
 def _skew(v: Array) -> Array:

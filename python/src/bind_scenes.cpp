@@ -62,6 +62,15 @@ SharedScene load(const std::filesystem::path& path, const sim::SceneLoadOptions&
       sim::load_scene(std::filesystem::is_directory(path) ? path / "scene.yaml" : path, reading));
 }
 
+Pose pose_at(const Scene& scene, double time_s) {
+  if (scene.path && std::isfinite(time_s)) return scene.path->at(time_s);
+  constexpr double kTolerance_s = 1e-6;
+  for (const TimedPose& pose : scene.trajectory) {
+    if (std::abs(pose.timestamp_s - time_s) < kTolerance_s) return pose.world_from_robot;
+  }
+  throw Error("the scene '" + scene.name + "' has no view at " + to_text(time_s) + " s");
+}
+
 using Points = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
 
 std::vector<Eigen::Vector3d> vectors_of(const Eigen::Ref<const Points>& points) {
@@ -104,6 +113,9 @@ void bind_scene(py::module_& m) {
       .def_property_readonly(
           "moves_continuously", [](const Scene& scene) { return scene.path.has_value(); },
           "True if the robot moves while the rig captures.")
+      .def("pose_at", &pose_at, py::arg("time_s"),
+           "Returns the true pose of the robot, 4 x 4, at any time of a continuous path; otherwise at the time of a "
+           "view. Raises Error if there is none.")
       .def_readonly("resolved", &Scene::resolved, "Equivalent scene file (YAML) with all values drawn.")
       .def(
           "preview",

@@ -107,8 +107,10 @@ def test_chained_covariances_equal_those_of_many_draws():
 def test_moving_views_are_compensated(root):
     scene = fs.load_scene(root / "scenes/loop", changes={"trajectory.continuous.speed_m_s": 0.3})
     assert scene.moves_continuously
+    assert np.allclose(scene.pose_at(0.1)[:3, 3] - scene.pose_at(0)[:3, 3], 0, atol=0.04)
     rig = fs.VirtualRig(scene)
     view = rig.simulate()
+    assert np.array_equal(scene.pose_at(view.stack.timestamp_s), view.truth.world_from_robot)
     front_end = fs.FringeFrontEnd(rig.model, scene.patterns)
     moving, motion = front_end.reconstruct_moving(view.stack)
     assert motion.converged
@@ -116,3 +118,26 @@ def test_moving_views_are_compensated(root):
     assert speed == pytest.approx(0.3, abs=0.1)
     still = fs.score_depth(fs.reconstruct(fs.decode(view.stack, rig.model), rig.model), view.truth)
     assert fs.score_depth(moving, view.truth).median_m < 0.7 * still.median_m
+
+
+def test_odometry_of_a_moving_robot(root):
+    scene = fs.load_scene(root / "scenes/loop", changes={"trajectory.continuous.speed_m_s": 0.3})
+    last = []
+
+    def register(target, source):
+        guess = last[-1] if last else None
+        result = fs.register_frames(target, source, scene.rig.camera, guess)
+        last.append(result.target_from_source)
+        return result.target_from_source if result.converged else None
+
+    run = fs.track(fs.odometry(register), scene, views=5)
+    assert run.views == 5
+    assert run.score.ate_rmse_m < 5e-3
+    assert np.linalg.norm(run.truth.world_from_robot[-1, :3, 3] - run.truth.world_from_robot[0, :3, 3]) > 0.05
+
+
+def test_a_still_scene_has_poses_at_its_views_only(scene):
+    time_s, pose = scene.trajectory[1]
+    assert np.array_equal(scene.pose_at(time_s), pose)
+    with pytest.raises(fs.Error, match="no view at"):
+        scene.pose_at(time_s + 0.1)
