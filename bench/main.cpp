@@ -126,6 +126,10 @@ int main(int argc, char** argv) {
           study_items(),        soak_items(),         victim_items(),        moving_hand_items(),
           real_capture_items(), image_pose_items(),   scale_items()})
       items.insert(items.end(), more.begin(), more.end());
+#ifdef FRINGESLAM_PYTHON
+    const std::vector<Item> python = python_items();
+    items.insert(items.end(), python.begin(), python.end());
+#endif
     if (list) {
       for (const Item& item : items) {
         for (const std::string& id : item.ids) std::printf("%s\n", id.c_str());

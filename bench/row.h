@@ -52,6 +52,7 @@ std::vector<Item> image_pose_items();
 std::vector<Item> landmark_items();
 std::vector<Item> motion_items();
 std::vector<Item> prediction_items();
+std::vector<Item> python_items();  // if the Python package is built
 std::vector<Item> landmark_speed_items();
 std::vector<Item> cycles_items();
 std::vector<Item> large_world_items();
