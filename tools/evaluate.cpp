@@ -1,0 +1,264 @@
+// SPDX-License-Identifier: Apache-2.0
+// fringeslam evaluate SUITE --with 'COMMAND {dataset} {out}'
+#include <algorithm>
+#include <cstdio>
+#include <fstream>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "bench/evaluation/leaderboard.h"
+#include "bench/evaluation/limited_process.h"
+#include "core/score/trajectory_file.h"
+#include "core/score/trajectory_score.h"
+#include "tools/evaluation_dataset.h"
+#include "tools/interrupt.h"
+#include "tools/map_truth.h"
+#include "tools/progress.h"
+#include "tools/shell.h"
+#include "tools/verbs.h"
+
+namespace fringeslam::tools {
+
+namespace fs = std::filesystem;
+using evaluation::ProcessEnd;
+using evaluation::Result;
+
+namespace {
+
+constexpr int kInterrupted = 130;
+
+struct EvaluateArguments {
+  std::vector<std::string> suites;
+  std::string command, name, out = "evaluation";
+  DatasetFormat format = DatasetFormat::fringes;
+  double timeout_s = 0, memory_mib = 0;  // 0: those of the suite
+  double threshold_m = 1e-3;
+  bool again = false;
+};
+
+// Replaces {dataset} and {out} by quoted paths.
+std::string filled_in(std::string command, const fs::path& dataset, const fs::path& out) {
+  const std::pair<std::string, fs::path> values[] = {{"{dataset}", dataset}, {"{out}", out}};
+  for (const auto& [key, path] : values) {
+    for (size_t at = 0; (at = command.find(key, at)) != std::string::npos;) {
+      const std::string text = quoted(path.string());
+      command.replace(at, key.size(), text);
+      at += text.size();
+    }
+  }
+  return command;
+}
+
+void require_placeholders(const std::string& command) {
+  for (const std::string key : {"{dataset}", "{out}"}) {
+    if (command.find(key) == std::string::npos)
+      throw Error("evaluate: the command needs " + key + ", as in --with 'my_slam {dataset} {out}'");
+  }
+}
+
+// Returns the last line of a log, for messages.
+std::string last_line(const fs::path& log) {
+  std::ifstream stream(log);
+  std::string line, last;
+  while (std::getline(stream, line)) {
+    if (line.find_first_not_of(" \t\r") != std::string::npos) last = line;
+  }
+  constexpr size_t kMost = 200;
+  return last.substr(0, kMost);
+}
+
+std::optional<fs::path> first_of(const fs::path& folder, std::initializer_list<const char*> names) {
+  std::error_code ignored;
+  for (const char* name : names) {
+    if (fs::is_regular_file(folder / name, ignored)) return folder / name;
+  }
+  return std::nullopt;
+}
+
+void score_poses(Result& result, const Trajectory& estimate, const Trajectory& truth) {
+  const TrajectoryScore score = score_trajectory(estimate, truth);
+  result.poses = score.poses;
+  result.ate_m = score.ate_umeyama_rmse_m;
+  result.ate_origin_m = score.ate_rmse_m;
+  result.rpe_m = score.rpe_translation_rmse_m;
+  result.rpe_rad = score.rpe_rotation_rmse_rad;
+}
+
+// A map is in the frame of its trajectory, which is aligned with the true one.
+void score_surface(Result& result, const fs::path& file, const Trajectory& estimate, const EvaluationDataset& dataset,
+                   double threshold_m, const Common& common) {
+  PlyMap map = read_ply(file);
+  if (map.vertices.empty()) throw Error(file.filename().string() + ": contains no finite vertex");
+  TrajectoryOptions options;
+  options.align = Alignment::se3;
+  Similarity world_from_map;
+  try {
+    world_from_map = align_trajectory(estimate, dataset.poses, options);
+  } catch (const Error&) {  // positions on a line do not determine the rotation
+    options.align = Alignment::origin;
+    world_from_map = align_trajectory(estimate, dataset.poses, options);
+  }
+  for (Eigen::Vector3d& vertex : map.vertices) vertex = world_from_map * vertex;
+  Common quiet = common;
+  quiet.quiet = true;
+  const MapScore score = score_map(map, read_map_truth(dataset.truth, std::nullopt, quiet), threshold_m);
+  result.precision = score.precision;
+  result.recall = score.recall;
+  result.f_score = score.f_score();
+  result.threshold_m = threshold_m;
+}
+
+void score_output(Result& result, const fs::path& out, const EvaluationDataset& dataset, double threshold_m,
+                  const Common& common) {
+  const auto trajectory = first_of(out, {"trajectory.tum", "trajectory.txt", "trajectory.csv"});
+  if (!trajectory) {
+    result.end = "no_trajectory";
+    result.message = "wrote no trajectory.tum, trajectory.txt or trajectory.csv";
+    return;
+  }
+  try {
+    const Trajectory estimate = read_trajectory(*trajectory);
+    score_poses(result, estimate, dataset.poses);
+    const auto map = first_of(out, {"map.ply", "mesh.ply"});
+    if (map) score_surface(result, *map, estimate, dataset, threshold_m, common);
+  } catch (const Error& e) {
+    result.message = e.what();
+    if (!result.has_trajectory()) result.end = "no_trajectory";
+  }
+}
+
+class Evaluation {
+ public:
+  Evaluation(const EvaluateArguments& arguments, const Common& common)
+      : arguments_(arguments),
+        common_(common),
+        out_(fs::absolute(arguments.out)),
+        results_(evaluation::results_in(out_)) {}
+
+  // Returns false if interrupted.
+  bool run(const evaluation::Suite& suite) {
+    for (const evaluation::SuiteDataset& wanted : suite.datasets) {
+      const EvaluationDataset dataset = evaluation_dataset(wanted, arguments_.format, common_);
+      if (interrupted()) return false;
+      if (!arguments_.again && is_done(suite.name, wanted.name, dataset.hash)) continue;
+      const Result result = run_on(suite, wanted.name, dataset);
+      if (result.end == evaluation::to_string(ProcessEnd::interrupted)) return false;
+      evaluation::put(results_, result);
+      evaluation::write_results(out_, results_);
+      if (!common_.quiet && !common_.json) print(result);
+    }
+    return true;
+  }
+
+  const std::vector<Result>& results() const { return results_; }
+  int failures() const { return failures_; }
+
+ private:
+  bool is_done(const std::string& suite, const std::string& dataset, const std::string& hash) const {
+    return std::any_of(results_.begin(), results_.end(), [&](const Result& r) {
+      return r.suite == suite && r.dataset == dataset && r.system == arguments_.name &&
+             r.command == arguments_.command && r.dataset_hash == hash;
+    });
+  }
+
+  Result run_on(const evaluation::Suite& suite, const std::string& name, const EvaluationDataset& dataset) {
+    const fs::path folder = out_ / "outputs" / arguments_.name / suite.name / name, out = folder / "out";
+    fs::remove_all(folder);
+    fs::create_directories(out);
+    const evaluation::ProcessLimits limits{arguments_.timeout_s > 0 ? arguments_.timeout_s : suite.timeout_s,
+                                           arguments_.memory_mib > 0 ? arguments_.memory_mib : suite.memory_mib};
+    const evaluation::ProcessReport report = evaluation::run_limited(
+        filled_in(arguments_.command, dataset.dataset, out), folder, folder / "log.txt", limits, interrupted);
+    Result result;
+    result.suite = suite.name;
+    result.dataset = name;
+    result.dataset_hash = dataset.hash;
+    result.system = arguments_.name;
+    result.command = arguments_.command;
+    result.end = evaluation::to_string(report.end);
+    result.views = static_cast<int>(dataset.poses.size());
+    result.seconds = report.seconds;
+    result.peak_mib = report.peak_mib;
+    if (report.end == ProcessEnd::finished)
+      score_output(result, out, dataset, arguments_.threshold_m, common_);
+    else if (report.end == ProcessEnd::failed)
+      result.message = "exit code " + std::to_string(report.exit_code) + ": " + last_line(folder / "log.txt");
+    else if (report.end == ProcessEnd::timed_out)
+      result.message = "took longer than " + to_text(limits.timeout_s) + " s";
+    else if (report.end == ProcessEnd::out_of_memory)
+      result.message = "needed more than " + to_text(limits.memory_mib) + " MiB";
+    failures_ += !result.has_trajectory();
+    return result;
+  }
+
+  static void print(const Result& r) {
+    if (r.has_trajectory())
+      std::fprintf(stderr, "%s/%s: %d of %d views, ATE %.3g mm, %.1f s%s%s\n", r.suite.c_str(), r.dataset.c_str(),
+                   r.poses, r.views, 1e3 * r.ate_m, r.seconds, r.message.empty() ? "" : "; ", r.message.c_str());
+    else
+      std::fprintf(stderr, "%s/%s: %s: %s\n", r.suite.c_str(), r.dataset.c_str(), r.end.c_str(), r.message.c_str());
+  }
+
+  const EvaluateArguments& arguments_;
+  const Common& common_;
+  fs::path out_;
+  std::vector<Result> results_;
+  int failures_ = 0;
+};
+
+int evaluate(EvaluateArguments arguments, const Common& common) {
+  require_placeholders(arguments.command);
+  if (arguments.name.empty()) {
+    arguments.name = fs::path(arguments.command.substr(0, arguments.command.find(' '))).filename();
+  }
+  const bool usable =
+      !arguments.name.empty() && arguments.name.front() != '.' && arguments.name.find('/') == std::string::npos;
+  if (!usable) throw Error("evaluate: '" + arguments.name + "' cannot name a folder; give the system a --name");
+  std::vector<evaluation::Suite> suites;
+  for (const std::string& suite : arguments.suites) suites.push_back(evaluation::read_suite(suite, FRINGESLAM_SUITES));
+  Evaluation run(arguments, common);
+  catch_interrupts();
+  for (const evaluation::Suite& suite : suites) {
+    if (!run.run(suite)) return kInterrupted;
+  }
+  const auto standings = evaluation::standings_of(run.results());
+  nlohmann::ordered_json document = {
+      {"out", arguments.out}, {"failures", run.failures()}, {"results", nlohmann::json::array()}};
+  for (const Result& result : run.results())
+    document["results"].push_back(nlohmann::ordered_json::parse(evaluation::to_lines({result})));
+  print_result(common, document,
+               evaluation::to_table(standings) + "\nwritten: " + arguments.out + "/leaderboard.html and .csv");
+  return 0;
+}
+
+}  // namespace
+
+Verb add_evaluate(Command app, const Common& common) {
+  auto arguments = std::make_shared<EvaluateArguments>();
+  const Command verb = app.add_subcommand(
+      "evaluate", "Run any SLAM system on suites of scenes, score it, and compare systems in a leaderboard");
+  verb.add_option("suite", arguments->suites, "Suites: stills, moving, smoke, repeating, arenas, loop, or YAML files")
+      .required();
+  verb.add_option("--with", arguments->command,
+                  "The system's command; {dataset} is replaced by the dataset's folder, {out} by an empty folder, into "
+                  "which it writes trajectory.tum (or .txt, .csv) and, if it has one, map.ply")
+      .required();
+  verb.add_option("--name", arguments->name,
+                  "The system's name in the leaderboard (default: the command's first word)");
+  verb.add_option("--out", arguments->out,
+                  "Folder of the leaderboard; results of other systems and suites in it are kept")
+      .capture_default_str();
+  add_choice(verb, "--format", arguments->format,
+             "Datasets: fringes (for `run`; poses of the robot), or tum-rgbd (texture and depth; poses of the camera)")
+      .default_str("fringes");
+  verb.add_option("--timeout", arguments->timeout_s, "Most time per dataset, s; overrides the suite's")
+      .check_range(0.1, 1e6);
+  verb.add_option("--memory", arguments->memory_mib, "Most memory, MiB; overrides the suite's").check_range(1.0, 1e7);
+  verb.add_option("--threshold", arguments->threshold_m, "Map: largest distance that counts as correct, m")
+      .check_range(1e-9, 1e9)
+      .capture_default_str();
+  verb.add_flag("--again", arguments->again, "Repeat datasets that have a result of the same command");
+  return [arguments, &common] { return evaluate(*arguments, common); };
+}
+
+}  // namespace fringeslam::tools

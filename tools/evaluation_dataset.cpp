@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/evaluation_dataset.h"
+
+#include <link.h>
+
+#include "core/base/fnv.h"
+#include "core/io/files.h"
+#include "core/rig/dataset.h"
+#include "core/rig/rig_file.h"
+#include "sim/scene/cache.h"
+#include "tools/map_truth.h"
+#include "tools/progress.h"
+#include "tools/source.h"
+#include "tools/tum_rgbd.h"
+
+namespace fringeslam::tools {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr const char* kKind = "evaluation dataset";
+
+// Hash of the program and of its libraries: another build may render other images.
+std::string build_hash() {
+  static const std::string hash = [] {
+    std::string files = "/proc/self/exe";
+    const auto add = [](dl_phdr_info* info, size_t, void* list) {
+      const std::string name = info->dlpi_name;
+      if (name.find("libfringeslam") != std::string::npos) *static_cast<std::string*>(list) += "\n" + name;
+      return 0;
+    };
+    dl_iterate_phdr(add, &files);
+    std::string hashes;
+    for (size_t begin = 0; begin < files.size();) {
+      const size_t end = std::min(files.find('\n', begin), files.size());
+      hashes += std::to_string(fnv1a(read_bytes(files.substr(begin, end - begin)))) + "\n";
+      begin = end + 1;
+    }
+    return hashes;
+  }();
+  return hash;
+}
+
+// Renders fringe images into `dataset`, and what scoring needs into `truth`.
+void render_fringes(Source& source, const fs::path& dataset, const fs::path& truth, const Common& common) {
+  fs::create_directories(dataset);
+  fs::create_directories(truth);
+  const auto rig = source.open(truth);
+  RecordingRig recording(*rig, dataset);
+  Progress progress("rendering " + source.name(), source.stacks(), common.quiet || common.json);
+  int stacks = 0;
+  for (; recording.capture(source.sequence()); ++stacks) {
+    fs::remove(truth / "truth" / (stack_name(stacks) + ".exr"));  // megabytes per view that scoring does not need
+    progress.step();
+  }
+  recording.finish(source.name(), source.seed(), false);
+  fs::copy_file(dataset / "rig.yaml", truth / "rig.yaml");
+}
+
+void render_rgbd(Source& source, const Settings& settings, const fs::path& dataset, const fs::path& truth,
+                 const Common& common) {
+  write_tum_rgbd(source, settings, {}, dataset, common);
+  fs::create_directories(truth);
+  fs::copy_file(dataset / "rig.yaml", truth / "rig.yaml");
+  for (const char* file : {kTumTruthFile, kResolvedFile, "render.yaml"}) fs::rename(dataset / file, truth / file);
+}
+
+}  // namespace
+
+EvaluationDataset evaluation_dataset(const evaluation::SuiteDataset& wanted, DatasetFormat format,
+                                     const Common& common) {
+  const Settings settings;
+  const auto source = open_source(wanted.scene, {wanted.seed, wanted.with}, settings, false);
+  if (!source->has_truth()) throw Error(wanted.scene.string() + ": has no ground truth; a suite needs scenes");
+  SceneVariant variant{wanted.seed, wanted.with};
+  const std::string resolved = sim::load_scene(scene_file(wanted.scene), variant.reading()).resolved;
+  EvaluationDataset result;
+  result.hash = sim::content_hash(std::string(to_string(format)) + "\n" + fs::absolute(wanted.scene).string() + "\n" +
+                                  resolved + to_yaml(source->model()) + build_hash());
+  const fs::path folder = sim::cache_folder() / "evaluation" / result.hash;
+  if (!fs::exists(folder)) {
+    fs::create_directories(folder.parent_path());
+    StagedFolder staged(folder, kKind);
+    const fs::path dataset = staged.path() / "dataset", truth = staged.path() / "truth";
+    if (format == DatasetFormat::tum_rgbd)
+      render_rgbd(*source, settings, dataset, truth, common);
+    else
+      render_fringes(*source, dataset, truth, common);
+    // Paths in the resolved scene are relative to the scene's folder.
+    sim::SceneLoadOptions reading = variant.reading();
+    reading.resolved_for = fs::absolute(folder) / "truth";
+    write_text(truth / kResolvedFile, sim::load_scene(scene_file(wanted.scene), reading).resolved);
+    staged.commit();
+  }
+  result.dataset = fs::absolute(folder / "dataset");
+  result.truth = fs::absolute(folder / "truth");
+  result.poses = read_tum(true_trajectory_file(result.truth));
+  return result;
+}
+
+}  // namespace fringeslam::tools
