@@ -208,6 +208,8 @@ std::vector<Standing> standings_of(const std::vector<Result>& results) {
   const auto better = [](const Standing& a, const Standing& b) {
     if (a.suite != b.suite) return a.suite < b.suite;
     if (a.scored * b.datasets != b.scored * a.datasets) return a.scored * b.datasets > b.scored * a.datasets;
+    const auto percent_of = [](const Standing& s) { return std::lround(100 * s.tracked); };
+    if (percent_of(a) != percent_of(b)) return percent_of(a) > percent_of(b);
     if (std::isnan(a.ate_m.median) != std::isnan(b.ate_m.median)) return std::isnan(b.ate_m.median);
     return a.ate_m.median < b.ate_m.median;
   };

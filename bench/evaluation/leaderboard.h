@@ -39,7 +39,7 @@ struct Standing {
   Quantity ate_m, rpe_m, rpe_rad, f_score, seconds_per_view, peak_mib;
 };
 
-// Returns standings by suite, in it by number of scored datasets and then by ATE.
+// Returns standings by suite, in it by the share of scored datasets, then that of tracked views, then by ATE.
 std::vector<Standing> standings_of(const std::vector<Result>& results);
 
 // One line of JSON per result.

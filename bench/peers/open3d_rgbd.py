@@ -1,67 +1,63 @@
 #!/usr/bin/python3
 # SPDX-License-Identifier: Apache-2.0
-"""Runs Open3D's frame-to-frame RGB-D odometry and TSDF fusion on a folder of `render --format tum-rgbd`.
+"""Open3D on a folder of `render --format tum-rgbd`: frame-to-frame odometry and TSDF fusion (map.ply).
 
-Writes OUT.tum (world_from_camera, the world is the first camera's frame) and OUT.ply, for `fringeslam score`.
-Needs python3-open3d and python3-numpy.
+Methods: hybrid RGB-D odometry, colored ICP, point-to-plane ICP, generalized ICP. Needs python3-open3d, python3-numpy.
 """
-import argparse
 import os
 
 import numpy as np
 import open3d as o3d
+import rgbd_folder
 
-DEPTH_UNITS_PER_M = 5000.0
-FARTHEST_M = 3.0
-
-
-def quaternion(rotation):
-    """Returns the quaternion x y z w of a 3x3 rotation, w >= 0: eigenvector of Bar-Itzhack's symmetric matrix (2000)"""
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation
-    q = np.linalg.eigh(np.array([
-        [xx - yy - zz, yx + xy, zx + xz, zy - yz],
-        [yx + xy, yy - xx - zz, zy + yz, xz - zx],
-        [zx + xz, zy + yz, zz - xx - yy, yx - xy],
-        [zy - yz, xz - zx, yx - xy, xx + yy + zz]]))[1][:, 3]
-    return q if q[3] >= 0 else -q
-
-
-def image(folder, rgb, depth, grey):
-    return o3d.geometry.RGBDImage.create_from_color_and_depth(
-        o3d.io.read_image(os.path.join(folder, rgb)), o3d.io.read_image(os.path.join(folder, depth)),
-        DEPTH_UNITS_PER_M, FARTHEST_M, grey)
+VOXEL_M = 0.005
+ICP_DISTANCE_M = 0.05
+METHODS = ["hybrid", "colored_icp", "point_to_plane", "gicp"]
+registration = o3d.pipelines.registration
 
 
 def main():
-    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    arguments.add_argument("folder")
-    arguments.add_argument("out")
-    arguments.add_argument("--voxel", type=float, default=0.005, metavar="M")
-    options = arguments.parse_args()
-
-    camera = o3d.io.read_pinhole_camera_intrinsic(os.path.join(options.folder, "intrinsic.json"))
-    odometry = o3d.pipelines.odometry.OdometryOption()
-    hybrid = o3d.pipelines.odometry.RGBDOdometryJacobianFromHybridTerm()
+    options = rgbd_folder.arguments(__doc__, METHODS)
+    camera = o3d.camera.PinholeCameraIntrinsic(*rgbd_folder.camera_matrix(options.folder))
+    jacobian = o3d.pipelines.odometry.RGBDOdometryJacobianFromHybridTerm()
+    settings = o3d.pipelines.odometry.OdometryOption()
     volume = o3d.pipelines.integration.ScalableTSDFVolume(
-        options.voxel, 4 * options.voxel, o3d.pipelines.integration.TSDFVolumeColorType.RGB8)
-    world_from_camera, last, lines = np.eye(4), None, []
-    with open(os.path.join(options.folder, "associations.txt"), encoding="ascii") as associations:
-        entries = [line.split() for line in associations if line.strip() and not line.startswith("#")]
-    for time, rgb, _, depth in entries:
-        grey = image(options.folder, rgb, depth, True)
-        if last is not None:
-            found, last_from_camera, _ = o3d.pipelines.odometry.compute_rgbd_odometry(
-                grey, last, camera, np.eye(4), hybrid, odometry)
-            if not found:
-                raise SystemExit(f"{options.folder}: lost at {time} s")
-            world_from_camera = world_from_camera @ last_from_camera
-        last = grey
-        volume.integrate(image(options.folder, rgb, depth, False), camera, np.linalg.inv(world_from_camera))
-        numbers = [*world_from_camera[:3, 3], *quaternion(world_from_camera[:3, :3])]
-        lines.append(time + "".join(f" {number:.9g}" for number in numbers))
-    with open(options.out + ".tum", "w", encoding="ascii") as trajectory:
-        trajectory.write("\n".join(lines) + "\n")
-    o3d.io.write_triangle_mesh(options.out + ".ply", volume.extract_triangle_mesh())
+        VOXEL_M, 4 * VOXEL_M, o3d.pipelines.integration.TSDFVolumeColorType.RGB8)
+    criteria = registration.ICPConvergenceCriteria(max_iteration=50)
+
+    def image(rgb, depth, grey):
+        return o3d.geometry.RGBDImage.create_from_color_and_depth(
+            o3d.io.read_image(rgb), o3d.io.read_image(depth), rgbd_folder.DEPTH_UNITS_PER_M, rgbd_folder.FARTHEST_M, grey)
+
+    def read(rgb, depth):
+        color = image(rgb, depth, False)
+        if options.method == "hybrid":
+            return image(rgb, depth, True), color
+        cloud = o3d.geometry.PointCloud.create_from_rgbd_image(color, camera).voxel_down_sample(VOXEL_M)
+        cloud.estimate_normals(o3d.geometry.KDTreeSearchParamHybrid(4 * VOXEL_M, 30))
+        cloud.orient_normals_towards_camera_location()
+        return cloud, color
+
+    def register(last, current):
+        target, source = last[0], current[0]
+        if options.method == "hybrid":
+            found, motion, _ = o3d.pipelines.odometry.compute_rgbd_odometry(
+                source, target, camera, np.eye(4), jacobian, settings)
+            return motion if found else None
+        if options.method == "colored_icp":
+            result = registration.registration_colored_icp(source, target, ICP_DISTANCE_M, np.eye(4),
+                registration.TransformationEstimationForColoredICP(), criteria)
+        elif options.method == "gicp":
+            result = registration.registration_generalized_icp(source, target, ICP_DISTANCE_M, np.eye(4),
+                registration.TransformationEstimationForGeneralizedICP(), criteria)
+        else:
+            result = registration.registration_icp(source, target, ICP_DISTANCE_M, np.eye(4),
+                registration.TransformationEstimationPointToPlane(), criteria)
+        return result.transformation if result.fitness > 0.1 else None
+
+    for _, (_, color), pose in rgbd_folder.odometry(options.out, options.folder, read, register):
+        volume.integrate(color, camera, np.linalg.inv(pose))
+    o3d.io.write_triangle_mesh(os.path.join(options.out, "map.ply"), volume.extract_triangle_mesh())
 
 
 if __name__ == "__main__":

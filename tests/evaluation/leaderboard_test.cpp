@@ -72,6 +72,13 @@ TEST(Leaderboard, AFailureRanksBehindASuccess) {
   EXPECT_EQ(standings[2].system, "broken");
 }
 
+TEST(Leaderboard, LosingViewsRanksBehindTrackingThem) {
+  Result half = result_of("half", "1", 1e-6);
+  half.poses = 5;
+  const auto standings = standings_of({half, result_of("all", "1", 1e-3)});
+  EXPECT_EQ(standings[0].system, "all");
+}
+
 TEST(Leaderboard, LinesReadBackUnchanged) {
   const test::TempFolder temp;
   std::vector<Result> results = {result_of("a", "1", 0.1 + 0.2), failed("b \"x\"\n", "2")};

@@ -63,7 +63,7 @@ const std::vector<Library>& libraries() {
       {"LinearMath/", {"sim"}, false},
       {"btBullet", {"sim"}, false},
       {"ceres/", {"core/motion", "core/map", "core/registration", "core/calibrate"}, false},
-      {"pcl/", {"core/registration"}, false},
+      {"pcl/", {"core/registration", "bench"}, false},
       {"OpenImageIO/", {}, false},
       {"openvdb/", {"core/map"}, false},
       {"yaml-cpp/", {}, false},
