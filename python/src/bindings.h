@@ -17,6 +17,7 @@ void bind_mapping(py::module_& m);
 void bind_scores(py::module_& m);
 void bind_calibration(py::module_& m);
 void bind_studies(py::module_& m);
+void bind_evaluation(py::module_& m);
 
 // Heavy functions release Python's lock, so that other threads, and rigs and decoders written in Python, can run.
 using ReleaseGil = py::call_guard<py::gil_scoped_release>;

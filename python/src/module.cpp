@@ -27,4 +27,5 @@ PYBIND11_MODULE(_fringeslam, m) {
   bind_scores(m);
   bind_calibration(m);
   bind_studies(m);
+  bind_evaluation(m);
 }

@@ -15,6 +15,7 @@ EXAMPLES = sorted((ROOT / "examples/python").glob("*.py"))
 OUTPUTS = {
     "depth": ["view.ply"],
     "map_scene": ["trajectory.tum", "mesh.ply"],
+    "evaluate": ["evaluation/leaderboard.html", "evaluation/leaderboard.csv"],
     "patterns": [f"pattern_{i:02d}.png" for i in range(14)],
     "import_images": ["stack_000000.ply", "stack_000001.ply"],
 }
@@ -63,6 +64,9 @@ def test_example(example, tmp_path):
         (tmp_path / "images").mkdir()
         import_folder(tmp_path / "images")
         arguments = ["images"]
+    if example.stem == "evaluate":
+        (tmp_path / "one.yaml").write_text("datasets:\n  - {name: boxes, scene: scenes/boxes_and_foam}\n")
+        arguments = ["one.yaml"]
     done = subprocess.run(
         [sys.executable, example, *arguments], cwd=tmp_path, capture_output=True, text=True, env=os.environ
     )
