@@ -10,6 +10,7 @@
 #include "bench/evaluation/limited_process.h"
 #include "core/score/trajectory_file.h"
 #include "core/score/trajectory_score.h"
+#include "sim/scene/data_folder.h"
 #include "tools/evaluation_dataset.h"
 #include "tools/interrupt.h"
 #include "tools/map_truth.h"
@@ -133,24 +134,26 @@ class Evaluation {
       : arguments_(arguments),
         common_(common),
         out_(fs::absolute(arguments.out)),
-        results_(evaluation::results_in(out_)) {}
+        results_(evaluation::results_in(out_)) {
+    evaluation::write_results(out_, results_);
+  }
 
   // Returns false if interrupted.
   bool run(const evaluation::Suite& suite) {
     for (const evaluation::SuiteDataset& wanted : suite.datasets) {
-      const EvaluationDataset dataset = evaluation_dataset(wanted, arguments_.format, common_);
-      if (interrupted()) return false;
-      if (!arguments_.again && is_done(suite.name, wanted.name, dataset.hash)) continue;
-      const Result result = run_on(suite, wanted.name, dataset);
+      const auto dataset = evaluation_dataset(wanted, arguments_.format, common_);
+      if (!dataset || interrupted()) return false;
+      if (!arguments_.again && is_done(suite.name, wanted.name, dataset->hash)) continue;
+      const Result result = run_on(suite, wanted.name, *dataset);
       if (result.end == evaluation::to_string(ProcessEnd::interrupted)) return false;
-      evaluation::put(results_, result);
-      evaluation::write_results(out_, results_);
+      evaluation::add_result(out_, result);
       if (!common_.quiet && !common_.json) print(result);
     }
     return true;
   }
 
-  const std::vector<Result>& results() const { return results_; }
+  // Those of other processes included.
+  std::vector<Result> results() const { return evaluation::results_in(out_); }
   int failures() const { return failures_; }
 
  private:
@@ -215,19 +218,21 @@ int evaluate(EvaluateArguments arguments, const Common& common) {
       !arguments.name.empty() && arguments.name.front() != '.' && arguments.name.find('/') == std::string::npos;
   if (!usable) throw Error("evaluate: '" + arguments.name + "' cannot name a folder; give the system a --name");
   std::vector<evaluation::Suite> suites;
-  for (const std::string& suite : arguments.suites) suites.push_back(evaluation::read_suite(suite, FRINGESLAM_SUITES));
+  for (const std::string& suite : arguments.suites)
+    suites.push_back(evaluation::read_suite(suite, sim::data_folder() / "scenes" / "suites"));
   Evaluation run(arguments, common);
   catch_interrupts();
   for (const evaluation::Suite& suite : suites) {
     if (!run.run(suite)) return kInterrupted;
   }
-  const auto standings = evaluation::standings_of(run.results());
+  const std::vector<Result> results = run.results();
   nlohmann::ordered_json document = {
       {"out", arguments.out}, {"failures", run.failures()}, {"results", nlohmann::json::array()}};
-  for (const Result& result : run.results())
+  for (const Result& result : results)
     document["results"].push_back(nlohmann::ordered_json::parse(evaluation::to_lines({result})));
   print_result(common, document,
-               evaluation::to_table(standings) + "\nwritten: " + arguments.out + "/leaderboard.html and .csv");
+               evaluation::to_table(evaluation::standings_of(results)) + "\nwritten: " + arguments.out +
+                   "/leaderboard.html and .csv");
   return 0;
 }
 

@@ -8,6 +8,7 @@
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
 #include "sim/scene/cache.h"
+#include "tools/interrupt.h"
 #include "tools/map_truth.h"
 #include "tools/progress.h"
 #include "tools/source.h"
@@ -42,8 +43,8 @@ std::string build_hash() {
   return hash;
 }
 
-// Renders fringe images into `dataset`, and what scoring needs into `truth`.
-void render_fringes(Source& source, const fs::path& dataset, const fs::path& truth, const Common& common) {
+// Renders fringe images into `dataset`, and what scoring needs into `truth`. Returns false if interrupted.
+bool render_fringes(Source& source, const fs::path& dataset, const fs::path& truth, const Common& common) {
   fs::create_directories(dataset);
   fs::create_directories(truth);
   const auto rig = source.open(truth);
@@ -53,9 +54,11 @@ void render_fringes(Source& source, const fs::path& dataset, const fs::path& tru
   for (; recording.capture(source.sequence()); ++stacks) {
     fs::remove(truth / "truth" / (stack_name(stacks) + ".exr"));  // megabytes per view that scoring does not need
     progress.step();
+    if (interrupted()) return false;
   }
   recording.finish(source.name(), source.seed(), false);
   fs::copy_file(dataset / "rig.yaml", truth / "rig.yaml");
+  return true;
 }
 
 void render_rgbd(Source& source, const Settings& settings, const fs::path& dataset, const fs::path& truth,
@@ -68,8 +71,8 @@ void render_rgbd(Source& source, const Settings& settings, const fs::path& datas
 
 }  // namespace
 
-EvaluationDataset evaluation_dataset(const evaluation::SuiteDataset& wanted, DatasetFormat format,
-                                     const Common& common) {
+std::optional<EvaluationDataset> evaluation_dataset(const evaluation::SuiteDataset& wanted, DatasetFormat format,
+                                                    const Common& common) {
   const Settings settings;
   const auto source = open_source(wanted.scene, {wanted.seed, wanted.with}, settings, false);
   if (!source->has_truth()) throw Error(wanted.scene.string() + ": has no ground truth; a suite needs scenes");
@@ -85,8 +88,8 @@ EvaluationDataset evaluation_dataset(const evaluation::SuiteDataset& wanted, Dat
     const fs::path dataset = staged.path() / "dataset", truth = staged.path() / "truth";
     if (format == DatasetFormat::tum_rgbd)
       render_rgbd(*source, settings, dataset, truth, common);
-    else
-      render_fringes(*source, dataset, truth, common);
+    else if (!render_fringes(*source, dataset, truth, common))
+      return std::nullopt;
     // Paths in the resolved scene are relative to the scene's folder.
     sim::SceneLoadOptions reading = variant.reading();
     reading.resolved_for = fs::absolute(folder) / "truth";

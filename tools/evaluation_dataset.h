@@ -3,6 +3,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 
 #include "bench/evaluation/suite_file.h"
@@ -25,8 +26,8 @@ struct EvaluationDataset {
   Trajectory poses;               // true poses: of the robot for fringes, of the camera for RGB-D
 };
 
-// Returns the dataset from the cache, or renders it.
-EvaluationDataset evaluation_dataset(const evaluation::SuiteDataset& wanted, DatasetFormat format,
-                                     const Common& common);
+// Returns the dataset from the cache, or renders it; empty if interrupted.
+std::optional<EvaluationDataset> evaluation_dataset(const evaluation::SuiteDataset& wanted, DatasetFormat format,
+                                                    const Common& common);
 
 }  // namespace fringeslam::tools

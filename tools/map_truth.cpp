@@ -32,7 +32,8 @@ sim::Scene scene_of_images(const fs::path& folder) {
 }
 
 sim::Scene read_scene(const fs::path& path, std::optional<uint64_t> seed) {
-  if (!path_exists(path)) throw Error(path.string() + ": does not exist; give a scene, a dataset or a run as --truth");
+  if (!path_exists(scene_file(path)) && !path_exists(path))
+    throw Error(path.string() + ": does not exist; give a scene, a dataset or a run as --truth");
   if (!fs::is_directory(path) || path_exists(path / kSceneFile)) return sim::load_scene(scene_file(path), {seed});
   if (!path_exists(path / kResolvedFile))
     throw Error(path.string() + ": contains neither " + kSceneFile + " nor " + kResolvedFile +

@@ -151,11 +151,6 @@ class DatasetSource : public Source {
 
 }  // namespace
 
-fs::path scene_file(const fs::path& path) {
-  std::error_code ignored;
-  return fs::is_directory(path, ignored) ? path / kSceneFile : path;
-}
-
 void SceneVariant::add_to(Command verb) {
   verb.add_option("--seed", seed, "Seed; overrides the scene's").check_non_negative();
   verb.add_option("--with", with,
@@ -174,9 +169,10 @@ sim::SceneLoadOptions SceneVariant::reading() const {
   return reading;
 }
 
-std::unique_ptr<Source> open_source(const fs::path& path, const SceneVariant& variant, const Settings& settings,
+std::unique_ptr<Source> open_source(const fs::path& given, const SceneVariant& variant, const Settings& settings,
                                     bool uses_render) {
   std::error_code ignored;
+  const fs::path path = fs::exists(given, ignored) ? given : scene_file(given);  // the name of an installed scene
   if (!fs::exists(path, ignored)) throw Error(path.string() + ": does not exist; give a scene or a dataset folder");
   if (fs::exists(path / kDatasetFile, ignored)) {
     if (variant.seed || !variant.with.empty())

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/rig/rig.h"
+#include "sim/scene/data_folder.h"
 #include "tools/command_line.h"
 #include "tools/settings.h"
 
@@ -21,8 +22,7 @@ constexpr const char* kStageFile = "stage.tum";
 constexpr const char* kSceneFile = "scene.yaml";
 // The scene from which a run or dataset was rendered, beside its rig.yaml.
 constexpr const char* kResolvedFile = "resolved_scene.yaml";
-// Returns the scene file: `path` itself, or scene.yaml in the folder `path`.
-std::filesystem::path scene_file(const std::filesystem::path& path);
+using sim::scene_file;
 
 class Source {
  public:

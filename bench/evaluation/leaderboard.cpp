@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "bench/evaluation/leaderboard.h"
 
+#include <fcntl.h>
+#include <sys/file.h>
+#include <unistd.h>
+
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -43,6 +47,20 @@ void for_each_field(Value& r, Visit&& visit) {
   visit("command", r.command);
   visit("dataset_hash", r.dataset_hash);
 }
+
+// Exclusive access to a folder among processes; the system releases it when the process ends.
+class FolderLock {
+ public:
+  explicit FolderLock(const std::filesystem::path& folder) : descriptor_(open(folder.c_str(), O_RDONLY | O_DIRECTORY)) {
+    if (descriptor_ < 0 || flock(descriptor_, LOCK_EX) != 0) throw Error(folder.string() + ": cannot be locked");
+  }
+  ~FolderLock() { close(descriptor_); }
+  FolderLock(const FolderLock&) = delete;
+  FolderLock& operator=(const FolderLock&) = delete;
+
+ private:
+  int descriptor_;
+};
 
 double median_of(std::vector<double> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
@@ -266,6 +284,14 @@ void write_results(const std::filesystem::path& folder, const std::vector<Result
   write(kResultsFile, to_lines(results));
   write("leaderboard.csv", to_csv(results));
   write("leaderboard.html", to_html(results));
+}
+
+void add_result(const std::filesystem::path& folder, const Result& result) {
+  std::filesystem::create_directories(folder);
+  const FolderLock lock(folder);
+  std::vector<Result> results = results_in(folder);
+  put(results, result);
+  write_results(folder, results);
 }
 
 void put(std::vector<Result>& results, const Result& result) {

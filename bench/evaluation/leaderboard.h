@@ -54,6 +54,8 @@ void put(std::vector<Result>& results, const Result& result);
 std::vector<Result> results_in(const std::filesystem::path& folder);
 // Writes these files, each completely or not at all.
 void write_results(const std::filesystem::path& folder, const std::vector<Result>& results);
+// Reads the results, puts this one, and writes them. Several processes may do so at a time.
+void add_result(const std::filesystem::path& folder, const Result& result);
 
 std::string to_csv(const std::vector<Result>& results);
 // Returns a self-contained page.

@@ -4,6 +4,7 @@
 #include "bench/evaluation/suite_file.h"
 #include "python/src/bindings.h"
 #include "python/src/casters.h"
+#include "sim/scene/data_folder.h"
 
 namespace fringeslam::python {
 
@@ -30,7 +31,7 @@ void bind_evaluation(py::module_& m) {
   m.def(
       "read_suite",
       [](const std::string& suite, const std::optional<std::filesystem::path>& folder) {
-        return evaluation::read_suite(suite, folder.value_or(FRINGESLAM_SUITES));
+        return evaluation::read_suite(suite, folder.value_or(sim::data_folder() / "scenes/suites"));
       },
       py::arg("suite"), py::arg("folder") = py::none(),
       "Reads a suite: a file, or the name of one in `folder` (scenes/suites). Raises Error with file:line.");
@@ -68,12 +69,8 @@ void bind_evaluation(py::module_& m) {
   m.def("read_results", &evaluation::results_in, py::arg("folder"), "Reads the results in a leaderboard's folder.");
   m.def(
       "add_result",
-      [](const std::filesystem::path& folder, const Result& result) {
-        std::vector<Result> results = evaluation::results_in(folder);
-        evaluation::put(results, result);
-        evaluation::write_results(folder, results);
-      },
-      py::arg("folder"), py::arg("result"),
+      [](const std::filesystem::path& folder, const Result& result) { evaluation::add_result(folder, result); },
+      py::arg("folder"), py::arg("result"), ReleaseGil(),
       "Adds a result to a leaderboard's folder and writes results.jsonl, leaderboard.csv and leaderboard.html.");
 }
 

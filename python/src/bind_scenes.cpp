@@ -7,6 +7,7 @@
 #include "python/src/options.h"
 #include "sim/nearest_surface.h"
 #include "sim/preview.h"
+#include "sim/scene/data_folder.h"
 #include "sim/scene/scene.h"
 #include "sim/virtual_rig.h"
 
@@ -58,8 +59,7 @@ sim::SceneLoadOptions reading_of(const std::optional<uint64_t>& seed, const py::
 
 SharedScene load(const std::filesystem::path& path, const sim::SceneLoadOptions& reading) {
   const py::gil_scoped_release release;
-  return std::make_shared<Scene>(
-      sim::load_scene(std::filesystem::is_directory(path) ? path / "scene.yaml" : path, reading));
+  return std::make_shared<Scene>(sim::load_scene(sim::scene_file(path), reading));
 }
 
 Pose pose_at(const Scene& scene, double time_s) {
@@ -139,7 +139,8 @@ void bind_scene(py::module_& m) {
       [](const std::filesystem::path& path, const std::optional<uint64_t>& seed, const py::dict& changes,
          const std::optional<std::filesystem::path>& rig) { return load(path, reading_of(seed, changes, rig)); },
       py::arg("path"), py::arg("seed") = py::none(), py::arg("changes") = py::dict(), py::arg("rig") = py::none(),
-      "Loads a scene file, or scene.yaml in a folder. `changes` overrides values by key path, such as "
+      "Loads a scene file, scene.yaml in a folder, or an installed scene by its name. `changes` overrides values by "
+      "key path, such as "
       "{'light.ambient_lux': 0}; `rig` is another rig file. Raises Error with file:line.");
   m.def(
       "make_scene",
