@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+# Debian packages: `cpack` in the build folder writes libfringeslam0, fringeslam, libfringeslam-dev and
+# python3-fringeslam. The scenes and rigs are part of libfringeslam0, because program and Python package share them.
+set(CPACK_GENERATOR DEB)
+set(CPACK_PACKAGE_NAME fringeslam)
+set(CPACK_PACKAGE_VENDOR "FringeSLAM")
+set(CPACK_PACKAGE_CONTACT "The FringeSLAM developers <fringeslam@example.org>")
+set(CPACK_PACKAGE_DESCRIPTION_SUMMARY "${PROJECT_DESCRIPTION}")
+set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
+set(CPACK_STRIP_FILES ON)
+set(CPACK_DEB_COMPONENT_INSTALL ON)
+set(CPACK_COMPONENTS_ALL library program development)
+set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
+set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
+set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS_PRIVATE_DIRS ${PROJECT_BINARY_DIR}/core ${PROJECT_BINARY_DIR}/sim ${PROJECT_BINARY_DIR}/hw)
+set(CPACK_DEBIAN_PACKAGE_GENERATE_SHLIBS ON)
+set(CPACK_DEBIAN_PACKAGE_SECTION science)
+set(CPACK_DEBIAN_ENABLE_COMPONENT_DEPENDS ON)
+
+set(CPACK_DEBIAN_LIBRARY_PACKAGE_NAME libfringeslam0)
+set(CPACK_DEBIAN_LIBRARY_PACKAGE_SECTION libs)
+set(CPACK_DEBIAN_LIBRARY_PACKAGE_CONTROL_EXTRA ${PROJECT_SOURCE_DIR}/tools/cmake/debian/triggers)
+set(CPACK_COMPONENT_LIBRARY_DESCRIPTION "Libraries, scenes and rigs")
+set(CPACK_DEBIAN_PROGRAM_PACKAGE_NAME fringeslam)
+set(CPACK_COMPONENT_PROGRAM_DEPENDS library)
+set(CPACK_COMPONENT_PROGRAM_DESCRIPTION "The command line")
+set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_NAME libfringeslam-dev)
+set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_SECTION libdevel)
+set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS "libeigen3-dev, libopencv-dev")
+set(CPACK_COMPONENT_DEVELOPMENT_DEPENDS library)
+set(CPACK_COMPONENT_DEVELOPMENT_DESCRIPTION "Headers and CMake package")
+if(FRINGESLAM_PYTHON)
+  list(APPEND CPACK_COMPONENTS_ALL python)
+  set(CPACK_DEBIAN_PYTHON_PACKAGE_NAME python3-fringeslam)
+  set(CPACK_DEBIAN_PYTHON_PACKAGE_SECTION python)
+  math(EXPR next_minor "${Python_VERSION_MINOR} + 1")
+  set(CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS
+    "python3 (>= ${Python_VERSION_MAJOR}.${Python_VERSION_MINOR}), python3 (<< ${Python_VERSION_MAJOR}.${next_minor}), python3-numpy")
+  set(CPACK_COMPONENT_PYTHON_DEPENDS library)
+  set(CPACK_COMPONENT_PYTHON_DESCRIPTION "Python package")
+endif()
+
+# Documents that Debian requires of each package. The date is that of the last commit, so that packages of the same source
+# are the same.
+execute_process(COMMAND git log -1 --format=%ct WORKING_DIRECTORY ${PROJECT_SOURCE_DIR} OUTPUT_VARIABLE commit_time
+  OUTPUT_STRIP_TRAILING_WHITESPACE ERROR_QUIET)
+if(commit_time AND NOT DEFINED ENV{SOURCE_DATE_EPOCH})
+  set(ENV{SOURCE_DATE_EPOCH} ${commit_time})
+endif()
+string(TIMESTAMP changelog_date "%a, %d %b %Y %H:%M:%S +0000" UTC)
+set(debian_files ${PROJECT_BINARY_DIR}/debian)
+configure_file(${PROJECT_SOURCE_DIR}/tools/cmake/debian/changelog.in ${debian_files}/changelog @ONLY)
+execute_process(COMMAND gzip -9nfk ${debian_files}/changelog)
+foreach(component ${CPACK_COMPONENTS_ALL})
+  string(TOUPPER ${component} upper)
+  install(FILES ${debian_files}/changelog.gz ${PROJECT_SOURCE_DIR}/tools/cmake/debian/copyright
+    DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${CPACK_DEBIAN_${upper}_PACKAGE_NAME} COMPONENT ${component})
+endforeach()
+
+include(CPack)
