@@ -7,6 +7,7 @@
 #   start.sh all     build, again and test one after the other in one fresh clone; prints the three times
 #   start.sh bare    a minimal Debian 12 (debootstrap, as root), then git clone and tools/run in it; measured
 #                    from the clone to the end of tools/run
+#   start.sh deb     a minimal Debian 12, then `apt install` of the packages of build/release, and the first run
 set -euo pipefail
 root=$(cd "$(dirname "$0")/../.." && pwd)
 work=$(mktemp -d /var/tmp/fringeslam-start.XXXXXX)
@@ -33,6 +34,33 @@ clone() {
 }
 # A change that compiles one file of core again, and links the program.
 change() { echo "// changed" >>core/mapper/mapper.cpp; }
+
+# fresh_system PACKAGES: creates a minimal Debian 12 in $system.
+fresh_system() {
+  if ((EUID != 0)); then echo "start.sh: creating a fresh system needs root" >&2; exit 2; fi
+  command -v debootstrap >/dev/null || apt-get install -y -qq --no-install-recommends debootstrap >&2
+  system=$work/system
+  mirror=$(apt-get indextargets --format '$(SITE)' 'Created-By: Packages' | head -n 1)
+  echo "start.sh: creating a fresh Debian 12 from the configured mirror" >&2
+  debootstrap --variant=minbase --include="$1",ca-certificates bookworm "$system" "$mirror" >"$work/log" 2>&1 ||
+    { tail -n 20 "$work/log" >&2; exit 2; }
+  # This machine's network configuration.
+  cp -L /etc/resolv.conf "$system/etc/resolv.conf"
+  cp -rL /etc/apt/. "$system/etc/apt/"
+  cp -L /etc/hosts "$system/etc/hosts"
+  cp -rL /usr/local/share/ca-certificates/. "$system/usr/local/share/ca-certificates/" 2>/dev/null || true
+  cp -L /etc/ssl/certs/ca-certificates.crt "$system/etc/ssl/certs/ca-certificates.crt" 2>/dev/null || true
+  for point in proc dev sys; do
+    mount --bind "/$point" "$system/$point"
+    mounted+=("$system/$point")
+  done
+}
+# in_system COMMAND: runs a shell command in it.
+in_system() {
+  env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/root LC_ALL=C.UTF-8 DEBIAN_FRONTEND=noninteractive \
+    ${http_proxy:+http_proxy="$http_proxy"} ${https_proxy:+https_proxy="$https_proxy"} \
+    chroot "$system" sh -c "$1" >&2 || exit 2
+}
 
 case "${1:-}" in
   build)
@@ -66,33 +94,23 @@ case "${1:-}" in
     echo "test $seconds"
     ;;
   bare)
-    if ((EUID != 0)); then echo "start.sh bare: creating a fresh system needs root" >&2; exit 2; fi
-    command -v debootstrap >/dev/null || apt-get install -y -qq --no-install-recommends debootstrap >&2
-    system=$work/system
-    mirror=$(apt-get indextargets --format '$(SITE)' 'Created-By: Packages' | head -n 1)
-    echo "start.sh: creating a fresh Debian 12 from the configured mirror" >&2
-    debootstrap --variant=minbase --include=git,ca-certificates bookworm "$system" "$mirror" >"$work/log" 2>&1 ||
-      { tail -n 20 "$work/log" >&2; exit 2; }
-    # This machine's network configuration.
-    cp -L /etc/resolv.conf "$system/etc/resolv.conf"
-    cp -rL /etc/apt/. "$system/etc/apt/"
-    cp -L /etc/hosts "$system/etc/hosts"
-    cp -rL /usr/local/share/ca-certificates/. "$system/usr/local/share/ca-certificates/" 2>/dev/null || true
-    cp -L /etc/ssl/certs/ca-certificates.crt "$system/etc/ssl/certs/ca-certificates.crt" 2>/dev/null || true
-    for point in proc dev sys; do
-      mount --bind "/$point" "$system/$point"
-      mounted+=("$system/$point")
-    done
+    fresh_system git
     git clone -q --bare "$root" "$system/srv/fringeslam.git" >&2
     start=$SECONDS
-    env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/root LC_ALL=C.UTF-8 \
-      ${http_proxy:+http_proxy="$http_proxy"} ${https_proxy:+https_proxy="$https_proxy"} \
-      chroot "$system" sh -c 'git clone -q /srv/fringeslam.git /srv/fringeslam && cd /srv/fringeslam && tools/run' >&2 ||
-      exit 2
+    in_system 'git clone -q /srv/fringeslam.git /srv/fringeslam && cd /srv/fringeslam && tools/run'
+    echo $((SECONDS - start))
+    ;;
+  deb)
+    fresh_system apt
+    (cd "$root/build/release" && cpack -B "$work/packages" >&2)
+    cp "$work"/packages/*.deb "$system/srv"
+    start=$SECONDS
+    in_system 'apt-get update -qq && apt-get install -y -qq --no-install-recommends /srv/libfringeslam0_*.deb \
+      /srv/fringeslam_*.deb >/dev/null && cd /root && fringeslam run boxes_and_foam'
     echo $((SECONDS - start))
     ;;
   *)
-    echo "start.sh: specify build, again, test, all or bare" >&2
+    echo "start.sh: specify build, again, test, all, bare or deb" >&2
     exit 2
     ;;
 esac
