@@ -12,6 +12,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <random>
+#include <set>
 
 #include "core/io/files.h"
 #include "core/types/error.h"
@@ -46,6 +47,12 @@ void for_each_field(Value& r, Visit&& visit) {
   visit("message", r.message);
   visit("command", r.command);
   visit("dataset_hash", r.dataset_hash);
+}
+
+void make_folder(const std::filesystem::path& folder) {
+  std::error_code failure;
+  std::filesystem::create_directories(folder, failure);
+  if (failure) throw Error(folder.string() + ": cannot be created: " + failure.message());
 }
 
 // Exclusive access to a folder among processes; the system releases it when the process ends.
@@ -147,19 +154,19 @@ constexpr const char* kPageHead = R"(<!DOCTYPE html>
 <title>Leaderboard</title><style>
 :root { color-scheme: light dark; --line: #8884; --note: #667; }
 @media (prefers-color-scheme: dark) { :root { --note: #aab; } }
-body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 72rem; padding: 0 1rem; }
+body { font: 15px/1.45 system-ui, sans-serif; margin: 2rem auto; max-width: 82rem; padding: 0 1rem; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; width: 100%; }
 th, td { border-bottom: 1px solid var(--line); padding: .35rem .6rem; text-align: right; white-space: nowrap; }
-th:first-child, td:first-child { text-align: left; }
-td.text { text-align: left; white-space: normal; overflow-wrap: anywhere; }
+th:first-child, td:first-child, .name, .text { text-align: left; }
+.text { white-space: normal; overflow-wrap: anywhere; }
 th button { all: unset; cursor: pointer; } th button:focus-visible { outline: 2px solid; }
 small, p.note { color: var(--note); }
 </style></head><body>
 <h1>Leaderboard</h1>
 <p class="note">Medians over the datasets of a suite with 95 % bootstrap intervals. ATE: RMS position error after the
-best rigid alignment; RPE: RMS error of the motion between consecutive poses; F-score of the map at the stated
-threshold; tracked: views with a pose, over all datasets. Errors are those of the poses that a system reports: compare
+best rigid alignment; RPE: RMS error of the motion between consecutive poses; F-score of the map within THRESHOLDS;
+tracked: views with a pose, over all datasets. Errors are those of the poses that a system reports: compare
 them together with the share of tracked views. Select a column to sort by it.</p>
 )";
 
@@ -268,6 +275,8 @@ std::vector<Result> read_results(const std::filesystem::path& file) {
 
 std::vector<Result> results_in(const std::filesystem::path& folder) {
   std::error_code ignored;
+  if (std::filesystem::exists(folder, ignored) && !std::filesystem::is_directory(folder, ignored))
+    throw Error(folder.string() + ": is a file; choose another folder");
   if (std::filesystem::exists(folder / kResultsFile, ignored)) return read_results(folder / kResultsFile);
   if (std::filesystem::exists(folder, ignored) && !std::filesystem::is_empty(folder, ignored))
     throw Error(folder.string() + ": contains other files and no " + kResultsFile + "; choose another folder");
@@ -275,7 +284,7 @@ std::vector<Result> results_in(const std::filesystem::path& folder) {
 }
 
 void write_results(const std::filesystem::path& folder, const std::vector<Result>& results) {
-  std::filesystem::create_directories(folder);
+  make_folder(folder);
   const auto write = [&](const std::string& name, const std::string& text) {
     StagedFile file(folder / name);
     write_text(file.path(), text);
@@ -287,7 +296,7 @@ void write_results(const std::filesystem::path& folder, const std::vector<Result
 }
 
 void add_result(const std::filesystem::path& folder, const Result& result) {
-  std::filesystem::create_directories(folder);
+  make_folder(folder);
   const FolderLock lock(folder);
   std::vector<Result> results = results_in(folder);
   put(results, result);
@@ -322,19 +331,27 @@ std::string to_csv(const std::vector<Result>& results) {
 }
 
 std::string to_html(const std::vector<Result>& results) {
+  std::set<std::string> thresholds;
+  for (const Result& r : results) {
+    if (!std::isnan(r.threshold_m)) thresholds.insert(number(r.threshold_m, 1e3) + " mm");
+  }
+  std::string within;
+  for (const std::string& threshold : thresholds) within += (within.empty() ? "" : " or ") + threshold;
   std::string html = kPageHead;
+  const std::string place = "THRESHOLDS";
+  html.replace(html.find(place), place.size(), within.empty() ? "a threshold" : within);
   append_standings(html, standings_of(results));
   std::string failures;
   for (const Result& r : results) {
     if (r.has_trajectory() && r.message.empty()) continue;
-    failures += "<tr><td>" + escaped(r.system) + "</td><td class=\"text\">" + escaped(r.suite + "/" + r.dataset) +
-                "</td><td class=\"text\">" + escaped(r.end) + "</td><td class=\"text\">" + escaped(r.message) +
+    failures += "<tr><td>" + escaped(r.system) + "</td><td class=\"name\">" + escaped(r.suite + "/" + r.dataset) +
+                "</td><td class=\"name\">" + escaped(r.end) + "</td><td class=\"text\">" + escaped(r.message) +
                 "</td></tr>\n";
   }
   html += "<h2>Failures</h2>\n";
   html += failures.empty() ? "<p>None.</p>\n"
-                           : "<div class=\"scroll\"><table><thead><tr><th>system</th><th>dataset</th><th>end</th>"
-                             "<th>reason</th></tr></thead><tbody>\n" +
+                           : "<div class=\"scroll\"><table><thead><tr><th>system</th><th class=\"name\">dataset</th>"
+                             "<th class=\"name\">end</th><th class=\"name\">reason</th></tr></thead><tbody>\n" +
                                  failures + "</tbody></table></div>\n";
   std::map<std::string, std::string> commands;
   for (const Result& r : results) commands[r.system] = r.command;

@@ -28,7 +28,11 @@ fs::path file_of(const std::string& suite, const fs::path& folder) {
   if (fs::is_regular_file(suite, ignored)) return suite;
   const fs::path known = folder / (suite + ".yaml");
   if (suite.find('/') == std::string::npos && fs::is_regular_file(known, ignored)) return known;
-  throw Error(suite + ": is neither a suite file nor one of the suites " + names_in(folder));
+  const std::string names = names_in(folder);
+  if (names.empty())
+    throw Error(suite + ": is not a suite file, and no suites are installed; set FRINGESLAM_DATA to the folder that " +
+                "contains scenes/");
+  throw Error(suite + ": is neither a suite file nor one of the suites " + names);
 }
 
 bool is_file_name(const std::string& name) {

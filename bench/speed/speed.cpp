@@ -49,6 +49,11 @@ std::vector<Item> speed_items() {
            [](const Context&) {
              return std::vector<Row>{minutes_row("speed.start.test", script_seconds("start.sh", "test"), 14)};
            }},
+          {{"start.deb"},
+           "bare Debian 12 with the packages at hand, to the first score",
+           [](const Context&) {
+             return std::vector<Row>{minutes_row("start.deb", script_seconds("start.sh", "deb"), 1.5)};
+           }},
           {{"speed.start.bare"}, "bare Debian 12 to the first report: tools/run in a fresh system", [](const Context&) {
              return std::vector<Row>{minutes_row("speed.start.bare", script_seconds("start.sh", "bare"), 8)};
            }}};

@@ -97,7 +97,9 @@ TEST(Leaderboard, DamagedResultsAndForeignFoldersAreErrors) {
   EXPECT_TRUE(results_in(temp / "absent").empty());
   test::write_bytes(temp / "a/results.jsonl", to_lines({result_of("a", "1", 1)}) + "{\"suite\":");
   test::write_bytes(temp / "b/thesis.tex", "text");
-  for (const std::string folder : {"a", "b"}) EXPECT_THROW(results_in(temp / folder), Error);
+  test::write_bytes(temp / "c", "a file");
+  for (const std::string folder : {"a", "b", "c"}) EXPECT_THROW(results_in(temp / folder), Error);
+  EXPECT_THROW(write_results(temp / "c/below", {}), Error);
   try {
     results_in(temp / "a");
   } catch (const Error& e) {

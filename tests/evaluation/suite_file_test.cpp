@@ -71,5 +71,15 @@ TEST(SuiteFile, AnUnknownNameListsTheSuites) {
   }
 }
 
+TEST(SuiteFile, WithoutInstalledSuitesTheErrorSaysSo) {
+  const test::TempFolder temp;
+  try {
+    read_suite("stills", temp / "none");
+    FAIL();
+  } catch (const Error& e) {
+    EXPECT_THAT(e.what(), HasSubstr("FRINGESLAM_DATA"));
+  }
+}
+
 }  // namespace
 }  // namespace fringeslam::evaluation
