@@ -162,6 +162,7 @@ th:first-child, td:first-child, .name, .text { text-align: left; }
 .text { white-space: normal; overflow-wrap: anywhere; }
 th button { all: unset; cursor: pointer; } th button:focus-visible { outline: 2px solid; }
 small, p.note { color: var(--note); }
+td small { display: block; }
 </style></head><body>
 <h1>Leaderboard</h1>
 <p class="note">Medians over the datasets of a suite with 95 % bootstrap intervals. ATE: RMS position error after the
