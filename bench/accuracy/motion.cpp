@@ -293,6 +293,9 @@ std::vector<Row> wrong_rows(const Context& context) {
     lost += run.lost();
     lost_of[static_cast<size_t>(kind)] += run.lost();
     views_of[static_cast<size_t>(kind)] += static_cast<int>(run.views.size());
+    constexpr int kReport = 50;  // what is known if the measurement is stopped
+    if (number % kReport == 0)
+      std::fprintf(stderr, "  %d motions: %d views, %d lost, %d confidently wrong\n", number, views, lost, wrong);
   }
   const char* const kinds[] = {"constant", "jerks", "vibration", "dropped image"};
   for (size_t i = 0; i < wrong_of.size(); ++i)
