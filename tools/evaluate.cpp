@@ -26,8 +26,6 @@ using evaluation::Result;
 
 namespace {
 
-constexpr int kInterrupted = 130;
-
 struct EvaluateArguments {
   std::vector<std::string> suites;
   std::string command, name, out = "evaluation";
@@ -76,15 +74,6 @@ std::optional<fs::path> first_of(const fs::path& folder, std::initializer_list<c
   return std::nullopt;
 }
 
-void score_poses(Result& result, const Trajectory& estimate, const Trajectory& truth) {
-  const TrajectoryScore score = score_trajectory(estimate, truth);
-  result.poses = score.poses;
-  result.ate_m = score.ate_umeyama_rmse_m;
-  result.ate_origin_m = score.ate_rmse_m;
-  result.rpe_m = score.rpe_translation_rmse_m;
-  result.rpe_rad = score.rpe_rotation_rmse_rad;
-}
-
 // A map is in the frame of its trajectory, which is aligned with the true one.
 void score_surface(Result& result, const fs::path& file, const Trajectory& estimate, const EvaluationDataset& dataset,
                    double threshold_m, const Common& common) {
@@ -119,7 +108,7 @@ void score_output(Result& result, const fs::path& out, const EvaluationDataset& 
   }
   try {
     const Trajectory estimate = read_trajectory(*trajectory);
-    score_poses(result, estimate, dataset.poses);
+    set_score(result, score_trajectory(estimate, dataset.poses));
     const auto map = first_of(out, {"map.ply", "mesh.ply"});
     if (map) score_surface(result, *map, estimate, dataset, threshold_m, common);
   } catch (const Error& e) {

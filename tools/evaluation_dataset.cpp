@@ -73,31 +73,30 @@ void render_rgbd(Source& source, const Settings& settings, const fs::path& datas
 
 std::optional<EvaluationDataset> evaluation_dataset(const evaluation::SuiteDataset& wanted, DatasetFormat format,
                                                     const Common& common) {
-  const Settings settings;
-  const auto source = open_source(wanted.scene, {wanted.seed, wanted.with}, settings, false);
-  if (!source->has_truth()) throw Error(wanted.scene.string() + ": has no ground truth; a suite needs scenes");
-  SceneVariant variant{wanted.seed, wanted.with};
-  const std::string resolved = sim::load_scene(scene_file(wanted.scene), variant.reading()).resolved;
+  const SceneVariant variant{wanted.seed, wanted.with};
+  const fs::path cache = fs::absolute(sim::cache_folder()) / "evaluation";
+  sim::SceneLoadOptions reading = variant.reading();
+  reading.resolved_for = cache / "HASH" / "truth";  // relative paths are the same from any folder there
+  const sim::Scene scene = sim::load_scene(scene_file(wanted.scene), reading);
   EvaluationDataset result;
   result.hash = sim::content_hash(std::string(to_string(format)) + "\n" + fs::absolute(wanted.scene).string() + "\n" +
-                                  resolved + to_yaml(source->model()) + build_hash());
-  const fs::path folder = sim::cache_folder() / "evaluation" / result.hash;
+                                  scene.resolved + to_yaml(sim::calibration_of(scene)) + build_hash());
+  const fs::path folder = cache / result.hash;
   if (!fs::exists(folder)) {
-    fs::create_directories(folder.parent_path());
+    const Settings settings;
+    const auto source = open_source(wanted.scene, variant, settings, false);
+    fs::create_directories(cache);
     StagedFolder staged(folder, kKind);
     const fs::path dataset = staged.path() / "dataset", truth = staged.path() / "truth";
     if (format == DatasetFormat::tum_rgbd)
       render_rgbd(*source, settings, dataset, truth, common);
     else if (!render_fringes(*source, dataset, truth, common))
       return std::nullopt;
-    // Paths in the resolved scene are relative to the scene's folder.
-    sim::SceneLoadOptions reading = variant.reading();
-    reading.resolved_for = fs::absolute(folder) / "truth";
-    write_text(truth / kResolvedFile, sim::load_scene(scene_file(wanted.scene), reading).resolved);
+    write_text(truth / kResolvedFile, scene.resolved);
     staged.commit();
   }
-  result.dataset = fs::absolute(folder / "dataset");
-  result.truth = fs::absolute(folder / "truth");
+  result.dataset = folder / "dataset";
+  result.truth = folder / "truth";
   result.poses = read_tum(true_trajectory_file(result.truth));
   return result;
 }

@@ -4,6 +4,9 @@
 
 namespace fringeslam::tools {
 
+// Exit code of a program that Ctrl-C ended.
+constexpr int kInterrupted = 130;
+
 // Installs the signal handlers.
 void catch_interrupts();
 // True once a signal has arrived.

@@ -40,7 +40,6 @@ constexpr size_t kWaitingStacks = 2;  // with --real-time: stacks that may wait 
 constexpr int kViewsAhead = 2;        // with --real-time: views that may be in preparation
 constexpr int kAnimationFrames = 20;
 constexpr bool kHasReport = FRINGESLAM_REPORT;
-constexpr int kInterrupted = 130;  // exit code, that of a program that Ctrl-C ended
 
 struct RunArguments {
   std::string source, out;

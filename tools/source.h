@@ -19,7 +19,7 @@ namespace fringeslam::tools {
 // Commanded poses of a rendered robot.
 constexpr const char* kStageFile = "stage.tum";
 
-constexpr const char* kSceneFile = "scene.yaml";
+using sim::kSceneFile;
 // The scene from which a run or dataset was rendered, beside its rig.yaml.
 constexpr const char* kResolvedFile = "resolved_scene.yaml";
 using sim::scene_file;

@@ -11,7 +11,6 @@
 #include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
-#include <random>
 #include <set>
 
 #include "core/io/files.h"
@@ -69,30 +68,6 @@ class FolderLock {
   int descriptor_;
 };
 
-double median_of(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  if (values.size() % 2 == 1) return *middle;
-  return (*middle + *std::max_element(values.begin(), middle)) / 2;
-}
-
-// Median and 95 % bootstrap interval of the values that are known.
-Quantity quantity_of(std::vector<double> values) {
-  values.erase(std::remove_if(values.begin(), values.end(), [](double v) { return std::isnan(v); }), values.end());
-  if (values.empty()) return {};
-  constexpr int kResamples = 2000;
-  std::mt19937_64 random(1);
-  std::vector<double> medians;
-  for (int i = 0; i < kResamples; ++i) {
-    std::vector<double> sample;
-    // Not a distribution of the standard library, whose results differ between implementations.
-    for (size_t k = 0; k < values.size(); ++k) sample.push_back(values[random() % values.size()]);
-    medians.push_back(median_of(std::move(sample)));
-  }
-  std::sort(medians.begin(), medians.end());
-  return {median_of(values), medians[kResamples / 40], medians[kResamples - 1 - kResamples / 40]};
-}
-
 std::string csv_field(const std::string& text) {
   if (text.find_first_of(",\"\n") == std::string::npos) return text;
   std::string quoted = "\"";
@@ -137,7 +112,7 @@ std::string number(double value, double factor = 1) {
   return text;
 }
 
-std::string html_cell(const Quantity& q, double factor) {
+std::string html_cell(const MedianInterval& q, double factor) {
   if (std::isnan(q.median)) return "<td data-value=\"\">–</td>";
   return "<td data-value=\"" + number(q.median, factor) + "\">" + number(q.median, factor) + " <small>" +
          number(q.low, factor) + "–" + number(q.high, factor) + "</small></td>";
@@ -217,7 +192,8 @@ std::vector<Standing> standings_of(const std::vector<Result>& results) {
     const auto quantity = [&](auto&& value) {
       std::vector<double> values;
       for (const Result* result : group) values.push_back(value(*result));
-      return quantity_of(std::move(values));
+      values.erase(std::remove_if(values.begin(), values.end(), [](double v) { return std::isnan(v); }), values.end());
+      return median_interval_of(values);
     };
     for (const Result* result : group) {
       s.scored += result->has_trajectory();
@@ -302,6 +278,14 @@ void add_result(const std::filesystem::path& folder, const Result& result) {
   std::vector<Result> results = results_in(folder);
   put(results, result);
   write_results(folder, results);
+}
+
+void set_score(Result& result, const TrajectoryScore& score) {
+  result.poses = score.poses;
+  result.ate_m = score.ate_umeyama_rmse_m;
+  result.ate_origin_m = score.ate_rmse_m;
+  result.rpe_m = score.rpe_translation_rmse_m;
+  result.rpe_rad = score.rpe_rotation_rmse_rad;
 }
 
 void put(std::vector<Result>& results, const Result& result) {

@@ -8,6 +8,8 @@
 #include <string>
 #include <vector>
 
+#include "core/score/score.h"
+
 namespace fringeslam::evaluation {
 
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
@@ -29,18 +31,18 @@ struct Result {
 };
 
 // Summary of a system on a suite: medians over datasets with 95 % bootstrap intervals.
-struct Quantity {
-  double median = kNone, low = kNone, high = kNone;
-};
 struct Standing {
   std::string suite, system;
   int datasets = 0, scored = 0;  // scored: with a trajectory
   double tracked = 0;            // mean over all datasets; 0 for those without a trajectory
-  Quantity ate_m, rpe_m, rpe_rad, f_score, seconds_per_view, peak_mib;
+  MedianInterval ate_m, rpe_m, rpe_rad, f_score, seconds_per_view, peak_mib;
 };
 
 // Returns standings by suite, in it by the share of scored datasets, then that of tracked views, then by ATE.
 std::vector<Standing> standings_of(const std::vector<Result>& results);
+
+// Sets the result's numbers that a trajectory's score contains.
+void set_score(Result& result, const TrajectoryScore& score);
 
 // One line of JSON per result.
 std::string to_lines(const std::vector<Result>& results);

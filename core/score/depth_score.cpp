@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <random>
 
 #include "core/score/score.h"
 #include "core/types/error.h"
@@ -20,6 +21,19 @@ double quantile_of(std::vector<double> values, double q) {
 }
 
 double median_of(std::vector<double> values) { return quantile_of(std::move(values), 0.5); }
+
+MedianInterval median_interval_of(const std::vector<double>& values) {
+  if (values.empty()) return {};
+  constexpr int kResamples = 2000;
+  // Its numbers are the same everywhere; those of the standard library's distributions are not.
+  std::mt19937_64 random(1);
+  std::vector<double> medians, sample(values.size());
+  for (int resample = 0; resample < kResamples; ++resample) {
+    for (double& value : sample) value = values[random() % values.size()];
+    medians.push_back(median_of(sample));
+  }
+  return {median_of(values), quantile_of(medians, 0.025), quantile_of(medians, 0.975)};
+}
 
 namespace {
 

@@ -53,6 +53,14 @@ struct MotionScore {
 MotionScore score_motion(const Pose& estimate, const Pose& truth);
 
 double median_of(std::vector<double> values);
+
+// Median and its 95 % bootstrap interval (2000 resamples, fixed seed); NaN if `values` is empty.
+struct MedianInterval {
+  double median = std::numeric_limits<double>::quiet_NaN();
+  double low = std::numeric_limits<double>::quiet_NaN(), high = std::numeric_limits<double>::quiet_NaN();
+};
+MedianInterval median_interval_of(const std::vector<double>& values);
+
 // Quantile q in [0, 1] with linear interpolation between order statistics; NaN if `values` is empty.
 double quantile_of(std::vector<double> values, double q);
 

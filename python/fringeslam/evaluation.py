@@ -30,10 +30,8 @@ def evaluate(
             if len(run.trajectory) < 2:
                 result.end, result.message = "no_trajectory", f"tracked {len(run.trajectory)} of {run.views} views"
             else:
-                score = run.score
                 result.end = "finished"
-                result.ate_m, result.ate_origin_m = score.ate_umeyama_rmse_m, score.ate_rmse_m
-                result.rpe_m, result.rpe_rad = score.rpe_translation_rmse_m, score.rpe_rotation_rmse_rad
+                fs.set_score(result, run.score)
         except Exception as error:  # whatever the SLAM raises
             result.end, result.message = "failed", f"{type(error).__name__}: {error}"
             result.views = len(scene.trajectory)

@@ -10,11 +10,10 @@ namespace fringeslam::python {
 
 namespace {
 
-using evaluation::Quantity;
 using evaluation::Result;
 using evaluation::Standing;
 
-std::tuple<double, double, double> tuple_of(const Quantity& q) { return {q.median, q.low, q.high}; }
+std::tuple<double, double, double> tuple_of(const MedianInterval& q) { return {q.median, q.low, q.high}; }
 
 }  // namespace
 
@@ -53,6 +52,8 @@ void bind_evaluation(py::module_& m) {
       .def_readwrite("f_score", &Result::f_score)
       .def_readwrite("seconds", &Result::seconds)
       .def_readwrite("peak_mib", &Result::peak_mib);
+  m.def("set_score", &evaluation::set_score, py::arg("result"), py::arg("score"),
+        "Sets a result's numbers that a TrajectoryScore contains.");
   py::class_<Standing>(m, "Standing",
                        "A system on a suite. Quantities are (median, low, high) over its datasets with 95 % intervals.")
       .def_readonly("suite", &Standing::suite)

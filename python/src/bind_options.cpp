@@ -56,8 +56,7 @@ PipelineOptions pipeline_options_of(const py::object& given, const py::dict& cha
   } else if (py::isinstance<py::dict>(given)) {
     apply(given.cast<py::dict>());
   } else if (!given.is_none()) {
-    throw py::type_error("expected PipelineOptions, a dict or None, not " +
-                         std::string(py::str(py::type::of(given).attr("__name__"))));
+    throw py::type_error("expected PipelineOptions, a dict or None, not " + type_name(given));
   }
   apply(changes);
   return options;

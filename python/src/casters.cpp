@@ -89,6 +89,8 @@ bool has_rows(const py::array& array, int channels) {
 
 }  // namespace
 
+std::string type_name(py::handle object) { return std::string(py::str(py::type::of(object).attr("__name__"))); }
+
 py::object array_of(const cv::Mat& image) {
   if (image.empty()) return py::none();
   std::vector<py::ssize_t> shape{image.rows, image.cols};
@@ -105,8 +107,7 @@ py::object array_of(const cv::Mat& image) {
 
 cv::Mat image_of(py::handle object, const std::vector<int>& types, bool convert) {
   if (!py::isinstance<py::array>(object))
-    throw py::type_error("expected a " + describe_types(types) + ", not " +
-                         std::string(py::str(py::type::of(object).attr("__name__"))));
+    throw py::type_error("expected a " + describe_types(types) + ", not " + type_name(object));
   auto array = py::reinterpret_borrow<py::array>(object);
   const int channels = CV_MAT_CN(types.front());
   if (!has_shape(array, channels))

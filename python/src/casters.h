@@ -29,6 +29,9 @@ namespace fringeslam::python {
 
 namespace py = pybind11;
 
+// Name of an object's type, for messages.
+std::string type_name(py::handle object);
+
 // Returns a read-only array that shares the image's memory; None for an empty image.
 py::object array_of(const cv::Mat& image);
 

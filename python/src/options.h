@@ -150,7 +150,7 @@ Options options_of(const std::string& prefix, const py::object& given, const py:
     assign(options, prefix, given);
   } else if (!given.is_none()) {
     throw py::type_error("expected " + std::string(py::str(py::type::of<Options>().attr("__name__"))) +
-                         ", a dict or None, not " + std::string(py::str(py::type::of(given).attr("__name__"))));
+                         ", a dict or None, not " + type_name(given));
   }
   assign(options, prefix, changes);
   return options;

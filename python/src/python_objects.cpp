@@ -7,8 +7,6 @@ namespace fringeslam::python {
 
 namespace {
 
-std::string type_name(const py::handle& object) { return std::string(py::str(py::type::of(object).attr("__name__"))); }
-
 class PythonRig : public Rig {
  public:
   explicit PythonRig(py::object rig) : model_(rig.attr("model").cast<RigModel>()), rig_(std::move(rig)) {}

@@ -11,8 +11,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-constexpr const char* kSceneFile = "scene.yaml";
-
 bool has_scenes(const fs::path& folder) {
   std::error_code ignored;
   return fs::is_directory(folder / "scenes" / "suites", ignored);

@@ -6,6 +6,8 @@
 
 namespace fringeslam::sim {
 
+constexpr const char* kSceneFile = "scene.yaml";
+
 // Returns the folder that contains `scenes/`: $FRINGESLAM_DATA, else PREFIX/share/fringeslam for a library installed below
 // PREFIX, else the source tree above the library. Empty if there is none.
 std::filesystem::path data_folder();

@@ -57,7 +57,7 @@ TEST(Leaderboard, TheIntervalOfAMedianCoversItAsOftenAsStated) {
   // Values i = 0 … 8 of a uniform distribution: the median 4 lies in the interval, which excludes the extremes.
   std::vector<Result> results;
   for (int i = 0; i < 9; ++i) results.push_back(result_of("a", std::to_string(i), i));
-  const Quantity ate = standings_of(results)[0].ate_m;
+  const MedianInterval ate = standings_of(results)[0].ate_m;
   EXPECT_EQ(ate.median, 4);
   EXPECT_GE(ate.low, 1);
   EXPECT_LE(ate.high, 7);
