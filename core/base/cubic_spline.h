@@ -9,6 +9,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <cstring>
 
 namespace fringeslam {
 
@@ -30,6 +31,22 @@ struct SplineWeights {
       : weight{(1 - t) * (1 - t) * (1 - t) / 6, 2.0f / 3 + (0.5f * t - 1) * t * t,
                2.0f / 3 - 0.5f * (1 + t) * (1 - t) * (1 - t), t * t * t / 6} {}
 };
+
+// Sum of the 4 x 4 values from `corner` on, weighted by column and by row; `stride` is the distance between rows. Columns
+// are summed together by SIMD.
+inline float weighted_sum(const float* corner, std::ptrdiff_t stride, const float (&across)[4],
+                          const float (&down)[4]) {
+  typedef float Floats __attribute__((vector_size(16)));
+  Floats sum = {0, 0, 0, 0}, weight;
+  for (int j = 0; j < 4; ++j) {
+    Floats line;
+    std::memcpy(&line, corner + j * stride, sizeof line);
+    sum += down[j] * line;
+  }
+  std::memcpy(&weight, across, sizeof weight);
+  sum *= weight;
+  return (sum[0] + sum[1]) + (sum[2] + sum[3]);
+}
 
 // Variance of the interpolated value for independent samples of variance 1, at the fraction t; within 0.4 %.
 inline float spline_noise(float t) {

@@ -85,15 +85,9 @@ FRINGESLAM_INLINE void rescale_body(const Projection& p, const float* turn, cons
 
 float sample(const cv::Mat1f& coefficients, float u, float v) {
   const int col = static_cast<int>(u), row = static_cast<int>(v);  // both at least 1
-  const SplineWeights across(u - static_cast<float>(col)), along(v - static_cast<float>(row));
-  float sum = 0;
-  for (int j = 0; j < 4; ++j) {
-    const float* grey = coefficients[row - 1 + j] + col - 1;
-    float line = 0;
-    for (int i = 0; i < 4; ++i) line += across.weight[i] * grey[i];
-    sum += along.weight[j] * line;
-  }
-  return sum;
+  const SplineWeights across(u - static_cast<float>(col)), down(v - static_cast<float>(row));
+  return weighted_sum(coefficients[row - 1] + col - 1, static_cast<std::ptrdiff_t>(coefficients.step1()), across.weight,
+                      down.weight);
 }
 
 void sample_row(const cv::Mat1f& coefficients, const float* u, const float* v, float* grey, float* drift) {

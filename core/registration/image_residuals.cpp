@@ -93,14 +93,8 @@ void sample_chunk(const cv::Mat1f& coefficients, int count, Samples& s) {
     const int col = static_cast<int>(s.u[n]), row = static_cast<int>(s.v[n]);
     const float right_of = s.u[n] - static_cast<float>(col), below = s.v[n] - static_cast<float>(row);
     const SplineWeights across(right_of), down(below);
-    float grey = 0;
-    for (int j = 0; j < 4; ++j) {
-      const float* line = coefficients[row - 1 + j] + col - 1;
-      float value = 0;
-      for (int i = 0; i < 4; ++i) value += across.weight[i] * line[i];
-      grey += down.weight[j] * value;
-    }
-    s.grey[n] = grey;
+    s.grey[n] = weighted_sum(coefficients[row - 1] + col - 1, static_cast<std::ptrdiff_t>(coefficients.step1()),
+                             across.weight, down.weight);
     s.noise[n] = spline_noise(right_of) * spline_noise(below);
   }
 }
