@@ -105,6 +105,10 @@ int main(int argc, char** argv) {
   app.add_option("--minutes", context.minutes,
                  "Stop rows over random motions after this time; their n is what they reached")
       ->check(CLI::Range(0.01, 1e5));
+  std::vector<int> cases;
+  app.add_option("--cases", cases, "First and last case of rows over random motions, to divide them among processes")
+      ->expected(2)
+      ->check(CLI::Range(1, 1000000));
   app.add_flag("--list", list, "List all rows");
   app.add_option("--suite", suite, "The rows of bench/accuracy/suites/NAME.yaml: ci, full")->excludes("--only");
   app.add_option("--baseline", baseline, "Rows of an earlier --json FILE: fail if one is significantly worse");
@@ -114,6 +118,10 @@ int main(int argc, char** argv) {
     if (e.get_exit_code() == 0) return app.exit(e);
     std::fprintf(stderr, "bench: %s; see --help\n", e.what());
     return 2;
+  }
+  if (!cases.empty()) {
+    context.first_case = cases[0];
+    context.last_case = cases[1];
   }
   try {
     std::vector<Item> items = accuracy_items();

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <functional>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -23,7 +24,9 @@ struct Row {
 
 struct Context {
   bool quick = false;  // fewer samples: a rough estimate, not the published figure
-  double minutes = 0;  // of rows over random cases, which then report the cases so far; 0: all cases
+  // Rows over random cases: stop after this time and report the cases so far (0: all cases), and the range of cases.
+  double minutes = 0;
+  int first_case = 1, last_case = std::numeric_limits<int>::max();
 };
 
 // A measurement that produces one or more rows. It runs if --only selects any of its ids.

@@ -223,7 +223,7 @@ void drop_image(FringeStack& stack, size_t image) {
 
 std::vector<Row> wrong_rows(const Context& context) {
   constexpr double kSigmas = 10, kOff_m = 1e-3;
-  const int motions = context.quick ? 20 : 1000;
+  const int motions = std::min(context.quick ? 20 : 1000, context.last_case);
   int wrong = 0, views = 0, lost = 0;
   std::array<int, 4> wrong_of{}, lost_of{}, views_of{};
   int done = 0;
@@ -232,7 +232,7 @@ std::vector<Row> wrong_rows(const Context& context) {
     const std::chrono::duration<double> passed = std::chrono::steady_clock::now() - began;
     return context.minutes == 0 || passed.count() < 60 * context.minutes;
   };
-  for (int number = 1; number <= motions && in_time(); ++number, ++done) {
+  for (int number = context.first_case; number <= motions && in_time(); ++number, ++done) {
     std::mt19937_64 random(static_cast<uint64_t>(number));
     const auto uniform = [&](double low, double high) {
       return low + (high - low) * static_cast<double>(random() >> 11) / 9007199254740992.0;
@@ -295,7 +295,7 @@ std::vector<Row> wrong_rows(const Context& context) {
     views_of[static_cast<size_t>(kind)] += static_cast<int>(run.views.size());
     constexpr int kReport = 50;  // what is known if the measurement is stopped
     if (number % kReport == 0)
-      std::fprintf(stderr, "  %d motions: %d views, %d lost, %d confidently wrong\n", number, views, lost, wrong);
+      std::fprintf(stderr, "  to motion %d: %d views, %d lost, %d confidently wrong\n", number, views, lost, wrong);
   }
   const char* const kinds[] = {"constant", "jerks", "vibration", "dropped image"};
   for (size_t i = 0; i < wrong_of.size(); ++i)
