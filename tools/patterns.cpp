@@ -27,7 +27,8 @@ struct PatternsArguments {
   GrayCode gray = GrayCode::none;
   std::vector<double> periods_px, extra_periods_px, product_periods_px;
   int steps = 3, ramp_levels = 0, bits = 8;
-  double gray_cell_px = 0, carrier_px = 0;
+  double gray_cell_px = 0, carrier_px = 0, micro_period_px = 0;
+  int micro_images = 0;
   bool linearise = false, gray_inverted = false, white_black = false, dithered = false;
 };
 
@@ -57,6 +58,8 @@ SequenceDesign design_of(const PatternsArguments& arguments, const cv::Size& siz
   design.extra_periods_px = arguments.extra_periods_px;
   design.product_periods_px = arguments.product_periods_px;
   design.carrier_px = arguments.carrier_px;
+  design.micro_period_px = arguments.micro_period_px;
+  design.micro_images = arguments.micro_images;
   return design;
 }
 
@@ -166,9 +169,17 @@ Verb add_patterns(Command app, const Common& common) {
   note(verb.add_option("--periods", a->periods_px, "Fringe periods, px").delimiter(',').check_range(2.0, 1e5));
   note(verb.add_option("--steps", a->steps, "Phase shifts per period").check_range(3, 64));
   note(verb.add_option("--extra-periods", a->extra_periods_px,
-                       "Add one image of each of these periods, px, as for micro phase shifting; not decoded yet")
+                       "Add one image of each of these periods, px, as for micro phase shifting")
            .delimiter(',')
            .check_range(2.0, 1e5));
+  note(
+      verb.add_option("--micro", a->micro_period_px,
+                      "Micro phase shifting, which indirect light does not disturb: --steps shifts of this period, px, "
+                      "and single images of other periods near it")
+          .check_range(2.0, 1e5));
+  note(verb.add_option("--micro-images", a->micro_images,
+                       "Images of micro phase shifting per axis (default: four more than --steps)")
+           .check_range(5, 64));
   const Option products =
       verb.add_option("--product-periods", a->product_periods_px,
                       "Add products of cosines of these periods, px, and a carrier, in --steps shifts of "

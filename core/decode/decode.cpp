@@ -11,6 +11,7 @@
 #include "core/base/constants.h"
 #include "core/base/parallel.h"
 #include "core/decode/gray.h"
+#include "core/decode/micro_phase.h"
 #include "core/decode/spatial.h"
 #include "core/decode/steps.h"
 #include "core/decode/unwrapping_levels.h"
@@ -85,6 +86,7 @@ std::optional<std::string> obstacle(Unwrapping method, const PatternSequence& se
       if (groups.size() < 2) throw Error("a beat needs two fringe periods; the sequence has one");
       heterodyne_levels(groups, length);
     }
+    if (method == Unwrapping::micro) MicroDecoder(sequence, context.axis, least_squares(groups.back()), length);
     if (method == Unwrapping::geometric) check_geometric(rig, groups.back().period_px, context.axis);
     if (method == Unwrapping::predicted && !context.expected)
       throw Error("no coordinate is predicted: there is no map to predict from");
@@ -98,7 +100,7 @@ std::optional<std::string> obstacle(Unwrapping method, const PatternSequence& se
 std::optional<Unwrapping> first_usable_method(const PatternSequence& sequence, const RigModel& rig,
                                               const DecodeOptions& options, const DecodeContext& context) {
   using enum Unwrapping;
-  for (const Unwrapping method : {multifrequency, gray, heterodyne, predicted, geometric}) {
+  for (const Unwrapping method : {multifrequency, gray, micro, heterodyne, predicted, geometric}) {
     if (!obstacle(method, sequence, rig, options, context)) return method;
   }
   return std::nullopt;
@@ -116,6 +118,8 @@ std::optional<Unwrapping> method_of(SpatialReference reference) {
       return Unwrapping::heterodyne;
     case SpatialReference::gray:
       return Unwrapping::gray;
+    case SpatialReference::micro:
+      return Unwrapping::micro;
     case SpatialReference::geometric:
       return Unwrapping::geometric;
     case SpatialReference::predicted:
@@ -379,13 +383,18 @@ void decode_into(DecodedStack& out, const FringeStack& stack, const RigModel& ri
       out.unwrapping == Unwrapping::spatial ? spatial_reference(sequence, rig, options, context) : out.unwrapping;
   const int length = length_of(sequence, context.axis);
   std::vector<FringeGroup> groups = select_groups(sequence, context.axis, options);
-  // Use only the finest period; coarser images, if any, may have been taken at another pose.
-  if (method == Unwrapping::predicted) groups.erase(groups.begin(), groups.end() - 1);
+  // Use only the finest period; coarser images, if any, may have been taken at another pose, or contain indirect light.
+  if (method == Unwrapping::predicted || method == Unwrapping::micro) groups.erase(groups.begin(), groups.end() - 1);
   RowPlan plan = make_plan(groups, length, rig, options, !sequence.inverse_response.empty());
   if (method == Unwrapping::multifrequency) plan.unwrapping_levels = multifrequency_levels(groups, length);
   if (method == Unwrapping::heterodyne) plan.unwrapping_levels = heterodyne_levels(groups, length);
   std::optional<GrayDecoder> gray;
   if (method == Unwrapping::gray) gray.emplace(sequence, context.axis, groups.empty() ? nullptr : &plan.groups.back());
+  std::optional<MicroDecoder> micro;
+  if (method == Unwrapping::micro) {
+    if (context.aligned) throw Error("decode: images in motion cannot be decoded by micro phase shifting");
+    micro.emplace(sequence, context.axis, plan.groups.back(), length);
+  }
   if (gray && !groups.empty() && !numbers_periods(*gray, groups.back())) {
     if (context.aligned)
       throw Error("decode: images in motion need a Gray code with cells no wider than the finest period");
@@ -403,7 +412,7 @@ void decode_into(DecodedStack& out, const FringeStack& stack, const RigModel& ri
   const cv::Size size = stack.images.front().size();
   if (expected && expected->coordinate_px.size() != size)
     throw Error("decode: the expected coordinates and the images differ in size");
-  plan.anchored = !groups.empty() && (gray || expected);
+  plan.anchored = !groups.empty() && (gray || micro || expected);
   if (context.aligned &&
       (context.aligned->images.size() != stack.images.size() || context.aligned->images.front().size() != size))
     throw Error("decode: the aligned images do not belong to the stack");
@@ -424,6 +433,8 @@ void decode_into(DecodedStack& out, const FringeStack& stack, const RigModel& ri
   for_each_range(size.height, [&](int first, int end) {
     RowScratch scratch;
     RowReader reader(stack, context.aligned, scratch);
+    MicroDecoder::Row micro_row;
+    micro_row.anchor = &scratch.anchor;
     for (std::vector<float>* values :
          {&scratch.anchor.turns, &scratch.anchor.half_width, &scratch.anchor.sigma, &scratch.anchor.failure})
       values->resize(plan.anchored ? static_cast<size_t>(size.width) : 0);
@@ -436,8 +447,10 @@ void decode_into(DecodedStack& out, const FringeStack& stack, const RigModel& ri
         continue;
       }
       if (gray) gray_row(*gray, plan, scratch.samples.data(), scratch.anchor);
+      if (micro) micro->find_orders(plan, scratch.samples.data(), size.width, context.instruction_set, micro_row);
       if (expected) prior_row(*expected, row, plan.period_px, scratch.anchor);
       decode_row(plan, size.width, scratch, target, context.instruction_set);
+      if (micro) micro->refine(plan, size.width, micro_row, target);
     }
   });
   if (out.unwrapping == Unwrapping::spatial) assign_spatial_orders(out, options, length);

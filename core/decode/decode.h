@@ -14,6 +14,8 @@
 //                   p1 p2 / (p2 - p1); beats of beats are longer, until one covers the projector
 //   gray            a Gray code with cells no wider than the longest period gives the cell of the coordinate; finer
 //                   periods are each unwrapped by the one before
+//   micro           single images of further, similar periods distinguish the orders (core/decode/micro_phase.h); indirect
+//                   light, which all periods see alike, changes neither orders nor phases
 //   geometric       the depth range bounds the coordinate of each pixel to an interval shorter than a period
 //   predicted       a predicted coordinate and its sigma, from a map and a predicted pose
 //   spatial         along connected pixels whose phases differ by less than half a turn; the order of each component
@@ -42,7 +44,7 @@ constexpr auto choices(SpatialOrdering) {
 }
 
 // Method that votes on the fringe orders of `spatial`; none: they remain relative.
-enum class SpatialReference { automatic, multifrequency, heterodyne, gray, geometric, predicted, none };
+enum class SpatialReference { automatic, multifrequency, heterodyne, gray, micro, geometric, predicted, none };
 
 constexpr auto choices(SpatialReference) {
   using enum SpatialReference;
@@ -50,6 +52,7 @@ constexpr auto choices(SpatialReference) {
                                                   {multifrequency, "multifrequency"},
                                                   {heterodyne, "heterodyne"},
                                                   {gray, "gray"},
+                                                  {micro, "micro"},
                                                   {geometric, "geometric"},
                                                   {predicted, "predicted"},
                                                   {none, "none"}});

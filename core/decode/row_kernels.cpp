@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "core/base/constants.h"
+#include "core/base/turns.h"
 
 namespace fringeslam {
 
@@ -19,26 +20,6 @@ constexpr float kWrapSigmas = 4.5f;
 constexpr float kBorderPx = 0.5f;  // margin by which noise may move a coordinate past the projector's border
 
 FRINGESLAM_INLINE float wrapped(float turns) { return turns - std::floor(turns + 0.5f); }
-
-// Returns atan2(y, x) in turns, by a minimax polynomial of degree 15 on [0, 1] with an error of 4e-8 rad before
-// rounding.
-FRINGESLAM_INLINE float atan2_turns(float y, float x) {
-  const float ax = std::abs(x), ay = std::abs(y);
-  const float large = ax > ay ? ax : ay, small = ax > ay ? ay : ax;
-  const float q = small / (large > 1e-30f ? large : 1e-30f), q2 = q * q;
-  float sum = -6.4530303783e-04f;
-  sum = sum * q2 + 3.4795931326e-03f;
-  sum = sum * q2 - 8.8987169102e-03f;
-  sum = sum * q2 + 1.5346029490e-02f;
-  sum = sum * q2 - 2.2136270011e-02f;
-  sum = sum * q2 + 3.1745944977e-02f;
-  sum = sum * q2 - 5.3046120950e-02f;
-  sum = sum * q2 + 1.5915483735e-01f;
-  float turns = q * sum;
-  turns = ay > ax ? 0.25f - turns : turns;
-  turns = x < 0 ? 0.5f - turns : turns;
-  return y < 0 ? -turns : turns;
-}
 
 // Returns the probability that a normal variable exceeds x standard deviations, with an absolute error of 3e-7
 // (Abramowitz and Stegun 7.1.28).
@@ -137,19 +118,6 @@ FRINGESLAM_INLINE void phase_of_many(const RowPlan& plan, const StepEstimator& e
 #pragma GCC ivdep
     for (int i = 0; i < count; ++i) finish_phase(plan, begin + i, mean[i], c[i], s[i], variance[i], largest[i], out);
   }
-}
-
-// Returns cos and sin of a phase in turns, by Taylor polynomials on a quarter turn with an error of 2e-7.
-FRINGESLAM_INLINE void cosine_sine(float turns, float& cosine, float& sine) {
-  const float quarters = std::floor(4 * turns + 0.5f);
-  const float x = (turns - 0.25f * quarters) * kTwoPiFloat, x2 = x * x;
-  const float s = x * (1 + x2 * (-1.0f / 6 + x2 * (1.0f / 120 + x2 * (-1.0f / 5040 + x2 * (1.0f / 362880)))));
-  const float c = 1 + x2 * (-0.5f + x2 * (1.0f / 24 + x2 * (-1.0f / 720 + x2 * (1.0f / 40320))));
-  const float quadrant = quarters - 4 * std::floor(0.25f * quarters);
-  const bool odd = quadrant == 1 || quadrant == 3;
-  const float swapped_c = odd ? s : c, swapped_s = odd ? c : s;
-  cosine = quadrant == 1 || quadrant == 2 ? -swapped_c : swapped_c;
-  sine = quadrant >= 2 ? -swapped_s : swapped_s;
 }
 
 // The phase at the reference time of a stack taken in motion. The shifts delta_k + 2 pi drift_k / p differ from pixel to

@@ -7,6 +7,7 @@
 
 #include "core/base/constants.h"
 #include "core/base/instruction_set.h"
+#include "core/base/turns.h"
 #include "core/decode/cubic_convolution.h"
 
 namespace fringeslam {
@@ -147,32 +148,6 @@ FRINGESLAM_INLINE void multiply_body(const double* factor, int count, double* __
   for (int i = 0; i < count; ++i) product[i] *= factor[i];
 }
 
-// cos and sin of 2 pi turns.
-FRINGESLAM_INLINE void wave(double turns, double& cosine, double& sine) {
-  const double quarter = std::floor(4 * turns + 0.5), x = kTwoPi * (turns - 0.25 * quarter), x2 = x * x;
-  // Taylor series up to |x| = pi/4, to 1e-14.
-  double s = 1.0 / 6227020800;
-  s = s * x2 - 1.0 / 39916800;
-  s = s * x2 + 1.0 / 362880;
-  s = s * x2 - 1.0 / 5040;
-  s = s * x2 + 1.0 / 120;
-  s = s * x2 - 1.0 / 6;
-  s = x + x * x2 * s;
-  double c = -1.0 / 87178291200;
-  c = c * x2 + 1.0 / 479001600;
-  c = c * x2 - 1.0 / 3628800;
-  c = c * x2 + 1.0 / 40320;
-  c = c * x2 - 1.0 / 720;
-  c = c * x2 + 1.0 / 24;
-  c = c * x2 - 0.5;
-  c = 1 + x2 * c;
-  const double turn = quarter - 4 * std::floor(0.25 * quarter);  // 0, 1, 2 or 3 quarters
-  const bool swapped = turn == 1 || turn == 3;
-  const double cosine_of = swapped ? s : c, sine_of = swapped ? c : s;
-  cosine = turn == 1 || turn == 2 ? -cosine_of : cosine_of;
-  sine = turn >= 2 ? -sine_of : sine_of;
-}
-
 // Turns the sampled grey values into those of the reference pose, and finds the phases of the fringes. `brightness`: that
 // of the points in the exposure.
 FRINGESLAM_INLINE void shade_body(const SurfacePoints& points, const double* brightness, double offset_dn,
@@ -192,7 +167,7 @@ FRINGESLAM_INLINE void shade_body(const SurfacePoints& points, const double* bri
     texture_x[i] = share * (by_u[i] * u_by_x[i] + by_v[i] * v_by_x[i]);
     texture_y[i] = share * (by_u[i] * u_by_y[i] + by_v[i] * v_by_y[i]);
     texture_z[i] = share * (by_u[i] * u_by_z[i] + by_v[i] * v_by_z[i]);
-    wave(shift_turns + turns_per_px * (lit[i] - lit_there[i]), cosine[i], sine[i]);
+    cosine_sine(shift_turns + turns_per_px * (lit[i] - lit_there[i]), cosine[i], sine[i]);
   }
 }
 

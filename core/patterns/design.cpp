@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "core/patterns/micro_code.h"
 #include "core/types/error.h"
 
 namespace fringeslam {
@@ -31,10 +32,30 @@ std::vector<Pattern> gray_code(const SequenceDesign& design, Axis axis) {
   return patterns;
 }
 
-std::vector<Pattern> extra_patterns(const SequenceDesign& design, Axis axis) {
+std::vector<Pattern> extra_patterns(const SequenceDesign& design, Axis axis, const std::vector<double>& periods_px) {
   std::vector<Pattern> patterns;
-  for (const double period : design.extra_periods_px)
+  for (const double period : periods_px)
     patterns.push_back({.axis = axis, .period_px = period, .bits = design.bits, .coding = Coding::extra});
+  return patterns;
+}
+
+std::vector<Pattern> micro_patterns(const SequenceDesign& design, Axis axis) {
+  if (design.micro_period_px == 0) {
+    if (design.micro_images > 0) throw Error("patterns: micro_images needs micro_period_px, the period of the fringes");
+    return {};
+  }
+  constexpr int kFewestOthers = 2, kDefaultOthers = 4;
+  const int others = design.micro_images == 0 ? kDefaultOthers : design.micro_images - design.steps;
+  if (others < kFewestOthers)
+    throw Error("patterns: micro phase shifting with " + std::to_string(design.steps) + " phase steps needs at least " +
+                std::to_string(design.steps + kFewestOthers) + " images; micro_images is " +
+                std::to_string(design.micro_images));
+  const int length = axis == Axis::columns ? design.width : design.height;
+  std::vector<Pattern> patterns =
+      phase_shift_sequence(design.width, design.height, {design.micro_period_px}, design.steps, axis, design.bits)
+          .patterns;
+  for (const Pattern& pattern : extra_patterns(design, axis, micro_periods(design.micro_period_px, others, length)))
+    patterns.push_back(pattern);
   return patterns;
 }
 
@@ -78,10 +99,11 @@ PatternSequence design_sequence(const SequenceDesign& design) {
   check_carrier(design);
   for (const Axis axis : {Axis::columns, Axis::rows}) {
     if (!(axis == Axis::columns ? design.columns : design.rows)) continue;
+    append(micro_patterns(design, axis));
     append(
         phase_shift_sequence(design.width, design.height, design.periods_px, design.steps, axis, design.bits).patterns);
     append(gray_code(design, axis));
-    append(extra_patterns(design, axis));
+    append(extra_patterns(design, axis, design.extra_periods_px));
     append(products(design, axis));
   }
   if (design.white_black) append({flat_pattern(1, design.bits), flat_pattern(0, design.bits)});
@@ -89,7 +111,8 @@ PatternSequence design_sequence(const SequenceDesign& design) {
     all.push_back(flat_pattern(static_cast<double>(i) / std::max(1, design.ramp_levels - 1), design.bits));
   if (all.empty())
     throw Error(
-        "patterns: the sequence is empty; specify periods_px, gray_cell_px, extra_periods_px, product_periods_px or "
+        "patterns: the sequence is empty; specify periods_px, micro_period_px, gray_cell_px, extra_periods_px, "
+        "product_periods_px or "
         "ramp_levels");
   for (Pattern& pattern : all)
     pattern.dithered = design.dithered && pattern.coding != Coding::gray && pattern.coding != Coding::flat;

@@ -36,12 +36,16 @@ struct SequenceDesign {
   std::vector<double> extra_periods_px = {};    // one image each, with a shift of 0
   std::vector<double> product_periods_px = {};  // `steps` shifts times `steps` shifts of the carrier, each
   double carrier_px = 0;                        // period of the products' second cosine
+  // Micro phase shifting: `steps` shifts of this period and single images of others near it, in all `micro_images` per
+  // axis (0: four more than the steps). 0 px: none.
+  double micro_period_px = 0;
+  int micro_images = 0;
 };
 
 // Builds the sequence: fringes period by period, then the Gray code, coarsest bit first, then images of extra periods,
 // then products period by period, in which the carrier's shifts vary fastest; columns before rows; flat images last.
-// Throws Error if the sequence is empty, if a Gray code of fringe periods is requested without fringes, or if products
-// lack a carrier.
+// The images of micro phase shifting precede all others. Throws Error if the sequence is empty, if a Gray code of fringe
+// periods is requested without fringes, if products lack a carrier, or if too few images are left for micro phase shifting.
 PatternSequence design_sequence(const SequenceDesign& design);
 
 // Packs three grey images into one colour image (OpenCV's BGR) for a projector in black-and-white mode, which shows the

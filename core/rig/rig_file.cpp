@@ -339,13 +339,17 @@ SequenceDesign read_design(const YamlMap& map, const RigModel& rig) {
   design.columns = axis != "rows";
   design.rows = axis != "columns";
   design.ramp_levels = map.integer_or("ramp_levels", 0, {0, 65536});
-  const bool others = map.has("gray_cell_px") || map.has("extra_periods_px") || map.has("product_periods_px");
+  const bool others = map.has("gray_cell_px") || map.has("extra_periods_px") || map.has("product_periods_px") ||
+                      map.has("micro_period_px");
   if (map.has("periods_px") || (design.ramp_levels == 0 && !others))
     design.periods_px = read_periods(map, "periods_px");
   if (map.has("extra_periods_px")) design.extra_periods_px = read_periods(map, "extra_periods_px");
   if (map.has("product_periods_px")) design.product_periods_px = read_periods(map, "product_periods_px");
+  if (map.has("micro_period_px")) design.micro_period_px = map.number("micro_period_px", kPeriod);
+  design.micro_images = map.integer_or("micro_images", 0, {0, 64});
   if (map.has("carrier_px")) design.carrier_px = map.number("carrier_px", kPeriod);
-  if (!design.periods_px.empty() || !design.product_periods_px.empty()) design.steps = map.integer("steps", {3, 64});
+  if (!design.periods_px.empty() || !design.product_periods_px.empty() || design.micro_period_px > 0)
+    design.steps = map.integer("steps", {3, 64});
   design.gray = map.choice_or("gray", GrayCode::none);
   design.gray_cell_px = map.has("gray_cell_px") ? map.number("gray_cell_px", kCell) : 0;
   design.gray_inverted = map.boolean_or("gray_inverted", false);

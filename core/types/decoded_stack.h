@@ -12,7 +12,7 @@
 namespace fringeslam {
 
 // Methods of absolute phase unwrapping (core/decode/decode.h); automatic: the first one that the patterns support.
-enum class Unwrapping { automatic, multifrequency, heterodyne, gray, geometric, predicted, spatial };
+enum class Unwrapping { automatic, multifrequency, heterodyne, gray, micro, geometric, predicted, spatial };
 
 constexpr auto choices(Unwrapping) {
   using enum Unwrapping;
@@ -20,6 +20,7 @@ constexpr auto choices(Unwrapping) {
                                             {multifrequency, "multifrequency"},
                                             {heterodyne, "heterodyne"},
                                             {gray, "gray"},
+                                            {micro, "micro"},
                                             {geometric, "geometric"},
                                             {predicted, "predicted"},
                                             {spatial, "spatial"}});

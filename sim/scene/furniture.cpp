@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "sim/scene/solid_parts.h"
 
@@ -33,6 +34,49 @@ Mesh wedge_mesh(const Eigen::Vector3d& size) {
   const double x = size.x() / 2, y = size.y() / 2, z = size.z();
   return {{{-x, -y, 0}, {x, -y, 0}, {x, -y, z}, {-x, y, 0}, {x, y, 0}, {x, y, z}},
           {{0, 1, 2}, {3, 5, 4}, {0, 3, 1}, {1, 3, 4}, {1, 4, 2}, {2, 4, 5}, {0, 2, 3}, {2, 5, 3}}};
+}
+
+Mesh bowl_mesh(const Eigen::Vector3d& size) {
+  constexpr int kSectors = 96, kRings = 40;
+  const double thickness = size.z() / 10, depth = size.z() - thickness;
+  Mesh bowl;
+  // The centre and rings of the inner surface, then those of the outer one.
+  for (const double bottom : {thickness, 0.0}) {
+    bowl.vertices.emplace_back(0, 0, bottom);
+    for (int ring = 1; ring <= kRings; ++ring) {
+      const double share = static_cast<double>(ring) / kRings;
+      for (int sector = 0; sector < kSectors; ++sector) {
+        const double angle = 2 * std::numbers::pi * sector / kSectors;
+        bowl.vertices.emplace_back(share * size.x() / 2 * std::cos(angle), share * size.y() / 2 * std::sin(angle),
+                                   bottom + depth * share * share);
+      }
+    }
+  }
+  const auto outer = static_cast<int>(bowl.vertices.size() / 2);
+  const auto at = [&](int surface, int ring, int sector) {
+    return ring == 0 ? surface : surface + 1 + (ring - 1) * kSectors + sector % kSectors;
+  };
+  const auto add = [&](int a, int b, int c, bool inner) {
+    if (inner)
+      bowl.triangles.emplace_back(a, b, c);
+    else
+      bowl.triangles.emplace_back(a, c, b);
+  };
+  for (int sector = 0; sector < kSectors; ++sector) {
+    for (const int surface : {0, outer}) {
+      const bool inner = surface == 0;
+      add(at(surface, 0, 0), at(surface, 1, sector), at(surface, 1, sector + 1), inner);
+      for (int ring = 1; ring < kRings; ++ring) {
+        add(at(surface, ring, sector), at(surface, ring + 1, sector), at(surface, ring + 1, sector + 1), inner);
+        add(at(surface, ring, sector), at(surface, ring + 1, sector + 1), at(surface, ring, sector + 1), inner);
+      }
+    }
+    const int a = at(0, kRings, sector), b = at(0, kRings, sector + 1), c = at(outer, kRings, sector),
+              d = at(outer, kRings, sector + 1);
+    add(a, c, d, true);
+    add(a, d, b, true);
+  }
+  return bowl;
 }
 
 Mesh stairs_mesh(const Eigen::Vector3d& size, int steps) {

@@ -12,6 +12,9 @@ namespace fringeslam::sim {
 // Builds a ramp that rises along +x from z = 0 to size.z.
 Mesh wedge_mesh(const Eigen::Vector3d& size);
 
+// Builds a bowl that opens upwards: paraboloids inside and outside, a tenth of size.z apart along z.
+Mesh bowl_mesh(const Eigen::Vector3d& size);
+
 // Builds equal steps that rise along +x; the first step is size.z / steps high, the last ends at size.z.
 Mesh stairs_mesh(const Eigen::Vector3d& size, int steps);
 

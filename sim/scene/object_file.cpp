@@ -52,6 +52,7 @@ const std::map<std::string, MeshReader>& mesh_readers() {
                           map.number_or("roughness", 0.25, {0, 0.5}), seed);
        }},
       {"wedge", [](const YamlMap& map, uint32_t) { return wedge_mesh(read_size(map)); }},
+      {"bowl", [](const YamlMap& map, uint32_t) { return bowl_mesh(read_size(map)); }},
       {"stairs",
        [](const YamlMap& map, uint32_t) {
          return stairs_mesh(read_size(map), map.integer("steps", {1, 1000}));

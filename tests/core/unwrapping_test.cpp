@@ -9,6 +9,7 @@
 #include "core/decode/spatial.h"
 #include "core/decode/unwrapping_levels.h"
 #include "core/patterns/design.h"
+#include "core/patterns/micro_code.h"
 #include "tests/support/fringes.h"
 #include "tests/support/matchers.h"
 
@@ -29,6 +30,13 @@ SequenceDesign design_of(std::vector<double> periods, GrayCode gray = GrayCode::
   design.height = 768;
   design.periods_px = std::move(periods);
   design.gray = gray;
+  return design;
+}
+
+SequenceDesign micro_design(double period_px, int images) {
+  SequenceDesign design = design_of({});
+  design.micro_period_px = period_px;
+  design.micro_images = images;
   return design;
 }
 
@@ -69,7 +77,9 @@ INSTANTIATE_TEST_SUITE_P(Unwrapping, AbsoluteMethods,
                                          Method{Unwrapping::heterodyne, design_of({19.3, 18.0, 16.9})},
                                          Method{Unwrapping::heterodyne, design_of({66, 62.5})},
                                          Method{Unwrapping::gray, design_of({16.5}, GrayCode::complementary)},
-                                         Method{Unwrapping::gray, design_of({30}, GrayCode::plain)}),
+                                         Method{Unwrapping::gray, design_of({30}, GrayCode::plain)},
+                                         Method{Unwrapping::micro, micro_design(20, 7)},
+                                         Method{Unwrapping::micro, micro_design(16.5, 10)}),
                          [](const auto& test) {
                            return to_string(test.param.unwrapping) + std::to_string(test.index);
                          });
@@ -350,6 +360,104 @@ TEST(ImagesWithoutADecoder, AloneAreAnErrorThatNamesTheUsableCodings) {
   const PatternSequence sequence = design_sequence(design);
   EXPECT_EQ(error_of([&] { decode(fringe_stack(support::ramp(1, 1000, 50), sequence, {}, CV_8UC1), plain_rig(), {}); }),
             says);
+}
+
+// Indirect light adds the same constant to all images of short periods.
+TEST(Micro, ConstantLightChangesNeitherOrdersNorPhases) {
+  const PatternSequence sequence = design_sequence(micro_design(16.5, 7));
+  const cv::Mat1d truth = support::ramp(0.3, 1022.8, 4000);
+  for (const double mean : {100.0, 160.0}) {
+    const DecodedStack found = decode(fringe_stack(truth, sequence, {mean, 60}, CV_32FC1), plain_rig(), {});
+    EXPECT_EQ(found.unwrapping, Unwrapping::micro);
+    int decided = 0;
+    for (int i = 0; i < truth.cols; ++i) {
+      // Where two orders predict nearly the same images, the pixel remains undecided.
+      if (found.fringe_order(0, i) < 0) continue;
+      ++decided;
+      ASSERT_NEAR(found.coordinate_px(0, i), truth(0, i), 2e-3) << i;
+      ASSERT_EQ(found.fringe_order(0, i), static_cast<int>(std::floor((found.coordinate_px(0, i) + 0.5) / 16.5 + 0.5)))
+          << i;
+    }
+  }
+}
+
+// Seven images know the phase better than the three phase steps alone do.
+TEST(Micro, AllImagesContributeToThePhase) {
+  const RigModel rig = plain_rig();
+  const PatternSequence seven = design_sequence(micro_design(16.5, 7)), three = finest_patterns(seven, Axis::columns);
+  const cv::Mat1d truth = support::ramp(0.3, 1022.8, 4000);
+  cv::Mat1f near;
+  truth.convertTo(near, CV_32F);
+  const CoordinatePrior prior{near, cv::Mat1f(near.size(), 0.f), cv::Mat1f(near.size(), 0.5f)};
+  Random random(5);
+  const auto rms = [&](const DecodedStack& decoded) {
+    double squares = 0;
+    int count = 0;
+    for (int i = 0; i < truth.cols; ++i) {
+      if (decoded.fringe_order(0, i) < 0) continue;
+      squares += std::pow(static_cast<double>(decoded.coordinate_px(0, i)) - truth(0, i), 2);
+      ++count;
+    }
+    EXPECT_GT(count, 3600);
+    return std::sqrt(squares / count);
+  };
+  const double by_seven = rms(decode(fringe_stack(truth, seven, {}, CV_8UC1, rig.sensor, &random), rig, {})),
+               by_three = rms(decode(fringe_stack(truth, three, {}, CV_8UC1, rig.sensor, &random), rig,
+                                     by(Unwrapping::predicted), {Axis::columns, &prior}));
+  EXPECT_LT(by_seven, 0.85 * by_three);
+}
+
+// Pixels that see two surfaces fit no single order.
+TEST(Micro, MixedPixelsAreRejectedOrRight) {
+  const RigModel rig = plain_rig();
+  const PatternSequence sequence = design_sequence(micro_design(16.5, 8));
+  const cv::Mat1d left = support::ramp(50, 400, 3000), right = support::ramp(600, 933, 3000);
+  Random random(6);
+  FringeStack stack = fringe_stack(left, sequence, {60, 45}, CV_8UC1, rig.sensor, &random);
+  const FringeStack other = fringe_stack(right, sequence, {60, 45}, CV_8UC1, rig.sensor, &random);
+  for (size_t k = 0; k < stack.images.size(); ++k) stack.images[k] += other.images[k];
+  const DecodedStack found = decode(stack, rig, {});
+  int wrong = 0;
+  for (int i = 0; i < left.cols; ++i) {
+    const double at = found.coordinate_px(0, i);
+    wrong += !std::isnan(at) && std::abs(at - left(0, i)) > 8 && std::abs(at - right(0, i)) > 8;
+  }
+  EXPECT_LT(wrong, 0.01 * left.cols);
+}
+
+TEST(MicroCode, DistanceIsThatOfTheImages) {
+  const double period = 16.5;
+  const std::vector<double> others = {15.3, 17.1, 17.9};
+  const int length = 200, orders = micro_orders(period, length);
+  const MicroCodeDistance found = micro_code_distance(period, others, length);
+  double least = 1e9;
+  for (int k = 0; k < orders; ++k) {
+    for (int m = 0; m < k; ++m) {
+      for (int phase = 0; phase < 8; ++phase) {
+        double sum = 0;
+        for (const double p : others) {
+          const auto cosine = [&](int order) { return std::cos(2 * kPi * period / p * (order + phase / 8.0)); };
+          sum += std::pow(cosine(k) - cosine(m), 2);
+        }
+        least = std::min(least, std::sqrt(sum));
+      }
+    }
+  }
+  EXPECT_NEAR(found.distance, least, 0.02 * least);
+  for (const int count : {3, 4, 6})
+    EXPECT_GT(micro_code_distance(period, micro_periods(period, count, 1024), 1024).distance, 0.03 * count);
+}
+
+TEST(MicroCode, ErrorsNameTheRemedy) {
+  SequenceDesign similar = design_of({16.5});
+  similar.extra_periods_px = {16.51, 16.52};
+  EXPECT_THAT(error_of([&] { resolve_unwrapping(design_sequence(similar), plain_rig(), by(Unwrapping::micro)); }),
+              testing::AllOf(HasSubstr("do not distinguish projector coordinates"), HasSubstr("patterns --micro")));
+  EXPECT_THAT(
+      error_of([&] { resolve_unwrapping(design_sequence(design_of({16.5})), plain_rig(), by(Unwrapping::micro)); }),
+      HasSubstr("needs two or more `extra` images"));
+  EXPECT_THAT(error_of([&] { design_sequence(micro_design(16.5, 4)); }), HasSubstr("needs at least 5 images"));
+  EXPECT_THAT(error_of([&] { design_sequence(micro_design(3, 5)); }), HasSubstr("use more images or a longer period"));
 }
 
 TEST(Errors, SayWhatTheSequenceLacks) {

@@ -3,6 +3,9 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <numbers>
+
 #include "sim/light/ray_scene.h"
 #include "tests/sim/solid_checks.h"
 #include "tests/sim/test_scenes.h"
@@ -45,6 +48,16 @@ TEST(Furniture, WedgeIsHalfABoxAndRisesAlongX) {
   const RayScene world(world_of({grey_object(wedge, {})}, coaxial_rig()));
   for (double x = -0.24; x < 0.25; x += 0.04)
     EXPECT_NEAR(height_at(world, x, 0.1), size.z() * (x / size.x() + 0.5), 1e-12);
+}
+
+TEST(Furniture, BowlIsAShiftedParaboloid) {
+  const Eigen::Vector3d size(0.2, 0.3, 0.1);
+  const Mesh bowl = bowl_mesh(size);
+  expect_sound(bowl);
+  expect_stands(bowl, size);
+  // Every vertical line inside the rim crosses the same thickness. The rim is a polygon of 96 corners.
+  const double polygon = 96 / 2.0 * std::sin(2 * std::numbers::pi / 96);
+  EXPECT_NEAR(signed_volume(bowl), polygon * size.x() / 2 * size.y() / 2 * size.z() / 10, 1e-12);
 }
 
 TEST(Furniture, StairsHaveTheirStepsAndVolume) {
