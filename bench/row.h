@@ -52,6 +52,7 @@ std::vector<Item> sensor_items();
 std::vector<Item> decoding_items();
 std::vector<Item> frame_speed_items();
 std::vector<Item> image_pose_items();
+std::vector<Item> indirect_items();
 std::vector<Item> landmark_items();
 std::vector<Item> motion_items();
 std::vector<Item> prediction_items();

@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: Apache-2.0
+// Depth where light bounces between white surfaces: grooves, a bowl and a corner. Micro phase shifting against the usual
+// nine images of three periods, of which the long ones see the indirect light as fringes of their own. By default, our
+// decoder rejects most of these pixels, because the periods contradict each other; the comparison is with all of them.
+#include <cmath>
+#include <cstdio>
+#include <string>
+#include <vector>
+
+#include "bench/row.h"
+#include "core/decode/decode.h"
+#include "core/depth/depth.h"
+#include "core/patterns/design.h"
+#include "core/score/score.h"
+#include "sim/virtual_rig.h"
+
+namespace fringeslam::bench {
+
+namespace {
+
+constexpr int kBouncePaths = 16;      // few paths leave fringes in the indirect light that are not there
+constexpr double kAnyResidual = 1e6;  // the usual decoder keeps pixels whose periods disagree
+
+constexpr const char* kConcave[] = {"groove_90", "groove_60", "bowl", "corner"};
+
+PatternSequence nine_images(const RigModel& rig) {
+  SequenceDesign design{rig.projector.width, rig.projector.height};
+  design.periods_px = {1040, 131, 16.5};
+  return design_sequence(design);
+}
+
+// Errors of one scene, summed over the seeds.
+struct Errors {
+  cv::Mat1d sum, count;
+  int compared = 0, wrong_order = 0, dishonest = 0, lit = 0;
+
+  void add(const DecodedStack& decoded, const Frame& frame, const TruthFrame& truth) {
+    constexpr float kSigmas = 4;
+    if (sum.empty()) {
+      sum = cv::Mat1d::zeros(truth.depth_m.size());
+      count = cv::Mat1d::zeros(truth.depth_m.size());
+    }
+    const auto half_period = static_cast<float>(0.5 * decoded.finest_period_px);
+    for (int row = 0; row < sum.rows; ++row) {
+      for (int col = 0; col < sum.cols; ++col) {
+        const int mask = static_cast<int>(truth.mask(row, col));
+        if (!(mask & kTruthSurface) || !(mask & kTruthInBeam) || (mask & (kTruthInShadow | kTruthMixed))) continue;
+        ++lit;
+        const float error = frame.points_m(row, col)[2] - truth.depth_m(row, col);
+        if (std::isnan(error)) continue;
+        ++compared;
+        dishonest += std::abs(error) > kSigmas * frame.sigma_m(row, col);
+        wrong_order += std::abs(decoded.coordinate_px(row, col) - truth.projector_column(row, col)) > half_period;
+        sum(row, col) += static_cast<double>(error);
+        ++count(row, col);
+      }
+    }
+  }
+
+  // Mean over the pixels of the absolute value of the mean error over the seeds.
+  double bias_m(int seeds) const {
+    double total = 0;
+    int pixels = 0;
+    for (int i = 0; i < static_cast<int>(sum.total()); ++i) {
+      if (2 * count(i / sum.cols, i % sum.cols) < seeds) continue;
+      total += std::abs(sum(i / sum.cols, i % sum.cols) / count(i / sum.cols, i % sum.cols));
+      ++pixels;
+    }
+    return pixels > 0 ? total / pixels : NAN;
+  }
+};
+
+Errors errors_of(const std::string& name, int seeds, bool micro, size_t& images) {
+  Errors errors;
+  for (int seed = 1; seed <= seeds; ++seed) {
+    const sim::Scene scene =
+        sim::load_scene(std::string(FRINGESLAM_SCENES) + "/" + name + "/scene.yaml", {static_cast<uint64_t>(seed)});
+    sim::RenderOptions rendering;
+    rendering.effects.bounce_paths = kBouncePaths;
+    const auto view = sim::VirtualRig(scene, rendering).simulate(micro ? scene.patterns : nine_images(scene.rig));
+    images = view->stack.images.size();
+    DecodeOptions options;
+    if (!micro) options.max_order_residual_sigma = kAnyResidual;
+    const DecodedStack decoded = decode(view->stack, scene.rig, options);
+    Frame frame;
+    triangulate(frame, decoded, Triangulation(scene.rig, pixel_rays(scene.rig.camera), 0.4, 2.5), {});
+    errors.add(decoded, frame, view->truth);
+  }
+  return errors;
+}
+
+std::vector<Row> indirect_rows(const Context& context) {
+  const int seeds = context.quick ? 3 : 20;
+  double all_before_m = 0, all_after_m = 0;
+  double worst_wrong = 0, worst_dishonest = 0;
+  size_t images = 0;
+  for (const char* name : kConcave) {
+    size_t usual_images = 0;
+    const Errors usual = errors_of(name, seeds, false, usual_images), micro = errors_of(name, seeds, true, images);
+    const double before_m = usual.bias_m(seeds), after_m = micro.bias_m(seeds);
+    const auto share = [](int part, int all) { return static_cast<double>(part) / std::max(1, all); };
+    std::fprintf(stderr,
+                 "  %-9s: bias %.4f mm with %zu images, %.4f mm with %zu of micro phase shifting; wrong orders %.1e, "
+                 "%.1e; beyond 4 sigmas %.1e, %.1e; pixels with depth %.3f, %.3f\n",
+                 name, 1e3 * before_m, usual_images, 1e3 * after_m, images, share(usual.wrong_order, usual.compared),
+                 share(micro.wrong_order, micro.compared), share(usual.dishonest, usual.compared),
+                 share(micro.dishonest, micro.compared), share(usual.compared, usual.lit),
+                 share(micro.compared, micro.lit));
+    all_before_m += before_m;
+    all_after_m += after_m;
+    worst_wrong = std::max(worst_wrong, share(micro.wrong_order, micro.compared));
+    worst_dishonest = std::max(worst_dishonest, share(micro.dishonest, micro.compared));
+  }
+  const int n = seeds * static_cast<int>(std::size(kConcave));
+  return {bound_row("indirect.bias", all_after_m / all_before_m, n, "x", 0.1, Limit::most),
+          bound_row("indirect.wrong_order", worst_wrong, n, "share", 1e-3, Limit::most),
+          bound_row("indirect.honest", worst_dishonest, n, "share", 1e-3, Limit::most),
+          bound_row("indirect.images", static_cast<double>(images), n, "images", 12, Limit::most)};
+}
+
+}  // namespace
+
+std::vector<Item> indirect_items() {
+  return {{{"indirect.bias", "indirect.wrong_order", "indirect.honest", "indirect.images"},
+           "depth in grooves, a bowl and a corner: micro phase shifting relative to nine images of three periods",
+           indirect_rows}};
+}
+
+}  // namespace fringeslam::bench
