@@ -150,7 +150,7 @@ class SdlProjector::Window {
 
   void upload(const cv::Mat& image) {
     const bool grey = image.type() == CV_8UC1;
-    CV_Assert(grey || image.type() == CV_8UC3);
+    if (!grey && image.type() != CV_8UC3) throw Error("projector: an image must have 8 bits and one or three channels");
     void* pixels = nullptr;
     int pitch = 0;
     if (SDL_LockTexture(texture_.get(), nullptr, &pixels, &pitch) != 0) fail("drawing");

@@ -2,9 +2,60 @@
 #include "tools/command_line.h"
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cstdio>
 
+#include "tools/man_page.h"
+
 namespace fringeslam::tools {
+
+namespace {
+
+std::vector<std::string> split(const std::string& text, const std::string& separator) {
+  std::vector<std::string> parts;
+  size_t begin = 0;
+  for (size_t end; (end = text.find(separator, begin)) != std::string::npos; begin = end + separator.size())
+    parts.push_back(text.substr(begin, end - begin));
+  parts.push_back(text.substr(begin));
+  return parts;
+}
+
+// Sorted by name: CLI11 sorts them by address.
+std::vector<std::string> sorted_names(const std::set<CLI::Option*>& options) {
+  std::vector<std::string> names;
+  for (const CLI::Option* option : options) names.push_back(option->get_name());
+  std::sort(names.begin(), names.end());
+  return names;
+}
+
+OptionHelp help_of(const CLI::Option& option) {
+  OptionHelp help;
+  help.positional = option.get_positional();
+  help.names = help.positional ? std::vector{option.get_name(true)} : split(option.get_name(false, true), ",");
+  help.required = option.get_required();
+  help.environment = option.get_envname();
+  help.needs = sorted_names(option.get_needs());
+  help.excludes = sorted_names(option.get_excludes());
+  help.help = option.get_description();
+  if (option.get_type_size() == 0) return help;  // flag
+  help.default_value = option.get_default_str();
+  help.repeated = option.get_expected_max() > 1;
+  help.value_optional = option.get_expected_min() == 0;
+  // CLI11 appends the checks to the type: "INT:INT in [0 - 1024]", "TEXT:{none,se3}", "TEXT:FILE".
+  const std::vector<std::string> type = split(option.get_type_name(), ":");
+  help.value = type.front();
+  for (size_t i = 1; i < type.size(); ++i) {
+    const std::string& check = type[i];
+    if (check.starts_with("{")) help.choices = split(check.substr(1, check.size() - 2), ",");
+    if (const size_t open = check.find('['); open != std::string::npos) {
+      const std::vector<std::string> limits = split(check.substr(open + 1, check.size() - open - 2), " - ");
+      help.range = limits.front() + " to " + limits.back();
+    }
+  }
+  return help;
+}
+
+}  // namespace
 
 Option Option::required() const { return Option(option_->required()); }
 
@@ -93,6 +144,20 @@ Option Command::add_flag(const std::string& name, bool& value, const std::string
 
 std::string Command::get_name() const { return app_->get_name(); }
 
+std::string Command::get_help() const { return app_->get_description(); }
+
+std::string Command::get_footer() const { return app_->get_footer(); }
+
+std::vector<OptionHelp> Command::options() const {
+  std::vector<OptionHelp> all;
+  for (const CLI::Option* option : app_->get_options()) {
+    if (!option->get_group().empty()) all.push_back(help_of(*option));
+  }
+  return all;
+}
+
+bool Command::hidden() const { return app_->get_group().empty(); }
+
 std::vector<Command> Command::subcommands() const {
   std::vector<Command> all;
   for (CLI::App* subcommand : app_->get_subcommands({})) all.emplace_back(subcommand);
@@ -105,6 +170,8 @@ CommandLine::CommandLine(const std::string& program, const std::string& help, co
     : app_(std::make_unique<CLI::App>(help)) {
   app_->name(program);
   app_->set_version_flag("--version", version);
+  const auto print_man_page = [this, version] { throw CLI::CallForVersion(man_page(root(), version), 0); };
+  app_->add_flag_callback("--man", print_man_page, "Print the manual page, for `man -l -`");
   app_->fallthrough();
 }
 
@@ -114,7 +181,7 @@ std::optional<int> CommandLine::parse(int argc, char** argv) {
   try {
     app_->parse(argc, argv);
   } catch (const CLI::ParseError& e) {
-    if (e.get_exit_code() == 0) return app_->exit(e);  // --help, --version
+    if (e.get_exit_code() == 0) return app_->exit(e);  // --help, --version, --man
     const std::string program = app_->get_name();
     std::fprintf(stderr, "%s: %s; see %s --help\n", program.c_str(), e.what(), program.c_str());
     return 2;

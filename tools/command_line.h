@@ -16,6 +16,23 @@ class Option;
 
 namespace fringeslam::tools {
 
+// The description of an option or flag in help texts.
+struct OptionHelp {
+  std::vector<std::string> names;     // such as -h and --help; of a positional its name alone
+  std::string value;                  // placeholder of the value, such as INT; empty for flags
+  std::vector<std::string> choices;   // permitted values; empty: any
+  std::string range;                  // such as "0 to 1024"; empty: not limited
+  std::string default_value;          // empty: none is shown
+  std::string environment;            // variable that gives the value, or empty
+  std::vector<std::string> needs;     // options that must also be given, sorted
+  std::vector<std::string> excludes;  // options that must not be given as well, sorted
+  std::string help;
+  bool positional = false;
+  bool required = false;
+  bool repeated = false;        // accepts several values
+  bool value_optional = false;  // may be given without its value
+};
+
 // Handle of an option or flag; its command line must outlive it. The methods that change the option return it.
 class Option {
  public:
@@ -52,7 +69,7 @@ class Command {
   Command add_subcommand(const std::string& name, const std::string& help) const;
   Command group(const std::string& heading) const;  // in the parent's help text; empty: hides this subcommand there
   void require_subcommand(int count) const;
-  void footer(const std::string& text) const;
+  void footer(const std::string& text) const;  // printed after the help text
 
   // Add an option or flag whose value is written to `value` on parsing; a name without dashes is positional.
   Option add_option(const std::string& name, std::string& value, const std::string& help) const;
@@ -69,14 +86,18 @@ class Command {
   Option add_flag(const std::string& name, bool& value, const std::string& help) const;
 
   std::string get_name() const;
+  std::string get_help() const;
+  std::string get_footer() const;
+  std::vector<OptionHelp> options() const;   // in the order of their addition, with --help
   std::vector<Command> subcommands() const;  // in the order of their addition
+  bool hidden() const;                       // true if help texts leave it out
   bool parsed() const;                       // after parsing: true if the command was given
 
  private:
   CLI::App* app_;
 };
 
-// The command line of a program, with the flags --help and --version. Subcommands also accept the program's options.
+// The command line of a program, with the flags --help, --version and --man. Subcommands also accept the program's options.
 class CommandLine {
  public:
   CommandLine(const std::string& program, const std::string& help, const std::string& version);
@@ -85,7 +106,7 @@ class CommandLine {
   Command root() const { return Command(app_.get()); }
 
   // Assigns the arguments to the variables of the options. Returns the exit code if the program must end: 0 after
-  // printing the help text or the version, 2 after reporting invalid arguments.
+  // printing the help text, the version or the manual page, 2 after reporting invalid arguments.
   std::optional<int> parse(int argc, char** argv);
 
  private:

@@ -3,6 +3,8 @@
 
 #include <utility>
 
+#include "core/types/options.h"
+
 namespace fringeslam {
 
 // OpenCV asks the allocator of an image for its pixels. Each image holds a reference to its allocator.
@@ -15,7 +17,7 @@ class FrameMemory::Allocator : public cv::MatAllocator, public std::enable_share
       if (step != nullptr) step[i] = total;
       total *= static_cast<size_t>(sizes[i]);
     }
-    CV_Assert(data == nullptr);
+    if (data != nullptr) throw Error("images in a file cannot share the memory of others");
     auto* pixels = new cv::UMatData(this);
     pixels->data = pixels->origdata = reinterpret_cast<uchar*>(memory_.allocate(total));
     pixels->size = total;

@@ -287,28 +287,5 @@ TEST_F(CommandLine, TheSettingsReferenceIsUpToDate) {
       << "run `fringeslam settings > docs/reference/settings.md`";
 }
 
-// Returns what bash completes the last word of a command line to.
-std::string completed(const std::string& words) {
-  const test::TempFolder temp;
-  const std::string program = test::fs::path(FRINGESLAM_PROGRAM).parent_path().string();
-  const std::string script = "PATH=" + test::quoted(program) +
-                             ":$PATH; source " FRINGESLAM_SOURCE_DIR "/tools/completion/fringeslam; COMP_WORDS=(" +
-                             words + "); COMP_CWORD=$((${#COMP_WORDS[@]} - 1)); _fringeslam; echo \"${COMPREPLY[*]}\"";
-  const std::string command = "bash -c " + test::quoted(script) + " > " + test::quoted((temp / "out").string());
-  EXPECT_EQ(std::system(command.c_str()), 0);
-  std::string line = test::read_bytes(temp / "out");
-  while (!line.empty() && line.back() == '\n') line.pop_back();
-  return line;
-}
-
-TEST(Completion, CompletesVerbsOptionsAndSettings) {
-  EXPECT_EQ(completed("fringeslam eval"), "evaluate");
-  EXPECT_EQ(completed("fringeslam scene pre"), "preview");
-  EXPECT_EQ(completed("fringeslam run scenes/loop --no-r"), "--no-report");
-  EXPECT_EQ(completed("fringeslam scene check x --se"), "--seed");
-  EXPECT_EQ(completed("fringeslam run x --set icp.st"), "icp.stride=");
-  EXPECT_EQ(completed("fringeslam run nothing-like"), "");
-}
-
 }  // namespace
 }  // namespace fringeslam

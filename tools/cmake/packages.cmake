@@ -40,21 +40,37 @@ if(FRINGESLAM_PYTHON)
   set(CPACK_COMPONENT_PYTHON_DESCRIPTION "Python package")
 endif()
 
-# Documents that Debian requires of each package. The date is that of the last commit, so that packages of the same source
-# are the same.
-execute_process(COMMAND git log -1 --format=%ct WORKING_DIRECTORY ${PROJECT_SOURCE_DIR} OUTPUT_VARIABLE commit_time
-  OUTPUT_STRIP_TRAILING_WHITESPACE ERROR_QUIET)
-if(commit_time AND NOT DEFINED ENV{SOURCE_DATE_EPOCH})
-  set(ENV{SOURCE_DATE_EPOCH} ${commit_time})
+# Documents that Debian requires of each package. Their date and that of all files is that of the last commit, so that
+# packages of the same source are the same.
+set(source_date $ENV{SOURCE_DATE_EPOCH})
+if(NOT source_date)
+  execute_process(COMMAND git log -1 --format=%ct WORKING_DIRECTORY ${PROJECT_SOURCE_DIR} OUTPUT_VARIABLE source_date
+    OUTPUT_STRIP_TRAILING_WHITESPACE ERROR_QUIET)
+  set(ENV{SOURCE_DATE_EPOCH} ${source_date})
 endif()
 string(TIMESTAMP changelog_date "%a, %d %b %Y %H:%M:%S +0000" UTC)
 set(debian_files ${PROJECT_BINARY_DIR}/debian)
 configure_file(${PROJECT_SOURCE_DIR}/tools/cmake/debian/changelog.in ${debian_files}/changelog @ONLY)
 execute_process(COMMAND gzip -9nfk ${debian_files}/changelog)
+set(packages)
 foreach(component ${CPACK_COMPONENTS_ALL})
   string(TOUPPER ${component} upper)
+  set(package ${CPACK_DEBIAN_${upper}_PACKAGE_NAME})
+  list(APPEND packages ${component}=${package})
   install(FILES ${debian_files}/changelog.gz ${PROJECT_SOURCE_DIR}/tools/cmake/debian/copyright
-    DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${CPACK_DEBIAN_${upper}_PACKAGE_NAME} COMPONENT ${component})
+    DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${package} COMPONENT ${component})
 endforeach()
+
+# Run by cpack: before it installs anything, and before it writes the packages.
+set(npm_lock)
+if(FRINGESLAM_REPORT)
+  set(npm_lock ${PROJECT_SOURCE_DIR}/tools/report/page/package-lock.json)
+endif()
+configure_file(${PROJECT_SOURCE_DIR}/tools/cmake/debian/configure.cmake.in ${debian_files}/configure.cmake @ONLY)
+configure_file(${PROJECT_SOURCE_DIR}/tools/cmake/debian/sbom.cmake.in ${debian_files}/sbom.cmake @ONLY)
+set(CPACK_PROJECT_CONFIG_FILE ${debian_files}/configure.cmake)
+set(CPACK_PRE_BUILD_SCRIPTS ${debian_files}/sbom.cmake)
+# Independent of the umask.
+set(CPACK_INSTALL_DEFAULT_DIRECTORY_PERMISSIONS OWNER_READ OWNER_WRITE OWNER_EXECUTE GROUP_READ GROUP_EXECUTE WORLD_READ WORLD_EXECUTE)
 
 include(CPack)
