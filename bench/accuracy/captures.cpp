@@ -19,6 +19,7 @@
 #include "core/decode/decode.h"
 #include "core/depth/depth.h"
 #include "core/import/import.h"
+#include "core/io/files.h"
 #include "core/score/local_scatter.h"
 #include "core/types/grey_value.h"
 #include "core/types/linear_algebra.h"
@@ -89,6 +90,54 @@ double median_of(std::vector<double> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
   return *middle;
+}
+
+// --- wax bowl by micro phase shifting ---
+
+// Projector columns that the authors of the capture published; they count from 1. -1: none.
+cv::Mat1f published_columns() {
+  cv::Mat1f columns;
+  read_grey(captures_folder() / "waxbowl/column_x16.png").convertTo(columns, CV_32F, 1 / 16.0, -1);
+  return columns;
+}
+
+// They applied a median over 5 x 5 pixels; so does the comparison, where all of these have a column.
+std::vector<Row> waxbowl_rows(const Context&) {
+  constexpr int kRadius = 2;
+  constexpr float kNear_px = 0.5f;
+  const fs::path images = captures_folder() / "waxbowl";
+  if (!fs::is_directory(images)) {
+    std::fprintf(stderr, "  skipped: set FRINGESLAM_CAPTURES to the folder that contains waxbowl/\n");
+    return {};
+  }
+  ImportedRig rig(read_import(description_file({"waxbowl", "waxbowl"}), images));
+  const FringeStack stack = *rig.capture(rig.sequence());
+  DecodeOptions options;
+  options.unwrapping = Unwrapping::micro;
+  const cv::Mat1f ours = decode(stack, rig.model(), options).coordinate_px, theirs = published_columns();
+  int compared = 0, near = 0, orders = 0, valid = 0, published = 0;
+  for (int row = kRadius; row + kRadius < ours.rows; ++row) {
+    for (int col = kRadius; col + kRadius < ours.cols; ++col) {
+      published += theirs(row, col) >= 0;
+      if (theirs(row, col) < 0 || std::isnan(ours(row, col))) continue;
+      ++valid;
+      orders += std::abs(ours(row, col) - theirs(row, col)) > 10;
+      std::vector<double> window;
+      for (int y = -kRadius; y <= kRadius; ++y) {
+        for (int x = -kRadius; x <= kRadius; ++x) {
+          const float column = ours(row + y, col + x);
+          if (!std::isnan(column)) window.push_back(static_cast<double>(column));
+        }
+      }
+      if (window.size() < 25) continue;
+      ++compared;
+      near += std::abs(static_cast<float>(median_of(std::move(window))) - theirs(row, col)) <= kNear_px;
+    }
+  }
+  std::fprintf(stderr, "  %d of their %d pixels have a column; %.1e of them differ by a fringe order\n", valid,
+               published, static_cast<double>(orders) / std::max(1, valid));
+  return {bound_row("captures.waxbowl", static_cast<double>(near) / std::max(1, compared), compared, "", 0.99,
+                    Limit::least)};
 }
 
 // --- skull in two codings ---
@@ -353,6 +402,9 @@ std::vector<Item> real_capture_items() {
   return {{{"captures.skull.agree.depth", "captures.skull.agree.orders", "captures.skull.valid"},
            "a real object in two codings: fringes of two periods, and a Gray code",
            skull_rows},
+          {{"captures.waxbowl"},
+           "micro phase shifting of a wax bowl: columns within half a column of the authors' result",
+           waxbowl_rows},
           {{"captures.sigma.least", "captures.sigma.greatest"},
            "local scatter of real captures over predicted sigmas, with measured noise",
            sigma_rows},

@@ -99,6 +99,14 @@ std::vector<Row> points_rows(const Context& context) {
   return {row};
 }
 
+std::vector<Row> micro_rows(const Context& context) {
+  const sim::Scene scene = sim::load_scene(std::string(FRINGESLAM_SCENES) + "/bowl/scene.yaml");
+  const FringeStack stack = *sim::VirtualRig(scene, {}).capture(scene.patterns);
+  DecodedStack decoded;
+  const auto times = interleaved_times({[&] { decode_into(decoded, stack, scene.rig, {}); }}, context.quick ? 10 : 100);
+  return {median_row("speed.decode.micro", in_ms(times[0]), "ms", 15)};
+}
+
 std::vector<Row> spatial_rows(const Context& context) {
   ThreeImages ours;
   const auto times =
@@ -115,6 +123,7 @@ std::vector<Row> spatial_rows(const Context& context) {
 std::vector<Item> decoding_items() {
   return {{{"speed.decode"}, "three images to absolute phase, against OpenCV's SinusoidalPattern (PSP)", decode_rows},
           {{"speed.points"}, "three images to points with sigma", points_rows},
+          {{"speed.decode.micro"}, "seven images of micro phase shifting to coordinate and sigma", micro_rows},
           {{"speed.spatial"}, "quality-guided spatial unwrapping, 532 x 500", spatial_rows}};
 }
 

@@ -156,18 +156,27 @@ FRINGESLAM_INLINE float phase_variance(const Normal& n, int i) {
   return cofactor / determinant;
 }
 
-FRINGESLAM_INLINE void fit_body(const RowPlan& plan, const Code& code, const float* const* samples, int begin,
-                                int count, const float* order, const Estimates& pixels, Fit& out) {
-  Normal n;
+// The sums of the phase steps, which are the same for all orders, and the variance of the phase that they determine.
+struct Steps {
+  Normal sums;
+  float variance[kBlock];
+};
+
+FRINGESLAM_INLINE void steps_body(const RowPlan& plan, const StepEstimator& e, const float* const* samples, int begin,
+                                  int count, const Estimates& pixels, Steps& out) {
+  Normal& n = out.sums;
+  float none[kBlock];
   for (int i = 0; i < kBlock; ++i)
-    n.aa[i] = n.ab[i] = n.ap[i] = n.bb[i] = n.bp[i] = n.pp[i] = n.a[i] = n.b[i] = n.p[i] = n.squares[i] = 0;
-  const StepEstimator& e = *code.fringes;
-  float own[kBlock], none[kBlock];
-  for (int i = 0; i < kBlock; ++i) none[i] = 0;
+    none[i] = n.aa[i] = n.ab[i] = n.ap[i] = n.bb[i] = n.bp[i] = n.pp[i] = n.a[i] = n.b[i] = n.p[i] = n.squares[i] = 0;
   for (size_t k = 0; k < e.images.size(); ++k)
     add_image(plan, samples[e.images[k]] + begin, 1, e.shift_turns[k], 0, none, pixels, count, n);
 #pragma GCC ivdep
-  for (int i = 0; i < count; ++i) own[i] = phase_variance(n, i);
+  for (int i = 0; i < count; ++i) out.variance[i] = phase_variance(n, i);
+}
+
+FRINGESLAM_INLINE void fit_body(const RowPlan& plan, const Code& code, const float* const* samples, int begin,
+                                int count, const float* order, const Estimates& pixels, const Steps& steps, Fit& out) {
+  Normal n = steps.sums;
   for (size_t f = 0; f < code.images.size(); ++f)
     add_image(plan, samples[code.images[f]] + begin, code.ratio[f], code.shift_turns[f], kModelError, order, pixels,
               count, n);
@@ -183,7 +192,7 @@ FRINGESLAM_INLINE void fit_body(const RowPlan& plan, const Code& code, const flo
                 b = inverse * (n.aa[i] * n.b[i] - n.ab[i] * n.a[i]) - yb * phase;
     out.squares[i] = n.squares[i] - a * n.a[i] - b * n.b[i] - phase * n.p[i];
     out.change_turns[i] = phase / kTwoPiFloat;
-    out.sigma_ratio[i] = std::sqrt(1 / (information * own[i]));
+    out.sigma_ratio[i] = std::sqrt(1 / (information * steps.variance[i]));
   }
 }
 
@@ -233,14 +242,17 @@ void MicroDecoder::find_orders(const RowPlan& plan, const float* const* samples,
                                Row& row) const {
   const auto estimate = Variants<estimate_body>::of(set);
   const auto search = Variants<search_body>::of(set);
+  const auto add_steps = Variants<steps_body>::of(set);
   const auto fit = Variants<fit_body>::of(set);
   RowPrior& anchor = *row.anchor;
   row.change_turns.resize(static_cast<size_t>(width));
   row.sigma_ratio.resize(static_cast<size_t>(width));
   const int degrees = static_cast<int>(code_.fringes->images.size() + code_.images.size()) - 3;
   const float limit = most_squares(degrees, plan.max_residual_sigma);
+  constexpr float kImpossible = 60;
   Estimates pixels;
   Candidates best;
+  Steps steps;
   Fit fits[kCandidates];
   for (int begin = 0; begin < width; begin += kBlock) {
     const int count = std::min(kBlock, width - begin);
@@ -250,7 +262,9 @@ void MicroDecoder::find_orders(const RowPlan& plan, const float* const* samples,
       for (const int image : code_.images) pixels.clipped[i] |= samples[image][begin + i] >= plan.clip_dn;
     }
     search(code_, samples, begin, count, pixels, best);
-    for (int n = 0; n < kCandidates; ++n) fit(plan, code_, samples, begin, count, best.order[n], pixels, fits[n]);
+    add_steps(plan, *code_.fringes, samples, begin, count, pixels, steps);
+    for (int n = 0; n < kCandidates; ++n)
+      fit(plan, code_, samples, begin, count, best.order[n], pixels, steps, fits[n]);
     for (int i = 0; i < count; ++i) {
       const auto at = static_cast<size_t>(begin + i);
       int found = 0;
@@ -260,7 +274,8 @@ void MicroDecoder::find_orders(const RowPlan& plan, const float* const* samples,
       const float squares = fits[found].squares[i];
       float odds = 0;  // of the other orders
       for (int n = 0; n < kCandidates; ++n) {
-        if (n != found) odds += std::exp(0.5f * (squares - fits[n].squares[i]));
+        const float farther = fits[n].squares[i] - squares;
+        if (n != found && farther < kImpossible) odds += std::exp(-0.5f * farther);
       }
       const bool fitting = squares <= limit && !pixels.clipped[i];
       anchor.turns[at] = fitting ? pixels.turns[i] + best.order[found][i] : kNaN;

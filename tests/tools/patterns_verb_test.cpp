@@ -4,6 +4,7 @@
 
 #include "core/io/files.h"
 #include "core/io/yaml.h"
+#include "core/patterns/micro_code.h"
 #include "core/patterns/patterns.h"
 #include "tests/tools/child.h"
 
@@ -74,6 +75,20 @@ TEST_F(Patterns, ExtraPeriodsAndProductsAreWritten) {
         ASSERT_NEAR(pixels(row, col), 255 * wanted(written.patterns[i], row, col), 0.5 + 1e-3) << i;
     }
   }
+}
+
+TEST_F(Patterns, OfMicroPhaseShiftingDistinguishAllOrders) {
+  expect_refused({"--size", "1024x768", "--micro", "16.5", "--micro-images", "5", "--steps", "4"}, "at least 6 images");
+  expect_refused({"--size", "1024x768", "--micro-images", "7"}, "micro_period_px");
+  write({"--size", "1024x768", "--micro", "16.5", "--micro-images", "8", "--steps", "4"});
+  const PatternSequence written = sequence();
+  ASSERT_EQ(written.patterns.size(), 8U);
+  std::vector<double> others;
+  for (const Pattern& pattern : written.patterns) {
+    if (pattern.coding == Coding::extra) others.push_back(pattern.period_px);
+  }
+  ASSERT_EQ(others.size(), 4U);
+  EXPECT_GT(micro_code_distance(16.5, others, 1024).distance, 0.1);
 }
 
 TEST_F(Patterns, OfASceneMayBeExtraPeriodsAndProducts) {
