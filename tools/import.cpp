@@ -14,6 +14,7 @@
 #include "core/rig/rig_file.h"
 #include "tools/bag/bag_dataset.h"
 #include "tools/bag/bag_stream.h"
+#include "tools/bag/bag_unpack.h"
 #include "tools/board_file.h"
 #include "tools/progress.h"
 #include "tools/report/noise_report.h"
@@ -152,11 +153,8 @@ void print_imported(const std::string& out, int stacks, size_t images, const Rig
   }
 }
 
-int import_folder(const fs::path& source, const fs::path& config, const std::string& out, const std::string& rig_file,
-                  bool check, const Common& common) {
-  std::optional<RigModel> calibration;
-  if (!rig_file.empty()) calibration = read_rig(fs::path(rig_file));
-  ImportPlan plan = read_import(config, source);
+int import_images(ImportPlan plan, const std::string& out, const std::optional<RigModel>& calibration, bool check,
+                  const Common& common) {
   const size_t stacks = plan.stacks.size(), images = plan.sequence.patterns.size();
   const std::string name = plan.rig.name, board_yaml = plan.board_yaml;
   const bool image_times = plan.has_image_times();
@@ -208,18 +206,21 @@ int import_our_bag(const fs::path& file, const std::string& out, const std::opti
   return 0;
 }
 
-int import_bag(const fs::path& file, const fs::path& config, const std::string& out, const std::string& rig_file,
-               bool check, const Common& common) {
+int import_bag(const fs::path& file, const fs::path& config, const std::string& out,
+               const std::optional<RigModel>& calibration, bool check, const Common& common) {
   const std::vector<BagTopic> topics = BagStream(file, {}).topics();
-  std::optional<RigModel> calibration;
-  if (!rig_file.empty()) calibration = read_rig(fs::path(rig_file));
   if (is_our_bag(topics)) {
     if (!config.empty())
       throw Error(file.string() + ": contains its rig and its patterns, so --config has no effect; leave it out");
     return import_our_bag(file, out, calibration, common);
   }
-  (void)check;
-  throw Error(file.string() + ": foreign");
+  if (config.empty())
+    throw Error(file.string() +
+                ": was not written by fringeslam; describe its images in an import.yaml and pass it as --config");
+  StagedFolder unpacked(out, "dataset");
+  for (const std::string& warning : unpack_bag(file, read_bag_selection(config), unpacked.path()))
+    std::fprintf(stderr, "warning: %s\n", warning.c_str());
+  return import_images(read_import(config, unpacked.path(), true), out, calibration, check, common);
 }
 
 }  // namespace
@@ -239,9 +240,11 @@ Verb add_import(Command app, const Common& common) {
       .check_existing_file();
   verb.add_flag("--no-check", a->unchecked, "Import even if other conventions fit the images far better");
   return [a, &common] {
-    const fs::path folder(a->folder);
-    if (fs::is_regular_file(folder)) return import_bag(folder, a->config, a->out, a->rig, !a->unchecked, common);
-    return import_folder(folder, a->config.empty() ? folder / kImportFile : fs::path(a->config), a->out, a->rig,
+    const fs::path source(a->folder), config(a->config);
+    std::optional<RigModel> calibration;
+    if (!a->rig.empty()) calibration = read_rig(fs::path(a->rig));
+    if (fs::is_regular_file(source)) return import_bag(source, config, a->out, calibration, !a->unchecked, common);
+    return import_images(read_import(config.empty() ? source / kImportFile : config, source), a->out, calibration,
                          !a->unchecked, common);
   };
 }

@@ -11,16 +11,6 @@ namespace fringeslam::tools {
 
 namespace fs = std::filesystem;
 
-namespace {
-
-cv::Mat1f measured_depth(const Frame& frame) {
-  cv::Mat1f depth;
-  cv::extractChannel(frame.points_m, depth, 2);
-  return depth;
-}
-
-}  // namespace
-
 DepthSensor::DepthSensor(const RigModel& model, const PatternSequence& sequence, const Settings& settings,
                          const std::string& name)
     : settings_(settings),
@@ -31,9 +21,12 @@ DepthSensor::DepthSensor(const RigModel& model, const PatternSequence& sequence,
   resolve_unwrapping(sequence, model_, settings_.pipeline.decode);
 }
 
-Frame DepthSensor::see(const FringeStack& stack) const {
-  return reconstruct(decode(stack, model_, settings_.pipeline.decode), model_, triangulation_,
-                     settings_.pipeline.depth);
+RgbdView DepthSensor::see(FringeStack stack) const {
+  Frame frame =
+      reconstruct(decode(stack, model_, settings_.pipeline.decode), model_, triangulation_, settings_.pipeline.depth);
+  cv::Mat1f depth_m;
+  cv::extractChannel(frame.points_m, depth_m, 2);
+  return {std::move(stack), std::move(frame), std::move(depth_m)};
 }
 
 void prepare(Source& source, const RgbdOptions& options, const std::string& out) {
@@ -52,10 +45,10 @@ Trajectory for_each_view(Source& source, const Settings& settings, const RgbdOpt
   {
     Progress progress("rendering", source.stacks(), common.quiet || common.json);
     while (auto stack = rig->capture(source.sequence())) {
-      Frame frame = sensor.see(*stack);
       const fs::path truth_file = truth / (stack_name(stack->index) + ".exr");
-      cv::Mat1f depth_m = true_depth ? read_truth_frame(truth_file).depth_m : measured_depth(frame);
-      take({std::move(*stack), std::move(frame), std::move(depth_m)});
+      RgbdView view = sensor.see(std::move(*stack));
+      if (true_depth) view.depth_m = read_truth_frame(truth_file).depth_m;
+      take(view);
       fs::remove(truth_file);
       progress.step();
       ++views;

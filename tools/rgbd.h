@@ -17,24 +17,24 @@ struct RgbdOptions {
   bool distorted = false;          // keep the lens distortion; otherwise scenes are rendered without it
 };
 
+struct RgbdView {
+  FringeStack stack;
+  Frame frame;        // as measured
+  cv::Mat1f depth_m;  // as measured or true, see RgbdOptions
+};
+
 // Reconstructs single views, without a map.
 class DepthSensor {
  public:
   // Throws Error if the rig is not calibrated or if the patterns cannot be decoded.
   DepthSensor(const RigModel& model, const PatternSequence& sequence, const Settings& settings,
               const std::string& name);
-  Frame see(const FringeStack& stack) const;
+  RgbdView see(FringeStack stack) const;
 
  private:
   Settings settings_;
   RigModel model_;
   Triangulation triangulation_;
-};
-
-struct RgbdView {
-  FringeStack stack;
-  Frame frame;        // as measured
-  cv::Mat1f depth_m;  // as measured or true, see RgbdOptions
 };
 
 // Applies `options` to a source. Throws Error, which `out` begins, if it cannot provide what they ask for.

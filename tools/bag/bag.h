@@ -88,16 +88,19 @@ struct BagTopic {
   std::uint64_t messages = 0;
 };
 
+// BagImage::encoding of sensor_msgs/CompressedImage: `bytes` is an image file.
+constexpr const char* kCompressed = "compressed";
+
 struct BagMessage {
   std::string topic;
   BagTime recorded = 0;
   BagTime stamp = 0;  // of the header; `recorded` if the message has none or it is 0
   std::string text;   // of std_msgs/String
-  BagImage image;     // of sensor_msgs/Image
+  BagImage image;     // of sensor_msgs/Image or CompressedImage
 };
 
 // Reads a bag in this process: passes its topics, then the messages of `topics` in order of their recording times. Throws
-// Error if the file is not a bag or if these topics have other types than String and Image. Damaged files can crash the
+// Error if the file is not a bag or if these topics have other types than String, Image and CompressedImage. Damaged files can crash the
 // library or exhaust the memory, so use BagStream instead.
 void read_bag(const std::filesystem::path& file, const std::vector<std::string>& topics,
               const std::function<void(const std::vector<BagTopic>&)>& take_topics,

@@ -4,6 +4,7 @@
 #include <rosbag/bag.h>
 #include <rosbag/view.h>
 #include <sensor_msgs/CameraInfo.h>
+#include <sensor_msgs/CompressedImage.h>
 #include <sensor_msgs/Image.h>
 #include <sensor_msgs/PointCloud2.h>
 #include <std_msgs/String.h>
@@ -217,9 +218,12 @@ BagMessage converted(const rosbag::MessageInstance& instance) {
     message.image.big_endian = image->is_bigendian != 0;
     message.image.width = image->width, message.image.height = image->height, message.image.step = image->step;
     message.image.bytes = std::move(image->data);
+  } else if (const auto file = instance.instantiate<sensor_msgs::CompressedImage>()) {
+    if (!file->header.stamp.isZero()) message.stamp = bag_time(file->header.stamp);
+    message.image.encoding = kCompressed;
+    message.image.bytes = std::move(file->data);
   } else {
-    throw Error("topic " + message.topic + " contains " + instance.getDataType() +
-                ", which is neither sensor_msgs/Image nor std_msgs/String");
+    throw Error("topic " + message.topic + " contains " + instance.getDataType() + ", not images or text");
   }
   return message;
 }
