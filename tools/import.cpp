@@ -218,9 +218,10 @@ int import_bag(const fs::path& file, const fs::path& config, const std::string& 
     throw Error(file.string() +
                 ": was not written by fringeslam; describe its images in an import.yaml and pass it as --config");
   StagedFolder unpacked(out, "dataset");
-  for (const std::string& warning : unpack_bag(file, read_bag_selection(config), unpacked.path()))
-    std::fprintf(stderr, "warning: %s\n", warning.c_str());
-  return import_images(read_import(config, unpacked.path(), true), out, calibration, check, common);
+  const std::vector<std::string> warnings = unpack_bag(file, read_bag_selection(config), unpacked.path());
+  const int status = import_images(read_import(config, unpacked.path(), true), out, calibration, check, common);
+  for (const std::string& warning : warnings) std::fprintf(stderr, "warning: %s\n", warning.c_str());
+  return status;
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 
 #include "core/score/trajectory_file.h"
 #include "sim/virtual_rig.h"
+#include "tools/bag/bag_dataset.h"
 #include "tools/euroc.h"
 #include "tools/progress.h"
 #include "tools/source.h"
@@ -90,6 +91,10 @@ fs::path true_trajectory_file(const fs::path& path) {
   if (path_exists(path / "truth" / "truth.tum")) return path / "truth" / "truth.tum";
   if (const auto file = camera_truth_file(path)) return *file;
   throw Error(path.string() + ": contains neither truth/truth.tum nor " + kTumTruthFile + " nor " + kEurocTruthFile);
+}
+
+Trajectory true_trajectory(const fs::path& path) {
+  return is_bag(path) ? true_camera_trajectory(path) : read_trajectory(true_trajectory_file(path));
 }
 
 }  // namespace fringeslam::tools

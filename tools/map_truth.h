@@ -36,4 +36,7 @@ MapScore score_map(const PlyMap& map, const MapTruth& truth, double threshold_m)
 // the folder has none.
 std::filesystem::path true_trajectory_file(const std::filesystem::path& path);
 
+// Reads the true trajectory of `path`, which may also be a ROS bag written by `render`.
+Trajectory true_trajectory(const std::filesystem::path& path);
+
 }  // namespace fringeslam::tools

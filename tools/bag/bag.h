@@ -51,6 +51,8 @@ struct BagPose {
   std::array<double, 4> xyzw = {0, 0, 0, 1};
 };
 
+using BagPath = std::vector<std::pair<BagTime, BagPose>>;
+
 struct BagTransform {
   BagTime stamp = 0;
   std::string parent, child;
@@ -73,8 +75,8 @@ class BagWriter {
   void image(const BagPlace& place, BagImage image);
   void lens(const BagPlace& place, const BagLens& lens);
   void cloud(const BagPlace& place, const BagCloud& cloud);
-  void transforms(const BagPlace& place, const std::vector<BagTransform>& transforms);      // tf2_msgs/TFMessage
-  void path(const BagPlace& place, const std::vector<std::pair<BagTime, BagPose>>& poses);  // nav_msgs/Path
+  void transforms(const BagPlace& place, const std::vector<BagTransform>& transforms);  // tf2_msgs/TFMessage
+  void path(const BagPlace& place, const BagPath& poses);                               // nav_msgs/Path
   // Completes the file.
   void close();
 
@@ -97,10 +99,11 @@ struct BagMessage {
   BagTime stamp = 0;  // of the header; `recorded` if the message has none or it is 0
   std::string text;   // of std_msgs/String
   BagImage image;     // of sensor_msgs/Image or CompressedImage
+  BagPath path;       // of nav_msgs/Path
 };
 
 // Reads a bag in this process: passes its topics, then the messages of `topics` in order of their recording times. Throws
-// Error if the file is not a bag or if these topics have other types than String, Image and CompressedImage. Damaged files can crash the
+// Error if the file is not a bag or if these topics have other types than String, Image, CompressedImage and Path. Damaged files can crash the
 // library or exhaust the memory, so use BagStream instead.
 void read_bag(const std::filesystem::path& file, const std::vector<std::string>& topics,
               const std::function<void(const std::vector<BagTopic>&)>& take_topics,

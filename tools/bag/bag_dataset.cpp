@@ -6,6 +6,7 @@
 #include <cstring>
 #include <fstream>
 #include <opencv2/imgproc.hpp>
+#include <utility>
 
 #include "core/io/files.h"
 #include "core/io/yaml.h"
@@ -23,7 +24,7 @@ constexpr const char* kBagFormat = "fringeslam-bag-1";
 constexpr const char kDatasetTopic[] = "/fringeslam/dataset", kRigTopic[] = "/fringeslam/rig",
                      kPatternsTopic[] = "/fringeslam/patterns", kBoardTopic[] = "/fringeslam/board",
                      kStackTopic[] = "/fringeslam/stack", kImageTopic[] = "/camera/image_raw",
-                     kThermalTopic[] = "/thermal/image_raw";
+                     kThermalTopic[] = "/thermal/image_raw", kPathTopic[] = "/ground_truth/path";
 constexpr double kClockFrom1970_s = 1e8, kOffset_s = 1e9;
 constexpr int kMostPixels = 16384;
 
@@ -77,10 +78,7 @@ double first_time_s(const FringeStack& stack) {
 // Throws Error if writing would replace something other than a bag.
 const fs::path& replaceable(const fs::path& file) {
   std::error_code ignored;
-  if (!fs::exists(file, ignored)) return file;
-  char start[7] = {};
-  std::ifstream(file, std::ios::binary).read(start, sizeof start);
-  if (!fs::is_regular_file(file, ignored) || std::string(start, sizeof start) != "#ROSBAG")
+  if (fs::exists(file, ignored) && !is_bag(file))
     throw Error(file.string() + ": exists and is not a ROS bag; choose another --out or remove it");
   return file;
 }
@@ -95,12 +93,14 @@ const fs::path& supported(const fs::path& file) {
 double clock_offset_s(double time_s) { return time_s > kClockFrom1970_s ? 0 : kOffset_s; }
 
 BagTime bag_time(double time_s, double offset_s) {
-  const double nanoseconds = std::round(time_s * 1e9);
-  const auto offset = static_cast<BagTime>(offset_s) * 1000000000;
-  if (!(nanoseconds > -1e18) || !(nanoseconds < 5e18) || static_cast<BagTime>(nanoseconds) + offset <= 0 ||
-      static_cast<BagTime>(nanoseconds) + offset > kLatestBagTime)
-    throw Error("a capture time of " + to_text(time_s) + " s cannot be stored in a ROS bag (1970 to 2106)");
-  return static_cast<BagTime>(nanoseconds) + offset;
+  // Seconds and fraction separately, because their sum in nanoseconds has more digits than a double.
+  const double seconds = std::floor(time_s);
+  if (std::abs(seconds) < 5e9) {
+    const BagTime time = (static_cast<BagTime>(seconds) + static_cast<BagTime>(offset_s)) * 1000000000 +
+                         std::llround(1e9 * (time_s - seconds));
+    if (time > 0 && time <= kLatestBagTime) return time;
+  }
+  throw Error("a capture time of " + to_text(time_s) + " s cannot be stored in a ROS bag (1970 to 2106)");
 }
 
 BagRecorder::BagRecorder(const fs::path& out, RigModel model, PatternSequence sequence, DatasetInfo info,
@@ -177,13 +177,13 @@ void BagRecorder::add(const RgbdView& view) {
 }
 
 void BagRecorder::finish(const Trajectory& robot) {
-  std::vector<std::pair<BagTime, BagPose>> path;
+  BagPath path;
   for (const TimedPose& pose : robot) {
     const BagTime time = stamp(pose.timestamp_s);
     path.emplace_back(time, bag_pose(pose.world_from_robot));
     bag_.transforms({"/ground_truth/tf", "", time}, {{time, "world", "robot", path.back().second}});
   }
-  if (!path.empty()) bag_.path({"/ground_truth/path", "world", path.back().first}, path);
+  if (!path.empty()) bag_.path({kPathTopic, "world", path.back().first}, path);
   bag_.close();
   fs::remove_all(scratch());
   staged_.commit();
@@ -214,6 +214,34 @@ WrittenViews write_bag(Source& source, const Settings& settings, const RgbdOptio
 
 bool is_our_bag(const std::vector<BagTopic>& topics) {
   return std::any_of(topics.begin(), topics.end(), [](const BagTopic& t) { return t.name == kDatasetTopic; });
+}
+
+bool is_bag(const fs::path& file) {
+  std::error_code ignored;
+  char start[7] = {};
+  if (fs::is_regular_file(file, ignored)) std::ifstream(file, std::ios::binary).read(start, sizeof start);
+  return std::string(start, sizeof start) == "#ROSBAG";
+}
+
+Trajectory true_camera_trajectory(const fs::path& file) {
+  BagStream stream(file, {kRigTopic, kPathTopic});
+  std::string rig;
+  Trajectory robot;
+  while (const auto message = stream.next()) {
+    if (message->topic == kRigTopic) rig = message->text;
+    for (const auto& [stamp, pose] : message->path) {
+      const auto& [x, y, z, w] = pose.xyzw;
+      const auto& [tx, ty, tz] = pose.translation_m;
+      const Eigen::Vector4d xyzw(x, y, z, w);
+      const double time_s = 1e-9 * static_cast<double>(stamp);
+      if (!(std::abs(xyzw.norm() - 1) < 1e-3) || (!robot.empty() && robot.back().timestamp_s >= time_s))
+        throw Error(file.string() + ": " + kPathTopic + ": has poses that are not rotations or not in order of time");
+      robot.push_back({time_s, {rotation_from_quaternion(xyzw), {tx, ty, tz}}});
+    }
+  }
+  if (rig.empty() || robot.empty())
+    throw Error(file.string() + ": has no ground truth: needs " + kPathTopic + " and " + kRigTopic);
+  return camera_trajectory(std::move(robot), read_rig(YamlMap::parse(rig, file.string() + ": " + kRigTopic)));
 }
 
 namespace {
@@ -272,6 +300,7 @@ struct BagRig::Images {
   BagStream stream;
   std::string where;
   int read = 0;
+  std::vector<BagMessage> early;  // images of later stacks
 
   BagMessage next() {
     auto message = stream.next();
@@ -354,19 +383,25 @@ std::optional<FringeStack> BagRig::capture(const PatternSequence& sequence) {
   read_stack_times(
       YamlMap::parse(stacks_[next_], file_.string() + ": " + kStackTopic + ", stack " + std::to_string(next_)), count,
       model_.timing, stack);
-  // Images are in order of time, which need not be that of the patterns.
+  // Images are in order of time, which need not be that of the patterns, and the first images of the next stack may be
+  // among them.
   stack.images.resize(count);
-  for (size_t i = 0; i < count; ++i) {
-    const BagMessage message = images_->next();
-    size_t slot = 0;
-    while (slot < count &&
-           !(stack.images[slot].empty() && bag_time(stack.exposure_time_s[slot], offset_s_) == message.stamp))
-      ++slot;
-    if (slot == count)
+  std::vector<BagMessage> early = std::exchange(images_->early, {});
+  size_t missing = count;
+  const auto assign = [&](BagMessage message) {
+    for (size_t slot = 0; slot < count; ++slot) {
+      if (!stack.images[slot].empty() || bag_time(stack.exposure_time_s[slot], offset_s_) != message.stamp) continue;
+      stack.images[slot] = image_for(model_.camera, *images_, message);
+      --missing;
+      return;
+    }
+    images_->early.push_back(std::move(message));
+    if (images_->early.size() > count)
       throw Error(images_->number() + ": has a stamp that stack " + std::to_string(next_) + " of " + kStackTopic +
-                  " does not list");
-    stack.images[slot] = image_for(model_.camera, *images_, message);
-  }
+                  " does not list, like too many before it");
+  };
+  for (BagMessage& message : early) assign(std::move(message));
+  while (missing > 0) assign(images_->next());
   for (const cv::Mat& image : stack.images) {
     if (image.channels() != 1 || image.type() != stack.images.front().type())
       throw Error(images_->where + ": stack " + std::to_string(next_) + " has images of different or colored types");

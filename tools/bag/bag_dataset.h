@@ -105,6 +105,12 @@ class BagRig : public Rig {
 // True for a bag that BagRecorder wrote, false for other bags.
 bool is_our_bag(const std::vector<BagTopic>& topics);
 
+// True for a file that begins like a bag.
+bool is_bag(const std::filesystem::path& file);
+
+// Reads the true trajectory of the camera from a bag that `render` wrote, at its times. Throws Error if it has none.
+Trajectory true_camera_trajectory(const std::filesystem::path& file);
+
 // Converts an image message to CV_8UC1, CV_16UC1, CV_32FC1 or CV_8UC3 (BGR). Throws Error, which `where` begins, if its
 // encoding is not supported or its size does not match its bytes.
 cv::Mat image_of(const BagImage& image, const std::string& where);

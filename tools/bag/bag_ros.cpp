@@ -13,6 +13,7 @@
 #include <algorithm>
 #include <cstring>
 #include <map>
+#include <tuple>
 #include <utility>
 
 #include "core/types/error.h"
@@ -60,7 +61,7 @@ void require_bags(const std::string&) {}
 
 struct BagWriter::Impl {
   fs::path file;
-  rosbag::Bag bag;
+  std::unique_ptr<rosbag::Bag> bag = std::make_unique<rosbag::Bag>();
   std::map<std::string, uint32_t> sequence = {};  // next header.seq of each topic
 
   template <class Function>
@@ -84,7 +85,7 @@ struct BagWriter::Impl {
       (*header)["message_definition"] = ros::message_traits::definition(message);
       (*header)["callerid"] = "/fringeslam";
       if (place.latched) (*header)["latching"] = "1";
-      bag.write(place.topic, ros_time(place.stamp), message, header);
+      bag->write(place.topic, ros_time(place.stamp), message, header);
     });
   }
 
@@ -99,18 +100,20 @@ struct BagWriter::Impl {
 
 BagWriter::BagWriter(fs::path file) : impl_(std::make_unique<Impl>()) {
   impl_->file = std::move(file);
-  impl_->guarded([&] { impl_->bag.open(impl_->file.string(), rosbag::bagmode::Write); });
+  impl_->guarded([&] { impl_->bag->open(impl_->file.string(), rosbag::bagmode::Write); });
 }
 
 BagWriter::~BagWriter() {
   try {
-    impl_->bag.close();
-  } catch (const std::exception&) {  // close() reports errors
+    impl_->bag->close();
+  } catch (const std::exception&) {
+    // close() reported the error. The destructor of rosbag::Bag would throw it again, which ends the program.
+    (void)impl_->bag.release();
   }
 }
 
 void BagWriter::close() {
-  impl_->guarded([&] { impl_->bag.close(); });
+  impl_->guarded([&] { impl_->bag->close(); });
 }
 
 void BagWriter::text(const BagPlace& place, const std::string& text) {
@@ -176,7 +179,7 @@ void BagWriter::transforms(const BagPlace& place, const std::vector<BagTransform
   impl_->write(place, message);
 }
 
-void BagWriter::path(const BagPlace& place, const std::vector<std::pair<BagTime, BagPose>>& poses) {
+void BagWriter::path(const BagPlace& place, const BagPath& poses) {
   auto message = impl_->with_header<nav_msgs::Path>(place);
   for (const auto& [stamp, pose] : poses) {
     geometry_msgs::PoseStamped stamped;
@@ -222,6 +225,13 @@ BagMessage converted(const rosbag::MessageInstance& instance) {
     if (!file->header.stamp.isZero()) message.stamp = bag_time(file->header.stamp);
     message.image.encoding = kCompressed;
     message.image.bytes = std::move(file->data);
+  } else if (const auto path = instance.instantiate<nav_msgs::Path>()) {
+    for (const geometry_msgs::PoseStamped& stamped : path->poses) {
+      const auto& [position, orientation] = std::tie(stamped.pose.position, stamped.pose.orientation);
+      message.path.push_back(
+          {bag_time(stamped.header.stamp),
+           {{position.x, position.y, position.z}, {orientation.x, orientation.y, orientation.z, orientation.w}}});
+    }
   } else {
     throw Error("topic " + message.topic + " contains " + instance.getDataType() + ", not images or text");
   }

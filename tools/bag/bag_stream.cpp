@@ -83,6 +83,12 @@ std::string packed(const BagMessage& message) {
   const BagImage& image = message.image;
   append_text(bytes, image.encoding);
   append_bytes(bytes, image.big_endian);
+  append_bytes(bytes, static_cast<uint64_t>(message.path.size()));
+  for (const auto& [stamp, pose] : message.path) {
+    append_bytes(bytes, stamp);
+    append_bytes(bytes, pose.translation_m);
+    append_bytes(bytes, pose.xyzw);
+  }
   for (const uint32_t value : {image.width, image.height, image.step}) append_bytes(bytes, value);
   bytes.append(reinterpret_cast<const char*>(image.bytes.data()), image.bytes.size());
   return bytes;
@@ -98,6 +104,11 @@ BagMessage unpacked(const std::string& bytes) {
   BagImage& image = message.image;
   image.encoding = in.text();
   image.big_endian = in.value<bool>();
+  for (auto left = in.value<uint64_t>(); left > 0; --left) {
+    const auto stamp = in.value<BagTime>();
+    const auto translation_m = in.value<std::array<double, 3>>();
+    message.path.push_back({stamp, {translation_m, in.value<std::array<double, 4>>()}});
+  }
   for (uint32_t* value : {&image.width, &image.height, &image.step}) *value = in.value<uint32_t>();
   const size_t size = in.left();
   const auto* pixels = reinterpret_cast<const uint8_t*>(in.take(size));

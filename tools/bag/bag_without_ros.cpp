@@ -21,7 +21,7 @@ void BagWriter::image(const BagPlace&, BagImage) {}
 void BagWriter::lens(const BagPlace&, const BagLens&) {}
 void BagWriter::cloud(const BagPlace&, const BagCloud&) {}
 void BagWriter::transforms(const BagPlace&, const std::vector<BagTransform>&) {}
-void BagWriter::path(const BagPlace&, const std::vector<std::pair<BagTime, BagPose>>&) {}
+void BagWriter::path(const BagPlace&, const BagPath&) {}
 void BagWriter::close() {}
 
 void read_bag(const std::filesystem::path& file, const std::vector<std::string>&,
