@@ -11,6 +11,7 @@
 #include "core/score/trajectory_file.h"
 #include "core/score/trajectory_score.h"
 #include "sim/scene/data_folder.h"
+#include "tools/bag/bag.h"
 #include "tools/evaluation_dataset.h"
 #include "tools/interrupt.h"
 #include "tools/map_truth.h"
@@ -200,6 +201,7 @@ class Evaluation {
 
 int evaluate(EvaluateArguments arguments, const Common& common) {
   require_placeholders(arguments.command);
+  if (arguments.format == DatasetFormat::rosbag) require_bags("evaluate --format rosbag");
   if (arguments.name.empty()) {
     arguments.name = fs::path(arguments.command.substr(0, arguments.command.find(' '))).filename();
   }

@@ -94,7 +94,6 @@ void render_bag(Source& source, const Settings& settings, const fs::path& datase
 
 std::optional<EvaluationDataset> evaluation_dataset(const evaluation::SuiteDataset& wanted, DatasetFormat format,
                                                     const Common& common) {
-  if (format == DatasetFormat::rosbag) require_bags("evaluate --format rosbag");
   const SceneVariant variant{wanted.seed, wanted.with};
   const fs::path cache = fs::absolute(sim::cache_folder()) / "evaluation";
   sim::SceneLoadOptions reading = variant.reading();

@@ -208,6 +208,7 @@ int import_our_bag(const fs::path& file, const std::string& out, const std::opti
 
 int import_bag(const fs::path& file, const fs::path& config, const std::string& out,
                const std::optional<RigModel>& calibration, bool check, const Common& common) {
+  if (!is_bag(file)) throw Error(file.string() + ": is neither a folder with images nor a ROS bag (format 2.0)");
   const std::vector<BagTopic> topics = BagStream(file, {}).topics();
   if (is_our_bag(topics)) {
     if (!config.empty())
