@@ -409,7 +409,8 @@ TEST_F(Bags, InconsistentContentsAreErrors) {
     bag.lens({"/fringeslam/rig", "camera", kSecond}, {});
     bag.close();
   }
-  EXPECT_THAT(import_error("types.bag"), HasSubstr("types.bag: "));
+  EXPECT_THAT(import_error("types.bag"),
+              HasSubstr("types.bag: topic /fringeslam/rig contains sensor_msgs/CameraInfo, not images or text"));
 }
 
 // --- bags of other programs ---

@@ -26,7 +26,7 @@ constexpr int kSilence_ms = 120000;              // longest time without a messa
 constexpr uint64_t kLargestRecord = 1ull << 31;  // more than the largest image
 
 // Records in the pipe: kind, size, bytes.
-constexpr char kTopics = 't', kMessage = 'm', kEnd = 'x', kFailure = 'e';
+constexpr char kTopics = 't', kMessage = 'm', kEnd = 'x', kRefusal = 'r', kFailure = 'e';
 
 double time_limit_s(const fs::path& file) {
   std::error_code ignored;
@@ -132,8 +132,10 @@ BagMessage unpacked(const std::string& bytes) {
     send(kEnd, "");
   } catch (const std::bad_alloc&) {
     send(kFailure, "reading it exceeds the memory limit");
+  } catch (const Error& e) {
+    send(kRefusal, e.what());
   } catch (const std::exception& e) {
-    send(kFailure, e.what());
+    send(kFailure, std::string(e.what()) + "; the file is truncated or damaged: copy or record it again");
   }
   _exit(0);
 }
@@ -209,6 +211,7 @@ std::string BagStream::record(char& kind) {
   if (size > kLargestRecord) throw Error(file_.string() + ": a message has " + std::to_string(size) + " bytes");
   std::string bytes(size, '\0');
   read(bytes.data(), size);
+  if (kind == kRefusal) throw Error(file_.string() + ": " + bytes);
   if (kind == kFailure) throw Error(file_.string() + ": is not a readable ROS bag: " + bytes);
   return bytes;
 }
