@@ -18,6 +18,7 @@
 #include "core/rig/rig_file.h"
 #include "core/types/error.h"
 #include "hw/rig_hardware.h"
+#include "tools/bag/bag_dataset.h"
 #include "tools/interrupt.h"
 #include "tools/live/live_mapper.h"
 #include "tools/live/live_option.h"
@@ -33,7 +34,7 @@ namespace fs = std::filesystem;
 namespace {
 
 struct CaptureArguments {
-  std::string rig, out, patterns;
+  std::string rig, out, patterns, format = "fringes";
   int count = 1;
   double interval_s = 0;
   std::string before;
@@ -77,7 +78,54 @@ bool can_map(const RigModel& rig, const PatternSequence& sequence, const Pipelin
   }
 }
 
-// Captures a dataset that is valid after every stack, even if the capture is interrupted.
+// Records stacks in a folder, which is a valid dataset after every stack, or in a bag, which appears at the end.
+class Recorder {
+ public:
+  Recorder(const CaptureArguments& arguments, HardwareRig& rig, const PatternSequence& sequence,
+           const Settings& settings)
+      : rig_(rig), sequence_(sequence) {
+    const RigModel& model = rig.model();
+    if (arguments.format == "fringes") {
+      fs::create_directories(arguments.out);
+      folder_.emplace(rig, arguments.out);
+      return;
+    }
+    DatasetInfo info;
+    info.name = model.name;
+    bag_.emplace(arguments.out, model, sequence, info, "");
+    try {
+      check_mappable(model, sequence, settings.pipeline.decode);
+      sensor_.emplace(model, sequence, settings, model.name);
+    } catch (const Error& e) {
+      std::fprintf(stderr, "bag: fringe images, but no depth: %s\n", e.what());
+    }
+  }
+  std::optional<FringeStack> capture() {
+    if (folder_) {
+      auto stack = folder_->capture(sequence_);
+      folder_->finish(rig_.model().name, 0, false);
+      return stack;
+    }
+    auto stack = rig_.capture(sequence_);
+    if (stack && sensor_)
+      bag_->add(sensor_->see(*stack));
+    else if (stack)
+      bag_->add(*stack);
+    return stack;
+  }
+  // Keeps what was recorded.
+  void finish() {
+    if (bag_) bag_->finish({});
+  }
+
+ private:
+  HardwareRig& rig_;
+  const PatternSequence& sequence_;
+  std::optional<RecordingRig> folder_;
+  std::optional<BagRecorder> bag_;
+  std::optional<DepthSensor> sensor_;
+};
+
 int capture(const CaptureArguments& arguments, const Common& common) {
   if (fs::exists(arguments.out) && !(fs::is_directory(arguments.out) && fs::is_empty(arguments.out)))
     throw Error(arguments.out + ": exists; choose another --out or remove it");
@@ -94,8 +142,7 @@ int capture(const CaptureArguments& arguments, const Common& common) {
   std::optional<LiveMapper> mapper;
   if (maps) mapper.emplace(model, sequence, settings.pipeline, page->feed());
   const auto rig = open_hardware(arguments.rig);
-  fs::create_directories(arguments.out);
-  RecordingRig recording(*rig, arguments.out);
+  Recorder recorder(arguments, *rig, sequence, settings);
   catch_interrupts();
 
   int stacks = 0;
@@ -109,9 +156,8 @@ int capture(const CaptureArguments& arguments, const Common& common) {
         if (!interrupted()) run_before(arguments.before, stacks);
         if (interrupted()) break;
         const auto start = std::chrono::steady_clock::now();
-        const auto stack = recording.capture(sequence);
+        const auto stack = recorder.capture();
         capturing_s += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-        recording.finish(model.name, 0, false);
         if (mapper)
           mapper->offer(*stack);
         else if (page)
@@ -124,10 +170,14 @@ int capture(const CaptureArguments& arguments, const Common& common) {
         fs::remove_all(arguments.out, ignored);
         throw;
       }
+      recorder.finish();
       throw Error(std::string(e.what()) + "; " + kept() + " captured before are in " + arguments.out);
     }
   }
-  if (stacks == 0) fs::remove_all(arguments.out);
+  if (stacks == 0)
+    fs::remove_all(arguments.out);
+  else
+    recorder.finish();
   if (mapper) mapper->finish();
   if (page) page->feed().finish();
   const CameraStatistics camera = rig->camera().statistics();
@@ -154,18 +204,27 @@ Verb add_capture(Command app, const Common& common) {
   auto arguments = std::make_shared<CaptureArguments>();
   const Command verb = app.add_subcommand("capture", "Capture a dataset with a camera and a projector");
   verb.add_option("--rig", arguments->rig, "Rig file with a hardware: section").required();
-  verb.add_option("--out", arguments->out, "Dataset folder to write").required();
+  verb.add_option("--out", arguments->out, "Dataset folder to write; a file with --format rosbag").required();
+  verb.add_option("--format", arguments->format,
+                  "fringes: a dataset folder; rosbag: a ROS 1 bag with fringe images and what is measured from them")
+      .check_one_of({"fringes", "rosbag"});
   verb.add_option("--count", arguments->count, "Number of stacks to capture").check_range(1, 1000000);
   verb.add_option("--interval", arguments->interval_s, "Seconds between stacks").check_range(0.0, 86400.0);
   verb.add_option("--before", arguments->before,
                   "Command to run before each stack, for example to move the sensor; FRINGESLAM_STACK is the stack's "
                   "number; 'read _' waits for Enter");
   verb.add_option("--patterns", arguments->patterns, "patterns.yaml, or a folder written by `fringeslam patterns`");
-  const Option page = add_live_option(verb, arguments->live);
+  add_live_option(verb, arguments->live);
   verb.add_option("--set", arguments->sets,
-                  "Setting of the live page's map: stage.key=value (repeatable; `fringeslam run --help` lists them)")
-      .needs(page);
-  return [arguments, &common] { return capture(*arguments, common); };
+                  "Setting of the live page's map or of the bag's depth: stage.key=value (repeatable; `fringeslam run "
+                  "--help` lists them)");
+  return [arguments, &common] {
+    if (arguments->format == "rosbag")
+      require_bags("capture --format rosbag");
+    else if (!arguments->sets.empty() && !arguments->live.port)
+      throw Error("capture: --set has no effect without --live or --format rosbag");
+    return capture(*arguments, common);
+  };
 }
 
 }  // namespace fringeslam::tools

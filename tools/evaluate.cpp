@@ -11,6 +11,7 @@
 #include "core/score/trajectory_file.h"
 #include "core/score/trajectory_score.h"
 #include "sim/scene/data_folder.h"
+#include "tools/bag/bag.h"
 #include "tools/evaluation_dataset.h"
 #include "tools/interrupt.h"
 #include "tools/map_truth.h"
@@ -200,6 +201,7 @@ class Evaluation {
 
 int evaluate(EvaluateArguments arguments, const Common& common) {
   require_placeholders(arguments.command);
+  if (arguments.format == DatasetFormat::rosbag) require_bags("evaluate --format rosbag");
   if (arguments.name.empty()) {
     arguments.name = fs::path(arguments.command.substr(0, arguments.command.find(' '))).filename();
   }
@@ -234,7 +236,8 @@ Verb add_evaluate(Command app, const Common& common) {
   verb.add_option("suite", arguments->suites, "Suites: stills, moving, smoke, repeating, arenas, loop, or YAML files")
       .required();
   verb.add_option("--with", arguments->command,
-                  "The system's command; {dataset} is replaced by the dataset's folder, {out} by an empty folder, into "
+                  "The system's command; {dataset} is replaced by the dataset's folder (or bag), {out} by an empty "
+                  "folder, into "
                   "which it writes trajectory.tum (or .txt, .csv) and, if it has one, map.ply")
       .required();
   verb.add_option("--name", arguments->name,
@@ -242,8 +245,10 @@ Verb add_evaluate(Command app, const Common& common) {
   verb.add_option("--out", arguments->out,
                   "Folder of the leaderboard; results of other systems and suites in it are kept")
       .capture_default_str();
-  add_choice(verb, "--format", arguments->format,
-             "Datasets: fringes (for `run`; poses of the robot), or tum-rgbd (texture and depth; poses of the camera)")
+  add_choice(
+      verb, "--format", arguments->format,
+      "Datasets: fringes (for `run`; poses of the robot); or tum-rgbd, euroc (texture and depth) or rosbag (a ROS "
+      "1 bag with fringe images, too), with poses of the camera")
       .default_str("fringes");
   verb.add_option("--timeout", arguments->timeout_s, "Most time per dataset, s; overrides the suite's")
       .check_range(0.1, 1e6);

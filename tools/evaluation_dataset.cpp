@@ -8,6 +8,8 @@
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
 #include "sim/scene/cache.h"
+#include "tools/bag/bag_dataset.h"
+#include "tools/euroc.h"
 #include "tools/interrupt.h"
 #include "tools/map_truth.h"
 #include "tools/progress.h"
@@ -21,6 +23,7 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr const char* kKind = "evaluation dataset";
+constexpr const char* kBagFile = "views.bag";
 
 // Hash of the program and of its libraries: another build may render other images.
 std::string build_hash() {
@@ -69,6 +72,24 @@ void render_rgbd(Source& source, const Settings& settings, const fs::path& datas
   for (const char* file : {kTumTruthFile, kResolvedFile, "render.yaml"}) fs::rename(dataset / file, truth / file);
 }
 
+void render_euroc(Source& source, const Settings& settings, const fs::path& dataset, const fs::path& truth,
+                  const Common& common) {
+  const WrittenViews written = write_euroc(source, settings, {}, false, dataset, common);
+  fs::create_directories(truth);
+  fs::copy_file(dataset / "rig.yaml", truth / "rig.yaml");
+  for (const char* file : {kResolvedFile, "render.yaml"}) fs::rename(dataset / file, truth / file);
+  write_camera_truth(truth / kTumTruthFile, camera_trajectory(written.robot, source.model()));
+}
+
+void render_bag(Source& source, const Settings& settings, const fs::path& dataset, const fs::path& truth,
+                const Common& common) {
+  fs::create_directories(dataset);
+  const WrittenViews written = write_bag(source, settings, {}, false, dataset / kBagFile, common);
+  fs::create_directories(truth);
+  write_text(truth / "rig.yaml", to_yaml(source.model()));
+  write_camera_truth(truth / kTumTruthFile, camera_trajectory(written.robot, source.model()));
+}
+
 }  // namespace
 
 std::optional<EvaluationDataset> evaluation_dataset(const evaluation::SuiteDataset& wanted, DatasetFormat format,
@@ -90,12 +111,17 @@ std::optional<EvaluationDataset> evaluation_dataset(const evaluation::SuiteDatas
     const fs::path dataset = staged.path() / "dataset", truth = staged.path() / "truth";
     if (format == DatasetFormat::tum_rgbd)
       render_rgbd(*source, settings, dataset, truth, common);
+    else if (format == DatasetFormat::euroc)
+      render_euroc(*source, settings, dataset, truth, common);
+    else if (format == DatasetFormat::rosbag)
+      render_bag(*source, settings, dataset, truth, common);
     else if (!render_fringes(*source, dataset, truth, common))
       return std::nullopt;
     write_text(truth / kResolvedFile, scene.resolved);
     staged.commit();
   }
   result.dataset = folder / "dataset";
+  if (format == DatasetFormat::rosbag) result.dataset /= kBagFile;
   result.truth = folder / "truth";
   result.poses = read_tum(true_trajectory_file(result.truth));
   return result;

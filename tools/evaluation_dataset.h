@@ -12,18 +12,19 @@
 
 namespace fringeslam::tools {
 
-enum class DatasetFormat { fringes, tum_rgbd };
+enum class DatasetFormat { fringes, tum_rgbd, euroc, rosbag };
 
 constexpr auto choices(DatasetFormat) {
   using enum DatasetFormat;
-  return std::to_array<Choice<DatasetFormat>>({{fringes, "fringes"}, {tum_rgbd, "tum-rgbd"}});
+  return std::to_array<Choice<DatasetFormat>>(
+      {{fringes, "fringes"}, {tum_rgbd, "tum-rgbd"}, {euroc, "euroc"}, {rosbag, "rosbag"}});
 }
 
 struct EvaluationDataset {
   std::string hash;               // of the scene, the format and the program
-  std::filesystem::path dataset;  // what a system sees
+  std::filesystem::path dataset;  // what a system sees: a folder; for rosbag a file
   std::filesystem::path truth;    // for read_map_truth()
-  Trajectory poses;               // true poses: of the robot for fringes, of the camera for RGB-D
+  Trajectory poses;               // true poses: of the robot for fringes, of the camera for the other formats
 };
 
 // Returns the dataset from the cache, or renders it; empty if interrupted.

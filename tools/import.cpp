@@ -12,6 +12,10 @@
 #include "core/check/conventions.h"
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
+#include "tools/bag/bag_dataset.h"
+#include "tools/bag/bag_stream.h"
+#include "tools/bag/bag_unpack.h"
+#include "tools/board_file.h"
 #include "tools/progress.h"
 #include "tools/report/noise_report.h"
 #include "tools/verbs.h"
@@ -132,11 +136,25 @@ std::vector<std::string> check_of(const ImportPlan& plan, const SensorModel& sen
   return warnings;
 }
 
-int import_folder(const fs::path& source, const fs::path& config, const std::string& out, const std::string& rig_file,
-                  bool check, const Common& common) {
-  std::optional<RigModel> calibration;
-  if (!rig_file.empty()) calibration = read_rig(fs::path(rig_file));
-  ImportPlan plan = read_import(config, source);
+// Prints what was imported.
+void print_imported(const std::string& out, int stacks, size_t images, const RigModel& model,
+                    const nlohmann::ordered_json& noise, const std::string& noise_summary, const Common& common) {
+  if (common.json) {
+    const nlohmann::ordered_json json = {{"dataset", out},
+                                         {"stacks", stacks},
+                                         {"images_per_stack", images},
+                                         {"calibrated", model.calibrated},
+                                         {"noise", noise}};
+    std::printf("%s\n", json.dump().c_str());
+  } else if (!common.quiet) {
+    std::printf("dataset: %s (%d x %zu images, %dx%d px%s)\n", out.c_str(), stacks, images, model.camera.width,
+                model.camera.height, model.calibrated ? "" : "; not calibrated: run fringeslam calibrate rig");
+    std::printf("camera noise: %s\n", noise_summary.c_str());
+  }
+}
+
+int import_images(ImportPlan plan, const std::string& out, const std::optional<RigModel>& calibration, bool check,
+                  const Common& common) {
   const size_t stacks = plan.stacks.size(), images = plan.sequence.patterns.size();
   const std::string name = plan.rig.name, board_yaml = plan.board_yaml;
   const bool image_times = plan.has_image_times();
@@ -162,20 +180,49 @@ int import_folder(const fs::path& source, const fs::path& config, const std::str
   folder.commit();
   const RigModel& model = rig.model();
   for (const std::string& warning : noise.warnings) std::fprintf(stderr, "warning: %s\n", warning.c_str());
-  if (common.json) {
-    const nlohmann::ordered_json json = {
-        {"dataset", out},
-        {"stacks", stacks},
-        {"images_per_stack", images},
-        {"calibrated", model.calibrated},
-        {"noise", noise.measured ? to_json(*noise.measured) : nlohmann::ordered_json(noise.summary)}};
-    std::printf("%s\n", json.dump().c_str());
-  } else if (!common.quiet) {
-    std::printf("dataset: %s (%zu x %zu images, %dx%d px%s)\n", out.c_str(), stacks, images, model.camera.width,
-                model.camera.height, model.calibrated ? "" : "; not calibrated: run fringeslam calibrate rig");
-    std::printf("camera noise: %s\n", noise.summary.c_str());
-  }
+  print_imported(out, static_cast<int>(stacks), images, model,
+                 noise.measured ? to_json(*noise.measured) : nlohmann::ordered_json(noise.summary), noise.summary,
+                 common);
   return 0;
+}
+
+// Imports a bag that this program wrote: it contains its rig and its patterns.
+int import_our_bag(const fs::path& file, const std::string& out, const std::optional<RigModel>& calibration,
+                   const Common& common) {
+  BagRig rig(file);
+  if (calibration) rig.recalibrate(*calibration);
+  StagedFolder folder(out, "dataset");
+  RecordingRig recording(rig, folder.path());
+  const DatasetInfo& info = rig.info();
+  {
+    Progress progress("importing", info.stacks, common.quiet || common.json);
+    while (recording.capture(rig.sequence())) progress.step();
+  }
+  if (!rig.board_yaml().empty()) write_text(folder.path() / kBoardFile, rig.board_yaml());
+  recording.finish(info.name, info.seed, false, info.imported, info.image_times);
+  folder.commit();
+  const std::string noise = "as in the bag";
+  print_imported(out, info.stacks, rig.sequence().patterns.size(), rig.model(), noise, noise, common);
+  return 0;
+}
+
+int import_bag(const fs::path& file, const fs::path& config, const std::string& out,
+               const std::optional<RigModel>& calibration, bool check, const Common& common) {
+  if (!is_bag(file)) throw Error(file.string() + ": is neither a folder with images nor a ROS bag (format 2.0)");
+  const std::vector<BagTopic> topics = BagStream(file, {}).topics();
+  if (is_our_bag(topics)) {
+    if (!config.empty())
+      throw Error(file.string() + ": contains its rig and its patterns, so --config has no effect; leave it out");
+    return import_our_bag(file, out, calibration, common);
+  }
+  if (config.empty())
+    throw Error(file.string() +
+                ": was not written by fringeslam; describe its images in an import.yaml and pass it as --config");
+  StagedFolder unpacked(out, "dataset");
+  const std::vector<std::string> warnings = unpack_bag(file, read_bag_selection(config), unpacked.path());
+  const int status = import_images(read_import(config, unpacked.path(), true), out, calibration, check, common);
+  for (const std::string& warning : warnings) std::fprintf(stderr, "warning: %s\n", warning.c_str());
+  return status;
 }
 
 }  // namespace
@@ -187,15 +234,19 @@ Verb add_import(Command app, const Common& common) {
   };
   auto a = std::make_shared<ImportArguments>();
   const Command verb = app.add_subcommand("import", "Convert the images of any structured-light rig to a dataset");
-  verb.add_option("folder", a->folder, "Folder with the images").required();
-  verb.add_option("--config", a->config, "Description of the images (default: FOLDER/import.yaml)");
+  verb.add_option("folder", a->folder, "Folder with the images, or a ROS bag").required();
+  verb.add_option("--config", a->config,
+                  "Description of the images (default: FOLDER/import.yaml); not for bags written by fringeslam");
   verb.add_option("--out", a->out, "Dataset folder to write").required();
   verb.add_option("--rig", a->rig, "Calibration, a rig.yaml such as that of calibrate rig; replaces import.yaml's")
       .check_existing_file();
   verb.add_flag("--no-check", a->unchecked, "Import even if other conventions fit the images far better");
   return [a, &common] {
-    const fs::path folder(a->folder);
-    return import_folder(folder, a->config.empty() ? folder / kImportFile : fs::path(a->config), a->out, a->rig,
+    const fs::path source(a->folder), config(a->config);
+    std::optional<RigModel> calibration;
+    if (!a->rig.empty()) calibration = read_rig(fs::path(a->rig));
+    if (fs::is_regular_file(source)) return import_bag(source, config, a->out, calibration, !a->unchecked, common);
+    return import_images(read_import(config.empty() ? source / kImportFile : config, source), a->out, calibration,
                          !a->unchecked, common);
   };
 }

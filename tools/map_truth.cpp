@@ -5,6 +5,8 @@
 
 #include "core/score/trajectory_file.h"
 #include "sim/virtual_rig.h"
+#include "tools/bag/bag_dataset.h"
+#include "tools/euroc.h"
 #include "tools/progress.h"
 #include "tools/source.h"
 #include "tools/tum_rgbd.h"
@@ -42,13 +44,21 @@ sim::Scene read_scene(const fs::path& path, std::optional<uint64_t> seed) {
   return scene_of_images(path);
 }
 
+// The true trajectory of the camera in a folder in the layout of TUM RGB-D or EuRoC.
+std::optional<fs::path> camera_truth_file(const fs::path& path) {
+  for (const char* file : {kTumTruthFile, kEurocTruthFile}) {
+    if (path_exists(path / file)) return path / file;
+  }
+  return std::nullopt;
+}
+
 }  // namespace
 
 MapTruth read_map_truth(const fs::path& path, std::optional<uint64_t> seed, const Common& common) {
   sim::Scene scene = read_scene(path, seed);
   Trajectory trajectory = scene.trajectory;
-  if (path_exists(path / kTumTruthFile)) {
-    trajectory = scene.trajectory = read_tum(path / kTumTruthFile);
+  if (const auto camera = camera_truth_file(path)) {
+    trajectory = scene.trajectory = read_trajectory(*camera);
     const Pose camera_from_robot = scene.rig.robot_from_camera.inverse();
     for (TimedPose& pose : scene.trajectory) pose.world_from_robot = pose.world_from_robot * camera_from_robot;
   }
@@ -78,10 +88,13 @@ MapScore score_map(const PlyMap& map, const MapTruth& truth, double threshold_m)
 fs::path true_trajectory_file(const fs::path& path) {
   std::error_code ignored;
   if (!fs::is_directory(path, ignored)) return path;
-  for (const fs::path& file : {path / "truth" / "truth.tum", path / kTumTruthFile}) {
-    if (path_exists(file)) return file;
-  }
-  throw Error(path.string() + ": contains neither truth/truth.tum nor " + kTumTruthFile);
+  if (path_exists(path / "truth" / "truth.tum")) return path / "truth" / "truth.tum";
+  if (const auto file = camera_truth_file(path)) return *file;
+  throw Error(path.string() + ": contains neither truth/truth.tum nor " + kTumTruthFile + " nor " + kEurocTruthFile);
+}
+
+Trajectory true_trajectory(const fs::path& path) {
+  return is_bag(path) ? true_camera_trajectory(path) : read_trajectory(true_trajectory_file(path));
 }
 
 }  // namespace fringeslam::tools

@@ -20,11 +20,11 @@ struct MapTruth {
   std::string name;
   sim::NearestSurface surface;
   std::vector<Eigen::Vector3d> seen;  // surface points seen by the sensor, world frame, m
-  // Poses of the robot; of the camera if the ground truth is a folder in TUM RGB-D layout.
+  // Poses of the robot; of the camera if the ground truth is a folder in TUM RGB-D or EuRoC layout.
   Trajectory trajectory;
 };
 
-// Reads the ground truth from `path`: a scene file or folder, or a dataset, run or TUM RGB-D folder rendered from one.
+// Reads the ground truth from `path`: a scene file or folder, or a dataset, run, TUM RGB-D or EuRoC folder rendered from one.
 // Throws Error if the surface is unknown, the sensor sees none of it, or `seed` is given for a rendered folder.
 MapTruth read_map_truth(const std::filesystem::path& path, std::optional<uint64_t> seed, const Common& common);
 
@@ -32,8 +32,11 @@ MapTruth read_map_truth(const std::filesystem::path& path, std::optional<uint64_
 // triangles.
 MapScore score_map(const PlyMap& map, const MapTruth& truth, double threshold_m);
 
-// Returns the true trajectory's file: `path` itself, or the file in a dataset, run or TUM RGB-D folder. Throws Error if
+// Returns the true trajectory's file: `path` itself, or the file in a dataset, run, TUM RGB-D or EuRoC folder. Throws Error if
 // the folder has none.
 std::filesystem::path true_trajectory_file(const std::filesystem::path& path);
+
+// Reads the true trajectory of `path`, which may also be a ROS bag written by `render`.
+Trajectory true_trajectory(const std::filesystem::path& path);
 
 }  // namespace fringeslam::tools

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// fringeslam render SCENE --out DATASET [--format tum-rgbd]
+// fringeslam render SCENE --out DATASET [--format tum-rgbd|euroc|rosbag]
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
 
 #include "core/io/files.h"
 #include "core/rig/dataset.h"
+#include "tools/bag/bag_dataset.h"
 #include "tools/board_file.h"
+#include "tools/euroc.h"
 #include "tools/progress.h"
 #include "tools/source.h"
 #include "tools/tum_rgbd.h"
@@ -14,43 +16,63 @@
 
 namespace fringeslam::tools {
 
+namespace {
+
+// Writes one of the formats for other systems and returns the number of views.
+int write_views(const std::string& format, Source& source, const Settings& settings, const RgbdOptions& options,
+                const std::string& out, const Common& common) {
+  if (format == "rosbag") return write_bag(source, settings, options, true, out, common).views;
+  if (format == "euroc") return write_euroc(source, settings, options, true, out, common).views;
+  return write_tum_rgbd(source, settings, options, out, common);
+}
+
+}  // namespace
+
 Verb add_render(Command app, const Common& common) {
   struct RenderArguments {
     std::string scene, out;
     std::vector<std::string> sets;
     SceneVariant variant;
     std::string format = "fringes";
-    TumRgbdOptions rgbd;
+    RgbdOptions rgbd;
   };
   auto arguments = std::make_shared<RenderArguments>();
   const Command verb =
       app.add_subcommand("render", "Render a scene's fringe images and their ground truth to a dataset");
   verb.add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml").required();
-  verb.add_option("--out", arguments->out, "Dataset folder to write").required();
+  verb.add_option("--out", arguments->out, "Dataset folder to write; a file with --format rosbag").required();
   arguments->variant.add_to(verb);
   verb.add_option("--set", arguments->sets, "Setting: stage.key=value (repeatable; see `run --help`)");
   const Option format =
       verb.add_option("--format", arguments->format,
-                      "fringes: a dataset for `run`; tum-rgbd: texture and depth in the TUM RGB-D folder layout")
-          .check_one_of({"fringes", "tum-rgbd"});
+                      "fringes: a dataset for `run`; tum-rgbd, euroc: texture and depth in the folder layout of TUM "
+                      "RGB-D or like that of EuRoC; rosbag: a ROS 1 bag with fringe images, texture, depth and points")
+          .check_one_of({"fringes", "tum-rgbd", "euroc", "rosbag"});
+  const Option scale = verb.add_option("--depth-scale", arguments->rgbd.units_per_m,
+                                       "tum-rgbd, euroc: depth image units per metre (5000)")
+                           .check_range(1.0, 1e6);
   const std::vector<Option> of_rgbd = {
+      scale,
       verb.add_option("--depth", arguments->rgbd.depth,
-                      "tum-rgbd: depth measured from the fringes (default), or the true depth")
+                      "Depth images: measured from the fringes (default), or the true depth")
           .check_one_of({"measured", "truth"}),
-      verb.add_option("--depth-scale", arguments->rgbd.units_per_m, "tum-rgbd: depth image units per metre (5000)")
-          .check_range(1.0, 1e6),
-      verb.add_flag("--distorted", arguments->rgbd.distorted, "tum-rgbd: keep the camera's lens distortion")};
+      verb.add_flag("--distorted", arguments->rgbd.distorted,
+                    "tum-rgbd, euroc, rosbag: keep the camera's lens distortion")};
   for (const Option& option : of_rgbd) option.needs(format);
-  return [arguments, of_rgbd, &common] {
+  return [arguments, scale, of_rgbd, &common] {
+    if (arguments->format == "rosbag" && scale.count() > 0)
+      throw Error("render: --depth-scale has no effect with --format rosbag, whose depth is in metres");
+    if (arguments->format == "rosbag") require_bags("render --format rosbag");
     const Settings settings = parse_settings(arguments->sets);
     const auto source = open_source(arguments->scene, arguments->variant, settings, false);
-    if (arguments->format == "tum-rgbd") {
-      const int images = write_tum_rgbd(*source, settings, arguments->rgbd, arguments->out, common);
+    if (arguments->format != "fringes") {
+      const int images = write_views(arguments->format, *source, settings, arguments->rgbd, arguments->out, common);
       print_result(common, {{"dataset", arguments->out}, {"stacks", images}}, "dataset: " + arguments->out);
       return 0;
     }
     for (const Option& option : of_rgbd) {
-      if (option.count() > 0) throw Error("render: " + option.get_name() + " has no effect without --format tum-rgbd");
+      if (option.count() > 0)
+        throw Error("render: " + option.get_name() + " has no effect without --format tum-rgbd, euroc or rosbag");
     }
     StagedFolder folder(arguments->out, "dataset");
     const auto rig = source->open(folder.path());

@@ -38,8 +38,8 @@ void score_run_folder(const ScoreArguments& arguments, const Common& common) {
 }
 
 void score_trajectory_file(const ScoreArguments& arguments, const Common& common) {
-  const TrajectoryScore score = score_trajectory(
-      read_trajectory(arguments.estimate), read_trajectory(true_trajectory_file(arguments.truth)), arguments.options);
+  const TrajectoryScore score =
+      score_trajectory(read_trajectory(arguments.estimate), true_trajectory(arguments.truth), arguments.options);
   print(common, tools::to_json(score), to_table(score) + statistics_table(score));
 }
 
@@ -110,8 +110,8 @@ Verb add_score(Command app, const Common& common) {
   verb.add_option("estimate", arguments->estimate, "Run folder, trajectory (TUM or EuRoC), or map (PLY)").required();
   verb.add_option(
       "--truth", arguments->truth,
-      "Ground truth. For a trajectory: the true trajectory or a rendered folder; for a map: scene, dataset, run "
-      "or TUM RGB-D folder; not for a run folder, which contains its own");
+      "Ground truth. For a trajectory: the true trajectory or a rendered folder or bag; for a map: scene, dataset, run "
+      "or TUM RGB-D or EuRoC folder; not for a run folder, which contains its own");
   const Option align =
       add_choice(verb, "--align", options.align,
                  "Alignment: none, origin (first pose), se3 or sim3 (all positions, sim3 with scale); evo's "

@@ -7,10 +7,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "core/io/files.h"
-#include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
-#include "core/score/truth_files.h"
-#include "tools/progress.h"
 
 namespace fringeslam::tools {
 
@@ -73,12 +70,6 @@ std::string open3d_intrinsic(const Pinhole& c) {
   return json.dump(2) + "\n";
 }
 
-cv::Mat1f measured_depth(const Frame& frame) {
-  cv::Mat1f depth;
-  cv::extractChannel(frame.points_m, depth, 2);
-  return depth;
-}
-
 // The image lists of a folder. Like the benchmark's, rgb.txt and depth.txt begin with three comment lines, which some
 // readers skip.
 struct Lists {
@@ -92,88 +83,39 @@ struct Lists {
   }
 };
 
-class Sensor {
- public:
-  Sensor(const Source& source, const Settings& settings)
-      : settings_(settings),
-        model_(source.model()),
-        triangulation_(model_, pixel_rays(model_.camera), settings.pipeline.depth.near_m,
-                       settings.pipeline.depth.far_m) {
-    if (!model_.calibrated)
-      throw Error(source.name() + ": its rig is not calibrated, so there is no depth; run fringeslam calibrate rig");
-    resolve_unwrapping(source.sequence(), model_, settings_.pipeline.decode);
-  }
-  Frame see(const FringeStack& stack) const {
-    return reconstruct(decode(stack, model_, settings_.pipeline.decode), model_, triangulation_,
-                       settings_.pipeline.depth);
-  }
-
- private:
-  const Settings& settings_;
-  RigModel model_;
-  Triangulation triangulation_;
-};
-
 }  // namespace
 
-cv::Mat1w depth_units(const cv::Mat1f& depth_m, double units_per_m) {
-  cv::Mat1w units(depth_m.size(), uint16_t{0});
-  for (int row = 0; row < depth_m.rows; ++row) {
-    for (int col = 0; col < depth_m.cols; ++col) {
-      const double value = std::round(static_cast<double>(depth_m(row, col)) * units_per_m);
-      if (value > 0 && value <= UINT16_MAX) units(row, col) = static_cast<uint16_t>(value);
-    }
-  }
-  return units;
+void write_camera_truth(const fs::path& file, const Trajectory& camera) {
+  write_text(file,
+             "# true trajectory of the camera: x right, y down, z forward\n#\n# timestamp tx ty tz qx qy qz qw\n" +
+                 to_tum(camera));
 }
 
-int write_tum_rgbd(Source& source, const Settings& settings, const TumRgbdOptions& options, const fs::path& out,
+int write_tum_rgbd(Source& source, const Settings& settings, const RgbdOptions& options, const fs::path& out,
                    const Common& common) {
-  const bool true_depth = options.depth == "truth";
-  if (true_depth && !source.has_truth()) throw Error(out.string() + ": the source has no true depth");
-  if (!options.distorted) source.undistort();
-  const Sensor sensor(source, settings);
+  prepare(source, options, out.string());
   StagedFolder folder(out, "tum-rgbd");
   for (const char* name : {"rgb", "depth"}) fs::create_directory(folder.path() / name);
-  const auto rig = source.open(folder.path());
-  const fs::path truth = folder.path() / "truth";
   Lists lists;
   Trajectory seen;
   std::string last;
-  {
-    Progress progress("rendering", source.stacks(), common.quiet || common.json);
-    while (const auto stack = rig->capture(source.sequence())) {
-      const std::string time = time_text(stack->timestamp_s);
-      if (time == last)
-        throw Error(out.string() +
-                    ": two views have the same timestamp in microseconds, which the format cannot distinguish");
-      last = time;
-      const std::string name = image_name(stack->timestamp_s);
-      const Frame frame = sensor.see(*stack);
-      const fs::path truth_file = truth / (stack_name(stack->index) + ".exr");
-      cv::Mat texture;
-      cv::cvtColor(frame.texture, texture, cv::COLOR_GRAY2BGR);
-      write_png(folder.path() / "rgb" / name, texture);
-      write_png(
-          folder.path() / "depth" / name,
-          depth_units(true_depth ? read_truth_frame(truth_file).depth_m : measured_depth(frame), options.units_per_m));
-      lists.add(time, name);
-      seen.push_back({stack->timestamp_s, {}});
-      fs::remove(truth_file);
-      progress.step();
-    }
-  }
-  if (seen.empty()) throw Error(out.string() + ": the source contains no views");
+  const auto write = [&](const RgbdView& view) {
+    const double time_s = view.stack.timestamp_s;
+    const std::string time = time_text(time_s), name = image_name(time_s);
+    if (time == last)
+      throw Error(out.string() +
+                  ": two views have the same timestamp in microseconds, which the format cannot distinguish");
+    last = time;
+    cv::Mat texture;
+    cv::cvtColor(view.frame.texture, texture, cv::COLOR_GRAY2BGR);
+    write_png(folder.path() / "rgb" / name, texture);
+    write_png(folder.path() / "depth" / name, depth_units(view.depth_m, options.units_per_m));
+    lists.add(time, name);
+    seen.push_back({time_s, {}});
+  };
+  const Trajectory robot = for_each_view(source, settings, options, folder.path(), out.string(), common, write);
   const RigModel& model = source.model();
-  if (source.has_truth()) {
-    Trajectory camera = read_tum(truth / "truth.tum");
-    for (TimedPose& pose : camera) pose.world_from_robot = pose.world_from_robot * model.robot_from_camera;
-    write_text(folder.path() / kTumTruthFile,
-               "# true trajectory of the camera: x right, y down, z forward\n#\n# timestamp tx ty tz qx qy qz qw\n" +
-                   to_tum(camera));
-  }
-  std::error_code ignored;
-  fs::remove_all(truth, ignored);
+  if (source.has_truth()) write_camera_truth(folder.path() / kTumTruthFile, camera_trajectory(robot, model));
   write_text(folder.path() / "rgb.txt", lists.rgb);
   write_text(folder.path() / "depth.txt", lists.depth);
   write_text(folder.path() / "associations.txt", lists.both);

@@ -12,26 +12,18 @@
 //   rig.yaml  render.yaml  resolved_scene.yaml   as in datasets
 #pragma once
 
-#include "tools/settings.h"
-#include "tools/source.h"
-#include "tools/verbs.h"
+#include "tools/rgbd.h"
 
 namespace fringeslam::tools {
 
 constexpr const char* kTumTruthFile = "groundtruth.txt";
 
-struct TumRgbdOptions {
-  std::string depth = "measured";  // decoded from the fringes and triangulated; or "truth"
-  double units_per_m = 5000;
-  bool distorted = false;  // keep the lens distortion; otherwise scenes are rendered without it
-};
-
-// Converts depth to 16-bit units; 0 where there is no depth or it exceeds 65535 units.
-cv::Mat1w depth_units(const cv::Mat1f& depth_m, double units_per_m);
+// Writes the true trajectory of the camera with a heading.
+void write_camera_truth(const std::filesystem::path& file, const Trajectory& camera);
 
 // Writes the complete folder or nothing and returns the number of images. Throws Error if the source cannot provide
 // what `options` ask for.
-int write_tum_rgbd(Source& source, const Settings& settings, const TumRgbdOptions& options,
+int write_tum_rgbd(Source& source, const Settings& settings, const RgbdOptions& options,
                    const std::filesystem::path& out, const Common& common);
 
 }  // namespace fringeslam::tools

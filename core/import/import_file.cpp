@@ -585,9 +585,37 @@ void apply(const Waveform& waveform, ImportPlan& plan) {
   }
 }
 
+BagSelection bag_selection(const YamlMap& map) {
+  if (!map.has("bag"))
+    throw map.error(
+        "'bag' is missing; add `bag: {images_per_stack: N}`, the number of images of each pass through the "
+        "patterns");
+  const YamlMap section = map.map("bag");
+  BagSelection selection;
+  selection.topic = section.text_or("topic", "");
+  selection.first = section.integer_or("first", 0, {0, 1e9});
+  selection.per_stack = section.integer("images_per_stack", {1, kMaxNumber});
+  selection.stacks = section.integer_or("stacks", 0, {0, kMaxNumber});
+  return selection;
+}
+
+// Stacks and times of a bag are in its own section.
+std::string read_bag_stacks(const YamlMap& map, const fs::path& folder, std::vector<fs::path>& stacks) {
+  bag_selection(map);
+  for (const char* key : {"stacks", "image_times", "image_interval_s", "interval_s"}) {
+    if (map.has(key))
+      throw map.error(key,
+                      "'" + std::string(key) + "' has no effect on a ROS bag, whose messages have times; remove it");
+  }
+  for (const std::string& name : matching_folders(folder, "*")) stacks.push_back(folder / name);
+  return kBagTimesFile;
+}
+
 }  // namespace
 
-ImportPlan read_import(const fs::path& config, const fs::path& folder) {
+BagSelection read_bag_selection(const fs::path& config) { return bag_selection(YamlMap::load(config)); }
+
+ImportPlan read_import(const fs::path& config, const fs::path& folder, bool unpacked_bag) {
   if (!fs::is_directory(folder)) throw Error(folder.string() + ": is not a folder; specify the folder with the images");
   const YamlMap map = YamlMap::load(config);
   ImportPlan plan;
@@ -596,13 +624,16 @@ ImportPlan read_import(const fs::path& config, const fs::path& folder) {
   plan.rig = read_rig_parts(map, map.text("name"), folder, waveform);
   if (map.has("camera")) plan.camera = read_camera(map.map("camera"), folder);
   plan.interval_s = map.number_or("interval_s", plan.interval_s, {1e-6, 1e6});
-  const std::string image_times = read_image_timing(map, plan);
+  std::vector<fs::path> stacks;
+  const std::string image_times = unpacked_bag ? read_bag_stacks(map, folder, stacks) : read_image_timing(map, plan);
+  if (!unpacked_bag && map.has("bag"))
+    throw map.error("bag", "'bag' needs a ROS bag, but " + folder.string() + " is a folder");
   plan.exposure_s = map.number_or("exposure_s", plan.exposure_s, {1e-9, 1e3});
   if (map.has("board")) plan.board_yaml = read_board(map.map("board"));
   const cv::Size projector(plan.rig.projector.width, plan.rig.projector.height);
   std::vector<Entry> entries = read_entries(map, projector, folder);
   const std::vector<std::string> ignored = map.has("ignore") ? map.texts("ignore") : std::vector<std::string>{};
-  const std::vector<fs::path> stacks = stack_folders(map, folder);
+  if (!unpacked_bag) stacks = stack_folders(map, folder);
   map.finish();  // report misspelt keys before their consequences
   recognize_entries(entries, projector);
   plan.sequence = sequence_of(entries, projector, map);

@@ -53,8 +53,23 @@ struct ImportPlan {
   std::string board_yaml;  // content of the dataset's board.yaml; empty: none
 };
 
-// Reads import.yaml for the images in `folder`. Throws Error with file:line for anything missing, duplicated, unused or
-// contradictory.
-ImportPlan read_import(const std::filesystem::path& config, const std::filesystem::path& folder);
+// The fringe images of a ROS bag: section `bag:` of import.yaml.
+struct BagSelection {
+  std::string topic;  // empty: the only one with images
+  int first = 0;      // images before the first stack
+  int per_stack = 0;
+  int stacks = 0;  // 0: as many as there are
+};
+
+// In the folder of each stack of an unpacked bag.
+constexpr const char* kBagTimesFile = "image_times.txt";
+
+// Reads the section `bag:` alone. Throws Error with file:line if it is missing or invalid.
+BagSelection read_bag_selection(const std::filesystem::path& config);
+
+// Reads import.yaml for the images in `folder`; with `unpacked_bag`, its subfolders are the stacks of a bag. Throws Error
+// with file:line for anything missing, duplicated, unused or contradictory.
+ImportPlan read_import(const std::filesystem::path& config, const std::filesystem::path& folder,
+                       bool unpacked_bag = false);
 
 }  // namespace fringeslam

@@ -35,12 +35,45 @@ fs::path exr_or_png(const fs::path& stem) {
 fs::path image_file(const fs::path& stack, size_t number) { return exr_or_png(stack / image_name(number, "")); }
 fs::path thermal_file(const fs::path& stack) { return exr_or_png(stack / "thermal"); }
 
-bool is_recordable(const cv::Mat1f& temperature_c) {
-  return std::all_of(temperature_c.begin(), temperature_c.end(),
-                     [](float t) { return t == celsius(centikelvin(static_cast<double>(t))); });
+std::string listed(const std::vector<double>& values) {
+  std::string text;
+  for (size_t i = 0; i < values.size(); ++i) text += (i ? ", " : "") + to_text(values[i]);
+  return text;
 }
 
 }  // namespace
+
+std::string stack_yaml(const FringeStack& stack) {
+  return "timestamp_s: " + to_text(stack.timestamp_s) + "\nexposure_s: [" + listed(stack.exposure_s) +
+         "]\nexposure_time_s: [" + listed(stack.exposure_time_s) + "]\n";
+}
+
+void read_stack_times(const YamlMap& map, size_t images, const Timing& timing, FringeStack& stack) {
+  stack.timestamp_s = map.number("timestamp_s", {0, 1e12});
+  stack.exposure_s = map.numbers("exposure_s", images, {1e-9, 1e3});
+  // Older datasets lack the times; their images were taken at the camera rate.
+  stack.exposure_time_s = map.has("exposure_time_s") ? map.numbers("exposure_time_s", images, {-1e12, 1e12})
+                                                     : exposure_times_s(stack.timestamp_s, images, timing);
+  map.finish();
+}
+
+std::optional<cv::Mat1w> centikelvin_image(const cv::Mat1f& temperature_c) {
+  cv::Mat1w image(temperature_c.size());
+  std::transform(temperature_c.begin(), temperature_c.end(), image.begin(),
+                 [](float t) { return centikelvin(static_cast<double>(t)); });
+  if (!std::equal(temperature_c.begin(), temperature_c.end(), image.begin(),
+                  [](float t, uint16_t recorded) { return t == celsius(recorded); }))
+    return std::nullopt;
+  return image;
+}
+
+cv::Mat1f celsius_image(const cv::Mat& image, const std::string& where) {
+  if (image.type() == CV_32FC1) return image;
+  if (image.type() != CV_16UC1) throw Error(where + ": is not a 16-bit image in hundredths of a kelvin");
+  cv::Mat1f temperature_c(image.size());
+  std::transform(image.begin<uint16_t>(), image.end<uint16_t>(), temperature_c.begin(), celsius);
+  return temperature_c;
+}
 
 std::string stack_name(int index) {
   char name[32];
@@ -93,11 +126,7 @@ cv::Mat1f ReplayRig::thermal_of(const fs::path& stack) const {
     throw Error(file.string() + ": is " + std::to_string(image.cols) + "x" + std::to_string(image.rows) +
                 " but the thermal camera of rig.yaml has " + std::to_string(lens.width) + "x" +
                 std::to_string(lens.height));
-  if (image.type() == CV_32FC1) return image;
-  if (image.type() != CV_16UC1) throw Error(file.string() + ": is not a 16-bit image in hundredths of a kelvin");
-  cv::Mat1f temperature_c(image.size());
-  std::transform(image.begin<uint16_t>(), image.end<uint16_t>(), temperature_c.begin(), celsius);
-  return temperature_c;
+  return celsius_image(image, file.string());
 }
 
 // Indices of the recorded images that a sequence asks for.
@@ -120,15 +149,11 @@ std::optional<FringeStack> ReplayRig::capture(const PatternSequence& sequence) {
   const YamlMap meta = YamlMap::load(folder / "stack.yaml");
   FringeStack stack;
   stack.index = next_;
-  stack.timestamp_s = meta.number("timestamp_s", {0, 1e12});
   stack.patterns = sequence;
-  const size_t images = sequence_.patterns.size();
-  const std::vector<double> exposures = meta.numbers("exposure_s", images, {1e-9, 1e3});
-  // Older datasets lack the times; their images were taken at the camera rate.
-  const std::vector<double> times = meta.has("exposure_time_s")
-                                        ? meta.numbers("exposure_time_s", images, {-1e12, 1e12})
-                                        : exposure_times_s(stack.timestamp_s, images, model_.timing);
-  meta.finish();
+  read_stack_times(meta, sequence_.patterns.size(), model_.timing, stack);
+  const std::vector<double> exposures = std::move(stack.exposure_s), times = std::move(stack.exposure_time_s);
+  stack.exposure_s.clear();
+  stack.exposure_time_s.clear();
   for (const size_t i : wanted) {
     const fs::path file = image_file(folder, i);
     stack.exposure_s.push_back(exposures[i]);
@@ -162,17 +187,8 @@ RecordingRig::RecordingRig(Rig& inner, fs::path folder) : inner_(inner), folder_
 namespace {
 
 void write_thermal(const fs::path& folder, const cv::Mat1f& temperature_c) {
-  if (!is_recordable(temperature_c)) return write_exr(folder / "thermal.exr", {{"Y", temperature_c}});
-  cv::Mat1w image(temperature_c.size());
-  std::transform(temperature_c.begin(), temperature_c.end(), image.begin(),
-                 [](float t) { return centikelvin(static_cast<double>(t)); });
-  write_png(folder / "thermal.png", image);
-}
-
-std::string listed(const std::vector<double>& values) {
-  std::string text;
-  for (size_t i = 0; i < values.size(); ++i) text += (i ? ", " : "") + to_text(values[i]);
-  return text;
+  if (const auto recorded = centikelvin_image(temperature_c)) return write_png(folder / "thermal.png", *recorded);
+  write_exr(folder / "thermal.exr", {{"Y", temperature_c}});
 }
 
 void write_stack(const fs::path& folder, const FringeStack& stack) {
@@ -185,9 +201,7 @@ void write_stack(const fs::path& folder, const FringeStack& stack) {
     else
       write_png(folder / image_name(i, ".png"), image);
   }
-  write_text(folder / "stack.yaml", "timestamp_s: " + to_text(stack.timestamp_s) + "\nexposure_s: [" +
-                                        listed(stack.exposure_s) + "]\nexposure_time_s: [" +
-                                        listed(stack.exposure_time_s) + "]\n");
+  write_text(folder / "stack.yaml", stack_yaml(stack));
 }
 
 }  // namespace

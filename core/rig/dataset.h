@@ -33,6 +33,19 @@ constexpr const char* kDatasetFile = "dataset.yaml";
 // Reads dataset.yaml. Throws Error if the folder is not a dataset.
 DatasetInfo read_dataset_info(const std::filesystem::path& folder);
 
+class YamlMap;
+
+// Content of stack.yaml: the times of a stack.
+std::string stack_yaml(const FringeStack& stack);
+// Sets the times of a stack of `images` images from its stack.yaml; `timing` replaces exposure times that it lacks.
+void read_stack_times(const YamlMap& map, size_t images, const Timing& timing, FringeStack& stack);
+
+// Temperatures in hundredths of a kelvin; empty if that would round any of them.
+std::optional<cv::Mat1w> centikelvin_image(const cv::Mat1f& temperature_c);
+// Temperatures of a recorded image: CV_16UC1 in hundredths of a kelvin, or CV_32FC1 in degrees C. Throws Error, which
+// `where` begins, if it has another type.
+cv::Mat1f celsius_image(const cv::Mat& image, const std::string& where);
+
 // File name stem of a stack or frame, such as "000042".
 std::string stack_name(int index);
 

@@ -360,8 +360,9 @@ SequenceDesign read_design(const YamlMap& map, const RigModel& rig) {
   return design;
 }
 
-PatternSequence read_patterns(const std::filesystem::path& file) {
-  const YamlMap map = YamlMap::load(file);
+PatternSequence read_patterns(const std::filesystem::path& file) { return read_patterns(YamlMap::load(file)); }
+
+PatternSequence read_patterns(const YamlMap& map) {
   PatternSequence sequence{map.integer("width_px", kPixels), map.integer("height_px", kPixels), {}};
   for (const YamlMap& entry : map.maps("patterns")) {
     sequence.patterns.push_back(read_pattern(entry));

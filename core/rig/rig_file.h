@@ -26,6 +26,7 @@ std::vector<double> read_response(const YamlMap& map, const char* table_key);
 SequenceDesign read_design(const YamlMap& map, const RigModel& rig);
 
 PatternSequence read_patterns(const std::filesystem::path& file);
+PatternSequence read_patterns(const YamlMap& map);
 std::string to_yaml(const PatternSequence& sequence);
 
 // Returns `rig` with the lenses and relative pose of a calibration, and with its response and phase correction if it has

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/io/files.h"
 #include "sim/scene/mesh_reader.h"
 
 #include <assimp/config.h>
@@ -7,7 +6,6 @@
 #include <assimp/scene.h>
 #include <fcntl.h>
 #include <poll.h>
-#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -19,6 +17,8 @@
 #include <cstdio>
 #include <cstring>
 
+#include "core/base/limited_child.h"
+#include "core/io/files.h"
 #include "core/types/error.h"
 
 namespace fringeslam::sim {
@@ -215,40 +215,9 @@ std::string answer(const std::filesystem::path& file) {
   return "m" + out.bytes();
 }
 
-void write_all(int descriptor, const std::string& bytes) {
-  for (size_t done = 0; done < bytes.size();) {
-    const ssize_t written = ::write(descriptor, bytes.data() + done, bytes.size() - done);
-    if (written <= 0) return;
-    done += static_cast<size_t>(written);
-  }
-}
-
-void limit_resources(double time_limit_s, double memory_limit_gib) {
-  const auto seconds = static_cast<rlim_t>(std::ceil(time_limit_s));
-  const rlimit time{seconds, seconds};
-  setrlimit(RLIMIT_CPU, &time);
-  const rlimit no_core{0, 0};
-  setrlimit(RLIMIT_CORE, &no_core);
-#ifndef __SANITIZE_ADDRESS__  // its shadow memory exceeds any limit
-  long pages = 0;
-  if (FILE* statm = std::fopen("/proc/self/statm", "r")) {
-    if (std::fscanf(statm, "%ld", &pages) != 1) pages = 0;
-    std::fclose(statm);
-  }
-  const auto bytes = static_cast<rlim_t>(pages) * static_cast<rlim_t>(sysconf(_SC_PAGESIZE)) +
-                     static_cast<rlim_t>(memory_limit_gib * 1024 * 1024 * 1024);
-  const rlimit memory{bytes, bytes};
-  setrlimit(RLIMIT_AS, &memory);
-#endif
-}
-
 [[noreturn]] void work_as_child(int descriptor, const std::filesystem::path& file, double time_limit_s,
                                 double memory_limit_gib) {
-  // The child must neither run the parent's signal handlers nor use its terminal.
-  for (const int signal : {SIGSEGV, SIGABRT, SIGBUS, SIGFPE, SIGILL, SIGINT, SIGTERM}) std::signal(signal, SIG_DFL);
-  const int nowhere = open("/dev/null", O_RDWR);
-  for (const int standard : {0, 1, 2}) dup2(nowhere, standard);
-  limit_resources(time_limit_s, memory_limit_gib);
+  enter_limited_child(time_limit_s, memory_limit_gib);
   std::string result;
   try {
     result = answer(file);
@@ -257,7 +226,7 @@ void limit_resources(double time_limit_s, double memory_limit_gib) {
   } catch (const std::exception& e) {
     result = std::string("e") + e.what();
   }
-  write_all(descriptor, result);
+  write_all(descriptor, result.data(), result.size());
   _exit(0);
 }
 

@@ -382,6 +382,28 @@ TEST_F(ClosedLoop, AnInterruptedCaptureIsADataset) {
   EXPECT_EQ(std::distance(fs::directory_iterator(at("interrupted/stacks")), fs::directory_iterator()), stacks);
 }
 
+// A bag appears at the end, after Ctrl-C, too, and becomes a dataset of the same images.
+TEST_F(ClosedLoop, ACaptureIntoABagIsImported) {
+  test::write_bytes(at("patterns.yaml"), to_yaml(sequence()));
+  Child capture = program({"capture", "--rig", at("rig.yaml"), "--out", at("a.bag"), "--format", "rosbag", "--count",
+                           "50", "--patterns", at("patterns.yaml"), "--before",
+                           "touch " + test::quoted(at("before").string()) + "$FRINGESLAM_STACK"});
+  const bool captured = wait_until(60, [&] { return fs::exists(at("before2")); });
+  if (log_of("program").find("built without ROS bags") != std::string::npos) GTEST_SKIP() << log_of("program");
+  ASSERT_TRUE(captured) << log_of("program");
+  EXPECT_FALSE(fs::exists(at("a.bag")));
+  EXPECT_EQ(capture.stop(SIGINT), 0);
+  EXPECT_THAT(log_of("program"), HasSubstr("interrupted"));
+  Child import = program({"import", at("a.bag"), "--out", at("imported")});
+  ASSERT_EQ(import.wait(), 0) << log_of("program");
+  ReplayRig replay(at("imported"));
+  EXPECT_GE(replay.info().stacks, 2);
+  for (int i = 0; i < replay.info().stacks; ++i) expect_right(*replay.capture(replay.sequence()));
+  Child again = program({"capture", "--rig", at("rig.yaml"), "--out", at("a.bag"), "--format", "rosbag"});
+  EXPECT_EQ(again.wait(), 2);
+  EXPECT_THAT(log_of("program"), HasSubstr("exists"));
+}
+
 // The port in a line `live: http://127.0.0.1:PORT/`; 0 if the line is absent.
 int live_port(const std::string& log) {
   const std::string lead = "live: http://127.0.0.1:";

@@ -72,6 +72,13 @@ const std::vector<Library>& libraries() {
       {"SDL", {"hw"}, false},
       {"hidapi", {"hw"}, false},
       {"httplib.h", {"tools"}, false},
+      {"rosbag/", {"tools"}, false},
+      {"ros/", {"tools"}, false},
+      {"std_msgs/", {"tools"}, false},
+      {"geometry_msgs/", {"tools"}, false},
+      {"sensor_msgs/", {"tools"}, false},
+      {"nav_msgs/", {"tools"}, false},
+      {"tf2_msgs/", {"tools"}, false},
       {"pybind11/", {"python"}}};
   return all;
 }

@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/bag/bag_unpack.h"
+
+#include <algorithm>
+#include <cinttypes>
+#include <cstdio>
+
+#include "core/io/files.h"
+#include "core/rig/dataset.h"
+#include "tools/bag/bag_dataset.h"
+#include "tools/bag/bag_stream.h"
+
+namespace fringeslam::tools {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+bool has_images(const BagTopic& topic) {
+  return topic.type == "sensor_msgs/Image" || topic.type == "sensor_msgs/CompressedImage";
+}
+
+// The topic that is selected, or the only one with images.
+BagTopic image_topic(const fs::path& file, const std::string& wanted) {
+  const std::vector<BagTopic> topics = BagStream(file, {}).topics();
+  std::string list;
+  std::vector<BagTopic> candidates;
+  for (const BagTopic& topic : topics) {
+    if (!wanted.empty() ? topic.name == wanted : has_images(topic)) candidates.push_back(topic);
+    if (has_images(topic))
+      list += (list.empty() ? "" : ", ") + topic.name + " (" + std::to_string(topic.messages) + ")";
+  }
+  if (list.empty()) throw Error(file.string() + ": has no images, that is, no topic with sensor_msgs/Image");
+  if (candidates.empty()) throw Error(file.string() + ": has no topic " + wanted + "; topics with images: " + list);
+  if (candidates.size() > 1)
+    throw Error(file.string() + ": has several topics with images: " + list +
+                "; name one as `bag: {topic: ...}` in import.yaml");
+  return candidates.front();
+}
+
+// Writes an image under a name without extension.
+void write_image(const fs::path& stem, const BagImage& image, const std::string& where) {
+  if (image.encoding == kCompressed) {
+    const std::string bytes(image.bytes.begin(), image.bytes.end());
+    const bool png = bytes.starts_with("\x89PNG"), jpeg = bytes.starts_with("\xff\xd8");
+    if (!png && !jpeg) throw Error(where + ": is compressed, but neither as PNG nor as JPEG");
+    return write_text(stem.string() + (png ? ".png" : ".jpg"), bytes);
+  }
+  const cv::Mat pixels = image_of(image, where);
+  if (pixels.depth() == CV_32F)
+    write_exr(stem.string() + ".exr", {{"Y", pixels}});
+  else
+    write_png(stem.string() + ".png", pixels);
+}
+
+std::string seconds_text(BagTime time) {
+  char text[48];
+  std::snprintf(text, sizeof text, "%" PRId64 ".%09" PRId64 "\n", time / 1000000000, time % 1000000000);
+  return text;
+}
+
+// An interval within a stack that is much longer than the others may hide lost images, after which all are assigned to
+// the wrong patterns.
+std::vector<std::string> gap_warnings(const fs::path& file, const std::vector<std::vector<BagTime>>& stacks) {
+  constexpr BagTime kLong = 5;  // times the median, in halves
+  std::vector<BagTime> intervals;
+  for (const std::vector<BagTime>& times : stacks) {
+    for (size_t i = 1; i < times.size(); ++i) intervals.push_back(times[i] - times[i - 1]);
+  }
+  if (intervals.size() < 3) return {};
+  std::vector<BagTime> sorted = intervals;
+  std::sort(sorted.begin(), sorted.end());
+  const BagTime median = sorted[sorted.size() / 2];
+  const auto longest = std::max_element(intervals.begin(), intervals.end());
+  if (2 * *longest <= kLong * median) return {};
+  const size_t per_stack = stacks.front().size() - 1, index = static_cast<size_t>(longest - intervals.begin());
+  char text[200];
+  std::snprintf(text, sizeof text,
+                ": %.4g s pass between images %zu and %zu of stack %zu, but %.4g s in the median; if images were lost "
+                "there, the patterns are wrong",
+                1e-9 * static_cast<double>(*longest), index % per_stack, index % per_stack + 1, index / per_stack,
+                1e-9 * static_cast<double>(median));
+  return {file.string() + text};
+}
+
+}  // namespace
+
+std::vector<std::string> unpack_bag(const fs::path& file, const BagSelection& selection, const fs::path& folder) {
+  const BagTopic topic = image_topic(file, selection.topic);
+  const std::string where = file.string() + ": " + topic.name;
+  const int64_t available = static_cast<int64_t>(topic.messages) - selection.first, per_stack = selection.per_stack;
+  const int64_t stacks = selection.stacks > 0 ? selection.stacks : available / per_stack;
+  if (stacks < 1 || stacks * per_stack > available || (selection.stacks == 0 && available % per_stack != 0))
+    throw Error(where + ": has " + std::to_string(topic.messages) + " images, which, after the first " +
+                std::to_string(selection.first) + ", are not " +
+                (selection.stacks > 0 ? std::to_string(stacks) : "whole") + " stacks of " + std::to_string(per_stack) +
+                "; adjust first, stacks and images_per_stack of `bag:`");
+  BagStream stream(file, {topic.name});
+  std::vector<std::vector<BagTime>> times;
+  BagTime last = 0;
+  for (int64_t number = 0; number < selection.first + stacks * per_stack; ++number) {
+    const auto message = stream.next();
+    const std::string here = where + ", image " + std::to_string(number);
+    if (!message) throw Error(here + ": is missing, although the index lists it");
+    if (number < selection.first) continue;
+    const int64_t index = (number - selection.first) % per_stack;
+    if (message->stamp <= last) throw Error(here + ": its stamp is not later than that of the image before it");
+    last = message->stamp;
+    if (index == 0) times.emplace_back();
+    const fs::path stack = folder / stack_name(static_cast<int>(times.size()) - 1);
+    fs::create_directory(stack);
+    char name[32];
+    std::snprintf(name, sizeof name, "%02d", static_cast<int>(index));
+    write_image(stack / name, message->image, here);
+    times.back().push_back(last);
+    if (index + 1 < per_stack) continue;
+    std::string text;
+    for (const BagTime time : times.back()) text += seconds_text(time);
+    write_text(stack / kBagTimesFile, text);
+  }
+  return gap_warnings(file, times);
+}
+
+}  // namespace fringeslam::tools
