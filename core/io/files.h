@@ -72,8 +72,17 @@ struct ExrChannel {
   std::string name;
   cv::Mat image;
 };
+std::string exr_bytes(const std::vector<ExrChannel>& channels, ExrCompression compression = ExrCompression::zip);
 void write_exr(const std::filesystem::path& file, const std::vector<ExrChannel>& channels,
                ExrCompression compression = ExrCompression::zip);
+
+// Decodes a PNG or EXR file in memory, with channels in the order of the file: unsigned 8 or 16 bits, or 32-bit float.
+// `name` is used in messages. Throws Error if the bytes are truncated or damaged.
+struct DecodedImage {
+  cv::Mat image;                      // H x W, with any number of channels
+  std::vector<std::string> channels;  // their names
+};
+DecodedImage decode_image(const std::string& bytes, const std::string& name);
 
 // Reads a single-channel image: unsigned 8 or 16 bits (PNG, TIFF, BMP) or 32-bit float (EXR). Throws Error if the file
 // is missing, truncated or has more than one channel.
