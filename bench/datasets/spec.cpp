@@ -85,6 +85,7 @@ void read_shares(const YamlMap& map, Spec& spec) {
     spec.shares[i] = map.number_or(kSplits[i], 0, {0, 1});
     sum += spec.shares[i];
   }
+  map.finish();  // a misspelt split is reported before the sum that lacks it
   if (std::abs(sum - 1) > 1e-9) throw map.error("the shares of train, validation and test must add up to 1");
 }
 
@@ -219,6 +220,10 @@ std::string check_spec(const Spec& spec) {
                     " views, fewer than 'views' of this dataset");
       identity += "\n" + scene.resolved + to_yaml(scene.rig);
     } catch (const Error& e) {
+      // An error in a pattern sequence is reported with its line here instead of the scene's.
+      RigModel any;
+      any.projector.width = any.projector.height = 1024;
+      for (size_t p = 0; p < spec.patterns.size(); ++p) check_patterns(spec.patterns[p], spec.patterns_where[p], any);
       studies::blame_entry(spec, e);
       throw Error(spec.scenes_where + e.what());
     }

@@ -83,7 +83,11 @@ std::string value_of(const YamlMap& map, const std::string& key) {
   std::string list;
   const std::vector<std::string> texts = map.texts(key);
   for (const std::string& text : texts) list += (list.empty() ? "" : ", ") + text;
-  return texts.size() == 1 ? list : "[" + list + "]";
+  // texts() takes a scalar as a list of one; as text, "key: [3]" and "key:\n  - 3" are lists, "key: -3" is not.
+  const std::string text = map.dump({key}, map.folder());
+  const size_t value = text.find_first_not_of(" \n", key.size() + 1);
+  const bool scalar = texts.size() == 1 && text.compare(value, 1, "[") != 0 && text.compare(value, 2, "- ") != 0;
+  return scalar ? list : "[" + list + "]";
 }
 
 void read_sampling(const YamlMap& map, Sampling& sampling) {
