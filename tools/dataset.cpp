@@ -18,6 +18,7 @@
 #include "bench/studies/results.h"
 #include "bench/studies/workers.h"
 #include "core/base/bounded_queue.h"
+#include "core/io/image_threads.h"
 #include "core/types/error.h"
 #include "tools/cluster_job.h"
 #include "tools/interrupt.h"
@@ -125,6 +126,7 @@ std::vector<std::string> worker_command(const Spec& spec, const DatasetArguments
 
 // Renders trials on request; answers with what became of each.
 int work(const DatasetArguments& arguments) {
+  use_no_image_threads();
   const Spec spec = read_spec(arguments.spec);
   std::map<int, std::string> tar_of;
   for (const Tar& tar : tars_of(spec)) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Decoding of the files in the samples of a dataset (python/fringeslam/datasets.py).
 #include "core/io/files.h"
+#include "core/io/image_threads.h"
 #include "core/io/yaml.h"
 #include "core/rig/rig_file.h"
 #include "python/src/bindings.h"
@@ -9,6 +10,7 @@
 namespace fringeslam::python {
 
 void bind_datasets(py::module_& m) {
+  use_no_image_threads();  // data loaders fork
   m.def(
       "decode_image",
       [](const py::bytes& bytes, const std::string& name) {
