@@ -33,13 +33,14 @@ constexpr PartText kPartTexts[] = {
      "`projector_column`, `projector_row`: true projector coordinate, px, integer at pixel centers"},
     {Part::phase, "phase.exr", "image/x-exr",
      "`phase.columns.P`, `phase.rows.P`: true absolute phase of the finest period P, rad"},
-    {Part::order, "order.exr", "image/x-exr",
-     "`order.columns.P`, `order.rows.P`: true fringe order of each period P, from 0"},
+    {Part::order, "order.*", "image/png",
+     "`order.columns.P.png`, `order.rows.P.png`: true fringe order of each period P, from 0, 16 bits; 65535: none"},
     {Part::sigma, "sigma.exr", "image/x-exr",
      "`column_sigma_px`, `row_sigma_px`, `depth_sigma_m`: standard deviation of coordinate and depth due to the "
      "camera's "
      "noise, propagated from the gray values with the sensor model of `rig.yaml`"},
-    {Part::objects, "objects.exr", "image/x-exr", "`object_id`: number of the object from 1 in scene order; 0: none"},
+    {Part::objects, "objects.*", "image/png",
+     "number of the object from 1 in scene order, 16 bits; 0: none (`.exr` with more than 65534 objects)"},
     {Part::mask, "mask.png", "image/png",
      "bits: 1 surface, 2 in the projector's field, 4 shadowed from the projector, 8 edge within the pixel, 16 victim, "
      "32 "

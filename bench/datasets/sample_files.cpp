@@ -99,8 +99,8 @@ std::string description(const TrialContext& context, const sim::SimulatedView& v
   return json.dump() + "\n";
 }
 
-// Images that are constant or flat over surfaces shrink to a tenth; others hardly, and take five times as long.
-constexpr ExrCompression kSmooth = ExrCompression::zip, kNoisy = ExrCompression::run_lengths;
+// Floats whose last bits vary from pixel to pixel do not shrink; normals are constant on flat surfaces.
+constexpr ExrCompression kVaried = ExrCompression::none, kFlat = ExrCompression::zip;
 
 class Files {
  public:
@@ -110,9 +110,20 @@ class Files {
   }
   void add_grey(const std::string& name, const cv::Mat& image) {
     if (image.type() == CV_32FC1)
-      add_exr(name, {{"Y", image}}, kNoisy);
+      add_exr(name, {{"Y", image}}, kVaried);
     else
-      add(name + ".png", png_bytes(image));
+      add(name + ".png", noisy_png_bytes(image));
+  }
+  // Whole numbers as 16-bit PNG, NaN as the highest value; EXR if they do not fit.
+  void add_whole(const std::string& name, const std::string& channel, const cv::Mat1f& numbers) {
+    constexpr float kNone = 65535;
+    double highest = 0;
+    cv::minMaxLoc(numbers, nullptr, &highest, nullptr, nullptr, numbers == numbers);
+    if (highest >= kNone) return add_exr(name, {{channel, numbers}}, kFlat);
+    cv::Mat1w image(numbers.size());
+    std::transform(numbers.begin(), numbers.end(), image.begin(),
+                   [](float n) { return static_cast<uint16_t>(std::isnan(n) ? kNone : n); });
+    add(name + ".png", png_bytes(image));
   }
   std::vector<SampleFile> sorted() {
     std::sort(files_.begin(), files_.end(),
@@ -129,12 +140,12 @@ std::string order_name(const std::string& quantity, const TruthOrder& order) {
 }
 
 void add_orders(Files& files, const Spec& spec, const TruthFrame& truth) {
-  std::vector<ExrChannel> orders, phases;
+  std::vector<ExrChannel> phases;
   for (const bool columns : {true, false}) {
     const TruthOrder* finest = nullptr;
     for (const TruthOrder& order : truth.fringe_orders) {
       if (order.columns != columns) continue;
-      orders.push_back({order_name("order", order), order.order});
+      if (spec.writes(Part::order)) files.add_whole(order_name("order", order), "order", order.order);
       if (!finest || order.period_px < finest->period_px) finest = &order;
     }
     if (!finest) continue;
@@ -145,8 +156,7 @@ void add_orders(Files& files, const Spec& spec, const TruthFrame& truth) {
     });
     phases.push_back({order_name("phase", *finest), phase});
   }
-  if (spec.writes(Part::order)) files.add_exr("order", orders, kSmooth);
-  if (spec.writes(Part::phase)) files.add_exr("phase", phases, kNoisy);
+  if (spec.writes(Part::phase)) files.add_exr("phase", phases, kVaried);
 }
 
 void add_sigma(Files& files, const PredictedSigma& sigma) {
@@ -154,13 +164,13 @@ void add_sigma(Files& files, const PredictedSigma& sigma) {
   if (!sigma.column_px.empty()) channels.push_back({"column_sigma_px", sigma.column_px});
   if (!sigma.row_px.empty()) channels.push_back({"row_sigma_px", sigma.row_px});
   if (!sigma.depth_m.empty()) channels.push_back({"depth_sigma_m", sigma.depth_m});
-  files.add_exr("sigma", channels, kNoisy);
+  files.add_exr("sigma", channels, kVaried);
 }
 
 void add_thermal(Files& files, const cv::Mat1f& temperature_c) {
   const bool recordable = std::all_of(temperature_c.begin(), temperature_c.end(),
                                       [](float t) { return t == celsius(centikelvin(static_cast<double>(t))); });
-  if (!recordable) return files.add_exr("thermal", {{"Y", temperature_c}}, kNoisy);
+  if (!recordable) return files.add_exr("thermal", {{"Y", temperature_c}}, kVaried);
   cv::Mat1w image(temperature_c.size());
   std::transform(temperature_c.begin(), temperature_c.end(), image.begin(),
                  [](float t) { return centikelvin(static_cast<double>(t)); });
@@ -203,26 +213,26 @@ std::vector<SampleFile> sample_files(const TrialContext& context, const sim::Sim
     files.add_grey(name, view.stack.images[i]);
   }
   if (spec.writes(Part::thermal) && !view.stack.thermal_c.empty()) add_thermal(files, view.stack.thermal_c);
-  if (spec.writes(Part::depth)) files.add_exr("depth", {{"depth_m", truth.depth_m}}, kSmooth);
+  if (spec.writes(Part::depth)) files.add_exr("depth", {{"depth_m", truth.depth_m}}, kVaried);
   if (spec.writes(Part::normals)) {
     std::vector<cv::Mat> normal(3);
     cv::split(truth.normals, normal);
-    files.add_exr("normals", {{"normal.x", normal[0]}, {"normal.y", normal[1]}, {"normal.z", normal[2]}}, kSmooth);
+    files.add_exr("normals", {{"normal.x", normal[0]}, {"normal.y", normal[1]}, {"normal.z", normal[2]}}, kFlat);
   }
   if (spec.writes(Part::coordinate))
     files.add_exr("coordinate", {{"projector_column", truth.projector_column}, {"projector_row", truth.projector_row}},
-                  kNoisy);
+                  kVaried);
   add_orders(files, spec, truth);
   if (spec.writes(Part::sigma))
     add_sigma(files, predicted_sigma(view, context.scene.rig, context.rays, context.decode));
-  if (spec.writes(Part::objects)) files.add_exr("objects", {{"object_id", truth.object_id}}, kSmooth);
+  if (spec.writes(Part::objects)) files.add_whole("objects", "object_id", truth.object_id);
   if (spec.writes(Part::mask)) {
     cv::Mat1b mask;
     truth.mask.convertTo(mask, CV_8U);
     files.add("mask.png", png_bytes(mask));
   }
   if (spec.writes(Part::temperature) && context.scene.rig.thermal)
-    files.add_exr("temperature", {{"temperature_c", truth.temperature_c}}, kSmooth);
+    files.add_exr("temperature", {{"temperature_c", truth.temperature_c}}, kFlat);
   return files.sorted();
 }
 

@@ -11,9 +11,9 @@
 //   normals.exr            normal.x .y .z: unit, camera frame, facing the camera
 //   coordinate.exr         projector_column, projector_row, px
 //   phase.exr              phase.columns.16.5 …: absolute phase 2 pi (u + 1/2) / period of the finest period of each axis
-//   order.exr              order.columns.16.5 …: number of whole periods before the point, for each period
+//   order.columns.16.5.png …   number of whole periods before the point, for each period; 16 bits, 65535: none
 //   sigma.exr              column_sigma_px, row_sigma_px, depth_sigma_m: standard deviation due to the camera's noise
-//   objects.exr            object_id: from 1, in scene order; 0: no surface
+//   objects.png            number of the object from 1, in scene order, 16 bits; 0: no surface (.exr beyond 65534)
 //   mask.png               sum of TruthMask bits (core/types/truth.h), 8 bits
 //   temperature.exr        temperature_c of the surface
 #pragma once

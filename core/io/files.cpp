@@ -157,6 +157,9 @@ std::string encoded(const char* name, OIIO::ImageSpec spec, const cv::Mat& pixel
 
 }  // namespace
 
+// libpng's filters: none, and prediction by the row above.
+constexpr int kNoFilter = 0x08, kUpFilter = 0x20;
+
 std::string png_bytes(const cv::Mat& image, int compression) {
   cv::Mat pixels = image;
   if (image.type() == CV_8UC3) {  // OpenCV's BGR -> the file's RGB
@@ -168,9 +171,17 @@ std::string png_bytes(const cv::Mat& image, int compression) {
   spec.attribute("png:compressionLevel", compression);
   // Choosing the filter row by row, libpng's default, costs two thirds of the time of a fast level. False colours
   // are smallest without a filter, grey images with the row above as prediction.
-  constexpr int kHighestFastLevel = 3, kNoFilter = 0x08, kUpFilter = 0x20;
+  constexpr int kHighestFastLevel = 3;
   if (compression <= kHighestFastLevel) spec.attribute("png:filter", image.channels() == 1 ? kUpFilter : kNoFilter);
   return encoded("memory.png", spec, pixels);
+}
+
+std::string noisy_png_bytes(const cv::Mat& image) {
+  const OIIO::TypeDesc type = image.depth() == CV_16U ? OIIO::TypeDesc::UINT16 : OIIO::TypeDesc::UINT8;
+  OIIO::ImageSpec spec(image.cols, image.rows, 1, type);
+  spec.attribute("compression", "huffman");
+  spec.attribute("png:filter", kUpFilter);
+  return encoded("memory.png", spec, image);
 }
 
 std::string jpeg_bytes(const cv::Mat1b& image, int quality) {
@@ -202,7 +213,9 @@ ExrImage exr_image(const std::vector<ExrChannel>& channels, ExrCompression compr
   exr.spec = OIIO::ImageSpec(exr.pixels.cols, exr.pixels.rows, exr.pixels.channels(), OIIO::TypeDesc::FLOAT);
   exr.spec.channelnames.clear();
   for (const ExrChannel& channel : channels) exr.spec.channelnames.push_back(channel.name);
-  exr.spec.attribute("compression", compression == ExrCompression::zip ? "zips" : "rle");
+  exr.spec.attribute("compression", compression == ExrCompression::zip           ? "zips"
+                                    : compression == ExrCompression::run_lengths ? "rle"
+                                                                                 : "none");
   // A fixed time stamp: OpenImageIO would write the current time and identical results would differ.
   exr.spec.attribute("DateTime", "1970:01:01 00:00:00");
   return exr;

@@ -18,8 +18,9 @@ _PARTS = ("images", "thermal", "depth", "normals", "coordinate", "phase", "order
           "temperature")  # fmt: skip
 
 
-def _without_data(values: np.ndarray) -> np.ndarray:
-    return np.where(np.isnan(values), -1, values).astype(np.int32)
+def _order(values: np.ndarray) -> np.ndarray:
+    none = np.isnan(values) if values.dtype == np.float32 else values == 65535
+    return np.where(none, -1, values).astype(np.int32)
 
 
 class SampleDataset:
@@ -182,17 +183,25 @@ class SampleDataset:
         sample["projector_from_camera"] = rig.projector_from_camera
         sample["camera_matrix"], sample["projector_matrix"] = rig.camera.matrix, rig.projector.matrix
         images = []
+        orders: Dict[str, Dict[float, np.ndarray]] = {"column": {}, "row": {}}
         for extension in sorted(files):
             part = extension.split(".")[0]
             image, channels = fs.decode_image(files[extension], f"{name}.{extension}")
             if part == "image":
                 images.append(image)
+            elif part == "order":  # such as order.columns.16.5.png
+                axis, period = extension[len("order.") : -len(".png")].split(".", 1)
+                orders[axis[:-1]][float(period)] = _order(image)
             elif part == "thermal":
                 sample["thermal"] = image if image.dtype == np.float32 else self._celsius(image)
             else:
                 self._add(sample, part, image, channels)
         if images:
             sample["images"] = np.stack(images)
+        for axis, by_period in orders.items():
+            if by_period:
+                sample[f"{axis}_periods"] = np.array(sorted(by_period))
+                sample[f"{axis}_order"] = np.stack([by_period[period] for period in sorted(by_period)])
         if self._derives_phase:
             self._add_phase(sample)
         return sample
@@ -211,7 +220,7 @@ class SampleDataset:
         elif part == "temperature":
             sample["temperature"] = planes["temperature_c"]
         elif part == "objects":
-            sample["objects"] = planes["object_id"].astype(np.int32)
+            sample["objects"] = image.astype(np.int32)
         elif part == "normals":
             sample["normals"] = np.stack([planes[f"normal.{axis}"] for axis in "xyz"], axis=-1)
         elif part == "coordinate":
@@ -219,14 +228,6 @@ class SampleDataset:
         elif part == "sigma":
             names = {"column_sigma_px": "column_sigma", "row_sigma_px": "row_sigma", "depth_sigma_m": "depth_sigma"}
             sample.update({names[channel]: plane for channel, plane in planes.items()})
-        elif part == "order":
-            for axis in ("column", "row"):
-                prefix = f"order.{axis}s."
-                periods = sorted((float(c[len(prefix):]), c) for c in planes if c.startswith(prefix))  # fmt: skip
-                if periods:
-                    sample[f"{axis}_periods"] = np.array([period for period, _ in periods])
-                    sample[f"{axis}_order"] = np.stack([_without_data(planes[c]) for _, c in periods])
-
     def _add_phase(self, sample: Dict[str, Any]) -> None:
         """Absolute phase 2 pi (u + 1/2) / period, as defined in docs/method.md, section 2."""
         patterns = fs.parse_patterns(sample["patterns"])
