@@ -132,7 +132,8 @@ int main(int argc, char** argv) {
           mapping_items(),      motion_items(),       mapping_speed_items(), frame_speed_items(),
           world_items(),        large_world_items(),  speed_items(),         capture_items(),
           study_items(),        soak_items(),         victim_items(),        moving_hand_items(),
-          real_capture_items(), image_pose_items(),   scale_items(),         indirect_items()})
+          real_capture_items(), image_pose_items(),   scale_items(),         indirect_items(),
+          dataset_items()})
       items.insert(items.end(), more.begin(), more.end());
 #ifdef FRINGESLAM_PYTHON
     const std::vector<Item> python = python_items();

@@ -70,6 +70,7 @@ std::vector<Item> rendering_items();
 std::vector<Item> soak_items();
 std::vector<Item> speed_items();
 std::vector<Item> study_items();
+std::vector<Item> dataset_items();
 std::vector<Item> unwrapping_items();
 std::vector<Item> victim_items();
 std::vector<Item> world_items();

@@ -15,9 +15,9 @@
 #include "bench/studies/workers.h"
 #include "core/io/files.h"
 #include "core/types/error.h"
+#include "tools/cluster_job.h"
 #include "tools/interrupt.h"
 #include "tools/progress.h"
-#include "tools/study_cluster.h"
 #include "tools/verbs.h"
 #if FRINGESLAM_REPORT
 #include "tools/report/study_report.h"
@@ -96,8 +96,8 @@ std::string write_page([[maybe_unused]] const Study& study, [[maybe_unused]] con
 }
 
 // Writes summary.json and report.html; if `print` is set, also prints the summary as text or JSON.
-void tell(const Study& study, const std::map<int, std::string>& lines, const StudyArguments& arguments, const Common& common,
-          bool print) {
+void tell(const Study& study, const std::map<int, std::string>& lines, const StudyArguments& arguments,
+          const Common& common, bool print) {
   const Summary summary = summarise(study, lines, std::max(kWorst, arguments.worst));
   const nlohmann::ordered_json json = to_json(summary);
   write_text(fs::path(arguments.out) / "summary.json", json.dump(1) + "\n");
@@ -186,8 +186,10 @@ int replay(const StudyArguments& arguments, const Common& common) {
 int submit(const StudyArguments& arguments, const Common& common) {
   const Study study = read_study(arguments.study);
   check_study(study);
-  const std::string job =
-      submit_to_slurm(study, arguments.out, std::min(arguments.tasks, study.trials), arguments.cpus);
+  const std::string job = submit_to_slurm({{"study", "run", fs::absolute(study.file).string()},
+                                           arguments.out,
+                                           std::min(arguments.tasks, study.trials),
+                                           arguments.cpus});
   if (!arguments.wait) {
     print_result(common, {{"job", job}, {"folder", arguments.out}},
                  "job " + job + ": squeue -j " + job + " shows its state; when it has ended: fringeslam study merge " +

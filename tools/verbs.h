@@ -52,6 +52,7 @@ Verb add_calibrate_response(Command group, const Common& common);
 Verb add_calibrate_stage(Command group, const Common& common);
 Verb add_import(Command app, const Common& common);
 Verb add_study(Command app, const Common& common);
+Verb add_dataset(Command app, const Common& common);
 Verb add_patterns(Command app, const Common& common);
 #if FRINGESLAM_REPORT
 Verb add_report(Command app, const Common& common);

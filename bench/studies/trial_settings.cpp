@@ -12,9 +12,9 @@ bool is_setting(const std::string& name) {
   return known;
 }
 
-TrialSettings settings_of(const Study& study, const Trial& trial) {
+TrialSettings settings_of(const Sampling& sampling, const Trial& trial) {
   std::vector<std::string> sets;
-  for (const auto& [name, value] : changes_of(study, trial, true)) sets.push_back(name + "=" + value);
+  for (const auto& [name, value] : changes_of(sampling, trial, true)) sets.push_back(name + "=" + value);
   TrialSettings settings;
   apply_settings(settings, sets);
   settings.render.check();

@@ -26,7 +26,7 @@ struct TrialSettings {
 bool is_setting(const std::string& name);
 
 // These throw Error for invalid values.
-TrialSettings settings_of(const Study& study, const Trial& trial);
+TrialSettings settings_of(const Sampling& sampling, const Trial& trial);
 sim::Scene scene_of(const Study& study, const Trial& trial);
 
 }  // namespace fringeslam::studies

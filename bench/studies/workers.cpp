@@ -29,13 +29,13 @@ class Worker {
  public:
   explicit Worker(const std::vector<std::string>& command) {
     int to[2], from[2];
-    if (pipe2(to, O_CLOEXEC) != 0 || pipe2(from, O_CLOEXEC) != 0) throw Error("study: no pipe to a worker");
+    if (pipe2(to, O_CLOEXEC) != 0 || pipe2(from, O_CLOEXEC) != 0) throw Error("workers: no pipe to a worker");
     std::vector<char*> words;
     for (const std::string& word : command) words.push_back(const_cast<char*>(word.c_str()));
     words.push_back(nullptr);
     const pid_t parent = getpid();
     pid_ = fork();
-    if (pid_ < 0) throw Error("study: cannot start a worker");
+    if (pid_ < 0) throw Error("workers: cannot start a worker");
     if (pid_ == 0) {
       prctl(PR_SET_PDEATHSIG, SIGKILL);  // without the parent nobody would read its answers
       if (getppid() != parent) _exit(1);
@@ -63,13 +63,13 @@ class Worker {
   Worker& operator=(const Worker&) = delete;
 
   int output() const { return from_; }
-  std::optional<int> trial() const { return trial_; }
+  std::optional<int> task() const { return task_; }
   double busy_s() const { return std::chrono::duration<double>(Clock::now() - since_).count(); }
 
-  void give(int trial) {
-    const std::string line = std::to_string(trial) + "\n";
+  void give(int task) {
+    const std::string line = std::to_string(task) + "\n";
     (void)!write(to_, line.data(), line.size());  // a dead worker is noticed when its answer is read
-    trial_ = trial;
+    task_ = task;
     since_ = Clock::now();
   }
 
@@ -83,7 +83,7 @@ class Worker {
     if (end == std::string::npos) return true;
     line = text_.substr(0, end);
     text_.erase(0, end + 1);
-    trial_.reset();
+    task_.reset();
     return true;
   }
 
@@ -110,66 +110,57 @@ class Worker {
   pid_t pid_ = -1;
   int to_ = -1, from_ = -1;
   std::string text_;
-  std::optional<int> trial_;
+  std::optional<int> task_;
   Clock::time_point since_;
   double largest_mib_ = 0;
 };
 
 }  // namespace
 
-WorkersReport run_trials(const Study& study, const std::vector<int>& trials, const WorkerOptions& options,
-                         const std::function<void(int, const std::string&)>& tell, const std::function<bool()>& stop) {
+WorkersReport run_tasks(const std::vector<int>& tasks, const WorkerOptions& options, double timeout_s,
+                        const TaskEvents& events) {
   signal(SIGPIPE, SIG_IGN);
   WorkersReport report;
-  size_t next = 0, told = 0;
-  std::vector<std::unique_ptr<Worker>> workers(std::min(static_cast<size_t>(options.jobs), trials.size()));
-  const auto failed = [&](int trial, Outcome outcome, const std::string& message) {
-    TrialResult result;
-    result.index = trial;
-    result.outcome = outcome;
-    result.cause = to_string(outcome);
-    result.message = message;
-    tell(trial, to_line(study, trial_of(study, trial), result));
-    ++told;
-  };
-  const auto end = [&](std::unique_ptr<Worker>& worker) {
+  size_t next = 0, ended = 0;
+  std::vector<std::unique_ptr<Worker>> workers(std::min(static_cast<size_t>(options.jobs), tasks.size()));
+  const auto end = [&](std::unique_ptr<Worker>& worker, bool timed_out, const std::string& message) {
+    const int task = *worker->task();
     report.largest_mib = std::max(report.largest_mib, worker->largest_mib());
     worker.reset();
     ++report.restarted;
+    events.failed(task, timed_out, message);
+    ++ended;
   };
-  while (told < trials.size() && !stop()) {
+  while (ended < tasks.size() && !events.stop()) {
     std::vector<pollfd> waits;
     for (auto& worker : workers) {
-      if (!worker && next < trials.size()) worker = std::make_unique<Worker>(options.command);
-      if (worker && !worker->trial() && next < trials.size()) worker->give(trials[next++]);
+      if (!worker && next < tasks.size()) worker = std::make_unique<Worker>(options.command);
+      if (worker && !worker->task() && next < tasks.size()) worker->give(tasks[next++]);
       waits.push_back({worker ? worker->output() : -1, POLLIN, 0});
     }
     constexpr int kLookMs = 100;
     if (poll(waits.data(), waits.size(), kLookMs) < 0 && errno != EINTR)
-      throw Error("study: waiting for workers failed");
+      throw Error("workers: waiting for workers failed");
     for (size_t i = 0; i < workers.size(); ++i) {
       std::unique_ptr<Worker>& worker = workers[i];
-      if (!worker || !worker->trial()) continue;
-      const int trial = *worker->trial();
+      if (!worker || !worker->task()) continue;
+      const int task = *worker->task();
       if (waits[i].revents != 0) {
         std::optional<std::string> line;
         if (!worker->read_some(line)) {
-          const std::string how = worker->reap();
-          end(worker);
-          failed(trial, Outcome::crashed, how);
+          end(worker, false, worker->reap());
         } else if (line) {
-          tell(trial, *line);
-          ++told;
+          events.answered(task, *line);
+          ++ended;
         }
-      } else if (worker->busy_s() > study.timeout_s) {
+      } else if (worker->busy_s() > timeout_s) {
         worker->stop();
         (void)worker->reap();
-        end(worker);
-        failed(trial, Outcome::timed_out, "took longer than " + to_text(study.timeout_s) + " s");
+        end(worker, true, "took longer than " + to_text(timeout_s) + " s");
       }
     }
   }
-  if (told < trials.size()) return report;  // workers still busy are killed
+  if (ended < tasks.size()) return report;  // workers still busy are killed
   for (auto& worker : workers) {
     if (!worker) continue;
     worker->finish();
@@ -178,12 +169,29 @@ WorkersReport run_trials(const Study& study, const std::vector<int>& trials, con
   return report;
 }
 
-void work(const Study& study, const std::function<std::string(const Trial&)>& answer) {
-  for (int index = 0; std::cin >> index;) {
-    if (index < 0 || index >= study.trials) throw Error("study: there is no trial " + std::to_string(index));
-    const std::string line = answer(trial_of(study, index)) + "\n";
+WorkersReport run_trials(const Study& study, const std::vector<int>& trials, const WorkerOptions& options,
+                         const std::function<void(int, const std::string&)>& tell, const std::function<bool()>& stop) {
+  const auto failed = [&](int trial, bool timed_out, const std::string& message) {
+    TrialResult result;
+    result.index = trial;
+    result.outcome = timed_out ? Outcome::timed_out : Outcome::crashed;
+    result.cause = to_string(result.outcome);
+    result.message = message;
+    tell(trial, to_line(study, trial_of(study, trial), result));
+  };
+  return run_tasks(trials, options, study.timeout_s, {tell, failed, stop});
+}
+
+void work(int tasks, const std::function<std::string(int)>& answer) {
+  for (int task = 0; std::cin >> task;) {
+    if (task < 0 || task >= tasks) throw Error("worker: there is no trial " + std::to_string(task));
+    const std::string line = answer(task) + "\n";
     std::cout << line << std::flush;
   }
+}
+
+void work(const Study& study, const std::function<std::string(const Trial&)>& answer) {
+  work(study.trials, [&](int trial) { return answer(trial_of(study, trial)); });
 }
 
 }  // namespace fringeslam::studies

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Trials in separate processes: one that crashes, hangs or exhausts the memory does no other harm.
+// Tasks in separate processes: one that crashes, hangs or exhausts the memory does no other harm.
 #pragma once
 
 #include <functional>
@@ -12,7 +12,7 @@ namespace fringeslam::studies {
 
 struct WorkerOptions {
   int jobs = 1;
-  std::vector<std::string> command;  // worker command: reads trial numbers, one per line, and answers each with a line
+  std::vector<std::string> command;  // worker command: reads task numbers, one per line, and answers each with a line
 };
 
 struct WorkersReport {
@@ -20,13 +20,27 @@ struct WorkersReport {
   int restarted = 0;
 };
 
-// Runs the trials and reports each one's line when it arrives, in arbitrary order. A worker that dies or exceeds the
-// study's time limit yields that trial's result and is replaced. Ends early when `stop` returns true.
+// How a task ended, in the process that distributes the tasks and in arbitrary order.
+struct TaskEvents {
+  std::function<void(int task, const std::string& line)> answered;
+  // The worker died, or was killed because the task took longer than the limit; it is replaced.
+  std::function<void(int task, bool timed_out, const std::string& message)> failed;
+  std::function<bool()> stop;  // true: end early
+};
+
+// Runs tasks, each for at most `timeout_s`.
+WorkersReport run_tasks(const std::vector<int>& tasks, const WorkerOptions& options, double timeout_s,
+                        const TaskEvents& events);
+
+// Runs the trials of a study and reports each one's line when it arrives, in arbitrary order. A worker that dies or
+// exceeds the study's time limit yields that trial's result. Ends early when `stop` returns true.
 WorkersReport run_trials(const Study& study, const std::vector<int>& trials, const WorkerOptions& options,
                          const std::function<void(int trial, const std::string& line)>& tell,
                          const std::function<bool()>& stop);
 
-// Runs a worker: answers each trial number with a line until its input ends.
+// Runs a worker: answers each task number, below `tasks`, with a line until its input ends.
+void work(int tasks, const std::function<std::string(int task)>& answer);
+// The same for the trials of a study.
 void work(const Study& study, const std::function<std::string(const Trial&)>& answer);
 
 }  // namespace fringeslam::studies

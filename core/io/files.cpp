@@ -157,6 +157,9 @@ std::string encoded(const char* name, OIIO::ImageSpec spec, const cv::Mat& pixel
 
 }  // namespace
 
+// libpng's filters: none, and prediction by the row above.
+constexpr int kNoFilter = 0x08, kUpFilter = 0x20;
+
 std::string png_bytes(const cv::Mat& image, int compression) {
   cv::Mat pixels = image;
   if (image.type() == CV_8UC3) {  // OpenCV's BGR -> the file's RGB
@@ -168,9 +171,17 @@ std::string png_bytes(const cv::Mat& image, int compression) {
   spec.attribute("png:compressionLevel", compression);
   // Choosing the filter row by row, libpng's default, costs two thirds of the time of a fast level. False colours
   // are smallest without a filter, grey images with the row above as prediction.
-  constexpr int kHighestFastLevel = 3, kNoFilter = 0x08, kUpFilter = 0x20;
+  constexpr int kHighestFastLevel = 3;
   if (compression <= kHighestFastLevel) spec.attribute("png:filter", image.channels() == 1 ? kUpFilter : kNoFilter);
   return encoded("memory.png", spec, pixels);
+}
+
+std::string noisy_png_bytes(const cv::Mat& image) {
+  const OIIO::TypeDesc type = image.depth() == CV_16U ? OIIO::TypeDesc::UINT16 : OIIO::TypeDesc::UINT8;
+  OIIO::ImageSpec spec(image.cols, image.rows, 1, type);
+  spec.attribute("compression", "huffman");
+  spec.attribute("png:filter", kUpFilter);
+  return encoded("memory.png", spec, image);
 }
 
 std::string jpeg_bytes(const cv::Mat1b& image, int quality) {
@@ -186,18 +197,40 @@ void write_png(const fs::path& file, const cv::Mat& image) {
   staged.commit();
 }
 
-void write_exr(const fs::path& file, const std::vector<ExrChannel>& channels, ExrCompression compression) {
+namespace {
+
+// An EXR image as the writer takes it.
+struct ExrImage {
+  cv::Mat pixels;
+  OIIO::ImageSpec spec;
+};
+
+ExrImage exr_image(const std::vector<ExrChannel>& channels, ExrCompression compression) {
+  ExrImage exr;
   std::vector<cv::Mat> planes;
   for (const ExrChannel& channel : channels) planes.push_back(channel.image);
-  cv::Mat pixels;
-  cv::merge(planes, pixels);
-  OIIO::ImageSpec spec(pixels.cols, pixels.rows, pixels.channels(), OIIO::TypeDesc::FLOAT);
-  spec.channelnames.clear();
-  for (const ExrChannel& channel : channels) spec.channelnames.push_back(channel.name);
-  spec.attribute("compression", compression == ExrCompression::zip ? "zips" : "rle");
+  cv::merge(planes, exr.pixels);
+  exr.spec = OIIO::ImageSpec(exr.pixels.cols, exr.pixels.rows, exr.pixels.channels(), OIIO::TypeDesc::FLOAT);
+  exr.spec.channelnames.clear();
+  for (const ExrChannel& channel : channels) exr.spec.channelnames.push_back(channel.name);
+  exr.spec.attribute("compression", compression == ExrCompression::zip           ? "zips"
+                                    : compression == ExrCompression::run_lengths ? "rle"
+                                                                                 : "none");
   // A fixed time stamp: OpenImageIO would write the current time and identical results would differ.
-  spec.attribute("DateTime", "1970:01:01 00:00:00");
-  write_image(file, spec, pixels.data, pixels.step);
+  exr.spec.attribute("DateTime", "1970:01:01 00:00:00");
+  return exr;
+}
+
+}  // namespace
+
+std::string exr_bytes(const std::vector<ExrChannel>& channels, ExrCompression compression) {
+  const ExrImage exr = exr_image(channels, compression);
+  return encoded("memory.exr", exr.spec, exr.pixels);
+}
+
+void write_exr(const fs::path& file, const std::vector<ExrChannel>& channels, ExrCompression compression) {
+  const ExrImage exr = exr_image(channels, compression);
+  write_image(file, exr.spec, exr.pixels.data, exr.pixels.step);
 }
 
 namespace {
@@ -224,29 +257,37 @@ bool is_whole_png(const std::string& bytes) {
 }
 
 // Reads all channels as stored: unsigned 8 or 16 bits, or 32-bit float.
-cv::Mat read_image(const fs::path& file) {
-  std::error_code ignored;
-  if (!fs::exists(file, ignored)) throw Error(file.string() + ": is missing");
-  if (file.extension() == ".png" && !is_whole_png(read_bytes(file)))
-    throw Error(file.string() + ": is truncated or damaged; record or render it again");
-  // Prevents OpenImageIO from premultiplying colours by alpha.
-  OIIO::ImageSpec as_stored;
-  as_stored.attribute("oiio:UnassociatedAlpha", 1);
-  auto in = OIIO::ImageInput::open(file.string(), &as_stored);
-  if (!in) throw Error(file.string() + ": cannot be read as an image: " + first_line(OIIO::geterror()));
+DecodedImage read_channels(std::unique_ptr<OIIO::ImageInput> in, const std::string& name) {
+  if (!in) throw Error(name + ": cannot be read as an image: " + first_line(OIIO::geterror()));
   const OIIO::ImageSpec& spec = in->spec();
   if (spec.width < 1 || spec.height < 1 || spec.width > 16384 || spec.height > 16384)
-    throw Error(file.string() + ": invalid image size");
+    throw Error(name + ": invalid image size");
   if (spec.nchannels < 1 || spec.nchannels > CV_CN_MAX)
-    throw Error(file.string() + ": has " + std::to_string(spec.nchannels) + " channels; a camera image has one");
+    throw Error(name + ": has " + std::to_string(spec.nchannels) + " channels; a camera image has one");
   const auto base = static_cast<OIIO::TypeDesc::BASETYPE>(spec.format.basetype);
   const int depth = base == OIIO::TypeDesc::UINT8 ? CV_8U : base == OIIO::TypeDesc::UINT16 ? CV_16U : CV_32F;
   cv::Mat image(spec.height, spec.width, CV_MAKETYPE(depth, spec.nchannels));
   const OIIO::TypeDesc wanted = depth == CV_32F ? OIIO::TypeDesc(OIIO::TypeDesc::FLOAT) : OIIO::TypeDesc(base);
   // For truncated TIFF or JPEG files read_image() succeeds and only sets an error message.
   if (!in->read_image(0, 0, 0, spec.nchannels, wanted, image.data) || in->has_error())
-    throw Error(file.string() + ": is truncated or damaged: " + first_line(in->geterror()));
-  return image;
+    throw Error(name + ": is truncated or damaged: " + first_line(in->geterror()));
+  return {image, spec.channelnames};
+}
+
+OIIO::ImageSpec as_stored() {
+  // Prevents OpenImageIO from premultiplying colours by alpha.
+  OIIO::ImageSpec spec;
+  spec.attribute("oiio:UnassociatedAlpha", 1);
+  return spec;
+}
+
+cv::Mat read_image(const fs::path& file) {
+  std::error_code ignored;
+  if (!fs::exists(file, ignored)) throw Error(file.string() + ": is missing");
+  if (file.extension() == ".png" && !is_whole_png(read_bytes(file)))
+    throw Error(file.string() + ": is truncated or damaged; record or render it again");
+  const OIIO::ImageSpec config = as_stored();
+  return read_channels(OIIO::ImageInput::open(file.string(), &config), file.string()).image;
 }
 
 bool same_values(const cv::Mat& a, const cv::Mat& b) { return cv::norm(a, b, cv::NORM_INF) == 0; }
@@ -261,6 +302,19 @@ cv::Mat luminance(const cv::Mat& red, const cv::Mat& green, const cv::Mat& blue)
 }
 
 }  // namespace
+
+DecodedImage decode_image(const std::string& bytes, const std::string& name) {
+  const bool png = bytes.starts_with("\x89PNG");
+  if (png && !is_whole_png(bytes)) throw Error(name + ": is truncated or damaged");
+  OIIO::Filesystem::IOMemReader memory(const_cast<char*>(bytes.data()), bytes.size());
+  OIIO::ImageSpec config = as_stored(), spec;
+  void* proxy = &memory;
+  config.attribute("oiio:ioproxy", OIIO::TypeDesc::PTR, &proxy);
+  auto in = OIIO::ImageInput::create(png ? "png" : "openexr");
+  if (in && !in->open(png ? "memory.png" : "memory.exr", spec, config))
+    throw Error(name + ": is not a PNG or EXR file, or damaged: " + first_line(in->geterror()));
+  return read_channels(std::move(in), name);
+}
 
 cv::Mat read_grey(const fs::path& file) {
   cv::Mat image = read_image(file);

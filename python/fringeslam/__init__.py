@@ -7,6 +7,7 @@ in metres, angles in radians, times in seconds. Errors in files, options and dat
 
 from ._fringeslam import *  # noqa: F401,F403
 from ._fringeslam import __version__  # noqa: F401
+from .datasets import SampleDataset  # noqa: F401
 from .evaluation import evaluate  # noqa: F401
 from .slam import TrackedScene, odometry, track  # noqa: F401
 from .studies import study  # noqa: F401

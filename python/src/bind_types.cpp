@@ -171,7 +171,8 @@ void bind_patterns(py::module_& m) {
         staged.commit();
       },
       py::arg("file"), py::arg("image"), "Writes a PNG file of a grey image, uint8 or uint16 (H, W).");
-  m.def("read_patterns", &read_patterns, py::arg("file"), "Reads patterns.yaml. Raises Error with file:line.");
+  m.def("read_patterns", py::overload_cast<const std::filesystem::path&>(&read_patterns), py::arg("file"),
+        "Reads patterns.yaml. Raises Error with file:line.");
   m.def(
       "design_patterns",
       [](int width, int height, std::vector<double> periods_px, int steps, bool columns, bool rows, GrayCode gray,

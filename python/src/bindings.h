@@ -16,6 +16,7 @@ void bind_stages(py::module_& m);
 void bind_mapping(py::module_& m);
 void bind_scores(py::module_& m);
 void bind_calibration(py::module_& m);
+void bind_datasets(py::module_& m);
 void bind_studies(py::module_& m);
 void bind_evaluation(py::module_& m);
 

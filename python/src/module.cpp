@@ -26,6 +26,7 @@ PYBIND11_MODULE(_fringeslam, m) {
   bind_mapping(m);
   bind_scores(m);
   bind_calibration(m);
+  bind_datasets(m);
   bind_studies(m);
   bind_evaluation(m);
 }

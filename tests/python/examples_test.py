@@ -67,6 +67,13 @@ def test_example(example, tmp_path):
     if example.stem == "evaluate":
         (tmp_path / "one.yaml").write_text("datasets:\n  - {name: boxes, scene: scenes/boxes_and_foam}\n")
         arguments = ["one.yaml"]
+    if example.stem == "dataset":
+        (tmp_path / "spec.yaml").write_text(
+            "name: boxes\nscenes: [scenes/boxes_and_foam]\nsamples: 3\nsplit: {train: 1}\nwrite: [images, depth, mask]\n"
+        )
+        program = os.environ["FRINGESLAM_PROGRAM"]
+        subprocess.run([program, "dataset", tmp_path / "spec.yaml", "--out", tmp_path / "out"], check=True)
+        arguments = ["out"]
     done = subprocess.run(
         [sys.executable, example, *arguments], cwd=tmp_path, capture_output=True, text=True, env=os.environ
     )

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// fringeslam study submit: runs a study as a Slurm job array.
-#include "tools/study_cluster.h"
+// fringeslam study submit, fringeslam dataset submit.
+#include "tools/cluster_job.h"
 
 #include <sys/wait.h>
 
@@ -10,7 +10,6 @@
 #include <memory>
 #include <thread>
 
-#include "bench/studies/study.h"
 #include "core/io/files.h"
 #include "core/types/error.h"
 #include "tools/interrupt.h"
@@ -26,7 +25,7 @@ namespace {
 std::string answer_of(const std::string& command, int timeout_s = 60) {
   const std::string bounded = "timeout " + std::to_string(timeout_s) + " " + command + " 2>&1";
   std::unique_ptr<FILE, int (*)(FILE*)> pipe(popen(bounded.c_str(), "r"), pclose);
-  if (!pipe) throw Error("study submit: " + command + " cannot be started");
+  if (!pipe) throw Error("submit: " + command + " cannot be started");
   std::string text;
   std::array<char, 4096> bytes;
   while (const size_t count = fread(bytes.data(), 1, bytes.size(), pipe.get())) text.append(bytes.data(), count);
@@ -34,7 +33,7 @@ std::string answer_of(const std::string& command, int timeout_s = 60) {
   while (!text.empty() && text.back() == '\n') text.pop_back();
   if (WIFEXITED(status) && WEXITSTATUS(status) == 0) return text;
   const int code = WIFEXITED(status) ? WEXITSTATUS(status) : 0;
-  throw Error("study submit: " + command + ": " +
+  throw Error("submit: " + command + ": " +
               (code == 127   ? "command not found; is Slurm installed?"
                : code == 124 ? "no answer within " + std::to_string(timeout_s) + " s; is the controller running?"
                              : text));
@@ -46,26 +45,27 @@ void check_array(int tasks) {
   if (at == std::string::npos) return;
   const int most = std::atoi(config.c_str() + config.find('=', at) + 1);
   if (tasks > most - 1)
-    throw Error("study submit: the cluster's job arrays have at most " + std::to_string(most - 1) +
+    throw Error("submit: the cluster's job arrays have at most " + std::to_string(most - 1) +
                 " tasks (MaxArraySize); "
                 "give fewer --tasks, with more trials each");
 }
 
 }  // namespace
 
-std::string submit_to_slurm(const studies::Study& study, const fs::path& folder, int tasks, int cpus) {
-  check_array(tasks);
-  const fs::path out = fs::absolute(folder), logs = out / "logs";
+std::string submit_to_slurm(const ClusterJob& job) {
+  check_array(job.tasks);
+  const fs::path out = fs::absolute(job.folder), logs = out / "logs";
   fs::create_directories(logs);
-  const std::string n = std::to_string(tasks);
-  const std::string program = fs::read_symlink("/proc/self/exe").string();
+  const std::string cpus = std::to_string(job.cpus);
+  std::string command = quoted(fs::read_symlink("/proc/self/exe").string()) + " --quiet";
+  for (const std::string& argument : job.arguments) command += " " + quoted(argument);
   // Running a task twice is harmless, so it may be requeued if its node fails.
-  write_text(out / "slurm.sh", "#!/bin/bash\n#SBATCH --job-name=fringeslam\n#SBATCH --array=0-" +
-                                   std::to_string(tasks - 1) + "\n#SBATCH --cpus-per-task=" + std::to_string(cpus) +
-                                   "\n#SBATCH --requeue\n#SBATCH --open-mode=append\n#SBATCH --output=" +
-                                   (logs / "%a.log").string() + "\nexec " + quoted(program) + " --quiet study run " +
-                                   quoted(fs::absolute(study.file).string()) + " --out " + quoted(out.string()) +
-                                   " --jobs " + std::to_string(cpus) + " --shard $SLURM_ARRAY_TASK_ID/" + n + "\n");
+  write_text(out / "slurm.sh",
+             "#!/bin/bash\n#SBATCH --job-name=fringeslam\n#SBATCH --array=0-" + std::to_string(job.tasks - 1) +
+                 "\n#SBATCH --cpus-per-task=" + cpus +
+                 "\n#SBATCH --requeue\n#SBATCH --open-mode=append\n#SBATCH --output=" + (logs / "%a.log").string() +
+                 "\nexec " + command + " --out " + quoted(out.string()) + " --jobs " + cpus +
+                 " --shard $SLURM_ARRAY_TASK_ID/" + std::to_string(job.tasks) + "\n");
   return answer_of("sbatch --parsable " + quoted((out / "slurm.sh").string()));
 }
 

@@ -1,0 +1,368 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "bench/datasets/dataset_folder.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <fstream>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <utility>
+
+#include "bench/datasets/sample_files.h"
+#include "bench/datasets/sha256.h"
+#include "bench/datasets/tar.h"
+#include "bench/datasets/trial_part.h"
+#include "core/io/files.h"
+
+namespace fringeslam::datasets {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+namespace {
+
+constexpr const char* kAbout = "dataset.json";
+constexpr const char* kSpecCopy = "dataset.yaml";
+constexpr const char* kIndex = "index.csv";
+constexpr const char* kRefused = "refused.csv";
+constexpr const char* kDatasheet = "README.md";
+constexpr const char* kMetadata = "croissant.json";
+constexpr const char* kSums = "SHA256SUMS";
+
+// Writes a file piece by piece and computes its checksum. The content is on the disk when close() returns.
+class SummedFile {
+ public:
+  explicit SummedFile(const fs::path& file)
+      : file_(file), descriptor_(open(file.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644)) {
+    if (descriptor_ < 0) throw Error(file.string() + ": cannot be written");
+  }
+  ~SummedFile() {
+    if (descriptor_ >= 0) ::close(descriptor_);
+  }
+  SummedFile(const SummedFile&) = delete;
+  SummedFile& operator=(const SummedFile&) = delete;
+
+  void add(std::string_view bytes) {
+    sum_.add(bytes);
+    bytes_ += bytes.size();
+    while (!bytes.empty()) {
+      const ssize_t written = write(descriptor_, bytes.data(), bytes.size());
+      if (written <= 0) throw Error(file_.string() + ": cannot be written; is the disk full?");
+      bytes.remove_prefix(static_cast<size_t>(written));
+    }
+  }
+  FileEntry close() {
+    const bool failed = fdatasync(descriptor_) != 0;
+    if (::close(std::exchange(descriptor_, -1)) != 0 || failed)
+      throw Error(file_.string() + ": cannot be written; is the disk full?");
+    return {file_.filename().string(), sum_.hex(), bytes_};
+  }
+  uint64_t bytes() const { return bytes_; }
+
+ private:
+  fs::path file_;
+  int descriptor_;
+  Sha256 sum_;
+  uint64_t bytes_ = 0;
+};
+
+// Copies a sample; returns false if its bytes differ from its checksum.
+bool copy_sample(std::ifstream& piece, const PartSample& sample, SummedFile& tar) {
+  std::string buffer(size_t{1} << 20, '\0');
+  Sha256 sum;
+  for (uint64_t left = sample.bytes; left > 0;) {
+    const auto count = static_cast<size_t>(std::min<uint64_t>(left, buffer.size()));
+    if (!piece.read(buffer.data(), static_cast<std::streamsize>(count))) return false;
+    const std::string_view read(buffer.data(), count);
+    sum.add(read);
+    tar.add(read);
+    left -= count;
+  }
+  return sum.hex() == sample.sha256;
+}
+
+std::string csv_field(const std::string& text) {
+  if (text.find_first_of(",\"\n") == std::string::npos) return text;
+  std::string quoted = "\"";
+  for (const char c : text) quoted += c == '"' ? "\"\"" : std::string(1, c);
+  return quoted + "\"";
+}
+
+std::string csv_line(const std::vector<std::string>& fields) {
+  std::string line;
+  for (size_t i = 0; i < fields.size(); ++i) line += (i ? "," : "") + csv_field(fields[i]);
+  return line + "\n";
+}
+
+// Returns the fields of a line that csv_line() wrote.
+std::vector<std::string> csv_fields(const std::string& line) {
+  std::vector<std::string> fields(1);
+  bool quoted = false;
+  for (size_t i = 0; i < line.size(); ++i) {
+    const char c = line[i];
+    if (c == '"' && quoted && i + 1 < line.size() && line[i + 1] == '"')
+      fields.back() += line[i++];
+    else if (c == '"')
+      quoted = !quoted;
+    else if (c == ',' && !quoted)
+      fields.emplace_back();
+    else
+      fields.back() += c;
+  }
+  return fields;
+}
+
+// Columns of index.csv, followed by the parameters.
+const std::vector<std::string> kColumns = {"sample", "split", "world", "trial",  "view",  "scene",
+                                           "seed",   "rig",   "tar",   "offset", "bytes", "sha256"};
+enum Column : size_t { kSplitColumn = 1, kWorldColumn = 2, kSceneColumn = 5, kRigColumn = 7 };
+
+// One line of the index of a finished tar file.
+Json index_line(const TrialIndex& trial) {
+  Json line = {{"trial", trial.trial}, {"scene", trial.scene}, {"rig", trial.rig}, {"samples", Json::array()}};
+  for (const PartSample& sample : trial.samples)
+    line["samples"].push_back({sample.sample, sample.offset, sample.bytes, sample.sha256});
+  if (!trial.refused.empty()) line["refused"] = trial.refused;
+  return line;
+}
+
+Json about_of(const Spec& spec, const std::string& identity, const std::string& version, const std::vector<Tar>& tars) {
+  Json about = {{"format", kFormat},
+                {"name", spec.name},
+                {"identity", sha256_hex(identity)},
+                {"program", "fringeslam " + version},
+                {"samples", spec.samples},
+                {"views", spec.views},
+                {"worlds", spec.worlds}};
+  Json splits = Json::object();
+  for (size_t split = 0; split < kSplits.size(); ++split) {
+    Json names = Json::array();
+    for (const Tar& tar : tars) {
+      if (tar.split == static_cast<int>(split)) names.push_back(tar.name + ".tar");
+    }
+    if (!names.empty()) splits[kSplits[split]] = names;
+  }
+  about["splits"] = splits;
+  for (const Part part : spec.parts) about["write"].push_back(to_string(part));
+  return about;
+}
+
+}  // namespace
+
+DatasetFolder::DatasetFolder(fs::path folder, const Spec& spec, const std::string& identity,
+                             const std::string& program_version)
+    : folder_(std::move(folder)), spec_(spec), version_(program_version), tars_(tars_of(spec)) {
+  const Json wanted = about_of(spec, identity, version_, tars_);
+  const fs::path about = folder_ / kAbout;
+  std::error_code failed;
+  if (fs::exists(about, failed)) {
+    const Json found = Json::parse(read_bytes(about), nullptr, false);
+    const auto text = [&](const char* key) { return found.is_object() ? found.value(key, "") : std::string(); };
+    if (text("format") != kFormat)
+      throw Error(about.string() + ": is not the description of a dataset; choose another --out");
+    if (text("program") != wanted["program"])
+      throw Error(folder_.string() + ": was begun by " + text("program") + ", this is " +
+                  wanted["program"].get<std::string>() + "; choose another --out");
+    if (text("identity") != wanted["identity"])
+      throw Error(folder_.string() + ": contains another dataset, or this one before " + spec.file.string() +
+                  ", a scene or a rig changed; choose another --out");
+  } else if (fs::exists(folder_, failed) && !fs::exists(folder_ / kParts, failed) &&
+             (!fs::is_directory(folder_, failed) || !fs::is_empty(folder_, failed))) {
+    throw Error(folder_.string() + ": exists and is not a dataset; choose another --out or remove it");
+  }
+  failed.clear();
+  fs::create_directories(folder_ / kParts, failed);
+  if (failed) throw Error(folder_.string() + ": cannot be created: " + failed.message());
+  place(kAbout, wanted.dump(1) + "\n");
+  place(kSpecCopy, read_bytes(spec.file));
+}
+
+fs::path DatasetFolder::parts_of(size_t tar) const { return folder_ / kParts / tars_[tar].name; }
+fs::path DatasetFolder::index_of(size_t tar) const { return folder_ / kParts / (tars_[tar].name + ".jsonl"); }
+fs::path DatasetFolder::tar_file(size_t tar) const { return folder_ / (tars_[tar].name + ".tar"); }
+
+void DatasetFolder::place(const std::string& name, const std::string& text) const {
+  const StagedFile staged(folder_ / kParts / name);
+  write_text(staged.path(), text);
+  fs::rename(staged.path(), folder_ / name);
+}
+
+bool DatasetFolder::has(size_t tar) const {
+  std::error_code failed;
+  return fs::exists(tar_file(tar), failed);
+}
+
+std::vector<int> DatasetFolder::missing(size_t tar) const {
+  std::vector<int> trials;
+  if (has(tar)) return trials;
+  for (const int trial : tars_[tar].trials) {
+    if (!read_trial(parts_of(tar), trial)) trials.push_back(trial);
+  }
+  return trials;
+}
+
+void DatasetFolder::join(size_t tar) const {
+  const fs::path parts = parts_of(tar);
+  try {
+    fs::create_directories(parts);
+    // Staged in a folder of its own, because another process may join the same tar file.
+    const StagedFile staged(parts / (tars_[tar].name + ".tar"));
+    SummedFile whole(staged.path());
+    std::string lines;
+    for (const int trial : tars_[tar].trials) {
+      std::optional<TrialIndex> index = read_trial(parts, trial);
+      const fs::path file = part_file(parts, trial);
+      if (!index) throw Error(file.string() + ": is missing or damaged; run the command again");
+      std::ifstream piece(file, std::ios::binary);
+      for (PartSample& sample : index->samples) {
+        const uint64_t offset = whole.bytes();
+        if (!copy_sample(piece, sample, whole)) {
+          fs::remove(part_index_file(parts, trial));
+          fs::remove(file);
+          throw Error(file.string() + ": was damaged and has been removed; run the command again");
+        }
+        sample.offset = offset;
+      }
+      lines += index_line(*index).dump() + "\n";
+    }
+    whole.add(std::string(kTarEnd, '\0'));
+    const FileEntry entry = whole.close();
+    StagedFile index(index_of(tar));
+    write_text(index.path(), Json{{"sha256", entry.sha256}, {"bytes", entry.bytes}}.dump() + "\n" + lines);
+    index.commit();
+    fs::rename(staged.path(), tar_file(tar));
+  } catch (const std::exception&) {
+    if (!has(tar)) throw;  // otherwise another process has joined the same pieces and removed them
+  }
+  std::error_code ignored;
+  fs::remove_all(parts, ignored);
+}
+
+bool DatasetFolder::complete() const {
+  std::error_code failed;
+  return fs::exists(folder_ / kSums, failed);
+}
+
+std::vector<FileEntry> DatasetFolder::write_index() const {
+  std::vector<FileEntry> tars;
+  std::string refused;
+  const StagedFile staged(folder_ / kParts / kIndex);
+  SummedFile index(staged.path());
+  std::vector<std::string> header = kColumns;
+  for (const studies::Parameter& parameter : spec_.parameters) header.push_back(parameter.name);
+  index.add(csv_line(header));
+  for (size_t tar = 0; tar < tars_.size(); ++tar) {
+    const std::string split = kSplits[static_cast<size_t>(tars_[tar].split)], name = tars_[tar].name + ".tar";
+    std::ifstream lines(index_of(tar));
+    std::string text;
+    if (!std::getline(lines, text))
+      throw Error(index_of(tar).string() + ": is missing; remove " + tar_file(tar).string() +
+                  " and run the command again");
+    const Json sums = Json::parse(text);
+    tars.push_back({name, sums["sha256"].get<std::string>(), sums["bytes"].get<uint64_t>()});
+    while (std::getline(lines, text)) {
+      const Json line = Json::parse(text);
+      const int number = line["trial"].get<int>();
+      const std::string world = std::to_string(studies::world_of(spec_, number));
+      const studies::Trial trial = studies::trial_of(spec_, number);
+      const std::string seed = std::to_string(trial.world_seed);
+      if (line.contains("refused"))
+        refused += csv_line({std::to_string(number), split, world, seed, line["refused"].get<std::string>()});
+      int view = 0;
+      for (const Json& sample : line["samples"]) {
+        std::vector<std::string> fields = {sample_name(sample[0].get<int>()),
+                                           split,
+                                           world,
+                                           std::to_string(number),
+                                           std::to_string(view++),
+                                           line["scene"].get<std::string>(),
+                                           seed,
+                                           line["rig"].get<std::string>(),
+                                           name,
+                                           std::to_string(sample[1].get<uint64_t>()),
+                                           std::to_string(sample[2].get<uint64_t>()),
+                                           sample[3].get<std::string>()};
+        fields.insert(fields.end(), trial.values.begin(), trial.values.end());
+        index.add(csv_line(fields));
+      }
+    }
+  }
+  index.close();
+  if (!refused.empty()) place(kRefused, "trial,split,world,seed,message\n" + refused);
+  fs::rename(staged.path(), folder_ / kIndex);
+  return tars;
+}
+
+std::vector<FileEntry> DatasetFolder::recorded_tars() const {
+  std::map<std::string, std::string> sums;
+  std::ifstream in(folder_ / kSums);
+  for (std::string sum, name; in >> sum >> name;) sums[name] = sum;
+  std::vector<FileEntry> tars;
+  for (size_t tar = 0; tar < tars_.size(); ++tar) {
+    const std::string name = tars_[tar].name + ".tar";
+    tars.push_back({name, sums[name], fs::file_size(tar_file(tar))});
+  }
+  return tars;
+}
+
+Contents DatasetFolder::contents() const {
+  Contents contents;
+  contents.program_version = version_;
+  std::set<std::string> scenes, rigs;
+  std::array<std::set<std::string>, kSplits.size()> worlds;
+  Sha256 sum;
+  std::ifstream index(folder_ / kIndex);
+  std::string line;
+  for (bool header = true; std::getline(index, line); header = false) {
+    sum.add(line + "\n");
+    contents.index.bytes += line.size() + 1;
+    if (header) continue;
+    const std::vector<std::string> fields = csv_fields(line);
+    const auto split =
+        static_cast<size_t>(std::find(kSplits.begin(), kSplits.end(), fields.at(kSplitColumn)) - kSplits.begin());
+    ++contents.samples.at(split);
+    worlds.at(split).insert(fields.at(kWorldColumn));
+    scenes.insert(fields.at(kSceneColumn));
+    rigs.insert(fields.at(kRigColumn));
+  }
+  contents.index.name = kIndex;
+  contents.index.sha256 = sum.hex();
+  contents.scenes.assign(scenes.begin(), scenes.end());
+  contents.rigs.assign(rigs.begin(), rigs.end());
+  for (size_t split = 0; split < kSplits.size(); ++split)
+    contents.worlds[split] = static_cast<int>(worlds[split].size());
+  const int samples = contents.samples[0] + contents.samples[1] + contents.samples[2];
+  contents.refused = spec_.trials() - samples / spec_.views;
+  return contents;
+}
+
+bool DatasetFolder::finish() const {
+  for (size_t tar = 0; tar < tars_.size(); ++tar) {
+    if (!has(tar)) return false;
+  }
+  try {
+    // Written again even if complete: texts of the specification that are only quoted may have changed.
+    const std::vector<FileEntry> tars = complete() ? recorded_tars() : write_index();
+    Contents found = contents();
+    found.tars = tars;
+    place(kDatasheet, datasheet(spec_, found));
+    place(kMetadata, croissant(spec_, found).dump(1) + "\n");
+    std::string sums;
+    for (const FileEntry& tar : tars) sums += tar.sha256 + "  " + tar.name + "\n";
+    sums += found.index.sha256 + "  " + kIndex + "\n";
+    for (const char* name : {kMetadata, kAbout, kSpecCopy, kDatasheet, kRefused}) {
+      if (fs::exists(folder_ / name)) sums += sha256_hex(read_bytes(folder_ / name)) + "  " + name + "\n";
+    }
+    place(kSums, sums);
+  } catch (const std::exception&) {
+    if (!complete()) throw;  // otherwise another process has finished the dataset and removed the parts
+  }
+  std::error_code ignored;
+  fs::remove_all(folder_ / kParts, ignored);
+  return true;
+}
+
+}  // namespace fringeslam::datasets

@@ -1,0 +1,186 @@
+// SPDX-License-Identifier: Apache-2.0
+// The verb `dataset`: shards, kills, damaged parts, refused trials.
+#include <gmock/gmock.h>
+#include <signal.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "bench/datasets/sha256.h"
+#include "core/io/files.h"
+#include "tests/datasets/dataset_files.h"
+#include "tests/support/random.h"
+
+namespace fringeslam::datasets {
+namespace {
+
+namespace fs = std::filesystem;
+using test::replaced;
+using test::run_program;
+using test::run_successfully;
+using testing::HasSubstr;
+using Json = nlohmann::json;
+
+class DatasetVerb : public testing::Test {
+ protected:
+  std::string spec(const std::string& text = test::kSmallDataset) const {
+    return test::write_dataset(temp_.path(), text).string();
+  }
+  std::string at(const std::string& name) const { return (temp_ / name).string(); }
+  Json rendered(const std::string& file, const std::string& out, const std::string& shard = "0/1") const {
+    return Json::parse(
+        run_successfully({"--json", "dataset", file, "--out", at(out), "--jobs", "2", "--shard", shard}).out);
+  }
+  // Contents of all files, by name.
+  std::map<std::string, std::string> contents(const std::string& folder) const {
+    std::map<std::string, std::string> files;
+    for (const std::string& name : test::listing(temp_ / folder)) {
+      const fs::path file = temp_ / folder / name;
+      files[name] = fs::is_directory(file) ? "folder" : sha256_hex(test::read_bytes(file));
+    }
+    return files;
+  }
+  // Starts a run and returns its process id.
+  pid_t started(const std::string& file, const std::string& out, const std::string& shard) const {
+    const std::string folder = at(out);
+    const pid_t pid = fork();
+    if (pid == 0) {
+      execl(FRINGESLAM_PROGRAM, FRINGESLAM_PROGRAM, "--quiet", "dataset", file.c_str(), "--out", folder.c_str(),
+            "--jobs", "2", "--shard", shard.c_str(), nullptr);
+      _exit(127);
+    }
+    return pid;
+  }
+
+  test::TempFolder temp_;
+};
+
+TEST_F(DatasetVerb, ShardsMakeTheBytesOfOneRun) {
+  const std::string file = spec();
+  const Json whole = rendered(file, "whole");
+  EXPECT_EQ(whole["samples"], 12);
+  EXPECT_EQ(whole["complete"], true);
+  EXPECT_EQ(rendered(file, "parts", "1/2")["complete"], false);
+  EXPECT_FALSE(fs::exists(temp_ / "parts/index.csv"));
+  EXPECT_EQ(rendered(file, "parts", "0/2")["complete"], true);
+  const auto expected = contents("whole");
+  EXPECT_EQ(contents("parts"), expected);
+  EXPECT_EQ(expected.size(), 9u);  // three tar files, index, datasheet, metadata, dataset.json, dataset.yaml, checksums
+  // A repeated run has nothing left to do and changes nothing.
+  EXPECT_EQ(rendered(file, "whole")["samples"], 0);
+  EXPECT_EQ(contents("whole"), expected);
+  // The checksums are those of sha256sum.
+  EXPECT_EQ(std::system(("cd '" + at("whole") + "' && sha256sum --quiet -c SHA256SUMS").c_str()), 0);
+}
+
+TEST_F(DatasetVerb, KilledAtAnyMomentItContinues) {
+  const std::string file = spec(replaced(replaced(test::kSmallDataset, "samples: 12", "samples: 120"),
+                                         "samples_per_tar: 4", "samples_per_tar: 16"));
+  rendered(file, "whole");
+  support::Random random(20);
+  int in_mid_run = 0;
+  for (int i = 0; i < 14; ++i) {
+    const pid_t run = started(file, "killed", std::to_string(i % 2) + "/2");
+    std::this_thread::sleep_for(std::chrono::duration<double>(random.uniform(0, 1.5)));
+    kill(run, SIGKILL);
+    int status = 0;
+    waitpid(run, &status, 0);
+    in_mid_run += WIFSIGNALED(status);
+    // What has its final name is complete at all times.
+    for (const auto& [name, sum] : contents("killed")) {
+      if (name.ends_with(".tar") && !name.starts_with("parts")) {
+        EXPECT_EQ(sum, contents("whole").at(name)) << name;
+      }
+    }
+  }
+  EXPECT_GE(in_mid_run, 7);  // on fast machines the last ones may find nothing left to do
+  rendered(file, "killed", "0/2");
+  rendered(file, "killed", "1/2");
+  EXPECT_EQ(contents("killed"), contents("whole"));
+}
+
+TEST_F(DatasetVerb, DamagedPartsAreRenderedAgain) {
+  const std::string file = spec(replaced(test::kSmallDataset, "samples_per_tar: 4", "samples_per_tar: 12"));
+  rendered(file, "whole");
+  // A part as a power loss may leave it: the right size, the wrong bytes; another one is cut off.
+  const pid_t run = started(file, "damaged", "0/1");
+  const fs::path parts = temp_ / "damaged/parts/train-000000";
+  for (int i = 0; i < 2000 && !fs::exists(parts / "trial-1.json"); ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  kill(run, SIGKILL);
+  waitpid(run, nullptr, 0);
+  if (!fs::exists(parts / "trial-1.part")) GTEST_SKIP() << "the run ended before it was killed";
+  std::string bytes = test::read_bytes(parts / "trial-1.part");
+  bytes[bytes.size() / 2] = static_cast<char>(~bytes[bytes.size() / 2]);
+  test::write_bytes(parts / "trial-1.part", bytes);
+  if (fs::exists(parts / "trial-0.part")) test::truncate_file(parts / "trial-0.part", 0.5);
+  const auto first = run_program({"--quiet", "dataset", file, "--out", at("damaged"), "--jobs", "2"});
+  EXPECT_EQ(first.exit_code, 2);
+  EXPECT_THAT(first.err, HasSubstr("was damaged and has been removed; run the command again"));
+  rendered(file, "damaged");
+  EXPECT_EQ(contents("damaged"), contents("whole"));
+}
+
+TEST_F(DatasetVerb, RefusedTrialsAreListed) {
+  // In every second trial far_m is below near_m, which is rejected.
+  const std::string file = spec(
+      replaced(test::kSmallDataset, "light.ambient_lux: {log_uniform: [10, 1000]}", "rig.far_m: {grid: [1.4, 0.1]}"));
+  const Json result = rendered(file, "out");
+  EXPECT_EQ(result["samples"], 6);
+  EXPECT_EQ(result["refused_trials"], 3);
+  const std::string refused = test::read_bytes(temp_ / "out/refused.csv");
+  EXPECT_EQ(std::count(refused.begin(), refused.end(), '\n'), 4);
+  EXPECT_THAT(refused, HasSubstr("far_m must be larger than near_m"));
+  EXPECT_THAT(refused, testing::Not(HasSubstr(temp_.path().string())));
+  EXPECT_THAT(test::read_bytes(temp_ / "out/README.md"), HasSubstr("3 of 6 trials have no samples"));
+  EXPECT_THAT(test::read_bytes(temp_ / "out/SHA256SUMS"), HasSubstr("refused.csv"));
+}
+
+TEST_F(DatasetVerb, ATrialThatTakesTooLongIsReported) {
+  const std::string file = spec(replaced(test::kSmallDataset, "fixed:\n",
+                                         "timeout_s: 2\nfixed:\n  render.samples_per_pixel: 256\n"
+                                         "  render.bounce_paths: 4096\n  light.bounces: 4\n"));
+  const auto finished = run_program({"--quiet", "dataset", file, "--out", at("slow"), "--jobs", "2", "--shard", "0/3"});
+  EXPECT_EQ(finished.exit_code, 2);
+  EXPECT_THAT(finished.err, HasSubstr("took longer than 2 s"));
+  EXPECT_EQ(std::count(finished.err.begin(), finished.err.end(), '\n'), 1) << finished.err;
+}
+
+TEST_F(DatasetVerb, AnotherDatasetIsNotOverwritten) {
+  const std::string file = spec();
+  rendered(file, "out");
+  const auto before = contents("out");
+  spec(replaced(test::kSmallDataset, "seed: 5", "seed: 6"));
+  const auto other = run_program({"dataset", file, "--out", at("out")});
+  EXPECT_EQ(other.exit_code, 2);
+  EXPECT_THAT(other.err, HasSubstr("contains another dataset"));
+  EXPECT_EQ(contents("out"), before);
+  // Texts for readers may change afterwards; samples and index stay.
+  spec(replaced(test::kSmallDataset, "Boxes, for tests", "A better description"));
+  rendered(file, "out");
+  EXPECT_THAT(test::read_bytes(temp_ / "out/README.md"), HasSubstr("A better description"));
+  EXPECT_EQ(contents("out").at("index.csv"), before.at("index.csv"));
+  EXPECT_EQ(std::system(("cd '" + at("out") + "' && sha256sum --quiet -c SHA256SUMS").c_str()), 0);
+}
+
+TEST_F(DatasetVerb, WrongUseIsReportedInOneLine) {
+  const std::string file = spec();
+  test::write_bytes(temp_ / "other/file", "");
+  for (const std::vector<std::string>& wrong : {std::vector<std::string>{"dataset"},
+                                                {"dataset", file},
+                                                {"dataset", at("nothing.yaml"), "--out", at("x")},
+                                                {"dataset", file, "--out", at("x"), "--shard", "2/2"},
+                                                {"dataset", file, "--out", at("other")},
+                                                {"dataset", "check", at("nothing.yaml")}}) {
+    const auto finished = run_program(wrong);
+    EXPECT_EQ(finished.exit_code, 2) << finished.out;
+    EXPECT_EQ(std::count(finished.err.begin(), finished.err.end(), '\n'), 1) << finished.err;
+  }
+  EXPECT_FALSE(fs::exists(temp_ / "x"));
+}
+
+}  // namespace
+}  // namespace fringeslam::datasets
