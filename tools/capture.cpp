@@ -77,6 +77,14 @@ bool can_map(const RigModel& rig, const PatternSequence& sequence, const Pipelin
   }
 }
 
+// Removes what a recording without a stack has written; files of others, and then the folder, remain.
+void remove_empty_recording(const fs::path& folder) {
+  std::error_code ignored;
+  for (const char* file : {"rig.yaml", "patterns.yaml", kDatasetFile}) fs::remove(folder / file, ignored);
+  fs::remove(folder / "stacks", ignored);
+  fs::remove(folder, ignored);  // fails unless empty
+}
+
 // Captures a dataset that is valid after every stack, even if the capture is interrupted.
 int capture(const CaptureArguments& arguments, const Common& common) {
   if (fs::exists(arguments.out) && !(fs::is_directory(arguments.out) && fs::is_empty(arguments.out)))
@@ -120,14 +128,16 @@ int capture(const CaptureArguments& arguments, const Common& common) {
       }
     } catch (const std::exception& e) {
       if (stacks == 0) {
-        std::error_code ignored;
-        fs::remove_all(arguments.out, ignored);
+        remove_empty_recording(arguments.out);
         throw;
       }
       throw Error(std::string(e.what()) + "; " + kept() + " captured before are in " + arguments.out);
     }
   }
-  if (stacks == 0) fs::remove_all(arguments.out);
+  if (stacks == 0)
+    remove_empty_recording(arguments.out);
+  else
+    sync_folder(arguments.out);
   if (mapper) mapper->finish();
   if (page) page->feed().finish();
   const CameraStatistics camera = rig->camera().statistics();

@@ -10,6 +10,7 @@
 #include "core/calibrate/camera_noise.h"
 #include "core/calibrate/response.h"
 #include "core/check/conventions.h"
+#include "core/io/json_text.h"
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
 #include "tools/progress.h"
@@ -156,7 +157,7 @@ int import_folder(const fs::path& source, const fs::path& config, const std::str
   if (!board_yaml.empty()) write_text(folder.path() / "board.yaml", board_yaml);
   recording.finish(name, 0, false, true, image_times);
   if (noise.measured) {
-    write_text(folder.path() / "noise.json", to_json(*noise.measured).dump(2) + "\n");
+    write_text(folder.path() / "noise.json", json_text(to_json(*noise.measured), 2) + "\n");
     write_png(folder.path() / "noise.png", picture_of(*noise.measured, noise.measured->sensor));
   }
   folder.commit();
@@ -169,7 +170,7 @@ int import_folder(const fs::path& source, const fs::path& config, const std::str
         {"images_per_stack", images},
         {"calibrated", model.calibrated},
         {"noise", noise.measured ? to_json(*noise.measured) : nlohmann::ordered_json(noise.summary)}};
-    std::printf("%s\n", json.dump().c_str());
+    std::printf("%s\n", json_text(json).c_str());
   } else if (!common.quiet) {
     std::printf("dataset: %s (%zu x %zu images, %dx%d px%s)\n", out.c_str(), stacks, images, model.camera.width,
                 model.camera.height, model.calibrated ? "" : "; not calibrated: run fringeslam calibrate rig");

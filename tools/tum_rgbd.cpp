@@ -7,6 +7,8 @@
 #include <opencv2/imgproc.hpp>
 
 #include "core/io/files.h"
+#include "core/io/json_text.h"
+#include "core/io/tum_file.h"
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
 #include "core/score/truth_files.h"
@@ -70,7 +72,7 @@ std::string orb_slam_settings(const RigModel& rig, double units_per_m, double ra
 std::string open3d_intrinsic(const Pinhole& c) {
   const nlohmann::ordered_json json = {
       {"width", c.width}, {"height", c.height}, {"intrinsic_matrix", {c.fx, 0, 0, 0, c.fy, 0, c.cx, c.cy, 1}}};
-  return json.dump(2) + "\n";
+  return json_text(json, 2) + "\n";
 }
 
 cv::Mat1f measured_depth(const Frame& frame) {
@@ -156,7 +158,8 @@ int write_tum_rgbd(Source& source, const Settings& settings, const TumRgbdOption
       write_png(folder.path() / "rgb" / name, texture);
       write_png(
           folder.path() / "depth" / name,
-          depth_units(true_depth ? read_truth_frame(truth_file).depth_m : measured_depth(frame), options.units_per_m));
+          depth_units(true_depth ? read_truth_frame(truth_file, &source.model().camera).depth_m : measured_depth(frame),
+                      options.units_per_m));
       lists.add(time, name);
       seen.push_back({stack->timestamp_s, {}});
       fs::remove(truth_file);
