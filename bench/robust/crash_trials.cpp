@@ -158,7 +158,7 @@ class Trials {
                     "--jobs", "1"},
                    {}),
              {}},
-            {"capture", {programs_.record_stacks.string(), "OUT", "4"}, {}}};
+            {"capture", {programs_.record_stacks.string(), scene + "/rig.yaml", "OUT", "4"}, {}}};
   }
 
   fs::path trial() const { return folder_ / "trial"; }

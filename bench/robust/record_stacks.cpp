@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// record_stacks FOLDER N: records N stacks of small random images as `fringeslam capture` does, but without a camera. After
+// record_stacks RIG FOLDER N: records N stacks of random images as `fringeslam capture` does, but without a camera. After
 // each stack it prints the number of stacks that the dataset has.
 #include <cstdio>
 #include <cstdlib>
@@ -9,18 +9,14 @@
 
 #include "core/patterns/design.h"
 #include "core/rig/dataset.h"
+#include "core/rig/rig_file.h"
 
 namespace fringeslam {
 namespace {
 
 class RandomRig : public Rig {
  public:
-  RandomRig() {
-    model_.name = "random";
-    model_.camera.width = 64, model_.camera.height = 48;
-    model_.camera.fx = model_.camera.fy = 250;
-    model_.camera.cx = 31.5, model_.camera.cy = 23.5;
-  }
+  explicit RandomRig(RigModel model) : model_(std::move(model)) {}
   const RigModel& model() const override { return model_; }
   std::optional<FringeStack> capture(const PatternSequence& sequence) override {
     FringeStack stack;
@@ -43,8 +39,8 @@ class RandomRig : public Rig {
   int next_ = 0;
 };
 
-int record(const std::filesystem::path& folder, int stacks) {
-  RandomRig rig;
+int record(const std::filesystem::path& rig_file, const std::filesystem::path& folder, int stacks) {
+  RandomRig rig(read_rig(rig_file));
   std::filesystem::create_directories(folder);
   RecordingRig recording(rig, folder);
   const PatternSequence sequence = phase_shift_sequence(1024, 768, {1040, 131}, 3, Axis::columns, 8);
@@ -61,9 +57,9 @@ int record(const std::filesystem::path& folder, int stacks) {
 }  // namespace fringeslam
 
 int main(int argc, char** argv) {
-  if (argc != 3) return 2;
+  if (argc != 4) return 2;
   try {
-    return fringeslam::record(argv[1], std::atoi(argv[2]));
+    return fringeslam::record(argv[1], argv[2], std::atoi(argv[3]));
   } catch (const std::exception& e) {
     std::fprintf(stderr, "fringeslam: %s\n", e.what());
     return 2;
