@@ -11,6 +11,7 @@
 #include "bench/suite.h"
 #include "core/base/malloc_config.h"
 #include "core/io/files.h"
+#include "core/io/json_text.h"
 #include "core/types/error.h"
 #include "core/types/options.h"
 
@@ -80,9 +81,9 @@ int run(const std::vector<std::string>& only, const std::string& json_file, cons
     }
   }
   if (json_file == "-")
-    std::printf("%s\n", json.dump(2).c_str());
+    std::printf("%s\n", json_text(json, 2).c_str());
   else if (!json_file.empty())
-    write_text(json_file, json.dump(2) + "\n");
+    write_text(json_file, json_text(json, 2) + "\n");
   return compare(rows, baseline) == 0 && all_pass ? 0 : 1;
 }
 
@@ -133,7 +134,7 @@ int main(int argc, char** argv) {
           world_items(),        large_world_items(),  speed_items(),         capture_items(),
           study_items(),        soak_items(),         victim_items(),        moving_hand_items(),
           real_capture_items(), image_pose_items(),   scale_items(),         indirect_items(),
-          dataset_items()})
+          dataset_items(),      robust_items()})
       items.insert(items.end(), more.begin(), more.end());
 #ifdef FRINGESLAM_PYTHON
     const std::vector<Item> python = python_items();

@@ -67,6 +67,7 @@ std::vector<Item> real_capture_items();
 std::vector<Item> registration_items();
 std::vector<Item> registration_speed_items();
 std::vector<Item> rendering_items();
+std::vector<Item> robust_items();
 std::vector<Item> soak_items();
 std::vector<Item> speed_items();
 std::vector<Item> study_items();

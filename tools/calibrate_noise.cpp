@@ -6,6 +6,7 @@
 
 #include "core/calibrate/camera_noise.h"
 #include "core/io/files.h"
+#include "core/io/json_text.h"
 #include "core/io/setting_groups.h"
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
@@ -55,12 +56,12 @@ int calibrate(const CalibrateNoiseArguments& arguments, const Common& common) {
   const SensorModel before = rig.sensor;
   rig.sensor = noise.sensor;
   write_text(folder.path() / "rig.yaml", to_yaml(rig));
-  write_text(folder.path() / "noise.json", to_json(noise).dump(2) + "\n");
+  write_text(folder.path() / "noise.json", json_text(to_json(noise), 2) + "\n");
   write_png(folder.path() / "noise.png", picture_of(noise, before));
   folder.commit();
   for (const std::string& warning : warnings_of(noise)) std::fprintf(stderr, "warning: %s\n", warning.c_str());
   if (common.json)
-    std::printf("%s\n", to_json(noise).dump(2).c_str());
+    std::printf("%s\n", json_text(to_json(noise), 2).c_str());
   else
     std::printf("%s\nwritten: %s  (rig.yaml, noise.json, noise.png)\n", to_table(noise).c_str(), arguments.out.c_str());
   return 0;

@@ -7,6 +7,7 @@
 
 #include "core/calibrate/response.h"
 #include "core/io/files.h"
+#include "core/io/json_text.h"
 #include "core/io/setting_groups.h"
 #include "core/patterns/waveform.h"
 #include "core/rig/dataset.h"
@@ -159,11 +160,10 @@ int calibrate(const CalibrateResponseArguments& arguments, const Common& common)
   const std::optional<FringeGroup> fringes = many_steps(sequence);
   const bool by_periods = ramp.images.size() < 5 && !fringes;
   if (by_periods && axes_of_several_periods(sequence).empty())
-    throw Error(
-        arguments.dataset +
-        ": contains neither a grey ramp of 5 levels or more nor 8 or more steps of a period, nor three or more "
-        "steps of several periods; render or capture patterns with `ramp_levels: 33`, `steps: 12` or "
-        "`periods_px: [1040, 131, 16.5]`");
+    throw Error(arguments.dataset +
+                ": contains neither a grey ramp of 5 levels or more nor 8 or more steps of a period, nor three or more "
+                "steps of several periods; render or capture patterns with `ramp_levels: 33`, `steps: 12` or "
+                "`periods_px: [1040, 131, 16.5]`");
   if (!sequence.inverse_response.empty())
     throw Error(arguments.dataset +
                 ": its patterns are already corrected by an inverse response; capture uncorrected ones");
@@ -193,11 +193,11 @@ int calibrate(const CalibrateResponseArguments& arguments, const Common& common)
     throw Error(arguments.dataset + ": " + e.what());
   }
   write_text(folder.path() / "rig.yaml", to_yaml(rig));
-  write_text(folder.path() / "response.json", to_json(response, rig.phase_correction).dump(2) + "\n");
+  write_text(folder.path() / "response.json", json_text(to_json(response, rig.phase_correction), 2) + "\n");
   write_png(folder.path() / "response.png", picture_of(response));
   folder.commit();
   if (common.json)
-    std::printf("%s\n", to_json(response, rig.phase_correction).dump(2).c_str());
+    std::printf("%s\n", json_text(to_json(response, rig.phase_correction), 2).c_str());
   else
     std::printf("%s\nwritten: %s  (rig.yaml, response.json, response.png)\n",
                 to_table(response, rig.phase_correction).c_str(), arguments.out.c_str());

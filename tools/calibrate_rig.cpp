@@ -8,6 +8,7 @@
 #include "core/calibrate/rig_calibration.h"
 #include "core/decode/decode.h"
 #include "core/io/files.h"
+#include "core/io/json_text.h"
 #include "core/io/setting_groups.h"
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
@@ -173,13 +174,13 @@ int calibrate(const CalibrateRigArguments& arguments, const Common& common) {
     throw Error(arguments.dataset + ": " + e.what());
   }
   write_text(folder.path() / "rig.yaml", to_yaml(calibration.rig));
-  write_text(folder.path() / "calibration.json", to_json(calibration).dump(2) + "\n");
+  write_text(folder.path() / "calibration.json", json_text(to_json(calibration), 2) + "\n");
   write_png(folder.path() / "coverage.png", coverage_picture(calibration));
   write_calibration_page(folder.path(), calibration, textures);
   folder.commit();
   for (const std::string& warning : calibration.warnings) std::fprintf(stderr, "warning: %s\n", warning.c_str());
   if (common.json)
-    std::printf("%s\n", to_json(calibration).dump(2).c_str());
+    std::printf("%s\n", json_text(to_json(calibration), 2).c_str());
   else
     std::printf("%s\nwritten: %s  (rig.yaml, calibration.json, calibration.html, coverage.png)\n",
                 to_table(calibration).c_str(), arguments.out.c_str());

@@ -10,7 +10,9 @@
 #include "core/decode/decode.h"
 #include "core/depth/depth.h"
 #include "core/io/files.h"
+#include "core/io/json_text.h"
 #include "core/io/setting_groups.h"
+#include "core/io/tum_file.h"
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
 #include "core/types/trajectory.h"
@@ -146,10 +148,10 @@ int calibrate(const CalibrateStageArguments& arguments, const Common& common) {
   }
   rig.robot_from_camera = calibration.robot_from_camera;
   write_text(folder.path() / "rig.yaml", to_yaml(rig));
-  write_text(folder.path() / "stage.json", to_json(calibration).dump(2) + "\n");
+  write_text(folder.path() / "stage.json", json_text(to_json(calibration), 2) + "\n");
   folder.commit();
   if (common.json) {
-    std::printf("%s\n", to_json(calibration).dump(2).c_str());
+    std::printf("%s\n", json_text(to_json(calibration), 2).c_str());
   } else {
     if (!lost.empty()) std::printf("no board found in views %s\n", lost.c_str());
     std::printf("%s\nwritten: %s  (rig.yaml, stage.json)\n", to_table(calibration).c_str(), arguments.out.c_str());

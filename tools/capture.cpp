@@ -126,6 +126,15 @@ class Recorder {
   std::optional<DepthSensor> sensor_;
 };
 
+
+// Removes what a recording without a stack has written; files of others, and then the folder, remain.
+void remove_empty_recording(const fs::path& folder) {
+  std::error_code ignored;
+  for (const char* file : {"rig.yaml", "patterns.yaml", kDatasetFile}) fs::remove(folder / file, ignored);
+  fs::remove(folder / "stacks", ignored);
+  fs::remove(folder, ignored);  // fails unless empty
+}
+
 int capture(const CaptureArguments& arguments, const Common& common) {
   if (fs::exists(arguments.out) && !(fs::is_directory(arguments.out) && fs::is_empty(arguments.out)))
     throw Error(arguments.out + ": exists; choose another --out or remove it");
@@ -166,8 +175,7 @@ int capture(const CaptureArguments& arguments, const Common& common) {
       }
     } catch (const std::exception& e) {
       if (stacks == 0) {
-        std::error_code ignored;
-        fs::remove_all(arguments.out, ignored);
+        remove_empty_recording(arguments.out);
         throw;
       }
       recorder.finish();
@@ -175,9 +183,10 @@ int capture(const CaptureArguments& arguments, const Common& common) {
     }
   }
   if (stacks == 0)
-    fs::remove_all(arguments.out);
+    remove_empty_recording(arguments.out);
   else
     recorder.finish();
+  if (stacks > 0 && fs::is_directory(arguments.out)) sync_folder(arguments.out);
   if (mapper) mapper->finish();
   if (page) page->feed().finish();
   const CameraStatistics camera = rig->camera().statistics();

@@ -3,6 +3,7 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <charconv>
 #include <cstdio>
 
 #include "tools/man_page.h"
@@ -63,7 +64,15 @@ Option Option::check_range(int low, int high) const { return Option(option_->che
 
 Option Option::check_range(double low, double high) const { return Option(option_->check(CLI::Range(low, high))); }
 
-Option Option::check_non_negative() const { return Option(option_->check(CLI::NonNegativeNumber)); }
+Option Option::check_non_negative() const {
+  const auto check = [](const std::string& text) {
+    uint64_t value = 0;
+    const auto [end, failure] = std::from_chars(text.data(), text.data() + text.size(), value);
+    const bool valid = failure == std::errc() && end == text.data() + text.size();
+    return valid ? std::string() : "'" + text + "' is not a whole number from 0 to 18446744073709551615";
+  };
+  return Option(option_->check(CLI::Validator(check, "NUMBER")));
+}
 
 Option Option::check_one_of(const std::vector<std::string>& values) const {
   return Option(option_->check(CLI::IsMember(values)));

@@ -11,6 +11,7 @@
 #include <numbers>
 
 #include "core/io/files.h"
+#include "core/io/json_text.h"
 #include "core/io/npy.h"
 #include "core/io/setting_groups.h"
 #include "core/rig/dataset.h"
@@ -195,7 +196,7 @@ int decode_dataset(const DecodeArguments& arguments, const Common& common) {
   }
   const nlohmann::ordered_json document = {
       {"png", "16 bits, 0 where invalid: value = png_low + (v - 1) (png_high - png_low) / 65534"}, {"stacks", stacks}};
-  write_text(folder.path() / "decoded.json", document.dump(2) + "\n");
+  write_text(folder.path() / "decoded.json", json_text(document, 2) + "\n");
   folder.commit();
   int64_t valid = 0;
   for (const auto& entry : stacks) {

@@ -5,6 +5,7 @@
 
 #include "core/base/fnv.h"
 #include "core/io/files.h"
+#include "core/io/tum_file.h"
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
 #include "sim/scene/cache.h"

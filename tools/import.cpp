@@ -10,6 +10,7 @@
 #include "core/calibrate/camera_noise.h"
 #include "core/calibrate/response.h"
 #include "core/check/conventions.h"
+#include "core/io/json_text.h"
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
 #include "tools/bag/bag_dataset.h"
@@ -145,7 +146,7 @@ void print_imported(const std::string& out, int stacks, size_t images, const Rig
                                          {"images_per_stack", images},
                                          {"calibrated", model.calibrated},
                                          {"noise", noise}};
-    std::printf("%s\n", json.dump().c_str());
+    std::printf("%s\n", json_text(json).c_str());
   } else if (!common.quiet) {
     std::printf("dataset: %s (%d x %zu images, %dx%d px%s)\n", out.c_str(), stacks, images, model.camera.width,
                 model.camera.height, model.calibrated ? "" : "; not calibrated: run fringeslam calibrate rig");
@@ -174,7 +175,7 @@ int import_images(ImportPlan plan, const std::string& out, const std::optional<R
   if (!board_yaml.empty()) write_text(folder.path() / "board.yaml", board_yaml);
   recording.finish(name, 0, false, true, image_times);
   if (noise.measured) {
-    write_text(folder.path() / "noise.json", to_json(*noise.measured).dump(2) + "\n");
+    write_text(folder.path() / "noise.json", json_text(to_json(*noise.measured), 2) + "\n");
     write_png(folder.path() / "noise.png", picture_of(*noise.measured, noise.measured->sensor));
   }
   folder.commit();

@@ -5,6 +5,8 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "core/io/json_text.h"
+#include "core/io/tum_file.h"
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
 #include "core/types/error.h"
@@ -88,11 +90,11 @@ Verb add_info(Command app, const Common& common) {
   return [path, &common] {
     const Json json = describe_path(*path);
     if (common.json) {
-      std::printf("%s\n", json.dump(2).c_str());
+      std::printf("%s\n", json_text(json, 2).c_str());
     } else {
       for (const auto& [key, value] : json.items())
         std::printf("%-18s %s\n", key.c_str(),
-                    value.is_string() ? value.get<std::string>().c_str() : value.dump().c_str());
+                    value.is_string() ? value.get<std::string>().c_str() : json_text(value).c_str());
     }
     return 0;
   };

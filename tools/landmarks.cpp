@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/io/files.h"
+#include "core/io/json_text.h"
 #include "core/mapper/driver.h"
 #include "core/rig/dataset.h"
 #include "tools/landmark_files.h"
@@ -80,7 +81,7 @@ int landmarks(const LandmarksArguments& arguments, const Common& common) {
       progress.step();
     });
   }
-  write_text(folder.path() / "landmarks.json", frames.dump(2) + "\n");
+  write_text(folder.path() / "landmarks.json", json_text(frames, 2) + "\n");
   folder.commit();
   print_result(common, {{"written", arguments.out}, {"landmarks", found}, {"recognised", recognised}},
                "written: " + arguments.out + ": " + std::to_string(found) + " landmarks in " +

@@ -8,6 +8,7 @@
 
 #include "core/base/malloc_config.h"
 #include "core/types/options.h"
+#include "tools/process.h"
 #include "tools/verbs.h"
 
 using namespace fringeslam::tools;
@@ -29,6 +30,7 @@ void refuse_unknown_verb(Command root, int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  prepare_process();
   fringeslam::keep_freed_memory();
   CommandLine line("fringeslam",
                    "FringeSLAM: 3D visual SLAM with a structured-light sensor, scored against exact ground truth",
@@ -58,13 +60,19 @@ int main(int argc, char** argv) {
   }
   try {
     refuse_unknown_verb(root, argc, argv);
-    if (const std::optional<int> exit_code = line.parse(argc, argv)) return *exit_code;
+    if (const std::optional<int> exit_code = line.parse(argc, argv)) {
+      finish_standard_output();
+      return *exit_code;
+    }
     cv::setNumThreads(threads > 0 ? threads : -1);
     for (const auto& [subcommand, verb] : verbs) {
-      if (subcommand.parsed()) return verb();
+      if (!subcommand.parsed()) continue;
+      const int exit_code = verb();
+      finish_standard_output();
+      return exit_code;
     }
   } catch (const std::exception& e) {
-    std::fprintf(stderr, "fringeslam: %s\n", e.what());
+    std::fprintf(stderr, "fringeslam: %s\n", message_of(e).c_str());
     return 2;
   }
   return 2;

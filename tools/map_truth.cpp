@@ -3,6 +3,7 @@
 
 #include <limits>
 
+#include "core/io/tum_file.h"
 #include "core/score/trajectory_file.h"
 #include "sim/virtual_rig.h"
 #include "tools/bag/bag_dataset.h"

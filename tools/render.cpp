@@ -5,6 +5,8 @@
 #include <nlohmann/json.hpp>
 
 #include "core/io/files.h"
+#include "core/io/input_file.h"
+#include "core/io/json_text.h"
 #include "core/rig/dataset.h"
 #include "tools/bag/bag_dataset.h"
 #include "tools/board_file.h"
@@ -81,11 +83,10 @@ Verb add_render(Command app, const Common& common) {
     int stacks = 0;
     for (; recording.capture(source->sequence()); ++stacks) progress.step();
     recording.finish(source->name(), source->seed(), source->has_truth());
-    if (std::filesystem::exists(source->board_file()))
-      std::filesystem::copy_file(source->board_file(), folder.path() / kBoardFile);
+    if (std::filesystem::exists(source->board_file())) copy_input(source->board_file(), folder.path() / kBoardFile);
     folder.commit();
     if (common.json)
-      std::printf("%s\n", nlohmann::json{{"dataset", arguments->out}, {"stacks", stacks}}.dump().c_str());
+      std::printf("%s\n", json_text(nlohmann::json{{"dataset", arguments->out}, {"stacks", stacks}}).c_str());
     else if (!common.quiet)
       std::printf("dataset: %s\n", arguments->out.c_str());
     return 0;

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "core/io/json_text.h"
 #include "core/rig/rig_file.h"
 #include "core/types/error.h"
 #include "hw/rig_hardware.h"
@@ -91,7 +92,7 @@ int focus(const RigFocusArguments& arguments, const Common& common) {
     std::printf("%s\n", line_of(reading, best).c_str());
     std::fflush(stdout);
   }
-  if (common.json) std::printf("%s\n", readings.dump(2).c_str());
+  if (common.json) std::printf("%s\n", json_text(readings, 2).c_str());
   return 0;
 }
 

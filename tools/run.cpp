@@ -9,6 +9,8 @@
 
 #include "core/check/conventions.h"
 #include "core/io/files.h"
+#include "core/io/input_file.h"
+#include "core/io/json_text.h"
 #include "core/io/yaml.h"
 #include "core/map/map_file.h"
 #include "core/mapper/driver.h"
@@ -84,11 +86,25 @@ class Emptiness {
  public:
   void add(const FringeStack& stack, const FrameResult& result) {
     if (!first_) first_ = stack;
+    const auto valid = std::count_if(result.frame.points_m.begin(), result.frame.points_m.end(),
+                                     [](const cv::Vec3f& p) { return p[2] == p[2]; });
     pixels_ += static_cast<int64_t>(result.frame.points_m.total());
-    for (const cv::Vec3f& p : result.frame.points_m) valid_ += p[2] == p[2];
+    valid_ += valid;
     ++views_;
     tracked_ += has_pose(result.tracking);
+    if (!has_pose(result.tracking) && !first_lost_) first_lost_ = {stack.index, valid, result.frame.points_m.total()};
     motion_unknown_ += result.motion_unknown();
+  }
+  // Returns one line about the views without a pose, or nothing if there are none.
+  std::string lost() const {
+    if (!first_lost_ || tracked_ == 0) return "";
+    const double share = static_cast<double>(first_lost_->valid) / static_cast<double>(first_lost_->pixels);
+    return std::to_string(views_ - tracked_) + " of " + std::to_string(views_) +
+           " views have no pose; the first is view " + std::to_string(first_lost_->index) +
+           (share < 0.01 ? ", where " + std::to_string(first_lost_->valid) + " of " +
+                               std::to_string(first_lost_->pixels) + " pixels have a depth: check its images"
+                         : ", whose surface was not found in the map") +
+           " (see frames.json)";
   }
   // Returns one line, or nothing if the result is not nearly empty.
   std::string reason(RigModel rig, const DepthOptions& depth) const {
@@ -113,7 +129,13 @@ class Emptiness {
     return none + "too little surface is visible to start a map; check exposure, working range and overview.png";
   }
 
+  struct LostView {
+    int index;
+    int64_t valid;
+    size_t pixels;
+  };
   std::optional<FringeStack> first_;
+  std::optional<LostView> first_lost_;
   int64_t pixels_ = 0, valid_ = 0;
   int views_ = 0, tracked_ = 0, motion_unknown_ = 0;
 };
@@ -169,7 +191,7 @@ int run(const RunArguments& arguments, const Common& common) {
   const std::string out = arguments.out.empty()
                               ? "runs/" + file_name(source->name()) + "-" + std::to_string(source->seed())
                               : arguments.out;
-  StagedFolder folder(out, "run");
+  StagedFolder folder(out, "run", {kMapFile});
   write_text(folder.path() / kConfigFile, "name: " + yaml_quoted(source->name()) +
                                               "\nseed: " + std::to_string(source->seed()) +
                                               "\nstacks: " + std::to_string(source->stacks()) + "\n" +
@@ -251,12 +273,13 @@ int run(const RunArguments& arguments, const Common& common) {
   std::optional<RunScore> score;
   if (source->has_truth() && tracked) {
     phases.run("scoring", {"truth.tum", "score.json"}, [&] {
-      fs::copy_file(folder.path() / "truth" / "truth.tum", folder.path() / "truth.tum");
+      copy_input(folder.path() / "truth" / "truth.tum", folder.path() / "truth.tum");
       score = score_run(folder.path(), {},
                         {.view = [&](int index, const DepthEstimate& estimate,
                                      const TruthFrame& truth) { record.draw_error(index, estimate, truth); },
-                         .progress = phases.progress("scoring")});
-      write_text(folder.path() / "score.json", to_json(*score).dump(2) + "\n");
+                         .progress = phases.progress("scoring")},
+                        source->truth(folder.path()));
+      write_text(folder.path() / "score.json", json_text(to_json(*score), 2) + "\n");
     });
   }
   phases.run("overview", {"overview.png"}, [&] { record.draw_overview(score ? &*score : nullptr); });
@@ -273,7 +296,7 @@ int run(const RunArguments& arguments, const Common& common) {
       json["phases"].push_back({{"name", phase.name}, {"seconds", phase.seconds}, {"peak_mib", phase.peak_mib}});
     if (interrupted()) json["left_out"] = phases.left_out();
     json["score"] = score ? to_json(*score) : nlohmann::ordered_json();
-    std::printf("%s\n", json.dump(2).c_str());
+    std::printf("%s\n", json_text(json, 2).c_str());
   } else {
     if (score) std::printf("%s\n", to_table(*score).c_str());
     const char* look = kHasReport && !arguments.no_report ? "report.html" : "overview.png";
@@ -287,6 +310,8 @@ int run(const RunArguments& arguments, const Common& common) {
     std::fprintf(stderr, "%s\n", kept_text(mapped, source->stacks(), phases.left_out()).c_str());
     return kInterrupted;
   }
+  if (const std::string lost = emptiness.lost(); !lost.empty() && !common.json)
+    std::fprintf(stderr, "%s: %s\n", arguments.source.c_str(), lost.c_str());
   const std::string reason = emptiness.reason(rig->model(), settings.pipeline.depth);
   if (!reason.empty()) std::fprintf(stderr, "fringeslam: %s: %s\n", arguments.source.c_str(), reason.c_str());
   if (live && arguments.live_wait) wait_for_interrupt();

@@ -12,6 +12,7 @@
 
 #include "core/io/files.h"
 #include "core/io/glb.h"
+#include "core/io/json_text.h"
 #include "core/io/ply_writer.h"
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
@@ -257,12 +258,12 @@ void RunFolder::add_image_poses(const ImageTrajectory& images, const Mapper& map
     }
     list.push_back(std::move(entry));
   }
-  write_text(folder_ / "images.json", list.dump(1) + "\n");
+  write_text(folder_ / "images.json", json_text(list, 1) + "\n");
   write_text(folder_ / "images.tum", to_tum(images.trajectory(mapper)));
 }
 
 void RunFolder::add_warm_objects(const std::vector<WarmObject>& things) const {
-  write_text(folder_ / "victims.json", to_json(things).dump(1) + "\n");
+  write_text(folder_ / "victims.json", json_text(to_json(things), 1) + "\n");
 }
 
 void RunFolder::finish(const Trajectory& trajectory) {
@@ -270,8 +271,8 @@ void RunFolder::finish(const Trajectory& trajectory) {
   std::string lost;
   for (const int index : lost_) lost += (lost.empty() ? "# lost: stacks " : ", ") + std::to_string(index);
   write_text(folder_ / "trajectory.tum", (lost.empty() ? lost : lost + "\n") + to_tum(trajectory_));
-  write_text(folder_ / "frames.json", frames_.dump(1) + "\n");
-  write_text(folder_ / "landmarks.json", landmarks_.dump(1) + "\n");
+  write_text(folder_ / "frames.json", json_text(frames_, 1) + "\n");
+  write_text(folder_ / "landmarks.json", json_text(landmarks_, 1) + "\n");
   landmarks_ = nullptr;  // hundreds of megabytes after a long run
   writing_.finish();
 }

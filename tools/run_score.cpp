@@ -13,6 +13,7 @@
 #include "core/base/parallel.h"
 #include "core/depth/depth.h"
 #include "core/io/files.h"
+#include "core/io/tum_file.h"
 #include "core/io/yaml.h"
 #include "core/patterns/patterns.h"
 #include "core/rig/dataset.h"
@@ -62,9 +63,14 @@ struct View {
   TruthFrame truth;
 };
 
-View read_view(const fs::path& folder, int index) {
-  return {read_depth_estimate(folder / "frames" / stack_name(index) / "depth.exr"),
-          read_truth_frame(folder / "truth" / (stack_name(index) + ".exr"))};
+// Where the files of a run and of its ground truth are.
+struct ScoredFolders {
+  fs::path run, truth;
+};
+
+View read_view(const ScoredFolders& folders, const Pinhole& camera, int index) {
+  return {read_depth_estimate(folders.run / "frames" / stack_name(index) / "depth.exr", &camera),
+          read_truth_frame(folders.truth / (stack_name(index) + ".exr"), &camera)};
 }
 
 // Reads the victims found by the run, in the map's world frame.
@@ -101,12 +107,12 @@ struct AssociatedPoses {
 
 // Scores depth and motion of all views. Reading them takes most of the time, so blocks of views are scored
 // concurrently; each block reads its predecessor's last view again.
-void score_views(const fs::path& folder, const RigModel& rig, const AssociatedPoses& poses,
+void score_views(const ScoredFolders& folders, const RigModel& rig, const AssociatedPoses& poses,
                  const ScoreObserver& observer, RunScore& score, VisibleVictims& visible) {
   constexpr size_t kBlock = 16;
   const auto& [estimate, truth, pairs] = poses;
   const size_t views = pairs.size();
-  const double period = finest_period(read_patterns(folder / "patterns.yaml"));
+  const double period = finest_period(read_patterns(folders.run / "patterns.yaml"));
   const PixelRays rays = pixel_rays(rig.camera);
   const Pose camera_from_robot = rig.robot_from_camera.inverse();
   score.frames.resize(views);
@@ -116,10 +122,10 @@ void score_views(const fs::path& folder, const RigModel& rig, const AssociatedPo
   const auto index_of = [&](size_t k) { return static_cast<int>(pairs[k].second); };
   const auto score_block = [&](int block) {
     const size_t first = static_cast<size_t>(block) * kBlock, end = std::min(views, first + kBlock);
-    View previous = first > 0 ? read_view(folder, index_of(first - 1)) : View();
+    View previous = first > 0 ? read_view(folders, rig.camera, index_of(first - 1)) : View();
     for (size_t k = first; k < end; ++k) {
       const auto [i, j] = pairs[k];
-      View current = read_view(folder, index_of(k));
+      View current = read_view(folders, rig.camera, index_of(k));
       score.frames[k] = {index_of(k), score_depth(current.estimate, current.truth, period)};
       if (k > 0) {
         const auto [last_i, last_j] = pairs[k - 1];
@@ -144,19 +150,30 @@ void score_views(const fs::path& folder, const RigModel& rig, const AssociatedPo
 
 }  // namespace
 
-RunScore score_run(const fs::path& folder, const TrajectoryOptions& options, const ScoreObserver& observer) {
+RunScore score_run(const fs::path& folder, const TrajectoryOptions& options, const ScoreObserver& observer,
+                   fs::path truth_folder) {
+  if (truth_folder.empty()) truth_folder = folder / "truth";
   RunScore score;
   const YamlMap config = YamlMap::load(folder / "config.yaml");
   score.name = config.text("name");
   score.seed = config.seed("seed");
   score.stacks = config.integer("stacks", {1, 1e6});
   const RigModel rig = read_rig(folder / "rig.yaml");
-  const Trajectory truth = read_tum(folder / "truth" / "truth.tum");
+  const Trajectory truth = read_tum(truth_folder / "truth.tum");
   const Trajectory estimate = read_tum(folder / "trajectory.tum");
   const auto pairs = associate(estimate, truth, options.max_gap_s);
-  score.tracked = static_cast<int>(pairs.size());
+  if (pairs.size() < estimate.size()) {
+    const auto lacks_truth = [&](size_t i) {
+      return std::none_of(pairs.begin(), pairs.end(), [&](const auto& pair) { return pair.first == i; });
+    };
+    size_t first = 0;
+    while (!lacks_truth(first)) ++first;
+    throw Error((truth_folder / "truth.tum").string() + ": has no pose at " + to_text(estimate[first].timestamp_s) +
+                " s, the time of a view of trajectory.tum; the ground truth is of another recording");
+  }
+  score.tracked = static_cast<int>(estimate.size());
   VisibleVictims visible;
-  score_views(folder, rig, {estimate, truth, pairs}, observer, score, visible);
+  score_views({folder, truth_folder}, rig, {estimate, truth, pairs}, observer, score, visible);
   if (rig.thermal && !pairs.empty()) {
     const auto [i, j] = pairs.front();
     const Pose truth_from_map = truth[j].world_from_robot * estimate[i].world_from_robot.inverse();
@@ -166,7 +183,7 @@ RunScore score_run(const fs::path& folder, const TrajectoryOptions& options, con
     }
     score.victims = score_victims(visible, candidates);
   }
-  const fs::path images = folder / "images.tum", exposures = folder / "truth" / "exposures.tum";
+  const fs::path images = folder / "images.tum", exposures = truth_folder / "exposures.tum";
   if (!pairs.empty() && fs::exists(images) && fs::exists(exposures)) {
     // Aligned by the first view, like the trajectory of the views.
     const auto [i, j] = pairs.front();

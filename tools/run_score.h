@@ -44,9 +44,9 @@ struct ScoreObserver {
 
 // Scores the folder, which contains config.yaml, rig.yaml, patterns.yaml, frames/, trajectory.tum, truth/, for a rig
 // with a thermal camera victims.json, and for a run with poses of single images images.tum. Throws Error on missing or
-// invalid files.
+// invalid files. The truth is read from `truth_folder` instead of truth/ unless that is empty.
 RunScore score_run(const std::filesystem::path& folder, const TrajectoryOptions& options = {},
-                   const ScoreObserver& observer = {});
+                   const ScoreObserver& observer = {}, std::filesystem::path truth_folder = {});
 
 nlohmann::ordered_json to_json(const RunScore& score);
 nlohmann::ordered_json to_json(const TrajectoryScore& score);

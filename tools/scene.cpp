@@ -5,6 +5,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "core/io/json_text.h"
 #include "core/io/yaml.h"
 #include "sim/scene_check.h"
 #include "tools/scene_verbs.h"
@@ -33,7 +34,7 @@ int list(const fs::path& folder, const Common& common) {
     json.push_back({{"scene", scene.string()}, {"description", description}});
     if (!common.json) std::printf("%-36s %s\n", scene.string().c_str(), description.c_str());
   }
-  if (common.json) std::printf("%s\n", json.dump(2).c_str());
+  if (common.json) std::printf("%s\n", json_text(json, 2).c_str());
   return 0;
 }
 
@@ -42,7 +43,7 @@ int check(const fs::path& path, std::optional<uint64_t> seed, const Common& comm
   std::vector<std::string> errors;
   const sim::Scene scene = sim::load_scene(scene_file(path), {seed, &errors});
   if (!errors.empty()) {
-    if (common.json) std::printf("%s\n", Json{{"errors", errors}}.dump(2).c_str());
+    if (common.json) std::printf("%s\n", json_text(Json{{"errors", errors}}, 2).c_str());
     for (const std::string& error : errors) std::fprintf(stderr, "fringeslam: %s\n", error.c_str());
     return 2;
   }
@@ -52,7 +53,8 @@ int check(const fs::path& path, std::optional<uint64_t> seed, const Common& comm
     for (const sim::ViewCheck& view : result.views)
       views.push_back(
           {{"surface", view.surface}, {"lit", view.lit}, {"in_range", view.in_range}, {"overlap", view.overlap}});
-    std::printf("%s\n", Json{{"scene", scene.name}, {"views", views}, {"warnings", result.warnings}}.dump(2).c_str());
+    std::printf("%s\n",
+                json_text(Json{{"scene", scene.name}, {"views", views}, {"warnings", result.warnings}}, 2).c_str());
     return 0;
   }
   for (const std::string& note : scene.notes) std::printf("%s\n", note.c_str());

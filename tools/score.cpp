@@ -4,6 +4,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "core/io/json_text.h"
 #include "core/score/trajectory_file.h"
 #include "core/types/error.h"
 #include "tools/map_truth.h"
@@ -24,7 +25,7 @@ struct ScoreArguments {
 };
 
 void print(const Common& common, const nlohmann::ordered_json& json, const std::string& table) {
-  std::fputs(common.json ? (json.dump(2) + "\n").c_str() : table.c_str(), stdout);
+  std::fputs(common.json ? (json_text(json, 2) + "\n").c_str() : table.c_str(), stdout);
 }
 
 void score_run_folder(const ScoreArguments& arguments, const Common& common) {

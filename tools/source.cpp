@@ -2,11 +2,15 @@
 #include "tools/source.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <fstream>
 #include <utility>
 
 #include "core/io/files.h"
+#include "core/io/input_file.h"
+#include "core/io/tum_file.h"
+#include "core/io/yaml.h"
 #include "core/rig/dataset.h"
 #include "tools/board_file.h"
 
@@ -74,6 +78,7 @@ class SceneSource : public Source {
     return std::max(1, static_cast<int>(scene_.path->duration_s() * rate_hz));
   }
   bool has_truth() const override { return true; }
+  fs::path truth(const fs::path& opened) const override { return opened / "truth"; }
   const PatternSequence& sequence() const override { return scene_.patterns; }
   const RigModel& model() const override { return model_; }
   void undistort() override {
@@ -107,11 +112,13 @@ class DatasetSource : public Source {
     if (!info_.has_truth) return;
     require_truth(kPosesFile);
     for (int index = 0; index < info_.stacks; ++index) require_truth(stack_name(index) + ".exr");
+    check_truth_times();
   }
   const std::string& name() const override { return info_.name; }
   uint64_t seed() const override { return info_.seed; }
   int stacks() const override { return info_.stacks; }
   bool has_truth() const override { return info_.has_truth; }
+  fs::path truth(const fs::path&) const override { return folder_ / "truth"; }
   bool imported() const override { return info_.imported; }
   bool has_image_times() const override { return !info_.imported || info_.image_times; }
   const PatternSequence& sequence() const override { return sequence_; }
@@ -127,15 +134,32 @@ class DatasetSource : public Source {
   fs::path board_file() const override { return folder_ / kBoardFile; }
 
   std::unique_ptr<Rig> open(const fs::path& folder) override {
-    if (info_.has_truth) fs::copy(folder_ / "truth", folder / "truth", fs::copy_options::recursive);
-    if (fs::exists(folder_ / kStageFile)) fs::copy_file(folder_ / kStageFile, folder / kStageFile);
+    if (info_.has_truth) copy_input_folder(folder_ / "truth", folder / "truth");
+    if (fs::exists(folder_ / kStageFile)) copy_input(folder_ / kStageFile, folder / kStageFile);
     for (const char* file : {kRenderFile, kResolvedFile}) {
-      if (fs::exists(folder_ / file)) fs::copy_file(folder_ / file, folder / file);
+      if (fs::exists(folder_ / file)) copy_input(folder_ / file, folder / file);
     }
     return std::move(rig_);
   }
 
  private:
+  // The truth of another recording would be compared with the wrong views, or with none.
+  void check_truth_times() const {
+    constexpr double kMostDifference_s = 1e-6;  // truth.tum has nine decimals
+    const fs::path file = folder_ / "truth" / kPosesFile;
+    const Trajectory truth = read_tum(file);
+    if (truth.size() < static_cast<size_t>(info_.stacks))
+      throw Error(file.string() + ": has " + std::to_string(truth.size()) + " poses, but " + kDatasetFile + " lists " +
+                  std::to_string(info_.stacks) + " stacks");
+    for (int index = 0; index < info_.stacks; ++index) {
+      const fs::path stack = folder_ / "stacks" / stack_name(index) / "stack.yaml";
+      const double time_s = YamlMap::load(stack).number("timestamp_s", {0, 1e12});
+      if (const double true_s = truth[static_cast<size_t>(index)].timestamp_s;
+          !(std::abs(true_s - time_s) <= kMostDifference_s))
+        throw Error(file.string() + ": pose " + std::to_string(index) + " is at " + to_text(true_s) + " s, but " +
+                    stack.string() + " is at " + to_text(time_s) + " s; the ground truth is of another recording");
+    }
+  }
   void require_truth(const std::string& file) const {
     const fs::path path = folder_ / "truth" / file;
     if (!fs::exists(path))

@@ -14,6 +14,7 @@
 #include "bench/studies/tables.h"
 #include "bench/studies/workers.h"
 #include "core/io/files.h"
+#include "core/io/json_text.h"
 #include "core/types/error.h"
 #include "tools/cluster_job.h"
 #include "tools/interrupt.h"
@@ -70,7 +71,7 @@ std::vector<std::string> worker_command(const Study& study) {
 int work(const Study& study, [[maybe_unused]] const StudyArguments& arguments) {
 #if FRINGESLAM_REPORT
   if (arguments.pictures) {
-    studies::work(study, [&](const Trial& trial) { return trial_pictures(study, trial).dump(); });
+    studies::work(study, [&](const Trial& trial) { return json_text(trial_pictures(study, trial)); });
     return 0;
   }
 #endif
@@ -100,8 +101,8 @@ void tell(const Study& study, const std::map<int, std::string>& lines, const Stu
           const Common& common, bool print) {
   const Summary summary = summarise(study, lines, std::max(kWorst, arguments.worst));
   const nlohmann::ordered_json json = to_json(summary);
-  write_text(fs::path(arguments.out) / "summary.json", json.dump(1) + "\n");
-  if (print) std::printf("%s\n", common.json ? json.dump(2).c_str() : to_text(summary).c_str());
+  write_text(fs::path(arguments.out) / "summary.json", json_text(json, 1) + "\n");
+  if (print) std::printf("%s\n", common.json ? json_text(json, 2).c_str() : to_text(summary).c_str());
   std::fflush(stdout);
   const std::string written = write_page(study, lines, summary, arguments);
   if (!common.json && !common.quiet) std::printf("%s\n", written.c_str());
@@ -179,7 +180,8 @@ int replay(const StudyArguments& arguments, const Common& common) {
     std::printf("%s\n", line.c_str());
   else
     std::printf("%s\n\nto run it with all output files:\n  %s --out runs/trial-%d\n",
-                nlohmann::ordered_json::parse(line).dump(2).c_str(), command_of(study, trial).c_str(), arguments.trial);
+                json_text(nlohmann::ordered_json::parse(line), 2).c_str(), command_of(study, trial).c_str(),
+                arguments.trial);
   return 0;
 }
 

@@ -7,6 +7,8 @@
 #include <opencv2/imgproc.hpp>
 
 #include "core/io/files.h"
+#include "core/io/json_text.h"
+#include "core/io/tum_file.h"
 #include "core/rig/rig_file.h"
 
 namespace fringeslam::tools {
@@ -67,7 +69,7 @@ std::string orb_slam_settings(const RigModel& rig, double units_per_m, double ra
 std::string open3d_intrinsic(const Pinhole& c) {
   const nlohmann::ordered_json json = {
       {"width", c.width}, {"height", c.height}, {"intrinsic_matrix", {c.fx, 0, 0, 0, c.fy, 0, c.cx, c.cy, 1}}};
-  return json.dump(2) + "\n";
+  return json_text(json, 2) + "\n";
 }
 
 // The image lists of a folder. Like the benchmark's, rgb.txt and depth.txt begin with three comment lines, which some
@@ -114,6 +116,7 @@ int write_tum_rgbd(Source& source, const Settings& settings, const RgbdOptions& 
     seen.push_back({time_s, {}});
   };
   const Trajectory robot = for_each_view(source, settings, options, folder.path(), out.string(), common, write);
+  if (seen.empty()) throw Error(out.string() + ": the source contains no views");
   const RigModel& model = source.model();
   if (source.has_truth()) write_camera_truth(folder.path() / kTumTruthFile, camera_trajectory(robot, model));
   write_text(folder.path() / "rgb.txt", lists.rgb);

@@ -10,6 +10,7 @@
 #include <opencv2/core.hpp>
 
 #include "core/io/files.h"
+#include "core/io/json_text.h"
 #include "core/rig/dataset.h"
 #include "tools/progress.h"
 #include "tools/report/pictures.h"
@@ -132,7 +133,7 @@ int run_twin(const TwinArguments& arguments, const Common& common) {
   for (const Comparison& row : made.comparisons)
     json["comparison"].push_back(
         {{"quantity", row.name}, {"unit", row.unit}, {"real", row.real}, {"simulated", row.simulated}});
-  write_text(folder.path() / "twin.json", json.dump(2) + "\n");
+  write_text(folder.path() / "twin.json", json_text(json, 2) + "\n");
   folder.commit();
   print_result(common, json,
                to_table(made.comparisons) + "\nwritten: " + arguments.out + "  (twin.html, twin.json, scene/)");

@@ -4,11 +4,13 @@
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
+#include "core/io/json_text.h"
+
 namespace fringeslam::tools {
 
 void print_result(const Common& common, const nlohmann::ordered_json& document, const std::string& line) {
   if (common.json)
-    std::printf("%s\n", document.dump(2).c_str());
+    std::printf("%s\n", json_text(document, 2).c_str());
   else if (!common.quiet)
     std::printf("%s\n", line.c_str());
 }

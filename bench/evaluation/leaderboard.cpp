@@ -8,12 +8,14 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <set>
+#include <sstream>
 
 #include "core/io/files.h"
+#include "core/io/input_file.h"
+#include "core/io/json_text.h"
 #include "core/types/error.h"
 
 namespace fringeslam::evaluation {
@@ -224,14 +226,14 @@ std::string to_lines(const std::vector<Result>& results) {
   for (const Result& result : results) {
     Json json;
     for_each_field(result, [&](const char* name, const auto& value) { json[name] = value; });
-    lines += json.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n";
+    lines += json_text(json) + "\n";
   }
   return lines;
 }
 
 std::vector<Result> read_results(const std::filesystem::path& file) {
   std::vector<Result> results;
-  std::ifstream stream(file);
+  std::istringstream stream(read_input(file));
   std::string line;
   for (int number = 1; std::getline(stream, line); ++number) {
     try {
@@ -250,12 +252,27 @@ std::vector<Result> read_results(const std::filesystem::path& file) {
   return results;
 }
 
+namespace {
+
+// True if the folder contains anything but what a killed process left before its first result.
+bool has_other_files(const std::filesystem::path& folder) {
+  std::error_code failed;
+  for (std::filesystem::directory_iterator entry(folder, failed), end; !failed && entry != end;
+       entry.increment(failed)) {
+    const std::string name = entry->path().filename().string();
+    if (with_final_names(name) == name) return true;
+  }
+  return false;
+}
+
+}  // namespace
+
 std::vector<Result> results_in(const std::filesystem::path& folder) {
   std::error_code ignored;
   if (std::filesystem::exists(folder, ignored) && !std::filesystem::is_directory(folder, ignored))
     throw Error(folder.string() + ": is a file; choose another folder");
   if (std::filesystem::exists(folder / kResultsFile, ignored)) return read_results(folder / kResultsFile);
-  if (std::filesystem::exists(folder, ignored) && !std::filesystem::is_empty(folder, ignored))
+  if (has_other_files(folder))
     throw Error(folder.string() + ": contains other files and no " + kResultsFile + "; choose another folder");
   return {};
 }

@@ -5,7 +5,9 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <charconv>
+#include <cstring>
 #include <nlohmann/json.hpp>
 
 #include "core/io/files.h"
@@ -100,8 +102,13 @@ std::vector<int> ShardFile::missing() const {
 void ShardFile::add(int trial, const std::string& line) {
   const std::string bytes = line + "\n";
   // A single write: a process killed during it leaves an incomplete line.
-  if (write(file_, bytes.data(), bytes.size()) != static_cast<ssize_t>(bytes.size()))
-    throw Error(partial_.string() + ": cannot be written; is the disk full?");
+  ssize_t written = 0;
+  do {
+    written = write(file_, bytes.data(), bytes.size());
+  } while (written < 0 && errno == EINTR);
+  if (written != static_cast<ssize_t>(bytes.size()))
+    throw Error(partial_.string() + ": cannot be written: " +
+                (written < 0 ? std::strerror(errno) : "the disk is full") + "; the results before are kept");
   lines_.emplace(trial, line);
 }
 

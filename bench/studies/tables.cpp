@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "core/io/files.h"
+#include "core/io/json_text.h"
 #include "core/types/error.h"
 
 namespace fringeslam::studies {
@@ -63,7 +64,7 @@ Table table_of(const Study& study, const std::map<int, std::string>& lines) {
 
 std::string csv_field(const Json& value) {
   if (value.is_null()) return "";
-  const std::string text = value.is_string() ? value.get<std::string>() : value.dump();
+  const std::string text = value.is_string() ? value.get<std::string>() : json_text(value);
   if (text.find_first_of(",\"\n") == std::string::npos) return text;
   std::string quoted = "\"";
   for (const char c : text) quoted += c == '"' ? "\"\"" : std::string(1, c);

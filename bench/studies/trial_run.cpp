@@ -10,6 +10,7 @@
 
 #include "bench/studies/trial_settings.h"
 #include "core/base/constants.h"
+#include "core/io/json_text.h"
 #include "core/score/score.h"
 #include "core/types/linear_algebra.h"
 
@@ -268,7 +269,7 @@ std::string to_line(const Study& study, const Trial& trial, const TrialResult& r
   if (!result.cause.empty()) line["cause"] = result.cause;
   if (!result.message.empty()) line["message"] = result.message;
   for (const auto& [name, value] : result.metrics) line["metrics"][name] = value;
-  return line.dump();
+  return json_text(line);
 }
 
 }  // namespace fringeslam::studies

@@ -9,6 +9,8 @@
 
 #include "core/base/constants.h"
 #include "core/base/parallel.h"
+#include "core/types/error.h"
+#include "core/types/options.h"
 
 namespace fringeslam {
 
@@ -134,6 +136,9 @@ FRINGESLAM_INLINE void points_body(const DepthRows& rows, int width, float per_d
 
 Triangulation::Triangulation(const RigModel& rig, const PixelRays& rays, double near_m, double far_m, Axis axis)
     : rays_(rays), near_m_(near_m), far_m_(far_m), pixel_angle_(1 / rig.camera.fx) {
+  if (!(near_m < far_m))
+    throw Error("depth.near_m is " + to_text(near_m) + " but depth.far_m is " + to_text(far_m) +
+                "; near_m must be smaller than far_m");
   for (cv::Mat1f& plane : coefficients_) plane = cv::Mat1f(rays.size(), kNaN);
   centre_ = cv::Mat1f(rays.size(), kNaN);
   per_px_ = cv::Mat1f(rays.size(), kNaN);

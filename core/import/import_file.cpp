@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
-#include <fstream>
 #include <map>
 #include <numbers>
 #include <optional>
@@ -14,6 +13,7 @@
 #include "core/import/file_names.h"
 #include "core/import/opencv_calibration.h"
 #include "core/import/projected.h"
+#include "core/io/input_file.h"
 #include "core/io/yaml.h"
 #include "core/patterns/waveform.h"
 #include "core/rig/rig_file.h"
@@ -555,9 +555,8 @@ std::string read_image_timing(const YamlMap& map, ImportPlan& plan) {
 }
 
 // Reads a text file: the middle of each exposure in seconds, in the order of the patterns.
-std::vector<double> read_image_times(const YamlMap& map, const fs::path& file, const ImportPlan& plan) {
-  if (!fs::is_regular_file(file)) throw map.error("image_times", file.string() + " is missing");
-  std::ifstream text(file);
+std::vector<double> read_image_times(const fs::path& file, const ImportPlan& plan) {
+  std::istringstream text(read_input(file));
   std::vector<double> times_s;
   for (std::string word; text >> word;) {
     char* end = nullptr;
@@ -645,7 +644,7 @@ ImportPlan read_import(const fs::path& config, const fs::path& folder, bool unpa
     std::vector<fs::path> used = plan.stacks.back();
     for (const Entry& entry : entries) used.insert(used.end(), entry.projected.begin(), entry.projected.end());
     check_unused_images(stack, used, ignored, map);
-    if (!image_times.empty()) plan.image_times_s.push_back(read_image_times(map, stack / image_times, plan));
+    if (!image_times.empty()) plan.image_times_s.push_back(read_image_times(stack / image_times, plan));
   }
   return plan;
 }

@@ -3,33 +3,18 @@
 
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
-#include <stdlib.h>
-#include <zlib.h>
 
-#include <cstring>
-#include <fstream>
-#include <sstream>
+#include <algorithm>
+#include <cctype>
+#include <memory>
 
+#include "core/io/input_file.h"
+#include "core/io/png_file.h"
 #include "core/types/error.h"
 
 namespace fringeslam {
 
 namespace fs = std::filesystem;
-
-namespace {
-
-// Marker file in folders written by StagedFolder; contains the kind.
-constexpr const char* kMarkerFile = ".fringeslam";
-
-// Creates a temporary folder next to `target`, on the same file system.
-fs::path sibling_folder(const fs::path& target) {
-  std::string name = target.string() + ".partial-XXXXXX";
-  if (!mkdtemp(name.data()))
-    throw Error(target.string() + ": cannot create a temporary folder next to it: " + std::strerror(errno));
-  return name;
-}
-
-}  // namespace
 
 std::string lower_extension(const std::filesystem::path& file) {
   std::string extension = file.extension().string();
@@ -39,108 +24,15 @@ std::string lower_extension(const std::filesystem::path& file) {
 }
 
 std::string read_bytes(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  std::ostringstream bytes;
-  bytes << in.rdbuf();
-  return bytes.str();
-}
-
-StagedFolder::StagedFolder(fs::path target, std::string kind) : target_(std::move(target)), kind_(std::move(kind)) {
-  if (target_.filename().empty()) target_ = target_.parent_path();
-  std::error_code failed;
-  const bool ours = !kind_.empty() && read_bytes(target_ / kMarkerFile) == kind_ + "\n";
-  const bool empty = fs::is_directory(target_, failed) && fs::is_empty(target_, failed);
-  if (fs::exists(target_, failed) && !ours && !empty)
-    throw Error(target_.string() + ": exists" +
-                (kind_.empty() ? "" : " and was not written by fringeslam as a " + kind_) +
-                "; choose another --out or remove it");
-  if (target_.has_parent_path()) {
-    failed.clear();
-    fs::create_directories(target_.parent_path(), failed);
-    if (failed) throw Error(target_.string() + ": cannot create its parent folder: " + failed.message());
-  }
-  staging_ = sibling_folder(target_);
-  fs::permissions(staging_, fs::perms(0755), failed);
-}
-
-StagedFolder::~StagedFolder() {
   std::error_code ignored;
-  if (!committed_) fs::remove_all(staging_, ignored);
-}
-
-void StagedFolder::commit() {
-  if (!kind_.empty()) write_text(staging_ / kMarkerFile, kind_ + "\n");
-  std::error_code failed;
-  // The old folder is moved aside first, so that a failed rename does not lose both.
-  fs::path aside;
-  if (fs::exists(target_, failed)) {
-    aside = sibling_folder(target_);
-    fs::rename(target_, aside / "old", failed);
-  }
-  if (!failed) fs::rename(staging_, target_, failed);
-  if (failed) {
-    std::error_code ignored;
-    if (!aside.empty()) fs::rename(aside / "old", target_, ignored);
-    if (!aside.empty()) fs::remove(aside, ignored);
-    throw Error(target_.string() + ": cannot be moved into place: " + failed.message());
-  }
-  committed_ = true;
-  if (!aside.empty()) fs::remove_all(aside, failed);
-}
-
-StagedFile::StagedFile(fs::path target) : target_(std::move(target)) {
-  std::string name = target_.string() + ".partial-XXXXXX";
-  if (target_.filename().empty() || fs::is_directory(target_))
-    throw Error(target_.string() + ": cannot be written: it is a folder");
-  if (!mkdtemp(name.data())) throw Error(target_.string() + ": cannot be written: " + std::strerror(errno));
-  staging_ = name;
-}
-
-StagedFile::~StagedFile() {
-  std::error_code ignored;
-  fs::remove_all(staging_, ignored);
-}
-
-void StagedFile::commit() {
-  const auto put_in_place = [&](const fs::path& file) {
-    std::error_code failed;
-    fs::rename(file, target_.parent_path() / file.filename(), failed);
-    if (failed)
-      throw Error((target_.parent_path() / file.filename()).string() + ": cannot be written: " + failed.message());
-  };
-  std::vector<fs::path> others;
-  for (const auto& entry : fs::directory_iterator(staging_)) {
-    if (entry.path() != path()) others.push_back(entry.path());
-  }
-  for (const fs::path& file : others) put_in_place(file);
-  put_in_place(path());
-}
-
-void write_text(const fs::path& file, const std::string& text) {
-  std::ofstream out(file, std::ios::binary);
-  out << text;
-  out.close();
-  if (!out) throw Error(file.string() + ": cannot be written; check the folder and the free disk space");
+  if (fs::status(file, ignored).type() == fs::file_type::not_found) return "";
+  return read_input(file, kMostDataBytes);
 }
 
 namespace {
 
 // OpenImageIO's messages may have several lines; Error messages have one.
 std::string first_line(const std::string& text) { return text.substr(0, text.find('\n')); }
-
-void write_image(const fs::path& file, const OIIO::ImageSpec& spec, const void* pixels, size_t row_stride) {
-  StagedFile staged(file);
-  auto out = OIIO::ImageOutput::create(file.string());
-  if (!out || !out->open(staged.path().string(), spec) ||
-      !out->write_image(spec.format, pixels, OIIO::AutoStride, static_cast<OIIO::stride_t>(row_stride)) ||
-      !out->close())
-    throw Error(file.string() + ": cannot be written: " + first_line(out ? out->geterror() : OIIO::geterror()));
-  staged.commit();
-}
-
-}  // namespace
-
-namespace {
 
 // Encodes to memory, because OpenImageIO's file writers do not detect a full disk.
 std::string encoded(const char* name, OIIO::ImageSpec spec, const cv::Mat& pixels) {
@@ -190,12 +82,7 @@ std::string jpeg_bytes(const cv::Mat1b& image, int quality) {
   return encoded("memory.jpg", spec, image);
 }
 
-void write_png(const fs::path& file, const cv::Mat& image) {
-  const std::string bytes = png_bytes(image);
-  StagedFile staged(file);
-  write_text(staged.path(), bytes);
-  staged.commit();
-}
+void write_png(const fs::path& file, const cv::Mat& image) { write_text(file, png_bytes(image)); }
 
 namespace {
 
@@ -229,65 +116,122 @@ std::string exr_bytes(const std::vector<ExrChannel>& channels, ExrCompression co
 }
 
 void write_exr(const fs::path& file, const std::vector<ExrChannel>& channels, ExrCompression compression) {
-  const ExrImage exr = exr_image(channels, compression);
-  write_image(file, exr.spec, exr.pixels.data, exr.pixels.step);
+  write_text(file, exr_bytes(channels, compression));
 }
 
 namespace {
 
-uint32_t big_endian(const std::string& bytes, size_t at) {
-  uint32_t value = 0;
-  for (size_t i = 0; i < 4; ++i) value = value << 8 | static_cast<uint8_t>(bytes[at + i]);
-  return value;
+// Refuses a declared size before anything of that size is allocated. `most_per_byte` limits the decoded bytes by those of
+// the file: a small file that declares a huge image is damaged or hostile.
+void check_declared(const fs::path& file, cv::Size size, uint64_t decoded, uint64_t file_bytes, uint64_t most_per_byte,
+                    const std::optional<ExpectedSize>& expected) {
+  const std::string declared = std::to_string(size.width) + "x" + std::to_string(size.height);
+  if (expected && size != expected->size)
+    throw Error(file.string() + ": is " + declared + " but " + expected->of + " has " +
+                std::to_string(expected->size.width) + "x" + std::to_string(expected->size.height));
+  if (size.width < 1 || size.height < 1) throw Error(file.string() + ": invalid image size");
+  if (size.width > kMostImageSide || size.height > kMostImageSide)
+    throw Error(file.string() + ": is " + declared + "; at most " + std::to_string(kMostImageSide) +
+                " pixels along a side are read");
+  if (!expected && decoded > kMostImageBytes)
+    throw Error(file.string() + ": has " + std::to_string(decoded >> 20) + " MiB of pixels; at most " +
+                std::to_string(kMostImageBytes >> 20) + " MiB are read from an image");
+  constexpr uint64_t kSmall = 1 << 20;
+  if (decoded > kSmall && (decoded - kSmall) / most_per_byte > file_bytes)
+    throw Error(file.string() + ": is truncated or damaged: it declares " + declared + " pixels but has only " +
+                std::to_string(file_bytes) + " bytes");
 }
 
-// True if all chunks of a PNG are complete (length, type, data, CRC of type and data). Checked here because libpng
-// prints its own message on standard error.
-bool is_whole_png(const std::string& bytes) {
-  constexpr size_t kSignature = 8, kFrame = 12;
-  for (size_t at = kSignature; at + kFrame <= bytes.size();) {
-    const size_t length = big_endian(bytes, at);
-    if (length > bytes.size() - at - kFrame) return false;
-    const auto* type_and_data = reinterpret_cast<const Bytef*>(bytes.data()) + at + 4;
-    if (crc32(0, type_and_data, static_cast<uInt>(length + 4)) != big_endian(bytes, at + 8 + length)) return false;
-    if (bytes.compare(at + 4, 4, "IEND") == 0) return true;
-    at += kFrame + length;
+// Returns the usual extension of the format that the content has; images are often misnamed.
+std::string image_format(const std::string& head, const fs::path& file) {
+  const auto starts = [&](std::string_view magic) { return head.compare(0, magic.size(), magic) == 0; };
+  using namespace std::string_view_literals;
+  if (starts("\xff\xd8\xff"sv)) return "jpg";
+  if (starts("\x76\x2f\x31\x01"sv)) return "exr";
+  if (starts("II*\0"sv) || starts("MM\0*"sv)) return "tif";
+  if (starts("RIFF"sv) && head.size() >= 12 && head.compare(8, 4, "WEBP") == 0) return "webp";
+  const std::string extension = lower_extension(file);
+  return extension.empty() ? "?" : extension.substr(1);
+}
+
+// An image file in memory, read with the reader of its format alone: OpenImageIO would otherwise try all of them.
+// Formats that it cannot read from memory are opened by their descriptor, so that no other file can take their place.
+class EncodedImage {
+ public:
+  explicit EncodedImage(const InputFile& input)
+      : input_(input), in_(OIIO::ImageInput::create(image_format(input.head(12), input.path()))) {
+    if (!in_) throw Error(name() + ": cannot be read as an image: its format is unknown");
+    // Prevents OpenImageIO from premultiplying colours by alpha.
+    OIIO::ImageSpec as_stored, ignored;
+    as_stored.attribute("oiio:UnassociatedAlpha", 1);
+    if (in_->supports("ioproxy")) {
+      bytes_ = input.read();
+      memory_.emplace(bytes_.data(), bytes_.size());
+      void* proxy = &*memory_;
+      as_stored.attribute("oiio:ioproxy", OIIO::TypeDesc::PTR, &proxy);
+    }
+    if (!in_->open(memory_ ? input.path().filename().string() : descriptor(), ignored, as_stored))
+      throw Error(name() + ": cannot be read as an image: " + message());
   }
-  return false;
-}
+  OIIO::ImageInput& input() { return *in_; }
+  // Returns OpenImageIO's message without the name that it knows the file by.
+  std::string message() {
+    std::string text = first_line(in_->geterror());
+    for (const std::string& known : {"\"" + descriptor() + "\"", descriptor()}) {
+      for (size_t at; (at = text.find(known)) != std::string::npos;) text.replace(at, known.size(), "it");
+    }
+    return text;
+  }
 
-// Reads all channels as stored: unsigned 8 or 16 bits, or 32-bit float.
-DecodedImage read_channels(std::unique_ptr<OIIO::ImageInput> in, const std::string& name) {
-  if (!in) throw Error(name + ": cannot be read as an image: " + first_line(OIIO::geterror()));
-  const OIIO::ImageSpec& spec = in->spec();
-  if (spec.width < 1 || spec.height < 1 || spec.width > 16384 || spec.height > 16384)
-    throw Error(name + ": invalid image size");
+ private:
+  std::string name() const { return input_.path().string(); }
+  std::string descriptor() const { return "/proc/self/fd/" + std::to_string(input_.descriptor()); }
+
+  const InputFile& input_;
+  std::string bytes_;
+  std::optional<OIIO::Filesystem::IOMemReader> memory_;
+  std::unique_ptr<OIIO::ImageInput> in_;  // destroyed before what it reads from
+};
+
+// A deflated byte stands for at most 1032 bytes; run lengths and wavelets expand less. JPEG and WebP files may be smaller
+// in relation, but have at most 16384 pixels along a side and 8 bits.
+constexpr uint64_t kMostPerByte = 1100, kMostPerJpegByte = 1 << 20;
+
+// Reads all channels as stored: unsigned 8 or 16 bits, or 32-bit float. If `names` is given, it receives the names of
+// the channels, and pixels are converted to float.
+cv::Mat read_image(const fs::path& file, const std::optional<ExpectedSize>& expected,
+                   std::vector<std::string>* names = nullptr) {
+  const InputFile input(file, kMostImageFileBytes);
+  if (input.size() == 0) throw Error(file.string() + ": is empty; record or render it again");
+  if (!names && is_png(input.head(8))) {
+    return decode_png(input.read(), file.string(), [&](cv::Size size, uint64_t decoded) {
+      check_declared(file, size, decoded, input.size(), kMostPerByte, expected);
+    });
+  }
+  EncodedImage encoded_image(input);
+  OIIO::ImageInput& in = encoded_image.input();
+  const OIIO::ImageSpec& spec = in.spec();
   if (spec.nchannels < 1 || spec.nchannels > CV_CN_MAX)
-    throw Error(name + ": has " + std::to_string(spec.nchannels) + " channels; a camera image has one");
+    throw Error(file.string() + ": has " + std::to_string(spec.nchannels) + " channels; a camera image has one");
   const auto base = static_cast<OIIO::TypeDesc::BASETYPE>(spec.format.basetype);
-  const int depth = base == OIIO::TypeDesc::UINT8 ? CV_8U : base == OIIO::TypeDesc::UINT16 ? CV_16U : CV_32F;
-  cv::Mat image(spec.height, spec.width, CV_MAKETYPE(depth, spec.nchannels));
+  const int depth = names                            ? CV_32F
+                    : base == OIIO::TypeDesc::UINT8  ? CV_8U
+                    : base == OIIO::TypeDesc::UINT16 ? CV_16U
+                                                     : CV_32F;
+  const std::string extension = lower_extension(file);
+  const bool lossy = extension == ".jpg" || extension == ".jpeg" || extension == ".webp";
+  const cv::Size size(spec.width, spec.height);
+  check_declared(file, size,
+                 static_cast<uint64_t>(std::max(size.width, 0)) * static_cast<uint64_t>(std::max(size.height, 0)) *
+                     CV_ELEM_SIZE(CV_MAKETYPE(depth, spec.nchannels)),
+                 input.size(), lossy ? kMostPerJpegByte : kMostPerByte, expected);
+  cv::Mat image(size, CV_MAKETYPE(depth, spec.nchannels));
   const OIIO::TypeDesc wanted = depth == CV_32F ? OIIO::TypeDesc(OIIO::TypeDesc::FLOAT) : OIIO::TypeDesc(base);
   // For truncated TIFF or JPEG files read_image() succeeds and only sets an error message.
-  if (!in->read_image(0, 0, 0, spec.nchannels, wanted, image.data) || in->has_error())
-    throw Error(name + ": is truncated or damaged: " + first_line(in->geterror()));
-  return {image, spec.channelnames};
-}
-
-OIIO::ImageSpec as_stored() {
-  // Prevents OpenImageIO from premultiplying colours by alpha.
-  OIIO::ImageSpec spec;
-  spec.attribute("oiio:UnassociatedAlpha", 1);
-  return spec;
-}
-
-cv::Mat read_image(const fs::path& file) {
-  std::error_code ignored;
-  if (!fs::exists(file, ignored)) throw Error(file.string() + ": is missing");
-  if (file.extension() == ".png" && !is_whole_png(read_bytes(file)))
-    throw Error(file.string() + ": is truncated or damaged; record or render it again");
-  const OIIO::ImageSpec config = as_stored();
-  return read_channels(OIIO::ImageInput::open(file.string(), &config), file.string()).image;
+  if (!in.read_image(0, 0, 0, spec.nchannels, wanted, image.data) || in.has_error())
+    throw Error(file.string() + ": is truncated or damaged: " + encoded_image.message());
+  if (names) *names = spec.channelnames;
+  return image;
 }
 
 bool same_values(const cv::Mat& a, const cv::Mat& b) { return cv::norm(a, b, cv::NORM_INF) == 0; }
@@ -304,27 +248,51 @@ cv::Mat luminance(const cv::Mat& red, const cv::Mat& green, const cv::Mat& blue)
 }  // namespace
 
 DecodedImage decode_image(const std::string& bytes, const std::string& name) {
-  const bool png = bytes.starts_with("\x89PNG");
-  if (png && !is_whole_png(bytes)) throw Error(name + ": is truncated or damaged");
+  if (is_png(bytes)) {
+    const cv::Mat image = decode_png(bytes, name, [&](cv::Size size, uint64_t decoded) {
+      check_declared(name, size, decoded, bytes.size(), kMostPerByte, {});
+    });
+    if (image.channels() == 1) return {image, {"Y"}};
+    std::vector<std::string> channels = {"R", "G", "B", "A"};
+    channels.resize(static_cast<size_t>(image.channels()));
+    return {image, channels};
+  }
   OIIO::Filesystem::IOMemReader memory(const_cast<char*>(bytes.data()), bytes.size());
-  OIIO::ImageSpec config = as_stored(), spec;
+  OIIO::ImageSpec config, spec;
   void* proxy = &memory;
   config.attribute("oiio:ioproxy", OIIO::TypeDesc::PTR, &proxy);
-  auto in = OIIO::ImageInput::create(png ? "png" : "openexr");
-  if (in && !in->open(png ? "memory.png" : "memory.exr", spec, config))
-    throw Error(name + ": is not a PNG or EXR file, or damaged: " + first_line(in->geterror()));
-  return read_channels(std::move(in), name);
+  const auto in = OIIO::ImageInput::create("openexr");
+  if (!in || !in->open("memory.exr", spec, config))
+    throw Error(name + ": is not a PNG or EXR file, or damaged: " + first_line(in ? in->geterror() : OIIO::geterror()));
+  const cv::Size size(spec.width, spec.height);
+  check_declared(name, size, static_cast<uint64_t>(size.area()) * static_cast<uint64_t>(spec.nchannels) * sizeof(float),
+                 bytes.size(), kMostPerByte, {});
+  cv::Mat image(size, CV_MAKETYPE(CV_32F, spec.nchannels));
+  if (!in->read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, image.data) || in->has_error())
+    throw Error(name + ": is truncated or damaged: " + first_line(in->geterror()));
+  return {image, spec.channelnames};
 }
 
-cv::Mat read_grey(const fs::path& file) {
-  cv::Mat image = read_image(file);
+cv::Mat read_grey(const fs::path& file, const std::optional<ExpectedSize>& expected) {
+  cv::Mat image = read_image(file, expected);
   if (image.channels() != 1)
     throw Error(file.string() + ": has " + std::to_string(image.channels()) + " channels; a camera image has one");
   return image;
 }
 
+std::vector<ExrChannel> read_exr(const fs::path& file, const std::optional<ExpectedSize>& expected) {
+  std::vector<std::string> names;
+  std::vector<cv::Mat> planes;
+  cv::split(read_image(file, expected, &names), planes);
+  std::vector<ExrChannel> channels;
+  for (size_t i = 0; i < planes.size(); ++i) channels.push_back({names[i], planes[i]});
+  return channels;
+}
+
+void check_image(const fs::path& file) { (void)read_image(file, {}); }
+
 cv::Mat read_as_grey(const fs::path& file, GreyFrom from) {
-  const cv::Mat image = read_image(file);
+  const cv::Mat image = read_image(file, {});
   std::vector<cv::Mat> channels;
   cv::split(image, channels);
   if (channels.size() < 3) return channels[0];  // grey, or grey and alpha

@@ -1,60 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
-// Atomic writing of files and folders, and image I/O through OpenImageIO.
+// Image files, and reading and writing of whole files.
 #pragma once
 
 #include <array>
 #include <filesystem>
 #include <opencv2/core.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "core/io/staged.h"
 #include "core/types/options.h"
 
 namespace fringeslam {
 
-// Folder that appears under its final name only when complete: it is written under a temporary name next to the target,
-// renamed by commit(), and removed by the destructor if commit() was not called. An existing target is replaced only if
-// it is empty or was written by this class with the same kind ("run", "dataset"); otherwise the constructor throws
-// Error. With an empty kind, only an empty folder is replaced.
-class StagedFolder {
- public:
-  StagedFolder(std::filesystem::path target, std::string kind);
-  ~StagedFolder();
-  StagedFolder(const StagedFolder&) = delete;
-  StagedFolder& operator=(const StagedFolder&) = delete;
-
-  const std::filesystem::path& path() const { return staging_; }
-  void commit();
-
- private:
-  std::filesystem::path target_, staging_;
-  std::string kind_;
-  bool committed_ = false;
-};
-
-// File, with any accompanying files, that appears only when complete: all files are written under their final names
-// into a temporary folder next to the target. commit() moves them into the target's folder, the target last; the
-// destructor removes anything left over.
-class StagedFile {
- public:
-  explicit StagedFile(std::filesystem::path target);
-  ~StagedFile();
-  StagedFile(const StagedFile&) = delete;
-  StagedFile& operator=(const StagedFile&) = delete;
-
-  std::filesystem::path path() const { return staging_ / target_.filename(); }
-  void commit();
-
- private:
-  std::filesystem::path target_, staging_;
-};
-
-void write_text(const std::filesystem::path& file, const std::string& text);
-
 // Returns the file name's extension in lower case, with the dot.
 std::string lower_extension(const std::filesystem::path& file);
 
-// Reads a whole file; empty if it does not exist.
+// Reads a whole regular file; empty if it does not exist. Throws Error if it cannot be read.
 std::string read_bytes(const std::filesystem::path& file);
 
 // PNG encoding to memory and to a file: CV_8UC1, CV_8UC3 (BGR, as in OpenCV) or CV_16UC1; compression level from 1
@@ -87,9 +50,26 @@ struct DecodedImage {
 };
 DecodedImage decode_image(const std::string& bytes, const std::string& name);
 
+// The size that an image must have, and what determines it: "the camera of rig.yaml". It is compared with the size that
+// the file declares before the image is allocated.
+struct ExpectedSize {
+  cv::Size size;
+  std::string of;
+};
+
+// Limits of images without an expected size: pixels along a side, and bytes of the decoded image.
+constexpr int kMostImageSide = 16384;
+constexpr uint64_t kMostImageBytes = uint64_t{1} << 30;
+
 // Reads a single-channel image: unsigned 8 or 16 bits (PNG, TIFF, BMP) or 32-bit float (EXR). Throws Error if the file
-// is missing, truncated or has more than one channel.
-cv::Mat read_grey(const std::filesystem::path& file);
+// is missing, truncated, no regular file, too large, or has more than one channel.
+cv::Mat read_grey(const std::filesystem::path& file, const std::optional<ExpectedSize>& expected = {});
+
+// Reads all channels of an EXR file as floats.
+std::vector<ExrChannel> read_exr(const std::filesystem::path& file, const std::optional<ExpectedSize>& expected = {});
+
+// Reads an image completely and discards it. Throws Error like read_grey(), but for the number of channels.
+void check_image(const std::filesystem::path& file);
 
 enum class GreyFrom { luminance, red, green, blue };
 

@@ -7,11 +7,11 @@
 #include <charconv>
 #include <cmath>
 #include <cstring>
-#include <fstream>
 #include <map>
 #include <memory>
 #include <sstream>
 
+#include "core/io/input_file.h"
 #include "core/types/error.h"
 
 namespace fringeslam {
@@ -412,17 +412,12 @@ class BodyReader {
 }  // namespace
 
 bool is_ply(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  std::string line;
-  return std::getline(in, line) && (line == "ply" || line == "ply\r");
+  const std::string start = InputFile(file, kMostDataBytes).head(5);
+  return start.starts_with("ply\n") || start.starts_with("ply\r\n");
 }
 
 PlyMap read_ply(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  if (!in) throw Error(file.string() + ": cannot be opened; give a PLY file");
-  std::ostringstream content;
-  content << in.rdbuf();
-  const std::string bytes = std::move(content).str();
+  const std::string bytes = read_input(file, kMostDataBytes);
   const Header header = HeaderReader(file, bytes).read();
   std::unique_ptr<Body> body;
   if (header.format == Format::ascii)

@@ -5,12 +5,14 @@
 #include <string>
 #include <system_error>
 
+#include "core/io/input_file.h"
 #include "core/io/ply.h"
 #include "core/types/error.h"
 
 namespace fringeslam {
 
-PlyBlocks::PlyBlocks(const std::filesystem::path& file) : path_(file), stream_(file, std::ios::binary) {
+PlyBlocks::PlyBlocks(const std::filesystem::path& file)
+    : path_(InputFile(file, kMostDataBytes).path()), stream_(file, std::ios::binary) {
   if (!stream_) throw Error(path_.string() + ": cannot be read");
   // The header without its comments and numbers, which has to be that of PlyWriter.
   std::string line, layout;

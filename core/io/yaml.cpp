@@ -7,11 +7,11 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <fstream>
 #include <set>
 #include <sstream>
 
 #include "core/base/fnv.h"
+#include "core/io/input_file.h"
 #include "core/io/yaml_guard.h"
 
 namespace fringeslam {
@@ -206,16 +206,7 @@ void refuse_duplicates(const YAML::Node& node, const std::string& file) {
 YamlMap::YamlMap(std::shared_ptr<Node> node) : node_(std::move(node)) { refuse_duplicates(node_->yaml, node_->file); }
 
 YamlMap YamlMap::load(const std::filesystem::path& file) {
-  std::error_code ignored;
-  if (std::filesystem::is_directory(file, ignored)) throw Error(file.string() + ": is a folder; specify a YAML file");
-  // Reading a device or a pipe may never end.
-  if (std::filesystem::exists(file, ignored) && !std::filesystem::is_regular_file(file, ignored))
-    throw Error(file.string() + ": is not a regular file; specify a YAML file");
-  std::ifstream in(file, std::ios::binary);
-  if (!in) throw Error(file.string() + ": cannot be opened; check the path");
-  std::stringstream content;
-  content << in.rdbuf();
-  return parse(content.str(), file.string());
+  return parse(read_input(file, kMostYamlBytes), file.string());
 }
 
 YamlMap YamlMap::parse(const std::string& text, const std::string& name) {

@@ -2,6 +2,7 @@
 #include "core/rig/dataset.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 
 #include "core/io/files.h"
@@ -39,6 +40,23 @@ std::string listed(const std::vector<double>& values) {
   std::string text;
   for (size_t i = 0; i < values.size(); ++i) text += (i ? ", " : "") + to_text(values[i]);
   return text;
+}
+
+// Refuses images that the camera of rig.yaml cannot have taken: mapping them would give no depth, or a wrong one.
+void check_values(const fs::path& file, const cv::Mat& image, const SensorModel& sensor) {
+  const std::string bits = std::to_string(sensor.bits) + " bits of the camera in rig.yaml";
+  if (image.depth() == CV_32F) {
+    const auto* first = image.ptr<float>();
+    if (std::none_of(first, first + image.total(), [](float value) { return std::isfinite(value); }))
+      throw Error(file.string() + ": no pixel has a finite value; record or render it again");
+    return;
+  }
+  if (image.depth() == CV_8U && sensor.bits > 8)
+    throw Error(file.string() + ": has 8 bits per pixel, which does not match the " + bits);
+  double largest = 0;
+  cv::minMaxLoc(image, nullptr, &largest);
+  if (largest > sensor.max_dn())
+    throw Error(file.string() + ": has a grey value of " + to_text(largest) + ", which exceeds the " + bits);
 }
 
 }  // namespace
@@ -120,12 +138,8 @@ ReplayRig::ReplayRig(fs::path folder)
 
 cv::Mat1f ReplayRig::thermal_of(const fs::path& stack) const {
   const fs::path file = thermal_file(stack);
-  const cv::Mat image = read_grey(file);
   const Pinhole& lens = model_.thermal->lens;
-  if (image.cols != lens.width || image.rows != lens.height)
-    throw Error(file.string() + ": is " + std::to_string(image.cols) + "x" + std::to_string(image.rows) +
-                " but the thermal camera of rig.yaml has " + std::to_string(lens.width) + "x" +
-                std::to_string(lens.height));
+  const cv::Mat image = read_grey(file, ExpectedSize{{lens.width, lens.height}, "the thermal camera of rig.yaml"});
   return celsius_image(image, file.string());
 }
 
@@ -158,11 +172,9 @@ std::optional<FringeStack> ReplayRig::capture(const PatternSequence& sequence) {
     const fs::path file = image_file(folder, i);
     stack.exposure_s.push_back(exposures[i]);
     stack.exposure_time_s.push_back(times[i]);
-    cv::Mat image = read_grey(file);
-    if (image.cols != model_.camera.width || image.rows != model_.camera.height)
-      throw Error(file.string() + ": is " + std::to_string(image.cols) + "x" + std::to_string(image.rows) +
-                  " but the camera of rig.yaml has " + std::to_string(model_.camera.width) + "x" +
-                  std::to_string(model_.camera.height));
+    cv::Mat image =
+        read_grey(file, ExpectedSize{{model_.camera.width, model_.camera.height}, "the camera of rig.yaml"});
+    check_values(file, image, model_.sensor);
     if (!stack.images.empty() && image.type() != stack.images.front().type())
       throw Error(file.string() + ": has a different pixel type than the first image of its stack");
     stack.images.push_back(std::move(image));
@@ -230,14 +242,12 @@ std::optional<FringeStack> RecordingRig::capture(const PatternSequence& sequence
 }
 
 void RecordingRig::finish(const std::string& name, uint64_t seed, bool has_truth, bool imported, bool image_times) {
-  // Written atomically, so that a growing dataset is valid at any time.
-  StagedFile staged(folder_ / kDatasetFile);
-  write_text(staged.path(), std::string("format: ") + kFormat + "\nname: " + yaml_quoted(name) +
-                                "\nseed: " + std::to_string(seed) + "\nstacks: " + std::to_string(stacks_) +
-                                "\ntruth: " + (has_truth ? "true" : "false") + "\n" +
-                                (has_thermal_ ? "thermal: true\n" : "") + (imported ? "imported: true\n" : "") +
-                                (image_times ? "image_times: true\n" : ""));
-  staged.commit();
+  // Replaced as a whole, so that a growing dataset is valid at any time.
+  write_text(folder_ / kDatasetFile,
+             std::string("format: ") + kFormat + "\nname: " + yaml_quoted(name) + "\nseed: " + std::to_string(seed) +
+                 "\nstacks: " + std::to_string(stacks_) + "\ntruth: " + (has_truth ? "true" : "false") + "\n" +
+                 (has_thermal_ ? "thermal: true\n" : "") + (imported ? "imported: true\n" : "") +
+                 (image_times ? "image_times: true\n" : ""));
 }
 
 }  // namespace fringeslam

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/score/trajectory_file.h"
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <fstream>
+#include <sstream>
 
+#include "core/io/input_file.h"
 #include "core/types/error.h"
 
 namespace fringeslam {
@@ -15,8 +17,8 @@ constexpr double kNanosecondsBeyond = 1e14;
 constexpr double kSecondsPerNanosecond = 1e-9;
 
 // True if the first line with content other than a comment contains a comma.
-bool has_commas(const std::filesystem::path& file) {
-  std::ifstream in(file);
+bool has_commas(const std::string& text) {
+  std::istringstream in(text);
   for (std::string line; std::getline(in, line);) {
     line.erase(std::min(line.find('#'), line.size()));
     if (line.find_first_not_of(" \t\r") != std::string::npos) return line.find(',') != std::string::npos;
@@ -33,8 +35,8 @@ bool read_number(std::string text, double& value) {
   return error == std::errc() && stop == end && std::isfinite(value);
 }
 
-Trajectory read_euroc(const std::filesystem::path& file) {
-  std::ifstream in(file);
+Trajectory read_euroc(const std::string& text, const std::filesystem::path& file) {
+  std::istringstream in(text);
   Trajectory trajectory;
   std::string line;
   for (int number = 1; std::getline(in, line); ++number) {
@@ -49,6 +51,8 @@ Trajectory read_euroc(const std::filesystem::path& file) {
         throw Error(where + "needs eight finite numbers separated by commas: timestamp_ns,x,y,z,qw,qx,qy,qz");
       begin = end + 1;
     }
+    if (std::max({std::abs(v[1]), std::abs(v[2]), std::abs(v[3])}) > kMostPosition_m)
+      throw Error(where + "a position is farther than 1e9 m from the origin; the unit is metres");
     const Eigen::Vector4d xyzw(v[5], v[6], v[7], v[4]);
     if (std::abs(xyzw.norm() - 1) > 1e-3) throw Error(where + "the quaternion is not of unit length");
     const double timestamp_s = v[0] / 1e9;
@@ -62,8 +66,9 @@ Trajectory read_euroc(const std::filesystem::path& file) {
 }  // namespace
 
 Trajectory read_trajectory(const std::filesystem::path& file) {
-  if (has_commas(file)) return read_euroc(file);
-  Trajectory trajectory = read_tum(file);
+  const std::string text = read_input(file);
+  if (has_commas(text)) return read_euroc(text, file);
+  Trajectory trajectory = tum_from_text(text, file.string());
   if (trajectory.front().timestamp_s > kNanosecondsBeyond) {
     for (TimedPose& pose : trajectory) pose.timestamp_s *= kSecondsPerNanosecond;
   }

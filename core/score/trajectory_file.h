@@ -11,7 +11,7 @@
 
 namespace fringeslam {
 
-// Reads a TUM or EuRoC trajectory. Throws Error under the same conditions as read_tum().
+// Reads a TUM or EuRoC trajectory. Throws Error under the same conditions as tum_from_text().
 Trajectory read_trajectory(const std::filesystem::path& file);
 
 }  // namespace fringeslam

@@ -1,11 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/score/truth_files.h"
 
-#include <OpenImageIO/imageio.h>
-
-#include <algorithm>
 #include <map>
 
+#include "core/io/files.h"
 #include "core/types/error.h"
 
 namespace fringeslam {
@@ -14,22 +12,15 @@ namespace {
 
 using Channels = std::map<std::string, cv::Mat1f>;
 
-Channels read_exr(const std::filesystem::path& file) {
-  std::error_code ignored;
-  if (!std::filesystem::exists(file, ignored)) throw Error(file.string() + ": does not exist");
-  const auto in = OIIO::ImageInput::open(file.string());
-  if (!in) throw Error(file.string() + ": cannot be read as an image: " + OIIO::geterror());
-  const OIIO::ImageSpec& spec = in->spec();
-  if (spec.width < 1 || spec.height < 1 || spec.width > 16384 || spec.height > 16384)
-    throw Error(file.string() + ": invalid image size");
-  cv::Mat pixels(spec.height, spec.width, CV_32FC(spec.nchannels));
-  if (!in->read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, pixels.data))
-    throw Error(file.string() + ": is truncated or damaged: " + in->geterror());
-  std::vector<cv::Mat> planes;
-  cv::split(pixels, planes);
+Channels read_channels(const std::filesystem::path& file, const std::optional<ExpectedSize>& expected) {
   Channels channels;
-  for (size_t i = 0; i < planes.size(); ++i) channels[spec.channelnames[i]] = planes[i];
+  for (const ExrChannel& each : read_exr(file, expected)) channels[each.name] = each.image;
   return channels;
+}
+
+std::optional<ExpectedSize> size_of(const Pinhole* camera) {
+  if (!camera) return std::nullopt;
+  return ExpectedSize{{camera->width, camera->height}, "the camera of rig.yaml"};
 }
 
 cv::Mat1f channel(const Channels& channels, const std::string& name, const std::filesystem::path& file) {
@@ -40,8 +31,8 @@ cv::Mat1f channel(const Channels& channels, const std::string& name, const std::
 
 }  // namespace
 
-TruthFrame read_truth_frame(const std::filesystem::path& file) {
-  const Channels channels = read_exr(file);
+TruthFrame read_truth_frame(const std::filesystem::path& file, const Pinhole* camera) {
+  const Channels channels = read_channels(file, size_of(camera));
   TruthFrame truth;
   truth.depth_m = channel(channels, "depth_m", file);
   cv::merge(std::vector<cv::Mat>{channel(channels, "normal.x", file), channel(channels, "normal.y", file),
@@ -53,8 +44,8 @@ TruthFrame read_truth_frame(const std::filesystem::path& file) {
   return truth;
 }
 
-DepthEstimate read_depth_estimate(const std::filesystem::path& file) {
-  const Channels channels = read_exr(file);
+DepthEstimate read_depth_estimate(const std::filesystem::path& file, const Pinhole* camera) {
+  const Channels channels = read_channels(file, size_of(camera));
   return {channel(channels, "depth_m", file), channel(channels, "sigma_m", file),
           channel(channels, "projector_column", file)};
 }

@@ -8,10 +8,11 @@
 
 namespace fringeslam {
 
-// Reads truth/NNNNNN.exr; leaves the result's pose and time empty. Throws Error on a missing file or channel.
-TruthFrame read_truth_frame(const std::filesystem::path& file);
+// Reads truth/NNNNNN.exr; leaves the result's pose and time empty. Throws Error on a missing file or channel, or if the
+// image does not have the size of the camera, if one is given.
+TruthFrame read_truth_frame(const std::filesystem::path& file, const Pinhole* camera = nullptr);
 
 // Reads frames/NNNNNN/depth.exr of a run: channels depth_m, sigma_m, projector_column. Throws Error likewise.
-DepthEstimate read_depth_estimate(const std::filesystem::path& file);
+DepthEstimate read_depth_estimate(const std::filesystem::path& file, const Pinhole* camera = nullptr);
 
 }  // namespace fringeslam

@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sim/scene/cache.h"
 
-#include <unistd.h>
-
 #include <cstdlib>
-#include <fstream>
 
 #include "core/base/fnv.h"
 #include "core/io/files.h"
@@ -16,17 +13,13 @@ namespace fs = std::filesystem;
 
 namespace {
 
-// Writes to a per-process temporary file and renames it, so concurrent processes never see partial files.
+// Returns false if the file cannot be written. Concurrent processes never see a part of it.
 bool write_whole(const fs::path& file, const std::string& bytes) {
-  std::error_code failure;
-  fs::create_directories(file.parent_path(), failure);
-  const fs::path partial = file.string() + "." + std::to_string(getpid());
-  std::ofstream out(partial, std::ios::binary);
-  out << bytes;
-  out.close();
-  if (out) fs::rename(partial, file, failure);
-  if (!out || failure) {
-    fs::remove(partial, failure);
+  std::error_code ignored;
+  fs::create_directories(file.parent_path(), ignored);
+  try {
+    write_text(file, bytes);
+  } catch (const Error&) {
     return false;
   }
   return true;
@@ -69,7 +62,12 @@ fs::path cached_file(const std::string& name, const std::string& bytes) {
 }
 
 std::optional<std::string> cached(const std::string& content) {
-  const std::string bytes = read_bytes(file_of(content));
+  std::string bytes;
+  try {
+    bytes = read_bytes(file_of(content));
+  } catch (const Error&) {
+    return std::nullopt;
+  }
   const std::string head = sealed(content, "").substr(0, std::to_string(content.size()).size() + 1 + content.size());
   constexpr size_t kHash = 16;
   if (bytes.size() < head.size() + kHash || bytes.compare(0, head.size(), head) != 0) return std::nullopt;

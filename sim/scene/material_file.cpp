@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <map>
 
+#include "core/io/files.h"
 #include "sim/scene/scene_parts.h"
 
 namespace fringeslam::sim {
@@ -33,6 +34,12 @@ Material read_material(const YamlMap& map) {
   if (map.has("texture")) {
     if (map.has("grain")) throw map.error("texture", "give grain or texture, not both");
     material.texture = map.file("texture").string();
+    // OpenImageIO reads parts of a texture when they are needed, and would render a damaged one without a message.
+    try {
+      check_image(material.texture);
+    } catch (const Error& e) {
+      throw map.error("texture", e.what());
+    }
     material.texture_m = map.number_or("texture_m", material.texture_m, kLength);
     material.albedo = map.number_or("albedo", 1, kFraction);
   } else {

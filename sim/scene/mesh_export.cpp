@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/io/files.h"
 #include "sim/scene/mesh_export.h"
 
 #include <OpenImageIO/imagebuf.h>
@@ -12,12 +11,12 @@
 #include <assimp/Exporter.hpp>
 #include <cctype>
 #include <cmath>
-#include <fstream>
 #include <map>
 #include <memory>
 #include <tuple>
 
 #include "core/io/files.h"
+#include "core/io/input_file.h"
 #include "core/types/error.h"
 #include "sim/light/photometry.h"
 
@@ -48,18 +47,14 @@ Finish finish_of(const Object& object, const RigModel& rig) {
   return finish;
 }
 
-std::string bytes_of(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  std::string bytes{std::istreambuf_iterator<char>(in), {}};
-  if (!in) throw Error(file.string() + ": the texture cannot be read");
-  return bytes;
-}
+std::string bytes_of(const fs::path& file) { return read_input(file, kMostImageFileBytes); }
 
 // Returns the texture as a PNG or JPEG file, converting it in `folder` if necessary.
 fs::path common_picture(const fs::path& texture, const fs::path& folder, size_t number) {
   const std::string extension = lower_extension(texture);
   if (extension == ".png" || extension == ".jpg" || extension == ".jpeg") return texture;
   const fs::path file = folder / (".converted_" + std::to_string(number) + ".png");
+  check_image(texture);
   OIIO::ImageBuf image(texture.string());
   if (!image.read(0, 0, true)) throw Error(texture.string() + ": the texture cannot be read");
   const bool linear = image.spec().format != OIIO::TypeDesc::UINT8 && image.spec().format != OIIO::TypeDesc::UINT16;

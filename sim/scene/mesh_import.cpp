@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstdio>
 #include <limits>
+#include <string_view>
 
 #include "core/types/error.h"
 #include "core/types/linear_algebra.h"
@@ -119,14 +120,49 @@ std::filesystem::path unpacked(const std::filesystem::path& file, const RawTextu
   return cached_file("textures/" + content_hash(bytes) + "." + extension, bytes);
 }
 
+// Returns the image file that a mesh names. Programs on other systems write backslashes and their own absolute paths, and
+// some keep images in folders of their own, such as Gazebo's ../materials/textures.
+std::filesystem::path texture_beside(const std::filesystem::path& file, std::string name) {
+  constexpr std::string_view kScheme = "file://";
+  if (name.starts_with(kScheme)) name.erase(0, kScheme.size());
+  std::replace(name.begin(), name.end(), '\\', '/');
+  const std::filesystem::path folder = file.parent_path(), own = std::filesystem::path(name).filename();
+  for (const std::filesystem::path& candidate :
+       {folder / name, folder / own, folder / "textures" / own, folder / "../materials/textures" / own,
+        folder / "../textures" / own}) {
+    std::error_code unknown;
+    if (std::filesystem::exists(candidate, unknown)) return candidate;
+  }
+  return folder / name;
+}
+
 // Resolves a material's texture name: a file, or *N for the Nth embedded image; empty for none.
 std::filesystem::path texture_file(const std::filesystem::path& file, const RawModel& model, const std::string& name) {
   if (name.empty()) return {};
-  if (name[0] != '*') return file.parent_path() / name;
+  if (name[0] != '*') return texture_beside(file, name);
   size_t number = model.textures.size();
   std::from_chars(name.data() + 1, name.data() + name.size(), number);
   if (number >= model.textures.size()) throw Error(file.string() + ": has no image " + name + " embedded");
   return unpacked(file, model.textures[number]);
+}
+
+}  // namespace
+
+namespace {
+
+// Sizes beyond these are mistakes of the unit or damaged numbers; nothing could be rendered.
+void check_extent(const std::filesystem::path& file, const MeshImport& mesh) {
+  constexpr double kSmallest_m = 1e-5, kLargest_m = 1e5;
+  const double extent_m = (mesh.high - mesh.low).maxCoeff();
+  const double farthest_m = std::max(mesh.high.cwiseAbs().maxCoeff(), mesh.low.cwiseAbs().maxCoeff());
+  if (extent_m >= kSmallest_m && farthest_m <= kLargest_m) return;
+  char text[200];
+  std::snprintf(
+      text, sizeof text,
+      ": is %.3g m in size and up to %.3g m from its origin; a size from 1e-5 m and positions up to 1e5 m are "
+      "read: state its unit with unit_m, or repair it",
+      extent_m, farthest_m);
+  throw Error(file.string() + text);
 }
 
 }  // namespace
@@ -143,7 +179,6 @@ std::string MeshImport::summary(const std::filesystem::path& file) const {
 }
 
 MeshImport import_mesh(const std::filesystem::path& file, const MeshImportOptions& options) {
-  if (!std::filesystem::is_regular_file(file)) throw Error(file.string() + ": is not a regular file");
   const RawModel model = read_model(file, options.time_limit_s, options.memory_limit_gib);
   for (const RawMesh& mesh : model.meshes) check_mesh(file, model, mesh);
   MeshImport result;
@@ -190,6 +225,7 @@ MeshImport import_mesh(const std::filesystem::path& file, const MeshImportOption
   }
   for (const auto& of_mesh : sizes) result.meshes += of_mesh.size();
   if (result.parts.empty()) throw Error(file.string() + ": contains no triangle of nonzero area");
+  check_extent(file, result);
   return result;
 }
 

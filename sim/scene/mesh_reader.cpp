@@ -1,29 +1,44 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sim/scene/mesh_reader.h"
 
+#include <assimp/MemoryIOWrapper.h>
+#include <assimp/commonMetaData.h>
 #include <assimp/config.h>
 #include <assimp/postprocess.h>
 #include <assimp/scene.h>
 #include <fcntl.h>
+#include <linux/filter.h>
+#include <linux/landlock.h>
+#include <linux/seccomp.h>
 #include <poll.h>
+#include <stddef.h>
+#include <sys/prctl.h>
+#include <sys/resource.h>
+#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <assimp/IOStream.hpp>
+#include <assimp/IOSystem.hpp>
 #include <assimp/Importer.hpp>
 #include <chrono>
 #include <cmath>
 #include <csignal>
 #include <cstdio>
 #include <cstring>
+#include <memory>
+#include <string_view>
 
 #include "core/base/limited_child.h"
-#include "core/io/files.h"
+#include "core/io/input_file.h"
 #include "core/types/error.h"
 
 namespace fringeslam::sim {
 
 namespace {
+
+constexpr uint64_t kMostMeshBytes = 4096 * kMebibyte;  // of a mesh file, and of each file that it refers to
 
 // --- pipe protocol: plain values in sequence, defined once for both directions ---
 
@@ -183,10 +198,51 @@ RawTexture raw_texture(const aiTexture& texture) {
   return raw;
 }
 
+// Name of the importer that read the file: its content counts, not its extension.
+enum class SourceFormat { collada, gltf, fbx, other };
+
+SourceFormat format_of(const aiScene& scene) {
+  aiString name;
+  if (!scene.mMetaData || !scene.mMetaData->Get(AI_METADATA_SOURCE_FORMAT, name)) return SourceFormat::other;
+  const std::string_view text = name.C_Str();
+  if (text.find("Collada") != std::string_view::npos) return SourceFormat::collada;
+  if (text.find("glTF") != std::string_view::npos) return SourceFormat::gltf;
+  if (text.find("FBX") != std::string_view::npos) return SourceFormat::fbx;
+  return SourceFormat::other;
+}
+
+// Gives assimp the content of regular files and nothing else. A file that has to be refused is remembered.
+class BoundedFiles : public Assimp::IOSystem {
+ public:
+  bool Exists(const char* file) const override {
+    std::error_code unknown;
+    return std::filesystem::exists(file, unknown);
+  }
+  char getOsSeparator() const override { return '/'; }
+  Assimp::IOStream* Open(const char* file, const char* mode) override {
+    std::error_code unknown;
+    if (std::strpbrk(mode, "wa+") || !std::filesystem::exists(file, unknown)) return nullptr;
+    try {
+      const std::string bytes = read_input(file, kMostMeshBytes);
+      auto copy = std::make_unique<uint8_t[]>(bytes.size());
+      std::memcpy(copy.get(), bytes.data(), bytes.size());
+      return new Assimp::MemoryIOStream(copy.release(), bytes.size(), true);
+    } catch (const Error& e) {
+      refused_ = e.what();
+      return nullptr;
+    }
+  }
+  void Close(Assimp::IOStream* stream) override { delete stream; }
+  const std::string& refused() const { return refused_; }
+
+ private:
+  std::string refused_;
+};
+
 // Returns the unit in m, or 0 if unknown. FBX gives centimetres per unit; assimp converts COLLADA to metres; glTF is in
 // metres.
-double unit_of(const aiScene& scene, const std::string& extension) {
-  if (extension == ".dae" || extension == ".gltf" || extension == ".glb") return 1;
+double unit_of(const aiScene& scene, SourceFormat format) {
+  if (format == SourceFormat::collada || format == SourceFormat::gltf) return 1;
   if (!scene.mMetaData) return 0;
   float single = 0;
   double whole = 0;
@@ -195,29 +251,82 @@ double unit_of(const aiScene& scene, const std::string& extension) {
   return 0;
 }
 
-// Returns 'm' and the serialised model, or 'e' and an error message.
+// Returns 'm' and the serialised model, 'e' and assimp's error message, or 'r' and the message about a refused file.
 std::string answer(const std::filesystem::path& file) {
   Assimp::Importer importer;
+  auto* files = new BoundedFiles;
+  importer.SetIOHandler(files);  // which then belongs to it
   importer.SetPropertyInteger(AI_CONFIG_PP_SBP_REMOVE, aiPrimitiveType_POINT | aiPrimitiveType_LINE);
   importer.SetPropertyBool(AI_CONFIG_IMPORT_COLLADA_USE_COLLADA_NAMES, true);
   const aiScene* scene = importer.ReadFile(file.string(), aiProcess_Triangulate | aiProcess_SortByPType);
+  if (!files->refused().empty()) return "r" + files->refused();
   if (!scene || !scene->mRootNode) return std::string("e") + importer.GetErrorString();
   RawModel model;
   for (unsigned i = 0; i < scene->mNumMeshes; ++i) model.meshes.push_back(raw_mesh(*scene->mMeshes[i]));
   for (unsigned i = 0; i < scene->mNumMaterials; ++i) model.materials.push_back(raw_material(*scene->mMaterials[i]));
   for (unsigned i = 0; i < scene->mNumTextures; ++i) model.textures.push_back(raw_texture(*scene->mTextures[i]));
   add_instances(*scene->mRootNode, aiMatrix4x4(), model);
-  const std::string extension = lower_extension(file);
-  model.unit_m = unit_of(*scene, extension);
-  model.y_up = extension == ".dae" || extension == ".gltf" || extension == ".glb" || extension == ".fbx";
+  const SourceFormat format = format_of(*scene);
+  model.unit_m = unit_of(*scene, format);
+  model.y_up = format != SourceFormat::other;
   Writer out;
   exchange(out, model);
   return "m" + out.bytes();
 }
 
+// Takes away what reading a file does not need, as far as the kernel can: writing files, starting programs, network.
+void restrict_child() {
+  const rlimit none{0, 0};
+  setrlimit(RLIMIT_FSIZE, &none);
+  if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0) return;
+#ifdef SYS_landlock_create_ruleset
+  landlock_ruleset_attr rules{};
+  rules.handled_access_fs = LANDLOCK_ACCESS_FS_EXECUTE | LANDLOCK_ACCESS_FS_WRITE_FILE | LANDLOCK_ACCESS_FS_REMOVE_DIR |
+                            LANDLOCK_ACCESS_FS_REMOVE_FILE | LANDLOCK_ACCESS_FS_MAKE_CHAR |
+                            LANDLOCK_ACCESS_FS_MAKE_DIR | LANDLOCK_ACCESS_FS_MAKE_REG | LANDLOCK_ACCESS_FS_MAKE_SOCK |
+                            LANDLOCK_ACCESS_FS_MAKE_FIFO | LANDLOCK_ACCESS_FS_MAKE_BLOCK | LANDLOCK_ACCESS_FS_MAKE_SYM;
+  const auto ruleset = static_cast<int>(syscall(SYS_landlock_create_ruleset, &rules, sizeof rules, 0));
+  if (ruleset >= 0) {
+    (void)syscall(SYS_landlock_restrict_self, ruleset, 0);
+    close(ruleset);
+  }
+#endif
+  // System calls are refused by number, which only these two architectures' numbers below are for.
+#if defined(__x86_64__) || defined(__aarch64__)
+  constexpr long kRefused[] = {SYS_socket,
+                               SYS_socketpair,
+                               SYS_connect,
+                               SYS_bind,
+                               SYS_listen,
+                               SYS_sendto,
+                               SYS_sendmsg,
+                               SYS_execve,
+                               SYS_execveat,
+                               SYS_ptrace,
+                               SYS_mount,
+                               SYS_unshare,
+                               SYS_setns,
+                               SYS_bpf,
+                               SYS_perf_event_open,
+                               SYS_process_vm_readv,
+                               SYS_process_vm_writev,
+                               SYS_init_module,
+                               SYS_keyctl};
+  std::vector<sock_filter> program = {BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(seccomp_data, nr))};
+  for (const long number : kRefused) {
+    program.push_back(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, static_cast<unsigned>(number), 0, 1));
+    program.push_back(BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | EPERM));
+  }
+  program.push_back(BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW));
+  const sock_fprog filter{static_cast<unsigned short>(program.size()), program.data()};
+  (void)prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &filter);
+#endif
+}
+
 [[noreturn]] void work_as_child(int descriptor, const std::filesystem::path& file, double time_limit_s,
                                 double memory_limit_gib) {
   enter_limited_child(time_limit_s, memory_limit_gib);
+  restrict_child();
   std::string result;
   try {
     result = answer(file);
@@ -249,7 +358,37 @@ bool read_all(int descriptor, double time_limit_s, std::string& bytes) {
 
 }  // namespace
 
-RawModel read_model(const std::filesystem::path& file, double time_limit_s, double memory_limit_gib) {
+namespace {
+
+// Memory that reading the file can need: a multiple of its size and of that of the files beside it, to which it may refer.
+// Small files that expand to gigabytes are refused long before `most_gib`.
+double needed_gib(const std::filesystem::path& file, double most_gib) {
+  constexpr double kLeast_gib = 0.5, kPerByte = 64;
+  double bytes = 0;
+  std::error_code failed;
+  const std::filesystem::path folder = file.has_parent_path() ? file.parent_path() : ".";
+  for (std::filesystem::directory_iterator entry(folder, failed), end; !failed && entry != end;
+       entry.increment(failed)) {
+    std::error_code unknown;
+    if (entry->is_regular_file(unknown)) bytes += static_cast<double>(entry->file_size(unknown));
+  }
+  return std::min(most_gib, kLeast_gib + kPerByte * bytes / (1024.0 * 1024 * 1024));
+}
+
+std::string explained(const std::string& message, double memory_gib) {
+  const auto says = [&](const char* part) { return message.find(part) != std::string::npos; };
+  if (says("bad_alloc") || says("memory limit"))
+    return "needs more than " + std::to_string(static_cast<int>(1024 * memory_gib)) +
+           " MiB of memory; it is damaged, or has to be divided";
+  if (says("No meshes remaining") || says("no meshes")) return "contains no triangles, only points or lines";
+  return "is not a readable mesh: " + message;
+}
+
+}  // namespace
+
+RawModel read_model(const std::filesystem::path& file, double time_limit_s, double most_memory_gib) {
+  (void)InputFile(file, kMostMeshBytes);
+  const double memory_limit_gib = needed_gib(file, most_memory_gib);
   int ends[2];
   if (pipe2(ends, O_CLOEXEC) != 0) throw Error(file.string() + ": cannot create a pipe to the mesh reader");
   const pid_t child = fork();
@@ -273,8 +412,9 @@ RawModel read_model(const std::filesystem::path& file, double time_limit_s, doub
   if (bytes[0] == 'e') {
     std::string message = bytes.substr(1);
     std::replace(message.begin(), message.end(), '\n', ' ');
-    throw Error(file.string() + ": is not a readable mesh: " + message);
+    throw Error(file.string() + ": " + explained(message, memory_limit_gib));
   }
+  if (bytes[0] == 'r') throw Error(file.string() + ": refers to " + bytes.substr(1));
   const std::string packed = bytes.substr(1);
   Reader in(packed);
   RawModel model;

@@ -7,6 +7,7 @@
 #include <numbers>
 #include <set>
 
+#include "core/io/files.h"
 #include "sim/random.h"
 #include "sim/scene/cache.h"
 #include "sim/scene/furniture.h"
@@ -223,6 +224,11 @@ std::vector<Object> read_mesh(const YamlMap& map, const Materials& materials, ui
       std::error_code ignored;
       if (!std::filesystem::exists(part.texture, ignored))
         throw map.error("file", part.texture.string() + ", the mesh's texture, does not exist; give a material");
+      try {
+        check_image(part.texture);
+      } catch (const Error& e) {
+        throw map.error("file", std::string("the mesh's texture ") + e.what());
+      }
       object.material.texture = part.texture.string();
       object.material.albedo = 1;
     }

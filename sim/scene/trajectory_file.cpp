@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "core/io/tum_file.h"
 #include "sim/random.h"
 #include "sim/scene/routes.h"
 #include "sim/scene/scene_parts.h"

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <fstream>
 
+#include "core/io/tum_file.h"
 #include "tests/support/matchers.h"
 #include "tests/support/random.h"
 

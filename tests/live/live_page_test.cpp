@@ -332,6 +332,21 @@ TEST(LivePage, ViewersWhoDoNotReadHoldUpNobody) {
   EXPECT_LT(Clock::now() - begin, std::chrono::seconds(10));
 }
 
+// Clients who send a part of a request and then nothing.
+TEST(LivePage, SlowConnectionsKeepNobodyWaiting) {
+  LivePage page(capture_setup(), {});
+  std::deque<NonReadingClient> slow;
+  using Clock = std::chrono::steady_clock;
+  const Clock::time_point begin = Clock::now();
+  for (int i = 0; i < 50; ++i) slow.emplace_back(port_of(page), "GET /snapshot HTTP/1.1\r\nHost: local");
+  for (int i = 0; i < 20; ++i) EXPECT_EQ(status_of(page, "/snapshot"), 200);
+  EXPECT_LT(Clock::now() - begin, std::chrono::seconds(4));
+  // They are closed after 5 s, those in excess at once.
+  for (const NonReadingClient& client : slow) EXPECT_EQ(client.rest(), "");
+  EXPECT_LT(Clock::now() - begin, std::chrono::seconds(20));
+  EXPECT_EQ(status_of(page, "/snapshot"), 200);
+}
+
 // More clients than the page has threads: the excess ones are rejected, and mapping goes on.
 TEST(LivePage, ACrowdThatNeverReadsDoesNotStopAMap) {
   LivePage page(test::run_setup(), {});

@@ -41,8 +41,8 @@ const std::map<std::string, Names>& allowed_folders() {
                                           {"bench", {"core", "sim", "bench"}},
                                           {"python", {"core", "sim", "bench", "python"}},
                                           {"tools", {"core", "sim", "hw", "bench", "tools"}}};
-    for (const std::string& stage : kStages + Names{"core/calibrate", "core/score"})
-      table[stage] = kBasics + Names{stage};
+    for (const std::string& stage : kStages + Names{"core/calibrate"}) table[stage] = kBasics + Names{stage};
+    table["core/score"] = kBasics + Names{"core/io", "core/score"};
     return table;
   }();
   return allowed;

@@ -74,10 +74,14 @@ TEST_F(CommandLine, ScoringARunAgainGivesItsScore) {
 
 TEST_F(CommandLine, ASecondRunReplacesTheFirst) {
   run_scene("run");
-  test::write_bytes(temp_ / "run/left over", "old");
-  run_scene("run");
-  EXPECT_FALSE(test::fs::exists(temp_ / "run/left over"));
-  EXPECT_EQ(test::listing(temp_.path()).count("run.partial"), 0u);
+  const std::set<std::string> first = test::listing(temp_.path());
+  run_scene("run", {"--save-map"});
+  test::write_bytes(temp_ / "run/notes.txt", "precious");
+  run_scene("run", {"--map", at("run/saved.map")});
+  std::set<std::string> names = test::listing(temp_.path());
+  EXPECT_EQ(names.erase("run/saved.map"), 1u) << "the map that a run continued is lost";
+  EXPECT_EQ(names.erase("run/notes.txt"), 1u) << "the user's file is lost";
+  EXPECT_EQ(names, first);
 }
 
 // Ends `run` while it maps, and looks at what it leaves.
@@ -87,7 +91,7 @@ TEST_F(CommandLine, AnInterruptedRunKeepsItsViews) {
                               test::quoted(out) + " --set render.samples_per_pixel=1 --save-map > " +
                               test::quoted(at("out")) + " 2> " + test::quoted(at("err")) + " & pid=$!; until ls " +
                               test::quoted(temp_.path().string()) +
-                              "/run.partial-*/frames/000001/depth.exr > /dev/null 2>&1; do sleep 0.05; done; "
+                              "/run.partial-*/run/frames/000001/depth.exr > /dev/null 2>&1; do sleep 0.05; done; "
                               "kill -TERM $pid; wait $pid; exit $?";
   const int status = std::system(command.c_str());
   ASSERT_EQ(WEXITSTATUS(status), 130) << test::read_bytes(temp_ / "err");

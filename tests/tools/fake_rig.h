@@ -69,7 +69,9 @@ inline std::vector<FringeStack> noise_stacks(int type) {
 inline void record(const std::filesystem::path& folder, const std::vector<FringeStack>& stacks,
                    const std::string& name = "noise", uint64_t seed = 1) {
   std::filesystem::create_directories(folder);
-  FakeRig rig(tiny_rig(), stacks);
+  RigModel model = tiny_rig();
+  if (stacks.front().images.front().depth() == CV_16U) model.sensor.bits = 16;
+  FakeRig rig(model, stacks);
   RecordingRig recording(rig, folder);
   while (recording.capture(short_sequence())) continue;
   recording.finish(name, seed, false);

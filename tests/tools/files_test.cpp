@@ -3,6 +3,9 @@
 #include "core/io/files.h"
 
 #include <gmock/gmock.h>
+#include <signal.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include <chrono>
 #include <opencv2/core.hpp>
@@ -43,7 +46,8 @@ TEST(StagedFolder, LeavesNothingBehindWithoutCommit) {
   {
     const StagedFolder staged(temp / "out", kKind);
     write_text(staged.path() / "half", "a");
-    EXPECT_EQ(test::listing(temp.path()).size(), 2u);
+    EXPECT_FALSE(exists(temp / "out"));
+    EXPECT_FALSE(test::listing(temp.path()).empty());
   }
   EXPECT_EQ(test::listing(temp.path()), std::set<std::string>{});
 }
@@ -60,11 +64,198 @@ TEST(StagedFolder, KeepsTheOldResultUntilCommit) {
 
 TEST(StagedFolder, ReplacesOurs) {
   const test::TempFolder temp;
-  write_ours(temp / "out", "old");
-  write_text(temp / "out/left over", "old");
+  {
+    StagedFolder staged(temp / "out", kKind);
+    write_text(staged.path() / kFile, "old");
+    test::write_bytes(staged.path() / "frames/0.png", "of the old result alone");
+    staged.commit();
+  }
   write_ours(temp / "out", "new");
   EXPECT_EQ(test::read_bytes(temp / "out/config.yaml"), "new");
   EXPECT_EQ(test::listing(temp.path()), (std::set<std::string>{"out", "out/.fringeslam", "out/config.yaml"}));
+}
+
+TEST(StagedFolder, KeepsFilesThatItDidNotWrite) {
+  const test::TempFolder temp;
+  write_ours(temp / "out", "old");
+  test::write_bytes(temp / "out/notes.txt", "precious");
+  test::write_bytes(temp / "out/frames/mine/photo.jpg", "precious too");
+  test::write_bytes(temp / "out/report.html", "by the user");
+  test::fs::create_symlink("/nowhere", temp / "out/link");
+  for (const std::string content : {"new", "newer"}) {
+    StagedFolder staged(temp / "out", kKind);
+    write_text(staged.path() / kFile, content);
+    write_text(staged.path() / "report.html", "by the program");
+    staged.commit();
+    EXPECT_EQ(test::read_bytes(temp / "out/config.yaml"), content);
+    EXPECT_EQ(test::read_bytes(temp / "out/notes.txt"), "precious");
+    EXPECT_EQ(test::read_bytes(temp / "out/frames/mine/photo.jpg"), "precious too");
+    EXPECT_EQ(test::read_bytes(temp / "out/report.html"), "by the program");
+    EXPECT_EQ(test::read_bytes(temp / "out/report.html.kept"), "by the user");
+    EXPECT_EQ(test::fs::read_symlink(temp / "out/link"), "/nowhere");
+  }
+  EXPECT_EQ(test::listing(temp.path()),
+            (std::set<std::string>{"out", "out/.fringeslam", "out/config.yaml", "out/frames", "out/frames/mine",
+                                   "out/frames/mine/photo.jpg", "out/link", "out/notes.txt", "out/report.html",
+                                   "out/report.html.kept"}));
+}
+
+TEST(StagedFolder, APreservedFileSurvivesUntilItIsReplaced) {
+  const test::TempFolder temp;
+  const auto write = [&](const std::string& map) {
+    StagedFolder staged(temp / "out", kKind, {"saved.map"});
+    write_text(staged.path() / kFile, "run");
+    if (!map.empty()) write_text(staged.path() / "saved.map", map);
+    staged.commit();
+    return test::read_bytes(temp / "out/saved.map");
+  };
+  EXPECT_EQ(write("first"), "first");
+  EXPECT_EQ(write(""), "first");
+  EXPECT_EQ(write(""), "first");
+  EXPECT_EQ(write("second"), "second");
+  EXPECT_EQ(test::listing(temp.path()).size(), 4u);
+}
+
+// Earlier versions did not list their files.
+TEST(StagedFolder, KeepsLaterFilesOfAFolderWithoutAList) {
+  const test::TempFolder temp;
+  test::write_bytes(temp / "out/config.yaml", "old");
+  test::write_bytes(temp / "out/frames/old.png", "old");
+  test::write_bytes(temp / "out/.fringeslam", "run\n");
+  std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  test::write_bytes(temp / "out/notes.txt", "precious");
+  write_ours(temp / "out", "new");
+  EXPECT_EQ(test::read_bytes(temp / "out/notes.txt"), "precious");
+  EXPECT_EQ(test::listing(temp.path()),
+            (std::set<std::string>{"out", "out/.fringeslam", "out/config.yaml", "out/notes.txt"}));
+}
+
+// Runs `action` in a process that then dies without cleaning up.
+template <class Action>
+void die_after(const Action& action) {
+  const pid_t child = fork();
+  ASSERT_GE(child, 0);
+  if (child == 0) {
+    action();
+    kill(getpid(), SIGKILL);
+  }
+  int status = 0;
+  waitpid(child, &status, 0);
+  ASSERT_TRUE(WIFSIGNALED(status));
+}
+
+TEST(StagedFolder, RemovesTheLeftoversOfDeadProcesses) {
+  const test::TempFolder temp;
+  write_ours(temp / "out", "old");
+  die_after([&] {
+    auto* staged = new StagedFolder(temp / "out", kKind);
+    write_text(staged->path() / "half", "a");
+  });
+  die_after([&] { write_text((new StagedFile(temp / "table.csv"))->path(), "half"); });
+  EXPECT_EQ(test::read_bytes(temp / "out/config.yaml"), "old");
+  EXPECT_GT(test::listing(temp.path()).size(), 3u);
+  write_ours(temp / "other", "new");
+  EXPECT_EQ(test::listing(temp.path()), (std::set<std::string>{"other", "other/.fringeslam", "other/config.yaml", "out",
+                                                               "out/.fringeslam", "out/config.yaml"}));
+}
+
+TEST(StagedFolder, LeavesTheFoldersOfLivingProcessesAlone) {
+  const test::TempFolder temp;
+  int started[2], finish[2];
+  ASSERT_EQ(pipe(started) + pipe(finish), 0);
+  const pid_t child = fork();
+  if (child == 0) {
+    StagedFolder staged(temp / "out", kKind);
+    write_text(staged.path() / kFile, "of the child");
+    char byte = 0;
+    (void)!write(started[1], &byte, 1);
+    (void)!read(finish[0], &byte, 1);
+    staged.commit();
+    _exit(0);
+  }
+  char byte = 0;
+  ASSERT_EQ(read(started[0], &byte, 1), 1);
+  write_ours(temp / "out", "of the parent");
+  write_ours(temp / "other", "of the parent");
+  ASSERT_EQ(write(finish[1], &byte, 1), 1);
+  int status = 0;
+  waitpid(child, &status, 0);
+  EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0);
+  EXPECT_EQ(test::read_bytes(temp / "out/config.yaml"), "of the child");
+}
+
+// A user may choose such names.
+TEST(StagedFolder, LeavesFoldersAloneThatOnlyLookLikeLeftovers) {
+  const test::TempFolder temp;
+  test::write_bytes(temp / "out.partial-backup/thesis.txt", "precious");
+  write_ours(temp / "runs.partial-result", "precious");
+  write_ours(temp / "out", "new");
+  EXPECT_EQ(test::read_bytes(temp / "out.partial-backup/thesis.txt"), "precious");
+  EXPECT_EQ(test::read_bytes(temp / "runs.partial-result/config.yaml"), "precious");
+}
+
+TEST(StagedFolder, ADotAfterTheNameIsTheSameFolder) {
+  const test::TempFolder temp;
+  for (const std::string name : {"out/.", "out/./", "out//."}) {
+    write_ours(temp / name, name);
+    EXPECT_EQ(test::read_bytes(temp / "out/config.yaml"), name);
+  }
+}
+
+TEST(StagedFolder, FollowsALinkToAFolder) {
+  const test::TempFolder temp;
+  test::fs::create_directory(temp / "disk");
+  test::fs::create_directory_symlink(temp / "disk", temp / "out");
+  write_ours(temp / "out", "new");
+  EXPECT_TRUE(test::fs::is_symlink(temp / "out"));
+  EXPECT_EQ(test::read_bytes(temp / "disk/config.yaml"), "new");
+  test::fs::create_directory_symlink(temp / "nowhere", temp / "broken");
+  const std::string broken = (temp / "broken").string();
+  EXPECT_THAT(message_of([&] { StagedFolder(broken, kKind); }),
+              StartsWith(broken + ": is a link to a folder that does"));
+}
+
+// Anything that would make the final renaming fail is refused before the work.
+TEST(StagedFolder, RefusesTheCurrentFolderAndAMountPoint) {
+  const test::TempFolder temp;
+  const test::fs::path here = test::fs::current_path();
+  test::fs::create_directory(temp / "empty");
+  test::fs::current_path(temp / "empty");
+  EXPECT_THAT(message_of([&] { StagedFolder(".", kKind); }), testing::HasSubstr("is the current folder"));
+  test::fs::current_path(here);
+  EXPECT_THAT(message_of([&] { StagedFolder("/proc", ""); }), StartsWith("/proc: "));
+}
+
+// A folder that appears in the target's place while the result is computed is not replaced.
+TEST(StagedFolder, DoesNotReplaceAForeignFolderThatAppearsMeanwhile) {
+  const test::TempFolder temp;
+  StagedFolder staged(temp / "out", kKind);
+  test::write_bytes(temp / "out/thesis.txt", "precious");
+  EXPECT_THAT(message_of([&] { staged.commit(); }), testing::HasSubstr("exists and was not written by"));
+  EXPECT_EQ(test::read_bytes(temp / "out/thesis.txt"), "precious");
+}
+
+TEST(Files, AreReplacedAsAWholeAndKeepTheirMode) {
+  const test::TempFolder temp;
+  const test::fs::path file = temp / "a.json", link = temp / "link";
+  write_text(file, "old");
+  test::fs::permissions(file, test::fs::perms(0640));
+  test::fs::create_symlink(file, link);
+  write_text(link, "new");
+  EXPECT_TRUE(test::fs::is_symlink(link));
+  EXPECT_EQ(test::read_bytes(file), "new");
+  EXPECT_EQ(test::fs::status(file).permissions(), test::fs::perms(0640));
+  EXPECT_EQ(std::distance(test::fs::directory_iterator(temp.path()), test::fs::directory_iterator()), 2);
+  EXPECT_NO_THROW(write_text("/dev/null", "gone"));
+  EXPECT_THAT(message_of([] { write_text("/dev/full", "a"); }), StartsWith("/dev/full: cannot be written: No space"));
+}
+
+TEST(Files, MessagesNameTheFinalFiles) {
+  EXPECT_EQ(with_final_names("/a/out.partial-aB3dE6/out/map.ply: full"), "/a/out/map.ply: full");
+  EXPECT_EQ(with_final_names("my out.partial-aB3dE6/my out/map.ply: full"), "my out/map.ply: full");
+  EXPECT_EQ(with_final_names("in out.partial-aB3dE6/out: x, b.obj.partial-000000/b.mtl: y"), "in out: x, b.mtl: y");
+  EXPECT_EQ(with_final_names("out.partial-aB3dE6: x"), "out: x");
+  EXPECT_EQ(with_final_names("out.partial-aB3: the user's"), "out.partial-aB3: the user's");
 }
 
 TEST(StagedFolder, FillsAnEmptyFolder) {

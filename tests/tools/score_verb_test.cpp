@@ -8,6 +8,7 @@
 #include <sstream>
 
 #include "core/io/ply.h"
+#include "core/io/tum_file.h"
 #include "core/score/trajectory_score.h"
 #include "core/score/truth_files.h"
 #include "tests/tools/child.h"

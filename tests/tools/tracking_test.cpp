@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <regex>
 
+#include "core/io/tum_file.h"
 #include "core/score/score.h"
 #include "tests/tools/child.h"
 

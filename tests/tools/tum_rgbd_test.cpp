@@ -8,6 +8,7 @@
 #include <sstream>
 
 #include "core/io/files.h"
+#include "core/io/tum_file.h"
 #include "core/score/score.h"
 #include "core/score/truth_files.h"
 #include "tests/tools/child.h"

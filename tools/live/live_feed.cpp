@@ -5,6 +5,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "core/io/json_text.h"
 #include "tools/live/access.h"
 #include "tools/live/keyframe_points.h"
 
@@ -287,7 +288,7 @@ std::string LiveFeed::changes(const std::string& run, uint64_t since) const {
     document["candidates"] = ordered_json::array();
     for (const WarmObjectMark& candidate : *changes.candidates) document["candidates"].push_back(json_of(candidate));
   }
-  return document.dump(-1, ' ', false, ordered_json::error_handler_t::replace);
+  return json_text(document);
 }
 
 void LiveFeed::await_change(const std::string& run, uint64_t since, std::chrono::milliseconds longest,

@@ -17,6 +17,7 @@
 
 #include "core/types/error.h"
 #include "tools/live/viewer_socket.h"
+#include "tools/live/waiting_room.h"
 #include "tools/report/report_page.h"
 
 namespace fringeslam::tools {
@@ -28,7 +29,7 @@ constexpr int kNice = 10;                               // niceness of the page'
 constexpr int kBacklog = 128;                           // pending connections
 constexpr size_t kMaxRejected = 64;  // connections waiting for their 503; any further ones are closed
 
-enum class Service { full, busy, none };
+enum class Service { full, busy };
 thread_local Service service = Service::full;       // service level of this thread
 thread_local const ViewerSocket* viewer = nullptr;  // of the request that this thread answers
 
@@ -48,21 +49,16 @@ class ViewerStream : public httplib::Stream {
 };
 
 // Threads that answer requests, and one more that answers excess requests with 503.
-class RequestThreads : public httplib::TaskQueue {
+class RequestThreads {
  public:
-  explicit RequestThreads(size_t count) : count_(count) {
+  // `answer` has to close the socket.
+  RequestThreads(size_t count, std::function<void(int socket, std::string head)> answer)
+      : count_(count), answer_(std::move(answer)) {
     for (size_t i = 0; i < count; ++i) threads_.emplace_back([this] { work(tasks_, Service::full); });
     threads_.emplace_back([this] { work(turned_away_, Service::busy); });
   }
 
-  void enqueue(std::function<void()> task) override {
-    if (taken(task)) return wake_.notify_all();
-    service = Service::none;
-    task();
-    service = Service::full;
-  }
-
-  void shutdown() override {
+  ~RequestThreads() {
     {
       const std::lock_guard lock(mutex_);
       stopping_ = true;
@@ -71,40 +67,58 @@ class RequestThreads : public httplib::TaskQueue {
     for (std::thread& thread : threads_) thread.join();
   }
 
- private:
-  bool taken(const std::function<void()>& task) {
-    const std::lock_guard lock(mutex_);
-    const bool free = busy_ + tasks_.size() < count_;
-    if (!free && turned_away_.size() >= kMaxRejected) return false;
-    (free ? tasks_ : turned_away_).push_back(task);
-    return true;
+  RequestThreads(const RequestThreads&) = delete;
+  RequestThreads& operator=(const RequestThreads&) = delete;
+
+  void add(int socket, std::string head) {
+    {
+      const std::lock_guard lock(mutex_);
+      const bool free = busy_ + tasks_.size() < count_;
+      if (!free && turned_away_.size() >= kMaxRejected) return void(::close(socket));
+      (free ? tasks_ : turned_away_).push_back({socket, std::move(head)});
+    }
+    wake_.notify_all();
   }
 
-  void work(std::deque<std::function<void()>>& tasks, Service mine) {
+ private:
+  struct Task {
+    int socket;
+    std::string head;
+  };
+
+  void work(std::deque<Task>& tasks, Service mine) {
     setpriority(PRIO_PROCESS, 0, kNice);  // of this thread only
     service = mine;
     std::unique_lock lock(mutex_);
     for (;;) {
       wake_.wait(lock, [&] { return stopping_ || !tasks.empty(); });
       if (tasks.empty()) return;
-      const std::function<void()> task = std::move(tasks.front());
+      Task task = std::move(tasks.front());
       tasks.pop_front();
       const size_t here = mine == Service::full ? 1 : 0;
       busy_ += here;
       lock.unlock();
-      task();
+      answer_(task.socket, std::move(task.head));
       lock.lock();
       busy_ -= here;
     }
   }
 
   const size_t count_;
+  std::function<void(int, std::string)> answer_;
   std::mutex mutex_;
   std::condition_variable wake_;
-  std::deque<std::function<void()>> tasks_, turned_away_;
+  std::deque<Task> tasks_, turned_away_;
   size_t busy_ = 0;
   bool stopping_ = false;
   std::vector<std::thread> threads_;
+};
+
+// Runs httplib's tasks, which take a moment, in the thread that accepts connections.
+class AtOnce : public httplib::TaskQueue {
+ public:
+  void enqueue(std::function<void()> task) override { task(); }
+  void shutdown() override {}
 };
 
 // Parses an integer; empty if there is anything else in the text.
@@ -129,7 +143,7 @@ std::string name_for_others(const std::string& host) {
 class LivePage::Server : public httplib::Server {
  public:
   Server(const LiveFeed& feed, LiveAccess access) : feed_(feed), access_(std::move(access)) {
-    new_task_queue = [] { return new RequestThreads(kRequests); };
+    new_task_queue = [] { return new AtOnce; };
     // httplib's default options let two programs share a port.
     set_socket_options([](socket_t socket) {
       const int yes = 1;
@@ -239,21 +253,23 @@ class LivePage::Server : public httplib::Server {
     });
   }
 
+  // The connection is answered by another thread once its request is complete.
   bool process_and_close_socket(socket_t socket) override {
-    bool good = false;
-    if (service != Service::none) {
-      using std::chrono::milliseconds;
-      ViewerSocket mine(socket, stopping_,
-                        service == Service::busy ? milliseconds(500) : milliseconds(kRequestPatience));
-      ViewerStream stream(mine);
-      viewer = &mine;
-      bool closed = false;
-      good = process_request(stream, true, closed, nullptr);
-      viewer = nullptr;
-    }
+    waiting_room_.add(socket);
+    return true;
+  }
+
+  void answer(int socket, std::string head) {
+    using std::chrono::milliseconds;
+    ViewerSocket mine(socket, std::move(head), stopping_,
+                      service == Service::busy ? milliseconds(500) : milliseconds(kRequestPatience));
+    ViewerStream stream(mine);
+    viewer = &mine;
+    bool closed = false;
+    process_request(stream, true, closed, nullptr);
+    viewer = nullptr;
     ::shutdown(socket, SHUT_RDWR);
     ::close(socket);
-    return good;
   }
 
   // A viewer's place among those waiting for changes, starting at 1.
@@ -270,6 +286,9 @@ class LivePage::Server : public httplib::Server {
   LiveAccess access_;
   std::atomic<size_t> waiting_ = 0;
   std::atomic<bool> stopping_ = false;
+  // In this order: each hands connections to the one before it.
+  RequestThreads threads_{kRequests, [this](int socket, std::string head) { answer(socket, std::move(head)); }};
+  WaitingRoom waiting_room_{[this](int socket, std::string head) { threads_.add(socket, std::move(head)); }};
   std::thread listening_;
 };
 

@@ -8,7 +8,7 @@
 
 namespace fringeslam::tools {
 
-bool ViewerSocket::readable() const { return begin_ < end_ || ready(POLLIN, request_by_); }
+bool ViewerSocket::readable() const { return begin_ < received_bytes_.size() || ready(POLLIN, request_by_); }
 
 bool ViewerSocket::writable() const { return ready(POLLOUT, answer_by_.value_or(Clock::time_point::max())); }
 
@@ -18,16 +18,18 @@ bool ViewerSocket::gone() const {
 }
 
 ssize_t ViewerSocket::read(char* target, size_t size) {
-  if (begin_ == end_) {
+  if (begin_ == received_bytes_.size()) {
     if (received_ >= kMaxRequestBytes || !ready(POLLIN, request_by_)) return -1;
-    const ssize_t got = recv(socket_, buffer_.data(), std::min(buffer_.size(), kMaxRequestBytes - received_), 0);
-    if (got <= 0) return got;
+    constexpr size_t kPart = 2048;
+    received_bytes_.resize(std::min(kPart, kMaxRequestBytes - received_));
+    const ssize_t got = recv(socket_, received_bytes_.data(), received_bytes_.size(), 0);
     begin_ = 0;
-    end_ = static_cast<size_t>(got);
-    received_ += end_;
+    received_bytes_.resize(static_cast<size_t>(std::max<ssize_t>(got, 0)));
+    if (got <= 0) return got;
+    received_ += received_bytes_.size();
   }
-  const size_t count = std::min(size, end_ - begin_);
-  std::copy_n(buffer_.data() + begin_, count, target);
+  const size_t count = std::min(size, received_bytes_.size() - begin_);
+  std::copy_n(received_bytes_.data() + begin_, count, target);
   begin_ += count;
   return static_cast<ssize_t>(count);
 }

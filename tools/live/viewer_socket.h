@@ -5,11 +5,12 @@
 
 #include <sys/types.h>
 
-#include <array>
 #include <atomic>
 #include <chrono>
 #include <cstddef>
 #include <optional>
+#include <string>
+#include <utility>
 
 namespace fringeslam::tools {
 
@@ -18,9 +19,14 @@ inline constexpr auto kRequestPatience = std::chrono::seconds(5), kAnswerPatienc
 
 class ViewerSocket {
  public:
-  // All waits end once `stopping` is set.
-  ViewerSocket(int socket, const std::atomic<bool>& stopping, std::chrono::milliseconds request_patience)
-      : socket_(socket), stopping_(stopping), request_by_(Clock::now() + request_patience) {}
+  // `head` are the bytes that were received already. All waits end once `stopping` is set.
+  ViewerSocket(int socket, std::string head, const std::atomic<bool>& stopping,
+               std::chrono::milliseconds request_patience)
+      : socket_(socket),
+        stopping_(stopping),
+        request_by_(Clock::now() + request_patience),
+        received_bytes_(std::move(head)),
+        received_(received_bytes_.size()) {}
 
   bool readable() const;
   bool writable() const;
@@ -37,8 +43,8 @@ class ViewerSocket {
   const std::atomic<bool>& stopping_;
   Clock::time_point request_by_;
   std::optional<Clock::time_point> answer_by_;  // counted from the answer's first byte: preparing it may take long
-  std::array<char, 2048> buffer_ = {};
-  size_t begin_ = 0, end_ = 0, received_ = 0;
+  std::string received_bytes_;                  // not read yet, from begin_
+  size_t begin_ = 0, received_ = 0;
 };
 
 }  // namespace fringeslam::tools

@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/io/files.h"
+#include "core/io/json_text.h"
 #include "core/types/error.h"
 #include "tools/report/report_data.h"
 #include "tools/report/report_page.h"
@@ -36,7 +37,7 @@ std::string html_text(const std::string& text) {
 
 std::string script_json(const nlohmann::ordered_json& data) {
   // Names come from files and may contain invalid UTF-8.
-  const std::string text = data.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+  const std::string text = json_text(data);
   std::string safe;
   safe.reserve(text.size());
   for (const char c : text) c == '<' ? safe += "\\u003c" : safe += c;
@@ -50,7 +51,7 @@ std::string html_report(std::string_view page, const nlohmann::ordered_json& dat
   const nlohmann::ordered_json name = data.at("name");
   std::string html(page.substr(0, title));
   // Dumping to JSON and back replaces invalid UTF-8.
-  const std::string quoted = name.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+  const std::string quoted = json_text(name);
   html += html_text(nlohmann::json::parse(quoted).get<std::string>());
   html += page.substr(title + kTitlePlace.size(), place - title - kTitlePlace.size());
   html += script_json(data);

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <numbers>
@@ -13,6 +12,8 @@
 
 #include "core/base/parallel.h"
 #include "core/io/files.h"
+#include "core/io/input_file.h"
+#include "core/io/tum_file.h"
 #include "core/io/yaml.h"
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
@@ -33,9 +34,7 @@ namespace {
 constexpr double kOutlineTolerancePx = 0.7;
 
 ordered_json read_json(const fs::path& file) {
-  std::ifstream in(file);
-  if (!in) throw Error(file.string() + ": cannot be opened; fringeslam run writes it");
-  ordered_json json = ordered_json::parse(in, nullptr, false);
+  ordered_json json = ordered_json::parse(read_input(file, kMostDataBytes), nullptr, false);
   if (json.is_discarded()) throw Error(file.string() + ": is not JSON, or truncated");
   return json;
 }
@@ -162,15 +161,17 @@ void Collector::read_map() {
 // Reads a view's pictures and, if `truth` is wanted, its ground truth, and compares both.
 ViewImages Collector::read_images(size_t view, TruthFrame* truth) const {
   const fs::path folder = folder_ / "frames" / stack_name(indices_[view]);
-  ViewImages images{
-      indices_[view], read_grey(folder / "texture.png"), read_depth_estimate(folder / "depth.exr").depth_m, {}};
+  ViewImages images{indices_[view],
+                    read_grey(folder / "texture.png"),
+                    read_depth_estimate(folder / "depth.exr", &rig_.camera).depth_m,
+                    {}};
   if (images.texture.size() != images.depth_m.size() || images.texture.type() != CV_8UC1)
     throw Error((folder / "texture.png").string() + ": does not have 8 bits and the size of depth.exr");
   if (rig_.thermal && fs::exists(folder / "temperature.exr"))
     images.temperature_c = read_grey(folder / "temperature.exr");
   if (!truth) return images;
   const fs::path file = folder_ / "truth" / (stack_name(indices_[view]) + ".exr");
-  *truth = read_truth_frame(file);
+  *truth = read_truth_frame(file, &rig_.camera);
   if (truth->depth_m.size() != images.depth_m.size())
     throw Error(file.string() + ": does not have the size of the view's depth.exr");
   cv::subtract(images.depth_m, truth->depth_m, images.error_m);

@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/io/png_file.h"
+
+#include <png.h>
+
+#include <array>
+#include <csetjmp>
+#include <cstring>
+#include <vector>
+
+#include "core/types/error.h"
+
+namespace fringeslam {
+
+namespace {
+
+constexpr std::array<unsigned char, 8> kPngSignature = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
+constexpr png_uint_32 kMostPngSide = 16384;
+constexpr png_alloc_size_t kMostPngChunk = 16 << 20;  // bytes of a text or profile after inflation
+
+// libpng reports errors by longjmp. The functions that set a jump target therefore have no objects with destructors.
+class PngDecoder {
+ public:
+  explicit PngDecoder(const std::string& bytes) : bytes_(bytes) {
+    png_ = png_create_read_struct(PNG_LIBPNG_VER_STRING, this, &on_error, &on_warning);
+    info_ = png_ ? png_create_info_struct(png_) : nullptr;
+  }
+  ~PngDecoder() { png_destroy_read_struct(&png_, &info_, nullptr); }
+  PngDecoder(const PngDecoder&) = delete;
+  PngDecoder& operator=(const PngDecoder&) = delete;
+
+  bool read_header() {
+    if (!info_) return fail("memory does not suffice");
+    if (setjmp(png_jmpbuf(png_))) return false;
+    png_set_user_limits(png_, kMostPngSide, kMostPngSide);
+    png_set_chunk_malloc_max(png_, kMostPngChunk);
+    png_set_keep_unknown_chunks(png_, PNG_HANDLE_CHUNK_NEVER, nullptr, 0);
+    png_set_read_fn(png_, this, &on_read);
+    png_read_info(png_, info_);
+    const int colour = png_get_color_type(png_, info_);
+    if (colour == PNG_COLOR_TYPE_PALETTE) png_set_palette_to_rgb(png_);
+    if (colour == PNG_COLOR_TYPE_GRAY && png_get_bit_depth(png_, info_) < 8) png_set_expand_gray_1_2_4_to_8(png_);
+    if (png_get_valid(png_, info_, PNG_INFO_tRNS)) png_set_tRNS_to_alpha(png_);
+    if (png_get_bit_depth(png_, info_) == 16) png_set_swap(png_);  // the file is big-endian
+    png_set_interlace_handling(png_);
+    png_read_update_info(png_, info_);
+    return true;
+  }
+  bool read_rows(png_bytep* rows) {
+    if (setjmp(png_jmpbuf(png_))) return false;
+    png_read_image(png_, rows);
+    png_read_end(png_, nullptr);
+    return true;
+  }
+  int width() const { return static_cast<int>(png_get_image_width(png_, info_)); }
+  int height() const { return static_cast<int>(png_get_image_height(png_, info_)); }
+  size_t row_bytes() const { return png_get_rowbytes(png_, info_); }
+  int type() const {
+    return CV_MAKETYPE(png_get_bit_depth(png_, info_) == 16 ? CV_16U : CV_8U, png_get_channels(png_, info_));
+  }
+  const char* message() const { return message_.data(); }
+
+ private:
+  bool fail(const char* message) {
+    std::strncpy(message_.data(), message, message_.size() - 1);
+    return false;
+  }
+  [[noreturn]] static void on_error(png_structp png, png_const_charp message) {
+    static_cast<PngDecoder*>(png_get_error_ptr(png))->fail(message);
+    png_longjmp(png, 1);
+  }
+  static void on_warning(png_structp, png_const_charp) {}
+  static void on_read(png_structp png, png_bytep to, size_t size) {
+    auto* decoder = static_cast<PngDecoder*>(png_get_io_ptr(png));
+    if (size > decoder->bytes_.size() - decoder->at_) png_error(png, "the file is truncated");
+    std::memcpy(to, decoder->bytes_.data() + decoder->at_, size);
+    decoder->at_ += size;
+  }
+
+  const std::string& bytes_;
+  size_t at_ = 0;
+  png_structp png_ = nullptr;
+  png_infop info_ = nullptr;
+  std::array<char, 128> message_{};
+};
+
+}  // namespace
+
+bool is_png(std::string_view bytes) {
+  return bytes.size() >= kPngSignature.size() &&
+         std::memcmp(bytes.data(), kPngSignature.data(), kPngSignature.size()) == 0;
+}
+
+cv::Mat decode_png(const std::string& bytes, const std::string& name,
+                   const std::function<void(cv::Size, uint64_t)>& check_size) {
+  const auto damaged = [&](const char* what) {
+    return Error(name + ": is truncated or damaged (" + what + "); record or render it again");
+  };
+  PngDecoder decoder(bytes);
+  if (!decoder.read_header()) throw damaged(decoder.message());
+  const cv::Size size(decoder.width(), decoder.height());
+  check_size(size, static_cast<uint64_t>(size.height) * decoder.row_bytes());
+  cv::Mat image(size, decoder.type());
+  if (image.elemSize() * static_cast<size_t>(size.width) != decoder.row_bytes()) throw damaged("unknown pixel format");
+  std::vector<png_bytep> rows;
+  for (int row = 0; row < size.height; ++row) rows.push_back(image.ptr(row));
+  if (!decoder.read_rows(rows.data())) throw damaged(decoder.message());
+  return image;
+}
+
+}  // namespace fringeslam

@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+// Files and folders that appear completely or not at all, whenever the process dies.
+//
+// They are written in a temporary folder NAME.partial-XXXXXX next to the target. It contains a marker file and is locked
+// (flock) while its process lives, so that a later process recognizes and removes the leftovers of a dead one.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace fringeslam {
+
+// Temporary folder next to `target`, on the same file system; removed by the destructor. The constructor also removes
+// the temporary folders in that place whose processes have died. Throws Error if it cannot be created.
+class PartialFolder {
+ public:
+  explicit PartialFolder(const std::filesystem::path& target);
+  ~PartialFolder();
+  PartialFolder(const PartialFolder&) = delete;
+  PartialFolder& operator=(const PartialFolder&) = delete;
+
+  const std::filesystem::path& path() const { return path_; }
+  // Keeps the folder under another name, which is returned: it is not removed, nor by later processes.
+  std::filesystem::path keep();
+
+ private:
+  std::filesystem::path path_;
+  int lock_ = -1;
+  bool kept_ = false;
+};
+
+// Folder that appears under its final name only when complete: commit() renames it, or exchanges it with an existing
+// folder, in one system call. An existing target is replaced only if it is empty or was written by this class with the
+// same kind ("run", "dataset"); otherwise the constructor throws Error. With an empty kind, only an empty folder is
+// replaced.
+//
+// A written folder lists its files in .fringeslam. Files in a replaced folder that are not listed, or are named in
+// `preserved`, were not written by the result that is replaced: they are kept. If the new result has a file of the same
+// name, the old one is kept as NAME.kept, unless it is `preserved`, which the new one replaces.
+class StagedFolder {
+ public:
+  StagedFolder(std::filesystem::path target, std::string kind, std::vector<std::string> preserved = {});
+  StagedFolder(const StagedFolder&) = delete;
+  StagedFolder& operator=(const StagedFolder&) = delete;
+
+  const std::filesystem::path& path() const { return staging_; }
+  void commit();
+
+ private:
+  std::filesystem::path target_;
+  std::string kind_;
+  std::vector<std::string> preserved_;
+  std::optional<PartialFolder> partial_;
+  std::filesystem::path staging_;
+};
+
+// File, with any accompanying files, that appears only when complete: all files are written under their final names
+// into a temporary folder next to the target. commit() moves them into the target's folder, the target last; the
+// destructor removes anything left over.
+class StagedFile {
+ public:
+  explicit StagedFile(std::filesystem::path target);
+  StagedFile(const StagedFile&) = delete;
+  StagedFile& operator=(const StagedFile&) = delete;
+
+  std::filesystem::path path() const { return partial_->path() / target_.filename(); }
+  void commit();
+
+ private:
+  std::filesystem::path target_;
+  std::optional<PartialFolder> partial_;
+};
+
+// Writes a file that appears, or replaces an existing one, only when complete. Devices and pipes are written to.
+void write_text(const std::filesystem::path& file, const std::string& text);
+
+// Returns `text` with the names of files in temporary folders replaced by the names they get when complete: messages
+// should not name a folder that no longer exists when they are read.
+std::string with_final_names(const std::string& text);
+
+// Waits until all files below `folder` are on the disk. Throws Error if they cannot be written.
+void sync_folder(const std::filesystem::path& folder);
+
+}  // namespace fringeslam
