@@ -190,8 +190,9 @@ void bind_virtual_rig(py::module_& m) {
 void bind_scenes(py::module_& m) {
   bind_scene(m);
   bind_virtual_rig(m);
-  m.def("read_truth", &read_truth_frame, py::arg("file"), ReleaseGil(),
-        "Reads truth/NNNNNN.exr of a dataset or run; its pose and time are those of truth.tum.");
+  m.def(
+      "read_truth", [](const std::filesystem::path& file) { return read_truth_frame(file); }, py::arg("file"),
+      ReleaseGil(), "Reads truth/NNNNNN.exr of a dataset or run; its pose and time are those of truth.tum.");
   py::class_<sim::NearestSurface>(m, "NearestSurface", "Exact distances of points to a scene's surfaces.")
       .def(py::init<const Scene&>(), py::arg("scene"), ReleaseGil())
       .def(
