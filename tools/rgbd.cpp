@@ -3,6 +3,7 @@
 
 #include <cmath>
 
+#include "core/io/tum_file.h"
 #include "core/rig/dataset.h"
 #include "core/score/truth_files.h"
 #include "tools/progress.h"

@@ -7,6 +7,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "core/io/tum_file.h"
 #include "core/io/files.h"
 #include "core/patterns/design.h"
 #include "tests/tools/child.h"
