@@ -126,7 +126,6 @@ class Recorder {
   std::optional<DepthSensor> sensor_;
 };
 
-
 // Removes what a recording without a stack has written; files of others, and then the folder, remain.
 void remove_empty_recording(const fs::path& folder) {
   std::error_code ignored;

@@ -201,7 +201,8 @@ void bind_patterns(py::module_& m) {
       py::arg("gray_inverted") = false, py::arg("white_black") = false, py::arg("ramp_levels") = 0, py::arg("bits") = 8,
       py::arg("dithered") = false, py::arg("gray_cell_px") = 0, py::arg("micro_period_px") = 0,
       py::arg("micro_images") = 0,
-      "Builds a pattern sequence: micro phase shifting, fringes period by period, then the Gray code ('none', 'plain' or "
+      "Builds a pattern sequence: micro phase shifting, fringes period by period, then the Gray code ('none', 'plain' "
+      "or "
       "'complementary'), flat images last; columns before rows.");
 }
 

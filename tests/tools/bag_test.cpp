@@ -7,8 +7,8 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
-#include "core/io/tum_file.h"
 #include "core/io/files.h"
+#include "core/io/tum_file.h"
 #include "core/patterns/design.h"
 #include "tests/tools/child.h"
 #include "tools/bag/bag_dataset.h"

@@ -7,8 +7,8 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "core/io/tum_file.h"
 #include "core/io/files.h"
+#include "core/io/tum_file.h"
 #include "core/io/yaml.h"
 #include "core/score/trajectory_file.h"
 #include "core/score/truth_files.h"
