@@ -412,6 +412,8 @@ class BodyReader {
 }  // namespace
 
 bool is_ply(const fs::path& file) {
+  std::error_code ignored;
+  if (!fs::is_regular_file(file, ignored)) return false;
   const std::string start = InputFile(file, kMostDataBytes).head(5);
   return start.starts_with("ply\n") || start.starts_with("ply\r\n");
 }

@@ -189,7 +189,8 @@ TEST_F(Bags, ARenderedBagIsTheDataset) {
 
   run_successfully({"import", at("a.bag"), "--out", at("imported"), "--quiet"});
   for (const std::string& name : test::listing(temp_ / "imported")) {
-    if (test::fs::is_directory(temp_ / "imported" / name) || name == "dataset.yaml") continue;
+    if (test::fs::is_directory(temp_ / "imported" / name) || name == "dataset.yaml" || name == ".fringeslam")
+      continue;  // the names of the files differ
     EXPECT_EQ(test::read_bytes(temp_ / "imported" / name), test::read_bytes(temp_ / "data" / name)) << name;
   }
   EXPECT_EQ(read_dataset_info(temp_ / "imported").stacks, 2);

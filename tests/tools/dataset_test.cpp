@@ -42,7 +42,7 @@ TEST_P(Recording, ReplaysTheSameImagesAndTimes) {
   ReplayRig rig(folder_);
   EXPECT_TRUE(rig.sequence() == test::short_sequence());
   EXPECT_EQ(rig.info().stacks, 2);
-  EXPECT_EQ(to_yaml(rig.model()), to_yaml(test::tiny_rig()));
+  EXPECT_EQ(to_yaml(rig.model()), to_yaml(test::rig_of(stacks_)));
   for (const FringeStack& recorded : stacks_) {
     const auto replayed = rig.capture(rig.sequence());
     ASSERT_TRUE(replayed);

@@ -66,12 +66,17 @@ inline std::vector<FringeStack> noise_stacks(int type) {
   return stacks;
 }
 
+// The rig whose camera has as many bits as the stacks' images.
+inline RigModel rig_of(const std::vector<FringeStack>& stacks) {
+  RigModel model = tiny_rig();
+  if (stacks.front().images.front().depth() == CV_16U) model.sensor.bits = 16;
+  return model;
+}
+
 inline void record(const std::filesystem::path& folder, const std::vector<FringeStack>& stacks,
                    const std::string& name = "noise", uint64_t seed = 1) {
   std::filesystem::create_directories(folder);
-  RigModel model = tiny_rig();
-  if (stacks.front().images.front().depth() == CV_16U) model.sensor.bits = 16;
-  FakeRig rig(model, stacks);
+  FakeRig rig(rig_of(stacks), stacks);
   RecordingRig recording(rig, folder);
   while (recording.capture(short_sequence())) continue;
   recording.finish(name, seed, false);
