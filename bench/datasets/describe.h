@@ -17,7 +17,7 @@ struct FileEntry {
   uint64_t bytes = 0;
 };
 
-// What is in a finished dataset.
+// Contents of a finished dataset.
 struct Contents {
   std::string program_version;
   std::vector<FileEntry> tars;

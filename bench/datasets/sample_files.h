@@ -41,7 +41,7 @@ struct PredictedSigma {
 PredictedSigma predicted_sigma(const sim::SimulatedView& view, const RigModel& rig, const PixelRays& rays,
                                const DecodeOptions& options);
 
-// What the files of all views of a trial share.
+// Values that the files of all views of a trial share.
 struct TrialContext {
   const Spec& spec;
   const studies::Trial& trial;

@@ -42,7 +42,7 @@ std::vector<Part> default_parts();
 
 constexpr std::array<const char*, 3> kSplits = {"train", "validation", "test"};
 
-// What a catalog of datasets requires.
+// Information that catalogs of datasets require.
 struct Publication {
   std::string license, url, creator, date, version = "1.0.0", citation;
 };

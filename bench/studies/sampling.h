@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What varies between trials, and how: parameters with their laws, fixed values, scene seeds. Shared by studies and
+// Variation between trials: parameters with their laws, fixed values, scene seeds. Shared by studies and
 // datasets.
 //
 // The values of trial i are a function of the seed, i and the parameter's name only, independent of other trials, of

@@ -26,7 +26,7 @@ struct SurfacePoints {
   PointArray brightness;                    // of the point's pixel, up to a factor
 };
 
-// What one exposure shows of the points.
+// Samples of one exposure at the points.
 struct PointSamples {
   PointArray x, y, z;                 // the points in the exposure's axes, m
   PointArray u, v;                    // their pixels; NaN behind the camera

@@ -220,7 +220,7 @@ std::vector<std::string> files_below(const fs::path& folder) {
   return names;
 }
 
-// What a folder's marker says of it.
+// Information in a folder's marker.
 struct Written {
   std::string kind;                            // empty: not written by StagedFolder
   std::optional<std::set<std::string>> files;  // names; empty: the marker does not list them
