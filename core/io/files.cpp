@@ -264,8 +264,13 @@ DecodedImage decode_image(const std::string& bytes, const std::string& name) {
   const auto in = OIIO::ImageInput::create("openexr");
   if (!in || !in->open("memory.exr", spec, config))
     throw Error(name + ": is not a PNG or EXR file, or damaged: " + first_line(in ? in->geterror() : OIIO::geterror()));
+  if (spec.nchannels < 1 || spec.nchannels > CV_CN_MAX)
+    throw Error(name + ": has " + std::to_string(spec.nchannels) + " channels; at most " + std::to_string(CV_CN_MAX) +
+                " are read");
   const cv::Size size(spec.width, spec.height);
-  check_declared(name, size, static_cast<uint64_t>(size.area()) * static_cast<uint64_t>(spec.nchannels) * sizeof(float),
+  check_declared(name, size,
+                 static_cast<uint64_t>(std::max(size.width, 0)) * static_cast<uint64_t>(std::max(size.height, 0)) *
+                     static_cast<uint64_t>(spec.nchannels) * sizeof(float),
                  bytes.size(), kMostPerByte, {});
   cv::Mat image(size, CV_MAKETYPE(CV_32F, spec.nchannels));
   if (!in->read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, image.data) || in->has_error())
