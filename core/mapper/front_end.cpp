@@ -223,6 +223,7 @@ class FringeFrontEnd::Compensation {
     constexpr int kRounds = 4;
     // A prediction that leaves such residuals is far from the motion.
     constexpr double kImproved = 0.9, kHopeless_rms = 5;
+    constexpr double kCertain = 0.9;
     double last_rms = std::numeric_limits<double>::infinity();
     for (int round = 0; round < kRounds; ++round) {
       enter_stage("motion");
@@ -232,7 +233,8 @@ class FringeFrontEnd::Compensation {
       const bool improved = found.residuals > 0 && found.rms_sigma < kImproved * last_rms;
       last_rms = found.rms_sigma;
       if (!found.converged && (!improved || (is_prediction && found.rms_sigma > kHopeless_rms))) return;
-      if (round == 0 && found.converged && !is_moving(found)) {
+      if (round == 0 && found.converged && !is_prediction && probability_of_motion(found) < kCertain) {
+        view_.undecided_motion = found;
         view_.motion->motion = {};
         view_.motion->residuals = 0;
         if (aligned_) decode_at_rest();

@@ -22,6 +22,8 @@ struct ReconstructedView {
   // Camera motion during the stack, for which the frame is compensated; not converged: unknown, and the frame is
   // compensated for its prediction at best. Empty: not estimated.
   std::optional<StackMotion> motion = {};
+  // Estimated motion that does not differ from rest significantly: the frame is not compensated for it.
+  std::optional<StackMotion> undecided_motion = {};
 
   bool in_motion() const { return motion && !motion->motion.is_still(); }
   bool motion_unknown() const { return motion && !motion->converged; }

@@ -116,9 +116,13 @@ Mapper::Mapper(KeyframeMap map, const MapperOptions& options)
 FrameResult Mapper::process(MapperInput input) {
   FrameResult result;
   MotionEffect effect;
-  const std::optional<Prediction> predicted = predict(input.timestamp_s);
+  std::optional<Prediction> predicted = predict(input.timestamp_s);
   vibration_.begin_view();
   reconstruct_unless_predicted(result, input, predicted);
+  if (moves_on(result, input)) {
+    in_motion_ = true;
+    predicted = predict(input.timestamp_s);
+  }
   track(result, input, predicted, effect);
   const FrameMotion motion = add_motion_uncertainty(result, input, effect);
   if (!has_pose(result.tracking)) {
@@ -443,8 +447,10 @@ void Mapper::note_pose(FrameResult& result, const std::optional<Prediction>& pre
   last_motion_ = result.motion;
   prediction_checked_ = result.tracking == Tracking::followed;
   in_motion_ = result.in_motion();
-  track_.back().turn_rad2 = result.covariance.topLeftCorner<3, 3>().trace() / 3;
-  track_.back().shift_m2 = result.covariance.bottomRightCorner<3, 3>().trace() / 3;
+  const PoseSample sample =
+      sample_of(0, {}, result.tracking == Tracking::first ? result.covariance : sample_covariance_);
+  track_.back().turn_rad2 = sample.turn_rad2;
+  track_.back().shift_m2 = sample.shift_m2;
   if (in_motion_ && result.motion->residuals > 0) track_.back().own_motion = result.motion;
   vibration_.end_view();
   if (!prediction_checked_) return;

@@ -139,6 +139,7 @@ class Mapper {
              MotionEffect& effect);
   void find_landmarks(FrameResult& result) const;
 
+  bool moves_on(FrameResult& result, const MapperInput& input);
   MotionPrior motion_like_last(double timestamp_s) const;
   int best_reference(const Frame& frame, const Pose& predicted) const;
   bool follow(FrameResult& result, const Pose& predicted, const Matrix6d& prior = Matrix6d::Zero(),
@@ -174,12 +175,15 @@ class Mapper {
   std::vector<TrackedView> track_;
   bool lost_ = false;  // since the last view of track_
   Matrix6d prediction_covariance_ = Matrix6d::Zero();
-  bool prediction_checked_ = false;  // the last view was where it had been predicted
-  int image_keyframe_ = -1;          // whose image keyframe_image_ is
+  Matrix6d sample_covariance_ = Matrix6d::Zero();  // of the last view's pose, without vibration that is not certain
+  bool prediction_checked_ = false;                // the last view was where it had been predicted
+  int image_keyframe_ = -1;                        // whose image keyframe_image_ is
   Frame keyframe_image_;
   Frame last_frame_;  // of the last tracked view
   std::optional<StackMotion> last_motion_;
   bool in_motion_ = false;  // the last stack was exposed in motion
+  double evidence_of_motion_ =
+      0;  // that a robot whose stacks do not show it moves on during them, log-likelihood ratio
   int last_keyframe_ = -1;
   size_t continuous_from_ = 0;                // first view of track_ since tracking was last lost
   std::vector<FrameMotion> keyframe_motion_;  // of each keyframe, in its own axes

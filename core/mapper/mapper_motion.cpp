@@ -7,6 +7,7 @@
 #include "core/base/stage_clock.h"
 #include "core/mapper/mapper.h"
 #include "core/registration/motion_registration.h"
+#include "core/types/linear_algebra.h"
 
 namespace fringeslam {
 
@@ -49,14 +50,31 @@ void Mapper::confirm_in_motion(FrameResult& result, const MapperInput& input) {
   result.registration.found = false;
 }
 
+namespace {
+
+// Covariance of the error of the motion that a view is compensated for; empty if the camera was at rest.
+std::optional<Matrix12d> motion_covariance(const ReconstructedView& view) {
+  constexpr double kUnlikely = 1e-3;
+  if (view.in_motion()) return view.motion->covariance;
+  if (!view.undecided_motion) return std::nullopt;
+  const StackMotion& motion = *view.undecided_motion;
+  const double probability = probability_of_motion(motion);
+  if (probability < kUnlikely) return std::nullopt;
+  const Vector12d error = to_vector(motion.motion);
+  return probability * (motion.covariance + error * error.transpose());
+}
+
+}  // namespace
+
 // Returns how the uncertain motion during the stack changes the pose of its frame relative to `target`.
 Mapper::FrameMotion Mapper::frame_motion(const ReconstructedView& view, const MapperInput& input, const Frame& target,
                                          const Pose& target_from_source) const {
   constexpr int kStride = 8;
-  if (!view.in_motion() || !input.depth_slopes) return {};
+  const std::optional<Matrix12d> covariance = motion_covariance(view);
+  if (!covariance || !input.depth_slopes) return {};
   const std::vector<DepthSlope> slopes = input.depth_slopes(view, kStride);
   enter_stage("motion");
-  return {pose_by_motion(target, view.frame, rig_.camera, target_from_source, slopes), view.motion->covariance};
+  return {pose_by_motion(target, view.frame, rig_.camera, target_from_source, slopes), *covariance};
 }
 
 // Adds the uncertainty of the motion during the stack, and during that of the keyframe, to the covariance of the pose.
@@ -65,23 +83,35 @@ Mapper::FrameMotion Mapper::add_motion_uncertainty(FrameResult& result, const Ma
                                                    const MotionEffect& effect) {
   if (result.tracking == Tracking::first) {
     FrameMotion own = frame_motion(result, input, result.frame, {});
-    own.by_own_stack = result.in_motion();
+    own.by_own_stack = !own.covariance.isZero(0);
     return own;
   }
   if (!has_pose(result.tracking)) return {};
   const Pose& pose = result.registration.earlier_from_current;
-  const bool known = effect.reference == result.reference && result.motion;
+  const bool known = effect.reference == result.reference && result.in_motion();
   FrameMotion own = known ? FrameMotion{effect.pose_by_motion, result.motion->covariance}
                           : frame_motion(result, input, keyframe_image(result.reference), pose);
-  result.covariance += own.spread();
+  FrameMotion other;
   if (const auto reference = static_cast<size_t>(result.reference); reference < keyframe_motion_.size()) {
+    other = keyframe_motion_[reference];
     // A shift of the keyframe's frame moves the pose from the left.
     Matrix6d moved = Matrix6d::Identity();
     moved.bottomLeftCorner<3, 3>() = -skew(pose.translation);
-    FrameMotion other = keyframe_motion_[reference];
-    if (other.by_own_stack) vibration_.widen(other.covariance);
-    result.covariance += moved * other.spread() * moved.transpose();
+    other.pose_by_motion = moved * other.pose_by_motion;
   }
+  if (other.by_own_stack) vibration_.widen(other.covariance);
+  sample_covariance_ = result.covariance + own.spread() + other.spread();
+  const bool in_motion = result.in_motion() || !own.covariance.isZero(0);
+  if (in_motion) {
+    std::vector<PoseSample> samples = last_samples();
+    const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera;
+    samples.push_back(sample_of(result.frame.timestamp_s, world_from_reference * pose, sample_covariance_));
+    vibration_.note(estimate_vibration(samples, options_.registration.motion_prior, rig_.timing.camera_rate_hz));
+  }
+  if (in_motion) vibration_.widen_estimate(own.covariance);
+  // Whether the first views vibrated is known only after the keyframe has been made.
+  if (other.by_own_stack) vibration_.widen_estimate(other.covariance);
+  result.covariance += own.spread() + other.spread();
   Matrix6d turned = Matrix6d::Zero();
   turned.topLeftCorner<3, 3>() = turned.bottomRightCorner<3, 3>() = pose.rotation.transpose();
   own.pose_by_motion = turned * own.pose_by_motion;
@@ -105,8 +135,10 @@ MotionPrior fused(const MotionPrior& one, const MotionPrior& other) {
 
 // Keeps the first stack if its motion has to be determined better.
 void Mapper::note_first_keyframe(const FrameResult& result, MapperInput input) {
-  if (result.tracking == Tracking::first && result.in_motion() && input.reconstruct)
-    first_keyframe_ = FirstKeyframe{std::move(input), {result.motion->motion, result.motion->covariance}};
+  if (result.tracking != Tracking::first || !input.reconstruct) return;
+  const std::optional<StackMotion>& own = result.undecided_motion ? result.undecided_motion : result.motion;
+  if (result.in_motion() || result.undecided_motion)
+    first_keyframe_ = FirstKeyframe{std::move(input), {own->motion, own->covariance}};
 }
 
 // Re-decodes the first keyframe as soon as the views after it determine its motion better than its own stack, and
@@ -159,8 +191,34 @@ void Mapper::improve_first_keyframe() {
   }
   map_.replace_frame(0, view.frame, new_from_old);
   keyframe_motion_[0] = frame_motion(view, first.input, view.frame, {});
+  vibration_.widen_estimate(keyframe_motion_[0].covariance);
   image_keyframe_ = -1;
   if (first.views < kMostViews) first_keyframe_ = FirstKeyframe{first.input, first.own, 2 * first.views};
+}
+
+// A robot that moves slowly without stopping and one that stops for each capture differ in whether the motion during the
+// stacks agrees with the poses between them. A single slow stack hardly shows its motion, so the evidence of several adds
+// up. If it suffices, the view is reconstructed with the motion, and true is returned.
+bool Mapper::moves_on(FrameResult& result, const MapperInput& input) {
+  constexpr double kSure = 3, kMost = 6;  // log-likelihood ratios
+  if (in_motion_ || !result.complete || result.motion_unknown() || !result.undecided_motion) {
+    if (!in_motion_ && result.complete && result.motion && !result.in_motion()) evidence_of_motion_ = 0;
+    return false;
+  }
+  if (lost_ || track_.size() < continuous_from_ + 2) return false;
+  const std::optional<MotionPrediction> moving =
+      predict_motion(last_samples(), input.timestamp_s, options_.registration.motion_prior);
+  if (!moving) return false;
+  const StackMotion& own = *result.undecided_motion;
+  const MotionPrior& expected = moving->motion;
+  const Vector12d found = to_vector(own.motion);
+  evidence_of_motion_ += log_normal(found - to_vector(expected.motion), own.covariance + expected.covariance) -
+                         log_normal(found, own.covariance);
+  evidence_of_motion_ = std::clamp(evidence_of_motion_, -kMost, kMost);
+  if (evidence_of_motion_ < kSure) return false;
+  const ReconstructedView rough = result;  // shares its images
+  reconstruct(result, input, {nullptr, fused({own.motion, own.covariance}, expected), true, &rough});
+  return result.in_motion();
 }
 
 // Predicts the motion during a stack from that of the last one, with accelerations in between.
@@ -216,6 +274,7 @@ Pose Mapper::estimate_motion(FrameResult& result, const MapperInput& input, cons
     motion.covariance = found.motion_covariance;
     motion.converged = true;
     if (result.motion->motion.is_still() && !is_moving(motion)) {
+      result.undecided_motion = motion;
       result.motion->covariance = found.motion_covariance;
       return predicted.world_from_camera;
     }

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
 
 namespace fringeslam {
 
@@ -50,51 +51,112 @@ double update(State& state, int row, const Vector3d& value, double variance) {
   return -0.5 * (3 * std::log(total) + innovation.squaredNorm() / total);
 }
 
-// Mixture of all intensities of the jerk at `time_s`, by its first two moments.
-State predicted(const std::vector<Measurement>& measured, double time_s, double rate_sigma, double acceleration_sigma) {
-  std::array<State, kJerks.size()> states;
-  std::array<double, kJerks.size()> weights;
-  for (size_t i = 0; i < kJerks.size(); ++i) {
-    State& state = states[i];
-    state.mean.row(0) = measured.front().value.transpose();
-    state.covariance.diagonal() << measured.front().variance, rate_sigma * rate_sigma,
-        acceleration_sigma * acceleration_sigma;
-    double likelihood = -0.5 * std::log(kJerks[i]), now = measured.front().time_s;
-    for (size_t k = 0; k < measured.size(); ++k) {
-      const Measurement& m = measured[k];
-      advance(state, m.time_s - now, kJerks[i]);
-      now = m.time_s;
-      if (k > 0) likelihood += update(state, 0, m.value, m.variance);
-      if (m.has_rate) likelihood += update(state, 1, m.rate, m.rate_variance);
-    }
-    advance(state, time_s - now, kJerks[i]);
-    weights[i] = likelihood;
+// Initial standard deviations of rate and acceleration.
+struct Start {
+  double rate_sigma = 0, acceleration_sigma = 0;
+};
+
+// How a component of the pose changes: smoothly, with white-noise jerk, and by displacements of single views that are
+// independent of each other.
+struct Model {
+  double jerk = 0, jitter = 0, jitter_rate = 0;
+};
+
+struct Filtered {
+  State state;
+  double time_s = 0;
+  double log_likelihood = 0;
+};
+
+// The state at the last measurement.
+Filtered filtered(const std::vector<Measurement>& measured, const Model& model, const Start& start) {
+  const double jitter = model.jitter * model.jitter, jitter_rate = model.jitter_rate * model.jitter_rate;
+  Filtered result{{}, measured.front().time_s, 0};
+  State& state = result.state;
+  state.mean.row(0) = measured.front().value.transpose();
+  state.covariance.diagonal() << measured.front().variance + jitter, start.rate_sigma * start.rate_sigma,
+      start.acceleration_sigma * start.acceleration_sigma;
+  for (size_t k = 0; k < measured.size(); ++k) {
+    const Measurement& m = measured[k];
+    advance(state, m.time_s - result.time_s, model.jerk);
+    result.time_s = m.time_s;
+    if (k > 0) result.log_likelihood += update(state, 0, m.value, m.variance + jitter);
+    if (m.has_rate) result.log_likelihood += update(state, 1, m.rate, m.rate_variance + jitter_rate);
   }
+  return result;
+}
+
+// Prior of the jerk's intensities.
+double log_prior_of_jerk(double jerk) { return -0.5 * std::log(jerk); }
+
+// Turns log-likelihoods into weights with a sum of 1.
+template <class Weights>
+void normalise(Weights& weights) {
   const double best = *std::max_element(weights.begin(), weights.end());
   double sum = 0;
   for (double& weight : weights) sum += weight = std::exp(weight - best);
+  for (double& weight : weights) weight /= sum;
+}
+
+// Mixture of all intensities of the jerk at `time_s`, by its first two moments.
+State predicted(const std::vector<Measurement>& measured, double time_s, const Start& start) {
+  std::array<State, kJerks.size()> states;
+  std::array<double, kJerks.size()> weights;
+  for (size_t i = 0; i < kJerks.size(); ++i) {
+    Filtered last = filtered(measured, {kJerks[i], 0, 0}, start);
+    advance(last.state, time_s - last.time_s, kJerks[i]);
+    states[i] = last.state;
+    weights[i] = last.log_likelihood + log_prior_of_jerk(kJerks[i]);
+  }
+  normalise(weights);
   State mixture;
-  for (size_t i = 0; i < kJerks.size(); ++i) mixture.mean += weights[i] / sum * states[i].mean;
+  for (size_t i = 0; i < kJerks.size(); ++i) mixture.mean += weights[i] * states[i].mean;
   for (size_t i = 0; i < kJerks.size(); ++i) {
     const Matrix3d off = states[i].mean - mixture.mean;
-    mixture.covariance += weights[i] / sum * (states[i].covariance + off * off.transpose() / 3);
+    mixture.covariance += weights[i] * (states[i].covariance + off * off.transpose() / 3);
   }
   return mixture;
 }
 
-}  // namespace
+// Root mean square and 5 % quantile of the jitter's posterior. No jitter and each order of magnitude are equally likely
+// before.
+std::pair<double, double> jitter_of(const std::vector<Measurement>& measured, const Start& start,
+                                    double rate_per_jitter) {
+  constexpr std::array kJitters = {0.0, 1e-5, 2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3};  // m or rad
+  constexpr double kUnlikely = 0.05;
+  std::array<double, kJitters.size() * kJerks.size()> weights;
+  size_t n = 0;
+  for (const double jitter : kJitters) {
+    for (const double jerk : kJerks)
+      weights[n++] =
+          filtered(measured, {jerk, jitter, rate_per_jitter * jitter}, start).log_likelihood + log_prior_of_jerk(jerk);
+  }
+  normalise(weights);
+  double square = 0, below = 0, least = 0;
+  n = 0;
+  for (const double jitter : kJitters) {
+    double weight = 0;
+    for (size_t i = 0; i < kJerks.size(); ++i) weight += weights[n++];
+    square += weight * jitter * jitter;
+    if (below < kUnlikely) least = jitter;
+    below += weight;
+  }
+  return {std::sqrt(square), least};
+}
 
-std::optional<MotionPrediction> predict_motion(const std::vector<PoseSample>& samples, double timestamp_s,
-                                               const MotionLimits& limits) {
-  constexpr size_t kMost = 8;
-  constexpr double kOldest_s = 0.5;
-  if (samples.empty() || (samples.size() == 1 && !samples.back().motion)) return std::nullopt;
-  const PoseSample& last = samples.back();
-  if (!(timestamp_s >= last.timestamp_s && timestamp_s - last.timestamp_s <= kOldest_s)) return std::nullopt;
+constexpr size_t kMostSamples = 8;
+
+// Rotations and translations relative to the last sample.
+struct Measurements {
   std::vector<Measurement> turns, shifts;
-  for (size_t i = samples.size() - std::min(kMost, samples.size()); i < samples.size(); ++i) {
+};
+
+Measurements measurements_of(const std::vector<PoseSample>& samples) {
+  Measurements all;
+  const Pose last_from_world = samples.back().world_from_camera.inverse();
+  for (size_t i = samples.size() - std::min(kMostSamples, samples.size()); i < samples.size(); ++i) {
     const PoseSample& sample = samples[i];
-    const Pose last_from_this = last.world_from_camera.inverse() * sample.world_from_camera;
+    const Pose last_from_this = last_from_world * sample.world_from_camera;
     Measurement turn{sample.timestamp_s, sample.turn_rad2, rotation_log(last_from_this.rotation), false, 0, {}};
     Measurement shift{sample.timestamp_s, sample.shift_m2, last_from_this.translation, false, 0, {}};
     if (sample.motion) {
@@ -105,11 +167,31 @@ std::optional<MotionPrediction> predict_motion(const std::vector<PoseSample>& sa
       turn.rate = last_from_this.rotation * sample.motion->motion.angular_rad_s;
       shift.rate = last_from_this.rotation * sample.motion->motion.velocity_m_s;
     }
-    turns.push_back(turn);
-    shifts.push_back(shift);
+    all.turns.push_back(turn);
+    all.shifts.push_back(shift);
   }
-  const State turn = predicted(turns, timestamp_s, limits.max_turn_rad_s, limits.turn_rad_s2);
-  const State shift = predicted(shifts, timestamp_s, limits.max_speed_m_s, limits.acceleration_m_s2);
+  return all;
+}
+
+Start start_of_turns(const MotionLimits& limits) { return {limits.max_turn_rad_s, limits.turn_rad_s2}; }
+Start start_of_shifts(const MotionLimits& limits) { return {limits.max_speed_m_s, limits.acceleration_m_s2}; }
+
+}  // namespace
+
+PoseSample sample_of(double timestamp_s, const Pose& world_from_camera, const Matrix6d& covariance) {
+  return {timestamp_s, world_from_camera, covariance.topLeftCorner<3, 3>().trace() / 3,
+          covariance.bottomRightCorner<3, 3>().trace() / 3};
+}
+
+std::optional<MotionPrediction> predict_motion(const std::vector<PoseSample>& samples, double timestamp_s,
+                                               const MotionLimits& limits) {
+  constexpr double kOldest_s = 0.5;
+  if (samples.empty() || (samples.size() == 1 && !samples.back().motion)) return std::nullopt;
+  const PoseSample& last = samples.back();
+  if (!(timestamp_s >= last.timestamp_s && timestamp_s - last.timestamp_s <= kOldest_s)) return std::nullopt;
+  const Measurements measured = measurements_of(samples);
+  const State turn = predicted(measured.turns, timestamp_s, start_of_turns(limits));
+  const State shift = predicted(measured.shifts, timestamp_s, start_of_shifts(limits));
   MotionPrediction result;
   const Pose last_from_predicted{rotation_exp(turn.mean.row(0).transpose()), shift.mean.row(0).transpose()};
   // Extrapolation would double the rounding error of the rotations each time.
@@ -133,6 +215,22 @@ std::optional<MotionPrediction> predict_motion(const std::vector<PoseSample>& sa
   set(0, 6, turn);
   set(3, 9, shift);
   return result;
+}
+
+double velocity_of_jitter(double camera_rate_hz) {
+  // Independent displacements of consecutive images cause 0.71 of them per interval, vibration of a fifth of the image
+  // rate 1.26.
+  return 1.25 * camera_rate_hz;
+}
+
+VibrationEstimate estimate_vibration(const std::vector<PoseSample>& samples, const MotionLimits& limits,
+                                     double camera_rate_hz) {
+  if (samples.empty()) return {};
+  const Measurements measured = measurements_of(samples);
+  const double rate = velocity_of_jitter(camera_rate_hz);
+  const auto [turn, least_turn] = jitter_of(measured.turns, start_of_turns(limits), rate);
+  const auto [shift, least_shift] = jitter_of(measured.shifts, start_of_shifts(limits), rate);
+  return {{turn, shift}, {least_turn, least_shift}};
 }
 
 }  // namespace fringeslam

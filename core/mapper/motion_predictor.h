@@ -19,6 +19,9 @@ struct PoseSample {
   std::optional<StackMotion> motion = {};
 };
 
+// A sample whose variances are the means of those of the covariance, in the tangent of retract().
+PoseSample sample_of(double timestamp_s, const Pose& world_from_camera, const Matrix6d& covariance);
+
 struct MotionPrediction {
   Pose world_from_camera;
   double turn_rad = 0, shift_m = 0;  // standard deviation of each component of the pose
@@ -31,5 +34,26 @@ struct MotionPrediction {
 // motion. Empty if there are no samples, or if there is one without a motion of its own, or if the last one is too old.
 std::optional<MotionPrediction> predict_motion(const std::vector<PoseSample>& samples, double timestamp_s,
                                                const MotionLimits& limits);
+
+// Displacements of single views from a smooth path, standard deviation of each component.
+struct Jitter {
+  double turn_rad = 0, shift_m = 0;
+};
+
+// What the poses of the last views reveal about vibration that is too fast for them to follow.
+struct VibrationEstimate {
+  Jitter expected;  // root mean square of the posterior
+  Jitter least;     // exceeded with a probability of 95 %
+};
+
+// Estimates the vibration from samples in the order of time, the last ones of which are used: the filters of
+// predict_motion() with independent displacements of each view, averaged over their sizes as well. Few samples do not
+// exclude vibration, so that `expected` is large for them. `camera_rate_hz` is the rate of single images.
+VibrationEstimate estimate_vibration(const std::vector<PoseSample>& samples, const MotionLimits& limits,
+                                     double camera_rate_hz);
+
+// Largest velocity that displacements of one unit, independent from image to image, cause; the largest acceleration is
+// twice this times the rate of the images (docs/method.md, section 9.4).
+double velocity_of_jitter(double camera_rate_hz);
 
 }  // namespace fringeslam

@@ -32,22 +32,33 @@ void Vibration::end_view() {
 void Vibration::restart() {
   last_.clear();
   views_ = 0;
+  revealed_ = {};
 }
 
 // A camera whose velocity changes suddenly from view to view vibrates, and its velocity changes as much from image to
 // image: poses at the rate of the views do not show such accelerations.
-void Vibration::widen(Matrix12d& covariance) const {
-  const Changes most = recent();
+void Vibration::widen(Matrix12d& covariance) const { widen(covariance, recent()); }
+
+void Vibration::widen_estimate(Matrix12d& covariance) const { widen(covariance, changes_of(revealed_.expected)); }
+
+void Vibration::widen(Matrix12d& covariance, const Changes& changes) const {
   const double per_s = 2 * camera_rate_hz_, per_s2 = per_s * per_s;
-  covariance.diagonal().segment<3>(0).array() += most.angular_rad2_s2;
-  covariance.diagonal().segment<3>(3).array() += most.velocity_m2_s2;
-  covariance.diagonal().segment<3>(6).array() += per_s2 * most.angular_rad2_s2;
-  covariance.diagonal().segment<3>(9).array() += per_s2 * most.velocity_m2_s2;
+  covariance.diagonal().segment<3>(0).array() += changes.angular_rad2_s2;
+  covariance.diagonal().segment<3>(3).array() += changes.velocity_m2_s2;
+  covariance.diagonal().segment<3>(6).array() += per_s2 * changes.angular_rad2_s2;
+  covariance.diagonal().segment<3>(9).array() += per_s2 * changes.velocity_m2_s2;
+}
+
+Vibration::Changes Vibration::changes_of(const Jitter& jitter) const {
+  const double rate = velocity_of_jitter(camera_rate_hz_), turn = rate * jitter.turn_rad, shift = rate * jitter.shift_m;
+  return {turn * turn, shift * shift};
 }
 
 // The largest changes of the current and the last views.
 Vibration::Changes Vibration::recent() const {
-  Changes most = here_;
+  const Changes certain = changes_of(revealed_.least);
+  Changes most{std::max(here_.angular_rad2_s2, certain.angular_rad2_s2),
+               std::max(here_.velocity_m2_s2, certain.velocity_m2_s2)};
   for (const Changes& view : last_) {
     most.angular_rad2_s2 = std::max(most.angular_rad2_s2, view.angular_rad2_s2);
     most.velocity_m2_s2 = std::max(most.velocity_m2_s2, view.velocity_m2_s2);

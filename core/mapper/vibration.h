@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <deque>
 
+#include "core/mapper/motion_predictor.h"
 #include "core/types/camera_motion.h"
 
 namespace fringeslam {
@@ -17,11 +18,15 @@ class Vibration {
   // Notes how the motion during the current view differs from its prediction, which has this covariance. Returns true
   // if the difference is clearly larger than those of the last views.
   bool note(const Vector12d& change, const Matrix12d& covariance);
+  // Notes the vibration that the poses of the last views reveal.
+  void note(const VibrationEstimate& revealed) { revealed_ = revealed; }
   void end_view();  // the view is tracked
   void restart();   // tracking was lost before the current view
 
-  // Widens the covariance of a motion by the largest unpredicted changes of the last views.
+  // Widens the covariance of a motion, as a prior, by the largest unpredicted changes of the last views.
   void widen(Matrix12d& covariance) const;
+  // The same by vibration that the poses of the last views do not exclude: `covariance` is of an estimated motion.
+  void widen_estimate(Matrix12d& covariance) const;
 
  private:
   // Mean squares of the components of unpredicted changes of the motion.
@@ -29,11 +34,14 @@ class Vibration {
     double angular_rad2_s2 = 0, velocity_m2_s2 = 0;
   };
   Changes recent() const;
+  Changes changes_of(const Jitter& jitter) const;
+  void widen(Matrix12d& covariance, const Changes& changes) const;
 
   double camera_rate_hz_;
   Changes here_;
   std::deque<Changes> last_;  // of the last views
   size_t views_ = 0;          // since tracking was last lost
+  VibrationEstimate revealed_;
 };
 
 }  // namespace fringeslam

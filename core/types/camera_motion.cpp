@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/types/camera_motion.h"
 
+#include <cmath>
+
 #include "core/types/linear_algebra.h"
 
 namespace fringeslam {
@@ -29,13 +31,28 @@ MotionPrior unknown_motion(const MotionLimits& limits) {
   return {{}, sigmas.cwiseAbs2().asDiagonal()};
 }
 
-bool is_moving(const StackMotion& motion) {
-  // Chi-square of twelve degrees of freedom: one false alarm in 10^7 without systematic errors.
-  constexpr double kMaxSquare = 55;
+namespace {
+
+// Squared Mahalanobis distance from rest: chi-square of twelve degrees of freedom for a camera at rest.
+double square_from_rest(const StackMotion& motion) {
   const Vector12d parameters = to_vector(motion.motion);
   const Eigen::VectorXd whitened =
       solve_positive_definite(Eigen::MatrixXd(motion.covariance), Eigen::VectorXd(parameters));
-  return parameters.dot(whitened) > kMaxSquare;
+  return parameters.dot(whitened);
+}
+
+}  // namespace
+
+bool is_moving(const StackMotion& motion) {
+  // One false alarm in 10^7 without systematic errors.
+  constexpr double kMaxSquare = 55;
+  return square_from_rest(motion) > kMaxSquare;
+}
+
+double probability_of_motion(const StackMotion& motion) {
+  // At this square, the likelihood of the estimate makes up for the larger range of motions that it was chosen from.
+  constexpr double kEven = 30;
+  return 1 / (1 + std::exp(0.5 * (kEven - square_from_rest(motion))));
 }
 
 }  // namespace fringeslam

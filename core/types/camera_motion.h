@@ -80,6 +80,9 @@ MotionPrior unknown_motion(const MotionLimits& limits);
 // True if the estimate is significantly different from rest.
 bool is_moving(const StackMotion& motion);
 
+// Probability that the camera moved, if rest was as likely before as a speed of unknown order of magnitude.
+double probability_of_motion(const StackMotion& motion);
+
 // Derivative of a pixel's depth with respect to to_vector(motion), m.
 struct DepthSlope {
   int row = 0, col = 0;

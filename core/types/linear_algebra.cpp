@@ -50,6 +50,12 @@ std::optional<Matrix6d> inverse_if_well_conditioned(const Matrix6d& matrix, doub
 
 Vector3d solve_positive_definite(const Matrix3d& matrix, const Vector3d& right) { return matrix.llt().solve(right); }
 
+double log_normal(const Eigen::VectorXd& x, const Eigen::MatrixXd& covariance) {
+  const Eigen::LLT<Eigen::MatrixXd> root(covariance);
+  const Eigen::VectorXd diagonal = root.matrixLLT().diagonal();
+  return -0.5 * x.dot(root.solve(x)) - diagonal.array().log().sum();
+}
+
 bool is_positive_definite(const Matrix3d& matrix) { return matrix.llt().info() == Eigen::Success; }
 
 Matrix3d whitening(const Matrix3d& covariance) {

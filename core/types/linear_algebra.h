@@ -34,6 +34,10 @@ Eigen::VectorXd solve_positive_definite(const Eigen::MatrixXd& matrix, const Eig
 // Returns the inverse of a symmetric positive definite matrix.
 Eigen::MatrixXd inverse_positive_definite(const Eigen::MatrixXd& matrix);
 
+// Returns the logarithm of the normal distribution's density at `x`, up to a constant that depends on the dimension only;
+// `covariance` is positive definite.
+double log_normal(const Eigen::VectorXd& x, const Eigen::MatrixXd& covariance);
+
 // True if the symmetric matrix has a Cholesky decomposition.
 bool is_positive_definite(const Eigen::Matrix3d& matrix);
 

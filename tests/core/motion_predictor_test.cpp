@@ -79,5 +79,46 @@ TEST(MotionPredictor, NeedsTwoPosesOrAMotion) {
   EXPECT_FALSE(predict_motion(one, 2, {})) << "too far ahead";
 }
 
+// Samples of a smooth path with independent displacements of each view.
+std::vector<PoseSample> shaken_samples(int count, double jitter_m, uint64_t seed) {
+  std::mt19937_64 random(seed);
+  std::normal_distribution<double> normal;
+  const auto shaken = [&](double t) {
+    const Eigen::Vector3d displacement(normal(random), normal(random), normal(random));
+    return Eigen::Vector3d(smooth(t) + jitter_m * displacement);
+  };
+  return samples_of(count, shaken, seed + 1000);
+}
+
+TEST(Vibration, IsFoundInPosesThatScatter) {
+  constexpr double kImages_hz = 90;
+  for (const double jitter_m : {5e-5, 1e-4, 4e-4}) {
+    double square = 0;
+    int certain = 0;
+    constexpr int kSeeds = 30;
+    for (uint64_t seed = 1; seed <= kSeeds; ++seed) {
+      const VibrationEstimate found = estimate_vibration(shaken_samples(8, jitter_m, seed), {}, kImages_hz);
+      square += found.expected.shift_m * found.expected.shift_m / kSeeds;
+      certain += found.least.shift_m > 0;
+      EXPECT_LE(found.least.shift_m, 2 * jitter_m) << seed;
+    }
+    EXPECT_GT(std::sqrt(square), 0.7 * jitter_m);
+    EXPECT_LT(std::sqrt(square), 2 * jitter_m);
+    EXPECT_GE(certain, kSeeds - 3) << jitter_m;
+  }
+}
+
+TEST(Vibration, IsExcludedByManySmoothPosesOnly) {
+  constexpr double kImages_hz = 90;
+  for (uint64_t seed = 1; seed <= 30; ++seed) {
+    const std::vector<PoseSample> samples = samples_of(8, smooth, seed);
+    EXPECT_LT(estimate_vibration(samples, {}, kImages_hz).expected.shift_m, 2 * kNoise_m) << seed;
+    EXPECT_EQ(estimate_vibration(samples, {}, kImages_hz).least.shift_m, 0) << seed;
+    const std::vector<PoseSample> few(samples.begin(), samples.begin() + 2);
+    EXPECT_GT(estimate_vibration(few, {}, kImages_hz).expected.shift_m, 2e-4) << seed;
+  }
+  EXPECT_EQ(estimate_vibration({}, {}, kImages_hz).expected.shift_m, 0);
+}
+
 }  // namespace
 }  // namespace fringeslam
