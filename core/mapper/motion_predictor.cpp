@@ -118,8 +118,8 @@ State predicted(const std::vector<Measurement>& measured, double time_s, const S
   return mixture;
 }
 
-// Root mean square and 5 % quantile of the jitter's posterior. No jitter and each order of magnitude are equally likely
-// before.
+// Root mean square and 5 % quantile of the jitter's posterior. Before, no jitter is as likely as any, and all orders of
+// magnitude of the jitter are equally likely.
 std::pair<double, double> jitter_of(const std::vector<Measurement>& measured, const Start& start,
                                     double rate_per_jitter) {
   constexpr std::array kJitters = {0.0, 1e-5, 2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3};  // m or rad
@@ -127,9 +127,10 @@ std::pair<double, double> jitter_of(const std::vector<Measurement>& measured, co
   std::array<double, kJitters.size() * kJerks.size()> weights;
   size_t n = 0;
   for (const double jitter : kJitters) {
+    const double log_prior = jitter == 0 ? std::log(kJitters.size() - 1.0) : 0;
     for (const double jerk : kJerks)
-      weights[n++] =
-          filtered(measured, {jerk, jitter, rate_per_jitter * jitter}, start).log_likelihood + log_prior_of_jerk(jerk);
+      weights[n++] = filtered(measured, {jerk, jitter, rate_per_jitter * jitter}, start).log_likelihood +
+                     log_prior_of_jerk(jerk) + log_prior;
   }
   normalise(weights);
   double square = 0, below = 0, least = 0;
