@@ -213,6 +213,41 @@ std::vector<Row> blur_rows(const Context&) {
                     "x", 1.5, Limit::most)};
 }
 
+// --- moving.vibration ---
+
+// Robots that vibrate as they move at different speeds and view rates: the share of poses that are off by more than six
+// sigmas, from the second view on.
+std::vector<Row> vibration_rows(const Context& context) {
+  constexpr double kSigmas = 6;
+  constexpr double kSpeeds_m_s[] = {0.05, 0.2, 0.3, 0.5, 0.8}, kAmplitudes_mm[] = {0.05, 0.1, 0.2, 0.4};
+  constexpr const char* kRates_hz[] = {"0", "10", "5"};
+  const int runs = context.quick ? 6 : 40;
+  int off = 0, posed = 0, lost = 0;
+  std::vector<double> nees;
+  for (int i = 0; i < runs; ++i) {
+    const auto n = static_cast<size_t>(i);
+    const double amplitude_mm = kAmplitudes_mm[n % std::size(kAmplitudes_mm)];
+    const Changes vibrating = {{"trajectory.continuous.view_rate_hz", kRates_hz[n % std::size(kRates_hz)]},
+                               {"trajectory.continuous.vibration", "{amplitude_mm: " + std::to_string(amplitude_mm) +
+                                                                       ", amplitude_deg: 0, band_hz: [5, 40]}"}};
+    MovingRunOptions options;
+    options.most_views = 12;
+    const double speed_m_s = kSpeeds_m_s[n % std::size(kSpeeds_m_s)];
+    const MovingRun run =
+        moving_run(scene_with("loop", static_cast<uint64_t>(i) + 1, along_the_loop(speed_m_s, vibrating)), options);
+    lost += run.lost();
+    for (const MovingView& view : run.views) {
+      if (!view.has_pose) continue;
+      ++posed;
+      off += view.sigmas > kSigmas;
+      nees.push_back(view.sigmas * view.sigmas);
+    }
+  }
+  std::fprintf(stderr, "  %d poses, %d views without one; NEES: median %.1f, 90 %% quantile %.1f, largest %.1f\n",
+               posed, lost, median_of(nees), quantile_of(nees, 0.9), *std::max_element(nees.begin(), nees.end()));
+  return {bound_row("moving.vibration", static_cast<double>(off) / posed, posed, "", 0.01, Limit::most)};
+}
+
 // --- moving.wrong ---
 
 // Shows the camera's images one pattern late from `image` on, as after a frame that the camera dropped.
@@ -316,6 +351,9 @@ std::vector<Item> motion_items() {
           {{"still.nees.least", "still.nees.most"}, "the same at rest: NEES", still_rows},
           {{"moving.lost"}, "views without a pose at 0.1 and 0.3 m/s", lost_rows},
           {{"moving.blur"}, "depth error with long exposures at 0.3 m/s, relative to 1 ms", blur_rows},
+          {{"moving.vibration"},
+           "robots that vibrate by 0.05 to 0.4 mm: share of poses off by more than six sigmas",
+           vibration_rows},
           {{"moving.ate"}, "one lap at 0.3 m/s, 30 views per second", ate_rows},
           {{"moving.wrong"}, "random motions up to 1 m/s and 90 deg/s: confidently wrong poses", wrong_rows}};
 }
