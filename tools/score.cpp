@@ -38,9 +38,18 @@ void score_run_folder(const ScoreArguments& arguments, const Common& common) {
   print(common, tools::to_json(score), to_table(score));
 }
 
+// Names both files in errors that neither of them has by itself, such as times that do not match.
+TrajectoryScore score_of_files(const ScoreArguments& arguments) {
+  const Trajectory estimate = read_trajectory(arguments.estimate), truth = true_trajectory(arguments.truth);
+  try {
+    return score_trajectory(estimate, truth, arguments.options);
+  } catch (const Error& e) {
+    throw Error(arguments.estimate + " with --truth " + arguments.truth + ": " + e.what());
+  }
+}
+
 void score_trajectory_file(const ScoreArguments& arguments, const Common& common) {
-  const TrajectoryScore score =
-      score_trajectory(read_trajectory(arguments.estimate), true_trajectory(arguments.truth), arguments.options);
+  const TrajectoryScore score = score_of_files(arguments);
   print(common, tools::to_json(score), to_table(score) + statistics_table(score));
 }
 

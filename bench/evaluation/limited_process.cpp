@@ -56,8 +56,9 @@ std::map<pid_t, Process> all_processes() {
   return all;
 }
 
-// Returns this process's descendants and their memory.
-std::map<pid_t, double> descendants() {
+// Returns this process's descendants and their memory, without those that it had before it started the system: its image
+// decoders.
+std::map<pid_t, double> descendants(const std::map<pid_t, double>& own = {}) {
   const std::map<pid_t, Process> all = all_processes();
   std::map<pid_t, double> found;
   for (const auto& [pid, process] : all) {
@@ -66,16 +67,16 @@ std::map<pid_t, double> descendants() {
       const auto parent = all.find(ancestor);
       ancestor = parent == all.end() ? 0 : parent->second.parent;
     }
-    if (ancestor == getpid()) found[pid] = process.mib;
+    if (ancestor == getpid() && !own.contains(pid)) found[pid] = process.mib;
   }
   return found;
 }
 
 // Detached processes become children of this one; returns whether there were any descendants.
-bool kill_all() {
+bool kill_all(const std::map<pid_t, double>& own) {
   bool any = false;
   for (int attempt = 0; attempt < 1000; ++attempt) {
-    const std::map<pid_t, double> alive = descendants();
+    const std::map<pid_t, double> alive = descendants(own);
     for (const auto& [pid, mib] : alive) kill(pid, SIGKILL);
     bool reaped = false;
     while (waitpid(-1, nullptr, WNOHANG) > 0) reaped = true;
@@ -129,6 +130,7 @@ ProcessReport run_limited(const std::string& command, const std::filesystem::pat
                           const std::filesystem::path& log, const ProcessLimits& limits,
                           const std::function<bool()>& stop) {
   prctl(PR_SET_CHILD_SUBREAPER, 1);
+  const std::map<pid_t, double> own = descendants();
   const auto begin = Clock::now();
   const pid_t pid = start(command, folder, log);
   ProcessReport report;
@@ -142,7 +144,7 @@ ProcessReport run_limited(const std::string& command, const std::filesystem::pat
       break;
     }
     double mib = 0;
-    for (const auto& [process, its_mib] : descendants()) mib += its_mib;
+    for (const auto& [process, its_mib] : descendants(own)) mib += its_mib;
     report.peak_mib = std::max(report.peak_mib, mib);
     if (stop())
       report.end = ProcessEnd::interrupted;
@@ -156,7 +158,7 @@ ProcessReport run_limited(const std::string& command, const std::filesystem::pat
     }
     break;
   }
-  const bool running = kill_all();
+  const bool running = kill_all(own);
   report.left_processes = running && (report.end == ProcessEnd::finished || report.end == ProcessEnd::failed);
   prctl(PR_SET_CHILD_SUBREAPER, 0);
   return report;

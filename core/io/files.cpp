@@ -6,8 +6,8 @@
 
 #include <algorithm>
 #include <cctype>
-#include <memory>
 
+#include "core/io/image_worker.h"
 #include "core/io/input_file.h"
 #include "core/io/png_file.h"
 #include "core/types/error.h"
@@ -36,6 +36,7 @@ std::string first_line(const std::string& text) { return text.substr(0, text.fin
 
 // Encodes to memory, because OpenImageIO's file writers do not detect a full disk.
 std::string encoded(const char* name, OIIO::ImageSpec spec, const cv::Mat& pixels) {
+  prepare_image_decoding();
   OIIO::Filesystem::IOVecOutput memory;
   void* proxy = &memory;
   spec.attribute("oiio:ioproxy", OIIO::TypeDesc::PTR, &proxy);
@@ -142,96 +143,31 @@ void check_declared(const fs::path& file, cv::Size size, uint64_t decoded, uint6
                 std::to_string(file_bytes) + " bytes");
 }
 
-// Returns the usual extension of the format that the content has; images are often misnamed.
-std::string image_format(const std::string& head, const fs::path& file) {
-  const auto starts = [&](std::string_view magic) { return head.compare(0, magic.size(), magic) == 0; };
-  using namespace std::string_view_literals;
-  if (starts("\xff\xd8\xff"sv)) return "jpg";
-  if (starts("\x76\x2f\x31\x01"sv)) return "exr";
-  if (starts("II*\0"sv) || starts("MM\0*"sv)) return "tif";
-  if (starts("RIFF"sv) && head.size() >= 12 && head.compare(8, 4, "WEBP") == 0) return "webp";
-  const std::string extension = lower_extension(file);
-  return extension.empty() ? "?" : extension.substr(1);
-}
-
-// An image file in memory, read with the reader of its format alone: OpenImageIO would otherwise try all of them.
-// Formats that it cannot read from memory are opened by their descriptor, so that no other file can take their place.
-class EncodedImage {
- public:
-  explicit EncodedImage(const InputFile& input)
-      : input_(input), in_(OIIO::ImageInput::create(image_format(input.head(12), input.path()))) {
-    if (!in_) throw Error(name() + ": cannot be read as an image: its format is unknown");
-    // Prevents OpenImageIO from premultiplying colours by alpha.
-    OIIO::ImageSpec as_stored, ignored;
-    as_stored.attribute("oiio:UnassociatedAlpha", 1);
-    if (in_->supports("ioproxy")) {
-      bytes_ = input.read();
-      memory_.emplace(bytes_.data(), bytes_.size());
-      void* proxy = &*memory_;
-      as_stored.attribute("oiio:ioproxy", OIIO::TypeDesc::PTR, &proxy);
-    }
-    if (!in_->open(memory_ ? input.path().filename().string() : descriptor(), ignored, as_stored))
-      throw Error(name() + ": cannot be read as an image: " + message());
-  }
-  OIIO::ImageInput& input() { return *in_; }
-  // Returns OpenImageIO's message without the name that it knows the file by.
-  std::string message() {
-    std::string text = first_line(in_->geterror());
-    for (const std::string& known : {"\"" + descriptor() + "\"", descriptor()}) {
-      for (size_t at; (at = text.find(known)) != std::string::npos;) text.replace(at, known.size(), "it");
-    }
-    return text;
-  }
-
- private:
-  std::string name() const { return input_.path().string(); }
-  std::string descriptor() const { return "/proc/self/fd/" + std::to_string(input_.descriptor()); }
-
-  const InputFile& input_;
-  std::string bytes_;
-  std::optional<OIIO::Filesystem::IOMemReader> memory_;
-  std::unique_ptr<OIIO::ImageInput> in_;  // destroyed before what it reads from
-};
-
 // A deflated byte stands for at most 1032 bytes; run lengths and wavelets expand less. JPEG and WebP files may be smaller
 // in relation, but have at most 16384 pixels along a side and 8 bits.
 constexpr uint64_t kMostPerByte = 1100, kMostPerJpegByte = 1 << 20;
 
-// Reads all channels as stored: unsigned 8 or 16 bits, or 32-bit float. If `names` is given, it receives the names of
-// the channels, and pixels are converted to float.
-cv::Mat read_image(const fs::path& file, const std::optional<ExpectedSize>& expected,
-                   std::vector<std::string>* names = nullptr) {
+DecodedImage decoded(const ImageSource& source, const ImageRequest& request,
+                     const std::optional<ExpectedSize>& expected) {
+  DecodedImage result;
+  const bool lossy = request.format == "jpeg" || request.format == "webp";
+  result.image = decode_image_file(source, request, [&](const ImageHeader& header) {
+    const auto side = [](int pixels) { return static_cast<uint64_t>(std::max(pixels, 0)); };
+    check_declared(source.name, header.size,
+                   side(header.size.width) * side(header.size.height) * CV_ELEM_SIZE(header.type), source.size,
+                   lossy ? kMostPerJpegByte : kMostPerByte, expected);
+    result.channels = header.channels;
+    return cv::Mat(header.size, header.type);
+  });
+  return result;
+}
+
+DecodedImage read_image(const fs::path& file, const std::optional<ExpectedSize>& expected, bool as_float = false) {
   const InputFile input(file, kMostImageFileBytes);
-  if (input.size() == 0) throw Error(file.string() + ": is empty; record or render it again");
-  if (!names && is_png(input.head(8))) {
-    return decode_png(input.read(), file.string(), [&](cv::Size size, uint64_t decoded) {
-      check_declared(file, size, decoded, input.size(), kMostPerByte, expected);
-    });
-  }
-  EncodedImage encoded_image(input);
-  OIIO::ImageInput& in = encoded_image.input();
-  const OIIO::ImageSpec& spec = in.spec();
-  if (spec.nchannels < 1 || spec.nchannels > CV_CN_MAX)
-    throw Error(file.string() + ": has " + std::to_string(spec.nchannels) + " channels; a camera image has one");
-  const auto base = static_cast<OIIO::TypeDesc::BASETYPE>(spec.format.basetype);
-  const int depth = names                            ? CV_32F
-                    : base == OIIO::TypeDesc::UINT8  ? CV_8U
-                    : base == OIIO::TypeDesc::UINT16 ? CV_16U
-                                                     : CV_32F;
-  const std::string extension = lower_extension(file);
-  const bool lossy = extension == ".jpg" || extension == ".jpeg" || extension == ".webp";
-  const cv::Size size(spec.width, spec.height);
-  check_declared(file, size,
-                 static_cast<uint64_t>(std::max(size.width, 0)) * static_cast<uint64_t>(std::max(size.height, 0)) *
-                     CV_ELEM_SIZE(CV_MAKETYPE(depth, spec.nchannels)),
-                 input.size(), lossy ? kMostPerJpegByte : kMostPerByte, expected);
-  cv::Mat image(size, CV_MAKETYPE(depth, spec.nchannels));
-  const OIIO::TypeDesc wanted = depth == CV_32F ? OIIO::TypeDesc(OIIO::TypeDesc::FLOAT) : OIIO::TypeDesc(base);
-  // For truncated TIFF or JPEG files read_image() succeeds and only sets an error message.
-  if (!in.read_image(0, 0, 0, spec.nchannels, wanted, image.data) || in.has_error())
-    throw Error(file.string() + ": is truncated or damaged: " + encoded_image.message());
-  if (names) *names = spec.channelnames;
-  return image;
+  const std::string name = file.string();
+  if (input.size() == 0) throw Error(name + ": is empty; record or render it again");
+  return decoded({input.descriptor(), nullptr, input.size(), name},
+                 {image_format(input.head(12), lower_extension(file), name), as_float}, expected);
 }
 
 bool same_values(const cv::Mat& a, const cv::Mat& b) { return cv::norm(a, b, cv::NORM_INF) == 0; }
@@ -248,47 +184,21 @@ cv::Mat luminance(const cv::Mat& red, const cv::Mat& green, const cv::Mat& blue)
 }  // namespace
 
 DecodedImage decode_image(const std::string& bytes, const std::string& name) {
-  if (is_png(bytes)) {
-    const cv::Mat image = decode_png(bytes, name, [&](cv::Size size, uint64_t decoded) {
-      check_declared(name, size, decoded, bytes.size(), kMostPerByte, {});
-    });
-    if (image.channels() == 1) return {image, {"Y"}};
-    std::vector<std::string> channels = {"R", "G", "B", "A"};
-    channels.resize(static_cast<size_t>(image.channels()));
-    return {image, channels};
-  }
-  OIIO::Filesystem::IOMemReader memory(const_cast<char*>(bytes.data()), bytes.size());
-  OIIO::ImageSpec config, spec;
-  void* proxy = &memory;
-  config.attribute("oiio:ioproxy", OIIO::TypeDesc::PTR, &proxy);
-  const auto in = OIIO::ImageInput::create("openexr");
-  if (!in || !in->open("memory.exr", spec, config))
-    throw Error(name + ": is not a PNG or EXR file, or damaged: " + first_line(in ? in->geterror() : OIIO::geterror()));
-  if (spec.nchannels < 1 || spec.nchannels > CV_CN_MAX)
-    throw Error(name + ": has " + std::to_string(spec.nchannels) + " channels; at most " + std::to_string(CV_CN_MAX) +
-                " are read");
-  const cv::Size size(spec.width, spec.height);
-  check_declared(name, size,
-                 static_cast<uint64_t>(std::max(size.width, 0)) * static_cast<uint64_t>(std::max(size.height, 0)) *
-                     static_cast<uint64_t>(spec.nchannels) * sizeof(float),
-                 bytes.size(), kMostPerByte, {});
-  cv::Mat image(size, CV_MAKETYPE(CV_32F, spec.nchannels));
-  if (!in->read_image(0, 0, 0, spec.nchannels, OIIO::TypeDesc::FLOAT, image.data) || in->has_error())
-    throw Error(name + ": is truncated or damaged: " + first_line(in->geterror()));
-  return {image, spec.channelnames};
+  const std::string format = is_png(bytes) ? "png" : "openexr";
+  return decoded({-1, &bytes, bytes.size(), name}, {format}, {});
 }
 
 cv::Mat read_grey(const fs::path& file, const std::optional<ExpectedSize>& expected) {
-  cv::Mat image = read_image(file, expected);
+  cv::Mat image = read_image(file, expected).image;
   if (image.channels() != 1)
     throw Error(file.string() + ": has " + std::to_string(image.channels()) + " channels; a camera image has one");
   return image;
 }
 
 std::vector<ExrChannel> read_exr(const fs::path& file, const std::optional<ExpectedSize>& expected) {
-  std::vector<std::string> names;
+  const auto [image, names] = read_image(file, expected, true);
   std::vector<cv::Mat> planes;
-  cv::split(read_image(file, expected, &names), planes);
+  cv::split(image, planes);
   std::vector<ExrChannel> channels;
   for (size_t i = 0; i < planes.size(); ++i) channels.push_back({names[i], planes[i]});
   return channels;
@@ -297,7 +207,7 @@ std::vector<ExrChannel> read_exr(const fs::path& file, const std::optional<Expec
 void check_image(const fs::path& file) { (void)read_image(file, {}); }
 
 cv::Mat read_as_grey(const fs::path& file, GreyFrom from) {
-  const cv::Mat image = read_image(file, {});
+  const cv::Mat image = read_image(file, {}).image;
   std::vector<cv::Mat> channels;
   cv::split(image, channels);
   if (channels.size() < 3) return channels[0];  // grey, or grey and alpha

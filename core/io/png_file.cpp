@@ -91,19 +91,21 @@ bool is_png(std::string_view bytes) {
          std::memcmp(bytes.data(), kPngSignature.data(), kPngSignature.size()) == 0;
 }
 
-cv::Mat decode_png(const std::string& bytes, const std::string& name,
-                   const std::function<void(cv::Size, uint64_t)>& check_size) {
+cv::Mat decode_png(const std::string& bytes, const std::string& name, const AllocateImage& allocate) {
   const auto damaged = [&](const char* what) {
     return Error(name + ": is truncated or damaged (" + what + "); record or render it again");
   };
   PngDecoder decoder(bytes);
   if (!decoder.read_header()) throw damaged(decoder.message());
-  const cv::Size size(decoder.width(), decoder.height());
-  check_size(size, static_cast<uint64_t>(size.height) * decoder.row_bytes());
-  cv::Mat image(size, decoder.type());
-  if (image.elemSize() * static_cast<size_t>(size.width) != decoder.row_bytes()) throw damaged("unknown pixel format");
+  ImageHeader header{{decoder.width(), decoder.height()}, decoder.type(), {"Y", "A"}};
+  const int channels = CV_MAT_CN(header.type);
+  if (channels > 2) header.channels = {"R", "G", "B", "A"};
+  header.channels.resize(static_cast<size_t>(channels));
+  if (static_cast<size_t>(CV_ELEM_SIZE(header.type)) * static_cast<size_t>(header.size.width) != decoder.row_bytes())
+    throw damaged("unknown pixel format");
+  cv::Mat image = allocate(header);
   std::vector<png_bytep> rows;
-  for (int row = 0; row < size.height; ++row) rows.push_back(image.ptr(row));
+  for (int row = 0; row < image.rows; ++row) rows.push_back(image.ptr(row));
   if (!decoder.read_rows(rows.data())) throw damaged(decoder.message());
   return image;
 }

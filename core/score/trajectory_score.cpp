@@ -35,9 +35,10 @@ Associated associated(const Trajectory& estimate, const Trajectory& truth, doubl
     poses.truth.push_back(truth[j].world_from_robot);
   }
   if (poses.truth.size() < least)
-    throw Error("score: only " + std::to_string(poses.truth.size()) +
+    throw Error("only " + std::to_string(poses.truth.size()) +
                 " poses of the estimate have a ground-truth pose within " + to_text(max_gap_s * 1e3) + " ms; " +
-                (least == 1 ? "at least one is required" : "at least two are required"));
+                (least == 1 ? "at least one is required" : "at least two are required") +
+                "; check that both have the same clock");
   return poses;
 }
 

@@ -7,14 +7,7 @@
 #include <assimp/postprocess.h>
 #include <assimp/scene.h>
 #include <fcntl.h>
-#include <linux/filter.h>
-#include <linux/landlock.h>
-#include <linux/seccomp.h>
 #include <poll.h>
-#include <stddef.h>
-#include <sys/prctl.h>
-#include <sys/resource.h>
-#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -274,59 +267,10 @@ std::string answer(const std::filesystem::path& file) {
   return "m" + out.bytes();
 }
 
-// Takes away what reading a file does not need, as far as the kernel can: writing files, starting programs, network.
-void restrict_child() {
-  const rlimit none{0, 0};
-  setrlimit(RLIMIT_FSIZE, &none);
-  if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0) return;
-#ifdef SYS_landlock_create_ruleset
-  landlock_ruleset_attr rules{};
-  rules.handled_access_fs = LANDLOCK_ACCESS_FS_EXECUTE | LANDLOCK_ACCESS_FS_WRITE_FILE | LANDLOCK_ACCESS_FS_REMOVE_DIR |
-                            LANDLOCK_ACCESS_FS_REMOVE_FILE | LANDLOCK_ACCESS_FS_MAKE_CHAR |
-                            LANDLOCK_ACCESS_FS_MAKE_DIR | LANDLOCK_ACCESS_FS_MAKE_REG | LANDLOCK_ACCESS_FS_MAKE_SOCK |
-                            LANDLOCK_ACCESS_FS_MAKE_FIFO | LANDLOCK_ACCESS_FS_MAKE_BLOCK | LANDLOCK_ACCESS_FS_MAKE_SYM;
-  const auto ruleset = static_cast<int>(syscall(SYS_landlock_create_ruleset, &rules, sizeof rules, 0));
-  if (ruleset >= 0) {
-    (void)syscall(SYS_landlock_restrict_self, ruleset, 0);
-    close(ruleset);
-  }
-#endif
-  // System calls are refused by number, which only these two architectures' numbers below are for.
-#if defined(__x86_64__) || defined(__aarch64__)
-  constexpr long kRefused[] = {SYS_socket,
-                               SYS_socketpair,
-                               SYS_connect,
-                               SYS_bind,
-                               SYS_listen,
-                               SYS_sendto,
-                               SYS_sendmsg,
-                               SYS_execve,
-                               SYS_execveat,
-                               SYS_ptrace,
-                               SYS_mount,
-                               SYS_unshare,
-                               SYS_setns,
-                               SYS_bpf,
-                               SYS_perf_event_open,
-                               SYS_process_vm_readv,
-                               SYS_process_vm_writev,
-                               SYS_init_module,
-                               SYS_keyctl};
-  std::vector<sock_filter> program = {BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(seccomp_data, nr))};
-  for (const long number : kRefused) {
-    program.push_back(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, static_cast<unsigned>(number), 0, 1));
-    program.push_back(BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | EPERM));
-  }
-  program.push_back(BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW));
-  const sock_fprog filter{static_cast<unsigned short>(program.size()), program.data()};
-  (void)prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &filter);
-#endif
-}
-
 [[noreturn]] void work_as_child(int descriptor, const std::filesystem::path& file, double time_limit_s,
                                 double memory_limit_gib) {
   enter_limited_child(time_limit_s, memory_limit_gib);
-  restrict_child();
+  restrict_child(ChildReads::files);
   std::string result;
   try {
     result = answer(file);

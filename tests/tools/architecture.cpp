@@ -39,6 +39,8 @@ const std::map<std::string, Names>& allowed_folders() {
                                           {"sim", kBasics + Names{"core/io", "core/rig", "sim"}},
                                           {"hw", kBasics + Names{"core/io", "core/rig", "hw"}},
                                           {"bench", {"core", "sim", "bench"}},
+                                          // Its programs run the command line.
+                                          {"bench/robust", {"core", "sim", "bench", "tools"}},
                                           {"python", {"core", "sim", "bench", "python"}},
                                           {"tools", {"core", "sim", "hw", "bench", "tools"}}};
     for (const std::string& stage : kStages + Names{"core/calibrate"}) table[stage] = kBasics + Names{stage};
@@ -91,7 +93,9 @@ bool starts_with_any(const std::string& text, const Names& prefixes) {
 std::string folder_of(const fs::path& file) {
   auto part = file.begin();
   const std::string top = part->string();
-  return top == "core" && std::distance(file.begin(), file.end()) > 2 ? top + "/" + (++part)->string() : top;
+  if (std::distance(file.begin(), file.end()) <= 2) return top;
+  const std::string below = top + "/" + (++part)->string();
+  return top == "core" || allowed_folders().contains(below) ? below : top;
 }
 
 bool may_include(const std::string& folder, const std::string& other) {

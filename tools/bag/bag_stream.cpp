@@ -119,6 +119,7 @@ BagMessage unpacked(const std::string& bytes) {
 [[noreturn]] void work_as_child(int descriptor, const fs::path& file, const std::vector<std::string>& topics) {
   std::signal(SIGPIPE, SIG_DFL);  // ends with the parent
   enter_limited_child(time_limit_s(file), kMemoryLimit_gib);
+  restrict_child(ChildReads::files);
   const auto send = [&](char kind, const std::string& bytes) {
     std::string head(1, kind);
     append_bytes(head, static_cast<uint64_t>(bytes.size()));
