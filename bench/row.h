@@ -50,6 +50,7 @@ std::vector<Item> capture_items();
 std::vector<Item> scale_items();
 std::vector<Item> sensor_items();
 std::vector<Item> decoding_items();
+std::vector<Item> dynamic_range_items();
 std::vector<Item> frame_speed_items();
 std::vector<Item> image_pose_items();
 std::vector<Item> indirect_items();

@@ -101,6 +101,8 @@ std::optional<FringeStack> HardwareRig::capture(const PatternSequence& sequence)
   if (sequence.width != model_.projector.width || sequence.height != model_.projector.height)
     throw Error("rig: patterns of " + to_words({sequence.width, sequence.height}) + " do not match the projector's " +
                 to_words(projector_->size()));
+  if (has_exposures(sequence))
+    throw Error("rig: this backend takes all images at one exposure; remove `exposures` from the patterns");
   std::string reason;
   for (int attempt = 0; attempt < options_.attempts; ++attempt) {
     retaken_ += attempt > 0;

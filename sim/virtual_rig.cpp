@@ -108,12 +108,12 @@ Pose VirtualRig::robot_at(const TimedPose& reference, double time_s) const {
          Pose{rotation_exp(after_s * scene_.motion.angular_rad_s), after_s * scene_.motion.velocity_m_s};
 }
 
-std::vector<Pose> VirtualRig::camera_poses(const TimedPose& reference, double middle_s) const {
+std::vector<Pose> VirtualRig::camera_poses(const TimedPose& reference, double middle_s, double exposure_s) const {
   // The rays of a pixel are shared among the steps.
   const int steps = std::min(options_.effects.exposure_steps, options_.samples_per_pixel);
   std::vector<Pose> poses;
   for (int step = 0; step < steps; ++step) {
-    const double time_s = middle_s + ((step + 0.5) / steps - 0.5) * scene_.rig.timing.exposure_s;
+    const double time_s = middle_s + ((step + 0.5) / steps - 0.5) * exposure_s;
     poses.push_back(robot_at(reference, time_s) * scene_.rig.robot_from_camera);
   }
   return poses;
@@ -127,8 +127,10 @@ std::vector<cv::Mat1f> VirtualRig::light(const PatternSequence& sequence, const 
   if (truth) *truth = truth_at(when.reference, stack);
   std::vector<cv::Mat1f> images;
   for (size_t i = 0; i < sequence.patterns.size(); ++i)
-    images.push_back(
-        renderer_.render(shown_patterns[i], camera_poses(when.reference, when.exposure_time_s[i]), stack)[0]);
+    images.push_back(renderer_.render(shown_patterns[i],
+                                      camera_poses(when.reference, when.exposure_time_s[i],
+                                                   sequence.patterns[i].exposure * scene_.rig.timing.exposure_s),
+                                      stack)[0]);
   return images;
 }
 
@@ -158,11 +160,19 @@ std::optional<FringeStack> VirtualRig::next_stack(const PatternSequence& sequenc
   std::vector<cv::Mat1f> images = light(sequence, *when, truth);
   for (cv::Mat1f& image : images) image = camera_.electrons_per_s(image);
 
-  double exposure_s = scene_.rig.timing.exposure_s;
+  double longest = 1;
+  for (const Pattern& pattern : sequence.patterns) longest = std::max(longest, pattern.exposure);
+  const double longest_s = 1 / (longest * timing.pattern_rate_hz);
+  double exposure_s = timing.exposure_s;
+  if (!scene_.auto_exposure && longest > 1 && exposure_s > (1 + 1e-9) * longest_s)
+    throw Error(
+        "patterns.exposures: an exposure of " + to_text(longest) + " times " + to_text(exposure_s) +
+        " s exceeds the display time of a pattern, 1 / pattern_rate_hz = " + to_text(1 / timing.pattern_rate_hz) +
+        " s; set light.exposure_s to at most " + to_text(longest_s) + " s, or a lower pattern rate");
   if (scene_.auto_exposure) {
     cv::Mat1f brightest = images.front().clone();
     for (const cv::Mat1f& image : images) brightest = cv::max(brightest, image);
-    exposure_s = camera_.auto_exposure_s(brightest, 1 / scene_.rig.timing.pattern_rate_hz);
+    exposure_s = camera_.auto_exposure_s(brightest, longest_s);
   }
   FringeStack stack;
   stack.index = static_cast<int>(next_);
@@ -170,9 +180,11 @@ std::optional<FringeStack> VirtualRig::next_stack(const PatternSequence& sequenc
   stack.patterns = sequence;
   stack.exposure_time_s = when->exposure_time_s;
   for (size_t i = 0; i < images.size(); ++i) {
-    stack.images.push_back(camera_.expose(
-        images[i], exposure_s, {options_.noise, options_.quantise, scene_.seed, stack.index, static_cast<int>(i)}));
-    stack.exposure_s.push_back(exposure_s);
+    const double image_exposure_s = sequence.patterns[i].exposure * exposure_s;
+    stack.images.push_back(
+        camera_.expose(images[i], image_exposure_s,
+                       {options_.noise, options_.quantise, scene_.seed, stack.index, static_cast<int>(i)}));
+    stack.exposure_s.push_back(image_exposure_s);
   }
   if (scene_.rig.thermal)
     stack.thermal_c = thermal_image(scene_, *thermal_rays_, renderer_.world(), renderer_.surfaces(), options_.effects,

@@ -69,7 +69,7 @@ class VirtualRig : public Rig {
   std::optional<Schedule> schedule(const PatternSequence& sequence) const;
   Pose robot_at(const TimedPose& reference, double time_s) const;
   // Returns the camera poses during an exposure.
-  std::vector<Pose> camera_poses(const TimedPose& reference, double middle_s) const;
+  std::vector<Pose> camera_poses(const TimedPose& reference, double middle_s, double exposure_s) const;
   // `truth` may be null.
   std::optional<FringeStack> next_stack(const PatternSequence& sequence, TruthFrame* truth);
   std::vector<cv::Mat1f> light(const PatternSequence& sequence, const Schedule& when, TruthFrame* truth);

@@ -25,7 +25,7 @@ constexpr size_t kImagesInOneColour = 3;  // R, G, B
 struct PatternsArguments {
   std::string out, rig, size, scene, axis = "columns", pack;
   GrayCode gray = GrayCode::none;
-  std::vector<double> periods_px, extra_periods_px, product_periods_px;
+  std::vector<double> periods_px, extra_periods_px, product_periods_px, exposures;
   int steps = 3, ramp_levels = 0, bits = 8;
   double gray_cell_px = 0, carrier_px = 0, micro_period_px = 0;
   int micro_images = 0;
@@ -60,6 +60,7 @@ SequenceDesign design_of(const PatternsArguments& arguments, const cv::Size& siz
   design.carrier_px = arguments.carrier_px;
   design.micro_period_px = arguments.micro_period_px;
   design.micro_images = arguments.micro_images;
+  design.exposures = arguments.exposures;
   return design;
 }
 
@@ -168,6 +169,10 @@ Verb add_patterns(Command app, const Common& common) {
   note(verb.add_flag("--linearise", a->linearise, "Apply the inverse of the rig's projector response to the patterns"));
   note(verb.add_option("--periods", a->periods_px, "Fringe periods, px").delimiter(',').check_range(2.0, 1e5));
   note(verb.add_option("--steps", a->steps, "Phase shifts per period").check_range(3, 64));
+  note(verb.add_option("--exposures", a->exposures,
+                       "Exposure times of each pattern, relative to the rig's: one image each")
+           .delimiter(',')
+           .check_range(1e-3, 1e3));
   note(verb.add_option("--extra-periods", a->extra_periods_px,
                        "Add one image of each of these periods, px, as for micro phase shifting")
            .delimiter(',')

@@ -10,6 +10,7 @@
 
 #include "core/base/constants.h"
 #include "core/base/parallel.h"
+#include "core/decode/exposures.h"
 #include "core/decode/gray.h"
 #include "core/decode/micro_phase.h"
 #include "core/decode/spatial.h"
@@ -71,6 +72,8 @@ std::optional<std::string> obstacle(Unwrapping method, const PatternSequence& se
   try {
     const std::vector<FringeGroup> groups = select_groups(sequence, context.axis, options);
     const int length = length_of(sequence, context.axis);
+    if (has_exposures(sequence) && (method == Unwrapping::gray || method == Unwrapping::micro))
+      throw Error("images of several exposures can be decoded by fringes of several periods, not by this method");
     if (method == Unwrapping::gray) {
       const StepEstimator any = groups.empty() ? StepEstimator{} : least_squares(groups.back());
       const GrayDecoder decoder(sequence, context.axis, groups.empty() ? nullptr : &any);
@@ -166,9 +169,11 @@ RowPlan make_plan(const std::vector<FringeGroup>& groups, int length_px, const R
 // Provides rows of a stack's images as floats.
 class RowReader {
  public:
-  RowReader(const FringeStack& stack, const AlignedStack* aligned, RowScratch& scratch)
-      : stack_(stack), aligned_(aligned), scratch_(scratch) {
+  RowReader(const FringeStack& stack, const AlignedStack* aligned, const CombinedExposures* combined,
+            RowScratch& scratch)
+      : stack_(stack), aligned_(aligned), combined_(combined), scratch_(scratch) {
     scratch_.samples.resize(stack.images.size());
+    if (combined) scratch_.variances.resize(stack.images.size());
     if (aligned)
       scratch_.drift_px.resize(stack.images.size());
     else if (stack.images.front().depth() != CV_32F)
@@ -183,6 +188,7 @@ class RowReader {
         scratch_.drift_px[i] = aligned_->drift_px[i][row];
         continue;
       }
+      if (combined_) scratch_.variances[i] = combined_->variance_dn2[i][row];
       const cv::Mat& image = stack_.images[i];
       if (image.depth() == CV_32F) {
         scratch_.samples[i] = image.ptr<float>(row);
@@ -200,6 +206,7 @@ class RowReader {
  private:
   const FringeStack& stack_;
   const AlignedStack* aligned_;
+  const CombinedExposures* combined_;
   RowScratch& scratch_;
   std::vector<float> converted_;
 };
@@ -365,27 +372,24 @@ void decode_finer_than_gray(DecodedStack& out, const FringeStack& stack, const R
   out.unwrapping = Unwrapping::gray;
 }
 
-}  // namespace
-
-DecodedStack decode(const FringeStack& stack, const RigModel& rig, const DecodeOptions& options,
-                    const DecodeContext& context) {
-  DecodedStack out;
-  decode_into(out, stack, rig, options, context);
-  return out;
-}
-
-void decode_into(DecodedStack& out, const FringeStack& stack, const RigModel& rig, const DecodeOptions& options,
-                 const DecodeContext& context) {
-  check_stack(stack);
+// Decodes a stack with one image per pattern. `taken`: the patterns of the images as taken, of which those of
+// `combined`, if any, combine the exposures.
+void decode_images(DecodedStack& out, const FringeStack& stack, const PatternSequence& taken,
+                   const CombinedExposures* combined, const RigModel& rig, const DecodeOptions& options,
+                   const DecodeContext& context) {
   const PatternSequence& sequence = stack.patterns;
-  out.unwrapping = resolve_unwrapping(sequence, rig, options, context);
+  out.unwrapping = resolve_unwrapping(taken, rig, options, context);
   const std::optional<Unwrapping> method =
-      out.unwrapping == Unwrapping::spatial ? spatial_reference(sequence, rig, options, context) : out.unwrapping;
+      out.unwrapping == Unwrapping::spatial ? spatial_reference(taken, rig, options, context) : out.unwrapping;
   const int length = length_of(sequence, context.axis);
   std::vector<FringeGroup> groups = select_groups(sequence, context.axis, options);
   // Use only the finest period; coarser images, if any, may have been taken at another pose, or contain indirect light.
   if (method == Unwrapping::predicted || method == Unwrapping::micro) groups.erase(groups.begin(), groups.end() - 1);
   RowPlan plan = make_plan(groups, length, rig, options, !sequence.inverse_response.empty());
+  if (combined) {
+    plan.clip_dn = combined->clip_dn;
+    plan.min_modulation_dn /= static_cast<float>(combined->longest);
+  }
   if (method == Unwrapping::multifrequency) plan.unwrapping_levels = multifrequency_levels(groups, length);
   if (method == Unwrapping::heterodyne) plan.unwrapping_levels = heterodyne_levels(groups, length);
   std::optional<GrayDecoder> gray;
@@ -432,7 +436,7 @@ void decode_into(DecodedStack& out, const FringeStack& stack, const RigModel& ri
   const std::vector<int> averaged = averaged_images(sequence);
   for_each_range(size.height, [&](int first, int end) {
     RowScratch scratch;
-    RowReader reader(stack, context.aligned, scratch);
+    RowReader reader(stack, context.aligned, combined, scratch);
     MicroDecoder::Row micro_row;
     micro_row.anchor = &scratch.anchor;
     for (std::vector<float>* values :
@@ -454,6 +458,25 @@ void decode_into(DecodedStack& out, const FringeStack& stack, const RigModel& ri
     }
   });
   if (out.unwrapping == Unwrapping::spatial) assign_spatial_orders(out, options, length);
+}
+
+}  // namespace
+
+DecodedStack decode(const FringeStack& stack, const RigModel& rig, const DecodeOptions& options,
+                    const DecodeContext& context) {
+  DecodedStack out;
+  decode_into(out, stack, rig, options, context);
+  return out;
+}
+
+void decode_into(DecodedStack& out, const FringeStack& stack, const RigModel& rig, const DecodeOptions& options,
+                 const DecodeContext& context) {
+  check_stack(stack);
+  if (!has_exposures(stack.patterns)) return decode_images(out, stack, stack.patterns, nullptr, rig, options, context);
+  check_options(options, "decode");
+  if (context.aligned) throw Error("decode: images of several exposures cannot be decoded in motion");
+  const CombinedExposures combined = combine_exposures(stack, rig.sensor, options.saturation * rig.sensor.max_dn());
+  decode_images(out, combined.stack, stack.patterns, &combined, rig, options, context);
 }
 
 }  // namespace fringeslam

@@ -195,6 +195,52 @@ FRINGESLAM_INLINE void phase_in_motion(const RowPlan& plan, const StepEstimator&
   }
 }
 
+// The phase from grey values of which each has its own variance: least squares over (1, cos delta_k, -sin delta_k), each
+// sample weighted by its inverse variance.
+FRINGESLAM_INLINE void phase_of_weighted(const RowPlan& plan, const StepEstimator& e, const RowScratch& scratch,
+                                         int width, const PhaseRow& out) {
+  constexpr size_t kMaxSteps = 64;
+  const size_t steps = e.images.size();
+  float cosine[kMaxSteps], sine[kMaxSteps];
+  for (size_t k = 0; k < steps; ++k) cosine_sine(e.shift_turns[k], cosine[k], sine[k]);
+  for (int i = 0; i < width; ++i) {
+    float weight[kMaxSteps], grey[kMaxSteps];
+    float sum = 0, mi = 0, mc = 0, ms = 0, largest = 0;
+    for (size_t k = 0; k < steps; ++k) {
+      const auto image = static_cast<size_t>(e.images[k]);
+      grey[k] = scratch.samples[image][i];
+      weight[k] = 1 / scratch.variances[image][i];
+      sum += weight[k];
+      mi += weight[k] * grey[k];
+      mc += weight[k] * cosine[k];
+      ms += weight[k] * sine[k];
+      largest = grey[k] > largest ? grey[k] : largest;
+    }
+    mi /= sum;
+    mc /= sum;
+    ms /= sum;
+    float vcc = 0, vss = 0, vcs = 0, vic = 0, vis = 0;
+    for (size_t k = 0; k < steps; ++k) {
+      const float a = cosine[k] - mc, b = sine[k] - ms, d = grey[k] - mi;
+      vcc += weight[k] * a * a;
+      vss += weight[k] * b * b;
+      vcs += weight[k] * a * b;
+      vic += weight[k] * d * a;
+      vis += weight[k] * d * b;
+    }
+    const float per = 1 / (vcc * vss - vcs * vcs);
+    const float c = (vss * vic - vcs * vis) * per, s = -(vcc * vis - vcs * vic) * per;
+    // The slope c dS/dI_k - s dC/dI_k of the phase is linear in (cos_k - mc, sin_k - ms).
+    const float slope_c = (c * vcs - s * vss) * per, slope_s = (s * vcs - c * vcc) * per;
+    float variance = 0;
+    for (size_t k = 0; k < steps; ++k) {
+      const float slope = slope_c * (cosine[k] - mc) + slope_s * (sine[k] - ms);
+      variance += slope * slope * weight[k];
+    }
+    finish_phase(plan, i, mi - c * mc + s * ms, c, s, variance, largest, out);
+  }
+}
+
 FRINGESLAM_INLINE void correct_phase(const std::vector<float>& table, int width, float* turns) {
   const float* entries = table.data();
   const auto size = static_cast<int>(table.size());
@@ -349,6 +395,8 @@ FRINGESLAM_INLINE void decode_row_body(const RowPlan& plan, int width, RowScratc
     const StepEstimator& estimator = plan.groups[g];
     if (!scratch.drift_px.empty())
       phase_in_motion(plan, estimator, scratch, width, groups[g]);
+    else if (!scratch.variances.empty())
+      phase_of_weighted(plan, estimator, scratch, width, groups[g]);
     else if (estimator.images.size() == 3)
       phase_of_three(plan, estimator, scratch.samples.data(), width, groups[g]);
     else

@@ -61,6 +61,8 @@ struct RowScratch {
   std::vector<const float*> samples;  // grey values of the row, for each image of the stack
   // Drift of the projector coordinate of each image, px; NaN: no sample. Empty: at rest.
   std::vector<const float*> drift_px;
+  // Variance of each image's grey values, DN^2. Empty: from the plan's noise model.
+  std::vector<const float*> variances;
   std::vector<float> floats;
   std::vector<int32_t> masks;
   RowPrior anchor;

@@ -82,6 +82,24 @@ void check_carrier(const SequenceDesign& design) {
     throw Error("patterns: the second period of the products of product_periods_px is missing; add carrier_px");
 }
 
+// Repeats each pattern at each exposure.
+std::vector<Pattern> at_exposures(const std::vector<Pattern>& patterns, const std::vector<double>& exposures) {
+  if (exposures.empty()) return patterns;
+  for (size_t i = 0; i < exposures.size(); ++i) {
+    if (!(exposures[i] > 0) || std::count(exposures.begin(), exposures.end(), exposures[i]) > 1)
+      throw Error("patterns: exposures must be positive and differ from each other; one of them is " +
+                  to_text(exposures[i]));
+  }
+  std::vector<Pattern> all;
+  for (Pattern pattern : patterns) {
+    for (const double exposure : exposures) {
+      pattern.exposure = exposure;
+      all.push_back(pattern);
+    }
+  }
+  return all;
+}
+
 Pattern flat_pattern(double level, int bits) {
   Pattern pattern;
   pattern.coding = Coding::flat;
@@ -116,6 +134,7 @@ PatternSequence design_sequence(const SequenceDesign& design) {
         "ramp_levels");
   for (Pattern& pattern : all)
     pattern.dithered = design.dithered && pattern.coding != Coding::gray && pattern.coding != Coding::flat;
+  all = at_exposures(all, design.exposures);
   return sequence;
 }
 

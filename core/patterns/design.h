@@ -40,12 +40,14 @@ struct SequenceDesign {
   // axis (0: four more than the steps). 0 px: none.
   double micro_period_px = 0;
   int micro_images = 0;
+  // Exposure times of each pattern, relative to the rig's: one image each, one after the other. Empty: one of 1.
+  std::vector<double> exposures = {};
 };
 
 // Builds the sequence: fringes period by period, then the Gray code, coarsest bit first, then images of extra periods,
 // then products period by period, in which the carrier's shifts vary fastest; columns before rows; flat images last.
 // The images of micro phase shifting precede all others. Throws Error if the sequence is empty, if a Gray code of fringe
-// periods is requested without fringes, if products lack a carrier, or if too few images are left for micro phase shifting.
+// periods is requested without fringes, if products lack a carrier, if too few images are left for micro phase shifting, or if two exposures are equal.
 PatternSequence design_sequence(const SequenceDesign& design);
 
 // Packs three grey images into one colour image (OpenCV's BGR) for a projector in black-and-white mode, which shows the

@@ -111,6 +111,11 @@ PatternSequence finest_patterns(const PatternSequence& sequence, Axis axis) {
   return finest;
 }
 
+bool has_exposures(const PatternSequence& sequence) {
+  return std::any_of(sequence.patterns.begin(), sequence.patterns.end(),
+                     [](const Pattern& p) { return p.exposure != 1; });
+}
+
 bool codes_axis(const PatternSequence& sequence, Axis axis) {
   return std::any_of(sequence.patterns.begin(), sequence.patterns.end(), [&](const Pattern& p) {
     return p.axis == axis && (p.coding == Coding::fringe || p.coding == Coding::gray);

@@ -63,6 +63,9 @@ std::vector<FringeGroup> fringe_groups(const PatternSequence& sequence, Axis axi
 // known.
 PatternSequence finest_patterns(const PatternSequence& sequence, Axis axis);
 
+// True if an image has another exposure than the rig's.
+bool has_exposures(const PatternSequence& sequence);
+
 // True if the sequence has fringes or Gray bits along the axis: images that decoders use.
 bool codes_axis(const PatternSequence& sequence, Axis axis);
 

@@ -19,6 +19,7 @@ constexpr Range kPeriod{2, 1e5};
 constexpr Range kCell{0.5, 1e5};
 constexpr Range kShift{-1e3, 1e3};
 constexpr Range kFraction{0, 1};
+constexpr Range kExposure{1e-3, 1e3};
 
 // Minimum fraction of the image over which the lens mapping must be invertible. Calibrated polynomials of real lenses
 // may fold in the extreme corners, where no board was observed; pixels there have NaN rays and no measurement.
@@ -210,6 +211,7 @@ Pattern read_pattern(const YamlMap& entry) {
   }
   pattern.bits = entry.integer_or("bits", 8, {0, 16});
   pattern.dithered = entry.boolean_or("dithered", false);
+  pattern.exposure = entry.number_or("exposure", 1, kExposure);
   return pattern;
 }
 
@@ -234,6 +236,7 @@ std::string pattern_entry(const Pattern& p) {
   if (p.inverted) text += ", inverted: true";
   text += ", bits: " + std::to_string(p.bits);
   if (p.dithered) text += ", dithered: true";
+  if (p.exposure != 1) text += ", exposure: " + to_text(p.exposure);
   return text;
 }
 
@@ -347,6 +350,7 @@ SequenceDesign read_design(const YamlMap& map, const RigModel& rig) {
   if (map.has("product_periods_px")) design.product_periods_px = read_periods(map, "product_periods_px");
   if (map.has("micro_period_px")) design.micro_period_px = map.number("micro_period_px", kPeriod);
   design.micro_images = map.integer_or("micro_images", 0, {0, 64});
+  if (map.has("exposures")) design.exposures = map.numbers("exposures", 0, kExposure);
   if (map.has("carrier_px")) design.carrier_px = map.number("carrier_px", kPeriod);
   if (!design.periods_px.empty() || !design.product_periods_px.empty() || design.micro_period_px > 0)
     design.steps = map.integer("steps", {3, 64});
