@@ -95,7 +95,13 @@ Verb add_scene(Command app, const Common& common) {
   const Command group = app.add_subcommand("scene", "Create and inspect test scenes");
   group.require_subcommand(1);
   std::vector<std::pair<Command, Verb>> verbs;
-  for (const auto add : {add_list, add_scene_new, add_check, add_scene_preview, add_scene_export, add_scene_generate}) {
+  for (const auto add : {
+         add_list, add_scene_new, add_check, add_scene_preview,
+#if FRINGESLAM_REPORT
+             add_scene_open,
+#endif
+             add_scene_export, add_scene_generate
+       }) {
     Verb verb = add(group, common);
     verbs.emplace_back(group.subcommands().back(), std::move(verb));
   }

@@ -10,6 +10,7 @@ namespace fringeslam::tools {
 Verb add_scene_export(Command group, const Common& common);
 Verb add_scene_generate(Command group, const Common& common);
 Verb add_scene_new(Command group, const Common& common);
+Verb add_scene_open(Command group, const Common& common);
 Verb add_scene_preview(Command group, const Common& common);
 
 }  // namespace fringeslam::tools

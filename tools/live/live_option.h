@@ -17,6 +17,17 @@ struct LiveOption {
   LiveAccess access;
 };
 
+// Adds the options of who may open a page; returns that of the address.
+inline Option add_access_options(Command verb, LiveAccess& access) {
+  const Option host = verb.add_option("--live-host", access.host,
+                                      "Address to listen on [127.0.0.1: this computer only]; others require a token")
+                          .type_name("ADDRESS");
+  verb.add_option("--live-token", access.token, "Token to require instead of a random one")
+      .type_name("TEXT")
+      .envname("FRINGESLAM_LIVE_TOKEN");
+  return host;
+}
+
 // Returns the option --live, which further options of the page need.
 inline Option add_live_option(Command verb, LiveOption& live) {
   const std::string usual = std::to_string(LivePage::kDefaultPort);
@@ -26,13 +37,7 @@ inline Option add_live_option(Command verb, LiveOption& live) {
           .expected(0, 1)
           .default_str(usual)
           .check_range(0, 65535);
-  verb.add_option("--live-host", live.access.host,
-                  "Address to listen on [127.0.0.1: this computer only]; others require a token")
-      .type_name("ADDRESS")
-      .needs(page);
-  verb.add_option("--live-token", live.access.token, "Token to require instead of a random one")
-      .type_name("TEXT")
-      .envname("FRINGESLAM_LIVE_TOKEN");
+  add_access_options(verb, live.access).needs(page);
   return page;
 }
 

@@ -10,6 +10,7 @@ const kPages = [
   {name: 'report', folder: 'run', packages: ['three', 'uplot'], skip: {id: 'pictures', name: 'views'}},
   {name: 'study', folder: 'study', packages: [], skip: {id: 'scatter', name: 'trials'}},
   {name: 'live', folder: 'live', packages: ['three'], skip: {id: 'pictures', name: 'pictures'}, connects: true, title: 'Live', data: '{}'},
+  {name: 'world', folder: 'world', packages: ['three'], skip: {id: 'objects', name: 'objects'}, connects: true, title: 'Scene', data: '{}'},
 ];
 
 async function bundled(entry, options) {

@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/authoring/scene_data.h"
+
+#include <algorithm>
+#include <map>
+#include <nlohmann/json.hpp>
+
+#include "core/io/json_text.h"
+#include "sim/preview/viewpoint.h"
+#include "tools/report/simplify_mesh.h"
+
+namespace fringeslam::tools {
+
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr int kPathSteps = 400;  // of a continuous path
+
+Json pose_json(const Pose& pose) {
+  Json list = Json::array();
+  for (const double value : pose.translation) list.push_back(value);
+  for (const double value : quaternion_xyzw(pose.rotation)) list.push_back(value);
+  return list;
+}
+
+Json corners_of(const Pinhole& device) {
+  Json list = Json::array();
+  for (const Eigen::Vector3d& corner : sim::image_corners(device, 1)) list.push_back({corner.x(), corner.y()});
+  return list;
+}
+
+Json place(const RigModel& rig, double time_s, const Pose& world_from_robot) {
+  const Pose camera = world_from_robot * rig.robot_from_camera;
+  return {{"time_s", time_s},
+          {"camera", pose_json(camera)},
+          {"projector", pose_json(camera * rig.projector_from_camera.inverse())}};
+}
+
+Json path_of(const sim::Scene& scene) {
+  Json path = Json::array();
+  if (scene.path) {
+    for (int i = 0; i <= kPathSteps; ++i) {
+      const double time_s = scene.path->duration_s() * i / kPathSteps;
+      path.push_back(place(scene.rig, time_s, scene.path->at(time_s)));
+    }
+  } else {
+    for (const TimedPose& view : scene.trajectory)
+      path.push_back(place(scene.rig, view.timestamp_s, view.world_from_robot));
+  }
+  return path;
+}
+
+void append(std::string& bytes, const auto& value) {
+  bytes.append(reinterpret_cast<const char*>(&value), sizeof value);
+}
+
+SurfaceMesh surface_of(const sim::Mesh& mesh) {
+  SurfaceMesh surface;
+  for (const Eigen::Vector3d& vertex : mesh.vertices)
+    surface.vertices.push_back({vertex.cast<float>(), Eigen::Vector3f::Zero()});
+  for (const Eigen::Vector3i& corner : mesh.triangles)
+    surface.triangles.push_back(
+        {static_cast<uint32_t>(corner[0]), static_cast<uint32_t>(corner[1]), static_cast<uint32_t>(corner[2])});
+  return surface;
+}
+
+std::string bytes_of(const SurfaceMesh& mesh) {
+  std::string bytes;
+  append(bytes, static_cast<uint32_t>(mesh.vertices.size()));
+  append(bytes, static_cast<uint32_t>(mesh.triangles.size()));
+  for (const CloudPoint& vertex : mesh.vertices) {
+    for (const float value : vertex.position_m) append(bytes, value);
+  }
+  for (const auto& triangle : mesh.triangles) append(bytes, triangle);
+  return bytes;
+}
+
+}  // namespace
+
+SceneData scene_data(const sim::Scene& scene, size_t max_triangles) {
+  std::map<const sim::Mesh*, size_t> numbers;
+  std::vector<const sim::Mesh*> meshes;
+  Json objects = Json::array();
+  size_t triangles = 0;
+  for (const sim::Object& object : scene.objects) {
+    const auto [found, added] = numbers.emplace(object.mesh.get(), meshes.size());
+    if (added) meshes.push_back(object.mesh.get());
+    triangles += object.mesh->triangles.size();
+    objects.push_back({{"name", object.name},
+                       {"mesh", found->second},
+                       {"material", object.material.name},
+                       {"albedo", object.material.albedo},
+                       {"pose", pose_json(object.world_from_object)}});
+  }
+  // Small meshes stay whole: thinned boxes would lose their shape and save nothing.
+  constexpr size_t kSmall = 500;
+  const double share =
+      triangles > max_triangles ? static_cast<double>(max_triangles) / static_cast<double>(triangles) : 1;
+  SceneData data;
+  std::vector<size_t> drawn;
+  for (const sim::Mesh* mesh : meshes) {
+    SurfaceMesh surface = surface_of(*mesh);
+    if (share < 1 && surface.vertices.size() > kSmall) {
+      const double wanted = share * static_cast<double>(surface.vertices.size());
+      surface = thinned(surface, std::max(kSmall, static_cast<size_t>(wanted))).mesh;
+    }
+    drawn.push_back(surface.triangles.size());
+    data.meshes.push_back(bytes_of(surface));
+  }
+  size_t drawn_triangles = 0;
+  for (const sim::Object& object : scene.objects) drawn_triangles += drawn[numbers[object.mesh.get()]];
+  data.json = json_text(Json{{"name", scene.name},
+                             {"seed", std::to_string(scene.seed)},  // may exceed the exact integers of JavaScript
+                             {"notes", scene.notes},
+                             {"triangles", triangles},
+                             {"drawn_triangles", drawn_triangles},
+                             {"continuous", scene.path.has_value()},
+                             {"rig",
+                              {{"near_m", scene.rig.near_m},
+                               {"far_m", scene.rig.far_m},
+                               {"camera_corners", corners_of(scene.rig.camera)},
+                               {"projector_corners", corners_of(scene.rig.projector)}}},
+                             {"objects", objects},
+                             {"path", path_of(scene)}});
+  return data;
+}
+
+}  // namespace fringeslam::tools

@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: Apache-2.0
+// A scene as the data of its page (tools/report/page/src/world).
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "sim/scene/scene.h"
+
+namespace fringeslam::tools {
+
+struct SceneData {
+  // JSON object:
+  //   name, seed, notes, triangles, drawn_triangles
+  //   continuous  true if the path lists equal time steps of a continuous motion; otherwise it lists views
+  //   rig         near_m, far_m, and the rays (x, y at depth 1) of the corners of both images
+  //   objects     name, number of its mesh, material, mean albedo, pose
+  //   path        time_s, poses of camera and projector
+  // Poses are x y z qx qy qz qw in the world frame.
+  std::string json;
+  // Each mesh: numbers of vertices and triangles (uint32), positions (float32, m, object frame), indices (uint32), in
+  // this computer's byte order.
+  std::vector<std::string> meshes;
+};
+
+// If the world's objects have more than `max_triangles` in total, meshes of more than 500 vertices are thinned by vertex
+// clustering, each by that ratio. Smaller ones stay whole, so that a world of many small objects may exceed it.
+SceneData scene_data(const sim::Scene& scene, size_t max_triangles = 1'500'000);
+
+}  // namespace fringeslam::tools
