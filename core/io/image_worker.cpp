@@ -19,10 +19,13 @@
 #include <cmath>
 #include <csignal>
 #include <cstring>
+#include <filesystem>
+#include <iterator>
 #include <memory>
 #include <mutex>
 #include <new>
 #include <optional>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -272,6 +275,11 @@ void use_libraries_once() {
   }
 }
 
+std::ptrdiff_t threads_of_this_process() {
+  const std::filesystem::directory_iterator threads("/proc/self/task");
+  return std::distance(begin(threads), end(threads));
+}
+
 [[noreturn]] void fork_workers(int requests) {
   setsid();  // signals of the terminal are meant for the program
   detach_child();
@@ -291,6 +299,9 @@ void use_libraries_once() {
   alarm(kLongestStart_s);
   try {
     use_libraries_once();
+    // OpenImageIO creates a thread before it learns that it should not. Until that thread has ended, it may hold a lock,
+    // which would stay locked in a forked worker.
+    while (threads_of_this_process() > 1) std::this_thread::sleep_for(std::chrono::milliseconds(1));
   } catch (...) {
     _exit(1);
   }
