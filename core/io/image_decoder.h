@@ -17,7 +17,7 @@ struct ImageRequest {
   bool as_float = false;  // converts integers to 0..1, and takes all formats, PNG too, from OpenImageIO
 };
 
-// What an image file declares before its pixels are decoded.
+// The header of an image file, read before its pixels are decoded.
 struct ImageHeader {
   cv::Size size;
   int type = 0;                       // of OpenCV: CV_8UC1, CV_16UC3, CV_32FC2

@@ -109,7 +109,7 @@ Mapper::FrameMotion Mapper::add_motion_uncertainty(FrameResult& result, const Ma
     vibration_.note(estimate_vibration(samples, options_.registration.motion_prior, rig_.timing.camera_rate_hz));
   }
   if (in_motion) vibration_.widen_estimate(own.covariance);
-  // Whether the first views vibrated is known only after the keyframe has been made.
+  // Later views reveal vibration that the first keyframe was exposed to.
   if (other.by_own_stack) vibration_.widen_estimate(other.covariance);
   result.covariance += own.spread() + other.spread();
   Matrix6d turned = Matrix6d::Zero();

@@ -40,7 +40,7 @@ struct Jitter {
   double turn_rad = 0, shift_m = 0;
 };
 
-// What the poses of the last views reveal about vibration that is too fast for them to follow.
+// Vibration that is too fast for the poses of the last views to follow, estimated from their scatter.
 struct VibrationEstimate {
   Jitter expected;  // root mean square of the posterior
   Jitter least;     // exceeded with a probability of 95 %
