@@ -182,8 +182,8 @@ class Mapper {
   Frame last_frame_;  // of the last tracked view
   std::optional<StackMotion> last_motion_;
   bool in_motion_ = false;  // the last stack was exposed in motion
-  double evidence_of_motion_ =
-      0;  // that a robot whose stacks do not show it moves on during them, log-likelihood ratio
+  // Log-likelihood ratio: that a robot whose stacks do not show it moves on during them.
+  double evidence_of_motion_ = 0;
   int last_keyframe_ = -1;
   size_t continuous_from_ = 0;                // first view of track_ since tracking was last lost
   std::vector<FrameMotion> keyframe_motion_;  // of each keyframe, in its own axes

@@ -101,14 +101,13 @@ Mapper::FrameMotion Mapper::add_motion_uncertainty(FrameResult& result, const Ma
   }
   if (other.by_own_stack) vibration_.widen(other.covariance);
   sample_covariance_ = result.covariance + own.spread() + other.spread();
-  const bool in_motion = result.in_motion() || !own.covariance.isZero(0);
-  if (in_motion) {
+  if (result.in_motion() || !own.covariance.isZero(0)) {
     std::vector<PoseSample> samples = last_samples();
     const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera;
     samples.push_back(sample_of(result.frame.timestamp_s, world_from_reference * pose, sample_covariance_));
     vibration_.note(estimate_vibration(samples, options_.registration.motion_prior, rig_.timing.camera_rate_hz));
+    vibration_.widen_estimate(own.covariance);
   }
-  if (in_motion) vibration_.widen_estimate(own.covariance);
   // Later views reveal vibration that the first keyframe was exposed to.
   if (other.by_own_stack) vibration_.widen_estimate(other.covariance);
   result.covariance += own.spread() + other.spread();

@@ -2,7 +2,8 @@
 // Polls for changes. Without an answer the delay between attempts grows; the server may be a different one when it
 // returns, and then sends everything again.
 import {byId} from '../shared/dom.js';
-import {ask, Refused, useToken} from './server.js';
+import {askForToken} from '../shared/token.js';
+import {ask, Refused} from './server.js';
 import {store, take} from './store.js';
 
 const kLeastMs = 100;  // minimum between answers
@@ -24,22 +25,6 @@ function reason(error) {
   return store.finished ? 'Ended; waiting for the next run' : 'No connection; retrying';
 }
 
-// Waits until the user has entered a token.
-function askForToken() {
-  const form = byId('token-form');
-  say('Token required', true);
-  form.hidden = false;
-  byId('token').focus();
-  return new Promise((done) => {
-    form.onsubmit = (event) => {
-      event.preventDefault();
-      useToken(byId('token').value.trim());
-      form.hidden = true;
-      done();
-    };
-  });
-}
-
 async function visible() {
   while (document.hidden) {
     await new Promise((done) => document.addEventListener('visibilitychange', done, {once: true}));
@@ -58,6 +43,7 @@ export async function stayConnected() {
       await visible();
     } catch (error) {
       if (error instanceof Refused && error.status === 401) {
+        say('Token required', true);
         await askForToken();
         continue;
       }

@@ -3,25 +3,11 @@
 import {byId, element} from '../shared/dom.js';
 import {fixed} from '../shared/format.js';
 import {drawPage} from '../shared/page.js';
-import {ask, Refused, readToken, useToken} from '../live/server.js';
+import {askForToken} from '../shared/token.js';
+import {ask, Refused, readToken} from '../live/server.js';
 import {World} from './world.js';
 
 const kMostListed = 500;
-
-function askForToken() {
-  const form = byId('token-form');
-  byId('status').textContent = 'Token required';
-  form.hidden = false;
-  byId('token').focus();
-  return new Promise((done) => {
-    form.onsubmit = (event) => {
-      event.preventDefault();
-      useToken(byId('token').value.trim());
-      form.hidden = true;
-      done();
-    };
-  });
-}
 
 async function sceneData() {
   for (;;) {
@@ -29,6 +15,7 @@ async function sceneData() {
       return await (await ask('/scene')).json();
     } catch (error) {
       if (!(error instanceof Refused) || error.status !== 401) throw error;
+      byId('status').textContent = 'Token required';
       await askForToken();
     }
   }
