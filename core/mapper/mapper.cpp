@@ -117,7 +117,7 @@ FrameResult Mapper::process(MapperInput input) {
   FrameResult result;
   MotionEffect effect;
   std::optional<Prediction> predicted = predict(input.timestamp_s);
-  vibration_.begin_view();
+  vibration_.begin_view(track_.empty() ? 0 : input.timestamp_s - track_.back().timestamp_s);
   reconstruct_unless_predicted(result, input, predicted);
   if (moves_on(result, input)) {
     in_motion_ = true;

@@ -56,9 +56,12 @@ Vibration::Changes Vibration::changes_of(const Jitter& jitter) const {
 
 // The largest changes of the current and the last views.
 Vibration::Changes Vibration::recent() const {
-  const Changes certain = changes_of(revealed_.least);
-  Changes most{std::max(here_.angular_rad2_s2, certain.angular_rad2_s2),
-               std::max(here_.velocity_m2_s2, certain.velocity_m2_s2)};
+  constexpr double kSparse_s = 0.05;
+  // Poses that are far apart hardly predict the velocity, so a prior that covers every likely vibration costs nothing.
+  // Those of consecutive views do, and only vibration that is certain outweighs them.
+  const Changes shown = changes_of(interval_s_ > kSparse_s ? revealed_.expected : revealed_.least);
+  Changes most{std::max(here_.angular_rad2_s2, shown.angular_rad2_s2),
+               std::max(here_.velocity_m2_s2, shown.velocity_m2_s2)};
   for (const Changes& view : last_) {
     most.angular_rad2_s2 = std::max(most.angular_rad2_s2, view.angular_rad2_s2);
     most.velocity_m2_s2 = std::max(most.velocity_m2_s2, view.velocity_m2_s2);

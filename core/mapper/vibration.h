@@ -14,7 +14,11 @@ class Vibration {
  public:
   explicit Vibration(double camera_rate_hz) : camera_rate_hz_(camera_rate_hz) {}
 
-  void begin_view() { here_ = {}; }
+  // `interval_s`: since the last tracked view.
+  void begin_view(double interval_s) {
+    here_ = {};
+    interval_s_ = interval_s;
+  }
   // Notes how the motion during the current view differs from its prediction, which has this covariance. Returns true
   // if the difference is clearly larger than those of the last views.
   bool note(const Vector12d& change, const Matrix12d& covariance);
@@ -38,6 +42,7 @@ class Vibration {
   void widen(Matrix12d& covariance, const Changes& changes) const;
 
   double camera_rate_hz_;
+  double interval_s_ = 0;
   Changes here_;
   std::deque<Changes> last_;  // of the last views
   size_t views_ = 0;          // since tracking was last lost
