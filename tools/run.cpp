@@ -37,7 +37,6 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr const char* kConfigFile = "config.yaml";
-constexpr const char* kMapFile = "saved.map";
 constexpr size_t kWaitingStacks = 2;  // with --real-time: stacks that may wait before the oldest is dropped
 constexpr int kViewsAhead = 2;        // with --real-time: views that may be in preparation
 constexpr int kAnimationFrames = 20;

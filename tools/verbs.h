@@ -35,6 +35,7 @@ Option add_choice(Command verb, const std::string& name, E& value, const std::st
 using Verb = std::function<int()>;
 
 Verb add_run(Command app, const Common& common);
+Verb add_map(Command app, const Common& common);
 Verb add_evaluate(Command app, const Common& common);
 Verb add_effects(Command app, const Common& common);
 Verb add_render(Command app, const Common& common);

@@ -3,7 +3,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <utility>
+
+#include "core/types/linear_algebra.h"
 
 namespace fringeslam {
 
@@ -23,7 +26,6 @@ KeyframeMap::KeyframeMap(const RigModel& rig, const MappingOptions& options)
 
 Frame KeyframeMap::keyframe_image(int keyframe) const { return restored(at(keyframes_, keyframe).frame, rays_); }
 
-// Mean displacement of a few points at mid range between two views, in image widths.
 double KeyframeMap::view_change(const Pose& one_from_other) const {
   const double distance = rig_.middle_range_m(), half_width = 0.5 * rig_.camera.width / rig_.camera.fx;
   double change = 0;
@@ -77,6 +79,45 @@ bool KeyframeMap::correct(const PoseGraphOptions& options, double significant_m)
     keyframes_[i].world_from_camera = orthonormalised(result.poses[i]);
   }
   return significant;
+}
+
+// The sigmas of the links are added, because their biases are correlated. A rotation error is multiplied by the remaining
+// distance. Loops that disagree with the map are ignored.
+Matrix6d KeyframeMap::covariance_between(int from, int to) const {
+  constexpr double kLeastCondition = 1e-15, kMostSquare = 36;
+  const auto pose = [&](int keyframe) { return at(keyframes_, keyframe).world_from_camera; };
+  std::vector<std::vector<const PoseEdge*>> links(keyframes_.size());
+  for (const PoseEdge& link : links_) {
+    const Vector6d residual = difference(pose(link.from).inverse() * pose(link.to), link.from_from_to);
+    if (link.loop && residual.dot(link.information * residual) > kMostSquare) continue;
+    at(links, link.from).push_back(&link);
+    at(links, link.to).push_back(&link);
+  }
+  std::vector<const PoseEdge*> towards(keyframes_.size(), nullptr);  // the link that leads to `to`
+  std::vector<int> reached = {to};
+  for (size_t i = 0; i < reached.size() && at(towards, from) == nullptr; ++i) {
+    for (const PoseEdge* link : at(links, reached[i])) {
+      const int next = link->from == reached[i] ? link->to : link->from;
+      if (next == to || at(towards, next) != nullptr) continue;
+      at(towards, next) = link;
+      reached.push_back(next);
+    }
+  }
+  double turn_rad = 0, shift_m = 0;
+  for (int here = from; here != to;) {
+    const PoseEdge* link = at(towards, here);
+    if (link == nullptr) return Matrix6d::Zero();
+    const std::optional<Matrix6d> covariance = inverse_if_well_conditioned(link->information, kLeastCondition);
+    if (!covariance) return Matrix6d::Zero();
+    const double turn = std::sqrt(covariance->topLeftCorner<3, 3>().trace());
+    turn_rad += turn;
+    shift_m += std::sqrt(covariance->bottomRightCorner<3, 3>().trace()) +
+               turn * (pose(here).translation - pose(to).translation).norm();
+    here = link->from == here ? link->to : link->from;
+  }
+  Vector6d variances;
+  variances << Eigen::Vector3d::Constant(turn_rad * turn_rad), Eigen::Vector3d::Constant(shift_m * shift_m);
+  return variances.asDiagonal();
 }
 
 double KeyframeMap::expected_overlap(const Frame& frame, const Pose& world_from_camera, int keyframe) const {

@@ -89,10 +89,17 @@ class KeyframeMap {
   // than `significant_m`.
   bool correct(const PoseGraphOptions& options, double significant_m);
 
+  // Bounds the covariance of the motion between two keyframes by the links of the shortest path between them. Zero if
+  // `from` is `to`, and if no path of links determines the motion.
+  Matrix6d covariance_between(int from, int to) const;
+
   // Returns the share of a frame's points that lie on a surface seen by the keyframe, according to the poses.
   double expected_overlap(const Frame& frame, const Pose& world_from_camera, int keyframe) const;
   // Returns the keyframes with an expected overlap of at least min_loop_overlap, in descending order of overlap.
   std::vector<int> overlapping(const Frame& frame, const Pose& world_from_camera) const;
+
+  // Mean displacement between two views of a few points at mid range, image widths.
+  double view_change(const Pose& one_from_other) const;
 
   size_t memory_bytes() const;
   // Frames that were used since they were added need not stay in memory (frame_memory.h).
@@ -102,8 +109,6 @@ class KeyframeMap {
   void restore(std::vector<Keyframe> keyframes, std::vector<MapFrame> frames, std::vector<PoseEdge> links);
 
  private:
-  double view_change(const Pose& one_from_other) const;
-
   RigModel rig_;
   MappingOptions options_;
   PixelRays rays_;

@@ -10,6 +10,8 @@
 
 namespace fringeslam {
 
+constexpr const char* kMapFile = "saved.map";  // in a run folder
+
 std::string to_bytes(const KeyframeMap& map);
 
 // Throws Error, beginning with `where`, if the bytes are not a map, are damaged, have another format version, or were

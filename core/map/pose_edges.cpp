@@ -167,4 +167,18 @@ std::vector<double> loop_chi2(const std::vector<Pose>& poses, const std::vector<
   return chi2;
 }
 
+Matrix6d covariance_of_node(const std::vector<Pose>& poses, const std::vector<PoseEdge>& edges,
+                            const std::vector<char>& use, int node) {
+  const std::vector<int> parts = connected_parts(poses.size(), edges, use);
+  std::vector<LinearEdge> linear;
+  for (size_t i = 0; i < edges.size(); ++i)
+    linear.push_back(
+        linearise(edges[i], information_root(edges[i].information, i), poses[edges[i].from], poses[edges[i].to]));
+  PoseEdge of_node;
+  of_node.from = parts[node];
+  of_node.to = node;
+  return Factor(linear, edges, use, parts)
+      .leverage(of_node, {Vector6d::Zero(), Matrix6d::Zero(), Matrix6d::Identity()});
+}
+
 }  // namespace fringeslam

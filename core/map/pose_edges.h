@@ -29,4 +29,9 @@ std::vector<int> connected_parts(size_t nodes, const std::vector<PoseEdge>& edge
 std::vector<double> loop_chi2(const std::vector<Pose>& poses, const std::vector<PoseEdge>& edges,
                               const std::vector<Matrix6d>& roots, const std::vector<char>& use);
 
+// Returns the covariance of a node's pose at the solution `poses`, tangent of retract(), relative to the first node of its
+// part, which is fixed. Directions that no edge in use determines have very large variances.
+Matrix6d covariance_of_node(const std::vector<Pose>& poses, const std::vector<PoseEdge>& edges,
+                            const std::vector<char>& use, int node);
+
 }  // namespace fringeslam

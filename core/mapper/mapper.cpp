@@ -20,46 +20,6 @@ Pose continued(const Pose& motion, double share) {
   return {rotation_exp(share * rotation_log(motion.rotation)), share * motion.translation};
 }
 
-// Bounds the covariance of the motion between two keyframes by the links of the shortest path between them. Their sigmas
-// are added, because their biases are correlated. A rotation error is multiplied by the remaining distance. Loops that
-// disagree with the map are ignored. Zero (unknown) if there is no path of links that determine their motions.
-Matrix6d covariance_between(const KeyframeMap& map, int from, int to) {
-  constexpr double kLeastCondition = 1e-15, kMostSquare = 36;
-  const auto pose = [&](int keyframe) { return map.keyframes()[static_cast<size_t>(keyframe)].world_from_camera; };
-  std::vector<std::vector<const PoseEdge*>> links(map.keyframes().size());
-  for (const PoseEdge& link : map.links()) {
-    const Vector6d residual = difference(pose(link.from).inverse() * pose(link.to), link.from_from_to);
-    if (link.loop && residual.dot(link.information * residual) > kMostSquare) continue;
-    links[static_cast<size_t>(link.from)].push_back(&link);
-    links[static_cast<size_t>(link.to)].push_back(&link);
-  }
-  std::vector<const PoseEdge*> towards(map.keyframes().size(), nullptr);  // the link that leads to `to`
-  std::vector<int> reached = {to};
-  for (size_t i = 0; i < reached.size() && towards[static_cast<size_t>(from)] == nullptr; ++i) {
-    for (const PoseEdge* link : links[static_cast<size_t>(reached[i])]) {
-      const int next = link->from == reached[i] ? link->to : link->from;
-      if (next == to || towards[static_cast<size_t>(next)] != nullptr) continue;
-      towards[static_cast<size_t>(next)] = link;
-      reached.push_back(next);
-    }
-  }
-  double turn_rad = 0, shift_m = 0;
-  for (int at = from; at != to;) {
-    const PoseEdge* link = towards[static_cast<size_t>(at)];
-    if (link == nullptr) return Matrix6d::Zero();
-    const std::optional<Matrix6d> covariance = inverse_if_well_conditioned(link->information, kLeastCondition);
-    if (!covariance) return Matrix6d::Zero();
-    const double turn = std::sqrt(covariance->topLeftCorner<3, 3>().trace());
-    turn_rad += turn;
-    shift_m += std::sqrt(covariance->bottomRightCorner<3, 3>().trace()) +
-               turn * (pose(at).translation - pose(to).translation).norm();
-    at = link->from == at ? link->to : link->from;
-  }
-  Vector6d variances;
-  variances << Eigen::Vector3d::Constant(turn_rad * turn_rad), Eigen::Vector3d::Constant(shift_m * shift_m);
-  return variances.asDiagonal();
-}
-
 // The first keyframe must show enough surface to register the next views with.
 bool can_start_map(const Frame& frame) {
   constexpr double kLeast = 0.01;
@@ -422,7 +382,7 @@ int Mapper::close_loops(const FrameResult& result) {
     const Frame image = map_.keyframe_image(keyframe);
     ViewRegistration registration = follow_view(image, result.frame, earlier.world_from_camera.inverse() * current,
                                                 rig_.camera, rig_.middle_range_m(), options_.registration,
-                                                Matrix6d::Zero(), covariance_between(map_, keyframe, result.keyframe));
+                                                Matrix6d::Zero(), map_.covariance_between(keyframe, result.keyframe));
     if (!registration.refined && recognised.contains(keyframe))
       registration = register_views(image, result.frame,
                                     point_pairs(earlier.landmarks.keypoints, result.keypoints, recognised[keyframe]),

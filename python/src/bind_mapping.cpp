@@ -5,6 +5,7 @@
 #include "core/map/map_cloud.h"
 #include "core/map/map_file.h"
 #include "core/mapper/driver.h"
+#include "core/mapper/map_merge.h"
 #include "core/mapper/pipeline.h"
 #include "python/src/bindings.h"
 #include "python/src/options.h"
@@ -170,6 +171,32 @@ void bind_map(py::module_& m) {
       },
       py::arg("file"), py::arg("rig"), py::arg("options") = py::none(),
       "Reads a saved map. Raises Error if it is damaged or was made with another camera.");
+  py::class_<CrossLink>(m, "CrossLink", "A measured motion between a keyframe of one map and a keyframe of the other.")
+      .def_readonly("a", &CrossLink::a, "Number of the keyframe in A.")
+      .def_readonly("b", &CrossLink::b, "Number of the keyframe in B.")
+      .def_readonly("a_from_b", &CrossLink::a_from_b, "4 x 4, of the cameras.")
+      .def_readonly("covariance", &CrossLink::covariance, "6 x 6, (rotation, rad; translation, m), from the left.")
+      .def_readonly("by_landmarks", &CrossLink::by_landmarks)
+      .def_readonly("accepted", &CrossLink::accepted);
+  py::class_<MergedMap>(m, "MergedMap", "Two maps in the world of the first one.")
+      .def_property_readonly(
+          "map", [](const MergedMap& merged) -> const KeyframeMap& { return merged.map; },
+          py::return_value_policy::reference_internal, "The keyframes of A, then those of B.")
+      .def_readonly("a_from_b", &MergedMap::a_from_b, "4 x 4, world of A from that of B.")
+      .def_readonly("covariance", &MergedMap::covariance, "6 x 6, (rotation, rad; translation, m), from the left.")
+      .def_readonly("contradicting", &MergedMap::contradicting,
+                    "Pairs of keyframes whose depths contradict the result.")
+      .def_property_readonly("links", [](const MergedMap& merged) { return merged.links; });
+  m.def(
+      "merge_maps",
+      [](const KeyframeMap& a, const KeyframeMap& b, const py::object& options) {
+        const MapperOptions mapper = pipeline_options_of(options).mapper();
+        const py::gil_scoped_release release;
+        return std::make_unique<MergedMap>(merge_maps(a, b, mapper, "b"));
+      },
+      py::arg("a"), py::arg("b"), py::arg("options") = py::none(),
+      "Merges the maps of two missions (docs/method.md, section 8.4). Options: PipelineOptions. Raises Error without "
+      "common evidence.");
 }
 
 void bind_results(py::module_& m) {

@@ -91,6 +91,19 @@ def test_a_saved_map_is_continued(mapped, scene, tmp_path):
         fs.load_map(file, rig.model)
 
 
+def test_maps_of_two_missions_are_merged(mapped, scene):
+    a = mapped[1].map
+    pipeline = fs.Pipeline(fs.VirtualRig(scene).model, scene.patterns, mapping={"every_view": True})
+    list(fs.Driver(fs.VirtualRig(scene), pipeline))
+    b = pipeline.map
+    merged = fs.merge_maps(a, b)
+    # The same images, so both worlds are the same.
+    assert np.allclose(merged.a_from_b, np.eye(4), atol=1e-4)
+    assert len(merged.map.keyframes) == len(a.keyframes) + len(b.keyframes)
+    assert len([link for link in merged.links if link.accepted]) >= 2
+    assert np.all(np.linalg.eigvalsh(merged.covariance) > 0)
+
+
 def test_a_decoder_in_python_replaces_ours(scene, mapped):
     threads = set()
 

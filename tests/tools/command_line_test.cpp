@@ -242,6 +242,33 @@ TEST(CommandLineScene, AreGenerated) {
   }
 }
 
+TEST_F(CommandLine, MapsOfTwoRunsAreMerged) {
+  for (const char* name : {"one", "two"}) run_scene(name, {"--set", "mapping.every_view=true", "--save-map"});
+  const json merged = json::parse(
+      run_successfully({"map", "merge", at("one"), at("two/saved.map"), "--out", at("both"), "--json"}).out);
+  EXPECT_EQ(merged.at("keyframes"), 4);
+  // The runs are the same, so the worlds are, too.
+  for (size_t row = 0; row < 4; ++row) {
+    for (size_t col = 0; col < 4; ++col)
+      EXPECT_NEAR(merged.at("a_from_b").at(row).at(col).get<double>(), row == col, 1e-4);
+  }
+  EXPECT_EQ(test::listing(temp_ / "both"),
+            (std::set<std::string>{".fringeslam", "map.ply", "merge.json", "rig.yaml", "saved.map"}));
+  run_scene("third", {"--map", at("both/saved.map")});
+  EXPECT_EQ(json::parse(test::read_bytes(temp_ / "third/score.json")).at("tracked"), 2);
+}
+
+TEST_F(CommandLine, MapsThatCannotBeMergedLeaveNothingBehind) {
+  run_scene("one", {"--save-map"});
+  run_scene("without");
+  for (const std::string& other : {at("without"), at("one/rig.yaml"), at("one")}) {
+    const test::Finished finished = run_program({"map", "merge", at("one"), other, "--out", at("both")});
+    EXPECT_EQ(finished.exit_code, 2) << other;
+    EXPECT_THAT(finished.err, HasSubstr(other));
+    EXPECT_FALSE(test::fs::exists(temp_ / "both"));
+  }
+}
+
 TEST_F(CommandLine, ScenesArePictured) {
   const std::string out = at("preview.png");
   run_successfully({"scene", "preview", scene_.string(), "--out", out, "--size", "420x280", "--quiet"});
