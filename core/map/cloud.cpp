@@ -11,11 +11,20 @@ namespace fringeslam {
 
 namespace {
 
-size_t hash_of(const GridIndex& key) {
-  uint64_t h = 0;
-  for (const int32_t k : key) h = (h ^ static_cast<uint32_t>(k)) * 0x9e3779b97f4a7c15u, h ^= h >> 29;
-  return static_cast<size_t>(h);
+// Cells of a block have neighboring slots, because neighboring pixels fall into the same block.
+size_t slot_of(const GridIndex& key) {
+  constexpr int kBits = 2;
+  constexpr int32_t kInBlock = (1 << kBits) - 1;
+  uint64_t h = 0, inside = 0;
+  for (const int32_t k : key) {
+    h = (h ^ static_cast<uint32_t>(k >> kBits)) * 0x9e3779b97f4a7c15u, h ^= h >> 29;
+    inside = inside << kBits | static_cast<uint32_t>(k & kInBlock);
+  }
+  return static_cast<size_t>(h << (3 * kBits) | inside);
 }
+
+// GridIndex's own comparison calls memcmp().
+bool same(const GridIndex& a, const GridIndex& b) { return a[0] == b[0] && a[1] == b[1] && a[2] == b[2]; }
 
 }  // namespace
 
@@ -30,7 +39,7 @@ void CloudMap::grow() {
   slots_.assign(2 * slots_.size(), 0);
   const size_t mask = slots_.size() - 1;
   for (size_t i = 0; i < keys_.size(); ++i) {
-    size_t slot = hash_of(keys_[i]) & mask;
+    size_t slot = slot_of(keys_[i]) & mask;
     while (slots_[slot] != 0) slot = (slot + 1) & mask;
     slots_[slot] = static_cast<uint32_t>(i + 1);
   }
@@ -39,10 +48,10 @@ void CloudMap::grow() {
 CloudMap::Cell& CloudMap::cell_at(const Key& key) {
   if (2 * (keys_.size() + 1) > slots_.size()) grow();
   const size_t mask = slots_.size() - 1;
-  size_t slot = hash_of(key) & mask;
+  size_t slot = slot_of(key) & mask;
   while (slots_[slot] != 0) {
     const size_t found = slots_[slot] - 1;
-    if (keys_[found] == key) return cells_[found];
+    if (same(keys_[found], key)) return cells_[found];
     slot = (slot + 1) & mask;
   }
   keys_.push_back(key);
