@@ -230,6 +230,10 @@ int run(const RunArguments& arguments, const Common& common) {
       const std::optional<MappedView> view = driver.next();
       if (!view) break;
       const auto& [stack, result] = *view;
+      if (mapped == 0) {
+        if (const std::string turned = reason_for_turned_images(stack, rig->model()); !turned.empty())
+          throw Error(arguments.source + ": " + turned);
+      }
       const ThermalView warmth = thermal.observe(stack, result);
       record.add(stack, result, warmth, pipeline->map());
       emptiness.add(stack, result);

@@ -782,6 +782,21 @@ ConventionReport check_conventions(const FringeStack& stack, const RigModel& rig
   return report;
 }
 
+std::string reason_for_turned_images(const FringeStack& stack, const RigModel& rig) {
+  // Nearly all surfaces face camera and projector, or nearly none: with edges, at most 1 % differ.
+  constexpr double kFacing = 0.1, kLeastPixels = 200;
+  if (!rig.calibrated) return "";
+  try {
+    const DescriptionFit fit = fit_of(stack, {"", stack.patterns, rig});
+    if (!(fit.lit * fit.ordered >= kLeastPixels && fit.facing < kFacing)) return "";
+    return percent_of(1 - fit.facing) +
+           " of the surfaces face away from the projector: the images are mirrored left to right or rotated by half a "
+           "turn; find the right description with `fringeslam import`";
+  } catch (const Error&) {
+    return "";  // the patterns do not determine fringe orders without a map
+  }
+}
+
 std::string reason_for_no_depth(const FringeStack& stack, const RigModel& rig) {
   DescriptionFit fit;
   try {

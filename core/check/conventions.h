@@ -73,6 +73,10 @@ std::vector<RigDescription> alternative_descriptions(const PatternSequence& sequ
 ConventionReport check_conventions(const FringeStack& stack, const RigModel& rig,
                                    const std::vector<double>& offset_rad);
 
+// Explains in one line that a stack's surfaces face away from the projector, because its images are mirrored left to right or
+// rotated by half a turn. Empty if they face it, or if the stack cannot be decoded by itself.
+std::string reason_for_turned_images(const FringeStack& stack, const RigModel& rig);
+
 // Explains in one line why a stack yields no depth between near_m and far_m.
 std::string reason_for_no_depth(const FringeStack& stack, const RigModel& rig);
 

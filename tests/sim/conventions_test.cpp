@@ -63,6 +63,29 @@ TEST(Conventions, TrueDescriptionsFit) {
   }
 }
 
+TEST(Conventions, TurnedImagesAreRecognized) {
+  for (const std::string scene : {"loop", "boxes_and_foam", "groove_90"}) {
+    RigModel rig;
+    const FringeStack stack = rendered(scene, 1, rig);
+    const auto flipped = [&](int axis) {
+      FringeStack turned = stack;
+      for (cv::Mat& image : turned.images) {
+        image = image.clone();
+        cv::flip(image, image, axis);
+      }
+      return turned;
+    };
+    constexpr int kLeftToRight = 1, kTopToBottom = 0, kHalfTurn = -1;
+    EXPECT_EQ(reason_for_turned_images(stack, rig), "") << scene;
+    EXPECT_THAT(reason_for_turned_images(flipped(kLeftToRight), rig), HasSubstr("face away")) << scene;
+    EXPECT_THAT(reason_for_turned_images(flipped(kHalfTurn), rig), HasSubstr("face away")) << scene;
+    // A mirrored world, which no column pattern distinguishes.
+    EXPECT_EQ(reason_for_turned_images(flipped(kTopToBottom), rig), "") << scene;
+    rig.calibrated = false;
+    EXPECT_EQ(reason_for_turned_images(flipped(kHalfTurn), rig), "") << scene;
+  }
+}
+
 class Mistakes : public testing::Test {
  protected:
   // Applies a mistake to the true description and expects that its correction is found.

@@ -123,6 +123,17 @@ TEST_F(HostileInput, ImagesThatTheRigCannotHaveTaken) {
   expect_run_refused(data, {exr.string() + ": no pixel has a finite value"});
 }
 
+TEST_F(HostileInput, MirroredImages) {
+  const path data = rendered();
+  for (const auto& entry : test::fs::recursive_directory_iterator(data / "stacks")) {
+    if (entry.path().extension() != ".png") continue;
+    cv::Mat image;
+    cv::flip(read_grey(entry.path()), image, 1);
+    write_png(entry.path(), image);
+  }
+  expect_run_refused(data, {data.string() + ": ", "face away from the projector"});
+}
+
 TEST_F(HostileInput, ADamagedPngIsOneMessage) {
   const path data = dataset(), image = data / "stacks/000001/03.png";
   std::string bytes = test::read_bytes(image);
