@@ -42,12 +42,40 @@ async function serve(...words) {
   };
 }
 
-const status = (port, path, headers = {}) => new Promise((done, failed) => {
-  request({host: '127.0.0.1', port, path, headers}, (answer) => {
-    answer.resume();
-    done(answer.statusCode);
-  }).on('error', failed).end();
+// Starts a request; `answer` becomes {status, body}, or null after abort().
+function begin(port, path, headers = {}) {
+  let sent;
+  const answer = new Promise((done, failed) => {
+    sent = request({host: '127.0.0.1', port, path, headers}, (answer) => {
+      const parts = [];
+      answer.on('data', (bytes) => parts.push(bytes));
+      answer.on('end', () => done({status: answer.statusCode, body: Buffer.concat(parts)}));
+    });
+    sent.on('error', (error) => (sent.destroyed ? done(null) : failed(error)));
+    sent.end();
+  });
+  return {answer, abort: () => sent.destroy()};
+}
+const status = async (...asked) => (await begin(...asked).answer).status;
+const shown = (page, what) => page.waitForSelector(`#sensor-picture[data-shown="${what}"]`);
+
+// The pixels of the picture shown in the sensor view: width, height and r g b a r g b a …
+const pixels = (page) => page.evaluate(() => {
+  const picture = document.querySelector('#sensor-picture > :not([hidden])');
+  const [width, height] = [picture.naturalWidth ?? picture.width, picture.naturalHeight ?? picture.height];
+  const context = new OffscreenCanvas(width, height).getContext('2d');
+  context.drawImage(picture, 0, 0);
+  return {width, height, data: [...context.getImageData(0, 0, width, height).data]};
 });
+
+// Returns the first view's depth of the plane z = 0 at a pixel.
+function depthOfFloor({rig, path: [{camera}]}, x, y) {
+  const [, , height, qx, qy, qz, qw] = camera;
+  const [left, top] = rig.camera_corners[0], [right, bottom] = rig.camera_corners[2];
+  const ray = [left + (x + 0.5) / rig.width_px * (right - left), top + (y + 0.5) / rig.height_px * (bottom - top), 1];
+  const down = 2 * (qx * qz - qw * qy) * ray[0] + 2 * (qy * qz + qw * qx) * ray[1] + (1 - 2 * (qx * qx + qy * qy)) * ray[2];
+  return -height / down;
+}
 
 async function open(url = served.url, options = {}) {
   const opened = await openIn(browser, url, options);
@@ -105,13 +133,137 @@ test('the slider moves the rig, by keys too', async () => {
   await close();
 });
 
+test('the sensor view shows what the camera sees, reduced first and then in full', async () => {
+  const {page, close} = await open();
+  await shown(page, 'texture 0 full');
+  const texture = await pixels(page);
+  assert.deepEqual([texture.width, texture.height], [266, 250]);
+  assert.ok(new Set(texture.data).size > 50);
+  const asked = [];
+  page.on('response', (answer) => answer.url().includes('/view/') && asked.push(answer.url()));
+  await page.locator('#time').focus();
+  await page.keyboard.press('ArrowRight');
+  await shown(page, 'texture 1 full');
+  assert.match(asked[0], /place=1&size=reduced/);
+  assert.match(asked.at(-1), /place=1&size=full/);
+  assert.equal(await page.locator('#sensor-state').textContent(), 'full size');
+  assert.ok((await pixels(page)).data.some((value, i) => Math.abs(value - texture.data[i]) > 30));
+  await close();
+});
+
+test('a pattern of the sensor view has its period', async () => {
+  const {page, close} = await open();
+  await page.locator('#sensor-kind').selectOption('pattern');
+  assert.equal(await page.locator('#sensor-pattern option').count(), 9);
+  assert.equal(await page.locator('#sensor-pattern option').nth(7).textContent(), '7: columns, period 16.5 px, shift 0°');
+  // Number of changes between bright and dark along the row of the most changes.
+  const changes = async () => {
+    const {width, height, data} = await pixels(page);
+    const most = Array.from({length: height}, (_, y) => {
+      const row = Array.from({length: width}, (_, x) => data[4 * (y * width + x)]);
+      const mean = row.reduce((sum, value) => sum + value) / width;
+      return row.filter((value, x) => x > 0 && (value > mean) !== (row[x - 1] > mean)).length;
+    });
+    return most.sort((a, b) => a - b)[Math.floor(height / 2)];
+  };
+  const found = [];
+  for (const pattern of ['4', '7']) {
+    await page.locator('#sensor-pattern').selectOption(pattern);
+    await shown(page, `pattern ${pattern} 0 full`);
+    found.push(await changes());
+  }
+  assert.ok(found[1] > 4 * found[0], `${found}`);  // periods of 131 and 16.5 px
+  await close();
+});
+
+test('the depth under the pointer is that of the table, or of a box upon it', async () => {
+  const {page, close} = await open();
+  await page.locator('#sensor-kind').selectOption('depth');
+  await shown(page, 'depth 0 full');
+  const data = JSON.parse((await begin(served.port, '/scene').answer).body);
+  const {near_m: near, far_m: far, width_px: width, height_px: height} = data.rig;
+  const step = (far - near) / 254 + 0.001;  // of levels, and of the text
+  const {x, y, width: wide, height: high} = await page.locator('#sensor-picture').boundingBox();
+  let table = 0;
+  for (let i = 0; i < 49; ++i) {
+    const [column, row] = [Math.floor(((i % 7) + 0.5) * width / 7), Math.floor((Math.floor(i / 7) + 0.5) * height / 7)];
+    await page.mouse.move(x + (column + 0.5) * wide / width, y + (row + 0.5) * high / height);
+    const depth = Number.parseFloat(await page.locator('#sensor-state').textContent());
+    const floor = depthOfFloor(data, column, row);
+    assert.ok(depth < floor + step, `${depth} ${floor}`);
+    table += Math.abs(depth - floor) < step;
+  }
+  assert.ok(table > 8 && table < 49, `${table}`);
+  await close();
+});
+
+test('the mask counts as many lit pixels as scene check', async () => {
+  const {page, close} = await open();
+  await page.locator('#sensor-kind').selectOption('mask');
+  await shown(page, 'mask 0 full');
+  const {data} = await pixels(page);
+  const counts = new Map();
+  for (let i = 0; i < data.length; i += 4) {
+    const colour = data.slice(i, i + 3).join();
+    counts.set(colour, (counts.get(colour) ?? 0) + 1);
+  }
+  const {views} = JSON.parse(spawnSync(runs.program, ['scene', 'check', scene, '--json'], {encoding: 'utf8'}).stdout);
+  const key = await page.locator('.light-0').evaluate((node) => getComputedStyle(node).backgroundColor.match(/\d+/g).join());
+  assert.ok(views[0].lit > 0.3 && views[0].lit < 1);
+  assert.ok(Math.abs(counts.get(key) / (data.length / 4) - views[0].lit) < 1e-6, `${[...counts]} ${views[0].lit}`);
+  assert.equal(counts.size, 2 + Number(counts.has('140,140,140')));
+  await close();
+});
+
+test('a rendering stops when a newer view is wanted, and delays no other answer', async () => {
+  const slow = await serve('--with', 'light.bounces=20');
+  const full = '/view/texture.png?place=0&size=full', reduced = '/view/texture.png?place=1&size=reduced';
+  await begin(slow.port, reduced).answer;
+  const start = performance.now();
+  const first = begin(slow.port, full).answer;
+  const order = [];
+  await Promise.all([first.then(() => order.push('view')), begin(slow.port, '/scene').answer.then(() => order.push('scene'))]);
+  assert.deepEqual(order, ['scene', 'view']);
+  const whole = performance.now() - start;
+  for (let i = 0; i < 5; ++i) {
+    const given_up = begin(slow.port, full);
+    await new Promise((done) => setTimeout(done, 20));
+    given_up.abort();
+    assert.equal(await given_up.answer, null);
+  }
+  const again = performance.now();
+  assert.equal(await status(slow.port, reduced), 200);
+  const taken = performance.now() - again;
+  assert.ok(taken < 2 * whole, `${taken} ms, a whole picture ${whole} ms`);  // five of them otherwise
+
+  const {page, close} = await open(slow.url);
+  const cancelled = [];
+  page.on('requestfailed', (asked) => cancelled.push(asked.url()));
+  await page.locator('#time').focus();
+  const began = page.waitForRequest(/size=full/);
+  await page.keyboard.press('ArrowRight');
+  await began;
+  await page.keyboard.press('ArrowRight');
+  await shown(page, 'texture 2 full');
+  assert.match(cancelled.at(-1), /place=1&size=full/);
+  await close();
+  await slow.stop('SIGTERM');
+});
+
+test('views that do not exist are refused', async () => {
+  for (const [query, expected] of [['texture.png?place=0&size=reduced', 200], ['texture.png?place=4&size=full', 404], ['texture.png?place=-1&size=full', 400],
+    ['texture.png?place=0', 400], ['heat.png?place=0&size=full', 404], ['pattern.png?place=0&size=full&pattern=9', 404], ['pattern.png?place=0&size=full', 400]]) {
+    assert.equal(await status(served.port, `/view/${query}`), expected, query);
+  }
+});
+
 test('a page of another origin, another host name and a viewer without token are refused', async () => {
   assert.equal(await status(served.port, '/scene'), 200);
   assert.equal(await status(served.port, '/scene', {Host: 'evil.example'}), 403);
   assert.equal(await status(served.port, '/scene', {Origin: 'http://evil.example'}), 403);
   assert.equal(await status(served.port, '/mesh/99999'), 404);
   const open_to_all = await serve('--live-host', '0.0.0.0', '--live-token', kToken);
-  for (const path of ['/scene', '/mesh/0']) {
+  for (const path of ['/scene', '/mesh/0', '/view/depth.png?place=0&size=reduced']) {
     assert.equal(await status(open_to_all.port, path), 401, path);
     assert.equal(await status(open_to_all.port, path, {Authorization: `Bearer ${kToken}`}), 200, path);
   }
@@ -137,13 +289,15 @@ test('an invalid scene is reported with its line, exit code 2', () => {
 test('all that can be operated is reached by Tab and shows its focus', async () => {
   const {page, close} = await open();
   const reached = await reachedByTab(page, 12);
-  for (const id of ['theme', 'scene', 'time', 'reset']) assert.ok(reached.has(id), `${id}: ${[...reached]}`);
+  for (const id of ['theme', 'scene', 'time', 'reset', 'sensor-kind']) assert.ok(reached.has(id), `${id}: ${[...reached]}`);
   await close();
 });
 
 test('it follows the system to the dark, and fits a phone', async () => {
   const {page, close} = await open(served.url, {colorScheme: 'dark', viewport: {width: 360, height: 740}, isMobile: true, hasTouch: true});
   assert.ok((await darkness(page)) < 150);
+  await page.locator('#sensor-kind').selectOption('pattern');  // with the longest texts
+  await shown(page, 'pattern 0 0 full');
   assert.ok((await overflow(page)) <= 0, 'the page is wider than the phone');
   await close();
 });

@@ -2,8 +2,10 @@
 #include "tools/authoring/scene_data.h"
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <numbers>
 
 #include "core/io/json_text.h"
 #include "sim/preview/viewpoint.h"
@@ -37,18 +39,53 @@ Json place(const RigModel& rig, double time_s, const Pose& world_from_robot) {
           {"projector", pose_json(camera * rig.projector_from_camera.inverse())}};
 }
 
-Json path_of(const sim::Scene& scene) {
-  Json path = Json::array();
-  if (scene.path) {
-    for (int i = 0; i <= kPathSteps; ++i) {
-      const double time_s = scene.path->duration_s() * i / kPathSteps;
-      path.push_back(place(scene.rig, time_s, scene.path->at(time_s)));
-    }
-  } else {
-    for (const TimedPose& view : scene.trajectory)
-      path.push_back(place(scene.rig, view.timestamp_s, view.world_from_robot));
+Trajectory path_of(const sim::Scene& scene) {
+  if (!scene.path) return scene.trajectory;
+  Trajectory path;
+  for (int i = 0; i <= kPathSteps; ++i) {
+    const double time_s = scene.path->duration_s() * i / kPathSteps;
+    path.push_back({time_s, scene.path->at(time_s)});
   }
   return path;
+}
+
+Json path_json(const RigModel& rig, const Trajectory& path) {
+  Json list = Json::array();
+  for (const TimedPose& pose : path) list.push_back(place(rig, pose.timestamp_s, pose.world_from_robot));
+  return list;
+}
+
+std::string text_of(const Pattern& pattern) {
+  const std::string axis = to_string(pattern.axis), period = to_text(pattern.period_px) + " px";
+  const auto turn = [](double shift_rad) {
+    return std::to_string(std::lround(shift_rad * 180 / std::numbers::pi)) + "°";
+  };
+  std::string text;
+  switch (pattern.coding) {
+    case Coding::fringe:
+      text = axis + ", period " + period + ", shift " + turn(pattern.shift_rad);
+      break;
+    case Coding::extra:
+      text = axis + ", single period " + period;
+      break;
+    case Coding::gray:
+      text = axis + ", Gray code, cell " + period + (pattern.inverted ? ", inverted" : "");
+      break;
+    case Coding::flat:
+      text = "level " + to_text(pattern.level);
+      break;
+    case Coding::product:
+      text = axis + ", periods " + period + " and " + to_text(pattern.carrier_px) + " px, shifts " +
+             turn(pattern.shift_rad) + " and " + turn(pattern.carrier_shift_rad);
+      break;
+  }
+  return pattern.exposure == 1 ? text : text + ", exposure ×" + to_text(pattern.exposure);
+}
+
+Json patterns_json(const PatternSequence& sequence) {
+  Json list = Json::array();
+  for (const Pattern& pattern : sequence.patterns) list.push_back(text_of(pattern));
+  return list;
 }
 
 void append(std::string& bytes, const auto& value) {
@@ -98,6 +135,7 @@ SceneData scene_data(const sim::Scene& scene, size_t max_triangles) {
   const double share =
       triangles > max_triangles ? static_cast<double>(max_triangles) / static_cast<double>(triangles) : 1;
   SceneData data;
+  data.path = path_of(scene);
   std::vector<size_t> drawn;
   for (const sim::Mesh* mesh : meshes) {
     SurfaceMesh surface = surface_of(*mesh);
@@ -119,10 +157,13 @@ SceneData scene_data(const sim::Scene& scene, size_t max_triangles) {
                              {"rig",
                               {{"near_m", scene.rig.near_m},
                                {"far_m", scene.rig.far_m},
+                               {"width_px", scene.rig.camera.width},
+                               {"height_px", scene.rig.camera.height},
                                {"camera_corners", corners_of(scene.rig.camera)},
                                {"projector_corners", corners_of(scene.rig.projector)}}},
+                             {"patterns", patterns_json(scene.patterns)},
                              {"objects", objects},
-                             {"path", path_of(scene)}});
+                             {"path", path_json(scene.rig, data.path)}});
   return data;
 }
 

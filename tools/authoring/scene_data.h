@@ -13,7 +13,9 @@ struct SceneData {
   // JSON object:
   //   name, seed, notes, triangles, drawn_triangles
   //   continuous  true if the path lists equal time steps of a continuous motion; otherwise it lists views
-  //   rig         near_m, far_m, and the rays (x, y at depth 1) of the corners of both images
+  //   rig         near_m, far_m, camera's width_px and height_px, and the rays (x, y at depth 1) of the corners of both
+  //               images
+  //   patterns    what each image of a stack shows
   //   objects     name, number of its mesh, material, mean albedo, pose
   //   path        time_s, poses of camera and projector
   // Poses are x y z qx qy qz qw in the world frame.
@@ -21,6 +23,7 @@ struct SceneData {
   // Each mesh: numbers of vertices and triangles (uint32), positions (float32, m, object frame), indices (uint32), in
   // this computer's byte order.
   std::vector<std::string> meshes;
+  Trajectory path;  // of the robot, at the places of the path
 };
 
 // If the world's objects have more than `max_triangles` in total, meshes of more than 500 vertices are thinned by vertex

@@ -206,7 +206,7 @@ class PageServer::Server : public httplib::Server {
   void add_routes() {
     Get(".*", [this](const httplib::Request& request, httplib::Response& response) {
       const PageRequest asked{request.path, [&](const std::string& name) { return request.get_param_value(name); },
-                              [this] { return stopping_ || (viewer && viewer->gone()); }};
+                              [this, mine = viewer] { return stopping_ || (mine && mine->gone()); }};
       PageAnswer answer = answers_(asked);
       response.status = answer.status;
       if (answer.status == 503) response.set_header("Retry-After", "5");

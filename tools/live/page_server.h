@@ -4,9 +4,13 @@
 // requires the token, if there is one (access.h). The threads run at a lower priority than the program's other threads.
 #pragma once
 
+#include <atomic>
+#include <charconv>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
+#include <string_view>
 
 #include "tools/live/access.h"
 
@@ -15,7 +19,28 @@ namespace fringeslam::tools {
 struct PageRequest {
   const std::string& path;
   std::function<std::string(const std::string& name)> parameter;  // of the query; empty if absent
-  std::function<bool()> given_up;  // true once nobody waits for the answer: the viewer left or the server stops
+  // True once nobody waits for the answer: the viewer left or the server stops. May be called by other threads while the
+  // request is answered.
+  std::function<bool()> given_up;
+};
+
+// Parses an integer of a request; empty if there is anything else in the text.
+template <class Number>
+std::optional<Number> number_in(std::string_view text) {
+  Number number = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+  if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
+  return number;
+}
+
+// A viewer's place among those who wait for the same, starting at 1.
+struct Waiting {
+  explicit Waiting(std::atomic<size_t>& all_waiting) : all(all_waiting), place(++all) {}
+  ~Waiting() { --all; }
+  Waiting(const Waiting&) = delete;
+  Waiting& operator=(const Waiting&) = delete;
+  std::atomic<size_t>& all;
+  size_t place;
 };
 
 struct PageAnswer {

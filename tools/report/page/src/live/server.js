@@ -29,12 +29,12 @@ export class Refused extends Error {
   }
 }
 
-// Returns the answer, or null if the requested data is gone (204). Throws on timeout.
-export async function ask(path) {
+// Returns the answer, or null if the requested data is gone (204). Throws when `signal` aborts, by default on timeout.
+export async function ask(path, signal = AbortSignal.timeout(kPatienceMs)) {
   const answer = await fetch(path, {
     cache: 'no-store',
     headers: token ? {Authorization: `Bearer ${token}`} : {},
-    signal: AbortSignal.timeout(kPatienceMs),
+    signal,
   });
   if (!answer.ok) throw new Refused(answer.status);
   return answer.status === 204 ? null : answer;

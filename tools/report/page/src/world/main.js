@@ -5,6 +5,7 @@ import {fixed} from '../shared/format.js';
 import {drawPage} from '../shared/page.js';
 import {askForToken} from '../shared/token.js';
 import {ask, Refused, readToken} from '../live/server.js';
+import {SensorPanel} from './sensor.js';
 import {World} from './world.js';
 
 const kMostListed = 500;
@@ -40,7 +41,7 @@ function listObjects(scene, world) {
   };
 }
 
-function connectSlider(scene, world) {
+function connectSlider(scene, world, sensor) {
   const slider = byId('time');
   slider.max = scene.path.length - 1;
   const show = () => {
@@ -50,6 +51,7 @@ function connectSlider(scene, world) {
     byId('time-text').textContent = text;
     slider.setAttribute('aria-valuetext', text);
     world.showRig(scene.path[index]);
+    sensor.at(index);
   };
   slider.addEventListener('input', show);
   show();
@@ -64,7 +66,9 @@ async function showScene() {
   byId('status').textContent = scene.notes.join(' ');
   const world = new World(scene);
   listObjects(scene, world);
-  connectSlider(scene, world);
+  const sensor = new SensorPanel();
+  connectSlider(scene, world, sensor);
+  sensor.use(scene);
   await world.load((number) => ask(`/mesh/${number}`));
 }
 
