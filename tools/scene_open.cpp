@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // fringeslam scene open SCENE
 #include <cstdio>
+#include <cstdlib>
 #include <memory>
 
 #include "core/types/error.h"
@@ -8,7 +9,6 @@
 #include "tools/interrupt.h"
 #include "tools/live/live_option.h"
 #include "tools/scene_verbs.h"
-#include "tools/source.h"
 
 namespace fringeslam::tools {
 
@@ -23,13 +23,14 @@ struct SceneOpenArguments {
 
 int open(const SceneOpenArguments& arguments) {
   catch_interrupts();
-  sim::Scene scene = sim::load_scene(scene_file(arguments.scene), arguments.variant.reading());
-  if (interrupted()) return kInterrupted;
   LiveAccess access = arguments.access;
   access.port = arguments.port;
-  const ScenePage page(std::move(scene), std::move(access));
+  const ScenePage page(arguments.scene, arguments.variant, std::move(access));
+  if (interrupted()) return kInterrupted;
   std::fprintf(stderr, "scene: %s\n", page.url().c_str());
   while (!interrupted()) wait_s(60);
+  // A pile may take minutes to settle. Nothing is lost: its result is stored at once or not at all.
+  if (page.loading()) std::quick_exit(0);
   return 0;
 }
 

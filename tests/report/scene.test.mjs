@@ -3,7 +3,7 @@
 // files go to the current folder.
 import assert from 'node:assert/strict';
 import {spawn, spawnSync} from 'node:child_process';
-import {writeFileSync} from 'node:fs';
+import {readFileSync, renameSync, rmSync, writeFileSync} from 'node:fs';
 import {request} from 'node:http';
 import {resolve} from 'node:path';
 import {after, before, test} from 'node:test';
@@ -17,8 +17,10 @@ const runs = new Runs(process.env.FRINGESLAM_PROGRAM, process.env.FRINGESLAM_SOU
 const running = new Set();
 let browser, scene, served;
 
-async function serve(...words) {
-  const child = spawn(runs.program, ['scene', 'open', scene, '--port', '0', ...words], {stdio: ['ignore', 'ignore', 'pipe']});
+const serve = (...words) => serveScene(scene, ...words);
+
+async function serveScene(place, ...words) {
+  const child = spawn(runs.program, ['scene', 'open', place, '--port', '0', ...words], {stdio: ['ignore', 'ignore', 'pipe']});
   running.add(child);
   let said = '';
   const ended = new Promise((done) => child.on('exit', (code) => {
@@ -43,10 +45,10 @@ async function serve(...words) {
 }
 
 // Starts a request; `answer` becomes {status, body}, or null after abort().
-function begin(port, path, headers = {}) {
+function begin(port, path, headers = {}, method = 'GET') {
   let sent;
   const answer = new Promise((done, failed) => {
-    sent = request({host: '127.0.0.1', port, path, headers}, (answer) => {
+    sent = request({host: '127.0.0.1', port, path, headers, method}, (answer) => {
       const parts = [];
       answer.on('data', (bytes) => parts.push(bytes));
       answer.on('end', () => done({status: answer.statusCode, body: Buffer.concat(parts)}));
@@ -57,6 +59,9 @@ function begin(port, path, headers = {}) {
   return {answer, abort: () => sent.destroy()};
 }
 const status = async (...asked) => (await begin(...asked).answer).status;
+const json = async (...asked) => JSON.parse((await begin(...asked).answer).body);
+const stateOf = (port) => json(port, '/state');
+const sceneOf = async (port) => json(port, `/scene/${(await stateOf(port)).scene}`);
 const shown = (page, what) => page.waitForSelector(`#sensor-picture[data-shown="${what}"]`);
 
 // The pixels of the picture shown in the sensor view: width, height and r g b a r g b a …
@@ -67,6 +72,31 @@ const pixels = (page) => page.evaluate(() => {
   context.drawImage(picture, 0, 0);
   return {width, height, data: [...context.getImageData(0, 0, width, height).data]};
 });
+
+// The pixels of the world as shown: r g b a r g b a …
+const worldPixels = async (page) => {
+  const png = (await page.locator('.stage').screenshot()).toString('base64');
+  return page.evaluate(async (bytes) => {
+    const image = new Image();
+    image.src = `data:image/png;base64,${bytes}`;
+    await image.decode();
+    const context = new OffscreenCanvas(image.width, image.height).getContext('2d');
+    context.drawImage(image, 0, 0);
+    return [...context.getImageData(0, 0, image.width, image.height).data];
+  }, png);
+};
+
+// Waits until the world looks as before, but for rounding and a line of its border, where the page is scrolled by part of
+// a pixel. The limit corresponds to three lines of pixels.
+async function drawnLike(page, before) {
+  const end = Date.now() + kTimeoutMs;
+  for (;;) {
+    const now = await worldPixels(page);
+    const other = now.filter((value, i) => Math.abs(value - before[i]) > 8).length;
+    if (now.length === before.length && other < 4e-3 * now.length) return;
+    assert.ok(Date.now() < end, `${other} of ${now.length} values differ`);
+  }
+}
 
 // Returns the first view's depth of the plane z = 0 at a pixel.
 function depthOfFloor({rig, path: [{camera}]}, x, y) {
@@ -180,7 +210,7 @@ test('the depth under the pointer is that of the table, or of a box upon it', as
   const {page, close} = await open();
   await page.locator('#sensor-kind').selectOption('depth');
   await shown(page, 'depth 0 full');
-  const data = JSON.parse((await begin(served.port, '/scene').answer).body);
+  const data = await sceneOf(served.port);
   const {near_m: near, far_m: far, width_px: width, height_px: height} = data.rig;
   const step = (far - near) / 254 + 0.001;  // of levels, and of the text
   const {x, y, width: wide, height: high} = await page.locator('#sensor-picture').boundingBox();
@@ -217,12 +247,13 @@ test('the mask counts as many lit pixels as scene check', async () => {
 
 test('a rendering stops when a newer view is wanted, and delays no other answer', async () => {
   const slow = await serve('--with', 'light.bounces=20');
-  const full = '/view/texture.png?place=0&size=full', reduced = '/view/texture.png?place=1&size=reduced';
+  const {scene: number} = await stateOf(slow.port);
+  const full = `/view/texture.png?scene=${number}&place=0&size=full`, reduced = `/view/texture.png?scene=${number}&place=1&size=reduced`;
   await begin(slow.port, reduced).answer;
   const start = performance.now();
   const first = begin(slow.port, full).answer;
   const order = [];
-  await Promise.all([first.then(() => order.push('view')), begin(slow.port, '/scene').answer.then(() => order.push('scene'))]);
+  await Promise.all([first.then(() => order.push('view')), begin(slow.port, `/scene/${number}`).answer.then(() => order.push('scene'))]);
   assert.deepEqual(order, ['scene', 'view']);
   const whole = performance.now() - start;
   for (let i = 0; i < 5; ++i) {
@@ -251,19 +282,24 @@ test('a rendering stops when a newer view is wanted, and delays no other answer'
 });
 
 test('views that do not exist are refused', async () => {
+  const {scene: number} = await stateOf(served.port);
   for (const [query, expected] of [['texture.png?place=0&size=reduced', 200], ['texture.png?place=4&size=full', 404], ['texture.png?place=-1&size=full', 400],
     ['texture.png?place=0', 400], ['heat.png?place=0&size=full', 404], ['pattern.png?place=0&size=full&pattern=9', 404], ['pattern.png?place=0&size=full', 400]]) {
-    assert.equal(await status(served.port, `/view/${query}`), expected, query);
+    assert.equal(await status(served.port, `/view/${query}&scene=${number}`), expected, query);
   }
+  assert.equal(await status(served.port, '/view/texture.png?place=0&size=reduced'), 400);
+  assert.equal(await status(served.port, `/view/texture.png?place=0&size=reduced&scene=${number - 1}`), 204);
 });
 
 test('a page of another origin, another host name and a viewer without token are refused', async () => {
-  assert.equal(await status(served.port, '/scene'), 200);
-  assert.equal(await status(served.port, '/scene', {Host: 'evil.example'}), 403);
-  assert.equal(await status(served.port, '/scene', {Origin: 'http://evil.example'}), 403);
+  assert.equal(await status(served.port, '/state'), 200);
+  assert.equal(await status(served.port, '/state', {Host: 'evil.example'}), 403);
+  assert.equal(await status(served.port, '/state', {Origin: 'http://evil.example'}), 403);
   assert.equal(await status(served.port, '/mesh/99999'), 404);
   const open_to_all = await serve('--live-host', '0.0.0.0', '--live-token', kToken);
-  for (const path of ['/scene', '/mesh/0', '/view/depth.png?place=0&size=reduced']) {
+  const {scene: number} = await json(open_to_all.port, '/state', {Authorization: `Bearer ${kToken}`});
+  const {objects: [{mesh}]} = await json(open_to_all.port, `/scene/${number}`, {Authorization: `Bearer ${kToken}`});
+  for (const path of ['/state', `/scene/${number}`, `/mesh/${mesh}`, `/view/depth.png?scene=${number}&place=0&size=reduced`]) {
     assert.equal(await status(open_to_all.port, path), 401, path);
     assert.equal(await status(open_to_all.port, path, {Authorization: `Bearer ${kToken}`}), 200, path);
   }
@@ -271,6 +307,101 @@ test('a page of another origin, another host name and a viewer without token are
   assert.ok((await look(page, '.stage')).colours > 50);
   await close();
   await open_to_all.stop('SIGTERM');
+});
+
+// A scene that includes its materials, and its page. `edit` replaces text of a file and returns the time until the page
+// shows the new scene, ms.
+async function edited(name) {
+  const materials = (albedo) => `materials:\n  table: {grain: plain, albedo: ${albedo}, contrast: 0, grain_m: 0.01}\n`;
+  const text = sceneText(name, 'the scene page', {count: 12, size: 0.24, motions: kMotions});
+  const place = runs.scene(name, text.replace(/ {2}table: .*\n/, '').replace('materials:', 'include: materials.yaml\nmaterials:'));
+  const file = (which) => runs.at(name, which);
+  writeFileSync(file('materials.yaml'), materials(0.4));
+  const server = await serveScene(place);
+  const opened = await open(server.url);
+  const {page} = opened;
+  return {
+    ...opened, server, file,
+    async edit(which, from, to) {
+      const before = await page.locator('#scene').getAttribute('data-whole');
+      const text = readFileSync(file(which), 'utf8').replace(from, to);
+      const start = performance.now();
+      writeFileSync(file(which), text);
+      await page.waitForSelector(`#scene[data-whole]:not([data-whole="${before}"])`, {state: 'attached'});
+      return performance.now() - start;
+    },
+    async done() {
+      await opened.close();
+      await server.stop('SIGTERM');
+    },
+  };
+}
+
+test('changes of the scene and of included files appear in the page, and the view stays', async (t) => {
+  const {page, edit, file, server, done} = await edited('changes');
+  await shown(page, 'texture 0 full');
+  const count = await page.locator('#object-list li').count();
+  await page.locator('#time').focus();
+  await page.keyboard.press('ArrowRight');
+  await shown(page, 'texture 1 full');
+  await page.locator('#scene').focus();
+  await page.keyboard.press('ArrowLeft');
+  const unselected = await look(page, '.stage');
+  await page.locator('#object-list button').nth(0).click();
+  await changed(page, '.stage', unselected);
+  const [world, drawn, seen] = [await look(page, '.stage'), await worldPixels(page), await pixels(page)];
+
+  t.diagnostic(`included file: ${Math.round(await edit('materials.yaml', 'albedo: 0.4', 'albedo: 0.8'))} ms`);
+  const {objects} = await sceneOf(server.port);
+  assert.equal(objects[0].albedo, 0.8);
+  const number = await page.locator('#scene').getAttribute('data-whole');
+  await page.waitForSelector(`#sensor-picture[data-scene="${number}"][data-shown="texture 1 full"]`);
+  const mean = ({data}) => data.reduce((sum, value) => sum + value) / data.length;
+  assert.ok(mean(await pixels(page)) > mean(seen) + 5);
+  assert.equal(await page.locator('#object-list [aria-pressed=true]').count(), 1);
+  await drawnLike(page, drawn);  // the table is selected, and the viewpoint is the same
+
+  t.diagnostic(`scene file: ${Math.round(await edit('scene.yaml', 'count: 12', 'count: 3'))} ms`);
+  assert.ok((await page.locator('#object-list li').count()) < count);
+  await changed(page, '.stage', world);
+
+  t.diagnostic(`rig: ${Math.round(await edit('rig.yaml', 'height_px: 250', 'height_px: 125'))} ms`);
+  await page.waitForFunction(() => document.querySelector('#sensor-picture img').naturalHeight === 125);
+
+  // Editors write another file and rename it.
+  const before = await page.locator('#scene').getAttribute('data-whole');
+  writeFileSync(file('new'), readFileSync(file('scene.yaml'), 'utf8').replace('interval_s: 0.5', 'interval_s: 0.25').replace('name: changes', 'name: renamed'));
+  renameSync(file('new'), file('scene.yaml'));
+  await page.waitForSelector(`#scene[data-whole]:not([data-whole="${before}"])`, {state: 'attached'});
+  await page.waitForFunction(() => document.getElementById('name').textContent === 'renamed');
+  await done();
+});
+
+test('an error in a file is shown with line and nearest key, beside the last valid world', async () => {
+  const {page, edit, file, done} = await edited('errors');
+  const [count, drawn] = [await page.locator('#object-list li').count(), await worldPixels(page)];
+  const error = page.locator('#scene-error');
+  const wrong = async (which, from, to, expected) => {
+    const right = readFileSync(file(which), 'utf8');
+    writeFileSync(file(which), right.replace(from, to));
+    await page.waitForFunction((text) => new RegExp(text).test(document.getElementById('scene-error').textContent), expected.source);
+    assert.ok(await error.isVisible());
+    assert.equal(await page.locator('#object-list li').count(), count);
+    writeFileSync(file(which), right);
+    await error.waitFor({state: 'hidden'});
+  };
+  await wrong('scene.yaml', 'ambient_lux', 'ambient_lx', /scene\.yaml:\d+: .*ambient_lx.*ambient_lux/);
+  await wrong('materials.yaml', 'albedo: 0.4', 'albedo: 4', /materials\.yaml:2: .*albedo/);
+  await wrong('rig.yaml', 'fx_px', 'fx_pixels', /rig\.yaml:\d+: /);
+  await wrong('scene.yaml', 'seed: 3', 'seed: [', /scene\.yaml:\d+: /);
+  await drawnLike(page, drawn);
+  rmSync(file('materials.yaml'));
+  await page.waitForFunction(() => /materials\.yaml does not exist/.test(document.getElementById('scene-error').textContent));
+  assert.equal(await page.locator('#object-list li').count(), count);
+  writeFileSync(file('materials.yaml'), 'materials:\n  table: {grain: plain, albedo: 0.1, contrast: 0, grain_m: 0.01}\n');
+  await error.waitFor({state: 'hidden'});
+  await edit('scene.yaml', 'count: 12', 'count: 2');
+  await done();
 });
 
 test('Ctrl-C ends it with success', async () => {

@@ -9,6 +9,7 @@
 
 #include "core/io/json_text.h"
 #include "sim/preview/viewpoint.h"
+#include "sim/scene/cache.h"
 #include "tools/report/simplify_mesh.h"
 
 namespace fringeslam::tools {
@@ -116,38 +117,40 @@ std::string bytes_of(const SurfaceMesh& mesh) {
 }  // namespace
 
 SceneData scene_data(const sim::Scene& scene, size_t max_triangles) {
-  std::map<const sim::Mesh*, size_t> numbers;
-  std::vector<const sim::Mesh*> meshes;
-  Json objects = Json::array();
-  size_t triangles = 0;
-  for (const sim::Object& object : scene.objects) {
-    const auto [found, added] = numbers.emplace(object.mesh.get(), meshes.size());
-    if (added) meshes.push_back(object.mesh.get());
-    triangles += object.mesh->triangles.size();
-    objects.push_back({{"name", object.name},
-                       {"mesh", found->second},
-                       {"material", object.material.name},
-                       {"albedo", object.material.albedo},
-                       {"pose", pose_json(object.world_from_object)}});
-  }
+  size_t triangles = 0, drawn_triangles = 0;
+  for (const sim::Object& object : scene.objects) triangles += object.mesh->triangles.size();
   // Small meshes stay whole: thinned boxes would lose their shape and save nothing.
   constexpr size_t kSmall = 500;
   const double share =
       triangles > max_triangles ? static_cast<double>(max_triangles) / static_cast<double>(triangles) : 1;
+  struct Drawn {
+    std::string name;
+    size_t triangles = 0;
+  };
+  std::map<const sim::Mesh*, Drawn> drawn;
   SceneData data;
   data.path = path_of(scene);
-  std::vector<size_t> drawn;
-  for (const sim::Mesh* mesh : meshes) {
-    SurfaceMesh surface = surface_of(*mesh);
-    if (share < 1 && surface.vertices.size() > kSmall) {
-      const double wanted = share * static_cast<double>(surface.vertices.size());
-      surface = thinned(surface, std::max(kSmall, static_cast<size_t>(wanted))).mesh;
+  Json objects = Json::array();
+  for (const sim::Object& object : scene.objects) {
+    const auto [found, added] = drawn.try_emplace(object.mesh.get());
+    Drawn& mesh = found->second;
+    if (added) {
+      SurfaceMesh surface = surface_of(*object.mesh);
+      if (share < 1 && surface.vertices.size() > kSmall) {
+        const double wanted = share * static_cast<double>(surface.vertices.size());
+        surface = thinned(surface, std::max(kSmall, static_cast<size_t>(wanted))).mesh;
+      }
+      std::string bytes = bytes_of(surface);
+      mesh = {sim::content_hash(bytes), surface.triangles.size()};
+      data.meshes.emplace(mesh.name, std::move(bytes));
     }
-    drawn.push_back(surface.triangles.size());
-    data.meshes.push_back(bytes_of(surface));
+    drawn_triangles += mesh.triangles;
+    objects.push_back({{"name", object.name},
+                       {"mesh", mesh.name},
+                       {"material", object.material.name},
+                       {"albedo", object.material.albedo},
+                       {"pose", pose_json(object.world_from_object)}});
   }
-  size_t drawn_triangles = 0;
-  for (const sim::Object& object : scene.objects) drawn_triangles += drawn[numbers[object.mesh.get()]];
   data.json = json_text(Json{{"name", scene.name},
                              {"seed", std::to_string(scene.seed)},  // may exceed the exact integers of JavaScript
                              {"notes", scene.notes},

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Serves one web page and its data. Only GET and HEAD are answered. Requests are limited in size and time, and requests
-// beyond a maximum number of concurrent ones are asked to retry (503). Everything but the page itself, which is at /,
-// requires the token, if there is one (access.h). The threads run at a lower priority than the program's other threads.
+// Serves one web page and its data. Only GET, HEAD and, if the page takes orders, POST without a body are answered.
+// Requests are limited in size and time, and requests beyond a maximum number of concurrent ones are asked to retry
+// (503). Everything but the page itself, which is at /, requires the token, if there is one (access.h).
 #pragma once
 
 #include <atomic>
@@ -18,6 +18,7 @@ namespace fringeslam::tools {
 
 struct PageRequest {
   const std::string& path;
+  bool is_post;  // an order; browsers name its origin, so that none from a foreign page is admitted
   std::function<std::string(const std::string& name)> parameter;  // of the query; empty if absent
   // True once nobody waits for the answer: the viewer left or the server stops. May be called by other threads while the
   // request is answered.
@@ -55,6 +56,11 @@ struct PageAnswer {
   }
 };
 
+struct PageRules {
+  bool posts = false;  // accept POST
+  int nice = 10;       // niceness of the threads that answer
+};
+
 class PageServer {
  public:
   static constexpr size_t kRequests = 24;  // of all kinds, answered concurrently
@@ -63,7 +69,7 @@ class PageServer {
 
   // Serves until destroyed. `port_option` names the option of the port in messages. Throws Error if the port is
   // unavailable or the access is invalid.
-  PageServer(LiveAccess access, std::string port_option, Answers answers);
+  PageServer(LiveAccess access, std::string port_option, Answers answers, const PageRules& rules = {});
   ~PageServer();
   PageServer(const PageServer&) = delete;
   PageServer& operator=(const PageServer&) = delete;

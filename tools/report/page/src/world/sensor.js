@@ -4,6 +4,7 @@ import {colourBar} from '../shared/colour_bar.js';
 import {byId, choice, element} from '../shared/dom.js';
 import {fixed} from '../shared/format.js';
 import {LevelPicture} from '../shared/level_picture.js';
+import {pause} from '../shared/polling.js';
 import {ask, Refused} from '../live/server.js';
 
 const kPatienceMs = 300;  // before a busy server is asked again
@@ -13,8 +14,6 @@ const kDescriptions = {
   texture: 'Camera image under white projector light', pattern: 'Camera image under a pattern',
   depth: 'Depth, near is dark', mask: 'Surfaces that are lit, in shadow or outside the beam',
 };
-
-const pause = (ms) => new Promise((done) => setTimeout(done, ms));
 
 export class SensorPanel {
   constructor() {
@@ -61,7 +60,7 @@ export class SensorPanel {
     select.querySelector('select').id = 'sensor-pattern';
     select.querySelector('select').value = pattern;
     this.pattern.replaceChildren(select);
-    this.want({pattern});
+    this.want({pattern, place: Math.min(this.wanted.place, scene.path.length - 1)}, true);
   }
 
   at(place) {
@@ -70,11 +69,11 @@ export class SensorPanel {
 
   // A reduced picture that was begun is shown even if the place has changed, so that pictures appear while the slider
   // is dragged; everything else that is no longer wanted is cancelled.
-  want(changes) {
+  want(changes, all = !('place' in changes)) {
     Object.assign(this.wanted, changes);
     ++this.version;
     this.pattern.hidden = this.wanted.kind !== 'pattern';
-    if (this.request && (this.request.size === 'full' || !('place' in changes))) this.request.controller.abort();
+    if (all || this.request?.size === 'full') this.request?.controller.abort();
     if (this.scene && !this.running) this.run();
   }
 
@@ -83,7 +82,9 @@ export class SensorPanel {
     for (let reduced = -1, full = -1; full !== this.version;) {
       const version = this.version;
       try {
-        await this.fetch(reduced === version ? 'full' : 'reduced');
+        const rendered = await this.fetch(reduced === version ? 'full' : 'reduced');
+        if (version !== this.version) continue;
+        if (!rendered) break;  // a newer scene follows
         if (reduced === version) full = version;
         reduced = version;
       } catch (error) {
@@ -104,11 +105,13 @@ export class SensorPanel {
 
   async fetch(size) {
     const {place, kind, pattern} = this.wanted;
+    const {number} = this.scene;
     const controller = new AbortController();
     this.request = {controller, size};
     try {
-      const query = new URLSearchParams({place, size, ...(kind === 'pattern' && {pattern})});
+      const query = new URLSearchParams({scene: number, place, size, ...(kind === 'pattern' && {pattern})});
       const answer = await ask(`/view/${kind}.png?${query}`, controller.signal);
+      if (!answer) return false;
       const url = URL.createObjectURL(await answer.blob());
       try {
         await this.show(kind, url);
@@ -119,8 +122,10 @@ export class SensorPanel {
       this.request = null;
     }
     this.size = size;
+    this.frame.dataset.scene = number;
     this.frame.dataset.shown = `${kind} ${kind === 'pattern' ? `${pattern} ` : ''}${place} ${size}`;
     this.say();
+    return true;
   }
 
   async show(kind, url) {
