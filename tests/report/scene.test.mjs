@@ -404,6 +404,47 @@ test('an error in a file is shown with line and nearest key, beside the last val
   await done();
 });
 
+test('a new seed draws another world, which the command shown opens again', async () => {
+  const server = await serve('--with', 'light.ambient_lux={uniform: [1, 2]}');
+  const {page, close} = await open(server.url);
+  const about = () => page.locator('#about').textContent();
+  assert.match(await about(), /^seed 3,/);
+  const [first, before] = [await sceneOf(server.port), await look(page, '.stage')];
+  const whole = await page.locator('#scene').getAttribute('data-whole');
+  await page.locator('#new-seed').focus();
+  await page.keyboard.press('Enter');
+  await page.waitForSelector(`#scene[data-whole]:not([data-whole="${whole}"])`, {state: 'attached'});
+  await changed(page, '.stage', before);
+  const [, seed] = (await about()).match(/^seed (\d+),/);
+  assert.notEqual(seed, '3');
+  const command = await page.locator('#command code').textContent();
+  assert.equal(command, `fringeslam scene open ${scene} --seed ${seed} --with 'light.ambient_lux={uniform: [1, 2]}'`);
+  const second = await sceneOf(server.port);
+  assert.notDeepEqual(second.objects, first.objects);
+  await page.context().grantPermissions(['clipboard-read', 'clipboard-write']);
+  await page.locator('#command button').click();
+  assert.equal(await page.evaluate(() => navigator.clipboard.readText()), command);
+  await close();
+  await server.stop('SIGTERM');
+  const again = await serve('--seed', seed);
+  assert.deepEqual((await sceneOf(again.port)).objects, second.objects);
+  await again.stop('SIGTERM');
+});
+
+test('only the page may order a new seed', async () => {
+  const {number} = await stateOf(served.port);
+  assert.equal(await status(served.port, '/seed', {Origin: 'http://evil.example'}, 'POST'), 403);
+  assert.equal(await status(served.port, '/seed', {Host: 'evil.example'}, 'POST'), 403);
+  assert.equal(await status(served.port, '/seed'), 404);
+  assert.equal(await status(served.port, '/state', {}, 'POST'), 405);
+  assert.equal(await status(served.port, '/state', {}, 'PUT'), 405);
+  assert.equal((await stateOf(served.port)).number, number);
+  const guarded = await serve('--live-host', '0.0.0.0', '--live-token', kToken);
+  assert.equal(await status(guarded.port, '/seed', {}, 'POST'), 401);
+  assert.equal(await status(guarded.port, '/seed', {Authorization: `Bearer ${kToken}`}, 'POST'), 200);
+  await guarded.stop('SIGTERM');
+});
+
 test('Ctrl-C ends it with success', async () => {
   const other = await serve();
   assert.equal(await other.stop('SIGINT'), 0);
@@ -420,7 +461,7 @@ test('an invalid scene is reported with its line, exit code 2', () => {
 test('all that can be operated is reached by Tab and shows its focus', async () => {
   const {page, close} = await open();
   const reached = await reachedByTab(page, 12);
-  for (const id of ['theme', 'scene', 'time', 'reset', 'sensor-kind']) assert.ok(reached.has(id), `${id}: ${[...reached]}`);
+  for (const id of ['theme', 'new-seed', 'scene', 'time', 'reset', 'sensor-kind']) assert.ok(reached.has(id), `${id}: ${[...reached]}`);
   await close();
 });
 

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // A scene while its author edits it: its world in 3D, the rig along its path, what the camera sees, and the objects. The
 // server reports each new version of the scene, and errors in its files.
+import {commandLine} from '../shared/copy.js';
 import {byId, element} from '../shared/dom.js';
 import {fixed} from '../shared/format.js';
 import {drawPage} from '../shared/page.js';
 import {keepPolling, reason} from '../shared/polling.js';
-import {ask, readToken} from '../live/server.js';
+import {ask, order, readToken} from '../live/server.js';
 import {SensorPanel} from './sensor.js';
 import {World} from './world.js';
 
@@ -18,6 +19,7 @@ class ScenePage {
     this.scene = null;
     this.number = null;  // of the state shown
     byId('time').addEventListener('input', () => this.showTime());
+    byId('new-seed').addEventListener('click', () => this.drawSeed());
     this.world.onSelect = (i) => this.showSelected(i);
   }
 
@@ -29,7 +31,8 @@ class ScenePage {
     byId('scene-error').hidden = !state.error;
     if (byId('scene-error').textContent !== state.error) byId('scene-error').textContent = state.error;
     byId('status').textContent = state.loading ? 'Loading the changed scene' : this.scene.notes.join(' ');
-    document.documentElement.dataset.state = state.number;
+    if (this.command !== state.command) this.showCommand(state.command);
+    byId('new-seed').disabled = state.loading;
   }
 
   // Shows a version of the scene; returns false if there is a newer one already.
@@ -48,6 +51,21 @@ class ScenePage {
     this.sensor.use(scene);
     this.showTime();
     return true;
+  }
+
+  // Shows the command that opens this variant of the scene.
+  showCommand(text) {
+    this.command = text;
+    byId('command').replaceChildren(commandLine(text, 'this scene'));
+  }
+
+  // The new scene arrives by polling.
+  async drawSeed() {
+    try {
+      await order('/seed');
+    } catch (error) {
+      byId('status').textContent = reason(error);
+    }
   }
 
   showTime() {
