@@ -470,6 +470,8 @@ test('it follows the system to the dark, and fits a phone', async () => {
   assert.ok((await darkness(page)) < 150);
   await page.locator('#sensor-kind').selectOption('pattern');  // with the longest texts
   await shown(page, 'pattern 0 0 full');
+  const {x, width} = await page.locator('#sensor-pattern').boundingBox();
+  assert.ok(x >= 0 && x + width <= 360, `${x} ${width}`);
   assert.ok((await overflow(page)) <= 0, 'the page is wider than the phone');
   await close();
 });

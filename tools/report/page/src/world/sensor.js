@@ -10,6 +10,9 @@ import {ask, Refused} from '../live/server.js';
 const kPatienceMs = 300;  // before a busy server is asked again
 const kLights = ['lit', 'in shadow', 'outside the beam'];  // by level
 const kKinds = [['texture', 'Texture'], ['pattern', 'Pattern'], ['depth', 'Depth'], ['mask', 'Shadow and beam']];
+const kNotes = {
+  texture: 'White projector light and ambient light. White: full scale of the camera.', pattern: 'White: full scale of the camera.',
+};
 const kDescriptions = {
   texture: 'Camera image under white projector light', pattern: 'Camera image under a pattern',
   depth: 'Depth, near is dark', mask: 'Surfaces that are lit, in shadow or outside the beam',
@@ -147,7 +150,7 @@ export class SensorPanel {
   key(kind) {
     if (kind === 'depth') return [colourBar('viridis', ...[0, 0.5, 1].map((share) => this.metres(share, 2)))];
     if (kind === 'mask') return kLights.map((text, i) => element('span', {class: 'entry'}, element('i', {class: `light light-${i}`}), text));
-    return [];
+    return [element('span', {class: 'quiet'}, kNotes[kind])];
   }
 
   // Shows a value, null if there is none here, or by default the size of the picture.
