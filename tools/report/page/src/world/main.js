@@ -5,18 +5,23 @@ import {commandLine} from '../shared/copy.js';
 import {byId, element} from '../shared/dom.js';
 import {fixed} from '../shared/format.js';
 import {drawPage} from '../shared/page.js';
-import {keepPolling, reason} from '../shared/polling.js';
+import {keepPolling, pause, reason} from '../shared/polling.js';
 import {ask, order, readToken} from '../live/server.js';
 import {SensorPanel} from './sensor.js';
 import {World} from './world.js';
 
 const kMostListed = 500;
+const kLongestLagMs = 100;  // of the rig in the world behind the slider
+
+// Returns after the next frame of the page.
+const nextFrame = () => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
 
 class ScenePage {
   constructor() {
     this.world = new World();
     this.sensor = new SensorPanel();
     this.scene = null;
+    this.drawn = null;  // number of the scene whose world is drawn
     this.number = null;  // of the state shown
     byId('time').addEventListener('input', () => this.showTime());
     byId('new-seed').addEventListener('click', () => this.drawSeed());
@@ -26,7 +31,7 @@ class ScenePage {
   async poll() {
     const answer = await ask(this.number === null ? '/state' : `/state?since=${this.number}`);
     const state = await answer.json();
-    if (state.scene !== this.scene?.number && !(await this.load(state.scene))) return;
+    if (state.scene !== this.drawn && !(await this.load(state.scene))) return;
     this.number = state.number;
     byId('scene-error').hidden = !state.error;
     if (byId('scene-error').textContent !== state.error) byId('scene-error').textContent = state.error;
@@ -40,7 +45,6 @@ class ScenePage {
     const answer = await ask(`/scene/${number}`);
     if (!answer) return false;
     const scene = {...await answer.json(), number};
-    if (!(await this.world.show(scene, (mesh) => ask(`/mesh/${mesh}`)))) return false;
     this.scene = scene;
     byId('name').textContent = scene.name;
     document.title = `${scene.name} · FringeSLAM`;
@@ -48,7 +52,9 @@ class ScenePage {
     byId('about').textContent = `seed ${scene.seed}, ${scene.objects.length} objects, ${scene.triangles} triangles${thinned}`;
     this.listObjects();
     byId('time').max = scene.path.length - 1;
-    this.sensor.use(scene);
+    this.sensor.use(scene);  // needs no meshes
+    if (!(await this.world.show(scene, (mesh) => ask(`/mesh/${mesh}`)))) return false;
+    this.drawn = number;
     this.showTime();
     return true;
   }
@@ -74,8 +80,11 @@ class ScenePage {
     const text = this.scene.continuous ? `${fixed(this.scene.path[index].time_s, 2)} s` : `view ${index}`;
     byId('time-text').textContent = text;
     slider.setAttribute('aria-valuetext', text);
-    this.sensor.at(index);
-    this.world.showRig(this.scene.path[index]);
+    const pictured = this.sensor.at(index);
+    // The camera's picture comes first: without a GPU, drawing the world takes longer.
+    Promise.race([pictured, pause(kLongestLagMs)]).then(nextFrame).then(() => {
+      if (Number(slider.value) === index) this.world.showRig(this.scene.path[index]);
+    });
   }
 
   listObjects() {

@@ -25,6 +25,7 @@ export class SensorPanel {
     this.version = 0;  // of what is wanted
     this.request = null;  // in progress: {controller, size}
     this.running = false;
+    this.waiting = [];  // for the next picture
 
     this.image = element('img', {alt: ''});
     const [depth, mask] = [0, 1].map(() => element('canvas', {role: 'img', hidden: true}));
@@ -66,8 +67,10 @@ export class SensorPanel {
     this.want({pattern, place: Math.min(this.wanted.place, scene.path.length - 1)}, true);
   }
 
+  // Returns once the next picture is shown.
   at(place) {
     this.want({place});
+    return new Promise((done) => this.waiting.push(done));
   }
 
   // A reduced picture that was begun is shown even if the place has changed, so that pictures appear while the slider
@@ -128,6 +131,7 @@ export class SensorPanel {
     this.frame.dataset.scene = number;
     this.frame.dataset.shown = `${kind} ${kind === 'pattern' ? `${pattern} ` : ''}${place} ${size}`;
     this.say();
+    for (const done of this.waiting.splice(0)) done();
     return true;
   }
 

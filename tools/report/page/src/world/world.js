@@ -123,6 +123,7 @@ export class World {
 
   // Directs the view to what the rig works on, not a room around it, unless the user has chosen a view.
   frame({path, rig}) {
+    this.rig = rig;
     const places = path.map(({camera}) => new THREE.Vector3(...camera.slice(0, 3)));
     setSegments(this.path, chain(places));
     const reach = new THREE.Box3();
@@ -151,7 +152,7 @@ export class World {
   }
 
   showRig({camera, projector}) {
-    const {rig} = this.data;
+    const {rig} = this;
     setSegments(this.camera, frustum(poseOf(camera), rig.far_m, rig.camera_corners));
     setSegments(this.projector, frustum(poseOf(projector), rig.far_m, rig.projector_corners));
     this.redraw();
