@@ -12,6 +12,7 @@
 #include "sim/preview/line_drawing.h"
 #include "sim/preview/overview.h"
 #include "sim/preview/viewpoint.h"
+#include "sim/sensor_view.h"
 
 namespace fringeslam::sim {
 
@@ -159,26 +160,6 @@ cv::Mat3b overview_panel(const Scene& scene, const RayScene& world, const Layout
 
 // --- right: first view ---
 
-// Returns the rig with the camera's resolution and intrinsics scaled to the displayed size.
-RigModel with_camera_size(const RigModel& rig, const cv::Size& size) {
-  RigModel result = rig;
-  Pinhole& camera = result.camera;
-  const double sx = static_cast<double>(size.width) / camera.width,
-               sy = static_cast<double>(size.height) / camera.height;
-  camera.width = size.width, camera.height = size.height;
-  camera.fx *= sx, camera.fy *= sy;
-  camera.cx = sx * (camera.cx + 0.5) - 0.5, camera.cy = sy * (camera.cy + 0.5) - 0.5;
-  return result;
-}
-
-Pattern white() {
-  Pattern pattern;
-  pattern.coding = Coding::flat;
-  pattern.level = 1;
-  pattern.bits = 0;
-  return pattern;
-}
-
 // Tone-maps illuminance for display (gamma 2.2), with the 99th percentile scaled to 92 % of white.
 cv::Mat3b toned(const cv::Mat1f& lux) {
   std::vector<float> sorted(lux.begin(), lux.end());
@@ -242,7 +223,7 @@ cv::Mat3b preview_picture(const Scene& scene, cv::Size size) {
   Scene shown = scene;
   shown.rig = with_camera_size(scene.rig, layout.view.size());
   const Renderer renderer(shown, seen_effects(), 4);
-  const ProjectedPatterns light({shown.rig.projector.width, shown.rig.projector.height, {white()}}, shown.rig, {});
+  const ProjectedPatterns light({shown.rig.projector.width, shown.rig.projector.height, {white_pattern()}}, shown.rig, {});
   TruthFrame truth;
   const cv::Mat1f lux = renderer.render(light, {world_from_camera(shown, 0)}, 0, &truth)[0];
 

@@ -62,15 +62,14 @@ VirtualRig::VirtualRig(const Scene& scene, const RenderOptions& options)
   if (scene.rig.thermal) thermal_rays_ = thermal_rays(scene.rig);
 }
 
-BlurRange VirtualRig::blur_range() const {
-  const RigModel& rig = scene_.rig;
-  return Beam::blur_range(rig, options_.effects, kNearest * rig.near_m, kFarthest * rig.far_m);
+BlurRange blur_range(const RigModel& rig, const Effects& effects) {
+  return Beam::blur_range(rig, effects, kNearest * rig.near_m, kFarthest * rig.far_m);
 }
 
 const std::vector<ProjectedPatterns>& VirtualRig::shown(const PatternSequence& sequence) {
   if (!shown_.empty() && shown_sequence_ == sequence) return shown_;
   const RigModel& rig = scene_.rig;
-  const BlurRange blur = blur_range();
+  const BlurRange blur = blur_range(rig, options_.effects);
   shown_.clear();
   shown_sequence_ = sequence;
   if (!moving()) {
@@ -233,8 +232,9 @@ cv::Mat VirtualRig::look(const cv::Mat1b& screen, size_t pose, double exposure_s
   screen.convertTo(levels, CV_32F, 1.0 / 255);
   const Pose world_from_camera = scene_.trajectory.at(pose).world_from_robot * rig.robot_from_camera;
   const auto stack = static_cast<int>(pose);
-  const cv::Mat1f light = renderer_.render(ProjectedPatterns(std::vector<cv::Mat1f>{levels}, rig, blur_range()),
-                                           {world_from_camera}, stack)[0];
+  const cv::Mat1f light =
+      renderer_.render(ProjectedPatterns(std::vector<cv::Mat1f>{levels}, rig, blur_range(rig, options_.effects)),
+                       {world_from_camera}, stack)[0];
   return camera_.expose(camera_.electrons_per_s(light), exposure_s,
                         {options_.noise, options_.quantise, scene_.seed, stack, number});
 }

@@ -37,6 +37,9 @@ struct SimulatedView {
   TruthFrame truth;
 };
 
+// Returns the range of blur at the distances of the rig's scenes, beyond which it is clamped.
+BlurRange blur_range(const RigModel& rig, const Effects& effects);
+
 // The images of a stack are exposed at the camera's frame rate; the ground truth refers to the stack's reference time.
 // Without a continuous path, each trajectory pose is the reference of one stack. Along a path, the rig runs on its own
 // clock: the first exposure slot starts at time 0, and the patterns of each stack follow those of the last one without
@@ -58,7 +61,6 @@ class VirtualRig : public Rig {
   cv::Mat look(const cv::Mat1b& screen, size_t pose, double exposure_s, int number);
 
  private:
-  BlurRange blur_range() const;
   // Returns the patterns as projected light: one set, or one per pattern if the robot moves during a stack.
   const std::vector<ProjectedPatterns>& shown(const PatternSequence& sequence);
   // Returns the reference pose and exposure times of the next stack; empty at the end.

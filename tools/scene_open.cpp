@@ -1,17 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 // fringeslam scene open SCENE
-#include <charconv>
 #include <cstdio>
+#include <cstdlib>
 #include <memory>
 
 #include "core/types/error.h"
-#include "tools/authoring/scene_data.h"
+#include "tools/authoring/scene_page.h"
 #include "tools/interrupt.h"
 #include "tools/live/live_option.h"
-#include "tools/live/page_server.h"
-#include "tools/report/report_page.h"
 #include "tools/scene_verbs.h"
-#include "tools/source.h"
 
 namespace fringeslam::tools {
 
@@ -24,31 +21,16 @@ struct SceneOpenArguments {
   SceneVariant variant;
 };
 
-//   /         the page (tools/report/page/src/world)
-//   /scene    SceneData::json
-//   /mesh/N   SceneData::meshes
-PageAnswer answer(const SceneData& data, const PageRequest& request) {
-  if (request.path == "/") return PageAnswer::of(std::string(world_page()), "text/html; charset=utf-8");
-  if (request.path == "/scene") return PageAnswer::of(data.json, "application/json");
-  constexpr std::string_view kMesh = "/mesh/";
-  if (!request.path.starts_with(kMesh)) return {};
-  size_t number = 0;
-  const char* end = request.path.data() + request.path.size();
-  const auto [rest, failure] = std::from_chars(request.path.data() + kMesh.size(), end, number);
-  if (failure != std::errc() || rest != end || number >= data.meshes.size()) return {};
-  return PageAnswer::of(data.meshes[number], "application/octet-stream");
-}
-
 int open(const SceneOpenArguments& arguments) {
   catch_interrupts();
-  const SceneData data = scene_data(sim::load_scene(scene_file(arguments.scene), arguments.variant.reading()));
-  if (interrupted()) return kInterrupted;
   LiveAccess access = arguments.access;
   access.port = arguments.port;
-  const PageServer server(std::move(access), "--port",
-                          [&](const PageRequest& request) { return answer(data, request); });
-  std::fprintf(stderr, "scene: %s\n", server.url().c_str());
+  const ScenePage page(arguments.scene, arguments.variant, std::move(access));
+  if (interrupted()) return kInterrupted;
+  std::fprintf(stderr, "scene: %s\n", page.url().c_str());
   while (!interrupted()) wait_s(60);
+  // A pile may take minutes to settle. Nothing is lost: its result is stored at once or not at all.
+  if (page.loading()) std::quick_exit(0);
   return 0;
 }
 

@@ -433,6 +433,12 @@ std::filesystem::path YamlMap::file(const std::string& key) const {
   return file;
 }
 
+std::vector<std::filesystem::path> YamlMap::asked_files() const {
+  std::vector<std::filesystem::path> files;
+  for (const AskedPath& asked : node_->asked_paths->all) files.push_back(asked.file);
+  return files;
+}
+
 namespace {
 
 // Copies a value without its line marks.

@@ -90,6 +90,8 @@ class YamlMap {
   std::vector<std::filesystem::path> paths(const std::string& key) const;
   // Path of an existing regular file; throws Error for folders and devices.
   std::filesystem::path file(const std::string& key) const;
+  // Returns the paths that path() and file() have returned, or refused, for this map and all others of its file.
+  std::vector<std::filesystem::path> asked_files() const;
 
   void finish() const;
 

@@ -66,8 +66,9 @@ class BlockRenderer {
         height_(renderer.scene_.rig.camera.height),
         footprint_(1 / renderer.scene_.rig.camera.fx),
         ambient_lux_(renderer.scene_.ambient_lux),
-        bounces_(renderer.effects_.interreflection ? renderer.scene_.bounces : 0),
-        haze_(renderer.effects_.air ? renderer.scene_.air : Air{}),
+        // Ground truth alone needs no light paths.
+        bounces_(renderer.effects_.interreflection && patterns.count() > 0 ? renderer.scene_.bounces : 0),
+        haze_(renderer.effects_.air && patterns.count() > 0 ? renderer.scene_.air : Air{}),
         pupil_m_(renderer.effects_.depth_of_field ? camera_pupil_m(renderer.scene_.rig) : 0),
         sums_(static_cast<size_t>(kPacket * patterns.stride())),
         soft_sums_(indirect ? sums_.size() : 0),
@@ -184,11 +185,11 @@ class BlockRenderer {
     rays.active = inside_;
     aim(station.world_from_camera, slope, start, rays);
     HitPacket& hits = centre_.hits;
-    r_.world_.trace(rays, hits);
+    r_.world_->trace(rays, hits);
     BeamPacket beam;
     station.beam.light(hits.point, hits.hit, beam);
     const LaneMask towards = facing(hits, beam);
-    const LaneMask dark = r_.world_.occluded(RayScene::lifted(hits), towards, station.beam.position());
+    const LaneMask dark = r_.world_->occluded(RayScene::lifted(hits), towards, station.beam.position());
     centre_.shadow = hits.hit & ~(towards & ~dark);  // surfaces that face away from the light count as shadowed
     centre_.in_beam = beam.inside;
     const Eigen::Matrix3d camera_from_world = station.world_from_camera.rotation.transpose();
@@ -201,14 +202,14 @@ class BlockRenderer {
       truth.position_m(row, col) = {point.x(), point.y(), point.z()};
       truth.normals(row, col) = {normal.x(), normal.y(), normal.z()};
       truth.object_id(row, col) = static_cast<float>(hits.object[i] + 1);
-      truth.temperature_c(row, col) = static_cast<float>(r_.surfaces_.temperature_c(hits.object[i]));
+      truth.temperature_c(row, col) = static_cast<float>(r_.surfaces_->temperature_c(hits.object[i]));
       if (has(beam.inside, i)) {
         truth.projector_column(row, col) = static_cast<float>(beam.column[i]);
         truth.projector_row(row, col) = static_cast<float>(beam.row[i]);
       }
       truth.mask(row, col) = static_cast<float>(kTruthSurface + (has(beam.inside, i) ? kTruthInBeam : 0) +
                                                 (has(centre_.shadow, i) ? kTruthInShadow : 0) +
-                                                (r_.surfaces_.material(hits.object[i]).victim ? kTruthVictim : 0));
+                                                (r_.surfaces_->material(hits.object[i]).victim ? kTruthVictim : 0));
     }
   }
 
@@ -239,9 +240,9 @@ class BlockRenderer {
     rays.active = inside_;
     aim(station.world_from_camera, slope, start, rays);
     HitPacket hits;
-    r_.world_.trace(rays, hits);
+    r_.world_->trace(rays, hits);
     SurfacePacket surface;
-    r_.surfaces_.at(hits, footprint_, surface);
+    r_.surfaces_->at(hits, footprint_, surface);
 
     Points to_viewer;
     alignas(64) float weight[kPacket], length[kPacket];
@@ -298,7 +299,7 @@ class BlockRenderer {
     station.beam.light(hits.point, active, beam);
     LaneMask lit = facing(hits, beam) & active;
     if (!everywhere) lit &= beam.inside;
-    lit &= ~r_.world_.occluded(RayScene::lifted(hits), lit, station.beam.position());
+    lit &= ~r_.world_->occluded(RayScene::lifted(hits), lit, station.beam.position());
     ProjectedPatterns::Points points;
     alignas(64) double cosine[kPacket];
 #pragma GCC ivdep
@@ -379,7 +380,7 @@ class BlockRenderer {
           rays.direction.set(i, next.direction);
         }
         rays.active = active;
-        r_.world_.trace(rays, hits);
+        r_.world_->trace(rays, hits);
         for (int i = 0; i < kPacket; ++i) {
           if (has(active & ~hits.hit, i)) add_steady(i, weight[i] * static_cast<float>(ambient_lux_));
         }
@@ -391,7 +392,7 @@ class BlockRenderer {
           if (haze_.extinction_per_m > 0 && has(active, i))
             weight[i] *= static_cast<float>(std::exp(-haze_.extinction_per_m * hits.distance[i]));
         }
-        r_.surfaces_.at(hits, footprint_, surface);
+        r_.surfaces_->at(hits, footprint_, surface);
         BeamPacket beam;
         add_direct(station, hits, surface, to_viewer, active, weight, false, beam);
         if (bounce < bounces_) continue;
@@ -424,7 +425,7 @@ class BlockRenderer {
     }
     BeamPacket beam;
     station.beam.light(points, inside_, beam);
-    const LaneMask lit = beam.inside & ~r_.world_.occluded(points, beam.inside, station.beam.position());
+    const LaneMask lit = beam.inside & ~r_.world_->occluded(points, beam.inside, station.beam.position());
     ProjectedPatterns::Points lit_points{};
     for (int i = 0; i < kPacket; ++i) {
       if (!has(lit, i)) continue;

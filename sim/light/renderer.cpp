@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sim/light/renderer.h"
 
+#include <atomic>
 #include <limits>
 #include <optional>
 
@@ -29,8 +30,15 @@ void render_portable(BlockRenderer& block, int row, int col, std::vector<cv::Mat
 Renderer::Renderer(const Scene& scene, const Effects& effects, int samples_per_pixel)
     : scene_(scene),
       effects_(effects),
-      world_(scene),
-      surfaces_(scene, effects),
+      world_(std::make_shared<const RayScene>(scene)),
+      surfaces_(std::make_shared<const Surfaces>(scene, effects)),
+      rays_(sample_rays(scene.rig.camera, samples_per_pixel)) {}
+
+Renderer::Renderer(const Renderer& other, const Scene& scene, const Effects& effects, int samples_per_pixel)
+    : scene_(scene),
+      effects_(effects),
+      world_(other.world_),
+      surfaces_(other.surfaces_),
       rays_(sample_rays(scene.rig.camera, samples_per_pixel)) {}
 
 namespace {
@@ -49,7 +57,7 @@ void add(IndirectLightBuffer& indirect, std::vector<cv::Mat1f>& images) {
 }  // namespace
 
 std::vector<cv::Mat1f> Renderer::render(const ProjectedPatterns& patterns, const std::vector<Pose>& world_from_camera,
-                                        int stack, TruthFrame* truth) const {
+                                        int stack, TruthFrame* truth, const Stop& stop) const {
   const RigModel& rig = scene_.rig;
   const cv::Size size(rig.camera.width, rig.camera.height);
   std::vector<Station> stations;
@@ -68,10 +76,16 @@ std::vector<cv::Mat1f> Renderer::render(const ProjectedPatterns& patterns, const
   if (share && effects_.interreflection && scene_.bounces > 0) indirect.emplace(size, patterns.count() + 1);
   if (share && effects_.air && scene_.air.extinction_per_m > 0) veil.emplace(size, patterns.count() + 1);
   static const auto render_block = Variants<render_portable, render_avx2, render_avx512>::of(widest_instruction_set());
+  std::atomic<bool> stopped = false;
   for_each_row(down, [&](int block_row) {
+    if (stop && (stopped || stop())) return void(stopped = true);
     BlockRenderer block(*this, patterns, stations, stack, indirect ? &*indirect : nullptr, veil ? &*veil : nullptr);
     for (int block_col = 0; block_col < across; ++block_col) render_block(block, block_row, block_col, images, truth);
   });
+  if (stopped) {
+    if (truth) *truth = {};
+    return {};
+  }
   for (auto* light : {&indirect, &veil}) {
     if (!*light) continue;
     smooth(**light, 1 / rig.camera.fx, world_from_camera.front().translation);

@@ -13,6 +13,8 @@
 // of the camera ray.
 #pragma once
 
+#include <functional>
+#include <memory>
 #include <opencv2/core.hpp>
 #include <vector>
 
@@ -25,26 +27,33 @@
 
 namespace fringeslam::sim {
 
+// Returns true to stop a rendering. Called by several threads concurrently.
+using Stop = std::function<bool()>;
+
 class Renderer {
  public:
   Renderer(const Scene& scene, const Effects& effects, int samples_per_pixel);
+  // Shares the objects of `other`, whose scene must have the same objects, materials and dust; camera, projector and
+  // light may differ. `effects` must agree with those of `other` in gloss, relief and dust.
+  Renderer(const Renderer& other, const Scene& scene, const Effects& effects, int samples_per_pixel);
 
   // Renders W, lux, under each pattern, in sequence order; H x W. Several poses divide the exposure into equal parts.
   // `truth`, if given, receives the ground truth of the first pose, except index, time, pose and fringe orders. `stack`
-  // keys the random paths.
+  // keys the random paths. `stop`, if given, is called before each row of blocks; once it has returned true, the result
+  // is empty, and so is `truth`.
   std::vector<cv::Mat1f> render(const ProjectedPatterns& patterns, const std::vector<Pose>& world_from_camera,
-                                int stack, TruthFrame* truth = nullptr) const;
+                                int stack, TruthFrame* truth = nullptr, const Stop& stop = nullptr) const;
 
-  const RayScene& world() const { return world_; }
-  const Surfaces& surfaces() const { return surfaces_; }
+  const RayScene& world() const { return *world_; }
+  const Surfaces& surfaces() const { return *surfaces_; }
   const SampleRays& rays() const { return rays_; }
 
  private:
   friend class BlockRenderer;
   const Scene& scene_;
   Effects effects_;
-  RayScene world_;
-  Surfaces surfaces_;
+  std::shared_ptr<const RayScene> world_;
+  std::shared_ptr<const Surfaces> surfaces_;
   SampleRays rays_;
 };
 

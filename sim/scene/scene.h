@@ -103,6 +103,9 @@ struct SceneLoadOptions {
   // Content of the scene file, which need not exist then: its path serves for messages and relative paths. Empty: read
   // the file.
   std::string text = {};
+  // If set, receives the files on which the scene depends, as far as they are known, also if loading fails: scene file,
+  // included files, rig, meshes, textures, trajectory.
+  std::vector<std::filesystem::path>* files = nullptr;
 };
 
 // Returns the rig with the scene's calibration error applied, as given to the pipeline.

@@ -53,6 +53,17 @@ class SceneLayers {
   YamlMap section(const std::string& name) const { return with(name).map(name); }
   const std::vector<YamlMap>& all() const { return layers_; }
 
+  // Adds the files named in the layers to those in SceneLoadOptions::files.
+  ~SceneLayers() {
+    if (!reading_.files) return;
+    for (const YamlMap& layer : layers_) {
+      const std::vector<fs::path> asked = layer.asked_files();
+      reading_.files->insert(reading_.files->end(), asked.begin(), asked.end());
+    }
+  }
+  SceneLayers(const SceneLayers&) = delete;
+  SceneLayers& operator=(const SceneLayers&) = delete;
+
   void finish() const {
     for (const YamlMap& layer : layers_) layer.finish();
   }
@@ -69,10 +80,16 @@ class SceneLayers {
     return found == layers_.end() ? layers_.front() : *found;
   }
 
+  void report_missing(const YamlMap& map, const fs::path& file) {
+    if (reading_.files) reading_.files->push_back(file);
+    map.report(map.error("include", file.string() + " does not exist"));
+  }
+
   void add(const fs::path& file, const std::string& place) {
     constexpr size_t kMost = 100;
     if (layers_.size() == kMost) throw Error(file.string() + ": more than 100 included files");
     if (!files_.insert(fs::weakly_canonical(file)).second) return;
+    if (reading_.files) reading_.files->push_back(file);
     const bool given = layers_.empty() && !reading_.text.empty();
     YamlMap map = given ? YamlMap::parse(reading_.text, file.string()) : YamlMap::load(file);
     if (reading_.errors) map.collect_errors(*reading_.errors);
@@ -86,7 +103,7 @@ class SceneLayers {
       if (fs::is_regular_file(files[i], ignored))
         add(files[i], place + "/" + names[i]);
       else
-        map.report(map.error("include", files[i].string() + " does not exist"));
+        report_missing(map, files[i]);
     }
   }
 

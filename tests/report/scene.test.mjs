@@ -3,7 +3,7 @@
 // files go to the current folder.
 import assert from 'node:assert/strict';
 import {spawn, spawnSync} from 'node:child_process';
-import {writeFileSync} from 'node:fs';
+import {readFileSync, renameSync, rmSync, writeFileSync} from 'node:fs';
 import {request} from 'node:http';
 import {resolve} from 'node:path';
 import {after, before, test} from 'node:test';
@@ -17,8 +17,10 @@ const runs = new Runs(process.env.FRINGESLAM_PROGRAM, process.env.FRINGESLAM_SOU
 const running = new Set();
 let browser, scene, served;
 
-async function serve(...words) {
-  const child = spawn(runs.program, ['scene', 'open', scene, '--port', '0', ...words], {stdio: ['ignore', 'ignore', 'pipe']});
+const serve = (...words) => serveScene(scene, ...words);
+
+async function serveScene(place, ...words) {
+  const child = spawn(runs.program, ['scene', 'open', place, '--port', '0', ...words], {stdio: ['ignore', 'ignore', 'pipe']});
   running.add(child);
   let said = '';
   const ended = new Promise((done) => child.on('exit', (code) => {
@@ -42,12 +44,68 @@ async function serve(...words) {
   };
 }
 
-const status = (port, path, headers = {}) => new Promise((done, failed) => {
-  request({host: '127.0.0.1', port, path, headers}, (answer) => {
-    answer.resume();
-    done(answer.statusCode);
-  }).on('error', failed).end();
+// Starts a request; `answer` becomes {status, body}, or null after abort().
+function begin(port, path, headers = {}, method = 'GET') {
+  let sent;
+  const answer = new Promise((done, failed) => {
+    sent = request({host: '127.0.0.1', port, path, headers, method}, (answer) => {
+      const parts = [];
+      answer.on('data', (bytes) => parts.push(bytes));
+      answer.on('end', () => done({status: answer.statusCode, body: Buffer.concat(parts)}));
+    });
+    sent.on('error', (error) => (sent.destroyed ? done(null) : failed(error)));
+    sent.end();
+  });
+  return {answer, abort: () => sent.destroy()};
+}
+const status = async (...asked) => (await begin(...asked).answer).status;
+const json = async (...asked) => JSON.parse((await begin(...asked).answer).body);
+const stateOf = (port) => json(port, '/state');
+const sceneOf = async (port) => json(port, `/scene/${(await stateOf(port)).scene}`);
+const shown = (page, what) => page.waitForSelector(`#sensor-picture[data-shown="${what}"]`);
+
+// The pixels of the picture shown in the sensor view: width, height and r g b a r g b a …
+const pixels = (page) => page.evaluate(() => {
+  const picture = document.querySelector('#sensor-picture > :not([hidden])');
+  const [width, height] = [picture.naturalWidth ?? picture.width, picture.naturalHeight ?? picture.height];
+  const context = new OffscreenCanvas(width, height).getContext('2d');
+  context.drawImage(picture, 0, 0);
+  return {width, height, data: [...context.getImageData(0, 0, width, height).data]};
 });
+
+// The pixels of the world as shown: r g b a r g b a …
+const worldPixels = async (page) => {
+  const png = (await page.locator('.stage').screenshot()).toString('base64');
+  return page.evaluate(async (bytes) => {
+    const image = new Image();
+    image.src = `data:image/png;base64,${bytes}`;
+    await image.decode();
+    const context = new OffscreenCanvas(image.width, image.height).getContext('2d');
+    context.drawImage(image, 0, 0);
+    return [...context.getImageData(0, 0, image.width, image.height).data];
+  }, png);
+};
+
+// Waits until the world looks as before, but for rounding and a line of its border, where the page is scrolled by part of
+// a pixel. The limit corresponds to three lines of pixels.
+async function drawnLike(page, before) {
+  const end = Date.now() + kTimeoutMs;
+  for (;;) {
+    const now = await worldPixels(page);
+    const other = now.filter((value, i) => Math.abs(value - before[i]) > 8).length;
+    if (now.length === before.length && other < 4e-3 * now.length) return;
+    assert.ok(Date.now() < end, `${other} of ${now.length} values differ`);
+  }
+}
+
+// Returns the first view's depth of the plane z = 0 at a pixel.
+function depthOfFloor({rig, path: [{camera}]}, x, y) {
+  const [, , height, qx, qy, qz, qw] = camera;
+  const [left, top] = rig.camera_corners[0], [right, bottom] = rig.camera_corners[2];
+  const ray = [left + (x + 0.5) / rig.width_px * (right - left), top + (y + 0.5) / rig.height_px * (bottom - top), 1];
+  const down = 2 * (qx * qz - qw * qy) * ray[0] + 2 * (qy * qz + qw * qx) * ray[1] + (1 - 2 * (qx * qx + qy * qy)) * ray[2];
+  return -height / down;
+}
 
 async function open(url = served.url, options = {}) {
   const opened = await openIn(browser, url, options);
@@ -105,13 +163,143 @@ test('the slider moves the rig, by keys too', async () => {
   await close();
 });
 
+test('the sensor view shows what the camera sees, reduced first and then in full', async () => {
+  const {page, close} = await open();
+  await shown(page, 'texture 0 full');
+  const texture = await pixels(page);
+  assert.deepEqual([texture.width, texture.height], [266, 250]);
+  assert.ok(new Set(texture.data).size > 50);
+  const asked = [];
+  page.on('response', (answer) => answer.url().includes('/view/') && asked.push(answer.url()));
+  await page.locator('#time').focus();
+  await page.keyboard.press('ArrowRight');
+  await shown(page, 'texture 1 full');
+  assert.match(asked[0], /place=1&size=reduced/);
+  assert.match(asked.at(-1), /place=1&size=full/);
+  assert.equal(await page.locator('#sensor-state').textContent(), 'full size');
+  assert.ok((await pixels(page)).data.some((value, i) => Math.abs(value - texture.data[i]) > 30));
+  await close();
+});
+
+test('a pattern of the sensor view has its period', async () => {
+  const {page, close} = await open();
+  await page.locator('#sensor-kind').selectOption('pattern');
+  assert.equal(await page.locator('#sensor-pattern option').count(), 9);
+  assert.equal(await page.locator('#sensor-pattern option').nth(7).textContent(), '7: columns, period 16.5 px, shift 0°');
+  // Number of changes between bright and dark along the row of the most changes.
+  const changes = async () => {
+    const {width, height, data} = await pixels(page);
+    const most = Array.from({length: height}, (_, y) => {
+      const row = Array.from({length: width}, (_, x) => data[4 * (y * width + x)]);
+      const mean = row.reduce((sum, value) => sum + value) / width;
+      return row.filter((value, x) => x > 0 && (value > mean) !== (row[x - 1] > mean)).length;
+    });
+    return most.sort((a, b) => a - b)[Math.floor(height / 2)];
+  };
+  const found = [];
+  for (const pattern of ['4', '7']) {
+    await page.locator('#sensor-pattern').selectOption(pattern);
+    await shown(page, `pattern ${pattern} 0 full`);
+    found.push(await changes());
+  }
+  assert.ok(found[1] > 4 * found[0], `${found}`);  // periods of 131 and 16.5 px
+  await close();
+});
+
+test('the depth under the pointer is that of the table, or of a box upon it', async () => {
+  const {page, close} = await open();
+  await page.locator('#sensor-kind').selectOption('depth');
+  await shown(page, 'depth 0 full');
+  const data = await sceneOf(served.port);
+  const {near_m: near, far_m: far, width_px: width, height_px: height} = data.rig;
+  const step = (far - near) / 254 + 0.001;  // of levels, and of the text
+  const {x, y, width: wide, height: high} = await page.locator('#sensor-picture').boundingBox();
+  let table = 0;
+  for (let i = 0; i < 49; ++i) {
+    const [column, row] = [Math.floor(((i % 7) + 0.5) * width / 7), Math.floor((Math.floor(i / 7) + 0.5) * height / 7)];
+    await page.mouse.move(x + (column + 0.5) * wide / width, y + (row + 0.5) * high / height);
+    const depth = Number.parseFloat(await page.locator('#sensor-state').textContent());
+    const floor = depthOfFloor(data, column, row);
+    assert.ok(depth < floor + step, `${depth} ${floor}`);
+    table += Math.abs(depth - floor) < step;
+  }
+  assert.ok(table > 8 && table < 49, `${table}`);
+  await close();
+});
+
+test('the mask counts as many lit pixels as scene check', async () => {
+  const {page, close} = await open();
+  await page.locator('#sensor-kind').selectOption('mask');
+  await shown(page, 'mask 0 full');
+  const {data} = await pixels(page);
+  const counts = new Map();
+  for (let i = 0; i < data.length; i += 4) {
+    const colour = data.slice(i, i + 3).join();
+    counts.set(colour, (counts.get(colour) ?? 0) + 1);
+  }
+  const {views} = JSON.parse(spawnSync(runs.program, ['scene', 'check', scene, '--json'], {encoding: 'utf8'}).stdout);
+  const key = await page.locator('.light-0').evaluate((node) => getComputedStyle(node).backgroundColor.match(/\d+/g).join());
+  assert.ok(views[0].lit > 0.3 && views[0].lit < 1);
+  assert.ok(Math.abs(counts.get(key) / (data.length / 4) - views[0].lit) < 1e-6, `${[...counts]} ${views[0].lit}`);
+  assert.equal(counts.size, 2 + Number(counts.has('140,140,140')));
+  await close();
+});
+
+test('a rendering stops when a newer view is wanted, and delays no other answer', async () => {
+  const slow = await serve('--with', 'light.bounces=20');
+  const {scene: number} = await stateOf(slow.port);
+  const full = `/view/texture.png?scene=${number}&place=0&size=full`, reduced = `/view/texture.png?scene=${number}&place=1&size=reduced`;
+  await begin(slow.port, reduced).answer;
+  const start = performance.now();
+  const first = begin(slow.port, full).answer;
+  const order = [];
+  await Promise.all([first.then(() => order.push('view')), begin(slow.port, `/scene/${number}`).answer.then(() => order.push('scene'))]);
+  assert.deepEqual(order, ['scene', 'view']);
+  const whole = performance.now() - start;
+  for (let i = 0; i < 5; ++i) {
+    const given_up = begin(slow.port, full);
+    await new Promise((done) => setTimeout(done, 20));
+    given_up.abort();
+    assert.equal(await given_up.answer, null);
+  }
+  const again = performance.now();
+  assert.equal(await status(slow.port, reduced), 200);
+  const taken = performance.now() - again;
+  assert.ok(taken < 2 * whole, `${taken} ms, a whole picture ${whole} ms`);  // five of them otherwise
+
+  const {page, close} = await open(slow.url);
+  const cancelled = [];
+  page.on('requestfailed', (asked) => cancelled.push(asked.url()));
+  await page.locator('#time').focus();
+  const began = page.waitForRequest(/size=full/);
+  await page.keyboard.press('ArrowRight');
+  await began;
+  await page.keyboard.press('ArrowRight');
+  await shown(page, 'texture 2 full');
+  assert.match(cancelled.at(-1), /place=1&size=full/);
+  await close();
+  await slow.stop('SIGTERM');
+});
+
+test('views that do not exist are refused', async () => {
+  const {scene: number} = await stateOf(served.port);
+  for (const [query, expected] of [['texture.png?place=0&size=reduced', 200], ['texture.png?place=4&size=full', 404], ['texture.png?place=-1&size=full', 400],
+    ['texture.png?place=0', 400], ['heat.png?place=0&size=full', 404], ['pattern.png?place=0&size=full&pattern=9', 404], ['pattern.png?place=0&size=full', 400]]) {
+    assert.equal(await status(served.port, `/view/${query}&scene=${number}`), expected, query);
+  }
+  assert.equal(await status(served.port, '/view/texture.png?place=0&size=reduced'), 400);
+  assert.equal(await status(served.port, `/view/texture.png?place=0&size=reduced&scene=${number - 1}`), 204);
+});
+
 test('a page of another origin, another host name and a viewer without token are refused', async () => {
-  assert.equal(await status(served.port, '/scene'), 200);
-  assert.equal(await status(served.port, '/scene', {Host: 'evil.example'}), 403);
-  assert.equal(await status(served.port, '/scene', {Origin: 'http://evil.example'}), 403);
+  assert.equal(await status(served.port, '/state'), 200);
+  assert.equal(await status(served.port, '/state', {Host: 'evil.example'}), 403);
+  assert.equal(await status(served.port, '/state', {Origin: 'http://evil.example'}), 403);
   assert.equal(await status(served.port, '/mesh/99999'), 404);
   const open_to_all = await serve('--live-host', '0.0.0.0', '--live-token', kToken);
-  for (const path of ['/scene', '/mesh/0']) {
+  const {scene: number} = await json(open_to_all.port, '/state', {Authorization: `Bearer ${kToken}`});
+  const {objects: [{mesh}]} = await json(open_to_all.port, `/scene/${number}`, {Authorization: `Bearer ${kToken}`});
+  for (const path of ['/state', `/scene/${number}`, `/mesh/${mesh}`, `/view/depth.png?scene=${number}&place=0&size=reduced`]) {
     assert.equal(await status(open_to_all.port, path), 401, path);
     assert.equal(await status(open_to_all.port, path, {Authorization: `Bearer ${kToken}`}), 200, path);
   }
@@ -119,6 +307,142 @@ test('a page of another origin, another host name and a viewer without token are
   assert.ok((await look(page, '.stage')).colours > 50);
   await close();
   await open_to_all.stop('SIGTERM');
+});
+
+// A scene that includes its materials, and its page. `edit` replaces text of a file and returns the time until the page
+// shows the new scene, ms.
+async function edited(name) {
+  const materials = (albedo) => `materials:\n  table: {grain: plain, albedo: ${albedo}, contrast: 0, grain_m: 0.01}\n`;
+  const text = sceneText(name, 'the scene page', {count: 12, size: 0.24, motions: kMotions});
+  const place = runs.scene(name, text.replace(/ {2}table: .*\n/, '').replace('materials:', 'include: materials.yaml\nmaterials:'));
+  const file = (which) => runs.at(name, which);
+  writeFileSync(file('materials.yaml'), materials(0.4));
+  const server = await serveScene(place);
+  const opened = await open(server.url);
+  const {page} = opened;
+  return {
+    ...opened, server, file,
+    async edit(which, from, to) {
+      const before = await page.locator('#scene').getAttribute('data-whole');
+      const text = readFileSync(file(which), 'utf8').replace(from, to);
+      const start = performance.now();
+      writeFileSync(file(which), text);
+      await page.waitForSelector(`#scene[data-whole]:not([data-whole="${before}"])`, {state: 'attached'});
+      return performance.now() - start;
+    },
+    async done() {
+      await opened.close();
+      await server.stop('SIGTERM');
+    },
+  };
+}
+
+test('changes of the scene and of included files appear in the page, and the view stays', async (t) => {
+  const {page, edit, file, server, done} = await edited('changes');
+  await shown(page, 'texture 0 full');
+  const count = await page.locator('#object-list li').count();
+  await page.locator('#time').focus();
+  await page.keyboard.press('ArrowRight');
+  await shown(page, 'texture 1 full');
+  await page.locator('#scene').focus();
+  await page.keyboard.press('ArrowLeft');
+  const unselected = await look(page, '.stage');
+  await page.locator('#object-list button').nth(0).click();
+  await changed(page, '.stage', unselected);
+  const [world, drawn, seen] = [await look(page, '.stage'), await worldPixels(page), await pixels(page)];
+
+  t.diagnostic(`included file: ${Math.round(await edit('materials.yaml', 'albedo: 0.4', 'albedo: 0.8'))} ms`);
+  const {objects} = await sceneOf(server.port);
+  assert.equal(objects[0].albedo, 0.8);
+  const number = await page.locator('#scene').getAttribute('data-whole');
+  await page.waitForSelector(`#sensor-picture[data-scene="${number}"][data-shown="texture 1 full"]`);
+  const mean = ({data}) => data.reduce((sum, value) => sum + value) / data.length;
+  assert.ok(mean(await pixels(page)) > mean(seen) + 5);
+  assert.equal(await page.locator('#object-list [aria-pressed=true]').count(), 1);
+  await drawnLike(page, drawn);  // the table is selected, and the viewpoint is the same
+
+  t.diagnostic(`scene file: ${Math.round(await edit('scene.yaml', 'count: 12', 'count: 3'))} ms`);
+  assert.ok((await page.locator('#object-list li').count()) < count);
+  await changed(page, '.stage', world);
+
+  t.diagnostic(`rig: ${Math.round(await edit('rig.yaml', 'height_px: 250', 'height_px: 125'))} ms`);
+  await page.waitForFunction(() => document.querySelector('#sensor-picture img').naturalHeight === 125);
+
+  // Editors write another file and rename it.
+  const before = await page.locator('#scene').getAttribute('data-whole');
+  writeFileSync(file('new'), readFileSync(file('scene.yaml'), 'utf8').replace('interval_s: 0.5', 'interval_s: 0.25').replace('name: changes', 'name: renamed'));
+  renameSync(file('new'), file('scene.yaml'));
+  await page.waitForSelector(`#scene[data-whole]:not([data-whole="${before}"])`, {state: 'attached'});
+  await page.waitForFunction(() => document.getElementById('name').textContent === 'renamed');
+  await done();
+});
+
+test('an error in a file is shown with line and nearest key, beside the last valid world', async () => {
+  const {page, edit, file, done} = await edited('errors');
+  const [count, drawn] = [await page.locator('#object-list li').count(), await worldPixels(page)];
+  const error = page.locator('#scene-error');
+  const wrong = async (which, from, to, expected) => {
+    const right = readFileSync(file(which), 'utf8');
+    writeFileSync(file(which), right.replace(from, to));
+    await page.waitForFunction((text) => new RegExp(text).test(document.getElementById('scene-error').textContent), expected.source);
+    assert.ok(await error.isVisible());
+    assert.equal(await page.locator('#object-list li').count(), count);
+    writeFileSync(file(which), right);
+    await error.waitFor({state: 'hidden'});
+  };
+  await wrong('scene.yaml', 'ambient_lux', 'ambient_lx', /scene\.yaml:\d+: .*ambient_lx.*ambient_lux/);
+  await wrong('materials.yaml', 'albedo: 0.4', 'albedo: 4', /materials\.yaml:2: .*albedo/);
+  await wrong('rig.yaml', 'fx_px', 'fx_pixels', /rig\.yaml:\d+: /);
+  await wrong('scene.yaml', 'seed: 3', 'seed: [', /scene\.yaml:\d+: /);
+  await drawnLike(page, drawn);
+  rmSync(file('materials.yaml'));
+  await page.waitForFunction(() => /materials\.yaml does not exist/.test(document.getElementById('scene-error').textContent));
+  assert.equal(await page.locator('#object-list li').count(), count);
+  writeFileSync(file('materials.yaml'), 'materials:\n  table: {grain: plain, albedo: 0.1, contrast: 0, grain_m: 0.01}\n');
+  await error.waitFor({state: 'hidden'});
+  await edit('scene.yaml', 'count: 12', 'count: 2');
+  await done();
+});
+
+test('a new seed draws another world, which the command shown opens again', async () => {
+  const server = await serve('--with', 'light.ambient_lux={uniform: [1, 2]}');
+  const {page, close} = await open(server.url);
+  const about = () => page.locator('#about').textContent();
+  assert.match(await about(), /^seed 3,/);
+  const [first, before] = [await sceneOf(server.port), await look(page, '.stage')];
+  const whole = await page.locator('#scene').getAttribute('data-whole');
+  await page.locator('#new-seed').focus();
+  await page.keyboard.press('Enter');
+  await page.waitForSelector(`#scene[data-whole]:not([data-whole="${whole}"])`, {state: 'attached'});
+  await changed(page, '.stage', before);
+  const [, seed] = (await about()).match(/^seed (\d+),/);
+  assert.notEqual(seed, '3');
+  const command = await page.locator('#command code').textContent();
+  assert.equal(command, `fringeslam scene open ${scene} --seed ${seed} --with 'light.ambient_lux={uniform: [1, 2]}'`);
+  const second = await sceneOf(server.port);
+  assert.notDeepEqual(second.objects, first.objects);
+  await page.context().grantPermissions(['clipboard-read', 'clipboard-write']);
+  await page.locator('#command button').click();
+  assert.equal(await page.evaluate(() => navigator.clipboard.readText()), command);
+  await close();
+  await server.stop('SIGTERM');
+  const again = await serve('--seed', seed);
+  assert.deepEqual((await sceneOf(again.port)).objects, second.objects);
+  await again.stop('SIGTERM');
+});
+
+test('only the page may order a new seed', async () => {
+  const {number} = await stateOf(served.port);
+  assert.equal(await status(served.port, '/seed', {Origin: 'http://evil.example'}, 'POST'), 403);
+  assert.equal(await status(served.port, '/seed', {Host: 'evil.example'}, 'POST'), 403);
+  assert.equal(await status(served.port, '/seed'), 404);
+  assert.equal(await status(served.port, '/state', {}, 'POST'), 405);
+  assert.equal(await status(served.port, '/state', {}, 'PUT'), 405);
+  assert.equal((await stateOf(served.port)).number, number);
+  const guarded = await serve('--live-host', '0.0.0.0', '--live-token', kToken);
+  assert.equal(await status(guarded.port, '/seed', {}, 'POST'), 401);
+  assert.equal(await status(guarded.port, '/seed', {Authorization: `Bearer ${kToken}`}, 'POST'), 200);
+  await guarded.stop('SIGTERM');
 });
 
 test('Ctrl-C ends it with success', async () => {
@@ -137,13 +461,17 @@ test('an invalid scene is reported with its line, exit code 2', () => {
 test('all that can be operated is reached by Tab and shows its focus', async () => {
   const {page, close} = await open();
   const reached = await reachedByTab(page, 12);
-  for (const id of ['theme', 'scene', 'time', 'reset']) assert.ok(reached.has(id), `${id}: ${[...reached]}`);
+  for (const id of ['theme', 'new-seed', 'scene', 'time', 'reset', 'sensor-kind']) assert.ok(reached.has(id), `${id}: ${[...reached]}`);
   await close();
 });
 
 test('it follows the system to the dark, and fits a phone', async () => {
   const {page, close} = await open(served.url, {colorScheme: 'dark', viewport: {width: 360, height: 740}, isMobile: true, hasTouch: true});
   assert.ok((await darkness(page)) < 150);
+  await page.locator('#sensor-kind').selectOption('pattern');  // with the longest texts
+  await shown(page, 'pattern 0 0 full');
+  const {x, width} = await page.locator('#sensor-pattern').boundingBox();
+  assert.ok(x >= 0 && x + width <= 360, `${x} ${width}`);
   assert.ok((await overflow(page)) <= 0, 'the page is wider than the phone');
   await close();
 });

@@ -67,6 +67,25 @@ TEST_F(SceneVariant, WhatIsResolvedSaysTheSame) {
   EXPECT_LE(again.ambient_lux, 20);
 }
 
+TEST_F(SceneVariant, FilesThatASceneUsesAreListedEvenIfItIsWrong) {
+  const std::filesystem::path rig = FRINGESLAM_SOURCE_DIR "/scenes/rigs/thesis.yaml";
+  std::vector<std::filesystem::path> files;
+  SceneLoadOptions reading;
+  reading.files = &files;
+  write_text(temp_ / "more.yaml", "light: {ambient_lux: 7}\n");
+  EXPECT_EQ(load_scene(file("", "include: more.yaml\n"), reading).ambient_lux, 7);
+  EXPECT_THAT(files, testing::UnorderedElementsAre(temp_ / "scene.yaml", temp_ / "more.yaml", rig));
+
+  files.clear();
+  write_text(temp_ / "more.yaml", "light: {ambient_lx: 7}\n");
+  EXPECT_THROW(load_scene(file("", "include: [more.yaml]\n"), reading), Error);
+  EXPECT_THAT(files, testing::UnorderedElementsAre(temp_ / "scene.yaml", temp_ / "more.yaml", rig));
+
+  files.clear();
+  EXPECT_THROW(load_scene(file("", "include: absent.yaml\n"), reading), Error);
+  EXPECT_THAT(files, testing::UnorderedElementsAre(temp_ / "scene.yaml", temp_ / "absent.yaml"));
+}
+
 TEST_F(SceneVariant, WrongChangesSayWhere) {
   const std::string scene = file().string();
   EXPECT_THAT(error_of([&] {

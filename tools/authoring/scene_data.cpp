@@ -2,11 +2,14 @@
 #include "tools/authoring/scene_data.h"
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <numbers>
 
 #include "core/io/json_text.h"
 #include "sim/preview/viewpoint.h"
+#include "sim/scene/cache.h"
 #include "tools/report/simplify_mesh.h"
 
 namespace fringeslam::tools {
@@ -37,18 +40,53 @@ Json place(const RigModel& rig, double time_s, const Pose& world_from_robot) {
           {"projector", pose_json(camera * rig.projector_from_camera.inverse())}};
 }
 
-Json path_of(const sim::Scene& scene) {
-  Json path = Json::array();
-  if (scene.path) {
-    for (int i = 0; i <= kPathSteps; ++i) {
-      const double time_s = scene.path->duration_s() * i / kPathSteps;
-      path.push_back(place(scene.rig, time_s, scene.path->at(time_s)));
-    }
-  } else {
-    for (const TimedPose& view : scene.trajectory)
-      path.push_back(place(scene.rig, view.timestamp_s, view.world_from_robot));
+Trajectory path_of(const sim::Scene& scene) {
+  if (!scene.path) return scene.trajectory;
+  Trajectory path;
+  for (int i = 0; i <= kPathSteps; ++i) {
+    const double time_s = scene.path->duration_s() * i / kPathSteps;
+    path.push_back({time_s, scene.path->at(time_s)});
   }
   return path;
+}
+
+Json path_json(const RigModel& rig, const Trajectory& path) {
+  Json list = Json::array();
+  for (const TimedPose& pose : path) list.push_back(place(rig, pose.timestamp_s, pose.world_from_robot));
+  return list;
+}
+
+std::string text_of(const Pattern& pattern) {
+  const std::string axis = to_string(pattern.axis), period = to_text(pattern.period_px) + " px";
+  const auto turn = [](double shift_rad) {
+    return std::to_string(std::lround(shift_rad * 180 / std::numbers::pi)) + "°";
+  };
+  std::string text;
+  switch (pattern.coding) {
+    case Coding::fringe:
+      text = axis + ", period " + period + ", shift " + turn(pattern.shift_rad);
+      break;
+    case Coding::extra:
+      text = axis + ", single period " + period;
+      break;
+    case Coding::gray:
+      text = axis + ", Gray code, cell " + period + (pattern.inverted ? ", inverted" : "");
+      break;
+    case Coding::flat:
+      text = "level " + to_text(pattern.level);
+      break;
+    case Coding::product:
+      text = axis + ", periods " + period + " and " + to_text(pattern.carrier_px) + " px, shifts " +
+             turn(pattern.shift_rad) + " and " + turn(pattern.carrier_shift_rad);
+      break;
+  }
+  return pattern.exposure == 1 ? text : text + ", exposure ×" + to_text(pattern.exposure);
+}
+
+Json patterns_json(const PatternSequence& sequence) {
+  Json list = Json::array();
+  for (const Pattern& pattern : sequence.patterns) list.push_back(text_of(pattern));
+  return list;
 }
 
 void append(std::string& bytes, const auto& value) {
@@ -79,37 +117,40 @@ std::string bytes_of(const SurfaceMesh& mesh) {
 }  // namespace
 
 SceneData scene_data(const sim::Scene& scene, size_t max_triangles) {
-  std::map<const sim::Mesh*, size_t> numbers;
-  std::vector<const sim::Mesh*> meshes;
-  Json objects = Json::array();
-  size_t triangles = 0;
-  for (const sim::Object& object : scene.objects) {
-    const auto [found, added] = numbers.emplace(object.mesh.get(), meshes.size());
-    if (added) meshes.push_back(object.mesh.get());
-    triangles += object.mesh->triangles.size();
-    objects.push_back({{"name", object.name},
-                       {"mesh", found->second},
-                       {"material", object.material.name},
-                       {"albedo", object.material.albedo},
-                       {"pose", pose_json(object.world_from_object)}});
-  }
+  size_t triangles = 0, drawn_triangles = 0;
+  for (const sim::Object& object : scene.objects) triangles += object.mesh->triangles.size();
   // Small meshes stay whole: thinned boxes would lose their shape and save nothing.
   constexpr size_t kSmall = 500;
   const double share =
       triangles > max_triangles ? static_cast<double>(max_triangles) / static_cast<double>(triangles) : 1;
+  struct Drawn {
+    std::string name;
+    size_t triangles = 0;
+  };
+  std::map<const sim::Mesh*, Drawn> drawn;
   SceneData data;
-  std::vector<size_t> drawn;
-  for (const sim::Mesh* mesh : meshes) {
-    SurfaceMesh surface = surface_of(*mesh);
-    if (share < 1 && surface.vertices.size() > kSmall) {
-      const double wanted = share * static_cast<double>(surface.vertices.size());
-      surface = thinned(surface, std::max(kSmall, static_cast<size_t>(wanted))).mesh;
+  data.path = path_of(scene);
+  Json objects = Json::array();
+  for (const sim::Object& object : scene.objects) {
+    const auto [found, added] = drawn.try_emplace(object.mesh.get());
+    Drawn& mesh = found->second;
+    if (added) {
+      SurfaceMesh surface = surface_of(*object.mesh);
+      if (share < 1 && surface.vertices.size() > kSmall) {
+        const double wanted = share * static_cast<double>(surface.vertices.size());
+        surface = thinned(surface, std::max(kSmall, static_cast<size_t>(wanted))).mesh;
+      }
+      std::string bytes = bytes_of(surface);
+      mesh = {sim::content_hash(bytes), surface.triangles.size()};
+      data.meshes.emplace(mesh.name, std::move(bytes));
     }
-    drawn.push_back(surface.triangles.size());
-    data.meshes.push_back(bytes_of(surface));
+    drawn_triangles += mesh.triangles;
+    objects.push_back({{"name", object.name},
+                       {"mesh", mesh.name},
+                       {"material", object.material.name},
+                       {"albedo", object.material.albedo},
+                       {"pose", pose_json(object.world_from_object)}});
   }
-  size_t drawn_triangles = 0;
-  for (const sim::Object& object : scene.objects) drawn_triangles += drawn[numbers[object.mesh.get()]];
   data.json = json_text(Json{{"name", scene.name},
                              {"seed", std::to_string(scene.seed)},  // may exceed the exact integers of JavaScript
                              {"notes", scene.notes},
@@ -119,10 +160,13 @@ SceneData scene_data(const sim::Scene& scene, size_t max_triangles) {
                              {"rig",
                               {{"near_m", scene.rig.near_m},
                                {"far_m", scene.rig.far_m},
+                               {"width_px", scene.rig.camera.width},
+                               {"height_px", scene.rig.camera.height},
                                {"camera_corners", corners_of(scene.rig.camera)},
                                {"projector_corners", corners_of(scene.rig.projector)}}},
+                             {"patterns", patterns_json(scene.patterns)},
                              {"objects", objects},
-                             {"path", path_of(scene)}});
+                             {"path", path_json(scene.rig, data.path)}});
   return data;
 }
 

@@ -2,8 +2,8 @@
 // A scene as the data of its page (tools/report/page/src/world).
 #pragma once
 
+#include <map>
 #include <string>
-#include <vector>
 
 #include "sim/scene/scene.h"
 
@@ -13,14 +13,17 @@ struct SceneData {
   // JSON object:
   //   name, seed, notes, triangles, drawn_triangles
   //   continuous  true if the path lists equal time steps of a continuous motion; otherwise it lists views
-  //   rig         near_m, far_m, and the rays (x, y at depth 1) of the corners of both images
-  //   objects     name, number of its mesh, material, mean albedo, pose
+  //   rig         near_m, far_m, camera's width_px and height_px, and the rays (x, y at depth 1) of the corners of both
+  //               images
+  //   patterns    what each image of a stack shows
+  //   objects     name, name of its mesh, material, mean albedo, pose
   //   path        time_s, poses of camera and projector
   // Poses are x y z qx qy qz qw in the world frame.
   std::string json;
-  // Each mesh: numbers of vertices and triangles (uint32), positions (float32, m, object frame), indices (uint32), in
+  // By name, the hash of the content, so that a page keeps what it has. Each mesh: numbers of vertices and triangles (uint32), positions (float32, m, object frame), indices (uint32), in
   // this computer's byte order.
-  std::vector<std::string> meshes;
+  std::map<std::string, std::string> meshes;
+  Trajectory path;  // of the robot, at the places of the path
 };
 
 // If the world's objects have more than `max_triangles` in total, meshes of more than 500 vertices are thinned by vertex

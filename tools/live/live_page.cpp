@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/live/live_page.h"
 
-#include <atomic>
-#include <charconv>
 #include <chrono>
-#include <optional>
 #include <regex>
 
 #include "tools/report/report_page.h"
@@ -14,25 +11,6 @@ namespace fringeslam::tools {
 namespace {
 
 constexpr auto kLongestWait = std::chrono::seconds(5);  // for a change
-
-// Parses an integer; empty if there is anything else in the text.
-template <class Number>
-std::optional<Number> number_in(const std::string& text) {
-  Number number = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
-  if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
-  return number;
-}
-
-// A viewer's place among those waiting for changes, starting at 1.
-struct Waiting {
-  explicit Waiting(std::atomic<size_t>& all_waiting) : all(all_waiting), place(++all) {}
-  ~Waiting() { --all; }
-  Waiting(const Waiting&) = delete;
-  Waiting& operator=(const Waiting&) = delete;
-  std::atomic<size_t>& all;
-  size_t place;
-};
 
 }  // namespace
 
@@ -55,14 +33,14 @@ PageAnswer LivePage::answer(const PageRequest& request) {
   }
   std::smatch match;
   if (std::regex_match(request.path, match, picture)) {
-    const int number = number_in<int>(match[1]).value_or(0);
+    const int number = number_in<int>(match[1].str()).value_or(0);
     const auto view = feed_.view(number);
     if (!view && feed_.had_view(number)) return {204, {}};
     return PageAnswer::of(view ? view->picture(match[2]) : std::string(),
                           match[3] == "jpg" ? "image/jpeg" : "image/png");
   }
   if (std::regex_match(request.path, match, points))
-    return PageAnswer::of(feed_.points_of(number_in<int>(match[1]).value_or(-1)).value_or(std::string()),
+    return PageAnswer::of(feed_.points_of(number_in<int>(match[1].str()).value_or(-1)).value_or(std::string()),
                           "application/octet-stream");
   return {};
 }

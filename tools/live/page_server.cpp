@@ -21,7 +21,6 @@ namespace fringeslam::tools {
 
 namespace {
 
-constexpr int kNice = 10;            // niceness of the page's threads
 constexpr int kBacklog = 128;        // pending connections
 constexpr size_t kMaxPath = 256;     // bytes; routing by a regular expression recurses once per character
 constexpr size_t kMaxRejected = 64;  // connections waiting for their 503; any further ones are closed
@@ -49,8 +48,8 @@ class ViewerStream : public httplib::Stream {
 class RequestThreads {
  public:
   // `answer` has to close the socket.
-  RequestThreads(size_t count, std::function<void(int socket, std::string head)> answer)
-      : count_(count), answer_(std::move(answer)) {
+  RequestThreads(size_t count, int nice, std::function<void(int socket, std::string head)> answer)
+      : count_(count), nice_(nice), answer_(std::move(answer)) {
     for (size_t i = 0; i < count; ++i) threads_.emplace_back([this] { work(tasks_, Service::full); });
     threads_.emplace_back([this] { work(turned_away_, Service::busy); });
   }
@@ -84,7 +83,7 @@ class RequestThreads {
   };
 
   void work(std::deque<Task>& tasks, Service mine) {
-    setpriority(PRIO_PROCESS, 0, kNice);  // of this thread only
+    if (nice_ != 0) setpriority(PRIO_PROCESS, 0, nice_);  // of this thread only
     service = mine;
     std::unique_lock lock(mutex_);
     for (;;) {
@@ -102,6 +101,7 @@ class RequestThreads {
   }
 
   const size_t count_;
+  const int nice_;
   std::function<void(int, std::string)> answer_;
   std::mutex mutex_;
   std::condition_variable wake_;
@@ -130,8 +130,8 @@ std::string name_for_others(const std::string& host) {
 
 class PageServer::Server : public httplib::Server {
  public:
-  Server(LiveAccess access, std::string port_option, Answers answers)
-      : answers_(std::move(answers)), access_(std::move(access)), port_option_(std::move(port_option)) {
+  Server(LiveAccess access, std::string port_option, Answers answers, const PageRules& rules)
+      : answers_(std::move(answers)), access_(std::move(access)), port_option_(std::move(port_option)), rules_(rules) {
     new_task_queue = [] { return new AtOnce; };
     // httplib's default options let two programs share a port.
     set_socket_options([](socket_t socket) {
@@ -190,7 +190,9 @@ class PageServer::Server : public httplib::Server {
       response.set_header("Retry-After", "5");
       return refuse(503, "Too many concurrent viewers; try again later.\n");
     }
-    if (!only_reads(request)) return refuse(405, "Only GET and HEAD are supported.\n");
+    if (!only_reads(request) && !(rules_.posts && request.method == "POST"))
+      return refuse(405,
+                    rules_.posts ? "Only GET, HEAD and POST are supported.\n" : "Only GET and HEAD are supported.\n");
     if (request.path.size() > kMaxPath) return refuse(414, "The path is too long.\n");
     if (!request.ranges.empty()) return refuse(416, "Ranges are not supported.\n");
     const Caller caller{request.get_header_value("Host"), request.get_header_value("Origin"),
@@ -204,14 +206,17 @@ class PageServer::Server : public httplib::Server {
   }
 
   void add_routes() {
-    Get(".*", [this](const httplib::Request& request, httplib::Response& response) {
-      const PageRequest asked{request.path, [&](const std::string& name) { return request.get_param_value(name); },
-                              [this] { return stopping_ || (viewer && viewer->gone()); }};
+    const auto respond = [this](const httplib::Request& request, httplib::Response& response) {
+      const PageRequest asked{request.path, request.method == "POST",
+                              [&](const std::string& name) { return request.get_param_value(name); },
+                              [this, mine = viewer] { return stopping_ || (mine && mine->gone()); }};
       PageAnswer answer = answers_(asked);
       response.status = answer.status;
       if (answer.status == 503) response.set_header("Retry-After", "5");
       if (answer.status == 200) response.set_content(std::move(answer.body), answer.type);
-    });
+    };
+    Get(".*", respond);
+    if (rules_.posts) Post(".*", respond);
   }
 
   // The connection is answered by another thread once its request is complete.
@@ -236,16 +241,18 @@ class PageServer::Server : public httplib::Server {
   Answers answers_;
   LiveAccess access_;
   std::string port_option_;  // for messages
+  PageRules rules_;
   std::atomic<bool> stopping_ = false;
   // In this order: each hands connections to the one before it.
-  RequestThreads threads_{PageServer::kRequests,
+  RequestThreads threads_{PageServer::kRequests, rules_.nice,
                           [this](int socket, std::string head) { answer(socket, std::move(head)); }};
   WaitingRoom waiting_room_{[this](int socket, std::string head) { threads_.add(socket, std::move(head)); }};
   std::thread listening_;
 };
 
-PageServer::PageServer(LiveAccess access, std::string port_option, Answers answers)
-    : server_(std::make_unique<Server>(checked(std::move(access)), std::move(port_option), std::move(answers))) {}
+PageServer::PageServer(LiveAccess access, std::string port_option, Answers answers, const PageRules& rules)
+    : server_(std::make_unique<Server>(checked(std::move(access)), std::move(port_option), std::move(answers), rules)) {
+}
 
 PageServer::~PageServer() = default;
 

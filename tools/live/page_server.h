@@ -1,12 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// Serves one web page and its data. Only GET and HEAD are answered. Requests are limited in size and time, and requests
-// beyond a maximum number of concurrent ones are asked to retry (503). Everything but the page itself, which is at /,
-// requires the token, if there is one (access.h). The threads run at a lower priority than the program's other threads.
+// Serves one web page and its data. Only GET, HEAD and, if the page takes orders, POST without a body are answered.
+// Requests are limited in size and time, and requests beyond a maximum number of concurrent ones are asked to retry
+// (503). Everything but the page itself, which is at /, requires the token, if there is one (access.h).
 #pragma once
 
+#include <atomic>
+#include <charconv>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
+#include <string_view>
 
 #include "tools/live/access.h"
 
@@ -14,8 +18,30 @@ namespace fringeslam::tools {
 
 struct PageRequest {
   const std::string& path;
+  bool is_post;  // an order; browsers name its origin, so that none from a foreign page is admitted
   std::function<std::string(const std::string& name)> parameter;  // of the query; empty if absent
-  std::function<bool()> given_up;  // true once nobody waits for the answer: the viewer left or the server stops
+  // True once nobody waits for the answer: the viewer left or the server stops. May be called by other threads while the
+  // request is answered.
+  std::function<bool()> given_up;
+};
+
+// Parses an integer of a request; empty if there is anything else in the text.
+template <class Number>
+std::optional<Number> number_in(std::string_view text) {
+  Number number = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+  if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
+  return number;
+}
+
+// A viewer's place among those who wait for the same, starting at 1.
+struct Waiting {
+  explicit Waiting(std::atomic<size_t>& all_waiting) : all(all_waiting), place(++all) {}
+  ~Waiting() { --all; }
+  Waiting(const Waiting&) = delete;
+  Waiting& operator=(const Waiting&) = delete;
+  std::atomic<size_t>& all;
+  size_t place;
 };
 
 struct PageAnswer {
@@ -30,6 +56,11 @@ struct PageAnswer {
   }
 };
 
+struct PageRules {
+  bool posts = false;  // accept POST
+  int nice = 10;       // niceness of the threads that answer
+};
+
 class PageServer {
  public:
   static constexpr size_t kRequests = 24;  // of all kinds, answered concurrently
@@ -38,7 +69,7 @@ class PageServer {
 
   // Serves until destroyed. `port_option` names the option of the port in messages. Throws Error if the port is
   // unavailable or the access is invalid.
-  PageServer(LiveAccess access, std::string port_option, Answers answers);
+  PageServer(LiveAccess access, std::string port_option, Answers answers, const PageRules& rules = {});
   ~PageServer();
   PageServer(const PageServer&) = delete;
   PageServer& operator=(const PageServer&) = delete;

@@ -76,12 +76,7 @@ function depthCard() {
   const bar = element('div');
   const {node, value} = card('Depth', '', element('div', {class: 'frame'}, canvas), bar);
   const metres = (share) => store.about.rig.far_m - share * (store.about.rig.far_m - store.about.rig.near_m);
-  canvas.addEventListener('pointermove', (event) => {
-    const box = canvas.getBoundingClientRect();
-    const share = picture.at((event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height);
-    value.textContent = share === null ? 'no depth' : `${fixed(metres(share), 2)} m`;
-  });
-  canvas.addEventListener('pointerleave', () => (value.textContent = ''));
+  picture.onPointer((share) => (value.textContent = share === undefined ? '' : share === null ? 'no depth' : `${fixed(metres(share), 2)} m`));
   return {
     name: 'depth.png', node,
     async show({url}, {index}) {

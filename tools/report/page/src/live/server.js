@@ -29,12 +29,22 @@ export class Refused extends Error {
   }
 }
 
-// Returns the answer, or null if the requested data is gone (204). Throws on timeout.
-export async function ask(path) {
+// Returns the answer, or null if the requested data is gone (204). Throws when `signal` aborts, by default on timeout.
+export function ask(path, signal = AbortSignal.timeout(kPatienceMs)) {
+  return send('GET', path, signal);
+}
+
+// Gives the program an order.
+export function order(path) {
+  return send('POST', path, AbortSignal.timeout(kPatienceMs));
+}
+
+async function send(method, path, signal) {
   const answer = await fetch(path, {
+    method,
     cache: 'no-store',
     headers: token ? {Authorization: `Bearer ${token}`} : {},
-    signal: AbortSignal.timeout(kPatienceMs),
+    signal,
   });
   if (!answer.ok) throw new Refused(answer.status);
   return answer.status === 204 ? null : answer;

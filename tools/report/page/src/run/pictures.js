@@ -21,16 +21,6 @@ function card(title, ...content) {
   return {node, value};
 }
 
-// Shows the picture's value under the pointer.
-function tellValues(canvas, picture, output, text, nothing) {
-  canvas.addEventListener('pointermove', (event) => {
-    const box = canvas.getBoundingClientRect();
-    const value = picture.at((event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height);
-    output.textContent = value === null ? nothing : text(value);
-  });
-  canvas.addEventListener('pointerleave', () => (output.textContent = ''));
-}
-
 function textureCard() {
   const image = element('img', {alt: '', width: data.rig.width_px, height: data.rig.height_px});
   const outlines = svg('svg', {class: 'outlines', viewBox: `-0.5 -0.5 ${data.rig.width_px} ${data.rig.height_px}`, 'aria-hidden': 'true'});
@@ -58,7 +48,7 @@ function levelCard(title, key, palette, ends, text, description, nothing = 'no d
   const canvas = element('canvas', {role: 'img', width: data.rig.width_px, height: data.rig.height_px});
   const picture = new LevelPicture(canvas, palette);
   const {node, value} = card(title, element('div', {class: 'frame'}, canvas), colourBar(palette, ...ends));
-  tellValues(canvas, picture, value, text, nothing);
+  picture.onPointer((share) => (value.textContent = share === undefined ? '' : share === null ? nothing : text(share)));
   return {
     node,
     show(view) {

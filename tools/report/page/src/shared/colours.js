@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Palettes suitable for colour-blind readers: viridis (van der Walt, Smith 2015) and cividis (Nunez et al. 2018) for
-// magnitudes, blue - white - orange for signed errors.
+// magnitudes, blue - white - orange for signed errors, and lit - in shadow - outside the beam, after Okabe and Ito.
 const kStops = {
   viridis: ['440154', '482878', '3e4989', '31688e', '26828e', '1f9e89', '35b779', '6ece58', 'b5de2b', 'fde725'],
   cividis: ['00224e', '123570', '3b496c', '575d6d', '707173', '8a8678', 'a59c74', 'c3b369', 'e1cc55', 'fee838'],
+  lights: ['f0e442', '0072b2', '8c8c8c'],
   diverging: ['053c75', '1f6cb5', '6ba6dc', 'bcd7ef', 'f4f3f0', 'f8d6ae', 'eea257', 'd06a12', '8a3c04'],
 };
 

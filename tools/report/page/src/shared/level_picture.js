@@ -45,6 +45,15 @@ export class LevelPicture {
     this.canvas.getContext('2d').putImageData(painted(picture, this.palette), 0, 0);
   }
 
+  // Calls `show` with the value under the pointer, null if unknown, and with undefined when the pointer leaves.
+  onPointer(show) {
+    this.canvas.addEventListener('pointermove', (event) => {
+      const box = this.canvas.getBoundingClientRect();
+      show(this.at((event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height));
+    });
+    this.canvas.addEventListener('pointerleave', () => show(undefined));
+  }
+
   // Returns the value from 0 (low) to 1 (high), or null if unknown. Coordinates are fractions of width and height.
   at(x, y) {
     if (!this.shown) return null;

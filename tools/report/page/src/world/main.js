@@ -1,78 +1,116 @@
 // SPDX-License-Identifier: Apache-2.0
-// A scene: its world in 3D, the rig along its path, and its objects.
+// A scene while its author edits it: its world in 3D, the rig along its path, what the camera sees, and the objects. The
+// server reports each new version of the scene, and errors in its files.
+import {commandLine} from '../shared/copy.js';
 import {byId, element} from '../shared/dom.js';
 import {fixed} from '../shared/format.js';
 import {drawPage} from '../shared/page.js';
-import {askForToken} from '../shared/token.js';
-import {ask, Refused, readToken} from '../live/server.js';
+import {keepPolling, pause, reason} from '../shared/polling.js';
+import {ask, order, readToken} from '../live/server.js';
+import {SensorPanel} from './sensor.js';
 import {World} from './world.js';
 
 const kMostListed = 500;
+const kLongestLagMs = 100;  // of the rig in the world behind the slider
 
-async function sceneData() {
-  for (;;) {
+// Returns after the next frame of the page.
+const nextFrame = () => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+
+class ScenePage {
+  constructor() {
+    this.world = new World();
+    this.sensor = new SensorPanel();
+    this.scene = null;
+    this.drawn = null;  // number of the scene whose world is drawn
+    this.number = null;  // of the state shown
+    byId('time').addEventListener('input', () => this.showTime());
+    byId('new-seed').addEventListener('click', () => this.drawSeed());
+    this.world.onSelect = (i) => this.showSelected(i);
+  }
+
+  async poll() {
+    const answer = await ask(this.number === null ? '/state' : `/state?since=${this.number}`);
+    const state = await answer.json();
+    if (state.scene !== this.drawn && !(await this.load(state.scene))) return;
+    this.number = state.number;
+    byId('scene-error').hidden = !state.error;
+    if (byId('scene-error').textContent !== state.error) byId('scene-error').textContent = state.error;
+    byId('status').textContent = state.loading ? 'Loading the changed scene' : this.scene.notes.join(' ');
+    if (this.command !== state.command) this.showCommand(state.command);
+    byId('new-seed').disabled = state.loading;
+  }
+
+  // Shows a version of the scene; returns false if there is a newer one already.
+  async load(number) {
+    const answer = await ask(`/scene/${number}`);
+    if (!answer) return false;
+    const scene = {...await answer.json(), number};
+    this.scene = scene;
+    byId('name').textContent = scene.name;
+    document.title = `${scene.name} · FringeSLAM`;
+    const thinned = scene.drawn_triangles < scene.triangles ? `, of which ${scene.drawn_triangles} are drawn` : '';
+    byId('about').textContent = `seed ${scene.seed}, ${scene.objects.length} objects, ${scene.triangles} triangles${thinned}`;
+    this.listObjects();
+    byId('time').max = scene.path.length - 1;
+    this.sensor.use(scene);  // needs no meshes
+    if (!(await this.world.show(scene, (mesh) => ask(`/mesh/${mesh}`)))) return false;
+    this.drawn = number;
+    this.showTime();
+    return true;
+  }
+
+  // Shows the command that opens this variant of the scene.
+  showCommand(text) {
+    this.command = text;
+    byId('command').replaceChildren(commandLine(text, 'this scene'));
+  }
+
+  // The new scene arrives by polling.
+  async drawSeed() {
     try {
-      return await (await ask('/scene')).json();
+      await order('/seed');
     } catch (error) {
-      if (!(error instanceof Refused) || error.status !== 401) throw error;
-      byId('status').textContent = 'Token required';
-      await askForToken();
+      byId('status').textContent = reason(error);
     }
+  }
+
+  showTime() {
+    if (!this.scene) return;
+    const slider = byId('time'), index = Number(slider.value);
+    const text = this.scene.continuous ? `${fixed(this.scene.path[index].time_s, 2)} s` : `view ${index}`;
+    byId('time-text').textContent = text;
+    slider.setAttribute('aria-valuetext', text);
+    const pictured = this.sensor.at(index);
+    // The camera's picture comes first: without a GPU, drawing the world takes longer.
+    Promise.race([pictured, pause(kLongestLagMs)]).then(nextFrame).then(() => {
+      if (Number(slider.value) === index) this.world.showRig(this.scene.path[index]);
+    });
+  }
+
+  listObjects() {
+    const {objects} = this.scene;
+    this.buttons = objects.slice(0, kMostListed).map((object, i) =>
+      element('button', {type: 'button', class: 'button', 'aria-pressed': 'false', onclick: () => this.world.select(i)}, `${object.name}: ${object.material}`));
+    byId('object-list').replaceChildren(...this.buttons.map((button) => element('li', {}, button)));
+    byId('more').textContent = objects.length > kMostListed ? `and ${objects.length - kMostListed} more; click them in the world` : '';
+    this.showSelected(this.world.selected);
+  }
+
+  // Without an index, nothing is selected.
+  showSelected(index) {
+    this.buttons.forEach((button, k) => button.setAttribute('aria-pressed', String(k === index)));
+    const object = this.scene.objects[index];
+    if (!object) return byId('selected').replaceChildren();
+    this.buttons[index]?.scrollIntoView({block: 'nearest'});
+    const numbers = (list) => list.map((value) => fixed(value, 3)).join(', ');
+    const facts = [['name', object.name], ['material', object.material], ['position', `${numbers(object.pose.slice(0, 3))} m`],
+      ['quaternion x y z w', numbers(object.pose.slice(3))]];
+    byId('selected').replaceChildren(...facts.flatMap(([name, value]) => [element('dt', {}, name), element('dd', {}, value)]));
   }
 }
 
-function showSelected(object) {
-  const [x, y, z] = object.pose;
-  const facts = [['name', object.name], ['material', object.material], ['position', `${[x, y, z].map((value) => fixed(value, 3)).join(', ')} m`],
-    ['quaternion x y z w', object.pose.slice(3).map((value) => fixed(value, 3)).join(', ')]];
-  byId('selected').replaceChildren(...facts.flatMap(([name, value]) => [element('dt', {}, name), element('dd', {}, value)]));
-}
-
-function listObjects(scene, world) {
-  const buttons = scene.objects.slice(0, kMostListed).map((object, i) =>
-    element('button', {type: 'button', class: 'button', 'aria-pressed': 'false', onclick: () => world.select(i)}, `${object.name}: ${object.material}`));
-  byId('object-list').append(...buttons.map((button) => element('li', {}, button)));
-  if (scene.objects.length > kMostListed) byId('more').textContent = `and ${scene.objects.length - kMostListed} more; click them in the world`;
-  world.onSelect = (i) => {
-    buttons.forEach((button, k) => button.setAttribute('aria-pressed', String(k === i)));
-    buttons[i]?.scrollIntoView({block: 'nearest'});
-    showSelected(scene.objects[i]);
-  };
-}
-
-function connectSlider(scene, world) {
-  const slider = byId('time');
-  slider.max = scene.path.length - 1;
-  const show = () => {
-    const index = Number(slider.value);
-    const {time_s} = scene.path[index];
-    const text = scene.continuous ? `${fixed(time_s, 2)} s` : `view ${index}`;
-    byId('time-text').textContent = text;
-    slider.setAttribute('aria-valuetext', text);
-    world.showRig(scene.path[index]);
-  };
-  slider.addEventListener('input', show);
-  show();
-}
-
-async function showScene() {
-  const scene = await sceneData();
-  byId('name').textContent = scene.name;
-  document.title = `${scene.name} · FringeSLAM`;
-  const thinned = scene.drawn_triangles < scene.triangles ? `, of which ${scene.drawn_triangles} are drawn` : '';
-  byId('about').textContent = `seed ${scene.seed}, ${scene.objects.length} objects, ${scene.triangles} triangles${thinned}`;
-  byId('status').textContent = scene.notes.join(' ');
-  const world = new World(scene);
-  listObjects(scene, world);
-  connectSlider(scene, world);
-  await world.load((number) => ask(`/mesh/${number}`));
-}
-
-// A failure is shown in the page; the rest of it stays usable.
 drawPage(() => {
   readToken();
-  showScene().catch((error) => {
-    byId('failure').textContent = `The scene could not be loaded: ${error.message}`;
-    byId('failure').hidden = false;
-  });
+  const page = new ScenePage();
+  keepPolling(() => page.poll(), (error) => (byId('status').textContent = reason(error)));
 });

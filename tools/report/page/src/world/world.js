@@ -24,29 +24,39 @@ function geometryOf(bytes) {
   return geometry;
 }
 
+// Albedos are linear, as three.js expects.
+const albedoOf = ({albedo}) => new THREE.Color().setScalar(albedo);
+
+// Returns a mesh of the scene's objects with these indices.
+function instanced(geometry, scene, objects) {
+  const mesh = new THREE.InstancedMesh(geometry, new THREE.MeshLambertMaterial({flatShading: true, side: THREE.DoubleSide}), objects.length);
+  objects.forEach((index, k) => {
+    mesh.setMatrixAt(k, matrixOf(scene.objects[index]));
+    mesh.setColorAt(k, albedoOf(scene.objects[index]));
+  });
+  mesh.userData.objects = objects;
+  mesh.computeBoundingBox();
+  return mesh;
+}
+
 export class World {
-  constructor(scene) {
-    this.data = scene;
+  constructor() {
+    this.data = null;
+    this.selected = undefined;
     this.onSelect = () => {};
     this.canvas = byId('scene');
     this.renderer = rendererOn(this.canvas);
     if (!this.renderer) throw new Error('this browser has no WebGL 2');
     this.scene = new THREE.Scene();
     this.meshes = [];
-    this.path = segments(chain(scene.path.map(({camera}) => new THREE.Vector3(...camera.slice(0, 3)))), 3);
+    this.geometries = new Map();  // by name, of the meshes shown
+    this.path = segments([], 3);
     this.camera = segments([], 2.5);
     this.projector = segments([], 2.5);
     const sky = new THREE.HemisphereLight(0xffffff, 0x606060, 2.2);
     sky.position.set(0, 0, 1);
     this.scene.add(sky, this.path, this.camera, this.projector);
-    // Framed: what the rig works on, not a room around it.
-    const reach = new THREE.Box3();
-    for (const {camera} of scene.path) {
-      const place = new THREE.Vector3(...camera.slice(0, 3));
-      const ahead = new THREE.Vector3(0, 0, scene.rig.far_m).applyQuaternion(new THREE.Quaternion(...camera.slice(3)));
-      reach.expandByPoint(place).expandByPoint(place.clone().add(ahead));
-    }
-    this.orbit = new Orbit(this.canvas, reach, scene.path.map(({camera}) => new THREE.Vector3(...camera.slice(0, 3))), () => this.redraw());
+    this.orbit = new Orbit(this.canvas, new THREE.Box3(new THREE.Vector3(), new THREE.Vector3(1, 1, 1)), [], () => this.redraw());
     fitted(this.renderer, this.canvas, this.orbit);
     legend([['estimate', 'camera'], ['truth', 'projector'], ['third', 'camera path']]);
     theme.on((dark) => this.colour(dark));
@@ -61,45 +71,75 @@ export class World {
       this.asked = false;
       const moves = this.orbit.update(now);
       this.renderer.render(this.scene, this.orbit.camera);
-      this.canvas.toggleAttribute('data-whole', this.loaded === true);
+      if (this.data) this.canvas.dataset.whole = this.data.number;
       if (moves) this.redraw();
     });
   }
 
-  // Fetches the meshes one after another and draws each as it arrives.
-  async load(fetchMesh) {
+  // Fetches a scene's meshes, except those already shown, and shows it. The first scene's meshes appear one after
+  // another; a later scene replaces its predecessor at once. Returns false if a mesh is gone, because there is a newer
+  // scene.
+  async show(scene, fetchMesh) {
     const users = new Map();
-    this.data.objects.forEach(({mesh}, i) => {
+    scene.objects.forEach(({mesh}, i) => {
       if (!users.has(mesh)) users.set(mesh, []);
       users.get(mesh).push(i);
     });
-    const box = new THREE.Box3();
-    for (const [number, objects] of users) {
-      const geometry = geometryOf(await (await fetchMesh(number)).arrayBuffer());
-      const material = new THREE.MeshLambertMaterial({flatShading: true, side: THREE.DoubleSide});
-      const mesh = new THREE.InstancedMesh(geometry, material, objects.length);
-      objects.forEach((index, k) => {
-        mesh.setMatrixAt(k, matrixOf(this.data.objects[index]));
-        mesh.setColorAt(k, this.albedo(index));
-      });
-      mesh.userData.objects = objects;
-      mesh.computeBoundingBox();
-      box.union(mesh.boundingBox);
-      this.meshes.push(mesh);
+    const first = this.data === null;
+    if (first) this.frame(scene);
+    const geometries = new Map(), meshes = [];
+    for (const [name, objects] of users) {
+      if (!this.geometries.has(name)) {
+        const answer = await fetchMesh(name);
+        if (!answer) {
+          this.remove(meshes);
+          return false;
+        }
+        geometries.set(name, geometryOf(await answer.arrayBuffer()));
+      } else {
+        geometries.set(name, this.geometries.get(name));
+      }
+      const mesh = instanced(geometries.get(name), scene, objects);
+      meshes.push(mesh);
+      if (!first) continue;
       this.scene.add(mesh);
       byId('scene-notice').hidden = true;
       this.redraw();
     }
+    this.remove(this.meshes);
+    for (const [name, geometry] of this.geometries) if (!geometries.has(name)) geometry.dispose();
+    Object.assign(this, {data: scene, meshes, geometries});
+    if (this.selected >= scene.objects.length) this.selected = undefined;
+    if (!first) this.frame(scene);
+    this.scene.add(...meshes);
+    const box = new THREE.Box3();
+    for (const mesh of meshes) box.union(mesh.boundingBox);
     const size = box.getSize(new THREE.Vector3()).length();
     this.orbit.camera.far = Math.max(this.orbit.camera.far, 4 * size);
     this.orbit.camera.updateProjectionMatrix();
-    this.loaded = true;
-    this.redraw();
+    this.markSelected();
+    return true;
   }
 
-  // Albedos are linear, as three.js expects.
-  albedo(index) {
-    return new THREE.Color().setScalar(this.data.objects[index].albedo);
+  // Directs the view to what the rig works on, not a room around it, unless the user has chosen a view.
+  frame({path, rig}) {
+    this.rig = rig;
+    const places = path.map(({camera}) => new THREE.Vector3(...camera.slice(0, 3)));
+    setSegments(this.path, chain(places));
+    const reach = new THREE.Box3();
+    path.forEach(({camera}, i) => {
+      const ahead = new THREE.Vector3(0, 0, rig.far_m).applyQuaternion(new THREE.Quaternion(...camera.slice(3)));
+      reach.expandByPoint(places[i]).expandByPoint(places[i].clone().add(ahead));
+    });
+    this.orbit.around(reach, places);
+  }
+
+  remove(meshes) {
+    this.scene.remove(...meshes);
+    for (const mesh of meshes) {
+      mesh.material.dispose();
+      mesh.dispose();
+    }
   }
 
   colour(dark) {
@@ -112,19 +152,26 @@ export class World {
   }
 
   showRig({camera, projector}) {
-    const {rig} = this.data;
+    const {rig} = this;
     setSegments(this.camera, frustum(poseOf(camera), rig.far_m, rig.camera_corners));
     setSegments(this.projector, frustum(poseOf(projector), rig.far_m, rig.projector_corners));
     this.redraw();
   }
 
   select(index) {
+    this.selected = index;
+    this.markSelected();
+    this.onSelect(index);
+  }
+
+  markSelected() {
+    const chosen = new THREE.Color(inks(theme.dark).chosen);
     for (const mesh of this.meshes) {
-      mesh.userData.objects.forEach((object, k) => mesh.setColorAt(k, object === index ? new THREE.Color(inks(theme.dark).chosen) : this.albedo(object)));
+      mesh.userData.objects.forEach((object, k) => mesh.setColorAt(k, object === this.selected ? chosen : albedoOf(this.data.objects[object])));
       mesh.instanceColor.needsUpdate = true;
     }
-    this.canvas.dataset.selected = index;
-    this.onSelect(index);
+    if (this.selected === undefined) delete this.canvas.dataset.selected;
+    else this.canvas.dataset.selected = this.selected;
     this.redraw();
   }
 

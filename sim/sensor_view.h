@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a scene's camera sees from any pose of the robot at rest, quickly as a reduced image, then in full: images under
+// white light or one of the scene's patterns, and the ground truth. The full images are those of VirtualRig.
+#pragma once
+
+#include <memory>
+#include <mutex>
+#include <opencv2/core.hpp>
+#include <optional>
+#include <utility>
+
+#include "core/types/truth.h"
+#include "sim/light/camera.h"
+#include "sim/light/renderer.h"
+#include "sim/scene/scene.h"
+
+namespace fringeslam::sim {
+
+// Returns the rig with its camera's resolution changed to `size`; field of view, lens and mean exposure of a pixel stay
+// the same.
+RigModel with_camera_size(const RigModel& rig, const cv::Size& size);
+
+// Returns the pattern that lights all projector pixels.
+Pattern white_pattern();
+
+class SensorView {
+ public:
+  static constexpr int kReduction = 4;  // ratio of width and height between full and reduced images
+
+  // `scene` must outlive this. Throws Error if a texture cannot be read.
+  explicit SensorView(const Scene& scene);
+  SensorView(const SensorView&) = delete;
+  SensorView& operator=(const SensorView&) = delete;
+
+  // Returns the camera's image, CV_8U or CV_16U grey values, under pattern number `pattern` of the scene, or without
+  // one under white light. Reduced images have no noise and fewer light paths. Empty if `stop` returned true
+  // meanwhile. Throws std::out_of_range if the scene has no such pattern.
+  cv::Mat image(const Pose& world_from_robot, std::optional<size_t> pattern, bool reduced, const Stop& stop = nullptr);
+  // Returns the ground truth of a view, without time and fringe orders. All its images are empty if `stop` returned true
+  // meanwhile.
+  TruthFrame truth(const Pose& world_from_robot, bool reduced, const Stop& stop = nullptr) const;
+
+ private:
+  std::shared_ptr<const ProjectedPatterns> shown(std::optional<size_t> pattern);
+
+  const Scene& scene_;
+  Scene reduced_scene_;
+  Renderer full_, reduced_;
+  Camera full_camera_, reduced_camera_;
+  // The most recent pattern and its light, followed by white.
+  std::mutex mutex_;
+  std::optional<std::pair<std::optional<size_t>, std::shared_ptr<const ProjectedPatterns>>> shown_;
+};
+
+}  // namespace fringeslam::sim

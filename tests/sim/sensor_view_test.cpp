@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: Apache-2.0
+// The full view is what the virtual rig captures; the reduced one is a smaller image of the same.
+#include "sim/sensor_view.h"
+
+#include <gmock/gmock.h>
+
+#include <atomic>
+#include <cmath>
+
+#include "sim/virtual_rig.h"
+#include "tests/sim/test_scenes.h"
+
+namespace fringeslam::sim {
+namespace {
+
+// Returns a scene with a box in front of a wall, in motion between its views, with noise and indirect light.
+Scene box_before_a_wall() {
+  RigModel rig = coaxial_rig();
+  rig.camera = {132, 100, 200, 200, 65.5, 49.5, {}};
+  rig.projector_from_camera.translation = {-0.3, 0, 0};
+  rig.sensor.dsnu_electrons = 20;
+  rig.camera_lens.blur_px = 0.5;
+  rig.timing.exposure_s = 0.5 / (white_electrons_at_1m(rig) / rig.timing.exposure_s / 40000);
+  Scene scene = world_of({grey_object(plane_mesh(3, 3), {Eigen::Matrix3d::Identity(), {0, 0, 1}}),
+                          grey_object(box_mesh({0.2, 0.2, 0.1}), {Eigen::Matrix3d::Identity(), {0.1, 0, 0.8}}, 0.3)},
+                         rig);
+  scene.seed = 5;
+  scene.bounces = 1;
+  scene.ambient_lux = 200;
+  scene.patterns = phase_shift_sequence(rig.projector.width, rig.projector.height, {129, 16}, 3, Axis::columns, 8);
+  return scene;
+}
+
+double mean_of(const cv::Mat& image) { return cv::mean(image)[0]; }
+
+TEST(SensorView, TheFullImageIsTheOneThatTheRigCaptures) {
+  const Scene scene = box_before_a_wall();
+  const FringeStack stack = *VirtualRig(scene, {}).capture(scene.patterns);
+  SensorView view(scene);
+  for (const size_t pattern : {size_t{0}, size_t{4}}) {
+    const cv::Mat image = view.image(scene.trajectory[0].world_from_robot, pattern, false);
+    EXPECT_EQ(cv::norm(image, stack.images[pattern], cv::NORM_INF), 0) << pattern;
+  }
+}
+
+TEST(SensorView, WithAutomaticExposureToo) {
+  Scene scene = box_before_a_wall();
+  scene.auto_exposure = true;
+  scene.rig.timing.exposure_s *= 0.1;  // ignored
+  const FringeStack stack = *VirtualRig(scene, {}).capture(scene.patterns);
+  const cv::Mat image = SensorView(scene).image({}, 0, false);
+  // The brightest pixel of a stack may be slightly darker than white.
+  EXPECT_NEAR(mean_of(image) / mean_of(stack.images[0]), 1, 0.05);
+}
+
+TEST(SensorView, TheReducedImageIsAsBrightAsTheFullOneAndShowsTheSame) {
+  const Scene scene = box_before_a_wall();
+  SensorView view(scene);
+  const Pose pose{Eigen::Matrix3d::Identity(), {0.05, -0.02, 0.1}};
+  const cv::Mat full = view.image(pose, std::nullopt, false), reduced = view.image(pose, std::nullopt, true);
+  EXPECT_EQ(reduced.size(), cv::Size(33, 25));
+  EXPECT_NEAR(mean_of(reduced) / mean_of(full), 1, 0.02);
+  double difference = 0;
+  for (int row = 0; row < reduced.rows; ++row) {
+    for (int col = 0; col < reduced.cols; ++col)
+      difference += std::abs(reduced.at<uchar>(row, col) - mean_of(full(cv::Rect(4 * col, 4 * row, 4, 4))));
+  }
+  EXPECT_LT(difference / static_cast<double>(reduced.total()), 0.05 * mean_of(full));
+  const TruthFrame truth = view.truth(pose, false), reduced_truth = view.truth(pose, true);
+  EXPECT_NEAR(static_cast<double>(reduced_truth.depth_m(2, 2)), 0.9, 1e-6);
+  EXPECT_NEAR(static_cast<double>(truth.depth_m(8, 8)), 0.9, 1e-6);
+  EXPECT_NEAR(cv::mean(reduced_truth.depth_m)[0], cv::mean(truth.depth_m)[0], 0.005);
+}
+
+TEST(SensorView, GroundTruthIsThatOfTheRig) {
+  const Scene scene = box_before_a_wall();
+  const TruthFrame expected = VirtualRig(scene, {}).truth_of(0), truth = SensorView(scene).truth({}, false);
+  EXPECT_EQ(cv::norm(truth.depth_m, expected.depth_m, cv::NORM_INF), 0);
+  EXPECT_EQ(cv::norm(truth.mask, expected.mask, cv::NORM_INF), 0);
+}
+
+TEST(SensorView, StopsBetweenRowsOfBlocks) {
+  const Scene scene = box_before_a_wall();
+  SensorView view(scene);
+  constexpr int kBlocksDown = 25;  // of 4 px
+  std::atomic<int> asked = 0;
+  EXPECT_FALSE(view.image({}, std::nullopt, false, [&] { return ++asked, false; }).empty());
+  EXPECT_EQ(asked, kBlocksDown);
+  asked = 0;
+  EXPECT_TRUE(view.image({}, std::nullopt, false, [&] { return ++asked > 3; }).empty());
+  EXPECT_LT(asked, kBlocksDown);
+  asked = 0;
+  EXPECT_TRUE(view.truth({}, false, [&] { return ++asked > 3; }).depth_m.empty());
+  EXPECT_LT(asked, kBlocksDown);
+}
+
+TEST(SensorView, APatternThatIsNotThereIsRefused) {
+  const Scene scene = box_before_a_wall();
+  EXPECT_THROW(SensorView(scene).image({}, 6, true), std::out_of_range);
+}
+
+}  // namespace
+}  // namespace fringeslam::sim

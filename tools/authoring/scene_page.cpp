@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/authoring/scene_page.h"
+
+#include <chrono>
+#include <nlohmann/json.hpp>
+#include <random>
+
+#include "core/io/json_text.h"
+#include "tools/authoring/sensor_picture.h"
+#include "tools/report/report_page.h"
+#include "tools/shell.h"
+
+namespace fringeslam::tools {
+
+namespace {
+
+constexpr auto kLongestWait = std::chrono::seconds(5);  // for a change
+constexpr uint32_t kSeeds = 1'000'000;                  // seeds drawn are easy to type
+constexpr auto kTurn = std::chrono::milliseconds(10);   // between looks whether a waiting viewer left
+
+std::optional<SensorPicture> picture_of(const std::string& file) {
+  for (const auto& [kind, name] : choices(SensorPicture())) {
+    if (file == name + std::string(".png")) return kind;
+  }
+  return std::nullopt;
+}
+
+// Quotes a word of a command if a shell would not take it literally.
+std::string word(const std::string& text) {
+  constexpr const char* kLiteral = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-./=,:+@%";
+  return !text.empty() && text.find_first_not_of(kLiteral) == std::string::npos ? text : quoted(text);
+}
+
+}  // namespace
+
+ScenePage::ScenePage(std::string scene, SceneVariant variant, LiveAccess access)
+    : name_(std::move(scene)),
+      variant_(std::move(variant)),
+      scene_(scene_file(name_), variant_.reading()),
+      server_(std::move(access), "--port", [this](const PageRequest& request) { return answer(request); },
+              {.posts = true, .nice = 0}) {}
+
+PageAnswer ScenePage::answer(const PageRequest& request) {
+  const std::string_view path = request.path;
+  if (request.is_post) {
+    if (path != "/seed") return {405, {}};
+    scene_.reseed(std::random_device()() % kSeeds);
+    return PageAnswer::of("{}", "application/json");
+  }
+  if (path == "/") return PageAnswer::of(std::string(world_page()), "text/html; charset=utf-8");
+  if (path == "/state") return state(request);
+  if (path.starts_with("/view/")) return view(request);
+  const WatchedScene::State now = scene_.state();
+  if (constexpr std::string_view kScene = "/scene/"; path.starts_with(kScene)) {
+    const auto number = number_in<uint64_t>(path.substr(kScene.size()));
+    if (!number) return {};
+    return *number == now.scene_number ? PageAnswer::of(now.scene->data.json, "application/json") : PageAnswer{204, {}};
+  }
+  if (constexpr std::string_view kMesh = "/mesh/"; path.starts_with(kMesh)) {
+    const std::string name(path.substr(kMesh.size()));
+    if (name.size() != 16 || name.find_first_not_of("0123456789abcdef") != std::string::npos) return {};
+    const auto found = now.scene->data.meshes.find(name);
+    if (found == now.scene->data.meshes.end()) return {204, {}};
+    return PageAnswer::of(found->second, "application/octet-stream");
+  }
+  return {};
+}
+
+std::string ScenePage::command(uint64_t seed) const {
+  std::string text = "fringeslam scene open " + word(name_) + " --seed " + std::to_string(seed);
+  for (const std::string& change : variant_.with) text += " --with " + word(change);
+  return text;
+}
+
+PageAnswer ScenePage::state(const PageRequest& request) {
+  WatchedScene::State state = scene_.state();
+  if (const std::string since = request.parameter("since"); !since.empty()) {
+    const auto number = number_in<uint64_t>(since);
+    if (!number) return {400, {}};
+    const Waiting waiting(waiting_);
+    if (waiting.place > kViewers) return {503, {}};
+    state = scene_.await_change(*number, kLongestWait, request.given_up);
+  }
+  return PageAnswer::of(json_text(nlohmann::ordered_json{{"number", state.number},
+                                                         {"scene", state.scene_number},
+                                                         {"error", state.error},
+                                                         {"loading", state.loading},
+                                                         {"command", command(state.scene->scene.seed)}}),
+                        "application/json");
+}
+
+PageAnswer ScenePage::view(const PageRequest& request) {
+  const auto kind = picture_of(request.path.substr(std::string_view("/view/").size()));
+  if (!kind) return {};
+  const auto place = number_in<size_t>(request.parameter("place"));
+  const std::string size = request.parameter("size"), wanted = request.parameter("pattern");
+  const auto pattern = *kind == SensorPicture::pattern ? number_in<size_t>(wanted) : size_t{0};
+  const bool reduced = size == "reduced";
+  if (!place || !pattern || (!reduced && size != "full")) return {400, {}};
+  const auto number = number_in<uint64_t>(request.parameter("scene"));
+  if (!number) return {400, {}};
+  const WatchedScene::State now = scene_.state();
+  if (*number != now.scene_number) return {204, {}};
+  ShownScene& shown = *now.scene;
+  if (*place >= shown.data.path.size()) return {};
+  if (*kind == SensorPicture::pattern && *pattern >= shown.scene.patterns.patterns.size()) return {};
+
+  const Waiting waiting(renderings_);
+  if (waiting.place > kRenderings) return {503, {}};
+  std::unique_lock turn(rendering_, kTurn);
+  while (!turn.owns_lock() && !request.given_up()) (void)turn.try_lock_for(kTurn);
+  if (!turn.owns_lock()) return {503, {}};
+  return PageAnswer::of(sensor_picture(shown.view, shown.scene.rig, *kind, *pattern,
+                                       shown.data.path[*place].world_from_robot, reduced, request.given_up),
+                        "image/png");
+}
+
+}  // namespace fringeslam::tools

@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/authoring/watched_scene.h"
+
+#include <sys/stat.h>
+
+#include <algorithm>
+
+namespace fringeslam::tools {
+
+namespace {
+
+using std::chrono::milliseconds;
+
+constexpr milliseconds kLook(100);        // between looks at the files
+constexpr milliseconds kGiveUpLook(100);  // between looks whether a viewer left
+
+int64_t nanoseconds(const timespec& time) { return int64_t{1'000'000'000} * time.tv_sec + time.tv_nsec; }
+
+// Returns the current time by the clock of file systems, which may lag by one tick of the kernel.
+int64_t file_time_ns() {
+  timespec now{};
+  clock_gettime(CLOCK_REALTIME_COARSE, &now);
+  return nanoseconds(now);
+}
+
+// Numbers of this run of the program start here, so that a page that was opened from an earlier run notices.
+uint64_t first_number() {
+  const auto since_epoch = std::chrono::system_clock::now().time_since_epoch();
+  return static_cast<uint64_t>(std::chrono::duration_cast<milliseconds>(since_epoch).count());
+}
+
+}  // namespace
+
+WatchedScene::WatchedScene(std::filesystem::path file, sim::SceneLoadOptions reading)
+    : file_(std::move(file)), reading_(std::move(reading)) {
+  state_.scene = std::make_shared<ShownScene>(load(reading_.seed));
+  state_.number = state_.scene_number = first_number();
+  thread_ = std::thread([this] { watch(); });
+}
+
+WatchedScene::~WatchedScene() {
+  {
+    const std::lock_guard lock(mutex_);
+    stopping_ = true;
+  }
+  changed_.notify_all();
+  thread_.join();
+}
+
+WatchedScene::State WatchedScene::state() const {
+  const std::lock_guard lock(mutex_);
+  return state_;
+}
+
+WatchedScene::State WatchedScene::await_change(uint64_t number, milliseconds longest,
+                                               const std::function<bool()>& given_up) const {
+  const auto end = std::chrono::steady_clock::now() + longest;
+  std::unique_lock lock(mutex_);
+  while (state_.number == number && std::chrono::steady_clock::now() < end && !given_up())
+    changed_.wait_for(lock, kGiveUpLook);
+  return state_;
+}
+
+void WatchedScene::reseed(uint64_t seed) {
+  {
+    const std::lock_guard lock(mutex_);
+    new_seed_ = seed;
+  }
+  changed_.notify_all();
+}
+
+void WatchedScene::change(const std::function<void(State&)>& how) {
+  {
+    const std::lock_guard lock(mutex_);
+    how(state_);
+    ++state_.number;
+  }
+  changed_.notify_all();
+}
+
+WatchedScene::Stamp WatchedScene::stamp_of(const std::filesystem::path& file) {
+  struct stat status {};
+  if (::stat(file.c_str(), &status) != 0) return std::nullopt;
+  return std::vector<int64_t>{nanoseconds(status.st_mtim), nanoseconds(status.st_ctim), status.st_size,
+                              static_cast<int64_t>(status.st_ino)};
+}
+
+WatchedScene::Stamps WatchedScene::stamps() const {
+  Stamps now;
+  for (const auto& [file, then] : loaded_) now[file] = stamp_of(file);
+  return now;
+}
+
+sim::Scene WatchedScene::load(std::optional<uint64_t> seed) {
+  // Files are stamped before they are read: a later change then counts as one.
+  const Stamps before = stamps();
+  const int64_t start_ns = file_time_ns();
+  std::vector<std::filesystem::path> files;
+  sim::SceneLoadOptions reading = reading_;
+  reading.seed = seed;
+  reading.files = &files;
+  const auto remember = [&] {
+    loaded_.clear();
+    for (const std::filesystem::path& file : files) {
+      if (const auto known = before.find(file); known != before.end()) {
+        loaded_.insert(*known);
+        continue;
+      }
+      // The name of a new file is known only now. If it changed meanwhile, any stamp of it counts as a change.
+      const Stamp stamp = stamp_of(file);
+      loaded_[file] = stamp && stamp->front() >= start_ns ? Stamp(std::vector<int64_t>{}) : stamp;
+    }
+  };
+  try {
+    sim::Scene scene = sim::load_scene(file_, reading);
+    remember();
+    return scene;
+  } catch (...) {
+    remember();
+    throw;
+  }
+}
+
+void WatchedScene::reload() {
+  change([](State& state) { state.loading = true; });
+  std::string error;
+  std::shared_ptr<ShownScene> scene;
+  try {
+    scene = std::make_shared<ShownScene>(load(reading_.seed));
+  } catch (const std::exception& failure) {
+    error = failure.what();
+  }
+  change([&](State& state) {
+    state.loading = false;
+    state.error = error;
+    if (!scene) return;
+    state.scene = scene;
+    ++state.scene_number;
+  });
+}
+
+void WatchedScene::watch() {
+  Stamps last = stamps();
+  for (;;) {
+    std::optional<uint64_t> seed;
+    {
+      std::unique_lock lock(mutex_);
+      changed_.wait_for(lock, kLook, [&] { return stopping_ || new_seed_; });
+      if (stopping_) return;
+      seed = std::exchange(new_seed_, std::nullopt);
+    }
+    const Stamps now = stamps();
+    if (seed) reading_.seed = seed;
+    if (seed || (now != loaded_ && now == last)) {
+      reload();
+      last = stamps();
+    } else {
+      last = now;
+    }
+  }
+}
+
+}  // namespace fringeslam::tools

@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+// A scene while its author edits it: loaded again when one of its files changes, or with another seed. If that fails, the
+// last valid scene remains beside the error. Files are looked at several times per second, since editors replace files,
+// and network file systems report no changes; they are read once they stay the same between two looks.
+#pragma once
+
+#include <chrono>
+#include <condition_variable>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "sim/sensor_view.h"
+#include "tools/authoring/scene_data.h"
+
+namespace fringeslam::tools {
+
+// A loaded scene with all that its page shows of it.
+struct ShownScene {
+  explicit ShownScene(sim::Scene loaded) : scene(std::move(loaded)), data(scene_data(scene)), view(scene) {}
+  sim::Scene scene;
+  SceneData data;
+  sim::SensorView view;
+};
+
+class WatchedScene {
+ public:
+  struct State {
+    uint64_t number = 0;  // changes with every other member; differs between runs of the program
+    std::shared_ptr<ShownScene> scene;
+    uint64_t scene_number = 0;  // changes with the scene; differs between runs of the program
+    std::string error = {};     // of the newest version; empty: `scene` is the newest version
+    bool loading = false;       // a newer version is being loaded
+  };
+
+  // Loads a scene and begins to watch it. Throws Error if it is invalid.
+  WatchedScene(std::filesystem::path file, sim::SceneLoadOptions reading);
+  // Waits until a loading scene is loaded.
+  ~WatchedScene();
+  WatchedScene(const WatchedScene&) = delete;
+  WatchedScene& operator=(const WatchedScene&) = delete;
+
+  State state() const;
+  // Waits for a state with another number, at most `longest` or until `given_up` returns true.
+  State await_change(uint64_t number, std::chrono::milliseconds longest, const std::function<bool()>& given_up) const;
+  // Loads the scene again with another seed, which it keeps from then on.
+  void reseed(uint64_t seed);
+
+ private:
+  // Identifies a version of a file; empty if there is none.
+  using Stamp = std::optional<std::vector<int64_t>>;
+  using Stamps = std::map<std::filesystem::path, Stamp>;
+
+  static Stamp stamp_of(const std::filesystem::path& file);
+  Stamps stamps() const;  // of the files, now
+  sim::Scene load(std::optional<uint64_t> seed);
+  void reload();
+  void watch();
+  void change(const std::function<void(State&)>& how);
+
+  const std::filesystem::path file_;
+  sim::SceneLoadOptions reading_;
+  Stamps loaded_;  // files of the newest version, as they were when it was loaded
+
+  mutable std::mutex mutex_;  // guards the members below
+  mutable std::condition_variable changed_;
+  State state_;
+  std::optional<uint64_t> new_seed_;
+  bool stopping_ = false;
+
+  std::thread thread_;  // last: uses the other members
+};
+
+}  // namespace fringeslam::tools
