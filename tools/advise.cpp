@@ -67,12 +67,17 @@ double rounded(double value, int digits) {
   return std::round(value * scale) / scale;
 }
 
+double rounded_down(double value, int digits) {
+  const double scale = std::pow(10.0, digits - 1 - std::floor(std::log10(value)));
+  return std::floor(value * scale) / scale;
+}
+
 std::string number(double value, int digits = 2) { return to_text(rounded(value, digits)); }
 
 // 0.99872 as "99.87 %": the digits that the smaller of the share and its complement needs.
 std::string percent(double share) {
   const double smaller = 100 * std::min(share, 1 - share);
-  const int decimals = smaller <= 0 ? 0 : std::clamp(1 - static_cast<int>(std::floor(std::log10(smaller))), 0, 3);
+  const int decimals = smaller <= 0 ? 0 : std::clamp(1 - static_cast<int>(std::floor(std::log10(smaller))), 0, 4);
   char text[32];
   std::snprintf(text, sizeof text, "%.*f %%", decimals, 100 * share);
   return text;
@@ -165,12 +170,12 @@ struct Report {
   RigModel rig;
   double exposure_s = 0;  // at the rig's exposure, of the first view
   std::vector<ExaminedView> views;
-  std::vector<double> looks;  // further exposures that were looked at
+  std::vector<double> looks;    // further exposures that were looked at
+  bool unchanged = false;       // the advice keeps the scene's patterns
+  bool tested_periods = false;  // a further look, because the scene's patterns do not show indirect light
   Advice advice;
   std::vector<Verification> verification;
 };
-
-constexpr double kOnceExposure = 1;
 
 std::string design_flags(const SequenceDesign& design) {
   std::string text;
@@ -208,8 +213,8 @@ void thin_trajectory(sim::Scene& scene, int views) {
 void set_exposure(sim::Scene& scene, double exposure_s, double longest) {
   scene.auto_exposure = false;
   Timing& timing = scene.rig.timing;
-  timing.exposure_s = exposure_s;
-  const double rate_hz = 1 / (std::max(1.0, longest) * exposure_s);
+  timing.exposure_s = rounded_down(exposure_s, 4);
+  const double rate_hz = rounded_down(1 / (std::max(1.0, longest) * exposure_s), 3);
   if (timing.pattern_rate_hz <= rate_hz) return;
   timing.pattern_rate_hz = rate_hz;
   timing.camera_rate_hz = std::min(timing.camera_rate_hz, rate_hz);
@@ -237,13 +242,12 @@ DepthHonesty honesty_of(const std::vector<sim::SimulatedView>& views, const sim:
                         const DecodeOptions& options, Axis axis) {
   DepthHonesty depth;
   const RigModel rig = sim::calibration_of(scene);
-  const Triangulation triangulation(rig, pixel_rays(rig.camera), DepthOptions().near_m, DepthOptions().far_m, axis);
+  const DepthOptions depth_options;
+  const Triangulation triangulation(rig, pixel_rays(rig.camera), depth_options.near_m, depth_options.far_m, axis);
   DecodeContext context;
   context.axis = axis;
   for (const sim::SimulatedView& view : views) {
-    Frame frame;
-    triangulate(frame, decode(view.stack, rig, options, context), triangulation, {});
-    depth.add(frame, view.truth);
+    depth.add(reconstruct(decode(view.stack, rig, options, context), rig, triangulation, depth_options), view.truth);
   }
   return depth;
 }
@@ -272,6 +276,18 @@ Report advise_scene(const AdviseArguments& arguments, const AdviseSettings& sett
     for (size_t i = 0; i < views.size(); ++i) examiner.look(report.views[i], views[i].stack);
     report.advice = advice_of(report.views, scene.patterns, report.rig, settings);
   }
+  if (report.advice.indirect == ObservedIndirect::unknown && report.advice.motion != ObservedMotion::moving) {
+    const PatternSequence test = period_test_patterns(scene.patterns);
+    const Examiner tester(report.rig, test, settings, true);
+    const std::vector<sim::SimulatedView> views = render(scene, test, settings.render, arguments.views, progress);
+    for (size_t i = 0; i < std::min(views.size(), report.views.size()); ++i) {
+      const ExaminedView tested = tester.examine(views[i].stack);
+      report.views[i].evidence.agreement = tested.evidence.agreement;
+      report.views[i].motion = tested.motion;
+    }
+    report.tested_periods = true;
+    report.advice = advice_of(report.views, scene.patterns, report.rig, settings);
+  }
   if (arguments.unverified) return report;
   const PatternSequence advised = advised_sequence(report.advice, scene.patterns);
   const auto verify = [&](const std::string& name, const std::vector<sim::SimulatedView>& views) {
@@ -282,7 +298,10 @@ Report advise_scene(const AdviseArguments& arguments, const AdviseSettings& sett
   first.clear();
   const std::vector<double>& exposures = report.advice.exposures;
   const bool single = exposures.size() == 1;
-  if (!single || exposures.front() != kOnceExposure)
+  const bool same_exposure = single && exposures.front() == 1;
+  report.unchanged = same_exposure && advised.patterns == scene.patterns.patterns;
+  if (report.unchanged) return report;
+  if (!same_exposure)
     set_exposure(scene, report.exposure_s * (single ? exposures.front() : 1), single ? 1 : exposures.back());
   verify("advised", render(scene, advised, settings.render, arguments.views, progress));
   return report;
@@ -354,7 +373,7 @@ std::string coverage_text(const CodingChoice& coding) {
   return text;
 }
 
-double largest(const Report& report, double PeriodAgreement::* value) {
+double largest(const Report& report, double PeriodAgreement::*value) {
   double most = 0;
   for (const ExaminedView& view : report.views) {
     if (view.evidence.agreement) most = std::max(most, (*view.evidence.agreement).*value);
@@ -499,6 +518,7 @@ std::string text_of(const Report& report) {
       std::string("  motion: ") + to_string(advice.motion) + "; indirect light: " + to_string(advice.indirect) + "\n";
   for (const double look : report.looks)
     text += "  a further look at " + number(look, 3) + " times the exposure shows what saturation hid\n";
+  if (report.tested_periods) text += "  a further look with three periods tests for indirect light\n";
   for (const std::string& warning : warnings_of_rig(report)) text += "  " + warning + "\n";
   text += "advice\n  coding: " + coding_text(advice.coding) + "\n    " + coding_reason(report) + "\n  exposures: [" +
           list_of(advice.exposures, ", ") + "] times the rig's (" + number(1e3 * report.exposure_s, 3) + " ms)\n    " +
@@ -516,6 +536,7 @@ std::string text_of(const Report& report) {
     text += "  " + v.patterns + " patterns: " + std::to_string(v.images) + " images, " +
             percent(v.depth.measured_share()) + " of the pixels in the beam have depth, " +
             percent(v.depth.dishonest_share()) + " of these are off by more than 4 sigmas\n";
+  if (report.unchanged) text += "  the advice keeps these patterns\n";
   text.pop_back();
   return text;
 }
@@ -564,6 +585,7 @@ Json json_of(const Report& report) {
   Json json = {{"path", report.path}, {"views", Json::array()}};
   for (const ExaminedView& view : report.views) json["views"].push_back(json_of(view));
   json["looks"] = report.looks;
+  json["tested_periods"] = report.tested_periods;
   json["motion"] = to_string(advice.motion);
   json["indirect"] = to_string(advice.indirect);
   json["warnings"] = warnings_of_rig(report);

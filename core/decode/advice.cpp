@@ -163,16 +163,30 @@ SequenceDesign design_of(const PatternSequence& sequence, const std::vector<Frin
   }
 }
 
+constexpr double kOrdersOfShort = 62;  // 16.5 px of 1024
+
+double typical_period_px(int length) { return rounded(length / kOrdersOfShort, 3); }
+
+// Three steps of periods in equal ratios, from one that covers the projector with a gap of a short period.
+SequenceDesign periods_design(const PatternSequence& sequence, int periods, double finest_px, int length) {
+  SequenceDesign design = empty_design(sequence);
+  const double longest_px = std::ceil(length + std::max(finest_px, typical_period_px(length)));
+  for (int i = 0; i + 1 < periods; ++i)
+    design.periods_px.push_back(
+        rounded(longest_px * std::pow(finest_px / longest_px, i / (periods - 1.0)), i == 0 ? 5 : 3));
+  design.periods_px.push_back(finest_px);
+  return design;
+}
+
 // The codings to choose from: the present one, and those that decoders support, with the finest period of the images.
 std::vector<CodingChoice> codings(const PatternSequence& taken, const RigModel& rig, const DecodeOptions& options,
                                   Axis axis) {
   constexpr int kFewestPeriods = 2, kMostPeriods = 4;
-  constexpr double kOrdersOfShort = 62;  // 16.5 px of 1024
   const PatternSequence sequence = at_one_exposure(taken);
   const int length = length_of(sequence, axis);
   std::vector<CodingChoice> all;
   const std::vector<FringeGroup> groups = select_groups(sequence, axis, options);
-  const double typical_px = rounded(length / kOrdersOfShort, 3),
+  const double typical_px = typical_period_px(length),
                finest_px = groups.empty() ? typical_px : groups.back().period_px;
   const auto add = [&](CodingChoice choice) {
     const PatternSequence designed = design_sequence(choice.design);
@@ -201,13 +215,7 @@ std::vector<CodingChoice> codings(const PatternSequence& taken, const RigModel& 
     CodingChoice choice;
     choice.name = "multifrequency";
     choice.decodes_exposures = choice.decodes_motion = true;
-    choice.design = empty_design(sequence);
-    const double longest_px = std::ceil(length + std::max(finest_px, length / kOrdersOfShort));
-    for (int i = 0; i < periods; ++i)
-      choice.design.periods_px.push_back(
-          i + 1 == periods
-              ? finest_px
-              : rounded(longest_px * std::pow(finest_px / longest_px, i / (periods - 1.0)), i == 0 ? 5 : 3));
+    choice.design = periods_design(sequence, periods, finest_px, length);
     add(std::move(choice));
   }
   CodingChoice micro;
@@ -220,6 +228,30 @@ std::vector<CodingChoice> codings(const PatternSequence& taken, const RigModel& 
   } catch (const Error&) {  // no code of these periods
   }
   return all;
+}
+
+// The exposures that decode the wanted number of pixels, with the shortest longest one; if there are none, those that decode
+// most. A single one is the rig's exposure, if that will do, or else the nearest that does.
+std::vector<int> shortest_enough(const ExposureIntervals& intervals, int count, int first, int last, int64_t wanted) {
+  if (count == 1) {
+    const int present = std::clamp(ExposureGrid::nearest(1), first, last);
+    const std::vector<int> best = intervals.best(1, first, last);
+    const int64_t enough = std::min(wanted, intervals.covered(best));
+    for (int apart = 0; apart <= last - first; ++apart) {
+      for (const int step : {present - apart, present + apart}) {
+        if (step >= first && step <= last && intervals.covered({step}) >= enough) return {step};
+      }
+    }
+    return best;
+  }
+  const std::vector<int> best = intervals.best(count, first, last);
+  if (best.empty()) return best;
+  const int64_t enough = std::min(wanted, intervals.covered(best));
+  for (int longest = first; longest < best.back(); ++longest) {
+    const std::vector<int> steps = intervals.best(count, first, longest);
+    if (!steps.empty() && intervals.covered(steps) >= enough) return steps;
+  }
+  return best;
 }
 
 double share(int64_t part, int64_t all) { return all > 0 ? static_cast<double>(part) / static_cast<double>(all) : 0; }
@@ -256,6 +288,16 @@ ObservedMotion observed_motion(const FringeStack& stack, const RigModel& rig, co
     fprintf(stderr, "motion: converged %d rms %.3f moving %d v %.4f\n", found.converged, found.rms_sigma,
             is_moving(found), found.motion.velocity_m_s.norm());
   return found.converged && is_moving(found) ? ObservedMotion::moving : ObservedMotion::none;
+}
+
+PatternSequence period_test_patterns(const PatternSequence& taken) {
+  constexpr int kPeriods = 3;
+  const PatternSequence sequence = at_one_exposure(taken);
+  const Axis axis = advice_axis(sequence);
+  const std::vector<FringeGroup> groups = fringe_groups(sequence, axis);
+  const int length = length_of(sequence, axis);
+  return design_sequence(
+      periods_design(sequence, kPeriods, groups.empty() ? typical_period_px(length) : groups.back().period_px, length));
 }
 
 Axis advice_axis(const PatternSequence& sequence) {
@@ -361,36 +403,44 @@ Advice advise(const std::vector<ViewEvidence>& views, const PatternSequence& seq
   const int first = ExposureGrid::nearest(options.shortest), last = ExposureGrid::nearest(options.longest);
   double range = 1;
   int64_t most = 0, lit_pixels = 0;
-  for (CodingChoice& choice : all) {
-    ExposureIntervals intervals;
-    for (const ViewEvidence& view : views) intervals.add(view.light, rig.sensor, decoding, choice.demand);
+  std::vector<ExposureIntervals> demanded(all.size());
+  for (size_t c = 0; c < all.size(); ++c) {
+    ExposureIntervals& intervals = demanded[c];
+    for (const ViewEvidence& view : views) intervals.add(view.light, rig.sensor, decoding, all[c].demand);
     lit_pixels = intervals.decodable() + intervals.hopeless() + intervals.hidden();
     hidden = intervals.hidden();
     most = std::max(most, intervals.decodable());
     range = std::max(range, intervals.median_range());
+  }
+  const auto wanted_pixels = static_cast<int64_t>(std::ceil(options.covered * static_cast<double>(most)));
+  for (size_t c = 0; c < all.size(); ++c) {
+    CodingChoice& choice = all[c];
     const int count = choice.decodes_exposures && motion != ObservedMotion::moving ? options.most_exposures : 1;
-    for (int k = 1; k <= count; ++k) {
-      std::vector<int> steps = intervals.best(k, first, last);
+    int64_t before = 0;
+    for (int k = 1; k <= count && before < wanted_pixels; ++k) {
+      const std::vector<int> steps = shortest_enough(demanded[c], k, first, last, wanted_pixels);
       if (steps.empty()) break;
-      if (k == 1) {
-        const std::vector<int> present = {ExposureGrid::nearest(1)};
-        const int64_t best = intervals.covered(steps), here = intervals.covered(present);
-        if (static_cast<double>(here) >= options.covered * static_cast<double>(intervals.decodable()) || here == best)
-          steps = present;
-      }
+      const int64_t covered = demanded[c].covered(steps);
+      if (covered <= before && k > 1) break;
+      before = covered;
       std::vector<double> exposures;
       for (const int step : steps) exposures.push_back(rounded(ExposureGrid::exposure(step), 3));
       choice.exposures.push_back(exposures);
-      choice.covered.push_back(share(intervals.covered(steps), lit_pixels));
+      choice.covered.push_back(share(covered, lit_pixels));
     }
   }
   // The fewest images that decode the wanted share of what any coding decodes; else the largest share.
-  const double wanted = options.covered * share(most, lit_pixels);
+  const double wanted = share(wanted_pixels, lit_pixels);
   const bool indirect = advice.indirect == ObservedIndirect::present, moving = motion == ObservedMotion::moving;
+  const bool kept =
+      advice.indirect == ObservedIndirect::unknown && !moving && all.front().current && all.front().resists_indirect;
+  const bool must_resist = indirect || kept;
   const CodingChoice* chosen = nullptr;
   size_t exposures = 0;
   for (const CodingChoice& choice : all) {
-    if (indirect != choice.resists_indirect && !(choice.current && !indirect)) continue;
+    // Without indirect light, other codings than the present one need not resist it; where it is unknown, a coding that
+    // resists it is kept.
+    if (must_resist ? !choice.resists_indirect : choice.resists_indirect && !choice.current) continue;
     if (moving && !choice.decodes_motion) continue;
     for (size_t k = 0; k < choice.covered.size(); ++k) {
       const int images = choice.images * static_cast<int>(k + 1);

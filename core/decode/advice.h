@@ -14,7 +14,7 @@
 namespace fringeslam {
 
 struct AdviceOptions {
-  double covered = 0.995;
+  double covered = 0.99;
   int most_exposures = 4;
   double shortest = 1.0 / 256, longest = 256;
 
@@ -97,6 +97,9 @@ Axis advice_axis(const PatternSequence& sequence);
 
 // Surveys a stack. Throws Error if its patterns show no brightness.
 ViewEvidence examine(const FringeStack& stack, const RigModel& rig, const DecodeOptions& options, Axis axis);
+
+// Returns patterns of three periods that show indirect light, with the finest period of `taken`.
+PatternSequence period_test_patterns(const PatternSequence& taken);
 
 // Decides whether a stack shows motion. `depth_m` is a rough depth image without unknown pixels (filled_depth()).
 ObservedMotion observed_motion(const FringeStack& stack, const RigModel& rig, const PixelRays& rays,

@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
+#include <numeric>
 #include <optional>
 
 #include "core/base/constants.h"
@@ -19,11 +21,10 @@ namespace fringeslam {
 
 namespace {
 
-constexpr int kBlock_px = 8;              // faint pixels are judged together
-constexpr int kFewestInBlock = 16;        // of them
-constexpr double kBlockSigmas = 4;        // a block counts as lit above
-constexpr double kClearSignal = 25;       // I''^2 over its variance, above which a pixel is judged by itself
-constexpr double kMedianChi2 = 0.454936;  // of one degree of freedom
+constexpr int kBlock_px = 8;         // faint pixels are judged together
+constexpr int kFewestInBlock = 16;   // of them
+constexpr double kBlockSigmas = 4;   // a block counts as lit above
+constexpr double kClearSignal = 25;  // I''^2 over its variance, above which a pixel is judged by itself
 
 // The images of a stack, one per pattern, at the rig's exposure.
 struct Samples {
@@ -104,25 +105,22 @@ double median_in_place(std::vector<double>& values) {
   return *middle;
 }
 
-// Squares of unit normal variables, if the noise model is right: the residuals of the first group with more than three
-// steps, or else differences of the means of two periods.
+// The square of a unit normal variable, if the noise model is right: the residual of the first step of a period with more
+// than three steps, or else the difference of the means of two periods.
 std::optional<double> squared_residual(const Pixel& pixel, const Fringes& fringes) {
   for (size_t g = 0; g < fringes.groups.size(); ++g) {
     const FringeGroup& group = fringes.groups[g];
+    const StepEstimator& e = fringes.estimators[g];
     if (group.images.size() < 4) continue;
-    const Estimate fit = pixel.estimate(fringes.estimators[g]);
-    double squares = 0, variance = 0;
-    const auto n = static_cast<double>(group.images.size());
-    double mean = 0;
-    for (const int image : group.images) mean += pixel.grey(image) / n;
+    const double cosine = std::cos(group.shifts_rad[0]), sine = std::sin(group.shifts_rad[0]);
+    double residual = 0, variance = 0;
     for (size_t k = 0; k < group.images.size(); ++k) {
-      const double shift = group.shifts_rad[k];
-      const double residual =
-          pixel.grey(group.images[k]) - mean - fit.cosine * std::cos(shift) + fit.sine * std::sin(shift);
-      squares += residual * residual;
-      variance += pixel.variance(group.images[k]) / n;
+      const double weight = (k == 0 ? 1.0 : 0.0) - static_cast<double>(e.mean[k]) -
+                            static_cast<double>(e.cosine[k]) * cosine + static_cast<double>(e.sine[k]) * sine;
+      residual += weight * pixel.grey(group.images[k]);
+      variance += weight * weight * pixel.variance(group.images[k]);
     }
-    return squares / variance / (n - 3);
+    return residual * residual / variance;
   }
   if (fringes.groups.size() < 2) return std::nullopt;
   const Estimate a = pixel.estimate(fringes.estimators[fringes.groups.size() - 2]),
@@ -131,26 +129,23 @@ std::optional<double> squared_residual(const Pixel& pixel, const Fringes& fringe
   return difference * difference / (a.mean_variance + b.mean_variance);
 }
 
+// The tenth with the largest residuals, which edges may cause, is left out. Medians would suffer from rounding.
 double measured_noise_ratio(const cv::Mat1b& state, const Samples& samples, const SensorModel& sensor,
                             const Fringes& fringes) {
+  constexpr size_t kFewest = 200;
+  constexpr double kUsed = 0.9, kMeanOfUsed = 0.623;  // of chi-square of one degree of freedom below its quantile
   std::vector<double> squares;
-  double degrees = 1;
-  for (const FringeGroup& group : fringes.groups) {
-    if (group.images.size() < 4) continue;
-    degrees = static_cast<double>(group.images.size()) - 3;
-    break;
-  }
   for (int row = 0; row < state.rows; row += 2) {
     for (int col = 0; col < state.cols; col += 2) {
       if (state(row, col) != static_cast<uchar>(LightState::lit)) continue;
       if (const auto square = squared_residual(Pixel(samples, sensor, row, col), fringes)) squares.push_back(*square);
     }
   }
-  constexpr size_t kFewest = 200;
   if (squares.size() < kFewest) return std::numeric_limits<double>::quiet_NaN();
-  // Wilson and Hilferty's median of chi-square.
-  const double median = degrees == 1 ? kMedianChi2 : std::pow(1 - 2 / (9 * degrees), 3);
-  return std::sqrt(median_in_place(squares) / median);
+  const auto used = static_cast<std::ptrdiff_t>(kUsed * static_cast<double>(squares.size()));
+  std::nth_element(squares.begin(), squares.begin() + used, squares.end());
+  return std::sqrt(std::accumulate(squares.begin(), squares.begin() + used, 0.0) / static_cast<double>(used) /
+                   kMeanOfUsed);
 }
 
 // I' of a group from its two unsaturated samples, with I'' = ratio I'; NaN: none.
@@ -204,28 +199,35 @@ Brightness partly_saturated(const Pixel& pixel, const FringeGroup& group, const 
   return {solution[0], solution.tail<2>().norm()};
 }
 
-// Writes the modulation of faint pixels: the root mean square over their block, if that is significant.
-void judge_blocks(PixelLight& light, const cv::Mat1f& squared, const cv::Mat1f& noise, double noise_ratio) {
-  const double scale = std::max(1.0, std::isnan(noise_ratio) ? 1.0 : noise_ratio * noise_ratio);
+// Writes the modulation of faint pixels: that of the median of their block, if it is significant.
+void judge_blocks(PixelLight& light, const cv::Mat1f& squared, const cv::Mat1f& noise, double dark_variance_dn2) {
+  // Where the camera's noise is less than a digital number, a grey value near the middle between two has the variance 1/4,
+  // and the fringes of a dark pixel cannot make it vary.
+  constexpr double kRounding_dn2 = 0.25;
+  const double known = std::isnan(light.noise_ratio) ? 1 : light.noise_ratio * light.noise_ratio;
+  const double scale = std::max({1.0, known, kRounding_dn2 / dark_variance_dn2});
   const auto unlit = static_cast<uchar>(LightState::unlit), lit = static_cast<uchar>(LightState::lit);
   const int block_rows = (light.state.rows + kBlock_px - 1) / kBlock_px;
   for_each_row(block_rows, [&](int block_row) {
     for (int left = 0; left < light.state.cols; left += kBlock_px) {
       const cv::Rect block =
           cv::Rect(left, block_row * kBlock_px, kBlock_px, kBlock_px) & cv::Rect({0, 0}, light.state.size());
-      double sum = 0, noise_sum = 0;
-      int n = 0;
+      std::vector<double> squares;
+      double noise_sum = 0;
       for (int row = block.y; row < block.y + block.height; ++row) {
         for (int col = left; col < left + block.width; ++col) {
           if (light.state(row, col) != unlit) continue;
-          sum += static_cast<double>(squared(row, col)) - scale * static_cast<double>(noise(row, col));
+          squares.push_back(static_cast<double>(squared(row, col)));
           noise_sum += scale * static_cast<double>(noise(row, col));
-          ++n;
         }
       }
-      // The squared modulation of noise alone is exponential: its standard deviation is its mean.
-      if (n < kFewestInBlock || !(sum > kBlockSigmas * noise_sum / std::sqrt(n))) continue;
-      const auto modulation = static_cast<float>(std::sqrt(sum / n));
+      if (squares.size() < static_cast<size_t>(kFewestInBlock)) continue;
+      // The squared modulation of noise alone is exponential: with the mean m, its median is m ln 2, and the median of n
+      // values has the standard deviation m / sqrt(n). The median leaves out the pixels at edges.
+      const auto n = static_cast<double>(squares.size());
+      const double mean_noise = noise_sum / n, excess = median_in_place(squares) - std::numbers::ln2 * mean_noise;
+      if (!(excess > kBlockSigmas * mean_noise / std::sqrt(n))) continue;
+      const auto modulation = static_cast<float>(std::sqrt(excess));
       for (int row = block.y; row < block.y + block.height; ++row) {
         for (int col = left; col < left + block.width; ++col) {
           if (light.state(row, col) != unlit) continue;
@@ -277,7 +279,7 @@ PixelLight survey(const Samples& samples, const Fringes& fringes, const SensorMo
     }
   });
   light.noise_ratio = measured_noise_ratio(light.state, samples, sensor, fringes);
-  judge_blocks(light, squared, noise, light.noise_ratio);
+  judge_blocks(light, squared, noise, sensor.variance_dn2(sensor.offset_dn));
 
   std::vector<double> ratios;
   for (int row = 0; row < size.height; ++row) {
@@ -354,28 +356,33 @@ bool is_smooth(const DecodedStack& decoded, int row, int col) {
          std::abs(u(row - kApart, col) - 2 * u(row, col) + u(row + kApart, col)) <= most;
 }
 
-// Fits value = a cosine + b sine robustly, and subtracts it. Returns the amplitude.
-double remove_ripple(std::vector<Residual>& residuals) {
+struct Ripple {
+  double cosine = 0, sine = 0;
+};
+
+// Fits value = a cosine + b sine robustly.
+Ripple ripple_of(const std::vector<Residual>& residuals) {
   constexpr int kRounds = 3;
   constexpr double kClipped = 3;
-  double a = 0, b = 0;
+  Ripple ripple;
   for (int round = 0; round < kRounds; ++round) {
     double cc = 0, cs = 0, ss = 0, cv = 0, sv = 0;
     std::vector<double> sizes;
-    for (const Residual& r : residuals) sizes.push_back(std::abs(r.value - a * r.cosine - b * r.sine));
+    const auto rest = [&](const Residual& r) {
+      return std::abs(r.value - ripple.cosine * r.cosine - ripple.sine * r.sine);
+    };
+    for (const Residual& r : residuals) sizes.push_back(rest(r));
     const double limit = kClipped * 1.4826 * median_in_place(sizes);
     for (const Residual& r : residuals) {
-      if (std::abs(r.value - a * r.cosine - b * r.sine) > limit) continue;
+      if (rest(r) > limit) continue;
       cc += r.cosine * r.cosine, cs += r.cosine * r.sine, ss += r.sine * r.sine;
       cv += r.cosine * r.value, sv += r.sine * r.value;
     }
     const double determinant = cc * ss - cs * cs;
-    if (!(determinant > 0.01 * cc * ss)) return 0;  // the phases of the view do not cover a turn
-    a = (ss * cv - cs * sv) / determinant;
-    b = (cc * sv - cs * cv) / determinant;
+    if (!(determinant > 0)) return {};
+    ripple = {(ss * cv - cs * sv) / determinant, (cc * sv - cs * cv) / determinant};
   }
-  for (Residual& r : residuals) r.value -= a * r.cosine + b * r.sine;
-  return std::hypot(a, b);
+  return ripple;
 }
 
 PeriodAgreement compared(const Samples& samples, const Fringes& fringes, const SensorModel& sensor,
@@ -395,19 +402,22 @@ PeriodAgreement compared(const Samples& samples, const Fringes& fringes, const S
   }
   result.unmodulated = median_in_place(unmodulated);
   std::vector<double> biases, sigmas;
-  for (size_t g = 0; g + 1 < fringes.groups.size(); ++g) {
+  // A nonlinear projector adds the same ripple to all periods. Over few turns, other errors could be mistaken for it.
+  constexpr double kFewestTurns = 3;
+  Ripple ripple;
+  for (size_t g = fringes.groups.size() - 1; g-- > 0;) {
     const FringeGroup& group = fringes.groups[g];
     const auto harmonic = static_cast<double>(group.images.size());
     std::vector<Residual> residuals;
+    float least_px = std::numeric_limits<float>::max(), most_px = 0;
     for (int row = 0; row < light.state.rows; ++row) {
       for (int col = 0; col < light.state.cols; ++col) {
-        if (light.at(row, col) != LightState::lit || !(decoded.coordinate_px(row, col) >= 0) ||
-            !is_smooth(decoded, row, col))
-          continue;
+        const float coordinate = decoded.coordinate_px(row, col);
+        if (light.at(row, col) != LightState::lit || !(coordinate >= 0) || !is_smooth(decoded, row, col)) continue;
         const Estimate estimate = Pixel(samples, sensor, row, col).estimate(fringes.estimators[g]);
         if (!(estimate.squared() > kClearSignal * estimate.noise())) continue;
         const double measured = std::atan2(estimate.sine, estimate.cosine),
-                     expected = absolute_phase(static_cast<double>(decoded.coordinate_px(row, col)), group.period_px);
+                     expected = absolute_phase(static_cast<double>(coordinate), group.period_px);
         const double fine_rad = kTwoPi * static_cast<double>(decoded.sigma_px(row, col)) / group.period_px;
         const double variance =
             noise_ratio * noise_ratio * (estimate.noise() / 2 / estimate.squared() + fine_rad * fine_rad) +
@@ -415,10 +425,16 @@ PeriodAgreement compared(const Samples& samples, const Fringes& fringes, const S
         residuals.push_back({std::remainder(measured - expected, kTwoPi), std::sqrt(variance),
                              std::cos(harmonic * measured), std::sin(harmonic * measured),
                              row / kBlock_px * blocks_across + col / kBlock_px});
+        least_px = std::min(least_px, coordinate);
+        most_px = std::max(most_px, coordinate);
       }
     }
     if (residuals.empty()) continue;
-    result.ripple_rad = std::max(result.ripple_rad, remove_ripple(residuals));
+    if (g + 2 == fringes.groups.size() && static_cast<double>(most_px - least_px) > kFewestTurns * group.period_px) {
+      ripple = ripple_of(residuals);
+      result.ripple_rad = std::hypot(ripple.cosine, ripple.sine);
+    }
+    for (Residual& r : residuals) r.value -= ripple.cosine * r.cosine + ripple.sine * r.sine;
     std::stable_sort(residuals.begin(), residuals.end(),
                      [](const Residual& a, const Residual& b) { return a.block < b.block; });
     int64_t tested = 0, biased = 0;
