@@ -11,6 +11,7 @@
 #include "core/depth/depth.h"
 #include "core/io/json_text.h"
 #include "core/io/setting_groups.h"
+#include "core/mapper/front_end.h"
 #include "core/rig/dataset.h"
 #include "core/score/depth_honesty.h"
 #include "core/score/local_scatter.h"
@@ -239,16 +240,22 @@ PatternSequence at_exposure(PatternSequence sequence, double exposure) {
 }
 
 DepthHonesty honesty_of(const std::vector<sim::SimulatedView>& views, const sim::Scene& scene,
-                        const DecodeOptions& options, Axis axis) {
+                        const DecodeOptions& options, Axis axis, ObservedMotion motion) {
   DepthHonesty depth;
   const RigModel rig = sim::calibration_of(scene);
   const DepthOptions depth_options;
   const Triangulation triangulation(rig, pixel_rays(rig.camera), depth_options.near_m, depth_options.far_m, axis);
   DecodeContext context;
   context.axis = axis;
-  for (const sim::SimulatedView& view : views) {
-    depth.add(reconstruct(decode(view.stack, rig, options, context), rig, triangulation, depth_options), view.truth);
-  }
+  std::optional<FringeFrontEnd> in_motion;
+  if (motion == ObservedMotion::moving && axis == Axis::columns && !views.empty())
+    in_motion.emplace(rig, views.front().stack.patterns, FrontEndOptions{options, depth_options});
+  ReconstructionPrior prior;
+  prior.motion = unknown_motion({});
+  for (const sim::SimulatedView& view : views)
+    depth.add(in_motion ? in_motion->reconstruct(view.stack, prior).frame
+                        : reconstruct(decode(view.stack, rig, options, context), rig, triangulation, depth_options),
+              view.truth);
   return depth;
 }
 
@@ -276,7 +283,8 @@ Report advise_scene(const AdviseArguments& arguments, const AdviseSettings& sett
     for (size_t i = 0; i < views.size(); ++i) examiner.look(report.views[i], views[i].stack);
     report.advice = advice_of(report.views, scene.patterns, report.rig, settings);
   }
-  if (report.advice.indirect == ObservedIndirect::unknown && report.advice.motion != ObservedMotion::moving) {
+  if (report.advice.indirect == ObservedIndirect::unknown && !report.advice.nonlinear &&
+      report.advice.motion != ObservedMotion::moving) {
     const PatternSequence test = period_test_patterns(scene.patterns);
     const Examiner tester(report.rig, test, settings, true);
     const std::vector<sim::SimulatedView> views = render(scene, test, settings.render, arguments.views, progress);
@@ -292,7 +300,7 @@ Report advise_scene(const AdviseArguments& arguments, const AdviseSettings& sett
   const PatternSequence advised = advised_sequence(report.advice, scene.patterns);
   const auto verify = [&](const std::string& name, const std::vector<sim::SimulatedView>& views) {
     report.verification.push_back({name, static_cast<int>(views.front().stack.images.size()),
-                                   honesty_of(views, scene, settings.decode, examiner.axis())});
+                                   honesty_of(views, scene, settings.decode, examiner.axis(), report.advice.motion)});
   };
   verify("present", first);
   first.clear();
@@ -330,6 +338,23 @@ Report advise_dataset(const AdviseArguments& arguments, const AdviseSettings& se
   if (report.views.empty()) throw Error(arguments.path + ": has no stacks");
   report.advice = advice_of(report.views, report.taken, report.rig, settings);
   return report;
+}
+
+std::string size_text(const PatternSequence& sequence) {
+  return std::to_string(sequence.width) + "x" + std::to_string(sequence.height);
+}
+
+std::string periods_flags(const PatternSequence& sequence) {
+  std::vector<double> periods_px;
+  const Axis axis = advice_axis(sequence);
+  for (const FringeGroup& group : fringe_groups(sequence, axis)) periods_px.push_back(group.period_px);
+  return " --periods " + list_of(periods_px, ",") + (axis == Axis::rows ? " --axis rows" : "");
+}
+
+// The finest period of the patterns, px; 0: no fringes.
+double finest_period_px(const PatternSequence& sequence) {
+  const std::vector<FringeGroup> groups = fringe_groups(sequence, advice_axis(sequence));
+  return groups.empty() ? 0 : groups.back().period_px;
 }
 
 // The coding in words.
@@ -390,7 +415,9 @@ int64_t total(const Report& report, int64_t ViewEvidence::*count) {
 std::string coding_reason(const Report& report) {
   const Advice& advice = report.advice;
   if (advice.motion == ObservedMotion::moving)
-    return "the images show motion, in which neither micro phase shifting nor several exposures can be decoded";
+    return "the images show motion: its estimate needs several periods, and in motion neither micro phase shifting nor "
+           "several exposures can be decoded";
+  if (advice.nonlinear) return "provisional: the response of the projector must be corrected first";
   if (advice.indirect == ObservedIndirect::present)
     return "indirect light: on " + percent(advice.biased_share) +
            " of the smooth surfaces, neighboring pixels share a phase error of more than 4 sigmas, " +
@@ -400,7 +427,7 @@ std::string coding_reason(const Report& report) {
   if (advice.indirect == ObservedIndirect::none)
     text = "the periods agree on " + percent(1 - advice.biased_share) +
            " of the smooth surfaces, so indirect light is weak; ";
-  return text + "the fewest images that decode " + percent(advice.covered) + " of the lit pixels";
+  return text + "the shortest capture that decodes " + percent(advice.covered) + " of the lit pixels";
 }
 
 std::string exposure_reason(const Report& report) {
@@ -434,6 +461,10 @@ std::vector<std::string> unknowns_of(const Report& report) {
                        " of pixels without fringes are shadow, empty, or darker than the noise");
   if (advice.motion == ObservedMotion::moving) {
     unknowns.push_back("whether indirect light disturbs the phases: motion does, too; look again at rest");
+  } else if (advice.nonlinear) {
+    unknowns.push_back(
+        "whether indirect light disturbs the phases: the nonlinear response hides it; calibrate response, and ask "
+        "again");
   } else if (advice.indirect == ObservedIndirect::unknown) {
     double unmodulated = NAN;
     for (const ExaminedView& view : report.views) {
@@ -443,11 +474,19 @@ std::vector<std::string> unknowns_of(const Report& report) {
         "whether indirect light disturbs the phases: only fringes of several periods, with a coordinate, show it" +
         (std::isnan(unmodulated) ? std::string()
                                  : ". Relative to the direct light it is at most " + number(unmodulated) +
-                                       ", the light that is not modulated, of which ambient light is a part"));
+                                       ", the light that is not modulated, of which ambient light is a part") +
+        (report.is_scene ? ""
+                         : ". For a test, capture these: fringeslam patterns --size " + size_text(report.taken) +
+                               periods_flags(period_test_patterns(report.taken)) + " --out test"));
   } else {
     unknowns.push_back(
         "indirect light that reaches the finest period, too, as in translucent surfaces and very narrow corners");
   }
+  const double seen_px = finest_period_px(report.taken),
+               advised_px = finest_period_px(advised_sequence(advice, report.taken));
+  if (advised_px < 0.99 * seen_px || (seen_px == 0 && advised_px > 0))
+    unknowns.push_back("how much the lenses blur a period of " + number(advised_px, 3) +
+                       " px: these images hold none as fine");
   if (advice.motion == ObservedMotion::unknown)
     unknowns.push_back(
         "whether the camera moved: that takes a calibrated rig, image times, and several periods at one exposure");
@@ -462,7 +501,7 @@ std::vector<std::string> warnings_of_rig(const Report& report) {
   std::vector<std::string> warnings;
   const double ripple = largest(report, &PeriodAgreement::ripple_rad),
                sigma = largest(report, &PeriodAgreement::sigma_rad);
-  if (report.advice.motion != ObservedMotion::moving && ripple > sigma)
+  if (report.advice.nonlinear || (report.advice.motion != ObservedMotion::moving && ripple > sigma))
     warnings.push_back("the phases ripple by " + number(ripple) +
                        " rad, more than their sigma: the projector's response is not linear; see calibrate response");
   return warnings;
@@ -495,8 +534,7 @@ std::vector<std::string> commands_of(const Report& report) {
   const bool named = names_patterns(advice.coding);
   std::vector<std::string> lines;
   if (named)
-    lines.push_back("fringeslam patterns --size " + std::to_string(report.taken.width) + "x" +
-                    std::to_string(report.taken.height) + design_flags(advice.coding.design) +
+    lines.push_back("fringeslam patterns --size " + size_text(report.taken) + design_flags(advice.coding.design) +
                     (advice.exposures.size() > 1 ? " --exposures " + list_of(advice.exposures, ",") : "") +
                     " --out patterns");
   if (!report.is_scene) return lines;
@@ -588,6 +626,7 @@ Json json_of(const Report& report) {
   json["tested_periods"] = report.tested_periods;
   json["motion"] = to_string(advice.motion);
   json["indirect"] = to_string(advice.indirect);
+  json["nonlinear"] = advice.nonlinear;
   json["warnings"] = warnings_of_rig(report);
   json["advice"] = {{"coding", json_of(advice.coding)},
                     {"coding_reason", coding_reason(report)},

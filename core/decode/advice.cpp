@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <numeric>
 
@@ -218,32 +217,43 @@ std::vector<CodingChoice> codings(const PatternSequence& taken, const RigModel& 
     choice.design = periods_design(sequence, periods, finest_px, length);
     add(std::move(choice));
   }
-  CodingChoice micro;
-  micro.name = "micro";
-  micro.resists_indirect = true;
-  micro.design = empty_design(sequence);
-  micro.design.micro_period_px = std::min(finest_px, typical_px);
-  try {
-    add(std::move(micro));
-  } catch (const Error&) {  // no code of these periods
+  for (const int images : {7, 9, 12}) {
+    CodingChoice micro;
+    micro.name = "micro";
+    micro.resists_indirect = true;
+    micro.design = empty_design(sequence);
+    micro.design.micro_period_px = std::min(finest_px, typical_px);
+    micro.design.micro_images = images;
+    try {
+      add(std::move(micro));
+    } catch (const Error&) {  // no code of these periods
+    }
   }
   return all;
 }
 
-// The exposures that decode the wanted number of pixels, with the shortest longest one; if there are none, those that decode
-// most. A single one is the rig's exposure, if that will do, or else the nearest that does.
-std::vector<int> shortest_enough(const ExposureIntervals& intervals, int count, int first, int last, int64_t wanted) {
-  if (count == 1) {
-    const int present = std::clamp(ExposureGrid::nearest(1), first, last);
-    const std::vector<int> best = intervals.best(1, first, last);
-    const int64_t enough = std::min(wanted, intervals.covered(best));
-    for (int apart = 0; apart <= last - first; ++apart) {
-      for (const int step : {present - apart, present + apart}) {
-        if (step >= first && step <= last && intervals.covered({step}) >= enough) return {step};
-      }
+// The exposure that decodes the wanted number of pixels, or else most: the rig's, if that will do, or else the nearest that
+// does. It must not lose more than the share 1 - `kept` of the pixels that the rig's exposure decodes.
+int single_exposure(const ExposureIntervals& intervals, int first, int last, int64_t wanted, double kept) {
+  const int present = std::clamp(ExposureGrid::nearest(1), first, last);
+  const auto least = static_cast<int64_t>(kept * static_cast<double>(intervals.covered({present})));
+  std::vector<int> allowed;  // the nearest first
+  for (int apart = 0; apart <= last - first; ++apart) {
+    for (const int step : {present - apart, present + apart}) {
+      if (step >= first && step <= last && intervals.common(present, step) >= least) allowed.push_back(step);
     }
-    return best;
   }
+  int64_t most = 0;
+  for (const int step : allowed) most = std::max(most, intervals.covered({step}));
+  for (const int step : allowed) {
+    if (intervals.covered({step}) >= std::min(wanted, most)) return step;
+  }
+  return present;
+}
+
+// The exposures that decode the wanted number of pixels, with the shortest longest one; if there are none, those that decode
+// most.
+std::vector<int> shortest_enough(const ExposureIntervals& intervals, int count, int first, int last, int64_t wanted) {
   const std::vector<int> best = intervals.best(count, first, last);
   if (best.empty()) return best;
   const int64_t enough = std::min(wanted, intervals.covered(best));
@@ -284,9 +294,6 @@ ObservedMotion observed_motion(const FringeStack& stack, const RigModel& rig, co
   // Indirect light makes the periods disagree, too, but no motion explains it.
   const StackMotion found =
       estimate_stack_motion(stack, rig, rays, depth_m, unknown_motion({}), MotionSearch::wide, axis);
-  if (getenv("ADVISE_DEBUG"))
-    fprintf(stderr, "motion: converged %d rms %.3f moving %d v %.4f\n", found.converged, found.rms_sigma,
-            is_moving(found), found.motion.velocity_m_s.norm());
   return found.converged && is_moving(found) ? ObservedMotion::moving : ObservedMotion::none;
 }
 
@@ -374,26 +381,28 @@ Advice advise(const std::vector<ViewEvidence>& views, const PatternSequence& seq
               const DecodeOptions& decoding, const AdviceOptions& options, ObservedMotion motion) {
   check_options(options, "advice");
   const Axis axis = advice_axis(sequence);
+  const bool moving = motion == ObservedMotion::moving;
   Advice advice;
   advice.motion = motion;
 
   // Indirect light.
-  int64_t tested = 0, biased = 0, lit = 0, hidden = 0, saturated = 0;
-  double bias_rad = 0, ripple_rad = 0, sigma_rad = 0, shortest = options.longest;
+  int64_t tested = 0, biased = 0, hidden = 0;
+  double ripple_rad = 0, sigma_rad = 0, shortest = options.longest;
   for (const ViewEvidence& view : views) {
-    lit += view.lit + view.saturated;
-    saturated += view.saturated;
     shortest = std::min(shortest, view.light.shortest);
     if (!view.agreement || view.agreement->tested == 0) continue;
     tested += view.agreement->tested;
     biased += view.agreement->biased;
-    bias_rad = std::max(bias_rad, view.agreement->bias_rad);
     ripple_rad = std::max(ripple_rad, view.agreement->ripple_rad);
     sigma_rad = std::max(sigma_rad, view.agreement->sigma_rad);
   }
   const double tolerated = 1 - options.covered;
   advice.biased_share = share(biased, tested);
-  if (motion != ObservedMotion::moving && tested > 0)
+  // After removal of its ripple, a nonlinear projector leaves errors that look like indirect light.
+  constexpr double kStrongRipple = 4;
+  advice.ripple_rad = ripple_rad;
+  advice.nonlinear = motion != ObservedMotion::moving && ripple_rad > kStrongRipple * sigma_rad;
+  if (motion != ObservedMotion::moving && !advice.nonlinear && tested > 0)
     advice.indirect = advice.biased_share > tolerated ? ObservedIndirect::present : ObservedIndirect::none;
 
   // Codings, by the exposures that they need.
@@ -406,7 +415,12 @@ Advice advise(const std::vector<ViewEvidence>& views, const PatternSequence& seq
   std::vector<ExposureIntervals> demanded(all.size());
   for (size_t c = 0; c < all.size(); ++c) {
     ExposureIntervals& intervals = demanded[c];
-    for (const ViewEvidence& view : views) intervals.add(view.light, rig.sensor, decoding, all[c].demand);
+    for (const ViewEvidence& view : views) {
+      // Residuals of a moving stack are no noise.
+      PixelLight light = view.light;
+      if (motion == ObservedMotion::moving || advice.nonlinear) light.noise_ratio = 1;
+      intervals.add(light, rig.sensor, decoding, all[c].demand);
+    }
     lit_pixels = intervals.decodable() + intervals.hopeless() + intervals.hidden();
     hidden = intervals.hidden();
     most = std::max(most, intervals.decodable());
@@ -415,13 +429,18 @@ Advice advise(const std::vector<ViewEvidence>& views, const PatternSequence& seq
   const auto wanted_pixels = static_cast<int64_t>(std::ceil(options.covered * static_cast<double>(most)));
   for (size_t c = 0; c < all.size(); ++c) {
     CodingChoice& choice = all[c];
-    const int count = choice.decodes_exposures && motion != ObservedMotion::moving ? options.most_exposures : 1;
+    const int count = choice.decodes_exposures && !moving ? options.most_exposures : 1;
     int64_t before = 0;
     for (int k = 1; k <= count && before < wanted_pixels; ++k) {
-      const std::vector<int> steps = shortest_enough(demanded[c], k, first, last, wanted_pixels);
+      // Longer exposures blur moving images.
+      const std::vector<int> steps =
+          moving   ? std::vector<int>{ExposureGrid::nearest(1)}
+          : k == 1 ? std::vector<int>{single_exposure(demanded[c], first, last, wanted_pixels, options.covered)}
+                   : shortest_enough(demanded[c], k, first, last, wanted_pixels);
       if (steps.empty()) break;
       const int64_t covered = demanded[c].covered(steps);
-      if (covered <= before && k > 1) break;
+      // One more exposure must be worth its images.
+      if (k > 1 && static_cast<double>(covered - before) < tolerated * static_cast<double>(most)) break;
       before = covered;
       std::vector<double> exposures;
       for (const int step : steps) exposures.push_back(rounded(ExposureGrid::exposure(step), 3));
@@ -429,26 +448,31 @@ Advice advise(const std::vector<ViewEvidence>& views, const PatternSequence& seq
       choice.covered.push_back(share(covered, lit_pixels));
     }
   }
-  // The fewest images that decode the wanted share of what any coding decodes; else the largest share.
+  // The shortest capture that decodes the wanted share of what any coding decodes; else the largest share.
   const double wanted = share(wanted_pixels, lit_pixels);
-  const bool indirect = advice.indirect == ObservedIndirect::present, moving = motion == ObservedMotion::moving;
+  const bool indirect = advice.indirect == ObservedIndirect::present;
   const bool kept =
       advice.indirect == ObservedIndirect::unknown && !moving && all.front().current && all.front().resists_indirect;
   const bool must_resist = indirect || kept;
   const CodingChoice* chosen = nullptr;
   size_t exposures = 0;
+  // Duration of the exposures of a view, where the present exposure is the display time of a pattern.
+  const auto duration = [](const CodingChoice& choice, size_t k) {
+    double sum = 0;
+    for (const double exposure : choice.exposures[k]) sum += std::max(1.0, exposure);
+    return sum * choice.images;
+  };
   for (const CodingChoice& choice : all) {
     // Without indirect light, other codings than the present one need not resist it; where it is unknown, a coding that
     // resists it is kept.
-    if (must_resist ? !choice.resists_indirect : choice.resists_indirect && !choice.current) continue;
+    if (must_resist && !moving ? !choice.resists_indirect : choice.resists_indirect && !choice.current) continue;
     if (moving && !choice.decodes_motion) continue;
+    // The periods of a moving stack determine its motion, and a nonlinear response must be corrected first.
+    if ((moving || advice.nonlinear) && chosen && chosen->current) break;
     for (size_t k = 0; k < choice.covered.size(); ++k) {
-      const int images = choice.images * static_cast<int>(k + 1);
-      const bool enough = choice.covered[k] >= wanted;
-      const bool chosen_enough = chosen && chosen->covered[exposures] >= wanted;
-      const int chosen_images = chosen ? chosen->images * static_cast<int>(exposures + 1) : 0;
+      const bool enough = choice.covered[k] >= wanted, chosen_enough = chosen && chosen->covered[exposures] >= wanted;
       const bool better = !chosen || (enough && !chosen_enough) ||
-                          (enough && chosen_enough && images < chosen_images) ||
+                          (enough && duration(choice, k) < duration(*chosen, exposures)) ||
                           (!enough && !chosen_enough && choice.covered[k] > chosen->covered[exposures]);
       if (!better) continue;
       chosen = &choice;

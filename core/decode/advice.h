@@ -79,6 +79,8 @@ struct Advice {
   ObservedMotion motion = ObservedMotion::unknown;
   ObservedIndirect indirect = ObservedIndirect::unknown;
   double biased_share = 0;  // of the tested pixels; see PeriodAgreement
+  double ripple_rad = 0;    // likewise
+  bool nonlinear = false;   // the projector's response, so strongly that indirect light cannot be judged
   CodingChoice coding;
   std::vector<CodingChoice> alternatives;
   std::vector<double> exposures;  // relative to the rig's

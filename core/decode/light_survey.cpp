@@ -6,8 +6,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numbers>
 #include <numeric>
+#include <opencv2/imgproc.hpp>
 #include <optional>
 
 #include "core/base/constants.h"
@@ -199,38 +199,39 @@ Brightness partly_saturated(const Pixel& pixel, const FringeGroup& group, const 
   return {solution[0], solution.tail<2>().norm()};
 }
 
-// Writes the modulation of faint pixels: that of the median of their block, if it is significant.
+// Writes the modulation of faint pixels: the root mean square over their block, if it is significant.
 void judge_blocks(PixelLight& light, const cv::Mat1f& squared, const cv::Mat1f& noise, double dark_variance_dn2) {
   // Where the camera's noise is less than a digital number, a grey value near the middle between two has the variance 1/4,
   // and the fringes of a dark pixel cannot make it vary.
   constexpr double kRounding_dn2 = 0.25;
+  constexpr int kEdge_px = 2;
   const double known = std::isnan(light.noise_ratio) ? 1 : light.noise_ratio * light.noise_ratio;
   const double scale = std::max({1.0, known, kRounding_dn2 / dark_variance_dn2});
   const auto unlit = static_cast<uchar>(LightState::unlit), lit = static_cast<uchar>(LightState::lit);
+  // A pixel beside a bright one sees a part of that surface. It says nothing about the others of its block.
+  cv::Mat1b bright;
+  cv::dilate(light.state != unlit, bright, cv::Mat1b(2 * kEdge_px + 1, 2 * kEdge_px + 1, uchar{1}));
   const int block_rows = (light.state.rows + kBlock_px - 1) / kBlock_px;
   for_each_row(block_rows, [&](int block_row) {
     for (int left = 0; left < light.state.cols; left += kBlock_px) {
       const cv::Rect block =
           cv::Rect(left, block_row * kBlock_px, kBlock_px, kBlock_px) & cv::Rect({0, 0}, light.state.size());
-      std::vector<double> squares;
-      double noise_sum = 0;
+      double sum = 0, noise_sum = 0;
+      int n = 0;
       for (int row = block.y; row < block.y + block.height; ++row) {
         for (int col = left; col < left + block.width; ++col) {
-          if (light.state(row, col) != unlit) continue;
-          squares.push_back(static_cast<double>(squared(row, col)));
+          if (bright(row, col)) continue;
+          sum += static_cast<double>(squared(row, col));
           noise_sum += scale * static_cast<double>(noise(row, col));
+          ++n;
         }
       }
-      if (squares.size() < static_cast<size_t>(kFewestInBlock)) continue;
-      // The squared modulation of noise alone is exponential: with the mean m, its median is m ln 2, and the median of n
-      // values has the standard deviation m / sqrt(n). The median leaves out the pixels at edges.
-      const auto n = static_cast<double>(squares.size());
-      const double mean_noise = noise_sum / n, excess = median_in_place(squares) - std::numbers::ln2 * mean_noise;
-      if (!(excess > kBlockSigmas * mean_noise / std::sqrt(n))) continue;
-      const auto modulation = static_cast<float>(std::sqrt(excess));
+      // The squared modulation of noise alone is exponential: its standard deviation is its mean.
+      if (n < kFewestInBlock || !(sum - noise_sum > kBlockSigmas * noise_sum / std::sqrt(n))) continue;
+      const auto modulation = static_cast<float>(std::sqrt((sum - noise_sum) / n));
       for (int row = block.y; row < block.y + block.height; ++row) {
         for (int col = left; col < left + block.width; ++col) {
-          if (light.state(row, col) != unlit) continue;
+          if (bright(row, col)) continue;
           light.state(row, col) = lit;
           light.modulation_dn(row, col) = modulation;
           light.peak_dn(row, col) = std::max(light.mean_dn(row, col), 0.0f) + modulation;
@@ -389,6 +390,7 @@ PeriodAgreement compared(const Samples& samples, const Fringes& fringes, const S
                          const DecodedStack& decoded, const PixelLight& light) {
   constexpr double kBiasSigmas = 4;
   PeriodAgreement result;
+  result.unmodulated = std::numeric_limits<double>::quiet_NaN();
   if (fringes.groups.empty()) return result;
   const double noise_ratio = std::isnan(light.noise_ratio) ? 1 : std::max(1.0, light.noise_ratio);
   const int blocks_across = (light.state.cols + kBlock_px - 1) / kBlock_px;
@@ -567,6 +569,14 @@ int64_t ExposureIntervals::covered(const std::vector<int>& steps) const {
   for (const int step : steps) {
     sum += newly_covered(before, step);
     before = step;
+  }
+  return sum;
+}
+
+int64_t ExposureIntervals::common(int step, int other) const {
+  int64_t sum = 0;
+  for (int first = 0; first <= std::min(step, other); ++first) {
+    for (int last = std::max(step, other); last < ExposureGrid::kSteps; ++last) sum += at(first, last);
   }
   return sum;
 }

@@ -59,7 +59,7 @@ struct PeriodAgreement {
   double bias_rad = 0;    // of the period's phase in these blocks: the median
   double ripple_rad = 0;  // amplitude of the residual's N-th harmonic: a nonlinear projector
   double sigma_rad = 0;   // median sigma of the residuals
-  // (I' - I'') / I'' of the finest period, the median: all light that is no fringe, such as ambient and indirect light.
+  // (I' - I'') / I'' of the finest period, the median; NaN without fringes. It is all light that is no fringe, such as ambient and indirect light.
   // The indirect light of any period has at most this share of the direct light's modulation.
   double unmodulated = 0;
 };
@@ -112,6 +112,9 @@ class ExposureIntervals {
 
   // Number of pixels that at least one of the exposures (steps of the grid, increasing) decodes.
   int64_t covered(const std::vector<int>& steps) const;
+
+  // Number of pixels that both exposures decode.
+  int64_t common(int step, int other) const;
 
   // The `count` exposures between the limits that decode most pixels, increasing; of equal ones, those in the middle of the
   // possible range.
