@@ -92,12 +92,24 @@ std::string list_of(const std::vector<double>& values, const char* separator) {
   return text;
 }
 
+// Runs a part of the analysis, whose errors do not name the input.
+template <class Part>
+auto naming(const std::string& path, Part&& part) {
+  try {
+    return part();
+  } catch (const Error& e) {
+    throw Error(path + ": " + e.what());
+  }
+}
+
 class Examiner {
  public:
-  Examiner(const RigModel& rig, const PatternSequence& sequence, const AdviseSettings& settings, bool times_known)
-      : rig_(rig),
+  Examiner(const std::string& path, const RigModel& rig, const PatternSequence& sequence,
+           const AdviseSettings& settings, bool times_known)
+      : path_(path),
+        rig_(rig),
         settings_(settings),
-        axis_(advice_axis(sequence)),
+        axis_(naming(path, [&] { return advice_axis(sequence); })),
         times_known_(times_known),
         rays_(pixel_rays(rig.camera)) {
     if (rig.calibrated) triangulation_.emplace(rig, rays_, depth_.near_m, depth_.far_m, axis_);
@@ -107,7 +119,7 @@ class Examiner {
 
   ExaminedView examine(const FringeStack& stack) const {
     ExaminedView view;
-    view.evidence = fringeslam::examine(stack, rig_, settings_.decode, axis_);
+    view.evidence = naming(path_, [&] { return fringeslam::examine(stack, rig_, settings_.decode, axis_); });
     if (!view.evidence.decoded.unwrapping || view.evidence.agreement == std::nullopt) return view;
     const DecodedStack& decoded = view.evidence.decoded;
     if (!triangulation_) {
@@ -138,6 +150,7 @@ class Examiner {
   }
 
  private:
+  std::string path_;
   const RigModel& rig_;
   const AdviseSettings& settings_;
   Axis axis_;
@@ -271,7 +284,7 @@ Report advise_scene(const AdviseArguments& arguments, const AdviseSettings& sett
   Progress progress("looking", arguments.views, common.quiet || common.json);
   std::vector<sim::SimulatedView> first = render(scene, scene.patterns, settings.render, arguments.views, progress);
   if (first.empty()) throw Error(arguments.path + ": its path is too short for one stack");
-  const Examiner examiner(report.rig, scene.patterns, settings, true);
+  const Examiner examiner(report.path, report.rig, scene.patterns, settings, true);
   for (const sim::SimulatedView& view : first) report.views.push_back(examiner.examine(view.stack));
   report.exposure_s = first.front().stack.exposure_s.front() / scene.patterns.patterns.front().exposure;
   report.advice = advice_of(report.views, scene.patterns, report.rig, settings);
@@ -286,7 +299,7 @@ Report advise_scene(const AdviseArguments& arguments, const AdviseSettings& sett
   if (report.advice.indirect == ObservedIndirect::unknown && !report.advice.nonlinear &&
       report.advice.motion != ObservedMotion::moving) {
     const PatternSequence test = period_test_patterns(scene.patterns);
-    const Examiner tester(report.rig, test, settings, true);
+    const Examiner tester(report.path, report.rig, test, settings, true);
     const std::vector<sim::SimulatedView> views = render(scene, test, settings.render, arguments.views, progress);
     for (size_t i = 0; i < std::min(views.size(), report.views.size()); ++i) {
       const ExaminedView tested = tester.examine(views[i].stack);
@@ -308,7 +321,11 @@ Report advise_scene(const AdviseArguments& arguments, const AdviseSettings& sett
   const bool single = exposures.size() == 1;
   const bool same_exposure = single && exposures.front() == 1;
   report.unchanged = same_exposure && advised.patterns == scene.patterns.patterns;
-  if (report.unchanged) return report;
+  if (report.unchanged) {
+    report.verification.push_back(report.verification.front());
+    report.verification.back().patterns = "advised";
+    return report;
+  }
   if (!same_exposure)
     set_exposure(scene, report.exposure_s * (single ? exposures.front() : 1), single ? 1 : exposures.back());
   verify("advised", render(scene, advised, settings.render, arguments.views, progress));
@@ -324,7 +341,7 @@ Report advise_dataset(const AdviseArguments& arguments, const AdviseSettings& se
   report.path = arguments.path;
   report.taken = replay.sequence();
   report.rig = replay.model();
-  const Examiner examiner(report.rig, report.taken, settings, !info.imported || info.image_times);
+  const Examiner examiner(report.path, report.rig, report.taken, settings, !info.imported || info.image_times);
   const int views = std::min(arguments.views, info.stacks);
   Progress progress("looking", views, common.quiet || common.json);
   for (int index = 0, next = 0; index < info.stacks && next < views; ++index) {
@@ -570,10 +587,12 @@ std::string text_of(const Report& report) {
   text += "what these images cannot show\n";
   for (const std::string& unknown : unknowns_of(report)) text += "  - " + unknown + "\n";
   if (!report.verification.empty()) text += "check against ground truth, in the same views\n";
-  for (const Verification& v : report.verification)
+  for (const Verification& v : report.verification) {
+    if (report.unchanged && v.patterns == "advised") continue;
     text += "  " + v.patterns + " patterns: " + std::to_string(v.images) + " images, " +
             percent(v.depth.measured_share()) + " of the pixels in the beam have depth, " +
             percent(v.depth.dishonest_share()) + " of these are off by more than 4 sigmas\n";
+  }
   if (report.unchanged) text += "  the advice keeps these patterns\n";
   text.pop_back();
   return text;

@@ -513,9 +513,12 @@ bool SignalLimits::saturates(double peak_dn, double exposure) const {
 }
 
 bool SignalLimits::too_dark(double mean_dn, double modulation_dn, double exposure) const {
-  const double mean = sensor_.offset_dn + exposure * mean_dn,
-               sigma_dn = noise_ratio_ * std::sqrt(2 * sensor_.variance_dn2(mean) / demand_.steps);
-  const double least = exposure * modulation_dn - kCertainSigmas * sigma_dn;
+  const double mean = sensor_.offset_dn + exposure * mean_dn, modulation = exposure * modulation_dn;
+  // Shot noise makes the variance of three steps depend on the phase: sum sin^2(x_k) (v + K I'' cos x_k) over x_k = phi +
+  // 2 pi k / 3 is 3/2 v - 3/4 K I'' cos 3 phi. More steps have no such term.
+  const double uneven_dn2 = demand_.steps == 3 ? sensor_.gain_dn_per_electron * modulation / 2 : 0;
+  const double sigma_dn = noise_ratio_ * std::sqrt(2 * (sensor_.variance_dn2(mean) + uneven_dn2) / demand_.steps);
+  const double least = modulation - kCertainSigmas * sigma_dn;
   return least < options_.min_modulation_dn || least < options_.min_data_modulation * mean ||
          sigma_dn > demand_.max_phase_sigma_rad * least;
 }
