@@ -48,9 +48,9 @@ int run_program(int argc, char** argv) {
 
   std::vector<std::pair<Command, Verb>> verbs;
   std::vector<Verb (*)(Command, const Common&)> adders = {
-      add_run,    add_render,    add_effects,   add_scene,   add_score,   add_settings,
-      add_info,   add_map,       add_landmarks, add_decode,  add_twin,    add_patterns,
-      add_import, add_calibrate, add_study,     add_dataset, add_evaluate};
+      add_run,      add_render, add_effects,   add_scene,  add_score,   add_settings,
+      add_info,     add_map,    add_landmarks, add_decode, add_advise,  add_twin,
+      add_patterns, add_import, add_calibrate, add_study,  add_dataset, add_evaluate};
 #if FRINGESLAM_REPORT
   adders.push_back(add_report);
 #endif

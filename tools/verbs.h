@@ -34,6 +34,7 @@ Option add_choice(Command verb, const std::string& name, E& value, const std::st
 
 using Verb = std::function<int()>;
 
+Verb add_advise(Command app, const Common& common);
 Verb add_run(Command app, const Common& common);
 Verb add_map(Command app, const Common& common);
 Verb add_evaluate(Command app, const Common& common);

@@ -2,7 +2,6 @@
 // Depth of metal, white card and black rubber in one view, from three exposures of each pattern. Each exposure by itself
 // saturates on one material or loses another in noise.
 #include <algorithm>
-#include <cmath>
 #include <cstdio>
 #include <string>
 #include <vector>
@@ -10,32 +9,12 @@
 #include "bench/row.h"
 #include "core/decode/decode.h"
 #include "core/depth/depth.h"
+#include "core/score/depth_honesty.h"
 #include "sim/virtual_rig.h"
 
 namespace fringeslam::bench {
 
 namespace {
-
-struct Depths {
-  int lit = 0, compared = 0, dishonest = 0;
-
-  void add(const Frame& frame, const TruthFrame& truth) {
-    constexpr float kSigmas = 4;
-    for (int row = 0; row < truth.depth_m.rows; ++row) {
-      for (int col = 0; col < truth.depth_m.cols; ++col) {
-        const int mask = static_cast<int>(truth.mask(row, col));
-        if (!(mask & kTruthSurface) || !(mask & kTruthInBeam) || (mask & (kTruthInShadow | kTruthMixed))) continue;
-        ++lit;
-        const float error = frame.points_m(row, col)[2] - truth.depth_m(row, col);
-        if (std::isnan(error)) continue;
-        ++compared;
-        dishonest += std::abs(error) > kSigmas * frame.sigma_m(row, col);
-      }
-    }
-  }
-  double honest_share() const { return static_cast<double>(compared - dishonest) / std::max(1, lit); }
-  double dishonest_share() const { return static_cast<double>(dishonest) / std::max(1, compared); }
-};
 
 // The images of one exposure of a stack.
 FringeStack at_exposure(const FringeStack& stack, double exposure) {
@@ -58,15 +37,15 @@ FringeStack at_exposure(const FringeStack& stack, double exposure) {
 
 std::vector<Row> dynamic_range_rows(const Context& context) {
   const int seeds = context.quick ? 3 : 20;
-  Depths all;
+  DepthHonesty all;
   std::vector<double> exposures;
-  std::vector<Depths> single;
+  std::vector<DepthHonesty> single;
   for (int seed = 1; seed <= seeds; ++seed) {
     const sim::Scene scene = sim::load_scene(std::string(FRINGESLAM_SCENES) + "/metal_card_rubber/scene.yaml",
                                              {static_cast<uint64_t>(seed)});
     const auto view = sim::VirtualRig(scene, {}).simulate(scene.patterns);
     const Triangulation triangulation(scene.rig, pixel_rays(scene.rig.camera), 0.4, 2.5);
-    const auto add = [&](const FringeStack& stack, Depths& depths) {
+    const auto add = [&](const FringeStack& stack, DepthHonesty& depths) {
       Frame frame;
       triangulate(frame, decode(stack, scene.rig, {}), triangulation, {});
       depths.add(frame, view->truth);

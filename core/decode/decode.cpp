@@ -27,10 +27,6 @@ constexpr double kGrayEdgePx = 1;  // blur of an edge between Gray cells extends
 // between.
 constexpr float kLeastGrayContrast = 0.5f;
 
-int length_of(const PatternSequence& sequence, Axis axis) {
-  return axis == Axis::columns ? sequence.width : sequence.height;
-}
-
 // Throws Error unless the working range spans less than a period for most rays, as `geometric` requires.
 void check_geometric(const RigModel& rig, double period_px, Axis axis) {
   constexpr int kGrid = 12;

@@ -7,6 +7,7 @@
 #include <numbers>
 #include <utility>
 
+#include "core/decode/steps.h"
 #include "core/types/error.h"
 #include "core/types/options.h"
 
@@ -38,7 +39,7 @@ GrayDecoder::GrayDecoder(const PatternSequence& sequence, Axis axis, const StepE
       fringes_(fringes),
       white_(flat_image(sequence, 1)),
       black_(flat_image(sequence, 0)) {
-  const int length = axis == Axis::columns ? sequence.width : sequence.height;
+  const int length = length_of(sequence, axis);
   if (bits_.empty()) throw Error("the sequence has no Gray code for this axis; add `gray: complementary`");
   if (2 * bits_.front().cell_px < length * (1 - 1e-9))
     throw Error("the Gray code distinguishes only " + to_text(2 * bits_.front().cell_px) + " px of the projector's " +

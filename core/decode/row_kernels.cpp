@@ -9,13 +9,14 @@
 
 #include "core/base/constants.h"
 #include "core/base/turns.h"
+#include "core/decode/steps.h"
 
 namespace fringeslam {
 
 namespace {
 
 // Phase noise due to the projector's 256 grey levels, turns.
-constexpr float kPatternSigma = 0.0037f / kTwoPiFloat;
+constexpr float kPatternSigma = static_cast<float>(kProjectorSigma_rad) / kTwoPiFloat;
 constexpr float kWrapSigmas = 4.5f;
 constexpr float kBorderPx = 0.5f;  // margin by which noise may move a coordinate past the projector's border
 

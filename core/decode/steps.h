@@ -10,6 +10,14 @@
 
 namespace fringeslam {
 
+// Standard deviation of a phase due to the 256 levels of the projector; decisions on fringe orders allow for it.
+constexpr double kProjectorSigma_rad = 0.0037;
+
+// Returns the length of the projector's image along an axis, px.
+inline int length_of(const PatternSequence& sequence, Axis axis) {
+  return axis == Axis::columns ? sequence.width : sequence.height;
+}
+
 // Returns the fringe groups of an axis, coarsest first, reduced to the number of steps selected by the options.
 std::vector<FringeGroup> select_groups(const PatternSequence& sequence, Axis axis, const DecodeOptions& options);
 
