@@ -561,8 +561,6 @@ std::vector<std::string> commands_of(const Report& report) {
   else if (advice.exposures.size() > 1)
     run += " --with 'patterns.exposures=[" + list_of(advice.exposures, ", ") + "]'";
   for (const std::string& change : exposure_changes(report)) run += " --with " + change;
-  // Stacks of several exposures cannot be decoded in motion, so none must be looked for.
-  if (advice.exposures.size() > 1) run += " --set tracking.at_rest=true";
   lines.push_back(run);
   return lines;
 }

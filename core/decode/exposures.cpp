@@ -2,6 +2,7 @@
 #include "core/decode/exposures.h"
 
 #include <algorithm>
+#include <set>
 #include <string>
 
 #include "core/base/parallel.h"
@@ -102,6 +103,51 @@ CombinedExposures combine_exposures(const FringeStack& stack, const SensorModel&
     result.variance_dn2.push_back(variance);
   }
   return result;
+}
+
+FringeStack best_exposure(const FringeStack& stack, double clip_dn) {
+  check_stack(stack);
+  constexpr int kStride = 8;
+  const std::vector<Pattern>& patterns = stack.patterns.patterns;
+  const std::set<double> exposures = [&] {
+    std::set<double> all;
+    for (const Pattern& pattern : patterns) all.insert(pattern.exposure);
+    return all;
+  }();
+  const auto contrast_at = [&](double exposure) {
+    double sum = 0;
+    for (int row = kStride / 2; row < stack.images[0].rows; row += kStride) {
+      for (int col = kStride / 2; col < stack.images[0].cols; col += kStride) {
+        double low = clip_dn, high = 0;
+        for (size_t i = 0; i < patterns.size(); ++i) {
+          if (patterns[i].exposure != exposure) continue;
+          const auto grey = static_cast<double>(grey_value(stack.images[i], row, col));
+          low = std::min(low, grey);
+          high = std::max(high, grey);
+        }
+        if (high < clip_dn) sum += std::max(0.0, high - low);
+      }
+    }
+    return sum;
+  };
+  double best = 1, most = -1;
+  for (const double exposure : exposures) {
+    const double contrast = contrast_at(exposure);
+    if (contrast > most) best = exposure, most = contrast;
+  }
+  FringeStack one = stack;
+  one.patterns.patterns.clear();
+  one.images.clear();
+  one.exposure_s.clear();
+  one.exposure_time_s.clear();
+  for (size_t i = 0; i < patterns.size(); ++i) {
+    if (patterns[i].exposure != best) continue;
+    one.patterns.patterns.push_back(patterns[i]);
+    one.images.push_back(stack.images[i]);
+    one.exposure_s.push_back(stack.exposure_s[i]);
+    one.exposure_time_s.push_back(stack.exposure_time_s[i]);
+  }
+  return one;
 }
 
 }  // namespace fringeslam

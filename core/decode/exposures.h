@@ -26,4 +26,8 @@ struct CombinedExposures {
 // predict to be. Throws Error if an exposure time is not positive.
 CombinedExposures combine_exposures(const FringeStack& stack, const SensorModel& sensor, double clip_dn);
 
+// Returns the images of a stack at one of its exposures: that with the greatest contrast of unsaturated pixels. They are a
+// stack of fewer images in a linear relation to the light.
+FringeStack best_exposure(const FringeStack& stack, double clip_dn);
+
 }  // namespace fringeslam

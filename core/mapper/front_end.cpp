@@ -9,6 +9,7 @@
 
 #include "core/base/constants.h"
 #include "core/base/stage_clock.h"
+#include "core/decode/exposures.h"
 #include "core/decode/texture_flow.h"
 #include "core/patterns/patterns.h"
 
@@ -99,7 +100,7 @@ ReconstructedView FringeFrontEnd::reconstruct(const FringeStack& stack, const Re
 
 std::vector<DepthSlope> FringeFrontEnd::depth_slopes(const FringeStack& stack, const ReconstructedView& view,
                                                      int stride) const {
-  if (options_.at_rest) return {};
+  if (options_.at_rest || has_exposures(stack.patterns)) return {};
   enter_stage("motion");
   cv::Mat1f depth;
   cv::extractChannel(view.frame.points_m, depth, 2);
@@ -258,6 +259,16 @@ class FringeFrontEnd::Compensation {
 void FringeFrontEnd::compensate_motion(ReconstructedView& view, const FringeStack& stack, const Decoding& decoding,
                                        const ReconstructionPrior& prior) const {
   Compensation compensation(*this, stack, decoding, view);
+  if (has_exposures(stack.patterns)) {
+    // Several exposures cannot be decoded in motion, but one of them shows it.
+    compensation.decode_at_rest();
+    reconstruct_frame(view);
+    enter_stage("motion");
+    const FringeStack one = best_exposure(stack, options_.decode.saturation * rig_.sensor.max_dn());
+    view.motion.emplace();
+    view.motion->converged = !shows_motion(one, rig_, rays_, compensation.filled_depth_of(view.frame));
+    return;
+  }
   const bool predicted = prior.motion && !prior.motion->motion.is_still();
   const auto take_prior = [&] {
     view.motion = StackMotion{prior.motion->motion, prior.motion->covariance, 0, 0, true};

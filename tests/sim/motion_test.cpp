@@ -182,6 +182,27 @@ TEST(MovingStack, TextureShowsFastMotions) {
   }
 }
 
+// Stacks of several exposures are not decoded in motion, but one of their exposures shows it.
+TEST(MovingStack, SeveralExposuresShowMotion) {
+  Scene scene = loop_scene();
+  scene.trajectory.resize(1);
+  PatternSequence patterns = scene.patterns;
+  for (Pattern pattern : scene.patterns.patterns) {
+    pattern.exposure = 0.25;
+    patterns.patterns.push_back(pattern);
+  }
+  const FringeFrontEnd front_end(scene.rig, patterns, {});
+  for (const double speed_m_s : {0.0, 0.05, 0.3}) {
+    scene.motion.velocity_m_s = scene.rig.robot_from_camera.rotation * Eigen::Vector3d(speed_m_s, 0, 0);
+    const SimulatedView moving = *VirtualRig(scene, {}).simulate(patterns);
+    const ReconstructedView view = front_end.reconstruct(moving.stack, {nullptr, unknown_motion({})});
+    ASSERT_TRUE(view.motion) << speed_m_s;
+    EXPECT_EQ(view.motion->converged, speed_m_s == 0) << speed_m_s;
+    EXPECT_FALSE(view.in_motion()) << speed_m_s;
+    EXPECT_TRUE(front_end.depth_slopes(moving.stack, view, 8).empty()) << speed_m_s;
+  }
+}
+
 // Accelerations of 1.6 to 2.9 m/s^2 and rad/s^2 that change every 50 ms: more than a motion of second order can follow.
 TEST(MovingStack, ChangingAccelerationsAreEstimatedWithinTheirSigmas) {
   constexpr double kKnot_s = 0.05, kStep_s = 2e-3;
