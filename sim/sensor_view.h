@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a scene's camera sees from any pose of the robot at rest, quickly as a reduced image, then in full: images under
+// Renders the camera view of a scene from any pose of the robot at rest, reduced and fast or in full: images under
 // white light or one of the scene's patterns, and the ground truth. The full images are those of VirtualRig.
 #pragma once
 

@@ -176,7 +176,7 @@ Advice advice_of(const std::vector<ExaminedView>& views, const PatternSequence& 
   return advise(evidence, sequence, rig, settings.decode, settings.advice, motion_of(views));
 }
 
-// What was done, besides the advice.
+// Evidence and checks behind the advice.
 struct Report {
   std::string path;
   bool is_scene = false;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the camera sees from the chosen place of the path: a reduced picture first, then the full one.
+// Shows the camera view from the chosen place of the path: a reduced picture first, then the full one.
 import {colourBar} from '../shared/colour_bar.js';
 import {byId, choice, element} from '../shared/dom.js';
 import {fixed} from '../shared/format.js';
