@@ -42,8 +42,7 @@ Motion operator*(const Motion& one, const Motion& other) {
 }
 
 Motion inverse(const Motion& motion) {
-  const Pose back = motion.pose.inverse();
-  return {back, covariance_of_inverse(back, motion.covariance)};
+  return {motion.pose.inverse(), covariance_of_inverse(motion.pose, motion.covariance)};
 }
 
 // Depth errors at edges, of texture under blur and of the surface's sampling depend on the viewing direction. They cancel
@@ -127,29 +126,43 @@ class Merger {
 
   // Returns the links that agree with the one that most agree with. Those of similar places disagree.
   std::vector<CrossLink> consensus() const {
-    std::vector<CrossLink> best, rival;
-    for (const CrossLink& link : candidates_) {
-      std::vector<CrossLink> with = {link};
-      for (const CrossLink& other : candidates_) {
-        if (&other != &link && consistent(link, other)) with.push_back(other);
-      }
-      if (views_of_b(with) > views_of_b(best)) best = std::move(with);
+    const size_t n = candidates_.size();
+    std::vector<std::vector<char>> agree(n, std::vector<char>(n, 1));
+    for (size_t i = 0; i < n; ++i) {
+      for (size_t k = 0; k < i; ++k) agree[i][k] = agree[k][i] = consistent(candidates_[i], candidates_[k]);
     }
+    // The largest group of admissible links that agree with one of them, which comes first.
+    const auto largest_group = [&](const auto& admissible) {
+      std::vector<size_t> best;
+      size_t most = 0;
+      for (size_t i = 0; i < n; ++i) {
+        if (!admissible(i)) continue;
+        std::vector<size_t> group = {i};
+        for (size_t k = 0; k < n; ++k) {
+          if (k != i && admissible(k) && agree[i][k]) group.push_back(k);
+        }
+        if (const size_t views = views_of_b(chosen(group)); views > most) {
+          best = std::move(group);
+          most = views;
+        }
+      }
+      return best;
+    };
+    const std::vector<size_t> group = largest_group([](size_t) { return true; });
+    const std::vector<CrossLink> best = chosen(group);
     if (views_of_b(best) < kLeastViews) refuse_without_evidence();
-    for (const CrossLink& link : candidates_) {
-      if (link.b == best.front().b && link.a == best.front().a) continue;
-      if (consistent(best.front(), link)) continue;
-      std::vector<CrossLink> with;
-      for (const CrossLink& other : candidates_) {
-        if (!consistent(best.front(), other) && (&other == &link || consistent(link, other))) with.push_back(other);
-      }
-      if (views_of_b(with) > views_of_b(rival)) rival = std::move(with);
-    }
+    const std::vector<CrossLink> rival = chosen(largest_group([&](size_t i) { return !agree[group.front()][i]; }));
     if (views_of_b(rival) >= kLeastViews && 2 * views_of_b(rival) >= views_of_b(best))
       throw Error(b_name_ + ": fits the other map in more than one place (" + std::to_string(views_of_b(best)) +
                   " views fit one, " + std::to_string(views_of_b(rival)) +
                   " another); map something that does not repeat on both missions");
     return best;
+  }
+
+  std::vector<CrossLink> chosen(const std::vector<size_t>& numbers) const {
+    std::vector<CrossLink> links;
+    for (const size_t i : numbers) links.push_back(candidates_[i]);
+    return links;
   }
 
   [[noreturn]] void refuse_without_evidence() const {
@@ -213,10 +226,12 @@ class Merger {
       }
       std::sort(near.begin(), near.end());
       near.resize(std::min(near.size(), kMostPairs));
+      if (near.empty()) continue;
+      const Frame of_b = b_.keyframe_image(j);
       for (const auto& [change, i] : near) {
         const auto is_linked = [i = i, j](const CrossLink& link) { return link.a == i && link.b == j; };
         if (std::any_of(links.begin(), links.end(), is_linked)) continue;
-        const Frame of_a = a_.keyframe_image(i), of_b = b_.keyframe_image(j);
+        const Frame of_a = a_.keyframe_image(i);
         const Pose predicted = poses[static_cast<size_t>(i)].inverse() * world_from_b;
         const ViewRegistration found =
             follow_view(of_a, of_b, predicted, camera, a_.rig().middle_range_m(), options_.registration);
