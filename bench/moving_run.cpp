@@ -34,8 +34,7 @@ void score_depth_of(const FrameResult& result, const TruthFrame& truth, MovingVi
   std::vector<double> errors, sigmas;
   for (int row = 0; row < truth.depth_m.rows; ++row) {
     for (int col = 0; col < truth.depth_m.cols; ++col) {
-      const int mask = static_cast<int>(truth.mask(row, col));
-      if (!(mask & kTruthSurface) || !(mask & kTruthInBeam) || (mask & (kTruthInShadow | kTruthMixed))) continue;
+      if (!is_lit_surface(static_cast<int>(truth.mask(row, col)))) continue;
       const double error = std::abs(static_cast<double>(result.frame.points_m(row, col)[2] - truth.depth_m(row, col)));
       if (std::isnan(error)) continue;
       errors.push_back(error);

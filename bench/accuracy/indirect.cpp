@@ -43,8 +43,7 @@ struct Errors {
     const auto half_period = static_cast<float>(0.5 * decoded.finest_period_px);
     for (int row = 0; row < sum.rows; ++row) {
       for (int col = 0; col < sum.cols; ++col) {
-        const int mask = static_cast<int>(truth.mask(row, col));
-        if (!(mask & kTruthSurface) || !(mask & kTruthInBeam) || (mask & (kTruthInShadow | kTruthMixed))) continue;
+        if (!is_lit_surface(static_cast<int>(truth.mask(row, col)))) continue;
         ++lit;
         const float error = frame.points_m(row, col)[2] - truth.depth_m(row, col);
         if (std::isnan(error)) continue;

@@ -39,6 +39,19 @@ PatternSequence at_one_exposure(const PatternSequence& sequence) {
   return one;
 }
 
+// Returns the greatest phase sigma at which failures are as rare as permitted; `failure(sigma)` increases.
+template <class Failure>
+double greatest_sigma_rad(const Failure& failure, const DecodeOptions& options) {
+  double low = 0, high = options.max_phase_sigma_rad;
+  if (failure(high) <= options.max_order_failure) return high;
+  constexpr int kHalvings = 40;
+  for (int i = 0; i < kHalvings; ++i) {
+    const double middle = (low + high) / 2;
+    (failure(middle) <= options.max_order_failure ? low : high) = middle;
+  }
+  return low;
+}
+
 // Greatest phase sigma for which wrong orders of all levels have at most the permitted probability.
 double order_sigma_rad(const std::vector<FringeGroup>& groups, const std::vector<UnwrappingLevel>& levels,
                        const DecodeOptions& options) {
@@ -56,14 +69,7 @@ double order_sigma_rad(const std::vector<FringeGroup>& groups, const std::vector
     }
     return sum;
   };
-  double low = 0, high = options.max_phase_sigma_rad;
-  if (failure(high) <= options.max_order_failure) return high;
-  constexpr int kHalvings = 40;
-  for (int i = 0; i < kHalvings; ++i) {
-    const double middle = (low + high) / 2;
-    (failure(middle) <= options.max_order_failure ? low : high) = middle;
-  }
-  return low;
+  return greatest_sigma_rad(failure, options);
 }
 
 // The least chi-square difference that permits an order, with a margin for its own noise, as a phase sigma: two orders
@@ -76,18 +82,11 @@ double micro_sigma_rad(double distance, int steps, const DecodeOptions& options)
 
 // Each bit compares a grey value with the mean of the fringes.
 double gray_sigma_rad(size_t bits, int steps, const DecodeOptions& options) {
-  double low = 0, high = options.max_phase_sigma_rad;
   const auto failure = [&](double sigma_rad) {
     const double sigma_over_modulation = sigma_rad / std::sqrt(2.0 / steps);
     return static_cast<double>(bits) * upper_tail(1 / (sigma_over_modulation * std::sqrt(1 + 1.0 / steps)));
   };
-  if (failure(high) <= options.max_order_failure) return high;
-  constexpr int kHalvings = 40;
-  for (int i = 0; i < kHalvings; ++i) {
-    const double middle = (low + high) / 2;
-    (failure(middle) <= options.max_order_failure ? low : high) = middle;
-  }
-  return low;
+  return greatest_sigma_rad(failure, options);
 }
 
 std::optional<Unwrapping> method_of(const PatternSequence& sequence, const RigModel& rig, const DecodeOptions& options,
@@ -104,7 +103,7 @@ std::optional<Unwrapping> method_of(const PatternSequence& sequence, const RigMo
   }
 }
 
-// What the sequence demands of a pixel; empty if it determines no coordinates.
+// Returns the least signal that the sequence can be decoded with; empty if it determines no coordinates.
 std::optional<SignalDemand> demand_of(const PatternSequence& sequence, const RigModel& rig,
                                       const DecodeOptions& options, Axis axis) {
   const std::optional<Unwrapping> method = method_of(sequence, rig, options, axis);

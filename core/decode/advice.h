@@ -27,7 +27,7 @@ struct AdviceOptions {
   }
 };
 
-// What the images of one view show.
+// Evidence from the images of one view.
 struct ViewEvidence {
   int index = 0;
   int64_t pixels = 0;
@@ -47,7 +47,7 @@ struct ViewEvidence {
 
 inline constexpr std::array<double, 5> kModulationQuantiles = {0.01, 0.1, 0.5, 0.9, 0.99};
 
-// Whether the camera or the scene moved during the stacks.
+// Motion of the camera or the scene during the stacks.
 enum class ObservedMotion { unknown, none, moving };
 
 constexpr auto choices(ObservedMotion) {
@@ -55,7 +55,7 @@ constexpr auto choices(ObservedMotion) {
   return std::to_array<Choice<ObservedMotion>>({{unknown, "unknown"}, {none, "none"}, {moving, "moving"}});
 }
 
-// Whether indirect light disturbs the phases.
+// Indirect light that disturbs the phases.
 enum class ObservedIndirect { unknown, none, present };
 
 constexpr auto choices(ObservedIndirect) {

@@ -78,7 +78,7 @@ class ExposureGrid {
   static int nearest(double exposure);
 };
 
-// What a coding demands of a pixel.
+// Least signal of a pixel that a coding can decode.
 struct SignalDemand {
   int steps = 3;
   double max_phase_sigma_rad = 0.35;

@@ -9,8 +9,7 @@ void DepthHonesty::add(const Frame& frame, const TruthFrame& truth) {
   constexpr float kSigmas = 4;
   for (int row = 0; row < truth.depth_m.rows; ++row) {
     for (int col = 0; col < truth.depth_m.cols; ++col) {
-      const int mask = static_cast<int>(truth.mask(row, col));
-      if (!(mask & kTruthSurface) || !(mask & kTruthInBeam) || (mask & (kTruthInShadow | kTruthMixed))) continue;
+      if (!is_lit_surface(static_cast<int>(truth.mask(row, col)))) continue;
       ++lit;
       const float error = frame.points_m(row, col)[2] - truth.depth_m(row, col);
       if (std::isnan(error)) continue;

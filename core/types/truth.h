@@ -20,6 +20,11 @@ enum TruthMask : int {
   kTruthThermal = 32,  // the thermal camera sees the point
 };
 
+// True for pixels on a surface that the projector lights, away from edges.
+constexpr bool is_lit_surface(int mask) {
+  return (mask & kTruthSurface) && (mask & kTruthInBeam) && !(mask & (kTruthInShadow | kTruthMixed));
+}
+
 // Fringe order for one period: the number of whole periods before the point, floor(Phi / 2 pi).
 struct TruthOrder {
   bool columns = true;  // the coded axis

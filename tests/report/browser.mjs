@@ -44,22 +44,35 @@ export async function open(browser, place, {expected = /^$/, ...options} = {}) {
   }};
 }
 
+// The pixels of an element as shown: bytes r g b a r g b a …
+export async function screenPixels(page, selector) {
+  const png = (await page.locator(selector).screenshot()).toString('base64');
+  const bytes = await page.evaluate(async (data) => {
+    const image = new Image();
+    image.src = `data:image/png;base64,${data}`;
+    await image.decode();
+    const context = new OffscreenCanvas(image.width, image.height).getContext('2d');
+    context.drawImage(image, 0, 0);
+    const pixels = new Blob([context.getImageData(0, 0, image.width, image.height).data]);
+    const url = await new Promise((done) => {
+      const reader = new FileReader();
+      reader.onload = () => done(reader.result);
+      reader.readAsDataURL(pixels);
+    });
+    return url.slice(url.indexOf(',') + 1);
+  }, png);
+  return Uint8Array.from(Buffer.from(bytes, 'base64'));
+}
+
+// The same, one number per pixel.
+export const screenColours = async (page, selector) => new Uint32Array((await screenPixels(page, selector)).buffer);
+
 // Describes an element's appearance: its number of colours, and a hash of its pixels.
 export async function look(page, selector) {
-  const png = (await page.locator(selector).screenshot()).toString('base64');
-  return page.evaluate(async (bytes) => {
-    const image = new Image();
-    image.src = `data:image/png;base64,${bytes}`;
-    await image.decode();
-    const canvas = new OffscreenCanvas(image.width, image.height);
-    const context = canvas.getContext('2d');
-    context.drawImage(image, 0, 0);
-    const pixels = new Uint32Array(context.getImageData(0, 0, image.width, image.height).data.buffer);
-    const colours = new Set(pixels);
-    let hash = 0;
-    for (const pixel of pixels) hash = (Math.imul(hash, 31) + pixel) | 0;
-    return {colours: colours.size, hash};
-  }, png);
+  const pixels = await screenColours(page, selector);
+  let hash = 0;
+  for (const pixel of pixels) hash = (Math.imul(hash, 31) + pixel) | 0;
+  return {colours: new Set(pixels).size, hash};
 }
 
 // Waits until an element's appearance has changed.

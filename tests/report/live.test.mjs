@@ -5,7 +5,7 @@ import assert from 'node:assert/strict';
 import {spawn} from 'node:child_process';
 import {resolve} from 'node:path';
 import {after, before, test} from 'node:test';
-import {changed, darkness, kTimeoutMs, launch, look, open as openIn, overflow, reachedByTab} from './browser.mjs';
+import {changed, darkness, kTimeoutMs, launch, look, open as openIn, overflow, reachedByTab, screenColours} from './browser.mjs';
 import {Runs, sceneText} from './runs.mjs';
 
 const kToken = 'correct-horse-battery';
@@ -58,18 +58,10 @@ const points = (page) => page.evaluate(() => Number(document.getElementById('sce
 
 // Number of pixels of the map that are not background (the most frequent colour).
 async function filled(page) {
-  const png = (await page.locator('#scene').screenshot()).toString('base64');
-  return page.evaluate(async (bytes) => {
-    const image = new Image();
-    image.src = `data:image/png;base64,${bytes}`;
-    await image.decode();
-    const context = new OffscreenCanvas(image.width, image.height).getContext('2d');
-    context.drawImage(image, 0, 0);
-    const pixels = new Uint32Array(context.getImageData(0, 0, image.width, image.height).data.buffer);
-    const counts = new Map();
-    for (const pixel of pixels) counts.set(pixel, (counts.get(pixel) ?? 0) + 1);
-    return pixels.length - Math.max(...counts.values());
-  }, png);
+  const pixels = await screenColours(page, '#scene');
+  const counts = new Map();
+  for (const pixel of pixels) counts.set(pixel, (counts.get(pixel) ?? 0) + 1);
+  return pixels.length - Math.max(...counts.values());
 }
 
 before(async () => {

@@ -7,7 +7,7 @@ import {readFileSync, renameSync, rmSync, writeFileSync} from 'node:fs';
 import {request} from 'node:http';
 import {resolve} from 'node:path';
 import {after, before, test} from 'node:test';
-import {changed, darkness, kTimeoutMs, launch, look, open as openIn, overflow, reachedByTab} from './browser.mjs';
+import {changed, darkness, kTimeoutMs, launch, look, open as openIn, overflow, reachedByTab, screenPixels} from './browser.mjs';
 import {Runs, sceneText} from './runs.mjs';
 
 const kToken = 'correct-horse-battery';
@@ -73,18 +73,7 @@ const pixels = (page) => page.evaluate(() => {
   return {width, height, data: [...context.getImageData(0, 0, width, height).data]};
 });
 
-// The pixels of the world as shown: r g b a r g b a …
-const worldPixels = async (page) => {
-  const png = (await page.locator('.stage').screenshot()).toString('base64');
-  return page.evaluate(async (bytes) => {
-    const image = new Image();
-    image.src = `data:image/png;base64,${bytes}`;
-    await image.decode();
-    const context = new OffscreenCanvas(image.width, image.height).getContext('2d');
-    context.drawImage(image, 0, 0);
-    return [...context.getImageData(0, 0, image.width, image.height).data];
-  }, png);
-};
+const worldPixels = (page) => screenPixels(page, '.stage');
 
 // Waits until the world looks as before, but for rounding and a line of its border, where the page is scrolled by part of
 // a pixel. The limit corresponds to three lines of pixels.
