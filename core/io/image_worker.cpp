@@ -338,10 +338,10 @@ class ImageWorkers {
     if (forker_.get() < 0) start_forker();
   }
 
-  // Returns a worker that waits, or a new one.
-  std::unique_ptr<ImageWorker> take(const std::string& name) {
+  // Returns a worker that waits, if one may be `reused`, or a new one.
+  std::unique_ptr<ImageWorker> take(const std::string& name, bool reused) {
     const std::lock_guard lock(mutex_);
-    while (!idle_.empty()) {
+    while (reused && !idle_.empty()) {
       std::unique_ptr<ImageWorker> worker = std::move(idle_.back());
       idle_.pop_back();
       pollfd state{worker->socket.get(), POLLIN, 0};
@@ -474,8 +474,8 @@ ImageHeader header_of(const std::string& packet, const std::string& name) {
 }
 
 cv::Mat decoded_by_worker(const ImageSource& source, int descriptor, const ImageRequest& request,
-                          const AllocateImage& allocate) {
-  std::unique_ptr<ImageWorker> worker = ImageWorkers::instance().take(source.name);
+                          const AllocateImage& allocate, bool reused) {
+  std::unique_ptr<ImageWorker> worker = ImageWorkers::instance().take(source.name, reused);
   std::string packet(1, kDecode);
   append_bytes(packet, source.size);
   append_bytes(packet, request.as_float);
@@ -521,10 +521,11 @@ cv::Mat decode_image_file(const ImageSource& source, const ImageRequest& request
     return decode_here(source.bytes ? *source.bytes : read_whole(source.descriptor, source.size, source.name), request,
                        source.name, allocate);
   const OpenDescriptor copy = source.bytes ? in_memory(source) : OpenDescriptor();
-  // A worker may have been killed while it waited, so the file gets a second one.
-  for (int attempt = 0; attempt < 2; ++attempt) {
+  // The worker that waited may have been killed, and so may the process that forks new ones: a request it has not read
+  // ends with it. Only the third attempt is certain to reach a process that was alive when it was asked.
+  for (int attempt = 0; attempt < 3; ++attempt) {
     try {
-      return decoded_by_worker(source, source.bytes ? copy.get() : source.descriptor, request, allocate);
+      return decoded_by_worker(source, source.bytes ? copy.get() : source.descriptor, request, allocate, attempt == 0);
     } catch (const WorkerEnded&) {
       continue;
     }
