@@ -132,7 +132,7 @@ int main(int argc, char** argv) {
           rendering_items(),     cycles_items(),       landmark_items(),      landmark_speed_items(),
           mapping_items(),       motion_items(),       mapping_speed_items(), frame_speed_items(),
           world_items(),         large_world_items(),  speed_items(),         capture_items(),
-          study_items(),         soak_items(),         victim_items(),        moving_hand_items(),
+          study_items(),         soak_items(),         victim_items(),        moving_hand_items(),  mission_items(),
           real_capture_items(),  image_pose_items(),   scale_items(),         indirect_items(),
           dynamic_range_items(), dataset_items(),      load_items(),          hostile_items(),
           robust_items()})

@@ -62,6 +62,7 @@ std::vector<Item> landmark_speed_items();
 std::vector<Item> cycles_items();
 std::vector<Item> large_world_items();
 std::vector<Item> mapping_items();
+std::vector<Item> mission_items();
 std::vector<Item> mapping_speed_items();
 std::vector<Item> moving_hand_items();
 std::vector<Item> real_capture_items();

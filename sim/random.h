@@ -26,7 +26,8 @@ enum class Stream : uint32_t {
   draws = 8,
   settling = 9,
   thermal_noise = 10,
-  vibration = 11
+  vibration = 11,
+  building = 12
 };
 
 class Philox {

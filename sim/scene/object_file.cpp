@@ -113,6 +113,18 @@ void read_item(const YamlMap& map, const Materials& materials, Item& item) {
   item.weight = map.number_or("weight", 1, {1e-6, 1e6});
 }
 
+std::vector<ScatterItem> read_scatter_items(const YamlMap& map, const Materials& materials) {
+  std::vector<ScatterItem> items;
+  for (const YamlMap& entry : map.maps("items")) {
+    ScatterItem& item = items.emplace_back();
+    item.shape = read_shape(entry.kind("shape", {"box", "cylinder", "sphere", "rock"}));
+    read_item(entry, materials, item);
+    item.variants = entry.integer_or("variants", 0, {0, 100000});
+  }
+  if (items.empty()) throw map.error("items", "'items' is empty; list the objects to scatter");
+  return items;
+}
+
 Scatter read_scatter(const YamlMap& map, const Materials& materials, int most) {
   Scatter scatter;
   scatter.count = map.integer("count", {1, static_cast<double>(most)});
@@ -121,12 +133,7 @@ Scatter read_scatter(const YamlMap& map, const Materials& materials, int most) {
   scatter.area_y = area[1];
   scatter.max_height = map.number("max_height_m", kLength);
   if (map.has("pose")) scatter.world_from_area = map.pose("pose");
-  for (const YamlMap& entry : map.maps("items")) {
-    ScatterItem& item = scatter.items.emplace_back();
-    item.shape = read_shape(entry.kind("shape", {"box", "cylinder", "sphere", "rock"}));
-    read_item(entry, materials, item);
-  }
-  if (scatter.items.empty()) throw map.error("items", "'items' is empty; list the objects to scatter");
+  scatter.items = read_scatter_items(map, materials);
   return scatter;
 }
 
@@ -240,6 +247,36 @@ std::vector<Object> read_mesh(const YamlMap& map, const Materials& materials, ui
 }
 
 }  // namespace
+
+Building read_building(const YamlMap& map, const Materials& materials, const SceneLimits& limits) {
+  Building building;
+  BuildingPlan& plan = building.plan;
+  plan.storeys = map.integer_or("storeys", plan.storeys, {1, 20});
+  plan.rooms = map.integer_or("rooms", plan.rooms, {2, 50});
+  if (map.has("room_m")) {
+    const std::vector<double> size = map.numbers("room_m", 2, {2.4, 20});
+    plan.room_x = size[0];
+    plan.room_y = size[1];
+  }
+  plan.corridor = map.number_or("corridor_m", plan.corridor, {1.4, 5});
+  plan.storey = map.number_or("storey_m", plan.storey, {2.3, 5});
+  plan.wall = map.number_or("wall_m", plan.wall, {0.05, 0.5});
+  plan.door = map.number_or("door_m", plan.door, {0.7, 1.2});
+  building.wall = find_material(map.map("walls"), materials);
+  building.floor = find_material(map.map("floors"), materials);
+  building.rubble_per_m2 = map.number_or("rubble_per_m2", 0, {0, 100});
+  building.max_height = map.number_or("max_height_m", building.max_height, {0.02, 1});
+  if (building.rubble_per_m2 == 0) return building;
+  building.items = read_scatter_items(map, materials);
+  const double area = (plan.rooms * plan.room_x + 2 * plan.corridor) * (2 * plan.room_y + plan.corridor) * plan.storeys;
+  const double pieces = building.rubble_per_m2 * area;
+  if (pieces > static_cast<double>(limits.objects))
+    throw map.error("rubble_per_m2", "the building has about " + to_text(std::round(pieces)) + " pieces; at most " +
+                                         std::to_string(limits.objects) + " objects are allowed");
+  if (building.rubble_per_m2 * std::max(plan.room_x * plan.room_y, plan.rooms * plan.room_x * plan.corridor) > limits.scattered)
+    throw map.error("rubble_per_m2", "a room or corridor has more than " + std::to_string(limits.scattered) + " pieces");
+  return building;
+}
 
 std::vector<Object> read_objects(const YamlMap& entry, uint32_t number, const ObjectContext& context) {
   const std::string shape = entry.kind("shape", shape_names());

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <numbers>
 
 #include "sim/random.h"
@@ -79,19 +80,43 @@ Mesh make_mesh(Shape shape, const Eigen::Vector3d& size, uint32_t seed) {
   }
 }
 
+// Gives cylinders a round base, and spheres one diameter.
+Eigen::Vector3d round_size(Shape shape, Eigen::Vector3d size) {
+  if (shape == Shape::cylinder || shape == Shape::sphere) size.y() = size.x();
+  if (shape == Shape::sphere) size.z() = size.x();
+  return size;
+}
+
 }  // namespace
 
-std::vector<Object> scatter_objects(const Scatter& scatter, uint64_t seed, uint32_t generator) {
+const ScatterShapes::Variant& ScatterShapes::variant(const ScatterItem& item, size_t kind, uint32_t number) {
+  Variant& variant = variants_[{kind, number}];
+  if (!variant.mesh) {
+    Philox random(seed_, Stream::shape, generator_, static_cast<uint32_t>(kind * 1000003 + number));
+    variant.size = round_size(item.shape, draw_size(item, random));
+    variant.mesh = std::make_shared<const Mesh>(make_mesh(item.shape, variant.size, random.seed()));
+  }
+  return variant;
+}
+
+std::vector<Object> scatter_objects(const Scatter& scatter, uint64_t seed, uint32_t generator, ScatterShapes* shapes) {
+  ScatterShapes own(seed, generator);
   Philox random(seed, Stream::placement, generator);
   std::vector<Object> objects;
   std::vector<Footprint> placed;
   constexpr int kTriesPerObject = 60;
   for (int n = 0; n < scatter.count; ++n) {
-    const ScatterItem& item = scatter.items[draw_item(scatter.items, random)];
-    Eigen::Vector3d size = draw_size(item, random);
-    if (item.shape == Shape::cylinder || item.shape == Shape::sphere) size.y() = size.x();
-    if (item.shape == Shape::sphere) size.z() = size.x();
+    const size_t kind = draw_item(scatter.items, random);
+    const ScatterItem& item = scatter.items[kind];
+    Eigen::Vector3d size = round_size(item.shape, draw_size(item, random));
     const uint32_t shape_seed = random.seed();
+    std::shared_ptr<const Mesh> mesh;
+    if (item.variants > 0) {
+      const auto variant = static_cast<uint32_t>(random.uniform() * item.variants);
+      const ScatterShapes::Variant& shape = (shapes ? *shapes : own).variant(item, kind, variant);
+      size = shape.size;
+      mesh = shape.mesh;
+    }
 
     for (int attempt = 0; attempt < kTriesPerObject; ++attempt) {
       Footprint f;
@@ -109,7 +134,7 @@ std::vector<Object> scatter_objects(const Scatter& scatter, uint64_t seed, uint3
       f.top = base + size.z();
       placed.push_back(f);
       Object object;
-      object.mesh = std::make_shared<const Mesh>(make_mesh(item.shape, size, shape_seed));
+      object.mesh = mesh ? mesh : std::make_shared<const Mesh>(make_mesh(item.shape, size, shape_seed));
       object.material = item.material;
       object.texture_seed = shape_seed;
       // Rocks sink slightly into their support.

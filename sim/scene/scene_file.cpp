@@ -172,30 +172,40 @@ Materials read_materials(const SceneLayers& layers) {
   return materials;
 }
 
-std::vector<Object> read_all_objects(const SceneLayers& layers, const Materials& materials, const SceneLimits& limits,
+std::vector<Object> read_all_objects(const SceneLayers& layers, const Materials& materials,
+                                     const std::optional<Building>& building, const SceneLimits& limits,
                                      std::vector<std::string>& notes) {
   std::vector<Object> objects;
   uint32_t number = 0, read = 0;
   std::set<const Mesh*> meshes;
   size_t triangles = 0;
+  const auto add = [&](std::vector<Object> found) {
+    for (Object& object : found) {
+      if (meshes.insert(object.mesh.get()).second) triangles += object.mesh->triangles.size();
+      objects.push_back(std::move(object));
+    }
+    ++read;
+  };
+  // Called outside `attempt`: exceeding a limit stops reading even while errors are being collected.
+  const auto check_limits = [&](const auto& error) {
+    if (objects.size() > limits.objects)
+      throw error("up to here the scene has " + std::to_string(objects.size()) + " objects; at most " +
+                        std::to_string(limits.objects) + " are allowed");
+    if (triangles > limits.triangles)
+      throw error("up to here the scene has " + std::to_string(triangles) + " triangles; at most " +
+                        std::to_string(limits.triangles) + " are allowed");
+  };
+  if (building) {
+    add(building_objects(*building, layers.seed));
+    ++number;
+    check_limits([&](const std::string& text) { return layers.with("building").error("building", text); });
+  }
   for (const YamlMap& layer : layers.all()) {
     if (!layer.has("objects")) continue;
     for (const YamlMap& entry : layer.maps("objects")) {
-      entry.attempt([&] {
-        for (Object& object : read_objects(entry, number, {materials, layers.seed, notes, limits})) {
-          if (meshes.insert(object.mesh.get()).second) triangles += object.mesh->triangles.size();
-          objects.push_back(std::move(object));
-        }
-        ++read;
-      });
+      entry.attempt([&] { add(read_objects(entry, number, {materials, layers.seed, notes, limits})); });
       ++number;
-      // Thrown outside `attempt`: exceeding a limit stops reading even while errors are being collected.
-      if (objects.size() > limits.objects)
-        throw entry.error("up to here the scene has " + std::to_string(objects.size()) + " objects; at most " +
-                          std::to_string(limits.objects) + " are allowed");
-      if (triangles > limits.triangles)
-        throw entry.error("up to here the scene has " + std::to_string(triangles) + " triangles; at most " +
-                          std::to_string(limits.triangles) + " are allowed");
+      check_limits([&](const std::string& text) { return entry.error(text); });
     }
   }
   const YamlMap& own = layers.all().front();
@@ -308,10 +318,13 @@ Scene load_scene(const fs::path& file, const SceneLoadOptions& reading) {
   if (layers.has("calibration_error"))
     section("calibration_error", [&](const YamlMap& map) { scene.calibration_error = read_calibration_error(map); });
   const Materials materials = read_materials(layers);
-  scene.objects = read_all_objects(layers, materials, reading.limits, scene.notes);
+  std::optional<Building> building;
+  if (layers.has("building"))
+    section("building", [&](const YamlMap& map) { building = read_building(map, materials, reading.limits); });
+  scene.objects = read_all_objects(layers, materials, building, reading.limits, scene.notes);
   section("trajectory", [&](const YamlMap& map) {
     scene.commanded = map.boolean_or("commanded", false);
-    read_trajectory(map, reading.limits, scene);
+    read_trajectory(map, reading.limits, building ? std::optional(building->plan) : std::nullopt, scene);
   });
   layers.finish();
   scene.resolved = layers.resolved(reading.resolved_for.empty() ? file.parent_path() : reading.resolved_for);

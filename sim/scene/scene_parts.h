@@ -3,10 +3,12 @@
 #pragma once
 
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "core/io/yaml.h"
+#include "sim/scene/building.h"
 #include "sim/scene/scene.h"
 
 namespace fringeslam::sim {
@@ -32,7 +34,12 @@ struct ObjectContext {
 // Reads entry `number` of the scene's `objects`; scatters, piles and mesh files yield several objects.
 std::vector<Object> read_objects(const YamlMap& entry, uint32_t number, const ObjectContext& context);
 
-// Reads the `trajectory` section into the scene's trajectory, path and motion. Throws Error on invalid values.
-void read_trajectory(const YamlMap& map, const SceneLimits& limits, Scene& scene);
+// Reads the `building` section. Throws Error on invalid values, also if its rubble exceeds the limits.
+Building read_building(const YamlMap& map, const Materials& materials, const SceneLimits& limits);
+
+// Reads the `trajectory` section into the scene's trajectory, path and motion; a tour needs the scene's building. Throws
+// Error on invalid values.
+void read_trajectory(const YamlMap& map, const SceneLimits& limits, const std::optional<BuildingPlan>& building,
+                     Scene& scene);
 
 }  // namespace fringeslam::sim

@@ -118,6 +118,30 @@ Spline read_spline(const YamlMap& map, const RigModel& rig, Range counts, bool c
   return spline;
 }
 
+// Returns a tour of the building as a spline. The number of views follows from `step_m` unless `count` is given.
+Spline read_tour(const YamlMap& map, const std::optional<BuildingPlan>& building, const RigModel& rig, uint64_t seed,
+                 Range counts) {
+  if (!building) throw map.error("a tour needs a building; add the section 'building'");
+  Tour tour;
+  tour.height = map.number_or("height_m", tour.height, {0.1, 2});
+  tour.ahead = map.number_or("ahead_m", tour.ahead, {0.05, 5});
+  tour.laps = map.integer_or("laps", tour.laps, {1, 1000});
+  const double step = map.number_or("step_m", 0.1, {1e-3, 10});
+  Spline spline;
+  for (const Pose& world_from_camera : tour_waypoints(*building, tour, seed))
+    spline.waypoints.push_back(world_from_camera * rig.robot_from_camera.inverse());
+  double length = 0;
+  for (size_t i = 1; i < spline.waypoints.size(); ++i) {
+    const Pose motion = spline.waypoints[i - 1].inverse() * spline.waypoints[i];
+    length += translation_m(motion) + spline.turn_m_per_rad * rotation_rad(motion);
+  }
+  const double views = std::ceil(length / step);
+  if (views > counts.high)
+    throw map.error("step_m", range_error("views of the tour", views, counts) + "; increase step_m or reduce laps");
+  spline.count = std::max(2, static_cast<int>(views));
+  return spline;
+}
+
 std::vector<Pose> read_orbit(const YamlMap& map, const RigModel& rig, Range counts) {
   Orbit orbit;
   orbit.centre = map.vector3("centre_m", {-1e4, 1e4});
@@ -213,9 +237,11 @@ Trajectory sampled(const ContinuousPath& path, double interval_s, size_t most) {
 
 }  // namespace
 
-void read_trajectory(const YamlMap& map, const SceneLimits& limits, Scene& scene) {
+void read_trajectory(const YamlMap& map, const SceneLimits& limits, const std::optional<BuildingPlan>& building,
+                     Scene& scene) {
   const RigModel& rig = scene.rig;
-  const std::vector<std::string> kinds = {"motions", "poses", "spline", "orbit", "random_walk", "file", "board_views"};
+  const std::vector<std::string> kinds = {"motions", "poses",       "spline", "tour",
+                                          "orbit",   "random_walk", "file",   "board_views"};
   std::vector<std::string> given;
   for (const std::string& kind : kinds) {
     if (map.has(kind)) given.push_back(kind);
@@ -237,6 +263,7 @@ void read_trajectory(const YamlMap& map, const SceneLimits& limits, Scene& scene
     const Range counts{1, static_cast<double>(limits.views)};
     const auto most = static_cast<size_t>(limits.views);
     if (kind == "spline") spline = read_spline(map.map(kind), rig, counts, continuous);
+    if (kind == "tour") spline = read_tour(map.map(kind), building, rig, scene.seed, counts);
     const std::vector<Pose> route =
         kind == "motions" ? stage_motions(map, start, most)
         : kind == "poses" ? listed_poses(map, kind, rig, 1, most)

@@ -1,0 +1,231 @@
+// SPDX-License-Identifier: Apache-2.0
+// A tour of scenes/mission, rendered view by view and mapped twice, with and without loop closure: cost per view, memory,
+// drift, and relocalization anywhere in the map.
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <ctime>
+#include <fstream>
+#include <numbers>
+#include <string>
+#include <utility>
+
+#include "bench/row.h"
+#include "core/mapper/pipeline.h"
+#include "core/score/score.h"
+#include "sim/random.h"
+#include "sim/virtual_rig.h"
+
+namespace fringeslam::bench {
+
+namespace {
+
+constexpr int kReported = 250;  // views between lines of the table
+constexpr double kWrong_m = 1e-3, kWrong_sigmas = 10;
+
+struct ViewCost {
+  double cpu_s = 0, wall_s = 0;
+};
+
+double resident_mib() {
+  std::ifstream status("/proc/self/status");
+  // Pages of the map's file are the kernel's to keep or to drop; only the others are memory that the process needs.
+  double mib = 0;
+  for (std::string line; std::getline(status, line);) {
+    if (line.rfind("RssAnon:", 0) == 0) mib = std::atof(line.c_str() + 8) / 1024;
+  }
+  return mib;
+}
+
+double elapsed_s(std::chrono::steady_clock::time_point since) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - since).count();
+}
+
+sim::Scene loaded_mission(std::vector<std::pair<std::string, std::string>> changes) {
+  sim::SceneLoadOptions reading;
+  reading.changes = std::move(changes);
+  return sim::load_scene(std::string(FRINGESLAM_SCENES) + "/mission/scene.yaml", reading);
+}
+
+// Maps each stack and notes what that costs, and how far the pose has drifted.
+class Explorer {
+ public:
+  Explorer(const sim::Scene& scene, const PipelineOptions& options)
+      : pipeline_(scene.rig, scene.patterns, options, scene.trajectory[0].world_from_robot) {}
+
+  void process(const FringeStack& stack, const Pose& truth) {
+    const std::clock_t cpu = std::clock();
+    const auto start = std::chrono::steady_clock::now();
+    const FrameResult result = pipeline_.process(stack);
+    costs_.push_back({static_cast<double>(std::clock() - cpu) / CLOCKS_PER_SEC, elapsed_s(start)});
+    lost_ += !has_pose(result.tracking);
+    loops_ += result.loops;
+    corrections_ += result.corrected;
+    if (!has_pose(result.tracking)) return;
+    const Pose error = truth.inverse() * result.world_from_robot;
+    drift_m_ = translation_m(error);
+    drift_rad_ = rotation_rad(error);
+  }
+
+  Pipeline& pipeline() { return pipeline_; }
+  const std::vector<ViewCost>& costs() const { return costs_; }
+  int lost() const { return lost_; }
+  int loops() const { return loops_; }
+  int corrections() const { return corrections_; }
+  double drift_m() const { return drift_m_; }
+  double drift_rad() const { return drift_rad_; }
+
+  // Root mean square error of all robot positions, given the final map.
+  double ate_m(const Trajectory& truth) const {
+    double squares = 0;
+    size_t k = 0;
+    const Trajectory poses = pipeline_.trajectory();
+    for (const TimedPose& pose : poses) {
+      while (truth[k].timestamp_s < pose.timestamp_s - 1e-6) ++k;
+      squares += (pose.world_from_robot.translation - truth[k].world_from_robot.translation).squaredNorm();
+    }
+    return std::sqrt(squares / static_cast<double>(poses.size()));
+  }
+
+ private:
+  Pipeline pipeline_;
+  std::vector<ViewCost> costs_;
+  int lost_ = 0, loops_ = 0, corrections_ = 0;
+  double drift_m_ = 0, drift_rad_ = 0;
+};
+
+double mean_cpu_s(const std::vector<ViewCost>& costs, size_t first, size_t end) {
+  double sum = 0;
+  for (size_t i = first; i < end; ++i) sum += costs[i].cpu_s;
+  return sum / static_cast<double>(end - first);
+}
+
+struct Relocations {
+  int located = 0, ambiguous = 0, lost = 0, wrong = 0;
+  std::vector<double> wall_s;
+};
+
+// Drops the robot at random places of the tour, 10 cm higher and with another view of the floor than when it was mapped.
+Relocations relocate(const KeyframeMap& map, const Trajectory& truth, int drops) {
+  const sim::Scene scene = loaded_mission({{"trajectory.tour.height_m", "1.05"}, {"trajectory.tour.ahead_m", "0.45"}});
+  sim::Scene dropped = scene;
+  dropped.trajectory.clear();
+  sim::Philox random(1, sim::Stream::views, 0);
+  const auto known = std::min(truth.size(), scene.trajectory.size());
+  for (int i = 0; i < drops; ++i)
+    dropped.trajectory.push_back(
+        {static_cast<double>(i), scene.trajectory[static_cast<size_t>(random.uniform() * static_cast<double>(known))].world_from_robot});
+  sim::VirtualRig rig(dropped, {});
+  Relocations result;
+  for (int i = 0; i < drops; ++i) {
+    Pipeline pipeline(map, scene.patterns, {});
+    const std::optional<FringeStack> stack = rig.capture(scene.patterns);
+    const auto start = std::chrono::steady_clock::now();
+    const FrameResult found = pipeline.process(*stack);
+    result.wall_s.push_back(elapsed_s(start));
+    if (!has_pose(found.tracking)) {
+      ++(found.tracking == Tracking::ambiguous ? result.ambiguous : result.lost);
+      continue;
+    }
+    // The map drifts, so the pose is compared with that of its keyframe.
+    const Keyframe& keyframe = map.keyframes()[static_cast<size_t>(found.reference)];
+    const Pose robot_from_camera = scene.rig.robot_from_camera;
+    const Pose expected = (truth[static_cast<size_t>(keyframe.index)].world_from_robot * robot_from_camera).inverse() *
+                          dropped.trajectory[static_cast<size_t>(i)].world_from_robot * robot_from_camera;
+    const Pose error = expected.inverse() * found.registration.earlier_from_current;
+    const double sigma_m = std::sqrt(found.covariance.bottomRightCorner<3, 3>().trace());
+    const bool wrong = translation_m(error) > kWrong_m && translation_m(error) > kWrong_sigmas * sigma_m;
+    if (wrong)
+      std::fprintf(stderr, "  drop %d: %.1f mm off keyframe %d, sigma %.3f mm\n", i, 1e3 * translation_m(error),
+                   found.reference, 1e3 * sigma_m);
+    ++(wrong ? result.wrong : result.located);
+  }
+  return result;
+}
+
+std::vector<Row> mission_rows(const Context& context) {
+  const sim::Scene scene = loaded_mission({});
+  sim::VirtualRig rig(scene, {});
+  PipelineOptions alone;
+  alone.mapping.max_links = 0;
+  Explorer closing(scene, {}), open(scene, alone);
+  const int views = context.quick ? std::min<int>(500, context.last_case) : context.last_case;
+  double path_m = 0, most_mib = 0;
+  const auto start = std::chrono::steady_clock::now();
+  std::fprintf(stderr, "  %zu views; drift with loop closure and without\n", scene.trajectory.size());
+  std::fprintf(stderr, "  views   path m  keyframes  links   MiB  ms/view  (cpu)   drift mm        deg           lost\n");
+  const auto report = [&] {
+    const auto& costs = closing.costs();
+    const size_t last = costs.size(), first = last - std::min<size_t>(last, kReported);
+    double wall_s = 0;
+    for (size_t i = first; i < last; ++i) wall_s += costs[i].wall_s;
+    const KeyframeMap& map = closing.pipeline().map();
+    std::fprintf(stderr, "  %5zu %8.1f %10zu %6zu %5.0f %8.1f %6.1f %7.3f %9.3f %7.4f %9.4f %4d %d   (%.0f s)\n", last, path_m,
+                 map.keyframes().size(), map.links().size(), resident_mib(), 1e3 * wall_s / static_cast<double>(last - first),
+                 1e3 * mean_cpu_s(costs, first, last), 1e3 * closing.drift_m(), 1e3 * open.drift_m(),
+                 closing.drift_rad() * 180 / std::numbers::pi, open.drift_rad() * 180 / std::numbers::pi, closing.lost(),
+                 open.lost(), elapsed_s(start));
+  };
+  Trajectory truth;
+  while (static_cast<int>(truth.size()) < views) {
+    const std::optional<FringeStack> stack = rig.capture(scene.patterns);
+    if (!stack) break;
+    truth.push_back(scene.trajectory[truth.size()]);
+    if (truth.size() > 1)
+      path_m += translation_m(truth[truth.size() - 2].world_from_robot.inverse() * truth.back().world_from_robot);
+    closing.process(*stack, truth.back().world_from_robot);
+    open.process(*stack, truth.back().world_from_robot);
+    most_mib = std::max(most_mib, resident_mib());
+    if (truth.size() % kReported == 0) report();
+  }
+  if (truth.size() % kReported != 0) report();
+  const int n = static_cast<int>(truth.size());
+  KeyframeMap map = closing.pipeline().map();
+  const int keyframes = static_cast<int>(map.keyframes().size());
+  std::fprintf(stderr, "  %.1f m: ATE %.3f mm with loop closure (%d links, %d corrections), %.3f mm without\n", path_m,
+               1e3 * closing.ate_m(truth), closing.loops(), closing.corrections(), 1e3 * open.ate_m(truth));
+
+  std::vector<double> search_s;
+  for (int k = 0; k < keyframes; k += std::max(1, keyframes / 100)) {
+    const Frame frame = map.keyframe_image(k);
+    const auto begin = std::chrono::steady_clock::now();
+    (void)map.overlapping(frame, map.keyframes()[static_cast<size_t>(k)].world_from_camera);
+    search_s.push_back(1e3 * elapsed_s(begin));
+  }
+  const auto begin = std::chrono::steady_clock::now();
+  map.correct({}, 5e-5);
+  const double graph_ms = 1e3 * elapsed_s(begin);
+
+  const auto& costs = closing.costs();
+  const size_t part = std::min<size_t>(1000, costs.size() / 4);
+  const size_t warm = std::min<size_t>(500, costs.size() / 8);
+  const double growth = mean_cpu_s(costs, costs.size() - part, costs.size()) / mean_cpu_s(costs, warm, warm + part);
+  const Relocations drops = relocate(closing.pipeline().map(), truth, context.quick ? 20 : 200);
+  const int count = static_cast<int>(drops.wall_s.size());
+  std::fprintf(stderr, "  dropped %d times: %d located, %d ambiguous, %d lost, %d wrong; median %.2f s\n", count,
+               drops.located, drops.ambiguous, drops.lost, drops.wrong, median_of(drops.wall_s));
+  return {bound_row("scale.view", growth, n, "x", 1.1, Limit::most),
+          bound_row("scale.memory", most_mib / 1024, n, "GiB", 2, Limit::most),
+          median_row("scale.loop", search_s, "ms", 10),
+          bound_row("scale.graph", graph_ms, keyframes, "ms", 200, Limit::most),
+          bound_row("scale.lost", closing.lost(), n, "", 0, Limit::most),
+          bound_row("scale.relocate", static_cast<double>(drops.located + drops.ambiguous) / count, count, "", 0.99,
+                    Limit::least),
+          bound_row("scale.relocate.wrong", drops.wrong, count, "", 0, Limit::most),
+          median_row("scale.relocate.time", drops.wall_s, "s", 1)};
+}
+
+}  // namespace
+
+std::vector<Item> mission_items() {
+  return {{{"scale.view", "scale.memory", "scale.loop", "scale.graph", "scale.lost", "scale.relocate",
+            "scale.relocate.wrong", "scale.relocate.time"},
+           "a tour of a building: growth of cost per view and of memory, loop search, pose graph, relocalization",
+           mission_rows,
+           true}};
+}
+
+}  // namespace fringeslam::bench
