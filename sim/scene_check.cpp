@@ -67,7 +67,7 @@ void warn(SceneCheck& check, size_t view, const char* format, double share) {
 
 }  // namespace
 
-SceneCheck check_scene(const Scene& scene) {
+SceneCheck check_scene(const Scene& scene, const std::function<void()>& checked) {
   const Renderer renderer(scene, Effects::none(), 1);
   const RigModel& rig = scene.rig;
   const ProjectedPatterns nothing({rig.projector.width, rig.projector.height, {}}, rig, {});
@@ -101,6 +101,7 @@ SceneCheck check_scene(const Scene& scene) {
       warn(check, i, "only %.0f %% of the previous view's lit points are in the image", view.overlap);
     check.views.push_back(view);
     before = std::move(truth);
+    if (checked) checked();
   }
   return check;
 }

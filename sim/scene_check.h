@@ -3,6 +3,7 @@
 // in-range surface, or overlaps too little with the previous view.
 #pragma once
 
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -25,7 +26,7 @@ struct SceneCheck {
   std::vector<std::string> warnings;  // one line each
 };
 
-// Renders the ground truth of all views and evaluates them.
-SceneCheck check_scene(const Scene& scene);
+// Renders the ground truth of all views and evaluates them. `checked` is called after each view.
+SceneCheck check_scene(const Scene& scene, const std::function<void()>& checked = {});
 
 }  // namespace fringeslam::sim

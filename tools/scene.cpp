@@ -8,6 +8,7 @@
 #include "core/io/json_text.h"
 #include "core/io/yaml.h"
 #include "sim/scene_check.h"
+#include "tools/progress.h"
 #include "tools/scene_verbs.h"
 #include "tools/source.h"
 #include "tools/verbs.h"
@@ -47,7 +48,10 @@ int check(const fs::path& path, std::optional<uint64_t> seed, const Common& comm
     for (const std::string& error : errors) std::fprintf(stderr, "fringeslam: %s\n", error.c_str());
     return 2;
   }
-  const sim::SceneCheck result = sim::check_scene(scene);
+  const sim::SceneCheck result = [&] {
+    Progress progress("checking", static_cast<int>(scene.trajectory.size()), common.quiet || common.json);
+    return sim::check_scene(scene, [&] { progress.step(); });
+  }();
   if (common.json) {
     Json views = Json::array();
     for (const sim::ViewCheck& view : result.views)

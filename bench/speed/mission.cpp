@@ -24,6 +24,7 @@ namespace fringeslam::bench {
 namespace {
 
 constexpr int kReported = 250;  // views between lines of the table
+constexpr size_t kEarly = 100;  // views until buffers have their final size
 constexpr double kWrong_m = 1e-3, kWrong_sigmas = 10;
 
 struct ViewCost {
@@ -103,6 +104,34 @@ double mean_cpu_s(const std::vector<ViewCost>& costs, size_t first, size_t end) 
   return sum / static_cast<double>(end - first);
 }
 
+// Prints the NEES of the map's links, 6 for exact covariances, by the distance between the cameras.
+void report_links(const KeyframeMap& map, const Trajectory& truth, const Pose& robot_from_camera) {
+  constexpr double kBin_m = 0.2;
+  constexpr int kBins = 5;
+  const auto camera = [&](int keyframe) {
+    const auto index = static_cast<size_t>(map.keyframes()[static_cast<size_t>(keyframe)].index);
+    return truth[index].world_from_robot * robot_from_camera;
+  };
+  for (const bool loops : {false, true}) {
+    std::vector<double> nees[kBins];
+    for (const PoseEdge& link : map.links()) {
+      if (link.loop != loops) continue;
+      const Pose motion = camera(link.from).inverse() * camera(link.to);
+      const Vector6d error = difference(link.from_from_to, motion);
+      nees[std::min(kBins - 1, static_cast<int>(translation_m(motion) / kBin_m))].push_back(
+          error.dot(link.information * error));
+    }
+    for (int i = 0; i < kBins; ++i) {
+      if (nees[i].empty()) continue;
+      double sum = 0;
+      for (const double value : nees[i]) sum += value;
+      std::fprintf(stderr, "  %s links of views from %.1f m apart: %zu, NEES %.1f, median %.1f\n",
+                   loops ? "loop" : "other", i * kBin_m, nees[i].size(), sum / static_cast<double>(nees[i].size()),
+                   median_of(nees[i]));
+    }
+  }
+}
+
 struct Relocations {
   int located = 0, ambiguous = 0, lost = 0, wrong = 0;
   std::vector<double> wall_s;
@@ -117,7 +146,8 @@ Relocations relocate(const KeyframeMap& map, const Trajectory& truth, int drops)
   const auto known = std::min(truth.size(), scene.trajectory.size());
   for (int i = 0; i < drops; ++i)
     dropped.trajectory.push_back(
-        {static_cast<double>(i), scene.trajectory[static_cast<size_t>(random.uniform() * static_cast<double>(known))].world_from_robot});
+        {static_cast<double>(i),
+         scene.trajectory[static_cast<size_t>(random.uniform() * static_cast<double>(known))].world_from_robot});
   sim::VirtualRig rig(dropped, {});
   Relocations result;
   for (int i = 0; i < drops; ++i) {
@@ -153,21 +183,27 @@ std::vector<Row> mission_rows(const Context& context) {
   alone.mapping.max_links = 0;
   Explorer closing(scene, {}), open(scene, alone);
   const int views = context.quick ? std::min<int>(500, context.last_case) : context.last_case;
-  double path_m = 0, most_mib = 0;
+  double path_m = 0, most_mib = 0, early_mib = 0;
+  size_t early_keyframes = 0;
+  // Of both maps.
+  const auto keyframes_so_far = [&] {
+    return closing.pipeline().map().keyframes().size() + open.pipeline().map().keyframes().size();
+  };
   const auto start = std::chrono::steady_clock::now();
   std::fprintf(stderr, "  %zu views; drift with loop closure and without\n", scene.trajectory.size());
-  std::fprintf(stderr, "  views   path m  keyframes  links   MiB  ms/view  (cpu)   drift mm        deg           lost\n");
+  std::fprintf(stderr,
+               "  views   path m  keyframes  links   MiB  ms/view  (cpu)   drift mm        deg           lost\n");
   const auto report = [&] {
     const auto& costs = closing.costs();
     const size_t last = costs.size(), first = last - std::min<size_t>(last, kReported);
     double wall_s = 0;
     for (size_t i = first; i < last; ++i) wall_s += costs[i].wall_s;
     const KeyframeMap& map = closing.pipeline().map();
-    std::fprintf(stderr, "  %5zu %8.1f %10zu %6zu %5.0f %8.1f %6.1f %7.3f %9.3f %7.4f %9.4f %4d %d   (%.0f s)\n", last, path_m,
-                 map.keyframes().size(), map.links().size(), resident_mib(), 1e3 * wall_s / static_cast<double>(last - first),
-                 1e3 * mean_cpu_s(costs, first, last), 1e3 * closing.drift_m(), 1e3 * open.drift_m(),
-                 closing.drift_rad() * 180 / std::numbers::pi, open.drift_rad() * 180 / std::numbers::pi, closing.lost(),
-                 open.lost(), elapsed_s(start));
+    std::fprintf(stderr, "  %5zu %8.1f %10zu %6zu %5.0f %8.1f %6.1f %7.3f %9.3f %7.4f %9.4f %4d %d   (%.0f s)\n", last,
+                 path_m, map.keyframes().size(), map.links().size(), resident_mib(),
+                 1e3 * wall_s / static_cast<double>(last - first), 1e3 * mean_cpu_s(costs, first, last),
+                 1e3 * closing.drift_m(), 1e3 * open.drift_m(), closing.drift_rad() * 180 / std::numbers::pi,
+                 open.drift_rad() * 180 / std::numbers::pi, closing.lost(), open.lost(), elapsed_s(start));
   };
   Trajectory truth;
   while (static_cast<int>(truth.size()) < views) {
@@ -179,14 +215,22 @@ std::vector<Row> mission_rows(const Context& context) {
     closing.process(*stack, truth.back().world_from_robot);
     open.process(*stack, truth.back().world_from_robot);
     most_mib = std::max(most_mib, resident_mib());
+    if (truth.size() == kEarly) {
+      early_mib = resident_mib();
+      early_keyframes = keyframes_so_far();
+    }
     if (truth.size() % kReported == 0) report();
   }
+  const double per_keyframe_mib =
+      (resident_mib() - early_mib) / static_cast<double>(std::max<size_t>(1, keyframes_so_far() - early_keyframes));
   if (truth.size() % kReported != 0) report();
   const int n = static_cast<int>(truth.size());
   KeyframeMap map = closing.pipeline().map();
   const int keyframes = static_cast<int>(map.keyframes().size());
   std::fprintf(stderr, "  %.1f m: ATE %.3f mm with loop closure (%d links, %d corrections), %.3f mm without\n", path_m,
                1e3 * closing.ate_m(truth), closing.loops(), closing.corrections(), 1e3 * open.ate_m(truth));
+
+  report_links(map, truth, scene.rig.robot_from_camera);
 
   std::vector<double> search_s;
   for (int k = 0; k < keyframes; k += std::max(1, keyframes / 100)) {
@@ -209,6 +253,7 @@ std::vector<Row> mission_rows(const Context& context) {
                drops.located, drops.ambiguous, drops.lost, drops.wrong, median_of(drops.wall_s));
   return {bound_row("scale.view", growth, n, "x", 1.1, Limit::most),
           bound_row("scale.memory", most_mib / 1024, n, "GiB", 2, Limit::most),
+          bound_row("scale.memory.keyframe", per_keyframe_mib, n, "MiB", 1, Limit::most),
           median_row("scale.loop", search_s, "ms", 10),
           bound_row("scale.graph", graph_ms, keyframes, "ms", 200, Limit::most),
           bound_row("scale.lost", closing.lost(), n, "", 0, Limit::most),
@@ -221,8 +266,8 @@ std::vector<Row> mission_rows(const Context& context) {
 }  // namespace
 
 std::vector<Item> mission_items() {
-  return {{{"scale.view", "scale.memory", "scale.loop", "scale.graph", "scale.lost", "scale.relocate",
-            "scale.relocate.wrong", "scale.relocate.time"},
+  return {{{"scale.view", "scale.memory", "scale.memory.keyframe", "scale.loop", "scale.graph", "scale.lost",
+            "scale.relocate", "scale.relocate.wrong", "scale.relocate.time"},
            "a tour of a building: growth of cost per view and of memory, loop search, pose graph, relocalization",
            mission_rows,
            true}};

@@ -74,11 +74,11 @@ LandmarkDatabase::View LandmarkDatabase::view_of(int frame, const Landmarks& lan
   view.keypoints = landmarks.keypoints.keypoints;
   view.descriptors = quantised(landmarks.keypoints.descriptors);
   view.place = places_of(view.keypoints);
-  view.landmarks_of.resize(view.keypoints.size());
+  std::vector<std::vector<int>> landmarks_of(view.keypoints.size());
   std::set<int> strongest, queried;
   for (size_t l = 0; l < landmarks.landmarks.size(); ++l) {
     std::vector<int> own = landmarks.landmarks[l].keypoints;
-    for (const int k : own) at(view.landmarks_of, k).push_back(static_cast<int>(l));
+    for (const int k : own) at(landmarks_of, k).push_back(static_cast<int>(l));
     std::stable_sort(own.begin(), own.end(),
                      [&](int a, int b) { return at(view.keypoints, a).strength > at(view.keypoints, b).strength; });
     own.resize(std::min(own.size(), static_cast<size_t>(options_.strongest)));
@@ -89,8 +89,11 @@ LandmarkDatabase::View LandmarkDatabase::view_of(int frame, const Landmarks& lan
   view.queried.assign(queried.begin(), queried.end());
   view.strongest.assign(strongest.begin(), strongest.end());
   for (size_t k = 0; k < view.keypoints.size(); ++k) {
-    if (!view.landmarks_of[k].empty()) view.owned.push_back(static_cast<int>(k));
+    if (!landmarks_of[k].empty()) view.owned.push_back(static_cast<int>(k));
+    view.starts.push_back(static_cast<int>(view.owners.size()));
+    view.owners.insert(view.owners.end(), landmarks_of[k].begin(), landmarks_of[k].end());
   }
+  view.starts.push_back(static_cast<int>(view.owners.size()));
   std::stable_sort(view.owned.begin(), view.owned.end(),
                    [&](int a, int b) { return at(view.keypoints, a).point_m.x() < at(view.keypoints, b).point_m.x(); });
   return view;
@@ -247,9 +250,9 @@ std::vector<Recognition> LandmarkDatabase::candidates_of(int landmark, const std
     const View& seen = views_[v];
     std::map<int, Matches> by_landmark;
     for (const KeypointMatch& match : matches[v]) {
-      const std::vector<int>& owners = at(current.landmarks_of, match.current);
+      const std::span<const int> owners = current.landmarks_of(match.current);
       if (std::find(owners.begin(), owners.end(), landmark) == owners.end()) continue;
-      for (const int earlier : at(seen.landmarks_of, match.earlier)) by_landmark[earlier].push_back(match);
+      for (const int earlier : seen.landmarks_of(match.earlier)) by_landmark[earlier].push_back(match);
     }
     for (auto& [earlier, list] : by_landmark) {
       Matches once = one_to_one(std::move(list), seen, current);

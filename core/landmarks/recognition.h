@@ -5,6 +5,7 @@
 #pragma once
 
 #include <array>
+#include <span>
 #include <vector>
 
 #include "core/landmarks/descriptor_tree.h"
@@ -84,11 +85,18 @@ class LandmarkDatabase {
     size_t landmarks = 0;
     std::vector<Keypoint> keypoints;
     cv::Mat1b descriptors;
-    std::vector<std::vector<int>> landmarks_of;  // of each keypoint
-    std::vector<int> place;                      // position index, common to all orientations at a position
-    std::vector<int> owned;                      // keypoints that belong to landmarks, sorted by the x of their points
-    std::vector<int> strongest;                  // strongest keypoints of all landmarks, ascending
-    std::vector<int> queried;                    // the stronger half of each landmark's strongest
+    // Landmarks of keypoint k: numbers [starts[k], starts[k + 1]) of owners.
+    std::vector<int> starts, owners;
+    std::vector<int> place;      // position index, common to all orientations at a position
+    std::vector<int> owned;      // keypoints that belong to landmarks, sorted by the x of their points
+    std::vector<int> strongest;  // strongest keypoints of all landmarks, ascending
+    std::vector<int> queried;    // the stronger half of each landmark's strongest
+
+    std::span<const int> landmarks_of(int keypoint) const {
+      const auto first = static_cast<size_t>(starts[static_cast<size_t>(keypoint)]),
+                 end = static_cast<size_t>(starts[static_cast<size_t>(keypoint) + 1]);
+      return std::span(owners).subspan(first, end - first);
+    }
   };
   struct Entry {
     int view = 0, keypoint = 0;

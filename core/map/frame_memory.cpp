@@ -45,18 +45,17 @@ void FrameMemory::release() const { allocator_->release(); }
 
 const FileMemory& FrameMemory::memory() const { return allocator_->memory(); }
 
-StoredFrame FrameMemory::moved(const StoredFrame& frame) {
-  StoredFrame result{frame.index, frame.timestamp_s, {}, {}, {}, {}};
-  const auto move = [&](const cv::Mat& from, cv::Mat& to) {
-    to.allocator = allocator_.get();
-    from.copyTo(to);
-    to.allocator = nullptr;  // later assignments allocate as usual
-  };
-  move(frame.depth_m, result.depth_m);
-  move(frame.sigma, result.sigma);
-  move(frame.normals, result.normals);
-  move(frame.texture, result.texture);
+cv::Mat FrameMemory::moved(const cv::Mat& image) {
+  cv::Mat result;
+  result.allocator = allocator_.get();
+  image.copyTo(result);
+  result.allocator = nullptr;  // later assignments allocate as usual
   return result;
+}
+
+StoredFrame FrameMemory::moved(const StoredFrame& frame) {
+  return {frame.index,        frame.timestamp_s,    moved(frame.depth_m),
+          moved(frame.sigma), moved(frame.normals), moved(frame.texture)};
 }
 
 }  // namespace fringeslam

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Images of a map's frames in memory that the kernel can keep on disk (core/map/file_memory.h).
+// Images of a map's frames, and descriptors of its keypoints, in memory that the kernel can keep on disk (core/map/file_memory.h).
 #pragma once
 
 #include <memory>
@@ -16,6 +16,8 @@ class FrameMemory {
   FrameMemory();
   // Returns the frame with its images moved. Images share their pixels as usual when copied.
   StoredFrame moved(const StoredFrame& frame);
+  // Returns a copy of one image in such memory.
+  cv::Mat moved(const cv::Mat& image);
 
   // Lets the kernel keep all frames on disk until they are used again.
   void release() const;

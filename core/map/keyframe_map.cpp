@@ -38,8 +38,15 @@ double KeyframeMap::view_change(const Pose& one_from_other) const {
   return change;
 }
 
+// Most of a keyframe's memory besides its images, and needed only where it is registered without a prediction.
+void KeyframeMap::move_descriptors(Landmarks& landmarks) {
+  cv::Mat1f& descriptors = landmarks.keypoints.descriptors;
+  if (!descriptors.empty()) descriptors = memory_.moved(descriptors);
+}
+
 int KeyframeMap::add_keyframe(const Frame& frame, Landmarks landmarks, const Pose& world_from_camera) {
   const int number = static_cast<int>(keyframes_.size());
+  move_descriptors(landmarks);
   keyframes_.push_back(
       {frame.index, frame.timestamp_s, world_from_camera, std::move(landmarks), memory_.moved(stored(frame))});
   frames_.push_back({number, {}, keyframes_.back().frame});  // shares the images
@@ -174,7 +181,10 @@ void KeyframeMap::restore(std::vector<Keyframe> keyframes, std::vector<MapFrame>
     const bool own = frame.frame.depth_m.data == keyframes[number].frame.depth_m.data;
     frame.frame = own ? moved[number] : memory_.moved(frame.frame);
   }
-  for (size_t i = 0; i < keyframes.size(); ++i) keyframes[i].frame = moved[i];
+  for (size_t i = 0; i < keyframes.size(); ++i) {
+    keyframes[i].frame = moved[i];
+    move_descriptors(keyframes[i].landmarks);
+  }
   keyframes_ = std::move(keyframes);
   frames_ = std::move(frames);
   links_ = std::move(links);

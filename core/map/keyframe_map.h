@@ -109,6 +109,8 @@ class KeyframeMap {
   void restore(std::vector<Keyframe> keyframes, std::vector<MapFrame> frames, std::vector<PoseEdge> links);
 
  private:
+  void move_descriptors(Landmarks& landmarks);
+
   RigModel rig_;
   MappingOptions options_;
   PixelRays rays_;

@@ -45,14 +45,6 @@ Motion inverse(const Motion& motion) {
   return {motion.pose.inverse(), covariance_of_inverse(motion.pose, motion.covariance)};
 }
 
-// Depth errors at edges, of texture under blur and of the surface's sampling depend on the viewing direction. They cancel
-// between views from nearly the same place. Of views 0.05 to 0.8 distances apart, the errors of registration exceed its
-// covariance by about this factor (docs/method.md, section 8.4).
-Matrix6d with_parallax(const Matrix6d& covariance, const Pose& a_from_b, double distance_m) {
-  constexpr double kPerDistance = 4;
-  return (1 + kPerDistance * a_from_b.translation.norm() / distance_m) * covariance;
-}
-
 class Merger {
  public:
   Merger(const KeyframeMap& a, const KeyframeMap& b, const MapperOptions& options, const std::string& b_name)

@@ -357,10 +357,14 @@ void Mapper::add_keyframe(FrameResult& result, TrackedView& here, const FrameMot
   keyframe_motion_.back() = motion;
   here = {here.timestamp_s, result.keyframe, {}};
   if (first) return;
-  map_.link(
-      {result.reference, result.keyframe, result.registration.earlier_from_current, inverse(result.covariance), false});
+  link(result.reference, result.keyframe, result.registration.earlier_from_current, result.covariance, false);
   result.loops = close_loops(result);
   if (result.loops > 0) result.corrected = map_.correct(options_.pose_graph, options_.mapping.significant_m);
+}
+
+void Mapper::link(int from, int to, const Pose& from_from_to, const Matrix6d& covariance, bool loop) {
+  const Matrix6d error = with_parallax(covariance, from_from_to, rig_.middle_range_m());
+  map_.link({from, to, from_from_to, inverse(error), loop});
 }
 
 // Links the new keyframe with earlier ones besides its reference: those that overlap it, and those whose landmarks were
@@ -388,7 +392,7 @@ int Mapper::close_loops(const FrameResult& result) {
                                     point_pairs(earlier.landmarks.keypoints, result.keypoints, recognised[keyframe]),
                                     rig_.camera, rig_.middle_range_m(), options_.registration);
     if (!registration.refined) continue;
-    map_.link({keyframe, result.keyframe, registration.earlier_from_current, inverse(registration.covariance), true});
+    link(keyframe, result.keyframe, registration.earlier_from_current, registration.covariance, true);
     ++links;
   }
   return links;

@@ -165,6 +165,8 @@ class Mapper {
   void extend_map(FrameResult& result, const FrameMotion& motion);
   void add_keyframe(FrameResult& result, TrackedView& here, const FrameMotion& motion);
   int close_loops(const FrameResult& result);
+  // Adds a registration to the map, with the covariance of views from different places.
+  void link(int from, int to, const Pose& from_from_to, const Matrix6d& covariance, bool loop);
   void note_pose(FrameResult& result, const std::optional<Prediction>& predicted);
 
   RigModel rig_;

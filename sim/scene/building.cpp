@@ -17,8 +17,8 @@ namespace fringeslam::sim {
 
 namespace {
 
-constexpr double kStairSlope = 0.625;   // rise over run, 32 degrees
-constexpr double kSlab = 0.2;           // thickness of the upper floors
+constexpr double kStairSlope = 0.625;  // rise over run, 32 degrees
+constexpr double kSlab = 0.2;          // thickness of the upper floors
 constexpr double kDoorHeight = 2;
 constexpr double kParapet = 0.9;        // height of the wall between gallery and flight
 constexpr double kRoomJitter = 0.15;    // of a partition's place, relative to the size of a room
@@ -43,9 +43,9 @@ struct Storey {
 // The building's measures in its frame, whose origin is the end of the lowest corridor.
 struct Layout {
   BuildingPlan plan;
-  double half = 0;           // of the corridor's width
-  double length = 0;         // of the corridor
-  double run = 0;            // of a flight
+  double half = 0;    // of the corridor's width
+  double length = 0;  // of the corridor
+  double run = 0;     // of a flight
   std::vector<Storey> storeys;
 
   double floor_z(int storey) const { return storey * plan.storey; }
@@ -123,8 +123,8 @@ class Builder {
 
   void add_block(const Area& area, double low, double high, const Material& material) {
     const Eigen::Vector3d size(area.x1 - area.x0, area.y1 - area.y0, high - low);
-    add(box_mesh(size), {Eigen::Matrix3d::Identity(), {(area.x0 + area.x1) / 2, (area.y0 + area.y1) / 2, (low + high) / 2}},
-        material);
+    add(box_mesh(size),
+        {Eigen::Matrix3d::Identity(), {(area.x0 + area.x1) / 2, (area.y0 + area.y1) / 2, (low + high) / 2}}, material);
   }
 
   // The stairwells' outer end.
@@ -149,7 +149,8 @@ class Builder {
   }
 
   // A wall along one axis with openings at the centres of doors; its thickness lies about `across`.
-  void add_wall(bool along_x, double from, double to, double across, std::vector<double> doors, double low, double high) {
+  void add_wall(bool along_x, double from, double to, double across, std::vector<double> doors, double low,
+                double high) {
     std::sort(doors.begin(), doors.end());
     const auto part = [&](double a, double b, double bottom) {
       if (b - a < 1e-6 || high - bottom < 1e-6) return;
@@ -231,12 +232,14 @@ class Builder {
 
   void add_scatter(const Scatter& scatter, ScatterShapes& shapes) {
     if (scatter.count < 1 || scatter.items.empty()) return;
-    for (Object& object : scatter_objects(scatter, seed_, kGenerator + 2 + scatters_++, &shapes)) objects_.push_back(std::move(object));
+    for (Object& object : scatter_objects(scatter, seed_, kGenerator + 2 + scatters_++, &shapes))
+      objects_.push_back(std::move(object));
   }
 
   void add_rubble(int s) {
     const auto add_to = [&](const Area& area) {
-      const Area inside = {area.x0 + kRubbleMargin, area.x1 - kRubbleMargin, area.y0 + kRubbleMargin, area.y1 - kRubbleMargin};
+      const Area inside = {area.x0 + kRubbleMargin, area.x1 - kRubbleMargin, area.y0 + kRubbleMargin,
+                           area.y1 - kRubbleMargin};
       if (inside.x1 <= inside.x0 || inside.y1 <= inside.y0) return;
       Scatter scatter = scattered(inside);
       scatter.count = static_cast<int>(std::round(building_.rubble_per_m2 * area.square_m()));
@@ -275,9 +278,11 @@ using Path = std::vector<Eigen::Vector3d>;  // corners on the floor
 // Appends the way around a room, from a point at its entrance to one at its exit: along a rectangle inside its walls,
 // once around and on to the place nearest to the exit.
 void go_around(const Area& room, const Eigen::Vector2d& entrance, const Eigen::Vector2d& exit, double z, Path& path) {
-  const double inset_x = std::min(kToWall, 0.35 * (room.x1 - room.x0)), inset_y = std::min(kToWall, 0.35 * (room.y1 - room.y0));
+  const double inset_x = std::min(kToWall, 0.35 * (room.x1 - room.x0)),
+               inset_y = std::min(kToWall, 0.35 * (room.y1 - room.y0));
   const Area loop = {room.x0 + inset_x, room.x1 - inset_x, room.y0 + inset_y, room.y1 - inset_y};
-  const std::array<Eigen::Vector2d, 4> corners = {Eigen::Vector2d(loop.x0, loop.y0), {loop.x1, loop.y0}, {loop.x1, loop.y1}, {loop.x0, loop.y1}};
+  const std::array<Eigen::Vector2d, 4> corners = {
+      Eigen::Vector2d(loop.x0, loop.y0), {loop.x1, loop.y0}, {loop.x1, loop.y1}, {loop.x0, loop.y1}};
   // Returns the side of the rectangle, from corner i to i + 1, nearest to a point, and the place on it.
   const auto nearest = [&](const Eigen::Vector2d& point) {
     std::pair<size_t, Eigen::Vector2d> best;
@@ -413,7 +418,9 @@ Pose camera_at(const Eigen::Vector3d& floor, const Eigen::Vector3d& along, const
 
 }  // namespace
 
-std::vector<Object> building_objects(const Building& building, uint64_t seed) { return Builder(building, seed).build(); }
+std::vector<Object> building_objects(const Building& building, uint64_t seed) {
+  return Builder(building, seed).build();
+}
 
 std::vector<Pose> tour_waypoints(const BuildingPlan& plan, const Tour& tour, uint64_t seed) {
   constexpr double kRounding = 0.4;  // a corner begins and ends at this distance from its vertex

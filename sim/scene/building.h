@@ -22,8 +22,8 @@ namespace fringeslam::sim {
 struct BuildingPlan {
   int storeys = 2;
   int rooms = 5;          // of a row, two or more
-  double room_x = 3;      // mean size along the corridor; the partitions' places are drawn
-  double room_y = 3.2;    // across it
+  double room_x = 3.2;    // mean size along the corridor; the partitions' places are drawn
+  double room_y = 3.4;    // across it
   double corridor = 1.8;  // width; also that of flights and galleries
   double storey = 2.4;    // height from floor to floor
   double wall = 0.12;
@@ -33,8 +33,8 @@ struct BuildingPlan {
 struct Building {
   BuildingPlan plan;
   Material wall, floor;
-  double rubble_per_m2 = 0;   // attempted; fewer fit
-  double max_height = 0.3;    // of rubble
+  double rubble_per_m2 = 0;  // attempted; fewer fit
+  double max_height = 0.3;   // of rubble
   std::vector<ScatterItem> items;
 };
 

@@ -273,8 +273,10 @@ Building read_building(const YamlMap& map, const Materials& materials, const Sce
   if (pieces > static_cast<double>(limits.objects))
     throw map.error("rubble_per_m2", "the building has about " + to_text(std::round(pieces)) + " pieces; at most " +
                                          std::to_string(limits.objects) + " objects are allowed");
-  if (building.rubble_per_m2 * std::max(plan.room_x * plan.room_y, plan.rooms * plan.room_x * plan.corridor) > limits.scattered)
-    throw map.error("rubble_per_m2", "a room or corridor has more than " + std::to_string(limits.scattered) + " pieces");
+  if (building.rubble_per_m2 * std::max(plan.room_x * plan.room_y, plan.rooms * plan.room_x * plan.corridor) >
+      limits.scattered)
+    throw map.error("rubble_per_m2",
+                    "a room or corridor has more than " + std::to_string(limits.scattered) + " pieces");
   return building;
 }
 

@@ -190,10 +190,10 @@ std::vector<Object> read_all_objects(const SceneLayers& layers, const Materials&
   const auto check_limits = [&](const auto& error) {
     if (objects.size() > limits.objects)
       throw error("up to here the scene has " + std::to_string(objects.size()) + " objects; at most " +
-                        std::to_string(limits.objects) + " are allowed");
+                  std::to_string(limits.objects) + " are allowed");
     if (triangles > limits.triangles)
       throw error("up to here the scene has " + std::to_string(triangles) + " triangles; at most " +
-                        std::to_string(limits.triangles) + " are allowed");
+                  std::to_string(limits.triangles) + " are allowed");
   };
   if (building) {
     add(building_objects(*building, layers.seed));

@@ -135,5 +135,21 @@ TEST_F(SceneFile, ThatAsksForTooMuchIsRefused) {
   refused({.patterns = "{steps: 3, periods_px: [" + periods + "]}"}, 3, "more than 100 periods");
 }
 
+TEST_F(SceneFile, RefusesImpossibleBuildingsAndTours) {
+  refused({.trajectory = "{tour: {}}"}, 7, "a tour needs a building; add the section 'building'");
+  const auto building = [](const std::string& more) {
+    return "building: {walls: {material: a}, floors: {material: a}" + more + "}";
+  };
+  const std::string items = "items: [{shape: box, size_min_m: [0.1, 0.1, 0.1], size_max_m: [0.2, 0.2, 0.2], material: a}]";
+  refused({.more = "building: {floors: {material: a}}"}, 8, "'walls'");
+  refused({.more = building(", rooms: 1")}, 8, "'rooms' is 1");
+  refused({.more = building(", door_m: 2")}, 8, "'door_m' is 2");
+  refused({.more = building(", rubble_per_m2: 5")}, 8, "'items'");
+  refused({.more = building(", rooms: 50, storeys: 20, rubble_per_m2: 20, " + items)}, 8, "pieces; at most 100000");
+  refused({.trajectory = "{tour: {step_m: 0.001}}", .more = building("")}, 7, "increase step_m or reduce laps");
+  refused({.trajectory = "{tour: {laps: 0}}", .more = building("")}, 7, "'laps' is 0");
+  refused({.trajectory = "{tour: {stepp_m: 1}}", .more = building("")}, 7, "stepp_m");
+}
+
 }  // namespace
 }  // namespace fringeslam::sim
