@@ -71,6 +71,7 @@ class Trials {
   Trials(const fs::path& program, const fs::path& folder, const BitOptions& options)
       : program_(program), folder_(fs::canonical(folder)), options_(options) {
     write_small_scene(folder_ / "small", 2);
+    write_moving_scene(folder_ / "moving");
     write_text(folder_ / "study.yaml", kStudy);
     write_text(folder_ / "dataset.yaml", kDataset);
     setenv("FRINGESLAM_CACHE", (folder_ / "cache").c_str(), 1);
@@ -143,9 +144,7 @@ class Trials {
     } else if (task == "run") {
       with_output({"run", scene_.string()}, {"--mesh", "--save-map", "--vdb"});
     } else if (task == "moving") {
-      with_output({"run", scene_.string()},
-                  {"--mesh", "--save-map", "--image-poses", "--set", "render.samples_per_pixel=1", "--with",
-                   "trajectory.continuous.speed_m_s=0.2"});
+      with_output({"run", (folder_ / "moving").string()}, {"--mesh", "--save-map", "--image-poses", "--no-report"});
     } else {
       const bool study = task == "study";
       for (int shard = variant.shards - 1; shard >= 0; --shard) {
@@ -155,8 +154,8 @@ class Trials {
                            std::to_string(shard) + "/" + std::to_string(variant.shards)});
       }
       if (study) {
-        execute({"study", "merge", out.string()});
-        execute({"study", "report", out.string()});
+        for (const char* verb : {"merge", "report"})
+          execute({"study", verb, (folder_ / "study.yaml").string(), "--out", out.string()});
       }
     }
     Content files = content(out);

@@ -30,4 +30,7 @@ std::map<std::string, uint64_t> content(const std::filesystem::path& folder);
 // Writes scene.yaml, two views of a few boxes, and rig.yaml, the thesis rig with 1 / reduction of its width and height.
 void write_small_scene(const std::filesystem::path& folder, int reduction);
 
+// Writes scene.yaml, rubble under a robot in continuous motion, and rig.yaml, the wide rig with half its width and height.
+void write_moving_scene(const std::filesystem::path& folder);
+
 }  // namespace fringeslam::robust
