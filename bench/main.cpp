@@ -10,6 +10,7 @@
 #include "bench/row.h"
 #include "bench/suite.h"
 #include "core/base/malloc_config.h"
+#include "core/base/opencv_config.h"
 #include "core/io/files.h"
 #include "core/io/json_text.h"
 #include "core/types/error.h"
@@ -93,6 +94,7 @@ int run(const std::vector<std::string>& only, const std::string& json_file, cons
 int main(int argc, char** argv) {
   using namespace fringeslam::bench;
   fringeslam::keep_freed_memory();
+  fringeslam::use_portable_opencv();
   CLI::App app{"FringeSLAM benchmarks: accuracy against exact ground truth, speed against peers"};
   std::vector<std::string> only;
   std::string json_file;
@@ -135,7 +137,7 @@ int main(int argc, char** argv) {
           study_items(),     soak_items(),          victim_items(),        moving_hand_items(),
           mission_items(),   real_capture_items(),  image_pose_items(),    scale_items(),
           indirect_items(),  dynamic_range_items(), dataset_items(),       load_items(),
-          hostile_items(),   robust_items()})
+          hostile_items(),   robust_items(),        same_bits_items()})
       items.insert(items.end(), more.begin(), more.end());
 #ifdef FRINGESLAM_PYTHON
     const std::vector<Item> python = python_items();

@@ -71,6 +71,7 @@ std::vector<Item> registration_speed_items();
 std::vector<Item> rendering_items();
 std::vector<Item> hostile_items();
 std::vector<Item> robust_items();
+std::vector<Item> same_bits_items();
 std::vector<Item> soak_items();
 std::vector<Item> speed_items();
 std::vector<Item> study_items();

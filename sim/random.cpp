@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <bit>
 
-#include "core/base/instruction_set.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam::sim {
 
@@ -82,7 +82,7 @@ NormalField::NormalField(uint64_t seed, Stream stream, uint32_t a, uint32_t b)
       counter_{static_cast<uint32_t>(stream), a, b} {}
 
 void NormalField::row(uint32_t row, std::span<float> values) const {
-  static const auto kernel = Variants<normals>::of(widest_instruction_set());
+  static const auto kernel = Variants<normals>::of(selected_instruction_set());
   // Rows of up to 2^16 blocks do not share numbers.
   uint32_t block = row << 16;
   alignas(64) float numbers[kNumbers];

@@ -9,7 +9,9 @@
 #include <vector>
 
 #include "core/base/malloc_config.h"
+#include "core/base/opencv_config.h"
 #include "core/types/options.h"
+#include "core/types/selected_instruction_set.h"
 #include "tools/process.h"
 #include "tools/verbs.h"
 
@@ -34,6 +36,7 @@ void refuse_unknown_verb(Command root, int argc, char** argv) {
 int run_program(int argc, char** argv) {
   prepare_process();
   keep_freed_memory();
+  use_portable_opencv();
   CommandLine line("fringeslam",
                    "FringeSLAM: 3D visual SLAM with a structured-light sensor, scored against exact ground truth",
                    "fringeslam " FRINGESLAM_VERSION);
@@ -67,6 +70,7 @@ int run_program(int argc, char** argv) {
       finish_standard_output();
       return *exit_code;
     }
+    (void)selected_instruction_set();  // reports a wrong choice before anything is written
     cv::setNumThreads(threads > 0 ? threads : -1);
     for (const auto& [subcommand, verb] : verbs) {
       if (!subcommand.parsed()) continue;

@@ -70,7 +70,7 @@ DepthBias depth_bias(const RigModel& truth, const RigModel& estimate) {
         column[col] = truth.projector.contains(pixel) ? static_cast<float>(pixel.x()) : NAN;
       }
       triangulation.row(row, column.data(), sigma.data(), 1, depth.data(), depth_sigma.data(),
-                        widest_instruction_set());
+                        selected_instruction_set());
       for (int col = 0; col < width; col += kStep) {
         if (std::isnan(depth[col])) continue;
         const cv::Vec2f ray = true_rays(row, col), seen = triangulation.rays()(row, col);

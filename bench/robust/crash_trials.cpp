@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "bench/robust/crash_trials.h"
 
-#include <sys/wait.h>
-
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -11,11 +9,10 @@
 #include <cstdlib>
 #include <map>
 
-#include "core/base/fnv.h"
+#include "bench/robust/child_runs.h"
 #include "core/io/files.h"
 #include "core/io/input_file.h"
 #include "core/rig/dataset.h"
-#include "core/rig/rig_file.h"
 #include "core/types/error.h"
 
 namespace fringeslam::robust {
@@ -26,47 +23,9 @@ const std::vector<std::string> kCrashTasks = {"patterns", "render", "import", "r
 
 namespace {
 
-constexpr const char* kScene = R"(name: small
-seed: 3
-rig:
-  file: rig.yaml
-patterns:
-  axis: columns
-  steps: 3
-  periods_px: [1040, 131, 16.5]
-  bits: 8
-light:
-  ambient_lux: 290
-materials:
-  table: {grain: wood, albedo: 0.4, contrast: 0.35, grain_m: 0.012}
-  cardboard: {grain: cardboard, albedo: 0.55, contrast: 0.35, grain_m: 0.01}
-objects:
-  - {shape: plane, size_m: [0.8, 0.8], material: table}
-  - shape: scatter
-    count: 12
-    area_m: [0.24, 0.24]
-    max_height_m: 0.12
-    items:
-      - {shape: box, size_min_m: [0.04, 0.03, 0.02], size_max_m: [0.09, 0.08, 0.08], material: cardboard}
-trajectory:
-  interval_s: 0.5
-  motions:
-    - {translation_mm: [10, 5, -5], rotation_deg: [3, 1, -2]}
-)";
 constexpr const char* kStudy =
     "name: crash\nscene: scene/scene.yaml\ntrials: 3\nparameters:\n  light.ambient_lux: {log_uniform: [10, 1000]}\n";
 constexpr const char* kUsersFile = "notes of mine.txt";
-
-std::string shell_word(const std::string& word) {
-  std::string text = "'";
-  for (const char c : word) text += c == '\'' ? "'\\''" : std::string(1, c);
-  return text + "'";
-}
-
-struct Ended {
-  int exit_code = 0;  // 128 + signal if a signal ended it
-  std::string out, err;
-};
 
 struct Task {
   std::string name;
@@ -95,15 +54,7 @@ class Trials {
   Trials(const CrashPrograms& programs, const fs::path& folder, const CrashOptions& options)
       : programs_(programs), folder_(fs::canonical(folder)), options_(options), random_(options.seed) {
     // Small images: the calls are the same, and reached sooner.
-    RigModel rig = read_rig(fs::path(FRINGESLAM_SCENES) / "rigs/thesis.yaml");
-    constexpr int kFactor = 6;
-    Pinhole& camera = rig.camera;
-    camera.width /= kFactor, camera.height /= kFactor;
-    camera.fx /= kFactor, camera.fy /= kFactor;
-    camera.cx = (camera.cx + 0.5) / kFactor - 0.5, camera.cy = (camera.cy + 0.5) / kFactor - 0.5;
-    fs::create_directories(folder_ / "scene");
-    write_text(folder_ / "scene/rig.yaml", to_yaml(rig));
-    write_text(folder_ / "scene/scene.yaml", kScene);
+    write_small_scene(folder_ / "scene", 6);
     write_text(folder_ / "study.yaml", kStudy);
     fs::create_directory(folder_ / "trial");
     setenv("FRINGESLAM_CACHE", (folder_ / "cache").c_str(), 1);
@@ -165,43 +116,26 @@ class Trials {
   fs::path out() const { return trial() / "out"; }
 
   std::string line_of(std::vector<std::string> words) const {
-    std::string line;
     for (std::string& word : words) {
       if (const size_t at = word.find("OUT"); at != std::string::npos) word.replace(at, 3, out().string());
-      line += shell_word(word) + " ";
     }
-    return line;
+    return shell_line(words);
   }
 
-  Ended execute(const std::string& line) const {
-    const fs::path printed = folder_ / "printed.out", told = folder_ / "printed.err";
-    const std::string command = "cd " + shell_word(folder_.string()) + " && " + line + " > " +
-                                shell_word(printed.string()) + " 2> " + shell_word(told.string()) + " < /dev/null";
-    const int status = std::system(command.c_str());
-    return {WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status), read_bytes(printed), read_bytes(told)};
-  }
-
-  Ended execute_well(const std::vector<std::string>& words) const {
-    Ended ended = execute(line_of(words));
-    if (ended.exit_code != 0) throw Error("robust: fails without a fault: " + line_of(words) + ": " + ended.err);
-    return ended;
-  }
+  Ended execute(const std::string& line) const { return robust::execute(folder_, line); }
+  void execute_well(const std::vector<std::string>& words) const { robust::execute_well(folder_, line_of(words)); }
 
   // Hash of each file of a folder but the user's, by name.
   static std::map<std::string, uint64_t> content(const fs::path& folder) {
-    std::map<std::string, uint64_t> files;
-    if (!fs::exists(folder)) return files;
-    for (const auto& entry : fs::recursive_directory_iterator(folder)) {
-      const std::string name = entry.path().lexically_relative(folder).string();
-      if (entry.is_regular_file() && name != kUsersFile) files[name] = fnv1a(read_bytes(entry.path()));
-    }
+    auto files = robust::content(folder);
+    files.erase(kUsersFile);
     return files;
   }
 
   void prepare_inputs() {
     if (fs::exists(folder_ / "data")) return;
-    (void)execute_well({programs_.fringeslam.string(), "render", (folder_ / "scene").string(), "--out",
-                        (folder_ / "data").string(), "--quiet", "--set", "render.samples_per_pixel=1"});
+    execute_well({programs_.fringeslam.string(), "render", (folder_ / "scene").string(), "--out",
+                  (folder_ / "data").string(), "--quiet", "--set", "render.samples_per_pixel=1"});
     // The images of a view, as those of another rig.
     std::string description =
         "name: other\nnear_m: 0.7\nfar_m: 1.4\nstacks: view*\nprojector: {width_px: 1024, height_px: 768}\npatterns:\n";
@@ -225,13 +159,13 @@ class Trials {
     state.before = folder_ / ("before_" + task.name);
     start_from("");
     if (!task.before.empty()) {
-      (void)execute_well(task.before);
+      execute_well(task.before);
       write_text(out() / kUsersFile, "precious");
       fs::rename(out(), state.before);
     }
     state.old_content = content(state.before);
     start_from(state.before);
-    (void)execute_well(task.command);
+    execute_well(task.command);
     state.new_content = content(out());
     for (size_t i = 0; i < kFaults.size() && report_.possible; ++i) {
       start_from(state.before);
@@ -243,8 +177,8 @@ class Trials {
   }
 
   std::string injected(const char* fault, int at, const Task& task) const {
-    return shell_word(programs_.inject_fault.string()) + " " + shell_word(trial().string()) + " " + fault + " " +
-           std::to_string(at) + " " + line_of(task.command);
+    return shell_line({programs_.inject_fault.string(), trial().string(), fault, std::to_string(at)}) + " " +
+           line_of(task.command);
   }
 
   // Returns the number of calls that were counted, or -1.

@@ -32,6 +32,7 @@
 #include "core/types/fringe_stack.h"
 #include "core/types/options.h"
 #include "core/types/rig_model.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
@@ -110,7 +111,7 @@ CoordinatePrior coordinate_bounds(const RigModel& rig, const PixelRays& rays, Ax
 struct DecodeContext {
   Axis axis = Axis::columns;
   const CoordinatePrior* expected = nullptr;  // required by `predicted`; replaces the bounds of `geometric`
-  InstructionSet instruction_set = widest_instruction_set();
+  InstructionSet instruction_set = selected_instruction_set();
   // Images aligned with the stack's reference time, if the camera moved; replaces the images of the stack.
   const AlignedStack* aligned = nullptr;
 };

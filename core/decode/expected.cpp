@@ -5,10 +5,10 @@
 #include <limits>
 
 #include "core/base/constants.h"
-#include "core/base/instruction_set.h"
 #include "core/base/parallel.h"
 #include "core/decode/coordinate_of_depth.h"
 #include "core/decode/decode.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
@@ -87,7 +87,7 @@ FRINGESLAM_INLINE void coordinate_body(CoordinateKernel p, const cv::Vec2f* rays
 }  // namespace
 
 DepthCoordinate coordinate_of_depth(const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m, Axis axis) {
-  static const auto coordinates = Variants<coordinate_body>::of(widest_instruction_set());
+  static const auto coordinates = Variants<coordinate_body>::of(selected_instruction_set());
   DepthCoordinate result{cv::Mat1f(rays.size()), cv::Mat1f(rays.size())};
   const CoordinateKernel kernel(rig, axis);
   for_each_row(rays.rows, [&](int row) {

@@ -8,11 +8,12 @@
 
 #include "core/base/constants.h"
 #include "core/base/cubic_spline.h"
-#include "core/base/instruction_set.h"
 #include "core/base/parallel.h"
+#include "core/base/symmetric_filter.h"
 #include "core/types/error.h"
 #include "core/types/irradiance.h"
 #include "core/types/projection.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
@@ -104,9 +105,9 @@ void sample_row(const cv::Mat1f& coefficients, const float* u, const float* v, f
 AlignedStack align_stack(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m,
                          const CameraMotion& motion, Axis axis) {
   check_stack(stack);
-  static const auto project = Variants<project_body>::of(widest_instruction_set());
-  static const auto brightness = Variants<brightness_body>::of(widest_instruction_set());
-  static const auto rescale = Variants<rescale_body>::of(widest_instruction_set());
+  static const auto project = Variants<project_body>::of(selected_instruction_set());
+  static const auto brightness = Variants<brightness_body>::of(selected_instruction_set());
+  static const auto rescale = Variants<rescale_body>::of(selected_instruction_set());
   const cv::Size size = rays.size();
   if (depth_m.size() != size || stack.images.front().size() != size)
     throw Error("motion: the images, the depth and the camera differ in size");
@@ -124,11 +125,11 @@ AlignedStack align_stack(const FringeStack& stack, const RigModel& rig, const Pi
         {static_cast<float>(rotation.x()), static_cast<float>(rotation.y()), static_cast<float>(rotation.z())});
   }
   const auto filter = spline_prefilter();
-  const cv::Mat1f kernel(1, static_cast<int>(filter.size()), const_cast<float*>(filter.data()));
+  const std::vector<float> half(filter.begin() + filter.size() / 2, filter.end());
   std::vector<cv::Mat1f> coefficients(images);
   for_each_row(static_cast<int>(images), [&](int image) {
     const auto k = static_cast<size_t>(image);
-    if (moved[k]) cv::sepFilter2D(stack.images[k], coefficients[k], CV_32F, kernel, kernel);
+    if (moved[k]) coefficients[k] = filtered(stack.images[k], half, FilterBorder::mirrored, selected_instruction_set());
   });
   // Normals at the scale of a few fringes: the depths' noise averages out.
   constexpr int kSmooth_px = 11;

@@ -3,7 +3,7 @@
 
 #include <algorithm>
 
-#include "core/base/instruction_set.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
@@ -28,7 +28,7 @@ FRINGESLAM_INLINE void add_products_body(const double* rows, int count, double* 
 }  // namespace
 
 void RowProducts::flush() {
-  static const auto add_products = Variants<add_products_body>::of(widest_instruction_set());
+  static const auto add_products = Variants<add_products_body>::of(selected_instruction_set());
   add_products(rows_.data(), (filled_ + kTogether - 1) / kTogether * kTogether, sums_.data());
   std::fill(rows_.begin(), rows_.end(), 0.0);
   filled_ = 0;

@@ -6,9 +6,9 @@
 #include <cstring>
 
 #include "core/base/constants.h"
-#include "core/base/instruction_set.h"
 #include "core/base/turns.h"
 #include "core/decode/cubic_convolution.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
@@ -278,7 +278,7 @@ FRINGESLAM_INLINE void add_slopes_body(const Values& rig, const PointSamples& sa
 // Multiplies `product` by powers of `factor`.
 void raise(const PointArray& factor, double exponent, int count, double* product) {
   constexpr int kMostProducts = 8;
-  static const auto multiply = Variants<multiply_body>::of(widest_instruction_set());
+  static const auto multiply = Variants<multiply_body>::of(selected_instruction_set());
   if (exponent >= 0 && exponent <= kMostProducts && exponent == std::floor(exponent)) {
     for (int i = 0; i < static_cast<int>(exponent); ++i) multiply(factor.data(), count, product);
   } else {
@@ -330,8 +330,8 @@ PointFollower::PointFollower(const RigModel& rig, int axis)
 }
 
 void PointFollower::light(SurfacePoints& p, bool with_brightness) const {
-  static const auto coordinate = Variants<coordinate_body>::of(widest_instruction_set());
-  static const auto brightness = Variants<brightness_body>::of(widest_instruction_set());
+  static const auto coordinate = Variants<coordinate_body>::of(selected_instruction_set());
+  static const auto brightness = Variants<brightness_body>::of(selected_instruction_set());
   coordinate(rig_, p.x.data(), p.y.data(), p.z.data(), p.count, p.lit_px.data(), p.lit_by_x.data(), p.lit_by_y.data(),
              p.lit_by_z.data());
   p.brightness.fill(1);
@@ -345,10 +345,10 @@ void PointFollower::light(SurfacePoints& p, bool with_brightness) const {
 
 void PointFollower::sample(const Exposure& exposure, double period_px, const SurfacePoints& points,
                            bool with_brightness, PointSamples& out) const {
-  static const auto locate = Variants<locate_body>::of(widest_instruction_set());
-  static const auto coordinate = Variants<coordinate_body>::of(widest_instruction_set());
-  static const auto brightness = Variants<brightness_body>::of(widest_instruction_set());
-  static const auto shade = Variants<shade_body>::of(widest_instruction_set());
+  static const auto locate = Variants<locate_body>::of(selected_instruction_set());
+  static const auto coordinate = Variants<coordinate_body>::of(selected_instruction_set());
+  static const auto brightness = Variants<brightness_body>::of(selected_instruction_set());
+  static const auto shade = Variants<shade_body>::of(selected_instruction_set());
   const int count = points.count;
   const Rigid pose(exposure.exposure_from_reference);
   locate(rig_.camera, pose, points, out);
@@ -368,8 +368,8 @@ void PointFollower::sample(const Exposure& exposure, double period_px, const Sur
 
 void PointFollower::sample_at_rest(const Exposure& exposure, const SurfacePoints& points, int row, const int* cols,
                                    PointSamples& out) const {
-  static const auto pixels = Variants<pixel_body>::of(widest_instruction_set());
-  static const auto shade = Variants<shade_body>::of(widest_instruction_set());
+  static const auto pixels = Variants<pixel_body>::of(selected_instruction_set());
+  static const auto shade = Variants<shade_body>::of(selected_instruction_set());
   out.x = points.x;
   out.y = points.y;
   out.z = points.z;
@@ -393,9 +393,9 @@ void PointFollower::sample_at_rest(const Exposure& exposure, const SurfacePoints
 void PointFollower::fit(int count, const std::vector<PointSamples>& samples,
                         const std::vector<const Exposure*>& exposures, double period_px, double averaged,
                         PeriodFits& out) const {
-  static const auto add_moments = Variants<add_moments_body>::of(widest_instruction_set());
-  static const auto solve = Variants<solve_body>::of(widest_instruction_set());
-  static const auto add_slopes = Variants<add_slopes_body>::of(widest_instruction_set());
+  static const auto add_moments = Variants<add_moments_body>::of(selected_instruction_set());
+  static const auto solve = Variants<solve_body>::of(selected_instruction_set());
+  static const auto add_slopes = Variants<add_slopes_body>::of(selected_instruction_set());
   Moments moments{};
   for (size_t k = 0; k < exposures.size(); ++k) add_moments(samples[k], count, moments);
   Solution solution;

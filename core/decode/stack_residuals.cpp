@@ -9,10 +9,12 @@
 
 #include "core/base/constants.h"
 #include "core/base/parallel.h"
+#include "core/base/symmetric_filter.h"
 #include "core/decode/normal_equations.h"
 #include "core/decode/stack_points.h"
 #include "core/decode/steps.h"
 #include "core/patterns/waveform.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
@@ -37,16 +39,14 @@ struct Period {
 // Gaussian blur, at a lower resolution if it is wide.
 cv::Mat1f blurred_image(const cv::Mat1f& image, double sigma_px) {
   constexpr double kFinest_px = 3;
-  cv::Mat1f blurred;
+  const auto blurred_by = [](const cv::Mat1f& sharp, double sigma) {
+    return filtered(sharp, gaussian_half(sigma), FilterBorder::mirrored, selected_instruction_set());
+  };
   const double scale = std::max(1.0, sigma_px / kFinest_px);
-  if (scale < 2) {
-    cv::GaussianBlur(image, blurred, {}, sigma_px);
-    return blurred;
-  }
-  cv::Mat1f small;
+  if (scale < 2) return blurred_by(image, sigma_px);
+  cv::Mat1f small, blurred;
   cv::resize(image, small, {}, 1 / scale, 1 / scale, cv::INTER_AREA);
-  cv::GaussianBlur(small, small, {}, kFinest_px);
-  cv::resize(small, blurred, image.size(), 0, 0, cv::INTER_CUBIC);
+  cv::resize(blurred_by(small, kFinest_px), blurred, image.size(), 0, 0, cv::INTER_CUBIC);
   return blurred;
 }
 

@@ -7,8 +7,10 @@
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
 
+#include "core/base/symmetric_filter.h"
 #include "core/decode/steps.h"
 #include "core/types/linear_algebra.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
@@ -37,8 +39,8 @@ cv::Mat1b texture_of(const FringeStack& stack, const std::vector<int>& images) {
   cv::Mat1f mean(stack.images[0].size(), 0.f);
   for (const int k : images) cv::accumulate(stack.images[static_cast<size_t>(k)], mean);
   mean /= static_cast<double>(images.size());
-  cv::Mat1f smooth, slow, squares;
-  cv::GaussianBlur(mean, smooth, {}, 1);
+  cv::Mat1f slow, squares;
+  const cv::Mat1f smooth = filtered(mean, gaussian_half(1), FilterBorder::mirrored, selected_instruction_set());
   cv::blur(smooth, slow, {kWindow_px, kWindow_px});
   cv::blur(smooth.mul(smooth), squares, {kWindow_px, kWindow_px});
   cv::Mat deviation = cv::max(squares - slow.mul(slow), 1.f);

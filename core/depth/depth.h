@@ -8,6 +8,7 @@
 #include "core/types/frame.h"
 #include "core/types/options.h"
 #include "core/types/rig_model.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
@@ -37,7 +38,7 @@ struct DepthOptions {
 // Computes only texture, points and sigmas; reuses the images of `frame` if they have the right size. Throws Error if
 // sizes differ.
 void triangulate(Frame& frame, const DecodedStack& decoded, const Triangulation& triangulation,
-                 const DepthOptions& options, InstructionSet set = widest_instruction_set());
+                 const DepthOptions& options, InstructionSet set = selected_instruction_set());
 
 // Computes the complete frame. Throws Error if sizes differ or options are out of range.
 Frame reconstruct(const DecodedStack& decoded, const RigModel& rig, const Triangulation& triangulation,

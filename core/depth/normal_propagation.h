@@ -4,6 +4,7 @@
 #pragma once
 
 #include "core/depth/plane_fit.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
@@ -12,6 +13,6 @@ namespace fringeslam {
 // four neighbours must lie on that plane as well, which excludes pixels that contain an edge. Normals found are stored
 // in `normals` and their `wanted` flags are cleared.
 void propagate_normals(const FitImage& image, const NormalImages& fitted, int row, int radius, int32_t* wanted,
-                       NormalImages& normals, InstructionSet set = widest_instruction_set());
+                       NormalImages& normals, InstructionSet set = selected_instruction_set());
 
 }  // namespace fringeslam

@@ -12,8 +12,8 @@
 #include <opencv2/core.hpp>
 #include <utility>
 
-#include "core/base/instruction_set.h"
 #include "core/types/frame.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
@@ -89,6 +89,6 @@ struct PlaneFit {
 // where fewer than half of the window belongs to the surface, where the window is not a plane within the noise, and for
 // pixels that are not wanted.
 void fit_planes(const FitImage& image, int row, const PlaneFit& fit, const int32_t* wanted, NormalImages& normals,
-                InstructionSet set = widest_instruction_set());
+                InstructionSet set = selected_instruction_set());
 
 }  // namespace fringeslam

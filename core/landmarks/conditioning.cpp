@@ -11,9 +11,9 @@
 #include <utility>
 #include <vector>
 
-#include "core/base/instruction_set.h"
 #include "core/base/parallel.h"
 #include "core/landmarks/morphology.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
@@ -100,7 +100,7 @@ FRINGESLAM_INLINE void stands_out_body(const cv::Vec3f* points, int count, const
 }
 
 cv::Mat1b foreground_of(const Frame& frame, const ConditioningOptions& options) {
-  static const auto stands_out = Variants<stands_out_body>::of(widest_instruction_set());
+  static const auto stands_out = Variants<stands_out_body>::of(selected_instruction_set());
   constexpr float kEverywhere = std::numeric_limits<float>::infinity();
   const Plane infinitely_far{Eigen::Vector3f::Zero(), -kEverywhere};
   const Plane plane = options.background == Background::plane

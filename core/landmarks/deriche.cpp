@@ -7,8 +7,8 @@
 #include <utility>
 #include <vector>
 
-#include "core/base/instruction_set.h"
 #include "core/landmarks/edges.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
@@ -135,8 +135,8 @@ int memory_px(double alpha) { return static_cast<int>(std::ceil(16 / alpha)); }
 // The filters of the two axes commute: columns are filtered by both first, then each result's rows by the other
 // filter.
 Gradient deriche_gradient(const cv::Mat1f& levels, double alpha, cv::Range rows) {
-  static const auto filter_columns = Variants<columns_body>::of(widest_instruction_set());
-  static const auto filter_rows = Variants<rows_body>::of(widest_instruction_set());
+  static const auto filter_columns = Variants<columns_body>::of(selected_instruction_set());
+  static const auto filter_rows = Variants<rows_body>::of(selected_instruction_set());
   if (rows == cv::Range::all()) rows = {0, levels.rows};
   if (levels.empty() || rows.empty()) return {};
   if (levels.cols < kColumns) {

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <numeric>
 
-#include "core/base/instruction_set.h"
 #include "core/types/error.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
@@ -51,7 +51,7 @@ cv::Mat1b quantised(const cv::Mat1f& descriptors) {
 }
 
 int squared_distance(const uchar* a, const uchar* b) {
-  static const auto distance = Variants<distance_body>::of(widest_instruction_set());
+  static const auto distance = Variants<distance_body>::of(selected_instruction_set());
   return distance(a, b);
 }
 

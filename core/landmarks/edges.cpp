@@ -6,9 +6,10 @@
 #include <numbers>
 #include <opencv2/imgproc.hpp>
 
-#include "core/base/instruction_set.h"
 #include "core/base/parallel.h"
+#include "core/base/symmetric_filter.h"
 #include "core/landmarks/morphology.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
@@ -85,7 +86,7 @@ FRINGESLAM_INLINE void classify_body(const LengthRows& length, const float* x, c
 
 // Classifies all rows of a gradient except the first and the last, into the rows of `kinds`.
 void classify_rows(const Gradient& gradient, double low, double high, cv::Mat1b kinds) {
-  static const auto classify = Variants<classify_body>::of(widest_instruction_set());
+  static const auto classify = Variants<classify_body>::of(selected_instruction_set());
   cv::Mat1f length(gradient.x.size());
   for (int r = 0; r < length.rows; ++r) {
     const float *x = gradient.x[r], *y = gradient.y[r];
@@ -120,8 +121,8 @@ BitImage ridges(const Gradient& gradient, double low, double high) {
 }
 
 BitImage log_edges(const cv::Mat1f& levels, double sigma, double threshold) {
-  cv::Mat1f smooth, response;
-  cv::GaussianBlur(levels, smooth, {}, sigma, sigma, cv::BORDER_REPLICATE);
+  cv::Mat1f response;
+  const cv::Mat1f smooth = filtered(levels, gaussian_half(sigma), FilterBorder::replicated, selected_instruction_set());
   cv::Laplacian(smooth, response, CV_32F, 1, 1, 0, cv::BORDER_REPLICATE);
   // Difference of the second derivative half a pixel to either side of an ideal unit step: the response difference of
   // the two pixels adjacent to it.

@@ -6,8 +6,8 @@
 #include <cstddef>
 #include <cstring>
 
-#include "core/base/instruction_set.h"
 #include "core/base/parallel.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
@@ -157,7 +157,7 @@ FRINGESLAM_INLINE int quads_body(const uint64_t* words, std::ptrdiff_t stride, s
 }  // namespace
 
 int euler_number(const BitImage& image) {
-  static const auto quads = Variants<quads_body>::of(widest_instruction_set());
+  static const auto quads = Variants<quads_body>::of(selected_instruction_set());
   // Includes the row below the image and the zero words between rows, which hold the quads right of the last column.
   return quads(image.row(0), image.stride(), std::ptrdiff_t{image.stride()} * (image.height() + 1)) / 4;
 }
@@ -229,7 +229,7 @@ class ActiveRows {
 
 template <int turn>
 void thin_once(BitImage& image, BitImage& hit, ActiveRows& active) {
-  static const auto find_hits = Variants<hits_body<turn>>::of(widest_instruction_set());
+  static const auto find_hits = Variants<hits_body<turn>>::of(selected_instruction_set());
   const int stride = image.stride();
   const std::vector<cv::Range> runs = active.runs();
   for (const cv::Range& rows : runs)

@@ -8,10 +8,10 @@
 #include <iterator>
 #include <optional>
 
-#include "core/base/instruction_set.h"
 #include "core/base/parallel.h"
 #include "core/landmarks/scale_space.h"
 #include "core/landmarks/sift_descriptor.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
@@ -104,7 +104,7 @@ std::optional<Extremum> located(const Octave& octave, Extremum at, const SiftOpt
 // Finds the extrema in rows [first, end) of an octave.
 void find_extrema(const Octave& octave, int number, int first, int end, const SiftOptions& options,
                   std::vector<Extremum>& found) {
-  static const auto extrema = Variants<extrema_body>::of(widest_instruction_set());
+  static const auto extrema = Variants<extrema_body>::of(selected_instruction_set());
   const int cols = octave[0].cols;
   const auto threshold = static_cast<float>(0.5 * options.contrast_threshold / kScalesPerOctave) * kFullScale;
   std::array<cv::Mat1f, kDifferences> differences;  // rows first - 1 to end

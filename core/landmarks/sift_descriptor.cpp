@@ -6,8 +6,8 @@
 #include <cmath>
 #include <numbers>
 
-#include "core/base/instruction_set.h"
 #include "core/base/lanes.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
@@ -161,7 +161,7 @@ void make_unit(float* descriptor) {
 }  // namespace
 
 std::vector<float> dominant_orientations(const cv::Mat1f& level, const LevelPosition& place) {
-  static const auto row_of = Variants<row_body>::of(widest_instruction_set());
+  static const auto row_of = Variants<row_body>::of(selected_instruction_set());
   constexpr float kWindowSigmas = 1.5f, kReach = 3, kAlsoMost = 0.8f;
   const float window = kWindowSigmas * place.sigma;
   const int radius = std::min(kMaxRadius, static_cast<int>(std::lround(kReach * window)));
@@ -196,7 +196,7 @@ std::vector<float> dominant_orientations(const cv::Mat1f& level, const LevelPosi
 }
 
 void compute_descriptor(const cv::Mat1f& level, const LevelPosition& place, float direction, float* descriptor) {
-  static const auto describe = Variants<describe_body>::of(widest_instruction_set());
+  static const auto describe = Variants<describe_body>::of(selected_instruction_set());
   static const Grid the_grid = grid();
   constexpr float kLargest = 0.2f;
   // The upper limit guarantees a pixel to the right and below.

@@ -10,11 +10,11 @@
 #include <opencv2/imgproc.hpp>
 
 #include "core/base/constants.h"
-#include "core/base/instruction_set.h"
 #include "core/base/parallel.h"
 #include "core/types/error.h"
 #include "core/types/linear_algebra.h"
 #include "core/types/projection.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
@@ -209,7 +209,7 @@ class Rendering {
 
  private:
   void project(SourceRow& source) {
-    static const auto splat = Variants<splat_body>::of(widest_instruction_set());
+    static const auto splat = Variants<splat_body>::of(selected_instruction_set());
     const KnownView& view = known_[static_cast<size_t>(source.view)];
     const Frame& frame = *view.frame;
     const Projection projection(view.current_from_known, camera_);
@@ -228,7 +228,7 @@ class Rendering {
 
   static void splat_without_normals(const Frame& frame, const SourceRow& source, const Projection& projection,
                                     const Splats& out) {
-    static const auto splat = Variants<splat_body>::of(widest_instruction_set());
+    static const auto splat = Variants<splat_body>::of(selected_instruction_set());
     std::vector<int> cols;
     std::vector<cv::Vec3f> points, normals;
     std::vector<float> sigmas;
@@ -339,7 +339,7 @@ class Rendering {
         winning_view[at] = c.view;
       });
     }
-    static const auto finish = Variants<finish_body>::of(widest_instruction_set());
+    static const auto finish = Variants<finish_body>::of(selected_instruction_set());
     for (int band_row = 0; band_row < rows; ++band_row) {
       const int row = first_row + band_row;
       for (int col = 0; col < cols; ++col) {
@@ -362,7 +362,7 @@ class Rendering {
 
   // Compares each pixel with the nearest visible ones to its left and right, above and below.
   void inflate_sigma_at_steps(ExpectedView& view) const {
-    static const auto compare = Variants<steps_body>::of(widest_instruction_set());
+    static const auto compare = Variants<steps_body>::of(selected_instruction_set());
     cv::Mat1f steps(view.depth_m.size(), 0.0f);
     const int rows = steps.rows, cols = steps.cols;
     for_each_row(rows, [&](int row) {

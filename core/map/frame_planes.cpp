@@ -10,6 +10,7 @@
 
 #include "core/base/constants.h"
 #include "core/base/parallel.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
@@ -238,8 +239,8 @@ FramePlanes::FramePlanes(const Pinhole& camera, const VoxelScale& scale, const P
 }
 
 void FramePlanes::take(const Frame& frame, const Pose& world_from_camera) {
-  static const auto prepare = Variants<prepare_body>::of(widest_instruction_set());
-  static const auto unite = Variants<unite_body>::of(widest_instruction_set());
+  static const auto prepare = Variants<prepare_body>::of(selected_instruction_set());
+  static const auto unite = Variants<unite_body>::of(selected_instruction_set());
   camera_from_world_ = world_from_camera.inverse();
   const double octants_per_m = 2 / (kBrickEdge * scale_.voxel_m);
   const double min_slope_cos = std::cos(limits_.max_slope_deg * std::numbers::pi / 180);

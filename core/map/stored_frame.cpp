@@ -5,8 +5,8 @@
 #include <limits>
 
 #include "core/base/constants.h"
-#include "core/base/instruction_set.h"
 #include "core/base/parallel.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
@@ -60,7 +60,7 @@ StoredFrame stored(const Frame& frame) {
   StoredFrame result{frame.index, frame.timestamp_s, {}, {}, cv::Mat2s(frame.normals.size()), frame.texture.clone()};
   cv::extractChannel(frame.points_m, result.depth_m, 2);
   cv::convertFp16(cv::Mat1f(kMmPerM * frame.sigma_m), result.sigma);
-  static const auto fold = Variants<fold_body>::of(widest_instruction_set());
+  static const auto fold = Variants<fold_body>::of(selected_instruction_set());
   for_each_row(frame.height(),
                [&](int row) { fold(frame.normals[row]->val, frame.width(), result.normals[row]->val); });
   return result;
@@ -76,8 +76,8 @@ Frame restored(const StoredFrame& stored, const PixelRays& rays) {
   cv::Mat sigma_mm;
   cv::convertFp16(stored.sigma, sigma_mm);
   frame.sigma_m = cv::Mat1f(sigma_mm / kMmPerM);
-  static const auto place = Variants<place_body>::of(widest_instruction_set());
-  static const auto unfold = Variants<unfold_body>::of(widest_instruction_set());
+  static const auto place = Variants<place_body>::of(selected_instruction_set());
+  static const auto unfold = Variants<unfold_body>::of(selected_instruction_set());
   for_each_row(stored.depth_m.rows, [&](int row) {
     place(stored.depth_m[row], rays[row]->val, stored.depth_m.cols, frame.points_m[row]->val);
     unfold(stored.normals[row]->val, stored.depth_m.cols, frame.normals[row]->val);

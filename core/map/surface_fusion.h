@@ -21,12 +21,13 @@
 #pragma once
 
 #include "core/map/frame_planes.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
 // Adds up to kFramesTogether frames to the voxels of a brick; bits 8 n to 8 n + 7 of `brick.octants` belong to
 // frames[n]. Returns whether any voxel was in the band of any frame.
 bool fuse(const std::vector<FramePlanes>& frames, const TouchedBrick& brick, int64_t* voxels,
-          InstructionSet set = widest_instruction_set());
+          InstructionSet set = selected_instruction_set());
 
 }  // namespace fringeslam

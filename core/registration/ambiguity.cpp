@@ -11,9 +11,11 @@
 
 #include "core/base/constants.h"
 #include "core/base/parallel.h"
+#include "core/base/symmetric_filter.h"
 #include "core/registration/plane_pairs.h"
 #include "core/types/linear_algebra.h"
 #include "core/types/projection.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
@@ -40,7 +42,7 @@ cv::Mat1f relative_texture(const Frame& frame) {
   const cv::Size window(kSurroundings_px, kSurroundings_px);
   cv::blur(masked, mean, window, {-1, -1}, cv::BORDER_REFLECT);
   cv::blur(mask, share, window, {-1, -1}, cv::BORDER_REFLECT);
-  cv::GaussianBlur(grey, grey, {}, kSharpness_px);
+  grey = filtered(grey, gaussian_half(kSharpness_px), FilterBorder::mirrored, selected_instruction_set());
   cv::Mat1f relative(height, width);
   for_each_row(height, [&](int row) {
     for (int col = 0; col < width; ++col) {

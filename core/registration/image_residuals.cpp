@@ -10,11 +10,12 @@
 
 #include "core/base/constants.h"
 #include "core/base/cubic_spline.h"
-#include "core/base/instruction_set.h"
 #include "core/base/parallel.h"
+#include "core/base/symmetric_filter.h"
 #include "core/types/error.h"
 #include "core/types/irradiance.h"
 #include "core/types/projection.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
@@ -375,8 +376,9 @@ ImageResiduals::ImageResiduals(const RigModel& rig, const ImageReference& refere
   // the gradients of shading, smooth errors of the predicted brightness do not look like a motion.
   constexpr double kTextureBlur_px = 1;
   constexpr int kShading_px = 21;
-  cv::Mat1f smooth, shading;
-  cv::GaussianBlur(reference.mean_dn, smooth, {}, kTextureBlur_px);
+  cv::Mat1f shading;
+  cv::Mat1f smooth =
+      filtered(reference.mean_dn, gaussian_half(kTextureBlur_px), FilterBorder::mirrored, selected_instruction_set());
   cv::blur(smooth, shading, {kShading_px, kShading_px});
   smooth -= shading;
   constexpr float kMinModulation_dn = 3;
@@ -433,10 +435,8 @@ ImageResiduals::ImageResiduals(const RigModel& rig, const ImageReference& refere
 
 cv::Mat1f spline_coefficients(const cv::Mat& image) {
   static const auto filter = spline_prefilter();
-  const cv::Mat1f kernel(1, static_cast<int>(filter.size()), const_cast<float*>(filter.data()));
-  cv::Mat1f coefficients;
-  cv::sepFilter2D(image, coefficients, CV_32F, kernel, kernel);
-  return coefficients;
+  static const std::vector<float> half(filter.begin() + filter.size() / 2, filter.end());
+  return filtered(image, half, FilterBorder::mirrored, selected_instruction_set());
 }
 
 Eigen::Matrix<double, kImageParameters, 12> ImageResiduals::motion_coupling(const Pattern& pattern,
@@ -490,8 +490,8 @@ Eigen::Matrix<double, kImageParameters, 12> ImageResiduals::motion_coupling(cons
 
 ImageSums ImageResiduals::linearise(const cv::Mat1f& coefficients, const Pattern& pattern, const ImageParameters& at,
                                     double outlier_sigma, int points, ImageInformation information) const {
-  static const auto locate = Variants<locate_body>::of(widest_instruction_set());
-  static const auto sum = Variants<sum_body>::of(widest_instruction_set());
+  static const auto locate = Variants<locate_body>::of(selected_instruction_set());
+  static const auto sum = Variants<sum_body>::of(selected_instruction_set());
   const Pose& pose = at.camera_from_reference;
   const Vector3d turn = rotation_log(pose.rotation);
   Setting setting{Projection(pose, camera_),

@@ -10,10 +10,10 @@
 #include <numeric>
 
 #include "core/base/constants.h"
-#include "core/base/instruction_set.h"
 #include "core/base/parallel.h"
 #include "core/types/error.h"
 #include "core/types/projection.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
@@ -219,8 +219,8 @@ const PlanePairs::Points& PlanePairs::level(int stride) {
 
 PlaneSums PlanePairs::linearise(const Pose& target_from_source, const PlaneGates& gates, int stride,
                                 PairNormal normal) {
-  static const auto associate = Variants<associate_body>::of(widest_instruction_set());
-  static const auto linearise_chunk = Variants<linearise_body>::of(widest_instruction_set());
+  static const auto associate = Variants<associate_body>::of(selected_instruction_set());
+  static const auto linearise_chunk = Variants<linearise_body>::of(selected_instruction_set());
   const Points& points = level(stride);
   const auto from = [&](int first) {
     const auto at = [&](int quantity) { return points.array(quantity) + first; };

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The module fringeslam._fringeslam; the package python/fringeslam re-exports its names.
+#include "core/base/opencv_config.h"
 #include "core/types/error.h"
 #include "python/src/bindings.h"
 #include "python/src/python_objects.h"
@@ -7,6 +8,7 @@
 PYBIND11_MODULE(_fringeslam, m) {
   namespace py = pybind11;
   m.doc() = "C++ part of fringeslam.";
+  fringeslam::use_portable_opencv();
   py::register_exception<fringeslam::Error>(m, "Error", PyExc_ValueError).doc() =
       "Bad files, options or data. The message is one line: what is wrong, where, and what to do.";
   py::register_exception_translator([](std::exception_ptr error) {

@@ -6,7 +6,7 @@
 #include <numbers>
 
 #include "core/base/constants.h"
-#include "core/base/instruction_set.h"
+#include "core/types/selected_instruction_set.h"
 #include "sim/light/photometry.h"
 
 namespace fringeslam::sim {
@@ -147,7 +147,7 @@ Beam::Beam(const RigModel& rig, const Effects& effects, const Pose& world_from_c
 }
 
 void Beam::light(const Points& points, LaneMask active, BeamPacket& result) const {
-  static const auto kernel = Variants<light_body>::of(widest_instruction_set());
+  static const auto kernel = Variants<light_body>::of(selected_instruction_set());
   alignas(64) double z[kPacket];
   alignas(64) double margin[kPacket];
   kernel(*kernel_, points, result, z, margin);

@@ -3,9 +3,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <opencv2/imgproc.hpp>
 
 #include "core/base/parallel.h"
+#include "core/base/symmetric_filter.h"
+#include "core/types/selected_instruction_set.h"
 #include "sim/light/photometry.h"
 #include "sim/random.h"
 
@@ -39,7 +40,8 @@ Camera::Camera(const RigModel& rig, const Effects& effects, uint64_t seed)
 
 cv::Mat1f Camera::electrons_per_s(const cv::Mat1f& lux) const {
   cv::Mat1f image = lux;
-  if (blur_px_ > 0) cv::GaussianBlur(lux, image, {}, blur_px_, 0, cv::BORDER_REPLICATE);
+  if (blur_px_ > 0)
+    image = filtered(lux, gaussian_half(blur_px_), FilterBorder::replicated, selected_instruction_set());
   return cv::Mat1f(image.mul(response_));
 }
 

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "core/types/error.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam::sim {
 
@@ -15,10 +16,23 @@ void throw_embree_error(void*, RTCError code, const char* message) {
   throw Error("Embree: error " + std::to_string(code) + ": " + (message ? message : "no message"));
 }
 
+// Returns Embree's configuration for the selected instruction set; Embree selects the widest one by itself.
+const char* embree_configuration() {
+  switch (selected_instruction_set()) {
+    case InstructionSet::portable:
+      return "max_isa=sse2";
+    case InstructionSet::avx2:
+      return "max_isa=avx2";
+    case InstructionSet::avx512:
+      break;
+  }
+  return nullptr;
+}
+
 }  // namespace
 
 RTCDeviceTy* new_embree_device() {
-  RTCDevice device = rtcNewDevice(nullptr);
+  RTCDevice device = rtcNewDevice(embree_configuration());
   if (!device) throw Error("Embree: cannot create a device; the processor must support SSE2");
   rtcSetDeviceErrorFunction(device, throw_embree_error, nullptr);
   return device;

@@ -5,10 +5,10 @@
 #include <bit>
 #include <cmath>
 #include <numbers>
-#include <opencv2/imgproc.hpp>
 
 #include "core/base/constants.h"
-#include "core/base/instruction_set.h"
+#include "core/base/symmetric_filter.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam::sim {
 
@@ -170,7 +170,9 @@ void ProjectedPatterns::add_image(int i, const cv::Mat1f& light) {
   for (const double sigma : sigmas_) {
     // Target variance: sigma^2 + 1/12 px^2, for square pixels; linear interpolation contributes 1/6 px^2 on average.
     cv::Mat1f soft = light.clone();  // each level is computed from the sharp image
-    if (sigma > 0.3) cv::GaussianBlur(light, soft, {}, std::sqrt(sigma * sigma - 1.0 / 12), 0, cv::BORDER_REPLICATE);
+    if (sigma > 0.3)
+      soft = filtered(light, gaussian_half(std::sqrt(sigma * sigma - 1.0 / 12)), FilterBorder::replicated,
+                      selected_instruction_set());
     image.levels.push_back(soft);
   }
   slots_[static_cast<size_t>(i)] = stride_++;
@@ -258,7 +260,7 @@ FRINGESLAM_INLINE void find_body(const ProjectedPatterns::Points& points, const 
 }  // namespace
 
 void ProjectedPatterns::add(const Points& points, uint32_t lanes, float* sums) const {
-  static const auto find = Variants<find_body>::of(widest_instruction_set());
+  static const auto find = Variants<find_body>::of(selected_instruction_set());
   const auto n = static_cast<float>(sigmas_.size() - 1);
   const auto least = static_cast<float>(blur_.least), range = static_cast<float>(blur_.largest - blur_.least);
   const bool ladder_has_steps = n > 0 && range > 0;

@@ -9,7 +9,7 @@
 #include <limits>
 #include <map>
 
-#include "core/base/instruction_set.h"
+#include "core/types/selected_instruction_set.h"
 #include "sim/light/embree_device.h"
 
 namespace fringeslam::sim {
@@ -241,8 +241,8 @@ FRINGESLAM_INLINE void to_shadow_query_body(const Points& from, const double* ta
 }  // namespace
 
 void RayScene::trace(const RayPacket& rays, HitPacket& hits) const {
-  static const auto to_query = Variants<to_query_body>::of(widest_instruction_set());
-  static const auto refine = Variants<refine_body>::of(widest_instruction_set());
+  static const auto to_query = Variants<to_query_body>::of(selected_instruction_set());
+  static const auto refine = Variants<refine_body>::of(selected_instruction_set());
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
   if (rays.coherent && impl_->coherent_packets()) context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
@@ -302,14 +302,14 @@ std::optional<Hit> RayScene::trace(const Eigen::Vector3d& origin, const Eigen::V
 }
 
 Points RayScene::lifted(const HitPacket& hits) {
-  static const auto lift = Variants<lift_body>::of(widest_instruction_set());
+  static const auto lift = Variants<lift_body>::of(selected_instruction_set());
   Points points;
   lift(hits, points);
   return points;
 }
 
 LaneMask RayScene::occluded(const Points& from, LaneMask active, const Eigen::Vector3d& target) const {
-  static const auto to_shadow_query = Variants<to_shadow_query_body>::of(widest_instruction_set());
+  static const auto to_shadow_query = Variants<to_shadow_query_body>::of(selected_instruction_set());
   if (active == 0) return 0;
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);

@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "core/base/constants.h"
+#include "core/types/selected_instruction_set.h"
 #include "sim/light/block_renderer.h"
 
 namespace fringeslam::sim {
@@ -75,7 +76,8 @@ std::vector<cv::Mat1f> Renderer::render(const ProjectedPatterns& patterns, const
   const bool share = effects_.share_paths && patterns.count() > 0;
   if (share && effects_.interreflection && scene_.bounces > 0) indirect.emplace(size, patterns.count() + 1);
   if (share && effects_.air && scene_.air.extinction_per_m > 0) veil.emplace(size, patterns.count() + 1);
-  static const auto render_block = Variants<render_portable, render_avx2, render_avx512>::of(widest_instruction_set());
+  static const auto render_block =
+      Variants<render_portable, render_avx2, render_avx512>::of(selected_instruction_set());
   std::atomic<bool> stopped = false;
   for_each_row(down, [&](int block_row) {
     if (stop && (stopped || stop())) return void(stopped = true);

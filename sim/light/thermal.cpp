@@ -4,11 +4,12 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <opencv2/imgproc.hpp>
 #include <vector>
 
 #include "core/base/parallel.h"
+#include "core/base/symmetric_filter.h"
 #include "core/types/centikelvin.h"
+#include "core/types/selected_instruction_set.h"
 #include "sim/light/infrared.h"
 #include "sim/random.h"
 
@@ -110,7 +111,7 @@ cv::Mat1f thermal_image(const Scene& scene, const SampleRays& rays, const RaySce
     }
   });
   if (effects.lens_blur && thermal.blur_px > 0)
-    cv::GaussianBlur(radiance, radiance, {}, thermal.blur_px, thermal.blur_px, cv::BORDER_REPLICATE);
+    radiance = filtered(radiance, gaussian_half(thermal.blur_px), FilterBorder::replicated, selected_instruction_set());
 
   cv::Mat1f temperature_c(radiance.size());
   const NormalField noise(scene.seed, Stream::thermal_noise, static_cast<uint32_t>(stack), 0);

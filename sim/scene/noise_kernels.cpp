@@ -2,7 +2,7 @@
 // Noise for sixteen points at a time; the loops over lanes are auto-vectorised.
 #include <cmath>
 
-#include "core/base/instruction_set.h"
+#include "core/types/selected_instruction_set.h"
 #include "sim/scene/noise.h"
 
 namespace fringeslam::sim {
@@ -66,7 +66,7 @@ FRINGESLAM_INLINE void fractal(const NoisePoints& points, int octaves, uint32_t 
 }  // namespace
 
 NoiseValues fractal_noise(const NoisePoints& points, int octaves, uint32_t seed) {
-  static const auto add = Variants<fractal>::of(widest_instruction_set());
+  static const auto add = Variants<fractal>::of(selected_instruction_set());
   NoiseValues sum{};
   add(points, octaves, seed, sum);
   return sum;
