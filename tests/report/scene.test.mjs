@@ -420,6 +420,50 @@ test('a new seed draws another world, which the command shown opens again', asyn
   await again.stop('SIGTERM');
 });
 
+// Waits until all views of the scene shown are assessed.
+const assessed = (page) => page.waitForFunction(() => {
+  const number = document.getElementById('scene').dataset.whole;
+  return number && document.getElementById('difficulty-state').dataset.done === number;
+});
+
+test('the difficulty along the path agrees with scene check, and nothing is red in an easy scene', async () => {
+  const {page, close} = await open();
+  await assessed(page);
+  const {views} = JSON.parse(spawnSync(runs.program, ['scene', 'check', scene, '--difficulty', '--json'], {encoding: 'utf8'}).stdout);
+  const {scene: number} = await stateOf(served.port);
+  const answer = await json(served.port, `/difficulty?scene=${number}&known=0`);
+  assert.deepEqual([answer.total, answer.done, answer.views], [4, true, views]);
+  assert.match(await page.locator('#difficulty-state').textContent(), /4 views assessed; none beyond a limit/);
+  assert.equal(await page.locator('#difficulty-list li').count(), 0);
+  assert.equal(await page.locator('#difficulty-plots .curve').count(), 7);
+  assert.match(await page.locator('#scene').getAttribute('data-levels'), /^[01]{4}$/);
+  assert.equal(await status(served.port, `/difficulty?scene=${number - 1}&known=0`), 204);
+  assert.equal(await status(served.port, '/difficulty?known=0'), 400);
+  await close();
+});
+
+test('a view beyond the range is red, with the reason, and a click shows it', async () => {
+  const place = runs.scene('far', sceneText('far', 'the scene page', {count: 12, size: 0.24,
+    motions: '    - {translation_mm: [20, 0, 0], rotation_deg: [0, 0, 0]}\n    - {translation_mm: [0, 0, 900], rotation_deg: [0, 0, 0]}\n'}));
+  const server = await serveScene(place);
+  const {page, close} = await open(server.url);
+  await assessed(page);
+  const levels = await page.locator('#scene').getAttribute('data-levels');
+  assert.match(levels, /^[01]{2}2$/);
+  const before = await look(page, '.stage');
+  await page.locator('#path-colour').selectOption('repetition');
+  assert.match(await page.locator('#scene').getAttribute('data-levels'), /^000$/);
+  await changed(page, '.stage', before);
+  await page.locator('#path-colour').selectOption('worst');
+  const stretch = page.locator('#difficulty-list button', {hasText: 'Range, view 2'});
+  assert.match(await stretch.innerText(), /beyond far_m/);
+  await stretch.click();
+  assert.equal(await page.locator('#time-text').textContent(), 'view 2');
+  assert.match(await page.locator('#difficulty-here').innerText(), /Range: only \d+ % of the pixels are lit and in range/);
+  await close();
+  await server.stop('SIGTERM');
+});
+
 test('only the page may order a new seed', async () => {
   const {number} = await stateOf(served.port);
   assert.equal(await status(served.port, '/seed', {Origin: 'http://evil.example'}, 'POST'), 403);

@@ -6,6 +6,7 @@
 #include <random>
 
 #include "core/io/json_text.h"
+#include "tools/authoring/difficulty_json.h"
 #include "tools/authoring/sensor_picture.h"
 #include "tools/report/report_page.h"
 #include "tools/shell.h"
@@ -37,6 +38,7 @@ ScenePage::ScenePage(std::string scene, SceneVariant variant, LiveAccess access)
     : name_(std::move(scene)),
       variant_(std::move(variant)),
       scene_(scene_file(name_), variant_.reading()),
+      difficulty_(scene_),
       server_(std::move(access), "--port", [this](const PageRequest& request) { return answer(request); },
               {.posts = true, .nice = 0}) {}
 
@@ -50,6 +52,7 @@ PageAnswer ScenePage::answer(const PageRequest& request) {
   if (path == "/") return PageAnswer::of(std::string(world_page()), "text/html; charset=utf-8");
   if (path == "/state") return state(request);
   if (path.starts_with("/view/")) return view(request);
+  if (path == "/difficulty") return difficulty(request);
   const WatchedScene::State now = scene_.state();
   if (constexpr std::string_view kScene = "/scene/"; path.starts_with(kScene)) {
     const auto number = number_in<uint64_t>(path.substr(kScene.size()));
@@ -87,6 +90,26 @@ PageAnswer ScenePage::state(const PageRequest& request) {
                                                          {"loading", state.loading},
                                                          {"command", command(state.scene->scene.seed)}}),
                         "application/json");
+}
+
+PageAnswer ScenePage::difficulty(const PageRequest& request) {
+  const auto number = number_in<uint64_t>(request.parameter("scene"));
+  const auto known = number_in<size_t>(request.parameter("known"));
+  if (!number || !known) return {400, {}};
+  const Waiting waiting(waiting_for_difficulty_);
+  if (waiting.place > kViewers) return {503, {}};
+  const DifficultyRun::State state = difficulty_.await_more(*number, *known, kLongestWait, request.given_up);
+  const WatchedScene::State now = scene_.state();
+  if (*number != now.scene_number) return {204, {}};
+  nlohmann::ordered_json views = nlohmann::ordered_json::array();
+  const bool begun = state.scene_number == *number;
+  for (size_t i = *known; begun && i < state.views.size(); ++i) views.push_back(difficulty_json(state.views[i]));
+  return PageAnswer::of(
+      json_text(nlohmann::ordered_json{{"total", assessed_views(now.scene->scene, DifficultyRun::kMost)},
+                                       {"done", begun && state.done},
+                                       {"error", begun ? state.error : ""},
+                                       {"views", views}}),
+      "application/json");
 }
 
 PageAnswer ScenePage::view(const PageRequest& request) {

@@ -9,6 +9,9 @@
 //   /view/KIND.png?scene=N&place=I&pattern=K&size=reduced
 //                      sensor_picture.h from place I of the path; size full or reduced. Pictures are rendered one after
 //                      another, in parallel to all other answers; a rendering stops when its viewer leaves.
+//   /difficulty?scene=N&known=K
+//                      total, done, error, views: difficulty_json() of all views assessed (difficulty_run.h) but the first
+//                      K; waits some seconds for more
 //   POST /seed         draws another seed
 //
 // 204: of another scene than the newest. Nothing else is served (page_server.h).
@@ -18,6 +21,7 @@
 #include <mutex>
 #include <string>
 
+#include "tools/authoring/difficulty_run.h"
 #include "tools/authoring/watched_scene.h"
 #include "tools/live/page_server.h"
 #include "tools/source.h"
@@ -42,12 +46,14 @@ class ScenePage {
   PageAnswer answer(const PageRequest& request);
   PageAnswer state(const PageRequest& request);
   PageAnswer view(const PageRequest& request);
+  PageAnswer difficulty(const PageRequest& request);
   std::string command(uint64_t seed) const;
 
   std::string name_;
   SceneVariant variant_;
   WatchedScene scene_;
-  std::atomic<size_t> waiting_ = 0, renderings_ = 0;
+  DifficultyRun difficulty_;
+  std::atomic<size_t> waiting_ = 0, renderings_ = 0, waiting_for_difficulty_ = 0;
   std::timed_mutex rendering_;
   PageServer server_;  // last: its threads use the other members
 };

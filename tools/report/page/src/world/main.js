@@ -7,6 +7,7 @@ import {fixed} from '../shared/format.js';
 import {drawPage} from '../shared/page.js';
 import {keepPolling, pause, reason} from '../shared/polling.js';
 import {ask, order, readToken} from '../live/server.js';
+import {DifficultyPanel} from './difficulty.js';
 import {SensorPanel} from './sensor.js';
 import {World} from './world.js';
 
@@ -20,6 +21,7 @@ class ScenePage {
   constructor() {
     this.world = new World();
     this.sensor = new SensorPanel();
+    this.difficulty = new DifficultyPanel((time_s) => this.goTo(time_s), (levels, views) => this.world.colourPath(levels, views));
     this.scene = null;
     this.drawn = null;  // number of the scene whose world is drawn
     this.number = null;  // of the state shown
@@ -56,6 +58,7 @@ class ScenePage {
     if (!(await this.world.show(scene, (mesh) => ask(`/mesh/${mesh}`)))) return false;
     this.drawn = number;
     this.showTime();
+    this.difficulty.use(scene);  // continues in the background
     return true;
   }
 
@@ -74,12 +77,20 @@ class ScenePage {
     }
   }
 
+  // Moves the slider to the place nearest in time.
+  goTo(time_s) {
+    const {path} = this.scene;
+    byId('time').value = path.reduce((best, {time_s: at}, i) => (Math.abs(at - time_s) < Math.abs(path[best].time_s - time_s) ? i : best), 0);
+    this.showTime();
+  }
+
   showTime() {
     if (!this.scene) return;
     const slider = byId('time'), index = Number(slider.value);
     const text = this.scene.continuous ? `${fixed(this.scene.path[index].time_s, 2)} s` : `view ${index}`;
     byId('time-text').textContent = text;
     slider.setAttribute('aria-valuetext', text);
+    this.difficulty.at(this.scene.path[index].time_s);
     const pictured = this.sensor.at(index);
     // The camera's picture comes first: without a GPU, drawing the world takes longer.
     Promise.race([pictured, pause(kLongestLagMs)]).then(nextFrame).then(() => {

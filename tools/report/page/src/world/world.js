@@ -8,6 +8,7 @@ import {chain, segments, setSegments} from '../shared/lines.js';
 import {Orbit} from '../shared/orbit.js';
 import {fitted, legend, rendererOn} from '../shared/stage.js';
 import {theme} from '../shared/theme.js';
+import {kLevels} from './difficulty.js';
 
 const kClickPx = 5;  // longest movement of the pointer that is still a click
 
@@ -50,15 +51,18 @@ export class World {
     this.scene = new THREE.Scene();
     this.meshes = [];
     this.geometries = new Map();  // by name, of the meshes shown
-    this.path = segments([], 3);
+    this.path = segments([], 4, {vertexColors: true});
+    this.stops = new THREE.Points(new THREE.BufferGeometry(), new THREE.PointsMaterial({size: 9, sizeAttenuation: false, vertexColors: true}));
+    this.places = [];  // of the path
+    this.levels = [];  // of difficulty, by place
     this.camera = segments([], 2.5);
     this.projector = segments([], 2.5);
     const sky = new THREE.HemisphereLight(0xffffff, 0x606060, 2.2);
     sky.position.set(0, 0, 1);
-    this.scene.add(sky, this.path, this.camera, this.projector);
+    this.scene.add(sky, this.path, this.stops, this.camera, this.projector);
     this.orbit = new Orbit(this.canvas, new THREE.Box3(new THREE.Vector3(), new THREE.Vector3(1, 1, 1)), [], () => this.redraw());
     fitted(this.renderer, this.canvas, this.orbit);
-    legend([['estimate', 'camera'], ['truth', 'projector'], ['third', 'camera path']]);
+    legend([['estimate', 'camera'], ['truth', 'projector']]);
     theme.on((dark) => this.colour(dark));
     byId('reset').addEventListener('click', () => this.orbit.reset());
     this.listenForClicks();
@@ -122,10 +126,16 @@ export class World {
   }
 
   // Directs the view to what the rig works on, not a room around it, unless the user has chosen a view.
-  frame({path, rig}) {
-    this.rig = rig;
+  frame({path, rig, continuous}) {
+    Object.assign(this, {rig, places: path});
     const places = path.map(({camera}) => new THREE.Vector3(...camera.slice(0, 3)));
     setSegments(this.path, chain(places));
+    // The views of a robot that stops for each; a single one has no path.
+    this.stops.geometry.dispose();
+    this.stops.geometry = new THREE.BufferGeometry().setFromPoints(continuous ? [] : places);
+    this.stops.visible = !continuous;
+    this.levels = [];
+    this.drawLevels();
     const reach = new THREE.Box3();
     path.forEach(({camera}, i) => {
       const ahead = new THREE.Vector3(0, 0, rig.far_m).applyQuaternion(new THREE.Quaternion(...camera.slice(3)));
@@ -147,7 +157,28 @@ export class World {
     this.scene.background = new THREE.Color(ink.paper);
     this.camera.material.color.set(ink.estimate);
     this.projector.material.color.set(ink.truth);
-    this.path.material.color.set(ink.third);
+    this.drawLevels();
+  }
+
+  // Colours the path by the level of difficulty of the nearest of `views`, and leaves the rest grey.
+  colourPath(levels, views) {
+    const reach_s = views.length > 1 ? views[1].time_s - views[0].time_s : 0;
+    let k = 0;
+    this.levels = this.places.map(({time_s}) => {
+      while (k + 1 < views.length && Math.abs(views[k + 1].time_s - time_s) <= Math.abs(views[k].time_s - time_s)) ++k;
+      return views.length > 0 && time_s <= views[k].time_s + reach_s ? levels[k] : undefined;
+    });
+    this.drawLevels();
+  }
+
+  drawLevels() {
+    const style = getComputedStyle(document.documentElement);
+    const inkOf = (level) => new THREE.Color(style.getPropertyValue(level === undefined ? '--soft' : `--${kLevels[level]}`).trim());
+    const colours = this.places.map((_, i) => inkOf(this.levels[i]));
+    const numbers = (list) => new Float32Array(list.flatMap((colour) => colour.toArray()));
+    if (colours.length > 1) this.path.geometry.setColors(numbers(chain(colours)));
+    if (this.stops.visible) this.stops.geometry.setAttribute('color', new THREE.BufferAttribute(numbers(colours), 3));
+    this.canvas.dataset.levels = this.levels.map((level) => level ?? '-').join('');
     this.redraw();
   }
 
