@@ -7,6 +7,7 @@
 
 #include "core/io/json_text.h"
 #include "tools/authoring/difficulty_json.h"
+#include "tools/authoring/placed_file.h"
 #include "tools/authoring/sensor_picture.h"
 #include "tools/report/report_page.h"
 #include "tools/shell.h"
@@ -45,6 +46,8 @@ ScenePage::ScenePage(std::string scene, SceneVariant variant, LiveAccess access)
 PageAnswer ScenePage::answer(const PageRequest& request) {
   const std::string_view path = request.path;
   if (request.is_post) {
+    if (path == "/place") return place(request);
+    if (path == "/value") return override_value(request);
     if (path != "/seed") return {405, {}};
     scene_.reseed(std::random_device()() % kSeeds);
     return PageAnswer::of("{}", "application/json");
@@ -69,9 +72,41 @@ PageAnswer ScenePage::answer(const PageRequest& request) {
   return {};
 }
 
-std::string ScenePage::command(uint64_t seed) const {
-  std::string text = "fringeslam scene open " + word(name_) + " --seed " + std::to_string(seed);
+PageAnswer ScenePage::place(const PageRequest& request) {
+  Eigen::Vector3d position_m;
+  for (int i = 0; i < 3; ++i) {
+    const auto value = number_in<double>(request.parameter(std::string(1, "xyz"[i])));
+    if (!value) return {400, {}};
+    position_m[i] = *value;
+  }
+  const std::string path = request.parameter("path");
+  std::string error;
+  try {
+    const std::lock_guard lock(placing_);
+    const std::filesystem::path folder = scene_.file().parent_path();
+    create_placed(folder);
+    if (!scene_.state().placeable)
+      throw Error(scene_.file().string() + ": add `include: " + kPlacedFile +
+                  "`, or the name to its list of includes; " + "what is dragged is stored there");
+    tools::place(folder, path, position_m);
+  } catch (const Error& refusal) {
+    error = refusal.what();
+  }
+  return PageAnswer::of(json_text(nlohmann::ordered_json{{"error", error}}), "application/json");
+}
+
+PageAnswer ScenePage::override_value(const PageRequest& request) {
+  constexpr size_t kLongest = 1000;
+  const std::string path = request.parameter("path"), value = request.parameter("value");
+  if (path.empty() || path.size() > kLongest || value.size() > kLongest) return {400, {}};
+  scene_.change_value(path, value.empty() ? std::nullopt : std::optional(value));
+  return PageAnswer::of("{}", "application/json");
+}
+
+std::string ScenePage::command(const WatchedScene::State& state) const {
+  std::string text = "fringeslam scene open " + word(name_) + " --seed " + std::to_string(state.scene->scene.seed);
   for (const std::string& change : variant_.with) text += " --with " + word(change);
+  for (const auto& [path, value] : state.changes) text += " --with " + word(path + "=" + value);
   return text;
 }
 
@@ -88,7 +123,8 @@ PageAnswer ScenePage::state(const PageRequest& request) {
                                                          {"scene", state.scene_number},
                                                          {"error", state.error},
                                                          {"loading", state.loading},
-                                                         {"command", command(state.scene->scene.seed)}}),
+                                                         {"changes", state.changes},
+                                                         {"command", command(state)}}),
                         "application/json");
 }
 

@@ -13,6 +13,10 @@
 //                      total, done, error, views: difficulty_json() of all views assessed (difficulty_run.h) but the first
 //                      K; waits some seconds for more
 //   POST /seed         draws another seed
+//   POST /value?path=P&value=V
+//                      overrides a value of the scene, as --with does; without V, no longer
+//   POST /place?path=P&x=X&y=Y&z=Z
+//                      stores a position in placed.yaml (placed_file.h); the answer's `error` says why it did not
 //
 // 204: of another scene than the newest. Nothing else is served (page_server.h).
 #pragma once
@@ -47,7 +51,9 @@ class ScenePage {
   PageAnswer state(const PageRequest& request);
   PageAnswer view(const PageRequest& request);
   PageAnswer difficulty(const PageRequest& request);
-  std::string command(uint64_t seed) const;
+  PageAnswer place(const PageRequest& request);
+  PageAnswer override_value(const PageRequest& request);
+  std::string command(const WatchedScene::State& state) const;
 
   std::string name_;
   SceneVariant variant_;
@@ -55,6 +61,7 @@ class ScenePage {
   DifficultyRun difficulty_;
   std::atomic<size_t> waiting_ = 0, renderings_ = 0, waiting_for_difficulty_ = 0;
   std::timed_mutex rendering_;
+  std::mutex placing_;
   PageServer server_;  // last: its threads use the other members
 };
 

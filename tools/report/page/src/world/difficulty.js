@@ -46,7 +46,7 @@ export class DifficultyPanel {
     this.views = [];
     this.kind = 'worst';
     this.time_s = null;
-    const by = choice('Path colour', [['worst', 'worst of all'], ...Object.entries(kNames)], (kind) => {
+    const by = choice('path colour', [['worst', 'worst of all'], ...Object.entries(kNames)], (kind) => {
       this.kind = kind;
       this.showPath();
     });
