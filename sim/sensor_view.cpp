@@ -56,6 +56,7 @@ SensorView::SensorView(const Scene& scene)
       reduced_scene_(reduced(scene)),
       full_(scene, {}, kSamples),
       reduced_(full_, reduced_scene_, reduced_effects(), kSamples),
+      sampled_(full_, reduced_scene_, reduced_effects(), kSamples, 1.0 / kReduction),
       full_camera_(scene.rig, {}, scene.seed),
       reduced_camera_(reduced_scene_.rig, reduced_effects(), scene.seed) {}
 
@@ -67,16 +68,47 @@ cv::Mat SensorView::image(const Pose& world_from_robot, std::optional<size_t> pa
   const std::vector<cv::Mat1f> lux =
       renderer.render(*light, {world_from_robot * rig.robot_from_camera}, 0, nullptr, stop);
   if (lux.empty()) return {};
-  double exposure_s = rig.timing.exposure_s;
-  if (scene_.auto_exposure) {
-    double longest = 1;
-    for (const Pattern& each : scene_.patterns.patterns) longest = std::max(longest, each.exposure);
-    // White stands for the brightest image of a stack.
-    exposure_s = camera.auto_exposure_s(camera.electrons_per_s(lux.back()), 1 / (longest * rig.timing.pattern_rate_hz));
-  }
-  if (pattern) exposure_s *= scene_.patterns.patterns[*pattern].exposure;
-  return camera.expose(camera.electrons_per_s(lux.front()), exposure_s,
+  // White stands for the brightest image of a stack.
+  const double factor = pattern ? scene_.patterns.patterns[*pattern].exposure : 1;
+  return camera.expose(camera.electrons_per_s(lux.front()), factor * exposure_s(camera, lux.back()),
                        {.noise = !reduced, .seed = scene_.seed, .image = static_cast<int>(pattern.value_or(0))});
+}
+
+double SensorView::exposure_s(const Camera& camera, const cv::Mat1f& brightest) const {
+  const Timing& timing = scene_.rig.timing;
+  if (!scene_.auto_exposure) return timing.exposure_s;
+  double longest = 1;
+  for (const Pattern& each : scene_.patterns.patterns) longest = std::max(longest, each.exposure);
+  return camera.auto_exposure_s(camera.electrons_per_s(brightest), 1 / (longest * timing.pattern_rate_hz));
+}
+
+std::optional<SensorView::Stack> SensorView::stack(const TimedPose& pose, const Stop& stop) {
+  std::shared_ptr<const ProjectedPatterns> light;
+  {
+    const std::lock_guard lock(mutex_);
+    if (!all_shown_)
+      all_shown_ = std::make_shared<const ProjectedPatterns>(scene_.patterns, scene_.rig, blur_range(scene_.rig, {}));
+    light = all_shown_;
+  }
+  Stack result;
+  const std::vector<cv::Mat1f> lux =
+      sampled_.render(*light, {pose.world_from_robot * scene_.rig.robot_from_camera}, 0, &result.truth, stop);
+  if (lux.empty()) return std::nullopt;
+  result.truth.timestamp_s = pose.timestamp_s;
+  result.truth.world_from_robot = pose.world_from_robot;
+  cv::Mat1f brightest = lux.front().clone();
+  for (const cv::Mat1f& image : lux) brightest = cv::max(brightest, image);
+  const double exposure = exposure_s(reduced_camera_, brightest);
+  FringeStack& stack = result.stack;
+  stack.timestamp_s = pose.timestamp_s;
+  stack.patterns = scene_.patterns;
+  stack.exposure_time_s = exposure_times_s(pose.timestamp_s, scene_.patterns, scene_.rig.timing);
+  for (size_t i = 0; i < lux.size(); ++i) {
+    stack.exposure_s.push_back(scene_.patterns.patterns[i].exposure * exposure);
+    stack.images.push_back(reduced_camera_.expose(reduced_camera_.electrons_per_s(lux[i]), stack.exposure_s.back(),
+                                                  {.noise = false, .seed = scene_.seed, .image = static_cast<int>(i)}));
+  }
+  return result;
 }
 
 TruthFrame SensorView::truth(const Pose& world_from_robot, bool reduced, const Stop& stop) const {
@@ -92,11 +124,13 @@ TruthFrame SensorView::truth(const Pose& world_from_robot, bool reduced, const S
 
 std::shared_ptr<const ProjectedPatterns> SensorView::shown(std::optional<size_t> pattern) {
   const std::lock_guard lock(mutex_);
-  if (shown_ && shown_->first == pattern) return shown_->second;
+  if (const auto known = shown_.find(pattern); known != shown_.end()) return known->second;
   PatternSequence sequence = scene_.patterns;
   sequence.patterns = {white_pattern()};
   if (pattern) sequence.patterns.insert(sequence.patterns.begin(), scene_.patterns.patterns.at(*pattern));
   auto light = std::make_shared<const ProjectedPatterns>(sequence, scene_.rig, blur_range(scene_.rig, {}));
+  // White is shown again and again.
+  if (pattern) std::erase_if(shown_, [](const auto& entry) { return entry.first.has_value(); });
   shown_.emplace(pattern, light);
   return light;
 }

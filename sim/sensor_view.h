@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // Renders the camera view of a scene from any pose of the robot at rest, reduced and fast or in full: images under
-// white light or one of the scene's patterns, and the ground truth. The full images are those of VirtualRig.
+// white light or the scene's patterns, and the ground truth. The full images are those of VirtualRig.
 #pragma once
 
+#include <map>
 #include <memory>
 #include <mutex>
 #include <opencv2/core.hpp>
 #include <optional>
-#include <utility>
 
+#include "core/types/fringe_stack.h"
 #include "core/types/truth.h"
 #include "sim/light/camera.h"
 #include "sim/light/renderer.h"
@@ -39,17 +40,30 @@ class SensorView {
   // Returns the ground truth of a view, without time and fringe orders. All its images are empty if `stop` returned true
   // meanwhile.
   TruthFrame truth(const Pose& world_from_robot, bool reduced, const Stop& stop = nullptr) const;
+  // A stack of reduced images under all patterns, without noise, and its ground truth without time and fringe orders. Its
+  // pixels are as small as those of the full images, of which they are a sample, so that small surfaces keep their share.
+  struct Stack {
+    FringeStack stack;
+    TruthFrame truth;
+  };
+  // Empty if `stop` returned true meanwhile.
+  std::optional<Stack> stack(const TimedPose& pose, const Stop& stop = nullptr);
+  // The rig with the camera of the reduced images.
+  const RigModel& reduced_rig() const { return reduced_scene_.rig; }
 
  private:
   std::shared_ptr<const ProjectedPatterns> shown(std::optional<size_t> pattern);
+  // Returns the exposure time of a pattern, whose own factor is 1; `brightest` is the light of the brightest image.
+  double exposure_s(const Camera& camera, const cv::Mat1f& brightest) const;
 
   const Scene& scene_;
   Scene reduced_scene_;
-  Renderer full_, reduced_;
+  Renderer full_, reduced_, sampled_;
   Camera full_camera_, reduced_camera_;
-  // The most recent pattern and its light, followed by white.
+  // The light of white alone and of the most recent pattern, followed by white.
   std::mutex mutex_;
-  std::optional<std::pair<std::optional<size_t>, std::shared_ptr<const ProjectedPatterns>>> shown_;
+  std::map<std::optional<size_t>, std::shared_ptr<const ProjectedPatterns>> shown_;
+  std::shared_ptr<const ProjectedPatterns> all_shown_;  // all patterns
 };
 
 }  // namespace fringeslam::sim

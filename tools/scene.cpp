@@ -8,6 +8,8 @@
 #include "core/io/json_text.h"
 #include "core/io/yaml.h"
 #include "sim/scene_check.h"
+#include "tools/authoring/difficulty.h"
+#include "tools/authoring/difficulty_json.h"
 #include "tools/progress.h"
 #include "tools/scene_verbs.h"
 #include "tools/source.h"
@@ -74,6 +76,50 @@ int check(const fs::path& path, std::optional<uint64_t> seed, const Common& comm
   return 0;
 }
 
+constexpr size_t kMostAssessed = 100;  // views
+
+void print_difficulty(const ViewDifficulty& view) {
+  const auto or_dash = [](const char* format, std::optional<double> value) {
+    char text[32];
+    std::snprintf(text, sizeof text, format, value.value_or(0));
+    return value ? std::string(text) : std::string("-");
+  };
+  const auto scaled = [](std::optional<double> value, double factor) {
+    return value ? std::optional(factor * *value) : value;
+  };
+  const auto norm = [](const std::optional<Eigen::Vector3d>& sigma) {
+    return sigma ? std::optional(sigma->norm()) : std::nullopt;
+  };
+  std::printf("view %-3zu %8.2f %9.1f %11.1f %9s %10s %10s %10s %8.2f\n", view.view, view.time_s, 100 * view.in_range,
+              100 * view.measured, or_dash("%.1f", scaled(view.sigma_m, 1e6)).c_str(),
+              or_dash("%.1f", scaled(view.overlap, 100)).c_str(),
+              or_dash("%.2f", scaled(norm(view.translation_m), 1e6)).c_str(),
+              or_dash("%.4f", scaled(norm(view.rotation_rad), 1e3)).c_str(), view.step_px);
+  for (const std::string& reason : view.reason) {
+    if (!reason.empty()) std::printf("  difficult: %s\n", reason.c_str());
+  }
+  std::fflush(stdout);
+}
+
+// Prints how difficult the views are for the mapper.
+int assess(const fs::path& path, std::optional<uint64_t> seed, const Common& common) {
+  const sim::Scene scene = sim::load_scene(scene_file(path), {seed});
+  sim::SensorView sensor(scene);
+  if (!common.json)
+    std::printf("%-8s %8s %9s %11s %9s %10s %10s %10s %8s\n", scene.name.c_str(), "time s", "in range %", "measured %",
+                "sigma um", "overlap %", "bound um", "bound mrad", "px/image");
+  Json views = Json::array();
+  assess_difficulty(scene, sensor, kMostAssessed, [&](const ViewDifficulty& view) {
+    if (common.json)
+      views.push_back(difficulty_json(view));
+    else
+      print_difficulty(view);
+  });
+  if (common.json)
+    std::printf("%s\n", json_text(Json{{"scene", scene.name}, {"seed", scene.seed}, {"views", views}}, 2).c_str());
+  return 0;
+}
+
 Verb add_list(Command group, const Common& common) {
   auto folder = std::make_shared<std::string>("scenes");
   const Command verb = group.add_subcommand("list", "List the scenes of a folder");
@@ -85,12 +131,19 @@ Verb add_check(Command group, const Common& common) {
   struct SceneArguments {
     std::string scene;
     std::optional<uint64_t> seed;
+    bool difficulty = false;
   };
   auto arguments = std::make_shared<SceneArguments>();
   const Command verb = group.add_subcommand("check", "Print all errors in a scene file, or what each view sees");
   verb.add_option("scene", arguments->scene, "Scene file, or a folder with scene.yaml").required();
   verb.add_option("--seed", arguments->seed, "Seed; overrides the scene's").check_non_negative();
-  return [arguments, &common] { return check(arguments->scene, arguments->seed, common); };
+  verb.add_flag(
+      "--difficulty", arguments->difficulty,
+      "Print how difficult the views are for the mapper, and why: range, depth, overlap, motion, repetition, speed");
+  return [arguments, &common] {
+    return arguments->difficulty ? assess(arguments->scene, arguments->seed, common)
+                                 : check(arguments->scene, arguments->seed, common);
+  };
 }
 
 }  // namespace

@@ -33,6 +33,13 @@ struct AskedPaths {
   std::filesystem::path folder;  // to this folder
 };
 
+// Returns a value as YAML on one line.
+std::string flow_text(const YAML::Node& value) {
+  YAML::Emitter out;
+  out << YAML::Flow << value;
+  return out.c_str();
+}
+
 }  // namespace
 
 struct YamlMap::Node {
@@ -41,9 +48,11 @@ struct YamlMap::Node {
   std::string path;  // position of this map in the file: the address prefix of its random draws
   std::shared_ptr<const RandomSource> draws;
   std::shared_ptr<AskedPaths> asked_paths = std::make_shared<AskedPaths>();
-  std::vector<std::string>* errors = nullptr;  // collects errors; null: errors are thrown
-  bool absent = false;                         // placeholder for a map reported as missing
-  bool given_up = false;                       // an error prevented the rest from being read
+  std::vector<std::string>* errors = nullptr;      // collects errors; null: errors are thrown
+  std::shared_ptr<std::vector<YamlValue>> values;  // if set, receives what is read
+  size_t above_values = 0;                         // length of the part of `path` above the map that records
+  bool absent = false;                             // placeholder for a map reported as missing
+  bool given_up = false;                           // an error prevented the rest from being read
   std::set<std::string> asked;
   std::vector<std::shared_ptr<Node>> children;
   // Values that were merged from another file.
@@ -109,9 +118,23 @@ struct YamlMap::Node {
     node->draws = draws;
     node->asked_paths = asked_paths;
     node->errors = errors;
+    node->values = values;
+    node->above_values = above_values;
     node->absent = absent;
     children.push_back(node);
     return node;
+  }
+
+  std::string place_of(const YAML::Node& node) const {
+    const std::string text = where(node);
+    return text.substr(0, text.size() - 2);
+  }
+
+  void record(const std::string& key, YamlValue value) const {
+    if (!values) return;
+    value.path = (path + "/" + key).substr(above_values + 1);
+    std::replace(value.path.begin(), value.path.end(), '/', '.');
+    values->push_back(std::move(value));
   }
 
   // Returns a number. A distribution in its place is sampled and replaced by the drawn value.
@@ -119,9 +142,17 @@ struct YamlMap::Node {
                    const std::string& element = "") const {
     if (value.IsMap() && draws) {
       const double drawn = draw(value, key, range, whole, path + "/" + key + element);
+      if (values)
+        record(key + element, {{}, fringeslam::to_text(drawn), flow_text(value), place_of(value), range, whole});
       value = fringeslam::to_text(drawn);
       return drawn;
     }
+    const double number = given_number(value, key, range);
+    if (values) record(key + element, {{}, value.Scalar(), {}, place_of(value), range, whole});
+    return number;
+  }
+
+  double given_number(const YAML::Node& value, const std::string& key, Range range) const {
     double number = 0;
     if (!value.IsScalar() || !YAML::convert<double>::decode(value, number))
       throw Error(where(value) + "'" + key + "' must be a number");
@@ -143,7 +174,7 @@ double YamlMap::Node::draw(const YAML::Node& value, const std::string& key, Rang
   const std::string kind = value.begin()->first.Scalar();
   std::vector<double> given;
   const YAML::Node list = value.begin()->second;  // the iterator yields a temporary copy
-  for (const auto& entry : list) given.push_back(to_number(entry, key, kind == "normal" ? kAnything : range));
+  for (const auto& entry : list) given.push_back(given_number(entry, key, kind == "normal" ? kAnything : range));
   const uint64_t address = fnv1a(place);
   if (kind == "choice") {
     if (given.empty()) throw Error(where(value) + "'choice' must not be empty");
@@ -272,7 +303,10 @@ std::string YamlMap::Node::to_text(const std::string& key) {
     const auto n = static_cast<double>(choices.size());
     const double u = draws->uniform(fnv1a(path + "/" + key), 0);
     const YAML::Node chosen = choices[static_cast<size_t>(std::min(n - 1, std::floor(n * u)))];
-    if (chosen.IsScalar()) value = chosen.Scalar();
+    if (chosen.IsScalar()) {
+      if (values) record(key, {{}, chosen.Scalar(), flow_text(value), place_of(value), {}, false});
+      value = chosen.Scalar();
+    }
   }
   if (!value.IsScalar() || value.Scalar().empty()) throw Error(where(value) + "'" + key + "' must be a string");
   return value.Scalar();
@@ -400,6 +434,8 @@ std::vector<std::string> YamlMap::keys() const {
   return result;
 }
 
+std::string YamlMap::yaml(const std::string& key) const { return flow_text(node_->require(key)); }
+
 Error YamlMap::error(const std::string& key, const std::string& message) const {
   for (const auto& entry : node_->yaml) {
     const bool own = node_->file_of(entry.second) == node_->file;
@@ -407,6 +443,8 @@ Error YamlMap::error(const std::string& key, const std::string& message) const {
   }
   return error(message);
 }
+
+std::string YamlMap::place() const { return node_->place_of(node_->yaml); }
 
 Error YamlMap::error(const std::string& message) const { return Error(node_->where(node_->yaml) + message); }
 
@@ -501,6 +539,8 @@ YamlMap YamlMap::changed_by(const YamlMap& changes, const std::vector<std::strin
   node->path = changes.node_->path;
   node->draws = changes.node_->draws;
   node->errors = changes.node_->errors;
+  node->values = changes.node_->values;
+  node->above_values = changes.node_->above_values;
   node->asked_paths = changes.node_->asked_paths;
   const std::function<void(YAML::Node, const YAML::Node&)> put = [&](YAML::Node under, const YAML::Node& over) {
     for (const auto& entry : over) {
@@ -523,6 +563,11 @@ YamlMap YamlMap::changed_by(const YamlMap& changes, const std::vector<std::strin
     put(node->yaml, one);
   }
   return YamlMap(node);
+}
+
+void YamlMap::record_values(std::shared_ptr<std::vector<YamlValue>> values) {
+  node_->values = std::move(values);
+  node_->above_values = node_->path.size();
 }
 
 void YamlMap::draw_from(std::shared_ptr<const RandomSource> draws, const std::string& place) {

@@ -15,6 +15,7 @@
 #include <string>
 #include <vector>
 
+#include "core/io/yaml_value.h"
 #include "core/types/error.h"
 #include "core/types/options.h"
 #include "core/types/pose.h"
@@ -73,6 +74,8 @@ class YamlMap {
   YamlMap map(const std::string& key) const;
   std::vector<YamlMap> maps(const std::string& key) const;
   std::vector<std::string> keys() const;
+  // Returns a value as YAML on one line.
+  std::string yaml(const std::string& key) const;
 
   // Reads the fields that are present into a self-describing options struct (core/types/options.h).
   template <class Options>
@@ -92,6 +95,9 @@ class YamlMap {
   std::filesystem::path file(const std::string& key) const;
   // Returns the paths that path() and file() have returned, or refused, for this map and all others of its file.
   std::vector<std::filesystem::path> asked_files() const;
+
+  // Returns file:line of this map, or the file if the line is unknown.
+  std::string place() const;
 
   void finish() const;
 
@@ -116,6 +122,8 @@ class YamlMap {
   // (truncated to the permitted range) or {choice: [...]}, and a string may be a choice. The value drawn depends only
   // on the position in the file. `place` is a prefix for these positions that distinguishes files.
   void draw_from(std::shared_ptr<const RandomSource> draws, const std::string& place = "");
+  // From now on, appends the numbers and drawn values that are read from this map or below to `values`.
+  void record_values(std::shared_ptr<std::vector<YamlValue>> values);
   // Writes these keys as YAML with drawn values in place of distributions; values read as paths are written relative to
   // `folder`.
   std::string dump(const std::vector<std::string>& keys, const std::filesystem::path& folder) const;

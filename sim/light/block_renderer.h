@@ -64,7 +64,7 @@ class BlockRenderer {
         veil_(veil),
         width_(renderer.scene_.rig.camera.width),
         height_(renderer.scene_.rig.camera.height),
-        footprint_(1 / renderer.scene_.rig.camera.fx),
+        footprint_(renderer.rays_.extent / renderer.scene_.rig.camera.fx),
         ambient_lux_(renderer.scene_.ambient_lux),
         // Ground truth alone needs no light paths.
         bounces_(renderer.effects_.interreflection && patterns.count() > 0 ? renderer.scene_.bounces : 0),

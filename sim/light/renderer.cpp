@@ -35,12 +35,13 @@ Renderer::Renderer(const Scene& scene, const Effects& effects, int samples_per_p
       surfaces_(std::make_shared<const Surfaces>(scene, effects)),
       rays_(sample_rays(scene.rig.camera, samples_per_pixel)) {}
 
-Renderer::Renderer(const Renderer& other, const Scene& scene, const Effects& effects, int samples_per_pixel)
+Renderer::Renderer(const Renderer& other, const Scene& scene, const Effects& effects, int samples_per_pixel,
+                   double extent)
     : scene_(scene),
       effects_(effects),
       world_(other.world_),
       surfaces_(other.surfaces_),
-      rays_(sample_rays(scene.rig.camera, samples_per_pixel)) {}
+      rays_(sample_rays(scene.rig.camera, samples_per_pixel, extent)) {}
 
 namespace {
 

@@ -34,8 +34,9 @@ class Renderer {
  public:
   Renderer(const Scene& scene, const Effects& effects, int samples_per_pixel);
   // Shares the objects of `other`, whose scene must have the same objects, materials and dust; camera, projector and
-  // light may differ. `effects` must agree with those of `other` in gloss, relief and dust.
-  Renderer(const Renderer& other, const Scene& scene, const Effects& effects, int samples_per_pixel);
+  // light may differ. `effects` must agree with those of `other` in gloss, relief and dust. Pixels see only the middle
+  // square of edge `extent` px.
+  Renderer(const Renderer& other, const Scene& scene, const Effects& effects, int samples_per_pixel, double extent = 1);
 
   // Renders W, lux, under each pattern, in sequence order; H x W. Several poses divide the exposure into equal parts.
   // `truth`, if given, receives the ground truth of the first pose, except index, time, pose and fringe orders. `stack`

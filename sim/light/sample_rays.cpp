@@ -50,10 +50,11 @@ std::vector<Eigen::Vector2d> pupil_offsets(int per_pixel) {
 
 }  // namespace
 
-SampleRays sample_rays(const Pinhole& camera, int per_pixel) {
+SampleRays sample_rays(const Pinhole& camera, int per_pixel, double extent) {
   const std::vector<Eigen::Vector2d> offsets = sample_offsets(per_pixel);
   SampleRays rays;
   rays.per_pixel = per_pixel;
+  rays.extent = extent;
   rays.pupil = pupil_offsets(per_pixel);
   const auto pixels = static_cast<size_t>(camera.width) * static_cast<size_t>(camera.height);
   rays.centres.resize(pixels);
@@ -64,7 +65,7 @@ SampleRays sample_rays(const Pinhole& camera, int per_pixel) {
       const Eigen::Vector2d centre(col, row);
       rays.centres[pixel] = camera.undistort(centre);
       for (size_t s = 0; s < offsets.size(); ++s)
-        rays.samples[pixel * offsets.size() + s] = camera.undistort(centre + offsets[s]);
+        rays.samples[pixel * offsets.size() + s] = camera.undistort(centre + extent * offsets[s]);
     }
   });
   return rays;

@@ -12,12 +12,13 @@ namespace fringeslam::sim {
 // Undistorted viewing rays (x, y, 1) of all samples of all pixels, camera frame; computed once per rig.
 struct SampleRays {
   int per_pixel = 1;
+  double extent = 1;                     // edge of the square over which a pixel's samples are spread, px
   std::vector<Eigen::Vector2d> samples;  // pixel-major
   std::vector<Eigen::Vector2d> centres;
   std::vector<Eigen::Vector2d> pupil;  // origin of each sample in the unit pupil
 };
 
 // Computes the rays of `per_pixel` samples (a square number) whose mean position is the pixel centre.
-SampleRays sample_rays(const Pinhole& camera, int per_pixel);
+SampleRays sample_rays(const Pinhole& camera, int per_pixel, double extent = 1);
 
 }  // namespace fringeslam::sim

@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/io/yaml_value.h"
 #include "core/patterns/patterns.h"
 #include "core/types/rig_model.h"
 #include "core/types/trajectory.h"
@@ -22,6 +23,8 @@ namespace fringeslam::sim {
 
 struct Object {
   std::string name;                  // "object N", for messages
+  std::string place = {};            // file:line of its entry
+  std::string path = {};             // of its entry as in SceneLoadOptions::changes, if it is the only object of that
   std::shared_ptr<const Mesh> mesh;  // may be shared by several objects
   Pose world_from_object;
   Material material;
@@ -91,13 +94,19 @@ struct SceneLimits {
   int views = 100000;
 };
 
+// A value of a scene's files.
+struct SceneValue : YamlValue {
+  bool changeable = true;  // by SceneLoadOptions::changes; false: by editing its file only
+};
+
 struct SceneLoadOptions {
   std::optional<uint64_t> seed = {};           // overrides the file's seed
   std::vector<std::string>* errors = nullptr;  // if set, collects all errors; the scene is invalid if there are any
   std::filesystem::path resolved_for = {};     // folder that paths in Scene::resolved are relative to; empty: the
                                                // scene file's folder
   SceneLimits limits = {};
-  // Overrides of the file's values: a key path such as light.ambient_lux or objects.2.count, and a YAML value.
+  // Overrides of the file's values: a key path such as light.ambient_lux or objects.2.count, and a YAML value. They
+  // precede those in the scene's section `placed`.
   std::vector<std::pair<std::string, std::string>> changes = {};
   std::filesystem::path rig_file = {};  // overrides the scene's rig file
   // Content of the scene file, which need not exist then: its path serves for messages and relative paths. Empty: read
@@ -106,6 +115,8 @@ struct SceneLoadOptions {
   // If set, receives the files on which the scene depends, as far as they are known, also if loading fails: scene file,
   // included files, rig, meshes, textures, trajectory.
   std::vector<std::filesystem::path>* files = nullptr;
+  // If set, receives the numbers of the scene and all values drawn, also if loading fails.
+  std::vector<SceneValue>* values = nullptr;
 };
 
 // Returns the rig with the scene's calibration error applied, as given to the pipeline.

@@ -35,10 +35,16 @@ class SceneLayers {
  public:
   SceneLayers(const fs::path& file, const SceneLoadOptions& reading) : reading_(reading) {
     add(file, "");
+    for (const YamlMap& layer : std::vector<YamlMap>(layers_)) place_from(layer);
     for (const auto& [path, value] : reading_.changes) owner(path.substr(0, path.find('.'))).set(path, value);
     seed = reading.seed.value_or(has("seed") ? with("seed").seed("seed") : 1);
     const auto draws = std::make_shared<SceneDraws>(seed);
-    for (size_t i = 0; i < layers_.size(); ++i) layers_[i].draw_from(draws, places_[i]);
+    for (size_t i = 0; i < layers_.size(); ++i) {
+      layers_[i].draw_from(draws, places_[i]);
+      if (!reading.values) continue;
+      values_.push_back(std::make_shared<std::vector<YamlValue>>());
+      layers_[i].record_values(values_.back());
+    }
   }
 
   // Returns the first layer that has the section, else the scene file itself, which then reports it as missing.
@@ -53,8 +59,19 @@ class SceneLayers {
   YamlMap section(const std::string& name) const { return with(name).map(name); }
   const std::vector<YamlMap>& all() const { return layers_; }
 
-  // Adds the files named in the layers to those in SceneLoadOptions::files.
+  // Passes on the values that were read, and the files named in the layers.
   ~SceneLayers() {
+    for (size_t i = 0; i < values_.size(); ++i) {
+      const std::string place = layers_[i].place(), file = place.substr(0, place.rfind(':'));
+      for (YamlValue& value : *values_[i]) {
+        const std::string section = value.path.substr(0, value.path.find('.'));
+        // Of a list in another file, such as the rig's, single entries cannot be overridden.
+        const bool is_entry =
+            value.path.find_first_not_of("0123456789", value.path.rfind('.') + 1) == std::string::npos;
+        const bool changeable = &owner(section) == &layers_[i] && (!is_entry || value.place.starts_with(file));
+        reading_.values->push_back({std::move(value), changeable});
+      }
+    }
     if (!reading_.files) return;
     for (const YamlMap& layer : layers_) {
       const std::vector<fs::path> asked = layer.asked_files();
@@ -74,6 +91,20 @@ class SceneLayers {
   uint64_t seed = 1;
 
  private:
+  // Applies the places that a layer gives in its section `placed`, by key path.
+  void place_from(const YamlMap& layer) {
+    if (!layer.has("placed")) return;
+    const YamlMap placed = layer.map("placed");
+    for (const std::string& path : placed.keys()) {
+      const std::string value = placed.yaml(path);
+      try {
+        owner(path.substr(0, path.find('.'))).set(path, value);
+      } catch (const Error& e) {
+        placed.report(placed.error(path, e.what()));
+      }
+    }
+  }
+
   YamlMap& owner(const std::string& section) {
     const auto has = [&](const YamlMap& layer) { return layer.has(section); };
     const auto found = std::find_if(layers_.begin(), layers_.end(), has);
@@ -109,6 +140,7 @@ class SceneLayers {
 
   SceneLoadOptions reading_;
   std::vector<YamlMap> layers_;
+  std::vector<std::shared_ptr<std::vector<YamlValue>>> values_;  // by layer, if wanted
   std::vector<std::string> places_;  // include path of each layer, part of the address of its draws
   std::set<fs::path> files_;
 };
@@ -125,7 +157,7 @@ std::string indented(const std::string& text, const std::string& first) {
 }
 
 std::string SceneLayers::resolved(const fs::path& folder) const {
-  const std::set<std::string> composed = {"include", "seed", "materials", "objects"};
+  const std::set<std::string> composed = {"include", "placed", "seed", "materials", "objects"};
   std::set<std::string> written = composed;
   std::string text;
   for (const YamlMap& layer : layers_) {
@@ -179,9 +211,10 @@ std::vector<Object> read_all_objects(const SceneLayers& layers, const Materials&
   uint32_t number = 0, read = 0;
   std::set<const Mesh*> meshes;
   size_t triangles = 0;
-  const auto add = [&](std::vector<Object> found) {
+  const auto add = [&](std::vector<Object> found, const std::string& place) {
     for (Object& object : found) {
       if (meshes.insert(object.mesh.get()).second) triangles += object.mesh->triangles.size();
+      object.place = place;
       objects.push_back(std::move(object));
     }
     ++read;
@@ -196,14 +229,21 @@ std::vector<Object> read_all_objects(const SceneLayers& layers, const Materials&
                   std::to_string(limits.triangles) + " are allowed");
   };
   if (building) {
-    add(building_objects(*building, layers.seed));
+    add(building_objects(*building, layers.seed), "");
     ++number;
     check_limits([&](const std::string& text) { return layers.with("building").error("building", text); });
   }
   for (const YamlMap& layer : layers.all()) {
     if (!layer.has("objects")) continue;
+    size_t index = 0;  // in the layer
     for (const YamlMap& entry : layer.maps("objects")) {
-      entry.attempt([&] { add(read_objects(entry, number, {materials, layers.seed, notes, limits})); });
+      const std::string path = &layer == &layers.with("objects") ? "objects." + std::to_string(index) : "";
+      ++index;
+      entry.attempt([&] {
+        const size_t before = objects.size();
+        add(read_objects(entry, number, {materials, layers.seed, notes, limits}), entry.place());
+        if (objects.size() == before + 1) objects.back().path = path;
+      });
       ++number;
       check_limits([&](const std::string& text) { return entry.error(text); });
     }

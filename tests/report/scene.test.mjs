@@ -420,6 +420,173 @@ test('a new seed draws another world, which the command shown opens again', asyn
   await again.stop('SIGTERM');
 });
 
+// Waits until all views of the scene shown are assessed.
+const assessed = (page) => page.waitForFunction(() => {
+  const number = document.getElementById('scene').dataset.whole;
+  return number && document.getElementById('difficulty-state').dataset.done === number;
+});
+
+test('the difficulty along the path agrees with scene check, and nothing is red in an easy scene', async () => {
+  const {page, close} = await open();
+  await assessed(page);
+  const {views} = JSON.parse(spawnSync(runs.program, ['scene', 'check', scene, '--difficulty', '--json'], {encoding: 'utf8'}).stdout);
+  const {scene: number} = await stateOf(served.port);
+  const answer = await json(served.port, `/difficulty?scene=${number}&known=0`);
+  assert.deepEqual([answer.total, answer.done, answer.views], [4, true, views]);
+  assert.match(await page.locator('#difficulty-state').textContent(), /4 views assessed; none beyond a limit/);
+  assert.equal(await page.locator('#difficulty-list li').count(), 0);
+  assert.equal(await page.locator('#difficulty-plots .curve').count(), 7);
+  assert.match(await page.locator('#scene').getAttribute('data-levels'), /^[01]{4}$/);
+  assert.equal(await status(served.port, `/difficulty?scene=${number - 1}&known=0`), 204);
+  assert.equal(await status(served.port, '/difficulty?known=0'), 400);
+  await close();
+});
+
+test('a view beyond the range is red, with the reason, and a click shows it', async () => {
+  const place = runs.scene('far', sceneText('far', 'the scene page', {count: 12, size: 0.24,
+    motions: '    - {translation_mm: [20, 0, 0], rotation_deg: [0, 0, 0]}\n    - {translation_mm: [0, 0, 900], rotation_deg: [0, 0, 0]}\n'}));
+  const server = await serveScene(place);
+  const {page, close} = await open(server.url);
+  await assessed(page);
+  const levels = await page.locator('#scene').getAttribute('data-levels');
+  assert.match(levels, /^[01]{2}2$/);
+  const before = await look(page, '.stage');
+  await page.locator('#path-colour').selectOption('repetition');
+  assert.match(await page.locator('#scene').getAttribute('data-levels'), /^000$/);
+  await changed(page, '.stage', before);
+  await page.locator('#path-colour').selectOption('worst');
+  const stretch = page.locator('#difficulty-list button', {hasText: 'Range, view 2'});
+  assert.match(await stretch.innerText(), /beyond far_m/);
+  await stretch.click();
+  assert.equal(await page.locator('#time-text').textContent(), 'view 2');
+  assert.match(await page.locator('#difficulty-here').innerText(), /Range: only \d+ % of the pixels are lit and in range/);
+  await close();
+  await server.stop('SIGTERM');
+});
+
+test('distributions are listed with the values drawn, and any number can be changed, as by --with', async () => {
+  const server = await serve('--with', 'light.ambient_lux={uniform: [100, 300]}');
+  const {page, close} = await open(server.url);
+  const row = (path) => page.locator(`.value-row[data-path="${path}"]`);
+  assert.equal(await page.locator('.value-row').count(), 1);
+  const drawn = Number(await row('light.ambient_lux').locator('.number').inputValue());
+  assert.ok(drawn > 100 && drawn < 300, `${drawn}`);
+  assert.match(await row('light.ambient_lux').innerText(), /from \{uniform: \[100, 300\]\}/);
+
+  const shows = async (what) => page.waitForFunction((text) => document.querySelector('#command code').textContent.endsWith(text), what);
+  const whole = () => page.locator('#scene').getAttribute('data-whole');
+  let before = await whole();
+  const other = () => page.waitForSelector(`#scene[data-whole]:not([data-whole="${before}"])`, {state: 'attached'});
+  const slider = row('light.ambient_lux').locator('input[type=range]');
+  await slider.focus();
+  await page.keyboard.press('End');
+  await other();
+  await shows('--with light.ambient_lux=300');
+  assert.equal(await row('light.ambient_lux').locator('.number').inputValue(), '300');
+
+  before = await whole();
+  await page.locator('#values-filter').fill('objects.1.count');
+  await row('objects.1.count').locator('.number').fill('3');
+  await page.keyboard.press('Enter');
+  await other();
+  await shows('--with objects.1.count=3');
+  assert.equal((await sceneOf(server.port)).objects.length, 4);
+
+  // A bad value is an error of one line, beside the last valid world.
+  await row('objects.1.count').locator('.number').fill('-5');
+  await page.keyboard.press('Enter');
+  await page.waitForFunction(() => /'count' is -5|'count'.*-5/.test(document.getElementById('scene-error').textContent));
+  assert.equal((await sceneOf(server.port)).objects.length, 4);
+  await row('objects.1.count').locator('.undo').click();
+  await page.locator('#scene-error').waitFor({state: 'hidden'});
+  await page.waitForFunction(() => document.querySelectorAll('#object-list li').length > 4);
+  await page.locator('#values-reset').click();
+  await page.waitForFunction(() => document.getElementById('values-reset').hidden);
+
+  const command = await page.locator('#command code').textContent();
+  assert.match(command, /--with 'light.ambient_lux=\{uniform: \[100, 300\]\}'$/);
+  assert.equal(await status(server.port, '/value?path=light.ambient_lux&value=1', {Origin: 'http://evil.example'}, 'POST'), 403);
+  assert.equal(await status(server.port, '/value?value=1', {}, 'POST'), 400);
+  await close();
+  await server.stop('SIGTERM');
+});
+
+test('what is moved goes to placed.yaml, which scene check accepts, and the author\'s file stays', async () => {
+  const text = sceneText('placed', 'the scene page', {count: 3, size: 0.24, motions: kMotions})
+    .replace('materials:', '# A comment of the author.\nmaterials:')
+    .replace('trajectory:', '  - {shape: box, size_m: [0.1, 0.1, 0.1], material: cardboard, pose: {translation_m: [0, 0.1, 0.05]}}\ntrajectory:\n  start: {translation_m: [0, 0, 0.02]}');
+  const place = runs.scene('placed', text), file = (name) => resolve(place, name);
+  const server = await serveScene(place);
+  const {page, close} = await open(server.url);
+  const box = await page.locator('#object-list li').count() - 1;
+  await page.locator('#object-list button').nth(box).click();
+  const z = page.locator('#move input').nth(2);
+  assert.equal(await z.inputValue(), '0.05');
+  await z.fill('0.2');
+  await page.keyboard.press('Enter');
+  await page.waitForFunction(() => /scene\.yaml: add `include: placed\.yaml`/.test(document.getElementById('place-error').textContent));
+  assert.match(readFileSync(file('placed.yaml'), 'utf8'), /^# Written by `fringeslam scene open`/);
+
+  const whole = () => page.locator('#scene').getAttribute('data-whole');
+  let before = await whole();
+  const other = () => page.waitForSelector(`#scene[data-whole]:not([data-whole="${before}"])`, {state: 'attached'});
+  const included = text.replace('seed: 3', 'seed: 3\ninclude: placed.yaml');
+  writeFileSync(file('scene.yaml'), included);
+  await other();
+  before = await whole();
+  await z.fill('0.2');
+  await page.keyboard.press('Enter');
+  await other();
+  assert.ok(await page.locator('#place-error').isHidden());
+  const position = async () => (await sceneOf(server.port)).objects[box].pose.slice(0, 3);
+  assert.deepEqual(await position(), [0, 0.1, 0.2]);
+
+  // By its arrow, whose tip is to the right of the box or to its left.
+  before = await whole();
+  await page.locator('.stage').scrollIntoViewIfNeeded();
+  const {x: left, y: top, width, height} = await page.locator('#scene').boundingBox();
+  const grip = await page.evaluate(() => document.getElementById('scene').dataset.grip.split(',').map(Number));
+  const [gripX, gripY] = [left + grip[0] * width, top + grip[1] * height];
+  await page.mouse.move(gripX, gripY);
+  await page.mouse.down();
+  await page.mouse.move(gripX + 20, gripY + 10, {steps: 4});
+  await page.mouse.move(gripX + 60, gripY + 30, {steps: 8});
+  await page.mouse.up();
+  await other();
+  const dragged = await position();
+  assert.ok(Math.abs(dragged[0]) > 0.01, `${dragged}`);
+  assert.ok(Math.abs(dragged[1] - 0.1) < 1e-9 && Math.abs(dragged[2] - 0.2) < 1e-9, `${dragged}`);
+
+  // The start of the trajectory, and a second entry beside the first.
+  assert.equal(await status(server.port, '/place?path=trajectory.start.translation_m&x=0.03&y=0&z=0.02', {}, 'POST'), 200);
+  await page.waitForFunction(() => document.querySelector('#scene').dataset.whole);
+  const {status: code, stdout, stderr} = spawnSync(runs.program, ['scene', 'check', place], {encoding: 'utf8'});
+  assert.equal(code, 0, stdout + stderr);
+  const placed = readFileSync(file('placed.yaml'), 'utf8');
+  assert.match(placed, /objects\.2\.pose\.translation_m: \[/);
+  assert.match(placed, /trajectory\.start\.translation_m: \[0\.03, 0, 0\.02\]/);
+  assert.equal(readFileSync(file('scene.yaml'), 'utf8'), included);
+
+  // A file of the author's is never replaced.
+  writeFileSync(file('placed.yaml'), '# Mine.\nplaced: {}\n');
+  const {error} = await json(server.port, '/place?path=objects.2.pose.translation_m&x=0&y=0&z=0', {}, 'POST');
+  assert.match(error, /placed\.yaml: was not written by this program/);
+  assert.equal(readFileSync(file('placed.yaml'), 'utf8'), '# Mine.\nplaced: {}\n');
+  assert.match((await json(server.port, '/place?path=light.ambient_lux&x=0&y=0&z=0', {}, 'POST')).error, /./);
+  assert.equal(await status(server.port, '/place?path=objects.2.pose.translation_m&x=0&y=0', {}, 'POST'), 400);
+  assert.equal(await status(server.port, '/place?path=objects.2.pose.translation_m&x=0&y=0&z=0', {Origin: 'http://evil.example'}, 'POST'), 403);
+  await close();
+  await server.stop('SIGTERM');
+});
+
+test('a selected object shows the line of its entry', async () => {
+  const {page, close} = await open();
+  await page.locator('#object-list button').nth(3).click();
+  const line = readFileSync(resolve(scene, 'scene.yaml'), 'utf8').split('\n').findIndex((text) => text.includes('shape: scatter')) + 1;
+  assert.match(await page.locator('#selected').innerText(), new RegExp(`scene\\.yaml:${line}\\b`));
+  await close();
+});
+
 test('only the page may order a new seed', async () => {
   const {number} = await stateOf(served.port);
   assert.equal(await status(served.port, '/seed', {Origin: 'http://evil.example'}, 'POST'), 403);

@@ -2,6 +2,7 @@
 // Scenes that override their file's values: by SceneLoadOptions::changes, by keys of `rig:`, and by a calibration error.
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <numbers>
 
 #include "core/io/files.h"
@@ -127,6 +128,64 @@ TEST_F(SceneVariant, AWrongCalibrationIsWhatThePipelineIsTold) {
   EXPECT_NEAR(180 / std::numbers::pi * rotation_rad(off), 0.5, 1e-9);
   const Scene right = load_scene(file());
   EXPECT_EQ(to_yaml(VirtualRig(right, {}).model()), to_yaml(right.rig));
+}
+
+TEST_F(SceneVariant, ValuesAreListedWithPathPlaceAndDistribution) {
+  write_text(temp_ / "other.yaml", "light: {ambient_lux: 7}\nair: {extinction_per_m: {uniform: [0.1, 0.2]}}\n");
+  std::vector<SceneValue> values;
+  SceneLoadOptions reading;
+  reading.values = &values;
+  const Scene scene =
+      load_scene(file("", "include: other.yaml\nlight: {ambient_lux: {log_uniform: [100, 200]}}\n"), reading);
+  const auto value = [&](const std::string& path) {
+    const auto found = std::find_if(values.begin(), values.end(), [&](const SceneValue& v) { return v.path == path; });
+    return found == values.end() ? SceneValue{} : *found;
+  };
+  const SceneValue lux = value("light.ambient_lux");
+  EXPECT_EQ(lux.text, to_text(scene.ambient_lux));
+  EXPECT_EQ(lux.distribution, "{log_uniform: [100, 200]}");
+  EXPECT_EQ(lux.place, (temp_ / "scene.yaml").string() + ":10");
+  EXPECT_EQ(lux.range->low, 0);
+  EXPECT_TRUE(lux.changeable);
+  EXPECT_EQ(value("objects.1.size_m.2").text, "0.1");
+  EXPECT_EQ(value("objects.1.size_m.2").place, (temp_ / "scene.yaml").string() + ":7");
+  EXPECT_EQ(value("air.extinction_per_m").text, to_text(scene.air.extinction_per_m));
+  EXPECT_TRUE(value("patterns.steps").whole);
+  EXPECT_EQ(value("rig.camera.fx_px").text, to_text(scene.rig.camera.fx));
+  EXPECT_THAT(value("rig.camera.fx_px").place, HasSubstr("thesis.yaml:"));
+  EXPECT_FALSE(value("rig.robot_from_camera.rotation_deg.0").changeable);
+  // Each can be changed by its path.
+  for (const SceneValue& listed : values) {
+    if (listed.changeable) {
+      EXPECT_NO_THROW(with({{listed.path, listed.text}})) << listed.path;
+    }
+  }
+}
+
+TEST_F(SceneVariant, ObjectsKnowTheLineOfTheirEntry) {
+  const Scene scene = load_scene(file());
+  EXPECT_EQ(scene.objects[1].place, (temp_ / "scene.yaml").string() + ":7");
+}
+
+TEST_F(SceneVariant, PlacesOfAnIncludedFileReplaceThoseOfTheScene) {
+  write_text(temp_ / "placed.yaml",
+             "placed:\n  objects.1.pose.translation_m: [0.1, 0.2, 0.3]\n  trajectory.start.translation_m: [1, 2, 3]\n");
+  const Scene scene = load_scene(file("", "include: placed.yaml\n"));
+  EXPECT_EQ(scene.objects[1].world_from_object.translation, Eigen::Vector3d(0.1, 0.2, 0.3));
+  EXPECT_EQ(scene.objects[1].path, "objects.1");
+  EXPECT_EQ(scene.trajectory[0].world_from_robot.translation, Eigen::Vector3d(1, 2, 3));
+  // The resolved scene has them in place.
+  write_text(temp_ / "resolved.yaml", scene.resolved);
+  EXPECT_EQ(load_scene(temp_ / "resolved.yaml").objects[1].world_from_object.translation,
+            Eigen::Vector3d(0.1, 0.2, 0.3));
+  // Changes by option come after them.
+  SceneLoadOptions reading;
+  reading.changes = {{"objects.1.pose.translation_m", "[0, 0, 0]"}};
+  EXPECT_EQ(load_scene(temp_ / "scene.yaml", reading).objects[1].world_from_object.translation,
+            Eigen::Vector3d::Zero());
+  write_text(temp_ / "placed.yaml", "placed:\n  objects.7.pose.translation_m: [0.1, 0.2, 0.3]\n");
+  EXPECT_THAT(error_of([&] { load_scene(temp_ / "scene.yaml"); }),
+              AllOf(StartsWith((temp_ / "placed.yaml").string() + ":2: "), HasSubstr("is a list of 2")));
 }
 
 }  // namespace

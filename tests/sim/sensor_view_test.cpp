@@ -4,6 +4,7 @@
 
 #include <gmock/gmock.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cmath>
 
@@ -97,6 +98,29 @@ TEST(SensorView, StopsBetweenRowsOfBlocks) {
 TEST(SensorView, APatternThatIsNotThereIsRefused) {
   const Scene scene = box_before_a_wall();
   EXPECT_THROW(SensorView(scene).image({}, 6, true), std::out_of_range);
+}
+
+TEST(SensorView, AStackSamplesTheFullImages) {
+  const Scene scene = box_before_a_wall();
+  const SimulatedView full = *VirtualRig(scene, {.noise = false}).simulate(scene.patterns);
+  SensorView view(scene);
+  const SensorView::Stack stack = *view.stack(scene.trajectory[0]);
+  ASSERT_EQ(stack.stack.images.size(), full.stack.images.size());
+  EXPECT_EQ(stack.stack.images[0].size(), cv::Size(33, 25));
+  EXPECT_EQ(stack.stack.exposure_time_s, full.stack.exposure_time_s);
+  for (size_t i = 0; i < full.stack.images.size(); ++i) {
+    EXPECT_EQ(stack.stack.exposure_s[i], full.stack.exposure_s[i]);
+    EXPECT_NEAR(mean_of(stack.stack.images[i]) / mean_of(full.stack.images[i]), 1, 0.1) << i;
+  }
+  // Pixels at edges are as frequent as in the full images, not four times as frequent.
+  const auto mixed = [](const TruthFrame& truth) {
+    const auto is_mixed = [](float mask) { return (static_cast<int>(mask) & kTruthMixed) != 0; };
+    return static_cast<double>(std::count_if(truth.mask.begin(), truth.mask.end(), is_mixed)) /
+           static_cast<double>(truth.mask.total());
+  };
+  EXPECT_LT(mixed(stack.truth), 2 * mixed(full.truth));
+  EXPECT_GT(mixed(view.truth({}, true)), 2 * mixed(full.truth));
+  EXPECT_FALSE(view.stack(scene.trajectory[0], [] { return true; }));
 }
 
 }  // namespace

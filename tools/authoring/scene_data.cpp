@@ -89,6 +89,26 @@ Json patterns_json(const PatternSequence& sequence) {
   return list;
 }
 
+Json values_json(const std::vector<sim::SceneValue>& values) {
+  constexpr double kUnlimited = 1e9;  // limits from here on only reject infinity
+  Json list = Json::array();
+  size_t numbers = 0;
+  for (const sim::SceneValue& value : values) {
+    if (value.distribution.empty() && ++numbers > kMostNumbers) continue;
+    const auto end = [&](double limit) { return std::abs(limit) < kUnlimited ? Json(limit) : Json(); };
+    list.push_back({{"path", value.path},
+                    {"text", value.text},
+                    {"distribution", value.distribution},
+                    {"place", value.place},
+                    {"number", value.range.has_value()},
+                    {"low", value.range ? end(value.range->low) : Json()},
+                    {"high", value.range ? end(value.range->high) : Json()},
+                    {"whole", value.whole},
+                    {"changeable", value.changeable}});
+  }
+  return list;
+}
+
 void append(std::string& bytes, const auto& value) {
   bytes.append(reinterpret_cast<const char*>(&value), sizeof value);
 }
@@ -116,7 +136,7 @@ std::string bytes_of(const SurfaceMesh& mesh) {
 
 }  // namespace
 
-SceneData scene_data(const sim::Scene& scene, size_t max_triangles) {
+SceneData scene_data(const sim::Scene& scene, const std::vector<sim::SceneValue>& values, size_t max_triangles) {
   size_t triangles = 0, drawn_triangles = 0;
   for (const sim::Object& object : scene.objects) triangles += object.mesh->triangles.size();
   // Small meshes stay whole: thinned boxes would lose their shape and save nothing.
@@ -146,6 +166,8 @@ SceneData scene_data(const sim::Scene& scene, size_t max_triangles) {
     }
     drawn_triangles += mesh.triangles;
     objects.push_back({{"name", object.name},
+                       {"place", object.place},
+                       {"path", object.path},
                        {"mesh", mesh.name},
                        {"material", object.material.name},
                        {"albedo", object.material.albedo},
@@ -166,6 +188,7 @@ SceneData scene_data(const sim::Scene& scene, size_t max_triangles) {
                                {"projector_corners", corners_of(scene.rig.projector)}}},
                              {"patterns", patterns_json(scene.patterns)},
                              {"objects", objects},
+                             {"values", values_json(values)},
                              {"path", path_json(scene.rig, data.path)}});
   return data;
 }

@@ -16,7 +16,9 @@ struct SceneData {
   //   rig         near_m, far_m, camera's width_px and height_px, and the rays (x, y at depth 1) of the corners of both
   //               images
   //   patterns    what each image of a stack shows
-  //   objects     name, name of its mesh, material, mean albedo, pose
+  //   objects     name, place (file:line), path of its entry or "", name of its mesh, material, mean albedo, pose
+  //   values      path, text, distribution (empty: none), place, low and high (null: unlimited, or not a number), whole,
+  //               changeable
   //   path        time_s, poses of camera and projector
   // Poses are x y z qx qy qz qw in the world frame.
   std::string json;
@@ -28,6 +30,9 @@ struct SceneData {
 
 // If the world's objects have more than `max_triangles` in total, meshes of more than 500 vertices are thinned by vertex
 // clustering, each by that ratio. Smaller ones stay whole, so that a world of many small objects may exceed it.
-SceneData scene_data(const sim::Scene& scene, size_t max_triangles = 1'500'000);
+// Of `values`, all that are drawn are listed, and the first kMostNumbers others.
+constexpr size_t kMostNumbers = 2000;
+SceneData scene_data(const sim::Scene& scene, const std::vector<sim::SceneValue>& values = {},
+                     size_t max_triangles = 1'500'000);
 
 }  // namespace fringeslam::tools

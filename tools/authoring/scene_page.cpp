@@ -6,6 +6,8 @@
 #include <random>
 
 #include "core/io/json_text.h"
+#include "tools/authoring/difficulty_json.h"
+#include "tools/authoring/placed_file.h"
 #include "tools/authoring/sensor_picture.h"
 #include "tools/report/report_page.h"
 #include "tools/shell.h"
@@ -37,12 +39,15 @@ ScenePage::ScenePage(std::string scene, SceneVariant variant, LiveAccess access)
     : name_(std::move(scene)),
       variant_(std::move(variant)),
       scene_(scene_file(name_), variant_.reading()),
+      difficulty_(scene_),
       server_(std::move(access), "--port", [this](const PageRequest& request) { return answer(request); },
               {.posts = true, .nice = 0}) {}
 
 PageAnswer ScenePage::answer(const PageRequest& request) {
   const std::string_view path = request.path;
   if (request.is_post) {
+    if (path == "/place") return place(request);
+    if (path == "/value") return override_value(request);
     if (path != "/seed") return {405, {}};
     scene_.reseed(std::random_device()() % kSeeds);
     return PageAnswer::of("{}", "application/json");
@@ -50,6 +55,7 @@ PageAnswer ScenePage::answer(const PageRequest& request) {
   if (path == "/") return PageAnswer::of(std::string(world_page()), "text/html; charset=utf-8");
   if (path == "/state") return state(request);
   if (path.starts_with("/view/")) return view(request);
+  if (path == "/difficulty") return difficulty(request);
   const WatchedScene::State now = scene_.state();
   if (constexpr std::string_view kScene = "/scene/"; path.starts_with(kScene)) {
     const auto number = number_in<uint64_t>(path.substr(kScene.size()));
@@ -66,9 +72,41 @@ PageAnswer ScenePage::answer(const PageRequest& request) {
   return {};
 }
 
-std::string ScenePage::command(uint64_t seed) const {
-  std::string text = "fringeslam scene open " + word(name_) + " --seed " + std::to_string(seed);
+PageAnswer ScenePage::place(const PageRequest& request) {
+  Eigen::Vector3d position_m;
+  for (int i = 0; i < 3; ++i) {
+    const auto value = number_in<double>(request.parameter(std::string(1, "xyz"[i])));
+    if (!value) return {400, {}};
+    position_m[i] = *value;
+  }
+  const std::string path = request.parameter("path");
+  std::string error;
+  try {
+    const std::lock_guard lock(placing_);
+    const std::filesystem::path folder = scene_.file().parent_path();
+    create_placed(folder);
+    if (!scene_.state().placeable)
+      throw Error(scene_.file().string() + ": add `include: " + kPlacedFile +
+                  "`, or the name to its list of includes; " + "what is dragged is stored there");
+    tools::place(folder, path, position_m);
+  } catch (const Error& refusal) {
+    error = refusal.what();
+  }
+  return PageAnswer::of(json_text(nlohmann::ordered_json{{"error", error}}), "application/json");
+}
+
+PageAnswer ScenePage::override_value(const PageRequest& request) {
+  constexpr size_t kLongest = 1000;
+  const std::string path = request.parameter("path"), value = request.parameter("value");
+  if (path.empty() || path.size() > kLongest || value.size() > kLongest) return {400, {}};
+  scene_.change_value(path, value.empty() ? std::nullopt : std::optional(value));
+  return PageAnswer::of("{}", "application/json");
+}
+
+std::string ScenePage::command(const WatchedScene::State& state) const {
+  std::string text = "fringeslam scene open " + word(name_) + " --seed " + std::to_string(state.scene->scene.seed);
   for (const std::string& change : variant_.with) text += " --with " + word(change);
+  for (const auto& [path, value] : state.changes) text += " --with " + word(path + "=" + value);
   return text;
 }
 
@@ -85,8 +123,29 @@ PageAnswer ScenePage::state(const PageRequest& request) {
                                                          {"scene", state.scene_number},
                                                          {"error", state.error},
                                                          {"loading", state.loading},
-                                                         {"command", command(state.scene->scene.seed)}}),
+                                                         {"changes", state.changes},
+                                                         {"command", command(state)}}),
                         "application/json");
+}
+
+PageAnswer ScenePage::difficulty(const PageRequest& request) {
+  const auto number = number_in<uint64_t>(request.parameter("scene"));
+  const auto known = number_in<size_t>(request.parameter("known"));
+  if (!number || !known) return {400, {}};
+  const Waiting waiting(waiting_for_difficulty_);
+  if (waiting.place > kViewers) return {503, {}};
+  const DifficultyRun::State state = difficulty_.await_more(*number, *known, kLongestWait, request.given_up);
+  const WatchedScene::State now = scene_.state();
+  if (*number != now.scene_number) return {204, {}};
+  nlohmann::ordered_json views = nlohmann::ordered_json::array();
+  const bool begun = state.scene_number == *number;
+  for (size_t i = *known; begun && i < state.views.size(); ++i) views.push_back(difficulty_json(state.views[i]));
+  return PageAnswer::of(
+      json_text(nlohmann::ordered_json{{"total", assessed_views(now.scene->scene, DifficultyRun::kMost)},
+                                       {"done", begun && state.done},
+                                       {"error", begun ? state.error : ""},
+                                       {"views", views}}),
+      "application/json");
 }
 
 PageAnswer ScenePage::view(const PageRequest& request) {

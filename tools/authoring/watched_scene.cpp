@@ -5,6 +5,8 @@
 
 #include <algorithm>
 
+#include "tools/authoring/placed_file.h"
+
 namespace fringeslam::tools {
 
 namespace {
@@ -33,7 +35,8 @@ uint64_t first_number() {
 
 WatchedScene::WatchedScene(std::filesystem::path file, sim::SceneLoadOptions reading)
     : file_(std::move(file)), reading_(std::move(reading)) {
-  state_.scene = std::make_shared<ShownScene>(load(reading_.seed));
+  state_.scene = load();
+  state_.placeable = includes_placed();
   state_.number = state_.scene_number = first_number();
   thread_ = std::thread([this] { watch(); });
 }
@@ -69,6 +72,17 @@ void WatchedScene::reseed(uint64_t seed) {
   changed_.notify_all();
 }
 
+void WatchedScene::change_value(const std::string& path, const std::optional<std::string>& value) {
+  {
+    const std::lock_guard lock(mutex_);
+    Changes changes = new_changes_.value_or(state_.changes);
+    std::erase_if(changes, [&](const auto& change) { return change.first == path; });
+    if (value) changes.emplace_back(path, *value);
+    new_changes_ = std::move(changes);
+  }
+  changed_.notify_all();
+}
+
 void WatchedScene::change(const std::function<void(State&)>& how) {
   {
     const std::lock_guard lock(mutex_);
@@ -91,14 +105,16 @@ WatchedScene::Stamps WatchedScene::stamps() const {
   return now;
 }
 
-sim::Scene WatchedScene::load(std::optional<uint64_t> seed) {
+std::shared_ptr<ShownScene> WatchedScene::load() {
   // Files are stamped before they are read: a later change then counts as one.
   const Stamps before = stamps();
   const int64_t start_ns = file_time_ns();
   std::vector<std::filesystem::path> files;
+  std::vector<sim::SceneValue> values;
   sim::SceneLoadOptions reading = reading_;
-  reading.seed = seed;
+  reading.changes.insert(reading.changes.end(), changes_.begin(), changes_.end());
   reading.files = &files;
+  reading.values = &values;
   const auto remember = [&] {
     loaded_.clear();
     for (const std::filesystem::path& file : files) {
@@ -114,24 +130,34 @@ sim::Scene WatchedScene::load(std::optional<uint64_t> seed) {
   try {
     sim::Scene scene = sim::load_scene(file_, reading);
     remember();
-    return scene;
+    return std::make_shared<ShownScene>(std::move(scene), values);
   } catch (...) {
     remember();
     throw;
   }
 }
 
+bool WatchedScene::includes_placed() const {
+  const std::filesystem::path placed = std::filesystem::weakly_canonical(file_.parent_path() / kPlacedFile);
+  return std::any_of(loaded_.begin(), loaded_.end(),
+                     [&](const auto& entry) { return std::filesystem::weakly_canonical(entry.first) == placed; });
+}
+
 void WatchedScene::reload() {
-  change([](State& state) { state.loading = true; });
+  change([&](State& state) {
+    state.loading = true;
+    state.changes = changes_;
+  });
   std::string error;
   std::shared_ptr<ShownScene> scene;
   try {
-    scene = std::make_shared<ShownScene>(load(reading_.seed));
+    scene = load();
   } catch (const std::exception& failure) {
     error = failure.what();
   }
   change([&](State& state) {
     state.loading = false;
+    state.placeable = includes_placed();
     state.error = error;
     if (!scene) return;
     state.scene = scene;
@@ -143,15 +169,18 @@ void WatchedScene::watch() {
   Stamps last = stamps();
   for (;;) {
     std::optional<uint64_t> seed;
+    std::optional<Changes> changes;
     {
       std::unique_lock lock(mutex_);
-      changed_.wait_for(lock, kLook, [&] { return stopping_ || new_seed_; });
+      changed_.wait_for(lock, kLook, [&] { return stopping_ || new_seed_ || new_changes_; });
       if (stopping_) return;
       seed = std::exchange(new_seed_, std::nullopt);
+      changes = std::exchange(new_changes_, std::nullopt);
     }
     const Stamps now = stamps();
     if (seed) reading_.seed = seed;
-    if (seed || (now != loaded_ && now == last)) {
+    if (changes) changes_ = *changes;
+    if (seed || changes || (now != loaded_ && now == last)) {
       reload();
       last = stamps();
     } else {

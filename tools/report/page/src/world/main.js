@@ -7,7 +7,10 @@ import {fixed} from '../shared/format.js';
 import {drawPage} from '../shared/page.js';
 import {keepPolling, pause, reason} from '../shared/polling.js';
 import {ask, order, readToken} from '../live/server.js';
+import {DifficultyPanel} from './difficulty.js';
 import {SensorPanel} from './sensor.js';
+import {shortPlace} from './places.js';
+import {ValuesPanel} from './values.js';
 import {World} from './world.js';
 
 const kMostListed = 500;
@@ -20,12 +23,21 @@ class ScenePage {
   constructor() {
     this.world = new World();
     this.sensor = new SensorPanel();
+    this.difficulty = new DifficultyPanel((time_s) => this.goTo(time_s), (levels, views) => this.world.colourPath(levels, views));
+    this.values = new ValuesPanel();
     this.scene = null;
     this.drawn = null;  // number of the scene whose world is drawn
     this.number = null;  // of the state shown
     byId('time').addEventListener('input', () => this.showTime());
     byId('new-seed').addEventListener('click', () => this.drawSeed());
-    this.world.onSelect = (i) => this.showSelected(i);
+    this.world.onSelect = () => this.showSelected();
+    this.world.onPlace = (place, position) => this.place(place, position);
+    byId('move').addEventListener('submit', (event) => {
+      event.preventDefault();
+      const place = this.world.place();
+      if (place) this.place(place, this.coordinates.map((box) => Number(box.value)));
+    });
+    this.coordinates = [...byId('move').querySelectorAll('input')];
   }
 
   async poll() {
@@ -37,6 +49,7 @@ class ScenePage {
     if (byId('scene-error').textContent !== state.error) byId('scene-error').textContent = state.error;
     byId('status').textContent = state.loading ? 'Loading the changed scene' : this.scene.notes.join(' ');
     if (this.command !== state.command) this.showCommand(state.command);
+    this.values.showChanges(state.changes);
     byId('new-seed').disabled = state.loading;
   }
 
@@ -51,11 +64,14 @@ class ScenePage {
     const thinned = scene.drawn_triangles < scene.triangles ? `, of which ${scene.drawn_triangles} are drawn` : '';
     byId('about').textContent = `seed ${scene.seed}, ${scene.objects.length} objects, ${scene.triangles} triangles${thinned}`;
     this.listObjects();
+    this.values.use(scene);
     byId('time').max = scene.path.length - 1;
     this.sensor.use(scene);  // needs no meshes
     if (!(await this.world.show(scene, (mesh) => ask(`/mesh/${mesh}`)))) return false;
     this.drawn = number;
+    this.showSelected();
     this.showTime();
+    this.difficulty.use(scene);  // continues in the background
     return true;
   }
 
@@ -74,12 +90,20 @@ class ScenePage {
     }
   }
 
+  // Moves the slider to the place nearest in time.
+  goTo(time_s) {
+    const {path} = this.scene;
+    byId('time').value = path.reduce((best, {time_s: at}, i) => (Math.abs(at - time_s) < Math.abs(path[best].time_s - time_s) ? i : best), 0);
+    this.showTime();
+  }
+
   showTime() {
     if (!this.scene) return;
     const slider = byId('time'), index = Number(slider.value);
     const text = this.scene.continuous ? `${fixed(this.scene.path[index].time_s, 2)} s` : `view ${index}`;
     byId('time-text').textContent = text;
     slider.setAttribute('aria-valuetext', text);
+    this.difficulty.at(this.scene.path[index].time_s);
     const pictured = this.sensor.at(index);
     // The camera's picture comes first: without a GPU, drawing the world takes longer.
     Promise.race([pictured, pause(kLongestLagMs)]).then(nextFrame).then(() => {
@@ -93,19 +117,38 @@ class ScenePage {
       element('button', {type: 'button', class: 'button', 'aria-pressed': 'false', onclick: () => this.world.select(i)}, `${object.name}: ${object.material}`));
     byId('object-list').replaceChildren(...this.buttons.map((button) => element('li', {}, button)));
     byId('more').textContent = objects.length > kMostListed ? `and ${objects.length - kMostListed} more; click them in the world` : '';
-    this.showSelected(this.world.selected);
   }
 
-  // Without an index, nothing is selected.
-  showSelected(index) {
-    this.buttons.forEach((button, k) => button.setAttribute('aria-pressed', String(k === index)));
-    const object = this.scene.objects[index];
-    if (!object) return byId('selected').replaceChildren();
-    this.buttons[index]?.scrollIntoView({block: 'nearest'});
+  // Shows the selected object or waypoint.
+  showSelected() {
+    const {world} = this, place = world.place(), object = this.scene.objects[world.selected];
+    this.buttons.forEach((button, k) => button.setAttribute('aria-pressed', String(k === world.selected)));
+    this.buttons[world.selected]?.scrollIntoView({block: 'nearest'});
+    byId('move').hidden = !place;
+    if (place) this.coordinates.forEach((box, axis) => (box.value = Number(place.position[axis].toFixed(4))));
     const numbers = (list) => list.map((value) => fixed(value, 3)).join(', ');
-    const facts = [['name', object.name], ['material', object.material], ['position', `${numbers(object.pose.slice(0, 3))} m`],
-      ['quaternion x y z w', numbers(object.pose.slice(3))]];
+    let facts = [];
+    if (object) {
+      facts = [['name', object.name], ['line', shortPlace(object.place)], ['material', object.material], ['position', `${numbers(object.pose.slice(0, 3))} m`],
+        ['quaternion x y z w', numbers(object.pose.slice(3))]];
+    } else if (place) {
+      facts = [['waypoint', place.name], ['position', `${numbers(place.position)} m`]];
+    }
     byId('selected').replaceChildren(...facts.flatMap(([name, value]) => [element('dt', {}, name), element('dd', {}, value)]));
+  }
+
+  // Stores a position in placed.yaml; the changed scene arrives by polling.
+  async place({path, offset = [0, 0, 0]}, position) {
+    const [x, y, z] = position.map((value, axis) => value + offset[axis]);
+    let error;
+    try {
+      ({error} = await (await order(`/place?${new URLSearchParams({path, x, y, z})}`)).json());
+    } catch (failure) {
+      error = reason(failure);
+    }
+    byId('place-error').textContent = error;
+    byId('place-error').hidden = !error;
+    if (error) this.world.markSelected();
   }
 }
 

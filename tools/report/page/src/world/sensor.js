@@ -67,8 +67,9 @@ export class SensorPanel {
     this.want({pattern, place: Math.min(this.wanted.place, scene.path.length - 1)}, true);
   }
 
-  // Returns once the next picture is shown.
+  // Returns once the next picture is shown, if the place is another one.
   at(place) {
+    if (place === this.wanted.place) return Promise.resolve();
     this.want({place});
     return new Promise((done) => this.waiting.push(done));
   }

@@ -5,10 +5,14 @@ import {inks} from '../shared/colours.js';
 import {byId} from '../shared/dom.js';
 import {frustum} from '../shared/frustum.js';
 import {chain, segments, setSegments} from '../shared/lines.js';
+import {TransformControls} from 'three/addons/controls/TransformControls.js';
 import {Orbit} from '../shared/orbit.js';
 import {fitted, legend, rendererOn} from '../shared/stage.js';
 import {theme} from '../shared/theme.js';
+import {kLevels} from './difficulty.js';
+import {placeOf, waypointsOf} from './places.js';
 
+const kReachPx = 10;  // of a click, around a waypoint
 const kClickPx = 5;  // longest movement of the pointer that is still a click
 
 const poseOf = (numbers) => ({position: numbers.slice(0, 3), quaternion: numbers.slice(3)});
@@ -43,22 +47,30 @@ export class World {
   constructor() {
     this.data = null;
     this.selected = undefined;
+    this.waypoint = undefined;  // path of the selected one
     this.onSelect = () => {};
+    this.onPlace = () => {};  // called with a path and a position
     this.canvas = byId('scene');
     this.renderer = rendererOn(this.canvas);
     if (!this.renderer) throw new Error('this browser has no WebGL 2');
     this.scene = new THREE.Scene();
     this.meshes = [];
     this.geometries = new Map();  // by name, of the meshes shown
-    this.path = segments([], 3);
+    this.path = segments([], 4, {vertexColors: true});
+    this.stops = new THREE.Points(new THREE.BufferGeometry(), new THREE.PointsMaterial({size: 9, sizeAttenuation: false, vertexColors: true}));
+    this.places = [];  // of the path
+    this.waypoints = [];
+    this.marks = new THREE.Points(new THREE.BufferGeometry(), new THREE.PointsMaterial({size: 7, sizeAttenuation: false}));
+    this.levels = [];  // of difficulty, by place
     this.camera = segments([], 2.5);
     this.projector = segments([], 2.5);
     const sky = new THREE.HemisphereLight(0xffffff, 0x606060, 2.2);
     sky.position.set(0, 0, 1);
-    this.scene.add(sky, this.path, this.camera, this.projector);
+    this.scene.add(sky, this.path, this.stops, this.marks, this.camera, this.projector);
     this.orbit = new Orbit(this.canvas, new THREE.Box3(new THREE.Vector3(), new THREE.Vector3(1, 1, 1)), [], () => this.redraw());
+    this.addGizmo();
     fitted(this.renderer, this.canvas, this.orbit);
-    legend([['estimate', 'camera'], ['truth', 'projector'], ['third', 'camera path']]);
+    legend([['estimate', 'camera'], ['truth', 'projector']]);
     theme.on((dark) => this.colour(dark));
     byId('reset').addEventListener('click', () => this.orbit.reset());
     this.listenForClicks();
@@ -72,6 +84,7 @@ export class World {
       const moves = this.orbit.update(now);
       this.renderer.render(this.scene, this.orbit.camera);
       if (this.data) this.canvas.dataset.whole = this.data.number;
+      this.noteGrip();
       if (moves) this.redraw();
     });
   }
@@ -122,10 +135,20 @@ export class World {
   }
 
   // Directs the view to what the rig works on, not a room around it, unless the user has chosen a view.
-  frame({path, rig}) {
-    this.rig = rig;
+  frame(scene) {
+    const {path, rig, continuous} = scene;
+    Object.assign(this, {rig, places: path});
     const places = path.map(({camera}) => new THREE.Vector3(...camera.slice(0, 3)));
     setSegments(this.path, chain(places));
+    // The views of a robot that stops for each; a single one has no path.
+    this.stops.geometry.dispose();
+    this.stops.geometry = new THREE.BufferGeometry().setFromPoints(continuous ? [] : places);
+    this.stops.visible = !continuous;
+    this.levels = [];
+    this.waypoints = waypointsOf(scene);
+    this.marks.geometry.dispose();
+    this.marks.geometry = new THREE.BufferGeometry().setFromPoints(this.waypoints.map(({position}) => new THREE.Vector3(...position)));
+    this.drawLevels();
     const reach = new THREE.Box3();
     path.forEach(({camera}, i) => {
       const ahead = new THREE.Vector3(0, 0, rig.far_m).applyQuaternion(new THREE.Quaternion(...camera.slice(3)));
@@ -147,7 +170,29 @@ export class World {
     this.scene.background = new THREE.Color(ink.paper);
     this.camera.material.color.set(ink.estimate);
     this.projector.material.color.set(ink.truth);
-    this.path.material.color.set(ink.third);
+    this.marks.material.color.set(ink.chosen);
+    this.drawLevels();
+  }
+
+  // Colours the path by the level of difficulty of the nearest of `views`, and leaves the rest grey.
+  colourPath(levels, views) {
+    const reach_s = views.length > 1 ? views[1].time_s - views[0].time_s : 0;
+    let k = 0;
+    this.levels = this.places.map(({time_s}) => {
+      while (k + 1 < views.length && Math.abs(views[k + 1].time_s - time_s) <= Math.abs(views[k].time_s - time_s)) ++k;
+      return views.length > 0 && time_s <= views[k].time_s + reach_s ? levels[k] : undefined;
+    });
+    this.drawLevels();
+  }
+
+  drawLevels() {
+    const style = getComputedStyle(document.documentElement);
+    const inkOf = (level) => new THREE.Color(style.getPropertyValue(level === undefined ? '--soft' : `--${kLevels[level]}`).trim());
+    const colours = this.places.map((_, i) => inkOf(this.levels[i]));
+    const numbers = (list) => new Float32Array(list.flatMap((colour) => colour.toArray()));
+    if (colours.length > 1) this.path.geometry.setColors(numbers(chain(colours)));
+    if (this.stops.visible) this.stops.geometry.setAttribute('color', new THREE.BufferAttribute(numbers(colours), 3));
+    this.canvas.dataset.levels = this.levels.map((level) => level ?? '-').join('');
     this.redraw();
   }
 
@@ -158,10 +203,58 @@ export class World {
     this.redraw();
   }
 
+  // Arrows by which the selected object or waypoint is dragged.
+  addGizmo() {
+    this.held = new THREE.Object3D();
+    this.gizmo = new TransformControls(this.orbit.camera, this.canvas);
+    this.gizmo.setSize(0.7);
+    this.scene.add(this.held, this.gizmo.getHelper());
+    this.gizmo.addEventListener('change', () => this.redraw());
+    this.gizmo.addEventListener('dragging-changed', ({value}) => (this.orbit.controls.enabled = !value));
+    this.gizmo.addEventListener('objectChange', () => this.preview());
+    this.gizmo.addEventListener('mouseUp', () => {
+      const place = this.place();
+      if (place && !this.held.position.equals(new THREE.Vector3(...place.position))) this.onPlace(place, this.held.position.toArray());
+    });
+  }
+
+  // Notes where the arrow along x is drawn, as shares of width and height.
+  noteGrip() {
+    if (!this.gizmo.object) return delete this.canvas.dataset.grip;
+    const {camera} = this.orbit, {position} = this.held;
+    const size = position.distanceTo(camera.position) * Math.min(1.9 * Math.tan(Math.PI * camera.fov / 360) / camera.zoom, 7) * this.gizmo.size / 4;
+    const {x, y} = position.clone().add(new THREE.Vector3(0.4 * size, 0, 0)).project(camera);
+    return (this.canvas.dataset.grip = `${((x + 1) / 2).toFixed(4)},${((1 - y) / 2).toFixed(4)}`);
+  }
+
+  // Returns the place of the selected object or waypoint, if it can be dragged.
+  place() {
+    return this.waypoint ? this.waypoints.find(({path}) => path === this.waypoint) : this.data && placeOf(this.data, this.selected);
+  }
+
+  // Shows the object where it is dragged to.
+  preview() {
+    if (this.waypoint) return;
+    for (const mesh of this.meshes) {
+      const k = mesh.userData.objects.indexOf(this.selected);
+      if (k < 0) continue;
+      mesh.setMatrixAt(k, matrixOf(this.data.objects[this.selected]).setPosition(this.held.position));
+      mesh.instanceMatrix.needsUpdate = true;
+    }
+  }
+
   select(index) {
     this.selected = index;
+    this.waypoint = undefined;
     this.markSelected();
-    this.onSelect(index);
+    this.onSelect(this.place());
+  }
+
+  selectWaypoint(path) {
+    this.selected = undefined;
+    this.waypoint = path;
+    this.markSelected();
+    this.onSelect(this.place());
   }
 
   markSelected() {
@@ -169,6 +262,14 @@ export class World {
     for (const mesh of this.meshes) {
       mesh.userData.objects.forEach((object, k) => mesh.setColorAt(k, object === this.selected ? chosen : albedoOf(this.data.objects[object])));
       mesh.instanceColor.needsUpdate = true;
+    }
+    const place = this.place();
+    if (this.waypoint && !place) this.waypoint = undefined;
+    if (!this.gizmo.dragging) {
+      if (place) this.gizmo.attach(this.held);
+      else this.gizmo.detach();
+      if (place) this.held.position.set(...place.position);
+      if (place) this.preview();
     }
     if (this.selected === undefined) delete this.canvas.dataset.selected;
     else this.canvas.dataset.selected = this.selected;
@@ -179,9 +280,14 @@ export class World {
     let start = null;
     this.canvas.addEventListener('pointerdown', (event) => (start = [event.clientX, event.clientY]));
     this.canvas.addEventListener('pointerup', (event) => {
-      if (!start || Math.hypot(event.clientX - start[0], event.clientY - start[1]) > kClickPx) return;
+      if (!start || this.gizmo.axis || Math.hypot(event.clientX - start[0], event.clientY - start[1]) > kClickPx) return;
       const {left, top, width, height} = this.canvas.getBoundingClientRect();
       const at = new THREE.Vector2(((event.clientX - left) / width) * 2 - 1, 1 - ((event.clientY - top) / height) * 2);
+      const near = this.waypoints.map(({path, position}) => {
+        const {x, y, z} = new THREE.Vector3(...position).project(this.orbit.camera);
+        return {path, away: z < 1 ? Math.hypot((x - at.x) * width / 2, (y - at.y) * height / 2) : Infinity};
+      }).filter(({away}) => away <= kReachPx).sort((a, b) => a.away - b.away);
+      if (near.length) return this.selectWaypoint(near[0].path);
       const ray = new THREE.Raycaster();
       ray.setFromCamera(at, this.orbit.camera);
       const [hit] = ray.intersectObjects(this.meshes);
