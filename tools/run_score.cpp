@@ -184,7 +184,7 @@ RunScore score_run(const fs::path& folder, const TrajectoryOptions& options, con
     score.victims = score_victims(visible, candidates);
   }
   const fs::path images = folder / "images.tum", exposures = truth_folder / "exposures.tum";
-  if (!pairs.empty() && fs::exists(images) && fs::exists(exposures)) {
+  if (!pairs.empty() && fs::exists(images) && fs::file_size(images) > 0 && fs::exists(exposures)) {
     // Aligned by the first view, like the trajectory of the views.
     const auto [i, j] = pairs.front();
     const Pose truth_from_map = truth[j].world_from_robot * estimate[i].world_from_robot.inverse();

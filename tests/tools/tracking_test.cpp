@@ -65,6 +65,15 @@ TEST_F(ManyViews, AreFollowedWithoutLandmarks) {
   EXPECT_LT(read("run/score.json")["trajectory"]["ate_rmse_mm"], 0.05);
 }
 
+// The number of stacks along a path depends on the patterns that the pipeline requests.
+TEST_F(ManyViews, AreCountedInContinuousMotion) {
+  const json frames = run(scene("straight", repeated(kStep, 8)), "run",
+                          {"--with", "trajectory.continuous.speed_m_s=0.03", "--no-report"});
+  ASSERT_GT(frames.size(), 1u);
+  EXPECT_EQ(read("run/score.json")["stacks"], frames.size());
+  EXPECT_LE(read("run/score.json")["tracked"], frames.size());
+}
+
 // Predicted unwrapping (docs/method.md, section 3.2): three images where the map predicts the fringe orders, otherwise
 // all nine.
 TEST_F(ManyViews, TakeTheFinestFringesAloneWhereTheMapTellsTheirOrders) {
