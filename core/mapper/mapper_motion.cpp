@@ -58,7 +58,9 @@ std::optional<Matrix12d> motion_covariance(const ReconstructedView& view) {
   if (view.in_motion()) return view.motion->covariance;
   if (!view.undecided_motion) return std::nullopt;
   const StackMotion& motion = *view.undecided_motion;
-  const double probability = probability_of_motion(motion);
+  // Residuals that neither rest nor a constant motion explains come from vibration, whose mean motion may be small.
+  constexpr double kUnexplained_rms = 1.2;
+  const double probability = motion.rms_sigma > kUnexplained_rms ? 1 : probability_of_motion(motion);
   if (probability < kUnlikely) return std::nullopt;
   const Vector12d error = to_vector(motion.motion);
   return probability * (motion.covariance + error * error.transpose());

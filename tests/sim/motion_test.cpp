@@ -511,6 +511,21 @@ TEST(MovingRobot, VibrationWidensTheCovariance) {
   EXPECT_LT(quantile(sigmas_m, 0.5), 1e-3);
 }
 
+// The mean motion during a stack is hardly different from rest, but neither explains the images.
+TEST(MovingRobot, VibrationOfANearlyRestingRobotWidensTheCovariance) {
+  std::vector<double> squared_sigmas;
+  for (const uint64_t seed : {1, 2, 3}) {
+    const Scene scene = loop_in_motion(
+        seed, {{"trajectory.continuous.speed_m_s", "0.02"},
+               {"trajectory.continuous.view_rate_hz", "5"},
+               {"trajectory.continuous.vibration", "{amplitude_mm: 0.4, amplitude_deg: 0, band_hz: [5, 40]}"}});
+    const TrackedViews run(scene, scene.rig, 6);
+    squared_sigmas.insert(squared_sigmas.end(), run.squared_sigmas.begin(), run.squared_sigmas.end());
+  }
+  ASSERT_GE(squared_sigmas.size(), 12);
+  EXPECT_LT(*std::max_element(squared_sigmas.begin(), squared_sigmas.end()), 100);
+}
+
 // A single stack does not show this motion significantly, but it agrees with that of the poses.
 TEST(MovingRobot, SlowMotionIsRecognizedByItsPoses) {
   const Scene scene = loop_in_motion(1, {{"trajectory.continuous.speed_m_s", "0.025"}});
