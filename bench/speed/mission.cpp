@@ -185,7 +185,7 @@ std::vector<Row> mission_rows(const Context& context) {
   const int views = context.quick ? std::min<int>(500, context.last_case) : context.last_case;
   double path_m = 0, most_mib = 0, early_mib = 0;
   size_t early_keyframes = 0;
-  // Of both maps.
+  // Counts the keyframes of both maps.
   const auto keyframes_so_far = [&] {
     return closing.pipeline().map().keyframes().size() + open.pipeline().map().keyframes().size();
   };

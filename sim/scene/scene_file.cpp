@@ -65,7 +65,7 @@ class SceneLayers {
       const std::string place = layers_[i].place(), file = place.substr(0, place.rfind(':'));
       for (YamlValue& value : *values_[i]) {
         const std::string section = value.path.substr(0, value.path.find('.'));
-        // Of a list in another file, such as the rig's, single entries cannot be overridden.
+        // Single entries of a list in another file, such as the rig's, cannot be overridden.
         const bool is_entry =
             value.path.find_first_not_of("0123456789", value.path.rfind('.') + 1) == std::string::npos;
         const bool changeable = &owner(section) == &layers_[i] && (!is_entry || value.place.starts_with(file));

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the mathematics predicts of changed inputs: rigid motions of the world, permuted patterns, scaled light, more
-// noise, turned images.
+// Tests that changed inputs act as the mathematics predicts: rigid motions of the world, permuted patterns, scaled
+// light, more noise, turned images.
 #include <gmock/gmock.h>
 
 #include <Eigen/Geometry>

@@ -30,7 +30,7 @@ struct SceneData {
 
 // If the world's objects have more than `max_triangles` in total, meshes of more than 500 vertices are thinned by vertex
 // clustering, each by that ratio. Smaller ones stay whole, so that a world of many small objects may exceed it.
-// Of `values`, all that are drawn are listed, and the first kMostNumbers others.
+// Lists all drawn ones of `values`, and the first kMostNumbers others.
 constexpr size_t kMostNumbers = 2000;
 SceneData scene_data(const sim::Scene& scene, const std::vector<sim::SceneValue>& values = {},
                      size_t max_triangles = 1'500'000);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What can be dragged: the objects of single entries, and the waypoints, views and start of the trajectory. Each has the
-// key path of its position in the scene.
+// Finds what can be dragged: the objects of single entries, and the waypoints, views and start of the trajectory.
+// Each has the key path of its position in the scene.
 const kPlaces = /^(trajectory\..+\.(?:camera_m|translation_m))\.([012])$/;
 
 // Returns file:line with at most one folder.
