@@ -191,14 +191,6 @@ int run(const RunArguments& arguments, const Common& common) {
                               ? "runs/" + file_name(source->name()) + "-" + std::to_string(source->seed())
                               : arguments.out;
   StagedFolder folder(out, "run", {kMapFile});
-  const auto write_config = [&](int stacks) {
-    write_text(folder.path() / kConfigFile, "name: " + yaml_quoted(source->name()) +
-                                                "\nseed: " + std::to_string(source->seed()) +
-                                                "\nstacks: " + std::to_string(stacks) + "\n" + pipeline_yaml(settings) +
-                                                (arguments.mesh ? mesh_yaml(settings) : "") +
-                                                (arguments.image_poses ? image_poses_yaml(settings) : ""));
-  };
-  write_config(source->stacks());
   const auto rig = source->open(folder.path());
   // The world frame of a new map is the robot's frame at the first stack.
   auto pipeline = arguments.map.empty()
@@ -252,7 +244,11 @@ int run(const RunArguments& arguments, const Common& common) {
   if (mapped == 0 && interrupted()) throw Error("interrupted before the first view; nothing is written");
   phases.note("mapping");
   // In continuous motion the number of stacks depends on the patterns that the pipeline requested.
-  if (!interrupted()) write_config(mapped + dropped());
+  const int stacks = interrupted() ? source->stacks() : mapped + dropped();
+  write_text(folder.path() / kConfigFile,
+             "name: " + yaml_quoted(source->name()) + "\nseed: " + std::to_string(source->seed()) + "\nstacks: " +
+                 std::to_string(stacks) + "\n" + pipeline_yaml(settings) + (arguments.mesh ? mesh_yaml(settings) : "") +
+                 (arguments.image_poses ? image_poses_yaml(settings) : ""));
   if (dropped() > 0 && !common.json)
     std::fprintf(stderr, "dropped: %d of %d stacks, because mapping fell behind\n", dropped(), source->stacks());
   if (live) live->feed().finish();

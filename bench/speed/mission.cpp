@@ -139,16 +139,15 @@ struct Relocations {
 
 // Drops the robot at random places of the tour, 10 cm higher and with another view of the floor than when it was mapped.
 Relocations relocate(const KeyframeMap& map, const Trajectory& truth, int drops) {
-  const sim::Scene scene = loaded_mission({{"trajectory.tour.height_m", "1.05"}, {"trajectory.tour.ahead_m", "0.45"}});
-  sim::Scene dropped = scene;
-  dropped.trajectory.clear();
+  sim::Scene scene = loaded_mission({{"trajectory.tour.height_m", "1.05"}, {"trajectory.tour.ahead_m", "0.45"}});
+  const Trajectory tour = std::exchange(scene.trajectory, {});
   sim::Philox random(1, sim::Stream::views, 0);
-  const auto known = std::min(truth.size(), scene.trajectory.size());
+  const auto known = std::min(truth.size(), tour.size());
   for (int i = 0; i < drops; ++i)
-    dropped.trajectory.push_back(
+    scene.trajectory.push_back(
         {static_cast<double>(i),
-         scene.trajectory[static_cast<size_t>(random.uniform() * static_cast<double>(known))].world_from_robot});
-  sim::VirtualRig rig(dropped, {});
+         tour[static_cast<size_t>(random.uniform() * static_cast<double>(known))].world_from_robot});
+  sim::VirtualRig rig(scene, {});
   Relocations result;
   for (int i = 0; i < drops; ++i) {
     Pipeline pipeline(map, scene.patterns, {});
@@ -164,7 +163,7 @@ Relocations relocate(const KeyframeMap& map, const Trajectory& truth, int drops)
     const Keyframe& keyframe = map.keyframes()[static_cast<size_t>(found.reference)];
     const Pose robot_from_camera = scene.rig.robot_from_camera;
     const Pose expected = (truth[static_cast<size_t>(keyframe.index)].world_from_robot * robot_from_camera).inverse() *
-                          dropped.trajectory[static_cast<size_t>(i)].world_from_robot * robot_from_camera;
+                          scene.trajectory[static_cast<size_t>(i)].world_from_robot * robot_from_camera;
     const Pose error = expected.inverse() * found.registration.earlier_from_current;
     const double sigma_m = std::sqrt(found.covariance.bottomRightCorner<3, 3>().trace());
     const bool wrong = translation_m(error) > kWrong_m && translation_m(error) > kWrong_sigmas * sigma_m;

@@ -314,14 +314,14 @@ class TourPath {
     const int top = layout_.plan.storeys - 1;
     corridor(kStart, 0);
     for (int lap = 0; lap < laps; ++lap) {
-      if (lap > 0) turn_round();
+      if (lap > 0) turn_back(true);
       for (int s = 0; s <= top; ++s) {
         visit_left(s);
         visit_right(s);
         if (s < top) take_stairs(s, true);
       }
       for (int s = top; s > 0; --s) take_stairs(s - 1, false);
-      if (top == 0) turn_at_end();
+      if (top == 0) turn_back(false);
       return_through_left();
     }
     return std::move(path_);
@@ -362,18 +362,15 @@ class TourPath {
     corridor(kStart, 0);
   }
 
-  // Small loops at the corridor's ends, which reverse the direction without turning on the spot.
-  void turn_round() {
-    add(0.5 * layout_.half, 0, 0);
-    add(0.5 * layout_.half, 2 * layout_.half, 0);
-    add(1.5 * layout_.half, 2 * layout_.half, 0);
-    corridor(1.5 * layout_.half, 0);
-  }
-  void turn_at_end() {
-    corridor(layout_.length - 0.5 * layout_.half, 0);
-    add(layout_.length - 0.5 * layout_.half, 2 * layout_.half, 0);
-    add(layout_.length - 1.5 * layout_.half, 2 * layout_.half, 0);
-    corridor(layout_.length - 1.5 * layout_.half, 0);
+  // A small loop at an end of the lowest corridor, which reverses the direction without turning on the spot.
+  void turn_back(bool at_start) {
+    const auto x = [&](double halves) {
+      return at_start ? halves * layout_.half : layout_.length - halves * layout_.half;
+    };
+    corridor(x(0.5), 0);
+    add(x(0.5), 2 * layout_.half, 0);
+    add(x(1.5), 2 * layout_.half, 0);
+    corridor(x(1.5), 0);
   }
 
   void visit_right(int s) {
