@@ -3,12 +3,14 @@
 // one fails, 2 if the measurement could not run.
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "bench/row.h"
 #include "bench/suite.h"
+#include "bench/yardstick.h"
 #include "core/base/malloc_config.h"
 #include "core/base/opencv_config.h"
 #include "core/io/files.h"
@@ -43,8 +45,10 @@ void print(const Row& row) {
   char interval[64], value[64];
   std::snprintf(value, sizeof value, "%.5g %s", row.value, row.unit.c_str());
   std::snprintf(interval, sizeof interval, "[%.5g, %.5g]", row.interval_low, row.interval_high);
-  std::printf("%-28s %-16s n=%-6d %-26s limit %s %-10.5g %s\n", row.id.c_str(), value, row.n, interval,
+  std::printf("%-28s %-16s n=%-6d %-26s limit %s %-10.5g %s", row.id.c_str(), value, row.n, interval,
               row.direction == Limit::most ? "<=" : ">=", row.limit, row.pass ? "pass" : "FAIL");
+  if (row.yardstick > 0) std::printf("  (%.5g at yardstick 1; here %.2f)", row.scaled, row.yardstick);
+  std::printf("\n");
   std::fflush(stdout);
 }
 
@@ -62,6 +66,20 @@ int compare(const std::vector<Row>& rows, const std::vector<Row>& baseline) {
   return worse;
 }
 
+// Measures the rows of an item; those that depend on the machine are compared with their limits by the yardstick before and
+// after them.
+std::vector<Row> measured(const Item& item, const Context& context) {
+  const bool speed = std::any_of(item.ids.begin(), item.ids.end(), [](const auto& id) { return selects("speed", id); });
+  const double before = speed ? measure_yardstick() : 1;
+  std::vector<Row> rows = item.run(context);
+  if (!std::any_of(rows.begin(), rows.end(), depends_on_machine)) return rows;
+  const double yardstick = std::sqrt(before * measure_yardstick());
+  for (Row& row : rows) {
+    if (depends_on_machine(row)) scale(row, yardstick);
+  }
+  return rows;
+}
+
 int run(const std::vector<std::string>& only, const std::string& json_file, const Context& context,
         const std::vector<Item>& items, const std::vector<Row>& baseline) {
   check_names(only, items);
@@ -73,7 +91,7 @@ int run(const std::vector<std::string>& only, const std::string& json_file, cons
     if (only.empty() && item.on_request) continue;
     if (std::none_of(item.ids.begin(), item.ids.end(), [&](const auto& id) { return selected(only, id); })) continue;
     std::fprintf(stderr, "measuring %s\n", item.what.c_str());
-    for (const Row& row : item.run(context)) {
+    for (Row row : measured(item, context)) {
       if (!selected(only, row.id)) continue;
       if (table) print(row);
       json.push_back(to_json(row));
@@ -128,16 +146,15 @@ int main(int argc, char** argv) {
   }
   try {
     std::vector<Item> items = accuracy_items();
-    for (const auto& more :
-         {sensor_items(),    prediction_items(),    unwrapping_items(),    calibration_items(),
-          decoding_items(),  registration_items(),  wrong_pose_items(),    registration_speed_items(),
-          rendering_items(), cycles_items(),        landmark_items(),      landmark_speed_items(),
-          mapping_items(),   motion_items(),        mapping_speed_items(), frame_speed_items(),
-          world_items(),     large_world_items(),   speed_items(),         capture_items(),
-          study_items(),     soak_items(),          victim_items(),        moving_hand_items(),
-          mission_items(),   real_capture_items(),  image_pose_items(),    scale_items(),
-          indirect_items(),  dynamic_range_items(), dataset_items(),       load_items(),
-          hostile_items(),   robust_items(),        same_bits_items()})
+    for (const auto& more : {sensor_items(),    prediction_items(),   unwrapping_items(),    calibration_items(),
+                             decoding_items(),  registration_items(), wrong_pose_items(),    registration_speed_items(),
+                             rendering_items(), cycles_items(),       landmark_items(),      landmark_speed_items(),
+                             mapping_items(),   motion_items(),       mapping_speed_items(), frame_speed_items(),
+                             world_items(),     large_world_items(),  speed_items(),         capture_items(),
+                             study_items(),     soak_items(),         victim_items(),        moving_hand_items(),
+                             mission_items(),   real_capture_items(), image_pose_items(),    scale_items(),
+                             core_items(),      indirect_items(),     dynamic_range_items(), dataset_items(),
+                             load_items(),      hostile_items(),      robust_items(),        same_bits_items()})
       items.insert(items.end(), more.begin(), more.end());
 #ifdef FRINGESLAM_PYTHON
     const std::vector<Item> python = python_items();

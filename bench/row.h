@@ -20,6 +20,9 @@ struct Row {
   double limit = 0;
   Limit direction = Limit::most;
   bool pass = false;
+  // Rows that depend on the machine (bench/yardstick.h): the yardstick when they were measured, and the value with which
+  // the limit is compared. 0: not such a row.
+  double yardstick = 0, scaled = 0;
 };
 
 struct Context {
@@ -59,6 +62,7 @@ std::vector<Item> motion_items();
 std::vector<Item> prediction_items();
 std::vector<Item> python_items();  // if the Python package is built
 std::vector<Item> landmark_speed_items();
+std::vector<Item> core_items();
 std::vector<Item> cycles_items();
 std::vector<Item> large_world_items();
 std::vector<Item> mapping_items();

@@ -30,14 +30,19 @@ Suite read_suite(const fs::path& folder, const std::string& name) {
 }
 
 nlohmann::ordered_json to_json(const Row& row) {
-  return {{"id", row.id},
-          {"value", row.value},
-          {"unit", row.unit},
-          {"n", row.n},
-          {"interval_95", {row.interval_low, row.interval_high}},
-          {"limit", row.limit},
-          {"limit_is", row.direction == Limit::most ? "most" : "least"},
-          {"pass", row.pass}};
+  nlohmann::ordered_json json = {{"id", row.id},
+                                 {"value", row.value},
+                                 {"unit", row.unit},
+                                 {"n", row.n},
+                                 {"interval_95", {row.interval_low, row.interval_high}},
+                                 {"limit", row.limit},
+                                 {"limit_is", row.direction == Limit::most ? "most" : "least"},
+                                 {"pass", row.pass}};
+  if (row.yardstick > 0) {
+    json["yardstick"] = row.yardstick;
+    json["scaled"] = row.scaled;
+  }
+  return json;
 }
 
 std::vector<Row> read_baseline(const fs::path& file) {

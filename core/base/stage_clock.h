@@ -48,6 +48,8 @@ class StageClock {
 
   // Total time of each completed stage, s; excludes the stage in progress.
   const std::map<std::string, double>& seconds() const { return seconds_; }
+  // The stage in progress; empty if there is none.
+  const std::string& stage() const { return stage_; }
   // Time from the start of the view to the first entry of each stage, s.
   const std::map<std::string, double>& entered() const { return entered_; }
 
