@@ -78,11 +78,12 @@ struct Profile {
   Part preprocessing, mapping;  // the former runs ahead, in two threads
 
   double one_at_a_time_s(double cores) const { return preprocessing.on(cores) + mapping.on(cores); }
-  // Views follow each other at the pace of mapping, which preprocessing leaves less than all cores, and not faster than
-  // all cores together do the work.
+  // While the next view is preprocessed on one core, mapping has the others; then it has all of them.
   double pace_s(double cores) const {
-    const double work_s = one_at_a_time_s(1);
-    return std::max({mapping.on(cores), work_s / cores, preprocessing.on(1) / 2});
+    const double ahead_s = preprocessing.on(1);
+    if (cores < 2) return ahead_s + mapping.on(1);
+    const double mapped = ahead_s / mapping.on(cores - 1);
+    return mapped < 1 ? ahead_s + (1 - mapped) * mapping.on(cores) : std::max(mapping.on(cores - 1), ahead_s / 2);
   }
 };
 
@@ -120,7 +121,7 @@ Profile profile_of(const LoopScene& loop) {
   return profile;
 }
 
-void print(const Profile& profile) {
+void report(const Profile& profile) {
   std::fprintf(stderr, "  on one core, ms per view: serial + parallel\n");
   for (const auto& [stage, part] : profile.stages)
     std::fprintf(stderr, "  %-14s %6.2f + %6.2f\n", stage.c_str(), 1e3 * part.serial_s, 1e3 * part.parallel_s);
@@ -140,7 +141,7 @@ std::vector<Row> core_rows(const Context& context) {
   std::vector<double> view, pace;
   for (int turn = 0; turn < turns; ++turn) {
     const Profile profile = profile_of(loop);
-    if (turn == 0) print(profile);
+    if (turn == 0) report(profile);
     Pipeline alone(loop.scene.rig, loop.scene.patterns, {}, loop.scene.trajectory[0].world_from_robot);
     const double alone_s = seconds_of([&] {
       for (const FringeStack& stack : loop.stacks) alone.process(alone.preprocess(stack));
