@@ -153,8 +153,9 @@ int main(int argc, char** argv) {
                              world_items(),     large_world_items(),  speed_items(),         capture_items(),
                              study_items(),     soak_items(),         victim_items(),        moving_hand_items(),
                              mission_items(),   real_capture_items(), image_pose_items(),    scale_items(),
-                             core_items(),      indirect_items(),     dynamic_range_items(), dataset_items(),
-                             load_items(),      hostile_items(),      robust_items(),        same_bits_items()})
+                             core_items(),      megapixel_items(),    indirect_items(),      dynamic_range_items(),
+                             dataset_items(),   load_items(),         hostile_items(),       robust_items(),
+                             same_bits_items()})
       items.insert(items.end(), more.begin(), more.end());
 #ifdef FRINGESLAM_PYTHON
     const std::vector<Item> python = python_items();

@@ -66,6 +66,7 @@ std::vector<Item> core_items();
 std::vector<Item> cycles_items();
 std::vector<Item> large_world_items();
 std::vector<Item> mapping_items();
+std::vector<Item> megapixel_items();
 std::vector<Item> mission_items();
 std::vector<Item> mapping_speed_items();
 std::vector<Item> moving_hand_items();
