@@ -45,6 +45,18 @@ std::vector<double> anticipated_shifts(const std::vector<double>& shifts_rad, co
   return keep ? ordered : reversed;
 }
 
+// Takes the fringe orders that `decoded` lacks from another decoding of the same images.
+void fill_fringe_orders(DecodedStack& decoded, const DecodedStack& other) {
+  const cv::Mat missing =
+      (decoded.coordinate_px != decoded.coordinate_px) & (other.coordinate_px == other.coordinate_px);
+  other.modulation.copyTo(decoded.modulation, missing);
+  other.wrapped_phase.copyTo(decoded.wrapped_phase, missing);
+  other.fringe_order.copyTo(decoded.fringe_order, missing);
+  other.coordinate_px.copyTo(decoded.coordinate_px, missing);
+  other.sigma_px.copyTo(decoded.sigma_px, missing);
+  other.confidence.copyTo(decoded.confidence, missing);
+}
+
 bool differ_in_shifts_only(const PatternSequence& one, const PatternSequence& other) {
   if (one.patterns.size() != other.patterns.size()) return false;
   PatternSequence with_shifts = one;
@@ -81,14 +93,15 @@ ReconstructedView FringeFrontEnd::reconstruct(const FringeStack& stack, const Re
         ": its patterns are neither the whole sequence nor its finest fringes; capture what next_patterns() asks "
         "for");
   Decoding decoding{options_.decode, {}};
-  if (prior.expected != nullptr) {
+  const bool by_map = prior.expected != nullptr && prior.rough == nullptr;
+  if (by_map) {
     decoding.expected = predict_coordinate(rig_, rays_, prior.expected->depth_m, prior.expected->sigma_m);
     decoding.options.unwrapping = Unwrapping::predicted;
   } else if (decoding.options.unwrapping == Unwrapping::predicted) {
     decoding.options.unwrapping = Unwrapping::automatic;
   }
   ReconstructedView view;
-  view.complete = !needs_prior(stack);
+  view.complete = !by_map && !needs_prior(stack);
   if (options_.at_rest) {
     decode_into(view, stack, decoding, nullptr);
     reconstruct_frame(view);
@@ -106,6 +119,14 @@ std::vector<DepthSlope> FringeFrontEnd::depth_slopes(const FringeStack& stack, c
   cv::extractChannel(view.frame.points_m, depth, 2);
   return fringeslam::depth_slopes(stack, rig_, rays_, depth, view.motion ? view.motion->motion : CameraMotion{},
                                   stride);
+}
+
+double FringeFrontEnd::determined_orders(const ExpectedView& expected) const {
+  constexpr double kSigmas = 2.5;  // within half a period
+  const CoordinatePrior coordinate = predict_coordinate(rig_, rays_, expected.depth_m, expected.sigma_m);
+  const double most_px = finest_.patterns.front().period_px / (2 * kSigmas);
+  const int known = cv::countNonZero(coordinate.sigma_px == coordinate.sigma_px);
+  return known > 0 ? static_cast<double>(cv::countNonZero(coordinate.sigma_px <= most_px)) / known : 0;
 }
 
 PatternSequence FringeFrontEnd::anticipated(const PatternSequence& patterns, const ReconstructedView& last) const {
@@ -174,14 +195,25 @@ class FringeFrontEnd::Compensation {
 
   void decode_at_rest() {
     front_end_.decode_into(view_, stack_, decoding_, nullptr);
-    aligned_ = false;
+    aligned_.reset();
   }
 
   void decode_with(const CameraMotion& motion, const cv::Mat1f& depth_m) {
-    enter_stage("motion");
-    const AlignedStack aligned = align_stack(stack_, front_end_.rig_, front_end_.rays_, depth_m, motion);
-    front_end_.decode_into(view_, stack_, decoding_, &aligned);
-    aligned_ = true;
+    front_end_.decode_into(view_, stack_, decoding_, &aligned(motion, depth_m));
+  }
+
+  // The same. Takes the fringe orders that the stack does not determine by itself from the depth that the map predicts.
+  void decode_with(const CameraMotion& motion, const Frame& rough, const ExpectedView& expected) {
+    const RigModel& rig = front_end_.rig_;
+    cv::Mat1f depth_m;
+    cv::extractChannel(rough.points_m, depth_m, 2);
+    expected.depth_m.copyTo(depth_m, depth_m != depth_m);
+    decode_with(motion, filled_depth(depth_m, rig.middle_range_m()));
+    Decoding by_map{decoding_.options, predict_coordinate(rig, front_end_.rays_, expected.depth_m, expected.sigma_m)};
+    by_map.options.unwrapping = Unwrapping::predicted;
+    ReconstructedView other;
+    front_end_.decode_into(other, stack_, by_map, &*aligned_);
+    fill_fringe_orders(view_.decoded, other.decoded);
   }
 
   // Depth of a frame, with its gaps filled.
@@ -253,7 +285,12 @@ class FringeFrontEnd::Compensation {
   const FringeStack& stack_;
   const Decoding& decoding_;
   ReconstructedView& view_;
-  bool aligned_ = false;
+  std::optional<AlignedStack> aligned_;
+
+  const AlignedStack& aligned(const CameraMotion& motion, const cv::Mat1f& depth_m) {
+    enter_stage("motion");
+    return aligned_.emplace(align_stack(stack_, front_end_.rig_, front_end_.rays_, depth_m, motion));
+  }
 };
 
 void FringeFrontEnd::compensate_motion(ReconstructedView& view, const FringeStack& stack, const Decoding& decoding,
@@ -281,7 +318,12 @@ void FringeFrontEnd::compensate_motion(ReconstructedView& view, const FringeStac
       compensation.decode_at_rest();
     return reconstruct_frame(view);
   }
-  if (prior.rough != nullptr && prior.expected == nullptr) {
+  if (prior.expected != nullptr && prior.motion) {
+    take_prior();
+    compensation.decode_with(prior.motion->motion, prior.rough->frame, *prior.expected);
+    return reconstruct_frame(view);
+  }
+  if (prior.rough != nullptr) {
     view.decoded = prior.rough->decoded;
     view.frame = prior.rough->frame;
   } else {

@@ -31,7 +31,9 @@ struct ReconstructedView {
 
 // Knowledge about a view before it is reconstructed.
 struct ReconstructionPrior {
-  const ExpectedView* expected = nullptr;    // depth predicted from the map; null: unknown
+  // Depth predicted from the map; null: unknown. Fringe orders are taken from it. With `rough` and `motion`, a whole
+  // sequence takes only those from it that it does not determine itself.
+  const ExpectedView* expected = nullptr;
   std::optional<MotionPrior> motion;         // prediction; empty: motion is only detected, not estimated
   bool motion_is_known = false;              // decode with this motion instead of estimating it from the stack
   const ReconstructedView* rough = nullptr;  // the same stack, reconstructed without a prior; null: not yet
@@ -48,6 +50,8 @@ class FrontEnd {
   // Returns how the depth of every `stride`-th pixel in every `stride`-th row depends on the motion during the stack.
   // Empty if the front end does not compensate motion: the mapper then does not estimate it.
   virtual std::vector<DepthSlope> depth_slopes(const FringeStack&, const ReconstructedView&, int) const { return {}; }
+  // Returns the share of the pixels with an expected depth whose fringe order that depth determines.
+  virtual double determined_orders(const ExpectedView&) const { return 1; }
   // Returns the patterns for the next stack of a camera that moves on as during the view `last`.
   virtual PatternSequence anticipated(const PatternSequence& patterns, const ReconstructedView&) const {
     return patterns;
@@ -71,6 +75,7 @@ class FringeFrontEnd : public FrontEnd {
   ReconstructedView reconstruct(const FringeStack& stack, const ReconstructionPrior& prior) const override;
   std::vector<DepthSlope> depth_slopes(const FringeStack& stack, const ReconstructedView& view,
                                        int stride) const override;
+  double determined_orders(const ExpectedView& expected) const override;
   // Changes the phase shifts so that those of the aligned images are as in `patterns`: drifting fringes would otherwise
   // move them together (docs/method.md, section 9.2). Shifts are multiples of 15 degrees, so that a projector can store
   // all patterns.

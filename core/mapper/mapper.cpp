@@ -130,7 +130,16 @@ void Mapper::track(FrameResult& result, const MapperInput& input, const std::opt
     prediction_checked_ = true;
   }
   const bool moving = result.in_motion();
-  if (result.motion_unknown()) return;
+  if (result.motion_unknown()) {
+    // The finest fringes alone last a third as long as the sequence, during which strong vibration is not smooth.
+    const ReconstructedView own = result;  // shares its images
+    if (!predicted || !in_motion_ || !input.reconstruct) return;
+    if (!follow_by_prediction(result, input, *predicted, effect)) {
+      static_cast<ReconstructedView&>(result) = own;
+      effect = {};
+    }
+    return;
+  }
   if (map_.keyframes().empty()) {
     if (result.complete && can_start_map(result.frame)) result.tracking = Tracking::first;
   } else if (input.needs_prior) {
@@ -181,6 +190,12 @@ std::optional<Mapper::Prediction> Mapper::predict(double timestamp_s) const {
   sigmas << Eigen::Vector3d::Constant(std::max(kTurn_rad, motion->turn_rad)),
       Eigen::Vector3d::Constant(std::max(kShift_m, motion->shift_m));
   return Prediction{motion->world_from_camera, sigmas.cwiseAbs2().asDiagonal(), motion->motion};
+}
+
+std::optional<ExpectedView> Mapper::expected_at(double timestamp_s) const {
+  const std::optional<Prediction> predicted = predict(timestamp_s);
+  if (!predicted) return std::nullopt;
+  return expected_view(predicted->world_from_camera, predicted->covariance, image_keyframe_ >= 0);
 }
 
 std::vector<PoseSample> Mapper::last_samples() const {
@@ -266,6 +281,7 @@ bool Mapper::follow_by_prediction(FrameResult& result, const MapperInput& input,
   if (accurate) keyframe_image(track_.back().keyframe);
   const ExpectedView first = expected_view(predicted.world_from_camera, predicted.covariance, accurate);
   reconstruct(result, input, {&first, predicted.motion});
+  if (result.motion_unknown()) return false;
   const Pose start = estimate_motion(result, input, predicted, &first, predicted.motion, effect);
   if (accurate) return follow(result, start, Matrix6d::Zero(), largest_error_m(predicted));
   // The fringe orders at depth steps are still missing, and the remaining walls may not constrain all directions: the

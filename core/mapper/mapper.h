@@ -53,11 +53,12 @@ struct FrameResult : ReconstructedView {
   int reference = -1;            // keyframe that it was registered with
   int keyframe = -1;             // its own number if it became one
   bool in_map = false;           // its surface is part of the map
-  int images = 0;                // number of images it was decoded from
-  int loops = 0;                 // earlier keyframes linked with it, besides the reference
-  bool corrected = false;        // closing loops moved the map
-  Pose previous_from_current;    // camera motion since the previous tracked view
-  Pose world_from_robot;         // as estimated when the view was processed; see Mapper::trajectory()
+  double predictable = 1;  // complete views in motion: share of the next view's fringe orders that the map determines
+  int images = 0;          // number of images it was decoded from
+  int loops = 0;           // earlier keyframes linked with it, besides the reference
+  bool corrected = false;  // closing loops moved the map
+  Pose previous_from_current;  // camera motion since the previous tracked view
+  Pose world_from_robot;       // as estimated when the view was processed; see Mapper::trajectory()
 };
 
 // A view for the mapper: reconstructed already, or to be reconstructed with what the map predicts of it.
@@ -84,6 +85,9 @@ class Mapper {
   const KeyframeMap& map() const { return map_; }
   // Robot poses of all tracked views in the order of processing, given the current map.
   Trajectory trajectory() const;
+  // Returns the depth that the camera is expected to see at a time after the last view if it moves on as it did; empty if
+  // that is not predicted.
+  std::optional<ExpectedView> expected_at(double timestamp_s) const;
   // Camera pose of a tracked view (FrameResult::view), given the current map.
   Pose world_from_camera(int view) const { return world_from_camera(track_[static_cast<size_t>(view)]); }
 
@@ -149,6 +153,7 @@ class Mapper {
   void confirm_in_motion(FrameResult& result, const MapperInput& input);
   bool follow_in_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted,
                         MotionEffect& effect);
+  void fill_fringe_orders(FrameResult& result, const MapperInput& input);
   bool follow_by_prediction(FrameResult& result, const MapperInput& input, const Prediction& predicted,
                             MotionEffect& effect);
   double largest_error_m(const Prediction& predicted) const;

@@ -2,6 +2,7 @@
 // Mapper: estimates the motion of the camera during stacks together with poses, and propagates its uncertainty to them
 // (docs/method.md, section 9).
 #include <algorithm>
+#include <opencv2/core.hpp>
 #include <utility>
 
 #include "core/base/stage_clock.h"
@@ -25,7 +26,27 @@ bool Mapper::follow_in_motion(FrameResult& result, const MapperInput& input, con
                               MotionEffect& effect) {
   const StackMotion& own = *result.motion;
   const MotionPrior prior = own.residuals > 0 ? MotionPrior{own.motion, own.covariance} : predicted.motion;
-  return follow(result, estimate_motion(result, input, predicted, nullptr, prior, effect));
+  if (!follow(result, estimate_motion(result, input, predicted, nullptr, prior, effect))) return false;
+  fill_fringe_orders(result, input);
+  return true;
+}
+
+// Vibration leaves fewer fringe orders to a whole sequence than to the map, once the pose is known.
+void Mapper::fill_fringe_orders(FrameResult& result, const MapperInput& input) {
+  constexpr double kFew = 0.9;  // of the pixels with fringes
+  const cv::Mat1f &phase = result.decoded.wrapped_phase, &coordinate = result.decoded.coordinate_px;
+  if (!result.in_motion() || !input.reconstruct ||
+      cv::countNonZero(coordinate == coordinate) >= kFew * cv::countNonZero(phase == phase))
+    return;
+  const Pose found = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera *
+                     result.registration.earlier_from_current;
+  const Matrix6d covariance =
+      result.covariance +
+      frame_motion(result, input, keyframe_image(result.reference), result.registration.earlier_from_current).spread();
+  const ExpectedView expected = expected_view(found, covariance, true);
+  const ReconstructedView rough = result;  // shares its images
+  reconstruct(result, input, {&expected, MotionPrior{rough.motion->motion, rough.motion->covariance}, true, &rough});
+  result.motion = rough.motion;
 }
 
 // Rejects a relocalized view whose pose changes by more than its uncertainty, or is lost, when it is estimated together
@@ -284,7 +305,7 @@ Pose Mapper::estimate_motion(FrameResult& result, const MapperInput& input, cons
       break;
     }
     reconstruct(result, input, {expected, MotionPrior{motion.motion, motion.covariance}, true});
-    result.complete = !input.needs_prior;
+    result.complete = expected == nullptr;
   }
   // The ripples of the keyframe's own stack resemble those of this one: with errors as large as a vibration, they do not
   // average out.

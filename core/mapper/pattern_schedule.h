@@ -15,6 +15,7 @@ class PatternSchedule {
   PatternSchedule(const PatternSequence& sequence, FinestAlone finest, double keyframe_overlap, double min_predicted);
 
   const PatternSequence& next() const { return wants_all_ ? sequence_ : finest_; }
+  bool keeps_all() const { return finest_alone_ == FinestAlone::never; }
   // True if next() does not depend on views that are still to be processed. Changes once the robot moves during a view.
   bool is_fixed() const {
     return finest_alone_ == FinestAlone::never || (finest_alone_ == FinestAlone::in_motion && !has_moved_);

@@ -109,11 +109,14 @@ class Pipeline {
   SurfaceModel surface() const { return surface_of(map(), surface_); }
 
  private:
+  double predictable_orders(const FringeStack& stack) const;
+
   std::shared_ptr<const FrontEnd> front_end_;
   Mapper mapper_;
   PatternSchedule schedule_;
   PatternSequence next_;
   SurfaceOptions surface_;
+  double last_timestamp_s_ = 0;
 };
 
 }  // namespace fringeslam

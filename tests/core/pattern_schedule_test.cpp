@@ -39,6 +39,17 @@ TEST(PatternSchedule, FinestFringesAloneWhileTheRobotMoves) {
   EXPECT_EQ(patterns.next(), kSequence);
 }
 
+TEST(PatternSchedule, AllPatternsUntilTheMapPredictsTheirFringeOrders) {
+  PatternSchedule patterns = schedule(FinestAlone::in_motion);
+  FrameResult result = followed(true);
+  result.predictable = kMinPredicted - 0.01;
+  patterns.update(result);
+  EXPECT_EQ(patterns.next(), kSequence);
+  result.predictable = kMinPredicted;
+  patterns.update(result);
+  EXPECT_EQ(patterns.next(), finest_patterns(kSequence, Axis::columns));
+}
+
 TEST(PatternSchedule, AllPatternsAfterTrackingWasLost) {
   PatternSchedule patterns = schedule(FinestAlone::in_motion);
   patterns.update(followed(true));

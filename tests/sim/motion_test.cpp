@@ -453,6 +453,7 @@ INSTANTIATE_TEST_SUITE_P(Motion, JerkyRobot, testing::Values(161, 377));
 struct TrackedViews {
   std::vector<FrameResult> views;
   std::vector<double> squared_sigmas, sigmas_m;
+  double least_valid = 1;  // share of the pixels with depth
 
   TrackedViews(const Scene& scene, const RigModel& assumed, int count) {
     VirtualRig rig(scene, {});
@@ -470,6 +471,9 @@ struct TrackedViews {
         sigmas_m.push_back(std::sqrt(result.covariance.bottomRightCorner<3, 3>().trace()));
       }
       if (result.keyframe >= 0) keyframes.push_back(camera);
+      cv::Mat1f depth;
+      cv::extractChannel(result.frame.points_m, depth, 2);
+      least_valid = std::min(least_valid, cv::countNonZero(depth == depth) / static_cast<double>(depth.total()));
       result.decoded = {};
       result.frame = {};
       views.push_back(std::move(result));
@@ -482,6 +486,21 @@ Scene loop_in_motion(uint64_t seed, std::vector<std::pair<std::string, std::stri
   SceneLoadOptions reading{seed};
   reading.changes = std::move(changes);
   return load_scene(std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop/scene.yaml", reading);
+}
+
+// Vibration hides fringe orders from a whole sequence, and predictions over 0.2 s determine hardly any for the finest
+// fringes alone.
+TEST(MovingRobot, VibrationLeavesMostFringeOrders) {
+  for (const char* rate_hz : {"0", "5"}) {
+    const Scene scene = loop_in_motion(
+        3, {{"trajectory.continuous.speed_m_s", "0.3"},
+            {"trajectory.continuous.view_rate_hz", rate_hz},
+            {"trajectory.continuous.vibration", "{amplitude_mm: 0.3, amplitude_deg: 0, band_hz: [5, 40]}"}});
+    const TrackedViews run(scene, scene.rig, 8);
+    EXPECT_GE(run.squared_sigmas.size(), 6) << rate_hz;
+    EXPECT_GT(run.least_valid, 0.3) << rate_hz;
+    EXPECT_LT(run.largest_square(), 36) << rate_hz;
+  }
 }
 
 // The poses' errors are those of the exposures' unknown accelerations, ten times what a smooth motion leaves. They are
