@@ -81,8 +81,7 @@ Errors errors_of(const std::string& name, int seeds, bool micro, size_t& images)
     DecodeOptions options;
     if (!micro) options.max_order_residual_sigma = kAnyResidual;
     const DecodedStack decoded = decode(view->stack, scene.rig, options);
-    Frame frame;
-    triangulate(frame, decoded, Triangulation(scene.rig, pixel_rays(scene.rig.camera), 0.4, 2.5), {});
+    const Frame frame = reconstruct(decoded, scene.rig, pixel_rays(scene.rig.camera), {});
     errors.add(decoded, frame, view->truth);
   }
   return errors;

@@ -7,6 +7,7 @@
 
 #include "core/base/constants.h"
 #include "core/base/parallel.h"
+#include "core/depth/indirect_light.h"
 #include "core/depth/normals.h"
 #include "core/types/error.h"
 
@@ -101,6 +102,33 @@ void triangulate(Frame& frame, const DecodedStack& decoded, const Triangulation&
   });
 }
 
+namespace {
+
+bool accounts_for_indirect_light(const DecodedStack& decoded, const DepthOptions& options) {
+  return options.indirect_light == IndirectLight::always ||
+         (options.indirect_light == IndirectLight::automatic && decoded.unwrapping == Unwrapping::micro);
+}
+
+// Adds the coordinate's sigma due to nearby surfaces. `noise_m` is the sigma due to that of the coordinate alone.
+void add_indirect_light(Frame& frame, const cv::Mat1f& noise_m, const DecodedStack& decoded, const RigModel& rig,
+                        const DepthOptions& options) {
+  const cv::Mat1f indirect_px = indirect_sigma_px(frame, decoded, rig, options.indirect_albedo);
+  const auto most = static_cast<float>(options.max_sigma_m);
+  for_each_row(frame.height(), [&](int row) {
+    for (int col = 0; col < frame.width(); ++col) {
+      const float added = indirect_px(row, col) * noise_m(row, col) / decoded.sigma_px(row, col);
+      float& sigma = frame.sigma_m(row, col);
+      if (!(added > 0)) continue;
+      sigma = std::sqrt(sigma * sigma + added * added);
+      if (sigma <= most) continue;
+      sigma = kNaN;
+      frame.points_m(row, col) = frame.normals(row, col) = cv::Vec3f::all(kNaN);
+    }
+  });
+}
+
+}  // namespace
+
 Frame reconstruct(const DecodedStack& decoded, const RigModel& rig, const Triangulation& triangulation,
                   const DepthOptions& options) {
   check_options(options, "depth");
@@ -110,7 +138,9 @@ Frame reconstruct(const DecodedStack& decoded, const RigModel& rig, const Triang
   const FitImage image(frame.points_m, triangulation.rays(), frame.sigma_m, options.normal_radius_px);
   frame.normals =
       estimate_normals(image, {options.normal_radius_px, limit.per_depth, static_cast<float>(options.max_normal_chi2)});
-  frame.sigma_m = with_footprint_noise(frame.sigma_m, image, options.footprint_noise, limit);
+  const cv::Mat1f noise_m = frame.sigma_m;
+  frame.sigma_m = with_footprint_noise(noise_m, image, options.footprint_noise, limit);
+  if (accounts_for_indirect_light(decoded, options)) add_indirect_light(frame, noise_m, decoded, rig, options);
   frame.depth_image = depth_image(frame.points_m, rig.near_m, rig.far_m);
   return frame;
 }

@@ -12,6 +12,14 @@
 
 namespace fringeslam {
 
+// When sigma accounts for light from nearby surfaces: for `micro`, whose orders survive indirect light, or always.
+enum class IndirectLight { automatic, never, always };
+
+constexpr auto choices(IndirectLight) {
+  using enum IndirectLight;
+  return std::to_array<Choice<IndirectLight>>({{automatic, "auto"}, {never, "never"}, {always, "always"}});
+}
+
 struct DepthOptions {
   double near_m = 0.4, far_m = 2.5;  // depths outside are rejected
   double max_slope_deg = 89;         // steeper depth steps between neighbours are discontinuities
@@ -19,6 +27,8 @@ struct DepthOptions {
   double footprint_noise = 0.03;
   int normal_radius_px = 5;      // of the largest window; smaller ones are used near edges
   double max_normal_chi2 = 2.5;  // of the plane fit, per degree of freedom
+  IndirectLight indirect_light = IndirectLight::automatic;
+  double indirect_albedo = 0.8;
 
   template <class Visitor>
   void describe(Visitor& v) {
@@ -32,6 +42,10 @@ struct DepthOptions {
     v.field("normal_radius_px", normal_radius_px, {1, 15}, "half width of the largest window for normals, px");
     v.field("max_normal_chi2", max_normal_chi2, {0.1, 1e12},
             "maximum chi-square per degree of freedom of the plane fit of a normal");
+    v.field("indirect_light", indirect_light,
+            "sigma accounts for light that nearby surfaces throw at each other (auto, never, always); auto: when "
+            "decoding by `micro`");
+    v.field("indirect_albedo", indirect_albedo, {0, 1}, "albedo of the surfaces assumed for that light");
   }
 };
 
