@@ -10,6 +10,7 @@
 #include "core/base/constants.h"
 #include "core/base/parallel.h"
 #include "core/types/error.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
@@ -35,30 +36,79 @@ std::vector<Offset> offsets_within(int radius, int unit) {
   return offsets;
 }
 
-// What a pixel throws at its surroundings: fringes as phasors, so that their sum shows how much of them averages out.
-struct Emitter {
-  cv::Vec3f point_m, normal;
-  float area_m2 = 0;           // of the surface that one pixel sees; 0: no surface
-  float cosine = 0, sine = 0;  // modulation times the phasor of the coordinate
+// What the pixels throw at their surroundings: fringes as phasors, so that their sum shows how much of them averages out.
+// The images have margins, so that every neighbour of a pixel exists; pixels without surface have no area.
+struct Emitters {
+  int margin;
+  cv::Mat1f x, y, z, nx, ny, nz;  // point and normal
+  cv::Mat1f area;                 // of the surface that a pixel sees, m^2
+  cv::Mat1f cosine, sine;         // modulation times the phasor of the coordinate
+
+  Emitters(const Frame& frame, const DecodedStack& decoded, const RigModel& rig, int radius) : margin(radius) {
+    const int height = frame.height(), width = frame.width();
+    for (cv::Mat1f* image : {&x, &y, &z, &nx, &ny, &nz, &area, &cosine, &sine})
+      *image = cv::Mat1f::zeros(height, width + 2 * margin);
+    const auto per_px = static_cast<float>(kTwoPi / decoded.finest_period_px);
+    const auto pixel_area = static_cast<float>(1 / (rig.camera.fx * rig.camera.fy));
+    constexpr float kLeastCosine = 0.05f;  // more oblique surfaces are hardly measured
+    for_each_row(height, [&](int row) {
+      for (int col = 0; col < width; ++col) {
+        const cv::Vec3f &p = frame.points_m(row, col), &n = frame.normals(row, col);
+        const float coordinate = decoded.coordinate_px(row, col), modulation = decoded.modulation(row, col);
+        if (std::isnan(p[2]) || std::isnan(n[2]) || std::isnan(coordinate) || !(modulation > 0)) continue;
+        const int at = col + margin;
+        x(row, at) = p[0], y(row, at) = p[1], z(row, at) = p[2];
+        nx(row, at) = n[0], ny(row, at) = n[1], nz(row, at) = n[2];
+        const float distance = std::sqrt(p.dot(p)), facing = std::max(kLeastCosine, std::abs(p.dot(n)) / distance);
+        area(row, at) = pixel_area * p[2] * distance / facing;
+        cosine(row, at) = modulation * std::cos(per_px * coordinate);
+        sine(row, at) = modulation * std::sin(per_px * coordinate);
+      }
+    });
+  }
+
+  bool exists(int row, int col) const { return area(row, col + margin) > 0; }
 };
 
-std::vector<Emitter> emitters_of(const Frame& frame, const DecodedStack& decoded, const RigModel& rig) {
-  const auto per_px = static_cast<float>(kTwoPi / decoded.finest_period_px);
-  const auto pixel_area = static_cast<float>(1 / (rig.camera.fx * rig.camera.fy));
-  constexpr float kLeastCosine = 0.05f;  // more oblique surfaces are hardly measured
-  std::vector<Emitter> emitters(frame.points_m.total());
-  for_each_row(frame.height(), [&](int row) {
-    for (int col = 0; col < frame.width(); ++col) {
-      const cv::Vec3f &p = frame.points_m(row, col), &n = frame.normals(row, col);
-      const float coordinate = decoded.coordinate_px(row, col), modulation = decoded.modulation(row, col);
-      if (std::isnan(p[2]) || std::isnan(n[2]) || std::isnan(coordinate)) continue;
-      const float distance = std::sqrt(p.dot(p)), cosine = std::max(kLeastCosine, std::abs(p.dot(n)) / distance);
-      emitters[static_cast<size_t>(row) * static_cast<size_t>(frame.width()) + static_cast<size_t>(col)] = {
-          p, n, pixel_area * p[2] * distance / cosine, modulation * std::cos(per_px * coordinate),
-          modulation * std::sin(per_px * coordinate)};
-    }
-  });
-  return emitters;
+// One row of pixels, or of their neighbours.
+struct EmitterRow {
+  const float *x, *y, *z, *nx, *ny, *nz, *area, *cosine, *sine;
+
+  EmitterRow(const Emitters& all, int row, int col)
+      : x(all.x[row] + col),
+        y(all.y[row] + col),
+        z(all.z[row] + col),
+        nx(all.nx[row] + col),
+        ny(all.ny[row] + col),
+        nz(all.nz[row] + col),
+        area(all.area[row] + col),
+        cosine(all.cosine[row] + col),
+        sine(all.sine[row] + col) {}
+};
+
+// Sums over the neighbours: form factors times pi, and the light with them.
+struct Received {
+  float *sky, *cosine, *sine;
+};
+
+FRINGESLAM_INLINE void receive_body(EmitterRow here, EmitterRow there, float pixels, int width, Received sums) {
+  // Flatter surfaces throw no light at each other: square of the sine of the angle above the horizon.
+  constexpr float kFlat = 0.05f * 0.05f, kPerPi = static_cast<float>(1 / kPi);
+#pragma GCC ivdep
+  for (int i = 0; i < width; ++i) {
+    const float x = there.x[i] - here.x[i], y = there.y[i] - here.y[i], z = there.z[i] - here.z[i];
+    const float square = x * x + y * y + z * z, area = pixels * there.area[i];
+    const float received = x * here.nx[i] + y * here.ny[i] + z * here.nz[i],
+                sent = -(x * there.nx[i] + y * there.ny[i] + z * there.nz[i]);
+    const float least = kFlat * square;
+    const bool sees = (received > 0) & (sent > 0) & (received * received > least) & (sent * sent > least);
+    // Form factor of a disc: near ones fill no more than the sky.
+    const float factor = received * sent * area / (square * (square + kPerPi * area));
+    const float share = sees ? factor : 0.0f;
+    sums.sky[i] += share;
+    sums.cosine[i] += share * there.cosine[i];
+    sums.sine[i] += share * there.sine[i];
+  }
 }
 
 }  // namespace
@@ -68,48 +118,37 @@ cv::Mat1f indirect_sigma_px(const Frame& frame, const DecodedStack& decoded, con
     throw Error("indirect light: the frame and the decoded images differ in size");
   constexpr double kPeriods = 2.5;    // light from farther away averages out
   constexpr int kSamplesAcross = 32;  // from a pixel to the end of its surroundings
-  constexpr float kFlat = 0.05f;  // sine of the angle above the horizon: flatter surfaces throw no light at each other
   constexpr double kSigmas = 4, kMostAlbedo = 0.95;
   constexpr int kSpread_px = 2, kWithoutNormal_px = 3;
   const int height = frame.height(), width = frame.width();
   cv::Mat1f sigma_px(height, width, 0.0f);
   if (!(decoded.finest_period_px > 0)) return sigma_px;
+  static const auto receive = Variants<receive_body>::of(selected_instruction_set());
   const double period = decoded.finest_period_px * rig.camera.fx / rig.projector.fx;  // camera pixels
   const int unit = std::max(1, static_cast<int>(std::lround(kPeriods * period / kSamplesAcross)));
   const std::vector<Offset> offsets = offsets_within(unit * kSamplesAcross, unit);
-  const std::vector<Emitter> emitters = emitters_of(frame, decoded, rig);
-  const auto at = [&](int row, int col) -> const Emitter& {
-    return emitters[static_cast<size_t>(row) * static_cast<size_t>(width) + static_cast<size_t>(col)];
-  };
-  constexpr auto per_pi = static_cast<float>(1 / kPi);
+  const Emitters emitters(frame, decoded, rig, unit * kSamplesAcross);
   const auto bounced = static_cast<float>(std::min(albedo, kMostAlbedo) / kPi);
   const auto scale =
       static_cast<float>(albedo / kPi * decoded.finest_period_px / kTwoPi / kSigmas);  // phase error to sigma
-  for_each_row(height, [&](int row) {
-    for (int col = 0; col < width; ++col) {
-      const Emitter& here = at(row, col);
-      const float modulation = decoded.modulation(row, col);
-      if (here.area_m2 == 0 || !(modulation > 0)) continue;
-      float cosine = 0, sine = 0, sky = 0;
+  for_each_range(height, [&](int first, int end) {
+    std::vector<float> sky(static_cast<size_t>(width)), cosine(sky.size()), sine(sky.size());
+    for (int row = first; row < end; ++row) {
+      for (std::vector<float>* sums : {&sky, &cosine, &sine}) std::fill(sums->begin(), sums->end(), 0.0f);
+      const EmitterRow here(emitters, row, emitters.margin);
       for (const Offset& offset : offsets) {
-        const int there_row = row + offset.row, there_col = col + offset.col;
-        if (there_row < 0 || there_row >= height || there_col < 0 || there_col >= width) continue;
-        const Emitter& there = at(there_row, there_col);
-        if (there.area_m2 == 0) continue;
-        const cv::Vec3f ray = there.point_m - here.point_m;
-        const float square = ray.dot(ray), least = kFlat * std::sqrt(square);
-        const float received = ray.dot(here.normal), sent = -ray.dot(there.normal);
-        if (received <= least || sent <= least) continue;
-        const float area = offset.pixels * there.area_m2;
-        // Form factor of a disc, times pi: near ones fill no more than the sky.
-        const float share = received * sent * area / (square * (square + per_pi * area));
-        sky += share;
-        cosine += share * there.cosine;
-        sine += share * there.sine;
+        if (row + offset.row < 0 || row + offset.row >= height) continue;
+        const EmitterRow there(emitters, row + offset.row, emitters.margin + offset.col);
+        receive(here, there, offset.pixels, width, {sky.data(), cosine.data(), sine.data()});
       }
-      // Further bounces between the same surfaces form a geometric series.
-      const float bounces = 1 / (1 - bounced * std::min(sky, 0.5f * kTwoPiFloat));
-      sigma_px(row, col) = bounces * scale * std::sqrt(cosine * cosine + sine * sine) / modulation;
+      for (int col = 0; col < width; ++col) {
+        if (!emitters.exists(row, col)) continue;
+        const auto i = static_cast<size_t>(col);
+        // Further bounces between the same surfaces form a geometric series.
+        const float bounces = 1 / (1 - bounced * std::min(sky[i], 0.5f * kTwoPiFloat));
+        sigma_px(row, col) =
+            bounces * scale * std::sqrt(cosine[i] * cosine[i] + sine[i] * sine[i]) / decoded.modulation(row, col);
+      }
     }
   });
   // Normals are unknown at the crease itself, and the sum's phase changes within a few pixels.
@@ -121,7 +160,7 @@ cv::Mat1f indirect_sigma_px(const Frame& frame, const DecodedStack& decoded, con
   const cv::Mat1f near = largest(sigma_px, kWithoutNormal_px);
   for_each_row(height, [&](int row) {
     for (int col = 0; col < width; ++col) {
-      if (at(row, col).area_m2 == 0) sigma_px(row, col) = near(row, col);
+      if (!emitters.exists(row, col)) sigma_px(row, col) = near(row, col);
     }
   });
   return largest(sigma_px, kSpread_px);
