@@ -36,7 +36,7 @@ std::vector<Offset> offsets_within(int radius, int unit) {
   return offsets;
 }
 
-// What the pixels throw at their surroundings: fringes as phasors, so that their sum shows how much of them averages out.
+// Light that the pixels reflect onto their surroundings. Fringes are phasors, whose sum shows how much of them averages out.
 // The images have margins, so that every neighbour of a pixel exists; pixels without surface have no area.
 struct Emitters {
   int margin;
@@ -92,7 +92,7 @@ struct Received {
 };
 
 FRINGESLAM_INLINE void receive_body(EmitterRow here, EmitterRow there, float pixels, int width, Received sums) {
-  // Flatter surfaces throw no light at each other: square of the sine of the angle above the horizon.
+  // Flatter surfaces reflect no light onto each other: square of the sine of the angle above the horizon.
   constexpr float kFlat = 0.05f * 0.05f, kPerPi = static_cast<float>(1 / kPi);
 #pragma GCC ivdep
   for (int i = 0; i < width; ++i) {

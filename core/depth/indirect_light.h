@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Error of the coordinate due to light that comes from nearby surfaces. Light from farther than a few periods averages out
-// over the fringes; what surfaces beside a crease throw at each other does not, and no combination of fringe periods tells
-// it from a displacement (docs/method.md, section 4.4).
+// over the fringes. Light that surfaces beside a crease reflect onto each other does not, and no combination of fringe
+// periods distinguishes it from a displacement (docs/method.md, section 4.4).
 #pragma once
 
 #include "core/types/decoded_stack.h"

@@ -71,7 +71,7 @@ TEST(IndirectLight, OfAGrooveHasTheFormFactorOfItsWalls) {
   }
 }
 
-TEST(IndirectLight, SurfacesThatDoNotSeeEachOtherThrowNone) {
+TEST(IndirectLight, SurfacesThatDoNotSeeEachOtherReflectNone) {
   const Walls ridge(0.024, -1);
   EXPECT_EQ(cv::countNonZero(indirect_sigma_px(ridge.frame, ridge.decoded, ridge.rig, kAlbedo)), 0);
 }
@@ -88,7 +88,7 @@ TEST(IndirectLight, AveragesOutOverTheFringes) {
   EXPECT_LT(fringes(kMiddle, kMiddle + 22), 0.3f * in_phase(kMiddle, kMiddle + 22));
 }
 
-TEST(IndirectLight, BlackSurfacesThrowNone) {
+TEST(IndirectLight, BlackSurfacesReflectNone) {
   const Walls walls(0.024, 1);
   EXPECT_EQ(cv::countNonZero(indirect_sigma_px(walls.frame, walls.decoded, walls.rig, 0)), 0);
 }
