@@ -92,17 +92,16 @@ Profile profile_of(const LoopScene& loop) {
   Pipeline pipeline(loop.scene.rig, loop.scene.patterns, {}, loop.scene.trajectory[0].world_from_robot);
   const StageClock::Use use(clock);
   const OneCore one;
-  double preprocessing_s = 0, parallel_before_s = 0;
   const auto parallel_s = [&] {
     double sum = 0;
     for (const auto& [stage, seconds] : one.loops().seconds()) sum += seconds;
     return sum;
   };
-  double mapping_s = 0, preprocessing_parallel_s = 0;
+  double preprocessing_s = 0, mapping_s = 0, preprocessing_parallel_s = 0;
   for (const FringeStack& stack : loop.stacks) {
     PreprocessedStack preprocessed;
     clock.begin_view();
-    parallel_before_s = parallel_s();
+    const double parallel_before_s = parallel_s();
     preprocessing_s += seconds_of([&] { preprocessed = pipeline.preprocess(stack); });
     preprocessing_parallel_s += parallel_s() - parallel_before_s;
     mapping_s += seconds_of([&] { pipeline.process(std::move(preprocessed)); });

@@ -69,6 +69,12 @@ bool differ_in_shifts_only(const PatternSequence& one, const PatternSequence& ot
 struct FringeFrontEnd::Decoding {
   DecodeOptions options;
   std::optional<CoordinatePrior> expected;
+
+  // Takes the fringe orders from an expected depth.
+  void unwrap_by(const ExpectedView& view, const RigModel& rig, const PixelRays& rays) {
+    expected = predict_coordinate(rig, rays, view.depth_m, view.sigma_m);
+    options.unwrapping = Unwrapping::predicted;
+  }
 };
 
 FringeFrontEnd::FringeFrontEnd(const RigModel& rig, const PatternSequence& sequence, const FrontEndOptions& options)
@@ -95,8 +101,7 @@ ReconstructedView FringeFrontEnd::reconstruct(const FringeStack& stack, const Re
   Decoding decoding{options_.decode, {}};
   const bool by_map = prior.expected != nullptr && prior.rough == nullptr;
   if (by_map) {
-    decoding.expected = predict_coordinate(rig_, rays_, prior.expected->depth_m, prior.expected->sigma_m);
-    decoding.options.unwrapping = Unwrapping::predicted;
+    decoding.unwrap_by(*prior.expected, rig_, rays_);
   } else if (decoding.options.unwrapping == Unwrapping::predicted) {
     decoding.options.unwrapping = Unwrapping::automatic;
   }
@@ -209,8 +214,8 @@ class FringeFrontEnd::Compensation {
     cv::extractChannel(rough.points_m, depth_m, 2);
     expected.depth_m.copyTo(depth_m, depth_m != depth_m);
     decode_with(motion, filled_depth(depth_m, rig.middle_range_m()));
-    Decoding by_map{decoding_.options, predict_coordinate(rig, front_end_.rays_, expected.depth_m, expected.sigma_m)};
-    by_map.options.unwrapping = Unwrapping::predicted;
+    Decoding by_map = decoding_;
+    by_map.unwrap_by(expected, rig, front_end_.rays_);
     ReconstructedView other;
     front_end_.decode_into(other, stack_, by_map, &*aligned_);
     fill_fringe_orders(view_.decoded, other.decoded);
