@@ -21,6 +21,13 @@ Matrix6d turned_tangent(const Eigen::Matrix3d& rotation) {
 
 Matrix6d symmetric(const Matrix6d& matrix) { return 0.5 * (matrix + matrix.transpose()); }
 
+// The part of a pose's covariance that differs from image to image. The part that they have in common is only an estimate;
+// some of it may vary.
+Matrix6d own_part(const ImagePose& pose) {
+  constexpr double kLeastOwnShare = 0.1;
+  return symmetric((1 + kLeastOwnShare) * (pose.covariance - pose.motion_covariance) - pose.reference_covariance);
+}
+
 }  // namespace
 
 ImageReference image_reference(const ReconstructedView& view, const FringeStack& stack) {
@@ -56,6 +63,8 @@ void ImageTracker::set_reference(const ImageReference& reference, const Pose& wo
   last_.valid = true;
   reference_covariance_ = covariance;
   reference_speed_variance_ = speed_variance(reference);
+  motion_error_.setZero();
+  motion_error_covariance_ = reference.motion_covariance;
   if (state_ && std::abs(timestamp_s - state_->time_s) <= options_.max_gap_s) {
     // The filter's pose has the errors of the old reference; the new reference has different ones.
     state_->covariance.topLeftCorner<6, 6>() += common_ + covariance;
@@ -163,14 +172,30 @@ TrackedImage ImageTracker::track(const cv::Mat& image, const Pattern& expected, 
   return result;
 }
 
+void ImageTracker::compare(const TrackedImage& image, const Pose& world_from_camera, const Matrix6d& covariance) {
+  if (!image.tracked) return;
+  const Eigen::Matrix<double, 6, 12>& by_motion = image.relative.by_reference_motion;
+  const Matrix6d turn = turned_tangent(world_from_reference_.rotation);
+  const Vector6d seen =
+      difference(image.relative.reference_from_camera, world_from_reference_.inverse() * world_from_camera);
+  const Matrix6d noise = image.relative.covariance - image.relative.motion_covariance +
+                         turn.transpose() * (covariance + reference_covariance_) * turn;
+  const Matrix6d innovation = by_motion * motion_error_covariance_ * by_motion.transpose() + noise;
+  const Eigen::Matrix<double, 12, 6> gain =
+      motion_error_covariance_ * by_motion.transpose() * inverse(symmetric(innovation));
+  motion_error_ += gain * (seen - by_motion * motion_error_);
+  const Matrix12d left = Matrix12d::Identity() - gain * by_motion;
+  motion_error_covariance_ = left * motion_error_covariance_ * left.transpose() + gain * noise * gain.transpose();
+}
+
 void ImageTracker::correct(State state, const ImagePose& found) {
   const Matrix6d turn = turned_tangent(world_from_reference_.rotation);
-  const Vector6d step = difference(world_from_reference_ * found.reference_from_camera, state.world_from_camera);
-  // The part common to the images of a reference is only an estimate; some of it may vary from image to image.
-  constexpr double kLeastOwnShare = 0.1;
-  Matrix6d own = found.covariance - found.reference_covariance;
-  own = symmetric(own + kLeastOwnShare * found.covariance);
-  const Matrix6d noise = turn * own * turn.transpose();
+  const Eigen::Matrix<double, 6, 12>& by_motion = found.by_reference_motion;
+  const Pose relative = retract(found.reference_from_camera, -by_motion * motion_error_);
+  const Matrix6d of_motion = symmetric(by_motion * motion_error_covariance_ * by_motion.transpose());
+  const Vector6d step = difference(world_from_reference_ * relative, state.world_from_camera);
+  // The error of the motion affects images with different phase shifts differently.
+  const Matrix6d noise = turn * (own_part(found) + of_motion) * turn.transpose();
   const Matrix6d before = state.covariance.topLeftCorner<6, 6>();
   const Eigen::Matrix<double, 12, 6> gain = state.covariance.leftCols<6>() * inverse(symmetric(before + noise));
   const Vector12d change = gain * step;
@@ -185,7 +210,7 @@ void ImageTracker::correct(State state, const ImagePose& found) {
   Matrix6d moved = Matrix6d::Identity();
   moved.bottomLeftCorner<3, 3>() = -skew(lever);
   common_ = symmetric(moved * reference_covariance_ * moved.transpose() +
-                      turn * found.reference_covariance * turn.transpose());
+                      turn * (found.reference_covariance + of_motion) * turn.transpose());
   state_ = std::move(state);
 }
 

@@ -4,7 +4,8 @@
 //
 // The filter's state is the pose world_from_camera, its rate of change in the tangent of retract(), and the covariance of
 // both. Accelerations are white noise. What all images of a reference have in common, the error of its pose and the
-// systematic part of theirs, is kept apart, because it does not average out.
+// systematic part of theirs, is kept apart, because it does not average out. The registered poses of later views determine
+// the error of the motion that the reference was decoded with, which is the largest part.
 #pragma once
 
 #include <memory>
@@ -19,7 +20,7 @@
 namespace fringeslam {
 
 struct ImageTrackerOptions {
-  int stride = 3;
+  int stride = 1;
   double acceleration_m_s2 = 0.5, turn_rad_s2 = 1;
   double max_rms_sigma = 1.6, max_distance = 0.15;
   double max_gap_s = 0.15;
@@ -51,7 +52,7 @@ struct TrackedImage {
   bool tracked = false;  // false: no pose
   Pose world_from_camera;
   Matrix6d covariance = Matrix6d::Zero();  // tangent of retract(); includes that of the reference
-  ImagePose relative;                      // to the reference, given the prediction
+  ImagePose relative;                      // to the reference, given the prediction, without corrections
   // The pattern that the image shows: the expected one, or another one of the sequence. Empty: none of them.
   std::optional<Pattern> shown;
   bool as_expected = false;
@@ -86,6 +87,10 @@ class ImageTracker {
   TrackedImage track(const cv::Mat& image, const Pattern& expected, double time_s,
                      const std::vector<Pattern>& requested = {});
 
+  // Corrects the images that follow by the pose world_from_camera of an image that was tracked, known from elsewhere with
+  // `covariance` (tangent of retract()): it determines the error of the reference's motion, which all images share.
+  void compare(const TrackedImage& image, const Pose& world_from_camera, const Matrix6d& covariance);
+
   // Predicts the pose and the motion at a time, which may be slightly in the past. Empty without a reference, or if the
   // last pose is too old.
   std::optional<CameraPrediction> predict(double time_s) const;
@@ -109,6 +114,9 @@ class ImageTracker {
   Pose world_from_reference_;
   Matrix6d reference_covariance_ = Matrix6d::Zero();  // of the reference's pose
   double reference_speed_variance_ = 0;
+  // Error of the motion that the reference was decoded with, as far as comparisons determine it.
+  Vector12d motion_error_ = Vector12d::Zero();
+  Matrix12d motion_error_covariance_ = Matrix12d::Zero();
   Matrix6d common_ = Matrix6d::Zero();  // of the last image, in the world
   std::optional<State> state_;
   ImagePose last_;  // relative to the reference

@@ -3,18 +3,39 @@
 
 namespace fringeslam {
 
+namespace {
+
+struct PoseEstimate {
+  Pose world_from_camera;
+  Matrix6d covariance;  // tangent of retract()
+};
+
+// Pose at a time after a view's reference time, from its registration and its motion, which is known.
+PoseEstimate pose_during(const FrameResult& view, const Mapper& mapper, double after_s) {
+  const Pose at_view = mapper.world_from_camera(view.view);
+  Matrix6d turn = Matrix6d::Zero();
+  turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = at_view.rotation;
+  Eigen::Matrix<double, 6, 12> by_motion;
+  by_motion << after_s * turn, 0.5 * after_s * after_s * turn;
+  return {at_view * view.motion->motion.at(after_s),
+          view.covariance + by_motion * view.motion->covariance * by_motion.transpose()};
+}
+
+}  // namespace
+
 ImageTrajectory::ImageTrajectory(const RigModel& rig, const PatternSequence& sequence,
                                  const ImageTrackerOptions& options)
     : tracker_(rig, sequence, options), camera_from_robot_(rig.robot_from_camera.inverse()) {}
 
 void ImageTrajectory::add(const FringeStack& stack, const FrameResult& result, const Mapper& mapper) {
+  std::vector<TrackedImage> tracked(stack.images.size());
   for (size_t k = 0; k < stack.images.size(); ++k) {
     ImageOfRun image;
     image.stack = stack.index;
     image.image = static_cast<int>(k);
     image.timestamp_s = stack.exposure_time_s[k];
     if (tracker_.predict(image.timestamp_s)) {
-      const TrackedImage found =
+      const TrackedImage& found = tracked[k] =
           tracker_.track(stack.images[k], stack.patterns.patterns[k], image.timestamp_s, stack.patterns.patterns);
       image.tracked = found.tracked;
       image.as_expected = found.as_expected;
@@ -26,6 +47,12 @@ void ImageTrajectory::add(const FringeStack& stack, const FrameResult& result, c
       }
     }
     images_.push_back(image);
+  }
+  if (result.view >= 0 && result.motion && result.motion->converged) {
+    for (size_t k = 0; k < tracked.size(); ++k) {
+      const PoseEstimate of_view = pose_during(result, mapper, stack.exposure_time_s[k] - stack.timestamp_s);
+      tracker_.compare(tracked[k], of_view.world_from_camera, of_view.covariance);
+    }
   }
   const bool decoded_from_fringes = !result.decoded.mean.empty() && result.decoded.finest_period_px > 0;
   if (result.view < 0 || !decoded_from_fringes) return;

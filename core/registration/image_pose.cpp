@@ -12,7 +12,7 @@ namespace fringeslam {
 
 namespace {
 
-constexpr double kWideSigma = 15, kOutlierSigma = 6, kSettledSigmas = 0.2;
+constexpr double kWideSigma = 15, kOutlierSigma = 6, kSettledSigmas = 0.5;
 
 std::string text_of(const cv::Size& size) { return std::to_string(size.width) + "x" + std::to_string(size.height); }
 
@@ -24,6 +24,14 @@ Matrix6d image_systematics(const Pinhole& camera, double range_m, bool same_peri
   Vector6d variances;
   variances << Eigen::Vector3d::Constant(turn * turn), Eigen::Vector3d::Constant(shift * shift);
   return variances.asDiagonal();
+}
+
+// Derivative of the tangent of pose.inverse() with respect to that of pose, as in covariance_of_inverse().
+Matrix6d tangent_of_inverse(const Pose& pose) {
+  Matrix6d derivative = Matrix6d::Zero();
+  derivative.topLeftCorner<3, 3>() = derivative.bottomRightCorner<3, 3>() = -pose.rotation.transpose();
+  derivative.bottomLeftCorner<3, 3>() = -pose.rotation.transpose() * skew(pose.translation);
+  return derivative;
 }
 
 }  // namespace
@@ -76,10 +84,7 @@ ImagePoseEstimator::Prior ImagePoseEstimator::prior_of(const Pattern& pattern, c
   Prior prior{{initial.inverse(), 0, 0}, ImageMatrix::Zero()};
   // With the tangents x of `initial` and x' = J x of its inverse, the information is J^-T information J^-1; J is the
   // derivative in covariance_of_inverse(), and that of the inverse's inverse is J^-1.
-  const Pose& pose = prior.mean.camera_from_reference;
-  Matrix6d back = Matrix6d::Zero();
-  back.topLeftCorner<3, 3>() = back.bottomRightCorner<3, 3>() = -pose.rotation.transpose();
-  back.bottomLeftCorner<3, 3>() = -pose.rotation.transpose() * skew(pose.translation);
+  const Matrix6d back = tangent_of_inverse(prior.mean.camera_from_reference);
   prior.information.topLeftCorner<6, 6>() = back.transpose() * information * back;
   prior.information(6, 6) = 1 / (kGainSigma * kGainSigma);
   prior.information(7, 7) = 1 / (contrast_sigma * contrast_sigma);
@@ -138,15 +143,15 @@ ImagePose ImagePoseEstimator::estimate(const cv::Mat& image, const Pattern& patt
   const double excess = std::max(1.0, found.sums.squares / std::max(1, found.sums.points));
   const Eigen::Matrix<double, kImageParameters, 12> by_motion =
       covariance * residuals_.motion_coupling(pattern, found.at) / excess;
-  const ImageMatrix of_motion = by_motion * motion_covariance_ * by_motion.transpose();
-  const Matrix6d from_motion = covariance_of_inverse(pose, of_motion.topLeftCorner<6, 6>());
-  result.covariance += from_motion;
+  result.by_reference_motion = tangent_of_inverse(pose) * by_motion.topRows<6>();
+  result.motion_covariance = result.by_reference_motion * motion_covariance_ * result.by_reference_motion.transpose();
+  result.covariance += result.motion_covariance;
   // The coarse subset represents all points.
   const ImageSums of_reference = residuals_.linearise(grey, pattern, found.at, kOutlierSigma,
                                                       residuals_.coarse_points(), ImageInformation::reference_noise);
   const double share = static_cast<double>(residuals_.points()) / std::max(1, residuals_.coarse_points());
   const ImageMatrix caused = covariance * of_reference.information * covariance * (share / (excess * excess));
-  result.reference_covariance = covariance_of_inverse(pose, caused.topLeftCorner<6, 6>()) + from_motion + systematic_;
+  result.reference_covariance = covariance_of_inverse(pose, caused.topLeftCorner<6, 6>()) + systematic_;
   return result;
 }
 

@@ -22,9 +22,11 @@ struct ImagePose {
   Pose reference_from_camera;
   // Given the image and the prior, with the uncertainty of the reference's motion; tangent of retract().
   Matrix6d covariance = Matrix6d::Zero();
-  // The part of it that is common to all images that are compared with this reference and does not average out over them:
-  // the noise of the reference, the error of its motion, and systematic errors.
-  Matrix6d reference_covariance = Matrix6d::Zero();
+  // The parts of it that are common to all images that are compared with this reference and do not average out over them:
+  // the noise of the reference and systematic errors; and the error of its motion. `by_reference_motion` is the derivative
+  // of the pose with respect to to_vector() of the motion that the reference was decoded with, for the same images.
+  Matrix6d reference_covariance = Matrix6d::Zero(), motion_covariance = Matrix6d::Zero();
+  Eigen::Matrix<double, 6, 12> by_reference_motion = Eigen::Matrix<double, 6, 12>::Zero();
   double gain = 0, contrast = 0;  // g and m
   double rms_sigma = 0;           // of the residuals, clipped at the cut-off; about 1 if the sigmas are correct
   int points = 0;                 // that the image shows

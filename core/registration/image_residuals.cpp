@@ -26,6 +26,9 @@ using Eigen::Vector3d;
 constexpr int kLanes = 16;
 constexpr int kChunk = 512;  // points whose sums are accumulated in single precision
 constexpr int kParameters = kImageParameters;
+// Least cosine between the line of sight and the normal. The fringes of a surface seen at a grazing angle seem to move by
+// far more than the camera, so a few such points whose normals are slightly wrong would decide the pose.
+constexpr float kLeastFacing = 0.15f;
 
 // Values of a point. kBrighter and kTurned are the derivatives of the logarithm of its irradiance with respect to its
 // displacement and to a rotation of its surface; kTexture is that of I' with respect to a displacement of the camera's
@@ -239,7 +242,8 @@ FRINGESLAM_INLINE void sum_body(const PointValues& points, const Samples& sample
       const float per_depth = (by_light.x * light.x + by_light.y * light.y + by_light.z * light.z);
       const Vector n = turned(c.r, points.of[kNormalX][i], points.of[kNormalY][i], points.of[kNormalZ][i]);
       const Vector t = turned(c.r, points.of[kTextureX][i], points.of[kTextureY][i], points.of[kTextureZ][i]);
-      const float by_normal = -modulated * value_slope * per_depth / (n.x * x + n.y * y + n.z * z);
+      const float facing = -(n.x * x + n.y * y + n.z * z);
+      const float by_normal = modulated * value_slope * per_depth / facing;
       const float texture = predicted / points.of[kMean][i];
       const float cx = texture * t.x + by_normal * n.x, cy = texture * t.y + by_normal * n.y,
                   cz = texture * t.z + by_normal * n.z;
@@ -257,7 +261,7 @@ FRINGESLAM_INLINE void sum_body(const PointValues& points, const Samples& sample
           samples.noise[i] * (s.noise_constant + bright * (s.noise_per_dn + bright * s.prnu2)) + of_reference;
       const float squared = residual * residual / variance, scaled = squared / s.cut_off;
       const bool is_shown = (samples.noise[i] > 0) & (lz > 0) & (column > -0.5f) & (row > -0.5f) &
-                            (column < static_cast<float>(l.width) - 0.5f) &
+                            (column < static_cast<float>(l.width) - 0.5f) & (facing > kLeastFacing * z) &
                             (row < static_cast<float>(l.height) - 0.5f) & (std::abs(cosine) >= s.wave.edge) &
                             (squared >= 0);
       const bool is_inlier = is_shown & (scaled < 1);

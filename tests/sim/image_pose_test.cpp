@@ -46,12 +46,15 @@ class MovingImages : public ::testing::Test {
     return to_motion(motion);
   }
 
-  // Decodes a stack with the true motion and fringe orders.
+  // Decodes a stack with a motion (the true one by default) and the true fringe orders.
   ReconstructedView decoded(const FringeStack& stack, const cv::Mat1f& truth_m) const {
+    return decoded(stack, truth_m, motion_at(stack.timestamp_s));
+  }
+  ReconstructedView decoded(const FringeStack& stack, const cv::Mat1f& truth_m, const CameraMotion& motion) const {
     const RigModel& rig = scene.rig;
     const CoordinatePrior expected = predict_coordinate(rig, rays, truth_m, cv::Mat1f(truth_m.size(), 2e-3f));
     const AlignedStack aligned =
-        align_stack(stack, rig, rays, filled_depth(truth_m, rig.middle_range_m()), motion_at(stack.timestamp_s));
+        align_stack(stack, rig, rays, filled_depth(truth_m, rig.middle_range_m()), motion);
     DecodeOptions options;
     options.unwrapping = Unwrapping::predicted;
     DecodeContext context{Axis::columns, &expected};
@@ -62,9 +65,11 @@ class MovingImages : public ::testing::Test {
     return view;
   }
 
-  ImageReference reference(const SimulatedView& from) const {
-    ReconstructedView view = decoded(from.stack, from.truth.depth_m);
-    view.motion = StackMotion{motion_at(from.stack.timestamp_s), Matrix12d::Zero(), 1, 0, true};
+  // `error` of the motion that the view is decoded with.
+  ImageReference reference(const SimulatedView& from, const Vector12d& error = Vector12d::Zero()) const {
+    const CameraMotion motion = changed(motion_at(from.stack.timestamp_s), error);
+    ReconstructedView view = decoded(from.stack, from.truth.depth_m, motion);
+    view.motion = StackMotion{motion, Matrix12d::Zero(), 1, 0, true};
     return image_reference(view, from.stack);
   }
 
@@ -142,6 +147,31 @@ TEST(ImagePose, IsAsAccurateAsItsCovarianceOverSeeds) {
   EXPECT_GT(sum / count, 0.5);
 }
 
+// Points whose fringes would move by a multiple of the camera's motion, if their normals were correct.
+TEST_F(MovingImages, NormalsAcrossTheLineOfSightDoNotDecideThePose) {
+  const ImageReference from = reference(views[0]);
+  ImageReference grazing = from;
+  grazing.frame.normals = from.frame.normals.clone();
+  for (int row = 5; row < grazing.frame.height(); row += 25) {
+    for (int col = 5; col < grazing.frame.width(); col += 25) {
+      const cv::Vec3f& point = grazing.frame.points_m(row, col);
+      if (!(point[2] > 0) || std::isnan(grazing.frame.normals(row, col)[2])) continue;
+      const Eigen::Vector3d sight = Eigen::Vector3d(point[0], point[1], point[2]).normalized();
+      const Eigen::Vector3d normal = (sight.cross(Eigen::Vector3d::UnitY()).normalized() - 0.01 * sight).normalized();
+      for (int k = 0; k < 3; ++k) grazing.frame.normals(row, col)[k] = static_cast<float>(normal[k]);
+    }
+  }
+  const FringeStack& stack = views[1].stack;
+  const Pose start = camera_at(views[0].stack.timestamp_s).inverse() * camera_at(stack.exposure_time_s[0]);
+  const auto pose = [&](const ImageReference& reference) {
+    return ImagePoseEstimator(scene.rig, reference, 1)
+        .estimate(stack.images[0], finest.patterns[0], start, Matrix6d::Zero());
+  };
+  const ImagePose expected = pose(from), found = pose(grazing);
+  ASSERT_TRUE(expected.valid && found.valid);
+  EXPECT_LT(nees(difference(found.reference_from_camera, expected.reference_from_camera), expected.covariance), 0.2);
+}
+
 TEST_F(MovingImages, ThePatternOfAnImageIsRecognised) {
   const ImagePoseEstimator estimator(scene.rig, reference(views[0]));
   const Pose reference_pose = camera_at(views[0].stack.timestamp_s);
@@ -200,6 +230,39 @@ TEST_F(MovingImages, TheTrackerFollowsImagesAndPredictsTheNextView) {
   EXPECT_LT((prediction->motion.motion.velocity_m_s - truth.velocity_m_s).norm(), 0.02);
   EXPECT_LT((prediction->motion.motion.angular_rad_s - truth.angular_rad_s).norm(), 0.02);
   EXPECT_FALSE(tracker.predict(next_s + 1));
+}
+
+// The reference was decoded with a motion that is off by 30 mm/s and 30 mrad/s.
+TEST_F(MovingImages, PosesOfViewsCorrectTheErrorThatImagesShare) {
+  constexpr double kError = 0.03;
+  const double start_s = views[0].stack.timestamp_s;
+  Vector12d change = Vector12d::Zero();
+  change.head<6>().setConstant(kError);
+  ImageReference off = reference(views[0], change);
+  off.motion_covariance.topLeftCorner<6, 6>().diagonal().setConstant(kError * kError);
+  MotionPrior motion = unknown_motion({});
+  motion.motion = motion_at(start_s);
+  motion.covariance *= 1e-4;
+  double square[2] = {0, 0}, sum_nees = 0;
+  for (const bool compared : {false, true}) {
+    ImageTracker tracker(scene.rig, scene.patterns);
+    tracker.set_reference(off, camera_at(start_s), Matrix6d::Zero(), start_s, motion);
+    for (size_t i = 1; i < views.size(); ++i) {
+      const FringeStack& stack = views[i].stack;
+      for (size_t k = 0; k < stack.images.size(); ++k) {
+        const Pose truth = camera_at(stack.exposure_time_s[k]);
+        const TrackedImage image = tracker.track(stack.images[k], finest.patterns[k], stack.exposure_time_s[k]);
+        ASSERT_TRUE(image.tracked);
+        if (compared) tracker.compare(image, truth, 1e-10 * Matrix6d::Identity());
+        if (i + 1 < views.size()) continue;
+        const Vector6d error = difference(image.world_from_camera, truth);
+        square[compared] += error.tail<3>().squaredNorm();
+        if (compared) sum_nees += nees(error, image.covariance);
+      }
+    }
+  }
+  EXPECT_LT(std::sqrt(square[1]), 0.5 * std::sqrt(square[0]));
+  EXPECT_LT(sum_nees / 3, 16.8);
 }
 
 // The images of all stacks but the first, a complete one, get poses, and two patterns projected in the wrong order are noticed.
