@@ -456,6 +456,7 @@ Eigen::Matrix<double, kImageParameters, 12> ImageResiduals::motion_coupling(cons
       return Vector3d(value(quantity), value(quantity + 1), value(quantity + 2));
     };
     const Vector3d point = vector(kX), texture = vector(kTextureX), normal = vector(kNormalX);
+    if (!(-normal.dot(point) > static_cast<double>(kLeastFacing) * point.z())) continue;
     const Estimator estimator = estimator_of(point);
     const Vector3d turned = pose.rotation * point, moved = turned + pose.translation;
     const double coordinate = projector_.project(projector_from_camera_ * moved).x();
