@@ -150,10 +150,22 @@ void report_unexpected(const std::vector<ImageOfRun>& images) {
                first->image, first->stack);
 }
 
-std::string kept_text(int views, int all, const std::vector<std::string>& left_out) {
-  std::string text = "interrupted: " + std::to_string(views) + " of " + std::to_string(all) + " views are kept";
+std::string without_text(const std::vector<std::string>& left_out) {
+  std::string text;
   for (const std::string& file : left_out) text += (&file == &left_out.front() ? ", without " : ", ") + file;
   return text;
+}
+
+std::string kept_text(int views, int all, const std::vector<std::string>& left_out) {
+  return "interrupted: " + std::to_string(views) + " of " + std::to_string(all) + " views are kept" +
+         without_text(left_out);
+}
+
+// Returns one line about the phases that failed.
+std::string failure_text(const RunPhases& phases, const std::string& out) {
+  std::string text;
+  for (const std::string& failure : phases.failures()) text += failure + "; ";
+  return text + "the other results are written to " + out + without_text(phases.left_out());
 }
 
 void wait_for_interrupt() {
@@ -298,7 +310,7 @@ int run(const RunArguments& arguments, const Common& common) {
     if (arguments.real_time) json["dropped"] = dropped();
     for (const RunPhases::Phase& phase : phases.all())
       json["phases"].push_back({{"name", phase.name}, {"seconds", phase.seconds}, {"peak_mib", phase.peak_mib}});
-    if (interrupted()) json["left_out"] = phases.left_out();
+    if (!phases.left_out().empty()) json["left_out"] = phases.left_out();
     json["score"] = score ? to_json(*score) : nlohmann::ordered_json();
     std::printf("%s\n", json_text(json, 2).c_str());
   } else {
@@ -306,7 +318,7 @@ int run(const RunArguments& arguments, const Common& common) {
     const char* look = kHasReport && !arguments.no_report ? "report.html" : "overview.png";
     if (phases.left_out().empty())
       std::printf("written: %s  (see %s/%s)\n", out.c_str(), out.c_str(), look);
-    else
+    else if (phases.failures().empty())
       std::printf("written: %s\n", out.c_str());
   }
   if (images) report_unexpected(images->images());
@@ -319,6 +331,7 @@ int run(const RunArguments& arguments, const Common& common) {
   const std::string reason = emptiness.reason(rig->model(), settings.pipeline.depth);
   if (!reason.empty()) std::fprintf(stderr, "fringeslam: %s: %s\n", arguments.source.c_str(), reason.c_str());
   if (live && arguments.live_wait) wait_for_interrupt();
+  if (!phases.failures().empty()) throw Error(failure_text(phases, out));
   return reason.empty() ? 0 : 1;
 }
 

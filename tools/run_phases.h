@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The phases of a run, with their times. After mapping, an interrupt ends the phase at its next step and skips the later
-// ones; what is finished is kept.
+// ones, and an error ends its phase only; what is finished is kept.
 #pragma once
 
 #include <sys/resource.h>
@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "core/base/malloc_config.h"
+#include "core/types/error.h"
 #include "tools/interrupt.h"
 #include "tools/progress.h"
 
@@ -23,7 +24,7 @@ class RunPhases {
  public:
   RunPhases(std::filesystem::path folder, bool silent) : folder_(std::move(folder)), silent_(silent) {}
 
-  // Runs a phase that writes `files` of the run folder. Unless it finishes, they are removed.
+  // Runs a phase that writes `files` of the run folder. Unless it finishes, they are removed. Notes an Error.
   void run(const std::string& name, const std::vector<std::string>& files, const std::function<void()>& phase) {
     bool finished = false;
     if (!interrupted()) {
@@ -31,6 +32,8 @@ class RunPhases {
         phase();
         finished = true;
       } catch (const Stopped&) {
+      } catch (const Error& error) {
+        failures_.push_back(error.what());
       }
     }
     note(name);
@@ -64,6 +67,8 @@ class RunPhases {
   }
 
   const std::vector<std::string>& left_out() const { return left_out_; }
+  // Messages of the phases that failed.
+  const std::vector<std::string>& failures() const { return failures_; }
 
   struct Phase {
     std::string name;
@@ -77,7 +82,7 @@ class RunPhases {
 
   std::filesystem::path folder_;
   bool silent_;
-  std::vector<std::string> left_out_;
+  std::vector<std::string> left_out_, failures_;
   std::vector<Phase> phases_;
   Clock::time_point begun_ = Clock::now();
 };

@@ -44,15 +44,28 @@ class HostileInput : public testing::Test {
   }
   std::string out() const { return (temp_ / "results/out").string(); }
 
-  void expect_refused(const Finished& finished, const std::vector<std::string>& says) const {
+  void expect_one_line(const Finished& finished, const std::vector<std::string>& says) const {
     EXPECT_EQ(finished.exit_code, 2) << finished.err;
     EXPECT_EQ(std::count(finished.err.begin(), finished.err.end(), '\n'), 1) << finished.err;
     EXPECT_THAT(finished.err, AllOf(testing::StartsWith("fringeslam: "), Not(HasSubstr(".partial-"))));
     for (const std::string& part : says) EXPECT_THAT(finished.err, HasSubstr(part));
+  }
+  void expect_refused(const Finished& finished, const std::vector<std::string>& says) const {
+    expect_one_line(finished, says);
     EXPECT_EQ(test::listing(temp_ / "results"), std::set<std::string>{});
   }
   void expect_run_refused(const path& source, const std::vector<std::string>& says) const {
     expect_refused(run_shell("PROGRAM run " + quoted(source.string()) + " --quiet --out " + quoted(out())), says);
+  }
+  // What fails after mapping costs its own files only. Removes the results.
+  void expect_mapped_without_score(const Finished& finished, std::vector<std::string> says) const {
+    says.push_back("the other results are written to " + out() + ", without truth.tum, score.json");
+    expect_one_line(finished, says);
+    for (const char* file : {"trajectory.tum", "map.ply", "mesh.ply", "overview.png", "frames/000001"})
+      EXPECT_TRUE(test::fs::exists(path(out()) / file)) << file;
+    for (const char* file : {"score.json", "truth.tum"}) EXPECT_FALSE(test::fs::exists(path(out()) / file)) << file;
+    for (const std::string& name : test::listing(temp_ / "results")) EXPECT_TRUE(name.starts_with("out")) << name;
+    test::fs::remove_all(out());
   }
   // The scene with a mesh instead of its plane.
   void expect_mesh_refused(const std::string& mesh, const std::vector<std::string>& says) const {
@@ -156,9 +169,9 @@ TEST_F(HostileInput, AnImageThatDeclaresAHugeSize) {
   }
   test::write_bytes(truth, bytes);
   // With 1 GiB of memory at most.
-  expect_refused(run_shell("ulimit -v 4000000; PROGRAM run " + quoted(data.string()) + " --quiet --no-report --out " +
-                           quoted(out())),
-                 {truth.string() + ": is 16384x16384 but the camera of rig.yaml has 266x250"});
+  expect_mapped_without_score(run_shell("ulimit -v 4000000; PROGRAM run " + quoted(data.string()) +
+                                        " --quiet --no-report --out " + quoted(out())),
+                              {truth.string() + ": is 16384x16384 but the camera of rig.yaml has 266x250"});
   EXPECT_THAT(test::message_of([&] { (void)read_exr(truth); }), HasSubstr(" MiB of pixels; at most 1024 MiB"));
 }
 
@@ -173,10 +186,13 @@ TEST_F(HostileInput, TruthOfAnotherRecording) {
   expect_run_refused(data, {truth.string() + ": has 1 poses, but dataset.yaml lists 2 stacks"});
   test::write_bytes(truth, good);
   const path image = data / "truth/000001.exr";
+  const auto run = [&] {
+    return run_shell("PROGRAM run " + quoted(data.string()) + " --quiet --out " + quoted(out()));
+  };
   test::truncate_file(image, 0.5);
-  expect_run_refused(data, {image.string() + ": "});
+  expect_mapped_without_score(run(), {image.string() + ": "});
   test::write_bytes(image, "no EXR");
-  expect_run_refused(data, {image.string() + ": "});
+  expect_mapped_without_score(run(), {image.string() + ": "});
 }
 
 TEST_F(HostileInput, TexturesThatAreNoImages) {
