@@ -49,6 +49,7 @@ struct RunArguments {
   std::string map, rig;
   bool mesh = false, vdb = false, save_map = false, no_report = false, image_poses = false;
   LiveOption live;
+  int views = 0;  // 0: all
   double live_rate_hz = 0;
   bool live_wait = false, real_time = false;
   bool animation = false;
@@ -213,13 +214,15 @@ int run(const RunArguments& arguments, const Common& common) {
   ThermalObserver thermal(rig->model(), settings.pipeline.thermal);
   std::optional<ImageTrajectory> images;
   if (arguments.image_poses) images.emplace(rig->model(), source->sequence(), settings.image_poses);
-  Animation animation(rig->model(), std::max(1, source->stacks() / kAnimationFrames));
+  // Only an estimate in continuous motion, where the number of stacks depends on the patterns that the pipeline requests.
+  const int planned = arguments.views > 0 ? std::min(arguments.views, source->stacks()) : source->stacks();
+  Animation animation(rig->model(), std::max(1, planned / kAnimationFrames));
   RunFolder record(folder.path(), rig->model(), source->sequence());
   const std::unique_ptr<LivePage> live = open_live_page(arguments.live, {.verb = "run",
                                                                          .name = source->name(),
                                                                          .rig = rig->model(),
                                                                          .sequence = source->sequence(),
-                                                                         .stacks = source->stacks(),
+                                                                         .stacks = planned,
                                                                          .maps = true});
   std::optional<BackgroundRig> camera;
   if (arguments.real_time) camera.emplace(*rig, source->sequence(), kWaitingStacks, Pace::timestamps);
@@ -230,10 +233,10 @@ int run(const RunArguments& arguments, const Common& common) {
   int mapped = 0;
   catch_interrupts();
   {
-    Progress progress("mapping", source->stacks(), common.quiet || common.json);
+    Progress progress("mapping", planned, common.quiet || common.json);
     Rig& stacks = camera ? static_cast<Rig&>(*camera) : *rig;
     Driver driver(stacks, *pipeline, camera ? kViewsAhead : Driver::kAhead);
-    while (!interrupted()) {
+    while (!interrupted() && (arguments.views == 0 || mapped < arguments.views)) {
       const std::optional<MappedView> view = driver.next();
       if (!view) break;
       const auto& [stack, result] = *view;
@@ -255,14 +258,13 @@ int run(const RunArguments& arguments, const Common& common) {
   }
   if (mapped == 0 && interrupted()) throw Error("interrupted before the first view; nothing is written");
   phases.note("mapping");
-  // In continuous motion the number of stacks depends on the patterns that the pipeline requested.
-  const int stacks = interrupted() ? source->stacks() : mapped + dropped();
+  const int stacks = interrupted() ? planned : mapped + dropped();
   write_text(folder.path() / kConfigFile,
              "name: " + yaml_quoted(source->name()) + "\nseed: " + std::to_string(source->seed()) + "\nstacks: " +
                  std::to_string(stacks) + "\n" + pipeline_yaml(settings) + (arguments.mesh ? mesh_yaml(settings) : "") +
                  (arguments.image_poses ? image_poses_yaml(settings) : ""));
   if (dropped() > 0 && !common.json)
-    std::fprintf(stderr, "dropped: %d of %d stacks, because mapping fell behind\n", dropped(), source->stacks());
+    std::fprintf(stderr, "dropped: %d of %d stacks, because mapping fell behind\n", dropped(), planned);
   if (live) live->feed().finish();
   record.finish(pipeline->trajectory());
   if (rig->model().thermal) record.add_warm_objects(thermal.warm_objects(pipeline->mapper()));
@@ -323,7 +325,7 @@ int run(const RunArguments& arguments, const Common& common) {
   }
   if (images) report_unexpected(images->images());
   if (interrupted()) {
-    std::fprintf(stderr, "%s\n", kept_text(mapped, source->stacks(), phases.left_out()).c_str());
+    std::fprintf(stderr, "%s\n", kept_text(mapped, planned, phases.left_out()).c_str());
     return kInterrupted;
   }
   if (const std::string lost = emptiness.lost(); !lost.empty() && !common.json)
@@ -344,6 +346,7 @@ Verb add_run(Command app, const Common& common) {
   verb.add_option("source", arguments->source, "Scene file, folder with scene.yaml, or dataset folder").required();
   verb.add_option("--out", arguments->out, "Run folder to write (default: runs/NAME-SEED)");
   arguments->variant.add_to(verb);
+  verb.add_option("--views", arguments->views, "Map only the first views (default: all)").check_range(1, 1'000'000);
   verb.add_flag("--mesh", arguments->mesh, "Also write each view's surface mesh as frames/NNNNNN/mesh.ply");
   verb.add_option("--rig", arguments->rig,
                   "Calibration to use instead of the dataset's, a rig.yaml such as that of calibrate rig; the "

@@ -72,6 +72,7 @@ std::string hash_text(const Study& study) {
 
 std::string command_of(const Study& study, const Trial& trial) {
   std::string command = "fringeslam run '" + study.scene.string() + "' --seed " + std::to_string(trial.world_seed);
+  if (study.views > 0) command += " --views " + std::to_string(study.views);
   for (const bool settings : {false, true}) {
     for (const auto& [name, value] : changes_of(study, trial, settings))
       command += std::string(settings ? " --set '" : " --with '") + name + "=" + value + "'";

@@ -109,6 +109,10 @@ TEST(StudyFile, IsReadAndItsCommandSaysTheSame) {
                                           std::to_string(trial.world_seed) +
                                           " --with 'objects.1.count=6' --with 'light.ambient_lux=" + trial.values[0] +
                                           "' --set 'decode.min_modulation_dn=" + trial.values[1] + "'");
+  Study limited = study;
+  limited.views = 8;
+  EXPECT_THAT(command_of(limited, trial),
+              HasSubstr(" --seed " + std::to_string(trial.world_seed) + " --views 8 --with "));
 }
 
 TEST(StudyFile, WhatIsWrongIsSaidWithItsLine) {

@@ -63,6 +63,15 @@ TEST_F(CommandLine, ARunOfARenderedDatasetIsARunOfItsScene) {
   expect_same_folders(temp_ / "direct", temp_ / "replayed");
 }
 
+TEST_F(CommandLine, ARunOfTheFirstViewsIsTheBeginningOfTheWhole) {
+  run_scene("whole");
+  run_scene("first", {"--views", "1"});
+  EXPECT_EQ(json::parse(test::read_bytes(temp_ / "first/score.json")).at("frames").size(), 1u);
+  EXPECT_EQ(test::read_bytes(temp_ / "first/frames/000000/depth.exr"),
+            test::read_bytes(temp_ / "whole/frames/000000/depth.exr"));
+  EXPECT_FALSE(test::fs::exists(temp_ / "first/frames/000001"));
+}
+
 TEST_F(CommandLine, ScoringARunAgainGivesItsScore) {
   run_scene("run");
   const std::string written = test::read_bytes(temp_ / "run/score.json");
