@@ -204,7 +204,9 @@ std::vector<ExrChannel> read_exr(const fs::path& file, const std::optional<Expec
   return channels;
 }
 
-void check_image(const fs::path& file) { (void)read_image(file, {}); }
+cv::Mat read_pixels(const fs::path& file) { return read_image(file, {}).image; }
+
+void check_image(const fs::path& file) { (void)read_pixels(file); }
 
 cv::Mat read_as_grey(const fs::path& file, GreyFrom from) {
   const cv::Mat image = read_image(file, {}).image;

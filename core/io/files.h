@@ -68,6 +68,10 @@ cv::Mat read_grey(const std::filesystem::path& file, const std::optional<Expecte
 // Reads all channels of an EXR file as floats.
 std::vector<ExrChannel> read_exr(const std::filesystem::path& file, const std::optional<ExpectedSize>& expected = {});
 
+// Reads all channels of an image as stored: unsigned 8 or 16 bits or 32-bit float, RGB. Colors are not multiplied by alpha.
+// Throws Error like read_grey(), but for the number of channels.
+cv::Mat read_pixels(const std::filesystem::path& file);
+
 // Reads an image completely and discards it. Throws Error like read_grey(), but for the number of channels.
 void check_image(const std::filesystem::path& file);
 

@@ -1,15 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sim/light/surfaces.h"
 
-#include <OpenImageIO/texture.h>
-
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <bit>
 #include <cmath>
 #include <numbers>
+#include <optional>
 
-#include "core/types/error.h"
+#include "sim/light/texture_images.h"
 
 namespace fringeslam::sim {
 
@@ -20,14 +19,8 @@ struct Covering {
   Pose object_from_world;
   uint32_t seed = 0;
   const Mesh* mesh = nullptr;
-  OIIO::TextureSystem::TextureHandle* texture = nullptr;
-  int texture_channels = 3;      // 1: grey
-  bool texture_is_srgb = false;  // true for integer formats; float textures are linear
+  std::optional<size_t> texture;  // of TextureImages
 };
-
-float linear_from_srgb(float value) {
-  return value <= 0.04045f ? value / 12.92f : std::pow((value + 0.055f) / 1.055f, 2.4f);
-}
 
 float smoothstep(float low, float high, float x) {
   const float t = std::clamp((x - low) / (high - low), 0.0f, 1.0f);
@@ -54,11 +47,7 @@ struct Surfaces::Impl {
   Effects effects;
   Dust dust;
   double surroundings_c = 20;
-  OIIO::TextureSystem* textures = nullptr;
-
-  ~Impl() {
-    if (textures) OIIO::TextureSystem::destroy(textures);
-  }
+  TextureImages textures;
 
   // Texture coordinates of a hit, and the length of one metre of surface in texture coordinates.
   struct TexturePoint {
@@ -91,17 +80,7 @@ struct Surfaces::Impl {
     const TexturePoint at = covering.mesh->texture_coordinates.empty() ? by_side(covering, hits, lane)
                                                                        : by_mesh(*covering.mesh, hits, lane);
     const float width = static_cast<float>(footprint_m) * at.per_m;
-    OIIO::TextureOpt options;
-    options.swrap = options.twrap = OIIO::TextureOpt::WrapPeriodic;
-    options.fill = 0;
-    float rgb[3] = {0, 0, 0};
-    textures->texture(covering.texture, textures->get_perthread_info(), options, at.s, at.t, width, 0, 0, width,
-                      covering.texture_channels, rgb);
-    if (covering.texture_is_srgb) {
-      for (float& channel : rgb) channel = linear_from_srgb(channel);
-    }
-    if (covering.texture_channels == 1) return rgb[0];
-    return 0.2126f * rgb[0] + 0.7152f * rgb[1] + 0.0722f * rgb[2];  // luminance, Rec. 709
+    return textures.luminance(*covering.texture, at.s, at.t, width);
   }
 
   // Evaluates the lanes of one object.
@@ -188,28 +167,8 @@ Surfaces::Surfaces(const Scene& scene, const Effects& effects) : impl_(std::make
   impl_->dust = scene.dust;
   impl_->surroundings_c = scene.surroundings_c;
   for (const Object& object : scene.objects) {
-    Covering covering{object.material, object.world_from_object.inverse(), object.texture_seed, object.mesh.get()};
-    if (!object.material.texture.empty()) {
-      if (!impl_->textures) {
-        impl_->textures = OIIO::TextureSystem::create(false);
-        impl_->textures->attribute("automip", 1);
-        impl_->textures->attribute("max_memory_MB", 512.0f);
-      }
-      const OIIO::ustring name(object.material.texture);
-      covering.texture = impl_->textures->get_texture_handle(name);
-      int resolution[2] = {0, 0};
-      if (!covering.texture || !impl_->textures->get_texture_info(name, 0, OIIO::ustring("resolution"),
-                                                                  OIIO::TypeDesc(OIIO::TypeDesc::INT, 2), resolution)) {
-        impl_->textures->geterror();
-        throw Error(object.material.texture + ": cannot be read as a texture image");
-      }
-      int channels = 3;
-      impl_->textures->get_texture_info(name, 0, OIIO::ustring("channels"), OIIO::TypeDesc::INT, &channels);
-      covering.texture_channels = channels < 3 ? 1 : 3;
-      int format = 0;
-      impl_->textures->get_texture_info(name, 0, OIIO::ustring("format"), OIIO::TypeDesc::INT, &format);
-      covering.texture_is_srgb = format == OIIO::TypeDesc::UINT8 || format == OIIO::TypeDesc::UINT16;
-    }
+    Covering covering{object.material, object.world_from_object.inverse(), object.texture_seed, object.mesh.get(), {}};
+    if (!object.material.texture.empty()) covering.texture = impl_->textures.add(object.material.texture);
     impl_->coverings.push_back(std::move(covering));
   }
 }

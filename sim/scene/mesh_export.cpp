@@ -54,10 +54,12 @@ fs::path common_picture(const fs::path& texture, const fs::path& folder, size_t 
   const std::string extension = lower_extension(texture);
   if (extension == ".png" || extension == ".jpg" || extension == ".jpeg") return texture;
   const fs::path file = folder / (".converted_" + std::to_string(number) + ".png");
-  check_image(texture);
-  OIIO::ImageBuf image(texture.string());
-  if (!image.read(0, 0, true)) throw Error(texture.string() + ": the texture cannot be read");
-  const bool linear = image.spec().format != OIIO::TypeDesc::UINT8 && image.spec().format != OIIO::TypeDesc::UINT16;
+  cv::Mat pixels = read_pixels(texture);
+  const bool linear = pixels.depth() == CV_32F;
+  const OIIO::TypeDesc format = linear                    ? OIIO::TypeDesc::FLOAT
+                                : pixels.depth() == CV_8U ? OIIO::TypeDesc::UINT8
+                                                          : OIIO::TypeDesc::UINT16;
+  OIIO::ImageBuf image(OIIO::ImageSpec(pixels.cols, pixels.rows, pixels.channels(), format), pixels.data);
   if (linear) image = OIIO::ImageBufAlgo::colorconvert(image, "linear", "sRGB");
   if (!image.write(file.string(), OIIO::TypeDesc::UINT8)) throw Error(file.string() + ": cannot be written");
   return file;

@@ -8,6 +8,7 @@
 #include "core/io/files.h"
 #include "sim/virtual_rig.h"
 #include "tests/sim/test_scenes.h"
+#include "tests/support/image_file.h"
 #include "tests/support/temp_folder.h"
 
 namespace fringeslam::sim {
@@ -88,6 +89,14 @@ TEST(Texture, IsReadLinearlyAndFiltered) {
   const cv::Mat1f fine = lux_of(scene, {constant_pattern(1)})[0];
   cv::minMaxLoc(fine(cv::Rect(10, 10, 45, 29)), &low, &high);
   EXPECT_NEAR(high, low, 0.1 * high);
+}
+
+TEST(Texture, AlphaDoesNotDarkenColors) {
+  const test::TempFolder temp;
+  test::write_image(temp / "veil.png", cv::Mat(16, 16, CV_8UC4, cv::Scalar(188, 188, 188, 60)));
+  Scene scene = world_of({grey_object(plane_mesh(2, 2), pose_from({{0, 0, 1000}, {0, 0, 0}}), 1)}, coaxial_rig());
+  scene.objects[0].material.texture = (temp / "veil.png").string();
+  EXPECT_NEAR(lux_of(scene, {constant_pattern(1)})[0](24, 32) / kWhiteLux, 0.503, 0.01);
 }
 
 TEST(Texture, ThatIsNoImageIsRefused) {

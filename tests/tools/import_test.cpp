@@ -3,7 +3,6 @@
 // equivalent dataset; inconsistent input is refused with the file's name.
 #include "core/import/import.h"
 
-#include <OpenImageIO/imageio.h>
 #include <gmock/gmock.h>
 
 #include <algorithm>
@@ -16,6 +15,7 @@
 #include "core/decode/decode.h"
 #include "core/import/opencv_calibration.h"
 #include "core/score/truth_files.h"
+#include "tests/support/image_file.h"
 #include "tests/tools/child.h"
 
 namespace fringeslam {
@@ -24,21 +24,11 @@ namespace {
 namespace fs = std::filesystem;
 
 using test::message_of;
+using test::write_image;
 using testing::HasSubstr;
 using testing::StartsWith;
 
 constexpr double kTwoPi = 2 * std::numbers::pi;
-
-// Writes an image in the format given by the extension.
-void write_image(const fs::path& file, const cv::Mat& image) {
-  const OIIO::TypeDesc type = image.depth() == CV_8U    ? OIIO::TypeDesc::UINT8
-                              : image.depth() == CV_16U ? OIIO::TypeDesc::UINT16
-                                                        : OIIO::TypeDesc::FLOAT;
-  OIIO::ImageSpec spec(image.cols, image.rows, image.channels(), type);
-  spec.attribute("oiio:UnassociatedAlpha", 1);
-  auto out = OIIO::ImageOutput::create(file.string());
-  ASSERT_TRUE(out && out->open(file.string(), spec) && out->write_image(type, image.data) && out->close()) << file;
-}
 
 cv::Mat1d matrix_of(const Pinhole& p) { return (cv::Mat1d(3, 3) << p.fx, 0, p.cx, 0, p.fy, p.cy, 0, 0, 1); }
 
