@@ -164,7 +164,14 @@ void add_instances(const aiNode& node, const aiMatrix4x4& parent, RawModel& mode
   for (unsigned i = 0; i < node.mNumChildren; ++i) add_instances(*node.mChildren[i], here, model);
 }
 
-RawMaterial raw_material(const aiMaterial& material) {
+// Refers to an embedded texture by its number; archives (.zae) and FBX files refer to theirs by name.
+std::string numbered(const aiScene& scene, const std::string& texture) {
+  if (texture.empty() || texture[0] == '*') return texture;
+  const int number = scene.GetEmbeddedTextureAndIndex(texture.c_str()).second;
+  return number >= 0 ? "*" + std::to_string(number) : texture;
+}
+
+RawMaterial raw_material(const aiScene& scene, const aiMaterial& material) {
   RawMaterial raw;
   raw.name = material.GetName().C_Str();
   aiColor4D colour(0.5f, 0.5f, 0.5f, 1);
@@ -173,7 +180,7 @@ RawMaterial raw_material(const aiMaterial& material) {
   aiString texture;
   for (const aiTextureType type : {aiTextureType_BASE_COLOR, aiTextureType_DIFFUSE}) {
     if (raw.texture.empty() && material.GetTexture(type, 0, &texture) == aiReturn_SUCCESS)
-      raw.texture = texture.C_Str();
+      raw.texture = numbered(scene, texture.C_Str());
   }
   return raw;
 }
@@ -256,7 +263,8 @@ std::string answer(const std::filesystem::path& file) {
   if (!scene || !scene->mRootNode) return std::string("e") + importer.GetErrorString();
   RawModel model;
   for (unsigned i = 0; i < scene->mNumMeshes; ++i) model.meshes.push_back(raw_mesh(*scene->mMeshes[i]));
-  for (unsigned i = 0; i < scene->mNumMaterials; ++i) model.materials.push_back(raw_material(*scene->mMaterials[i]));
+  for (unsigned i = 0; i < scene->mNumMaterials; ++i)
+    model.materials.push_back(raw_material(*scene, *scene->mMaterials[i]));
   for (unsigned i = 0; i < scene->mNumTextures; ++i) model.textures.push_back(raw_texture(*scene->mTextures[i]));
   add_instances(*scene->mRootNode, aiMatrix4x4(), model);
   const SourceFormat format = format_of(*scene);

@@ -3,6 +3,7 @@
 #include "sim/scene/mesh_import.h"
 
 #include <gmock/gmock.h>
+#include <zlib.h>
 
 #include <Eigen/Geometry>
 #include <bit>
@@ -326,6 +327,65 @@ TEST_F(Import, PicturesInsideTheFileAreUnpacked) {
   ASSERT_TRUE(std::filesystem::exists(texture)) << texture;
   EXPECT_EQ(read_grey(texture).at<uchar>(1, 1), 77);
   EXPECT_EQ(import_mesh(path).parts[0].texture, texture);
+  unsetenv("FRINGESLAM_CACHE");
+}
+
+// A ZIP archive of these files, stored without compression.
+std::string zip_of(const std::vector<std::pair<std::string, std::string>>& files) {
+  const auto number = [](uint32_t value, int bytes) {
+    std::string text;
+    for (int i = 0; i < bytes; ++i) text += static_cast<char>(value >> 8 * i & 255);
+    return text;
+  };
+  std::string archive, directory;
+  for (const auto& [name, bytes] : files) {
+    const auto size = static_cast<uint32_t>(bytes.size());
+    const auto crc =
+        static_cast<uint32_t>(crc32(0, reinterpret_cast<const Bytef*>(bytes.data()), static_cast<uInt>(size)));
+    // Version 2.0, no flags, stored, no date.
+    const std::string entry = number(20, 2) + number(0, 8) + number(crc, 4) + number(size, 4) + number(size, 4) +
+                              number(static_cast<uint32_t>(name.size()), 2) + number(0, 2);
+    directory +=
+        "PK\1\2" + number(20, 2) + entry + number(0, 10) + number(static_cast<uint32_t>(archive.size()), 4) + name;
+    archive += "PK\3\4" + entry + name + bytes;
+  }
+  const auto count = static_cast<uint32_t>(files.size());
+  return archive + directory + "PK\5\6" + number(0, 4) + number(count, 2) + number(count, 2) +
+         number(static_cast<uint32_t>(directory.size()), 4) + number(static_cast<uint32_t>(archive.size()), 4) +
+         number(0, 2);
+}
+
+// An archive refers to the images in it by their names.
+TEST_F(Import, ColladaArchivesKeepTheirAxisAndTheirPictures) {
+  setenv("FRINGESLAM_CACHE", (temp_ / "cache").c_str(), 1);
+  const std::string collada = R"(<?xml version="1.0"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit meter="1"/><up_axis>Y_UP</up_axis></asset>
+<library_images><image id="i"><init_from>textures/grey.png</init_from></image></library_images>
+<library_effects><effect id="e"><profile_COMMON>
+<newparam sid="f"><surface type="2D"><init_from>i</init_from></surface></newparam>
+<newparam sid="r"><sampler2D><source>f</source></sampler2D></newparam>
+<technique sid="c"><lambert><diffuse><texture texture="r" texcoord="UV"/></diffuse></lambert></technique>
+</profile_COMMON></effect></library_effects>
+<library_materials><material id="m"><instance_effect url="#e"/></material></library_materials>
+<library_geometries><geometry id="g"><mesh>
+<source id="p"><float_array id="pa" count="9">0 0 0 1 0 0 0 3 0</float_array>
+<technique_common><accessor source="#pa" count="3" stride="3"><param name="X" type="float"/><param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common></source>
+<source id="t"><float_array id="ta" count="6">0 0 1 0 0 1</float_array>
+<technique_common><accessor source="#ta" count="3" stride="2"><param name="S" type="float"/><param name="T" type="float"/></accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+<triangles count="1" material="k"><input semantic="VERTEX" source="#v" offset="0"/><input semantic="TEXCOORD" source="#t" offset="1"/><p>0 0 1 1 2 2</p></triangles>
+</mesh></geometry></library_geometries>
+<library_visual_scenes><visual_scene id="s"><node id="n"><instance_geometry url="#g"><bind_material><technique_common>
+<instance_material symbol="k" target="#m"/></technique_common></bind_material></instance_geometry></node></visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#s"/></scene></COLLADA>)";
+  const MeshImport archive =
+      import_mesh(file("board.zae", zip_of({{"manifest.xml", "<?xml version=\"1.0\"?><dae_root>./scene.dae</dae_root>"},
+                                            {"scene.dae", collada},
+                                            {"textures/grey.png", png_bytes(cv::Mat1b(2, 2, uchar{77}))}})));
+  EXPECT_EQ(archive.up, UpAxis::y);
+  ASSERT_TRUE(std::filesystem::exists(archive.parts[0].texture)) << archive.parts[0].texture;
+  EXPECT_EQ(read_grey(archive.parts[0].texture).at<uchar>(1, 1), 77);
   unsetenv("FRINGESLAM_CACHE");
 }
 
