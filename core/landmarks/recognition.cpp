@@ -103,10 +103,7 @@ void LandmarkDatabase::add(int frame, const Landmarks& landmarks) {
   const int number = static_cast<int>(views_.size()), first = keypoints();
   views_.push_back(view_of(frame, landmarks));
   const View& view = views_.back();
-  for (const int k : view.strongest) {
-    entries_.push_back({number, k});
-    descriptors_.push_back(view.descriptors.row(k));
-  }
+  for (const int k : view.strongest) entries_.push_back({number, k});
   landmark_count_ += static_cast<int>(view.landmarks);
   if (keypoints() == first) return;
   Run run{first, {}};
@@ -114,8 +111,15 @@ void LandmarkDatabase::add(int frame, const Landmarks& landmarks) {
     run.first = runs_.back().first;
     runs_.pop_back();
   }
-  run.tree = DescriptorTree(descriptors_.rowRange(run.first, keypoints()));
+  cv::Mat1b descriptors(keypoints() - run.first, kDescriptorSize);
+  for (int i = 0; i < descriptors.rows; ++i) std::copy_n(descriptor_of(run.first + i), kDescriptorSize, descriptors[i]);
+  run.tree = DescriptorTree(descriptors);
   runs_.push_back(std::move(run));
+}
+
+const uchar* LandmarkDatabase::descriptor_of(int entry) const {
+  const Entry& of = at(entries_, entry);
+  return at(views_, of.view).descriptors[of.keypoint];
 }
 
 std::vector<LandmarkDatabase::Matches> LandmarkDatabase::matches_by_view(const View& current) const {
@@ -126,7 +130,7 @@ std::vector<LandmarkDatabase::Matches> LandmarkDatabase::matches_by_view(const V
     std::vector<Nearest>& own = at(nearest, q);
     const auto note_entry = [&](int entry, int distance2) { note(own, at(entries_, entry).view, entry, distance2); };
     if (options_.search == DescriptorSearch::brute_force) {
-      for (int e = 0; e < keypoints(); ++e) note_entry(e, squared_distance(descriptor, descriptors_[e]));
+      for (int e = 0; e < keypoints(); ++e) note_entry(e, squared_distance(descriptor, descriptor_of(e)));
       return;
     }
     for (const Run& run : runs_) {

@@ -104,6 +104,7 @@ class LandmarkDatabase {
   using Matches = std::vector<KeypointMatch>;
 
   View view_of(int frame, const Landmarks& landmarks) const;
+  const uchar* descriptor_of(int entry) const;
   std::vector<Matches> matches_by_view(const View& current) const;
   Matches one_to_one(Matches matches, const View& earlier, const View& current) const;
   RigidConsensus consensus(const View& earlier, const View& current, const Matches& matches, double spread_px,
@@ -118,7 +119,6 @@ class LandmarkDatabase {
   RecognitionOptions options_;
   std::vector<View> views_;
   std::vector<Entry> entries_;  // one per descriptor
-  cv::Mat1b descriptors_;
   // Trees over consecutive runs of descriptors, each run less than half as long as the previous one: a new frame's
   // descriptors are merged with the last runs, so each is rebuilt only as often as the database doubles (Bentley and
   // Saxe 1980).
