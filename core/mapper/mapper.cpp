@@ -131,13 +131,7 @@ void Mapper::track(FrameResult& result, const MapperInput& input, const std::opt
   }
   const bool moving = result.in_motion();
   if (result.motion_unknown()) {
-    // The finest fringes alone last a third as long as the sequence, during which strong vibration is not smooth.
-    const ReconstructedView own = result;  // shares its images
-    if (!predicted || !in_motion_ || !input.reconstruct) return;
-    if (!follow_by_prediction(result, input, *predicted, effect)) {
-      static_cast<ReconstructedView&>(result) = own;
-      effect = {};
-    }
+    follow_by_finest(result, input, predicted, effect);
     return;
   }
   if (map_.keyframes().empty()) {
@@ -272,18 +266,35 @@ bool Mapper::follow(FrameResult& result, const Pose& predicted, const Matrix6d& 
   return result.registration.found;
 }
 
+// Follows a whole sequence by its finest fringes, unwrapped by the map: they last a third as long as the sequence, during
+// which strong vibration is not smooth.
+bool Mapper::follow_by_finest(FrameResult& result, const MapperInput& input, const std::optional<Prediction>& predicted,
+                              MotionEffect& effect) {
+  if (!predicted || !in_motion_ || !input.reconstruct) return false;
+  const FrameResult before = result;  // shares its images
+  result.complete = false;
+  if (follow_by_prediction(result, input, *predicted, effect)) return true;
+  result = before;
+  effect = {};
+  return false;
+}
+
 // Unwraps by the depth that the map predicts (docs/method.md, section 3.2, `predicted`). The first registration improves
 // the predicted pose, which determines more fringe orders.
 bool Mapper::follow_by_prediction(FrameResult& result, const MapperInput& input, const Prediction& predicted,
                                   MotionEffect& effect) {
-  // In motion, the prediction is so accurate that the first registration improves no fringe orders.
+  // In motion, the prediction is usually so accurate that the first registration improves no fringe orders.
   const bool accurate = !predicted.motion.motion.is_still();
   if (accurate) keyframe_image(track_.back().keyframe);
   const ExpectedView first = expected_view(predicted.world_from_camera, predicted.covariance, accurate);
   reconstruct(result, input, {&first, predicted.motion});
   if (result.motion_unknown()) return false;
   const Pose start = estimate_motion(result, input, predicted, &first, predicted.motion, effect);
-  if (accurate) return follow(result, start, Matrix6d::Zero(), largest_error_m(predicted));
+  if (accurate) {
+    if (!follow(result, start, Matrix6d::Zero(), largest_error_m(predicted))) return false;
+    follow_again(result, input, predicted.motion, effect);
+    return true;
+  }
   // The fringe orders at depth steps are still missing, and the remaining walls may not constrain all directions: the
   // prediction is a prior of the registration.
   if (!follow(result, start, inverse(predicted.covariance))) return false;

@@ -153,7 +153,11 @@ class Mapper {
   void confirm_in_motion(FrameResult& result, const MapperInput& input);
   bool follow_in_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted,
                         MotionEffect& effect);
+  Prediction registered(const FrameResult& result, const MapperInput& input);
   void fill_fringe_orders(FrameResult& result, const MapperInput& input);
+  void follow_again(FrameResult& result, const MapperInput& input, const MotionPrior& prior, MotionEffect& effect);
+  bool follow_by_finest(FrameResult& result, const MapperInput& input, const std::optional<Prediction>& predicted,
+                        MotionEffect& effect);
   bool follow_by_prediction(FrameResult& result, const MapperInput& input, const Prediction& predicted,
                             MotionEffect& effect);
   double largest_error_m(const Prediction& predicted) const;

@@ -31,22 +31,55 @@ bool Mapper::follow_in_motion(FrameResult& result, const MapperInput& input, con
   return true;
 }
 
+namespace {
+
+// True if fewer than this share of the pixels with fringes have a fringe order.
+bool lacks_fringe_orders(const FrameResult& result, double share) {
+  const cv::Mat1f &phase = result.decoded.wrapped_phase, &coordinate = result.decoded.coordinate_px;
+  return cv::countNonZero(coordinate == coordinate) < share * cv::countNonZero(phase == phase);
+}
+
+}  // namespace
+
+// The registered pose of a view, with the uncertainty of its motion during the stack.
+Mapper::Prediction Mapper::registered(const FrameResult& result, const MapperInput& input) {
+  const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera;
+  const Pose& pose = result.registration.earlier_from_current;
+  const FrameMotion own = frame_motion(result, input, keyframe_image(result.reference), pose);
+  return {world_from_reference * pose,
+          result.covariance + own.spread(),
+          {result.motion->motion, result.motion->covariance}};
+}
+
 // Vibration leaves fewer fringe orders to a whole sequence than to the map, once the pose is known.
 void Mapper::fill_fringe_orders(FrameResult& result, const MapperInput& input) {
-  constexpr double kFew = 0.9;  // of the pixels with fringes
-  const cv::Mat1f &phase = result.decoded.wrapped_phase, &coordinate = result.decoded.coordinate_px;
-  if (!result.in_motion() || !input.reconstruct ||
-      cv::countNonZero(coordinate == coordinate) >= kFew * cv::countNonZero(phase == phase))
-    return;
-  const Pose found = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera *
-                     result.registration.earlier_from_current;
-  const Matrix6d covariance =
-      result.covariance +
-      frame_motion(result, input, keyframe_image(result.reference), result.registration.earlier_from_current).spread();
-  const ExpectedView expected = expected_view(found, covariance, true);
+  constexpr double kFew = 0.9;
+  if (!result.in_motion() || !input.reconstruct || !lacks_fringe_orders(result, kFew)) return;
+  const Prediction found = registered(result, input);
+  const ExpectedView expected = expected_view(found.world_from_camera, found.covariance, true);
   const ReconstructedView rough = result;  // shares its images
-  reconstruct(result, input, {&expected, MotionPrior{rough.motion->motion, rough.motion->covariance}, true, &rough});
+  reconstruct(result, input, {&expected, found.motion, true, &rough});
   result.motion = rough.motion;
+}
+
+// Decodes and registers a view again whose prediction, less accurate than its registration, left few fringe orders, for
+// instance because the robot accelerated. Keeps the first registration if the second fails.
+void Mapper::follow_again(FrameResult& result, const MapperInput& input, const MotionPrior& prior,
+                          MotionEffect& effect) {
+  if (!result.in_motion() || !input.reconstruct ||
+      !lacks_fringe_orders(result, options_.registration.tracking.min_predicted))
+    return;
+  const FrameResult first = result;  // shares its images
+  const MotionEffect first_effect = effect;
+  const Prediction found = registered(result, input);
+  const ExpectedView expected = expected_view(found.world_from_camera, found.covariance, true);
+  reconstruct(result, input, {&expected, found.motion, true});
+  if (!result.motion_unknown()) {
+    const Pose start = estimate_motion(result, input, found, &expected, prior, effect);
+    if (follow(result, start, Matrix6d::Zero(), largest_error_m(found))) return;
+  }
+  result = first;
+  effect = first_effect;
 }
 
 // Rejects a relocalized view whose pose changes by more than its uncertainty, or is lost, when it is estimated together
