@@ -203,6 +203,8 @@ int run(const RunArguments& arguments, const Common& common) {
   const std::string out = arguments.out.empty()
                               ? "runs/" + file_name(source->name()) + "-" + std::to_string(source->seed())
                               : arguments.out;
+  std::error_code unknown;
+  const bool replaces = fs::exists(out, unknown);
   StagedFolder folder(out, "run", {kMapFile});
   const auto rig = source->open(folder.path());
   // The world frame of a new map is the robot's frame at the first stack.
@@ -229,7 +231,8 @@ int run(const RunArguments& arguments, const Common& common) {
   const auto dropped = [&] { return camera ? camera->dropped() : 0; };
   RateLimiter rate(arguments.live_rate_hz);
   Emptiness emptiness;
-  RunPhases phases(folder.path(), common.quiet || common.json);
+  RunPhases phases(folder.path(), replaces ? RunPhases::AfterError::stop : RunPhases::AfterError::keep_the_rest,
+                   common.quiet || common.json);
   int mapped = 0;
   catch_interrupts();
   {

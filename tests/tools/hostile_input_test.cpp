@@ -189,10 +189,18 @@ TEST_F(HostileInput, TruthOfAnotherRecording) {
   const auto run = [&] {
     return run_shell("PROGRAM run " + quoted(data.string()) + " --quiet --out " + quoted(out()));
   };
+  const std::string sound = test::read_bytes(image);
   test::truncate_file(image, 0.5);
   expect_mapped_without_score(run(), {image.string() + ": "});
   test::write_bytes(image, "no EXR");
   expect_mapped_without_score(run(), {image.string() + ": "});
+  // An older result stays as it is.
+  test::write_bytes(image, sound);
+  ASSERT_EQ(run().exit_code, 0);
+  const std::string score = test::read_bytes(path(out()) / "score.json");
+  test::write_bytes(image, "no EXR");
+  expect_one_line(run(), {image.string() + ": "});
+  EXPECT_EQ(test::read_bytes(path(out()) / "score.json"), score);
 }
 
 TEST_F(HostileInput, TexturesThatAreNoImages) {
