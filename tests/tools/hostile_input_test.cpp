@@ -57,7 +57,7 @@ class HostileInput : public testing::Test {
   void expect_run_refused(const path& source, const std::vector<std::string>& says) const {
     expect_refused(run_shell("PROGRAM run " + quoted(source.string()) + " --quiet --out " + quoted(out())), says);
   }
-  // What fails after mapping costs its own files only. Removes the results.
+  // An error after mapping costs only the files of its phase. Removes the results.
   void expect_mapped_without_score(const Finished& finished, std::vector<std::string> says) const {
     says.push_back("the other results are written to " + out() + ", without truth.tum, score.json");
     expect_one_line(finished, says);
