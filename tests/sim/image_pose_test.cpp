@@ -73,14 +73,14 @@ class MovingImages : public ::testing::Test {
   }
 
   // A tracker with the first view as its reference.
-  ImageTracker tracker() const {
+  ImageTracker tracker() const { return tracker(reference(views[0])); }
+  ImageTracker tracker(const ImageReference& first) const {
     const FringeStack& stack = views[0].stack;
     ImageTracker tracker(scene.rig, scene.patterns);
     MotionPrior motion = unknown_motion({});
     motion.motion = motion_at(stack.timestamp_s);
     motion.covariance *= 1e-4;
-    tracker.set_reference(reference(views[0]), camera_at(stack.timestamp_s), Matrix6d::Zero(), stack.timestamp_s,
-                          motion);
+    tracker.set_reference(first, camera_at(stack.timestamp_s), Matrix6d::Zero(), stack.timestamp_s, motion);
     return tracker;
   }
 
@@ -234,18 +234,13 @@ TEST_F(MovingImages, TheTrackerFollowsImagesAndPredictsTheNextView) {
 // The reference was decoded with a motion that is off by 30 mm/s and 30 mrad/s.
 TEST_F(MovingImages, PosesOfViewsCorrectTheErrorThatImagesShare) {
   constexpr double kError = 0.03;
-  const double start_s = views[0].stack.timestamp_s;
   Vector12d change = Vector12d::Zero();
   change.head<6>().setConstant(kError);
   ImageReference off = reference(views[0], change);
   off.motion_covariance.topLeftCorner<6, 6>().diagonal().setConstant(kError * kError);
-  MotionPrior motion = unknown_motion({});
-  motion.motion = motion_at(start_s);
-  motion.covariance *= 1e-4;
   double square[2] = {0, 0}, sum_nees = 0;
   for (const bool compared : {false, true}) {
-    ImageTracker tracker(scene.rig, scene.patterns);
-    tracker.set_reference(off, camera_at(start_s), Matrix6d::Zero(), start_s, motion);
+    ImageTracker tracker = this->tracker(off);
     for (size_t i = 1; i < views.size(); ++i) {
       const FringeStack& stack = views[i].stack;
       for (size_t k = 0; k < stack.images.size(); ++k) {
