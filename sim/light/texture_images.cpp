@@ -6,7 +6,9 @@
 #include <OpenImageIO/texture.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
+#include <cstdint>
 #include <cstring>
 #include <deque>
 #include <opencv2/core.hpp>
@@ -56,21 +58,37 @@ float linear_from_srgb(float value) {
   return value <= 0.04045f ? value / 12.92f : std::pow((value + 0.055f) / 1.055f, 2.4f);
 }
 
+// OpenImageIO's texture system and its cache, one for the program. Neither is ever destroyed: threads that outlive a cache
+// keep their records of its tiles and take them for those of the next cache at the same address.
+struct TextureCache {
+  OIIO::ImageCache* images = OIIO::ImageCache::create(false);
+  OIIO::TextureSystem* textures = OIIO::TextureSystem::create(false, images);
+  std::atomic<uint64_t> names{0};
+
+  TextureCache() {
+    textures->attribute("automip", 1);
+    textures->attribute("max_memory_MB", 512.0f);
+  }
+};
+
+TextureCache& cache() {
+  static TextureCache* const only = new TextureCache;
+  return *only;
+}
+
 }  // namespace
 
 struct TextureImages::Impl {
   struct Image {
     std::string file;
     cv::Mat pixels;
+    OIIO::ustring name;
     OIIO::TextureSystem::TextureHandle* handle = nullptr;
   };
   std::deque<Image> images;  // OpenImageIO keeps their addresses
-  OIIO::ImageCache* cache = nullptr;
-  OIIO::TextureSystem* textures = nullptr;
 
   ~Impl() {
-    if (textures) OIIO::TextureSystem::destroy(textures);
-    if (cache) OIIO::ImageCache::destroy(cache);
+    for (const Image& image : images) cache().images->invalidate(image.name, true);
   }
 };
 
@@ -81,25 +99,18 @@ size_t TextureImages::add(const std::string& file) {
   const auto known =
       std::find_if(impl_->images.begin(), impl_->images.end(), [&](const auto& image) { return image.file == file; });
   if (known != impl_->images.end()) return static_cast<size_t>(known - impl_->images.begin());
-  if (!impl_->textures) {
-    impl_->cache = OIIO::ImageCache::create(false);
-    impl_->textures = OIIO::TextureSystem::create(false, impl_->cache);
-    impl_->textures->attribute("automip", 1);
-    impl_->textures->attribute("max_memory_MB", 512.0f);
-  }
   Impl::Image& image = impl_->images.emplace_back();
   image.file = file;
   image.pixels = read_pixels(file);
-  const OIIO::ustring name("texture " + std::to_string(impl_->images.size()));
+  image.name = OIIO::ustring("texture " + std::to_string(++cache().names));
   OIIO::ImageSpec config;
   const void* address = &image.pixels;
   config.attribute(kPixels, OIIO::TypeDesc::PTR, &address);
-  impl_->cache->add_file(name, PixelsInput::create, &config);
-  image.handle = impl_->textures->get_texture_handle(name);
-  if (!image.handle || !impl_->textures->good(image.handle)) {
-    const std::string why = impl_->textures->geterror();
-    throw Error(file + ": cannot be used as a texture: " + why);
-  }
+  OIIO::TextureSystem& textures = *cache().textures;
+  cache().images->add_file(image.name, PixelsInput::create, &config);
+  image.handle = textures.get_texture_handle(image.name);
+  if (!image.handle || !textures.good(image.handle))
+    throw Error(file + ": cannot be used as a texture: " + textures.geterror());
   return impl_->images.size() - 1;
 }
 
@@ -110,8 +121,8 @@ float TextureImages::luminance(size_t texture, float s, float t, float width) co
   options.swrap = options.twrap = OIIO::TextureOpt::WrapPeriodic;
   options.fill = 0;
   float rgb[3] = {0, 0, 0};
-  impl_->textures->texture(image.handle, impl_->textures->get_perthread_info(), options, s, t, width, 0, 0, width,
-                           grey ? 1 : 3, rgb);
+  OIIO::TextureSystem& textures = *cache().textures;
+  textures.texture(image.handle, textures.get_perthread_info(), options, s, t, width, 0, 0, width, grey ? 1 : 3, rgb);
   if (image.pixels.depth() != CV_32F) {
     for (float& channel : rgb) channel = linear_from_srgb(channel);
   }
