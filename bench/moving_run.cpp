@@ -61,7 +61,8 @@ Matrix6d information_in_motion(const Frame& keyframe, const TruthFrame& keyframe
   using Matrix12 = Eigen::Matrix<double, 12, 12>;
   Matrix12 joint = Matrix12::Zero();
   Eigen::Matrix<double, 12, 1> gradient;
-  for (const DepthSlope& slope : depth_slopes(stack, rig, rays, depth, motion, kStride)) {
+  for (const DepthSlope& slope :
+       depth_slopes(stack, rig, rays, depth, motion, result.decoded.finest_period_px, kStride)) {
     const int row = slope.row, col = slope.col;
     if (static_cast<int>(truth.mask(row, col)) & kTruthMixed) continue;
     const cv::Vec2f d = rays(row, col);

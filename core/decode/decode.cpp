@@ -379,6 +379,13 @@ void decode_images(DecodedStack& out, const FringeStack& stack, const PatternSeq
       out.unwrapping == Unwrapping::spatial ? spatial_reference(taken, rig, options, context) : out.unwrapping;
   const int length = length_of(sequence, context.axis);
   std::vector<FringeGroup> groups = select_groups(sequence, context.axis, options);
+  out.omitted_period_px = 0;
+  if (context.aligned && groups.size() > 1 &&
+      (method == Unwrapping::multifrequency || method == Unwrapping::predicted)) {
+    const size_t used = most_accurate_group(*context.aligned, groups) + 1;
+    if (used < groups.size()) out.omitted_period_px = groups.back().period_px;
+    groups.resize(used);
+  }
   // Use only the finest period; coarser images, if any, may have been taken at another pose, or contain indirect light.
   if (method == Unwrapping::predicted || method == Unwrapping::micro) groups.erase(groups.begin(), groups.end() - 1);
   RowPlan plan = make_plan(groups, length, rig, options, !sequence.inverse_response.empty());

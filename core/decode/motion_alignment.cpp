@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <opencv2/imgproc.hpp>
 
 #include "core/base/constants.h"
@@ -175,6 +176,56 @@ AlignedStack align_stack(const FringeStack& stack, const RigModel& rig, const Pi
     }
   });
   return aligned;
+}
+
+namespace {
+
+// Variance of a coordinate relative to that of unit noise and modulation, by least squares for mean, cosine and sine;
+// infinite if the samples do not determine them.
+double coordinate_variance(const AlignedStack& aligned, const FringeGroup& group, int row, int col) {
+  double cosines = 0, sines = 0, cc = 0, ss = 0, cs = 0;
+  for (size_t i = 0; i < group.images.size(); ++i) {
+    const float drift_px = aligned.drift_px[static_cast<size_t>(group.images[i])](row, col);
+    const double phase = group.shifts_rad[i] + kTwoPi * static_cast<double>(drift_px) / group.period_px;
+    const double c = std::cos(phase), s = std::sin(phase);
+    cosines += c;
+    sines += s;
+    cc += c * c;
+    ss += s * s;
+    cs += c * s;
+  }
+  const auto n = static_cast<double>(group.images.size());
+  cc -= cosines * cosines / n;
+  ss -= sines * sines / n;
+  cs -= cosines * sines / n;
+  const double determinant = cc * ss - cs * cs, infinite = std::numeric_limits<double>::infinity();
+  return determinant > 0 ? group.period_px * group.period_px * (cc + ss) / determinant : infinite;
+}
+
+}  // namespace
+
+size_t most_accurate_group(const AlignedStack& aligned, const std::vector<FringeGroup>& groups) {
+  constexpr int kStride = 16;
+  size_t best = groups.size() - 1;
+  double least = std::numeric_limits<double>::infinity();
+  for (size_t g = groups.size(); g-- > 0;) {
+    const cv::Mat1f& drift_px = aligned.drift_px[static_cast<size_t>(groups[g].images.front())];
+    std::vector<double> variances;
+    for (int row = kStride / 2; row < drift_px.rows; row += kStride) {
+      for (int col = kStride / 2; col < drift_px.cols; col += kStride) {
+        const double variance = coordinate_variance(aligned, groups[g], row, col);
+        if (!std::isnan(variance)) variances.push_back(variance);
+      }
+    }
+    if (variances.empty()) continue;
+    const auto middle = variances.begin() + static_cast<std::ptrdiff_t>(variances.size() / 2);
+    std::nth_element(variances.begin(), middle, variances.end());
+    if (*middle < least) {
+      least = *middle;
+      best = g;
+    }
+  }
+  return best;
 }
 
 cv::Mat1f filled_depth(const cv::Mat1f& depth_m, double otherwise_m) {

@@ -16,6 +16,7 @@
 #include <opencv2/core.hpp>
 #include <vector>
 
+#include "core/patterns/patterns.h"
 #include "core/types/camera_motion.h"
 #include "core/types/frame.h"
 #include "core/types/fringe_stack.h"
@@ -33,6 +34,10 @@ struct AlignedStack {
 // unknown). Grey values are interpolated by cubic B-splines. Throws Error if sizes differ.
 AlignedStack align_stack(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m,
                          const CameraMotion& motion, Axis axis = Axis::columns);
+
+// Returns the index of the group whose phase determines the coordinate best, by the median over the pixels: usually the
+// finest, but the phase of fringes that drift by as much as they are shifted is hardly determined. `groups`: coarsest first.
+size_t most_accurate_group(const AlignedStack& aligned, const std::vector<FringeGroup>& groups);
 
 // Returns the depth image with unknown pixels filled by the average of their surroundings, from small to large; all NaN
 // becomes `otherwise_m`.

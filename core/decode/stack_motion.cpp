@@ -12,12 +12,13 @@
 namespace fringeslam {
 
 std::vector<DepthSlope> depth_slopes(const FringeStack& stack, const RigModel& rig, const PixelRays& rays,
-                                     const cv::Mat1f& depth_m, const CameraMotion& motion, int stride, Axis axis) {
+                                     const cv::Mat1f& depth_m, const CameraMotion& motion, double period_px, int stride,
+                                     Axis axis) {
   check_stack(stack);
   StackResiduals problem(stack, rig, rays, axis);
   if (problem.periods() == 0) return {};
   problem.set_depth(depth_m, false);
-  return problem.slopes(depth_m, motion, stride);
+  return problem.slopes(depth_m, motion, period_px, stride);
 }
 
 namespace {
@@ -199,7 +200,7 @@ StackMotion estimate_stack_motion(const FringeStack& stack, const RigModel& rig,
   problem.set_depth(depth_m, true);
   // The texture between pixels aliases; more pixels average its errors.
   constexpr int kRoughStride = 8, kFineStride = 4;
-  const bool wide = search == MotionSearch::wide;
+  const bool wide = search != MotionSearch::close;
   const Level fine{0, kRoughStride, 20, 8}, last{0, wide ? kRoughStride : kFineStride, 20, 8};
   std::vector<Level> levels = {fine};
   if (wide) levels = {{12, 8, 15, 200}, {6, 8, 15, 60}, {3, 8, 15, 30}, {1.5, 8, 12, 20}, fine};
@@ -208,7 +209,9 @@ StackMotion estimate_stack_motion(const FringeStack& stack, const RigModel& rig,
   const ScaledPrior held{information_of_velocity(prior), start}, free{information_of(prior), start};
   MotionSums sums;
   bool settled = false;
-  for (const Level& level : levels) settled = minimise(problem, level, held, motion, sums);
+  // Blurred images do not determine accelerations far from the motion.
+  const ScaledPrior& first = search == MotionSearch::accelerated ? free : held;
+  for (const Level& level : levels) settled = minimise(problem, level, first, motion, sums);
   if (sums.residuals < kLeastResiduals) return result;
   settled = minimise(problem, last, free, motion, sums) || settled;
   // Where accelerations turn out to be large, so may be their changes.

@@ -16,8 +16,9 @@
 namespace fringeslam {
 
 enum class MotionSearch {
-  wide,  // starts from blurred images and uses few pixels: a start for the other
-  close  // starts at the prior's motion, accurate to about a pixel of displacement
+  wide,         // starts from blurred images and uses few pixels: a start for the last one
+  accelerated,  // the same for a camera that may accelerate strongly, close to the prior's motion
+  close         // starts at the prior's motion, accurate to about a pixel of displacement
 };
 
 // Estimates the motion during a stack with at least two periods along `axis`. `depth_m` is a rough depth image without
@@ -33,10 +34,10 @@ StackMotion estimate_stack_motion(const FringeStack& stack, const RigModel& rig,
 bool shows_motion(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m,
                   Axis axis = Axis::columns);
 
-// Returns the slopes of every `stride`-th pixel with a known depth in every `stride`-th row, for the finest fringes of a
-// stack decoded with this motion. `depth_m` is the decoded depth.
+// Returns the slopes of every `stride`-th pixel with a known depth in every `stride`-th row, for the fringes of this period
+// in a stack decoded with this motion. `depth_m` is the decoded depth.
 std::vector<DepthSlope> depth_slopes(const FringeStack& stack, const RigModel& rig, const PixelRays& rays,
-                                     const cv::Mat1f& depth_m, const CameraMotion& motion, int stride,
+                                     const cv::Mat1f& depth_m, const CameraMotion& motion, double period_px, int stride,
                                      Axis axis = Axis::columns);
 
 }  // namespace fringeslam

@@ -86,18 +86,21 @@ class StackResiduals::Impl {
 
   size_t periods() const { return periods_.size(); }
 
-  std::vector<DepthSlope> slopes(const cv::Mat1f& known_m, const CameraMotion& motion, int stride) {
+  std::vector<DepthSlope> slopes(const cv::Mat1f& known_m, const CameraMotion& motion, double period_px, int stride) {
+    const auto found = std::find_if(periods_.begin(), periods_.end(),
+                                    [period_px](const Period& period) { return period.period_px == period_px; });
+    if (found == periods_.end()) return {};
+    const Period& of = *found;
     move(motion);
     const int rows = (rays_.rows + stride - 1) / stride;
     std::vector<std::vector<DepthSlope>> of_rows(static_cast<size_t>(rows));
-    const Period& finest = periods_.back();
     for_each_range(rows, [&](int first, int end) {
       Group group(most_images_, 1);
       for (int i = first; i < end; ++i) {
         const int row = i * stride;
         const auto known = [&](int col) { return !std::isnan(known_m(row, col)); };
         for_each_group(row, stride, known, group, [&] {
-          fit(group, finest, group.fits[0]);
+          fit(group, of, group.fits[0]);
           const SurfacePoints& points = group.points;
           for (size_t p = 0; p < group.size(); ++p) {
             if (std::isnan(group.fits[0].mean[p])) continue;
@@ -107,7 +110,7 @@ class StackResiduals::Impl {
             DepthSlope slope{row, group.cols[p], {}};
             for (size_t k = 0; k < 12; ++k)
               slope.by_motion[static_cast<Eigen::Index>(k)] =
-                  finest.period_px / (kTwoPi * px_per_m) * group.fits[0].phase_slope[k][p];
+                  period_px / (kTwoPi * px_per_m) * group.fits[0].phase_slope[k][p];
             of_rows[static_cast<size_t>(i)].push_back(slope);
           }
         });
@@ -274,7 +277,6 @@ class StackResiduals::Impl {
     for (const PeriodFits& fit : fits) {
       if (std::isnan(fit.mean[p])) return;
     }
-    const PeriodFits& finest = fits.back();
     // Fringes that drift by about 60 degrees against their shifts leave mean and phase of their period nearly
     // undetermined, which amplifies errors that are not noise.
     constexpr double kMaxAmplification = 6;
@@ -289,19 +291,23 @@ class StackResiduals::Impl {
       add(fit.mean[p] - best.mean[p], {1, fit.mean_slope, best.mean_slope, p},
           fit.mean_variance[p] + best.mean_variance[p], outlier_sigma, sums);
     }
+    if (blur_px_ > 0) return;
+    // Motions that would leave the finest fringes undetermined are tested by the next coarser ones.
+    size_t finest = fits.size() - 1;
+    while (finest > 0 && amplified(fits[finest])) --finest;
+    const PeriodFits& fine = fits[finest];
+    if (fine.modulation[p] <= kMinModulation) return;
     const double expected_px = group.points.lit_px[p];
-    const bool fringes = finest.modulation[p] > kMinModulation && blur_px_ == 0;
-    if (!fringes || amplified(finest)) return;
-    for (size_t g = 0; g + 1 < periods_.size(); ++g) {
+    for (size_t g = 0; g < finest; ++g) {
       const PeriodFits& here = fits[g];
       if (here.modulation[p] <= kMinModulation) continue;
       // The depth determines the order of the coarser phase; its multiple predicts the finest phase up to whole turns.
-      const double ratio = periods_[g].period_px / periods_.back().period_px;
+      const double ratio = periods_[g].period_px / periods_[finest].period_px;
       const double order = std::round((expected_px + 0.5) / periods_[g].period_px - here.phase[p] / kTwoPi);
-      const double difference = std::remainder(ratio * (here.phase[p] + kTwoPi * order) - finest.phase[p], kTwoPi);
-      const double variance = ratio * ratio * here.phase_variance[p] + finest.phase_variance[p];
+      const double difference = std::remainder(ratio * (here.phase[p] + kTwoPi * order) - fine.phase[p], kTwoPi);
+      const double variance = ratio * ratio * here.phase_variance[p] + fine.phase_variance[p];
       if (variance > 0.3) continue;  // ambiguous
-      add(difference, {ratio, here.phase_slope, finest.phase_slope, p}, variance, outlier_sigma, sums);
+      add(difference, {ratio, here.phase_slope, fine.phase_slope, p}, variance, outlier_sigma, sums);
     }
   }
 
@@ -352,8 +358,9 @@ MotionSums StackResiduals::linearise(const CameraMotion& motion, int stride, dou
   return impl_->linearise(motion, stride, outlier_sigma);
 }
 
-std::vector<DepthSlope> StackResiduals::slopes(const cv::Mat1f& known_m, const CameraMotion& motion, int stride) {
-  return impl_->slopes(known_m, motion, stride);
+std::vector<DepthSlope> StackResiduals::slopes(const cv::Mat1f& known_m, const CameraMotion& motion, double period_px,
+                                               int stride) {
+  return impl_->slopes(known_m, motion, period_px, stride);
 }
 
 }  // namespace fringeslam

@@ -39,8 +39,8 @@ class StackResiduals {
   // Sums over every `stride`-th pixel in both directions. Residuals beyond `outlier_sigma` have no weight.
   MotionSums linearise(const CameraMotion& motion, int stride, double outlier_sigma);
 
-  // Depth slopes of the finest fringes where `known_m` is a depth; see depth_slopes().
-  std::vector<DepthSlope> slopes(const cv::Mat1f& known_m, const CameraMotion& motion, int stride);
+  // Depth slopes of the fringes of this period where `known_m` is a depth; see depth_slopes(). Empty if there are none.
+  std::vector<DepthSlope> slopes(const cv::Mat1f& known_m, const CameraMotion& motion, double period_px, int stride);
 
  private:
   class Impl;

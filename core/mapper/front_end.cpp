@@ -123,7 +123,7 @@ std::vector<DepthSlope> FringeFrontEnd::depth_slopes(const FringeStack& stack, c
   cv::Mat1f depth;
   cv::extractChannel(view.frame.points_m, depth, 2);
   return fringeslam::depth_slopes(stack, rig_, rays_, depth, view.motion ? view.motion->motion : CameraMotion{},
-                                  stride);
+                                  view.decoded.finest_period_px, stride);
 }
 
 double FringeFrontEnd::determined_orders(const ExpectedView& expected) const {
@@ -238,7 +238,7 @@ class FringeFrontEnd::Compensation {
 
   // Estimates the motion from the stack, and decodes the stack with it. `is_prediction`: the prior's motion is more than
   // a guess.
-  void estimate(cv::Mat1f depth_m, const MotionPrior& prior, bool is_prediction) {
+  void estimate(const cv::Mat1f& depth_m, const MotionPrior& prior, bool is_prediction) {
     const RigModel& rig = front_end_.rig_;
     const PixelRays& rays = front_end_.rays_;
     MotionPrior start = prior;
@@ -251,9 +251,30 @@ class FringeFrontEnd::Compensation {
       else
         search = MotionSearch::wide;
     }
+    estimate(depth_m, start, is_prediction, search);
+    if (is_prediction && !view_.motion->converged)
+      estimate(depth_m, accelerated(prior), true, MotionSearch::accelerated);
+  }
+
+ private:
+  // A prior for a robot that has begun to accelerate or to brake since the prediction.
+  static MotionPrior accelerated(MotionPrior prior) {
+    constexpr double kTurn_rad_s = 0.7, kVelocity_m_s = 0.4, kTurn_rad_s2 = 1, kAcceleration_m_s2 = 0.5;
+    Vector12d sigmas;
+    sigmas << Eigen::Vector3d::Constant(kTurn_rad_s), Eigen::Vector3d::Constant(kVelocity_m_s),
+        Eigen::Vector3d::Constant(kTurn_rad_s2), Eigen::Vector3d::Constant(kAcceleration_m_s2);
+    prior.covariance.diagonal() += sigmas.cwiseAbs2();
+    return prior;
+  }
+
+  // Starts at the prior's motion.
+  void estimate(cv::Mat1f depth_m, MotionPrior prior, bool is_prediction, MotionSearch search) {
+    const RigModel& rig = front_end_.rig_;
+    const PixelRays& rays = front_end_.rays_;
+    const bool is_guess = !is_prediction || search == MotionSearch::accelerated;
     // Shifts that anticipate a motion leave hardly any fringe orders to a decoder that assumes rest.
     if (search == MotionSearch::close) {
-      decode_with(start.motion, depth_m);
+      decode_with(prior.motion, depth_m);
       depth_m = decoded_depth();
     }
     // A rough depth with many wrong fringe orders leaves large residuals at the right motion, too; that of the stack
@@ -265,7 +286,7 @@ class FringeFrontEnd::Compensation {
     double last_rms = std::numeric_limits<double>::infinity();
     for (int round = 0; round < kRounds; ++round) {
       enter_stage("motion");
-      const StackMotion found = estimate_stack_motion(stack_, rig, rays, depth_m, start, search);
+      const StackMotion found = estimate_stack_motion(stack_, rig, rays, depth_m, prior, search);
       view_.motion = found;
       search = MotionSearch::close;
       const bool improved = found.residuals > 0 && found.rms_sigma < kImproved * last_rms;
@@ -281,11 +302,10 @@ class FringeFrontEnd::Compensation {
       decode_with(found.motion, depth_m);
       if (found.converged && round > 0) return;
       depth_m = decoded_depth();
-      if (!is_prediction) start.motion = found.motion;
+      if (is_guess) prior.motion = found.motion;
     }
   }
 
- private:
   const FringeFrontEnd& front_end_;
   const FringeStack& stack_;
   const Decoding& decoding_;
@@ -335,7 +355,7 @@ void FringeFrontEnd::compensate_motion(ReconstructedView& view, const FringeStac
     compensation.decode_at_rest();
     reconstruct_frame(view);
   }
-  cv::Mat1f depth_m = compensation.filled_depth_of(view.frame);
+  const cv::Mat1f depth_m = compensation.filled_depth_of(view.frame);
   if (!prior.motion) {
     // Without a prior, only the test is done: the caller may know more.
     enter_stage("motion");
@@ -349,7 +369,7 @@ void FringeFrontEnd::compensate_motion(ReconstructedView& view, const FringeStac
     compensation.decode_with(prior.motion->motion, depth_m);
     compensation.decode_with(prior.motion->motion, compensation.decoded_depth());
   } else {
-    compensation.estimate(std::move(depth_m), *prior.motion, predicted);
+    compensation.estimate(depth_m, *prior.motion, predicted);
   }
   reconstruct_frame(view);
 }

@@ -20,9 +20,11 @@ Pose continued(const Pose& motion, double share) {
   return {rotation_exp(share * rotation_log(motion.rotation)), share * motion.translation};
 }
 
-// The first keyframe must show enough surface to register the next views with.
-bool can_start_map(const Frame& frame) {
+// The first keyframe must show enough surface, by the finest fringes, to register the next views with.
+bool can_start_map(const ReconstructedView& view) {
   constexpr double kLeast = 0.01;
+  if (view.decoded.omitted_period_px > 0) return false;
+  const Frame& frame = view.frame;
   int valid = 0;
   for (int row = 0; row < frame.height(); ++row) {
     for (int col = 0; col < frame.width(); ++col) valid += frame.valid(row, col);
@@ -123,9 +125,10 @@ void Mapper::reconstruct_unless_predicted(FrameResult& result, MapperInput& inpu
 }
 
 // Finds the pose: from the prediction if possible, else by landmarks.
-void Mapper::track(FrameResult& result, const MapperInput& input, const std::optional<Prediction>& predicted,
+void Mapper::track(FrameResult& result, const MapperInput& input, std::optional<Prediction> predicted,
                    MotionEffect& effect) {
   if (predicted && in_motion_) {
+    predicted = corrected(std::move(*predicted), result);
     prediction_covariance_ = predicted->covariance;
     prediction_checked_ = true;
   }
@@ -135,7 +138,7 @@ void Mapper::track(FrameResult& result, const MapperInput& input, const std::opt
     return;
   }
   if (map_.keyframes().empty()) {
-    if (result.complete && can_start_map(result.frame)) result.tracking = Tracking::first;
+    if (result.complete && can_start_map(result)) result.tracking = Tracking::first;
   } else if (input.needs_prior) {
     if (predicted) follow_by_prediction(result, input, *predicted, effect);
   } else if (!moving) {

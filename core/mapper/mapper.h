@@ -139,8 +139,7 @@ class Mapper {
   void reconstruct(FrameResult& result, const MapperInput& input, const ReconstructionPrior& prior) const;
   void reconstruct_unless_predicted(FrameResult& result, MapperInput& input,
                                     const std::optional<Prediction>& predicted) const;
-  void track(FrameResult& result, const MapperInput& input, const std::optional<Prediction>& predicted,
-             MotionEffect& effect);
+  void track(FrameResult& result, const MapperInput& input, std::optional<Prediction> predicted, MotionEffect& effect);
   void find_landmarks(FrameResult& result) const;
 
   bool moves_on(FrameResult& result, const MapperInput& input);
@@ -151,6 +150,7 @@ class Mapper {
   Pose estimate_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted,
                        const ExpectedView* expected, const MotionPrior& prior, MotionEffect& effect);
   void confirm_in_motion(FrameResult& result, const MapperInput& input);
+  Prediction corrected(Prediction predicted, const FrameResult& result) const;
   bool follow_in_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted,
                         MotionEffect& effect);
   Prediction registered(const FrameResult& result, const MapperInput& input);

@@ -21,6 +21,28 @@ double Mapper::largest_error_m(const Prediction& predicted) const {
                   kSigmas * (sigmas.head<3>().maxCoeff() * rig_.middle_range_m() + sigmas.tail<3>().maxCoeff()));
 }
 
+// Corrects a prediction that the motion during the stack contradicts: the robot has accelerated since the last view.
+Mapper::Prediction Mapper::corrected(Prediction predicted, const FrameResult& result) const {
+  if (!in_motion_ || !result.in_motion() || result.motion->residuals == 0) return predicted;
+  const StackMotion& own = *result.motion;
+  const double since_last_s = result.frame.timestamp_s - track_.back().timestamp_s;
+  constexpr double kUnlikely = 22.5;  // chi-square of six degrees of freedom, 0.1 %
+  // Share of the change that affects the displacement: one half for a constant acceleration, otherwise 0 to 1.
+  constexpr double kShare = 0.5, kShareSigma = 0.3;
+  const Vector6d change = (to_vector(own.motion) - to_vector(predicted.motion.motion)).head<6>();
+  const Matrix6d covariance = own.covariance.topLeftCorner<6, 6>() + predicted.motion.covariance.topLeftCorner<6, 6>();
+  if (!(change.dot(inverse(covariance) * change) > kUnlikely)) return predicted;
+  CameraMotion steady;
+  steady.angular_rad_s = change.head<3>();
+  steady.velocity_m_s = change.tail<3>();
+  predicted.world_from_camera = predicted.world_from_camera * steady.at(kShare * since_last_s);
+  Vector6d sigmas;
+  sigmas << Eigen::Vector3d::Constant(change.head<3>().norm()), Eigen::Vector3d::Constant(change.tail<3>().norm());
+  sigmas *= kShareSigma * since_last_s;
+  predicted.covariance.diagonal() += sigmas.cwiseAbs2();
+  return predicted;
+}
+
 // Follows a complete view whose stack was exposed in motion.
 bool Mapper::follow_in_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted,
                               MotionEffect& effect) {

@@ -50,7 +50,8 @@ struct DecodedStack {
   cv::Mat1f sigma_px;       // its standard deviation, px
   cv::Mat1f confidence;     // probability that the fringe order is correct
   double full_scale_dn = 255;
-  double finest_period_px = 0;  // 0: no fringes; the coordinate is that of a Gray code cell
+  double finest_period_px = 0;   // 0: no fringes; the coordinate is that of a Gray code cell
+  double omitted_period_px = 0;  // finest of the periods whose phase the motion left undetermined; 0: none
 
   // Set by spatial unwrapping only; otherwise empty.
   cv::Mat1i component;       // index into components; -1: none
