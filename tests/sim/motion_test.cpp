@@ -250,6 +250,59 @@ TEST(MovingStack, ChangingAccelerationsAreEstimatedWithinTheirSigmas) {
   }
 }
 
+// The robot brakes at 5 m/s^2 and 6 rad/s^2 during the stack, which was predicted to go on as before.
+TEST(MovingStack, AStackThatBrakesIsEstimatedFromThePredictionThatItContradicts) {
+  constexpr double kKnot_s = 0.05, kStep_s = 2e-3;
+  const Eigen::Vector3d velocities[] = {{0.25, 0, 0}, {0, -0.25, 0.05}, {-0.2, 0.15, 0}};
+  for (const Eigen::Vector3d& start_velocity : velocities) {
+    Scene scene = loop_scene();
+    const Pose mount = scene.rig.robot_from_camera, start = scene.trajectory.front().world_from_robot * mount;
+    const Eigen::Vector3d start_turn = start_velocity.cross(Eigen::Vector3d::UnitZ());
+    Eigen::Vector3d velocity = start_velocity, turn = start_turn;
+    std::vector<Pose> controls;
+    for (Pose at = start; controls.size() < 8; at = at * Pose{rotation_exp(kKnot_s * turn), kKnot_s * velocity}) {
+      controls.push_back(orthonormalised(at * mount.inverse()));
+      velocity -= 5 * kKnot_s * start_velocity.normalized();
+      turn -= 6 * kKnot_s * start_turn.normalized();
+    }
+    scene.path.emplace(std::move(controls), kKnot_s, Vibration{}, 1);
+    scene.view_rate_hz = 0;
+    const SimulatedView view = *VirtualRig(scene, {}).simulate(scene.patterns);
+    const FringeFrontEnd front_end(scene.rig, scene.patterns, {});
+    const ReconstructedView rough = front_end.reconstruct(view.stack, {});
+    MotionPrior predicted = unknown_motion({});
+    predicted.motion.velocity_m_s = start_velocity;
+    predicted.motion.angular_rad_s = start_turn;
+    predicted.covariance.topLeftCorner<6, 6>() = 1e-3 * Matrix6d::Identity();
+    const ReconstructedView found = front_end.reconstruct(view.stack, {nullptr, predicted, false, &rough});
+    ASSERT_TRUE(found.motion && found.motion->converged) << start_velocity.transpose();
+    const auto at = [&](double after_s) { return scene.path->at(view.stack.timestamp_s + after_s) * mount; };
+    const Pose before = at(0).inverse() * at(-kStep_s), after = at(0).inverse() * at(kStep_s);
+    Vector6d rate;
+    rate << rotation_log(after.rotation) - rotation_log(before.rotation), after.translation - before.translation;
+    rate /= 2 * kStep_s;
+    const Vector6d error = to_vector(found.motion->motion).head<6>() - rate;
+    const Matrix6d covariance = found.motion->covariance.topLeftCorner<6, 6>();
+    EXPECT_LT(error.norm(), 0.1) << start_velocity.transpose();
+    EXPECT_LT(error.dot(solve_symmetric(covariance, error)), 22.5) << start_velocity.transpose();
+  }
+}
+
+// Three steps of 120 degrees that drift by minus 120 degrees per image are equal.
+TEST(MovingStack, FringesThatDriftWithTheirShiftsAreLeftOut) {
+  const PatternSequence sequence = phase_shift_sequence(64, 8, {64, 16}, 3, Axis::columns, 0);
+  const std::vector<FringeGroup> groups = fringe_groups(sequence, Axis::columns);
+  ASSERT_EQ(groups.size(), 2u);
+  for (const double drift_px : {-16.0 / 3, -2.0, 0.0, 16.0 / 3}) {
+    AlignedStack aligned;
+    for (size_t k = 0; k < sequence.patterns.size(); ++k) {
+      aligned.images.emplace_back(32, 32, 100.f);
+      aligned.drift_px.emplace_back(32, 32, static_cast<float>(drift_px * static_cast<double>(k)));
+    }
+    EXPECT_EQ(most_accurate_group(aligned, groups), drift_px == -16.0 / 3 ? 0u : 1u) << drift_px;
+  }
+}
+
 TEST(MovingStack, NoTextureShowsNoMotion) {
   MovingView still({0, 0, 0}, {0, 0, 0}, true);
   for (cv::Mat& image : still.view.stack.images) image.setTo(100);
