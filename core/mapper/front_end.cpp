@@ -239,24 +239,37 @@ class FringeFrontEnd::Compensation {
   // Estimates the motion from the stack, and decodes the stack with it. `is_prediction`: the prior's motion is more than
   // a guess.
   void estimate(const cv::Mat1f& depth_m, const MotionPrior& prior, bool is_prediction) {
-    const RigModel& rig = front_end_.rig_;
-    const PixelRays& rays = front_end_.rays_;
-    MotionPrior start = prior;
-    MotionSearch search = MotionSearch::close;
-    if (!is_prediction) {
-      enter_stage("motion");
-      const std::optional<CameraMotion> rough = motion_from_texture(stack_, rig, rays, depth_m, start);
-      if (rough)
-        start.motion = *rough;
-      else
-        search = MotionSearch::wide;
-    }
-    estimate(depth_m, start, is_prediction, search);
-    if (is_prediction && !view_.motion->converged)
-      estimate(depth_m, accelerated(prior), true, MotionSearch::accelerated);
+    if (!is_prediction) return estimate_from_texture(depth_m, prior, Start::guess);
+    estimate(depth_m, prior, MotionSearch::close, Start::prediction);
+    if (view_.motion->converged && agrees(*view_.motion, prior)) return;
+    // The robot has accelerated since the prediction. The residuals have several minima then.
+    const MotionPrior wide = accelerated(prior);
+    ReconstructedView best = view_;  // shares its images
+    const auto keep_best = [&] {
+      const StackMotion &found = *view_.motion, &before = *best.motion;
+      const bool better = !before.converged || found.rms_sigma < before.rms_sigma;
+      if (found.converged && better) best = view_;
+    };
+    estimate(depth_m, wide, MotionSearch::accelerated, Start::contradicted);
+    keep_best();
+    estimate_from_texture(depth_m, wide, Start::contradicted);
+    keep_best();
+    view_ = best;
+    aligned_.reset();
   }
 
  private:
+  // What the prior's motion is: a guess, also of a robot at rest, a prediction, or one that the stack contradicts.
+  enum class Start { guess, prediction, contradicted };
+
+  // False if turn rate and velocity differ significantly from those of the prior.
+  static bool agrees(const StackMotion& found, const MotionPrior& prior) {
+    constexpr double kUnlikely = 22.5;  // chi-square of six degrees of freedom, 0.1 %
+    const Vector6d change = (to_vector(found.motion) - to_vector(prior.motion)).head<6>();
+    const Matrix6d covariance = found.covariance.topLeftCorner<6, 6>() + prior.covariance.topLeftCorner<6, 6>();
+    return change.dot(solve_symmetric(covariance, change)) < kUnlikely;
+  }
+
   // A prior for a robot that has begun to accelerate or to brake since the prediction.
   static MotionPrior accelerated(MotionPrior prior) {
     constexpr double kTurn_rad_s = 0.7, kVelocity_m_s = 0.4, kTurn_rad_s2 = 1, kAcceleration_m_s2 = 0.5;
@@ -267,11 +280,18 @@ class FringeFrontEnd::Compensation {
     return prior;
   }
 
+  void estimate_from_texture(const cv::Mat1f& depth_m, MotionPrior prior, Start kind) {
+    enter_stage("motion");
+    const std::optional<CameraMotion> rough =
+        motion_from_texture(stack_, front_end_.rig_, front_end_.rays_, depth_m, prior);
+    if (rough) prior.motion = *rough;
+    estimate(depth_m, prior, rough ? MotionSearch::close : MotionSearch::wide, kind);
+  }
+
   // Starts at the prior's motion.
-  void estimate(cv::Mat1f depth_m, MotionPrior prior, bool is_prediction, MotionSearch search) {
+  void estimate(cv::Mat1f depth_m, MotionPrior prior, MotionSearch search, Start kind) {
     const RigModel& rig = front_end_.rig_;
     const PixelRays& rays = front_end_.rays_;
-    const bool is_guess = !is_prediction || search == MotionSearch::accelerated;
     // Shifts that anticipate a motion leave hardly any fringe orders to a decoder that assumes rest.
     if (search == MotionSearch::close) {
       decode_with(prior.motion, depth_m);
@@ -291,8 +311,8 @@ class FringeFrontEnd::Compensation {
       search = MotionSearch::close;
       const bool improved = found.residuals > 0 && found.rms_sigma < kImproved * last_rms;
       last_rms = found.rms_sigma;
-      if (!found.converged && (!improved || (is_prediction && found.rms_sigma > kHopeless_rms))) return;
-      if (round == 0 && found.converged && !is_prediction && probability_of_motion(found) < kCertain) {
+      if (!found.converged && (!improved || (kind == Start::prediction && found.rms_sigma > kHopeless_rms))) return;
+      if (round == 0 && found.converged && kind == Start::guess && probability_of_motion(found) < kCertain) {
         view_.undecided_motion = found;
         view_.motion->motion = {};
         view_.motion->residuals = 0;
@@ -302,7 +322,7 @@ class FringeFrontEnd::Compensation {
       decode_with(found.motion, depth_m);
       if (found.converged && round > 0) return;
       depth_m = decoded_depth();
-      if (is_guess) prior.motion = found.motion;
+      if (kind != Start::prediction) prior.motion = found.motion;
     }
   }
 

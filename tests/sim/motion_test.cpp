@@ -210,9 +210,23 @@ TEST(MovingStack, SeveralExposuresShowMotion) {
   }
 }
 
+// 99.9 % of a chi-square distribution with six degrees of freedom.
+constexpr double kUnlikelySixSquare = 22.5;
+
+// Turn rate and velocity of the camera in its own axes.
+Vector6d rate_of(const ContinuousPath& path, const Pose& robot_from_camera, double time_s) {
+  constexpr double kStep_s = 2e-3;
+  const auto camera_at = [&](double after_s) { return path.at(time_s + after_s) * robot_from_camera; };
+  const Pose camera_from_world = camera_at(0).inverse();
+  const Pose before = camera_from_world * camera_at(-kStep_s), after = camera_from_world * camera_at(kStep_s);
+  Vector6d rate;
+  rate << rotation_log(after.rotation) - rotation_log(before.rotation), after.translation - before.translation;
+  return rate / (2 * kStep_s);
+}
+
 // Accelerations of 1.6 to 2.9 m/s^2 and rad/s^2 that change every 50 ms: more than a motion of second order can follow.
 TEST(MovingStack, ChangingAccelerationsAreEstimatedWithinTheirSigmas) {
-  constexpr double kKnot_s = 0.05, kStep_s = 2e-3;
+  constexpr double kKnot_s = 0.05;
   Scene scene = loop_scene();
   const Pose mount = scene.rig.robot_from_camera, start = scene.trajectory.front().world_from_robot * mount;
   for (const uint64_t seed : {uint64_t{1}, uint64_t{2}, uint64_t{3}}) {
@@ -234,36 +248,35 @@ TEST(MovingStack, ChangingAccelerationsAreEstimatedWithinTheirSigmas) {
     const FringeFrontEnd front_end(scene.rig, scene.patterns, {});
     const ReconstructedView found = front_end.reconstruct(view.stack, {nullptr, unknown_motion({})});
     ASSERT_TRUE(found.motion && found.motion->converged) << seed;
-    const Pose reference = scene.path->at(view.stack.timestamp_s) * mount;
-    const auto moved = [&](double after_s) {
-      return reference.inverse() * scene.path->at(view.stack.timestamp_s + after_s) * mount;
-    };
-    const Pose before = moved(-kStep_s), after = moved(kStep_s);
-    Vector6d rate;
-    rate << rotation_log(after.rotation) - rotation_log(before.rotation), after.translation - before.translation;
-    rate /= 2 * kStep_s;
-    const Vector6d error = to_vector(found.motion->motion).head<6>() - rate;
+    const Vector6d error =
+        to_vector(found.motion->motion).head<6>() - rate_of(*scene.path, mount, view.stack.timestamp_s);
     const Matrix6d covariance = found.motion->covariance.topLeftCorner<6, 6>();
     EXPECT_LT(error.norm(), 0.1) << seed;
-    // 99.9 % of a chi-square distribution with six degrees of freedom
-    EXPECT_LT(error.dot(solve_symmetric(covariance, error)), 22.5) << seed;
+    EXPECT_LT(error.dot(solve_symmetric(covariance, error)), kUnlikelySixSquare) << seed;
   }
 }
 
-// The robot brakes at 5 m/s^2 and 6 rad/s^2 during the stack, which was predicted to go on as before.
+// The robot brakes at 8 m/s^2 and 10 rad/s^2 during the stack, which was predicted to go on as before. One in ten stacks is
+// estimated at a wrong minimum.
 TEST(MovingStack, AStackThatBrakesIsEstimatedFromThePredictionThatItContradicts) {
-  constexpr double kKnot_s = 0.05, kStep_s = 2e-3;
-  const Eigen::Vector3d velocities[] = {{0.25, 0, 0}, {0, -0.25, 0.05}, {-0.2, 0.15, 0}};
-  for (const Eigen::Vector3d& start_velocity : velocities) {
+  constexpr double kKnot_s = 0.05;
+  constexpr int kStacks = 6;
+  std::mt19937_64 random(5);
+  std::normal_distribution<double> normal;
+  int within_sigmas = 0;
+  for (int i = 0; i < kStacks; ++i) {
+    const double x = normal(random), y = normal(random), z = normal(random);
+    const Eigen::Vector3d forward = Eigen::Vector3d(x, y, 0.4 * z).normalized(),
+                          about = forward.cross(Eigen::Vector3d::UnitZ()).normalized();
     Scene scene = loop_scene();
     const Pose mount = scene.rig.robot_from_camera, start = scene.trajectory.front().world_from_robot * mount;
-    const Eigen::Vector3d start_turn = start_velocity.cross(Eigen::Vector3d::UnitZ());
-    Eigen::Vector3d velocity = start_velocity, turn = start_turn;
+    double speed_m_s = 0.25, turn_rad_s = 0.25;
     std::vector<Pose> controls;
-    for (Pose at = start; controls.size() < 8; at = at * Pose{rotation_exp(kKnot_s * turn), kKnot_s * velocity}) {
+    for (Pose at = start; controls.size() < 8;
+         at = at * Pose{rotation_exp(kKnot_s * turn_rad_s * about), kKnot_s * speed_m_s * forward}) {
       controls.push_back(orthonormalised(at * mount.inverse()));
-      velocity -= 5 * kKnot_s * start_velocity.normalized();
-      turn -= 6 * kKnot_s * start_turn.normalized();
+      speed_m_s -= 8 * kKnot_s;
+      turn_rad_s -= 10 * kKnot_s;
     }
     scene.path.emplace(std::move(controls), kKnot_s, Vibration{}, 1);
     scene.view_rate_hz = 0;
@@ -271,21 +284,17 @@ TEST(MovingStack, AStackThatBrakesIsEstimatedFromThePredictionThatItContradicts)
     const FringeFrontEnd front_end(scene.rig, scene.patterns, {});
     const ReconstructedView rough = front_end.reconstruct(view.stack, {});
     MotionPrior predicted = unknown_motion({});
-    predicted.motion.velocity_m_s = start_velocity;
-    predicted.motion.angular_rad_s = start_turn;
+    predicted.motion.velocity_m_s = 0.25 * forward;
+    predicted.motion.angular_rad_s = 0.25 * about;
     predicted.covariance.topLeftCorner<6, 6>() = 1e-3 * Matrix6d::Identity();
     const ReconstructedView found = front_end.reconstruct(view.stack, {nullptr, predicted, false, &rough});
-    ASSERT_TRUE(found.motion && found.motion->converged) << start_velocity.transpose();
-    const auto at = [&](double after_s) { return scene.path->at(view.stack.timestamp_s + after_s) * mount; };
-    const Pose before = at(0).inverse() * at(-kStep_s), after = at(0).inverse() * at(kStep_s);
-    Vector6d rate;
-    rate << rotation_log(after.rotation) - rotation_log(before.rotation), after.translation - before.translation;
-    rate /= 2 * kStep_s;
-    const Vector6d error = to_vector(found.motion->motion).head<6>() - rate;
+    ASSERT_TRUE(found.motion && found.motion->converged) << i;
+    const Vector6d error =
+        to_vector(found.motion->motion).head<6>() - rate_of(*scene.path, mount, view.stack.timestamp_s);
     const Matrix6d covariance = found.motion->covariance.topLeftCorner<6, 6>();
-    EXPECT_LT(error.norm(), 0.1) << start_velocity.transpose();
-    EXPECT_LT(error.dot(solve_symmetric(covariance, error)), 22.5) << start_velocity.transpose();
+    within_sigmas += error.norm() < 0.1 && error.dot(solve_symmetric(covariance, error)) < kUnlikelySixSquare;
   }
+  EXPECT_GE(within_sigmas, kStacks - 1);
 }
 
 // Three steps of 120 degrees that drift by minus 120 degrees per image are equal.
