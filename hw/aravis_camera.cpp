@@ -138,6 +138,12 @@ class AravisCamera::Connection {
     g_signal_handlers_disconnect_by_data(arv_camera_get_device(camera_.get()), &lost_);
   }
 
+  void set_exposure_s(double exposure_s) {
+    settings_.exposure_s = exposure_s;
+    checked("exposure", [&](GError** e) { arv_camera_set_exposure_time(camera_.get(), 1e6 * exposure_s, e); });
+    read_exposure();
+  }
+
   const std::string& name() const { return found_.id; }
   bool lost() const { return lost_; }
   void give_up() { lost_ = true; }
@@ -213,7 +219,12 @@ class AravisCamera::Connection {
     const std::string format =
         checked("pixel format", [&](GError** e) { return text(arv_camera_get_pixel_format_as_string(camera, e)); });
     if (format != format_.name) throw Error("camera: the pixel format is " + format + ", not " + format_.name);
-    exposure_s_ = 1e-6 * checked("exposure", [&](GError** e) { return arv_camera_get_exposure_time(camera, e); });
+    read_exposure();
+  }
+
+  void read_exposure() {
+    exposure_s_ =
+        1e-6 * checked("exposure", [&](GError** e) { return arv_camera_get_exposure_time(camera_.get(), e); });
     if (std::abs(exposure_s_ - settings_.exposure_s) > 0.05 * settings_.exposure_s)
       throw Error("camera: the exposure is " + to_text(exposure_s_) + " s, not " + to_text(settings_.exposure_s) +
                   " s; choose an exposure that the camera supports");
@@ -327,13 +338,13 @@ void AravisCamera::reopen() {
   }
 }
 
-template <class Get>
-GreyImage AravisCamera::with_retries(const Get& get) {
+template <class Result, class Get>
+Result AravisCamera::with_retries(const Get& get) {
   std::string reason;
   for (int attempt = 0; attempt < settings_.attempts; ++attempt) {
     if (!connection_ || connection_->lost()) reopen();
     try {
-      if (auto image = get(*connection_, reason)) return *image;
+      if (auto result = get(*connection_, reason)) return *result;
     } catch (const CommandFailed& e) {
       // The camera is lost or controlled by another host; the heartbeat may detect this only seconds later.
       reason = e.what();
@@ -345,11 +356,19 @@ GreyImage AravisCamera::with_retries(const Get& get) {
 }
 
 GreyImage AravisCamera::take() {
-  return with_retries([](Connection& camera, std::string& reason) { return camera.take(reason); });
+  return with_retries<GreyImage>([](Connection& camera, std::string& reason) { return camera.take(reason); });
 }
 
 GreyImage AravisCamera::next() {
-  return with_retries([](Connection& camera, std::string& reason) { return camera.next(reason); });
+  return with_retries<GreyImage>([](Connection& camera, std::string& reason) { return camera.next(reason); });
+}
+
+void AravisCamera::set_exposure_s(double exposure_s) {
+  settings_.exposure_s = exposure_s;  // also after a reconnection
+  with_retries<bool>([exposure_s](Connection& camera, std::string&) {
+    camera.set_exposure_s(exposure_s);
+    return std::optional<bool>(true);
+  });
 }
 
 }  // namespace fringeslam

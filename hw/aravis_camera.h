@@ -47,6 +47,8 @@ class AravisCamera : public GreyCamera {
   ~AravisCamera() override;
 
   cv::Size size() const override;
+  double exposure_s() const override { return settings_.exposure_s; }
+  void set_exposure_s(double exposure_s) override;
   GreyImage take() override;
   GreyImage next() override;
   CameraStatistics statistics() const override;
@@ -54,8 +56,8 @@ class AravisCamera : public GreyCamera {
  private:
   class Connection;
   void reopen();
-  template <class Get>
-  GreyImage with_retries(const Get& get);
+  template <class Result, class Get>
+  Result with_retries(const Get& get);
 
   CameraSettings settings_;
   CameraStatistics before_;  // of previous connections

@@ -25,6 +25,9 @@ class GreyCamera {
  public:
   virtual ~GreyCamera() = default;
   virtual cv::Size size() const = 0;
+  virtual double exposure_s() const = 0;
+  // Sets the exposure time of the images that begin after the call. Throws Error if the camera does not support it.
+  virtual void set_exposure_s(double exposure_s) = 0;
   // Returns a complete image whose exposure started after the call. Throws Error if none is received.
   virtual GreyImage take() = 0;
   // Returns the next complete image after the last one, for a camera that is not triggered by take(). Throws likewise.

@@ -29,7 +29,11 @@ cv::Mat1b screen_of(const Pattern& pattern, const PatternSequence& sequence) {
 
 HardwareRig::HardwareRig(const RigModel& model, std::unique_ptr<GreyCamera> camera,
                          std::unique_ptr<Projector> projector, const HardwareOptions& options)
-    : model_(model), camera_(std::move(camera)), projector_(std::move(projector)), options_(options) {
+    : model_(model),
+      camera_(std::move(camera)),
+      projector_(std::move(projector)),
+      options_(options),
+      exposure_s_(camera_->exposure_s()) {
   const cv::Size camera_size(model.camera.width, model.camera.height);
   const cv::Size projector_size(model.projector.width, model.projector.height);
   if (camera_->size() != camera_size)
@@ -40,18 +44,53 @@ HardwareRig::HardwareRig(const RigModel& model, std::unique_ptr<GreyCamera> came
                 to_words(projector_size));
 }
 
-GreyImage HardwareRig::image_of(const cv::Mat1b& screen) {
-  projector_->show(screen);
+// Shows a pattern and takes it at an exposure relative to the rig's.
+GreyImage HardwareRig::image_of(const Pattern& pattern, const PatternSequence& sequence, double exposure) {
+  if (const double exposure_s = exposure * exposure_s_; camera_->exposure_s() != exposure_s)
+    camera_->set_exposure_s(exposure_s);
+  projector_->show(screen_of(pattern, sequence));
   std::this_thread::sleep_for(std::chrono::duration<double>(options_.settle_s));
   return camera_->take();
 }
 
 HardwareRig::Taken HardwareRig::capture_sequential(const PatternSequence& sequence) {
   Taken taken;
-  taken.white = image_of(screen_of(kWhite, sequence)).image;
-  taken.black = image_of(screen_of(kBlack, sequence)).image;
-  for (const Pattern& pattern : sequence.patterns) taken.images.push_back(image_of(screen_of(pattern, sequence)));
+  for (const Pattern& pattern : sequence.patterns) {
+    const double exposure = pattern.exposure;
+    if (std::none_of(taken.references.begin(), taken.references.end(),
+                     [exposure](const Reference& known) { return known.exposure == exposure; }))
+      taken.references.push_back(
+          {exposure, image_of(kWhite, sequence, exposure).image, image_of(kBlack, sequence, exposure).image});
+  }
+  for (const Pattern& pattern : sequence.patterns)
+    taken.images.push_back(image_of(pattern, sequence, pattern.exposure));
   return taken;
+}
+
+// Checks the images of each exposure by themselves. An exposure at which hardly any pixel is neither dark nor saturated is
+// left out, unless it is the only one.
+SequenceVerdict HardwareRig::check(const PatternSequence& sequence, const Taken& taken) const {
+  SequenceVerdict verdict;
+  for (const Reference& reference : taken.references) {
+    PatternSequence part = sequence;
+    part.patterns.clear();
+    std::vector<cv::Mat> images;
+    for (size_t i = 0; i < sequence.patterns.size(); ++i) {
+      if (sequence.patterns[i].exposure != reference.exposure) continue;
+      part.patterns.push_back(sequence.patterns[i]);
+      part.patterns.back().exposure = 1;
+      images.push_back(taken.images[i].image);
+    }
+    const SequenceVerdict found = check_sequence(part, images, reference.white, reference.black, options_.check);
+    const std::string at = taken.references.size() > 1
+                               ? " (of those at " + to_text(reference.exposure) + " times the rig's exposure)"
+                               : "";
+    if (found.good) verdict = {true, "", found.gamma};
+    if (found.good || found.too_few_pixels) continue;
+    return {false, found.reason + at, found.gamma};
+  }
+  if (!verdict.good) verdict.reason = kTooFewPixels;
+  return verdict;
 }
 
 // Shows packed patterns and returns one exposure of each channel, indexed by the exposure number modulo 3.
@@ -83,8 +122,7 @@ HardwareRig::Taken HardwareRig::capture_packed(const PatternSequence& sequence) 
   const size_t first = brightest(reference);
 
   Taken taken;
-  taken.white = reference[first].image;
-  taken.black = reference[(first + 1) % 3].image;
+  taken.references = {{1, reference[first].image, reference[(first + 1) % 3].image}};
   for (size_t i = 0; i < sequence.patterns.size(); i += 3) {
     std::vector<cv::Mat1b> screens;
     for (size_t k = i; k < i + 3; ++k)
@@ -101,8 +139,10 @@ std::optional<FringeStack> HardwareRig::capture(const PatternSequence& sequence)
   if (sequence.width != model_.projector.width || sequence.height != model_.projector.height)
     throw Error("rig: patterns of " + to_words({sequence.width, sequence.height}) + " do not match the projector's " +
                 to_words(projector_->size()));
-  if (has_exposures(sequence))
-    throw Error("rig: this backend takes all images at one exposure; remove `exposures` from the patterns");
+  if (has_exposures(sequence) && !takes_exposures())
+    throw Error(
+        "rig: packed patterns are taken at one exposure; remove `exposures` from the patterns, or `packing` from "
+        "the rig file");
   std::string reason;
   for (int attempt = 0; attempt < options_.attempts; ++attempt) {
     retaken_ += attempt > 0;
@@ -117,7 +157,7 @@ std::optional<FringeStack> HardwareRig::capture(const PatternSequence& sequence)
     }
     reason = taken.fault;
     if (!reason.empty()) continue;
-    const SequenceVerdict verdict = check_sequence(sequence, stack.images, taken.white, taken.black, options_.check);
+    const SequenceVerdict verdict = check(sequence, taken);
     if (verdict.good) {
       gamma_ = verdict.gamma;
       stack.timestamp_s = reference_time_s(sequence, stack.exposure_time_s);

@@ -42,8 +42,12 @@ class HardwareRig : public Rig {
   HardwareRig(const RigModel& model, std::unique_ptr<GreyCamera> camera, std::unique_ptr<Projector> projector,
               const HardwareOptions& options);
   const RigModel& model() const override { return model_; }
-  // Captures one stack, never empty. Throws Error if a device fails, SequenceRejected if all attempts fail the check.
+  // Captures one stack, never empty. Throws Error if a device fails, or if the patterns have several exposures and are
+  // packed; SequenceRejected if all attempts fail the check.
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
+
+  // False if patterns are packed: all are taken at the rig's exposure then.
+  bool takes_exposures() const { return options_.packing.empty(); }
 
   int retaken() const { return retaken_; }  // number of sequences captured again
   // Combined gamma of the projector's response and the patterns' correction, from the last valid sequence.
@@ -51,20 +55,27 @@ class HardwareRig : public Rig {
   const GreyCamera& camera() const { return *camera_; }
 
  private:
-  struct Taken {
+  // White and black images at an exposure relative to the rig's.
+  struct Reference {
+    double exposure = 1;
     cv::Mat white, black;
-    std::vector<GreyImage> images;  // one per pattern
-    std::string fault;              // empty if none
+  };
+  struct Taken {
+    std::vector<Reference> references;  // one per exposure
+    std::vector<GreyImage> images;      // one per pattern
+    std::string fault;                  // empty if none
   };
   Taken capture_sequential(const PatternSequence& sequence);
   Taken capture_packed(const PatternSequence& sequence);
-  GreyImage image_of(const cv::Mat1b& screen);
+  GreyImage image_of(const Pattern& pattern, const PatternSequence& sequence, double exposure);
+  SequenceVerdict check(const PatternSequence& sequence, const Taken& taken) const;
   std::array<GreyImage, 3> images_of(const std::vector<cv::Mat1b>& screens);
 
   RigModel model_;
   std::unique_ptr<GreyCamera> camera_;
   std::unique_ptr<Projector> projector_;
   HardwareOptions options_;
+  double exposure_s_ = 0;  // of the rig
   int next_ = 0, retaken_ = 0;
   double gamma_ = 1;
 };

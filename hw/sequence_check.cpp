@@ -295,7 +295,7 @@ SequenceVerdict check_sequence(const PatternSequence& sequence, const std::vecto
                 std::to_string(sequence.patterns.size()) + " patterns");
   const Levels levels = levels_of(images, white, black, options);
   if (static_cast<double>(levels.pixels) < options.min_pixels * static_cast<double>(white.total()))
-    return {false, "too few pixels separate white from black; is the projector on, its lens open, the scene lit?"};
+    return {false, kTooFewPixels, 1, true};
   return Check(sequence, levels, options).verdict();
 }
 

@@ -40,9 +40,13 @@ struct SequenceCheckOptions {
 
 struct SequenceVerdict {
   bool good = false;
-  std::string reason;  // if not good: a clause that names the image
-  double gamma = 1;    // of the projector, from the fringes' mean; 1 if no evenly spaced fringes
+  std::string reason;           // if not good: a clause that names the image
+  double gamma = 1;             // of the projector, from the fringes' mean; 1 if no evenly spaced fringes
+  bool too_few_pixels = false;  // the images could not be checked
 };
+
+inline constexpr const char* kTooFewPixels =
+    "too few pixels separate white from black; is the projector on, its lens open, the scene lit?";
 
 // The gamma whose fringes have this mean level. Throws Error if it is below 0.25 (gamma 4.7) or above 0.75 (gamma
 // 0.25).

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // fringeslam advise SCENE|DATASET: which coding, how many images and which exposures a scene needs, from images of it. A
 // scene is rendered again with the advised patterns and compared with its ground truth.
+#include "tools/advise.h"
+
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -12,6 +14,7 @@
 #include "core/io/json_text.h"
 #include "core/io/setting_groups.h"
 #include "core/mapper/front_end.h"
+#include "core/patterns/design.h"
 #include "core/rig/dataset.h"
 #include "core/score/depth_honesty.h"
 #include "core/score/local_scatter.h"
@@ -26,6 +29,8 @@ namespace fs = std::filesystem;
 namespace {
 
 using Json = nlohmann::ordered_json;
+
+constexpr int kMostLooks = 3;
 
 struct AdviseSettings {
   DecodeOptions decode;
@@ -273,7 +278,6 @@ DepthHonesty honesty_of(const std::vector<sim::SimulatedView>& views, const sim:
 }
 
 Report advise_scene(const AdviseArguments& arguments, const AdviseSettings& settings, const Common& common) {
-  constexpr int kMostLooks = 3;
   sim::Scene scene = sim::load_scene(scene_file(arguments.path), arguments.variant.reading());
   thin_trajectory(scene, arguments.views);
   Report report;
@@ -680,6 +684,29 @@ int advise_path(const AdviseArguments& arguments, const Common& common) {
 }
 
 }  // namespace
+
+RigAdvice advise_for(Rig& rig, const Look& look, const std::string& path) {
+  const AdviseSettings settings;
+  Report report;
+  report.path = path;
+  report.rig = rig.model();
+  report.taken = default_sequence(report.rig.projector.width, report.rig.projector.height);
+  const Examiner examiner(path, report.rig, report.taken, settings, true);
+  const std::optional<FringeStack> stack = rig.capture(report.taken);
+  if (!stack) throw Error(path + ": has no stacks");
+  report.views.push_back(examiner.examine(*stack));
+  report.exposure_s = stack->exposure_s.front();
+  report.advice = advice_of(report.views, report.taken, report.rig, settings);
+  for (int i = 0; i < kMostLooks && report.advice.look_first; ++i) {
+    const double exposure = *report.advice.look_first;
+    const std::optional<FringeStack> other = look(at_exposure(report.taken, exposure));
+    if (!other) break;
+    report.looks.push_back(exposure);
+    examiner.look(report.views.front(), *other);
+    report.advice = advice_of(report.views, report.taken, report.rig, settings);
+  }
+  return {json_of(report), text_of(report)};
+}
 
 Verb add_advise(Command app, const Common& common) {
   auto a = std::make_shared<AdviseArguments>();

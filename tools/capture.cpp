@@ -54,15 +54,8 @@ void run_before(const std::string& command, int stack) {
     throw Error("--before " + command + ": failed before stack " + std::to_string(stack));
 }
 
-// Three periods, each an eighth of the previous one; the coarsest is a little wider than the projector.
-PatternSequence default_sequence(const RigModel& rig) {
-  const double widest = rig.projector.width + 16;
-  return phase_shift_sequence(rig.projector.width, rig.projector.height, {widest, widest / 8, widest / 64}, 3,
-                              Axis::columns, 8);
-}
-
 PatternSequence sequence_of(const CaptureArguments& arguments, const RigModel& rig) {
-  if (arguments.patterns.empty()) return default_sequence(rig);
+  if (arguments.patterns.empty()) return default_sequence(rig.projector.width, rig.projector.height);
   const fs::path path = arguments.patterns;
   return read_patterns(fs::is_directory(path) ? path / "patterns.yaml" : path);
 }

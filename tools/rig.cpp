@@ -13,6 +13,7 @@
 #include "hw/network.h"
 #include "hw/rig_hardware.h"
 #include "hw/sdl_projector.h"
+#include "tools/advise.h"
 #include "tools/verbs.h"
 
 namespace fringeslam::tools {
@@ -79,10 +80,24 @@ int check(const std::string& rig_file, const Common& common) {
   const double saturated =
       static_cast<double>(cv::countNonZero(brightest >= full)) / static_cast<double>(brightest.total());
   const double mean = cv::mean(brightest)[0] / full;
-  const bool bent = std::abs(rig->gamma() - 1) > 0.1;
+  const double gamma = rig->gamma();
+  const bool bent = std::abs(gamma - 1) > 0.1;
+  const auto look = [&](const PatternSequence& patterns) -> std::optional<FringeStack> {
+    if (!rig->takes_exposures()) return std::nullopt;
+    try {
+      return rig->capture(patterns);
+    } catch (const SequenceRejected&) {
+      return std::nullopt;  // too little is visible at this exposure
+    }
+  };
+  const RigAdvice advice = advise_for(*rig, look, rig_file);
   print_result(
       common,
-      {{"saturated", saturated}, {"brightness", mean}, {"gamma", rig->gamma()}, {"sequences_retaken", rig->retaken()}},
+      {{"saturated", saturated},
+       {"brightness", mean},
+       {"gamma", gamma},
+       {"sequences_retaken", rig->retaken()},
+       {"advice", advice.document}},
       "camera and projector work together: brightest image at " + std::to_string(std::lround(100 * mean)) +
           " % of full scale on average, " + to_text(std::round(1e4 * saturated) / 100) + " % saturated" +
           (saturated > 0.01 ? "; lower exposure or gain, or close the aperture"
@@ -90,8 +105,9 @@ int check(const std::string& rig_file, const Common& common) {
                             : "") +
           (bent ? "\nthe projector's response is not linear: its light is proportional to the grey value to the power "
                   "of " +
-                      to_text(std::round(10 * rig->gamma()) / 10) + "; see fringeslam calibrate response"
-                : ""));
+                      to_text(std::round(10 * gamma) / 10) + "; see fringeslam calibrate response"
+                : "") +
+          "\n" + advice.text);
   return 0;
 }
 
@@ -153,7 +169,8 @@ Verb add_rig(Command app, const Common& common) {
   const Command group = app.add_subcommand("rig", "Detect and test the camera and the projector");
   group.require_subcommand(1);
   const Command list_verb = group.add_subcommand("list", "List cameras, displays and projector controllers");
-  const Command check_verb = group.add_subcommand("check", "Check that the rig's camera and projector work together");
+  const Command check_verb = group.add_subcommand(
+      "check", "Check that the rig's camera and projector work together, and advise on patterns and exposure");
   const Command latency_verb = group.add_subcommand("latency", "Measure the delay from showing a pattern to seeing it");
   const Verb focus = add_rig_focus(group, common);
   auto file = std::make_shared<std::string>();

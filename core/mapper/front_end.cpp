@@ -262,14 +262,6 @@ class FringeFrontEnd::Compensation {
   // What the prior's motion is: a guess, also of a robot at rest, a prediction, or one that the stack contradicts.
   enum class Start { guess, prediction, contradicted };
 
-  // False if turn rate and velocity differ significantly from those of the prior.
-  static bool agrees(const StackMotion& found, const MotionPrior& prior) {
-    constexpr double kUnlikely = 22.5;  // chi-square of six degrees of freedom, 0.1 %
-    const Vector6d change = (to_vector(found.motion) - to_vector(prior.motion)).head<6>();
-    const Matrix6d covariance = found.covariance.topLeftCorner<6, 6>() + prior.covariance.topLeftCorner<6, 6>();
-    return change.dot(solve_symmetric(covariance, change)) < kUnlikely;
-  }
-
   // A prior for a robot that has begun to accelerate or to brake since the prediction.
   static MotionPrior accelerated(MotionPrior prior) {
     constexpr double kTurn_rad_s = 0.7, kVelocity_m_s = 0.4, kTurn_rad_s2 = 1, kAcceleration_m_s2 = 0.5;

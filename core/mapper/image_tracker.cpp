@@ -12,13 +12,6 @@ namespace fringeslam {
 
 namespace {
 
-// Rotates both parts of a tangent.
-Matrix6d turned_tangent(const Eigen::Matrix3d& rotation) {
-  Matrix6d turn = Matrix6d::Zero();
-  turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = rotation;
-  return turn;
-}
-
 Matrix6d symmetric(const Matrix6d& matrix) { return 0.5 * (matrix + matrix.transpose()); }
 
 // The part of a pose's covariance that differs from image to image. The part that they have in common is only an estimate;
@@ -73,7 +66,7 @@ void ImageTracker::set_reference(const ImageReference& reference, const Pose& wo
   common_ = covariance;
   const MotionPrior known = motion ? *motion : unknown_motion({});
   State start{timestamp_s, world_from_camera, {}, Matrix12d::Zero()};
-  const Matrix6d turn = turned_tangent(world_from_camera.rotation);
+  const Matrix6d turn = rotated_tangent(world_from_camera.rotation);
   start.rate = turn * to_vector(known.motion).head<6>();
   start.covariance.bottomRightCorner<6, 6>() = turn * known.covariance.topLeftCorner<6, 6>() * turn.transpose();
   state_ = start;
@@ -117,7 +110,7 @@ std::optional<CameraPrediction> ImageTracker::predict(double time_s) const {
   const State state = at(time_s);
   CameraPrediction prediction{state.world_from_camera, state.covariance.topLeftCorner<6, 6>() + common_,
                               unknown_motion({})};
-  const Matrix6d turn = turned_tangent(state.world_from_camera.rotation.transpose());
+  const Matrix6d turn = rotated_tangent(state.world_from_camera.rotation.transpose());
   const Vector6d rate = turn * state.rate;
   prediction.motion.motion.angular_rad_s = rate.head<3>();
   prediction.motion.motion.velocity_m_s = rate.tail<3>();
@@ -136,7 +129,7 @@ TrackedImage ImageTracker::track(const cv::Mat& image, const Pattern& expected, 
     return result;
   }
   const State state = at(time_s);
-  const Matrix6d turn = turned_tangent(world_from_reference_.rotation);
+  const Matrix6d turn = rotated_tangent(world_from_reference_.rotation);
   const Pose predicted = world_from_reference_.inverse() * state.world_from_camera;
   // The prediction is hardly part of the estimate, which is to be a measurement for the filter; it only holds directions
   // that the image leaves undetermined.
@@ -175,7 +168,7 @@ TrackedImage ImageTracker::track(const cv::Mat& image, const Pattern& expected, 
 void ImageTracker::compare(const TrackedImage& image, const Pose& world_from_camera, const Matrix6d& covariance) {
   if (!image.tracked) return;
   const Eigen::Matrix<double, 6, 12>& by_motion = image.relative.by_reference_motion;
-  const Matrix6d turn = turned_tangent(world_from_reference_.rotation);
+  const Matrix6d turn = rotated_tangent(world_from_reference_.rotation);
   const Vector6d seen =
       difference(image.relative.reference_from_camera, world_from_reference_.inverse() * world_from_camera);
   const Matrix6d noise = image.relative.covariance - image.relative.motion_covariance +
@@ -189,7 +182,7 @@ void ImageTracker::compare(const TrackedImage& image, const Pose& world_from_cam
 }
 
 void ImageTracker::correct(State state, const ImagePose& found) {
-  const Matrix6d turn = turned_tangent(world_from_reference_.rotation);
+  const Matrix6d turn = rotated_tangent(world_from_reference_.rotation);
   const Eigen::Matrix<double, 6, 12>& by_motion = found.by_reference_motion;
   const Pose relative = retract(found.reference_from_camera, -by_motion * motion_error_);
   const Matrix6d of_motion = symmetric(by_motion * motion_error_covariance_ * by_motion.transpose());

@@ -13,8 +13,7 @@ struct PoseEstimate {
 // Pose at a time after a view's reference time, from its registration and its motion, which is known.
 PoseEstimate pose_during(const FrameResult& view, const Mapper& mapper, double after_s) {
   const Pose at_view = mapper.world_from_camera(view.view);
-  Matrix6d turn = Matrix6d::Zero();
-  turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = at_view.rotation;
+  const Matrix6d turn = rotated_tangent(at_view.rotation);
   Eigen::Matrix<double, 6, 12> by_motion;
   by_motion << after_s * turn, 0.5 * after_s * after_s * turn;
   return {at_view * view.motion->motion.at(after_s),

@@ -34,8 +34,8 @@ struct Motion {
 };
 
 Motion operator*(const Motion& one, const Motion& other) {
-  Matrix6d turned = Matrix6d::Zero(), lever = Matrix6d::Identity();
-  turned.topLeftCorner<3, 3>() = turned.bottomRightCorner<3, 3>() = one.pose.rotation;
+  const Matrix6d turned = rotated_tangent(one.pose.rotation);
+  Matrix6d lever = Matrix6d::Identity();
   lever.bottomLeftCorner<3, 3>() = -skew(one.pose.rotation * other.pose.translation);
   return {one.pose * other.pose,
           lever * one.covariance * lever.transpose() + turned * other.covariance * turned.transpose()};

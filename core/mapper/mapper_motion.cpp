@@ -26,12 +26,10 @@ Mapper::Prediction Mapper::corrected(Prediction predicted, const FrameResult& re
   if (!in_motion_ || !result.in_motion() || result.motion->residuals == 0) return predicted;
   const StackMotion& own = *result.motion;
   const double since_last_s = result.frame.timestamp_s - track_.back().timestamp_s;
-  constexpr double kUnlikely = 22.5;  // chi-square of six degrees of freedom, 0.1 %
   // Share of the change that affects the displacement: one half for a constant acceleration, otherwise 0 to 1.
   constexpr double kShare = 0.5, kShareSigma = 0.3;
+  if (agrees(own, predicted.motion)) return predicted;
   const Vector6d change = (to_vector(own.motion) - to_vector(predicted.motion.motion)).head<6>();
-  const Matrix6d covariance = own.covariance.topLeftCorner<6, 6>() + predicted.motion.covariance.topLeftCorner<6, 6>();
-  if (!(change.dot(inverse(covariance) * change) > kUnlikely)) return predicted;
   CameraMotion steady;
   steady.angular_rad_s = change.head<3>();
   steady.velocity_m_s = change.tail<3>();
@@ -189,9 +187,7 @@ Mapper::FrameMotion Mapper::add_motion_uncertainty(FrameResult& result, const Ma
   // Later views reveal vibration that the first keyframe was exposed to.
   if (other.by_own_stack) vibration_.widen_estimate(other.covariance);
   result.covariance += own.spread() + other.spread();
-  Matrix6d turned = Matrix6d::Zero();
-  turned.topLeftCorner<3, 3>() = turned.bottomRightCorner<3, 3>() = pose.rotation.transpose();
-  own.pose_by_motion = turned * own.pose_by_motion;
+  own.pose_by_motion = rotated_tangent(pose.rotation.transpose()) * own.pose_by_motion;
   return own;
 }
 

@@ -138,6 +138,11 @@ PatternSequence design_sequence(const SequenceDesign& design) {
   return sequence;
 }
 
+PatternSequence default_sequence(int width, int height) {
+  const double widest = width + 16;
+  return phase_shift_sequence(width, height, {widest, widest / 8, widest / 64}, 3, Axis::columns, 8);
+}
+
 cv::Mat3b packed_image(const std::vector<cv::Mat1b>& images, const std::string& order) {
   std::string sorted = order;
   std::sort(sorted.begin(), sorted.end());

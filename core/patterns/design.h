@@ -50,6 +50,10 @@ struct SequenceDesign {
 // periods is requested without fringes, if products lack a carrier, if too few images are left for micro phase shifting, or if two exposures are equal.
 PatternSequence design_sequence(const SequenceDesign& design);
 
+// Returns the patterns of a rig for which none are given: three steps of three periods along the columns, each an eighth of
+// the previous one, of which the coarsest is a little wider than the projector.
+PatternSequence default_sequence(int width, int height);
+
 // Packs three grey images into one colour image (OpenCV's BGR) for a projector in black-and-white mode, which shows the
 // colour channels one after the other as grey images [C III.A]. `order`, such as "RGB", gives the channel of each
 // image.

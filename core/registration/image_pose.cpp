@@ -26,14 +26,6 @@ Matrix6d image_systematics(const Pinhole& camera, double range_m, bool same_peri
   return variances.asDiagonal();
 }
 
-// Derivative of the tangent of pose.inverse() with respect to that of pose, as in covariance_of_inverse().
-Matrix6d tangent_of_inverse(const Pose& pose) {
-  Matrix6d derivative = Matrix6d::Zero();
-  derivative.topLeftCorner<3, 3>() = derivative.bottomRightCorner<3, 3>() = -pose.rotation.transpose();
-  derivative.bottomLeftCorner<3, 3>() = -pose.rotation.transpose() * skew(pose.translation);
-  return derivative;
-}
-
 }  // namespace
 
 // Expectation of the parameters: their mean and information in the tangent of camera_from_reference.

@@ -49,6 +49,13 @@ bool is_moving(const StackMotion& motion) {
   return square_from_rest(motion) > kMaxSquare;
 }
 
+bool agrees(const StackMotion& found, const MotionPrior& prior) {
+  constexpr double kUnlikely = 22.5;  // chi-square of six degrees of freedom, 0.1 %
+  const Vector6d change = (to_vector(found.motion) - to_vector(prior.motion)).head<6>();
+  const Matrix6d covariance = found.covariance.topLeftCorner<6, 6>() + prior.covariance.topLeftCorner<6, 6>();
+  return change.dot(solve_symmetric(covariance, change)) < kUnlikely;
+}
+
 double probability_of_motion(const StackMotion& motion) {
   // At this square, the likelihood of the estimate makes up for the larger range of motions that it was chosen from.
   constexpr double kEven = 30;

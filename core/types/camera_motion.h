@@ -80,6 +80,9 @@ MotionPrior unknown_motion(const MotionLimits& limits);
 // True if the estimate is significantly different from rest.
 bool is_moving(const StackMotion& motion);
 
+// False if turn rate and velocity differ significantly from those of the prior.
+bool agrees(const StackMotion& found, const MotionPrior& prior);
+
 // Probability that the camera moved, if rest was as likely before as a speed of unknown order of magnitude.
 double probability_of_motion(const StackMotion& motion);
 

@@ -47,11 +47,21 @@ Vector6d difference(const Pose& to, const Pose& from) {
   return tangent;
 }
 
+Matrix6d rotated_tangent(const Eigen::Matrix3d& rotation) {
+  Matrix6d rotated = Matrix6d::Zero();
+  rotated.topLeftCorner<3, 3>() = rotated.bottomRightCorner<3, 3>() = rotation;
+  return rotated;
+}
+
+Matrix6d tangent_of_inverse(const Pose& pose) {
+  Matrix6d derivative = -rotated_tangent(pose.rotation.transpose());
+  derivative.bottomLeftCorner<3, 3>() = -pose.rotation.transpose() * skew(pose.translation);
+  return derivative;
+}
+
 Matrix6d covariance_of_inverse(const Pose& pose, const Matrix6d& covariance) {
-  Matrix6d jacobian = Matrix6d::Zero();
-  jacobian.topLeftCorner<3, 3>() = jacobian.bottomRightCorner<3, 3>() = -pose.rotation.transpose();
-  jacobian.bottomLeftCorner<3, 3>() = -pose.rotation.transpose() * skew(pose.translation);
-  return jacobian * covariance * jacobian.transpose();
+  const Matrix6d derivative = tangent_of_inverse(pose);
+  return derivative * covariance * derivative.transpose();
 }
 
 Pose orthonormalised(const Pose& pose) { return {nearest_rotation(pose.rotation), pose.translation}; }

@@ -37,8 +37,14 @@ Pose retract(const Pose& pose, const Vector6d& tangent);
 // Returns the tangent for which retract(from, tangent) == to.
 Vector6d difference(const Pose& to, const Pose& from);
 
-// Returns the covariance of pose.inverse() given that of pose, both in the tangent space of retract(): omega' = -R^T
+// Returns the 6 x 6 matrix that rotates both parts of a tangent.
+Matrix6d rotated_tangent(const Eigen::Matrix3d& rotation);
+
+// Returns the derivative of the tangent of pose.inverse() with respect to that of pose, both of retract(): omega' = -R^T
 // omega, v' = -R^T (v + t x omega).
+Matrix6d tangent_of_inverse(const Pose& pose);
+
+// Returns the covariance of pose.inverse() given that of pose, both in the tangent space of retract().
 Matrix6d covariance_of_inverse(const Pose& pose, const Matrix6d& covariance);
 
 // Replaces the rotation by the nearest one, to remove rounding drift from long products.

@@ -194,6 +194,35 @@ TEST_F(ClosedLoop, DepthIsThatOfTheSimulator) {
   EXPECT_LT(median_of(off), 0.25) << "sigmas";
 }
 
+TEST_F(ClosedLoop, EachPatternIsTakenAtItsExposures) {
+  SequenceDesign design;
+  design.width = 1024;
+  design.height = 768;
+  design.periods_px = {1040, 131, 16.5};
+  design.exposures = {1, 0.25};
+  const PatternSequence exposures = design_sequence(design);
+  const sim::Scene scene = sim::load_scene(at("scene.yaml"));
+  sim::RenderOptions options;
+  options.noise = false;
+  const FringeStack expected = *sim::VirtualRig(scene, options).capture(exposures);
+  const auto rig = open_hardware(at("rig.yaml"));
+  const auto stack = rig->capture(exposures);
+  ASSERT_EQ(stack->images.size(), 18u);
+  for (size_t i = 0; i < stack->images.size(); ++i) {
+    EXPECT_NEAR(stack->exposure_s[i], expected.exposure_s[i], 1e-6) << i;
+    EXPECT_LE(cv::norm(stack->images[i], expected.images[i], cv::NORM_INF), 1) << i;
+  }
+  // Dropped patterns are noticed, and the camera returns to the rig's exposure. Every other image shows a new pattern.
+  for (const int image : {6, 8, 12}) {
+    const int before = rig->retaken();
+    control("fault repeat " + std::to_string(image));
+    rig->capture(exposures);
+    EXPECT_EQ(rig->retaken(), before + 1) << "image " << image;
+    control("");
+  }
+  expect_right(*rig->capture(sequence()));
+}
+
 TEST_F(ClosedLoop, LostPacketsCostTimeAndNoImage) {
   for (const char* ratio : {"0.005", "0.02"}) {
     control(std::string("lost ") + ratio);
@@ -228,6 +257,7 @@ TEST_F(ClosedLoop, AProjectorWhoseLightIsNotLinearIsCheckedAsWell) {
   const nlohmann::json said = nlohmann::json::parse(log_of("program"));
   EXPECT_NEAR(said["gamma"], 2.2, 0.1);
   EXPECT_EQ(said["sequences_retaken"], 0);
+  EXPECT_EQ(said["advice"]["nonlinear"], true);
 
   Child focus = program({"rig", "focus", "--rig", at("rig.yaml"), "--count", "1"});
   EXPECT_EQ(focus.wait(), 0) << log_of("program");

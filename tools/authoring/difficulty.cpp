@@ -312,8 +312,7 @@ class Assessment {
                        const Pose& before_from_current) const {
     const Matrix6d at_identity =
         pose_information(current.truth, sigma_before_m, current.truth, current.sigma_m, rig_.camera, rays_, {});
-    Matrix6d turn = Matrix6d::Zero();
-    turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = before_from_current.rotation;
+    const Matrix6d turn = rotated_tangent(before_from_current.rotation);
     return kReduction * kReduction * turn * at_identity * turn.transpose();
   }
 
@@ -333,8 +332,7 @@ class Assessment {
       // The motion of the robot, as in reports: T_robot = X T X^-1 with X = robot_from_camera.
       const Pose& x = rig_.robot_from_camera;
       const Eigen::Vector3d turned = x.rotation * before_from_current.rotation * x.rotation.transpose() * x.translation;
-      Matrix6d robot_from_camera = Matrix6d::Zero();
-      robot_from_camera.topLeftCorner<3, 3>() = robot_from_camera.bottomRightCorner<3, 3>() = x.rotation;
+      Matrix6d robot_from_camera = rotated_tangent(x.rotation);
       robot_from_camera.bottomLeftCorner<3, 3>() = skew(turned) * x.rotation;
       const Matrix6d bound = robot_from_camera * inverse(information) * robot_from_camera.transpose();
       result.rotation_rad = bound.diagonal().head<3>().cwiseSqrt();

@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+// Advice on coding, number of images and exposures for what a connected rig sees.
+#pragma once
+
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+
+#include "core/rig/rig.h"
+
+namespace fringeslam::tools {
+
+struct RigAdvice {
+  nlohmann::ordered_json document;  // as printed by fringeslam advise --json
+  std::string text;
+};
+
+// Captures a stack of default_sequence() and advises from its images, like fringeslam advise. What is saturated there is
+// captured again at shorter exposures with `look`, which returns empty if that is impossible. `path` names the rig in
+// messages. Throws Error if the rig returns no stack.
+using Look = std::function<std::optional<FringeStack>(const PatternSequence&)>;
+RigAdvice advise_for(Rig& rig, const Look& look, const std::string& path);
+
+}  // namespace fringeslam::tools
