@@ -1,11 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // fringeslam capture --rig RIG.yaml --out DATASET: captures a dataset with a camera and a projector.
+#include <spawn.h>
 #include <sys/wait.h>
+#include <unistd.h>
 
+#include <cerrno>
 #include <chrono>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
+#include <cstring>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -42,15 +46,28 @@ struct CaptureArguments {
   std::vector<std::string> sets;
 };
 
+// Returns the exit status of a shell command, as waitpid(). Unlike with std::system(), signals reach this process
+// meanwhile.
+int status_of(const std::string& command) {
+  const char* const arguments[] = {"sh", "-c", command.c_str(), nullptr};
+  pid_t child = 0;
+  if (const int error = posix_spawn(&child, "/bin/sh", nullptr, nullptr, const_cast<char**>(arguments), environ))
+    throw Error("--before " + command + ": cannot be started: " + std::strerror(error));
+  int status = 0;
+  while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
+  }
+  return status;
+}
+
 // Runs the command that moves the sensor between views: a stage, a robot, or a prompt to a person.
 void run_before(const std::string& command, int stack) {
   if (command.empty()) return;
   setenv("FRINGESLAM_STACK", std::to_string(stack).c_str(), 1);
-  const int status = std::system(command.c_str());
-  // While the command runs it receives Ctrl-C instead of this process.
+  const int status = status_of(command);
+  // Ctrl-C may reach the command alone.
   if ((WIFSIGNALED(status) && WTERMSIG(status) == SIGINT) || (WIFEXITED(status) && WEXITSTATUS(status) == 128 + SIGINT))
     std::raise(SIGINT);
-  else if (status != 0)
+  else if (status != 0 && !interrupted())
     throw Error("--before " + command + ": failed before stack " + std::to_string(stack));
 }
 

@@ -259,7 +259,7 @@ class FringeFrontEnd::Compensation {
   }
 
  private:
-  // What the prior's motion is: a guess, also of a robot at rest, a prediction, or one that the stack contradicts.
+  // A search starts from a guess that includes rest, from a prediction, or from a prediction that the stack contradicts.
   enum class Start { guess, prediction, contradicted };
 
   // A prior for a robot that has begun to accelerate or to brake since the prediction.

@@ -412,12 +412,12 @@ TEST_F(ClosedLoop, AnInterruptedCaptureIsADataset) {
   EXPECT_EQ(std::distance(fs::directory_iterator(at("interrupted/stacks")), fs::directory_iterator()), stacks);
 }
 
-// A bag appears at the end, after Ctrl-C, too, and becomes a dataset of the same images.
+// A bag appears at the end, after Ctrl-C while the command of --before runs, too, and becomes a dataset of the same images.
 TEST_F(ClosedLoop, ACaptureIntoABagIsImported) {
   test::write_bytes(at("patterns.yaml"), to_yaml(sequence()));
   Child capture = program({"capture", "--rig", at("rig.yaml"), "--out", at("a.bag"), "--format", "rosbag", "--count",
                            "50", "--patterns", at("patterns.yaml"), "--before",
-                           "touch " + test::quoted(at("before").string()) + "$FRINGESLAM_STACK"});
+                           "touch " + test::quoted(at("before").string()) + "$FRINGESLAM_STACK; sleep 0.3"});
   const bool captured = wait_until(60, [&] { return fs::exists(at("before2")); });
   if (log_of("program").find("built without ROS bags") != std::string::npos) GTEST_SKIP() << log_of("program");
   ASSERT_TRUE(captured) << log_of("program");
