@@ -44,9 +44,9 @@ HardwareRig::HardwareRig(const RigModel& model, std::unique_ptr<GreyCamera> came
                 to_words(projector_size));
 }
 
-// Shows a pattern and takes it at an exposure relative to the rig's.
-GreyImage HardwareRig::image_of(const Pattern& pattern, const PatternSequence& sequence, double exposure) {
-  if (const double exposure_s = exposure * exposure_s_; camera_->exposure_s() != exposure_s)
+// Shows a pattern and takes it at its exposure.
+GreyImage HardwareRig::image_of(const Pattern& pattern, const PatternSequence& sequence) {
+  if (const double exposure_s = pattern.exposure * exposure_s_; camera_->exposure_s() != exposure_s)
     camera_->set_exposure_s(exposure_s);
   projector_->show(screen_of(pattern, sequence));
   std::this_thread::sleep_for(std::chrono::duration<double>(options_.settle_s));
@@ -56,14 +56,14 @@ GreyImage HardwareRig::image_of(const Pattern& pattern, const PatternSequence& s
 HardwareRig::Taken HardwareRig::capture_sequential(const PatternSequence& sequence) {
   Taken taken;
   for (const Pattern& pattern : sequence.patterns) {
-    const double exposure = pattern.exposure;
-    if (std::none_of(taken.references.begin(), taken.references.end(),
-                     [exposure](const Reference& known) { return known.exposure == exposure; }))
-      taken.references.push_back(
-          {exposure, image_of(kWhite, sequence, exposure).image, image_of(kBlack, sequence, exposure).image});
+    if (std::any_of(taken.references.begin(), taken.references.end(),
+                    [&](const Reference& known) { return known.exposure == pattern.exposure; }))
+      continue;
+    Pattern white = kWhite, black = kBlack;
+    white.exposure = black.exposure = pattern.exposure;
+    taken.references.push_back({pattern.exposure, image_of(white, sequence).image, image_of(black, sequence).image});
   }
-  for (const Pattern& pattern : sequence.patterns)
-    taken.images.push_back(image_of(pattern, sequence, pattern.exposure));
+  for (const Pattern& pattern : sequence.patterns) taken.images.push_back(image_of(pattern, sequence));
   return taken;
 }
 
@@ -82,14 +82,14 @@ SequenceVerdict HardwareRig::check(const PatternSequence& sequence, const Taken&
       images.push_back(taken.images[i].image);
     }
     const SequenceVerdict found = check_sequence(part, images, reference.white, reference.black, options_.check);
-    const std::string at = taken.references.size() > 1
-                               ? " (of those at " + to_text(reference.exposure) + " times the rig's exposure)"
-                               : "";
-    if (found.good) verdict = {true, "", found.gamma};
-    if (found.good || found.too_few_pixels) continue;
-    return {false, found.reason + at, found.gamma};
+    if (!found.good && !found.too_few_pixels) {
+      const std::string at = taken.references.size() > 1
+                                 ? " (of those at " + to_text(reference.exposure) + " times the rig's exposure)"
+                                 : "";
+      return {false, found.reason + at, found.gamma};
+    }
+    if (found.good || !verdict.good) verdict = found;
   }
-  if (!verdict.good) verdict.reason = kTooFewPixels;
   return verdict;
 }
 

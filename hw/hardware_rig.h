@@ -67,7 +67,7 @@ class HardwareRig : public Rig {
   };
   Taken capture_sequential(const PatternSequence& sequence);
   Taken capture_packed(const PatternSequence& sequence);
-  GreyImage image_of(const Pattern& pattern, const PatternSequence& sequence, double exposure);
+  GreyImage image_of(const Pattern& pattern, const PatternSequence& sequence);
   SequenceVerdict check(const PatternSequence& sequence, const Taken& taken) const;
   std::array<GreyImage, 3> images_of(const std::vector<cv::Mat1b>& screens);
 

@@ -295,7 +295,8 @@ SequenceVerdict check_sequence(const PatternSequence& sequence, const std::vecto
                 std::to_string(sequence.patterns.size()) + " patterns");
   const Levels levels = levels_of(images, white, black, options);
   if (static_cast<double>(levels.pixels) < options.min_pixels * static_cast<double>(white.total()))
-    return {false, kTooFewPixels, 1, true};
+    return {false, "too few pixels separate white from black; is the projector on, its lens open, the scene lit?", 1,
+            true};
   return Check(sequence, levels, options).verdict();
 }
 

@@ -45,9 +45,6 @@ struct SequenceVerdict {
   bool too_few_pixels = false;  // the images could not be checked
 };
 
-inline constexpr const char* kTooFewPixels =
-    "too few pixels separate white from black; is the projector on, its lens open, the scene lit?";
-
 // The gamma whose fringes have this mean level. Throws Error if it is below 0.25 (gamma 4.7) or above 0.75 (gamma
 // 0.25).
 double gamma_of_mean(double mean);

@@ -30,8 +30,6 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr int kMostLooks = 3;
-
 struct AdviseSettings {
   DecodeOptions decode;
   AdviceOptions advice;
@@ -196,6 +194,23 @@ struct Report {
   std::vector<Verification> verification;
 };
 
+// Looks again at exposures that show what saturation hides. `look` returns the stacks of the views, or none if that is
+// impossible.
+template <class LookAt>
+void look_further(Report& report, const Examiner& examiner, const AdviseSettings& settings, const LookAt& look) {
+  constexpr int kMostLooks = 3;
+  for (int i = 0; i < kMostLooks && report.advice.look_first; ++i) {
+    const double exposure = *report.advice.look_first;
+    PatternSequence patterns = report.taken;
+    for (Pattern& pattern : patterns.patterns) pattern.exposure = exposure;
+    const std::vector<FringeStack> stacks = look(patterns);
+    if (stacks.empty()) return;
+    report.looks.push_back(exposure);
+    for (size_t k = 0; k < stacks.size(); ++k) examiner.look(report.views[k], stacks[k]);
+    report.advice = advice_of(report.views, report.taken, report.rig, settings);
+  }
+}
+
 std::string design_flags(const SequenceDesign& design) {
   std::string text;
   if (!design.periods_px.empty()) text += " --periods " + list_of(design.periods_px, ",");
@@ -252,11 +267,6 @@ std::vector<sim::SimulatedView> render(const sim::Scene& scene, const PatternSeq
   return all;
 }
 
-PatternSequence at_exposure(PatternSequence sequence, double exposure) {
-  for (Pattern& pattern : sequence.patterns) pattern.exposure = exposure;
-  return sequence;
-}
-
 DepthHonesty honesty_of(const std::vector<sim::SimulatedView>& views, const sim::Scene& scene,
                         const DecodeOptions& options, Axis axis, ObservedMotion motion) {
   DepthHonesty depth;
@@ -292,14 +302,12 @@ Report advise_scene(const AdviseArguments& arguments, const AdviseSettings& sett
   for (const sim::SimulatedView& view : first) report.views.push_back(examiner.examine(view.stack));
   report.exposure_s = first.front().stack.exposure_s.front() / scene.patterns.patterns.front().exposure;
   report.advice = advice_of(report.views, scene.patterns, report.rig, settings);
-  for (int look = 0; look < kMostLooks && report.advice.look_first; ++look) {
-    const double exposure = *report.advice.look_first;
-    report.looks.push_back(exposure);
-    const std::vector<sim::SimulatedView> views =
-        render(scene, at_exposure(scene.patterns, exposure), settings.render, arguments.views, progress);
-    for (size_t i = 0; i < views.size(); ++i) examiner.look(report.views[i], views[i].stack);
-    report.advice = advice_of(report.views, scene.patterns, report.rig, settings);
-  }
+  look_further(report, examiner, settings, [&](const PatternSequence& patterns) {
+    std::vector<FringeStack> stacks;
+    for (sim::SimulatedView& view : render(scene, patterns, settings.render, arguments.views, progress))
+      stacks.push_back(std::move(view.stack));
+    return stacks;
+  });
   if (report.advice.indirect == ObservedIndirect::unknown && !report.advice.nonlinear &&
       report.advice.motion != ObservedMotion::moving) {
     const PatternSequence test = period_test_patterns(scene.patterns);
@@ -697,14 +705,11 @@ RigAdvice advise_for(Rig& rig, const Look& look, const std::string& path) {
   report.views.push_back(examiner.examine(*stack));
   report.exposure_s = stack->exposure_s.front();
   report.advice = advice_of(report.views, report.taken, report.rig, settings);
-  for (int i = 0; i < kMostLooks && report.advice.look_first; ++i) {
-    const double exposure = *report.advice.look_first;
-    const std::optional<FringeStack> other = look(at_exposure(report.taken, exposure));
-    if (!other) break;
-    report.looks.push_back(exposure);
-    examiner.look(report.views.front(), *other);
-    report.advice = advice_of(report.views, report.taken, report.rig, settings);
-  }
+  look_further(report, examiner, settings, [&](const PatternSequence& patterns) {
+    std::vector<FringeStack> stacks;
+    if (std::optional<FringeStack> other = look(patterns)) stacks.push_back(std::move(*other));
+    return stacks;
+  });
   return {json_of(report), text_of(report)};
 }
 

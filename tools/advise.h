@@ -16,10 +16,12 @@ struct RigAdvice {
   std::string text;
 };
 
-// Captures a stack of default_sequence() and advises from its images, like fringeslam advise. What is saturated there is
-// captured again at shorter exposures with `look`, which returns empty if that is impossible. `path` names the rig in
-// messages. Throws Error if the rig returns no stack.
+// Captures a stack; empty if that is impossible.
 using Look = std::function<std::optional<FringeStack>(const PatternSequence&)>;
+
+// Captures a stack of default_sequence() and advises from its images, like fringeslam advise. What is saturated there is
+// captured again at shorter exposures with `look`. `path` names the rig in messages. Throws Error if the rig returns no
+// stack.
 RigAdvice advise_for(Rig& rig, const Look& look, const std::string& path);
 
 }  // namespace fringeslam::tools
