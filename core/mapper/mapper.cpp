@@ -196,12 +196,22 @@ std::optional<ExpectedView> Mapper::expected_at(double timestamp_s) const {
 }
 
 std::vector<PoseSample> Mapper::last_samples() const {
-  constexpr size_t kMost = 8;
+  const TrackedView& last = track_.back();
+  return last_samples(last.registered_with, last.shared);
+}
+
+// The last tracked views as samples for one that is registered with this keyframe. Views registered with the same keyframe
+// share its errors, which do not make them scatter.
+std::vector<PoseSample> Mapper::last_samples(int registered_with, const PoseVariance& shared) const {
+  constexpr size_t kMost = 32;
   const size_t first = std::max(continuous_from_, track_.size() - std::min(kMost, track_.size()));
   std::vector<PoseSample> samples;
-  for (size_t i = first; i < track_.size(); ++i)
-    samples.push_back({track_[i].timestamp_s, world_from_camera(track_[i]), track_[i].turn_rad2, track_[i].shift_m2,
-                       track_[i].own_motion});
+  for (size_t i = first; i < track_.size(); ++i) {
+    const TrackedView& view = track_[i];
+    const bool same = view.registered_with == registered_with;
+    samples.push_back(
+        {view.timestamp_s, world_from_camera(view), same ? view.variance : view.variance + shared, view.own_motion});
+  }
   return samples;
 }
 
@@ -441,10 +451,13 @@ void Mapper::note_pose(FrameResult& result, const std::optional<Prediction>& pre
   last_motion_ = result.motion;
   prediction_checked_ = result.tracking == Tracking::followed;
   in_motion_ = result.in_motion();
-  const PoseSample sample =
-      sample_of(0, {}, result.tracking == Tracking::first ? result.covariance : sample_covariance_);
-  track_.back().turn_rad2 = sample.turn_rad2;
-  track_.back().shift_m2 = sample.shift_m2;
+  if (result.tracking == Tracking::first) {
+    track_.back().variance = pose_variance(result.covariance);
+  } else {
+    track_.back().registered_with = result.reference;
+    track_.back().variance = variance_;
+    track_.back().shared = shared_variance_;
+  }
   if (in_motion_ && result.motion->residuals > 0) track_.back().own_motion = result.motion;
   vibration_.end_view();
   if (!prediction_checked_) return;

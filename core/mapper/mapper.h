@@ -97,7 +97,8 @@ class Mapper {
     double timestamp_s = 0;
     int keyframe = 0;
     Pose keyframe_from_camera;
-    double turn_rad2 = 0, shift_m2 = 0;          // mean variance of the pose's components
+    int registered_with = -1;                    // keyframe; -1: first view
+    PoseVariance variance = {}, shared = {};     // of the pose; `shared` by all views registered with the same keyframe
     std::optional<StackMotion> own_motion = {};  // estimated from the stack without a prediction
   };
 
@@ -135,6 +136,7 @@ class Mapper {
   std::optional<Prediction> predict(double timestamp_s) const;
   std::optional<Pose> camera_at_constant_velocity(double timestamp_s) const;
   std::vector<PoseSample> last_samples() const;
+  std::vector<PoseSample> last_samples(int registered_with, const PoseVariance& shared) const;
   const Frame& keyframe_image(int keyframe);
   void reconstruct(FrameResult& result, const MapperInput& input, const ReconstructionPrior& prior) const;
   void reconstruct_unless_predicted(FrameResult& result, MapperInput& input,
@@ -186,9 +188,9 @@ class Mapper {
   std::vector<TrackedView> track_;
   bool lost_ = false;  // since the last view of track_
   Matrix6d prediction_covariance_ = Matrix6d::Zero();
-  Matrix6d sample_covariance_ = Matrix6d::Zero();  // of the last view's pose, without vibration that is not certain
-  bool prediction_checked_ = false;                // the last view was where it had been predicted
-  int image_keyframe_ = -1;                        // whose image keyframe_image_ is
+  PoseVariance variance_, shared_variance_;  // of the current view's pose, without vibration that is not certain
+  bool prediction_checked_ = false;          // the last view was where it had been predicted
+  int image_keyframe_ = -1;                  // whose image keyframe_image_ is
   Frame keyframe_image_;
   Frame last_frame_;  // of the last tracked view
   std::optional<StackMotion> last_motion_;

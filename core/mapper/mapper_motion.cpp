@@ -176,11 +176,12 @@ Mapper::FrameMotion Mapper::add_motion_uncertainty(FrameResult& result, const Ma
     other.pose_by_motion = moved * other.pose_by_motion;
   }
   if (other.by_own_stack) vibration_.widen(other.covariance);
-  sample_covariance_ = result.covariance + own.spread() + other.spread();
+  variance_ = pose_variance(result.covariance + own.spread());
+  shared_variance_ = pose_variance(other.spread());
   if (result.in_motion() || !own.covariance.isZero(0)) {
-    std::vector<PoseSample> samples = last_samples();
+    std::vector<PoseSample> samples = last_samples(result.reference, shared_variance_);
     const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera;
-    samples.push_back(sample_of(result.frame.timestamp_s, world_from_reference * pose, sample_covariance_));
+    samples.push_back({result.frame.timestamp_s, world_from_reference * pose, variance_});
     vibration_.note(estimate_vibration(samples, options_.registration.motion_prior, rig_.timing.camera_rate_hz));
     vibration_.widen_estimate(own.covariance);
   }

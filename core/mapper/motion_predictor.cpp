@@ -60,6 +60,7 @@ struct Start {
 // independent of each other.
 struct Model {
   double jerk = 0, jitter = 0, jitter_rate = 0;
+  double memory = 1;  // factor of earlier log-likelihoods at each measurement
 };
 
 struct Filtered {
@@ -80,6 +81,7 @@ Filtered filtered(const std::vector<Measurement>& measured, const Model& model, 
     const Measurement& m = measured[k];
     advance(state, m.time_s - result.time_s, model.jerk);
     result.time_s = m.time_s;
+    result.log_likelihood *= model.memory;
     if (k > 0) result.log_likelihood += update(state, 0, m.value, m.variance + jitter);
     if (m.has_rate) result.log_likelihood += update(state, 1, m.rate, m.rate_variance + jitter_rate);
   }
@@ -103,7 +105,7 @@ State predicted(const std::vector<Measurement>& measured, double time_s, const S
   std::array<State, kJerks.size()> states;
   std::array<double, kJerks.size()> weights;
   for (size_t i = 0; i < kJerks.size(); ++i) {
-    Filtered last = filtered(measured, {kJerks[i], 0, 0}, start);
+    Filtered last = filtered(measured, {kJerks[i]}, start);
     advance(last.state, time_s - last.time_s, kJerks[i]);
     states[i] = last.state;
     weights[i] = last.log_likelihood + log_prior_of_jerk(kJerks[i]);
@@ -124,13 +126,18 @@ std::pair<double, double> jitter_of(const std::vector<Measurement>& measured, co
                                     double rate_per_jitter) {
   constexpr std::array kJitters = {0.0, 1e-5, 2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3};  // m or rad
   constexpr double kUnlikely = 0.05;
+  // Share of an image's displacement that remains in the mean of three: 0.58 if they are independent, 0.54 for vibration
+  // of a fifth of the image rate.
+  constexpr double kMeanOfThree = 0.55;
+  constexpr double kMemory = 0.95;  // vibration begins and ends
   std::array<double, kJitters.size() * kJerks.size()> weights;
   size_t n = 0;
   for (const double jitter : kJitters) {
     const double log_prior = jitter == 0 ? std::log(kJitters.size() - 1.0) : 0;
     for (const double jerk : kJerks)
-      weights[n++] = filtered(measured, {jerk, jitter, rate_per_jitter * jitter}, start).log_likelihood +
-                     log_prior_of_jerk(jerk) + log_prior;
+      weights[n++] =
+          filtered(measured, {jerk, kMeanOfThree * jitter, rate_per_jitter * jitter, kMemory}, start).log_likelihood +
+          log_prior_of_jerk(jerk) + log_prior;
   }
   normalise(weights);
   double square = 0, below = 0, least = 0;
@@ -145,21 +152,20 @@ std::pair<double, double> jitter_of(const std::vector<Measurement>& measured, co
   return {std::sqrt(square), least};
 }
 
-constexpr size_t kMostSamples = 8;
-
-// Rotations and translations relative to the last sample.
+// Rotations and translations of the last `most` samples relative to the last one.
 struct Measurements {
   std::vector<Measurement> turns, shifts;
 };
 
-Measurements measurements_of(const std::vector<PoseSample>& samples) {
+Measurements measurements_of(const std::vector<PoseSample>& samples, size_t most) {
   Measurements all;
   const Pose last_from_world = samples.back().world_from_camera.inverse();
-  for (size_t i = samples.size() - std::min(kMostSamples, samples.size()); i < samples.size(); ++i) {
+  for (size_t i = samples.size() - std::min(most, samples.size()); i < samples.size(); ++i) {
     const PoseSample& sample = samples[i];
     const Pose last_from_this = last_from_world * sample.world_from_camera;
-    Measurement turn{sample.timestamp_s, sample.turn_rad2, rotation_log(last_from_this.rotation), false, 0, {}};
-    Measurement shift{sample.timestamp_s, sample.shift_m2, last_from_this.translation, false, 0, {}};
+    Measurement turn{
+        sample.timestamp_s, sample.variance.turn_rad2, rotation_log(last_from_this.rotation), false, 0, {}};
+    Measurement shift{sample.timestamp_s, sample.variance.shift_m2, last_from_this.translation, false, 0, {}};
     if (sample.motion) {
       const auto variances = sample.motion->covariance.diagonal();
       turn.has_rate = shift.has_rate = true;
@@ -179,9 +185,8 @@ Start start_of_shifts(const MotionLimits& limits) { return {limits.max_speed_m_s
 
 }  // namespace
 
-PoseSample sample_of(double timestamp_s, const Pose& world_from_camera, const Matrix6d& covariance) {
-  return {timestamp_s, world_from_camera, covariance.topLeftCorner<3, 3>().trace() / 3,
-          covariance.bottomRightCorner<3, 3>().trace() / 3};
+PoseVariance pose_variance(const Matrix6d& covariance) {
+  return {covariance.topLeftCorner<3, 3>().trace() / 3, covariance.bottomRightCorner<3, 3>().trace() / 3};
 }
 
 std::optional<MotionPrediction> predict_motion(const std::vector<PoseSample>& samples, double timestamp_s,
@@ -190,7 +195,8 @@ std::optional<MotionPrediction> predict_motion(const std::vector<PoseSample>& sa
   if (samples.empty() || (samples.size() == 1 && !samples.back().motion)) return std::nullopt;
   const PoseSample& last = samples.back();
   if (!(timestamp_s >= last.timestamp_s && timestamp_s - last.timestamp_s <= kOldest_s)) return std::nullopt;
-  const Measurements measured = measurements_of(samples);
+  constexpr size_t kMost = 8;
+  const Measurements measured = measurements_of(samples, kMost);
   const State turn = predicted(measured.turns, timestamp_s, start_of_turns(limits));
   const State shift = predicted(measured.shifts, timestamp_s, start_of_shifts(limits));
   MotionPrediction result;
@@ -227,7 +233,7 @@ double velocity_of_jitter(double camera_rate_hz) {
 VibrationEstimate estimate_vibration(const std::vector<PoseSample>& samples, const MotionLimits& limits,
                                      double camera_rate_hz) {
   if (samples.empty()) return {};
-  const Measurements measured = measurements_of(samples);
+  const Measurements measured = measurements_of(samples, samples.size());
   // Share of that velocity which remains in a motion fitted to nine images: 0.1 at constant velocity, 0.3 at the end of a
   // constant acceleration.
   constexpr double kFitted = 0.2;

@@ -10,17 +10,26 @@
 
 namespace fringeslam {
 
-// A tracked view. The covariances are isotropic within rotation and within translation.
+// Variance of each component of a pose: isotropic within rotation and within translation.
+struct PoseVariance {
+  double turn_rad2 = 0, shift_m2 = 0;
+
+  PoseVariance operator+(const PoseVariance& other) const {
+    return {turn_rad2 + other.turn_rad2, shift_m2 + other.shift_m2};
+  }
+};
+
+// Returns the means of the variances of a covariance in the tangent of retract().
+PoseVariance pose_variance(const Matrix6d& covariance);
+
+// A tracked view.
 struct PoseSample {
   double timestamp_s = 0;
   Pose world_from_camera;
-  double turn_rad2 = 0, shift_m2 = 0;  // variance of each component of the pose
+  PoseVariance variance;  // without errors that all samples share
   // Motion during the view's stack if the stack determined it without a prediction.
   std::optional<StackMotion> motion = {};
 };
-
-// A sample whose variances are the means of those of the covariance, in the tangent of retract().
-PoseSample sample_of(double timestamp_s, const Pose& world_from_camera, const Matrix6d& covariance);
 
 struct MotionPrediction {
   Pose world_from_camera;
@@ -35,7 +44,7 @@ struct MotionPrediction {
 std::optional<MotionPrediction> predict_motion(const std::vector<PoseSample>& samples, double timestamp_s,
                                                const MotionLimits& limits);
 
-// Displacements of single views from a smooth path, standard deviation of each component.
+// Displacements of single images from a smooth path, standard deviation of each component.
 struct Jitter {
   double turn_rad = 0, shift_m = 0;
 };
@@ -46,9 +55,10 @@ struct VibrationEstimate {
   Jitter least;     // exceeded with a probability of 95 %
 };
 
-// Estimates the vibration from samples in the order of time, the last ones of which are used: the filters of
-// predict_motion() with independent displacements of each view, averaged over their sizes as well. Few samples do not
-// exclude vibration, so that `expected` is large for them. `camera_rate_hz` is the rate of single images.
+// Estimates the vibration from samples in the order of time, later ones of which have more weight: the filters of
+// predict_motion() with independent displacements of each view, averaged over their sizes as well. Each pose is the mean
+// of the three images with the finest fringes. Few samples do not exclude vibration, so that `expected` is large for them.
+// `camera_rate_hz` is the rate of single images.
 VibrationEstimate estimate_vibration(const std::vector<PoseSample>& samples, const MotionLimits& limits,
                                      double camera_rate_hz);
 

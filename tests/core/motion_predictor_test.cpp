@@ -24,7 +24,7 @@ std::vector<PoseSample> samples_of(int count, const Position& position, uint64_t
   for (int i = 0; i < count; ++i) {
     const double t = kInterval_s * i;
     const Pose pose{rotation_exp(Eigen::Vector3d(0, 0.2 * t, 0) + noise(kNoise_rad)), position(t) + noise(kNoise_m)};
-    samples.push_back({t, pose, kNoise_rad * kNoise_rad, kNoise_m * kNoise_m, {}});
+    samples.push_back({t, pose, {kNoise_rad * kNoise_rad, kNoise_m * kNoise_m}, {}});
   }
   return samples;
 }
@@ -79,13 +79,14 @@ TEST(MotionPredictor, NeedsTwoPosesOrAMotion) {
   EXPECT_FALSE(predict_motion(one, 2, {})) << "too far ahead";
 }
 
-// Samples of a smooth path with independent displacements of each view.
+// Samples of a smooth path with independent displacements of each image, three of which make a view.
 std::vector<PoseSample> shaken_samples(int count, double jitter_m, uint64_t seed) {
   std::mt19937_64 random(seed);
   std::normal_distribution<double> normal;
   const auto shaken = [&](double t) {
-    const Eigen::Vector3d displacement(normal(random), normal(random), normal(random));
-    return Eigen::Vector3d(smooth(t) + jitter_m * displacement);
+    Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+    for (int image = 0; image < 3; ++image) mean += Eigen::Vector3d(normal(random), normal(random), normal(random)) / 3;
+    return Eigen::Vector3d(smooth(t) + jitter_m * mean);
   };
   return samples_of(count, shaken, seed + 1000);
 }
