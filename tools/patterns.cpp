@@ -29,6 +29,7 @@ struct PatternsArguments {
   int steps = 3, ramp_levels = 0, bits = 8;
   double gray_cell_px = 0, carrier_px = 0, micro_period_px = 0;
   int micro_images = 0;
+  double gray_xor_px = 0;
   bool linearise = false, gray_inverted = false, white_black = false, dithered = false;
 };
 
@@ -51,6 +52,7 @@ SequenceDesign design_of(const PatternsArguments& arguments, const cv::Size& siz
   design.gray = arguments.gray;
   design.gray_cell_px = arguments.gray_cell_px;
   design.gray_inverted = arguments.gray_inverted;
+  design.gray_xor_px = arguments.gray_xor_px;
   design.white_black = arguments.white_black;
   design.ramp_levels = arguments.ramp_levels;
   design.bits = arguments.bits;
@@ -197,6 +199,10 @@ Verb add_patterns(Command app, const Common& common) {
                        "Gray code with cells of this width, px, with or without fringes (OpenCV's: 1)")
            .check_range(0.5, 1e5));
   note(verb.add_flag("--gray-inverted", a->gray_inverted, "Also write each Gray code image inverted"));
+  note(verb.add_option("--gray-xor", a->gray_xor_px,
+                       "Combine the Gray code's bits by XOR with the one whose stripes have this width, px, so that "
+                       "none has wider stripes")
+           .check_range(1.0, 2e5));
   note(verb.add_flag("--white-black", a->white_black, "Add a white and a black image"));
   note(verb.add_option("--ramp-levels", a->ramp_levels, "Add a grey ramp with this number of flat images")
            .check_range(0, 65536));

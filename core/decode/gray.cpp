@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/decode/gray.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
@@ -50,6 +51,12 @@ GrayDecoder::GrayDecoder(const PatternSequence& sequence, Axis axis, const StepE
     if (i > 0 && std::abs(bits_[i - 1].cell_px / bit.cell_px - 2) > 1e-6)
       throw Error("the Gray code has no bit between cells of " + to_text(bits_[i - 1].cell_px) + " and " +
                   to_text(bit.cell_px) + " px; each bit's cells must be half as wide as the previous bit's");
+    const auto carrier =
+        std::find_if(bits_.begin(), bits_.end(), [&](const GrayBit& other) { return other.cell_px == bit.carrier_px; });
+    carrier_.push_back(bit.carrier_px > 0 ? static_cast<size_t>(carrier - bits_.begin()) : i);
+    if (bit.carrier_px > 0 && (carrier == bits_.end() || carrier->carrier_px > 0))
+      throw Error("the Gray bit with cells of " + to_text(bit.cell_px) + " px is combined with one of " +
+                  to_text(bit.carrier_px) + " px, which the sequence does not contain by itself; add it");
     const bool comparable = (bit.image >= 0 && bit.inverted_image >= 0) || fringes_ || (white_ >= 0 && black_ >= 0);
     if (!comparable)
       throw Error("the Gray code has no threshold for its bits; add fringes, inverted bits, or white and black images");
@@ -79,21 +86,39 @@ GrayDecoder::Comparison GrayDecoder::compare(const RowPlan& camera, const float*
   return {sign * (sample - threshold), variance + variance_of(camera, sample)};
 }
 
+// Exclusive or of two bits, as certain as the less certain one. The edges of both coincide, where both are faint; at
+// pixels that see two surfaces only one of them may be.
+GrayDecoder::Comparison GrayDecoder::combined(const Comparison& one, const Comparison& other) {
+  const bool one_is_fainter =
+      one.difference * one.difference * other.variance < other.difference * other.difference * one.variance;
+  Comparison result = one_is_fainter ? one : other;
+  const float faint = std::abs(result.difference);
+  result.difference = (one.difference > 0) != (other.difference > 0) ? faint : -faint;
+  const float high = std::max(std::abs(one.difference), std::abs(other.difference)),
+              low = std::min(std::abs(one.difference), std::abs(other.difference));
+  result.relative_contrast = high > 0 ? low / high : 0;
+  return result;
+}
+
 GrayDecoder::Reading GrayDecoder::read(const RowPlan& camera, const float* const* samples, int col) const {
   constexpr size_t kMaxBits = 32;
   unsigned code = 0;
   std::array<Comparison, kMaxBits> bits;
+  Reading reading;
   for (size_t i = 0; i < bits_.size(); ++i) {
     bits[i] = compare(camera, samples, col, bits_[i]);
+    reading.best_contrast_dn = std::max(reading.best_contrast_dn, std::abs(bits[i].difference));
+  }
+  for (size_t i = 0; i < bits_.size(); ++i) {
+    if (carrier_[i] != i) bits[i] = combined(bits[i], bits[carrier_[i]]);
     code = code << 1 | (bits[i].difference > 0 ? 1U : 0U);
   }
-  Reading reading;
   reading.cell = cell_of(code);
   float faintest = std::numeric_limits<float>::max(), next = faintest;
   size_t which = 0;
   for (size_t i = 0; i < bits_.size(); ++i) {
-    const float contrast = std::abs(bits[i].difference);
-    reading.best_contrast_dn = std::max(reading.best_contrast_dn, contrast);
+    const float contrast =
+        carrier_[i] != i ? bits[i].relative_contrast * reading.best_contrast_dn : std::abs(bits[i].difference);
     if (contrast < faintest) {
       next = std::exchange(faintest, contrast);
       which = i;
@@ -101,7 +126,8 @@ GrayDecoder::Reading GrayDecoder::read(const RowPlan& camera, const float* const
       next = std::min(next, contrast);
     }
     // Probability that noise flipped the bit; negligible beyond six sigmas.
-    const auto sigmas = static_cast<double>(contrast) / std::sqrt(static_cast<double>(bits[i].variance));
+    const auto sigmas =
+        static_cast<double>(std::abs(bits[i].difference)) / std::sqrt(static_cast<double>(bits[i].variance));
     if (sigmas > 6) continue;
     const double wrong = 0.5 * std::erfc(sigmas / std::numbers::sqrt2);
     (is_neighbour(code, i) ? reading.neighbour : reading.far) += wrong;

@@ -33,12 +33,15 @@ class GrayDecoder {
  private:
   struct Comparison {
     float difference = 0, variance = 0;
+    float relative_contrast = 0;  // of two combined bits: that of the fainter one relative to the other
   };
   // True if flipping one bit of the code gives a neighbouring cell or, without fringes, one of the next few.
   bool is_neighbour(unsigned code, size_t bit) const;
+  static Comparison combined(const Comparison& one, const Comparison& other);
   Comparison compare(const RowPlan& camera, const float* const* samples, int col, const GrayBit& bit) const;
 
-  std::vector<GrayBit> bits_;  // coarsest first, cell widths halving
+  std::vector<GrayBit> bits_;    // coarsest first, cell widths halving
+  std::vector<size_t> carrier_;  // for each bit, the one that it is combined with; itself if none
   const StepEstimator* fringes_;
   int white_ = -1, black_ = -1;
 };

@@ -203,6 +203,7 @@ std::vector<Pattern> read_gray(const YamlMap& map, bool single, const cv::Size& 
   pattern.coding = Coding::gray;
   pattern.axis = map.choice<Axis>("axis");
   const int length_px = pattern.axis == Axis::columns ? projector.width : projector.height;
+  const double carrier_px = map.has("xor_px") ? 0.5 * map.number("xor_px", kImageCell) : 0;
   std::vector<double> cells = read_cells(map, single, read_period(map, length_px, kImageCell), length_px);
   const bool inverted = !map.boolean_or("bright_is_one", true);
   std::string inverse = "none";
@@ -214,6 +215,7 @@ std::vector<Pattern> read_gray(const YamlMap& map, bool single, const cv::Size& 
   std::vector<Pattern> patterns;
   const auto add = [&](double cell_px, bool is_inverted) {
     pattern.period_px = cell_px;
+    pattern.carrier_px = cell_px > carrier_px ? carrier_px : 0;
     pattern.inverted = is_inverted;
     patterns.push_back(pattern);
   };

@@ -124,7 +124,7 @@ TrackedImage ImageTracker::track(const cv::Mat& image, const Pattern& expected, 
   TrackedImage result;
   result.timestamp_s = time_s;
   if (!estimator_ || !state_ || std::abs(time_s - state_->time_s) > options_.max_gap_s) return result;
-  if (expected.coding == Coding::product) {  // has no model, so nothing contradicts it
+  if (!has_image_model(expected)) {  // nothing contradicts it
     result.as_expected = true;
     return result;
   }
@@ -144,7 +144,7 @@ TrackedImage ImageTracker::track(const cv::Mat& image, const Pattern& expected, 
     std::vector<Pattern> candidates = {expected};
     const auto add = [&](const std::vector<Pattern>& patterns) {
       for (const Pattern& pattern : patterns) {
-        if (pattern.coding == Coding::product) continue;
+        if (!has_image_model(pattern)) continue;
         if (std::find(candidates.begin(), candidates.end(), pattern) == candidates.end()) candidates.push_back(pattern);
       }
     };

@@ -83,7 +83,7 @@ class ImageTracker {
 
   // Tracks the image that was exposed at `time_s` (middle) while `expected` should have been shown. An image that shows
   // another pattern of the sequence, or of those that were `requested` for the same stack, is tracked with that one.
-  // Images have to come in the order of their times. Images of products of cosines are not tracked.
+  // Images have to come in the order of their times. Images without a model are not tracked (has_image_model()).
   TrackedImage track(const cv::Mat& image, const Pattern& expected, double time_s,
                      const std::vector<Pattern>& requested = {});
 

@@ -22,9 +22,13 @@ double finest_cell_px(const SequenceDesign& design) {
 std::vector<Pattern> gray_code(const SequenceDesign& design, Axis axis) {
   std::vector<Pattern> patterns;
   const double finest_px = finest_cell_px(design);
-  if (finest_px == 0) return patterns;
+  if (finest_px == 0) {
+    if (design.gray_xor_px > 0)
+      throw Error("patterns: gray_xor_px combines the bits of a Gray code, but there is none");
+    return patterns;
+  }
   const int length = axis == Axis::columns ? design.width : design.height;
-  for (Pattern pattern : gray_patterns(axis, finest_px, length, design.bits)) {
+  for (Pattern pattern : gray_patterns(axis, finest_px, length, design.bits, 0.5 * design.gray_xor_px)) {
     patterns.push_back(pattern);
     pattern.inverted = true;
     if (design.gray_inverted) patterns.push_back(pattern);

@@ -42,12 +42,14 @@ struct SequenceDesign {
   int micro_images = 0;
   // Exposure times of each pattern, relative to the rig's: one image each, one after the other. Empty: one of 1.
   std::vector<double> exposures = {};
+  double gray_xor_px =
+      0;  // stripe width of the bit that coarser ones are combined with by XOR: twice its cells; 0: none
 };
 
 // Builds the sequence: fringes period by period, then the Gray code, coarsest bit first, then images of extra periods,
 // then products period by period, in which the carrier's shifts vary fastest; columns before rows; flat images last.
 // The images of micro phase shifting precede all others. Throws Error if the sequence is empty, if a Gray code of fringe
-// periods is requested without fringes, if products lack a carrier, if too few images are left for micro phase shifting, or if two exposures are equal.
+// periods is requested without fringes, if no bit of the code has stripes of gray_xor_px, if products lack a carrier, if too few images are left for micro phase shifting, or if two exposures are equal.
 PatternSequence design_sequence(const SequenceDesign& design);
 
 // Returns the patterns of a rig for which none are given: three steps of three periods along the columns, each an eighth of

@@ -70,14 +70,20 @@ PatternSequence phase_shift_sequence(int width, int height, const std::vector<do
   return sequence;
 }
 
-std::vector<Pattern> gray_patterns(Axis axis, double cell_px, int length_px, int bits) {
+std::vector<Pattern> gray_patterns(Axis axis, double cell_px, int length_px, int bits, double carrier_px) {
   std::vector<Pattern> patterns;
+  bool has_carrier = false;
   // The bit of cell width c is constant over the first c px, so it carries no information if c >= length_px.
   for (double cell = cell_px; cell < length_px; cell *= 2) {
     Pattern pattern{axis, cell, 0, bits};
     pattern.coding = Coding::gray;
+    has_carrier |= cell == carrier_px;
+    if (carrier_px > 0 && cell > carrier_px) pattern.carrier_px = carrier_px;
     patterns.insert(patterns.begin(), pattern);
   }
+  if (carrier_px > 0 && !has_carrier)
+    throw Error("patterns: the Gray code has no bit with cells of " + to_text(carrier_px) +
+                " px to combine the others with; its cells are " + to_text(cell_px) + " px times powers of two");
   return patterns;
 }
 
@@ -138,12 +144,29 @@ std::vector<GrayBit> gray_bits(const PatternSequence& sequence, Axis axis) {
     const Pattern& pattern = sequence.patterns[i];
     if (pattern.coding != Coding::gray || pattern.axis != axis) continue;
     auto bit = std::find_if(bits.begin(), bits.end(), [&](const GrayBit& b) { return b.cell_px == pattern.period_px; });
-    if (bit == bits.end()) bit = bits.insert(bits.end(), GrayBit{pattern.period_px});
+    if (bit == bits.end()) bit = bits.insert(bits.end(), GrayBit{pattern.period_px, pattern.carrier_px});
+    if (bit->carrier_px != pattern.carrier_px)
+      throw Error("patterns: the Gray bit with cells of " + to_text(bit->cell_px) +
+                  " px is combined with different bits in different images; use one `carrier_px`");
     (pattern.inverted ? bit->inverted_image : bit->image) = static_cast<int>(i);
   }
   std::stable_sort(bits.begin(), bits.end(), [](const auto& a, const auto& b) { return a.cell_px > b.cell_px; });
   return bits;
 }
+
+namespace {
+
+bool gray_bit_at(double coordinate_px, double cell_px) {
+  return ((gray_cell(coordinate_px, cell_px) + 1) >> 1) % 2 != 0;
+}
+
+double gray_level(const Pattern& pattern, double coordinate_px) {
+  bool bit = gray_bit_at(coordinate_px, pattern.period_px);
+  if (pattern.carrier_px > 0) bit ^= gray_bit_at(coordinate_px, pattern.carrier_px);
+  return bit != pattern.inverted ? 1 : 0;
+}
+
+}  // namespace
 
 double ideal_intensity(const Pattern& pattern, double coordinate_px) {
   switch (pattern.coding) {
@@ -154,7 +177,7 @@ double ideal_intensity(const Pattern& pattern, double coordinate_px) {
       return 0.5 + 0.5 * std::cos(absolute_phase(coordinate_px, pattern.period_px) + pattern.shift_rad) *
                        std::cos(absolute_phase(coordinate_px, pattern.carrier_px) + pattern.carrier_shift_rad);
     case Coding::gray:
-      return ((gray_cell(coordinate_px, pattern.period_px) + 1) >> 1) % 2 != (pattern.inverted ? 1 : 0) ? 1 : 0;
+      return gray_level(pattern, coordinate_px);
     case Coding::flat:
       break;
   }

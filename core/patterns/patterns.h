@@ -8,7 +8,9 @@
 //   gray    one bit of the reflected Gray code j ^ (j >> 1): the bit with code cells of c px is 1 where
 //           floor((floor(x / c) + 1) / 2) is odd, so the cell width identifies the bit. Cells of p, 2p, 4p, ...
 //           number the periods of a fringe pattern. An additional bit with cells of p/2 makes the code
-//           complementary: the fringe order can then be decoded without relying on pixels at cell edges.
+//           complementary: the fringe order can then be decoded without relying on pixels at cell edges. A bit may be
+//           shown as its exclusive or (XOR) with a finer one, the carrier, so that no stripe is wider than the carrier's
+//           two cells: indirect light then hardly differs between the stripes [Gupta et al., CVPR 2011].
 //   flat    constant level: white, black, or one step of a grey ramp.
 //   extra   a single image of a fringe with a period of its own, as micro phase shifting projects in addition to the
 //           phase steps of one period. It has too few phase steps to determine a phase by itself.
@@ -39,6 +41,7 @@ struct FringeGroup {
 // One bit of a Gray code; an image index is -1 if the sequence has no such image.
 struct GrayBit {
   double cell_px = 0;
+  double carrier_px = 0;  // cells of the bit that it is combined with by XOR; 0: none
   int image = -1, inverted_image = -1;
 };
 
@@ -52,8 +55,9 @@ int gray_cell(double coordinate_px, double cell_px);
 PatternSequence phase_shift_sequence(int width, int height, const std::vector<double>& periods_px, int steps, Axis axis,
                                      int bits);
 
-// Returns the bits, coarsest first, that distinguish all cells of `cell_px` over `length_px`.
-std::vector<Pattern> gray_patterns(Axis axis, double cell_px, int length_px, int bits);
+// Returns the bits, coarsest first, that distinguish all cells of `cell_px` over `length_px`. With a carrier, bits with
+// cells wider than `carrier_px` are combined with it by XOR. Throws Error if the carrier is none of the bits.
+std::vector<Pattern> gray_patterns(Axis axis, double cell_px, int length_px, int bits, double carrier_px = 0);
 
 // Returns the fringe groups of one axis, coarsest period first; empty if the axis has no fringes. Throws Error if a
 // group has fewer than three distinct shifts, which do not determine the phase.
@@ -72,7 +76,7 @@ bool codes_axis(const PatternSequence& sequence, Axis axis);
 // Throws Error if all images that code the axis are of codings without a decoder: `extra` and `product`.
 void require_decoder(const PatternSequence& sequence, Axis axis);
 
-// Returns the Gray bits of one axis, coarsest first.
+// Returns the Gray bits of one axis, coarsest first. Throws Error if a bit has different carriers in different images.
 std::vector<GrayBit> gray_bits(const PatternSequence& sequence, Axis axis);
 
 // Returns the intensity in [0, 1] at a projector coordinate along the pattern's axis, before quantisation.

@@ -114,14 +114,33 @@ struct CellRange {
   double middle() const { return 0.5 * (low + high); }
 };
 
-// The cells whose bit has these edges: at x = c, 3 c, 5 c, ..., the next one beyond the last pixel.
-CellRange cells_with(const std::vector<size_t>& edges, size_t length) {
+// Edges of a Gray bit with cells of c: at x = c, 3 c, 5 c, ... Combined by XOR with a bit that has cells of a power of two
+// times c, the `multiple`, it also has the other one's edges (multiple 1: not combined). Returns the first `count` and the next one, as
+// multiples of c.
+std::vector<double> edges_in_cells(size_t count, double multiple) {
+  std::vector<double> edges;
+  double own = 1, other = multiple;
+  while (edges.size() <= count) {
+    const bool is_own = multiple == 1 || own < other;
+    edges.push_back(is_own ? own : other);
+    if (is_own)
+      own += 2;
+    else
+      other += 2 * multiple;
+  }
+  return edges;
+}
+
+// The cells whose bit, combined by XOR with that of `multiple` times their width, has these edges, the next one beyond
+// the last pixel.
+CellRange cells_with(const std::vector<size_t>& edges, size_t length, double multiple = 1) {
   const auto last = static_cast<double>(length);
-  CellRange range{(last - 0.5) / static_cast<double>(2 * edges.size() + 1), last};
+  const std::vector<double> in_cells = edges_in_cells(edges.size(), multiple);
+  CellRange range{(last - 0.5) / in_cells.back(), last};
   for (size_t k = 0; k < edges.size(); ++k) {
-    const double at = static_cast<double>(edges[k]), odd = static_cast<double>(2 * k + 1);
-    range.low = std::max(range.low, (at - 0.5) / odd);
-    range.high = std::min(range.high, (at + 0.5) / odd);
+    const double at = static_cast<double>(edges[k]);
+    range.low = std::max(range.low, (at - 0.5) / in_cells[k]);
+    range.high = std::min(range.high, (at + 0.5) / in_cells[k]);
   }
   return range;
 }
@@ -134,14 +153,22 @@ double simplest_cell_px(const CellRange& range, size_t length) {
 }
 
 std::optional<Pattern> gray_bit_of(const Profile& profile, const std::vector<size_t>& edges) {
-  const CellRange range = cells_with(edges, profile.levels.size());
-  if (range.empty()) return std::nullopt;
+  const size_t length = profile.levels.size();
   Pattern pattern;
   pattern.axis = profile.axis;
-  pattern.period_px = simplest_cell_px(range, profile.levels.size());
   pattern.coding = Coding::gray;
   pattern.inverted = profile.levels.front() > 0.5 * (profile.low + profile.high);
-  return pattern;
+  // Pixels do not resolve narrower cells. A bit with cells as wide as the image has no edges of its own.
+  constexpr double kNarrowest_px = 1;
+  for (double multiple = 1; multiple < static_cast<double>(length); multiple *= 2) {
+    const CellRange range = cells_with(edges, length, multiple);
+    if (range.empty() || range.high < kNarrowest_px || multiple * range.low >= static_cast<double>(length)) continue;
+    const double cell_px = simplest_cell_px(range, length);
+    pattern.period_px = multiple * cell_px;
+    pattern.carrier_px = multiple == 1 ? 0 : cell_px;
+    return pattern;
+  }
+  return std::nullopt;
 }
 
 // --- cosines ---
@@ -221,9 +248,11 @@ Error no_gray_bit(const std::vector<size_t>& edges) {
   constexpr size_t kShown = 4;
   std::string list;
   for (size_t i = 0; i < std::min(kShown, edges.size()); ++i) list += (i ? ", " : "") + std::to_string(edges[i]);
-  return Error("has two levels with edges at " + list + (edges.size() > kShown ? ", ..." : "") +
-               " px, but is no bit of a reflected Gray code, whose edges lie at c, 3c, 5c, ... for cells of c px; "
-               "project Gray codes, or fringes of more than 1 bit");
+  return Error(
+      "has two levels with edges at " + list + (edges.size() > kShown ? ", ..." : "") +
+      " px, but is no bit of a reflected Gray code, whose edges lie at c, 3c, 5c, ... for cells of c px, nor two "
+      "of them combined by XOR; "
+      "project Gray codes, or fringes of more than 1 bit");
 }
 
 Profile coded_profile(const PatternLevels& levels) {
@@ -405,8 +434,9 @@ void unite_cells(std::vector<RecognizedPattern>& recognized, const std::vector<P
   // Cell widths of the finest bit that agree with all bits.
   CellRange common{0, static_cast<double>(length)};
   for (const Pattern* bit : bits) {
-    const CellRange own = cells_with(edges_of(*bit, length), length);
-    const double factor = nearest_power_of_two(bit->period_px / finest_px);
+    const double multiple = bit->carrier_px > 0 ? nearest_power_of_two(bit->period_px / bit->carrier_px) : 1;
+    const CellRange own = cells_with(edges_of(*bit, length), length, multiple);
+    const double factor = nearest_power_of_two(bit->period_px / multiple / finest_px);
     common = {std::max(common.low, own.low / factor), std::min(common.high, own.high / factor)};
   }
   if (common.empty()) return;
@@ -417,7 +447,10 @@ void unite_cells(std::vector<RecognizedPattern>& recognized, const std::vector<P
     cell_px = multiple_px;
     break;
   }
-  for (Pattern* bit : bits) bit->period_px = cell_px * nearest_power_of_two(bit->period_px / finest_px);
+  for (Pattern* bit : bits) {
+    bit->period_px = cell_px * nearest_power_of_two(bit->period_px / finest_px);
+    if (bit->carrier_px > 0) bit->carrier_px = cell_px * nearest_power_of_two(bit->carrier_px / finest_px);
+  }
 }
 
 void scale_levels(std::vector<RecognizedPattern>& recognized) {

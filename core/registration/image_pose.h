@@ -57,7 +57,7 @@ class ImagePoseEstimator {
   // Estimates the pose of an image (DN, of the camera's size) that was exposed as long as the reference's images. The
   // texture has to be within about two pixels of where `initial`, reference_from_camera, predicts it. `information` is
   // the inverse covariance of this prediction in the tangent of retract(); zero: none. Not valid if few points agree or
-  // if the iteration does not settle. Throws Error if the image's size is wrong or the pattern is a product of cosines.
+  // if the iteration does not settle. Throws Error if the image's size is wrong or the pattern has no model (has_image_model()).
   ImagePose estimate(const cv::Mat& image, const Pattern& pattern, const Pose& initial,
                      const Matrix6d& information) const;
 

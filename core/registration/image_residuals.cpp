@@ -103,6 +103,14 @@ void sample_chunk(const cv::Mat1f& coefficients, int count, Samples& s) {
   }
 }
 
+}  // namespace
+
+bool has_image_model(const Pattern& pattern) {
+  return pattern.coding != Coding::product && !(pattern.coding == Coding::gray && pattern.carrier_px > 0);
+}
+
+namespace {
+
 // A pattern as a function of the projector coordinate u: cos(2 pi (turns_per_px u + turns)), or the sign of it.
 struct Wave {
   float turns_per_px = 0, turns = 0;
@@ -121,6 +129,7 @@ Wave wave_of(const Pattern& pattern) {
       wave.turns = static_cast<float>(0.5 / pattern.period_px + pattern.shift_rad / kTwoPi);
       break;
     case Coding::gray: {
+      if (!has_image_model(pattern)) throw Error("image pose: Gray bits combined by XOR have no model");
       // The bit with cells of c is 1 from c to 3 c, and so on with a period of 4 c.
       constexpr double kEdge_px = 2;
       const double period_px = 4 * pattern.period_px;

@@ -53,6 +53,10 @@ enum class ImageInformation {
   reference_noise  // the part of the residuals' variance that is due to the reference, times the squared weights
 };
 
+// True if the intensity of a pattern is a single wave, whose phase an image can be compared with: not for products of
+// cosines and Gray bits combined by XOR.
+bool has_image_model(const Pattern& pattern);
+
 // Returns the coefficients of the cubic B-spline through the pixels of a grey image (core/base/cubic_spline.h).
 cv::Mat1f spline_coefficients(const cv::Mat& image);
 

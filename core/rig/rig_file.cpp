@@ -200,10 +200,12 @@ Pattern read_pattern(const YamlMap& entry) {
   } else {
     pattern.axis = entry.choice<Axis>("axis");
     pattern.period_px = entry.number("period_px", pattern.coding == Coding::gray ? kCell : kPeriod);
-    if (pattern.coding == Coding::gray)
+    if (pattern.coding == Coding::gray) {
       pattern.inverted = entry.boolean_or("inverted", false);
-    else
+      pattern.carrier_px = entry.number_or("carrier_px", 0, kCell);
+    } else {
       pattern.shift_rad = entry.number("shift_rad", kShift);
+    }
   }
   if (pattern.coding == Coding::product) {
     pattern.carrier_px = entry.number("carrier_px", kPeriod);
@@ -233,6 +235,7 @@ std::string pattern_entry(const Pattern& p) {
   if (p.coding != Coding::flat && p.coding != Coding::gray) text += ", shift_rad: " + to_text(p.shift_rad);
   if (p.coding == Coding::product)
     text += ", carrier_px: " + to_text(p.carrier_px) + ", carrier_shift_rad: " + to_text(p.carrier_shift_rad);
+  if (p.coding == Coding::gray && p.carrier_px > 0) text += ", carrier_px: " + to_text(p.carrier_px);
   if (p.inverted) text += ", inverted: true";
   text += ", bits: " + std::to_string(p.bits);
   if (p.dithered) text += ", dithered: true";
@@ -357,6 +360,7 @@ SequenceDesign read_design(const YamlMap& map, const RigModel& rig) {
   design.gray = map.choice_or("gray", GrayCode::none);
   design.gray_cell_px = map.has("gray_cell_px") ? map.number("gray_cell_px", kCell) : 0;
   design.gray_inverted = map.boolean_or("gray_inverted", false);
+  design.gray_xor_px = map.has("gray_xor_px") ? map.number("gray_xor_px", kCell) : 0;
   design.white_black = map.boolean_or("white_black", false);
   design.bits = map.integer_or("bits", 8, {0, 16});
   design.dithered = map.boolean_or("dithered", false);

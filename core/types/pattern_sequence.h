@@ -28,7 +28,7 @@ struct Pattern {
   bool inverted = false;         // gray: 1 - bit
   double level = 0;              // flat: 0 black to 1 white
   bool dithered = false;         // intermediate levels by error diffusion (1 bit: only black and white)
-  double carrier_px = 0;         // product: period of the second cosine
+  double carrier_px = 0;  // product: period of the second cosine; gray: cells of the bit combined by XOR, 0: none
   double carrier_shift_rad = 0;  // product: its delta
   double exposure = 1;           // exposure time of the image, relative to the rig's
   bool operator==(const Pattern&) const = default;

@@ -106,20 +106,22 @@ void bind_rig_model(py::module_& m) {
 
 void bind_patterns(py::module_& m) {
   py::class_<Pattern>(m, "Pattern", "One projected image; intensities are defined in docs/method.md, section 2.")
-      .def(py::init(
-               [](double period_px, double shift_rad, Axis axis, Coding coding, int bits, bool inverted, double level) {
-                 Pattern pattern;
-                 pattern.period_px = period_px;
-                 pattern.shift_rad = shift_rad;
-                 pattern.axis = axis;
-                 pattern.coding = coding;
-                 pattern.bits = bits;
-                 pattern.inverted = inverted;
-                 pattern.level = level;
-                 return pattern;
-               }),
+      .def(py::init([](double period_px, double shift_rad, Axis axis, Coding coding, int bits, bool inverted,
+                       double level, double carrier_px) {
+             Pattern pattern;
+             pattern.period_px = period_px;
+             pattern.shift_rad = shift_rad;
+             pattern.axis = axis;
+             pattern.coding = coding;
+             pattern.bits = bits;
+             pattern.inverted = inverted;
+             pattern.level = level;
+             pattern.carrier_px = carrier_px;
+             return pattern;
+           }),
            py::arg("period_px") = 0, py::arg("shift_rad") = 0, py::arg("axis") = "columns",
-           py::arg("coding") = "fringe", py::arg("bits") = 8, py::arg("inverted") = false, py::arg("level") = 0)
+           py::arg("coding") = "fringe", py::arg("bits") = 8, py::arg("inverted") = false, py::arg("level") = 0,
+           py::arg("carrier_px") = 0)
       .def_readwrite("axis", &Pattern::axis, "'columns' or 'rows': the coded projector coordinate.")
       .def_readwrite("coding", &Pattern::coding, "'fringe', 'gray', 'flat', 'extra' or 'product'.")
       .def_readwrite("period_px", &Pattern::period_px, "Fringe period, or width of a Gray code's cells, px.")
@@ -127,6 +129,8 @@ void bind_patterns(py::module_& m) {
       .def_readwrite("bits", &Pattern::bits, "Bit depth of the projector.")
       .def_readwrite("inverted", &Pattern::inverted, "gray: 1 - bit.")
       .def_readwrite("level", &Pattern::level, "flat: 0 black to 1 white.")
+      .def_readwrite("carrier_px", &Pattern::carrier_px,
+                     "product: period of the second cosine; gray: cells of the bit combined by XOR, 0: none.")
       .def("__eq__", [](const Pattern& a, const Pattern& b) { return a == b; })
       .def("__repr__", [](const Pattern& p) {
         return std::string("Pattern(period_px=") + to_text(p.period_px) + ", shift_rad=" + to_text(p.shift_rad) +
@@ -176,8 +180,8 @@ void bind_patterns(py::module_& m) {
   m.def(
       "design_patterns",
       [](int width, int height, std::vector<double> periods_px, int steps, bool columns, bool rows, GrayCode gray,
-         bool gray_inverted, bool white_black, int ramp_levels, int bits, bool dithered, double gray_cell_px,
-         double micro_period_px, int micro_images) {
+         bool gray_inverted, double gray_xor_px, bool white_black, int ramp_levels, int bits, bool dithered,
+         double gray_cell_px, double micro_period_px, int micro_images) {
         SequenceDesign design;
         design.width = width;
         design.height = height;
@@ -187,6 +191,7 @@ void bind_patterns(py::module_& m) {
         design.rows = rows;
         design.gray = gray;
         design.gray_inverted = gray_inverted;
+        design.gray_xor_px = gray_xor_px;
         design.white_black = white_black;
         design.ramp_levels = ramp_levels;
         design.bits = bits;
@@ -198,9 +203,9 @@ void bind_patterns(py::module_& m) {
       },
       py::arg("width"), py::arg("height"), py::arg("periods_px") = std::vector<double>{}, py::kw_only(),
       py::arg("steps") = 3, py::arg("columns") = true, py::arg("rows") = false, py::arg("gray") = "none",
-      py::arg("gray_inverted") = false, py::arg("white_black") = false, py::arg("ramp_levels") = 0, py::arg("bits") = 8,
-      py::arg("dithered") = false, py::arg("gray_cell_px") = 0, py::arg("micro_period_px") = 0,
-      py::arg("micro_images") = 0,
+      py::arg("gray_inverted") = false, py::arg("gray_xor_px") = 0, py::arg("white_black") = false,
+      py::arg("ramp_levels") = 0, py::arg("bits") = 8, py::arg("dithered") = false, py::arg("gray_cell_px") = 0,
+      py::arg("micro_period_px") = 0, py::arg("micro_images") = 0,
       "Builds a pattern sequence: micro phase shifting, fringes period by period, then the Gray code ('none', 'plain' "
       "or "
       "'complementary'), flat images last; columns before rows.");

@@ -178,7 +178,7 @@ TEST(Advice, AsksForAShorterLookWhereSaturationHidesTheBrightness) {
 }
 
 // A bias that neighbours share is not noise. A noise model with too small sigmas does not make noise a bias.
-TEST(Advice, IndirectLightIsToldFromNoise) {
+TEST(Advice, DistinguishesIndirectLightFromNoise) {
   RigModel rig;
   const auto biased = [](double period_px, int row, int) { return period_px > 100 ? 0.3 * std::sin(row / 15.0) : 0.0; };
   EXPECT_EQ(advice_on(stack_of(three_periods(), rig.sensor, 8, uniform(80), biased), rig).indirect,

@@ -135,6 +135,20 @@ TEST(RecognizedGrayBits, AreTheReflectedCodesBits) {
   }
 }
 
+TEST(RecognizedGrayBits, MayBeCombinedByXor) {
+  for (const double cell_px : {1.0, 8.25, 30.0}) {
+    for (const double carrier : {1, 2, 4}) {
+      const std::vector<Pattern> shown = gray_patterns(Axis::columns, cell_px, kProjector.width, 8, carrier * cell_px);
+      std::vector<RecognizedPattern> found = recognized(shown);
+      reconcile_patterns(found, {}, kProjector);
+      for (size_t i = 0; i < shown.size(); ++i) {
+        EXPECT_EQ(found[i].pattern.period_px, shown[i].period_px) << cell_px << ", bit " << i;
+        EXPECT_EQ(found[i].pattern.carrier_px, shown[i].carrier_px) << cell_px << ", bit " << i;
+      }
+    }
+  }
+}
+
 TEST(RecognizedGrayBits, OfASequenceHalveTheirCells) {
   for (uint64_t seed = 0; seed < 20; ++seed) {
     Random random(seed);

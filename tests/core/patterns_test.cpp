@@ -187,6 +187,26 @@ TEST(GrayCode, PatternsTellAllCellsApartAndNeighboursDifferInOneBit) {
   }
 }
 
+TEST(GrayCode, ExclusiveOrKeepsStripesNarrowAndTheCode) {
+  constexpr int kLength = 1024;
+  const std::vector<Pattern> plain = gray_patterns(Axis::columns, 4, kLength, 1),
+                             combined = gray_patterns(Axis::columns, 4, kLength, 1, 8);
+  ASSERT_EQ(plain.size(), combined.size());
+  const size_t carrier = plain.size() - 2;
+  for (size_t i = 0; i < plain.size(); ++i) {
+    int widest = 0, run = 0;
+    for (int u = 0; u < kLength; ++u) {
+      const double shown = ideal_intensity(combined[i], u);
+      const bool base = i < carrier && ideal_intensity(combined[carrier], u) > 0.5;
+      EXPECT_EQ(base ? 1 - shown : shown, ideal_intensity(plain[i], u));
+      run = u > 0 && ideal_intensity(combined[i], u - 1) == shown ? run + 1 : 1;
+      widest = std::max(widest, run);
+    }
+    EXPECT_LE(widest, 16) << i;
+  }
+  EXPECT_THAT(error_of([] { gray_patterns(Axis::columns, 4, 1024, 1, 6); }), HasSubstr("no bit with cells of 6 px"));
+}
+
 TEST(GrayCode, BitsAreFoundCoarsestFirstWithTheirInverses) {
   const PatternSequence sequence{64, 64, {gray(8), gray(16, true), gray(16), {Axis::columns, 8, 0, 8}, gray(32)}};
   const auto bits = gray_bits(sequence, Axis::columns);

@@ -303,6 +303,49 @@ TEST(Gray, NumbersACoarserPeriodThanTheFinest) {
               HasSubstr("wider than the longest period, 32 px"));
 }
 
+TEST(Gray, BitsCombinedByXorNumberThePeriods) {
+  for (const double stripe_px : {16.0, 32.0}) {
+    SequenceDesign design = design_of({16}, GrayCode::complementary);
+    design.gray_xor_px = stripe_px;
+    const PatternSequence sequence = design_sequence(design);
+    const RigModel rig = plain_rig();
+    Random random(5);
+    constexpr int kPixels = 4000, kSamples = 16;
+    constexpr double kBlur_px = 2;
+    const cv::Mat1d truth = support::ramp(1.2, 1021, kPixels);
+    std::vector<cv::Mat> images;
+    for (const Pattern& pattern : sequence.patterns) {
+      cv::Mat1b image(1, kPixels);
+      for (int i = 0; i < kPixels; ++i) {
+        double light = 0;
+        for (int s = 0; s < kSamples; ++s)
+          light += ideal_intensity(pattern, truth(i) + kBlur_px * ((s + 0.5) / kSamples - 0.5)) / kSamples;
+        image(i) = cv::saturate_cast<uchar>(30 + 150 * light + random.normal());
+      }
+      images.push_back(image);
+    }
+    const DecodedStack decoded = decode(stack_of(sequence, images), rig, by(Unwrapping::gray));
+    int valid = 0;
+    for (int i = 0; i < kPixels; ++i) {
+      if (std::isnan(decoded.coordinate_px(i))) continue;
+      ++valid;
+      EXPECT_NEAR(decoded.coordinate_px(i), truth(i), 0.5);
+    }
+    // Near the carrier's edges, noise decides all bits.
+    EXPECT_GT(valid, 0.97 * kPixels) << stripe_px;
+  }
+}
+
+TEST(Gray, ABitCombinedByXorNeedsItsCarrier) {
+  PatternSequence sequence = design_sequence(design_of({16}, GrayCode::complementary));
+  for (Pattern& pattern : sequence.patterns) {
+    if (pattern.coding == Coding::gray) pattern.carrier_px = pattern.period_px == 64 ? 4 : 0;
+  }
+  const FringeStack stack = fringe_stack(cv::Mat1d(1, 1, 203.0), sequence, {}, CV_8UC1);
+  EXPECT_THAT(error_of([&] { decode(stack, plain_rig(), by(Unwrapping::gray)); }),
+              HasSubstr("combined with one of 4 px, which the sequence does not contain"));
+}
+
 TEST(Gray, AFlatBitBetweenTwoFarCellsIsNotBelieved) {
   const PatternSequence sequence = design_sequence(design_of({32}, GrayCode::complementary));
   const RigModel rig = plain_rig();

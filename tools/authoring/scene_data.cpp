@@ -70,7 +70,9 @@ std::string text_of(const Pattern& pattern) {
       text = axis + ", single period " + period;
       break;
     case Coding::gray:
-      text = axis + ", Gray code, cell " + period + (pattern.inverted ? ", inverted" : "");
+      text = axis + ", Gray code, cell " + period +
+             (pattern.carrier_px > 0 ? ", XOR cell " + to_text(pattern.carrier_px) + " px" : "") +
+             (pattern.inverted ? ", inverted" : "");
       break;
     case Coding::flat:
       text = "level " + to_text(pattern.level);
