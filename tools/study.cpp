@@ -125,13 +125,13 @@ int run(const StudyArguments& arguments, const Common& common) {
   const auto start = std::chrono::steady_clock::now();
   {
     Progress progress("trials", static_cast<int>(missing.size()), common.quiet || common.json);
-    int told = 0, successes = 0;
+    int finished = 0, successes = 0;
     report = run_trials(
         study, missing, workers,
         [&](int trial, const std::string& line) {
           results.add(trial, line);
           successes += line.find("\"outcome\":\"success\"") != std::string::npos;
-          progress.step("  " + std::to_string(100 * successes / ++told) + " % succeed");
+          progress.step("  " + std::to_string(100 * successes / ++finished) + " % succeed");
         },
         interrupted);
   }

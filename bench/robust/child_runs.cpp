@@ -99,11 +99,12 @@ std::string shell_line(const std::vector<std::string>& words) {
 }
 
 Ended execute(const fs::path& folder, const std::string& line) {
-  const fs::path printed = folder / "printed.out", told = folder / "printed.err";
+  const fs::path printed = folder / "printed.out", messages = folder / "printed.err";
   const std::string command = "cd " + tools::quoted(folder.string()) + " && " + line + " > " +
-                              tools::quoted(printed.string()) + " 2> " + tools::quoted(told.string()) + " < /dev/null";
+                              tools::quoted(printed.string()) + " 2> " + tools::quoted(messages.string()) +
+                              " < /dev/null";
   const int status = std::system(command.c_str());
-  return {WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status), read_bytes(printed), read_bytes(told)};
+  return {WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status), read_bytes(printed), read_bytes(messages)};
 }
 
 Ended execute_well(const fs::path& folder, const std::string& line) {

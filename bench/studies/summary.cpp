@@ -167,14 +167,14 @@ std::vector<const Row*> failures_of(const std::vector<Row>& rows) {
 
 void find_worst(const Study& study, const std::vector<Row>& rows, int count, Summary& summary) {
   const std::vector<const Row*> order = failures_of(rows);
-  const auto told = [&](const Row* row) {
+  const auto entry = [&](const Row* row) {
     return WorstTrial{row->trial, row->outcome, row->cause, command_of(study, trial_of(study, row->trial)),
                       row->translation_mm};
   };
   std::set<std::string> causes;
   for (const Row* row : order) {
-    if (static_cast<int>(summary.worst.size()) < count) summary.worst.push_back(told(row));
-    if (causes.insert(row->cause).second) summary.worst_of_causes.push_back(told(row));
+    if (static_cast<int>(summary.worst.size()) < count) summary.worst.push_back(entry(row));
+    if (causes.insert(row->cause).second) summary.worst_of_causes.push_back(entry(row));
   }
 }
 

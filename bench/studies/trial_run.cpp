@@ -97,7 +97,7 @@ class Record {
   Record(const Study& study, const sim::Scene& scene) : study_(study), scene_(scene) {}
 
   void add(const FringeStack& stack, const FrameResult& result, const TruthFrame& truth, const KeyframeMap& map,
-           const RigModel& told) {
+           const RigModel& calibration) {
     note_images(stack, result);
     const cv::Mat1f depth = depth_of(result.frame);
     const DepthScore score = score_depth({depth, result.frame.sigma_m, result.decoded.coordinate_px}, truth,
@@ -116,7 +116,7 @@ class Record {
     }
     if (!truths_.empty()) seen_.overlap = std::min(seen_.overlap, true_overlap(truths_.back(), truth, scene_.rig));
     if (has_pose(result.tracking) && last_tracked_ + 1 == static_cast<int>(truths_.size()) && last_tracked_ >= 0)
-      note_bound(result, truth, told);
+      note_bound(result, truth, calibration);
     if (has_pose(result.tracking)) {
       last_tracked_ = static_cast<int>(truths_.size());
       last_sigma_m_ = result.frame.sigma_m.clone();
@@ -188,12 +188,12 @@ class Record {
     seen_.confidently_wrong |= off_m > 1e-3 && squared > 100;
   }
 
-  void note_bound(const FrameResult& result, const TruthFrame& truth, const RigModel& told) {
+  void note_bound(const FrameResult& result, const TruthFrame& truth, const RigModel& calibration) {
     const Pose& mount = scene_.rig.robot_from_camera;
     const TruthFrame& previous = truths_.back();
     const Pose true_motion = (previous.world_from_robot * mount).inverse() * (truth.world_from_robot * mount);
-    const Matrix6d information = pose_information(previous, last_sigma_m_, truth, result.frame.sigma_m, told.camera,
-                                                  pixel_rays(told.camera), true_motion);
+    const Matrix6d information = pose_information(previous, last_sigma_m_, truth, result.frame.sigma_m,
+                                                  calibration.camera, pixel_rays(calibration.camera), true_motion);
     const double over = error_over_bound(result.previous_from_current, true_motion, information);
     if (std::isfinite(over)) seen_.over_bound = std::fmax(seen_.over_bound, over);  // fmax ignores NaN
   }

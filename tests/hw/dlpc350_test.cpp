@@ -17,19 +17,19 @@ using Bytes = std::vector<uint8_t>;
 
 // Transcript of both sides: reports received by the controller, and its prepared replies.
 struct Talk {
-  std::vector<Bytes> told;
+  std::vector<Bytes> sent;
   std::deque<Bytes> says;
 };
 
 class Transcript : public ByteTransport {
  public:
   explicit Transcript(Talk& talk) : talk_(talk) {}
-  void write(const Bytes& report) override { talk_.told.push_back(report); }
+  void write(const Bytes& report) override { talk_.sent.push_back(report); }
   Bytes read(double) override {
     if (talk_.says.empty()) throw Error("no reply");
     Bytes report = talk_.says.front();
     talk_.says.pop_front();
-    report[1] = talk_.told.back()[1];
+    report[1] = talk_.sent.back()[1];
     return report;
   }
 
@@ -73,10 +73,10 @@ TEST(Dlpc350, VideoAsPatternsIsThisTalk) {
       {0x00, 3, 0, 0x24, 0x1A, 2},                                    // start
       {0x00, 3, 0, 0x24, 0x1A, 0},                                    // destructor: stop
       {0x00, 3, 0, 0x1B, 0x1A, 0}};                                   // back to video
-  ASSERT_EQ(talk.told.size(), expected.size());
+  ASSERT_EQ(talk.sent.size(), expected.size());
   for (size_t i = 0; i < expected.size(); ++i) {
-    EXPECT_EQ(plain(talk.told[i]), expected[i]) << i;
-    EXPECT_EQ(talk.told[i][1], i) << "sequence number";
+    EXPECT_EQ(plain(talk.sent[i]), expected[i]) << i;
+    EXPECT_EQ(talk.sent[i][1], i) << "sequence number";
   }
 }
 
@@ -85,9 +85,9 @@ TEST(Dlpc350, AFrameOfThreePatternsShowsItsChannelsInOrder) {
   talk.says = {answer(0x00)};
   Dlpc350 controller(std::make_unique<Transcript>(talk));
   controller.show_video_as_patterns({.period_us = 16666, .exposure_us = 5300, .packing = "RGB"}, [] {});
-  std::vector<Bytes> told;
-  for (const Bytes& report : talk.told) told.push_back(plain(report));
-  EXPECT_THAT(told,
+  std::vector<Bytes> sent;
+  for (const Bytes& report : talk.sent) sent.push_back(plain(report));
+  EXPECT_THAT(sent,
               testing::IsSupersetOf(std::vector<Bytes>{
                   {0x00, 6, 0, 0x31, 0x1A, 2, 1, 2, 0},                           // three entries
                   {0x00, 10, 0, 0x29, 0x1A, 0xB4, 0x14, 0, 0, 0xB3, 0x15, 0, 0},  // 5300 us of a third of 16666 us
@@ -102,7 +102,7 @@ TEST(Dlpc350, WhatItFindsInvalidIsSaidInWords) {
     talk.says = {answer(status)};
     Dlpc350 controller(std::make_unique<Transcript>(talk));
     EXPECT_THAT(error_of([&] { controller.show_video_as_patterns({}, [] {}); }), HasSubstr(words));
-    EXPECT_NE(plain(talk.told.back()), (Bytes{0x00, 3, 0, 0x24, 0x1A, 2})) << "started despite the fault";
+    EXPECT_NE(plain(talk.sent.back()), (Bytes{0x00, 3, 0, 0x24, 0x1A, 2})) << "started despite the fault";
   }
   EXPECT_EQ(validation_faults(0), "");
   EXPECT_THAT(validation_faults(0x03), HasSubstr("; "));

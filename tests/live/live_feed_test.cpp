@@ -25,17 +25,17 @@ class Viewer {
   explicit Viewer(const LiveFeed& feed) : feed_(feed) {}
 
   void ask() {
-    json told = json::parse(feed_.changes(run_, sequence_));
-    if (told.contains("about")) known_ = json{{"views", json::array()}, {"keyframes", json::array()}};
+    json changes = json::parse(feed_.changes(run_, sequence_));
+    if (changes.contains("about")) known_ = json{{"views", json::array()}, {"keyframes", json::array()}};
     for (const char* list : {"views", "keyframes"}) {
-      const json part = told[list];
-      told.erase(list);
+      const json part = changes[list];
+      changes.erase(list);
       json& mine = known_[list];
       while (mine.size() > part["from"]) mine.erase(mine.size() - 1);
       for (const json& entry : part["list"]) mine.push_back(entry);
       received_ += part["list"].size();
     }
-    known_.update(told);
+    known_.update(changes);
     run_ = known_["run"];
     sequence_ = known_["sequence"];
   }
@@ -76,7 +76,7 @@ TEST(LiveFeed, WhoComesLateKnowsWhatWhoWasThereFromTheStartKnows) {
   EXPECT_EQ(early.known()["finished"], true);
 }
 
-TEST(LiveFeed, OnlyWhatIsNewIsTold) {
+TEST(LiveFeed, SendsOnlyWhatIsNew) {
   LiveFeed feed(test::run_setup());
   SyntheticRun run;
   Viewer viewer(feed);
@@ -151,7 +151,7 @@ TEST(LiveFeed, CandidatesCarryTheirReason) {
                              "victim": false}])"));
 }
 
-TEST(LiveFeed, AnotherRunIsToldFromItsStart) {
+TEST(LiveFeed, SendsAnotherRunFromItsStart) {
   LiveFeed before(test::run_setup()), after(test::run_setup());
   SyntheticRun one, other;
   for (int i = 0; i < 3; ++i) one.track(before);
@@ -195,15 +195,15 @@ TEST(LiveFeed, PointsAreThoseOfTheKeyframes) {
 TEST(LiveFeed, WaitingEndsWithTheChange) {
   LiveFeed feed(test::run_setup());
   const json start = json::parse(feed.snapshot());
-  std::atomic<bool> told = false;
+  std::atomic<bool> notified = false;
   std::thread viewer([&] {
     feed.await_change(start["run"], start["sequence"], std::chrono::hours(1), [] { return false; });
-    told = true;
+    notified = true;
   });
-  EXPECT_FALSE(told);
+  EXPECT_FALSE(notified);
   SyntheticRun().track(feed);
   viewer.join();  // would wait for an hour if it were not notified
-  EXPECT_TRUE(told);
+  EXPECT_TRUE(notified);
   // Returns immediately for another run, and as soon as `give_up` is true.
   feed.await_change("another", 99, std::chrono::hours(1), [] { return false; });
   feed.await_change(start["run"], 99, std::chrono::hours(1), [] { return true; });

@@ -256,15 +256,15 @@ TEST(LivePage, NobodyBeyondThisComputerIsServed) {
   EXPECT_FALSE(elsewhere.Get("/snapshot"));
 }
 
-TEST(LivePage, ALateViewerIsToldWhatAnEarlyOneGathered) {
+TEST(LivePage, ALateViewerGetsWhatAnEarlyOneGathered) {
   LivePage page(test::run_setup(), {});
   SyntheticRun run;
   json views = json::array();
   std::string path = wait_for_more(page);
   for (int i = 0; i < 6; ++i) {
     i == 2 ? run.lose(page.feed()) : run.track(page.feed(), i == 3);
-    const json told = json::parse(get(page, path)->body);
-    for (const json& view : told["views"]["list"]) views.push_back(view);
+    const json answer = json::parse(get(page, path)->body);
+    for (const json& view : answer["views"]["list"]) views.push_back(view);
     path = wait_for_more(page);
   }
   const json late = snapshot_of(page);
@@ -281,15 +281,15 @@ TEST(LivePage, TooManyViewersAreToldSo) {
   const std::string request = "GET " + wait_for_more(page) + " HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n";
   std::deque<NonReadingClient> waiting;
   for (size_t i = 0; i < LivePage::kViewers; ++i) waiting.emplace_back(port_of(page), request);
-  std::string told;
-  while (told.find("HTTP/1.1 200") == 0 || told.empty()) told = NonReadingClient(port_of(page), request).rest();
-  EXPECT_THAT(told, AllOf(StartsWith("HTTP/1.1 503"), HasSubstr("Retry-After:")));
+  std::string answer;
+  while (answer.find("HTTP/1.1 200") == 0 || answer.empty()) answer = NonReadingClient(port_of(page), request).rest();
+  EXPECT_THAT(answer, AllOf(StartsWith("HTTP/1.1 503"), HasSubstr("Retry-After:")));
   EXPECT_EQ(status_of(page, "/snapshot"), 200);
   // Viewers that disconnect make room for others: waiting connections are polled.
   waiting.clear();
   page.feed().show(ramp_stack(60));
-  while (told.find("HTTP/1.1 503") == 0) told = NonReadingClient(port_of(page), request).rest();
-  EXPECT_THAT(told, StartsWith("HTTP/1.1 200"));
+  while (answer.find("HTTP/1.1 503") == 0) answer = NonReadingClient(port_of(page), request).rest();
+  EXPECT_THAT(answer, StartsWith("HTTP/1.1 200"));
 }
 
 // Clients that request and never read, many at a time.

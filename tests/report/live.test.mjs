@@ -102,7 +102,7 @@ test('the map fills while views come, and who comes late sees no less', async ()
   await run.stop();
 });
 
-test('what happened is told', async () => {
+test('reports what happened', async () => {
   const {page, close} = await open(still.url);
   await says(page, 'connection', 'Finished');
   await says(page, 'tracking', 'tracking');
@@ -246,15 +246,15 @@ test('victim candidates are listed and marked with their reason', async () => {
 
   // Candidates as the server will send them.
   const context = await browser.newContext({reducedMotion: 'reduce'});
-  const told = await context.newPage();
-  await told.route('**/snapshot', async (route) => {
+  const altered = await context.newPage();
+  await altered.route('**/snapshot', async (route) => {
     const answer = await route.fetch();
     const candidates = [{position_m: [0, 0, 0.1], radius_m: 0.1, state: 'confirmed', victim: true, reason: '<b>34 °C</b> behind a box'}];
     return route.fulfill({response: answer, json: {...(await answer.json()), candidates}});
   });
-  await told.goto(still.url);
-  await drawn(told);
-  assert.equal(await told.locator('#candidate-list li').innerText(), '1: confirmed at 0.00, 0.00, 0.10 m, radius 0.10 m. <b>34 °C</b> behind a box');
-  await told.locator('#legend').getByText('may be a victim').waitFor();
+  await altered.goto(still.url);
+  await drawn(altered);
+  assert.equal(await altered.locator('#candidate-list li').innerText(), '1: confirmed at 0.00, 0.00, 0.10 m, radius 0.10 m. <b>34 °C</b> behind a box');
+  await altered.locator('#legend').getByText('may be a victim').waitFor();
   await context.close();
 });

@@ -66,9 +66,9 @@ test('each chart shows its data', async () => {
 test('causes are counted, explained and pick their trials out', async () => {
   const {page, close} = await open();
   const {causes} = summary();
-  const told = await page.locator('#causes').innerText();
+  const shown = await page.locator('#causes').innerText();
   for (const [cause, count] of Object.entries(causes)) {
-    assert.match(told, new RegExp(`${cause.replaceAll('_', ' ')}[^]*?${count}\\s`), cause);
+    assert.match(shown, new RegExp(`${cause.replaceAll('_', ' ')}[^]*?${count}\\s`), cause);
   }
   const {trials} = await dataOf(page);
   const all = await look(page, '#points');
@@ -84,7 +84,7 @@ test('causes are counted, explained and pick their trials out', async () => {
   await close();
 });
 
-test('the keys, the pointer and the number choose a trial; its command is told', async () => {
+test('the keys, the pointer and the number choose a trial; its command is shown', async () => {
   const {page, close} = await open();
   const {trials, parameters} = await dataOf(page);
   const across = parameters.findIndex(({name}) => name === 'decode.min_modulation_dn');

@@ -117,13 +117,13 @@ TEST_F(SceneVariant, KeysOfTheRigReplaceThoseOfItsFileAndErrorsNameTheRightOne) 
   EXPECT_THAT(error_of([&] { load_scene(file(", far_m: 0.1")); }), StartsWith(scene + ":2: "));
 }
 
-TEST_F(SceneVariant, AWrongCalibrationIsWhatThePipelineIsTold) {
+TEST_F(SceneVariant, ThePipelineGetsAWrongCalibration) {
   const Scene scene = load_scene(
       file("", "calibration_error: {translation_mm: [1, 0, 0], rotation_deg: [0, 0.5, 0], focal_percent: 2}\n"));
   const VirtualRig rig(scene, {});
-  const RigModel told = rig.model();
-  EXPECT_NEAR(told.camera.fx, 1.02 * scene.rig.camera.fx, 1e-9);
-  const Pose off = scene.rig.projector_from_camera * told.projector_from_camera.inverse();
+  const RigModel calibration = rig.model();
+  EXPECT_NEAR(calibration.camera.fx, 1.02 * scene.rig.camera.fx, 1e-9);
+  const Pose off = scene.rig.projector_from_camera * calibration.projector_from_camera.inverse();
   EXPECT_NEAR(1e3 * off.translation.norm(), 1, 1e-9);
   EXPECT_NEAR(180 / std::numbers::pi * rotation_rad(off), 0.5, 1e-9);
   const Scene right = load_scene(file());

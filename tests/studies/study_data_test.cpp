@@ -135,13 +135,14 @@ TEST_F(StudyData, OfNoTrialsIsEmpty) {
 
 TEST_F(StudyData, APictureThatCrashesIsSaidInWords) {
   const Summary summary = summarise(study_, lines_);
-  const auto told = [&](const std::string& script) {
+  const auto pictured = [&](const std::string& script) {
     return pictures_of(study_, {summary.worst_of_causes.back()}, {1, {"sh", "-c", script}}, [] { return false; });
   };
-  EXPECT_EQ(told("read trial; echo '{\"views\":[]}'").at(3), json({{"views", json::array()}}));
-  EXPECT_THAT(told("read trial; kill -SEGV $$").at(3)["unpictured"].get<std::string>(),
+  EXPECT_EQ(pictured("read trial; echo '{\"views\":[]}'").at(3), json({{"views", json::array()}}));
+  EXPECT_THAT(pictured("read trial; kill -SEGV $$").at(3)["unpictured"].get<std::string>(),
               HasSubstr("Segmentation fault"));
-  EXPECT_THAT(told("read trial; echo nonsense").at(3)["unpictured"].get<std::string>(), HasSubstr("without an answer"));
+  EXPECT_THAT(pictured("read trial; echo nonsense").at(3)["unpictured"].get<std::string>(),
+              HasSubstr("without an answer"));
   EXPECT_THAT(error_of([&] {
                 pictures_of(study_, summary.worst, {1, {"sh", "-c", "read trial; sleep 9"}}, [] { return true; });
               }),

@@ -153,13 +153,13 @@ class StudyPage : public StudyVerb {
     return study(replaced(replaced(test::kSmallStudy, "max_translation_mm: 5", "max_translation_mm: 1e-9"),
                           "name: small", "name: " + name));
   }
-  Json told(const std::string& folder) const { return page_data(read_bytes(temp_ / folder / "report.html")); }
+  Json report(const std::string& folder) const { return page_data(read_bytes(temp_ / folder / "report.html")); }
 };
 
 TEST_F(StudyPage, HasThePicturesOfTheWorst) {
   const std::string file = failing();
   run_successfully({"--quiet", "study", "run", file, "--out", at("out"), "--worst", "2"});
-  const Json data = told("out");
+  const Json data = report("out");
   EXPECT_EQ(data["summary"], Json::parse(read_bytes(temp_ / "out/summary.json")));
   EXPECT_EQ(data["summary"]["successes"], 0);
   ASSERT_EQ(data["worst"].size(), 2u);
@@ -175,7 +175,7 @@ TEST_F(StudyPage, HasThePicturesOfTheWorst) {
               HasSubstr("written: " + at("out/report.html")));
   EXPECT_TRUE(read_bytes(temp_ / "out/report.html") == page);
   run_successfully({"--json", "study", "report", file, "--out", at("out"), "--worst", "0"});
-  EXPECT_TRUE(told("out")["worst"].empty());
+  EXPECT_TRUE(report("out")["worst"].empty());
 }
 
 TEST_F(StudyPage, SaysWhatATrialDidInsteadOfBeingPictured) {
@@ -184,7 +184,7 @@ TEST_F(StudyPage, SaysWhatATrialDidInsteadOfBeingPictured) {
   run_successfully({"--quiet", "study", "run", file, "--out", at("out"), "--worst", "0"});
   fs::remove(temp_ / "rig.yaml");
   run_successfully({"--quiet", "study", "report", file, "--out", at("out"), "--worst", "1"});
-  EXPECT_THAT(told("out")["worst"][0]["unpictured"].get<std::string>(), HasSubstr("rig.yaml"));
+  EXPECT_THAT(report("out")["worst"][0]["unpictured"].get<std::string>(), HasSubstr("rig.yaml"));
 }
 
 TEST_F(StudyPage, EscapesNames) {
@@ -193,7 +193,7 @@ TEST_F(StudyPage, EscapesNames) {
   const std::string page = read_bytes(temp_ / "out/report.html");
   EXPECT_THAT(page, HasSubstr("<title>&lt;/script&gt;&lt;!--&lt;script&gt;&amp;"));
   EXPECT_THAT(page, testing::Not(HasSubstr("</script><!--")));
-  EXPECT_EQ(told("out")["name"], "</script><!--<script>&");
+  EXPECT_EQ(report("out")["name"], "</script><!--<script>&");
 }
 #endif
 

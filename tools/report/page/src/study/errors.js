@@ -50,8 +50,8 @@ function drawn({points, percentiles}, unit, limit, width) {
 function card(title, unit, curve, limit) {
   const {count, none, percentiles} = curve;
   const note = none > 0 ? `Of ${plural(count, 'trial')}; ${plural(none, 'other')} lost tracking or ended early, and have no motion to measure.` : `Of ${plural(count, 'trial')}.`;
-  const told = percentiles.map(([percent, error]) => `${percent} % below ${figure(error)} ${unit}`).join(', ');
-  const box = chartBox(`${title}: ${told}`, (width) => drawn(curve, unit, limit, width));
+  const description = percentiles.map(([percent, error]) => `${percent} % below ${figure(error)} ${unit}`).join(', ');
+  const box = chartBox(`${title}: ${description}`, (width) => drawn(curve, unit, limit, width));
   return chartCard(title, 'worst motion of each trial', box, `${note} Dashed: the study's limit, ${limit} ${unit}.`);
 }
 

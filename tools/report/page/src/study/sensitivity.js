@@ -50,8 +50,9 @@ function drawn(entries, width) {
 
 function card(title, aside, which) {
   const entries = ranked(which);
-  const told = entries.map(({name, first, first_95: first95}) => `${name} ${sensitivityText(first, first95)}`).join('; ');
-  return chartCard(title, aside, chartBox(`${title}: ${told}`, (width) => drawn(entries, width)));
+  const description =
+      entries.map(({name, first, first_95: first95}) => `${name} ${sensitivityText(first, first95)}`).join('; ');
+  return chartCard(title, aside, chartBox(`${title}: ${description}`, (width) => drawn(entries, width)));
 }
 
 export function showSensitivity() {

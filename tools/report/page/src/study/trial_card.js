@@ -27,7 +27,7 @@ function rowsOf(trial) {
 
 export function trialCard() {
   const title = element('h3', {id: 'trial-name'});
-  const told = element('div', {'aria-live': 'polite'}, title);
+  const heading = element('div', {'aria-live': 'polite'}, title);
   const rest = element('div', {class: 'trial-rest'});
   store.on(({place}) => {
     if (place < 0) return;
@@ -41,5 +41,5 @@ export function trialCard() {
       commandLine(data.replay + trial.trial, `trial ${trial.trial}`),
       pictured ? element('p', {}, element('a', {href: `#trial-${trial.trial}`}, 'See its pictures below.')) : '');
   });
-  return element('div', {id: 'trial', class: 'card'}, told, rest);
+  return element('div', {id: 'trial', class: 'card'}, heading, rest);
 }
