@@ -18,6 +18,9 @@ void read_success(const YamlMap& map, SuccessRule& rule) {
   rule.max_translation_m = 1e-3 * map.number_or("max_translation_mm", 1e3 * rule.max_translation_m, {0, 1e4});
   rule.max_rotation_deg = map.number_or("max_rotation_deg", rule.max_rotation_deg, {0, 180});
   rule.min_valid = map.number_or("min_valid", rule.min_valid, {0, 1});
+  rule.max_depth_m = 1e-3 * map.number_or("max_depth_mm", 1e3 * rule.max_depth_m, {0, 1e4});
+  rule.max_wrong_order = map.number_or("max_wrong_order", rule.max_wrong_order, {0, 1});
+  rule.max_beyond_4_sigma = map.number_or("max_beyond_4_sigma", rule.max_beyond_4_sigma, {0, 1});
 }
 
 fs::path scene_file(const YamlMap& map) {

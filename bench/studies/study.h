@@ -13,7 +13,10 @@ namespace fringeslam::studies {
 struct SuccessRule {
   double max_translation_m = 1e-3;  // of the worst motion between consecutive views
   double max_rotation_deg = 0.1;
-  double min_valid = 0;  // smallest fraction of lit pixels with depth, in the worst view
+  // In the worst view: smallest fraction of lit pixels with depth; largest median of their absolute depth errors, and of
+  // the fractions with a wrong fringe order and with an error of more than four sigmas.
+  double min_valid = 0;
+  double max_depth_m = 10, max_wrong_order = 1, max_beyond_4_sigma = 1;
 };
 
 struct Study : Sampling {

@@ -11,6 +11,7 @@
 #include "bench/studies/trial_settings.h"
 #include "core/base/constants.h"
 #include "core/io/json_text.h"
+#include "core/score/depth_honesty.h"
 #include "core/score/score.h"
 #include "core/types/linear_algebra.h"
 
@@ -27,7 +28,7 @@ constexpr int kLeastMatches = 8;
 
 // Measurements of a trial, in the worst view.
 struct Seen {
-  double valid = 1, wrong_order = 0, saturated = 0, modulation = kNaN, depth_m = 0;
+  double valid = 1, wrong_order = 0, beyond_4_sigma = 0, saturated = 0, modulation = kNaN, depth_m = 0;
   int views = 0, tracked = 0, matches = std::numeric_limits<int>::max();
   double translation_m = 0, rotation_rad = 0, over_bound = kNaN, nees = 0, overlap = 1;
   bool confidently_wrong = false;
@@ -81,13 +82,16 @@ double squared_sigmas(const Pose& estimate, const Pose& truth, const Matrix6d& c
   return error.dot(solve_symmetric(covariance, error));
 }
 
-std::string cause_of(const Seen& seen) {
+std::string cause_of(const Seen& seen, const SuccessRule& rule) {
   if (seen.saturated > kMostSaturated) return "saturated";
   if (seen.modulation < kLeastModulation) return "too_dark";
   if (seen.wrong_order > kMostWrongOrders) return "wrong_fringe_order";
   if (seen.valid < kLeastValid) return "little_depth";
   if (seen.overlap < kLeastOverlap) return "too_little_overlap";
   if (seen.tracked < seen.views) return seen.matches < kLeastMatches ? "too_few_landmarks" : "not_registered";
+  if (seen.beyond_4_sigma > rule.max_beyond_4_sigma) return "overconfident_depth";
+  if (seen.depth_m > rule.max_depth_m || seen.wrong_order > rule.max_wrong_order) return "inaccurate_depth";
+  if (seen.valid < rule.min_valid) return "little_depth";
   return "inaccurate_registration";
 }
 
@@ -106,6 +110,9 @@ class Record {
     if (score.compared > 0) {
       seen_.wrong_order = std::max(seen_.wrong_order, score.wrong_order);
       seen_.depth_m = std::max(seen_.depth_m, score.median_m);
+      DepthHonesty honesty;
+      honesty.add(result.frame, truth);
+      seen_.beyond_4_sigma = std::max(seen_.beyond_4_sigma, honesty.dishonest_share());
     }
     ++seen_.views;
     seen_.tracked += has_pose(result.tracking);
@@ -134,12 +141,14 @@ class Record {
     TrialResult result;
     const SuccessRule& rule = study_.success;
     const bool inaccurate = seen_.translation_m > rule.max_translation_m ||
-                            kDegPerRad * seen_.rotation_rad > rule.max_rotation_deg || seen_.valid < rule.min_valid;
+                            kDegPerRad * seen_.rotation_rad > rule.max_rotation_deg || seen_.valid < rule.min_valid ||
+                            seen_.depth_m > rule.max_depth_m || seen_.wrong_order > rule.max_wrong_order ||
+                            seen_.beyond_4_sigma > rule.max_beyond_4_sigma;
     result.outcome = seen_.confidently_wrong       ? Outcome::confidently_wrong
                      : seen_.tracked < seen_.views ? Outcome::lost
                      : inaccurate                  ? Outcome::inaccurate
                                                    : Outcome::success;
-    if (result.outcome != Outcome::success) result.cause = cause_of(seen_);
+    if (result.outcome != Outcome::success) result.cause = cause_of(seen_, rule);
     const bool moved = seen_.tracked > 1;
     result.metrics = {{"translation_mm", moved ? 1e3 * seen_.translation_m : kNaN},
                       {"rotation_deg", moved ? kDegPerRad * seen_.rotation_rad : kNaN},
@@ -148,6 +157,7 @@ class Record {
                       {"depth_median_mm", 1e3 * seen_.depth_m},
                       {"valid", seen_.valid},
                       {"wrong_order", seen_.wrong_order},
+                      {"beyond_4_sigma", seen_.beyond_4_sigma},
                       {"saturated", seen_.saturated},
                       {"modulation_dn", seen_.modulation},
                       {"overlap", seen_.overlap},

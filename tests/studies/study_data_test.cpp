@@ -53,7 +53,12 @@ TEST_F(StudyData, CountsAndNames) {
   EXPECT_EQ(page["hash"], hash_text(study_));
   EXPECT_EQ(page["scene"], "scene.yaml");
   EXPECT_EQ(page["planned"], 6);
-  EXPECT_EQ(page["rule"], json({{"max_translation_mm", 5.0}, {"max_rotation_deg", 1.0}, {"min_valid", 0.0}}));
+  EXPECT_EQ(page["rule"], json({{"max_translation_mm", 5.0},
+                                {"max_rotation_deg", 1.0},
+                                {"min_valid", 0.0},
+                                {"max_depth_mm", 1e4},
+                                {"max_wrong_order", 1.0},
+                                {"max_beyond_4_sigma", 1.0}}));
   EXPECT_EQ(page["summary"]["successes"], 3);
   EXPECT_EQ(page["summary"]["causes"], json({{"crashed", 1}, {"too_dark", 2}}));
   // Wilson interval of 3 of 6, by hand: (0.5 + z^2/12 -+ z sqrt(1/24 + z^2/144)) / (1 + z^2/6), z = 1.96.

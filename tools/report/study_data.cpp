@@ -149,7 +149,10 @@ ordered_json study_data(const Study& study, const std::vector<Row>& rows, const 
                        {"summary", to_json(summary)}};
   json["rule"] = {{"max_translation_mm", 1e3 * study.success.max_translation_m},
                   {"max_rotation_deg", study.success.max_rotation_deg},
-                  {"min_valid", study.success.min_valid}};
+                  {"min_valid", study.success.min_valid},
+                  {"max_depth_mm", 1e3 * study.success.max_depth_m},
+                  {"max_wrong_order", study.success.max_wrong_order},
+                  {"max_beyond_4_sigma", study.success.max_beyond_4_sigma}};
   json["parameters"] = json["worst"] = ordered_json::array();
   for (size_t p = 0; p < study.parameters.size(); ++p)
     json["parameters"].push_back(parameter_json(study.parameters[p], p, rows));

@@ -2,6 +2,7 @@
 // Names and descriptions of outcomes and causes; the identifiers in the results are defined in
 // bench/studies/trial_run.h.
 import {data} from '../shared/data.js';
+import {short} from '../shared/format.js';
 
 // Name, meaning, and the mark in the scatter plot, drawn around (x, y) with about radius r.
 const kOutcomes = {
@@ -50,6 +51,8 @@ const kCauses = {
   too_little_overlap: 'Two consecutive views overlap by less than a fifth.',
   too_few_landmarks: 'Fewer than 8 keypoints were matched between two views.',
   not_registered: 'Keypoints were matched, but no motion had enough inliers.',
+  overconfident_depth: 'The errors of too many depths exceed four of their sigmas.',
+  inaccurate_depth: 'The depth exceeds the error limits, or has too many wrong fringe orders.',
   inaccurate_registration: 'The estimated motion exceeds the error limits, and no other cause was found.',
   refused: 'The scene or the settings are contradictory; see the message.',
   crashed: 'The process died.',
@@ -71,7 +74,21 @@ export function causeMeaning(cause) {
 }
 
 export function ruleText() {
-  const {max_translation_mm: shift, max_rotation_deg: turn, min_valid: valid} = data.rule;
-  const depth = valid > 0 ? `, and every view has depth at ${Math.round(valid * 100)} % or more of its lit pixels` : '';
-  return `A trial succeeds when every view has a pose, the error of each motion between consecutive views is at most ${shift} mm and ${turn}°${depth}.`;
+  const {
+    max_translation_mm: shift,
+    max_rotation_deg: turn,
+    min_valid: valid,
+    max_depth_mm: depth,
+    max_wrong_order: wrong,
+    max_beyond_4_sigma: beyond
+  } = data.rule;
+  const percent = (share) => `${short(share * 100)} %`;
+  const ofDepth = [];
+  if (valid > 0) ofDepth.push(`depth at ${percent(valid)} or more of its lit pixels`);
+  if (depth < 1e4) ofDepth.push(`a median depth error of at most ${depth} mm`);
+  if (wrong < 1) ofDepth.push(`wrong fringe orders at no more than ${percent(wrong)} of them`);
+  if (beyond < 1) ofDepth.push(`errors beyond four sigmas at no more than ${percent(beyond)} of them`);
+  const also = ofDepth.length > 0 ? `, and every view has ${ofDepth.join(', ')}` : '';
+  return `A trial succeeds when every view has a pose, the error of each motion between consecutive views is at most ${
+      shift} mm and ${turn}°${also}.`;
 }
