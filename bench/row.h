@@ -80,6 +80,7 @@ std::vector<Item> same_bits_items();
 std::vector<Item> soak_items();
 std::vector<Item> speed_items();
 std::vector<Item> study_items();
+std::vector<Item> subsurface_items();
 std::vector<Item> dataset_items();
 std::vector<Item> load_items();
 std::vector<Item> unwrapping_items();

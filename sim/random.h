@@ -27,7 +27,8 @@ enum class Stream : uint32_t {
   settling = 9,
   thermal_noise = 10,
   vibration = 11,
-  building = 12
+  building = 12,
+  subsurface = 13
 };
 
 class Philox {

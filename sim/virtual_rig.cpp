@@ -255,6 +255,7 @@ void write_truth(const TruthFrame& truth, const std::filesystem::path& folder) {
                                       {"projector_row", truth.projector_row},
                                       {"temperature_c", truth.temperature_c},
                                       {"mask", truth.mask}};
+  if (!truth.indirect_share.empty()) channels.push_back({"indirect_share", truth.indirect_share});
   for (const TruthOrder& order : truth.fringe_orders)
     channels.push_back(
         {std::string("fringe_order.") + (order.columns ? "columns." : "rows.") + to_text(order.period_px),

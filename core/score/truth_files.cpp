@@ -41,6 +41,8 @@ TruthFrame read_truth_frame(const std::filesystem::path& file, const Pinhole* ca
   truth.object_id = channel(channels, "object_id", file);
   truth.projector_column = channel(channels, "projector_column", file);
   truth.mask = channel(channels, "mask", file);
+  const auto indirect = channels.find("indirect_share");
+  if (indirect != channels.end()) truth.indirect_share = indirect->second;
   return truth;
 }
 

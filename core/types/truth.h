@@ -46,6 +46,9 @@ struct TruthFrame {
   cv::Mat1f projector_row;                // px; NaN outside the projector's field          channel projector_row
   cv::Mat1f temperature_c;                // of the surface                                 channel temperature_c
   cv::Mat1f mask;                         // sum of TruthMask bits                          channel mask
+  cv::Mat1f indirect_share;               // of the projector's light: sent by other        channel indirect_share
+                                          // surfaces or from below this one, mean over the patterns; NaN without light.
+                                          // Empty if there is no such light, and in motion; measured over the pixel
   std::vector<TruthOrder> fringe_orders;  // of every period shown; NaN outside the projector's field
                                           // channels fringe_order.columns.16.5 etc.
 };

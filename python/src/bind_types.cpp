@@ -333,6 +333,9 @@ void bind_truth(py::module_& m) {
       .def_readonly("projector_column", &TruthFrame::projector_column, "px; NaN outside the projector's field.")
       .def_readonly("projector_row", &TruthFrame::projector_row)
       .def_readonly("temperature_c", &TruthFrame::temperature_c)
+      .def_readonly("indirect_share", &TruthFrame::indirect_share,
+                    "Share of the projector's light that other surfaces sent or that came from below this one; None if "
+                    "no such light was simulated, and in motion.")
       .def_readonly("mask", &TruthFrame::mask, "Sum of the TRUTH_ bits, float32.");
 }
 

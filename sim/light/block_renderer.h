@@ -6,6 +6,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "core/base/constants.h"
 #include "core/base/instruction_set.h"
 #include "core/base/parallel.h"
 #include "sim/light/air.h"
@@ -13,6 +14,7 @@
 #include "sim/light/indirect.h"
 #include "sim/light/photometry.h"
 #include "sim/light/renderer.h"
+#include "sim/light/subsurface.h"
 #include "sim/random.h"
 
 namespace fringeslam::sim {
@@ -24,6 +26,13 @@ static_assert(kBlock * kBlock == kPacket);
 inline Eigen::Vector2d r2_point(int index, double shift_x, double shift_y) {
   const double x = shift_x + index * 0.7548776662466927, y = shift_y + index * 0.5698402909980532;
   return {x - std::floor(x), y - std::floor(y)};
+}
+
+// Returns the binary digits of a number mirrored at the binary point, in [0, 1) (van der Corput).
+inline double mirrored_digits(uint32_t number) {
+  double result = 0;
+  for (double place = 0.5; number != 0; number >>= 1, place *= 0.5) result += place * (number & 1);
+  return result;
 }
 
 // Returns the lanes for which a branch-free condition holds; both loops vectorise.
@@ -51,17 +60,24 @@ struct Station {
   Beam beam;
 };
 
+// Means over the patterns of the projector's light in each pixel: all of it, and what other surfaces sent or came from
+// below the surface.
+struct LightShares {
+  cv::Mat1f total, indirect;
+};
+
 // Renders one block of pixels under all patterns.
 class BlockRenderer {
  public:
   BlockRenderer(const Renderer& renderer, const ProjectedPatterns& patterns, const std::vector<Station>& stations,
-                int stack, IndirectLightBuffer* indirect, IndirectLightBuffer* veil)
+                int stack, IndirectLightBuffer* indirect, IndirectLightBuffer* veil, LightShares* shares)
       : r_(renderer),
         patterns_(patterns),
         stations_(stations),
         stack_(stack),
         indirect_(indirect),
         veil_(veil),
+        shares_(shares),
         width_(renderer.scene_.rig.camera.width),
         height_(renderer.scene_.rig.camera.height),
         footprint_(renderer.rays_.extent / renderer.scene_.rig.camera.fx),
@@ -83,6 +99,7 @@ class BlockRenderer {
       std::fill(std::begin(soft_steady_), std::end(soft_steady_), 0.0f);
     }
     std::fill(veil_sums_.begin(), veil_sums_.end(), 0.0f);
+    std::fill(std::begin(indirect_light_), std::end(indirect_light_), 0.0f);
     if (truth) trace_centres(*truth);
     const int samples = r_.rays_.per_pixel;
     for (int sample = 0; sample < samples; ++sample) take(sample, truth != nullptr);
@@ -97,6 +114,14 @@ class BlockRenderer {
       const float* sums = sums_.data() + patterns_.slot(k);
       for (int i = 0; i < kPacket; ++i) {
         if (has(inside_, i)) image(row_[i], col_[i]) = share * (sums[i * patterns_.stride()] + steady_[i]);
+      }
+    }
+    if (shares_) {
+      const float mean = share / static_cast<float>(patterns_.count());
+      for (int i = 0; i < kPacket; ++i) {
+        if (!has(inside_, i)) continue;
+        shares_->total(row_[i], col_[i]) = mean * pattern_light(i);
+        shares_->indirect(row_[i], col_[i]) = mean * indirect_light_[i];
       }
     }
     if (indirect_) hand_over(*indirect_, soft_sums_, soft_steady_, share);
@@ -125,6 +150,14 @@ class BlockRenderer {
       col_[i] = std::min(col_[i], width_ - 1);
       pixel_[i] = static_cast<uint32_t>(row_[i] * width_ + col_[i]);
     }
+  }
+
+  // Returns the light of a lane so far, summed over the patterns.
+  float pattern_light(int lane) const {
+    float sum = 0;
+    for (int k = 0; k < patterns_.count(); ++k)
+      sum += sums_[static_cast<size_t>(lane * patterns_.stride() + patterns_.slot(k))];
+    return sum;
   }
 
   // Stores the block's indirect light for smoothing after all blocks are done.
@@ -256,7 +289,13 @@ class BlockRenderer {
       weight[i] = haze_.extinction_per_m > 0 ? std::exp(-static_cast<float>(haze_.extinction_per_m) * length[i]) : 1.0f;
     }
     BeamPacket beam;
-    const LaneMask lit = add_direct(station, hits, surface, to_viewer, hits.hit, weight, true, beam);
+    const LaneMask lit = surface.translucent == 0
+                             ? add_direct(station, hits, surface, to_viewer, hits.hit, weight, true, beam)
+                             : add_translucent(station, hits, surface, to_viewer, weight, beam);
+    alignas(64) float direct_light[kPacket];
+    if (shares_) {
+      for (int i = 0; i < kPacket; ++i) direct_light[i] = pattern_light(i);
+    }
     if (compare) mixed_ |= differing(hits, hits.hit & ~lit, beam.inside);
     if (bounces_ == 0) {
       const LaneWeights seen(hits.hit);
@@ -271,6 +310,9 @@ class BlockRenderer {
         record_guides(*indirect_, hits, matt);
       }
       follow_paths(station, sample, hits, surface, to_viewer, weight);
+    }
+    if (shares_) {
+      for (int i = 0; i < kPacket; ++i) indirect_light_[i] += pattern_light(i) - direct_light[i];
     }
     if (haze_.extinction_per_m > 0) {
       if (veil_) {
@@ -332,6 +374,101 @@ class BlockRenderer {
   }
 
   void add_steady(int lane, float lux) { (has(soft_, lane) ? soft_steady_ : steady_)[lane] += lux; }
+
+  // Same as add_direct() for points seen of which some are translucent: their diffuse light comes from below the surface.
+  // Not inlined, so that the code of opaque surfaces stays small.
+  [[gnu::noinline]] LaneMask add_translucent(const Station& station, const HitPacket& hits,
+                                             const SurfacePacket& surface, const Points& to_viewer, const float* weight,
+                                             BeamPacket& beam) {
+    SurfacePacket skin = surface;
+    for (int i = 0; i < kPacket; ++i) {
+      if (has(surface.translucent, i)) skin.albedo[i] = std::max(0.0f, surface.albedo[i] - surface.inner_albedo[i]);
+    }
+    const LaneMask lit = add_direct(station, hits, skin, to_viewer, hits.hit, weight, true, beam);
+    float before[kPacket];
+    if (shares_) {
+      for (int i = 0; i < kPacket; ++i) before[i] = pattern_light(i);
+    }
+    add_from_below(station, hits, surface, to_viewer, weight, beam);
+    if (shares_) {
+      for (int i = 0; i < kPacket; ++i) indirect_light_[i] += pattern_light(i) - before[i];
+    }
+    return lit;
+  }
+
+  // Adds the projector light that enters translucent surfaces near the points seen and leaves them there. Points of entry
+  // are drawn in the tangent plane and projected onto the surface along its normal; light is lost where this misses the
+  // object. They come in pairs on opposite sides, which cancel the noise of the phase. The pairs are a Hammersley set,
+  // shifted at random. It is the same for all samples of a pixel: if a sample's share of the light varied with its place
+  // in the pixel, the phase would.
+  void add_from_below(const Station& station, const HitPacket& hits, const SurfacePacket& surface,
+                      const Points& to_viewer, const float* weight, const BeamPacket& beam) {
+    const int samples = r_.rays_.per_pixel;
+    const int pairs = std::max(1, r_.effects_.subsurface_paths / (2 * samples));
+    const Philox random(r_.scene_.seed, Stream::subsurface, static_cast<uint32_t>(stack_));
+    for (int pair = 0; pair < pairs; ++pair) {
+      const double turn = mirrored_digits(static_cast<uint32_t>(pair));
+      Eigen::Vector3d centre[kPacket], aside[kPacket];
+      for (int i = 0; i < kPacket; ++i) {
+        if (!has(surface.translucent, i)) continue;
+        const auto u = random.uniforms(pixel_[i]);
+        const ProfileSample drawn =
+            sample_profile(static_cast<double>(surface.profile_length_m[i]), (pair + u[0]) / pairs);
+        const Eigen::Vector3d normal = hits.normal.at(i);
+        const double phi = kPi * (turn + u[1]);  // half a turn holds all pairs
+        aside[i] = drawn.radius_m * (frame_about(normal) * Eigen::Vector3d(std::cos(phi), std::sin(phi), 0));
+        const Eigen::Vector3d apart = beam.to_light.at(i) - to_viewer.at(i);
+        const double shift_m = drawn.far ? static_cast<double>(surface.far_shift_m[i]) : 0;
+        centre[i] = hits.point.at(i) + shift_m * (apart - normal * normal.dot(apart));
+      }
+      for (const int side : {1, -1}) {
+        RayPacket probe;
+        probe.origin = hits.point;
+        probe.active = surface.translucent;
+        probe.coherent = false;
+        alignas(64) double reach_m[kPacket];
+        for (int i = 0; i < kPacket; ++i) {
+          const Eigen::Vector3d normal = has(probe.active, i) ? hits.normal.at(i) : Eigen::Vector3d::UnitZ();
+          probe.direction.set(i, -normal);
+          if (!has(probe.active, i)) continue;
+          const Eigen::Vector3d at = centre[i] + side * aside[i];
+          reach_m[i] = (at - hits.point.at(i)).norm() + static_cast<double>(surface.profile_length_m[i]);
+          probe.origin.set(i, at + reach_m[i] * normal);
+        }
+        HitPacket entry;
+        r_.world_->trace(probe, entry);
+        LaneMask met = probe.active & entry.hit;
+        for (int i = 0; i < kPacket; ++i) {
+          if (has(met, i) && (entry.object[i] != hits.object[i] || entry.distance[i] > 2 * reach_m[i]))
+            met &= ~(LaneMask{1} << i);
+        }
+        add_entering(station, entry, met, surface, to_viewer, weight, 1.0f / static_cast<float>(2 * pairs));
+      }
+    }
+  }
+
+  // Adds the projector light that enters at `entry` and leaves at the points seen.
+  void add_entering(const Station& station, const HitPacket& entry, LaneMask active, const SurfacePacket& surface,
+                    const Points& to_viewer, const float* weight, float share) {
+    BeamPacket beam;
+    station.beam.light(entry.point, active, beam);
+    LaneMask lit = facing(entry, beam) & active & beam.inside;
+    lit &= ~r_.world_->occluded(RayScene::lifted(entry), lit, station.beam.position());
+    ProjectedPatterns::Points points{};
+    for (int i = 0; i < kPacket; ++i) {
+      if (!has(lit, i)) continue;
+      const double cosine = entry.normal.at(i).dot(beam.to_light.at(i));
+      const auto coat = static_cast<double>(surface.reflectance[i]);
+      const double through = passed(coat, cosine) * passed(coat, surface.normal.at(i).dot(to_viewer.at(i))) *
+                             std::exp(-haze_.extinction_per_m * beam.distance[i]);
+      points.column[i] = static_cast<float>(beam.column[i]);
+      points.row[i] = static_cast<float>(beam.row[i]);
+      points.blur_px[i] = beam.blur_px[i];
+      points.weight[i] =
+          share * weight[i] * surface.inner_albedo[i] * static_cast<float>(through * cosine) * beam.lux[i];
+    }
+    patterns_.add(points, lit, sums_.data());
+  }
 
   // Adds indirect light by path tracing: from other surfaces, and ambient light from paths that leave the scene. Paths
   // have the scene's number of bounces; at the last point, ambient light is assumed unshadowed.
@@ -447,6 +584,7 @@ class BlockRenderer {
   const std::vector<Station>& stations_;
   int stack_;
   IndirectLightBuffer *indirect_, *veil_;  // indirect and air-scattered light to be smoothed; null: no smoothing
+  LightShares* shares_;                    // null: not required
   int width_, height_;
   double footprint_, ambient_lux_;
   int bounces_;
@@ -464,6 +602,7 @@ class BlockRenderer {
   alignas(64) float soft_steady_[kPacket];
   LaneMask soft_ = 0;
   std::vector<float> veil_sums_;
+  alignas(64) float indirect_light_[kPacket];  // in `sums_`, summed over the patterns; kept if shares are required
 };
 
 }  // namespace fringeslam::sim

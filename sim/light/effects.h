@@ -8,10 +8,11 @@ namespace fringeslam::sim {
 
 struct Effects {
   bool vignetting = true, defocus = true, pixel_gap = true, lens_blur = true, depth_of_field = true;
-  bool interreflection = true, gloss = true, relief = true, dust = true, air = true;
+  bool interreflection = true, subsurface = true, gloss = true, relief = true, dust = true, air = true;
   bool motion = true, fixed_pattern = true;
   bool share_paths = true;
   int bounce_paths = 8;
+  int subsurface_paths = 128;
   int exposure_steps = 4;
 
   template <class Visitor>
@@ -22,6 +23,7 @@ struct Effects {
     v.field("lens_blur", lens_blur, "in-focus blur of the camera and thermal camera lenses");
     v.field("depth_of_field", depth_of_field, "camera lens: defocus");
     v.field("interreflection", interreflection, "light between surfaces, with the scene's number of bounces");
+    v.field("subsurface", subsurface, "light below the surface of translucent materials; off: they are opaque");
     v.field("gloss", gloss, "glossy reflection of metals and coated surfaces");
     v.field("relief", relief, "small-scale surface relief of materials");
     v.field("dust", dust, "settled dust");
@@ -30,6 +32,7 @@ struct Effects {
     v.field("fixed_pattern", fixed_pattern, "PRNU, DSNU and dark current of the camera");
     v.field("share_paths", share_paths, "smooth indirect and scattered light over pixels that see the same surface");
     v.field("bounce_paths", bounce_paths, {1, 65536}, "paths per pixel for interreflected light");
+    v.field("subsurface_paths", subsurface_paths, {2, 65536}, "paths per pixel for light below translucent surfaces");
     v.field("exposure_steps", exposure_steps, {1, 256},
             "poses per exposure during motion, at most samples_per_pixel; 1: no motion blur");
   }

@@ -28,16 +28,6 @@ double distribution(double alpha, double cosine) {
   return a2 / (kPi * d * d);
 }
 
-// Returns a right-handed orthonormal frame with n as its z axis.
-Eigen::Matrix3d frame_about(const Eigen::Vector3d& n) {
-  const Eigen::Vector3d helper = std::abs(n.x()) < 0.7 ? Eigen::Vector3d::UnitX() : Eigen::Vector3d::UnitY();
-  Eigen::Matrix3d frame;
-  frame.col(0) = n.cross(helper).normalized();
-  frame.col(1) = n.cross(frame.col(0));
-  frame.col(2) = n;
-  return frame;
-}
-
 // Samples a microfacet normal from the distribution of visible normals (Heitz 2018); local frame.
 Eigen::Vector3d sample_visible_normal(const Eigen::Vector3d& view, double alpha, double u1, double u2) {
   const Eigen::Vector3d stretched = Eigen::Vector3d(alpha * view.x(), alpha * view.y(), view.z()).normalized();
@@ -54,6 +44,17 @@ Eigen::Vector3d sample_visible_normal(const Eigen::Vector3d& view, double alpha,
 }
 
 }  // namespace
+
+Eigen::Matrix3d frame_about(const Eigen::Vector3d& n) {
+  const Eigen::Vector3d helper = std::abs(n.x()) < 0.7 ? Eigen::Vector3d::UnitX() : Eigen::Vector3d::UnitY();
+  Eigen::Matrix3d frame;
+  frame.col(0) = n.cross(helper).normalized();
+  frame.col(1) = n.cross(frame.col(0));
+  frame.col(2) = n;
+  return frame;
+}
+
+double passed(double reflectance, double cosine) { return reflectance == 0 ? 1 : 1 - fresnel(reflectance, cosine); }
 
 double reflected(const Reflection& surface, const Eigen::Vector3d& normal, const Eigen::Vector3d& to_light,
                  const Eigen::Vector3d& to_viewer) {

@@ -18,6 +18,13 @@ struct Reflection {
   double alpha = 0.2;      // roughness squared
 };
 
+// Returns a right-handed orthonormal frame with n as its z axis.
+Eigen::Matrix3d frame_about(const Eigen::Vector3d& n);
+
+// Returns the fraction of the light that passes a coat of this reflectance at normal incidence, by the cosine of the
+// angle of incidence.
+double passed(double reflectance, double cosine);
+
 // Returns pi f_r for unit directions that point away from the surface; 0 if either is below the surface.
 double reflected(const Reflection& surface, const Eigen::Vector3d& normal, const Eigen::Vector3d& to_light,
                  const Eigen::Vector3d& to_viewer);

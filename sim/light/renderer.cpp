@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sim/light/renderer.h"
 
+#include <algorithm>
 #include <atomic>
 #include <limits>
 #include <optional>
@@ -45,13 +46,17 @@ Renderer::Renderer(const Renderer& other, const Scene& scene, const Effects& eff
 
 namespace {
 
-void add(IndirectLightBuffer& indirect, std::vector<cv::Mat1f>& images) {
+// Adds smoothed light to the images, and its mean over the patterns to each of `sums`.
+void add(IndirectLightBuffer& indirect, std::vector<cv::Mat1f>& images, std::vector<cv::Mat1f> sums) {
   const int steady = indirect.channels - 1;
   for_each_row(indirect.size.height, [&](int row) {
     for (int col = 0; col < indirect.size.width; ++col) {
       const float* lux = indirect.at(row, col);
       const float albedo = indirect.albedo[indirect.index(row, col)];
       for (int k = 0; k < steady; ++k) images[static_cast<size_t>(k)](row, col) += albedo * (lux[k] + lux[steady]);
+      for (cv::Mat1f& sum : sums) {
+        for (int k = 0; k < steady; ++k) sum(row, col) += albedo * lux[k] / static_cast<float>(steady);
+      }
     }
   });
 }
@@ -74,15 +79,20 @@ std::vector<cv::Mat1f> Renderer::render(const ProjectedPatterns& patterns, const
   }
   const int across = (size.width + kBlock - 1) / kBlock, down = (size.height + kBlock - 1) / kBlock;
   std::optional<IndirectLightBuffer> indirect, veil;
+  const bool bounces = effects_.interreflection && scene_.bounces > 0;
   const bool share = effects_.share_paths && patterns.count() > 0;
-  if (share && effects_.interreflection && scene_.bounces > 0) indirect.emplace(size, patterns.count() + 1);
+  if (share && bounces) indirect.emplace(size, patterns.count() + 1);
   if (share && effects_.air && scene_.air.extinction_per_m > 0) veil.emplace(size, patterns.count() + 1);
+  std::optional<LightShares> shares;
+  if (truth && patterns.count() > 0 && (bounces || surfaces_->translucent()))
+    shares.emplace(cv::Mat1f(size, 0.0f), cv::Mat1f(size, 0.0f));
   static const auto render_block =
       Variants<render_portable, render_avx2, render_avx512>::of(selected_instruction_set());
   std::atomic<bool> stopped = false;
   for_each_row(down, [&](int block_row) {
     if (stop && (stopped || stop())) return void(stopped = true);
-    BlockRenderer block(*this, patterns, stations, stack, indirect ? &*indirect : nullptr, veil ? &*veil : nullptr);
+    BlockRenderer block(*this, patterns, stations, stack, indirect ? &*indirect : nullptr, veil ? &*veil : nullptr,
+                        shares ? &*shares : nullptr);
     for (int block_col = 0; block_col < across; ++block_col) render_block(block, block_row, block_col, images, truth);
   });
   if (stopped) {
@@ -92,7 +102,19 @@ std::vector<cv::Mat1f> Renderer::render(const ProjectedPatterns& patterns, const
   for (auto* light : {&indirect, &veil}) {
     if (!*light) continue;
     smooth(**light, 1 / rig.camera.fx, world_from_camera.front().translation);
-    add(**light, images);
+    std::vector<cv::Mat1f> sums;
+    if (shares) sums.push_back(shares->total);
+    if (shares && light == &indirect) sums.push_back(shares->indirect);
+    add(**light, images, sums);
+  }
+  if (shares) {
+    truth->indirect_share.create(size);
+    for (int row = 0; row < size.height; ++row) {
+      for (int col = 0; col < size.width; ++col) {
+        const float total = shares->total(row, col), share_of_it = shares->indirect(row, col) / total;
+        truth->indirect_share(row, col) = total > 0 ? std::clamp(share_of_it, 0.0f, 1.0f) : kNaN;
+      }
+    }
   }
   return images;
 }

@@ -34,7 +34,7 @@ class Renderer {
  public:
   Renderer(const Scene& scene, const Effects& effects, int samples_per_pixel);
   // Shares the objects of `other`, whose scene must have the same objects, materials and dust; camera, projector and
-  // light may differ. `effects` must agree with those of `other` in gloss, relief and dust. Pixels see only the middle
+  // light may differ. `effects` must agree with those of `other` in gloss, relief, dust and subsurface. Pixels see only the middle
   // square of edge `extent` px.
   Renderer(const Renderer& other, const Scene& scene, const Effects& effects, int samples_per_pixel, double extent = 1);
 

@@ -8,6 +8,7 @@
 #include <numbers>
 #include <optional>
 
+#include "sim/light/subsurface.h"
 #include "sim/light/texture_images.h"
 
 namespace fringeslam::sim {
@@ -108,10 +109,24 @@ struct Surfaces::Impl {
     }
     if (effects.relief && m.bump_m > 0) roughen(covering, lanes, hits, result);
     if (effects.dust && dust.cover > 0 && m.dust) settle(lanes, hits, covering.seed, result);
+    if (effects.subsurface && m.mean_free_path_m > 0) lead_below(m, lanes, albedo, result);
     if (glossy) {
       for (int i = 0; i < kPacket; ++i)
         result.glossy |= static_cast<LaneMask>(has(lanes, i) && result.reflectance[i] > 0) << i;
     }
+  }
+
+  // Assigns the diffuse light that settled dust does not cover to paths below the surface.
+  void lead_below(const Material& m, LaneMask lanes, const NoiseValues& albedo, SurfacePacket& result) const {
+    const double index = effects.gloss ? refractive_index(m.reflectance) : 1;
+    for (int i = 0; i < kPacket; ++i) {
+      if (!has(lanes, i)) continue;
+      result.inner_albedo[i] = albedo.value[i] * (1 - result.dust_cover[i]);
+      const auto a = static_cast<double>(albedo.value[i]);
+      result.profile_length_m[i] = static_cast<float>(profile_length_m(a, m.mean_free_path_m));
+      result.far_shift_m[i] = static_cast<float>(far_shift_m(a, m.mean_free_path_m) / index);
+    }
+    result.translucent |= lanes;
   }
 
   // Bump mapping: shading normal n - grad h of the height field h = bump * noise, with the gradient taken along the
@@ -179,6 +194,7 @@ Surfaces::Surfaces(Surfaces&&) noexcept = default;
 void Surfaces::at(const HitPacket& hits, double footprint_m, SurfacePacket& result) const {
   result.normal = hits.normal;
   result.glossy = 0;
+  result.translucent = 0;
   if (hits.hit != kAllLanes) {  // lanes without a hit contribute no light
     std::fill_n(result.albedo, kPacket, 0.0f);
     std::fill_n(result.reflectance, kPacket, 0.0f);
@@ -196,6 +212,11 @@ void Surfaces::at(const HitPacket& hits, double footprint_m, SurfacePacket& resu
 }
 
 const Material& Surfaces::material(int object) const { return impl_->coverings[static_cast<size_t>(object)].material; }
+
+bool Surfaces::translucent() const {
+  return impl_->effects.subsurface && std::any_of(impl_->coverings.begin(), impl_->coverings.end(),
+                                                  [](const Covering& c) { return c.material.mean_free_path_m > 0; });
+}
 
 double Surfaces::temperature_c(int object) const {
   const Material& m = material(object);

@@ -19,6 +19,12 @@ struct SurfacePacket {
   float dust_cover[kPacket];  // fraction covered by settled dust
   Points normal;              // shading normal; unit, towards the viewer
   LaneMask glossy = 0;
+  // Lanes whose diffuse light, or the part of it that settled dust does not cover, passes below the surface; the members
+  // below are defined for these lanes.
+  LaneMask translucent = 0;
+  float inner_albedo[kPacket];      // part of `albedo`: light from below the surface
+  float profile_length_m[kPacket];  // sim/light/subsurface.h, eq. 1
+  float far_shift_m[kPacket];       // eq. 2: c l / n
   Reflection reflection(int lane) const {
     return {static_cast<double>(albedo[lane]), static_cast<double>(reflectance[lane]),
             static_cast<double>(alpha[lane])};
@@ -36,6 +42,8 @@ class Surfaces {
   void at(const HitPacket& hits, double footprint_m, SurfacePacket& result) const;
 
   const Material& material(int object) const;
+  // True if any object is translucent.
+  bool translucent() const;
   // Returns the surface temperature of an object, degrees C.
   double temperature_c(int object) const;
 

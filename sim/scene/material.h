@@ -48,6 +48,9 @@ struct Material {
   double roughness = 0.4;
   bool metal = false;
 
+  // Transport mean free path of light below the surface, m; 0: opaque. A coat's reflectance gives the refractive index.
+  double mean_free_path_m = 0;
+
   // Fine relief of this height and lateral size that perturbs the shading normal, not the geometry.
   double bump_m = 0, bump_size_m = 0.005;
 

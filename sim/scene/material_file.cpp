@@ -60,6 +60,10 @@ Material read_material(const YamlMap& map) {
   material.reflectance = map.number_or("reflectance", 0, kFraction);
   if (material.metal && material.reflectance > 0)
     throw map.error("reflectance", "the reflectance of a metal is its albedo; omit reflectance");
+  if (map.has("mean_free_path_m")) {
+    material.mean_free_path_m = map.number("mean_free_path_m", {1e-6, 0.1});
+    if (material.metal) throw map.error("mean_free_path_m", "a metal is opaque; omit mean_free_path_m");
+  }
   material.roughness = map.number_or("roughness", material.roughness, {0.05, 1});
   material.bump_m = map.number_or("bump_m", 0, {0, 0.1});
   material.bump_size_m = map.number_or("bump_size_m", material.bump_size_m, kLength);

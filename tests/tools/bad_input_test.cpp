@@ -91,6 +91,10 @@ TEST_F(BadInput, MaterialThatCannotBe) {
   expect_scene_refused(table, "grain: wood, albedo: 0.4, roughness: 0,", "'roughness' is 0");
   expect_scene_refused(table, "grain: wood, albedo: 0.4, metal: true, reflectance: 0.5,",
                        "the reflectance of a metal is its albedo");
+  expect_scene_refused(table, "grain: wood, albedo: 0.4, mean_free_path_m: -0.001,", "'mean_free_path_m' is -0.001");
+  expect_scene_refused(table, "grain: wood, albedo: 0.4, mean_free_path_m: 2,", "'mean_free_path_m' is 2");
+  expect_scene_refused(table, "grain: wood, albedo: 0.4, metal: true, mean_free_path_m: 0.001,",
+                       "a metal is opaque; omit mean_free_path_m");
   expect_scene_refused(table, "grain: wood, albedo: 0.4, texture: no.png,", "give grain or texture, not both");
   expect_scene_refused("{grain: wood, albedo: 0.4, contrast: 0.35, grain_m: 0.012}", "{texture: no.png}",
                        "no.png does not exist");
