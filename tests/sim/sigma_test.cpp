@@ -8,6 +8,7 @@
 #include "core/decode/decode.h"
 #include "core/depth/depth.h"
 #include "sim/virtual_rig.h"
+#include "tests/sim/test_scenes.h"
 
 namespace fringeslam::sim {
 namespace {
@@ -21,11 +22,7 @@ void PrintTo(const Board& board, std::ostream* out) {
 
 Scene scene_of(const Board& board) {
   Scene scene = load_scene(std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/flat_board/scene.yaml");
-  constexpr int kSize = 24;  // px; crop at the centre of the image
-  Pinhole& camera = scene.rig.camera;
-  camera.cx -= 0.5 * (camera.width - kSize);
-  camera.cy -= 0.5 * (camera.height - kSize);
-  camera.width = camera.height = kSize;
+  crop(scene.rig.camera, 24);
   scene.objects[0].material.albedo = board.albedo;
   scene.objects[0].world_from_object =
       pose_from({{0, 0, 1e3 * board.range_m}, {0.6 * board.slope_deg, board.slope_deg, 0}});

@@ -230,11 +230,8 @@ TEST(Subsurface, AnEdgeOfLightSpreadsAsTheProfile) {
 // paths.
 TEST(Subsurface, PathsLeaveTheCameraTheGreaterPhaseNoise) {
   Scene scene = load_scene(std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/flat_board/scene.yaml");
-  constexpr int kSize = 60;  // px; crop at the centre of the image
-  Pinhole& camera = scene.rig.camera;
-  camera.cx -= 0.5 * (camera.width - kSize);
-  camera.cy -= 0.5 * (camera.height - kSize);
-  camera.width = camera.height = kSize;
+  constexpr int kSize = 60;
+  crop(scene.rig.camera, kSize);
   scene.trajectory.resize(2, scene.trajectory.front());
   scene.objects[0].world_from_object = pose_from({{0, 0, 1000}, {8, -12, 0}});
   scene.objects[0].material.mean_free_path_m = kPath_m;

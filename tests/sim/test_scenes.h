@@ -42,6 +42,13 @@ inline RigModel coaxial_rig() {
   return rig;
 }
 
+// Crops the camera's image to a square of this edge, px, about its centre.
+inline void crop(Pinhole& camera, int edge) {
+  camera.cx -= 0.5 * (camera.width - edge);
+  camera.cy -= 0.5 * (camera.height - edge);
+  camera.width = camera.height = edge;
+}
+
 inline Scene world_of(std::vector<Object> objects, const RigModel& rig) {
   Scene scene;
   scene.objects = std::move(objects);
