@@ -146,16 +146,17 @@ int main(int argc, char** argv) {
   }
   try {
     std::vector<Item> items = accuracy_items();
-    for (const auto& more : {sensor_items(),    prediction_items(),   unwrapping_items(),    calibration_items(),
-                             decoding_items(),  registration_items(), wrong_pose_items(),    registration_speed_items(),
-                             rendering_items(), cycles_items(),       landmark_items(),      landmark_speed_items(),
-                             mapping_items(),   motion_items(),       mapping_speed_items(), frame_speed_items(),
-                             world_items(),     large_world_items(),  speed_items(),         capture_items(),
-                             study_items(),     soak_items(),         victim_items(),        moving_hand_items(),
-                             mission_items(),   real_capture_items(), image_pose_items(),    scale_items(),
-                             core_items(),      megapixel_items(),    indirect_items(),      dynamic_range_items(),
-                             dataset_items(),   load_items(),         hostile_items(),       robust_items(),
-                             same_bits_items(), subsurface_items()})
+    for (const auto& more :
+         {sensor_items(),        prediction_items(),   unwrapping_items(),    calibration_items(),
+          decoding_items(),      registration_items(), wrong_pose_items(),    registration_speed_items(),
+          rendering_items(),     cycles_items(),       landmark_items(),      landmark_speed_items(),
+          mapping_items(),       motion_items(),       mapping_speed_items(), frame_speed_items(),
+          world_items(),         large_world_items(),  speed_items(),         capture_items(),
+          study_items(),         soak_items(),         victim_items(),        moving_hand_items(),
+          mission_items(),       real_capture_items(), image_pose_items(),    scale_items(),
+          saving_items(),        core_items(),         megapixel_items(),     indirect_items(),
+          dynamic_range_items(), dataset_items(),      load_items(),          hostile_items(),
+          robust_items(),        same_bits_items(),    subsurface_items()})
       items.insert(items.end(), more.begin(), more.end());
 #ifdef FRINGESLAM_PYTHON
     const std::vector<Item> python = python_items();

@@ -12,12 +12,13 @@
 #include "core/io/input_file.h"
 #include "core/io/json_text.h"
 #include "core/io/yaml.h"
-#include "core/map/map_file.h"
 #include "core/mapper/driver.h"
 #include "core/mapper/image_trajectory.h"
 #include "core/mapper/thermal_observer.h"
 #include "core/rig/background_rig.h"
 #include "core/rig/rig_file.h"
+#include "core/storage/map_file.h"
+#include "core/storage/map_journal.h"
 #include "tools/interrupt.h"
 #include "tools/live/live_mapper.h"
 #include "tools/live/live_option.h"
@@ -27,6 +28,7 @@
 #include "tools/report/html_report.h"
 #include "tools/run_folder.h"
 #include "tools/run_phases.h"
+#include "tools/saved_map.h"
 #include "tools/source.h"
 #include "tools/verbs.h"
 
@@ -151,6 +153,23 @@ void report_unexpected(const std::vector<ImageOfRun>& images) {
                first->image, first->stack);
 }
 
+// Saves the map while the run maps. If the run fails, what was saved remains for `map recover`.
+class SavedWhileMapping {
+ public:
+  SavedWhileMapping(const fs::path& target, const RigModel& rig)
+      : journal_(target, [](const std::string& message) { std::fprintf(stderr, "%s\n", message.c_str()); }) {
+    StagedFile file(journal_.folder() / "rig.yaml");
+    write_text(file.path(), to_yaml(rig));
+    file.commit();
+  }
+  void update(const KeyframeMap& map) { journal_.update(map); }
+  void finish(const KeyframeMap& map, const fs::path& file) { journal_.finish(map, file); }
+  void remove() { journal_.remove(); }
+
+ private:
+  MapJournal journal_;
+};
+
 std::string without_text(const std::vector<std::string>& left_out) {
   std::string text;
   for (const std::string& file : left_out) text += (&file == &left_out.front() ? ", without " : ", ") + file;
@@ -206,13 +225,14 @@ int run(const RunArguments& arguments, const Common& common) {
   std::error_code unknown;
   const bool replaces = fs::exists(out, unknown);
   StagedFolder folder(out, "run", {kMapFile});
+  report_left_maps(folder.target());
   const auto rig = source->open(folder.path());
   // The world frame of a new map is the robot's frame at the first stack.
-  auto pipeline = arguments.map.empty()
-                      ? std::make_unique<Pipeline>(rig->model(), source->sequence(), settings.pipeline, Pose{})
-                      : std::make_unique<Pipeline>(map_from_bytes(read_bytes(arguments.map), arguments.map,
-                                                                  rig->model(), settings.pipeline.mapping),
-                                                   source->sequence(), settings.pipeline);
+  auto pipeline =
+      arguments.map.empty()
+          ? std::make_unique<Pipeline>(rig->model(), source->sequence(), settings.pipeline, Pose{})
+          : std::make_unique<Pipeline>(open_map(map_file(arguments.map), rig->model(), settings.pipeline.mapping),
+                                       source->sequence(), settings.pipeline);
   ThermalObserver thermal(rig->model(), settings.pipeline.thermal);
   std::optional<ImageTrajectory> images;
   if (arguments.image_poses) images.emplace(rig->model(), source->sequence(), settings.image_poses);
@@ -220,6 +240,8 @@ int run(const RunArguments& arguments, const Common& common) {
   const int planned = arguments.views > 0 ? std::min(arguments.views, source->stacks()) : source->stacks();
   Animation animation(rig->model(), std::max(1, planned / kAnimationFrames));
   RunFolder record(folder.path(), rig->model(), source->sequence());
+  std::optional<SavedWhileMapping> saving;
+  if (arguments.save_map) saving.emplace(folder.target(), rig->model());
   const std::unique_ptr<LivePage> live = open_live_page(arguments.live, {.verb = "run",
                                                                          .name = source->name(),
                                                                          .rig = rig->model(),
@@ -248,6 +270,7 @@ int run(const RunArguments& arguments, const Common& common) {
           throw Error(arguments.source + ": " + turned);
       }
       const ThermalView warmth = thermal.observe(stack, result);
+      if (saving) saving->update(pipeline->map());
       record.add(stack, result, warmth, pipeline->map());
       emptiness.add(stack, result);
       if (images) images->add(stack, result, pipeline->mapper());
@@ -272,7 +295,7 @@ int run(const RunArguments& arguments, const Common& common) {
   record.finish(pipeline->trajectory());
   if (rig->model().thermal) record.add_warm_objects(thermal.warm_objects(pipeline->mapper()));
   if (images) record.add_image_poses(*images, pipeline->mapper());
-  if (arguments.save_map) write_text(folder.path() / kMapFile, to_bytes(pipeline->map()));
+  if (saving) saving->finish(pipeline->map(), folder.path() / kMapFile);
 
   phases.note("trajectory");
   phases.run("cloud", {"map.ply"}, [&] {
@@ -309,6 +332,7 @@ int run(const RunArguments& arguments, const Common& common) {
     phases.run("report", {"report.html"}, [&] { write_report(folder.path(), folder.path() / "report.html"); });
 #endif
   folder.commit();
+  if (saving) saving->remove();
 
   if (common.json) {
     nlohmann::ordered_json json = {{"run", out}};
@@ -355,8 +379,9 @@ Verb add_run(Command app, const Common& common) {
                   "Calibration to use instead of the dataset's, a rig.yaml such as that of calibrate rig; the "
                   "dataset's camera noise remains")
       .check_existing_file();
-  verb.add_option("--map", arguments->map, "Continue in a map saved by an earlier run").check_existing_file();
-  verb.add_flag("--save-map", arguments->save_map, "Also write saved.map, in which a later run can continue");
+  verb.add_option("--map", arguments->map, "Continue in a map saved by an earlier run");
+  verb.add_flag("--save-map", arguments->save_map,
+                "Also write saved.map, in which a later run can continue; it is saved while mapping (see map recover)");
   verb.add_flag("--animation", arguments->animation, "Also write animation.gif: the growing map, fringes and depth");
   verb.add_flag(
       "--image-poses", arguments->image_poses,
@@ -374,7 +399,15 @@ Verb add_run(Command app, const Common& common) {
   verb.add_flag("--live-wait", arguments->live_wait, "Keep serving the page after the run, until Ctrl-C").needs(page);
   verb.add_option("--set", arguments->sets, "Setting: stage.key=value (repeatable; listed below)");
   verb.footer(settings_help());
-  return [arguments, &common] { return run(*arguments, common); };
+  return [arguments, &common] {
+    try {
+      return run(*arguments, common);
+    } catch (const Error& e) {
+      if (!arguments->save_map || arguments->out.empty()) throw;
+      for (const LeftMap& left : left_maps(arguments->out)) throw Error(std::string(e.what()) + "; " + left.message);
+      throw;
+    }
+  };
 }
 
 }  // namespace fringeslam::tools

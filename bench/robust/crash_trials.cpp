@@ -13,6 +13,8 @@
 #include "core/io/files.h"
 #include "core/io/input_file.h"
 #include "core/rig/dataset.h"
+#include "core/storage/map_file.h"
+#include "core/storage/map_journal.h"
 #include "core/types/error.h"
 
 namespace fringeslam::robust {
@@ -229,6 +231,7 @@ class Trials {
     if (read_or_empty(out() / kUsersFile) != "precious") return "the user's file is lost";
     if (ended.exit_code == 0 && now != state.new_content) return "it succeeded, but the result is not the new one";
     if (now != state.old_content && now != state.new_content) return "the folder is neither the old nor the new result";
+    if (const std::string lost = loss_of_journals(); !lost.empty()) return lost;
     // The next result next to it.
     {
       StagedFolder next(trial() / "next", "robust");
@@ -240,6 +243,24 @@ class Trials {
     }
     const bool same = content(out()) == now && read_or_empty(out() / kUsersFile) == "precious";
     return same ? "" : "the next command changed the result";
+  }
+
+  // The map that a run left can be recovered.
+  std::string loss_of_journals() const {
+    try {
+      for (const LeftMap& left : left_maps(out())) {
+        if (left.keyframes == 0) return left.message;
+        WorkFolder journal = WorkFolder::taken_over(left.folder);
+        const RecoveredMap recovered = recover_map(journal, trial() / kMapFile);
+        if (recovered.keyframes != left.keyframes || recovered.damaged > 0) return "keyframes of the journal are lost";
+        verify_map(trial() / kMapFile);
+        fs::remove(trial() / kMapFile);
+        journal.remove();
+      }
+    } catch (const Error& e) {
+      return e.what();
+    }
+    return "";
   }
 
   static uint64_t find(const std::map<std::string, uint64_t>& files, const std::string& name) {

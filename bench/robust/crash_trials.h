@@ -6,7 +6,8 @@
 //  - the user's files and a saved map exist unchanged,
 //  - a command that did not succeed printed one line that names no temporary file, and exited with 2,
 //  - a command that succeeded left the complete new result, whatever happened to it,
-//  - the next command removes the leftovers of a killed one.
+//  - the next command removes the leftovers of a killed one,
+//  - the map that a killed run had saved can be recovered.
 #pragma once
 
 #include <cstdint>

@@ -14,7 +14,8 @@ namespace fringeslam {
 constexpr uint64_t kMebibyte = uint64_t{1} << 20;
 constexpr uint64_t kMostTextBytes = 256 * kMebibyte;  // trajectories, lists of times, results of trials
 constexpr uint64_t kMostImageFileBytes = 1024 * kMebibyte;
-constexpr uint64_t kMostDataBytes = 65536 * kMebibyte;  // maps: limited by what the file itself declares
+constexpr uint64_t kMostDataBytes = 65536 * kMebibyte;  // PLY: limited by what the file itself declares
+constexpr uint64_t kMostMapBytes = uint64_t{1} << 40;   // saved maps, which are mapped and not read as a whole
 
 // An open regular file. Throws Error if the path does not exist, is a folder, pipe, socket or device, cannot be opened,
 // or has more than `most_bytes`.

@@ -16,6 +16,8 @@
 #include <cstring>
 #include <set>
 #include <sstream>
+#include <tuple>
+#include <utility>
 
 #include "core/io/input_file.h"
 #include "core/types/error.h"
@@ -72,9 +74,9 @@ Error cannot(const fs::path& file, const char* what, int error = errno) {
 }
 
 // Returns the position after a temporary folder's suffix that starts at `at`, or npos.
-size_t end_of_suffix(std::string_view text, size_t at) {
-  const size_t letters = at + kPartialSuffix.size();
-  if (text.substr(at, kPartialSuffix.size()) != kPartialSuffix || letters + kPartialLetters > text.size())
+size_t end_of_suffix(std::string_view text, size_t at, std::string_view suffix = kPartialSuffix) {
+  const size_t letters = at + suffix.size();
+  if (text.substr(at, suffix.size()) != suffix || letters + kPartialLetters > text.size())
     return std::string_view::npos;
   const std::string_view tag = text.substr(letters, kPartialLetters);
   const bool random = std::all_of(tag.begin(), tag.end(), [](unsigned char c) { return std::isalnum(c) != 0; });
@@ -136,35 +138,46 @@ void remove_partial(const fs::path& folder) {
   (void)rmdir(folder.c_str());
 }
 
-// Removes one temporary folder if it is ours and its process is dead. A folder without a marker is removed if it is
-// empty: its process died, or is about to notice, between creating and marking it.
-void remove_leftover(const fs::path& folder, const fs::path& target) {
-  const Descriptor lock(
-      uninterrupted([&] { return open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC); }));
-  if (lock < 0) return;
+// Locks a temporary folder if it is ours, marked, and its process is dead; -1: it is not. A folder without a marker is
+// removed if it is empty: its process died, or is about to notice, between creating and marking it.
+int lock_leftover(const fs::path& folder) {
+  Descriptor lock(uninterrupted([&] { return open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC); }));
+  if (lock < 0) return -1;
   struct stat status {};
-  if (fstat(lock, &status) != 0 || status.st_uid != geteuid()) return;
+  if (fstat(lock, &status) != 0 || status.st_uid != geteuid()) return -1;
   const bool marked = is_there(folder / kPartialMarker);
   if (flock(lock, LOCK_EX | LOCK_NB) != 0) {
-    if (errno == EWOULDBLOCK || errno == EINTR || !marked || is_owner_alive(folder)) return;
+    if (errno == EWOULDBLOCK || errno == EINTR || !marked || is_owner_alive(folder)) return -1;
   }
-  if (!marked) return void(rmdir(folder.c_str()));
+  if (marked) return lock.release();
+  (void)rmdir(folder.c_str());
+  return -1;
+}
+
+void remove_leftover(const fs::path& folder, const fs::path& target) {
+  const Descriptor lock(lock_leftover(folder));
+  if (lock < 0) return;
   // Its process died while it replaced a folder without RENAME_EXCHANGE.
   if (is_there(folder / kReplaced) && !is_there(target)) (void)rename((folder / kReplaced).c_str(), target.c_str());
   if (is_there(folder / kReplaced) && !is_there(target)) return;
   remove_partial(folder);
 }
 
-void remove_leftovers_in(const fs::path& parent) {
-  std::vector<std::pair<fs::path, fs::path>> leftovers;  // and their targets
+// Temporary folders in `parent`, and their targets.
+std::vector<std::pair<fs::path, fs::path>> temporary_folders(const fs::path& parent, std::string_view suffix) {
+  std::vector<std::pair<fs::path, fs::path>> found;
   std::error_code failed;
   for (fs::directory_iterator entry(parent, failed), end; !failed && entry != end; entry.increment(failed)) {
     const std::string name = entry->path().filename().string();
-    const size_t suffix = name.rfind(kPartialSuffix);
-    if (suffix == std::string::npos || suffix == 0 || end_of_suffix(name, suffix) != name.size()) continue;
-    leftovers.emplace_back(parent / name, parent / name.substr(0, suffix));
+    const size_t at = name.rfind(suffix);
+    if (at == std::string::npos || at == 0 || end_of_suffix(name, at, suffix) != name.size()) continue;
+    found.emplace_back(parent / name, parent / name.substr(0, at));
   }
-  for (const auto& [folder, target] : leftovers) remove_leftover(folder, target);
+  return found;
+}
+
+void remove_leftovers_in(const fs::path& parent) {
+  for (const auto& [folder, target] : temporary_folders(parent, kPartialSuffix)) remove_leftover(folder, target);
 }
 
 // Writes all bytes; returns 0 or the error.
@@ -353,35 +366,40 @@ int replace_in_two_steps(const fs::path& next, const fs::path& target, const fs:
   return error;
 }
 
-}  // namespace
-
-PartialFolder::PartialFolder(const fs::path& target) {
-  remove_leftovers_in(parent_of(target));
+// Creates, locks and marks a folder next to `target`; returns its path and lock.
+std::pair<fs::path, int> create_marked_folder(const fs::path& target, std::string_view suffix) {
   constexpr int kAttempts = 100;
   for (int attempt = 0; attempt < kAttempts; ++attempt) {
-    std::string name = target.string() + std::string(kPartialSuffix) + std::string(kPartialLetters, 'X');
+    std::string name = target.string() + std::string(suffix) + std::string(kPartialLetters, 'X');
     if (!mkdtemp(name.data())) throw cannot(target, "written");
-    path_ = name;
-    lock_ = uninterrupted([&] { return open(path_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC); });
-    if (lock_ >= 0) {
-      (void)uninterrupted([&] { return flock(lock_, LOCK_EX); });
+    const fs::path path = name;
+    const int lock = uninterrupted([&] { return open(path.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC); });
+    if (lock >= 0) {
+      (void)uninterrupted([&] { return flock(lock, LOCK_EX); });
       try {
-        write_directly(path_ / kPartialMarker, target, owner_of_this_process());
-        return;
+        write_directly(path / kPartialMarker, target, owner_of_this_process());
+        return {path, lock};
       } catch (...) {
-        const bool removed = !is_there(path_);
-        rmdir(path_.c_str());
-        close(lock_);
+        const bool removed = !is_there(path);
+        rmdir(path.c_str());
+        close(lock);
         if (!removed) throw;
       }
     } else if (errno != ENOENT) {
       const int error = errno;
-      rmdir(path_.c_str());
+      rmdir(path.c_str());
       throw cannot(target, "written", error);
     }
     // Another process removed the folder while it was empty and not locked.
   }
   throw Error(target.string() + ": cannot be written: its temporary folder is removed again and again");
+}
+
+}  // namespace
+
+PartialFolder::PartialFolder(const fs::path& target) {
+  remove_leftovers_in(parent_of(target));
+  std::tie(path_, lock_) = create_marked_folder(target, kPartialSuffix);
 }
 
 PartialFolder::~PartialFolder() {
@@ -396,6 +414,42 @@ fs::path PartialFolder::keep() {
   name.replace(name.size() - kPartialLetters - kPartialSuffix.size(), kPartialSuffix.size(), ".kept-");
   return rename(path_.c_str(), name.c_str()) == 0 ? fs::path(name) : path_;
 }
+
+WorkFolder::WorkFolder(const fs::path& target, const std::string& suffix) {
+  std::tie(path_, lock_) = create_marked_folder(target, "." + suffix + "-");
+  sync(parent_of(target), target);  // its files are of no use in a folder that a loss of power removes
+}
+
+WorkFolder WorkFolder::taken_over(const fs::path& folder) {
+  if (!is_there(folder / kPartialMarker)) throw Error(folder.string() + ": was not left by FringeSLAM");
+  WorkFolder taken;
+  taken.lock_ = lock_leftover(folder);
+  if (taken.lock_ < 0) throw Error(folder.string() + ": is in use by a running process, or belongs to another user");
+  taken.path_ = folder;
+  // From now on this process is the owner, where locks do not tell.
+  write_directly(folder / kPartialMarker, folder / kPartialMarker, owner_of_this_process());
+  return taken;
+}
+
+std::vector<fs::path> WorkFolder::left(const fs::path& target, const std::string& suffix) {
+  std::vector<fs::path> found;
+  for (const auto& [folder, of] : temporary_folders(parent_of(target), "." + suffix + "-")) {
+    if (of.filename() != target.filename()) continue;
+    const Descriptor lock(lock_leftover(folder));
+    if (lock >= 0) found.push_back(folder);
+  }
+  std::sort(found.begin(), found.end());
+  return found;
+}
+
+WorkFolder::~WorkFolder() {
+  if (lock_ >= 0) close(lock_);
+}
+
+WorkFolder::WorkFolder(WorkFolder&& other) noexcept
+    : path_(std::move(other.path_)), lock_(std::exchange(other.lock_, -1)) {}
+
+void WorkFolder::remove() { remove_partial(path_); }
 
 StagedFolder::StagedFolder(fs::path target, std::string kind, std::vector<std::string> preserved)
     : target_(checked_target(std::move(target), kind)), kind_(std::move(kind)), preserved_(std::move(preserved)) {

@@ -31,6 +31,32 @@ class PartialFolder {
   bool kept_ = false;
 };
 
+// Folder NAME.SUFFIX-XXXXXX next to `target` for work in progress that later processes can continue when this one dies. It is
+// marked and locked like a PartialFolder, but stays until remove() is called.
+class WorkFolder {
+ public:
+  // Creates a folder. Throws Error if that fails.
+  WorkFolder(const std::filesystem::path& target, const std::string& suffix);
+  // Takes over the folder of a process that has died. Throws Error if the process lives, or if the folder is not one of
+  // ours.
+  static WorkFolder taken_over(const std::filesystem::path& folder);
+  // Folders of this user next to `target` whose processes have died, in the order of their names.
+  static std::vector<std::filesystem::path> left(const std::filesystem::path& target, const std::string& suffix);
+
+  ~WorkFolder();
+  WorkFolder(WorkFolder&& other) noexcept;
+  WorkFolder& operator=(WorkFolder&&) = delete;
+
+  const std::filesystem::path& path() const { return path_; }
+  // Removes the folder with its files.
+  void remove();
+
+ private:
+  WorkFolder() = default;
+  std::filesystem::path path_;
+  int lock_ = -1;
+};
+
 // Folder that appears under its final name only when complete: commit() renames it, or exchanges it with an existing
 // folder, in one system call. An existing target is replaced only if it is empty or was written by this class with the
 // same kind ("run", "dataset"); otherwise the constructor throws Error. With an empty kind, only an empty folder is
@@ -46,6 +72,8 @@ class StagedFolder {
   StagedFolder& operator=(const StagedFolder&) = delete;
 
   const std::filesystem::path& path() const { return staging_; }
+  // The final folder, without links.
+  const std::filesystem::path& target() const { return target_; }
   void commit();
 
  private:

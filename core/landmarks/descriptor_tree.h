@@ -45,7 +45,7 @@ class DescriptorTree {
       return distance != other.distance ? distance > other.distance : node > other.node;
     }
   };
-  void build(int node, std::vector<int>& order, const cv::Mat1b& descriptors);
+  static void build(std::vector<Node>& nodes, int node, std::vector<int>& order, const cv::Mat1b& descriptors);
 
   cv::Mat1b descriptors_;
   std::vector<int> index_;  // original index of each row

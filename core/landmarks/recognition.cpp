@@ -60,6 +60,27 @@ std::vector<int> places_of(const std::vector<Keypoint>& keypoints) {
   return place;
 }
 
+// Returns the landmarks of each keypoint.
+std::vector<std::vector<int>> owners_of(const Landmarks& landmarks) {
+  std::vector<std::vector<int>> owners(landmarks.keypoints.keypoints.size());
+  for (size_t l = 0; l < landmarks.landmarks.size(); ++l) {
+    for (const int k : landmarks.landmarks[l].keypoints) at(owners, k).push_back(static_cast<int>(l));
+  }
+  return owners;
+}
+
+// Returns the keypoints of each landmark in descending order of strength.
+std::vector<std::vector<int>> by_strength(const Landmarks& landmarks) {
+  const std::vector<Keypoint>& keypoints = landmarks.keypoints.keypoints;
+  std::vector<std::vector<int>> result;
+  for (const Landmark& landmark : landmarks.landmarks) {
+    std::vector<int>& own = result.emplace_back(landmark.keypoints);
+    std::stable_sort(own.begin(), own.end(),
+                     [&](int a, int b) { return at(keypoints, a).strength > at(keypoints, b).strength; });
+  }
+  return result;
+}
+
 }  // namespace
 
 LandmarkDatabase::LandmarkDatabase(const Pinhole& camera, const RecognitionOptions& options)
@@ -67,66 +88,160 @@ LandmarkDatabase::LandmarkDatabase(const Pinhole& camera, const RecognitionOptio
   check_options(options, "recognition");
 }
 
+LandmarkDigest digest_of(const Landmarks& landmarks) {
+  const std::vector<Keypoint>& keypoints = landmarks.keypoints.keypoints;
+  LandmarkDigest digest;
+  digest.keypoints = static_cast<int>(keypoints.size());
+  digest.strongest = by_strength(landmarks);
+  std::set<int> indices;
+  for (std::vector<int>& own : digest.strongest) {
+    own.resize(std::min<size_t>(own.size(), LandmarkDigest::kMost));
+    indices.insert(own.begin(), own.end());
+  }
+  digest.indices.assign(indices.begin(), indices.end());
+  const std::vector<int> place = places_of(keypoints);
+  const std::vector<std::vector<int>> owners = owners_of(landmarks);
+  digest.descriptors.create(static_cast<int>(digest.indices.size()), kDescriptorSize);
+  for (const int k : digest.indices) {
+    const int row = static_cast<int>(digest.details.size());
+    digest.details.push_back(at(keypoints, k));
+    digest.place.push_back(at(place, k));
+    digest.starts.push_back(static_cast<int>(digest.owners.size()));
+    digest.owners.insert(digest.owners.end(), at(owners, k).begin(), at(owners, k).end());
+    quantised(landmarks.keypoints.descriptors.row(k)).copyTo(digest.descriptors.row(row));
+  }
+  digest.starts.push_back(static_cast<int>(digest.owners.size()));
+  return digest;
+}
+
+int LandmarkDatabase::View::in_digest(int keypoint) const {
+  if (!digest) return -1;
+  const auto found = std::lower_bound(digest->indices.begin(), digest->indices.end(), keypoint);
+  return found != digest->indices.end() && *found == keypoint ? static_cast<int>(found - digest->indices.begin()) : -1;
+}
+
+const Keypoint& LandmarkDatabase::View::keypoint(int keypoint) const {
+  const int i = in_digest(keypoint);
+  return i >= 0 ? at(digest->details, i) : at(details().keypoints, keypoint);
+}
+
+int LandmarkDatabase::View::place(int keypoint) const {
+  const int i = in_digest(keypoint);
+  return i >= 0 ? at(digest->place, i) : at(details().place, keypoint);
+}
+
+const uchar* LandmarkDatabase::View::descriptor(int keypoint) const {
+  const int i = in_digest(keypoint);
+  return i >= 0 ? digest->descriptors[i] : details().descriptors[keypoint];
+}
+
+std::span<const int> LandmarkDatabase::View::landmarks_of(int keypoint) const {
+  const auto range = [](const std::vector<int>& owners, const std::vector<int>& starts, int i) {
+    const auto first = static_cast<size_t>(at(starts, i)), end = static_cast<size_t>(at(starts, i + 1));
+    return std::span(owners).subspan(first, end - first);
+  };
+  const int i = in_digest(keypoint);
+  return i >= 0 ? range(digest->owners, digest->starts, i) : range(details().owners, details().starts, keypoint);
+}
+
+LandmarkDatabase::Details LandmarkDatabase::details_of(const Landmarks& landmarks) {
+  Details details;
+  details.keypoints = landmarks.keypoints.keypoints;
+  details.descriptors = quantised(landmarks.keypoints.descriptors);
+  details.place = places_of(details.keypoints);
+  for (const std::vector<int>& owners : owners_of(landmarks)) {
+    if (!owners.empty()) details.owned.push_back(static_cast<int>(details.starts.size()));
+    details.starts.push_back(static_cast<int>(details.owners.size()));
+    details.owners.insert(details.owners.end(), owners.begin(), owners.end());
+  }
+  details.starts.push_back(static_cast<int>(details.owners.size()));
+  std::stable_sort(details.owned.begin(), details.owned.end(), [&](int a, int b) {
+    return at(details.keypoints, a).point_m.x() < at(details.keypoints, b).point_m.x();
+  });
+  return details;
+}
+
+// Selects the keypoints that are searched and queried, given those of each landmark in descending order of strength.
+void LandmarkDatabase::select(View& view, const std::vector<std::vector<int>>& by_strength) const {
+  const auto first_of_each = [&](int count) {
+    std::vector<int> selected;
+    for (const std::vector<int>& own : by_strength)
+      selected.insert(selected.end(), own.begin(), own.begin() + std::min<std::ptrdiff_t>(std::ssize(own), count));
+    std::sort(selected.begin(), selected.end());
+    selected.erase(std::unique(selected.begin(), selected.end()), selected.end());
+    return selected;
+  };
+  view.queried = first_of_each(options_.strongest / 2);
+  view.strongest = first_of_each(options_.strongest);
+  view.landmarks = by_strength.size();
+}
+
 LandmarkDatabase::View LandmarkDatabase::view_of(int frame, const Landmarks& landmarks) const {
   View view;
   view.frame = frame;
-  view.landmarks = landmarks.landmarks.size();
-  view.keypoints = landmarks.keypoints.keypoints;
-  view.descriptors = quantised(landmarks.keypoints.descriptors);
-  view.place = places_of(view.keypoints);
-  std::vector<std::vector<int>> landmarks_of(view.keypoints.size());
-  std::set<int> strongest, queried;
-  for (size_t l = 0; l < landmarks.landmarks.size(); ++l) {
-    std::vector<int> own = landmarks.landmarks[l].keypoints;
-    for (const int k : own) at(landmarks_of, k).push_back(static_cast<int>(l));
-    std::stable_sort(own.begin(), own.end(),
-                     [&](int a, int b) { return at(view.keypoints, a).strength > at(view.keypoints, b).strength; });
-    own.resize(std::min(own.size(), static_cast<size_t>(options_.strongest)));
-    strongest.insert(own.begin(), own.end());
-    own.resize(std::min(own.size(), static_cast<size_t>(options_.strongest / 2)));
-    queried.insert(own.begin(), own.end());
-  }
-  view.queried.assign(queried.begin(), queried.end());
-  view.strongest.assign(strongest.begin(), strongest.end());
-  for (size_t k = 0; k < view.keypoints.size(); ++k) {
-    if (!landmarks_of[k].empty()) view.owned.push_back(static_cast<int>(k));
-    view.starts.push_back(static_cast<int>(view.owners.size()));
-    view.owners.insert(view.owners.end(), landmarks_of[k].begin(), landmarks_of[k].end());
-  }
-  view.starts.push_back(static_cast<int>(view.owners.size()));
-  std::stable_sort(view.owned.begin(), view.owned.end(),
-                   [&](int a, int b) { return at(view.keypoints, a).point_m.x() < at(view.keypoints, b).point_m.x(); });
+  view.keypoints = landmarks.keypoints.keypoints.size();
+  select(view, by_strength(landmarks));
+  std::call_once(view.loaded->once, [&] { view.loaded->details = details_of(landmarks); });
+  return view;
+}
+
+LandmarkDatabase::View LandmarkDatabase::view_of(int frame, const KnownLandmarks& known) const {
+  if (!known.digest() || options_.strongest > LandmarkDigest::kMost) return view_of(frame, *known.get());
+  View view;
+  view.frame = frame;
+  view.keypoints = static_cast<size_t>(known.digest()->keypoints);
+  select(view, known.digest()->strongest);
+  view.digest = known.digest();
+  view.load = [known] { return details_of(*known.get()); };
   return view;
 }
 
 void LandmarkDatabase::add(int frame, const Landmarks& landmarks) {
-  const int number = static_cast<int>(views_.size()), first = keypoints();
-  views_.push_back(view_of(frame, landmarks));
-  const View& view = views_.back();
-  for (const int k : view.strongest) entries_.push_back({number, k});
-  landmark_count_ += static_cast<int>(view.landmarks);
-  if (keypoints() == first) return;
-  Run run{first, {}};
-  while (!runs_.empty() && runs_.back().tree.size() < 2 * (keypoints() - run.first)) {
-    run.first = runs_.back().first;
-    runs_.pop_back();
+  std::vector<View> added;
+  added.push_back(view_of(frame, landmarks));
+  add(std::move(added));
+}
+
+void LandmarkDatabase::add(int first, int count, const std::function<const KnownLandmarks&(int frame)>& landmarks_of) {
+  std::vector<View> added(static_cast<size_t>(count));
+  for_each_row(count, [&](int i) { at(added, i) = view_of(first + i, landmarks_of(first + i)); });
+  add(std::move(added));
+}
+
+void LandmarkDatabase::add(std::vector<View> added) {
+  // Which descriptors each tree contains; the empty ones are built afterwards.
+  for (View& view : added) {
+    const int number = static_cast<int>(views_.size()), before = keypoints();
+    for (const int k : view.strongest) entries_.push_back({number, k});
+    landmark_count_ += static_cast<int>(view.landmarks);
+    views_.push_back(std::move(view));
+    if (keypoints() == before) continue;
+    Run run{before, keypoints(), {}};
+    while (!runs_.empty() && runs_.back().end - runs_.back().first < 2 * (keypoints() - run.first)) {
+      run.first = runs_.back().first;
+      runs_.pop_back();
+    }
+    runs_.push_back(std::move(run));
   }
-  cv::Mat1b descriptors(keypoints() - run.first, kDescriptorSize);
-  for (int i = 0; i < descriptors.rows; ++i) std::copy_n(descriptor_of(run.first + i), kDescriptorSize, descriptors[i]);
-  run.tree = DescriptorTree(descriptors);
-  runs_.push_back(std::move(run));
+  for (Run& run : runs_) {
+    if (run.tree.size() > 0) continue;
+    cv::Mat1b descriptors(run.end - run.first, kDescriptorSize);
+    for_each_row(descriptors.rows,
+                 [&](int i) { std::copy_n(descriptor_of(run.first + i), kDescriptorSize, descriptors[i]); });
+    run.tree = DescriptorTree(descriptors);
+  }
 }
 
 const uchar* LandmarkDatabase::descriptor_of(int entry) const {
   const Entry& of = at(entries_, entry);
-  return at(views_, of.view).descriptors[of.keypoint];
+  return at(views_, of.view).descriptor(of.keypoint);
 }
 
 std::vector<LandmarkDatabase::Matches> LandmarkDatabase::matches_by_view(const View& current) const {
   const int queries = static_cast<int>(current.queried.size());
   std::vector<std::vector<Nearest>> nearest(current.queried.size());
   for_each_row(queries, [&](int q) {
-    const uchar* descriptor = current.descriptors[at(current.queried, q)];
+    const uchar* descriptor = current.descriptor(at(current.queried, q));
     std::vector<Nearest>& own = at(nearest, q);
     const auto note_entry = [&](int entry, int distance2) { note(own, at(entries_, entry).view, entry, distance2); };
     if (options_.search == DescriptorSearch::brute_force) {
@@ -158,10 +273,9 @@ LandmarkDatabase::Matches LandmarkDatabase::one_to_one(Matches matches, const Vi
   std::sort(matches.begin(), matches.end(), [](const KeypointMatch& a, const KeypointMatch& b) {
     return std::tie(a.distance, a.current, a.earlier) < std::tie(b.distance, b.current, b.earlier);
   });
-  std::vector<char> earlier_taken(earlier.keypoints.size()), current_taken(current.keypoints.size());
+  std::vector<char> earlier_taken(earlier.keypoints), current_taken(current.keypoints);
   std::erase_if(matches, [&](const KeypointMatch& match) {
-    char &e = at(earlier_taken, at(earlier.place, match.earlier)),
-         &c = at(current_taken, at(current.place, match.current));
+    char &e = at(earlier_taken, earlier.place(match.earlier)), &c = at(current_taken, current.place(match.current));
     const bool taken = e || c;
     if (!taken) e = c = 1;
     return taken;
@@ -173,7 +287,7 @@ RigidConsensus LandmarkDatabase::consensus(const View& earlier, const View& curr
                                            double spread_px, int random_triples) const {
   std::vector<WeightedPair> pairs;
   for (const KeypointMatch& match : matches) {
-    const Keypoint &e = at(earlier.keypoints, match.earlier), &c = at(current.keypoints, match.current);
+    const Keypoint &e = earlier.keypoint(match.earlier), &c = current.keypoint(match.current);
     const double noise = std::sqrt((e.covariance_m2 + c.covariance_m2).trace() / 3);
     pairs.push_back({e.point_m, c.point_m, std::hypot(noise, spread_px * footprint_m(e.point_m, camera_))});
   }
@@ -186,22 +300,23 @@ LandmarkDatabase::Matches LandmarkDatabase::guided_matches(const View& earlier, 
                                                            const Pose& earlier_from_current, double distance_px) const {
   constexpr double kMostScale = 1.5;  // an octave has three scales
   const double most = options_.max_guided_ratio * kUnitLength;
+  const Details &seen = earlier.details(), &now = current.details();
   Matches matches;
-  for (const int q : current.owned) {
-    const Keypoint& keypoint = at(current.keypoints, q);
+  for (const int q : now.owned) {
+    const Keypoint& keypoint = at(now.keypoints, q);
     const Eigen::Vector3d expected = earlier_from_current * keypoint.point_m;
     const double distance_m = distance_px * footprint_m(expected, camera_);
-    const auto first = std::lower_bound(earlier.owned.begin(), earlier.owned.end(), expected.x() - distance_m,
-                                        [&](int k, double x) { return at(earlier.keypoints, k).point_m.x() < x; });
+    const auto first = std::lower_bound(seen.owned.begin(), seen.owned.end(), expected.x() - distance_m,
+                                        [&](int k, double x) { return at(seen.keypoints, k).point_m.x() < x; });
     int best = -1;
     double best_distance2 = most * most;
-    for (auto k = first; k != earlier.owned.end(); ++k) {
-      const Keypoint& other = at(earlier.keypoints, *k);
+    for (auto k = first; k != seen.owned.end(); ++k) {
+      const Keypoint& other = at(seen.keypoints, *k);
       if (other.point_m.x() > expected.x() + distance_m) break;
       if ((other.point_m - expected).squaredNorm() > distance_m * distance_m) continue;
       const double scale = other.scale * other.point_m.z() / (keypoint.scale * keypoint.point_m.z());
       if (scale > kMostScale || scale < 1 / kMostScale) continue;
-      const int distance2 = squared_distance(current.descriptors[q], earlier.descriptors[*k]);
+      const int distance2 = squared_distance(now.descriptors[q], seen.descriptors[*k]);
       if (distance2 < best_distance2) best_distance2 = distance2, best = *k;
     }
     if (best >= 0) matches.push_back({best, q, std::sqrt(best_distance2) / kUnitLength, 0});
@@ -211,15 +326,15 @@ LandmarkDatabase::Matches LandmarkDatabase::guided_matches(const View& earlier, 
 
 // Returns the mutual nearest neighbours among all keypoints of landmarks that pass the ratio test.
 LandmarkDatabase::Matches LandmarkDatabase::all_matches(const View& earlier, const View& current) const {
+  const Details &seen = earlier.details(), &now = current.details();
   const auto distance2 = [&](int e, int c) {
-    return squared_distance(earlier.descriptors[at(earlier.owned, e)], current.descriptors[at(current.owned, c)]);
+    return squared_distance(seen.descriptors[at(seen.owned, e)], now.descriptors[at(now.owned, c)]);
   };
   Matches matches;
-  for (const MutualPair& pair :
-       mutual_nearest(static_cast<int>(earlier.owned.size()), static_cast<int>(current.owned.size()), distance2, 1,
-                      options_.max_ratio))
+  for (const MutualPair& pair : mutual_nearest(static_cast<int>(seen.owned.size()), static_cast<int>(now.owned.size()),
+                                               distance2, 1, options_.max_ratio))
     matches.push_back(
-        {at(earlier.owned, pair.earlier), at(current.owned, pair.current), pair.distance / kUnitLength, pair.ratio});
+        {at(seen.owned, pair.earlier), at(now.owned, pair.current), pair.distance / kUnitLength, pair.ratio});
   return matches;
 }
 
@@ -293,6 +408,7 @@ std::vector<Recognition> LandmarkDatabase::reidentify(const Landmarks& landmarks
     std::stable_sort(order.begin(), order.end(),
                      [&](int a, int b) { return at(matches, a).size() > at(matches, b).size(); });
     order.resize(std::min(order.size(), static_cast<size_t>(options_.max_views)));
+    for (const int view : order) (void)at(views_, view).details();  // an Error must not arise in a parallel loop
     std::vector<char> known(order.size(), 0);
     for_each_row(static_cast<int>(order.size()), [&](int i) {
       const int view = at(order, i);
@@ -325,7 +441,7 @@ std::vector<Recognition> LandmarkDatabase::reidentify(const Landmarks& landmarks
   for (Recognition* r : all) {
     if (recognised.contains(r->landmark)) continue;
     const auto place = [&](const KeypointMatch& match) {
-      return std::pair(r->earlier_frame, at(by_frame.at(r->earlier_frame)->place, match.earlier));
+      return std::pair(r->earlier_frame, by_frame.at(r->earlier_frame)->place(match.earlier));
     };
     std::erase_if(r->matches, [&](const KeypointMatch& match) { return taken.contains(place(match)); });
     if (static_cast<int>(r->matches.size()) < options_.min_matches) continue;

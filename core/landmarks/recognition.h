@@ -5,11 +5,15 @@
 #pragma once
 
 #include <array>
+#include <functional>
+#include <memory>
+#include <mutex>
 #include <span>
 #include <vector>
 
 #include "core/landmarks/descriptor_tree.h"
 #include "core/landmarks/rigid_consensus.h"
+#include "core/types/known_landmarks.h"
 #include "core/types/landmark.h"
 #include "core/types/options.h"
 #include "core/types/pinhole.h"
@@ -62,6 +66,9 @@ struct RecognitionOptions {
   }
 };
 
+// Returns the digest of a view's landmarks.
+LandmarkDigest digest_of(const Landmarks& landmarks);
+
 // Stores the landmarks of many frames and re-identifies them in later ones.
 class LandmarkDatabase {
  public:
@@ -70,40 +77,64 @@ class LandmarkDatabase {
 
   // Adds a frame's landmarks under its frame number.
   void add(int frame, const Landmarks& landmarks);
+  // Adds those of `count` frames from number `first` on. Equals adding one after another, but each tree is built only once,
+  // and landmarks in a file are read only when they are needed.
+  void add(int first, int count, const std::function<const KnownLandmarks&(int frame)>& landmarks_of);
 
   // Returns the re-identified landmarks of the current frame, in their order. Each is matched with one earlier
-  // landmark and each keypoint at most once; two current landmarks may be parts of the same earlier one.
+  // landmark and each keypoint at most once; two current landmarks may be parts of the same earlier one. Throws Error if
+  // landmarks in a file are damaged.
   std::vector<Recognition> reidentify(const Landmarks& current) const;
 
   int landmarks() const { return landmark_count_; }
   int keypoints() const { return static_cast<int>(entries_.size()); }
 
  private:
-  // A frame's landmarks, prepared for searching.
-  struct View {
-    int frame = 0;
-    size_t landmarks = 0;
+  // All keypoints of a view, prepared for searching.
+  struct Details {
     std::vector<Keypoint> keypoints;
     cv::Mat1b descriptors;
     // Landmarks of keypoint k: numbers [starts[k], starts[k + 1]) of owners.
     std::vector<int> starts, owners;
-    std::vector<int> place;      // position index, common to all orientations at a position
-    std::vector<int> owned;      // keypoints that belong to landmarks, sorted by the x of their points
+    std::vector<int> place;  // position index, common to all orientations at a position
+    std::vector<int> owned;  // keypoints that belong to landmarks, sorted by the x of their points
+  };
+  // A frame's landmarks.
+  struct View {
+    int frame = 0;
+    size_t landmarks = 0, keypoints = 0;
     std::vector<int> strongest;  // strongest keypoints of all landmarks, ascending
     std::vector<int> queried;    // the stronger half of each landmark's strongest
+    // Of landmarks in a file, the digest is in memory, and all keypoints once they were needed.
+    std::shared_ptr<const LandmarkDigest> digest;
+    struct Loaded {
+      std::once_flag once;
+      Details details;
+    };
+    std::shared_ptr<Loaded> loaded = std::make_shared<Loaded>();
+    std::function<Details()> load;
 
-    std::span<const int> landmarks_of(int keypoint) const {
-      const auto first = static_cast<size_t>(starts[static_cast<size_t>(keypoint)]),
-                 end = static_cast<size_t>(starts[static_cast<size_t>(keypoint) + 1]);
-      return std::span(owners).subspan(first, end - first);
+    const Details& details() const {
+      std::call_once(loaded->once, [&] { loaded->details = load(); });
+      return loaded->details;
     }
+    // Position of a keypoint in the digest; -1: it is not in it, or there is none.
+    int in_digest(int keypoint) const;
+    const Keypoint& keypoint(int keypoint) const;
+    int place(int keypoint) const;
+    const uchar* descriptor(int keypoint) const;
+    std::span<const int> landmarks_of(int keypoint) const;
   };
   struct Entry {
     int view = 0, keypoint = 0;
   };
   using Matches = std::vector<KeypointMatch>;
 
+  static Details details_of(const Landmarks& landmarks);
   View view_of(int frame, const Landmarks& landmarks) const;
+  View view_of(int frame, const KnownLandmarks& known) const;
+  void select(View& view, const std::vector<std::vector<int>>& by_strength) const;
+  void add(std::vector<View> added);
   const uchar* descriptor_of(int entry) const;
   std::vector<Matches> matches_by_view(const View& current) const;
   Matches one_to_one(Matches matches, const View& earlier, const View& current) const;
@@ -123,7 +154,7 @@ class LandmarkDatabase {
   // descriptors are merged with the last runs, so each is rebuilt only as often as the database doubles (Bentley and
   // Saxe 1980).
   struct Run {
-    int first = 0;
+    int first = 0, end = 0;  // entries
     DescriptorTree tree;
   };
   std::vector<Run> runs_;

@@ -54,8 +54,13 @@ cv::Mat FrameMemory::moved(const cv::Mat& image) {
 }
 
 StoredFrame FrameMemory::moved(const StoredFrame& frame) {
-  return {frame.index,        frame.timestamp_s,    moved(frame.depth_m),
-          moved(frame.sigma), moved(frame.normals), moved(frame.texture)};
+  return {frame.index,
+          frame.timestamp_s,
+          moved(frame.depth_m),
+          moved(frame.sigma),
+          moved(frame.normals),
+          moved(frame.texture),
+          {}};
 }
 
 }  // namespace fringeslam

@@ -54,6 +54,7 @@ int KeyframeMap::add_keyframe(const Frame& frame, Landmarks landmarks, const Pos
 }
 
 void KeyframeMap::replace_frame(int keyframe, const Frame& frame, const Pose& new_from_old) {
+  ++revision_;
   keyframes_[static_cast<size_t>(keyframe)].frame = memory_.moved(stored(frame));
   // A keyframe's own frame precedes the others that are fixed to it.
   bool own = true;
@@ -76,6 +77,7 @@ bool KeyframeMap::add_frame(const Frame& frame, int keyframe, const Pose& keyfra
 }
 
 bool KeyframeMap::correct(const PoseGraphOptions& options, double significant_m) {
+  ++revision_;
   std::vector<Pose> poses;
   for (const Keyframe& keyframe : keyframes_) poses.push_back(keyframe.world_from_camera);
   const PoseGraphResult result = optimise_poses(poses, links_, options);
@@ -167,27 +169,22 @@ size_t KeyframeMap::memory_bytes() const {
   size_t bytes = 0;
   for (const MapFrame& frame : frames_) bytes += bytes_of(frame.frame);
   for (const Keyframe& keyframe : keyframes_)
-    bytes += keyframe.landmarks.keypoints.descriptors.total() * sizeof(float) +
-             keyframe.landmarks.keypoints.keypoints.size() * sizeof(Keypoint);
+    bytes += keyframe.landmarks.memory_bytes();
   return bytes;
 }
 
-void KeyframeMap::restore(std::vector<Keyframe> keyframes, std::vector<MapFrame> frames, std::vector<PoseEdge> links) {
-  std::vector<StoredFrame> moved;
-  for (const Keyframe& keyframe : keyframes) moved.push_back(memory_.moved(keyframe.frame));
-  for (MapFrame& frame : frames) {
-    // A keyframe shares its images with its own frame.
-    const auto number = static_cast<size_t>(frame.keyframe);
-    const bool own = frame.frame.depth_m.data == keyframes[number].frame.depth_m.data;
-    frame.frame = own ? moved[number] : memory_.moved(frame.frame);
-  }
-  for (size_t i = 0; i < keyframes.size(); ++i) {
-    keyframes[i].frame = moved[i];
-    move_descriptors(keyframes[i].landmarks);
-  }
+void KeyframeMap::release_frames() const {
+  memory_.release();
+  if (source_) source_->file->release();
+}
+
+void KeyframeMap::restore(std::vector<Keyframe> keyframes, std::vector<MapFrame> frames, std::vector<PoseEdge> links,
+                          std::shared_ptr<const MapSource> source) {
   keyframes_ = std::move(keyframes);
   frames_ = std::move(frames);
   links_ = std::move(links);
+  source_ = std::move(source);
+  ++revision_;
 }
 
 }  // namespace fringeslam

@@ -11,9 +11,10 @@
 #include <vector>
 
 #include "core/map/frame_memory.h"
+#include "core/map/map_source.h"
 #include "core/map/pose_graph.h"
 #include "core/map/stored_frame.h"
-#include "core/types/landmark.h"
+#include "core/types/known_landmarks.h"
 #include "core/types/rig_model.h"
 
 namespace fringeslam {
@@ -45,7 +46,7 @@ struct Keyframe {
   int index = 0;  // stack index
   double timestamp_s = 0;
   Pose world_from_camera;
-  Landmarks landmarks;
+  KnownLandmarks landmarks;
   StoredFrame frame;
 };
 
@@ -103,10 +104,15 @@ class KeyframeMap {
 
   size_t memory_bytes() const;
   // Frames that were used since they were added need not stay in memory (frame_memory.h).
-  void release_frames() const { memory_.release(); }
+  void release_frames() const;
 
-  // Replaces the content by that read from a file (map_file.h).
-  void restore(std::vector<Keyframe> keyframes, std::vector<MapFrame> frames, std::vector<PoseEdge> links);
+  // Replaces the content. The images stay where they are; if that is a file, `source` describes it.
+  void restore(std::vector<Keyframe> keyframes, std::vector<MapFrame> frames, std::vector<PoseEdge> links,
+               std::shared_ptr<const MapSource> source = {});
+  // The file from which the map was opened, which contains its first keyframes; null: none.
+  const std::shared_ptr<const MapSource>& source() const { return source_; }
+  // Changes when poses or frames change that were in the map before; additions do not count.
+  int revision() const { return revision_; }
 
  private:
   void move_descriptors(Landmarks& landmarks);
@@ -118,6 +124,8 @@ class KeyframeMap {
   std::vector<MapFrame> frames_;
   std::vector<PoseEdge> links_;
   FrameMemory memory_;  // copies of the map share it
+  std::shared_ptr<const MapSource> source_;
+  int revision_ = 0;
 };
 
 }  // namespace fringeslam

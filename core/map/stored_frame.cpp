@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/map/stored_frame.h"
 
+#include <xxhash.h>
+
 #include <cmath>
 #include <limits>
 
 #include "core/base/constants.h"
 #include "core/base/parallel.h"
+#include "core/types/error.h"
 #include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
@@ -56,8 +59,24 @@ FRINGESLAM_INLINE void place_body(const float* depths, const float* rays, int co
 
 }  // namespace
 
+uint64_t checksum_of(const StoredFrame& frame) {
+  uint64_t sum = 0;
+  for (const cv::Mat& image :
+       {cv::Mat(frame.depth_m), cv::Mat(frame.sigma), cv::Mat(frame.normals), cv::Mat(frame.texture)})
+    sum = XXH64(image.data, image.total() * image.elemSize(), sum);
+  return sum;
+}
+
+void FrameCheck::check(const StoredFrame& frame) const {
+  std::call_once(once_, [&] {
+    if (checksum_of(frame) != checksum_)
+      throw Error(where_ + ": is damaged (the checksum of a frame is wrong); create the map again");
+  });
+}
+
 StoredFrame stored(const Frame& frame) {
-  StoredFrame result{frame.index, frame.timestamp_s, {}, {}, cv::Mat2s(frame.normals.size()), frame.texture.clone()};
+  StoredFrame result{frame.index, frame.timestamp_s, {}, {}, cv::Mat2s(frame.normals.size()), frame.texture.clone(),
+                     {}};
   cv::extractChannel(frame.points_m, result.depth_m, 2);
   cv::convertFp16(cv::Mat1f(kMmPerM * frame.sigma_m), result.sigma);
   static const auto fold = Variants<fold_body>::of(selected_instruction_set());
@@ -67,6 +86,7 @@ StoredFrame stored(const Frame& frame) {
 }
 
 Frame restored(const StoredFrame& stored, const PixelRays& rays) {
+  if (stored.check) stored.check->check(stored);
   Frame frame;
   frame.index = stored.index;
   frame.timestamp_s = stored.timestamp_s;

@@ -3,9 +3,36 @@
 // stored exactly, sigma to 0.05 %, normals to 0.003 degrees.
 #pragma once
 
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <utility>
+
 #include "core/types/frame.h"
 
 namespace fringeslam {
+
+struct StoredFrame;
+
+// Returns the checksum of a frame's images, which must have no gaps between their rows.
+uint64_t checksum_of(const StoredFrame& frame);
+
+// Checks the images of a frame that lie in a file, when they are first restored: reading all frames of a large map when it
+// is opened would take minutes.
+class FrameCheck {
+ public:
+  // `where` begins the message: the file.
+  FrameCheck(uint64_t checksum, std::string where) : checksum_(checksum), where_(std::move(where)) {}
+  uint64_t checksum() const { return checksum_; }
+  // Throws Error if the images do not have the checksum. Threads may call it at the same time.
+  void check(const StoredFrame& frame) const;
+
+ private:
+  uint64_t checksum_;
+  std::string where_;
+  mutable std::once_flag once_;
+};
 
 // All images are H x W; where depth_m is NaN the others are meaningless.
 struct StoredFrame {
@@ -15,12 +42,14 @@ struct StoredFrame {
   cv::Mat1s sigma;    // half-precision floats, mm
   cv::Mat2s normals;  // octahedral coordinates * 32767 (Cigolle et al. 2014); (-32768, -32768): none
   cv::Mat1b texture;
+  std::shared_ptr<const FrameCheck> check = {};  // of images that lie in a file
 };
 
 // Compresses a frame.
 StoredFrame stored(const Frame& frame);
 
-// Restores the frame, without its 8-bit depth image. `rays` are those of the camera that took it.
+// Restores the frame, without its 8-bit depth image. `rays` are those of the camera that took it. Throws Error if the images
+// lie in a file and are damaged.
 Frame restored(const StoredFrame& stored, const PixelRays& rays);
 
 // Returns the memory of the stored images, bytes.

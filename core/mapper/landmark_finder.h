@@ -2,6 +2,7 @@
 // Landmarks of a view and their re-identification in earlier keyframes (docs/method.md, section 5).
 #pragma once
 
+#include <functional>
 #include <vector>
 
 #include "core/landmarks/keypoints.h"
@@ -31,6 +32,10 @@ class LandmarkFinder {
   // Finds the landmarks of a frame and re-identifies those of earlier keyframes.
   FoundLandmarks find(const Frame& frame) const;
   void add_keyframe(int keyframe, const Landmarks& landmarks) { database_.add(keyframe, landmarks); }
+  // Adds keyframes 0 to count - 1.
+  void add_keyframes(int count, const std::function<const KnownLandmarks&(int keyframe)>& landmarks_of) {
+    database_.add(0, count, landmarks_of);
+  }
 
  private:
   RigModel rig_;

@@ -49,7 +49,7 @@ class Merger {
  public:
   Merger(const KeyframeMap& a, const KeyframeMap& b, const MapperOptions& options, const std::string& b_name)
       : a_(a), b_(b), options_(options), b_name_(b_name), database_(a.rig().camera, options.finder.recognition) {
-    for (int i = 0; i < count(a_); ++i) database_.add(i, keyframe(a_, i).landmarks);
+    database_.add(0, count(a_), [&](int i) -> const KnownLandmarks& { return keyframe(a_, i).landmarks; });
   }
 
   MergedMap merged(const MergeProgress& progress) {
@@ -72,17 +72,16 @@ class Merger {
   // Registers a keyframe of B with those of A that share most of its landmarks.
   void reidentify(int j) {
     constexpr size_t kMostViews = 3;
-    const Keyframe& of_b = keyframe(b_, j);
-    std::vector<ViewMatches> candidates = matches_by_view(database_.reidentify(of_b.landmarks));
+    const std::shared_ptr<const Landmarks> landmarks_of_b = keyframe(b_, j).landmarks.get();
+    std::vector<ViewMatches> candidates = matches_by_view(database_.reidentify(*landmarks_of_b));
     candidates.resize(std::min(candidates.size(), kMostViews));
     if (candidates.empty()) return;
     const Frame image = b_.keyframe_image(j);
     for (const ViewMatches& with : candidates) {
-      const Keyframe& of_a = keyframe(a_, with.earlier);
-      const ViewRegistration found =
-          register_views(a_.keyframe_image(with.earlier), image,
-                         point_pairs(of_a.landmarks.keypoints, of_b.landmarks.keypoints, with.matches), a_.rig().camera,
-                         a_.rig().middle_range_m(), options_.registration);
+      const ViewRegistration found = register_views(
+          a_.keyframe_image(with.earlier), image,
+          point_pairs(keyframe(a_, with.earlier).landmarks.get()->keypoints, landmarks_of_b->keypoints, with.matches),
+          a_.rig().camera, a_.rig().middle_range_m(), options_.registration);
       ambiguous_ += found.ambiguous;
       if (!found.found || !found.refined) continue;
       candidates_.push_back(link_of(with.earlier, j, found, true));

@@ -71,8 +71,9 @@ Mapper::Mapper(KeyframeMap map, const MapperOptions& options)
   check_options(options.registration.motion_prior, "motion_prior");
   check_options(options.mapping, "mapping");
   check_options(options.pose_graph, "pose_graph");
-  for (size_t i = 0; i < map_.keyframes().size(); ++i)
-    finder_.add_keyframe(static_cast<int>(i), map_.keyframes()[i].landmarks);
+  finder_.add_keyframes(static_cast<int>(map_.keyframes().size()), [&](int i) -> const KnownLandmarks& {
+    return map_.keyframes()[static_cast<size_t>(i)].landmarks;
+  });
 }
 
 FrameResult Mapper::process(MapperInput input) {
@@ -340,8 +341,10 @@ bool Mapper::relocalize(FrameResult& result) {
   if (result.keypoints.detected == 0) find_landmarks(result);
   enter_stage("locate");
   const int last = track_.empty() ? static_cast<int>(map_.keyframes().size()) - 1 : track_.back().keyframe;
+  std::shared_ptr<const Landmarks> landmarks;
   const auto known = [&](int keyframe) -> SeenView {
-    return {keyframe_image(keyframe), map_.keyframes()[static_cast<size_t>(keyframe)].landmarks.keypoints};
+    landmarks = map_.keyframes()[static_cast<size_t>(keyframe)].landmarks.get();
+    return {keyframe_image(keyframe), landmarks->keypoints};
   };
   LocatedView located = locate_view(known, last, {result.frame, result.keypoints}, result.recognitions, rig_.camera,
                                     rig_.middle_range_m(), options_.registration);
@@ -428,9 +431,9 @@ int Mapper::close_loops(const FrameResult& result) {
                                                 rig_.camera, rig_.middle_range_m(), options_.registration,
                                                 Matrix6d::Zero(), map_.covariance_between(keyframe, result.keyframe));
     if (!registration.refined && recognised.contains(keyframe))
-      registration = register_views(image, result.frame,
-                                    point_pairs(earlier.landmarks.keypoints, result.keypoints, recognised[keyframe]),
-                                    rig_.camera, rig_.middle_range_m(), options_.registration);
+      registration = register_views(
+          image, result.frame, point_pairs(earlier.landmarks.get()->keypoints, result.keypoints, recognised[keyframe]),
+          rig_.camera, rig_.middle_range_m(), options_.registration);
     if (!registration.refined) continue;
     link(keyframe, result.keyframe, registration.earlier_from_current, registration.covariance, true);
     ++links;

@@ -4,6 +4,7 @@
 
 #include "core/map/cloud.h"
 #include "core/map/keyframe_map.h"
-#include "core/map/map_file.h"
 #include "core/map/mesh.h"
 #include "core/map/surface.h"
+#include "core/storage/map_file.h"
+#include "core/storage/map_journal.h"

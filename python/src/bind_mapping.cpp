@@ -3,10 +3,10 @@
 #include "core/io/files.h"
 #include "core/io/ply.h"
 #include "core/map/map_cloud.h"
-#include "core/map/map_file.h"
 #include "core/mapper/driver.h"
 #include "core/mapper/map_merge.h"
 #include "core/mapper/pipeline.h"
+#include "core/storage/map_file.h"
 #include "python/src/bindings.h"
 #include "python/src/options.h"
 #include "python/src/pipeline_options.h"
@@ -128,7 +128,7 @@ void bind_map(py::module_& m) {
       .def_readonly("timestamp_s", &Keyframe::timestamp_s)
       .def_readonly("world_from_camera", &Keyframe::world_from_camera, "4 x 4, at the time of the call.")
       .def_property_readonly(
-          "landmarks", [](const Keyframe& k) { return k.landmarks.landmarks.size(); }, "Number of landmarks.");
+          "landmarks", [](const Keyframe& k) { return k.landmarks.count(); }, "Number of landmarks.");
   py::class_<KeyframeMap>(m, "KeyframeMap", "Keyframes, joined by measured motions into a pose graph.")
       .def_property_readonly("keyframes", &KeyframeMap::keyframes)
       .def_property_readonly(
@@ -158,7 +158,7 @@ void bind_map(py::module_& m) {
           "save",
           [](const KeyframeMap& map, const std::filesystem::path& file) {
             StagedFile staged(file);
-            write_text(staged.path(), to_bytes(map));
+            write_map(staged.path(), map);
             staged.commit();
           },
           py::arg("file"), ReleaseGil(), "Writes the map, to be continued later.");
@@ -167,10 +167,11 @@ void bind_map(py::module_& m) {
       [](const std::filesystem::path& file, const RigModel& rig, const py::object& options) {
         const auto mapping = options_of<MappingOptions>("mapping", options);
         const py::gil_scoped_release release;
-        return map_from_bytes(read_bytes(file), file.string(), rig, mapping);
+        return open_map(file, rig, mapping);
       },
       py::arg("file"), py::arg("rig"), py::arg("options") = py::none(),
-      "Reads a saved map. Raises Error if it is damaged or was made with another camera.");
+      "Opens a saved map, whose images stay in the file. Raises Error if it is damaged or was made with another "
+      "camera.");
   py::class_<CrossLink>(m, "CrossLink", "A measured motion between a keyframe of one map and a keyframe of the other.")
       .def_readonly("a", &CrossLink::a, "Number of the keyframe in A.")
       .def_readonly("b", &CrossLink::b, "Number of the keyframe in B.")

@@ -4,7 +4,6 @@
 #include <gmock/gmock.h>
 
 #include "core/map/map_cloud.h"
-#include "core/map/map_file.h"
 #include "tests/support/matchers.h"
 #include "tests/support/scene.h"
 
@@ -116,36 +115,6 @@ TEST(KeyframeMap, CorrectionMovesKeyframesAndTheirFrames) {
     ASSERT_TRUE(hit);
     ASSERT_LT(std::abs(hit->point.z() - p.z()), before);
   }
-}
-
-TEST(MapFile, IsReadAsItWasWritten) {
-  KeyframeMap map(kRig, {});
-  Landmarks landmarks;
-  Random random(5);
-  for (int i = 0; i < 30; ++i) {
-    Keypoint keypoint;
-    keypoint.pixel = random.direction().head<2>();
-    keypoint.point_m = random.direction();
-    keypoint.scale = 2;
-    landmarks.keypoints.keypoints.push_back(keypoint);
-  }
-  landmarks.keypoints.descriptors = cv::Mat1f(30, 128, 0.125f);
-  landmarks.landmarks = {{{}, {{1, 2}, {30, 4}, {5, 60}}, {0, 4, 29}}};
-  map.add_keyframe(view({}), landmarks, shifted(1, 2));
-  map.add_keyframe(view(shifted(0.1)), {}, shifted(1.1, 2));
-  map.add_frame(view(shifted(0.05)), 1, shifted(-0.05));
-  map.link({0, 1, shifted(0.1), 7 * Matrix6d::Identity(), true});
-
-  const std::string bytes = to_bytes(map);
-  const KeyframeMap again = map_from_bytes(bytes, "it", kRig, {});
-  EXPECT_EQ(to_bytes(again), bytes);
-  ASSERT_EQ(again.keyframes().size(), 2u);
-  EXPECT_EQ(again.frames().size(), map.frames().size());
-  EXPECT_EQ(again.memory_bytes(), map.memory_bytes());
-  EXPECT_THAT(again.keyframes()[0].world_from_camera, PoseNear(shifted(1, 2), 0, 0));
-  EXPECT_TRUE(same_bits(again.keyframes()[1].frame.depth_m, map.keyframes()[1].frame.depth_m));
-  EXPECT_EQ(again.keyframes()[0].landmarks.landmarks[0].keypoints, (std::vector<int>{0, 4, 29}));
-  EXPECT_EQ(again.keyframes()[0].landmarks.keypoints.descriptors.rows, 30);
 }
 
 }  // namespace

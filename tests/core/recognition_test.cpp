@@ -5,8 +5,10 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <atomic>
 #include <limits>
 
+#include "core/base/parallel.h"
 #include "core/landmarks/descriptor_tree.h"
 #include "core/score/landmark_score.h"
 #include "tests/support/random.h"
@@ -254,6 +256,67 @@ TEST_P(BothSearches, ThePartsOfALandmarkAreKnown) {
   for (const Recognition& r : found) {
     for (const KeypointMatch& m : r.matches) EXPECT_TRUE(earlier.insert(m.earlier).second) << "matched twice";
   }
+}
+
+// Subtrees are built in parallel.
+TEST(DescriptorTree, IsTheSameForAnyNumberOfThreads) {
+  constexpr int kCount = 40000;
+  Random random(7);
+  const cv::Mat1b descriptors = quantised(random_descriptors(random, kCount));
+  const DescriptorTree parallel(descriptors);
+  const auto serial = [&] {
+    const SerialLoops loops;
+    return DescriptorTree(descriptors);
+  }();
+  for (int q = 0; q < kCount; q += 997) {
+    std::vector<std::pair<int, int>> a, b;
+    parallel.visit_nearest_leaves(descriptors[q], 8, [&](int i, int d2) { a.emplace_back(i, d2); });
+    serial.visit_nearest_leaves(descriptors[q], 8, [&](int i, int d2) { b.emplace_back(i, d2); });
+    ASSERT_EQ(a, b);
+    EXPECT_TRUE(std::any_of(a.begin(), a.end(), [&](const auto& found) { return found == std::pair(q, 0); }));
+  }
+}
+
+// Of landmarks in a file, the digest determines which are read; the results are those of landmarks in memory.
+TEST_P(BothSearches, LandmarksInAFileAreReadOnlyWhenTheyAreNeeded) {
+  constexpr int kFrames = 20;
+  World world(2 * kFrames);
+  LandmarkDatabase in_memory(camera(), options()), in_file(camera(), options());
+  std::atomic<int> reads = 0;
+  std::vector<KnownLandmarks> known;
+  for (int frame = 0; frame < kFrames; ++frame) {
+    // More keypoints than the digest contains.
+    Landmarks seen = world.seen({2 * frame, 2 * frame + 1});
+    std::vector<int>&first = seen.landmarks[0].keypoints, &second = seen.landmarks[1].keypoints;
+    first.insert(first.end(), second.begin(), second.end());
+    ASSERT_GT(first.size(), static_cast<size_t>(LandmarkDigest::kMost));
+    in_memory.add(frame, seen);
+    known.emplace_back(digest_of(seen), [&reads, seen] {
+      ++reads;
+      return seen;
+    });
+  }
+  in_file.add(0, kFrames, [&](int frame) -> const KnownLandmarks& { return known[static_cast<size_t>(frame)]; });
+  EXPECT_EQ(reads, 0);
+  EXPECT_EQ(in_file.landmarks(), in_memory.landmarks());
+  EXPECT_EQ(in_file.keypoints(), in_memory.keypoints());
+  const Pose moved{rotation_exp({0.02, -0.1, 0.05}), {0.02, 0.01, -0.03}};
+  for (const std::vector<int>& things : {std::vector<int>{6, 7}, {0, 5, 30}, {39}}) {
+    const Landmarks current = world.seen(things, moved);
+    const auto a = in_memory.reidentify(current), b = in_file.reidentify(current);
+    EXPECT_FALSE(a.empty());
+    ASSERT_EQ(a.size(), b.size());
+    for (size_t i = 0; i < a.size(); ++i) {
+      EXPECT_EQ(a[i].landmark, b[i].landmark);
+      EXPECT_EQ(a[i].earlier_frame, b[i].earlier_frame);
+      EXPECT_EQ(a[i].earlier_landmark, b[i].earlier_landmark);
+      EXPECT_EQ(a[i].earlier_from_current.translation, b[i].earlier_from_current.translation);
+      ASSERT_EQ(a[i].matches.size(), b[i].matches.size());
+      for (size_t m = 0; m < a[i].matches.size(); ++m) EXPECT_EQ(a[i].matches[m].earlier, b[i].matches[m].earlier);
+    }
+  }
+  EXPECT_GT(reads, 0);
+  EXPECT_LT(reads, kFrames);
 }
 
 INSTANTIATE_TEST_SUITE_P(Recognition, BothSearches, testing::ValuesIn(choice_values<DescriptorSearch>()));

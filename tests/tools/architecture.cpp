@@ -35,6 +35,7 @@ const std::map<std::string, Names>& allowed_folders() {
                                           {"core/rig", kBasics + Names{"core/io", "core/rig"}},
                                           {"core/import", kBasics + Names{"core/io", "core/rig", "core/import"}},
                                           {"core/check", kBasics + Names{"core/decode", "core/check"}},
+                                          {"core/storage", kBasics + Names{"core/io", "core/landmarks", "core/map", "core/storage"}},
                                           {"core/mapper", kStages + kBasics + Names{"core/mapper"}},
                                           {"sim", kBasics + Names{"core/io", "core/rig", "sim"}},
                                           {"hw", kBasics + Names{"core/io", "core/rig", "hw"}},

@@ -105,15 +105,51 @@ TEST_F(CommandLine, AnInterruptedRunKeepsItsViews) {
   const int status = std::system(command.c_str());
   ASSERT_EQ(WEXITSTATUS(status), 130) << test::read_bytes(temp_ / "err");
   for (const auto& entry : test::fs::directory_iterator(temp_.path()))
-    EXPECT_THAT(entry.path().filename().string(), testing::Not(HasSubstr("partial")));
+    EXPECT_THAT(entry.path().filename().string(), testing::Not(testing::AnyOf(HasSubstr("partial"), HasSubstr("mapping"))));
   const json frames = json::parse(test::read_bytes(temp_ / "run/frames.json"));
   EXPECT_GE(frames.size(), 2u);
+  EXPECT_EQ(json::parse(run_successfully({"map", "info", out, "--verify", "--json"}).out).at("verified"), true);
   for (const char* file : {"trajectory.tum", "landmarks.json", "saved.map", "rig.yaml"})
     EXPECT_TRUE(test::fs::exists(temp_ / "run" / file)) << file;
   for (const char* file : {"map.ply", "mesh.ply", "mesh.glb", "score.json", "overview.png", "report.html"})
     EXPECT_FALSE(test::fs::exists(temp_ / "run" / file)) << file;
   EXPECT_THAT(test::read_bytes(temp_ / "err"),
               HasSubstr("interrupted: " + std::to_string(frames.size()) + " of 121 views are kept, without map.ply, "));
+}
+
+// Kills `run` at several moments while it maps; the next commands find its map and restore it.
+TEST_F(CommandLine, TheMapOfAKilledRunIsRecovered) {
+  const std::string scene = std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop", out = at("run");
+  for (const std::string view : {"000000", "000002"}) {
+    const std::string folder = test::quoted(temp_.path().string());
+    const std::string command = test::quoted(FRINGESLAM_PROGRAM) + " run " + test::quoted(scene) + " --out " +
+                                test::quoted(out) +
+                                " --set render.samples_per_pixel=1 --set mapping.every_view=true --save-map > " +
+                                test::quoted(at("out")) + " 2>&1 & pid=$!; until ls " + folder + "/run.mapping-*/index " +
+                                folder + "/run.partial-*/run/frames/" + view +
+                                "/depth.exr > /dev/null 2>&1; do sleep 0.02; done; kill -KILL $pid; wait $pid; exit $?";
+    ASSERT_EQ(WEXITSTATUS(std::system(command.c_str())), 128 + SIGKILL) << test::read_bytes(temp_ / "out");
+    EXPECT_FALSE(test::fs::exists(out));
+    for (const std::vector<std::string>& words : std::vector<std::vector<std::string>>{
+             {"map", "info", out}, {"run", scene, "--out", at("other"), "--map", out + "/saved.map"}}) {
+      const test::Finished refused = run_program(words);
+      EXPECT_EQ(refused.exit_code, 2);
+      EXPECT_THAT(refused.err, HasSubstr("restore it with `fringeslam map recover " + out + "`"));
+    }
+    const json restored = json::parse(run_successfully({"map", "recover", out, "--json"}).out);
+    EXPECT_GE(restored.at("keyframes"), 1);
+    EXPECT_EQ(restored.at("damaged"), 0);
+    EXPECT_EQ(test::listing(temp_ / "run.recovered"), (std::set<std::string>{"rig.yaml", "saved.map"}));
+    const json info = json::parse(run_successfully({"map", "info", at("run.recovered"), "--verify", "--json"}).out);
+    EXPECT_EQ(info.at("keyframes"), restored.at("keyframes"));
+    EXPECT_EQ(run_program({"map", "recover", out}).exit_code, 2) << "it was restored before";
+    for (const auto& entry : test::fs::directory_iterator(temp_.path()))
+      EXPECT_THAT(entry.path().filename().string(), testing::Not(HasSubstr(".mapping-")));
+    run_successfully({"run", scene, "--out", at("next"), "--map", at("run.recovered/saved.map"), "--views", "1", "--set",
+                      "render.samples_per_pixel=1", "--no-report", "--quiet"});
+    EXPECT_EQ(json::parse(test::read_bytes(temp_ / "next/frames.json"))[0].at("tracking"), "refined");
+    test::fs::remove_all(at("run.recovered"));
+  }
 }
 
 // The complete output must be one JSON value: the parser refuses anything before or after it.

@@ -199,7 +199,7 @@ void LiveFeed::add(SeenView seen, std::shared_ptr<const LiveView> view) {
 void LiveFeed::take_keyframes(const KeyframeMap& map) {
   for (size_t i = keyframes_.size(); i < map.keyframes().size(); ++i) {
     const Keyframe& keyframe = map.keyframes()[i];
-    keyframes_.push_back({sequence_, keyframe.world_from_camera, centres_of(keyframe.landmarks), keyframe.frame});
+    keyframes_.push_back({sequence_, keyframe.world_from_camera, centres_of(*keyframe.landmarks.get()), keyframe.frame});
   }
 }
 

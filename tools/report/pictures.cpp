@@ -77,7 +77,8 @@ cv::Mat3b match_picture(const Keyframe& reference, const FrameResult& current) {
   cv::Mat3b picture;
   cv::hconcat(grey_picture(reference.frame.texture, 160), grey_picture(current.frame.texture, 160), picture);
   const double shift = reference.frame.texture.cols;
-  const std::vector<Keypoint>& earlier = reference.landmarks.keypoints.keypoints;
+  const std::shared_ptr<const Landmarks> landmarks = reference.landmarks.get();
+  const std::vector<Keypoint>& earlier = landmarks->keypoints.keypoints;
   // Draw outliers first, so that they never hide an inlier.
   for (const char wanted : {char{0}, char{1}}) {
     for (size_t i = 0; i < current.matches.size(); ++i) {
