@@ -426,7 +426,7 @@ WorkFolder WorkFolder::taken_over(const fs::path& folder) {
   taken.lock_ = lock_leftover(folder);
   if (taken.lock_ < 0) throw Error(folder.string() + ": is in use by a running process, or belongs to another user");
   taken.path_ = folder;
-  // From now on this process is the owner, where locks do not tell.
+  // Where locks do not work, the marker names the owner: from now on this process.
   write_directly(folder / kPartialMarker, folder / kPartialMarker, owner_of_this_process());
   return taken;
 }

@@ -124,7 +124,7 @@ State predicted(const std::vector<Measurement>& measured, double time_s, const S
 // magnitude of the jitter are equally likely.
 std::pair<double, double> jitter_of(const std::vector<Measurement>& measured, const Start& start,
                                     double rate_per_jitter) {
-  constexpr std::array kJitters = {0.0, 1e-5, 2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3};  // m or rad
+  constexpr std::array kJitters = {0.0, 1e-5, 2e-5, 4e-5, 8e-5, 1.6e-4, 3.2e-4, 5.6e-4, 1e-3};  // m or rad
   constexpr double kUnlikely = 0.05;
   // Share of an image's displacement that remains in the mean of three: 0.58 if they are independent, 0.54 for vibration
   // of a fifth of the image rate.

@@ -91,6 +91,16 @@ void pose(Archive& archive, P& p) {
                     "a rotation matrix is not orthonormal");
 }
 
+template <class Archive, class Bool>
+void flag(Archive& archive, Bool& value) {
+  uint8_t number = value;
+  archive.number(number);
+  if constexpr (Archive::kReads) {
+    archive.require(number <= 1, "a number is out of range");
+    value = number != 0;
+  }
+}
+
 template <class Archive, class Index>
 void index_below(Archive& archive, Index& index, size_t limit) {
   archive.number(index);
@@ -145,12 +155,7 @@ void content(Archive& archive, Index& index, const Bounds& bounds) {
   archive.list(index.frames, kHeadBytes + sizeof(int) + 1, [&](auto& f) {
     index_below(archive, f.keyframe, index.keyframes.size());
     pose(archive, f.keyframe_from_camera);
-    uint8_t own = f.own;
-    archive.number(own);
-    if constexpr (Archive::kReads) {
-      archive.require(own <= 1, "a number is out of range");
-      f.own = own != 0;
-    }
+    flag(archive, f.own);
     archive.number(f.index);
     archive.number(f.timestamp_s);
     if (!f.own)
@@ -163,12 +168,7 @@ void content(Archive& archive, Index& index, const Bounds& bounds) {
     index_below(archive, l.to, index.keyframes.size());
     pose(archive, l.from_from_to);
     matrix(archive, l.information);
-    uint8_t loop = l.loop;
-    archive.number(loop);
-    if constexpr (Archive::kReads) {
-      archive.require(loop <= 1, "a number is out of range");
-      l.loop = loop != 0;
-    }
+    flag(archive, l.loop);
   });
 }
 
