@@ -105,7 +105,7 @@ class LandmarkDatabase {
     size_t landmarks = 0, keypoints = 0;
     std::vector<int> strongest;  // strongest keypoints of all landmarks, ascending
     std::vector<int> queried;    // the stronger half of each landmark's strongest
-    // Of landmarks in a file, the digest is in memory, and all keypoints once they were needed.
+    // The digest of landmarks in a file is in memory, and all keypoints once they were needed.
     std::shared_ptr<const LandmarkDigest> digest;
     struct Loaded {
       std::once_flag once;

@@ -343,7 +343,7 @@ RecoveredMap recover_map(const WorkFolder& journal, const fs::path& file) {
   });
   std::erase_if(index.links, [&](const PoseEdge& link) { return beyond(link.from) || beyond(link.to); });
 
-  // What follows the last part in use is overwritten; the index of the journal does not need it.
+  // Bytes behind the last part in use are overwritten; the index of the journal does not need them.
   uint64_t end = kMapAlignment;
   const auto include = [&](const StoredPart& part) {
     if (part.file == kOwn) end = std::max(end, aligned(part.offset + part.size));

@@ -69,14 +69,14 @@ class MapJournal {
   WorkFolder folder_;
   Warn warn_;
 
-  // Of the thread that calls update(): the map that is continued, and what was noted.
+  // Used by the thread that calls update(): the map that is continued, and the parts noted so far.
   std::shared_ptr<const MapSource> base_;
   bool begun_ = false;
   int revision_ = 0;
   std::vector<const uchar*> images_;  // the depth of each keyframe
   size_t frames_ = 0, links_ = 0;
 
-  // Of the thread that writes.
+  // Used by the thread that writes.
   MapIndex index_;
   std::optional<FrameLayout> layout_;
   MapParts parts_;
@@ -111,7 +111,7 @@ struct RecoveredMap {
 // The journal remains. Throws Error if it is in use or contains no complete keyframe.
 RecoveredMap recover_map(const WorkFolder& journal, const std::filesystem::path& file);
 
-// Of the names of journals' folders.
+// Suffix of the names of journals' folders.
 constexpr const char* kJournalSuffix = "mapping";
 
 }  // namespace fringeslam

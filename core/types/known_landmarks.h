@@ -13,7 +13,7 @@
 
 namespace fringeslam {
 
-// What the search for a view among many needs: its strongest keypoints.
+// The strongest keypoints of a view, for the search among many views.
 struct LandmarkDigest {
   int keypoints = 0;                        // number of all keypoints of the view
   std::vector<std::vector<int>> strongest;  // of each landmark, in descending order of strength, at most kMost

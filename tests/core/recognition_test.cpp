@@ -277,7 +277,7 @@ TEST(DescriptorTree, IsTheSameForAnyNumberOfThreads) {
   }
 }
 
-// Of landmarks in a file, the digest determines which are read; the results are those of landmarks in memory.
+// The digest of landmarks in a file determines which are read; the results are those of landmarks in memory.
 TEST_P(BothSearches, LandmarksInAFileAreReadOnlyWhenTheyAreNeeded) {
   constexpr int kFrames = 20;
   World world(2 * kFrames);
