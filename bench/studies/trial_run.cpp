@@ -82,6 +82,14 @@ double squared_sigmas(const Pose& estimate, const Pose& truth, const Matrix6d& c
   return error.dot(solve_symmetric(covariance, error));
 }
 
+// Why the depth fails the rule; empty if it does not.
+std::string depth_failure(const Seen& seen, const SuccessRule& rule) {
+  if (seen.beyond_4_sigma > rule.max_beyond_4_sigma) return "overconfident_depth";
+  if (seen.depth_m > rule.max_depth_m || seen.wrong_order > rule.max_wrong_order) return "inaccurate_depth";
+  if (seen.valid < rule.min_valid) return "little_depth";
+  return "";
+}
+
 std::string cause_of(const Seen& seen, const SuccessRule& rule) {
   if (seen.saturated > kMostSaturated) return "saturated";
   if (seen.modulation < kLeastModulation) return "too_dark";
@@ -89,10 +97,8 @@ std::string cause_of(const Seen& seen, const SuccessRule& rule) {
   if (seen.valid < kLeastValid) return "little_depth";
   if (seen.overlap < kLeastOverlap) return "too_little_overlap";
   if (seen.tracked < seen.views) return seen.matches < kLeastMatches ? "too_few_landmarks" : "not_registered";
-  if (seen.beyond_4_sigma > rule.max_beyond_4_sigma) return "overconfident_depth";
-  if (seen.depth_m > rule.max_depth_m || seen.wrong_order > rule.max_wrong_order) return "inaccurate_depth";
-  if (seen.valid < rule.min_valid) return "little_depth";
-  return "inaccurate_registration";
+  const std::string of_depth = depth_failure(seen, rule);
+  return of_depth.empty() ? "inaccurate_registration" : of_depth;
 }
 
 // Compares the pipeline's views with their ground truth.
@@ -141,9 +147,8 @@ class Record {
     TrialResult result;
     const SuccessRule& rule = study_.success;
     const bool inaccurate = seen_.translation_m > rule.max_translation_m ||
-                            kDegPerRad * seen_.rotation_rad > rule.max_rotation_deg || seen_.valid < rule.min_valid ||
-                            seen_.depth_m > rule.max_depth_m || seen_.wrong_order > rule.max_wrong_order ||
-                            seen_.beyond_4_sigma > rule.max_beyond_4_sigma;
+                            kDegPerRad * seen_.rotation_rad > rule.max_rotation_deg ||
+                            !depth_failure(seen_, rule).empty();
     result.outcome = seen_.confidently_wrong       ? Outcome::confidently_wrong
                      : seen_.tracked < seen_.views ? Outcome::lost
                      : inaccurate                  ? Outcome::inaccurate

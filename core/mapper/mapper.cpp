@@ -454,13 +454,9 @@ void Mapper::note_pose(FrameResult& result, const std::optional<Prediction>& pre
   last_motion_ = result.motion;
   prediction_checked_ = result.tracking == Tracking::followed;
   in_motion_ = result.in_motion();
-  if (result.tracking == Tracking::first) {
-    track_.back().variance = pose_variance(result.covariance);
-  } else {
-    track_.back().registered_with = result.reference;
-    track_.back().variance = variance_;
-    track_.back().shared = shared_variance_;
-  }
+  track_.back().registered_with = result.reference;
+  track_.back().variance = variance_;
+  track_.back().shared = shared_variance_;
   if (in_motion_ && result.motion->residuals > 0) track_.back().own_motion = result.motion;
   vibration_.end_view();
   if (!prediction_checked_) return;

@@ -157,6 +157,8 @@ Mapper::FrameMotion Mapper::frame_motion(const ReconstructedView& view, const Ma
 // Returns the former in the axes of the view.
 Mapper::FrameMotion Mapper::add_motion_uncertainty(FrameResult& result, const MapperInput& input,
                                                    const MotionEffect& effect) {
+  variance_ = pose_variance(result.covariance);
+  shared_variance_ = {};
   if (result.tracking == Tracking::first) {
     FrameMotion own = frame_motion(result, input, result.frame, {});
     own.by_own_stack = !own.covariance.isZero(0);
