@@ -4,6 +4,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <utility>
 
 #include "core/decode/stack_motion.h"
@@ -116,9 +117,35 @@ MovingRun moving_run(const sim::Scene& scene, const MovingRunOptions& options) {
     Frame frame;
     TruthFrame truth;
   };
+  // A view without a pose, which may be registered later.
+  struct Lost {
+    sim::SimulatedView view;
+    CameraMotion motion;
+    size_t number = 0;  // in the run
+  };
   std::vector<TrueKeyframe> keyframes;
+  std::map<int, Lost> lost;  // by the index of the stack
   MovingRun run;
   Trajectory truth;
+  const auto score_view = [&](const FrameResult& result, const sim::SimulatedView& view, const CameraMotion& motion,
+                              MovingView& scored) {
+    truth.push_back({scored.time_s, view.truth.world_from_robot});
+    score_depth_of(result, view.truth, scored);
+    if (result.tracking == Tracking::first) return;
+    const TrueKeyframe& reference = keyframes[static_cast<size_t>(result.reference)];
+    const Pose& mount = rig.robot_from_camera;
+    const Pose true_pose = (reference.truth.world_from_robot * mount).inverse() * view.truth.world_from_robot * mount;
+    const Pose& found = result.registration.earlier_from_current;
+    const Vector6d error = difference(found, true_pose);
+    const Eigen::Vector3d middle(0, 0, rig.middle_range_m());
+    scored.has_pose = true;
+    scored.off_m = (found * middle - true_pose * middle).norm();
+    scored.sigmas = std::sqrt(error.dot(solve_symmetric(result.covariance, error)));
+    if (options.bound)
+      scored.over_bound = error_over_bound(found, true_pose,
+                                           information_in_motion(reference.frame, reference.truth, view.stack, result,
+                                                                 view.truth, rig, motion, true_pose));
+  };
   while (static_cast<int>(run.views.size()) < options.most_views) {
     auto view = camera.simulate(pipeline.next_patterns());
     if (!view) break;
@@ -135,28 +162,20 @@ MovingRun moving_run(const sim::Scene& scene, const MovingRunOptions& options) {
       scored.angular_rad_s = (result.motion->motion.angular_rad_s - motion.angular_rad_s).norm();
     }
     if (has_pose(result.tracking)) {
-      truth.push_back({scored.time_s, view->truth.world_from_robot});
-      score_depth_of(result, view->truth, scored);
-      if (result.tracking != Tracking::first) {
-        const TrueKeyframe& reference = keyframes[static_cast<size_t>(result.reference)];
-        const Pose& mount = rig.robot_from_camera;
-        const Pose true_pose =
-            (reference.truth.world_from_robot * mount).inverse() * view->truth.world_from_robot * mount;
-        const Pose& found = result.registration.earlier_from_current;
-        const Vector6d error = difference(found, true_pose);
-        const Eigen::Vector3d middle(0, 0, rig.middle_range_m());
-        scored.has_pose = true;
-        scored.off_m = (found * middle - true_pose * middle).norm();
-        scored.sigmas = std::sqrt(error.dot(solve_symmetric(result.covariance, error)));
-        if (options.bound)
-          scored.over_bound = error_over_bound(found, true_pose,
-                                               information_in_motion(reference.frame, reference.truth, view->stack,
-                                                                     result, view->truth, rig, motion, true_pose));
-      }
+      score_view(result, *view, motion, scored);
       if (result.keyframe >= 0) keyframes.push_back({result.frame, view->truth});
+    } else {
+      lost.emplace(view->stack.index, Lost{*view, motion, run.views.size()});
     }
     run.views.push_back(scored);
+    for (const std::shared_ptr<const FrameResult>& late : result.recovered) {
+      const Lost& earlier = lost.at(late->frame.index);
+      MovingView& scored_late = run.views[earlier.number];
+      scored_late.tracking = late->tracking;
+      score_view(*late, earlier.view, earlier.motion, scored_late);
+    }
   }
+  std::sort(truth.begin(), truth.end(), [](const auto& a, const auto& b) { return a.timestamp_s < b.timestamp_s; });
   if (truth.size() > 1) run.ate_m = score_trajectory(pipeline.trajectory(), truth).ate_rmse_m;
   return run;
 }

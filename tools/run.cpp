@@ -4,6 +4,7 @@
 #include <cctype>
 #include <chrono>
 #include <cstdio>
+#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 
@@ -94,17 +95,20 @@ class Emptiness {
     valid_ += valid;
     ++views_;
     tracked_ += has_pose(result.tracking);
-    if (!has_pose(result.tracking) && !first_lost_) first_lost_ = {stack.index, valid, result.frame.points_m.total()};
+    if (!has_pose(result.tracking)) lost_[stack.index] = {valid, result.frame.points_m.total()};
     motion_unknown_ += result.motion_unknown();
+    for (const std::shared_ptr<const FrameResult>& recovered : result.recovered)
+      tracked_ += static_cast<int>(lost_.erase(recovered->frame.index));
   }
   // Returns one line about the views without a pose, or nothing if there are none.
   std::string lost() const {
-    if (!first_lost_ || tracked_ == 0) return "";
-    const double share = static_cast<double>(first_lost_->valid) / static_cast<double>(first_lost_->pixels);
+    if (lost_.empty() || tracked_ == 0) return "";
+    const auto& [first, view] = *lost_.begin();
+    const double share = static_cast<double>(view.valid) / static_cast<double>(view.pixels);
     return std::to_string(views_ - tracked_) + " of " + std::to_string(views_) +
-           " views have no pose; the first is view " + std::to_string(first_lost_->index) +
-           (share < 0.01 ? ", where " + std::to_string(first_lost_->valid) + " of " +
-                               std::to_string(first_lost_->pixels) + " pixels have a depth: check its images"
+           " views have no pose; the first is view " + std::to_string(first) +
+           (share < 0.01 ? ", where " + std::to_string(view.valid) + " of " + std::to_string(view.pixels) +
+                               " pixels have a depth: check its images"
                          : ", whose surface was not found in the map") +
            " (see frames.json)";
   }
@@ -132,12 +136,11 @@ class Emptiness {
   }
 
   struct LostView {
-    int index;
-    int64_t valid;
-    size_t pixels;
+    int64_t valid = 0;
+    size_t pixels = 0;
   };
   std::optional<FringeStack> first_;
-  std::optional<LostView> first_lost_;
+  std::map<int, LostView> lost_;  // by the index of the stack
   int64_t pixels_ = 0, valid_ = 0;
   int views_ = 0, tracked_ = 0, motion_unknown_ = 0;
 };
@@ -277,6 +280,10 @@ int run(const RunArguments& arguments, const Common& common) {
       if (arguments.animation) animation.add(stack, result, pipeline->map());
       if (live) show_mapped(live->feed(), stack, result, pipeline->mapper(), warmth, thermal, dropped());
       if (arguments.mesh) record.add_mesh(frame_mesh(result.frame, settings.mesh), stack.index);
+      for (const std::shared_ptr<const FrameResult>& recovered : result.recovered) {
+        record.replace(*recovered);
+        if (arguments.mesh) record.replace_mesh(frame_mesh(recovered->frame, settings.mesh), recovered->frame.index);
+      }
       progress.step();
       rate.wait();
       ++mapped;

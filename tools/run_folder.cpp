@@ -120,57 +120,29 @@ nlohmann::ordered_json alternative_json(const Pose& reference_from_view, double 
           {"log_likelihood", log_likelihood}};
 }
 
-}  // namespace
-
-RunFolder::RunFolder(fs::path folder, const RigModel& rig, const PatternSequence& sequence)
-    : folder_(std::move(folder)), rig_(rig), finest_image_(finest_image(sequence)) {
-  write_text(folder_ / "rig.yaml", to_yaml(rig));
-  write_text(folder_ / "patterns.yaml", to_yaml(sequence));
-}
-
-fs::path RunFolder::frame_folder(int index) const { return folder_ / "frames" / stack_name(index); }
-
-void RunFolder::add(const FringeStack& stack, const FrameResult& result, const ThermalView& thermal,
-                    const KeyframeMap& map) {
+// Returns the entry of a view in frames.json.
+nlohmann::ordered_json frame_json(const FrameResult& result, const cv::Mat1f& depth) {
   const Frame& frame = result.frame;
-  const cv::Mat1f depth = depth_of(frame);
-  // Images share their pixels when copied.
-  writing_.add([folder = frame_folder(stack.index), depth, frame, decoded = result.decoded, thermal] {
-    fs::create_directories(folder);
-    // The coordinate is written only where a depth was kept.
-    cv::Mat1f column = decoded.coordinate_px.clone();
-    column.setTo(std::nan(""), depth != depth);
-    write_exr(folder / "depth.exr", {{"depth_m", depth}, {"sigma_m", frame.sigma_m}, {"projector_column", column}},
-              ExrCompression::run_lengths);
-    write_png(folder / "texture.png", frame.texture);
-    write_png(folder / "depth.png", frame.depth_image);
-    write_png(folder / "phase.png", phase_picture(decoded));
-    if (thermal.temperature_c.empty()) return;
-    write_exr(folder / "temperature.exr", {{"Y", thermal.temperature_c}});
-    write_png(folder / "temperature.png", warm_picture(frame.texture, thermal));
-  });
-
-  const bool tracked = has_pose(result.tracking);
   const MotionEstimate& motion = result.registration.motion;
   const IcpResult& icp = result.registration.icp;
-  frames_.push_back({{"index", stack.index},
-                     {"tracking", to_string(result.tracking)},
-                     {"images", result.images},
-                     {"unwrapping", result.decoded.unwrapping ? to_string(*result.decoded.unwrapping) : ""},
-                     {"valid_pixels", cv::countNonZero(depth == depth)},
-                     {"sigma_mm", sigmas_mm(frame.sigma_m)},
-                     {"keypoints_detected", result.keypoints.detected},
-                     {"keypoints_with_depth", result.keypoints.keypoints.size()},
-                     {"matches", result.matches.size()},
-                     {"motion", result.matches.empty() ? "" : to_string(motion.status)},
-                     {"inliers", motion.inliers},
-                     {"rank", motion.rank},
-                     {"icp_iterations", icp.iterations},
-                     {"icp_pairs", icp.pairs},
-                     {"icp_overlap", icp.overlap},
-                     {"icp_consistency", icp.consistency},
-                     {"icp_rms_sigma", icp.rms_sigma}});
-  auto& entry = frames_.back();
+  nlohmann::ordered_json entry = {
+      {"index", frame.index},
+      {"tracking", to_string(result.tracking)},
+      {"images", result.images},
+      {"unwrapping", result.decoded.unwrapping ? to_string(*result.decoded.unwrapping) : ""},
+      {"valid_pixels", cv::countNonZero(depth == depth)},
+      {"sigma_mm", sigmas_mm(frame.sigma_m)},
+      {"keypoints_detected", result.keypoints.detected},
+      {"keypoints_with_depth", result.keypoints.keypoints.size()},
+      {"matches", result.matches.size()},
+      {"motion", result.matches.empty() ? "" : to_string(motion.status)},
+      {"inliers", motion.inliers},
+      {"rank", motion.rank},
+      {"icp_iterations", icp.iterations},
+      {"icp_pairs", icp.pairs},
+      {"icp_overlap", icp.overlap},
+      {"icp_consistency", icp.consistency},
+      {"icp_rms_sigma", icp.rms_sigma}};
   for (const auto& directions : {motion.undetermined, result.registration.undetermined}) {
     for (const UnobservableDirection& free : directions) entry["undetermined"].push_back(to_string(free));
   }
@@ -194,6 +166,53 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const T
   if (result.keyframe >= 0) entry["keyframe"] = result.keyframe;
   if (result.loops > 0) entry["loops"] = result.loops;
   if (result.corrected) entry["corrected"] = true;
+  return entry;
+}
+
+std::function<void()> mesh_writer(const fs::path& folder, const Mesh& mesh) {
+  return [folder, mesh] {
+    fs::create_directories(folder);
+    write_text(folder / "mesh.ply", to_ply(mesh, "camera"));
+  };
+}
+
+// Returns a task that writes the images of a view.
+std::function<void()> image_writer(const fs::path& folder, const FrameResult& result, const ThermalView& thermal) {
+  // Images share their pixels when copied.
+  return [folder, frame = result.frame, decoded = result.decoded, thermal] {
+    fs::create_directories(folder);
+    const cv::Mat1f depth = depth_of(frame);
+    // The coordinate is written only where a depth was kept.
+    cv::Mat1f column = decoded.coordinate_px.clone();
+    column.setTo(std::nan(""), depth != depth);
+    write_exr(folder / "depth.exr", {{"depth_m", depth}, {"sigma_m", frame.sigma_m}, {"projector_column", column}},
+              ExrCompression::run_lengths);
+    write_png(folder / "texture.png", frame.texture);
+    write_png(folder / "depth.png", frame.depth_image);
+    write_png(folder / "phase.png", phase_picture(decoded));
+    if (thermal.temperature_c.empty()) return;
+    write_exr(folder / "temperature.exr", {{"Y", thermal.temperature_c}});
+    write_png(folder / "temperature.png", warm_picture(frame.texture, thermal));
+  };
+}
+
+}  // namespace
+
+RunFolder::RunFolder(fs::path folder, const RigModel& rig, const PatternSequence& sequence)
+    : folder_(std::move(folder)), rig_(rig), finest_image_(finest_image(sequence)) {
+  write_text(folder_ / "rig.yaml", to_yaml(rig));
+  write_text(folder_ / "patterns.yaml", to_yaml(sequence));
+}
+
+fs::path RunFolder::frame_folder(int index) const { return folder_ / "frames" / stack_name(index); }
+
+void RunFolder::add(const FringeStack& stack, const FrameResult& result, const ThermalView& thermal,
+                    const KeyframeMap& map) {
+  writing_.add(image_writer(frame_folder(stack.index), result, thermal));
+  const cv::Mat1f depth = depth_of(result.frame);
+  frames_.push_back(frame_json(result, depth));
+  const bool tracked = has_pose(result.tracking);
+  const MotionEstimate& motion = result.registration.motion;
   landmarks_.push_back(landmarks_json(stack.index, result, thermal));
   (tracked ? tracked_ : lost_).push_back(stack.index);
   const bool first_matches = tracked && !result.matches.empty() && matches_.empty();
@@ -231,11 +250,22 @@ void RunFolder::add(const FringeStack& stack, const FrameResult& result, const T
   }
 }
 
-void RunFolder::add_mesh(const Mesh& mesh, int index) {
-  writing_.add([folder = frame_folder(index), mesh] {
-    fs::create_directories(folder);
-    write_text(folder / "mesh.ply", to_ply(mesh, "camera"));
-  });
+// Replaces the entry and the images of a view that was added without a pose.
+void RunFolder::replace(const FrameResult& recovered) {
+  const int index = recovered.frame.index;
+  const auto entry = std::find_if(frames_.begin(), frames_.end(), [&](const auto& e) { return e["index"] == index; });
+  if (entry == frames_.end()) return;
+  *entry = frame_json(recovered, depth_of(recovered.frame));
+  (*entry)["recovered"] = true;
+  std::erase(lost_, index);
+  tracked_.insert(std::lower_bound(tracked_.begin(), tracked_.end(), index), index);
+  replacing_.push_back(image_writer(frame_folder(index), recovered, {}));
+}
+
+void RunFolder::add_mesh(const Mesh& mesh, int index) { writing_.add(mesh_writer(frame_folder(index), mesh)); }
+
+void RunFolder::replace_mesh(const Mesh& mesh, int index) {
+  replacing_.push_back(mesh_writer(frame_folder(index), mesh));
 }
 
 void RunFolder::add_image_poses(const ImageTrajectory& images, const Mapper& mapper) const {
@@ -275,6 +305,8 @@ void RunFolder::finish(const Trajectory& trajectory) {
   write_text(folder_ / "landmarks.json", json_text(landmarks_, 1) + "\n");
   landmarks_ = nullptr;  // hundreds of megabytes after a long run
   writing_.finish();
+  for (const std::function<void()>& task : replacing_) task();
+  replacing_.clear();
 }
 
 void RunFolder::write_cloud(const KeyframeMap& map, const CloudOptions& options, const TileProgress& progress) {

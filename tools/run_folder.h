@@ -3,6 +3,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <nlohmann/json.hpp>
 #include <vector>
 
@@ -31,8 +32,13 @@ class RunFolder {
   // Writes images.tum, the poses of the robot at single images, and images.json, which lists all images.
   void add_image_poses(const ImageTrajectory& images, const Mapper& mapper) const;
 
+  // Replaces the entry and, in finish(), the images of an earlier view by those of its recovered result.
+  void replace(const FrameResult& recovered);
+
   // Writes mesh.ply of a view that was added before.
   void add_mesh(const Mesh& mesh, int index);
+  // Replaces it in finish().
+  void replace_mesh(const Mesh& mesh, int index);
 
   // Writes trajectory.tum, frames.json and landmarks.json, and waits for the images.
   void finish(const Trajectory& trajectory);
@@ -55,8 +61,9 @@ class RunFolder {
   static constexpr int kWriters = 2;
   std::filesystem::path folder_;
   RigModel rig_;
-  BackgroundTasks writing_{kWriters};  // the images of the views
-  int finest_image_ = 0;               // index of the image with the finest fringes, shown in the overview
+  BackgroundTasks writing_{kWriters};             // the images of the views
+  std::vector<std::function<void()>> replacing_;  // the same of recovered views, once the others are written
+  int finest_image_ = 0;                          // index of the image with the finest fringes, shown in the overview
   Trajectory trajectory_;
   std::vector<int> tracked_, lost_;
   nlohmann::ordered_json frames_ = nlohmann::ordered_json::array(), landmarks_ = nlohmann::ordered_json::array();

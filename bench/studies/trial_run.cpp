@@ -27,11 +27,30 @@ constexpr double kMostSaturated = 0.1, kLeastModulation = 6, kLeastValid = 0.2, 
 constexpr int kLeastMatches = 8;
 
 // Measurements of a trial, in the worst view.
+struct SeenView {
+  bool tracked = false;
+  double valid = 1, wrong_order = 0, beyond_4_sigma = 0, depth_m = 0, nees = 0;
+  int matches = std::numeric_limits<int>::max();
+  bool confidently_wrong = false;
+};
+
 struct Seen {
   double valid = 1, wrong_order = 0, beyond_4_sigma = 0, saturated = 0, modulation = kNaN, depth_m = 0;
   int views = 0, tracked = 0, matches = std::numeric_limits<int>::max();
   double translation_m = 0, rotation_rad = 0, over_bound = kNaN, nees = 0, overlap = 1;
   bool confidently_wrong = false;
+
+  void add(const SeenView& view) {
+    ++views;
+    tracked += view.tracked;
+    valid = std::min(valid, view.valid);
+    wrong_order = std::max(wrong_order, view.wrong_order);
+    beyond_4_sigma = std::max(beyond_4_sigma, view.beyond_4_sigma);
+    depth_m = std::max(depth_m, view.depth_m);
+    nees = std::max(nees, view.nees);
+    matches = std::min(matches, view.matches);
+    confidently_wrong |= view.confidently_wrong;
+  }
 };
 
 double saturated_share(const FringeStack& stack, double full_dn) {
@@ -109,24 +128,7 @@ class Record {
   void add(const FringeStack& stack, const FrameResult& result, const TruthFrame& truth, const KeyframeMap& map,
            const RigModel& calibration) {
     note_images(stack, result);
-    const cv::Mat1f depth = depth_of(result.frame);
-    const DepthScore score = score_depth({depth, result.frame.sigma_m, result.decoded.coordinate_px}, truth,
-                                         finest_period_px(scene_.patterns));
-    seen_.valid = std::min(seen_.valid, score.valid_fraction);
-    if (score.compared > 0) {
-      seen_.wrong_order = std::max(seen_.wrong_order, score.wrong_order);
-      seen_.depth_m = std::max(seen_.depth_m, score.median_m);
-      DepthHonesty honesty;
-      honesty.add(result.frame, truth);
-      seen_.beyond_4_sigma = std::max(seen_.beyond_4_sigma, honesty.dishonest_share());
-    }
-    ++seen_.views;
-    seen_.tracked += has_pose(result.tracking);
-    if (result.reference >= 0) {
-      seen_.matches = std::min(seen_.matches, static_cast<int>(result.matches.size()));
-      if (has_pose(result.tracking))
-        note_motion(result, truth, map.keyframes()[static_cast<size_t>(result.reference)].index);
-    }
+    views_.push_back(seen_view(result, truth, map));
     if (!truths_.empty()) seen_.overlap = std::min(seen_.overlap, true_overlap(truths_.back(), truth, scene_.rig));
     if (has_pose(result.tracking) && last_tracked_ + 1 == static_cast<int>(truths_.size()) && last_tracked_ >= 0)
       note_bound(result, truth, calibration);
@@ -136,6 +138,11 @@ class Record {
     }
     truths_.push_back(truth);
     truth_.push_back({stack.timestamp_s, truth.world_from_robot});
+    for (const std::shared_ptr<const FrameResult>& late : result.recovered) {
+      const auto earlier = truth_of(late->frame.index);
+      if (earlier != truths_.end())
+        views_[static_cast<size_t>(earlier - truths_.begin())] = seen_view(*late, *earlier, map);
+    }
   }
 
   TrialResult result(const Trajectory& trajectory) {
@@ -144,6 +151,7 @@ class Record {
       if (last && last->first + 1 == e && last->second + 1 == t) note_pair(trajectory, e, t);
       last = {e, t};
     }
+    for (const SeenView& view : views_) seen_.add(view);
     TrialResult result;
     const SuccessRule& rule = study_.success;
     const bool inaccurate = seen_.translation_m > rule.max_translation_m ||
@@ -189,18 +197,40 @@ class Record {
     seen_.modulation = std::isnan(seen_.modulation) ? median : std::min(seen_.modulation, median);
   }
 
+  std::vector<TruthFrame>::const_iterator truth_of(int index) const {
+    return std::find_if(truths_.begin(), truths_.end(), [&](const TruthFrame& frame) { return frame.index == index; });
+  }
+
+  SeenView seen_view(const FrameResult& result, const TruthFrame& truth, const KeyframeMap& map) const {
+    SeenView view;
+    const DepthScore score = score_depth({depth_of(result.frame), result.frame.sigma_m, result.decoded.coordinate_px},
+                                         truth, finest_period_px(scene_.patterns));
+    view.valid = score.valid_fraction;
+    if (score.compared > 0) {
+      view.wrong_order = score.wrong_order;
+      view.depth_m = score.median_m;
+      DepthHonesty honesty;
+      honesty.add(result.frame, truth);
+      view.beyond_4_sigma = honesty.dishonest_share();
+    }
+    view.tracked = has_pose(result.tracking);
+    if (result.reference >= 0) {
+      view.matches = static_cast<int>(result.matches.size());
+      if (view.tracked) note_motion(result, truth, map.keyframes()[static_cast<size_t>(result.reference)].index, view);
+    }
+    return view;
+  }
+
   // Compares the estimated motion's error with its reported covariance.
-  void note_motion(const FrameResult& result, const TruthFrame& truth, int reference) {
-    const auto earlier =
-        std::find_if(truths_.begin(), truths_.end(), [&](const TruthFrame& frame) { return frame.index == reference; });
+  void note_motion(const FrameResult& result, const TruthFrame& truth, int reference, SeenView& view) const {
+    const auto earlier = truth_of(reference);
     if (earlier == truths_.end()) return;
     const Pose& mount = scene_.rig.robot_from_camera;
     const Pose true_motion = (earlier->world_from_robot * mount).inverse() * (truth.world_from_robot * mount);
     const Pose& measured = result.registration.earlier_from_current;
-    const double squared = squared_sigmas(measured, true_motion, result.covariance);
-    seen_.nees = std::max(seen_.nees, squared);
+    view.nees = squared_sigmas(measured, true_motion, result.covariance);
     const double off_m = translation_m(true_motion.inverse() * measured);
-    seen_.confidently_wrong |= off_m > 1e-3 && squared > 100;
+    view.confidently_wrong = off_m > 1e-3 && view.nees > 100;
   }
 
   void note_bound(const FrameResult& result, const TruthFrame& truth, const RigModel& calibration) {
@@ -224,6 +254,7 @@ class Record {
   const Study& study_;
   const sim::Scene& scene_;
   Seen seen_;
+  std::vector<SeenView> views_;
   std::vector<TruthFrame> truths_;
   Trajectory truth_;
   cv::Mat1f last_sigma_m_;

@@ -88,8 +88,10 @@ FrameResult Mapper::process(MapperInput input) {
   }
   track(result, input, predicted, effect);
   const FrameMotion motion = add_motion_uncertainty(result, input, effect);
+  result.images = input.images;
   if (!has_pose(result.tracking)) {
     lost_ = !map_.keyframes().empty();
+    hold(std::move(input));
     return result;
   }
   result.relocalized = std::exchange(lost_, false);
@@ -98,6 +100,7 @@ FrameResult Mapper::process(MapperInput input) {
   note_pose(result, predicted);
   note_first_keyframe(result, std::move(input));
   improve_first_keyframe();
+  recover_held_views(result);
   return result;
 }
 
@@ -160,9 +163,11 @@ void Mapper::track(FrameResult& result, const MapperInput& input, std::optional<
 
 Trajectory Mapper::trajectory() const {
   Trajectory trajectory;
-  for (const TrackedView& view : track_)
-    trajectory.push_back(
-        {view.timestamp_s, orthonormalised(world_from_camera(view) * rig_.robot_from_camera.inverse())});
+  for (const std::vector<TrackedView>* views : {&recovered_, &track_}) {
+    for (const TrackedView& view : *views)
+      trajectory.push_back(
+          {view.timestamp_s, orthonormalised(world_from_camera(view) * rig_.robot_from_camera.inverse())});
+  }
   return trajectory;
 }
 
@@ -170,11 +175,18 @@ Pose Mapper::world_from_camera(const TrackedView& view) const {
   return map_.world_from_camera(view.keyframe, view.keyframe_from_camera);
 }
 
+// Adds the errors of the poses that the prediction shares with its reference.
+Mapper::Prediction Mapper::with_shared_errors(const MotionPrediction& motion) {
+  constexpr double kTurn_rad = 0.006 * std::numbers::pi / 180, kShift_m = 0.06e-3;
+  Vector6d sigmas;
+  sigmas << Eigen::Vector3d::Constant(std::max(kTurn_rad, motion.turn_rad)),
+      Eigen::Vector3d::Constant(std::max(kShift_m, motion.shift_m));
+  return {motion.world_from_camera, sigmas.cwiseAbs2().asDiagonal(), motion.motion};
+}
+
 // Predicts pose and motion of the next view. A robot that moves while it captures has the same motion between its views
 // and during them; for one that stops for each capture, the poses between views do not predict the motion during them.
 std::optional<Mapper::Prediction> Mapper::predict(double timestamp_s) const {
-  // Errors of the poses that the prediction shares with its reference.
-  constexpr double kTurn_rad = 0.006 * std::numbers::pi / 180, kShift_m = 0.06e-3;
   if (!options_.registration.tracking.predict || lost_ || track_.empty()) return std::nullopt;
   if (!in_motion_) {
     const std::optional<Pose> camera = camera_at_constant_velocity(timestamp_s);
@@ -184,10 +196,7 @@ std::optional<Mapper::Prediction> Mapper::predict(double timestamp_s) const {
   std::optional<MotionPrediction> motion =
       predict_motion(last_samples(), timestamp_s, options_.registration.motion_prior);
   if (!motion) return std::nullopt;
-  Vector6d sigmas;
-  sigmas << Eigen::Vector3d::Constant(std::max(kTurn_rad, motion->turn_rad)),
-      Eigen::Vector3d::Constant(std::max(kShift_m, motion->shift_m));
-  return Prediction{motion->world_from_camera, sigmas.cwiseAbs2().asDiagonal(), motion->motion};
+  return with_shared_errors(*motion);
 }
 
 std::optional<ExpectedView> Mapper::expected_at(double timestamp_s) const {
@@ -298,17 +307,14 @@ bool Mapper::follow_by_finest(FrameResult& result, const MapperInput& input, con
 bool Mapper::follow_by_prediction(FrameResult& result, const MapperInput& input, const Prediction& predicted,
                                   MotionEffect& effect) {
   // In motion, the prediction is usually so accurate that the first registration improves no fringe orders.
-  const bool accurate = !predicted.motion.motion.is_still();
-  if (accurate) keyframe_image(track_.back().keyframe);
-  const ExpectedView first = expected_view(predicted.world_from_camera, predicted.covariance, accurate);
+  if (!predicted.motion.motion.is_still()) {
+    keyframe_image(track_.back().keyframe);
+    return follow_known_motion(result, input, predicted, effect);
+  }
+  const ExpectedView first = expected_view(predicted.world_from_camera, predicted.covariance, false);
   reconstruct(result, input, {&first, predicted.motion});
   if (result.motion_unknown()) return false;
   const Pose start = estimate_motion(result, input, predicted, &first, predicted.motion, effect);
-  if (accurate) {
-    if (!follow(result, start, Matrix6d::Zero(), largest_error_m(predicted))) return false;
-    follow_again(result, input, predicted.motion, effect);
-    return true;
-  }
   // The fringe orders at depth steps are still missing, and the remaining walls may not constrain all directions: the
   // prediction is a prior of the registration.
   if (!follow(result, start, inverse(predicted.covariance))) return false;
@@ -318,6 +324,18 @@ bool Mapper::follow_by_prediction(FrameResult& result, const MapperInput& input,
   const std::optional<StackMotion> motion = result.motion;
   reconstruct(result, input, {&second, motion ? MotionPrior{motion->motion, motion->covariance} : predicted.motion});
   return follow(result, found);
+}
+
+// The same with a motion that is known approximately, and with the keyframe that keyframe_image() was called for last.
+bool Mapper::follow_known_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted,
+                                 MotionEffect& effect) {
+  const ExpectedView expected = expected_view(predicted.world_from_camera, predicted.covariance, true);
+  reconstruct(result, input, {&expected, predicted.motion});
+  if (result.motion_unknown()) return false;
+  const Pose start = estimate_motion(result, input, predicted, &expected, predicted.motion, effect);
+  if (!follow(result, start, Matrix6d::Zero(), largest_error_m(predicted))) return false;
+  follow_again(result, input, predicted.motion, effect);
+  return true;
 }
 
 // Depth expected from the last view, and from its keyframe where the last view shows nothing. `covariance` is that of the

@@ -6,6 +6,7 @@
 
 #include <functional>
 #include <limits>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -49,7 +50,7 @@ struct FrameResult : ReconstructedView {
   Tracking tracking = Tracking::lost;
   bool relocalized = false;      // tracked, after a view without a pose
   bool leaves_keyframe = false;  // shows so much beyond its keyframe that it starts another one
-  int view = -1;                 // position among the tracked views; -1: no pose
+  int view = -1;                 // position among the views tracked at once; -1: no pose, or recovered
   int reference = -1;            // keyframe that it was registered with
   int keyframe = -1;             // its own number if it became one
   bool in_map = false;           // its surface is part of the map
@@ -59,6 +60,8 @@ struct FrameResult : ReconstructedView {
   bool corrected = false;  // closing loops moved the map
   Pose previous_from_current;  // camera motion since the previous tracked view
   Pose world_from_robot;       // as estimated when the view was processed; see Mapper::trajectory()
+  // Results of earlier views, processed without a pose before the map began, which this view allows to be registered.
+  std::vector<std::shared_ptr<const FrameResult>> recovered;
 };
 
 // A view for the mapper: reconstructed already, or to be reconstructed with what the map predicts of it.
@@ -66,6 +69,7 @@ struct MapperInput {
   double timestamp_s = 0;
   std::optional<ReconstructedView> view;
   bool needs_prior = false;  // reconstruct() needs the expected depth
+  int images = 0;            // of the stack
   std::function<ReconstructedView(const ReconstructionPrior&)> reconstruct = {};
   // FrontEnd::depth_slopes() of the view; without it, the motion during the stack is not estimated by registration.
   std::function<std::vector<DepthSlope>(const ReconstructedView&, int stride)> depth_slopes = {};
@@ -83,7 +87,7 @@ class Mapper {
   FrameResult process(const Frame& frame) { return process({frame.timestamp_s, ReconstructedView{frame, {}, true}}); }
 
   const KeyframeMap& map() const { return map_; }
-  // Robot poses of all tracked views in the order of processing, given the current map.
+  // Robot poses of all tracked views in the order of time, given the current map.
   Trajectory trajectory() const;
   // Returns the depth that the camera is expected to see at a time after the last view if it moves on as it did; empty if
   // that is not predicted.
@@ -126,6 +130,10 @@ class Mapper {
     size_t views = 4;  // in the track when it is re-decoded
   };
 
+  struct UncertainMotions {
+    FrameMotion own, keyframe;
+  };
+
   // How the pose relative to keyframe `reference` depends on the motion during the stack; -1: not computed yet.
   struct MotionEffect {
     int reference = -1;
@@ -133,6 +141,7 @@ class Mapper {
   };
 
   Pose world_from_camera(const TrackedView& view) const;
+  static Prediction with_shared_errors(const MotionPrediction& motion);
   std::optional<Prediction> predict(double timestamp_s) const;
   std::optional<Pose> camera_at_constant_velocity(double timestamp_s) const;
   std::vector<PoseSample> last_samples() const;
@@ -162,12 +171,18 @@ class Mapper {
                         MotionEffect& effect);
   bool follow_by_prediction(FrameResult& result, const MapperInput& input, const Prediction& predicted,
                             MotionEffect& effect);
+  bool follow_known_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted,
+                           MotionEffect& effect);
   double largest_error_m(const Prediction& predicted) const;
   FrameMotion frame_motion(const ReconstructedView& view, const MapperInput& input, const Frame& target,
                            const Pose& target_from_source) const;
+  UncertainMotions uncertain_motions(const FrameResult& result, const MapperInput& input, const MotionEffect& effect);
   FrameMotion add_motion_uncertainty(FrameResult& result, const MapperInput& input, const MotionEffect& effect);
   void note_first_keyframe(const FrameResult& result, MapperInput input);
   void improve_first_keyframe();
+  void hold(MapperInput input);
+  void recover_held_views(FrameResult& result);
+  std::shared_ptr<const FrameResult> recovered(const MapperInput& input);
   bool relocalize(FrameResult& result);
   bool leaves_keyframe(const FrameResult& result, const Pose& world_from_camera, int keyframe) const;
   ExpectedView expected_view(const Pose& world_from_current, const Matrix6d& covariance, bool by_reference) const;
@@ -202,6 +217,8 @@ class Mapper {
   std::vector<FrameMotion> keyframe_motion_;  // of each keyframe, in its own axes
   Vibration vibration_;
   std::optional<FirstKeyframe> first_keyframe_;
+  std::vector<MapperInput> held_;       // views without a pose before the map began, in the order of time
+  std::vector<TrackedView> recovered_;  // the ones registered later, in the order of time
 };
 
 }  // namespace fringeslam

@@ -153,6 +153,24 @@ Mapper::FrameMotion Mapper::frame_motion(const ReconstructedView& view, const Ma
   return {pose_by_motion(target, view.frame, rig_.camera, target_from_source, slopes), *covariance};
 }
 
+// Returns how the uncertain motions during the stacks of a registered view and of its keyframe change its pose.
+Mapper::UncertainMotions Mapper::uncertain_motions(const FrameResult& result, const MapperInput& input,
+                                                   const MotionEffect& effect) {
+  const Pose& pose = result.registration.earlier_from_current;
+  const bool known = effect.reference == result.reference && result.in_motion();
+  UncertainMotions motions;
+  motions.own = known ? FrameMotion{effect.pose_by_motion, result.motion->covariance}
+                      : frame_motion(result, input, keyframe_image(result.reference), pose);
+  if (const auto reference = static_cast<size_t>(result.reference); reference < keyframe_motion_.size()) {
+    motions.keyframe = keyframe_motion_[reference];
+    // A shift of the keyframe's frame moves the pose from the left.
+    Matrix6d moved = Matrix6d::Identity();
+    moved.bottomLeftCorner<3, 3>() = -skew(pose.translation);
+    motions.keyframe.pose_by_motion = moved * motions.keyframe.pose_by_motion;
+  }
+  return motions;
+}
+
 // Adds the uncertainty of the motion during the stack, and during that of the keyframe, to the covariance of the pose.
 // Returns the former in the axes of the view.
 Mapper::FrameMotion Mapper::add_motion_uncertainty(FrameResult& result, const MapperInput& input,
@@ -166,17 +184,7 @@ Mapper::FrameMotion Mapper::add_motion_uncertainty(FrameResult& result, const Ma
   }
   if (!has_pose(result.tracking)) return {};
   const Pose& pose = result.registration.earlier_from_current;
-  const bool known = effect.reference == result.reference && result.in_motion();
-  FrameMotion own = known ? FrameMotion{effect.pose_by_motion, result.motion->covariance}
-                          : frame_motion(result, input, keyframe_image(result.reference), pose);
-  FrameMotion other;
-  if (const auto reference = static_cast<size_t>(result.reference); reference < keyframe_motion_.size()) {
-    other = keyframe_motion_[reference];
-    // A shift of the keyframe's frame moves the pose from the left.
-    Matrix6d moved = Matrix6d::Identity();
-    moved.bottomLeftCorner<3, 3>() = -skew(pose.translation);
-    other.pose_by_motion = moved * other.pose_by_motion;
-  }
+  auto [own, other] = uncertain_motions(result, input, effect);
   if (other.by_own_stack) vibration_.widen(other.covariance);
   variance_ = pose_variance(result.covariance + own.spread());
   shared_variance_ = pose_variance(other.spread());
@@ -192,84 +200,6 @@ Mapper::FrameMotion Mapper::add_motion_uncertainty(FrameResult& result, const Ma
   result.covariance += own.spread() + other.spread();
   own.pose_by_motion = rotated_tangent(pose.rotation.transpose()) * own.pose_by_motion;
   return own;
-}
-
-namespace {
-
-// Combines two independent estimates of a motion.
-MotionPrior fused(const MotionPrior& one, const MotionPrior& other) {
-  const Matrix12d information = inverse_positive_definite(Eigen::MatrixXd(one.covariance)),
-                  added = inverse_positive_definite(Eigen::MatrixXd(other.covariance));
-  MotionPrior both = one;
-  both.covariance = inverse_positive_definite(Eigen::MatrixXd(information + added));
-  const Vector12d change = both.covariance * (added * (to_vector(other.motion) - to_vector(one.motion)));
-  both.motion = changed(one.motion, change);
-  return both;
-}
-
-}  // namespace
-
-// Keeps the first stack if its motion has to be determined better.
-void Mapper::note_first_keyframe(const FrameResult& result, MapperInput input) {
-  if (result.tracking != Tracking::first || !input.reconstruct) return;
-  const std::optional<StackMotion>& own = result.undecided_motion ? result.undecided_motion : result.motion;
-  if (result.in_motion() || result.undecided_motion)
-    first_keyframe_ = FirstKeyframe{std::move(input), {own->motion, own->covariance}};
-}
-
-// Re-decodes the first keyframe as soon as the views after it determine its motion better than its own stack, and
-// once more when there are enough of them to determine it as well as that of a predicted view.
-void Mapper::improve_first_keyframe() {
-  constexpr size_t kMostViews = 8;
-  constexpr int kStride = 6;
-  if (!first_keyframe_ || track_.size() < first_keyframe_->views) return;
-  const FirstKeyframe first = *std::exchange(first_keyframe_, std::nullopt);
-  if (continuous_from_ > 0 || !in_motion_) return;
-  // Reversed in time, the later views predict the first one.
-  std::vector<PoseSample> samples = last_samples();
-  samples.erase(samples.begin());
-  std::reverse(samples.begin(), samples.end());
-  for (PoseSample& sample : samples) {
-    sample.timestamp_s = -sample.timestamp_s;
-    sample.motion.reset();
-  }
-  const std::optional<MotionPrediction> reversed =
-      predict_motion(samples, -first.input.timestamp_s, options_.registration.motion_prior);
-  if (!reversed) return;
-  MotionPrior motion = reversed->motion;
-  motion.motion.angular_rad_s *= -1;
-  motion.motion.velocity_m_s *= -1;
-  motion.covariance.topRightCorner<6, 6>() *= -1;
-  motion.covariance.bottomLeftCorner<6, 6>() *= -1;
-  vibration_.widen(motion.covariance);
-  motion = fused(first.own, motion);
-  if (!first.input.depth_slopes) return;
-  ReconstructedView view = first.input.reconstruct({nullptr, motion, true});
-  if (!view.motion) return;
-  enter_stage("motion");
-  const Pose last_from_first = world_from_camera(track_.back()).inverse() * map_.keyframes()[0].world_from_camera;
-  const MotionRegistration found =
-      register_motion(last_frame_, view.frame, rig_.camera, last_from_first, first.input.depth_slopes(view, kStride),
-                      view.motion->motion, motion);
-  if (!found.valid) return;
-  MotionPrior known{changed(view.motion->motion, found.step), found.motion_covariance};
-  // The ripples of the last view's depth, which its own motion left, resemble those of the keyframe.
-  if (last_motion_) known.covariance += last_motion_->covariance;
-  view = first.input.reconstruct({nullptr, known, true});
-  const IcpResult moved =
-      point_to_plane_icp(last_frame_, view.frame, rig_.camera, found.target_from_source, options_.registration.icp);
-  if (!moved.converged) return;
-  // The views so far stay where they are; their keyframe's frame has moved.
-  const Pose new_from_old = moved.target_from_source.inverse() * last_from_first;
-  for (TrackedView& tracked : track_) {
-    if (tracked.keyframe == 0 && &tracked != &track_.front())
-      tracked.keyframe_from_camera = orthonormalised(new_from_old * tracked.keyframe_from_camera);
-  }
-  map_.replace_frame(0, view.frame, new_from_old);
-  keyframe_motion_[0] = frame_motion(view, first.input, view.frame, {});
-  vibration_.widen_estimate(keyframe_motion_[0].covariance);
-  image_keyframe_ = -1;
-  if (first.views < kMostViews) first_keyframe_ = FirstKeyframe{first.input, first.own, 2 * first.views};
 }
 
 // A robot that moves slowly without stopping and one that stops for each capture differ in whether the motion during the

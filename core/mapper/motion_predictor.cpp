@@ -224,6 +224,37 @@ std::optional<MotionPrediction> predict_motion(const std::vector<PoseSample>& sa
   return result;
 }
 
+std::optional<MotionPrediction> predict_backwards(std::vector<PoseSample> samples, double timestamp_s,
+                                                  const MotionLimits& limits) {
+  std::reverse(samples.begin(), samples.end());
+  // Reverses a motion: the derivatives of odd order change their signs.
+  const auto reverse = [](CameraMotion& motion, Matrix12d& covariance) {
+    motion.angular_rad_s *= -1;
+    motion.velocity_m_s *= -1;
+    motion.angular_rad_s3 *= -1;
+    motion.jerk_m_s3 *= -1;
+    covariance.topRightCorner<6, 6>() *= -1;
+    covariance.bottomLeftCorner<6, 6>() *= -1;
+  };
+  for (PoseSample& sample : samples) {
+    sample.timestamp_s *= -1;
+    if (sample.motion) reverse(sample.motion->motion, sample.motion->covariance);
+  }
+  std::optional<MotionPrediction> predicted = predict_motion(samples, -timestamp_s, limits);
+  if (predicted) reverse(predicted->motion.motion, predicted->motion.covariance);
+  return predicted;
+}
+
+MotionPrior fused(const MotionPrior& one, const MotionPrior& other) {
+  const Matrix12d information = inverse_positive_definite(Eigen::MatrixXd(one.covariance)),
+                  added = inverse_positive_definite(Eigen::MatrixXd(other.covariance));
+  MotionPrior both = one;
+  both.covariance = inverse_positive_definite(Eigen::MatrixXd(information + added));
+  const Vector12d change = both.covariance * (added * (to_vector(other.motion) - to_vector(one.motion)));
+  both.motion = changed(one.motion, change);
+  return both;
+}
+
 double velocity_of_jitter(double camera_rate_hz) {
   // Independent displacements of consecutive images cause 0.71 of them per interval, vibration of a fifth of the image
   // rate 1.26.

@@ -44,6 +44,13 @@ struct MotionPrediction {
 std::optional<MotionPrediction> predict_motion(const std::vector<PoseSample>& samples, double timestamp_s,
                                                const MotionLimits& limits);
 
+// The same at a time before all samples: reversed in time, the later samples predict the earlier ones.
+std::optional<MotionPrediction> predict_backwards(std::vector<PoseSample> samples, double timestamp_s,
+                                                  const MotionLimits& limits);
+
+// Combines two independent estimates of a motion.
+MotionPrior fused(const MotionPrior& one, const MotionPrior& other);
+
 // Displacements of single images from a smooth path, standard deviation of each component.
 struct Jitter {
   double turn_rad = 0, shift_m = 0;

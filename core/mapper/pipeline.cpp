@@ -49,13 +49,13 @@ FrameResult Pipeline::process(PreprocessedStack preprocessed) {
   const FringeStack& stack = preprocessed.stack;
   // The mapper may keep the input to reconstruct the view again.
   FrameResult result = mapper_.process({stack.timestamp_s, std::move(preprocessed.view), front_end_->needs_prior(stack),
+                                        static_cast<int>(stack.images.size()),
                                         [front_end = front_end_, stack](const ReconstructionPrior& prior) {
                                           return front_end->reconstruct(stack, prior);
                                         },
                                         [front_end = front_end_, stack](const ReconstructedView& view, int stride) {
                                           return front_end->depth_slopes(stack, view, stride);
                                         }});
-  result.images = static_cast<int>(stack.images.size());
   if (result.complete && result.in_motion() && has_pose(result.tracking) && !schedule_.keeps_all())
     result.predictable = predictable_orders(stack);
   last_timestamp_s_ = stack.timestamp_s;

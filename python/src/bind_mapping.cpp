@@ -222,7 +222,16 @@ void bind_results(py::module_& m) {
       .def_readonly("keyframe", &FrameResult::keyframe, "Its own number if it became one, otherwise -1.")
       .def_readonly("in_map", &FrameResult::in_map)
       .def_readonly("loops", &FrameResult::loops, "Earlier keyframes linked with it, besides the reference.")
-      .def_readonly("corrected", &FrameResult::corrected, "True if closing loops moved the map.");
+      .def_readonly("corrected", &FrameResult::corrected, "True if closing loops moved the map.")
+      .def_property_readonly(
+          "recovered",
+          [](const FrameResult& r) {
+            py::list views;
+            for (const std::shared_ptr<const FrameResult>& view : r.recovered)
+              views.append(py::cast(FrameResult(*view)));
+            return views;
+          },
+          "FrameResults of earlier views that had no pose before the map began and are registered now.");
   py::class_<MappedView, std::shared_ptr<MappedView>>(m, "MappedView", "A stack and its result.")
       .def_readonly("stack", &MappedView::stack)
       .def_readonly("result", &MappedView::result);

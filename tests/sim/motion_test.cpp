@@ -417,6 +417,50 @@ TEST(MovingRobot, IsTrackedWithThreeImagesPerView) {
   EXPECT_GE(predicted, 5);
 }
 
+// A first stack without its coarse fringes has neither fringe orders nor a motion, until later views predict it.
+TEST(MovingRobot, AViewBeforeTheMapIsRegisteredLater) {
+  SceneLoadOptions reading;
+  reading.changes = {{"trajectory.continuous.speed_m_s", "0.3"}};
+  const Scene scene = load_scene(std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop/scene.yaml", reading);
+  VirtualRig rig(scene, {});
+  PipelineOptions options;
+  options.decode.unwrapping = Unwrapping::predicted;
+  Pipeline pipeline(rig.model(), scene.patterns, options, {});
+  std::vector<TruthFrame> truths;
+  std::vector<std::shared_ptr<const FrameResult>> recovered;
+  for (int i = 0; i < 6; ++i) {
+    SimulatedView view = *rig.simulate(pipeline.next_patterns());
+    if (i == 0) {
+      const double finest_px = finest_patterns(scene.patterns, Axis::columns).patterns.front().period_px;
+      for (size_t k = 0; k < view.stack.images.size(); ++k) {
+        if (view.stack.patterns.patterns[k].period_px > finest_px) view.stack.images[k].setTo(40);
+      }
+    }
+    truths.push_back(view.truth);
+    const FrameResult result = pipeline.process(std::move(view.stack));
+    EXPECT_EQ(has_pose(result.tracking), i > 0) << i;
+    recovered.insert(recovered.end(), result.recovered.begin(), result.recovered.end());
+    EXPECT_EQ(pipeline.trajectory().size(), static_cast<size_t>(i) + recovered.size());
+  }
+  ASSERT_EQ(recovered.size(), 1u);
+  const FrameResult& first = *recovered.front();
+  EXPECT_EQ(first.frame.index, truths[0].index);
+  EXPECT_EQ(first.tracking, Tracking::followed);
+  EXPECT_EQ(first.images, 9);
+  const Pose& mount = scene.rig.robot_from_camera;
+  const Pose true_pose = (truths[1].world_from_robot * mount).inverse() * truths[0].world_from_robot * mount;
+  const Vector6d error = difference(first.registration.earlier_from_current, true_pose);
+  EXPECT_LT(error.tail<3>().norm(), 0.3e-3);
+  EXPECT_LT(error.dot(solve_symmetric(first.covariance, error)), 30);  // exceeded with a probability of 4e-5
+  const Trajectory trajectory = pipeline.trajectory();
+  EXPECT_EQ(trajectory.front().timestamp_s, truths[0].timestamp_s);
+  EXPECT_TRUE(std::is_sorted(trajectory.begin(), trajectory.end(),
+                             [](const auto& a, const auto& b) { return a.timestamp_s < b.timestamp_s; }));
+  const Pose moved = trajectory[1].world_from_robot.inverse() * trajectory[0].world_from_robot,
+             truly = truths[1].world_from_robot.inverse() * truths[0].world_from_robot;
+  EXPECT_LT((moved.translation - truly.translation).norm(), 0.3e-3);
+}
+
 // A robot that was pushed between two views: the prediction misleads the estimation of the second one's motion.
 TEST(MovingRobot, AStackThatContradictsItsPredictionIsEstimatedWithoutIt) {
   const MovingView still({0, 0, 0}, {0, 0, 0}, true);

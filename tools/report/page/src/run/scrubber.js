@@ -17,7 +17,8 @@ const kStates = {
 };
 
 export function stateText(view) {
-  return (kStates[view.tracking] ?? view.tracking) + (view.relocalized ? ', relocalized' : '');
+  return (kStates[view.tracking] ?? view.tracking) + (view.relocalized ? ', relocalized' : '') +
+    (view.recovered ? ', recovered' : '');
 }
 
 function labelOf(view) {

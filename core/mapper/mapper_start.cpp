@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: Apache-2.0
+// Mapper: the start of a map in motion (docs/method.md, section 9.4). The first views are captured before the motion is
+// known; later views determine it.
+#include <algorithm>
+#include <utility>
+
+#include "core/base/stage_clock.h"
+#include "core/mapper/mapper.h"
+#include "core/registration/motion_registration.h"
+#include "core/types/linear_algebra.h"
+
+namespace fringeslam {
+
+// Keeps the first stack if its motion has to be determined better.
+void Mapper::note_first_keyframe(const FrameResult& result, MapperInput input) {
+  if (result.tracking != Tracking::first || !input.reconstruct) return;
+  const std::optional<StackMotion>& own = result.undecided_motion ? result.undecided_motion : result.motion;
+  if (result.in_motion() || result.undecided_motion)
+    first_keyframe_ = FirstKeyframe{std::move(input), {own->motion, own->covariance}};
+}
+
+// Re-decodes the first keyframe as soon as the views after it determine its motion better than its own stack, and
+// once more when there are enough of them to determine it as well as that of a predicted view.
+void Mapper::improve_first_keyframe() {
+  constexpr size_t kMostViews = 8;
+  constexpr int kStride = 6;
+  if (!first_keyframe_ || track_.size() < first_keyframe_->views) return;
+  const FirstKeyframe first = *std::exchange(first_keyframe_, std::nullopt);
+  if (continuous_from_ > 0 || !in_motion_) return;
+  std::vector<PoseSample> samples = last_samples();
+  samples.erase(samples.begin());
+  for (PoseSample& sample : samples) sample.motion.reset();
+  const std::optional<MotionPrediction> predicted =
+      predict_backwards(std::move(samples), first.input.timestamp_s, options_.registration.motion_prior);
+  if (!predicted) return;
+  MotionPrior motion = predicted->motion;
+  vibration_.widen(motion.covariance);
+  motion = fused(first.own, motion);
+  if (!first.input.depth_slopes) return;
+  ReconstructedView view = first.input.reconstruct({nullptr, motion, true});
+  if (!view.motion) return;
+  enter_stage("motion");
+  const Pose last_from_first = world_from_camera(track_.back()).inverse() * map_.keyframes()[0].world_from_camera;
+  const MotionRegistration found =
+      register_motion(last_frame_, view.frame, rig_.camera, last_from_first, first.input.depth_slopes(view, kStride),
+                      view.motion->motion, motion);
+  if (!found.valid) return;
+  MotionPrior known{changed(view.motion->motion, found.step), found.motion_covariance};
+  // The ripples of the last view's depth, which its own motion left, resemble those of the keyframe.
+  if (last_motion_) known.covariance += last_motion_->covariance;
+  view = first.input.reconstruct({nullptr, known, true});
+  const IcpResult moved =
+      point_to_plane_icp(last_frame_, view.frame, rig_.camera, found.target_from_source, options_.registration.icp);
+  if (!moved.converged) return;
+  // The views so far stay where they are; their keyframe's frame has moved.
+  const Pose new_from_old = moved.target_from_source.inverse() * last_from_first;
+  for (TrackedView& tracked : track_) {
+    if (tracked.keyframe == 0 && &tracked != &track_.front())
+      tracked.keyframe_from_camera = orthonormalised(new_from_old * tracked.keyframe_from_camera);
+  }
+  for (TrackedView& tracked : recovered_) {
+    if (tracked.keyframe == 0)
+      tracked.keyframe_from_camera = orthonormalised(new_from_old * tracked.keyframe_from_camera);
+  }
+  map_.replace_frame(0, view.frame, new_from_old);
+  keyframe_motion_[0] = frame_motion(view, first.input, view.frame, {});
+  vibration_.widen_estimate(keyframe_motion_[0].covariance);
+  image_keyframe_ = -1;
+  if (first.views < kMostViews) first_keyframe_ = FirstKeyframe{first.input, first.own, 2 * first.views};
+}
+
+// Keeps a view that came before the map, until the map predicts it.
+void Mapper::hold(MapperInput input) {
+  constexpr size_t kMost = 8;
+  if (!map_.keyframes().empty() || !input.reconstruct) return;
+  input.view.reset();
+  held_.push_back(std::move(input));
+  if (held_.size() > kMost) held_.erase(held_.begin());
+}
+
+// Registers held views, the latest first, once enough views after them predict where they were captured from.
+void Mapper::recover_held_views(FrameResult& result) {
+  constexpr size_t kFew = 4, kMany = 8;
+  if (held_.empty() || track_.size() < kFew) return;
+  if (!in_motion_ || continuous_from_ > 0 || track_.size() > kMany) {
+    held_.clear();
+    return;
+  }
+  if (track_.size() != kFew && track_.size() != kMany) return;
+  while (!held_.empty()) {
+    std::shared_ptr<const FrameResult> view = recovered(held_.back());
+    if (!view) break;
+    result.recovered.insert(result.recovered.begin(), std::move(view));
+    held_.pop_back();
+  }
+}
+
+// Returns null if the view cannot be registered.
+std::shared_ptr<const FrameResult> Mapper::recovered(const MapperInput& input) {
+  std::vector<PoseSample> samples;
+  for (const std::vector<TrackedView>* views : {&recovered_, &track_}) {
+    for (const TrackedView& view : *views)
+      samples.push_back({view.timestamp_s, world_from_camera(view), view.variance + view.shared, view.own_motion});
+  }
+  const std::optional<MotionPrediction> before =
+      predict_backwards(std::move(samples), input.timestamp_s, options_.registration.motion_prior);
+  if (!before) return nullptr;
+  const Prediction predicted = with_shared_errors(*before);
+  // The state describes the last view, which stays the one from which the next is predicted.
+  const Matrix6d prediction_covariance = std::exchange(prediction_covariance_, predicted.covariance);
+  const bool prediction_checked = std::exchange(prediction_checked_, true);
+  const Vibration vibration = vibration_;
+  auto view = std::make_shared<FrameResult>();
+  view->images = input.images;
+  MotionEffect effect;
+  keyframe_image(0);
+  const bool found = follow_known_motion(*view, input, predicted, effect);
+  prediction_covariance_ = prediction_covariance;
+  prediction_checked_ = prediction_checked;
+  vibration_ = vibration;
+  if (!found) return nullptr;
+  auto [own, keyframe] = uncertain_motions(*view, input, effect);
+  TrackedView here{view->frame.timestamp_s, view->reference, view->registration.earlier_from_current};
+  here.registered_with = view->reference;
+  here.variance = pose_variance(view->covariance + own.spread());
+  here.shared = pose_variance(keyframe.spread());
+  vibration_.widen_estimate(own.covariance);
+  if (keyframe.by_own_stack) vibration_.widen_estimate(keyframe.covariance);
+  view->covariance += own.spread() + keyframe.spread();
+  view->world_from_robot = orthonormalised(world_from_camera(here) * rig_.robot_from_camera.inverse());
+  recovered_.insert(recovered_.begin(), here);
+  return view;
+}
+
+}  // namespace fringeslam
