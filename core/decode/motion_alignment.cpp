@@ -235,7 +235,7 @@ cv::Mat1f filled_depth(const cv::Mat1f& depth_m, double otherwise_m) {
   while (levels.back().rows > 1 || levels.back().cols > 1) {
     const cv::Mat1f& fine = levels.back();
     cv::Mat1f coarse((fine.rows + 1) / 2, (fine.cols + 1) / 2);
-    for (int row = 0; row < coarse.rows; ++row) {
+    for_each_row(coarse.rows, [&](int row) {
       const float *const above = fine[2 * row], *const below = fine[std::min(2 * row + 1, fine.rows - 1)];
       for (int col = 0; col < coarse.cols; ++col) {
         const int left = 2 * col, right = std::min(2 * col + 1, fine.cols - 1);
@@ -247,7 +247,7 @@ cv::Mat1f filled_depth(const cv::Mat1f& depth_m, double otherwise_m) {
         }
         coarse[row][col] = count > 0 ? sum / count : kNaN;
       }
-    }
+    });
     levels.push_back(std::move(coarse));
   }
   if (std::isnan(levels.back()(0, 0))) levels.back()(0, 0) = static_cast<float>(otherwise_m);
@@ -255,12 +255,11 @@ cv::Mat1f filled_depth(const cv::Mat1f& depth_m, double otherwise_m) {
   for (size_t level = levels.size() - 1; level-- > 0;) {
     cv::Mat1f& fine = levels[level];
     const cv::Mat1f& coarse = levels[level + 1];
-    for (int row = 0; row < fine.rows; ++row) {
-      const float* from = coarse[row / 2];
-      for (int col = 0; col < fine.cols; ++col) {
-        if (std::isnan(fine[row][col])) fine[row][col] = from[col / 2];
-      }
-    }
+    for_each_row(fine.rows, [&](int row) {
+      float* const to = fine[row];
+      const float* const from = coarse[row / 2];
+      for (int col = 0; col < fine.cols; ++col) to[col] = std::isnan(to[col]) ? from[col / 2] : to[col];
+    });
   }
   return levels.front();
 }

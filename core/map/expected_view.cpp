@@ -197,9 +197,9 @@ class Rendering {
 
   ExpectedView render() {
     for_each_row(static_cast<int>(rows_.size()), [&](int row) { project(rows_[static_cast<size_t>(row)]); });
-    ExpectedView view{cv::Mat1f(rays_.size(), kNaN), cv::Mat1f(rays_.size(), kNaN)};
-    for (cv::Mat1f* image : {&mx_, &my_, &mz_, &noise_}) *image = cv::Mat1f(rays_.size(), kNaN);
-    winning_view_ = cv::Mat1b(rays_.size(), kNoView);
+    ExpectedView view{cv::Mat1f(rays_.size()), cv::Mat1f(rays_.size())};
+    for (cv::Mat1f* image : {&mx_, &my_, &mz_, &noise_}) image->create(rays_.size());
+    winning_view_.create(rays_.size());
     const int bands = (rays_.rows + kBandRows - 1) / kBandRows;
     for_each_row(bands,
                  [&](int band) { magnified_ ? cover<3>(band * kBandRows, view) : cover<2>(band * kBandRows, view); });
@@ -339,21 +339,34 @@ class Rendering {
         winning_view[at] = c.view;
       });
     }
+    for (int row = 0; row < rows; ++row) {
+      const auto first = static_cast<size_t>((row + kBorder) * stride + kBorder);
+      show(first_row + row, winner.data() + first, winning_view.data() + first, view);
+    }
+  }
+
+  // Writes a row of the image, given the splats and the views that won its pixels.
+  void show(int row, const int* winner, const int* winning_view, ExpectedView& view) {
     static const auto finish = Variants<finish_body>::of(selected_instruction_set());
-    for (int band_row = 0; band_row < rows; ++band_row) {
-      const int row = first_row + band_row;
-      for (int col = 0; col < cols; ++col) {
-        const auto at = static_cast<size_t>((band_row + kBorder) * stride + col + kBorder);
-        if (winner[at] < 0) continue;
-        const auto splat = static_cast<size_t>(winner[at]);
-        mx_(row, col) = splats_.mx[splat];
-        my_(row, col) = splats_.my[splat];
-        mz_(row, col) = splats_.mz[splat];
-        noise_(row, col) = splats_.noise[splat];
-        winning_view_(row, col) = static_cast<uint8_t>(winning_view[at]);
-      }
-      for (size_t v = 0; v < errors_.size(); ++v)
-        finish(plane_row(view, row), winning_view_[row], static_cast<uint8_t>(v), errors_[v], cols, view.depth_m[row],
+    float *const mx = mx_[row], *const my = my_[row], *const mz = mz_[row], *const noise = noise_[row];
+    uint8_t* const shown = winning_view_[row];
+    const int cols = rays_.cols;
+    std::array<bool, kNoView> shows{};
+    for (int col = 0; col < cols; ++col) {
+      const int splat = winner[col];
+      const bool any = splat >= 0;
+      mx[col] = any ? splats_.mx[splat] : kNaN;
+      my[col] = any ? splats_.my[splat] : kNaN;
+      mz[col] = any ? splats_.mz[splat] : kNaN;
+      noise[col] = any ? splats_.noise[splat] : kNaN;
+      shown[col] = any ? static_cast<uint8_t>(winning_view[col]) : kNoView;
+      if (any) shows[shown[col]] = true;
+    }
+    std::fill_n(view.depth_m[row], cols, kNaN);
+    std::fill_n(view.sigma_m[row], cols, kNaN);
+    for (size_t v = 0; v < errors_.size(); ++v) {
+      if (shows[v])
+        finish(plane_row(view, row), shown, static_cast<uint8_t>(v), errors_[v], cols, view.depth_m[row],
                view.sigma_m[row]);
     }
   }

@@ -29,7 +29,7 @@ struct PointArrays {
 // The target's images, and the number of points that fall on each pixel.
 struct TargetImages {
   const float *points, *normals, *sigma;  // three, three and one values per pixel
-  const int32_t* uses;
+  std::array<const int32_t*, 2> uses;     // of each half of the points
 };
 
 // Writes the target pixel of each point, or -1 outside the image.
@@ -64,7 +64,7 @@ void gather(const int32_t* pixel, int count, const TargetImages& target, Partner
       partners.quantity[3 + k][i] = target.normals[3 * at + k];
     }
     partners.quantity[6][i] = target.sigma[at];
-    partners.quantity[7][i] = static_cast<float>(target.uses[at]);
+    partners.quantity[7][i] = static_cast<float>(target.uses[0][at] + target.uses[1][at]);
   }
 }
 
@@ -172,11 +172,11 @@ PlanePairs::PlanePairs(const Frame& target, const Frame& source, const Pinhole& 
     : camera_(camera),
       min_normal_cos_(static_cast<float>(std::cos(max_normal_deg * std::numbers::pi / 180))),
       target_(target),
-      uses_(target.points_m.total(), 0),
       levels_(5),
       source_(source) {
   if (!target.points_m.isContinuous() || !target.normals.isContinuous() || !target.sigma_m.isContinuous())
     throw Error("registration: the target frame's images must be contiguous; clone them");
+  for (std::vector<int32_t>& uses : uses_) uses.assign(target.points_m.total(), 0);
 }
 
 PlanePairs::Points::Points(int points)
@@ -235,11 +235,21 @@ PlaneSums PlanePairs::linearise(const Pose& target_from_source, const PlaneGates
     const int first = chunk * kChunk;
     associate(from(first), std::min(kChunk, points.padded - first), projection, pixel_.data() + first);
   });
-  for (const int32_t at : pixel_) {
-    if (at >= 0) ++uses_[static_cast<size_t>(at)];
-  }
-  const TargetImages target{target_.points_m.ptr<float>(), target_.normals.ptr<float>(), target_.sigma_m.ptr<float>(),
-                            uses_.data()};
+  // Each half of the points has its own counts, so that two threads can count them.
+  const auto for_each_use = [&](const auto& visit) {
+    for_each_row(2, [&](int half) {
+      const size_t middle = pixel_.size() / 2, end = half == 0 ? middle : pixel_.size();
+      std::vector<int32_t>& uses = uses_[static_cast<size_t>(half)];
+      for (size_t i = half == 0 ? 0 : middle; i < end; ++i) {
+        if (pixel_[i] >= 0) visit(uses[static_cast<size_t>(pixel_[i])]);
+      }
+    });
+  };
+  for_each_use([](int32_t& uses) { ++uses; });
+  const TargetImages target{target_.points_m.ptr<float>(),
+                            target_.normals.ptr<float>(),
+                            target_.sigma_m.ptr<float>(),
+                            {uses_[0].data(), uses_[1].data()}};
   std::vector<LaneSums> sums(static_cast<size_t>(chunks));
   for_each_row(chunks, [&](int chunk) {
     const int first = chunk * kChunk, count = std::min(kChunk, points.padded - first);
@@ -248,9 +258,7 @@ PlaneSums PlanePairs::linearise(const Pose& target_from_source, const PlaneGates
     linearise_chunk(from(first), pixel_.data() + first, count, projection, partners, limits,
                     sums[static_cast<size_t>(chunk)]);
   });
-  for (const int32_t at : pixel_) {
-    if (at >= 0) uses_[static_cast<size_t>(at)] = 0;
-  }
+  for_each_use([](int32_t& uses) { uses = 0; });
   PlaneSums total;
   for (const LaneSums& chunk : sums) add(chunk, total);
   total.information.triangularView<Eigen::StrictlyLower>() = total.information.transpose();

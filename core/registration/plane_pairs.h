@@ -3,6 +3,7 @@
 // processed at a time in single precision: residuals are of the order of 1e-5 m, rounding of positions 1e-7 m.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -66,8 +67,10 @@ class PlanePairs {
   Pinhole camera_;
   float min_normal_cos_;
   const Frame& target_;
-  // During linearise(): each point's target pixel, and the number of points on each pixel; uses_ is zero otherwise.
-  std::vector<int32_t> pixel_, uses_;
+  // During linearise(): each point's target pixel, and the number of points of each half on each pixel; uses_ is zero
+  // otherwise.
+  std::vector<int32_t> pixel_;
+  std::array<std::vector<int32_t>, 2> uses_;
   std::vector<std::optional<Points>> levels_;
   const Frame& source_;
 };
