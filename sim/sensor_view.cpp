@@ -43,6 +43,11 @@ RigModel with_camera_size(const RigModel& rig, const cv::Size& size) {
   return result;
 }
 
+bool has_indirect_light(const Scene& scene) {
+  return scene.bounces > 0 || std::any_of(scene.objects.begin(), scene.objects.end(),
+                                          [](const Object& object) { return object.material.mean_free_path_m > 0; });
+}
+
 Pattern white_pattern() {
   Pattern pattern;
   pattern.coding = Coding::flat;
@@ -120,6 +125,13 @@ TruthFrame SensorView::truth(const Pose& world_from_robot, bool reduced, const S
                   &truth, stop);
   truth.world_from_robot = world_from_robot;
   return truth;
+}
+
+cv::Mat1f SensorView::indirect_share(const Pose& world_from_robot, bool reduced, const Stop& stop) {
+  TruthFrame truth;
+  (reduced ? reduced_ : full_)
+      .render(*shown(std::nullopt), {world_from_robot * scene_.rig.robot_from_camera}, 0, &truth, stop);
+  return truth.indirect_share;
 }
 
 std::shared_ptr<const ProjectedPatterns> SensorView::shown(std::optional<size_t> pattern) {

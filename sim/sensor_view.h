@@ -21,6 +21,9 @@ namespace fringeslam::sim {
 // the same.
 RigModel with_camera_size(const RigModel& rig, const cv::Size& size);
 
+// True if light reaches surfaces by others or from below.
+bool has_indirect_light(const Scene& scene);
+
 // Returns the pattern that lights all projector pixels.
 Pattern white_pattern();
 
@@ -40,6 +43,9 @@ class SensorView {
   // Returns the ground truth of a view, without time and fringe orders. All its images are empty if `stop` returned true
   // meanwhile.
   TruthFrame truth(const Pose& world_from_robot, bool reduced, const Stop& stop = nullptr) const;
+  // Returns the share of the projector's white light that reaches a pixel by other surfaces or from below its own, 0 to 1;
+  // NaN without light. Empty if the scene has no such light, or if `stop` returned true meanwhile.
+  cv::Mat1f indirect_share(const Pose& world_from_robot, bool reduced, const Stop& stop = nullptr);
   // A stack of reduced images under all patterns, without noise, and its ground truth without time and fringe orders. Its
   // pixels are as small as those of the full images, of which they are a sample, so that small surfaces keep their share.
   struct Stack {

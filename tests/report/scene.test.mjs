@@ -234,6 +234,74 @@ test('the mask counts as many lit pixels as scene check', async () => {
   await close();
 });
 
+test('indirect light, temperature and the risk of wrong orders are shown where a scene has them', async () => {
+  const kinds = (page) => page.locator('#sensor-kind option').evaluateAll((list) => list.map(({value}) => value));
+  const {page, close} = await open();
+  assert.deepEqual(await kinds(page), ['texture', 'pattern', 'depth', 'mask', 'wrong_order']);
+  // The mean of green grows with the risk.
+  const risk = async (page) => {
+    await page.locator('#sensor-kind').selectOption('wrong_order');
+    await shown(page, 'wrong_order 0 full');
+    const {data} = await pixels(page);
+    const known = data.filter((_, i) => i % 4 === 1 && data[i + 2] > 0);
+    assert.ok(known.length > 0.01 * data.length / 4);
+    return known.reduce((sum, value) => sum + value) / known.length;
+  };
+  const bright = await risk(page);
+  await close();
+
+  const warm = await serve('--with', 'light.bounces=2', '--with', 'materials.cardboard.warmer_k=10', '--with', 'light.exposure_s=2e-4');
+  const other = await open(warm.url);
+  const dark = await risk(other.page);
+  assert.ok(dark > bright + 1, `${dark} ${bright}`);
+  assert.deepEqual((await kinds(other.page)).slice(5), ['indirect', 'temperature']);
+  await other.page.locator('#sensor-kind').selectOption('temperature');
+  await shown(other.page, 'temperature 0 full');
+  assert.deepEqual(await other.page.locator('.colour-key .ends span').allTextContents(), ['20.0 °C', '25.0 °C', '30.0 °C']);
+  // The ends of the palette: ground and boxes.
+  const {data} = await pixels(other.page);
+  const seen = new Set();
+  for (let i = 0; i < data.length; i += 4) if (data[i + 3]) seen.add(data.slice(i, i + 3).join());
+  assert.deepEqual([...seen].sort(), ['0,34,78', '254,232,56']);
+  await other.page.locator('#sensor-kind').selectOption('indirect');
+  await shown(other.page, 'indirect 0 full');
+  assert.ok(new Set((await pixels(other.page)).data).size > 20);
+  await other.close();
+  await warm.stop('SIGTERM');
+});
+
+test('textures cover the world, in tiles along the axes or by the coordinates of a mesh', async () => {
+  const place = runs.scene('textured', `name: textured
+description: A texture with a black and a white half
+seed: 1
+rig: {file: rig.yaml}
+patterns: {axis: columns, steps: 3, periods_px: [1040, 131, 16.5], bits: 8}
+materials:
+  halves: {texture: halves.pgm, texture_m: 0.8, albedo: 0.9}
+objects:
+  - {shape: plane, size_m: [0.8, 0.8], material: halves}
+  - {shape: mesh, file: tilted.obj, material: halves, pose: {translation_m: [0, 0, 0.1]}}
+trajectory: {interval_s: 0.5}
+`);
+  const width = 64;
+  const halves = Buffer.alloc(width * width, 0).map((_, i) => (i % width < width / 2 ? 0 : 255));
+  writeFileSync(runs.at('textured', 'halves.pgm'), Buffer.concat([Buffer.from(`P5 ${width} ${width} 255\n`), halves]));
+  // A small square whose coordinates show the white half alone.
+  writeFileSync(runs.at('textured', 'tilted.obj'), `v -0.1 -0.1 0\nv 0.1 -0.1 0\nv 0.1 0.1 0\nv -0.1 0.1 0
+vt 0.6 0.1\nvt 0.9 0.1\nvt 0.9 0.9\nvt 0.6 0.9\nf 1/1 2/2 3/3 4/4\n`);
+  const textured = await serveScene(place);
+  const data = await sceneOf(textured.port);
+  assert.deepEqual(data.objects.map(({tile}) => tile), [0, 0]);
+  assert.deepEqual(data.tiles.map(({size_m, edge, centered}) => [size_m, edge, centered]), [[0.8, 'repeat', false]]);
+  const {page, close} = await open(textured.url);
+  const values = (await worldPixels(page)).filter((_, i) => i % 4 === 0);
+  const dark = values.filter((value) => value < 20).length, bright = values.filter((value) => value > 150 && value < 235).length;
+  assert.ok(dark > 0.01 * values.length, `${dark} of ${values.length}`);
+  assert.ok(bright > dark / 2, `${bright} ${dark}`);
+  await close();
+  await textured.stop('SIGTERM');
+});
+
 test('a rendering stops when a newer view is wanted, and delays no other answer', async () => {
   const slow = await serve('--with', 'light.bounces=20');
   const {scene: number} = await stateOf(slow.port);

@@ -6,10 +6,14 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <numbers>
+#include <optional>
+#include <tuple>
 
 #include "core/io/json_text.h"
 #include "sim/preview/viewpoint.h"
 #include "sim/scene/cache.h"
+#include "tools/authoring/sensor_picture.h"
+#include "tools/authoring/surface_tile.h"
 #include "tools/report/simplify_mesh.h"
 
 namespace fringeslam::tools {
@@ -91,6 +95,12 @@ Json patterns_json(const PatternSequence& sequence) {
   return list;
 }
 
+Json pictures_json(const sim::Scene& scene) {
+  Json list = Json::array();
+  for (const SensorPicture picture : pictures_of(scene)) list.push_back(to_string(picture));
+  return list;
+}
+
 Json values_json(const std::vector<sim::SceneValue>& values) {
   constexpr double kUnlimited = 1e9;  // limits from here on only reject infinity
   Json list = Json::array();
@@ -125,16 +135,57 @@ SurfaceMesh surface_of(const sim::Mesh& mesh) {
   return surface;
 }
 
-std::string bytes_of(const SurfaceMesh& mesh) {
+std::string bytes_of(const SurfaceMesh& mesh, const std::vector<Eigen::Vector2f>& texture_coordinates) {
   std::string bytes;
   append(bytes, static_cast<uint32_t>(mesh.vertices.size()));
   append(bytes, static_cast<uint32_t>(mesh.triangles.size()));
+  append(bytes, static_cast<uint32_t>(!texture_coordinates.empty()));
   for (const CloudPoint& vertex : mesh.vertices) {
     for (const float value : vertex.position_m) append(bytes, value);
   }
   for (const auto& triangle : mesh.triangles) append(bytes, triangle);
+  for (const Eigen::Vector2f& coordinate : texture_coordinates) append(bytes, coordinate);
   return bytes;
 }
+
+// The tiles of a scene's materials.
+class Tiles {
+ public:
+  // Adds the tiles' pictures to `pictures`, by name.
+  explicit Tiles(std::map<std::string, std::string>& pictures) : pictures_(pictures) {}
+
+  // Returns the number of an object's tile; -1: none.
+  int of(const sim::Object& object, bool has_texture_coordinates) {
+    // A texture of lost coordinates lies nowhere.
+    const bool lost = !object.material.texture.empty() && !object.mesh->texture_coordinates.empty();
+    if (lost && !has_texture_coordinates) return -1;
+    const sim::Material& m = object.material;
+    const auto key =
+        std::tuple(m.texture, m.texture_m, m.grain, m.grain_m, m.albedo, m.contrast, m.print_albedo, m.name);
+    const auto [known, added] = numbers_.try_emplace(key, -1);
+    if (!added) return known->second;
+    std::optional<SurfaceTile> tile = surface_tile(m, textures_);
+    if (!tile) return -1;
+    const std::string name = sim::content_hash(tile->png);
+    pictures_.emplace(name, std::move(tile->png));
+    constexpr const char* kEdges[] = {"repeat", "mirror", "clamp"};
+    list_.push_back({{"picture", name},
+                     {"size_m", tile->size_m},
+                     {"scale", tile->scale},
+                     {"centered", tile->centered},
+                     {"edge", kEdges[static_cast<int>(tile->edge)]}});
+    return known->second = static_cast<int>(list_.size()) - 1;
+  }
+
+  const Json& json() const { return list_; }
+
+ private:
+  using Key = std::tuple<std::string, double, sim::Grain, double, double, double, double, std::string>;
+  std::map<std::string, std::string>& pictures_;
+  sim::TextureImages textures_;
+  std::map<Key, int> numbers_;
+  Json list_ = Json::array();
+};
 
 }  // namespace
 
@@ -148,22 +199,28 @@ SceneData scene_data(const sim::Scene& scene, const std::vector<sim::SceneValue>
   struct Drawn {
     std::string name;
     size_t triangles = 0;
+    bool has_texture_coordinates = false;
   };
   std::map<const sim::Mesh*, Drawn> drawn;
   SceneData data;
   data.path = path_of(scene);
   Json objects = Json::array();
+  Tiles tiles(data.tiles);
   for (const sim::Object& object : scene.objects) {
     const auto [found, added] = drawn.try_emplace(object.mesh.get());
     Drawn& mesh = found->second;
     if (added) {
       SurfaceMesh surface = surface_of(*object.mesh);
+      bool thinner = false;
       if (share < 1 && surface.vertices.size() > kSmall) {
         const double wanted = share * static_cast<double>(surface.vertices.size());
         surface = thinned(surface, std::max(kSmall, static_cast<size_t>(wanted))).mesh;
+        thinner = true;
       }
-      std::string bytes = bytes_of(surface);
-      mesh = {sim::content_hash(bytes), surface.triangles.size()};
+      // Thinning merges vertices, which then have no texture coordinates.
+      const auto coordinates = thinner ? std::vector<Eigen::Vector2f>() : object.mesh->texture_coordinates;
+      std::string bytes = bytes_of(surface, coordinates);
+      mesh = {sim::content_hash(bytes), surface.triangles.size(), !coordinates.empty()};
       data.meshes.emplace(mesh.name, std::move(bytes));
     }
     drawn_triangles += mesh.triangles;
@@ -173,8 +230,10 @@ SceneData scene_data(const sim::Scene& scene, const std::vector<sim::SceneValue>
                        {"mesh", mesh.name},
                        {"material", object.material.name},
                        {"albedo", object.material.albedo},
+                       {"tile", tiles.of(object, mesh.has_texture_coordinates)},
                        {"pose", pose_json(object.world_from_object)}});
   }
+  const auto [low_c, high_c] = temperature_range_c(scene);
   data.json = json_text(Json{{"name", scene.name},
                              {"seed", std::to_string(scene.seed)},  // may exceed the exact integers of JavaScript
                              {"notes", scene.notes},
@@ -189,7 +248,10 @@ SceneData scene_data(const sim::Scene& scene, const std::vector<sim::SceneValue>
                                {"camera_corners", corners_of(scene.rig.camera)},
                                {"projector_corners", corners_of(scene.rig.projector)}}},
                              {"patterns", patterns_json(scene.patterns)},
+                             {"pictures", pictures_json(scene)},
+                             {"temperature_c", {low_c, high_c}},
                              {"objects", objects},
+                             {"tiles", tiles.json()},
                              {"values", values_json(values)},
                              {"path", path_json(scene.rig, data.path)}});
   return data;

@@ -33,6 +33,13 @@ std::string word(const std::string& text) {
   return !text.empty() && text.find_first_not_of(kLiteral) == std::string::npos ? text : quoted(text);
 }
 
+// Answers with the content of this name; 204 if the newest scene has none.
+PageAnswer named(std::string_view name, const std::map<std::string, std::string>& contents, const char* type) {
+  if (name.size() != 16 || name.find_first_not_of("0123456789abcdef") != std::string_view::npos) return {};
+  const auto found = contents.find(std::string(name));
+  return found == contents.end() ? PageAnswer{204, {}} : PageAnswer::of(found->second, type);
+}
+
 }  // namespace
 
 ScenePage::ScenePage(std::string scene, SceneVariant variant, LiveAccess access)
@@ -62,13 +69,10 @@ PageAnswer ScenePage::answer(const PageRequest& request) {
     if (!number) return {};
     return *number == now.scene_number ? PageAnswer::of(now.scene->data.json, "application/json") : PageAnswer{204, {}};
   }
-  if (constexpr std::string_view kMesh = "/mesh/"; path.starts_with(kMesh)) {
-    const std::string name(path.substr(kMesh.size()));
-    if (name.size() != 16 || name.find_first_not_of("0123456789abcdef") != std::string::npos) return {};
-    const auto found = now.scene->data.meshes.find(name);
-    if (found == now.scene->data.meshes.end()) return {204, {}};
-    return PageAnswer::of(found->second, "application/octet-stream");
-  }
+  if (constexpr std::string_view kMesh = "/mesh/"; path.starts_with(kMesh))
+    return named(path.substr(kMesh.size()), now.scene->data.meshes, "application/octet-stream");
+  if (constexpr std::string_view kTile = "/tile/"; path.starts_with(kTile))
+    return named(path.substr(kTile.size()), now.scene->data.tiles, "image/png");
   return {};
 }
 
@@ -169,7 +173,7 @@ PageAnswer ScenePage::view(const PageRequest& request) {
   std::unique_lock turn(rendering_, kTurn);
   while (!turn.owns_lock() && !request.given_up()) (void)turn.try_lock_for(kTurn);
   if (!turn.owns_lock()) return {503, {}};
-  return PageAnswer::of(sensor_picture(shown.view, shown.scene.rig, *kind, *pattern,
+  return PageAnswer::of(sensor_picture(shown.view, shown.scene, *kind, *pattern,
                                        shown.data.path[*place].world_from_robot, reduced, request.given_up),
                         "image/png");
 }

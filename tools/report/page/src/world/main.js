@@ -67,7 +67,7 @@ class ScenePage {
     this.values.use(scene);
     byId('time').max = scene.path.length - 1;
     this.sensor.use(scene);  // needs no meshes
-    if (!(await this.world.show(scene, (mesh) => ask(`/mesh/${mesh}`)))) return false;
+    if (!(await this.world.show(scene, (mesh) => ask(`/mesh/${mesh}`), (tile) => ask(`/tile/${tile}`)))) return false;
     this.drawn = number;
     this.showSelected();
     this.showTime();

@@ -9,13 +9,20 @@ import {ask, Refused} from '../live/server.js';
 
 const kPatienceMs = 300;  // before a busy server is asked again
 const kLights = ['lit', 'in shadow', 'outside the beam'];  // by level
-const kKinds = [['texture', 'Texture'], ['pattern', 'Pattern'], ['depth', 'Depth'], ['mask', 'Shadow and beam']];
+const kKinds = {
+  texture: 'Texture', pattern: 'Pattern', depth: 'Depth', mask: 'Shadow and beam', wrong_order: 'Wrong-order risk',
+  indirect: 'Indirect light', temperature: 'Temperature',
+};
+const kUnknown = {wrong_order: 'no fringe order', indirect: 'no light of the projector'};
+const kLeastPower = -6;  // of ten: smaller probabilities of a wrong order look alike
 const kNotes = {
   texture: 'White projector light and ambient light. White: full scale of the camera.', pattern: 'White: full scale of the camera.',
 };
 const kDescriptions = {
   texture: 'Camera image under white projector light', pattern: 'Camera image under a pattern',
   depth: 'Depth, near is dark', mask: 'Surfaces that are lit, in shadow or outside the beam',
+  wrong_order: 'Probability of a wrong fringe order', indirect: 'Share of light that arrives by other surfaces',
+  temperature: 'Temperature of the surfaces',
 };
 
 export class SensorPanel {
@@ -28,13 +35,13 @@ export class SensorPanel {
     this.waiting = [];  // for the next picture
 
     this.image = element('img', {alt: ''});
-    const [depth, mask] = [0, 1].map(() => element('canvas', {role: 'img', hidden: true}));
-    this.levels = {depth: new LevelPicture(depth, 'viridis'), mask: new LevelPicture(mask, 'lights')};
-    this.frame = element('div', {class: 'frame', id: 'sensor-picture'}, this.image, depth, mask);
+    const palettes = {depth: 'viridis', mask: 'lights', wrong_order: 'cividis', indirect: 'cividis', temperature: 'cividis'};
+    this.levels = Object.fromEntries(Object.entries(palettes).map(
+      ([kind, palette]) => [kind, new LevelPicture(element('canvas', {role: 'img', hidden: true}), palette)]));
+    this.frame = element('div', {class: 'frame', id: 'sensor-picture'}, this.image, ...Object.values(this.levels).map(({canvas}) => canvas));
     this.state = element('span', {class: 'value', id: 'sensor-state', role: 'status'});
     this.below = element('div', {class: 'colour-key'});
-    this.kind = choice('Show', kKinds, (kind) => this.want({kind}));
-    this.kind.querySelector('select').id = 'sensor-kind';
+    this.kind = element('span');
     this.pattern = element('span', {hidden: true});
     byId('sensor').append(
       element('div', {class: 'controls'}, this.kind, this.pattern),
@@ -42,6 +49,9 @@ export class SensorPanel {
     const texts = {
       depth: (share) => `${{0: 'below ', 1: 'above '}[share] ?? ''}${this.metres(share)}`,
       mask: (share) => kLights[Math.round(2 * share)],
+      wrong_order: (share) => this.risk(share),
+      indirect: (share) => `${fixed(100 * share, 0)} %`,
+      temperature: (share) => this.degrees(share),
     };
     for (const [kind, picture] of Object.entries(this.levels)) {
       picture.onPointer((share) => this.say(Number.isFinite(share) ? texts[kind](share) : share));
@@ -54,17 +64,29 @@ export class SensorPanel {
     return `${fixed(near + share * (far - near), digits)} m`;
   }
 
+  degrees(share) {
+    const [low, high] = this.scene.temperature_c;
+    return `${fixed(low + share * (high - low), 1)} °C`;
+  }
+
+  risk(share) {
+    return `${share === 0 ? 'below ' : ''}${(10 ** (kLeastPower * (1 - share))).toPrecision(1)}`;
+  }
+
   // Shows the scene's views from now on.
   use(scene) {
     this.scene = scene;
     const {width_px: width, height_px: height} = scene.rig;
     this.frame.style.aspectRatio = `${width} / ${height}`;
+    const kind = scene.pictures.includes(this.wanted.kind) ? this.wanted.kind : 'texture';
+    this.kind.replaceChildren(choice('Show', scene.pictures.map((name) => [name, kKinds[name]]), (chosen) => this.want({kind: chosen})));
+    Object.assign(this.kind.querySelector('select'), {id: 'sensor-kind', value: kind});
     const pattern = Math.min(this.wanted.pattern, scene.patterns.length - 1);
     const select = choice('Pattern', scene.patterns.map((text, i) => [i, `${i}: ${text}`]), (chosen) => this.want({pattern: Number(chosen)}));
     select.querySelector('select').id = 'sensor-pattern';
     select.querySelector('select').value = pattern;
     this.pattern.replaceChildren(select);
-    this.want({pattern, place: Math.min(this.wanted.place, scene.path.length - 1)}, true);
+    this.want({kind, pattern, place: Math.min(this.wanted.place, scene.path.length - 1)}, true);
   }
 
   // Returns once the next picture is shown, if the place is another one.
@@ -154,12 +176,16 @@ export class SensorPanel {
   // Returns the legend of a picture.
   key(kind) {
     if (kind === 'depth') return [colourBar('viridis', ...[0, 0.5, 1].map((share) => this.metres(share, 2)))];
+    const bar = {
+      wrong_order: (share) => this.risk(share), indirect: (share) => `${fixed(100 * share, 0)} %`, temperature: (share) => this.degrees(share),
+    }[kind];
+    if (bar) return [colourBar('cividis', ...[0, 0.5, 1].map(bar))];
     if (kind === 'mask') return kLights.map((text, i) => element('span', {class: 'entry'}, element('i', {class: `light light-${i}`}), text));
     return [element('span', {class: 'quiet'}, kNotes[kind])];
   }
 
   // Shows a value, null if there is none here, or by default the size of the picture.
-  say(text = this.size === 'reduced' ? 'reduced; full size follows' : 'full size') {
-    this.state.textContent = text ?? 'no surface';
+  say(text = this.wanted.kind === 'wrong_order' ? 'a sample of the pixels' : this.size === 'reduced' ? 'reduced; full size follows' : 'full size') {
+    this.state.textContent = text ?? (kUnknown[this.wanted.kind] ?? 'no surface');
   }
 }

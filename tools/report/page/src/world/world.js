@@ -19,21 +19,66 @@ const poseOf = (numbers) => ({position: numbers.slice(0, 3), quaternion: numbers
 const matrixOf = ({pose}) => new THREE.Matrix4().compose(
   new THREE.Vector3(...pose.slice(0, 3)), new THREE.Quaternion(...pose.slice(3)), new THREE.Vector3(1, 1, 1));
 
-// Format: number of vertices and triangles, positions, indices; 32 bits each.
+// Format: number of vertices and triangles, whether there are texture coordinates, positions, indices, texture
+// coordinates; 32 bits each.
 function geometryOf(bytes) {
-  const [vertices, triangles] = new Uint32Array(bytes, 0, 2);
+  const [vertices, triangles, coordinates] = new Uint32Array(bytes, 0, 3);
+  const indices = 12 + 12 * vertices;
   const geometry = new THREE.BufferGeometry();
-  geometry.setAttribute('position', new THREE.BufferAttribute(new Float32Array(bytes, 8, 3 * vertices), 3));
-  geometry.setIndex(new THREE.BufferAttribute(new Uint32Array(bytes, 8 + 12 * vertices, 3 * triangles), 1));
+  geometry.setAttribute('position', new THREE.BufferAttribute(new Float32Array(bytes, 12, 3 * vertices), 3));
+  geometry.setIndex(new THREE.BufferAttribute(new Uint32Array(bytes, indices, 3 * triangles), 1));
+  if (coordinates) geometry.setAttribute('uv', new THREE.BufferAttribute(new Float32Array(bytes, indices + 12 * triangles, 2 * vertices), 2));
   return geometry;
 }
 
 // Albedos are linear, as three.js expects.
 const albedoOf = ({albedo}) => new THREE.Color().setScalar(albedo);
 
-// Returns a mesh of the scene's objects with these indices.
-function instanced(geometry, scene, objects) {
-  const mesh = new THREE.InstancedMesh(geometry, new THREE.MeshLambertMaterial({flatShading: true, side: THREE.DoubleSide}), objects.length);
+const kWraps = {repeat: THREE.RepeatWrapping, mirror: THREE.MirroredRepeatWrapping, clamp: THREE.ClampToEdgeWrapping};
+
+// Returns the texture of a PNG, whose values are linear.
+async function textureOf(answer, {edge}) {
+  const image = await createImageBitmap(await answer.blob(), {colorSpaceConversion: 'none', imageOrientation: 'flipY'});
+  const texture = new THREE.Texture(image);
+  const wrap = kWraps[edge];
+  Object.assign(texture, {wrapS: wrap, wrapT: wrap, flipY: false, colorSpace: THREE.NoColorSpace, anisotropy: 4, needsUpdate: true});
+  return texture;
+}
+
+// Multiplies the color of a material by a tile: at the texture coordinates, or projected along the axis of the object's frame
+// closest to the normal.
+function cover(material, texture, {size_m: size, scale, centered}, byCoordinates) {
+  material.onBeforeCompile = (shader) => {
+    Object.assign(shader.uniforms, {
+      tile: {value: texture}, tileSize: {value: size}, tileScale: {value: scale}, tileStart: {value: centered ? 0.5 : 0},
+    });
+    shader.vertexShader = shader.vertexShader.replace('void main() {', `
+      varying vec3 inObject;
+      varying vec2 onTile;
+      void main() {
+        inObject = position;
+        onTile = ${byCoordinates ? 'uv' : 'vec2(0.0)'};`);
+    shader.fragmentShader = shader.fragmentShader.replace('void main() {', `
+      uniform sampler2D tile;
+      uniform float tileSize, tileScale, tileStart;
+      varying vec3 inObject;
+      varying vec2 onTile;
+      void main() {`).replace('#include <color_fragment>', `
+      #include <color_fragment>
+      vec3 facing = abs(cross(dFdx(inObject), dFdy(inObject)));
+      vec2 projected = facing.x >= facing.y && facing.x >= facing.z ? inObject.yz : facing.y >= facing.z ? inObject.zx : inObject.xy;
+      vec2 at = ${byCoordinates ? 'onTile' : 'projected / tileSize + tileStart'};
+      diffuseColor.rgb *= tileScale * texture2D(tile, at).r;`);
+  };
+  material.customProgramCacheKey = () => `tile ${byCoordinates}`;
+}
+
+// Returns a mesh of the scene's objects with these indices; `tile`: {texture, about} or null.
+function instanced(geometry, scene, objects, tile) {
+  const material = new THREE.MeshLambertMaterial({flatShading: true, side: THREE.DoubleSide});
+  const repeats = tile?.about.edge === 'repeat';
+  if (tile) cover(material, tile.texture, tile.about, repeats && geometry.hasAttribute('uv'));
+  const mesh = new THREE.InstancedMesh(geometry, material, objects.length);
   objects.forEach((index, k) => {
     mesh.setMatrixAt(k, matrixOf(scene.objects[index]));
     mesh.setColorAt(k, albedoOf(scene.objects[index]));
@@ -56,6 +101,7 @@ export class World {
     this.scene = new THREE.Scene();
     this.meshes = [];
     this.geometries = new Map();  // by name, of the meshes shown
+    this.textures = new Map();  // by name and edge, of their tiles
     this.path = segments([], 4, {vertexColors: true});
     this.stops = new THREE.Points(new THREE.BufferGeometry(), new THREE.PointsMaterial({size: 9, sizeAttenuation: false, vertexColors: true}));
     this.places = [];  // of the path
@@ -92,27 +138,37 @@ export class World {
   // Fetches a scene's meshes, except those already shown, and shows it. The first scene's meshes appear one after
   // another; a later scene replaces its predecessor at once. Returns false if a mesh is gone, because there is a newer
   // scene.
-  async show(scene, fetchMesh) {
-    const users = new Map();
-    scene.objects.forEach(({mesh}, i) => {
-      if (!users.has(mesh)) users.set(mesh, []);
-      users.get(mesh).push(i);
+  async show(scene, fetchMesh, fetchTile) {
+    const users = new Map();  // indices of the objects with the same mesh and tile
+    scene.objects.forEach(({mesh, tile}, i) => {
+      const key = `${mesh} ${tile}`;
+      if (!users.has(key)) users.set(key, {name: mesh, about: scene.tiles[tile] ?? null, objects: []});
+      users.get(key).objects.push(i);
     });
     const first = this.data === null;
     if (first) this.frame(scene);
-    const geometries = new Map(), meshes = [];
-    for (const [name, objects] of users) {
-      if (!this.geometries.has(name)) {
-        const answer = await fetchMesh(name);
-        if (!answer) {
-          this.remove(meshes);
-          return false;
+    const geometries = new Map(), textures = new Map(), meshes = [];
+    // Takes what is shown already, or else fetches it; returns undefined if it is gone.
+    const wanted = async (key, now, before, fetched, made) => {
+      if (!now.has(key)) {
+        if (before.has(key)) {
+          now.set(key, before.get(key));
+        } else {
+          const answer = await fetched();
+          if (answer) now.set(key, await made(answer));
         }
-        geometries.set(name, geometryOf(await answer.arrayBuffer()));
-      } else {
-        geometries.set(name, this.geometries.get(name));
       }
-      const mesh = instanced(geometries.get(name), scene, objects);
+      return now.get(key);
+    };
+    for (const {name, about, objects} of users.values()) {
+      const geometry = await wanted(name, geometries, this.geometries, () => fetchMesh(name), async (answer) => geometryOf(await answer.arrayBuffer()));
+      const texture = about && await wanted(`${about.picture} ${about.edge}`, textures, this.textures,
+        () => fetchTile(about.picture), (answer) => textureOf(answer, about));
+      if (!geometry || texture === undefined) {
+        this.remove(meshes);
+        return false;
+      }
+      const mesh = instanced(geometry, scene, objects, about && {texture, about});
       meshes.push(mesh);
       if (!first) continue;
       this.scene.add(mesh);
@@ -121,7 +177,8 @@ export class World {
     }
     this.remove(this.meshes);
     for (const [name, geometry] of this.geometries) if (!geometries.has(name)) geometry.dispose();
-    Object.assign(this, {data: scene, meshes, geometries});
+    for (const [name, texture] of this.textures) if (!textures.has(name)) texture.dispose();
+    Object.assign(this, {data: scene, meshes, geometries, textures});
     if (this.selected >= scene.objects.length) this.selected = undefined;
     if (!first) this.frame(scene);
     this.scene.add(...meshes);
