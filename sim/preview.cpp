@@ -217,13 +217,21 @@ Effects seen_effects() {
 
 }  // namespace
 
+cv::Mat3b overview_picture(const Scene& scene, cv::Size size) {
+  Layout layout;
+  layout.unit = std::min(size.height / 800.0, size.width / 1200.0);
+  layout.overview = {{0, 0}, size};
+  return overview_panel(scene, Renderer(scene, seen_effects(), 1).world(), layout);
+}
+
 cv::Mat3b preview_picture(const Scene& scene, cv::Size size) {
   if (size.width < 320 || size.height < 200) throw Error("preview: the size must be at least 320x200 px");
   const Layout layout = layout_of(size, scene.rig.camera);
   Scene shown = scene;
   shown.rig = with_camera_size(scene.rig, layout.view.size());
   const Renderer renderer(shown, seen_effects(), 4);
-  const ProjectedPatterns light({shown.rig.projector.width, shown.rig.projector.height, {white_pattern()}}, shown.rig, {});
+  const ProjectedPatterns light({shown.rig.projector.width, shown.rig.projector.height, {white_pattern()}}, shown.rig,
+                                {});
   TruthFrame truth;
   const cv::Mat1f lux = renderer.render(light, {world_from_camera(shown, 0)}, 0, &truth)[0];
 

@@ -14,4 +14,7 @@ namespace fringeslam::sim {
 // size is less than 320 x 200 px or a texture cannot be read.
 cv::Mat3b preview_picture(const Scene& scene, cv::Size size = {1200, 800});
 
+// Renders its external view alone. Throws Error if a texture cannot be read.
+cv::Mat3b overview_picture(const Scene& scene, cv::Size size);
+
 }  // namespace fringeslam::sim

@@ -10,6 +10,8 @@
 #include "sim/scene_check.h"
 #include "tools/authoring/difficulty.h"
 #include "tools/authoring/difficulty_json.h"
+#include "tools/authoring/scene_list.h"
+#include "tools/live/live_option.h"
 #include "tools/progress.h"
 #include "tools/scene_verbs.h"
 #include "tools/source.h"
@@ -24,16 +26,8 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 int list(const fs::path& folder, const Common& common) {
-  if (!fs::is_directory(folder)) throw Error(folder.string() + ": is not a folder; give the folder of scenes by --in");
-  std::vector<fs::path> scenes;
-  for (const auto& entry : fs::directory_iterator(folder)) {
-    if (fs::exists(entry.path() / kSceneFile)) scenes.push_back(entry.path());
-  }
-  if (scenes.empty()) throw Error(folder.string() + ": contains no folder with a scene.yaml");
-  std::sort(scenes.begin(), scenes.end());
   Json json = Json::array();
-  for (const fs::path& scene : scenes) {
-    const std::string description = YamlMap::load(scene / kSceneFile).text_or("description", "");
+  for (const auto& [scene, description] : list_scenes(folder)) {
     json.push_back({{"scene", scene.string()}, {"description", description}});
     if (!common.json) std::printf("%-36s %s\n", scene.string().c_str(), description.c_str());
   }
@@ -121,10 +115,36 @@ int assess(const fs::path& path, std::optional<uint64_t> seed, const Common& com
 }
 
 Verb add_list(Command group, const Common& common) {
-  auto folder = std::make_shared<std::string>("scenes");
+  struct ListArguments {
+    std::string folder = "scenes";
+#if FRINGESLAM_REPORT
+    std::optional<int> port;
+    LiveAccess access;
+#endif
+  };
+  auto arguments = std::make_shared<ListArguments>();
   const Command verb = group.add_subcommand("list", "List the scenes of a folder");
-  verb.add_option("--in", *folder, "Folder of scenes").capture_default_str();
-  return [folder, &common] { return list(*folder, common); };
+  verb.add_option("--in", arguments->folder, "Folder of scenes").capture_default_str();
+#if FRINGESLAM_REPORT
+  const std::string usual = std::to_string(LivePage::kDefaultPort);
+  const Option page =
+      verb.add_option("--page", arguments->port,
+                      "Show them on a web page, until Ctrl-C, where they can be opened and where a mesh "
+                      "becomes a scene; 0: any free port [" +
+                          usual + "]")
+          .type_name("[PORT]")
+          .expected(0, 1)
+          .default_str(usual)
+          .check_range(0, 65535);
+  add_access_options(verb, arguments->access).needs(page);
+  return [arguments, &common] {
+    if (!arguments->port) return list(arguments->folder, common);
+    arguments->access.port = *arguments->port;
+    return show_gallery(arguments->folder, arguments->access);
+  };
+#else
+  return [arguments, &common] { return list(arguments->folder, common); };
+#endif
 }
 
 Verb add_check(Command group, const Common& common) {

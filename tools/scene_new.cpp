@@ -10,6 +10,7 @@
 
 #include "core/io/files.h"
 #include "core/io/yaml.h"
+#include "tools/authoring/mesh_scene.h"
 #include "tools/progress.h"
 #include "tools/scene_verbs.h"
 #include "tools/source.h"
@@ -55,7 +56,7 @@ std::string with_name(std::string text, const std::string& name) {
 }
 
 struct NewArguments {
-  std::string name, from, in = "scenes";
+  std::string name, from, mesh, in = "scenes";
 };
 
 // Returns a path unchanged; a bare name is taken relative to the folder of scenes.
@@ -63,7 +64,21 @@ fs::path in_folder(const std::string& name, const fs::path& folder) {
   return name.find('/') == std::string::npos ? folder / name : fs::path(name);
 }
 
+int report_new(const fs::path& target, const Common& common) {
+  print_result(common, {{"written", target.string()}},
+               "written: " + target.string() + "\nedit " + (target / kSceneFile).string() +
+                   ", then: fringeslam scene check " + target.string());
+  return 0;
+}
+
 int new_scene(const NewArguments& arguments, const Common& common) {
+  if (arguments.from.empty() == arguments.mesh.empty())
+    throw Error("scene new: give either the scene to copy by --from or a mesh file by --mesh");
+  if (!arguments.mesh.empty()) {
+    const fs::path target = in_folder(arguments.name, arguments.in);
+    create_mesh_scene(arguments.mesh, target, [&](const fs::path& copy) { fs::copy_file(arguments.mesh, copy); });
+    return report_new(target, common);
+  }
   const fs::path from = fs::exists(arguments.from) ? fs::path(arguments.from) : in_folder(arguments.from, arguments.in);
   const fs::path file = scene_file(from);
   if (!fs::is_regular_file(file))
@@ -80,10 +95,7 @@ int new_scene(const NewArguments& arguments, const Common& common) {
     fs::copy(entry.path(), staged.path() / part, fs::copy_options::recursive);
   }
   staged.commit();
-  print_result(common, {{"written", target.string()}},
-               "written: " + target.string() + "\nedit " + (target / kSceneFile).string() +
-                   ", then: fringeslam scene check " + target.string());
-  return 0;
+  return report_new(target, common);
 }
 
 struct GenerateArguments {
@@ -118,9 +130,10 @@ int generate(const GenerateArguments& arguments, const Common& common) {
 
 Verb add_scene_new(Command group, const Common& common) {
   auto arguments = std::make_shared<NewArguments>();
-  const Command verb = group.add_subcommand("new", "Create a new scene from an existing one");
+  const Command verb = group.add_subcommand("new", "Create a new scene from an existing one or from a mesh");
   verb.add_option("name", arguments->name, "Name in the folder of scenes, or a path").required();
-  verb.add_option("--from", arguments->from, "Scene to copy").required();
+  verb.add_option("--from", arguments->from, "Scene to copy");
+  verb.add_option("--mesh", arguments->mesh, "Mesh file to show on a floor instead").check_existing_file();
   verb.add_option("--in", arguments->in, "Folder of scenes").capture_default_str();
   return [arguments, &common] { return new_scene(*arguments, common); };
 }

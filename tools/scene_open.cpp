@@ -5,6 +5,7 @@
 #include <memory>
 
 #include "core/types/error.h"
+#include "tools/authoring/gallery_page.h"
 #include "tools/authoring/scene_page.h"
 #include "tools/interrupt.h"
 #include "tools/live/live_option.h"
@@ -35,6 +36,16 @@ int open(const SceneOpenArguments& arguments) {
 }
 
 }  // namespace
+
+int show_gallery(const std::string& folder, const LiveAccess& access) {
+  catch_interrupts();
+  const GalleryPage page(folder, access);
+  if (interrupted()) return kInterrupted;
+  std::fprintf(stderr, "scenes: %s\n", page.url().c_str());
+  while (!interrupted()) wait_s(60);
+  if (page.loading()) std::quick_exit(0);
+  return 0;
+}
 
 Verb add_scene_open(Command group, const Common&) {
   auto arguments = std::make_shared<SceneOpenArguments>();

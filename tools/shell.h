@@ -12,4 +12,10 @@ inline std::string quoted(const std::string& word) {
   return text + "'";
 }
 
+// Returns the word, quoted if a shell would not take it literally.
+inline std::string shell_word(const std::string& word) {
+  constexpr const char* kLiteral = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-./=,:+@%";
+  return !word.empty() && word.find_first_not_of(kLiteral) == std::string::npos ? word : quoted(word);
+}
+
 }  // namespace fringeslam::tools

@@ -19,8 +19,8 @@ export function launch() {
 }
 
 // Opens a page from a file or address, waits until it is drawn, and checks that it requested nothing from other origins
-// and reported no errors except `expected` ones.
-export async function open(browser, place, {expected = /^$/, ...options} = {}) {
+// than `others` and reported no errors except `expected` ones.
+export async function open(browser, place, {expected = /^$/, others = /^$/, ...options} = {}) {
   const context = await browser.newContext({viewport: {width: 1280, height: 900}, reducedMotion: 'reduce', ...options});
   const served = place.startsWith('http:');
   const home = served ? place : pathToFileURL(place).href;
@@ -32,7 +32,7 @@ export async function open(browser, place, {expected = /^$/, ...options} = {}) {
   page.on('pageerror', (error) => troubles.push(`error: ${error}`));
   await page.route('**/*', (route) => {
     const url = route.request().url();
-    if (/^(data|blob):/.test(url) || isHome(url)) return route.continue();
+    if (/^(data|blob):/.test(url) || isHome(url) || others.test(url)) return route.continue();
     troubles.push(`request: ${url}`);
     return route.abort();
   });

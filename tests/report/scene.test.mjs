@@ -3,7 +3,7 @@
 // files go to the current folder.
 import assert from 'node:assert/strict';
 import {spawn, spawnSync} from 'node:child_process';
-import {readFileSync, renameSync, rmSync, writeFileSync} from 'node:fs';
+import {existsSync, readFileSync, renameSync, rmSync, writeFileSync} from 'node:fs';
 import {request} from 'node:http';
 import {resolve} from 'node:path';
 import {after, before, test} from 'node:test';
@@ -19,8 +19,11 @@ let browser, scene, served;
 
 const serve = (...words) => serveScene(scene, ...words);
 
-async function serveScene(place, ...words) {
-  const child = spawn(runs.program, ['scene', 'open', place, '--port', '0', ...words], {stdio: ['ignore', 'ignore', 'pipe']});
+const serveScene = (place, ...words) => serveProgram(['scene', 'open', place, '--port', '0', ...words], 'scene');
+
+// Starts the program; `what` precedes the page's address.
+async function serveProgram(words, what) {
+  const child = spawn(runs.program, words, {stdio: ['ignore', 'ignore', 'pipe']});
   running.add(child);
   let said = '';
   const ended = new Promise((done) => child.on('exit', (code) => {
@@ -30,7 +33,7 @@ async function serveScene(place, ...words) {
   const url = await new Promise((done, failed) => {
     child.stderr.on('data', (bytes) => {
       said += bytes;
-      const [, address] = said.match(/scene: (\S+)\n/) ?? [];
+      const [, address] = said.match(new RegExp(`${what}: (\\S+)\n`)) ?? [];
       if (address) done(address);
     });
     child.on('exit', () => failed(new Error(said)));
@@ -653,6 +656,74 @@ test('a selected object shows the line of its entry', async () => {
   const line = readFileSync(resolve(scene, 'scene.yaml'), 'utf8').split('\n').findIndex((text) => text.includes('shape: scatter')) + 1;
   assert.match(await page.locator('#selected').innerText(), new RegExp(`scene\\.yaml:${line}\\b`));
   await close();
+});
+
+// A gallery of two valid scenes and an invalid one.
+async function serveGallery(name, ...words) {
+  const folder = runs.at(name);
+  const gallery = new Runs(runs.program, runs.source, folder);
+  for (const scene of ['first', 'second']) gallery.scene(scene, sceneText(scene, `the ${scene} test`, {count: 3, size: 0.2, motions: ''}));
+  gallery.scene('wrong', 'name: wrong\ndescription: Not a scene\nobjets: []\n');
+  return {folder, ...await serveProgram(['scene', 'list', '--in', folder, '--page', '0', ...words], 'scenes')};
+}
+
+test('the gallery shows all scenes with pictures, finds them, and opens them or says why not', async () => {
+  const gallery = await serveGallery('gallery');
+  const {page, close} = await openIn(browser, gallery.url, {others: /^http:\/\/127\.0\.0\.1:\d+\//});
+  await page.waitForSelector('li[data-scene=second] img[data-state=drawn]');
+  await page.waitForSelector('li[data-scene=wrong] img[data-state=failed]', {state: 'attached'});
+  assert.deepEqual(await page.locator('#scenes h3').allTextContents(), ['first', 'second', 'wrong']);
+  assert.ok((await look(page, 'li[data-scene=first] img')).colours > 50);
+  await page.locator('#filter').fill('second');
+  assert.equal(await page.locator('#scenes li:visible').count(), 1);
+  await page.locator('#filter').fill('');
+  await page.locator('li[data-scene=wrong] button').click();
+  const why = page.locator('li[data-scene=wrong] [role=alert]');
+  await why.waitFor();
+  assert.match(await why.textContent(), /wrong\/scene\.yaml:1: /);
+  await page.locator('li[data-scene=second] button').click();
+  await page.waitForURL((url) => url.port !== gallery.port);
+  await page.waitForSelector('#scene[data-whole]', {state: 'attached'});
+  assert.equal(await page.locator('#name').textContent(), 'second');
+  await close();
+  await gallery.stop('SIGTERM');
+});
+
+test('a mesh dropped onto the gallery becomes a scene that scene check accepts', async () => {
+  const gallery = await serveGallery('meshes');
+  const {page, close} = await openIn(browser, gallery.url);
+  await page.waitForSelector('li[data-scene=first]');
+  // A tetrahedron of 120 units, more than a scene in metres would be: millimetres.
+  const tetrahedron = 'v 0 0 0\nv 120 0 0\nv 0 120 0\nv 0 0 120\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n';
+  const drop = (name, text) => page.evaluate(([name, text]) => {
+    const data = new DataTransfer();
+    data.items.add(new File([text], name));
+    document.querySelector('#drop').dispatchEvent(new DragEvent('drop', {dataTransfer: data, bubbles: true, cancelable: true}));
+  }, [name, text]);
+  const said = async (pattern) => {
+    await page.waitForFunction((source) => new RegExp(source).test(document.querySelector('#mesh-state').textContent), pattern.source);
+  };
+  await drop('my tetra.obj', tetrahedron);
+  await said(/Created my_tetra/);
+  await page.waitForSelector('li[data-scene=my_tetra] img[data-state=drawn]');
+  const made = resolve(gallery.folder, 'my_tetra');
+  const text = readFileSync(resolve(made, 'scene.yaml'), 'utf8');
+  assert.match(text, /unit_m: 0\.001/);
+  const {status: code, stdout, stderr} = spawnSync(runs.program, ['scene', 'check', made, '--json'], {encoding: 'utf8'});
+  assert.equal(code, 0, stderr);
+  for (const {surface, in_range: inRange} of JSON.parse(stdout).views) assert.ok(surface > 0.9 && inRange > 0.9, stdout);
+  // Again: nothing is replaced.
+  await drop('my tetra.obj', tetrahedron);
+  await said(/exists already/);
+  await drop('broken.obj', 'v 0 0\nf 1 2 3\n');
+  await said(/^broken\.obj: /);
+  assert.ok(!existsSync(resolve(gallery.folder, 'broken')));
+  // Neither a foreign page nor a huge file creates one.
+  assert.equal(await status(gallery.port, '/mesh?file=a.obj', {Origin: 'http://example.com'}, 'POST'), 403);
+  const huge = {'Content-Length': String(2 ** 30)};
+  assert.equal(await status(gallery.port, '/mesh?file=a.obj', huge, 'POST'), 413);
+  await close();
+  await gallery.stop('SIGTERM');
 });
 
 test('only the page may order a new seed', async () => {

@@ -27,12 +27,6 @@ std::optional<SensorPicture> picture_of(const std::string& file) {
   return std::nullopt;
 }
 
-// Quotes a word of a command if a shell would not take it literally.
-std::string word(const std::string& text) {
-  constexpr const char* kLiteral = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-./=,:+@%";
-  return !text.empty() && text.find_first_not_of(kLiteral) == std::string::npos ? text : quoted(text);
-}
-
 // Answers with the content of this name; 204 if the newest scene has none.
 PageAnswer named(std::string_view name, const std::map<std::string, std::string>& contents, const char* type) {
   if (name.size() != 16 || name.find_first_not_of("0123456789abcdef") != std::string_view::npos) return {};
@@ -108,9 +102,10 @@ PageAnswer ScenePage::override_value(const PageRequest& request) {
 }
 
 std::string ScenePage::command(const WatchedScene::State& state) const {
-  std::string text = "fringeslam scene open " + word(name_) + " --seed " + std::to_string(state.scene->scene.seed);
-  for (const std::string& change : variant_.with) text += " --with " + word(change);
-  for (const auto& [path, value] : state.changes) text += " --with " + word(path + "=" + value);
+  std::string text =
+      "fringeslam scene open " + shell_word(name_) + " --seed " + std::to_string(state.scene->scene.seed);
+  for (const std::string& change : variant_.with) text += " --with " + shell_word(change);
+  for (const auto& [path, value] : state.changes) text += " --with " + shell_word(path + "=" + value);
   return text;
 }
 

@@ -26,8 +26,8 @@ constexpr size_t kMaxPath = 256;     // bytes; routing by a regular expression r
 constexpr size_t kMaxRejected = 64;  // connections waiting for their 503; any further ones are closed
 
 enum class Service { full, busy };
-thread_local Service service = Service::full;       // service level of this thread
-thread_local const ViewerSocket* viewer = nullptr;  // of the request that this thread answers
+thread_local Service service = Service::full;  // service level of this thread
+thread_local ViewerSocket* viewer = nullptr;   // of the request that this thread answers
 
 class ViewerStream : public httplib::Stream {
  public:
@@ -138,7 +138,7 @@ class PageServer::Server : public httplib::Server {
       const int yes = 1;
       setsockopt(socket, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
     });
-    set_payload_max_length(0);
+    set_payload_max_length(rules_.most_body_bytes);
     set_default_headers({{"Cache-Control", "no-store"},
                          {"X-Content-Type-Options", "nosniff"},
                          {"Referrer-Policy", "no-referrer"},
@@ -202,12 +202,16 @@ class PageServer::Server : public httplib::Server {
     if (status == 401) response.set_header("WWW-Authenticate", "Bearer");
     if (status == 403) return refuse(403, "Only for this computer; use 127.0.0.1 or localhost.\n");
     if (status != 200) return refuse(status, "Requires the token that was printed with the page's address.\n");
+    if (request.method == "POST" && viewer) {
+      const auto bytes = number_in<size_t>(request.get_header_value("Content-Length"));
+      if (bytes && *bytes <= rules_.most_body_bytes) viewer->expect_body(*bytes);
+    }
     return true;
   }
 
   void add_routes() {
     const auto respond = [this](const httplib::Request& request, httplib::Response& response) {
-      const PageRequest asked{request.path, request.method == "POST",
+      const PageRequest asked{request.path, request.method == "POST", request.body,
                               [&](const std::string& name) { return request.get_param_value(name); },
                               [this, mine = viewer] { return stopping_ || (mine && mine->gone()); }};
       PageAnswer answer = answers_(asked);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Serves one web page and its data. Only GET, HEAD and, if the page takes orders, POST without a body are answered.
+// Serves one web page and its data. Only GET, HEAD and, if the page takes orders, POST are answered, with a body only if the
+// page takes files.
 // Requests are limited in size and time, and requests beyond a maximum number of concurrent ones are asked to retry
 // (503). Everything but the page itself, which is at /, requires the token, if there is one (access.h).
 #pragma once
@@ -19,6 +20,7 @@ namespace fringeslam::tools {
 struct PageRequest {
   const std::string& path;
   bool is_post;  // an order; browsers name its origin, so that none from a foreign page is admitted
+  const std::string& body;
   std::function<std::string(const std::string& name)> parameter;  // of the query; empty if absent
   // True once nobody waits for the answer: the viewer left or the server stops. May be called by other threads while the
   // request is answered.
@@ -57,8 +59,9 @@ struct PageAnswer {
 };
 
 struct PageRules {
-  bool posts = false;  // accept POST
-  int nice = 10;       // niceness of the threads that answer
+  bool posts = false;          // accept POST
+  size_t most_body_bytes = 0;  // of a POST
+  int nice = 10;               // niceness of the threads that answer
 };
 
 class PageServer {

@@ -8,6 +8,11 @@
 
 namespace fringeslam::tools {
 
+void ViewerSocket::expect_body(size_t bytes) {
+  most_bytes_ += bytes;
+  request_by_ += kBodyPatience;
+}
+
 bool ViewerSocket::readable() const { return begin_ < received_bytes_.size() || ready(POLLIN, request_by_); }
 
 bool ViewerSocket::writable() const { return ready(POLLOUT, answer_by_.value_or(Clock::time_point::max())); }
@@ -19,9 +24,9 @@ bool ViewerSocket::gone() const {
 
 ssize_t ViewerSocket::read(char* target, size_t size) {
   if (begin_ == received_bytes_.size()) {
-    if (received_ >= kMaxRequestBytes || !ready(POLLIN, request_by_)) return -1;
-    constexpr size_t kPart = 2048;
-    received_bytes_.resize(std::min(kPart, kMaxRequestBytes - received_));
+    if (received_ >= most_bytes_ || !ready(POLLIN, request_by_)) return -1;
+    const size_t part = most_bytes_ > kMaxRequestBytes ? 65536 : 2048;
+    received_bytes_.resize(std::min(part, most_bytes_ - received_));
     const ssize_t got = recv(socket_, received_bytes_.data(), received_bytes_.size(), 0);
     begin_ = 0;
     received_bytes_.resize(static_cast<size_t>(std::max<ssize_t>(got, 0)));

@@ -15,7 +15,8 @@
 namespace fringeslam::tools {
 
 inline constexpr size_t kMaxRequestBytes = 16384;
-inline constexpr auto kRequestPatience = std::chrono::seconds(5), kAnswerPatience = std::chrono::seconds(20);
+inline constexpr auto kRequestPatience = std::chrono::seconds(5), kAnswerPatience = std::chrono::seconds(20),
+                      kBodyPatience = std::chrono::seconds(60);
 
 class ViewerSocket {
  public:
@@ -27,6 +28,9 @@ class ViewerSocket {
         request_by_(Clock::now() + request_patience),
         received_bytes_(std::move(head)),
         received_(received_bytes_.size()) {}
+
+  // Permits a body of this size after the head, for which the viewer has some time more.
+  void expect_body(size_t bytes);
 
   bool readable() const;
   bool writable() const;
@@ -42,6 +46,7 @@ class ViewerSocket {
   int socket_;
   const std::atomic<bool>& stopping_;
   Clock::time_point request_by_;
+  size_t most_bytes_ = kMaxRequestBytes;
   std::optional<Clock::time_point> answer_by_;  // counted from the answer's first byte: preparing it may take long
   std::string received_bytes_;                  // not read yet, from begin_
   size_t begin_ = 0, received_ = 0;

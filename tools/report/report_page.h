@@ -14,5 +14,6 @@ std::string_view report_page();  // about a run
 std::string_view study_page();   // about a study
 std::string_view live_page();    // of a capture or run in progress; it requests its data from the server
 std::string_view world_page();   // of a scene; likewise
+std::string_view gallery_page();  // of a folder of scenes; likewise
 
 }  // namespace fringeslam::tools

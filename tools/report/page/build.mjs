@@ -11,6 +11,7 @@ const kPages = [
   {name: 'study', folder: 'study', packages: [], skip: {id: 'scatter', name: 'trials'}},
   {name: 'live', folder: 'live', packages: ['three'], skip: {id: 'pictures', name: 'pictures'}, connects: true, title: 'Live', data: '{}'},
   {name: 'world', folder: 'world', packages: ['three'], skip: {id: 'objects', name: 'objects'}, connects: true, title: 'Scene', data: '{}'},
+  {name: 'gallery', folder: 'gallery', packages: [], skip: {id: 'scenes', name: 'scenes'}, connects: true, title: 'Scenes', data: '{}'},
 ];
 
 async function bundled(entry, options) {

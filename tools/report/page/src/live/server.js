@@ -39,9 +39,11 @@ export function order(path) {
   return send('POST', path, AbortSignal.timeout(kPatienceMs));
 }
 
-async function send(method, path, signal) {
+// Sends a request, with a file as its body if there is one.
+export async function send(method, path, signal, body) {
   const answer = await fetch(path, {
     method,
+    body,
     cache: 'no-store',
     headers: token ? {Authorization: `Bearer ${token}`} : {},
     signal,

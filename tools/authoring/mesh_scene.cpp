@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/authoring/mesh_scene.h"
+
+#include <algorithm>
+#include <cctype>
+#include <cmath>
+#include <numbers>
+
+#include "core/io/files.h"
+#include "core/io/staged.h"
+#include "core/io/yaml.h"
+#include "core/types/error.h"
+#include "core/types/options.h"
+#include "sim/scene/data_folder.h"
+#include "sim/scene/mesh_import.h"
+
+namespace fringeslam::tools {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+std::string numbers(const Eigen::Vector3d& values) {
+  // Tenths of a millimeter are finer than anything that depends on them.
+  const auto text = [](double value) { return to_text(std::round(1e4 * value) / 1e4 + 0.0); };
+  return "[" + text(values.x()) + ", " + text(values.y()) + ", " + text(values.z()) + "]";
+}
+
+// The mesh as the scene imports it.
+struct Placed {
+  std::string unit;  // line of its entry; empty: that of the file
+  Eigen::Vector3d low, high;
+};
+
+Placed placed(const fs::path& mesh, const std::string& name) {
+  constexpr double kLargest_m = 10, kMillimeter_m = 1e-3;
+  const auto imported = [&](const sim::MeshImportOptions& options) {
+    try {
+      return sim::import_mesh(mesh, options);
+    } catch (const Error& failure) {
+      // The copy is gone when the message is read.
+      std::string text = failure.what();
+      const std::string copy = mesh.string();
+      for (size_t at = 0; (at = text.find(copy, at)) != std::string::npos; at += name.size())
+        text.replace(at, copy.size(), name);
+      throw Error(text);
+    }
+  };
+  const sim::MeshImport found = imported({});
+  if (found.unit_m != 1 || (found.high - found.low).maxCoeff() <= kLargest_m) return {"", found.low, found.high};
+  sim::MeshImportOptions options;
+  options.unit_m = kMillimeter_m;
+  const sim::MeshImport smaller = imported(options);
+  return {", unit_m: 0.001", smaller.low, smaller.high};
+}
+
+}  // namespace
+
+std::string scene_name_of(const fs::path& mesh) {
+  std::string name = mesh.stem().string();
+  for (char& letter : name) {
+    const auto code = static_cast<unsigned char>(letter);
+    if (code >= 128 || (!std::isalnum(code) && letter != '-' && letter != '_')) letter = '_';
+  }
+  return name.empty() ? "mesh" : name;
+}
+
+void create_mesh_scene(const fs::path& mesh, const fs::path& folder,
+                       const std::function<void(const fs::path&)>& write_mesh) {
+  constexpr double kElevation = 55 * std::numbers::pi / 180, kRange_m = 1, kThesisField_m = 0.24;
+  if (fs::exists(folder)) throw Error(folder.string() + ": exists already; choose another name");
+  const fs::path data = sim::data_folder();
+  if (data.empty())
+    throw Error("the rigs of the project are not found; set FRINGESLAM_DATA to the folder with scenes/");
+  std::string extension = mesh.extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char letter) { return static_cast<char>(std::tolower(letter)); });
+  StagedFolder staged(folder, "");
+  const std::string file = "mesh" + extension;
+  write_mesh(staged.path() / file);
+  const Placed shown = placed(staged.path() / file, mesh.string());
+  const Eigen::Vector3d size = shown.high - shown.low, middle = 0.5 * (shown.low + shown.high);
+  const std::string rig = size.head<2>().maxCoeff() <= kThesisField_m ? "thesis" : "wide";
+  fs::copy_file(data / "scenes" / "rigs" / (rig + ".yaml"), staged.path() / "rig.yaml");
+  const double floor_m = std::max(1.0, 4 * size.head<2>().maxCoeff());
+  const std::string name = folder.filename().string();
+  const double height_m = size.z() / 2 + kRange_m * std::sin(kElevation), radius_m = kRange_m * std::cos(kElevation);
+  write_text(staged.path() / sim::kSceneFile,
+             "name: " + yaml_quoted(name) + "\ndescription: " + yaml_quoted(mesh.filename().string() + " on a floor") +
+                 "\nseed: 1\n"
+                 "rig: {file: rig.yaml}\n"
+                 "patterns: {axis: columns, steps: 3, periods_px: [1040, 131, 16.5]}\n"
+                 "light: {ambient_lux: 100}\n"
+                 "materials:\n"
+                 "  floor: {grain: concrete, albedo: 0.4, contrast: 0.35, grain_m: 0.03}\n"
+                 "objects:\n"
+                 "  - {shape: plane, size_m: [" +
+                 to_text(floor_m) + ", " + to_text(floor_m) +
+                 "], material: floor}\n"
+                 "  # Without `material`, the mesh has the colors of its file.\n"
+                 "  - {shape: mesh, file: " +
+                 file + shown.unit + ", pose: {translation_m: " + numbers({-middle.x(), -middle.y(), -shown.low.z()}) +
+                 "}}\n"
+                 "trajectory:\n"
+                 "  orbit: {centre_m: " +
+                 numbers({0, 0, size.z() / 2}) + ", radius_m: " + to_text(std::round(1e3 * radius_m) / 1e3) +
+                 ", height_m: " + to_text(std::round(1e3 * height_m) / 1e3) +
+                 ", from_deg: 0, to_deg: 60, count: 7}\n"
+                 "  interval_s: 0.5\n");
+  staged.commit();
+}
+
+}  // namespace fringeslam::tools
