@@ -163,11 +163,13 @@ void Mapper::track(FrameResult& result, const MapperInput& input, std::optional<
 
 Trajectory Mapper::trajectory() const {
   Trajectory trajectory;
-  for (const std::vector<TrackedView>* views : {&recovered_, &track_}) {
+  for (const std::vector<TrackedView>* views : {&track_, &recovered_}) {
     for (const TrackedView& view : *views)
       trajectory.push_back(
           {view.timestamp_s, orthonormalised(world_from_camera(view) * rig_.robot_from_camera.inverse())});
   }
+  const auto earlier = [](const TimedPose& a, const TimedPose& b) { return a.timestamp_s < b.timestamp_s; };
+  if (!recovered_.empty()) std::stable_sort(trajectory.begin(), trajectory.end(), earlier);
   return trajectory;
 }
 

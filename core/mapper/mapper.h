@@ -60,7 +60,7 @@ struct FrameResult : ReconstructedView {
   bool corrected = false;  // closing loops moved the map
   Pose previous_from_current;  // camera motion since the previous tracked view
   Pose world_from_robot;       // as estimated when the view was processed; see Mapper::trajectory()
-  // Results of earlier views, processed without a pose before the map began, which this view allows to be registered.
+  // Results of earlier views, processed without a pose, which this view allows to be registered.
   std::vector<std::shared_ptr<const FrameResult>> recovered;
 };
 
@@ -142,6 +142,7 @@ class Mapper {
 
   Pose world_from_camera(const TrackedView& view) const;
   static Prediction with_shared_errors(const MotionPrediction& motion);
+  std::optional<Prediction> predict_between(double timestamp_s) const;
   std::optional<Prediction> predict(double timestamp_s) const;
   std::optional<Pose> camera_at_constant_velocity(double timestamp_s) const;
   std::vector<PoseSample> last_samples() const;
@@ -181,6 +182,10 @@ class Mapper {
   void note_first_keyframe(const FrameResult& result, MapperInput input);
   void improve_first_keyframe();
   void hold(MapperInput input);
+  bool follow_held_sequence(FrameResult& result, const MapperInput& input, const Prediction& predicted,
+                            MotionEffect& effect);
+  bool follow_held_view(FrameResult& result, const MapperInput& input, const Prediction& predicted,
+                        MotionEffect& effect);
   void recover_held_views(FrameResult& result);
   std::shared_ptr<const FrameResult> recovered(const MapperInput& input);
   bool relocalize(FrameResult& result);
@@ -217,8 +222,8 @@ class Mapper {
   std::vector<FrameMotion> keyframe_motion_;  // of each keyframe, in its own axes
   Vibration vibration_;
   std::optional<FirstKeyframe> first_keyframe_;
-  std::vector<MapperInput> held_;       // views without a pose before the map began, in the order of time
-  std::vector<TrackedView> recovered_;  // the ones registered later, in the order of time
+  std::vector<MapperInput> held_;       // the last views without a pose, in the order of time
+  std::vector<TrackedView> recovered_;  // views registered later, in any order
 };
 
 }  // namespace fringeslam

@@ -231,7 +231,7 @@ void bind_results(py::module_& m) {
               views.append(py::cast(FrameResult(*view)));
             return views;
           },
-          "FrameResults of earlier views that had no pose before the map began and are registered now.");
+          "FrameResults of earlier views that had no pose when they were processed and are registered now.");
   py::class_<MappedView, std::shared_ptr<MappedView>>(m, "MappedView", "A stack and its result.")
       .def_readonly("stack", &MappedView::stack)
       .def_readonly("result", &MappedView::result);

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // Stacks that were rendered in motion, decoded and registered.
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <map>
 #include <numbers>
 #include <opencv2/core.hpp>
 #include <random>
@@ -417,6 +419,13 @@ TEST(MovingRobot, IsTrackedWithThreeImagesPerView) {
   EXPECT_GE(predicted, 5);
 }
 
+void blank_coarse_fringes(FringeStack& stack) {
+  const double finest_px = finest_patterns(stack.patterns, Axis::columns).patterns.front().period_px;
+  for (size_t k = 0; k < stack.images.size(); ++k) {
+    if (stack.patterns.patterns[k].period_px > finest_px) stack.images[k].setTo(40);
+  }
+}
+
 // A first stack without its coarse fringes has neither fringe orders nor a motion, until later views predict it.
 TEST(MovingRobot, AViewBeforeTheMapIsRegisteredLater) {
   SceneLoadOptions reading;
@@ -430,12 +439,7 @@ TEST(MovingRobot, AViewBeforeTheMapIsRegisteredLater) {
   std::vector<std::shared_ptr<const FrameResult>> recovered;
   for (int i = 0; i < 6; ++i) {
     SimulatedView view = *rig.simulate(pipeline.next_patterns());
-    if (i == 0) {
-      const double finest_px = finest_patterns(scene.patterns, Axis::columns).patterns.front().period_px;
-      for (size_t k = 0; k < view.stack.images.size(); ++k) {
-        if (view.stack.patterns.patterns[k].period_px > finest_px) view.stack.images[k].setTo(40);
-      }
-    }
+    if (i == 0) blank_coarse_fringes(view.stack);
     truths.push_back(view.truth);
     const FrameResult result = pipeline.process(std::move(view.stack));
     EXPECT_EQ(has_pose(result.tracking), i > 0) << i;
@@ -459,6 +463,45 @@ TEST(MovingRobot, AViewBeforeTheMapIsRegisteredLater) {
   const Pose moved = trajectory[1].world_from_robot.inverse() * trajectory[0].world_from_robot,
              truly = truths[1].world_from_robot.inverse() * truths[0].world_from_robot;
   EXPECT_LT((moved.translation - truly.translation).norm(), 0.3e-3);
+}
+
+// A view without light and one whose coarse fringes are missing, which thus needs a prediction, leave no pose. Once the robot is
+// relocalized, the views before and after predict the second one.
+TEST(MovingRobot, AViewBetweenLostOnesIsRegisteredLater) {
+  SceneLoadOptions reading;
+  reading.changes = {{"trajectory.continuous.speed_m_s", "0.3"}};
+  const Scene scene = load_scene(std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop/scene.yaml", reading);
+  VirtualRig rig(scene, {});
+  Pipeline pipeline(rig.model(), scene.patterns, {}, {});
+  pipeline.keep_all_patterns();
+  constexpr int kDark = 4, kNoCoarse = 5, kViews = 9;
+  std::map<int, TruthFrame> truths;
+  std::map<int, int> keyframes;  // numbers of the stacks
+  std::vector<int> lost;
+  std::vector<std::shared_ptr<const FrameResult>> recovered;
+  for (int i = 0; i < kViews; ++i) {
+    SimulatedView view = *rig.simulate(pipeline.next_patterns());
+    if (i == kDark) {
+      for (cv::Mat& image : view.stack.images) image.setTo(2);
+    }
+    if (i == kNoCoarse) blank_coarse_fringes(view.stack);
+    truths[view.truth.index] = view.truth;
+    const FrameResult result = pipeline.process(std::move(view.stack));
+    if (!has_pose(result.tracking)) lost.push_back(i);
+    if (result.keyframe >= 0) keyframes[result.keyframe] = result.frame.index;
+    recovered.insert(recovered.end(), result.recovered.begin(), result.recovered.end());
+  }
+  EXPECT_THAT(lost, testing::ElementsAre(kDark, kNoCoarse));
+  ASSERT_EQ(recovered.size(), 1u);
+  const FrameResult& view = *recovered.front();
+  EXPECT_EQ(view.frame.index, truths.at(kNoCoarse).index);
+  const Pose& mount = scene.rig.robot_from_camera;
+  const Pose true_pose = (truths.at(keyframes.at(view.reference)).world_from_robot * mount).inverse() *
+                         truths.at(kNoCoarse).world_from_robot * mount;
+  const Vector6d error = difference(view.registration.earlier_from_current, true_pose);
+  EXPECT_LT(error.tail<3>().norm(), 1e-3);
+  EXPECT_LT(error.dot(solve_symmetric(view.covariance, error)), 30);
+  EXPECT_EQ(pipeline.trajectory().size(), static_cast<size_t>(kViews) - 1);
 }
 
 // A robot that was pushed between two views: the prediction misleads the estimation of the second one's motion.

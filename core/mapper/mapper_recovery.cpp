@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Mapper: the start of a map in motion (docs/method.md, section 9.4). The first views are captured before the motion is
-// known; later views determine it.
+// Mapper: views in motion that only later views determine, such as the first ones (docs/method.md, section 9.4).
 #include <algorithm>
 #include <utility>
 
@@ -69,10 +68,10 @@ void Mapper::improve_first_keyframe() {
   if (first.views < kMostViews) first_keyframe_ = FirstKeyframe{first.input, first.own, 2 * first.views};
 }
 
-// Keeps a view that came before the map, until the map predicts it.
+// Keeps a view without a pose, until later views predict it.
 void Mapper::hold(MapperInput input) {
   constexpr size_t kMost = 8;
-  if (!map_.keyframes().empty() || !input.reconstruct) return;
+  if (!input.reconstruct) return;
   input.view.reset();
   held_.push_back(std::move(input));
   if (held_.size() > kMost) held_.erase(held_.begin());
@@ -80,13 +79,17 @@ void Mapper::hold(MapperInput input) {
 
 // Registers held views, the latest first, once enough views after them predict where they were captured from.
 void Mapper::recover_held_views(FrameResult& result) {
-  constexpr size_t kFew = 4, kMany = 8;
-  if (held_.empty() || track_.size() < kFew) return;
-  if (!in_motion_ || continuous_from_ > 0 || track_.size() > kMany) {
+  constexpr size_t kMany = 8;
+  if (held_.empty()) return;
+  const size_t since = track_.size() - continuous_from_;
+  // The first keyframe is improved before views are registered with it.
+  const size_t few = continuous_from_ > 0 ? 2 : 4;
+  if (since < few) return;
+  if (!in_motion_ || since > kMany) {
     held_.clear();
     return;
   }
-  if (track_.size() != kFew && track_.size() != kMany) return;
+  if (since != few && since != kMany / 2 && since != kMany) return;
   while (!held_.empty()) {
     std::shared_ptr<const FrameResult> view = recovered(held_.back());
     if (!view) break;
@@ -95,30 +98,81 @@ void Mapper::recover_held_views(FrameResult& result) {
   }
 }
 
+// Predicts pose and motion from the views after a time and, unless it is before the map, those before it.
+std::optional<Mapper::Prediction> Mapper::predict_between(double timestamp_s) const {
+  std::vector<PoseSample> before, after;
+  const auto add = [&](const TrackedView& view) {
+    (view.timestamp_s < timestamp_s ? before : after)
+        .push_back({view.timestamp_s, world_from_camera(view), view.variance + view.shared, view.own_motion});
+  };
+  std::vector<const TrackedView*> views;
+  for (const std::vector<TrackedView>* some : {&recovered_, &track_}) {
+    for (const TrackedView& view : *some) views.push_back(&view);
+  }
+  std::stable_sort(views.begin(), views.end(),
+                   [](const TrackedView* a, const TrackedView* b) { return a->timestamp_s < b->timestamp_s; });
+  for (const TrackedView* view : views) add(*view);
+  const MotionLimits& limits = options_.registration.motion_prior;
+  const std::optional<MotionPrediction> earlier = predict_motion(before, timestamp_s, limits),
+                                        later = predict_backwards(std::move(after), timestamp_s, limits);
+  if (!later) return std::nullopt;
+  const Prediction by_later = with_shared_errors(*later);
+  if (!earlier) return by_later;
+  const Prediction by_earlier = with_shared_errors(*earlier);
+  // Both covariances are diagonal.
+  const Vector6d ours = by_earlier.covariance.diagonal(), theirs = by_later.covariance.diagonal(), sum = ours + theirs;
+  const Vector6d step =
+      difference(by_later.world_from_camera, by_earlier.world_from_camera).cwiseProduct(ours).cwiseQuotient(sum);
+  return Prediction{orthonormalised(retract(by_earlier.world_from_camera, step)),
+                    ours.cwiseProduct(theirs).cwiseQuotient(sum).asDiagonal(),
+                    fused(by_later.motion, by_earlier.motion)};
+}
+
+// Decodes a whole sequence by itself, for which an accurate motion suffices, and registers it.
+bool Mapper::follow_held_sequence(FrameResult& result, const MapperInput& input, const Prediction& predicted,
+                                  MotionEffect& effect) {
+  if (input.needs_prior) return false;
+  reconstruct(result, input, {nullptr, predicted.motion, true});
+  return result.in_motion() && follow_in_motion(result, input, predicted, effect);
+}
+
+// Unwraps a view by the map. The prediction is so much less accurate than that of the next view that it determines few fringe
+// orders, which may not constrain all directions: it is a prior of a first registration.
+bool Mapper::follow_held_view(FrameResult& result, const MapperInput& input, const Prediction& predicted,
+                              MotionEffect& effect) {
+  result = {};
+  effect = {};
+  const ExpectedView first = expected_view(predicted.world_from_camera, predicted.covariance, true);
+  reconstruct(result, input, {&first, predicted.motion});
+  if (result.motion_unknown()) return false;
+  const Pose start = estimate_motion(result, input, predicted, &first, predicted.motion, effect);
+  if (!follow(result, start, inverse(predicted.covariance), largest_error_m(predicted))) return false;
+  const Prediction found = registered(result, input);
+  const ExpectedView second = expected_view(found.world_from_camera, found.covariance, true);
+  reconstruct(result, input, {&second, found.motion, true});
+  if (result.motion_unknown()) return false;
+  const Pose pose = estimate_motion(result, input, found, &second, predicted.motion, effect);
+  return follow(result, pose, Matrix6d::Zero(), largest_error_m(found));
+}
+
 // Returns null if the view cannot be registered.
 std::shared_ptr<const FrameResult> Mapper::recovered(const MapperInput& input) {
-  std::vector<PoseSample> samples;
-  for (const std::vector<TrackedView>* views : {&recovered_, &track_}) {
-    for (const TrackedView& view : *views)
-      samples.push_back({view.timestamp_s, world_from_camera(view), view.variance + view.shared, view.own_motion});
-  }
-  const std::optional<MotionPrediction> before =
-      predict_backwards(std::move(samples), input.timestamp_s, options_.registration.motion_prior);
-  if (!before) return nullptr;
-  const Prediction predicted = with_shared_errors(*before);
+  const std::optional<Prediction> predicted = predict_between(input.timestamp_s);
+  if (!predicted) return nullptr;
   // The state describes the last view, which stays the one from which the next is predicted.
-  const Matrix6d prediction_covariance = std::exchange(prediction_covariance_, predicted.covariance);
+  const Matrix6d prediction_covariance = std::exchange(prediction_covariance_, predicted->covariance);
   const bool prediction_checked = std::exchange(prediction_checked_, true);
   const Vibration vibration = vibration_;
   auto view = std::make_shared<FrameResult>();
-  view->images = input.images;
   MotionEffect effect;
-  keyframe_image(0);
-  const bool found = follow_known_motion(*view, input, predicted, effect);
+  keyframe_image(continuous_from_ > 0 ? track_[continuous_from_].keyframe : 0);
+  bool found = follow_held_sequence(*view, input, *predicted, effect);
+  if (!found) found = follow_held_view(*view, input, *predicted, effect);
   prediction_covariance_ = prediction_covariance;
   prediction_checked_ = prediction_checked;
   vibration_ = vibration;
   if (!found) return nullptr;
+  view->images = input.images;
   auto [own, keyframe] = uncertain_motions(*view, input, effect);
   TrackedView here{view->frame.timestamp_s, view->reference, view->registration.earlier_from_current};
   here.registered_with = view->reference;
@@ -128,7 +182,7 @@ std::shared_ptr<const FrameResult> Mapper::recovered(const MapperInput& input) {
   if (keyframe.by_own_stack) vibration_.widen_estimate(keyframe.covariance);
   view->covariance += own.spread() + keyframe.spread();
   view->world_from_robot = orthonormalised(world_from_camera(here) * rig_.robot_from_camera.inverse());
-  recovered_.insert(recovered_.begin(), here);
+  recovered_.push_back(here);
   return view;
 }
 
