@@ -305,6 +305,29 @@ vt 0.6 0.1\nvt 0.9 0.1\nvt 0.9 0.9\nvt 0.6 0.9\nf 1/1 2/2 3/3 4/4\n`);
   await textured.stop('SIGTERM');
 });
 
+test('a world of more than ten million triangles is thinned and drawn', async () => {
+  const place = runs.scene('triangles', `name: triangles
+description: 32 rocks of 330,000 triangles
+seed: 1
+rig: {file: rig.yaml}
+patterns: {axis: columns, steps: 3, periods_px: [1040, 131, 16.5], bits: 8}
+materials:
+  stone: {grain: stone, albedo: 0.5, contrast: 0.4, grain_m: 0.02}
+objects:
+${[...Array(32).keys()].map((i) => `  - {shape: rock, size_m: [0.05, 0.04, 0.04], detail: 7, material: stone, pose: {translation_m: [${((i % 8) - 3.5) / 20}, ${(Math.floor(i / 8) - 1.5) / 20}, 0.02]}}`).join('\n')}
+trajectory: {interval_s: 0.5}
+`);
+  const large = await serveScene(place);
+  const {triangles, drawn_triangles: drawn} = await sceneOf(large.port);
+  assert.ok(triangles > 1e7, triangles);
+  assert.ok(drawn > 3e5 && drawn < 2e6, drawn);
+  const {page, close} = await open(large.url);
+  assert.ok((await look(page, '.stage')).colours > 50);
+  assert.match(await page.locator('#about').textContent(), new RegExp(`32 objects, ${triangles} triangles, of which ${drawn} are drawn`));
+  await close();
+  await large.stop('SIGTERM');
+});
+
 test('a rendering stops when a newer view is wanted, and delays no other answer', async () => {
   const slow = await serve('--with', 'light.bounces=20');
   const {scene: number} = await stateOf(slow.port);
