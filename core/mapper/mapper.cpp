@@ -331,13 +331,21 @@ bool Mapper::follow_by_prediction(FrameResult& result, const MapperInput& input,
 // The same with a motion that is known approximately, and with the keyframe that keyframe_image() was called for last.
 bool Mapper::follow_known_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted,
                                  MotionEffect& effect) {
-  const ExpectedView expected = expected_view(predicted.world_from_camera, predicted.covariance, true);
-  reconstruct(result, input, {&expected, predicted.motion});
-  if (result.motion_unknown()) return false;
-  const Pose start = estimate_motion(result, input, predicted, &expected, predicted.motion, effect);
-  if (!follow(result, start, Matrix6d::Zero(), largest_error_m(predicted))) return false;
+  if (!follow_from(result, input, predicted, predicted.motion, false, Matrix6d::Zero(), effect)) return false;
   follow_again(result, input, predicted.motion, effect);
   return true;
+}
+
+// Unwraps the view by the map, decodes it with an approximate motion, and registers it. `prior`: of its motion;
+// `information`: of the approximate pose, if it is a prior of the registration.
+bool Mapper::follow_from(FrameResult& result, const MapperInput& input, const Prediction& from,
+                         const MotionPrior& prior, bool motion_is_known, const Matrix6d& information,
+                         MotionEffect& effect) {
+  const ExpectedView expected = expected_view(from.world_from_camera, from.covariance, true);
+  reconstruct(result, input, {&expected, from.motion, motion_is_known});
+  if (result.motion_unknown()) return false;
+  const Pose start = estimate_motion(result, input, from, &expected, prior, effect);
+  return follow(result, start, information, largest_error_m(from));
 }
 
 // Depth expected from the last view, and from its keyframe where the last view shows nothing. `covariance` is that of the

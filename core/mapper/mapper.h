@@ -172,6 +172,8 @@ class Mapper {
                         MotionEffect& effect);
   bool follow_by_prediction(FrameResult& result, const MapperInput& input, const Prediction& predicted,
                             MotionEffect& effect);
+  bool follow_from(FrameResult& result, const MapperInput& input, const Prediction& from, const MotionPrior& prior,
+                   bool motion_is_known, const Matrix6d& information, MotionEffect& effect);
   bool follow_known_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted,
                            MotionEffect& effect);
   double largest_error_m(const Prediction& predicted) const;

@@ -92,12 +92,7 @@ void Mapper::follow_again(FrameResult& result, const MapperInput& input, const M
   const FrameResult first = result;  // shares its images
   const MotionEffect first_effect = effect;
   const Prediction found = registered(result, input);
-  const ExpectedView expected = expected_view(found.world_from_camera, found.covariance, true);
-  reconstruct(result, input, {&expected, found.motion, true});
-  if (!result.motion_unknown()) {
-    const Pose start = estimate_motion(result, input, found, &expected, prior, effect);
-    if (follow(result, start, Matrix6d::Zero(), largest_error_m(found))) return;
-  }
+  if (follow_from(result, input, found, prior, true, Matrix6d::Zero(), effect)) return;
   result = first;
   effect = first_effect;
 }

@@ -142,17 +142,8 @@ bool Mapper::follow_held_view(FrameResult& result, const MapperInput& input, con
                               MotionEffect& effect) {
   result = {};
   effect = {};
-  const ExpectedView first = expected_view(predicted.world_from_camera, predicted.covariance, true);
-  reconstruct(result, input, {&first, predicted.motion});
-  if (result.motion_unknown()) return false;
-  const Pose start = estimate_motion(result, input, predicted, &first, predicted.motion, effect);
-  if (!follow(result, start, inverse(predicted.covariance), largest_error_m(predicted))) return false;
-  const Prediction found = registered(result, input);
-  const ExpectedView second = expected_view(found.world_from_camera, found.covariance, true);
-  reconstruct(result, input, {&second, found.motion, true});
-  if (result.motion_unknown()) return false;
-  const Pose pose = estimate_motion(result, input, found, &second, predicted.motion, effect);
-  return follow(result, pose, Matrix6d::Zero(), largest_error_m(found));
+  return follow_from(result, input, predicted, predicted.motion, false, inverse(predicted.covariance), effect) &&
+         follow_from(result, input, registered(result, input), predicted.motion, true, Matrix6d::Zero(), effect);
 }
 
 // Returns null if the view cannot be registered.

@@ -2,7 +2,6 @@
 #include "tools/authoring/gallery_page.h"
 
 #include <sys/resource.h>
-#include <sys/stat.h>
 
 #include <algorithm>
 #include <chrono>
@@ -15,6 +14,7 @@
 #include "sim/preview.h"
 #include "sim/scene/cache.h"
 #include "sim/scene/data_folder.h"
+#include "tools/authoring/file_stamp.h"
 #include "tools/authoring/mesh_scene.h"
 #include "tools/report/report_page.h"
 #include "tools/shell.h"
@@ -36,11 +36,9 @@ const cv::Size kPictureSize(480, 320);
 
 std::string name_of(const ListedScene& scene) { return scene.folder.filename().string(); }
 
-// What a file looked like when it was read.
 Json stamp_of(const fs::path& file) {
-  struct stat status {};
-  if (::stat(file.c_str(), &status) != 0) return Json();
-  return {status.st_mtim.tv_sec, status.st_mtim.tv_nsec, status.st_size, status.st_ino};
+  const FileStamp stamp = file_stamp(file);
+  return stamp ? Json(*stamp) : Json();
 }
 
 // Pictures are kept together with the state of all files that their scenes consist of.

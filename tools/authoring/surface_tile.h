@@ -11,7 +11,7 @@
 
 namespace fringeslam::tools {
 
-// What a tile shows outside its square.
+// The continuation of a tile beyond its square.
 enum class TileEdge { repeat, mirror, clamp };
 
 struct SurfaceTile {

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/authoring/watched_scene.h"
 
-#include <sys/stat.h>
-
 #include <algorithm>
 
 #include "tools/authoring/placed_file.h"
@@ -15,8 +13,6 @@ using std::chrono::milliseconds;
 
 constexpr milliseconds kLook(100);        // between looks at the files
 constexpr milliseconds kGiveUpLook(100);  // between looks whether a viewer left
-
-int64_t nanoseconds(const timespec& time) { return int64_t{1'000'000'000} * time.tv_sec + time.tv_nsec; }
 
 // Returns the current time by the clock of file systems, which may lag by one tick of the kernel.
 int64_t file_time_ns() {
@@ -92,16 +88,9 @@ void WatchedScene::change(const std::function<void(State&)>& how) {
   changed_.notify_all();
 }
 
-WatchedScene::Stamp WatchedScene::stamp_of(const std::filesystem::path& file) {
-  struct stat status {};
-  if (::stat(file.c_str(), &status) != 0) return std::nullopt;
-  return std::vector<int64_t>{nanoseconds(status.st_mtim), nanoseconds(status.st_ctim), status.st_size,
-                              static_cast<int64_t>(status.st_ino)};
-}
-
 WatchedScene::Stamps WatchedScene::stamps() const {
   Stamps now;
-  for (const auto& [file, then] : loaded_) now[file] = stamp_of(file);
+  for (const auto& [file, then] : loaded_) now[file] = file_stamp(file);
   return now;
 }
 
@@ -123,8 +112,8 @@ std::shared_ptr<ShownScene> WatchedScene::load() {
         continue;
       }
       // The name of a new file is known only now. If it changed meanwhile, any stamp of it counts as a change.
-      const Stamp stamp = stamp_of(file);
-      loaded_[file] = stamp && stamp->front() >= start_ns ? Stamp(std::vector<int64_t>{}) : stamp;
+      const FileStamp stamp = file_stamp(file);
+      loaded_[file] = stamp && stamp->front() >= start_ns ? FileStamp(std::vector<int64_t>{}) : stamp;
     }
   };
   try {

@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "sim/sensor_view.h"
+#include "tools/authoring/file_stamp.h"
 #include "tools/authoring/scene_data.h"
 
 namespace fringeslam::tools {
@@ -62,11 +63,8 @@ class WatchedScene {
   void change_value(const std::string& path, const std::optional<std::string>& value);
 
  private:
-  // Identifies a version of a file; empty if there is none.
-  using Stamp = std::optional<std::vector<int64_t>>;
-  using Stamps = std::map<std::filesystem::path, Stamp>;
+  using Stamps = std::map<std::filesystem::path, FileStamp>;
 
-  static Stamp stamp_of(const std::filesystem::path& file);
   bool includes_placed() const;
   Stamps stamps() const;  // of the files, now
   std::shared_ptr<ShownScene> load();
