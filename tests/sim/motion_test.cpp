@@ -390,11 +390,16 @@ TEST(MovingStack, AStackAtRestIsDecodedAsAtRest) {
   EXPECT_TRUE(same(estimated.decoded.coordinate_px, decoded.coordinate_px));
 }
 
-// Half a metre at 0.3 m/s: full sequences, then three images per view at 30 views a second.
-TEST(MovingRobot, IsTrackedWithThreeImagesPerView) {
+// The path of scenes/loop at 0.3 m/s, without stops.
+Scene moving_loop_scene() {
   SceneLoadOptions reading;
   reading.changes = {{"trajectory.continuous.speed_m_s", "0.3"}};
-  const Scene scene = load_scene(std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop/scene.yaml", reading);
+  return load_scene(std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop/scene.yaml", reading);
+}
+
+// Half a metre at 0.3 m/s: full sequences, then three images per view at 30 views a second.
+TEST(MovingRobot, IsTrackedWithThreeImagesPerView) {
+  const Scene scene = moving_loop_scene();
   VirtualRig rig(scene, {});
   PipelineOptions options;
   options.decode.unwrapping = Unwrapping::predicted;
@@ -428,9 +433,7 @@ void blank_coarse_fringes(FringeStack& stack) {
 
 // A first stack without its coarse fringes has neither fringe orders nor a motion, until later views predict it.
 TEST(MovingRobot, AViewBeforeTheMapIsRegisteredLater) {
-  SceneLoadOptions reading;
-  reading.changes = {{"trajectory.continuous.speed_m_s", "0.3"}};
-  const Scene scene = load_scene(std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop/scene.yaml", reading);
+  const Scene scene = moving_loop_scene();
   VirtualRig rig(scene, {});
   PipelineOptions options;
   options.decode.unwrapping = Unwrapping::predicted;
@@ -468,9 +471,7 @@ TEST(MovingRobot, AViewBeforeTheMapIsRegisteredLater) {
 // A view without light and one whose coarse fringes are missing, which thus needs a prediction, leave no pose. Once the robot is
 // relocalized, the views before and after predict the second one.
 TEST(MovingRobot, AViewBetweenLostOnesIsRegisteredLater) {
-  SceneLoadOptions reading;
-  reading.changes = {{"trajectory.continuous.speed_m_s", "0.3"}};
-  const Scene scene = load_scene(std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop/scene.yaml", reading);
+  const Scene scene = moving_loop_scene();
   VirtualRig rig(scene, {});
   Pipeline pipeline(rig.model(), scene.patterns, {}, {});
   pipeline.keep_all_patterns();
