@@ -53,13 +53,11 @@ void Mapper::improve_first_keyframe() {
   if (!moved.converged) return;
   // The views so far stay where they are; their keyframe's frame has moved.
   const Pose new_from_old = moved.target_from_source.inverse() * last_from_first;
-  for (TrackedView& tracked : track_) {
-    if (tracked.keyframe == 0 && &tracked != &track_.front())
-      tracked.keyframe_from_camera = orthonormalised(new_from_old * tracked.keyframe_from_camera);
-  }
-  for (TrackedView& tracked : recovered_) {
-    if (tracked.keyframe == 0)
-      tracked.keyframe_from_camera = orthonormalised(new_from_old * tracked.keyframe_from_camera);
+  for (std::vector<TrackedView>* views : {&track_, &recovered_}) {
+    for (TrackedView& tracked : *views) {
+      if (tracked.keyframe == 0 && &tracked != &track_.front())
+        tracked.keyframe_from_camera = orthonormalised(new_from_old * tracked.keyframe_from_camera);
+    }
   }
   map_.replace_frame(0, view.frame, new_from_old);
   keyframe_motion_[0] = frame_motion(view, first.input, view.frame, {});
@@ -100,18 +98,25 @@ void Mapper::recover_held_views(FrameResult& result) {
 
 // Predicts pose and motion from the views after a time and, unless it is before the map, those before it.
 std::optional<Mapper::Prediction> Mapper::predict_between(double timestamp_s) const {
-  std::vector<PoseSample> before, after;
-  const auto add = [&](const TrackedView& view) {
-    (view.timestamp_s < timestamp_s ? before : after)
-        .push_back({view.timestamp_s, world_from_camera(view), view.variance + view.shared, view.own_motion});
-  };
+  constexpr std::ptrdiff_t kMost = 32;  // samples on each side
   std::vector<const TrackedView*> views;
   for (const std::vector<TrackedView>* some : {&recovered_, &track_}) {
     for (const TrackedView& view : *some) views.push_back(&view);
   }
   std::stable_sort(views.begin(), views.end(),
                    [](const TrackedView* a, const TrackedView* b) { return a->timestamp_s < b->timestamp_s; });
-  for (const TrackedView* view : views) add(*view);
+  const auto middle = std::partition_point(views.begin(), views.end(),
+                                           [&](const TrackedView* view) { return view->timestamp_s < timestamp_s; });
+  const auto samples = [&](auto first, auto end) {
+    std::vector<PoseSample> list;
+    for (; first != end; ++first) {
+      const TrackedView& view = **first;
+      list.push_back({view.timestamp_s, world_from_camera(view), view.variance + view.shared, view.own_motion});
+    }
+    return list;
+  };
+  const auto before = samples(middle - std::min(kMost, middle - views.begin()), middle);
+  auto after = samples(middle, middle + std::min(kMost, views.end() - middle));
   const MotionLimits& limits = options_.registration.motion_prior;
   const std::optional<MotionPrediction> earlier = predict_motion(before, timestamp_s, limits),
                                         later = predict_backwards(std::move(after), timestamp_s, limits);
@@ -156,7 +161,7 @@ std::shared_ptr<const FrameResult> Mapper::recovered(const MapperInput& input) {
   const Vibration vibration = vibration_;
   auto view = std::make_shared<FrameResult>();
   MotionEffect effect;
-  keyframe_image(continuous_from_ > 0 ? track_[continuous_from_].keyframe : 0);
+  keyframe_image(track_[continuous_from_].keyframe);
   bool found = follow_held_sequence(*view, input, *predicted, effect);
   if (!found) found = follow_held_view(*view, input, *predicted, effect);
   prediction_covariance_ = prediction_covariance;

@@ -712,6 +712,14 @@ test('the gallery shows all scenes with pictures, finds them, and opens them or 
   await gallery.stop('SIGTERM');
 });
 
+test('a gallery whose port is taken ends with a message', async () => {
+  const gallery = await serveGallery('taken');
+  const {status: code, stderr} = spawnSync(runs.program, ['scene', 'list', '--in', gallery.folder, '--page', gallery.port], {encoding: 'utf8', timeout: kTimeoutMs});
+  assert.equal(code, 2, stderr);
+  assert.match(stderr, /port \d+ is in use/);
+  await gallery.stop('SIGTERM');
+});
+
 test('a mesh dropped onto the gallery becomes a scene that scene check accepts', async () => {
   const gallery = await serveGallery('meshes');
   const {page, close} = await openIn(browser, gallery.url);

@@ -80,42 +80,45 @@ GalleryPage::GalleryPage(fs::path folder, LiveAccess access)
     : folder_(std::move(folder)),
       access_(checked(std::move(access))),
       scenes_(list_scenes(folder_)),
-      opening_([this] {
-        std::unique_lock lock(mutex_);
-        while (!stopping_) {
-          if (wanted_.empty()) {
-            changed_.wait(lock);
-            continue;
-          }
-          const std::string name = wanted_.front();
-          wanted_.erase(wanted_.begin());
-          const auto found = std::find_if(open_.begin(), open_.end(), [&](const auto& o) { return o.first == name; });
-          if (found == open_.end()) continue;
-          const std::shared_ptr<Opened> opened = found->second;
-          lock.unlock();
-          std::unique_ptr<ScenePage> page;
-          std::string error;
-          try {
-            LiveAccess any_port = access_;
-            any_port.port = 0;
-            page = std::make_unique<ScenePage>((folder_ / name).string(), SceneVariant{}, any_port);
-          } catch (const std::exception& failure) {
-            error = failure.what();
-          }
-          lock.lock();
-          opened->page = std::move(page);
-          opened->error = error;
-          opened->loading = false;
-          changed_.notify_all();
-        }
-      }),
-      drawing_([this] {
-        setpriority(PRIO_PROCESS, 0, kDrawingNice);  // of this thread only
-        work();
-      }),
       server_(access_, "--page", [this](const PageRequest& request) { return answer(request); },
               {.posts = true, .most_body_bytes = kMostMeshBytes, .nice = 0}) {
-  access_.token = server_.access().token;
+  // After the server, which throws if its port is taken.
+  opening_ = std::thread([this] { open_wanted(); });
+  drawing_ = std::thread([this] {
+    setpriority(PRIO_PROCESS, 0, kDrawingNice);  // of this thread only
+    draw_pictures();
+  });
+}
+
+// Opens the pages of the scenes that are wanted, one after another.
+void GalleryPage::open_wanted() {
+  std::unique_lock lock(mutex_);
+  while (!stopping_) {
+    if (wanted_.empty()) {
+      changed_.wait(lock);
+      continue;
+    }
+    const std::string name = wanted_.front();
+    wanted_.erase(wanted_.begin());
+    const auto found = std::find_if(open_.begin(), open_.end(), [&](const auto& o) { return o.first == name; });
+    if (found == open_.end()) continue;
+    const std::shared_ptr<Opened> opened = found->second;
+    lock.unlock();
+    std::unique_ptr<ScenePage> page;
+    std::string error;
+    try {
+      LiveAccess any_port = access_;
+      any_port.port = 0;
+      page = std::make_unique<ScenePage>((folder_ / name).string(), SceneVariant{}, any_port);
+    } catch (const std::exception& failure) {
+      error = failure.what();
+    }
+    lock.lock();
+    opened->page = std::move(page);
+    opened->error = error;
+    opened->loading = false;
+    changed_.notify_all();
+  }
 }
 
 GalleryPage::~GalleryPage() {
@@ -135,7 +138,7 @@ bool GalleryPage::loading() const {
 }
 
 // Draws the pictures that are missing.
-void GalleryPage::work() {
+void GalleryPage::draw_pictures() {
   std::unique_lock lock(mutex_);
   while (!stopping_) {
     const auto next = std::find_if(scenes_.begin(), scenes_.end(),

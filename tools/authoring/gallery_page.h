@@ -59,7 +59,8 @@ class GalleryPage {
   PageAnswer opened(const std::string& name, const std::function<bool()>& given_up);
   PageAnswer create(const PageRequest& request);
   const ListedScene* find(const std::string& name) const;
-  void work();
+  void open_wanted();
+  void draw_pictures();
 
   std::filesystem::path folder_;
   LiveAccess access_;

@@ -99,7 +99,8 @@ void create_mesh_scene(const fs::path& mesh, const fs::path& folder,
                  "], material: floor}\n"
                  "  # Without `material`, the mesh has the colors of its file.\n"
                  "  - {shape: mesh, file: " +
-                 file + shown.unit + ", pose: {translation_m: " + numbers({-middle.x(), -middle.y(), -shown.low.z()}) +
+                 yaml_quoted(file) + shown.unit +
+                 ", pose: {translation_m: " + numbers({-middle.x(), -middle.y(), -shown.low.z()}) +
                  "}}\n"
                  "trajectory:\n"
                  "  orbit: {centre_m: " +

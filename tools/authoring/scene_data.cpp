@@ -168,12 +168,11 @@ class Tiles {
     if (!tile) return -1;
     const std::string name = sim::content_hash(tile->png);
     pictures_.emplace(name, std::move(tile->png));
-    constexpr const char* kEdges[] = {"repeat", "mirror", "clamp"};
     list_.push_back({{"picture", name},
                      {"size_m", tile->size_m},
                      {"scale", tile->scale},
                      {"centered", tile->centered},
-                     {"edge", kEdges[static_cast<int>(tile->edge)]}});
+                     {"edge", to_string(tile->edge)}});
     return known->second = static_cast<int>(list_.size()) - 1;
   }
 

@@ -3,9 +3,11 @@
 // the object's frame closest to the normal, or by the mesh's texture coordinates.
 #pragma once
 
+#include <array>
 #include <optional>
 #include <string>
 
+#include "core/types/options.h"
 #include "sim/light/texture_images.h"
 #include "sim/scene/material.h"
 
@@ -13,6 +15,11 @@ namespace fringeslam::tools {
 
 // The continuation of a tile beyond its square.
 enum class TileEdge { repeat, mirror, clamp };
+
+constexpr auto choices(TileEdge) {
+  using enum TileEdge;
+  return std::to_array<Choice<TileEdge>>({{repeat, "repeat"}, {mirror, "mirror"}, {clamp, "clamp"}});
+}
 
 struct SurfaceTile {
   std::string png;       // gray, linear
