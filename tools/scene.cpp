@@ -118,29 +118,20 @@ Verb add_list(Command group, const Common& common) {
   struct ListArguments {
     std::string folder = "scenes";
 #if FRINGESLAM_REPORT
-    std::optional<int> port;
-    LiveAccess access;
+    LiveOption page;
 #endif
   };
   auto arguments = std::make_shared<ListArguments>();
   const Command verb = group.add_subcommand("list", "List the scenes of a folder");
   verb.add_option("--in", arguments->folder, "Folder of scenes").capture_default_str();
 #if FRINGESLAM_REPORT
-  const std::string usual = std::to_string(LivePage::kDefaultPort);
-  const Option page =
-      verb.add_option("--page", arguments->port,
-                      "Show them on a web page, until Ctrl-C, where they can be opened and where a mesh "
-                      "becomes a scene; 0: any free port [" +
-                          usual + "]")
-          .type_name("[PORT]")
-          .expected(0, 1)
-          .default_str(usual)
-          .check_range(0, 65535);
-  add_access_options(verb, arguments->access).needs(page);
+  add_page_option(verb, "--page", arguments->page,
+                  "Show them on a web page, until Ctrl-C, where they can be opened and where a mesh becomes a scene");
   return [arguments, &common] {
-    if (!arguments->port) return list(arguments->folder, common);
-    arguments->access.port = *arguments->port;
-    return show_gallery(arguments->folder, arguments->access);
+    LiveOption& page = arguments->page;
+    if (!page.port) return list(arguments->folder, common);
+    page.access.port = *page.port;
+    return show_gallery(arguments->folder, page.access);
   };
 #else
   return [arguments, &common] { return list(arguments->folder, common); };

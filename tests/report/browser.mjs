@@ -45,8 +45,13 @@ export async function open(browser, place, {expected = /^$/, others = /^$/, ...o
 }
 
 // The pixels of an element as shown: bytes r g b a r g b a …
-export async function screenPixels(page, selector) {
-  const png = (await page.locator(selector).screenshot()).toString('base64');
+export const screenPixels = async (page, selector) => decoded(page, await page.locator(selector).screenshot());
+
+// The same, one number per pixel.
+export const screenColours = async (page, selector) => new Uint32Array((await screenPixels(page, selector)).buffer);
+
+// The pixels of a PNG, decoded by the page.
+export async function decoded(page, png) {
   const bytes = await page.evaluate(async (data) => {
     const image = new Image();
     image.src = `data:image/png;base64,${data}`;
@@ -60,12 +65,9 @@ export async function screenPixels(page, selector) {
       reader.readAsDataURL(pixels);
     });
     return url.slice(url.indexOf(',') + 1);
-  }, png);
+  }, png.toString('base64'));
   return Uint8Array.from(Buffer.from(bytes, 'base64'));
 }
-
-// The same, one number per pixel.
-export const screenColours = async (page, selector) => new Uint32Array((await screenPixels(page, selector)).buffer);
 
 // Describes an element's appearance: its number of colours, and a hash of its pixels.
 export async function look(page, selector) {

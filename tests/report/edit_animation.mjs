@@ -6,7 +6,7 @@ import {cpSync, mkdtempSync, readFileSync, rmSync, writeFileSync} from 'node:fs'
 import {tmpdir} from 'node:os';
 import {join} from 'node:path';
 import gifenc from 'gifenc';
-import {launch, open} from './browser.mjs';
+import {decoded, launch, open} from './browser.mjs';
 
 const [, , program, scenes, out] = process.argv;
 const kSize = {width: 1200, height: 720}, kFrameMs = 1400;
@@ -39,18 +39,7 @@ try {
       note.textContent = text;
     }, `scene.yaml: ${line}`);
     await page.waitForFunction(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(true)))));
-    const png = (await page.screenshot()).toString('base64');
-    const pixels = Uint8Array.from(Buffer.from(await page.evaluate(async (data) => {
-      const image = new Image();
-      image.src = `data:image/png;base64,${data}`;
-      await image.decode();
-      const context = new OffscreenCanvas(image.width, image.height).getContext('2d');
-      context.drawImage(image, 0, 0);
-      const bytes = new Uint8Array(context.getImageData(0, 0, image.width, image.height).data.buffer);
-      let text = '';
-      for (let i = 0; i < bytes.length; i += 32768) text += String.fromCharCode(...bytes.subarray(i, i + 32768));
-      return btoa(text);
-    }, png), 'base64'));
+    const pixels = await decoded(page, await page.screenshot());
     const palette = quantize(pixels, 256);
     gif.writeFrame(applyPalette(pixels, palette), kSize.width, kSize.height, {palette, delay: ms});
   };

@@ -28,17 +28,20 @@ inline Option add_access_options(Command verb, LiveAccess& access) {
   return host;
 }
 
-// Returns the option --live, which further options of the page need.
-inline Option add_live_option(Command verb, LiveOption& live) {
+// Adds the option that shows a page, and those of who may open it; returns the former, which further options of the page need.
+inline Option add_page_option(Command verb, const std::string& name, LiveOption& live, const std::string& description) {
   const std::string usual = std::to_string(LivePage::kDefaultPort);
-  const Option page =
-      verb.add_option("--live", live.port, "Show incoming data on a web page; 0: any free port [" + usual + "]")
-          .type_name("[PORT]")
-          .expected(0, 1)
-          .default_str(usual)
-          .check_range(0, 65535);
+  const Option page = verb.add_option(name, live.port, description + "; 0: any free port [" + usual + "]")
+                          .type_name("[PORT]")
+                          .expected(0, 1)
+                          .default_str(usual)
+                          .check_range(0, 65535);
   add_access_options(verb, live.access).needs(page);
   return page;
+}
+
+inline Option add_live_option(Command verb, LiveOption& live) {
+  return add_page_option(verb, "--live", live, "Show incoming data on a web page");
 }
 
 // Returns null if there is no port. Prints the page's address to stderr.

@@ -58,6 +58,7 @@ async function pageOf({folder, packages, skip, connects, title, data}) {
     .replace('@@SKIP_ID@@', () => skip.id)
     .replace('@@SKIP_NAME@@', () => skip.name)
     .replace('@@BODY@@', () => readFileSync(`src/${folder}/body.html`, 'utf8').trim())
+    .replace('@@TOKEN_FORM@@', () => readFileSync('src/shared/token_form.html', 'utf8').trim())
     .replace('@@LICENCES@@', () => licencesOf(packages))
     .replace('@@SCRIPT@@', () => script.trim());
 }
