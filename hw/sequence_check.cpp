@@ -97,7 +97,9 @@ class Check {
     for (size_t j = 0; j < sequence_.patterns.size(); ++j) {
       const Pattern& other = sequence_.patterns[j];
       if (j == i || other.coding != Coding::gray || other.axis != pattern.axis) continue;
-      const bool inverse = other.period_px == pattern.period_px && other.inverted != pattern.inverted;
+      Pattern inverted = pattern;
+      inverted.inverted = !pattern.inverted;
+      const bool inverse = other == inverted;
       if (inverse &&
           too_many([&](size_t p) { return std::abs(level[p] + levels_.of[j][p] - 1) > 2 * options_.tolerance; }))
         return image(i) + " and image " + std::to_string(j) + " should be inverses of each other but are not";

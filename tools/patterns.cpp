@@ -27,10 +27,10 @@ struct PatternsArguments {
   GrayCode gray = GrayCode::none;
   std::vector<double> periods_px, extra_periods_px, product_periods_px, exposures;
   int steps = 3, ramp_levels = 0, bits = 8;
-  double gray_cell_px = 0, carrier_px = 0, micro_period_px = 0;
+  double gray_cell_px = 0, carrier_px = 0, micro_period_px = 0, modulated_period_px = 0;
   int micro_images = 0;
-  double gray_xor_px = 0;
-  bool linearise = false, gray_inverted = false, white_black = false, dithered = false;
+  std::vector<double> gray_xor_px;
+  bool linearise = false, gray_inverted = false, gray_long_runs = false, white_black = false, dithered = false;
 };
 
 cv::Size read_size(const std::string& text) {
@@ -53,6 +53,7 @@ SequenceDesign design_of(const PatternsArguments& arguments, const cv::Size& siz
   design.gray_cell_px = arguments.gray_cell_px;
   design.gray_inverted = arguments.gray_inverted;
   design.gray_xor_px = arguments.gray_xor_px;
+  design.gray_long_runs = arguments.gray_long_runs;
   design.white_black = arguments.white_black;
   design.ramp_levels = arguments.ramp_levels;
   design.bits = arguments.bits;
@@ -61,6 +62,7 @@ SequenceDesign design_of(const PatternsArguments& arguments, const cv::Size& siz
   design.product_periods_px = arguments.product_periods_px;
   design.carrier_px = arguments.carrier_px;
   design.micro_period_px = arguments.micro_period_px;
+  design.modulated_period_px = arguments.modulated_period_px;
   design.micro_images = arguments.micro_images;
   design.exposures = arguments.exposures;
   return design;
@@ -187,10 +189,15 @@ Verb add_patterns(Command app, const Common& common) {
   note(verb.add_option("--micro-images", a->micro_images,
                        "Images of micro phase shifting per axis (default: four more than --steps)")
            .check_range(5, 64));
+  note(
+      verb.add_option("--modulated", a->modulated_period_px,
+                      "Modulated phase shifting, which indirect light does not disturb: --steps shifts of this period, "
+                      "px, and products of longer ones with it")
+          .check_range(2.0, 1e5));
   const Option products =
       verb.add_option("--product-periods", a->product_periods_px,
                       "Add products of cosines of these periods, px, and a carrier, in --steps shifts of "
-                      "each, as for modulated phase shifting; not decoded yet");
+                      "each, as for modulated phase shifting");
   note(products.delimiter(',').check_range(2.0, 1e5));
   note(verb.add_option("--carrier", a->carrier_px, "Period of the products' second cosine, px").check_range(2.0, 1e5));
   note(verb.add_option("--axis", a->axis, "Coded coordinate").check_one_of({"columns", "rows", "both"}));
@@ -201,8 +208,13 @@ Verb add_patterns(Command app, const Common& common) {
   note(verb.add_flag("--gray-inverted", a->gray_inverted, "Also write each Gray code image inverted"));
   note(verb.add_option("--gray-xor", a->gray_xor_px,
                        "Combine the Gray code's bits by XOR with the one whose stripes have this width, px, so that "
-                       "none has wider stripes")
-           .check_range(1.0, 2e5));
+                       "none has wider stripes; one code for each width listed, 0 for the plain one")
+           .delimiter(',')
+           .check_range(0.0, 2e5));
+  note(verb.add_flag(
+      "--gray-long-runs", a->gray_long_runs,
+      "A Gray code whose stripes are all several cells wide and none much wider than the others, instead of "
+      "the reflected code or, with --gray-xor, in addition"));
   note(verb.add_flag("--white-black", a->white_black, "Add a white and a black image"));
   note(verb.add_option("--ramp-levels", a->ramp_levels, "Add a grey ramp with this number of flat images")
            .check_range(0, 65536));

@@ -96,6 +96,7 @@ double finest_period(const PatternSequence& sequence) {
   for (const Pattern& pattern : sequence.patterns) {
     if (pattern.coding == Coding::fringe || pattern.coding == Coding::gray)
       finest = std::min(finest, pattern.period_px);
+    if (pattern.coding == Coding::product) finest = std::min(finest, pattern.carrier_px);
   }
   return finest;
 }

@@ -498,7 +498,7 @@ class Alternatives {
       for_patterns(sequence, Coding::gray, axis, [&](Pattern& p, size_t) {
         const auto at =
             std::find_if(cells.begin(), cells.end(), [&](double c) { return std::abs(c - p.period_px) < 1e-9; });
-        p.period_px = cells[cells.size() - 1 - static_cast<size_t>(at - cells.begin())];
+        if (at != cells.end()) p.period_px = cells[cells.size() - 1 - static_cast<size_t>(at - cells.begin())];
       });
     };
     const auto invert = [&](PatternSequence& sequence) {

@@ -7,6 +7,7 @@
 #include <numeric>
 
 #include "core/base/constants.h"
+#include "core/decode/modulated.h"
 #include "core/decode/stack_motion.h"
 #include "core/decode/steps.h"
 #include "core/decode/unwrapping_levels.h"
@@ -116,6 +117,15 @@ std::optional<SignalDemand> demand_of(const PatternSequence& sequence, const Rig
     demand.max_phase_sigma_rad = order_sigma_rad(groups, multifrequency_levels(groups, length), options);
   if (*method == Unwrapping::heterodyne)
     demand.max_phase_sigma_rad = order_sigma_rad(groups, heterodyne_levels(groups, length), options);
+  if (*method == Unwrapping::modulated) {
+    // Products have half the modulation of their carrier.
+    const ModulatedCode code = modulated_code(sequence, axis, length);
+    demand.steps = static_cast<int>(code.groups.back().images.size());
+    const double product_steps = static_cast<double>(code.groups.front().images.size());
+    const double sigma_ratio =
+        code.groups.size() % 2 == 0 ? 1 : 2 * std::sqrt(static_cast<double>(demand.steps) / product_steps);
+    demand.max_phase_sigma_rad = order_sigma_rad(code.groups, code.levels, options) / sigma_ratio;
+  }
   if (*method == Unwrapping::gray)
     demand.max_phase_sigma_rad = gray_sigma_rad(gray_bits(sequence, axis).size(), demand.steps, options);
   if (*method == Unwrapping::micro) {

@@ -10,9 +10,11 @@
 
 #include "core/base/constants.h"
 #include "core/base/parallel.h"
+#include "core/decode/ensemble.h"
 #include "core/decode/exposures.h"
 #include "core/decode/gray.h"
 #include "core/decode/micro_phase.h"
+#include "core/decode/modulated.h"
 #include "core/decode/spatial.h"
 #include "core/decode/steps.h"
 #include "core/decode/unwrapping_levels.h"
@@ -62,6 +64,9 @@ bool numbers_periods(const GrayDecoder& decoder, const FringeGroup& group) {
   return decoder.cell_px() <= group.period_px * (1 + 1e-9);
 }
 
+std::vector<EnsembleMember> ensemble_members(const PatternSequence& sequence, const RigModel& rig,
+                                             const DecodeOptions& options, const DecodeContext& context);
+
 // Returns the reason why a method cannot be used; empty if it can.
 std::optional<std::string> obstacle(Unwrapping method, const PatternSequence& sequence, const RigModel& rig,
                                     const DecodeOptions& options, const DecodeContext& context) {
@@ -77,6 +82,17 @@ std::optional<std::string> obstacle(Unwrapping method, const PatternSequence& se
         throw Error("the Gray code's cells of " + to_text(decoder.cell_px()) +
                     " px are wider than the longest period, " + to_text(groups.front().period_px) +
                     " px; add finer bits");
+      return std::nullopt;
+    }
+    if (method == Unwrapping::ensemble) {
+      if (ensemble_members(sequence, rig, options, context).size() < 2)
+        throw Error(
+            "an ensemble needs two codings that give fringe orders by themselves, such as two Gray codes "
+            "(`gray_xor_px: [0, 8]`) or fringes of several periods and a Gray code");
+      return std::nullopt;
+    }
+    if (method == Unwrapping::modulated) {
+      modulated_code(sequence, context.axis, length);
       return std::nullopt;
     }
     if (groups.empty()) throw Error(std::string("the sequence has no fringes along ") + to_string(context.axis));
@@ -95,11 +111,50 @@ std::optional<std::string> obstacle(Unwrapping method, const PatternSequence& se
   return std::nullopt;
 }
 
+// The patterns of a sequence that `images` selects.
+PatternSequence selected(const PatternSequence& sequence, const std::vector<bool>& images) {
+  PatternSequence part{sequence.width, sequence.height, {}, sequence.inverse_response};
+  for (size_t i = 0; i < images.size(); ++i) {
+    if (images[i]) part.patterns.push_back(sequence.patterns[i]);
+  }
+  return part;
+}
+
+std::vector<EnsembleMember> ensemble_members(const PatternSequence& sequence, const RigModel& rig,
+                                             const DecodeOptions& options, const DecodeContext& context) {
+  std::vector<EnsembleMember> members = possible_members(sequence, context.axis);
+  std::erase_if(members, [&](const EnsembleMember& member) {
+    return obstacle(member.method, selected(sequence, member.images), rig, options, context).has_value();
+  });
+  // Fringes whose longest period covers the projector need no beats.
+  const auto is = [](Unwrapping method) {
+    return [=](const EnsembleMember& member) { return member.method == method; };
+  };
+  if (std::any_of(members.begin(), members.end(), is(Unwrapping::multifrequency)))
+    std::erase_if(members, is(Unwrapping::heterodyne));
+  return members;
+}
+
+// True if several Gray codes code the axis: they are projected in order to be compared.
+bool has_several_codes(const PatternSequence& sequence, const RigModel& rig, const DecodeOptions& options,
+                       const DecodeContext& context) {
+  if (gray_codes(sequence, context.axis).size() < 2) return false;
+  const std::vector<EnsembleMember> members = ensemble_members(sequence, rig, options, context);
+  return std::count_if(members.begin(), members.end(),
+                       [](const EnsembleMember& member) { return member.method == Unwrapping::gray; }) > 1;
+}
+
+bool is_ensemble(const PatternSequence& sequence, const RigModel& rig, const DecodeOptions& options,
+                 const DecodeContext& context) {
+  return options.unwrapping == Unwrapping::ensemble ||
+         (options.unwrapping == Unwrapping::automatic && has_several_codes(sequence, rig, options, context));
+}
+
 // Returns the first method that the sequence supports; empty if there is none.
 std::optional<Unwrapping> first_usable_method(const PatternSequence& sequence, const RigModel& rig,
                                               const DecodeOptions& options, const DecodeContext& context) {
   using enum Unwrapping;
-  for (const Unwrapping method : {multifrequency, gray, micro, heterodyne, predicted, geometric}) {
+  for (const Unwrapping method : {multifrequency, gray, micro, modulated, heterodyne, predicted, geometric}) {
     if (!obstacle(method, sequence, rig, options, context)) return method;
   }
   return std::nullopt;
@@ -119,6 +174,8 @@ std::optional<Unwrapping> method_of(SpatialReference reference) {
       return Unwrapping::gray;
     case SpatialReference::micro:
       return Unwrapping::micro;
+    case SpatialReference::modulated:
+      return Unwrapping::modulated;
     case SpatialReference::geometric:
       return Unwrapping::geometric;
     case SpatialReference::predicted:
@@ -308,6 +365,7 @@ Unwrapping resolve_unwrapping(const PatternSequence& sequence, const RigModel& r
   check_options(options, "decode");
   require_decoder(sequence, context.axis);
   if (options.unwrapping == Unwrapping::automatic) {
+    if (is_ensemble(sequence, rig, options, context)) return Unwrapping::ensemble;
     if (const auto method = first_usable_method(sequence, rig, options, context)) return *method;
     const std::string reason = *obstacle(Unwrapping::multifrequency, sequence, rig, options, context);
     const bool too_short = reason.starts_with("no fringe period covers");
@@ -368,6 +426,20 @@ void decode_finer_than_gray(DecodedStack& out, const FringeStack& stack, const R
   out.unwrapping = Unwrapping::gray;
 }
 
+void decode_ensemble(DecodedStack& out, const FringeStack& stack, const RigModel& rig, const DecodeOptions& options,
+                     const DecodeContext& context) {
+  if (context.aligned) throw Error("decode: images in motion cannot be decoded by an ensemble of codings");
+  std::vector<DecodedStack> decoded;
+  for (const EnsembleMember& member : ensemble_members(stack.patterns, rig, options, context)) {
+    DecodeOptions single = options;
+    single.unwrapping = member.method;
+    size_t i = 0;
+    decoded.push_back(
+        decode(images_of(stack, [&](const Pattern&) { return member.images[i++]; }), rig, single, context));
+  }
+  out = agreement_of(decoded, options.max_order_residual_sigma);
+}
+
 // Decodes a stack with one image per pattern. `taken`: the patterns of the images as taken, of which those of
 // `combined`, if any, combine the exposures.
 void decode_images(DecodedStack& out, const FringeStack& stack, const PatternSequence& taken,
@@ -388,7 +460,15 @@ void decode_images(DecodedStack& out, const FringeStack& stack, const PatternSeq
   }
   // Use only the finest period; coarser images, if any, may have been taken at another pose, or contain indirect light.
   if (method == Unwrapping::predicted || method == Unwrapping::micro) groups.erase(groups.begin(), groups.end() - 1);
+  std::vector<UnwrappingLevel> modulated_levels;
+  if (method == Unwrapping::modulated) {
+    if (context.aligned) throw Error("decode: images in motion cannot be decoded by modulated phase shifting");
+    ModulatedCode code = modulated_code(sequence, context.axis, length);
+    groups = std::move(code.groups);
+    modulated_levels = std::move(code.levels);
+  }
   RowPlan plan = make_plan(groups, length, rig, options, !sequence.inverse_response.empty());
+  plan.unwrapping_levels = std::move(modulated_levels);
   if (combined) {
     plan.clip_dn = combined->clip_dn;
     plan.min_modulation_dn /= static_cast<float>(combined->longest);
@@ -475,6 +555,10 @@ DecodedStack decode(const FringeStack& stack, const RigModel& rig, const DecodeO
 void decode_into(DecodedStack& out, const FringeStack& stack, const RigModel& rig, const DecodeOptions& options,
                  const DecodeContext& context) {
   check_stack(stack);
+  if (is_ensemble(stack.patterns, rig, options, context)) {
+    resolve_unwrapping(stack.patterns, rig, options, context);
+    return decode_ensemble(out, stack, rig, options, context);
+  }
   if (!has_exposures(stack.patterns)) return decode_images(out, stack, stack.patterns, nullptr, rig, options, context);
   check_options(options, "decode");
   if (context.aligned) throw Error("decode: images of several exposures cannot be decoded in motion");

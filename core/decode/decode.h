@@ -16,6 +16,8 @@
 //                   periods are each unwrapped by the one before
 //   micro           single images of further, similar periods distinguish the orders (core/decode/micro_phase.h); indirect
 //                   light, which all periods see alike, changes neither orders nor phases
+//   modulated       products of low-frequency cosines and a high-frequency carrier (core/decode/modulated.h)
+//   ensemble        several of the above and several Gray codes, each by itself; pixels at which two or more agree
 //   geometric       the depth range bounds the coordinate of each pixel to an interval shorter than a period
 //   predicted       a predicted coordinate and its sigma, from a map and a predicted pose
 //   spatial         along connected pixels whose phases differ by less than half a turn; the order of each component
@@ -45,7 +47,17 @@ constexpr auto choices(SpatialOrdering) {
 }
 
 // Method that votes on the fringe orders of `spatial`; none: they remain relative.
-enum class SpatialReference { automatic, multifrequency, heterodyne, gray, micro, geometric, predicted, none };
+enum class SpatialReference {
+  automatic,
+  multifrequency,
+  heterodyne,
+  gray,
+  micro,
+  modulated,
+  geometric,
+  predicted,
+  none
+};
 
 constexpr auto choices(SpatialReference) {
   using enum SpatialReference;
@@ -54,6 +66,7 @@ constexpr auto choices(SpatialReference) {
                                                   {heterodyne, "heterodyne"},
                                                   {gray, "gray"},
                                                   {micro, "micro"},
+                                                  {modulated, "modulated"},
                                                   {geometric, "geometric"},
                                                   {predicted, "predicted"},
                                                   {none, "none"}});

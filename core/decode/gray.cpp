@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "core/decode/steps.h"
+#include "core/patterns/long_run_code.h"
 #include "core/types/error.h"
 #include "core/types/options.h"
 
@@ -18,11 +19,6 @@ namespace {
 
 float variance_of(const RowPlan& camera, float grey) {
   return camera.noise_constant + camera.noise_per_dn * std::max(grey - camera.offset_dn, 0.0f);
-}
-
-int cell_of(unsigned code) {
-  for (unsigned shift = 1; shift < 32; shift *= 2) code ^= code >> shift;
-  return static_cast<int>(code);
 }
 
 int flat_image(const PatternSequence& sequence, double level) {
@@ -42,6 +38,35 @@ GrayDecoder::GrayDecoder(const PatternSequence& sequence, Axis axis, const StepE
       black_(flat_image(sequence, 0)) {
   const int length = length_of(sequence, axis);
   if (bits_.empty()) throw Error("the sequence has no Gray code for this axis; add `gray: complementary`");
+  if (bits_.front().code_bits > 0)
+    check_long_runs(length);
+  else
+    check_cells(length);
+  for (const GrayBit& bit : bits_) {
+    const bool comparable = (bit.image >= 0 && bit.inverted_image >= 0) || fringes_ || (white_ >= 0 && black_ >= 0);
+    if (!comparable)
+      throw Error("the Gray code has no threshold for its bits; add fringes, inverted bits, or white and black images");
+  }
+}
+
+void GrayDecoder::check_long_runs(int length) {
+  const GrayBit& first = bits_.front();
+  if (std::exp2(first.code_bits) * first.cell_px < length * (1 - 1e-9))
+    throw Error("the Gray code distinguishes only " + to_text(std::exp2(first.code_bits) * first.cell_px) +
+                " px of the projector's " + std::to_string(length) + " px; use one of more bits");
+  for (int bit = 0; bit < first.code_bits; ++bit) {
+    const auto i = static_cast<size_t>(bit);
+    if (i >= bits_.size() || bits_[i].code_bit != bit)
+      throw Error("the Gray code has no bit " + std::to_string(bit) + " of " + std::to_string(first.code_bits) +
+                  " (code_bit); add it");
+    carrier_.push_back(i);
+  }
+  const std::vector<unsigned>& words = long_run_code(first.code_bits);
+  cells_.resize(words.size());
+  for (size_t cell = 0; cell < words.size(); ++cell) cells_[words[cell]] = static_cast<int>(cell);
+}
+
+void GrayDecoder::check_cells(int length) {
   if (2 * bits_.front().cell_px < length * (1 - 1e-9))
     throw Error("the Gray code distinguishes only " + to_text(2 * bits_.front().cell_px) + " px of the projector's " +
                 std::to_string(length) + " px; add coarser bits");
@@ -57,10 +82,13 @@ GrayDecoder::GrayDecoder(const PatternSequence& sequence, Axis axis, const StepE
     if (bit.carrier_px > 0 && (carrier == bits_.end() || carrier->carrier_px > 0))
       throw Error("the Gray bit with cells of " + to_text(bit.cell_px) + " px is combined with one of " +
                   to_text(bit.carrier_px) + " px, which the sequence does not contain by itself; add it");
-    const bool comparable = (bit.image >= 0 && bit.inverted_image >= 0) || fringes_ || (white_ >= 0 && black_ >= 0);
-    if (!comparable)
-      throw Error("the Gray code has no threshold for its bits; add fringes, inverted bits, or white and black images");
   }
+}
+
+int GrayDecoder::cell_of(unsigned code) const {
+  if (!cells_.empty()) return cells_[code];
+  for (unsigned shift = 1; shift < 32; shift *= 2) code ^= code >> shift;
+  return static_cast<int>(code);
 }
 
 GrayDecoder::Comparison GrayDecoder::compare(const RowPlan& camera, const float* const* samples, int col,

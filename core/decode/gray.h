@@ -35,6 +35,10 @@ class GrayDecoder {
     float difference = 0, variance = 0;
     float relative_contrast = 0;  // of two combined bits: that of the fainter one relative to the other
   };
+  // Throws Error if bits are missing.
+  void check_cells(int length);
+  void check_long_runs(int length);
+  int cell_of(unsigned code) const;
   // True if flipping one bit of the code gives a neighbouring cell or, without fringes, one of the next few.
   bool is_neighbour(unsigned code, size_t bit) const;
   static Comparison combined(const Comparison& one, const Comparison& other);
@@ -42,6 +46,7 @@ class GrayDecoder {
 
   std::vector<GrayBit> bits_;    // coarsest first, cell widths halving
   std::vector<size_t> carrier_;  // for each bit, the one that it is combined with; itself if none
+  std::vector<int> cells_;       // of each word of a code with long runs; empty for a reflected code
   const StepEstimator* fringes_;
   int white_ = -1, black_ = -1;
 };

@@ -198,33 +198,50 @@ std::vector<double> read_cells(const YamlMap& map, bool single, double period_px
   return cells;
 }
 
-std::vector<Pattern> read_gray(const YamlMap& map, bool single, const cv::Size& projector) {
-  Pattern pattern;
-  pattern.coding = Coding::gray;
-  pattern.axis = map.choice<Axis>("axis");
-  const int length_px = pattern.axis == Axis::columns ? projector.width : projector.height;
+// Coarsest bit first.
+std::vector<Pattern> read_reflected_bits(const YamlMap& map, bool single, Axis axis, double period_px, int length_px) {
   const double carrier_px = map.has("xor_px") ? 0.5 * map.number("xor_px", kImageCell) : 0;
-  std::vector<double> cells = read_cells(map, single, read_period(map, length_px, kImageCell), length_px);
+  std::vector<Pattern> bits;
+  for (const double cell : read_cells(map, single, period_px, length_px)) {
+    Pattern bit{.axis = axis, .period_px = cell, .coding = Coding::gray};
+    if (cell > carrier_px) bit.carrier_px = carrier_px;
+    bits.push_back(bit);
+  }
+  return bits;
+}
+
+// Bits of a code with long runs, whose cells have the width `cell_px`; first bit first.
+std::vector<Pattern> read_long_run_bits(const YamlMap& map, bool single, Axis axis, double cell_px, int length_px) {
+  std::vector<Pattern> bits = long_run_patterns(axis, cell_px, length_px, 8);
+  if (!single) return bits;
+  return {bits[static_cast<size_t>(map.integer("bit", {0, static_cast<double>(bits.size()) - 1}))]};
+}
+
+std::vector<Pattern> read_gray(const YamlMap& map, bool single, const cv::Size& projector) {
+  const auto axis = map.choice<Axis>("axis");
+  const int length_px = axis == Axis::columns ? projector.width : projector.height;
+  const double period_px = read_period(map, length_px, kImageCell);
+  std::vector<Pattern> bits = map.boolean_or("long_runs", false)
+                                  ? read_long_run_bits(map, single, axis, period_px, length_px)
+                                  : read_reflected_bits(map, single, axis, period_px, length_px);
   const bool inverted = !map.boolean_or("bright_is_one", true);
   std::string inverse = "none";
   if (!single) {
     if (map.has("order") && map.choice("order", {"msb_first", "lsb_first"}) == "lsb_first")
-      std::reverse(cells.begin(), cells.end());
+      std::reverse(bits.begin(), bits.end());
     if (map.has("inverse")) inverse = map.choice("inverse", {"none", "after_each", "after_all"});
   }
   std::vector<Pattern> patterns;
-  const auto add = [&](double cell_px, bool is_inverted) {
-    pattern.period_px = cell_px;
-    pattern.carrier_px = cell_px > carrier_px ? carrier_px : 0;
-    pattern.inverted = is_inverted;
-    patterns.push_back(pattern);
+  const auto add = [&](Pattern bit, bool is_inverted) {
+    bit.inverted = is_inverted;
+    patterns.push_back(bit);
   };
-  for (const double cell : cells) {
-    add(cell, inverted);
-    if (inverse == "after_each") add(cell, !inverted);
+  for (const Pattern& bit : bits) {
+    add(bit, inverted);
+    if (inverse == "after_each") add(bit, !inverted);
   }
   if (inverse == "after_all") {
-    for (const double cell : cells) add(cell, !inverted);
+    for (const Pattern& bit : bits) add(bit, !inverted);
   }
   return patterns;
 }

@@ -2,6 +2,7 @@
 #include "core/patterns/design.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "core/patterns/micro_code.h"
 #include "core/types/error.h"
@@ -23,16 +24,24 @@ std::vector<Pattern> gray_code(const SequenceDesign& design, Axis axis) {
   std::vector<Pattern> patterns;
   const double finest_px = finest_cell_px(design);
   if (finest_px == 0) {
-    if (design.gray_xor_px > 0)
-      throw Error("patterns: gray_xor_px combines the bits of a Gray code, but there is none");
+    if (!design.gray_xor_px.empty() || design.gray_long_runs)
+      throw Error(
+          "patterns: gray_xor_px and gray_long_runs change a Gray code, but there is none; add gray or gray_cell_px");
     return patterns;
   }
   const int length = axis == Axis::columns ? design.width : design.height;
-  for (Pattern pattern : gray_patterns(axis, finest_px, length, design.bits, 0.5 * design.gray_xor_px)) {
-    patterns.push_back(pattern);
-    pattern.inverted = true;
-    if (design.gray_inverted) patterns.push_back(pattern);
-  }
+  const auto add = [&](const std::vector<Pattern>& code) {
+    for (Pattern pattern : code) {
+      if (std::find(patterns.begin(), patterns.end(), pattern) != patterns.end()) continue;
+      patterns.push_back(pattern);
+      pattern.inverted = true;
+      if (design.gray_inverted) patterns.push_back(pattern);
+    }
+  };
+  for (const double stripe_px : design.gray_xor_px)
+    add(gray_patterns(axis, finest_px, length, design.bits, 0.5 * stripe_px));
+  if (design.gray_long_runs) add(long_run_patterns(axis, finest_px, length, design.bits));
+  if (patterns.empty()) add(gray_patterns(axis, finest_px, length, design.bits));
   return patterns;
 }
 
@@ -63,19 +72,44 @@ std::vector<Pattern> micro_patterns(const SequenceDesign& design, Axis axis) {
   return patterns;
 }
 
-std::vector<Pattern> products(const SequenceDesign& design, Axis axis) {
-  const auto fringes = [&](const std::vector<double>& periods_px) {
-    return phase_shift_sequence(design.width, design.height, periods_px, design.steps, axis, design.bits).patterns;
+std::vector<Pattern> products(const SequenceDesign& design, Axis axis, const std::vector<double>& periods_px,
+                              double carrier_px) {
+  const auto fringes = [&](const std::vector<double>& of_periods_px) {
+    return phase_shift_sequence(design.width, design.height, of_periods_px, design.steps, axis, design.bits).patterns;
   };
   std::vector<Pattern> patterns;
-  for (Pattern pattern : fringes(design.product_periods_px)) {
+  for (Pattern pattern : fringes(periods_px)) {
     pattern.coding = Coding::product;
-    pattern.carrier_px = design.carrier_px;
-    for (const Pattern& carrier : fringes({design.carrier_px})) {
+    pattern.carrier_px = carrier_px;
+    for (const Pattern& carrier : fringes({carrier_px})) {
       pattern.carrier_shift_rad = carrier.shift_rad;
       patterns.push_back(pattern);
     }
   }
+  return patterns;
+}
+
+// The two fringes of a product beat with half its period. The longest beat covers the projector with a margin for noise;
+// the others divide the way to the carrier evenly.
+std::vector<double> modulated_periods(double carrier_px, int length_px) {
+  constexpr double kGap_px = 16, kHighestRatio = 8;
+  const double longest_px = length_px + kGap_px;
+  const int levels =
+      std::max(1, static_cast<int>(std::ceil(std::log(longest_px / carrier_px) / std::log(kHighestRatio))));
+  const double ratio = std::pow(longest_px / carrier_px, 1.0 / levels);
+  std::vector<double> periods_px;
+  for (int level = 0; level < levels; ++level) periods_px.push_back(2 * longest_px / std::pow(ratio, level));
+  return periods_px;
+}
+
+std::vector<Pattern> modulated_patterns(const SequenceDesign& design, Axis axis) {
+  if (design.modulated_period_px == 0) return {};
+  const double carrier_px = design.modulated_period_px;
+  const int length = axis == Axis::columns ? design.width : design.height;
+  std::vector<Pattern> patterns =
+      phase_shift_sequence(design.width, design.height, {carrier_px}, design.steps, axis, design.bits).patterns;
+  for (const Pattern& pattern : products(design, axis, modulated_periods(carrier_px, length), carrier_px))
+    patterns.push_back(pattern);
   return patterns;
 }
 
@@ -122,20 +156,20 @@ PatternSequence design_sequence(const SequenceDesign& design) {
   for (const Axis axis : {Axis::columns, Axis::rows}) {
     if (!(axis == Axis::columns ? design.columns : design.rows)) continue;
     append(micro_patterns(design, axis));
+    append(modulated_patterns(design, axis));
     append(
         phase_shift_sequence(design.width, design.height, design.periods_px, design.steps, axis, design.bits).patterns);
     append(gray_code(design, axis));
     append(extra_patterns(design, axis, design.extra_periods_px));
-    append(products(design, axis));
+    append(products(design, axis, design.product_periods_px, design.carrier_px));
   }
   if (design.white_black) append({flat_pattern(1, design.bits), flat_pattern(0, design.bits)});
   for (int i = 0; i < design.ramp_levels; ++i)
     all.push_back(flat_pattern(static_cast<double>(i) / std::max(1, design.ramp_levels - 1), design.bits));
   if (all.empty())
     throw Error(
-        "patterns: the sequence is empty; specify periods_px, micro_period_px, gray_cell_px, extra_periods_px, "
-        "product_periods_px or "
-        "ramp_levels");
+        "patterns: the sequence is empty; specify periods_px, micro_period_px, modulated_period_px, gray_cell_px, "
+        "extra_periods_px, product_periods_px or ramp_levels");
   for (Pattern& pattern : all)
     pattern.dithered = design.dithered && pattern.coding != Coding::gray && pattern.coding != Coding::flat;
   all = at_exposures(all, design.exposures);

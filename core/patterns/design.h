@@ -40,16 +40,21 @@ struct SequenceDesign {
   // axis (0: four more than the steps). 0 px: none.
   double micro_period_px = 0;
   int micro_images = 0;
+  // Modulated phase shifting: `steps` shifts of this period and, with it as carrier, products with as many longer periods as
+  // number its fringes. 0 px: none.
+  double modulated_period_px = 0;
   // Exposure times of each pattern, relative to the rig's: one image each, one after the other. Empty: one of 1.
   std::vector<double> exposures = {};
-  double gray_xor_px =
-      0;  // stripe width of the bit that coarser ones are combined with by XOR: twice its cells; 0: none
+  // One Gray code for each stripe width: that of the bit that coarser ones are combined with by XOR, twice its cells; 0: the
+  // plain code. Empty: the plain code, unless long runs replace it.
+  std::vector<double> gray_xor_px = {};
+  bool gray_long_runs = false;  // a code whose bits have stripes of several cells, none much wider than the others
 };
 
 // Builds the sequence: fringes period by period, then the Gray code, coarsest bit first, then images of extra periods,
 // then products period by period, in which the carrier's shifts vary fastest; columns before rows; flat images last.
-// The images of micro phase shifting precede all others. Throws Error if the sequence is empty, if a Gray code of fringe
-// periods is requested without fringes, if no bit of the code has stripes of gray_xor_px, if products lack a carrier, if too few images are left for micro phase shifting, or if two exposures are equal.
+// The images of micro and of modulated phase shifting precede all others. Throws Error if the sequence is empty, if a Gray code of fringe
+// periods is requested without fringes, if no bit of the code has stripes of a gray_xor_px, if products lack a carrier, if too few images are left for micro phase shifting, or if two exposures are equal.
 PatternSequence design_sequence(const SequenceDesign& design);
 
 // Returns the patterns of a rig for which none are given: three steps of three periods along the columns, each an eighth of

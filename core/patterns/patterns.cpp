@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "core/base/constants.h"
+#include "core/patterns/long_run_code.h"
 #include "core/types/error.h"
 #include "core/types/options.h"
 
@@ -87,6 +88,24 @@ std::vector<Pattern> gray_patterns(Axis axis, double cell_px, int length_px, int
   return patterns;
 }
 
+std::vector<Pattern> long_run_patterns(Axis axis, double cell_px, int length_px, int bits) {
+  int code_bits = 1;
+  while (std::exp2(code_bits) * cell_px < length_px * (1 - 1e-9)) ++code_bits;
+  if (code_bits > kMostLongRunBits)
+    throw Error("patterns: cells of " + to_text(cell_px) + " px over " + std::to_string(length_px) + " px need " +
+                std::to_string(code_bits) + " bits; a Gray code with long runs has at most " +
+                std::to_string(kMostLongRunBits) + "; use wider cells");
+  std::vector<Pattern> patterns;
+  for (int bit = 0; bit < code_bits; ++bit) {
+    Pattern pattern{axis, cell_px, 0, bits};
+    pattern.coding = Coding::gray;
+    pattern.code_bits = code_bits;
+    pattern.code_bit = bit;
+    patterns.push_back(pattern);
+  }
+  return patterns;
+}
+
 std::vector<FringeGroup> fringe_groups(const PatternSequence& sequence, Axis axis) {
   std::vector<FringeGroup> groups;
   for (size_t i = 0; i < sequence.patterns.size(); ++i) {
@@ -124,34 +143,76 @@ bool has_exposures(const PatternSequence& sequence) {
 
 bool codes_axis(const PatternSequence& sequence, Axis axis) {
   return std::any_of(sequence.patterns.begin(), sequence.patterns.end(), [&](const Pattern& p) {
-    return p.axis == axis && (p.coding == Coding::fringe || p.coding == Coding::gray);
+    return p.axis == axis && (p.coding == Coding::fringe || p.coding == Coding::gray || p.coding == Coding::product);
   });
 }
 
 void require_decoder(const PatternSequence& sequence, Axis axis) {
-  const bool others = std::any_of(sequence.patterns.begin(), sequence.patterns.end(), [&](const Pattern& p) {
-    return p.axis == axis && (p.coding == Coding::extra || p.coding == Coding::product);
-  });
+  const bool others = std::any_of(sequence.patterns.begin(), sequence.patterns.end(),
+                                  [&](const Pattern& p) { return p.axis == axis && p.coding == Coding::extra; });
   if (others && !codes_axis(sequence, axis))
     throw Error(std::string("patterns: ") + to_string(axis) +
-                " are coded only by `extra` and `product` images, for which no decoder exists yet; add `fringe` images "
-                "with three or more phase shifts of a period, or a `gray` code");
+                " are coded only by `extra` images, which determine no phase by themselves; add `fringe` images with "
+                "three or more phase shifts of a period, or a `gray` code");
+}
+
+namespace {
+
+// Adds an image to the bits of a code.
+void add_to_code(std::vector<GrayBit>& bits, const Pattern& pattern, int image) {
+  auto bit = std::find_if(bits.begin(), bits.end(), [&](const GrayBit& known) {
+    return known.cell_px == pattern.period_px && known.code_bit == pattern.code_bit;
+  });
+  if (bit == bits.end())
+    bit = bits.insert(bits.end(), {pattern.period_px, pattern.carrier_px, pattern.code_bits, pattern.code_bit});
+  (pattern.inverted ? bit->inverted_image : bit->image) = image;
+}
+
+}  // namespace
+
+std::vector<std::vector<GrayBit>> gray_codes(const PatternSequence& sequence, Axis axis) {
+  // Each code by its carrier and, with long runs, its cell width and number of bits; in the order of appearance.
+  struct Code {
+    double carrier_px = 0, cell_px = 0;
+    int bits = 0;
+    bool operator==(const Code&) const = default;
+  };
+  std::vector<Code> kinds;
+  const auto is_bit = [&](const Pattern& p) { return p.coding == Coding::gray && p.axis == axis; };
+  for (const Pattern& pattern : sequence.patterns) {
+    if (!is_bit(pattern)) continue;
+    const bool long_runs = pattern.code_bits > 0;
+    const Code kind{long_runs ? 0 : pattern.carrier_px, long_runs ? pattern.period_px : 0, pattern.code_bits};
+    if (std::find(kinds.begin(), kinds.end(), kind) == kinds.end()) kinds.push_back(kind);
+  }
+  std::vector<std::vector<GrayBit>> codes;
+  for (const Code& kind : kinds) {
+    std::vector<GrayBit> bits;
+    for (size_t i = 0; i < sequence.patterns.size(); ++i) {
+      const Pattern& pattern = sequence.patterns[i];
+      if (!is_bit(pattern) || pattern.code_bits != kind.bits) continue;
+      const bool belongs = kind.bits > 0 ? pattern.period_px == kind.cell_px
+                                         : pattern.carrier_px == kind.carrier_px ||
+                                               (pattern.carrier_px == 0 && pattern.period_px <= kind.carrier_px);
+      if (belongs) add_to_code(bits, pattern, static_cast<int>(i));
+    }
+    std::stable_sort(bits.begin(), bits.end(), [](const GrayBit& a, const GrayBit& b) {
+      return a.cell_px != b.cell_px ? a.cell_px > b.cell_px : a.code_bit < b.code_bit;
+    });
+    codes.push_back(std::move(bits));
+  }
+  const auto cells = [](const std::vector<GrayBit>& bits) { return bits.size(); };
+  const size_t most = codes.empty() ? 0 : cells(*std::max_element(codes.begin(), codes.end(), [&](auto& a, auto& b) {
+    return cells(a) < cells(b);
+  }));
+  std::stable_partition(codes.begin(), codes.end(),
+                        [&](const std::vector<GrayBit>& bits) { return cells(bits) == most || bits[0].code_bits > 0; });
+  return codes;
 }
 
 std::vector<GrayBit> gray_bits(const PatternSequence& sequence, Axis axis) {
-  std::vector<GrayBit> bits;
-  for (size_t i = 0; i < sequence.patterns.size(); ++i) {
-    const Pattern& pattern = sequence.patterns[i];
-    if (pattern.coding != Coding::gray || pattern.axis != axis) continue;
-    auto bit = std::find_if(bits.begin(), bits.end(), [&](const GrayBit& b) { return b.cell_px == pattern.period_px; });
-    if (bit == bits.end()) bit = bits.insert(bits.end(), GrayBit{pattern.period_px, pattern.carrier_px});
-    if (bit->carrier_px != pattern.carrier_px)
-      throw Error("patterns: the Gray bit with cells of " + to_text(bit->cell_px) +
-                  " px is combined with different bits in different images; use one `carrier_px`");
-    (pattern.inverted ? bit->inverted_image : bit->image) = static_cast<int>(i);
-  }
-  std::stable_sort(bits.begin(), bits.end(), [](const auto& a, const auto& b) { return a.cell_px > b.cell_px; });
-  return bits;
+  std::vector<std::vector<GrayBit>> codes = gray_codes(sequence, axis);
+  return codes.empty() ? std::vector<GrayBit>() : std::move(codes.front());
 }
 
 namespace {
@@ -161,6 +222,12 @@ bool gray_bit_at(double coordinate_px, double cell_px) {
 }
 
 double gray_level(const Pattern& pattern, double coordinate_px) {
+  if (pattern.code_bits > 0) {
+    const std::vector<unsigned>& words = long_run_code(pattern.code_bits);
+    const int cell = std::clamp(gray_cell(coordinate_px, pattern.period_px), 0, static_cast<int>(words.size()) - 1);
+    const bool set = words[static_cast<size_t>(cell)] >> (pattern.code_bits - 1 - pattern.code_bit) & 1U;
+    return set != pattern.inverted ? 1 : 0;
+  }
   bool bit = gray_bit_at(coordinate_px, pattern.period_px);
   if (pattern.carrier_px > 0) bit ^= gray_bit_at(coordinate_px, pattern.carrier_px);
   return bit != pattern.inverted ? 1 : 0;

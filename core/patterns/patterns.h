@@ -10,14 +10,15 @@
 //           number the periods of a fringe pattern. An additional bit with cells of p/2 makes the code
 //           complementary: the fringe order can then be decoded without relying on pixels at cell edges. A bit may be
 //           shown as its exclusive or (XOR) with a finer one, the carrier, so that no stripe is wider than the carrier's
-//           two cells: indirect light then hardly differs between the stripes [Gupta et al., CVPR 2011].
+//           two cells: indirect light then hardly differs between the stripes [Gupta et al., CVPR 2011]. A code with long
+//           runs instead numbers cells of one width by bits whose stripes are 5 to 20 cells wide.
 //   flat    constant level: white, black, or one step of a grey ramp.
 //   extra   a single image of a fringe with a period of its own, as micro phase shifting projects in addition to the
 //           phase steps of one period. It has too few phase steps to determine a phase by itself.
 //   product 1/2 + 1/2 cos(Phi + delta) cos(Phi_c + delta_c), Phi_c with the period of a carrier, as modulated phase
 //           shifting projects.
 //
-// Fringes and Gray codes can be decoded; decoders ignore all other images, except for flat ones as thresholds.
+// Fringes, Gray codes and products can be decoded; flat images serve as thresholds, extra ones with fringes.
 //
 // See docs/method.md, section 2.
 #pragma once
@@ -41,7 +42,8 @@ struct FringeGroup {
 // One bit of a Gray code; an image index is -1 if the sequence has no such image.
 struct GrayBit {
   double cell_px = 0;
-  double carrier_px = 0;  // cells of the bit that it is combined with by XOR; 0: none
+  double carrier_px = 0;            // cells of the bit that it is combined with by XOR; 0: none
+  int code_bits = 0, code_bit = 0;  // of a code with long runs; 0 bits: of a reflected code
   int image = -1, inverted_image = -1;
 };
 
@@ -70,13 +72,22 @@ PatternSequence finest_patterns(const PatternSequence& sequence, Axis axis);
 // True if an image has another exposure than the rig's.
 bool has_exposures(const PatternSequence& sequence);
 
-// True if the sequence has fringes or Gray bits along the axis: images that decoders use.
+// True if the sequence has fringes, Gray bits or products along the axis: images that decoders use.
 bool codes_axis(const PatternSequence& sequence, Axis axis);
 
-// Throws Error if all images that code the axis are of codings without a decoder: `extra` and `product`.
+// Throws Error if all images that code the axis are of coding `extra`, which needs fringes.
 void require_decoder(const PatternSequence& sequence, Axis axis);
 
-// Returns the Gray bits of one axis, coarsest first. Throws Error if a bit has different carriers in different images.
+// Returns the bits of a code with long runs, first bit first, that numbers all cells of `cell_px` over `length_px`. Throws
+// Error if it would need more than kMostLongRunBits.
+std::vector<Pattern> long_run_patterns(Axis axis, double cell_px, int length_px, int bits);
+
+// Returns the Gray codes of one axis: the plain code, those combined by XOR with each carrier (of which the bits no coarser
+// than the carrier belong to the plain code, too) and those with long runs; complete ones first. Bits are in the order of
+// the code, coarsest first.
+std::vector<std::vector<GrayBit>> gray_codes(const PatternSequence& sequence, Axis axis);
+
+// Returns the bits of the first Gray code of one axis; empty if there is none.
 std::vector<GrayBit> gray_bits(const PatternSequence& sequence, Axis axis);
 
 // Returns the intensity in [0, 1] at a projector coordinate along the pattern's axis, before quantisation.

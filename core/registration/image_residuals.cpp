@@ -106,7 +106,8 @@ void sample_chunk(const cv::Mat1f& coefficients, int count, Samples& s) {
 }  // namespace
 
 bool has_image_model(const Pattern& pattern) {
-  return pattern.coding != Coding::product && !(pattern.coding == Coding::gray && pattern.carrier_px > 0);
+  return pattern.coding != Coding::product &&
+         !(pattern.coding == Coding::gray && (pattern.carrier_px > 0 || pattern.code_bits > 0));
 }
 
 namespace {
@@ -129,7 +130,8 @@ Wave wave_of(const Pattern& pattern) {
       wave.turns = static_cast<float>(0.5 / pattern.period_px + pattern.shift_rad / kTwoPi);
       break;
     case Coding::gray: {
-      if (!has_image_model(pattern)) throw Error("image pose: Gray bits combined by XOR have no model");
+      if (!has_image_model(pattern))
+        throw Error("image pose: Gray bits combined by XOR or with long runs have no model");
       // The bit with cells of c is 1 from c to 3 c, and so on with a period of 4 c.
       constexpr double kEdge_px = 2;
       const double period_px = 4 * pattern.period_px;

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "core/io/yaml.h"
+#include "core/patterns/long_run_code.h"
 #include "core/patterns/waveform.h"
 #include "core/types/centikelvin.h"
 
@@ -203,6 +204,10 @@ Pattern read_pattern(const YamlMap& entry) {
     if (pattern.coding == Coding::gray) {
       pattern.inverted = entry.boolean_or("inverted", false);
       pattern.carrier_px = entry.number_or("carrier_px", 0, kCell);
+      pattern.code_bits = entry.integer_or("code_bits", 0, {0, kMostLongRunBits});
+      if (pattern.code_bits > 0) pattern.code_bit = entry.integer("code_bit", {0, pattern.code_bits - 1.0});
+      if (pattern.code_bits > 0 && pattern.carrier_px > 0)
+        throw entry.error("carrier_px", "a bit of a code with long runs (code_bits) has no carrier_px");
     } else {
       pattern.shift_rad = entry.number("shift_rad", kShift);
     }
@@ -225,6 +230,14 @@ std::vector<double> read_periods(const YamlMap& map, const std::string& key) {
   return periods_px;
 }
 
+// Stripe widths of the Gray codes: a number or a list, 0 for the plain code.
+std::vector<double> read_stripes(const YamlMap& map) {
+  constexpr Range kStripe{0, 2e5};
+  const std::string key = "gray_xor_px";
+  if (map.yaml(key).starts_with('[')) return map.numbers(key, 0, kStripe);
+  return {map.number(key, kStripe)};
+}
+
 std::string pattern_entry(const Pattern& p) {
   std::string text;
   if (p.coding != Coding::fringe) text = std::string("coding: ") + to_string(p.coding) + ", ";
@@ -236,6 +249,8 @@ std::string pattern_entry(const Pattern& p) {
   if (p.coding == Coding::product)
     text += ", carrier_px: " + to_text(p.carrier_px) + ", carrier_shift_rad: " + to_text(p.carrier_shift_rad);
   if (p.coding == Coding::gray && p.carrier_px > 0) text += ", carrier_px: " + to_text(p.carrier_px);
+  if (p.code_bits > 0)
+    text += ", code_bits: " + std::to_string(p.code_bits) + ", code_bit: " + std::to_string(p.code_bit);
   if (p.inverted) text += ", inverted: true";
   text += ", bits: " + std::to_string(p.bits);
   if (p.dithered) text += ", dithered: true";
@@ -346,21 +361,24 @@ SequenceDesign read_design(const YamlMap& map, const RigModel& rig) {
   design.rows = axis != "columns";
   design.ramp_levels = map.integer_or("ramp_levels", 0, {0, 65536});
   const bool others = map.has("gray_cell_px") || map.has("extra_periods_px") || map.has("product_periods_px") ||
-                      map.has("micro_period_px");
+                      map.has("micro_period_px") || map.has("modulated_period_px");
   if (map.has("periods_px") || (design.ramp_levels == 0 && !others))
     design.periods_px = read_periods(map, "periods_px");
   if (map.has("extra_periods_px")) design.extra_periods_px = read_periods(map, "extra_periods_px");
   if (map.has("product_periods_px")) design.product_periods_px = read_periods(map, "product_periods_px");
   if (map.has("micro_period_px")) design.micro_period_px = map.number("micro_period_px", kPeriod);
+  if (map.has("modulated_period_px")) design.modulated_period_px = map.number("modulated_period_px", kPeriod);
   design.micro_images = map.integer_or("micro_images", 0, {0, 64});
   if (map.has("exposures")) design.exposures = map.numbers("exposures", 0, kExposure);
   if (map.has("carrier_px")) design.carrier_px = map.number("carrier_px", kPeriod);
-  if (!design.periods_px.empty() || !design.product_periods_px.empty() || design.micro_period_px > 0)
+  if (!design.periods_px.empty() || !design.product_periods_px.empty() || design.micro_period_px > 0 ||
+      design.modulated_period_px > 0)
     design.steps = map.integer("steps", {3, 64});
   design.gray = map.choice_or("gray", GrayCode::none);
   design.gray_cell_px = map.has("gray_cell_px") ? map.number("gray_cell_px", kCell) : 0;
   design.gray_inverted = map.boolean_or("gray_inverted", false);
-  design.gray_xor_px = map.has("gray_xor_px") ? map.number("gray_xor_px", kCell) : 0;
+  if (map.has("gray_xor_px")) design.gray_xor_px = read_stripes(map);
+  design.gray_long_runs = map.boolean_or("gray_long_runs", false);
   design.white_black = map.boolean_or("white_black", false);
   design.bits = map.integer_or("bits", 8, {0, 16});
   design.dithered = map.boolean_or("dithered", false);

@@ -12,7 +12,18 @@
 namespace fringeslam {
 
 // Methods of absolute phase unwrapping (core/decode/decode.h); automatic: the first one that the patterns support.
-enum class Unwrapping { automatic, multifrequency, heterodyne, gray, micro, geometric, predicted, spatial };
+enum class Unwrapping {
+  automatic,
+  multifrequency,
+  heterodyne,
+  gray,
+  micro,
+  modulated,
+  ensemble,
+  geometric,
+  predicted,
+  spatial
+};
 
 constexpr auto choices(Unwrapping) {
   using enum Unwrapping;
@@ -21,6 +32,8 @@ constexpr auto choices(Unwrapping) {
                                             {heterodyne, "heterodyne"},
                                             {gray, "gray"},
                                             {micro, "micro"},
+                                            {modulated, "modulated"},
+                                            {ensemble, "ensemble"},
                                             {geometric, "geometric"},
                                             {predicted, "predicted"},
                                             {spatial, "spatial"}});

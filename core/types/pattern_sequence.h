@@ -25,10 +25,13 @@ struct Pattern {
   double shift_rad = 0;  // fringe, extra, product: delta
   int bits = 8;          // grey-level bit depth of the projector; 0: continuous intensity, for numerical studies
   Coding coding = Coding::fringe;
-  bool inverted = false;         // gray: 1 - bit
-  double level = 0;              // flat: 0 black to 1 white
-  bool dithered = false;         // intermediate levels by error diffusion (1 bit: only black and white)
+  bool inverted = false;  // gray: 1 - bit
+  double level = 0;       // flat: 0 black to 1 white
+  bool dithered = false;  // intermediate levels by error diffusion (1 bit: only black and white)
   double carrier_px = 0;  // product: period of the second cosine; gray: cells of the bit combined by XOR, 0: none
+  // gray: bits of a code with long runs (core/patterns/long_run_code.h), and which one this is, from 0. 0 bits: the
+  // reflected code, whose bit the cell width identifies.
+  int code_bits = 0, code_bit = 0;
   double carrier_shift_rad = 0;  // product: its delta
   double exposure = 1;           // exposure time of the image, relative to the rig's
   bool operator==(const Pattern&) const = default;

@@ -180,8 +180,9 @@ void bind_patterns(py::module_& m) {
   m.def(
       "design_patterns",
       [](int width, int height, std::vector<double> periods_px, int steps, bool columns, bool rows, GrayCode gray,
-         bool gray_inverted, double gray_xor_px, bool white_black, int ramp_levels, int bits, bool dithered,
-         double gray_cell_px, double micro_period_px, int micro_images) {
+         bool gray_inverted, std::vector<double> gray_xor_px, bool white_black, int ramp_levels, int bits,
+         bool dithered, double gray_cell_px, double micro_period_px, int micro_images, double modulated_period_px,
+         bool gray_long_runs) {
         SequenceDesign design;
         design.width = width;
         design.height = height;
@@ -191,22 +192,26 @@ void bind_patterns(py::module_& m) {
         design.rows = rows;
         design.gray = gray;
         design.gray_inverted = gray_inverted;
-        design.gray_xor_px = gray_xor_px;
+        design.gray_xor_px = std::move(gray_xor_px);
+        design.gray_long_runs = gray_long_runs;
         design.white_black = white_black;
         design.ramp_levels = ramp_levels;
         design.bits = bits;
         design.dithered = dithered;
         design.gray_cell_px = gray_cell_px;
         design.micro_period_px = micro_period_px;
+        design.modulated_period_px = modulated_period_px;
         design.micro_images = micro_images;
         return design_sequence(design);
       },
       py::arg("width"), py::arg("height"), py::arg("periods_px") = std::vector<double>{}, py::kw_only(),
       py::arg("steps") = 3, py::arg("columns") = true, py::arg("rows") = false, py::arg("gray") = "none",
-      py::arg("gray_inverted") = false, py::arg("gray_xor_px") = 0, py::arg("white_black") = false,
+      py::arg("gray_inverted") = false, py::arg("gray_xor_px") = std::vector<double>{}, py::arg("white_black") = false,
       py::arg("ramp_levels") = 0, py::arg("bits") = 8, py::arg("dithered") = false, py::arg("gray_cell_px") = 0,
-      py::arg("micro_period_px") = 0, py::arg("micro_images") = 0,
-      "Builds a pattern sequence: micro phase shifting, fringes period by period, then the Gray code ('none', 'plain' "
+      py::arg("micro_period_px") = 0, py::arg("micro_images") = 0, py::arg("modulated_period_px") = 0,
+      py::arg("gray_long_runs") = false,
+      "Builds a pattern sequence: micro and modulated phase shifting, fringes period by period, then the Gray code "
+      "('none', 'plain' "
       "or "
       "'complementary'), flat images last; columns before rows.");
 }

@@ -1,11 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <gmock/gmock.h>
 
+#include <algorithm>
+#include <bit>
 #include <map>
 #include <numbers>
 #include <numeric>
+#include <set>
 
 #include "core/patterns/design.h"
+#include "core/patterns/long_run_code.h"
 #include "tests/support/matchers.h"
 
 namespace fringeslam {
@@ -148,7 +152,7 @@ TEST(Patterns, WithoutADecoderBelongToNoGroup) {
   EXPECT_FALSE(codes_axis(sequence, Axis::rows));
   EXPECT_NO_THROW(require_decoder(sequence, Axis::columns));
   EXPECT_THAT(error_of([&] { require_decoder(sequence, Axis::rows); }),
-              HasSubstr("rows are coded only by `extra` and `product` images, for which no decoder exists yet; add "
+              HasSubstr("rows are coded only by `extra` images, which determine no phase by themselves; add "
                         "`fringe` images"));
 }
 
@@ -258,6 +262,47 @@ TEST(Design, ExtraPeriodsAndProductsFollowTheGrayCode) {
   design.product_periods_px.clear();
   design.carrier_px = 8;
   EXPECT_THAT(error_of([&] { design_sequence(design); }), HasSubstr("add product_periods_px"));
+}
+
+TEST(LongRunCode, ChangesOneBitAtATimeAndKeepsEachForSeveralCells) {
+  constexpr int kShortest[] = {2, 2, 2, 2, 4, 3, 5, 5, 6, 7, 8, 8},
+                kLongest[] = {2, 4, 8, 16, 8, 11, 11, 13, 15, 18, 20, 20};
+  for (int bits = 2; bits <= 12; ++bits) {
+    const std::vector<unsigned>& words = long_run_code(bits);
+    const size_t cells = words.size();
+    ASSERT_EQ(cells, size_t{1} << bits);
+    EXPECT_EQ(std::set<unsigned>(words.begin(), words.end()).size(), cells);
+    for (size_t i = 0; i < cells; ++i) EXPECT_EQ(std::popcount(words[i] ^ words[(i + 1) % cells]), 1);
+    int shortest = 1 << bits, longest = 0;
+    for (int bit = 0; bit < bits; ++bit) {
+      std::vector<int> changes;
+      for (size_t i = 0; i < 2 * cells; ++i) {
+        if ((words[i % cells] ^ words[(i + 1) % cells]) >> bit & 1U) changes.push_back(static_cast<int>(i));
+      }
+      for (size_t i = 1; i < changes.size(); ++i) {
+        shortest = std::min(shortest, changes[i] - changes[i - 1]);
+        longest = std::max(longest, changes[i] - changes[i - 1]);
+      }
+    }
+    EXPECT_GE(shortest, kShortest[bits - 1]) << bits;
+    EXPECT_LE(longest, kLongest[bits - 1]) << bits;
+  }
+  EXPECT_THAT(error_of([] { long_run_code(15); }), HasSubstr("1 to 14 bits, not 15"));
+}
+
+TEST(Design, SeveralGrayCodesShareTheBitsOfTheirCarriers) {
+  SequenceDesign design{1024, 768, true, false, {16}, 3, GrayCode::complementary};
+  design.gray_xor_px = {0, 16, 32};
+  design.gray_long_runs = true;
+  const PatternSequence sequence = design_sequence(design);
+  // Cells of 8 px: 7 bits of the plain code, 6 and 5 combined with the carriers, 7 with long runs.
+  EXPECT_EQ(sequence.patterns.size(), 3 + 7 + 6 + 5 + 7U);
+  const auto codes = gray_codes(sequence, Axis::columns);
+  ASSERT_EQ(codes.size(), 4U);
+  for (const auto& bits : codes) EXPECT_EQ(bits.size(), 7U);
+  EXPECT_EQ(codes[1].front().carrier_px, 8);
+  EXPECT_EQ(codes[2].front().carrier_px, 16);
+  EXPECT_EQ(codes[3].front().code_bits, 7);
 }
 
 TEST(Design, EmptyOrUnnumberedIsAnError) {

@@ -40,6 +40,28 @@ SequenceDesign micro_design(double period_px, int images) {
   return design;
 }
 
+SequenceDesign modulated_design(double period_px, int steps) {
+  SequenceDesign design = design_of({});
+  design.modulated_period_px = period_px;
+  design.steps = steps;
+  return design;
+}
+
+SequenceDesign products_design(double carrier_px, std::vector<double> periods_px) {
+  SequenceDesign design = design_of({});
+  design.carrier_px = carrier_px;
+  design.product_periods_px = std::move(periods_px);
+  return design;
+}
+
+// Several Gray codes, one with long runs, or this one alone.
+SequenceDesign codes_design(std::vector<double> stripes_px) {
+  SequenceDesign design = design_of({16.5}, GrayCode::complementary);
+  design.gray_xor_px = std::move(stripes_px);
+  design.gray_long_runs = true;
+  return design;
+}
+
 RigModel plain_rig() {
   RigModel rig;
   rig.camera = {64, 48, 200, 200, 31.5, 23.5, {}};
@@ -79,7 +101,12 @@ INSTANTIATE_TEST_SUITE_P(Unwrapping, AbsoluteMethods,
                                          Method{Unwrapping::gray, design_of({16.5}, GrayCode::complementary)},
                                          Method{Unwrapping::gray, design_of({30}, GrayCode::plain)},
                                          Method{Unwrapping::micro, micro_design(20, 7)},
-                                         Method{Unwrapping::micro, micro_design(16.5, 10)}),
+                                         Method{Unwrapping::micro, micro_design(16.5, 10)},
+                                         Method{Unwrapping::gray, codes_design({})},
+                                         Method{Unwrapping::ensemble, codes_design({0, 16.5, 33})},
+                                         Method{Unwrapping::modulated, modulated_design(20, 3)},
+                                         Method{Unwrapping::modulated, modulated_design(16.5, 4)},
+                                         Method{Unwrapping::modulated, products_design(18, {2080, 280})}),
                          [](const auto& test) {
                            return to_string(test.param.unwrapping) + std::to_string(test.index);
                          });
@@ -306,7 +333,7 @@ TEST(Gray, NumbersACoarserPeriodThanTheFinest) {
 TEST(Gray, BitsCombinedByXorNumberThePeriods) {
   for (const double stripe_px : {16.0, 32.0}) {
     SequenceDesign design = design_of({16}, GrayCode::complementary);
-    design.gray_xor_px = stripe_px;
+    design.gray_xor_px = {stripe_px};
     const PatternSequence sequence = design_sequence(design);
     const RigModel rig = plain_rig();
     Random random(5);
@@ -336,10 +363,109 @@ TEST(Gray, BitsCombinedByXorNumberThePeriods) {
   }
 }
 
+// A second, brighter reflection of another part of the projector's image, out of focus, reverses bits with wide stripes;
+// narrow stripes average to a constant.
+TEST(Gray, NarrowStripesWithstandLightFromElsewhere) {
+  const RigModel rig = plain_rig();
+  const cv::Mat1d truth = support::ramp(1.2, 1021, 2000);
+  constexpr double kHalf_px = 120;
+  const auto wrong_share = [&](std::vector<double> stripes_px, bool long_runs) {
+    SequenceDesign design = design_of({}, GrayCode::none);
+    design.gray_cell_px = 8;
+    design.gray_xor_px = std::move(stripes_px);
+    design.gray_long_runs = long_runs;
+    design.white_black = true;
+    const PatternSequence sequence = design_sequence(design);
+    std::vector<cv::Mat> images;
+    for (const Pattern& pattern : sequence.patterns) {
+      cv::Mat1f image(1, truth.cols);
+      for (int i = 0; i < truth.cols; ++i) {
+        double elsewhere = 0;
+        constexpr int kSamples = 60;
+        for (int s = 0; s < kSamples; ++s) {
+          const double at = 1023 - truth(i) + kHalf_px * (2 * (s + 0.5) / kSamples - 1);
+          elsewhere += ideal_intensity(pattern, std::abs(at)) / kSamples;
+        }
+        image(i) = static_cast<float>(20 + 70 * ideal_intensity(pattern, truth(i)) + 120 * elsewhere);
+      }
+      images.push_back(image);
+    }
+    const DecodedStack decoded = decode(stack_of(sequence, images), rig, {});
+    EXPECT_EQ(decoded.unwrapping, Unwrapping::gray);
+    int wrong = 0;
+    for (int i = 0; i < truth.cols; ++i) wrong += !(std::abs(decoded.coordinate_px(i) - truth(i)) < 16);
+    return static_cast<double>(wrong) / truth.cols;
+  };
+  EXPECT_GT(wrong_share({}, false), 0.4);
+  EXPECT_LT(wrong_share({}, true), 0.1);
+  EXPECT_LT(wrong_share({32}, false), 0.1);
+}
+
+TEST(Gray, ALongRunCodeNeedsAllItsBits) {
+  PatternSequence sequence = design_sequence(codes_design({}));
+  const auto refused = [&] {
+    return error_of([&] { resolve_unwrapping(sequence, plain_rig(), by(Unwrapping::gray)); });
+  };
+  std::erase_if(sequence.patterns, [](const Pattern& p) { return p.code_bits > 0 && p.code_bit == 2; });
+  EXPECT_THAT(refused(), HasSubstr("the Gray code has no bit 2 of 7 (code_bit); add it"));
+  sequence = design_sequence(codes_design({}));
+  for (Pattern& pattern : sequence.patterns) {
+    if (pattern.coding == Coding::gray) pattern.period_px = 4;
+  }
+  EXPECT_THAT(refused(), HasSubstr("the Gray code distinguishes only 512 px of the projector's 1024 px"));
+}
+
+TEST(Ensemble, KeepsWhatTwoCodesAgreeOn) {
+  const PatternSequence sequence = design_sequence(codes_design({0, 16.5}));
+  const RigModel rig = plain_rig();
+  const cv::Mat1d truth = support::ramp(20.3, 1000.8, 300);
+  const FringeStack clean = fringe_stack(truth, sequence, {}, CV_8UC1);
+  const auto replaced = [&](auto&& wrong_bits) {
+    FringeStack stack = clean;
+    for (size_t k = 0; k < stack.images.size(); ++k) {
+      cv::Mat image = clean.images[k].clone();
+      if (wrong_bits(sequence.patterns[k])) image = 200 - image;
+      stack.images[k] = image;
+    }
+    return decode(stack, rig, {});
+  };
+  const DecodedStack all = replaced([](const Pattern&) { return false; });
+  ASSERT_EQ(all.unwrapping, Unwrapping::ensemble);
+  EXPECT_GT(cv::countNonZero(all.fringe_order >= 0), 280);
+  const auto is_plain = [](const Pattern& p) {
+    return p.coding == Coding::gray && p.code_bits == 0 && p.carrier_px == 0;
+  };
+  // One wrong code: the others outvote it. The coarsest bit of the plain code does not belong to the XOR code.
+  const DecodedStack outvoted = replaced([&](const Pattern& p) { return is_plain(p) && p.period_px > 500; });
+  int valid = 0;
+  for (int i = 0; i < truth.cols; ++i) {
+    if (outvoted.fringe_order(i) < 0) continue;
+    ++valid;
+    EXPECT_NEAR(outvoted.coordinate_px(i), truth(i), 0.5) << i;
+  }
+  EXPECT_GT(valid, 270);
+  // Three codes, each with an opinion of its own: none is believed.
+  const DecodedStack none = replaced(
+      [&](const Pattern& p) { return (is_plain(p) && p.period_px > 500) || (p.code_bits > 0 && p.code_bit < 3); });
+  EXPECT_LT(cv::countNonZero(none.fringe_order >= 0), 15);
+}
+
+TEST(Ensemble, NeedsTwoCodings) {
+  EXPECT_THAT(error_of([&] {
+                resolve_unwrapping(design_sequence(design_of({16.5}, GrayCode::complementary)), plain_rig(),
+                                   by(Unwrapping::ensemble));
+              }),
+              HasSubstr("decode.unwrapping=ensemble: an ensemble needs two codings that give fringe orders"));
+  // Fringes of several periods and a Gray code are two, if asked for.
+  const PatternSequence two = design_sequence(design_of({1040, 131, 16.5}, GrayCode::complementary));
+  EXPECT_EQ(resolve_unwrapping(two, plain_rig(), by(Unwrapping::ensemble)), Unwrapping::ensemble);
+  EXPECT_EQ(resolve_unwrapping(two, plain_rig(), {}), Unwrapping::multifrequency);
+}
+
 TEST(Gray, ABitCombinedByXorNeedsItsCarrier) {
   PatternSequence sequence = design_sequence(design_of({16}, GrayCode::complementary));
   for (Pattern& pattern : sequence.patterns) {
-    if (pattern.coding == Coding::gray) pattern.carrier_px = pattern.period_px == 64 ? 4 : 0;
+    if (pattern.coding == Coding::gray) pattern.carrier_px = 4;
   }
   const FringeStack stack = fringe_stack(cv::Mat1d(1, 1, 203.0), sequence, {}, CV_8UC1);
   EXPECT_THAT(error_of([&] { decode(stack, plain_rig(), by(Unwrapping::gray)); }),
@@ -396,13 +522,62 @@ TEST(ImagesWithoutADecoder, AloneAreAnErrorThatNamesTheUsableCodings) {
   design.extra_periods_px = {21.1, 20.3, 22.4};
   design.white_black = true;
   const std::string says =
-      "patterns: columns are coded only by `extra` and `product` images, for which no decoder exists yet; add `fringe` "
-      "images with three or more phase shifts of a period, or a `gray` code";
+      "patterns: columns are coded only by `extra` images, which determine no phase by themselves; add `fringe` images "
+      "with three or more phase shifts of a period, or a `gray` code";
   for (const Unwrapping method : {Unwrapping::automatic, Unwrapping::gray, Unwrapping::spatial})
     EXPECT_EQ(error_of([&] { resolve_unwrapping(design_sequence(design), plain_rig(), by(method)); }), says);
   const PatternSequence sequence = design_sequence(design);
   EXPECT_EQ(error_of([&] { decode(fringe_stack(support::ramp(1, 1000, 50), sequence, {}, CV_8UC1), plain_rig(), {}); }),
             says);
+}
+
+// Light from a wide part of the projector's image reaches each pixel as well. It changes the phase of long fringes, which
+// then contradict each other; products of a short carrier average to a constant.
+TEST(Modulated, LightFromAWidePartOfTheProjectorChangesNothing) {
+  const cv::Mat1d truth = support::ramp(0.3, 1022.8, 3000);
+  const RigModel rig = plain_rig();
+  constexpr double kHalf_px = 160;  // of the part, eight to nine carriers: their mean is 2 % of their amplitude
+  const auto decoded_of = [&](const PatternSequence& sequence) {
+    std::vector<cv::Mat> images;
+    for (const Pattern& pattern : sequence.patterns) {
+      std::vector<double> sum = {0};  // of the intensities up to each half pixel
+      for (int i = -800; i < 2848; ++i) sum.push_back(sum.back() + ideal_intensity(pattern, 0.5 * i));
+      cv::Mat1f image(1, truth.cols);
+      for (int i = 0; i < truth.cols; ++i) {
+        const auto at = static_cast<size_t>(std::lround(2 * (truth(i) + 100 + 400)));
+        const double indirect = (sum[at + 320] - sum[at - 320]) / (4 * kHalf_px);
+        image(i) = static_cast<float>(30 + 90 * ideal_intensity(pattern, truth(i)) + 80 * indirect);
+      }
+      images.push_back(image);
+    }
+    return decode(stack_of(sequence, images), rig, {});
+  };
+  const auto share_within = [&](const DecodedStack& decoded, double error_px) {
+    int within = 0;
+    for (int i = 0; i < truth.cols; ++i) within += std::abs(decoded.coordinate_px(i) - truth(i)) < error_px;
+    return static_cast<double>(within) / truth.cols;
+  };
+  const DecodedStack modulated = decoded_of(design_sequence(modulated_design(20, 3)));
+  EXPECT_EQ(modulated.unwrapping, Unwrapping::modulated);
+  EXPECT_GT(share_within(modulated, 0.1), 0.95);
+  EXPECT_LT(share_within(decoded_of(design_sequence(design_of({1040, 160, 20}))), 0.1), 0.3);
+}
+
+TEST(Modulated, NamesWhatIsMissing) {
+  const auto refused = [](PatternSequence sequence) {
+    return error_of([&] { resolve_unwrapping(sequence, plain_rig(), by(Unwrapping::modulated)); });
+  };
+  PatternSequence sequence = design_sequence(products_design(18, {2080}));
+  EXPECT_THAT(refused(design_sequence(design_of({16}))),
+              HasSubstr("no products of cosines; add `modulated_period_px`"));
+  EXPECT_THAT(refused(design_sequence(products_design(18, {1200}))),
+              HasSubstr("no product covers the projector's 1024 px (the longest period is 1200 px, of which half is"));
+  EXPECT_THAT(refused(design_sequence(products_design(18, {2080, 30}))),
+              HasSubstr("periods of 30 and 18 px have no high-frequency carrier; it must be shorter than half"));
+  sequence.patterns.back().carrier_px = 20;
+  EXPECT_THAT(refused(sequence), HasSubstr("carriers of 18 and 20 px; use one"));
+  sequence.patterns.pop_back();
+  EXPECT_THAT(refused(sequence), HasSubstr("do not separate their two fringes; use all combinations"));
 }
 
 // Indirect light adds the same constant to all images of short periods.

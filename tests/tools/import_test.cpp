@@ -462,7 +462,7 @@ TEST_F(ImportProjected, EntriesThatDoNotFitAreRefused) {
   EXPECT_THAT(error(), HasSubstr(":4: this pattern is a duplicate of an earlier one"));
 }
 
-// --- codings that are described but not decoded ---
+// --- codings that import does not recognize ---
 
 TEST(Import, ExtraImagesAndProductsAreDescribed) {
   const test::TempFolder temp;
@@ -484,6 +484,21 @@ TEST(Import, ExtraImagesAndProductsAreDescribed) {
   EXPECT_EQ(extra[2].coding, Coding::extra);
   for (double u = 0; u < 64; ++u)
     EXPECT_NEAR(ideal_intensity(extra[2], u), 0.5 + 0.5 * std::sin(kTwoPi * u / 12), 1e-13);
+
+  const auto bits = patterns(
+      "  - {files: \"%d.png\", gray: {axis: columns, period_px: 4, long_runs: true, inverse: after_each}}\n"
+      "  - {file: 8.png, gray: {axis: rows, period_px: 8, long_runs: true, bit: 1, bright_is_one: false}}\n",
+      9);
+  ASSERT_EQ(bits.size(), 9U);
+  EXPECT_EQ(bits[4], (Pattern{.period_px = 4, .coding = Coding::gray, .code_bits = 4, .code_bit = 2}));
+  EXPECT_EQ(bits[5],
+            (Pattern{.period_px = 4, .coding = Coding::gray, .inverted = true, .code_bits = 4, .code_bit = 2}));
+  EXPECT_EQ(bits[8], (Pattern{.axis = Axis::rows,
+                              .period_px = 8,
+                              .coding = Coding::gray,
+                              .inverted = true,
+                              .code_bits = 2,
+                              .code_bit = 1}));
 
   const auto shown = [](double u, double shift_deg, double carrier_deg) {
     return 0.5 + 0.5 * std::cos(kTwoPi * (u / 16 + shift_deg / 360)) * std::cos(kTwoPi * (u / 5 + carrier_deg / 360));
@@ -533,8 +548,8 @@ TEST(Import, StacksWithoutADecoderAreNotDecoded) {
   const test::Finished decoded = test::run_program({"decode", data, "--out", (temp / "out").string()});
   EXPECT_EQ(decoded.exit_code, 2);
   EXPECT_EQ(decoded.err, "fringeslam: " + data +
-                             ": patterns: columns are coded only by `extra` and `product` images, for which no decoder "
-                             "exists yet; add `fringe` images with three or more phase shifts of a period, or a `gray` "
+                             ": patterns: columns are coded only by `extra` images, which determine no phase by "
+                             "themselves; add `fringe` images with three or more phase shifts of a period, or a `gray` "
                              "code\n");
 }
 

@@ -235,6 +235,10 @@ TEST(PatternsFile, EveryCodingReadsBack) {
   product.carrier_shift_rad = 2 / 7.0;
   sequence.patterns.push_back(product);
   sequence.patterns.push_back({.axis = Axis::rows, .period_px = 3.7, .coding = Coding::gray, .inverted = true});
+  Pattern long_run{.axis = Axis::rows, .period_px = 8, .coding = Coding::gray};
+  long_run.code_bits = 7;
+  long_run.code_bit = 3;
+  sequence.patterns.push_back(long_run);
   sequence.patterns.push_back({.coding = Coding::flat, .level = 1 / 3.0});
   const test::TempFolder temp;
   const std::string text = to_yaml(sequence);

@@ -76,6 +76,9 @@ std::string text_of(const Pattern& pattern) {
     case Coding::gray:
       text = axis + ", Gray code, cell " + period +
              (pattern.carrier_px > 0 ? ", XOR cell " + to_text(pattern.carrier_px) + " px" : "") +
+             (pattern.code_bits > 0 ? ", bit " + std::to_string(pattern.code_bit + 1) + " of " +
+                                          std::to_string(pattern.code_bits) + " with long runs"
+                                    : "") +
              (pattern.inverted ? ", inverted" : "");
       break;
     case Coding::flat:

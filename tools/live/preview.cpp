@@ -34,7 +34,8 @@ Extremes extremes_of(const FringeStack& stack) {
 
 bool coded(const PatternSequence& sequence, Axis axis, bool fringes_only) {
   return std::any_of(sequence.patterns.begin(), sequence.patterns.end(), [&](const Pattern& p) {
-    return p.axis == axis && (p.coding == Coding::fringe || (p.coding == Coding::gray && !fringes_only));
+    return p.axis == axis &&
+           (p.coding == Coding::fringe || ((p.coding == Coding::gray || p.coding == Coding::product) && !fringes_only));
   });
 }
 
