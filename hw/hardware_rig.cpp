@@ -135,6 +135,11 @@ HardwareRig::Taken HardwareRig::capture_packed(const PatternSequence& sequence) 
   return taken;
 }
 
+void HardwareRig::scale_exposure(double factor) {
+  camera_->set_exposure_s(factor * exposure_s_);
+  exposure_s_ = camera_->exposure_s();
+}
+
 std::optional<FringeStack> HardwareRig::capture(const PatternSequence& sequence) {
   if (sequence.width != model_.projector.width || sequence.height != model_.projector.height)
     throw Error("rig: patterns of " + to_words({sequence.width, sequence.height}) + " do not match the projector's " +

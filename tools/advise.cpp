@@ -693,12 +693,15 @@ int advise_path(const AdviseArguments& arguments, const Common& common) {
 
 }  // namespace
 
-RigAdvice advise_for(Rig& rig, const Look& look, const std::string& path) {
-  const AdviseSettings settings;
+namespace {
+
+// What a rig sees with `sequence`.
+Report look_with(Rig& rig, const Look& look, const PatternSequence& sequence, const std::string& path,
+                 const AdviseSettings& settings) {
   Report report;
   report.path = path;
   report.rig = rig.model();
-  report.taken = default_sequence(report.rig.projector.width, report.rig.projector.height);
+  report.taken = sequence;
   const Examiner examiner(path, report.rig, report.taken, settings, true);
   const std::optional<FringeStack> stack = rig.capture(report.taken);
   if (!stack) throw Error(path + ": has no stacks");
@@ -710,7 +713,22 @@ RigAdvice advise_for(Rig& rig, const Look& look, const std::string& path) {
     if (std::optional<FringeStack> other = look(patterns)) stacks.push_back(std::move(*other));
     return stacks;
   });
+  return report;
+}
+
+}  // namespace
+
+RigAdvice advise_for(Rig& rig, const Look& look, const std::string& path) {
+  const PatternSequence sequence = default_sequence(rig.model().projector.width, rig.model().projector.height);
+  const Report report = look_with(rig, look, sequence, path, AdviseSettings());
   return {json_of(report), text_of(report)};
+}
+
+ExposureChoice exposures_for(Rig& rig, const Look& look, const PatternSequence& sequence, const std::string& path) {
+  if (has_exposures(sequence)) throw Error(path + ": the patterns have exposures already");
+  const AdviseSettings settings;
+  const Report report = look_with(rig, look, sequence, path, settings);
+  return naming(path, [&] { return present_exposures(report.advice, settings.advice.covered); });
 }
 
 Verb add_advise(Command app, const Common& common) {

@@ -7,6 +7,7 @@
 #include <optional>
 #include <string>
 
+#include "core/decode/advice.h"
 #include "core/rig/rig.h"
 
 namespace fringeslam::tools {
@@ -23,5 +24,9 @@ using Look = std::function<std::optional<FringeStack>(const PatternSequence&)>;
 // captured again at shorter exposures with `look`. `path` names the rig in messages. Throws Error if the rig returns no
 // stack.
 RigAdvice advise_for(Rig& rig, const Look& look, const std::string& path);
+
+// Captures a stack of `sequence`, and others at shorter exposures with `look` where it is saturated, and returns the
+// exposures that these patterns need. Throws Error like advise_for(), or if the sequence has several exposures.
+ExposureChoice exposures_for(Rig& rig, const Look& look, const PatternSequence& sequence, const std::string& path);
 
 }  // namespace fringeslam::tools

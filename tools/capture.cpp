@@ -22,6 +22,7 @@
 #include "core/rig/rig_file.h"
 #include "core/types/error.h"
 #include "hw/rig_hardware.h"
+#include "tools/advise.h"
 #include "tools/bag/bag_dataset.h"
 #include "tools/interrupt.h"
 #include "tools/live/live_mapper.h"
@@ -42,6 +43,7 @@ struct CaptureArguments {
   int count = 1;
   double interval_s = 0;
   std::string before;
+  bool auto_exposure = false;
   LiveOption live;
   std::vector<std::string> sets;
 };
@@ -75,6 +77,46 @@ PatternSequence sequence_of(const CaptureArguments& arguments, const RigModel& r
   if (arguments.patterns.empty()) return default_sequence(rig.projector.width, rig.projector.height);
   const fs::path path = arguments.patterns;
   return read_patterns(fs::is_directory(path) ? path / "patterns.yaml" : path);
+}
+
+std::string list_of(const std::vector<double>& values) {
+  std::string text;
+  for (const double value : values) text += (text.empty() ? "" : ", ") + to_text(value);
+  return text;
+}
+
+// Looks at the scene and sets the exposure that it needs. Returns the patterns, at several exposures if one is not enough.
+PatternSequence exposed(const PatternSequence& sequence, HardwareRig& rig, const CaptureArguments& arguments,
+                        ExposureChoice& choice) {
+  if (!rig.takes_exposures())
+    throw Error(arguments.rig +
+                ": packed patterns are taken at one exposure; leave out --auto-exposure, or remove `packing`");
+  const auto look = [&](const PatternSequence& patterns) -> std::optional<FringeStack> {
+    try {
+      return rig.capture(patterns);
+    } catch (const SequenceRejected&) {
+      return std::nullopt;  // too little is visible at this exposure
+    }
+  };
+  // At an unsuitable exposure, the images do not show that the patterns were projected.
+  constexpr double kSteps[] = {0.25, 0.25, 0.25, 256, 4};
+  for (size_t step = 0;; ++step) {
+    try {
+      choice = exposures_for(rig, look, sequence, arguments.rig);
+      break;
+    } catch (const SequenceRejected&) {
+      if (step == std::size(kSteps)) throw;
+    }
+    rig.scale_exposure(kSteps[step]);
+  }
+  std::fprintf(stderr, "exposures: %s times %s s, which should decode %.0f %% of the pixels with fringes\n",
+               list_of(choice.exposures).c_str(), to_text(rig.camera().exposure_s()).c_str(), 100 * choice.covered);
+  PatternSequence result = sequence;
+  if (choice.exposures.size() == 1)
+    rig.scale_exposure(choice.exposures.front());
+  else
+    result.patterns = at_exposures(sequence.patterns, choice.exposures);
+  return result;
 }
 
 // True if the live page can show a map; otherwise prints why not.
@@ -148,7 +190,14 @@ int capture(const CaptureArguments& arguments, const Common& common) {
   if (fs::exists(arguments.out) && !(fs::is_directory(arguments.out) && fs::is_empty(arguments.out)))
     throw Error(arguments.out + ": exists; choose another --out or remove it");
   const RigModel model = read_rig(arguments.rig);
-  const PatternSequence sequence = sequence_of(arguments, model);
+  PatternSequence sequence = sequence_of(arguments, model);
+  ExposureChoice exposures{{1}, 0};
+  std::unique_ptr<HardwareRig> rig;
+  if (arguments.auto_exposure) {
+    rig = open_hardware(arguments.rig);
+    run_before(arguments.before, 0);
+    sequence = exposed(sequence, *rig, arguments, exposures);
+  }
   const Settings settings = parse_settings(arguments.sets);
   const bool maps = arguments.live.port && can_map(model, sequence, settings.pipeline);
   const std::unique_ptr<LivePage> page = open_live_page(arguments.live, {.verb = "capture",
@@ -159,7 +208,7 @@ int capture(const CaptureArguments& arguments, const Common& common) {
                                                                          .maps = maps});
   std::optional<LiveMapper> mapper;
   if (maps) mapper.emplace(model, sequence, settings.pipeline, page->feed());
-  const auto rig = open_hardware(arguments.rig);
+  if (!rig) rig = open_hardware(arguments.rig);
   Recorder recorder(arguments, *rig, sequence, settings);
   catch_interrupts();
 
@@ -171,7 +220,8 @@ int capture(const CaptureArguments& arguments, const Common& common) {
     try {
       for (; stacks < arguments.count && !interrupted(); ++stacks) {
         if (stacks > 0) wait_s(arguments.interval_s);
-        if (!interrupted()) run_before(arguments.before, stacks);
+        const bool is_there = arguments.auto_exposure && stacks == 0;
+        if (!interrupted() && !is_there) run_before(arguments.before, stacks);
         if (interrupted()) break;
         const auto start = std::chrono::steady_clock::now();
         const auto stack = recorder.capture();
@@ -203,6 +253,7 @@ int capture(const CaptureArguments& arguments, const Common& common) {
                {{"dataset", arguments.out},
                 {"stacks", stacks},
                 {"interrupted", interrupted()},
+                {"exposures", exposures.exposures},
                 {"stack_s", stacks > 0 ? capturing_s / stacks : 0},
                 {"sequences_retaken", rig->retaken()},
                 {"images", camera.images},
@@ -227,6 +278,9 @@ Verb add_capture(Command app, const Common& common) {
                   "fringes: a dataset folder; rosbag: a ROS 1 bag with fringe images and what is measured from them")
       .check_one_of({"fringes", "rosbag"});
   verb.add_option("--count", arguments->count, "Number of stacks to capture").check_range(1, 1000000);
+  verb.add_flag("--auto-exposure", arguments->auto_exposure,
+                "Look at the scene first and take the patterns at the exposures that it needs: one, or several if its "
+                "contrast is high");
   verb.add_option("--interval", arguments->interval_s, "Seconds between stacks").check_range(0.0, 86400.0);
   verb.add_option("--before", arguments->before,
                   "Command to run before each stack, for example to move the sensor; FRINGESLAM_STACK is the stack's "

@@ -10,6 +10,7 @@
 #include "core/calibrate/camera_noise.h"
 #include "core/calibrate/response.h"
 #include "core/check/conventions.h"
+#include "core/decode/exposures.h"
 #include "core/io/json_text.h"
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
@@ -48,6 +49,30 @@ std::string summary_of(const CameraNoise& noise) {
   return text;
 }
 
+// The exposure at which the images of a stack show the patterns best.
+double clearest_exposure(const FringeStack& stack, const SensorModel& sensor) {
+  if (!has_exposures(stack.patterns)) return 1;
+  return best_exposure(stack, DecodeOptions().saturation * sensor.max_dn()).patterns.patterns.front().exposure;
+}
+
+// The images at one exposure, as if it were the rig's.
+FringeStack images_at(double exposure, const FringeStack& stack) {
+  FringeStack one = stack;
+  one.patterns.patterns.clear();
+  one.images.clear();
+  one.exposure_s.clear();
+  one.exposure_time_s.clear();
+  for (size_t i = 0; i < stack.images.size(); ++i) {
+    Pattern pattern = stack.patterns.patterns[i];
+    if (std::exchange(pattern.exposure, 1) != exposure) continue;
+    one.patterns.patterns.push_back(pattern);
+    one.images.push_back(stack.images[i]);
+    one.exposure_s.push_back(stack.exposure_s[i]);
+    one.exposure_time_s.push_back(stack.exposure_time_s[i]);
+  }
+  return one;
+}
+
 // Measures the noise from the first stacks, or reads it, as import.yaml requests.
 ImportedNoise noise_of(const ImportPlan& plan) {
   constexpr int kStacks = 8;
@@ -63,10 +88,12 @@ ImportedNoise noise_of(const ImportPlan& plan) {
     return result;
   }
   NoiseEstimator estimator(result.sensor, {});
+  std::optional<double> exposure;
   for (int i = 0; i < kStacks; ++i) {
     const auto stack = rig.capture(rig.sequence());
     if (!stack) break;
-    estimator.add(*stack);
+    if (!exposure) exposure = clearest_exposure(*stack, result.sensor);
+    estimator.add(images_at(*exposure, *stack));
   }
   try {
     result.measured = estimator.estimate();
@@ -86,10 +113,11 @@ ImportedNoise noise_of(const ImportPlan& plan) {
 
 // Compares the described conventions with alternatives on the first stack. Throws Error if one fits far better; returns
 // warnings otherwise.
-std::vector<std::string> convention_warnings(const ImportPlan& plan, const FringeStack& stack, const RigModel& rig) {
+std::vector<std::string> convention_warnings(const ImportPlan& plan, const FringeStack& stack, const RigModel& rig,
+                                             const std::vector<double>& offset_rad) {
   ConventionReport report;
   try {
-    report = check_conventions(stack, rig, plan.offset_rad);
+    report = check_conventions(stack, rig, offset_rad);
   } catch (const Error& e) {
     return {"the described conventions were not checked: " + std::string(e.what())};
   }
@@ -132,8 +160,14 @@ std::vector<std::string> check_of(const ImportPlan& plan, const SensorModel& sen
   rig.set_sensor(sensor);
   const auto stack = rig.capture(rig.sequence());
   if (!stack) return {};
-  std::vector<std::string> warnings = convention_warnings(plan, *stack, rig.model());
-  for (std::string& warning : waveform_warnings(*stack, rig.model())) warnings.push_back(std::move(warning));
+  const double exposure = clearest_exposure(*stack, sensor);
+  const FringeStack one = images_at(exposure, *stack);
+  std::vector<double> offset_rad;
+  for (size_t i = 0; i < plan.offset_rad.size(); ++i) {
+    if (stack->patterns.patterns[i].exposure == exposure) offset_rad.push_back(plan.offset_rad[i]);
+  }
+  std::vector<std::string> warnings = convention_warnings(plan, one, rig.model(), offset_rad);
+  for (std::string& warning : waveform_warnings(one, rig.model())) warnings.push_back(std::move(warning));
   return warnings;
 }
 

@@ -316,6 +316,18 @@ PatternSequence period_test_patterns(const PatternSequence& taken) {
       periods_design(sequence, kPeriods, groups.empty() ? typical_period_px(length) : groups.back().period_px, length));
 }
 
+ExposureChoice present_exposures(const Advice& advice, double wanted) {
+  const auto present = std::find_if(advice.alternatives.begin(), advice.alternatives.end(),
+                                    [](const CodingChoice& choice) { return choice.current; });
+  if (present == advice.alternatives.end() || present->covered.empty())
+    throw Error("its patterns determine no coordinates");
+  const std::vector<double>& covered = present->covered;
+  const double most = *std::max_element(covered.begin(), covered.end());
+  const auto enough =
+      std::find_if(covered.begin(), covered.end(), [&](double share) { return share >= wanted * most; });
+  return {present->exposures[static_cast<size_t>(enough - covered.begin())], *enough};
+}
+
 Axis advice_axis(const PatternSequence& sequence) {
   for (const Axis axis : {Axis::columns, Axis::rows}) {
     if (codes_axis(sequence, axis)) return axis;

@@ -94,6 +94,16 @@ struct Advice {
 // rig's.
 PatternSequence advised_sequence(const Advice& advice, const PatternSequence& taken);
 
+// Exposures, relative to the rig's, and the share of the lit pixels that patterns decode at them.
+struct ExposureChoice {
+  std::vector<double> exposures;
+  double covered = 0;
+};
+
+// Returns the fewest exposures at which the patterns of the images decode `wanted` of the pixels that they can decode, or
+// most of them. Throws Error if they determine no coordinates.
+ExposureChoice present_exposures(const Advice& advice, double wanted);
+
 // Returns the axis that the advice refers to: columns, or rows if only they are coded. Throws Error if neither is.
 Axis advice_axis(const PatternSequence& sequence);
 

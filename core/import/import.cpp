@@ -129,10 +129,8 @@ std::optional<FringeStack> ImportedRig::capture(const PatternSequence& sequence)
     stack.exposure_time_s = plan_.image_times_s[next_];
     stack.timestamp_s = reference_time_s(stack.patterns, stack.exposure_time_s);
   }
-  for (const fs::path& file : plan_.stacks[next_]) {
-    stack.images.push_back(read(file));
-    stack.exposure_s.push_back(plan_.exposure_s);
-  }
+  for (const fs::path& file : plan_.stacks[next_]) stack.images.push_back(read(file));
+  for (const Pattern& pattern : sequence.patterns) stack.exposure_s.push_back(pattern.exposure * plan_.exposure_s);
   ++next_;
   return stack;
 }

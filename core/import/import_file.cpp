@@ -15,6 +15,8 @@
 #include "core/import/projected.h"
 #include "core/io/input_file.h"
 #include "core/io/yaml.h"
+#include "core/patterns/design.h"
+#include "core/patterns/long_run_code.h"
 #include "core/patterns/waveform.h"
 #include "core/rig/rig_file.h"
 
@@ -281,6 +283,26 @@ std::vector<Pattern> read_coding(const YamlMap& map, bool single, const cv::Size
   return patterns;
 }
 
+// Exposures of the images of an entry relative to `exposure_s`: of a file, or several of each pattern, which vary fastest.
+std::vector<Pattern> exposed(const std::vector<Pattern>& patterns, const YamlMap& entry) {
+  constexpr Range kExposure{1e-4, 1e4};
+  if (!entry.has("exposures")) {
+    std::vector<Pattern> all = patterns;
+    for (Pattern& pattern : all) pattern.exposure = entry.number_or("exposure", pattern.exposure, kExposure);
+    return all;
+  }
+  if (entry.has("exposure")) throw entry.error("exposures", "give either 'exposure' or 'exposures'");
+  if (entry.has("file")) throw entry.error("exposures", "'file' is one image; use 'exposure', or 'files'");
+  if (has_exposures({0, 0, patterns, {}}))
+    throw entry.error("exposures", "the patterns of this entry have exposures already; remove 'exposures'");
+  const std::vector<double> exposures = entry.numbers("exposures", 0, kExposure);
+  try {
+    return at_exposures(patterns, exposures);
+  } catch (const Error& e) {
+    throw entry.error("exposures", e.what());
+  }
+}
+
 std::vector<Entry> read_entries(const YamlMap& map, const cv::Size& projector, const fs::path& folder) {
   std::vector<Entry> entries;
   for (const YamlMap& line : map.maps("patterns")) {
@@ -302,6 +324,10 @@ std::vector<Entry> read_entries(const YamlMap& map, const cv::Size& projector, c
     } else {
       entry.patterns = read_coding(line, entry.single, projector, entry.offset_rad);
     }
+    if (line.has("projected") && line.has("exposures"))
+      throw line.error("exposures",
+                       "'projected' names one image each; list the exposures of one at a time by 'exposure'");
+    entry.patterns = exposed(entry.patterns, line);
     entry.files = entry_files(entry);
     entries.push_back(std::move(entry));
   }
@@ -321,7 +347,11 @@ void recognize_entries(std::vector<Entry>& entries, const cv::Size& projector) {
   auto next = recognized.begin();
   for (Entry& entry : entries) {
     if (entry.projected.empty()) continue;
-    for (Pattern& pattern : entry.patterns) pattern = (next++)->pattern;
+    for (Pattern& pattern : entry.patterns) {
+      const double exposure = pattern.exposure;
+      pattern = (next++)->pattern;
+      pattern.exposure = exposure;
+    }
   }
 }
 

@@ -120,7 +120,16 @@ void check_carrier(const SequenceDesign& design) {
     throw Error("patterns: the second period of the products of product_periods_px is missing; add carrier_px");
 }
 
-// Repeats each pattern at each exposure.
+Pattern flat_pattern(double level, int bits) {
+  Pattern pattern;
+  pattern.coding = Coding::flat;
+  pattern.level = level;
+  pattern.bits = bits;
+  return pattern;
+}
+
+}  // namespace
+
 std::vector<Pattern> at_exposures(const std::vector<Pattern>& patterns, const std::vector<double>& exposures) {
   if (exposures.empty()) return patterns;
   for (size_t i = 0; i < exposures.size(); ++i) {
@@ -137,16 +146,6 @@ std::vector<Pattern> at_exposures(const std::vector<Pattern>& patterns, const st
   }
   return all;
 }
-
-Pattern flat_pattern(double level, int bits) {
-  Pattern pattern;
-  pattern.coding = Coding::flat;
-  pattern.level = level;
-  pattern.bits = bits;
-  return pattern;
-}
-
-}  // namespace
 
 PatternSequence design_sequence(const SequenceDesign& design) {
   PatternSequence sequence{design.width, design.height, {}};

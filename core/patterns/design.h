@@ -57,6 +57,9 @@ struct SequenceDesign {
 // periods is requested without fringes, if no bit of the code has stripes of a gray_xor_px, if products lack a carrier, if too few images are left for micro phase shifting, or if two exposures are equal.
 PatternSequence design_sequence(const SequenceDesign& design);
 
+// Repeats each pattern at each exposure, relative to the rig's. Throws Error if one is not positive or occurs twice.
+std::vector<Pattern> at_exposures(const std::vector<Pattern>& patterns, const std::vector<double>& exposures);
+
 // Returns the patterns of a rig for which none are given: three steps of three periods along the columns, each an eighth of
 // the previous one, of which the coarsest is a little wider than the projector.
 PatternSequence default_sequence(int width, int height);

@@ -86,6 +86,10 @@ TEST(Advice, CoversBrightAndDarkParts) {
     const auto halves = [&](int, int col) { return col < kCols / 2 ? 120.0 : 120 / ratio; };
     const Advice advice = advice_on(stack_of(three_periods(), rig.sensor, 2, halves, kUnbiased), rig);
     ASSERT_EQ(advice.exposures.size(), 2U) << ratio;
+    const ExposureChoice present = present_exposures(advice, AdviceOptions().covered);
+    EXPECT_EQ(present.exposures, advice.exposures);
+    EXPECT_GT(present.covered, 0.98);
+    EXPECT_EQ(present_exposures(advice, 0.3).exposures.size(), 1U);
     // In closed form: the brightest value lies below saturation at the short exposure, and the modulation of the dark half
     // above the decoder's minimum at the long one.
     const double clip_dn = DecodeOptions().saturation * rig.sensor.max_dn() - rig.sensor.offset_dn;

@@ -223,6 +223,28 @@ TEST_F(ClosedLoop, EachPatternIsTakenAtItsExposures) {
   expect_right(*rig->capture(sequence()));
 }
 
+// Eight times the exposure that suits the scene saturates the images, so that they do not even show the patterns.
+TEST_F(ClosedLoop, CaptureFindsTheExposureItself) {
+  const double exposure_s = read_rig(at("rig.yaml")).timing.exposure_s;
+  const fs::path rig = rig_with("{settle_s: 0.01, camera: {exposure_s: " + std::to_string(8 * exposure_s) + "}}");
+  test::write_bytes(at("patterns.yaml"), to_yaml(sequence()));
+  const std::vector<std::string> command = {
+      "capture", "--rig", rig.string(), "--out", at("exposed").string(), "--patterns", at("patterns.yaml").string()};
+  Child saturated = program(command);
+  EXPECT_EQ(saturated.wait(), 2);
+  EXPECT_THAT(log_of("program"), HasSubstr("no valid sequence in 3 attempts"));
+  std::vector<std::string> with_look = command;
+  with_look.push_back("--auto-exposure");
+  Child capture = program(with_look);
+  ASSERT_EQ(capture.wait(), 0) << log_of("program");
+  EXPECT_THAT(log_of("program"), HasSubstr("exposures: "));
+  ReplayRig replay(at("exposed"));
+  const auto decoded_px = [&](const FringeStack& stack) {
+    return cv::countNonZero(decode(stack, replay.model(), {}).fringe_order >= 0);
+  };
+  EXPECT_GT(decoded_px(*replay.capture(replay.sequence())), 0.97 * decoded_px(simulated()));
+}
+
 TEST_F(ClosedLoop, LostPacketsCostTimeAndNoImage) {
   for (const char* ratio : {"0.005", "0.02"}) {
     control(std::string("lost ") + ratio);

@@ -14,6 +14,7 @@
 
 #include "core/decode/decode.h"
 #include "core/import/opencv_calibration.h"
+#include "core/rig/dataset.h"
 #include "core/score/truth_files.h"
 #include "tests/support/image_file.h"
 #include "tests/tools/child.h"
@@ -531,6 +532,73 @@ TEST(Import, ExtraImagesAndProductsAreDescribed) {
 }
 
 // Such images can be imported; decoding says what is missing.
+// The left half is saturated at eight times the exposure, the right half too dark at the single one.
+TEST(Import, SeveralExposuresAreCombined) {
+  const test::TempFolder temp;
+  constexpr int kRows = 40, kCols = 200;
+  const PatternSequence sequence = phase_shift_sequence(1024, 768, {1040, 131, 16.5}, 3, Axis::columns, 8);
+  const auto coordinate = [](int col) { return 100 + 4.1 * col; };
+  fs::create_directories(temp / "in");
+  cv::RNG random(5);
+  int number = 0;
+  for (const Pattern& pattern : sequence.patterns) {
+    for (const double exposure : {1.0, 8.0}) {
+      cv::Mat1b image(kRows, kCols);
+      for (int row = 0; row < kRows; ++row) {
+        for (int col = 0; col < kCols; ++col) {
+          const double light = ideal_intensity(pattern, coordinate(col)) * (col < kCols / 2 ? 160.0 : 6.0);
+          image(row, col) = cv::saturate_cast<uchar>(exposure * light + random.gaussian(0.7));
+        }
+      }
+      char name[32];
+      std::snprintf(name, sizeof name, "in/%02d.png", number++);
+      write_image(temp / name, image);
+    }
+  }
+  const auto described = [&](const std::string& exposures) {
+    const auto entry = [&](double period_px, int first) {
+      return "  - {files: \"%02d.png\", first: " + std::to_string(first) +
+             ", fringe: {axis: columns, period_px: " + std::to_string(period_px) +
+             ", steps: 3, phase_offset_deg: -120, coordinate_origin: pixel_edge}, " + exposures + "}\n";
+    };
+    test::write_bytes(temp / "in/import.yaml",
+                      "name: x\nprojector: {width_px: 1024, height_px: 768}\ncamera: {noise: default}\nexposure_s: "
+                      "0.004\npatterns:\n" +
+                          entry(1040, 0) + entry(131, 6) + entry(16.5, 12));
+  };
+  described("exposures: [1, 8]");
+  test::run_successfully({"import", (temp / "in").string(), "--out", (temp / "data").string()});
+  ReplayRig replay(temp / "data");
+  const FringeStack stack = *replay.capture(replay.sequence());
+  ASSERT_EQ(stack.images.size(), 18U);
+  EXPECT_NEAR(stack.exposure_s[5], 0.032, 1e-9);
+  const auto right = [&](const DecodedStack& decoded) {
+    int count = 0;
+    for (int row = 0; row < kRows; ++row) {
+      for (int col = 0; col < kCols; ++col) count += std::abs(decoded.coordinate_px(row, col) - coordinate(col)) < 0.5;
+    }
+    return static_cast<double>(count) / (kRows * kCols);
+  };
+  EXPECT_GT(right(decode(stack, replay.model(), {})), 0.99);
+  for (const double exposure : {1.0, 8.0}) {
+    FringeStack one = stack;
+    one.patterns.patterns.clear(), one.images.clear(), one.exposure_s.clear(), one.exposure_time_s.clear();
+    for (size_t i = 0; i < stack.images.size(); ++i) {
+      if (stack.patterns.patterns[i].exposure != exposure) continue;
+      one.patterns.patterns.push_back(sequence.patterns[one.images.size()]);
+      one.images.push_back(stack.images[i]);
+      one.exposure_s.push_back(stack.exposure_s[i]);
+      one.exposure_time_s.push_back(stack.exposure_time_s[i]);
+    }
+    EXPECT_LT(right(decode(one, replay.model(), {})), 0.7) << exposure;
+  }
+  described("exposures: [1, 1]");
+  const test::Finished twice =
+      test::run_program({"import", (temp / "in").string(), "--out", (temp / "twice").string()});
+  EXPECT_EQ(twice.exit_code, 2);
+  EXPECT_THAT(twice.err, HasSubstr("import.yaml:6: patterns: exposures must be positive and differ"));
+}
+
 TEST(Import, StacksWithoutADecoderAreNotDecoded) {
   const test::TempFolder temp;
   fs::create_directories(temp / "in");
