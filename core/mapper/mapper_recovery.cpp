@@ -177,6 +177,11 @@ std::shared_ptr<const FrameResult> Mapper::recovered(const MapperInput& input) {
   vibration_.widen_estimate(own.covariance);
   if (keyframe.by_own_stack) vibration_.widen_estimate(keyframe.covariance);
   view->covariance += own.spread() + keyframe.spread();
+  // A stack that leaves its motion so uncertain was distorted by more than its covariance, a linear model, describes.
+  constexpr double kMostSigma_m = 5e-3;
+  if (!(displacement_sigma_m(view->registration.earlier_from_current, view->covariance, rig_.middle_range_m()) <
+        kMostSigma_m))
+    return nullptr;
   view->world_from_robot = orthonormalised(world_from_camera(here) * rig_.robot_from_camera.inverse());
   recovered_.push_back(here);
   return view;

@@ -11,6 +11,12 @@
 
 namespace fringeslam {
 
+double displacement_sigma_m(const Pose& earlier_from_current, const Matrix6d& covariance, double distance_m) {
+  Eigen::Matrix<double, 3, 6> jacobian;
+  jacobian << -skew(earlier_from_current.rotation * Eigen::Vector3d(0, 0, distance_m)), Eigen::Matrix3d::Identity();
+  return std::sqrt((jacobian * covariance * jacobian.transpose()).trace());
+}
+
 namespace {
 
 // A change of viewpoint shifts the keypoints of a surface together, while ego-motion assumes independent errors. With
@@ -18,13 +24,6 @@ namespace {
 Matrix6d covariance_of(const MotionEstimate& motion) {
   constexpr double kCorrelation = 4;
   return kCorrelation * motion.covariance;
-}
-
-// Standard deviation of the position of a point on the optical axis at the given distance.
-double displacement_sigma_m(const Pose& earlier_from_current, const Matrix6d& covariance, double distance_m) {
-  Eigen::Matrix<double, 3, 6> jacobian;
-  jacobian << -skew(earlier_from_current.rotation * Eigen::Vector3d(0, 0, distance_m)), Eigen::Matrix3d::Identity();
-  return std::sqrt((jacobian * covariance * jacobian.transpose()).trace());
 }
 
 // Largest displacement of surfaces when registration starts from the landmarks' motion: three sigmas of a point at the

@@ -107,6 +107,9 @@ struct RegistrationOptions {
 // True if a pose lies within the covariance of another (chi-square of six degrees of freedom, one false alarm in 10^7).
 bool agree(const Pose& pose, const Pose& other, const Matrix6d& covariance);
 
+// Returns the standard deviation of the position of a point on the optical axis at a distance, m.
+double displacement_sigma_m(const Pose& earlier_from_current, const Matrix6d& covariance, double distance_m);
+
 // Keypoints of the current view matched with those of an earlier view.
 struct ViewMatches {
   int earlier = 0;  // number of the earlier view

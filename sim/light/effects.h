@@ -8,7 +8,7 @@ namespace fringeslam::sim {
 
 struct Effects {
   bool vignetting = true, defocus = true, pixel_gap = true, lens_blur = true, depth_of_field = true;
-  bool interreflection = true, subsurface = true, gloss = true, relief = true, dust = true, air = true;
+  bool interreflection = true, subsurface = true, gloss = true, relief = true, dust = true, water = true, air = true;
   bool motion = true, fixed_pattern = true;
   bool share_paths = true;
   int bounce_paths = 8;
@@ -27,6 +27,7 @@ struct Effects {
     v.field("gloss", gloss, "glossy reflection of metals and coated surfaces");
     v.field("relief", relief, "small-scale surface relief of materials");
     v.field("dust", dust, "settled dust");
+    v.field("water", water, "water on surfaces");
     v.field("air", air, "haze");
     v.field("motion", motion, "robot motion during a stack");
     v.field("fixed_pattern", fixed_pattern, "PRNU, DSNU and dark current of the camera");

@@ -56,6 +56,15 @@ Eigen::Matrix3d frame_about(const Eigen::Vector3d& n) {
 
 double passed(double reflectance, double cosine) { return reflectance == 0 ? 1 : 1 - fresnel(reflectance, cosine); }
 
+double wet_albedo(double dry_albedo) {
+  constexpr double kIndex = 1.333;
+  // Of Lambertian light from outside, by Schlick's approximation: the integral of (1 - cos)^5 2 cos is 1 / 21.
+  constexpr double kFromOutside = kWaterReflectance + (1 - kWaterReflectance) / 21;
+  // By reciprocity, n^2 (1 - R_inside) = 1 - R_outside.
+  constexpr double kFromInside = 1 - (1 - kFromOutside) / (kIndex * kIndex);
+  return dry_albedo / (kIndex * kIndex * (1 - kFromInside * dry_albedo));
+}
+
 double reflected(const Reflection& surface, const Eigen::Vector3d& normal, const Eigen::Vector3d& to_light,
                  const Eigen::Vector3d& to_viewer) {
   const double nl = normal.dot(to_light), nv = normal.dot(to_viewer);

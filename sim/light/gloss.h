@@ -25,6 +25,13 @@ Eigen::Matrix3d frame_about(const Eigen::Vector3d& n);
 // angle of incidence.
 double passed(double reflectance, double cosine);
 
+// Reflectance of water at normal incidence (refractive index 1.333).
+constexpr double kWaterReflectance = 0.0204;
+
+// Returns the albedo rho of the Lambertian lobe below a film of water on a surface of this albedo, which contains the light
+// that the film's surface reflects back to it (docs/method.md, section 12.1).
+double wet_albedo(double dry_albedo);
+
 // Returns pi f_r for unit directions that point away from the surface; 0 if either is below the surface.
 double reflected(const Reflection& surface, const Eigen::Vector3d& normal, const Eigen::Vector3d& to_light,
                  const Eigen::Vector3d& to_viewer);

@@ -47,6 +47,8 @@ struct Surfaces::Impl {
   std::vector<Covering> coverings;
   Effects effects;
   Dust dust;
+  Water water;
+  float wet_above = 0;  // patch noise of wet points
   double surroundings_c = 20;
   TextureImages textures;
 
@@ -98,7 +100,8 @@ struct Surfaces::Impl {
     } else {
       albedo = m.albedo_at(transformed(covering.object_from_world, hits.point, 1, 0), covering.seed);
     }
-    const bool glossy = effects.gloss && (m.metal || m.reflectance > 0);
+    const bool wets = effects.water && water.cover > 0;
+    const bool glossy = effects.gloss && (m.metal || m.reflectance > 0 || wets);
     for (int i = 0; i < kPacket; ++i) {
       if (!has(lanes, i)) continue;
       result.albedo[i] = glossy && m.metal ? 0 : albedo.value[i];
@@ -108,11 +111,61 @@ struct Surfaces::Impl {
       result.dust_cover[i] = 0;
     }
     if (effects.relief && m.bump_m > 0) roughen(covering, lanes, hits, result);
+    if (wets) wet(m, lanes, hits, albedo, result);
     if (effects.dust && dust.cover > 0 && m.dust) settle(lanes, hits, covering.seed, result);
     if (effects.subsurface && m.mean_free_path_m > 0) lead_below(m, lanes, albedo, result);
     if (glossy) {
       for (int i = 0; i < kPacket; ++i)
         result.glossy |= static_cast<LaneMask>(has(lanes, i) && result.reflectance[i] > 0) << i;
+    }
+  }
+
+  NoiseValues water_noise(const NoisePoints& at) const {
+    constexpr uint32_t kSeed = 61;
+    return fractal_noise(at, 3, kSeed);
+  }
+
+  // The quantile of the patch noise that leaves the wet share above it.
+  float least_wet_noise() const {
+    constexpr int kPackets = 512;
+    std::vector<float> values;
+    for (int k = 0; k < kPackets; ++k) {
+      NoisePoints at;
+      for (int i = 0; i < kPacket; ++i) {
+        const auto n = static_cast<float>(k * kPacket + i);
+        at.x[i] = 0.754877f * n, at.y[i] = 0.569840f * n, at.z[i] = 0.437016f * n;
+      }
+      const NoiseValues noise = water_noise(at);
+      values.insert(values.end(), noise.value, noise.value + kPacket);
+    }
+    const double rank =
+        std::min((1 - water.cover) * static_cast<double>(values.size()), static_cast<double>(values.size() - 1));
+    const auto at = values.begin() + static_cast<std::ptrdiff_t>(rank);
+    std::nth_element(values.begin(), at, values.end());
+    return water.cover == 1 ? -2 : *at;
+  }
+
+  // Covers patches with a film of water, which smooths the relief, and with puddles where the surface is level.
+  void wet(const Material& m, LaneMask lanes, const HitPacket& hits, NoiseValues& albedo, SurfacePacket& result) const {
+    // Turned, because the noise has a greater variance on planes of its lattice than between them.
+    const Pose turned{Eigen::AngleAxisd(0.9, Eigen::Vector3d(1, 2, 3).normalized()).toRotationMatrix(),
+                      Eigen::Vector3d::Zero()};
+    const NoiseValues patches = water_noise(transformed(turned, hits.point, 1 / water.patch_m, 900));
+    const double level = std::cos(water.puddle_slope_deg * std::numbers::pi / 180);
+    constexpr double kPuddleRoughness = 0.05, kFilmRelief = 0.5;
+    for (int i = 0; i < kPacket; ++i) {
+      if (!has(lanes, i) || patches.value[i] < wet_above) continue;
+      const Eigen::Vector3d n = hits.normal.at(i);
+      const bool puddle = n.dot(water.up) >= level;
+      if (!m.metal) {
+        albedo.value[i] = static_cast<float>(wet_albedo(static_cast<double>(albedo.value[i])));
+        result.albedo[i] = albedo.value[i];
+        if (effects.gloss) result.reflectance[i] = static_cast<float>(kWaterReflectance);
+      }
+      const double roughness = puddle ? kPuddleRoughness : water.roughness;
+      if (!m.metal || puddle) result.alpha[i] = static_cast<float>(roughness * roughness);
+      const Eigen::Vector3d rough = result.normal.at(i);
+      result.normal.set(i, puddle ? n : (n + kFilmRelief * (rough - n)).normalized());
     }
   }
 
@@ -180,6 +233,8 @@ struct Surfaces::Impl {
 Surfaces::Surfaces(const Scene& scene, const Effects& effects) : impl_(std::make_unique<Impl>()) {
   impl_->effects = effects;
   impl_->dust = scene.dust;
+  impl_->water = scene.water;
+  if (scene.water.cover > 0) impl_->wet_above = impl_->least_wet_noise();
   impl_->surroundings_c = scene.surroundings_c;
   for (const Object& object : scene.objects) {
     Covering covering{object.material, object.world_from_object.inverse(), object.texture_seed, object.mesh.get(), {}};

@@ -50,6 +50,15 @@ struct Dust {
   double warmed_share = 0.7;
 };
 
+// Water on surfaces: a film in patches, and puddles where these are level.
+struct Water {
+  double cover = 0;             // wet share of the surfaces
+  double patch_m = 0.1;         // size of the patches
+  double roughness = 0.2;       // of a film, which follows the surface below it
+  double puddle_slope_deg = 5;  // wet surfaces up to this slope are puddles with a smooth, level surface
+  Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
+};
+
 // Robot motion during the capture of an image stack (docs/method.md, section 9).
 struct Motion {
   Eigen::Vector3d velocity_m_s = Eigen::Vector3d::Zero();  // in the robot frame
@@ -76,6 +85,7 @@ struct Scene {
   double surroundings_c = 20;  // temperature of the air, the surroundings and materials without their own
   Air air;
   Dust dust;
+  Water water;
   Motion motion;
   CalibrationError calibration_error;
   Trajectory trajectory;                    // of the robot; with a path: the poses along it every interval_s

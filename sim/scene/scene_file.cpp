@@ -314,6 +314,18 @@ Dust read_dust(const YamlMap& map) {
   return dust;
 }
 
+Water read_water(const YamlMap& map) {
+  Water water;
+  water.cover = map.number("cover", kFraction);
+  water.patch_m = map.number_or("patch_m", water.patch_m, {1e-3, 100});
+  water.roughness = map.number_or("roughness", water.roughness, {0.05, 1});
+  water.puddle_slope_deg = map.number_or("puddle_slope_deg", water.puddle_slope_deg, {0, 90});
+  const Eigen::Vector3d up = map.vector3_or("up", water.up, {-1, 1});
+  if (up.norm() < 1e-3) throw map.error("up", "'up' has no direction");
+  water.up = up.normalized();
+  return water;
+}
+
 RigModel read_scene_rig(const YamlMap& map, const fs::path& instead) {
   if (!instead.empty()) map.text("file");
   const YamlMap changed = YamlMap::load(instead.empty() ? map.file("file") : instead).changed_by(map, {"file"});
@@ -355,6 +367,7 @@ Scene load_scene(const fs::path& file, const SceneLoadOptions& reading) {
     });
   if (layers.has("air")) section("air", [&](const YamlMap& map) { scene.air = read_air(map); });
   if (layers.has("dust")) section("dust", [&](const YamlMap& map) { scene.dust = read_dust(map); });
+  if (layers.has("water")) section("water", [&](const YamlMap& map) { scene.water = read_water(map); });
   if (layers.has("calibration_error"))
     section("calibration_error", [&](const YamlMap& map) { scene.calibration_error = read_calibration_error(map); });
   const Materials materials = read_materials(layers);

@@ -6,6 +6,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "core/io/files.h"
+#include "sim/light/gloss.h"
 #include "sim/virtual_rig.h"
 #include "tests/sim/test_scenes.h"
 #include "tests/support/image_file.h"
@@ -52,6 +53,61 @@ TEST(Dust, TakesTheGlossOffAMetal) {
   EXPECT_GT(brightness(scene, effects), 2);
   effects.dust = true;
   EXPECT_NEAR(brightness(scene, effects), 0.5, 1e-3);
+}
+
+// With no absorption, all light that enters a film leaves it again: at each angle of incidence, the diffuse light outside is
+// what the film's surface does not reflect.
+TEST(Water, FilmOnAWhiteSurfaceLosesNothing) {
+  const double rho = wet_albedo(1);
+  for (const double angle_deg : {0.0, 30.0, 60.0, 80.0}) {
+    const double in = passed(kWaterReflectance, std::cos(angle_deg * kPi / 180));
+    double out = 0;  // the integral of the Lambertian lobe that leaves the film
+    constexpr int kSteps = 20000;
+    for (int k = 0; k < kSteps; ++k) {
+      const double cosine = (k + 0.5) / kSteps;
+      out += 2 * cosine * passed(kWaterReflectance, cosine) / kSteps;
+    }
+    EXPECT_NEAR(rho * in * out, in, 1e-6) << angle_deg;
+  }
+}
+
+// Saunderson's equation for perpendicular light on a Lambertian surface below an interface; 0.5 becomes 0.36.
+TEST(Water, DarkensMattSurfacesByTheClosedForm) {
+  Scene scene = world_of({grey_object(plane_mesh(3, 3), pose_from({{0, 0, 1000}, {0, 10, 0}}), 0.5)}, coaxial_rig());
+  Effects effects = only(&Effects::water);
+  EXPECT_NEAR(brightness(scene, effects), 0.5 * std::cos(10 * kPi / 180), 1e-3);
+  scene.water.cover = 1;
+  scene.water.up = -Eigen::Vector3d::UnitZ();
+  EXPECT_NEAR(brightness(scene, effects), wet_albedo(0.5) * std::cos(10 * kPi / 180), 1e-3);
+  // With gloss, light passes the interface twice; the mirror direction is 20 degrees away, beyond a puddle's lobe.
+  effects.gloss = true;
+  scene.water.puddle_slope_deg = 90;
+  const double through = passed(kWaterReflectance, std::cos(10 * kPi / 180));
+  EXPECT_NEAR(brightness(scene, effects), wet_albedo(0.5) * through * through * std::cos(10 * kPi / 180), 2e-3);
+  EXPECT_NEAR(wet_albedo(0.5), 0.37, 0.01);
+  // A metal keeps its albedo.
+  scene.objects[0].material.metal = true;
+  scene.objects[0].material.roughness = 1;
+  Scene dry = scene;
+  dry.water.cover = 0;
+  scene.water.puddle_slope_deg = 0;
+  EXPECT_NEAR(brightness(scene, effects), brightness(dry, effects), 1e-3);
+}
+
+TEST(Water, CoversTheStatedShare) {
+  for (const double cover : {0.2, 0.6}) {
+    Scene scene = world_of({grey_object(plane_mesh(9, 9), pose_from({{0, 0, 1000}, {180, 0, 0}}), 0.5)}, coaxial_rig());
+    scene.water.cover = cover;
+    scene.water.patch_m = 0.01;
+    scene.water.up = -Eigen::Vector3d::UnitZ();
+    const cv::Mat1f lux = lux_of(scene, {constant_pattern(1)}, 1, only(&Effects::water))[0];
+    const cv::Mat1f dry = lux_of(world_of(scene.objects, coaxial_rig()), {constant_pattern(1)}, 1, Effects::none())[0];
+    int wet = 0;
+    for (int row = 0; row < lux.rows; ++row) {
+      for (int col = 0; col < lux.cols; ++col) wet += lux(row, col) < 0.9f * dry(row, col);
+    }
+    EXPECT_NEAR(wet / static_cast<double>(lux.total()), cover, 0.05);
+  }
 }
 
 TEST(Relief, TurnsNormalsAboutTheTrueOne) {
