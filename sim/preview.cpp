@@ -211,7 +211,7 @@ void put_scale(cv::Mat3b& paper, const Layout& layout, const RigModel& rig) {
 
 Effects seen_effects() {
   Effects effects = Effects::none();
-  effects.vignetting = effects.gloss = effects.relief = effects.dust = effects.air = true;
+  effects.vignetting = effects.gloss = effects.relief = effects.dust = effects.water = effects.air = true;
   return effects;
 }
 

@@ -26,7 +26,7 @@ const Eigen::Array3f kNeutral(0.95f, 0.99f, 1.0f);
 
 Effects shown_effects() {
   Effects effects = Effects::none();
-  effects.relief = effects.dust = true;
+  effects.relief = effects.dust = effects.water = true;
   return effects;
 }
 
