@@ -53,8 +53,9 @@ struct SequenceDesign {
 
 // Builds the sequence: fringes period by period, then the Gray code, coarsest bit first, then images of extra periods,
 // then products period by period, in which the carrier's shifts vary fastest; columns before rows; flat images last.
-// The images of micro and of modulated phase shifting precede all others. Throws Error if the sequence is empty, if a Gray code of fringe
-// periods is requested without fringes, if no bit of the code has stripes of a gray_xor_px, if products lack a carrier, if too few images are left for micro phase shifting, or if two exposures are equal.
+// The images of micro and of modulated phase shifting precede all others. Throws Error if the sequence is empty, if a Gray
+// code of fringe periods is requested without fringes, if no bit of the code has stripes of a gray_xor_px, if products lack a
+// carrier, if too few images are left for micro phase shifting, or if two exposures are equal.
 PatternSequence design_sequence(const SequenceDesign& design);
 
 // Repeats each pattern at each exposure, relative to the rig's. Throws Error if one is not positive or occurs twice.
