@@ -695,7 +695,7 @@ int advise_path(const AdviseArguments& arguments, const Common& common) {
 
 namespace {
 
-// What a rig sees with `sequence`.
+// Captures and examines one view with `sequence`, and further looks where it is saturated.
 Report look_with(Rig& rig, const Look& look, const PatternSequence& sequence, const std::string& path,
                  const AdviseSettings& settings) {
   Report report;

@@ -47,7 +47,7 @@ Changes reflected(int bits) {
   return changes;
 }
 
-// Of every 2^m changes, `shorter_share` are those of an m-bit code and the others those of a longer code, both spread
+// Interleaves an m-bit code with a longer one: `shorter_share` of every 2^m changes belong to the shorter code, spread
 // evenly. If the share is odd, the pair of both codes' words returns only after all combinations (Goddyn and Gvozdjak,
 // theorem 1): the multiples of the pair of both shares reach 2^n pairs, and the changes in between add distinct
 // remainders.

@@ -58,7 +58,7 @@ double passed(double reflectance, double cosine) { return reflectance == 0 ? 1 :
 
 double wet_albedo(double dry_albedo) {
   constexpr double kIndex = 1.333;
-  // Of Lambertian light from outside, by Schlick's approximation: the integral of (1 - cos)^5 2 cos is 1 / 21.
+  // Share of Lambertian light from outside that the interface reflects; the integral of Schlick's (1 - cos)^5 2 cos is 1/21.
   constexpr double kFromOutside = kWaterReflectance + (1 - kWaterReflectance) / 21;
   // By reciprocity, n^2 (1 - R_inside) = 1 - R_outside.
   constexpr double kFromInside = 1 - (1 - kFromOutside) / (kIndex * kIndex);
