@@ -256,12 +256,13 @@ TEST(Yaml, StagesRefuseUnknownChoices) {
   const auto refusal = [](auto& options, const std::string& line) {
     return message_of([&] { YamlMap::parse(line, "f.yaml").read(options); });
   };
-  EXPECT_THAT(refusal(pipeline.decode, "unwrapping: fast"),
-              HasSubstr("auto, multifrequency, heterodyne, gray, micro, geometric, predicted, spatial"));
+  EXPECT_THAT(
+      refusal(pipeline.decode, "unwrapping: fast"),
+      HasSubstr("auto, multifrequency, heterodyne, gray, micro, modulated, ensemble, geometric, predicted, spatial"));
   EXPECT_THAT(refusal(pipeline.decode, "unwrapping: none"), HasSubstr("is not one of"));
   EXPECT_THAT(refusal(pipeline.decode, "spatial_order: fast"), HasSubstr("quality, reliability"));
   EXPECT_THAT(refusal(pipeline.decode, "spatial_reference: spatial"),
-              HasSubstr("auto, multifrequency, heterodyne, gray, micro, geometric, predicted, none"));
+              HasSubstr("auto, multifrequency, heterodyne, gray, micro, modulated, geometric, predicted, none"));
   EXPECT_THAT(refusal(pipeline.conditioning, "edges: sobel"), HasSubstr("canny_deriche, prewitt, roberts, log"));
   EXPECT_THAT(refusal(pipeline.conditioning, "background: sky"), HasSubstr("plane, depth, none"));
   EXPECT_THAT(refusal(pipeline.clusters, "method: all"), HasSubstr("depth_sampling, convex_hull, both"));
