@@ -52,6 +52,7 @@ std::vector<Item> calibration_items();
 std::vector<Item> capture_items();
 std::vector<Item> saving_items();
 std::vector<Item> scale_items();
+std::vector<Item> scene_page_items();
 std::vector<Item> sensor_items();
 std::vector<Item> decoding_items();
 std::vector<Item> dynamic_range_items();

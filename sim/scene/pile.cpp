@@ -9,6 +9,7 @@
 
 #include "core/base/append_bytes.h"
 #include "core/base/constants.h"
+#include "core/base/parallel.h"
 #include "core/types/error.h"
 #include "sim/random.h"
 #include "sim/scene/cache.h"
@@ -96,28 +97,35 @@ struct Piece {
 
 std::vector<Piece> draw_pieces(const Pile& pile, uint64_t seed, uint32_t generator) {
   Philox random(seed, Stream::placement, generator);
-  std::map<std::pair<size_t, int>, std::shared_ptr<const Variant>> variants;
-  std::vector<Piece> pieces;
+  // Variants in the order of their first use; they are made afterwards, in parallel.
+  std::vector<std::pair<const PileItem*, uint32_t>> variants;
+  std::map<std::pair<size_t, int>, size_t> known;
+  std::vector<std::pair<const PileItem*, size_t>> drawn;
   for (int n = 0; n < pile.count; ++n) {
     const size_t kind = draw_item(pile.items, random);
     const PileItem& item = pile.items[kind];
     const double which = random.uniform();
     const int variant = item.variants == 0 ? n : static_cast<int>(which * item.variants);
-    auto& made = variants[{kind, variant}];
-    if (!made)
-      made = make_variant(item, seed, generator, static_cast<uint32_t>(kind * 1000003 + static_cast<size_t>(variant)));
-    pieces.push_back({&item, made});
+    const auto [entry, is_new] = known.try_emplace({kind, variant}, variants.size());
+    if (is_new) variants.emplace_back(&item, static_cast<uint32_t>(kind * 1000003 + static_cast<size_t>(variant)));
+    drawn.emplace_back(&item, entry->second);
   }
   for (size_t kind = 0; kind < pile.items.size(); ++kind) {
     constexpr size_t kFirstNumber = 500000;  // beyond the numbers of all weighted pieces
     const PileItem& item = pile.items[kind];
     const auto place = static_cast<std::ptrdiff_t>(item.after * pile.count);
     for (int n = 0; n < item.exactly.value_or(0); ++n) {
-      const size_t number = kind * 1000003 + kFirstNumber + static_cast<size_t>(n);
-      pieces.insert(pieces.begin() + place,
-                    {&item, make_variant(item, seed, generator, static_cast<uint32_t>(number))});
+      drawn.insert(drawn.begin() + place, {&item, variants.size()});
+      variants.emplace_back(&item, static_cast<uint32_t>(kind * 1000003 + kFirstNumber + static_cast<size_t>(n)));
     }
   }
+  std::vector<std::shared_ptr<const Variant>> made(variants.size());
+  for_each_row(static_cast<int>(variants.size()), [&](int i) {
+    const auto& [item, number] = variants[static_cast<size_t>(i)];
+    made[static_cast<size_t>(i)] = make_variant(*item, seed, generator, number);
+  });
+  std::vector<Piece> pieces;
+  for (const auto& [item, variant] : drawn) pieces.push_back({item, made[variant]});
   return pieces;
 }
 

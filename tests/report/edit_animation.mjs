@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // node edit_animation.mjs PROGRAM SCENE_FOLDER OUT.gif: animates the page of a scene while its file is edited: numbers are changed,
 // a key is misspelled, and the mistake is corrected. The folder must contain boxes_and_foam/scene.yaml and rigs/, as scenes/ does.
-import {spawn} from 'node:child_process';
 import {cpSync, mkdtempSync, readFileSync, rmSync, writeFileSync} from 'node:fs';
 import {tmpdir} from 'node:os';
 import {join} from 'node:path';
 import gifenc from 'gifenc';
 import {decoded, launch, open} from './browser.mjs';
+import {serveProgram} from './served.mjs';
 
 const [, , program, scenes, out] = process.argv;
 const kSize = {width: 1200, height: 720}, kFrameMs = 1400;
@@ -17,19 +17,10 @@ cpSync(join(scenes, 'boxes_and_foam'), join(folder, 'mine'), {recursive: true});
 cpSync(join(scenes, 'rigs'), join(folder, 'rigs'), {recursive: true});
 const file = join(folder, 'mine', 'scene.yaml');
 const original = readFileSync(file, 'utf8');
-const child = spawn(program, ['scene', 'open', 'mine', '--port', '0'], {cwd: folder, stdio: ['ignore', 'ignore', 'pipe']});
+const served = await serveProgram(program, ['scene', 'open', 'mine', '--port', '0'], 'scene', {cwd: folder});
 const browser = await launch();
 try {
-  const url = await new Promise((done, failed) => {
-    let said = '';
-    child.stderr.on('data', (bytes) => {
-      said += bytes;
-      const [, address] = said.match(/scene: (\S+)\n/) ?? [];
-      if (address) done(address);
-    });
-    child.on('exit', () => failed(new Error(said)));
-  });
-  const {page, close} = await open(browser, url, {viewport: kSize});
+  const {page, close} = await open(browser, served.url, {viewport: kSize});
   const gif = GIFEncoder();
   // Adds what the page shows, with the line of the file that was edited below the heading.
   const add = async (line, ms = kFrameMs) => {
@@ -73,7 +64,7 @@ try {
   writeFileSync(out, gif.bytes());
   await close();
 } finally {
-  child.kill('SIGTERM');
+  await served.stop('SIGTERM');
   await browser.close();
   rmSync(folder, {recursive: true, force: true});
 }

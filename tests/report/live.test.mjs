@@ -2,11 +2,11 @@
 // The live page in a browser while `fringeslam run --live` maps small scenes. FRINGESLAM_PROGRAM and
 // FRINGESLAM_SOURCE_DIR select what is tested; files go to the current folder.
 import assert from 'node:assert/strict';
-import {spawn} from 'node:child_process';
 import {resolve} from 'node:path';
 import {after, before, test} from 'node:test';
 import {changed, darkness, kTimeoutMs, launch, look, open as openIn, overflow, reachedByTab, screenColours} from './browser.mjs';
 import {Runs, sceneText} from './runs.mjs';
+import {killServed, serveProgram} from './served.mjs';
 
 const kToken = 'correct-horse-battery';
 const kBack = [-900, 0];
@@ -15,8 +15,7 @@ const kLong = [[80, 0], [80, 0], [0, 80], [-80, 0], [-80, 0], [0, -80]];
 const kLost = [[6, 4], [900, 0], kBack, [6, 4]];
 
 const runs = new Runs(process.env.FRINGESLAM_PROGRAM, process.env.FRINGESLAM_SOURCE_DIR, resolve('live'));
-const running = new Set();
-let browser, still;
+let browser, still, started = 0;
 
 const motion = ([x, y]) => `    - {translation_mm: [${x}, ${y}, 0], rotation_deg: [0, 0, 0]}\n`;
 
@@ -25,29 +24,9 @@ const sceneOf = (name, motions, size = 0.5) =>
 
 // Starts a run with a live page; it runs until it is stopped.
 async function live(name, motions, ...words) {
-  const folder = `${name}-${running.size}-${Date.now()}`;
-  const child = spawn(runs.program, ['run', runs.scene(folder, sceneOf(name, motions)), '--out', runs.at(`${folder}-run`),
-    '--live-wait', '--no-report', '--set', 'render.samples_per_pixel=1', ...words], {stdio: ['ignore', 'ignore', 'pipe']});
-  running.add(child);
-  let said = '';
-  const url = await new Promise((done, failed) => {
-    child.stderr.on('data', (bytes) => {
-      said += bytes;
-      const [, address] = said.match(/live: (\S+)\n/) ?? [];
-      if (address) done(address);
-    });
-    child.on('exit', () => failed(new Error(said)));
-  });
-  const ended = new Promise((done) => child.on('exit', done));
-  return {
-    url, port: new URL(url).port,
-    signal: (name) => child.kill(name),
-    async stop(signal = 'SIGKILL') {
-      running.delete(child);
-      child.kill(signal);
-      await ended;
-    },
-  };
+  const folder = `${name}-${++started}`;
+  return serveProgram(runs.program, ['run', runs.scene(folder, sceneOf(name, motions)), '--out', runs.at(`${folder}-run`),
+    '--live-wait', '--no-report', '--set', 'render.samples_per_pixel=1', ...words], 'live');
 }
 
 const open = (url, options) => openIn(browser, url, options);
@@ -69,7 +48,7 @@ before(async () => {
   still = await live('still', kLost, '--live', '0');
 }, {timeout: 3 * kTimeoutMs});
 after(async () => {
-  for (const child of running) child.kill('SIGKILL');
+  killServed();
   await browser?.close();
 });
 

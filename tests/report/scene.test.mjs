@@ -2,50 +2,24 @@
 // The page of `fringeslam scene open` in a browser. FRINGESLAM_PROGRAM and FRINGESLAM_SOURCE_DIR select what is tested;
 // files go to the current folder.
 import assert from 'node:assert/strict';
-import {spawn, spawnSync} from 'node:child_process';
+import {spawnSync} from 'node:child_process';
 import {existsSync, readFileSync, renameSync, rmSync, writeFileSync} from 'node:fs';
 import {request} from 'node:http';
 import {resolve} from 'node:path';
 import {after, before, test} from 'node:test';
 import {changed, darkness, kTimeoutMs, launch, look, open as openIn, overflow, reachedByTab, screenPixels} from './browser.mjs';
 import {Runs, sceneText} from './runs.mjs';
+import {killServed, serveProgram} from './served.mjs';
 
 const kToken = 'correct-horse-battery';
 const kMotions = [40, 40, -80].map((x) => `    - {translation_mm: [${x}, 0, 0], rotation_deg: [0, 0, 0]}\n`).join('');
 
 const runs = new Runs(process.env.FRINGESLAM_PROGRAM, process.env.FRINGESLAM_SOURCE_DIR, resolve('scene'));
-const running = new Set();
 let browser, scene, served;
 
 const serve = (...words) => serveScene(scene, ...words);
 
-const serveScene = (place, ...words) => serveProgram(['scene', 'open', place, '--port', '0', ...words], 'scene');
-
-// Starts the program; `what` precedes the page's address.
-async function serveProgram(words, what) {
-  const child = spawn(runs.program, words, {stdio: ['ignore', 'ignore', 'pipe']});
-  running.add(child);
-  let said = '';
-  const ended = new Promise((done) => child.on('exit', (code) => {
-    running.delete(child);
-    done(code);
-  }));
-  const url = await new Promise((done, failed) => {
-    child.stderr.on('data', (bytes) => {
-      said += bytes;
-      const [, address] = said.match(new RegExp(`${what}: (\\S+)\n`)) ?? [];
-      if (address) done(address);
-    });
-    child.on('exit', () => failed(new Error(said)));
-  });
-  return {
-    url, port: new URL(url).port,
-    stop(signal) {
-      child.kill(signal);
-      return ended;
-    },
-  };
-}
+const serveScene = (place, ...words) => serveProgram(runs.program, ['scene', 'open', place, '--port', '0', ...words], 'scene');
 
 // Starts a request; `answer` becomes {status, body}, or null after abort().
 function begin(port, path, headers = {}, method = 'GET') {
@@ -111,7 +85,7 @@ before(async () => {
   served = await serve();
 }, {timeout: 2 * kTimeoutMs});
 after(async () => {
-  for (const child of running) child.kill('SIGKILL');
+  killServed();
   await browser?.close();
 });
 
@@ -687,7 +661,7 @@ async function serveGallery(name, ...words) {
   const gallery = new Runs(runs.program, runs.source, folder);
   for (const scene of ['first', 'second']) gallery.scene(scene, sceneText(scene, `the ${scene} test`, {count: 3, size: 0.2, motions: ''}));
   gallery.scene('wrong', 'name: wrong\ndescription: Not a scene\nobjets: []\n');
-  return {folder, ...await serveProgram(['scene', 'list', '--in', folder, '--page', '0', ...words], 'scenes')};
+  return {folder, ...await serveProgram(runs.program, ['scene', 'list', '--in', folder, '--page', '0', ...words], 'scenes')};
 }
 
 test('the gallery shows all scenes with pictures, finds them, and opens them or says why not', async () => {

@@ -16,6 +16,7 @@
 #include "core/types/error.h"
 #include "tools/live/viewer_socket.h"
 #include "tools/live/waiting_room.h"
+#include "tools/report/packing.h"
 
 namespace fringeslam::tools {
 
@@ -217,10 +218,27 @@ class PageServer::Server : public httplib::Server {
       PageAnswer answer = answers_(asked);
       response.status = answer.status;
       if (answer.status == 503) response.set_header("Retry-After", "5");
-      if (answer.status == 200) response.set_content(std::move(answer.body), answer.type);
+      if (answer.status == 200) send(request, response, std::move(answer));
     };
     Get(".*", respond);
     if (rules_.posts) Post(".*", respond);
+  }
+
+  // Text is compressed for other computers only. httplib alone would compress it by Brotli at its highest level, which takes
+  // over a second for a page.
+  void send(const httplib::Request& request, httplib::Response& response, PageAnswer answer) const {
+    const bool text = answer.type.starts_with("text/") || answer.type == "application/json";
+    const bool accepted = request.get_header_value("Accept-Encoding").find("deflate") != std::string::npos;
+    if (text && accepted && !is_loopback(access_.host)) {
+      answer.body = deflated(answer.body);
+      response.set_header("Content-Encoding", "deflate");
+    }
+    // httplib does not compress what a provider yields.
+    const auto body = std::make_shared<const std::string>(std::move(answer.body));
+    response.set_content_provider(body->size(), answer.type,
+                                  [body](size_t offset, size_t length, httplib::DataSink& sink) {
+                                    return sink.write(body->data() + offset, length);
+                                  });
   }
 
   // The connection is answered by another thread once its request is complete.
@@ -250,7 +268,8 @@ class PageServer::Server : public httplib::Server {
   // In this order: each hands connections to the one before it.
   RequestThreads threads_{PageServer::kRequests, rules_.nice,
                           [this](int socket, std::string head) { answer(socket, std::move(head)); }};
-  WaitingRoom waiting_room_{[this](int socket, std::string head) { threads_.add(socket, std::move(head)); }};
+  WaitingRoom waiting_room_{rules_.nice,
+                            [this](int socket, std::string head) { threads_.add(socket, std::move(head)); }};
   std::thread listening_;
 };
 

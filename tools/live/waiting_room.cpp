@@ -20,7 +20,6 @@ namespace fringeslam::tools {
 
 namespace {
 
-constexpr int kRoomNice = 10;
 constexpr int kLongestPollMs = 250;  // the resolution of kPatience
 
 std::string address_of_peer(int socket) {
@@ -37,8 +36,8 @@ std::string address_of_peer(int socket) {
 
 }  // namespace
 
-WaitingRoom::WaitingRoom(Arrived arrived)
-    : arrived_(std::move(arrived)), wake_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
+WaitingRoom::WaitingRoom(int nice, Arrived arrived)
+    : nice_(nice), arrived_(std::move(arrived)), wake_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
   if (wake_ < 0) throw Error("live: cannot watch connections; close other programs' files or raise their limit");
   thread_ = std::thread([this] { watch(); });
 }
@@ -90,7 +89,7 @@ WaitingRoom::State WaitingRoom::receive(Waiting& waiting) {
 }
 
 void WaitingRoom::watch() {
-  setpriority(PRIO_PROCESS, 0, kRoomNice);  // of this thread only
+  if (nice_ != 0) setpriority(PRIO_PROCESS, 0, nice_);  // of this thread only
   std::vector<pollfd> descriptors;
   for (;;) {
     descriptors.assign(1, {wake_, POLLIN, 0});

@@ -20,8 +20,8 @@ class WaitingRoom {
   // Receives a connection and the bytes of its complete header; it has to close the connection.
   using Arrived = std::function<void(int socket, std::string head)>;
 
-  explicit WaitingRoom(Arrived arrived);
-  ~WaitingRoom();  // closes all connections
+  WaitingRoom(int nice, Arrived arrived);  // niceness of its thread
+  ~WaitingRoom();                          // closes all connections
   WaitingRoom(const WaitingRoom&) = delete;
   WaitingRoom& operator=(const WaitingRoom&) = delete;
 
@@ -41,6 +41,7 @@ class WaitingRoom {
   static State receive(Waiting& waiting);
   void wake() const;
 
+  int nice_;
   Arrived arrived_;
   std::mutex mutex_;
   std::vector<Waiting> waiting_;  // the oldest first

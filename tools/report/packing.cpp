@@ -25,7 +25,7 @@ std::string deflated(std::string_view bytes) {
   std::string result(size, '\0');
   const int status = compress2(reinterpret_cast<Bytef*>(result.data()), &size,
                                reinterpret_cast<const Bytef*>(bytes.data()), static_cast<uLong>(bytes.size()), 9);
-  if (status != Z_OK) throw Error("report: zlib failed with status " + std::to_string(status));
+  if (status != Z_OK) throw Error("zlib failed with status " + std::to_string(status));
   result.resize(size);
   return result;
 }

@@ -66,12 +66,15 @@ class ScenePage {
     this.listObjects();
     this.values.use(scene);
     byId('time').max = scene.path.length - 1;
-    this.sensor.use(scene);  // needs no meshes
-    if (!(await this.world.show(scene, (mesh) => ask(`/mesh/${mesh}`), (tile) => ask(`/tile/${tile}`)))) return false;
+    const shown = this.world.show(scene, (mesh) => ask(`/mesh/${mesh}`), (tile) => ask(`/tile/${tile}`));
+    const drawn = shown.catch(() => {}).then(nextFrame);
+    const pictured = this.sensor.use(scene, drawn);  // a reduced picture needs no meshes
+    if (!(await shown)) return false;
     this.drawn = number;
     this.showSelected();
     this.showTime();
-    this.difficulty.use(scene);  // continues in the background
+    // Assessing the difficulty takes all processors, so it starts when there is something to see.
+    Promise.all([pictured, drawn]).then(() => this.scene === scene && this.difficulty.use(scene));
     return true;
   }
 

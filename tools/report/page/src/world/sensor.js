@@ -73,9 +73,10 @@ export class SensorPanel {
     return `${share === 0 ? 'below ' : ''}${(10 ** (kLeastPower * (1 - share))).toPrecision(1)}`;
   }
 
-  // Shows the scene's views from now on.
-  use(scene) {
-    this.scene = scene;
+  // Shows the scene's views from now on; full-size ones only once the world is drawn, so that they do not delay it. Returns
+  // once the first picture is shown, or cannot be.
+  use(scene, worldDrawn) {
+    Object.assign(this, {scene, worldDrawn});
     const {width_px: width, height_px: height} = scene.rig;
     this.frame.style.aspectRatio = `${width} / ${height}`;
     const kind = scene.pictures.includes(this.wanted.kind) ? this.wanted.kind : 'texture';
@@ -87,6 +88,7 @@ export class SensorPanel {
     select.querySelector('select').value = pattern;
     this.pattern.replaceChildren(select);
     this.want({kind, pattern, place: Math.min(this.wanted.place, scene.path.length - 1)}, true);
+    return new Promise((done) => this.waiting.push(done));
   }
 
   // Returns once the next picture is shown, if the place is another one.
@@ -111,6 +113,8 @@ export class SensorPanel {
     for (let reduced = -1, full = -1; full !== this.version;) {
       const version = this.version;
       try {
+        if (reduced === version) await this.worldDrawn;
+        if (version !== this.version) continue;
         const rendered = await this.fetch(reduced === version ? 'full' : 'reduced');
         if (version !== this.version) continue;
         if (!rendered) break;  // a newer scene follows
@@ -130,6 +134,7 @@ export class SensorPanel {
       }
     }
     this.running = false;
+    for (const done of this.waiting.splice(0)) done();
   }
 
   async fetch(size) {

@@ -7,13 +7,15 @@ import {frustum} from '../shared/frustum.js';
 import {chain, segments, setSegments} from '../shared/lines.js';
 import {TransformControls} from 'three/addons/controls/TransformControls.js';
 import {Orbit} from '../shared/orbit.js';
-import {fitted, legend, rendererOn} from '../shared/stage.js';
+import {drawsInSoftware, fitted, legend, rendererOn} from '../shared/stage.js';
 import {theme} from '../shared/theme.js';
 import {kLevels} from './difficulty.js';
 import {placeOf, waypointsOf} from './places.js';
 
 const kReachPx = 10;  // of a click, around a waypoint
 const kClickPx = 5;  // longest movement of the pointer that is still a click
+const kFetches = 3;  // at a time; browsers allow six, and the sensor view needs some
+const kLoadingFrameMs = 500;  // between frames while a scene loads: without a GPU, one takes longer than fetching ten meshes
 
 const poseOf = (numbers) => ({position: numbers.slice(0, 3), quaternion: numbers.slice(3)});
 const matrixOf = ({pose}) => new THREE.Matrix4().compose(
@@ -41,7 +43,7 @@ async function textureOf(answer, {edge}) {
   const image = await createImageBitmap(await answer.blob(), {colorSpaceConversion: 'none', imageOrientation: 'flipY'});
   const texture = new THREE.Texture(image);
   const wrap = kWraps[edge];
-  Object.assign(texture, {wrapS: wrap, wrapT: wrap, flipY: false, colorSpace: THREE.NoColorSpace, anisotropy: 4, needsUpdate: true});
+  Object.assign(texture, {wrapS: wrap, wrapT: wrap, flipY: false, colorSpace: THREE.NoColorSpace, anisotropy: drawsInSoftware ? 1 : 4, needsUpdate: true});
   return texture;
 }
 
@@ -135,7 +137,7 @@ export class World {
     });
   }
 
-  // Fetches a scene's meshes, except those already shown, and shows it. The first scene's meshes appear one after
+  // Fetches a scene's meshes, except those already shown, and shows it; what is unchanged stays. The first scene's meshes appear one after
   // another; a later scene replaces its predecessor at once. Returns false if a mesh is gone, because there is a newer
   // scene.
   async show(scene, fetchMesh, fetchTile) {
@@ -148,37 +150,46 @@ export class World {
     const first = this.data === null;
     if (first) this.frame(scene);
     const geometries = new Map(), textures = new Map(), meshes = [];
-    // Takes what is shown already, or else fetches it; returns undefined if it is gone.
-    const wanted = async (key, now, before, fetched, made) => {
-      if (!now.has(key)) {
-        if (before.has(key)) {
-          now.set(key, before.get(key));
-        } else {
-          const answer = await fetched();
-          if (answer) now.set(key, await made(answer));
-        }
-      }
+    // Takes what is shown already, or else fetches it; the result is undefined if it is gone.
+    const wanted = (key, now, before, fetched, made) => {
+      if (!now.has(key)) now.set(key, before.get(key) ?? fetched().then((answer) => answer && made(answer)));
       return now.get(key);
     };
-    for (const {name, about, objects} of users.values()) {
-      const geometry = await wanted(name, geometries, this.geometries, () => fetchMesh(name), async (answer) => geometryOf(await answer.arrayBuffer()));
-      const texture = about && await wanted(`${about.picture} ${about.edge}`, textures, this.textures,
-        () => fetchTile(about.picture), (answer) => textureOf(answer, about));
-      if (!geometry || texture === undefined) {
-        this.remove(meshes);
-        return false;
-      }
-      const mesh = instanced(geometry, scene, objects, about && {texture, about});
+    let drawn_ms = 0, gone = false;
+    const kept = new Map(this.meshes.map((mesh) => [mesh.userData.content, mesh]));
+    const add = async ({name, about, objects}) => {
+      const [geometry, texture] = await Promise.all([
+        wanted(name, geometries, this.geometries, () => fetchMesh(name), async (answer) => geometryOf(await answer.arrayBuffer())),
+        about && wanted(`${about.picture} ${about.edge}`, textures, this.textures,
+          () => fetchTile(about.picture), (answer) => textureOf(answer, about)),
+      ]);
+      gone ||= !geometry || texture === undefined;
+      if (gone) return;
+      const content = JSON.stringify([name, about, objects.map((i) => [i, scene.objects[i].pose, scene.objects[i].albedo])]);
+      const mesh = kept.get(content) ?? instanced(geometry, scene, objects, about && {texture, about});
+      mesh.userData.content = content;
       meshes.push(mesh);
-      if (!first) continue;
+      if (!first) return;
       this.scene.add(mesh);
       byId('scene-notice').hidden = true;
+      if (performance.now() < drawn_ms + kLoadingFrameMs) return;
+      drawn_ms = performance.now();
       this.redraw();
+    };
+    const pending = [...users.values()];
+    await Promise.all(Array.from({length: kFetches}, async () => {
+      while (pending.length > 0 && !gone) await add(pending.shift());
+    }));
+    const others = (list, than) => list.filter((mesh) => !than.includes(mesh));
+    if (gone) {
+      this.remove(others(meshes, this.meshes));
+      return false;
     }
-    this.remove(this.meshes);
+    this.remove(others(this.meshes, meshes));
     for (const [name, geometry] of this.geometries) if (!geometries.has(name)) geometry.dispose();
     for (const [name, texture] of this.textures) if (!textures.has(name)) texture.dispose();
-    Object.assign(this, {data: scene, meshes, geometries, textures});
+    const loaded = async (map) => new Map(await Promise.all([...map].map(async ([key, value]) => [key, await value])));
+    Object.assign(this, {data: scene, meshes, geometries: await loaded(geometries), textures: await loaded(textures)});
     if (this.selected >= scene.objects.length) this.selected = undefined;
     if (!first) this.frame(scene);
     this.scene.add(...meshes);
