@@ -11,7 +11,7 @@ namespace {
 
 using std::chrono::milliseconds;
 
-constexpr milliseconds kLook(100);        // between looks at the files
+constexpr milliseconds kLook(50);         // between looks at the files
 constexpr milliseconds kGiveUpLook(100);  // between looks whether a viewer left
 
 // Returns the current time by the clock of file systems, which may lag by one tick of the kernel.

@@ -14,7 +14,7 @@ import {placeOf, waypointsOf} from './places.js';
 
 const kReachPx = 10;  // of a click, around a waypoint
 const kClickPx = 5;  // longest movement of the pointer that is still a click
-const kFetches = 3;  // at a time; browsers allow six, and the sensor view needs some
+const kFetches = 4;  // at a time; browsers allow six, and the sensor view needs some
 const kLoadingFrameMs = 500;  // between frames while a scene loads: without a GPU, one takes longer than fetching ten meshes
 
 const poseOf = (numbers) => ({position: numbers.slice(0, 3), quaternion: numbers.slice(3)});
