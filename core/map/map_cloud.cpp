@@ -15,11 +15,11 @@ void for_each_cloud_part(const KeyframeMap& map, const CloudOptions& options,
                          const std::function<void(const std::vector<CloudPoint>&)>& take,
                          const TileProgress& progress) {
   const double cell_m = cell_m_of(map.rig(), options);
-  const int32_t edge = tile_edge(map, cell_m);
-  const std::vector<MapTile> tiles = tiles_of(map, edge * cell_m, cell_m);
+  const MapTiles tiling = tiles_of(map, tile_edge(map, cell_m), cell_m, cell_m);
+  const std::vector<MapTile>& tiles = tiling.tiles;
   const auto points_of = [&](size_t number) {
     const MapTile& tile = tiles[number];
-    CloudMap cloud(cell_m, tile.range(edge));
+    CloudMap cloud(cell_m, tiling.range(tile));
     for_each_frame(map, tile.frames,
                    [&](const Frame& frame, const Pose& world_from_camera) { cloud.add(frame, world_from_camera); });
     return cloud.points();

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <map>
+#include <optional>
 
 #include "core/types/error.h"
 
@@ -27,18 +28,22 @@ RayBounds bounds_of(const PixelRays& rays) {
   return bounds;
 }
 
-using TileRange = std::array<std::array<int32_t, 2>, 3>;  // first and last tile of each axis
+// Bounds of a frame's points in units.
+struct UnitBox {
+  size_t frame;
+  GridIndex first, last;
+};
 
-// Returns the tiles within `margin_m` of what the frame may see; false if it sees nothing.
-bool range_of(const StoredFrame& frame, const Pose& world_from_camera, const RayBounds& rays, double edge_m,
-              double margin_m, TileRange& range) {
+// Returns the units within `margin_m` of what the frame may see; empty if it sees nothing.
+std::optional<UnitBox> box_of(const MapFrame& frame, const Pose& world_from_camera, const RayBounds& rays,
+                              double unit_m, double margin_m) {
   float nearest_m = std::numeric_limits<float>::infinity(), farthest_m = 0;
-  for (const float depth_m : frame.depth_m) {
+  for (const float depth_m : frame.frame.depth_m) {
     if (!(depth_m > 0)) continue;
     nearest_m = std::min(nearest_m, depth_m);
     farthest_m = std::max(farthest_m, depth_m);
   }
-  if (!(farthest_m > 0)) return false;
+  if (!(farthest_m > 0)) return std::nullopt;
   Eigen::Vector3d low = Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity()), high = -low;
   for (int corner = 0; corner < 8; ++corner) {
     const double z = static_cast<double>(corner & 4 ? farthest_m : nearest_m);
@@ -47,25 +52,33 @@ bool range_of(const StoredFrame& frame, const Pose& world_from_camera, const Ray
     low = low.cwiseMin(point);
     high = high.cwiseMax(point);
   }
-  constexpr double kMostTiles = 1e9;
+  constexpr double kMostUnits = 1e9;
+  UnitBox box{};
   for (int i = 0; i < 3; ++i) {
-    const double first = std::floor((low[i] - margin_m) / edge_m), last = std::floor((high[i] + margin_m) / edge_m);
-    if (!(std::abs(first) < kMostTiles && std::abs(last) < kMostTiles))
-      throw Error("map: frame " + std::to_string(frame.index) + " is too far from the origin");
-    range[static_cast<size_t>(i)] = {static_cast<int32_t>(first), static_cast<int32_t>(last)};
+    const double first = std::floor((low[i] - margin_m) / unit_m), last = std::floor((high[i] + margin_m) / unit_m);
+    if (!(std::abs(first) < kMostUnits && std::abs(last) < kMostUnits))
+      throw Error("map: frame " + std::to_string(frame.frame.index) + " is too far from the origin");
+    box.first[static_cast<size_t>(i)] = static_cast<int32_t>(first);
+    box.last[static_cast<size_t>(i)] = static_cast<int32_t>(last);
   }
-  return true;
+  return box;
 }
 
 }  // namespace
 
-GridRange MapTile::range(int32_t edge, int32_t margin) const {
+GridRange MapTiles::range(const MapTile& tile, int32_t margin) const {
   GridRange range;
   for (size_t i = 0; i < 3 && edge > 0; ++i) {
-    range.first[i] = edge * index[i] - margin;
-    range.last[i] = edge * (index[i] + 1) - 1 + margin;
+    range.first[i] = origin[i] + edge * tile.index[i] - margin;
+    range.last[i] = origin[i] + edge * (tile.index[i] + 1) - 1 + margin;
   }
   return range;
+}
+
+bool MapTiles::is_last(const GridIndex& unit) const {
+  bool last = false;
+  for (size_t i = 0; i < 3 && edge > 0; ++i) last |= (unit[i] + 1 - origin[i]) % edge == 0;
+  return last;
 }
 
 void for_each_frame(const KeyframeMap& map, const std::vector<size_t>& frames,
@@ -86,30 +99,44 @@ int32_t tile_edge(const KeyframeMap& map, double unit_m) {
   return std::max(kLeast, kStep * static_cast<int32_t>(std::ceil(1.5 * view_m / unit_m / kStep)));
 }
 
-std::vector<MapTile> tiles_of(const KeyframeMap& map, double edge_m, double margin_m) {
+MapTiles tiles_of(const KeyframeMap& map, int32_t edge, double unit_m, double margin_m) {
   const std::vector<MapFrame>& frames = map.frames();
-  if (edge_m == 0) {
+  MapTiles result;
+  result.edge = edge;
+  if (edge == 0) {
     MapTile all;
     for (size_t i = 0; i < frames.size(); ++i) all.frames.push_back(i);
-    return frames.empty() ? std::vector<MapTile>{} : std::vector<MapTile>{all};
+    if (!frames.empty()) result.tiles.push_back(std::move(all));
+    return result;
   }
   const RayBounds rays = bounds_of(map.rays());
-  std::map<GridIndex, std::vector<size_t>> tiles;
+  result.origin.fill(std::numeric_limits<int32_t>::max());
+  std::vector<UnitBox> boxes;
   constexpr size_t kResident = 64;  // frames whose pages are in memory at a time
   for (size_t i = 0; i < frames.size(); ++i) {
     if (i % kResident == 0) map.release_frames();
-    TileRange range;
-    if (!range_of(frames[i].frame, map.world_from_camera(frames[i]), rays, edge_m, margin_m, range)) continue;
-    for (int32_t x = range[0][0]; x <= range[0][1]; ++x) {
-      for (int32_t y = range[1][0]; y <= range[1][1]; ++y) {
-        for (int32_t z = range[2][0]; z <= range[2][1]; ++z) tiles[{x, y, z}].push_back(i);
+    auto box = box_of(frames[i], map.world_from_camera(frames[i]), rays, unit_m, margin_m);
+    if (!box) continue;
+    box->frame = i;
+    boxes.push_back(*box);
+    for (size_t axis = 0; axis < 3; ++axis) result.origin[axis] = std::min(result.origin[axis], box->first[axis]);
+  }
+  map.release_frames();
+  std::map<GridIndex, std::vector<size_t>> tiles;
+  for (const UnitBox& box : boxes) {
+    GridIndex first, last;
+    for (size_t axis = 0; axis < 3; ++axis) {
+      first[axis] = (box.first[axis] - result.origin[axis]) / edge;
+      last[axis] = (box.last[axis] - result.origin[axis]) / edge;
+    }
+    for (int32_t x = first[0]; x <= last[0]; ++x) {
+      for (int32_t y = first[1]; y <= last[1]; ++y) {
+        for (int32_t z = first[2]; z <= last[2]; ++z) tiles[{x, y, z}].push_back(box.frame);
       }
     }
   }
-  map.release_frames();
-  std::vector<MapTile> list;
-  for (auto& [index, members] : tiles) list.push_back({index, std::move(members)});
-  return list;
+  for (auto& [index, members] : tiles) result.tiles.push_back({index, std::move(members)});
+  return result;
 }
 
 }  // namespace fringeslam

@@ -11,14 +11,23 @@
 
 namespace fringeslam {
 
-// Cubic tiles with edges of `edge_m`; tile i covers [i edge_m, (i + 1) edge_m) of each axis of the world. 0: a single tile
-// covers everything.
+// A cube of cells or bricks, and the frames that reach into it.
 struct MapTile {
-  GridIndex index{};
+  GridIndex index{};           // of the tile, from 0
   std::vector<size_t> frames;  // positions in KeyframeMap::frames(), ascending
+};
 
-  // The tile's cells or bricks, of which `edge` lie along its edge, and `margin` more on each side; 0: all.
-  GridRange range(int32_t edge, int32_t margin = 0) const;
+// Tile i covers the units from origin + i edge to origin + (i + 1) edge - 1 of each axis of the world; a unit is a cell or a
+// brick. The first tiles start where the map starts, so that a map whose height is less than an edge has a single layer.
+struct MapTiles {
+  int32_t edge = 0;  // units; 0: a single tile covers everything
+  GridIndex origin{};
+  std::vector<MapTile> tiles;  // in ascending order of their indices
+
+  // The tile's units, and `margin` more on each side.
+  GridRange range(const MapTile& tile, int32_t margin = 0) const;
+  // Whether a unit is the last one of a tile along any axis.
+  bool is_last(const GridIndex& unit) const;
 };
 
 // Restores frames of the map, in the given order, and passes them with their camera poses to `take`. Few frames are in
@@ -33,9 +42,9 @@ using TileProgress = std::function<void(size_t done, size_t all)>;
 // 1,024. 0 for maps of a few frames, which need no tiles.
 int32_t tile_edge(const KeyframeMap& map, double unit_m);
 
-// Returns the tiles that frames may have points in, or within `margin_m` of, in ascending order of their indices, each
-// with those frames. A frame's points are bounded by its least and greatest depth. Throws Error if a pose is so far from
-// the origin that the tiles cannot be numbered.
-std::vector<MapTile> tiles_of(const KeyframeMap& map, double edge_m, double margin_m);
+// Divides the map into tiles of `edge` units of `unit_m`. A frame belongs to the tiles that its points, bounded by its least
+// and greatest depth, may lie in or within `margin_m` of. Throws Error if a pose is so far from the origin that the units
+// cannot be numbered.
+MapTiles tiles_of(const KeyframeMap& map, int32_t edge, double unit_m, double margin_m);
 
 }  // namespace fringeslam

@@ -159,8 +159,8 @@ struct CellHash {
 // Numbers the vertices of a mesh that is made of patches. Vertices at the border of a tile belong to several patches.
 class PatchStitcher {
  public:
-  // `edge` is that of a tile, bricks; 0: there is only one.
-  explicit PatchStitcher(int32_t edge) : edge_(edge) {}
+  // `tiles` consist of bricks.
+  explicit PatchStitcher(const MapTiles& tiles) : tiles_(tiles) {}
 
   // Removes the vertices that an earlier patch had, and lets the triangles refer to all vertices so far.
   SurfaceMesh stitched(SurfacePatch patch) {
@@ -168,7 +168,8 @@ class PatchStitcher {
     std::vector<uint32_t> numbers(patch.mesh.vertices.size());
     for (size_t i = 0; i < numbers.size(); ++i) {
       const SurfaceCell& cell = patch.cells[i];
-      const bool shared = is_shared(brick_of(cell.brick_key));
+      // Triangles use vertices of their own brick and of those that precede it.
+      const bool shared = tiles_.is_last(brick_of(cell.brick_key));
       const auto next = static_cast<uint32_t>(count_ + part.vertices.size());
       numbers[i] = shared ? border_.emplace(cell, next).first->second : next;
       if (numbers[i] == next) part.vertices.push_back(patch.mesh.vertices[i]);
@@ -182,12 +183,7 @@ class PatchStitcher {
   }
 
  private:
-  // Triangles use vertices of their own brick and of those that precede it.
-  bool is_shared(const BrickIndex& brick) const {
-    return edge_ > 0 && std::any_of(brick.begin(), brick.end(), [&](int32_t i) { return (i + 1) % edge_ == 0; });
-  }
-
-  int32_t edge_;
+  const MapTiles& tiles_;
   size_t count_ = 0;
   std::unordered_map<SurfaceCell, uint32_t, CellHash> border_;
 };
@@ -208,14 +204,15 @@ void for_each_surface_part(const KeyframeMap& map, const SurfaceOptions& options
   const int32_t edge = tile_edge(map, scale.voxel_m) / kBrickEdge;
   // The triangles of a tile need all bricks next to it, and these need all frames within the band around them.
   const double margin_m = scale.truncation_m + (kBrickEdge + 1) * scale.voxel_m;
-  const std::vector<MapTile> tiles = tiles_of(map, edge * kBrickEdge * scale.voxel_m, margin_m);
-  PatchStitcher stitcher(edge);
+  const MapTiles tiling = tiles_of(map, edge, kBrickEdge * scale.voxel_m, margin_m);
+  const std::vector<MapTile>& tiles = tiling.tiles;
+  PatchStitcher stitcher(tiling);
   for (size_t t = 0; t < tiles.size(); ++t) {
     SurfaceModel surface(map.rig(), options);
-    surface.grid_->limit(tiles[t].range(edge, 1));
+    surface.grid_->limit(tiling.range(tiles[t], 1));
     add_frames(map, tiles[t].frames, surface);
     take(stitcher.stitched(
-        surface_nets(surface.grid_->bricks(), scale, surface.grid_->min_weight(), tiles[t].range(edge))));
+        surface_nets(surface.grid_->bricks(), scale, surface.grid_->min_weight(), tiling.range(tiles[t]))));
     if (progress) progress(t + 1, tiles.size());
   }
 }

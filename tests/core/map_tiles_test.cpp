@@ -52,8 +52,9 @@ size_t open_edges(const Triangles& triangles) {
 
 TEST(MapTiles, HoldTheFramesThatReachIntoThem) {
   const KeyframeMap map = long_map();
-  const double edge_m = 2, margin_m = 0.05;
-  const std::vector<MapTile> tiles = tiles_of(map, edge_m, margin_m);
+  const double unit_m = 0.02, margin_m = 0.05;
+  const MapTiles tiling = tiles_of(map, 100, unit_m, margin_m);
+  const std::vector<MapTile>& tiles = tiling.tiles;
   ASSERT_GT(tiles.size(), 5u);
   EXPECT_TRUE(
       std::is_sorted(tiles.begin(), tiles.end(), [](const MapTile& a, const MapTile& b) { return a.index < b.index; }));
@@ -64,10 +65,11 @@ TEST(MapTiles, HoldTheFramesThatReachIntoThem) {
       if (p[2] != p[2]) continue;
       const Eigen::Vector3d world = pose * vector_of(p);
       for (const double margin : {-margin_m, 0.0, margin_m}) {
-        std::array<int32_t, 3> index;
+        GridIndex unit;
         for (size_t i = 0; i < 3; ++i)
-          index[i] = static_cast<int32_t>(std::floor((world[static_cast<int>(i)] + margin) / edge_m));
-        const auto tile = std::find_if(tiles.begin(), tiles.end(), [&](const MapTile& t) { return t.index == index; });
+          unit[i] = static_cast<int32_t>(std::floor((world[static_cast<int>(i)] + margin) / unit_m));
+        const auto tile =
+            std::find_if(tiles.begin(), tiles.end(), [&](const MapTile& t) { return tiling.range(t).contains(unit); });
         ASSERT_NE(tile, tiles.end());
         ASSERT_TRUE(std::binary_search(tile->frames.begin(), tile->frames.end(), f));
       }
@@ -75,10 +77,28 @@ TEST(MapTiles, HoldTheFramesThatReachIntoThem) {
   }
 }
 
+TEST(MapTiles, AFlatMapHasOneLayer) {
+  const KeyframeMap map = long_map();
+  const MapTiles tiling = tiles_of(map, 100, 0.02, 0);
+  for (const MapTile& tile : tiling.tiles) EXPECT_EQ(tile.index[2], 0);
+}
+
+TEST(MapTiles, AUnitIsInOneTileAndTheLastOneIsKnown) {
+  const MapTiles tiling = tiles_of(long_map(), 100, 0.02, 0);
+  for (const MapTile& tile : tiling.tiles) {
+    const auto [first, last] = tiling.range(tile);
+    EXPECT_EQ(last[0] - first[0], 99);
+    EXPECT_FALSE(tiling.is_last(first));
+    EXPECT_TRUE(tiling.is_last(last));
+    EXPECT_TRUE(tiling.is_last({first[0] - 1, first[1], first[2]}));
+    for (const MapTile& other : tiling.tiles) EXPECT_EQ(tiling.range(other).contains(last), &other == &tile);
+  }
+}
+
 TEST(MapTiles, FewFramesAreOneTile) {
   EXPECT_EQ(tile_edge(long_map(3), 0.01), 0);
-  EXPECT_EQ(tiles_of(long_map(3), 0, 0).size(), 1u);
-  EXPECT_TRUE(tiles_of(KeyframeMap(support::small_rig(false), {}), 0, 0).empty());
+  EXPECT_EQ(tiles_of(long_map(3), 0, 1, 0).tiles.size(), 1u);
+  EXPECT_TRUE(tiles_of(KeyframeMap(support::small_rig(false), {}), 0, 1, 0).tiles.empty());
 }
 
 TEST(MapTiles, FramesFarFromTheOriginAreRefused) {
@@ -86,7 +106,7 @@ TEST(MapTiles, FramesFarFromTheOriginAreRefused) {
   KeyframeMap map(rig, {});
   map.add_keyframe(support::observe(support::plane({0, 0, 1}, 1), rig, {}, 1e-4), {}, {});
   map.add_keyframe(map.keyframe_image(0), {}, {Eigen::Matrix3d::Identity(), {1e20, 0, 0}});
-  EXPECT_THAT(error_of([&] { tiles_of(map, 1, 0); }), HasSubstr("too far from the origin"));
+  EXPECT_THAT(error_of([&] { tiles_of(map, 1, 1, 0); }), HasSubstr("too far from the origin"));
 }
 
 TEST(MapTiles, GiveTheCloudOfTheWholeMap) {
