@@ -434,8 +434,7 @@ void Mapper::add_keyframe(FrameResult& result, TrackedView& here, const FrameMot
 }
 
 void Mapper::link(int from, int to, const Pose& from_from_to, const Matrix6d& covariance, bool loop) {
-  const Matrix6d error = with_parallax(covariance, from_from_to, rig_.middle_range_m());
-  map_.link({from, to, from_from_to, inverse(error), loop});
+  map_.link({from, to, from_from_to, inverse(covariance), loop});
 }
 
 // Links the new keyframe with earlier ones besides its reference: those that overlap it, and those whose landmarks were
@@ -463,7 +462,8 @@ int Mapper::close_loops(const FrameResult& result) {
           image, result.frame, point_pairs(earlier.landmarks.get()->keypoints, result.keypoints, recognised[keyframe]),
           rig_.camera, rig_.middle_range_m(), options_.registration);
     if (!registration.refined) continue;
-    link(keyframe, result.keyframe, registration.earlier_from_current, registration.covariance, true);
+    link(keyframe, result.keyframe, registration.earlier_from_current,
+         with_parallax(registration.covariance, registration.earlier_from_current, rig_.middle_range_m()), true);
     ++links;
   }
   return links;

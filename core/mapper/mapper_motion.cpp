@@ -166,7 +166,8 @@ Mapper::UncertainMotions Mapper::uncertain_motions(const FrameResult& result, co
   return motions;
 }
 
-// Adds the uncertainty of the motion during the stack, and during that of the keyframe, to the covariance of the pose.
+// Adds the uncertainty of the motion during the stack, and during that of the keyframe, to the covariance of the pose, and
+// accounts for parallax.
 // Returns the former in the axes of the view.
 Mapper::FrameMotion Mapper::add_motion_uncertainty(FrameResult& result, const MapperInput& input,
                                                    const MotionEffect& effect) {
@@ -192,7 +193,7 @@ Mapper::FrameMotion Mapper::add_motion_uncertainty(FrameResult& result, const Ma
   }
   // Later views reveal vibration that the first keyframe was exposed to.
   if (other.by_own_stack) vibration_.widen_estimate(other.covariance);
-  result.covariance += own.spread() + other.spread();
+  result.covariance = with_parallax(result.covariance + own.spread() + other.spread(), pose, rig_.middle_range_m());
   own.pose_by_motion = rotated_tangent(pose.rotation.transpose()) * own.pose_by_motion;
   return own;
 }

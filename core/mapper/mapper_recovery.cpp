@@ -176,7 +176,8 @@ std::shared_ptr<const FrameResult> Mapper::recovered(const MapperInput& input) {
   here.shared = pose_variance(keyframe.spread());
   vibration_.widen_estimate(own.covariance);
   if (keyframe.by_own_stack) vibration_.widen_estimate(keyframe.covariance);
-  view->covariance += own.spread() + keyframe.spread();
+  view->covariance = with_parallax(view->covariance + own.spread() + keyframe.spread(),
+                                   view->registration.earlier_from_current, rig_.middle_range_m());
   // A stack that leaves its motion so uncertain was distorted by more than its covariance, a linear model, describes.
   constexpr double kMostSigma_m = 5e-3;
   if (!(displacement_sigma_m(view->registration.earlier_from_current, view->covariance, rig_.middle_range_m()) <

@@ -190,8 +190,8 @@ LocatedView locate_view(const std::function<SeenView(int)>& earlier, int last, c
 }
 
 Matrix6d with_parallax(const Matrix6d& covariance, const Pose& a_from_b, double distance_m) {
-  constexpr double kPerDistance = 4;  // measured on views 0.05 to 0.8 distances apart
-  return (1 + kPerDistance * a_from_b.translation.norm() / distance_m) * covariance;
+  constexpr double kNear = 0.8, kPerDistance = 4;  // measured on views 0.01 to 0.8 distances apart
+  return std::max(1.0, kNear * (1 + kPerDistance * a_from_b.translation.norm() / distance_m)) * covariance;
 }
 
 }  // namespace fringeslam

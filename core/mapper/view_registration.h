@@ -156,9 +156,9 @@ LocatedView locate_view(const std::function<SeenView(int)>& earlier, int last, c
                         const std::vector<Recognition>& recognitions, const Pinhole& camera, double distance_m,
                         const RegistrationOptions& options);
 
-// Returns the covariance of a registration of views that are no longer neighbors, whose cameras are far apart compared to
-// the distance of the surfaces. Depth errors at edges, of texture under blur and of the surface's sampling depend on the
-// viewing direction; they cancel only between views from nearly the same place (docs/method.md, section 8.1).
+// Returns the covariance of a registration when its cameras may be far apart compared to the distance of the surfaces. Depth
+// errors at edges, of texture under blur and of the surface's sampling depend on the viewing direction; they cancel only
+// between views from nearly the same place (docs/method.md, section 8.1).
 Matrix6d with_parallax(const Matrix6d& covariance, const Pose& a_from_b, double distance_m);
 
 }  // namespace fringeslam
