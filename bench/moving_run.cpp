@@ -139,6 +139,7 @@ MovingRun moving_run(const sim::Scene& scene, const MovingRunOptions& options) {
     const Vector6d error = difference(found, true_pose);
     const Eigen::Vector3d middle(0, 0, rig.middle_range_m());
     scored.has_pose = true;
+    scored.baseline_m = true_pose.translation.norm();
     scored.off_m = (found * middle - true_pose * middle).norm();
     scored.sigmas = std::sqrt(error.dot(solve_symmetric(result.covariance, error)));
     if (options.bound)

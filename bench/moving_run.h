@@ -19,6 +19,7 @@ struct MovingView {
   int images = 0;
   bool keyframe = false;
   bool has_pose = false;      // registered with a keyframe; the following fields are set
+  double baseline_m = 0;      // distance of the camera from that of the keyframe
   double off_m = 0;           // displacement of the pose at the middle of the sensor's range
   double sigmas = 0;          // Mahalanobis distance of the pose error; its square is the NEES
   double over_bound = NAN;    // error relative to the Cramer-Rao bound; NaN unless requested

@@ -93,7 +93,7 @@ class Merger {
     return {a,
             b,
             found.earlier_from_current,
-            with_parallax(found.covariance, found.earlier_from_current, a_.rig().middle_range_m()),
+            kLinkVariance * with_parallax(found.covariance, found.earlier_from_current, a_.rig().middle_range_m()),
             by_landmarks,
             false};
   }

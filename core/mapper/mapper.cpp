@@ -434,7 +434,7 @@ void Mapper::add_keyframe(FrameResult& result, TrackedView& here, const FrameMot
 }
 
 void Mapper::link(int from, int to, const Pose& from_from_to, const Matrix6d& covariance, bool loop) {
-  map_.link({from, to, from_from_to, inverse(covariance), loop});
+  map_.link({from, to, from_from_to, inverse(Matrix6d(kLinkVariance * covariance)), loop});
 }
 
 // Links the new keyframe with earlier ones besides its reference: those that overlap it, and those whose landmarks were

@@ -161,4 +161,8 @@ LocatedView locate_view(const std::function<SeenView(int)>& earlier, int last, c
 // between views from nearly the same place (docs/method.md, section 8.1).
 Matrix6d with_parallax(const Matrix6d& covariance, const Pose& a_from_b, double distance_m);
 
+// Factor of the covariances of links between keyframes: pose graphs take links as independent, but those of a keyframe share
+// its errors (docs/method.md, section 8.1).
+constexpr double kLinkVariance = 1.25;
+
 }  // namespace fringeslam
