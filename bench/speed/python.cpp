@@ -5,9 +5,9 @@
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
-#include <memory>
 
 #include "bench/row.h"
+#include "bench/script.h"
 #include "bench/speed/interleaving.h"
 #include "core/mapper/driver.h"
 #include "core/rig/dataset.h"
@@ -38,9 +38,9 @@ Mapped map_in_cpp(const fs::path& dataset) {
 Mapped map_in_python(const fs::path& dataset) {
   const std::string command = "echo | PYTHONPATH=" FRINGESLAM_PYTHON_PACKAGE " " FRINGESLAM_PYTHON_PROGRAM " -B " +
                               std::string(FRINGESLAM_BENCH_SCRIPTS) + "/python.py '" + dataset.string() + "'";
-  const std::unique_ptr<FILE, int (*)(FILE*)> pipe(popen(command.c_str(), "r"), &pclose);
   Mapped mapped;
-  if (!pipe || std::fscanf(pipe.get(), "%lf %lf %d", &mapped.seconds, &mapped.copied_bytes, &mapped.tracked) != 3)
+  if (std::sscanf(output_of(command).c_str(), "%lf %lf %d", &mapped.seconds, &mapped.copied_bytes, &mapped.tracked) !=
+      3)
     throw Error("python.py printed no result; see its message above");
   return mapped;
 }

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // The page of a scene in a browser: from the command to the first picture, from a change to the new picture, and from the
 // slider to a picture of another view.
+#include <algorithm>
 #include <cstdio>
-#include <memory>
+#include <map>
 #include <nlohmann/json.hpp>
 
 #include "bench/row.h"
+#include "bench/script.h"
 #include "bench/speed/interleaving.h"
 #include "core/types/error.h"
 
@@ -20,10 +22,7 @@ Seconds measured_in_browser(int turns) {
   const std::string command = "cd '" FRINGESLAM_BROWSER_SCRIPTS "' && node scene_speed.mjs '" FRINGESLAM_BENCH_PROGRAM
                               "' '" FRINGESLAM_SCENES "' " +
                               std::to_string(turns);
-  const std::unique_ptr<FILE, int (*)(FILE*)> pipe(popen(command.c_str(), "r"), &pclose);
-  std::string text(1 << 16, '\0');
-  text.resize(pipe ? std::fread(text.data(), 1, text.size(), pipe.get()) : 0);
-  const auto json = nlohmann::json::parse(text, nullptr, false);
+  const auto json = nlohmann::json::parse(output_of(command), nullptr, false);
   if (!json.is_object()) throw Error("scene_speed.mjs printed no result; see its message above");
   return json.get<Seconds>();
 }

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Speed rows.
 #include <cstdio>
-#include <memory>
 
 #include "bench/row.h"
+#include "bench/script.h"
 #include "core/types/error.h"
 
 namespace fringeslam::bench {
@@ -13,9 +13,8 @@ namespace {
 // Runs a measuring script of this folder and returns the number that it prints: the seconds it took.
 double script_seconds(const std::string& script, const std::string& argument) {
   const std::string command = std::string(FRINGESLAM_BENCH_SCRIPTS) + "/" + script + " " + argument;
-  const std::unique_ptr<FILE, int (*)(FILE*)> pipe(popen(command.c_str(), "r"), pclose);
   double seconds = 0;
-  if (!pipe || std::fscanf(pipe.get(), "%lf", &seconds) != 1)
+  if (std::sscanf(output_of(command).c_str(), "%lf", &seconds) != 1)
     throw Error(script + " " + argument + " printed no result; see its message above");
   return seconds;
 }

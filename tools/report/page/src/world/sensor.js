@@ -33,6 +33,7 @@ export class SensorPanel {
     this.request = null;  // in progress: {controller, size}
     this.running = false;
     this.waiting = [];  // for the next picture
+    this.onWant = () => {};  // called when something else is wanted
 
     this.image = element('img', {alt: ''});
     const palettes = {depth: 'viridis', mask: 'lights', wrong_order: 'cividis', indirect: 'cividis', temperature: 'cividis'};
@@ -103,6 +104,7 @@ export class SensorPanel {
   want(changes, all = !('place' in changes)) {
     Object.assign(this.wanted, changes);
     ++this.version;
+    this.onWant();
     this.pattern.hidden = this.wanted.kind !== 'pattern';
     if (all || this.request?.size === 'full') this.request?.controller.abort();
     if (this.scene && !this.running) this.run();
@@ -113,7 +115,7 @@ export class SensorPanel {
     for (let reduced = -1, full = -1; full !== this.version;) {
       const version = this.version;
       try {
-        if (reduced === version) await this.worldDrawn;
+        if (reduced === version) await Promise.race([this.worldDrawn, new Promise((done) => (this.onWant = done))]);
         if (version !== this.version) continue;
         const rendered = await this.fetch(reduced === version ? 'full' : 'reduced');
         if (version !== this.version) continue;

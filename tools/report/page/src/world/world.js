@@ -137,9 +137,9 @@ export class World {
     });
   }
 
-  // Fetches a scene's meshes, except those already shown, and shows it; what is unchanged stays. The first scene's meshes appear one after
-  // another; a later scene replaces its predecessor at once. Returns false if a mesh is gone, because there is a newer
-  // scene.
+  // Fetches a scene's meshes, except those already shown, and shows it. The first scene's meshes appear one after
+  // another; a later scene replaces what differs from its predecessor at once. Returns false if a mesh is gone, because
+  // there is a newer scene.
   async show(scene, fetchMesh, fetchTile) {
     const users = new Map();  // indices of the objects with the same mesh and tile
     scene.objects.forEach(({mesh, tile}, i) => {
@@ -155,7 +155,7 @@ export class World {
       if (!now.has(key)) now.set(key, before.get(key) ?? fetched().then((answer) => answer && made(answer)));
       return now.get(key);
     };
-    let drawn_ms = 0, gone = false;
+    let drawn_ms = -Infinity, gone = false;
     const kept = new Map(this.meshes.map((mesh) => [mesh.userData.content, mesh]));
     const add = async ({name, about, objects}) => {
       const [geometry, texture] = await Promise.all([
@@ -308,6 +308,7 @@ export class World {
       if (k < 0) continue;
       mesh.setMatrixAt(k, matrixOf(this.data.objects[this.selected]).setPosition(this.held.position));
       mesh.instanceMatrix.needsUpdate = true;
+      mesh.userData.content = null;  // no longer what the scene says
     }
   }
 
