@@ -216,6 +216,8 @@ std::string design_flags(const SequenceDesign& design) {
   if (!design.periods_px.empty()) text += " --periods " + list_of(design.periods_px, ",");
   if (design.micro_period_px > 0) text += " --micro " + number(design.micro_period_px, 5);
   if (design.micro_images > 0) text += " --micro-images " + std::to_string(design.micro_images);
+  if (design.gray != GrayCode::none) text += std::string(" --gray ") + to_string(design.gray);
+  if (!design.gray_xor_px.empty()) text += " --gray-xor " + list_of(design.gray_xor_px, ",");
   text += " --steps " + std::to_string(design.steps);
   if (design.rows) text += design.columns ? " --axis both" : " --axis rows";
   if (design.bits != 8 && design.bits != 0) text += " --bits " + std::to_string(design.bits);
@@ -229,6 +231,8 @@ std::string design_yaml(const SequenceDesign& design, const std::vector<double>&
   if (!design.periods_px.empty()) text += ", periods_px: [" + list_of(design.periods_px, ", ") + "]";
   if (design.micro_period_px > 0) text += ", micro_period_px: " + number(design.micro_period_px, 5);
   if (design.micro_images > 0) text += ", micro_images: " + std::to_string(design.micro_images);
+  if (design.gray != GrayCode::none) text += std::string(", gray: ") + to_string(design.gray);
+  if (!design.gray_xor_px.empty()) text += ", gray_xor_px: [" + list_of(design.gray_xor_px, ", ") + "]";
   if (exposures.size() > 1) text += ", exposures: [" + list_of(exposures, ", ") + "]";
   return text + "}";
 }
@@ -393,6 +397,8 @@ std::string coding_text(const CodingChoice& coding) {
     text += ", periods of " + list_of(coding.design.periods_px, ", ") + " px";
   else if (coding.design.micro_period_px > 0)
     text += ", period of " + number(coding.design.micro_period_px, 5) + " px";
+  if (!coding.design.gray_xor_px.empty())
+    text += ", bits combined by XOR to stripes of " + list_of(coding.design.gray_xor_px, ", ") + " px";
   return text + ", " + std::to_string(coding.design.steps) + " steps" + (coding.current ? " (as in these images)" : "");
 }
 
@@ -640,6 +646,7 @@ Json json_of(const CodingChoice& coding) {
   Json json = {{"name", coding.name},
                {"periods_px", coding.design.periods_px},
                {"micro_period_px", coding.design.micro_period_px},
+               {"gray_xor_px", coding.design.gray_xor_px},
                {"steps", coding.design.steps},
                {"present", coding.current},
                {"images", coding.images},

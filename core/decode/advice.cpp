@@ -7,6 +7,7 @@
 #include <numeric>
 
 #include "core/base/constants.h"
+#include "core/decode/gray.h"
 #include "core/decode/modulated.h"
 #include "core/decode/stack_motion.h"
 #include "core/decode/steps.h"
@@ -81,13 +82,32 @@ double micro_sigma_rad(double distance, int steps, const DecodeOptions& options)
   return std::min(options.max_phase_sigma_rad, std::sqrt(2.0 / steps) * distance / sigmas);
 }
 
-// Each bit compares a grey value with the mean of the fringes.
-double gray_sigma_rad(size_t bits, int steps, const DecodeOptions& options) {
+// Each comparison is of a grey value with the mean of the fringes; a bit combined by XOR depends on two. Noise must neither
+// flip a bit nor, in more than 1 % of the pixels, make it look fainter than kLeastGrayContrast of another, which drops the
+// pixel: bits combined by XOR are compared with their carrier, others with each other.
+double gray_sigma_rad(const std::vector<GrayBit>& bits, int steps, const DecodeOptions& options) {
+  constexpr double kDropped = 0.01;
+  const auto combined = static_cast<double>(
+      std::count_if(bits.begin(), bits.end(), [](const GrayBit& bit) { return bit.carrier_px > 0; }));
+  const double plain = static_cast<double>(bits.size()) - combined;
+  const double comparisons = plain + 2 * combined, ratios = plain * (plain - 1) + 2 * combined;
+  // Of |a - m| - c |b - m|, for gray values a and b on different sides of the mean m.
+  constexpr double c = kLeastGrayContrast;
+  const double ratio_sigmas = std::sqrt(1 + c * c + (1 + c) * (1 + c) / steps);
   const auto failure = [&](double sigma_rad) {
     const double sigma_over_modulation = sigma_rad / std::sqrt(2.0 / steps);
-    return static_cast<double>(bits) * upper_tail(1 / (sigma_over_modulation * std::sqrt(1 + 1.0 / steps)));
+    const double flipped = comparisons * upper_tail(1 / (sigma_over_modulation * std::sqrt(1 + 1.0 / steps)));
+    const double dropped = ratios * upper_tail((1 - c) / (sigma_over_modulation * ratio_sigmas));
+    return std::max(flipped, dropped / kDropped * options.max_order_failure);
   };
   return greatest_sigma_rad(failure, options);
+}
+
+// True if no stripe of the bits is much wider than a fringe, so that indirect light is alike in all images.
+bool has_narrow_stripes(const std::vector<GrayBit>& bits, double period_px) {
+  return std::all_of(bits.begin(), bits.end(), [&](const GrayBit& bit) {
+    return bit.code_bits == 0 && (bit.carrier_px > 0 ? bit.carrier_px : bit.cell_px) <= period_px;
+  });
 }
 
 std::optional<Unwrapping> method_of(const PatternSequence& sequence, const RigModel& rig, const DecodeOptions& options,
@@ -127,7 +147,7 @@ std::optional<SignalDemand> demand_of(const PatternSequence& sequence, const Rig
     demand.max_phase_sigma_rad = order_sigma_rad(code.groups, code.levels, options) / sigma_ratio;
   }
   if (*method == Unwrapping::gray)
-    demand.max_phase_sigma_rad = gray_sigma_rad(gray_bits(sequence, axis).size(), demand.steps, options);
+    demand.max_phase_sigma_rad = gray_sigma_rad(gray_bits(sequence, axis), demand.steps, options);
   if (*method == Unwrapping::micro) {
     std::vector<double> others;
     for (const Pattern& pattern : sequence.patterns) {
@@ -215,7 +235,10 @@ std::vector<CodingChoice> codings(const PatternSequence& taken, const RigModel& 
     present.current = true;
     present.decodes_exposures = periods;
     present.decodes_motion = periods;
-    present.resists_indirect = method == Unwrapping::micro || method == Unwrapping::heterodyne;
+    present.resists_indirect =
+        method == Unwrapping::micro || method == Unwrapping::heterodyne || method == Unwrapping::modulated ||
+        (method == Unwrapping::gray && !groups.empty() &&
+         has_narrow_stripes(gray_bits(sequence, axis), groups.back().period_px));
     present.design = design_of(sequence, groups, axis);
     all.push_back(present);
   }
@@ -238,6 +261,15 @@ std::vector<CodingChoice> codings(const PatternSequence& taken, const RigModel& 
     } catch (const Error&) {  // no code of these periods
     }
   }
+  CodingChoice gray;
+  gray.name = "gray";
+  gray.resists_indirect = true;
+  gray.design = empty_design(sequence);
+  gray.design.periods_px = {std::min(finest_px, typical_px)};
+  gray.design.steps = 4;  // their residual detects what indirect light remains
+  gray.design.gray = GrayCode::complementary;
+  gray.design.gray_xor_px = gray.design.periods_px;
+  add(std::move(gray));
   return all;
 }
 

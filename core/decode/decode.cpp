@@ -25,9 +25,6 @@ namespace fringeslam {
 namespace {
 
 constexpr double kGrayEdgePx = 1;  // blur of an edge between Gray cells extends this far into the cells
-// Minimum contrast of a bit relative to the pixel's highest-contrast bit; a pixel that sees two surfaces has bits in
-// between.
-constexpr float kLeastGrayContrast = 0.5f;
 
 // Throws Error unless the working range spans less than a period for most rays, as `geometric` requires.
 void check_geometric(const RigModel& rig, double period_px, Axis axis) {

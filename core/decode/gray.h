@@ -9,6 +9,10 @@
 
 namespace fringeslam {
 
+// Minimum contrast of a bit relative to the pixel's highest-contrast bit; a pixel that sees two surfaces has bits in
+// between.
+constexpr float kLeastGrayContrast = 0.5f;
+
 class GrayDecoder {
  public:
   // `fringes`: the estimator of the period whose mean intensity is the threshold for bits that have neither an inverted

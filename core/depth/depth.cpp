@@ -104,9 +104,18 @@ void triangulate(Frame& frame, const DecodedStack& decoded, const Triangulation&
 
 namespace {
 
+// True for codings that are chosen against indirect light: their pixels beside creases remain, with a bias that no
+// residual shows. Where long periods contradict each other, those pixels are dropped.
+bool resists_indirect_light(const DecodedStack& decoded) {
+  const auto method = decoded.unwrapping;
+  return method == Unwrapping::micro || method == Unwrapping::modulated || method == Unwrapping::gray ||
+         method == Unwrapping::ensemble || method == Unwrapping::heterodyne;
+}
+
 bool accounts_for_indirect_light(const DecodedStack& decoded, const DepthOptions& options) {
+  if (decoded.finest_period_px <= 0) return false;
   return options.indirect_light == IndirectLight::always ||
-         (options.indirect_light == IndirectLight::automatic && decoded.unwrapping == Unwrapping::micro);
+         (options.indirect_light == IndirectLight::automatic && resists_indirect_light(decoded));
 }
 
 // Adds the coordinate's sigma due to nearby surfaces. `noise_m` is the sigma due to that of the coordinate alone.

@@ -30,7 +30,7 @@ PatternSequence three_periods(int steps = 3, const std::vector<double>& exposure
 }
 
 // Images of a slanted surface, the mean of whose pixels is `mean_dn(row, col)` above the black level at the rig's exposure.
-// `bias_rad(period)` is added to the phase.
+// `bias_rad(period)` is added to the phase of fringes and bits; bits combined by XOR have stripes of their carrier's width.
 template <class Mean, class Bias>
 FringeStack stack_of(const PatternSequence& sequence, const SensorModel& sensor, uint64_t seed, Mean&& mean_dn,
                      Bias&& bias_rad) {
@@ -41,7 +41,8 @@ FringeStack stack_of(const PatternSequence& sequence, const SensorModel& sensor,
     for (int row = 0; row < kRows; ++row) {
       for (int col = 0; col < kCols; ++col) {
         const double u = 120 + 8.3 * col + 0.7 * row;
-        const double shifted = u + pattern.period_px / (2 * CV_PI) * bias_rad(pattern.period_px, row, col);
+        const double stripe_px = pattern.carrier_px > 0 ? pattern.carrier_px : pattern.period_px;
+        const double shifted = u + stripe_px / (2 * CV_PI) * bias_rad(stripe_px, row, col);
         const double light =
             pattern.exposure * mean_dn(row, col) * (1 + kModulation * (2 * ideal_intensity(pattern, shifted) - 1));
         const double exact = sensor.offset_dn + light;
@@ -201,6 +202,45 @@ TEST(Advice, IndirectLightNeedsMicroPhaseShifting) {
   const Advice advice = advice_on(stack_of(three_periods(), rig.sensor, 10, uniform(80), biased), rig);
   EXPECT_EQ(advice.coding.name, "micro");
   EXPECT_EQ(resolve_unwrapping(advised_sequence(advice, three_periods()), rig, {}), Unwrapping::micro);
+}
+
+// Micro phase shifting needs more signal than a Gray code.
+TEST(Advice, IndirectLightOnBrightAndDarkPartsNeedsAGrayCodeOfShortStripes) {
+  const RigModel rig;
+  const auto biased = [](double period_px, int row, int) { return period_px > 100 ? 0.3 * std::sin(row / 15.0) : 0.0; };
+  const auto halves = [](int, int col) { return col < kCols / 2 ? 120.0 : 8.0; };
+  const Advice advice = advice_on(stack_of(three_periods(), rig.sensor, 17, halves, biased), rig);
+  ASSERT_EQ(advice.indirect, ObservedIndirect::present);
+  ASSERT_EQ(advice.coding.name, "gray");
+  EXPECT_THAT(advice.coding.design.gray_xor_px, ElementsAre(16.5));
+  for (const CodingChoice& choice : advice.alternatives) {
+    if (choice.name != "micro") continue;
+    EXPECT_LT(choice.covered.front(), advice.covered);
+  }
+  const PatternSequence advised = advised_sequence(advice, three_periods());
+  const auto exposed = [&](int row, int col) { return advice.exposures.front() * halves(row, col); };
+  const DecodedStack decoded = decode(stack_of(advised, rig.sensor, 18, exposed, biased), rig, {});
+  EXPECT_EQ(decoded.unwrapping, Unwrapping::gray);
+  const auto valid =
+      std::count_if(decoded.coordinate_px.begin(), decoded.coordinate_px.end(), [](float u) { return u == u; });
+  EXPECT_GE(static_cast<double>(valid) / (kRows * kCols), 0.99);
+}
+
+// Of two Gray codes in use, the one whose stripes are short is kept where indirect light cannot be excluded.
+TEST(Advice, GrayCodesOfShortStripesResistIndirectLight) {
+  const RigModel rig;
+  for (const bool narrow : {false, true}) {
+    SequenceDesign design{1024, 768};
+    design.periods_px = {16.5};
+    design.steps = 4;
+    design.gray = GrayCode::complementary;
+    if (narrow) design.gray_xor_px = {16.5};
+    const Advice advice = advice_on(stack_of(design_sequence(design), rig.sensor, 19, uniform(80), kUnbiased), rig);
+    ASSERT_EQ(advice.indirect, ObservedIndirect::unknown);
+    ASSERT_TRUE(advice.alternatives.front().current);
+    EXPECT_EQ(advice.alternatives.front().resists_indirect, narrow);
+    EXPECT_EQ(advice.coding.resists_indirect, narrow);
+  }
 }
 
 TEST(Advice, NoiseRatioOfARightModelIsOne) {
