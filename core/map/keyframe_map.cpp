@@ -129,6 +129,21 @@ Matrix6d KeyframeMap::covariance_between(int from, int to) const {
   return variances.asDiagonal();
 }
 
+bool KeyframeMap::linked_within(int from, int to, int most) const {
+  std::vector<int> reached = {from};
+  for (int length = 0; length <= most; ++length) {
+    if (std::find(reached.begin(), reached.end(), to) != reached.end()) return true;
+    const std::vector<int> before = reached;
+    const auto was_reached = [&](int keyframe) {
+      return std::find(before.begin(), before.end(), keyframe) != before.end();
+    };
+    for (const PoseEdge& link : links_) {
+      if (was_reached(link.from) != was_reached(link.to)) reached.push_back(was_reached(link.from) ? link.to : link.from);
+    }
+  }
+  return false;
+}
+
 double KeyframeMap::expected_overlap(const Frame& frame, const Pose& world_from_camera, int keyframe) const {
   constexpr int kEvery = 16;
   constexpr float kSameSurface_m = 0.03f;

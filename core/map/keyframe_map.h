@@ -94,6 +94,9 @@ class KeyframeMap {
   // `from` is `to`, and if no path of links determines the motion.
   Matrix6d covariance_between(int from, int to) const;
 
+  // True if a path of at most `most` links, accepted or not, joins two keyframes.
+  bool linked_within(int from, int to, int most) const;
+
   // Returns the share of a frame's points that lie on a surface seen by the keyframe, according to the poses.
   double expected_overlap(const Frame& frame, const Pose& world_from_camera, int keyframe) const;
   // Returns the keyframes with an expected overlap of at least min_loop_overlap, in descending order of overlap.

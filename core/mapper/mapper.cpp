@@ -267,11 +267,20 @@ int Mapper::best_reference(const Frame& frame, const Pose& predicted) const {
   return change ? most : last;
 }
 
+// Returns the keyframe that views followed until they came back to a part of the map that is far from it along the links:
+// `reference` closes a loop. -1: none.
+int Mapper::unlinked_from(int reference) const {
+  constexpr int kFewLinks = 3;
+  const int left = unlinked_ >= 0 ? unlinked_ : track_.back().keyframe;
+  return map_.linked_within(left, reference, kFewLinks) ? -1 : left;
+}
+
 bool Mapper::follow(FrameResult& result, const Pose& predicted, const Matrix6d& prior, double max_error_m) {
   enter_stage("follow");
   const int reference = best_reference(result.frame, predicted);
   if (reference < 0) return false;
   result.reference = reference;
+  result.unlinked = unlinked_from(reference);
   const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera;
   const auto registered = [&](const Pose& expected, int stride) {
     RegistrationOptions options = options_.registration;
@@ -379,6 +388,7 @@ bool Mapper::relocalize(FrameResult& result) {
   // A view that is ambiguous near its prediction is reported as ambiguous even if relocalization fails.
   if (result.registration.ambiguous && !located.registration.found && !located.registration.ambiguous) return false;
   result.reference = located.with.earlier;
+  result.unlinked = -1;
   result.matches = std::move(located.with.matches);
   result.registration = std::move(located.registration);
   result.leaves_keyframe = false;
@@ -401,7 +411,8 @@ bool Mapper::relocalize(FrameResult& result) {
 bool Mapper::leaves_keyframe(const FrameResult& result, const Pose& world_from_camera, int keyframe) const {
   if (options_.mapping.every_view) return true;
   return result.complete &&
-         map_.expected_overlap(result.frame, world_from_camera, keyframe) < options_.mapping.keyframe_overlap;
+         (result.unlinked >= 0 ||
+          map_.expected_overlap(result.frame, world_from_camera, keyframe) < options_.mapping.keyframe_overlap);
 }
 
 // Adds the view to the track, and to the map if registration by depth confirmed its pose.
@@ -413,6 +424,7 @@ void Mapper::extend_map(FrameResult& result, const FrameMotion& motion) {
   else if (result.registration.refined)
     result.in_map = map_.add_frame(result.frame, here.keyframe, here.keyframe_from_camera);
   result.view = static_cast<int>(track_.size());
+  unlinked_ = result.keyframe < 0 ? result.unlinked : -1;
   track_.push_back(here);
 }
 
@@ -447,6 +459,10 @@ int Mapper::close_loops(const FrameResult& result) {
   for (auto& [keyframe, matches] : matches_by_view(result.recognitions)) {
     recognised[keyframe] = std::move(matches);
     if (std::find(near.begin(), near.end(), keyframe) == near.end()) near.push_back(keyframe);
+  }
+  if (result.unlinked >= 0) {
+    std::erase(near, result.unlinked);
+    near.insert(near.begin(), result.unlinked);
   }
   int links = 0;
   for (const int keyframe : near) {

@@ -53,6 +53,7 @@ struct FrameResult : ReconstructedView {
   int view = -1;                 // position among the views tracked at once; -1: no pose, or recovered
   int reference = -1;            // keyframe that it was registered with
   int keyframe = -1;             // its own number if it became one
+  int unlinked = -1;             // earlier reference that no short path of links joins with this one: a loop to close
   bool in_map = false;           // its surface is part of the map
   double predictable = 1;  // complete views in motion: share of the next view's fringe orders that the map determines
   int images = 0;          // number of images it was decoded from
@@ -191,6 +192,7 @@ class Mapper {
   void recover_held_views(FrameResult& result);
   std::shared_ptr<const FrameResult> recovered(const MapperInput& input);
   bool relocalize(FrameResult& result);
+  int unlinked_from(int reference) const;
   bool leaves_keyframe(const FrameResult& result, const Pose& world_from_camera, int keyframe) const;
   ExpectedView expected_view(const Pose& world_from_current, const Matrix6d& covariance, bool by_reference) const;
 
@@ -220,6 +222,7 @@ class Mapper {
   // Log-likelihood ratio: that a robot whose stacks do not show it moves on during them.
   double evidence_of_motion_ = 0;
   int last_keyframe_ = -1;
+  int unlinked_ = -1;  // of the last tracked view, unless it became a keyframe
   size_t continuous_from_ = 0;                // first view of track_ since tracking was last lost
   std::vector<FrameMotion> keyframe_motion_;  // of each keyframe, in its own axes
   Vibration vibration_;

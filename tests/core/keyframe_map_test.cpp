@@ -117,5 +117,18 @@ TEST(KeyframeMap, CorrectionMovesKeyframesAndTheirFrames) {
   }
 }
 
+TEST(KeyframeMap, CountsLinksBetweenKeyframes) {
+  KeyframeMap map(kRig, {});
+  for (int i = 0; i < 6; ++i) map.add_keyframe(view({}), {}, {});
+  for (int i = 0; i < 4; ++i) map.link({i, i + 1, {}, Matrix6d::Identity(), false});
+  EXPECT_TRUE(map.linked_within(2, 2, 0));
+  EXPECT_TRUE(map.linked_within(0, 3, 3));
+  EXPECT_TRUE(map.linked_within(4, 1, 3));
+  EXPECT_FALSE(map.linked_within(0, 4, 3));
+  EXPECT_FALSE(map.linked_within(0, 5, 100));
+  map.link({4, 0, {}, Matrix6d::Identity(), true});
+  EXPECT_TRUE(map.linked_within(0, 3, 2));
+}
+
 }  // namespace
 }  // namespace fringeslam
