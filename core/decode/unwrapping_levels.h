@@ -11,9 +11,9 @@ namespace fringeslam {
 // Returns the periods themselves, coarsest first. Throws Error if the coarsest does not cover `length_px`.
 std::vector<UnwrappingLevel> multifrequency_levels(const std::vector<FringeGroup>& groups, int length_px);
 
-// Forms beats of neighbouring periods, beats of these, and so on, up to the first that covers `length_px`, and returns
-// the levels from it down to the finest period, with the finest phase of each level. Throws Error if no beat covers
-// `length_px`.
+// Forms the beats of any two periods, those of neighbouring beats, and so on, and returns levels from one that covers
+// `length_px` down to the finest period: those whose least certain order tolerates the most phase noise. Throws Error if no
+// beat covers `length_px`.
 std::vector<UnwrappingLevel> heterodyne_levels(const std::vector<FringeGroup>& groups, int length_px);
 
 }  // namespace fringeslam

@@ -197,6 +197,18 @@ TEST(Heterodyne, BeatsHaveTheirClosedForm) {
   EXPECT_THAT(error_of([&] { heterodyne_levels(groups({66, 62}), 1024); }), HasSubstr("the longest is 1023"));
 }
 
+// Of three periods near 16 px, two beat at 1040 px, and one of them with the third at 128 px: between the first beat and the
+// finest period, the second one reduces the noise of the order from 65 sqrt(2) to about 11 phase sigmas.
+TEST(Heterodyne, LevelsTolerateAsMuchNoiseAsPossible) {
+  const PatternSequence sequence = phase_shift_sequence(1024, 768, {128 / 7.0, 16.25, 16}, 3, Axis::columns, 8);
+  const auto levels = heterodyne_levels(fringe_groups(sequence, Axis::columns), 1024);
+  ASSERT_EQ(levels.size(), 3U);
+  EXPECT_NEAR(levels[0].period_px, 1040, 1e-6);
+  EXPECT_NEAR(levels[1].period_px, 128, 1e-6);
+  EXPECT_NEAR(levels[2].period_px, 16, 1e-9);
+  EXPECT_THAT(levels[1].multiples, testing::ElementsAre(-1, 0, 1));
+}
+
 TEST(Geometric, OrderFollowsFromTheDepthRange) {
   const RigModel rig = plain_rig();
   const PixelRays rays = pixel_rays(rig.camera);
