@@ -206,6 +206,21 @@ SequenceDesign periods_design(const PatternSequence& sequence, int periods, doub
   return design;
 }
 
+// Three steps of three periods near the finest, whose beats have equal ratios.
+SequenceDesign heterodyne_design(const PatternSequence& sequence, double finest_px, int length) {
+  const double longest_px = std::ceil(length + finest_px), middle_px = std::sqrt(longest_px * finest_px);
+  SequenceDesign design = empty_design(sequence);
+  for (const double beat_px : {middle_px, longest_px})
+    design.periods_px.push_back(rounded(finest_px * beat_px / (beat_px - finest_px), 6));
+  design.periods_px.push_back(finest_px);
+  return design;
+}
+
+bool has_short_periods(const std::vector<FringeGroup>& groups) {
+  constexpr double kNear = 1.5;  // indirect light hardly differs between periods in this ratio
+  return !groups.empty() && groups.front().period_px <= kNear * groups.back().period_px;
+}
+
 // The codings to choose from: the present one, and those that decoders support, with the finest period of the images.
 std::vector<CodingChoice> codings(const PatternSequence& taken, const RigModel& rig, const DecodeOptions& options,
                                   Axis axis) {
@@ -236,7 +251,8 @@ std::vector<CodingChoice> codings(const PatternSequence& taken, const RigModel& 
     present.decodes_exposures = periods;
     present.decodes_motion = periods;
     present.resists_indirect =
-        method == Unwrapping::micro || method == Unwrapping::heterodyne || method == Unwrapping::modulated ||
+        method == Unwrapping::micro || method == Unwrapping::modulated ||
+        (method == Unwrapping::heterodyne && has_short_periods(groups)) ||
         (method == Unwrapping::gray && !groups.empty() &&
          has_narrow_stripes(gray_bits(sequence, axis), groups.back().period_px));
     present.design = design_of(sequence, groups, axis);
@@ -261,6 +277,11 @@ std::vector<CodingChoice> codings(const PatternSequence& taken, const RigModel& 
     } catch (const Error&) {  // no code of these periods
     }
   }
+  CodingChoice heterodyne;
+  heterodyne.name = "heterodyne";
+  heterodyne.decodes_exposures = heterodyne.decodes_motion = heterodyne.resists_indirect = true;
+  heterodyne.design = heterodyne_design(sequence, std::min(finest_px, typical_px), length);
+  add(std::move(heterodyne));
   CodingChoice gray;
   gray.name = "gray";
   gray.resists_indirect = true;

@@ -204,26 +204,52 @@ TEST(Advice, IndirectLightNeedsMicroPhaseShifting) {
   EXPECT_EQ(resolve_unwrapping(advised_sequence(advice, three_periods()), rig, {}), Unwrapping::micro);
 }
 
-// Micro phase shifting needs more signal than a Gray code.
-TEST(Advice, IndirectLightOnBrightAndDarkPartsNeedsAGrayCodeOfShortStripes) {
+// Micro phase shifting needs more signal than heterodyne phase shifting, which also decodes several exposures.
+TEST(Advice, IndirectLightOnBrightAndDarkPartsNeedsBeatsOfShortPeriods) {
   const RigModel rig;
   const auto biased = [](double period_px, int row, int) { return period_px > 100 ? 0.3 * std::sin(row / 15.0) : 0.0; };
-  const auto halves = [](int, int col) { return col < kCols / 2 ? 120.0 : 8.0; };
-  const Advice advice = advice_on(stack_of(three_periods(), rig.sensor, 17, halves, biased), rig);
-  ASSERT_EQ(advice.indirect, ObservedIndirect::present);
-  ASSERT_EQ(advice.coding.name, "gray");
-  EXPECT_THAT(advice.coding.design.gray_xor_px, ElementsAre(16.5));
-  for (const CodingChoice& choice : advice.alternatives) {
-    if (choice.name != "micro") continue;
-    EXPECT_LT(choice.covered.front(), advice.covered);
+  for (const auto& [dark, exposures] : {std::pair{8.0, 1U}, {1.5, 2U}}) {
+    const double dark_dn = dark;
+    const auto halves = [&](int, int col) { return col < kCols / 2 ? 120.0 : dark_dn; };
+    const Advice advice = advice_on(stack_of(three_periods(), rig.sensor, 17, halves, biased), rig);
+    ASSERT_EQ(advice.indirect, ObservedIndirect::present);
+    ASSERT_EQ(advice.coding.name, "heterodyne");
+    EXPECT_EQ(advice.exposures.size(), exposures);
+    for (const CodingChoice& choice : advice.alternatives) {
+      if (choice.name != "micro") continue;
+      EXPECT_LT(choice.covered.front(), advice.covered);
+    }
+    const PatternSequence advised = advised_sequence(advice, three_periods());
+    const double single = exposures == 1 ? advice.exposures.front() : 1;
+    const auto exposed = [&](int row, int col) { return single * halves(row, col); };
+    const DecodedStack decoded = decode(stack_of(advised, rig.sensor, 18, exposed, biased), rig, {});
+    EXPECT_EQ(decoded.unwrapping, Unwrapping::heterodyne);
+    const auto valid =
+        std::count_if(decoded.coordinate_px.begin(), decoded.coordinate_px.end(), [](float u) { return u == u; });
+    EXPECT_GE(static_cast<double>(valid) / (kRows * kCols), 0.99) << dark;
   }
-  const PatternSequence advised = advised_sequence(advice, three_periods());
-  const auto exposed = [&](int row, int col) { return advice.exposures.front() * halves(row, col); };
-  const DecodedStack decoded = decode(stack_of(advised, rig.sensor, 18, exposed, biased), rig, {});
-  EXPECT_EQ(decoded.unwrapping, Unwrapping::gray);
-  const auto valid =
-      std::count_if(decoded.coordinate_px.begin(), decoded.coordinate_px.end(), [](float u) { return u == u; });
-  EXPECT_GE(static_cast<double>(valid) / (kRows * kCols), 0.99);
+}
+
+// The least exposure that the advice predicts for a Gray code decodes nearly all pixels.
+TEST(Advice, LeastExposureOfAGrayCodeIsThatOfTheDecoder) {
+  const RigModel rig;
+  const Advice bright = advice_on(stack_of(three_periods(), rig.sensor, 15, uniform(80), kUnbiased), rig);
+  const auto gray = std::find_if(bright.alternatives.begin(), bright.alternatives.end(),
+                                 [](const CodingChoice& choice) { return choice.name == "gray"; });
+  ASSERT_NE(gray, bright.alternatives.end());
+  EXPECT_THAT(gray->design.gray_xor_px, ElementsAre(16.5));
+  const SignalLimits limits(rig.sensor, {}, gray->demand, 1);
+  double least = 1.0 / 64;
+  while (limits.too_dark(80, 80 * kModulation, least)) least *= 1.02;
+  const auto share_at = [&](double exposure) {
+    const DecodedStack decoded =
+        decode(stack_of(design_sequence(gray->design), rig.sensor, 16, uniform(80 * exposure), kUnbiased), rig, {});
+    const auto valid =
+        std::count_if(decoded.coordinate_px.begin(), decoded.coordinate_px.end(), [](float u) { return u == u; });
+    return static_cast<double>(valid) / (kRows * kCols);
+  };
+  EXPECT_GE(share_at(least), 0.975);
+  EXPECT_LT(share_at(least / 2), 0.8);
 }
 
 // Of two Gray codes in use, the one whose stripes are short is kept where indirect light cannot be excluded.
