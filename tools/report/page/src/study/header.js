@@ -22,7 +22,8 @@ export function showHeader() {
   const {count: measured, percentiles} = data.curves.translation_mm;
   const [median, p90, p99] = percentiles.map(([, error]) => error);
   byId('figures').append(
-    tile('Success rate', rate, '%', `${count(summary.successes)} of ${count(summary.trials)}; 95 % interval ${interval(summary.success_95)}`),
+    tile('Success rate', rate, '%', `${count(summary.successes)} of ${count(summary.trials)}; 95 % interval ${interval(summary.success_95)}`));
+  if (measured > 0) byId('figures').append(
     tile('Translation error, median', figure(median), 'mm', `of ${plural(measured, 'trial')} with a motion`),
     tile('90th percentile', figure(p90), 'mm'),
     tile('99th percentile', figure(p99), 'mm'),

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Success rate and error against each parameter, for classes of trials with similar values of it.
 import {categories, decadesAround, linear, logarithmic} from '../shared/axes.js';
-import {axisBelow, axisLeft, chartBox, chartCard, key, label, line, path, picture, rectangle} from '../shared/chart.js';
+import {axisBelow, axisLeft, chartBox, chartCard, key, line, path, picture, rectangle} from '../shared/chart.js';
 import {data} from '../shared/data.js';
 import {byId, element, svg} from '../shared/dom.js';
 import {amount, percent} from '../shared/format.js';
@@ -29,8 +29,16 @@ export function scaleOf({values, logarithmic: isLog, low, high}, to) {
   return isLog && from[0] > 0 ? logarithmic(from, to) : linear(from, to);
 }
 
-// Shortens a text to fit a category's width.
+// Choices of long values are numbered on axes, and listed once.
+const kLongest = 24;
+
+function isNumbered({values}) {
+  return values.some((value) => value.length > kLongest);
+}
+
+// Returns a category's number, or its text shortened to fit its width.
 export function valueTick(parameter, scale) {
+  if (isNumbered(parameter)) return (place) => `${place + 1}`;
   const room = Math.max(3, Math.floor((scale.width ?? 0) / 6.6));
   return (place) => {
     const text = parameter.values[place];
@@ -83,27 +91,28 @@ function errors(classes, places, y, joined) {
     ...p90.map(([x, at]) => triangle(x, at)));
 }
 
+function hasMotion(classes) {
+  return classes.some((of) => of.translation_median_mm !== null);
+}
+
 function drawn(parameter, classes, width) {
   const to = [kLeft, width - kRight];
   const x = scaleOf(parameter, to);
   const places = new Map(classes.map((of, place) => [of, extent(x, parameter, of, place)]));
   const rate = linear([0, 1], [kRate[1], kRate[0]]);
   const limit = data.rule.max_translation_mm;
-  const reach = decadesAround(classes.flatMap((of) => [of.translation_median_mm, of.translation_p90_mm, limit]));
+  const measured = hasMotion(classes) && decadesAround(classes.flatMap((of) => [of.translation_median_mm, of.translation_p90_mm, limit]));
   const text = parameter.values.length ? valueTick(parameter, x) : undefined;
   const parts = [
-    axisBelow(x, kRate[0], kRate[1], {text: () => ''}),
+    axisBelow(x, kRate[0], kRate[1], {text: measured ? () => '' : text}),
     axisLeft(rate, ...to, {title: 'success rate', text: (value) => `${Math.round(value * 100)} %`}),
     rates(classes, places, rate),
-    axisBelow(x, kError[0], kError[1], {text}),
   ];
-  if (reach) {
-    const y = logarithmic(reach, [kError[1], kError[0]]);
-    parts.push(axisLeft(y, ...to, {title: 'translation error, mm', count: 4}), errors(classes, places, y, !parameter.values.length));
-    if (limit > 0) parts.push(line(to[0], y(limit), to[1], y(limit), 'limit'));
-  } else {
-    parts.push(label('no motion measured', {x: (to[0] + to[1]) / 2, y: (kError[0] + kError[1]) / 2, class: 'tick'}));
-  }
+  if (!measured) return picture(width, kHeight - kError[1] + kRate[1], ...parts);
+  const y = logarithmic(measured, [kError[1], kError[0]]);
+  parts.push(axisBelow(x, kError[0], kError[1], {text}), axisLeft(y, ...to, {title: 'translation error, mm', count: 4}),
+    errors(classes, places, y, !parameter.values.length));
+  if (limit > 0) parts.push(line(to[0], y(limit), to[1], y(limit), 'limit'));
   return picture(width, kHeight, ...parts);
 }
 
@@ -117,9 +126,13 @@ export function showParameters() {
     const classes = data.summary.parameters[p].classes ?? [];
     if (classes.length === 0) return;
     const box = chartBox(spoken(parameter, classes), (width) => drawn(parameter, classes, width));
-    byId('parameters').append(chartCard(parameter.name, drawnText(parameter), box));
+    const card = chartCard(parameter.name, drawnText(parameter), box);
+    if (isNumbered(parameter))
+      card.append(element('ol', {class: 'quiet note'}, ...parameter.values.map((value) => element('li', {}, value))));
+    byId('parameters').append(card);
   });
+  const moved = data.summary.parameters.some(({classes}) => hasMotion(classes ?? []));
   byId('parameters').after(element('div', {},
     key(['rate', 'success rate with its 95 % interval', rectangle(1, 1, 24, 12, 'band')],
-      ['median', 'median error', dot(13, 7, 'median-dot')], ['p90', '90th percentile', triangle(13, 7)], ['limit', 'study limit'])));
+      ...(moved ? [['median', 'median error', dot(13, 7, 'median-dot')], ['p90', '90th percentile', triangle(13, 7)], ['limit', 'study limit']] : []))));
 }
