@@ -50,6 +50,7 @@ double squared_distance(const Eigen::Vector3d& p, const Eigen::Vector3d& a, cons
 Mesh all_objects(const Scene& scene) {
   Mesh all;
   for (const Object& object : scene.objects) {
+    if (object.material.pane) continue;  // the sensor looks through it
     const int first = static_cast<int>(all.vertices.size());
     for (const Eigen::Vector3d& vertex : object.mesh->vertices)
       all.vertices.push_back(object.world_from_object * vertex);

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "core/base/constants.h"
@@ -12,6 +13,7 @@
 #include "sim/light/air.h"
 #include "sim/light/beam.h"
 #include "sim/light/indirect.h"
+#include "sim/light/panes.h"
 #include "sim/light/photometry.h"
 #include "sim/light/renderer.h"
 #include "sim/light/subsurface.h"
@@ -288,6 +290,7 @@ class BlockRenderer {
       length[i] = static_cast<float>(hits.distance[i] * norm);
       weight[i] = haze_.extinction_per_m > 0 ? std::exp(-static_cast<float>(haze_.extinction_per_m) * length[i]) : 1.0f;
     }
+    if (r_.panes_) weaken_by_panes(rays, hits, weight);
     BeamPacket beam;
     const LaneMask lit = surface.translucent == 0
                              ? add_direct(station, hits, surface, to_viewer, hits.hit, weight, true, beam)
@@ -295,6 +298,10 @@ class BlockRenderer {
     alignas(64) float direct_light[kPacket];
     if (shares_) {
       for (int i = 0; i < kPacket; ++i) direct_light[i] = pattern_light(i);
+    }
+    if (r_.panes_ && patterns_.count() > 0) {
+      add_mirrored_beam(station, hits, surface, to_viewer, weight);
+      add_mirrored_surfaces(station, rays, hits);
     }
     if (compare) mixed_ |= differing(hits, hits.hit & ~lit, beam.inside);
     if (bounces_ == 0) {
@@ -368,6 +375,7 @@ class BlockRenderer {
       for (int i = 0; i < kPacket; ++i)
         points.weight[i] *= static_cast<float>(std::exp(-haze_.extinction_per_m * beam.distance[i]));
     }
+    if (r_.panes_) weaken_by_panes(hits.point, station.beam.position(), bright, points);
     patterns_.add(points, bright & ~soft_, sums_.data());
     if (soft_ != 0) patterns_.add(points, bright & soft_, soft_sums_.data());
     return lit;
@@ -467,7 +475,136 @@ class BlockRenderer {
       points.weight[i] =
           share * weight[i] * surface.inner_albedo[i] * static_cast<float>(through * cosine) * beam.lux[i];
     }
+    if (r_.panes_) weaken_by_panes(entry.point, station.beam.position(), lit, points);
     patterns_.add(points, lit, sums_.data());
+  }
+
+  // Multiplies the weights by what panes let pass between the rays' origins and their hits.
+  [[gnu::noinline]] void weaken_by_panes(const RayPacket& rays, const HitPacket& hits, float* weight) const {
+    for (int i = 0; i < kPacket; ++i) {
+      if (has(hits.hit & rays.active, i))
+        weight[i] *= static_cast<float>(r_.panes_->passed(rays.origin.at(i), hits.point.at(i)));
+    }
+  }
+
+  [[gnu::noinline]] void weaken_by_panes(const Points& from, const Eigen::Vector3d& to, LaneMask active,
+                                         ProjectedPatterns::Points& points) const {
+    for (int i = 0; i < kPacket; ++i) {
+      if (has(active, i)) points.weight[i] *= static_cast<float>(r_.panes_->passed(from.at(i), to));
+    }
+  }
+
+  // Adds the projector light that panes mirror onto the points seen. It comes from the mirror image of the projector: the
+  // point's mirror image receives the same light from the projector itself.
+  [[gnu::noinline]] void add_mirrored_beam(const Station& station, const HitPacket& hits, const SurfacePacket& surface,
+                                           const Points& to_viewer, const float* weight) {
+    const Eigen::Vector3d& light = station.beam.position();
+    for (int pane = 0; pane < r_.panes_->count(); ++pane) {
+      const double light_height = r_.panes_->mirrored(light, pane).height;
+      Points images = hits.point;
+      LaneMask lit = 0;
+      for (int i = 0; i < kPacket; ++i) {
+        if (!has(hits.hit, i)) continue;
+        const Panes::Mirrored image = r_.panes_->mirrored(hits.point.at(i), pane);
+        images.set(i, image.point);
+        if (image.height * light_height > 0) lit |= LaneMask{1} << i;
+      }
+      BeamPacket beam;
+      station.beam.light(images, lit, beam);
+      lit &= beam.inside;
+      ProjectedPatterns::Points points{};
+      for (int i = 0; i < kPacket; ++i) {
+        if (!has(lit, i)) continue;
+        points.weight[i] = mirrored_weight(hits, surface, to_viewer, i, pane, light, images.at(i)) * weight[i] *
+                           beam.lux[i];
+        points.column[i] = static_cast<float>(beam.column[i]);
+        points.row[i] = static_cast<float>(beam.row[i]);
+        points.blur_px[i] = beam.blur_px[i];
+        if (haze_.extinction_per_m > 0)
+          points.weight[i] *= static_cast<float>(std::exp(-haze_.extinction_per_m * beam.distance[i]));
+        if (!(points.weight[i] > 0)) lit &= ~(LaneMask{1} << i);
+      }
+      patterns_.add(points, lit, sums_.data());
+    }
+  }
+
+  // Returns pi f_r cos(i) of a point for light that a pane mirrors, times the share that arrives; 0 if none does.
+  float mirrored_weight(const HitPacket& hits, const SurfacePacket& surface, const Points& to_viewer, int lane,
+                        int pane, const Eigen::Vector3d& light, const Eigen::Vector3d& image) const {
+    const Panes& panes = *r_.panes_;
+    for (const Panes::Crossing& crossing : panes.crossings(light, image - light, 1)) {
+      if (crossing.triangle != pane) continue;
+      const Eigen::Vector3d at = light + crossing.distance * (image - light), point = hits.point.at(lane);
+      const Eigen::Vector3d to_light = (at - point).normalized(), normal = surface.normal.at(lane);
+      const double cosine = normal.dot(to_light);
+      if (cosine <= 0 || hits.normal.at(lane).dot(to_light) <= 0) return 0;
+      Hit mirror, seen;
+      mirror.point = at;
+      mirror.normal = panes.normal(pane) * ((light - at).dot(panes.normal(pane)) > 0 ? 1 : -1);
+      seen.point = point;
+      seen.normal = hits.normal.at(lane);
+      if (r_.world_->occluded(mirror, light) || r_.world_->occluded(seen, at)) return 0;
+      const double arrives = crossing.reflected * panes.passed(light, at, pane) * panes.passed(at, point, pane);
+      const double back = has(surface.glossy, lane)
+                              ? reflected(surface.reflection(lane), normal, to_light, to_viewer.at(lane))
+                              : static_cast<double>(surface.albedo[lane]);
+      return static_cast<float>(arrives * back * cosine);
+    }
+    return 0;
+  }
+
+  // Adds what panes mirror into the camera: surfaces in the light of the projector and of the surroundings.
+  [[gnu::noinline]] void add_mirrored_surfaces(const Station& station, const RayPacket& rays, const HitPacket& hits) {
+    std::vector<Panes::Crossing> crossings[kPacket];
+    size_t most = 0;
+    for (int i = 0; i < kPacket; ++i) {
+      if (!has(inside_, i)) continue;
+      const double end = has(hits.hit, i) ? hits.distance[i] : std::numeric_limits<double>::infinity();
+      crossings[i] = r_.panes_->crossings(rays.origin.at(i), rays.direction.at(i), end);
+      most = std::max(most, crossings[i].size());
+    }
+    alignas(64) float through[kPacket];
+    std::fill_n(through, kPacket, 1.0f);
+    for (size_t k = 0; k < most; ++k) {
+      RayPacket mirrored;
+      mirrored.coherent = false;
+      Points to_viewer;
+      alignas(64) float weight[kPacket] = {};
+      for (int i = 0; i < kPacket; ++i) {
+        mirrored.direction.set(i, Eigen::Vector3d::UnitZ());
+        to_viewer.set(i, Eigen::Vector3d::UnitZ());
+        if (crossings[i].size() <= k) continue;
+        const Panes::Crossing& crossing = crossings[i][k];
+        const Eigen::Vector3d direction = rays.direction.at(i), normal = r_.panes_->normal(crossing.triangle);
+        const Eigen::Vector3d onwards = (direction - 2 * normal * normal.dot(direction)).normalized();
+        mirrored.active |= LaneMask{1} << i;
+        mirrored.origin.set(i, rays.origin.at(i) + crossing.distance * direction);
+        mirrored.direction.set(i, onwards);
+        to_viewer.set(i, -onwards);
+        const double way_m = crossing.distance * direction.norm();
+        weight[i] = through[i] * static_cast<float>(crossing.reflected * std::exp(-haze_.extinction_per_m * way_m));
+        through[i] *= static_cast<float>(1 - crossing.reflected);
+      }
+      HitPacket seen;
+      r_.world_->trace(mirrored, seen);
+      SurfacePacket surface;
+      r_.surfaces_->at(seen, footprint_, surface);
+      for (int i = 0; i < kPacket; ++i) {
+        if (!has(mirrored.active, i)) continue;
+        const auto ambient = static_cast<float>(ambient_lux_);
+        if (!has(seen.hit, i)) {
+          steady_[i] += weight[i] * ambient;
+          continue;
+        }
+        const int triangle = crossings[i][k].triangle;
+        weight[i] *= static_cast<float>(r_.panes_->passed(mirrored.origin.at(i), seen.point.at(i), triangle) *
+                                        std::exp(-haze_.extinction_per_m * seen.distance[i]));
+        steady_[i] += weight[i] * ambient * (surface.albedo[i] + surface.reflectance[i]);
+      }
+      BeamPacket beam;
+      add_direct(station, seen, surface, to_viewer, mirrored.active & seen.hit, weight, false, beam);
+      add_mirrored_beam(station, seen, surface, to_viewer, weight);
+    }
   }
 
   // Adds indirect light by path tracing: from other surfaces, and ambient light from paths that leave the scene. Paths
@@ -529,6 +666,7 @@ class BlockRenderer {
           if (haze_.extinction_per_m > 0 && has(active, i))
             weight[i] *= static_cast<float>(std::exp(-haze_.extinction_per_m * hits.distance[i]));
         }
+        if (r_.panes_) weaken_by_panes(rays, hits, weight);
         r_.surfaces_->at(hits, footprint_, surface);
         BeamPacket beam;
         add_direct(station, hits, surface, to_viewer, active, weight, false, beam);

@@ -8,7 +8,7 @@ namespace fringeslam::sim {
 
 struct Effects {
   bool vignetting = true, defocus = true, pixel_gap = true, lens_blur = true, depth_of_field = true;
-  bool interreflection = true, subsurface = true, gloss = true, relief = true, dust = true, water = true, air = true;
+  bool interreflection = true, subsurface = true, gloss = true, panes = true, relief = true, dust = true, water = true, air = true;
   bool motion = true, fixed_pattern = true;
   bool share_paths = true;
   int bounce_paths = 8;
@@ -25,6 +25,7 @@ struct Effects {
     v.field("interreflection", interreflection, "light between surfaces, with the scene's number of bounces");
     v.field("subsurface", subsurface, "light below the surface of translucent materials; off: they are opaque");
     v.field("gloss", gloss, "glossy reflection of metals and coated surfaces");
+    v.field("panes", panes, "reflection by panes of glass; off: they are invisible");
     v.field("relief", relief, "small-scale surface relief of materials");
     v.field("dust", dust, "settled dust");
     v.field("water", water, "water on surfaces");

@@ -65,13 +65,14 @@ struct RayScene::Impl {
     tbb::task_arena(1).execute([scene] { rtcCommitScene(scene); });
   }
 
-  void attach(RTCScene to, RTCGeometry geometry) const {
+  // The number of a geometry of the scene is the object's index.
+  void attach(RTCScene to, RTCGeometry geometry, size_t number) const {
     rtcCommitGeometry(geometry);
-    rtcAttachGeometry(to, geometry);  // ids are assigned from 0, so they equal the object indices
+    rtcAttachGeometryByID(to, geometry, static_cast<unsigned>(number));
     rtcReleaseGeometry(geometry);
   }
 
-  std::shared_ptr<const Planes> add_mesh(RTCScene to, const Mesh& mesh, const Pose& pose) const {
+  std::shared_ptr<const Planes> add_mesh(RTCScene to, const Mesh& mesh, const Pose& pose, size_t number) const {
     std::vector<Eigen::Vector3d> vertices;
     vertices.reserve(mesh.vertices.size());
     for (const Eigen::Vector3d& vertex : mesh.vertices) vertices.push_back(pose * vertex);
@@ -93,7 +94,7 @@ struct RayScene::Impl {
           (vertices[static_cast<size_t>(t[1])] - v0).cross(vertices[static_cast<size_t>(t[2])] - v0).normalized();
       planes->push_back({n.x(), n.y(), n.z(), n.dot(v0)});
     }
-    attach(to, geometry);
+    attach(to, geometry, number);
     return planes;
   }
 
@@ -101,7 +102,7 @@ struct RayScene::Impl {
     Shared& part = shared[mesh.get()];
     if (!part.scene) {
       part.scene = new_scene();
-      part.planes = add_mesh(part.scene, *mesh, Pose{});
+      part.planes = add_mesh(part.scene, *mesh, Pose{}, 0);
       build(part.scene);
     }
     RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_INSTANCE);
@@ -112,7 +113,7 @@ struct RayScene::Impl {
         transform[3 * col + row] = static_cast<float>(col < 3 ? pose.rotation(row, col) : pose.translation[row]);
     }
     rtcSetGeometryTransform(geometry, 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, transform);
-    attach(scene, geometry);
+    attach(scene, geometry, placed.size());
     placed.push_back({part.planes, pose});
   }
 
@@ -135,10 +136,13 @@ RayScene::RayScene(const Scene& scene) : impl_(std::make_unique<Impl>()) {
   std::map<const Mesh*, int> uses;
   for (const Object& object : scene.objects) ++uses[object.mesh.get()];
   for (const Object& object : scene.objects) {
-    if (uses[object.mesh.get()] > 1 && object.mesh->triangles.size() >= kLeastInstanced)
+    if (object.material.pane)
+      impl_->placed.emplace_back();  // rays pass
+    else if (uses[object.mesh.get()] > 1 && object.mesh->triangles.size() >= kLeastInstanced)
       impl_->add_instance(object.mesh, object.world_from_object);
     else
-      impl_->placed.push_back({impl_->add_mesh(impl_->scene, *object.mesh, object.world_from_object), std::nullopt});
+      impl_->placed.push_back(
+          {impl_->add_mesh(impl_->scene, *object.mesh, object.world_from_object, impl_->placed.size()), std::nullopt});
   }
   Impl::build(impl_->scene);
 }

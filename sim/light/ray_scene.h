@@ -3,7 +3,7 @@
 // point is then computed in double precision, t = (n.v0 - n.o) / (n.d). Depth is therefore exact to rounding, and the
 // renderer does not limit the measured accuracy of the pipeline.
 //
-// Rays are traced in packets of kPacket.
+// Rays are traced in packets of kPacket. They pass panes (sim/light/panes.h).
 #pragma once
 
 #include <Eigen/Core>

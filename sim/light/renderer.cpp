@@ -29,11 +29,21 @@ void render_portable(BlockRenderer& block, int row, int col, std::vector<cv::Mat
 
 }  // namespace
 
+namespace {
+
+std::shared_ptr<const Panes> panes_of(const Scene& scene, const Effects& effects) {
+  auto panes = std::make_shared<const Panes>(scene);
+  return effects.panes && !panes->empty() ? panes : nullptr;
+}
+
+}  // namespace
+
 Renderer::Renderer(const Scene& scene, const Effects& effects, int samples_per_pixel)
     : scene_(scene),
       effects_(effects),
       world_(std::make_shared<const RayScene>(scene)),
       surfaces_(std::make_shared<const Surfaces>(scene, effects)),
+      panes_(panes_of(scene, effects)),
       rays_(sample_rays(scene.rig.camera, samples_per_pixel)) {}
 
 Renderer::Renderer(const Renderer& other, const Scene& scene, const Effects& effects, int samples_per_pixel,
@@ -42,6 +52,7 @@ Renderer::Renderer(const Renderer& other, const Scene& scene, const Effects& eff
       effects_(effects),
       world_(other.world_),
       surfaces_(other.surfaces_),
+      panes_(other.panes_),
       rays_(sample_rays(scene.rig.camera, samples_per_pixel, extent)) {}
 
 namespace {
@@ -84,7 +95,7 @@ std::vector<cv::Mat1f> Renderer::render(const ProjectedPatterns& patterns, const
   if (share && bounces) indirect.emplace(size, patterns.count() + 1);
   if (share && effects_.air && scene_.air.extinction_per_m > 0) veil.emplace(size, patterns.count() + 1);
   std::optional<LightShares> shares;
-  if (truth && patterns.count() > 0 && (bounces || surfaces_->translucent()))
+  if (truth && patterns.count() > 0 && (bounces || surfaces_->translucent() || panes_))
     shares.emplace(cv::Mat1f(size, 0.0f), cv::Mat1f(size, 0.0f));
   static const auto render_block =
       Variants<render_portable, render_avx2, render_avx512>::of(selected_instruction_set());

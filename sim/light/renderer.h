@@ -20,6 +20,7 @@
 
 #include "core/types/truth.h"
 #include "sim/light/effects.h"
+#include "sim/light/panes.h"
 #include "sim/light/projected_patterns.h"
 #include "sim/light/ray_scene.h"
 #include "sim/light/sample_rays.h"
@@ -34,7 +35,7 @@ class Renderer {
  public:
   Renderer(const Scene& scene, const Effects& effects, int samples_per_pixel);
   // Shares the objects of `other`, whose scene must have the same objects, materials and dust; camera, projector and
-  // light may differ. `effects` must agree with those of `other` in gloss, relief, dust and subsurface. Pixels see only the middle
+  // light may differ. `effects` must agree with those of `other` in gloss, panes, relief, dust and subsurface. Pixels see only the middle
   // square of edge `extent` px.
   Renderer(const Renderer& other, const Scene& scene, const Effects& effects, int samples_per_pixel, double extent = 1);
 
@@ -55,6 +56,7 @@ class Renderer {
   Effects effects_;
   std::shared_ptr<const RayScene> world_;
   std::shared_ptr<const Surfaces> surfaces_;
+  std::shared_ptr<const Panes> panes_;  // null: none
   SampleRays rays_;
 };
 

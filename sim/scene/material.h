@@ -48,6 +48,10 @@ struct Material {
   double roughness = 0.4;
   bool metal = false;
 
+  // Thin pane of clear glass, which reflects and lets pass the light of both faces (sim/light/panes.h); `reflectance` is
+  // that of a face.
+  bool pane = false;
+
   // Transport mean free path of light below the surface, m; 0: opaque. A coat's reflectance gives the refractive index.
   double mean_free_path_m = 0;
 

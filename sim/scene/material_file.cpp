@@ -31,6 +31,17 @@ bool is_board(Grain grain) {
 
 Material read_material(const YamlMap& map) {
   Material material;
+  if (map.boolean_or("pane", false)) {
+    constexpr double kGlass = 0.04;
+    material.pane = true;
+    material.albedo = 0;
+    material.dust = false;
+    material.reflectance = map.number_or("reflectance", kGlass, {1e-4, 0.5});
+    for (const char* other : {"grain", "texture", "albedo", "metal", "mean_free_path_m", "roughness", "bump_m"}) {
+      if (map.has(other)) throw map.error(other, "a pane is clear and smooth; omit " + std::string(other));
+    }
+    return material;
+  }
   if (map.has("texture")) {
     if (map.has("grain")) throw map.error("texture", "give grain or texture, not both");
     material.texture = map.file("texture").string();

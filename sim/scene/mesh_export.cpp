@@ -28,10 +28,10 @@ namespace {
 
 // The material properties that the file formats can express.
 struct Finish {
-  double albedo = 0.5, roughness = 1, emission = 0;
+  double albedo = 0.5, roughness = 1, emission = 0, opacity = 1;
   bool metal = false;
   std::string texture;
-  auto key() const { return std::tie(albedo, roughness, emission, metal, texture); }
+  auto key() const { return std::tie(albedo, roughness, emission, opacity, metal, texture); }
   bool operator<(const Finish& other) const { return key() < other.key(); }
 };
 
@@ -43,6 +43,7 @@ Finish finish_of(const Object& object, const RigModel& rig) {
   finish.metal = material.metal;
   if (material.metal || material.reflectance > 0) finish.roughness = material.roughness;
   if (material.emission_lux > 0) finish.emission = std::min(1.0, material.emission_lux / projector_lux_at_1m(rig));
+  if (material.pane) finish.albedo = 0.8, finish.roughness = 0, finish.opacity = 0.2;
   if (!object.mesh->texture_coordinates.empty()) finish.texture = material.texture;
   return finish;
 }
@@ -254,6 +255,7 @@ class Builder {
     const auto grey = static_cast<float>(finish.albedo), glow = static_cast<float>(finish.emission);
     const aiColor4D colour(grey, grey, grey, 1), emission(glow, glow, glow, 1);
     const float metal = finish.metal ? 1.0f : 0.0f, roughness = static_cast<float>(finish.roughness);
+    const auto opacity = static_cast<float>(finish.opacity);
     const int two_sided = 1;
     result->AddProperty(&name, AI_MATKEY_NAME);
     result->AddProperty(&colour, 1, AI_MATKEY_COLOR_DIFFUSE);
@@ -262,6 +264,7 @@ class Builder {
     result->AddProperty(&metal, 1, AI_MATKEY_METALLIC_FACTOR);
     result->AddProperty(&roughness, 1, AI_MATKEY_ROUGHNESS_FACTOR);
     result->AddProperty(&two_sided, 1, AI_MATKEY_TWOSIDED);
+    if (opacity < 1) result->AddProperty(&opacity, 1, AI_MATKEY_OPACITY);
     if (finish.texture.empty()) return result;
     const aiString texture(texture_name(finish.texture));
     result->AddProperty(&texture, AI_MATKEY_TEXTURE_DIFFUSE(0));
