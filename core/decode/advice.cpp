@@ -250,11 +250,10 @@ std::vector<CodingChoice> codings(const PatternSequence& taken, const RigModel& 
     present.current = true;
     present.decodes_exposures = periods;
     present.decodes_motion = periods;
-    present.resists_indirect =
-        method == Unwrapping::micro || method == Unwrapping::modulated ||
-        (method == Unwrapping::heterodyne && has_short_periods(groups)) ||
-        (method == Unwrapping::gray && !groups.empty() &&
-         has_narrow_stripes(gray_bits(sequence, axis), groups.back().period_px));
+    present.resists_indirect = method == Unwrapping::micro || method == Unwrapping::modulated ||
+                               (method == Unwrapping::heterodyne && has_short_periods(groups)) ||
+                               (method == Unwrapping::gray && !groups.empty() &&
+                                has_narrow_stripes(gray_bits(sequence, axis), groups.back().period_px));
     present.design = design_of(sequence, groups, axis);
     all.push_back(present);
   }

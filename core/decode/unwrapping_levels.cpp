@@ -47,9 +47,8 @@ std::vector<UnwrappingLevel> beats_of(const std::vector<UnwrappingLevel>& period
     }
     level = std::move(next);
   }
-  std::stable_sort(all.begin(), all.end(), [](const UnwrappingLevel& a, const UnwrappingLevel& b) {
-    return a.period_px > b.period_px;
-  });
+  std::stable_sort(all.begin(), all.end(),
+                   [](const UnwrappingLevel& a, const UnwrappingLevel& b) { return a.period_px > b.period_px; });
   return all;
 }
 

@@ -138,7 +138,8 @@ bool KeyframeMap::linked_within(int from, int to, int most) const {
       return std::find(before.begin(), before.end(), keyframe) != before.end();
     };
     for (const PoseEdge& link : links_) {
-      if (was_reached(link.from) != was_reached(link.to)) reached.push_back(was_reached(link.from) ? link.to : link.from);
+      if (was_reached(link.from) != was_reached(link.to))
+        reached.push_back(was_reached(link.from) ? link.to : link.from);
     }
   }
   return false;
@@ -183,8 +184,7 @@ std::vector<int> KeyframeMap::overlapping(const Frame& frame, const Pose& world_
 size_t KeyframeMap::memory_bytes() const {
   size_t bytes = 0;
   for (const MapFrame& frame : frames_) bytes += bytes_of(frame.frame);
-  for (const Keyframe& keyframe : keyframes_)
-    bytes += keyframe.landmarks.memory_bytes();
+  for (const Keyframe& keyframe : keyframes_) bytes += keyframe.landmarks.memory_bytes();
   return bytes;
 }
 

@@ -410,9 +410,8 @@ bool Mapper::relocalize(FrameResult& result) {
 // Views reconstructed by prediction show nothing new, so they never start a keyframe.
 bool Mapper::leaves_keyframe(const FrameResult& result, const Pose& world_from_camera, int keyframe) const {
   if (options_.mapping.every_view) return true;
-  return result.complete &&
-         (result.unlinked >= 0 ||
-          map_.expected_overlap(result.frame, world_from_camera, keyframe) < options_.mapping.keyframe_overlap);
+  return result.complete && (result.unlinked >= 0 || map_.expected_overlap(result.frame, world_from_camera, keyframe) <
+                                                         options_.mapping.keyframe_overlap);
 }
 
 // Adds the view to the track, and to the map if registration by depth confirmed its pose.

@@ -32,8 +32,8 @@ void PatternSchedule::update(const FrameResult& result) {
     return;
   }
   if (result.keyframe >= 0) prediction_failed_ = false;
-  const bool leaves_keyframe = result.keyframe < 0 && (result.registration.icp.overlap < keyframe_overlap_ ||
-                                                       result.unlinked >= 0);
+  const bool leaves_keyframe =
+      result.keyframe < 0 && (result.registration.icp.overlap < keyframe_overlap_ || result.unlinked >= 0);
   const bool finest = finest_alone_ == FinestAlone::always || (finest_alone_ == FinestAlone::in_motion && moves);
   wants_all_ = !finest || prediction_failed_ || result.tracking != Tracking::followed || leaves_keyframe ||
                leaves_fringes_unresolved(result.decoded) || result.predictable < min_predicted_;

@@ -515,8 +515,8 @@ class BlockRenderer {
       ProjectedPatterns::Points points{};
       for (int i = 0; i < kPacket; ++i) {
         if (!has(lit, i)) continue;
-        points.weight[i] = mirrored_weight(hits, surface, to_viewer, i, pane, light, images.at(i)) * weight[i] *
-                           beam.lux[i];
+        points.weight[i] =
+            mirrored_weight(hits, surface, to_viewer, i, pane, light, images.at(i)) * weight[i] * beam.lux[i];
         points.column[i] = static_cast<float>(beam.column[i]);
         points.row[i] = static_cast<float>(beam.row[i]);
         points.blur_px[i] = beam.blur_px[i];

@@ -13,7 +13,8 @@ double sheet_reflectance(double face_reflectance, double cosine) {
   const double amplitude = std::sqrt(face_reflectance), index = (1 + amplitude) / (1 - amplitude);
   const double c = std::min(1.0, std::abs(cosine)), inside = std::sqrt(1 - (1 - c * c) / (index * index));
   double sum = 0;
-  for (const double ratio : {(c - index * inside) / (c + index * inside), (index * c - inside) / (index * c + inside)}) {
+  for (const double ratio :
+       {(c - index * inside) / (c + index * inside), (index * c - inside) / (index * c + inside)}) {
     const double face = ratio * ratio;
     sum += 2 * face / (1 + face);
   }

@@ -63,9 +63,8 @@ TEST(Panes, WeakenTheLightThatPasses) {
 // seen through two reflections.
 TEST(Panes, MirrorSurfacesAndTheBeam) {
   const RigModel rig = coaxial_rig();
-  const Scene scene = world_of({wall(pose_from({{-1000, 0, 1000}, {0, 90, 0}})),
-                                pane(pose_from({{0, 0, 1000}, {0, 45, 0}}), 1)},
-                               rig);
+  const Scene scene =
+      world_of({wall(pose_from({{-1000, 0, 1000}, {0, 90, 0}})), pane(pose_from({{0, 0, 1000}, {0, 45, 0}}), 1)}, rig);
   const Scene image = world_of({wall(pose_from({{0, 0, 2000}, {0, 0, 0}}))}, rig);
   const std::vector<Pattern> patterns = {constant_pattern(1), {Axis::columns, 23, 0.4, 0}, {Axis::rows, 31, 0, 0}};
   const auto seen = lux_of(scene, patterns, 1, with_panes()), direct = lux_of(image, patterns);
