@@ -221,6 +221,8 @@ void bind_results(py::module_& m) {
       .def_readonly("reference", &FrameResult::reference, "Keyframe that it was registered with; -1: none.")
       .def_readonly("keyframe", &FrameResult::keyframe, "Its own number if it became one, otherwise -1.")
       .def_readonly("in_map", &FrameResult::in_map)
+      .def_readonly("unlinked", &FrameResult::unlinked,
+                    "Earlier reference that no short path of links joins with this one: a loop to close; -1: none.")
       .def_readonly("loops", &FrameResult::loops, "Earlier keyframes linked with it, besides the reference.")
       .def_readonly("corrected", &FrameResult::corrected, "True if closing loops moved the map.")
       .def_property_readonly(
