@@ -44,8 +44,9 @@ RigModel with_camera_size(const RigModel& rig, const cv::Size& size) {
 }
 
 bool has_indirect_light(const Scene& scene) {
-  return scene.bounces > 0 || std::any_of(scene.objects.begin(), scene.objects.end(),
-                                          [](const Object& object) { return object.material.mean_free_path_m > 0; });
+  return scene.bounces > 0 || std::any_of(scene.objects.begin(), scene.objects.end(), [](const Object& object) {
+           return object.material.mean_free_path_m > 0 || object.material.pane;
+         });
 }
 
 Pattern white_pattern() {
