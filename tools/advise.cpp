@@ -515,7 +515,9 @@ std::vector<std::string> unknowns_of(const Report& report) {
                                periods_flags(period_test_patterns(report.taken)) + " --out test"));
   } else {
     unknowns.push_back(
-        "indirect light that reaches the finest period, too, as in translucent surfaces, very narrow corners, glass and mirrors");
+        "indirect light that reaches the finest period, too, as in translucent surfaces, very narrow corners, glass "
+        "and "
+        "mirrors");
   }
   const double seen_px = finest_period_px(report.taken),
                advised_px = finest_period_px(advised_sequence(advice, report.taken));

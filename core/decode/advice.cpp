@@ -55,20 +55,12 @@ double greatest_sigma_rad(const Failure& failure, const DecodeOptions& options) 
 }
 
 // Greatest phase sigma for which wrong orders of all levels have at most the permitted probability.
-double order_sigma_rad(const std::vector<FringeGroup>& groups, const std::vector<UnwrappingLevel>& levels,
-                       const DecodeOptions& options) {
+double order_sigma_rad(const std::vector<UnwrappingLevel>& levels, const DecodeOptions& options) {
   const auto failure = [&](double sigma_rad) {
     const double turns = std::hypot(sigma_rad, kProjectorSigma_rad) / kTwoPi;
     double sum = 0;
-    for (size_t level = 1; level < levels.size(); ++level) {
-      const double ratio = levels[level - 1].period_px / levels[level].period_px;
-      double squares = 0;
-      for (size_t g = 0; g < groups.size(); ++g) {
-        const double weight = ratio * levels[level - 1].multiples[g] - levels[level].multiples[g];
-        squares += weight * weight;
-      }
-      sum += 2 * upper_tail(1 / (2 * turns * std::sqrt(squares)));
-    }
+    for (size_t level = 1; level < levels.size(); ++level)
+      sum += 2 * upper_tail(1 / (2 * turns * step_noise(levels[level - 1], levels[level])));
     return sum;
   };
   return greatest_sigma_rad(failure, options);
@@ -91,7 +83,7 @@ double gray_sigma_rad(const std::vector<GrayBit>& bits, int steps, const DecodeO
       std::count_if(bits.begin(), bits.end(), [](const GrayBit& bit) { return bit.carrier_px > 0; }));
   const double plain = static_cast<double>(bits.size()) - combined;
   const double comparisons = plain + 2 * combined, ratios = plain * (plain - 1) + 2 * combined;
-  // Of |a - m| - c |b - m|, for gray values a and b on different sides of the mean m.
+  // Noise of |a - m| - c |b - m| for gray values a and b on different sides of the mean m.
   constexpr double c = kLeastGrayContrast;
   const double ratio_sigmas = std::sqrt(1 + c * c + (1 + c) * (1 + c) / steps);
   const auto failure = [&](double sigma_rad) {
@@ -134,9 +126,9 @@ std::optional<SignalDemand> demand_of(const PatternSequence& sequence, const Rig
   SignalDemand demand{3, options.max_phase_sigma_rad};
   if (!groups.empty()) demand.steps = static_cast<int>(groups.back().images.size());
   if (*method == Unwrapping::multifrequency)
-    demand.max_phase_sigma_rad = order_sigma_rad(groups, multifrequency_levels(groups, length), options);
+    demand.max_phase_sigma_rad = order_sigma_rad(multifrequency_levels(groups, length), options);
   if (*method == Unwrapping::heterodyne)
-    demand.max_phase_sigma_rad = order_sigma_rad(groups, heterodyne_levels(groups, length), options);
+    demand.max_phase_sigma_rad = order_sigma_rad(heterodyne_levels(groups, length), options);
   if (*method == Unwrapping::modulated) {
     // Products have half the modulation of their carrier.
     const ModulatedCode code = modulated_code(sequence, axis, length);
@@ -144,7 +136,7 @@ std::optional<SignalDemand> demand_of(const PatternSequence& sequence, const Rig
     const double product_steps = static_cast<double>(code.groups.front().images.size());
     const double sigma_ratio =
         code.groups.size() % 2 == 0 ? 1 : 2 * std::sqrt(static_cast<double>(demand.steps) / product_steps);
-    demand.max_phase_sigma_rad = order_sigma_rad(code.groups, code.levels, options) / sigma_ratio;
+    demand.max_phase_sigma_rad = order_sigma_rad(code.levels, options) / sigma_ratio;
   }
   if (*method == Unwrapping::gray)
     demand.max_phase_sigma_rad = gray_sigma_rad(gray_bits(sequence, axis), demand.steps, options);
@@ -230,7 +222,8 @@ std::vector<CodingChoice> codings(const PatternSequence& taken, const RigModel& 
   std::vector<CodingChoice> all;
   const std::vector<FringeGroup> groups = select_groups(sequence, axis, options);
   const double typical_px = typical_period_px(length),
-               finest_px = groups.empty() ? typical_px : groups.back().period_px;
+               finest_px = groups.empty() ? typical_px : groups.back().period_px,
+               short_px = std::min(finest_px, typical_px);
   const auto add = [&](CodingChoice choice) {
     const PatternSequence designed = design_sequence(choice.design);
     const std::optional<SignalDemand> demand = demand_of(designed, rig, options, axis);
@@ -269,7 +262,7 @@ std::vector<CodingChoice> codings(const PatternSequence& taken, const RigModel& 
     micro.name = "micro";
     micro.resists_indirect = true;
     micro.design = empty_design(sequence);
-    micro.design.micro_period_px = std::min(finest_px, typical_px);
+    micro.design.micro_period_px = short_px;
     micro.design.micro_images = images;
     try {
       add(std::move(micro));
@@ -279,14 +272,14 @@ std::vector<CodingChoice> codings(const PatternSequence& taken, const RigModel& 
   CodingChoice heterodyne;
   heterodyne.name = "heterodyne";
   heterodyne.decodes_exposures = heterodyne.decodes_motion = heterodyne.resists_indirect = true;
-  heterodyne.design = heterodyne_design(sequence, std::min(finest_px, typical_px), length);
+  heterodyne.design = heterodyne_design(sequence, short_px, length);
   add(std::move(heterodyne));
   CodingChoice gray;
   gray.name = "gray";
   gray.resists_indirect = true;
   gray.design = empty_design(sequence);
-  gray.design.periods_px = {std::min(finest_px, typical_px)};
-  gray.design.steps = 4;  // their residual detects what indirect light remains
+  gray.design.periods_px = {short_px};
+  gray.design.steps = 4;  // four steps also test the noise model
   gray.design.gray = GrayCode::complementary;
   gray.design.gray_xor_px = gray.design.periods_px;
   add(std::move(gray));

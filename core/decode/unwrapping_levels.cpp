@@ -52,7 +52,8 @@ std::vector<UnwrappingLevel> beats_of(const std::vector<UnwrappingLevel>& period
   return all;
 }
 
-// Noise of the fraction from which the order of `fine` follows, relative to that of each phase.
+}  // namespace
+
 double step_noise(const UnwrappingLevel& coarse, const UnwrappingLevel& fine) {
   const double ratio = coarse.period_px / fine.period_px;
   double squares = 0;
@@ -63,8 +64,6 @@ double step_noise(const UnwrappingLevel& coarse, const UnwrappingLevel& fine) {
   return std::sqrt(squares);
 }
 
-}  // namespace
-
 std::vector<UnwrappingLevel> multifrequency_levels(const std::vector<FringeGroup>& groups, int length_px) {
   if (groups.front().period_px < length_px)
     throw Error("no fringe period covers the projector's " + std::to_string(length_px) + " px (the longest is " +
@@ -73,7 +72,7 @@ std::vector<UnwrappingLevel> multifrequency_levels(const std::vector<FringeGroup
 }
 
 std::vector<UnwrappingLevel> heterodyne_levels(const std::vector<FringeGroup>& groups, int length_px) {
-  const std::vector<UnwrappingLevel> all = beats_of(single_periods(groups));
+  const std::vector<UnwrappingLevel> periods = single_periods(groups), all = beats_of(periods);
   if (all.front().period_px < length_px)
     throw Error("no beat of the fringe periods covers the projector's " + std::to_string(length_px) +
                 " px (the longest is " + to_text(all.front().period_px) + " px); choose periods closer together");
@@ -96,7 +95,7 @@ std::vector<UnwrappingLevel> heterodyne_levels(const std::vector<FringeGroup>& g
       const Way way{std::max(ways[k].noise, step_noise(all[k], all[i])), ways[k].steps + 1, k};
       if (way.better_than(ways[i])) ways[i] = way;
     }
-    if (all[i].multiples == single_periods(groups).back().multiples) finest = i;
+    if (all[i].multiples == periods.back().multiples) finest = i;
   }
   std::vector<UnwrappingLevel> levels = {all[finest]};
   for (size_t i = finest; ways[i].from != i; i = ways[i].from) levels.push_back(all[ways[i].from]);

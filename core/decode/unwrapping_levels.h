@@ -8,6 +8,9 @@
 
 namespace fringeslam {
 
+// Noise of the fraction from which the order of `fine` follows, in turns, relative to that of each phase.
+double step_noise(const UnwrappingLevel& coarse, const UnwrappingLevel& fine);
+
 // Returns the periods themselves, coarsest first. Throws Error if the coarsest does not cover `length_px`.
 std::vector<UnwrappingLevel> multifrequency_levels(const std::vector<FringeGroup>& groups, int length_px);
 

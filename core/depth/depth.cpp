@@ -104,9 +104,9 @@ void triangulate(Frame& frame, const DecodedStack& decoded, const Triangulation&
 
 namespace {
 
-// True for codings that are chosen against indirect light: their pixels beside creases remain, with a bias that no
-// residual shows. Where long periods contradict each other, those pixels are dropped.
-bool resists_indirect_light(const DecodedStack& decoded) {
+// True for codings that decode pixels beside creases with a bias that no residual shows. Several long periods contradict
+// each other there, so that these pixels are dropped.
+bool keeps_pixels_beside_creases(const DecodedStack& decoded) {
   const auto method = decoded.unwrapping;
   return method == Unwrapping::micro || method == Unwrapping::modulated || method == Unwrapping::gray ||
          method == Unwrapping::ensemble || method == Unwrapping::heterodyne;
@@ -115,7 +115,7 @@ bool resists_indirect_light(const DecodedStack& decoded) {
 bool accounts_for_indirect_light(const DecodedStack& decoded, const DepthOptions& options) {
   if (decoded.finest_period_px <= 0) return false;
   return options.indirect_light == IndirectLight::always ||
-         (options.indirect_light == IndirectLight::automatic && resists_indirect_light(decoded));
+         (options.indirect_light == IndirectLight::automatic && keeps_pixels_beside_creases(decoded));
 }
 
 // Adds the coordinate's sigma due to nearby surfaces. `noise_m` is the sigma due to that of the coordinate alone.

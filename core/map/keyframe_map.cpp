@@ -130,19 +130,17 @@ Matrix6d KeyframeMap::covariance_between(int from, int to) const {
 }
 
 bool KeyframeMap::linked_within(int from, int to, int most) const {
-  std::vector<int> reached = {from};
-  for (int length = 0; length <= most; ++length) {
-    if (std::find(reached.begin(), reached.end(), to) != reached.end()) return true;
-    const std::vector<int> before = reached;
-    const auto was_reached = [&](int keyframe) {
-      return std::find(before.begin(), before.end(), keyframe) != before.end();
-    };
+  if (from == to) return true;
+  std::vector<char> reached(keyframes_.size(), 0);
+  at(reached, from) = 1;
+  for (int length = 0; length < most && !at(reached, to); ++length) {
+    std::vector<char> farther = reached;
     for (const PoseEdge& link : links_) {
-      if (was_reached(link.from) != was_reached(link.to))
-        reached.push_back(was_reached(link.from) ? link.to : link.from);
+      if (at(reached, link.from) || at(reached, link.to)) at(farther, link.from) = at(farther, link.to) = 1;
     }
+    reached = std::move(farther);
   }
-  return false;
+  return at(reached, to);
 }
 
 double KeyframeMap::expected_overlap(const Frame& frame, const Pose& world_from_camera, int keyframe) const {

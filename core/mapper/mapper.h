@@ -200,7 +200,7 @@ class Mapper {
   void extend_map(FrameResult& result, const FrameMotion& motion);
   void add_keyframe(FrameResult& result, TrackedView& here, const FrameMotion& motion);
   int close_loops(const FrameResult& result);
-  // Adds a registration to the map, with the covariance of views from different places.
+  // Adds a registration to the map; its covariance accounts for the errors that the links of a keyframe share.
   void link(int from, int to, const Pose& from_from_to, const Matrix6d& covariance, bool loop);
   void note_pose(FrameResult& result, const std::optional<Prediction>& predicted);
 
@@ -222,7 +222,7 @@ class Mapper {
   // Log-likelihood ratio: that a robot whose stacks do not show it moves on during them.
   double evidence_of_motion_ = 0;
   int last_keyframe_ = -1;
-  int unlinked_ = -1;  // of the last tracked view, unless it became a keyframe
+  int unlinked_ = -1;                         // of the last tracked view, unless it became a keyframe
   size_t continuous_from_ = 0;                // first view of track_ since tracking was last lost
   std::vector<FrameMotion> keyframe_motion_;  // of each keyframe, in its own axes
   Vibration vibration_;

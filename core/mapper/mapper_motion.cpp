@@ -167,8 +167,7 @@ Mapper::UncertainMotions Mapper::uncertain_motions(const FrameResult& result, co
 }
 
 // Adds the uncertainty of the motion during the stack, and during that of the keyframe, to the covariance of the pose, and
-// accounts for parallax.
-// Returns the former in the axes of the view.
+// accounts for parallax. Returns the motion during the stack in the axes of the view.
 Mapper::FrameMotion Mapper::add_motion_uncertainty(FrameResult& result, const MapperInput& input,
                                                    const MotionEffect& effect) {
   variance_ = pose_variance(result.covariance);

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <optional>
 
 #include "core/base/constants.h"
 #include "core/base/instruction_set.h"
@@ -532,25 +533,23 @@ class BlockRenderer {
   float mirrored_weight(const HitPacket& hits, const SurfacePacket& surface, const Points& to_viewer, int lane,
                         int pane, const Eigen::Vector3d& light, const Eigen::Vector3d& image) const {
     const Panes& panes = *r_.panes_;
-    for (const Panes::Crossing& crossing : panes.crossings(light, image - light, 1)) {
-      if (crossing.triangle != pane) continue;
-      const Eigen::Vector3d at = light + crossing.distance * (image - light), point = hits.point.at(lane);
-      const Eigen::Vector3d to_light = (at - point).normalized(), normal = surface.normal.at(lane);
-      const double cosine = normal.dot(to_light);
-      if (cosine <= 0 || hits.normal.at(lane).dot(to_light) <= 0) return 0;
-      Hit mirror, seen;
-      mirror.point = at;
-      mirror.normal = panes.normal(pane) * ((light - at).dot(panes.normal(pane)) > 0 ? 1 : -1);
-      seen.point = point;
-      seen.normal = hits.normal.at(lane);
-      if (r_.world_->occluded(mirror, light) || r_.world_->occluded(seen, at)) return 0;
-      const double arrives = crossing.reflected * panes.passed(light, at, pane) * panes.passed(at, point, pane);
-      const double back = has(surface.glossy, lane)
-                              ? reflected(surface.reflection(lane), normal, to_light, to_viewer.at(lane))
-                              : static_cast<double>(surface.albedo[lane]);
-      return static_cast<float>(arrives * back * cosine);
-    }
-    return 0;
+    const std::optional<Panes::Crossing> crossing = panes.crossing_between(light, image, pane);
+    if (!crossing) return 0;
+    const Eigen::Vector3d at = light + crossing->distance * (image - light), point = hits.point.at(lane);
+    const Eigen::Vector3d to_light = (at - point).normalized(), normal = surface.normal.at(lane);
+    const double cosine = normal.dot(to_light);
+    if (cosine <= 0 || hits.normal.at(lane).dot(to_light) <= 0) return 0;
+    Hit mirror, seen;
+    mirror.point = at;
+    mirror.normal = panes.normal(pane) * ((light - at).dot(panes.normal(pane)) > 0 ? 1 : -1);
+    seen.point = point;
+    seen.normal = hits.normal.at(lane);
+    if (r_.world_->occluded(mirror, light) || r_.world_->occluded(seen, at)) return 0;
+    const double arrives = crossing->reflected * panes.passed(light, at, pane) * panes.passed(at, point, pane);
+    const double back = has(surface.glossy, lane)
+                            ? reflected(surface.reflection(lane), normal, to_light, to_viewer.at(lane))
+                            : static_cast<double>(surface.albedo[lane]);
+    return static_cast<float>(arrives * back * cosine);
   }
 
   // Adds what panes mirror into the camera: surfaces in the light of the projector and of the surroundings.

@@ -8,7 +8,8 @@ namespace fringeslam::sim {
 
 struct Effects {
   bool vignetting = true, defocus = true, pixel_gap = true, lens_blur = true, depth_of_field = true;
-  bool interreflection = true, subsurface = true, gloss = true, panes = true, relief = true, dust = true, water = true, air = true;
+  bool interreflection = true, subsurface = true, gloss = true, panes = true, relief = true, dust = true, water = true,
+       air = true;
   bool motion = true, fixed_pattern = true;
   bool share_paths = true;
   int bounce_paths = 8;

@@ -78,6 +78,15 @@ std::vector<Panes::Crossing> Panes::crossings(const Eigen::Vector3d& origin, con
   return all;
 }
 
+std::optional<Panes::Crossing> Panes::crossing_between(const Eigen::Vector3d& from, const Eigen::Vector3d& to,
+                                                       int triangle) const {
+  std::optional<Crossing> found;
+  visit_crossings(from, to - from, 1, kNone, [&](const Crossing& one) {
+    if (one.triangle == triangle) found = one;
+  });
+  return found;
+}
+
 double Panes::passed(const Eigen::Vector3d& from, const Eigen::Vector3d& to, int except) const {
   double share = 1;
   visit_crossings(from, to - from, 1, except, [&](const Crossing& one) { share *= 1 - one.reflected; });

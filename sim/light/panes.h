@@ -40,6 +40,9 @@ class Panes {
   std::vector<Crossing> crossings(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
                                   double distance) const;
 
+  // Returns the crossing of a triangle between two points, if any.
+  std::optional<Crossing> crossing_between(const Eigen::Vector3d& from, const Eigen::Vector3d& to, int triangle) const;
+
   // Returns the share of light that all panes between two points let pass; the triangle `except` is left out.
   double passed(const Eigen::Vector3d& from, const Eigen::Vector3d& to, int except = kNone) const;
 

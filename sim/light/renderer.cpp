@@ -27,10 +27,6 @@ void render_portable(BlockRenderer& block, int row, int col, std::vector<cv::Mat
   block.render(row, col, images, truth);
 }
 
-}  // namespace
-
-namespace {
-
 std::shared_ptr<const Panes> panes_of(const Scene& scene, const Effects& effects) {
   auto panes = std::make_shared<const Panes>(scene);
   return effects.panes && !panes->empty() ? panes : nullptr;

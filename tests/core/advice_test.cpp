@@ -252,7 +252,7 @@ TEST(Advice, LeastExposureOfAGrayCodeIsThatOfTheDecoder) {
   EXPECT_LT(share_at(least / 2), 0.8);
 }
 
-// Of two Gray codes in use, the one whose stripes are short is kept where indirect light cannot be excluded.
+// A Gray code in use is kept where indirect light cannot be excluded if its stripes are short.
 TEST(Advice, GrayCodesOfShortStripesResistIndirectLight) {
   const RigModel rig;
   for (const bool narrow : {false, true}) {

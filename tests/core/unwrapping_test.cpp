@@ -197,8 +197,8 @@ TEST(Heterodyne, BeatsHaveTheirClosedForm) {
   EXPECT_THAT(error_of([&] { heterodyne_levels(groups({66, 62}), 1024); }), HasSubstr("the longest is 1023"));
 }
 
-// Of three periods near 16 px, two beat at 1040 px, and one of them with the third at 128 px: between the first beat and the
-// finest period, the second one reduces the noise of the order from 65 sqrt(2) to about 11 phase sigmas.
+// The periods 16 and 16.25 px beat at 1040 px, 16 and 18.29 px at 128 px. The second beat as an intermediate level reduces the
+// noise of the order from about 65 sqrt(2) to 11 phase sigmas.
 TEST(Heterodyne, LevelsTolerateAsMuchNoiseAsPossible) {
   const PatternSequence sequence = phase_shift_sequence(1024, 768, {128 / 7.0, 16.25, 16}, 3, Axis::columns, 8);
   const auto levels = heterodyne_levels(fringe_groups(sequence, Axis::columns), 1024);
