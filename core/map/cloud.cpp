@@ -2,25 +2,81 @@
 #include "core/map/cloud.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numeric>
 
 #include "core/types/error.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
 namespace {
 
-// Cells of a block have neighboring slots, because neighboring pixels fall into the same block.
-size_t slot_of(const GridIndex& key) {
-  constexpr int kBits = 2;
-  constexpr int32_t kInBlock = (1 << kBits) - 1;
-  uint64_t h = 0, inside = 0;
-  for (const int32_t k : key) {
-    h = (h ^ static_cast<uint32_t>(k >> kBits)) * 0x9e3779b97f4a7c15u, h ^= h >> 29;
-    inside = inside << kBits | static_cast<uint32_t>(k & kInBlock);
+constexpr int kBlockBits = 2, kBlockEdge = 1 << kBlockBits, kBlockCells = kBlockEdge * kBlockEdge * kBlockEdge;
+
+// Weighted sums over the points of a cell: positions relative to the cell's first corner, in cells.
+struct Cell {
+  float position[3], normal[3], grey, weight;
+};
+
+// Pixels of a row, the camera's pose in cells, and the range of cells.
+struct CellPixels {
+  const float *points, *normals, *sigma;  // three, three and one floats per pixel
+  double cells_from_camera[12];           // rotation and scale row by row, then the translation
+  float rotation[9];
+  int32_t first[3], last[3];
+  int count;
+};
+
+// The cell of each pixel's point, the position in this cell, the normal in the world frame, and the weight, 0 if the pixel
+// has none.
+struct CellRow {
+  std::vector<int32_t> cell[3];
+  std::vector<float> position[3], normal[3], weight;
+};
+
+struct CellRowPointers {
+  int32_t* cell[3];
+  float *position[3], *normal[3], *weight;
+};
+
+FRINGESLAM_INLINE void locate_body(CellPixels pixels, CellRowPointers row) {
+  constexpr double kMostCells = 1 << 30;
+  float* __restrict const weights = row.weight;
+  for (int i = 0; i < pixels.count; ++i) {
+    const float sigma = pixels.sigma[i], weight = 1 / (sigma * sigma + 1e-18f);
+    const bool whole = (pixels.normals[3 * i + 2] == pixels.normals[3 * i + 2]) & (weight > 0);  // false for NaN
+    weights[i] = whole ? weight : 0;
   }
-  return static_cast<size_t>(h << (3 * kBits) | inside);
+  for (int k = 0; k < 3; ++k) {
+    const double mx = pixels.cells_from_camera[3 * k], my = pixels.cells_from_camera[3 * k + 1],
+                 mz = pixels.cells_from_camera[3 * k + 2], shift = pixels.cells_from_camera[9 + k];
+    const float rx = pixels.rotation[3 * k], ry = pixels.rotation[3 * k + 1], rz = pixels.rotation[3 * k + 2];
+    const int32_t first = pixels.first[k], last = pixels.last[k];
+    int32_t* __restrict const cells = row.cell[k];
+    float *__restrict const positions = row.position[k], *__restrict const normals = row.normal[k];
+    for (int i = 0; i < pixels.count; ++i) {
+      const double at = mx * static_cast<double>(pixels.points[3 * i]) +
+                        my * static_cast<double>(pixels.points[3 * i + 1]) +
+                        mz * static_cast<double>(pixels.points[3 * i + 2]) + shift;
+      const bool near = (at > -kMostCells) & (at < kMostCells);
+      const double place = near ? at : 0;
+      const int32_t cut = static_cast<int32_t>(place);
+      const int32_t cell = cut - (static_cast<double>(cut) > place ? 1 : 0);
+      cells[i] = cell;
+      positions[i] = static_cast<float>(place - static_cast<double>(cell));
+      weights[i] = near & (cell >= first) & (cell <= last) ? weights[i] : 0;
+    }
+    for (int i = 0; i < pixels.count; ++i)
+      normals[i] = rx * pixels.normals[3 * i] + ry * pixels.normals[3 * i + 1] + rz * pixels.normals[3 * i + 2];
+  }
+}
+
+size_t hash_of(const GridIndex& index) {
+  uint64_t h = 0;
+  for (const int32_t i : index) h = (h ^ static_cast<uint32_t>(i)) * 0x9e3779b97f4a7c15u, h ^= h >> 29;
+  return static_cast<size_t>(h);
 }
 
 // GridIndex's own comparison calls memcmp().
@@ -28,68 +84,122 @@ bool same(const GridIndex& a, const GridIndex& b) { return a[0] == b[0] && a[1] 
 
 }  // namespace
 
+// Neighboring pixels fall into the same block, so that most of them need no search.
+struct CloudMap::Block {
+  std::array<Cell, kBlockCells> cells{};
+};
+
 CloudMap::CloudMap(double cell_m, const GridRange& range) : cell_m_(cell_m), range_(range), slots_(1024) {
   constexpr double kLeast_m = 1e-5;
   if (!(cell_m >= kLeast_m && cell_m <= 1))
     throw Error("cloud.cell_m is " + to_text(cell_m) + "; it must lie in " + to_text(kLeast_m) + " to 1");
 }
+CloudMap::~CloudMap() = default;
+CloudMap::CloudMap(CloudMap&&) noexcept = default;
+CloudMap& CloudMap::operator=(CloudMap&&) noexcept = default;
 
-// Doubles the hash table; cells keep their positions.
+// Doubles the hash table.
 void CloudMap::grow() {
   slots_.assign(2 * slots_.size(), 0);
   const size_t mask = slots_.size() - 1;
-  for (size_t i = 0; i < keys_.size(); ++i) {
-    size_t slot = slot_of(keys_[i]) & mask;
+  for (size_t i = 0; i < indices_.size(); ++i) {
+    size_t slot = hash_of(indices_[i]) & mask;
     while (slots_[slot] != 0) slot = (slot + 1) & mask;
     slots_[slot] = static_cast<uint32_t>(i + 1);
   }
 }
 
-CloudMap::Cell& CloudMap::cell_at(const Key& key) {
-  if (2 * (keys_.size() + 1) > slots_.size()) grow();
+CloudMap::Block& CloudMap::block_at(const GridIndex& index) {
+  if (2 * (indices_.size() + 1) > slots_.size()) grow();
   const size_t mask = slots_.size() - 1;
-  size_t slot = slot_of(key) & mask;
+  size_t slot = hash_of(index) & mask;
   while (slots_[slot] != 0) {
     const size_t found = slots_[slot] - 1;
-    if (same(keys_[found], key)) return cells_[found];
+    if (same(indices_[found], index)) return *blocks_[found];
     slot = (slot + 1) & mask;
   }
-  keys_.push_back(key);
-  cells_.emplace_back();
-  slots_[slot] = static_cast<uint32_t>(keys_.size());
-  return cells_.back();
+  indices_.push_back(index);
+  blocks_.push_back(std::make_unique<Block>());
+  slots_[slot] = static_cast<uint32_t>(indices_.size());
+  return *blocks_.back();
 }
 
 void CloudMap::add(const Frame& frame, const Pose& world_from_camera) {
-  for (int row = 0; row < frame.height(); ++row) {
-    for (int col = 0; col < frame.width(); ++col) {
-      if (std::isnan(frame.normals(row, col)[2])) continue;
-      const Eigen::Vector3d point = world_from_camera * vector_of(frame.points_m(row, col));
-      Key key;
-      for (int i = 0; i < 3; ++i) key[static_cast<size_t>(i)] = static_cast<int32_t>(std::floor(point[i] / cell_m_));
-      if (!range_.contains(key)) continue;
-      const double sigma = frame.sigma_m(row, col);
-      const double weight = 1 / (sigma * sigma + 1e-18);
-      Cell& cell = cell_at(key);
-      cell.position += weight * point;
-      cell.normal += weight * (world_from_camera.rotation * vector_of(frame.normals(row, col)));
-      cell.grey += weight * frame.texture(row, col);
+  static const auto locate = Variants<locate_body>::of(selected_instruction_set());
+  CellPixels pixels{};
+  for (int i = 0; i < 9; ++i) {
+    pixels.cells_from_camera[i] = world_from_camera.rotation(i / 3, i % 3) / cell_m_;
+    pixels.rotation[i] = static_cast<float>(world_from_camera.rotation(i / 3, i % 3));
+  }
+  for (size_t i = 0; i < 3; ++i) {
+    pixels.cells_from_camera[9 + i] = world_from_camera.translation[static_cast<int>(i)] / cell_m_;
+    pixels.first[i] = range_.first[i], pixels.last[i] = range_.last[i];
+  }
+  pixels.count = frame.width();
+  CellRow of;
+  CellRowPointers row{};
+  const auto width = static_cast<size_t>(frame.width());
+  for (size_t k = 0; k < 3; ++k) {
+    of.cell[k].resize(width), of.position[k].resize(width), of.normal[k].resize(width);
+    row.cell[k] = of.cell[k].data(), row.position[k] = of.position[k].data(), row.normal[k] = of.normal[k].data();
+  }
+  of.weight.resize(width);
+  row.weight = of.weight.data();
+  GridIndex last{};
+  Block* block = nullptr;
+  for (int y = 0; y < frame.height(); ++y) {
+    pixels.points = frame.points_m[y]->val, pixels.normals = frame.normals[y]->val, pixels.sigma = frame.sigma_m[y];
+    locate(pixels, row);
+    const uint8_t* const grey = frame.texture[y];
+    for (size_t i = 0; i < width; ++i) {
+      const float weight = row.weight[i];
+      if (!(weight > 0)) continue;
+      GridIndex index;
+      size_t number = 0;
+      for (size_t k = 0; k < 3; ++k) {
+        index[k] = row.cell[k][i] >> kBlockBits;
+        number = number << kBlockBits | static_cast<size_t>(row.cell[k][i] & (kBlockEdge - 1));
+      }
+      if (block == nullptr || !same(index, last)) {
+        block = &block_at(index);
+        last = index;
+      }
+      Cell& cell = block->cells[number];
+      for (size_t k = 0; k < 3; ++k) {
+        cell.position[k] += weight * row.position[k][i];
+        cell.normal[k] += weight * row.normal[k][i];
+      }
+      cell.grey += weight * static_cast<float>(grey[i]);
       cell.weight += weight;
     }
   }
 }
 
 std::vector<CloudPoint> CloudMap::points() const {
-  std::vector<uint32_t> order(keys_.size());
+  std::vector<uint32_t> order(indices_.size());
   std::iota(order.begin(), order.end(), 0u);
-  std::sort(order.begin(), order.end(), [&](uint32_t a, uint32_t b) { return keys_[a] < keys_[b]; });
+  std::sort(order.begin(), order.end(), [&](uint32_t a, uint32_t b) { return indices_[a] < indices_[b]; });
+  size_t count = 0;
+  for (const auto& block : blocks_)
+    count += static_cast<size_t>(
+        std::count_if(block->cells.begin(), block->cells.end(), [](const Cell& cell) { return cell.weight > 0; }));
   std::vector<CloudPoint> points;
-  points.reserve(order.size());
+  points.reserve(count);
   for (const uint32_t i : order) {
-    const Cell& cell = cells_[i];
-    points.push_back({(cell.position / cell.weight).cast<float>(), cell.normal.normalized().cast<float>(),
-                      static_cast<uint8_t>(std::lround(std::clamp(cell.grey / cell.weight, 0.0, 255.0))),
-                      static_cast<float>(1 / std::sqrt(cell.weight))});
+    for (int number = 0; number < kBlockCells; ++number) {
+      const Cell& cell = blocks_[i]->cells[static_cast<size_t>(number)];
+      if (!(cell.weight > 0)) continue;
+      CloudPoint& point = points.emplace_back();
+      for (int k = 0; k < 3; ++k) {
+        const int first =
+            kBlockEdge * indices_[i][static_cast<size_t>(k)] + (number >> (2 - k) * kBlockBits & (kBlockEdge - 1));
+        point.position_m[k] = static_cast<float>(
+            cell_m_ * (static_cast<double>(first) + static_cast<double>(cell.position[k] / cell.weight)));
+      }
+      point.normal = Eigen::Vector3f(cell.normal[0], cell.normal[1], cell.normal[2]).normalized();
+      point.grey = static_cast<uint8_t>(std::lround(std::clamp(cell.grey / cell.weight, 0.0f, 255.0f)));
+      point.sigma_m = 1 / std::sqrt(cell.weight);
+    }
   }
   return points;
 }

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "core/map/grid_range.h"
@@ -32,26 +33,28 @@ struct CloudPoint {
 
 class CloudMap {
  public:
-  // Throws Error unless cell_m is at least 1e-5. Points in cells outside `range` are ignored.
+  // Throws Error unless cell_m is at least 1e-5. Points in cells outside `range`, or 2^30 cells from the origin, are
+  // ignored.
   explicit CloudMap(double cell_m, const GridRange& range = {});
+  ~CloudMap();
+  CloudMap(CloudMap&&) noexcept;
+  CloudMap& operator=(CloudMap&&) noexcept;
+
   void add(const Frame& frame, const Pose& world_from_camera);
-  // Returns the points sorted by cell coordinates, independent of the order in which cells were created.
+  // Returns the points in the order of their blocks of 4 x 4 x 4 cells and of the cells in these, independent of the order
+  // in which frames were added.
   std::vector<CloudPoint> points() const;
 
  private:
-  using Key = GridIndex;
-  struct Cell {
-    Eigen::Vector3d position = Eigen::Vector3d::Zero(), normal = Eigen::Vector3d::Zero();
-    double grey = 0, weight = 0;
-  };
-  Cell& cell_at(const Key& key);
+  struct Block;
+  Block& block_at(const GridIndex& index);
   void grow();
 
   double cell_m_;
   GridRange range_;
-  std::vector<Key> keys_;  // of the cells
-  std::vector<Cell> cells_;
-  std::vector<uint32_t> slots_;  // hash table: position of a cell + 1, or 0
+  std::vector<GridIndex> indices_;  // of the blocks
+  std::vector<std::unique_ptr<Block>> blocks_;
+  std::vector<uint32_t> slots_;  // hash table: position of a block + 1, or 0
 };
 
 }  // namespace fringeslam

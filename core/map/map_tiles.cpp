@@ -81,7 +81,7 @@ bool MapTiles::is_last(const GridIndex& unit) const {
   return last;
 }
 
-void for_each_frame(const KeyframeMap& map, const std::vector<size_t>& frames,
+void for_each_frame(const KeyframeMap& map, std::span<const size_t> frames,
                     const std::function<void(Frame, const Pose&)>& take) {
   constexpr size_t kResident = 32;  // frames whose pages are in memory at a time
   for (size_t i = 0; i < frames.size(); ++i) {

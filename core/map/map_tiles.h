@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <span>
 #include <vector>
 
 #include "core/map/grid_range.h"
@@ -32,7 +33,7 @@ struct MapTiles {
 
 // Restores frames of the map, in the given order, and passes them with their camera poses to `take`. Few frames are in
 // memory at a time.
-void for_each_frame(const KeyframeMap& map, const std::vector<size_t>& frames,
+void for_each_frame(const KeyframeMap& map, std::span<const size_t> frames,
                     const std::function<void(Frame, const Pose& world_from_camera)>& take);
 
 // Receives how many of all tiles are finished.

@@ -4,7 +4,11 @@
 #include <openvdb/openvdb.h>
 
 #include <algorithm>
+#include <array>
+#include <functional>
+#include <future>
 #include <numeric>
+#include <span>
 #include <unordered_map>
 
 #include "core/base/parallel.h"
@@ -48,9 +52,16 @@ class SurfaceModel::Grid {
   Grid(const RigModel& rig, const SurfaceOptions& surface)
       : camera(rig.camera), scale(scale_of(rig, surface)), options(surface), tree(0) {}
 
+  // Frames ready to be fused. Kept between uses, since allocating memory costs more than writing to it.
+  struct Prepared {
+    std::vector<FramePlanes> frames;
+    BrickSet touched;
+  };
+
   void check(const PosedFrame& posed) const;
-  // Adds at most kFramesTogether frames.
-  void add(const PosedFrame* first, size_t count);
+  // Prepares at most kMaxFusedFrames frames. Several threads may prepare frames while another fuses some.
+  void prepare(const PosedFrame* first, size_t count, Prepared& prepared) const;
+  void fuse(const Prepared& prepared);
   // Ignores everything outside these bricks from now on.
   void limit(const GridRange& range) { range_ = range; }
 
@@ -77,11 +88,9 @@ class SurfaceModel::Grid {
   VoxelScale scale;
   SurfaceOptions options;
   Tree tree;
+  Prepared scratch;  // of add()
 
  private:
-  // Kept between calls, since allocating memory costs more than writing to it.
-  std::vector<FramePlanes> frames;
-  BrickSet touched;
   GridRange range_;
 };
 
@@ -97,15 +106,19 @@ void SurfaceModel::Grid::check(const PosedFrame& posed) const {
     throw Error("surface: a pose is not within " + to_text(reach_m) + " m of the origin");
 }
 
-void SurfaceModel::Grid::add(const PosedFrame* first, size_t count) {
+void SurfaceModel::Grid::prepare(const PosedFrame* first, size_t count, Prepared& prepared) const {
   const PlaneLimits limits{options.max_slope_deg, options.min_sigma_m, options.max_off_plane_sigma};
+  std::vector<FramePlanes>& frames = prepared.frames;
   while (frames.size() < count) frames.emplace_back(camera, scale, limits);
-  touched.clear();
+  prepared.touched.clear();
   for (size_t i = 0; i < count; ++i) {
     frames[i].take(first[i].frame, first[i].world_from_camera);
-    frames[i].collect(static_cast<int>(i), touched);
+    frames[i].collect(static_cast<int>(i), prepared.touched);
   }
-  const std::vector<TouchedBrick>& bricks = touched.bricks();
+}
+
+void SurfaceModel::Grid::fuse(const Prepared& prepared) {
+  const std::vector<TouchedBrick>& bricks = prepared.touched.bricks();
   // The tree may be searched in parallel but not modified: new leaves are added at the end.
   std::vector<std::unique_ptr<VoxelLeaf>> fresh(bricks.size());
   for_each(bricks.size(), [&](size_t i) {
@@ -117,7 +130,7 @@ void SurfaceModel::Grid::add(const PosedFrame* first, size_t count) {
       fresh[i] = std::make_unique<VoxelLeaf>(corner, 0);
       leaf = fresh[i].get();
     }
-    const bool seen = fuse(frames, bricks[i], leaf->buffer().data());
+    const bool seen = fringeslam::fuse(prepared.frames, bricks[i], leaf->buffer().data());
     if (!seen) fresh[i].reset();
   });
   for (auto& leaf : fresh) {
@@ -133,22 +146,13 @@ SurfaceModel& SurfaceModel::operator=(SurfaceModel&&) noexcept = default;
 
 void SurfaceModel::add(const std::vector<PosedFrame>& frames) {
   for (const PosedFrame& frame : frames) grid_->check(frame);
-  for (size_t i = 0; i < frames.size(); i += kMaxFusedFrames)
-    grid_->add(frames.data() + i, std::min<size_t>(kMaxFusedFrames, frames.size() - i));
+  for (size_t i = 0; i < frames.size(); i += kMaxFusedFrames) {
+    grid_->prepare(frames.data() + i, std::min<size_t>(kMaxFusedFrames, frames.size() - i), grid_->scratch);
+    grid_->fuse(grid_->scratch);
+  }
 }
 
 namespace {
-
-void add_frames(const KeyframeMap& map, const std::vector<size_t>& frames, SurfaceModel& surface) {
-  std::vector<PosedFrame> together;  // limits the memory use
-  for_each_frame(map, frames, [&](Frame frame, const Pose& world_from_camera) {
-    together.push_back({std::move(frame), world_from_camera});
-    if (together.size() < kMaxFusedFrames) return;
-    surface.add(together);
-    together.clear();
-  });
-  surface.add(together);
-}
 
 struct CellHash {
   size_t operator()(const SurfaceCell& cell) const {
@@ -190,11 +194,34 @@ class PatchStitcher {
 
 }  // namespace
 
+// Fuses frames of the map. While some are fused, the next ones are prepared in another thread.
+void SurfaceModel::add_frames(const KeyframeMap& map, const std::vector<size_t>& frames) {
+  constexpr size_t kTogether = kMaxFusedFrames;  // limits the memory use
+  std::array<Grid::Prepared, 2> prepared;
+  const auto prepare = [&](size_t first, Grid::Prepared& into) {
+    const size_t count = std::min(kTogether, frames.size() - first);
+    std::vector<PosedFrame> together;
+    for_each_frame(map, std::span(frames).subspan(first, count), [&](Frame frame, const Pose& world_from_camera) {
+      together.push_back({std::move(frame), world_from_camera});
+      grid_->check(together.back());
+    });
+    grid_->prepare(together.data(), count, into);
+  };
+  if (!frames.empty()) prepare(0, prepared[0]);
+  for (size_t first = 0, turn = 0; first < frames.size(); first += kTogether, turn = 1 - turn) {
+    std::future<void> next;
+    if (const size_t following = first + kTogether; following < frames.size())
+      next = std::async(std::launch::async, [&, following, turn] { prepare(following, prepared[1 - turn]); });
+    grid_->fuse(prepared[turn]);
+    if (next.valid()) next.get();
+  }
+}
+
 SurfaceModel surface_of(const KeyframeMap& map, const SurfaceOptions& options) {
   SurfaceModel surface(map.rig(), options);
   std::vector<size_t> all(map.frames().size());
   std::iota(all.begin(), all.end(), size_t{0});
-  add_frames(map, all, surface);
+  surface.add_frames(map, all);
   return surface;
 }
 
@@ -207,12 +234,18 @@ void for_each_surface_part(const KeyframeMap& map, const SurfaceOptions& options
   const MapTiles tiling = tiles_of(map, edge, kBrickEdge * scale.voxel_m, margin_m);
   const std::vector<MapTile>& tiles = tiling.tiles;
   PatchStitcher stitcher(tiling);
-  for (size_t t = 0; t < tiles.size(); ++t) {
+  const auto patch_of = [&](const MapTile& tile) {
     SurfaceModel surface(map.rig(), options);
-    surface.grid_->limit(tiling.range(tiles[t], 1));
-    add_frames(map, tiles[t].frames, surface);
-    take(stitcher.stitched(
-        surface_nets(surface.grid_->bricks(), scale, surface.grid_->min_weight(), tiling.range(tiles[t]))));
+    surface.grid_->limit(tiling.range(tile, 1));
+    surface.add_frames(map, tile.frames);
+    return surface_nets(surface.grid_->bricks(), scale, surface.grid_->min_weight(), tiling.range(tile));
+  };
+  // A part is taken while the next one is made.
+  std::future<SurfacePatch> next;
+  for (size_t t = 0; t < tiles.size(); ++t) {
+    SurfacePatch patch = next.valid() ? next.get() : patch_of(tiles[t]);
+    if (t + 1 < tiles.size()) next = std::async(std::launch::async, patch_of, std::cref(tiles[t + 1]));
+    take(stitcher.stitched(std::move(patch)));
     if (progress) progress(t + 1, tiles.size());
   }
 }

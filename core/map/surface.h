@@ -73,6 +73,8 @@ class SurfaceModel {
 
  private:
   class Grid;
+  void add_frames(const KeyframeMap& map, const std::vector<size_t>& frames);
+  friend SurfaceModel surface_of(const KeyframeMap& map, const SurfaceOptions& options);
   friend void for_each_surface_part(const KeyframeMap& map, const SurfaceOptions& options,
                                     const std::function<void(const SurfaceMesh&)>& take, const TileProgress& progress);
   std::unique_ptr<Grid> grid_;

@@ -2,10 +2,13 @@
 #include "core/map/surface_nets.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstring>
 #include <unordered_map>
 
 #include "core/base/parallel.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
@@ -32,6 +35,27 @@ struct BrickSurface {
   std::array<int16_t, kBrickVoxels> vertex_of_cell;
 };
 
+// For each cell of a brick, the number of corners that lie inside, plus at least 16 if one is unobserved. Rows of a patch
+// start at multiples of kCountStride.
+constexpr int kCountStride = 16;
+using CornerCounts = std::array<uint8_t, kPatch * kPatch * kCountStride>;
+
+FRINGESLAM_INLINE void count_corners_body(const uint64_t* patch, float min_weight, CornerCounts& counts) {
+  constexpr int kSize = kPatch * kPatch * kCountStride, kAcross = kCountStride, kDown = kPatch * kCountStride;
+  alignas(64) uint8_t corner[kSize + kCountStride] = {}, pairs[kSize + kCountStride], squares[kSize];
+  for (int row = 0; row < kPatch * kPatch; ++row) {
+    for (int z = 0; z < kPatch; ++z) {
+      const uint64_t voxel = patch[row * kPatch + z];
+      corner[row * kCountStride + z] =
+          static_cast<uint8_t>((voxel >> 15 & 1) + (voxel_weight(voxel) >= min_weight ? 0 : 16));
+    }
+  }
+  for (int i = 0; i < kSize; ++i) pairs[i] = static_cast<uint8_t>(corner[i] + corner[i + 1]);
+  for (int i = 0; i < kSize - kAcross; ++i) squares[i] = static_cast<uint8_t>(pairs[i] + pairs[i + kAcross]);
+  for (int i = 0; i < kSize - kDown - kAcross; ++i)
+    counts[static_cast<size_t>(i)] = static_cast<uint8_t>(squares[i] + squares[i + kDown]);
+}
+
 class SurfaceNetsMesher {
  public:
   SurfaceNetsMesher(const std::vector<Brick>& bricks, const VoxelScale& scale, double min_weight)
@@ -42,7 +66,11 @@ class SurfaceNetsMesher {
 
   SurfacePatch patch(const GridRange& range) {
     const int count = static_cast<int>(bricks_.size());
-    for_each_row(count, [&](int i) { find_vertices(static_cast<size_t>(i)); });
+    // Triangles use vertices of their own brick and of those that precede it.
+    const GridRange up_to{GridRange().first, range.last};
+    for_each_row(count, [&](int i) {
+      if (up_to.contains(bricks_[static_cast<size_t>(i)].index)) find_vertices(static_cast<size_t>(i));
+    });
     first_.assign(bricks_.size() + 1, 0);
     for (size_t i = 0; i < bricks_.size(); ++i)
       first_[i + 1] = first_[i] + static_cast<uint32_t>(surfaces_[i].vertices.size());
@@ -82,9 +110,8 @@ class SurfaceNetsMesher {
     return result;
   }
 
-  struct Patch {
-    std::array<float, kPatch * kPatch * kPatch> distance, grey, weight;  // distance in voxels, grey in [0, 255]
-  };
+  // The voxels of a brick and the adjacent ones of its neighbours; 0 where there is no brick.
+  using Patch = std::array<uint64_t, kPatch * kPatch * kPatch>;
 
   const Brick* neighbour(size_t brick, int x, int y, int z) const {
     const BrickIndex& at = bricks_[brick].index;
@@ -93,21 +120,19 @@ class SurfaceNetsMesher {
   }
 
   void fill(Patch& patch, size_t brick) const {
-    const float voxels_per_step = static_cast<float>(scale_.truncation_m / scale_.voxel_m) / kDistanceSteps;
     for (int side = 0; side < 8; ++side) {
       const int sx = side >> 2, sy = side >> 1 & 1, sz = side & 1;
       const Brick* const from = neighbour(brick, sx, sy, sz);
       const auto end = [](int s) { return s ? 1 : kBrickEdge; };
+      const auto bytes = static_cast<size_t>(end(sz)) * sizeof(uint64_t);
       for (int x = 0; x < end(sx); ++x) {
         for (int y = 0; y < end(sy); ++y) {
-          for (int z = 0; z < end(sz); ++z) {
-            const auto at =
-                static_cast<size_t>(patch_at(x + sx * kBrickEdge, y + sy * kBrickEdge, z + sz * kBrickEdge));
-            const uint64_t voxel = from ? static_cast<uint64_t>(from->voxels[cell_at(x, y, z)]) : 0;
-            patch.distance[at] = voxels_per_step * voxel_distance(voxel);
-            patch.grey[at] = voxel_grey(voxel) / kGreySteps;
-            patch.weight[at] = voxel_weight(voxel);
-          }
+          uint64_t* const to =
+              patch.data() + patch_at(x + sx * kBrickEdge, y + sy * kBrickEdge, sz * kBrickEdge);
+          if (from != nullptr)
+            std::memcpy(to, from->voxels + cell_at(x, y, 0), bytes);
+          else
+            std::memset(to, 0, bytes);
         }
       }
     }
@@ -118,72 +143,83 @@ class SurfaceNetsMesher {
     surface.vertex_of_cell.fill(kNoCellVertex);
     Patch patch;
     fill(patch, brick);
+    CornerCounts counts;
+    static const auto count_corners = Variants<count_corners_body>::of(selected_instruction_set());
+    count_corners(patch.data(), min_weight_, counts);
     for (int x = 0; x < kBrickEdge; ++x) {
       for (int y = 0; y < kBrickEdge; ++y) {
-        for (int z = 0; z < kBrickEdge; ++z) add_cell(surface, patch, bricks_[brick].index, {x, y, z});
+        const uint8_t* const row = counts.data() + (x * kPatch + y) * kCountStride;
+        for (int z = 0; z < kBrickEdge; ++z) {
+          if (row[z] > 0 && row[z] < 8) add_cell(surface, patch, bricks_[brick].index, {x, y, z});
+        }
       }
     }
   }
 
-  // Adds the vertex of a cell. Corner i of a cell is (i >> 2, i >> 1 & 1, i & 1).
+  // The distances, in voxels, and the voxels at the corners of a cell. Corner i is (i >> 2, i >> 1 & 1, i & 1).
+  struct Corners {
+    std::array<float, 8> distance;
+    std::array<uint64_t, 8> voxel;
+  };
+
+  // Adds the vertex of a cell that is observed and contains a change of sign.
   void add_cell(BrickSurface& surface, const Patch& patch, const BrickIndex& brick, const std::array<int, 3>& cell) {
-    std::array<size_t, 8> at;
-    int inside = 0;
-    bool observed = true;
-    for (int i = 0; i < 8; ++i) {
-      at[static_cast<size_t>(i)] =
-          static_cast<size_t>(patch_at(cell[0] + (i >> 2), cell[1] + (i >> 1 & 1), cell[2] + (i & 1)));
-      observed &= patch.weight[at[static_cast<size_t>(i)]] >= min_weight_;
-      inside += patch.distance[at[static_cast<size_t>(i)]] < 0 ? 1 : 0;
+    const float voxels_per_step = static_cast<float>(scale_.truncation_m / scale_.voxel_m) / kDistanceSteps;
+    Corners corners;
+    for (size_t i = 0; i < 8; ++i) {
+      const int corner = static_cast<int>(i);
+      corners.voxel[i] = patch[static_cast<size_t>(
+          patch_at(cell[0] + (corner >> 2), cell[1] + (corner >> 1 & 1), cell[2] + (corner & 1)))];
+      corners.distance[i] = voxels_per_step * voxel_distance(corners.voxel[i]);
     }
-    if (!observed || inside == 0 || inside == 8) return;
-    const auto distance = [&](int i) { return patch.distance[at[static_cast<size_t>(i)]]; };
     CellVertex vertex{static_cast<int16_t>(cell_at(cell[0], cell[1], cell[2])), {}};
-    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+    std::array<double, 3> sum{};
     int crossings = 0;
-    for (int axis = 0; axis < 3; ++axis) {
-      const int step = 4 >> axis;
-      for (int i = 0; i < 8; ++i) {
+    for (size_t axis = 0; axis < 3; ++axis) {
+      const size_t step = 4u >> axis;
+      for (size_t i = 0; i < 8; ++i) {
         if ((i & step) != 0) continue;
-        const float from = distance(i), to = distance(i + step);
+        const float from = corners.distance[i], to = corners.distance[i + step];
         if ((from < 0) == (to < 0)) continue;
         if (std::abs(from - to) > kMaxStep) return;
-        Eigen::Vector3d crossing(i >> 2, i >> 1 & 1, i & 1);
+        std::array<double, 3> crossing = {static_cast<double>(i >> 2), static_cast<double>(i >> 1 & 1),
+                                          static_cast<double>(i & 1)};
         crossing[axis] = static_cast<double>(from) / (static_cast<double>(from) - static_cast<double>(to));
-        sum += crossing;
+        for (size_t k = 0; k < 3; ++k) sum[k] += crossing[k];
         ++crossings;
-        if (i == 0) vertex.crossing[static_cast<size_t>(axis)] = from < 0 ? 1 : -1;
+        if (i == 0) vertex.crossing[axis] = from < 0 ? 1 : -1;
       }
     }
     surface.vertex_of_cell[static_cast<size_t>(vertex.cell)] = static_cast<int16_t>(surface.cells.size());
     surface.cells.push_back(vertex);
-    const Eigen::Vector3d in_cell = sum / crossings;
-    surface.vertices.push_back(vertex_at(patch, at, in_cell));
-    surface.vertices.back().position_m =
-        (scale_.voxel_m * (in_cell + Eigen::Vector3d(kBrickEdge * brick[0] + cell[0], kBrickEdge * brick[1] + cell[1],
-                                                     kBrickEdge * brick[2] + cell[2])))
-            .cast<float>();
+    for (double& coordinate : sum) coordinate /= crossings;
+    surface.vertices.push_back(vertex_at(corners, sum));
+    for (int k = 0; k < 3; ++k) {
+      const auto axis = static_cast<size_t>(k);
+      surface.vertices.back().position_m[k] =
+          static_cast<float>(scale_.voxel_m * (sum[axis] + kBrickEdge * brick[axis] + cell[axis]));
+    }
   }
 
   // Interpolates grey value and weight trilinearly; the normal is the gradient of the trilinearly interpolated
   // distance.
-  static CloudPoint vertex_at(const Patch& patch, const std::array<size_t, 8>& at, const Eigen::Vector3d& in_cell) {
-    Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
+  static CloudPoint vertex_at(const Corners& corners, const std::array<double, 3>& in_cell) {
     double grey = 0, weight = 0;
-    for (int i = 0; i < 8; ++i) {
-      const size_t corner = at[static_cast<size_t>(i)];
-      const Eigen::Array3i side(i >> 2, i >> 1 & 1, i & 1);
-      const Eigen::Array3d sign = (2 * side - 1).cast<double>();
-      const Eigen::Array3d part =
-          side.cast<double>() * in_cell.array() + (1 - side.cast<double>()) * (1 - in_cell.array());
-      grey += part.prod() * static_cast<double>(patch.grey[corner]);
-      weight += part.prod() * static_cast<double>(patch.weight[corner]);
-      gradient += static_cast<double>(patch.distance[corner]) *
-                  (sign * Eigen::Array3d(part[1] * part[2], part[0] * part[2], part[0] * part[1])).matrix();
+    Eigen::Vector3d gradient = Eigen::Vector3d::Zero();
+    for (size_t i = 0; i < 8; ++i) {
+      const bool side[3] = {(i & 4) != 0, (i & 2) != 0, (i & 1) != 0};
+      const double a = side[0] ? in_cell[0] : 1 - in_cell[0], b = side[1] ? in_cell[1] : 1 - in_cell[1],
+                   c = side[2] ? in_cell[2] : 1 - in_cell[2];
+      grey += a * b * c * static_cast<double>(voxel_grey(corners.voxel[i]));
+      weight += a * b * c * static_cast<double>(voxel_weight(corners.voxel[i]));
+      const auto distance = static_cast<double>(corners.distance[i]);
+      gradient[0] += side[0] ? distance * (b * c) : -distance * (b * c);
+      gradient[1] += side[1] ? distance * (a * c) : -distance * (a * c);
+      gradient[2] += side[2] ? distance * (a * b) : -distance * (a * b);
     }
     CloudPoint point;
     point.normal = gradient.normalized().cast<float>();
-    point.grey = static_cast<uint8_t>(std::lround(std::clamp(grey, 0.0, 255.0)));
+    point.grey = static_cast<uint8_t>(std::lround(std::clamp(grey / static_cast<double>(kGreySteps), 0.0, 255.0)));
     point.sigma_m = static_cast<float>(1 / std::sqrt(weight));
     return point;
   }
