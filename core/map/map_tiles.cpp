@@ -5,7 +5,6 @@
 #include <cmath>
 #include <limits>
 #include <map>
-#include <optional>
 
 #include "core/types/error.h"
 
@@ -13,55 +12,29 @@ namespace fringeslam {
 
 namespace {
 
-// Bounds of the pixels' rays at depth 1.
-struct RayBounds {
-  Eigen::Vector2d low = Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity()), high = -low;
-};
-
-RayBounds bounds_of(const PixelRays& rays) {
-  RayBounds bounds;
-  for (const cv::Vec2f& ray : rays) {
-    const Eigen::Vector2d slope(ray[0], ray[1]);
-    bounds.low = bounds.low.cwiseMin(slope);
-    bounds.high = bounds.high.cwiseMax(slope);
-  }
-  return bounds;
-}
-
-// Bounds of a frame's points in units.
+// Bounds of some of a frame's points in units.
 struct UnitBox {
-  size_t frame;
   GridIndex first, last;
 };
 
-// Returns the units within `margin_m` of what the frame may see; empty if it sees nothing.
-std::optional<UnitBox> box_of(const MapFrame& frame, const Pose& world_from_camera, const RayBounds& rays,
-                              double unit_m, double margin_m) {
-  float nearest_m = std::numeric_limits<float>::infinity(), farthest_m = 0;
-  for (const float depth_m : frame.frame.depth_m) {
-    if (!(depth_m > 0)) continue;
-    nearest_m = std::min(nearest_m, depth_m);
-    farthest_m = std::max(farthest_m, depth_m);
-  }
-  if (!(farthest_m > 0)) return std::nullopt;
-  Eigen::Vector3d low = Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity()), high = -low;
-  for (int corner = 0; corner < 8; ++corner) {
-    const double z = static_cast<double>(corner & 4 ? farthest_m : nearest_m);
-    const Eigen::Vector3d point = world_from_camera * Eigen::Vector3d(z * (corner & 1 ? rays.high : rays.low).x(),
-                                                                      z * (corner & 2 ? rays.high : rays.low).y(), z);
-    low = low.cwiseMin(point);
-    high = high.cwiseMax(point);
-  }
+// Returns the units within `margin_m` of the frame's points.
+std::vector<UnitBox> unit_boxes(const MapFrame& frame, const Pose& world_from_camera, const PixelRays& rays,
+                                double unit_m, double margin_m) {
   constexpr double kMostUnits = 1e9;
-  UnitBox box{};
-  for (int i = 0; i < 3; ++i) {
-    const double first = std::floor((low[i] - margin_m) / unit_m), last = std::floor((high[i] + margin_m) / unit_m);
-    if (!(std::abs(first) < kMostUnits && std::abs(last) < kMostUnits))
-      throw Error("map: frame " + std::to_string(frame.frame.index) + " is too far from the origin");
-    box.first[static_cast<size_t>(i)] = static_cast<int32_t>(first);
-    box.last[static_cast<size_t>(i)] = static_cast<int32_t>(last);
+  std::vector<UnitBox> boxes;
+  for (const WorldBox& points : boxes_of(frame.frame, rays, world_from_camera)) {
+    UnitBox& box = boxes.emplace_back();
+    for (size_t i = 0; i < 3; ++i) {
+      const auto axis = static_cast<int>(i);
+      const double first = std::floor((points.low_m[axis] - margin_m) / unit_m);
+      const double last = std::floor((points.high_m[axis] + margin_m) / unit_m);
+      if (!(std::abs(first) < kMostUnits && std::abs(last) < kMostUnits))
+        throw Error("map: frame " + std::to_string(frame.frame.index) + " is too far from the origin");
+      box.first[i] = static_cast<int32_t>(first);
+      box.last[i] = static_cast<int32_t>(last);
+    }
   }
-  return box;
+  return boxes;
 }
 
 }  // namespace
@@ -96,7 +69,7 @@ int32_t tile_edge(const KeyframeMap& map, double unit_m) {
   constexpr int32_t kLeast = 1024, kStep = 8;  // whole bricks of voxels
   if (map.frames().size() <= kFew) return 0;
   const double view_m = std::max(map.rig().camera.width, map.rig().camera.height) * map.rig().pixel_footprint_m();
-  return std::max(kLeast, kStep * static_cast<int32_t>(std::ceil(1.5 * view_m / unit_m / kStep)));
+  return std::max(kLeast, kStep * static_cast<int32_t>(std::ceil(2.0 * view_m / unit_m / kStep)));
 }
 
 MapTiles tiles_of(const KeyframeMap& map, int32_t edge, double unit_m, double margin_m) {
@@ -109,29 +82,32 @@ MapTiles tiles_of(const KeyframeMap& map, int32_t edge, double unit_m, double ma
     if (!frames.empty()) result.tiles.push_back(std::move(all));
     return result;
   }
-  const RayBounds rays = bounds_of(map.rays());
   result.origin.fill(std::numeric_limits<int32_t>::max());
-  std::vector<UnitBox> boxes;
+  std::vector<std::vector<UnitBox>> boxes(frames.size());
   constexpr size_t kResident = 64;  // frames whose pages are in memory at a time
   for (size_t i = 0; i < frames.size(); ++i) {
     if (i % kResident == 0) map.release_frames();
-    auto box = box_of(frames[i], map.world_from_camera(frames[i]), rays, unit_m, margin_m);
-    if (!box) continue;
-    box->frame = i;
-    boxes.push_back(*box);
-    for (size_t axis = 0; axis < 3; ++axis) result.origin[axis] = std::min(result.origin[axis], box->first[axis]);
+    boxes[i] = unit_boxes(frames[i], map.world_from_camera(frames[i]), map.rays(), unit_m, margin_m);
+    for (const UnitBox& box : boxes[i]) {
+      for (size_t axis = 0; axis < 3; ++axis) result.origin[axis] = std::min(result.origin[axis], box.first[axis]);
+    }
   }
   map.release_frames();
   std::map<GridIndex, std::vector<size_t>> tiles;
-  for (const UnitBox& box : boxes) {
-    GridIndex first, last;
-    for (size_t axis = 0; axis < 3; ++axis) {
-      first[axis] = (box.first[axis] - result.origin[axis]) / edge;
-      last[axis] = (box.last[axis] - result.origin[axis]) / edge;
-    }
-    for (int32_t x = first[0]; x <= last[0]; ++x) {
-      for (int32_t y = first[1]; y <= last[1]; ++y) {
-        for (int32_t z = first[2]; z <= last[2]; ++z) tiles[{x, y, z}].push_back(box.frame);
+  for (size_t i = 0; i < frames.size(); ++i) {
+    for (const UnitBox& box : boxes[i]) {
+      GridIndex first, last;
+      for (size_t axis = 0; axis < 3; ++axis) {
+        first[axis] = (box.first[axis] - result.origin[axis]) / edge;
+        last[axis] = (box.last[axis] - result.origin[axis]) / edge;
+      }
+      for (int32_t x = first[0]; x <= last[0]; ++x) {
+        for (int32_t y = first[1]; y <= last[1]; ++y) {
+          for (int32_t z = first[2]; z <= last[2]; ++z) {
+            std::vector<size_t>& members = tiles[{x, y, z}];
+            if (members.empty() || members.back() != i) members.push_back(i);
+          }
+        }
       }
     }
   }

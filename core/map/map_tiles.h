@@ -43,9 +43,8 @@ using TileProgress = std::function<void(size_t done, size_t all)>;
 // 1,024. 0 for maps of a few frames, which need no tiles.
 int32_t tile_edge(const KeyframeMap& map, double unit_m);
 
-// Divides the map into tiles of `edge` units of `unit_m`. A frame belongs to the tiles that its points, bounded by its least
-// and greatest depth, may lie in or within `margin_m` of. Throws Error if a pose is so far from the origin that the units
-// cannot be numbered.
+// Divides the map into tiles of `edge` units of `unit_m`. A frame belongs to the tiles within `margin_m` of its points, or of
+// boxes that contain some of these. Throws Error if a pose is so far from the origin that the units cannot be numbered.
 MapTiles tiles_of(const KeyframeMap& map, int32_t edge, double unit_m, double margin_m);
 
 }  // namespace fringeslam

@@ -3,6 +3,7 @@
 
 #include <xxhash.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -57,7 +58,61 @@ FRINGESLAM_INLINE void place_body(const float* depths, const float* rays, int co
   }
 }
 
+constexpr int kLanes = 16;
+
+// Smallest and largest world coordinate of a row's points per lane; `m` is the axis' row of the camera's pose.
+struct AxisBounds {
+  float low[kLanes], high[kLanes];
+};
+
+FRINGESLAM_INLINE void bounds_body(const float* depths, const float* rays, int count, const float* m,
+                                   AxisBounds& __restrict bounds) {
+  for (int first = 0; first < count; first += kLanes) {
+    const int lanes = count - first < kLanes ? count - first : kLanes;
+    for (int lane = 0; lane < lanes; ++lane) {
+      const int i = first + lane;
+      const float z = depths[i] > 0 ? depths[i] : kNaN;
+      const float at = z * (m[0] * rays[2 * i] + m[1] * rays[2 * i + 1] + m[2]);
+      bounds.low[lane] = at < bounds.low[lane] ? at : bounds.low[lane];
+      bounds.high[lane] = at > bounds.high[lane] ? at : bounds.high[lane];
+    }
+  }
+}
+
 }  // namespace
+
+std::vector<WorldBox> boxes_of(const StoredFrame& stored, const PixelRays& rays, const Pose& world_from_camera) {
+  static const auto bounds = Variants<bounds_body>::of(selected_instruction_set());
+  constexpr int kBlock = 64;  // pixels
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  constexpr double kRounding = 1e-6;  // of floats, relative
+  const cv::Mat1f& depth_m = stored.depth_m;
+  std::vector<WorldBox> boxes;
+  for (int top = 0; top < depth_m.rows; top += kBlock) {
+    for (int left = 0; left < depth_m.cols; left += kBlock) {
+      WorldBox box;
+      bool empty = false;
+      for (int k = 0; k < 3; ++k) {
+        AxisBounds axis;
+        std::fill_n(axis.low, kLanes, kInfinity), std::fill_n(axis.high, kLanes, -kInfinity);
+        // The position of the camera is added at the end, since floats are too coarse far from the origin.
+        const float m[3] = {static_cast<float>(world_from_camera.rotation(k, 0)),
+                            static_cast<float>(world_from_camera.rotation(k, 1)),
+                            static_cast<float>(world_from_camera.rotation(k, 2))};
+        for (int row = top; row < std::min(top + kBlock, depth_m.rows); ++row)
+          bounds(depth_m[row] + left, rays[row][left].val, std::min(kBlock, depth_m.cols - left), m, axis);
+        const auto low = static_cast<double>(*std::min_element(axis.low, axis.low + kLanes));
+        const auto high = static_cast<double>(*std::max_element(axis.high, axis.high + kLanes));
+        empty |= !(low <= high);
+        const double rounding = kRounding * (std::abs(low) + std::abs(high));
+        box.low_m[k] = world_from_camera.translation[k] + low - rounding;
+        box.high_m[k] = world_from_camera.translation[k] + high + rounding;
+      }
+      if (!empty) boxes.push_back(box);
+    }
+  }
+  return boxes;
+}
 
 uint64_t checksum_of(const StoredFrame& frame) {
   uint64_t sum = 0;

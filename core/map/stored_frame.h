@@ -8,8 +8,10 @@
 #include <mutex>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "core/types/frame.h"
+#include "core/types/pose.h"
 
 namespace fringeslam {
 
@@ -51,6 +53,14 @@ StoredFrame stored(const Frame& frame);
 // Restores the frame, without its 8-bit depth image. `rays` are those of the camera that took it. Throws Error if the images
 // lie in a file and are damaged.
 Frame restored(const StoredFrame& stored, const PixelRays& rays);
+
+// An axis-aligned box in the world frame.
+struct WorldBox {
+  Eigen::Vector3d low_m, high_m;
+};
+
+// Returns boxes that together contain all points of the frame, one per block of pixels that has a point.
+std::vector<WorldBox> boxes_of(const StoredFrame& stored, const PixelRays& rays, const Pose& world_from_camera);
 
 // Returns the memory of the stored images, bytes.
 size_t bytes_of(const StoredFrame& stored);

@@ -5,8 +5,10 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <functional>
 #include <future>
+#include <numbers>
 #include <numeric>
 #include <span>
 #include <unordered_map>
@@ -229,8 +231,11 @@ void for_each_surface_part(const KeyframeMap& map, const SurfaceOptions& options
                            const std::function<void(const SurfaceMesh&)>& take, const TileProgress& progress) {
   const VoxelScale scale = scale_of(map.rig(), options);
   const int32_t edge = tile_edge(map, scale.voxel_m) / kBrickEdge;
-  // The triangles of a tile need all bricks next to it, and these need all frames within the band around them.
-  const double margin_m = scale.truncation_m + (kBrickEdge + 1) * scale.voxel_m;
+  // The triangles of a tile need all bricks next to it, and these need all frames with a point whose band reaches them: its
+  // length is that of the truncation and of a pixel's footprint on the steepest usable surface (frame_planes.cpp).
+  const double footprint_m = map.rig().far_m / std::min(map.rig().camera.fx, map.rig().camera.fy);
+  const double slope = std::tan(options.max_slope_deg * std::numbers::pi / 180);
+  const double margin_m = scale.truncation_m + (1 + slope) * footprint_m + (kBrickEdge + 1) * scale.voxel_m;
   const MapTiles tiling = tiles_of(map, edge, kBrickEdge * scale.voxel_m, margin_m);
   const std::vector<MapTile>& tiles = tiling.tiles;
   PatchStitcher stitcher(tiling);
