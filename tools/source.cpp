@@ -134,7 +134,7 @@ class DatasetSource : public Source {
   fs::path board_file() const override { return folder_ / kBoardFile; }
 
   std::unique_ptr<Rig> open(const fs::path& folder) override {
-    if (info_.has_truth) copy_input_folder(folder_ / "truth", folder / "truth");
+    if (info_.has_truth) link_input_folder(folder_ / "truth", folder / "truth");
     if (fs::exists(folder_ / kStageFile)) copy_input(folder_ / kStageFile, folder / kStageFile);
     for (const char* file : {kRenderFile, kResolvedFile}) {
       if (fs::exists(folder_ / file)) copy_input(folder_ / file, folder / file);

@@ -31,7 +31,7 @@ class Source {
   virtual uint64_t seed() const = 0;
   virtual int stacks() const = 0;  // estimated for continuous motion, where it depends on the patterns requested
   virtual bool has_truth() const = 0;
-  // Folder of the ground truth, of which open() writes or copies a part into truth/ of the folder that it was given.
+  // Folder of the ground truth, of which open() writes or links a part into truth/ of the folder that it was given.
   // Reading it here lets messages name the user's file.
   virtual std::filesystem::path truth(const std::filesystem::path& opened) const = 0;
   // True if the images are those of another rig, whose near_m and far_m bound the depths.

@@ -120,7 +120,17 @@ void copy_input(const std::filesystem::path& from, const std::filesystem::path& 
   if (!out) throw Error(to.string() + ": cannot be written; check the folder and the free disk space");
 }
 
-void copy_input_folder(const std::filesystem::path& from, const std::filesystem::path& to, uint64_t most_bytes) {
+void link_input(const std::filesystem::path& from, const std::filesystem::path& to, uint64_t most_bytes) {
+  {
+    // Links what was opened and checked, whatever has its name by now.
+    const InputFile input(from, most_bytes);
+    const std::string opened = "/proc/self/fd/" + std::to_string(input.descriptor());
+    if (::linkat(AT_FDCWD, opened.c_str(), AT_FDCWD, to.c_str(), AT_SYMLINK_FOLLOW) == 0) return;
+  }
+  copy_input(from, to, most_bytes);
+}
+
+void link_input_folder(const std::filesystem::path& from, const std::filesystem::path& to, uint64_t most_bytes) {
   std::error_code failed;
   std::filesystem::create_directory(to, failed);
   if (failed) throw Error(to.string() + ": cannot be created: " + failed.message());
@@ -128,9 +138,9 @@ void copy_input_folder(const std::filesystem::path& from, const std::filesystem:
     // Folders are followed, links to folders are not: they may form a loop.
     std::error_code unknown;
     if (entry->symlink_status(unknown).type() == std::filesystem::file_type::directory)
-      copy_input_folder(entry->path(), to / entry->path().filename(), most_bytes);
+      link_input_folder(entry->path(), to / entry->path().filename(), most_bytes);
     else
-      copy_input(entry->path(), to / entry->path().filename(), most_bytes);
+      link_input(entry->path(), to / entry->path().filename(), most_bytes);
   }
   if (failed) throw Error(from.string() + ": cannot be listed: " + failed.message());
 }

@@ -44,11 +44,15 @@ class InputFile {
 // Returns the content of a regular file; see InputFile.
 std::string read_input(const std::filesystem::path& file, uint64_t most_bytes = kMostTextBytes);
 
-// Copies a regular file, or the regular files of a folder and its subfolders, to a place where nothing exists. Throws Error
-// like InputFile, or if the copy cannot be written.
+// Copies a regular file to a place where nothing exists. Throws Error like InputFile, or if the copy cannot be written.
 void copy_input(const std::filesystem::path& from, const std::filesystem::path& to,
                 uint64_t most_bytes = kMostImageFileBytes);
-void copy_input_folder(const std::filesystem::path& from, const std::filesystem::path& to,
+
+// Like copy_input(), for a regular file, or the regular files of a folder and its subfolders, that nobody changes: where the
+// file system allows it, they are hard links, which take neither time nor space.
+void link_input(const std::filesystem::path& from, const std::filesystem::path& to,
+                uint64_t most_bytes = kMostImageFileBytes);
+void link_input_folder(const std::filesystem::path& from, const std::filesystem::path& to,
                        uint64_t most_bytes = kMostImageFileBytes);
 
 }  // namespace fringeslam

@@ -26,11 +26,6 @@ constexpr int kOwn = 0, kBase = 1, kFiles = 2;
 // With the time to write, what is lost is less than a second old.
 constexpr std::chrono::milliseconds kInterval{400};
 
-// Makes a file appear at a second place, without copying it if possible.
-void link_or_copy(const fs::path& from, const fs::path& to) {
-  if (::linkat(AT_FDCWD, from.c_str(), AT_FDCWD, to.c_str(), 0) != 0) copy_input(from, to, kMostMapBytes);
-}
-
 // Links the file that is mapped, even if another one has taken its name; where links are not possible, its name.
 void link_base(const MappedFile& base, const fs::path& to) {
   const std::string open_file = "/proc/self/fd/" + std::to_string(base.descriptor());
@@ -266,7 +261,7 @@ void MapJournal::finish(const KeyframeMap& map, const fs::path& file) {
   if (!failure_.empty()) save();  // perhaps there is space again
   if (!failure_.empty()) throw Error(failure_);
   complete(index_, parts_, base_ ? base_->file.get() : nullptr);
-  link_or_copy(folder_.path() / kMapFile, file);
+  link_input(folder_.path() / kMapFile, file, kMostMapBytes);
 }
 
 void MapJournal::remove() {
@@ -354,7 +349,7 @@ RecoveredMap recover_map(const WorkFolder& journal, const fs::path& file) {
   for (const MapIndex::FrameEntry& frame : index.frames) include(frame.images);
   MapParts parts(own_file, end);
   complete(index, parts, memory[kBase].get());
-  link_or_copy(own_file, file);
+  link_input(own_file, file, kMostMapBytes);
   const auto count = [](size_t items) { return static_cast<int>(items); };
   return {count(whole), count(index.frames.size()), count(index.links.size()),
           count(all - whole - index.frames.size())};

@@ -77,6 +77,37 @@ TEST(MapTiles, HoldTheFramesThatReachIntoThem) {
   }
 }
 
+TEST(MapTiles, BoxesOfAFrameHoldItsPointsAndNothingMore) {
+  const KeyframeMap map = long_map(1);
+  const StoredFrame& stored = map.frames()[0].frame;
+  const Pose pose = pose_from({{-3e5, 2e5, 100}, {20, -10, 50}});
+  const Frame frame = restored(stored, map.rays());
+  const std::vector<WorldBox> boxes = boxes_of(stored, map.rays(), pose);
+  ASSERT_GT(boxes.size(), 1u);
+  std::vector<std::array<double, 6>> gaps_m(boxes.size(), {1, 1, 1, 1, 1, 1});
+  size_t points = 0;
+  for (const cv::Vec3f& p : frame.points_m) {
+    if (p[2] != p[2]) continue;
+    ++points;
+    const Eigen::Vector3d world = pose * vector_of(p);
+    size_t in = 0;
+    for (size_t i = 0; i < boxes.size(); ++i) {
+      const Eigen::Array3d above = world - boxes[i].low_m, below = boxes[i].high_m - world;
+      if (!(above >= 0).all() || !(below >= 0).all()) continue;
+      ++in;
+      for (int k = 0; k < 3; ++k) {
+        gaps_m[i][static_cast<size_t>(k)] = std::min(gaps_m[i][static_cast<size_t>(k)], above[k]);
+        gaps_m[i][static_cast<size_t>(k) + 3] = std::min(gaps_m[i][static_cast<size_t>(k) + 3], below[k]);
+      }
+    }
+    ASSERT_GE(in, 1u);
+  }
+  ASSERT_GT(points, 1000u);
+  for (const auto& gaps : gaps_m) {
+    for (const double gap_m : gaps) EXPECT_LT(gap_m, 1e-5);
+  }
+}
+
 TEST(MapTiles, AFlatMapHasOneLayer) {
   const KeyframeMap map = long_map();
   const MapTiles tiling = tiles_of(map, 100, 0.02, 0);
