@@ -122,7 +122,7 @@ int LandmarkDatabase::View::in_digest(int keypoint) const {
 
 const Keypoint& LandmarkDatabase::View::keypoint(int keypoint) const {
   const int i = in_digest(keypoint);
-  return i >= 0 ? at(digest->details, i) : at(details().keypoints, keypoint);
+  return i >= 0 ? at(digest->details, i) : at(*details().keypoints, keypoint);
 }
 
 int LandmarkDatabase::View::place(int keypoint) const {
@@ -144,11 +144,12 @@ std::span<const int> LandmarkDatabase::View::landmarks_of(int keypoint) const {
   return i >= 0 ? range(digest->owners, digest->starts, i) : range(details().owners, details().starts, keypoint);
 }
 
-LandmarkDatabase::Details LandmarkDatabase::details_of(const Landmarks& landmarks) {
+LandmarkDatabase::Details LandmarkDatabase::details_of(const Landmarks& landmarks,
+                                                       std::shared_ptr<const std::vector<Keypoint>> keypoints) {
   Details details;
-  details.keypoints = landmarks.keypoints.keypoints;
+  details.keypoints = std::move(keypoints);
   details.descriptors = quantised(landmarks.keypoints.descriptors);
-  details.place = places_of(details.keypoints);
+  details.place = places_of(*details.keypoints);
   for (const std::vector<int>& owners : owners_of(landmarks)) {
     if (!owners.empty()) details.owned.push_back(static_cast<int>(details.starts.size()));
     details.starts.push_back(static_cast<int>(details.owners.size()));
@@ -156,7 +157,7 @@ LandmarkDatabase::Details LandmarkDatabase::details_of(const Landmarks& landmark
   }
   details.starts.push_back(static_cast<int>(details.owners.size()));
   std::stable_sort(details.owned.begin(), details.owned.end(), [&](int a, int b) {
-    return at(details.keypoints, a).point_m.x() < at(details.keypoints, b).point_m.x();
+    return at(*details.keypoints, a).point_m.x() < at(*details.keypoints, b).point_m.x();
   });
   return details;
 }
@@ -176,27 +177,33 @@ void LandmarkDatabase::select(View& view, const std::vector<std::vector<int>>& b
   view.landmarks = by_strength.size();
 }
 
-LandmarkDatabase::View LandmarkDatabase::view_of(int frame, const Landmarks& landmarks) const {
+LandmarkDatabase::View LandmarkDatabase::view_of(int frame, std::shared_ptr<const Landmarks> landmarks) const {
   View view;
   view.frame = frame;
-  view.keypoints = landmarks.keypoints.keypoints.size();
-  select(view, by_strength(landmarks));
-  std::call_once(view.loaded->once, [&] { view.loaded->details = details_of(landmarks); });
+  view.keypoints = landmarks->keypoints.keypoints.size();
+  select(view, by_strength(*landmarks));
+  std::call_once(view.loaded->once, [&] {
+    view.loaded->details = details_of(*landmarks, {landmarks, &landmarks->keypoints.keypoints});
+  });
   return view;
 }
 
 LandmarkDatabase::View LandmarkDatabase::view_of(int frame, const KnownLandmarks& known) const {
-  if (!known.digest() || options_.strongest > LandmarkDigest::kMost) return view_of(frame, *known.get());
+  if (!known.digest() || options_.strongest > LandmarkDigest::kMost) return view_of(frame, known.get());
   View view;
   view.frame = frame;
   view.keypoints = static_cast<size_t>(known.digest()->keypoints);
   select(view, known.digest()->strongest);
   view.digest = known.digest();
-  view.load = [known] { return details_of(*known.get()); };
+  view.load = [known] {
+    const std::shared_ptr<const Landmarks> landmarks = known.get();
+    // A copy, because the landmarks have large descriptors.
+    return details_of(*landmarks, std::make_shared<const std::vector<Keypoint>>(landmarks->keypoints.keypoints));
+  };
   return view;
 }
 
-void LandmarkDatabase::add(int frame, const Landmarks& landmarks) {
+void LandmarkDatabase::add(int frame, const KnownLandmarks& landmarks) {
   std::vector<View> added;
   added.push_back(view_of(frame, landmarks));
   add(std::move(added));
@@ -303,15 +310,15 @@ LandmarkDatabase::Matches LandmarkDatabase::guided_matches(const View& earlier, 
   const Details &seen = earlier.details(), &now = current.details();
   Matches matches;
   for (const int q : now.owned) {
-    const Keypoint& keypoint = at(now.keypoints, q);
+    const Keypoint& keypoint = at(*now.keypoints, q);
     const Eigen::Vector3d expected = earlier_from_current * keypoint.point_m;
     const double distance_m = distance_px * footprint_m(expected, camera_);
     const auto first = std::lower_bound(seen.owned.begin(), seen.owned.end(), expected.x() - distance_m,
-                                        [&](int k, double x) { return at(seen.keypoints, k).point_m.x() < x; });
+                                        [&](int k, double x) { return at(*seen.keypoints, k).point_m.x() < x; });
     int best = -1;
     double best_distance2 = most * most;
     for (auto k = first; k != seen.owned.end(); ++k) {
-      const Keypoint& other = at(seen.keypoints, *k);
+      const Keypoint& other = at(*seen.keypoints, *k);
       if (other.point_m.x() > expected.x() + distance_m) break;
       if ((other.point_m - expected).squaredNorm() > distance_m * distance_m) continue;
       const double scale = other.scale * other.point_m.z() / (keypoint.scale * keypoint.point_m.z());
@@ -400,7 +407,8 @@ std::vector<Recognition> LandmarkDatabase::candidates_of(int landmark, const std
 }
 
 std::vector<Recognition> LandmarkDatabase::reidentify(const Landmarks& landmarks) const {
-  const View current = view_of(0, landmarks);
+  // Not owned: the view does not outlive the call.
+  const View current = view_of(0, std::shared_ptr<const Landmarks>(std::shared_ptr<void>(), &landmarks));
   std::vector<Matches> matches = matches_by_view(current);
   if (options_.guided) {
     std::vector<int> order(views_.size());

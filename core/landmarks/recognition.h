@@ -75,8 +75,8 @@ class LandmarkDatabase {
   // `camera` is the camera of all views. Throws Error for options out of range.
   LandmarkDatabase(const Pinhole& camera, const RecognitionOptions& options);
 
-  // Adds a frame's landmarks under its frame number.
-  void add(int frame, const Landmarks& landmarks);
+  // Adds a frame's landmarks under its frame number. Landmarks in memory are shared, not copied.
+  void add(int frame, const KnownLandmarks& landmarks);
   // Adds those of `count` frames from number `first` on. Equals adding one after another, but each tree is built only once,
   // and landmarks in a file are read only when they are needed.
   void add(int first, int count, const std::function<const KnownLandmarks&(int frame)>& landmarks_of);
@@ -92,7 +92,7 @@ class LandmarkDatabase {
  private:
   // All keypoints of a view, prepared for searching.
   struct Details {
-    std::vector<Keypoint> keypoints;
+    std::shared_ptr<const std::vector<Keypoint>> keypoints;  // often a keyframe's own
     cv::Mat1b descriptors;
     // Landmarks of keypoint k: numbers [starts[k], starts[k + 1]) of owners.
     std::vector<int> starts, owners;
@@ -130,8 +130,10 @@ class LandmarkDatabase {
   };
   using Matches = std::vector<KeypointMatch>;
 
-  static Details details_of(const Landmarks& landmarks);
-  View view_of(int frame, const Landmarks& landmarks) const;
+  // `keypoints` are those of the landmarks.
+  static Details details_of(const Landmarks& landmarks, std::shared_ptr<const std::vector<Keypoint>> keypoints);
+  // Returns a view that refers to the keypoints of `landmarks` while it exists.
+  View view_of(int frame, std::shared_ptr<const Landmarks> landmarks) const;
   View view_of(int frame, const KnownLandmarks& known) const;
   void select(View& view, const std::vector<std::vector<int>>& by_strength) const;
   void add(std::vector<View> added);

@@ -31,7 +31,7 @@ class LandmarkFinder {
   LandmarkFinder(const RigModel& rig, const LandmarkFinderOptions& options);
   // Finds the landmarks of a frame and re-identifies those of earlier keyframes.
   FoundLandmarks find(const Frame& frame) const;
-  void add_keyframe(int keyframe, const Landmarks& landmarks) { database_.add(keyframe, landmarks); }
+  void add_keyframe(int keyframe, const KnownLandmarks& landmarks) { database_.add(keyframe, landmarks); }
   // Adds keyframes 0 to count - 1.
   void add_keyframes(int count, const std::function<const KnownLandmarks&(int keyframe)>& landmarks_of) {
     database_.add(0, count, landmarks_of);

@@ -434,7 +434,7 @@ void Mapper::add_keyframe(FrameResult& result, TrackedView& here, const FrameMot
   enter_stage("map");
   result.keyframe = map_.add_keyframe(result.frame, result.landmarks, current);
   result.in_map = true;
-  finder_.add_keyframe(result.keyframe, result.landmarks);
+  finder_.add_keyframe(result.keyframe, map_.keyframes().back().landmarks);
   keyframe_motion_.resize(static_cast<size_t>(result.keyframe) + 1);
   keyframe_motion_.back() = motion;
   here = {here.timestamp_s, result.keyframe, {}};
