@@ -80,7 +80,12 @@ bool KeyframeMap::correct(const PoseGraphOptions& options, double significant_m)
   ++revision_;
   std::vector<Pose> poses;
   for (const Keyframe& keyframe : keyframes_) poses.push_back(keyframe.world_from_camera);
-  const PoseGraphResult result = optimise_poses(poses, links_, options);
+  // All loops are tested again whenever their number has grown by a quarter.
+  const bool keep = 4 * links_.size() < 5 * links_tested_;
+  const PoseGraphResult result =
+      optimise_poses(poses, links_, options, keep ? link_weights_ : std::vector<double>());
+  link_weights_ = result.converged ? result.weights : std::vector<double>();
+  if (result.all_tested) links_tested_ = links_.size();
   const Eigen::Vector3d before(0, 0, rig_.middle_range_m());
   bool significant = false;
   for (size_t i = 0; i < poses.size(); ++i) {
@@ -196,6 +201,8 @@ void KeyframeMap::restore(std::vector<Keyframe> keyframes, std::vector<MapFrame>
   keyframes_ = std::move(keyframes);
   frames_ = std::move(frames);
   links_ = std::move(links);
+  link_weights_.clear();
+  links_tested_ = 0;
   source_ = std::move(source);
   ++revision_;
 }

@@ -126,6 +126,8 @@ class KeyframeMap {
   std::vector<Keyframe> keyframes_;
   std::vector<MapFrame> frames_;
   std::vector<PoseEdge> links_;
+  std::vector<double> link_weights_;  // of the last correction
+  size_t links_tested_ = 0;           // number of links when all loops were tested
   FrameMemory memory_;  // copies of the map share it
   std::shared_ptr<const MapSource> source_;
   int revision_ = 0;

@@ -145,14 +145,14 @@ std::vector<int> connected_parts(size_t nodes, const std::vector<PoseEdge>& edge
 }
 
 std::vector<double> loop_chi2(const std::vector<Pose>& poses, const std::vector<PoseEdge>& edges,
-                              const std::vector<Matrix6d>& roots, const std::vector<char>& use) {
+                              const std::vector<Matrix6d>& roots, const std::vector<char>& use, size_t first) {
   const std::vector<int> parts = connected_parts(poses.size(), edges, use);
   std::vector<LinearEdge> linear;
   for (size_t i = 0; i < edges.size(); ++i)
     linear.push_back(linearise(edges[i], roots[i], poses[edges[i].from], poses[edges[i].to]));
   Factor factor(linear, edges, use, parts);
   std::vector<double> chi2(edges.size(), 0);
-  for (size_t i = 0; i < edges.size(); ++i) {
+  for (size_t i = first; i < edges.size(); ++i) {
     if (!edges[i].loop || parts[edges[i].from] != parts[edges[i].to]) continue;
     const SymmetricEigen<6> eigen = symmetric_eigen(factor.leverage(edges[i], linear[i]));
     const Vector6d along = eigen.vectors.transpose() * linear[i].residual;

@@ -25,9 +25,10 @@ LinearEdge linearise(const PoseEdge& edge, const Matrix6d& root, const Pose& wor
 std::vector<int> connected_parts(size_t nodes, const std::vector<PoseEdge>& edges, const std::vector<char>& use);
 
 // Returns chi^2 (6 degrees of freedom) of each loop closure against all other edges in use, whether or not it is in
-// use itself, at their solution `poses`; 0 for a loop that alone connects two parts, and for edges that are not loops.
+// use itself, at their solution `poses`; 0 for a loop that alone connects two parts, for edges that are not loops, and for
+// those before number `first`.
 std::vector<double> loop_chi2(const std::vector<Pose>& poses, const std::vector<PoseEdge>& edges,
-                              const std::vector<Matrix6d>& roots, const std::vector<char>& use);
+                              const std::vector<Matrix6d>& roots, const std::vector<char>& use, size_t first = 0);
 
 // Returns the covariance of a node's pose at the solution `poses`, tangent of retract(), relative to the first node of its
 // part, which is fixed. Directions that no edge in use determines have very large variances.

@@ -102,11 +102,13 @@ class Graph {
     }
   }
 
-  PoseGraphResult solved(const std::vector<Pose>& initial) {
+  PoseGraphResult solved(const std::vector<Pose>& initial, const std::vector<double>& earlier_weights) {
     PoseGraphResult result;
     bool settled = true;
     const bool loops = std::any_of(edges_.begin(), edges_.end(), [](const PoseEdge& edge) { return edge.loop; });
-    if (loops && options_.reject_loops) {
+    result.all_tested = !loops || !options_.reject_loops || !fits_earlier(earlier_weights);
+    if (loops && options_.reject_loops && result.all_tested) {
+      for (size_t i = 0; i < states_.size(); ++i) states_[i] = state_of(initial[i]);
       test_against_odometry();
       graduate();
       settled = test_against_accepted();
@@ -164,10 +166,29 @@ class Graph {
     return sum / 2;
   }
 
-  std::vector<double> chi2() const {
+  std::vector<double> chi2(size_t first = 0) const {
     std::vector<char> use(edges_.size());
     for (size_t i = 0; i < edges_.size(); ++i) use[i] = weights_[i] > 0;
-    return loop_chi2(poses(), edges_, roots_, use);
+    return loop_chi2(poses(), edges_, roots_, use, first);
+  }
+
+  // Solves with the loops that were accepted earlier and the new ones; returns whether these are consistent.
+  bool fits_earlier(const std::vector<double>& earlier_weights) {
+    // Where many loops contradict each other, the next one may be what decides which are true.
+    constexpr int kLeastAcceptedPerRejected = 10;
+    int accepted = 0, rejected = 0;
+    for (size_t i = 0; i < earlier_weights.size(); ++i) {
+      if (edges_[i].loop) ++(earlier_weights[i] > 0 ? accepted : rejected);
+    }
+    if (accepted == 0 || accepted < kLeastAcceptedPerRejected * rejected) return false;
+    for (size_t i = 0; i < edges_.size(); ++i) weights_[i] = i < earlier_weights.size() ? earlier_weights[i] : 1;
+    solve(kCoarse);
+    const auto fits = [&](size_t i) { return !edges_[i].loop || weights_[i] == 0 || squared_sigmas(i) <= limit_; };
+    for (size_t i = 0; i < edges_.size(); ++i) {
+      if (!fits(i)) return false;
+    }
+    const std::vector<double> distances = chi2(earlier_weights.size());
+    return std::all_of(distances.begin(), distances.end(), [&](double distance) { return distance <= limit_; });
   }
 
   // Tests loops against the non-loop edges. Drift bends a chain beyond what the linearised test covers, so the limit
@@ -238,7 +259,7 @@ class Graph {
 }  // namespace
 
 PoseGraphResult optimise_poses(const std::vector<Pose>& initial, const std::vector<PoseEdge>& edges,
-                               const PoseGraphOptions& options) {
+                               const PoseGraphOptions& options, const std::vector<double>& earlier_weights) {
   check_options(options, "pose_graph");
   const auto nodes = static_cast<int>(initial.size());
   for (size_t i = 0; i < initial.size(); ++i) {
@@ -253,7 +274,10 @@ PoseGraphResult optimise_poses(const std::vector<Pose>& initial, const std::vect
       throw Error(name + " does not join two of the " + std::to_string(nodes) + " nodes");
     if (!edge.from_from_to.is_finite()) throw Error(name + ": its pose is not finite");
   }
-  return Graph(initial, edges, options).solved(initial);
+  if (earlier_weights.size() > edges.size())
+    throw Error("pose graph: there are " + std::to_string(earlier_weights.size()) + " earlier weights for " +
+                std::to_string(edges.size()) + " edges");
+  return Graph(initial, edges, options).solved(initial, earlier_weights);
 }
 
 }  // namespace fringeslam

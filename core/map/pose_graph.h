@@ -16,6 +16,8 @@
 //   3. The same chi^2 against all accepted edges, which a loop fails that merely bent a weakly constrained chain: the
 //      worst loops are rejected, wrongly rejected ones are accepted again, until nothing changes. Each change lowers
 //      the sum of squares plus loop_sigma^2 per rejected loop.
+// When a growing map is optimised again, the selection of the previous time is kept if it rejected few loops, the new ones
+// pass the test of step 3, and no loop in use lies beyond its limit.
 // Results do not depend on the number of threads.
 #pragma once
 
@@ -55,13 +57,15 @@ struct PoseGraphResult {
   double initial_cost = 0, cost = 0;
   std::vector<Pose> poses;      // world_from_node
   std::vector<double> weights;  // per edge: 1 = accepted, 0 = rejected loop
+  bool all_tested = true;       // false if the selection of an earlier optimisation was kept
 };
 
 // Optimises the poses; `initial` is world_from_node of each node. The first node of each connected part is fixed (node
 // 0 in particular), so nodes without edges stay in place. Throws Error if a pose or an information matrix is not
 // finite, an information matrix is not symmetric or has a negative eigenvalue, an edge does not join two nodes, or
-// options are out of range.
+// options are out of range. `earlier_weights` are those of an earlier result for the first of the edges, near whose poses
+// `initial` lies; then most of the tests can be left out.
 PoseGraphResult optimise_poses(const std::vector<Pose>& initial, const std::vector<PoseEdge>& edges,
-                               const PoseGraphOptions& options);
+                               const PoseGraphOptions& options, const std::vector<double>& earlier_weights = {});
 
 }  // namespace fringeslam
