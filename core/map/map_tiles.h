@@ -39,8 +39,8 @@ void for_each_frame(const KeyframeMap& map, std::span<const size_t> frames,
 // Receives how many of all tiles are finished.
 using TileProgress = std::function<void(size_t done, size_t all)>;
 
-// Returns the number of cells or voxels of `unit_m` along the edge of a tile: enough for one and a half views, and at least
-// 1,024. 0 for maps of a few frames, which need no tiles.
+// Returns the number of cells or voxels of `unit_m` along the edge of a tile: enough for two views, and at least 1,024. 0 for
+// maps of a few frames, which need no tiles.
 int32_t tile_edge(const KeyframeMap& map, double unit_m);
 
 // Divides the map into tiles of `edge` units of `unit_m`. A frame belongs to the tiles within `margin_m` of its points, or of

@@ -44,6 +44,7 @@ Matrix6d pose_information(const TruthFrame& previous, const cv::Mat1f& previous_
     cv::Point target;
   };
   std::vector<Pair> pairs;
+  pairs.reserve(current.depth_m.total());
   cv::Mat1i uses(previous.depth_m.size(), 0);
   for (int row = 0; row < current.depth_m.rows; ++row) {
     for (int col = 0; col < current.depth_m.cols; ++col) {
@@ -67,10 +68,12 @@ Matrix6d pose_information(const TruthFrame& previous, const cv::Mat1f& previous_
     }
   }
   // A pixel of the previous view was measured only once, even if several pixels of the current view fall on it.
-  Matrix6d information = Matrix6d::Zero();
-  for (const Pair& pair : pairs)
-    information += pair.g * pair.g.transpose() / (pair.source_variance + uses(pair.target) * pair.target_variance);
-  return information;
+  Matrix6d lower = Matrix6d::Zero();
+  for (const Pair& pair : pairs) {
+    const double weight = 1 / (pair.source_variance + uses(pair.target) * pair.target_variance);
+    lower.selfadjointView<Eigen::Lower>().rankUpdate(pair.g, weight);
+  }
+  return lower.selfadjointView<Eigen::Lower>();
 }
 
 double error_over_bound(const Pose& estimate, const Pose& truth, const Matrix6d& information) {
