@@ -106,14 +106,15 @@ class Graph {
     PoseGraphResult result;
     bool settled = true;
     const bool loops = std::any_of(edges_.begin(), edges_.end(), [](const PoseEdge& edge) { return edge.loop; });
-    result.all_tested = !loops || !options_.reject_loops || !fits_earlier(earlier_weights);
-    if (loops && options_.reject_loops && result.all_tested) {
+    const bool select = loops && options_.reject_loops;
+    result.all_tested = !(select && fits_earlier(earlier_weights));
+    if (select && result.all_tested) {
       for (size_t i = 0; i < states_.size(); ++i) states_[i] = state_of(initial[i]);
       test_against_odometry();
       graduate();
       settled = test_against_accepted();
     }
-    result.converged = solve(1e-14) && settled;
+    result.converged = !result.all_tested || (solve(kFine) && settled);
     result.iterations = iterations_;
     result.weights = weights_;
     for (size_t node = 0; node < initial.size(); ++node) {
@@ -127,7 +128,8 @@ class Graph {
   }
 
  private:
-  static constexpr double kCoarse = 1e-4;  // relative change of the cost while loops are being selected
+  // Relative change of the cost, and while loops are being selected.
+  static constexpr double kFine = 1e-14, kCoarse = 1e-4;
 
   Pose pose(size_t node) const { return pose_of(states_[node].data()); }
 
@@ -182,7 +184,7 @@ class Graph {
     }
     if (accepted == 0 || accepted < kLeastAcceptedPerRejected * rejected) return false;
     for (size_t i = 0; i < edges_.size(); ++i) weights_[i] = i < earlier_weights.size() ? earlier_weights[i] : 1;
-    solve(kCoarse);
+    if (!solve(kFine)) return false;
     const auto fits = [&](size_t i) { return !edges_[i].loop || weights_[i] == 0 || squared_sigmas(i) <= limit_; };
     for (size_t i = 0; i < edges_.size(); ++i) {
       if (!fits(i)) return false;
