@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Mapping of a long run: pose graph and fused surface.
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <numbers>
@@ -22,8 +23,8 @@ struct Run {
   std::vector<double> truths;  // of each edge: 1 = correct loop closure
 };
 
-// Laps of a 4 m field with a keyframe every decimetre; one loop closure in five is wrong by centimetres to metres.
-Run long_run(int keyframes, int keyframes_per_lap, int loops) {
+// Laps of a 4 m field with a keyframe every decimetre; one loop closure in `one_wrong_in` is wrong by centimetres to metres.
+Run long_run(int keyframes, int keyframes_per_lap, int loops, int one_wrong_in) {
   constexpr double kTurnSigma = 3e-4, kShiftSigma_m = 5e-4;
   const sim::Philox random(1, sim::Stream::draws, 0);
   uint32_t drawn = 0;
@@ -54,19 +55,42 @@ Run long_run(int keyframes, int keyframes_per_lap, int loops) {
   }
   for (int i = 0; i < loops; ++i) {
     const int from = keyframes_per_lap + (keyframes - keyframes_per_lap) * i / loops;
-    measure(from, from - keyframes_per_lap, true, i % 5 != 0);
+    measure(from, from - keyframes_per_lap, true, i % one_wrong_in != 0);
   }
   return run;
 }
 
 std::vector<Row> pose_graph_rows(const Context& context) {
-  const Run run = long_run(1000, 125, 100);
+  const Run run = long_run(1000, 125, 100, 5);
   PoseGraphResult result;
   const auto times =
       interleaved_times({[&] { result = optimise_poses(run.dead_reckoning, run.edges, {}); }}, context.quick ? 3 : 9);
   std::fprintf(stderr, "  %d iterations, cost %.4g -> %.4g, every loop %s\n", result.iterations, result.initial_cost,
                result.cost, result.converged && result.weights == run.truths ? "judged right" : "judged WRONG");
   return {median_row("speed.pose_graph", in_ms(times[0]), "ms", 1000)};
+}
+
+// Adds one keyframe to a graph as large as that of a long mission.
+std::vector<Row> growing_graph_rows(const Context& context) {
+  constexpr int kKeyframes = 2000, kLoops = 3000;
+  const Run run = long_run(kKeyframes, 125, kLoops, 100);
+  std::vector<PoseEdge> edges, added;
+  for (const PoseEdge& edge : run.edges) (std::max(edge.from, edge.to) < kKeyframes - 1 ? edges : added).push_back(edge);
+  PoseGraphResult before;
+  const double whole_s = seconds_of([&] {
+    before = optimise_poses({run.dead_reckoning.begin(), run.dead_reckoning.end() - 1}, edges, {});
+  });
+  std::vector<Pose> poses = before.poses;
+  for (const PoseEdge& edge : added) {
+    if (!edge.loop) poses.push_back(poses[static_cast<size_t>(edge.from)] * edge.from_from_to);
+  }
+  edges.insert(edges.end(), added.begin(), added.end());
+  PoseGraphResult result;
+  const auto times =
+      interleaved_times({[&] { result = optimise_poses(poses, edges, {}, before.weights); }}, context.quick ? 3 : 15);
+  std::fprintf(stderr, "  %zu links, %zu of them new; the whole graph takes %.0f ms; %s\n", edges.size(), added.size(),
+               1e3 * whole_s, result.all_tested ? "all loops tested" : "new loops tested");
+  return {median_row("scale.graph", in_ms(times[0]), "ms", 200)};
 }
 
 // One frame from poses that differ like those of a slow robot.
@@ -106,6 +130,7 @@ std::vector<Row> surface_rows(const Context& context) {
 std::vector<Item> mapping_speed_items() {
   return {
       {{"speed.pose_graph"}, "pose graph of 1,000 keyframes and 100 loop closures, 20 of them false", pose_graph_rows},
+      {{"scale.graph"}, "one more keyframe in a pose graph of 2,000 keyframes and 3,000 loop closures", growing_graph_rows},
       {{"speed.surface"}, "a frame of 532 x 500 into the fused surface", surface_rows}};
 }
 
