@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <optional>
 
 #include "core/types/linear_algebra.h"
 
@@ -94,11 +95,49 @@ class Factor {
     return sum;
   }
 
+  // Returns the tangent of each node that solves the normal equations with this factor, given the sums of J^T r.
+  std::vector<Vector6d> step(const std::vector<Vector6d>& gradient) const {
+    Eigen::VectorXd right(llt_.rows());
+    for (size_t node = 0; node < gradient.size(); ++node) {
+      if (first_row_[node] >= 0) right.segment<6>(first_row_[node]) = -gradient[node];
+    }
+    const Eigen::VectorXd solution = llt_.solve(right);
+    std::vector<Vector6d> steps(gradient.size(), Vector6d::Zero());
+    for (size_t node = 0; node < gradient.size(); ++node) {
+      if (first_row_[node] >= 0) steps[node] = solution.segment<6>(first_row_[node]);
+    }
+    return steps;
+  }
+
  private:
   std::vector<int> first_row_;
   Eigen::SimplicialLLT<SparseMatrix> llt_;
   Rows6 solution_;
 };
+
+std::vector<LinearEdge> linearised(const std::vector<Pose>& poses, const std::vector<PoseEdge>& edges,
+                                   const std::vector<Matrix6d>& roots) {
+  std::vector<LinearEdge> linear;
+  linear.reserve(edges.size());
+  for (size_t i = 0; i < edges.size(); ++i)
+    linear.push_back(linearise(edges[i], roots[i], poses[edges[i].from], poses[edges[i].to]));
+  return linear;
+}
+
+// Returns chi^2 of a loop with residual and derivatives `linear`.
+double chi2_of(const PoseEdge& edge, const LinearEdge& linear, bool in_use, Factor& factor) {
+  const SymmetricEigen<6> eigen = symmetric_eigen(factor.leverage(edge, linear));
+  const Vector6d along = eigen.vectors.transpose() * linear.residual;
+  double chi2 = 0;
+  for (int k = 0; k < 6; ++k) {
+    // In sigmas of the edge, the residual's variance is 1 + g relative to a solution without the edge and 1 - g
+    // within its own solution; if the latter is zero, no other edge constrains it.
+    const double g = std::max(0.0, eigen.values[k]);
+    const double variance = in_use ? 1 - g : 1 + g;
+    if (variance > 1e-8) chi2 += along[k] * along[k] / variance;
+  }
+  return chi2;
+}
 
 }  // namespace
 
@@ -145,26 +184,54 @@ std::vector<int> connected_parts(size_t nodes, const std::vector<PoseEdge>& edge
 }
 
 std::vector<double> loop_chi2(const std::vector<Pose>& poses, const std::vector<PoseEdge>& edges,
-                              const std::vector<Matrix6d>& roots, const std::vector<char>& use, size_t first) {
+                              const std::vector<Matrix6d>& roots, const std::vector<char>& use) {
   const std::vector<int> parts = connected_parts(poses.size(), edges, use);
-  std::vector<LinearEdge> linear;
-  for (size_t i = 0; i < edges.size(); ++i)
-    linear.push_back(linearise(edges[i], roots[i], poses[edges[i].from], poses[edges[i].to]));
+  const std::vector<LinearEdge> linear = linearised(poses, edges, roots);
   Factor factor(linear, edges, use, parts);
   std::vector<double> chi2(edges.size(), 0);
-  for (size_t i = first; i < edges.size(); ++i) {
-    if (!edges[i].loop || parts[edges[i].from] != parts[edges[i].to]) continue;
-    const SymmetricEigen<6> eigen = symmetric_eigen(factor.leverage(edges[i], linear[i]));
-    const Vector6d along = eigen.vectors.transpose() * linear[i].residual;
-    for (int k = 0; k < 6; ++k) {
-      // In sigmas of the edge, the residual's variance is 1 + g relative to a solution without the edge and 1 - g
-      // within its own solution; if the latter is zero, no other edge constrains it.
-      const double g = std::max(0.0, eigen.values[k]);
-      const double variance = use[i] ? 1 - g : 1 + g;
-      if (variance > 1e-8) chi2[i] += along[k] * along[k] / variance;
-    }
+  for (size_t i = 0; i < edges.size(); ++i) {
+    if (edges[i].loop && parts[edges[i].from] == parts[edges[i].to])
+      chi2[i] = chi2_of(edges[i], linear[i], use[i], factor);
   }
   return chi2;
+}
+
+std::optional<RefinedPoses> refined_poses(const std::vector<Pose>& near, const std::vector<PoseEdge>& edges,
+                                          const std::vector<Matrix6d>& roots, const std::vector<char>& use,
+                                          size_t first) {
+  constexpr int kMostSteps = 20;
+  constexpr double kFine_sigmas = 1e-6;
+  const std::vector<int> parts = connected_parts(near.size(), edges, use);
+  std::vector<LinearEdge> linear = linearised(near, edges, roots);
+  Factor factor(linear, edges, use, parts);
+  RefinedPoses result{near, {}, 0};
+  for (bool converged = false; !converged;) {
+    if (++result.steps > kMostSteps) return std::nullopt;
+    std::vector<Vector6d> gradient(near.size(), Vector6d::Zero());
+    for (size_t i = 0; i < edges.size(); ++i) {
+      if (!use[i]) continue;
+      gradient[edges[i].from] += linear[i].by_from.transpose() * linear[i].residual;
+      gradient[edges[i].to] += linear[i].by_to.transpose() * linear[i].residual;
+    }
+    const std::vector<Vector6d> steps = factor.step(gradient);
+    double squared_sigmas = 0;
+    for (size_t node = 0; node < near.size(); ++node) {
+      squared_sigmas -= gradient[node].dot(steps[node]);
+      result.poses[node] = retract(result.poses[node], steps[node]);
+    }
+    if (!std::isfinite(squared_sigmas)) return std::nullopt;
+    converged = squared_sigmas < kFine_sigmas * kFine_sigmas;
+    linear = linearised(result.poses, edges, roots);
+  }
+  result.chi2.assign(edges.size(), 0);
+  for (size_t i = 0; i < edges.size(); ++i) {
+    if (!edges[i].loop) continue;
+    if (i >= first && parts[edges[i].from] == parts[edges[i].to])
+      result.chi2[i] = chi2_of(edges[i], linear[i], use[i], factor);
+    else if (i < first && use[i])
+      result.chi2[i] = linear[i].residual.squaredNorm();
+  }
+  return result;
 }
 
 Matrix6d covariance_of_node(const std::vector<Pose>& poses, const std::vector<PoseEdge>& edges,

@@ -2,6 +2,7 @@
 // Linearisation of pose-graph edges, and the test of a loop closure against the rest of the graph; see pose_graph.h.
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "core/map/pose_graph.h"
@@ -25,10 +26,22 @@ LinearEdge linearise(const PoseEdge& edge, const Matrix6d& root, const Pose& wor
 std::vector<int> connected_parts(size_t nodes, const std::vector<PoseEdge>& edges, const std::vector<char>& use);
 
 // Returns chi^2 (6 degrees of freedom) of each loop closure against all other edges in use, whether or not it is in
-// use itself, at their solution `poses`; 0 for a loop that alone connects two parts, for edges that are not loops, and for
-// those before number `first`.
+// use itself, at their solution `poses`; 0 for a loop that alone connects two parts, and for edges that are not loops.
 std::vector<double> loop_chi2(const std::vector<Pose>& poses, const std::vector<PoseEdge>& edges,
-                              const std::vector<Matrix6d>& roots, const std::vector<char>& use, size_t first = 0);
+                              const std::vector<Matrix6d>& roots, const std::vector<char>& use);
+
+struct RefinedPoses {
+  std::vector<Pose> poses;
+  // Of loops from number `first` on as from loop_chi2(), with the uncertainty at the poses `near`; of earlier ones in use the
+  // squared residual in sigmas, which chi^2 exceeds; 0 of other edges.
+  std::vector<double> chi2;
+  int steps = 0;
+};
+
+// Solves for poses near `near` with the edges in use, by Gauss-Newton steps with the factor at `near`. Returns nothing if they
+// do not converge.
+std::optional<RefinedPoses> refined_poses(const std::vector<Pose>& near, const std::vector<PoseEdge>& edges,
+                                          const std::vector<Matrix6d>& roots, const std::vector<char>& use, size_t first);
 
 // Returns the covariance of a node's pose at the solution `poses`, tangent of retract(), relative to the first node of its
 // part, which is fixed. Directions that no edge in use determines have very large variances.

@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "core/map/pose_edges.h"
@@ -168,11 +169,13 @@ class Graph {
     return sum / 2;
   }
 
-  std::vector<double> chi2(size_t first = 0) const {
+  std::vector<char> used() const {
     std::vector<char> use(edges_.size());
     for (size_t i = 0; i < edges_.size(); ++i) use[i] = weights_[i] > 0;
-    return loop_chi2(poses(), edges_, roots_, use, first);
+    return use;
   }
+
+  std::vector<double> chi2() const { return loop_chi2(poses(), edges_, roots_, used()); }
 
   // Solves with the loops that were accepted earlier and the new ones; returns whether these are consistent.
   bool fits_earlier(const std::vector<double>& earlier_weights) {
@@ -184,13 +187,14 @@ class Graph {
     }
     if (accepted == 0 || accepted < kLeastAcceptedPerRejected * rejected) return false;
     for (size_t i = 0; i < edges_.size(); ++i) weights_[i] = i < earlier_weights.size() ? earlier_weights[i] : 1;
-    if (!solve(kFine)) return false;
-    const auto fits = [&](size_t i) { return !edges_[i].loop || weights_[i] == 0 || squared_sigmas(i) <= limit_; };
+    const std::optional<RefinedPoses> refined = refined_poses(poses(), edges_, roots_, used(), earlier_weights.size());
+    if (!refined) return false;
     for (size_t i = 0; i < edges_.size(); ++i) {
-      if (!fits(i)) return false;
+      if (weights_[i] > 0 && refined->chi2[i] > limit_) return false;
     }
-    const std::vector<double> distances = chi2(earlier_weights.size());
-    return std::all_of(distances.begin(), distances.end(), [&](double distance) { return distance <= limit_; });
+    for (size_t i = 0; i < states_.size(); ++i) states_[i] = state_of(refined->poses[i]);
+    iterations_ += refined->steps;
+    return true;
   }
 
   // Tests loops against the non-loop edges. Drift bends a chain beyond what the linearised test covers, so the limit
