@@ -13,6 +13,11 @@
 
 namespace fringeslam {
 
+// Returns the policy of std::async() for work beside the caller's: no other thread where loops run serially.
+inline std::launch beside_caller() {
+  return SerialLoops::wanted() || cv::getNumThreads() <= 1 ? std::launch::deferred : std::launch::async;
+}
+
 // Calls make(i) for each i in [0, count) in other threads, and take(result) in this thread, in the order of i. `most`
 // limits the results in memory, finished or not. Loops inside make() run serially. Throws what make() or take() threw,
 // after the calls of make() that had begun.

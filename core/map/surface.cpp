@@ -13,6 +13,7 @@
 #include <span>
 #include <unordered_map>
 
+#include "core/base/in_order.h"
 #include "core/base/parallel.h"
 #include "core/map/surface_fusion.h"
 #include "core/map/surface_nets.h"
@@ -213,7 +214,7 @@ void SurfaceModel::add_frames(const KeyframeMap& map, const std::vector<size_t>&
   for (size_t first = 0, turn = 0; first < frames.size(); first += kTogether, turn = 1 - turn) {
     std::future<void> next;
     if (const size_t following = first + kTogether; following < frames.size())
-      next = std::async(std::launch::async, [&, following, turn] { prepare(following, prepared[1 - turn]); });
+      next = std::async(beside_caller(), [&, following, turn] { prepare(following, prepared[1 - turn]); });
     grid_->fuse(prepared[turn]);
     if (next.valid()) next.get();
   }
@@ -249,7 +250,7 @@ void for_each_surface_part(const KeyframeMap& map, const SurfaceOptions& options
   std::future<SurfacePatch> next;
   for (size_t t = 0; t < tiles.size(); ++t) {
     SurfacePatch patch = next.valid() ? next.get() : patch_of(tiles[t]);
-    if (t + 1 < tiles.size()) next = std::async(std::launch::async, patch_of, std::cref(tiles[t + 1]));
+    if (t + 1 < tiles.size()) next = std::async(beside_caller(), patch_of, std::cref(tiles[t + 1]));
     take(stitcher.stitched(std::move(patch)));
     if (progress) progress(t + 1, tiles.size());
   }

@@ -9,7 +9,7 @@ import {decoded, launch, open} from './browser.mjs';
 import {serveProgram} from './served.mjs';
 
 const [, , program, source, out, picture, views, ...options] = process.argv;
-const kSize = {width: 1280, height: 760}, kFrames = 32, kFrameMs = 200, kLastMs = 4000;
+const kSize = {width: 1120, height: 680}, kFrames = 32, kFrameMs = 200, kLastMs = 4000;
 const {GIFEncoder, quantize, applyPalette} = gifenc;
 
 const folder = mkdtempSync(join(tmpdir(), 'fringeslam-run-'));
@@ -33,7 +33,7 @@ try {
       gif.writeFrame(applyPalette(pixels, palette), kSize.width, kSize.height, {palette, delay: last ? kLastMs : kFrameMs});
       while (next <= view) next += step;
     } else {
-      await new Promise((done) => setTimeout(done, 200));
+      await new Promise((done) => setTimeout(done, 500));
     }
   }
   gif.finish();
