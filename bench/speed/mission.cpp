@@ -105,19 +105,21 @@ double mean_cpu_s(const std::vector<ViewCost>& costs, size_t first, size_t end) 
   return sum / static_cast<double>(end - first);
 }
 
+// Returns the true pose of a keyframe's camera. `truth` is that of the tour.
+Pose true_camera(const KeyframeMap& map, const Trajectory& truth, int keyframe) {
+  const auto index = static_cast<size_t>(map.keyframes()[static_cast<size_t>(keyframe)].index);
+  return truth[index].world_from_robot * map.rig().robot_from_camera;
+}
+
 // Prints the NEES of the map's links, 6 for exact covariances, by the distance between the cameras.
-void report_links(const KeyframeMap& map, const Trajectory& truth, const Pose& robot_from_camera) {
+void report_links(const KeyframeMap& map, const Trajectory& truth) {
   constexpr double kBin_m = 0.2;
   constexpr int kBins = 5;
-  const auto camera = [&](int keyframe) {
-    const auto index = static_cast<size_t>(map.keyframes()[static_cast<size_t>(keyframe)].index);
-    return truth[index].world_from_robot * robot_from_camera;
-  };
   for (const bool loops : {false, true}) {
     std::vector<double> nees[kBins];
     for (const PoseEdge& link : map.links()) {
       if (link.loop != loops) continue;
-      const Pose motion = camera(link.from).inverse() * camera(link.to);
+      const Pose motion = true_camera(map, truth, link.from).inverse() * true_camera(map, truth, link.to);
       const Vector6d error = difference(link.from_from_to, motion);
       nees[std::min(kBins - 1, static_cast<int>(translation_m(motion) / kBin_m))].push_back(
           error.dot(link.information * error));
@@ -139,15 +141,13 @@ struct Relocations {
   std::vector<double> wall_s;
 };
 
-// Returns the largest share of a view's points that a keyframe sees as well. `truth` is that of the tour.
+// Returns the largest share of a view's points that a keyframe sees as well.
 double largest_overlap(const KeyframeMap& map, const Trajectory& truth, const Frame& frame, const Pose& world_from_camera) {
-  const Pose robot_from_camera = map.rig().robot_from_camera;
   double largest = 0;
   for (int k = 0; k < static_cast<int>(map.keyframes().size()); ++k) {
     // The map drifts, so that the view is placed relative to each keyframe.
     const Keyframe& keyframe = map.keyframes()[static_cast<size_t>(k)];
-    const Pose keyframe_from_view =
-        (truth[static_cast<size_t>(keyframe.index)].world_from_robot * robot_from_camera).inverse() * world_from_camera;
+    const Pose keyframe_from_view = true_camera(map, truth, k).inverse() * world_from_camera;
     if (map.view_change(keyframe_from_view) > 2) continue;
     largest = std::max(largest, map.expected_overlap(frame, keyframe.world_from_camera * keyframe_from_view, k));
   }
@@ -172,10 +172,10 @@ Relocations relocate(const KeyframeMap& map, const Trajectory& truth, int drops)
     const auto start = std::chrono::steady_clock::now();
     const FrameResult found = pipeline.process(*stack);
     result.wall_s.push_back(elapsed_s(start));
+    const Pose world_from_camera =
+        scene.trajectory[static_cast<size_t>(i)].world_from_robot * scene.rig.robot_from_camera;
     if (!has_pose(found.tracking)) {
-      const double overlap = largest_overlap(
-          map, truth, found.frame,
-          scene.trajectory[static_cast<size_t>(i)].world_from_robot * scene.rig.robot_from_camera);
+      const double overlap = largest_overlap(map, truth, found.frame, world_from_camera);
       std::fprintf(stderr,
                    "  drop %d: %s, overlap with a keyframe at most %.2f; %zu keypoints, %zu landmarks, %zu re-identified\n", i,
                    std::string(to_string(found.tracking)).c_str(), overlap, found.keypoints.keypoints.size(),
@@ -187,10 +187,7 @@ Relocations relocate(const KeyframeMap& map, const Trajectory& truth, int drops)
       continue;
     }
     // The map drifts, so the pose is compared with that of its keyframe.
-    const Keyframe& keyframe = map.keyframes()[static_cast<size_t>(found.reference)];
-    const Pose robot_from_camera = scene.rig.robot_from_camera;
-    const Pose expected = (truth[static_cast<size_t>(keyframe.index)].world_from_robot * robot_from_camera).inverse() *
-                          scene.trajectory[static_cast<size_t>(i)].world_from_robot * robot_from_camera;
+    const Pose expected = true_camera(map, truth, found.reference).inverse() * world_from_camera;
     const Pose error = expected.inverse() * found.registration.earlier_from_current;
     const double sigma_m = std::sqrt(found.covariance.bottomRightCorner<3, 3>().trace());
     const bool wrong = translation_m(error) > kWrong_m && translation_m(error) > kWrong_sigmas * sigma_m;
@@ -256,7 +253,7 @@ std::vector<Row> mission_rows(const Context& context) {
   std::fprintf(stderr, "  %.1f m: ATE %.3f mm with loop closure (%d links, %d corrections), %.3f mm without\n", path_m,
                1e3 * closing.ate_m(truth), closing.loops(), closing.corrections(), 1e3 * open.ate_m(truth));
 
-  report_links(map, truth, scene.rig.robot_from_camera);
+  report_links(map, truth);
 
   std::vector<double> search_s;
   for (int k = 0; k < keyframes; k += std::max(1, keyframes / 100)) {

@@ -24,7 +24,7 @@ inline std::launch beside_caller() {
 template <class Make, class Take>
 void in_order(size_t count, size_t most, const Make& make, const Take& take) {
   const auto cores = static_cast<size_t>(std::max(1, cv::getNumThreads()));
-  if (cores == 1 || most <= 1 || count <= 1) {
+  if (beside_caller() == std::launch::deferred || most <= 1 || count <= 1) {
     for (size_t i = 0; i < count; ++i) take(make(i));
     return;
   }

@@ -96,26 +96,18 @@ void ply_to_glb(const fs::path& ply, const fs::path& glb) {
     extent.add(position_m);
   });
   OutputFile file(glb);
-  std::string buffer = glb_head(extent);
-  const auto write = [&](const void* bytes, size_t size) {
-    constexpr size_t kBlock = 1 << 20;
-    buffer.append(static_cast<const char*>(bytes), size);
-    if (buffer.size() < kBlock) return;
-    file.write(buffer);
-    buffer.clear();
-  };
+  file.write(glb_head(extent));
   if (extent.triangles > 0) {
-    blocks.for_each_vertex([&](const char* vertex) { write(vertex, PlyBlocks::kNormal); });
+    blocks.for_each_vertex([&](const char* vertex) { file.write(vertex, PlyBlocks::kNormal); });
     blocks.for_each_vertex(
-        [&](const char* vertex) { write(vertex + PlyBlocks::kNormal, PlyBlocks::kGrey - PlyBlocks::kNormal); });
+        [&](const char* vertex) { file.write(vertex + PlyBlocks::kNormal, PlyBlocks::kGrey - PlyBlocks::kNormal); });
     blocks.for_each_vertex([&](const char* vertex) {
       const std::array<uint8_t, 4> colour = glb_colour(static_cast<uint8_t>(vertex[PlyBlocks::kGrey]));
-      write(colour.data(), colour.size());
+      file.write(reinterpret_cast<const char*>(colour.data()), colour.size());
     });
-    blocks.for_each_vertex([&](const char* vertex) { write(vertex + PlyBlocks::kSigma, sizeof(float)); });
-    blocks.for_each_triangle([&](const char* triangle) { write(triangle + 1, kTriangles.bytes); });
+    blocks.for_each_vertex([&](const char* vertex) { file.write(vertex + PlyBlocks::kSigma, sizeof(float)); });
+    blocks.for_each_triangle([&](const char* triangle) { file.write(triangle + 1, kTriangles.bytes); });
   }
-  file.write(buffer);
   file.close();
 }
 

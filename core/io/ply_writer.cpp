@@ -24,15 +24,31 @@ OutputFile::OutputFile(fs::path path) : path_(std::move(path)), file_(std::fopen
 void OutputFile::fail() const { throw Error(path_.string() + ": cannot be written: " + std::strerror(errno)); }
 
 void OutputFile::write(const void* bytes, size_t size) {
+  constexpr size_t kGathered = 1 << 20;
+  if (gathered_.size() + size > kGathered) flush();
+  if (size > kGathered)
+    put(bytes, size);
+  else
+    gathered_.append(static_cast<const char*>(bytes), size);
+}
+
+void OutputFile::put(const void* bytes, size_t size) {
   if (size > 0 && std::fwrite(bytes, 1, size, file_.get()) != size) fail();
 }
 
+void OutputFile::flush() {
+  put(gathered_.data(), gathered_.size());
+  gathered_.clear();
+}
+
 void OutputFile::rewrite(const std::string& bytes) {
+  flush();
   if (std::fseek(file_.get(), 0, SEEK_SET) != 0) fail();
   write(bytes);
 }
 
 void OutputFile::close() {
+  flush();
   std::FILE* file = file_.release();
   if (file != nullptr && std::fclose(file) != 0) fail();
 }

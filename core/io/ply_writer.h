@@ -14,7 +14,8 @@
 
 namespace fringeslam {
 
-// A file that is written from start to end. All members throw Error if it cannot be written.
+// A file that is written from start to end. Small pieces are gathered, because a call of the C library for each takes longer
+// than writing it. All members throw Error if the file cannot be written.
 class OutputFile {
  public:
   explicit OutputFile(std::filesystem::path path);
@@ -30,7 +31,10 @@ class OutputFile {
     void operator()(std::FILE* file) const { std::fclose(file); }
   };
   [[noreturn]] void fail() const;
+  void put(const void* bytes, size_t size);
+  void flush();
   std::filesystem::path path_;
+  std::string gathered_;
   std::unique_ptr<std::FILE, Close> file_;
 };
 

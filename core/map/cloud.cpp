@@ -20,8 +20,10 @@ struct Cell {
   float position[3], normal[3], grey, weight;
 };
 
-// Pixels of a row, the camera's pose in cells, and the range of cells.
-struct CellPixels {
+constexpr int kRun = 64;  // pixels located together
+
+// A run of pixels, the camera's pose in cells, and the range of cells.
+struct PixelsOfRun {
   const float *points, *normals, *sigma;  // three, three and one floats per pixel
   double cells_from_camera[12];           // rotation and scale row by row, then the translation
   float rotation[9];
@@ -31,31 +33,23 @@ struct CellPixels {
 
 // The cell of each pixel's point, the position in this cell, the normal in the world frame, and the weight, 0 if the pixel
 // has none.
-struct CellRow {
-  std::vector<int32_t> cell[3];
-  std::vector<float> position[3], normal[3], weight;
+struct CellsOfRun {
+  alignas(64) int32_t cell[3][kRun];
+  alignas(64) float position[3][kRun], normal[3][kRun], weight[kRun];
 };
 
-struct CellRowPointers {
-  int32_t* cell[3];
-  float *position[3], *normal[3], *weight;
-};
-
-FRINGESLAM_INLINE void locate_body(CellPixels pixels, CellRowPointers row) {
+FRINGESLAM_INLINE void locate_body(PixelsOfRun pixels, CellsOfRun& __restrict run) {
   constexpr double kMostCells = 1 << 30;
-  float* __restrict const weights = row.weight;
   for (int i = 0; i < pixels.count; ++i) {
     const float sigma = pixels.sigma[i], weight = 1 / (sigma * sigma + 1e-18f);
     const bool whole = (pixels.normals[3 * i + 2] == pixels.normals[3 * i + 2]) & (weight > 0);  // false for NaN
-    weights[i] = whole ? weight : 0;
+    run.weight[i] = whole ? weight : 0;
   }
   for (int k = 0; k < 3; ++k) {
     const double mx = pixels.cells_from_camera[3 * k], my = pixels.cells_from_camera[3 * k + 1],
                  mz = pixels.cells_from_camera[3 * k + 2], shift = pixels.cells_from_camera[9 + k];
     const float rx = pixels.rotation[3 * k], ry = pixels.rotation[3 * k + 1], rz = pixels.rotation[3 * k + 2];
     const int32_t first = pixels.first[k], last = pixels.last[k];
-    int32_t* __restrict const cells = row.cell[k];
-    float *__restrict const positions = row.position[k], *__restrict const normals = row.normal[k];
     for (int i = 0; i < pixels.count; ++i) {
       const double at = mx * static_cast<double>(pixels.points[3 * i]) +
                         my * static_cast<double>(pixels.points[3 * i + 1]) +
@@ -64,12 +58,12 @@ FRINGESLAM_INLINE void locate_body(CellPixels pixels, CellRowPointers row) {
       const double place = near ? at : 0;
       const int32_t cut = static_cast<int32_t>(place);
       const int32_t cell = cut - (static_cast<double>(cut) > place ? 1 : 0);
-      cells[i] = cell;
-      positions[i] = static_cast<float>(place - static_cast<double>(cell));
-      weights[i] = near & (cell >= first) & (cell <= last) ? weights[i] : 0;
+      run.cell[k][i] = cell;
+      run.position[k][i] = static_cast<float>(place - static_cast<double>(cell));
+      run.weight[i] = near & (cell >= first) & (cell <= last) ? run.weight[i] : 0;
     }
     for (int i = 0; i < pixels.count; ++i)
-      normals[i] = rx * pixels.normals[3 * i] + ry * pixels.normals[3 * i + 1] + rz * pixels.normals[3 * i + 2];
+      run.normal[k][i] = rx * pixels.normals[3 * i] + ry * pixels.normals[3 * i + 1] + rz * pixels.normals[3 * i + 2];
   }
 }
 
@@ -126,7 +120,7 @@ CloudMap::Block& CloudMap::block_at(const GridIndex& index) {
 
 void CloudMap::add(const Frame& frame, const Pose& world_from_camera) {
   static const auto locate = Variants<locate_body>::of(selected_instruction_set());
-  CellPixels pixels{};
+  PixelsOfRun pixels{};
   for (int i = 0; i < 9; ++i) {
     pixels.cells_from_camera[i] = world_from_camera.rotation(i / 3, i % 3) / cell_m_;
     pixels.rotation[i] = static_cast<float>(world_from_camera.rotation(i / 3, i % 3));
@@ -135,42 +129,36 @@ void CloudMap::add(const Frame& frame, const Pose& world_from_camera) {
     pixels.cells_from_camera[9 + i] = world_from_camera.translation[static_cast<int>(i)] / cell_m_;
     pixels.first[i] = range_.first[i], pixels.last[i] = range_.last[i];
   }
-  pixels.count = frame.width();
-  CellRow of;
-  CellRowPointers row{};
-  const auto width = static_cast<size_t>(frame.width());
-  for (size_t k = 0; k < 3; ++k) {
-    of.cell[k].resize(width), of.position[k].resize(width), of.normal[k].resize(width);
-    row.cell[k] = of.cell[k].data(), row.position[k] = of.position[k].data(), row.normal[k] = of.normal[k].data();
-  }
-  of.weight.resize(width);
-  row.weight = of.weight.data();
+  CellsOfRun run;
   GridIndex last{};
   Block* block = nullptr;
-  for (int y = 0; y < frame.height(); ++y) {
-    pixels.points = frame.points_m[y]->val, pixels.normals = frame.normals[y]->val, pixels.sigma = frame.sigma_m[y];
-    locate(pixels, row);
-    const uint8_t* const grey = frame.texture[y];
-    for (size_t i = 0; i < width; ++i) {
-      const float weight = row.weight[i];
-      if (!(weight > 0)) continue;
-      GridIndex index;
-      size_t number = 0;
-      for (size_t k = 0; k < 3; ++k) {
-        index[k] = row.cell[k][i] >> kBlockBits;
-        number = number << kBlockBits | static_cast<size_t>(row.cell[k][i] & (kBlockEdge - 1));
+  for (int row = 0; row < frame.height(); ++row) {
+    for (int col = 0; col < frame.width(); col += kRun) {
+      pixels.points = frame.points_m[row][col].val, pixels.normals = frame.normals[row][col].val;
+      pixels.sigma = frame.sigma_m[row] + col;
+      pixels.count = std::min(kRun, frame.width() - col);
+      locate(pixels, run);
+      for (int i = 0; i < pixels.count; ++i) {
+        const float weight = run.weight[i];
+        if (!(weight > 0)) continue;
+        GridIndex index;
+        size_t number = 0;
+        for (size_t k = 0; k < 3; ++k) {
+          index[k] = run.cell[k][i] >> kBlockBits;
+          number = number << kBlockBits | static_cast<size_t>(run.cell[k][i] & (kBlockEdge - 1));
+        }
+        if (block == nullptr || !same(index, last)) {
+          block = &block_at(index);
+          last = index;
+        }
+        Cell& cell = block->cells[number];
+        for (size_t k = 0; k < 3; ++k) {
+          cell.position[k] += weight * run.position[k][i];
+          cell.normal[k] += weight * run.normal[k][i];
+        }
+        cell.grey += weight * static_cast<float>(frame.texture(row, col + i));
+        cell.weight += weight;
       }
-      if (block == nullptr || !same(index, last)) {
-        block = &block_at(index);
-        last = index;
-      }
-      Cell& cell = block->cells[number];
-      for (size_t k = 0; k < 3; ++k) {
-        cell.position[k] += weight * row.position[k][i];
-        cell.normal[k] += weight * row.normal[k][i];
-      }
-      cell.grey += weight * static_cast<float>(grey[i]);
-      cell.weight += weight;
     }
   }
 }

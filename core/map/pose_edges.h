@@ -32,8 +32,8 @@ std::vector<double> loop_chi2(const std::vector<Pose>& poses, const std::vector<
 
 struct RefinedPoses {
   std::vector<Pose> poses;
-  // Of loops from number `first` on as from loop_chi2(), with the uncertainty at the poses `near`; of earlier ones in use the
-  // squared residual in sigmas, which chi^2 exceeds; 0 of other edges.
+  // One per edge. For a loop from number `first` on: chi^2 as in loop_chi2(), with the covariance linearised at `near`. For an
+  // earlier loop in use: its squared residual in sigmas, a lower bound of chi^2. Otherwise 0.
   std::vector<double> chi2;
   int steps = 0;
 };
