@@ -184,10 +184,30 @@ std::string kept_text(int views, int all, const std::vector<std::string>& left_o
          without_text(left_out);
 }
 
-// Returns one line about the phases that failed.
-std::string failure_text(const RunPhases& phases, const std::string& out) {
+// Returns a name beside `folder` under which nothing exists.
+fs::path name_for_incomplete(const fs::path& folder) {
+  std::error_code unknown;
+  fs::path name = folder.string() + ".incomplete";
+  for (int i = 2; fs::symlink_status(name, unknown).type() != fs::file_type::not_found; ++i)
+    name = folder.string() + ".incomplete-" + std::to_string(i);
+  return name;
+}
+
+// Lets an incomplete result appear beside an older one, which may be complete.
+void keep_older_result(StagedFolder& folder) {
+  std::error_code unknown;
+  if (fs::is_empty(folder.target(), unknown) || unknown) return;
+  folder.redirect(name_for_incomplete(folder.target()));
+}
+
+// Returns one line about the phases that failed. Files of the result are named in `out` instead of `staged`.
+std::string failure_text(const RunPhases& phases, const fs::path& staged, const std::string& out) {
   std::string text;
-  for (const std::string& failure : phases.failures()) text += failure + "; ";
+  for (std::string failure : phases.failures()) {
+    for (size_t at; (at = failure.find(staged.string())) != std::string::npos;)
+      failure.replace(at, staged.string().size(), out);
+    text += failure + "; ";
+  }
   return text + "the other results are written to " + out + without_text(phases.left_out());
 }
 
@@ -222,11 +242,9 @@ int run(const RunArguments& arguments, const Common& common) {
   } catch (const Error& e) {
     throw Error(arguments.source + ": " + e.what());
   }
-  const std::string out = arguments.out.empty()
+  std::string out = arguments.out.empty()
                               ? "runs/" + file_name(source->name()) + "-" + std::to_string(source->seed())
                               : arguments.out;
-  std::error_code unknown;
-  const bool replaces = fs::exists(out, unknown);
   StagedFolder folder(out, "run", {kMapFile});
   report_left_maps(folder.target());
   const auto rig = source->open(folder.path());
@@ -256,8 +274,7 @@ int run(const RunArguments& arguments, const Common& common) {
   const auto dropped = [&] { return camera ? camera->dropped() : 0; };
   RateLimiter rate(arguments.live_rate_hz);
   Emptiness emptiness;
-  RunPhases phases(folder.path(), replaces ? RunPhases::AfterError::stop : RunPhases::AfterError::keep_the_rest,
-                   common.quiet || common.json);
+  RunPhases phases(folder.path(), common.quiet || common.json);
   int mapped = 0;
   catch_interrupts();
   {
@@ -338,6 +355,11 @@ int run(const RunArguments& arguments, const Common& common) {
   if (!arguments.no_report)
     phases.run("report", {"report.html"}, [&] { write_report(folder.path(), folder.path() / "report.html"); });
 #endif
+  const fs::path staged = folder.path();
+  if (!phases.failures().empty()) {
+    keep_older_result(folder);
+    out = folder.target().string();
+  }
   folder.commit();
   if (saving) saving->remove();
 
@@ -367,7 +389,7 @@ int run(const RunArguments& arguments, const Common& common) {
   const std::string reason = emptiness.reason(rig->model(), settings.pipeline.depth);
   if (!reason.empty()) std::fprintf(stderr, "fringeslam: %s: %s\n", arguments.source.c_str(), reason.c_str());
   if (live && arguments.live_wait) wait_for_interrupt();
-  if (!phases.failures().empty()) throw Error(failure_text(phases, out));
+  if (!phases.failures().empty()) throw Error(failure_text(phases, staged, out));
   return reason.empty() ? 0 : 1;
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The phases of a run, with their times. After mapping, an interrupt ends the phase at its next step and skips the later
-// ones; what is finished is kept. So it is after an error, unless an older result would be replaced by an incomplete one.
+// ones; what is finished is kept. After an error, the later phases still run.
 #pragma once
 
 #include <sys/resource.h>
@@ -22,12 +22,9 @@ namespace fringeslam::tools {
 
 class RunPhases {
  public:
-  enum class AfterError { keep_the_rest, stop };
-  RunPhases(std::filesystem::path folder, AfterError after_error, bool silent)
-      : folder_(std::move(folder)), after_error_(after_error), silent_(silent) {}
+  RunPhases(std::filesystem::path folder, bool silent) : folder_(std::move(folder)), silent_(silent) {}
 
-  // Runs a phase that writes `files` of the run folder. Unless it finishes, they are removed. Notes an Error, or
-  // throws it on.
+  // Runs a phase that writes `files` of the run folder. Unless it finishes, they are removed. Notes an Error.
   void run(const std::string& name, const std::vector<std::string>& files, const std::function<void()>& phase) {
     bool finished = false;
     if (!interrupted()) {
@@ -36,7 +33,6 @@ class RunPhases {
         finished = true;
       } catch (const Stopped&) {
       } catch (const Error& error) {
-        if (after_error_ == AfterError::stop) throw;
         failures_.push_back(error.what());
       }
     }
@@ -85,7 +81,6 @@ class RunPhases {
   struct Stopped {};
 
   std::filesystem::path folder_;
-  AfterError after_error_;
   bool silent_;
   std::vector<std::string> left_out_, failures_;
   std::vector<Phase> phases_;

@@ -453,11 +453,21 @@ void WorkFolder::remove() { remove_partial(path_); }
 
 StagedFolder::StagedFolder(fs::path target, std::string kind, std::vector<std::string> preserved)
     : target_(checked_target(std::move(target), kind)), kind_(std::move(kind)), preserved_(std::move(preserved)) {
-  partial_.emplace(target_);
+  partial_ = std::make_unique<PartialFolder>(target_);
   staging_ = partial_->path() / target_.filename();
   std::error_code failed;
   fs::create_directory(staging_, failed);
   if (failed) throw Error(target_.string() + ": cannot be written: " + failed.message());
+}
+
+void StagedFolder::redirect(fs::path target) {
+  fs::path checked = checked_target(std::move(target), kind_);
+  auto partial = std::make_unique<PartialFolder>(checked);
+  fs::path staging = partial->path() / checked.filename();
+  if (const int error = rename_as(staging_, staging, 0); error != 0) throw cannot(checked, "written", error);
+  target_ = std::move(checked);
+  staging_ = std::move(staging);
+  partial_ = std::move(partial);
 }
 
 void StagedFolder::commit() {

@@ -6,6 +6,7 @@
 #pragma once
 
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -74,13 +75,15 @@ class StagedFolder {
   const std::filesystem::path& path() const { return staging_; }
   // The final folder, without links.
   const std::filesystem::path& target() const { return target_; }
+  // Changes target() and path(): the result appears as another folder in the same place, to which the same rules apply.
+  void redirect(std::filesystem::path target);
   void commit();
 
  private:
   std::filesystem::path target_;
   std::string kind_;
   std::vector<std::string> preserved_;
-  std::optional<PartialFolder> partial_;
+  std::unique_ptr<PartialFolder> partial_;
   std::filesystem::path staging_;
 };
 

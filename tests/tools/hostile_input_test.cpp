@@ -59,13 +59,16 @@ class HostileInput : public testing::Test {
   }
   // An error after mapping costs only the files of its phase. Removes the results.
   void expect_mapped_without_score(const Finished& finished, std::vector<std::string> says) const {
-    says.push_back("the other results are written to " + out() + ", without truth.tum, score.json");
+    expect_mapped_without_score(finished, std::move(says), out());
+  }
+  void expect_mapped_without_score(const Finished& finished, std::vector<std::string> says, const path& folder) const {
+    says.push_back("the other results are written to " + folder.string() + ", without truth.tum, score.json");
     expect_one_line(finished, says);
     for (const char* file : {"trajectory.tum", "map.ply", "mesh.ply", "overview.png", "frames/000001"})
-      EXPECT_TRUE(test::fs::exists(path(out()) / file)) << file;
-    for (const char* file : {"score.json", "truth.tum"}) EXPECT_FALSE(test::fs::exists(path(out()) / file)) << file;
+      EXPECT_TRUE(test::fs::exists(folder / file)) << file;
+    for (const char* file : {"score.json", "truth.tum"}) EXPECT_FALSE(test::fs::exists(folder / file)) << file;
     for (const std::string& name : test::listing(temp_ / "results")) EXPECT_TRUE(name.starts_with("out")) << name;
-    test::fs::remove_all(out());
+    test::fs::remove_all(folder);
   }
   // The scene with a mesh instead of its plane.
   void expect_mesh_refused(const std::string& mesh, const std::vector<std::string>& says) const {
@@ -194,13 +197,16 @@ TEST_F(HostileInput, TruthOfAnotherRecording) {
   expect_mapped_without_score(run(), {image.string() + ": "});
   test::write_bytes(image, "no EXR");
   expect_mapped_without_score(run(), {image.string() + ": "});
-  // An older result stays as it is.
+  // An older result stays as it is, and the new one appears beside it.
   test::write_bytes(image, sound);
   ASSERT_EQ(run().exit_code, 0);
   const std::string score = test::read_bytes(path(out()) / "score.json");
   test::write_bytes(image, "no EXR");
-  expect_one_line(run(), {image.string() + ": "});
+  expect_mapped_without_score(run(), {image.string() + ": "}, out() + ".incomplete");
+  test::write_bytes(out() + ".incomplete", "of somebody else");
+  expect_mapped_without_score(run(), {image.string() + ": "}, out() + ".incomplete-2");
   EXPECT_EQ(test::read_bytes(path(out()) / "score.json"), score);
+  EXPECT_EQ(test::read_bytes(out() + ".incomplete"), "of somebody else");
 }
 
 TEST_F(HostileInput, TexturesThatAreNoImages) {
