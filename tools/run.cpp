@@ -242,9 +242,8 @@ int run(const RunArguments& arguments, const Common& common) {
   } catch (const Error& e) {
     throw Error(arguments.source + ": " + e.what());
   }
-  std::string out = arguments.out.empty()
-                              ? "runs/" + file_name(source->name()) + "-" + std::to_string(source->seed())
-                              : arguments.out;
+  std::string out = arguments.out.empty() ? "runs/" + file_name(source->name()) + "-" + std::to_string(source->seed())
+                                          : arguments.out;
   StagedFolder folder(out, "run", {kMapFile});
   report_left_maps(folder.target());
   const auto rig = source->open(folder.path());

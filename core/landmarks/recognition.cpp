@@ -244,7 +244,7 @@ const uchar* LandmarkDatabase::descriptor_of(int entry) const {
   return at(views_, of.view).descriptor(of.keypoint);
 }
 
-std::vector<LandmarkDatabase::Matches> LandmarkDatabase::matches_by_view(const View& current) const {
+std::vector<LandmarkDatabase::Matches> LandmarkDatabase::matches_by_view(const View& current, int max_leaves) const {
   const int queries = static_cast<int>(current.queried.size());
   std::vector<std::vector<Nearest>> nearest(current.queried.size());
   for_each_row(queries, [&](int q) {
@@ -257,7 +257,7 @@ std::vector<LandmarkDatabase::Matches> LandmarkDatabase::matches_by_view(const V
     }
     for (const Run& run : runs_) {
       // Each tree visits a number of leaves proportional to its size.
-      const int leaves = std::max(2, options_.max_leaves * run.tree.size() / keypoints());
+      const int leaves = static_cast<int>(std::max<int64_t>(2, int64_t{max_leaves} * run.tree.size() / keypoints()));
       run.tree.visit_nearest_leaves(descriptor, leaves, [&](int i, int d2) { note_entry(run.first + i, d2); });
     }
   });
@@ -363,6 +363,22 @@ bool LandmarkDatabase::search_guided(const View& earlier, const View& current, M
   return true;
 }
 
+// Searches the views with most matches guided; returns whether the motion since any of them was found.
+bool LandmarkDatabase::search_views(const View& current, int max_views, std::vector<Matches>& matches) const {
+  std::vector<int> order(views_.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(order.begin(), order.end(),
+                   [&](int a, int b) { return at(matches, a).size() > at(matches, b).size(); });
+  order.resize(std::min(order.size(), static_cast<size_t>(max_views)));
+  for (const int view : order) (void)at(views_, view).details();  // an Error must not arise in a parallel loop
+  std::vector<char> known(order.size(), 0);
+  for_each_row(static_cast<int>(order.size()), [&](int i) {
+    const int view = at(order, i);
+    at(known, i) = search_guided(at(views_, view), current, at(matches, view));
+  });
+  return std::find(known.begin(), known.end(), char{1}) != known.end();
+}
+
 // Returns the earlier landmarks that may be the same as `landmark`, the most promising first, each with the matches
 // that agree on one motion.
 std::vector<Recognition> LandmarkDatabase::candidates_of(int landmark, const std::vector<Matches>& matches,
@@ -409,22 +425,17 @@ std::vector<Recognition> LandmarkDatabase::candidates_of(int landmark, const std
 std::vector<Recognition> LandmarkDatabase::reidentify(const Landmarks& landmarks) const {
   // Not owned: the view does not outlive the call.
   const View current = view_of(0, std::shared_ptr<const Landmarks>(std::shared_ptr<void>(), &landmarks));
-  std::vector<Matches> matches = matches_by_view(current);
-  if (options_.guided) {
-    std::vector<int> order(views_.size());
-    std::iota(order.begin(), order.end(), 0);
-    std::stable_sort(order.begin(), order.end(),
-                     [&](int a, int b) { return at(matches, a).size() > at(matches, b).size(); });
-    order.resize(std::min(order.size(), static_cast<size_t>(options_.max_views)));
-    for (const int view : order) (void)at(views_, view).details();  // an Error must not arise in a parallel loop
-    std::vector<char> known(order.size(), 0);
-    for_each_row(static_cast<int>(order.size()), [&](int i) {
-      const int view = at(order, i);
-      at(known, i) = search_guided(at(views_, view), current, at(matches, view));
-    });
-    // From a very different viewpoint few of the strongest keypoints match; all keypoints of the last view are tried
-    // then.
-    if (!views_.empty() && std::find(known.begin(), known.end(), char{1}) == known.end()) {
+  std::vector<Matches> matches = matches_by_view(current, options_.max_leaves);
+  if (options_.guided && !views_.empty() && !search_views(current, options_.max_views, matches)) {
+    // Among the keypoints of a large map, the short search misses many neighbors, and views that share little surface with
+    // this one may have more matches by chance.
+    constexpr int kLeaves = 8, kViews = 4;
+    std::vector<Matches> more = matches_by_view(current, kLeaves * options_.max_leaves);
+    if (search_views(current, kViews * options_.max_views, more)) {
+      matches = std::move(more);
+    } else {
+      // From a very different viewpoint few of the strongest keypoints match; all keypoints of the last view are tried
+      // then.
       Matches all = one_to_one(all_matches(views_.back(), current), views_.back(), current);
       if (search_guided(views_.back(), current, all)) matches.back() = std::move(all);
     }

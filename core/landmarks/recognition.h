@@ -45,7 +45,8 @@ struct RecognitionOptions {
   template <class Visitor>
   void describe(Visitor& v) {
     v.field("search", search, "search for the nearest descriptors");
-    v.field("max_leaves", max_leaves, {1, 1000000}, "kd-tree leaves visited per keypoint");
+    v.field("max_leaves", max_leaves, {1, 1000000},
+            "kd-tree leaves visited per keypoint; eight times as many if no earlier view is recognized");
     v.field("strongest", strongest, {2, 100000},
             "strongest keypoints of a landmark that are searched; half as many are queried, the rest matched guided");
     v.field("max_ratio", max_ratio, {0.1, 1},
@@ -54,7 +55,9 @@ struct RecognitionOptions {
     v.field("inlier_sigma", inlier_sigma, {0.1, 100},
             "largest deviation of a match from the landmark's motion, sigmas");
     v.field("max_candidates", max_candidates, {1, 1000}, "earlier landmarks verified per landmark");
-    v.field("max_views", max_views, {1, 1000}, "earlier views, those with most matches, that are searched guided");
+    v.field(
+        "max_views", max_views, {1, 1000},
+        "earlier views, those with most matches, that are searched guided; four times as many if none is recognized");
     v.field("guided", guided, "use the motion since a view, estimated from some landmarks, to search for the others");
     v.field("guided_distance_px", guided_distance_px, {0.1, 100}, "search radius of a keypoint, pixel footprints");
     v.field("viewpoint_px", viewpoint_px, {0, 10},
@@ -138,7 +141,7 @@ class LandmarkDatabase {
   void select(View& view, const std::vector<std::vector<int>>& by_strength) const;
   void add(std::vector<View> added);
   const uchar* descriptor_of(int entry) const;
-  std::vector<Matches> matches_by_view(const View& current) const;
+  std::vector<Matches> matches_by_view(const View& current, int max_leaves) const;
   Matches one_to_one(Matches matches, const View& earlier, const View& current) const;
   RigidConsensus consensus(const View& earlier, const View& current, const Matches& matches, double spread_px,
                            int random_triples) const;
@@ -146,6 +149,7 @@ class LandmarkDatabase {
                          double distance_px) const;
   Matches all_matches(const View& earlier, const View& current) const;
   bool search_guided(const View& earlier, const View& current, Matches& matches) const;
+  bool search_views(const View& current, int max_views, std::vector<Matches>& matches) const;
   std::vector<Recognition> candidates_of(int landmark, const std::vector<Matches>& matches, const View& current) const;
 
   Pinhole camera_;

@@ -221,6 +221,26 @@ TEST_P(BothSearches, AThingSeenManyTimesIsRecognisedAllTheSame) {
   EXPECT_EQ(database.reidentify(world.seen({2, 4, 0})).size(), 2u);
 }
 
+TEST(LandmarkDatabase, SearchesLongerForAViewThatIsHardToFind) {
+  // The first lookup among 12,000 descriptors finds 79 of 100 such noisy views.
+  constexpr int kViews = 100, kPerView = 4;
+  World world(kViews * kPerView);
+  LandmarkDatabase database(camera(), {});
+  std::vector<std::vector<int>> things(kViews);
+  for (int frame = 0; frame < kViews; ++frame) {
+    for (int i = 0; i < kPerView; ++i) things[static_cast<size_t>(frame)].push_back(kPerView * frame + i);
+    database.add(frame, world.seen(things[static_cast<size_t>(frame)]));
+  }
+  const Pose moved{rotation_exp({0.02, -0.1, 0.05}), {0.02, 0.01, -0.03}};
+  int found = 0;
+  for (int frame = 0; frame < kViews; ++frame) {
+    const auto recognized = database.reidentify(world.seen(things[static_cast<size_t>(frame)], moved, 0.09));
+    for (const Recognition& r : recognized) EXPECT_EQ(r.earlier_frame, frame);
+    found += !recognized.empty();
+  }
+  EXPECT_GE(found, 95);
+}
+
 TEST_P(BothSearches, NothingKnown) {
   World world(6);
   LandmarkDatabase database(camera(), options());
