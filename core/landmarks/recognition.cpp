@@ -379,6 +379,20 @@ bool LandmarkDatabase::search_views(const View& current, int max_views, std::vec
   return std::find(known.begin(), known.end(), char{1}) != known.end();
 }
 
+// Repeats lookup and guided search with more leaves and views; returns whether any view is recognized then. Among the
+// keypoints of a large map, a short lookup misses many neighbors, and views that share little surface with this one may have
+// more matches by chance.
+bool LandmarkDatabase::search_longer(const View& current, std::vector<Matches>& matches) const {
+  constexpr int kViews = 8;
+  for (const int leaves : {8, 128}) {
+    std::vector<Matches> more = matches_by_view(current, leaves * options_.max_leaves);
+    if (!search_views(current, kViews * options_.max_views, more)) continue;
+    matches = std::move(more);
+    return true;
+  }
+  return false;
+}
+
 // Returns the earlier landmarks that may be the same as `landmark`, the most promising first, each with the matches
 // that agree on one motion.
 std::vector<Recognition> LandmarkDatabase::candidates_of(int landmark, const std::vector<Matches>& matches,
@@ -426,19 +440,12 @@ std::vector<Recognition> LandmarkDatabase::reidentify(const Landmarks& landmarks
   // Not owned: the view does not outlive the call.
   const View current = view_of(0, std::shared_ptr<const Landmarks>(std::shared_ptr<void>(), &landmarks));
   std::vector<Matches> matches = matches_by_view(current, options_.max_leaves);
-  if (options_.guided && !views_.empty() && !search_views(current, options_.max_views, matches)) {
-    // Among the keypoints of a large map, the short search misses many neighbors, and views that share little surface with
-    // this one may have more matches by chance.
-    constexpr int kLeaves = 8, kViews = 4;
-    std::vector<Matches> more = matches_by_view(current, kLeaves * options_.max_leaves);
-    if (search_views(current, kViews * options_.max_views, more)) {
-      matches = std::move(more);
-    } else {
-      // From a very different viewpoint few of the strongest keypoints match; all keypoints of the last view are tried
-      // then.
-      Matches all = one_to_one(all_matches(views_.back(), current), views_.back(), current);
-      if (search_guided(views_.back(), current, all)) matches.back() = std::move(all);
-    }
+  if (options_.guided && !views_.empty() && !search_views(current, options_.max_views, matches) &&
+      !search_longer(current, matches)) {
+    // From a very different viewpoint few of the strongest keypoints match; all keypoints of the last view are tried
+    // then.
+    Matches all = one_to_one(all_matches(views_.back(), current), views_.back(), current);
+    if (search_guided(views_.back(), current, all)) matches.back() = std::move(all);
   }
   std::vector<std::vector<Recognition>> candidates(current.landmarks);
   for_each_row(static_cast<int>(current.landmarks),

@@ -46,7 +46,7 @@ struct RecognitionOptions {
   void describe(Visitor& v) {
     v.field("search", search, "search for the nearest descriptors");
     v.field("max_leaves", max_leaves, {1, 1000000},
-            "kd-tree leaves visited per keypoint; eight times as many if no earlier view is recognized");
+            "kd-tree leaves visited per keypoint; up to 128 times as many while no earlier view is recognized");
     v.field("strongest", strongest, {2, 100000},
             "strongest keypoints of a landmark that are searched; half as many are queried, the rest matched guided");
     v.field("max_ratio", max_ratio, {0.1, 1},
@@ -57,7 +57,7 @@ struct RecognitionOptions {
     v.field("max_candidates", max_candidates, {1, 1000}, "earlier landmarks verified per landmark");
     v.field(
         "max_views", max_views, {1, 1000},
-        "earlier views, those with most matches, that are searched guided; four times as many if none is recognized");
+        "earlier views, those with most matches, that are searched guided; eight times as many if none is recognized");
     v.field("guided", guided, "use the motion since a view, estimated from some landmarks, to search for the others");
     v.field("guided_distance_px", guided_distance_px, {0.1, 100}, "search radius of a keypoint, pixel footprints");
     v.field("viewpoint_px", viewpoint_px, {0, 10},
@@ -150,6 +150,7 @@ class LandmarkDatabase {
   Matches all_matches(const View& earlier, const View& current) const;
   bool search_guided(const View& earlier, const View& current, Matches& matches) const;
   bool search_views(const View& current, int max_views, std::vector<Matches>& matches) const;
+  bool search_longer(const View& current, std::vector<Matches>& matches) const;
   std::vector<Recognition> candidates_of(int landmark, const std::vector<Matches>& matches, const View& current) const;
 
   Pinhole camera_;
