@@ -303,15 +303,15 @@ std::vector<int> averaged_images(const PatternSequence& sequence) {
 void gray_only_row(const GrayDecoder& gray, const RowPlan& plan, const DecodeOptions& options,
                    const float* const* samples, const std::vector<int>& averaged, int width, const RowOutput& out) {
   const double cell = gray.cell_px();
+  const auto least_contrast_dn = static_cast<float>(options.min_modulation_dn);
   for (int i = 0; i < width; ++i) {
-    const GrayDecoder::Reading reading = gray.read(plan, samples, i);
+    const GrayDecoder::Reading reading = gray.read(plan, samples, i, least_contrast_dn);
     float sum = 0;
     for (const int k : averaged) sum += samples[k][i];
     out.mean[i] = sum / static_cast<float>(averaged.size());
     out.modulation[i] = reading.best_contrast_dn;
     const double coordinate = (reading.cell + 0.5) * cell - 0.5;
-    const bool valid = static_cast<double>(reading.best_contrast_dn) >= options.min_modulation_dn &&
-                       reading.far <= options.max_order_failure && coordinate < plan.length_px - 0.5;
+    const bool valid = reading.best_contrast_dn >= least_contrast_dn && reading.far <= options.max_order_failure && coordinate < plan.length_px - 0.5;
     out.wrapped_phase[i] = kNaN;
     out.order[i] = valid ? reading.cell : -1;
     out.coordinate[i] = valid ? static_cast<float>(coordinate) : kNaN;

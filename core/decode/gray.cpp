@@ -128,7 +128,8 @@ GrayDecoder::Comparison GrayDecoder::combined(const Comparison& one, const Compa
   return result;
 }
 
-GrayDecoder::Reading GrayDecoder::read(const RowPlan& camera, const float* const* samples, int col) const {
+GrayDecoder::Reading GrayDecoder::read(const RowPlan& camera, const float* const* samples, int col,
+                                       float least_contrast_dn) const {
   constexpr size_t kMaxBits = 32;
   unsigned code = 0;
   std::array<Comparison, kMaxBits> bits;
@@ -136,6 +137,10 @@ GrayDecoder::Reading GrayDecoder::read(const RowPlan& camera, const float* const
   for (size_t i = 0; i < bits_.size(); ++i) {
     bits[i] = compare(camera, samples, col, bits_[i]);
     reading.best_contrast_dn = std::max(reading.best_contrast_dn, std::abs(bits[i].difference));
+  }
+  if (reading.best_contrast_dn < least_contrast_dn) {
+    reading.far = 1;
+    return reading;
   }
   for (size_t i = 0; i < bits_.size(); ++i) {
     if (carrier_[i] != i) bits[i] = combined(bits[i], bits[carrier_[i]]);

@@ -31,8 +31,9 @@ class GrayDecoder {
     // low contrast, too.
     float contrast_dn = 0, best_contrast_dn = 0;
   };
-  // Decodes column `col`; `samples` are rows of grey values of the stack's images.
-  Reading read(const RowPlan& camera, const float* const* samples, int col) const;
+  // Decodes column `col`; `samples` are rows of grey values of the stack's images. Returns only the best contrast, and an
+  // error as certain, if that is below `least_contrast_dn`.
+  Reading read(const RowPlan& camera, const float* const* samples, int col, float least_contrast_dn = 0) const;
 
  private:
   struct Comparison {

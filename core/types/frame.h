@@ -35,7 +35,7 @@ cv::Vec3f neighbour_normal(const cv::Mat3f& points_m, int row, int col);
 // Undistorted viewing ray (x, y, 1) of each pixel, H x W.
 using PixelRays = cv::Mat2f;
 
-// Computes the viewing rays of all pixels; NaN where the distortion cannot be inverted.
+// Returns the viewing rays of all pixels, NaN where distortion cannot be inverted. Callers share the memory: do not write.
 PixelRays pixel_rays(const Pinhole& camera);
 
 }  // namespace fringeslam
