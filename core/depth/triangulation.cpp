@@ -11,6 +11,7 @@
 #include "core/base/parallel.h"
 #include "core/types/error.h"
 #include "core/types/options.h"
+#include "core/types/selected_instruction_set.h"
 
 namespace fringeslam {
 
@@ -21,29 +22,63 @@ constexpr int kNodes = kDegree + 1;
 constexpr double kMarginPx = 2;    // beyond the projector's border, to allow for noise
 constexpr float kBeyond = 1.001f;  // limit of |s| up to which a polynomial is extrapolated
 
-// Projector coordinate of the point on a ray at a given inverse depth.
-struct RayCoordinate {
-  const RigModel& rig;
-  Axis axis;
-  Eigen::Vector3d direction;
+// Columns that are interpolated together, so that their arrays stay in the first-level cache.
+constexpr int kBlock = 64;
+using Block = std::array<double, kBlock>;
 
-  // Returns NaN for points behind the projector.
-  double operator()(double inverse_depth) const {
-    const Eigen::Vector3d point = direction + inverse_depth * rig.projector_from_camera.translation;
-    if (!(point.z() > 0)) return std::numeric_limits<double>::quiet_NaN();
-    const Eigen::Vector2d pixel = rig.projector.project(point);
-    return axis == Axis::columns ? pixel.x() : pixel.y();
+// The projector as a camera, reduced to one coordinate: "along" is the axis of the patterns.
+struct Projection {
+  double focal_px = 0, centre_px = 0;
+  double k1 = 0, k2 = 0, k3 = 0, p_along = 0, p_across = 0;
+  double t_along_m = 0, t_across_m = 0, t_depth_m = 0;
+
+  Projection(const RigModel& rig, Axis axis) {
+    const Pinhole& projector = rig.projector;
+    const Distortion& d = projector.distortion;
+    const Eigen::Vector3d& t = rig.projector_from_camera.translation;
+    const bool columns = axis == Axis::columns;
+    focal_px = columns ? projector.fx : projector.fy;
+    centre_px = columns ? projector.cx : projector.cy;
+    k1 = d.k1, k2 = d.k2, k3 = d.k3;
+    p_along = columns ? d.p2 : d.p1;
+    p_across = columns ? d.p1 : d.p2;
+    t_along_m = columns ? t.x() : t.y();
+    t_across_m = columns ? t.y() : t.x();
+    t_depth_m = t.z();
   }
 };
 
-struct Polynomial {
-  std::array<double, kNodes> coefficients{};
-  double centre = 0, half_range = 0;
+// Directions of rays in the projector's frame.
+struct RayBlock {
+  Block along, across, depth;
 };
+
+// Returns the projector coordinate of the point on a ray at a given inverse depth, as Pinhole::project() does; NaN behind the
+// projector.
+FRINGESLAM_INLINE double coordinate_of(const Projection& p, const RayBlock& rays, int i, double inverse_depth) {
+  const auto k = static_cast<size_t>(i);
+  const double depth = rays.depth[k] + inverse_depth * p.t_depth_m;
+  const double x = (rays.along[k] + inverse_depth * p.t_along_m) / depth;
+  const double y = (rays.across[k] + inverse_depth * p.t_across_m) / depth;
+  const double r2 = x * x + y * y;
+  const double radial = 1 + r2 * (p.k1 + r2 * (p.k2 + r2 * p.k3));
+  const double distorted = x * radial + 2 * p.p_across * x * y + p.p_along * (r2 + 2 * x * x);
+  const double pixel = p.focal_px * distorted + p.centre_px;
+  return depth > 0 ? pixel : std::numeric_limits<double>::quiet_NaN();
+}
+
+FRINGESLAM_INLINE void coordinates_body(const Projection& p, const RayBlock& rays, const Block& inverse_depth,
+                                        Block& coordinate) {
+#pragma GCC ivdep
+  for (int i = 0; i < kBlock; ++i)
+    coordinate[static_cast<size_t>(i)] = coordinate_of(p, rays, i, inverse_depth[static_cast<size_t>(i)]);
+}
 
 // Moves one end of the inverse depth interval to the point where the ray leaves the projector's field, by the secant
 // method. `inside` is the other end.
-double clipped(const RayCoordinate& coordinate, double end, double inside, double low_px, double high_px) {
+double clipped(const Projection& p, const RayBlock& rays, int i, double end, double inside, double low_px,
+               double high_px) {
+  const auto coordinate = [&](double inverse_depth) { return coordinate_of(p, rays, i, inverse_depth); };
   const double u_end = coordinate(end);
   if (u_end >= low_px && u_end <= high_px) return end;
   const double target = u_end < low_px ? low_px : high_px;
@@ -57,27 +92,54 @@ double clipped(const RayCoordinate& coordinate, double end, double inside, doubl
   return a;
 }
 
+struct Polynomials {
+  std::array<Block, kNodes> coefficients;
+  Block centre, half_range;
+};
+
+std::array<double, kNodes> chebyshev_nodes() {
+  std::array<double, kNodes> nodes;
+  for (int i = 0; i < kNodes; ++i) nodes[static_cast<size_t>(i)] = std::cos(std::numbers::pi * (i + 0.5) / kNodes);
+  return nodes;
+}
+
 // Newton interpolation with divided differences at Chebyshev nodes of inverse depth, expanded into powers of s.
-Polynomial interpolate(const RayCoordinate& coordinate, double w_low, double w_high) {
-  Polynomial result;
-  const double u_low = coordinate(w_low), u_high = coordinate(w_high);
-  result.centre = 0.5 * (u_low + u_high);
-  result.half_range = 0.5 * std::abs(u_high - u_low);
-  std::array<double, kNodes> s, table;
-  for (int i = 0; i < kNodes; ++i) {
-    const double w = 0.5 * (w_low + w_high) + 0.5 * (w_high - w_low) * std::cos(std::numbers::pi * (i + 0.5) / kNodes);
-    s[i] = (coordinate(w) - result.centre) / result.half_range;
-    table[i] = w;
+FRINGESLAM_INLINE void interpolate_body(const Projection& p, const RayBlock& rays, const Block& w_low,
+                                        const Block& w_high, const std::array<double, kNodes>& nodes,
+                                        Polynomials& result) {
+  std::array<Block, kNodes> s, table;
+  Block u_low, u_high;
+  coordinates_body(p, rays, w_low, u_low);
+  coordinates_body(p, rays, w_high, u_high);
+#pragma GCC ivdep
+  for (size_t i = 0; i < kBlock; ++i) {
+    result.centre[i] = 0.5 * (u_low[i] + u_high[i]);
+    result.half_range[i] = 0.5 * std::abs(u_high[i] - u_low[i]);
   }
-  for (int order = 1; order < kNodes; ++order) {
-    for (int i = kNodes - 1; i >= order; --i) table[i] = (table[i] - table[i - 1]) / (s[i] - s[i - order]);
+  for (size_t n = 0; n < kNodes; ++n) {
+#pragma GCC ivdep
+    for (size_t i = 0; i < kBlock; ++i)
+      table[n][i] = 0.5 * (w_low[i] + w_high[i]) + 0.5 * (w_high[i] - w_low[i]) * nodes[n];
+    coordinates_body(p, rays, table[n], s[n]);
+#pragma GCC ivdep
+    for (size_t i = 0; i < kBlock; ++i) s[n][i] = (s[n][i] - result.centre[i]) / result.half_range[i];
   }
-  for (int i = kNodes - 1; i >= 0; --i) {
-    for (int k = kDegree; k > 0; --k)
-      result.coefficients[k] = result.coefficients[k - 1] - s[i] * result.coefficients[k];
-    result.coefficients[0] = table[i] - s[i] * result.coefficients[0];
+  for (size_t order = 1; order < kNodes; ++order) {
+    for (size_t n = kNodes - 1; n >= order; --n) {
+#pragma GCC ivdep
+      for (size_t i = 0; i < kBlock; ++i) table[n][i] = (table[n][i] - table[n - 1][i]) / (s[n][i] - s[n - order][i]);
+    }
   }
-  return result;
+  std::array<Block, kNodes>& c = result.coefficients;
+  c = {};
+  for (size_t n = kNodes; n-- > 0;) {
+    for (size_t k = kDegree; k > 0; --k) {
+#pragma GCC ivdep
+      for (size_t i = 0; i < kBlock; ++i) c[k][i] = c[k - 1][i] - s[n][i] * c[k][i];
+    }
+#pragma GCC ivdep
+    for (size_t i = 0; i < kBlock; ++i) c[0][i] = table[n][i] - s[n][i] * c[0][i];
+  }
 }
 
 struct TriangulationRow {
@@ -145,19 +207,46 @@ Triangulation::Triangulation(const RigModel& rig, const PixelRays& rays, double 
   const double low_px = -0.5 - kMarginPx;
   const double high_px = (axis == Axis::columns ? rig.projector.width : rig.projector.height) - 0.5 + kMarginPx;
   const double w_far = 0.999 / far_m, w_near = 1.001 / near_m;
+  const Projection projection(rig, axis);
+  const std::array<double, kNodes> nodes = chebyshev_nodes();
+  const InstructionSet set = selected_instruction_set();
+  const auto coordinates = Variants<coordinates_body>::of(set);
+  const auto interpolate = Variants<interpolate_body>::of(set);
   for_each_row(rays.rows, [&](int row) {
-    for (int col = 0; col < rays.cols; ++col) {
-      const cv::Vec2f ray = rays(row, col);
-      const RayCoordinate coordinate{rig, axis,
-                                     rig.projector_from_camera.rotation * Eigen::Vector3d(ray[0], ray[1], 1)};
-      const double u_far = coordinate(w_far), u_near = coordinate(w_near);
-      const bool crosses = std::max(u_far, u_near) > low_px && std::min(u_far, u_near) < high_px;
-      if (!crosses) continue;  // also for NaN
-      const Polynomial polynomial = interpolate(coordinate, clipped(coordinate, w_far, w_near, low_px, high_px),
-                                                clipped(coordinate, w_near, w_far, low_px, high_px));
-      for (int k = 0; k < kNodes; ++k) coefficients_[k](row, col) = static_cast<float>(polynomial.coefficients[k]);
-      centre_(row, col) = static_cast<float>(polynomial.centre);
-      per_px_(row, col) = static_cast<float>(1 / polynomial.half_range);
+    RayBlock block{};
+    Block low, high, u_far, u_near;
+    std::array<bool, kBlock> crosses;
+    Polynomials polynomials;
+    for (int first = 0; first < rays.cols; first += kBlock) {
+      const int width = std::min(kBlock, rays.cols - first);
+      for (int i = 0; i < width; ++i) {
+        const cv::Vec2f ray = rays(row, first + i);
+        const Eigen::Vector3d direction = rig.projector_from_camera.rotation * Eigen::Vector3d(ray[0], ray[1], 1);
+        const auto k = static_cast<size_t>(i);
+        block.along[k] = axis == Axis::columns ? direction.x() : direction.y();
+        block.across[k] = axis == Axis::columns ? direction.y() : direction.x();
+        block.depth[k] = direction.z();
+      }
+      low.fill(w_far);
+      high.fill(w_near);
+      coordinates(projection, block, low, u_far);
+      coordinates(projection, block, high, u_near);
+      for (int i = 0; i < width; ++i) {
+        const auto k = static_cast<size_t>(i);
+        crosses[k] = std::max(u_far[k], u_near[k]) > low_px && std::min(u_far[k], u_near[k]) < high_px;  // not if NaN
+        if (!crosses[k]) continue;
+        low[k] = clipped(projection, block, i, w_far, w_near, low_px, high_px);
+        high[k] = clipped(projection, block, i, w_near, w_far, low_px, high_px);
+      }
+      interpolate(projection, block, low, high, nodes, polynomials);
+      for (int i = 0; i < width; ++i) {
+        const auto k = static_cast<size_t>(i);
+        if (!crosses[k]) continue;
+        for (size_t n = 0; n < kNodes; ++n)
+          coefficients_[n](row, first + i) = static_cast<float>(polynomials.coefficients[n][k]);
+        centre_(row, first + i) = static_cast<float>(polynomials.centre[k]);
+        per_px_(row, first + i) = static_cast<float>(1 / polynomials.half_range[k]);
+      }
     }
   });
 }
