@@ -7,6 +7,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "bench/robust/flood.h"
 #include "bench/row.h"
 #include "core/types/error.h"
 
@@ -34,7 +35,8 @@ std::vector<Row> hostile_rows(const Context& context) {
 }  // namespace
 
 std::vector<Item> hostile_items() {
-  return {{{"robust.hostile"}, "crashes, hangs and unclear messages with mutated inputs", hostile_rows, true}};
+  return {{{"robust.hostile"}, "crashes, hangs and unclear messages with mutated inputs", hostile_rows, true},
+          {{"live.flood"}, "mapping with a flooded live page, relative to a calm one", flood_rows, true}};
 }
 
 }  // namespace fringeslam::bench

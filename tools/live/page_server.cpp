@@ -6,7 +6,9 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <condition_variable>
 #include <deque>
 #include <mutex>
@@ -117,6 +119,24 @@ class AtOnce : public httplib::TaskQueue {
  public:
   void enqueue(std::function<void()> task) override { task(); }
   void shutdown() override {}
+};
+
+// Delays connections that arrive faster than viewers need: a flood of requests must not slow the mapping beside it. A viewer
+// who watches 30 views per second asks about 100 times. Used by the thread that accepts connections; those that wait to be
+// accepted wait in the system's queue.
+class Pace {
+ public:
+  void wait() {
+    next_ = std::max(next_, Clock::now() - kBurst * kInterval);
+    std::this_thread::sleep_until(next_);
+    next_ += kInterval;
+  }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  static constexpr auto kInterval = std::chrono::microseconds(3000);
+  static constexpr int kBurst = 100;  // connections at once after a pause
+  Clock::time_point next_ = Clock::now();
 };
 
 bool only_reads(const httplib::Request& request) { return request.method == "GET" || request.method == "HEAD"; }
@@ -243,6 +263,7 @@ class PageServer::Server : public httplib::Server {
 
   // The connection is answered by another thread once its request is complete.
   bool process_and_close_socket(socket_t socket) override {
+    pace_.wait();
     waiting_room_.add(socket);
     return true;
   }
@@ -270,6 +291,7 @@ class PageServer::Server : public httplib::Server {
                           [this](int socket, std::string head) { answer(socket, std::move(head)); }};
   WaitingRoom waiting_room_{rules_.nice,
                             [this](int socket, std::string head) { threads_.add(socket, std::move(head)); }};
+  Pace pace_;
   std::thread listening_;
 };
 
