@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: Apache-2.0
-# Runs all systems that Debian 12 provides on all suites: leaderboard.sh OUT. About an hour on two cores; what is finished
+# Runs all systems that Debian 12 provides on all suites: leaderboard.sh OUT. About five hours on two cores; what is finished
 # is kept, and the same command continues. Needs python3-open3d, python3-opencv and a build of this project.
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
