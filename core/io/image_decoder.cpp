@@ -6,8 +6,10 @@
 
 #include <array>
 #include <memory>
+#include <optional>
 #include <utility>
 
+#include "core/io/exr_file.h"
 #include "core/io/png_file.h"
 #include "core/types/error.h"
 
@@ -92,6 +94,9 @@ std::string image_format(std::string_view head, const std::string& extension, co
 cv::Mat decode_here(const std::string& bytes, const ImageRequest& request, const std::string& name,
                     const AllocateImage& allocate) {
   if (!request.as_float && is_png(bytes)) return decode_png(bytes, name, allocate);
+  if (request.as_float && request.format == "openexr") {
+    if (std::optional<cv::Mat> image = decode_exr(bytes, name, allocate)) return *std::move(image);
+  }
   // OpenEXR's C library reads channels of 32 bits two to three times as fast as its C++ library, the default.
   [[maybe_unused]] static const bool fast_exr = OIIO::attribute("openexr:core", 1);
   EncodedImage image(bytes, request.format, name);
