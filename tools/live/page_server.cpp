@@ -134,7 +134,7 @@ class Pace {
 
  private:
   using Clock = std::chrono::steady_clock;
-  static constexpr auto kInterval = std::chrono::microseconds(3000);
+  static constexpr auto kInterval = std::chrono::milliseconds(5);
   static constexpr int kBurst = 100;  // connections at once after a pause
   Clock::time_point next_ = Clock::now();
 };

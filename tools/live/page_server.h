@@ -61,7 +61,7 @@ struct PageAnswer {
 struct PageRules {
   bool posts = false;          // accept POST
   size_t most_body_bytes = 0;  // of a POST
-  int nice = 10;               // niceness of the threads that receive and answer requests
+  int nice = 15;               // niceness of the threads that receive and answer requests
 };
 
 class PageServer {
