@@ -436,12 +436,12 @@ std::vector<Recognition> LandmarkDatabase::candidates_of(int landmark, const std
   return verified;
 }
 
-std::vector<Recognition> LandmarkDatabase::reidentify(const Landmarks& landmarks) const {
+std::vector<Recognition> LandmarkDatabase::reidentify(const Landmarks& landmarks, bool longer) const {
   // Not owned: the view does not outlive the call.
   const View current = view_of(0, std::shared_ptr<const Landmarks>(std::shared_ptr<void>(), &landmarks));
   std::vector<Matches> matches = matches_by_view(current, options_.max_leaves);
   if (options_.guided && !views_.empty() && !search_views(current, options_.max_views, matches) &&
-      !search_longer(current, matches)) {
+      !(longer && search_longer(current, matches))) {
     // From a very different viewpoint few of the strongest keypoints match; all keypoints of the last view are tried
     // then.
     Matches all = one_to_one(all_matches(views_.back(), current), views_.back(), current);

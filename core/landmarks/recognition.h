@@ -46,7 +46,7 @@ struct RecognitionOptions {
   void describe(Visitor& v) {
     v.field("search", search, "search for the nearest descriptors");
     v.field("max_leaves", max_leaves, {1, 1000000},
-            "kd-tree leaves visited per keypoint; up to 128 times as many while no earlier view is recognized");
+            "kd-tree leaves visited per keypoint; to relocalize, up to 128 times as many while no view is recognized");
     v.field("strongest", strongest, {2, 100000},
             "strongest keypoints of a landmark that are searched; half as many are queried, the rest matched guided");
     v.field("max_ratio", max_ratio, {0.1, 1},
@@ -57,7 +57,7 @@ struct RecognitionOptions {
     v.field("max_candidates", max_candidates, {1, 1000}, "earlier landmarks verified per landmark");
     v.field(
         "max_views", max_views, {1, 1000},
-        "earlier views, those with most matches, that are searched guided; eight times as many if none is recognized");
+        "earlier views, those with most matches, that are searched guided; to relocalize, up to eight times as many");
     v.field("guided", guided, "use the motion since a view, estimated from some landmarks, to search for the others");
     v.field("guided_distance_px", guided_distance_px, {0.1, 100}, "search radius of a keypoint, pixel footprints");
     v.field("viewpoint_px", viewpoint_px, {0, 10},
@@ -87,7 +87,7 @@ class LandmarkDatabase {
   // Returns the re-identified landmarks of the current frame, in their order. Each is matched with one earlier
   // landmark and each keypoint at most once; two current landmarks may be parts of the same earlier one. Throws Error if
   // landmarks in a file are damaged.
-  std::vector<Recognition> reidentify(const Landmarks& current) const;
+  std::vector<Recognition> reidentify(const Landmarks& current, bool longer = true) const;
 
   int landmarks() const { return landmark_count_; }
   int keypoints() const { return static_cast<int>(entries_.size()); }

@@ -14,13 +14,13 @@ LandmarkFinder::LandmarkFinder(const RigModel& rig, const LandmarkFinderOptions&
   check_options(options.recognition, "recognition");
 }
 
-FoundLandmarks LandmarkFinder::find(const Frame& frame) const {
+FoundLandmarks LandmarkFinder::find(const Frame& frame, bool longer) const {
   enter_stage("landmarks");
   FoundLandmarks found;
   found.keypoints = detect_keypoints(frame, rig_, rays_, options_.keypoints);
   found.landmarks = extract_landmarks(frame, found.keypoints, rig_, options_.keypoints, options_.conditioning,
                                       options_.clusters, options_.landmarks);
-  found.recognitions = database_.reidentify(found.landmarks);
+  found.recognitions = database_.reidentify(found.landmarks, longer);
   return found;
 }
 

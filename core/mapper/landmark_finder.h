@@ -29,8 +29,8 @@ struct FoundLandmarks {
 class LandmarkFinder {
  public:
   LandmarkFinder(const RigModel& rig, const LandmarkFinderOptions& options);
-  // Finds the landmarks of a frame and re-identifies those of earlier keyframes.
-  FoundLandmarks find(const Frame& frame) const;
+  // Finds the landmarks of a frame and re-identifies those of earlier keyframes; searches longer, if asked to, when none is.
+  FoundLandmarks find(const Frame& frame, bool longer) const;
   void add_keyframe(int keyframe, const KnownLandmarks& landmarks) { database_.add(keyframe, landmarks); }
   // Adds keyframes 0 to count - 1.
   void add_keyframes(int count, const std::function<const KnownLandmarks&(int keyframe)>& landmarks_of) {

@@ -249,8 +249,8 @@ void Mapper::reconstruct(FrameResult& result, const MapperInput& input, const Re
   static_cast<ReconstructedView&>(result) = input.reconstruct(prior);
 }
 
-void Mapper::find_landmarks(FrameResult& result) const {
-  FoundLandmarks found = finder_.find(result.frame);
+void Mapper::find_landmarks(FrameResult& result, bool longer) const {
+  FoundLandmarks found = finder_.find(result.frame, longer);
   result.keypoints = std::move(found.keypoints);
   result.landmarks = std::move(found.landmarks);
   result.recognitions = std::move(found.recognitions);
@@ -375,7 +375,7 @@ ExpectedView Mapper::expected_view(const Pose& world_from_current, const Matrix6
 
 // Relocalizes by landmarks, wherever in the map they were seen, or else by all keypoints of the last keyframe.
 bool Mapper::relocalize(FrameResult& result) {
-  if (result.keypoints.detected == 0) find_landmarks(result);
+  if (result.keypoints.detected == 0) find_landmarks(result, true);
   enter_stage("locate");
   const int last = track_.empty() ? static_cast<int>(map_.keyframes().size()) - 1 : track_.back().keyframe;
   std::shared_ptr<const Landmarks> landmarks;

@@ -153,7 +153,7 @@ class Mapper {
   void reconstruct_unless_predicted(FrameResult& result, MapperInput& input,
                                     const std::optional<Prediction>& predicted) const;
   void track(FrameResult& result, const MapperInput& input, std::optional<Prediction> predicted, MotionEffect& effect);
-  void find_landmarks(FrameResult& result) const;
+  void find_landmarks(FrameResult& result, bool longer = false) const;
 
   bool moves_on(FrameResult& result, const MapperInput& input);
   MotionPrior motion_like_last(double timestamp_s) const;
