@@ -84,10 +84,11 @@ class LandmarkDatabase {
   // and landmarks in a file are read only when they are needed.
   void add(int first, int count, const std::function<const KnownLandmarks&(int frame)>& landmarks_of);
 
-  // Returns the re-identified landmarks of the current frame, in their order. Each is matched with one earlier
+  // Returns the re-identified landmarks of the current frame, in their order; searches `longer`, up to some tenths of a second,
+  // if no view is recognized. Each is matched with one earlier
   // landmark and each keypoint at most once; two current landmarks may be parts of the same earlier one. Throws Error if
   // landmarks in a file are damaged.
-  std::vector<Recognition> reidentify(const Landmarks& current, bool longer = true) const;
+  std::vector<Recognition> reidentify(const Landmarks& current, bool longer = false) const;
 
   int landmarks() const { return landmark_count_; }
   int keypoints() const { return static_cast<int>(entries_.size()); }

@@ -234,7 +234,7 @@ TEST(LandmarkDatabase, SearchesLongerForAViewThatIsHardToFind) {
   const Pose moved{rotation_exp({0.02, -0.1, 0.05}), {0.02, 0.01, -0.03}};
   int found = 0;
   for (int frame = 0; frame < kViews; ++frame) {
-    const auto recognized = database.reidentify(world.seen(things[static_cast<size_t>(frame)], moved, 0.09));
+    const auto recognized = database.reidentify(world.seen(things[static_cast<size_t>(frame)], moved, 0.09), true);
     for (const Recognition& r : recognized) EXPECT_EQ(r.earlier_frame, frame);
     found += !recognized.empty();
   }
