@@ -52,6 +52,14 @@ sim::Scene loaded_mission(std::vector<std::pair<std::string, std::string>> chang
   return sim::load_scene(std::string(FRINGESLAM_SCENES) + "/mission/scene.yaml", reading);
 }
 
+// Adds the way back, 5 cm higher, to the tour.
+void return_on_the_same_path(sim::Scene& scene) {
+  const Trajectory higher = loaded_mission({{"trajectory.tour.height_m", "1.0"}}).trajectory;
+  const double last_s = scene.trajectory.back().timestamp_s;
+  for (auto pose = higher.rbegin(); pose != higher.rend(); ++pose)
+    scene.trajectory.push_back({2 * last_s + 1 - pose->timestamp_s, pose->world_from_robot});
+}
+
 // Maps each stack and notes what that costs, and how far the pose has drifted.
 class Explorer {
  public:
@@ -142,7 +150,8 @@ struct Relocations {
 };
 
 // Returns the largest share of a view's points that a keyframe sees as well.
-double largest_overlap(const KeyframeMap& map, const Trajectory& truth, const Frame& frame, const Pose& world_from_camera) {
+double largest_overlap(const KeyframeMap& map, const Trajectory& truth, const Frame& frame,
+                       const Pose& world_from_camera) {
   double largest = 0;
   for (int k = 0; k < static_cast<int>(map.keyframes().size()); ++k) {
     // The map drifts, so that the view is placed relative to each keyframe.
@@ -176,10 +185,11 @@ Relocations relocate(const KeyframeMap& map, const Trajectory& truth, int drops)
         scene.trajectory[static_cast<size_t>(i)].world_from_robot * scene.rig.robot_from_camera;
     if (!has_pose(found.tracking)) {
       const double overlap = largest_overlap(map, truth, found.frame, world_from_camera);
-      std::fprintf(stderr,
-                   "  drop %d: %s, overlap with a keyframe at most %.2f; %zu keypoints, %zu landmarks, %zu re-identified\n", i,
-                   std::string(to_string(found.tracking)).c_str(), overlap, found.keypoints.keypoints.size(),
-                   found.landmarks.landmarks.size(), found.recognitions.size());
+      std::fprintf(
+          stderr,
+          "  drop %d: %s, overlap with a keyframe at most %.2f; %zu keypoints, %zu landmarks, %zu re-identified\n", i,
+          std::string(to_string(found.tracking)).c_str(), overlap, found.keypoints.keypoints.size(),
+          found.landmarks.landmarks.size(), found.recognitions.size());
       if (found.tracking == Tracking::ambiguous)
         ++result.ambiguous;
       else
@@ -200,7 +210,9 @@ Relocations relocate(const KeyframeMap& map, const Trajectory& truth, int drops)
 }
 
 std::vector<Row> mission_rows(const Context& context) {
-  const sim::Scene scene = loaded_mission({});
+  sim::Scene scene = loaded_mission({});
+  const size_t tour = scene.trajectory.size();
+  return_on_the_same_path(scene);
   sim::VirtualRig rig(scene, {});
   PipelineOptions alone;
   alone.mapping.max_links = 0;
@@ -229,6 +241,13 @@ std::vector<Row> mission_rows(const Context& context) {
                  open.drift_rad() * 180 / std::numbers::pi, closing.lost(), open.lost(), elapsed_s(start));
   };
   Trajectory truth;
+  const auto report_errors = [&] {
+    const KeyframeMap& map = closing.pipeline().map();
+    std::fprintf(stderr,
+                 "  %.1f m: ATE %.3f mm with loop closure (%zu keyframes, %d links, %d corrections), %.3f mm without\n",
+                 path_m, 1e3 * closing.ate_m(truth), map.keyframes().size(), closing.loops(), closing.corrections(),
+                 1e3 * open.ate_m(truth));
+  };
   while (static_cast<int>(truth.size()) < views) {
     const std::optional<FringeStack> stack = rig.capture(scene.patterns);
     if (!stack) break;
@@ -243,25 +262,17 @@ std::vector<Row> mission_rows(const Context& context) {
       early_keyframes = keyframes_so_far();
     }
     if (truth.size() % kReported == 0) report();
+    if (truth.size() == tour) report_errors();
   }
   const double per_keyframe_mib =
       (resident_mib() - early_mib) / static_cast<double>(std::max<size_t>(1, keyframes_so_far() - early_keyframes));
   if (truth.size() % kReported != 0) report();
   const int n = static_cast<int>(truth.size());
   const KeyframeMap& map = closing.pipeline().map();
-  const int keyframes = static_cast<int>(map.keyframes().size());
-  std::fprintf(stderr, "  %.1f m: ATE %.3f mm with loop closure (%d links, %d corrections), %.3f mm without\n", path_m,
-               1e3 * closing.ate_m(truth), closing.loops(), closing.corrections(), 1e3 * open.ate_m(truth));
+  report_errors();
 
   report_links(map, truth);
 
-  std::vector<double> search_s;
-  for (int k = 0; k < keyframes; k += std::max(1, keyframes / 100)) {
-    const Frame frame = map.keyframe_image(k);
-    const auto begin = std::chrono::steady_clock::now();
-    (void)map.overlapping(frame, map.keyframes()[static_cast<size_t>(k)].world_from_camera);
-    search_s.push_back(1e3 * elapsed_s(begin));
-  }
   const auto& costs = closing.costs();
   const size_t part = std::min<size_t>(1000, costs.size() / 4);
   const size_t warm = std::min<size_t>(500, costs.size() / 8);
@@ -274,7 +285,6 @@ std::vector<Row> mission_rows(const Context& context) {
   return {bound_row("scale.view", growth, n, "x", 1.1, Limit::most),
           bound_row("scale.memory", most_mib / 1024, n, "GiB", 2, Limit::most),
           bound_row("scale.memory.keyframe", per_keyframe_mib, n, "MiB", 1, Limit::most),
-          median_row("scale.loop", search_s, "ms", 10),
           bound_row("scale.lost", closing.lost(), n, "", 0, Limit::most),
           bound_row("scale.relocate", static_cast<double>(drops.located + drops.ambiguous) / to_locate, to_locate, "",
                     0.99, Limit::least),
@@ -285,9 +295,9 @@ std::vector<Row> mission_rows(const Context& context) {
 }  // namespace
 
 std::vector<Item> mission_items() {
-  return {{{"scale.view", "scale.memory", "scale.memory.keyframe", "scale.loop", "scale.lost",
-            "scale.relocate", "scale.relocate.wrong", "scale.relocate.time"},
-           "a tour of a building: growth of cost per view and of memory, loop search, relocalization",
+  return {{{"scale.view", "scale.memory", "scale.memory.keyframe", "scale.lost", "scale.relocate",
+            "scale.relocate.wrong", "scale.relocate.time"},
+           "a tour of a building: growth of cost per view and of memory, relocalization",
            mission_rows,
            true}};
 }

@@ -256,7 +256,7 @@ std::vector<Row> open_rows(const Context& context) {
                  count, pipeline.map().keyframes().size(), keypoints, write_s,
                  static_cast<double>(fs::file_size(scratch / kMapFile)) / (1 << 20));
   }
-  std::vector<double> all_s;
+  std::vector<double> all_s, search_ms;
   const int turns = context.quick ? 3 : 8;
   for (int turn = 0; turn < turns; ++turn) {
     // Once from memory, to compare; then from disk.
@@ -280,8 +280,14 @@ std::vector<Row> open_rows(const Context& context) {
                  "processor time\n",
                  turn > 0 ? "disk" : "memory", open_s, index_s, first_s, views,
                  static_cast<double>(std::clock() - cpu) / CLOCKS_PER_SEC);
+    for (size_t k = 0; k < count; k += count / 25) {
+      const KeyframeMap& stored = pipeline->map();
+      const Frame frame = stored.keyframe_image(static_cast<int>(k));
+      search_ms.push_back(
+          1e3 * seconds_of([&] { (void)stored.overlapping(frame, stored.keyframes()[k].world_from_camera); }));
+    }
   }
-  return {median_row("scale.open", all_s, "s", 2)};
+  return {median_row("scale.open", all_s, "s", 2), median_row("scale.loop", search_ms, "ms", 10)};
 }
 
 }  // namespace
@@ -290,7 +296,10 @@ std::vector<Item> saving_items() {
   return {
       {{"scale.save"}, "processor time of mapping with the map saved meanwhile, relative to without", cost_rows, true},
       {{"scale.save.lost"}, "age of the oldest view that a kill loses", lost_rows, true},
-      {{"scale.open"}, "a map of 2,000 keyframes: from its file to the first pose", open_rows, true}};
+      {{"scale.open", "scale.loop"},
+       "a map of 2,000 keyframes: from its file to the first pose, and the search for keyframes that overlap a view",
+       open_rows,
+       true}};
 }
 
 }  // namespace fringeslam::bench
