@@ -2,7 +2,10 @@
 #include "bench/script.h"
 
 #include <cstdio>
+#include <cstdlib>
 #include <memory>
+
+#include "core/types/error.h"
 
 namespace fringeslam::bench {
 
@@ -11,6 +14,15 @@ std::string output_of(const std::string& command) {
   std::string text(1 << 16, '\0');
   text.resize(pipe ? std::fread(text.data(), 1, text.size(), pipe.get()) : 0);
   return text;
+}
+
+void run_program(const std::string& arguments, const std::filesystem::path& answer,
+                 const std::filesystem::path& messages) {
+  std::string command = std::string(FRINGESLAM_BENCH_PROGRAM) + " --json " + arguments + " > '" + answer.string() + "'";
+  if (!messages.empty()) command += " 2> '" + messages.string() + "'";
+  if (std::system(command.c_str()) == 0) return;
+  throw Error("fringeslam " + arguments + ": failed; see " +
+              (messages.empty() ? "its message above" : messages.string()));
 }
 
 }  // namespace fringeslam::bench

@@ -1,12 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// Measuring scripts in other languages.
+// The program under test and measuring scripts in other languages, as processes of their own.
 #pragma once
 
+#include <filesystem>
 #include <string>
 
 namespace fringeslam::bench {
 
 // Runs a shell command and returns what it prints to standard output, at most 64 KiB; empty if it cannot be started.
 std::string output_of(const std::string& command);
+
+// Runs `fringeslam --json ARGUMENTS` and writes its answer to a file, and its messages to `messages` if that is given. Throws
+// Error if it fails.
+void run_program(const std::string& arguments, const std::filesystem::path& answer,
+                 const std::filesystem::path& messages = {});
 
 }  // namespace fringeslam::bench

@@ -77,6 +77,8 @@ View read_view(const ScoredFolders& folders, const Pinhole& camera, int index) {
 std::vector<VictimCandidate> read_victims(const fs::path& file) {
   const auto json = nlohmann::json::parse(read_bytes(file), nullptr, false);
   std::vector<VictimCandidate> victims;
+  const auto other = [&] { return Error(file.string() + ":1: does not have the format written by a run"); };
+  if (!json.is_array()) throw other();
   try {
     for (const auto& thing : json) {
       if (!thing.at("victim").get<bool>()) continue;
@@ -85,7 +87,7 @@ std::vector<VictimCandidate> read_victims(const fs::path& file) {
         points_m.emplace_back(p.at(0).get<double>(), p.at(1).get<double>(), p.at(2).get<double>());
     }
   } catch (const nlohmann::json::exception&) {
-    throw Error(file.string() + ":1: does not have the format written by a run");
+    throw other();
   }
   return victims;
 }

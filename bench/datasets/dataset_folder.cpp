@@ -246,6 +246,20 @@ bool DatasetFolder::complete() const {
   return fs::exists(folder_ / kSums, failed);
 }
 
+namespace {
+
+// Parses the first line of a tar file's index: checksum and size of the tar file.
+std::optional<FileEntry> tar_sums(const std::string& line) {
+  const Json json = Json::parse(line, nullptr, false);
+  try {
+    return FileEntry{"", json.at("sha256").get<std::string>(), json.at("bytes").get<uint64_t>()};
+  } catch (const Json::exception&) {
+    return std::nullopt;
+  }
+}
+
+}  // namespace
+
 std::vector<FileEntry> DatasetFolder::write_index() const {
   std::vector<FileEntry> tars;
   std::string refused;
@@ -257,34 +271,37 @@ std::vector<FileEntry> DatasetFolder::write_index() const {
   for (size_t tar = 0; tar < tars_.size(); ++tar) {
     const std::string split = kSplits[static_cast<size_t>(tars_[tar].split)], name = tars_[tar].name + ".tar";
     std::ifstream lines(index_of(tar));
+    const auto damaged = [&](const char* how) {
+      return Error(index_of(tar).string() + ": is " + how + "; remove " + tar_file(tar).string() +
+                   " and run the command again");
+    };
     std::string text;
-    if (!std::getline(lines, text))
-      throw Error(index_of(tar).string() + ": is missing; remove " + tar_file(tar).string() +
-                  " and run the command again");
-    const Json sums = Json::parse(text);
-    tars.push_back({name, sums["sha256"].get<std::string>(), sums["bytes"].get<uint64_t>()});
+    if (!std::getline(lines, text)) throw damaged("missing");
+    const std::optional<FileEntry> sums = tar_sums(text);
+    if (!sums) throw damaged("damaged");
+    tars.push_back({name, sums->sha256, sums->bytes});
     while (std::getline(lines, text)) {
-      const Json line = Json::parse(text);
-      const int number = line["trial"].get<int>();
-      const std::string world = std::to_string(studies::world_of(spec_, number));
-      const studies::Trial trial = studies::trial_of(spec_, number);
+      const std::optional<TrialIndex> piece = trial_index_of(text);
+      if (!piece || piece->trial < 0 || piece->trial >= spec_.trials()) throw damaged("damaged");
+      const std::string number = std::to_string(piece->trial);
+      const std::string world = std::to_string(studies::world_of(spec_, piece->trial));
+      const studies::Trial trial = studies::trial_of(spec_, piece->trial);
       const std::string seed = std::to_string(trial.world_seed);
-      if (line.contains("refused"))
-        refused += csv_line({std::to_string(number), split, world, seed, line["refused"].get<std::string>()});
+      if (!piece->refused.empty()) refused += csv_line({number, split, world, seed, piece->refused});
       int view = 0;
-      for (const Json& sample : line["samples"]) {
-        std::vector<std::string> fields = {sample_name(sample[0].get<int>()),
+      for (const PartSample& sample : piece->samples) {
+        std::vector<std::string> fields = {sample_name(sample.sample),
                                            split,
                                            world,
-                                           std::to_string(number),
+                                           number,
                                            std::to_string(view++),
-                                           line["scene"].get<std::string>(),
+                                           piece->scene,
                                            seed,
-                                           line["rig"].get<std::string>(),
+                                           piece->rig,
                                            name,
-                                           std::to_string(sample[1].get<uint64_t>()),
-                                           std::to_string(sample[2].get<uint64_t>()),
-                                           sample[3].get<std::string>()};
+                                           std::to_string(sample.offset),
+                                           std::to_string(sample.bytes),
+                                           sample.sha256};
         fields.insert(fields.end(), trial.values.begin(), trial.values.end());
         index.add(csv_line(fields));
       }
@@ -303,7 +320,12 @@ std::vector<FileEntry> DatasetFolder::recorded_tars() const {
   std::vector<FileEntry> tars;
   for (size_t tar = 0; tar < tars_.size(); ++tar) {
     const std::string name = tars_[tar].name + ".tar";
-    tars.push_back({name, sums[name], fs::file_size(tar_file(tar))});
+    std::error_code missing;
+    const uint64_t bytes = fs::file_size(tar_file(tar), missing);
+    if (missing)
+      throw Error(tar_file(tar).string() + ": is missing; remove " + (folder_ / kSums).string() +
+                  " and run the command again");
+    tars.push_back({name, sums[name], bytes});
   }
   return tars;
 }
@@ -322,7 +344,12 @@ Contents DatasetFolder::contents() const {
     if (header) continue;
     const std::vector<std::string> fields = csv_fields(line);
     const auto split =
-        static_cast<size_t>(std::find(kSplits.begin(), kSplits.end(), fields.at(kSplitColumn)) - kSplits.begin());
+        fields.size() < kColumns.size()
+            ? kSplits.size()
+            : static_cast<size_t>(std::find(kSplits.begin(), kSplits.end(), fields[kSplitColumn]) - kSplits.begin());
+    if (split == kSplits.size())
+      throw Error((folder_ / kIndex).string() + ": is damaged; remove it and " + (folder_ / kSums).string() +
+                  " and run the command again");
     ++contents.samples.at(split);
     worlds.at(split).insert(fields.at(kWorldColumn));
     scenes.insert(fields.at(kSceneColumn));

@@ -129,27 +129,32 @@ TrialIndex write_trial(const Spec& spec, const studies::Trial& trial, const fs::
   return index;
 }
 
-std::optional<TrialIndex> read_trial(const fs::path& folder, int trial) {
-  const auto json = nlohmann::json::parse(read_bytes(part_index_file(folder, trial)), nullptr, false);
+std::optional<TrialIndex> trial_index_of(const std::string& text) {
+  const auto json = nlohmann::json::parse(text, nullptr, false);
   if (!json.is_object()) return std::nullopt;
   TrialIndex index;
-  uint64_t bytes = 0;
   try {
     index.trial = json.at("trial").get<int>();
     index.scene = json.at("scene").get<std::string>();
     index.rig = json.at("rig").get<std::string>();
     index.refused = json.value("refused", "");
-    for (const auto& entry : json.at("samples")) {
+    for (const auto& entry : json.at("samples"))
       index.samples.push_back({entry.at(0).get<int>(), entry.at(1).get<uint64_t>(), entry.at(2).get<uint64_t>(),
                                entry.at(3).get<std::string>()});
-      bytes += index.samples.back().bytes;
-    }
   } catch (const nlohmann::json::exception&) {
     return std::nullopt;
   }
+  return index;
+}
+
+std::optional<TrialIndex> read_trial(const fs::path& folder, int trial) {
+  std::optional<TrialIndex> index = trial_index_of(read_bytes(part_index_file(folder, trial)));
+  if (!index) return std::nullopt;
+  uint64_t bytes = 0;
+  for (const PartSample& sample : index->samples) bytes += sample.bytes;
   std::error_code failed;
   const uint64_t found = bytes > 0 ? fs::file_size(part_file(folder, trial), failed) : 0;
-  return index.trial == trial && !failed && found == bytes ? std::optional(index) : std::nullopt;
+  return index->trial == trial && !failed && found == bytes ? index : std::nullopt;
 }
 
 }  // namespace fringeslam::datasets

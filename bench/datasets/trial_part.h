@@ -33,6 +33,9 @@ std::filesystem::path part_index_file(const std::filesystem::path& folder, int t
 // cannot be written.
 TrialIndex write_trial(const Spec& spec, const studies::Trial& trial, const std::filesystem::path& folder);
 
+// Parses the index of a trial; empty if it is none.
+std::optional<TrialIndex> trial_index_of(const std::string& text);
+
 // Reads the index of a trial; empty if there is none, or if it or the piece is damaged.
 std::optional<TrialIndex> read_trial(const std::filesystem::path& folder, int trial);
 

@@ -21,6 +21,7 @@
 #include <string>
 #include <thread>
 
+#include "bench/script.h"
 #include "bench/speed/interleaving.h"
 #include "core/io/input_file.h"
 #include "core/io/staged.h"
@@ -155,12 +156,6 @@ class Flood {
   std::thread thread_;
 };
 
-void call(const std::string& arguments, const fs::path& answer) {
-  const std::string command = std::string(FRINGESLAM_BENCH_PROGRAM) + " --json " + arguments + " > '" +
-                              answer.string() + "' 2> '" + answer.string() + ".err'";
-  if (std::system(command.c_str()) != 0) throw Error(arguments + ": failed; see " + answer.string() + ".err");
-}
-
 // Removes the ground truth of a dataset, because scoring would take longer than mapping.
 void forget_truth(const fs::path& dataset) {
   const fs::path file = dataset / "dataset.yaml";
@@ -174,9 +169,9 @@ void forget_truth(const fs::path& dataset) {
 // Returns the seconds that a run with a live page spends on mapping.
 double mapping_s(const fs::path& folder, int port) {
   const fs::path answer = folder / "run.json";
-  call("run '" + (folder / "dataset").string() + "' --out '" + (folder / "run").string() + "' --no-report --live " +
-           std::to_string(port),
-       answer);
+  run_program("run '" + (folder / "dataset").string() + "' --out '" + (folder / "run").string() +
+                  "' --no-report --live " + std::to_string(port),
+              answer, folder / "messages");
   const auto run = nlohmann::json::parse(std::ifstream(answer));
   for (const auto& phase : run.at("phases")) {
     if (phase.at("name") == "mapping") return phase.at("seconds");
@@ -190,7 +185,8 @@ std::vector<Row> flood_rows(const Context& context) {
   std::string name = (fs::temp_directory_path() / "fringeslam-flood-XXXXXX").string();
   if (!mkdtemp(name.data())) throw Error(name + ": cannot be created");
   const fs::path folder = name;
-  call("render '" FRINGESLAM_SCENES "/loop' --out '" + (folder / "dataset").string() + "'", folder / "render.json");
+  run_program("render '" FRINGESLAM_SCENES "/loop' --out '" + (folder / "dataset").string() + "'",
+              folder / "render.json", folder / "messages");
   forget_truth(folder / "dataset");
   std::vector<double> ratio;
   int answers = 0;

@@ -3,7 +3,6 @@
 #include <unistd.h>
 
 #include <cstdio>
-#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -11,9 +10,9 @@
 
 #include "bench/datasets/spec.h"
 #include "bench/row.h"
+#include "bench/script.h"
 #include "bench/speed/interleaving.h"
 #include "core/io/files.h"
-#include "core/types/error.h"
 
 namespace fringeslam::bench {
 
@@ -24,9 +23,7 @@ namespace fs = std::filesystem;
 // Returns samples per second of one worker: worlds, rendering, ground truth, encoding, and joined tar files.
 double generated_per_s(const fs::path& spec, const fs::path& out) {
   const std::string answer = out.string() + ".json";
-  const std::string command = std::string(FRINGESLAM_BENCH_PROGRAM) + " --json dataset '" + spec.string() +
-                              "' --out '" + out.string() + "' --jobs 1 > '" + answer + "'";
-  if (std::system(command.c_str()) != 0) throw Error("dataset printed no result; see its message above");
+  run_program("dataset '" + spec.string() + "' --out '" + out.string() + "' --jobs 1", answer);
   const double rate = nlohmann::json::parse(std::ifstream(answer))["samples_a_second"];
   fs::remove_all(out);
   return rate;

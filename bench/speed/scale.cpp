@@ -3,25 +3,18 @@
 #include <unistd.h>
 
 #include <cstdio>
-#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "bench/row.h"
-#include "core/types/error.h"
+#include "bench/script.h"
 
 namespace fringeslam::bench {
 
 namespace {
 
 namespace fs = std::filesystem;
-
-void call(const std::string& arguments, const fs::path& answer) {
-  const std::string command =
-      std::string(FRINGESLAM_BENCH_PROGRAM) + " --json " + arguments + " > '" + answer.string() + "'";
-  if (std::system(command.c_str()) != 0) throw Error(arguments + ": failed; see its message above");
-}
 
 // Maps the recorded terrain with the default outputs of `run`.
 std::vector<Row> run_rows(const Context& context) {
@@ -33,10 +26,10 @@ std::vector<Row> run_rows(const Context& context) {
   // The scene has 900 views; the last case is another number.
   const int planned = context.quick ? 90 : context.last_case;
   const bool other = planned != Context{}.last_case;
-  call("render '" + terrain + "' --out " + dataset +
-           (other ? " --with trajectory.spline.count=" + std::to_string(planned) : ""),
-       folder / "render.json");
-  call("run " + dataset + " --out '" + (folder / "run").string() + "'", folder / "run.json");
+  run_program("render '" + terrain + "' --out " + dataset +
+                  (other ? " --with trajectory.spline.count=" + std::to_string(planned) : ""),
+              folder / "render.json");
+  run_program("run " + dataset + " --out '" + (folder / "run").string() + "'", folder / "run.json");
   const auto run = nlohmann::json::parse(std::ifstream(folder / "run.json"));
   fs::remove_all(folder);
   const int views = run.at("score").at("stacks");

@@ -4,14 +4,13 @@
 
 #include <algorithm>
 #include <cstdio>
-#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "bench/row.h"
+#include "bench/script.h"
 #include "core/io/files.h"
-#include "core/types/error.h"
 
 namespace fringeslam::bench {
 
@@ -21,9 +20,7 @@ namespace fs = std::filesystem;
 
 nlohmann::json studied(const fs::path& study, int jobs, const fs::path& out) {
   const std::string answer = out.string() + ".json";
-  const std::string command = std::string(FRINGESLAM_BENCH_PROGRAM) + " --json study run '" + study.string() +
-                              "' --out '" + out.string() + "' --jobs " + std::to_string(jobs) + " > '" + answer + "'";
-  if (std::system(command.c_str()) != 0) throw Error("study run printed no result; see its message above");
+  run_program("study run '" + study.string() + "' --out '" + out.string() + "' --jobs " + std::to_string(jobs), answer);
   return nlohmann::json::parse(std::ifstream(answer));
 }
 

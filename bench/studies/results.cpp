@@ -21,6 +21,19 @@ namespace {
 
 std::string name_of(Shard shard) { return std::to_string(shard.index) + "-of-" + std::to_string(shard.count); }
 
+// True if the line of a trial has what tables, summaries and reports take from it.
+bool has_result(const nlohmann::json& line, const Study& study) {
+  const auto is_text = [](const nlohmann::json& object, const std::string& key) {
+    return object.contains(key) && object[key].is_string();
+  };
+  const auto is_text_or_absent = [&](const char* key) { return !line.contains(key) || line[key].is_string(); };
+  if (!is_text(line, "outcome") || !is_text_or_absent("cause") || !is_text_or_absent("message")) return false;
+  if (line.contains("metrics") && !line["metrics"].is_object()) return false;
+  if (!line.contains("values") || !line["values"].is_object()) return false;
+  return std::all_of(study.parameters.begin(), study.parameters.end(),
+                     [&](const Parameter& parameter) { return is_text(line["values"], parameter.name); });
+}
+
 // Adds the lines of a file. An incomplete last line, cut off when its writer died, is ignored.
 void read_lines(const fs::path& file, const Study& study, std::map<int, std::string>& lines) {
   const std::string text = read_bytes(file);
@@ -34,8 +47,10 @@ void read_lines(const fs::path& file, const Study& study, std::map<int, std::str
     if (json["study"] != hash_text(study))
       throw Error(where + "belongs to another study, or to this one before " + study.file.string() +
                   " or its scene changed; use another --out");
-    const int trial = json["trial"].get<int>();
-    if (trial < 0 || trial >= study.trials) throw Error(where + "there is no trial " + std::to_string(trial));
+    const auto claimed = json["trial"].get<int64_t>();
+    if (claimed < 0 || claimed >= study.trials) throw Error(where + "there is no trial " + std::to_string(claimed));
+    if (!has_result(json, study)) throw Error(where + "is a damaged result; remove the line and run the study again");
+    const int trial = static_cast<int>(claimed);
     const auto [known, is_new] = lines.emplace(trial, line);
     if (!is_new && known->second != line)
       throw Error(where + "trial " + std::to_string(trial) +

@@ -42,7 +42,7 @@ namespace {
 // Messages between this process and a worker, one per packet: a kind and its values.
 //   request:  kDecode, file size, as_float, format (with a descriptor)
 //   worker:   kImageHeader, width, height, type, names of channels, each ended by a zero
-//   request:  kPixelMemory, bytes of the shared memory
+//   request:  kPixelMemory, bytes of the shared memory; omitted if the memory of an earlier image suffices
 //   worker:   kDone; or at any time kError, message; kTimeout
 constexpr char kDecode = 'd', kImageHeader = 'h', kPixelMemory = 'p', kDone = 'x', kError = 'e', kTimeout = 't';
 constexpr size_t kMostMessage = 60000;  // channels: OpenCV has at most 512
@@ -120,8 +120,8 @@ bool send_packet(int socket, const std::string& packet, const std::vector<int>& 
 
 // Receives a packet and the descriptors that came with it. Returns an empty text at the end.
 std::string receive_packet(int socket, std::vector<OpenDescriptor>* descriptors = nullptr) {
-  std::string packet(kMostMessage, '\0');
-  iovec part{packet.data(), packet.size()};
+  static thread_local std::array<char, kMostMessage> buffer;
+  iovec part{buffer.data(), buffer.size()};
   alignas(cmsghdr) std::array<char, CMSG_SPACE(2 * sizeof(int))> control{};
   msghdr message{};
   message.msg_iov = &part, message.msg_iovlen = 1;
@@ -140,8 +140,7 @@ std::string receive_packet(int socket, std::vector<OpenDescriptor>* descriptors 
       if (descriptors) descriptors->push_back(std::move(descriptor));
     }
   }
-  packet.resize(static_cast<size_t>(std::max<ssize_t>(count, 0)));
-  return packet;
+  return {buffer.data(), static_cast<size_t>(std::max<ssize_t>(count, 0))};
 }
 
 // Reads values from a packet. A packet that is too short sets failed().
@@ -208,6 +207,16 @@ void reply(int socket, const std::string& packet) {
   if (!write_all(socket, packet.data(), packet.size())) _exit(0);
 }
 
+// True if the pixels have a place in memory that was mapped for an earlier image. Sizes that no image can have are left to the
+// other process to refuse.
+bool suffices(const SharedMemory& memory, const ImageHeader& header) {
+  constexpr int kMostSide = 1 << 20;
+  const auto& [width, height] = header.size;
+  return width > 0 && height > 0 && width <= kMostSide && height <= kMostSide &&
+         uint64_t{static_cast<uint64_t>(width)} * static_cast<uint64_t>(height) * CV_ELEM_SIZE(header.type) <=
+             memory.size();
+}
+
 void serve_file(int socket, int shared, SharedMemory& memory, uint64_t base_bytes, const std::string& packet,
                 int file) {
   const auto limit_memory = [&](uint64_t bytes) {
@@ -228,9 +237,12 @@ void serve_file(int socket, int shared, SharedMemory& memory, uint64_t base_byte
       for (const std::string& name : header.channels) answer += std::string(name.c_str()) + '\0';
       if (answer.size() > kMostMessage) throw Error(": has names of channels that are too long");
       reply(socket, answer);
-      const std::string accepted = receive_packet(socket);
-      if (accepted.empty() || accepted[0] != kPixelMemory) _exit(0);
-      const auto pixels = PacketFields(accepted).value<uint64_t>();
+      uint64_t pixels = memory.size();
+      if (!suffices(memory, header)) {
+        const std::string accepted = receive_packet(socket);
+        if (accepted.empty() || accepted[0] != kPixelMemory) _exit(0);
+        pixels = PacketFields(accepted).value<uint64_t>();
+      }
       limit_time(kTime_s + kTimePerByte_s * static_cast<double>(size + pixels));
       limit_memory(size + pixels);
       if (!memory.map(shared, pixels)) throw std::bad_alloc();
@@ -489,13 +501,15 @@ cv::Mat decoded_by_worker(const ImageSource& source, int descriptor, const Image
   const ImageHeader header = header_of(answer(*worker, kImageHeader, longest_s(source.size), source.name), source.name);
   cv::Mat image = allocate(header);
   const size_t bytes = image.total() * image.elemSize();
-  if ((bytes > worker->memory.size() && ftruncate(worker->shared.get(), static_cast<off_t>(bytes)) != 0) ||
-      !worker->memory.map(worker->shared.get(), bytes))
-    throw Error(source.name + ": no shared memory for " + std::to_string(bytes >> 20) +
-                " MiB of pixels: " + std::strerror(errno));
-  packet.assign(1, kPixelMemory);
-  append_bytes(packet, static_cast<uint64_t>(bytes));
-  (void)send_packet(worker->socket.get(), packet);
+  if (!suffices(worker->memory, header)) {
+    if (ftruncate(worker->shared.get(), static_cast<off_t>(bytes)) != 0 ||
+        !worker->memory.map(worker->shared.get(), bytes))
+      throw Error(source.name + ": no shared memory for " + std::to_string(bytes >> 20) +
+                  " MiB of pixels: " + std::strerror(errno));
+    packet.assign(1, kPixelMemory);
+    append_bytes(packet, static_cast<uint64_t>(bytes));
+    (void)send_packet(worker->socket.get(), packet);
+  }
   (void)answer(*worker, kDone, longest_s(source.size + bytes), source.name);
   std::memcpy(image.data, worker->memory.data(), bytes);
   // After an error it ends, because a damaged file may have left it in any state.

@@ -73,8 +73,10 @@ ScaledMesh stretched(const RawMesh& raw, const Eigen::Matrix3d& stretch) {
     mesh.vertices.push_back(
         stretch * Eigen::Vector3f(raw.positions[i], raw.positions[i + 1], raw.positions[i + 2]).cast<double>());
   if (raw.coordinates.size() / 2 == raw.positions.size() / 3) {
+    // Programs that unwrap meshes leave NaN at degenerate triangles.
+    const auto finite = [](float value) { return std::isfinite(value) ? value : 0; };
     for (size_t i = 0; i + 1 < raw.coordinates.size(); i += 2)
-      mesh.texture_coordinates.emplace_back(raw.coordinates[i], raw.coordinates[i + 1]);
+      mesh.texture_coordinates.emplace_back(finite(raw.coordinates[i]), finite(raw.coordinates[i + 1]));
   }
   ScaledMesh result{stretch, nullptr};
   // Mirroring reverses the orientation of the triangles.
@@ -210,10 +212,12 @@ MeshImport import_mesh(const std::filesystem::path& file, const MeshImportOption
     if (mesh.material < model.materials.size()) {
       const RawMaterial& material = model.materials[mesh.material];
       part.material = material.name;
-      part.albedo = std::clamp(0.2126 * static_cast<double>(material.colour[0]) +
-                                   0.7152 * static_cast<double>(material.colour[1]) +
-                                   0.0722 * static_cast<double>(material.colour[2]),
-                               0.0, 1.0);
+      const double luminance = 0.2126 * static_cast<double>(material.colour[0]) +
+                               0.7152 * static_cast<double>(material.colour[1]) +
+                               0.0722 * static_cast<double>(material.colour[2]);
+      if (!std::isfinite(luminance))
+        throw Error(file.string() + ": the colour of material '" + material.name + "' is not finite; export it again");
+      part.albedo = std::clamp(luminance, 0.0, 1.0);
       part.texture = texture_file(file, model, material.texture);
     }
     for (const Eigen::Vector3d& vertex : part.mesh->vertices) {

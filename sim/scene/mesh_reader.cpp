@@ -33,109 +33,6 @@ namespace {
 
 constexpr uint64_t kMostMeshBytes = 4096 * kMebibyte;  // of a mesh file, and of each file that it refers to
 
-// --- pipe protocol: plain values in sequence, defined once for both directions ---
-
-class Writer {
- public:
-  template <class T>
-  void value(const T& v) {
-    bytes_.append(reinterpret_cast<const char*>(&v), sizeof v);
-  }
-  template <class T>
-  void list(const std::vector<T>& v) {
-    value(static_cast<uint64_t>(v.size()));
-    bytes_.append(reinterpret_cast<const char*>(v.data()), v.size() * sizeof(T));
-  }
-  void text(const std::string& t) { list(std::vector<char>(t.begin(), t.end())); }
-  template <class T>
-  void items(std::vector<T>& v) {
-    value(static_cast<uint64_t>(v.size()));
-    for (T& item : v) exchange(*this, item);
-  }
-  const std::string& bytes() const { return bytes_; }
-
- private:
-  std::string bytes_;
-};
-
-class Reader {
- public:
-  explicit Reader(const std::string& bytes) : bytes_(bytes) {}
-  template <class T>
-  void value(T& v) {
-    take(&v, sizeof v);
-  }
-  template <class T>
-  void list(std::vector<T>& v) {
-    uint64_t count = 0;
-    value(count);
-    if (count > (bytes_.size() - at_) / sizeof(T)) throw Error("the mesh reader's output is truncated");
-    v.resize(count);
-    if (count > 0) take(v.data(), count * sizeof(T));
-  }
-  void text(std::string& t) {
-    std::vector<char> letters;
-    list(letters);
-    t.assign(letters.begin(), letters.end());
-  }
-  template <class T>
-  void items(std::vector<T>& v) {
-    uint64_t left = 0;
-    for (value(left); left > 0; --left) exchange(*this, v.emplace_back());
-  }
-
- private:
-  void take(void* to, size_t size) {
-    if (size > bytes_.size() - at_) throw Error("the mesh reader's output is truncated");
-    std::memcpy(to, bytes_.data() + at_, size);
-    at_ += size;
-  }
-  const std::string& bytes_;
-  size_t at_ = 0;
-};
-
-template <class Pipe>
-void exchange(Pipe& pipe, RawMesh& mesh) {
-  pipe.text(mesh.name);
-  pipe.value(mesh.material);
-  pipe.list(mesh.positions);
-  pipe.list(mesh.coordinates);
-  pipe.list(mesh.indices);
-}
-
-template <class Pipe>
-void exchange(Pipe& pipe, RawInstance& instance) {
-  pipe.text(instance.name);
-  pipe.value(instance.mesh);
-  pipe.value(instance.transform);
-}
-
-template <class Pipe>
-void exchange(Pipe& pipe, RawMaterial& material) {
-  pipe.text(material.name);
-  pipe.text(material.texture);
-  pipe.value(material.colour);
-}
-
-template <class Pipe>
-void exchange(Pipe& pipe, RawTexture& texture) {
-  pipe.text(texture.format);
-  pipe.value(texture.width);
-  pipe.list(texture.bytes);
-}
-
-template <class Pipe>
-void exchange(Pipe& pipe, RawModel& model) {
-  pipe.value(model.unit_m);
-  pipe.value(model.y_up);
-  pipe.items(model.meshes);
-  pipe.items(model.instances);
-  pipe.items(model.materials);
-  pipe.items(model.textures);
-}
-
-// --- the child: assimp ---
-
 RawMesh raw_mesh(const aiMesh& mesh) {
   RawMesh raw;
   raw.name = mesh.mName.C_Str();
@@ -251,7 +148,7 @@ double unit_of(const aiScene& scene, SourceFormat format) {
   return 0;
 }
 
-// Returns 'm' and the serialised model, 'e' and assimp's error message, or 'r' and the message about a refused file.
+// Returns 'm' and the packed model, 'e' and assimp's error message, or 'r' and the message about a refused file.
 std::string answer(const std::filesystem::path& file) {
   Assimp::Importer importer;
   auto* files = new BoundedFiles;
@@ -270,9 +167,7 @@ std::string answer(const std::filesystem::path& file) {
   const SourceFormat format = format_of(*scene);
   model.unit_m = unit_of(*scene, format);
   model.y_up = format != SourceFormat::other;
-  Writer out;
-  exchange(out, model);
-  return "m" + out.bytes();
+  return "m" + packed(model);
 }
 
 [[noreturn]] void work_as_child(int descriptor, const std::filesystem::path& file, double time_limit_s,
@@ -367,11 +262,11 @@ RawModel read_model(const std::filesystem::path& file, double time_limit_s, doub
     throw Error(file.string() + ": " + explained(message, memory_limit_gib));
   }
   if (bytes[0] == 'r') throw Error(file.string() + ": refers to " + bytes.substr(1));
-  const std::string packed = bytes.substr(1);
-  Reader in(packed);
-  RawModel model;
-  exchange(in, model);
-  return model;
+  try {
+    return unpacked(std::string_view(bytes).substr(1));
+  } catch (const Error& e) {
+    throw Error(file.string() + ": " + e.what() + "; the file is probably broken, export it again");
+  }
 }
 
 }  // namespace fringeslam::sim

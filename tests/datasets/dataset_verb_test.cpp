@@ -124,6 +124,27 @@ TEST_F(DatasetVerb, DamagedPartsAreRenderedAgain) {
   EXPECT_EQ(contents("damaged"), contents("whole"));
 }
 
+TEST_F(DatasetVerb, DamagedRecordsAreReported) {
+  const std::string file = spec();
+  rendered(file, "half", "1/2");
+  const auto is_record = [](const fs::path& each) { return each.extension() == ".jsonl"; };
+  const auto record = std::find_if(fs::directory_iterator(temp_ / "half/parts"), {}, is_record);
+  ASSERT_NE(record, fs::directory_iterator());
+  const std::string bytes = test::read_bytes(record->path());
+  const std::string sums = bytes.substr(0, bytes.find('\n') + 1);
+  int number = 0;
+  for (const std::string& damaged : {std::string(), "{}\n" + bytes.substr(sums.size()), sums + "{}\n",
+                                     sums + R"({"trial":99,"scene":"x","rig":"x","samples":[]})" + "\n"}) {
+    const std::string out = "half" + std::to_string(number++);
+    fs::copy(temp_ / "half", temp_ / out, fs::copy_options::recursive);
+    test::write_bytes(temp_ / out / "parts" / record->path().filename(), damaged);
+    const auto result = run_program({"--quiet", "dataset", file, "--out", at(out), "--jobs", "2", "--shard", "0/2"});
+    EXPECT_EQ(result.exit_code, 2) << damaged;
+    EXPECT_THAT(result.err, HasSubstr("run the command again"));
+    EXPECT_EQ(std::count(result.err.begin(), result.err.end(), '\n'), 1) << result.err;
+  }
+}
+
 TEST_F(DatasetVerb, RefusedTrialsAreListed) {
   // In every second trial far_m is below near_m, which is rejected.
   const std::string file = spec(

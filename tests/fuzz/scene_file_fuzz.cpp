@@ -2,40 +2,24 @@
 // Fuzz target (libFuzzer, run by tools/fuzz): arbitrary bytes as a scene file must give a valid scene or a one-line
 // Error that names the file. A second reading, which collects errors, must report errors exactly if the file is
 // refused. Scene::resolved, which is written with a run, must be readable in turn.
-#include <unistd.h>
-
-#include <algorithm>
 #include <cmath>
-#include <cstdio>
-#include <cstdlib>
-#include <fstream>
-#include <random>
 #include <set>
 #include <string>
 #include <string_view>
 #include <vector>
 
-#include "core/types/error.h"
 #include "sim/scene/mesh_reader.h"
 #include "sim/scene/scene.h"
 #include "sim/scene/settle.h"
+#include "tests/fuzz/fuzzing.h"
 
 namespace fringeslam::sim {
 
 namespace fs = std::filesystem;
 
-namespace {
-
-[[noreturn]] void fail(const std::string& what) {
-  std::fprintf(stderr, "scene_file_fuzz: %s\n", what.c_str());
-  std::abort();
-}
-
-void require(bool holds, const std::string& what) {
-  if (!holds) fail(what);
-}
-
-}  // namespace
+using fuzz::fail;
+using fuzz::require;
+using fuzz::write;
 
 // Replace the library's functions at link time: assimp in a child process and the rigid-body simulation are not under
 // test and would slow the target by a factor of a hundred. Every mesh file is a triangle, every pile a row.
@@ -62,20 +46,10 @@ std::vector<double> drifts_m(const std::vector<Body>& bodies, const DropArea&, c
 
 namespace {
 
-void write(const fs::path& file, std::string_view bytes) {
-  std::ofstream out(file, std::ios::binary);
-  out << bytes;
-  out.close();
-  if (!out) fail(file.string() + " cannot be written");
-}
-
 // Provides the files that a scene file may name: rigs next to its folder, files of other kinds in it.
 class Workplace {
  public:
   Workplace() {
-    std::string name = fs::temp_directory_path() / "fringeslam-fuzz-XXXXXX";
-    if (!mkdtemp(name.data())) fail("no temporary folder " + name);
-    root_ = name;
     fs::create_directories(root_ / "scene");
     for (const std::string folder : {"rigs", "common"}) {
       fs::create_directories(root_ / folder);
@@ -94,13 +68,6 @@ class Workplace {
     write(root_ / "scene/route.tum", "0 0 0 1 0 0 0 1\n0.5 0.1 0 1 0 0 0 1\n");
     setenv("FRINGESLAM_CACHE", (root_ / "scene/mesh.obj").c_str(), 1);  // not a folder, which disables the cache
   }
-  ~Workplace() {
-    std::error_code ignored;
-    fs::remove_all(root_, ignored);
-  }
-  Workplace(const Workplace&) = delete;
-  Workplace& operator=(const Workplace&) = delete;
-
   // Writes the scene file. Bytes after a line `===` become another file, part.yaml, for use as include or rig.
   void lay_out(std::string_view bytes) const {
     constexpr std::string_view kCut = "\n===\n";
@@ -112,7 +79,7 @@ class Workplace {
   const fs::path& root() const { return root_; }
 
  private:
-  fs::path root_;
+  const fs::path& root_ = fuzz::folder();
 };
 
 void check_scene(const Scene& scene) {
@@ -196,52 +163,6 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   return 0;
 }
 
-extern "C" size_t LLVMFuzzerMutate(uint8_t* data, size_t size, size_t max_size);
-
-// Half of the time applies libFuzzer's own mutation, which mostly breaks the YAML; otherwise replaces one value.
 extern "C" size_t LLVMFuzzerCustomMutator(uint8_t* data, size_t size, size_t max_size, unsigned seed) {
-  static const std::vector<std::string> values = {"0",
-                                                  "-0.0",
-                                                  "1",
-                                                  "-1",
-                                                  "3",
-                                                  "0.5",
-                                                  "1e-4",
-                                                  "1e-7",
-                                                  "100",
-                                                  "360",
-                                                  "1e4",
-                                                  "99999",
-                                                  "1e300",
-                                                  "-1e300",
-                                                  "4294967296",
-                                                  ".nan",
-                                                  ".inf",
-                                                  "true",
-                                                  "~",
-                                                  "''",
-                                                  "[]",
-                                                  "{}",
-                                                  "[0, 0, 0]",
-                                                  "[1, 1, 1]",
-                                                  "[1e-4, 100]",
-                                                  "[-1e4, 1e4, 0]",
-                                                  "{uniform: [0, 1]}",
-                                                  "{uniform: [1, 9]}",
-                                                  "{log_uniform: [1e-4, 100]}",
-                                                  "{normal: [0, 100]}",
-                                                  "{choice: [0, 1]}",
-                                                  "{choice: [plane, sphere]}",
-                                                  "{rotation_deg: [0, 0, {uniform: [-180, 180]}]}",
-                                                  "{translation_m: [1e4, 1e4, 1e4]}"};
-  std::mt19937 random(seed);
-  if (random() % 2 == 0 || size == 0) return LLVMFuzzerMutate(data, size, max_size);
-  std::string text(reinterpret_cast<const char*>(data), size);
-  const size_t before = text.find_first_of(":[,", random() % size);
-  if (before == std::string::npos) return LLVMFuzzerMutate(data, size, max_size);
-  const size_t begin = std::min(size, before + 1), end = std::min(size, text.find_first_of(",]}\n", begin));
-  text.replace(begin, end - begin, " " + values[random() % values.size()]);
-  text.resize(std::min(text.size(), max_size));
-  std::copy(text.begin(), text.end(), data);
-  return text.size();
+  return fringeslam::fuzz::mutate_yaml(data, size, max_size, seed);
 }

@@ -1,45 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // Fuzz target (libFuzzer, run by tools/fuzz): arbitrary bytes as a trajectory or map of another system must give finite
 // numbers or a one-line Error that names the file.
-#include <unistd.h>
-
 #include <cmath>
-#include <cstdio>
-#include <cstdlib>
-#include <fstream>
-#include <string>
 
 #include "core/io/ply.h"
 #include "core/score/trajectory_file.h"
-#include "core/types/error.h"
+#include "tests/fuzz/fuzzing.h"
 
-namespace fringeslam {
+namespace fringeslam::fuzz {
 
 namespace {
-
-namespace fs = std::filesystem;
-
-void require(bool holds, const std::string& what) {
-  if (holds) return;
-  std::fprintf(stderr, "score_file_fuzz: %s\n", what.c_str());
-  std::abort();
-}
-
-fs::path place() {
-  static const fs::path file = fs::temp_directory_path() / ("fringeslam-score-" + std::to_string(::getpid()));
-  return file;
-}
-
-template <class Read>
-void refused_or(const Read& read) {
-  try {
-    read();
-  } catch (const Error& error) {
-    const std::string message = error.what();
-    require(message.starts_with(place().string()), "a message that does not begin with the file: " + message);
-    require(message.find('\n') == std::string::npos, "a message of several lines: " + message);
-  }
-}
 
 void check(const PlyMap& map) {
   for (const Eigen::Vector3d& vertex : map.vertices) require(vertex.allFinite(), "a non-finite vertex");
@@ -61,18 +31,13 @@ void check(const Trajectory& trajectory) {
 
 }  // namespace
 
-}  // namespace fringeslam
+}  // namespace fringeslam::fuzz
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   using namespace fringeslam;
-  std::ofstream out(place(), std::ios::binary);
-  out.write(reinterpret_cast<const char*>(data), static_cast<std::streamsize>(size));
-  out.close();
-  require(bool(out), place().string() + " cannot be written");
+  static const std::filesystem::path file = fuzz::folder() / "file";
+  fuzz::write(file, fuzz::text_of(data, size));
   // Selects the reader as `fringeslam score` does.
-  if (is_ply(place()))
-    refused_or([] { check(read_ply(place())); });
-  else
-    refused_or([] { check(read_trajectory(place())); });
+  fuzz::read_or_refuse(file, [] { is_ply(file) ? fuzz::check(read_ply(file)) : fuzz::check(read_trajectory(file)); });
   return 0;
 }

@@ -13,6 +13,7 @@
 
 #include "core/io/files.h"
 #include "core/types/error.h"
+#include "sim/scene/raw_model.h"
 #include "sim/scene/scene.h"
 #include "tests/sim/test_scenes.h"
 #include "tests/support/matchers.h"
@@ -301,6 +302,24 @@ TEST_F(Import, BrokenFilesAreRefused) {
 }
 
 // assimp may drop triangles silently, but no out-of-range index reaches the result.
+TEST(RawModelBytes, AreRefusedUnlessComplete) {
+  RawModel model;
+  model.meshes.push_back({"triangle", 1, {0, 0, 0, 1, 0, 0, 0, 1, 0}, {0, 0, 1, 0, 0, 1}, {0, 1, 2}});
+  model.instances.push_back({"node", 0, {1, 0, 0, 7, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}});
+  model.materials.push_back({"paint", "*0", {0.5f, 0.4f, 0.3f}});
+  model.textures.push_back({"png", 0, {1, 2, 3}});
+  const std::string bytes = packed(model);
+  const RawModel again = unpacked(bytes);
+  EXPECT_EQ(packed(again), bytes);
+  EXPECT_EQ(again.meshes[0].indices, model.meshes[0].indices);
+  EXPECT_EQ(again.instances[0].transform[3], 7);
+  EXPECT_EQ(again.materials[0].texture, "*0");
+  EXPECT_EQ(again.textures[0].bytes.size(), 3u);
+  for (size_t size = 0; size < bytes.size(); ++size)
+    EXPECT_THROW(unpacked(std::string_view(bytes).substr(0, size)), Error) << size;
+  EXPECT_THROW(unpacked(bytes + "x"), Error);
+}
+
 TEST_F(Import, IndicesAreWithinTheirMesh) {
   const MeshImport roof = import_mesh(file("index.gltf", gltf(60000)));
   EXPECT_LT(roof.triangles, 2u);

@@ -3,6 +3,8 @@
 
 #include <gmock/gmock.h>
 
+#include <nlohmann/json.hpp>
+
 #include "bench/studies/tables.h"
 #include "bench/studies/trial_run.h"
 #include "core/types/error.h"
@@ -69,6 +71,26 @@ TEST_F(Results, OfAnotherStudyAreRefused) {
   EXPECT_THAT(error_of([&] { ShardFile(folder_, other, {0, 1}); }), HasSubstr(":1: belongs to another study"));
   test::write_bytes(folder_ / "shards/0-of-1.jsonl", "what is this?\n");
   EXPECT_THAT(error_of([&] { ShardFile(folder_, study_, {0, 1}); }), HasSubstr(":1: is not a trial's result"));
+}
+
+TEST_F(Results, DamagedOnesAreRefused) {
+  const auto error = [&](const std::string& text) {
+    fs::create_directories(folder_ / "shards");
+    test::write_bytes(folder_ / "shards/0-of-1.jsonl", line(0) + "\n" + text + "\n");
+    return error_of([&] { merged_lines(folder_, study_); });
+  };
+  const nlohmann::json good = nlohmann::json::parse(line(1));
+  ASSERT_EQ(error(good.dump()), "no Error was thrown");
+  for (const char* change :
+       {R"({"outcome": null})", R"({"outcome": 3})", R"({"cause": 3})", R"({"message": []})", R"({"metrics": 3})",
+        R"({"values": 3})", R"({"values": {"light.ambient_lux": 3}})", R"({"values": {"light.ambient_lux": null}})"}) {
+    nlohmann::json damaged = good;
+    damaged.merge_patch(nlohmann::json::parse(change));
+    EXPECT_THAT(error(damaged.dump()), HasSubstr("0-of-1.jsonl:2: is a damaged result")) << change;
+  }
+  nlohmann::json beyond = good;
+  beyond["trial"] = 4294967297;
+  EXPECT_THAT(error(beyond.dump()), HasSubstr("there is no trial 4294967297"));
 }
 
 TEST_F(Results, MakeTheSameTablesEveryTime) {

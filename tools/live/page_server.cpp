@@ -281,7 +281,7 @@ class PageServer::Server : public httplib::Server {
 
   // The connection is answered by another thread once its request is complete.
   bool process_and_close_socket(socket_t socket) override {
-    pace_.wait(stopping_);
+    if (rules_.paced) pace_.wait(stopping_);
     waiting_room_.add(socket);
     return true;
   }

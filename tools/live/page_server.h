@@ -62,6 +62,7 @@ struct PageRules {
   bool posts = false;          // accept POST
   size_t most_body_bytes = 0;  // of a POST
   int nice = 15;               // niceness of the threads that receive and answer requests
+  bool paced = true;           // delay connections that arrive faster than viewers need
 };
 
 class PageServer {
