@@ -14,7 +14,8 @@ build() {
     ((memory_jobs < jobs)) && jobs=$((memory_jobs > 0 ? memory_jobs : 1))
     if [[ -n $plan ]]; then
       echo "build: $plan steps with $jobs jobs, about $((plan * 7 / jobs / 60 + 1)) min (build/$preset)"
-      NINJA_STATUS='[%f/%t] ' ninja -C "build/$preset" -j "$jobs" "$@" 2>&1 | tee "$log" |
+      # A condition, because the shell may end at the first failing command.
+      if ! NINJA_STATUS='[%f/%t] ' ninja -C "build/$preset" -j "$jobs" "$@" 2>&1 | tee "$log" |
         awk -v terminal="$([[ -t 1 ]] && echo 1)" '
           match($0, /^\[[0-9]+\/[0-9]+\]/) {
             split(substr($0, 2, RLENGTH - 2), n, "/")
@@ -22,8 +23,9 @@ build() {
             if (terminal) { printf "\rbuild: %3d %%  (%d of %d)", percent, n[1], n[2]; fflush() }
             else if (percent >= next_percent) { printf "build: %d %%\n", percent; next_percent = percent - percent % 10 + 10; fflush() }
           }
-          END { if (terminal && NR) print "" }'
-      status=${PIPESTATUS[0]}
+          END { if (terminal && NR) print "" }'; then
+        status=${PIPESTATUS[0]}
+      fi
     fi
   fi
   if ((status != 0)); then

@@ -7,6 +7,8 @@
 // If the first timestamp of a TUM file exceeds 1e14, timestamps are in nanoseconds, as ORB-SLAM3 writes them for EuRoC.
 #pragma once
 
+#include <filesystem>
+
 #include "core/types/trajectory.h"
 
 namespace fringeslam {
