@@ -16,6 +16,12 @@ std::string output_of(const std::string& command) {
   return text;
 }
 
+std::string browser_result(const std::string& script, const std::string& arguments) {
+  const std::string text = output_of("cd '" FRINGESLAM_BROWSER_SCRIPTS "' && node " + script + " " + arguments);
+  if (!text.starts_with("{")) throw Error(script + ": printed no result; see its message above");
+  return text;
+}
+
 void run_program(const std::string& arguments, const std::filesystem::path& answer,
                  const std::filesystem::path& messages) {
   std::string command = std::string(FRINGESLAM_BENCH_PROGRAM) + " --json " + arguments + " > '" + answer.string() + "'";

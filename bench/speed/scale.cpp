@@ -31,6 +31,8 @@ std::vector<Row> run_rows(const Context& context) {
               folder / "render.json");
   run_program("run " + dataset + " --out '" + (folder / "run").string() + "'", folder / "run.json");
   const auto run = nlohmann::json::parse(std::ifstream(folder / "run.json"));
+  const auto report =
+      nlohmann::json::parse(browser_result("page_speed.mjs", "report '" + (folder / "run/report.html").string() + "'"));
   fs::remove_all(folder);
   const int views = run.at("score").at("stacks");
   std::fprintf(stderr, "  %d views, %d tracked\n", views, run.at("score").at("tracked").get<int>());
@@ -44,16 +46,39 @@ std::vector<Row> run_rows(const Context& context) {
   }
   return {bound_row("scale.run.memory", peak_mib / 1024, views, "GiB", 2, Limit::most),
           bound_row("scale.run.after", after_s / mapping_s, views, "x", 0.5, Limit::most),
+          bound_row("scale.run.report", report.at("open_s"), 1, "s", 3, Limit::most),
           bound_row("speed.run.dataset", views / mapping_s, views, "views/s", 25, Limit::least)};
+}
+
+// Turns the map on the live page. The map of `loop` with every view as a keyframe has 0.5 GB.
+std::vector<Row> live_rows(const Context& context) {
+  const fs::path folder = fs::temp_directory_path() / ("fringeslam-live-" + std::to_string(::getpid()));
+  fs::create_directories(folder);
+  const std::string dataset = "'" + (folder / "dataset").string() + "'";
+  run_program("render '" FRINGESLAM_SCENES "/loop' --out " + dataset + " --set render.samples_per_pixel=1",
+              folder / "render.json");
+  std::vector<double> rates;
+  for (int turn = 0; turn < (context.quick ? 1 : 3); ++turn) {
+    const auto result =
+        nlohmann::json::parse(browser_result("page_speed.mjs", "live '" FRINGESLAM_BENCH_PROGRAM "' " + dataset));
+    rates.push_back(result.at("frames_per_s"));
+    std::fprintf(stderr, "  %d points: %.1f frames/s\n", result.at("points").get<int>(), rates.back());
+  }
+  fs::remove_all(folder);
+  return {median_row("scale.live", rates, "frames/s", 20, Limit::least)};
 }
 
 }  // namespace
 
 std::vector<Item> scale_items() {
-  return {{{"scale.run.memory", "scale.run.after", "speed.run.dataset"},
-           "run over 900 recorded views: peak memory, time after mapping relative to mapping, and rate of mapping",
-           run_rows,
-           true}};
+  return {
+      {{"scale.run.memory", "scale.run.after", "scale.run.report", "speed.run.dataset"},
+       "run over 900 recorded views: peak memory, time after mapping relative to mapping, rate of mapping, and time "
+       "until "
+       "its report is shown",
+       run_rows,
+       true},
+      {{"scale.live"}, "the live page with a map of 0.5 GB: frames per second while it is turned", live_rows, true}};
 }
 
 }  // namespace fringeslam::bench

@@ -9,7 +9,6 @@
 #include "bench/row.h"
 #include "bench/script.h"
 #include "bench/speed/interleaving.h"
-#include "core/types/error.h"
 
 namespace fringeslam::bench {
 
@@ -19,12 +18,10 @@ using Seconds = std::map<std::string, std::vector<double>>;
 
 // Runs a script of the browser tests, which prints the seconds of each kind as JSON.
 Seconds measured_in_browser(int turns) {
-  const std::string command = "cd '" FRINGESLAM_BROWSER_SCRIPTS "' && node scene_speed.mjs '" FRINGESLAM_BENCH_PROGRAM
-                              "' '" FRINGESLAM_SCENES "' " +
-                              std::to_string(turns);
-  const auto json = nlohmann::json::parse(output_of(command), nullptr, false);
-  if (!json.is_object()) throw Error("scene_speed.mjs printed no result; see its message above");
-  return json.get<Seconds>();
+  return nlohmann::json::parse(
+             browser_result("scene_speed.mjs",
+                            "'" FRINGESLAM_BENCH_PROGRAM "' '" FRINGESLAM_SCENES "' " + std::to_string(turns)))
+      .get<Seconds>();
 }
 
 std::vector<Row> scene_page_rows(const Context& context) {

@@ -11,6 +11,7 @@ import {poseOf, store} from './store.js';
 
 const kWhite = 0.6 * 255;  // white level of the texture
 const kMostPoints = 1.5e6;  // beyond this, each keyframe shows fewer
+const kMostGrowth = 3;  // of points that stand for others
 
 function decoded(buffer) {
   const head = new DataView(buffer);
@@ -56,7 +57,8 @@ class Cloud {
     this.geometry = new THREE.BufferGeometry();
     this.geometry.setAttribute('position', new THREE.BufferAttribute(this.positions, 3));
     this.geometry.setAttribute('color', new THREE.BufferAttribute(new Float32Array(3 * this.count), 3));
-    this.object = new THREE.Points(this.geometry, new THREE.PointsMaterial({size: this.spacing(), vertexColors: true}));
+    this.size = this.spacing();
+    this.object = new THREE.Points(this.geometry, new THREE.PointsMaterial({size: this.size, vertexColors: true}));
     this.object.matrixAutoUpdate = false;
     this.sigma = this.count ? quantiles(this.sigma_mm, 0, 0.95)[1] : 0;
   }
@@ -97,6 +99,12 @@ class Cloud {
     attribute.needsUpdate = true;
   }
 
+  // Draws a share of the points, larger, so that they cover the same surface.
+  limit(share) {
+    this.geometry.setDrawRange(0, Math.ceil(share * this.count));
+    this.object.material.size = this.size * Math.min(kMostGrowth, 1 / Math.sqrt(share));
+  }
+
   dispose() {
     this.geometry.dispose();
     this.object.material.dispose();
@@ -112,6 +120,7 @@ export class Clouds {
     this.colouring = 'texture';
     this.scale = null;
     this.fetching = false;
+    this.share = 1;
   }
 
   get points() {
@@ -152,9 +161,20 @@ export class Clouds {
     cloud.place(store.keyframes[this.clouds.length].pose);
     this.clouds.push(cloud);
     this.group.add(cloud.object);
-    const share = Math.min(1, kMostPoints / Math.max(1, this.points));
-    for (const {geometry, count} of this.clouds) geometry.setDrawRange(0, Math.ceil(share * count));
+    this.limit();
     this.recolour([cloud]);
+  }
+
+  // Draws this share of the points that are drawn at most.
+  thin(share) {
+    if (share === this.share) return;
+    this.share = share;
+    this.limit();
+  }
+
+  limit() {
+    const share = this.share * Math.min(1, kMostPoints / Math.max(1, this.points));
+    for (const cloud of this.clouds) cloud.limit(share);
   }
 
   colourBy(colouring) {

@@ -3,6 +3,7 @@
 import * as THREE from 'three';
 import {colourBar} from '../shared/colour_bar.js';
 import {inks} from '../shared/colours.js';
+import {Detail} from '../shared/detail.js';
 import {byId, checkbox, choice, element} from '../shared/dom.js';
 import {Orbit} from '../shared/orbit.js';
 import {fitted, floorGrid, legend, rendererOn, squareSize} from '../shared/stage.js';
@@ -25,6 +26,7 @@ class Stage {
     this.scene = new THREE.Scene();
     this.robot = new Robot();
     this.clouds = new Clouds(() => this.grow());
+    this.detail = new Detail(() => this.redraw());
     this.floor = null;
     this.gridShown = true;
     this.asked = false;
@@ -38,10 +40,13 @@ class Stage {
     requestAnimationFrame((now) => {
       this.asked = false;
       const moves = this.orbit.update(now);
+      const share = this.detail.begin();
+      this.clouds.thin(share);
       this.renderer.render(this.scene, this.orbit.camera);
+      this.detail.end(share, now);
       this.canvas.dataset.points = this.clouds.points;
       this.canvas.dataset.drawn = 'true';
-      this.canvas.toggleAttribute('data-whole', this.clouds.clouds.length > 0 && this.clouds.clouds.length === store.keyframes.length);
+      this.canvas.toggleAttribute('data-whole', share === 1 && this.clouds.clouds.length > 0 && this.clouds.clouds.length === store.keyframes.length);
       if (moves) this.redraw();
     });
   }
