@@ -187,9 +187,10 @@ std::vector<Standing> standings_of(const std::vector<Result>& results) {
   std::map<std::pair<std::string, std::string>, std::vector<const Result*>> groups;
   for (const Result& result : results) groups[{result.suite, result.system}].push_back(&result);
   std::vector<Standing> standings;
-  for (const auto& [names, group] : groups) {
+  for (const auto& entry : groups) {
+    const std::vector<const Result*>& group = entry.second;
     Standing s;
-    std::tie(s.suite, s.system) = names;
+    std::tie(s.suite, s.system) = entry.first;
     s.datasets = static_cast<int>(group.size());
     const auto quantity = [&](auto&& value) {
       std::vector<double> values;

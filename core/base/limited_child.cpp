@@ -6,12 +6,15 @@
 #include <linux/filter.h>
 #include <linux/landlock.h>
 #include <linux/seccomp.h>
+#include <poll.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/syscall.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <cerrno>
+#include <chrono>
 #include <cmath>
 #include <csignal>
 #include <cstddef>
@@ -203,6 +206,56 @@ bool write_all(int descriptor, const char* bytes, size_t size) {
     done += static_cast<size_t>(written);
   }
   return true;
+}
+
+namespace {
+
+// Reads until the child closes the pipe; returns false if the time limit expires first.
+bool read_all(int descriptor, double time_limit_s, std::string& bytes) {
+  const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(time_limit_s);
+  std::vector<char> buffer(1 << 20);
+  while (true) {
+    const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(end - std::chrono::steady_clock::now());
+    if (left.count() <= 0) return false;
+    pollfd waiting{descriptor, POLLIN, 0};
+    const int ready = poll(&waiting, 1, static_cast<int>(left.count()));
+    if (ready == 0) return false;
+    if (ready < 0) continue;  // a signal
+    const ssize_t count = ::read(descriptor, buffer.data(), buffer.size());
+    if (count <= 0) return true;
+    bytes.append(buffer.data(), static_cast<size_t>(count));
+  }
+}
+
+}  // namespace
+
+ChildAnswer answer_of_child(const ChildLimits& limits, const std::function<std::string()>& work) {
+  int ends[2];
+  if (pipe2(ends, O_CLOEXEC) != 0) return {};
+  const pid_t child = fork();
+  if (child == 0) {
+    close(ends[0]);
+    enter_limited_child(limits.time_s, limits.memory_gib);
+    restrict_child(limits.reads);
+    const std::string answer = work();
+    write_all(ends[1], answer.data(), answer.size());
+    _exit(0);
+  }
+  close(ends[1]);
+  if (child < 0) {
+    close(ends[0]);
+    return {};
+  }
+  ChildAnswer answer;
+  const bool in_time = read_all(ends[0], limits.time_s, answer.bytes);
+  close(ends[0]);
+  if (!in_time) kill(child, SIGKILL);
+  int status = 0;
+  while (waitpid(child, &status, 0) < 0 && errno == EINTR) continue;
+  if (!in_time || (WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU)) return {ChildEnd::too_slow, {}};
+  if (!WIFEXITED(status) || answer.bytes.empty()) return {ChildEnd::crashed, {}};
+  answer.end = ChildEnd::answered;
+  return answer;
 }
 
 }  // namespace fringeslam

@@ -4,6 +4,8 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
+#include <string>
 
 namespace fringeslam {
 
@@ -24,6 +26,21 @@ enum class ChildReads { files, nothing };
 // Takes away, as far as the kernel can, what decoding does not need: writing and removing files, starting programs, the
 // network, other processes; with ChildReads::nothing also opening files, so that only open descriptors remain.
 void restrict_child(ChildReads reads);
+
+struct ChildLimits {
+  double time_s = 60, memory_gib = 4;
+  ChildReads reads = ChildReads::nothing;
+};
+
+enum class ChildEnd { answered, too_slow, crashed, not_started };
+struct ChildAnswer {
+  ChildEnd end = ChildEnd::not_started;
+  std::string bytes;  // if it answered; not empty
+};
+
+// Runs `work` in a restricted child process with these limits and returns its answer, which must not be empty. `work` must not
+// throw. A child that takes longer than the time limit is killed.
+ChildAnswer answer_of_child(const ChildLimits& limits, const std::function<std::string()>& work);
 
 // Writes all bytes to a descriptor; returns false if the other end is closed.
 bool write_all(int descriptor, const char* bytes, size_t size);

@@ -3,9 +3,13 @@
 
 #include <Eigen/LU>
 #include <cmath>
+#include <cstring>
 #include <opencv2/core.hpp>
 #include <opencv2/core/persistence.hpp>
 
+#include "core/base/append_bytes.h"
+#include "core/base/limited_child.h"
+#include "core/io/input_file.h"
 #include "core/types/error.h"
 #include "core/types/options.h"
 
@@ -76,6 +80,10 @@ struct StorageNode {
 
 void append_numbers(const cv::FileNode& node, std::vector<double>& values) {
   if (node.isMap()) {  // !!opencv-matrix
+    // OpenCV allocates what the file declares.
+    const cv::FileNode data = node["data"], rows = node["rows"], cols = node["cols"];
+    if (!rows.isInt() || !cols.isInt() || rows.real() * cols.real() > static_cast<double>(data.size()))
+      throw Error("is not a matrix");
     cv::Mat matrix;
     node >> matrix;
     cv::Mat1d numbers;
@@ -98,9 +106,9 @@ std::string joined(const Names& names) {
 
 class Storage {
  public:
-  explicit Storage(const std::vector<fs::path>& files) {
+  Storage(const std::vector<fs::path>& files, const std::vector<std::string>& contents) {
     if (files.empty()) throw Error("no calibration file was specified");
-    for (const fs::path& file : files) open(file);
+    for (size_t i = 0; i < files.size(); ++i) open(files[i], contents[i]);
   }
 
   // Finds the named entry, or the first common name that exists in a file; null if there is none.
@@ -125,12 +133,10 @@ class Storage {
     std::unique_ptr<cv::FileStorage> storage;
   };
 
-  void open(const fs::path& path) {
-    std::error_code ignored;
-    if (!fs::is_regular_file(path, ignored)) throw Error(path.string() + ": no such calibration file");
+  void open(const fs::path& path, const std::string& content) {
     auto storage = std::make_unique<cv::FileStorage>();
     try {
-      storage->open(path.string(), cv::FileStorage::READ);
+      storage->open(content, cv::FileStorage::READ | cv::FileStorage::MEMORY);
     } catch (const cv::Exception&) {
     }
     if (!storage->isOpened() || storage->root().empty())
@@ -270,11 +276,63 @@ Pinhole read_device(const Storage& storage, const std::string& what, const std::
   return device;
 }
 
+constexpr uint64_t kMostCalibrationBytes = 16 * kMebibyte;
+
+// Calls a function for each number of a calibration, to write or to read it.
+template <class Calibration, class Call>
+void for_each_number(Calibration& calibration, const Call& call) {
+  for (auto* lens : {&calibration.camera, &calibration.projector}) {
+    call(lens->width), call(lens->height);
+    call(lens->fx), call(lens->fy), call(lens->cx), call(lens->cy);
+    call(lens->distortion.k1), call(lens->distortion.k2), call(lens->distortion.p1), call(lens->distortion.p2);
+    call(lens->distortion.k3);
+  }
+  for (int row = 0; row < 3; ++row) {
+    for (int col = 0; col < 3; ++col) call(calibration.projector_from_camera.rotation(row, col));
+    call(calibration.projector_from_camera.translation[row]);
+  }
+}
+
+// Returns 'c' and the calibration's numbers, or 'e' and a message.
+std::string answer(const CalibrationFiles& source, const std::vector<std::string>& contents) {
+  try {
+    const RigCalibration calibration = opencv_calibration_of(source, contents);
+    std::string bytes = "c";
+    for_each_number(calibration, [&](double number) { append_bytes(bytes, number); });
+    return bytes;
+  } catch (const std::exception& e) {
+    return std::string("e") + e.what();
+  }
+}
+
 }  // namespace
 
 RigCalibration read_opencv_calibration(const CalibrationFiles& source) {
+  constexpr ChildLimits kLimits{10, 0.5, ChildReads::nothing};
+  std::vector<std::string> contents;
+  for (const fs::path& file : source.files) contents.push_back(read_input(file, kMostCalibrationBytes));
+  const auto [end, bytes] = answer_of_child(kLimits, [&] { return answer(source, contents); });
+  if (end == ChildEnd::answered && bytes[0] == 'e') throw Error(bytes.substr(1));
+  RigCalibration calibration;
+  size_t at = 1;
+  for_each_number(calibration, [&](auto& number) {
+    double value = 0;
+    if (at + sizeof value <= bytes.size()) std::memcpy(&value, bytes.data() + at, sizeof value);
+    at += sizeof value;
+    number = static_cast<std::remove_reference_t<decltype(number)>>(value);
+  });
+  if (end != ChildEnd::answered || at != bytes.size())
+    throw Error(source.files.front().string() + ": cannot be read as an OpenCV file: " +
+                (end == ChildEnd::not_started ? "no process can be started for it"
+                 : end == ChildEnd::too_slow  ? "that takes too long"
+                                              : "the reader crashed") +
+                (end == ChildEnd::not_started ? "" : "; the file is damaged: export it again"));
+  return calibration;
+}
+
+RigCalibration opencv_calibration_of(const CalibrationFiles& source, const std::vector<std::string>& contents) {
   const QuietOpenCv quiet;
-  const Storage storage(source.files);
+  const Storage storage(source.files, contents);
   const CalibrationNames& names = source.names;
   RigCalibration calibration;
   calibration.camera = read_device(storage, "camera", names.camera_matrix, kCameraMatrix, names.camera_distortion,

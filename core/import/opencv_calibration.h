@@ -35,9 +35,13 @@ struct RigCalibration {
   Pose projector_from_camera;
 };
 
-// Reads a calibration. Throws Error naming the file and the entry if it is missing, ambiguous or unsupported: non-zero
-// skew, more than five non-zero distortion coefficients, or a matrix that is not a rotation. Rotations are
+// Reads a calibration in a restricted child process, because OpenCV's parser can be made to crash or allocate without bound.
+// Throws Error naming the file and the entry if it is missing, ambiguous or unsupported: non-zero skew, more than five
+// non-zero distortion coefficients, or a matrix that is not a rotation; also if a file is larger than 16 MiB. Rotations are
 // orthonormalised to remove rounding.
 RigCalibration read_opencv_calibration(const CalibrationFiles& source);
+
+// What the child process does, with the content of each file.
+RigCalibration opencv_calibration_of(const CalibrationFiles& source, const std::vector<std::string>& contents);
 
 }  // namespace fringeslam

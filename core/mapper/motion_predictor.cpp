@@ -7,6 +7,8 @@
 #include <cmath>
 #include <utility>
 
+#include "core/types/linear_algebra.h"
+
 namespace fringeslam {
 
 namespace {

@@ -92,7 +92,7 @@ std::vector<cv::Mat1f> Renderer::render(const ProjectedPatterns& patterns, const
   if (share && effects_.air && scene_.air.extinction_per_m > 0) veil.emplace(size, patterns.count() + 1);
   std::optional<LightShares> shares;
   if (truth && patterns.count() > 0 && (bounces || surfaces_->translucent() || panes_))
-    shares.emplace(cv::Mat1f(size, 0.0f), cv::Mat1f(size, 0.0f));
+    shares = LightShares{cv::Mat1f(size, 0.0f), cv::Mat1f(size, 0.0f)};
   static const auto render_block =
       Variants<render_portable, render_avx2, render_avx512>::of(selected_instruction_set());
   std::atomic<bool> stopped = false;

@@ -6,19 +6,12 @@
 #include <assimp/config.h>
 #include <assimp/postprocess.h>
 #include <assimp/scene.h>
-#include <fcntl.h>
-#include <poll.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <assimp/IOStream.hpp>
 #include <assimp/IOSystem.hpp>
 #include <assimp/Importer.hpp>
-#include <chrono>
 #include <cmath>
-#include <csignal>
-#include <cstdio>
 #include <cstring>
 #include <memory>
 #include <string_view>
@@ -170,42 +163,15 @@ std::string answer(const std::filesystem::path& file) {
   return "m" + packed(model);
 }
 
-[[noreturn]] void work_as_child(int descriptor, const std::filesystem::path& file, double time_limit_s,
-                                double memory_limit_gib) {
-  enter_limited_child(time_limit_s, memory_limit_gib);
-  restrict_child(ChildReads::files);
-  std::string result;
+std::string answer_or_error(const std::filesystem::path& file) {
   try {
-    result = answer(file);
+    return answer(file);
   } catch (const std::bad_alloc&) {
-    result = "ereading it exceeds the memory limit";
+    return "ereading it exceeds the memory limit";
   } catch (const std::exception& e) {
-    result = std::string("e") + e.what();
-  }
-  write_all(descriptor, result.data(), result.size());
-  _exit(0);
-}
-
-// Reads until the child closes the pipe; returns false if the time limit expires first.
-bool read_all(int descriptor, double time_limit_s, std::string& bytes) {
-  const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(time_limit_s);
-  std::vector<char> buffer(1 << 20);
-  while (true) {
-    const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(end - std::chrono::steady_clock::now());
-    if (left.count() <= 0) return false;
-    pollfd waiting{descriptor, POLLIN, 0};
-    const int ready = poll(&waiting, 1, static_cast<int>(left.count()));
-    if (ready == 0) return false;
-    if (ready < 0) continue;  // a signal
-    const ssize_t count = ::read(descriptor, buffer.data(), buffer.size());
-    if (count <= 0) return true;
-    bytes.append(buffer.data(), static_cast<size_t>(count));
+    return std::string("e") + e.what();
   }
 }
-
-}  // namespace
-
-namespace {
 
 // Memory that reading the file can need: a multiple of its size and of that of the files beside it, to which it may refer.
 // Small files that expand to gigabytes are refused long before `most_gib`.
@@ -236,25 +202,13 @@ std::string explained(const std::string& message, double memory_gib) {
 RawModel read_model(const std::filesystem::path& file, double time_limit_s, double most_memory_gib) {
   (void)InputFile(file, kMostMeshBytes);
   const double memory_limit_gib = needed_gib(file, most_memory_gib);
-  int ends[2];
-  if (pipe2(ends, O_CLOEXEC) != 0) throw Error(file.string() + ": cannot create a pipe to the mesh reader");
-  const pid_t child = fork();
-  if (child < 0) throw Error(file.string() + ": cannot start a process for the mesh reader");
-  if (child == 0) {
-    close(ends[0]);
-    work_as_child(ends[1], file, time_limit_s, memory_limit_gib);
-  }
-  close(ends[1]);
-  std::string bytes;
-  const bool in_time = read_all(ends[0], time_limit_s, bytes);
-  close(ends[0]);
-  if (!in_time) kill(child, SIGKILL);
-  int status = 0;
-  while (waitpid(child, &status, 0) < 0 && errno == EINTR) continue;
-  if (!in_time || (WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU))
+  const auto [end, bytes] =
+      answer_of_child({time_limit_s, memory_limit_gib, ChildReads::files}, [&] { return answer_or_error(file); });
+  if (end == ChildEnd::not_started) throw Error(file.string() + ": cannot start a process for the mesh reader");
+  if (end == ChildEnd::too_slow)
     throw Error(file.string() + ": reading it takes longer than " + std::to_string(static_cast<int>(time_limit_s)) +
                 " s; the file is broken or very large");
-  if (!WIFEXITED(status) || bytes.empty())
+  if (end == ChildEnd::crashed)
     throw Error(file.string() + ": the mesh reader crashed; the file is probably broken, export it again");
   if (bytes[0] == 'e') {
     std::string message = bytes.substr(1);

@@ -15,6 +15,7 @@
 #include "bench/studies/trial_run.h"
 #include "core/import/import_file.h"
 #include "core/import/opencv_calibration.h"
+#include "core/io/input_file.h"
 #include "core/io/yaml.h"
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
@@ -78,7 +79,7 @@ void check_import(const fs::path& file) {
 }
 
 void check_calibration(const fs::path& file) {
-  const RigCalibration rig = read_opencv_calibration({{file}, {}});
+  const RigCalibration rig = opencv_calibration_of({{file}, {}}, {read_input(file)});
   require(is_valid(rig.camera) && is_valid(rig.projector) && rig.projector_from_camera.is_finite(),
           "an invalid calibration");
 }

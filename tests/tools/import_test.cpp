@@ -911,6 +911,32 @@ TEST(OpenCvFiles, SeveralFilesWithOneNameAreToldApart) {
   EXPECT_LT(difference(read.projector_from_camera, rig.projector_from_camera).norm(), 1e-9);
 }
 
+// OpenCV's parser recurses without limit and allocates what a matrix declares.
+TEST(OpenCvFiles, HostileOnesAreRefused) {
+  const test::TempFolder temp;
+  const auto repeated = [](const std::string& part, int count) {
+    std::string text;
+    for (int i = 0; i < count; ++i) text += part;
+    return text;
+  };
+  const std::string huge =
+      "M1: !!opencv-matrix {rows: true, cols: 3, dt: d, data: [800, 0, 320, 0, 800, 240, 0, 0, 1]}\n";
+  for (const auto& [name, text] :
+       {std::pair<std::string, std::string>{"deep.json", "{\"M1\": " + repeated("[", 300000)},
+        {"deep.yml", "%YAML:1.0\n---\nM1: " + repeated("[", 300000)},
+        {"deep.xml", "<?xml version=\"1.0\"?><opencv_storage>" + repeated("<a>", 300000)},
+        {"huge.yml", "%YAML:1.0\n---\n" + huge},
+        {"long.yml", "%YAML:1.0\n---\nM1: " + repeated("1", 17 << 20)}}) {
+    test::write_bytes(temp / name, text);
+    EXPECT_THAT(message_of([&] {
+                  read_opencv_calibration({{temp / name}, {}});
+                }),
+                testing::StartsWith((temp / name).string()))
+        << name;
+  }
+  EXPECT_THAT(message_of([&] { read_opencv_calibration({{temp / "none.yml"}, {}}); }), HasSubstr("none.yml"));
+}
+
 TEST(OpenCvFiles, RoundedRotationsBecomeRotations) {
   const test::TempFolder temp;
   RigModel rig = test::thesis_rig();

@@ -2,7 +2,7 @@
 // Level of detail that keeps the picture moving: the share of the points that a frame draws is adapted to the time that the last
 // one took, and all of them are drawn once nothing has moved for a moment.
 
-const kFrameMs = 30;  // of a frame while something moves
+const kFrameMs = 40;  // of a frame while something moves; more than between the frames of slow displays
 const kStillMs = 250;
 const kLeast = 0.01;
 const kGrowth = 1.15;  // from one frame to the next
