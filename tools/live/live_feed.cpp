@@ -318,13 +318,22 @@ bool LiveFeed::had_view(int number) const {
 }
 
 std::optional<std::string> LiveFeed::points_of(int keyframe) const {
+  constexpr size_t kKept = 16;
+  const auto kept = [&] {
+    return std::find_if(points_.begin(), points_.end(), [&](const auto& each) { return each.first == keyframe; });
+  };
   StoredFrame frame;
   {
     const std::lock_guard lock(mutex_);
     if (keyframe < 0 || static_cast<size_t>(keyframe) >= keyframes_.size()) return std::nullopt;
+    if (const auto found = kept(); found != points_.end()) return found->second;
     frame = keyframes_[static_cast<size_t>(keyframe)].frame;
   }
-  return keyframe_points(frame, rays_);
+  std::string points = keyframe_points(frame, rays_);
+  const std::lock_guard lock(mutex_);
+  if (kept() == points_.end()) points_.emplace_back(keyframe, points);
+  if (points_.size() > kKept) points_.pop_front();
+  return points;
 }
 
 size_t LiveFeed::views_kept() const {

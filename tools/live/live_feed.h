@@ -32,6 +32,7 @@
 #include <mutex>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "core/mapper/pipeline.h"
@@ -79,7 +80,8 @@ class LiveFeed {
   // Returns one of the last views reported by changes(); null for others. had_view is true if it ever existed.
   std::shared_ptr<const LiveView> view(int number) const;
   bool had_view(int number) const;
-  std::optional<std::string> points_of(int keyframe) const;  // keyframe_points.h
+  // keyframe_points.h; those that viewers asked for last are kept.
+  std::optional<std::string> points_of(int keyframe) const;
 
   const LiveSetup& setup() const { return setup_; }
   size_t views_kept() const;
@@ -129,6 +131,7 @@ class LiveFeed {
   PixelRays rays_;
   int dropped_ = 0;
   bool finished_ = false;
+  mutable std::deque<std::pair<int, std::string>> points_;  // by keyframe, the latest last
 };
 
 }  // namespace fringeslam::tools

@@ -123,7 +123,7 @@ class AtOnce : public httplib::TaskQueue {
 };
 
 // Delays connections that arrive faster than viewers need: a flood of requests must not slow the mapping beside it. A viewer
-// who watches 30 views per second asks about 100 times. While they arrive faster, their answers get a sixteenth of one core.
+// who watches 30 views per second asks about 100 times. While they arrive faster, their answers get a thirty-second of one core.
 // Connections that wait to be accepted wait in the system's queue.
 class Pace {
  public:
@@ -145,7 +145,7 @@ class Pace {
   using Clock = std::chrono::steady_clock;
   static constexpr auto kInterval = std::chrono::milliseconds(5);
   static constexpr int kBurst = 100;  // connections at once after a pause
-  static constexpr int kTimesCost = 16;
+  static constexpr int kTimesCost = 32;
   Clock::time_point next_ = Clock::now();
   std::atomic<std::chrono::nanoseconds::rep> cost_ns_ = 0;
 };
