@@ -41,7 +41,7 @@ struct RigCalibration {
 // orthonormalised to remove rounding.
 RigCalibration read_opencv_calibration(const CalibrationFiles& source);
 
-// What the child process does, with the content of each file.
+// Reads a calibration from the content of its files, in this process.
 RigCalibration opencv_calibration_of(const CalibrationFiles& source, const std::vector<std::string>& contents);
 
 }  // namespace fringeslam
