@@ -74,8 +74,7 @@ std::vector<Item> scale_items() {
   return {
       {{"scale.run.memory", "scale.run.after", "scale.run.report", "speed.run.dataset"},
        "run over 900 recorded views: peak memory, time after mapping relative to mapping, rate of mapping, and time "
-       "until "
-       "its report is shown",
+       "until its report is shown",
        run_rows,
        true},
       {{"scale.live"}, "the live page with a map of 0.5 GB: frames per second while it is turned", live_rows, true}};
