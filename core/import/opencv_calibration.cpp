@@ -2,13 +2,14 @@
 #include "core/import/opencv_calibration.h"
 
 #include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
-#include <cstring>
+#include <memory>
 #include <opencv2/core.hpp>
 #include <opencv2/core/persistence.hpp>
 
-#include "core/base/append_bytes.h"
 #include "core/base/limited_child.h"
+#include "core/base/packed_values.h"
 #include "core/io/input_file.h"
 #include "core/types/error.h"
 #include "core/types/options.h"
@@ -70,13 +71,38 @@ class QuietOpenCv {
   cv::ErrorCallback previous_;
 };
 
-// Numbers of one entry, in row-major order.
-struct StorageNode {
-  std::string where;  // "calibration.yml: M1"
-  std::vector<double> values;
-
-  Error error(const std::string& message) const { return Error(where + " " + message); }
+// A file as OpenCV's parser returns it, not validated, and the bytes by which a child process returns it.
+enum class EntryKind : uint32_t { empty, numbers, other };
+struct RawEntry {
+  std::string name;
+  EntryKind kind = EntryKind::other;
+  std::vector<double> values;  // row-major
 };
+struct RawFile {
+  uint32_t is_storage = 0;  // nonzero if OpenCV reads it
+  std::vector<RawEntry> entries;
+};
+struct RawFiles {
+  std::vector<RawFile> files;
+};
+
+template <class Pipe, Either<RawEntry> Part>
+void exchange(Pipe& pipe, Part& entry) {
+  pipe.text(entry.name);
+  pipe.value(entry.kind);
+  pipe.list(entry.values);
+}
+
+template <class Pipe, Either<RawFile> Part>
+void exchange(Pipe& pipe, Part& file) {
+  pipe.value(file.is_storage);
+  pipe.items(file.entries);
+}
+
+template <class Pipe, Either<RawFiles> Part>
+void exchange(Pipe& pipe, Part& files) {
+  pipe.items(files.files);
+}
 
 void append_numbers(const cv::FileNode& node, std::vector<double>& values) {
   if (node.isMap()) {  // !!opencv-matrix
@@ -98,6 +124,54 @@ void append_numbers(const cv::FileNode& node, std::vector<double>& values) {
   }
 }
 
+RawEntry raw_entry(const cv::FileNode& node) {
+  RawEntry entry{node.name(), EntryKind::numbers, {}};
+  if (node.isNone()) {
+    entry.kind = EntryKind::empty;
+    return entry;
+  }
+  try {
+    append_numbers(node, entry.values);
+  } catch (const std::exception&) {
+    entry.kind = EntryKind::other;
+  }
+  return entry;
+}
+
+RawFile raw_file(const std::string& content) {
+  RawFile file;
+  cv::FileStorage storage;
+  try {
+    storage.open(content, cv::FileStorage::READ | cv::FileStorage::MEMORY);
+  } catch (const cv::Exception&) {
+  }
+  if (!storage.isOpened()) return file;
+  // A file may consist of several YAML documents.
+  for (int document = 0;; ++document) {
+    const cv::FileNode root = storage.root(document);
+    if (root.empty()) break;
+    if (!root.isMap()) return {};
+    for (const auto& node : root) file.entries.push_back(raw_entry(node));
+    file.is_storage = 1;
+  }
+  return file;
+}
+
+RawFiles raw_files(const std::vector<std::string>& contents) {
+  const QuietOpenCv quiet;
+  RawFiles raw;
+  for (const std::string& content : contents) raw.files.push_back(raw_file(content));
+  return raw;
+}
+
+// Numbers of one entry, in row-major order.
+struct StorageNode {
+  std::string where;  // "calibration.yml: M1"
+  std::vector<double> values;
+
+  Error error(const std::string& message) const { return Error(where + " " + message); }
+};
+
 std::string joined(const Names& names) {
   std::string text;
   for (const std::string& name : names) text += (text.empty() ? "" : ", ") + name;
@@ -106,9 +180,13 @@ std::string joined(const Names& names) {
 
 class Storage {
  public:
-  Storage(const std::vector<fs::path>& files, const std::vector<std::string>& contents) {
-    if (files.empty()) throw Error("no calibration file was specified");
-    for (size_t i = 0; i < files.size(); ++i) open(files[i], contents[i]);
+  Storage(const std::vector<fs::path>& paths, RawFiles raw) {
+    if (paths.empty()) throw Error("no calibration file was specified");
+    for (size_t i = 0; i < paths.size(); ++i) {
+      if (i >= raw.files.size() || !raw.files[i].is_storage)
+        throw Error(paths[i].string() + ": is not an OpenCV file (cv::FileStorage YAML, XML or JSON)");
+      files_.push_back({paths[i], std::move(raw.files[i].entries)});
+    }
   }
 
   // Finds the named entry, or the first common name that exists in a file; null if there is none.
@@ -130,19 +208,8 @@ class Storage {
  private:
   struct File {
     fs::path path;
-    std::unique_ptr<cv::FileStorage> storage;
+    std::vector<RawEntry> entries;
   };
-
-  void open(const fs::path& path, const std::string& content) {
-    auto storage = std::make_unique<cv::FileStorage>();
-    try {
-      storage->open(content, cv::FileStorage::READ | cv::FileStorage::MEMORY);
-    } catch (const cv::Exception&) {
-    }
-    if (!storage->isOpened() || storage->root().empty())
-      throw Error(path.string() + ": is not an OpenCV file (cv::FileStorage YAML, XML or JSON)");
-    files_.push_back({path, std::move(storage)});
-  }
 
   std::unique_ptr<StorageNode> find_named(const std::string& named) const {
     for (const File& file : files_) {
@@ -165,14 +232,11 @@ class Storage {
   }
 
   static std::unique_ptr<StorageNode> find_in(const File& file, const std::string& name) {
-    const cv::FileNode node = (*file.storage)[name];
-    if (node.empty() || node.isNone()) return nullptr;
-    auto entry = std::make_unique<StorageNode>(StorageNode{file.path.string() + ": " + name, {}});
-    try {
-      append_numbers(node, entry->values);
-    } catch (const std::exception&) {
-      throw entry->error("is not a matrix or list of numbers");
-    }
+    const auto named =
+        std::find_if(file.entries.begin(), file.entries.end(), [&](const RawEntry& e) { return e.name == name; });
+    if (named == file.entries.end() || named->kind == EntryKind::empty) return nullptr;
+    auto entry = std::make_unique<StorageNode>(StorageNode{file.path.string() + ": " + name, named->values});
+    if (named->kind != EntryKind::numbers) throw entry->error("is not a matrix or list of numbers");
     for (const double value : entry->values) {
       if (!std::isfinite(value)) throw entry->error("contains a non-finite number");
     }
@@ -188,7 +252,7 @@ class Storage {
   std::string contents() const {
     Names names;
     for (const File& file : files_) {
-      for (const auto& node : file.storage->root()) names.push_back(node.name());
+      for (const RawEntry& entry : file.entries) names.push_back(entry.name);
     }
     return joined(names);
   }
@@ -276,63 +340,8 @@ Pinhole read_device(const Storage& storage, const std::string& what, const std::
   return device;
 }
 
-constexpr uint64_t kMostCalibrationBytes = 16 * kMebibyte;
-
-// Calls a function for each number of a calibration, to write or to read it.
-template <class Calibration, class Call>
-void for_each_number(Calibration& calibration, const Call& call) {
-  for (auto* lens : {&calibration.camera, &calibration.projector}) {
-    call(lens->width), call(lens->height);
-    call(lens->fx), call(lens->fy), call(lens->cx), call(lens->cy);
-    call(lens->distortion.k1), call(lens->distortion.k2), call(lens->distortion.p1), call(lens->distortion.p2);
-    call(lens->distortion.k3);
-  }
-  for (int row = 0; row < 3; ++row) {
-    for (int col = 0; col < 3; ++col) call(calibration.projector_from_camera.rotation(row, col));
-    call(calibration.projector_from_camera.translation[row]);
-  }
-}
-
-// Returns 'c' and the calibration's numbers, or 'e' and a message.
-std::string answer(const CalibrationFiles& source, const std::vector<std::string>& contents) {
-  try {
-    const RigCalibration calibration = opencv_calibration_of(source, contents);
-    std::string bytes = "c";
-    for_each_number(calibration, [&](double number) { append_bytes(bytes, number); });
-    return bytes;
-  } catch (const std::exception& e) {
-    return std::string("e") + e.what();
-  }
-}
-
-}  // namespace
-
-RigCalibration read_opencv_calibration(const CalibrationFiles& source) {
-  constexpr ChildLimits kLimits{10, 0.5, ChildReads::nothing};
-  std::vector<std::string> contents;
-  for (const fs::path& file : source.files) contents.push_back(read_input(file, kMostCalibrationBytes));
-  const auto [end, bytes] = answer_of_child(kLimits, [&] { return answer(source, contents); });
-  if (end == ChildEnd::answered && bytes[0] == 'e') throw Error(bytes.substr(1));
-  RigCalibration calibration;
-  size_t at = 1;
-  for_each_number(calibration, [&](auto& number) {
-    double value = 0;
-    if (at + sizeof value <= bytes.size()) std::memcpy(&value, bytes.data() + at, sizeof value);
-    at += sizeof value;
-    number = static_cast<std::remove_reference_t<decltype(number)>>(value);
-  });
-  if (end != ChildEnd::answered || at != bytes.size())
-    throw Error(source.files.front().string() + ": cannot be read as an OpenCV file: " +
-                (end == ChildEnd::not_started ? "no process can be started for it"
-                 : end == ChildEnd::too_slow  ? "that takes too long"
-                                              : "the reader crashed") +
-                (end == ChildEnd::not_started ? "" : "; the file is damaged: export it again"));
-  return calibration;
-}
-
-RigCalibration opencv_calibration_of(const CalibrationFiles& source, const std::vector<std::string>& contents) {
-  const QuietOpenCv quiet;
-  const Storage storage(source.files, contents);
+RigCalibration calibration_of(const CalibrationFiles& source, RawFiles raw) {
+  const Storage storage(source.files, std::move(raw));
   const CalibrationNames& names = source.names;
   RigCalibration calibration;
   calibration.camera = read_device(storage, "camera", names.camera_matrix, kCameraMatrix, names.camera_distortion,
@@ -344,6 +353,42 @@ RigCalibration opencv_calibration_of(const CalibrationFiles& source, const std::
                   read_translation(storage.require("translation", names.translation, kTranslation), source.unit_m)};
   calibration.projector_from_camera = source.projector_from_camera ? pose : pose.inverse();
   return calibration;
+}
+
+constexpr uint64_t kMostCalibrationBytes = 16 * kMebibyte;
+
+// Parses the files in a restricted child process.
+RawFiles parsed_by_child(const std::vector<fs::path>& files) {
+  constexpr ChildLimits kLimits{10, 0.5, ChildReads::nothing};
+  std::vector<std::string> contents;
+  for (const fs::path& file : files) contents.push_back(read_input(file, kMostCalibrationBytes));
+  const auto [end, bytes] = answer_of_child(kLimits, [&]() -> std::string {
+    try {
+      return packed_values(raw_files(contents));
+    } catch (const std::exception&) {
+      return "?";
+    }
+  });
+  std::string why = end == ChildEnd::not_started ? "no process can be started for it"
+                    : end == ChildEnd::too_slow  ? "that takes too long; the file is damaged: export it again"
+                                                 : "the reader crashed; the file is damaged: export it again";
+  try {
+    if (end == ChildEnd::answered) return unpacked_values<RawFiles>(bytes);
+  } catch (const Error& e) {
+    why = e.what() + std::string("; the file is damaged: export it again");
+  }
+  throw Error(files.front().string() + ": cannot be read as an OpenCV file: " + why);
+}
+
+}  // namespace
+
+RigCalibration read_opencv_calibration(const CalibrationFiles& source) {
+  if (source.files.empty()) return calibration_of(source, {});  // refuses
+  return calibration_of(source, parsed_by_child(source.files));
+}
+
+RigCalibration opencv_calibration_of(const CalibrationFiles& source, const std::vector<std::string>& contents) {
+  return calibration_of(source, raw_files(contents));
 }
 
 }  // namespace fringeslam
