@@ -156,7 +156,8 @@ int main(int argc, char** argv) {
           mission_items(),       real_capture_items(), image_pose_items(),    scale_items(),
           saving_items(),        core_items(),         megapixel_items(),     indirect_items(),
           dynamic_range_items(), dataset_items(),      load_items(),          hostile_items(),
-          robust_items(),        same_bits_items(),    subsurface_items(),    scene_page_items()})
+          robust_items(),        same_bits_items(),    subsurface_items(),    scene_page_items(),
+          code_items()})
       items.insert(items.end(), more.begin(), more.end());
 #ifdef FRINGESLAM_PYTHON
     const std::vector<Item> python = python_items();

@@ -50,6 +50,7 @@ Row bound_row(const std::string& id, double value, int n, const std::string& uni
 std::vector<Item> accuracy_items();
 std::vector<Item> calibration_items();
 std::vector<Item> capture_items();
+std::vector<Item> code_items();
 std::vector<Item> saving_items();
 std::vector<Item> scale_items();
 std::vector<Item> scene_page_items();

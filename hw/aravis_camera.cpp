@@ -139,8 +139,14 @@ class AravisCamera::Connection {
   }
 
   void set_exposure_s(double exposure_s) {
-    settings_.exposure_s = exposure_s;
+    double least_us = 0, most_us = 0;
+    checked("exposure limits",
+            [&](GError** e) { arv_camera_get_exposure_time_bounds(camera_.get(), &least_us, &most_us, e); });
+    if (!(1e6 * exposure_s >= least_us && 1e6 * exposure_s <= most_us))
+      throw UnsupportedExposure("camera: " + found_.id + " supports exposures from " + to_text(1e-6 * least_us) +
+                                " to " + to_text(1e-6 * most_us) + " s, not " + to_text(exposure_s) + " s");
     checked("exposure", [&](GError** e) { arv_camera_set_exposure_time(camera_.get(), 1e6 * exposure_s, e); });
+    settings_.exposure_s = exposure_s;
     read_exposure();
   }
 
@@ -364,11 +370,11 @@ GreyImage AravisCamera::next() {
 }
 
 void AravisCamera::set_exposure_s(double exposure_s) {
-  settings_.exposure_s = exposure_s;  // also after a reconnection
   with_retries<bool>([exposure_s](Connection& camera, std::string&) {
     camera.set_exposure_s(exposure_s);
     return std::optional<bool>(true);
   });
+  settings_.exposure_s = exposure_s;  // also after a reconnection
 }
 
 }  // namespace fringeslam

@@ -5,6 +5,8 @@
 #include <cstdint>
 #include <opencv2/core.hpp>
 
+#include "core/types/error.h"
+
 namespace fringeslam {
 
 struct GreyImage {
@@ -12,6 +14,10 @@ struct GreyImage {
   double timestamp_s = 0;  // arrival time, system clock since 1970
   double exposure_s = 0;
   uint64_t number = 0;  // exposure counter of the camera; also counts images that were lost
+};
+
+struct UnsupportedExposure : Error {
+  using Error::Error;
 };
 
 struct CameraStatistics {
@@ -26,7 +32,8 @@ class GreyCamera {
   virtual ~GreyCamera() = default;
   virtual cv::Size size() const = 0;
   virtual double exposure_s() const = 0;
-  // Sets the exposure time of the images that begin after the call. Throws Error if the camera does not support it.
+  // Sets the exposure time of the images that begin after the call. Throws UnsupportedExposure, and keeps the earlier one, if it is
+  // outside the camera's limits; Error if the camera is lost.
   virtual void set_exposure_s(double exposure_s) = 0;
   // Returns a complete image whose exposure started after the call. Throws Error if none is received.
   virtual GreyImage take() = 0;

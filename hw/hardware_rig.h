@@ -49,8 +49,8 @@ class HardwareRig : public Rig {
   // False if patterns are packed: all are taken at the rig's exposure then.
   bool takes_exposures() const { return options_.packing.empty(); }
 
-  // Multiplies the exposure of the rig, to which the patterns' exposures are relative. Throws Error if the camera does not
-  // support it.
+  // Multiplies the exposure of the rig, to which the patterns' exposures are relative. Throws UnsupportedExposure if it is
+  // outside the camera's limits.
   void scale_exposure(double factor);
 
   int retaken() const { return retaken_; }  // number of sequences captured again

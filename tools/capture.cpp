@@ -10,6 +10,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <exception>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -99,16 +100,23 @@ PatternSequence exposed(const PatternSequence& sequence, HardwareRig& rig, const
     }
   };
   // At an unsuitable exposure, the images do not show that the patterns were projected.
-  constexpr double kSteps[] = {0.25, 0.25, 0.25, 256, 4};
-  for (size_t step = 0;; ++step) {
+  constexpr double kFactors[] = {1, 1.0 / 4, 1.0 / 16, 1.0 / 64, 4, 16};
+  double current = 1;
+  std::exception_ptr reason;
+  for (const double factor : kFactors) {
     try {
+      if (factor != current) rig.scale_exposure(factor / current);
+      current = factor;
       choice = exposures_for(rig, look, sequence, arguments.rig);
+      reason = nullptr;
       break;
     } catch (const SequenceRejected&) {
-      if (step == std::size(kSteps)) throw;
+      reason = std::current_exception();
+    } catch (const UnsupportedExposure&) {
+      if (!reason) reason = std::current_exception();
     }
-    rig.scale_exposure(kSteps[step]);
   }
+  if (reason) std::rethrow_exception(reason);
   std::fprintf(stderr, "exposures: %s times %s s, which should decode %.0f %% of the pixels with fringes\n",
                list_of(choice.exposures).c_str(), to_text(rig.camera().exposure_s()).c_str(), 100 * choice.covered);
   PatternSequence result = sequence;

@@ -153,7 +153,7 @@ struct RecoverArguments {
 // Recovers the map of one run that died. Several may have tried the same result.
 int recover(const RecoverArguments& arguments, const Common& common) {
   fs::path run = arguments.run;
-  while (run.filename().empty() && run.has_parent_path()) run = run.parent_path();
+  while (run.filename().empty() && run.has_relative_path()) run = run.parent_path();
   const std::vector<LeftMap> left = left_maps(run);
   if (left.empty())
     throw Error(arguments.run + ": there is no map to restore; give the run folder as in `run --out`, whose run with " +

@@ -305,22 +305,27 @@ int run(const RunArguments& arguments, const Common& common) {
       ++mapped;
     }
   }
+  // The camera would go on capturing into the run folder.
+  const int dropped_stacks = dropped();
+  camera.reset();
   if (mapped == 0 && interrupted()) throw Error("interrupted before the first view; nothing is written");
   phases.note("mapping");
-  const int stacks = interrupted() ? planned : mapped + dropped();
+  const int stacks = interrupted() ? planned : mapped + dropped_stacks;
   write_text(folder.path() / kConfigFile,
              "name: " + yaml_quoted(source->name()) + "\nseed: " + std::to_string(source->seed()) + "\nstacks: " +
                  std::to_string(stacks) + "\n" + pipeline_yaml(settings) + (arguments.mesh ? mesh_yaml(settings) : "") +
                  (arguments.image_poses ? image_poses_yaml(settings) : ""));
-  if (dropped() > 0 && !common.json)
-    std::fprintf(stderr, "dropped: %d of %d stacks, because mapping fell behind\n", dropped(), planned);
+  if (dropped_stacks > 0 && !common.json)
+    std::fprintf(stderr, "dropped: %d of %d stacks, because mapping fell behind\n", dropped_stacks, planned);
   if (live) live->feed().finish();
   record.finish(pipeline->trajectory());
   if (rig->model().thermal) record.add_warm_objects(thermal.warm_objects(pipeline->mapper()));
   if (images) record.add_image_poses(*images, pipeline->mapper());
-  if (saving) saving->finish(pipeline->map(), folder.path() / kMapFile);
-
   phases.note("trajectory");
+  bool map_is_saved = false;
+  if (saving)
+    map_is_saved =
+        phases.run_always("map", {kMapFile}, [&] { saving->finish(pipeline->map(), folder.path() / kMapFile); });
   phases.run("cloud", {"map.ply"}, [&] {
     record.write_cloud(pipeline->map(), settings.pipeline.cloud, phases.progress("merging the cloud"));
   });
@@ -360,11 +365,11 @@ int run(const RunArguments& arguments, const Common& common) {
     out = folder.target().string();
   }
   folder.commit();
-  if (saving) saving->remove();
+  if (map_is_saved) saving->remove();
 
   if (common.json) {
     nlohmann::ordered_json json = {{"run", out}};
-    if (arguments.real_time) json["dropped"] = dropped();
+    if (arguments.real_time) json["dropped"] = dropped_stacks;
     for (const RunPhases::Phase& phase : phases.all())
       json["phases"].push_back({{"name", phase.name}, {"seconds", phase.seconds}, {"peak_mib", phase.peak_mib}});
     if (!phases.left_out().empty()) json["left_out"] = phases.left_out();

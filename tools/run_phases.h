@@ -16,6 +16,7 @@
 #include "core/base/malloc_config.h"
 #include "core/types/error.h"
 #include "tools/interrupt.h"
+#include "tools/process.h"
 #include "tools/progress.h"
 
 namespace fringeslam::tools {
@@ -24,24 +25,31 @@ class RunPhases {
  public:
   RunPhases(std::filesystem::path folder, bool silent) : folder_(std::move(folder)), silent_(silent) {}
 
-  // Runs a phase that writes `files` of the run folder. Unless it finishes, they are removed. Notes an Error.
+  // Runs a phase that writes `files` of the run folder. Unless it finishes, they are removed. Notes its error.
   void run(const std::string& name, const std::vector<std::string>& files, const std::function<void()>& phase) {
-    bool finished = false;
     if (!interrupted()) {
-      try {
-        phase();
-        finished = true;
-      } catch (const Stopped&) {
-      } catch (const Error& error) {
-        failures_.push_back(error.what());
-      }
+      run_always(name, files, phase);
+      return;
     }
     note(name);
-    if (finished) return;
-    for (const std::string& file : files) {
-      std::filesystem::remove(folder_ / file);
-      left_out_.push_back(file);
+    leave_out(files);
+  }
+
+  // The same even after an interrupt. Returns true if the phase finished.
+  bool run_always(const std::string& name, const std::vector<std::string>& files, const std::function<void()>& phase) {
+    bool finished = false;
+    try {
+      phase();
+      finished = true;
+    } catch (const Stopped&) {
+    } catch (const Error& error) {
+      failures_.push_back(error.what());
+    } catch (const std::exception& error) {
+      failures_.push_back(message_of(error));
     }
+    note(name);
+    if (!finished) leave_out(files);
+    return finished;
   }
 
   // Notes the end of a phase: the time since the last one, and the largest resident size of the process so far.
@@ -79,6 +87,14 @@ class RunPhases {
  private:
   using Clock = std::chrono::steady_clock;
   struct Stopped {};
+
+  void leave_out(const std::vector<std::string>& files) {
+    for (const std::string& file : files) {
+      std::error_code ignored;
+      std::filesystem::remove(folder_ / file, ignored);
+      left_out_.push_back(file);
+    }
+  }
 
   std::filesystem::path folder_;
   bool silent_;

@@ -19,6 +19,7 @@
 #include <csignal>
 #include <cstddef>
 #include <cstdio>
+#include <thread>
 #include <vector>
 
 namespace fringeslam {
@@ -42,7 +43,7 @@ uint64_t address_space_bytes() {
 }
 
 void limit_address_space(uint64_t bytes, uint64_t most_bytes) {
-#ifdef __SANITIZE_ADDRESS__  // its shadow memory exceeds any limit
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)  // their shadow memory exceeds any limit
   (void)bytes, (void)most_bytes;
 #else
   const rlimit memory{bytes, most_bytes};
@@ -53,7 +54,7 @@ void limit_address_space(uint64_t bytes, uint64_t most_bytes) {
 void enter_limited_child(double time_limit_s, double memory_limit_gib) {
   detach_child();
   const auto seconds = static_cast<rlim_t>(std::ceil(time_limit_s));
-  const rlimit time{seconds, seconds};
+  const rlimit time{seconds, seconds + 5};  // the first limit sends SIGXCPU, the second SIGKILL
   setrlimit(RLIMIT_CPU, &time);
   const uint64_t bytes = address_space_bytes() + static_cast<uint64_t>(memory_limit_gib * 1024 * 1024 * 1024);
   limit_address_space(bytes, bytes);
@@ -210,12 +211,14 @@ bool write_all(int descriptor, const char* bytes, size_t size) {
 
 namespace {
 
-// Reads until the child closes the pipe; returns false if the time limit expires first.
-bool read_all(int descriptor, double time_limit_s, std::string& bytes) {
-  const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(time_limit_s);
+using Clock = std::chrono::steady_clock;
+
+// Reads until the child closes the pipe; returns false if the time is up first or the child writes more than it could allocate.
+bool read_all(int descriptor, Clock::time_point end, double most_gib, std::string& bytes) {
+  const auto most_bytes = static_cast<size_t>(most_gib * 1024 * 1024 * 1024);
   std::vector<char> buffer(1 << 20);
-  while (true) {
-    const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(end - std::chrono::steady_clock::now());
+  while (bytes.size() <= most_bytes) {
+    const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(end - Clock::now());
     if (left.count() <= 0) return false;
     pollfd waiting{descriptor, POLLIN, 0};
     const int ready = poll(&waiting, 1, static_cast<int>(left.count()));
@@ -225,6 +228,20 @@ bool read_all(int descriptor, double time_limit_s, std::string& bytes) {
     if (count <= 0) return true;
     bytes.append(buffer.data(), static_cast<size_t>(count));
   }
+  return false;
+}
+
+// Waits for the end of a child that closed its pipe, and kills it when the time is up; returns false then.
+bool wait_for(pid_t child, Clock::time_point end, int& status) {
+  for (;;) {
+    const pid_t ended = waitpid(child, &status, WNOHANG);
+    if (ended == child || (ended < 0 && errno != EINTR)) return true;
+    if (Clock::now() >= end) break;
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  kill(child, SIGKILL);
+  while (waitpid(child, &status, 0) < 0 && errno == EINTR) continue;
+  return false;
 }
 
 }  // namespace
@@ -247,11 +264,12 @@ ChildAnswer answer_of_child(const ChildLimits& limits, const std::function<std::
     return {};
   }
   ChildAnswer answer;
-  const bool in_time = read_all(ends[0], limits.time_s, answer.bytes);
+  const auto end =
+      Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(limits.time_s));
+  const bool complete = read_all(ends[0], end, limits.memory_gib, answer.bytes);
   close(ends[0]);
-  if (!in_time) kill(child, SIGKILL);
   int status = 0;
-  while (waitpid(child, &status, 0) < 0 && errno == EINTR) continue;
+  const bool in_time = wait_for(child, complete ? end : Clock::now(), status) && complete;
   if (!in_time || (WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU)) return {ChildEnd::too_slow, {}};
   if (!WIFEXITED(status) || answer.bytes.empty()) return {ChildEnd::crashed, {}};
   answer.end = ChildEnd::answered;

@@ -9,8 +9,8 @@
 #include <opencv2/core/persistence.hpp>
 
 #include "core/base/limited_child.h"
-#include "core/base/packed_values.h"
 #include "core/io/input_file.h"
+#include "core/io/packed_values.h"
 #include "core/types/error.h"
 #include "core/types/options.h"
 

@@ -13,7 +13,7 @@ namespace fringeslam {
 
 // How an image file is decoded.
 struct ImageRequest {
-  std::string format;     // name of OpenImageIO's reader, for content that is no PNG: "exr", "tif"
+  std::string format;     // name of OpenImageIO's reader, for content that is no PNG: "openexr", "tiff"
   bool as_float = false;  // converts integers to 0..1, and takes all formats, PNG too, from OpenImageIO
 };
 

@@ -56,6 +56,17 @@ int KeyframeMap::add_keyframe(const Frame& frame, Landmarks landmarks, const Pos
 void KeyframeMap::replace_frame(int keyframe, const Frame& frame, const Pose& new_from_old) {
   ++revision_;
   keyframes_[static_cast<size_t>(keyframe)].frame = memory_.moved(stored(frame));
+  // The keyframe keeps its pose, so the rest of the map moves with the surface that it shows.
+  const Pose& here = keyframes_[static_cast<size_t>(keyframe)].world_from_camera;
+  const Pose moved = here * new_from_old * here.inverse();
+  for (size_t i = 0; i < keyframes_.size(); ++i) {
+    if (i != static_cast<size_t>(keyframe))
+      keyframes_[i].world_from_camera = orthonormalised(moved * keyframes_[i].world_from_camera);
+  }
+  for (PoseEdge& link : links_) {
+    if (link.from == keyframe) link.from_from_to = orthonormalised(new_from_old * link.from_from_to);
+    if (link.to == keyframe) link.from_from_to = orthonormalised(link.from_from_to * new_from_old.inverse());
+  }
   // A keyframe's own frame precedes the others that are fixed to it.
   bool own = true;
   for (MapFrame& fixed : frames_) {
@@ -82,8 +93,7 @@ bool KeyframeMap::correct(const PoseGraphOptions& options, double significant_m)
   for (const Keyframe& keyframe : keyframes_) poses.push_back(keyframe.world_from_camera);
   // All loops are tested again whenever their number has grown by a quarter.
   const bool keep = 4 * links_.size() < 5 * links_tested_;
-  const PoseGraphResult result =
-      optimise_poses(poses, links_, options, keep ? link_weights_ : std::vector<double>());
+  const PoseGraphResult result = optimise_poses(poses, links_, options, keep ? link_weights_ : std::vector<double>());
   link_weights_ = result.converged ? result.weights : std::vector<double>();
   if (result.all_tested) links_tested_ = links_.size();
   const Eigen::Vector3d before(0, 0, rig_.middle_range_m());

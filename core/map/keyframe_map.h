@@ -77,8 +77,8 @@ class KeyframeMap {
 
   // Adds a keyframe and returns its number.
   int add_keyframe(const Frame& frame, Landmarks landmarks, const Pose& world_from_camera);
-  // Replaces a keyframe's frame by a better reconstruction of the same view. `new_from_old` moves the other frames that
-  // are fixed to the keyframe.
+  // Replaces a keyframe's frame by a better reconstruction of the same view, in which the same surface lies elsewhere by
+  // `new_from_old`. The keyframe keeps its pose; its links, the frames fixed to it and the other keyframes move with the surface.
   void replace_frame(int keyframe, const Frame& frame, const Pose& new_from_old);
   // Adds the frame unless its view is too similar to any view in the map; returns whether it was added.
   bool add_frame(const Frame& frame, int keyframe, const Pose& keyframe_from_camera);
@@ -114,7 +114,7 @@ class KeyframeMap {
                std::shared_ptr<const MapSource> source = {});
   // The file from which the map was opened, which contains its first keyframes; null: none.
   const std::shared_ptr<const MapSource>& source() const { return source_; }
-  // Changes when poses or frames change that were in the map before; additions do not count.
+  // Changes when poses, links or frames change that were in the map before; additions do not count.
   int revision() const { return revision_; }
 
  private:
@@ -128,7 +128,7 @@ class KeyframeMap {
   std::vector<PoseEdge> links_;
   std::vector<double> link_weights_;  // of the last correction
   size_t links_tested_ = 0;           // number of links when all loops were tested
-  FrameMemory memory_;  // copies of the map share it
+  FrameMemory memory_;                // copies of the map share it
   std::shared_ptr<const MapSource> source_;
   int revision_ = 0;
 };

@@ -83,7 +83,8 @@ FRINGESLAM_INLINE void bounds_body(const float* depths, const float* rays, int c
 
 std::vector<WorldBox> boxes_of(const StoredFrame& stored, const PixelRays& rays, const Pose& world_from_camera) {
   static const auto bounds = Variants<bounds_body>::of(selected_instruction_set());
-  constexpr int kBlock = 64;  // pixels
+  if (stored.check) stored.check->check(stored);  // damaged depths could span any number of boxes
+  constexpr int kBlock = 64;                      // pixels
   constexpr float kInfinity = std::numeric_limits<float>::infinity();
   constexpr double kRounding = 1e-6;  // of floats, relative
   const cv::Mat1f& depth_m = stored.depth_m;

@@ -60,6 +60,7 @@ struct WorldBox {
 };
 
 // Returns boxes that together contain all points of the frame, one per block of pixels that has a point.
+// Throws Error if the images lie in a file and are damaged.
 std::vector<WorldBox> boxes_of(const StoredFrame& stored, const PixelRays& rays, const Pose& world_from_camera);
 
 // Returns the memory of the stored images, bytes.

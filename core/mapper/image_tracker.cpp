@@ -72,6 +72,20 @@ void ImageTracker::set_reference(const ImageReference& reference, const Pose& wo
   state_ = start;
 }
 
+void ImageTracker::move(const Pose& new_from_old) {
+  const Matrix6d turn = rotated_tangent(new_from_old.rotation);
+  const auto moved = [&](const Matrix6d& covariance) { return symmetric(turn * covariance * turn.transpose()); };
+  world_from_reference_ = orthonormalised(new_from_old * world_from_reference_);
+  reference_covariance_ = moved(reference_covariance_);
+  common_ = moved(common_);
+  if (!state_) return;
+  state_->world_from_camera = orthonormalised(new_from_old * state_->world_from_camera);
+  state_->rate = turn * state_->rate;
+  Matrix12d both = Matrix12d::Zero();
+  both.topLeftCorner<6, 6>() = both.bottomRightCorner<6, 6>() = turn;
+  state_->covariance = both * state_->covariance * both.transpose();
+}
+
 bool ImageTracker::needs_reference() const {
   return !estimator_ || !last_.valid || last_.rms_sigma > options_.max_rms_sigma ||
          translation_m(last_.reference_from_camera) > options_.max_distance * rig_.middle_range_m();

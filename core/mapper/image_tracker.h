@@ -73,6 +73,9 @@ class ImageTracker {
   void set_reference(const ImageReference& reference, const Pose& world_from_camera, const Matrix6d& covariance,
                      double timestamp_s, const std::optional<MotionPrior>& motion);
 
+  // Moves the reference and the filter with the map, which was corrected.
+  void move(const Pose& new_from_old);
+
   // True if there is no reference, or if it no longer explains the images well or lies far behind: the next view should
   // replace it.
   bool needs_reference() const;

@@ -10,6 +10,14 @@ struct PoseEstimate {
   Matrix6d covariance;  // tangent of retract()
 };
 
+// Covariance of a view's registration in world axes; that of the result is in the axes of the keyframe.
+Matrix6d covariance_in_world(const FrameResult& view, const Mapper& mapper) {
+  if (view.reference < 0) return view.covariance;
+  const Pose& keyframe = mapper.map().keyframes()[static_cast<size_t>(view.reference)].world_from_camera;
+  const Matrix6d turn = rotated_tangent(keyframe.rotation);
+  return turn * view.covariance * turn.transpose();
+}
+
 // Pose at a time after a view's reference time, from its registration and its motion, which is known.
 PoseEstimate pose_during(const FrameResult& view, const Mapper& mapper, double after_s) {
   const Pose at_view = mapper.world_from_camera(view.view);
@@ -17,7 +25,7 @@ PoseEstimate pose_during(const FrameResult& view, const Mapper& mapper, double a
   Eigen::Matrix<double, 6, 12> by_motion;
   by_motion << after_s * turn, 0.5 * after_s * after_s * turn;
   return {at_view * view.motion->motion.at(after_s),
-          view.covariance + by_motion * view.motion->covariance * by_motion.transpose()};
+          covariance_in_world(view, mapper) + by_motion * view.motion->covariance * by_motion.transpose()};
 }
 
 }  // namespace
@@ -27,6 +35,13 @@ ImageTrajectory::ImageTrajectory(const RigModel& rig, const PatternSequence& seq
     : tracker_(rig, sequence, options), camera_from_robot_(rig.robot_from_camera.inverse()) {}
 
 void ImageTrajectory::add(const FringeStack& stack, const FrameResult& result, const Mapper& mapper) {
+  if (reference_view_ >= 0) {
+    // A correction of the map moves the reference.
+    const Pose now = mapper.world_from_camera(reference_view_);
+    if (now.rotation != world_from_reference_.rotation || now.translation != world_from_reference_.translation)
+      tracker_.move(now * world_from_reference_.inverse());
+    world_from_reference_ = now;
+  }
   std::vector<TrackedImage> tracked(stack.images.size());
   for (size_t k = 0; k < stack.images.size(); ++k) {
     ImageOfRun image;
@@ -61,7 +76,8 @@ void ImageTrajectory::add(const FringeStack& stack, const FrameResult& result, c
   if (result.motion && result.motion->converged) motion = MotionPrior{result.motion->motion, result.motion->covariance};
   reference_view_ = result.view;
   world_from_reference_ = mapper.world_from_camera(result.view);
-  tracker_.set_reference(reference, world_from_reference_, result.covariance, stack.timestamp_s, motion);
+  tracker_.set_reference(reference, world_from_reference_, covariance_in_world(result, mapper), stack.timestamp_s,
+                         motion);
 }
 
 Trajectory ImageTrajectory::trajectory(const Mapper& mapper) const {

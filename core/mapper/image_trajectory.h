@@ -17,9 +17,10 @@ struct ImageOfRun {
   bool tracked = false;      // false: the following three fields are not set
   int view = -1;             // reference, a position among the tracked views
   Pose reference_from_camera;
-  Matrix6d covariance = Matrix6d::Zero();  // of the camera in the world, tangent of retract()
-  bool as_expected = true;                 // false: contradicts the pattern that it should show
-  std::optional<Pattern> shown;            // if it contradicts: the pattern that explains it
+  Matrix6d covariance =
+      Matrix6d::Zero();          // of the camera relative to the map near it, world axes, tangent of retract()
+  bool as_expected = true;       // false: contradicts the pattern that it should show
+  std::optional<Pattern> shown;  // if it contradicts: the pattern that explains it
 };
 
 class ImageTrajectory {

@@ -277,6 +277,7 @@ int Mapper::unlinked_from(int reference) const {
 
 bool Mapper::follow(FrameResult& result, const Pose& predicted, const Matrix6d& prior, double max_error_m) {
   enter_stage("follow");
+  result.tracking = Tracking::lost;  // an earlier registration of the view does not count if this one fails
   const int reference = best_reference(result.frame, predicted);
   if (reference < 0) return false;
   result.reference = reference;

@@ -50,7 +50,7 @@ struct FrameResult : ReconstructedView {
   Tracking tracking = Tracking::lost;
   bool relocalized = false;      // tracked, after a view without a pose
   bool leaves_keyframe = false;  // shows so much beyond its keyframe that it starts another one
-  int view = -1;                 // position among the views tracked at once; -1: no pose, or recovered
+  int view = -1;                 // position among the views tracked immediately; -1: no pose, or recovered later
   int reference = -1;            // keyframe that it was registered with
   int keyframe = -1;             // its own number if it became one
   int unlinked = -1;             // earlier reference that no short path of links joins with this one: a loop to close

@@ -26,21 +26,25 @@ constexpr int kOwn = 0, kBase = 1, kFiles = 2;
 // With the time to write, what is lost is less than a second old.
 constexpr std::chrono::milliseconds kInterval{400};
 
-// Links the file that is mapped, even if another one has taken its name; where links are not possible, its name.
-void link_base(const MappedFile& base, const fs::path& to) {
-  const std::string open_file = "/proc/self/fd/" + std::to_string(base.descriptor());
-  if (::linkat(AT_FDCWD, open_file.c_str(), AT_FDCWD, to.c_str(), AT_SYMLINK_FOLLOW) == 0) return;
-  std::error_code failed;
-  const fs::path name = fs::read_symlink(open_file, failed);
-  if (!failed) fs::create_symlink(name, to, failed);
-  if (failed) throw Error(to.string() + ": cannot be written: " + failed.message());
-}
-
 bool is_same_file(const fs::path& a, const fs::path& b) {
   struct stat of_a {
   }, of_b{};
   return ::stat(a.c_str(), &of_a) == 0 && ::stat(b.c_str(), &of_b) == 0 && of_a.st_dev == of_b.st_dev &&
          of_a.st_ino == of_b.st_ino;
+}
+
+// Links the file that is mapped, even if another one has taken its name; where links are not possible, its name; copies it if that
+// is no longer its name.
+void link_base(const MappedFile& base, const fs::path& to) {
+  const std::string open_file = "/proc/self/fd/" + std::to_string(base.descriptor());
+  if (::linkat(AT_FDCWD, open_file.c_str(), AT_FDCWD, to.c_str(), AT_SYMLINK_FOLLOW) == 0) return;
+  std::error_code failed;
+  const fs::path name = fs::read_symlink(open_file, failed);
+  if (!failed && is_same_file(open_file, name))
+    fs::create_symlink(name, to, failed);
+  else
+    fs::copy_file(open_file, to, failed);
+  if (failed) throw Error(to.string() + ": cannot be written: " + failed.message());
 }
 
 IndexOfFile read_journal_index(const fs::path& folder) {
@@ -134,7 +138,7 @@ StoredPart MapJournal::saved(const StoredFrame& frame) {
   return *part;
 }
 
-// Poses and frames that were noted before.
+// Poses, links and frames that were noted before.
 void MapJournal::note_changes(const KeyframeMap& map, std::vector<Step>& steps) {
   revision_ = map.revision();
   for (size_t i = 0; i < images_.size(); ++i) {
@@ -148,10 +152,12 @@ void MapJournal::note_changes(const KeyframeMap& map, std::vector<Step>& steps) 
       }
     });
   }
+  std::vector<PoseEdge> links(map.links().begin(), map.links().begin() + static_cast<std::ptrdiff_t>(links_));
   std::vector<Pose> keyframes, frames;
   for (size_t i = 0; i < images_.size(); ++i) keyframes.push_back(map.keyframes()[i].world_from_camera);
   for (size_t i = 0; i < frames_; ++i) frames.push_back(map.frames()[i].keyframe_from_camera);
-  steps.push_back([this, keyframes = std::move(keyframes), frames = std::move(frames)] {
+  steps.push_back([this, keyframes = std::move(keyframes), frames = std::move(frames), links = std::move(links)] {
+    std::copy(links.begin(), links.end(), index_.links.begin());
     for (size_t i = 0; i < keyframes.size(); ++i) index_.keyframes[i].world_from_camera = keyframes[i];
     for (size_t i = 0; i < frames.size(); ++i) index_.frames[i].keyframe_from_camera = frames[i];
   });

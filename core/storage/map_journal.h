@@ -4,7 +4,7 @@
 // The journal is a folder NAME.mapping-XXXXXX beside the result NAME (WorkFolder in core/io/staged.h):
 //
 //   saved.map   parts of a map file (map_index.h): images and landmarks, appended as they enter the map
-//   index       the index of the map so far, small, with the present poses; replaced in one step, at most twice a second
+//   index       the index of the map so far, small, with the present poses; replaced in one step, at most every 0.4 s
 //   base.map    a link to the map that the mission continues, whose parts are not copied until the end
 //
 // Parts reach the disk before the index that names them, so the index on the disk is always that of a complete map. A thread

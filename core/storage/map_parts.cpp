@@ -114,9 +114,13 @@ StoredPart MapParts::add(const MappedFile& from, const FilePart& part) {
   return copied;
 }
 
-void MapParts::sync() const {
-  if (uninterrupted([&] { return ::fdatasync(descriptor_); }) != 0 && errno != EINVAL && errno != EROFS)
-    throw Error(file_.string() + ": cannot be written to the disk: " + std::strerror(errno));
+void MapParts::sync() {
+  // The kernel reports an error once and may forget the pages: a later success would not mean that they are on the disk.
+  if (failed_errno_ == 0 && uninterrupted([&] { return ::fdatasync(descriptor_); }) != 0 && errno != EINVAL &&
+      errno != EROFS)
+    failed_errno_ = errno;
+  if (failed_errno_ != 0)
+    throw Error(file_.string() + ": cannot be written to the disk: " + std::strerror(failed_errno_));
 }
 
 void MapParts::finish(const MapIndex& index) {

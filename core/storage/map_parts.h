@@ -32,7 +32,7 @@ class MapParts {
   void go_back(uint64_t end) { end_ = end; }
 
   // Waits until the parts are on the disk. Throws Error if they cannot be written.
-  void sync() const;
+  void sync();
   // Writes the index after the parts and cuts off what follows, and waits until all is on the disk.
   void finish(const MapIndex& index);
 
@@ -42,6 +42,7 @@ class MapParts {
   std::filesystem::path file_;
   int descriptor_ = -1;
   uint64_t end_ = kMapAlignment;
+  int failed_errno_ = 0;  // of the first sync() that failed
 };
 
 }  // namespace fringeslam

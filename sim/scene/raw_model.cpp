@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sim/scene/raw_model.h"
 
-#include "core/base/packed_values.h"
+#include "core/io/packed_values.h"
 
 namespace fringeslam::sim {
 

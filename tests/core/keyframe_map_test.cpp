@@ -117,6 +117,27 @@ TEST(KeyframeMap, CorrectionMovesKeyframesAndTheirFrames) {
   }
 }
 
+// The replaced frame shows the same surface elsewhere in its camera's axes; the rest of the map still shows it in the same place.
+TEST(KeyframeMap, AReplacedFrameMovesTheRestOfTheMap) {
+  KeyframeMap map(kRig, {});
+  map.add_keyframe(view({}), {}, {rotation_exp({0.2, 0.1, -0.3}), {0.3, 0.2, 0.1}});
+  const Pose first_from_second = shifted(0.1);
+  const Pose before = map.keyframes()[0].world_from_camera;
+  map.add_keyframe(view(first_from_second), {}, before * first_from_second);
+  map.add_frame(view(shifted(0.2)), 0, shifted(0.2));
+  map.link({0, 1, first_from_second, Matrix6d::Identity(), false});
+  map.link({1, 0, first_from_second.inverse(), Matrix6d::Identity(), true});
+  const Pose new_from_old{rotation_exp({0.01, -0.02, 0.03}), {0.004, 0.005, -0.006}};
+  map.replace_frame(0, view(new_from_old.inverse()), new_from_old);
+  const Pose world_from_first = map.keyframes()[0].world_from_camera;
+  EXPECT_THAT(world_from_first, PoseNear(before, 1e-15, 1e-15));
+  const Pose second = world_from_first.inverse() * map.keyframes()[1].world_from_camera;
+  EXPECT_THAT(second, PoseNear(new_from_old * first_from_second, 1e-12, 1e-12));
+  EXPECT_THAT(map.frames()[2].keyframe_from_camera, PoseNear(new_from_old * shifted(0.2), 1e-12, 1e-12));
+  EXPECT_THAT(map.links()[0].from_from_to, PoseNear(second, 1e-12, 1e-12));
+  EXPECT_THAT(map.links()[1].from_from_to, PoseNear(second.inverse(), 1e-12, 1e-12));
+}
+
 TEST(KeyframeMap, CountsLinksBetweenKeyframes) {
   KeyframeMap map(kRig, {});
   for (int i = 0; i < 6; ++i) map.add_keyframe(view({}), {}, {});

@@ -280,7 +280,7 @@ TEST(MapJournal, TheResultDoesNotDependOnTime) {
     MapJournal journal(temp / name, ignore);
     for (int i = 0; i < 4; ++i) {
       add_view(map, i);
-      if (i == 2) map.replace_frame(0, frame_of(99), {});
+      if (i == 2) map.replace_frame(0, frame_of(99), {rotation_exp({0.01, 0, 0}), {0.001, 0.002, 0.003}});
       journal.update(map);
       if (slowly) wait_until_saved(journal, i + 1);
     }
@@ -288,6 +288,23 @@ TEST(MapJournal, TheResultDoesNotDependOnTime) {
     return test::read_bytes(temp / (name + ".map"));
   };
   EXPECT_EQ(saved("fast", false), saved("slow", true));
+}
+
+TEST(MapJournal, ChangesOfKeyframesAndLinksAreSaved) {
+  const TempFolder temp;
+  KeyframeMap map = map_of(3);
+  MapJournal journal(temp / "run", ignore);
+  journal.update(map);
+  Frame better = frame_of(99);  // of the same view
+  better.index = frame_of(2).index;
+  better.timestamp_s = frame_of(2).timestamp_s;
+  map.replace_frame(1, better, {rotation_exp({0.01, 0, 0}), {0.001, 0.002, 0.003}});
+  journal.finish(map, temp / "saved.map");
+  const KeyframeMap opened = open_map(temp / "saved.map", kRig, {});
+  EXPECT_EQ(expect_beginning(opened, map), 3);
+  ASSERT_EQ(opened.links().size(), map.links().size());
+  for (size_t i = 0; i < map.links().size(); ++i)
+    expect_same(opened.links()[i].from_from_to, map.links()[i].from_from_to);
 }
 
 TEST(MapJournal, AKilledMissionIsRecovered) {

@@ -73,11 +73,20 @@ class Child {
     if (pid_ <= 0) return -1;
     int status = 0;
     waitpid(pid_, &status, 0);
+    return ended(status);
+  }
+  // -1 if it still runs.
+  int wait_for(double seconds) {
+    int status = 0;
+    return wait_until(seconds, [&] { return waitpid(pid_, &status, WNOHANG) != 0; }) ? ended(status) : -1;
+  }
+
+ private:
+  int ended(int status) {
     pid_ = -1;
     return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
   }
 
- private:
   pid_t pid_ = -1;
 };
 
@@ -245,6 +254,17 @@ TEST_F(ClosedLoop, CaptureFindsTheExposureItself) {
   EXPECT_GT(decoded_px(*replay.capture(replay.sequence())), 0.97 * decoded_px(simulated()));
 }
 
+TEST_F(ClosedLoop, AnUnsupportedExposureIsRefusedAndTheEarlierOneKept) {
+  const auto rig = open_hardware(at("rig.yaml"));
+  const double exposure_s = rig->camera().exposure_s();
+  for (const double factor : {1e-6, 1e6}) {
+    EXPECT_THAT(error_of([&] { rig->scale_exposure(factor); }), HasSubstr("Aravis-Fake-T1 supports exposures from "));
+    EXPECT_EQ(rig->camera().exposure_s(), exposure_s);
+  }
+  expect_right(*rig->capture(sequence()));
+  EXPECT_EQ(rig->camera().statistics().reopened, 0u);
+}
+
 TEST_F(ClosedLoop, LostPacketsCostTimeAndNoImage) {
   for (const char* ratio : {"0.005", "0.02"}) {
     control(std::string("lost ") + ratio);
@@ -354,6 +374,32 @@ TEST_F(ClosedLoop, ACameraThatIsGoneIsNamed) {
   camera_->stop(SIGKILL);
   EXPECT_THAT(error_of([&] { (void)rig->capture(sequence()); }),
               HasSubstr("Aravis-Fake-T1 was lost and did not reconnect within 6 s"));
+}
+
+// Every packet may be changed, replies to commands included. FRINGESLAM_HOSTILE_CAMERAS sets the number of cameras.
+TEST_F(ClosedLoop, ACameraThatSendsNonsenseDoesNoHarm) {
+  const char* wanted = std::getenv("FRINGESLAM_HOSTILE_CAMERAS");
+  const int count = wanted ? std::atoi(wanted) : 6;
+  const fs::path rig = rig_with("{settle_s: 0.01, camera: {timeout_s: 0.3, reopen_s: 1, attempts: 3}}");
+  int datasets = 0;
+  for (int seed = 1; seed <= count; ++seed) {
+    SCOPED_TRACE("seed " + std::to_string(seed));
+    const char* shares[] = {"0.001", "0.01", "0.1"};
+    control("corrupt " + std::string(shares[seed % 3]) + " " + std::to_string(seed));
+    start_camera();
+    const fs::path out = at("hostile" + std::to_string(seed));
+    Child capture = program({"capture", "--rig", rig, "--out", out, "--count", "2"});
+    const int code = capture.wait_for(120);
+    ASSERT_THAT(code, testing::AnyOf(0, 2)) << log_of("program");
+    if (code == 0) {
+      ++datasets;
+      ReplayRig replay(out);
+      for (int i = 0; i < 2; ++i) EXPECT_TRUE(replay.capture(replay.sequence()));
+    } else {
+      EXPECT_THAT(log_of("program"), testing::ContainsRegex("(^|\n)fringeslam: [^\n]*camera[^\n]*\n$"));
+    }
+  }
+  RecordProperty("datasets", datasets);
 }
 
 TEST_F(ClosedLoop, ASlowCameraIsWaitedForButNotForEver) {

@@ -10,19 +10,27 @@
 //   packed RGB    the projector shows the screen's channels cyclically, one per exposure; default: the green channel
 //   delay_ms N    delay before the image is sent
 //   lost R        share of packets that are dropped
+//   corrupt R S   changes a share R of all packets at random (seed S), replies to commands included, as a hostile camera could
 //   fault KIND K  the K-th exposure from now on sees a wrong screen: `repeat` the previous one, as if the projector had
 //                 not changed; `black` a black one; `missed`: the camera misses one of the projector's triggers
 #include <arv.h>
+#include <sys/socket.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
+#include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
 #include <csignal>
 #include <cstdio>
 #include <cstring>
 #include <fstream>
 #include <mutex>
+#include <random>
 #include <sstream>
+#include <string>
 #include <thread>
+#include <vector>
 
 #include "core/io/files.h"
 #include "core/types/error.h"
@@ -51,6 +59,57 @@ cv::Mat3b read_screen(const std::string& file) {
       std::memcpy(screen(static_cast<int>(row), static_cast<int>(col)).val, &bytes[start + row * line + 4 * col], 3);
   }
   return screen;
+}
+
+// Changes packets before they are sent.
+class Corruption {
+ public:
+  void set(double share, unsigned seed) {
+    const std::lock_guard lock(mutex_);
+    share_ = share;
+    random_.seed(seed);
+  }
+
+  // Returns false if the packet is to be sent as it is.
+  bool change(std::vector<uint8_t>& packet) {
+    const std::lock_guard lock(mutex_);
+    if (packet.empty() || share_ <= 0 || !std::bernoulli_distribution(share_)(random_)) return false;
+    constexpr size_t kHeaderBytes = 64;
+    switch (below(5)) {
+      case 0:  // headers
+        overwrite(packet, std::min(packet.size(), kHeaderBytes), 1 + below(4));
+        break;
+      case 1:
+        overwrite(packet, packet.size(), 1 + below(16));
+        break;
+      case 2:
+        packet.resize(1 + below(packet.size()));
+        break;
+      case 3:
+        overwrite(packet, packet.size(), 2 * packet.size());
+        break;
+      default:
+        packet.resize(packet.size() + 1 + below(100), static_cast<uint8_t>(below(256)));
+    }
+    return true;
+  }
+
+ private:
+  size_t below(size_t count) { return std::uniform_int_distribution<size_t>(0, count - 1)(random_); }
+  void overwrite(std::vector<uint8_t>& packet, size_t first_bytes, size_t times) {
+    constexpr uint8_t kExtremes[] = {0, 1, 0x7f, 0x80, 0xff};
+    for (size_t i = 0; i < times; ++i)
+      packet[below(first_bytes)] = below(2) ? kExtremes[below(std::size(kExtremes))] : static_cast<uint8_t>(below(256));
+  }
+
+  std::mutex mutex_;
+  std::mt19937 random_;
+  double share_ = 0;
+};
+
+Corruption& corruption() {
+  static Corruption all;
+  return all;
 }
 
 class Eye {
@@ -103,7 +162,9 @@ class Eye {
       if (key == "packed") words >> packed_;
       if (key == "delay_ms") words >> delay_ms_;
       if (key == "fault") words >> fault_ >> fault_in_;
-      double lost = 0;
+      double lost = 0, corrupt = 0;
+      unsigned seed = 0;
+      if (key == "corrupt" && words >> corrupt >> seed) corruption().set(corrupt, seed);
       if (key == "lost" && words >> lost) g_object_set(camera, "gvsp-lost-ratio", lost, nullptr);
     }
   }
@@ -141,6 +202,21 @@ void fill(ArvBuffer* buffer, void* data, guint32 exposure_us, guint32, ArvPixelF
 volatile std::sig_atomic_t stop = 0;
 
 }  // namespace
+
+// Aravis sends every packet by this function of the C library, which the program replaces.
+extern "C" ssize_t sendmsg(int socket, const msghdr* message, int flags) {
+  std::vector<uint8_t> packet;
+  for (size_t i = 0; i < message->msg_iovlen; ++i) {
+    const auto* bytes = static_cast<const uint8_t*>(message->msg_iov[i].iov_base);
+    packet.insert(packet.end(), bytes, bytes + message->msg_iov[i].iov_len);
+  }
+  const auto size = static_cast<ssize_t>(packet.size());
+  if (!corruption().change(packet)) return syscall(SYS_sendmsg, socket, message, flags);
+  iovec part{packet.data(), packet.size()};
+  msghdr changed = *message;
+  changed.msg_iov = &part, changed.msg_iovlen = 1;
+  return syscall(SYS_sendmsg, socket, &changed, flags) < 0 ? -1 : size;
+}
 
 int main(int argc, char** argv) {
   if (argc != 5) {

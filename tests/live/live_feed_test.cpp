@@ -130,6 +130,31 @@ TEST(LiveFeed, ACorrectionMovesAllThatWasTold) {
   EXPECT_FALSE(viewer.known()["views"][2].contains("corrected"));
 }
 
+TEST(LiveFeed, ACorrectionMovesEachViewByItsOwnPose) {
+  LiveFeed feed(test::run_setup());
+  SyntheticRun run;
+  run.track(feed);
+  run.lose(feed);
+  run.recover();
+  run.track(feed);
+  run.correct(feed, 0.05);
+  const json views = json::parse(feed.snapshot())["views"]["list"];
+  EXPECT_EQ(views[2]["pose"], json::parse("[0.02, 0.05, 0, 0, 0, 0, 1]"));
+  EXPECT_EQ(views[3]["pose"], json::parse("[0.03, 0.05, 0, 0, 0, 0, 1]"));
+}
+
+TEST(LiveFeed, AReplacedFrameIsShown) {
+  LiveFeed feed(test::run_setup());
+  SyntheticRun run;
+  for (int i = 0; i < 4; ++i) run.track(feed);
+  const auto before = feed.points_of(0);
+  EXPECT_FALSE(json::parse(feed.snapshot())["keyframes"]["list"][0].contains("version"));
+  run.improve(feed);
+  EXPECT_EQ(json::parse(feed.snapshot())["keyframes"]["list"][0]["version"], 1);
+  EXPECT_NE(feed.points_of(0), before);
+  EXPECT_EQ(feed.points_of(1), before);
+}
+
 TEST(LiveFeed, LandmarksAreTheMeanOfTheirKeypointsAndOutlined) {
   LiveFeed feed(test::run_setup());
   SyntheticRun().track(feed);

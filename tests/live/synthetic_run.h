@@ -56,6 +56,15 @@ class SyntheticRun {
     result.tracking = Tracking::lost;
     show(feed, result);
   }
+  // Later views determine the pose of the last one, which was lost.
+  void recover() { trajectory_.push_back({0.1 * (number_ - 1), shifted(0.01 * (number_ - 1))}); }
+  // Adds a view after which the first keyframe has another frame.
+  void improve(tools::LiveFeed& feed) {
+    Frame better = frame_;
+    better.points_m = 0.9 * frame_.points_m;
+    map_.replace_frame(0, better, {});
+    track(feed);
+  }
   // Adds a view that closes a loop, which shifts the whole map by `y_m`.
   void correct(tools::LiveFeed& feed, double y_m) {
     FrameResult result = seen();

@@ -17,6 +17,7 @@
 #include "core/mapper/pipeline.h"
 #include "core/types/linear_algebra.h"
 #include "sim/virtual_rig.h"
+#include "tests/support/temp_folder.h"
 
 namespace fringeslam::sim {
 namespace {
@@ -724,6 +725,55 @@ TEST(StoppingRobot, IsNotMistakenForASlowOne) {
   ASSERT_EQ(run.squared_sigmas.size(), 5);
   EXPECT_TRUE(run.views.front().undecided_motion) << "otherwise this tests nothing";
   for (const FrameResult& view : run.views) EXPECT_FALSE(view.in_motion());
+}
+
+// Boxes at the start of the path, then a plain wall, which determines three of six directions. The prediction determines the others
+// until the view is registered without it.
+TEST(StoppingRobot, ViewsOfAWallAreLost) {
+  const test::TempFolder temp;
+  std::string poses;
+  for (int i = 0; i < 12; ++i) poses += "    - {translation_m: [" + std::to_string(0.03 * i) + ", 0, 0]}\n";
+  test::write_bytes(temp / "scene.yaml", R"(name: wall
+seed: 1
+rig:
+  file: )" + std::string(FRINGESLAM_SOURCE_DIR) +
+                                             R"(/scenes/rigs/thesis.yaml
+  robot_from_camera: {translation_m: [0, 0, 0]}
+patterns: {axis: columns, steps: 3, periods_px: [1040, 131, 16.5]}
+light: {ambient_lux: 290}
+materials:
+  wall: {grain: plain, albedo: 0.6}
+objects:
+  - {shape: plane, size_m: [2, 2], material: wall, pose: {translation_m: [0, 0, 1.05]}}
+  - {shape: box, size_m: [0.06, 0.08, 0.05], material: wall, pose: {translation_m: [0.02, 0.05, 1], rotation_deg: [10, 20, 30]}}
+  - {shape: box, size_m: [0.05, 0.06, 0.07], material: wall, pose: {translation_m: [-0.05, -0.04, 1], rotation_deg: [20, -10, 50]}}
+trajectory:
+  interval_s: 0.5
+  poses:
+)" + poses);
+  const Scene scene = load_scene(temp / "scene.yaml");
+  VirtualRig rig(scene, {});
+  PipelineOptions options;
+  options.decode.unwrapping = Unwrapping::predicted;
+  Pipeline pipeline(rig.model(), scene.patterns, options, {});
+  std::vector<Pose> keyframes;
+  int followed = 0, lost = 0;
+  while (const std::optional<SimulatedView> view = rig.simulate(pipeline.next_patterns())) {
+    const Pose camera = view->truth.world_from_robot;
+    const FrameResult result = pipeline.process(view->stack);
+    if (result.keyframe >= 0) keyframes.push_back(camera);
+    if (!has_pose(result.tracking)) {
+      ++lost;
+    } else if (result.tracking != Tracking::first) {
+      ++followed;
+      const Pose expected = keyframes[static_cast<size_t>(result.reference)].inverse() * camera;
+      const Vector6d error = difference(result.registration.earlier_from_current, expected);
+      EXPECT_GT(result.covariance.diagonal().minCoeff(), 0) << result.frame.index;
+      EXPECT_LT(error.dot(solve_symmetric(result.covariance, error)), 30) << result.frame.index;
+    }
+  }
+  EXPECT_GE(followed, 3);
+  EXPECT_GE(lost, 1);
 }
 
 TEST(MovingRobot, AViewRateBeyondTheCameraIsAnError) {

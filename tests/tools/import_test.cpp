@@ -926,6 +926,7 @@ TEST(OpenCvFiles, HostileOnesAreRefused) {
         {"deep.yml", "%YAML:1.0\n---\nM1: " + repeated("[", 300000)},
         {"deep.xml", "<?xml version=\"1.0\"?><opencv_storage>" + repeated("<a>", 300000)},
         {"huge.yml", "%YAML:1.0\n---\n" + huge},
+        {"list.yml", "%YAML:1.0\n---\n- 1\n- 2\n"},
         {"long.yml", "%YAML:1.0\n---\nM1: " + repeated("1", 17 << 20)}}) {
     test::write_bytes(temp / name, text);
     EXPECT_THAT(message_of([&] {
@@ -935,6 +936,45 @@ TEST(OpenCvFiles, HostileOnesAreRefused) {
         << name;
   }
   EXPECT_THAT(message_of([&] { read_opencv_calibration({{temp / "none.yml"}, {}}); }), HasSubstr("none.yml"));
+}
+
+// Only the restricted process parses the files; these numbers reach this one, which has to check them.
+TEST(OpenCvFiles, NumbersOfTheParserAreChecked) {
+  const test::TempFolder temp;
+  for (const auto& [entry, replacement, message] :
+       {std::array<std::string, 3>{"camera_size", "[1e30, 480]", "must be a width and a height in px"},
+        {"camera_size", "[640.5, 480]", "must be a width and a height in px"},
+        {"M1", "[.Nan, 0, 320, 0, 800, 240, 0, 0, 1]", "contains a non-finite number"},
+        {"M1", "[800, 0, 320, 0, 800, 240, 0, 0]", "must be a 3x3 camera matrix"},
+        {"T", "words", "is not a matrix or list of numbers"},
+        {"D1", "{rows: 1, cols: 5}", "is not a matrix or list of numbers"}}) {
+    std::map<std::string, std::string> entries = {{"M1", "[800, 0, 320, 0, 800, 240, 0, 0, 1]"},
+                                                  {"D1", "[0, 0, 0, 0, 0]"},
+                                                  {"M2", "[900, 0, 400, 0, 900, 300, 0, 0, 1]"},
+                                                  {"D2", "[0, 0, 0, 0]"},
+                                                  {"R", "[0, 0, 0]"},
+                                                  {"T", "[100, 0, 0]"},
+                                                  {"camera_size", "[640, 480]"}};
+    entries[entry] = replacement;
+    std::string text = "%YAML:1.0\n---\n";
+    for (const auto& [name, value] : entries) text += name + ": " + value + "\n";
+    test::write_bytes(temp / "calibration.yml", text);
+    EXPECT_THAT(message_of([&] {
+                  read_opencv_calibration({{temp / "calibration.yml"}, {}});
+                }),
+                testing::AllOf(HasSubstr("calibration.yml: " + entry), HasSubstr(message)))
+        << text;
+  }
+}
+
+TEST(OpenCvFiles, EntriesOfSeveralDocumentsAreFound) {
+  const test::TempFolder temp;
+  test::write_bytes(temp / "calibration.yml",
+                    "%YAML:1.0\n---\nM1: [800, 0, 320, 0, 800, 240, 0, 0, 1]\nD1: [0, 0, 0, 0]\n...\n---\n"
+                    "M2: [900, 0, 400, 0, 900, 300, 0, 0, 1]\nD2: [0, 0, 0, 0]\nR: [0, 0, 0]\nT: [100, 0, 0]\n");
+  const RigCalibration read = read_opencv_calibration({{temp / "calibration.yml"}, {}});
+  EXPECT_EQ(read.camera.fx, 800);
+  EXPECT_EQ(read.projector.fx, 900);
 }
 
 TEST(OpenCvFiles, RoundedRotationsBecomeRotations) {

@@ -169,8 +169,8 @@ void LiveFeed::show(const FringeStack& stack, const FrameResult& result, const K
   view->warnings = std::move(sentences);
   dropped_ = dropped;
   add(seen, std::move(view));
-  take_keyframes(map);
-  if (result.corrected) take_corrections(map, trajectory());
+  const bool replaced = take_keyframes(map);
+  if (replaced || result.corrected) take_corrections(map, trajectory());
 }
 
 void LiveFeed::show_candidates(std::vector<WarmObjectMark> candidates) {
@@ -196,11 +196,22 @@ void LiveFeed::add(SeenView seen, std::shared_ptr<const LiveView> view) {
   changed_.notify_all();
 }
 
-void LiveFeed::take_keyframes(const KeyframeMap& map) {
+// Returns true if the frame of a known keyframe was replaced, which moves the rest of the map.
+bool LiveFeed::take_keyframes(const KeyframeMap& map) {
+  bool replaced = false;
+  for (size_t i = 0; i < keyframes_.size(); ++i) {
+    const StoredFrame& frame = map.keyframes()[i].frame;
+    if (keyframes_[i].frame.depth_m.data == frame.depth_m.data) continue;
+    keyframes_[i].frame = frame;
+    ++keyframes_[i].version;
+    std::erase_if(points_, [&](const auto& each) { return each.first == static_cast<int>(i); });
+    replaced = true;
+  }
   for (size_t i = keyframes_.size(); i < map.keyframes().size(); ++i) {
     const Keyframe& keyframe = map.keyframes()[i];
     keyframes_.push_back({sequence_, keyframe.world_from_camera, centres_of(*keyframe.landmarks.get()), keyframe.frame});
   }
+  return replaced;
 }
 
 void LiveFeed::take_corrections(const KeyframeMap& map, const Trajectory& trajectory) {
@@ -208,10 +219,16 @@ void LiveFeed::take_corrections(const KeyframeMap& map, const Trajectory& trajec
     keyframes_[i].world_from_camera = map.keyframes()[i].world_from_camera;
     keyframes_[i].sequence = sequence_;
   }
+  // Views that were recovered later are in the trajectory, too.
   auto tracked = trajectory.begin();
   for (SeenView& view : views_) {
     view.sequence = sequence_;
-    if (view.world_from_robot && tracked != trajectory.end()) view.world_from_robot = (tracked++)->world_from_robot;
+    if (!view.world_from_robot) continue;
+    const auto same = [&](const TimedPose& pose) { return pose.timestamp_s == view.timestamp_s; };
+    const auto found = std::find_if(tracked, trajectory.end(), same);
+    if (found == trajectory.end()) continue;
+    view.world_from_robot = found->world_from_robot;
+    tracked = found;
   }
 }
 
@@ -280,6 +297,7 @@ std::string LiveFeed::changes(const std::string& run, uint64_t since) const {
     ordered_json landmarks = ordered_json::array();
     for (const Eigen::Vector3d& centre_m : keyframe.landmarks_m) landmarks.push_back(json_of(centre_m));
     keyframes.push_back({{"pose", json_of(keyframe.world_from_camera)}, {"landmarks", landmarks}});
+    if (keyframe.version > 0) keyframes.back()["version"] = keyframe.version;
   }
   document["views"] = {{"from", changes.views_from}, {"list", views}};
   document["keyframes"] = {{"from", changes.keyframes_from}, {"list", keyframes}};
@@ -331,7 +349,8 @@ std::optional<std::string> LiveFeed::points_of(int keyframe) const {
   }
   std::string points = keyframe_points(frame, rays_);
   const std::lock_guard lock(mutex_);
-  if (kept() == points_.end()) points_.emplace_back(keyframe, points);
+  const bool current = keyframes_[static_cast<size_t>(keyframe)].frame.depth_m.data == frame.depth_m.data;
+  if (current && kept() == points_.end()) points_.emplace_back(keyframe, points);
   if (points_.size() > kKept) points_.pop_front();
   return points;
 }

@@ -80,7 +80,7 @@ class LiveFeed {
   // Returns one of the last views reported by changes(); null for others. had_view is true if it ever existed.
   std::shared_ptr<const LiveView> view(int number) const;
   bool had_view(int number) const;
-  // keyframe_points.h; those that viewers asked for last are kept.
+  // keyframe_points.h; the last ones computed are kept.
   std::optional<std::string> points_of(int keyframe) const;
 
   const LiveSetup& setup() const { return setup_; }
@@ -104,12 +104,13 @@ class LiveFeed {
     Pose world_from_camera;
     std::vector<Eigen::Vector3d> landmarks_m;
     StoredFrame frame;  // shared with the map
+    int version = 0;    // of the frame
   };
   struct Changes;
   using Clock = std::chrono::steady_clock;
 
   void add(SeenView seen, std::shared_ptr<const LiveView> view);  // with the lock held
-  void take_keyframes(const KeyframeMap& map);
+  bool take_keyframes(const KeyframeMap& map);
   void take_corrections(const KeyframeMap& map, const Trajectory& trajectory);
   std::vector<std::string> motion_warnings(const FrameResult& result);
   Changes changed_since(uint64_t since) const;

@@ -146,10 +146,14 @@ export class Clouds {
     this.fetching = true;
     const {run} = store;
     try {
-      while (store.run === run && this.clouds.length < store.keyframes.length) {
-        const answer = await ask(`/keyframe/${this.clouds.length}/points`);
+      for (let number; store.run === run && (number = this.missing()) >= 0;) {
+        const {version = 0} = store.keyframes[number];
+        const answer = await ask(`/keyframe/${number}/points`);
         const buffer = await answer.arrayBuffer();
-        if (store.run === run) this.add(new Cloud(decoded(buffer)));
+        if (store.run !== run) break;
+        const cloud = new Cloud(decoded(buffer));
+        cloud.version = version;
+        this.put(number, cloud);
       }
     } catch {
       // The connection reports the error, and the next change asks again.
@@ -157,9 +161,19 @@ export class Clouds {
     this.fetching = false;
   }
 
-  add(cloud) {
-    cloud.place(store.keyframes[this.clouds.length].pose);
-    this.clouds.push(cloud);
+  // Number of the first keyframe whose points are missing or belong to an earlier version of its frame; -1: none.
+  missing() {
+    return store.keyframes.findIndex(({version = 0}, i) => this.clouds[i]?.version !== version);
+  }
+
+  put(number, cloud) {
+    const old = this.clouds[number];
+    if (old) {
+      this.group.remove(old.object);
+      old.dispose();
+    }
+    cloud.place(store.keyframes[number].pose);
+    this.clouds[number] = cloud;
     this.group.add(cloud.object);
     this.limit();
     this.recolour([cloud]);

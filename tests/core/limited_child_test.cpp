@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/base/limited_child.h"
+
+#include <fcntl.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <cstdlib>
+
+namespace fringeslam {
+namespace {
+
+constexpr ChildLimits kLimits{1, 0.01, ChildReads::nothing};
+constexpr int kMostDescriptors = 256;
+
+TEST(LimitedChild, AnswersAreReturned) {
+  const ChildAnswer answer = answer_of_child(kLimits, [] { return std::string(100000, 'x'); });
+  EXPECT_EQ(answer.end, ChildEnd::answered);
+  EXPECT_EQ(answer.bytes, std::string(100000, 'x'));
+}
+
+TEST(LimitedChild, CrashesAndSilenceAreNoAnswers) {
+  EXPECT_EQ(answer_of_child(kLimits, []() -> std::string { std::abort(); }).end, ChildEnd::crashed);
+  EXPECT_EQ(answer_of_child(kLimits, []() -> std::string { _exit(0); }).end, ChildEnd::crashed);
+}
+
+TEST(LimitedChild, OneThatWorksTooLongIsEnded) {
+  EXPECT_EQ(answer_of_child(kLimits,
+                            []() -> std::string {
+                              for (std::atomic<int> turns = 0;;) ++turns;
+                            })
+                .end,
+            ChildEnd::too_slow);
+}
+
+TEST(LimitedChild, OneThatClosesItsPipeAndSleepsIsEnded) {
+  EXPECT_EQ(answer_of_child(kLimits,
+                            []() -> std::string {
+                              for (int descriptor = 3; descriptor < kMostDescriptors; ++descriptor) close(descriptor);
+                              for (;;) pause();
+                            })
+                .end,
+            ChildEnd::too_slow);
+}
+
+TEST(LimitedChild, OneThatNeverStopsAnsweringIsEnded) {
+  const ChildAnswer answer = answer_of_child({60, 0.01, ChildReads::nothing}, []() -> std::string {
+    static const std::string kBytes(4096, 'x');
+    for (int descriptor = 3;; ++descriptor) {
+      const int flags = fcntl(descriptor % kMostDescriptors, F_GETFL);
+      if (flags < 0 || (flags & O_ACCMODE) != O_WRONLY) continue;
+      while (write_all(descriptor % kMostDescriptors, kBytes.data(), kBytes.size())) continue;
+      _exit(0);
+    }
+  });
+  EXPECT_EQ(answer.end, ChildEnd::too_slow);
+  EXPECT_TRUE(answer.bytes.empty());
+}
+
+}  // namespace
+}  // namespace fringeslam
