@@ -52,7 +52,7 @@ int calibrate(const CalibrateNoiseArguments& arguments, const Common& common) {
   } catch (const Error& e) {
     throw Error(arguments.datasets.front() + ": " + e.what());
   }
-  StagedFolder folder(arguments.out, "calibration");
+  StagedFolder folder(arguments.out, "camera noise");
   const SensorModel before = rig.sensor;
   rig.sensor = noise.sensor;
   write_text(folder.path() / "rig.yaml", to_yaml(rig));

@@ -167,7 +167,7 @@ int calibrate(const CalibrateResponseArguments& arguments, const Common& common)
   if (!sequence.inverse_response.empty())
     throw Error(arguments.dataset +
                 ": its patterns are already corrected by an inverse response; capture uncorrected ones");
-  StagedFolder folder(arguments.out, "calibration");
+  StagedFolder folder(arguments.out, "response");
   RigModel rig = replay.model();
   Response response;
   try {

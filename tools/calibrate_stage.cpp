@@ -121,7 +121,7 @@ int calibrate(const CalibrateStageArguments& arguments, const Common& common) {
   RigModel rig = replay.model();
   const PixelRays rays = pixel_rays(rig.camera);
   const Triangulation triangulation(rig, rays, settings.depth.near_m, settings.depth.far_m);
-  StagedFolder folder(arguments.out, "calibration");
+  StagedFolder folder(arguments.out, "stage calibration");
   std::vector<StageView> views;
   std::vector<cv::Point2f> last_corners;
   std::string lost;

@@ -4,6 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <charconv>
+#include <cmath>
 #include <cstdio>
 
 #include "tools/man_page.h"
@@ -62,7 +63,15 @@ Option Option::required() const { return Option(option_->required()); }
 
 Option Option::check_range(int low, int high) const { return Option(option_->check(CLI::Range(low, high))); }
 
-Option Option::check_range(double low, double high) const { return Option(option_->check(CLI::Range(low, high))); }
+Option Option::check_range(double low, double high) const {
+  // CLI::Range accepts what it cannot compare.
+  const auto is_number = [](const std::string& text) {
+    double value = 0;
+    return CLI::detail::lexical_cast(text, value) && std::isnan(value) ? "'" + text + "' is not a number"
+                                                                       : std::string();
+  };
+  return Option(option_->check(CLI::Range(low, high))->check(CLI::Validator(is_number, "")));
+}
 
 Option Option::check_non_negative() const {
   const auto check = [](const std::string& text) {

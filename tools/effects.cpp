@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/io/files.h"
+#include "tools/output_file.h"
 #include "tools/settings.h"
 #include "tools/source.h"
 #include "tools/verbs.h"
@@ -25,6 +26,7 @@ Verb add_effects(Command app, const Common& common) {
   verb.add_option("--out", arguments->out, "PNG file to write").required();
   verb.add_option("--set", arguments->sets, "render.key=value; see `run --help`");
   return [arguments, &common] {
+    require_extension(arguments->out, ".png");
     const Settings settings = parse_settings(arguments->sets);
     const sim::Scene scene = sim::load_scene(scene_file(arguments->scene));
     write_png(arguments->out, effects_picture(scene, settings.render));

@@ -1,5 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // fringeslam evaluate SUITE --with 'COMMAND {dataset} {out}'
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
 #include <algorithm>
 #include <cstdio>
 #include <fstream>
@@ -56,15 +60,22 @@ void require_placeholders(const std::string& command) {
   }
 }
 
-// Returns the last line of a log, for messages.
+// Returns the last line of a log, for messages. The system may have replaced its log by anything.
 std::string last_line(const fs::path& log) {
-  std::ifstream stream(log);
-  std::string line, last;
-  while (std::getline(stream, line)) {
-    if (line.find_first_not_of(" \t\r") != std::string::npos) last = line;
+  constexpr size_t kMost = 200, kRead = 1 << 16;
+  const int file = open(log.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOFOLLOW);
+  struct stat status {};
+  std::string text;
+  if (file >= 0 && fstat(file, &status) == 0 && S_ISREG(status.st_mode)) {
+    text.resize(std::min(kRead, static_cast<size_t>(status.st_size)));
+    const ssize_t count = pread(file, text.data(), text.size(), status.st_size - static_cast<off_t>(text.size()));
+    text.resize(static_cast<size_t>(std::max<ssize_t>(0, count)));
   }
-  constexpr size_t kMost = 200;
-  return last.substr(0, kMost);
+  if (file >= 0) close(file);
+  const size_t end = text.find_last_not_of(" \t\r\n");
+  if (end == std::string::npos) return "";
+  const size_t before = text.find_last_of("\r\n", end), begin = before == std::string::npos ? 0 : before + 1;
+  return text.substr(begin, std::min(kMost, end + 1 - begin));
 }
 
 std::optional<fs::path> first_of(const fs::path& folder, std::initializer_list<const char*> names) {
@@ -209,8 +220,13 @@ int evaluate(EvaluateArguments arguments, const Common& common) {
       !arguments.name.empty() && arguments.name.front() != '.' && arguments.name.find('/') == std::string::npos;
   if (!usable) throw Error("evaluate: '" + arguments.name + "' cannot name a folder; give the system a --name");
   std::vector<evaluation::Suite> suites;
-  for (const std::string& suite : arguments.suites)
-    suites.push_back(evaluation::read_suite(suite, sim::data_folder() / "scenes" / "suites"));
+  for (const std::string& suite : arguments.suites) {
+    evaluation::Suite read = evaluation::read_suite(suite, sim::data_folder() / "scenes" / "suites");
+    if (std::any_of(suites.begin(), suites.end(), [&](const auto& other) { return other.name == read.name; }))
+      throw Error(suite + ": another suite is called '" + read.name +
+                  "', too, and results are stored by that name; rename one of the files");
+    suites.push_back(std::move(read));
+  }
   Evaluation run(arguments, common);
   catch_interrupts();
   for (const evaluation::Suite& suite : suites) {

@@ -18,6 +18,7 @@
 #include "tools/bag/bag_stream.h"
 #include "tools/bag/bag_unpack.h"
 #include "tools/board_file.h"
+#include "tools/output_file.h"
 #include "tools/progress.h"
 #include "tools/report/noise_report.h"
 #include "tools/verbs.h"
@@ -280,6 +281,7 @@ Verb add_import(Command app, const Common& common) {
     const fs::path source(a->folder), config(a->config);
     std::optional<RigModel> calibration;
     if (!a->rig.empty()) calibration = read_rig(fs::path(a->rig));
+    require_not_an_input(a->out, {source});
     if (fs::is_regular_file(source)) return import_bag(source, config, a->out, calibration, !a->unchecked, common);
     return import_images(read_import(config.empty() ? source / kImportFile : config, source), a->out, calibration,
                          !a->unchecked, common);

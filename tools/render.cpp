@@ -11,6 +11,7 @@
 #include "tools/bag/bag_dataset.h"
 #include "tools/board_file.h"
 #include "tools/euroc.h"
+#include "tools/output_file.h"
 #include "tools/progress.h"
 #include "tools/source.h"
 #include "tools/tum_rgbd.h"
@@ -76,6 +77,7 @@ Verb add_render(Command app, const Common& common) {
       if (option.count() > 0)
         throw Error("render: " + option.get_name() + " has no effect without --format tum-rgbd, euroc or rosbag");
     }
+    require_not_an_input(arguments->out, {arguments->scene});
     StagedFolder folder(arguments->out, "dataset");
     const auto rig = source->open(folder.path());
     RecordingRig recording(*rig, folder.path());

@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/types/error.h"
+#include "tools/output_file.h"
 #include "tools/report/html_report.h"
 #include "tools/verbs.h"
 
@@ -24,6 +25,7 @@ Verb add_report(Command app, const Common& common) {
     const fs::path run = arguments->run;
     if (!fs::is_directory(run)) throw Error(run.string() + ": is not a run folder");
     const fs::path out = arguments->out.empty() ? run / "report.html" : fs::path(arguments->out);
+    require_extension(out, ".html");
     write_report(run, out);
     print_result(common, {{"report", out.string()}, {"bytes", fs::file_size(out)}}, "written: " + out.string());
     return 0;

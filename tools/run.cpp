@@ -275,6 +275,7 @@ int run(const RunArguments& arguments, const Common& common) {
   Emptiness emptiness;
   RunPhases phases(folder.path(), common.quiet || common.json);
   int mapped = 0;
+  double last_time_s = 0;
   catch_interrupts();
   {
     Progress progress("mapping", planned, common.quiet || common.json);
@@ -284,6 +285,11 @@ int run(const RunArguments& arguments, const Common& common) {
       const std::optional<MappedView> view = driver.next();
       if (!view) break;
       const auto& [stack, result] = *view;
+      if (mapped > 0 && !(stack.timestamp_s > last_time_s))
+        throw Error(arguments.source + ": stack " + std::to_string(stack.index) + ": its timestamp_s, " +
+                    to_text(stack.timestamp_s) + ", is not later than that of the stack before it, " +
+                    to_text(last_time_s) + "; put the stacks in the order of time");
+      last_time_s = stack.timestamp_s;
       if (mapped == 0) {
         if (const std::string turned = reason_for_turned_images(stack, rig->model()); !turned.empty())
           throw Error(arguments.source + ": " + turned);

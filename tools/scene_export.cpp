@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // fringeslam scene export SCENE --format FORMAT --out FILE
+#include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
 
 #include "core/types/error.h"
 #include "sim/scene/mesh_export.h"
+#include "tools/output_file.h"
 #include "tools/scene_verbs.h"
 #include "tools/source.h"
 
@@ -24,7 +26,11 @@ int export_scene(const SceneExportArguments& arguments, const Common& common) {
   if (!arguments.format.empty() && sim::mesh_format_of(arguments.out) != kFormats.at(arguments.format))
     throw Error(arguments.out + ": does not match the format " + arguments.format +
                 "; glTF files end in .glb or .gltf, PLY files in .ply, OBJ files in .obj");
-  const sim::Scene scene = sim::load_scene(scene_file(arguments.scene), {arguments.seed});
+  std::vector<std::filesystem::path> files;
+  sim::SceneLoadOptions reading{arguments.seed};
+  reading.files = &files;
+  const sim::Scene scene = sim::load_scene(scene_file(arguments.scene), reading);
+  require_not_an_input(arguments.out, files);
   const sim::MeshExport written = sim::export_mesh(scene, arguments.out);
   print_result(common,
                {{"written", arguments.out},

@@ -86,8 +86,11 @@ int new_scene(const NewArguments& arguments, const Common& common) {
   fs::path target = in_folder(arguments.name, arguments.in);
   if (target.filename().empty()) target = target.parent_path();
   const std::string name = target.filename().string();
-  StagedFolder staged(target, "");
   const fs::path source = file.parent_path();
+  const fs::path inside = fs::weakly_canonical(target).lexically_relative(fs::weakly_canonical(source));
+  if (!inside.empty() && *inside.begin() != "..")
+    throw Error(target.string() + ": lies in the scene that is copied, " + source.string() + "; choose another place");
+  StagedFolder staged(target, "");
   write_text(staged.path() / kSceneFile, with_name(with_moved_paths(read_text(file), source, target), name));
   for (const auto& entry : fs::directory_iterator(source)) {
     const fs::path part = entry.path().filename();

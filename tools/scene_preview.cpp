@@ -7,6 +7,7 @@
 #include "core/io/files.h"
 #include "core/types/error.h"
 #include "sim/preview.h"
+#include "tools/output_file.h"
 #include "tools/scene_verbs.h"
 #include "tools/source.h"
 
@@ -38,6 +39,7 @@ cv::Size size_of(const std::string& text) {
 
 int preview(const ScenePreviewArguments& arguments, const Common& common) {
   const cv::Size size = size_of(arguments.size);
+  require_extension(arguments.out, ".png");
   const sim::Scene scene = sim::load_scene(scene_file(arguments.scene), arguments.variant.reading());
   write_png(arguments.out, sim::preview_picture(scene, size));
   print_result(common, {{"written", arguments.out}}, "written: " + arguments.out);

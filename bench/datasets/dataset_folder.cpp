@@ -150,6 +150,20 @@ Json about_of(const Spec& spec, const std::string& identity, const std::string& 
   return about;
 }
 
+// True if a folder contains nothing, or only what a process leaves that dies before it describes the dataset.
+bool was_just_begun(const fs::path& folder) {
+  std::error_code failed;
+  fs::recursive_directory_iterator entry(folder, failed);
+  if (failed) return false;
+  for (const fs::recursive_directory_iterator end; entry != end; entry.increment(failed)) {
+    if (failed) return false;
+    const bool own = entry->path() == folder / kParts ||
+                     entry->path().lexically_relative(folder).generic_string().find(".partial-") != std::string::npos;
+    if (!own) return false;
+  }
+  return true;
+}
+
 }  // namespace
 
 DatasetFolder::DatasetFolder(fs::path folder, const Spec& spec, const std::string& identity,
@@ -169,8 +183,7 @@ DatasetFolder::DatasetFolder(fs::path folder, const Spec& spec, const std::strin
     if (text("identity") != wanted["identity"])
       throw Error(folder_.string() + ": contains another dataset, or this one before " + spec.file.string() +
                   ", a scene or a rig changed; choose another --out");
-  } else if (fs::exists(folder_, failed) && !fs::exists(folder_ / kParts, failed) &&
-             (!fs::is_directory(folder_, failed) || !fs::is_empty(folder_, failed))) {
+  } else if (fs::exists(folder_, failed) && !was_just_begun(folder_)) {
     throw Error(folder_.string() + ": exists and is not a dataset; choose another --out or remove it");
   }
   failed.clear();

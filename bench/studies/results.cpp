@@ -83,8 +83,20 @@ Shard shard_of(const std::string& text) {
   throw Error("--shard " + text + ": must have the form 2/8, from 0/8 to 7/8");
 }
 
+// Throws Error if the folder has files that a study would replace, and that no study wrote.
+void require_own_results(const fs::path& folder) {
+  std::error_code unknown;
+  if (fs::is_directory(folder / "shards", unknown)) return;
+  for (const char* name : {"results.jsonl", "results.csv", "results.sqlite", "summary.json", "report.html"}) {
+    if (fs::exists(folder / name, unknown))
+      throw Error((folder / name).string() +
+                  ": was not written by a study, which would replace it; choose another --out");
+  }
+}
+
 ShardFile::ShardFile(fs::path folder, const Study& study, Shard shard)
     : folder_(std::move(folder)), study_(study), shard_(shard) {
+  require_own_results(folder_);
   fs::create_directories(folder_ / "shards");
   for (const fs::path& file : files_in(folder_, name_of(shard) + ".")) read_lines(file, study, lines_);
   if (missing().empty()) return;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "bench/studies/study.h"
 
+#include <algorithm>
 #include <cstdio>
 
 #include "bench/studies/trial_settings.h"
@@ -57,6 +58,11 @@ Study read_study(const fs::path& file) {
 }
 
 void check_study(const Study& study) {
+  for (const Parameter& parameter : study.parameters) {
+    if (std::find(kOwnColumns.begin(), kOwnColumns.end(), parameter.name) != kOwnColumns.end())
+      throw Error(study.file.string() + ": parameters: '" + parameter.name +
+                  "' is a column of each study's results and cannot be varied; remove it");
+  }
   const Trial first = trial_of(study, 0);
   try {
     (void)settings_of(study, first);

@@ -2,6 +2,7 @@
 // A study: a scene, what varies in it and how, and when a trial is a success. Read from study.yaml (keys in README.md).
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <string>
@@ -28,6 +29,9 @@ struct Study : Sampling {
   SuccessRule success;
   uint64_t hash = 0;  // of the study and of the scene's file
 };
+
+// Columns of the results beside parameters and metrics.
+inline constexpr std::array kOwnColumns = {"trial", "seed", "outcome", "cause", "message"};
 
 // Reads a study. Throws Error with file:line.
 Study read_study(const std::filesystem::path& file);

@@ -28,7 +28,7 @@ struct Table {
 
 Table table_of(const Study& study, const std::map<int, std::string>& lines) {
   Table table;
-  table.columns = {"trial", "seed", "outcome", "cause", "message"};
+  table.columns.assign(kOwnColumns.begin(), kOwnColumns.end());
   const size_t own = table.columns.size();
   for (const Parameter& parameter : study.parameters) table.columns.push_back(parameter.name);
   std::vector<Json> parsed;

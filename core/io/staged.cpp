@@ -211,9 +211,11 @@ bool write_new(const fs::path& file, std::string_view bytes) {
          0;
 }
 
-// Waits until a file or folder is on the disk. File systems that cannot do so for a folder say EINVAL.
+// Waits until a file or folder is on the disk. File systems that cannot do so for a folder say EINVAL. What we may not read was kept
+// from another result, not written.
 void sync(const fs::path& path, const fs::path& named) {
   const Descriptor descriptor(uninterrupted([&] { return open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK); }));
+  if (descriptor < 0 && errno == EACCES) return;
   if (descriptor < 0) throw cannot(named, "written");
   if (uninterrupted([&] { return fsync(descriptor); }) != 0 && errno != EINVAL && errno != EROFS)
     throw cannot(named, "written to the disk");
@@ -298,6 +300,23 @@ void carry_over(const fs::path& old_folder, const fs::path& next, const std::vec
   }
 }
 
+// Gives the folders that the old result did not write their permissions in `next`, where they are created if they are empty.
+void carry_folders_over(const fs::path& old_folder, const fs::path& next) {
+  const Written old = written(old_folder);
+  if (!old.files) return;
+  std::error_code failed;
+  for (fs::recursive_directory_iterator entry(old_folder, failed), end; !failed && entry != end;
+       entry.increment(failed)) {
+    if (entry->symlink_status().type() != fs::file_type::directory) continue;
+    const std::string name = entry->path().lexically_relative(old_folder).generic_string() + "/";
+    const auto first = old.files->lower_bound(name);
+    if (first != old.files->end() && first->starts_with(name)) continue;
+    std::error_code ignored;
+    fs::create_directories(next / name, ignored);
+    fs::permissions(next / name, entry->status().permissions(), ignored);
+  }
+}
+
 bool is_empty_folder(const fs::path& folder) {
   std::error_code failed;
   return fs::is_directory(folder, failed) && fs::is_empty(folder, failed) && !failed;
@@ -344,6 +363,9 @@ fs::path checked_target(fs::path target, const std::string& kind) {
     if (!failed && is_within(here, target))
       throw Error(given.string() +
                   ": is the current folder or contains it, so it cannot be replaced; name a new folder");
+    if (S_ISDIR(own.st_mode) && access(target.c_str(), W_OK) != 0)
+      throw Error(given.string() + ": is not writable; choose another --out or change its permissions");
+    if (S_ISDIR(own.st_mode)) (void)files_below(target);  // must be possible to keep those of others
     if (own.st_dev != above.st_dev)
       throw Error(given.string() + ": is a mount point, which cannot be replaced; name a folder below it");
   }
@@ -484,7 +506,10 @@ void StagedFolder::commit() {
   for (int attempt = 0; attempt < kAttempts; ++attempt) {
     check_replaceable(target_, kind_);
     replaces = is_there(target_);
-    if (replaces) carry_over(target_, staging_, preserved_, target_, carried_over);
+    if (replaces) {
+      carry_over(target_, staging_, preserved_, target_, carried_over);
+      carry_folders_over(target_, staging_);
+    }
     if (!std::exchange(synced, true)) sync_folder(staging_);
     error = rename_as(staging_, target_, replaces ? RENAME_EXCHANGE : RENAME_NOREPLACE);
     if (error == EINVAL || error == ENOSYS || error == EOPNOTSUPP)
@@ -498,6 +523,7 @@ void StagedFolder::commit() {
     const fs::path old = is_there(staging_) ? staging_ : partial_->path() / kReplaced;
     try {
       carry_over(old, target_, preserved_, target_, carried_over);
+      carry_folders_over(old, target_);
     } catch (const Error& e) {
       throw Error(std::string(e.what()) + "; the new result is complete, the replaced one is kept in " +
                   partial_->keep().string());
@@ -512,6 +538,8 @@ StagedFile::StagedFile(fs::path target) : target_(std::move(target)) {
   if (target_.filename().empty() || fs::is_directory(target_, failed))
     throw Error(target_.string() + ": cannot be written: it is a folder");
   if (fs::is_symlink(target_, failed) && fs::exists(target_, failed)) target_ = fs::canonical(target_, failed);
+  if (fs::exists(target_, failed) && !fs::is_regular_file(target_, failed))
+    throw Error(target_.string() + ": is a device or a pipe, which cannot be replaced; name a file");
   partial_.emplace(target_);
 }
 

@@ -33,7 +33,7 @@ const char* embree_configuration() {
 
 RTCDeviceTy* new_embree_device() {
   RTCDevice device = rtcNewDevice(embree_configuration());
-  if (!device) throw Error("Embree: cannot create a device; the processor must support SSE2");
+  if (!device) throw Error("Embree: cannot create a device; is there enough memory?");
   rtcSetDeviceErrorFunction(device, throw_embree_error, nullptr);
   return device;
 }

@@ -58,6 +58,19 @@ class DatasetVerb : public testing::Test {
   test::TempFolder temp_;
 };
 
+TEST_F(DatasetVerb, ReplacesNoFilesOfOthers) {
+  for (const char* name : {"parts/mine.txt", "README.md"}) {
+    const std::string out = std::string("of_others_") + name[0];
+    test::write_bytes(temp_ / out / name, "mine");
+    fs::create_directories(temp_ / out / "parts");
+    const auto before = contents(out);
+    const auto refused = run_program({"dataset", spec(), "--out", at(out)});
+    EXPECT_EQ(refused.exit_code, 2);
+    EXPECT_THAT(refused.err, HasSubstr("exists and is not a dataset"));
+    EXPECT_EQ(contents(out), before);
+  }
+}
+
 TEST_F(DatasetVerb, ShardsMakeTheBytesOfOneRun) {
   const std::string file = spec();
   const Json whole = rendered(file, "whole");

@@ -54,6 +54,26 @@ TEST_F(EvaluateVerb, ScoresOurProgramAsItScoresItself) {
   EXPECT_THAT(test::read_bytes(temp_ / "out/leaderboard.html"), HasSubstr("ours"));
 }
 
+TEST_F(EvaluateVerb, MessagesAreTheEndOfTheLog) {
+  const std::pair<std::string, std::string> cases[] = {
+      {"printf 'one\\ntwo\\n\\n'; exit 3; {dataset} {out}", "exit code 3: two"},
+      {"head -c 100000 /dev/zero | tr '\\0' x; exit 1; {dataset} {out}", "exit code 1: " + std::string(200, 'x')},
+      {"rm log.txt; mkfifo log.txt; exit 1; {dataset} {out}", "exit code 1: "},
+      {"rm log.txt; ln -s /dev/zero log.txt; exit 1; {dataset} {out}", "exit code 1: "}};
+  for (const auto& [system, message] : cases) {
+    for (const Result& result : evaluated(system, {"--name", "failing"})) EXPECT_EQ(result.message, message) << system;
+  }
+}
+
+TEST_F(EvaluateVerb, SuitesOfTheSameNameAreRefused) {
+  test::write_bytes(temp_ / "other/suite.yaml", "datasets:\n  - {name: small, scene: ../scene, seeds: 1}\n");
+  std::vector<std::string> words = command(ours_);
+  words.insert(words.begin() + 1, (temp_ / "other/suite.yaml").string());
+  const auto refused = test::run_program(words);
+  EXPECT_EQ(refused.exit_code, 2);
+  EXPECT_THAT(refused.err, HasSubstr("another suite is called 'suite'"));
+}
+
 TEST_F(EvaluateVerb, SystemsDoNotSeeTheTruth) {
   evaluated("cp -r {dataset} {out}/seen; cp {dataset}/dataset.yaml {out}", {"--name", "copy"});
   const auto seen = temp_ / "out/outputs/copy/suite/small-1/out";

@@ -60,6 +60,28 @@ class StudyVerb : public testing::Test {
   test::TempFolder temp_;
 };
 
+TEST_F(StudyVerb, ReplacesNoFilesOfOthers) {
+  for (const char* name : {"results.jsonl", "report.html"}) {
+    const std::string out = std::string("of_others_") + name;
+    test::write_bytes(temp_ / out / name, "mine");
+    const auto refused = run_program({"study", "run", study(), "--out", at(out)});
+    EXPECT_EQ(refused.exit_code, 2);
+    EXPECT_THAT(refused.err, HasSubstr(std::string(name) + ": was not written by a study"));
+    EXPECT_EQ(test::listing(temp_ / out), (std::set<std::string>{name}));
+  }
+}
+
+TEST_F(StudyVerb, ParametersWithTheNameOfAColumnAreRefused) {
+  const std::string file = study(replaced(test::kSmallStudy, "parameters:\n", "parameters:\n  seed: {grid: [1, 2]}\n"));
+  for (const char* verb : {"check", "run"}) {
+    std::vector<std::string> words = {"study", verb, file};
+    if (words[1] == "run") words.insert(words.end(), {"--out", at("columns")});
+    const auto refused = run_program(words);
+    EXPECT_EQ(refused.exit_code, 2);
+    EXPECT_THAT(refused.err, HasSubstr("'seed' is a column"));
+  }
+}
+
 TEST_F(StudyVerb, ShardsMakeTheBytesOfOneRun) {
   const std::string file = study();
   const auto whole = run_successfully({"--json", "study", "run", file, "--out", at("whole"), "--jobs", "2"});

@@ -4,6 +4,7 @@
 
 #include <gmock/gmock.h>
 #include <signal.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -98,6 +99,24 @@ TEST(StagedFolder, KeepsFilesThatItDidNotWrite) {
             (std::set<std::string>{"out", "out/.fringeslam", "out/config.yaml", "out/frames", "out/frames/mine",
                                    "out/frames/mine/photo.jpg", "out/link", "out/notes.txt", "out/report.html",
                                    "out/report.html.kept"}));
+}
+
+TEST(StagedFolder, KeepsFoldersThatItDidNotWrite) {
+  const test::TempFolder temp;
+  {
+    StagedFolder staged(temp / "out", kKind);
+    test::write_bytes(staged.path() / "old/file", "old");
+    staged.commit();
+  }
+  test::fs::create_directories(temp / "out/empty/inner");
+  test::write_bytes(temp / "out/private/notes.txt", "precious");
+  test::fs::permissions(temp / "out/private", test::fs::perms::owner_all);
+  for (const std::string content : {"new", "newer"}) {
+    write_ours(temp / "out", content);
+    EXPECT_EQ(test::listing(temp / "out"), (std::set<std::string>{".fringeslam", "config.yaml", "empty", "empty/inner",
+                                                                  "private", "private/notes.txt"}));
+    EXPECT_EQ(test::fs::status(temp / "out/private").permissions(), test::fs::perms::owner_all);
+  }
 }
 
 TEST(StagedFolder, APreservedFileSurvivesUntilItIsReplaced) {
@@ -248,6 +267,13 @@ TEST(Files, AreReplacedAsAWholeAndKeepTheirMode) {
   EXPECT_EQ(std::distance(test::fs::directory_iterator(temp.path()), test::fs::directory_iterator()), 2);
   EXPECT_NO_THROW(write_text("/dev/null", "gone"));
   EXPECT_THAT(message_of([] { write_text("/dev/full", "a"); }), StartsWith("/dev/full: cannot be written: No space"));
+}
+
+TEST(Files, DevicesAndPipesAreNotReplaced) {
+  const test::TempFolder temp;
+  ASSERT_EQ(mkfifo((temp / "pipe").c_str(), 0600), 0);
+  EXPECT_THAT(message_of([&] { StagedFile file(temp / "pipe"); }), testing::HasSubstr("is a device or a pipe"));
+  EXPECT_TRUE(test::fs::is_fifo(temp / "pipe"));
 }
 
 TEST(Files, MessagesNameTheFinalFiles) {

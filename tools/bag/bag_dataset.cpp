@@ -75,11 +75,19 @@ double first_time_s(const FringeStack& stack) {
   return std::min(stack.timestamp_s, *std::min_element(stack.exposure_time_s.begin(), stack.exposure_time_s.end()));
 }
 
-// Throws Error if writing would replace something other than a bag.
+bool wrote(const fs::path& bag) {
+  try {
+    return is_bag(bag) && is_our_bag(BagStream(bag, {}).topics());
+  } catch (const Error&) {
+    return false;
+  }
+}
+
+// Throws Error if writing would replace something other than a bag that this program wrote.
 const fs::path& replaceable(const fs::path& file) {
   std::error_code ignored;
-  if (fs::exists(file, ignored) && !is_bag(file))
-    throw Error(file.string() + ": exists and is not a ROS bag; choose another --out or remove it");
+  if (fs::exists(file, ignored) && !wrote(file))
+    throw Error(file.string() + ": exists and is not a ROS bag written by fringeslam; choose another --out or remove it");
   return file;
 }
 
