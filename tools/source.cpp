@@ -205,6 +205,9 @@ std::unique_ptr<Source> open_source(const fs::path& given, const SceneVariant& v
     return std::make_unique<DatasetSource>(path);
   }
   if (fs::is_directory(path, ignored)) {
+    std::error_code failed;
+    if (!fs::exists(path / kSceneFile, failed) && failed == std::errc::permission_denied)
+      throw Error(path.string() + ": cannot be read: permission denied");
     if (!fs::exists(path / kSceneFile, ignored))
       throw Error(path.string() + ": contains neither " + kSceneFile + " nor " + kDatasetFile);
     return std::make_unique<SceneSource>(path / kSceneFile, variant, settings);

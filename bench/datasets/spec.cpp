@@ -38,7 +38,8 @@ std::vector<fs::path> read_rigs(const YamlMap& map) {
   std::vector<fs::path> files;
   for (const fs::path& file : map.paths("rigs")) {
     std::error_code ignored;
-    if (!fs::is_regular_file(file, ignored)) throw map.error("rigs", file.string() + " does not exist");
+    if (!fs::is_regular_file(file, ignored))
+      throw map.error("rigs", file.string() + (fs::exists(file, ignored) ? " is not a file" : " does not exist"));
     files.push_back(fs::weakly_canonical(file));
   }
   return files;

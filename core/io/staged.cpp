@@ -393,7 +393,11 @@ std::pair<fs::path, int> create_marked_folder(const fs::path& target, std::strin
   constexpr int kAttempts = 100;
   for (int attempt = 0; attempt < kAttempts; ++attempt) {
     std::string name = target.string() + std::string(suffix) + std::string(kPartialLetters, 'X');
-    if (!mkdtemp(name.data())) throw cannot(target, "written");
+    if (!mkdtemp(name.data())) {
+      if (errno != ENAMETOOLONG) throw cannot(target, "written");
+      throw Error(target.string() + ": the name is too long, because that of a temporary folder beside it has " +
+                  std::to_string(suffix.size() + kPartialLetters) + " letters more; choose a shorter --out");
+    }
     const fs::path path = name;
     const int lock = uninterrupted([&] { return open(path.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC); });
     if (lock >= 0) {
@@ -535,6 +539,7 @@ void StagedFolder::commit() {
 
 StagedFile::StagedFile(fs::path target) : target_(std::move(target)) {
   std::error_code failed;
+  if (target_.empty()) throw Error("--out: the name of the file is empty");
   if (target_.filename().empty() || fs::is_directory(target_, failed))
     throw Error(target_.string() + ": cannot be written: it is a folder");
   if (fs::is_symlink(target_, failed) && fs::exists(target_, failed)) target_ = fs::canonical(target_, failed);

@@ -465,9 +465,11 @@ std::vector<std::filesystem::path> YamlMap::paths(const std::string& key) const 
 
 std::filesystem::path YamlMap::file(const std::string& key) const {
   const std::filesystem::path file = path(key);
-  std::error_code ignored;  // such as a name that is too long: that file does not exist either
-  if (!std::filesystem::exists(file, ignored)) throw error(key, file.string() + " does not exist");
-  if (!std::filesystem::is_regular_file(file, ignored)) throw error(key, file.string() + " is not a regular file");
+  std::error_code failed;  // such as a name that is too long: that file does not exist either
+  if (!std::filesystem::exists(file, failed))
+    throw error(key, file.string() + (failed == std::errc::permission_denied ? " cannot be read: permission denied"
+                                                                             : " does not exist"));
+  if (!std::filesystem::is_regular_file(file, failed)) throw error(key, file.string() + " is not a regular file");
   return file;
 }
 

@@ -7,6 +7,7 @@
 
 #include <atomic>
 #include <cstdlib>
+#include <set>
 
 namespace fringeslam {
 namespace {
@@ -45,14 +46,17 @@ TEST(LimitedChild, OneThatClosesItsPipeAndSleepsIsEnded) {
 }
 
 TEST(LimitedChild, OneThatNeverStopsAnsweringIsEnded) {
-  const ChildAnswer answer = answer_of_child({60, 0.01, ChildReads::nothing}, []() -> std::string {
+  std::set<int> others;
+  for (int descriptor = 0; descriptor < kMostDescriptors; ++descriptor) {
+    if (fcntl(descriptor, F_GETFD) >= 0) others.insert(descriptor);
+  }
+  const ChildAnswer answer = answer_of_child({60, 0.01, ChildReads::nothing}, [&]() -> std::string {
     static const std::string kBytes(4096, 'x');
-    for (int descriptor = 3;; ++descriptor) {
-      const int flags = fcntl(descriptor % kMostDescriptors, F_GETFL);
-      if (flags < 0 || (flags & O_ACCMODE) != O_WRONLY) continue;
-      while (write_all(descriptor % kMostDescriptors, kBytes.data(), kBytes.size())) continue;
-      _exit(0);
+    for (int descriptor = 0; descriptor < kMostDescriptors; ++descriptor) {
+      if (others.contains(descriptor) || fcntl(descriptor, F_GETFD) < 0) continue;
+      while (write_all(descriptor, kBytes.data(), kBytes.size())) continue;
     }
+    _exit(0);
   });
   EXPECT_EQ(answer.end, ChildEnd::too_slow);
   EXPECT_TRUE(answer.bytes.empty());

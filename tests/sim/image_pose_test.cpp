@@ -231,6 +231,27 @@ TEST_F(MovingImages, TheTrackerFollowsImagesAndPredictsTheNextView) {
   EXPECT_FALSE(tracker.predict(next_s + 1));
 }
 
+// A correction of the map changes no pose relative to the reference.
+TEST_F(MovingImages, AMovedMapMovesTheFilter) {
+  const Pose new_from_old{rotation_exp({0.1, -0.2, 0.3}), {0.5, 0.2, -0.1}};
+  const Matrix6d turn = rotated_tangent(new_from_old.rotation);
+  ImageTracker still = tracker(), moved = tracker();
+  const FringeStack& stack = views[1].stack;
+  for (size_t k = 0; k < stack.images.size(); ++k) {
+    if (k == 1) moved.move(new_from_old);
+    const double time_s = stack.exposure_time_s[k];
+    const TrackedImage a = still.track(stack.images[k], finest.patterns[k], time_s),
+                       b = moved.track(stack.images[k], finest.patterns[k], time_s);
+    ASSERT_TRUE(a.tracked && b.tracked);
+    if (k == 0) continue;
+    const Pose expected = new_from_old * a.world_from_camera;
+    EXPECT_LT(translation_m(expected.inverse() * b.world_from_camera), 1e-6) << k;
+    EXPECT_LT(rotation_rad(expected.inverse() * b.world_from_camera), 1e-6) << k;
+    const Matrix6d covariance = turn * a.covariance * turn.transpose();
+    EXPECT_LT((b.covariance - covariance).norm(), 1e-3 * covariance.norm()) << k;
+  }
+}
+
 // The reference was decoded with a motion that is off by 30 mm/s and 30 mrad/s.
 TEST_F(MovingImages, PosesOfViewsCorrectTheErrorThatImagesShare) {
   constexpr double kError = 0.03;

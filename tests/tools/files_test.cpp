@@ -269,6 +269,12 @@ TEST(Files, AreReplacedAsAWholeAndKeepTheirMode) {
   EXPECT_THAT(message_of([] { write_text("/dev/full", "a"); }), StartsWith("/dev/full: cannot be written: No space"));
 }
 
+TEST(StagedFolder, SaysThatANameIsTooLong) {
+  const test::TempFolder temp;
+  EXPECT_THAT(message_of([&] { StagedFolder folder(temp / std::string(250, 'a'), kKind); }),
+              testing::HasSubstr("the name is too long"));
+}
+
 TEST(Files, DevicesAndPipesAreNotReplaced) {
   const test::TempFolder temp;
   ASSERT_EQ(mkfifo((temp / "pipe").c_str(), 0600), 0);
