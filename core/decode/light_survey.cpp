@@ -603,12 +603,12 @@ std::vector<int> ExposureIntervals::best(int count, int first, int last) const {
   }
   const std::vector<int64_t>& totals = most.back();
   const int64_t best_total = *std::max_element(totals.begin(), totals.end());
+  if (best_total < 0) return {};  // fewer steps than exposures
   std::vector<int> ties;
   for (int step = first; step <= last; ++step) {
     if (totals[static_cast<size_t>(step)] == best_total) ties.push_back(step);
   }
   std::vector<int> chosen;
-  if (ties.empty()) return chosen;
   int step = ties[ties.size() / 2];
   for (size_t k = static_cast<size_t>(count); k-- > 0;) {
     chosen.insert(chosen.begin(), step);

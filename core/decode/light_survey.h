@@ -117,7 +117,7 @@ class ExposureIntervals {
   int64_t common(int step, int other) const;
 
   // The `count` exposures between the limits that decode most pixels, increasing; of equal ones, those in the middle of the
-  // possible range.
+  // possible range. Empty if the limits include fewer steps.
   std::vector<int> best(int count, int first, int last) const;
 
   // Ratio of the last to the first exposure that decode a pixel: the median.

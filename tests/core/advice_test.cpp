@@ -80,6 +80,14 @@ TEST(Advice, PlainSurfaceNeedsOneExposureAndNoMicroPhaseShifting) {
   EXPECT_GT(advice.covered, 0.999);
 }
 
+TEST(ExposureIntervals, MoreExposuresThanStepsAreNone) {
+  const ExposureIntervals intervals;
+  EXPECT_TRUE(intervals.best(2, 5, 5).empty());
+  EXPECT_TRUE(intervals.best(1, 5, 4).empty());
+  EXPECT_EQ(intervals.best(1, 5, 5), std::vector<int>({5}));
+  EXPECT_EQ(intervals.best(2, 5, 6), std::vector<int>({5, 6}));
+}
+
 // The advised images decode what they are predicted to decode.
 TEST(Advice, CoversBrightAndDarkParts) {
   const RigModel rig;
