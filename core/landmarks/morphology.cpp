@@ -23,7 +23,7 @@ uint64_t bits_of_bytes(uint64_t bytes) {
 }  // namespace
 
 BitImage BitImage::from(const cv::Mat1b& mask, uchar bits) {
-  const uint64_t wanted = bits * 0x0101010101010101;
+  const uint64_t wanted = uint64_t{bits} * 0x0101010101010101;
   static_assert(std::endian::native == std::endian::little);
   BitImage image(mask.cols, mask.rows);
   for_each_row(mask.rows, [&](int r) {
