@@ -15,8 +15,7 @@ source tools/build.sh
 folders=(core sim hw tools)
 filters=()
 for folder in "${folders[@]}"; do filters+=(--filter "$folder/"); done
-gcovr --root . "${filters[@]}" --exclude-unreachable-branches --json build/coverage/lines.json --html build/coverage/lines.html \
-  build/coverage >&2
+gcovr --root . "${filters[@]}" --json build/coverage/lines.json --html build/coverage/lines.html build/coverage >&2
 python3 - build/coverage/lines.json "${folders[@]}" <<'END'
 import json
 import sys

@@ -5,9 +5,10 @@
 mutants.py FIRST LAST MINUTES   (MINUTES 0: no limit)
 
 Mutant N is a random change that compiles, and depends on N and the committed sources alone. Each worker has a copy of the sources
-and a build of its own below build/mutants. First those tests run whose file has the name of the changed file or of its folder, then all
-of core_tests and sim_tests, and tools_tests for the folders that it tests. build/mutants/results.jsonl keeps the results, so that a later run continues. Prints a JSON object on
-standard output and progress on standard error; exits with 2 if the unchanged sources do not build or pass their tests.
+and a build of its own below build/mutants. First those tests run whose file has the name of the changed file or of its folder, then
+all of core_tests and sim_tests, and tools_tests for the folders that it tests. build/mutants/results.jsonl keeps the results, so
+that a later run continues. Prints a JSON object on standard output and progress on standard error; exits with 2 if the unchanged
+sources do not build or pass their tests.
 """
 import concurrent.futures
 import json
@@ -90,8 +91,9 @@ class Worker:
         shutil.rmtree(self.source, ignore_errors=True)
         self.source.mkdir(parents=True)
         archive = subprocess.run(["git", "-C", ROOT, "archive", commit], check=True, stdout=subprocess.PIPE).stdout
-        # Files keep the time of their commit, so that a later run builds only what changed.
-        subprocess.run(["tar", "-x", "-C", self.source], check=True, input=archive)
+        # Files get the present time, because an interrupted run may have left the object file of a mutant. The compiler cache keeps
+        # this cheap.
+        subprocess.run(["tar", "-x", "-m", "-C", self.source], check=True, input=archive)
         (self.folder / "tmp").mkdir(exist_ok=True)
         self.run(["cmake", "-S", self.source, "-B", self.build, "-G", "Ninja", "-DCMAKE_BUILD_TYPE=Release",
                   "-DFRINGESLAM_UNITY=OFF", "-DFRINGESLAM_BENCH=OFF", "-DFRINGESLAM_PYTHON=OFF", "-DFRINGESLAM_REPORT=OFF"], MOST_SECONDS)  # fmt: skip

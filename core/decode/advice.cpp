@@ -494,9 +494,8 @@ Advice advise(const std::vector<ViewEvidence>& views, const PatternSequence& seq
   }
   if (most == 0)
     throw Error(
-        "no pixel can be decoded at any exposure: each is dark or saturated; check the light, the exposure and what "
-        "the "
-        "camera sees");
+        "no pixel can be decoded at any exposure: each is dark or saturated; check the light, the exposure and "
+        "what the camera sees");
   const auto wanted_pixels = static_cast<int64_t>(std::ceil(options.covered * static_cast<double>(most)));
   for (size_t c = 0; c < all.size(); ++c) {
     CodingChoice& choice = all[c];
