@@ -18,7 +18,7 @@
 #include "bench/studies/results.h"
 #include "bench/studies/workers.h"
 #include "core/base/bounded_queue.h"
-#include "core/io/image_threads.h"
+#include "core/io/image_library.h"
 #include "core/types/error.h"
 #include "tools/cluster_job.h"
 #include "tools/interrupt.h"

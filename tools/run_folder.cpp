@@ -186,7 +186,7 @@ std::function<void()> image_writer(const fs::path& folder, const FrameResult& re
     cv::Mat1f column = decoded.coordinate_px.clone();
     column.setTo(std::nan(""), depth != depth);
     write_exr(folder / "depth.exr", {{"depth_m", depth}, {"sigma_m", frame.sigma_m}, {"projector_column", column}},
-              ExrCompression::run_lengths);
+              ExrCompression::none);
     write_png(folder / "texture.png", frame.texture);
     write_png(folder / "depth.png", frame.depth_image);
     write_png(folder / "phase.png", phase_picture(decoded));

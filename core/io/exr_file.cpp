@@ -172,8 +172,7 @@ std::optional<ExrLayout> exr_layout(exr_context_t context) {
       !ok(exr_get_compression(context, 0, &layout.compression)) ||
       !ok(exr_get_scanlines_per_chunk(context, 0, &layout.lines_per_chunk)))
     return std::nullopt;
-  const bool known = layout.compression == EXR_COMPRESSION_NONE || layout.compression == EXR_COMPRESSION_RLE ||
-                     layout.compression == EXR_COMPRESSION_ZIPS;
+  const bool known = layout.compression == EXR_COMPRESSION_NONE || layout.compression == EXR_COMPRESSION_ZIPS;
   const exr_attr_chlist_t& list = *layout.channels;
   if (!known || list.num_channels < 1 || list.num_channels > CV_CN_MAX || layout.lines_per_chunk < 1)
     return std::nullopt;
@@ -228,11 +227,12 @@ class ChunkDecoder {
 
 }  // namespace
 
-std::optional<cv::Mat> decode_exr(const std::string& bytes, const std::string& name, const AllocateImage& allocate) {
+std::optional<cv::Mat> decode_exr(const std::string& bytes, const std::string& name, const AllocateImage& allocate,
+                                  int most_channels) {
   const ExrFile file(bytes);
   if (!file.opened()) return std::nullopt;
   const std::optional<ExrLayout> layout = exr_layout(file.context());
-  if (!layout) return std::nullopt;
+  if (!layout || layout->channels->num_channels > most_channels) return std::nullopt;
   const auto width = int64_t{layout->window.max.x} - layout->window.min.x + 1,
              height = int64_t{layout->window.max.y} - layout->window.min.y + 1;
   constexpr int64_t kMost = std::numeric_limits<int>::max();

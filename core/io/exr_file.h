@@ -11,9 +11,10 @@
 
 namespace fringeslam {
 
-// Decodes an EXR file of one part with scan lines of 32-bit float channels, in OpenImageIO's order; returns nothing for other
-// EXR files. `allocate` is called before memory of the image's size is allocated. Throws Error, naming the file `name`,
+// Decodes an EXR file of one part with scan lines of 32-bit float channels, of `most_channels` at most, in alphabetical order
+// but with those of layers ("normal.x") last; returns nothing for other files. `allocate` is called before memory of the image's size is allocated. Throws Error, naming the file `name`,
 // if the data are damaged.
-std::optional<cv::Mat> decode_exr(const std::string& bytes, const std::string& name, const AllocateImage& allocate);
+std::optional<cv::Mat> decode_exr(const std::string& bytes, const std::string& name, const AllocateImage& allocate,
+                                  int most_channels = CV_CN_MAX);
 
 }  // namespace fringeslam

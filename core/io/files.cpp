@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/io/files.h"
 
-#include <OpenImageIO/filesystem.h>
-#include <OpenImageIO/imageio.h>
-
 #include <algorithm>
 #include <cctype>
 
@@ -29,27 +26,6 @@ std::string read_bytes(const fs::path& file) {
   return read_input(file, kMostDataBytes);
 }
 
-namespace {
-
-// OpenImageIO's messages may have several lines; Error messages have one.
-std::string first_line(const std::string& text) { return text.substr(0, text.find('\n')); }
-
-// Encodes to memory, because OpenImageIO's file writers do not detect a full disk.
-std::string encoded(const char* name, OIIO::ImageSpec spec, const cv::Mat& pixels) {
-  prepare_image_decoding();
-  OIIO::Filesystem::IOVecOutput memory;
-  void* proxy = &memory;
-  spec.attribute("oiio:ioproxy", OIIO::TypeDesc::PTR, &proxy);
-  auto out = OIIO::ImageOutput::create(name);
-  if (!out || !out->open(name, spec) ||
-      !out->write_image(spec.format, pixels.data, OIIO::AutoStride, static_cast<OIIO::stride_t>(pixels.step)) ||
-      !out->close())
-    throw Error(std::string(name) + ": cannot be encoded: " + first_line(out ? out->geterror() : OIIO::geterror()));
-  return {memory.buffer().begin(), memory.buffer().end()};
-}
-
-}  // namespace
-
 // libpng's filters: none, and prediction by the row above.
 constexpr int kNoFilter = 0x08, kUpFilter = 0x20;
 
@@ -59,62 +35,23 @@ std::string png_bytes(const cv::Mat& image, int compression) {
     pixels = cv::Mat(image.size(), CV_8UC3);
     cv::mixChannels(image, pixels, {0, 2, 1, 1, 2, 0});
   }
-  const OIIO::TypeDesc type = image.depth() == CV_16U ? OIIO::TypeDesc::UINT16 : OIIO::TypeDesc::UINT8;
-  OIIO::ImageSpec spec(image.cols, image.rows, image.channels(), type);
-  spec.attribute("png:compressionLevel", compression);
+  PngEncoding encoding;
+  encoding.level = compression;
   // Choosing the filter row by row, libpng's default, costs two thirds of the time of a fast level. False colours
   // are smallest without a filter, grey images with the row above as prediction.
   constexpr int kHighestFastLevel = 3;
-  if (compression <= kHighestFastLevel) spec.attribute("png:filter", image.channels() == 1 ? kUpFilter : kNoFilter);
-  return encoded("memory.png", spec, pixels);
+  if (compression <= kHighestFastLevel) encoding.filters = image.channels() == 1 ? kUpFilter : kNoFilter;
+  return encode_png(pixels, encoding);
 }
 
 std::string noisy_png_bytes(const cv::Mat& image) {
-  const OIIO::TypeDesc type = image.depth() == CV_16U ? OIIO::TypeDesc::UINT16 : OIIO::TypeDesc::UINT8;
-  OIIO::ImageSpec spec(image.cols, image.rows, 1, type);
-  spec.attribute("compression", "huffman");
-  spec.attribute("png:filter", kUpFilter);
-  return encoded("memory.png", spec, image);
-}
-
-std::string jpeg_bytes(const cv::Mat1b& image, int quality) {
-  OIIO::ImageSpec spec(image.cols, image.rows, 1, OIIO::TypeDesc::UINT8);
-  spec.attribute("Compression", "jpeg:" + std::to_string(quality));
-  return encoded("memory.jpg", spec, image);
+  PngEncoding encoding;
+  encoding.huffman_only = true;
+  encoding.filters = kUpFilter;
+  return encode_png(image, encoding);
 }
 
 void write_png(const fs::path& file, const cv::Mat& image) { write_text(file, png_bytes(image)); }
-
-namespace {
-
-// An EXR image as the writer takes it.
-struct ExrImage {
-  cv::Mat pixels;
-  OIIO::ImageSpec spec;
-};
-
-ExrImage exr_image(const std::vector<ExrChannel>& channels, ExrCompression compression) {
-  ExrImage exr;
-  std::vector<cv::Mat> planes;
-  for (const ExrChannel& channel : channels) planes.push_back(channel.image);
-  cv::merge(planes, exr.pixels);
-  exr.spec = OIIO::ImageSpec(exr.pixels.cols, exr.pixels.rows, exr.pixels.channels(), OIIO::TypeDesc::FLOAT);
-  exr.spec.channelnames.clear();
-  for (const ExrChannel& channel : channels) exr.spec.channelnames.push_back(channel.name);
-  exr.spec.attribute("compression", compression == ExrCompression::zip           ? "zips"
-                                    : compression == ExrCompression::run_lengths ? "rle"
-                                                                                 : "none");
-  // A fixed time stamp: OpenImageIO would write the current time and identical results would differ.
-  exr.spec.attribute("DateTime", "1970:01:01 00:00:00");
-  return exr;
-}
-
-}  // namespace
-
-std::string exr_bytes(const std::vector<ExrChannel>& channels, ExrCompression compression) {
-  const ExrImage exr = exr_image(channels, compression);
-  return encoded("memory.exr", exr.spec, exr.pixels);
-}
 
 void write_exr(const fs::path& file, const std::vector<ExrChannel>& channels, ExrCompression compression) {
   write_text(file, exr_bytes(channels, compression));

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "core/io/exr_encoder.h"
 #include "core/io/staged.h"
 #include "core/types/options.h"
 
@@ -28,17 +29,7 @@ std::string png_bytes(const cv::Mat& image, int compression = 1);
 std::string noisy_png_bytes(const cv::Mat& image);
 void write_png(const std::filesystem::path& file, const cv::Mat& image);
 
-// JPEG encoding to memory; quality from 1 to 100.
-std::string jpeg_bytes(const cv::Mat1b& image, int quality);
-
-// EXR file with one or more CV_32FC1 channels of equal size. Run lengths compress only constant areas such as NaN, but
-// noisy measurements hardly compress anyway, and writing takes an eighth of the time.
-enum class ExrCompression { zip, run_lengths, none };
-struct ExrChannel {
-  std::string name;
-  cv::Mat image;
-};
-std::string exr_bytes(const std::vector<ExrChannel>& channels, ExrCompression compression = ExrCompression::zip);
+// EXR file, encoded as by exr_bytes().
 void write_exr(const std::filesystem::path& file, const std::vector<ExrChannel>& channels,
                ExrCompression compression = ExrCompression::zip);
 

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Decoding of image files by libpng and OpenImageIO in the calling process.
+// Decoding of image files by libpng, OpenEXR's C library and OpenImageIO in the calling process.
 #pragma once
 
 #include <cstdint>
 #include <functional>
 #include <opencv2/core.hpp>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -30,6 +31,13 @@ using AllocateImage = std::function<cv::Mat(const ImageHeader&)>;
 // Returns the name of the reader for a file that starts with `head`, or else has this extension in lower case (".tif");
 // images are often misnamed. Throws Error, naming the file `name`, if it is none that is read.
 std::string image_format(std::string_view head, const std::string& extension, const std::string& name);
+
+// Like decode_here(), for PNG files and most EXR files; returns nothing for files that need OpenImageIO.
+std::optional<cv::Mat> decode_without_library(const std::string& bytes, const ImageRequest& request,
+                                              const std::string& name, const AllocateImage& allocate);
+
+// True if decode_without_library() returns nothing for all files of the request's format.
+bool needs_library(const ImageRequest& request);
 
 // Decodes the first image of a file with all channels as stored: unsigned 8 or 16 bits, or 32-bit float. Colours are not
 // multiplied by alpha. `allocate` is called before anything of the

@@ -31,7 +31,7 @@
 
 #include "core/base/append_bytes.h"
 #include "core/base/limited_child.h"
-#include "core/io/image_threads.h"
+#include "core/io/image_library.h"
 #include "core/io/input_file.h"
 #include "core/types/error.h"
 
@@ -43,8 +43,9 @@ namespace {
 //   request:  kDecode, file size, as_float, format (with a descriptor)
 //   worker:   kImageHeader, width, height, type, names of channels, each ended by a zero
 //   request:  kPixelMemory, bytes of the shared memory; omitted if the memory of an earlier image suffices
-//   worker:   kDone; or at any time kError, message; kTimeout
-constexpr char kDecode = 'd', kImageHeader = 'h', kPixelMemory = 'p', kDone = 'x', kError = 'e', kTimeout = 't';
+//   worker:   kDone; or at any time kError, message; kTimeout; kNeedsLibrary, if a worker without OpenImageIO cannot decode it
+constexpr char kDecode = 'd', kImageHeader = 'h', kPixelMemory = 'p', kDone = 'x', kError = 'e', kTimeout = 't',
+               kNeedsLibrary = 'l';
 constexpr size_t kMostMessage = 60000;  // channels: OpenCV has at most 512
 
 // Processor time of a worker for a file, and the time after which it ends even if it waits for something.
@@ -217,8 +218,8 @@ bool suffices(const SharedMemory& memory, const ImageHeader& header) {
              memory.size();
 }
 
-void serve_file(int socket, int shared, SharedMemory& memory, uint64_t base_bytes, const std::string& packet,
-                int file) {
+void serve_file(int socket, int shared, SharedMemory& memory, uint64_t base_bytes, const std::string& packet, int file,
+                bool with_library) {
   const auto limit_memory = [&](uint64_t bytes) {
     limit_address_space(base_bytes + memory.size() + kScratchBytes + 2 * bytes, base_bytes + kMostBytes);
   };
@@ -231,7 +232,7 @@ void serve_file(int socket, int shared, SharedMemory& memory, uint64_t base_byte
   limit_memory(size);
   try {
     const std::string bytes = read_whole(file, size, "");
-    decode_here(bytes, request, "", [&](const ImageHeader& header) {
+    const auto allocate = [&](const ImageHeader& header) {
       std::string answer(1, kImageHeader);
       for (const int value : {header.size.width, header.size.height, header.type}) append_bytes(answer, value);
       for (const std::string& name : header.channels) answer += std::string(name.c_str()) + '\0';
@@ -247,8 +248,13 @@ void serve_file(int socket, int shared, SharedMemory& memory, uint64_t base_byte
       limit_memory(size + pixels);
       if (!memory.map(shared, pixels)) throw std::bad_alloc();
       return cv::Mat(header.size, header.type, memory.data());
-    });
-    reply(socket, std::string(1, kDone));
+    };
+    bool decoded = true;
+    if (with_library)
+      decode_here(bytes, request, "", allocate);
+    else
+      decoded = decode_without_library(bytes, request, "", allocate).has_value();
+    reply(socket, std::string(1, decoded ? kDone : kNeedsLibrary));
   } catch (const std::bad_alloc&) {
     reply(socket, std::string(1, kError) + ": decoding it needs too much memory; it is damaged, or too large");
   } catch (const std::exception& e) {
@@ -256,7 +262,7 @@ void serve_file(int socket, int shared, SharedMemory& memory, uint64_t base_byte
   }
 }
 
-[[noreturn]] void serve(int socket, int shared) {
+[[noreturn]] void serve(int socket, int shared, bool with_library) {
   timeout_socket = socket;
   for (const int signal : {SIGPROF, SIGALRM}) std::signal(signal, on_timeout);
   const uint64_t base_bytes = address_space_bytes();
@@ -267,14 +273,14 @@ void serve_file(int socket, int shared, SharedMemory& memory, uint64_t base_byte
     std::vector<OpenDescriptor> files;
     const std::string packet = receive_packet(socket, &files);
     if (packet.empty() || packet[0] != kDecode || files.size() != 1) _exit(0);
-    serve_file(socket, shared, memory, base_bytes, packet, files[0].get());
+    serve_file(socket, shared, memory, base_bytes, packet, files[0].get(), with_library);
   }
 }
 
 // --- the process that forks workers ---
 
-// Decodes an image of one pixel, so that the libraries have loaded what they need before a worker can no longer open files.
-void use_libraries_once() {
+// Decodes an image of one pixel, so that the library has loaded what it needs before a worker can no longer open files.
+void use_library_once() {
   use_no_image_threads();
   // PBM: the smallest image there is.
   const std::string pixel("P4\n1 1\n\0", 8);
@@ -292,6 +298,27 @@ std::ptrdiff_t threads_of_this_process() {
   return std::distance(begin(threads), end(threads));
 }
 
+// Loads OpenImageIO into the process that forks workers. Returns why it cannot.
+std::string load_library() {
+  constexpr unsigned kLongest_s = 20;
+  alarm(kLongest_s);
+  std::string failure;
+  try {
+    (void)image_library();
+    use_library_once();
+    // It creates a thread before it learns that it should not. Until that thread has ended, it may hold a lock, which would
+    // stay locked in a forked worker.
+    while (threads_of_this_process() > 1) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  } catch (const std::exception& e) {
+    failure = e.what();
+  }
+  alarm(0);
+  return failure;
+}
+
+// Kinds of workers, as they are requested.
+constexpr char kWorker = 'w', kWorkerWithLibrary = 'l';
+
 [[noreturn]] void fork_workers(int requests) {
   setsid();  // signals of the terminal are meant for the program
   detach_child();
@@ -306,26 +333,23 @@ std::ptrdiff_t threads_of_this_process() {
   sigemptyset(&none);
   sigprocmask(SIG_SETMASK, &none, nullptr);
   for (const int signal : {SIGHUP, SIGPIPE, SIGCHLD}) std::signal(signal, SIG_IGN);
-  constexpr unsigned kLongestStart_s = 20;
   std::signal(SIGALRM, SIG_DFL);
-  alarm(kLongestStart_s);
-  try {
-    use_libraries_once();
-    // OpenImageIO creates a thread before it learns that it should not. Until that thread has ended, it may hold a lock,
-    // which would stay locked in a forked worker.
-    while (threads_of_this_process() > 1) std::this_thread::sleep_for(std::chrono::milliseconds(1));
-  } catch (...) {
-    _exit(1);
-  }
-  alarm(0);
-  for (;;) {
+  for (bool library_loaded = false;;) {
     std::vector<OpenDescriptor> ends;
     const std::string packet = receive_packet(requests, &ends);
     if (packet.empty()) _exit(0);  // no process is left that could ask
     if (ends.size() != 2) continue;
+    const bool with_library = packet[0] == kWorkerWithLibrary;
+    if (with_library && !library_loaded) {
+      if (const std::string failure = load_library(); !failure.empty()) {
+        (void)send_packet(ends[0].get(), kError + (": cannot be read: " + failure));
+        continue;
+      }
+      library_loaded = true;
+    }
     if (fork() == 0) {
       close(requests);
-      serve(ends[0].get(), ends[1].get());
+      serve(ends[0].get(), ends[1].get(), with_library);
     }
   }
 }
@@ -351,25 +375,26 @@ class ImageWorkers {
   }
 
   // Returns a worker that waits, if one may be `reused`, or a new one.
-  std::unique_ptr<ImageWorker> take(const std::string& name, bool reused) {
+  std::unique_ptr<ImageWorker> take(const std::string& name, char kind, bool reused) {
     const std::lock_guard lock(mutex_);
-    while (reused && !idle_.empty()) {
-      std::unique_ptr<ImageWorker> worker = std::move(idle_.back());
-      idle_.pop_back();
+    std::vector<std::unique_ptr<ImageWorker>>& idle = idle_[kind == kWorkerWithLibrary];
+    while (reused && !idle.empty()) {
+      std::unique_ptr<ImageWorker> worker = std::move(idle.back());
+      idle.pop_back();
       pollfd state{worker->socket.get(), POLLIN, 0};
       if (poll(&state, 1, 0) == 0) return worker;  // otherwise it has ended
     }
     try {
-      return started();
+      return started(kind);
     } catch (const Error& e) {
       throw Error(name + ": " + e.what());
     }
   }
 
-  void give_back(std::unique_ptr<ImageWorker> worker) {
+  void give_back(std::unique_ptr<ImageWorker> worker, char kind) {
     if (worker->memory.size() > kLargestKept) return;
     const std::lock_guard lock(mutex_);
-    idle_.push_back(std::move(worker));
+    idle_[kind == kWorkerWithLibrary].push_back(std::move(worker));
   }
 
  private:
@@ -384,7 +409,7 @@ class ImageWorkers {
   }
   static void in_child() {
     if (forks_) return;
-    instance().idle_.clear();
+    for (auto& idle : instance().idle_) idle.clear();
     instance().mutex_.unlock();
   }
 
@@ -410,7 +435,7 @@ class ImageWorkers {
     forker_ = std::move(ours);
   }
 
-  std::unique_ptr<ImageWorker> started() {
+  std::unique_ptr<ImageWorker> started(char kind) {
     int ends[2];
     if (socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, ends) != 0) fail("cannot create a socket");
     auto worker = std::make_unique<ImageWorker>();
@@ -421,16 +446,17 @@ class ImageWorkers {
     if (worker->shared.get() < 0 || fcntl(worker->shared.get(), F_ADD_SEALS, F_SEAL_SHRINK) != 0)
       fail("cannot create shared memory");
     const std::vector<int> both = {theirs.get(), worker->shared.get()};
-    if (forker_.get() >= 0 && send_packet(forker_.get(), "w", both)) return worker;
+    const std::string request(1, kind);
+    if (forker_.get() >= 0 && send_packet(forker_.get(), request, both)) return worker;
     forker_.reset();  // it was killed
     start_forker();
-    if (!send_packet(forker_.get(), "w", both)) fail("cannot start a process");
+    if (!send_packet(forker_.get(), request, both)) fail("cannot start a process");
     return worker;
   }
 
   static thread_local bool forks_;  // the mutex is held by this thread, which forks
   std::mutex mutex_;
-  std::vector<std::unique_ptr<ImageWorker>> idle_;
+  std::array<std::vector<std::unique_ptr<ImageWorker>>, 2> idle_;  // without OpenImageIO, and with it
   OpenDescriptor forker_;
 };
 
@@ -446,8 +472,9 @@ OpenDescriptor in_memory(const ImageSource& source) {
 }
 
 struct WorkerEnded {};
+struct LibraryNeeded {};
 
-// Returns the worker's next packet, of the wanted kind. Throws its Error, or WorkerEnded.
+// Returns the worker's next packet, of the wanted kind. Throws its Error, WorkerEnded or LibraryNeeded.
 std::string answer(ImageWorker& worker, char wanted, double most_s, const std::string& name) {
   const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(most_s);
   pollfd waiting{worker.socket.get(), POLLIN, 0};
@@ -461,6 +488,7 @@ std::string answer(ImageWorker& worker, char wanted, double most_s, const std::s
   if (kind == wanted) return packet;
   if (kind == kTimeout)
     throw Error(name + ": decoding it takes too long; the file is damaged: record or render it again");
+  if (kind == kNeedsLibrary) throw LibraryNeeded();
   if (kind != kError) throw WorkerEnded();
   std::string message = packet.substr(1);
   std::replace_if(
@@ -486,8 +514,8 @@ ImageHeader header_of(const std::string& packet, const std::string& name) {
 }
 
 cv::Mat decoded_by_worker(const ImageSource& source, int descriptor, const ImageRequest& request,
-                          const AllocateImage& allocate, bool reused) {
-  std::unique_ptr<ImageWorker> worker = ImageWorkers::instance().take(source.name, reused);
+                          const AllocateImage& allocate, char kind, bool reused) {
+  std::unique_ptr<ImageWorker> worker = ImageWorkers::instance().take(source.name, kind, reused);
   std::string packet(1, kDecode);
   append_bytes(packet, source.size);
   append_bytes(packet, request.as_float);
@@ -513,7 +541,7 @@ cv::Mat decoded_by_worker(const ImageSource& source, int descriptor, const Image
   (void)answer(*worker, kDone, longest_s(source.size + bytes), source.name);
   std::memcpy(image.data, worker->memory.data(), bytes);
   // After an error it ends, because a damaged file may have left it in any state.
-  ImageWorkers::instance().give_back(std::move(worker));
+  ImageWorkers::instance().give_back(std::move(worker), kind);
   return image;
 }
 
@@ -537,11 +565,17 @@ cv::Mat decode_image_file(const ImageSource& source, const ImageRequest& request
   const OpenDescriptor copy = source.bytes ? in_memory(source) : OpenDescriptor();
   // The worker that waited may have been killed, and so may the process that forks new ones: a request it has not read
   // ends with it. Only the third attempt is certain to reach a process that was alive when it was asked.
+  char kind = needs_library(request) ? kWorkerWithLibrary : kWorker;
   for (int attempt = 0; attempt < 3; ++attempt) {
     try {
-      return decoded_by_worker(source, source.bytes ? copy.get() : source.descriptor, request, allocate, attempt == 0);
+      return decoded_by_worker(source, source.bytes ? copy.get() : source.descriptor, request, allocate, kind,
+                               attempt == 0);
     } catch (const WorkerEnded&) {
       continue;
+    } catch (const LibraryNeeded&) {
+      if (kind == kWorkerWithLibrary) break;  // it is a damaged worker that asks for what it has
+      kind = kWorkerWithLibrary;
+      attempt = -1;
     }
   }
   throw Error(source.name + ": the image decoder crashed; the file is damaged: record or render it again");

@@ -2,8 +2,9 @@
 // Decoding of image files in other processes, because broken files can make the libraries crash, hang, allocate without
 // bound, or worse.
 //
-// prepare_image_decoding() forks a small process, before this process has used the image libraries, and so before it has
-// threads or locks of theirs, which a fork would leave behind. That process forks a worker whenever all others are busy.
+// prepare_image_decoding() forks a small process, before this process has loaded OpenImageIO, and so before it has threads or
+// locks of it, which a fork would leave behind. That process forks a worker whenever all others are busy. It loads
+// OpenImageIO when a file first needs it; PNG and most EXR files are decoded by workers without it.
 // A worker decodes one file after the other. It gets an open descriptor, not a path, and writes pixels into shared memory
 // that this process has allocated after checking the header. It can neither open files nor use the network
 // (restrict_child()). If a file stops a worker, that file is an error and the next one gets another worker.
@@ -24,7 +25,7 @@ struct ImageSource {
   std::string name;  // in messages
 };
 
-// Call it before anything of OpenImageIO or OpenEXR is used; later calls do nothing. Processes that are forked afterwards
+// Call it before image_library(); later calls do nothing. Processes that are forked afterwards
 // share the process that it starts.
 void prepare_image_decoding();
 

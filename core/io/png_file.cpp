@@ -6,6 +6,7 @@
 #include <array>
 #include <csetjmp>
 #include <cstring>
+#include <utility>
 #include <vector>
 
 #include "core/types/error.h"
@@ -84,6 +85,62 @@ class PngDecoder {
   std::array<char, 128> message_{};
 };
 
+// Like the decoder's, functions that set a jump target have no objects with destructors.
+class PngEncoder {
+ public:
+  PngEncoder() {
+    png_ = png_create_write_struct(PNG_LIBPNG_VER_STRING, this, &on_error, &on_warning);
+    info_ = png_ ? png_create_info_struct(png_) : nullptr;
+  }
+  ~PngEncoder() { png_destroy_write_struct(&png_, &info_); }
+  PngEncoder(const PngEncoder&) = delete;
+  PngEncoder& operator=(const PngEncoder&) = delete;
+
+  bool encode(const cv::Mat& image, const PngEncoding& encoding, png_bytep* rows) {
+    if (!info_) return fail("memory does not suffice");
+    if (setjmp(png_jmpbuf(png_))) return false;
+    constexpr std::array kColours = {PNG_COLOR_TYPE_GRAY, PNG_COLOR_TYPE_GRAY_ALPHA, PNG_COLOR_TYPE_RGB,
+                                     PNG_COLOR_TYPE_RGB_ALPHA};
+    const bool deep = image.depth() == CV_16U;
+    png_set_write_fn(png_, this, &on_write, &on_flush);
+    png_set_compression_level(png_, encoding.level);
+    if (encoding.huffman_only) png_set_compression_strategy(png_, kHuffmanOnly);
+    png_set_filter(png_, PNG_FILTER_TYPE_BASE, encoding.filters);
+    png_set_IHDR(png_, info_, static_cast<png_uint_32>(image.cols), static_cast<png_uint_32>(image.rows), deep ? 16 : 8,
+                 kColours.at(static_cast<size_t>(image.channels()) - 1), PNG_INTERLACE_NONE,
+                 PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
+    png_write_info(png_, info_);
+    if (deep) png_set_swap(png_);  // the file is big-endian
+    png_write_image(png_, rows);
+    png_write_end(png_, nullptr);
+    return true;
+  }
+  std::string& bytes() { return bytes_; }
+  const char* message() const { return message_.data(); }
+
+ private:
+  static constexpr int kHuffmanOnly = 2;  // zlib's Z_HUFFMAN_ONLY
+
+  bool fail(const char* message) {
+    std::strncpy(message_.data(), message, message_.size() - 1);
+    return false;
+  }
+  [[noreturn]] static void on_error(png_structp png, png_const_charp message) {
+    static_cast<PngEncoder*>(png_get_error_ptr(png))->fail(message);
+    png_longjmp(png, 1);
+  }
+  static void on_warning(png_structp, png_const_charp) {}
+  static void on_write(png_structp png, png_bytep from, size_t size) {
+    static_cast<PngEncoder*>(png_get_io_ptr(png))->bytes_.append(reinterpret_cast<const char*>(from), size);
+  }
+  static void on_flush(png_structp) {}
+
+  std::string bytes_;
+  png_structp png_ = nullptr;
+  png_infop info_ = nullptr;
+  std::array<char, 128> message_{};
+};
+
 }  // namespace
 
 bool is_png(std::string_view bytes) {
@@ -108,6 +165,18 @@ cv::Mat decode_png(const std::string& bytes, const std::string& name, const Allo
   for (int row = 0; row < image.rows; ++row) rows.push_back(image.ptr(row));
   if (!decoder.read_rows(rows.data())) throw damaged(decoder.message());
   return image;
+}
+
+std::string encode_png(const cv::Mat& image, const PngEncoding& encoding) {
+  if ((image.depth() != CV_8U && image.depth() != CV_16U) || image.channels() > 4)
+    throw Error("PNG image: pixels have " + std::to_string(image.channels()) +
+                " channels of a type that PNG does not have; it has one to four of 8 or 16 bits");
+  std::vector<png_bytep> rows;
+  for (int row = 0; row < image.rows; ++row) rows.push_back(const_cast<png_bytep>(image.ptr(row)));
+  PngEncoder encoder;
+  if (!encoder.encode(image, encoding, rows.data()))
+    throw Error(std::string("PNG image: cannot be encoded: ") + encoder.message());
+  return std::move(encoder.bytes());
 }
 
 }  // namespace fringeslam

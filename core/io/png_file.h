@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Decoding of PNG files with libpng, which OpenImageIO would let print its own messages.
+// PNG files with libpng, which OpenImageIO would let print its own messages.
 #pragma once
 
 #include <opencv2/core.hpp>
@@ -16,5 +16,15 @@ bool is_png(std::string_view bytes);
 // fewer than 8 bits are expanded. `allocate` is called before memory of the image's size is allocated. Throws Error,
 // naming the file `name`, if the data are damaged.
 cv::Mat decode_png(const std::string& bytes, const std::string& name, const AllocateImage& allocate);
+
+struct PngEncoding {
+  int level = 1;              // of zlib: from 1 (fast) to 9 (small)
+  bool huffman_only = false;  // does not search for repetitions
+  int filters = 0xf8;         // of libpng: those among which each row's is chosen
+};
+
+// Encodes an image of unsigned 8 or 16 bits with one to four channels in the file's order (red, green, blue, alpha). Throws
+// Error if libpng refuses it.
+std::string encode_png(const cv::Mat& image, const PngEncoding& encoding);
 
 }  // namespace fringeslam

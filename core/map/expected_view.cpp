@@ -239,6 +239,7 @@ class Rendering {
       normals.push_back(neighbour_normal(frame.points_m, source.row, i));
       sigmas.push_back(kRoughSigmas * frame.sigma_m(source.row, i));
     }
+    if (cols.empty()) return;
     std::array<std::vector<float>, 6> some;
     for (std::vector<float>& values : some) values.resize(cols.size());
     splat(points.data(), normals.data(), sigmas.data(), static_cast<int>(cols.size()), projection,

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Decoding of the files in the samples of a dataset (python/fringeslam/datasets.py).
 #include "core/io/files.h"
-#include "core/io/image_threads.h"
+#include "core/io/image_library.h"
 #include "core/io/yaml.h"
 #include "core/rig/rig_file.h"
 #include "python/src/bindings.h"

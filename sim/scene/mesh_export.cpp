@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sim/scene/mesh_export.h"
 
-#include <OpenImageIO/imagebuf.h>
-#include <OpenImageIO/imagebufalgo.h>
 #include <assimp/material.h>
 #include <assimp/scene.h>
 
@@ -17,6 +15,7 @@
 
 #include "core/io/files.h"
 #include "core/io/input_file.h"
+#include "core/io/png_file.h"
 #include "core/types/error.h"
 #include "sim/light/photometry.h"
 
@@ -50,19 +49,26 @@ Finish finish_of(const Object& object, const RigModel& rig) {
 
 std::string bytes_of(const fs::path& file) { return read_input(file, kMostImageFileBytes); }
 
+float srgb_from_linear(double value) {
+  return static_cast<float>(value <= 0.0031308 ? 12.92 * value : 1.055 * std::pow(value, 1 / 2.4) - 0.055);
+}
+
 // Returns the texture as a PNG or JPEG file, converting it in `folder` if necessary.
 fs::path common_picture(const fs::path& texture, const fs::path& folder, size_t number) {
   const std::string extension = lower_extension(texture);
   if (extension == ".png" || extension == ".jpg" || extension == ".jpeg") return texture;
   const fs::path file = folder / (".converted_" + std::to_string(number) + ".png");
   cv::Mat pixels = read_pixels(texture);
-  const bool linear = pixels.depth() == CV_32F;
-  const OIIO::TypeDesc format = linear                    ? OIIO::TypeDesc::FLOAT
-                                : pixels.depth() == CV_8U ? OIIO::TypeDesc::UINT8
-                                                          : OIIO::TypeDesc::UINT16;
-  OIIO::ImageBuf image(OIIO::ImageSpec(pixels.cols, pixels.rows, pixels.channels(), format), pixels.data);
-  if (linear) image = OIIO::ImageBufAlgo::colorconvert(image, "linear", "sRGB");
-  if (!image.write(file.string(), OIIO::TypeDesc::UINT8)) throw Error(file.string() + ": cannot be written");
+  if (pixels.depth() == CV_32F) {
+    const bool alpha = pixels.channels() % 2 == 0;  // grey and alpha, or colors and alpha
+    const cv::Mat1f values = pixels.reshape(1, static_cast<int>(pixels.total()));  // a row per pixel
+    cv::Mat1f colours = values.colRange(0, values.cols - (alpha ? 1 : 0));
+    for (float& value : colours) value = srgb_from_linear(value);
+    pixels.convertTo(pixels, CV_8U, 255);
+  } else if (pixels.depth() == CV_16U) {
+    pixels.convertTo(pixels, CV_8U, 1 / 257.0);
+  }
+  write_text(file, encode_png(pixels, {}));
   return file;
 }
 
@@ -76,10 +82,6 @@ std::unique_ptr<aiTexture> embedded(const fs::path& file) {
   std::snprintf(texture->achFormatHint, sizeof texture->achFormatHint, "%s",
                 lower_extension(file) == ".png" ? "png" : "jpg");
   return texture;
-}
-
-float srgb_from_linear(double value) {
-  return static_cast<float>(value <= 0.0031308 ? 12.92 * value : 1.055 * std::pow(value, 1 / 2.4) - 0.055);
 }
 
 aiVector3D vector(const Eigen::Vector3d& v) {

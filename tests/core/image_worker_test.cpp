@@ -20,6 +20,7 @@
 
 #include "core/base/limited_child.h"
 #include "core/io/files.h"
+#include "core/io/jpeg_file.h"
 #include "tests/support/temp_folder.h"
 
 namespace fringeslam {

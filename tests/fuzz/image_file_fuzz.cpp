@@ -5,7 +5,7 @@
 #include <opencv2/core.hpp>
 
 #include "core/io/files.h"
-#include "core/io/image_threads.h"
+#include "core/io/image_library.h"
 #include "core/io/image_worker.h"
 #include "core/score/truth_files.h"
 #include "tests/fuzz/fuzzing.h"
@@ -77,8 +77,7 @@ void write_seeds(const fs::path& seeds) {
   const std::vector<ExrChannel> truth = {{"depth_m", ramp},  {"normal.x", ramp},  {"normal.y", ramp},
                                          {"normal.z", ramp}, {"object_id", ramp}, {"projector_column", ramp},
                                          {"mask", ramp},     {"sigma_m", ramp}};
-  for (const auto& [name, compression] :
-       {std::pair{"zip", ExrCompression::zip}, {"rle", ExrCompression::run_lengths}, {"none", ExrCompression::none}}) {
+  for (const auto& [name, compression] : {std::pair{"zip", ExrCompression::zip}, {"none", ExrCompression::none}}) {
     write(seeds / (std::string("truth_") + name), "t" + exr_bytes(truth, compression));
     write(seeds / (std::string("depth_") + name), "d" + exr_bytes(truth, compression));
     write(seeds / (std::string("one_") + name), "e" + exr_bytes({{"Y", ramp}}, compression));

@@ -67,7 +67,7 @@ const std::vector<Library>& libraries() {
       {"btBullet", {"sim"}, false},
       {"ceres/", {"core/motion", "core/map", "core/registration", "core/calibrate"}, false},
       {"pcl/", {"core/registration", "bench"}, false},
-      {"OpenImageIO/", {}, false},
+      {"OpenImageIO/", {"core/io"}, false},
       {"openvdb/", {"core/map"}, false},
       {"yaml-cpp/", {}, false},
       {"arv.h", {"hw"}, false},

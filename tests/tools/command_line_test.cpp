@@ -36,6 +36,17 @@ void expect_same_folders(const test::fs::path& a, const test::fs::path& b) {
   EXPECT_EQ(differing_files(a, b), "");
 }
 
+// OpenImageIO's libraries would take most of the time of a start.
+TEST(Start, DoesNotLoadImageLibrariesThatFewImagesNeed) {
+  const test::TempFolder temp;
+  const std::string list = (temp / "libraries").string();
+  ASSERT_EQ(std::system(("LD_TRACE_LOADED_OBJECTS=1 " + test::quoted(FRINGESLAM_PROGRAM) + " > " + list).c_str()), 0);
+  const std::string libraries = test::read_bytes(list);
+  EXPECT_THAT(libraries, HasSubstr("libembree3"));
+  EXPECT_THAT(libraries, testing::Not(HasSubstr("libOpenImageIO")));
+  EXPECT_THAT(libraries, testing::Not(HasSubstr("libav")));
+}
+
 class CommandLine : public testing::Test {
  protected:
   void SetUp() override { test::write_small_scene(scene_); }
@@ -105,7 +116,8 @@ TEST_F(CommandLine, AnInterruptedRunKeepsItsViews) {
   const int status = std::system(command.c_str());
   ASSERT_EQ(WEXITSTATUS(status), 130) << test::read_bytes(temp_ / "err");
   for (const auto& entry : test::fs::directory_iterator(temp_.path()))
-    EXPECT_THAT(entry.path().filename().string(), testing::Not(testing::AnyOf(HasSubstr("partial"), HasSubstr("mapping"))));
+    EXPECT_THAT(entry.path().filename().string(),
+                testing::Not(testing::AnyOf(HasSubstr("partial"), HasSubstr("mapping"))));
   const json frames = json::parse(test::read_bytes(temp_ / "run/frames.json"));
   EXPECT_GE(frames.size(), 2u);
   EXPECT_EQ(json::parse(run_successfully({"map", "info", out, "--verify", "--json"}).out).at("verified"), true);
@@ -122,12 +134,11 @@ TEST_F(CommandLine, TheMapOfAKilledRunIsRecovered) {
   const std::string scene = std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop", out = at("run");
   for (const std::string view : {"000000", "000002"}) {
     const std::string folder = test::quoted(temp_.path().string());
-    const std::string command = test::quoted(FRINGESLAM_PROGRAM) + " run " + test::quoted(scene) + " --out " +
-                                test::quoted(out) +
-                                " --set render.samples_per_pixel=1 --set mapping.every_view=true --save-map > " +
-                                test::quoted(at("out")) + " 2>&1 & pid=$!; until ls " + folder + "/run.mapping-*/index " +
-                                folder + "/run.partial-*/run/frames/" + view +
-                                "/depth.exr > /dev/null 2>&1; do sleep 0.02; done; kill -KILL $pid; wait $pid; exit $?";
+    const std::string command =
+        test::quoted(FRINGESLAM_PROGRAM) + " run " + test::quoted(scene) + " --out " + test::quoted(out) +
+        " --set render.samples_per_pixel=1 --set mapping.every_view=true --save-map > " + test::quoted(at("out")) +
+        " 2>&1 & pid=$!; until ls " + folder + "/run.mapping-*/index " + folder + "/run.partial-*/run/frames/" + view +
+        "/depth.exr > /dev/null 2>&1; do sleep 0.02; done; kill -KILL $pid; wait $pid; exit $?";
     ASSERT_EQ(WEXITSTATUS(std::system(command.c_str())), 128 + SIGKILL) << test::read_bytes(temp_ / "out");
     EXPECT_FALSE(test::fs::exists(out));
     for (const std::vector<std::string>& words : std::vector<std::vector<std::string>>{
@@ -145,8 +156,8 @@ TEST_F(CommandLine, TheMapOfAKilledRunIsRecovered) {
     EXPECT_EQ(run_program({"map", "recover", out}).exit_code, 2) << "it was restored before";
     for (const auto& entry : test::fs::directory_iterator(temp_.path()))
       EXPECT_THAT(entry.path().filename().string(), testing::Not(HasSubstr(".mapping-")));
-    run_successfully({"run", scene, "--out", at("next"), "--map", at("run.recovered/saved.map"), "--views", "1", "--set",
-                      "render.samples_per_pixel=1", "--no-report", "--quiet"});
+    run_successfully({"run", scene, "--out", at("next"), "--map", at("run.recovered/saved.map"), "--views", "1",
+                      "--set", "render.samples_per_pixel=1", "--no-report", "--quiet"});
     EXPECT_EQ(json::parse(test::read_bytes(temp_ / "next/frames.json"))[0].at("tracking"), "refined");
     test::fs::remove_all(at("run.recovered"));
   }

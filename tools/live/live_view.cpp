@@ -2,6 +2,7 @@
 #include "tools/live/live_view.h"
 
 #include "core/io/files.h"
+#include "core/io/jpeg_file.h"
 
 namespace fringeslam::tools {
 

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/report/animation.h"
 
-#include <OpenImageIO/imageio.h>
-
 #include <algorithm>
 #include <opencv2/imgproc.hpp>
 
+#include "core/io/image_library.h"
+#include "core/io/image_worker.h"
 #include "core/map/map_cloud.h"
 #include "core/types/error.h"
 #include "tools/report/pictures.h"
@@ -21,23 +21,6 @@ cv::Mat3b small(const cv::Mat3b& picture) {
   cv::Mat3b result;
   cv::resize(picture, result, kSmall, 0, 0, cv::INTER_AREA);
   return result;
-}
-
-void write_gif(const std::filesystem::path& file, const std::vector<cv::Mat3b>& frames) {
-  const auto fail = [&](const std::string& why) { throw Error(file.string() + ": cannot be written: " + why); };
-  const auto output = OIIO::ImageOutput::create("gif");
-  if (!output) fail(OIIO::geterror());
-  OIIO::ImageSpec spec(frames.front().cols, frames.front().rows, 3, OIIO::TypeDesc::UINT8);
-  spec.attribute("FramesPerSecond", OIIO::TypeDesc::TypeRational, std::array<int, 2>{kFramesPerSecond, 1}.data());
-  auto mode = OIIO::ImageOutput::Create;
-  for (const cv::Mat3b& frame : frames) {
-    cv::Mat rgb;
-    cv::cvtColor(frame, rgb, cv::COLOR_BGR2RGB);
-    if (!output->open(file.string(), spec, mode) || !output->write_image(OIIO::TypeDesc::UINT8, rgb.data))
-      fail(output->geterror());
-    mode = OIIO::ImageOutput::AppendSubimage;
-  }
-  output->close();
 }
 
 }  // namespace
@@ -76,7 +59,8 @@ void Animation::write(const std::filesystem::path& file, const Mapper& mapper, c
     frames.push_back(picture);
   }
   for (int i = 1; i < kLastFrame; ++i) frames.push_back(frames.back());
-  write_gif(file, frames);
+  prepare_image_decoding();
+  image_library().write_gif(file, frames, kFramesPerSecond);
 }
 
 }  // namespace fringeslam::tools

@@ -8,6 +8,7 @@
 
 #include "core/base/parallel.h"
 #include "core/io/files.h"
+#include "core/io/jpeg_file.h"
 #include "tools/report/packing.h"
 
 namespace fringeslam::tools {
