@@ -9,6 +9,7 @@
 #include <optional>
 
 #include "core/base/constants.h"
+#include "core/base/parallel.h"
 #include "core/patterns/waveform.h"
 #include "core/types/error.h"
 #include "core/types/linear_algebra.h"
@@ -385,17 +386,30 @@ PeriodPhases phases_of(const std::vector<cv::Mat>& images, const FringeGroup& gr
   const cv::Size size = result.images.front().size();
   result.phase_rad = cv::Mat1d(size, std::numeric_limits<double>::quiet_NaN());
   result.modulation_dn = cv::Mat1d(size, 0.0);
-  const std::vector<size_t> all = all_of(result.images.size());
-  for (int row = 0; row < size.height; ++row) {
-    for (int col = 0; col < size.width; ++col) {
-      double largest = 0;
-      for (const cv::Mat1f& image : result.images) largest = std::max(largest, static_cast<double>(image(row, col)));
-      const Harmonic h = first_harmonic(result.images, group.shifts_rad, all, row, col);
-      if (largest > options.saturation * sensor.max_dn() || 2 * h.modulation < options.min_contrast_dn) continue;
-      result.phase_rad(row, col) = h.phase;
-      result.modulation_dn(row, col) = h.modulation;
+  const double highest = options.saturation * sensor.max_dn(), count = static_cast<double>(result.images.size());
+  const auto width = static_cast<size_t>(size.width);
+  for_each_range(size.height, [&](int first, int end) {
+    std::vector<double> cosine(width), sine(width), largest(width);
+    for (int row = first; row < end; ++row) {
+      for (std::vector<double>* values : {&cosine, &sine, &largest}) std::fill(values->begin(), values->end(), 0.0);
+      for (size_t k = 0; k < result.images.size(); ++k) {
+        const float* grey = result.images[k][row];
+        const double c = std::cos(group.shifts_rad[k]), s = std::sin(group.shifts_rad[k]);
+        for (size_t col = 0; col < width; ++col) {
+          const double value = grey[col];
+          cosine[col] += value * c;
+          sine[col] -= value * s;
+          largest[col] = std::max(largest[col], value);
+        }
+      }
+      for (size_t col = 0; col < width; ++col) {
+        const double modulation = 2 * std::sqrt(sine[col] * sine[col] + cosine[col] * cosine[col]) / count;
+        if (largest[col] > highest || 2 * modulation < options.min_contrast_dn) continue;
+        result.phase_rad(row, static_cast<int>(col)) = std::atan2(sine[col], cosine[col]);
+        result.modulation_dn(row, static_cast<int>(col)) = modulation;
+      }
     }
-  }
+  });
   return result;
 }
 

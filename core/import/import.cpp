@@ -3,6 +3,7 @@
 
 #include <cmath>
 
+#include "core/base/parallel.h"
 #include "core/io/yaml.h"
 #include "core/rig/rig_file.h"
 
@@ -129,7 +130,10 @@ std::optional<FringeStack> ImportedRig::capture(const PatternSequence& sequence)
     stack.exposure_time_s = plan_.image_times_s[next_];
     stack.timestamp_s = reference_time_s(stack.patterns, stack.exposure_time_s);
   }
-  for (const fs::path& file : plan_.stacks[next_]) stack.images.push_back(read(file));
+  const std::vector<fs::path>& files = plan_.stacks[next_];
+  stack.images.resize(files.size());
+  for_each_with_failures(static_cast<int>(files.size()),
+                         [&](int i) { stack.images[static_cast<size_t>(i)] = read(files[static_cast<size_t>(i)]); });
   for (const Pattern& pattern : sequence.patterns) stack.exposure_s.push_back(pattern.exposure * plan_.exposure_s);
   ++next_;
   return stack;
