@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <cstring>
 #include <memory>
+#include <new>
 #include <utility>
 
 #include "core/types/error.h"
@@ -20,7 +21,11 @@ namespace {
 int64_t write_exr_at(exr_const_context_t, void* target, const void* source, uint64_t size, uint64_t offset,
                      exr_stream_error_func_ptr_t) {
   std::string& bytes = *static_cast<std::string*>(target);
-  if (bytes.size() < offset + size) bytes.resize(offset + size);
+  try {
+    if (bytes.size() < offset + size) bytes.resize(offset + size);
+  } catch (const std::bad_alloc&) {
+    return -1;  // the library is written in C
+  }
   std::memcpy(bytes.data() + offset, source, size);
   return static_cast<int64_t>(size);
 }
@@ -64,10 +69,7 @@ class ExrEncoder {
  public:
   ExrEncoder() = default;
   ~ExrEncoder() {
-    if (started_) {
-      if (own_buffer_) pipeline_.compressed_buffer = nullptr;  // it is not the library's
-      exr_encoding_destroy(context_, &pipeline_);
-    }
+    end_rows();
     if (context_) exr_finish(&context_);
   }
   ExrEncoder(const ExrEncoder&) = delete;
@@ -78,8 +80,8 @@ class ExrEncoder {
     const cv::Size size = channels[0].image.size();
     write_header(channels, size, compression);
     for (int row = 0; row < size.height; ++row) write_row(channels, row, compression);
+    end_rows();
     check(exr_finish(&context_));
-    context_ = nullptr;
     return std::move(bytes_);
   }
 
@@ -136,6 +138,13 @@ class ExrEncoder {
       if (own_buffer_) pipeline_.compress_fn = deflate_chunk;
     }
     check(exr_encoding_run(context_, 0, &pipeline_));
+  }
+
+  // Must precede exr_finish(): without a context, the library does not free its buffers.
+  void end_rows() {
+    if (!std::exchange(started_, false)) return;
+    if (own_buffer_) pipeline_.compressed_buffer = nullptr;  // it is not the library's
+    exr_encoding_destroy(context_, &pipeline_);
   }
 
   std::string bytes_;

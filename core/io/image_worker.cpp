@@ -305,10 +305,12 @@ std::string load_library() {
   std::string failure;
   try {
     (void)image_library();
+    // Libraries that it depends on start threads, which wait for work that they never get.
+    const std::ptrdiff_t waiting = threads_of_this_process();
     use_library_once();
     // It creates a thread before it learns that it should not. Until that thread has ended, it may hold a lock, which would
     // stay locked in a forked worker.
-    while (threads_of_this_process() > 1) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    while (threads_of_this_process() > waiting) std::this_thread::sleep_for(std::chrono::milliseconds(1));
   } catch (const std::exception& e) {
     failure = e.what();
   }
@@ -342,6 +344,8 @@ constexpr char kWorker = 'w', kWorkerWithLibrary = 'l';
     const bool with_library = packet[0] == kWorkerWithLibrary;
     if (with_library && !library_loaded) {
       if (const std::string failure = load_library(); !failure.empty()) {
+        // Closing a socket with a request that was not read would discard the answer.
+        (void)receive_packet(ends[0].get());
         (void)send_packet(ends[0].get(), kError + (": cannot be read: " + failure));
         continue;
       }
@@ -419,6 +423,7 @@ class ImageWorkers {
   }
 
   void start_forker() {
+    locate_image_library();  // it changes its working folder
     int ends[2];
     if (socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, ends) != 0) fail("cannot create a socket");
     OpenDescriptor ours(ends[0]), theirs(ends[1]);
@@ -526,7 +531,14 @@ cv::Mat decoded_by_worker(const ImageSource& source, int descriptor, const Image
     constexpr double kMargin = 1.5;
     return kMargin * kWaitFactor * (kTime_s + kTimePerByte_s * static_cast<double>(bytes));
   };
-  const ImageHeader header = header_of(answer(*worker, kImageHeader, longest_s(source.size), source.name), source.name);
+  std::string first;
+  try {
+    first = answer(*worker, kImageHeader, longest_s(source.size), source.name);
+  } catch (const LibraryNeeded&) {
+    ImageWorkers::instance().give_back(std::move(worker), kind);
+    throw;
+  }
+  const ImageHeader header = header_of(first, source.name);
   cv::Mat image = allocate(header);
   const size_t bytes = image.total() * image.elemSize();
   if (!suffices(worker->memory, header)) {

@@ -4,8 +4,10 @@
 #include <array>
 #include <csetjmp>
 #include <cstdio>
-#include <cstdlib>
-// clang-format off: after <cstdio>, which it needs and does not include
+#include <new>
+#include <utility>
+// clang-format off: after <cstdio>, which they need and do not include
+#include <jerror.h>
 #include <jpeglib.h>
 // clang-format on
 
@@ -28,26 +30,53 @@ struct JpegErrors {
   std::longjmp(errors->jump, 1);
 }
 
-struct JpegBuffer {
-  unsigned char* bytes = nullptr;
-  unsigned long size = 0;
-  JpegBuffer() = default;
-  JpegBuffer(const JpegBuffer&) = delete;
-  JpegBuffer& operator=(const JpegBuffer&) = delete;
-  ~JpegBuffer() { std::free(bytes); }
+// Receives the encoded bytes.
+struct JpegTarget {
+  jpeg_destination_mgr manager;  // first, like that of JpegErrors
+  std::array<JOCTET, 1 << 14> part;
+  std::string bytes;
+
+  void reset_part() { manager.next_output_byte = part.data(), manager.free_in_buffer = part.size(); }
+  bool append(size_t count) {
+    try {
+      bytes.append(reinterpret_cast<const char*>(part.data()), count);
+    } catch (const std::bad_alloc&) {
+      return false;  // libjpeg is written in C
+    }
+    return true;
+  }
 };
 
+void append_or_fail(j_compress_ptr jpeg, size_t count) {
+  if (!reinterpret_cast<JpegTarget*>(jpeg->dest)->append(count)) ERREXIT1(jpeg, JERR_OUT_OF_MEMORY, 0);
+}
+
+void start_target(j_compress_ptr jpeg) { reinterpret_cast<JpegTarget*>(jpeg->dest)->reset_part(); }
+boolean next_part(j_compress_ptr jpeg) {
+  auto* target = reinterpret_cast<JpegTarget*>(jpeg->dest);
+  append_or_fail(jpeg, target->part.size());
+  target->reset_part();
+  return TRUE;
+}
+void end_target(j_compress_ptr jpeg) {
+  auto* target = reinterpret_cast<JpegTarget*>(jpeg->dest);
+  append_or_fail(jpeg, target->part.size() - target->manager.free_in_buffer);
+}
+
 // Has no objects with destructors, because libjpeg leaves it by longjmp.
-bool encode(const cv::Mat1b& image, int quality, JpegBuffer& buffer, JpegErrors& errors) {
-  jpeg_compress_struct jpeg;
+bool encode(const cv::Mat1b& image, int quality, JpegTarget& target, JpegErrors& errors) {
+  jpeg_compress_struct jpeg{};
   jpeg.err = jpeg_std_error(&errors.manager);
   errors.manager.error_exit = on_jpeg_error;
-  jpeg_create_compress(&jpeg);
   if (setjmp(errors.jump)) {
     jpeg_destroy_compress(&jpeg);
     return false;
   }
-  jpeg_mem_dest(&jpeg, &buffer.bytes, &buffer.size);
+  jpeg_create_compress(&jpeg);
+  target.manager.init_destination = start_target;
+  target.manager.empty_output_buffer = next_part;
+  target.manager.term_destination = end_target;
+  jpeg.dest = &target.manager;
   jpeg.image_width = static_cast<JDIMENSION>(image.cols);
   jpeg.image_height = static_cast<JDIMENSION>(image.rows);
   jpeg.input_components = 1;
@@ -67,11 +96,11 @@ bool encode(const cv::Mat1b& image, int quality, JpegBuffer& buffer, JpegErrors&
 }  // namespace
 
 std::string jpeg_bytes(const cv::Mat1b& image, int quality) {
-  JpegBuffer buffer;
+  JpegTarget target;
   JpegErrors errors;
-  if (!encode(image, quality, buffer, errors))
+  if (!encode(image, quality, target, errors))
     throw Error(std::string("JPEG image: cannot be encoded: ") + errors.message.data());
-  return {reinterpret_cast<const char*>(buffer.bytes), buffer.size};
+  return std::move(target.bytes);
 }
 
 }  // namespace fringeslam

@@ -6,6 +6,7 @@
 #include <array>
 #include <csetjmp>
 #include <cstring>
+#include <new>
 #include <utility>
 #include <vector>
 
@@ -131,7 +132,15 @@ class PngEncoder {
   }
   static void on_warning(png_structp, png_const_charp) {}
   static void on_write(png_structp png, png_bytep from, size_t size) {
-    static_cast<PngEncoder*>(png_get_io_ptr(png))->bytes_.append(reinterpret_cast<const char*>(from), size);
+    if (!static_cast<PngEncoder*>(png_get_io_ptr(png))->append(from, size)) png_error(png, "memory does not suffice");
+  }
+  bool append(png_bytep from, size_t size) {
+    try {
+      bytes_.append(reinterpret_cast<const char*>(from), size);
+    } catch (const std::bad_alloc&) {
+      return false;  // libpng is written in C
+    }
+    return true;
   }
   static void on_flush(png_structp) {}
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Binary images with 64 pixels per word, for morphology (docs/method.md, section 5.1). A word holds pixels of one row,
-// the least significant bit being the leftmost. Pixels beyond the border are 0. A zero word separates rows and precedes the
-// first, and a zero row lies above and below the image, so that the neighbours of every word can be read and several rows
-// can be processed as one run of words.
+// the least significant bit being the leftmost. Pixels beyond the border are 0. A zero word separates rows, precedes the
+// first and follows the last, and a zero row lies above and below the image, so that the neighbours of every word can be
+// read and several rows can be processed as one run of words.
 #pragma once
 
 #include <bit>
@@ -18,7 +18,7 @@ class BitImage {
       : width_(width),
         height_(height),
         words_((width + 63) / 64),
-        bits_(1 + static_cast<size_t>(words_ + 1) * static_cast<size_t>(height + 2)) {}
+        bits_(2 + static_cast<size_t>(words_ + 1) * static_cast<size_t>(height + 2)) {}
 
   // Sets every pixel whose mask value contains any of `bits`.
   static BitImage from(const cv::Mat1b& mask, uchar bits = 255);

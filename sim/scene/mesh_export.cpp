@@ -59,6 +59,9 @@ fs::path common_picture(const fs::path& texture, const fs::path& folder, size_t 
   if (extension == ".png" || extension == ".jpg" || extension == ".jpeg") return texture;
   const fs::path file = folder / (".converted_" + std::to_string(number) + ".png");
   cv::Mat pixels = read_pixels(texture);
+  if (pixels.channels() > 4)
+    throw Error(texture.string() + ": has " + std::to_string(pixels.channels()) +
+                " channels; textures of at most four can be exported");
   if (pixels.depth() == CV_32F) {
     const bool alpha = pixels.channels() % 2 == 0;  // grey and alpha, or colors and alpha
     const cv::Mat1f values = pixels.reshape(1, static_cast<int>(pixels.total()));  // a row per pixel

@@ -4,6 +4,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "core/io/jpeg_file.h"
 #include "tests/tools/child.h"
 
 namespace fringeslam {
@@ -38,6 +39,7 @@ void expect_same_folders(const test::fs::path& a, const test::fs::path& b) {
 
 // OpenImageIO's libraries would take most of the time of a start.
 TEST(Start, DoesNotLoadImageLibrariesThatFewImagesNeed) {
+  if (!FRINGESLAM_SHARED) GTEST_SKIP() << "static libraries link them";
   const test::TempFolder temp;
   const std::string list = (temp / "libraries").string();
   ASSERT_EQ(std::system(("LD_TRACE_LOADED_OBJECTS=1 " + test::quoted(FRINGESLAM_PROGRAM) + " > " + list).c_str()), 0);
@@ -45,6 +47,27 @@ TEST(Start, DoesNotLoadImageLibrariesThatFewImagesNeed) {
   EXPECT_THAT(libraries, HasSubstr("libembree3"));
   EXPECT_THAT(libraries, testing::Not(HasSubstr("libOpenImageIO")));
   EXPECT_THAT(libraries, testing::Not(HasSubstr("libav")));
+}
+
+// As in a broken installation: the folder of the library that loads OpenImageIO lacks its module.
+TEST(Start, ReportsThatTheImageLibraryIsMissing) {
+  if (!FRINGESLAM_SHARED) GTEST_SKIP() << "static libraries link it";
+  const test::TempFolder temp;
+  test::fs::copy_file(FRINGESLAM_RIG_LIBRARY, temp / "libfringeslam_rig.so.0");
+  test::write_small_scene(temp / "scene");
+  std::string scene = test::read_bytes(temp / "scene/scene.yaml");
+  const std::string wood = "{grain: wood, albedo: 0.4, contrast: 0.35, grain_m: 0.012}";
+  scene.replace(scene.find(wood), wood.size(), "{texture: wood.jpg}");
+  test::write_bytes(temp / "scene/scene.yaml", scene);
+  test::write_bytes(temp / "scene/wood.jpg", jpeg_bytes(cv::Mat1b(8, 8, uchar{90}), 90));
+  const std::string command = "LD_PRELOAD=" + test::quoted((temp / "libfringeslam_rig.so.0").string()) + " " +
+                              test::quoted(FRINGESLAM_PROGRAM) + " render " + test::quoted((temp / "scene").string()) +
+                              " --out " + test::quoted((temp / "out").string()) + " > /dev/null 2> " +
+                              test::quoted((temp / "err").string());
+  EXPECT_EQ(WEXITSTATUS(std::system(command.c_str())), 2);
+  const std::string message = test::read_bytes(temp / "err");
+  EXPECT_THAT(message, HasSubstr("wood.jpg: cannot be read: OpenImageIO cannot be loaded: "));
+  EXPECT_EQ(std::count(message.begin(), message.end(), '\n'), 1) << message;
 }
 
 class CommandLine : public testing::Test {
