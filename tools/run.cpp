@@ -160,7 +160,7 @@ void report_unexpected(const std::vector<ImageOfRun>& images) {
 class SavedWhileMapping {
  public:
   SavedWhileMapping(const fs::path& target, const RigModel& rig)
-      : journal_(target, [](const std::string& message) { std::fprintf(stderr, "%s\n", message.c_str()); }) {
+      : journal_(target, [](const std::string& message) { std::fprintf(stderr, "warning: %s\n", message.c_str()); }) {
     StagedFile file(journal_.folder() / "rig.yaml");
     write_text(file.path(), to_yaml(rig));
     file.commit();

@@ -8,6 +8,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <map>
+#include <sstream>
 
 #include "bench/robust/child_runs.h"
 #include "core/io/files.h"
@@ -213,9 +214,19 @@ class Trials {
     if (!before.empty() && fs::exists(before)) fs::copy(before, out(), fs::copy_options::recursive);
   }
 
+  // Returns a program's messages without those that work goes on in spite of something.
+  static std::string without_warnings(const std::string& messages) {
+    std::istringstream lines(messages);
+    std::string others;
+    for (std::string line; std::getline(lines, line);) {
+      if (!line.starts_with("warning: ")) others += line + "\n";
+    }
+    return others;
+  }
+
   // Returns what was lost; empty if nothing was.
   std::string loss(const State& state, const Ended& ended) const {
-    const std::string message = ended.err.substr(0, ended.err.rfind("calls: "));
+    const std::string message = without_warnings(ended.err.substr(0, ended.err.rfind("calls: ")));
     if (ended.exit_code != 0 && ended.exit_code != 2 && ended.exit_code != 128 + SIGKILL)
       return "exit code " + std::to_string(ended.exit_code) + ": " + message;
     if (ended.exit_code == 2) {
