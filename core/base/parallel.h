@@ -4,10 +4,8 @@
 #pragma once
 
 #include <atomic>
-#include <exception>
 #include <opencv2/core.hpp>
 #include <opencv2/core/utility.hpp>
-#include <vector>
 
 #ifdef __SANITIZE_THREAD__
 #include <sanitizer/tsan_interface.h>
@@ -64,23 +62,6 @@ void for_each_row(int rows, const Body& body) {
   for_each_range(rows, [&](int first, int end) {
     for (int row = first; row < end; ++row) body(row);
   });
-}
-
-// Calls body(i) for each i in [0, count), for bodies that may throw: rethrows the exception of the lowest i, whichever thread
-// was faster.
-template <class Body>
-void for_each_with_failures(int count, const Body& body) {
-  std::vector<std::exception_ptr> failures(static_cast<size_t>(count));
-  for_each_row(count, [&](int i) {
-    try {
-      body(i);
-    } catch (...) {
-      failures[static_cast<size_t>(i)] = std::current_exception();
-    }
-  });
-  for (const std::exception_ptr& failure : failures) {
-    if (failure) std::rethrow_exception(failure);
-  }
 }
 
 }  // namespace fringeslam

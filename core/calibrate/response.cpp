@@ -118,43 +118,62 @@ void require_pixels(int usable, const ResponseOptions& options, int clipped, int
               (clipped > dark ? "reduce the exposure time" : "increase the exposure time or use a bright near board"));
 }
 
-// Phase, mean and modulation of equally spaced phase steps.
-struct Harmonic {
-  double phase = 0, mean = 0, modulation = 0;
-};
-Harmonic first_harmonic(const std::vector<cv::Mat1f>& images, const std::vector<double>& shifts_rad,
-                        const std::vector<size_t>& which, int row, int col) {
-  Harmonic h;
-  double c = 0, s = 0;
-  for (const size_t k : which) {
-    const double grey = images[k](row, col);
-    h.mean += grey / static_cast<double>(which.size());
-    c += grey * std::cos(shifts_rad[k]);
-    s -= grey * std::sin(shifts_rad[k]);
-  }
-  h.phase = std::atan2(s, c);
-  h.modulation = 2 * std::hypot(s, c) / static_cast<double>(which.size());
-  return h;
-}
-
 std::vector<size_t> all_of(size_t count) {
   std::vector<size_t> indices(count);
   for (size_t i = 0; i < count; ++i) indices[i] = i;
   return indices;
 }
 
+// Phase, mean and modulation of equally spaced phase steps.
+struct Harmonic {
+  double phase = 0, mean = 0, modulation = 0;
+};
+
+// Some of the images of a period, equally spaced.
+class PhaseSteps {
+ public:
+  PhaseSteps(const std::vector<cv::Mat1f>& images, const std::vector<double>& shifts_rad,
+             const std::vector<size_t>& which) {
+    for (const size_t k : which) steps_.push_back({images[k], std::cos(shifts_rad[k]), std::sin(shifts_rad[k])});
+  }
+
+  Harmonic harmonic(int row, int col) const {
+    Harmonic h;
+    double c = 0, s = 0;
+    for (const Step& step : steps_) {
+      const double grey = step.image(row, col);
+      h.mean += grey / static_cast<double>(steps_.size());
+      c += grey * step.cosine;
+      s -= grey * step.sine;
+    }
+    h.phase = std::atan2(s, c);
+    h.modulation = 2 * std::hypot(s, c) / static_cast<double>(steps_.size());
+    return h;
+  }
+  double largest(int row, int col) const {
+    double grey = 0;
+    for (const Step& step : steps_) grey = std::max(grey, static_cast<double>(step.image(row, col)));
+    return grey;
+  }
+
+ private:
+  struct Step {
+    cv::Mat1f image;
+    double cosine = 1, sine = 0;
+  };
+  std::vector<Step> steps_;
+};
+
 // Calls visit(row, col, harmonic) for every pixel with sufficient modulation and no saturation.
 template <class Visit>
 void for_fringe_pixels(const std::vector<cv::Mat1f>& images, const std::vector<double>& shifts_rad,
                        const SensorModel& sensor, const ResponseOptions& options, Visit&& visit) {
-  const std::vector<size_t> all = all_of(images.size());
+  const PhaseSteps steps(images, shifts_rad, all_of(images.size()));
   int usable = 0, clipped = 0, dark = 0;
   for (int row = 0; row < images[0].rows; ++row) {
     for (int col = 0; col < images[0].cols; ++col) {
-      double largest = 0;
-      for (const cv::Mat1f& image : images) largest = std::max(largest, static_cast<double>(image(row, col)));
-      const Harmonic h = first_harmonic(images, shifts_rad, all, row, col);
-      if (largest > options.saturation * sensor.max_dn()) {
+      const Harmonic h = steps.harmonic(row, col);
+      if (steps.largest(row, col) > options.saturation * sensor.max_dn()) {
         ++clipped;
       } else if (2 * h.modulation < options.min_contrast_dn) {
         ++dark;
@@ -274,15 +293,16 @@ PhaseCorrection phase_correction_from_fringes(const std::vector<cv::Mat1f>& imag
   std::sort(order.begin(), order.end(), [&](size_t a, size_t b) { return turns(a) < turns(b); });
   std::vector<std::vector<size_t>> subsets(all / few);
   for (size_t i = 0; i < all; ++i) subsets[i % subsets.size()].push_back(order[i]);
+  std::vector<PhaseSteps> steps_of;
+  for (const std::vector<size_t>& subset : subsets) steps_of.emplace_back(images, shifts_rad, subset);
 
   constexpr int kBins = 360;
   std::vector<double> sum(kBins, 0), counts(kBins, 0);
   for_fringe_pixels(images, shifts_rad, sensor, options, [&](int row, int col, const Harmonic& h) {
-    for (const std::vector<size_t>& subset : subsets) {
-      const double offset =
-          std::remainder(first_harmonic(images, shifts_rad, subset, row, col).phase - h.phase, kTwoPi);
+    for (size_t i = 0; i < subsets.size(); ++i) {
+      const double offset = std::remainder(steps_of[i].harmonic(row, col).phase - h.phase, kTwoPi);
       // The table's phase is that of steps centred on zero.
-      const double first = turns(subset.front()) * kTwoPi, centred = -std::numbers::pi * (steps - 1) / steps;
+      const double first = turns(subsets[i].front()) * kTwoPi, centred = -std::numbers::pi * (steps - 1) / steps;
       const double place = (h.phase + first - centred) / kTwoPi;
       const auto bin = static_cast<size_t>(std::floor((place - std::floor(place)) * kBins + 0.5)) % kBins;
       sum[bin] += offset;
@@ -386,28 +406,14 @@ PeriodPhases phases_of(const std::vector<cv::Mat>& images, const FringeGroup& gr
   const cv::Size size = result.images.front().size();
   result.phase_rad = cv::Mat1d(size, std::numeric_limits<double>::quiet_NaN());
   result.modulation_dn = cv::Mat1d(size, 0.0);
-  const double highest = options.saturation * sensor.max_dn(), count = static_cast<double>(result.images.size());
-  const auto width = static_cast<size_t>(size.width);
-  for_each_range(size.height, [&](int first, int end) {
-    std::vector<double> cosine(width), sine(width), largest(width);
-    for (int row = first; row < end; ++row) {
-      for (std::vector<double>* values : {&cosine, &sine, &largest}) std::fill(values->begin(), values->end(), 0.0);
-      for (size_t k = 0; k < result.images.size(); ++k) {
-        const float* grey = result.images[k][row];
-        const double c = std::cos(group.shifts_rad[k]), s = std::sin(group.shifts_rad[k]);
-        for (size_t col = 0; col < width; ++col) {
-          const double value = grey[col];
-          cosine[col] += value * c;
-          sine[col] -= value * s;
-          largest[col] = std::max(largest[col], value);
-        }
-      }
-      for (size_t col = 0; col < width; ++col) {
-        const double modulation = 2 * std::sqrt(sine[col] * sine[col] + cosine[col] * cosine[col]) / count;
-        if (largest[col] > highest || 2 * modulation < options.min_contrast_dn) continue;
-        result.phase_rad(row, static_cast<int>(col)) = std::atan2(sine[col], cosine[col]);
-        result.modulation_dn(row, static_cast<int>(col)) = modulation;
-      }
+  const PhaseSteps steps(result.images, group.shifts_rad, all_of(result.images.size()));
+  for_each_row(size.height, [&](int row) {
+    for (int col = 0; col < size.width; ++col) {
+      const Harmonic h = steps.harmonic(row, col);
+      if (steps.largest(row, col) > options.saturation * sensor.max_dn() || 2 * h.modulation < options.min_contrast_dn)
+        continue;
+      result.phase_rad(row, col) = h.phase;
+      result.modulation_dn(row, col) = h.modulation;
     }
   });
   return result;

@@ -3,7 +3,7 @@
 
 #include <cmath>
 
-#include "core/base/parallel.h"
+#include "core/base/in_order.h"
 #include "core/io/yaml.h"
 #include "core/rig/rig_file.h"
 
@@ -131,9 +131,9 @@ std::optional<FringeStack> ImportedRig::capture(const PatternSequence& sequence)
     stack.timestamp_s = reference_time_s(stack.patterns, stack.exposure_time_s);
   }
   const std::vector<fs::path>& files = plan_.stacks[next_];
-  stack.images.resize(files.size());
-  for_each_with_failures(static_cast<int>(files.size()),
-                         [&](int i) { stack.images[static_cast<size_t>(i)] = read(files[static_cast<size_t>(i)]); });
+  in_order(
+      files.size(), files.size(), [&](size_t i) { return read(files[i]); },
+      [&](cv::Mat image) { stack.images.push_back(std::move(image)); });
   for (const Pattern& pattern : sequence.patterns) stack.exposure_s.push_back(pattern.exposure * plan_.exposure_s);
   ++next_;
   return stack;

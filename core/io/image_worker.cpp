@@ -25,6 +25,7 @@
 #include <mutex>
 #include <new>
 #include <optional>
+#include <string_view>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -477,10 +478,9 @@ OpenDescriptor in_memory(const ImageSource& source) {
 }
 
 struct WorkerEnded {};
-struct LibraryNeeded {};
 
-// Returns the worker's next packet, of the wanted kind. Throws its Error, WorkerEnded or LibraryNeeded.
-std::string answer(ImageWorker& worker, char wanted, double most_s, const std::string& name) {
+// Returns the worker's next packet, of a wanted kind. Throws its Error, or WorkerEnded.
+std::string answer(ImageWorker& worker, std::string_view wanted, double most_s, const std::string& name) {
   const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(most_s);
   pollfd waiting{worker.socket.get(), POLLIN, 0};
   for (int ready = 0; ready <= 0;) {
@@ -490,10 +490,9 @@ std::string answer(ImageWorker& worker, char wanted, double most_s, const std::s
   }
   const std::string packet = receive_packet(worker.socket.get());
   const char kind = packet.empty() ? '\0' : packet[0];
-  if (kind == wanted) return packet;
+  if (wanted.find(kind) != std::string_view::npos) return packet;
   if (kind == kTimeout)
     throw Error(name + ": decoding it takes too long; the file is damaged: record or render it again");
-  if (kind == kNeedsLibrary) throw LibraryNeeded();
   if (kind != kError) throw WorkerEnded();
   std::string message = packet.substr(1);
   std::replace_if(
@@ -518,8 +517,9 @@ ImageHeader header_of(const std::string& packet, const std::string& name) {
   return header;
 }
 
-cv::Mat decoded_by_worker(const ImageSource& source, int descriptor, const ImageRequest& request,
-                          const AllocateImage& allocate, char kind, bool reused) {
+// Returns nothing if the worker lacks the library that the file needs.
+std::optional<cv::Mat> decoded_by_worker(const ImageSource& source, int descriptor, const ImageRequest& request,
+                                         const AllocateImage& allocate, char kind, bool reused) {
   std::unique_ptr<ImageWorker> worker = ImageWorkers::instance().take(source.name, kind, reused);
   std::string packet(1, kDecode);
   append_bytes(packet, source.size);
@@ -531,12 +531,11 @@ cv::Mat decoded_by_worker(const ImageSource& source, int descriptor, const Image
     constexpr double kMargin = 1.5;
     return kMargin * kWaitFactor * (kTime_s + kTimePerByte_s * static_cast<double>(bytes));
   };
-  std::string first;
-  try {
-    first = answer(*worker, kImageHeader, longest_s(source.size), source.name);
-  } catch (const LibraryNeeded&) {
+  const std::string first =
+      answer(*worker, std::string{kImageHeader, kNeedsLibrary}, longest_s(source.size), source.name);
+  if (first[0] == kNeedsLibrary) {
     ImageWorkers::instance().give_back(std::move(worker), kind);
-    throw;
+    return std::nullopt;
   }
   const ImageHeader header = header_of(first, source.name);
   cv::Mat image = allocate(header);
@@ -550,7 +549,7 @@ cv::Mat decoded_by_worker(const ImageSource& source, int descriptor, const Image
     append_bytes(packet, static_cast<uint64_t>(bytes));
     (void)send_packet(worker->socket.get(), packet);
   }
-  (void)answer(*worker, kDone, longest_s(source.size + bytes), source.name);
+  (void)answer(*worker, std::string{kDone}, longest_s(source.size + bytes), source.name);
   std::memcpy(image.data, worker->memory.data(), bytes);
   // After an error it ends, because a damaged file may have left it in any state.
   ImageWorkers::instance().give_back(std::move(worker), kind);
@@ -575,22 +574,25 @@ cv::Mat decode_image_file(const ImageSource& source, const ImageRequest& request
     return decode_here(source.bytes ? *source.bytes : read_whole(source.descriptor, source.size, source.name), request,
                        source.name, allocate);
   const OpenDescriptor copy = source.bytes ? in_memory(source) : OpenDescriptor();
+  const Error crashed(source.name + ": the image decoder crashed; the file is damaged: record or render it again");
   // The worker that waited may have been killed, and so may the process that forks new ones: a request it has not read
   // ends with it. Only the third attempt is certain to reach a process that was alive when it was asked.
-  char kind = needs_library(request) ? kWorkerWithLibrary : kWorker;
-  for (int attempt = 0; attempt < 3; ++attempt) {
-    try {
-      return decoded_by_worker(source, source.bytes ? copy.get() : source.descriptor, request, allocate, kind,
-                               attempt == 0);
-    } catch (const WorkerEnded&) {
-      continue;
-    } catch (const LibraryNeeded&) {
-      if (kind == kWorkerWithLibrary) break;  // it is a damaged worker that asks for what it has
-      kind = kWorkerWithLibrary;
-      attempt = -1;
+  const auto decoded = [&](char kind) -> std::optional<cv::Mat> {
+    for (int attempt = 0; attempt < 3; ++attempt) {
+      try {
+        return decoded_by_worker(source, source.bytes ? copy.get() : source.descriptor, request, allocate, kind,
+                                 attempt == 0);
+      } catch (const WorkerEnded&) {
+        continue;
+      }
     }
-  }
-  throw Error(source.name + ": the image decoder crashed; the file is damaged: record or render it again");
+    throw crashed;
+  };
+  std::optional<cv::Mat> image;
+  if (!needs_library(request)) image = decoded(kWorker);
+  if (!image) image = decoded(kWorkerWithLibrary);
+  if (!image) throw crashed;  // it asks for what it has
+  return *std::move(image);
 }
 
 }  // namespace fringeslam

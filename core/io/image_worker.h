@@ -25,8 +25,8 @@ struct ImageSource {
   std::string name;  // in messages
 };
 
-// Call it before image_library(); later calls do nothing. Processes that are forked afterwards
-// share the process that it starts.
+// Call it before image_library(); later calls do nothing. Processes that are forked afterwards share the process that it
+// starts.
 void prepare_image_decoding();
 
 // Decodes the first image of a file in a worker; otherwise as decode_here(). Also throws Error if the worker crashes, takes

@@ -21,10 +21,32 @@ constexpr png_uint_32 kMostPngSide = 16384;
 constexpr png_alloc_size_t kMostPngChunk = 16 << 20;  // bytes of a text or profile after inflation
 
 // libpng reports errors by longjmp. The functions that set a jump target therefore have no objects with destructors.
-class PngDecoder {
+class PngErrors {
+ public:
+  const char* message() const { return message_.data(); }
+
+ protected:
+  PngErrors() = default;
+  ~PngErrors() = default;
+  png_voidp errors() { return this; }  // what libpng passes to on_error()
+  bool fail(const char* message) {
+    std::strncpy(message_.data(), message, message_.size() - 1);
+    return false;
+  }
+  [[noreturn]] static void on_error(png_structp png, png_const_charp message) {
+    static_cast<PngErrors*>(png_get_error_ptr(png))->fail(message);
+    png_longjmp(png, 1);
+  }
+  static void on_warning(png_structp, png_const_charp) {}
+
+ private:
+  std::array<char, 128> message_{};
+};
+
+class PngDecoder : public PngErrors {
  public:
   explicit PngDecoder(const std::string& bytes) : bytes_(bytes) {
-    png_ = png_create_read_struct(PNG_LIBPNG_VER_STRING, this, &on_error, &on_warning);
+    png_ = png_create_read_struct(PNG_LIBPNG_VER_STRING, errors(), &on_error, &on_warning);
     info_ = png_ ? png_create_info_struct(png_) : nullptr;
   }
   ~PngDecoder() { png_destroy_read_struct(&png_, &info_, nullptr); }
@@ -60,18 +82,8 @@ class PngDecoder {
   int type() const {
     return CV_MAKETYPE(png_get_bit_depth(png_, info_) == 16 ? CV_16U : CV_8U, png_get_channels(png_, info_));
   }
-  const char* message() const { return message_.data(); }
 
  private:
-  bool fail(const char* message) {
-    std::strncpy(message_.data(), message, message_.size() - 1);
-    return false;
-  }
-  [[noreturn]] static void on_error(png_structp png, png_const_charp message) {
-    static_cast<PngDecoder*>(png_get_error_ptr(png))->fail(message);
-    png_longjmp(png, 1);
-  }
-  static void on_warning(png_structp, png_const_charp) {}
   static void on_read(png_structp png, png_bytep to, size_t size) {
     auto* decoder = static_cast<PngDecoder*>(png_get_io_ptr(png));
     if (size > decoder->bytes_.size() - decoder->at_) png_error(png, "the file is truncated");
@@ -83,14 +95,12 @@ class PngDecoder {
   size_t at_ = 0;
   png_structp png_ = nullptr;
   png_infop info_ = nullptr;
-  std::array<char, 128> message_{};
 };
 
-// Like the decoder's, functions that set a jump target have no objects with destructors.
-class PngEncoder {
+class PngEncoder : public PngErrors {
  public:
   PngEncoder() {
-    png_ = png_create_write_struct(PNG_LIBPNG_VER_STRING, this, &on_error, &on_warning);
+    png_ = png_create_write_struct(PNG_LIBPNG_VER_STRING, errors(), &on_error, &on_warning);
     info_ = png_ ? png_create_info_struct(png_) : nullptr;
   }
   ~PngEncoder() { png_destroy_write_struct(&png_, &info_); }
@@ -117,20 +127,10 @@ class PngEncoder {
     return true;
   }
   std::string& bytes() { return bytes_; }
-  const char* message() const { return message_.data(); }
 
  private:
   static constexpr int kHuffmanOnly = 2;  // zlib's Z_HUFFMAN_ONLY
 
-  bool fail(const char* message) {
-    std::strncpy(message_.data(), message, message_.size() - 1);
-    return false;
-  }
-  [[noreturn]] static void on_error(png_structp png, png_const_charp message) {
-    static_cast<PngEncoder*>(png_get_error_ptr(png))->fail(message);
-    png_longjmp(png, 1);
-  }
-  static void on_warning(png_structp, png_const_charp) {}
   static void on_write(png_structp png, png_bytep from, size_t size) {
     if (!static_cast<PngEncoder*>(png_get_io_ptr(png))->append(from, size)) png_error(png, "memory does not suffice");
   }
@@ -147,7 +147,6 @@ class PngEncoder {
   std::string bytes_;
   png_structp png_ = nullptr;
   png_infop info_ = nullptr;
-  std::array<char, 128> message_{};
 };
 
 }  // namespace

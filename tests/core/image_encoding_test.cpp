@@ -2,7 +2,6 @@
 // Encoded images have the same pixels when our own decoders and those of OpenImageIO read them.
 #include <gmock/gmock.h>
 
-#include <cstring>
 #include <limits>
 
 #include "core/io/exr_encoder.h"
@@ -12,19 +11,17 @@
 #include "core/io/png_file.h"
 #include "core/types/error.h"
 #include "tests/support/random.h"
+#include "tests/support/same_pixels.h"
 #include "tests/support/temp_folder.h"
 
 namespace fringeslam {
 namespace {
 
 using test::message_of;
+using test::same_pixels;
 using testing::HasSubstr;
 
 cv::Mat allocated(const ImageHeader& header) { return {header.size, header.type}; }
-
-bool same(const cv::Mat& a, const cv::Mat& b) {
-  return a.size() == b.size() && a.type() == b.type() && std::memcmp(a.data, b.data, a.total() * a.elemSize()) == 0;
-}
 
 TEST(PngEncoding, IsReadByBothLibraries) {
   cv::RNG random(3);
@@ -35,7 +32,7 @@ TEST(PngEncoding, IsReadByBothLibraries) {
         random.fill(image, cv::RNG::UNIFORM, 0, depth == CV_8U ? 256 : 65536);
         image.rowRange(4, 9).setTo(cv::Scalar::all(7));
         const std::string bytes = encode_png(image, encoding);
-        EXPECT_TRUE(same(decode_here(bytes, {"png"}, "png", allocated), image)) << depth << " " << channels;
+        EXPECT_TRUE(same_pixels(decode_here(bytes, {"png"}, "png", allocated), image)) << depth << " " << channels;
         cv::Mat exact, read = image_library().decode(bytes, {"png", true}, "png", allocated);
         image.convertTo(exact, CV_32F, 1 / (depth == CV_8U ? 255.0 : 65535.0));
         EXPECT_LT(cv::norm(read, exact, cv::NORM_INF), 1e-6) << depth << " " << channels;
@@ -82,8 +79,8 @@ TEST(ExrEncoding, ImagesOfAllWidthsAreReadByBothLibraries) {
     }
     for (const ExrCompression compression : {ExrCompression::none, ExrCompression::zip}) {
       const std::string bytes = exr_bytes({{"Y", image}}, compression);
-      EXPECT_TRUE(same(image_library().decode(bytes, {"openexr"}, "exr", allocated), image)) << width;
-      EXPECT_TRUE(same(decode_here(bytes, {"openexr"}, "exr", allocated), image)) << width;
+      EXPECT_TRUE(same_pixels(image_library().decode(bytes, {"openexr"}, "exr", allocated), image)) << width;
+      EXPECT_TRUE(same_pixels(decode_here(bytes, {"openexr"}, "exr", allocated), image)) << width;
     }
   }
 }
@@ -109,7 +106,7 @@ TEST(ExrEncoding, KeepsLongNamesAndPartsOfLargerImages) {
   ASSERT_THAT(header.channels, testing::ElementsAre("Z", name));
   cv::Mat second;
   cv::extractChannel(read, second, 1);
-  EXPECT_TRUE(same(second, part.clone()));
+  EXPECT_TRUE(same_pixels(second, part.clone()));
 }
 
 TEST(ExrEncoding, RefusesWhatIsNoImage) {

@@ -21,12 +21,14 @@
 #include "core/base/limited_child.h"
 #include "core/io/files.h"
 #include "core/io/jpeg_file.h"
+#include "tests/support/same_pixels.h"
 #include "tests/support/temp_folder.h"
 
 namespace fringeslam {
 namespace {
 
 using test::message_of;
+using test::same_pixels;
 using testing::HasSubstr;
 using testing::StartsWith;
 
@@ -35,10 +37,6 @@ cv::Mat noise(cv::Size size, int type, int seed) {
   cv::RNG random(static_cast<uint64_t>(seed));
   random.fill(image, cv::RNG::UNIFORM, 0, CV_MAT_DEPTH(type) == CV_16U ? 65536 : 256);
   return image;
-}
-
-bool same(const cv::Mat& a, const cv::Mat& b) {
-  return a.size() == b.size() && a.type() == b.type() && cv::norm(a, b, cv::NORM_INF) == 0;
 }
 
 TEST(ImageWorkers, ReturnWhatDecodingHereReturns) {
@@ -55,10 +53,10 @@ TEST(ImageWorkers, ReturnWhatDecodingHereReturns) {
     decode_in_this_process(true);
     const cv::Mat here = read_as_grey(temp / name, GreyFrom::red);
     decode_in_this_process(false);
-    EXPECT_TRUE(same(there, here)) << name;
+    EXPECT_TRUE(same_pixels(there, here)) << name;
   }
-  EXPECT_TRUE(same(read_grey(temp / "8.png"), noise({61, 40}, CV_8UC1, 1)));
-  EXPECT_TRUE(same(read_grey(temp / "16.png"), noise({33, 70}, CV_16UC1, 2)));
+  EXPECT_TRUE(same_pixels(read_grey(temp / "8.png"), noise({61, 40}, CV_8UC1, 1)));
+  EXPECT_TRUE(same_pixels(read_grey(temp / "16.png"), noise({33, 70}, CV_16UC1, 2)));
 }
 
 // Sizes grow and shrink, so that the shared memory of a worker is larger than its image.
@@ -70,7 +68,7 @@ TEST(ImageWorkers, ServeManyThreads) {
     threads.emplace_back([&, t] {
       for (int i = 0; i < kImages; ++i) {
         const cv::Mat image = noise({1 + 97 * ((i * 7 + t) % 5), 3 + i}, CV_8UC1, 100 * t + i);
-        wrong += !same(decode_image(png_bytes(image), "image").image, image);
+        wrong += !same_pixels(decode_image(png_bytes(image), "image").image, image);
       }
     });
   }
@@ -99,7 +97,7 @@ TEST(ImageWorkers, SurviveDamagedFiles) {
       }
     }
   }
-  EXPECT_TRUE(same(decode_image(png, "good").image, image));
+  EXPECT_TRUE(same_pixels(decode_image(png, "good").image, image));
   EXPECT_EQ(decode_image(exr, "good").channels, (std::vector<std::string>{"depth", "sigma"}));
 }
 
@@ -135,10 +133,10 @@ TEST(ImageWorkersDeathTest, AreReplacedWhenTheyDie) {
     prctl(PR_SET_CHILD_SUBREAPER, 1);
     const cv::Mat image = noise({1500, 1000}, CV_8UC1, 8);
     const std::string png = png_bytes(image);
-    if (!same(decode_image(png, "first").image, image)) return 1;
+    if (!same_pixels(decode_image(png, "first").image, image)) return 1;
     if (descendants().size() != 2) return 2;  // one that forks, one that decodes
     for (const pid_t pid : descendants()) kill(pid, SIGKILL);
-    if (!same(decode_image(png, "after all died").image, image)) return 3;
+    if (!same_pixels(decode_image(png, "after all died").image, image)) return 3;
     std::atomic<bool> done = false;
     std::thread killer([&] {
       while (!done) {
@@ -149,7 +147,7 @@ TEST(ImageWorkersDeathTest, AreReplacedWhenTheyDie) {
     int crashes = 0, wrong = 0;
     for (int trial = 0; trial < 2000 && crashes < 1; ++trial) {
       try {
-        wrong += !same(decode_image(png, "killed").image, image);
+        wrong += !same_pixels(decode_image(png, "killed").image, image);
       } catch (const Error& error) {
         wrong += std::string(error.what()).rfind("killed: ", 0) != 0;
         ++crashes;
@@ -159,7 +157,7 @@ TEST(ImageWorkersDeathTest, AreReplacedWhenTheyDie) {
     killer.join();
     if (crashes < 1) return 4;
     if (wrong > 0) return 5;
-    return same(decode_image(png, "last").image, image) ? 0 : 6;
+    return same_pixels(decode_image(png, "last").image, image) ? 0 : 6;
   };
   EXPECT_EXIT(std::exit(survives()), testing::ExitedWithCode(0), "");
 }
@@ -175,12 +173,12 @@ TEST(ImageWorkers, ServeForkedProcesses) {
     ASSERT_GE(pid, 0);
     if (pid == 0) {
       int wrong = 0;
-      for (int i = 0; i < 20; ++i) wrong += !same(decode_image(png, "child").image, image);
+      for (int i = 0; i < 20; ++i) wrong += !same_pixels(decode_image(png, "child").image, image);
       _exit(wrong);
     }
     children.push_back(pid);
   }
-  for (int i = 0; i < 20; ++i) EXPECT_TRUE(same(decode_image(png, "parent").image, image));
+  for (int i = 0; i < 20; ++i) EXPECT_TRUE(same_pixels(decode_image(png, "parent").image, image));
   for (const pid_t pid : children) {
     int status = 0;
     ASSERT_EQ(waitpid(pid, &status, 0), pid);

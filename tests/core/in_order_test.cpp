@@ -7,11 +7,8 @@
 #include <chrono>
 #include <numeric>
 #include <stdexcept>
-#include <string>
 #include <thread>
 #include <vector>
-
-#include "core/base/parallel.h"
 
 namespace fringeslam {
 namespace {
@@ -61,24 +58,6 @@ TEST(InOrder, LoopsInsideRunSerially) {
   in_order(
       4, 3, [&](size_t) { return threads == 1 || SerialLoops::wanted(); }, [](bool serial) { EXPECT_TRUE(serial); });
   EXPECT_FALSE(SerialLoops::wanted());
-}
-
-TEST(ParallelLoop, RethrowsTheFailureOfTheLowestIndex) {
-  constexpr int kCount = 40;
-  std::vector<int> visited(kCount, 0);
-  try {
-    for_each_with_failures(kCount, [&](int i) {
-      visited[static_cast<size_t>(i)] = 1;
-      // The later failure happens first.
-      if (i == 7) std::this_thread::sleep_for(std::chrono::milliseconds(20));
-      if (i == 7 || i == 31) throw std::runtime_error(std::to_string(i));
-    });
-    ADD_FAILURE() << "did not throw";
-  } catch (const std::runtime_error& e) {
-    EXPECT_STREQ(e.what(), "7");
-  }
-  EXPECT_EQ(std::accumulate(visited.begin(), visited.end(), 0), kCount);
-  for_each_with_failures(0, [](int) { ADD_FAILURE(); });
 }
 
 }  // namespace
