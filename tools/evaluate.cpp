@@ -12,6 +12,7 @@
 
 #include "bench/evaluation/leaderboard.h"
 #include "bench/evaluation/limited_process.h"
+#include "core/io/staged.h"
 #include "core/score/trajectory_file.h"
 #include "core/score/trajectory_score.h"
 #include "sim/scene/data_folder.h"
@@ -76,6 +77,19 @@ std::string last_line(const fs::path& log) {
   if (end == std::string::npos) return "";
   const size_t before = text.find_last_of("\r\n", end), begin = before == std::string::npos ? 0 : before + 1;
   return text.substr(begin, std::min(kMost, end + 1 - begin));
+}
+
+// Lets the folder in which a system ran be committed, whatever the system has done to it.
+void make_usable(const fs::path& folder) {
+  fs::create_directories(folder);
+  fs::permissions(folder, fs::perms::owner_all, fs::perm_options::add);
+  std::error_code failed;
+  for (fs::recursive_directory_iterator entry(folder, fs::directory_options::skip_permission_denied, failed), end;
+       !failed && entry != end; entry.increment(failed)) {
+    if (entry->symlink_status(failed).type() == fs::file_type::directory)
+      fs::permissions(entry->path(), fs::perms::owner_all, fs::perm_options::add, failed);
+  }
+  fs::remove_all(folder / ".fringeslam", failed);  // the list of the result's files
 }
 
 std::optional<fs::path> first_of(const fs::path& folder, std::initializer_list<const char*> names) {
@@ -166,8 +180,8 @@ class Evaluation {
   }
 
   Result run_on(const evaluation::Suite& suite, const std::string& name, const EvaluationDataset& dataset) {
-    const fs::path folder = out_ / "outputs" / arguments_.name / suite.name / name, out = folder / "out";
-    fs::remove_all(folder);
+    StagedFolder staged(out_ / "outputs" / arguments_.name / suite.name / name, "system output");
+    const fs::path folder = staged.path(), out = folder / "out";
     fs::create_directories(out);
     const evaluation::ProcessLimits limits{arguments_.timeout_s > 0 ? arguments_.timeout_s : suite.timeout_s,
                                            arguments_.memory_mib > 0 ? arguments_.memory_mib : suite.memory_mib};
@@ -183,6 +197,9 @@ class Evaluation {
     result.views = static_cast<int>(dataset.poses.size());
     result.seconds = report.seconds;
     result.peak_mib = report.peak_mib;
+    if (report.end == ProcessEnd::interrupted) return result;
+    make_usable(folder);
+    // Before files of the user, which may have any name, are added to the folder.
     if (report.end == ProcessEnd::finished)
       score_output(result, out, dataset, arguments_.threshold_m, common_);
     else if (report.end == ProcessEnd::failed)
@@ -191,7 +208,9 @@ class Evaluation {
       result.message = "took longer than " + to_text(limits.timeout_s) + " s";
     else if (report.end == ProcessEnd::out_of_memory)
       result.message = "needed more than " + to_text(limits.memory_mib) + " MiB";
+    result.message = with_final_names(result.message);
     failures_ += !result.has_trajectory();
+    staged.commit();
     return result;
   }
 

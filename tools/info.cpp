@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// fringeslam info PATH: prints the contents of a scene, dataset, run or rig file.
+// fringeslam info PATH: prints the contents of a scene, dataset, run, rig or PLY file.
+#include <Eigen/Geometry>
 #include <cmath>
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
 
 #include "core/io/json_text.h"
+#include "core/io/ply.h"
 #include "core/io/tum_file.h"
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
@@ -43,6 +45,19 @@ Json describe(const PatternSequence& sequence) {
   return {{"images_per_stack", sequence.patterns.size()}, {"fringes", periods}};
 }
 
+Json describe(const PlyMap& map) {
+  Json json = {{"kind", map.triangles.empty() ? "points" : "mesh"},
+               {"vertices", map.vertices.size()},
+               {"triangles", map.triangles.size()},
+               {"dropped", map.dropped}};
+  if (map.vertices.empty()) return json;
+  Eigen::AlignedBox3d box;
+  for (const Eigen::Vector3d& vertex : map.vertices) box.extend(vertex);
+  json["from_m"] = {box.min().x(), box.min().y(), box.min().z()};
+  json["to_m"] = {box.max().x(), box.max().y(), box.max().z()};
+  return json;
+}
+
 Json describe_scene(const fs::path& file) {
   const sim::Scene scene = sim::load_scene(file);
   size_t triangles = 0;
@@ -76,6 +91,8 @@ Json describe_path(const fs::path& path) {
   if (fs::exists(path / "scene.yaml")) return describe_scene(path / "scene.yaml");
   if (fs::is_directory(path)) throw Error(path.string() + ": is not a scene, dataset or run");
   if (path.filename() == "scene.yaml") return describe_scene(path);
+  if (is_ply(path)) return describe(read_ply(path));
+  if (path.extension() == ".map") throw Error(path.string() + ": is a saved map; use fringeslam map info");
   Json json = {{"kind", "rig"}};
   json.update(describe(read_rig(path)));
   return json;
@@ -85,7 +102,7 @@ Json describe_path(const fs::path& path) {
 
 Verb add_info(Command app, const Common& common) {
   auto path = std::make_shared<std::string>();
-  const Command verb = app.add_subcommand("info", "Print the contents of a scene, dataset, run or rig file");
+  const Command verb = app.add_subcommand("info", "Print the contents of a scene, dataset, run, rig or PLY file");
   verb.add_option("path", *path, "Folder or file").required();
   return [path, &common] {
     const Json json = describe_path(*path);

@@ -6,6 +6,7 @@
 #include <exception>
 #include <opencv2/core.hpp>
 #include <opencv2/core/utility.hpp>
+#include <thread>
 #include <vector>
 
 #include "core/base/malloc_config.h"
@@ -71,7 +72,9 @@ int run_program(int argc, char** argv) {
       return *exit_code;
     }
     (void)selected_instruction_set();  // reports a wrong choice before anything is written
-    cv::setNumThreads(threads > 0 ? threads : -1);
+    // TBB does not start more, and prints warnings when asked to.
+    const int most = std::max(256, 2 * static_cast<int>(std::thread::hardware_concurrency()));
+    cv::setNumThreads(threads > 0 ? std::min(threads, most) : -1);
     for (const auto& [subcommand, verb] : verbs) {
       if (!subcommand.parsed()) continue;
       const int exit_code = verb();

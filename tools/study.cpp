@@ -71,7 +71,13 @@ std::vector<std::string> worker_command(const Study& study) {
 int work(const Study& study, [[maybe_unused]] const StudyArguments& arguments) {
 #if FRINGESLAM_REPORT
   if (arguments.pictures) {
-    studies::work(study, [&](const Trial& trial) { return json_text(trial_pictures(study, trial)); });
+    studies::work(study, [&](const Trial& trial) {
+      try {
+        return json_text(trial_pictures(study, trial));
+      } catch (const Error& e) {
+        return json_text(nlohmann::ordered_json{{"unpictured", std::string("It could not be run again: ") + e.what()}});
+      }
+    });
     return 0;
   }
 #endif
@@ -126,14 +132,19 @@ int run(const StudyArguments& arguments, const Common& common) {
   {
     Progress progress("trials", static_cast<int>(missing.size()), common.quiet || common.json);
     int finished = 0, successes = 0;
-    report = run_trials(
-        study, missing, workers,
-        [&](int trial, const std::string& line) {
-          results.add(trial, line);
-          successes += line.find("\"outcome\":\"success\"") != std::string::npos;
-          progress.step("  " + std::to_string(100 * successes / ++finished) + " % succeed");
-        },
-        interrupted);
+    try {
+      report = run_trials(
+          study, missing, workers,
+          [&](int trial, const std::string& line) {
+            results.add(trial, line);
+            successes += line.find("\"outcome\":\"success\"") != std::string::npos;
+            progress.step("  " + std::to_string(100 * successes / ++finished) + " % succeed");
+          },
+          interrupted);
+    } catch (const Error& e) {
+      throw Error(std::string(e.what()) + "; " + std::to_string(results.lines().size()) + " results are kept in " +
+                  arguments.out + "; run the same command to continue");
+    }
   }
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   const size_t done = results.lines().size() - found;

@@ -172,7 +172,10 @@ Spec read_spec(const fs::path& file) {
     throw map.error("worlds", std::to_string(spec.samples) + " samples of " + std::to_string(spec.views) +
                                   " views use only " + std::to_string(spec.trials()) + " worlds");
   if (map.has("split")) read_shares(map.map("split"), spec);
-  if (map.has("write")) spec.parts = read_parts(map);
+  if (map.has("write")) {
+    spec.parts = read_parts(map);
+    spec.parts_where = map.error("write", "").what();
+  }
   spec.samples_per_tar = map.integer_or("samples_per_tar", spec.samples_per_tar, {1, 1'000'000});
   spec.timeout_s = map.number_or("timeout_s", spec.timeout_s, {1, 86400});
   map.finish();
@@ -195,6 +198,7 @@ std::string check_spec(const Spec& spec) {
   for (const std::string& patterns : spec.patterns) identity += "\n" + patterns;
 
   std::vector<RigModel> rigs;
+  bool thermal = false;  // one of the rigs has a thermal camera
   for (const fs::path& file : spec.rigs) {
     try {
       rigs.push_back(read_rig(file));
@@ -202,6 +206,7 @@ std::string check_spec(const Spec& spec) {
       throw Error(spec.rigs_where + e.what());
     }
     identity += "\n" + to_yaml(rigs.back());
+    thermal |= rigs.back().thermal.has_value();
   }
   for (size_t i = 0; i < spec.patterns.size(); ++i) {
     for (const RigModel& rig : rigs) check_patterns(spec.patterns[i], spec.patterns_where[i], rig);
@@ -220,6 +225,7 @@ std::string check_spec(const Spec& spec) {
         throw Error("the trajectory has " + std::to_string(scene.trajectory.size()) +
                     " views, fewer than 'views' of this dataset");
       identity += "\n" + scene.resolved + to_yaml(scene.rig);
+      thermal |= scene.rig.thermal.has_value();
     } catch (const Error& e) {
       // An error in a pattern sequence is reported with its line here instead of the scene's.
       RigModel any;
@@ -228,6 +234,11 @@ std::string check_spec(const Spec& spec) {
       studies::blame_entry(spec, e);
       throw Error(spec.scenes_where + e.what());
     }
+  }
+  for (const Part part : {Part::thermal, Part::temperature}) {
+    if (!thermal && !spec.parts_where.empty() && spec.writes(part))
+      throw Error(spec.parts_where + "'" + to_string(part) + "' needs a thermal camera, which no rig of the dataset " +
+                  "has; omit it or add such a rig");
   }
   return identity;
 }
@@ -270,6 +281,13 @@ sim::Scene scene_of(const Spec& spec, const studies::Trial& trial) {
   for (auto& change : studies::changes_of(spec, trial, false)) reading.changes.push_back(std::move(change));
   if (selected.rig >= 0) reading.rig_file = spec.rigs[static_cast<size_t>(selected.rig)];
   return sim::load_scene(spec.scenes[static_cast<size_t>(selected.scene)], reading);
+}
+
+void check_inputs(const Spec& spec, const studies::Trial& trial) {
+  const Selection selected = selection_of(spec, trial.index);
+  if (selected.rig >= 0) (void)read_rig(spec.rigs[static_cast<size_t>(selected.rig)]);
+  // World i uses scene i, and trial i is the first one of world i.
+  (void)scene_of(spec, studies::trial_of(spec, selected.scene));
 }
 
 }  // namespace fringeslam::datasets

@@ -51,10 +51,10 @@ struct Spec : studies::Sampling {
   std::filesystem::path file;
   std::string name, description;
   std::optional<Publication> publication;
-  std::vector<std::filesystem::path> scenes;  // world w uses the scene w modulo their number
-  std::vector<std::filesystem::path> rigs;    // one is drawn for each trial; empty: the scene's
-  std::vector<std::string> patterns;          // likewise; a scene's section `patterns` as one line of YAML
-  std::string scenes_where, rigs_where;       // "dataset.yaml:3: "
+  std::vector<std::filesystem::path> scenes;          // world w uses the scene w modulo their number
+  std::vector<std::filesystem::path> rigs;            // one is drawn for each trial; empty: the scene's
+  std::vector<std::string> patterns;                  // likewise; a scene's section `patterns` as one line of YAML
+  std::string scenes_where, rigs_where, parts_where;  // "dataset.yaml:3: "; parts_where: empty without `write`
   std::vector<std::string> patterns_where;
   int samples = 0, views = 1, samples_per_tar = 100;
   std::array<double, kSplits.size()> shares = {0.8, 0.1, 0.1};
@@ -92,5 +92,9 @@ Selection selection_of(const Spec& spec, int trial);
 
 // Loads the scene of a trial. Throws Error if the drawn values are invalid.
 sim::Scene scene_of(const Spec& spec, const studies::Trial& trial);
+
+// Loads the rig of a trial, and the first trial of its scene: throws Error if a file that the trial needs cannot be read,
+// whatever values were drawn for it.
+void check_inputs(const Spec& spec, const studies::Trial& trial);
 
 }  // namespace fringeslam::datasets

@@ -64,7 +64,8 @@ class PieceWriter {
   uint64_t offset_ = 0;
 };
 
-// An error of the simulator: the drawn values make no valid scene. Other errors concern the machine.
+// An error of the simulator: the drawn values make no valid scene, or one of its files cannot be read. Other errors concern
+// the machine.
 struct Refusal {
   std::string message;
 };
@@ -89,7 +90,9 @@ void write_index(const fs::path& file, const TrialIndex& index) {
   staged.commit();
 }
 
-void render_trial(const Spec& spec, const studies::Trial& trial, const fs::path& folder, TrialIndex& index) {
+void render_trial(const Spec& spec, const studies::Trial& trial, const fs::path& folder, TrialIndex& index,
+                  bool& in_setup) {
+  in_setup = true;
   const auto settings = simulated<studies::TrialSettings>([&] { return studies::settings_of(spec, trial); });
   const auto scene = simulated<sim::Scene>([&] { return scene_of(spec, trial); });
   auto rig = simulated<std::unique_ptr<sim::VirtualRig>>(
@@ -98,6 +101,7 @@ void render_trial(const Spec& spec, const studies::Trial& trial, const fs::path&
   const TrialContext context{spec, trial, scene, rig->model(), rays, settings.pipeline.decode};
   index.scene = scene.name;
   index.rig = rig->model().name;
+  in_setup = false;
   PieceWriter piece(part_file(folder, trial.index));
   for (int number = 0; number < spec.views; ++number) {
     const auto view = simulated<std::optional<sim::SimulatedView>>([&] { return rig->simulate(scene.patterns); });
@@ -106,6 +110,19 @@ void render_trial(const Spec& spec, const studies::Trial& trial, const fs::path&
     index.samples.push_back(piece.add(trial.index * spec.views + number, files));
   }
   piece.commit();
+}
+
+// Sets `in_setup` if the trial was refused before its first view, when files are read.
+TrialIndex rendered(const Spec& spec, const studies::Trial& trial, const fs::path& folder, bool& in_setup) {
+  TrialIndex index;
+  index.trial = trial.index;
+  try {
+    render_trial(spec, trial, folder, index, in_setup);
+  } catch (const Refusal& refusal) {
+    index.samples.clear();
+    index.refused = without_folders(refusal.message, spec);
+  }
+  return index;
 }
 
 }  // namespace
@@ -117,13 +134,13 @@ fs::path part_index_file(const fs::path& folder, int trial) {
 
 TrialIndex write_trial(const Spec& spec, const studies::Trial& trial, const fs::path& folder) {
   fs::create_directories(folder);
-  TrialIndex index;
-  index.trial = trial.index;
-  try {
-    render_trial(spec, trial, folder, index);
-  } catch (const Refusal& refusal) {
-    index.samples.clear();
-    index.refused = without_folders(refusal.message, spec);
+  bool in_setup = true;
+  TrialIndex index = rendered(spec, trial, folder, in_setup);
+  if (!index.refused.empty() && in_setup) {
+    // A refusal is recorded for good, so it must be due to the drawn values. If a file has disappeared, the first trial of
+    // the same scene, which was valid at the start, is refused now as well. A temporary failure does not happen again.
+    check_inputs(spec, trial);
+    index = rendered(spec, trial, folder, in_setup);
   }
   write_index(part_index_file(folder, trial.index), index);
   return index;

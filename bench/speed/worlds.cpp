@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Large scenes, from the scene file to the ray tracer's BVH: time and peak memory.
+#include <malloc.h>
+
 #include <chrono>
 #include <cstdio>
 #include <filesystem>
@@ -9,6 +11,7 @@
 #include "bench/row.h"
 #include "bench/speed/interleaving.h"
 #include "core/io/files.h"
+#include "core/types/error.h"
 #include "sim/light/ray_scene.h"
 #include "sim/scene/scene.h"
 
@@ -32,18 +35,27 @@ fs::path stone_scene(int count, int detail, int variants) {
   return file;
 }
 
-double peak_mib() {
+// Returns a size from the status of this process.
+double status_mib(const std::string& key) {
   std::ifstream status("/proc/self/status");
   for (std::string line; std::getline(status, line);) {
-    if (line.starts_with("VmHWM:")) return std::stod(line.substr(6)) / 1024;
+    if (line.starts_with(key + ":")) return std::stod(line.substr(key.size() + 1)) / 1024;
   }
-  return 0;
+  throw Error("/proc/self/status has no " + key);
 }
-void reset_peak() { std::ofstream("/proc/self/clear_refs") << 5; }
+double peak_mib() { return status_mib("VmHWM"); }
+// Returns unused memory to the system and forgets the peak so far; returns what remains in use, of earlier rows.
+double reset_peak_mib() {
+  malloc_trim(0);
+  std::ofstream forget("/proc/self/clear_refs");
+  if (!(forget << 5 << std::flush))
+    throw Error("/proc/self/clear_refs cannot be written; run this row outside a container");
+  return status_mib("VmRSS");
+}
 
 struct Loading {
   double seconds = 0, triangles = 0;
-  double peak_mib = 0;  // of the whole process, since just before the file was first read
+  double peak_mib = 0;  // of the process, since just before the file was first read, above what it used then
 };
 
 Loading loading(const fs::path& file) {
@@ -60,13 +72,13 @@ Loading loading(const fs::path& file) {
 std::vector<Row> world_rows(const Context& context) {
   const int repeats = context.quick ? 1 : 5;
   const auto measured = [&](const char* what, const fs::path& file) {
-    reset_peak();
+    const double before_mib = reset_peak_mib();
     const double first = seconds_of([&] { sim::load_scene(file); });  // settles the pile unless it is in the cache
     std::vector<double> seconds;
     Loading last;
     for (int i = 0; i < repeats; ++i) seconds.push_back((last = loading(file)).seconds);
     last.seconds = median(seconds);
-    last.peak_mib = peak_mib();
+    last.peak_mib = peak_mib() - before_mib;
     std::fprintf(stderr, "  %s: %.2f million triangles; first load %.1f s, then %.2f s to the BVH, %.0f MiB\n", what,
                  1e-6 * last.triangles, first, last.seconds, last.peak_mib);
     return last;

@@ -3,7 +3,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <exception>
 #include <limits>
+#include <new>
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <optional>
@@ -261,6 +263,44 @@ class Record {
   int last_tracked_ = -1;
 };
 
+// An error of a trial: in its setup, when files are read, or later.
+struct Refusal {
+  std::string message;
+  bool in_setup = true;
+};
+
+// Runs a trial and returns why it was refused, if it was; otherwise sets `result`. Throws Error if memory does not suffice.
+std::optional<Refusal> attempt(const Study& study, const Trial& trial, const ViewWatcher& watch, TrialResult& result) {
+  bool in_setup = true;
+  try {
+    const TrialSettings settings = settings_of(study, trial);
+    const sim::Scene scene = scene_of(study, trial);
+    sim::VirtualRig rig(scene, settings.render);
+    Pipeline pipeline(rig.model(), scene.patterns, settings.pipeline, Pose{});
+    Record record(study, scene);
+    in_setup = false;
+    for (int number = 0; study.views == 0 || number < study.views; ++number) {
+      const auto view = rig.simulate(pipeline.next_patterns());
+      if (!view) break;
+      const FrameResult frame = pipeline.process(view->stack);
+      record.add(view->stack, frame, view->truth, pipeline.map(), rig.model());
+      if (watch) watch(frame, view->truth);
+    }
+    result = record.result(pipeline.trajectory());
+    return std::nullopt;
+  } catch (const Error& e) {
+    return Refusal{e.what(), in_setup};
+  } catch (const std::bad_alloc&) {
+    throw Error("memory does not suffice for it; use fewer --jobs or a computer with more memory");
+  } catch (const std::exception& e) {
+    result = {};
+    result.outcome = Outcome::crashed;
+    result.cause = to_string(result.outcome);
+    result.message = e.what();
+    return std::nullopt;
+  }
+}
+
 }  // namespace
 
 std::string to_string(Outcome outcome) {
@@ -285,24 +325,19 @@ std::string to_string(Outcome outcome) {
 
 TrialResult run_trial(const Study& study, const Trial& trial, const ViewWatcher& watch) {
   TrialResult result;
-  try {
-    const TrialSettings settings = settings_of(study, trial);
-    const sim::Scene scene = scene_of(study, trial);
-    sim::VirtualRig rig(scene, settings.render);
-    Pipeline pipeline(rig.model(), scene.patterns, settings.pipeline, Pose{});
-    Record record(study, scene);
-    for (int number = 0; study.views == 0 || number < study.views; ++number) {
-      const auto view = rig.simulate(pipeline.next_patterns());
-      if (!view) break;
-      const FrameResult frame = pipeline.process(view->stack);
-      record.add(view->stack, frame, view->truth, pipeline.map(), rig.model());
-      if (watch) watch(frame, view->truth);
-    }
-    result = record.result(pipeline.trajectory());
-  } catch (const Error& e) {
+  std::optional<Refusal> refusal = attempt(study, trial, watch, result);
+  if (refusal && refusal->in_setup) {
+    // A refusal is recorded for good, so it must be due to the trial's values. If a file that all trials need has
+    // disappeared, the first trial, which was valid at the start of the study, is refused now as well. A temporary failure
+    // does not happen again.
+    check_study(study);
+    refusal = attempt(study, trial, watch, result);
+  }
+  if (refusal) {
+    result = {};
     result.outcome = Outcome::refused;
     result.cause = "refused";
-    result.message = e.what();
+    result.message = refusal->message;
   }
   result.index = trial.index;
   return result;

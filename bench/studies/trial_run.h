@@ -20,7 +20,7 @@ enum class Outcome {
   confidently_wrong,  // a motion error of more than 1 mm and 10 of its own sigmas
   lost,               // at least one view has no pose
   refused,            // the scene or the pipeline threw an error
-  crashed,            // the process died
+  crashed,            // the process died, or a library threw an exception
   timed_out
 };
 std::string to_string(Outcome outcome);
@@ -35,6 +35,8 @@ struct TrialResult {
 // Called for each view with the pipeline's result and the ground truth.
 using ViewWatcher = std::function<void(const FrameResult&, const TruthFrame&)>;
 
+// Runs a trial. Throws Error if it is refused because of the machine, not because of its values: if the study itself is no
+// longer valid, because one of its files cannot be read, or if memory does not suffice.
 TrialResult run_trial(const Study& study, const Trial& trial, const ViewWatcher& watch = {});
 
 // Returns one line of JSON without newline: the study's hash, the trial's number, seed and values, and the result.

@@ -12,8 +12,10 @@
 #include <algorithm>
 #include <chrono>
 #include <cstring>
+#include <exception>
 #include <iostream>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <optional>
 
 #include "core/types/error.h"
@@ -24,6 +26,9 @@ namespace fringeslam::studies {
 namespace {
 
 using Clock = std::chrono::steady_clock;
+
+const std::string kFailed = R"({"failed":)";  // start of an answer about the machine instead of a result
+const std::string kEnded = "ended with ";     // an exit code
 
 class Worker {
  public:
@@ -97,7 +102,7 @@ class Worker {
     pid_ = -1;
     largest_mib_ = static_cast<double>(usage.ru_maxrss) / 1024;
     return WIFSIGNALED(status) ? std::string("killed by signal ") + strsignal(WTERMSIG(status))
-                               : "ended with " + std::to_string(WEXITSTATUS(status));
+                               : kEnded + std::to_string(WEXITSTATUS(status));
   }
   void finish() {
     close(to_);
@@ -171,7 +176,12 @@ WorkersReport run_tasks(const std::vector<int>& tasks, const WorkerOptions& opti
 
 WorkersReport run_trials(const Study& study, const std::vector<int>& trials, const WorkerOptions& options,
                          const std::function<void(int, const std::string&)>& tell, const std::function<bool()>& stop) {
+  std::string failure;  // of the machine
   const auto failed = [&](int trial, bool timed_out, const std::string& message) {
+    if (message == kEnded + "2" || message == kEnded + "127") {
+      failure = "trial " + std::to_string(trial) + ": its worker could not start or read the study";
+      return;
+    }
     TrialResult result;
     result.index = trial;
     result.outcome = timed_out ? Outcome::timed_out : Outcome::crashed;
@@ -179,7 +189,16 @@ WorkersReport run_trials(const Study& study, const std::vector<int>& trials, con
     result.message = message;
     tell(trial, to_line(study, trial_of(study, trial), result));
   };
-  return run_tasks(trials, options, study.timeout_s, {tell, failed, stop});
+  const auto answered = [&](int trial, const std::string& line) {
+    if (!line.starts_with(kFailed)) return tell(trial, line);
+    const auto answer = nlohmann::json::parse(line, nullptr, false);
+    failure = answer.is_object() ? answer.value("failed", "") : "a worker gave no valid answer";
+    failure = "trial " + std::to_string(trial) + ": " + failure;
+  };
+  const WorkersReport report =
+      run_tasks(trials, options, study.timeout_s, {answered, failed, [&] { return !failure.empty() || stop(); }});
+  if (!failure.empty()) throw Error(failure);
+  return report;
 }
 
 void work(int tasks, const std::function<std::string(int)>& answer) {
@@ -191,7 +210,13 @@ void work(int tasks, const std::function<std::string(int)>& answer) {
 }
 
 void work(const Study& study, const std::function<std::string(const Trial&)>& answer) {
-  work(study.trials, [&](int trial) { return answer(trial_of(study, trial)); });
+  work(study.trials, [&](int trial) {
+    try {
+      return answer(trial_of(study, trial));
+    } catch (const std::exception& e) {
+      return kFailed + nlohmann::json(e.what()).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + "}";
+    }
+  });
 }
 
 }  // namespace fringeslam::studies

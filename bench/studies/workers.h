@@ -33,14 +33,15 @@ WorkersReport run_tasks(const std::vector<int>& tasks, const WorkerOptions& opti
                         const TaskEvents& events);
 
 // Runs the trials of a study and reports each one's line when it arrives, in arbitrary order. A worker that dies or
-// exceeds the study's time limit yields that trial's result. Ends early when `stop` returns true.
+// exceeds the study's time limit yields that trial's result. Ends early when `stop` returns true. Throws Error if a worker
+// reports that a trial failed because of the machine; that trial has no result.
 WorkersReport run_trials(const Study& study, const std::vector<int>& trials, const WorkerOptions& options,
                          const std::function<void(int trial, const std::string& line)>& tell,
                          const std::function<bool()>& stop);
 
 // Runs a worker: answers each task number, below `tasks`, with a line until its input ends.
 void work(int tasks, const std::function<std::string(int task)>& answer);
-// The same for the trials of a study.
+// The same for the trials of a study. An exception becomes the answer {"failed": message}.
 void work(const Study& study, const std::function<std::string(const Trial&)>& answer);
 
 }  // namespace fringeslam::studies

@@ -1,19 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/io/image_library.h"
 
-#include <dlfcn.h>
 #include <pthread.h>
 
 #include <mutex>
 
+#include "core/base/module.h"
 #include "core/io/oiio_library.h"
 #include "core/types/error.h"
 
 namespace fringeslam {
 
 namespace {
-
-namespace fs = std::filesystem;
 
 const ImageLibrary* loaded = nullptr;
 bool without_threads = false;
@@ -28,27 +26,11 @@ std::mutex& mutex() {
   return *only;
 }
 
-#ifdef FRINGESLAM_IMAGE_MODULE
-// Returns the path of the module, which is installed with the library that contains this function.
-const fs::path& module_file() {
-  static const fs::path file = [] {
-    Dl_info info{};
-    if (dladdr(reinterpret_cast<const void*>(&module_file), &info) == 0 || info.dli_fname == nullptr) return fs::path();
-    std::error_code failed;
-    const fs::path library = fs::canonical(info.dli_fname, failed);
-    return (failed ? fs::path(info.dli_fname) : library).parent_path() / "fringeslam" / FRINGESLAM_IMAGE_MODULE;
-  }();
-  return file;
-}
-
+#ifdef FRINGESLAM_OPENIMAGEIO_MODULE
 const ImageLibrary& load() {
-  void* module = dlopen(module_file().c_str(), RTLD_NOW | RTLD_LOCAL);  // never closed: its threads would run on
-  void* function = module ? dlsym(module, "fringeslam_oiio_library") : nullptr;
-  if (!function) {
-    const char* why = dlerror();
-    throw Error(std::string("OpenImageIO cannot be loaded: ") + (why ? why : module_file().c_str()) +
-                "; install FringeSLAM again");
-  }
+  std::string why;
+  void* function = load_from_module(FRINGESLAM_OPENIMAGEIO_MODULE, "fringeslam_oiio_library", why);
+  if (!function) throw Error("OpenImageIO cannot be loaded: " + why + "; install FringeSLAM again");
   return *reinterpret_cast<decltype(&fringeslam_oiio_library)>(function)();
 }
 #else
@@ -64,12 +46,6 @@ const ImageLibrary& image_library() {
     if (without_threads) loaded->use_no_threads();
   }
   return *loaded;
-}
-
-void locate_image_library() {
-#ifdef FRINGESLAM_IMAGE_MODULE
-  (void)module_file();
-#endif
 }
 
 void use_no_image_threads() {

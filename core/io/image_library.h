@@ -42,9 +42,6 @@ class ImageLibrary {
 // Loads the library unless it is loaded. Throws Error if it cannot be loaded. Any number of threads may call it.
 const ImageLibrary& image_library();
 
-// Determines the path of the library, which may be relative to the working folder, without loading it.
-void locate_image_library();
-
 // From now on, the library decodes in the calling thread alone. For processes that fork after reading images, because their
 // children lack the threads of the library and would wait for them, and for processes of which one runs per processor. Call
 // it before the first image is read. It does not load the library.

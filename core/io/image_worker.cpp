@@ -32,6 +32,7 @@
 
 #include "core/base/append_bytes.h"
 #include "core/base/limited_child.h"
+#include "core/base/module.h"
 #include "core/io/image_library.h"
 #include "core/io/input_file.h"
 #include "core/types/error.h"
@@ -424,7 +425,7 @@ class ImageWorkers {
   }
 
   void start_forker() {
-    locate_image_library();  // it changes its working folder
+    locate_modules();  // it changes its working folder
     int ends[2];
     if (socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, ends) != 0) fail("cannot create a socket");
     OpenDescriptor ours(ends[0]), theirs(ends[1]);

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/map/surface.h"
 
-#include <openvdb/openvdb.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -15,6 +13,7 @@
 
 #include "core/base/in_order.h"
 #include "core/base/parallel.h"
+#include "core/map/brick_map.h"
 #include "core/map/surface_fusion.h"
 #include "core/map/surface_nets.h"
 #include "core/map/surface_vdb.h"
@@ -23,15 +22,7 @@ namespace fringeslam {
 
 namespace {
 
-using Tree = openvdb::Int64Tree;
-using VoxelLeaf = Tree::LeafNodeType;
-static_assert(VoxelLeaf::DIM == kBrickEdge);
-
 constexpr int kTogether = 16;  // bricks per parallel task
-
-openvdb::Coord first_voxel(const BrickIndex& brick) {
-  return {kBrickEdge * brick[0], kBrickEdge * brick[1], kBrickEdge * brick[2]};
-}
 
 VoxelScale scale_of(const RigModel& rig, const SurfaceOptions& options) {
   check_options(options, "surface");
@@ -53,7 +44,7 @@ void for_each(size_t count, const Body& body) {
 class SurfaceModel::Grid {
  public:
   Grid(const RigModel& rig, const SurfaceOptions& surface)
-      : camera(rig.camera), scale(scale_of(rig, surface)), options(surface), tree(0) {}
+      : camera(rig.camera), scale(scale_of(rig, surface)), options(surface) {}
 
   // Frames ready to be fused. Kept between uses, since allocating memory costs more than writing to it.
   struct Prepared {
@@ -68,29 +59,13 @@ class SurfaceModel::Grid {
   // Ignores everything outside these bricks from now on.
   void limit(const GridRange& range) { range_ = range; }
 
-  // Returns the leaves in the order of their coordinates.
-  std::vector<const VoxelLeaf*> leaves() const {
-    std::vector<const VoxelLeaf*> all;
-    tree.getNodes(all);
-    return all;
-  }
-
-  std::vector<Brick> bricks() const {
-    std::vector<Brick> all;
-    for (const VoxelLeaf* leaf : leaves()) {
-      const openvdb::Coord& corner = leaf->origin();
-      all.push_back({{corner.x() >> 3, corner.y() >> 3, corner.z() >> 3}, leaf->buffer().data()});
-    }
-    return all;
-  }
-
   // Returns the smallest weight of voxels that belong to the surface.
   double min_weight() const { return 1 / (options.max_sigma_m * options.max_sigma_m); }
 
   Pinhole camera;
   VoxelScale scale;
   SurfaceOptions options;
-  Tree tree;
+  BrickMap bricks;
   Prepared scratch;  // of add()
 
  private:
@@ -121,23 +96,21 @@ void SurfaceModel::Grid::prepare(const PosedFrame* first, size_t count, Prepared
 }
 
 void SurfaceModel::Grid::fuse(const Prepared& prepared) {
-  const std::vector<TouchedBrick>& bricks = prepared.touched.bricks();
-  // The tree may be searched in parallel but not modified: new leaves are added at the end.
-  std::vector<std::unique_ptr<VoxelLeaf>> fresh(bricks.size());
-  for_each(bricks.size(), [&](size_t i) {
-    const BrickIndex brick = brick_of(bricks[i].key);
-    if (!range_.contains(brick)) return;
-    const openvdb::Coord corner = first_voxel(brick);
-    VoxelLeaf* leaf = tree.probeLeaf(corner);
-    if (leaf == nullptr) {
-      fresh[i] = std::make_unique<VoxelLeaf>(corner, 0);
-      leaf = fresh[i].get();
+  const std::vector<TouchedBrick>& touched = prepared.touched.bricks();
+  // The map may be searched in parallel but not modified: new bricks are added at the end.
+  std::vector<std::unique_ptr<BrickVoxels>> fresh(touched.size());
+  for_each(touched.size(), [&](size_t i) {
+    if (!range_.contains(brick_of(touched[i].key))) return;
+    int64_t* voxels = bricks.find(touched[i].key);
+    if (voxels == nullptr) {
+      fresh[i] = std::make_unique<BrickVoxels>();  // unobserved voxels
+      voxels = fresh[i]->data();
     }
-    const bool seen = fringeslam::fuse(prepared.frames, bricks[i], leaf->buffer().data());
+    const bool seen = fringeslam::fuse(prepared.frames, touched[i], voxels);
     if (!seen) fresh[i].reset();
   });
-  for (auto& leaf : fresh) {
-    if (leaf) tree.addLeaf(leaf.release());
+  for (size_t i = 0; i < touched.size(); ++i) {
+    if (fresh[i]) bricks.add(touched[i].key, std::move(fresh[i]));
   }
 }
 
@@ -244,7 +217,7 @@ void for_each_surface_part(const KeyframeMap& map, const SurfaceOptions& options
     SurfaceModel surface(map.rig(), options);
     surface.grid_->limit(tiling.range(tile, 1));
     surface.add_frames(map, tile.frames);
-    return surface_nets(surface.grid_->bricks(), scale, surface.grid_->min_weight(), tiling.range(tile));
+    return surface_nets(surface.grid_->bricks.bricks(), scale, surface.grid_->min_weight(), tiling.range(tile));
   };
   // A part is taken while the next one is made.
   std::future<SurfacePatch> next;
@@ -256,25 +229,27 @@ void for_each_surface_part(const KeyframeMap& map, const SurfaceOptions& options
   }
 }
 
-SurfaceMesh SurfaceModel::mesh() const { return surface_nets(grid_->bricks(), grid_->scale, grid_->min_weight()); }
+SurfaceMesh SurfaceModel::mesh() const {
+  return surface_nets(grid_->bricks.bricks(), grid_->scale, grid_->min_weight());
+}
 
 std::string SurfaceModel::to_vdb() const {
-  return fringeslam::to_vdb(grid_->bricks(), grid_->scale, grid_->min_weight());
+  return fringeslam::to_vdb(grid_->bricks.bricks(), grid_->scale, grid_->min_weight());
 }
 
 double SurfaceModel::voxel_m() const { return grid_->scale.voxel_m; }
 
 size_t SurfaceModel::voxels() const {
-  const std::vector<const VoxelLeaf*> leaves = grid_->leaves();
-  std::vector<size_t> counts(leaves.size());
-  for_each(leaves.size(), [&](size_t i) {
-    const int64_t* const voxels = leaves[i]->buffer().data();
+  const std::vector<Brick> bricks = grid_->bricks.bricks();
+  std::vector<size_t> counts(bricks.size());
+  for_each(bricks.size(), [&](size_t i) {
+    const int64_t* const voxels = bricks[i].voxels;
     counts[i] = static_cast<size_t>(std::count_if(
         voxels, voxels + kBrickVoxels, [](int64_t voxel) { return voxel_weight(static_cast<uint64_t>(voxel)) > 0; }));
   });
   return std::accumulate(counts.begin(), counts.end(), size_t{0});
 }
 
-size_t SurfaceModel::memory_bytes() const { return grid_->tree.memUsage(); }
+size_t SurfaceModel::memory_bytes() const { return grid_->bricks.memory_bytes(); }
 
 }  // namespace fringeslam

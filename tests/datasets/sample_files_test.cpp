@@ -7,6 +7,7 @@
 #include <cmath>
 #include <map>
 
+#include "bench/datasets/trial_part.h"
 #include "bench/studies/trial_settings.h"
 #include "core/depth/depth.h"
 #include "core/io/files.h"
@@ -41,6 +42,17 @@ class SampleFiles : public testing::Test {
   PixelRays rays_;
   sim::SimulatedView view_;
 };
+
+TEST_F(SampleFiles, OfATrialWhoseRigHasDisappearedAreNotRefused) {
+  test::fs::rename(temp_ / "rig.yaml", temp_ / "moved.yaml");
+  EXPECT_THAT(test::message_of([&] { (void)write_trial(spec_, trial_, temp_ / "parts"); }),
+              testing::HasSubstr("rig.yaml"));
+  EXPECT_FALSE(read_trial(temp_ / "parts", 0));
+  test::fs::rename(temp_ / "moved.yaml", temp_ / "rig.yaml");
+  const TrialIndex index = write_trial(spec_, trial_, temp_ / "parts");
+  EXPECT_EQ(index.samples.size(), 2);
+  EXPECT_EQ(index.refused, "");
+}
 
 bool equal(const cv::Mat1f& a, const cv::Mat1f& b) {
   return a.size() == b.size() && std::equal(a.begin(), a.end(), b.begin(), [](float x, float y) {

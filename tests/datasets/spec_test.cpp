@@ -101,6 +101,7 @@ TEST(DatasetSpec, ReportsTheLineOfAnError) {
       {"steps: 3", "steps: 2", 11, "'steps'"},
       {"light.ambient_lux", "light.ambiant_lux", 14, "did you mean 'ambient_lux'"},
       {"samples_per_tar: 4", "write: [images, dept]", 8, "did you mean 'depth'"},
+      {"samples_per_tar: 4", "write: [images, thermal]", 8, "'thermal' needs a thermal camera"},
       {"samples_per_tar: 4", "rigs: [none.yaml]", 8, "does not exist"},
       {"samples_per_tar: 4", "publication: {license: a, url: b, creator: c, date: today}", 8, "2026-01-31"}};
   for (const Case& c : cases) {

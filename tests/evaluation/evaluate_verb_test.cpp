@@ -97,6 +97,38 @@ TEST_F(EvaluateVerb, TheTruthItselfHasNoError) {
   }
 }
 
+TEST_F(EvaluateVerb, FilesOfTheUserSurviveARepetition) {
+  const std::string truth = "cp {dataset}/../truth/truth/truth.tum {out}/trajectory.tum; date +%N > {out}/nanoseconds";
+  evaluated(truth, {"--name", "oracle"});
+  const auto folder = temp_ / "out/outputs/oracle/suite/small-1";
+  test::write_bytes(folder / "notes.txt", "mine");
+  test::write_bytes(folder / "out/figure.txt", "mine, too");
+  const std::string before = test::read_bytes(folder / "out/nanoseconds");
+  evaluated(truth, {"--name", "oracle", "--again"});
+  EXPECT_NE(test::read_bytes(folder / "out/nanoseconds"), before);
+  EXPECT_EQ(test::read_bytes(folder / "notes.txt"), "mine");
+  EXPECT_EQ(test::read_bytes(folder / "out/figure.txt"), "mine, too");
+  EXPECT_FALSE(test::fs::exists(folder / "out/nanoseconds.kept"));
+}
+
+TEST_F(EvaluateVerb, FilesOfTheUserAreNotScored) {
+  evaluated("true # {dataset} {out}", {"--name", "silent"});
+  test::write_bytes(temp_ / "out/outputs/silent/suite/small-1/out/trajectory.tum", "0 0 0 0 0 0 0 1\n");
+  for (const Result& r : evaluated("true # {dataset} {out}", {"--name", "silent", "--again"}))
+    EXPECT_EQ(r.end, "no_trajectory");
+  EXPECT_TRUE(test::fs::exists(temp_ / "out/outputs/silent/suite/small-1/out/trajectory.tum"));
+}
+
+TEST_F(EvaluateVerb, SystemsMayLeaveAnything) {
+  const std::string remover = "folder=$(cd {out}/.. && pwd); cd /; rm -rf \"$folder\" # {dataset}";
+  for (const Result& r : evaluated(remover, {"--name", "remover"})) EXPECT_EQ(r.end, "no_trajectory");
+  const std::string messy =
+      "cp {dataset}/../truth/truth/truth.tum {out}/trajectory.tum; mkdir .fringeslam closed; touch .fringeslam/a "
+      "closed/b; mkfifo pipe; ln -s nowhere link; chmod 0 closed; chmod a-w {out} .";
+  EXPECT_LT(evaluated(messy, {"--name", "messy"}).back().ate_m, 1e-12);
+  EXPECT_TRUE(test::fs::exists(temp_ / "out/outputs/messy/suite/small-1/closed/b"));
+}
+
 TEST_F(EvaluateVerb, FailuresAreResults) {
   const std::pair<std::string, std::string> cases[] = {{"exit 4", "exit code 4"},
                                                        {"sleep 30", "longer than 0.5 s"},

@@ -38,7 +38,7 @@ void expect_same_folders(const test::fs::path& a, const test::fs::path& b) {
 }
 
 // OpenImageIO's libraries would take most of the time of a start.
-TEST(Start, DoesNotLoadImageLibrariesThatFewImagesNeed) {
+TEST(Start, DoesNotLoadLibrariesThatAreRarelyNeeded) {
   if (!FRINGESLAM_SHARED) GTEST_SKIP() << "static libraries link them";
   const test::TempFolder temp;
   const std::string list = (temp / "libraries").string();
@@ -46,21 +46,22 @@ TEST(Start, DoesNotLoadImageLibrariesThatFewImagesNeed) {
   const std::string libraries = test::read_bytes(list);
   EXPECT_THAT(libraries, HasSubstr("libembree3"));
   EXPECT_THAT(libraries, testing::Not(HasSubstr("libOpenImageIO")));
+  EXPECT_THAT(libraries, testing::Not(HasSubstr("libopenvdb")));
   EXPECT_THAT(libraries, testing::Not(HasSubstr("libav")));
 }
 
-// As in a broken installation: the folder of the library that loads OpenImageIO lacks its module.
+// As in a broken installation: the folder of the library that loads modules lacks that of OpenImageIO.
 TEST(Start, ReportsThatTheImageLibraryIsMissing) {
   if (!FRINGESLAM_SHARED) GTEST_SKIP() << "static libraries link it";
   const test::TempFolder temp;
-  test::fs::copy_file(FRINGESLAM_RIG_LIBRARY, temp / "libfringeslam_rig.so.0");
+  test::fs::copy_file(FRINGESLAM_TYPES_LIBRARY, temp / "libfringeslam_types.so.0");
   test::write_small_scene(temp / "scene");
   std::string scene = test::read_bytes(temp / "scene/scene.yaml");
   const std::string wood = "{grain: wood, albedo: 0.4, contrast: 0.35, grain_m: 0.012}";
   scene.replace(scene.find(wood), wood.size(), "{texture: wood.jpg}");
   test::write_bytes(temp / "scene/scene.yaml", scene);
   test::write_bytes(temp / "scene/wood.jpg", jpeg_bytes(cv::Mat1b(8, 8, uchar{90}), 90));
-  const std::string command = "LD_PRELOAD=" + test::quoted((temp / "libfringeslam_rig.so.0").string()) + " " +
+  const std::string command = "LD_PRELOAD=" + test::quoted((temp / "libfringeslam_types.so.0").string()) + " " +
                               test::quoted(FRINGESLAM_PROGRAM) + " render " + test::quoted((temp / "scene").string()) +
                               " --out " + test::quoted((temp / "out").string()) + " > /dev/null 2> " +
                               test::quoted((temp / "err").string());
@@ -206,6 +207,10 @@ TEST_F(CommandLine, JsonIsOneDocument) {
             run.at("score").at("trajectory"));
   for (const std::string what : {"scene", "data", "run", "run/rig.yaml"})
     EXPECT_EQ(whole_json(run_successfully({"info", at(what), "--json"})).at("camera_px"), json({266, 250})) << what;
+  const json mesh = whole_json(run_successfully({"info", at("run/mesh.ply"), "--json"}));
+  EXPECT_EQ(mesh.at("kind"), "mesh");
+  EXPECT_GT(mesh.at("triangles"), 1000);
+  EXPECT_GT(mesh.at("to_m")[2], mesh.at("from_m")[2]);
 }
 
 TEST_F(CommandLine, JsonHoldsAnyFolderName) {
