@@ -91,7 +91,7 @@ Json describe_path(const fs::path& path) {
   if (fs::exists(path / "scene.yaml")) return describe_scene(path / "scene.yaml");
   if (fs::is_directory(path)) throw Error(path.string() + ": is not a scene, dataset or run");
   if (path.filename() == "scene.yaml") return describe_scene(path);
-  if (is_ply(path)) return describe(read_ply(path));
+  if (path.extension() == ".ply") return describe(read_ply(path));
   if (path.extension() == ".map") throw Error(path.string() + ": is a saved map; use fringeslam map info");
   Json json = {{"kind", "rig"}};
   json.update(describe(read_rig(path)));
