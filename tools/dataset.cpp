@@ -175,8 +175,8 @@ Outcome render(const Spec& spec, const DatasetFolder& folder, ShardWork& work, c
     const size_t tar = work.tar_of.at(trial);
     if (--work.left.at(tar) == 0) joiner.add(tar);
   };
-  const auto failed = [&](int trial, bool, const std::string& message) {
-    outcome.failures.push_back("trial " + std::to_string(trial) + ": " + message);
+  const auto failed = [&](int trial, const studies::WorkerEnd& end) {
+    outcome.failures.push_back("trial " + std::to_string(trial) + ": " + end.message);
   };
   const auto stop = [&] { return interrupted() || !outcome.failure.empty() || joiner.failed(); };
   const studies::WorkerOptions options{arguments.jobs_or_processors(), worker_command(spec, arguments)};

@@ -3,6 +3,7 @@
 
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include "bench/datasets/sample_files.h"
 #include "bench/datasets/sha256.h"
@@ -64,18 +65,21 @@ class PieceWriter {
   uint64_t offset_ = 0;
 };
 
+enum class Stage { setup, views };  // files are read during the setup
+
 // An error of the simulator: the drawn values make no valid scene, or one of its files cannot be read. Other errors concern
 // the machine.
 struct Refusal {
   std::string message;
+  Stage stage;
 };
 
 template <class Result, class Action>
-Result simulated(const Action& action) {
+Result simulated(Stage stage, const Action& action) {
   try {
     return action();
   } catch (const Error& e) {
-    throw Refusal{e.what()};
+    throw Refusal{e.what(), stage};
   }
 }
 
@@ -90,39 +94,38 @@ void write_index(const fs::path& file, const TrialIndex& index) {
   staged.commit();
 }
 
-void render_trial(const Spec& spec, const studies::Trial& trial, const fs::path& folder, TrialIndex& index,
-                  bool& in_setup) {
-  in_setup = true;
-  const auto settings = simulated<studies::TrialSettings>([&] { return studies::settings_of(spec, trial); });
-  const auto scene = simulated<sim::Scene>([&] { return scene_of(spec, trial); });
+void render_trial(const Spec& spec, const studies::Trial& trial, const fs::path& folder, TrialIndex& index) {
+  const auto settings =
+      simulated<studies::TrialSettings>(Stage::setup, [&] { return studies::settings_of(spec, trial); });
+  const auto scene = simulated<sim::Scene>(Stage::setup, [&] { return scene_of(spec, trial); });
   auto rig = simulated<std::unique_ptr<sim::VirtualRig>>(
-      [&] { return std::make_unique<sim::VirtualRig>(scene, settings.render); });
+      Stage::setup, [&] { return std::make_unique<sim::VirtualRig>(scene, settings.render); });
   const PixelRays rays = pixel_rays(scene.rig.camera);
   const TrialContext context{spec, trial, scene, rig->model(), rays, settings.pipeline.decode};
   index.scene = scene.name;
   index.rig = rig->model().name;
-  in_setup = false;
   PieceWriter piece(part_file(folder, trial.index));
   for (int number = 0; number < spec.views; ++number) {
-    const auto view = simulated<std::optional<sim::SimulatedView>>([&] { return rig->simulate(scene.patterns); });
-    if (!view) throw Refusal{"the path ends after " + std::to_string(number) + " views"};
-    const auto files = simulated<std::vector<SampleFile>>([&] { return sample_files(context, *view, number); });
+    const auto view =
+        simulated<std::optional<sim::SimulatedView>>(Stage::views, [&] { return rig->simulate(scene.patterns); });
+    if (!view) throw Refusal{"the path ends after " + std::to_string(number) + " views", Stage::views};
+    const auto files =
+        simulated<std::vector<SampleFile>>(Stage::views, [&] { return sample_files(context, *view, number); });
     index.samples.push_back(piece.add(trial.index * spec.views + number, files));
   }
   piece.commit();
 }
 
-// Sets `in_setup` if the trial was refused before its first view, when files are read.
-TrialIndex rendered(const Spec& spec, const studies::Trial& trial, const fs::path& folder, bool& in_setup) {
-  TrialIndex index;
-  index.trial = trial.index;
+// Renders a trial, and returns why it was refused, if it was; then it has no samples.
+std::optional<Refusal> attempt(const Spec& spec, const studies::Trial& trial, const fs::path& folder,
+                               TrialIndex& index) {
   try {
-    render_trial(spec, trial, folder, index, in_setup);
+    render_trial(spec, trial, folder, index);
+    return std::nullopt;
   } catch (const Refusal& refusal) {
     index.samples.clear();
-    index.refused = without_folders(refusal.message, spec);
+    return refusal;
   }
-  return index;
 }
 
 }  // namespace
@@ -134,14 +137,16 @@ fs::path part_index_file(const fs::path& folder, int trial) {
 
 TrialIndex write_trial(const Spec& spec, const studies::Trial& trial, const fs::path& folder) {
   fs::create_directories(folder);
-  bool in_setup = true;
-  TrialIndex index = rendered(spec, trial, folder, in_setup);
-  if (!index.refused.empty() && in_setup) {
+  TrialIndex index;
+  index.trial = trial.index;
+  std::optional<Refusal> refusal = attempt(spec, trial, folder, index);
+  if (refusal && refusal->stage == Stage::setup) {
     // A refusal is recorded for good, so it must be due to the drawn values. If a file has disappeared, the first trial of
     // the same scene, which was valid at the start, is refused now as well. A temporary failure does not happen again.
     check_inputs(spec, trial);
-    index = rendered(spec, trial, folder, in_setup);
+    refusal = attempt(spec, trial, folder, index);
   }
+  if (refusal) index.refused = without_folders(refusal->message, spec);
   write_index(part_index_file(folder, trial.index), index);
   return index;
 }

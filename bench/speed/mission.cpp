@@ -1,18 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 // A tour of scenes/mission, rendered view by view and mapped twice, with and without loop closure: cost per view, memory,
 // drift, and relocalization anywhere in the map.
-#include <unistd.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <ctime>
-#include <fstream>
 #include <numbers>
 #include <string>
 #include <utility>
 
+#include "bench/process_memory.h"
 #include "bench/row.h"
 #include "core/mapper/pipeline.h"
 #include "core/score/score.h"
@@ -32,15 +31,8 @@ struct ViewCost {
   double cpu_s = 0, wall_s = 0;
 };
 
-double resident_mib() {
-  std::ifstream status("/proc/self/status");
-  // Pages of the map's file are the kernel's to keep or to drop; only the others are memory that the process needs.
-  double mib = 0;
-  for (std::string line; std::getline(status, line);) {
-    if (line.rfind("RssAnon:", 0) == 0) mib = std::atof(line.c_str() + 8) / 1024;
-  }
-  return mib;
-}
+// Pages of the map's file are the kernel's to keep or to drop; only the others are memory that the process needs.
+double resident_mib() { return process_memory_mib("RssAnon"); }
 
 double elapsed_s(std::chrono::steady_clock::time_point since) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - since).count();

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Rendering compared with bare Embree: the same rays, in the same packets and order, on the same threads, interleaved.
-#include <unistd.h>
 
 #include <chrono>
 #include <cstdio>
-#include <fstream>
 
+#include "bench/process_memory.h"
 #include "bench/row.h"
 #include "bench/speed/interleaving.h"
 #include "bench/speed/rubble.h"
@@ -38,13 +37,6 @@ std::vector<Row> pattern_rows(const Context& context) {
   return {median_row("speed.patterns", ratios(times[1], times[0]), "x", 1.5)};
 }
 
-double resident_mib() {
-  std::ifstream statm("/proc/self/statm");
-  double total = 0, resident = 0;
-  statm >> total >> resident;
-  return resident * static_cast<double>(sysconf(_SC_PAGESIZE)) / (1024 * 1024);
-}
-
 // Time of three images as a function of the number of triangles (up to 1000 times) and samples; memory of the geometry.
 std::vector<Row> scaling_rows(const Context& context) {
   std::vector<double> seconds, memory;
@@ -52,11 +44,11 @@ std::vector<Row> scaling_rows(const Context& context) {
     const sim::Scene scene = rubble(subdivisions);
     double triangles = 0;
     for (const sim::Object& object : scene.objects) triangles += static_cast<double>(object.mesh->triangles.size());
-    const double before = resident_mib();
+    const double before = process_memory_mib("VmRSS");
     const auto build_start = std::chrono::steady_clock::now();
     const sim::RayScene world(scene);
     const double build = std::chrono::duration<double>(std::chrono::steady_clock::now() - build_start).count();
-    memory.push_back((resident_mib() - before) / (1e-6 * triangles));
+    memory.push_back((process_memory_mib("VmRSS") - before) / (1e-6 * triangles));
     Stack stack(scene, 3);
     seconds.push_back(median(interleaved_times({[&] { stack(); }}, context.quick ? 3 : 7)[0]));
     std::fprintf(stderr, "  %10.0f triangles: %.0f ms, BVH built in %.1f s, %.0f MiB per million\n", triangles,

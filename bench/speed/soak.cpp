@@ -1,16 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // Hours of mapping: repeated laps over the same rubble. The map is complete after the first lap, so that nothing may
 // grow or slow down afterwards, and no wrong frame may ever be added.
-#include <unistd.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <ctime>
-#include <fstream>
 #include <numbers>
 
+#include "bench/process_memory.h"
 #include "bench/row.h"
 #include "bench/speed/loop_rig.h"
 #include "core/mapper/driver.h"
@@ -22,13 +21,6 @@ namespace {
 
 constexpr int kWarmUp = 2;  // laps until memory reaches its steady state
 constexpr double kWrong_m = 1e-3, kWrong_rad = 0.1 * std::numbers::pi / 180;
-
-double resident_mib() {
-  std::ifstream statm("/proc/self/statm");
-  double pages = 0, resident = 0;
-  statm >> pages >> resident;
-  return resident * static_cast<double>(sysconf(_SC_PAGESIZE)) / (1 << 20);
-}
 
 bool wrong(const Pose& found, const Pose& truth) {
   const Pose error = truth.inverse() * found;
@@ -73,7 +65,7 @@ Soak soaked(double duration_s) {
       else
         soak.wrong_views += wrong(result.world_from_robot, truth.world_from_robot);
     }
-    soak.laps.push_back({static_cast<double>(std::clock() - before) / CLOCKS_PER_SEC, resident_mib()});
+    soak.laps.push_back({static_cast<double>(std::clock() - before) / CLOCKS_PER_SEC, process_memory_mib("VmRSS")});
     std::fprintf(stderr,
                  "  lap %zu after %.0f s: %.1f ms of processor time per view, %.1f MiB; %zu keyframes, %zu frames in "
                  "the map; %d lost, %d wrong\n",

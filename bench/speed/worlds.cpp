@@ -8,6 +8,7 @@
 #include <fstream>
 #include <sstream>
 
+#include "bench/process_memory.h"
 #include "bench/row.h"
 #include "bench/speed/interleaving.h"
 #include "core/io/files.h"
@@ -35,22 +36,14 @@ fs::path stone_scene(int count, int detail, int variants) {
   return file;
 }
 
-// Returns a size from the status of this process.
-double status_mib(const std::string& key) {
-  std::ifstream status("/proc/self/status");
-  for (std::string line; std::getline(status, line);) {
-    if (line.starts_with(key + ":")) return std::stod(line.substr(key.size() + 1)) / 1024;
-  }
-  throw Error("/proc/self/status has no " + key);
-}
-double peak_mib() { return status_mib("VmHWM"); }
+double peak_mib() { return process_memory_mib("VmHWM"); }
 // Returns unused memory to the system and forgets the peak so far; returns what remains in use, of earlier rows.
 double reset_peak_mib() {
   malloc_trim(0);
   std::ofstream forget("/proc/self/clear_refs");
   if (!(forget << 5 << std::flush))
     throw Error("/proc/self/clear_refs cannot be written; run this row outside a container");
-  return status_mib("VmRSS");
+  return process_memory_mib("VmRSS");
 }
 
 struct Loading {

@@ -28,7 +28,6 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 const std::string kFailed = R"({"failed":)";  // start of an answer about the machine instead of a result
-const std::string kEnded = "ended with ";     // an exit code
 
 class Worker {
  public:
@@ -94,15 +93,15 @@ class Worker {
 
   void stop() { kill(pid_, SIGKILL); }
 
-  // Waits for the process and returns how it ended, as text.
-  std::string reap() {
+  // Waits for the process and returns how it ended.
+  WorkerEnd reap() {
     int status = 0;
     rusage usage{};
     wait4(pid_, &status, 0, &usage);
     pid_ = -1;
     largest_mib_ = static_cast<double>(usage.ru_maxrss) / 1024;
-    return WIFSIGNALED(status) ? std::string("killed by signal ") + strsignal(WTERMSIG(status))
-                               : kEnded + std::to_string(WEXITSTATUS(status));
+    if (WIFSIGNALED(status)) return {false, {}, std::string("killed by signal ") + strsignal(WTERMSIG(status))};
+    return {false, WEXITSTATUS(status), "ended with " + std::to_string(WEXITSTATUS(status))};
   }
   void finish() {
     close(to_);
@@ -128,12 +127,12 @@ WorkersReport run_tasks(const std::vector<int>& tasks, const WorkerOptions& opti
   WorkersReport report;
   size_t next = 0, ended = 0;
   std::vector<std::unique_ptr<Worker>> workers(std::min(static_cast<size_t>(options.jobs), tasks.size()));
-  const auto end = [&](std::unique_ptr<Worker>& worker, bool timed_out, const std::string& message) {
+  const auto replace = [&](std::unique_ptr<Worker>& worker, const WorkerEnd& end) {
     const int task = *worker->task();
     report.largest_mib = std::max(report.largest_mib, worker->largest_mib());
     worker.reset();
     ++report.restarted;
-    events.failed(task, timed_out, message);
+    events.failed(task, end);
     ++ended;
   };
   while (ended < tasks.size() && !events.stop()) {
@@ -153,7 +152,8 @@ WorkersReport run_tasks(const std::vector<int>& tasks, const WorkerOptions& opti
       if (waits[i].revents != 0) {
         std::optional<std::string> line;
         if (!worker->read_some(line)) {
-          end(worker, false, worker->reap());
+          const WorkerEnd end = worker->reap();
+          replace(worker, end);
         } else if (line) {
           events.answered(task, *line);
           ++ended;
@@ -161,7 +161,7 @@ WorkersReport run_tasks(const std::vector<int>& tasks, const WorkerOptions& opti
       } else if (worker->busy_s() > timeout_s) {
         worker->stop();
         (void)worker->reap();
-        end(worker, true, "took longer than " + to_text(timeout_s) + " s");
+        replace(worker, {true, {}, "took longer than " + to_text(timeout_s) + " s"});
       }
     }
   }
@@ -177,16 +177,16 @@ WorkersReport run_tasks(const std::vector<int>& tasks, const WorkerOptions& opti
 WorkersReport run_trials(const Study& study, const std::vector<int>& trials, const WorkerOptions& options,
                          const std::function<void(int, const std::string&)>& tell, const std::function<bool()>& stop) {
   std::string failure;  // of the machine
-  const auto failed = [&](int trial, bool timed_out, const std::string& message) {
-    if (message == kEnded + "2" || message == kEnded + "127") {
+  const auto failed = [&](int trial, const WorkerEnd& end) {
+    if (end.exit_code == 2 || end.exit_code == 127) {
       failure = "trial " + std::to_string(trial) + ": its worker could not start or read the study";
       return;
     }
     TrialResult result;
     result.index = trial;
-    result.outcome = timed_out ? Outcome::timed_out : Outcome::crashed;
+    result.outcome = end.timed_out ? Outcome::timed_out : Outcome::crashed;
     result.cause = to_string(result.outcome);
-    result.message = message;
+    result.message = end.message;
     tell(trial, to_line(study, trial_of(study, trial), result));
   };
   const auto answered = [&](int trial, const std::string& line) {

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -20,12 +21,18 @@ struct WorkersReport {
   int restarted = 0;
 };
 
-// How a task ended, in the process that distributes the tasks and in arbitrary order.
+// How a worker ended before it answered a task.
+struct WorkerEnd {
+  bool timed_out = false;        // it was killed because the task took longer than the limit
+  std::optional<int> exit_code;  // none if a signal ended it
+  std::string message;
+};
+
+// Called when a task ends, in the process that distributes the tasks and in arbitrary order.
 struct TaskEvents {
   std::function<void(int task, const std::string& line)> answered;
-  // The worker died, or was killed because the task took longer than the limit; it is replaced.
-  std::function<void(int task, bool timed_out, const std::string& message)> failed;
-  std::function<bool()> stop;  // true: end early
+  std::function<void(int task, const WorkerEnd& end)> failed;  // its worker is replaced
+  std::function<bool()> stop;                                  // true: end early
 };
 
 // Runs tasks, each for at most `timeout_s`.

@@ -23,18 +23,11 @@ Place place_of(const BrickIndex& brick) {
 }  // namespace
 
 std::vector<Brick> BrickMap::bricks() const {
-  std::vector<std::pair<Place, const int64_t*>> sorted;
-  sorted.reserve(bricks_.size());
-  for (const auto& [key, voxels] : bricks_) sorted.emplace_back(place_of(brick_of(key)), voxels->data());
-  std::sort(sorted.begin(), sorted.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
   std::vector<Brick> all;
-  all.reserve(sorted.size());
-  for (const auto& [place, voxels] : sorted) {
-    Brick brick{{}, voxels};
-    for (size_t axis = 0; axis < 3; ++axis)
-      brick.index[axis] = place[axis] * 512 + place[3 + axis] * 16 + place[6 + axis];
-    all.push_back(brick);
-  }
+  all.reserve(bricks_.size());
+  for (const auto& [key, voxels] : bricks_) all.push_back({brick_of(key), voxels->data()});
+  std::sort(all.begin(), all.end(),
+            [](const Brick& a, const Brick& b) { return place_of(a.index) < place_of(b.index); });
   return all;
 }
 

@@ -27,7 +27,6 @@ class BrickMap {
   // Adds a brick that the map does not have.
   void add(uint64_t key, std::unique_ptr<BrickVoxels> voxels) { bricks_.emplace(key, std::move(voxels)); }
 
-  size_t size() const { return bricks_.size(); }
   // Returns all bricks, neighbors close to each other, in an order that depends on nothing but their indices.
   std::vector<Brick> bricks() const;
   size_t memory_bytes() const;
