@@ -10,7 +10,9 @@ import numpy as np
 import open3d as o3d
 import rgbd_folder
 
-VOXEL_M = 0.005
+MAP_VOXEL_M = 0.005
+CLOUD_VOXEL_M = 0.01  # one point each for ICP
+NORMAL_RADIUS_M = 0.02
 ICP_DISTANCE_M = 0.05
 METHODS = ["hybrid", "colored_icp", "point_to_plane", "gicp"]
 registration = o3d.pipelines.registration
@@ -22,7 +24,7 @@ def main():
     jacobian = o3d.pipelines.odometry.RGBDOdometryJacobianFromHybridTerm()
     settings = o3d.pipelines.odometry.OdometryOption()
     volume = o3d.pipelines.integration.ScalableTSDFVolume(
-        VOXEL_M, 4 * VOXEL_M, o3d.pipelines.integration.TSDFVolumeColorType.RGB8)
+        MAP_VOXEL_M, 4 * MAP_VOXEL_M, o3d.pipelines.integration.TSDFVolumeColorType.RGB8)
     criteria = registration.ICPConvergenceCriteria(max_iteration=50)
 
     def image(rgb, depth, grey):
@@ -33,8 +35,8 @@ def main():
         color = image(rgb, depth, False)
         if options.method == "hybrid":
             return image(rgb, depth, True), color
-        cloud = o3d.geometry.PointCloud.create_from_rgbd_image(color, camera).voxel_down_sample(VOXEL_M)
-        cloud.estimate_normals(o3d.geometry.KDTreeSearchParamHybrid(4 * VOXEL_M, 30))
+        cloud = o3d.geometry.PointCloud.create_from_rgbd_image(color, camera).voxel_down_sample(CLOUD_VOXEL_M)
+        cloud.estimate_normals(o3d.geometry.KDTreeSearchParamHybrid(NORMAL_RADIUS_M, 30))
         cloud.orient_normals_towards_camera_location()
         return cloud, color
 

@@ -3,7 +3,7 @@
 //
 //   fringeslam-pcl-odometry FOLDER OUT icp|gicp|ndt
 //
-// Clouds are reduced to one point per 5 mm voxel; each registration starts from rest. Writes OUT/trajectory.tum.
+// Clouds are reduced to one point per 10 mm voxel; each registration starts from rest. Writes OUT/trajectory.tum.
 #include <pcl/filters/voxel_grid.h>
 #include <pcl/point_types.h>
 #include <pcl/registration/gicp.h>
@@ -26,7 +26,7 @@ namespace fs = std::filesystem;
 using Cloud = pcl::PointCloud<pcl::PointXYZ>;
 
 constexpr double kUnitsPerM = 5000;
-constexpr float kVoxel_m = 0.005f;
+constexpr float kVoxel_m = 0.01f;
 constexpr double kDistance_m = 0.05;
 constexpr double kMostError_m2 = 1e-3;  // mean square distance beyond which a registration has failed
 

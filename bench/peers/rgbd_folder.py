@@ -48,19 +48,14 @@ def quaternion(rotation):
 
 
 class Trajectory:
-    """Poses world_from_camera, written when the program ends, even early."""
+    """Writes each pose world_from_camera when it is added, so that a program that ends early leaves the poses so far."""
 
     def __init__(self, out):
-        self.file = os.path.join(out, "trajectory.tum")
-        self.lines = []
+        self.file = open(os.path.join(out, "trajectory.tum"), "w", encoding="ascii", buffering=1)
 
     def add(self, time, world_from_camera):
         numbers = [*world_from_camera[:3, 3], *quaternion(world_from_camera[:3, :3])]
-        self.lines.append(time + "".join(f" {number:.12g}" for number in numbers))
-
-    def write(self):
-        with open(self.file, "w", encoding="ascii") as file:
-            file.write("\n".join(self.lines) + "\n")
+        self.file.write(time + "".join(f" {number:.12g}" for number in numbers) + "\n")
 
 
 def odometry(out, folder, read, register):
@@ -77,4 +72,3 @@ def odometry(out, folder, read, register):
         last = view
         trajectory.add(time, pose)
         yield time, view, pose
-    trajectory.write()
