@@ -10,6 +10,7 @@
 #include <pcl/registration/icp.h>
 #include <pcl/registration/ndt.h>
 
+#include <algorithm>
 #include <cstdio>
 #include <fstream>
 #include <memory>
@@ -28,7 +29,7 @@ using Cloud = pcl::PointCloud<pcl::PointXYZ>;
 constexpr double kUnitsPerM = 5000;
 constexpr float kVoxel_m = 0.01f;
 constexpr double kDistance_m = 0.05;
-constexpr double kMostError_m2 = 1e-3;  // mean square distance beyond which a registration has failed
+constexpr double kLeastOverlap = 0.1;  // share of points with a neighbor within kDistance_m, as for Open3D
 
 struct Lens {
   double fx, fy, cx, cy;
@@ -57,7 +58,19 @@ Cloud::Ptr read_cloud(const fs::path& file, const Lens& lens) {
   return reduced;
 }
 
-std::unique_ptr<pcl::Registration<pcl::PointXYZ, pcl::PointXYZ>> method_of(const std::string& name) {
+using Registration = pcl::Registration<pcl::PointXYZ, pcl::PointXYZ>;
+
+// Returns the share of points that have a neighbor in the registration's target.
+double overlap(Registration& registration, const Cloud& aligned) {
+  pcl::Indices found;
+  std::vector<float> squared;
+  const auto near = std::count_if(aligned.begin(), aligned.end(), [&](const pcl::PointXYZ& point) {
+    return registration.getSearchMethodTarget()->radiusSearch(point, kDistance_m, found, squared, 1) > 0;
+  });
+  return static_cast<double>(near) / static_cast<double>(std::max<size_t>(1, aligned.size()));
+}
+
+std::unique_ptr<Registration> method_of(const std::string& name) {
   if (name == "ndt") {
     auto ndt = std::make_unique<pcl::NormalDistributionsTransform<pcl::PointXYZ, pcl::PointXYZ>>();
     ndt->setResolution(0.05f);
@@ -91,7 +104,7 @@ void run(const fs::path& folder, const fs::path& out, const std::string& method)
       registration->setInputSource(cloud);
       Cloud aligned;
       registration->align(aligned);
-      if (!registration->hasConverged() || registration->getFitnessScore(kDistance_m) > kMostError_m2) continue;
+      if (!registration->hasConverged() || overlap(*registration, aligned) < kLeastOverlap) continue;
       const Eigen::Matrix4d motion = registration->getFinalTransformation().cast<double>();
       pose = orthonormalised(pose * Pose{motion.topLeftCorner<3, 3>(), motion.topRightCorner<3, 1>()});
     }
