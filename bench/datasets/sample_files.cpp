@@ -112,7 +112,7 @@ class Files {
     if (image.type() == CV_32FC1)
       add_exr(name, {{"Y", image}}, kVaried);
     else
-      add(name + ".png", noisy_png_bytes(image));
+      add(name + ".png", png_bytes(image));
   }
   // Whole numbers as 16-bit PNG, NaN as the highest value; EXR if they do not fit.
   void add_whole(const std::string& name, const std::string& channel, const cv::Mat1f& numbers) {

@@ -24,9 +24,6 @@ std::string read_bytes(const std::filesystem::path& file);
 // PNG encoding to memory and to a file: CV_8UC1, CV_8UC3 (BGR, as in OpenCV) or CV_16UC1; compression level from 1
 // (fast) to 9 (small).
 std::string png_bytes(const cv::Mat& image, int compression = 1);
-// PNG encoding of a gray image with camera noise: Huffman codes alone take two thirds of the time of a search for
-// repetitions, which there are none of, and a tenth less space.
-std::string noisy_png_bytes(const cv::Mat& image);
 void write_png(const std::filesystem::path& file, const cv::Mat& image);
 
 // EXR file, encoded as by exr_bytes().

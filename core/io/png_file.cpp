@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/io/png_file.h"
 
+#include <libdeflate.h>
 #include <png.h>
 
+#include <algorithm>
 #include <array>
 #include <csetjmp>
 #include <cstring>
+#include <memory>
 #include <new>
 #include <utility>
 #include <vector>
@@ -110,26 +113,37 @@ class PngEncoder : public PngErrors {
   bool encode(const cv::Mat& image, const PngEncoding& encoding, png_bytep* rows) {
     if (!info_) return fail("memory does not suffice");
     if (setjmp(png_jmpbuf(png_))) return false;
-    constexpr std::array kColours = {PNG_COLOR_TYPE_GRAY, PNG_COLOR_TYPE_GRAY_ALPHA, PNG_COLOR_TYPE_RGB,
-                                     PNG_COLOR_TYPE_RGB_ALPHA};
-    const bool deep = image.depth() == CV_16U;
-    png_set_write_fn(png_, this, &on_write, &on_flush);
+    write_header(image);
     png_set_compression_level(png_, encoding.level);
-    if (encoding.huffman_only) png_set_compression_strategy(png_, kHuffmanOnly);
-    png_set_filter(png_, PNG_FILTER_TYPE_BASE, encoding.filters);
-    png_set_IHDR(png_, info_, static_cast<png_uint_32>(image.cols), static_cast<png_uint_32>(image.rows), deep ? 16 : 8,
-                 kColours.at(static_cast<size_t>(image.channels()) - 1), PNG_INTERLACE_NONE,
-                 PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
-    png_write_info(png_, info_);
-    if (deep) png_set_swap(png_);  // the file is big-endian
+    if (image.depth() == CV_16U) png_set_swap(png_);  // the file is big-endian
     png_write_image(png_, rows);
     png_write_end(png_, nullptr);
+    return true;
+  }
+  // Writes pixels that are already filtered and compressed.
+  bool write_compressed(const cv::Mat& image, const std::vector<uint8_t>& pixels) {
+    if (!info_) return fail("memory does not suffice");
+    if (setjmp(png_jmpbuf(png_))) return false;
+    write_header(image);
+    for (size_t at = 0; at < pixels.size(); at += kLongestChunk)
+      png_write_chunk(png_, png_const_bytep("IDAT"), pixels.data() + at, std::min(kLongestChunk, pixels.size() - at));
+    png_write_chunk(png_, png_const_bytep("IEND"), nullptr, 0);
     return true;
   }
   std::string& bytes() { return bytes_; }
 
  private:
-  static constexpr int kHuffmanOnly = 2;  // zlib's Z_HUFFMAN_ONLY
+  static constexpr size_t kLongestChunk = size_t{1} << 30;
+
+  void write_header(const cv::Mat& image) {
+    constexpr std::array kColours = {PNG_COLOR_TYPE_GRAY, PNG_COLOR_TYPE_GRAY_ALPHA, PNG_COLOR_TYPE_RGB,
+                                     PNG_COLOR_TYPE_RGB_ALPHA};
+    png_set_write_fn(png_, this, &on_write, &on_flush);
+    png_set_IHDR(png_, info_, static_cast<png_uint_32>(image.cols), static_cast<png_uint_32>(image.rows),
+                 image.depth() == CV_16U ? 16 : 8, kColours.at(static_cast<size_t>(image.channels()) - 1),
+                 PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
+    png_write_info(png_, info_);
+  }
 
   static void on_write(png_structp png, png_bytep from, size_t size) {
     if (!static_cast<PngEncoder*>(png_get_io_ptr(png))->append(from, size)) png_error(png, "memory does not suffice");
@@ -148,6 +162,40 @@ class PngEncoder : public PngErrors {
   png_structp png_ = nullptr;
   png_infop info_ = nullptr;
 };
+
+// Appends a row of the file: its filter, and its pixels with the highest byte first, minus those of the row above.
+void append_row(const cv::Mat& image, int row, PngFilter filter, std::vector<uint8_t>& filtered) {
+  constexpr uint8_t kNone = 0, kUp = 2;  // PNG specification, 9.2
+  const size_t bytes = static_cast<size_t>(image.cols) * image.elemSize();
+  filtered.push_back(filter == PngFilter::up ? kUp : kNone);
+  const size_t at = filtered.size();
+  filtered.resize(at + bytes);
+  uint8_t* to = filtered.data() + at;
+  const uint8_t* here = image.ptr(row);
+  const uint8_t* above = filter == PngFilter::up && row > 0 ? image.ptr(row - 1) : nullptr;
+  const auto value = [&](size_t i) { return static_cast<uint8_t>(here[i] - (above ? above[i] : 0)); };
+  if (image.depth() == CV_8U) {
+    for (size_t i = 0; i < bytes; ++i) to[i] = value(i);
+    return;
+  }
+  for (size_t i = 0; i < bytes; i += 2) {
+    to[i] = value(i + 1);
+    to[i + 1] = value(i);
+  }
+}
+
+std::vector<uint8_t> compressed(const cv::Mat& image, const PngEncoding& encoding) {
+  std::vector<uint8_t> filtered;
+  filtered.reserve(static_cast<size_t>(image.rows) * (static_cast<size_t>(image.cols) * image.elemSize() + 1));
+  for (int row = 0; row < image.rows; ++row) append_row(image, row, encoding.filter, filtered);
+  const std::unique_ptr<libdeflate_compressor, decltype(&libdeflate_free_compressor)> compressor(
+      libdeflate_alloc_compressor(encoding.level), libdeflate_free_compressor);
+  if (!compressor) throw std::bad_alloc();
+  std::vector<uint8_t> pixels(libdeflate_zlib_compress_bound(compressor.get(), filtered.size()));
+  pixels.resize(
+      libdeflate_zlib_compress(compressor.get(), filtered.data(), filtered.size(), pixels.data(), pixels.size()));
+  return pixels;
+}
 
 }  // namespace
 
@@ -179,11 +227,16 @@ std::string encode_png(const cv::Mat& image, const PngEncoding& encoding) {
   if ((image.depth() != CV_8U && image.depth() != CV_16U) || image.channels() > 4)
     throw Error("PNG image: pixels have " + std::to_string(image.channels()) +
                 " channels of a type that PNG does not have; it has one to four of 8 or 16 bits");
-  std::vector<png_bytep> rows;
-  for (int row = 0; row < image.rows; ++row) rows.push_back(const_cast<png_bytep>(image.ptr(row)));
   PngEncoder encoder;
-  if (!encoder.encode(image, encoding, rows.data()))
-    throw Error(std::string("PNG image: cannot be encoded: ") + encoder.message());
+  bool written = false;
+  if (encoding.filter == PngFilter::best_of_row) {
+    std::vector<png_bytep> rows;
+    for (int row = 0; row < image.rows; ++row) rows.push_back(const_cast<png_bytep>(image.ptr(row)));
+    written = encoder.encode(image, encoding, rows.data());
+  } else {
+    written = encoder.write_compressed(image, compressed(image, encoding));
+  }
+  if (!written) throw Error(std::string("PNG image: cannot be encoded: ") + encoder.message());
   return std::move(encoder.bytes());
 }
 

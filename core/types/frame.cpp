@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/types/frame.h"
 
-#include <array>
 #include <cmath>
 #include <limits>
-#include <mutex>
 
+#include "core/base/last_result.h"
 #include "core/base/parallel.h"
 
 namespace fringeslam {
@@ -37,40 +36,12 @@ PixelRays computed_rays(const Pinhole& camera) {
   return rays;
 }
 
-using CameraNumbers = std::array<double, 11>;
-
-CameraNumbers numbers_of(const Pinhole& c) {
-  const Distortion& d = c.distortion;
-  return {static_cast<double>(c.width),
-          static_cast<double>(c.height),
-          c.fx,
-          c.fy,
-          c.cx,
-          c.cy,
-          d.k1,
-          d.k2,
-          d.p1,
-          d.p2,
-          d.k3};
-}
-
 }  // namespace
 
 PixelRays pixel_rays(const Pinhole& camera) {
   // Most parts of a pipeline need the rays of the same camera, and they take a third of a microsecond per pixel.
-  static std::mutex mutex;
-  static CameraNumbers of{};
-  static PixelRays known;
-  const CameraNumbers numbers = numbers_of(camera);
-  {
-    const std::lock_guard lock(mutex);
-    if (!known.empty() && numbers == of) return known;
-  }
-  PixelRays rays = computed_rays(camera);  // without the lock, because the loop may run tasks that need rays as well
-  const std::lock_guard lock(mutex);
-  known = rays;
-  of = numbers;
-  return rays;
+  static LastResult<Pinhole, PixelRays> last;
+  return last.get(camera, [&] { return computed_rays(camera); });
 }
 
 }  // namespace fringeslam

@@ -13,13 +13,16 @@ namespace fringeslam {
 
 struct Distortion {
   double k1 = 0, k2 = 0, p1 = 0, p2 = 0, k3 = 0;
-  bool is_zero() const { return k1 == 0 && k2 == 0 && p1 == 0 && p2 == 0 && k3 == 0; }
+  bool is_zero() const { return *this == Distortion{}; }
+  bool operator==(const Distortion&) const = default;
 };
 
 struct Pinhole {
   int width = 0, height = 0;  // px
   double fx = 0, fy = 0, cx = 0, cy = 0;
   Distortion distortion;
+
+  bool operator==(const Pinhole&) const = default;
 
   // Applies the distortion to normalised image coordinates (x/z, y/z).
   Eigen::Vector2d distort(const Eigen::Vector2d& normalised) const;

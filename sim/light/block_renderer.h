@@ -83,7 +83,7 @@ class BlockRenderer {
         shares_(shares),
         width_(renderer.scene_.rig.camera.width),
         height_(renderer.scene_.rig.camera.height),
-        footprint_(renderer.rays_.extent / renderer.scene_.rig.camera.fx),
+        footprint_(renderer.rays_->extent / renderer.scene_.rig.camera.fx),
         ambient_lux_(renderer.scene_.ambient_lux),
         // Ground truth alone needs no light paths.
         bounces_(renderer.effects_.interreflection && patterns.count() > 0 ? renderer.scene_.bounces : 0),
@@ -104,7 +104,7 @@ class BlockRenderer {
     std::fill(veil_sums_.begin(), veil_sums_.end(), 0.0f);
     std::fill(std::begin(indirect_light_), std::end(indirect_light_), 0.0f);
     if (truth) trace_centres(*truth);
-    const int samples = r_.rays_.per_pixel;
+    const int samples = r_.rays_->per_pixel;
     for (int sample = 0; sample < samples; ++sample) take(sample, truth != nullptr);
     if (truth) {
       for (int i = 0; i < kPacket; ++i) {
@@ -180,7 +180,7 @@ class BlockRenderer {
     for (int i = 0; i < kPacket; ++i) {
       if (!has(inside_, i)) continue;
       const size_t pixel = pixel_[i];
-      indirect.albedo[pixel] += weight[i] / static_cast<float>(r_.rays_.per_pixel);
+      indirect.albedo[pixel] += weight[i] / static_cast<float>(r_.rays_->per_pixel);
       if (!has(hits.hit, i)) continue;
       indirect.normal[pixel] = hits.normal.at(i).cast<float>();
       indirect.position[pixel] = hits.point.at(i).cast<float>();
@@ -216,7 +216,7 @@ class BlockRenderer {
   void trace_centres(TruthFrame& truth) {
     const Station& station = stations_.front();
     Eigen::Vector2d slope[kPacket], start[kPacket];
-    for (int i = 0; i < kPacket; ++i) slope[i] = r_.rays_.centres[pixel_[i]], start[i].setZero();
+    for (int i = 0; i < kPacket; ++i) slope[i] = r_.rays_->centres[pixel_[i]], start[i].setZero();
     RayPacket rays;
     rays.active = inside_;
     aim(station.world_from_camera, slope, start, rays);
@@ -265,10 +265,10 @@ class BlockRenderer {
   // Traces one sample of each pixel and adds its light.
   void take(int sample, bool compare) {
     const Station& station = stations_[static_cast<size_t>(sample) % stations_.size()];
-    const auto samples = static_cast<size_t>(r_.rays_.per_pixel);
+    const auto samples = static_cast<size_t>(r_.rays_->per_pixel);
     Eigen::Vector2d slope[kPacket], start[kPacket];
     for (int i = 0; i < kPacket; ++i) {
-      slope[i] = r_.rays_.samples[pixel_[i] * samples + static_cast<size_t>(sample)];
+      slope[i] = r_.rays_->samples[pixel_[i] * samples + static_cast<size_t>(sample)];
       start[i].setZero();
     }
     if (pupil_m_ > 0) apply_thin_lens(sample, slope, start);
@@ -334,7 +334,7 @@ class BlockRenderer {
 
   // Thin lens: the ray starts at a point of the pupil and passes through the in-focus point.
   void apply_thin_lens(int sample, Eigen::Vector2d (&slope)[kPacket], Eigen::Vector2d (&start)[kPacket]) const {
-    const Eigen::Vector2d point = 0.5 * pupil_m_ * r_.rays_.pupil[static_cast<size_t>(sample)];
+    const Eigen::Vector2d point = 0.5 * pupil_m_ * r_.rays_->pupil[static_cast<size_t>(sample)];
     for (int i = 0; i < kPacket; ++i) {
       start[i] = point;
       slope[i] -= point / r_.scene_.rig.camera_lens.focus_m;
@@ -412,7 +412,7 @@ class BlockRenderer {
   // in the pixel, the phase would.
   void add_from_below(const Station& station, const HitPacket& hits, const SurfacePacket& surface,
                       const Points& to_viewer, const float* weight, const BeamPacket& beam) {
-    const int samples = r_.rays_.per_pixel;
+    const int samples = r_.rays_->per_pixel;
     const int pairs = std::max(1, r_.effects_.subsurface_paths / (2 * samples));
     const Philox random(r_.scene_.seed, Stream::subsurface, static_cast<uint32_t>(stack_));
     for (int pair = 0; pair < pairs; ++pair) {
@@ -610,7 +610,7 @@ class BlockRenderer {
   // have the scene's number of bounces; at the last point, ambient light is assumed unshadowed.
   void follow_paths(const Station& station, int sample, const HitPacket& first, const SurfacePacket& first_surface,
                     const Points& first_viewer, const float* first_weight) {
-    const int samples = r_.rays_.per_pixel;
+    const int samples = r_.rays_->per_pixel;
     const int paths = (r_.effects_.bounce_paths + samples - 1) / samples;
     for (int path = 0; path < paths; ++path) {
       HitPacket hits = first;

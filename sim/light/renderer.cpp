@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "core/base/constants.h"
+#include "core/base/last_result.h"
 #include "core/types/selected_instruction_set.h"
 #include "sim/light/block_renderer.h"
 
@@ -32,6 +33,20 @@ std::shared_ptr<const Panes> panes_of(const Scene& scene, const Effects& effects
   return effects.panes && !panes->empty() ? panes : nullptr;
 }
 
+struct RaysKey {
+  Pinhole camera;
+  int per_pixel;
+  double extent;
+  bool operator==(const RaysKey&) const = default;
+};
+
+std::shared_ptr<const SampleRays> rays_of(const Pinhole& camera, int per_pixel, double extent) {
+  // The trials of studies and datasets usually have the same camera.
+  static LastResult<RaysKey, std::shared_ptr<const SampleRays>> last;
+  return last.get({camera, per_pixel, extent},
+                  [&] { return std::make_shared<const SampleRays>(sample_rays(camera, per_pixel, extent)); });
+}
+
 }  // namespace
 
 Renderer::Renderer(const Scene& scene, const Effects& effects, int samples_per_pixel)
@@ -40,7 +55,7 @@ Renderer::Renderer(const Scene& scene, const Effects& effects, int samples_per_p
       world_(std::make_shared<const RayScene>(scene)),
       surfaces_(std::make_shared<const Surfaces>(scene, effects)),
       panes_(panes_of(scene, effects)),
-      rays_(sample_rays(scene.rig.camera, samples_per_pixel)) {}
+      rays_(rays_of(scene.rig.camera, samples_per_pixel, 1)) {}
 
 Renderer::Renderer(const Renderer& other, const Scene& scene, const Effects& effects, int samples_per_pixel,
                    double extent)
@@ -49,7 +64,7 @@ Renderer::Renderer(const Renderer& other, const Scene& scene, const Effects& eff
       world_(other.world_),
       surfaces_(other.surfaces_),
       panes_(other.panes_),
-      rays_(sample_rays(scene.rig.camera, samples_per_pixel, extent)) {}
+      rays_(rays_of(scene.rig.camera, samples_per_pixel, extent)) {}
 
 namespace {
 

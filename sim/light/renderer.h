@@ -48,7 +48,7 @@ class Renderer {
 
   const RayScene& world() const { return *world_; }
   const Surfaces& surfaces() const { return *surfaces_; }
-  const SampleRays& rays() const { return rays_; }
+  const SampleRays& rays() const { return *rays_; }
 
  private:
   friend class BlockRenderer;
@@ -57,7 +57,7 @@ class Renderer {
   std::shared_ptr<const RayScene> world_;
   std::shared_ptr<const Surfaces> surfaces_;
   std::shared_ptr<const Panes> panes_;  // null: none
-  SampleRays rays_;
+  std::shared_ptr<const SampleRays> rays_;
 };
 
 }  // namespace fringeslam::sim

@@ -27,7 +27,8 @@ TEST(PngEncoding, IsReadByBothLibraries) {
   cv::RNG random(3);
   for (const int depth : {CV_8U, CV_16U}) {
     for (int channels = 1; channels <= 4; ++channels) {
-      for (const PngEncoding& encoding : {PngEncoding{}, PngEncoding{9, false, 0xf8}, PngEncoding{1, true, 0x20}}) {
+      for (const PngEncoding& encoding :
+           {PngEncoding{}, PngEncoding{9}, PngEncoding{1, PngFilter::up}, PngEncoding{3, PngFilter::none}}) {
         cv::Mat image(23, 41, CV_MAKETYPE(depth, channels));
         random.fill(image, cv::RNG::UNIFORM, 0, depth == CV_8U ? 256 : 65536);
         image.rowRange(4, 9).setTo(cv::Scalar::all(7));
@@ -39,6 +40,16 @@ TEST(PngEncoding, IsReadByBothLibraries) {
       }
     }
   }
+}
+
+// The pixels of a file by libdeflate are a single chunk, which may be larger than others may be.
+TEST(PngEncoding, NoiseOfAnySizeIsRead) {
+  cv::Mat1w noise(3000, 3000);
+  cv::RNG random(4);
+  random.fill(noise, cv::RNG::UNIFORM, 0, 65536);
+  const std::string bytes = encode_png(noise, {1, PngFilter::up});
+  EXPECT_GT(bytes.size(), 17u << 20);
+  EXPECT_TRUE(same_pixels(decode_here(bytes, {"png"}, "png", allocated), noise));
 }
 
 TEST(PngEncoding, RefusesOtherPixels) {

@@ -9,6 +9,7 @@
 #include <thread>
 #include <vector>
 
+#include "core/base/last_result.h"
 #include "core/base/parallel.h"
 #include "core/types/linear_algebra.h"
 #include "core/types/options.h"
@@ -261,6 +262,30 @@ TEST(Pinhole, ContainsHalfAPixelAroundTheCentres) {
   EXPECT_FALSE(pinhole.contains({1023.5, 100}));
   EXPECT_FALSE(pinhole.contains({100, -0.51}));
   EXPECT_FALSE(pinhole.contains({std::numeric_limits<double>::quiet_NaN(), 100}));
+}
+
+TEST(LastResult, ComputesOnlyForAnotherCamera) {
+  LastResult<Pinhole, double> last;
+  int computed = 0;
+  const auto focal_length = [&](const Pinhole& camera) {
+    return last.get(camera, [&] {
+      ++computed;
+      return camera.fx;
+    });
+  };
+  const Pinhole one = projector_like();
+  Pinhole other = one;
+  other.fx = 2601;
+  EXPECT_EQ(focal_length(one), 2600);
+  EXPECT_EQ(focal_length(one), 2600);
+  EXPECT_EQ(computed, 1);
+  EXPECT_EQ(focal_length(other), 2601);
+  EXPECT_EQ(focal_length(one), 2600);
+  EXPECT_EQ(computed, 3);
+  other = one;
+  other.distortion.k3 = 1e-9;  // any number makes another camera
+  (void)focal_length(other);
+  EXPECT_EQ(computed, 4);
 }
 
 TEST(Options, NearestName) {

@@ -71,7 +71,7 @@ void write_seeds(const fs::path& seeds) {
   ramp.convertTo(grey, CV_8U, 100);
   ramp.convertTo(deep, CV_16U, 1000);
   write(seeds / "grey", "g" + png_bytes(grey));
-  write(seeds / "noisy", "g" + noisy_png_bytes(deep));
+  write(seeds / "deep", "g" + png_bytes(deep));
   write(seeds / "color", "g" + png_bytes(cv::Mat(5, 7, CV_8UC3, cv::Scalar(1, 2, 3))));
   write(seeds / "tiff", "i" + tiff_bytes());
   const std::vector<ExrChannel> truth = {{"depth_m", ramp},  {"normal.x", ramp},  {"normal.y", ramp},
