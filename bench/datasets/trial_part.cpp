@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "bench/datasets/trial_part.h"
 
+#include <libdeflate.h>
+
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -36,11 +38,12 @@ class PieceWriter {
   explicit PieceWriter(const fs::path& file) : file_(file), staged_(file), out_(staged_.path(), std::ios::binary) {}
 
   PartSample add(int sample, const std::vector<SampleFile>& files) {
-    PartSample entry{sample, offset_, 0, ""};
+    PartSample entry{sample, offset_, 0, "", 0};
     Sha256 sum;
     for (const SampleFile& file : files) {
       const std::string member = tar_member(sample_name(sample) + "." + file.extension, file.bytes);
       sum.add(member);
+      entry.crc32 = libdeflate_crc32(entry.crc32, member.data(), member.size());
       out_ << member;
       entry.bytes += member.size();
     }
@@ -84,13 +87,8 @@ Result simulated(Stage stage, const Action& action) {
 }
 
 void write_index(const fs::path& file, const TrialIndex& index) {
-  nlohmann::ordered_json json = {{"trial", index.trial}, {"scene", index.scene}, {"rig", index.rig}};
-  json["samples"] = nlohmann::ordered_json::array();
-  for (const PartSample& sample : index.samples)
-    json["samples"].push_back({sample.sample, sample.offset, sample.bytes, sample.sha256});
-  if (!index.refused.empty()) json["refused"] = index.refused;
   StagedFile staged(file);
-  write_text(staged.path(), json.dump() + "\n");
+  write_text(staged.path(), index_text(index) + "\n");
   staged.commit();
 }
 
@@ -151,6 +149,15 @@ TrialIndex write_trial(const Spec& spec, const studies::Trial& trial, const fs::
   return index;
 }
 
+std::string index_text(const TrialIndex& index) {
+  nlohmann::ordered_json json = {{"trial", index.trial}, {"scene", index.scene}, {"rig", index.rig}};
+  json["samples"] = nlohmann::ordered_json::array();
+  for (const PartSample& sample : index.samples)
+    json["samples"].push_back({sample.sample, sample.offset, sample.bytes, sample.sha256, sample.crc32});
+  if (!index.refused.empty()) json["refused"] = index.refused;
+  return json.dump();
+}
+
 std::optional<TrialIndex> trial_index_of(const std::string& text) {
   const auto json = nlohmann::json::parse(text, nullptr, false);
   if (!json.is_object()) return std::nullopt;
@@ -162,7 +169,7 @@ std::optional<TrialIndex> trial_index_of(const std::string& text) {
     index.refused = json.value("refused", "");
     for (const auto& entry : json.at("samples"))
       index.samples.push_back({entry.at(0).get<int>(), entry.at(1).get<uint64_t>(), entry.at(2).get<uint64_t>(),
-                               entry.at(3).get<std::string>()});
+                               entry.at(3).get<std::string>(), entry.at(4).get<uint32_t>()});
   } catch (const nlohmann::json::exception&) {
     return std::nullopt;
   }

@@ -15,7 +15,8 @@ namespace fringeslam::datasets {
 struct PartSample {
   int sample = 0;
   uint64_t offset = 0, bytes = 0;  // of its members in the piece, or in the tar file
-  std::string sha256;
+  std::string sha256;              // published
+  uint32_t crc32 = 0;              // checked when the piece is joined; ten times as fast
 };
 
 struct TrialIndex {
@@ -33,6 +34,8 @@ std::filesystem::path part_index_file(const std::filesystem::path& folder, int t
 // cannot be written.
 TrialIndex write_trial(const Spec& spec, const studies::Trial& trial, const std::filesystem::path& folder);
 
+// Returns the index of a trial as one line of JSON.
+std::string index_text(const TrialIndex& index);
 // Parses the index of a trial; empty if it is none.
 std::optional<TrialIndex> trial_index_of(const std::string& text);
 
