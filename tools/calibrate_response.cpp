@@ -161,7 +161,7 @@ int calibrate(const CalibrateResponseArguments& arguments, const Common& common)
   const bool by_periods = ramp.images.size() < 5 && !fringes;
   if (by_periods && axes_of_several_periods(sequence).empty())
     throw Error(arguments.dataset +
-                ": contains neither a grey ramp of 5 levels or more nor 8 or more steps of a period, nor three or more "
+                ": contains neither a gray ramp of 5 levels or more nor 8 or more steps of a period, nor three or more "
                 "steps of several periods; render or capture patterns with `ramp_levels: 33`, `steps: 12` or "
                 "`periods_px: [1040, 131, 16.5]`");
   if (!sequence.inverse_response.empty())
@@ -208,7 +208,7 @@ int calibrate(const CalibrateResponseArguments& arguments, const Common& common)
 
 Verb add_calibrate_response(Command group, const Common& common) {
   auto arguments = std::make_shared<CalibrateResponseArguments>();
-  const Command verb = group.add_subcommand("response", "Projector response, from a grey ramp or from fringes");
+  const Command verb = group.add_subcommand("response", "Projector response, from a gray ramp or from fringes");
   verb.add_option("dataset", arguments->dataset,
                   "Dataset with flat patterns or 8 or more steps of one period, of one view, or with three or more "
                   "steps of several periods")

@@ -127,7 +127,7 @@ std::string write_packed(const PatternSequence& sequence, const std::string& ord
     lines += "  - {file: " + file;
     for (size_t k = 0; k < kImagesInOneColour; ++k) {
       if (sequence.patterns[i + k].bits > 8)
-        throw Error("--pack " + order + ": a channel of a colour image has 8 bits; give --bits 8 or less");
+        throw Error("--pack " + order + ": a channel of a color image has 8 bits; give --bits 8 or less");
       images.push_back(shown_image(sequence, i + k));
       lines += std::string(", ") + order.substr(k, 1) + ": " + std::to_string(i + k);
     }
@@ -216,13 +216,13 @@ Verb add_patterns(Command app, const Common& common) {
       "A Gray code whose stripes are all several cells wide and none much wider than the others, instead of "
       "the reflected code or, with --gray-xor, in addition"));
   note(verb.add_flag("--white-black", a->white_black, "Add a white and a black image"));
-  note(verb.add_option("--ramp-levels", a->ramp_levels, "Add a grey ramp with this number of flat images")
+  note(verb.add_option("--ramp-levels", a->ramp_levels, "Add a gray ramp with this number of flat images")
            .check_range(0, 65536));
-  note(verb.add_option("--bits", a->bits, "Bit depth of the projector's grey levels").check_range(1, 16));
-  note(verb.add_flag("--dither", a->dithered, "Dither by error diffusion between grey levels"));
+  note(verb.add_option("--bits", a->bits, "Bit depth of the projector's gray levels").check_range(1, 16));
+  note(verb.add_flag("--dither", a->dithered, "Dither by error diffusion between gray levels"));
   for (const Option& option : design) option.excludes(scene);
   verb.add_option("--pack", a->pack,
-                  "Pack three patterns into one colour image, in this order of its channels, such as RGB")
+                  "Pack three patterns into one color image, in this order of its channels, such as RGB")
       .check_one_of({"RGB", "RBG", "GRB", "GBR", "BRG", "BGR"});
   return [a, &common] { return write_patterns(*a, common); };
 }

@@ -52,7 +52,7 @@ Verb add_render(Command app, const Common& common) {
                       "RGB-D or like that of EuRoC; rosbag: a ROS 1 bag with fringe images, texture, depth and points")
           .check_one_of({"fringes", "tum-rgbd", "euroc", "rosbag"});
   const Option scale = verb.add_option("--depth-scale", arguments->rgbd.units_per_m,
-                                       "tum-rgbd, euroc: depth image units per metre (5000)")
+                                       "tum-rgbd, euroc: depth image units per meter (5000)")
                            .check_range(1.0, 1e6);
   const std::vector<Option> of_rgbd = {
       scale,
@@ -64,7 +64,7 @@ Verb add_render(Command app, const Common& common) {
   for (const Option& option : of_rgbd) option.needs(format);
   return [arguments, scale, of_rgbd, &common] {
     if (arguments->format == "rosbag" && scale.count() > 0)
-      throw Error("render: --depth-scale has no effect with --format rosbag, whose depth is in metres");
+      throw Error("render: --depth-scale has no effect with --format rosbag, whose depth is in meters");
     if (arguments->format == "rosbag") require_bags("render --format rosbag");
     const Settings settings = parse_settings(arguments->sets);
     const auto source = open_source(arguments->scene, arguments->variant, settings, false);

@@ -103,7 +103,7 @@ int check(const std::string& rig_file, const Common& common) {
           (saturated > 0.01 ? "; lower exposure or gain, or close the aperture"
            : mean < 0.05    ? "; raise exposure or gain"
                             : "") +
-          (bent ? "\nthe projector's response is not linear: its light is proportional to the grey value to the power "
+          (bent ? "\nthe projector's response is not linear: its light is proportional to the gray value to the power "
                   "of " +
                       to_text(std::round(10 * gamma) / 10) + "; see fringeslam calibrate response"
                 : "") +

@@ -51,7 +51,7 @@ struct Best {
 };
 
 std::string line_of(const FocusReading& reading, const Best& best) {
-  std::string line = "fringes " + percent(reading.fringes) + " (best " + percent(best.fringes) + "), centre " +
+  std::string line = "fringes " + percent(reading.fringes) + " (best " + percent(best.fringes) + "), center " +
                      percent(reading.centre) + ", corners " + percent(reading.corners) + "; texture sharpness " +
                      decimals(reading.sharpness) + " (best " + decimals(best.sharpness) + ")";
   if (reading.measured < 0.1)

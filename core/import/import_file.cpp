@@ -582,14 +582,26 @@ ImportCamera read_camera(const YamlMap& map, const fs::path& folder) {
 
 std::string read_board(const YamlMap& map) {
   const std::string kind = map.choice("kind", {"checkerboard", "circles", "asymmetric_circles", "charuco"});
-  std::string charuco;
-  if (kind == "charuco")
-    charuco = "marker_m: " + to_text(map.number("marker_m", {1e-5, 10})) +
-              "\nmarker_bits: " + std::to_string(map.integer_or("marker_bits", 4, {4, 7})) +
-              "\nmarkers: " + std::to_string(map.integer_or("markers", 50, {50, 1000})) + "\n";
-  const int columns = map.integer("columns", {2, 1000}), rows = map.integer("rows", {2, 1000});
-  return "kind: " + kind + "\ncolumns: " + std::to_string(columns) + "\nrows: " + std::to_string(rows) +
-         "\nspacing_m: " + to_text(map.number("spacing_m", {1e-5, 10})) + "\n" + charuco;
+  const int columns = map.integer("columns", {3, 1000}), rows = map.integer("rows", {3, 1000});
+  const double spacing_m = map.number("spacing_m", {1e-5, 100});
+  std::string text = "kind: " + kind + "\ncolumns: " + std::to_string(columns) + "\nrows: " + std::to_string(rows) +
+                     "\nspacing_m: " + to_text(spacing_m) + "\n";
+  const auto add_smaller = [&](const char* key) {
+    const double size_m = map.number(key, {1e-5, 100});
+    if (size_m >= spacing_m) throw map.error(key, std::string(key) + " must be less than spacing_m");
+    text += std::string(key) + ": " + to_text(size_m) + "\n";
+  };
+  if (kind == "charuco") {
+    add_smaller("marker_m");
+    const int markers = map.integer_or("markers", 50, {50, 1000});
+    if (markers != 50 && markers != 100 && markers != 250 && markers != 1000)
+      throw map.error("markers", "'markers' is the size of the dictionary: 50, 100, 250 or 1000");
+    text += "marker_bits: " + std::to_string(map.integer_or("marker_bits", 4, {4, 7})) +
+            "\nmarkers: " + std::to_string(markers) + "\n";
+  } else if (kind != "checkerboard" && map.has("diameter_m")) {
+    add_smaller("diameter_m");
+  }
+  return text;
 }
 
 // Reads `image_interval_s` and returns the name of `image_times`; empty if there is none.

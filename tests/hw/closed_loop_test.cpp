@@ -586,7 +586,7 @@ TEST_F(ClosedLoop, FocusGoesOnUntilItIsInterrupted) {
   ASSERT_TRUE(wait_until(60, [&] { return lines() >= 2; })) << log_of("program");
   EXPECT_EQ(focus.stop(SIGINT), 0);
   EXPECT_THAT(log_of("program"),
-              testing::ContainsRegex("^fringes [0-9]+ % .best [0-9]+ %., centre [0-9]+ %, corners [0-9]+ %; texture "
+              testing::ContainsRegex("^fringes [0-9]+ % .best [0-9]+ %., center [0-9]+ %, corners [0-9]+ %; texture "
                                      "sharpness 0[.][0-9]+ .best 0[.][0-9]+.\n"));
 }
 

@@ -129,7 +129,7 @@ TEST_F(Calibrate, ResponseOfAGamma) {
   const std::string plain = rendered("plain", "{steps: 3, periods_px: [1040]}", "{grain: plain, albedo: 0.75}", "{}");
   const auto refused = run_program({"calibrate", "response", plain, "--out", at("none")});
   EXPECT_EQ(refused.exit_code, 2);
-  EXPECT_THAT(refused.err, HasSubstr("neither a grey ramp of 5 levels or more nor 8 or more steps"));
+  EXPECT_THAT(refused.err, HasSubstr("neither a gray ramp of 5 levels or more nor 8 or more steps"));
 }
 
 // The usual sequence shows the response, too. Without it, the images seem to be of a moving camera; with it, they are mapped.

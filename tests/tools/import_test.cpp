@@ -735,6 +735,11 @@ TEST_F(ImportErrors, KeysAndValues) {
   expect_refused("\"f%02d.png\"", "\"f%s.png\"", "must contain one number field");
   expect_refused("[g1.png, g0.png]", "[g1.png, g0.png, white.png]", "lists 3 images, but the entry describes 2");
   expect_refused("kind: circles", "kind: dots", "'kind: dots' is not one of checkerboard");
+  // The limits are those of board.yaml.
+  expect_refused("columns: 7", "columns: 2", "'columns' is 2");
+  expect_refused("kind: circles", "kind: circles, diameter_m: 0.03", "diameter_m must be less than spacing_m");
+  expect_refused("kind: circles", "kind: checkerboard, diameter_m: 0.01", "unknown key 'diameter_m'");
+  expect_refused("kind: circles", "kind: charuco, marker_m: 0.01, markers: 77", "50, 100, 250 or 1000");
 }
 
 TEST_F(ImportErrors, ThreeStepsOfThreeShifts) {

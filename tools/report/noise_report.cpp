@@ -68,7 +68,7 @@ std::vector<std::string> warnings_of(const CameraNoise& noise) {
   std::vector<std::string> warnings;
   const NoiseInterval& gain = noise.gain_dn_per_electron;
   if (noise.nonlinearity > 0.15)
-    warnings.push_back("the noise variance deviates from a straight line over the grey value by " +
+    warnings.push_back("the noise variance deviates from a straight line over the gray value by " +
                        percentage(noise.nonlinearity) +
                        "; the images may be gamma-corrected, compressed or averaged: use raw images");
   if (std::abs(noise.correlation) > 0.1)
@@ -83,13 +83,13 @@ std::vector<std::string> warnings_of(const CameraNoise& noise) {
                        "few steps: measure the response with `fringeslam calibrate response` and project linearized "
                        "patterns");
   if (gain.high - gain.low > gain.value)
-    warnings.push_back("the gain is uncertain; use more stacks or a view with more grey levels");
+    warnings.push_back("the gain is uncertain; use more stacks or a view with more gray levels");
   return warnings;
 }
 
 cv::Mat3b picture_of(const CameraNoise& noise, const SensorModel& before) {
   double greatest = 0;
-  Plot plot{{"grey value, DN", 0, 1.1 * noise.bins.back().grey_dn},
+  Plot plot{{"gray value, DN", 0, 1.1 * noise.bins.back().grey_dn},
             {"temporal variance, DN^2"},
             {{{}, {110, 110, 110}, 1}, {}},
             {{}}};
