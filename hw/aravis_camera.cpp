@@ -112,8 +112,12 @@ std::vector<FoundCamera> find_cameras() {
 
 class AravisCamera::Connection {
  public:
-  explicit Connection(const CameraSettings& settings)
-      : settings_(settings), found_(find(settings.id)), format_(pixel_format(settings.pixel_format)) {
+  // Without a gain in the settings, `gain` is set, if given: a camera that was switched off returns to its own.
+  explicit Connection(const CameraSettings& settings, std::optional<double> gain = {})
+      : settings_(settings),
+        gain_(settings.gain > 0 ? settings.gain : gain),
+        found_(find(settings.id)),
+        format_(pixel_format(settings.pixel_format)) {
     if (const std::string fault = network_fault(found_.address, settings.packet_bytes, network_interfaces());
         !fault.empty())
       throw Error("camera: " + found_.id + ": " + fault);
@@ -151,6 +155,7 @@ class AravisCamera::Connection {
   }
 
   const std::string& name() const { return found_.id; }
+  std::optional<double> gain() const { return gain_; }
   bool lost() const { return lost_; }
   void give_up() { lost_ = true; }
 
@@ -196,11 +201,11 @@ class AravisCamera::Connection {
     if (arv_camera_is_exposure_auto_available(camera, nullptr))
       checked("automatic exposure", [&](GError** e) { arv_camera_set_exposure_time_auto(camera, ARV_AUTO_OFF, e); });
     checked("exposure", [&](GError** e) { arv_camera_set_exposure_time(camera, 1e6 * settings_.exposure_s, e); });
-    if (settings_.gain > 0) {
-      if (arv_camera_is_gain_auto_available(camera, nullptr))
-        checked("automatic gain", [&](GError** e) { arv_camera_set_gain_auto(camera, ARV_AUTO_OFF, e); });
-      checked("gain", [&](GError** e) { arv_camera_set_gain(camera, settings_.gain, e); });
-    }
+    if (arv_camera_is_gain_auto_available(camera, nullptr))
+      checked("automatic gain", [&](GError** e) { arv_camera_set_gain_auto(camera, ARV_AUTO_OFF, e); });
+    if (gain_) checked("gain", [&](GError** e) { arv_camera_set_gain(camera, *gain_, e); });
+    if (!gain_ && arv_camera_is_gain_available(camera, nullptr))
+      gain_ = checked("gain", [&](GError** e) { return arv_camera_get_gain(camera, e); });
     read_back();
     if (settings_.trigger == "free")
       checked("trigger", [&](GError** e) { arv_camera_clear_triggers(camera, e); });
@@ -298,6 +303,7 @@ class AravisCamera::Connection {
   }
 
   CameraSettings settings_;
+  std::optional<double> gain_;  // empty if the camera has no such setting
   FoundCamera found_;
   PixelFormat format_;
   double exposure_s_ = 0;
@@ -310,6 +316,7 @@ class AravisCamera::Connection {
 AravisCamera::AravisCamera(const CameraSettings& settings)
     : settings_(settings), connection_(std::make_unique<Connection>(settings)) {
   settings_.id = connection_->name();  // reconnect to the same camera
+  gain_ = connection_->gain();
 }
 
 AravisCamera::~AravisCamera() = default;
@@ -333,7 +340,7 @@ void AravisCamera::reopen() {
   const auto end = Clock::now() + std::chrono::duration<double>(settings_.reopen_s);
   for (double pause_s = 0.1;; pause_s = std::min(2.0, 2 * pause_s)) {
     try {
-      connection_ = std::make_unique<Connection>(settings_);
+      connection_ = std::make_unique<Connection>(settings_, gain_);
       return;
     } catch (const Error& e) {
       if (Clock::now() + std::chrono::duration<double>(pause_s) > end)

@@ -11,6 +11,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -62,6 +63,7 @@ class AravisCamera : public GreyCamera {
   CameraSettings settings_;
   CameraStatistics before_;  // of previous connections
   std::unique_ptr<Connection> connection_;
+  std::optional<double> gain_;  // of the first connection; empty if the camera has no such setting
 };
 
 }  // namespace fringeslam

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <numbers>
 #include <optional>
 #include <utility>
@@ -30,10 +29,11 @@ Levels levels_of(const std::vector<cv::Mat>& images, const cv::Mat& white, const
   cv::Mat1f w, k;
   white.convertTo(w, CV_32F);
   black.convertTo(k, CV_32F);
-  const double saturated = white.depth() == CV_8U ? 254.5 : std::numeric_limits<double>::infinity();
+  const double contrast_dn = options.min_contrast * options.full_scale_dn;
+  const double saturated_dn = options.saturation * options.full_scale_dn;
   std::vector<int> tell;
   for (int i = 0; i < static_cast<int>(w.total()); ++i) {
-    if (w(i) - k(i) >= options.min_contrast_dn && w(i) < saturated) tell.push_back(i);
+    if (w(i) - k(i) >= contrast_dn && w(i) < saturated_dn) tell.push_back(i);
   }
   Levels levels;
   levels.pixels = tell.size();
@@ -104,7 +104,7 @@ class Check {
           too_many([&](size_t p) { return std::abs(level[p] + levels_.of[j][p] - 1) > 2 * options_.tolerance; }))
         return image(i) + " and image " + std::to_string(j) + " should be inverses of each other but are not";
       if (!inverse && !too_many([&](size_t p) { return std::abs(level[p] - levels_.of[j][p]) > 0.5; }) &&
-          same_everywhere(i, j))
+          same_everywhere(i, j) && varies(i))
         return image(i) + " and image " + std::to_string(j) + " show the same bit";
     }
     return std::nullopt;
@@ -114,6 +114,15 @@ class Check {
     size_t differ = 0;
     for (size_t p = 0; p < levels_.pixels; ++p) differ += std::abs(levels_.of[i][p] - levels_.of[j][p]) > tolerance;
     return static_cast<double>(differ) < 0.005 * static_cast<double>(levels_.pixels);
+  }
+
+  // Both values of a bit are in view. On a small object, several coarse bits may be constant and equal; where one of two
+  // different bits changes, the other does not.
+  bool varies(size_t i) const {
+    const auto ones = static_cast<double>(
+        std::count_if(levels_.of[i].begin(), levels_.of[i].end(), [](float level) { return level > 0.5f; }));
+    const double share = ones / static_cast<double>(levels_.pixels);
+    return std::min(share, 1 - share) > 0.005;
   }
 
   // Checks an image of an extra frequency or of a product of cosines.

@@ -30,7 +30,9 @@
 namespace fringeslam {
 
 struct SequenceCheckOptions {
-  double min_contrast_dn = 12;     // white minus black, for a pixel to be used
+  double full_scale_dn = 255;      // of the camera
+  double min_contrast = 0.047;     // white minus black relative to full scale, for a pixel to be used
+  double saturation = 0.98;        // relative to full scale; brighter pixels are not used
   double tolerance = 0.12;         // of a level that should be 0 or 1
   double mean_tolerance = 0.08;    // of the mean of a period's images
   double cosine_tolerance = 0.15;  // root of the summed squared residuals of the cosine fit

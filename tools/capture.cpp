@@ -97,6 +97,8 @@ PatternSequence exposed(const PatternSequence& sequence, HardwareRig& rig, const
       return rig.capture(patterns);
     } catch (const SequenceRejected&) {
       return std::nullopt;  // too little is visible at this exposure
+    } catch (const UnsupportedExposure&) {
+      return std::nullopt;
     }
   };
   // At an unsuitable exposure, the images do not show that the patterns were projected.
@@ -104,6 +106,7 @@ PatternSequence exposed(const PatternSequence& sequence, HardwareRig& rig, const
   double current = 1;
   std::exception_ptr reason;
   for (const double factor : kFactors) {
+    if (interrupted()) throw Error("capture: interrupted before the first stack");
     try {
       if (factor != current) rig.scale_exposure(factor / current);
       current = factor;
@@ -201,6 +204,7 @@ int capture(const CaptureArguments& arguments, const Common& common) {
   PatternSequence sequence = sequence_of(arguments, model);
   ExposureChoice exposures{{1}, 0};
   std::unique_ptr<HardwareRig> rig;
+  catch_interrupts();  // from now on, the devices are released in an orderly way
   if (arguments.auto_exposure) {
     rig = open_hardware(arguments.rig);
     run_before(arguments.before, 0);
@@ -218,11 +222,14 @@ int capture(const CaptureArguments& arguments, const Common& common) {
   if (maps) mapper.emplace(model, sequence, settings.pipeline, page->feed());
   if (!rig) rig = open_hardware(arguments.rig);
   Recorder recorder(arguments, *rig, sequence, settings);
-  catch_interrupts();
 
   int stacks = 0;
   double capturing_s = 0;
   const auto kept = [&] { return std::to_string(stacks) + (stacks == 1 ? " stack" : " stacks"); };
+  const auto keep = [&] {
+    recorder.finish();
+    if (fs::is_directory(arguments.out)) sync_folder(arguments.out);
+  };
   {
     Progress progress("capturing", arguments.count, common.quiet || common.json);
     try {
@@ -245,15 +252,18 @@ int capture(const CaptureArguments& arguments, const Common& common) {
         remove_empty_recording(arguments.out);
         throw;
       }
-      recorder.finish();
+      try {
+        keep();
+      } catch (const std::exception& f) {
+        throw Error(std::string(e.what()) + "; the " + kept() + " captured before could not be kept: " + f.what());
+      }
       throw Error(std::string(e.what()) + "; " + kept() + " captured before are in " + arguments.out);
     }
   }
   if (stacks == 0)
     remove_empty_recording(arguments.out);
   else
-    recorder.finish();
-  if (stacks > 0 && fs::is_directory(arguments.out)) sync_folder(arguments.out);
+    keep();
   if (mapper) mapper->finish();
   if (page) page->feed().finish();
   const CameraStatistics camera = rig->camera().statistics();

@@ -2,6 +2,7 @@
 // fringeslam import FOLDER --out DATASET: converts another rig's images to a dataset.
 #include "core/import/import.h"
 
+#include <algorithm>
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -12,6 +13,7 @@
 #include "core/check/conventions.h"
 #include "core/decode/exposures.h"
 #include "core/io/json_text.h"
+#include "core/patterns/waveform.h"
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
 #include "tools/bag/bag_dataset.h"
@@ -50,29 +52,7 @@ std::string summary_of(const CameraNoise& noise) {
   return text;
 }
 
-// The exposure at which the images of a stack show the patterns best.
-double clearest_exposure(const FringeStack& stack, const SensorModel& sensor) {
-  if (!has_exposures(stack.patterns)) return 1;
-  return best_exposure(stack, DecodeOptions().saturation * sensor.max_dn()).patterns.patterns.front().exposure;
-}
-
-// The images at one exposure, as if it were the rig's.
-FringeStack images_at(double exposure, const FringeStack& stack) {
-  FringeStack one = stack;
-  one.patterns.patterns.clear();
-  one.images.clear();
-  one.exposure_s.clear();
-  one.exposure_time_s.clear();
-  for (size_t i = 0; i < stack.images.size(); ++i) {
-    Pattern pattern = stack.patterns.patterns[i];
-    if (std::exchange(pattern.exposure, 1) != exposure) continue;
-    one.patterns.patterns.push_back(pattern);
-    one.images.push_back(stack.images[i]);
-    one.exposure_s.push_back(stack.exposure_s[i]);
-    one.exposure_time_s.push_back(stack.exposure_time_s[i]);
-  }
-  return one;
-}
+double clip_dn(const SensorModel& sensor) { return DecodeOptions().saturation * sensor.max_dn(); }
 
 // Measures the noise from the first stacks, or reads it, as import.yaml requests.
 ImportedNoise noise_of(const ImportPlan& plan) {
@@ -93,8 +73,8 @@ ImportedNoise noise_of(const ImportPlan& plan) {
   for (int i = 0; i < kStacks; ++i) {
     const auto stack = rig.capture(rig.sequence());
     if (!stack) break;
-    if (!exposure) exposure = clearest_exposure(*stack, result.sensor);
-    estimator.add(images_at(*exposure, *stack));
+    if (!exposure) exposure = clearest_exposure(*stack, clip_dn(result.sensor));
+    estimator.add(as_one_exposure(images_at(*stack, *exposure)));
   }
   try {
     result.measured = estimator.estimate();
@@ -129,13 +109,20 @@ std::vector<std::string> convention_warnings(const ImportPlan& plan, const Fring
   return {message};
 }
 
+// True if a correction applies to all periods of an axis.
+bool corrects(const PhaseCorrection& correction, const std::vector<FringeGroup>& groups) {
+  return !correction.offset_rad.empty() && std::all_of(groups.begin(), groups.end(), [&](const FringeGroup& group) {
+    return correction.steps == static_cast<int>(group.images.size()) && equally_spaced(group.shifts_rad);
+  });
+}
+
 // Returns a warning if the phases of two periods disagree in a way that repeats with the phase: waveforms that are not the
 // described sinusoids bias three-step phases by several percent of a period.
 std::vector<std::string> waveform_warnings(const FringeStack& stack, const RigModel& rig) {
   constexpr double kLeast_rad = 0.03, kLeast_px = 0.1, kSigmas = 5;
-  if (!rig.phase_correction.offset_rad.empty()) return {};
   std::optional<PeriodDeviation> worst;
   for (const Axis axis : {Axis::columns, Axis::rows}) {
+    if (corrects(rig.phase_correction, fringe_groups(stack.patterns, axis))) continue;
     for (const PeriodDeviation& deviation : period_deviations(stack.images, stack.patterns, axis, rig.sensor, {})) {
       const bool significant = deviation.rms_rad > std::max(kLeast_rad, kSigmas * deviation.sigma_rad);
       if (significant && deviation.rms_px() > kLeast_px && (!worst || deviation.rms_rad > worst->rms_rad))
@@ -153,6 +140,26 @@ std::vector<std::string> waveform_warnings(const FringeStack& stack, const RigMo
   return {text};
 }
 
+// Throws Error if 16-bit images have no values of 16 bits: saturation would go unnoticed, and sigmas would be wrong.
+void check_bits(const ImportPlan& plan, const FringeStack& stack) {
+  if (plan.camera.bits > 0 || stack.images[0].depth() != CV_16U) return;
+  double largest = 0;
+  for (const cv::Mat& image : stack.images) {
+    double in_image = 0;
+    cv::minMaxLoc(image, nullptr, &in_image);
+    largest = std::max(largest, in_image);
+  }
+  constexpr double k12Bits = 4095, k14Bits = 16383, kSaturated = 1e-4;
+  const auto is_saturated = [&](const cv::Mat& image) {
+    return cv::countNonZero(image == largest) > kSaturated * static_cast<double>(image.total());
+  };
+  if (largest <= k12Bits || (largest == k14Bits && std::any_of(stack.images.begin(), stack.images.end(), is_saturated)))
+    throw Error(
+        plan.config.string() + ": no gray value of the first stack exceeds " + to_text(largest) +
+        " of 65535; add `camera: {bits: N}` with the bits of the camera's values, such as 12, or 16 if the images "
+        "are that dark");
+}
+
 // Compares the first stack with its description.
 std::vector<std::string> check_of(const ImportPlan& plan, const SensorModel& sensor,
                                   const std::optional<RigModel>& calibration) {
@@ -161,8 +168,9 @@ std::vector<std::string> check_of(const ImportPlan& plan, const SensorModel& sen
   rig.set_sensor(sensor);
   const auto stack = rig.capture(rig.sequence());
   if (!stack) return {};
-  const double exposure = clearest_exposure(*stack, sensor);
-  const FringeStack one = images_at(exposure, *stack);
+  check_bits(plan, *stack);
+  const double exposure = clearest_exposure(*stack, clip_dn(sensor));
+  const FringeStack one = as_one_exposure(images_at(*stack, exposure));
   std::vector<double> offset_rad;
   for (size_t i = 0; i < plan.offset_rad.size(); ++i) {
     if (stack->patterns.patterns[i].exposure == exposure) offset_rad.push_back(plan.offset_rad[i]);

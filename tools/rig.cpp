@@ -14,6 +14,7 @@
 #include "hw/rig_hardware.h"
 #include "hw/sdl_projector.h"
 #include "tools/advise.h"
+#include "tools/interrupt.h"
 #include "tools/verbs.h"
 
 namespace fringeslam::tools {
@@ -68,8 +69,13 @@ int list(const Common& common) {
   return 0;
 }
 
+void throw_if_interrupted() {
+  if (interrupted()) throw Error("rig: interrupted");
+}
+
 int check(const std::string& rig_file, const Common& common) {
   const RigModel model = read_rig(rig_file);
+  catch_interrupts();  // the devices are released in an orderly way
   const auto rig = open_hardware(rig_file);
   const PatternSequence sequence = phase_shift_sequence(model.projector.width, model.projector.height,
                                                         {model.projector.width + 16.0}, 3, Axis::columns, 8);
@@ -83,11 +89,14 @@ int check(const std::string& rig_file, const Common& common) {
   const double gamma = rig->gamma();
   const bool bent = std::abs(gamma - 1) > 0.1;
   const auto look = [&](const PatternSequence& patterns) -> std::optional<FringeStack> {
+    throw_if_interrupted();
     if (!rig->takes_exposures()) return std::nullopt;
     try {
       return rig->capture(patterns);
     } catch (const SequenceRejected&) {
       return std::nullopt;  // too little is visible at this exposure
+    } catch (const UnsupportedExposure&) {
+      return std::nullopt;
     }
   };
   const RigAdvice advice = advise_for(*rig, look, rig_file);
@@ -116,6 +125,7 @@ int check(const std::string& rig_file, const Common& common) {
 int latency(const std::string& rig_file, const Common& common) {
   const RigModel model = read_rig(rig_file);
   const HardwareSettings settings = read_hardware(rig_file, model);
+  catch_interrupts();
   const auto projector = open_projector(settings, model);
   AravisCamera camera(settings.camera);
   using Clock = std::chrono::steady_clock;
@@ -134,16 +144,23 @@ int latency(const std::string& rig_file, const Common& common) {
   std::vector<double> delays_s;
   double image_s = 0;
   for (int i = 0; i < 10; ++i) {
+    throw_if_interrupted();
     const bool up = i % 2 != 0;
     projector->show(up ? white : black);
     const Clock::time_point shown = Clock::now();
     double begun_s = 0;
-    for (int k = 0; k < 100; ++k) {
+    bool reached = false;
+    for (int k = 0; k < 100 && !reached; ++k) {
       begun_s = std::chrono::duration<double>(Clock::now() - shown).count();
       const double share = (level() - low) / (high - low);
       image_s = std::chrono::duration<double>(Clock::now() - shown).count() - begun_s;
-      if (std::abs(share - (up ? 1 : 0)) < 0.02) break;
+      reached = std::abs(share - (up ? 1 : 0)) < 0.02;
     }
+    if (!reached)
+      throw Error(
+          "rig: the brightness does not settle within 100 images after the projector changes; check for other light "
+          "that "
+          "flickers, and expose for a multiple of the projector's refresh interval");
     delays_s.push_back(begun_s);
   }
   std::sort(delays_s.begin(), delays_s.end());

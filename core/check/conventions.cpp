@@ -11,6 +11,7 @@
 
 #include "core/base/constants.h"
 #include "core/decode/decode.h"
+#include "core/decode/exposures.h"
 #include "core/patterns/patterns.h"
 #include "core/types/error.h"
 #include "core/types/grey_value.h"
@@ -782,12 +783,23 @@ ConventionReport check_conventions(const FringeStack& stack, const RigModel& rig
   return report;
 }
 
+namespace {
+
+// Fits the description of a stack. Of several exposures, the clearest is examined alone: the others saturate or show noise.
+DescriptionFit fit_as_described(const FringeStack& stack, const RigModel& rig) {
+  if (!has_exposures(stack.patterns)) return fit_of(stack, {"", stack.patterns, rig});
+  const FringeStack one = as_one_exposure(best_exposure(stack, DecodeOptions().saturation * rig.sensor.max_dn()));
+  return fit_of(one, {"", one.patterns, rig});
+}
+
+}  // namespace
+
 std::string reason_for_turned_images(const FringeStack& stack, const RigModel& rig) {
   // Nearly all surfaces face camera and projector, or nearly none: with edges, at most 1 % differ.
   constexpr double kFacing = 0.1, kLeastPixels = 200;
   if (!rig.calibrated) return "";
   try {
-    const DescriptionFit fit = fit_of(stack, {"", stack.patterns, rig});
+    const DescriptionFit fit = fit_as_described(stack, rig);
     if (!(fit.lit * fit.ordered >= kLeastPixels && fit.facing < kFacing)) return "";
     return percent_of(1 - fit.facing) +
            " of the surfaces face away from the projector: the images are mirrored left to right or rotated by half a "
@@ -800,7 +812,7 @@ std::string reason_for_turned_images(const FringeStack& stack, const RigModel& r
 std::string reason_for_no_depth(const FringeStack& stack, const RigModel& rig) {
   DescriptionFit fit;
   try {
-    fit = fit_of(stack, {"", stack.patterns, rig});
+    fit = fit_as_described(stack, rig);
   } catch (const Error& e) {
     return std::string("the patterns do not determine fringe orders without a map (") + e.what() + ")";
   }

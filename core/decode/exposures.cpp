@@ -105,7 +105,7 @@ CombinedExposures combine_exposures(const FringeStack& stack, const SensorModel&
   return result;
 }
 
-FringeStack best_exposure(const FringeStack& stack, double clip_dn) {
+double clearest_exposure(const FringeStack& stack, double clip_dn) {
   check_stack(stack);
   constexpr int kStride = 8;
   const std::vector<Pattern>& patterns = stack.patterns.patterns;
@@ -135,19 +135,33 @@ FringeStack best_exposure(const FringeStack& stack, double clip_dn) {
     const double contrast = contrast_at(exposure);
     if (contrast > most) best = exposure, most = contrast;
   }
+  return best;
+}
+
+FringeStack images_at(const FringeStack& stack, double exposure) {
+  const std::vector<Pattern>& patterns = stack.patterns.patterns;
   FringeStack one = stack;
   one.patterns.patterns.clear();
   one.images.clear();
   one.exposure_s.clear();
   one.exposure_time_s.clear();
   for (size_t i = 0; i < patterns.size(); ++i) {
-    if (patterns[i].exposure != best) continue;
+    if (patterns[i].exposure != exposure) continue;
     one.patterns.patterns.push_back(patterns[i]);
     one.images.push_back(stack.images[i]);
     one.exposure_s.push_back(stack.exposure_s[i]);
     one.exposure_time_s.push_back(stack.exposure_time_s[i]);
   }
   return one;
+}
+
+FringeStack best_exposure(const FringeStack& stack, double clip_dn) {
+  return images_at(stack, clearest_exposure(stack, clip_dn));
+}
+
+FringeStack as_one_exposure(FringeStack stack) {
+  for (Pattern& pattern : stack.patterns.patterns) pattern.exposure = 1;
+  return stack;
 }
 
 }  // namespace fringeslam

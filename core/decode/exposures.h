@@ -26,8 +26,16 @@ struct CombinedExposures {
 // predict to be. Throws Error if an exposure time is not positive.
 CombinedExposures combine_exposures(const FringeStack& stack, const SensorModel& sensor, double clip_dn);
 
-// Returns the images of a stack at one of its exposures: that with the greatest contrast of unsaturated pixels. They are a
-// stack of fewer images in a linear relation to the light.
+// Returns the exposure of a stack, relative to the rig's, with the greatest contrast of unsaturated pixels.
+double clearest_exposure(const FringeStack& stack, double clip_dn);
+
+// Returns the images of a stack at one of its exposures. They are a stack of fewer images in a linear relation to the light.
+FringeStack images_at(const FringeStack& stack, double exposure);
+
+// Returns the images at the clearest exposure.
 FringeStack best_exposure(const FringeStack& stack, double clip_dn);
+
+// Returns a stack of a single exposure as if that were the rig's.
+FringeStack as_one_exposure(FringeStack stack);
 
 }  // namespace fringeslam

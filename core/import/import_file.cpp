@@ -559,7 +559,7 @@ void read_noise_source(const YamlMap& map, const fs::path& folder, ImportCamera&
   }
   camera.noise = NoiseSource::file;
   for (const fs::path& candidate : {map.folder() / source, folder / source}) {
-    if (fs::is_regular_file(candidate)) camera.noise_file = candidate;
+    if (camera.noise_file.empty() && fs::is_regular_file(candidate)) camera.noise_file = candidate;
   }
   if (camera.noise_file.empty())
     throw map.error("noise", "'noise' must be measured, default or a rig.yaml file; " + source +
@@ -604,32 +604,63 @@ std::string read_board(const YamlMap& map) {
   return text;
 }
 
+// Each pattern is shown while one image is taken.
+void set_image_interval(double interval_s, ImportPlan& plan) {
+  plan.rig.timing.camera_rate_hz = plan.rig.timing.pattern_rate_hz = 1 / interval_s;
+  plan.rig.timing.exposure_s = std::min(plan.rig.timing.exposure_s, interval_s);
+}
+
 // Reads `image_interval_s` and returns the name of `image_times`; empty if there is none.
 std::string read_image_timing(const YamlMap& map, ImportPlan& plan) {
   const std::string file = map.text_or("image_times", "");
   if (!map.has("image_interval_s")) return file;
   if (!file.empty()) throw map.error("image_interval_s", "specify image_interval_s or image_times, not both");
   plan.image_interval_s = map.number("image_interval_s", {1e-5, 100});
-  plan.rig.timing.camera_rate_hz = 1 / plan.image_interval_s;
-  plan.rig.timing.pattern_rate_hz = plan.rig.timing.camera_rate_hz;
+  set_image_interval(plan.image_interval_s, plan);
   return file;
 }
 
-// Reads a text file: the middle of each exposure in seconds, in the order of the patterns.
+// Reads a text file: the middle of each exposure in seconds, in the order of the patterns. All stacks count from the same
+// origin, so each is later than the one before.
 std::vector<double> read_image_times(const fs::path& file, const ImportPlan& plan) {
   std::istringstream text(read_input(file));
+  constexpr double kLatest_s = 1e12;  // as in dataset.yaml
   std::vector<double> times_s;
   for (std::string word; text >> word;) {
     char* end = nullptr;
     const double time_s = std::strtod(word.c_str(), &end);
-    if (end != word.c_str() + word.size() || !std::isfinite(time_s))
-      throw Error(file.string() + ": '" + word + "' is no time in seconds; list one number per image");
+    if (end != word.c_str() + word.size() || !(time_s >= 0 && time_s <= kLatest_s))
+      throw Error(file.string() + ": '" + word +
+                  "' is no time from 0 to 1e12 s; list one number per image, in seconds");
     times_s.push_back(time_s);
   }
   if (times_s.size() != plan.sequence.patterns.size())
     throw Error(file.string() + ": lists " + std::to_string(times_s.size()) + " times for " +
                 std::to_string(plan.sequence.patterns.size()) + " images; list one number per image");
+  if (!plan.image_times_s.empty() &&
+      !(reference_time_s(plan.sequence, times_s) > reference_time_s(plan.sequence, plan.image_times_s.back())))
+    throw Error(file.string() +
+                ": is not later than the stack before it; count the times of all stacks from the same origin, and list "
+                "the stacks in the order of time");
   return times_s;
+}
+
+// Median time between images that follow each other. Throws Error if two images have the same time.
+double median_interval_s(std::vector<double> times_s, const fs::path& file) {
+  std::sort(times_s.begin(), times_s.end());
+  std::vector<double> intervals_s;
+  for (size_t i = 1; i < times_s.size(); ++i) intervals_s.push_back(times_s[i] - times_s[i - 1]);
+  std::sort(intervals_s.begin(), intervals_s.end());
+  if (!(intervals_s.front() > 0)) throw Error(file.string() + ": two images have the same time; correct the times");
+  return intervals_s[intervals_s.size() / 2];
+}
+
+// The patterns of one exposure: exposures are combined before phases are computed.
+PatternSequence at_one_exposure(PatternSequence sequence) {
+  std::erase_if(sequence.patterns, [first = sequence.patterns.front().exposure](const Pattern& pattern) {
+    return pattern.exposure != first;
+  });
+  return sequence;
 }
 
 // The correction belongs to the number of steps of the finest period.
@@ -638,7 +669,7 @@ void apply(const Waveform& waveform, ImportPlan& plan) {
   if (!waveform.inverse_response.empty()) plan.sequence.inverse_response = waveform.inverse_response;
   if (waveform.linear) return;
   for (const Axis axis : {Axis::rows, Axis::columns}) {
-    const std::vector<FringeGroup> groups = fringe_groups(plan.sequence, axis);
+    const std::vector<FringeGroup> groups = fringe_groups(at_one_exposure(plan.sequence), axis);
     if (!groups.empty())
       plan.rig.phase_correction =
           phase_correction_of(waveform.response, static_cast<int>(groups.back().shifts_rad.size()));
@@ -705,7 +736,11 @@ ImportPlan read_import(const fs::path& config, const fs::path& folder, bool unpa
     std::vector<fs::path> used = plan.stacks.back();
     for (const Entry& entry : entries) used.insert(used.end(), entry.projected.begin(), entry.projected.end());
     check_unused_images(stack, used, ignored, map);
-    if (!image_times.empty()) plan.image_times_s.push_back(read_image_times(stack / image_times, plan));
+    if (image_times.empty()) continue;
+    const fs::path file = stack / image_times;
+    plan.image_times_s.push_back(read_image_times(file, plan));
+    if (plan.image_times_s.size() == 1 && plan.sequence.patterns.size() > 1)
+      set_image_interval(median_interval_s(plan.image_times_s.front(), file), plan);
   }
   return plan;
 }

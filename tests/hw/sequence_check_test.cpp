@@ -142,6 +142,51 @@ TEST_P(Sequences, ALateSequenceIsFoundOut) {
   EXPECT_FALSE(judged(shown).good);
 }
 
+// On an object that the coarse bits do not divide, two of them are constant and equal. A repeated bit that changes there is
+// still found.
+TEST(SequenceCheck, CoarseBitsMayBeConstantOnASmallObject) {
+  Scene scene;
+  for (int r = 0; r < kHeight; ++r) {
+    for (int c = 0; c < kWidth; ++c) {
+      if (!(scene.column(r, c) > kScreen / 2.0f + 4 && scene.column(r, c) < 0.75f * kScreen - 4))
+        scene.contrast(r, c) = 0;
+    }
+  }
+  const PatternSequence sequence = design_sequence(design({64}, GrayCode::plain));
+  std::vector<cv::Mat> images = scene.seen(sequence.patterns, 1);
+  const cv::Mat white = scene.seen(kWhite, 1, 1), black = scene.seen(kBlack, 2, 1);
+  const SequenceVerdict verdict = check_sequence(sequence, images, white, black);
+  EXPECT_TRUE(verdict.good) << verdict.reason;
+  images[images.size() - 1] = images[images.size() - 3];
+  EXPECT_FALSE(check_sequence(sequence, images, white, black).good);
+}
+
+// Limits are relative to the camera's full scale: saturated pixels of a 12-bit camera are not used, nor is its noise.
+TEST(SequenceCheck, LimitsFollowTheBitsOfTheCamera) {
+  Scene scene;
+  support::Random random(9);
+  for (int r = 0; r < kHeight; ++r) {
+    for (int c = 0; c < kWidth; ++c) scene.contrast(r, c) = c < kWidth / 2 ? 600 : c < 0.7 * kWidth ? 120 : 0;
+  }
+  const PatternSequence sequence = design_sequence(design({1040, 131, 16.5}));
+  const auto seen = [&](const Pattern& pattern) {
+    cv::Mat1w image(kHeight, kWidth);
+    for (int r = 0; r < kHeight; ++r) {
+      for (int c = 0; c < kWidth; ++c) {
+        const double light = scene.contrast(r, c) * ideal_intensity(pattern, scene.column(r, c));
+        image(r, c) = static_cast<uint16_t>(std::clamp(16 * (10 + light + random.normal()), 0.0, 4095.0));
+      }
+    }
+    return cv::Mat(image);
+  };
+  std::vector<cv::Mat> images;
+  for (const Pattern& pattern : sequence.patterns) images.push_back(seen(pattern));
+  SequenceCheckOptions options;
+  options.full_scale_dn = 4095;
+  const SequenceVerdict verdict = check_sequence(sequence, images, seen(kWhite), seen(kBlack), options);
+  EXPECT_TRUE(verdict.good) << verdict.reason;
+}
+
 TEST(SequenceCheck, DarknessIsNoSequence) {
   const PatternSequence sequence = design_sequence(design({1040, 131, 16.5}));
   const cv::Mat dark(kHeight, kWidth, CV_8UC1, cv::Scalar(3));

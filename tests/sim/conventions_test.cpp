@@ -86,6 +86,25 @@ TEST(Conventions, TurnedImagesAreRecognized) {
   }
 }
 
+// Most pixels saturate at the longer of two exposures.
+TEST(Conventions, TurnedImagesOfSeveralExposuresAreRecognized) {
+  RigModel rig;
+  FringeStack stack = rendered("boxes_and_foam", 1, rig);
+  for (size_t i = 0, count = stack.images.size(); i < count; ++i) {
+    stack.patterns.patterns.push_back(stack.patterns.patterns[i]);
+    stack.patterns.patterns.back().exposure = 64;
+    stack.images.push_back(64 * stack.images[i]);
+    stack.exposure_s.push_back(64 * stack.exposure_s[i]);
+    stack.exposure_time_s.push_back(stack.exposure_time_s.back() + 0.01);
+  }
+  EXPECT_EQ(reason_for_turned_images(stack, rig), "");
+  for (cv::Mat& image : stack.images) {
+    image = image.clone();
+    cv::flip(image, image, 1);
+  }
+  EXPECT_THAT(reason_for_turned_images(stack, rig), HasSubstr("face away"));
+}
+
 class Mistakes : public testing::Test {
  protected:
   // Applies a mistake to the true description and expects that its correction is found.

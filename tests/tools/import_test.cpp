@@ -311,6 +311,11 @@ TEST(Import, ResponsesAndPreDistortionsAreCombined) {
   const ImportPlan half = plan(", gamma: 2.2, pre_distortion: {gamma: 1.5}");
   EXPECT_LT(half.rig.phase_correction.offset_rad[30], -0.05);
   EXPECT_GT(half.rig.phase_correction.offset_rad[30], -0.2);
+  // Exposures are combined before phases are computed.
+  test::write_bytes(temp / "import.yaml",
+                    "name: x\nprojector: {width_px: 64, height_px: 32, gamma: 2.2}\npatterns:\n"
+                    "  - {files: \"%d.png\", fringe: {axis: columns, period_px: 64, steps: 3}, exposures: [1, 8]}\n");
+  EXPECT_EQ(read_import(temp / "import.yaml", temp.path()).rig.phase_correction.steps, 3);
   EXPECT_TRUE(plan(", pre_distortion: {table: [0, 0.7, 1]}").rig.phase_correction.offset_rad.empty());
   EXPECT_THAT(message_of([&] { plan(", pre_distortion: {table: [0, 0.7, 0.6]}"); }),
               HasSubstr("the table must increase strictly; entry 3 does not"));
@@ -784,6 +789,49 @@ TEST_F(ImportErrors, BitsOfTheCamera) {
   ImportedRig rig(read_import(temp_ / "in/import.yaml", temp_ / "in"));
   EXPECT_EQ(rig.capture(rig.sequence())->images[0].at<uint16_t>(0, 0), 0xABC);
 }
+
+// Saturation at 4095 would go unnoticed if the values were taken for 16 bits.
+TEST_F(ImportErrors, TwelveBitsInSixteenAreNotGuessed) {
+  for (const char* name : {"f00", "f01", "f02", "g0", "g1", "white"}) put(name, cv::Mat1w(6, 8, uint16_t{4095}));
+  const auto imported = [&](const std::string& camera) {
+    test::write_bytes(temp_ / "in/import.yaml", std::string(kGood) + camera);
+    return test::run_program(
+        {"import", (temp_ / "in").string(), "--out", (temp_ / ("out" + camera.substr(0, 20))).string()});
+  };
+  const test::Finished refused = imported("");
+  EXPECT_EQ(refused.exit_code, 2);
+  EXPECT_THAT(refused.err,
+              HasSubstr("no gray value of the first stack exceeds 4095 of 65535; add `camera: {bits: N}`"));
+  EXPECT_EQ(imported("camera: {bits: 12}\n").exit_code, 0);
+}
+
+TEST_F(ImportErrors, TimesOfImages) {
+  const std::string yaml = std::string(kGood) + "stacks: [a, b]\nimage_times: times.txt\n";
+  const auto write = [&](const std::string& times, const std::string& more_times) {
+    for (const char* stack : {"a", "b"}) {
+      fs::create_directories(temp_ / "in" / stack);
+      for (const char* name : {"f00", "f01", "f02", "g0", "g1", "white"})
+        put(std::string(stack) + "/" + name, cv::Mat1b(6, 8, uchar{9}));
+    }
+    test::write_bytes(temp_ / "in/a/times.txt", times);
+    test::write_bytes(temp_ / "in/b/times.txt", more_times);
+    for (const char* name : {"f00", "f01", "f02", "g0", "g1", "white"})
+      fs::remove(temp_ / "in" / (std::string(name) + ".png"));
+    test::write_bytes(temp_ / "in/import.yaml", yaml);
+  };
+  const auto message = [&](const std::string& times, const std::string& more_times) {
+    write(times, more_times);
+    return import(yaml);
+  };
+  write("1 1.004 1.008 1.012 1.016 1.020", "2 2.1 2.2 2.3 2.4 2.5");
+  EXPECT_NEAR(read_import(temp_ / "in/import.yaml", temp_ / "in").rig.timing.camera_rate_hz, 250, 1e-6);
+  EXPECT_THAT(message("0 1 2 3 4 5", "0 1 2 3 4 5"), HasSubstr("b/times.txt: is not later than the stack before it"));
+  EXPECT_THAT(message("-1 1 2 3 4 5", "6 7 8 9 10 11"), HasSubstr("a/times.txt: '-1' is no time from 0 to 1e12 s"));
+  EXPECT_THAT(message("1.7e18 1 2 3 4 5", "6 7 8 9 10 11"), HasSubstr("'1.7e18' is no time"));
+  EXPECT_THAT(message("1 1 2 3 4 5", "6 7 8 9 10 11"), HasSubstr("a/times.txt: two images have the same time"));
+}
+
+TEST_F(ImportErrors, FastCameras) { EXPECT_EQ(import(std::string(kGood) + "image_interval_s: 0.0002\n"), ""); }
 
 TEST_F(ImportErrors, Calibration) {
   const RigModel rig = toy_rig();
