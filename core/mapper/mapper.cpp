@@ -87,6 +87,7 @@ FrameResult Mapper::process(MapperInput input) {
     predicted = predict(input.timestamp_s);
   }
   track(result, input, predicted, effect);
+  if (wants_landmarks(result) && result.keypoints.detected == 0) find_landmarks(result);
   const FrameMotion motion = add_motion_uncertainty(result, input, effect);
   result.images = input.images;
   if (!has_pose(result.tracking)) {
@@ -125,7 +126,11 @@ void Mapper::reconstruct_unless_predicted(FrameResult& result, MapperInput& inpu
     if (result.motion_unknown())
       reconstruct(result, input, {nullptr, unknown_motion(options_.registration.motion_prior), false, &rough});
   }
-  if (result.complete && options_.registration.tracking.landmarks == LandmarkViews::every_frame) find_landmarks(result);
+  if (wants_landmarks(result)) find_landmarks(result);
+}
+
+bool Mapper::wants_landmarks(const FrameResult& result) const {
+  return result.complete && options_.registration.tracking.landmarks == LandmarkViews::every_frame;
 }
 
 // Finds the pose: from the prediction if possible, else by landmarks.
@@ -227,10 +232,11 @@ std::vector<PoseSample> Mapper::last_samples(int registered_with, const PoseVari
   return samples;
 }
 
-// Constant velocity between the last two tracked views; empty if they are too far in the past.
+// Constant velocity between the last two tracked views; empty if they are too far in the past, or if views between them had
+// no pose.
 std::optional<Pose> Mapper::camera_at_constant_velocity(double timestamp_s) const {
   constexpr double kFarthest = 3;  // intervals between those views
-  if (track_.size() < 2) return std::nullopt;
+  if (track_.size() < continuous_from_ + 2) return std::nullopt;
   const TrackedView &before = track_[track_.size() - 2], &last = track_.back();
   const double share = (timestamp_s - last.timestamp_s) / (last.timestamp_s - before.timestamp_s);
   if (!(share >= 0 && share <= kFarthest)) return std::nullopt;
@@ -247,6 +253,10 @@ const Frame& Mapper::keyframe_image(int keyframe) {
 
 void Mapper::reconstruct(FrameResult& result, const MapperInput& input, const ReconstructionPrior& prior) const {
   static_cast<ReconstructedView&>(result) = input.reconstruct(prior);
+  // Those of the frame before.
+  result.keypoints = {};
+  result.landmarks = {};
+  result.recognitions = {};
 }
 
 void Mapper::find_landmarks(FrameResult& result, bool longer) const {
@@ -261,7 +271,9 @@ int Mapper::best_reference(const Frame& frame, const Pose& predicted) const {
   constexpr double kClearly = 0.1;
   const std::vector<int> candidates = map_.overlapping(frame, predicted);
   if (candidates.empty()) return -1;
-  const int last = track_.back().keyframe, most = candidates.front();
+  const int most = candidates.front();
+  if (track_.empty()) return most;  // the first view in a map of an earlier run
+  const int last = track_.back().keyframe;
   const bool change =
       map_.expected_overlap(frame, predicted, most) > map_.expected_overlap(frame, predicted, last) + kClearly;
   return change ? most : last;
@@ -271,6 +283,7 @@ int Mapper::best_reference(const Frame& frame, const Pose& predicted) const {
 // `reference` closes a loop. -1: none.
 int Mapper::unlinked_from(int reference) const {
   constexpr int kFewLinks = 3;
+  if (track_.empty()) return -1;
   const int left = unlinked_ >= 0 ? unlinked_ : track_.back().keyframe;
   return map_.linked_within(left, reference, kFewLinks) ? -1 : left;
 }
@@ -368,7 +381,8 @@ ExpectedView Mapper::expected_view(const Pose& world_from_current, const Matrix6
     const Pose current_from_known = current_from_world * world_from_known;
     return KnownView{&frame, current_from_known, covariance_of_inverse(current_from_known.inverse(), covariance)};
   };
-  std::vector<KnownView> views = {known(last_frame_, world_from_camera(track_.back()))};
+  std::vector<KnownView> views;
+  if (!track_.empty()) views.push_back(known(last_frame_, world_from_camera(track_.back())));
   if (by_reference && last_keyframe_ != image_keyframe_)
     views.push_back(known(keyframe_image_, map_.keyframes()[static_cast<size_t>(image_keyframe_)].world_from_camera));
   return fringeslam::expected_view(views, rig_.camera, map_.rays());
@@ -396,6 +410,7 @@ bool Mapper::relocalize(FrameResult& result) {
   // Landmarks do not reveal that a view or its keyframe is distorted by a motion that its own stack misjudged.
   const auto reference = static_cast<size_t>(result.reference);
   const bool doubtful = (reference < keyframe_motion_.size() && keyframe_motion_[reference].by_own_stack) ||
+                        (reference == 0 && first_keyframe_improved_) ||  // its landmarks are those of the frame before
                         (result.in_motion() && result.motion->residuals > 0);
   if (doubtful && !result.registration.refined) result.registration.found = false;
   if (!result.registration.found) return false;
@@ -441,7 +456,7 @@ void Mapper::add_keyframe(FrameResult& result, TrackedView& here, const FrameMot
   here = {here.timestamp_s, result.keyframe, {}};
   if (first) return;
   link(result.reference, result.keyframe, result.registration.earlier_from_current, result.covariance, false);
-  result.loops = close_loops(result);
+  result.loops = close_loops(result, motion);
   if (result.loops > 0) result.corrected = map_.correct(options_.pose_graph, options_.mapping.significant_m);
 }
 
@@ -451,7 +466,7 @@ void Mapper::link(int from, int to, const Pose& from_from_to, const Matrix6d& co
 
 // Links the new keyframe with earlier ones besides its reference: those that overlap it, and those whose landmarks were
 // re-identified. Returns the number of links.
-int Mapper::close_loops(const FrameResult& result) {
+int Mapper::close_loops(const FrameResult& result, const FrameMotion& motion) {
   enter_stage("loops");
   const Pose current = map_.keyframes().back().world_from_camera;
   std::vector<int> near = map_.overlapping(result.frame, current);
@@ -478,8 +493,14 @@ int Mapper::close_loops(const FrameResult& result) {
           image, result.frame, point_pairs(earlier.landmarks.get()->keypoints, result.keypoints, recognised[keyframe]),
           rig_.camera, rig_.middle_range_m(), options_.registration);
     if (!registration.refined) continue;
-    link(keyframe, result.keyframe, registration.earlier_from_current,
-         with_parallax(registration.covariance, registration.earlier_from_current, rig_.middle_range_m()), true);
+    const Pose& pose = registration.earlier_from_current;
+    // The registration takes the motions during both stacks as known.
+    FrameMotion own = motion;
+    own.pose_by_motion = rotated_tangent(pose.rotation) * own.pose_by_motion;
+    FrameMotion other = motion_of_keyframe(keyframe, pose);
+    if (other.by_own_stack) vibration_.widen(other.covariance);
+    link(keyframe, result.keyframe, pose,
+         with_parallax(registration.covariance + own.spread() + other.spread(), pose, rig_.middle_range_m()), true);
     ++links;
   }
   return links;

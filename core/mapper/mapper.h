@@ -154,6 +154,8 @@ class Mapper {
                                     const std::optional<Prediction>& predicted) const;
   void track(FrameResult& result, const MapperInput& input, std::optional<Prediction> predicted, MotionEffect& effect);
   void find_landmarks(FrameResult& result, bool longer = false) const;
+  // True if the landmarks of every view are wanted.
+  bool wants_landmarks(const FrameResult& result) const;
 
   bool moves_on(FrameResult& result, const MapperInput& input);
   MotionPrior motion_like_last(double timestamp_s) const;
@@ -180,6 +182,7 @@ class Mapper {
   double largest_error_m(const Prediction& predicted) const;
   FrameMotion frame_motion(const ReconstructedView& view, const MapperInput& input, const Frame& target,
                            const Pose& target_from_source) const;
+  FrameMotion motion_of_keyframe(int keyframe, const Pose& keyframe_from_view) const;
   UncertainMotions uncertain_motions(const FrameResult& result, const MapperInput& input, const MotionEffect& effect);
   FrameMotion add_motion_uncertainty(FrameResult& result, const MapperInput& input, const MotionEffect& effect);
   void note_first_keyframe(const FrameResult& result, MapperInput input);
@@ -199,7 +202,7 @@ class Mapper {
   void restart();
   void extend_map(FrameResult& result, const FrameMotion& motion);
   void add_keyframe(FrameResult& result, TrackedView& here, const FrameMotion& motion);
-  int close_loops(const FrameResult& result);
+  int close_loops(const FrameResult& result, const FrameMotion& motion);
   // Adds a registration to the map; its covariance accounts for the errors that the links of a keyframe share.
   void link(int from, int to, const Pose& from_from_to, const Matrix6d& covariance, bool loop);
   void note_pose(FrameResult& result, const std::optional<Prediction>& predicted);
@@ -227,6 +230,7 @@ class Mapper {
   std::vector<FrameMotion> keyframe_motion_;  // of each keyframe, in its own axes
   Vibration vibration_;
   std::optional<FirstKeyframe> first_keyframe_;
+  bool first_keyframe_improved_ = false;  // its frame has been replaced, but not its landmarks
   std::vector<MapperInput> held_;       // the last views without a pose, in the order of time
   std::vector<TrackedView> recovered_;  // views registered later, in any order
 };

@@ -156,14 +156,20 @@ Mapper::UncertainMotions Mapper::uncertain_motions(const FrameResult& result, co
   UncertainMotions motions;
   motions.own = known ? FrameMotion{effect.pose_by_motion, result.motion->covariance}
                       : frame_motion(result, input, keyframe_image(result.reference), pose);
-  if (const auto reference = static_cast<size_t>(result.reference); reference < keyframe_motion_.size()) {
-    motions.keyframe = keyframe_motion_[reference];
-    // A shift of the keyframe's frame moves the pose from the left.
-    Matrix6d moved = Matrix6d::Identity();
-    moved.bottomLeftCorner<3, 3>() = -skew(pose.translation);
-    motions.keyframe.pose_by_motion = moved * motions.keyframe.pose_by_motion;
-  }
+  motions.keyframe = motion_of_keyframe(result.reference, pose);
   return motions;
+}
+
+// Returns how the uncertain motion during a keyframe's stack changes the pose of a view relative to it.
+Mapper::FrameMotion Mapper::motion_of_keyframe(int keyframe, const Pose& keyframe_from_view) const {
+  const auto number = static_cast<size_t>(keyframe);
+  if (number >= keyframe_motion_.size()) return {};
+  FrameMotion motion = keyframe_motion_[number];
+  // A shift of the keyframe's frame moves the pose from the left.
+  Matrix6d moved = Matrix6d::Identity();
+  moved.bottomLeftCorner<3, 3>() = -skew(keyframe_from_view.translation);
+  motion.pose_by_motion = moved * motion.pose_by_motion;
+  return motion;
 }
 
 // Adds the uncertainty of the motion during the stack, and during that of the keyframe, to the covariance of the pose, and

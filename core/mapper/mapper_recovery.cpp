@@ -60,6 +60,7 @@ void Mapper::improve_first_keyframe() {
     }
   }
   map_.replace_frame(0, view.frame, new_from_old);
+  first_keyframe_improved_ = true;
   keyframe_motion_[0] = frame_motion(view, first.input, view.frame, {});
   vibration_.widen_estimate(keyframe_motion_[0].covariance);
   image_keyframe_ = -1;

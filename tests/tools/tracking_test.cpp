@@ -191,6 +191,17 @@ TEST_F(ManyViews, GoOnInASavedMap) {
   }
 }
 
+// The first view in the map has no predecessor that predicts its motion.
+TEST_F(ManyViews, GoOnInASavedMapInMotion) {
+  const std::string loop = std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop";
+  run(loop, "before", {"--views", "2", "--save-map", "--no-report"});
+  const json frames = run(loop, "after",
+                          {"--views", "3", "--map", at("before/saved.map"), "--with",
+                           "trajectory.continuous.speed_m_s=0.3", "--no-report"});
+  EXPECT_THAT(tracking(frames), testing::Each(testing::AnyOf("refined", "followed")));
+  EXPECT_LT(read("after/score.json")["trajectory"]["ate_rmse_mm"], 0.3);
+}
+
 TEST_F(ManyViews, AMapThatIsNoneIsRefused) {
   const std::string here = scene("scene", kStep);
   run(here, "run", {"--save-map"});
