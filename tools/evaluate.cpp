@@ -149,9 +149,7 @@ class Evaluation {
       : arguments_(arguments),
         common_(common),
         out_(fs::absolute(arguments.out)),
-        results_(evaluation::results_in(out_)) {
-    evaluation::write_results(out_, results_);
-  }
+        results_(evaluation::open_results(out_)) {}
 
   // Returns false if interrupted.
   bool run(const evaluation::Suite& suite) {

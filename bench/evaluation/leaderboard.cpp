@@ -290,6 +290,14 @@ void write_results(const std::filesystem::path& folder, const std::vector<Result
   write("leaderboard.html", to_html(results));
 }
 
+std::vector<Result> open_results(const std::filesystem::path& folder) {
+  make_folder(folder);
+  const FolderLock lock(folder);
+  std::vector<Result> results = results_in(folder);
+  write_results(folder, results);
+  return results;
+}
+
 void add_result(const std::filesystem::path& folder, const Result& result) {
   make_folder(folder);
   const FolderLock lock(folder);

@@ -56,6 +56,8 @@ void put(std::vector<Result>& results, const Result& result);
 std::vector<Result> results_in(const std::filesystem::path& folder);
 // Writes these files, each completely or not at all.
 void write_results(const std::filesystem::path& folder, const std::vector<Result>& results);
+// Reads the results and writes the files anew, which creates the folder if there is none. Throws Error as results_in().
+std::vector<Result> open_results(const std::filesystem::path& folder);
 // Reads the results, puts this one, and writes them. Several processes may do so at a time.
 void add_result(const std::filesystem::path& folder, const Result& result);
 

@@ -34,7 +34,12 @@ bool has_result(const nlohmann::json& line, const Study& study) {
                      [&](const Parameter& parameter) { return is_text(line["values"], parameter.name); });
 }
 
-// Adds the lines of a file. An incomplete last line, cut off when its writer died, is ignored.
+// True if a trial may end otherwise on a machine with other load: it took too long, or died, such as for lack of memory.
+bool depends_on_load(const nlohmann::json& line) {
+  return line["outcome"] == "timed_out" || line["outcome"] == "crashed";
+}
+
+// Adds the lines of a file. Of two results of a trial, one that does not depend on the machine's load counts. An incomplete last line, cut off when its writer died, is ignored.
 void read_lines(const fs::path& file, const Study& study, std::map<int, std::string>& lines) {
   const std::string text = read_bytes(file);
   int number = 0;
@@ -52,7 +57,11 @@ void read_lines(const fs::path& file, const Study& study, std::map<int, std::str
     if (!has_result(json, study)) throw Error(where + "is a damaged result; remove the line and run the study again");
     const int trial = static_cast<int>(claimed);
     const auto [known, is_new] = lines.emplace(trial, line);
-    if (!is_new && known->second != line)
+    if (is_new || known->second == line) continue;
+    const bool known_is_chance = depends_on_load(nlohmann::json::parse(known->second)),
+               is_chance = depends_on_load(json);
+    if (known_is_chance && (!is_chance || line < known->second)) known->second = line;
+    if (!known_is_chance && !is_chance)
       throw Error(where + "trial " + std::to_string(trial) +
                   " has a different result elsewhere in the folder; the machines compute differently, or run "
                   "different versions");

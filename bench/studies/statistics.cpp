@@ -28,8 +28,9 @@ double variance_of(const std::vector<double>& values) {
   return sum / static_cast<double>(values.size());
 }
 
-// Returns the central 95 % of `estimate` over rows drawn with replacement.
-Interval bootstrap(size_t rows, uint64_t seed, const std::function<double(const std::vector<size_t>&)>& estimate) {
+// Values of `estimate` over rows drawn with replacement.
+std::vector<double> resampled(size_t rows, uint64_t seed,
+                              const std::function<double(const std::vector<size_t>&)>& estimate) {
   std::vector<double> values;
   for (uint32_t r = 0; r < kResamplings; ++r) {
     sim::Philox random(seed, sim::Stream::draws, r);
@@ -38,7 +39,15 @@ Interval bootstrap(size_t rows, uint64_t seed, const std::function<double(const 
       row = std::min(rows - 1, static_cast<size_t>(random.uniform() * static_cast<double>(rows)));
     if (const double value = estimate(drawn); std::isfinite(value)) values.push_back(value);
   }
+  return values;
+}
+
+Interval central_95(const std::vector<double>& values) {
   return {quantile_of(values, 0.025), quantile_of(values, 0.975)};
+}
+
+Interval bootstrap(size_t rows, uint64_t seed, const std::function<double(const std::vector<size_t>&)>& estimate) {
+  return central_95(resampled(rows, seed, estimate));
 }
 
 std::vector<double> picked(const std::vector<double>& values, const std::vector<size_t>& rows) {
@@ -107,7 +116,13 @@ SobolIndex first_order(const std::vector<double>& parameter, const std::vector<d
     return (between - chance) / static_cast<double>(count) / variance;
   };
   if (parameter.size() < 2 * static_cast<size_t>(bins)) return {kNaN, kNaN, {kNaN, kNaN}, {kNaN, kNaN}};
-  return {index(all(parameter.size())), kNaN, bootstrap(parameter.size(), seed, index), {kNaN, kNaN}};
+  // `chance` removes the noise of the bins once, but resampled rows have it twice: that of the rows and that of the drawing.
+  const double estimate = index(all(parameter.size()));
+  const std::vector<double> values = resampled(parameter.size(), seed, index);
+  if (values.empty()) return {estimate, kNaN, {kNaN, kNaN}, {kNaN, kNaN}};
+  const double bias = mean_of(values) - estimate;
+  const Interval interval = central_95(values);
+  return {estimate, kNaN, {interval.low - bias, interval.high - bias}, {kNaN, kNaN}};
 }
 
 }  // namespace fringeslam::studies

@@ -99,13 +99,20 @@ struct Box {
   }
 };
 
-void find_envelope(const std::vector<Row>& rows, Summary& summary) {
+// Halves the trials by chance, so that the halves do not share values: those of a row of a saltelli design remain together, and
+// the values of a grid, which follow each other, are in both halves.
+bool is_in_first_half(const Row& row, const Study& study) {
+  constexpr uint64_t kGoldenRatio = 0x9E3779B97F4A7C15;
+  return static_cast<uint64_t>(row.trial / row_length(study)) * kGoldenRatio >> 63 == 0;
+}
+
+void find_envelope(const Study& study, const std::vector<Row>& rows, Summary& summary) {
   constexpr double kWanted = 0.99, kPeel = 0.05;
   constexpr size_t kLeast = 30;
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   const size_t count = summary.parameters.size();
   std::vector<const Row*> inside, proof;
-  for (size_t i = 0; i < rows.size(); ++i) (i % 2 == 0 ? inside : proof).push_back(&rows[i]);
+  for (const Row& row : rows) (is_in_first_half(row, study) ? inside : proof).push_back(&row);
   Box box{std::vector<double>(count, -kInfinity), std::vector<double>(count, kInfinity)};
   const auto rate = [](const std::vector<const Row*>& of) {
     return static_cast<double>(std::count_if(of.begin(), of.end(), [](const Row* row) { return row->success; })) /
@@ -231,7 +238,7 @@ Summary summarise(const Study& study, const std::map<int, std::string>& lines, i
                                   sensitivity(study, p, rows, success), sensitivity(study, p, rows, log_error), kNaN,
                                   kNaN});
   }
-  find_envelope(rows, summary);
+  find_envelope(study, rows, summary);
   find_worst(study, rows, worst, summary);
   return summary;
 }

@@ -40,7 +40,7 @@ void append_visible_surface(const TruthFrame& truth, const RigModel& rig, const 
   for (int row = kEvery / 2; row < truth.mask.rows; row += kEvery) {
     for (int col = kEvery / 2; col < truth.mask.cols; col += kEvery) {
       const double depth = truth.depth_m(row, col);
-      if (static_cast<int>(truth.mask(row, col)) != (kTruthSurface | kTruthInBeam)) continue;
+      if (!is_lit_surface(static_cast<int>(truth.mask(row, col)))) continue;
       if (depth < rig.near_m || depth > rig.far_m) continue;
       const cv::Vec3f &n = truth.normals(row, col), &p = truth.position_m(row, col);
       const Eigen::Vector3d normal(n[0], n[1], n[2]), ray(rays(row, col)[0], rays(row, col)[1], 1);

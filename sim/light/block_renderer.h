@@ -212,13 +212,25 @@ class BlockRenderer {
            });
   }
 
+  // Returns the lanes inside the image that have a ray. Where the lens's distortion polynomial has no inverse, there is none;
+  // its slope becomes zero, because Embree and sums over all lanes require finite numbers.
+  LaneMask with_rays(Eigen::Vector2d (&slope)[kPacket]) const {
+    LaneMask lanes = inside_;
+    for (int i = 0; i < kPacket; ++i) {
+      if (slope[i].allFinite()) continue;
+      slope[i].setZero();
+      lanes &= ~(LaneMask{1} << i);
+    }
+    return lanes;
+  }
+
   // Traces the rays through the pixel centres and fills in the ground truth.
   void trace_centres(TruthFrame& truth) {
     const Station& station = stations_.front();
     Eigen::Vector2d slope[kPacket], start[kPacket];
     for (int i = 0; i < kPacket; ++i) slope[i] = r_.rays_->centres[pixel_[i]], start[i].setZero();
     RayPacket rays;
-    rays.active = inside_;
+    rays.active = with_rays(slope);
     aim(station.world_from_camera, slope, start, rays);
     HitPacket& hits = centre_.hits;
     r_.world_->trace(rays, hits);
@@ -271,9 +283,10 @@ class BlockRenderer {
       slope[i] = r_.rays_->samples[pixel_[i] * samples + static_cast<size_t>(sample)];
       start[i].setZero();
     }
+    sighted_ = with_rays(slope);
     if (pupil_m_ > 0) apply_thin_lens(sample, slope, start);
     RayPacket rays;
-    rays.active = inside_;
+    rays.active = sighted_;
     aim(station.world_from_camera, slope, start, rays);
     HitPacket hits;
     r_.world_->trace(rays, hits);
@@ -557,7 +570,7 @@ class BlockRenderer {
     std::vector<Panes::Crossing> crossings[kPacket];
     size_t most = 0;
     for (int i = 0; i < kPacket; ++i) {
-      if (!has(inside_, i)) continue;
+      if (!has(sighted_, i)) continue;
       const double end = has(hits.hit, i) ? hits.distance[i] : std::numeric_limits<double>::infinity();
       crossings[i] = r_.panes_->crossings(rays.origin.at(i), rays.direction.at(i), end);
       most = std::max(most, crossings[i].size());
@@ -642,7 +655,7 @@ class BlockRenderer {
           weight[i] *= static_cast<float>(next.weight);
           if (bounce == 1 && indirect_ && !next.glossy && surface.albedo[i] > 0) {
             // Keep irradiance: the diffuse albedo is applied after smoothing.
-            weight[i] /= first_weight[i] * surface.albedo[i];
+            weight[i] = static_cast<float>(next.weight) / (static_cast<float>(paths) * surface.albedo[i]);
             soft_ |= LaneMask{1} << i;
           }
           // With a shading normal, the sampled ray may point into the surface.
@@ -695,10 +708,10 @@ class BlockRenderer {
       density[i] = drawn.density_per_m;
       points.set(i, rays.origin.at(i) - drawn.distance_m * to_viewer.at(i));
       const double veil = haze_.albedo * (1 - std::exp(-haze_.extinction_per_m * end));
-      if (has(inside_, i)) steady_[i] += static_cast<float>(veil * ambient_lux_);
+      if (has(sighted_, i)) steady_[i] += static_cast<float>(veil * ambient_lux_);
     }
     BeamPacket beam;
-    station.beam.light(points, inside_, beam);
+    station.beam.light(points, sighted_, beam);
     const LaneMask lit = beam.inside & ~r_.world_->occluded(points, beam.inside, station.beam.position());
     ProjectedPatterns::Points lit_points{};
     for (int i = 0; i < kPacket; ++i) {
@@ -731,6 +744,7 @@ class BlockRenderer {
   int row_[kPacket], col_[kPacket];
   uint32_t pixel_[kPacket];
   LaneMask inside_ = 0, mixed_ = 0;
+  LaneMask sighted_ = 0;  // lanes inside the image whose current sample has a ray
   Centres centre_;
   std::vector<float> sums_;            // by lane, then pattern
   alignas(64) float steady_[kPacket];  // pattern-independent light

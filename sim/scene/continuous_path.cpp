@@ -7,6 +7,7 @@
 #include "core/base/constants.h"
 #include "core/types/error.h"
 #include "core/types/linear_algebra.h"
+#include "core/types/options.h"
 #include "sim/random.h"
 #include "sim/scene/routes.h"
 
@@ -126,6 +127,13 @@ MeasuredRoute measured(const std::vector<Pose>& route, const Travel& travel) {
   return result;
 }
 
+constexpr long kMostPoses = 1'000'000;  // 14 hours in steps of 0.05 s
+
+Error too_long(double step_s) {
+  return Error("the motion takes longer than " + to_text(static_cast<double>(kMostPoses) * step_s) +
+               " s; check its speed, its stops, and the unit of timestamps, which is seconds");
+}
+
 }  // namespace
 
 std::vector<Pose> travelled(const std::vector<Pose>& route, const Travel& travel, double step_s) {
@@ -143,6 +151,7 @@ std::vector<Pose> travelled(const std::vector<Pose>& route, const Travel& travel
     const double size = length_m[segment] - length_m[segment - 1];
     const double part = size > 0 ? (at_m - length_m[segment - 1]) / size : 0;
     if (tick % kSubSteps == 0) poses.push_back(interpolate(route[segment - 1], route[segment], part));
+    if (tick > kSubSteps * kMostPoses) throw too_long(step_s);
     // Standing comes first: the robot waits, moves, and waits again.
     const double cycle_s = std::fmod(static_cast<double>(tick) * dt, travel.stop_s + travel.move_s);
     const double limit = std::lerp(measures.speed_m_s[segment - 1], measures.speed_m_s[segment], part);
@@ -165,6 +174,7 @@ std::vector<Pose> resampled(const Trajectory& timed, double step_s) {
     return TimedPose{2 * end.timestamp_s - inner.timestamp_s,
                      interpolate(inner.world_from_robot, end.world_from_robot, 2)};
   };
+  if (!((end_s - start_s) / step_s <= kMostPoses)) throw too_long(step_s);
   std::vector<Pose> poses;
   long segment = 0;
   const auto count = static_cast<long>(std::ceil((end_s - start_s) / step_s - 1e-9));

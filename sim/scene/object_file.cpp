@@ -143,7 +143,8 @@ double stone_triangles(const Pile& pile) {
   for (const PileItem& item : pile.items) weights += item.weight;
   for (const PileItem& item : pile.items) {
     const double pieces = pile.count * item.weight / weights;
-    const double different = item.variants == 0 ? pieces : std::min<double>(pieces, item.variants);
+    const double all = pieces + item.exactly.value_or(0);
+    const double different = item.variants == 0 ? all : std::min<double>(all, item.variants);
     if (item.kind == "stone") triangles += different * 20 * std::pow(4, item.detail);
   }
   return triangles;

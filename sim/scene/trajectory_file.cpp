@@ -283,10 +283,8 @@ void read_trajectory(const YamlMap& map, const SceneLimits& limits, const std::o
   const YamlMap motion = map.map("continuous");
   scene.view_rate_hz = motion.number_or("view_rate_hz", 0, {0, 1e5});
   const Vibration vibration = motion.has("vibration") ? read_vibration(motion.map("vibration")) : Vibration{};
-  std::vector<Pose> controls;
-  if (kind == "file" && !motion.has("speed_m_s")) {
-    controls = resampled(scene.trajectory, kKnot_s);
-  } else {
+  const auto controls_of = [&] {
+    if (kind == "file" && !motion.has("speed_m_s")) return resampled(scene.trajectory, kKnot_s);
     std::vector<Pose> poses;
     if (spline) {
       poses = smooth_route(map, spline->waypoints, spline->closed, spline->turn_m_per_rad);
@@ -294,8 +292,14 @@ void read_trajectory(const YamlMap& map, const SceneLimits& limits, const std::o
       for (const TimedPose& pose : scene.trajectory) poses.push_back(pose.world_from_robot);
       poses = smooth_route(map, poses, false, 0.5);
     }
-    controls = travelled(poses, read_travel(motion), kKnot_s);
-  }
+    const Travel travel = read_travel(motion);
+    try {
+      return travelled(poses, travel, kKnot_s);
+    } catch (const Error& e) {
+      throw map.error("continuous", e.what());
+    }
+  };
+  std::vector<Pose> controls = controls_of();
   scene.path.emplace(std::move(controls), kKnot_s, vibration, scene.seed);
   scene.trajectory = sampled(*scene.path, interval, static_cast<size_t>(limits.views));
 }

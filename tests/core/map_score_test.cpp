@@ -32,7 +32,7 @@ TEST(MapScore, OnlyWhatTheSensorSeesIsToBeFound) {
   truth.depth_m = cv::Mat1f(8, 8, 1.0F);
   truth.normals = cv::Mat3f(8, 8, cv::Vec3f(0, 0, -1));
   truth.position_m = cv::Mat3f(8, 8, cv::Vec3f(1, 2, 3));
-  truth.mask = cv::Mat1f(8, 8, kTruthSurface | kTruthInBeam);
+  truth.mask = cv::Mat1f(8, 8, kTruthSurface | kTruthInBeam | kTruthVictim | kTruthThermal);
   const auto seen = [&] {
     std::vector<Eigen::Vector3d> points;
     append_visible_surface(truth, rig, pixel_rays(rig.camera), points);

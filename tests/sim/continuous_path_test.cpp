@@ -5,6 +5,7 @@
 
 #include <cmath>
 
+#include "core/types/error.h"
 #include "sim/scene/routes.h"
 
 namespace fringeslam::sim {
@@ -141,6 +142,17 @@ TEST(Travelled, StopsAndGoes) {
   EXPECT_LT((poses[29].translation - poses[0].translation).norm(), 1e-9);
   EXPECT_NEAR((poses[70].translation - poses[40].translation).norm(), 0.3 * 0.3, 5e-3);
   EXPECT_LT((poses[108].translation - poses[86].translation).norm(), 1e-9);
+}
+
+// A path that would exhaust the memory, such as one whose timestamps are in nanoseconds, is an error.
+TEST(Travelled, PathsOfEndlessDurationAreRefused) {
+  Travel travel;
+  travel.speed_m_s = 0.1;
+  travel.move_s = 0.01;
+  travel.stop_s = 1e4;
+  EXPECT_THROW((void)travelled(straight(10, 0.1), travel, 0.05), Error);
+  EXPECT_THROW((void)resampled({{0, {}}, {1e11, {}}}, 0.05), Error);
+  EXPECT_THROW((void)resampled({{0, {}}, {1e300, {}}}, 0.05), Error);
 }
 
 TEST(Resampled, PassesThroughTheTimedPoses) {

@@ -118,6 +118,11 @@ TEST_F(SceneFile, ThatAsksForTooMuchIsRefused) {
                         "{shape: pile, count: 5000, area_m: [9, 9], items: [{shape: stone, detail: 7, "
                         "size_min_m: [1, 1, 1], size_max_m: [1, 1, 1], material: a}]}"};
   refused(stones, 6, "the stones of the pile have about 1638400000 triangles; at most 30000000 are allowed");
+  const Said exact{.object =
+                       "{shape: pile, count: 1, area_m: [9, 9], items: [{shape: stone, detail: 7, exactly: 1000, "
+                       "size_min_m: [1, 1, 1], size_max_m: [1, 1, 1], material: a}, {shape: stone, detail: 1, "
+                       "size_min_m: [1, 1, 1], size_max_m: [1, 1, 1], material: a}]}"};
+  refused(exact, 6, "the stones of the pile have about 327680080 triangles");
   const SceneLimits two_views{.views = 2};
   const std::string motion = "{translation_mm: [0, 0, 1], rotation_deg: [0, 0, 0]}";
   refused({.trajectory = "{motions: [" + motion + ", " + motion + "]}"}, 7, "fewer than 2 motions", two_views);
@@ -140,7 +145,8 @@ TEST_F(SceneFile, RefusesImpossibleBuildingsAndTours) {
   const auto building = [](const std::string& more) {
     return "building: {walls: {material: a}, floors: {material: a}" + more + "}";
   };
-  const std::string items = "items: [{shape: box, size_min_m: [0.1, 0.1, 0.1], size_max_m: [0.2, 0.2, 0.2], material: a}]";
+  const std::string items =
+      "items: [{shape: box, size_min_m: [0.1, 0.1, 0.1], size_max_m: [0.2, 0.2, 0.2], material: a}]";
   refused({.more = "building: {floors: {material: a}}"}, 8, "'walls'");
   refused({.more = building(", rooms: 1")}, 8, "'rooms' is 1");
   refused({.more = building(", door_m: 2")}, 8, "'door_m' is 2");

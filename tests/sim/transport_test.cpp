@@ -169,6 +169,22 @@ TEST(Air, ABoardFadesByBeerAndLambert) {
   EXPECT_NEAR(centre(lux_of(scene, {constant_pattern(1)})[0]), clear, 1e-6);  // the effect can be disabled
 }
 
+// Haze through which hardly a photon passes: its transmission underflows in single precision.
+TEST(Air, DenseHazeHidesInterreflection) {
+  Scene scene = world_of({grey_object(box_mesh({3, 3, 3}), Pose{}, 0.7)}, coaxial_rig());
+  scene.bounces = 2;
+  scene.ambient_lux = 300;
+  scene.air = {100, 0.5, 0};
+  Effects effects = only(&Effects::air);
+  effects.interreflection = effects.share_paths = true;
+  const cv::Mat1f image = lux_of(scene, {constant_pattern(0)}, 4, effects)[0];
+  double least = 0, most = 0;
+  cv::minMaxLoc(image, &least, &most);
+  EXPECT_TRUE(cv::checkRange(image));
+  EXPECT_NEAR(least, 300 * 0.5, 0.1);
+  EXPECT_NEAR(most, 300 * 0.5, 0.1);
+}
+
 TEST(Air, PhaseFunctionIsNormalisedAndHasItsMeanCosine) {
   for (const double g : {-0.6, 0.0, 0.5, 0.9}) {
     constexpr int kSteps = 200000;

@@ -5,6 +5,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <opencv2/core.hpp>
 
@@ -137,6 +138,32 @@ TEST(VirtualRig, SameSeedSameImagesOtherSeedOtherNoise) {
     EXPECT_EQ(differing(first.images[i], second.images[i]), 0);
     EXPECT_GT(differing(first.images[i], other.images[i]), 10000);
   }
+}
+
+// Corners that a lens's distortion polynomial does not reach are black, also in haze and with light between surfaces.
+TEST(VirtualRig, PixelsWithoutARaySeeNothing) {
+  Scene scene = board_scene();
+  scene.air = {0.3, 0.8, 0};
+  scene.bounces = 2;
+  Pinhole& camera = scene.rig.camera;
+  // r (1 + k r^2) is largest at r^2 = -1 / (3 k), where it is 2/3 r: within the corners.
+  const double corner = std::hypot(camera.cx / camera.fx, camera.cy / camera.fy), r = 1.5 * 0.95 * corner;
+  camera.distortion = {-1 / (3 * r * r), 0, 0, 0, 0};
+  const PixelRays rays = pixel_rays(camera);
+  VirtualRig rig(scene, {1, false, false, {}});
+  const auto view = rig.simulate(fringes(scene.rig, 0));
+  const cv::Mat1f image = view->stack.images[0];
+  ASSERT_TRUE(cv::checkRange(image));
+  int without = 0;
+  for (int row = 0; row < image.rows; ++row) {
+    for (int col = 0; col < image.cols; ++col) {
+      if (std::isfinite(rays(row, col)[0])) continue;
+      ++without;
+      EXPECT_TRUE(std::isnan(view->truth.depth_m(row, col)));
+    }
+  }
+  EXPECT_GT(without, 50);
+  EXPECT_LT(image(0, 0), 0.2 * image(image.rows / 2, image.cols / 2));
 }
 
 TEST(VirtualRig, GroundTruthChangesNoImage) {

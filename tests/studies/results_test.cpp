@@ -64,6 +64,18 @@ TEST_F(Results, OfTwoWhoDidTheSameAreOne) {
               HasSubstr("1-of-3.jsonl:1: trial 1 has a different result elsewhere"));
 }
 
+// A busy machine may exceed the time limit where another one does not.
+TEST_F(Results, ATimeoutYieldsToAResult) {
+  fs::create_directories(folder_ / "shards");
+  const std::string timed_out = test::replaced(line(1), "\"outcome\":\"success\"", "\"outcome\":\"timed_out\"");
+  ASSERT_NE(timed_out, line(1));
+  for (const bool first : {true, false}) {
+    test::write_bytes(folder_ / "shards/0-of-1.jsonl", (first ? timed_out : line(1)) + "\n");
+    test::write_bytes(folder_ / "shards/1-of-3.jsonl", (first ? line(1) : timed_out) + "\n");
+    EXPECT_EQ(merged_lines(folder_, study_), (decltype(merged_lines(folder_, study_)){{1, line(1)}}));
+  }
+}
+
 TEST_F(Results, OfAnotherStudyAreRefused) {
   ShardFile(folder_, study_, {0, 1}).add(0, line(0));
   Study other = study_;

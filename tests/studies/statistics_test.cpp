@@ -73,6 +73,20 @@ TEST(FirstOrder, OfALinearFunctionIsItsShareOfTheVariance) {
   EXPECT_NEAR(first_order(in[1], out).first, 0.1, 0.03);
   EXPECT_NEAR(first_order(in[2], out).first, 0, 0.01);  // the share due to chance is subtracted
   EXPECT_TRUE(std::isnan(first_order({1, 2, 3}, {1, 2, 3}).first));
+  // Neither the interval of a parameter without influence nor that of one with influence is shifted.
+  int above = 0, below = 0;
+  for (size_t begin = 0; begin < 3000; begin += 100) {
+    const auto part = [&](const std::vector<double>& of) {
+      return std::vector<double>(of.begin() + static_cast<std::ptrdiff_t>(begin),
+                                 of.begin() + static_cast<std::ptrdiff_t>(begin + 100));
+    };
+    const Interval none = first_order(part(in[2]), part(out)).first_95,
+                   some = first_order(part(in[0]), part(out)).first_95;
+    above += (none.low > 0) + (some.low > 0.9);
+    below += (none.high < 0) + (some.high < 0.9);
+  }
+  EXPECT_LE(above, 8);  // of 60
+  EXPECT_LE(below, 8);
   EXPECT_TRUE(std::isnan(first_order(in[0], std::vector<double>(3000, 1.0)).first));
 }
 
