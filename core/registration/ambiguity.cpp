@@ -211,7 +211,7 @@ class Comparison {
     const float spread = std::max(0.0f, squares / n - mean * mean) / texture_noise + mean * mean * shading;
     const float own_spread =
         std::max(0.0f, own_squares / n - own_mean * own_mean) / texture_noise + own_mean * own_mean * shading;
-    result.log_likelihood = -depth / n - kTexture * std::log1p(spread);
+    result.log_likelihood -= kTexture * std::log1p(spread);
     result.structure =
         kTexture * std::log1p(2 * own_spread) + std::min(kMostDepth, (most_height - least_height) / kRelief_m);
     return result;
