@@ -110,7 +110,7 @@ Pose VirtualRig::robot_at(const TimedPose& reference, double time_s) const {
 std::vector<Pose> VirtualRig::camera_poses(const TimedPose& reference, double middle_s, double exposure_s) const {
   // The rays of a pixel are shared evenly among the steps; otherwise the mean time would not be the middle.
   int steps = std::min(options_.effects.exposure_steps, options_.samples_per_pixel);
-  while (options_.samples_per_pixel % steps != 0) --steps;
+  if (options_.samples_per_pixel % steps != 0) steps = options_.samples_per_pixel;
   std::vector<Pose> poses;
   for (int step = 0; step < steps; ++step) {
     const double time_s = middle_s + ((step + 0.5) / steps - 0.5) * exposure_s;

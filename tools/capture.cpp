@@ -92,7 +92,11 @@ PatternSequence exposed(const PatternSequence& sequence, HardwareRig& rig, const
   if (!rig.takes_exposures())
     throw Error(arguments.rig +
                 ": packed patterns are taken at one exposure; leave out --auto-exposure, or remove `packing`");
+  const auto throw_if_interrupted = [] {
+    if (interrupted()) throw Error("capture: interrupted before the first stack");
+  };
   const auto look = [&](const PatternSequence& patterns) -> std::optional<FringeStack> {
+    throw_if_interrupted();
     try {
       return rig.capture(patterns);
     } catch (const SequenceRejected&) {
@@ -106,7 +110,7 @@ PatternSequence exposed(const PatternSequence& sequence, HardwareRig& rig, const
   double current = 1;
   std::exception_ptr reason;
   for (const double factor : kFactors) {
-    if (interrupted()) throw Error("capture: interrupted before the first stack");
+    throw_if_interrupted();
     try {
       if (factor != current) rig.scale_exposure(factor / current);
       current = factor;

@@ -169,7 +169,7 @@ std::optional<TrialIndex> trial_index_of(const std::string& text) {
     index.refused = json.value("refused", "");
     for (const auto& entry : json.at("samples"))
       index.samples.push_back({entry.at(0).get<int>(), entry.at(1).get<uint64_t>(), entry.at(2).get<uint64_t>(),
-                               entry.at(3).get<std::string>(), entry.at(4).get<uint32_t>()});
+                               entry.at(3).get<std::string>(), entry.size() > 4 ? entry[4].get<uint32_t>() : 0});
   } catch (const nlohmann::json::exception&) {
     return std::nullopt;
   }

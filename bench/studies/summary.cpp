@@ -99,8 +99,8 @@ struct Box {
   }
 };
 
-// Halves the trials by chance, so that the halves do not share values: those of a row of a saltelli design remain together, and
-// the values of a grid, which follow each other, are in both halves.
+// Splits the trials by a low-discrepancy rule: the rows of a saltelli design, whose trials share values, remain whole, and each
+// value of a grid, which follow each other, occurs in both halves.
 bool is_in_first_half(const Row& row, const Study& study) {
   constexpr uint64_t kGoldenRatio = 0x9E3779B97F4A7C15;
   return static_cast<uint64_t>(row.trial / row_length(study)) * kGoldenRatio >> 63 == 0;

@@ -498,7 +498,10 @@ int Mapper::close_loops(const FrameResult& result, const FrameMotion& motion) {
     FrameMotion own = motion;
     own.pose_by_motion = rotated_tangent(pose.rotation) * own.pose_by_motion;
     FrameMotion other = motion_of_keyframe(keyframe, pose);
-    if (other.by_own_stack) vibration_.widen(other.covariance);
+    if (other.by_own_stack) {
+      vibration_.widen(other.covariance);
+      vibration_.widen_estimate(other.covariance);
+    }
     link(keyframe, result.keyframe, pose,
          with_parallax(registration.covariance + own.spread() + other.spread(), pose, rig_.middle_range_m()), true);
     ++links;

@@ -64,7 +64,7 @@ TEST_F(Results, OfTwoWhoDidTheSameAreOne) {
               HasSubstr("1-of-3.jsonl:1: trial 1 has a different result elsewhere"));
 }
 
-// A busy machine may exceed the time limit where another one does not.
+// A busy machine may exceed the time limit, or the memory, where another one does not.
 TEST_F(Results, ATimeoutYieldsToAResult) {
   fs::create_directories(folder_ / "shards");
   const std::string timed_out = test::replaced(line(1), "\"outcome\":\"success\"", "\"outcome\":\"timed_out\"");

@@ -314,7 +314,8 @@ TEST(Import, ResponsesAndPreDistortionsAreCombined) {
   // Exposures are combined before phases are computed.
   test::write_bytes(temp / "import.yaml",
                     "name: x\nprojector: {width_px: 64, height_px: 32, gamma: 2.2}\npatterns:\n"
-                    "  - {files: \"%d.png\", fringe: {axis: columns, period_px: 64, steps: 3}, exposures: [1, 8]}\n");
+                    "  - {file: 0.png, white: true}\n"
+                    "  - {files: \"%d.png\", fringe: {axis: columns, period_px: 64, steps: 3}, exposures: [0.5, 8]}\n");
   EXPECT_EQ(read_import(temp / "import.yaml", temp.path()).rig.phase_correction.steps, 3);
   EXPECT_TRUE(plan(", pre_distortion: {table: [0, 0.7, 1]}").rig.phase_correction.offset_rad.empty());
   EXPECT_THAT(message_of([&] { plan(", pre_distortion: {table: [0, 0.7, 0.6]}"); }),
