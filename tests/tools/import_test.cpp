@@ -312,11 +312,13 @@ TEST(Import, ResponsesAndPreDistortionsAreCombined) {
   EXPECT_LT(half.rig.phase_correction.offset_rad[30], -0.05);
   EXPECT_GT(half.rig.phase_correction.offset_rad[30], -0.2);
   // Exposures are combined before phases are computed.
+  write_image(temp / "white.png", cv::Mat1b(4, 4, uchar{0}));
   test::write_bytes(temp / "import.yaml",
                     "name: x\nprojector: {width_px: 64, height_px: 32, gamma: 2.2}\npatterns:\n"
-                    "  - {file: 0.png, white: true}\n"
+                    "  - {file: white.png, white: true}\n"
                     "  - {files: \"%d.png\", fringe: {axis: columns, period_px: 64, steps: 3}, exposures: [0.5, 8]}\n");
   EXPECT_EQ(read_import(temp / "import.yaml", temp.path()).rig.phase_correction.steps, 3);
+  fs::remove(temp / "white.png");
   EXPECT_TRUE(plan(", pre_distortion: {table: [0, 0.7, 1]}").rig.phase_correction.offset_rad.empty());
   EXPECT_THAT(message_of([&] { plan(", pre_distortion: {table: [0, 0.7, 0.6]}"); }),
               HasSubstr("the table must increase strictly; entry 3 does not"));
