@@ -99,11 +99,14 @@ struct Box {
   }
 };
 
-// Splits the trials by a low-discrepancy rule: the rows of a saltelli design, whose trials share values, remain whole, and each
-// value of a grid, which follow each other, occurs in both halves.
+// Splits the trials into halves that do not depend on each other: the rows of a saltelli design, whose trials share values,
+// remain whole. Values of a grid follow each other, and its even and odd trials would differ in them.
 bool is_in_first_half(const Row& row, const Study& study) {
   constexpr uint64_t kGoldenRatio = 0x9E3779B97F4A7C15;
-  return static_cast<uint64_t>(row.trial / row_length(study)) * kGoldenRatio >> 63 == 0;
+  const int number = row.trial / row_length(study);
+  const bool grid = std::any_of(study.parameters.begin(), study.parameters.end(),
+                                [](const Parameter& parameter) { return parameter.law == Parameter::Law::grid; });
+  return grid ? static_cast<uint64_t>(number) * kGoldenRatio >> 63 == 0 : number % 2 == 0;
 }
 
 void find_envelope(const Study& study, const std::vector<Row>& rows, Summary& summary) {
