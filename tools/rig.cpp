@@ -159,8 +159,7 @@ int latency(const std::string& rig_file, const Common& common) {
     if (!reached)
       throw Error(
           "rig: the brightness does not settle within 100 images after the projector changes; check for other light "
-          "that "
-          "flickers, and expose for a multiple of the projector's refresh interval");
+          "that flickers, and expose for a multiple of the projector's refresh interval");
     delays_s.push_back(begun_s);
   }
   std::sort(delays_s.begin(), delays_s.end());
