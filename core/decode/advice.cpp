@@ -12,6 +12,7 @@
 #include "core/decode/stack_motion.h"
 #include "core/decode/steps.h"
 #include "core/decode/unwrapping_levels.h"
+#include "core/patterns/design.h"
 #include "core/patterns/micro_code.h"
 #include "core/types/error.h"
 
@@ -27,18 +28,6 @@ double rounded(double value, int digits) {
   if (value == 0) return 0;
   const double scale = std::pow(10.0, digits - 1 - std::floor(std::log10(std::abs(value))));
   return std::round(value * scale) / scale;
-}
-
-// The same patterns at the rig's exposure, one image each.
-PatternSequence at_one_exposure(const PatternSequence& sequence) {
-  PatternSequence one = sequence;
-  one.patterns.clear();
-  for (Pattern pattern : sequence.patterns) {
-    pattern.exposure = 1;
-    if (std::find(one.patterns.begin(), one.patterns.end(), pattern) == one.patterns.end())
-      one.patterns.push_back(pattern);
-  }
-  return one;
 }
 
 // Returns the greatest phase sigma at which failures are as rare as permitted; `failure(sigma)` increases.

@@ -655,25 +655,15 @@ double median_interval_s(std::vector<double> times_s, const fs::path& file) {
   return intervals_s[intervals_s.size() / 2];
 }
 
-// The patterns of which phases are computed: images of a pattern at several exposures are combined before.
-PatternSequence combined(PatternSequence sequence) {
-  if (!has_exposures(sequence)) return sequence;
-  std::vector<Pattern> patterns;
-  for (Pattern& pattern : sequence.patterns) {
-    pattern.exposure = 1;
-    if (std::find(patterns.begin(), patterns.end(), pattern) == patterns.end()) patterns.push_back(pattern);
-  }
-  sequence.patterns = std::move(patterns);
-  return sequence;
-}
-
 // The correction belongs to the number of steps of the finest period.
 void apply(const Waveform& waveform, ImportPlan& plan) {
   plan.rig.projector_response = waveform.response;
   if (!waveform.inverse_response.empty()) plan.sequence.inverse_response = waveform.inverse_response;
   if (waveform.linear) return;
+  // Images of a pattern at several exposures are combined before phases are computed.
+  const PatternSequence combined = has_exposures(plan.sequence) ? at_one_exposure(plan.sequence) : plan.sequence;
   for (const Axis axis : {Axis::rows, Axis::columns}) {
-    const std::vector<FringeGroup> groups = fringe_groups(combined(plan.sequence), axis);
+    const std::vector<FringeGroup> groups = fringe_groups(combined, axis);
     if (!groups.empty())
       plan.rig.phase_correction =
           phase_correction_of(waveform.response, static_cast<int>(groups.back().shifts_rad.size()));

@@ -192,4 +192,15 @@ cv::Mat3b packed_image(const std::vector<cv::Mat1b>& images, const std::string& 
   return packed;
 }
 
+PatternSequence at_one_exposure(const PatternSequence& sequence) {
+  PatternSequence one = sequence;
+  one.patterns.clear();
+  for (Pattern pattern : sequence.patterns) {
+    pattern.exposure = 1;
+    if (std::find(one.patterns.begin(), one.patterns.end(), pattern) == one.patterns.end())
+      one.patterns.push_back(pattern);
+  }
+  return one;
+}
+
 }  // namespace fringeslam

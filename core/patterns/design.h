@@ -61,6 +61,9 @@ PatternSequence design_sequence(const SequenceDesign& design);
 // Repeats each pattern at each exposure, relative to the rig's. Throws Error if one is not positive or occurs twice.
 std::vector<Pattern> at_exposures(const std::vector<Pattern>& patterns, const std::vector<double>& exposures);
 
+// Returns the same patterns at the rig's exposure, one image each.
+PatternSequence at_one_exposure(const PatternSequence& sequence);
+
 // Returns the patterns of a rig for which none are given: three steps of three periods along the columns, each an eighth of
 // the previous one, of which the coarsest is a little wider than the projector.
 PatternSequence default_sequence(int width, int height);
