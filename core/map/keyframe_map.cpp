@@ -19,6 +19,18 @@ auto& at(List& list, int i) {
 
 }  // namespace
 
+Matrix6d covariance_by_motion(const Keyframe& keyframe, const Pose& keyframe_from_view) {
+  // A shift of the keyframe's frame moves the pose from the left.
+  Matrix6d moved = Matrix6d::Identity();
+  moved.bottomLeftCorner<3, 3>() = -skew(keyframe_from_view.translation);
+  return moved * keyframe.motion.covariance * moved.transpose();
+}
+
+Matrix6d covariance_by_motion(const Keyframe& a, const Keyframe& b, const Pose& a_from_b) {
+  const Matrix6d turned = rotated_tangent(a_from_b.rotation);
+  return covariance_by_motion(a, a_from_b) + turned * b.motion.covariance * turned.transpose();
+}
+
 KeyframeMap::KeyframeMap(const RigModel& rig, const MappingOptions& options)
     : rig_(rig), options_(options), rays_(pixel_rays(rig.camera)) {
   check_options(options, "mapping");
@@ -44,11 +56,17 @@ void KeyframeMap::move_descriptors(Landmarks& landmarks) {
   if (!descriptors.empty()) descriptors = memory_.moved(descriptors);
 }
 
-int KeyframeMap::add_keyframe(const Frame& frame, Landmarks landmarks, const Pose& world_from_camera) {
+void KeyframeMap::set_motion(int keyframe, const KeyframeMotion& motion) {
+  at(keyframes_, keyframe).motion = motion;
+  ++revision_;
+}
+
+int KeyframeMap::add_keyframe(const Frame& frame, Landmarks landmarks, const Pose& world_from_camera,
+                              const KeyframeMotion& motion) {
   const int number = static_cast<int>(keyframes_.size());
   move_descriptors(landmarks);
   keyframes_.push_back(
-      {frame.index, frame.timestamp_s, world_from_camera, std::move(landmarks), memory_.moved(stored(frame))});
+      {frame.index, frame.timestamp_s, world_from_camera, std::move(landmarks), memory_.moved(stored(frame)), motion});
   frames_.push_back({number, {}, keyframes_.back().frame});  // shares the images
   return number;
 }

@@ -42,13 +42,27 @@ struct MappingOptions {
   }
 };
 
+// How the uncertain motion of the camera during a keyframe's stack affects its frame.
+struct KeyframeMotion {
+  Matrix6d covariance = Matrix6d::Zero();  // of the surface's pose in the keyframe's camera, tangent of retract()
+  // The frame may be distorted, or lie elsewhere than the landmarks: these alone do not determine a pose relative to it.
+  bool doubtful = false;
+};
+
 struct Keyframe {
   int index = 0;  // stack index
   double timestamp_s = 0;
   Pose world_from_camera;
   KnownLandmarks landmarks;
   StoredFrame frame;
+  KeyframeMotion motion = {};
 };
+
+// Returns the covariance that the uncertain motion during a keyframe's stack adds to the pose of a view relative to it,
+// tangent of retract() at keyframe_from_view (docs/method.md, section 9.4).
+Matrix6d covariance_by_motion(const Keyframe& keyframe, const Pose& keyframe_from_view);
+// Returns what the motions during both stacks add to the pose of a keyframe relative to another.
+Matrix6d covariance_by_motion(const Keyframe& a, const Keyframe& b, const Pose& a_from_b);
 
 // A frame that contributes points to the map; keyframes are included.
 struct MapFrame {
@@ -75,8 +89,11 @@ class KeyframeMap {
     return world_from_camera(frame.keyframe, frame.keyframe_from_camera);
   }
 
+  // Changes what is known of the motion during a keyframe's stack.
+  void set_motion(int keyframe, const KeyframeMotion& motion);
   // Adds a keyframe and returns its number.
-  int add_keyframe(const Frame& frame, Landmarks landmarks, const Pose& world_from_camera);
+  int add_keyframe(const Frame& frame, Landmarks landmarks, const Pose& world_from_camera,
+                   const KeyframeMotion& motion = {});
   // Replaces a keyframe's frame by a better reconstruction of the same view, in which the same surface lies elsewhere by
   // `new_from_old`. The keyframe keeps its pose; its links, the frames fixed to it and the other keyframes move with the surface.
   void replace_frame(int keyframe, const Frame& frame, const Pose& new_from_old);

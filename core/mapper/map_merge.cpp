@@ -90,11 +90,10 @@ class Merger {
   }
 
   CrossLink link_of(int a, int b, const ViewRegistration& found, bool by_landmarks) const {
-    return {a,
-            b,
-            found.earlier_from_current,
-            kLinkVariance * with_parallax(found.covariance, found.earlier_from_current, a_.rig().middle_range_m()),
-            by_landmarks,
+    const Pose& pose = found.earlier_from_current;
+    // The registration takes the motions during both stacks as known.
+    const Matrix6d covariance = found.covariance + covariance_by_motion(keyframe(a_, a), keyframe(b_, b), pose);
+    return {a,    b, pose, kLinkVariance * with_parallax(covariance, pose, a_.rig().middle_range_m()), by_landmarks,
             false};
   }
 

@@ -123,6 +123,7 @@ void Mapper::reconstruct_unless_predicted(FrameResult& result, MapperInput& inpu
   if (result.complete && result.motion_unknown() && input.reconstruct) {
     const ReconstructedView rough = result;  // shares its images
     if (predicted) reconstruct(result, input, {nullptr, predicted->motion, false, &rough});
+    result.motion_by_prediction = predicted && !result.motion_unknown();
     if (result.motion_unknown())
       reconstruct(result, input, {nullptr, unknown_motion(options_.registration.motion_prior), false, &rough});
   }
@@ -408,9 +409,7 @@ bool Mapper::relocalize(FrameResult& result) {
   result.registration = std::move(located.registration);
   result.leaves_keyframe = false;
   // Landmarks do not reveal that a view or its keyframe is distorted by a motion that its own stack misjudged.
-  const auto reference = static_cast<size_t>(result.reference);
-  const bool doubtful = (reference < keyframe_motion_.size() && keyframe_motion_[reference].by_own_stack) ||
-                        (reference == 0 && first_keyframe_improved_) ||  // its landmarks are those of the frame before
+  const bool doubtful = map_.keyframes()[static_cast<size_t>(result.reference)].motion.doubtful ||
                         (result.in_motion() && result.motion->residuals > 0);
   if (doubtful && !result.registration.refined) result.registration.found = false;
   if (!result.registration.found) return false;
@@ -448,15 +447,15 @@ void Mapper::add_keyframe(FrameResult& result, TrackedView& here, const FrameMot
   const Pose current = first ? start_ * rig_.robot_from_camera : world_from_camera(here);
   if (result.keypoints.detected == 0) find_landmarks(result);
   enter_stage("map");
-  result.keyframe = map_.add_keyframe(result.frame, result.landmarks, current);
+  const bool moved = !motion.covariance.isZero(0);
+  result.keyframe = map_.add_keyframe(result.frame, result.landmarks, current, {motion.spread(), first && moved});
+  if (first && moved) first_motion_ = motion;
   result.in_map = true;
   finder_.add_keyframe(result.keyframe, map_.keyframes().back().landmarks);
-  keyframe_motion_.resize(static_cast<size_t>(result.keyframe) + 1);
-  keyframe_motion_.back() = motion;
   here = {here.timestamp_s, result.keyframe, {}};
   if (first) return;
   link(result.reference, result.keyframe, result.registration.earlier_from_current, result.covariance, false);
-  result.loops = close_loops(result, motion);
+  result.loops = close_loops(result);
   if (result.loops > 0) result.corrected = map_.correct(options_.pose_graph, options_.mapping.significant_m);
 }
 
@@ -466,7 +465,7 @@ void Mapper::link(int from, int to, const Pose& from_from_to, const Matrix6d& co
 
 // Links the new keyframe with earlier ones besides its reference: those that overlap it, and those whose landmarks were
 // re-identified. Returns the number of links.
-int Mapper::close_loops(const FrameResult& result, const FrameMotion& motion) {
+int Mapper::close_loops(const FrameResult& result) {
   enter_stage("loops");
   const Pose current = map_.keyframes().back().world_from_camera;
   std::vector<int> near = map_.overlapping(result.frame, current);
@@ -495,15 +494,8 @@ int Mapper::close_loops(const FrameResult& result, const FrameMotion& motion) {
     if (!registration.refined) continue;
     const Pose& pose = registration.earlier_from_current;
     // The registration takes the motions during both stacks as known.
-    FrameMotion own = motion;
-    own.pose_by_motion = rotated_tangent(pose.rotation) * own.pose_by_motion;
-    FrameMotion other = motion_of_keyframe(keyframe, pose);
-    if (other.by_own_stack) {
-      vibration_.widen(other.covariance);
-      vibration_.widen_estimate(other.covariance);
-    }
-    link(keyframe, result.keyframe, pose,
-         with_parallax(registration.covariance + own.spread() + other.spread(), pose, rig_.middle_range_m()), true);
+    const Matrix6d covariance = registration.covariance + covariance_by_motion(earlier, map_.keyframes().back(), pose);
+    link(keyframe, result.keyframe, pose, with_parallax(covariance, pose, rig_.middle_range_m()), true);
     ++links;
   }
   return links;
@@ -525,7 +517,8 @@ void Mapper::note_pose(FrameResult& result, const std::optional<Prediction>& pre
   track_.back().registered_with = result.reference;
   track_.back().variance = variance_;
   track_.back().shared = shared_variance_;
-  if (in_motion_ && result.motion->residuals > 0) track_.back().own_motion = result.motion;
+  if (in_motion_ && result.motion->residuals > 0 && !result.motion_by_prediction)
+    track_.back().own_motion = result.motion;
   vibration_.end_view();
   if (!prediction_checked_) return;
   constexpr double kTurn_rad = 0.03 * std::numbers::pi / 180, kShift_m = 0.3e-3;

@@ -59,6 +59,7 @@ struct FrameResult : ReconstructedView {
   int images = 0;          // number of images it was decoded from
   int loops = 0;           // earlier keyframes linked with it, besides the reference
   bool corrected = false;  // closing loops moved the map
+  bool motion_by_prediction = false;  // the motion during the stack was estimated with a prediction as prior
   Pose previous_from_current;  // camera motion since the previous tracked view
   Pose world_from_robot;       // as estimated when the view was processed; see Mapper::trajectory()
   // Results of earlier views, processed without a pose, which this view allows to be registered.
@@ -118,7 +119,6 @@ class Mapper {
   struct FrameMotion {
     Matrix6x12d pose_by_motion = Matrix6x12d::Zero();
     Matrix12d covariance = Matrix12d::Zero();
-    bool by_own_stack = false;  // no other view has confirmed the motion
 
     // Covariance of the pose that the uncertain motion causes.
     Matrix6d spread() const { return pose_by_motion * covariance * pose_by_motion.transpose(); }
@@ -129,10 +129,6 @@ class Mapper {
     MapperInput input;
     MotionPrior own;   // estimated from its own stack
     size_t views = 4;  // in the track when it is re-decoded
-  };
-
-  struct UncertainMotions {
-    FrameMotion own, keyframe;
   };
 
   // How the pose relative to keyframe `reference` depends on the motion during the stack; -1: not computed yet.
@@ -182,8 +178,9 @@ class Mapper {
   double largest_error_m(const Prediction& predicted) const;
   FrameMotion frame_motion(const ReconstructedView& view, const MapperInput& input, const Frame& target,
                            const Pose& target_from_source) const;
-  FrameMotion motion_of_keyframe(int keyframe, const Pose& keyframe_from_view) const;
-  UncertainMotions uncertain_motions(const FrameResult& result, const MapperInput& input, const MotionEffect& effect);
+  FrameMotion own_motion(const FrameResult& result, const MapperInput& input, const MotionEffect& effect);
+  Matrix6d by_motion_of_reference(const FrameResult& result) const;
+  void widen_first_motion();
   FrameMotion add_motion_uncertainty(FrameResult& result, const MapperInput& input, const MotionEffect& effect);
   void note_first_keyframe(const FrameResult& result, MapperInput input);
   void improve_first_keyframe();
@@ -202,7 +199,7 @@ class Mapper {
   void restart();
   void extend_map(FrameResult& result, const FrameMotion& motion);
   void add_keyframe(FrameResult& result, TrackedView& here, const FrameMotion& motion);
-  int close_loops(const FrameResult& result, const FrameMotion& motion);
+  int close_loops(const FrameResult& result);
   // Adds a registration to the map; its covariance accounts for the errors that the links of a keyframe share.
   void link(int from, int to, const Pose& from_from_to, const Matrix6d& covariance, bool loop);
   void note_pose(FrameResult& result, const std::optional<Prediction>& predicted);
@@ -227,10 +224,11 @@ class Mapper {
   int last_keyframe_ = -1;
   int unlinked_ = -1;                         // of the last tracked view, unless it became a keyframe
   size_t continuous_from_ = 0;                // first view of track_ since tracking was last lost
-  std::vector<FrameMotion> keyframe_motion_;  // of each keyframe, in its own axes
+  // Of the first keyframe, in its own axes, as long as no other view has confirmed its motion. The map contains it widened by
+  // the vibration that later views reveal.
+  std::optional<FrameMotion> first_motion_;
   Vibration vibration_;
   std::optional<FirstKeyframe> first_keyframe_;
-  bool first_keyframe_improved_ = false;  // its frame has been replaced, but not its landmarks
   std::vector<MapperInput> held_;       // the last views without a pose, in the order of time
   std::vector<TrackedView> recovered_;  // views registered later, in any order
 };

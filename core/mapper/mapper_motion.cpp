@@ -148,28 +148,29 @@ Mapper::FrameMotion Mapper::frame_motion(const ReconstructedView& view, const Ma
   return {pose_by_motion(target, view.frame, rig_.camera, target_from_source, slopes), *covariance};
 }
 
-// Returns how the uncertain motions during the stacks of a registered view and of its keyframe change its pose.
-Mapper::UncertainMotions Mapper::uncertain_motions(const FrameResult& result, const MapperInput& input,
-                                                   const MotionEffect& effect) {
-  const Pose& pose = result.registration.earlier_from_current;
-  const bool known = effect.reference == result.reference && result.in_motion();
-  UncertainMotions motions;
-  motions.own = known ? FrameMotion{effect.pose_by_motion, result.motion->covariance}
-                      : frame_motion(result, input, keyframe_image(result.reference), pose);
-  motions.keyframe = motion_of_keyframe(result.reference, pose);
-  return motions;
+// Returns how the uncertain motion during the stack of a registered view changes its pose.
+Mapper::FrameMotion Mapper::own_motion(const FrameResult& result, const MapperInput& input,
+                                       const MotionEffect& effect) {
+  if (effect.reference == result.reference && result.in_motion())
+    return {effect.pose_by_motion, result.motion->covariance};
+  return frame_motion(result, input, keyframe_image(result.reference), result.registration.earlier_from_current);
 }
 
-// Returns how the uncertain motion during a keyframe's stack changes the pose of a view relative to it.
-Mapper::FrameMotion Mapper::motion_of_keyframe(int keyframe, const Pose& keyframe_from_view) const {
-  const auto number = static_cast<size_t>(keyframe);
-  if (number >= keyframe_motion_.size()) return {};
-  FrameMotion motion = keyframe_motion_[number];
-  // A shift of the keyframe's frame moves the pose from the left.
-  Matrix6d moved = Matrix6d::Identity();
-  moved.bottomLeftCorner<3, 3>() = -skew(keyframe_from_view.translation);
-  motion.pose_by_motion = moved * motion.pose_by_motion;
-  return motion;
+// Returns the covariance of a registered view's pose that the uncertain motion during its keyframe's stack causes.
+Matrix6d Mapper::by_motion_of_reference(const FrameResult& result) const {
+  return covariance_by_motion(map_.keyframes()[static_cast<size_t>(result.reference)],
+                              result.registration.earlier_from_current);
+}
+
+// Later views reveal vibration that the first keyframe was exposed to.
+void Mapper::widen_first_motion() {
+  constexpr double kChange = 0.05;
+  if (!first_motion_) return;
+  FrameMotion motion = *first_motion_;
+  vibration_.widen(motion.covariance);
+  vibration_.widen_estimate(motion.covariance);
+  const Matrix6d covariance = motion.spread(), before = map_.keyframes()[0].motion.covariance;
+  if ((covariance - before).norm() > kChange * before.norm()) map_.set_motion(0, {covariance, true});
 }
 
 // Adds the uncertainty of the motion during the stack, and during that of the keyframe, to the covariance of the pose, and
@@ -178,27 +179,22 @@ Mapper::FrameMotion Mapper::add_motion_uncertainty(FrameResult& result, const Ma
                                                    const MotionEffect& effect) {
   variance_ = pose_variance(result.covariance);
   shared_variance_ = {};
-  if (result.tracking == Tracking::first) {
-    FrameMotion own = frame_motion(result, input, result.frame, {});
-    own.by_own_stack = !own.covariance.isZero(0);
-    return own;
-  }
+  if (result.tracking == Tracking::first) return frame_motion(result, input, result.frame, {});
   if (!has_pose(result.tracking)) return {};
   const Pose& pose = result.registration.earlier_from_current;
-  auto [own, other] = uncertain_motions(result, input, effect);
-  if (other.by_own_stack) vibration_.widen(other.covariance);
+  FrameMotion own = own_motion(result, input, effect);
   variance_ = pose_variance(result.covariance + own.spread());
-  shared_variance_ = pose_variance(other.spread());
+  shared_variance_ = pose_variance(by_motion_of_reference(result));
   if (result.in_motion() || !own.covariance.isZero(0)) {
     std::vector<PoseSample> samples = last_samples(result.reference, shared_variance_);
     const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera;
     samples.push_back({result.frame.timestamp_s, world_from_reference * pose, variance_});
     vibration_.note(estimate_vibration(samples, options_.registration.motion_prior, rig_.timing.camera_rate_hz));
     vibration_.widen_estimate(own.covariance);
+    widen_first_motion();
   }
-  // Later views reveal vibration that the first keyframe was exposed to.
-  if (other.by_own_stack) vibration_.widen_estimate(other.covariance);
-  result.covariance = with_parallax(result.covariance + own.spread() + other.spread(), pose, rig_.middle_range_m());
+  result.covariance =
+      with_parallax(result.covariance + own.spread() + by_motion_of_reference(result), pose, rig_.middle_range_m());
   own.pose_by_motion = rotated_tangent(pose.rotation.transpose()) * own.pose_by_motion;
   return own;
 }

@@ -48,11 +48,11 @@ void Mapper::improve_first_keyframe() {
   // The ripples of the last view's depth, which its own motion left, resemble those of the keyframe.
   if (last_motion_) known.covariance += last_motion_->covariance;
   view = first.input.reconstruct({nullptr, known, true});
-  const IcpResult moved =
-      point_to_plane_icp(last_frame_, view.frame, rig_.camera, found.target_from_source, options_.registration.icp);
-  if (!moved.converged) return;
+  const ViewRegistration moved = follow_view(last_frame_, view.frame, found.target_from_source, rig_.camera,
+                                             rig_.middle_range_m(), options_.registration);
+  if (!moved.refined) return;
   // The views so far stay where they are; their keyframe's frame has moved.
-  const Pose new_from_old = moved.target_from_source.inverse() * last_from_first;
+  const Pose new_from_old = moved.earlier_from_current.inverse() * last_from_first;
   for (std::vector<TrackedView>* views : {&track_, &recovered_}) {
     for (TrackedView& tracked : *views) {
       if (tracked.keyframe == 0 && &tracked != &track_.front())
@@ -60,9 +60,10 @@ void Mapper::improve_first_keyframe() {
     }
   }
   map_.replace_frame(0, view.frame, new_from_old);
-  first_keyframe_improved_ = true;
-  keyframe_motion_[0] = frame_motion(view, first.input, view.frame, {});
-  vibration_.widen_estimate(keyframe_motion_[0].covariance);
+  FrameMotion remaining = frame_motion(view, first.input, view.frame, {});
+  vibration_.widen_estimate(remaining.covariance);
+  map_.set_motion(0, {remaining.spread(), true});  // its landmarks are those of the frame before
+  first_motion_.reset();
   image_keyframe_ = -1;
   if (first.views < kMostViews) first_keyframe_ = FirstKeyframe{first.input, first.own, 2 * first.views};
 }
@@ -170,14 +171,14 @@ std::shared_ptr<const FrameResult> Mapper::recovered(const MapperInput& input) {
   vibration_ = vibration;
   if (!found) return nullptr;
   view->images = input.images;
-  auto [own, keyframe] = uncertain_motions(*view, input, effect);
+  FrameMotion own = own_motion(*view, input, effect);
+  const Matrix6d of_reference = by_motion_of_reference(*view);
   TrackedView here{view->frame.timestamp_s, view->reference, view->registration.earlier_from_current};
   here.registered_with = view->reference;
   here.variance = pose_variance(view->covariance + own.spread());
-  here.shared = pose_variance(keyframe.spread());
+  here.shared = pose_variance(of_reference);
   vibration_.widen_estimate(own.covariance);
-  if (keyframe.by_own_stack) vibration_.widen_estimate(keyframe.covariance);
-  view->covariance = with_parallax(view->covariance + own.spread() + keyframe.spread(),
+  view->covariance = with_parallax(view->covariance + own.spread() + of_reference,
                                    view->registration.earlier_from_current, rig_.middle_range_m());
   // A stack that leaves its motion so uncertain was distorted by more than its covariance, a linear model, describes.
   constexpr double kMostSigma_m = 5e-3;

@@ -17,7 +17,7 @@ namespace fs = std::filesystem;
 namespace {
 
 MapIndex::KeyframeEntry entry_of(const Keyframe& keyframe) {
-  return {keyframe.index, keyframe.timestamp_s, keyframe.world_from_camera, {}, {}, {}};
+  return {keyframe.index, keyframe.timestamp_s, keyframe.world_from_camera, keyframe.motion, {}, {}, {}};
 }
 
 IndexOfFile index_of(const MappedFile& file, const std::string& where) {
@@ -111,12 +111,15 @@ KeyframeMap open_map(const fs::path& file, const RigModel& rig, const MappingOpt
   std::vector<Keyframe> keyframes(index.keyframes.size());
   for_each_or_throw(keyframes.size(), [&](size_t i) {
     const MapIndex::KeyframeEntry& entry = index.keyframes[i];
-    keyframes[i] = {entry.index, entry.timestamp_s, entry.world_from_camera,
+    keyframes[i] = {entry.index,
+                    entry.timestamp_s,
+                    entry.world_from_camera,
                     KnownLandmarks(read_digest(*memory, entry.digest, where),
                                    [memory, part = FilePart(entry.landmarks), where] {
                                      return read_landmarks(*memory, part, where);
                                    }),
-                    images(entry)};
+                    images(entry),
+                    entry.motion};
   });
   for (const MapIndex::KeyframeEntry& entry : index.keyframes)
     source->keyframes.push_back({entry.landmarks, entry.digest});

@@ -91,6 +91,21 @@ void pose(Archive& archive, P& p) {
                     "a rotation matrix is not orthonormal");
 }
 
+// A covariance: not negative in any direction; the lower triangle.
+template <class Archive, class Matrix>
+void covariance(Archive& archive, Matrix& m) {
+  for (Eigen::Index col = 0; col < m.cols(); ++col) {
+    for (Eigen::Index row = col; row < m.rows(); ++row) {
+      archive.number(m(row, col));
+      if constexpr (Archive::kReads) m(col, row) = m(row, col);
+    }
+  }
+  if constexpr (Archive::kReads) {
+    archive.require(m.allFinite(), "a number is not finite");
+    archive.require((m.diagonal().array() >= 0).all(), "a variance is negative");
+  }
+}
+
 template <class Archive, class Bool>
 void flag(Archive& archive, Bool& value) {
   uint8_t number = value;
@@ -128,6 +143,15 @@ void part(Archive& archive, Part& p, const Bounds& bounds) {
   }
 }
 
+// Of a keyframe; most are taken at rest.
+template <class Archive, class Motion>
+void motion(Archive& archive, Motion& m) {
+  flag(archive, m.doubtful);
+  bool moved = !m.covariance.isZero(0);
+  flag(archive, moved);
+  if (moved) covariance(archive, m.covariance);
+}
+
 constexpr size_t kPoseBytes = 12 * sizeof(double), kPartBytes = 3 * sizeof(uint64_t) + 1;
 
 template <class Archive, class Index>
@@ -144,10 +168,11 @@ void content(Archive& archive, Index& index, const Bounds& bounds) {
     if constexpr (Archive::kReads) archive.require(place.size == frame_bytes, "a part has a wrong size");
   };
   constexpr size_t kHeadBytes = sizeof(int) + sizeof(double) + kPoseBytes;
-  archive.list(index.keyframes, kHeadBytes + 3 * kPartBytes, [&](auto& k) {
+  archive.list(index.keyframes, kHeadBytes + 2 + 3 * kPartBytes, [&](auto& k) {
     archive.number(k.index);
     archive.number(k.timestamp_s);
     pose(archive, k.world_from_camera);
+    motion(archive, k.motion);
     images(k.images);
     part(archive, k.landmarks, bounds);
     part(archive, k.digest, bounds);

@@ -21,7 +21,7 @@
 
 namespace fringeslam {
 
-constexpr std::string_view kMapMagic = "FringeSLAM map 3\n", kAnyMapMagic = "FringeSLAM map ";
+constexpr std::string_view kMapMagic = "FringeSLAM map 4\n", kAnyMapMagic = "FringeSLAM map ";
 constexpr uint64_t kMapAlignment = 64;
 
 constexpr uint64_t aligned(uint64_t bytes) { return (bytes + kMapAlignment - 1) / kMapAlignment * kMapAlignment; }
@@ -49,6 +49,7 @@ struct MapIndex {
     int index = 0;
     double timestamp_s = 0;
     Pose world_from_camera;
+    KeyframeMotion motion;
     StoredPart images, landmarks, digest;
   };
   // A frame with the images of its keyframe is the keyframe itself.

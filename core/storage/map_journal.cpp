@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <tuple>
 #include <utility>
 
 #include "core/base/parallel.h"
@@ -138,7 +139,7 @@ StoredPart MapJournal::saved(const StoredFrame& frame) {
   return *part;
 }
 
-// Poses, links and frames that were noted before.
+// Poses, motions, links and frames that were noted before.
 void MapJournal::note_changes(const KeyframeMap& map, std::vector<Step>& steps) {
   revision_ = map.revision();
   for (size_t i = 0; i < images_.size(); ++i) {
@@ -153,12 +154,15 @@ void MapJournal::note_changes(const KeyframeMap& map, std::vector<Step>& steps) 
     });
   }
   std::vector<PoseEdge> links(map.links().begin(), map.links().begin() + static_cast<std::ptrdiff_t>(links_));
-  std::vector<Pose> keyframes, frames;
-  for (size_t i = 0; i < images_.size(); ++i) keyframes.push_back(map.keyframes()[i].world_from_camera);
+  std::vector<std::pair<Pose, KeyframeMotion>> keyframes;
+  for (size_t i = 0; i < images_.size(); ++i)
+    keyframes.emplace_back(map.keyframes()[i].world_from_camera, map.keyframes()[i].motion);
+  std::vector<Pose> frames;
   for (size_t i = 0; i < frames_; ++i) frames.push_back(map.frames()[i].keyframe_from_camera);
   steps.push_back([this, keyframes = std::move(keyframes), frames = std::move(frames), links = std::move(links)] {
     std::copy(links.begin(), links.end(), index_.links.begin());
-    for (size_t i = 0; i < keyframes.size(); ++i) index_.keyframes[i].world_from_camera = keyframes[i];
+    for (size_t i = 0; i < keyframes.size(); ++i)
+      std::tie(index_.keyframes[i].world_from_camera, index_.keyframes[i].motion) = keyframes[i];
     for (size_t i = 0; i < frames.size(); ++i) index_.frames[i].keyframe_from_camera = frames[i];
   });
 }
@@ -166,7 +170,8 @@ void MapJournal::note_changes(const KeyframeMap& map, std::vector<Step>& steps) 
 void MapJournal::note_additions(const KeyframeMap& map, std::vector<Step>& steps) {
   for (size_t i = images_.size(); i < map.keyframes().size(); ++i) {
     const Keyframe& keyframe = map.keyframes()[i];
-    MapIndex::KeyframeEntry entry{keyframe.index, keyframe.timestamp_s, keyframe.world_from_camera, {}, {}, {}};
+    MapIndex::KeyframeEntry entry{
+        keyframe.index, keyframe.timestamp_s, keyframe.world_from_camera, keyframe.motion, {}, {}, {}};
     images_.push_back(keyframe.frame.depth_m.data);
     if (base_ && i < base_->keyframes.size())
       steps.push_back([this, entry, frame = keyframe.frame, known = base_->keyframes[i]]() mutable {

@@ -71,9 +71,20 @@ Pose at(int number) {
   return {rotation_exp(Eigen::Vector3d(0.01, 0.02, 0.03) * number), Eigen::Vector3d(0.5 * number, 0.1, 0.2)};
 }
 
+// Every second stack was exposed in motion.
+KeyframeMotion motion_of(int number) {
+  if (number % 2 == 0) return {};
+  Random random(static_cast<uint64_t>(number) + 2000);
+  Matrix6d factor;
+  for (int col = 0; col < 6; col += 3) {
+    for (int row = 0; row < 6; ++row) factor.block<1, 3>(row, col) = 1e-3 * random.direction().transpose();
+  }
+  return {factor * factor.transpose(), number == 3};
+}
+
 // View `number` of a mission: each is a keyframe, and every second one has another frame fixed to it.
 void add_view(KeyframeMap& map, int number) {
-  map.add_keyframe(frame_of(2 * number), landmarks_of(number), at(number));
+  map.add_keyframe(frame_of(2 * number), landmarks_of(number), at(number), motion_of(number));
   if (number % 2 == 1) map.add_frame(frame_of(2 * number + 1), number, {Eigen::Matrix3d::Identity(), {0.2, 0, 0}});
   if (number > 0)
     map.link({number - 1, number, at(number - 1).inverse() * at(number), 1e6 * Matrix6d::Identity(), number % 3 == 0});
@@ -115,6 +126,8 @@ int expect_beginning(const KeyframeMap& map, const KeyframeMap& whole) {
     const Keyframe &a = map.keyframes()[i], &b = whole.keyframes()[i];
     expect_same(a.world_from_camera, b.world_from_camera);
     expect_same(a.frame, b.frame);
+    EXPECT_TRUE(a.motion.covariance.isApprox(b.motion.covariance, 1e-15));
+    EXPECT_EQ(a.motion.doubtful, b.motion.doubtful);
     EXPECT_EQ(landmark_bytes(*a.landmarks.get()), landmark_bytes(*b.landmarks.get()));
   }
   const auto inside = [&](int keyframe) { return keyframe < static_cast<int>(count); };
@@ -299,6 +312,7 @@ TEST(MapJournal, ChangesOfKeyframesAndLinksAreSaved) {
   better.index = frame_of(2).index;
   better.timestamp_s = frame_of(2).timestamp_s;
   map.replace_frame(1, better, {rotation_exp({0.01, 0, 0}), {0.001, 0.002, 0.003}});
+  map.set_motion(1, motion_of(3));
   journal.finish(map, temp / "saved.map");
   const KeyframeMap opened = open_map(temp / "saved.map", kRig, {});
   EXPECT_EQ(expect_beginning(opened, map), 3);

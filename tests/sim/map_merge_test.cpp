@@ -94,6 +94,61 @@ TEST(MapMerge, TheMergedMapLocatesViewsOfBothMissions) {
   }
 }
 
+// The motions of keyframes during their stacks are uncertain in the other map too.
+TEST(MapMerge, UncertainMotionsOfKeyframesWidenTheLinks) {
+  constexpr double kVariance_m2 = 1e-6;
+  const Scene scene = terrain();
+  Mission a = mission(scene, {camera_above(0, 0, 0), camera_above(0.15, 0, 5)});
+  Mission b = mission(scene, {camera_above(0.05, 0.05, 60), camera_above(0.2, 0.02, 55)});
+  const MergedMap still = merged(a, b);
+  KeyframeMotion shifted;
+  shifted.covariance.diagonal().tail<3>().setConstant(kVariance_m2);
+  for (KeyframeMap* const map : {&a.map, &b.map}) {
+    for (int i = 0; i < 2; ++i) map->set_motion(i, shifted);
+  }
+  const MergedMap moved = merged(a, b);
+  int compared = 0;
+  for (const CrossLink& link : moved.links) {
+    for (const CrossLink& other : still.links) {
+      if (link.a != other.a || link.b != other.b || !link.by_landmarks || !other.by_landmarks) continue;
+      const Vector6d added = (link.covariance - other.covariance).diagonal();
+      EXPECT_GE(added.tail<3>().minCoeff(), 2 * kLinkVariance * kVariance_m2 * (1 - 1e-9));
+      ++compared;
+    }
+  }
+  EXPECT_GE(compared, 2);
+  EXPECT_GT(moved.covariance.diagonal().tail<3>().minCoeff(), kVariance_m2);
+  EXPECT_EQ(moved.map.keyframes()[3].motion.covariance, shifted.covariance);
+}
+
+// A view of a later run is registered with a keyframe that lies elsewhere by an unknown shift and turn.
+TEST(OpenedMap, TheMotionOfAKeyframeWidensThePosesRelativeToIt) {
+  constexpr double kShiftVariance_m2 = 1e-6, kTurnVariance_rad2 = 1e-6;
+  Scene scene = terrain();
+  Mission one = mission(scene, {camera_above(0, 0, 0)});
+  scene.trajectory = {{0, camera_above(0.1, 0.05, 5) * scene.rig.robot_from_camera.inverse()}};
+  const auto located = [&] {
+    Pipeline pipeline(one.map, scene.patterns, options());
+    VirtualRig rig(scene, {});
+    return pipeline.process(*rig.capture(scene.patterns));
+  };
+  const FrameResult still = located();
+  ASSERT_EQ(still.tracking, Tracking::refined);
+  KeyframeMotion moved;
+  moved.covariance.diagonal().head<3>().setConstant(kTurnVariance_rad2);
+  moved.covariance.diagonal().tail<3>().setConstant(kShiftVariance_m2);
+  one.map.set_motion(0, moved);
+  const FrameResult shifted = located();
+  ASSERT_EQ(shifted.tracking, Tracking::refined);
+  const Vector6d added = (shifted.covariance - still.covariance).diagonal();
+  const Eigen::Vector3d lever = skew(still.registration.earlier_from_current.translation).rowwise().squaredNorm();
+  EXPECT_GT(lever.maxCoeff(), 0.01);
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_GE(added[i], kTurnVariance_rad2 * (1 - 1e-9));
+    EXPECT_GE(added[3 + i], (kShiftVariance_m2 + lever[i] * kTurnVariance_rad2) * (1 - 1e-9));
+  }
+}
+
 std::string refusal(const Mission& a, const Mission& b) {
   try {
     merged(a, b);
