@@ -216,7 +216,8 @@ MovingErrors moving_errors(const Motion& motion, double speed, uint64_t seed) {
   };
   const Frame plain = reconstruct(decoded, rig, triangulation, depth_options);
   const double before = median_error(plain);
-  const AlignedStack aligned = align_stack(stack, rig, rays, filled_depth(truth.depth_m, rig.middle_range_m()), twist);
+  const AlignedStack aligned =
+      align_stack(stack, rig, rays, filled_depth(truth.depth_m, rig.middle_range_m()), twist, rig.sensor.max_dn());
   DecodeContext context{Axis::columns, &expected};
   context.aligned = &aligned;
   decoded = decode(stack, rig, options, context);

@@ -70,7 +70,9 @@ std::optional<std::string> obstacle(Unwrapping method, const PatternSequence& se
   try {
     const std::vector<FringeGroup> groups = select_groups(sequence, context.axis, options);
     const int length = length_of(sequence, context.axis);
-    if (has_exposures(sequence) && (method == Unwrapping::gray || method == Unwrapping::micro))
+    // The two fringes of a product are orthogonal to each other only if all images have the same weight.
+    if (has_exposures(sequence) &&
+        (method == Unwrapping::gray || method == Unwrapping::micro || method == Unwrapping::modulated))
       throw Error("images of several exposures can be decoded by fringes of several periods, not by this method");
     if (method == Unwrapping::gray) {
       const StepEstimator any = groups.empty() ? StepEstimator{} : least_squares(groups.back());
@@ -193,13 +195,74 @@ std::optional<Unwrapping> spatial_reference(const PatternSequence& sequence, con
   return method;
 }
 
-// `corrected`: the patterns already compensate for the projector's response.
+// The shifts of a group's images relative to the surfaces, by the median drift of each image.
+std::vector<double> shifts_after_drift(const FringeGroup& group, const AlignedStack& aligned) {
+  constexpr int kStride = 16;
+  std::vector<double> shifts_rad = group.shifts_rad;
+  for (size_t k = 0; k < group.images.size(); ++k) {
+    const cv::Mat1f& drift_px = aligned.drift_px[static_cast<size_t>(group.images[k])];
+    std::vector<float> known;
+    for (int row = kStride / 2; row < drift_px.rows; row += kStride) {
+      for (int col = kStride / 2; col < drift_px.cols; col += kStride) {
+        if (!std::isnan(drift_px(row, col))) known.push_back(drift_px(row, col));
+      }
+    }
+    if (known.empty()) continue;
+    const auto middle = known.begin() + static_cast<std::ptrdiff_t>(known.size() / 2);
+    std::nth_element(known.begin(), middle, known.end());
+    shifts_rad[k] += kTwoPi * static_cast<double>(*middle) / group.period_px;
+  }
+  return shifts_rad;
+}
+
+// Equally spaced shifts, and how far the given ones are from them at most.
+struct EvenShifts {
+  std::vector<double> shifts_rad;
+  double off_rad = 0;
+};
+
+EvenShifts nearest_even(std::vector<double> shifts_rad) {
+  for (double& shift : shifts_rad) shift -= kTwoPi * std::floor(shift / kTwoPi);
+  std::sort(shifts_rad.begin(), shifts_rad.end());
+  const auto n = static_cast<double>(shifts_rad.size());
+  double first = 0;
+  for (size_t i = 0; i < shifts_rad.size(); ++i) first += (shifts_rad[i] - kTwoPi * static_cast<double>(i) / n) / n;
+  EvenShifts even;
+  for (size_t i = 0; i < shifts_rad.size(); ++i) {
+    even.shifts_rad.push_back(first + kTwoPi * static_cast<double>(i) / n);
+    even.off_rad = std::max(even.off_rad, std::abs(shifts_rad[i] - even.shifts_rad.back()));
+  }
+  return even;
+}
+
+// Corrects a phase for the projector's response. In motion, the drift changes the shifts: the correction is that of the
+// nearest equally spaced ones, and an error remains that grows with the distance from them.
+void set_correction(StepEstimator& estimator, FringeGroup group, const PhaseCorrection& correction,
+                    const AlignedStack* aligned) {
+  constexpr double kLargest_rad = kPi / 6, kRemaining = 2;
+  const bool usable = !correction.offset_rad.empty() && correction.steps == static_cast<int>(group.images.size());
+  if (!aligned || !usable) {
+    estimator.correction_turns = correction_of(group, correction);
+    return;
+  }
+  const EvenShifts even = nearest_even(shifts_after_drift(group, *aligned));
+  group.shifts_rad = even.shifts_rad;
+  estimator.correction_turns = correction_of(group, correction);
+  double squares = 0;
+  for (const float turns : estimator.correction_turns)
+    squares += static_cast<double>(turns * turns) / static_cast<double>(estimator.correction_turns.size());
+  const double share = std::min(1.0, even.off_rad * static_cast<double>(correction.steps) / kPi);
+  estimator.error_turns2 = static_cast<float>(kRemaining * kRemaining * share * share * squares);
+  if (even.off_rad > kLargest_rad) estimator.correction_turns.clear();
+}
+
+// `corrected`: the patterns already compensate for the projector's response. `aligned`: images in motion.
 RowPlan make_plan(const std::vector<FringeGroup>& groups, int length_px, const RigModel& rig,
-                  const DecodeOptions& options, bool corrected) {
+                  const DecodeOptions& options, bool corrected, const AlignedStack* aligned) {
   RowPlan plan;
   for (const FringeGroup& group : groups) {
     plan.groups.push_back(least_squares(group));
-    if (!corrected) plan.groups.back().correction_turns = correction_of(group, rig.phase_correction);
+    if (!corrected) set_correction(plan.groups.back(), group, rig.phase_correction, aligned);
   }
   plan.period_px = groups.empty() ? 0 : groups.back().period_px;
   plan.length_px = length_px;
@@ -273,6 +336,26 @@ void prior_row(const CoordinatePrior& expected, int row, double period_px, RowPr
   }
 }
 
+// Images of a Gray code, of which each pixel needs all.
+std::vector<size_t> code_images(const PatternSequence& sequence, Axis axis) {
+  std::vector<size_t> images;
+  for (size_t i = 0; i < sequence.patterns.size(); ++i) {
+    const Pattern& pattern = sequence.patterns[i];
+    if (pattern.coding == Coding::flat || (pattern.coding == Coding::gray && pattern.axis == axis)) images.push_back(i);
+  }
+  return images;
+}
+
+// Pixels that one of the images does not show, in motion, are not decoded.
+void drop_unseen(const std::vector<const float*>& drift_px, const std::vector<size_t>& images,
+                 std::vector<float>& turns) {
+  if (drift_px.empty()) return;
+  for (const size_t image : images) {
+    const float* const drift = drift_px[image];
+    for (size_t i = 0; i < turns.size(); ++i) turns[i] = drift[i] == drift[i] ? turns[i] : kNaN;
+  }
+}
+
 // At the edge between two cells, noise may select either neighbour; this is harmless for cells of half a period.
 void gray_row(const GrayDecoder& gray, const RowPlan& plan, const float* const* samples, RowPrior& anchor) {
   const double cell = gray.cell_px(), period = plan.period_px;
@@ -311,11 +394,12 @@ void gray_only_row(const GrayDecoder& gray, const RowPlan& plan, const DecodeOpt
     out.mean[i] = sum / static_cast<float>(averaged.size());
     out.modulation[i] = reading.best_contrast_dn;
     const double coordinate = (reading.cell + 0.5) * cell - 0.5;
-    const bool valid = reading.best_contrast_dn >= least_contrast_dn && reading.far <= options.max_order_failure && coordinate < plan.length_px - 0.5;
+    const bool valid = reading.best_contrast_dn >= least_contrast_dn && reading.far <= options.max_order_failure &&
+                       coordinate < plan.length_px - 0.5;
     out.wrapped_phase[i] = kNaN;
     out.order[i] = valid ? reading.cell : -1;
     out.coordinate[i] = valid ? static_cast<float>(coordinate) : kNaN;
-    out.sigma[i] = valid ? static_cast<float>(cell / std::sqrt(12.0)) : kNaN;
+    out.sigma[i] = valid ? static_cast<float>(cell * std::sqrt(1 / 12.0 + reading.variance_cells2)) : kNaN;
     out.confidence[i] = valid ? static_cast<float>(1 - reading.far) : kNaN;
   }
 }
@@ -375,6 +459,19 @@ Unwrapping resolve_unwrapping(const PatternSequence& sequence, const RigModel& r
     throw Error(std::string("decode.unwrapping=") + to_string(options.unwrapping) + ": " + *reason);
   if (options.unwrapping == Unwrapping::spatial) spatial_reference(sequence, rig, options, context);
   return options.unwrapping;
+}
+
+bool decodes_in_motion(const PatternSequence& sequence, const RigModel& rig, const DecodeOptions& options,
+                       const DecodeContext& context) {
+  std::optional<Unwrapping> method = resolve_unwrapping(sequence, rig, options, context);
+  if (method == Unwrapping::spatial) method = spatial_reference(sequence, rig, options, context);
+  if (method == Unwrapping::gray) {
+    const std::vector<FringeGroup> groups = select_groups(sequence, context.axis, options);
+    if (groups.empty()) return false;
+    const StepEstimator any = least_squares(groups.back());
+    return numbers_periods(GrayDecoder(sequence, context.axis, &any), groups.back());
+  }
+  return method != Unwrapping::ensemble && method != Unwrapping::micro && method != Unwrapping::modulated;
 }
 
 namespace {
@@ -464,7 +561,7 @@ void decode_images(DecodedStack& out, const FringeStack& stack, const PatternSeq
     groups = std::move(code.groups);
     modulated_levels = std::move(code.levels);
   }
-  RowPlan plan = make_plan(groups, length, rig, options, !sequence.inverse_response.empty());
+  RowPlan plan = make_plan(groups, length, rig, options, !sequence.inverse_response.empty(), context.aligned);
   plan.unwrapping_levels = std::move(modulated_levels);
   if (combined) {
     plan.clip_dn = combined->clip_dn;
@@ -514,6 +611,7 @@ void decode_images(DecodedStack& out, const FringeStack& stack, const PatternSeq
   out.components.clear();
 
   const std::vector<int> averaged = averaged_images(sequence);
+  const std::vector<size_t> of_code = gray ? code_images(sequence, context.axis) : std::vector<size_t>();
   for_each_range(size.height, [&](int first, int end) {
     RowScratch scratch;
     RowReader reader(stack, context.aligned, combined, scratch);
@@ -530,7 +628,10 @@ void decode_images(DecodedStack& out, const FringeStack& stack, const PatternSeq
         gray_only_row(*gray, plan, options, scratch.samples.data(), averaged, size.width, target);
         continue;
       }
-      if (gray) gray_row(*gray, plan, scratch.samples.data(), scratch.anchor);
+      if (gray) {
+        gray_row(*gray, plan, scratch.samples.data(), scratch.anchor);
+        drop_unseen(scratch.drift_px, of_code, scratch.anchor.turns);
+      }
       if (micro) micro->find_orders(plan, scratch.samples.data(), size.width, context.instruction_set, micro_row);
       if (expected) prior_row(*expected, row, plan.period_px, scratch.anchor);
       decode_row(plan, size.width, scratch, target, context.instruction_set);

@@ -134,6 +134,10 @@ struct DecodeContext {
 Unwrapping resolve_unwrapping(const PatternSequence& sequence, const RigModel& rig, const DecodeOptions& options,
                               const DecodeContext& context = {});
 
+// True if decode() can decode images that are aligned for a motion. Throws Error as resolve_unwrapping() does.
+bool decodes_in_motion(const PatternSequence& sequence, const RigModel& rig, const DecodeOptions& options,
+                       const DecodeContext& context = {});
+
 // Decodes a fringe stack. Throws Error if check_stack() does or if the patterns do not support the unwrapping method.
 DecodedStack decode(const FringeStack& stack, const RigModel& rig, const DecodeOptions& options,
                     const DecodeContext& context = {});

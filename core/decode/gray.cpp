@@ -163,15 +163,25 @@ GrayDecoder::Reading GrayDecoder::read(const RowPlan& camera, const float* const
         static_cast<double>(std::abs(bits[i].difference)) / std::sqrt(static_cast<double>(bits[i].variance));
     if (sigmas > 6) continue;
     const double wrong = 0.5 * std::erfc(sigmas / std::numbers::sqrt2);
-    (is_neighbour(code, i) ? reading.neighbour : reading.far) += wrong;
+    if (!is_neighbour(code, i)) {
+      reading.far += wrong;
+      continue;
+    }
+    const int off = cells_off(code, i);
+    reading.neighbour += wrong;
+    reading.variance_cells2 += wrong * off * off;
   }
   reading.contrast_dn = is_neighbour(code, which) ? next : faintest;
   return reading;
 }
 
+int GrayDecoder::cells_off(unsigned code, size_t bit) const {
+  return std::abs(cell_of(code ^ 1U << (bits_.size() - 1 - bit)) - cell_of(code));
+}
+
 bool GrayDecoder::is_neighbour(unsigned code, size_t bit) const {
   constexpr int kFew = 4;
-  return std::abs(cell_of(code ^ 1U << (bits_.size() - 1 - bit)) - cell_of(code)) <= (fringes_ ? 1 : kFew);
+  return cells_off(code, bit) <= (fringes_ ? 1 : kFew);
 }
 
 }  // namespace fringeslam

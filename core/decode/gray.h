@@ -26,6 +26,7 @@ class GrayDecoder {
     int cell = 0;
     // Probabilities that noise changed the cell: to a neighbouring cell, as happens at cell edges, or to a distant one.
     double neighbour = 0, far = 0;
+    double variance_cells2 = 0;  // of the cell's number, due to bits that distinguish neighbours
     // Contrast of the lowest- and highest-contrast bits. A bit that distinguishes neighbouring cells is excluded from
     // the lowest, because it has no contrast at the edge between them. At pixels that see two surfaces other bits have
     // low contrast, too.
@@ -44,6 +45,8 @@ class GrayDecoder {
   void check_cells(int length);
   void check_long_runs(int length);
   int cell_of(unsigned code) const;
+  // Distance of the cell that a wrong bit would give.
+  int cells_off(unsigned code, size_t bit) const;
   // True if flipping one bit of the code gives a neighbouring cell or, without fringes, one of the next few.
   bool is_neighbour(unsigned code, size_t bit) const;
   static Comparison combined(const Comparison& one, const Comparison& other);

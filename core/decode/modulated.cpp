@@ -6,6 +6,7 @@
 #include <complex>
 
 #include "core/base/constants.h"
+#include "core/decode/steps.h"
 #include "core/types/error.h"
 #include "core/types/options.h"
 
@@ -96,6 +97,13 @@ ModulatedCode modulated_code(const PatternSequence& sequence, Axis axis, int len
                                     [&](const FringeGroup& group) { return group.period_px == carrier_px; });
   const bool has_carrier = carrier != fringes.end();
   if (has_carrier) code.groups.push_back(*carrier);
+  if (code.groups.size() > kMaxGroups)
+    throw Error(std::to_string(products.size()) + " products have " + std::to_string(code.groups.size()) +
+                " fringes, more than " + std::to_string(kMaxGroups) + "; use fewer products");
+  for (const FringeGroup& group : code.groups) {
+    if (group.images.size() > kMaxSteps)
+      throw Error("more than " + std::to_string(kMaxSteps) + " images of one product; use fewer steps");
+  }
   const size_t last = code.groups.size() - 1;
   if (longest_px < (has_carrier ? 1 : 2) * length_px)
     throw Error("no product covers the projector's " + std::to_string(length_px) + " px (the longest period is " +

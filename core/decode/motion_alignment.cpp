@@ -92,19 +92,33 @@ float sample(const cv::Mat1f& coefficients, float u, float v) {
                       down.weight);
 }
 
-void sample_row(const cv::Mat1f& coefficients, const float* u, const float* v, float* grey, float* drift) {
+// True at pixels whose spline weights, from one row and column before to two behind, include a saturated pixel. Empty: no
+// pixel is saturated.
+cv::Mat1b saturated_support(const cv::Mat& image, double clip_dn) {
+  cv::Mat1b saturated;
+  cv::compare(image, clip_dn, saturated, cv::CMP_GE);
+  if (cv::countNonZero(saturated) == 0) return {};
+  constexpr int kSupport = 4;
+  cv::Mat1b support;
+  cv::dilate(saturated, support, cv::Mat1b::ones(kSupport, kSupport), {1, 1});
+  return support;
+}
+
+void sample_row(const cv::Mat1f& coefficients, const cv::Mat1b& saturated, const float* u, const float* v, float* grey,
+                float* drift) {
   const auto right = static_cast<float>(coefficients.cols - 2), bottom = static_cast<float>(coefficients.rows - 2);
   for (int i = 0; i < coefficients.cols; ++i) {
     const bool inside = u[i] >= 1 && v[i] >= 1 && u[i] < right && v[i] < bottom;
     grey[i] = inside ? sample(coefficients, u[i], v[i]) : 0.0f;
-    if (!inside) drift[i] = kNaN;
+    const bool hidden = inside && !saturated.empty() && saturated(static_cast<int>(v[i]), static_cast<int>(u[i])) != 0;
+    if (!inside || hidden) drift[i] = kNaN;
   }
 }
 
 }  // namespace
 
 AlignedStack align_stack(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m,
-                         const CameraMotion& motion, Axis axis) {
+                         const CameraMotion& motion, double clip_dn, Axis axis) {
   check_stack(stack);
   static const auto project = Variants<project_body>::of(selected_instruction_set());
   static const auto brightness = Variants<brightness_body>::of(selected_instruction_set());
@@ -128,9 +142,12 @@ AlignedStack align_stack(const FringeStack& stack, const RigModel& rig, const Pi
   const auto filter = spline_prefilter();
   const std::vector<float> half(filter.begin() + filter.size() / 2, filter.end());
   std::vector<cv::Mat1f> coefficients(images);
+  std::vector<cv::Mat1b> saturated(images);
   for_each_row(static_cast<int>(images), [&](int image) {
     const auto k = static_cast<size_t>(image);
-    if (moved[k]) coefficients[k] = filtered(stack.images[k], half, FilterBorder::mirrored, selected_instruction_set());
+    if (!moved[k]) return;
+    coefficients[k] = filtered(stack.images[k], half, FilterBorder::mirrored, selected_instruction_set());
+    saturated[k] = saturated_support(stack.images[k], clip_dn);
   });
   // Normals at the scale of a few fringes: the depths' noise averages out.
   constexpr int kSmooth_px = 11;
@@ -170,7 +187,7 @@ AlignedStack align_stack(const FringeStack& stack, const RigModel& rig, const Pi
         const float* coordinate = axis == Axis::columns ? u : v;
         for (size_t i = 0; i < width; ++i) drift[i] = coordinate[i] - at[i];
         project(camera[k], ray, depth, size.width, u, v);
-        sample_row(coefficients[k], u, v, grey, drift);
+        sample_row(coefficients[k], saturated[k], u, v, grey, drift);
         rescale(camera[k], turn[k].data(), ray, depth, slope, offset_dn, size.width, grey);
       }
     }
@@ -181,7 +198,7 @@ AlignedStack align_stack(const FringeStack& stack, const RigModel& rig, const Pi
 namespace {
 
 // Variance of a coordinate relative to that of unit noise and modulation, by least squares for mean, cosine and sine;
-// infinite if the samples do not determine them.
+// infinite if the samples do not determine them, NaN if one is missing.
 double coordinate_variance(const AlignedStack& aligned, const FringeGroup& group, int row, int col) {
   double cosines = 0, sines = 0, cc = 0, ss = 0, cs = 0;
   for (size_t i = 0; i < group.images.size(); ++i) {
@@ -199,6 +216,7 @@ double coordinate_variance(const AlignedStack& aligned, const FringeGroup& group
   ss -= sines * sines / n;
   cs -= cosines * sines / n;
   const double determinant = cc * ss - cs * cs, infinite = std::numeric_limits<double>::infinity();
+  if (std::isnan(determinant)) return determinant;
   return determinant > 0 ? group.period_px * group.period_px * (cc + ss) / determinant : infinite;
 }
 

@@ -26,14 +26,16 @@ namespace fringeslam {
 
 // One image of each per exposure, H x W.
 struct AlignedStack {
-  std::vector<cv::Mat1f> images;    // grey values at x_k, DN
-  std::vector<cv::Mat1f> drift_px;  // drift_k; NaN where x_k is outside the image or no depth is known
+  std::vector<cv::Mat1f> images;  // grey values at x_k, DN
+  // drift_k; NaN where x_k is outside the image or beside a saturated pixel, or where no depth is known.
+  std::vector<cv::Mat1f> drift_px;
 };
 
 // Aligns the images of a stack with its reference time, for a camera that moves as given and surfaces at `depth_m` (NaN:
-// unknown). Grey values are interpolated by cubic B-splines. Throws Error if sizes differ.
+// unknown). Grey values are interpolated by cubic B-splines; those from `clip_dn` on are saturated, which interpolation would
+// hide. Throws Error if sizes differ.
 AlignedStack align_stack(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m,
-                         const CameraMotion& motion, Axis axis = Axis::columns);
+                         const CameraMotion& motion, double clip_dn, Axis axis = Axis::columns);
 
 // Returns the index of the group whose phase determines the coordinate best, by the median over the pixels: usually the
 // finest, but the phase of fringes that drift by as much as they are shifted is hardly determined. `groups`: coarsest first.

@@ -403,6 +403,10 @@ FRINGESLAM_INLINE void decode_row_body(const RowPlan& plan, int width, RowScratc
     else
       phase_of_many(plan, estimator, scratch.samples.data(), width, groups[g]);
     if (!estimator.correction_turns.empty()) correct_phase(estimator.correction_turns, width, groups[g].turns);
+    if (estimator.error_turns2 > 0) {
+#pragma GCC ivdep
+      for (int i = 0; i < width; ++i) groups[g].variance[i] += estimator.error_turns2;
+    }
   }
   const PhaseRow& finest = groups[groups_count - 1];
 

@@ -21,6 +21,7 @@ struct StepEstimator {
   float period_px = 0;
   // Offset to be subtracted from the measured phase, in turns, tabulated over one turn of measured phase; empty: none.
   std::vector<float> correction_turns;
+  float error_turns2 = 0;  // variance of what the correction leaves
 };
 
 // Unwrapping level: a linear combination of the groups' phases with integer multiples, which is the phase of a fringe

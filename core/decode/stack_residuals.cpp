@@ -70,7 +70,11 @@ class StackResiduals::Impl {
       if (stack.patterns.inverse_response.empty()) set_errors(period, group);
       periods_.push_back(std::move(period));
     }
+    const double clip_dn = all.saturation * rig.sensor.max_dn();
     for (size_t k = 0; k < stack.images.size(); ++k) {
+      cv::Mat1b saturated;
+      cv::compare(stack.images[k], clip_dn, saturated, cv::CMP_GE);
+      saturated_.push_back(cv::countNonZero(saturated) > 0 ? saturated : cv::Mat1b());
       exposures_.push_back(
           {nullptr, stack.exposure_time_s[k] - stack.timestamp_s, stack.patterns.patterns[k].shift_rad, {}});
       images_.emplace_back();
@@ -126,6 +130,14 @@ class StackResiduals::Impl {
     for (size_t k = 0; k < images_.size(); ++k) {
       cv::Mat1f blurred = images_[k];
       if (sigma_px > 0) blurred = blurred_image(images_[k], sigma_px);
+      if (!saturated_[k].empty()) {
+        // Saturated pixels have no sample. Those beside them that the blur mixes with them have none either.
+        const int reach = static_cast<int>(std::ceil(2 * sigma_px));
+        cv::Mat1b hidden = saturated_[k];
+        if (reach > 0) cv::dilate(hidden, hidden, cv::Mat1b::ones(2 * reach + 1, 2 * reach + 1));
+        blurred = blurred.clone();
+        blurred.setTo(kNaN, hidden);
+      }
       blurred_[k] = blurred;
       exposures_[k].image = &blurred_[k];
     }
@@ -341,6 +353,7 @@ class StackResiduals::Impl {
   std::vector<Period> periods_;
   size_t most_images_ = 0;
   std::vector<cv::Mat1f> images_, blurred_;
+  std::vector<cv::Mat1b> saturated_;  // by image; empty: no pixel is
   cv::Mat1f depth_m_, smooth_m_;
   double blur_px_ = 0;
   bool at_rest_ = false;

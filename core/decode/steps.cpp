@@ -15,8 +15,6 @@ namespace fringeslam {
 
 namespace {
 
-constexpr size_t kMaxGroups = 16, kMaxSteps = 64;
-
 // Selects images of a group so that `steps` equally spaced shifts remain.
 FringeGroup thinned(const FringeGroup& group, int steps) {
   const size_t all = group.images.size(), wanted = static_cast<size_t>(steps);

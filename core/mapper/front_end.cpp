@@ -32,8 +32,15 @@ double least_separation(const std::vector<double>& shifts_rad) {
   return least;
 }
 
+// True if a period with these shifts can be decoded at rest: an even number of steps may be halved by a drift that moves the
+// fringes by as much as they are shifted.
+bool are_enough(const std::vector<double>& shifts_rad) {
+  constexpr size_t kLeast = 3;
+  return distinct_shifts(shifts_rad) >= kLeast;
+}
+
 // Shifts that become `shifts_rad`, or these in reversed order, by the drift. The order is reversed where the drift would
-// leave hardly any difference between the patterns.
+// leave hardly any difference between the patterns. Unchanged if it leaves too few different ones in both orders.
 std::vector<double> anticipated_shifts(const std::vector<double>& shifts_rad, const std::vector<double>& drifts_rad) {
   constexpr double kDistinct_rad = kPi / 4;
   std::vector<double> ordered, reversed;
@@ -42,7 +49,8 @@ std::vector<double> anticipated_shifts(const std::vector<double>& shifts_rad, co
     reversed.push_back(shifts_rad[shifts_rad.size() - 1 - i] - drifts_rad[i]);
   }
   const bool keep = least_separation(ordered) >= std::min(kDistinct_rad, least_separation(reversed));
-  return keep ? ordered : reversed;
+  const std::vector<double>&first = keep ? ordered : reversed, &second = keep ? reversed : ordered;
+  return are_enough(first) ? first : are_enough(second) ? second : shifts_rad;
 }
 
 // Takes the fringe orders that `decoded` lacks from another decoding of the same images.
@@ -138,6 +146,7 @@ PatternSequence FringeFrontEnd::anticipated(const PatternSequence& patterns, con
   constexpr int kStride = 16;
   constexpr double kStep_rad = kTwoPi / 24;
   if (!last.in_motion() || last.motion_unknown()) return patterns;
+  if (options_.decode.steps > 0) return patterns;  // other shifts may include no equally spaced ones to select
   const CameraMotion motion{last.motion->motion.angular_rad_s, last.motion->motion.velocity_m_s};
   const std::vector<double> times_s = exposure_times_s(0, patterns, rig_.timing);
   const auto drift_rad = [&](size_t k, const Pattern& pattern) {
@@ -326,7 +335,8 @@ class FringeFrontEnd::Compensation {
 
   const AlignedStack& aligned(const CameraMotion& motion, const cv::Mat1f& depth_m) {
     enter_stage("motion");
-    return aligned_.emplace(align_stack(stack_, front_end_.rig_, front_end_.rays_, depth_m, motion));
+    const double clip_dn = decoding_.options.saturation * front_end_.rig_.sensor.max_dn();
+    return aligned_.emplace(align_stack(stack_, front_end_.rig_, front_end_.rays_, depth_m, motion, clip_dn));
   }
 };
 
@@ -341,6 +351,14 @@ void FringeFrontEnd::compensate_motion(ReconstructedView& view, const FringeStac
     const FringeStack one = best_exposure(stack, options_.decode.saturation * rig_.sensor.max_dn());
     view.motion.emplace();
     view.motion->converged = !shows_motion(one, rig_, rays_, compensation.filled_depth_of(view.frame));
+    return;
+  }
+  if (view.complete && !decodes_in_motion(stack.patterns, rig_, decoding.options)) {
+    compensation.decode_at_rest();
+    reconstruct_frame(view);
+    enter_stage("motion");
+    view.motion.emplace();
+    view.motion->converged = !shows_motion(stack, rig_, rays_, compensation.filled_depth_of(view.frame));
     return;
   }
   const bool predicted = prior.motion && !prior.motion->motion.is_still();

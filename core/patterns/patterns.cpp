@@ -12,9 +12,6 @@
 
 namespace fringeslam {
 
-namespace {
-
-// Counts distinct shifts; shifts that differ by whole turns give the same pattern.
 size_t distinct_shifts(const std::vector<double>& shifts_rad) {
   std::vector<double> distinct;
   for (const double shift : shifts_rad) {
@@ -25,6 +22,8 @@ size_t distinct_shifts(const std::vector<double>& shifts_rad) {
   }
   return distinct.size();
 }
+
+namespace {
 
 // Floyd-Steinberg error diffusion; the scan direction alternates between rows so that no direction is preferred.
 cv::Mat1f diffused(cv::Mat1f wanted, double levels) {

@@ -61,6 +61,9 @@ PatternSequence phase_shift_sequence(int width, int height, const std::vector<do
 // cells wider than `carrier_px` are combined with it by XOR. Throws Error if the carrier is none of the bits.
 std::vector<Pattern> gray_patterns(Axis axis, double cell_px, int length_px, int bits, double carrier_px = 0);
 
+// Counts distinct shifts; shifts that differ by whole turns give the same pattern.
+size_t distinct_shifts(const std::vector<double>& shifts_rad);
+
 // Returns the fringe groups of one axis, coarsest period first; empty if the axis has no fringes. Throws Error if a
 // group has fewer than three distinct shifts, which do not determine the phase.
 std::vector<FringeGroup> fringe_groups(const PatternSequence& sequence, Axis axis);

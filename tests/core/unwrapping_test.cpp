@@ -590,6 +590,51 @@ TEST(Modulated, NamesWhatIsMissing) {
   EXPECT_THAT(refused(sequence), HasSubstr("carriers of 18 and 20 px; use one"));
   sequence.patterns.pop_back();
   EXPECT_THAT(refused(sequence), HasSubstr("do not separate their two fringes; use all combinations"));
+  EXPECT_THAT(refused(design_sequence(products_design(18, {2080, 1500, 1100, 800, 600, 450, 330, 250, 190}))),
+              HasSubstr("9 products have 18 fringes, more than 16"));
+  SequenceDesign many = products_design(18, {2080});
+  many.steps = 9;
+  EXPECT_THAT(refused(design_sequence(many)), HasSubstr("more than 64 images of one product"));
+}
+
+// Weights that differ by image mix the two fringes of a product.
+TEST(Modulated, SeveralExposuresAreRefused) {
+  SequenceDesign design = products_design(18, {2080});
+  design.exposures = {1, 4};
+  EXPECT_THAT(error_of([&] { resolve_unwrapping(design_sequence(design), plain_rig(), by(Unwrapping::modulated)); }),
+              HasSubstr("several exposures"));
+  EXPECT_NE(error_of([&] { resolve_unwrapping(design_sequence(design), plain_rig(), {}); }), "");
+}
+
+// In motion, a pixel may be outside the image of a bit.
+TEST(Gray, PixelsThatABitDoesNotShowAreNotDecoded) {
+  const PatternSequence sequence = design_sequence(design_of({16.5}, GrayCode::complementary));
+  const cv::Mat1d truth = support::ramp(0.3, 1022.8, 500);
+  const FringeStack stack = fringe_stack(truth, sequence, {128, 90}, CV_32FC1);
+  AlignedStack aligned;
+  for (const cv::Mat& image : stack.images) {
+    aligned.images.push_back(image);
+    aligned.drift_px.emplace_back(image.size(), 0.0f);
+  }
+  DecodeContext context;
+  context.aligned = &aligned;
+  const DecodedStack whole = decode(stack, plain_rig(), by(Unwrapping::gray), context);
+  const auto bit = std::find_if(sequence.patterns.begin(), sequence.patterns.end(),
+                                [](const Pattern& p) { return p.coding == Coding::gray; });
+  const auto number = static_cast<size_t>(bit - sequence.patterns.begin());
+  constexpr int kHidden = 100;
+  aligned.images[number] = aligned.images[number].clone();
+  aligned.images[number].colRange(0, kHidden).setTo(0);
+  aligned.drift_px[number].colRange(0, kHidden).setTo(std::numeric_limits<float>::quiet_NaN());
+  const DecodedStack part = decode(stack, plain_rig(), by(Unwrapping::gray), context);
+  EXPECT_GT(cv::countNonZero(whole.coordinate_px == whole.coordinate_px), 490);
+  for (int i = 0; i < truth.cols; ++i) {
+    const float expected = i < kHidden ? std::numeric_limits<float>::quiet_NaN() : whole.coordinate_px(0, i);
+    EXPECT_EQ(std::isnan(part.coordinate_px(0, i)), std::isnan(expected)) << i;
+    if (!std::isnan(expected)) {
+      EXPECT_EQ(part.coordinate_px(0, i), expected) << i;
+    }
+  }
 }
 
 // Indirect light adds the same constant to all images of short periods.

@@ -53,7 +53,8 @@ class MovingImages : public ::testing::Test {
   ReconstructedView decoded(const FringeStack& stack, const cv::Mat1f& truth_m, const CameraMotion& motion) const {
     const RigModel& rig = scene.rig;
     const CoordinatePrior expected = predict_coordinate(rig, rays, truth_m, cv::Mat1f(truth_m.size(), 2e-3f));
-    const AlignedStack aligned = align_stack(stack, rig, rays, filled_depth(truth_m, rig.middle_range_m()), motion);
+    const AlignedStack aligned =
+        align_stack(stack, rig, rays, filled_depth(truth_m, rig.middle_range_m()), motion, rig.sensor.max_dn());
     DecodeOptions options;
     options.unwrapping = Unwrapping::predicted;
     DecodeContext context{Axis::columns, &expected};

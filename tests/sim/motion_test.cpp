@@ -53,7 +53,8 @@ struct MovingView {
     DecodeContext context{Axis::columns, &expected};
     AlignedStack aligned;
     if (!compensated.is_still()) {
-      aligned = align_stack(view.stack, rig, rays, filled_depth(truth_m, rig.middle_range_m()), compensated);
+      aligned = align_stack(view.stack, rig, rays, filled_depth(truth_m, rig.middle_range_m()), compensated,
+                            rig.sensor.max_dn());
       context.aligned = &aligned;
     }
     const Frame frame = reconstruct(decode(view.stack, rig, options, context), rig, rays, {});
@@ -81,7 +82,8 @@ TEST(MovingStack, KnownMotionRestoresTheDepth) {
 TEST(MovingStack, AlignmentAtRestChangesNothing) {
   const MovingView still({0, 0, 0}, {0, 0, 0}, false);
   const cv::Mat1f depth_m = filled_depth(still.view.truth.depth_m, 1);
-  const AlignedStack aligned = align_stack(still.view.stack, still.scene.rig, still.rays, depth_m, {});
+  const AlignedStack aligned =
+      align_stack(still.view.stack, still.scene.rig, still.rays, depth_m, {}, still.scene.rig.sensor.max_dn());
   const cv::Rect inner(4, 4, depth_m.cols - 8, depth_m.rows - 8);
   for (size_t k = 0; k < aligned.images.size(); ++k) {
     cv::Mat1f image;
@@ -102,7 +104,8 @@ TEST(MovingStack, DepthSlopesPredictTheEffectOfAWrongMotion) {
   DecodeOptions options;
   options.unwrapping = Unwrapping::predicted;
   const auto depth_with = [&](const CameraMotion& motion) {
-    const AlignedStack aligned = align_stack(moving.view.stack, rig, moving.rays, filled_depth(truth_m, 1), motion);
+    const AlignedStack aligned =
+        align_stack(moving.view.stack, rig, moving.rays, filled_depth(truth_m, 1), motion, rig.sensor.max_dn());
     DecodeContext context{Axis::columns, &expected};
     context.aligned = &aligned;
     cv::Mat1f depth;
@@ -348,8 +351,8 @@ TEST(MovingStack, AnticipatedShiftsAreEvenlySpacedAfterTheDrift) {
     stack.timestamp_s = 0;
     stack.images.resize(3);
     stack.exposure_s.resize(3);
-    const AlignedStack aligned =
-        align_stack(stack, rig, before.rays, filled_depth(depth, rig.middle_range_m()), before.motion);
+    const AlignedStack aligned = align_stack(stack, rig, before.rays, filled_depth(depth, rig.middle_range_m()),
+                                             before.motion, rig.sensor.max_dn());
     std::array<std::vector<double>, 2> steps;
     const double rad_per_px = 2 * std::numbers::pi / patterns.patterns[0].period_px;
     for (int row = 0; row < depth.rows; row += 10) {
@@ -370,6 +373,128 @@ TEST(MovingStack, AnticipatedShiftsAreEvenlySpacedAfterTheDrift) {
       EXPECT_NEAR(list[list.size() / 2] * 180 / std::numbers::pi, 120, 16) << speed_m_s;
     }
   }
+}
+
+// A drift that moves the fringes by as much as they are shifted would leave two different patterns of an even number.
+TEST(MovingStack, AnticipatedShiftsCanBeDecoded) {
+  const MovingView before({0.3, 0, 0}, {0, 0, 0}, true);
+  const RigModel& rig = before.scene.rig;
+  ReconstructedView last;
+  last.frame.points_m.create(before.view.truth.depth_m.size());
+  last.frame.points_m.setTo(
+      cv::Scalar::all(std::numeric_limits<float>::quiet_NaN()));  // all at the middle of the range
+  last.motion.emplace();
+  last.motion->converged = true;
+  int changed = 0;
+  for (const int steps : {3, 4, 5, 6, 8}) {
+    const PatternSequence all =
+        phase_shift_sequence(rig.projector.width, rig.projector.height, {1040, 130, 16.25}, steps, Axis::columns, 8);
+    const PatternSequence finest = finest_patterns(all, Axis::columns);
+    const FringeFrontEnd front_end(rig, all, {});
+    for (double speed_m_s = -1; speed_m_s <= 1; speed_m_s += 0.02) {
+      last.motion->motion.velocity_m_s = {speed_m_s, 0, 0};
+      for (const PatternSequence& wanted : {all, finest}) {
+        const PatternSequence anticipated = front_end.anticipated(wanted, last);
+        EXPECT_NO_THROW(fringe_groups(anticipated, Axis::columns)) << steps << " steps, " << speed_m_s;
+        changed += !(anticipated == wanted);
+      }
+    }
+  }
+  EXPECT_GT(changed, 500);
+}
+
+// A selection of the steps needs the designed shifts.
+TEST(MovingStack, ShiftsOfSelectedStepsAreNotChanged) {
+  const MovingView before({0.3, 0, 0}, {0, 0, 0}, true);
+  ReconstructedView last;
+  last.frame.points_m.create(before.view.truth.depth_m.size());
+  last.frame.points_m.setTo(cv::Scalar::all(std::numeric_limits<float>::quiet_NaN()));
+  last.motion.emplace();
+  last.motion->motion.velocity_m_s = {0.3, 0, 0};
+  last.motion->converged = true;
+  FrontEndOptions options;
+  EXPECT_FALSE(
+      FringeFrontEnd(before.scene.rig, before.scene.patterns, options).anticipated(before.scene.patterns, last) ==
+      before.scene.patterns);
+  options.decode.steps = 3;
+  EXPECT_TRUE(
+      FringeFrontEnd(before.scene.rig, before.scene.patterns, options).anticipated(before.scene.patterns, last) ==
+      before.scene.patterns);
+}
+
+// Codings that need a camera at rest say that the motion is unknown instead of ending the run.
+TEST(MovingStack, CodingsThatNeedRestLeaveTheMotionUnknown) {
+  for (const char* patterns :
+       {"{axis: columns, steps: 3, periods_px: [1040, 130, 16.25], gray: complementary, "
+        "gray_cell_px: 8.125, gray_xor_px: [0, 16.25]}",
+        "{axis: columns, steps: 3, periods_px: [65, 16.25], gray: plain, gray_cell_px: 32.5}"}) {
+    SceneLoadOptions reading;
+    reading.changes = {{"patterns", patterns}};
+    Scene scene = load_scene(std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop/scene.yaml", reading);
+    scene.trajectory.resize(1);
+    const FringeFrontEnd front_end(scene.rig, scene.patterns, {});
+    EXPECT_FALSE(decodes_in_motion(scene.patterns, scene.rig, {}));
+    for (const double speed_m_s : {0.0, 0.3}) {
+      scene.motion.velocity_m_s = scene.rig.robot_from_camera.rotation * Eigen::Vector3d(speed_m_s, 0, 0);
+      const SimulatedView moving = *VirtualRig(scene, {}).simulate(scene.patterns);
+      CameraMotion known;
+      known.velocity_m_s = {0.3, 0, 0};
+      for (const bool is_known : {false, true}) {
+        const MotionPrior prior{known, unknown_motion({}).covariance};
+        const ReconstructedView view =
+            front_end.reconstruct(moving.stack, {nullptr, is_known ? prior : unknown_motion({}), is_known});
+        ASSERT_TRUE(view.motion) << patterns;
+        EXPECT_EQ(view.motion->converged, speed_m_s == 0) << patterns << speed_m_s;
+        EXPECT_FALSE(view.in_motion());
+      }
+    }
+  }
+}
+
+// Saturated pixels are no sign of a motion.
+TEST(MovingStack, SaturationIsNoMotion) {
+  Scene scene = loop_scene();
+  scene.trajectory.resize(1);
+  scene.rig.projector_lens.flux_lm *= 5;
+  const SimulatedView still = *VirtualRig(scene, {}).simulate(scene.patterns);
+  int saturated = 0;
+  for (const cv::Mat& image : still.stack.images) saturated = std::max(saturated, cv::countNonZero(image == 255));
+  EXPECT_GT(saturated, static_cast<int>(still.stack.images[0].total()) / 20);
+  const cv::Mat1f depth_m = filled_depth(still.truth.depth_m, 1);
+  const PixelRays rays = pixel_rays(scene.rig.camera);
+  EXPECT_FALSE(shows_motion(still.stack, scene.rig, rays, depth_m));
+  // The same images of a camera that is said to have a greater range.
+  scene.rig.sensor.bits = 12;
+  EXPECT_TRUE(shows_motion(still.stack, scene.rig, rays, depth_m));
+}
+
+// Interpolation between saturated and other pixels must not hide the saturation.
+TEST(MovingStack, SaturatedPixelsAreNotAligned) {
+  const MovingView moving({0.1, 0.05, 0}, {0, 0, 0}, true);
+  FringeStack stack = moving.view.stack;
+  const size_t number = stack.images.size() - 1;
+  const cv::Point at(60, 40);
+  stack.images[number] = stack.images[number].clone();
+  stack.images[number].at<uchar>(at) = 255;
+  const cv::Mat1f depth_m = filled_depth(moving.view.truth.depth_m, 1);
+  const auto aligned = [&](double clip_dn) {
+    return align_stack(stack, moving.scene.rig, moving.rays, depth_m, moving.motion, clip_dn).drift_px[number];
+  };
+  const cv::Mat1f with = aligned(250), without = aligned(1000);
+  int hidden = 0;
+  for (int row = 0; row < with.rows; ++row) {
+    for (int col = 0; col < with.cols; ++col) {
+      if (std::isnan(without(row, col))) continue;
+      if (std::isnan(with(row, col))) {
+        ++hidden;
+        EXPECT_LT(std::hypot(row - at.y, col - at.x), 12) << row << ' ' << col;
+      } else {
+        EXPECT_EQ(with(row, col), without(row, col));
+      }
+    }
+  }
+  EXPECT_GE(hidden, 9);
+  EXPECT_LE(hidden, 25);
 }
 
 TEST(MovingStack, AStackAtRestIsDecodedAsAtRest) {
