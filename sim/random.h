@@ -28,7 +28,8 @@ enum class Stream : uint32_t {
   thermal_noise = 10,
   vibration = 11,
   building = 12,
-  subsurface = 13
+  subsurface = 13,
+  water = 14
 };
 
 class Philox {

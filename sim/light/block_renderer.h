@@ -100,6 +100,7 @@ class BlockRenderer {
     if (indirect_) {
       std::fill(soft_sums_.begin(), soft_sums_.end(), 0.0f);
       std::fill(std::begin(soft_steady_), std::end(soft_steady_), 0.0f);
+      std::fill(std::begin(guided_), std::end(guided_), 0);
     }
     std::fill(veil_sums_.begin(), veil_sums_.end(), 0.0f);
     std::fill(std::begin(indirect_light_), std::end(indirect_light_), 0.0f);
@@ -127,10 +128,16 @@ class BlockRenderer {
         shares_->indirect(row_[i], col_[i]) = mean * indirect_light_[i];
       }
     }
-    if (indirect_) hand_over(*indirect_, soft_sums_, soft_steady_, share);
+    float shares[kPacket];
+    if (indirect_) {
+      // The weights are means over all samples, so the irradiance is that of the samples that see a surface.
+      for (int i = 0; i < kPacket; ++i) shares[i] = 1.0f / static_cast<float>(std::max(1, guided_[i]));
+      hand_over(*indirect_, soft_sums_, soft_steady_, shares);
+    }
     if (veil_) {
       constexpr float kNone[kPacket] = {};
-      hand_over(*veil_, veil_sums_, kNone, share);
+      std::fill_n(shares, kPacket, share);
+      hand_over(*veil_, veil_sums_, kNone, shares);
     }
   }
 
@@ -164,13 +171,14 @@ class BlockRenderer {
   }
 
   // Stores the block's indirect light for smoothing after all blocks are done.
-  void hand_over(IndirectLightBuffer& indirect, const std::vector<float>& sums, const float* steady, float share) {
+  void hand_over(IndirectLightBuffer& indirect, const std::vector<float>& sums, const float* steady,
+                 const float* share) {
     for (int i = 0; i < kPacket; ++i) {
       if (!has(inside_, i)) continue;
       float* light = indirect.at(row_[i], col_[i]);
       for (int k = 0; k < patterns_.count(); ++k)
-        light[k] = share * sums[static_cast<size_t>(i * patterns_.stride() + patterns_.slot(k))];
-      light[patterns_.count()] = share * steady[i];
+        light[k] = share[i] * sums[static_cast<size_t>(i * patterns_.stride() + patterns_.slot(k))];
+      light[patterns_.count()] = share[i] * steady[i];
     }
   }
 
@@ -327,7 +335,10 @@ class BlockRenderer {
     } else {
       if (indirect_) {
         alignas(64) float matt[kPacket];
-        for (int i = 0; i < kPacket; ++i) matt[i] = weight[i] * surface.albedo[i];
+        for (int i = 0; i < kPacket; ++i) {
+          matt[i] = has(hits.hit, i) ? weight[i] * surface.albedo[i] : 0;
+          guided_[i] += has(hits.hit, i);
+        }
         record_guides(*indirect_, hits, matt);
       }
       follow_paths(station, sample, hits, surface, to_viewer, weight);
@@ -751,6 +762,7 @@ class BlockRenderer {
   // Same for indirect light that will be smoothed, as irradiance; and the lanes whose current path carries such light.
   std::vector<float> soft_sums_;
   alignas(64) float soft_steady_[kPacket];
+  int guided_[kPacket];  // samples that see a surface
   LaneMask soft_ = 0;
   std::vector<float> veil_sums_;
   alignas(64) float indirect_light_[kPacket];  // in `sums_`, summed over the patterns; kept if shares are required

@@ -10,6 +10,7 @@
 
 #include "sim/light/subsurface.h"
 #include "sim/light/texture_images.h"
+#include "sim/random.h"
 
 namespace fringeslam::sim {
 
@@ -48,6 +49,7 @@ struct Surfaces::Impl {
   Effects effects;
   Dust dust;
   Water water;
+  uint32_t water_seed = 0;
   float wet_above = 0;  // patch noise of wet points
   double surroundings_c = 20;
   TextureImages textures;
@@ -121,8 +123,7 @@ struct Surfaces::Impl {
   }
 
   NoiseValues water_noise(const NoisePoints& at) const {
-    constexpr uint32_t kSeed = 61;
-    return fractal_noise(at, 3, kSeed);
+    return fractal_noise(at, 3, water_seed);
   }
 
   // The quantile of the patch noise that leaves the wet share above it.
@@ -234,6 +235,7 @@ Surfaces::Surfaces(const Scene& scene, const Effects& effects) : impl_(std::make
   impl_->effects = effects;
   impl_->dust = scene.dust;
   impl_->water = scene.water;
+  impl_->water_seed = Philox(scene.seed, Stream::water, 0).seed();
   if (scene.water.cover > 0) impl_->wet_above = impl_->least_wet_noise();
   impl_->surroundings_c = scene.surroundings_c;
   for (const Object& object : scene.objects) {

@@ -5,6 +5,7 @@
 
 #include "core/base/fnv.h"
 #include "core/io/files.h"
+#include "core/io/input_file.h"
 #include "core/types/error.h"
 
 namespace fringeslam::sim {
@@ -78,6 +79,18 @@ std::optional<std::string> cached(const std::string& content) {
 
 bool store(const std::string& content, const std::string& result) {
   return write_whole(file_of(content), sealed(content, result));
+}
+
+std::string contents_hash(const std::vector<std::filesystem::path>& files) {
+  std::string hashes;
+  for (const std::filesystem::path& file : files) {
+    try {
+      hashes += content_hash(read_input(file, kMostImageFileBytes)) + "\n";
+    } catch (const Error&) {
+      hashes += "missing\n";
+    }
+  }
+  return content_hash(hashes);
 }
 
 }  // namespace fringeslam::sim

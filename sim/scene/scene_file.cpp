@@ -7,6 +7,7 @@
 
 #include "core/rig/rig_file.h"
 #include "sim/random.h"
+#include "sim/scene/scene_files.h"
 #include "sim/scene/scene_parts.h"
 
 namespace fringeslam::sim {
@@ -382,6 +383,35 @@ Scene load_scene(const fs::path& file, const SceneLoadOptions& reading) {
   layers.finish();
   scene.resolved = layers.resolved(reading.resolved_for.empty() ? file.parent_path() : reading.resolved_for);
   return scene;
+}
+
+std::vector<fs::path> named_files(const fs::path& scene_file) {
+  std::vector<fs::path> files;
+  SceneLoadOptions reading;
+  reading.files = &files;
+  {
+    const SceneLayers layers(scene_file, reading);
+    // What is wrong in a section is reported when the scene is loaded.
+    const auto ask = [](const auto& section, const char* key) {
+      try {
+        const YamlMap map = section();
+        if (map.has(key)) (void)map.path(key);
+      } catch (const Error&) {
+      }
+    };
+    for (const char* name : {"rig", "trajectory"}) {
+      if (layers.has(name)) ask([&] { return layers.section(name); }, "file");
+    }
+    for (const YamlMap& layer : layers.all()) {
+      if (layer.has("materials")) {
+        const YamlMap materials = layer.map("materials");
+        for (const std::string& name : materials.keys()) ask([&] { return materials.map(name); }, "texture");
+      }
+      if (!layer.has("objects")) continue;
+      for (const YamlMap& object : layer.maps("objects")) ask([&] { return object; }, "file");
+    }
+  }
+  return files;
 }
 
 }  // namespace fringeslam::sim

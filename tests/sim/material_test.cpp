@@ -107,6 +107,8 @@ TEST(Water, CoversTheStatedShare) {
       for (int col = 0; col < lux.cols; ++col) wet += lux(row, col) < 0.9f * dry(row, col);
     }
     EXPECT_NEAR(wet / static_cast<double>(lux.total()), cover, 0.05);
+    scene.seed = 2;  // other patches
+    EXPECT_GT(cv::countNonZero(lux_of(scene, {constant_pattern(1)}, 1, only(&Effects::water))[0] != lux), 0);
   }
 }
 

@@ -156,6 +156,25 @@ TEST(Interreflection, SharingKeepsTheMean) {
   EXPECT_GT(cv::countNonZero(shared[0] != plain[0]), 1000);
 }
 
+// A board alone in uniform light: each pixel is as bright as the share that the board covers, also where that is a part.
+TEST(Interreflection, SharingKeepsTheLightOfSilhouettes) {
+  Scene scene =
+      world_of({grey_object(plane_mesh(0.3, 0.2), pose_from({{0, 0, 1000}, {0, 0, 17}}), 0.6)}, coaxial_rig());
+  scene.ambient_lux = 500;
+  scene.bounces = 2;
+  Effects effects = only(&Effects::interreflection, 4);
+  const cv::Mat1f plain = lux_of(scene, {constant_pattern(0)}, 16, effects)[0];
+  effects.share_paths = true;
+  const cv::Mat1f shared = lux_of(scene, {constant_pattern(0)}, 16, effects)[0];
+  int partly = 0;
+  for (int i = 0; i < plain.rows * plain.cols; ++i) {
+    ASSERT_NEAR(shared(i), plain(i), 1e-3f) << i;
+    partly += plain(i) > 1 && plain(i) < 299;
+  }
+  EXPECT_NEAR(centre(plain), 500 * 0.6, 1e-3);
+  EXPECT_GT(partly, 50);
+}
+
 // --- air ---
 
 TEST(Air, ABoardFadesByBeerAndLambert) {
