@@ -3,8 +3,6 @@
 
 #include <link.h>
 
-#include <algorithm>
-
 #include "core/base/fnv.h"
 #include "core/io/files.h"
 #include "core/io/tum_file.h"
@@ -93,15 +91,6 @@ void render_bag(Source& source, const Settings& settings, const fs::path& datase
   write_camera_truth(truth / kTumTruthFile, camera_trajectory(written.robot, source.model()));
 }
 
-// Hashes of the contents of files in a fixed order: a resolved scene has the names of its meshes only.
-std::string hashes_of(std::vector<fs::path> files) {
-  std::sort(files.begin(), files.end());
-  files.erase(std::unique(files.begin(), files.end()), files.end());
-  std::string hashes;
-  for (const fs::path& file : files) hashes += sim::content_hash(read_bytes(file));
-  return hashes;
-}
-
 }  // namespace
 
 std::optional<EvaluationDataset> evaluation_dataset(const evaluation::SuiteDataset& wanted, DatasetFormat format,
@@ -114,9 +103,10 @@ std::optional<EvaluationDataset> evaluation_dataset(const evaluation::SuiteDatas
   reading.files = &files;
   const sim::Scene scene = sim::load_scene(scene_file(wanted.scene), reading);
   EvaluationDataset result;
-  result.hash =
-      sim::content_hash(std::string(to_string(format)) + "\n" + fs::absolute(wanted.scene).string() + "\n" +
-                        scene.resolved + to_yaml(sim::calibration_of(scene)) + hashes_of(files) + build_hash());
+  // A resolved scene has the names of its meshes only.
+  result.hash = sim::content_hash(std::string(to_string(format)) + "\n" + fs::absolute(wanted.scene).string() + "\n" +
+                                  scene.resolved + to_yaml(sim::calibration_of(scene)) + sim::contents_hash(files) +
+                                  build_hash());
   const fs::path folder = cache / result.hash;
   if (!fs::exists(folder)) {
     const Settings settings;

@@ -92,17 +92,6 @@ std::vector<VictimCandidate> read_victims(const fs::path& file) {
   return victims;
 }
 
-// Returns the shortest period of the patterns that carry code; infinity if there are none.
-double finest_period(const PatternSequence& sequence) {
-  double finest = std::numeric_limits<double>::infinity();
-  for (const Pattern& pattern : sequence.patterns) {
-    if (pattern.coding == Coding::fringe || pattern.coding == Coding::gray)
-      finest = std::min(finest, pattern.period_px);
-    if (pattern.coding == Coding::product) finest = std::min(finest, pattern.carrier_px);
-  }
-  return finest;
-}
-
 struct AssociatedPoses {
   const Trajectory &estimate, &truth;
   const std::vector<std::pair<size_t, size_t>>& pairs;  // indices of a view's two poses
@@ -115,7 +104,7 @@ void score_views(const ScoredFolders& folders, const RigModel& rig, const Associ
   constexpr size_t kBlock = 16;
   const auto& [estimate, truth, pairs] = poses;
   const size_t views = pairs.size();
-  const double period = finest_period(read_patterns(folders.run / "patterns.yaml"));
+  const double period = finest_period_px(read_patterns(folders.run / "patterns.yaml"));
   const PixelRays rays = pixel_rays(rig.camera);
   const Pose camera_from_robot = rig.robot_from_camera.inverse();
   score.frames.resize(views);
@@ -149,6 +138,15 @@ void score_views(const ScoredFolders& folders, const RigModel& rig, const Associ
     }
   };
   for_each_row(static_cast<int>((views + kBlock - 1) / kBlock), score_block);
+  if (!rig.thermal) return;
+  // Victims that only views without a pose show count as not found.
+  std::vector<bool> has_pose(truth.size());
+  for (const auto& [i, j] : pairs) has_pose[j] = true;
+  for (size_t j = 0; j < std::min(truth.size(), static_cast<size_t>(score.stacks)); ++j) {
+    const fs::path file = folders.truth / (stack_name(static_cast<int>(j)) + ".exr");
+    if (!has_pose[j] && fs::exists(file))
+      visible.add(read_truth_frame(file, &rig.camera), rig.camera, truth[j].world_from_robot * rig.robot_from_camera);
+  }
 }
 
 }  // namespace

@@ -48,6 +48,7 @@ struct StudyArguments {
 constexpr const char* kStudyFile = "study.yaml";
 constexpr int kWorst = 10;  // minimum number of worst trials in summary.json; more if --worst is larger
 
+// Returns the number of missing trials.
 int merge(const Study& study, const fs::path& folder, const Common& common) {
   const auto lines = merged_lines(folder, study);
   write_tables(folder, study, lines);
@@ -55,7 +56,7 @@ int merge(const Study& study, const fs::path& folder, const Common& common) {
   print_result(common, {{"folder", folder.string()}, {"trials", lines.size()}, {"missing", missing}},
                "merged: " + folder.string() + "/results.jsonl, .csv, .sqlite (" + std::to_string(lines.size()) +
                    " trials" + (missing > 0 ? ", " + std::to_string(missing) + " missing" : "") + ")");
-  return 0;
+  return missing;
 }
 
 // Returns the command that runs this program as a single-threaded worker.
@@ -210,7 +211,7 @@ int submit(const StudyArguments& arguments, const Common& common) {
     return 0;
   }
   wait_for_slurm(job);
-  return merge(study, arguments.out, common);
+  return merge(study, arguments.out, common) > 0 ? 1 : 0;
 }
 
 int check(const Study& study, const Common& common) {
@@ -261,7 +262,10 @@ Verb add_study(Command app, const Common& common) {
     if (submit_verb.parsed()) return submit(*a, common);
     const Study study = read_study(a->study);
     if (check_verb.parsed()) return check(study, common);
-    if (merge_verb.parsed()) return merge(study, a->out, common);
+    if (merge_verb.parsed()) {
+      (void)merge(study, a->out, common);
+      return 0;
+    }
     if (worker_verb.parsed()) return work(study, *a);
     return report(study, *a, common);
   };

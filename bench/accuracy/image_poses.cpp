@@ -71,7 +71,11 @@ Errors errors_along_the_loop(uint64_t seed, int views) {
     if (result.tracking == Tracking::lost) continue;
     const Pose found = pipeline.mapper().world_from_camera(result.view), truth = view.truth.world_from_robot * mount;
     if (i == 0) map_from_truth = found * truth.inverse();
-    if (i >= kSettled) errors.views.add(found, map_from_truth * truth, result.covariance);
+    if (i < kSettled) continue;
+    // In the axes of the map, as the error; the covariance of a view is in those of its keyframe.
+    const Matrix6d turned =
+        rotated_tangent(pipeline.map().keyframes()[static_cast<size_t>(result.reference)].world_from_camera.rotation);
+    errors.views.add(found, map_from_truth * truth, turned * result.covariance * turned.transpose());
   }
   return errors;
 }

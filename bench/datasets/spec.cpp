@@ -9,6 +9,7 @@
 #include "core/io/yaml.h"
 #include "core/patterns/design.h"
 #include "core/rig/rig_file.h"
+#include "sim/scene/cache.h"
 #include "sim/scene/data_folder.h"
 
 namespace fringeslam::datasets {
@@ -216,7 +217,8 @@ std::string check_spec(const Spec& spec) {
     const studies::Trial first = studies::trial_of(spec, static_cast<int>(i));
     try {
       (void)studies::settings_of(spec, first);
-      const sim::Scene scene = scene_of(spec, first);
+      std::vector<fs::path> files;
+      const sim::Scene scene = scene_of(spec, first, &files);
       if (spec.rigs.empty()) {
         for (size_t p = 0; p < spec.patterns.size(); ++p)
           check_patterns(spec.patterns[p], spec.patterns_where[p], scene.rig);
@@ -224,7 +226,8 @@ std::string check_spec(const Spec& spec) {
       if (!scene.path && scene.trajectory.size() < static_cast<size_t>(spec.views))
         throw Error("the trajectory has " + std::to_string(scene.trajectory.size()) +
                     " views, fewer than 'views' of this dataset");
-      identity += "\n" + scene.resolved + to_yaml(scene.rig);
+      // A resolved scene has the names of its meshes only.
+      identity += "\n" + scene.resolved + to_yaml(scene.rig) + sim::contents_hash(files);
       thermal |= scene.rig.thermal.has_value();
     } catch (const Error& e) {
       // An error in a pattern sequence is reported with its line here instead of the scene's.
@@ -273,9 +276,10 @@ Selection selection_of(const Spec& spec, int trial) {
           drawn_index(spec, trial, "patterns", spec.patterns.size())};
 }
 
-sim::Scene scene_of(const Spec& spec, const studies::Trial& trial) {
+sim::Scene scene_of(const Spec& spec, const studies::Trial& trial, std::vector<fs::path>* files) {
   const Selection selected = selection_of(spec, trial.index);
   sim::SceneLoadOptions reading{trial.world_seed};
+  reading.files = files;
   if (selected.patterns >= 0)
     reading.changes.emplace_back("patterns", spec.patterns[static_cast<size_t>(selected.patterns)]);
   for (auto& change : studies::changes_of(spec, trial, false)) reading.changes.push_back(std::move(change));

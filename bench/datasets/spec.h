@@ -90,8 +90,8 @@ struct Selection {
 };
 Selection selection_of(const Spec& spec, int trial);
 
-// Loads the scene of a trial. Throws Error if the drawn values are invalid.
-sim::Scene scene_of(const Spec& spec, const studies::Trial& trial);
+// Loads the scene of a trial; `files` receives those on which it depends. Throws Error if the drawn values are invalid.
+sim::Scene scene_of(const Spec& spec, const studies::Trial& trial, std::vector<std::filesystem::path>* files = nullptr);
 
 // Loads the rig of a trial, and the first trial of its scene: throws Error if a file that the trial needs cannot be read,
 // whatever values were drawn for it.

@@ -7,6 +7,7 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <ranges>
 #include <set>
 
 #include "bench/studies/rows.h"
@@ -19,20 +20,39 @@ namespace fringeslam::studies {
 namespace {
 
 constexpr int kClasses = 8;
+constexpr auto kRows = std::views::transform([](const Row* row) -> const Row& { return *row; });
 
-void close(Class& of, const std::vector<const Row*>& rows) {
+// Trials with values of their own: a saltelli design repeats those of the first two trials of each row in the others.
+bool is_independent(const Study& study, const Row& row) {
+  return study.design != Design::saltelli || row.trial % row_length(study) < 2;
+}
+
+// Returns the 95 % interval of the probability of success, by the independent ones among the trials.
+template <class Rows>
+Interval success_interval(const Study& study, const Rows& rows) {
+  int successes = 0, trials = 0;
+  for (const Row& row : rows) {
+    if (!is_independent(study, row)) continue;
+    ++trials;
+    successes += row.success;
+  }
+  return wilson(successes, trials);
+}
+
+void close(const Study& study, Class& of, const std::vector<const Row*>& rows) {
   std::vector<double> errors;
   for (const Row* row : rows) {
     ++of.trials;
     of.successes += row->success;
     if (std::isfinite(row->translation_mm)) errors.push_back(row->translation_mm);
   }
-  of.rate_95 = wilson(of.successes, of.trials);
+  of.rate_95 = success_interval(study, rows | kRows);
   of.median_mm = errors.empty() ? kNaN : quantile_of(errors, 0.5);
   of.p90_mm = errors.empty() ? kNaN : quantile_of(errors, 0.9);
 }
 
-std::vector<Class> classes_of(const Parameter& parameter, size_t p, const std::vector<Row>& rows) {
+std::vector<Class> classes_of(const Study& study, size_t p, const std::vector<Row>& rows) {
+  const Parameter& parameter = study.parameters[p];
   std::vector<Class> classes;
   if (!parameter.values.empty()) {
     for (const std::string& value : parameter.values) {
@@ -41,7 +61,7 @@ std::vector<Class> classes_of(const Parameter& parameter, size_t p, const std::v
         if (row.values[p] == value) inside.push_back(&row);
       }
       classes.push_back({.label = value, .rate_95 = {}});
-      close(classes.back(), inside);
+      close(study, classes.back(), inside);
     }
     return classes;
   }
@@ -55,7 +75,7 @@ std::vector<Class> classes_of(const Parameter& parameter, size_t p, const std::v
     if (inside.empty()) continue;
     classes.push_back(
         {.label = "", .low = inside.front()->numbers[p], .high = inside.back()->numbers[p], .rate_95 = {}});
-    close(classes.back(), inside);
+    close(study, classes.back(), inside);
   }
   return classes;
 }
@@ -66,10 +86,10 @@ SobolIndex sensitivity(const Study& study, size_t p, const std::vector<Row>& row
   if (study.design == Design::saltelli) {
     const auto length = static_cast<size_t>(row_length(study));
     std::vector<double> a, b, a_with_b;
-    for (size_t begin = 0; begin + length <= rows.size(); begin += length) {
+    for (size_t begin = 0; begin + length <= rows.size(); ++begin) {
       if (rows[begin].trial % static_cast<int>(length) != 0 ||
           rows[begin + length - 1].trial != rows[begin].trial + static_cast<int>(length) - 1)
-        continue;  // one of its trials is missing
+        continue;  // not the beginning of a row, or one of its trials is missing
       const double of_a = output(rows[begin]), of_b = output(rows[begin + 1]), of_ab = output(rows[begin + 2 + p]);
       if (!std::isfinite(of_a + of_b + of_ab)) continue;
       a.push_back(of_a), b.push_back(of_b), a_with_b.push_back(of_ab);
@@ -147,7 +167,7 @@ void find_envelope(const Study& study, const std::vector<Row>& rows, Summary& su
   if (inside.size() < kLeast) return;
   summary.envelope = true;
   for (const Row* row : proof) {
-    if (!box.holds(*row)) continue;
+    if (!box.holds(*row) || !is_independent(study, *row)) continue;
     ++summary.envelope_trials;
     summary.envelope_successes += row->success;
   }
@@ -230,14 +250,14 @@ Summary summarise(const Study& study, const std::map<int, std::string>& lines, i
     if (!row.cause.empty()) ++summary.causes[row.cause];
     if (std::isfinite(row.translation_mm)) errors.push_back(row.translation_mm);
   }
-  summary.rate_95 = wilson(summary.successes, summary.trials);
+  summary.rate_95 = success_interval(study, rows);
   for (const double q : {0.5, 0.9, 0.95, 0.99, 1.0}) {
     if (!errors.empty()) summary.error_percentiles_mm.emplace_back(100 * q, quantile_of(errors, q));
   }
   const auto success = [](const Row& row) { return row.success ? 1.0 : 0.0; };
   const auto log_error = [](const Row& row) { return std::log10(row.translation_mm); };
   for (size_t p = 0; p < study.parameters.size(); ++p) {
-    summary.parameters.push_back({study.parameters[p].name, classes_of(study.parameters[p], p, rows),
+    summary.parameters.push_back({study.parameters[p].name, classes_of(study, p, rows),
                                   sensitivity(study, p, rows, success), sensitivity(study, p, rows, log_error), kNaN,
                                   kNaN});
   }

@@ -28,28 +28,29 @@ constexpr double kMostSaturated = 0.1, kLeastModulation = 6, kLeastValid = 0.2, 
                  kLeastOverlap = 0.2;
 constexpr int kLeastMatches = 8;
 
-// Measurements of a trial, in the worst view.
+// Measurements of a trial, in the worst view; NaN: nothing could be compared with the ground truth.
 struct SeenView {
   bool tracked = false;
-  double valid = 1, wrong_order = 0, beyond_4_sigma = 0, depth_m = 0, nees = 0;
+  double valid = 1, wrong_order = kNaN, beyond_4_sigma = kNaN, depth_m = kNaN, nees = kNaN;
   int matches = std::numeric_limits<int>::max();
   bool confidently_wrong = false;
 };
 
 struct Seen {
-  double valid = 1, wrong_order = 0, beyond_4_sigma = 0, saturated = 0, modulation = kNaN, depth_m = 0;
+  double valid = 1, wrong_order = kNaN, beyond_4_sigma = kNaN, saturated = 0, modulation = kNaN, depth_m = kNaN;
   int views = 0, tracked = 0, matches = std::numeric_limits<int>::max();
-  double translation_m = 0, rotation_rad = 0, over_bound = kNaN, nees = 0, overlap = 1;
+  double translation_m = kNaN, rotation_rad = kNaN, over_bound = kNaN, nees = kNaN, overlap = 1;
   bool confidently_wrong = false;
 
   void add(const SeenView& view) {
     ++views;
     tracked += view.tracked;
     valid = std::min(valid, view.valid);
-    wrong_order = std::max(wrong_order, view.wrong_order);
-    beyond_4_sigma = std::max(beyond_4_sigma, view.beyond_4_sigma);
-    depth_m = std::max(depth_m, view.depth_m);
-    nees = std::max(nees, view.nees);
+    // fmax ignores NaN.
+    wrong_order = std::fmax(wrong_order, view.wrong_order);
+    beyond_4_sigma = std::fmax(beyond_4_sigma, view.beyond_4_sigma);
+    depth_m = std::fmax(depth_m, view.depth_m);
+    nees = std::fmax(nees, view.nees);
     matches = std::min(matches, view.matches);
     confidently_wrong |= view.confidently_wrong;
   }
@@ -64,7 +65,11 @@ double saturated_share(const FringeStack& stack, double full_dn) {
   return static_cast<double>(cv::countNonZero(any)) / static_cast<double>(any.total());
 }
 
-// Fraction of the current view's lit surface also seen by the previous view, from ground truth only.
+bool is_lit(const TruthFrame& truth, int row, int col) {
+  return (static_cast<int>(truth.mask(row, col)) & (kTruthInBeam | kTruthInShadow)) == kTruthInBeam;
+}
+
+// Fraction of the current view's lit surface that is lit in the previous view too, from ground truth only.
 double true_overlap(const TruthFrame& previous, const TruthFrame& current, const RigModel& rig) {
   const Pose previous_from_current = (previous.world_from_robot * rig.robot_from_camera).inverse() *
                                      (current.world_from_robot * rig.robot_from_camera);
@@ -74,7 +79,7 @@ double true_overlap(const TruthFrame& previous, const TruthFrame& current, const
   for (int row = 0; row < current.depth_m.rows; row += kStep) {
     for (int col = 0; col < current.depth_m.cols; col += kStep) {
       const auto z = static_cast<double>(current.depth_m(row, col));
-      if (!(z > 0)) continue;
+      if (!(z > 0) || !is_lit(current, row, col)) continue;
       ++seen;
       const cv::Vec2f ray = rays(row, col);
       const Eigen::Vector3d point =
@@ -83,18 +88,10 @@ double true_overlap(const TruthFrame& previous, const TruthFrame& current, const
       const Eigen::Vector2d pixel = rig.camera.project(point);
       const int u = static_cast<int>(std::lround(pixel.x())), v = static_cast<int>(std::lround(pixel.y()));
       if (u < 0 || v < 0 || u >= current.depth_m.cols || v >= current.depth_m.rows) continue;
-      both += std::abs(static_cast<double>(previous.depth_m(v, u)) - point.z()) < 0.01;
+      both += is_lit(previous, v, u) && std::abs(static_cast<double>(previous.depth_m(v, u)) - point.z()) < 0.01;
     }
   }
   return seen > 0 ? static_cast<double>(both) / seen : 0;
-}
-
-double finest_period_px(const PatternSequence& sequence) {
-  double finest = std::numeric_limits<double>::max();
-  for (const Pattern& pattern : sequence.patterns) {
-    if (pattern.coding == Coding::fringe) finest = std::min(finest, pattern.period_px);
-  }
-  return finest;
 }
 
 // Returns e^T C^-1 e for a motion's error e in the tangent space of retract().
@@ -164,11 +161,10 @@ class Record {
                      : inaccurate                  ? Outcome::inaccurate
                                                    : Outcome::success;
     if (result.outcome != Outcome::success) result.cause = cause_of(seen_, rule);
-    const bool moved = seen_.tracked > 1;
-    result.metrics = {{"translation_mm", moved ? 1e3 * seen_.translation_m : kNaN},
-                      {"rotation_deg", moved ? kDegPerRad * seen_.rotation_rad : kNaN},
-                      {"error_over_bound", moved ? seen_.over_bound : kNaN},
-                      {"nees", moved ? seen_.nees : kNaN},
+    result.metrics = {{"translation_mm", 1e3 * seen_.translation_m},
+                      {"rotation_deg", kDegPerRad * seen_.rotation_rad},
+                      {"error_over_bound", seen_.over_bound},
+                      {"nees", seen_.nees},
                       {"depth_median_mm", 1e3 * seen_.depth_m},
                       {"valid", seen_.valid},
                       {"wrong_order", seen_.wrong_order},
@@ -231,8 +227,10 @@ class Record {
     const Pose true_motion = (earlier->world_from_robot * mount).inverse() * (truth.world_from_robot * mount);
     const Pose& measured = result.registration.earlier_from_current;
     view.nees = squared_sigmas(measured, true_motion, result.covariance);
-    const double off_m = translation_m(true_motion.inverse() * measured);
-    view.confidently_wrong = off_m > 1e-3 && view.nees > 100;
+    const Eigen::Vector3d middle(0, 0, scene_.rig.middle_range_m());
+    const double off_m =
+        std::max(translation_m(true_motion.inverse() * measured), (measured * middle - true_motion * middle).norm());
+    view.confidently_wrong = off_m > 1e-3 && !(view.nees <= 100);
   }
 
   void note_bound(const FrameResult& result, const TruthFrame& truth, const RigModel& calibration) {
@@ -249,8 +247,8 @@ class Record {
     const Pose true_motion = truth_[t - 1].world_from_robot.inverse() * truth_[t].world_from_robot;
     const Pose motion = estimate[e - 1].world_from_robot.inverse() * estimate[e].world_from_robot;
     const MotionScore score = score_motion(motion, true_motion);
-    seen_.translation_m = std::max(seen_.translation_m, score.translation_error_m);
-    seen_.rotation_rad = std::max(seen_.rotation_rad, score.rotation_error_rad);
+    seen_.translation_m = std::fmax(seen_.translation_m, score.translation_error_m);
+    seen_.rotation_rad = std::fmax(seen_.rotation_rad, score.rotation_error_rad);
   }
 
   const Study& study_;

@@ -576,7 +576,8 @@ CameraNoise NoiseEstimator::estimate() const {
     const double half = kStudent * std::sqrt(squares * (n - 1) / n);
     return NoiseInterval{value, std::max(0.0, value - half), value + half};
   };
-  if (replicates.size() < kBlocks / 2)
+  // Those that fail are the most deviant ones, without which the interval would be too small.
+  if (replicates.size() < kBlocks)
     throw Error("the noise samples cover too little of the image for a confidence interval");
   result.gain_dn_per_electron = interval(best.gain, [](const LineParameters& p) { return p.gain; });
   result.dark_noise_electrons = interval(best.dark_noise, [](const LineParameters& p) { return p.dark_noise; });

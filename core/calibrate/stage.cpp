@@ -147,7 +147,10 @@ void refine(const std::vector<StageView>& views, StageCalibration& result) {
       corners[j] += view.world_from_robot * (start * view.corners[j]->point_m);
       ++seen;
     }
-    if (seen < 2) continue;
+    if (seen < 2) {
+      corners[j].setZero();  // not used
+      continue;
+    }
     corners[j] /= seen;
     ++used_corners;
     for (const StageView& view : views) {

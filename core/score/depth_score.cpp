@@ -55,6 +55,17 @@ bool wrong_order(const TruthFrame& truth, int row, int col, double column_px, do
 
 }  // namespace
 
+double finest_period_px(const PatternSequence& sequence) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  double fringes = kInfinity, gray = kInfinity;
+  for (const Pattern& pattern : sequence.patterns) {
+    if (pattern.coding == Coding::fringe) fringes = std::min(fringes, pattern.period_px);
+    if (pattern.coding == Coding::product) fringes = std::min(fringes, pattern.carrier_px);
+    if (pattern.coding == Coding::gray) gray = std::min(gray, pattern.period_px);
+  }
+  return std::isfinite(fringes) ? fringes : gray;
+}
+
 DepthScore score_depth(const DepthEstimate& estimate, const TruthFrame& truth, double finest_period_px) {
   if (estimate.depth_m.size() != truth.depth_m.size()) throw Error("score: depth and ground truth differ in size");
   DepthScore score;

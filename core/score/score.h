@@ -7,6 +7,7 @@
 
 #include "core/score/trajectory_score.h"
 #include "core/types/frame.h"
+#include "core/types/pattern_sequence.h"
 #include "core/types/pinhole.h"
 #include "core/types/truth.h"
 
@@ -28,6 +29,10 @@ struct DepthScore {
       std::numeric_limits<double>::quiet_NaN();  // share of compared pixels more than half a fringe period off
   int spurious = 0;                              // estimates where there is no surface or no direct light
 };
+
+// Returns the finest period of the fringes and carriers, half of which separates fringe orders (docs/method.md, section 13); without
+// any, that of the Gray code; infinity if no pattern carries a code.
+double finest_period_px(const PatternSequence& sequence);
 
 DepthScore score_depth(const DepthEstimate& estimate, const TruthFrame& truth, double finest_period_px);
 

@@ -93,6 +93,22 @@ TEST(StageCalibration, OneBadCornerDoesLittleHarm) {
   EXPECT_THAT(calibrate_stage(views).robot_from_camera, PoseNear(kTruth, 4e-4, 4e-4));
 }
 
+// A corner that only one view shows says nothing, wherever it is.
+TEST(StageCalibration, ACornerOfASingleViewChangesNothing) {
+  Random random(7);
+  const auto all = views_of(mixed_poses(), kCovariance, &random);
+  auto never = all;
+  for (StageView& view : never) view.corners[5].reset();
+  auto once = never;
+  once[3].corners[5] = all[3].corners[5];
+  once[3].corners[5]->point_m.z() += 0.01;
+  const StageCalibration expected = calibrate_stage(never), found = calibrate_stage(once);
+  EXPECT_THAT(found.robot_from_camera, PoseNear(expected.robot_from_camera, 1e-9, 1e-9));
+  EXPECT_TRUE(found.covariance.isApprox(expected.covariance, 1e-6));
+  EXPECT_NEAR(found.rms_m, expected.rms_m, 1e-6 * expected.rms_m);
+  EXPECT_EQ(found.corners, 11);
+}
+
 TEST(StageCalibration, MotionsThatDetermineTooLittleAreRefused) {
   const auto error = [](const std::vector<Pose>& poses) {
     return error_of([&] { calibrate_stage(views_of(poses, kCovariance, nullptr)); });

@@ -211,6 +211,9 @@ TEST_F(DatasetVerb, WrongUseIsReportedInOneLine) {
                                                 {"dataset", at("nothing.yaml"), "--out", at("x")},
                                                 {"dataset", file, "--out", at("x"), "--shard", "2/2"},
                                                 {"dataset", file, "--out", at("other")},
+                                                {"dataset", "check", file, "--jobs", "9"},
+                                                {"dataset", "check", file, "--shard", "7/3"},
+                                                {"dataset", "check", file, file},
                                                 {"dataset", "check", at("nothing.yaml")}}) {
     const auto finished = run_program(wrong);
     EXPECT_EQ(finished.exit_code, 2) << finished.out;

@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "bench/studies/tables.h"
 #include "bench/studies/trial_run.h"
@@ -83,6 +84,28 @@ TEST_F(Results, OfAnotherStudyAreRefused) {
   EXPECT_THAT(error_of([&] { ShardFile(folder_, other, {0, 1}); }), HasSubstr(":1: belongs to another study"));
   test::write_bytes(folder_ / "shards/0-of-1.jsonl", "what is this?\n");
   EXPECT_THAT(error_of([&] { ShardFile(folder_, study_, {0, 1}); }), HasSubstr(":1: is not a trial's result"));
+}
+
+TEST_F(Results, BelongToTheFilesThatTheSceneNames) {
+  const auto hash = [&] { return read_study(study_.file).hash; };
+  EXPECT_EQ(hash(), study_.hash);
+  std::set<uint64_t> hashes = {study_.hash};
+  const auto expect_another = [&] { EXPECT_TRUE(hashes.insert(hash()).second); };
+  RigModel rig = test::thesis_rig_reduced(4);
+  rig.projector_from_camera.translation.x() += 1e-3;
+  test::write_bytes(temp_ / "rig.yaml", to_yaml(rig));
+  expect_another();
+  const std::string scene = test::read_bytes(study_.scene);
+  test::write_bytes(study_.scene, "include: part.yaml\n" + scene);
+  const std::string object = "  - {shape: mesh, file: mesh.obj, unit_m: 0.1, up: z}\n";
+  test::write_bytes(temp_ / "part.yaml", "objects:\n" + object);
+  expect_another();
+  test::write_bytes(temp_ / "mesh.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+  expect_another();
+  test::write_bytes(temp_ / "mesh.obj", "v 0 0 0\nv 2 0 0\nv 0 1 0\nf 1 2 3\n");
+  expect_another();
+  test::write_bytes(temp_ / "part.yaml", "objects:\n" + object + object);
+  expect_another();
 }
 
 TEST_F(Results, DamagedOnesAreRefused) {

@@ -4,10 +4,14 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <map>
 #include <numbers>
 #include <string>
 
+#include "bench/studies/rows.h"
 #include "bench/studies/study.h"
+#include "bench/studies/summary.h"
+#include "bench/studies/trial_run.h"
 
 namespace fringeslam::studies {
 namespace {
@@ -52,6 +56,53 @@ TEST(Sobol, OfIshigamisFunctionAreTheKnownOnes) {
     EXPECT_GT(index.first_95.high, index.first);
     EXPECT_TRUE(index.total_95.low < total[p] && total[p] < index.total_95.high) << p;
   }
+}
+
+// 400 rows of a saltelli design, of which a trial succeeds if its first value is below a half.
+class SaltelliStudy : public testing::Test {
+ protected:
+  SaltelliStudy() {
+    study_.design = Design::saltelli;
+    for (const char* name : {"a", "b"}) {
+      Parameter parameter;
+      parameter.name = name;
+      parameter.b = 1;
+      study_.parameters.push_back(parameter);
+    }
+    study_.trials = kRows * row_length(study_);
+    for (int i = 0; i < study_.trials; ++i) {
+      const Trial trial = trial_of(study_, i);
+      TrialResult result;
+      result.index = i;
+      const double a = std::stod(trial.values[0]);
+      result.outcome = a < 0.5 ? Outcome::success : Outcome::inaccurate;
+      result.metrics = {{"translation_mm", a}, {"rotation_deg", 0}};
+      lines_[i] = to_line(study_, trial, result);
+    }
+  }
+
+  static constexpr int kRows = 400;
+  Study study_;
+  std::map<int, std::string> lines_;
+};
+
+TEST_F(SaltelliStudy, IntervalsCountIndependentTrials) {
+  const Summary summary = summarise(study_, lines_);
+  int successes = 0;
+  for (const Row& row : rows_of(study_, lines_)) successes += row.success && row.trial % row_length(study_) < 2;
+  const Interval expected = wilson(successes, 2 * kRows);
+  EXPECT_EQ(summary.trials, 4 * kRows);
+  EXPECT_EQ(summary.rate_95.low, expected.low);
+  EXPECT_EQ(summary.rate_95.high, expected.high);
+}
+
+TEST_F(SaltelliStudy, AMissingTrialCostsItsRowOnly) {
+  const double whole = summarise(study_, lines_).parameters[0].of_success.first;
+  lines_.erase(5);
+  const Summary summary = summarise(study_, lines_);
+  EXPECT_EQ(summary.missing, 1);
+  EXPECT_NEAR(summary.parameters[0].of_success.first, whole, 0.02);
+  EXPECT_NEAR(whole, 1, 0.2);
 }
 
 TEST(FirstOrder, OfALinearFunctionIsItsShareOfTheVariance) {
