@@ -328,6 +328,7 @@ Report advise_scene(const AdviseArguments& arguments, const AdviseSettings& sett
   if (arguments.unverified) return report;
   const PatternSequence advised = advised_sequence(report.advice, scene.patterns);
   const auto verify = [&](const std::string& name, const std::vector<sim::SimulatedView>& views) {
+    if (views.empty()) return;
     report.verification.push_back({name, static_cast<int>(views.front().stack.images.size()),
                                    honesty_of(views, scene, settings.decode, examiner.axis(), report.advice.motion)});
   };
@@ -344,7 +345,11 @@ Report advise_scene(const AdviseArguments& arguments, const AdviseSettings& sett
   }
   if (!same_exposure)
     set_exposure(scene, report.exposure_s * (single ? exposures.front() : 1), single ? 1 : exposures.back());
-  verify("advised", render(scene, advised, settings.render, arguments.views, progress));
+  try {
+    verify("advised", render(scene, advised, settings.render, arguments.views, progress));
+  } catch (const Error&) {
+    // A moving robot cannot capture the advised images at its view rate.
+  }
   return report;
 }
 
@@ -607,6 +612,8 @@ std::string text_of(const Report& report) {
   text += "what these images cannot show\n";
   for (const std::string& unknown : unknowns_of(report)) text += "  - " + unknown + "\n";
   if (!report.verification.empty()) text += "check against ground truth, in the same views\n";
+  if (report.verification.size() == 1)
+    text += "  the advised patterns are not checked: they take longer than the path or the view rate permits\n";
   for (const Verification& v : report.verification) {
     if (report.unchanged && v.patterns == "advised") continue;
     text += "  " + v.patterns + " patterns: " + std::to_string(v.images) + " images, " +

@@ -54,8 +54,13 @@ struct CaptureArguments {
 int status_of(const std::string& command) {
   const char* const arguments[] = {"sh", "-c", command.c_str(), nullptr};
   pid_t child = 0;
-  if (const int error = posix_spawn(&child, "/bin/sh", nullptr, nullptr, const_cast<char**>(arguments), environ))
-    throw Error("--before " + command + ": cannot be started: " + std::strerror(error));
+  // A program that stays in the background must not keep the live page's port and connections.
+  posix_spawn_file_actions_t actions;
+  posix_spawn_file_actions_init(&actions);
+  posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
+  const int error = posix_spawn(&child, "/bin/sh", &actions, nullptr, const_cast<char**>(arguments), environ);
+  posix_spawn_file_actions_destroy(&actions);
+  if (error != 0) throw Error("--before " + command + ": cannot be started: " + std::strerror(error));
   int status = 0;
   while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
   }

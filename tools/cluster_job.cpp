@@ -8,6 +8,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
+#include <sstream>
 #include <thread>
 
 #include "core/io/files.h"
@@ -39,6 +40,18 @@ std::string answer_of(const std::string& command, int timeout_s = 60) {
                              : text));
 }
 
+// Returns the number in an answer of sbatch: a line of its own, perhaps with the cluster's name; other lines are messages.
+std::string job_number(const std::string& answer) {
+  std::istringstream lines(answer);
+  std::string number;
+  for (std::string line; std::getline(lines, line);) {
+    line.resize(std::min(line.size(), line.find(';')));
+    if (!line.empty() && line.find_first_not_of("0123456789") == std::string::npos) number = line;
+  }
+  if (number.empty()) throw Error("submit: sbatch does not answer with the number of a job: " + answer);
+  return number;
+}
+
 void check_array(int tasks) {
   const std::string config = answer_of("scontrol show config");
   const size_t at = config.find("MaxArraySize");
@@ -63,10 +76,10 @@ std::string submit_to_slurm(const ClusterJob& job) {
   write_text(out / "slurm.sh",
              "#!/bin/bash\n#SBATCH --job-name=fringeslam\n#SBATCH --array=0-" + std::to_string(job.tasks - 1) +
                  "\n#SBATCH --cpus-per-task=" + cpus +
-                 "\n#SBATCH --requeue\n#SBATCH --open-mode=append\n#SBATCH --output=" + (logs / "%a.log").string() +
-                 "\nexec " + command + " --out " + quoted(out.string()) + " --jobs " + cpus +
+                 "\n#SBATCH --requeue\n#SBATCH --open-mode=append\n#SBATCH --output=\"" + (logs / "%a.log").string() +
+                 "\"\nexec " + command + " --out " + quoted(out.string()) + " --jobs " + cpus +
                  " --shard $SLURM_ARRAY_TASK_ID/" + std::to_string(job.tasks) + "\n");
-  return answer_of("sbatch --parsable " + quoted((out / "slurm.sh").string()));
+  return job_number(answer_of("sbatch --parsable " + quoted((out / "slurm.sh").string())));
 }
 
 void wait_for_slurm(const std::string& job) {

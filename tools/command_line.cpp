@@ -144,7 +144,10 @@ Option Command::add_option(const std::string& name, std::optional<uint64_t>& val
 }
 
 Option Command::add_option(const std::string& name, std::vector<std::string>& value, const std::string& help) const {
-  return Option(app_->add_option(name, value, help));
+  CLI::Option* const option = app_->add_option(name, value, help);
+  // One value each time, so that the argument behind it is not one more.
+  if (name.starts_with('-')) option->allow_extra_args(false);
+  return Option(option);
 }
 
 Option Command::add_option(const std::string& name, std::vector<double>& value, const std::string& help) const {

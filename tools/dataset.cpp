@@ -273,8 +273,10 @@ Verb add_dataset(Command app, const Common& common) {
   const Option out = verb.add_option("--out", a->out, "Dataset folder");
   for (const Command& with_folder : {submit_verb, worker_verb})
     with_folder.add_option("--out", a->out, "Dataset folder").required();
-  verb.add_option("--jobs", a->jobs, "Trials in parallel (default: one per processor)").check_range(1, 4096);
-  verb.add_option("--shard", a->shard, "Write only every N-th tar file, starting with tar file I: I/N, I from 0");
+  const Option jobs =
+      verb.add_option("--jobs", a->jobs, "Trials in parallel (default: one per processor)").check_range(1, 4096);
+  const Option shard =
+      verb.add_option("--shard", a->shard, "Write only every N-th tar file, starting with tar file I: I/N, I from 0");
   submit_verb.add_option("--cluster", a->cluster, "Scheduler of the cluster").check_one_of({"slurm"});
   submit_verb.add_option("--tasks", a->tasks, "Number of tasks in the array, one shard each")
       .required()
@@ -282,6 +284,14 @@ Verb add_dataset(Command app, const Common& common) {
   submit_verb.add_option("--cpus", a->cpus, "Processors per task, and trials in parallel").check_range(1, 4096);
   submit_verb.add_flag("--wait", a->wait, "Wait until the job has ended");
   return [=, &common] {
+    // Options and arguments of `dataset` itself are accepted behind the name of an action too.
+    if (check_verb.parsed() || submit_verb.parsed() || worker_verb.parsed()) {
+      for (const Option& other : {out, jobs, shard}) {
+        if (other.count() > 0)
+          throw Error("dataset: " + other.get_name() + " has no effect here; see `fringeslam dataset --help`");
+      }
+      if (spec.count() > 0) throw Error("dataset: give one specification");
+    }
     if (check_verb.parsed()) return check(*a, common);
     if (submit_verb.parsed()) return submit(*a, common);
     if (worker_verb.parsed()) return work(*a);

@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/io/files.h"
+#include "core/types/error.h"
 #include "tools/output_file.h"
 #include "tools/settings.h"
 #include "tools/source.h"
@@ -27,6 +28,10 @@ Verb add_effects(Command app, const Common& common) {
   verb.add_option("--set", arguments->sets, "render.key=value; see `run --help`");
   return [arguments, &common] {
     require_extension(arguments->out, ".png");
+    for (const std::string& set : arguments->sets) {
+      if (!set.starts_with("render."))
+        throw Error("--set " + set + ": has no effect on this image; give render.key=value, see `run --help`");
+    }
     const Settings settings = parse_settings(arguments->sets);
     const sim::Scene scene = sim::load_scene(scene_file(arguments->scene));
     write_png(arguments->out, effects_picture(scene, settings.render));

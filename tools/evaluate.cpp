@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <fstream>
 #include <memory>
@@ -172,8 +173,13 @@ class Evaluation {
  private:
   bool is_done(const std::string& suite, const std::string& dataset, const std::string& hash) const {
     return std::any_of(results_.begin(), results_.end(), [&](const Result& r) {
-      return r.suite == suite && r.dataset == dataset && r.system == arguments_.name &&
-             r.command == arguments_.command && r.dataset_hash == hash;
+      const bool same = r.suite == suite && r.dataset == dataset && r.system == arguments_.name &&
+                        r.command == arguments_.command && r.dataset_hash == hash;
+      // Options given now may be others than those of the result.
+      const bool limited = (r.end == evaluation::to_string(ProcessEnd::timed_out) && arguments_.timeout_s > 0) ||
+                           (r.end == evaluation::to_string(ProcessEnd::out_of_memory) && arguments_.memory_mib > 0);
+      const bool other_threshold = std::isfinite(r.threshold_m) && r.threshold_m != arguments_.threshold_m;
+      return same && !limited && !other_threshold;
     });
   }
 

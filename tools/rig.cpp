@@ -130,7 +130,10 @@ int latency(const std::string& rig_file, const Common& common) {
   AravisCamera camera(settings.camera);
   using Clock = std::chrono::steady_clock;
   const cv::Mat1b black(projector->size(), uchar{0}), white(projector->size(), uchar{255});
-  const auto level = [&] { return cv::mean(camera.take().image)[0]; };
+  const auto level = [&] {
+    throw_if_interrupted();
+    return cv::mean(camera.take().image)[0];
+  };
   const auto settled = [&](const cv::Mat1b& image) {
     projector->show(image);
     double last = level();
@@ -144,7 +147,6 @@ int latency(const std::string& rig_file, const Common& common) {
   std::vector<double> delays_s;
   double image_s = 0;
   for (int i = 0; i < 10; ++i) {
-    throw_if_interrupted();
     const bool up = i % 2 != 0;
     projector->show(up ? white : black);
     const Clock::time_point shown = Clock::now();

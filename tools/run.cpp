@@ -218,14 +218,11 @@ void wait_for_interrupt() {
 
 int run(const RunArguments& arguments, const Common& common) {
   Settings settings = parse_settings(arguments.sets);
-  const auto sets_any_of = [&](const std::string& group) {
-    return std::any_of(arguments.sets.begin(), arguments.sets.end(),
-                       [&](const std::string& set) { return set.starts_with(group + "."); });
-  };
-  if (sets_any_of("mesh") && !arguments.mesh) throw Error("mesh.* settings have no effect without --mesh; add it");
-  if (sets_any_of("image_poses") && !arguments.image_poses)
+  if (sets_any_of(arguments.sets, "mesh") && !arguments.mesh) throw Error("mesh.* settings have no effect without --mesh; add it");
+  if (sets_any_of(arguments.sets, "image_poses") && !arguments.image_poses)
     throw Error("image_poses.* settings have no effect without --image-poses; add it");
-  const auto source = open_source(arguments.source, arguments.variant, settings, sets_any_of("render"));
+  const auto source = open_source(arguments.source, arguments.variant, settings,
+                                  sets_any_of(arguments.sets, "render"));
   if (!arguments.rig.empty()) source->recalibrate(read_rig(arguments.rig));
   if (source->imported()) {
     const auto is_set = [&](const std::string& key) {
@@ -390,16 +387,24 @@ int run(const RunArguments& arguments, const Common& common) {
       std::printf("written: %s\n", out.c_str());
   }
   if (images) report_unexpected(images->images());
+  const std::string failure = phases.failures().empty() ? "" : failure_text(phases, staged, out);
   if (interrupted()) {
-    std::fprintf(stderr, "%s\n", kept_text(mapped, planned, phases.left_out()).c_str());
+    std::fprintf(stderr, "%s\n",
+                 (failure.empty() ? kept_text(mapped, planned, phases.left_out())
+                                  : "interrupted after " + std::to_string(mapped) + " of " + std::to_string(planned) +
+                                        " views; " + failure)
+                     .c_str());
     return kInterrupted;
   }
   if (const std::string lost = emptiness.lost(); !lost.empty() && !common.json)
     std::fprintf(stderr, "%s: %s\n", arguments.source.c_str(), lost.c_str());
   const std::string reason = emptiness.reason(rig->model(), settings.pipeline.depth);
   if (!reason.empty()) std::fprintf(stderr, "fringeslam: %s: %s\n", arguments.source.c_str(), reason.c_str());
-  if (live && arguments.live_wait) wait_for_interrupt();
-  if (!phases.failures().empty()) throw Error(failure_text(phases, staged, out));
+  if (live && arguments.live_wait) {
+    if (!failure.empty()) std::fprintf(stderr, "fringeslam: %s\n", failure.c_str());
+    wait_for_interrupt();
+  }
+  if (!failure.empty()) throw Error(failure);
   return reason.empty() ? 0 : 1;
 }
 

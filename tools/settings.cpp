@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/settings.h"
 
+#include <algorithm>
 #include <cstdio>
 
 #include "core/io/setting_groups.h"
@@ -43,6 +44,10 @@ class MarkdownWriter {
 };
 
 }  // namespace
+
+bool sets_any_of(const std::vector<std::string>& sets, const std::string& group) {
+  return std::any_of(sets.begin(), sets.end(), [&](const std::string& set) { return set.starts_with(group + "."); });
+}
 
 Settings parse_settings(const std::vector<std::string>& sets) {
   Settings settings;

@@ -31,6 +31,8 @@ struct Settings {
 // Parses "stage.key=value" settings. Throws Error on a malformed, unknown or out-of-range setting; for an unknown one
 // the message names the nearest known one.
 Settings parse_settings(const std::vector<std::string>& sets);
+// True if one of the arguments of --set is of this group.
+bool sets_any_of(const std::vector<std::string>& sets, const std::string& group);
 
 std::string pipeline_yaml(Settings settings);
 std::string render_yaml(Settings settings);

@@ -642,17 +642,25 @@ std::vector<double> read_image_times(const fs::path& file, const ImportPlan& pla
     throw Error(file.string() +
                 ": is not later than the stack before it; count the times of all stacks from the same origin, and list "
                 "the stacks in the order of time");
+  std::vector<double> sorted_s = times_s;
+  std::sort(sorted_s.begin(), sorted_s.end());
+  if (std::adjacent_find(sorted_s.begin(), sorted_s.end()) != sorted_s.end())
+    throw Error(file.string() + ": two images have the same time; correct the times");
   return times_s;
 }
 
-// Median time between images that follow each other. Throws Error if two images have the same time.
+// Median time between images that follow each other. Throws Error if no camera is that slow.
 double median_interval_s(std::vector<double> times_s, const fs::path& file) {
   std::sort(times_s.begin(), times_s.end());
   std::vector<double> intervals_s;
   for (size_t i = 1; i < times_s.size(); ++i) intervals_s.push_back(times_s[i] - times_s[i - 1]);
   std::sort(intervals_s.begin(), intervals_s.end());
-  if (!(intervals_s.front() > 0)) throw Error(file.string() + ": two images have the same time; correct the times");
-  return intervals_s[intervals_s.size() / 2];
+  const double median_s = intervals_s[intervals_s.size() / 2];
+  constexpr double kLongest_s = 100;  // as image_interval_s
+  if (median_s > kLongest_s)
+    throw Error(file.string() + ": the median time between images is " + to_text(median_s) + " s, more than " +
+                to_text(kLongest_s) + " s; list the times in seconds");
+  return median_s;
 }
 
 // The correction belongs to the number of steps of the finest period.

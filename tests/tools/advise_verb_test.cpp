@@ -38,6 +38,17 @@ TEST(AdviseVerb, BrightAndDarkPartsNeedTwoExposuresAndThenHaveDepth) {
   EXPECT_LT(check["advised"]["beyond_4_sigma"], 1e-3);
 }
 
+// The path lasts for the present images only, not for the longer ones of the advice.
+TEST(AdviseVerb, AdviceLongerThanThePathIsNotChecked) {
+  const json document = advice_on(
+      {scene("metal_card_rubber"), "--with", kThreePeriods, "--views", "1", "--with", "light.exposure_s=0.002",
+       "--with", "light.auto_exposure=false", "--with",
+       "trajectory={motions: [{translation_mm: [0.2, 0, 0]}], continuous: {speed_m_s: 0.002, acceleration_m_s2: 10}}"});
+  EXPECT_EQ(document["advice"]["exposures"].size(), 2U);
+  EXPECT_TRUE(document["check"].contains("present"));
+  EXPECT_FALSE(document["check"].contains("advised"));
+}
+
 // 63 % of the pixels are saturated, and how much is visible in another look only.
 TEST(AdviseVerb, SaturatedSceneIsLookedAtAgain) {
   const json document = advice_on({scene("metal_card_rubber"), "--with", kThreePeriods, "--with",

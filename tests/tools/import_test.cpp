@@ -832,6 +832,9 @@ TEST_F(ImportErrors, TimesOfImages) {
   EXPECT_THAT(message("-1 1 2 3 4 5", "6 7 8 9 10 11"), HasSubstr("a/times.txt: '-1' is no time from 0 to 1e12 s"));
   EXPECT_THAT(message("1.7e18 1 2 3 4 5", "6 7 8 9 10 11"), HasSubstr("'1.7e18' is no time"));
   EXPECT_THAT(message("1 1 2 3 4 5", "6 7 8 9 10 11"), HasSubstr("a/times.txt: two images have the same time"));
+  EXPECT_THAT(message("0 1 2 3 4 5", "6 7 8 9 9 11"), HasSubstr("b/times.txt: two images have the same time"));
+  EXPECT_THAT(message("0 1000 2000 3000 4000 5000", "6000 7000 8000 9000 10000 11000"),
+              HasSubstr("a/times.txt: the median time between images is 1000 s, more than 100 s"));
 }
 
 TEST_F(ImportErrors, FastCameras) {

@@ -65,6 +65,19 @@ TEST_F(Output, HasTheNameOfItsKind) {
   expect_refused({"scene", "preview", at("scene"), "--out", ""}, "the name must end in .png");
 }
 
+// An argument behind a repeatable option is not one more of its values.
+TEST_F(Output, SettingsWithoutEffectAreRefused) {
+  const test::Finished picture =
+      test::run_program({"effects", "--set", "tracking.at_rest=true", at("scene"), "--out", at("effects.png")});
+  EXPECT_EQ(picture.exit_code, 2);
+  EXPECT_THAT(picture.err, testing::HasSubstr("tracking.at_rest=true: has no effect on this image"));
+  test::run_successfully({"render", "--set", "render.samples_per_pixel=1", at("scene"), "--out", at("data")});
+  const test::Finished landmarks =
+      test::run_program({"landmarks", at("data"), "--set", "render.noise=false", "--out", at("landmarks")});
+  EXPECT_EQ(landmarks.exit_code, 2);
+  EXPECT_THAT(landmarks.err, testing::HasSubstr("render.* settings have no effect on a recorded dataset"));
+}
+
 TEST_F(Output, ReplacesNoRecordingOfOthers) {
   test::write_bytes(temp_ / "mine.bag", "#ROSBAG V2.0\nmine");
   const test::Finished refused =

@@ -106,6 +106,7 @@ std::shared_ptr<ShownScene> WatchedScene::load() {
   reading.values = &values;
   const auto remember = [&] {
     loaded_.clear();
+    files.push_back(file_);  // also if nothing of it could be read
     for (const std::filesystem::path& file : files) {
       if (const auto known = before.find(file); known != before.end()) {
         loaded_.insert(*known);
@@ -127,9 +128,15 @@ std::shared_ptr<ShownScene> WatchedScene::load() {
 }
 
 bool WatchedScene::includes_placed() const {
-  const std::filesystem::path placed = std::filesystem::weakly_canonical(file_.parent_path() / kPlacedFile);
-  return std::any_of(loaded_.begin(), loaded_.end(),
-                     [&](const auto& entry) { return std::filesystem::weakly_canonical(entry.first) == placed; });
+  // Files of names that cannot exist are other ones.
+  const auto canonical = [](const std::filesystem::path& file) {
+    std::error_code failed;
+    std::filesystem::path name = std::filesystem::weakly_canonical(file, failed);
+    return failed ? std::filesystem::path() : name;
+  };
+  const std::filesystem::path placed = canonical(file_.parent_path() / kPlacedFile);
+  return !placed.empty() &&
+         std::any_of(loaded_.begin(), loaded_.end(), [&](const auto& entry) { return canonical(entry.first) == placed; });
 }
 
 void WatchedScene::reload() {
