@@ -233,10 +233,13 @@ class SampleDataset:
         patterns = fs.parse_patterns(sample["patterns"])
         for axis in ("column", "row"):
             periods = [p.period_px for p in patterns.patterns if p.coding == "fringe" and p.axis == f"{axis}s"]
+            if periods and axis not in sample:
+                raise fs.Error(f"{self.folder}: has no part 'coordinate', from which the phase is computed")
             if periods:
                 sample[f"{axis}_phase"] = (2 * np.pi * (sample[axis].astype(np.float64) + 0.5) / min(periods)).astype(np.float32)
         if "coordinate" not in self.parts:
-            del sample["column"], sample["row"]
+            sample.pop("column", None)
+            sample.pop("row", None)
 
     def check(self) -> None:
         """Compares the checksums of all files of the dataset; raises Error naming the first that differs."""

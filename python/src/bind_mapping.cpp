@@ -130,7 +130,9 @@ void bind_map(py::module_& m) {
       .def_property_readonly(
           "landmarks", [](const Keyframe& k) { return k.landmarks.count(); }, "Number of landmarks.");
   py::class_<KeyframeMap>(m, "KeyframeMap", "Keyframes, joined by measured motions into a pose graph.")
-      .def_property_readonly("keyframes", &KeyframeMap::keyframes)
+      // Copies: the map's own move as it grows.
+      .def_property_readonly("keyframes",
+                             [](const KeyframeMap& map) { return std::vector<Keyframe>(map.keyframes()); })
       .def_property_readonly(
           "frames", [](const KeyframeMap& map) { return map.frames().size(); },
           "Number of frames that contribute points, keyframes included.")
@@ -268,7 +270,9 @@ void bind_mapping(py::module_& m) {
           },
           py::arg("map"), py::arg("patterns"), py::arg("options") = py::none(),
           "Continues a map, in which the robot is relocalized first.")
-      .def_property_readonly("next_patterns", &Pipeline::next_patterns, "Patterns to project for the next stack.")
+      .def_property_readonly(
+          "next_patterns", [](const Pipeline& pipeline) { return PatternSequence(pipeline.next_patterns()); },
+          "Patterns to project for the next stack.")
       .def(
           "process",
           [](Pipeline& pipeline, const FringeStack& stack) {

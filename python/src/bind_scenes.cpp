@@ -209,7 +209,10 @@ void bind_scenes(py::module_& m) {
       [](const std::vector<const TruthFrame*>& views, const RigModel& rig) {
         std::vector<Eigen::Vector3d> seen;
         const PixelRays rays = pixel_rays(rig.camera);
-        for (const TruthFrame* view : views) append_visible_surface(*view, rig, rays, seen);
+        for (const TruthFrame* view : views) {
+          if (!view) throw py::type_error("views: expected TruthFrames, not None");
+          append_visible_surface(*view, rig, rays, seen);
+        }
         return matrix_of_points(seen);
       },
       py::arg("views"), py::arg("rig"),

@@ -29,6 +29,13 @@ Matrix6d covariance_of(const IcpResult& result) {
   return covariance ? *covariance : Matrix6d::Constant(std::numeric_limits<double>::quiet_NaN());
 }
 
+// Throws Error unless a frame has all images; frames of users may lack some.
+void require_images(const Frame& frame, const char* name) {
+  const cv::Size size = frame.points_m.size();
+  if (size.area() == 0 || frame.sigma_m.size() != size || frame.normals.size() != size || frame.texture.size() != size)
+    throw Error(std::string(name) + ": needs points_m, sigma_m, normals and texture of the same size");
+}
+
 void bind_registration(py::module_& m) {
   py::class_<IcpResult>(m, "IcpResult", "Registration of two frames.")
       .def_readonly("target_from_source", &IcpResult::target_from_source, "4 x 4.")
@@ -47,6 +54,8 @@ void bind_registration(py::module_& m) {
       [](const Frame& target, const Frame& source, const Pinhole& camera, const std::optional<Pose>& initial,
          const py::object& options, const py::kwargs& changes) {
         const auto icp = options_of<IcpOptions>("icp", options, changes);
+        require_images(target, "target");
+        require_images(source, "source");
         const py::gil_scoped_release release;
         return initial ? point_to_plane_icp(target, source, camera, *initial, icp)
                        : register_frames(target, source, camera, icp);
@@ -124,6 +133,7 @@ void bind_stages(py::module_& m) {
       "write_ply",
       [](const std::filesystem::path& file, const Frame& frame, const py::object& options) {
         const auto mesh = options_of<MeshOptions>("mesh", options);
+        require_images(frame, "frame");
         const py::gil_scoped_release release;
         StagedFile staged(file);
         write_text(staged.path(), to_ply(frame_mesh(frame, mesh), "camera"));

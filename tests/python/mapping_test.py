@@ -55,6 +55,21 @@ def test_processing_stack_by_stack_gives_the_same_result(mapped, scene):
     assert pipeline.trajectory.to_tum() == mapped[1].trajectory.to_tum()
 
 
+def test_keyframes_outlive_the_growth_of_the_map(scene):
+    rig = fs.VirtualRig(scene)
+    pipeline = fs.Pipeline(rig.model, scene.patterns, mapping={"every_view": True})
+    held, indices = [], []
+    while (stack := rig.capture(patterns := pipeline.next_patterns)) is not None:
+        first = patterns.patterns[0]
+        pipeline.process(stack)
+        assert first.period_px == patterns.patterns[0].period_px
+        held.append(pipeline.map.keyframes[-1])
+        indices.append(held[-1].index)
+    assert len(held) > 2
+    assert [keyframe.index for keyframe in held] == indices == list(range(len(held)))
+    assert all(keyframe.landmarks > 0 for keyframe in held)
+
+
 def test_results_describe_each_view(mapped, rig):
     views, pipeline = mapped
     assert [view.result.tracking for view in views] == ["first", "refined", "refined", "refined"]

@@ -57,6 +57,20 @@ def test_registration_finds_the_true_motion(scene, rig):
     assert refined.pairs < result.pairs
 
 
+def test_frames_without_all_images_are_refused(view, rig, tmp_path):
+    whole = fs.reconstruct(fs.decode(view.stack, rig), rig)
+    part = fs.Frame()
+    part.points_m = np.ones((48, 64, 3), np.float32)
+    for target, source, name in ((part, whole, "target"), (whole, part, "source")):
+        with pytest.raises(fs.Error, match=f"{name}: needs points_m, sigma_m, normals and texture"):
+            fs.register_frames(target, source, rig.camera)
+    with pytest.raises(fs.Error, match="frame: needs points_m"):
+        fs.write_ply(tmp_path / "part.ply", part)
+    assert not (tmp_path / "part.ply").exists()
+    with pytest.raises(TypeError):
+        fs.visible_surface([None], rig)
+
+
 def test_retract_inverts_pose_difference():
     tangent = np.array([0.1, -0.2, 0.3, 1, 2, 3])
     pose = fs.retract(np.eye(4), tangent)
