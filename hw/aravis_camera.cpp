@@ -58,6 +58,17 @@ auto checked(const std::string& what, const Call& call) {
   }
 }
 
+// Converts a time of the system clock, ns since 1970, to one that increases evenly also while that clock is being set:
+// intervals between images must be those of a motion.
+double even_time_s(uint64_t system_ns) {
+  using std::chrono::steady_clock, std::chrono::system_clock;
+  static const system_clock::time_point system_start = system_clock::now();
+  static const steady_clock::time_point steady_start = steady_clock::now();
+  const auto age = system_clock::now().time_since_epoch() - std::chrono::nanoseconds(system_ns);
+  const auto now = system_start.time_since_epoch() + (steady_clock::now() - steady_start);
+  return std::chrono::duration<double>(now - age).count();
+}
+
 std::string to_words(const std::vector<FoundCamera>& cameras) {
   std::string words;
   for (const FoundCamera& camera : cameras) words += (words.empty() ? "" : ", ") + camera.id;
@@ -198,10 +209,12 @@ class AravisCamera::Connection {
     });
     checked("pixel format " + format_.name,
             [&](GError** e) { arv_camera_set_pixel_format_from_string(camera, format_.name.c_str(), e); });
-    if (arv_camera_is_exposure_auto_available(camera, nullptr))
+    // Cameras without automatic control may have it as a constant.
+    if (arv_camera_is_exposure_auto_available(camera, nullptr) &&
+        arv_camera_get_exposure_time_auto(camera, nullptr) != ARV_AUTO_OFF)
       checked("automatic exposure", [&](GError** e) { arv_camera_set_exposure_time_auto(camera, ARV_AUTO_OFF, e); });
     checked("exposure", [&](GError** e) { arv_camera_set_exposure_time(camera, 1e6 * settings_.exposure_s, e); });
-    if (arv_camera_is_gain_auto_available(camera, nullptr))
+    if (arv_camera_is_gain_auto_available(camera, nullptr) && arv_camera_get_gain_auto(camera, nullptr) != ARV_AUTO_OFF)
       checked("automatic gain", [&](GError** e) { arv_camera_set_gain_auto(camera, ARV_AUTO_OFF, e); });
     if (gain_) checked("gain", [&](GError** e) { arv_camera_set_gain(camera, *gain_, e); });
     if (!gain_ && arv_camera_is_gain_available(camera, nullptr))
@@ -297,9 +310,8 @@ class AravisCamera::Connection {
     size_t bytes = 0;
     const void* data = arv_buffer_get_image_data(buffer, &bytes);
     bytes = std::min(bytes, image_bytes(format_, size));  // buffers may end in padding
-    return GreyImage{unpacked(format_, size, data, bytes),
-                     1e-9 * static_cast<double>(arv_buffer_get_system_timestamp(buffer)), exposure_s_,
-                     arv_buffer_get_frame_id(buffer)};
+    return GreyImage{unpacked(format_, size, data, bytes), even_time_s(arv_buffer_get_system_timestamp(buffer)),
+                     exposure_s_, arv_buffer_get_frame_id(buffer)};
   }
 
   CameraSettings settings_;

@@ -11,7 +11,7 @@ namespace fringeslam {
 
 struct GreyImage {
   cv::Mat image;           // H x W, CV_8UC1 or CV_16UC1, grey values in DN
-  double timestamp_s = 0;  // arrival time, system clock since 1970
+  double timestamp_s = 0;  // arrival time since 1970: system clock at the first image, then even
   double exposure_s = 0;
   uint64_t number = 0;  // exposure counter of the camera; also counts images that were lost
 };
