@@ -47,8 +47,7 @@ int landmarks(const LandmarksArguments& arguments, const Common& common) {
   Settings settings = parse_settings(arguments.sets);
   settings.pipeline.tracking.landmarks = LandmarkViews::every_frame;
   settings.pipeline.mapping.every_view = true;
-  const auto source = open_source(arguments.source, arguments.variant, settings,
-                                  sets_any_of(arguments.sets, "render"));
+  const auto source = open_source(arguments.source, arguments.variant, settings, sets_any_of(arguments.sets, "render"));
   StagedFolder folder(arguments.out, "landmarks");
   const auto rig = source->open(folder.path());
   const PipelineOptions& options = settings.pipeline;

@@ -67,8 +67,8 @@ Verb add_render(Command app, const Common& common) {
       throw Error("render: --depth-scale has no effect with --format rosbag, whose depth is in meters");
     if (arguments->format == "rosbag") require_bags("render --format rosbag");
     const Settings settings = parse_settings(arguments->sets);
-    const auto source = open_source(arguments->scene, arguments->variant, settings,
-                                    sets_any_of(arguments->sets, "render"));
+    const auto source =
+        open_source(arguments->scene, arguments->variant, settings, sets_any_of(arguments->sets, "render"));
     if (arguments->format != "fringes") {
       const int images = write_views(arguments->format, *source, settings, arguments->rgbd, arguments->out, common);
       print_result(common, {{"dataset", arguments->out}, {"stacks", images}}, "dataset: " + arguments->out);

@@ -218,11 +218,11 @@ void wait_for_interrupt() {
 
 int run(const RunArguments& arguments, const Common& common) {
   Settings settings = parse_settings(arguments.sets);
-  if (sets_any_of(arguments.sets, "mesh") && !arguments.mesh) throw Error("mesh.* settings have no effect without --mesh; add it");
+  if (sets_any_of(arguments.sets, "mesh") && !arguments.mesh)
+    throw Error("mesh.* settings have no effect without --mesh; add it");
   if (sets_any_of(arguments.sets, "image_poses") && !arguments.image_poses)
     throw Error("image_poses.* settings have no effect without --image-poses; add it");
-  const auto source = open_source(arguments.source, arguments.variant, settings,
-                                  sets_any_of(arguments.sets, "render"));
+  const auto source = open_source(arguments.source, arguments.variant, settings, sets_any_of(arguments.sets, "render"));
   if (!arguments.rig.empty()) source->recalibrate(read_rig(arguments.rig));
   if (source->imported()) {
     const auto is_set = [&](const std::string& key) {

@@ -60,8 +60,8 @@ struct FrameResult : ReconstructedView {
   int loops = 0;           // earlier keyframes linked with it, besides the reference
   bool corrected = false;  // closing loops moved the map
   bool motion_by_prediction = false;  // the motion during the stack was estimated with a prediction as prior
-  Pose previous_from_current;  // camera motion since the previous tracked view
-  Pose world_from_robot;       // as estimated when the view was processed; see Mapper::trajectory()
+  Pose previous_from_current;         // camera motion since the previous tracked view
+  Pose world_from_robot;              // as estimated when the view was processed; see Mapper::trajectory()
   // Results of earlier views, processed without a pose, which this view allows to be registered.
   std::vector<std::shared_ptr<const FrameResult>> recovered;
 };
@@ -222,8 +222,8 @@ class Mapper {
   // Log-likelihood ratio: that a robot whose stacks do not show it moves on during them.
   double evidence_of_motion_ = 0;
   int last_keyframe_ = -1;
-  int unlinked_ = -1;                         // of the last tracked view, unless it became a keyframe
-  size_t continuous_from_ = 0;                // first view of track_ since tracking was last lost
+  int unlinked_ = -1;           // of the last tracked view, unless it became a keyframe
+  size_t continuous_from_ = 0;  // first view of track_ since tracking was last lost
   // Of the first keyframe, in its own axes, as long as no other view has confirmed its motion. The map contains it widened by
   // the vibration that later views reveal.
   std::optional<FrameMotion> first_motion_;

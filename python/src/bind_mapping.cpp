@@ -131,8 +131,7 @@ void bind_map(py::module_& m) {
           "landmarks", [](const Keyframe& k) { return k.landmarks.count(); }, "Number of landmarks.");
   py::class_<KeyframeMap>(m, "KeyframeMap", "Keyframes, joined by measured motions into a pose graph.")
       // Copies: the map's own move as it grows.
-      .def_property_readonly("keyframes",
-                             [](const KeyframeMap& map) { return std::vector<Keyframe>(map.keyframes()); })
+      .def_property_readonly("keyframes", [](const KeyframeMap& map) { return std::vector<Keyframe>(map.keyframes()); })
       .def_property_readonly(
           "frames", [](const KeyframeMap& map) { return map.frames().size(); },
           "Number of frames that contribute points, keyframes included.")

@@ -122,9 +122,7 @@ struct Surfaces::Impl {
     }
   }
 
-  NoiseValues water_noise(const NoisePoints& at) const {
-    return fractal_noise(at, 3, water_seed);
-  }
+  NoiseValues water_noise(const NoisePoints& at) const { return fractal_noise(at, 3, water_seed); }
 
   // The quantile of the patch noise that leaves the wet share above it.
   float least_wet_noise() const {

@@ -424,10 +424,9 @@ TEST(MovingStack, ShiftsOfSelectedStepsAreNotChanged) {
 
 // Codings that need a camera at rest say that the motion is unknown instead of ending the run.
 TEST(MovingStack, CodingsThatNeedRestLeaveTheMotionUnknown) {
-  for (const char* patterns :
-       {"{axis: columns, steps: 3, periods_px: [1040, 130, 16.25], gray: complementary, "
-        "gray_cell_px: 8.125, gray_xor_px: [0, 16.25]}",
-        "{axis: columns, steps: 3, periods_px: [65, 16.25], gray: plain, gray_cell_px: 32.5}"}) {
+  for (const char* patterns : {"{axis: columns, steps: 3, periods_px: [1040, 130, 16.25], gray: complementary, "
+                               "gray_cell_px: 8.125, gray_xor_px: [0, 16.25]}",
+                               "{axis: columns, steps: 3, periods_px: [65, 16.25], gray: plain, gray_cell_px: 32.5}"}) {
     SceneLoadOptions reading;
     reading.changes = {{"patterns", patterns}};
     Scene scene = load_scene(std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop/scene.yaml", reading);

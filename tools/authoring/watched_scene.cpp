@@ -135,8 +135,8 @@ bool WatchedScene::includes_placed() const {
     return failed ? std::filesystem::path() : name;
   };
   const std::filesystem::path placed = canonical(file_.parent_path() / kPlacedFile);
-  return !placed.empty() &&
-         std::any_of(loaded_.begin(), loaded_.end(), [&](const auto& entry) { return canonical(entry.first) == placed; });
+  return !placed.empty() && std::any_of(loaded_.begin(), loaded_.end(),
+                                        [&](const auto& entry) { return canonical(entry.first) == placed; });
 }
 
 void WatchedScene::reload() {
