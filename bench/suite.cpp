@@ -57,6 +57,10 @@ std::vector<Row> read_baseline(const fs::path& file) {
       row.n = entry.at("n");
       row.interval_low = entry.at("interval_95").at(0);
       row.interval_high = entry.at("interval_95").at(1);
+      if (entry.contains("yardstick")) {
+        row.yardstick = entry.at("yardstick");
+        row.scaled = entry.at("scaled");
+      }
       rows.push_back(row);
     }
   } catch (const nlohmann::json::exception&) {
@@ -69,8 +73,10 @@ std::vector<Row> read_baseline(const fs::path& file) {
 bool is_worse(const Row& now, const Row& before) {
   const auto spread = [](const Row& row) { return row.interval_high > row.interval_low; };
   if (!spread(now) || !spread(before)) return false;
-  return now.direction == Limit::most ? now.interval_low > before.interval_high
-                                      : now.interval_high < before.interval_low;
+  // Of rows that depend on the machine, the values that it would have with a yardstick of 1.
+  const auto factor = [](const Row& row) { return row.yardstick > 0 && row.value != 0 ? row.scaled / row.value : 1; };
+  return now.direction == Limit::most ? factor(now) * now.interval_low > factor(before) * before.interval_high
+                                      : factor(now) * now.interval_high < factor(before) * before.interval_low;
 }
 
 }  // namespace fringeslam::bench

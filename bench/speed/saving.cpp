@@ -218,8 +218,8 @@ size_t write_enlarged(const fs::path& file, const KeyframeMap& map, size_t count
     pose.translation.x() += 10.0 * static_cast<double>(copy);
     const int number = static_cast<int>(i);
     const StoredPart images = parts.add(keyframe.frame, layout);
-    index.keyframes.push_back({number, keyframe.timestamp_s, pose, images, parts.add(landmark_bytes(landmarks)),
-                               parts.add(digest_bytes(digest_of(landmarks)))});
+    index.keyframes.push_back({number, keyframe.timestamp_s, pose, keyframe.motion, images,
+                               parts.add(landmark_bytes(landmarks)), parts.add(digest_bytes(digest_of(landmarks)))});
     index.frames.push_back({number, {}, number, keyframe.timestamp_s, images, true});
     if (i > 0) {
       const Pose motion = index.keyframes[i - 1].world_from_camera.inverse() * pose;

@@ -5,6 +5,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "bench/yardstick.h"
 #include "core/types/error.h"
 #include "tests/support/matchers.h"
 #include "tests/support/temp_folder.h"
@@ -32,6 +33,21 @@ TEST(Suite, WorseIsApartOnTheWrongSide) {
   EXPECT_TRUE(is_worse(row(1, 2, Limit::least), row(3, 4, Limit::least)));
   EXPECT_FALSE(is_worse(row(3, 4, Limit::least), row(1, 2, Limit::least)));
   EXPECT_FALSE(is_worse(row(3, 3), row(1, 1))) << "one value each tells nothing";
+}
+
+TEST(Suite, MachinesOfDifferentSpeedAreComparedByTheYardstick) {
+  const auto time = [](double low, double high, double yardstick) {
+    Row result = row(low, high);
+    result.unit = "ms";
+    scale(result, yardstick);
+    return result;
+  };
+  EXPECT_FALSE(is_worse(time(3, 4, 3), time(1, 2, 1))) << "the machine is three times as slow";
+  EXPECT_TRUE(is_worse(time(3, 4, 1), time(1, 2, 1)));
+  EXPECT_TRUE(is_worse(time(1, 2, 0.4), time(1, 2, 1)));
+  const test::TempFolder temp;
+  test::write_bytes(temp / "rows.json", nlohmann::ordered_json::array({to_json(time(3, 4, 3))}).dump());
+  EXPECT_FALSE(is_worse(time(1, 2, 1), read_baseline(temp / "rows.json")[0]));
 }
 
 TEST(Suite, ABaselineIsWhatWasWritten) {
