@@ -63,7 +63,7 @@ Matrix6d information_in_motion(const Frame& keyframe, const TruthFrame& keyframe
   Matrix12 joint = Matrix12::Zero();
   Eigen::Matrix<double, 12, 1> gradient;
   for (const DepthSlope& slope :
-       depth_slopes(stack, rig, rays, depth, motion, result.decoded.finest_period_px, kStride)) {
+       depth_slopes(stack, rig, rays, depth, rig.sensor.max_dn(), motion, result.decoded.finest_period_px, kStride)) {
     const int row = slope.row, col = slope.col;
     if (static_cast<int>(truth.mask(row, col)) & kTruthMixed) continue;
     const cv::Vec2f d = rays(row, col);

@@ -61,12 +61,24 @@ auto checked(const std::string& what, const Call& call) {
 // Converts a time of the system clock, ns since 1970, to one that increases evenly also while that clock is being set:
 // intervals between images must be those of a motion.
 double even_time_s(uint64_t system_ns) {
-  using std::chrono::steady_clock, std::chrono::system_clock;
-  static const system_clock::time_point system_start = system_clock::now();
-  static const steady_clock::time_point steady_start = steady_clock::now();
-  const auto age = system_clock::now().time_since_epoch() - std::chrono::nanoseconds(system_ns);
-  const auto now = system_start.time_since_epoch() + (steady_clock::now() - steady_start);
-  return std::chrono::duration<double>(now - age).count();
+  // Difference of both clocks, read so close to each other that the process was not suspended in between.
+  const auto system_minus_steady = [] {
+    constexpr auto kClose = std::chrono::microseconds(20);
+    constexpr int kMost = 100;
+    std::chrono::nanoseconds difference{}, least = std::chrono::nanoseconds::max();
+    for (int i = 0; i < kMost && least > kClose; ++i) {
+      const auto before = std::chrono::steady_clock::now();
+      const auto system = std::chrono::system_clock::now();
+      const auto after = std::chrono::steady_clock::now();
+      if (after - before >= least) continue;
+      least = after - before;
+      difference = system.time_since_epoch() - (before + (after - before) / 2).time_since_epoch();
+    }
+    return difference;
+  };
+  static const std::chrono::nanoseconds at_start = system_minus_steady();
+  const std::chrono::nanoseconds set = system_minus_steady() - at_start;
+  return std::chrono::duration<double>(std::chrono::nanoseconds(system_ns) - set).count();
 }
 
 std::string to_words(const std::vector<FoundCamera>& cameras) {

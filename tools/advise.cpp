@@ -192,6 +192,7 @@ struct Report {
   bool tested_periods = false;  // a further look, because the scene's patterns do not show indirect light
   Advice advice;
   std::vector<Verification> verification;
+  std::string unverified;  // why the advised patterns are not among them
 };
 
 // Looks again at exposures that show what saturation hides. `look` returns the stacks of the views, or none if that is
@@ -345,11 +346,14 @@ Report advise_scene(const AdviseArguments& arguments, const AdviseSettings& sett
   }
   if (!same_exposure)
     set_exposure(scene, report.exposure_s * (single ? exposures.front() : 1), single ? 1 : exposures.back());
+  std::vector<sim::SimulatedView> views;
   try {
-    verify("advised", render(scene, advised, settings.render, arguments.views, progress));
-  } catch (const Error&) {
-    // A moving robot cannot capture the advised images at its view rate.
+    views = render(scene, advised, settings.render, arguments.views, progress);
+    if (views.empty()) report.unverified = "the path is too short for them";
+  } catch (const Error& e) {  // such as a view rate that the camera does not reach with them
+    report.unverified = e.what();
   }
+  verify("advised", views);
   return report;
 }
 
@@ -612,8 +616,7 @@ std::string text_of(const Report& report) {
   text += "what these images cannot show\n";
   for (const std::string& unknown : unknowns_of(report)) text += "  - " + unknown + "\n";
   if (!report.verification.empty()) text += "check against ground truth, in the same views\n";
-  if (report.verification.size() == 1)
-    text += "  the advised patterns are not checked: they take longer than the path or the view rate permits\n";
+  if (!report.unverified.empty()) text += "  the advised patterns are not checked: " + report.unverified + "\n";
   for (const Verification& v : report.verification) {
     if (report.unchanged && v.patterns == "advised") continue;
     text += "  " + v.patterns + " patterns: " + std::to_string(v.images) + " images, " +

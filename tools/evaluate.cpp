@@ -157,7 +157,7 @@ class Evaluation {
     for (const evaluation::SuiteDataset& wanted : suite.datasets) {
       const auto dataset = evaluation_dataset(wanted, arguments_.format, common_);
       if (!dataset || interrupted()) return false;
-      if (!arguments_.again && is_done(suite.name, wanted.name, dataset->hash)) continue;
+      if (!arguments_.again && is_done(suite, wanted.name, dataset->hash)) continue;
       const Result result = run_on(suite, wanted.name, *dataset);
       if (result.end == evaluation::to_string(ProcessEnd::interrupted)) return false;
       evaluation::add_result(out_, result);
@@ -171,13 +171,20 @@ class Evaluation {
   int failures() const { return failures_; }
 
  private:
-  bool is_done(const std::string& suite, const std::string& dataset, const std::string& hash) const {
+  evaluation::ProcessLimits limits_of(const evaluation::Suite& suite) const {
+    return {arguments_.timeout_s > 0 ? arguments_.timeout_s : suite.timeout_s,
+            arguments_.memory_mib > 0 ? arguments_.memory_mib : suite.memory_mib};
+  }
+
+  bool is_done(const evaluation::Suite& suite, const std::string& dataset, const std::string& hash) const {
+    const evaluation::ProcessLimits limits = limits_of(suite);
     return std::any_of(results_.begin(), results_.end(), [&](const Result& r) {
-      const bool same = r.suite == suite && r.dataset == dataset && r.system == arguments_.name &&
+      const bool same = r.suite == suite.name && r.dataset == dataset && r.system == arguments_.name &&
                         r.command == arguments_.command && r.dataset_hash == hash;
-      // Options given now may be others than those of the result.
-      const bool limited = (r.end == evaluation::to_string(ProcessEnd::timed_out) && arguments_.timeout_s > 0) ||
-                           (r.end == evaluation::to_string(ProcessEnd::out_of_memory) && arguments_.memory_mib > 0);
+      // The limits may be higher now.
+      const bool limited =
+          (r.end == evaluation::to_string(ProcessEnd::timed_out) && r.timeout_s < limits.timeout_s) ||
+          (r.end == evaluation::to_string(ProcessEnd::out_of_memory) && r.memory_mib < limits.memory_mib);
       const bool other_threshold = std::isfinite(r.threshold_m) && r.threshold_m != arguments_.threshold_m;
       return same && !limited && !other_threshold;
     });
@@ -187,8 +194,7 @@ class Evaluation {
     StagedFolder staged(out_ / "outputs" / arguments_.name / suite.name / name, "system output");
     const fs::path folder = staged.path(), out = folder / "out";
     fs::create_directories(out);
-    const evaluation::ProcessLimits limits{arguments_.timeout_s > 0 ? arguments_.timeout_s : suite.timeout_s,
-                                           arguments_.memory_mib > 0 ? arguments_.memory_mib : suite.memory_mib};
+    const evaluation::ProcessLimits limits = limits_of(suite);
     const evaluation::ProcessReport report = evaluation::run_limited(
         filled_in(arguments_.command, dataset.dataset, out), folder, folder / "log.txt", limits, interrupted);
     Result result;
@@ -200,6 +206,8 @@ class Evaluation {
     result.end = evaluation::to_string(report.end);
     result.views = static_cast<int>(dataset.poses.size());
     result.seconds = report.seconds;
+    result.timeout_s = limits.timeout_s;
+    result.memory_mib = limits.memory_mib;
     result.peak_mib = report.peak_mib;
     if (report.end == ProcessEnd::interrupted) return result;
     make_usable(folder);

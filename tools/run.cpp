@@ -403,6 +403,7 @@ int run(const RunArguments& arguments, const Common& common) {
   if (live && arguments.live_wait) {
     if (!failure.empty()) std::fprintf(stderr, "fringeslam: %s\n", failure.c_str());
     wait_for_interrupt();
+    if (!failure.empty()) return 2;
   }
   if (!failure.empty()) throw Error(failure);
   return reason.empty() ? 0 : 1;

@@ -211,7 +211,10 @@ int submit(const StudyArguments& arguments, const Common& common) {
     return 0;
   }
   wait_for_slurm(job);
-  return merge(study, arguments.out, common) > 0 ? 1 : 0;
+  if (const int missing = merge(study, arguments.out, common); missing > 0)
+    throw Error("study submit: job " + job + " ended without " + std::to_string(missing) + " trials; see its logs in " +
+                arguments.out + ", and submit again to continue");
+  return 0;
 }
 
 int check(const Study& study, const Common& common) {

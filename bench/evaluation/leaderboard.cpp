@@ -48,6 +48,8 @@ void for_each_field(Value& r, Visit&& visit) {
   visit("message", r.message);
   visit("command", r.command);
   visit("dataset_hash", r.dataset_hash);
+  visit("timeout_s", r.timeout_s);
+  visit("memory_mib", r.memory_mib);
 }
 
 void make_folder(const std::filesystem::path& folder) {
@@ -241,6 +243,8 @@ std::vector<Result> read_results(const std::filesystem::path& file) {
       const Json json = Json::parse(line);
       Result result;
       for_each_field(result, [&](const char* name, auto& value) {
+        const std::string_view key = name;
+        if (!json.contains(key) && (key == "timeout_s" || key == "memory_mib")) return;  // of earlier versions
         const Json& field = json.at(name);
         if (!field.is_null()) field.get_to(value);
       });

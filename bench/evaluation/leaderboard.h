@@ -25,6 +25,7 @@ struct Result {
   double rpe_m = kNone, rpe_rad = kNone;
   double precision = kNone, recall = kNone, f_score = kNone, threshold_m = kNone;  // of the map
   double seconds = kNone, peak_mib = kNone;
+  double timeout_s = kNone, memory_mib = kNone;  // the limits
 
   bool has_trajectory() const { return ate_m == ate_m; }
   double tracked() const { return views > 0 ? static_cast<double>(poses) / views : 0; }

@@ -341,7 +341,7 @@ std::vector<size_t> code_images(const PatternSequence& sequence, Axis axis) {
   std::vector<size_t> images;
   for (size_t i = 0; i < sequence.patterns.size(); ++i) {
     const Pattern& pattern = sequence.patterns[i];
-    if (pattern.coding == Coding::flat || (pattern.coding == Coding::gray && pattern.axis == axis)) images.push_back(i);
+    if (pattern.coding == Coding::gray && pattern.axis == axis) images.push_back(i);
   }
   return images;
 }

@@ -147,7 +147,8 @@ AlignedStack align_stack(const FringeStack& stack, const RigModel& rig, const Pi
     const auto k = static_cast<size_t>(image);
     if (!moved[k]) return;
     coefficients[k] = filtered(stack.images[k], half, FilterBorder::mirrored, selected_instruction_set());
-    saturated[k] = saturated_support(stack.images[k], clip_dn);
+    // The bits of a code may be saturated.
+    if (stack.patterns.patterns[k].coding == Coding::fringe) saturated[k] = saturated_support(stack.images[k], clip_dn);
   });
   // Normals at the scale of a few fringes: the depths' noise averages out.
   constexpr int kSmooth_px = 11;

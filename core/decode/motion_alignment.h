@@ -27,7 +27,7 @@ namespace fringeslam {
 // One image of each per exposure, H x W.
 struct AlignedStack {
   std::vector<cv::Mat1f> images;  // grey values at x_k, DN
-  // drift_k; NaN where x_k is outside the image or beside a saturated pixel, or where no depth is known.
+  // drift_k; NaN where x_k is outside the image or, of fringes, beside a saturated pixel, or where no depth is known.
   std::vector<cv::Mat1f> drift_px;
 };
 

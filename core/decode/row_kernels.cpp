@@ -126,7 +126,6 @@ FRINGESLAM_INLINE void phase_of_many(const RowPlan& plan, const StepEstimator& e
 FRINGESLAM_INLINE void phase_in_motion(const RowPlan& plan, const StepEstimator& e, const RowScratch& scratch,
                                        int width, const PhaseRow& out) {
   constexpr int kBlock = 128;
-  constexpr size_t kMaxSteps = 64;
   const size_t steps = e.images.size();
   const float per_px = 1 / e.period_px;
   float cosine[kMaxSteps][kBlock], sine[kMaxSteps][kBlock];
@@ -200,7 +199,6 @@ FRINGESLAM_INLINE void phase_in_motion(const RowPlan& plan, const StepEstimator&
 // sample weighted by its inverse variance.
 FRINGESLAM_INLINE void phase_of_weighted(const RowPlan& plan, const StepEstimator& e, const RowScratch& scratch,
                                          int width, const PhaseRow& out) {
-  constexpr size_t kMaxSteps = 64;
   const size_t steps = e.images.size();
   float cosine[kMaxSteps], sine[kMaxSteps];
   for (size_t k = 0; k < steps; ++k) cosine_sine(e.shift_turns[k], cosine[k], sine[k]);
@@ -389,7 +387,6 @@ FRINGESLAM_INLINE void decode_row_body(const RowPlan& plan, int width, RowScratc
   float* free_floats = scratch.floats.data();
   const auto take = [&] { return std::exchange(free_floats, free_floats + stride); };
 
-  constexpr size_t kMaxGroups = 16;
   PhaseRow groups[kMaxGroups];
   for (size_t g = 0; g < groups_count; ++g) {
     groups[g] = {take(), take(), take(), take(), scratch.masks.data() + g * stride};

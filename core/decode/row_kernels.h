@@ -4,12 +4,16 @@
 // Phases are in turns: theta = phi / 2 pi in (-1/2, 1/2]; an absolute phase is t = theta + K.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
 #include "core/base/instruction_set.h"
 
 namespace fringeslam {
+
+// Limits, for which select_groups() and modulated_code() throw.
+constexpr std::size_t kMaxGroups = 16, kMaxSteps = 64;
 
 // Least-squares estimator of one fringe period: weights of the estimates of I', I'' cos phi and I'' sin phi. The
 // weights of the last two sum to zero, so they are applied to differences from the first sample.

@@ -12,10 +12,10 @@
 namespace fringeslam {
 
 std::vector<DepthSlope> depth_slopes(const FringeStack& stack, const RigModel& rig, const PixelRays& rays,
-                                     const cv::Mat1f& depth_m, const CameraMotion& motion, double period_px, int stride,
-                                     Axis axis) {
+                                     const cv::Mat1f& depth_m, double clip_dn, const CameraMotion& motion,
+                                     double period_px, int stride, Axis axis) {
   check_stack(stack);
-  StackResiduals problem(stack, rig, rays, axis);
+  StackResiduals problem(stack, rig, rays, clip_dn, axis);
   if (problem.periods() == 0) return {};
   problem.set_depth(depth_m, false);
   return problem.slopes(depth_m, motion, period_px, stride);
@@ -190,12 +190,13 @@ bool minimise(StackResiduals& problem, const Level& level, ScaledPrior prior, Mo
 }  // namespace
 
 StackMotion estimate_stack_motion(const FringeStack& stack, const RigModel& rig, const PixelRays& rays,
-                                  const cv::Mat1f& depth_m, const MotionPrior& prior, MotionSearch search, Axis axis) {
+                                  const cv::Mat1f& depth_m, double clip_dn, const MotionPrior& prior,
+                                  MotionSearch search, Axis axis) {
   check_stack(stack);
   StackMotion result;
   result.motion = prior.motion;
   result.covariance = prior.covariance;
-  StackResiduals problem(stack, rig, rays, axis);
+  StackResiduals problem(stack, rig, rays, clip_dn, axis);
   if (problem.periods() < 2) return result;
   problem.set_depth(depth_m, true);
   // The texture between pixels aliases; more pixels average its errors.
@@ -231,11 +232,11 @@ StackMotion estimate_stack_motion(const FringeStack& stack, const RigModel& rig,
 }
 
 bool shows_motion(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m,
-                  Axis axis) {
+                  double clip_dn, Axis axis) {
   // Far from the minimum, the linearised motion is too small; large residuals give it away.
   constexpr double kMaxRms = 1.3, kOutlierSigma = 8;
   constexpr int kStride = 5;
-  StackResiduals problem(stack, rig, rays, axis);
+  StackResiduals problem(stack, rig, rays, clip_dn, axis);
   if (problem.periods() < 2) return false;
   problem.set_depth(depth_m, false);
   MotionSums sums = problem.linearise({}, kStride, kOutlierSigma);

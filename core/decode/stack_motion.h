@@ -22,22 +22,23 @@ enum class MotionSearch {
 };
 
 // Estimates the motion during a stack with at least two periods along `axis`. `depth_m` is a rough depth image without
-// unknown pixels (filled_depth()); it need not be compensated for motion. Returns
+// unknown pixels (filled_depth()); it need not be compensated for motion. Grey values from `clip_dn` on are saturated, and are
+// left out. Returns
 // converged = false if the stack has one period only, if too few pixels have texture or fringes, or if no motion
 // explains the images.
 StackMotion estimate_stack_motion(const FringeStack& stack, const RigModel& rig, const PixelRays& rays,
-                                  const cv::Mat1f& depth_m, const MotionPrior& prior, MotionSearch search,
-                                  Axis axis = Axis::columns);
+                                  const cv::Mat1f& depth_m, double clip_dn, const MotionPrior& prior,
+                                  MotionSearch search, Axis axis = Axis::columns);
 
 // Returns false if the images of a stack agree with a camera at rest, or if the stack has one period only. A quick test;
 // true may also mean that the images contain other errors.
 bool shows_motion(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m,
-                  Axis axis = Axis::columns);
+                  double clip_dn, Axis axis = Axis::columns);
 
 // Returns the slopes of every `stride`-th pixel with a known depth in every `stride`-th row, for the fringes of this period
 // in a stack decoded with this motion. `depth_m` is the decoded depth.
 std::vector<DepthSlope> depth_slopes(const FringeStack& stack, const RigModel& rig, const PixelRays& rays,
-                                     const cv::Mat1f& depth_m, const CameraMotion& motion, double period_px, int stride,
-                                     Axis axis = Axis::columns);
+                                     const cv::Mat1f& depth_m, double clip_dn, const CameraMotion& motion,
+                                     double period_px, int stride, Axis axis = Axis::columns);
 
 }  // namespace fringeslam

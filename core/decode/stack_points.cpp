@@ -380,6 +380,8 @@ void PointFollower::sample_at_rest(const Exposure& exposure, const SurfacePoints
     out.grey[i] = static_cast<double>(*here);
     out.grey_by_u[i] = 0.5 * static_cast<double>(here[1] - here[-1]);
     out.grey_by_v[i] = 0.5 * static_cast<double>(image[row + 1][cols[i]] - image[row - 1][cols[i]]);
+    // A sample beside a saturated pixel has no gradient.
+    if (std::isnan(out.grey_by_u[i]) || std::isnan(out.grey_by_v[i])) out.grey[i] = kNaN;
   }
   out.lit_px = points.lit_px;
   out.lit_by_x = points.lit_by_x;

@@ -32,7 +32,7 @@ struct PointSamples {
   PointArray u, v;                    // their pixels; NaN behind the camera
   PointArray u_by_x, u_by_y, u_by_z;  // px/m
   PointArray v_by_x, v_by_y, v_by_z;
-  PointArray grey;                             // as if exposed from the reference pose, DN; NaN outside the image
+  PointArray grey;  // as if exposed from the reference pose, DN; NaN outside the image and beside saturated pixels
   PointArray grey_by_u, grey_by_v;             // DN/px
   PointArray texture_x, texture_y, texture_z;  // derivatives of the grey value with respect to the point, DN/m
   PointArray lit_px, lit_by_x, lit_by_y, lit_by_z;

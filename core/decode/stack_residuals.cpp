@@ -61,7 +61,7 @@ struct RowSums {
 
 class StackResiduals::Impl {
  public:
-  Impl(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, Axis axis)
+  Impl(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, double clip_dn, Axis axis)
       : rig_(rig), rays_(rays), follower_(rig, axis == Axis::columns ? 0 : 1) {
     DecodeOptions all;
     for (const FringeGroup& group : select_groups(stack.patterns, axis, all)) {
@@ -70,7 +70,6 @@ class StackResiduals::Impl {
       if (stack.patterns.inverse_response.empty()) set_errors(period, group);
       periods_.push_back(std::move(period));
     }
-    const double clip_dn = all.saturation * rig.sensor.max_dn();
     for (size_t k = 0; k < stack.images.size(); ++k) {
       cv::Mat1b saturated;
       cv::compare(stack.images[k], clip_dn, saturated, cv::CMP_GE);
@@ -359,8 +358,9 @@ class StackResiduals::Impl {
   bool at_rest_ = false;
 };
 
-StackResiduals::StackResiduals(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, Axis axis)
-    : impl_(std::make_unique<Impl>(stack, rig, rays, axis)) {}
+StackResiduals::StackResiduals(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, double clip_dn,
+                               Axis axis)
+    : impl_(std::make_unique<Impl>(stack, rig, rays, clip_dn, axis)) {}
 StackResiduals::~StackResiduals() = default;
 
 size_t StackResiduals::periods() const { return impl_->periods(); }

@@ -25,7 +25,8 @@ struct MotionSums {
 
 class StackResiduals {
  public:
-  StackResiduals(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, Axis axis);
+  // Grey values from `clip_dn` on are saturated, and are left out.
+  StackResiduals(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, double clip_dn, Axis axis);
   ~StackResiduals();
 
   size_t periods() const;

@@ -13,9 +13,6 @@ namespace fringeslam {
 // Standard deviation of a phase due to the 256 levels of the projector; decisions on fringe orders allow for it.
 constexpr double kProjectorSigma_rad = 0.0037;
 
-// Limits of a row's decoder.
-constexpr size_t kMaxGroups = 16, kMaxSteps = 64;
-
 // Returns the length of the projector's image along an axis, px.
 inline int length_of(const PatternSequence& sequence, Axis axis) {
   return axis == Axis::columns ? sequence.width : sequence.height;

@@ -19,6 +19,7 @@
 #include "core/patterns/long_run_code.h"
 #include "core/patterns/waveform.h"
 #include "core/rig/rig_file.h"
+#include "core/types/fringe_stack.h"
 
 namespace fringeslam {
 
@@ -31,7 +32,7 @@ constexpr Range kImagePeriod{2, 1e5};
 constexpr Range kImageCell{1, 1e5};  // OpenCV's Gray codes have cells of 1 px
 constexpr Range kPhaseDegrees{-1e4, 1e4};
 constexpr int kInverseEntries = 1025;
-constexpr int kMaxSteps = 1000, kMaxBits = 30, kMaxNumber = 1000000;
+constexpr int kMostSteps = 1000, kMaxBits = 30, kMaxNumber = 1000000;
 
 double radians(double degrees) { return degrees * std::numbers::pi / 180; }
 
@@ -102,9 +103,9 @@ std::vector<double> read_shifts_deg(const YamlMap& map, bool single) {
     for (double& shift : shifts) shift *= sign;
     return shifts;
   }
-  const int steps = map.integer(single ? "of" : "steps", {3, kMaxSteps});
+  const int steps = map.integer(single ? "of" : "steps", {3, kMostSteps});
   const double step_deg = sign * map.number_or("shift_step_deg", 360.0 / steps, kPhaseDegrees);
-  if (single) return {step_deg * map.integer("step", {0, kMaxSteps})};
+  if (single) return {step_deg * map.integer("step", {0, kMostSteps})};
   std::vector<double> shifts;
   for (int k = 0; k < steps; ++k) shifts.push_back(k * step_deg);
   return shifts;

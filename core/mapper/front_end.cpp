@@ -130,8 +130,9 @@ std::vector<DepthSlope> FringeFrontEnd::depth_slopes(const FringeStack& stack, c
   enter_stage("motion");
   cv::Mat1f depth;
   cv::extractChannel(view.frame.points_m, depth, 2);
-  return fringeslam::depth_slopes(stack, rig_, rays_, depth, view.motion ? view.motion->motion : CameraMotion{},
-                                  view.decoded.finest_period_px, stride);
+  return fringeslam::depth_slopes(stack, rig_, rays_, depth, clip_dn(),
+                                  view.motion ? view.motion->motion : CameraMotion{}, view.decoded.finest_period_px,
+                                  stride);
 }
 
 double FringeFrontEnd::determined_orders(const ExpectedView& expected) const {
@@ -307,7 +308,7 @@ class FringeFrontEnd::Compensation {
     double last_rms = std::numeric_limits<double>::infinity();
     for (int round = 0; round < kRounds; ++round) {
       enter_stage("motion");
-      const StackMotion found = estimate_stack_motion(stack_, rig, rays, depth_m, prior, search);
+      const StackMotion found = estimate_stack_motion(stack_, rig, rays, depth_m, front_end_.clip_dn(), prior, search);
       view_.motion = found;
       search = MotionSearch::close;
       const bool improved = found.residuals > 0 && found.rms_sigma < kImproved * last_rms;
@@ -335,8 +336,8 @@ class FringeFrontEnd::Compensation {
 
   const AlignedStack& aligned(const CameraMotion& motion, const cv::Mat1f& depth_m) {
     enter_stage("motion");
-    const double clip_dn = decoding_.options.saturation * front_end_.rig_.sensor.max_dn();
-    return aligned_.emplace(align_stack(stack_, front_end_.rig_, front_end_.rays_, depth_m, motion, clip_dn));
+    return aligned_.emplace(
+        align_stack(stack_, front_end_.rig_, front_end_.rays_, depth_m, motion, front_end_.clip_dn()));
   }
 };
 
@@ -348,17 +349,21 @@ void FringeFrontEnd::compensate_motion(ReconstructedView& view, const FringeStac
     compensation.decode_at_rest();
     reconstruct_frame(view);
     enter_stage("motion");
-    const FringeStack one = best_exposure(stack, options_.decode.saturation * rig_.sensor.max_dn());
+    const FringeStack one = best_exposure(stack, clip_dn());
     view.motion.emplace();
-    view.motion->converged = !shows_motion(one, rig_, rays_, compensation.filled_depth_of(view.frame));
+    view.motion->converged = !shows_motion(one, rig_, rays_, compensation.filled_depth_of(view.frame), clip_dn());
     return;
   }
   if (view.complete && !decodes_in_motion(stack.patterns, rig_, decoding.options)) {
+    if (prior.rough != nullptr) {
+      view = *prior.rough;
+      return;
+    }
     compensation.decode_at_rest();
     reconstruct_frame(view);
     enter_stage("motion");
     view.motion.emplace();
-    view.motion->converged = !shows_motion(stack, rig_, rays_, compensation.filled_depth_of(view.frame));
+    view.motion->converged = !shows_motion(stack, rig_, rays_, compensation.filled_depth_of(view.frame), clip_dn());
     return;
   }
   const bool predicted = prior.motion && !prior.motion->motion.is_still();
@@ -390,7 +395,7 @@ void FringeFrontEnd::compensate_motion(ReconstructedView& view, const FringeStac
     // Without a prior, only the test is done: the caller may know more.
     enter_stage("motion");
     view.motion.emplace();
-    view.motion->converged = !shows_motion(stack, rig_, rays_, depth_m);
+    view.motion->converged = !shows_motion(stack, rig_, rays_, depth_m, clip_dn());
     return;
   }
   if (prior.motion_is_known || (predicted && is_known(*prior.motion))) {

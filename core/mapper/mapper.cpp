@@ -159,8 +159,10 @@ void Mapper::track(FrameResult& result, const MapperInput& input, std::optional<
       // The motion was estimated for a pose that is wrong.
       static_cast<ReconstructedView&>(result) = own;
       effect = {};
-      if (own.motion->residuals == 0 && input.reconstruct)
+      if (own.motion->residuals == 0 && input.reconstruct) {
         reconstruct(result, input, {nullptr, unknown_motion(options_.registration.motion_prior), false, nullptr});
+        result.motion_by_prediction = false;
+      }
       if (!result.motion_unknown() && relocalize(result)) confirm_in_motion(result, input);
     }
   }

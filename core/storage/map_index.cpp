@@ -91,7 +91,7 @@ void pose(Archive& archive, P& p) {
                     "a rotation matrix is not orthonormal");
 }
 
-// A covariance: not negative in any direction; the lower triangle.
+// A covariance, of which no variance is negative: the lower triangle.
 template <class Archive, class Matrix>
 void covariance(Archive& archive, Matrix& m) {
   for (Eigen::Index col = 0; col < m.cols(); ++col) {

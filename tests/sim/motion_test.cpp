@@ -116,7 +116,7 @@ TEST(MovingStack, DepthSlopesPredictTheEffectOfAWrongMotion) {
   const cv::Mat1f depth = depth_with(moving.motion);
   const double finest_px = fringe_groups(moving.view.stack.patterns, Axis::columns).back().period_px;
   const std::vector<DepthSlope> slopes =
-      depth_slopes(moving.view.stack, rig, moving.rays, depth, moving.motion, finest_px, 7);
+      depth_slopes(moving.view.stack, rig, moving.rays, depth, rig.sensor.max_dn(), moving.motion, finest_px, 7);
   ASSERT_GT(slopes.size(), 2000u);
   Vector12d sizes;
   sizes << Eigen::Vector3d::Constant(0.01), Eigen::Vector3d::Constant(0.01), Eigen::Vector3d::Constant(1),
@@ -461,10 +461,17 @@ TEST(MovingStack, SaturationIsNoMotion) {
   EXPECT_GT(saturated, static_cast<int>(still.stack.images[0].total()) / 20);
   const cv::Mat1f depth_m = filled_depth(still.truth.depth_m, 1);
   const PixelRays rays = pixel_rays(scene.rig.camera);
-  EXPECT_FALSE(shows_motion(still.stack, scene.rig, rays, depth_m));
-  // The same images of a camera that is said to have a greater range.
-  scene.rig.sensor.bits = 12;
-  EXPECT_TRUE(shows_motion(still.stack, scene.rig, rays, depth_m));
+  EXPECT_FALSE(shows_motion(still.stack, scene.rig, rays, depth_m, 250));
+  EXPECT_TRUE(shows_motion(still.stack, scene.rig, rays, depth_m, 1000));
+  const StackMotion at_rest =
+      estimate_stack_motion(still.stack, scene.rig, rays, depth_m, 250, unknown_motion({}), MotionSearch::close);
+  EXPECT_TRUE(at_rest.converged);
+  EXPECT_TRUE(at_rest.covariance.allFinite());
+  EXPECT_FALSE(is_moving(at_rest));
+  // Motion too slow to leave large residuals is found beside saturated pixels too.
+  scene.motion.velocity_m_s = scene.rig.robot_from_camera.rotation * Eigen::Vector3d(0.01, 0, 0);
+  const SimulatedView slow = *VirtualRig(scene, {}).simulate(scene.patterns);
+  EXPECT_TRUE(shows_motion(slow.stack, scene.rig, rays, filled_depth(slow.truth.depth_m, 1), 250));
 }
 
 // Interpolation between saturated and other pixels must not hide the saturation.
