@@ -40,10 +40,14 @@ TEST(AdviseVerb, BrightAndDarkPartsNeedTwoExposuresAndThenHaveDepth) {
 
 // The path lasts for the present images only, not for the longer ones of the advice.
 TEST(AdviseVerb, AdviceLongerThanThePathIsNotChecked) {
-  const json document = advice_on(
-      {scene("metal_card_rubber"), "--with", kThreePeriods, "--views", "1", "--with", "light.exposure_s=0.002",
-       "--with", "light.auto_exposure=false", "--with",
-       "trajectory={motions: [{translation_mm: [0.2, 0, 0]}], continuous: {speed_m_s: 0.002, acceleration_m_s2: 10}}"});
+  const std::string path =
+      "trajectory={motions: [{translation_mm: [0.6, 0, 0], rotation_deg: [0, 0, 0]}], continuous: {speed_m_s: 0.002, "
+      "acceleration_m_s2: 10}}";
+  const std::vector<std::string> words = {
+      "advise", scene("metal_card_rubber"), "--with", kThreePeriods, "--with", path, "--views", "1"};
+  const test::Finished text = run_successfully(words);
+  EXPECT_THAT(text.out, HasSubstr("the advised patterns are not checked: the path is too short for them"));
+  const json document = advice_on({words.begin() + 1, words.end()});
   EXPECT_EQ(document["advice"]["exposures"].size(), 2U);
   EXPECT_TRUE(document["check"].contains("present"));
   EXPECT_FALSE(document["check"].contains("advised"));
