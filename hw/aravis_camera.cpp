@@ -138,7 +138,7 @@ class AravisCamera::Connection {
   // Without a gain in the settings, `gain` is set, if given: a camera that was switched off returns to its own.
   explicit Connection(const CameraSettings& settings, std::optional<double> gain = {})
       : settings_(settings),
-        gain_(settings.gain > 0 ? settings.gain : gain),
+        gain_(settings.gain ? settings.gain : gain),
         found_(find(settings.id)),
         format_(pixel_format(settings.pixel_format)) {
     if (const std::string fault = network_fault(found_.address, settings.packet_bytes, network_interfaces());
@@ -172,9 +172,21 @@ class AravisCamera::Connection {
     if (!(1e6 * exposure_s >= least_us && 1e6 * exposure_s <= most_us))
       throw UnsupportedExposure("camera: " + found_.id + " supports exposures from " + to_text(1e-6 * least_us) +
                                 " to " + to_text(1e-6 * most_us) + " s, not " + to_text(exposure_s) + " s");
-    checked("exposure", [&](GError** e) { arv_camera_set_exposure_time(camera_.get(), 1e6 * exposure_s, e); });
-    settings_.exposure_s = exposure_s;
-    read_exposure();
+    const double earlier_s = settings_.exposure_s;
+    const auto set = [&](double wanted_s) {
+      checked("exposure", [&](GError** e) { arv_camera_set_exposure_time(camera_.get(), 1e6 * wanted_s, e); });
+      settings_.exposure_s = wanted_s;
+      read_exposure();
+    };
+    try {
+      set(exposure_s);
+    } catch (const CommandFailed&) {
+      throw;                    // the camera is lost
+    } catch (const Error& e) {  // it rounds to another exposure
+      const std::string reason = e.what();
+      set(earlier_s);
+      throw UnsupportedExposure(reason);
+    }
   }
 
   const std::string& name() const { return found_.id; }
@@ -319,6 +331,11 @@ class AravisCamera::Connection {
     if (arv_buffer_get_image_pixel_format(buffer) != format_.code)
       throw Error("camera: received an image in a pixel format other than " + format_.name +
                   "; did another program reconfigure the camera?");
+    int across = 0, down = 0;
+    arv_buffer_get_image_padding(buffer, &across, &down);
+    if (across != 0)
+      throw Error("camera: " + found_.id + " adds " + std::to_string(across) + " bytes to each line of " +
+                  to_words(settings_.size) + " images; choose a width that it sends without padding");
     size_t bytes = 0;
     const void* data = arv_buffer_get_image_data(buffer, &bytes);
     bytes = std::min(bytes, image_bytes(format_, size));  // buffers may end in padding

@@ -25,7 +25,7 @@ struct CameraSettings {
   cv::Size size;     // of the image region, px
   cv::Point offset;  // of the region on the sensor, px
   double exposure_s = 0.01;
-  double gain = 0;                   // in the camera's unit; 0: unchanged
+  std::optional<double> gain = {};   // in the camera's unit; empty: unchanged
   std::string trigger = "software";  // or "free" (free-running), or the name of an input line
   int packet_bytes = 0;              // GigE Vision packet size; 0: largest that passes
   double timeout_s = 1;              // for an image, in addition to its exposure

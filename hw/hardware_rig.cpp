@@ -131,7 +131,8 @@ HardwareRig::Taken HardwareRig::capture_packed(const PatternSequence& sequence) 
     const std::array<GreyImage, 3> images = images_of(screens);
     for (size_t k = 0; k < 3 && i + k < sequence.patterns.size(); ++k) taken.images.push_back(images[(first + k) % 3]);
   }
-  if (camera_->statistics().reopened != reopened || brightest(images_of({white, black, black})) != first)
+  // White in another channel than at the start reveals a camera that sees the channels in another order.
+  if (camera_->statistics().reopened != reopened || brightest(images_of({black, white, black})) != (first + 1) % 3)
     taken.fault = "the camera missed an exposure or took an extra one";
   return taken;
 }

@@ -37,7 +37,7 @@ CameraSettings read_camera(const YamlMap& map, const RigModel& rig) {
     camera.offset = {static_cast<int>(offset[0]), static_cast<int>(offset[1])};
   }
   camera.exposure_s = map.number_or("exposure_s", rig.timing.exposure_s, {1e-6, 60});
-  camera.gain = map.number_or("gain", camera.gain, {0, 1e6});
+  if (map.has("gain")) camera.gain = map.number("gain", {-1e3, 1e6});
   camera.trigger = map.text_or("trigger", camera.trigger);
   camera.packet_bytes = map.integer_or("packet_bytes", camera.packet_bytes, {0, 65535});
   camera.timeout_s = map.number_or("timeout_s", camera.timeout_s, {0.001, 600});

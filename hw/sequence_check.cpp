@@ -66,10 +66,41 @@ class Check {
     for (size_t i = 0; i < sequence_.patterns.size(); ++i) {
       if (auto fault = single(i)) return {false, *fault, gamma_};
     }
+    if (auto fault = ramp()) return {false, *fault, gamma_};
     return {true, "", gamma_};
   }
 
  private:
+  // The brightness of flat images grows with their level; a repeated image leaves a step of it out.
+  std::optional<std::string> ramp() const {
+    constexpr double kLeast = 0.01, kShare = 0.05;  // of the steps beside it, which is more than a gamma of 3 causes
+    std::vector<std::pair<double, size_t>> flats;
+    for (size_t i = 0; i < sequence_.patterns.size(); ++i) {
+      if (sequence_.patterns[i].coding == Coding::flat) flats.emplace_back(sequence_.patterns[i].level, i);
+    }
+    std::sort(flats.begin(), flats.end());
+    std::vector<double> steps;
+    for (size_t k = 1; k < flats.size(); ++k) {
+      if (flats[k].first == flats[k - 1].first) return std::nullopt;  // not a ramp
+      steps.push_back(mean_level(flats[k].second) - mean_level(flats[k - 1].second));
+    }
+    for (size_t k = 0; k < steps.size(); ++k) {
+      double beside = 0;
+      if (k > 0) beside = std::max(beside, steps[k - 1]);
+      if (k + 1 < steps.size()) beside = std::max(beside, steps[k + 1]);
+      if (beside > kLeast && steps[k] < kShare * beside)
+        return image(flats[k + 1].second) + " should be brighter than image " + std::to_string(flats[k].second) +
+               " but is not";
+    }
+    return std::nullopt;
+  }
+
+  double mean_level(size_t i) const {
+    double sum = 0;
+    for (const float level : levels_.of[i]) sum += level;
+    return sum / static_cast<double>(levels_.pixels);
+  }
+
   // True if more pixels violate the condition than allowed.
   template <class Contradicts>
   bool too_many(const Contradicts& contradicts) const {

@@ -5,7 +5,7 @@
 // With each sequence, an all-white image W and an all-black image K are captured. A pixel with sufficient contrast sees
 // every pattern between the two: (I - K) / (W - K) is the pattern's level v at the pixel's projector coordinate. Hence
 //
-//   flat    v is the pattern's level;
+//   flat    v is 0 or 1 of black and white, and grows with the level;
 //   gray    v is 0 or 1, and a bit and its inverse are opposite where both are shown;
 //   fringe  the mean of the N images of a period is the same at all pixels and for all periods; N > 3 images fit a
 //           cosine; and the phase of a finer period equals the phase of the coarser one times the ratio of the periods,

@@ -737,9 +737,12 @@ Report look_with(Rig& rig, const Look& look, const PatternSequence& sequence, co
 
 }  // namespace
 
-RigAdvice advise_for(Rig& rig, const Look& look, const std::string& path) {
+RigAdvice advise_for(Rig& rig, const Look& look, const std::string& path, bool takes_exposures) {
   const PatternSequence sequence = default_sequence(rig.model().projector.width, rig.model().projector.height);
-  const Report report = look_with(rig, look, sequence, path, AdviseSettings());
+  AdviseSettings settings;
+  // The images of packed patterns are as long as the projector shows each of them.
+  if (!takes_exposures) settings.advice.most_exposures = 1, settings.advice.longest = 1;
+  const Report report = look_with(rig, look, sequence, path, settings);
   return {json_of(report), text_of(report)};
 }
 

@@ -23,7 +23,7 @@ using Look = std::function<std::optional<FringeStack>(const PatternSequence&)>;
 // Captures a stack of default_sequence() and advises from its images, like fringeslam advise. What is saturated there is
 // captured again at shorter exposures with `look`. `path` names the rig in messages. Throws Error if the rig returns no
 // stack.
-RigAdvice advise_for(Rig& rig, const Look& look, const std::string& path);
+RigAdvice advise_for(Rig& rig, const Look& look, const std::string& path, bool takes_exposures);
 
 // Captures a stack of `sequence`, and others at shorter exposures with `look` where it is saturated, and returns the
 // exposures that these patterns need. Throws Error like advise_for(), or if the sequence has several exposures.

@@ -164,6 +164,9 @@ int calibrate(const CalibrateResponseArguments& arguments, const Common& common)
                 ": contains neither a gray ramp of 5 levels or more nor 8 or more steps of a period, nor three or more "
                 "steps of several periods; render or capture patterns with `ramp_levels: 33`, `steps: 12` or "
                 "`periods_px: [1040, 131, 16.5]`");
+  if (has_exposures(sequence))
+    throw Error(arguments.dataset +
+                ": its patterns have several exposures, which look like phase steps; capture patterns at one exposure");
   if (!sequence.inverse_response.empty())
     throw Error(arguments.dataset +
                 ": its patterns are already corrected by an inverse response; capture uncorrected ones");

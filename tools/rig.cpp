@@ -99,7 +99,7 @@ int check(const std::string& rig_file, const Common& common) {
       return std::nullopt;
     }
   };
-  const RigAdvice advice = advise_for(*rig, look, rig_file);
+  const RigAdvice advice = advise_for(*rig, look, rig_file, rig->takes_exposures());
   print_result(
       common,
       {{"saturated", saturated},

@@ -11,6 +11,7 @@
 
 #include "core/types/error.h"
 #include "core/types/linear_algebra.h"
+#include "core/types/options.h"
 
 namespace fringeslam {
 
@@ -218,6 +219,11 @@ StageCalibration calibrate_stage(const std::vector<StageView>& views) {
   result.affine = solve_affine(views);
   const Eigen::Matrix3d m = result.affine.leftCols<3>();
   result.affinity = (m.transpose() * m - Eigen::Matrix3d::Identity()).norm();
+  constexpr double kMostAffinity = 0.1;  // noise leaves some thousandths
+  if (!(result.affinity <= kMostAffinity))
+    throw Error("the poses and the views do not fit a rigid transform (it would scale or shear by " +
+                to_text(std::round(1e3 * result.affinity) / 1e3) +
+                "); use poses of the robot in the world, in meters, in the order of the views");
   result.nearest_rigid = nearest_rigid(result.affine, centre / static_cast<double>(common));
   refine(views, result);
   return result;

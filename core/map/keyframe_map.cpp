@@ -56,6 +56,11 @@ void KeyframeMap::move_descriptors(Landmarks& landmarks) {
   if (!descriptors.empty()) descriptors = memory_.moved(descriptors);
 }
 
+void KeyframeMap::link(const PoseEdge& link) {
+  links_.push_back(link);
+  links_.back().information = 0.5 * (link.information + link.information.transpose());
+}
+
 void KeyframeMap::set_motion(int keyframe, const KeyframeMotion& motion) {
   at(keyframes_, keyframe).motion = motion;
   ++revision_;
@@ -74,6 +79,12 @@ int KeyframeMap::add_keyframe(const Frame& frame, Landmarks landmarks, const Pos
 void KeyframeMap::replace_frame(int keyframe, const Frame& frame, const Pose& new_from_old) {
   ++revision_;
   keyframes_[static_cast<size_t>(keyframe)].frame = memory_.moved(stored(frame));
+  Landmarks landmarks = *keyframes_[static_cast<size_t>(keyframe)].landmarks.get();
+  for (Keypoint& keypoint : landmarks.keypoints.keypoints) {
+    keypoint.point_m = new_from_old * keypoint.point_m;
+    keypoint.covariance_m2 = new_from_old.rotation * keypoint.covariance_m2 * new_from_old.rotation.transpose();
+  }
+  keyframes_[static_cast<size_t>(keyframe)].landmarks = std::move(landmarks);
   // The keyframe keeps its pose, so the rest of the map moves with the surface that it shows.
   const Pose& here = keyframes_[static_cast<size_t>(keyframe)].world_from_camera;
   const Pose moved = here * new_from_old * here.inverse();

@@ -95,13 +95,15 @@ class KeyframeMap {
   int add_keyframe(const Frame& frame, Landmarks landmarks, const Pose& world_from_camera,
                    const KeyframeMotion& motion = {});
   // Replaces a keyframe's frame by a better reconstruction of the same view, in which the same surface lies elsewhere by
-  // `new_from_old`. The keyframe keeps its pose; its links, the frames fixed to it and the other keyframes move with the surface.
+  // `new_from_old`. The keyframe keeps its pose; its links, its landmarks, the frames fixed to it and the other keyframes move with
+  // the surface.
   void replace_frame(int keyframe, const Frame& frame, const Pose& new_from_old);
   // Adds the frame unless its view is too similar to any view in the map; returns whether it was added.
   bool add_frame(const Frame& frame, int keyframe, const Pose& keyframe_from_camera);
 
-  // Adds a measured motion between the keyframes `link.from` and `link.to`, the later one.
-  void link(const PoseEdge& link) { links_.push_back(link); }
+  // Adds a measured motion between the keyframes `link.from` and `link.to`, the later one. Its information, the inverse of a
+  // covariance, need not be symmetric to the last digits.
+  void link(const PoseEdge& link);
 
   // Optimises the keyframe poses over all links; returns whether a point at mid range of any keyframe moved by more
   // than `significant_m`.

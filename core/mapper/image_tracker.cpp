@@ -185,8 +185,12 @@ void ImageTracker::compare(const TrackedImage& image, const Pose& world_from_cam
   const Matrix6d turn = rotated_tangent(world_from_reference_.rotation);
   const Vector6d seen =
       difference(image.relative.reference_from_camera, world_from_reference_.inverse() * world_from_camera);
+  // A rotation of the reference moves the camera with it.
+  Matrix6d moved = Matrix6d::Identity();
+  moved.bottomLeftCorner<3, 3>() =
+      -skew(world_from_reference_.rotation * image.relative.reference_from_camera.translation);
   const Matrix6d noise = image.relative.covariance - image.relative.motion_covariance +
-                         turn.transpose() * (covariance + reference_covariance_) * turn;
+                         turn.transpose() * (covariance + moved * reference_covariance_ * moved.transpose()) * turn;
   const Matrix6d innovation = by_motion * motion_error_covariance_ * by_motion.transpose() + noise;
   const Eigen::Matrix<double, 12, 6> gain =
       motion_error_covariance_ * by_motion.transpose() * inverse(symmetric(innovation));

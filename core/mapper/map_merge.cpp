@@ -191,8 +191,9 @@ class Merger {
     }
     for (const CrossLink& link : links) {
       const double shared = std::max(links_of_a[link.a], links_of_b[link.b]);
+      const Matrix6d information = fringeslam::inverse(Matrix6d(shared * link.covariance));
       joint.edges.push_back(
-          {link.a, count(a_) + link.b, link.a_from_b, fringeslam::inverse(Matrix6d(shared * link.covariance)), true});
+          {link.a, count(a_) + link.b, link.a_from_b, Matrix6d(0.5 * (information + information.transpose())), true});
     }
     const PoseGraphResult result = optimise_poses(initial, joint.edges, options_.pose_graph);
     joint.poses = result.poses;

@@ -88,6 +88,7 @@ FrameResult Mapper::process(MapperInput input) {
   }
   track(result, input, predicted, effect);
   if (wants_landmarks(result) && result.keypoints.detected == 0) find_landmarks(result);
+  if (lost_ && has_pose(result.tracking)) restart();
   const FrameMotion motion = add_motion_uncertainty(result, input, effect);
   result.images = input.images;
   if (!has_pose(result.tracking)) {
@@ -96,9 +97,9 @@ FrameResult Mapper::process(MapperInput input) {
     return result;
   }
   result.relocalized = std::exchange(lost_, false);
-  if (result.relocalized) restart();
+  if (result.tracking == Tracking::followed && predicted) note_prediction_error(result, *predicted);
   extend_map(result, motion);
-  note_pose(result, predicted);
+  note_pose(result);
   note_first_keyframe(result, std::move(input));
   improve_first_keyframe();
   recover_held_views(result);
@@ -299,12 +300,19 @@ bool Mapper::follow(FrameResult& result, const Pose& predicted, const Matrix6d& 
   result.reference = reference;
   result.unlinked = unlinked_from(reference);
   const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera;
+  // Of the prediction relative to the reference, which may be far from the last keyframe along the links; zero: unknown.
+  Matrix6d predicted_covariance = prediction_checked_ ? prediction_covariance_ : Matrix6d::Zero();
+  if (const int last = track_.empty() ? reference : track_.back().keyframe; last != reference) {
+    const Matrix6d between = map_.covariance_between(reference, last);
+    predicted_covariance = between.isZero(0) ? Matrix6d::Zero() : Matrix6d(predicted_covariance + between);
+    if (!prediction_checked_) predicted_covariance.setZero();
+  }
   const auto registered = [&](const Pose& expected, int stride) {
     RegistrationOptions options = options_.registration;
     options.icp.stride = std::max(options.icp.stride, stride);
     options.tracking.max_prediction_error_m = std::min(options.tracking.max_prediction_error_m, max_error_m);
     return follow_view(keyframe_image(result.reference), result.frame, expected, rig_.camera, rig_.middle_range_m(),
-                       options, prior, prediction_checked_ ? prediction_covariance_ : Matrix6d::Zero());
+                       options, prior, predicted_covariance);
   };
   result.registration = registered(world_from_reference.inverse() * predicted, options_.registration.tracking.stride);
   const Pose found = result.registration.earlier_from_current;
@@ -348,7 +356,8 @@ bool Mapper::follow_by_prediction(FrameResult& result, const MapperInput& input,
   if (!follow(result, start, inverse(predicted.covariance))) return false;
   const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera;
   const Pose found = world_from_reference * result.registration.earlier_from_current;
-  const ExpectedView second = expected_view(found, result.covariance, true);
+  const Matrix6d turned = rotated_tangent(world_from_reference.rotation);
+  const ExpectedView second = expected_view(found, turned * result.covariance * turned.transpose(), true);
   const std::optional<StackMotion> motion = result.motion;
   reconstruct(result, input, {&second, motion ? MotionPrior{motion->motion, motion->covariance} : predicted.motion});
   return follow(result, found);
@@ -375,14 +384,16 @@ bool Mapper::follow_from(FrameResult& result, const MapperInput& input, const Pr
 }
 
 // Depth expected from the last view, and from its keyframe where the last view shows nothing. `covariance` is that of the
-// camera pose relative to them.
+// camera pose relative to them, in the axes of the world.
 ExpectedView Mapper::expected_view(const Pose& world_from_current, const Matrix6d& covariance,
                                    bool by_reference) const {
   enter_stage("expected view");
   const Pose current_from_world = world_from_current.inverse();
   const auto known = [&](const Frame& frame, const Pose& world_from_known) {
     const Pose current_from_known = current_from_world * world_from_known;
-    return KnownView{&frame, current_from_known, covariance_of_inverse(current_from_known.inverse(), covariance)};
+    const Matrix6d turned = rotated_tangent(world_from_known.rotation.transpose());
+    return KnownView{&frame, current_from_known,
+                     covariance_of_inverse(current_from_known.inverse(), turned * covariance * turned.transpose())};
   };
   std::vector<KnownView> views;
   if (!track_.empty()) views.push_back(known(last_frame_, world_from_camera(track_.back())));
@@ -503,9 +514,21 @@ int Mapper::close_loops(const FrameResult& result) {
   return links;
 }
 
-// Fills in the poses, and stores the state from which the next view is predicted. The next error of constant velocity is
-// assumed to be at most twice the current one, and at least that of a robot that moves slowly and unevenly.
-void Mapper::note_pose(FrameResult& result, const std::optional<Prediction>& predicted) {
+// The next error of constant velocity is assumed to be at most twice the current one, and at least that of a robot that moves
+// slowly and unevenly. Called before the view corrects the map.
+void Mapper::note_prediction_error(const FrameResult& result, const Prediction& predicted) {
+  constexpr double kTurn_rad = 0.03 * std::numbers::pi / 180, kShift_m = 0.3e-3;
+  const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera;
+  const Vector6d error =
+      difference(world_from_reference * result.registration.earlier_from_current, predicted.world_from_camera);
+  Vector6d sigmas;
+  sigmas << Eigen::Vector3d::Constant(std::max(kTurn_rad, 2 * error.head<3>().norm())),
+      Eigen::Vector3d::Constant(std::max(kShift_m, 2 * error.tail<3>().norm()));
+  prediction_covariance_ = sigmas.cwiseAbs2().asDiagonal();
+}
+
+// Fills in the poses, and stores the state from which the next view is predicted.
+void Mapper::note_pose(FrameResult& result) {
   enter_stage("other");
   const Pose world_from_current = world_from_camera(track_.back());
   result.world_from_robot = orthonormalised(world_from_current * rig_.robot_from_camera.inverse());
@@ -522,13 +545,9 @@ void Mapper::note_pose(FrameResult& result, const std::optional<Prediction>& pre
   if (in_motion_ && result.motion->residuals > 0 && !result.motion_by_prediction)
     track_.back().own_motion = result.motion;
   vibration_.end_view();
-  if (!prediction_checked_) return;
-  constexpr double kTurn_rad = 0.03 * std::numbers::pi / 180, kShift_m = 0.3e-3;
-  const Vector6d error = difference(world_from_current, predicted->world_from_camera);
-  Vector6d sigmas;
-  sigmas << Eigen::Vector3d::Constant(std::max(kTurn_rad, 2 * error.head<3>().norm())),
-      Eigen::Vector3d::Constant(std::max(kShift_m, 2 * error.tail<3>().norm()));
-  prediction_covariance_ = sigmas.cwiseAbs2().asDiagonal();
+  // Older views predict no motion.
+  constexpr size_t kMostPredicting = 64;
+  if (track_.size() > kMostPredicting) track_[track_.size() - 1 - kMostPredicting].own_motion.reset();
 }
 
 }  // namespace fringeslam

@@ -202,7 +202,8 @@ class Mapper {
   int close_loops(const FrameResult& result);
   // Adds a registration to the map; its covariance accounts for the errors that the links of a keyframe share.
   void link(int from, int to, const Pose& from_from_to, const Matrix6d& covariance, bool loop);
-  void note_pose(FrameResult& result, const std::optional<Prediction>& predicted);
+  void note_prediction_error(const FrameResult& result, const Prediction& predicted);
+  void note_pose(FrameResult& result);
 
   RigModel rig_;
   MapperOptions options_;

@@ -61,13 +61,14 @@ bool lacks_fringe_orders(const FrameResult& result, double share) {
 
 }  // namespace
 
-// The registered pose of a view, with the uncertainty of its motion during the stack.
+// The registered pose of a view in the world, with the uncertainty of its motion during the stack.
 Mapper::Prediction Mapper::registered(const FrameResult& result, const MapperInput& input) {
   const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera;
   const Pose& pose = result.registration.earlier_from_current;
   const FrameMotion own = frame_motion(result, input, keyframe_image(result.reference), pose);
+  const Matrix6d turned = rotated_tangent(world_from_reference.rotation);
   return {world_from_reference * pose,
-          result.covariance + own.spread(),
+          turned * (result.covariance + own.spread()) * turned.transpose(),
           {result.motion->motion, result.motion->covariance}};
 }
 
@@ -140,12 +141,17 @@ std::optional<Matrix12d> motion_covariance(const ReconstructedView& view) {
 // Returns how the uncertain motion during the stack changes the pose of its frame relative to `target`.
 Mapper::FrameMotion Mapper::frame_motion(const ReconstructedView& view, const MapperInput& input, const Frame& target,
                                          const Pose& target_from_source) const {
-  constexpr int kStride = 8;
+  constexpr int kCoarsest = 8;
   const std::optional<Matrix12d> covariance = motion_covariance(view);
   if (!covariance || !input.depth_slopes) return {};
-  const std::vector<DepthSlope> slopes = input.depth_slopes(view, kStride);
-  enter_stage("motion");
-  return {pose_by_motion(target, view.frame, rig_.camera, target_from_source, slopes), *covariance};
+  FrameMotion motion{Matrix6x12d::Zero(), *covariance};
+  // Views with few pixels need all of them.
+  for (int stride = kCoarsest; stride >= 1 && motion.pose_by_motion.isZero(0); stride /= 2) {
+    const std::vector<DepthSlope> slopes = input.depth_slopes(view, stride);
+    enter_stage("motion");
+    motion.pose_by_motion = pose_by_motion(target, view.frame, rig_.camera, target_from_source, slopes);
+  }
+  return motion;
 }
 
 // Returns how the uncertain motion during the stack of a registered view changes its pose.
@@ -282,7 +288,8 @@ Pose Mapper::estimate_motion(FrameResult& result, const MapperInput& input, cons
       return predicted.world_from_camera;
     }
     if (found.ripple_sigma < kNegligible) {
-      result.motion->covariance = found.motion_covariance;
+      // The frame is compensated for the motion before the step.
+      result.motion->covariance = found.motion_covariance + found.step * found.step.transpose();
       break;
     }
     reconstruct(result, input, {expected, MotionPrior{motion.motion, motion.covariance}, true});

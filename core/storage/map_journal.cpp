@@ -145,9 +145,13 @@ void MapJournal::note_changes(const KeyframeMap& map, std::vector<Step>& steps) 
   for (size_t i = 0; i < images_.size(); ++i) {
     const StoredFrame& frame = map.keyframes()[i].frame;
     if (std::exchange(images_[i], frame.depth_m.data) == frame.depth_m.data) continue;
-    steps.push_back([this, i, frame] {
+    steps.push_back([this, i, frame, landmarks = map.keyframes()[i].landmarks.get()] {
       const StoredPart part = saved(frame);
+      const StoredPart of_landmarks = parts_.add(landmark_bytes(*landmarks)),
+                       of_digest = parts_.add(digest_bytes(digest_of(*landmarks)));
       index_.keyframes[i].images = part;
+      index_.keyframes[i].landmarks = of_landmarks;
+      index_.keyframes[i].digest = of_digest;
       for (MapIndex::FrameEntry& entry : index_.frames) {
         if (entry.own && entry.keyframe == static_cast<int>(i)) entry.images = part;
       }

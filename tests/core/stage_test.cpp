@@ -123,6 +123,26 @@ TEST(StageCalibration, MotionsThatDetermineTooLittleAreRefused) {
   EXPECT_THAT(error({Pose{}, pose_of({10, 0, 0}, {5, 0, 0})}), HasSubstr("at least four"));
 }
 
+TEST(StageCalibration, PosesOfAnotherKindAreRefused) {
+  const auto views = views_of(mixed_poses(), kCovariance, nullptr);
+  const auto error = [&](const auto& change) {
+    auto changed = views;
+    change(changed);
+    return error_of([&] { calibrate_stage(changed); });
+  };
+  const auto each = [](const auto& change) {
+    return [change](std::vector<StageView>& list) {
+      for (StageView& view : list) change(view.world_from_robot);
+    };
+  };
+  EXPECT_THAT(error(each([](Pose& pose) { pose.translation *= 1000; })), HasSubstr("do not fit a rigid transform"));
+  EXPECT_THAT(error(each([](Pose& pose) { pose = pose.inverse(); })), HasSubstr("do not fit a rigid transform"));
+  EXPECT_THAT(error([](std::vector<StageView>& list) {
+                for (size_t i = 0; i + 1 < list.size(); ++i) list[i].world_from_robot = list[i + 1].world_from_robot;
+              }),
+              HasSubstr("do not fit a rigid transform"));
+}
+
 TEST(CornerPoint, IsWhereTheRayMeetsThePlane) {
   const RigModel rig = support::small_rig(true);
   const Eigen::Vector3d normal = Eigen::Vector3d(0.4, -0.3, -1).normalized();

@@ -142,6 +142,26 @@ TEST_P(Sequences, ALateSequenceIsFoundOut) {
   EXPECT_FALSE(judged(shown).good);
 }
 
+// A repeated image of a ramp leaves a step of the brightness out.
+TEST(SequenceCheck, ARepeatedImageOfARampIsFoundOut) {
+  SequenceDesign wanted = design({64, 8}, GrayCode::none);
+  wanted.ramp_levels = 17;
+  const PatternSequence sequence = design_sequence(wanted);
+  for (const double gamma : {0.6, 1.0, 2.2}) {
+    const Scene scene;
+    const std::vector<cv::Mat> images = scene.seen(sequence.patterns, gamma);
+    const cv::Mat white = scene.seen(kWhite, 1, gamma), black = scene.seen(kBlack, 2, gamma);
+    const SequenceVerdict verdict = check_sequence(sequence, images, white, black);
+    EXPECT_TRUE(verdict.good) << verdict.reason;
+    // Levels that a gamma of 2.2 leaves nearly black are alike.
+    for (size_t i = sequence.patterns.size() - 13; i < sequence.patterns.size(); ++i) {
+      std::vector<cv::Mat> repeated = images;
+      repeated[i] = images[i - 1];
+      EXPECT_FALSE(check_sequence(sequence, repeated, white, black).good) << gamma << ", image " << i;
+    }
+  }
+}
+
 // On an object that the coarse bits do not divide, two of them are constant and equal. A repeated bit that changes there is
 // still found.
 TEST(SequenceCheck, CoarseBitsMayBeConstantOnASmallObject) {

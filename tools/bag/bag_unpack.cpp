@@ -62,7 +62,7 @@ std::string seconds_text(BagTime time) {
 // An interval within a stack that is much longer than the others may hide lost images, after which all are assigned to
 // the wrong patterns.
 std::vector<std::string> gap_warnings(const fs::path& file, const std::vector<std::vector<BagTime>>& stacks) {
-  constexpr BagTime kLong = 5;  // times the median, in halves
+  constexpr BagTime kLong = 3;  // times the median, in halves; twice the median if one image was lost
   std::vector<BagTime> intervals;
   for (const std::vector<BagTime>& times : stacks) {
     for (size_t i = 1; i < times.size(); ++i) intervals.push_back(times[i] - times[i - 1]);
