@@ -172,10 +172,11 @@ class PacketFields {
 
 // --- the worker ---
 
-// Nothing but system calls, because it runs in a signal handler.
+// Nothing but system calls, because it runs in a signal handler. A file that takes too much work is damaged; a worker that waits
+// without working is stuck, and another one is tried.
 int timeout_socket = -1;
-void on_timeout(int) {
-  (void)!write(timeout_socket, &kTimeout, 1);
+void on_timeout(int signal) {
+  if (signal == SIGPROF) (void)!write(timeout_socket, &kTimeout, 1);
   _exit(1);
 }
 
@@ -487,7 +488,7 @@ std::string answer(ImageWorker& worker, std::string_view wanted, double most_s, 
   for (int ready = 0; ready <= 0;) {
     const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(end - std::chrono::steady_clock::now());
     ready = left.count() <= 0 ? 0 : poll(&waiting, 1, static_cast<int>(left.count()));
-    if (ready == 0) throw Error(name + ": decoding it takes too long; the file is damaged: record or render it again");
+    if (ready == 0) throw WorkerEnded();
   }
   const std::string packet = receive_packet(worker.socket.get());
   const char kind = packet.empty() ? '\0' : packet[0];
@@ -576,7 +577,7 @@ cv::Mat decode_image_file(const ImageSource& source, const ImageRequest& request
                        source.name, allocate);
   const OpenDescriptor copy = source.bytes ? in_memory(source) : OpenDescriptor();
   const Error crashed(source.name + ": the image decoder crashed; the file is damaged: record or render it again");
-  // The worker that waited may have been killed, and so may the process that forks new ones: a request it has not read
+  // The worker that waited may have been killed or be stuck, and so may the process that forks new ones: a request it has not read
   // ends with it. Only the third attempt is certain to reach a process that was alive when it was asked.
   const auto decoded = [&](char kind) -> std::optional<cv::Mat> {
     for (int attempt = 0; attempt < 3; ++attempt) {

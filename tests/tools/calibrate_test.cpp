@@ -132,6 +132,17 @@ TEST_F(Calibrate, ResponseOfAGamma) {
   EXPECT_THAT(refused.err, HasSubstr("neither a gray ramp of 5 levels or more nor 8 or more steps"));
 }
 
+// Images of several exposures look like more phase steps, which any response fits.
+TEST_F(Calibrate, ResponseRefusesSeveralExposures) {
+  const std::string dataset =
+      rendered("bracketed", "{axis: columns, steps: 3, periods_px: [1040, 131, 16.5], exposures: [0.25, 0.5, 1]}",
+               "{grain: plain, albedo: 0.5}", "{}", "2.2");
+  const auto refused = run_program({"calibrate", "response", dataset, "--out", at("none")});
+  EXPECT_EQ(refused.exit_code, 2);
+  EXPECT_THAT(refused.err, HasSubstr("its patterns have several exposures, which look like phase steps"));
+  EXPECT_FALSE(test::fs::exists(temp_ / "none"));
+}
+
 // The usual sequence shows the response, too. Without it, the images seem to be of a moving camera; with it, they are mapped.
 TEST_F(Calibrate, ResponseOfSeveralPeriods) {
   const std::string dataset =
