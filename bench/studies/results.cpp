@@ -109,6 +109,13 @@ ShardFile::ShardFile(fs::path folder, const Study& study, Shard shard)
   fs::create_directories(folder_ / "shards");
   for (const fs::path& file : files_in(folder_, name_of(shard) + ".")) read_lines(file, study, lines_);
   if (missing().empty()) return;
+  // Reports need not have the files; more trials would be of another scene.
+  for (const auto& [trial, line] : lines_) {
+    const auto json = nlohmann::json::parse(line);
+    if (json.contains("files") && json["files"] != study.files_hash)
+      throw Error((folder_ / "shards").string() + ": trial " + std::to_string(trial) +
+                  " was run before a file that the scene names changed; use another --out");
+  }
   char host[256] = "";
   gethostname(host, sizeof host - 1);
   partial_ = folder_ / "shards" / (name_of(shard) + "." + host + "." + std::to_string(getpid()) + ".partial");

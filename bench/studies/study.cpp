@@ -55,7 +55,8 @@ Study read_study(const fs::path& file) {
   if (study.trials % row_length(study) != 0)
     throw map.error("trials", "a saltelli design has rows of " + std::to_string(row_length(study)) +
                                   " trials; make their number a multiple of that");
-  study.hash = fnv1a(read_bytes(file) + '\0' + sim::contents_hash(sim::named_files(study.scene)));
+  study.hash = fnv1a(read_bytes(file) + '\0' + read_bytes(study.scene));
+  study.files_hash = sim::contents_hash(sim::named_files(study.scene));
   return study;
 }
 

@@ -27,7 +27,8 @@ struct Study : Sampling {
   double timeout_s = 300;
   int views = 0;  // most views of a trial; 0: to the end of the scene
   SuccessRule success;
-  uint64_t hash = 0;  // of the study's file and of those that its scene file names
+  uint64_t hash = 0;       // of the study's file and of the scene's file
+  std::string files_hash;  // of the files that the scene file names, as far as they exist
 };
 
 // Columns of the results beside parameters and metrics.

@@ -342,7 +342,8 @@ TrialResult run_trial(const Study& study, const Trial& trial, const ViewWatcher&
 }
 
 std::string to_line(const Study& study, const Trial& trial, const TrialResult& result) {
-  nlohmann::ordered_json line = {{"study", hash_text(study)}, {"trial", trial.index}, {"seed", trial.world_seed}};
+  nlohmann::ordered_json line = {
+      {"study", hash_text(study)}, {"files", study.files_hash}, {"trial", trial.index}, {"seed", trial.world_seed}};
   for (size_t p = 0; p < study.parameters.size(); ++p) line["values"][study.parameters[p].name] = trial.values[p];
   line["outcome"] = to_string(result.outcome);
   if (!result.cause.empty()) line["cause"] = result.cause;

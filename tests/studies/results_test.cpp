@@ -87,14 +87,22 @@ TEST_F(Results, OfAnotherStudyAreRefused) {
 }
 
 TEST_F(Results, BelongToTheFilesThatTheSceneNames) {
-  const auto hash = [&] { return read_study(study_.file).hash; };
-  EXPECT_EQ(hash(), study_.hash);
-  std::set<uint64_t> hashes = {study_.hash};
+  const auto hash = [&] { return read_study(study_.file).files_hash; };
+  EXPECT_EQ(hash(), study_.files_hash);
+  std::set<std::string> hashes = {study_.files_hash};
   const auto expect_another = [&] { EXPECT_TRUE(hashes.insert(hash()).second); };
   RigModel rig = test::thesis_rig_reduced(4);
   rig.projector_from_camera.translation.x() += 1e-3;
   test::write_bytes(temp_ / "rig.yaml", to_yaml(rig));
   expect_another();
+  // They are not continued, but reported.
+  ShardFile(folder_, study_, {0, 1}).add(0, line(0));
+  const Study changed = read_study(study_.file);
+  EXPECT_THAT(error_of([&] {
+                ShardFile(folder_, changed, {0, 1});
+              }),
+              HasSubstr("trial 0 was run before a file that the scene names changed"));
+  EXPECT_EQ(merged_lines(folder_, changed).size(), 1U);
   const std::string scene = test::read_bytes(study_.scene);
   test::write_bytes(study_.scene, "include: part.yaml\n" + scene);
   const std::string object = "  - {shape: mesh, file: mesh.obj, unit_m: 0.1, up: z}\n";
