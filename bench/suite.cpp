@@ -73,7 +73,7 @@ std::vector<Row> read_baseline(const fs::path& file) {
 bool is_worse(const Row& now, const Row& before) {
   const auto spread = [](const Row& row) { return row.interval_high > row.interval_low; };
   if (!spread(now) || !spread(before)) return false;
-  // Of rows that depend on the machine, the values that it would have with a yardstick of 1.
+  // Rows that depend on the machine are compared by the values that they would have at a yardstick of 1.
   const auto factor = [](const Row& row) { return row.yardstick > 0 && row.value != 0 ? row.scaled / row.value : 1; };
   return now.direction == Limit::most ? factor(now) * now.interval_low > factor(before) * before.interval_high
                                       : factor(now) * now.interval_high < factor(before) * before.interval_low;

@@ -300,7 +300,8 @@ bool Mapper::follow(FrameResult& result, const Pose& predicted, const Matrix6d& 
   result.reference = reference;
   result.unlinked = unlinked_from(reference);
   const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera;
-  // Of the prediction relative to the reference, which may be far from the last keyframe along the links; zero: unknown.
+  // Covariance of the prediction relative to the reference, which may be far from the last keyframe along the links; zero:
+  // unknown.
   Matrix6d predicted_covariance = prediction_checked_ ? prediction_covariance_ : Matrix6d::Zero();
   if (const int last = track_.empty() ? reference : track_.back().keyframe; last != reference) {
     const Matrix6d between = map_.covariance_between(reference, last);

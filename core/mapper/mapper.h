@@ -225,8 +225,8 @@ class Mapper {
   int last_keyframe_ = -1;
   int unlinked_ = -1;           // of the last tracked view, unless it became a keyframe
   size_t continuous_from_ = 0;  // first view of track_ since tracking was last lost
-  // Of the first keyframe, in its own axes, as long as no other view has confirmed its motion. The map contains it widened by
-  // the vibration that later views reveal.
+  // Motion of the first keyframe, in its own axes, until another view confirms it. The map contains it widened by the vibration
+  // that later views reveal.
   std::optional<FrameMotion> first_motion_;
   Vibration vibration_;
   std::optional<FirstKeyframe> first_keyframe_;

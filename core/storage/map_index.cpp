@@ -143,7 +143,7 @@ void part(Archive& archive, Part& p, const Bounds& bounds) {
   }
 }
 
-// Of a keyframe; most are taken at rest.
+// Motion of a keyframe; most keyframes are taken at rest.
 template <class Archive, class Motion>
 void motion(Archive& archive, Motion& m) {
   flag(archive, m.doubtful);

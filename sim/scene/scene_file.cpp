@@ -391,7 +391,7 @@ std::vector<fs::path> named_files(const fs::path& scene_file) {
   reading.files = &files;
   {
     const SceneLayers layers(scene_file, reading);
-    // What is wrong in a section is reported when the scene is loaded.
+    // Errors in a section are reported when the scene is loaded.
     const auto ask = [](const auto& section, const char* key) {
       try {
         const YamlMap map = section();

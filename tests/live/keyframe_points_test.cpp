@@ -30,7 +30,7 @@ Points read(const std::string& bytes) {
   const char* at = bytes.data();
   const auto take = [&](void* target, size_t size) {
     ASSERT_LE(at + size, bytes.data() + bytes.size());
-    std::memcpy(target, at, size);
+    if (size > 0) std::memcpy(target, at, size);
     at += size;
   };
   take(&points.count, 4);
