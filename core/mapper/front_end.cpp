@@ -344,27 +344,28 @@ class FringeFrontEnd::Compensation {
 void FringeFrontEnd::compensate_motion(ReconstructedView& view, const FringeStack& stack, const Decoding& decoding,
                                        const ReconstructionPrior& prior) const {
   Compensation compensation(*this, stack, decoding, view);
-  if (has_exposures(stack.patterns)) {
-    // Several exposures cannot be decoded in motion, but one of them shows it.
+  const auto reconstruct_at_rest = [&] {
     compensation.decode_at_rest();
     reconstruct_frame(view);
+  };
+  // Finds out whether the camera moved, but not how.
+  const auto test_motion = [&](const FringeStack& linear, const cv::Mat1f& depth_m) {
     enter_stage("motion");
-    const FringeStack one = best_exposure(stack, clip_dn());
     view.motion.emplace();
-    view.motion->converged = !shows_motion(one, rig_, rays_, compensation.filled_depth_of(view.frame), clip_dn());
-    return;
+    view.motion->converged = !shows_motion(linear, rig_, rays_, depth_m, clip_dn());
+  };
+  if (has_exposures(stack.patterns)) {
+    // Several exposures cannot be decoded in motion, but one of them shows it.
+    reconstruct_at_rest();
+    return test_motion(best_exposure(stack, clip_dn()), compensation.filled_depth_of(view.frame));
   }
   if (view.complete && !decodes_in_motion(stack.patterns, rig_, decoding.options)) {
     if (prior.rough != nullptr) {
       view = *prior.rough;
       return;
     }
-    compensation.decode_at_rest();
-    reconstruct_frame(view);
-    enter_stage("motion");
-    view.motion.emplace();
-    view.motion->converged = !shows_motion(stack, rig_, rays_, compensation.filled_depth_of(view.frame), clip_dn());
-    return;
+    reconstruct_at_rest();
+    return test_motion(stack, compensation.filled_depth_of(view.frame));
   }
   const bool predicted = prior.motion && !prior.motion->motion.is_still();
   const auto take_prior = [&] {
@@ -387,17 +388,11 @@ void FringeFrontEnd::compensate_motion(ReconstructedView& view, const FringeStac
     view.decoded = prior.rough->decoded;
     view.frame = prior.rough->frame;
   } else {
-    compensation.decode_at_rest();
-    reconstruct_frame(view);
+    reconstruct_at_rest();
   }
   const cv::Mat1f depth_m = compensation.filled_depth_of(view.frame);
-  if (!prior.motion) {
-    // Without a prior, only the test is done: the caller may know more.
-    enter_stage("motion");
-    view.motion.emplace();
-    view.motion->converged = !shows_motion(stack, rig_, rays_, depth_m, clip_dn());
-    return;
-  }
+  // Without a prior, only the test is done: the caller may know more.
+  if (!prior.motion) return test_motion(stack, depth_m);
   if (prior.motion_is_known || (predicted && is_known(*prior.motion))) {
     take_prior();
     if (!predicted) return;

@@ -303,10 +303,9 @@ bool Mapper::follow(FrameResult& result, const Pose& predicted, const Matrix6d& 
   // Covariance of the prediction relative to the reference, which may be far from the last keyframe along the links; zero:
   // unknown.
   Matrix6d predicted_covariance = prediction_checked_ ? prediction_covariance_ : Matrix6d::Zero();
-  if (const int last = track_.empty() ? reference : track_.back().keyframe; last != reference) {
-    const Matrix6d between = map_.covariance_between(reference, last);
-    predicted_covariance = between.isZero(0) ? Matrix6d::Zero() : Matrix6d(predicted_covariance + between);
-    if (!prediction_checked_) predicted_covariance.setZero();
+  if (prediction_checked_ && !track_.empty() && track_.back().keyframe != reference) {
+    const Matrix6d between = map_.covariance_between(reference, track_.back().keyframe);
+    predicted_covariance = between.isZero(0) ? between : Matrix6d(predicted_covariance + between);
   }
   const auto registered = [&](const Pose& expected, int stride) {
     RegistrationOptions options = options_.registration;

@@ -62,7 +62,7 @@ void Mapper::improve_first_keyframe() {
   map_.replace_frame(0, view.frame, new_from_old);
   FrameMotion remaining = frame_motion(view, first.input, view.frame, {});
   vibration_.widen_estimate(remaining.covariance);
-  map_.set_motion(0, {remaining.spread(), true});  // its landmarks are those of the frame before
+  map_.set_motion(0, {remaining.spread(), true});  // its landmarks were found in the frame before
   first_motion_.reset();
   image_keyframe_ = -1;
   if (first.views < kMostViews) first_keyframe_ = FirstKeyframe{first.input, first.own, 2 * first.views};
