@@ -73,9 +73,8 @@ Errors errors_along_the_loop(uint64_t seed, int views) {
     if (i == 0) map_from_truth = found * truth.inverse();
     if (i < kSettled) continue;
     // In the axes of the map, as the error; the covariance of a view is in those of its keyframe.
-    const Matrix6d turned =
-        rotated_tangent(pipeline.map().keyframes()[static_cast<size_t>(result.reference)].world_from_camera.rotation);
-    errors.views.add(found, map_from_truth * truth, turned * result.covariance * turned.transpose());
+    const Pose& keyframe = pipeline.map().keyframes()[static_cast<size_t>(result.reference)].world_from_camera;
+    errors.views.add(found, map_from_truth * truth, rotated_covariance(keyframe.rotation, result.covariance));
   }
   return errors;
 }

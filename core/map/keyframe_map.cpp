@@ -21,14 +21,12 @@ auto& at(List& list, int i) {
 
 Matrix6d covariance_by_motion(const Keyframe& keyframe, const Pose& keyframe_from_view) {
   // A shift of the keyframe's frame moves the pose from the left.
-  Matrix6d moved = Matrix6d::Identity();
-  moved.bottomLeftCorner<3, 3>() = -skew(keyframe_from_view.translation);
+  const Matrix6d moved = tangent_of_product(keyframe_from_view.translation);
   return moved * keyframe.motion.covariance * moved.transpose();
 }
 
 Matrix6d covariance_by_motion(const Keyframe& a, const Keyframe& b, const Pose& a_from_b) {
-  const Matrix6d turned = rotated_tangent(a_from_b.rotation);
-  return covariance_by_motion(a, a_from_b) + turned * b.motion.covariance * turned.transpose();
+  return covariance_by_motion(a, a_from_b) + rotated_covariance(a_from_b.rotation, b.motion.covariance);
 }
 
 KeyframeMap::KeyframeMap(const RigModel& rig, const MappingOptions& options)
@@ -60,6 +58,8 @@ void KeyframeMap::link(const PoseEdge& link) {
   links_.push_back(link);
   links_.back().information = 0.5 * (link.information + link.information.transpose());
 }
+
+void KeyframeMap::set_loop(size_t link, bool loop) { at(links_, static_cast<int>(link)).loop = loop; }
 
 void KeyframeMap::set_motion(int keyframe, const KeyframeMotion& motion) {
   at(keyframes_, keyframe).motion = motion;

@@ -104,6 +104,8 @@ class KeyframeMap {
   // Adds a measured motion between the keyframes `link.from` and `link.to`, the later one. Its information, the inverse of a
   // covariance, need not be symmetric to the last digits.
   void link(const PoseEdge& link);
+  // Changes whether a link may be rejected; `link` is its position in links().
+  void set_loop(size_t link, bool loop);
 
   // Optimises the keyframe poses over all links; returns whether a point at mid range of any keyframe moved by more
   // than `significant_m`.

@@ -68,13 +68,16 @@ void ImageTracker::set_reference(const ImageReference& reference, const Pose& wo
   State start{timestamp_s, world_from_camera, {}, Matrix12d::Zero()};
   const Matrix6d turn = rotated_tangent(world_from_camera.rotation);
   start.rate = turn * to_vector(known.motion).head<6>();
-  start.covariance.bottomRightCorner<6, 6>() = turn * known.covariance.topLeftCorner<6, 6>() * turn.transpose();
+  start.covariance.bottomRightCorner<6, 6>() =
+      rotated_covariance(world_from_camera.rotation, known.covariance.topLeftCorner<6, 6>());
   state_ = start;
 }
 
 void ImageTracker::move(const Pose& new_from_old) {
   const Matrix6d turn = rotated_tangent(new_from_old.rotation);
-  const auto moved = [&](const Matrix6d& covariance) { return symmetric(turn * covariance * turn.transpose()); };
+  const auto moved = [&](const Matrix6d& covariance) {
+    return symmetric(rotated_covariance(new_from_old.rotation, covariance));
+  };
   world_from_reference_ = orthonormalised(new_from_old * world_from_reference_);
   reference_covariance_ = moved(reference_covariance_);
   common_ = moved(common_);
@@ -129,7 +132,7 @@ std::optional<CameraPrediction> ImageTracker::predict(double time_s) const {
   prediction.motion.motion.angular_rad_s = rate.head<3>();
   prediction.motion.motion.velocity_m_s = rate.tail<3>();
   prediction.motion.covariance.topLeftCorner<6, 6>() =
-      turn * state.covariance.bottomRightCorner<6, 6>() * turn.transpose();
+      rotated_covariance(state.world_from_camera.rotation.transpose(), state.covariance.bottomRightCorner<6, 6>());
   return prediction;
 }
 
@@ -186,9 +189,8 @@ void ImageTracker::compare(const TrackedImage& image, const Pose& world_from_cam
   const Vector6d seen =
       difference(image.relative.reference_from_camera, world_from_reference_.inverse() * world_from_camera);
   // A rotation of the reference moves the camera with it.
-  Matrix6d moved = Matrix6d::Identity();
-  moved.bottomLeftCorner<3, 3>() =
-      -skew(world_from_reference_.rotation * image.relative.reference_from_camera.translation);
+  const Matrix6d moved =
+      tangent_of_product(world_from_reference_.rotation * image.relative.reference_from_camera.translation);
   const Matrix6d noise = image.relative.covariance - image.relative.motion_covariance +
                          turn.transpose() * (covariance + moved * reference_covariance_ * moved.transpose()) * turn;
   const Matrix6d innovation = by_motion * motion_error_covariance_ * by_motion.transpose() + noise;
@@ -217,9 +219,7 @@ void ImageTracker::correct(State state, const ImagePose& found) {
   left.leftCols<6>() -= gain;
   state.covariance = left * state.covariance * left.transpose() + gain * noise * gain.transpose();
   // An error of the reference's pose moves the camera with it.
-  const Eigen::Vector3d lever = world_from_reference_.rotation * found.reference_from_camera.translation;
-  Matrix6d moved = Matrix6d::Identity();
-  moved.bottomLeftCorner<3, 3>() = -skew(lever);
+  const Matrix6d moved = tangent_of_product(world_from_reference_.rotation * found.reference_from_camera.translation);
   common_ = symmetric(moved * reference_covariance_ * moved.transpose() +
                       turn * (found.reference_covariance + of_motion) * turn.transpose());
   state_ = std::move(state);

@@ -14,8 +14,7 @@ struct PoseEstimate {
 Matrix6d covariance_in_world(const FrameResult& view, const Mapper& mapper) {
   if (view.reference < 0) return view.covariance;
   const Pose& keyframe = mapper.map().keyframes()[static_cast<size_t>(view.reference)].world_from_camera;
-  const Matrix6d turn = rotated_tangent(keyframe.rotation);
-  return turn * view.covariance * turn.transpose();
+  return rotated_covariance(keyframe.rotation, view.covariance);
 }
 
 // Pose at a time after a view's reference time, from its registration and its motion, which is known.
@@ -37,7 +36,7 @@ ImageTrajectory::ImageTrajectory(const RigModel& rig, const PatternSequence& seq
 void ImageTrajectory::add(const FringeStack& stack, const FrameResult& result, const Mapper& mapper) {
   if (reference_view_ >= 0) {
     // A correction of the map moves the reference.
-    const Pose now = mapper.world_from_camera(reference_view_);
+    const Pose now = mapper.world_from_frame(reference_view_);
     if (now.rotation != world_from_reference_.rotation || now.translation != world_from_reference_.translation)
       tracker_.move(now * world_from_reference_.inverse());
     world_from_reference_ = now;
@@ -75,7 +74,7 @@ void ImageTrajectory::add(const FringeStack& stack, const FrameResult& result, c
   std::optional<MotionPrior> motion;
   if (result.motion && result.motion->converged) motion = MotionPrior{result.motion->motion, result.motion->covariance};
   reference_view_ = result.view;
-  world_from_reference_ = mapper.world_from_camera(result.view);
+  world_from_reference_ = mapper.world_from_frame(result.view);
   tracker_.set_reference(reference, world_from_reference_, covariance_in_world(result, mapper), stack.timestamp_s,
                          motion);
 }
@@ -85,7 +84,7 @@ Trajectory ImageTrajectory::trajectory(const Mapper& mapper) const {
   for (const ImageOfRun& image : images_) {
     if (!image.tracked) continue;
     poses.push_back(
-        {image.timestamp_s, mapper.world_from_camera(image.view) * image.reference_from_camera * camera_from_robot_});
+        {image.timestamp_s, mapper.world_from_frame(image.view) * image.reference_from_camera * camera_from_robot_});
   }
   return poses;
 }

@@ -34,11 +34,9 @@ struct Motion {
 };
 
 Motion operator*(const Motion& one, const Motion& other) {
-  const Matrix6d turned = rotated_tangent(one.pose.rotation);
-  Matrix6d lever = Matrix6d::Identity();
-  lever.bottomLeftCorner<3, 3>() = -skew(one.pose.rotation * other.pose.translation);
+  const Matrix6d moved = tangent_of_product(one.pose.rotation * other.pose.translation);
   return {one.pose * other.pose,
-          lever * one.covariance * lever.transpose() + turned * other.covariance * turned.transpose()};
+          moved * one.covariance * moved.transpose() + rotated_covariance(one.pose.rotation, other.covariance)};
 }
 
 Motion inverse(const Motion& motion) {

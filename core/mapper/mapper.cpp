@@ -356,8 +356,8 @@ bool Mapper::follow_by_prediction(FrameResult& result, const MapperInput& input,
   if (!follow(result, start, inverse(predicted.covariance))) return false;
   const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera;
   const Pose found = world_from_reference * result.registration.earlier_from_current;
-  const Matrix6d turned = rotated_tangent(world_from_reference.rotation);
-  const ExpectedView second = expected_view(found, turned * result.covariance * turned.transpose(), true);
+  const ExpectedView second =
+      expected_view(found, rotated_covariance(world_from_reference.rotation, result.covariance), true);
   const std::optional<StackMotion> motion = result.motion;
   reconstruct(result, input, {&second, motion ? MotionPrior{motion->motion, motion->covariance} : predicted.motion});
   return follow(result, found);
@@ -391,9 +391,8 @@ ExpectedView Mapper::expected_view(const Pose& world_from_current, const Matrix6
   const Pose current_from_world = world_from_current.inverse();
   const auto known = [&](const Frame& frame, const Pose& world_from_known) {
     const Pose current_from_known = current_from_world * world_from_known;
-    const Matrix6d turned = rotated_tangent(world_from_known.rotation.transpose());
-    return KnownView{&frame, current_from_known,
-                     covariance_of_inverse(current_from_known.inverse(), turned * covariance * turned.transpose())};
+    const Matrix6d in_known = rotated_covariance(world_from_known.rotation.transpose(), covariance);
+    return KnownView{&frame, current_from_known, covariance_of_inverse(current_from_known.inverse(), in_known)};
   };
   std::vector<KnownView> views;
   if (!track_.empty()) views.push_back(known(last_frame_, world_from_camera(track_.back())));
@@ -467,8 +466,14 @@ void Mapper::add_keyframe(FrameResult& result, TrackedView& here, const FrameMot
   finder_.add_keyframe(result.keyframe, map_.keyframes().back().landmarks);
   here = {here.timestamp_s, result.keyframe, {}};
   if (first) return;
+  // Where the robot returns, the reference closes a loop, if the keyframe that views followed so far can be linked as well.
+  const size_t to_reference = map_.links().size();
   link(result.reference, result.keyframe, result.registration.earlier_from_current, result.covariance, false);
   result.loops = close_loops(result);
+  const bool continues =
+      std::any_of(map_.links().begin() + static_cast<std::ptrdiff_t>(to_reference) + 1, map_.links().end(),
+                  [](const PoseEdge& edge) { return !edge.loop; });
+  if (continues) map_.set_loop(to_reference, true);
   if (result.loops > 0) result.corrected = map_.correct(options_.pose_graph, options_.mapping.significant_m);
 }
 
@@ -476,8 +481,8 @@ void Mapper::link(int from, int to, const Pose& from_from_to, const Matrix6d& co
   map_.link({from, to, from_from_to, inverse(Matrix6d(kLinkVariance * covariance)), loop});
 }
 
-// Links the new keyframe with earlier ones besides its reference: those that overlap it, and those whose landmarks were
-// re-identified. Returns the number of links.
+// Links the new keyframe with earlier ones besides its reference: the one that views followed until the robot returned, those
+// that overlap it, and those whose landmarks were re-identified. Returns the number of links.
 int Mapper::close_loops(const FrameResult& result) {
   enter_stage("loops");
   const Pose current = map_.keyframes().back().world_from_camera;
@@ -495,23 +500,29 @@ int Mapper::close_loops(const FrameResult& result) {
   for (const int keyframe : near) {
     if (links >= options_.mapping.max_links) break;
     if (keyframe == result.keyframe || keyframe == result.reference) continue;
-    const Keyframe& earlier = map_.keyframes()[static_cast<size_t>(keyframe)];
-    const Frame image = map_.keyframe_image(keyframe);
-    ViewRegistration registration = follow_view(image, result.frame, earlier.world_from_camera.inverse() * current,
-                                                rig_.camera, rig_.middle_range_m(), options_.registration,
-                                                Matrix6d::Zero(), map_.covariance_between(keyframe, result.keyframe));
-    if (!registration.refined && recognised.contains(keyframe))
-      registration = register_views(
-          image, result.frame, point_pairs(earlier.landmarks.get()->keypoints, result.keypoints, recognised[keyframe]),
-          rig_.camera, rig_.middle_range_m(), options_.registration);
-    if (!registration.refined) continue;
-    const Pose& pose = registration.earlier_from_current;
-    // The registration takes the motions during both stacks as known.
-    const Matrix6d covariance = registration.covariance + covariance_by_motion(earlier, map_.keyframes().back(), pose);
-    link(keyframe, result.keyframe, pose, with_parallax(covariance, pose, rig_.middle_range_m()), true);
-    ++links;
+    if (link_with(keyframe, result, recognised[keyframe], keyframe != result.unlinked)) ++links;
   }
   return links;
+}
+
+// Links the new keyframe with an earlier one, given their matching landmarks, if depth confirms their relative pose.
+bool Mapper::link_with(int keyframe, const FrameResult& result, const std::vector<KeypointMatch>& matches, bool loop) {
+  const Keyframe &earlier = map_.keyframes()[static_cast<size_t>(keyframe)], &current = map_.keyframes().back();
+  const Frame image = map_.keyframe_image(keyframe);
+  ViewRegistration registration =
+      follow_view(image, result.frame, earlier.world_from_camera.inverse() * current.world_from_camera, rig_.camera,
+                  rig_.middle_range_m(), options_.registration, Matrix6d::Zero(),
+                  map_.covariance_between(keyframe, result.keyframe));
+  if (!registration.refined && !matches.empty())
+    registration =
+        register_views(image, result.frame, point_pairs(earlier.landmarks.get()->keypoints, result.keypoints, matches),
+                       rig_.camera, rig_.middle_range_m(), options_.registration);
+  if (!registration.refined) return false;
+  const Pose& pose = registration.earlier_from_current;
+  // The registration takes the motions during both stacks as known.
+  const Matrix6d covariance = registration.covariance + covariance_by_motion(earlier, current, pose);
+  link(keyframe, result.keyframe, pose, with_parallax(covariance, pose, rig_.middle_range_m()), loop);
+  return true;
 }
 
 // The next error of constant velocity is assumed to be at most twice the current one, and at least that of a robot that moves

@@ -96,6 +96,9 @@ class Mapper {
   std::optional<ExpectedView> expected_at(double timestamp_s) const;
   // Camera pose of a tracked view (FrameResult::view), given the current map.
   Pose world_from_camera(int view) const { return world_from_camera(track_[static_cast<size_t>(view)]); }
+  // Returns the pose of the axes of FrameResult::frame in the current map, so that the frame's surface lies on the map's. It
+  // differs from world_from_camera() if the first view was reconstructed again with a better estimate of its motion.
+  Pose world_from_frame(int view) const;
 
  private:
   // A tracked view and its pose relative to a keyframe, which moves when loops are closed.
@@ -200,6 +203,7 @@ class Mapper {
   void extend_map(FrameResult& result, const FrameMotion& motion);
   void add_keyframe(FrameResult& result, TrackedView& here, const FrameMotion& motion);
   int close_loops(const FrameResult& result);
+  bool link_with(int keyframe, const FrameResult& result, const std::vector<KeypointMatch>& matches, bool loop);
   // Adds a registration to the map; its covariance accounts for the errors that the links of a keyframe share.
   void link(int from, int to, const Pose& from_from_to, const Matrix6d& covariance, bool loop);
   void note_prediction_error(const FrameResult& result, const Prediction& predicted);
@@ -230,6 +234,7 @@ class Mapper {
   std::optional<FrameMotion> first_motion_;
   Vibration vibration_;
   std::optional<FirstKeyframe> first_keyframe_;
+  Pose first_new_from_old_;             // movement of the first frame's surface by reconstructing it again
   std::vector<MapperInput> held_;       // the last views without a pose, in the order of time
   std::vector<TrackedView> recovered_;  // views registered later, in any order
 };

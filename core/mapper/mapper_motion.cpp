@@ -66,9 +66,8 @@ Mapper::Prediction Mapper::registered(const FrameResult& result, const MapperInp
   const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera;
   const Pose& pose = result.registration.earlier_from_current;
   const FrameMotion own = frame_motion(result, input, keyframe_image(result.reference), pose);
-  const Matrix6d turned = rotated_tangent(world_from_reference.rotation);
   return {world_from_reference * pose,
-          turned * (result.covariance + own.spread()) * turned.transpose(),
+          rotated_covariance(world_from_reference.rotation, result.covariance + own.spread()),
           {result.motion->motion, result.motion->covariance}};
 }
 

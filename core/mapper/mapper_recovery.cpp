@@ -60,12 +60,18 @@ void Mapper::improve_first_keyframe() {
     }
   }
   map_.replace_frame(0, view.frame, new_from_old);
+  first_new_from_old_ = orthonormalised(new_from_old * first_new_from_old_);
   FrameMotion remaining = frame_motion(view, first.input, view.frame, {});
   vibration_.widen_estimate(remaining.covariance);
   map_.set_motion(0, {remaining.spread(), true});  // its landmarks were found in the frame before
   first_motion_.reset();
   image_keyframe_ = -1;
   if (first.views < kMostViews) first_keyframe_ = FirstKeyframe{first.input, first.own, 2 * first.views};
+}
+
+Pose Mapper::world_from_frame(int view) const {
+  const Pose camera = world_from_camera(view);
+  return view == 0 ? camera * first_new_from_old_ : camera;
 }
 
 // Keeps a view without a pose, until later views predict it.

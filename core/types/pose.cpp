@@ -47,6 +47,17 @@ Vector6d difference(const Pose& to, const Pose& from) {
   return tangent;
 }
 
+Matrix6d rotated_covariance(const Eigen::Matrix3d& rotation, const Matrix6d& covariance) {
+  const Matrix6d turned = rotated_tangent(rotation);
+  return turned * covariance * turned.transpose();
+}
+
+Matrix6d tangent_of_product(const Eigen::Vector3d& lever) {
+  Matrix6d derivative = Matrix6d::Identity();
+  derivative.bottomLeftCorner<3, 3>() = -skew(lever);
+  return derivative;
+}
+
 Matrix6d rotated_tangent(const Eigen::Matrix3d& rotation) {
   Matrix6d rotated = Matrix6d::Zero();
   rotated.topLeftCorner<3, 3>() = rotated.bottomRightCorner<3, 3>() = rotation;

@@ -40,6 +40,13 @@ Vector6d difference(const Pose& to, const Pose& from);
 // Returns the 6 x 6 matrix that rotates both parts of a tangent.
 Matrix6d rotated_tangent(const Eigen::Matrix3d& rotation);
 
+// Returns the covariance of a tangent whose two parts are rotated.
+Matrix6d rotated_covariance(const Eigen::Matrix3d& rotation, const Matrix6d& covariance);
+
+// Returns the derivative of the tangent of a * b with respect to that of a, both of retract(), given the lever a.rotation *
+// b.translation: omega' = omega, v' = v + omega x lever.
+Matrix6d tangent_of_product(const Eigen::Vector3d& lever);
+
 // Returns the derivative of the tangent of pose.inverse() with respect to that of pose, both of retract(): omega' = -R^T
 // omega, v' = -R^T (v + t x omega).
 Matrix6d tangent_of_inverse(const Pose& pose);

@@ -135,6 +135,9 @@ TEST(Mapper, LoopIsClosedWhereTheRobotReturns) {
   EXPECT_TRUE(mapper.map().linked_within(0, last_keyframe, 1));
   EXPECT_TRUE(mapper.map().linked_within(0, last_keyframe - 1, 2));
   EXPECT_FALSE(mapper.map().linked_within(0, last_keyframe / 2, 3));
+  // Only the chain of keyframes is beyond doubt.
+  for (const PoseEdge& link : mapper.map().links())
+    EXPECT_EQ(link.loop, link.to - link.from > 1) << link.from << " to " << link.to;
 }
 
 }  // namespace

@@ -91,6 +91,20 @@ TEST(Pose, CovarianceOfTheInverseIsThatOfItsTangents) {
   }
 }
 
+TEST(Pose, TangentsOfAProductAreLinearInThoseOfItsFactors) {
+  Random random(13);
+  const Pose a{rotation_exp(1.1 * random.direction()), {0.4, -0.7, 1.3}},
+      b{rotation_exp(0.8 * random.direction()), {-0.2, 0.9, 0.5}};
+  for (int axis = 0; axis < 6; ++axis) {
+    const Vector6d tangent = 1e-6 * Vector6d::Unit(axis);
+    EXPECT_THAT(difference(retract(a, tangent) * b, a * b),
+                MatrixNear(Vector6d(tangent_of_product(a.rotation * b.translation) * tangent), 1e-11));
+    const Vector6d moved = difference(a * retract(b, tangent), a * b);
+    EXPECT_THAT(rotated_covariance(a.rotation, tangent * tangent.transpose()),
+                MatrixNear(Matrix6d(moved * moved.transpose()), 1e-17));
+  }
+}
+
 TEST(Pose, SixDofIsRzRyRxInMillimetresAndDegrees) {
   // Hand-computed: with beta = gamma = 90 degrees, x maps to -z (Ry), which Rz leaves unchanged.
   const Pose pose = pose_from({{30, 10, -15}, {0, 90, 90}});

@@ -312,8 +312,7 @@ class Assessment {
                        const Pose& before_from_current) const {
     const Matrix6d at_identity =
         pose_information(current.truth, sigma_before_m, current.truth, current.sigma_m, rig_.camera, rays_, {});
-    const Matrix6d turn = rotated_tangent(before_from_current.rotation);
-    return kReduction * kReduction * turn * at_identity * turn.transpose();
+    return rotated_covariance(before_from_current.rotation, kReduction * kReduction * at_identity);
   }
 
   void judge_bound(const Matrix6d& information, const Pose& before_from_current, const Eigen::Vector3d& centre,
