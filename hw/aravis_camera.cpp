@@ -302,10 +302,13 @@ class AravisCamera::Connection {
     while (ArvBuffer* old = arv_stream_try_pop_buffer(stream_.get())) return_buffer(old);
   }
 
-  // After a failed image: keeps an image still in transfer from being taken for that of the next trigger.
+  // After a failed image: keeps an image still in transfer from being taken for that of the next trigger. A new thread accepts
+  // cameras that number their images from the beginning again, which Aravis would take for late images and discard.
   void restart() {
     arv_camera_stop_acquisition(camera_.get(), nullptr);
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    arv_stream_stop_thread(stream_.get(), FALSE);
+    arv_stream_start_thread(stream_.get());
     drain();
     checked("start", [&](GError** e) { arv_camera_start_acquisition(camera_.get(), e); });
   }

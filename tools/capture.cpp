@@ -187,7 +187,13 @@ class Recorder {
   }
   // Keeps what was recorded.
   void finish() {
-    if (bag_) bag_->finish({});
+    if (!bag_) return;
+    try {
+      bag_->finish({});
+    } catch (const Error& e) {
+      throw Error(std::string(e.what()) + "; what was recorded is in " + bag_->keep_unfinished().string() +
+                  ", a bag without an index: make room, then repair it with `rosbag reindex`");
+    }
   }
 
  private:
@@ -264,7 +270,7 @@ int capture(const CaptureArguments& arguments, const Common& common) {
       try {
         keep();
       } catch (const std::exception& f) {
-        throw Error(std::string(e.what()) + "; the " + kept() + " captured before could not be kept: " + f.what());
+        throw Error(std::string(e.what()) + "; the " + kept() + " captured before could not be finished: " + f.what());
       }
       throw Error(std::string(e.what()) + "; " + kept() + " captured before are in " + arguments.out);
     }

@@ -561,6 +561,19 @@ void StagedFile::commit() {
   sync(folder, target_);
 }
 
+fs::path StagedFile::keep_unfinished() {
+  constexpr int kMost = 1000;
+  int error = EEXIST;
+  fs::path kept;
+  for (int number = 1; error == EEXIST && number <= kMost; ++number) {
+    kept = target_.string() + (number == 1 ? ".unfinished" : "." + std::to_string(number) + ".unfinished");
+    error = rename_as(path(), kept, RENAME_NOREPLACE);
+  }
+  if (error != 0) throw cannot(kept, "written", error);
+  sync(parent_of(target_), kept);
+  return kept;
+}
+
 void write_text(const fs::path& file, const std::string& text) {
   struct stat status {};
   if (stat(file.c_str(), &status) != 0) {

@@ -98,6 +98,9 @@ class StagedFile {
 
   std::filesystem::path path() const { return partial_->path() / target_.filename(); }
   void commit();
+  // Keeps an incomplete file as TARGET.unfinished, or with a number if that exists, and returns this name. Throws Error if that
+  // fails.
+  std::filesystem::path keep_unfinished();
 
  private:
   std::filesystem::path target_;

@@ -3,8 +3,11 @@
 
 #include <gmock/gmock.h>
 
+#include <algorithm>
+#include <cmath>
 #include <numbers>
 
+#include "core/patterns/waveform.h"
 #include "tests/support/fringes.h"
 #include "tests/support/matchers.h"
 
@@ -172,6 +175,60 @@ TEST(Decode, RowsOfTheProjector) {
   for (int i = 0; i < truth.cols; ++i) ASSERT_NEAR(decoded.coordinate_px(0, i), truth(0, i), 1e-3);
   EXPECT_THAT(error_of([&] { decode(fringe_stack(truth, sequence, {}, CV_32FC1), silent_sensor(), {}); }),
               HasSubstr("the sequence has no fringes along columns"));
+}
+
+struct PhaseErrors {
+  double largest_rad = 0, rms_rad = 0, sigma_rad = 0;  // sigma: root mean square of the predicted ones
+};
+
+// Errors of three steps from a projector of gamma 2.2, of which image k shows the surface `drift_turns[k]` periods further on.
+PhaseErrors errors_after_drift(const std::vector<double>& drift_turns, bool corrected) {
+  constexpr double kGamma = 2.2, kPeriod_px = 1040;
+  RigModel rig;
+  rig.sensor = silent_sensor();
+  if (corrected) rig.phase_correction = phase_correction_of(gamma_table(kGamma), 3);
+  const cv::Mat1d truth = ramp(20, kWidth - 20, 2001);
+  const PatternSequence sequence = columns({kPeriod_px});
+  AlignedStack aligned;
+  std::vector<cv::Mat> images;
+  for (size_t k = 0; k < sequence.patterns.size(); ++k) {
+    cv::Mat1f image(truth.size());
+    for (int i = 0; i < truth.cols; ++i)
+      image(0, i) = static_cast<float>(
+          10 + 200 * std::pow(ideal_intensity(sequence.patterns[k], truth(0, i) + drift_turns[k] * kPeriod_px), kGamma));
+    aligned.images.push_back(image);
+    aligned.drift_px.emplace_back(truth.size(), static_cast<float>(drift_turns[k] * kPeriod_px));
+    images.push_back(image);
+  }
+  DecodeContext context{Axis::columns};
+  context.aligned = &aligned;
+  const DecodedStack decoded = fringeslam::decode(stack_of(sequence, images), rig, {}, context);
+  PhaseErrors errors;
+  for (int i = 0; i < truth.cols; ++i) {
+    const double error = 2 * kPi / kPeriod_px * (decoded.coordinate_px(0, i) - truth(0, i)),
+                 sigma = 2 * kPi / kPeriod_px * decoded.sigma_px(0, i);
+    EXPECT_FALSE(std::isnan(error)) << i;
+    errors.largest_rad = std::max(errors.largest_rad, std::abs(error));
+    errors.rms_rad += error * error / truth.cols;
+    errors.sigma_rad += sigma * sigma / truth.cols;
+  }
+  errors.rms_rad = std::sqrt(errors.rms_rad);
+  errors.sigma_rad = std::sqrt(errors.sigma_rad);
+  return errors;
+}
+
+// In motion, the shifts relative to the surface decide, not those of the patterns.
+TEST(Decode, CorrectionOfAProjectorFollowsTheDrift) {
+  ASSERT_GT(errors_after_drift({0, 0, 0}, false).largest_rad, 0.25);
+  for (const std::vector<double>& drift :
+       {std::vector<double>{0, 0, 0}, {0.17, 0.17, 0.17}, {0, 1.0 / 3, 2.0 / 3}, {-0.4, -0.4 + 1.0 / 3, -0.4 + 2.0 / 3}})
+    EXPECT_LT(errors_after_drift(drift, true).largest_rad, 0.01) << drift[0] << ' ' << drift[1];
+  // Shifts that are no longer equally spaced leave an error, which sigma contains.
+  for (const double step : {-0.06, -0.03, 0.03, 0.06}) {
+    const PhaseErrors errors = errors_after_drift({-step, 0, step}, true);
+    EXPECT_LT(errors.rms_rad, 0.7 * errors_after_drift({-step, 0, step}, false).rms_rad) << step;
+    EXPECT_LT(errors.rms_rad, 1.5 * errors.sigma_rad) << step;
+  }
 }
 
 TEST(Decode, NoiseDoesNotLoseTheBordersOfTheProjector) {

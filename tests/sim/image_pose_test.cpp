@@ -13,6 +13,7 @@
 #include "core/mapper/rolling_views.h"
 #include "core/types/linear_algebra.h"
 #include "sim/virtual_rig.h"
+#include "tests/support/matchers.h"
 
 namespace fringeslam::sim {
 namespace {
@@ -326,6 +327,52 @@ TEST(ImagesOfARun, HavePosesAndShowTheirPatterns) {
     EXPECT_LT(translation_m(expected.inverse() * pose.world_from_robot), 1e-3);
     EXPECT_LT(rotation_rad(expected.inverse() * pose.world_from_robot), 1e-3);
   }
+}
+
+// Distance along the normal between the surface of a frame that `moved` shifts and another frame, root mean square.
+double distance_m(const Frame& one, const Pose& moved, const Frame& other) {
+  double squares = 0;
+  int count = 0;
+  for (int row = 0; row < one.height(); ++row) {
+    for (int col = 0; col < one.width(); ++col) {
+      const cv::Vec3f &normal = other.normals(row, col), &to = other.points_m(row, col);
+      if (!one.valid(row, col) || !other.valid(row, col) || std::isnan(normal[0])) continue;
+      const cv::Vec3f& from = one.points_m(row, col);
+      const double distance = Eigen::Vector3d(normal[0], normal[1], normal[2])
+                                  .dot(moved * Eigen::Vector3d(from[0], from[1], from[2]) -
+                                       Eigen::Vector3d(to[0], to[1], to[2]));
+      if (std::abs(distance) > 0.01) continue;  // another surface
+      squares += distance * distance;
+      ++count;
+    }
+  }
+  return std::sqrt(squares / count);
+}
+
+// The first view is reconstructed again when later views determine its motion better. Poses relative to the frame as it was
+// move with its surface.
+TEST(ImagesOfARun, MoveWithTheFirstFrame) {
+  SceneLoadOptions reading;
+  reading.changes = {{"trajectory.continuous.speed_m_s", "0.3"}};
+  const Scene scene = load_scene(std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop/scene.yaml", reading);
+  VirtualRig rig(scene, {});
+  Pipeline pipeline(rig.model(), scene.patterns, {}, {});
+  const Mapper& mapper = pipeline.mapper();
+  Frame first;
+  for (int i = 0; i < 5; ++i) {
+    const FrameResult result = pipeline.process(rig.simulate(pipeline.next_patterns())->stack);
+    ASSERT_TRUE(has_pose(result.tracking));
+    if (i == 0) {
+      first = result.frame;
+      EXPECT_THAT(mapper.world_from_frame(0), support::PoseNear(mapper.world_from_camera(0), 0, 0));
+    }
+  }
+  const Pose moved = mapper.world_from_camera(0).inverse() * mapper.world_from_frame(0);
+  ASSERT_GT(translation_m(moved), 1e-5);
+  const Frame now = mapper.map().keyframe_image(0);
+  std::printf("%g %g %g\n", translation_m(moved), distance_m(first, moved, now), distance_m(first, {}, now));
+  EXPECT_LT(distance_m(first, moved, now), 0.7 * distance_m(first, {}, now));
+  EXPECT_THAT(mapper.world_from_frame(4), support::PoseNear(mapper.world_from_camera(4), 0, 0));
 }
 
 TEST_F(MovingImages, AnyThreeConsecutiveImagesMakeAView) {

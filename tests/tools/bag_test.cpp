@@ -2,8 +2,11 @@
 // ROS bags: what is written is read back exactly, broken bags are errors of one line, truth is not in evaluated bags.
 #include <gmock/gmock.h>
 
+#include <sys/resource.h>
+
 #include <algorithm>
 #include <cmath>
+#include <csignal>
 #include <fstream>
 #include <nlohmann/json.hpp>
 
@@ -55,6 +58,27 @@ class Bags : public testing::Test {
     const BagStream stream(temp_ / name, {});
     for (const BagTopic& topic : stream.topics()) names.insert(topic.name);
     return names;
+  }
+
+  // Writes stacks until the file has reached the largest size that the process may write, and keeps it.
+  test::fs::path record_until_full(const std::string& name) const {
+    constexpr rlim_t kMost = 2000000;  // several chunks
+    rlimit before{};
+    getrlimit(RLIMIT_FSIZE, &before);
+    const auto handler = std::signal(SIGXFSZ, SIG_IGN);
+    const FringeStack stack = test::noise_stacks(CV_8UC1).front();
+    BagRecorder recorder(temp_ / name, test::tiny_rig(), test::short_sequence(), {}, "");
+    const rlimit small{kMost, before.rlim_max};
+    setrlimit(RLIMIT_FSIZE, &small);
+    const std::string error = message_of([&] {
+      for (int i = 0; i < 100000; ++i) recorder.add(stack);
+    });
+    const std::string again = message_of([&] { recorder.finish({}); });
+    setrlimit(RLIMIT_FSIZE, &before);
+    std::signal(SIGXFSZ, handler);
+    EXPECT_THAT(error, HasSubstr("cannot be written"));
+    EXPECT_THAT(again, HasSubstr("cannot be written"));
+    return recorder.keep_unfinished();
   }
 
   // Reads a bag of ours to its end and returns the error.
@@ -278,6 +302,19 @@ TEST_F(Bags, NothingIsLeftOfWhatFails) {
 }
 
 // --- broken bags ---
+
+// A recording that fills the disk is kept, and ROS repairs it.
+TEST_F(Bags, WhatFitsOnTheDiskIsKept) {
+  const test::fs::path kept = record_until_full("full.bag");
+  EXPECT_EQ(kept, temp_ / "full.bag.unfinished");
+  EXPECT_FALSE(test::fs::exists(temp_ / "full.bag"));
+  EXPECT_EQ(record_until_full("full.bag"), temp_ / "full.bag.2.unfinished");
+  EXPECT_EQ(std::distance(test::fs::directory_iterator(temp_.path()), {}), 2) << "no temporary folder is left";
+  if (std::system("command -v rosbag > /dev/null") != 0) GTEST_SKIP() << "rosbag is missing; tools/setup --test installs it";
+  test::fs::rename(kept, temp_ / "full.bag");
+  ASSERT_EQ(std::system(("cd " + temp_.path().string() + " && rosbag reindex full.bag > /dev/null 2>&1").c_str()), 0);
+  EXPECT_GT(messages("full.bag", "/camera/image_raw").size(), 30u);
+}
 
 TEST_F(Bags, FilesThatAreNoBagsAreErrors) {
   record("good.bag", test::noise_stacks(CV_8UC1));

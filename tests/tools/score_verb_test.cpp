@@ -95,6 +95,31 @@ PlyMap true_cloud(const test::fs::path& data) {
   return cloud;
 }
 
+// A victim that only a view without a pose shows counts as not found.
+TEST_F(Score, VictimsOfLostViewsAreMissed) {
+  test::write_small_scene(temp_ / "scene");
+  file("scene/rig.yaml",
+       test::read_bytes(temp_ / "scene/rig.yaml") +
+           "thermal: {width_px: 160, height_px: 120, fx_px: 130, fy_px: 130, cx_px: 79.5, cy_px: 59.5, netd_k: 0.05, "
+           "range_c: [-40, 330], thermal_from_camera: {translation_m: [0.05, 0, 0], rotation_deg: [0, 0, 0]}}\n");
+  std::string text(test::kSmallScene);
+  text.replace(text.find("objects:\n"), 9,
+               "  skin: {grain: stone, albedo: 0.5, temperature_c: 34, emissivity: 0.98, victim: true}\n"
+               "objects:\n"
+               "  - {shape: box, size_m: [0.08, 0.08, 0.04], material: skin, pose: {translation_m: [0.2, 0, 0.02]}}\n");
+  text.resize(text.find("    - {translation_mm"));
+  file("scene/scene.yaml", text + "    - {translation_mm: [150, 0, 0], rotation_deg: [0, 0, 0]}\n");
+  run_successfully({"run", at("scene"), "--out", at("run"), "--set", "render.samples_per_pixel=1", "--quiet"});
+  const std::string poses = test::read_bytes(temp_ / "run/trajectory.tum");
+  file("run/trajectory.tum", poses.substr(0, poses.find('\n') + 1));
+  const json victims = score({at("run")}).at("victims");
+  EXPECT_EQ(victims.at("to_find"), 1);
+  EXPECT_EQ(victims.at("recall"), 0);
+  // Once no stack of the run shows it, it need not be found.
+  test::fs::remove(temp_ / "run/truth/000001.exr");
+  EXPECT_EQ(score({at("run")}).at("victims").at("to_find"), 0);
+}
+
 TEST_F(Score, TheTrueSurfaceIsAPerfectMapWhateverTellsTheTruth) {
   make_world();
   const json of_scene = score({at("world.ply"), "--truth", at("scene")});

@@ -52,6 +52,9 @@ class BagRecorder {
   double offset_s() const { return offset_s_.value_or(0); }
   // Adds the true trajectory of the robot, unless empty, and completes the file.
   void finish(const Trajectory& robot);
+  // Keeps what was written so far, if it cannot be finished, in a file with another name, which is returned: a bag without an
+  // index, which `rosbag reindex` repairs.
+  std::filesystem::path keep_unfinished() { return staged_.keep_unfinished(); }
 
  private:
   void begin(const FringeStack& stack);

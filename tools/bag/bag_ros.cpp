@@ -63,6 +63,7 @@ struct BagWriter::Impl {
   fs::path file;
   std::unique_ptr<rosbag::Bag> bag = std::make_unique<rosbag::Bag>();
   std::map<std::string, uint32_t> sequence = {};  // next header.seq of each topic
+  bool failed = false;                            // incomplete records: what is written after them would be misread
 
   template <class Function>
   void guarded(const Function& function) {
@@ -71,6 +72,7 @@ struct BagWriter::Impl {
     } catch (const Error&) {
       throw;
     } catch (const std::exception& e) {
+      failed = true;
       throw Error(file.string() + ": cannot be written: " + e.what());
     }
   }
@@ -105,11 +107,12 @@ BagWriter::BagWriter(fs::path file) : impl_(std::make_unique<Impl>()) {
 
 BagWriter::~BagWriter() {
   try {
-    impl_->bag->close();
+    if (!impl_->failed) impl_->bag->close();
   } catch (const std::exception&) {
-    // close() reported the error. The destructor of rosbag::Bag would throw it again, which ends the program.
-    (void)impl_->bag.release();
+    impl_->failed = true;
   }
+  // The error was reported. The destructor of rosbag::Bag would throw it again, which ends the program.
+  if (impl_->failed) (void)impl_->bag.release();
 }
 
 void BagWriter::close() {
