@@ -16,6 +16,13 @@ namespace {
 
 constexpr double kLeastLit = 0.3, kLeastInRange = 0.3, kLeastOverlap = 0.3;
 
+// Returns a point behind a surface that a ray hit, farther away than single precision of its coordinates resolves.
+Eigen::Vector3d beyond(const Hit& hit, const Eigen::Vector3d& direction) {
+  constexpr double kLeast_m = 1e-5, kPrecision = 4e-6, kGrazing = 0.05;
+  const double across = std::max(kGrazing, std::abs(hit.normal.dot(direction)));
+  return hit.point + std::max(kLeast_m, kPrecision * (1 + hit.point.norm())) / across * direction;
+}
+
 // Returns an object that contains the point: a ray from inside a closed surface crosses it an odd number of times.
 std::optional<int> object_around(const RayScene& world, const Eigen::Vector3d& point) {
   std::map<int, int> crossings;
@@ -25,7 +32,7 @@ std::optional<int> object_around(const RayScene& world, const Eigen::Vector3d& p
     const auto hit = world.trace(from, direction);
     if (!hit) break;
     ++crossings[hit->object];
-    from = hit->point + 1e-5 * direction;
+    from = beyond(*hit, direction);
   }
   // An open sheet is also crossed once from one side: require an odd count in the opposite direction, too.
   for (const auto& [object, count] : crossings) {
@@ -36,7 +43,7 @@ std::optional<int> object_around(const RayScene& world, const Eigen::Vector3d& p
       const auto hit = world.trace(from, -direction);
       if (!hit) break;
       behind += hit->object == object;
-      from = hit->point - 1e-5 * direction;
+      from = beyond(*hit, -direction);
     }
     if (behind % 2 == 1) return object;
   }
@@ -46,6 +53,7 @@ std::optional<int> object_around(const RayScene& world, const Eigen::Vector3d& p
 // Share of one view's lit points that project into another view's image.
 double overlap_with(const TruthFrame& before, const Pinhole& camera, const Pose& camera_from_world) {
   int lit = 0, seen = 0;
+  const double largest_r2 = camera.largest_r2();
   for (int row = 0; row < before.mask.rows; row += 8) {
     for (int col = 0; col < before.mask.cols; col += 8) {
       const int mask = static_cast<int>(before.mask(row, col));
@@ -53,7 +61,8 @@ double overlap_with(const TruthFrame& before, const Pinhole& camera, const Pose&
       ++lit;
       const cv::Vec3f p = before.position_m(row, col);
       const Eigen::Vector3d point = camera_from_world * Eigen::Vector3f(p[0], p[1], p[2]).cast<double>();
-      seen += point.z() > 0 && camera.contains(camera.project(point));
+      Eigen::Vector2d pixel;
+      seen += camera.shows(point, largest_r2, pixel);
     }
   }
   return lit == 0 ? 0 : static_cast<double>(seen) / lit;

@@ -119,18 +119,22 @@ std::vector<Pose> VirtualRig::camera_poses(const TimedPose& reference, double mi
   return poses;
 }
 
-std::vector<cv::Mat1f> VirtualRig::light(const PatternSequence& sequence, const Schedule& when, TruthFrame* truth) {
+std::vector<cv::Mat1f> VirtualRig::light(const PatternSequence& sequence, const Schedule& when, double exposure_s,
+                                         TruthFrame* truth) {
   const std::vector<ProjectedPatterns>& shown_patterns = shown(sequence);
   const int stack = static_cast<int>(next_);
   const Pose still = when.reference.world_from_robot * scene_.rig.robot_from_camera;
-  if (!moving()) return renderer_.render(shown_patterns.front(), {still}, stack, truth);
-  if (truth) *truth = truth_at(when.reference, stack);
   std::vector<cv::Mat1f> images;
-  for (size_t i = 0; i < sequence.patterns.size(); ++i)
-    images.push_back(renderer_.render(shown_patterns[i],
-                                      camera_poses(when.reference, when.exposure_time_s[i],
-                                                   sequence.patterns[i].exposure * scene_.rig.timing.exposure_s),
-                                      stack)[0]);
+  if (moving()) {
+    if (truth) *truth = truth_at(when.reference, stack);
+    for (size_t i = 0; i < sequence.patterns.size(); ++i)
+      images.push_back(renderer_.render(
+          shown_patterns[i],
+          camera_poses(when.reference, when.exposure_time_s[i], sequence.patterns[i].exposure * exposure_s), stack)[0]);
+  } else {
+    images = renderer_.render(shown_patterns.front(), {still}, stack, truth);
+  }
+  for (cv::Mat1f& image : images) image = camera_.electrons_per_s(image);
   return images;
 }
 
@@ -157,9 +161,6 @@ std::optional<FringeStack> VirtualRig::next_stack(const PatternSequence& sequenc
   const std::optional<Schedule> when = schedule(sequence);
   if (!when) return std::nullopt;
   const TimedPose& pose = when->reference;
-  std::vector<cv::Mat1f> images = light(sequence, *when, truth);
-  for (cv::Mat1f& image : images) image = camera_.electrons_per_s(image);
-
   double longest = 1;
   for (const Pattern& pattern : sequence.patterns) longest = std::max(longest, pattern.exposure);
   const double longest_s = 1 / (longest * timing.pattern_rate_hz);
@@ -169,11 +170,15 @@ std::optional<FringeStack> VirtualRig::next_stack(const PatternSequence& sequenc
         "patterns.exposures: an exposure of " + to_text(longest) + " times " + to_text(exposure_s) +
         " s exceeds the display time of a pattern, 1 / pattern_rate_hz = " + to_text(1 / timing.pattern_rate_hz) +
         " s; set light.exposure_s to at most " + to_text(longest_s) + " s, or a lower pattern rate");
+  std::vector<cv::Mat1f> images;
   if (scene_.auto_exposure) {
+    // In motion, the images are then rendered again: their blur depends on the exposure.
+    images = light(sequence, *when, 0, moving() ? nullptr : truth);
     cv::Mat1f brightest = images.front().clone();
     for (const cv::Mat1f& image : images) brightest = cv::max(brightest, image);
     exposure_s = camera_.auto_exposure_s(brightest, longest_s);
   }
+  if (!scene_.auto_exposure || moving()) images = light(sequence, *when, exposure_s, truth);
   FringeStack stack;
   stack.index = static_cast<int>(next_);
   stack.timestamp_s = pose.timestamp_s;

@@ -74,7 +74,9 @@ class VirtualRig : public Rig {
   std::vector<Pose> camera_poses(const TimedPose& reference, double middle_s, double exposure_s) const;
   // `truth` may be null.
   std::optional<FringeStack> next_stack(const PatternSequence& sequence, TruthFrame* truth);
-  std::vector<cv::Mat1f> light(const PatternSequence& sequence, const Schedule& when, TruthFrame* truth);
+  // Renders the images of a stack as electrons per second; those of a moving robot are blurred over `exposure_s`.
+  std::vector<cv::Mat1f> light(const PatternSequence& sequence, const Schedule& when, double exposure_s,
+                               TruthFrame* truth);
   TruthFrame truth_at(const TimedPose& pose, int index) const;
   void note_thermal(TruthFrame& truth) const;
   bool moving() const { return options_.effects.motion && (scene_.path || !scene_.motion.still()); }

@@ -131,17 +131,19 @@ std::vector<std::string> waveform_warnings(const FringeStack& stack, const RigMo
   }
   if (!worst) return {};
   char text[300];
-  std::snprintf(text, sizeof text,
-                "the fringes are not sinusoidal: the phase of the %s px period deviates from the next finer one by %.2f px "
-                "(RMS) as it repeats, as behind a projector of gamma %.2f; ",
-                to_text(worst->period_px).c_str(), worst->rms_px(), worst->gamma);
+  std::snprintf(
+      text, sizeof text,
+      "the fringes are not sinusoidal: the phase of the %s px period deviates from the next finer one by %.2f px "
+      "(RMS) as it repeats, as behind a projector of gamma %.2f; ",
+      to_text(worst->period_px).c_str(), worst->rms_px(), worst->gamma);
   const PhaseCorrection& stated = rig.phase_correction;
   const std::string advice =
-      stated.offset_rad.empty() ? "measure it with `fringeslam calibrate response` and import again with --rig, or state "
-                                  "`projector: {gamma: ...}`"
-                                : "the rig's correction is for " + std::to_string(stated.steps) +
-                                      " equally spaced steps of every period, which these patterns do not have; measure "
-                                      "one for them with `fringeslam calibrate response`";
+      stated.offset_rad.empty()
+          ? "measure it with `fringeslam calibrate response` and import again with --rig, or state "
+            "`projector: {gamma: ...}`"
+          : "the rig's correction is for " + std::to_string(stated.steps) +
+                " equally spaced steps of every period, which these patterns do not have; measure "
+                "one for them with `fringeslam calibrate response`";
   return {text + advice};
 }
 

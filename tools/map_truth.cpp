@@ -62,6 +62,9 @@ MapTruth read_map_truth(const fs::path& path, std::optional<uint64_t> seed, cons
     trajectory = scene.trajectory = read_trajectory(*camera);
     const Pose camera_from_robot = scene.rig.robot_from_camera.inverse();
     for (TimedPose& pose : scene.trajectory) pose.world_from_robot = pose.world_from_robot * camera_from_robot;
+  } else if (const fs::path poses = path / "truth" / "truth.tum"; scene.path && path_exists(poses)) {
+    // The views along a path follow the clock of the rig.
+    trajectory = scene.trajectory = read_tum(poses);
   }
   MapTruth truth{scene.name, sim::NearestSurface(scene), {}, std::move(trajectory)};
   const PixelRays rays = pixel_rays(scene.rig.camera);

@@ -13,6 +13,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <bit>
 #include <cerrno>
 #include <chrono>
 #include <cmath>
@@ -112,6 +113,9 @@ constexpr long kRefused[] = {
     SYS_add_key,
     SYS_request_key,
     SYS_kill,
+    SYS_tkill,
+    SYS_rt_sigqueueinfo,
+    SYS_rt_tgsigqueueinfo,
     SYS_truncate,
     SYS_linkat,
     SYS_symlinkat,
@@ -149,6 +153,12 @@ constexpr long kRefused[] = {
 #ifdef SYS_pidfd_send_signal
     SYS_pidfd_send_signal,
 #endif
+#ifdef SYS_pidfd_open
+    SYS_pidfd_open,
+#endif
+#ifdef SYS_pidfd_getfd
+    SYS_pidfd_getfd,
+#endif
 };
 
 constexpr long kOpening[] = {SYS_openat,
@@ -177,7 +187,18 @@ void restrict_calls(ChildReads reads) {
     program.push_back(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, static_cast<unsigned>(number), 0, 1));
     program.push_back(BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | EPERM));
   };
+  // Calls whose first argument is a process may only name this one.
+  const auto refuse_unless = [&](long number, unsigned process) {
+    static_assert(std::endian::native == std::endian::little);
+    program.push_back(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, static_cast<unsigned>(number), 0, 4));
+    program.push_back(BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(seccomp_data, args)));
+    program.push_back(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, process, 0, 1));
+    program.push_back(BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW));
+    program.push_back(BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | EPERM));
+  };
   for (const long number : kRefused) refuse(number);
+  refuse_unless(SYS_tgkill, static_cast<unsigned>(getpid()));  // abort() signals itself
+  refuse_unless(SYS_prlimit64, 0);
   if (reads == ChildReads::nothing) {
     for (const long number : kOpening) refuse(number);
   }

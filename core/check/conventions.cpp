@@ -230,6 +230,9 @@ class Examiner {
     lit_ = lit_pixels(stack_, rig.sensor);
   }
 
+  // Number of pixels of the image that each examined one stands for.
+  int pixels_each() const { return kStride * (banded_ ? kBandDistance : kStride); }
+
   DescriptionFit fit(const RigDescription& description) {
     decode_as(description);
     find_rays(description.rig.camera);
@@ -267,7 +270,7 @@ class Examiner {
 
   // Undistorts the examined pixels and their neighbours.
   void find_rays(const Pinhole& camera) {
-    if (!rays_.empty() && camera.fx == camera_.fx && camera.cx == camera_.cx) return;
+    if (!rays_.empty() && camera == camera_) return;
     camera_ = camera;
     rays_.create(lit_.size());
     for (int row = 0; row < lit_.rows; ++row) {
@@ -506,7 +509,7 @@ class Alternatives {
       for_patterns(sequence, Coding::gray, axis, [](Pattern& p, size_t) { p.inverted = !p.inverted; });
     };
     const auto scale = [&](PatternSequence& sequence, double factor) {
-      for_patterns(sequence, Coding::gray, axis, [&](Pattern& p, size_t) { p.period_px *= factor; });
+      for_patterns(sequence, Coding::gray, axis, [&](Pattern& p, size_t) { scale_periods(p, factor); });
     };
     reverse(add("the opposite order of the Gray code bits" + on(axis)).sequence);
     invert(add("the opposite bright_is_one" + on(axis)).sequence);
@@ -729,7 +732,7 @@ ConventionReport check_conventions(const FringeStack& stack, const RigModel& rig
   }
   if (undecodable.empty() && report.stated.lit < kLeastLit) {
     report.verdict = doubtful;
-    report.message = "the patterns are visible in only " + std::to_string(report.stated.lit * kStride * kBandDistance) +
+    report.message = "the patterns are visible in only " + std::to_string(report.stated.lit * examiner.pixels_each()) +
                      " pixels, too few to check the described conventions; check the files and the exposure";
     return report;
   }

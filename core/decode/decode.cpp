@@ -239,7 +239,7 @@ EvenShifts nearest_even(std::vector<double> shifts_rad) {
 // nearest equally spaced ones, and an error remains that grows with the distance from them.
 void set_correction(StepEstimator& estimator, FringeGroup group, const PhaseCorrection& correction,
                     const AlignedStack* aligned) {
-  constexpr double kLargest_rad = kPi / 6, kRemaining = 2;
+  constexpr double kLargest_rad = kPi / 12, kRemaining = 3.5;
   const bool usable = !correction.offset_rad.empty() && correction.steps == static_cast<int>(group.images.size());
   if (!aligned || !usable) {
     estimator.correction_turns = correction_of(group, correction);

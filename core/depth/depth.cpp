@@ -108,7 +108,8 @@ namespace {
 // each other there, so that these pixels are dropped.
 bool keeps_pixels_beside_creases(const DecodedStack& decoded) {
   const auto method = decoded.unwrapping;
-  return method == Unwrapping::micro || method == Unwrapping::modulated || method == Unwrapping::gray ||
+  return decoded.filled_by_prediction || method == Unwrapping::predicted || method == Unwrapping::geometric ||
+         method == Unwrapping::micro || method == Unwrapping::modulated || method == Unwrapping::gray ||
          method == Unwrapping::ensemble || method == Unwrapping::heterodyne;
 }
 

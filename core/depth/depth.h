@@ -43,8 +43,8 @@ struct DepthOptions {
     v.field("max_normal_chi2", max_normal_chi2, {0.1, 1e12},
             "maximum chi-square per degree of freedom of the plane fit of a normal");
     v.field("indirect_light", indirect_light,
-            "sigma accounts for light that nearby surfaces reflect onto each other (auto, never, always); auto: with "
-            "micro, modulated, gray, heterodyne and ensemble");
+            "sigma accounts for light that nearby surfaces reflect onto each other (auto, never, always); auto: "
+            "except where several long periods or a spatial path give the orders");
     v.field("indirect_albedo", indirect_albedo, {0, 1}, "albedo of the surfaces assumed for that light");
   }
 };

@@ -59,8 +59,8 @@ struct Emitters {
         const int at = col + margin;
         x(row, at) = p[0], y(row, at) = p[1], z(row, at) = p[2];
         nx(row, at) = n[0], ny(row, at) = n[1], nz(row, at) = n[2];
-        const float distance = std::sqrt(p.dot(p)), facing = std::max(kLeastCosine, std::abs(p.dot(n)) / distance);
-        area(row, at) = pixel_area * p[2] * distance / facing;
+        const float facing_m = std::max(kLeastCosine * std::sqrt(p.dot(p)), std::abs(p.dot(n)));
+        area(row, at) = pixel_area * p[2] * p[2] * p[2] / facing_m;
         cosine(row, at) = modulation * std::cos(per_px * coordinate);
         sine(row, at) = modulation * std::sin(per_px * coordinate);
       }

@@ -2,10 +2,12 @@
 #include "core/depth/triangulation.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <limits>
 #include <numbers>
 #include <utility>
+#include <vector>
 
 #include "core/base/constants.h"
 #include "core/base/parallel.h"
@@ -19,18 +21,22 @@ namespace {
 
 constexpr int kDegree = Triangulation::kDegree;
 constexpr int kNodes = kDegree + 1;
-constexpr double kMarginPx = 2;    // beyond the projector's border, to allow for noise
+constexpr int kMarginPx = 2;       // beyond the projector's border, to allow for noise
 constexpr float kBeyond = 1.001f;  // limit of |s| up to which a polynomial is extrapolated
+// Errors of a polynomial, as errors of the coordinate: up to the first they are far below the noise of any fringes; beyond the
+// second there is no depth.
+constexpr double kNegligibleError_px = 1e-3, kLargestError_px = 0.5;
 
 // Columns that are interpolated together, so that their arrays stay in the first-level cache.
 constexpr int kBlock = 64;
 using Block = std::array<double, kBlock>;
 
-// The projector as a camera, reduced to one coordinate: "along" is the axis of the patterns.
+// The projector as a camera: "along" is the axis of the patterns.
 struct Projection {
-  double focal_px = 0, centre_px = 0;
+  double focal_px = 0, centre_px = 0, across_focal_px = 0, across_centre_px = 0;
   double k1 = 0, k2 = 0, k3 = 0, p_along = 0, p_across = 0;
   double t_along_m = 0, t_across_m = 0, t_depth_m = 0;
+  double largest_r2 = 0;  // of the projector's image and its margin
 
   Projection(const RigModel& rig, Axis axis) {
     const Pinhole& projector = rig.projector;
@@ -39,12 +45,18 @@ struct Projection {
     const bool columns = axis == Axis::columns;
     focal_px = columns ? projector.fx : projector.fy;
     centre_px = columns ? projector.cx : projector.cy;
+    across_focal_px = columns ? projector.fy : projector.fx;
+    across_centre_px = columns ? projector.cy : projector.cx;
     k1 = d.k1, k2 = d.k2, k3 = d.k3;
     p_along = columns ? d.p2 : d.p1;
     p_across = columns ? d.p1 : d.p2;
     t_along_m = columns ? t.x() : t.y();
     t_across_m = columns ? t.y() : t.x();
     t_depth_m = t.z();
+    Pinhole with_margin = projector;
+    with_margin.width += 2 * kMarginPx, with_margin.height += 2 * kMarginPx;
+    with_margin.cx += kMarginPx, with_margin.cy += kMarginPx;
+    largest_r2 = with_margin.largest_r2();
   }
 };
 
@@ -54,16 +66,34 @@ struct RayBlock {
 };
 
 // Returns the projector coordinate of the point on a ray at a given inverse depth, as Pinhole::project() does; NaN behind the
-// projector.
+// projector. Outside the projector's image, the distortion is that of its border, so that a polynomial that folds farther out
+// does not map other points into the image.
 FRINGESLAM_INLINE double coordinate_of(const Projection& p, const RayBlock& rays, int i, double inverse_depth) {
   const auto k = static_cast<size_t>(i);
   const double depth = rays.depth[k] + inverse_depth * p.t_depth_m;
   const double x = (rays.along[k] + inverse_depth * p.t_along_m) / depth;
   const double y = (rays.across[k] + inverse_depth * p.t_across_m) / depth;
-  const double r2 = x * x + y * y;
+  const double full_r2 = x * x + y * y;
+  const double r2 = std::min(full_r2, p.largest_r2);
   const double radial = 1 + r2 * (p.k1 + r2 * (p.k2 + r2 * p.k3));
-  const double distorted = x * radial + 2 * p.p_across * x * y + p.p_along * (r2 + 2 * x * x);
+  const double tangential = 2 * p.p_across * x * y + p.p_along * (full_r2 + 2 * x * x);
+  const double distorted = x * radial + tangential * std::min(1.0, p.largest_r2 / full_r2);
   const double pixel = p.focal_px * distorted + p.centre_px;
+  return depth > 0 ? pixel : std::numeric_limits<double>::quiet_NaN();
+}
+
+// Returns the other coordinate of the same point.
+double across_of(const Projection& p, const RayBlock& rays, int i, double inverse_depth) {
+  const auto k = static_cast<size_t>(i);
+  const double depth = rays.depth[k] + inverse_depth * p.t_depth_m;
+  const double x = (rays.along[k] + inverse_depth * p.t_along_m) / depth;
+  const double y = (rays.across[k] + inverse_depth * p.t_across_m) / depth;
+  const double full_r2 = x * x + y * y;
+  const double r2 = std::min(full_r2, p.largest_r2);
+  const double radial = 1 + r2 * (p.k1 + r2 * (p.k2 + r2 * p.k3));
+  const double tangential = 2 * p.p_along * x * y + p.p_across * (full_r2 + 2 * y * y);
+  const double distorted = y * radial + tangential * std::min(1.0, p.largest_r2 / full_r2);
+  const double pixel = p.across_focal_px * distorted + p.across_centre_px;
   return depth > 0 ? pixel : std::numeric_limits<double>::quiet_NaN();
 }
 
@@ -74,11 +104,10 @@ FRINGESLAM_INLINE void coordinates_body(const Projection& p, const RayBlock& ray
     coordinate[static_cast<size_t>(i)] = coordinate_of(p, rays, i, inverse_depth[static_cast<size_t>(i)]);
 }
 
-// Moves one end of the inverse depth interval to the point where the ray leaves the projector's field, by the secant
+// Moves one end of the inverse depth interval to the point where a coordinate leaves the projector's field, by the secant
 // method. `inside` is the other end.
-double clipped(const Projection& p, const RayBlock& rays, int i, double end, double inside, double low_px,
-               double high_px) {
-  const auto coordinate = [&](double inverse_depth) { return coordinate_of(p, rays, i, inverse_depth); };
+template <class Coordinate>
+double clipped(const Coordinate& coordinate, double end, double inside, double low_px, double high_px) {
   const double u_end = coordinate(end);
   if (u_end >= low_px && u_end <= high_px) return end;
   const double target = u_end < low_px ? low_px : high_px;
@@ -92,9 +121,26 @@ double clipped(const Projection& p, const RayBlock& rays, int i, double end, dou
   return a;
 }
 
+// Interval of inverse depth in which a ray passes through the projector's field.
+struct Interval {
+  double far, near;
+};
+
+// Limits an interval to where a coordinate is between two limits; returns false if that is nowhere.
+template <class Coordinate>
+bool limit(const Coordinate& coordinate, double low_px, double high_px, Interval& interval) {
+  const double u_far = coordinate(interval.far), u_near = coordinate(interval.near);
+  const bool crosses = std::max(u_far, u_near) > low_px && std::min(u_far, u_near) < high_px;  // not if NaN
+  if (!crosses) return false;
+  interval = {clipped(coordinate, interval.far, interval.near, low_px, high_px),
+              clipped(coordinate, interval.near, interval.far, low_px, high_px)};
+  return true;
+}
+
 struct Polynomials {
   std::array<Block, kNodes> coefficients;
   Block centre, half_range;
+  Block error_px;  // greatest between the nodes and at the ends
 };
 
 std::array<double, kNodes> chebyshev_nodes() {
@@ -139,6 +185,25 @@ FRINGESLAM_INLINE void interpolate_body(const Projection& p, const RayBlock& ray
     }
 #pragma GCC ivdep
     for (size_t i = 0; i < kBlock; ++i) c[0][i] = table[n][i] - s[n][i] * c[0][i];
+  }
+  result.error_px.fill(0);
+  Block w, u;
+  for (size_t n = 0; n <= kNodes; ++n) {
+    const double between = n == 0 ? 1 : n == kNodes ? -1 : 0.5 * (nodes[n - 1] + nodes[n]);
+#pragma GCC ivdep
+    for (size_t i = 0; i < kBlock; ++i) w[i] = 0.5 * (w_low[i] + w_high[i]) + 0.5 * (w_high[i] - w_low[i]) * between;
+    coordinates_body(p, rays, w, u);
+#pragma GCC ivdep
+    for (size_t i = 0; i < kBlock; ++i) {
+      const double at = (u[i] - result.centre[i]) / result.half_range[i];
+      double value = c[kDegree][i], slope = 0;
+      for (size_t k = kDegree; k-- > 0;) {
+        slope = slope * at + value;
+        value = value * at + c[k][i];
+      }
+      const double error = std::abs((value - w[i]) * result.half_range[i] / slope);
+      result.error_px[i] = error <= result.error_px[i] ? result.error_px[i] : error;  // also if it is NaN
+    }
   }
 }
 
@@ -202,19 +267,22 @@ Triangulation::Triangulation(const RigModel& rig, const PixelRays& rays, double 
     throw Error("depth.near_m is " + to_text(near_m) + " but depth.far_m is " + to_text(far_m) +
                 "; near_m must be smaller than far_m");
   for (cv::Mat1f& plane : coefficients_) plane = cv::Mat1f(rays.size(), kNaN);
+  error_px_ = cv::Mat1f::zeros(rays.size());
+  std::atomic<bool> inexact = false;
   centre_ = cv::Mat1f(rays.size(), kNaN);
   per_px_ = cv::Mat1f(rays.size(), kNaN);
   const double low_px = -0.5 - kMarginPx;
-  const double high_px = (axis == Axis::columns ? rig.projector.width : rig.projector.height) - 0.5 + kMarginPx;
+  const bool columns = axis == Axis::columns;
+  const double high_px = (columns ? rig.projector.width : rig.projector.height) - 0.5 + kMarginPx;
+  const double across_high_px = (columns ? rig.projector.height : rig.projector.width) - 0.5 + kMarginPx;
   const double w_far = 0.999 / far_m, w_near = 1.001 / near_m;
   const Projection projection(rig, axis);
   const std::array<double, kNodes> nodes = chebyshev_nodes();
   const InstructionSet set = selected_instruction_set();
-  const auto coordinates = Variants<coordinates_body>::of(set);
   const auto interpolate = Variants<interpolate_body>::of(set);
   for_each_row(rays.rows, [&](int row) {
     RayBlock block{};
-    Block low, high, u_far, u_near;
+    Block low, high;
     std::array<bool, kBlock> crosses;
     Polynomials polynomials;
     for (int first = 0; first < rays.cols; first += kBlock) {
@@ -223,25 +291,27 @@ Triangulation::Triangulation(const RigModel& rig, const PixelRays& rays, double 
         const cv::Vec2f ray = rays(row, first + i);
         const Eigen::Vector3d direction = rig.projector_from_camera.rotation * Eigen::Vector3d(ray[0], ray[1], 1);
         const auto k = static_cast<size_t>(i);
-        block.along[k] = axis == Axis::columns ? direction.x() : direction.y();
-        block.across[k] = axis == Axis::columns ? direction.y() : direction.x();
+        block.along[k] = columns ? direction.x() : direction.y();
+        block.across[k] = columns ? direction.y() : direction.x();
         block.depth[k] = direction.z();
       }
       low.fill(w_far);
       high.fill(w_near);
-      coordinates(projection, block, low, u_far);
-      coordinates(projection, block, high, u_near);
       for (int i = 0; i < width; ++i) {
         const auto k = static_cast<size_t>(i);
-        crosses[k] = std::max(u_far[k], u_near[k]) > low_px && std::min(u_far[k], u_near[k]) < high_px;  // not if NaN
-        if (!crosses[k]) continue;
-        low[k] = clipped(projection, block, i, w_far, w_near, low_px, high_px);
-        high[k] = clipped(projection, block, i, w_near, w_far, low_px, high_px);
+        const auto along = [&](double inverse_depth) { return coordinate_of(projection, block, i, inverse_depth); };
+        const auto across = [&](double inverse_depth) { return across_of(projection, block, i, inverse_depth); };
+        Interval lit{w_far, w_near};
+        crosses[k] = limit(along, low_px, high_px, lit) && limit(across, low_px, across_high_px, lit);
+        if (crosses[k]) low[k] = lit.far, high[k] = lit.near;
       }
       interpolate(projection, block, low, high, nodes, polynomials);
       for (int i = 0; i < width; ++i) {
         const auto k = static_cast<size_t>(i);
-        if (!crosses[k]) continue;
+        const double error_px = polynomials.error_px[k];
+        if (!crosses[k] || !(error_px <= kLargestError_px)) continue;
+        error_px_(row, first + i) = static_cast<float>(error_px);
+        if (error_px > kNegligibleError_px) inexact = true;
         for (size_t n = 0; n < kNodes; ++n)
           coefficients_[n](row, first + i) = static_cast<float>(polynomials.coefficients[n][k]);
         centre_(row, first + i) = static_cast<float>(polynomials.centre[k]);
@@ -249,6 +319,7 @@ Triangulation::Triangulation(const RigModel& rig, const PixelRays& rays, double 
       }
     }
   });
+  if (!inexact) error_px_.release();
 }
 
 void Triangulation::row(int row, const float* coordinate_px, const float* sigma_px, float max_sigma_m, float* depth_m,
@@ -257,6 +328,13 @@ void Triangulation::row(int row, const float* coordinate_px, const float* sigma_
                      max_sigma_m};
   for (size_t k = 0; k < kNodes; ++k) t.coefficients[k] = coefficients_[k][row];
   const int width = rays_.cols;
+  std::vector<float> with_error;
+  if (!error_px_.empty()) {
+    with_error.resize(static_cast<size_t>(width));
+    for (int col = 0; col < width; ++col)
+      with_error[static_cast<size_t>(col)] = std::hypot(sigma_px[col], error_px_(row, col));
+    sigma_px = with_error.data();
+  }
   Variants<row_body>::of(set)(t, width, coordinate_px, sigma_px, depth_m, sigma_m);
 }
 

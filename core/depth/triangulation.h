@@ -28,7 +28,8 @@ class Triangulation {
   static constexpr int kDegree = 5;
 
   // Interpolates the polynomials for depths from near_m to far_m within the projector's field. The deviation from the
-  // exact solution is below 1e-7 of the depth for baselines of a few tenths of the distance.
+  // exact solution is below 1e-7 of the depth for baselines of a few tenths of the distance. For strong lenses it
+  // is larger: errors of more than 0.001 px of the coordinate are added to sigma, and pixels with more than 0.5 px have no depth.
   Triangulation(const RigModel& rig, const PixelRays& rays, double near_m, double far_m, Axis axis = Axis::columns);
 
   cv::Size size() const { return rays_.size(); }
@@ -47,6 +48,7 @@ class Triangulation {
   double near_m_, far_m_, pixel_angle_;
   std::array<cv::Mat1f, kDegree + 1> coefficients_;
   cv::Mat1f centre_, per_px_;  // s = (u - centre) * per_px
+  cv::Mat1f error_px_;         // of the polynomial; empty if negligible
 };
 
 // A row of depths with its neighbours; rows beyond the image are NaN.

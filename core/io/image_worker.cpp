@@ -20,6 +20,7 @@
 #include <csignal>
 #include <cstring>
 #include <filesystem>
+#include <fstream>
 #include <iterator>
 #include <memory>
 #include <mutex>
@@ -301,6 +302,19 @@ std::ptrdiff_t threads_of_this_process() {
   return std::distance(begin(threads), end(threads));
 }
 
+// True if all threads but this one wait for something.
+bool other_threads_wait() {
+  const std::string own = std::to_string(gettid());
+  for (const auto& thread : std::filesystem::directory_iterator("/proc/self/task")) {
+    if (thread.path().filename() == own) continue;
+    std::ifstream file(thread.path() / "stat");
+    const std::string stat(std::istreambuf_iterator<char>(file), {});
+    const size_t name_end = stat.rfind(") ");  // the name may contain parentheses
+    if (name_end != std::string::npos && stat[name_end + 2] != 'S') return false;
+  }
+  return true;
+}
+
 // Loads OpenImageIO into the process that forks workers. Returns why it cannot.
 std::string load_library() {
   constexpr unsigned kLongest_s = 20;
@@ -314,6 +328,9 @@ std::string load_library() {
     // It creates a thread before it learns that it should not. Until that thread has ended, it may hold a lock, which would
     // stay locked in a forked worker.
     while (threads_of_this_process() > waiting) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    // Nor may the threads that remain still be on their way to where they wait.
+    for (int times = 0; times < 3; times = other_threads_wait() ? times + 1 : 0)
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
   } catch (const std::exception& e) {
     failure = e.what();
   }

@@ -6,6 +6,7 @@
 #include <bit>
 #include <charconv>
 #include <cmath>
+#include <cstdlib>
 #include <cstring>
 #include <map>
 #include <memory>
@@ -175,6 +176,8 @@ class AsciiBody : public Body {
     double value = 0;
     const auto [stop, failed] = std::from_chars(first, bytes_.data() + end, value);
     if (failed == std::errc::invalid_argument || stop != bytes_.data() + end) throw InvalidNumber();
+    // Leaves `value` alone, whether the number is too large or too small.
+    if (failed == std::errc::result_out_of_range) value = std::strtod(std::string(first, stop).c_str(), nullptr);
     at_ = end;
     return value;
   }

@@ -23,18 +23,22 @@ class PlyBlocks {
   uint64_t triangles() const { return triangles_; }
 
   // Calls use(const char* bytes) for each vertex or triangle, until it returns false if it returns a bool. Throws Error if
-  // the file is truncated.
+  // the file is truncated, or a triangle's vertex does not exist.
   template <class Use>
   void for_each_vertex(const Use& use) {
     for_each(0, vertices_, kVertex, use);
   }
   template <class Use>
   void for_each_triangle(const Use& use) {
-    for_each(vertices_ * kVertex, triangles_, kTriangle, use);
+    for_each(vertices_ * kVertex, triangles_, kTriangle, [&](const char* bytes) {
+      check_triangle(bytes);
+      return use(bytes);
+    });
   }
 
  private:
   void read(uint64_t offset, std::vector<char>& block, size_t bytes);
+  void check_triangle(const char* bytes) const;
 
   template <class Use>
   void for_each(uint64_t offset, uint64_t count, size_t size, const Use& use) {

@@ -87,9 +87,13 @@ void PlyWriter::finish() {
     faces_->close();
     std::ifstream faces(faces_->path(), std::ios::binary);
     std::vector<char> block(1 << 20);
-    while (faces.read(block.data(), static_cast<std::streamsize>(block.size())) || faces.gcount() > 0)
+    constexpr uint64_t kTriangleBytes = 13;
+    uint64_t copied = 0;
+    while (faces.read(block.data(), static_cast<std::streamsize>(block.size())) || faces.gcount() > 0) {
       file_.write(block.data(), static_cast<size_t>(faces.gcount()));
-    if (faces.bad()) throw Error(faces_->path().string() + ": cannot be read");
+      copied += static_cast<uint64_t>(faces.gcount());
+    }
+    if (copied != kTriangleBytes * *layout_.triangles) throw Error(faces_->path().string() + ": cannot be read");
     fs::remove(faces_->path());
   }
   file_.rewrite(header());

@@ -135,13 +135,15 @@ struct Appearance {
 Appearance appearance_of(const KnownView& view, const Pinhole& camera) {
   constexpr int kStep = 32;
   Appearance result;
+  const double largest_r2 = camera.largest_r2();
   for (int row = kStep / 2; row < view.frame->height(); row += kStep) {
     for (int col = kStep / 2; col < view.frame->width(); col += kStep) {
       if (!view.frame->valid(row, col)) continue;
       const cv::Vec3f& p = view.frame->points_m(row, col);
       const Eigen::Vector3d turned = view.current_from_known.rotation * Eigen::Vector3d(p[0], p[1], p[2]);
       const Eigen::Vector3d x = turned + view.current_from_known.translation;
-      if (!(x.z() > 0) || !camera.contains(camera.project(x))) continue;
+      Eigen::Vector2d pixel;
+      if (!camera.shows(x, largest_r2, pixel)) continue;
       Eigen::Matrix<double, 3, 6> moved;
       moved << -skew(turned), Eigen::Matrix3d::Identity();
       Eigen::Matrix<double, 2, 3> seen;

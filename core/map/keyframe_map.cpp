@@ -30,7 +30,7 @@ Matrix6d covariance_by_motion(const Keyframe& a, const Keyframe& b, const Pose& 
 }
 
 KeyframeMap::KeyframeMap(const RigModel& rig, const MappingOptions& options)
-    : rig_(rig), options_(options), rays_(pixel_rays(rig.camera)) {
+    : rig_(rig), options_(options), rays_(pixel_rays(rig.camera)), largest_r2_(rig.camera.largest_r2()) {
   check_options(options, "mapping");
 }
 
@@ -199,9 +199,8 @@ double KeyframeMap::expected_overlap(const Frame& frame, const Pose& world_from_
       ++points;
       const cv::Vec3f& p = frame.points_m(row, col);
       const Eigen::Vector3d point = other_from_camera * Eigen::Vector3d(p[0], p[1], p[2]);
-      if (!(point.z() > 0)) continue;
-      const Eigen::Vector2d pixel = rig_.camera.project(point);
-      if (!rig_.camera.contains(pixel)) continue;
+      Eigen::Vector2d pixel;
+      if (!rig_.camera.shows(point, largest_r2_, pixel)) continue;
       const float depth = other.frame.depth_m(static_cast<int>(pixel.y() + 0.5), static_cast<int>(pixel.x() + 0.5));
       seen += std::abs(depth - static_cast<float>(point.z())) < kSameSurface_m;
     }

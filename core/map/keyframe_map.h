@@ -144,6 +144,7 @@ class KeyframeMap {
   RigModel rig_;
   MappingOptions options_;
   PixelRays rays_;
+  double largest_r2_;  // of the camera
   std::vector<Keyframe> keyframes_;
   std::vector<MapFrame> frames_;
   std::vector<PoseEdge> links_;

@@ -55,6 +55,7 @@ std::vector<double> anticipated_shifts(const std::vector<double>& shifts_rad, co
 
 // Takes the fringe orders that `decoded` lacks from another decoding of the same images.
 void fill_fringe_orders(DecodedStack& decoded, const DecodedStack& other) {
+  decoded.filled_by_prediction = true;
   const cv::Mat missing =
       (decoded.coordinate_px != decoded.coordinate_px) & (other.coordinate_px == other.coordinate_px);
   other.modulation.copyTo(decoded.modulation, missing);

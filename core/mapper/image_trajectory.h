@@ -12,11 +12,11 @@ namespace fringeslam {
 
 // One image of a stack.
 struct ImageOfRun {
-  int stack = 0, image = 0;  // FringeStack::index, and the position within the stack
-  double timestamp_s = 0;    // middle of the exposure
-  bool tracked = false;      // false: the following three fields are not set
-  int view = -1;             // reference, a position among the tracked views
-  Pose reference_from_camera;    // in the axes of the reference's frame, Mapper::world_from_frame()
+  int stack = 0, image = 0;    // FringeStack::index, and the position within the stack
+  double timestamp_s = 0;      // middle of the exposure
+  bool tracked = false;        // false: the following three fields are not set
+  int view = -1;               // reference, a position among the tracked views
+  Pose reference_from_camera;  // in the axes of the reference's frame, Mapper::world_from_frame()
   Matrix6d covariance =
       Matrix6d::Zero();          // of the camera relative to the map near it, world axes, tangent of retract()
   bool as_expected = true;       // false: contradicts the pattern that it should show

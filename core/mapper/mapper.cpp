@@ -470,9 +470,8 @@ void Mapper::add_keyframe(FrameResult& result, TrackedView& here, const FrameMot
   const size_t to_reference = map_.links().size();
   link(result.reference, result.keyframe, result.registration.earlier_from_current, result.covariance, false);
   result.loops = close_loops(result);
-  const bool continues =
-      std::any_of(map_.links().begin() + static_cast<std::ptrdiff_t>(to_reference) + 1, map_.links().end(),
-                  [](const PoseEdge& edge) { return !edge.loop; });
+  const bool continues = std::any_of(map_.links().begin() + static_cast<std::ptrdiff_t>(to_reference) + 1,
+                                     map_.links().end(), [](const PoseEdge& edge) { return !edge.loop; });
   if (continues) map_.set_loop(to_reference, true);
   if (result.loops > 0) result.corrected = map_.correct(options_.pose_graph, options_.mapping.significant_m);
 }

@@ -262,6 +262,7 @@ std::string pattern_entry(const Pattern& p) {
 
 bool fields_overlap(const RigModel& rig) {
   constexpr int kGrid = 16;
+  const double largest_r2 = rig.projector.largest_r2();
   for (int k = 0; k < kGrid; ++k) {
     const double z = rig.near_m + (rig.far_m - rig.near_m) * k / (kGrid - 1);
     for (int i = 0; i < kGrid; ++i) {
@@ -269,7 +270,8 @@ bool fields_overlap(const RigModel& rig) {
         const Eigen::Vector2d pixel(rig.camera.width * (i + 0.5) / kGrid, rig.camera.height * (j + 0.5) / kGrid);
         const Eigen::Vector3d in_camera = z * Eigen::Vector3d(rig.camera.undistort(pixel).homogeneous());
         const Eigen::Vector3d point = rig.projector_from_camera * in_camera;
-        if (point.z() > 0 && rig.projector.contains(rig.projector.project(point))) return true;
+        Eigen::Vector2d lit;
+        if (rig.projector.shows(point, largest_r2, lit)) return true;
       }
     }
   }

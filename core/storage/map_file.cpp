@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <new>
+#include <utility>
 
 #include "core/base/parallel.h"
 #include "core/io/input_file.h"
@@ -111,15 +112,12 @@ KeyframeMap open_map(const fs::path& file, const RigModel& rig, const MappingOpt
   std::vector<Keyframe> keyframes(index.keyframes.size());
   for_each_or_throw(keyframes.size(), [&](size_t i) {
     const MapIndex::KeyframeEntry& entry = index.keyframes[i];
-    keyframes[i] = {entry.index,
-                    entry.timestamp_s,
-                    entry.world_from_camera,
-                    KnownLandmarks(read_digest(*memory, entry.digest, where),
-                                   [memory, part = FilePart(entry.landmarks), where] {
-                                     return read_landmarks(*memory, part, where);
-                                   }),
-                    images(entry),
-                    entry.motion};
+    LandmarkDigest digest = read_digest(*memory, entry.digest, where);
+    const auto read = [memory, part = FilePart(entry.landmarks), expected = LandmarkCounts(digest), where] {
+      return read_landmarks(*memory, part, expected, where);
+    };
+    keyframes[i] = {entry.index,   entry.timestamp_s, entry.world_from_camera, KnownLandmarks(std::move(digest), read),
+                    images(entry), entry.motion};
   });
   for (const MapIndex::KeyframeEntry& entry : index.keyframes)
     source->keyframes.push_back({entry.landmarks, entry.digest});
@@ -150,8 +148,8 @@ void verify_map(const fs::path& file) {
   };
   for_each_or_throw(index.keyframes.size(), [&](size_t i) {
     check(index.keyframes[i].images);
-    (void)read_landmarks(*memory, index.keyframes[i].landmarks, where);
-    (void)read_digest(*memory, index.keyframes[i].digest, where);
+    const LandmarkCounts expected(read_digest(*memory, index.keyframes[i].digest, where));
+    (void)read_landmarks(*memory, index.keyframes[i].landmarks, expected, where);
   });
   for_each_or_throw(index.frames.size(), [&](size_t i) {
     if (!index.frames[i].own) check(index.frames[i].images);

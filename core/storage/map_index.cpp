@@ -347,4 +347,12 @@ Landmarks read_landmarks(const MappedFile& file, const FilePart& part, const std
   return result;
 }
 
+Landmarks read_landmarks(const MappedFile& file, const FilePart& part, const LandmarkCounts& expected,
+                         const std::string& where) {
+  Landmarks result = read_landmarks(file, part, where);
+  if (result.keypoints.keypoints.size() != expected.keypoints || result.landmarks.size() != expected.landmarks)
+    throw Error(where + ": is damaged: the landmarks of a keyframe are not those of its digest; create the map again");
+  return result;
+}
+
 }  // namespace fringeslam

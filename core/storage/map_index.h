@@ -95,5 +95,15 @@ LandmarkDigest read_digest(const MappedFile& file, const FilePart& part, const s
 
 // Reads landmarks whose descriptors stay in the file. Throws Error, beginning with `where`, if they are damaged.
 Landmarks read_landmarks(const MappedFile& file, const FilePart& part, const std::string& where);
+// The numbers of keypoints and landmarks according to a keyframe's digest, whose indices refer to the landmarks.
+struct LandmarkCounts {
+  size_t keypoints = 0, landmarks = 0;
+
+  explicit LandmarkCounts(const LandmarkDigest& digest)
+      : keypoints(static_cast<size_t>(digest.keypoints)), landmarks(digest.strongest.size()) {}
+};
+// The same; throws Error also unless the landmarks are those of the keyframe's digest.
+Landmarks read_landmarks(const MappedFile& file, const FilePart& part, const LandmarkCounts& expected,
+                         const std::string& where);
 
 }  // namespace fringeslam

@@ -333,8 +333,8 @@ RecoveredMap recover_map(const WorkFolder& journal, const fs::path& file) {
   const auto has_landmarks = [&](const MapIndex::KeyframeEntry& keyframe) {
     try {
       if (!is_there(keyframe.landmarks) || !is_there(keyframe.digest)) return false;
-      (void)read_landmarks(file_of(keyframe.landmarks), keyframe.landmarks, where);
-      (void)read_digest(file_of(keyframe.digest), keyframe.digest, where);
+      const LandmarkCounts expected(read_digest(file_of(keyframe.digest), keyframe.digest, where));
+      (void)read_landmarks(file_of(keyframe.landmarks), keyframe.landmarks, expected, where);
       return true;
     } catch (const Error&) {
       return false;

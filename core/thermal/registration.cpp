@@ -18,13 +18,13 @@ namespace {
 // image.
 cv::Mat3f seen_at(const cv::Mat3f& points_m, const ThermalCamera& thermal) {
   cv::Mat3f seen(points_m.size(), cv::Vec3f::all(kNaN));
+  const double largest_r2 = thermal.lens.largest_r2();
   for_each_row(points_m.rows, [&](int row) {
     for (int col = 0; col < points_m.cols; ++col) {
       const cv::Vec3f& p = points_m(row, col);
       const Eigen::Vector3d point = thermal.thermal_from_camera * Eigen::Vector3f(p[0], p[1], p[2]).cast<double>();
-      if (!(point.z() > 0)) continue;
-      const Eigen::Vector2d pixel = thermal.lens.project(point);
-      if (thermal.lens.contains(pixel)) seen(row, col) = cv::Vec3d(pixel.x(), pixel.y(), point.z());
+      Eigen::Vector2d pixel;
+      if (thermal.lens.shows(point, largest_r2, pixel)) seen(row, col) = cv::Vec3d(pixel.x(), pixel.y(), point.z());
     }
   });
   return seen;

@@ -54,6 +54,7 @@ struct DecodedStack {
   double timestamp_s = 0;
   // Method used; empty before decoding.
   std::optional<Unwrapping> unwrapping;
+  bool filled_by_prediction = false;  // orders that the method left open come from a prediction
 
   cv::Mat1f mean;           // I', DN; valid everywhere
   cv::Mat1f modulation;     // I'' of the finest period, DN; valid everywhere

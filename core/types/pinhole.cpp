@@ -36,6 +36,22 @@ Eigen::Vector2d Pinhole::project(const Eigen::Vector3d& point) const {
   return {fx * distorted.x() + cx, fy * distorted.y() + cy};
 }
 
+double Pinhole::largest_r2() const {
+  constexpr int kSteps = 16;              // per border
+  constexpr double kBetweenSteps = 1.01;  // the border may bulge between them
+  double largest = 0;
+  const auto add = [&](double u, double v) {
+    const double r2 = undistort({u, v}).squaredNorm();
+    if (r2 > largest) largest = r2;  // not if there is no ray
+  };
+  for (int i = 0; i <= kSteps; ++i) {
+    const double u = width * i / double{kSteps} - 0.5, v = height * i / double{kSteps} - 0.5;
+    for (const double end : {-0.5, height - 0.5}) add(u, end);
+    for (const double end : {-0.5, width - 0.5}) add(end, v);
+  }
+  return largest > 0 ? kBetweenSteps * largest : std::numeric_limits<double>::infinity();
+}
+
 Eigen::Vector2d Pinhole::undistort(const Eigen::Vector2d& pixel) const {
   const Eigen::Vector2d target((pixel.x() - cx) / fx, (pixel.y() - cy) / fy);
   if (distortion.is_zero()) return target;

@@ -34,9 +34,19 @@ struct Pinhole {
   // polynomial cannot be inverted near the pixel.
   Eigen::Vector2d undistort(const Eigen::Vector2d& pixel) const;
 
+  // Returns the largest squared distance from the axis, in undistorted normalised coordinates, of what the image shows. Farther
+  // points are outside the image, even if the distortion polynomial folds back into it.
+  double largest_r2() const;
+
   // True if the pixel lies in the image area, [-0.5, width - 0.5) x [-0.5, height - 0.5).
   bool contains(const Eigen::Vector2d& pixel) const {
     return pixel.x() >= -0.5 && pixel.x() < width - 0.5 && pixel.y() >= -0.5 && pixel.y() < height - 0.5;
+  }
+
+  // Projects a point in the device frame into `pixel`; returns whether the image shows it. `largest_r2` is largest_r2().
+  bool shows(const Eigen::Vector3d& point, double largest_r2, Eigen::Vector2d& pixel) const {
+    pixel = project(point);
+    return point.z() > 0 && point.head<2>().squaredNorm() <= largest_r2 * point.z() * point.z() && contains(pixel);
   }
 };
 

@@ -151,6 +151,7 @@ class BlockRenderer {
   void place(int block_row, int block_col) {
     inside_ = 0;
     mixed_ = 0;
+    block_ = block_row * 3 + block_col;
     for (int i = 0; i < kPacket; ++i) {
       row_[i] = block_row * kBlock + i / kBlock;
       col_[i] = block_col * kBlock + i % kBlock;
@@ -282,9 +283,16 @@ class BlockRenderer {
     return (border | (other & hits.hit & centre.hit)) & inside_;
   }
 
+  // Returns the pose during the exposure at which a sample is traced. Within a pixel, the sample's place depends on its time, as
+  // they are few; this differs from block to block, so that no direction of motion is blurred more than another.
+  size_t station_of(int sample) const {
+    const auto steps = static_cast<int>(stations_.size());
+    return static_cast<size_t>((sample + sample / steps + block_) % steps);
+  }
+
   // Traces one sample of each pixel and adds its light.
   void take(int sample, bool compare) {
-    const Station& station = stations_[static_cast<size_t>(sample) % stations_.size()];
+    const Station& station = stations_[station_of(sample)];
     const auto samples = static_cast<size_t>(r_.rays_->per_pixel);
     Eigen::Vector2d slope[kPacket], start[kPacket];
     for (int i = 0; i < kPacket; ++i) {
@@ -358,7 +366,9 @@ class BlockRenderer {
 
   // Thin lens: the ray starts at a point of the pupil and passes through the in-focus point.
   void apply_thin_lens(int sample, Eigen::Vector2d (&slope)[kPacket], Eigen::Vector2d (&start)[kPacket]) const {
-    const Eigen::Vector2d point = 0.5 * pupil_m_ * r_.rays_->pupil[static_cast<size_t>(sample)];
+    // The pupil is turned by half a turn in every other block, for the same reason.
+    const double side = (block_ / 4) % 2 == 0 ? 0.5 : -0.5;
+    const Eigen::Vector2d point = side * pupil_m_ * r_.rays_->pupil[static_cast<size_t>(sample)];
     for (int i = 0; i < kPacket; ++i) {
       start[i] = point;
       slope[i] -= point / r_.scene_.rig.camera_lens.focus_m;
@@ -437,7 +447,9 @@ class BlockRenderer {
   void add_from_below(const Station& station, const HitPacket& hits, const SurfacePacket& surface,
                       const Points& to_viewer, const float* weight, const BeamPacket& beam) {
     const int samples = r_.rays_->per_pixel;
-    const int pairs = std::max(1, r_.effects_.subsurface_paths / (2 * samples));
+    constexpr int kLeastPairs = 16;  // fewer points of entry would not represent the profile
+    const int pairs =
+        std::max(std::min(kLeastPairs, r_.effects_.subsurface_paths / 2), r_.effects_.subsurface_paths / (2 * samples));
     const Philox random(r_.scene_.seed, Stream::subsurface, static_cast<uint32_t>(stack_));
     for (int pair = 0; pair < pairs; ++pair) {
       const double turn = mirrored_digits(static_cast<uint32_t>(pair));
@@ -736,6 +748,9 @@ class BlockRenderer {
       lit_points.row[i] = static_cast<float>(beam.row[i]);
       lit_points.blur_px[i] = beam.blur_px[i];
       lit_points.weight[i] = static_cast<float>(scattered) * beam.lux[i];
+      if (r_.panes_)
+        lit_points.weight[i] *= static_cast<float>(r_.panes_->passed(rays.origin.at(i), points.at(i)) *
+                                                   r_.panes_->passed(points.at(i), station.beam.position()));
     }
     patterns_.add(lit_points, lit, veil_ ? veil_sums_.data() : sums_.data());
   }
@@ -752,6 +767,7 @@ class BlockRenderer {
   Air haze_;
   double pupil_m_;
 
+  int block_ = 0;  // different for neighbours
   int row_[kPacket], col_[kPacket];
   uint32_t pixel_[kPacket];
   LaneMask inside_ = 0, mixed_ = 0;

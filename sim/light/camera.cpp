@@ -21,9 +21,11 @@ Camera::Camera(const RigModel& rig, const Effects& effects, uint64_t seed)
   const double exponent = effects.vignetting ? rig.camera_lens.vignetting : 0;
   for_each_row(response_.rows, [&](int row) {
     for (int col = 0; col < response_.cols; ++col) {
-      const double x = (col - rig.camera.cx) / rig.camera.fx, y = (row - rig.camera.cy) / rig.camera.fy;
-      const double cosine2 = 1 / (1 + x * x + y * y);
-      response_(row, col) = static_cast<float>(on_axis * (exponent == 0 ? 1 : std::pow(cosine2, exponent / 2)));
+      response_(row, col) = static_cast<float>(on_axis);
+      if (exponent == 0) continue;
+      // A pixel without a ray sees nothing.
+      const double r2 = rig.camera.undistort({col, row}).squaredNorm();
+      if (!std::isnan(r2)) response_(row, col) *= static_cast<float>(std::pow(1 + r2, -exponent / 2));
     }
   });
   if (sensor_.prnu == 0 && sensor_.dsnu_electrons == 0) return;

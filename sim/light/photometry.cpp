@@ -21,15 +21,19 @@ double photons_per_lux_s(const RigModel& rig) {
 double projector_lux_at_1m(const RigModel& rig) {
   const Pinhole& p = rig.projector;
   constexpr int kGrid = 64;
+  const auto point = [&](int i, int j) {
+    return p.undistort({p.width * i / double{kGrid} - 0.5, p.height * j / double{kGrid} - 0.5});
+  };
   double area = 0;  // on the plane z = 1 m, weighted by vignetting
   for (int i = 0; i < kGrid; ++i) {
     for (int j = 0; j < kGrid; ++j) {
-      const double x = (p.width * (i + 0.5) / kGrid - 0.5 - p.cx) / p.fx;
-      const double y = (p.height * (j + 0.5) / kGrid - 0.5 - p.cy) / p.fy;
-      area += std::pow(1 + x * x + y * y, -rig.projector_lens.vignetting / 2);
+      const Eigen::Vector2d a = point(i, j), b = point(i + 1, j), c = point(i + 1, j + 1), d = point(i, j + 1);
+      const Eigen::Vector2d one = c - a, other = d - b;  // diagonals of the cell
+      const double cell = 0.5 * std::abs(one.x() * other.y() - one.y() * other.x());
+      const double r2 = (0.25 * (a + b + c + d)).squaredNorm();
+      if (!std::isnan(r2)) area += cell * std::pow(1 + r2, -rig.projector_lens.vignetting / 2);
     }
   }
-  area *= p.width / p.fx * p.height / p.fy / (kGrid * kGrid);
   return rig.projector_lens.flux_lm / area;
 }
 

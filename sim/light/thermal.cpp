@@ -133,14 +133,15 @@ void mark_thermal_visibility(TruthFrame& truth, const Scene& scene, const RaySce
   const ThermalCamera& thermal = *scene.rig.thermal;
   const Pose thermal_from_world = thermal.thermal_from_camera * world_from_camera.inverse();
   const Eigen::Vector3d eye = thermal_from_world.inverse().translation;
+  const double largest_r2 = thermal.lens.largest_r2();
   for_each_row(truth.mask.rows, [&](int row) {
     for (int col = 0; col < truth.mask.cols; ++col) {
       const int mask = static_cast<int>(truth.mask(row, col));
       if (!(mask & kTruthSurface)) continue;
       Hit hit;
       hit.point = vector_of(truth.position_m(row, col));
-      const Eigen::Vector3d in_thermal = thermal_from_world * hit.point;
-      if (in_thermal.z() <= 0 || !thermal.lens.contains(thermal.lens.project(in_thermal))) continue;
+      Eigen::Vector2d pixel;
+      if (!thermal.lens.shows(thermal_from_world * hit.point, largest_r2, pixel)) continue;
       hit.normal = world_from_camera.rotation * vector_of(truth.normals(row, col));
       if (hit.normal.dot(eye - hit.point) <= 0 || world.occluded(hit, eye)) continue;
       truth.mask(row, col) = static_cast<float>(mask | kTruthThermal);

@@ -188,11 +188,11 @@ Pile read_pile(const YamlMap& map, const Materials& materials, const SceneLimits
   return pile;
 }
 
-std::vector<Object> read_pile_objects(const YamlMap& map, uint32_t number, const ObjectContext& context) {
+std::vector<Object> read_pile_objects(const YamlMap& map, uint32_t number, ObjectContext& context) {
   const Pile pile = read_pile(map, context.materials, context.limits);
   PileObjects result;
   try {
-    result = pile_objects(pile, context.seed, number);
+    result = pile_objects(pile, context.seed, number, context.piles++);
   } catch (const Error& e) {
     throw map.error(e.what());
   }
@@ -281,7 +281,7 @@ Building read_building(const YamlMap& map, const Materials& materials, const Sce
   return building;
 }
 
-std::vector<Object> read_objects(const YamlMap& entry, uint32_t number, const ObjectContext& context) {
+std::vector<Object> read_objects(const YamlMap& entry, uint32_t number, ObjectContext& context) {
   const std::string shape = entry.kind("shape", shape_names());
   if (shape == "scatter")
     return scatter_objects(read_scatter(entry, context.materials, context.limits.scattered), context.seed, number);

@@ -131,9 +131,10 @@ std::vector<Piece> draw_pieces(const Pile& pile, uint64_t seed, uint32_t generat
 
 // --- cache of settled piles, keyed by all inputs of the simulation ---
 
-std::string description(const std::vector<Body>& bodies, const DropArea& area, uint64_t seed) {
+std::string description(const std::vector<Body>& bodies, const DropArea& area, uint64_t seed, uint32_t stream) {
   std::string bytes = "settled, version 2\n";
   append_bytes(bytes, seed);
+  if (stream != 0) append_bytes(bytes, stream);
   for (const double value : {area.size_x, area.size_y, area.wall_height}) append_bytes(bytes, value);
   for (const Body& body : bodies) {
     append_bytes(bytes, body.density_kg_m3);
@@ -196,19 +197,19 @@ Solid make_piece(const std::string& kind, const Eigen::Vector3d& size, int detai
   return kinds().at(kind).make(size, detail, seed, random);
 }
 
-PileObjects pile_objects(const Pile& pile, uint64_t seed, uint32_t generator) {
+PileObjects pile_objects(const Pile& pile, uint64_t seed, uint32_t generator, uint32_t piles_before) {
   const std::vector<Piece> pieces = draw_pieces(pile, seed, generator);
   std::vector<Body> bodies;
   for (const Piece& piece : pieces)
     bodies.push_back({piece.variant->solid.hulls, kinds().at(piece.item->kind).density_kg_m3});
 
   PileObjects result;
-  const std::string content = description(bodies, pile.area, seed);
+  const std::string content = description(bodies, pile.area, seed, piles_before);
   std::optional<Settled> settled;
   if (const auto stored = cached(content)) settled = unbaked(*stored, bodies.size());
   result.from_cache = settled.has_value();
   if (!settled) {
-    settled = settle(bodies, pile.area, seed);
+    settled = settle(bodies, pile.area, seed, piles_before);
     store(content, baked(*settled));
   }
   result.settled = std::move(*settled);

@@ -234,6 +234,7 @@ std::vector<Object> read_all_objects(const SceneLayers& layers, const Materials&
     ++number;
     check_limits([&](const std::string& text) { return layers.with("building").error("building", text); });
   }
+  ObjectContext context{materials, layers.seed, notes, limits};
   for (const YamlMap& layer : layers.all()) {
     if (!layer.has("objects")) continue;
     size_t index = 0;  // in the layer
@@ -242,7 +243,7 @@ std::vector<Object> read_all_objects(const SceneLayers& layers, const Materials&
       ++index;
       entry.attempt([&] {
         const size_t before = objects.size();
-        add(read_objects(entry, number, {materials, layers.seed, notes, limits}), entry.place());
+        add(read_objects(entry, number, context), entry.place());
         if (objects.size() == before + 1) objects.back().path = path;
       });
       ++number;

@@ -30,9 +30,10 @@ struct ObjectContext {
   uint64_t seed = 0;
   std::vector<std::string>& notes;
   SceneLimits limits = {};
+  uint32_t piles = 0;  // read before
 };
 // Reads entry `number` of the scene's `objects`; scatters, piles and mesh files yield several objects.
-std::vector<Object> read_objects(const YamlMap& entry, uint32_t number, const ObjectContext& context);
+std::vector<Object> read_objects(const YamlMap& entry, uint32_t number, ObjectContext& context);
 
 // Reads the `building` section. Throws Error on invalid values, also if its rubble exceeds the limits.
 Building read_building(const YamlMap& map, const Materials& materials, const SceneLimits& limits);

@@ -102,11 +102,11 @@ constexpr int steps_in(double seconds) { return static_cast<int>(seconds / kStep
 
 class PileSimulation {
  public:
-  PileSimulation(const std::vector<Body>& bodies, const DropArea& area, uint64_t seed)
+  PileSimulation(const std::vector<Body>& bodies, const DropArea& area, uint64_t seed, uint32_t stream = 0)
       : dispatcher_(&configuration_),
         world_(&dispatcher_, &broadphase_, &solver_, &configuration_),
         area_(area),
-        random_(seed, Stream::settling, 0) {
+        random_(seed, Stream::settling, stream) {
     world_.setGravity(btVector3(0, 0, static_cast<btScalar>(-kGravity)));
     dispatcher_.setDispatcherFlags(0);
     world_.getDispatchInfo().m_deterministicOverlappingPairs = true;
@@ -412,9 +412,9 @@ class PileSimulation {
 
 }  // namespace
 
-Settled settle(const std::vector<Body>& bodies, const DropArea& area, uint64_t seed) {
+Settled settle(const std::vector<Body>& bodies, const DropArea& area, uint64_t seed, uint32_t stream) {
   if (bodies.empty()) return {};
-  return PileSimulation(bodies, area, seed).run();
+  return PileSimulation(bodies, area, seed, stream).run();
 }
 
 std::vector<double> drifts_m(const std::vector<Body>& bodies, const DropArea& area,

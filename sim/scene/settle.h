@@ -35,8 +35,9 @@ struct Settled {
   int redrop_count = 0;        // re-drops of bodies that had not come to rest or had penetrated others
 };
 
-// Drops the bodies and simulates until all are at rest. Throws Error if they do not come to rest.
-Settled settle(const std::vector<Body>& bodies, const DropArea& area, uint64_t seed);
+// Drops the bodies and simulates until all are at rest; `stream` selects the random numbers. Throws Error if they do not come
+// to rest.
+Settled settle(const std::vector<Body>& bodies, const DropArea& area, uint64_t seed, uint32_t stream = 0);
 
 // Returns how far (m) each body's centre of mass moves in `seconds` of simulation when all start at rest at the given
 // poses; settled bodies drift only by contact creep of the solver, about 1 mm/s.

@@ -52,7 +52,7 @@ std::vector<Bend> random_bends(double radius, double length, double bend, Philox
   std::vector<Bend> bends;
   for (int i = 0; i < (two ? 2 : 1); ++i) {
     const double angle = bend * random.uniform(0.7, 1.3);
-    const double arc = std::clamp(radius * random.uniform(5, 8) * std::abs(angle), 2 * radius, 0.2 * length);
+    const double arc = std::min(std::max(radius * random.uniform(5, 8) * std::abs(angle), 2 * radius), 0.2 * length);
     const double middle = length * (two ? random.uniform(0.2, 0.35) + 0.45 * i : random.uniform(0.3, 0.7));
     bends.push_back({middle - arc / 2, arc, angle, random.uniform(0, 2 * kPi)});
   }

@@ -32,7 +32,7 @@ TEST(Suite, WorseIsApartOnTheWrongSide) {
   EXPECT_FALSE(is_worse(row(1, 2), row(3, 4))) << "it became better";
   EXPECT_TRUE(is_worse(row(1, 2, Limit::least), row(3, 4, Limit::least)));
   EXPECT_FALSE(is_worse(row(3, 4, Limit::least), row(1, 2, Limit::least)));
-  EXPECT_FALSE(is_worse(row(3, 3), row(1, 1))) << "one value each tells nothing";
+  EXPECT_FALSE(is_worse(row(3, 3), row(1, 1))) << "one value each gives no interval";
 }
 
 TEST(Suite, MachinesOfDifferentSpeedAreComparedByTheYardstick) {

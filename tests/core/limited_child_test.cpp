@@ -3,9 +3,13 @@
 
 #include <fcntl.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <sys/syscall.h>
 #include <unistd.h>
 
 #include <atomic>
+#include <cerrno>
+#include <csignal>
 #include <cstdlib>
 #include <set>
 
@@ -24,6 +28,30 @@ TEST(LimitedChild, AnswersAreReturned) {
 TEST(LimitedChild, CrashesAndSilenceAreNoAnswers) {
   EXPECT_EQ(answer_of_child(kLimits, []() -> std::string { std::abort(); }).end, ChildEnd::crashed);
   EXPECT_EQ(answer_of_child(kLimits, []() -> std::string { _exit(0); }).end, ChildEnd::crashed);
+}
+
+// A child can neither signal other processes nor change their limits.
+TEST(LimitedChild, OthersAreOutOfReach) {
+  const auto is_refused = [](long result) { return result == -1 && errno == EPERM; };
+  const ChildAnswer answer = answer_of_child(kLimits, [&] {
+    const pid_t parent = getppid(), self = getpid();
+    siginfo_t info{};
+    rlimit limit{};
+    std::string refused;
+    const auto note = [&](const char* name, long result) {
+      if (is_refused(result)) refused += std::string(name) + " ";
+    };
+    note("kill", syscall(SYS_kill, parent, 0));
+    note("tkill", syscall(SYS_tkill, parent, 0));
+    note("tgkill", syscall(SYS_tgkill, parent, parent, 0));
+    note("sigqueue", syscall(SYS_rt_sigqueueinfo, parent, 0, &info));
+    note("prlimit", syscall(SYS_prlimit64, parent, RLIMIT_NOFILE, nullptr, &limit));
+    note("socket", syscall(SYS_socket, 1, 1, 0));
+    note("own tgkill", syscall(SYS_tgkill, self, self, 0));
+    note("own prlimit", syscall(SYS_prlimit64, 0, RLIMIT_NOFILE, nullptr, &limit));
+    return refused + ".";
+  });
+  EXPECT_EQ(answer.bytes, "kill tkill tgkill sigqueue prlimit socket .");
 }
 
 TEST(LimitedChild, OneThatWorksTooLongIsEnded) {

@@ -8,10 +8,13 @@
 
 #include <atomic>
 #include <thread>
+#include <utility>
 
 #include "core/io/files.h"
 #include "core/storage/map_file.h"
+#include "core/storage/map_index.h"
 #include "core/storage/map_journal.h"
+#include "tests/support/matchers.h"
 #include "tests/support/random.h"
 #include "tests/support/scene.h"
 #include "tests/support/temp_folder.h"
@@ -20,8 +23,10 @@ namespace fringeslam {
 namespace {
 
 namespace fs = std::filesystem;
+using support::error_of;
 using support::Random;
 using test::TempFolder;
+using testing::HasSubstr;
 
 RigModel tiny_rig() {
   RigModel rig = support::small_rig(false);
@@ -241,6 +246,21 @@ TEST(MapStorage, ATruncatedMapIsRefused) {
       EXPECT_THAT(e.what(), testing::StartsWith((temp / "cut.map").string() + ": "));
     }
   }
+}
+
+// Valid parts that do not belong together: indices of the digest would refer to landmarks that do not exist.
+TEST(MapStorage, LandmarksOfAnotherKeyframeAreRefused) {
+  const TempFolder temp;
+  write_map(temp / "a.map", map_of(2));
+  const std::string whole = test::read_bytes(temp / "a.map");
+  IndexOfFile of_file = read_index(whole, "a.map");
+  std::swap(of_file.index.keyframes[0].landmarks, of_file.index.keyframes[1].landmarks);
+  test::write_bytes(temp / "swapped.map",
+                    whole.substr(0, of_file.parts_end) + index_bytes(of_file.index, of_file.parts_end));
+  const KeyframeMap opened = open_map(temp / "swapped.map", kRig, {});
+  const auto says = HasSubstr("swapped.map: is damaged: the landmarks of a keyframe are not those of its digest");
+  EXPECT_THAT(error_of([&] { (void)opened.keyframes()[0].landmarks.get(); }), says);
+  EXPECT_THAT(error_of([&] { verify_map(temp / "swapped.map"); }), says);
 }
 
 // No byte can change unnoticed, except those that fill up parts.

@@ -179,7 +179,7 @@ TEST(RecognizedLevels, AreSharesOfTheSequencesRange) {
   EXPECT_EQ(found[1].pattern.level, 1);
   EXPECT_EQ(found[2].pattern.level, 0);
   EXPECT_NEAR(found[3].pattern.level, 0.5, 0.003);
-  // Nothing tells the range of a ramp.
+  // The range of a ramp is unknown.
   std::vector<RecognizedPattern> ramp = recognized({flat(0.2), flat(0.6)});
   reconcile_patterns(ramp, {}, kProjector);
   EXPECT_NEAR(ramp[0].pattern.level, 0.2, 1e-12);

@@ -99,6 +99,12 @@ TEST_F(PlyFile, PointsThatWereNotMeasuredAreDropped) {
   EXPECT_THAT(map.triangles, ElementsAre(Eigen::Vector3i(0, 1, 2)));
 }
 
+TEST_F(PlyFile, NumbersBeyondTheRangeOfDoubles) {
+  const PlyMap map = read(kHead + "element vertex 3\n" + kXyz + "end_header\n1e400 0 1\n0 -1e999 1\n1e-400 2 1\n");
+  EXPECT_EQ(map.dropped, 2u);
+  EXPECT_THAT(map.vertices, ElementsAre(Eigen::Vector3d(0, 2, 1)));
+}
+
 TEST_F(PlyFile, IsKnownByItsFirstLine) {
   EXPECT_TRUE(is_ply(file("ply\r\n")));
   EXPECT_FALSE(is_ply(file("plywood\n")));

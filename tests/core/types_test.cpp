@@ -91,6 +91,25 @@ TEST(Pose, CovarianceOfTheInverseIsThatOfItsTangents) {
   }
 }
 
+// A thermal lens whose polynomial folds beyond its image: at a tangent of 0.8 it maps points to 0.38, inside the image.
+TEST(Pinhole, PointsBeyondTheFoldAreNotShown) {
+  Pinhole lens{160, 120, 200, 200, 79.5, 59.5, {-0.3, 0.8, 0, 0, -2.5}};
+  const double largest_r2 = lens.largest_r2();
+  EXPECT_TRUE(lens.contains(lens.project({0.5 * 0.8, 0, 0.5})));
+  Eigen::Vector2d pixel;
+  EXPECT_FALSE(lens.shows({0.5 * 0.8, 0, 0.5}, largest_r2, pixel));
+  EXPECT_FALSE(lens.shows({0, 0, -1}, largest_r2, pixel));
+  for (int v = 0; v < lens.height; v += 7) {
+    for (int u = 0; u < lens.width; u += 7) {
+      const Eigen::Vector3d point = 1.3 * lens.undistort({u, v}).homogeneous();
+      EXPECT_TRUE(lens.shows(point, largest_r2, pixel)) << u << ' ' << v;
+      EXPECT_NEAR((pixel - Eigen::Vector2d(u, v)).norm(), 0, 1e-9);
+    }
+  }
+  lens.distortion = {};
+  EXPECT_TRUE(lens.shows({0.39, 0.29, 1}, lens.largest_r2(), pixel));
+}
+
 TEST(Pose, TangentsOfAProductAreLinearInThoseOfItsFactors) {
   Random random(13);
   const Pose a{rotation_exp(1.1 * random.direction()), {0.4, -0.7, 1.3}},

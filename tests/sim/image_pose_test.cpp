@@ -338,9 +338,9 @@ double distance_m(const Frame& one, const Pose& moved, const Frame& other) {
       const cv::Vec3f &normal = other.normals(row, col), &to = other.points_m(row, col);
       if (!one.valid(row, col) || !other.valid(row, col) || std::isnan(normal[0])) continue;
       const cv::Vec3f& from = one.points_m(row, col);
-      const double distance = Eigen::Vector3d(normal[0], normal[1], normal[2])
-                                  .dot(moved * Eigen::Vector3d(from[0], from[1], from[2]) -
-                                       Eigen::Vector3d(to[0], to[1], to[2]));
+      const double distance =
+          Eigen::Vector3d(normal[0], normal[1], normal[2])
+              .dot(moved * Eigen::Vector3d(from[0], from[1], from[2]) - Eigen::Vector3d(to[0], to[1], to[2]));
       if (std::abs(distance) > 0.01) continue;  // another surface
       squares += distance * distance;
       ++count;

@@ -334,5 +334,49 @@ TEST(Motion, WithinAnExposureSmearsEdges) {
   }
 }
 
+// Variance of the blur of an edge, px^2, of a board that moves by `smear_px` along an axis during an exposure.
+double edge_variance_px2(double smear_px, int axis, int samples) {
+  constexpr int kShifts = 8;  // of the edge, so that pixels add the variance of a uniform distribution over one pixel
+  constexpr double kFocal_px = 200;
+  double variance = 0;
+  for (int shift = 0; shift < kShifts; ++shift) {
+    RigModel rig = coaxial_rig();
+    rig.near_m = 0.7, rig.far_m = 1.4;
+    Scene scene = board(rig);
+    const double edge_mm = 1000 * shift / (kFocal_px * kShifts) - 2000;
+    scene.objects.push_back(grey_object(
+        plane_mesh(4, 4), pose_from({{axis == 0 ? edge_mm : 0, axis == 1 ? edge_mm : 0, 999.9}, {0, 0, 0}}), 0));
+    scene.ambient_lux = 20000;
+    scene.motion.velocity_m_s[axis] = smear_px / kFocal_px / rig.timing.exposure_s;
+    VirtualRig moving(scene, {samples, false, false, only(&Effects::motion)});
+    const FringeStack stack = *moving.capture({129, 97, {constant_pattern(0)}});
+    cv::Mat1f image(stack.images[0] - rig.sensor.offset_dn), profile;
+    cv::reduce(image, profile, axis == 0 ? 0 : 1, cv::REDUCE_AVG);
+    double sum = 0, first = 0, second = 0;
+    for (int i = 1; i < static_cast<int>(profile.total()); ++i) {
+      const double rise = profile(i) - profile(i - 1), at = i;
+      if (std::abs(rise) < 1e-3 * profile(static_cast<int>(profile.total()) - 1)) continue;
+      sum += rise, first += rise * at, second += rise * at * at;
+    }
+    variance += (second / sum - first * first / (sum * sum)) / kShifts;
+  }
+  return variance - 1 / 12.0;
+}
+
+// The few samples of a pixel are taken at different places and times, which must not depend on each other.
+TEST(Motion, BlurIsTheSameInAllDirections) {
+  constexpr double kSmear_px = 2;
+  for (const int samples : {4, 16}) {
+    // Of the places in a pixel plus that of the four times.
+    const double places = samples == 4 ? (0.125 * 0.125 + 0.375 * 0.375) / 2 : (1 - 1 / 16.0) / 12;
+    const double expected = places + kSmear_px * kSmear_px * (1 - 1 / 16.0) / 12;
+    for (const int axis : {0, 1}) {
+      for (const double smear_px : {-kSmear_px, kSmear_px})
+        EXPECT_NEAR(edge_variance_px2(smear_px, axis, samples), expected, 0.1 * expected)
+            << samples << ' ' << axis << ' ' << smear_px;
+    }
+  }
+}
+
 }  // namespace
 }  // namespace fringeslam::sim

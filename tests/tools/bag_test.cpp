@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // ROS bags: what is written is read back exactly, broken bags are errors of one line, truth is not in evaluated bags.
 #include <gmock/gmock.h>
-
 #include <sys/resource.h>
 
 #include <algorithm>
@@ -310,7 +309,8 @@ TEST_F(Bags, WhatFitsOnTheDiskIsKept) {
   EXPECT_FALSE(test::fs::exists(temp_ / "full.bag"));
   EXPECT_EQ(record_until_full("full.bag"), temp_ / "full.bag.2.unfinished");
   EXPECT_EQ(std::distance(test::fs::directory_iterator(temp_.path()), {}), 2) << "no temporary folder is left";
-  if (std::system("command -v rosbag > /dev/null") != 0) GTEST_SKIP() << "rosbag is missing; tools/setup --test installs it";
+  if (std::system("command -v rosbag > /dev/null") != 0)
+    GTEST_SKIP() << "rosbag is missing; tools/setup --test installs it";
   test::fs::rename(kept, temp_ / "full.bag");
   ASSERT_EQ(std::system(("cd " + temp_.path().string() + " && rosbag reindex full.bag > /dev/null 2>&1").c_str()), 0);
   EXPECT_GT(messages("full.bag", "/camera/image_raw").size(), 30u);
