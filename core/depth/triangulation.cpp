@@ -65,43 +65,32 @@ struct RayBlock {
   Block along, across, depth;
 };
 
-// Returns the projector coordinate of the point on a ray at a given inverse depth, as Pinhole::project() does; NaN behind the
+struct Lit {
+  double along, across;  // projector coordinates, px
+};
+
+// Returns the projector coordinates of the point on a ray at a given inverse depth, as Pinhole::project() does; NaN behind the
 // projector. Outside the projector's image, the distortion is that of its border, so that a polynomial that folds farther out
 // does not map other points into the image.
-FRINGESLAM_INLINE double coordinate_of(const Projection& p, const RayBlock& rays, int i, double inverse_depth) {
+FRINGESLAM_INLINE Lit lit_at(const Projection& p, const RayBlock& rays, int i, double inverse_depth) {
   const auto k = static_cast<size_t>(i);
   const double depth = rays.depth[k] + inverse_depth * p.t_depth_m;
   const double x = (rays.along[k] + inverse_depth * p.t_along_m) / depth;
   const double y = (rays.across[k] + inverse_depth * p.t_across_m) / depth;
   const double full_r2 = x * x + y * y;
-  const double r2 = std::min(full_r2, p.largest_r2);
+  const double r2 = std::min(full_r2, p.largest_r2), inside = std::min(1.0, p.largest_r2 / full_r2);
   const double radial = 1 + r2 * (p.k1 + r2 * (p.k2 + r2 * p.k3));
-  const double tangential = 2 * p.p_across * x * y + p.p_along * (full_r2 + 2 * x * x);
-  const double distorted = x * radial + tangential * std::min(1.0, p.largest_r2 / full_r2);
-  const double pixel = p.focal_px * distorted + p.centre_px;
-  return depth > 0 ? pixel : std::numeric_limits<double>::quiet_NaN();
-}
-
-// Returns the other coordinate of the same point.
-double across_of(const Projection& p, const RayBlock& rays, int i, double inverse_depth) {
-  const auto k = static_cast<size_t>(i);
-  const double depth = rays.depth[k] + inverse_depth * p.t_depth_m;
-  const double x = (rays.along[k] + inverse_depth * p.t_along_m) / depth;
-  const double y = (rays.across[k] + inverse_depth * p.t_across_m) / depth;
-  const double full_r2 = x * x + y * y;
-  const double r2 = std::min(full_r2, p.largest_r2);
-  const double radial = 1 + r2 * (p.k1 + r2 * (p.k2 + r2 * p.k3));
-  const double tangential = 2 * p.p_along * x * y + p.p_across * (full_r2 + 2 * y * y);
-  const double distorted = y * radial + tangential * std::min(1.0, p.largest_r2 / full_r2);
-  const double pixel = p.across_focal_px * distorted + p.across_centre_px;
-  return depth > 0 ? pixel : std::numeric_limits<double>::quiet_NaN();
+  const double along = x * radial + inside * (2 * p.p_across * x * y + p.p_along * (full_r2 + 2 * x * x));
+  const double across = y * radial + inside * (2 * p.p_along * x * y + p.p_across * (full_r2 + 2 * y * y));
+  const double none = depth > 0 ? 0 : std::numeric_limits<double>::quiet_NaN();
+  return {p.focal_px * along + p.centre_px + none, p.across_focal_px * across + p.across_centre_px + none};
 }
 
 FRINGESLAM_INLINE void coordinates_body(const Projection& p, const RayBlock& rays, const Block& inverse_depth,
                                         Block& coordinate) {
 #pragma GCC ivdep
   for (int i = 0; i < kBlock; ++i)
-    coordinate[static_cast<size_t>(i)] = coordinate_of(p, rays, i, inverse_depth[static_cast<size_t>(i)]);
+    coordinate[static_cast<size_t>(i)] = lit_at(p, rays, i, inverse_depth[static_cast<size_t>(i)]).along;
 }
 
 // Moves one end of the inverse depth interval to the point where a coordinate leaves the projector's field, by the secant
@@ -299,8 +288,8 @@ Triangulation::Triangulation(const RigModel& rig, const PixelRays& rays, double 
       high.fill(w_near);
       for (int i = 0; i < width; ++i) {
         const auto k = static_cast<size_t>(i);
-        const auto along = [&](double inverse_depth) { return coordinate_of(projection, block, i, inverse_depth); };
-        const auto across = [&](double inverse_depth) { return across_of(projection, block, i, inverse_depth); };
+        const auto along = [&](double inverse_depth) { return lit_at(projection, block, i, inverse_depth).along; };
+        const auto across = [&](double inverse_depth) { return lit_at(projection, block, i, inverse_depth).across; };
         Interval lit{w_far, w_near};
         crosses[k] = limit(along, low_px, high_px, lit) && limit(across, low_px, across_high_px, lit);
         if (crosses[k]) low[k] = lit.far, high[k] = lit.near;
