@@ -367,7 +367,7 @@ double edge_variance_px2(double smear_px, int axis, int samples) {
 TEST(Motion, BlurIsNearlyTheSameInAllDirections) {
   constexpr double kSmear_px = 2;
   for (const int samples : {4, 16}) {
-    // Of the places in a pixel plus that of the four times.
+    // Sum of the variances of the places in a pixel and of the four times.
     const double places = samples == 4 ? (0.125 * 0.125 + 0.375 * 0.375) / 2 : (1 - 1 / 16.0) / 12;
     const double expected = places + kSmear_px * kSmear_px * (1 - 1 / 16.0) / 12;
     for (const int axis : {0, 1}) {
