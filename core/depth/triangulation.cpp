@@ -94,13 +94,13 @@ FRINGESLAM_INLINE void coordinates_body(const Projection& p, const RayBlock& ray
 }
 
 // Moves one end of the inverse depth interval to the point where a coordinate leaves the projector's field, by the secant
-// method. `inside` is the other end.
+// method. `inside` is the other end; the coordinates there are u_end and u_inside.
 template <class Coordinate>
-double clipped(const Coordinate& coordinate, double end, double inside, double low_px, double high_px) {
-  const double u_end = coordinate(end);
+double clipped(const Coordinate& coordinate, double end, double u_end, double inside, double u_inside, double low_px,
+               double high_px) {
   if (u_end >= low_px && u_end <= high_px) return end;
   const double target = u_end < low_px ? low_px : high_px;
-  double a = end, b = inside, u_a = u_end - target, u_b = coordinate(inside) - target;
+  double a = end, b = inside, u_a = u_end - target, u_b = u_inside - target;
   for (int iteration = 0; iteration < 12 && u_a != u_b; ++iteration) {
     const double next = a - u_a * (b - a) / (u_b - u_a);
     b = std::exchange(a, next);
@@ -121,8 +121,8 @@ bool limit(const Coordinate& coordinate, double low_px, double high_px, Interval
   const double u_far = coordinate(interval.far), u_near = coordinate(interval.near);
   const bool crosses = std::max(u_far, u_near) > low_px && std::min(u_far, u_near) < high_px;  // not if NaN
   if (!crosses) return false;
-  interval = {clipped(coordinate, interval.far, interval.near, low_px, high_px),
-              clipped(coordinate, interval.near, interval.far, low_px, high_px)};
+  interval = {clipped(coordinate, interval.far, u_far, interval.near, u_near, low_px, high_px),
+              clipped(coordinate, interval.near, u_near, interval.far, u_far, low_px, high_px)};
   return true;
 }
 

@@ -5,6 +5,7 @@
 #include <cstring>
 #include <fstream>
 
+#include "core/io/ply_blocks.h"
 #include "core/types/error.h"
 
 namespace fringeslam {
@@ -87,13 +88,12 @@ void PlyWriter::finish() {
     faces_->close();
     std::ifstream faces(faces_->path(), std::ios::binary);
     std::vector<char> block(1 << 20);
-    constexpr uint64_t kTriangleBytes = 13;
     uint64_t copied = 0;
     while (faces.read(block.data(), static_cast<std::streamsize>(block.size())) || faces.gcount() > 0) {
       file_.write(block.data(), static_cast<size_t>(faces.gcount()));
       copied += static_cast<uint64_t>(faces.gcount());
     }
-    if (copied != kTriangleBytes * *layout_.triangles) throw Error(faces_->path().string() + ": cannot be read");
+    if (copied != PlyBlocks::kTriangle * *layout_.triangles) throw Error(faces_->path().string() + ": cannot be read");
     fs::remove(faces_->path());
   }
   file_.rewrite(header());

@@ -128,13 +128,7 @@ Beam::Beam(const RigModel& rig, const Effects& effects, const Pose& world_from_c
   k.k1 = d.k1, k.k2 = d.k2, k.k3 = d.k3, k.p1 = d.p1, k.p2 = d.p2;
   k.lux_at_1m = projector_lux_at_1m(rig);
   k.left = k.top = -0.5, k.right = p.width - 0.5, k.bottom = p.height - 0.5;
-  k.max_r2 = 0;
-  for (const double x : {k.left, k.right}) {
-    for (const double y : {k.top, k.bottom}) {
-      const double r2 = 1.2 * p.undistort({x, y}).squaredNorm();
-      k.max_r2 = std::isnan(r2) ? 1e9 : std::max(k.max_r2, r2);
-    }
-  }
+  k.max_r2 = p.largest_r2();
   k.defocus = effects.defocus;
   k.gap = effects.pixel_gap && lens.pixel_fill < 1;
   k.blur2 = static_cast<float>(lens.blur_px * lens.blur_px);

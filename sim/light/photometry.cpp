@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sim/light/photometry.h"
 
+#include <array>
 #include <cmath>
 
 namespace fringeslam::sim {
@@ -21,13 +22,20 @@ double photons_per_lux_s(const RigModel& rig) {
 double projector_lux_at_1m(const RigModel& rig) {
   const Pinhole& p = rig.projector;
   constexpr int kGrid = 64;
-  const auto point = [&](int i, int j) {
-    return p.undistort({p.width * i / double{kGrid} - 0.5, p.height * j / double{kGrid} - 0.5});
+  const auto row_of_points = [&](int i) {
+    std::array<Eigen::Vector2d, kGrid + 1> points;
+    for (int j = 0; j <= kGrid; ++j)
+      points[static_cast<size_t>(j)] =
+          p.undistort({p.width * i / double{kGrid} - 0.5, p.height * j / double{kGrid} - 0.5});
+    return points;
   };
   double area = 0;  // on the plane z = 1 m, weighted by vignetting
+  auto next = row_of_points(0);
   for (int i = 0; i < kGrid; ++i) {
-    for (int j = 0; j < kGrid; ++j) {
-      const Eigen::Vector2d a = point(i, j), b = point(i + 1, j), c = point(i + 1, j + 1), d = point(i, j + 1);
+    const auto here = next;
+    next = row_of_points(i + 1);
+    for (size_t j = 0; j < kGrid; ++j) {
+      const Eigen::Vector2d &a = here[j], &b = next[j], &c = next[j + 1], &d = here[j + 1];
       const Eigen::Vector2d one = c - a, other = d - b;  // diagonals of the cell
       const double cell = 0.5 * std::abs(one.x() * other.y() - one.y() * other.x());
       const double r2 = (0.25 * (a + b + c + d)).squaredNorm();

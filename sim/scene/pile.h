@@ -46,8 +46,8 @@ struct PileObjects {
   Settled settled;
   bool from_cache = false;
 };
-// Draws the pieces, settles them and returns the objects; `generator` selects the random stream, `piles_before` that of the fall. Throws Error if the
-// pieces do not come to rest.
+// Draws the pieces, settles them and returns the objects; `generator` selects the random stream, `piles_before` that of the fall.
+// Throws Error if the pieces do not come to rest.
 PileObjects pile_objects(const Pile& pile, uint64_t seed, uint32_t generator, uint32_t piles_before = 0);
 
 }  // namespace fringeslam::sim
