@@ -15,6 +15,8 @@ namespace fringeslam {
 namespace {
 
 const Pattern kWhite{.coding = Coding::flat, .level = 1}, kBlack{.coding = Coding::flat, .level = 0};
+// For gammas of 0.4 to 4 of the projector, its light contradicts both values of a bit (SequenceCheckOptions::tolerance).
+const Pattern kBetween{.coding = Coding::flat, .level = 0.7};
 
 // Expands a pattern to the projector's full image, 8 bits.
 cv::Mat1b screen_of(const Pattern& pattern, const PatternSequence& sequence) {
@@ -23,6 +25,11 @@ cv::Mat1b screen_of(const Pattern& pattern, const PatternSequence& sequence) {
   cv::Mat1b screen;
   cv::repeat(line, sequence.height / line.rows, sequence.width / line.cols, screen);
   return screen;
+}
+
+bool begins_with_bits(const PatternSequence& sequence, size_t count) {
+  const auto end = sequence.patterns.begin() + static_cast<std::ptrdiff_t>(std::min(count, sequence.patterns.size()));
+  return std::any_of(sequence.patterns.begin(), end, [](const Pattern& of) { return of.coding == Coding::gray; });
 }
 
 }  // namespace
@@ -63,6 +70,11 @@ HardwareRig::Taken HardwareRig::capture_sequential(const PatternSequence& sequen
     Pattern white = kWhite, black = kBlack;
     white.exposure = black.exposure = pattern.exposure;
     taken.references.push_back({pattern.exposure, image_of(white, sequence).image, image_of(black, sequence).image});
+  }
+  if (begins_with_bits(sequence, 1)) {
+    Pattern between = kBetween;
+    between.exposure = sequence.patterns.front().exposure;
+    image_of(between, sequence);
   }
   for (const Pattern& pattern : sequence.patterns) taken.images.push_back(image_of(pattern, sequence));
   return taken;
@@ -110,6 +122,16 @@ std::array<GreyImage, 3> HardwareRig::images_of(const std::vector<cv::Mat1b>& sc
               " images, one of the three channels never occurred; is the camera triggered by the projector?");
 }
 
+// A longer exposure would mix a packed pattern with the next one.
+void HardwareRig::check_packed_exposure() const {
+  constexpr double kSlack = 1.002;  // rates of 59.94 Hz are reported as 60 Hz
+  const double shown_s = projector_->refresh_s() / 3;
+  if (exposure_s_ <= kSlack * shown_s) return;
+  throw Error(
+      "rig: the exposure of " + to_text(1e3 * exposure_s_) + " ms is longer than the " + to_text(1e3 * shown_s) +
+      " ms for which each packed pattern is shown; shorten `camera.exposure_s`, or remove `packing` from the rig file");
+}
+
 HardwareRig::Taken HardwareRig::capture_packed(const PatternSequence& sequence) {
   const cv::Mat1b white = screen_of(kWhite, sequence), black = screen_of(kBlack, sequence);
   const auto brightest = [](const std::array<GreyImage, 3>& images) {
@@ -124,6 +146,10 @@ HardwareRig::Taken HardwareRig::capture_packed(const PatternSequence& sequence) 
 
   Taken taken;
   taken.references = {{1, reference[first].image, reference[(first + 1) % 3].image}};
+  if (begins_with_bits(sequence, 3)) {
+    const cv::Mat1b between = screen_of(kBetween, sequence);
+    images_of({between, between, between});
+  }
   for (size_t i = 0; i < sequence.patterns.size(); i += 3) {
     std::vector<cv::Mat1b> screens;
     for (size_t k = i; k < i + 3; ++k)
@@ -150,6 +176,7 @@ std::optional<FringeStack> HardwareRig::capture(const PatternSequence& sequence)
     throw Error(
         "rig: packed patterns are taken at one exposure; remove `exposures` from the patterns, or `packing` from "
         "the rig file");
+  if (!takes_exposures()) check_packed_exposure();
   std::string reason;
   for (int attempt = 0; attempt < options_.attempts; ++attempt) {
     retaken_ += attempt > 0;

@@ -8,6 +8,9 @@
 //               one exposure of the externally triggered camera [C III.A]. Exposure n sees channel (n - n0) mod 3. A
 //               white, black, black frame before the sequence determines n0; another one after the sequence verifies
 //               that no exposure was missed.
+//
+// A projector that does not show the first pattern leaves what it showed before. Black there would pass for a Gray-code bit,
+// so that a level between black and white precedes a sequence that begins with one.
 #pragma once
 
 #include <array>
@@ -42,8 +45,8 @@ class HardwareRig : public Rig {
   HardwareRig(const RigModel& model, std::unique_ptr<GreyCamera> camera, std::unique_ptr<Projector> projector,
               const HardwareOptions& options);
   const RigModel& model() const override { return model_; }
-  // Captures one stack, never empty. Throws Error if a device fails, or if the patterns have several exposures and are
-  // packed; SequenceRejected if all attempts fail the check.
+  // Captures one stack, never empty. Throws Error if a device fails, or if the patterns are packed and have several exposures
+  // or an exposure longer than the projector shows each of them; SequenceRejected if all attempts fail the check.
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
 
   // False if patterns are packed: all are taken at the rig's exposure then.
@@ -72,6 +75,7 @@ class HardwareRig : public Rig {
   Taken capture_sequential(const PatternSequence& sequence);
   Taken capture_packed(const PatternSequence& sequence);
   GreyImage image_of(const Pattern& pattern, const PatternSequence& sequence);
+  void check_packed_exposure() const;
   SequenceVerdict check(const PatternSequence& sequence, const Taken& taken) const;
   std::array<GreyImage, 3> images_of(const std::vector<cv::Mat1b>& screens);
 

@@ -334,6 +334,31 @@ TEST_F(ClosedLoop, PackedPatternsOfAProjectorThatStepsByItself) {
   }
 }
 
+// What the projector showed before the sequence must not pass for its first bit.
+TEST_F(ClosedLoop, ADroppedFirstBitOfAGrayCodeIsNoticed) {
+  SequenceDesign design;
+  design.width = 1024;
+  design.height = 768;
+  design.gray_cell_px = 32;
+  const PatternSequence bits = design_sequence(design);
+  ASSERT_EQ(bits.patterns.front().coding, Coding::gray);
+  const auto rig = open_hardware(at("rig.yaml"));
+  const auto expected = rig->capture(bits);
+  ASSERT_EQ(rig->retaken(), 0);
+  control("fault repeat 3");  // after white, black and the level between them
+  const auto stack = rig->capture(bits);
+  EXPECT_EQ(rig->retaken(), 1);
+  for (size_t i = 0; i < bits.patterns.size(); ++i)
+    EXPECT_LE(cv::norm(stack->images[i], expected->images[i], cv::NORM_INF), 1) << "image " << i;
+}
+
+TEST_F(ClosedLoop, AnExposureLongerThanAPackedPatternIsRefused) {
+  const auto rig =
+      open_hardware(rig_with("{settle_s: 0.01, camera: {trigger: free, exposure_s: 0.03}, projector: {packing: RGB}}"));
+  EXPECT_THAT(error_of([&] { (void)rig->capture(sequence()); }),
+              HasSubstr("the exposure of 30 ms is longer than the "));
+}
+
 TEST_F(ClosedLoop, AMissedExposureOfPackedPatternsIsNoticed) {
   const auto rig =
       open_hardware(rig_with("{settle_s: 0.01, attempts: 5, camera: {trigger: free}, projector: {packing: RGB}}"));
