@@ -159,7 +159,7 @@ class Recorder {
     const RigModel& model = rig.model();
     if (arguments.format == "fringes") {
       fs::create_directories(arguments.out);
-      folder_.emplace(rig, arguments.out);
+      folder_.emplace(rig, arguments.out, Durable::yes);
       return;
     }
     DatasetInfo info;
@@ -241,10 +241,6 @@ int capture(const CaptureArguments& arguments, const Common& common) {
   int stacks = 0;
   double capturing_s = 0;
   const auto kept = [&] { return std::to_string(stacks) + (stacks == 1 ? " stack" : " stacks"); };
-  const auto keep = [&] {
-    recorder.finish();
-    if (fs::is_directory(arguments.out)) sync_folder(arguments.out);
-  };
   {
     Progress progress("capturing", arguments.count, common.quiet || common.json);
     try {
@@ -268,7 +264,7 @@ int capture(const CaptureArguments& arguments, const Common& common) {
         throw;
       }
       try {
-        keep();
+        recorder.finish();
       } catch (const std::exception& f) {
         throw Error(std::string(e.what()) + "; the " + kept() + " captured before could not be finished: " + f.what());
       }
@@ -278,7 +274,7 @@ int capture(const CaptureArguments& arguments, const Common& common) {
   if (stacks == 0)
     remove_empty_recording(arguments.out);
   else
-    keep();
+    recorder.finish();
   if (mapper) mapper->finish();
   if (page) page->feed().finish();
   const CameraStatistics camera = rig->camera().statistics();

@@ -646,4 +646,6 @@ void sync_folder(const fs::path& folder) {
   for (const fs::path& each : folders) sync(each, each);
 }
 
+void sync_entry(const fs::path& path) { sync(path, path); }
+
 }  // namespace fringeslam

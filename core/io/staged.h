@@ -117,4 +117,7 @@ std::string with_final_names(const std::string& text);
 // Waits until all files below `folder` are on the disk. Throws Error if they cannot be written.
 void sync_folder(const std::filesystem::path& folder);
 
+// Waits until a file, or the list of a folder's entries, is on the disk. Throws Error if it cannot be written.
+void sync_entry(const std::filesystem::path& path);
+
 }  // namespace fringeslam

@@ -6,6 +6,7 @@
 #include <cstdio>
 
 #include "core/io/files.h"
+#include "core/io/staged.h"
 #include "core/io/yaml.h"
 #include "core/rig/rig_file.h"
 #include "core/types/centikelvin.h"
@@ -192,7 +193,8 @@ void ReplayRig::recalibrate(const RigModel& calibration) {
   }
 }
 
-RecordingRig::RecordingRig(Rig& inner, fs::path folder) : inner_(inner), folder_(std::move(folder)) {
+RecordingRig::RecordingRig(Rig& inner, fs::path folder, Durable durable)
+    : inner_(inner), folder_(std::move(folder)), durable_(durable) {
   write_text(folder_ / "rig.yaml", to_yaml(inner_.model()));
 }
 
@@ -232,6 +234,10 @@ std::optional<FringeStack> RecordingRig::capture(const PatternSequence& sequence
   const fs::path folder = stack_folder(folder_, stacks_);
   try {
     write_stack(folder, *stack);
+    if (durable_ == Durable::yes) {
+      sync_folder(folder);
+      sync_entry(folder.parent_path());
+    }
   } catch (...) {
     std::error_code ignored;
     fs::remove_all(folder, ignored);  // do not leave a partial stack
@@ -248,6 +254,10 @@ void RecordingRig::finish(const std::string& name, uint64_t seed, bool has_truth
                  "\nstacks: " + std::to_string(stacks_) + "\ntruth: " + (has_truth ? "true" : "false") + "\n" +
                  (has_thermal_ ? "thermal: true\n" : "") + (imported ? "imported: true\n" : "") +
                  (image_times ? "image_times: true\n" : ""));
+  if (durable_ == Durable::no) return;
+  for (const char* file : {"rig.yaml", "patterns.yaml", kDatasetFile}) sync_entry(folder_ / file);
+  sync_entry(folder_);
+  sync_entry(fs::absolute(folder_).parent_path());
 }
 
 }  // namespace fringeslam

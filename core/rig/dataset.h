@@ -74,10 +74,12 @@ class ReplayRig : public Rig {
 };
 
 // Forwards the captures of another rig and records them in `folder`, which must exist. finish() writes dataset.yaml,
-// which makes the folder a dataset.
+// which makes the folder a dataset. If durable, each capture is on the disk before it returns, and dataset.yaml before finish()
+// returns, so that a loss of power leaves a dataset of complete stacks.
+enum class Durable { no, yes };
 class RecordingRig : public Rig {
  public:
-  RecordingRig(Rig& inner, std::filesystem::path folder);
+  RecordingRig(Rig& inner, std::filesystem::path folder, Durable durable = Durable::no);
   const RigModel& model() const override { return inner_.model(); }
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
   bool can_change_patterns() const override { return false; }
@@ -86,6 +88,7 @@ class RecordingRig : public Rig {
  private:
   Rig& inner_;
   std::filesystem::path folder_;
+  Durable durable_;
   std::optional<PatternSequence> sequence_;
   int stacks_ = 0;
   bool has_thermal_ = false;
