@@ -34,6 +34,16 @@ void detach_child() {
   setrlimit(RLIMIT_CORE, &no_core);
 }
 
+int keep_only_descriptor(int descriptor) {
+  constexpr int kKept = 3, kMost = 65536;
+  if (dup2(descriptor, kKept) != kKept) _exit(1);
+#ifdef SYS_close_range
+  if (syscall(SYS_close_range, static_cast<unsigned>(kKept + 1), ~0u, 0u) == 0) return kKept;
+#endif
+  for (int number = kKept + 1; number < kMost; ++number) close(number);
+  return kKept;
+}
+
 uint64_t address_space_bytes() {
   long pages = 0;
   if (FILE* statm = std::fopen("/proc/self/statm", "r")) {
@@ -272,11 +282,11 @@ ChildAnswer answer_of_child(const ChildLimits& limits, const std::function<std::
   if (pipe2(ends, O_CLOEXEC) != 0) return {};
   const pid_t child = fork();
   if (child == 0) {
-    close(ends[0]);
     enter_limited_child(limits.time_s, limits.memory_gib);
+    const int pipe = keep_only_descriptor(ends[1]);
     restrict_child(limits.reads);
     const std::string answer = work();
-    write_all(ends[1], answer.data(), answer.size());
+    write_all(pipe, answer.data(), answer.size());
     _exit(0);
   }
   close(ends[1]);

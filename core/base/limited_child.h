@@ -17,6 +17,9 @@ void enter_limited_child(double time_limit_s, double memory_limit_gib);
 // The part of enter_limited_child() about signal handlers, terminal and core files.
 void detach_child();
 
+// Closes all descriptors of a child except 0 to 2 and this one, and returns its new number, 3. Ends the process if that fails.
+int keep_only_descriptor(int descriptor);
+
 // Returns the address space of this process, and limits it; only the first limit can be raised again, up to the second.
 uint64_t address_space_bytes();
 void limit_address_space(uint64_t bytes, uint64_t most_bytes);
@@ -39,7 +42,7 @@ struct ChildAnswer {
 };
 
 // Runs `work` in a restricted child process with these limits and returns its answer, which must not be empty. `work` must not
-// throw. A child that takes longer than the time limit is killed.
+// throw, nor use descriptors that were open before. A child that takes longer than the time limit is killed.
 ChildAnswer answer_of_child(const ChildLimits& limits, const std::function<std::string()>& work);
 
 // Writes all bytes to a descriptor; returns false if the other end is closed.

@@ -6,7 +6,6 @@
 #include <pthread.h>
 #include <sys/mman.h>
 #include <sys/socket.h>
-#include <sys/syscall.h>
 #include <sys/time.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -345,12 +344,7 @@ constexpr char kWorker = 'w', kWorkerWithLibrary = 'l';
   setsid();  // signals of the terminal are meant for the program
   detach_child();
   (void)!chdir("/");
-  if (dup2(requests, 3) != 3) _exit(1);
-  requests = 3;
-#ifdef SYS_close_range
-  if (syscall(SYS_close_range, 4u, ~0u, 0u) != 0)
-#endif
-    for (int number = 4; number < 65536; ++number) close(number);
+  requests = keep_only_descriptor(requests);
   sigset_t none;
   sigemptyset(&none);
   sigprocmask(SIG_SETMASK, &none, nullptr);

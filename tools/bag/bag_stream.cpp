@@ -119,6 +119,7 @@ BagMessage unpacked(const std::string& bytes) {
 [[noreturn]] void work_as_child(int descriptor, const fs::path& file, const std::vector<std::string>& topics) {
   std::signal(SIGPIPE, SIG_DFL);  // ends with the parent
   enter_limited_child(time_limit_s(file), kMemoryLimit_gib);
+  descriptor = keep_only_descriptor(descriptor);
   restrict_child(ChildReads::files);
   const auto send = [&](char kind, const std::string& bytes) {
     std::string head(1, kind);
@@ -150,7 +151,6 @@ BagStream::BagStream(fs::path file, const std::vector<std::string>& topics) : fi
   child_ = fork();
   if (child_ < 0) throw Error(file_.string() + ": cannot start a process for the bag reader");
   if (child_ == 0) {
-    close(ends[0]);
     work_as_child(ends[1], file_, topics);
   }
   close(ends[1]);
