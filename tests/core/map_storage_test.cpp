@@ -33,11 +33,11 @@ RigModel tiny_rig() {
   rig.camera.width = 23, rig.camera.height = 17;
   return rig;
 }
-const RigModel kRig = tiny_rig();
+const RigModel kTinyRig = tiny_rig();
 
 Frame frame_of(int number) {
   Random random(static_cast<uint64_t>(number) + 1);
-  const cv::Size size(kRig.camera.width, kRig.camera.height);
+  const cv::Size size(kTinyRig.camera.width, kTinyRig.camera.height);
   Frame frame;
   frame.index = number;
   frame.timestamp_s = 0.1 * number;
@@ -96,7 +96,7 @@ void add_view(KeyframeMap& map, int number) {
 }
 
 KeyframeMap map_of(int views) {
-  KeyframeMap map(kRig, {});
+  KeyframeMap map(kTinyRig, {});
   for (int i = 0; i < views; ++i) add_view(map, i);
   return map;
 }
@@ -182,7 +182,7 @@ void wait_until_saved(const MapJournal& journal, int keyframes) {
 // A mission of some views whose process was killed after they had been saved. Returns its journal.
 fs::path killed_mission(const fs::path& target, int views) {
   killed_after([&] {
-    KeyframeMap map(kRig, {});
+    KeyframeMap map(kTinyRig, {});
     MapJournal journal(target, ignore);
     for (int i = 0; i < views; ++i) {
       add_view(map, i);
@@ -201,7 +201,7 @@ TEST(MapStorage, AMapIsOpenedAsItWasWritten) {
   const TempFolder temp;
   const KeyframeMap map = map_of(7);
   write_map(temp / "a.map", map);
-  const KeyframeMap again = open_map(temp / "a.map", kRig, {});
+  const KeyframeMap again = open_map(temp / "a.map", kTinyRig, {});
   EXPECT_EQ(expect_beginning(again, map), 7);
   EXPECT_EQ(again.frames().size(), map.frames().size());
   EXPECT_EQ(again.links().size(), map.links().size());
@@ -217,7 +217,7 @@ TEST(MapStorage, ImagesOutliveTheMapAndItsFile) {
   const TempFolder temp;
   const KeyframeMap map = map_of(2);
   write_map(temp / "a.map", map);
-  std::optional<KeyframeMap> opened = open_map(temp / "a.map", kRig, {});
+  std::optional<KeyframeMap> opened = open_map(temp / "a.map", kTinyRig, {});
   const StoredFrame frame = opened->keyframes()[1].frame;
   opened.reset();
   fs::remove(temp / "a.map");
@@ -228,7 +228,7 @@ TEST(MapStorage, ImagesOutliveTheMapAndItsFile) {
 TEST(MapStorage, AMapOfAnotherCameraIsRefused) {
   const TempFolder temp;
   write_map(temp / "a.map", map_of(1));
-  RigModel other = kRig;
+  RigModel other = kTinyRig;
   other.camera.fx *= 1.001;
   EXPECT_THROW(open_map(temp / "a.map", other, {}), Error);
 }
@@ -240,7 +240,7 @@ TEST(MapStorage, ATruncatedMapIsRefused) {
   for (size_t size = 0; size < whole.size(); size += 1 + size % 61) {
     test::write_bytes(temp / "cut.map", whole.substr(0, size));
     try {
-      (void)open_map(temp / "cut.map", kRig, {});
+      (void)open_map(temp / "cut.map", kTinyRig, {});
       FAIL() << size;
     } catch (const Error& e) {
       EXPECT_THAT(e.what(), testing::StartsWith((temp / "cut.map").string() + ": "));
@@ -257,7 +257,7 @@ TEST(MapStorage, LandmarksOfAnotherKeyframeAreRefused) {
   std::swap(of_file.index.keyframes[0].landmarks, of_file.index.keyframes[1].landmarks);
   test::write_bytes(temp / "swapped.map",
                     whole.substr(0, of_file.parts_end) + index_bytes(of_file.index, of_file.parts_end));
-  const KeyframeMap opened = open_map(temp / "swapped.map", kRig, {});
+  const KeyframeMap opened = open_map(temp / "swapped.map", kTinyRig, {});
   const auto says = HasSubstr("swapped.map: is damaged: the landmarks of a keyframe are not those of its digest");
   EXPECT_THAT(error_of([&] { (void)opened.keyframes()[0].landmarks.get(); }), says);
   EXPECT_THAT(error_of([&] { verify_map(temp / "swapped.map"); }), says);
@@ -275,7 +275,7 @@ TEST(MapStorage, DamageIsNoticedWhenItIsRead) {
     damaged[i] = static_cast<char>(damaged[i] ^ (1 << i % 8));
     test::write_bytes(temp / "bad.map", damaged);
     try {
-      const KeyframeMap opened = open_map(temp / "bad.map", kRig, {});
+      const KeyframeMap opened = open_map(temp / "bad.map", kTinyRig, {});
       restore_all(opened);
       EXPECT_EQ(expect_beginning(opened, map), 3) << i;
     } catch (const Error& e) {
@@ -288,7 +288,7 @@ TEST(MapStorage, DamageIsNoticedWhenItIsRead) {
 
 TEST(MapJournal, AFinishedMapReplacesIt) {
   const TempFolder temp;
-  KeyframeMap map(kRig, {});
+  KeyframeMap map(kTinyRig, {});
   {
     MapJournal journal(temp / "run", ignore);
     for (int i = 0; i < 5; ++i) {
@@ -299,7 +299,7 @@ TEST(MapJournal, AFinishedMapReplacesIt) {
     journal.remove();
   }
   EXPECT_EQ(test::listing(temp.path()), (std::set<std::string>{"saved.map"}));
-  const KeyframeMap opened = open_map(temp / "saved.map", kRig, {});
+  const KeyframeMap opened = open_map(temp / "saved.map", kTinyRig, {});
   EXPECT_EQ(expect_beginning(opened, map), 5);
   EXPECT_EQ(opened.frames().size(), map.frames().size());
   verify_map(temp / "saved.map");
@@ -309,7 +309,7 @@ TEST(MapJournal, AFinishedMapReplacesIt) {
 TEST(MapJournal, TheResultDoesNotDependOnTime) {
   const TempFolder temp;
   const auto saved = [&](const std::string& name, bool slowly) {
-    KeyframeMap map(kRig, {});
+    KeyframeMap map(kTinyRig, {});
     MapJournal journal(temp / name, ignore);
     for (int i = 0; i < 4; ++i) {
       add_view(map, i);
@@ -334,7 +334,7 @@ TEST(MapJournal, ChangesOfKeyframesAndLinksAreSaved) {
   map.replace_frame(1, better, {rotation_exp({0.01, 0, 0}), {0.001, 0.002, 0.003}});
   map.set_motion(1, motion_of(3));
   journal.finish(map, temp / "saved.map");
-  const KeyframeMap opened = open_map(temp / "saved.map", kRig, {});
+  const KeyframeMap opened = open_map(temp / "saved.map", kTinyRig, {});
   EXPECT_EQ(expect_beginning(opened, map), 3);
   ASSERT_EQ(opened.links().size(), map.links().size());
   for (size_t i = 0; i < map.links().size(); ++i)
@@ -351,7 +351,7 @@ TEST(MapJournal, AKilledMissionIsRecovered) {
   EXPECT_EQ(recovered.damaged, 0);
   journal.remove();
   EXPECT_EQ(test::listing(temp.path()), (std::set<std::string>{"saved.map"}));
-  const KeyframeMap whole = map_of(6), opened = open_map(temp / "saved.map", kRig, {});
+  const KeyframeMap whole = map_of(6), opened = open_map(temp / "saved.map", kTinyRig, {});
   EXPECT_EQ(expect_beginning(opened, whole), 6);
   EXPECT_EQ(opened.frames().size(), whole.frames().size());
   EXPECT_EQ(opened.links().size(), whole.links().size());
@@ -370,7 +370,7 @@ TEST(MapJournal, KeepsTheLatestPoses) {
     map.correct({}, 1e-6);
   };
   killed_after([&] {
-    KeyframeMap map(kRig, {});
+    KeyframeMap map(kTinyRig, {});
     MapJournal journal(temp / "run", ignore);
     for (int i = 0; i < 4; ++i) add_view(map, i);
     journal.update(map);
@@ -388,7 +388,7 @@ TEST(MapJournal, KeepsTheLatestPoses) {
   const auto parts_bytes = fs::file_size(left_maps(temp / "run")[0].folder / "saved.map");
   EXPECT_LT(parts_bytes, 9 * FrameLayout(cv::Size(23, 17)).bytes + 5 * 8192);
   (void)recover_map(WorkFolder::taken_over(left_maps(temp / "run")[0].folder), temp / "saved.map");
-  EXPECT_EQ(expect_beginning(open_map(temp / "saved.map", kRig, {}), expected), 5);
+  EXPECT_EQ(expect_beginning(open_map(temp / "saved.map", kTinyRig, {}), expected), 5);
 }
 
 // Whatever a crash leaves of its files, the result is a map of the first keyframes, with right checksums, or one clear line.
@@ -403,7 +403,7 @@ TEST(MapJournal, ATruncatedJournalGivesTheBeginningOrAnError) {
     try {
       const RecoveredMap result = recover_map(journal, temp / "out.map");
       verify_map(temp / "out.map");
-      EXPECT_EQ(expect_beginning(open_map(temp / "out.map", kRig, {}), whole), result.keyframes);
+      EXPECT_EQ(expect_beginning(open_map(temp / "out.map", kTinyRig, {}), whole), result.keyframes);
       return result.keyframes;
     } catch (const Error& e) {
       EXPECT_THAT(e.what(), testing::StartsWith(folder.string()));
@@ -444,7 +444,7 @@ TEST(MapJournal, AContinuedMapIsCompletedByItsBase) {
   const TempFolder temp;
   write_map(temp / "base.map", map_of(4));
   killed_after([&] {
-    KeyframeMap map = open_map(temp / "base.map", kRig, {});
+    KeyframeMap map = open_map(temp / "base.map", kTinyRig, {});
     MapJournal journal(temp / "run", ignore);
     journal.update(map);
     for (int i = 4; i < 6; ++i) {
@@ -460,11 +460,11 @@ TEST(MapJournal, AContinuedMapIsCompletedByItsBase) {
   (void)recover_map(WorkFolder::taken_over(folder), temp / "saved.map");
   verify_map(temp / "saved.map");
   const KeyframeMap whole = map_of(6);
-  EXPECT_EQ(expect_beginning(open_map(temp / "saved.map", kRig, {}), whole), 6);
+  EXPECT_EQ(expect_beginning(open_map(temp / "saved.map", kTinyRig, {}), whole), 6);
 
   // The same without a kill.
   test::write_bytes(temp / "base.map", base);
-  KeyframeMap map = open_map(temp / "base.map", kRig, {});
+  KeyframeMap map = open_map(temp / "base.map", kTinyRig, {});
   MapJournal journal(temp / "again", ignore);
   for (int i = 4; i < 6; ++i) {
     add_view(map, i);
@@ -473,7 +473,7 @@ TEST(MapJournal, AContinuedMapIsCompletedByItsBase) {
   journal.finish(map, temp / "finished.map");
   journal.remove();
   verify_map(temp / "finished.map");
-  const KeyframeMap finished = open_map(temp / "finished.map", kRig, {});
+  const KeyframeMap finished = open_map(temp / "finished.map", kTinyRig, {});
   EXPECT_EQ(expect_beginning(finished, whole), 6);
   EXPECT_EQ(finished.frames().size(), whole.frames().size());
 }
@@ -565,7 +565,7 @@ TEST(MapJournal, AFullDiskLosesNothingThatWasSaved) {
   ASSERT_EQ(left_maps(temp / "run").size(), 1u) << "it remains after an error";
   (void)recover_map(WorkFolder::taken_over(left_maps(temp / "run")[0].folder), temp / "saved.map");
   verify_map(temp / "saved.map");
-  EXPECT_EQ(expect_beginning(open_map(temp / "saved.map", kRig, {}), map), 2);
+  EXPECT_EQ(expect_beginning(open_map(temp / "saved.map", kTinyRig, {}), map), 2);
 }
 
 TEST(MapJournal, SavesWhatWaitedOnceTheDiskHasSpace) {
@@ -587,7 +587,7 @@ TEST(MapJournal, SavesWhatWaitedOnceTheDiskHasSpace) {
   journal.finish(map, temp / "saved.map");
   journal.remove();
   verify_map(temp / "saved.map");
-  EXPECT_EQ(expect_beginning(open_map(temp / "saved.map", kRig, {}), map), 5);
+  EXPECT_EQ(expect_beginning(open_map(temp / "saved.map", kTinyRig, {}), map), 5);
 }
 
 }  // namespace

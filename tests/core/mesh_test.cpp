@@ -17,7 +17,7 @@ namespace {
 using support::error_of;
 using testing::HasSubstr;
 
-constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+constexpr float kNoDepth = std::numeric_limits<float>::quiet_NaN();
 
 // Points 1 mm apart at the given depths, seen from 1 m; each list is one row of pixels.
 Frame grid(const std::vector<std::vector<float>>& depth_m) {
@@ -82,14 +82,14 @@ TEST(Mesh, NoTriangleCrossesAStep) {
 TEST(Mesh, BlockWithoutOneCornerIsTheTriangleOfTheOtherThree) {
   for (int missing = 0; missing < 4; ++missing) {
     Frame frame = grid({{1, 1}, {1, 1}});
-    frame.points_m(missing / 2, missing % 2) = cv::Vec3f::all(kNaN);
+    frame.points_m(missing / 2, missing % 2) = cv::Vec3f::all(kNoDepth);
     const Mesh mesh = frame_mesh(frame, {});
     ASSERT_EQ(mesh.triangles.size(), 1U) << missing;
     EXPECT_EQ(mesh.vertices.size(), 3U);
     EXPECT_LT(area_vector(mesh, mesh.triangles[0]).z(), 0) << missing;
     for (const MeshVertex& vertex : mesh.vertices) EXPECT_TRUE(vertex.position_m.allFinite());
   }
-  Frame frame = grid({{1, kNaN}, {kNaN, 1}});
+  Frame frame = grid({{1, kNoDepth}, {kNoDepth, 1}});
   EXPECT_TRUE(frame_mesh(frame, {}).triangles.empty());
   EXPECT_TRUE(frame_mesh(frame, {}).vertices.empty());
 }

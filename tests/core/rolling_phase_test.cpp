@@ -26,7 +26,7 @@ using support::Random;
 using testing::HasSubstr;
 
 constexpr double kPi = std::numbers::pi;
-constexpr double kInterval_s = 1.0 / 90;
+constexpr double kImageInterval_s = 1.0 / 90;
 
 // A scene whose phase at time 0 is a plane and drifts by eps per image; times are counted in images.
 struct Drifting {
@@ -68,8 +68,8 @@ FringeStack recording(const Drifting& scene, int images, const SensorModel& sens
       }
     }
     out.images.push_back(image);
-    out.exposure_s.push_back(kInterval_s);
-    out.exposure_time_s.push_back(100 + k * kInterval_s);
+    out.exposure_s.push_back(kImageInterval_s);
+    out.exposure_time_s.push_back(100 + k * kImageInterval_s);
   }
   return out;
 }
@@ -154,11 +154,11 @@ TEST_P(RollingPhaseSteps, ConstantDriftLeavesNoError) {
     const RollingPhase out =
         decode_rolling_window(stack, 3, steps, fine_sensor(), {.harmonic_prior = 0, .iterations = 12});
     const double middle = 3 + 0.5 * (steps - 1);
-    EXPECT_NEAR(out.reference_time_s, 100 + middle * kInterval_s, 1e-9);
+    EXPECT_NEAR(out.reference_time_s, 100 + middle * kImageInterval_s, 1e-9);
     EXPECT_EQ(out.first_used, 2u);
     EXPECT_EQ(out.used, static_cast<size_t>(steps + 2));
     EXPECT_LT(largest(phase_error(out.wrapped_phase, scene, middle)), 1e-4) << drift;
-    for (const float found : out.drift_rad_s) ASSERT_NEAR(found * kInterval_s, drift, 1e-4);
+    for (const float found : out.drift_rad_s) ASSERT_NEAR(found * kImageInterval_s, drift, 1e-4);
     for (const float modulation : out.modulation) ASSERT_NEAR(modulation, scene.modulation_dn, 0.01);
   }
 }
@@ -220,8 +220,8 @@ TEST(RollingPhase, SigmaOfTheDriftCoversItsError) {
     const RollingPhase out = decode_rolling_window(recording(scene, 8, sensor, &random), 2, 4, sensor);
     for (int row = 0; row < scene.size.height; row += 5) {
       for (int col = 0; col < scene.size.width; col += 5) {
-        const double error = out.drift_rad_s(row, col) * kInterval_s - bent_drift(row, col);
-        squares += std::pow(error / (out.drift_sigma_rad_s(row, col) * kInterval_s), 2);
+        const double error = out.drift_rad_s(row, col) * kImageInterval_s - bent_drift(row, col);
+        squares += std::pow(error / (out.drift_sigma_rad_s(row, col) * kImageInterval_s), 2);
         ++count;
       }
     }

@@ -3,8 +3,8 @@
 #include <gmock/gmock.h>
 
 #include <cmath>
-#include <numbers>
 
+#include "core/base/constants.h"
 #include "core/decode/decode.h"
 #include "core/decode/spatial.h"
 #include "core/decode/unwrapping_levels.h"
@@ -21,8 +21,6 @@ using support::fringe_stack;
 using support::Random;
 using support::stack_of;
 using testing::HasSubstr;
-
-constexpr double kPi = std::numbers::pi;
 
 SequenceDesign design_of(std::vector<double> periods, GrayCode gray = GrayCode::none) {
   SequenceDesign design;
@@ -177,7 +175,7 @@ TEST(WrappedPhase, IsTheDoublePrecisionFormulaToAMicroradian) {
       const double phase = std::atan2(std::sqrt(3.0) * (grey(0) - grey(2)), 2 * grey(1) - grey(0) - grey(2));
       const double measured = decoded.wrapped_phase(row, col);
       if (std::isnan(measured)) continue;
-      EXPECT_LT(std::abs(std::remainder(measured - phase, 2 * kPi)), 1e-6);
+      EXPECT_LT(std::abs(std::remainder(measured - phase, kTwoPi)), 1e-6);
     }
   }
 }
@@ -711,7 +709,7 @@ TEST(MicroCode, DistanceIsThatOfTheImages) {
       for (int phase = 0; phase < 8; ++phase) {
         double sum = 0;
         for (const double p : others) {
-          const auto cosine = [&](int order) { return std::cos(2 * kPi * period / p * (order + phase / 8.0)); };
+          const auto cosine = [&](int order) { return std::cos(kTwoPi * period / p * (order + phase / 8.0)); };
           sum += std::pow(cosine(k) - cosine(m), 2);
         }
         least = std::min(least, std::sqrt(sum));
@@ -776,23 +774,23 @@ TEST(Steps, AFewOfManyGiveTheSamePhase) {
 // Phase error (measured minus true) of three centred steps of a sinusoid raised to gamma, from the phase equation.
 double gamma_offset(double gamma, double phase) {
   double sine = 0, cosine = 0;
-  for (const double shift : {-2 * kPi / 3, 0.0, 2 * kPi / 3}) {
+  for (const double shift : {-kTwoPi / 3, 0.0, kTwoPi / 3}) {
     const double grey = std::pow(0.5 + 0.5 * std::cos(phase + shift), gamma);
     sine -= grey * std::sin(shift);
     cosine += grey * std::cos(shift);
   }
-  return std::remainder(std::atan2(sine, cosine) - phase, 2 * kPi);
+  return std::remainder(std::atan2(sine, cosine) - phase, kTwoPi);
 }
 
 TEST(PhaseCorrectionTable, UndoesWhatAGammaDoesToThreeSteps) {
   constexpr double kGamma = 2.2;
   RigModel rig = plain_rig();
   rig.phase_correction.steps = 3;
-  for (int i = 0; i < 256; ++i) rig.phase_correction.offset_rad.push_back(gamma_offset(kGamma, 2 * kPi * i / 256));
+  for (int i = 0; i < 256; ++i) rig.phase_correction.offset_rad.push_back(gamma_offset(kGamma, kTwoPi * i / 256));
   // Shifts with arbitrary start: the phase error depends on the start.
-  for (const double first : {-2 * kPi / 3, 0.0, 1.1}) {
+  for (const double first : {-kTwoPi / 3, 0.0, 1.1}) {
     PatternSequence sequence = phase_shift_sequence(1024, 768, {1040}, 3, Axis::columns, 0);
-    for (size_t k = 0; k < 3; ++k) sequence.patterns[k].shift_rad = first + 2 * kPi * static_cast<double>(k) / 3;
+    for (size_t k = 0; k < 3; ++k) sequence.patterns[k].shift_rad = first + kTwoPi * static_cast<double>(k) / 3;
     const cv::Mat1d truth = support::ramp(50, 970, 500);
     std::vector<cv::Mat> images;
     for (const Pattern& pattern : sequence.patterns) {
@@ -805,7 +803,7 @@ TEST(PhaseCorrectionTable, UndoesWhatAGammaDoesToThreeSteps) {
     const auto rms = [&](const RigModel& with) {
       cv::Mat1d measured;
       decode(stack, with, {}).coordinate_px.convertTo(measured, CV_64F);
-      return cv::norm(measured, truth) / std::sqrt(500.0) * 2 * kPi / 1040;
+      return cv::norm(measured, truth) / std::sqrt(500.0) * kTwoPi / 1040;
     };
     RigModel bare = rig;
     bare.phase_correction = {};
@@ -827,7 +825,7 @@ class Spatial : public testing::TestWithParam<Unwrap> {
     cv::Mat1f result(phase.size());
     for (int i = 0; i < static_cast<int>(phase.total()); ++i)
       result(i / phase.cols, i % phase.cols) =
-          static_cast<float>(std::remainder(phase(i / phase.cols, i % phase.cols), 2 * kPi));
+          static_cast<float>(std::remainder(phase(i / phase.cols, i % phase.cols), kTwoPi));
     return result;
   }
   // Maximum error of the unwrapped phase, up to a common offset per component.
@@ -838,8 +836,8 @@ class Spatial : public testing::TestWithParam<Unwrap> {
       for (int col = 0; col < truth.cols; ++col) {
         if (orders.component(row, col) < 0) continue;
         double& own = shift[static_cast<size_t>(orders.component(row, col))];
-        const double off = phase(row, col) + 2 * kPi * orders.order(row, col) - truth(row, col);
-        if (std::isnan(own)) own = std::round(off / (2 * kPi)) * 2 * kPi;
+        const double off = phase(row, col) + kTwoPi * orders.order(row, col) - truth(row, col);
+        if (std::isnan(own)) own = std::round(off / (kTwoPi)) * kTwoPi;
         worst = std::max(worst, std::abs(off - own));
       }
     }
@@ -934,7 +932,7 @@ TEST(SpatialDecoding, ComponentsTakeTheirOrderFromTheReference) {
     EXPECT_FALSE(relative.components[0].absolute);
     EXPECT_TRUE(std::isnan(relative.coordinate_px(3, 3)));
     const double step = relative.relative_phase(3, 30) - relative.relative_phase(3, 3);
-    EXPECT_NEAR(step, 27 * 2.0 / 16 * 2 * kPi, 0.2);
+    EXPECT_NEAR(step, 27 * 2.0 / 16 * kTwoPi, 0.2);
   }
 }
 

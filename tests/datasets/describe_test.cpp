@@ -11,7 +11,7 @@ namespace fringeslam::datasets {
 namespace {
 
 using testing::HasSubstr;
-using Json = nlohmann::ordered_json;
+using OrderedJson = nlohmann::ordered_json;
 
 Contents small_contents() {
   Contents contents;
@@ -29,17 +29,17 @@ TEST(Croissant, HasTheRequiredProperties) {
   const std::string published = test::replaced(test::kSmallDataset, "seed: 5",
                                                "seed: 5\npublication: {license: 'https://example.org/l', url: "
                                                "'https://example.org', creator: Us, date: 2026-01-31}");
-  const Json json = croissant(read_spec(test::write_dataset(temp.path(), published)), small_contents());
+  const OrderedJson json = croissant(read_spec(test::write_dataset(temp.path(), published)), small_contents());
   for (const char* key : {"@context", "@type", "conformsTo", "description", "license", "name", "url", "creator",
                           "datePublished", "distribution", "recordSet"})
     EXPECT_TRUE(json.contains(key)) << key;
   EXPECT_EQ(json["conformsTo"], "http://mlcommons.org/croissant/1.0");
   // All identifiers are unique, and all references point to one.
   std::multiset<std::string> defined, referenced;
-  const std::function<void(const Json&)> walk = [&](const Json& node) {
+  const std::function<void(const OrderedJson&)> walk = [&](const OrderedJson& node) {
     if (node.is_object() && node.contains("@id"))
       (node.size() == 1 ? referenced : defined).insert(node["@id"].get<std::string>());
-    for (const Json& child : node) {
+    for (const OrderedJson& child : node) {
       if (child.is_structured()) walk(child);
     }
   };

@@ -16,12 +16,6 @@ Scene board(const RigModel& rig, double distance = 1) {
   return world_of({grey_object(plane_mesh(8, 8), pose_from({{0, 0, 1e3 * distance}, {0, 0, 0}}), 0.6)}, rig);
 }
 
-Effects only(bool Effects::*effect) {
-  Effects effects = Effects::none();
-  effects.*effect = true;
-  return effects;
-}
-
 std::vector<Pattern> three_steps(double period, int bits) {
   std::vector<Pattern> patterns;
   for (const double shift : {-2 * kPi / 3, 0.0, 2 * kPi / 3}) patterns.push_back({Axis::columns, period, shift, bits});

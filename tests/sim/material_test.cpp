@@ -15,12 +15,6 @@
 namespace fringeslam::sim {
 namespace {
 
-Effects only(bool Effects::*effect) {
-  Effects effects = Effects::none();
-  effects.*effect = true;
-  return effects;
-}
-
 // Brightness at the image centre relative to a white board at 1 m under uniform projector light.
 double brightness(const Scene& scene, const Effects& effects) {
   return static_cast<double>(lux_of(scene, {constant_pattern(1)}, 1, effects)[0](24, 32)) / kWhiteLux;

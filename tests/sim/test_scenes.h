@@ -66,6 +66,13 @@ inline double albedo_at(const Material& material, const Eigen::Vector3d& point, 
   return static_cast<double>(material.albedo_at(points, seed).value[0]);
 }
 
+// All effects are off except this one.
+inline Effects only(bool Effects::*effect) {
+  Effects effects = Effects::none();
+  effects.*effect = true;
+  return effects;
+}
+
 // Renders the light W, lux, of each pattern for a camera at `pose`.
 inline std::vector<cv::Mat1f> lux_of(const Scene& scene, const std::vector<Pattern>& patterns, int samples = 1,
                                      const Effects& effects = Effects::none(), const Pose& pose = {},

@@ -14,11 +14,10 @@ namespace fringeslam::sim {
 namespace {
 
 double mean(const cv::Mat1f& image) { return cv::mean(image)[0]; }
-double centre(const cv::Mat1f& image) { return static_cast<double>(image(image.rows / 2, image.cols / 2)); }
+double at_centre(const cv::Mat1f& image) { return static_cast<double>(image(image.rows / 2, image.cols / 2)); }
 
-Effects only(bool Effects::*effect, int paths = 16) {
-  Effects effects = Effects::none();
-  effects.*effect = true;
+Effects with_paths(bool Effects::*effect, int paths = 16) {
+  Effects effects = only(effect);
   effects.bounce_paths = paths;
   return effects;
 }
@@ -32,7 +31,7 @@ TEST(Furnace, AlbedoAHalfAndEmissionAHalfMakeOne) {
   for (Object& object : scene.objects) object.material.emission_lux = 0.5;
   for (const int bounces : {0, 1, 2, 5, 24}) {
     scene.bounces = bounces;
-    const cv::Mat1f image = lux_of(scene, {constant_pattern(0)}, 1, only(&Effects::interreflection, 2))[0];
+    const cv::Mat1f image = lux_of(scene, {constant_pattern(0)}, 1, with_paths(&Effects::interreflection, 2))[0];
     double low = 0, high = 0;
     cv::minMaxLoc(image, &low, &high);
     EXPECT_NEAR(low, 1 - std::pow(0.5, bounces + 1), 1e-5) << bounces;
@@ -61,8 +60,8 @@ Scene facing_planes(double half_x, double half_y, double gap) {
 TEST(Interreflection, OfTwoFacingPlanesIsTheFormFactor) {
   for (const auto& [a, b] : {std::pair{0.3, 0.3}, {1.0, 1.0}, {2.0, 0.5}}) {
     const double truth = 0.8 * 1000 * form_factor(a, b);
-    const double image =
-        mean(lux_of(facing_planes(a, b, 0.7), {constant_pattern(0)}, 1, only(&Effects::interreflection, 4096))[0]);
+    const double image = mean(
+        lux_of(facing_planes(a, b, 0.7), {constant_pattern(0)}, 1, with_paths(&Effects::interreflection, 4096))[0]);
     EXPECT_NEAR(image, truth, 0.01 * truth) << a << " x " << b;
   }
 }
@@ -75,7 +74,7 @@ TEST(Interreflection, PathsCarryAllPatternsAlike) {
   scene.bounces = 3;
   std::vector<Pattern> patterns = {constant_pattern(1)};
   for (const double shift : {-2 * kPi / 3, 0.0, 2 * kPi / 3}) patterns.push_back({Axis::columns, 24, shift, 0});
-  const auto images = lux_of(scene, patterns, 4, only(&Effects::interreflection));
+  const auto images = lux_of(scene, patterns, 4, with_paths(&Effects::interreflection));
   const auto direct = lux_of(scene, patterns, 4);
   EXPECT_GT(mean(images[0]), 1.02 * mean(direct[0]));
   for (int row = 0; row < images[0].rows; row += 5) {
@@ -92,7 +91,7 @@ TEST(Interreflection, MorePathsAreLessNoiseAboutTheSameMean) {
   double spread[2];
   for (const int many : {0, 1}) {
     double squares = 0;
-    const Effects effects = only(&Effects::interreflection, many ? 1024 : 16);
+    const Effects effects = with_paths(&Effects::interreflection, many ? 1024 : 16);
     const cv::Mat1f image = lux_of(scene, {constant_pattern(0)}, 1, effects)[0];
     for (const float value : image) squares += std::pow(static_cast<double>(value) - truth, 2) / 25;
     spread[many] = std::sqrt(squares);
@@ -162,7 +161,7 @@ TEST(Interreflection, SharingKeepsTheLightOfSilhouettes) {
       world_of({grey_object(plane_mesh(0.3, 0.2), pose_from({{0, 0, 1000}, {0, 0, 17}}), 0.6)}, coaxial_rig());
   scene.ambient_lux = 500;
   scene.bounces = 2;
-  Effects effects = only(&Effects::interreflection, 4);
+  Effects effects = with_paths(&Effects::interreflection, 4);
   const cv::Mat1f plain = lux_of(scene, {constant_pattern(0)}, 16, effects)[0];
   effects.share_paths = true;
   const cv::Mat1f shared = lux_of(scene, {constant_pattern(0)}, 16, effects)[0];
@@ -171,7 +170,7 @@ TEST(Interreflection, SharingKeepsTheLightOfSilhouettes) {
     ASSERT_NEAR(shared(i), plain(i), 1e-3f) << i;
     partly += plain(i) > 1 && plain(i) < 299;
   }
-  EXPECT_NEAR(centre(plain), 500 * 0.6, 1e-3);
+  EXPECT_NEAR(at_centre(plain), 500 * 0.6, 1e-3);
   EXPECT_GT(partly, 50);
 }
 
@@ -181,11 +180,11 @@ TEST(Air, ABoardFadesByBeerAndLambert) {
   RigModel rig = coaxial_rig();
   Scene scene = world_of({grey_object(plane_mesh(8, 8), pose_from({{0, 0, 1200}, {0, 0, 0}}), 0.6)}, rig);
   scene.ambient_lux = 100;
-  const double clear = centre(lux_of(scene, {constant_pattern(1)})[0]);
+  const double clear = at_centre(lux_of(scene, {constant_pattern(1)})[0]);
   scene.air = {0.7, 0, 0};  // absorbs without scattering
-  EXPECT_NEAR(centre(lux_of(scene, {constant_pattern(1)}, 1, only(&Effects::air))[0]),
+  EXPECT_NEAR(at_centre(lux_of(scene, {constant_pattern(1)}, 1, with_paths(&Effects::air))[0]),
               (clear - 60) * std::exp(-2 * 0.7 * 1.2) + 60 * std::exp(-0.7 * 1.2), 1e-5 * clear);
-  EXPECT_NEAR(centre(lux_of(scene, {constant_pattern(1)})[0]), clear, 1e-6);  // the effect can be disabled
+  EXPECT_NEAR(at_centre(lux_of(scene, {constant_pattern(1)})[0]), clear, 1e-6);  // the effect can be disabled
 }
 
 // Haze through which hardly a photon passes: its transmission underflows in single precision.
@@ -194,7 +193,7 @@ TEST(Air, DenseHazeHidesInterreflection) {
   scene.bounces = 2;
   scene.ambient_lux = 300;
   scene.air = {100, 0.5, 0};
-  Effects effects = only(&Effects::air);
+  Effects effects = with_paths(&Effects::air);
   effects.interreflection = effects.share_paths = true;
   const cv::Mat1f image = lux_of(scene, {constant_pattern(0)}, 4, effects)[0];
   double least = 0, most = 0;
@@ -235,7 +234,7 @@ TEST(Air, BackscatterIsTheIntegralAlongTheRay) {
              kSteps;
   }
   double sum = 0;
-  const cv::Mat1f image = lux_of(scene, {constant_pattern(1)}, 256, only(&Effects::air))[0];
+  const cv::Mat1f image = lux_of(scene, {constant_pattern(1)}, 256, with_paths(&Effects::air))[0];
   for (int k = -2; k <= 2; ++k) sum += static_cast<double>(image(24 + k, 32)) / 5;
   EXPECT_NEAR(sum, truth, 0.01 * truth);
 }
@@ -244,8 +243,8 @@ TEST(Air, AmbientLightMakesAVeil) {
   Scene scene = world_of({grey_object(plane_mesh(8, 8), pose_from({{0, 0, 2000}, {0, 0, 0}}), 0)}, coaxial_rig());
   scene.ambient_lux = 300;
   scene.air = {0.5, 0.9, 0};
-  EXPECT_NEAR(centre(lux_of(scene, {constant_pattern(0)}, 1, only(&Effects::air))[0]), 300 * 0.9 * (1 - std::exp(-1.0)),
-              0.01);
+  EXPECT_NEAR(at_centre(lux_of(scene, {constant_pattern(0)}, 1, with_paths(&Effects::air))[0]),
+              300 * 0.9 * (1 - std::exp(-1.0)), 0.01);
 }
 
 // --- gloss ---
@@ -303,7 +302,7 @@ TEST(Gloss, AMetalShinesWhereItMirrors) {
   Scene scene = world_of({grey_object(plane_mesh(4, 4), pose_from({{0, 0, 1000}, {0, 0, 0}}), 0.8)}, coaxial_rig());
   scene.objects[0].material.metal = true;
   scene.objects[0].material.roughness = 0.3;
-  const cv::Mat1f metal = lux_of(scene, {constant_pattern(1)}, 1, only(&Effects::gloss))[0];
+  const cv::Mat1f metal = lux_of(scene, {constant_pattern(1)}, 1, with_paths(&Effects::gloss))[0];
   const cv::Mat1f matt = lux_of(scene, {constant_pattern(1)})[0];
   EXPECT_GT(metal(24, 32), 10 * matt(24, 32));
   EXPECT_LT(metal(0, 0) / metal(24, 32), 0.5 * matt(0, 0) / matt(24, 32));
