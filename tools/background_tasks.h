@@ -11,13 +11,16 @@
 
 #include "core/base/bounded_queue.h"
 #include "core/base/parallel.h"
+#include "core/base/start_threads.h"
 
 namespace fringeslam::tools {
 
 class BackgroundTasks {
  public:
   explicit BackgroundTasks(int threads) : tasks_(static_cast<size_t>(2 * threads), WhenFull::keep_all) {
-    for (int i = 0; i < std::max(1, threads); ++i) threads_.emplace_back([this] { work(); });
+    threads_ =
+        start_threads(std::vector<std::function<void()>>(static_cast<size_t>(std::max(1, threads)), [this] { work(); }),
+                      [this] { tasks_.close(); });
   }
   ~BackgroundTasks() { join(); }
   BackgroundTasks(const BackgroundTasks&) = delete;

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "core/base/parallel.h"
+#include "core/base/start_threads.h"
 
 namespace fringeslam {
 
@@ -16,13 +17,17 @@ Driver::Driver(Capture capture, Pipeline& pipeline, int ahead)
       cores_(std::max(1, cv::getNumThreads())),
       requests_(ahead_, WhenFull::keep_all),
       views_(ahead_, WhenFull::keep_all) {
-  for (int i = 0; i < kThreads; ++i) threads_.emplace_back([this] { work(); });
+  threads_ = start_threads(std::vector<std::function<void()>>(kThreads, [this] { work(); }), [this] { stop(); });
 }
 
 Driver::~Driver() {
+  stop();
+  for (std::thread& thread : threads_) thread.join();
+}
+
+void Driver::stop() {
   requests_.cancel();
   cores_.stop();
-  for (std::thread& thread : threads_) thread.join();
 }
 
 void Driver::work() {

@@ -57,6 +57,7 @@ class Driver {
   static constexpr int kThreads = 2;
 
   void work();
+  void stop();
   void request(size_t views);
 
   Capture capture_;

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
+#include "core/base/start_threads.h"
 #include "core/io/files.h"
 #include "core/io/json_text.h"
 #include "core/io/staged.h"
@@ -83,11 +84,11 @@ GalleryPage::GalleryPage(fs::path folder, LiveAccess access)
       server_(access_, "--page", [this](const PageRequest& request) { return answer(request); },
               {.posts = true, .most_body_bytes = kMostMeshBytes, .nice = 0}) {
   // After the server, which throws if its port is taken.
-  opening_ = std::thread([this] { open_wanted(); });
-  drawing_ = std::thread([this] {
+  const auto draw = [this] {
     setpriority(PRIO_PROCESS, 0, kDrawingNice);  // of this thread only
     draw_pictures();
-  });
+  };
+  threads_ = start_threads({[this] { open_wanted(); }, draw}, [this] { stop(); });
 }
 
 // Opens the pages of the scenes that are wanted, one after another.
@@ -122,13 +123,16 @@ void GalleryPage::open_wanted() {
 }
 
 GalleryPage::~GalleryPage() {
+  stop();
+  for (std::thread& thread : threads_) thread.join();
+}
+
+void GalleryPage::stop() {
   {
     const std::lock_guard lock(mutex_);
     stopping_ = true;
   }
   changed_.notify_all();
-  opening_.join();
-  drawing_.join();
 }
 
 bool GalleryPage::loading() const {

@@ -59,6 +59,7 @@ class GalleryPage {
   PageAnswer opened(const std::string& name, const std::function<bool()>& given_up);
   PageAnswer create(const PageRequest& request);
   const ListedScene* find(const std::string& name) const;
+  void stop();
   void open_wanted();
   void draw_pictures();
 
@@ -71,8 +72,8 @@ class GalleryPage {
   std::vector<std::string> wanted_;                                    // scenes to open
   std::vector<std::pair<std::string, std::shared_ptr<Opened>>> open_;  // the oldest first
   bool stopping_ = false;
-  std::thread opening_, drawing_;
-  PageServer server_;  // last: its threads use the other members
+  std::vector<std::thread> threads_;  // open pages and draw pictures
+  PageServer server_;                 // last: its threads use the other members
 };
 
 }  // namespace fringeslam::tools

@@ -16,6 +16,7 @@
 #include <thread>
 #include <vector>
 
+#include "core/base/start_threads.h"
 #include "core/types/error.h"
 #include "tools/live/viewer_socket.h"
 #include "tools/live/waiting_room.h"
@@ -54,16 +55,13 @@ class RequestThreads {
   // `answer` has to close the socket.
   RequestThreads(size_t count, int nice, std::function<void(int socket, std::string head)> answer)
       : count_(count), nice_(nice), answer_(std::move(answer)) {
-    for (size_t i = 0; i < count; ++i) threads_.emplace_back([this] { work(tasks_, Service::full); });
-    threads_.emplace_back([this] { work(turned_away_, Service::busy); });
+    std::vector<std::function<void()>> works(count, [this] { work(tasks_, Service::full); });
+    works.emplace_back([this] { work(turned_away_, Service::busy); });
+    threads_ = start_threads(works, [this] { stop(); });
   }
 
   ~RequestThreads() {
-    {
-      const std::lock_guard lock(mutex_);
-      stopping_ = true;
-    }
-    wake_.notify_all();
+    stop();
     for (std::thread& thread : threads_) thread.join();
   }
 
@@ -85,6 +83,14 @@ class RequestThreads {
     int socket;
     std::string head;
   };
+
+  void stop() {
+    {
+      const std::lock_guard lock(mutex_);
+      stopping_ = true;
+    }
+    wake_.notify_all();
+  }
 
   void work(std::deque<Task>& tasks, Service mine) {
     if (nice_ != 0) setpriority(PRIO_PROCESS, 0, nice_);  // of this thread only
