@@ -154,6 +154,10 @@ class Body {
  public:
   virtual ~Body() = default;
   virtual double next(Number type) = 0;
+  // Throws SurplusValues if the line of an element goes on after its last value.
+  virtual void end_element() {}
+  // True if values follow those of the last element.
+  virtual bool goes_on() const = 0;
   // Smallest number of bytes that a value of the type occupies.
   virtual size_t least_bytes(Number type) const = 0;
   virtual size_t left() const = 0;
@@ -162,6 +166,7 @@ class Body {
 
 class TruncatedFile : public std::exception {};
 class InvalidNumber : public std::exception {};
+class SurplusValues : public std::exception {};
 
 class AsciiBody : public Body {
  public:
@@ -181,6 +186,11 @@ class AsciiBody : public Body {
     at_ = end;
     return value;
   }
+  void end_element() override {
+    const size_t next = bytes_.find_first_not_of(" \t\r", at_);
+    if (next != std::string::npos && bytes_[next] != '\n') throw SurplusValues();
+  }
+  bool goes_on() const override { return bytes_.find_first_not_of(" \t\r\n", at_) != std::string::npos; }
   size_t least_bytes(Number) const override { return 1; }
   size_t left() const override { return bytes_.size() - at_; }
   Error error(const Element& element, uint64_t, const std::string& what) const override {
@@ -222,6 +232,7 @@ class BinaryBody : public Body {
         return take<double>();
     }
   }
+  bool goes_on() const override { return left() > 0; }
   size_t least_bytes(Number type) const override {
     switch (type) {
       case Number::int8:
@@ -296,6 +307,9 @@ class BodyReader {
       if (element.properties.empty()) continue;  // they occupy no bytes, whatever their count
       read_element(element);
     }
+    if (body_.goes_on())
+      throw Error(file_.string() +
+                  ": values follow the last element; the counts in its header are too small: export it again");
     return finished();
   }
 
@@ -325,11 +339,14 @@ class BodyReader {
           read_vertex(element, fields);
         else
           read_other(element, index, is_face);
+        body_.end_element();
       }
     } catch (const TruncatedFile&) {
       throw body_.error(element, index, "the file is truncated");
     } catch (const InvalidNumber&) {
       throw body_.error(element, index, "invalid number");
+    } catch (const SurplusValues&) {
+      throw body_.error(element, index, "more values than properties");
     }
   }
 

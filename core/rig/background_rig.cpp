@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/rig/background_rig.h"
 
+#include <algorithm>
 #include <utility>
 
 namespace fringeslam {
 
-BackgroundRig::BackgroundRig(Rig& inner, const PatternSequence& sequence, size_t capacity, Pace pace)
-    : inner_(inner), pace_(pace), queue_(capacity, WhenFull::keep_latest), wanted_(sequence) {
+BackgroundRig::BackgroundRig(Rig& inner, const PatternSequence& sequence, size_t capacity, Pace pace,
+                             std::function<bool()> ends)
+    : inner_(inner), pace_(pace), ends_(std::move(ends)), queue_(capacity, WhenFull::keep_latest), wanted_(sequence) {
   thread_ = std::thread([this] { work(); });
 }
 
@@ -20,8 +22,21 @@ BackgroundRig::~BackgroundRig() {
   thread_.join();
 }
 
+// Returns false if the captures are to end before that time. Compares seconds, since timestamps may exceed the range of the clock.
+bool BackgroundRig::wait_until(Clock::time_point start, double since_start_s) {
+  constexpr double kAsks_s = 0.1;
+  std::unique_lock lock(mutex_);
+  while (!stopping_) {
+    const double left_s = since_start_s - std::chrono::duration<double>(Clock::now() - start).count();
+    if (left_s <= 0) return true;
+    if (ends_()) return false;
+    stopped_.wait_for(lock, std::chrono::duration<double>(std::min(left_s, kAsks_s)));
+  }
+  return false;
+}
+
 void BackgroundRig::work() {
-  std::chrono::steady_clock::time_point start;
+  Clock::time_point start;
   std::optional<double> first_s;
   while (true) {
     std::unique_lock lock(mutex_);
@@ -36,12 +51,8 @@ void BackgroundRig::work() {
     }
     if (!stack) return queue_.close();
     if (pace_ == Pace::timestamps) {
-      if (!first_s) start = std::chrono::steady_clock::now(), first_s = stack->timestamp_s;
-      const std::chrono::duration<double> since_first(stack->timestamp_s - *first_s);
-      lock.lock();
-      stopped_.wait_until(lock, start + std::chrono::duration_cast<std::chrono::steady_clock::duration>(since_first),
-                          [&] { return stopping_; });
-      lock.unlock();
+      if (!first_s) start = Clock::now(), first_s = stack->timestamp_s;
+      if (!wait_until(start, stack->timestamp_s - *first_s)) return queue_.close();
     }
     if (!queue_.push(std::move(*stack))) return;
   }

@@ -7,6 +7,7 @@
 #include <chrono>
 #include <condition_variable>
 #include <exception>
+#include <functional>
 #include <mutex>
 #include <optional>
 #include <thread>
@@ -24,8 +25,11 @@ enum class Pace {
 class BackgroundRig : public Rig {
  public:
   // Queues up to `capacity` stacks. The inner rig must outlive this one and must not be used by others. It captures the
-  // patterns requested last, at first `sequence`.
-  BackgroundRig(Rig& inner, const PatternSequence& sequence, size_t capacity, Pace pace);
+  // patterns requested last, at first `sequence`. While it waits for a timestamp, it asks ten times a second whether to end
+  // the captures.
+  BackgroundRig(
+      Rig& inner, const PatternSequence& sequence, size_t capacity, Pace pace,
+      std::function<bool()> ends = [] { return false; });
   // Waits for the stack that is being captured.
   ~BackgroundRig() override;
 
@@ -38,10 +42,14 @@ class BackgroundRig : public Rig {
   int dropped() const { return queue_.dropped() + other_patterns_; }
 
  private:
+  using Clock = std::chrono::steady_clock;
+
   void work();
+  bool wait_until(Clock::time_point start, double since_start_s);
 
   Rig& inner_;
   const Pace pace_;
+  const std::function<bool()> ends_;
   BoundedQueue<FringeStack> queue_;
   std::atomic<int> other_patterns_ = 0;
   std::mutex mutex_;  // guards all members below

@@ -74,6 +74,15 @@ void read_stack_times(const YamlMap& map, size_t images, const Timing& timing, F
   stack.exposure_time_s = map.has("exposure_time_s") ? map.numbers("exposure_time_s", images, {-1e12, 1e12})
                                                      : exposure_times_s(stack.timestamp_s, images, timing);
   map.finish();
+  std::vector<double> sorted_s = stack.exposure_time_s;
+  std::sort(sorted_s.begin(), sorted_s.end());
+  if (std::adjacent_find(sorted_s.begin(), sorted_s.end()) != sorted_s.end())
+    throw map.error("exposure_time_s", "exposure_time_s has the same time twice; correct the times");
+  constexpr double kRounding_s = 1e-3;
+  if (stack.timestamp_s < sorted_s.front() - kRounding_s || stack.timestamp_s > sorted_s.back() + kRounding_s)
+    throw map.error("exposure_time_s", "exposure_time_s is from " + to_text(sorted_s.front()) + " to " +
+                                           to_text(sorted_s.back()) + " s, but timestamp_s is " +
+                                           to_text(stack.timestamp_s) + " s; both are on the same clock, in seconds");
 }
 
 std::optional<cv::Mat1w> centikelvin_image(const cv::Mat1f& temperature_c) {

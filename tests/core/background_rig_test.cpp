@@ -28,7 +28,7 @@ class Numbers : public Rig {
     }
     FringeStack stack;
     stack.index = next_++;
-    stack.timestamp_s = 0.02 * stack.index;
+    stack.timestamp_s = interval_s * stack.index;
     stack.patterns = sequence;
     return stack;
   }
@@ -37,6 +37,7 @@ class Numbers : public Rig {
     open_.notify_all();
   }
   int fails_at = -1;
+  double interval_s = 0.02;
   std::atomic<bool> ended = false;
 
  private:
@@ -102,6 +103,19 @@ TEST(BackgroundRig, ReplaysAtTheTimestamps) {
   while (rig.capture(patterns(1))) ++stacks;
   EXPECT_EQ(stacks, 6);
   EXPECT_GE(std::chrono::steady_clock::now() - start, std::chrono::milliseconds(100)) << "never early";
+}
+
+// A recording with long pauses must not keep a program from ending; this one would take longer than the clock can count.
+TEST(BackgroundRig, EndsWhileItWaitsForATimestamp) {
+  Numbers camera(2);
+  camera.interval_s = 1e12;
+  std::atomic<bool> ends = false;
+  BackgroundRig rig(camera, patterns(1), 2, Pace::timestamps, [&] { return ends.load(); });
+  EXPECT_TRUE(rig.capture(patterns(1)).has_value());
+  auto second = std::async(std::launch::async, [&] { return rig.capture(patterns(1)); });
+  EXPECT_EQ(second.wait_for(std::chrono::milliseconds(50)), std::future_status::timeout);
+  ends = true;
+  EXPECT_FALSE(second.get().has_value());
 }
 
 TEST(BackgroundRig, EndsWithoutAConsumer) {

@@ -126,6 +126,10 @@ TEST_F(PlyFile, ErrorsNameTheLine) {
               HasSubstr("the vertices have no 'z'"));
   EXPECT_THAT(error(two + "end_header\n0 0 0\n0 x 0\n"), HasSubstr("map.ply:10: invalid number"));
   EXPECT_THAT(error(two + "end_header\n0 0 0\n0 0\n"), HasSubstr("the file is truncated in element 'vertex'"));
+  EXPECT_THAT(error(two + "end_header\n0 0 0 7\n0 0 1\n"), HasSubstr("map.ply:9: more values than properties"));
+  EXPECT_THAT(error(two + "end_header\n0 0\n0 0 0 1\n"), HasSubstr("map.ply:10: more values than properties"));
+  EXPECT_THAT(error(two + "end_header\n0 0 0\n0 0 1\n0 1 1\n"),
+              HasSubstr("map.ply: values follow the last element; the counts in its header are too small"));
   EXPECT_THAT(error(two + "element face 1\n" + kFaces + "end_header\n0 0 0\n1 0 0\n3 0 1 2\n"),
               HasSubstr("map.ply:13: there are 2 vertices, but a face refers to 2 in element 'face'"));
   EXPECT_TRUE(read(kHead + "element vertex 0\n" + kXyz + "end_header\n").vertices.empty());

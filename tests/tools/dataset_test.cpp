@@ -161,6 +161,18 @@ TEST_F(EightBitRecording, BrokenStackFileSaysFileAndLine) {
   EXPECT_THAT(error_after("dataset.yaml", "seed: 1", "seed: 1"), StartsWith(file + ": "));
 }
 
+TEST_F(EightBitRecording, ImpossibleImageTimesAreNamed) {
+  const std::string file = (folder_ / "stacks/000001/stack.yaml").string();
+  const std::string whole = test::read_bytes(file), without = whole.substr(0, whole.find("exposure_time_s"));
+  const auto error = [&](const std::string& times_s) {
+    test::write_bytes(file, without + "exposure_time_s: [" + times_s + "]\n");
+    return error_after("dataset.yaml", "seed: 1", "seed: 1");
+  };
+  EXPECT_THAT(error("0, 0, 0, 0, 0, 0"), HasSubstr("exposure_time_s has the same time twice"));
+  EXPECT_THAT(error("100, 101, 102, 103, 104, 105"),
+              HasSubstr("exposure_time_s is from 100 to 105 s, but timestamp_s is "));
+}
+
 TEST_F(EightBitRecording, APartOfTheSequenceHasItsOwnTimes) {
   PatternSequence part = test::short_sequence();
   part.patterns.erase(part.patterns.begin(), part.patterns.begin() + 4);
